@@ -1,0 +1,1 @@
+"""Geometry: sphere packings of meshes, their files, and the model library."""

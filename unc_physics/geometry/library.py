@@ -1,0 +1,79 @@
+"""The model library: finds packings by name."""
+
+from __future__ import annotations
+
+import os
+import sys
+from pathlib import Path
+
+from ..errors import UnknownModelError
+from .packing_file import SpherePacking, load_packing
+
+SHARE = Path("share") / "unc_physics" / "models"
+
+
+def cache_dir() -> Path:
+    """The user's own folder for packings too large to ship: ``$XDG_CACHE_HOME/unc_physics/models``."""
+    base = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
+    return Path(base) / "unc_physics" / "models"
+
+
+def models_dirs(models_dir=None) -> list[Path]:
+    """The folders that are searched for models, first come first served.
+
+    ``models_dir``, or else the environment variable ``UNC_PHYSICS_MODELS``, stands alone. Otherwise: the source
+    checkout's ``models``, the share folders of the Python installation and of each ROS prefix
+    (``AMENT_PREFIX_PATH``), the user's cache.
+    """
+    chosen = models_dir or os.environ.get("UNC_PHYSICS_MODELS")
+    if chosen:
+        return [Path(chosen).expanduser()]
+    prefixes = [sys.prefix, *filter(None, os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep))]
+    checkout = Path(__file__).resolve().parents[2]
+    folders = [checkout / "models"] if (checkout / "models" / "bunny.npz").is_file() else []
+    folders += [Path(prefix) / SHARE for prefix in prefixes]
+    return [folder for folder in dict.fromkeys([*folders, cache_dir()]) if folder.is_dir()]
+
+
+def list_models(models_dir=None) -> dict[str, Path]:
+    """Names and files of all models in the library, sorted by name."""
+    found: dict[str, Path] = {}
+    for folder in models_dirs(models_dir):
+        for path in sorted(folder.glob("*.npz")) if folder.is_dir() else []:
+            found.setdefault(path.stem, path)
+    return dict(sorted(found.items()))
+
+
+def find_model(name_or_path, models_dir=None) -> Path:
+    """The file of a model, given by its name in the library or by a path that ends in ``.npz``.
+
+    Raises
+    ------
+    UnknownModelError
+        If there is none; the message lists the known models and the folders searched.
+    """
+    text = os.fspath(name_or_path)
+    if text.endswith(".npz") or os.sep in text:
+        path = Path(text).expanduser()
+        if not path.is_file():
+            raise UnknownModelError(f"model '{text}' does not exist as a file", field="model", value=text)
+        return path
+    models = list_models(models_dir)
+    if text not in models:
+        folders = ", ".join(str(folder) for folder in models_dirs(models_dir)) or "no folder"
+        known = ", ".join(models) or "none"
+        raise UnknownModelError(f"model '{text}' is unknown; known in {folders}: {known}", field="model", value=text)
+    return models[text]
+
+
+def load_model(name_or_path, models_dir=None) -> SpherePacking:
+    """Load a model by its name in the library or by the path of its file.
+
+    Raises
+    ------
+    UnknownModelError
+        If there is no such model.
+    InvalidModelError
+        If its file is unreadable or inconsistent.
+    """
+    return load_packing(find_model(name_or_path, models_dir))

@@ -1,0 +1,327 @@
+"""Sphere packings and the ``.npz`` files that hold them (numpy only: no mesh library is needed to read one)."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+import zipfile
+from dataclasses import dataclass, fields, replace
+from pathlib import Path
+
+import numpy as np
+
+from ..errors import InvalidModelError
+
+ROUND_OFF = 1e-9  # relative; what a file written in decimal or by another program may lose
+
+
+@dataclass(frozen=True, eq=False)
+class SpherePacking:
+    """Spheres that stand for a solid body, in nested order: the first k spheres are the k-sphere packing.
+
+    All coordinates are in the body frame, whose origin is the centre of mass (COM) of the solid. Arrays are
+    float64, C-contiguous and read-only.
+
+    Attributes
+    ----------
+    name : str
+    centers : ndarray (n, 3)
+        Sphere centres [m].
+    radii : ndarray (n,)
+        Sphere radii [m].
+    inertia : ndarray (3, 3)
+        Inertia tensor about the COM per unit mass [m^2].
+    volume : float
+        Volume of the solid [m^3], not of the spheres.
+    origin : ndarray (3,)
+        Origin of the source mesh's own coordinates, in the body frame [m]. Poses from perception refer to it.
+    bounding_radius : float
+        Radius of a COM-centred ball that holds the solid, its spheres included [m].
+    mesh_sha256 : str or None
+        SHA-256 of the source mesh's file, or of its vertices and triangles when a program made the mesh.
+    mass : float or None
+        Default mass [kg]; None when the source says nothing about it.
+    bounds : ndarray (2, 3) or None
+        Corners of the mesh's bounding box along the body axes [m].
+    surface_gap : float or None
+        The farthest that a point of the mesh's surface lies from the nearest sphere [m], for these spheres.
+    source, licence : str or None
+        Where the mesh comes from, and under which terms.
+
+    Raises
+    ------
+    InvalidModelError
+        If a field has a wrong shape, a value that is not finite or out of its range, or contradicts another.
+    """
+
+    name: str
+    centers: np.ndarray
+    radii: np.ndarray
+    inertia: np.ndarray
+    volume: float
+    origin: np.ndarray
+    bounding_radius: float
+    mesh_sha256: str | None = None
+    mass: float | None = None
+    bounds: np.ndarray | None = None
+    surface_gap: float | None = None
+    source: str | None = None
+    licence: str | None = None
+
+    def __post_init__(self):
+        for field, shape in _ARRAYS.items():
+            if getattr(self, field) is not None:
+                self._set(field, _array(field, getattr(self, field), shape))
+        for field in _SCALARS:
+            if getattr(self, field) is not None:
+                self._set(field, float(_array(field, getattr(self, field), ())))
+        _check_spheres(self.centers, self.radii)
+        check_inertia(self.inertia)
+        for field in ("volume", "bounding_radius", "mass"):
+            value = getattr(self, field)
+            if value is not None and not value > 0.0:
+                raise InvalidModelError(f"{field} must be positive, got {value}", field=field, value=value)
+        if self.surface_gap is not None and self.surface_gap < 0.0:
+            raise InvalidModelError(f"surface_gap must not be negative, got {self.surface_gap}",
+                                    field="surface_gap", value=self.surface_gap)
+        reach = spheres_reach(self.centers, self.radii)
+        if reach > self.bounding_radius * (1.0 + ROUND_OFF):
+            raise InvalidModelError(
+                f"bounding_radius is {self.bounding_radius}, but the spheres reach {reach} from the centre of mass",
+                field="bounding_radius", value=self.bounding_radius)
+
+    def _set(self, field, value):
+        object.__setattr__(self, field, value)
+
+    def __len__(self):
+        return len(self.radii)
+
+    @property
+    def sphere_volume(self) -> float:
+        """Sum of the spheres' volumes [m^3]."""
+        return float(4.0 / 3.0 * np.pi * np.sum(self.radii**3))
+
+    @property
+    def fill(self) -> float:
+        """The part of the solid's volume that the spheres fill (more than 1 where foreign spheres overlap)."""
+        return self.sphere_volume / self.volume
+
+    def prefix(self, k: int) -> SpherePacking:
+        """The first k spheres, with the whole body's COM, inertia, volume and mass.
+
+        Raises
+        ------
+        InvalidModelError
+            If k is not an integer between 1 and the number of spheres.
+        """
+        if isinstance(k, bool) or not isinstance(k, (int, np.integer)) or k < 1:
+            raise InvalidModelError(f"spheres must be a positive integer, got {k!r}", field="spheres", value=k)
+        if k > len(self):
+            raise InvalidModelError(f"spheres is {k}, but model '{self.name}' has only {len(self)} spheres",
+                                    field="spheres", value=k)
+        if k == len(self):
+            return self
+        return replace(self, centers=self.centers[:k], radii=self.radii[:k], surface_gap=None)
+
+    def scaled(self, s: float) -> SpherePacking:
+        """The body with all lengths multiplied by s; its default mass, if known, keeps the density.
+
+        Raises
+        ------
+        InvalidModelError
+            If s is not a positive finite number.
+        """
+        scale = float(_array("scale", s, ()))
+        if not scale > 0.0:
+            raise InvalidModelError(f"scale must be positive, got {s!r}", field="scale", value=s)
+        if scale == 1.0:
+            return self
+        return replace(
+            self,
+            centers=self.centers * scale,
+            radii=self.radii * scale,
+            inertia=self.inertia * scale**2,
+            volume=self.volume * scale**3,
+            origin=self.origin * scale,
+            bounding_radius=self.bounding_radius * scale,
+            mass=None if self.mass is None else self.mass * scale**3,
+            bounds=None if self.bounds is None else self.bounds * scale,
+            surface_gap=None if self.surface_gap is None else self.surface_gap * scale,
+        )
+
+
+_ARRAYS = {"centers": (None, 3), "radii": (None,), "inertia": (3, 3), "origin": (3,), "bounds": (2, 3)}
+_SCALARS = ("volume", "bounding_radius", "mass", "surface_gap")
+_TEXTS = ("name", "mesh_sha256", "source", "licence")
+
+
+def load_packing(path) -> SpherePacking:
+    """Read and check a model file.
+
+    A file without ``inertia`` gets it from its solid spheres (overlaps count twice) and is recentred at their
+    centroid; one without ``volume`` gets the sum of its spheres' volumes, one without ``origin`` the origin of
+    the file's coordinates, one without ``bounding_radius`` the farthest point of its spheres.
+
+    Parameters
+    ----------
+    path : str or path-like
+        An ``.npz`` file with at least ``centers`` (n, 3) and ``radii`` (n,), both in metres.
+
+    Raises
+    ------
+    InvalidModelError
+        If the file cannot be read, or a field is missing, malformed or inconsistent; the message names the
+        file, the field and the value.
+    """
+    path = Path(path)
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            if not isinstance(file, np.lib.npyio.NpzFile):
+                raise InvalidModelError(f"{path}: not an .npz archive", field="model", value=str(path))
+            known = {field.name for field in fields(SpherePacking)}
+            values = {key: file[key] for key in file.files if key in known}
+    except (OSError, ValueError, EOFError, KeyError, zipfile.BadZipFile, AttributeError) as error:
+        raise InvalidModelError(f"{path}: cannot be read as a model file (.npz): {error}",
+                                field="model", value=str(path)) from error
+    for field in ("centers", "radii"):
+        if field not in values:
+            raise InvalidModelError(f"{path}: has no '{field}'", field=field, value=None)
+    for field in _TEXTS:
+        if field in values:
+            values[field] = str(values[field][()])
+    values.setdefault("name", path.stem)
+    try:
+        return SpherePacking(**_completed(values))
+    except InvalidModelError as error:
+        raise InvalidModelError(f"{path}: {error}", field=error.field, value=error.value) from error
+
+
+def _completed(values):
+    """The fields of a file, with those that follow from the spheres filled in where they are missing."""
+    centers = _array("centers", values["centers"], _ARRAYS["centers"])
+    radii = _array("radii", values["radii"], _ARRAYS["radii"])
+    _check_spheres(centers, radii)
+    values = dict(values)
+    values.setdefault("origin", np.zeros(3))
+    values.setdefault("volume", 4.0 / 3.0 * np.pi * np.sum(radii**3))
+    if "inertia" not in values:
+        centroid, values["inertia"] = solid_spheres_inertia(centers, radii)
+        centers = centers - centroid
+        values["centers"] = centers
+        values["origin"] = _array("origin", values["origin"], (3,)) - centroid
+        values.pop("bounding_radius", None)  # was about another point
+        if "bounds" in values:
+            values["bounds"] = _array("bounds", values["bounds"], (2, 3)) - centroid
+    values.setdefault("bounding_radius", spheres_reach(centers, radii))
+    return values
+
+
+def save_packing(path, packing: SpherePacking) -> Path:
+    """Write a model file, compressed, with the same bytes for the same packing.
+
+    The file appears whole or not at all: it is written beside its place and then moved there.
+    """
+    path = Path(path)
+    values = {field.name: getattr(packing, field.name) for field in fields(packing)}
+    values = {key: np.asarray(value) for key, value in values.items() if value is not None}
+    handle, partial = tempfile.mkstemp(prefix=f".{path.name}.", suffix=".part", dir=path.parent)
+    try:
+        with os.fdopen(handle, "wb") as stream:
+            np.savez_compressed(stream, **values)
+            stream.flush()
+            os.fsync(stream.fileno())
+        os.chmod(partial, 0o666 & ~_umask())
+        os.replace(partial, path)
+    except BaseException:  # Ctrl-C too: leave nothing behind
+        if os.path.exists(partial):
+            os.unlink(partial)
+        raise
+    return path
+
+
+def _umask():
+    mask = os.umask(0)
+    os.umask(mask)
+    return mask
+
+
+def solid_spheres_inertia(centers, radii):
+    """Centroid and inertia of a body made of solid spheres; overlaps count twice.
+
+    Parameters
+    ----------
+    centers : ndarray (n, 3)
+        Centres [m].
+    radii : ndarray (n,)
+        Radii [m].
+
+    Returns
+    -------
+    centroid : ndarray (3,)
+        Centre of mass [m].
+    inertia : ndarray (3, 3)
+        Inertia about the centroid per unit mass [m^2].
+    """
+    weights = (radii / radii.max()) ** 3
+    weights = weights / weights.sum()
+    centroid = weights @ centers
+    arm = centers - centroid
+    own = 0.4 * np.sum(weights * radii**2)
+    steiner = np.sum(weights * np.sum(arm**2, axis=1))
+    return centroid, (own + steiner) * np.eye(3) - (arm.T * weights) @ arm
+
+
+def spheres_reach(centers, radii) -> float:
+    """Largest distance from the origin to a point of a sphere [m]."""
+    return float(np.max(np.linalg.norm(centers, axis=1) + radii))
+
+
+def check_inertia(inertia):
+    """Refuse what is no inertia tensor: symmetric, positive definite, triangle inequality (to round-off).
+
+    Raises
+    ------
+    InvalidModelError
+    """
+    size = np.abs(inertia).max()
+    if np.abs(inertia - inertia.T).max() > ROUND_OFF * size:
+        raise InvalidModelError(f"inertia is not symmetric: {inertia.tolist()}", field="inertia", value=inertia)
+    moments = np.linalg.eigvalsh(inertia)
+    if not moments[0] > 0.0:
+        raise InvalidModelError(f"inertia is not positive definite: its principal moments are {moments.tolist()}",
+                                field="inertia", value=inertia)
+    if moments[2] > (moments[0] + moments[1]) * (1.0 + ROUND_OFF):
+        raise InvalidModelError(
+            "inertia belongs to no solid: one principal moment is more than the sum of the other two "
+            f"({moments.tolist()})", field="inertia", value=inertia)
+
+
+def _check_spheres(centers, radii):
+    if len(radii) == 0:
+        raise InvalidModelError("radii is empty: a packing needs at least one sphere", field="radii", value=radii)
+    if len(centers) != len(radii):
+        raise InvalidModelError(f"centers has {len(centers)} rows, but radii has {len(radii)} entries",
+                                field="centers", value=centers.shape)
+    worst = int(np.argmin(radii))
+    if not radii[worst] > 0.0:
+        raise InvalidModelError(f"radii must be positive, got {radii[worst]} for sphere {worst}",
+                                field="radii", value=float(radii[worst]))
+
+
+def _array(field, value, shape):
+    """A read-only, C-contiguous, finite float64 array of the given shape (None matches any length)."""
+    raw = np.asarray(value)
+    if raw.dtype.kind not in "fiu":
+        raise InvalidModelError(f"{field} must hold real numbers, got {value!r}", field=field, value=value)
+    if raw.ndim != len(shape) or any(want not in (None, got) for want, got in zip(shape, raw.shape, strict=True)):
+        wanted = "(" + ", ".join("n" if n is None else str(n) for n in shape) + ("," if len(shape) == 1 else "") + ")"
+        raise InvalidModelError(f"{field} must have shape {wanted}, got {raw.shape}", field=field, value=raw.shape)
+    array = np.array(raw, dtype=np.float64, order="C")
+    bad = np.argwhere(~np.isfinite(array))
+    if len(bad):
+        index = tuple(int(i) for i in bad[0])
+        where = "".join(f"[{i}]" for i in index)
+        raise InvalidModelError(f"{field}{where} is {array[index]}, not a finite number",
+                                field=field, value=float(array[index]))
+    array.flags.writeable = False
+    return array
