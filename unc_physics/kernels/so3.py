@@ -1,0 +1,95 @@
+"""Rotations in the kernels: quaternions ``(x, y, z, w)`` as tuples of four floats, matrices as 3 x 3 arrays."""
+
+import math
+
+from numba import njit
+
+_SMALL_ANGLE_SQUARED = 1e-8  # below it the series are exact to round-off
+
+
+@njit(cache=True, nogil=True)
+def multiply(a, b):
+    """Hamilton product of two quaternions: the rotation ``b`` followed by ``a``."""
+    ax, ay, az, aw = a
+    bx, by, bz, bw = b
+    return (
+        aw * bx + ax * bw + ay * bz - az * by,
+        aw * by - ax * bz + ay * bw + az * bx,
+        aw * bz + ax * by - ay * bx + az * bw,
+        aw * bw - ax * bx - ay * by - az * bz,
+    )
+
+
+@njit(cache=True, nogil=True)
+def conjugate(q):
+    """Inverse of a unit quaternion."""
+    return -q[0], -q[1], -q[2], q[3]
+
+
+@njit(cache=True, nogil=True)
+def normalized(q):
+    """The quaternion scaled to unit length."""
+    s = 1.0 / math.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
+    return q[0] * s, q[1] * s, q[2] * s, q[3] * s
+
+
+@njit(cache=True, nogil=True)
+def exp(x, y, z):
+    """Quaternion of the rotation vector ``(x, y, z)`` [rad]."""
+    angle2 = x * x + y * y + z * z
+    if angle2 < _SMALL_ANGLE_SQUARED:
+        s, c = 0.5 - angle2 / 48.0, 1.0 - angle2 / 8.0
+    else:
+        angle = math.sqrt(angle2)
+        s, c = math.sin(0.5 * angle) / angle, math.cos(0.5 * angle)
+    return x * s, y * s, z * s, c
+
+
+@njit(cache=True, nogil=True)
+def log(q):
+    """Rotation vector [rad] of a unit quaternion, of length at most pi."""
+    x, y, z, w = q
+    if w < 0.0:  # q and -q are one rotation; this one has the angle below pi
+        x, y, z, w = -x, -y, -z, -w
+    n2 = x * x + y * y + z * z
+    if n2 < _SMALL_ANGLE_SQUARED:
+        s = 2.0 + n2 / 3.0  # 2 asin(n) / n
+    else:
+        n = math.sqrt(n2)
+        s = 2.0 * math.atan2(n, w) / n
+    return x * s, y * s, z * s
+
+
+@njit(cache=True, nogil=True)
+def write_matrix(q, out):
+    """Write the rotation matrix of a unit quaternion into ``out`` (3, 3)."""
+    x, y, z, w = q
+    out[0, 0] = 1.0 - 2.0 * (y * y + z * z)
+    out[0, 1] = 2.0 * (x * y - z * w)
+    out[0, 2] = 2.0 * (x * z + y * w)
+    out[1, 0] = 2.0 * (x * y + z * w)
+    out[1, 1] = 1.0 - 2.0 * (x * x + z * z)
+    out[1, 2] = 2.0 * (y * z - x * w)
+    out[2, 0] = 2.0 * (x * z - y * w)
+    out[2, 1] = 2.0 * (y * z + x * w)
+    out[2, 2] = 1.0 - 2.0 * (x * x + y * y)
+
+
+@njit(cache=True, nogil=True)
+def rotate(R, x, y, z):
+    """``R @ (x, y, z)`` as a tuple."""
+    return (
+        R[0, 0] * x + R[0, 1] * y + R[0, 2] * z,
+        R[1, 0] * x + R[1, 1] * y + R[1, 2] * z,
+        R[2, 0] * x + R[2, 1] * y + R[2, 2] * z,
+    )
+
+
+@njit(cache=True, nogil=True)
+def rotate_back(R, x, y, z):
+    """``R.T @ (x, y, z)`` as a tuple."""
+    return (
+        R[0, 0] * x + R[1, 0] * y + R[2, 0] * z,
+        R[0, 1] * x + R[1, 1] * y + R[2, 1] * z,
+        R[0, 2] * x + R[1, 2] * y + R[2, 2] * z,
+    )
