@@ -56,13 +56,13 @@ def find_model(name_or_path, models_dir=None) -> Path:
     if text.endswith(".npz") or os.sep in text:
         path = Path(text).expanduser()
         if not path.is_file():
-            raise UnknownModelError(f"model '{text}' does not exist as a file", field="model", value=text)
+            raise UnknownModelError("is no file", field="model", value=text)
         return path
     models = list_models(models_dir)
     if text not in models:
         folders = ", ".join(str(folder) for folder in models_dirs(models_dir)) or "no folder"
         known = ", ".join(models) or "none"
-        raise UnknownModelError(f"model '{text}' is unknown; known in {folders}: {known}", field="model", value=text)
+        raise UnknownModelError(f"is unknown; the models in {folders} are: {known}", field="model", value=text)
     return models[text]
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import tempfile
 import zipfile
+import zlib
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 
@@ -80,18 +81,19 @@ class SpherePacking:
         for field in ("volume", "bounding_radius", "mass"):
             value = getattr(self, field)
             if value is not None and not value > 0.0:
-                raise InvalidModelError(f"{field} must be positive, got {value}", field=field, value=value)
+                raise InvalidModelError("must be positive", field=field, value=value)
         if self.surface_gap is not None and self.surface_gap < 0.0:
-            raise InvalidModelError(f"surface_gap must not be negative, got {self.surface_gap}",
-                                    field="surface_gap", value=self.surface_gap)
+            raise InvalidModelError("must not be negative", field="surface_gap", value=self.surface_gap)
         reach = spheres_reach(self.centers, self.radii)
         if reach > self.bounding_radius * (1.0 + ROUND_OFF):
-            raise InvalidModelError(
-                f"bounding_radius is {self.bounding_radius}, but the spheres reach {reach} from the centre of mass",
-                field="bounding_radius", value=self.bounding_radius)
+            raise InvalidModelError(f"is less than the spheres' reach from the centre of mass, {reach}",
+                                    field="bounding_radius", value=self.bounding_radius)
 
     def _set(self, field, value):
         object.__setattr__(self, field, value)
+
+    def __repr__(self):
+        return f"SpherePacking({self.name!r}, {len(self)} spheres, fill {100.0 * self.fill:.1f} %)"
 
     def __len__(self):
         return len(self.radii)
@@ -115,9 +117,9 @@ class SpherePacking:
             If k is not an integer between 1 and the number of spheres.
         """
         if isinstance(k, bool) or not isinstance(k, (int, np.integer)) or k < 1:
-            raise InvalidModelError(f"spheres must be a positive integer, got {k!r}", field="spheres", value=k)
+            raise InvalidModelError("must be a positive integer", field="spheres", value=k)
         if k > len(self):
-            raise InvalidModelError(f"spheres is {k}, but model '{self.name}' has only {len(self)} spheres",
+            raise InvalidModelError(f"is more than the {len(self)} spheres of model '{self.name}'",
                                     field="spheres", value=k)
         if k == len(self):
             return self
@@ -133,7 +135,7 @@ class SpherePacking:
         """
         scale = float(_array("scale", s, ()))
         if not scale > 0.0:
-            raise InvalidModelError(f"scale must be positive, got {s!r}", field="scale", value=s)
+            raise InvalidModelError("must be positive", field="scale", value=s)
         if scale == 1.0:
             return self
         return replace(
@@ -177,15 +179,15 @@ def load_packing(path) -> SpherePacking:
     try:
         with np.load(path, allow_pickle=False) as file:
             if not isinstance(file, np.lib.npyio.NpzFile):
-                raise InvalidModelError(f"{path}: not an .npz archive", field="model", value=str(path))
+                raise ValueError("a single array")
             known = {field.name for field in fields(SpherePacking)}
             values = {key: file[key] for key in file.files if key in known}
-    except (OSError, ValueError, EOFError, KeyError, zipfile.BadZipFile, AttributeError) as error:
-        raise InvalidModelError(f"{path}: cannot be read as a model file (.npz): {error}",
-                                field="model", value=str(path)) from error
+    except (OSError, ValueError, EOFError, KeyError, zipfile.BadZipFile, zlib.error) as error:
+        reason = error.strerror if isinstance(error, OSError) and error.strerror else "it is no .npz archive"
+        raise InvalidModelError(f"cannot be read: {reason}", field=f"model file {path}") from error
     for field in ("centers", "radii"):
         if field not in values:
-            raise InvalidModelError(f"{path}: has no '{field}'", field=field, value=None)
+            raise InvalidModelError(f"has no '{field}'", field=f"model file {path}")
     for field in _TEXTS:
         if field in values:
             values[field] = str(values[field][()])
@@ -193,7 +195,7 @@ def load_packing(path) -> SpherePacking:
     try:
         return SpherePacking(**_completed(values))
     except InvalidModelError as error:
-        raise InvalidModelError(f"{path}: {error}", field=error.field, value=error.value) from error
+        raise InvalidModelError(error.problem, field=f"model file {path}: {error.field}", value=error.value) from error
 
 
 def _completed(values):
@@ -285,43 +287,40 @@ def check_inertia(inertia):
     """
     size = np.abs(inertia).max()
     if np.abs(inertia - inertia.T).max() > ROUND_OFF * size:
-        raise InvalidModelError(f"inertia is not symmetric: {inertia.tolist()}", field="inertia", value=inertia)
+        raise InvalidModelError("is not symmetric", field="inertia", value=inertia.tolist())
     moments = np.linalg.eigvalsh(inertia)
     if not moments[0] > 0.0:
-        raise InvalidModelError(f"inertia is not positive definite: its principal moments are {moments.tolist()}",
-                                field="inertia", value=inertia)
+        raise InvalidModelError("has a principal moment that is not positive", field="inertia",
+                                value=moments.tolist())
     if moments[2] > (moments[0] + moments[1]) * (1.0 + ROUND_OFF):
-        raise InvalidModelError(
-            "inertia belongs to no solid: one principal moment is more than the sum of the other two "
-            f"({moments.tolist()})", field="inertia", value=inertia)
+        raise InvalidModelError("belongs to no solid, as one principal moment is more than the sum of the others",
+                                field="inertia", value=moments.tolist())
 
 
 def _check_spheres(centers, radii):
     if len(radii) == 0:
-        raise InvalidModelError("radii is empty: a packing needs at least one sphere", field="radii", value=radii)
+        raise InvalidModelError("is empty: a packing needs at least one sphere", field="radii")
     if len(centers) != len(radii):
-        raise InvalidModelError(f"centers has {len(centers)} rows, but radii has {len(radii)} entries",
+        raise InvalidModelError(f"must have as many rows as radii has entries, {len(radii)}",
                                 field="centers", value=centers.shape)
     worst = int(np.argmin(radii))
     if not radii[worst] > 0.0:
-        raise InvalidModelError(f"radii must be positive, got {radii[worst]} for sphere {worst}",
-                                field="radii", value=float(radii[worst]))
+        raise InvalidModelError("must be positive", field=f"radii[{worst}]", value=float(radii[worst]))
 
 
 def _array(field, value, shape):
     """A read-only, C-contiguous, finite float64 array of the given shape (None matches any length)."""
     raw = np.asarray(value)
     if raw.dtype.kind not in "fiu":
-        raise InvalidModelError(f"{field} must hold real numbers, got {value!r}", field=field, value=value)
+        raise InvalidModelError("must hold real numbers", field=field, value=value)
     if raw.ndim != len(shape) or any(want not in (None, got) for want, got in zip(shape, raw.shape, strict=True)):
         wanted = "(" + ", ".join("n" if n is None else str(n) for n in shape) + ("," if len(shape) == 1 else "") + ")"
-        raise InvalidModelError(f"{field} must have shape {wanted}, got {raw.shape}", field=field, value=raw.shape)
+        raise InvalidModelError(f"must have shape {wanted}", field=field, value=raw.shape)
     array = np.array(raw, dtype=np.float64, order="C")
     bad = np.argwhere(~np.isfinite(array))
     if len(bad):
         index = tuple(int(i) for i in bad[0])
         where = "".join(f"[{i}]" for i in index)
-        raise InvalidModelError(f"{field}{where} is {array[index]}, not a finite number",
-                                field=field, value=float(array[index]))
+        raise InvalidModelError("is not a finite number", field=field + where, value=float(array[index]))
     array.flags.writeable = False
     return array
