@@ -1,0 +1,37 @@
+"""Predicts where rigid objects will be, and how surely: rigid-body dynamics with uncertainty.
+
+    from unc_physics import load_scene, predict
+    scene, belief, horizon = load_scene("scene.yaml")
+    prediction = predict(scene, belief, "sigma_points", horizon)
+    prediction.belief.mean, prediction.belief.covariance
+"""
+
+__version__ = "0.1.0"
+
+_HOMES = {
+    "Belief": "belief",
+    "RigidBody": "scene",
+    "Scene": "scene",
+    "SpherePacking": "geometry.packing_file",
+    "load_model": "geometry.library",
+    "load_scene": "scene_file",
+    "Prediction": "propagation",
+    "predict": "propagation",
+    "make_propagator": "propagation",
+    "PROPAGATORS": "propagation",
+    "ErrorCode": "errors",
+    "UncPhysicsError": "errors",
+}
+
+__all__ = sorted(_HOMES)
+
+
+def __getattr__(name):
+    """Import a public name at its first use: numba takes a second, and `--help` or packing need not wait for it."""
+    if name not in _HOMES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    from importlib import import_module
+
+    value = getattr(import_module(f".{_HOMES[name]}", __name__), name)
+    globals()[name] = value
+    return value

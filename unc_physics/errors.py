@@ -33,6 +33,7 @@ class ErrorCode(IntEnum):
     OUTPUT_FAILED = 29
     NOT_ACTIVE = 30
     INTERNAL = 31
+    DIVERGED = 32
 
 
 class UncPhysicsError(Exception):
@@ -175,3 +176,9 @@ class OutputError(UncPhysicsError):
     """A result file that cannot be written."""
 
     code = ErrorCode.OUTPUT_FAILED
+
+
+class DivergedError(UncPhysicsError):
+    """The simulation left the range of numbers."""
+
+    code = ErrorCode.DIVERGED

@@ -1,0 +1,73 @@
+"""What every propagator is: a carry that holds its persistent state, and three functions on it."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass, fields
+from typing import Any, ClassVar
+
+from ..belief import Belief
+from ..errors import InvalidOptionError
+from ..scene import Scene
+from ..validation import integer
+
+SAMPLES_LIMIT = 10_000_000
+
+
+@dataclass(frozen=True)
+class Traits:
+    """A propagator's row in the paper's Table 1.
+
+    Attributes
+    ----------
+    mean_update : str
+        ``nominal`` (one rollout of the mean) or ``estimated`` (from points or samples).
+    uncertainty : str
+        What represents it.
+    cross_body : bool
+        Whether correlations between bodies are kept.
+    separate_collisions : bool
+        Whether integration and collisions change the uncertainty in separate ways.
+    collisions : str
+        How collisions are treated.
+    """
+
+    mean_update: str
+    uncertainty: str
+    cross_body: bool
+    separate_collisions: bool
+    collisions: str
+
+
+@dataclass(frozen=True)
+class Propagator(ABC):
+    """Carries a belief through a scene's dynamics.
+
+    A concrete propagator is a frozen dataclass whose fields are its options, checked when it is made. Its carry
+    is a NamedTuple of exactly the persistent state, so that advancing in pieces equals advancing at once.
+    """
+
+    name: ClassVar[str]
+    traits: ClassVar[Traits]
+
+    @abstractmethod
+    def init(self, scene: Scene, belief: Belief) -> Any:
+        """The carry that stands for ``belief`` at time 0."""
+
+    @abstractmethod
+    def advance(self, carry: Any, scene: Scene, steps: int) -> Any:
+        """The carry after ``steps`` time steps; the given one stays as it is."""
+
+    @abstractmethod
+    def belief(self, carry: Any, scene: Scene) -> Belief:
+        """The belief that the carry stands for."""
+
+    @classmethod
+    def options(cls) -> dict[str, Any]:
+        """Names and defaults of the options."""
+        return {field.name: field.default for field in fields(cls)}
+
+    def _check_count(self, option: str, low: int = 1, high: int = SAMPLES_LIMIT) -> None:
+        value = integer(getattr(self, option), option, low=low, error=InvalidOptionError)
+        if value > high:
+            raise InvalidOptionError(f"must be at most {high}", field=option, value=value)

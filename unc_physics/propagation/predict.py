@@ -1,0 +1,155 @@
+"""The driver of all predictions."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..belief import Belief
+from ..errors import DivergedError, InvalidHorizonError, LimitExceededError, PredictionTimeoutError
+from ..scene import Scene
+from ..validation import positive
+from .base import Propagator
+from .registry import make_propagator
+
+STEPS_LIMIT = 100_000_000
+_CLOCK_CHECKS = 64  # pieces into which a prediction with limited computation time is cut
+
+
+@dataclass(frozen=True, eq=False)
+class Prediction:
+    """Beliefs at one or more times.
+
+    Attributes
+    ----------
+    propagator : Propagator
+    times : tuple of float
+        Simulated time of each belief from the start [s], ascending; the last is the horizon.
+    beliefs : tuple of Belief
+    carry : NamedTuple
+        The propagator's persistent state at the end; Monte Carlo's holds the samples.
+    wall_time : float
+        [s]
+    """
+
+    propagator: Propagator
+    times: tuple[float, ...]
+    beliefs: tuple[Belief, ...]
+    carry: tuple
+    wall_time: float
+
+    @property
+    def belief(self) -> Belief:
+        """The last belief."""
+        return self.beliefs[-1]
+
+    @property
+    def time(self) -> float:
+        """Simulated time of the last belief [s]."""
+        return self.times[-1]
+
+    @property
+    def seed(self) -> int | None:
+        """The seed that was used; None for a propagator that draws nothing."""
+        return getattr(self.propagator, "seed", None)
+
+
+def predict(
+    scene: Scene,
+    belief: Belief,
+    propagator: str | Propagator = "sigma_points",
+    horizon: float | None = None,
+    *,
+    times: Sequence[float] | None = None,
+    max_computation_time: float | None = None,
+) -> Prediction:
+    """Predict where the bodies of a scene will be, and how surely.
+
+    Parameters
+    ----------
+    scene : Scene
+    belief : Belief
+        About the bodies of the scene at time 0.
+    propagator : str or Propagator
+        A name takes the propagator's default options; `make_propagator` sets others.
+    horizon : float, optional
+        Time to predict for [s], rounded to whole steps. May be left out when ``times`` is given.
+    times : sequence of float, optional
+        Times at which a belief is wanted [s], ascending; by default the horizon alone. The horizon is added.
+    max_computation_time : float, optional
+        Wall time after which the prediction ends with an error [s].
+
+    Returns
+    -------
+    Prediction
+
+    Raises
+    ------
+    InvalidHorizonError
+        If a time is not positive or shorter than half a step, or times do not ascend.
+    PredictionTimeoutError
+        If ``max_computation_time`` ran out; its ``prediction`` holds what is done, or None.
+    DivergedError
+        If the simulation left the range of numbers.
+    InvalidRequestError, LimitExceededError, UnknownPropagatorError
+    """
+    started = time.perf_counter()
+    if isinstance(propagator, str):
+        propagator = make_propagator(propagator)
+    belief.check_fits(scene)
+    marks = _steps(scene, horizon, times)
+    deadline = None if max_computation_time is None else started + positive(max_computation_time, "max_computation_time")
+    carry = propagator.init(scene, belief)
+    done, reached, beliefs = 0, [], []
+
+    def prediction():
+        return Prediction(propagator, tuple(reached), tuple(beliefs), carry, time.perf_counter() - started)
+
+    for mark in marks:
+        piece = mark - done if deadline is None else max(1, marks[-1] // _CLOCK_CHECKS)
+        while done < mark:
+            steps = min(piece, mark - done)
+            carry = propagator.advance(carry, scene, steps)
+            done += steps
+            if deadline is not None and done < marks[-1] and time.perf_counter() > deadline:
+                error = PredictionTimeoutError(
+                    f"ran out after {done * scene.dt:.6g} s of {marks[-1] * scene.dt:.6g} s simulated",
+                    field="max_computation_time", value=max_computation_time,
+                )
+                error.prediction = prediction() if beliefs else None
+                raise error
+        beliefs.append(propagator.belief(carry, scene))
+        reached.append(done * scene.dt)
+        if not (np.isfinite(beliefs[-1].mean).all() and np.isfinite(beliefs[-1].covariance).all()):
+            raise DivergedError(
+                f"diverged within {done * scene.dt:.6g} s; a smaller dt or a lower stiffness may help", field="prediction"
+            )
+    return prediction()
+
+
+def _steps(scene, horizon, times):
+    """Numbers of steps after which a belief is wanted, ascending."""
+    wanted = [] if times is None else list(times)
+    if horizon is not None:
+        wanted.append(horizon)
+    if not wanted:
+        raise InvalidHorizonError("must be given", field="horizon")
+    names = [f"times[{k}]" for k in range(len(wanted))]
+    if horizon is not None:
+        names[-1] = "horizon"
+    marks = []
+    for name, value in zip(names, wanted, strict=True):
+        ratio = positive(value, name, InvalidHorizonError) / scene.dt
+        if ratio > STEPS_LIMIT:
+            raise LimitExceededError(f"takes more than {STEPS_LIMIT} steps of dt = {scene.dt} s", field=name, value=value)
+        steps = round(ratio)
+        if steps < 1:
+            raise InvalidHorizonError(f"is shorter than half a step of dt = {scene.dt} s", field=name, value=value)
+        if marks and steps < marks[-1]:
+            raise InvalidHorizonError("must not be earlier than the time before it", field=name, value=value)
+        if not marks or steps > marks[-1]:
+            marks.append(steps)
+    return marks

@@ -1,0 +1,68 @@
+"""Persistent sigma points: a few states that run through the full simulator (the paper's section 4.3)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from ..belief import Belief
+from ..errors import InvalidOptionError
+from ..kernels.moments import mean_and_errors, second_moment, spread_states
+from ..kernels.rollout import rollout
+from .base import Propagator, Traits
+
+
+class SigmaPointCarry(NamedTuple):
+    """Persistent state: ``states`` (2 n + 1, B, 13); point 0 began at the mean."""
+
+    states: np.ndarray
+
+
+@dataclass(frozen=True)
+class SigmaPoints(Propagator):
+    """Persistent sigma points.
+
+    Attributes
+    ----------
+    points : {'minimal', 'full'}
+        ``full`` spreads points along all 12 B directions of the moving bodies, as the paper; ``minimal`` only
+        along the r directions in which the initial belief is uncertain, which needs fewer points, less far out.
+
+    Notes
+    -----
+    With n directions, the 2 n + 1 points have equal weights and lambda = 1/2, so that they rebuild the initial
+    covariance exactly (Eqs. 25 to 29). The root in Eq. 26 is the symmetric one for ``full`` and the pivoted
+    Cholesky factor for ``minimal``.
+    """
+
+    name = "sigma_points"
+    traits = Traits("estimated", "full covariance", True, False, "simulated")
+
+    points: str = "minimal"
+
+    def __post_init__(self):
+        if self.points not in ("minimal", "full"):
+            raise InvalidOptionError("must be 'minimal' or 'full'", field="points", value=self.points)
+
+    def init(self, scene, belief):
+        root = belief.root() if self.points == "minimal" else _symmetric_root(belief.joint)
+        a = np.sqrt(root.shape[1] + 0.5) * root.T
+        errors = np.concatenate([np.zeros((1, root.shape[0])), a, -a])
+        return SigmaPointCarry(spread_states(belief.mean.copy(), scene.moving.copy(), errors))
+
+    def advance(self, carry, scene, steps):
+        states = carry.states.copy()
+        rollout(states, scene.world, steps)
+        return SigmaPointCarry(states)
+
+    def belief(self, carry, scene):
+        mean, errors = mean_and_errors(carry.states, scene.moving.copy())
+        return Belief.trusted(mean, second_moment(errors), scene.moving)
+
+
+def _symmetric_root(P):
+    """Symmetric square root of a positive semidefinite matrix; round-off below zero counts as zero."""
+    values, vectors = np.linalg.eigh(P)
+    return (vectors * np.sqrt(np.maximum(values, 0.0))) @ vectors.T

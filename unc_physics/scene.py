@@ -1,0 +1,147 @@
+"""What is simulated: rigid bodies, their models, and the physics between them; validated and frozen."""
+
+from __future__ import annotations
+
+import math
+import weakref
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from .errors import DuplicateIdError, InvalidHorizonError, InvalidMassError, InvalidRequestError, NoObjectsError
+from .geometry.packing_file import SpherePacking
+from .kernels import tree as sphere_tree
+from .kernels.world import Bodies, World
+from .validation import array, non_negative, positive
+
+_trees = weakref.WeakKeyDictionary()
+
+
+@dataclass(frozen=True, eq=False)
+class RigidBody:
+    """A rigid body: a sphere-packed shape with a mass.
+
+    Attributes
+    ----------
+    name : str
+        Unique in its scene.
+    model : SpherePacking
+        Shape and inertia per unit mass; body frame with the centre of mass (COM) at the origin.
+    mass : float
+        [kg], positive; has no effect on a fixed body.
+    fixed : bool
+        Whether the body never moves.
+
+    Raises
+    ------
+    InvalidMassError
+        If the mass is not a positive finite number.
+    """
+
+    name: str
+    model: SpherePacking
+    mass: float = 1.0
+    fixed: bool = False
+
+    def __post_init__(self):
+        if not isinstance(self.name, str) or not self.name:
+            raise InvalidRequestError("must be a non-empty text", field="name", value=self.name)
+        if not isinstance(self.model, SpherePacking):
+            raise InvalidRequestError("must be a SpherePacking", field=f"model of body '{self.name}'", value=self.model)
+        object.__setattr__(self, "mass", positive(self.mass, f"mass of body '{self.name}'", InvalidMassError))
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """Rigid bodies and the physics that acts on them; holds no state.
+
+    Attributes
+    ----------
+    bodies : tuple of RigidBody
+    dt : float
+        Time step [s].
+    stiffness : float
+        kappa of the penalty force [N/m^3] (the paper's Eq. 4).
+    damping : float
+        Decay rate of all velocities [1/s].
+    gravity : (3,) array
+        World frame [m/s^2].
+
+    Raises
+    ------
+    NoObjectsError, DuplicateIdError, InvalidRequestError, InvalidHorizonError, NotFiniteError
+        For an empty scene, a repeated name, a physical constant out of range, or a bad time step.
+    """
+
+    bodies: tuple[RigidBody, ...]
+    dt: float = 0.01
+    stiffness: float = 1e4
+    damping: float = 0.0
+    gravity: np.ndarray = (0.0, 0.0, 0.0)
+
+    def __post_init__(self):
+        bodies = tuple(self.bodies)
+        if not bodies:
+            raise NoObjectsError("must name at least one body", field="bodies")
+        names = [body.name for body in bodies]
+        for k, name in enumerate(names):
+            if name in names[:k]:
+                raise DuplicateIdError("is the name of two bodies", field=f"bodies[{k}].name", value=name)
+        checked = {
+            "bodies": bodies,
+            "dt": positive(self.dt, "dt", InvalidHorizonError),
+            "stiffness": non_negative(self.stiffness, "stiffness"),
+            "damping": non_negative(self.damping, "damping"),
+            "gravity": array(self.gravity, (3,), "gravity"),
+        }
+        for field, value in checked.items():
+            object.__setattr__(self, field, value)
+
+    @cached_property
+    def moving(self) -> np.ndarray:
+        """(M,) int64: indices of the bodies that are not fixed."""
+        return np.array([k for k, body in enumerate(self.bodies) if not body.fixed], np.int64)
+
+    @cached_property
+    def world(self) -> World:
+        """The scene as the kernels take it."""
+        models = list(dict.fromkeys(body.model for body in self.bodies))
+        trees = [tree_of(model) for model in models]
+        nodes = np.cumsum([0, *(len(child) for _, child, _ in trees)])
+        spheres = np.cumsum([0, *(len(model) for model in models)])
+        children = [_shifted(child, nodes[k], spheres[k]) for k, (_, child, _) in enumerate(trees)]
+        depth = sorted((depth for *_, depth in trees), reverse=True)
+        deepest = depth[0] + depth[min(1, len(depth) - 1)]
+        tree = sphere_tree.Tree(
+            np.concatenate([bounds for bounds, *_ in trees]),
+            np.concatenate(children),
+            np.concatenate([model.centers for model in models]),
+            np.concatenate([model.radii for model in models]),
+        )
+        mass = np.array([math.inf if body.fixed else body.mass for body in self.bodies])
+        inertia = np.array([np.linalg.inv(body.model.inertia) for body in self.bodies])
+        reach = {model: np.max(np.linalg.norm(model.centers, axis=1) + model.radii) for model in models}
+        bodies = Bodies(
+            moving=np.array([not body.fixed for body in self.bodies]),
+            inverse_mass=1.0 / mass,
+            inverse_inertia=inertia / mass[:, None, None],
+            radius=np.array([reach[body.model] for body in self.bodies]),
+            root=np.array([nodes[models.index(body.model)] for body in self.bodies]),
+        )
+        stack_size = sphere_tree.WIDTH**2 * deepest + 1
+        # a writable copy: read-only arrays would compile every kernel once more
+        return World(bodies, tree, np.array(self.gravity), self.dt, math.exp(-self.damping * self.dt), self.stiffness, stack_size)
+
+
+def tree_of(model: SpherePacking):
+    """Sphere tree of a packing (`kernels.tree.build`), built at its first use and kept as long as the packing."""
+    if model not in _trees:
+        _trees[model] = sphere_tree.build(np.array(model.centers), np.array(model.radii))
+    return _trees[model]
+
+
+def _shifted(child, first_node, first_sphere):
+    """Children of one tree as entries of several trees that stand one behind the other."""
+    shifted = np.where(child < 0, child - first_sphere, child + first_node)
+    return np.where(child == sphere_tree.EMPTY, child, shifted).astype(np.int32)

@@ -1,0 +1,238 @@
+"""Scene files: YAML that names bodies, their uncertain states, and the physics."""
+
+from __future__ import annotations
+
+import difflib
+import functools
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import yaml
+
+from .belief import Belief
+from .errors import (
+    InvalidEnvironmentError,
+    InvalidHorizonError,
+    InvalidMassError,
+    InvalidModelError,
+    InvalidOptionError,
+    InvalidRequestError,
+    NoObjectsError,
+    NotSupportedError,
+    UncPhysicsError,
+)
+from .geometry.library import find_model
+from .geometry.packing_file import load_packing
+from .layout import (
+    ANGULAR_VELOCITY,
+    ERR_ANGULAR_VELOCITY,
+    ERR_POSITION,
+    ERR_ROTATION,
+    ERR_VELOCITY,
+    ERROR,
+    POSITION,
+    QUATERNION,
+    STATE,
+    VELOCITY,
+)
+from .scene import RigidBody, Scene
+from .validation import array, covariance, integer, non_negative, number, positive, quaternion
+
+_PHYSICS = ("dt", "stiffness", "damping", "gravity")
+_LATER = ("friction", "restitution", "gyroscopic")
+_SCENE_KEYS = (*_PHYSICS, "horizon", "bodies", "environment", *_LATER, "integrator", "islands")
+_VECTORS = {"position": POSITION, "linear_velocity": VELOCITY, "angular_velocity": ANGULAR_VELOCITY}
+_STDS = {
+    "position_std": ERR_POSITION,
+    "linear_velocity_std": ERR_VELOCITY,
+    "orientation_std": ERR_ROTATION,
+    "angular_velocity_std": ERR_ANGULAR_VELOCITY,
+}
+_BODY_KEYS = ("name", "model", "spheres", "scale", "mass", *_VECTORS, "orientation", *_STDS, "covariance", "fixed")
+
+
+class LoadedScene(NamedTuple):
+    """What a scene file holds: the scene, the belief about it at time 0, and the horizon [s] or None."""
+
+    scene: Scene
+    belief: Belief
+    horizon: float | None
+
+
+def load_scene(path, models_dir=None) -> LoadedScene:
+    """Read a scene file.
+
+    Parameters
+    ----------
+    path : str or path-like
+        YAML file; paths of models in it are relative to its folder.
+    models_dir : str or path-like, optional
+        Folder in which models are looked up by name, in place of the model library.
+
+    Raises
+    ------
+    UncPhysicsError
+        One of its kinds, naming the field and the value, for anything in the file that makes no scene.
+    """
+    path = Path(path)
+    try:
+        text = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        reason = getattr(error, "strerror", None) or "it is not UTF-8 text"
+        raise InvalidRequestError(f"cannot be read: {reason}", field=f"scene file {path}") from None
+    try:
+        content = yaml.safe_load(text)
+    except (yaml.YAMLError, ValueError, RecursionError) as error:
+        mark = getattr(error, "problem_mark", None)
+        place = f" in line {mark.line + 1}" if mark else ""
+        raise InvalidRequestError(f"is not valid YAML{place}", field=f"scene file {path}") from None
+    return scene_from_dict(content, models_dir, folder=path.parent)
+
+
+def scene_from_dict(content, models_dir=None, folder=None) -> LoadedScene:
+    """The scene that the content of a scene file describes (`load_scene`)."""
+    _check_keys(content, _SCENE_KEYS, "scene")
+    bodies = content.get("bodies")
+    if bodies is None or bodies == []:
+        raise NoObjectsError("must name at least one body", field="bodies")
+    if not isinstance(bodies, list):
+        raise InvalidRequestError("must be a list", field="bodies", value=bodies)
+    _refuse_unserved(content)
+    read = [_body(body, f"bodies[{k}]", models_dir, folder) for k, body in enumerate(bodies)]
+    scene = Scene([body for body, _, _ in read], **physics_options(content))
+    blocks = [P for body, _, P in read if not body.fixed]
+    belief = Belief(
+        np.array([state for _, state, _ in read]), np.array(blocks).reshape(-1, ERROR, ERROR), scene.moving
+    )
+    horizon = content.get("horizon")
+    return LoadedScene(scene, belief, None if horizon is None else positive(horizon, "horizon", InvalidHorizonError))
+
+
+def physics_options(content) -> dict:
+    """The physics among the entries of a scene file, as arguments of `Scene`."""
+    options = {key: number(content[key], key) for key in _PHYSICS if key != "gravity" and content.get(key) is not None}
+    if content.get("gravity") is not None:
+        options["gravity"] = _numbers(content["gravity"], (3,), "gravity")
+    return options
+
+
+def _refuse_unserved(content):
+    """Refuse what the format knows and this version does not serve, unless it is switched off."""
+    for key in _LATER:
+        if content.get(key) not in (None, False):
+            raise NotSupportedError("is not supported yet", field=key, value=content[key])
+    if content.get("environment") not in (None, []):
+        if not isinstance(content["environment"], list):
+            raise InvalidEnvironmentError("must be a list", field="environment", value=content["environment"])
+        raise NotSupportedError("is not supported yet", field="environment")
+    if content.get("integrator", "explicit") not in (None, "explicit"):
+        raise InvalidOptionError("must be 'explicit'", field="integrator", value=content["integrator"])
+    islands = content.get("islands")
+    if islands not in (None, False):
+        if islands is not True:
+            raise InvalidRequestError("must be true or false", field="islands", value=islands)
+        raise NotSupportedError("is not supported yet", field="islands", value=True)
+
+
+def _body(content, field, models_dir, folder):
+    """A body, its state (13,) and its covariance (12, 12)."""
+    _check_keys(content, _BODY_KEYS, field)
+    for key in ("name", "model"):
+        if not isinstance(content.get(key), str) or not content[key]:
+            raise InvalidRequestError("must be a non-empty text", field=f"{field}.{key}", value=content.get(key))
+    fixed = content.get("fixed", False)
+    if not isinstance(fixed, bool):
+        raise InvalidRequestError("must be true or false", field=f"{field}.fixed", value=fixed)
+    mass = content.get("mass")
+    if mass is None and not fixed:
+        raise InvalidMassError("must be given", field=f"{field}.mass")
+    mass = 1.0 if mass is None else positive(mass, f"{field}.mass", InvalidMassError)
+    state = np.zeros(STATE)
+    for key, place in _VECTORS.items():
+        if content.get(key) is not None:
+            state[place] = _numbers(content[key], (3,), f"{field}.{key}")
+    orientation = content.get("orientation", (0.0, 0.0, 0.0, 1.0))
+    state[QUATERNION] = quaternion(_numbers(orientation, (4,), f"{field}.orientation"), f"{field}.orientation")
+    P = _covariance(content, field)
+    if fixed:
+        for key, values in (("velocity", state[VELOCITY]), ("velocity", state[ANGULAR_VELOCITY]), ("covariance", P)):
+            if np.any(values):
+                raise InvalidRequestError(f"is fixed, so its {key} must be zero or absent", field=field)
+    model = _at_field(field, load_shape, content["model"], content.get("spheres"), content.get("scale"), models_dir, folder)
+    return RigidBody(content["name"], model, mass, fixed), state, P
+
+
+def _at_field(field, function, *arguments):
+    """Call a function and put the body's own place before the field that its error names."""
+    try:
+        return function(*arguments)
+    except UncPhysicsError as error:
+        raise type(error)(error.problem, field=f"{field}.{error.field}" if error.field else field, value=error.value) from error
+
+
+def load_shape(model, spheres=None, scale=None, models_dir=None, folder=None):
+    """A packing from the library or a file, cut to its first ``spheres`` and scaled.
+
+    The same arguments give the same object while the file is unchanged, so that its sphere tree is built once.
+
+    Raises
+    ------
+    UnknownModelError, InvalidModelError
+    """
+    if folder is not None and model.endswith(".npz") and (Path(folder) / model).is_file():
+        model = str(Path(folder) / model)
+    path = find_model(model, models_dir)
+    if spheres is not None:
+        spheres = integer(spheres, "spheres", low=1, error=InvalidModelError)
+    scale = 1.0 if scale is None else positive(scale, "scale", InvalidModelError)
+    return _load_shape(path, path.stat().st_mtime_ns, spheres, scale)
+
+
+@functools.lru_cache(maxsize=256)
+def _load_shape(path, changed, spheres, scale):
+    packing = _load_packing(path, changed)
+    if spheres is not None:
+        packing = packing.prefix(spheres)
+    return packing.scaled(scale)
+
+
+@functools.lru_cache(maxsize=64)
+def _load_packing(path, changed):
+    return load_packing(path)
+
+
+def _covariance(content, field):
+    given = [key for key in _STDS if content.get(key) is not None]
+    if content.get("covariance") is not None:
+        if given:
+            raise InvalidRequestError(f"must not be given beside {given[0]}", field=f"{field}.covariance")
+        return covariance(_numbers(content["covariance"], (ERROR, ERROR), f"{field}.covariance"), ERROR, f"{field}.covariance")
+    std = np.zeros(ERROR)
+    for key in given:
+        name = f"{field}.{key}"
+        if isinstance(content[key], list):
+            std[_STDS[key]] = _numbers(content[key], (3,), name)
+            non_negative(std[_STDS[key]].min(), name)
+        else:
+            std[_STDS[key]] = non_negative(content[key], name)
+    return np.diag(std**2)
+
+
+def _numbers(value, shape, field):
+    """Nested lists of numbers as an array; every entry may be a string in any Python float form."""
+    if not isinstance(value, (list, tuple)) or len(value) != shape[0]:
+        raise InvalidRequestError(f"must be a list of {shape[0]} {'numbers' if len(shape) == 1 else 'rows'}", field=field, value=value)
+    if len(shape) > 1:
+        return np.array([_numbers(row, shape[1:], f"{field}[{k}]") for k, row in enumerate(value)])
+    return array([number(entry, f"{field}[{k}]") for k, entry in enumerate(value)], shape, field)
+
+
+def _check_keys(content, known, field):
+    if not isinstance(content, dict):
+        raise InvalidRequestError("must be a mapping of keys to values", field=field, value=content)
+    for key in content:
+        if key not in known:
+            close = difflib.get_close_matches(str(key), known, n=1)
+            hint = f"; did you mean '{close[0]}'?" if close else ""
+            raise InvalidRequestError(f"has no key '{key}'{hint}", field=field)
