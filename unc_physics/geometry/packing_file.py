@@ -179,11 +179,11 @@ def load_packing(path) -> SpherePacking:
     try:
         with np.load(path, allow_pickle=False) as file:
             if not isinstance(file, np.lib.npyio.NpzFile):
-                raise ValueError("a single array")
+                raise zipfile.BadZipFile("a single array")
             known = {field.name for field in fields(SpherePacking)}
             values = {key: file[key] for key in file.files if key in known}
     except (OSError, ValueError, EOFError, KeyError, zipfile.BadZipFile, zlib.error) as error:
-        reason = error.strerror if isinstance(error, OSError) and error.strerror else "it is no .npz archive"
+        reason = error.strerror if isinstance(error, OSError) and error.strerror else "it is no .npz archive of plain arrays"
         raise InvalidModelError(f"cannot be read: {reason}", field=f"model file {path}") from error
     for field in ("centers", "radii"):
         if field not in values:

@@ -8,14 +8,16 @@ import numpy as np
 from numba import njit
 
 LEAF_SIZE = 4
+# A triangle's record: corner, unit normal, two edges e1 and e2, 1 / |e1|^2, 1 / |e2|^2, 1 / |e1 - e2|^2,
+# 1 / |e1 x e2|^2 (0 instead of an infinity)
+RECORD = 16
 
 
 class TriangleTree(NamedTuple):
     """Triangles in the order of a complete binary tree's leaves; node 1 is the root, node i has 2i and 2i + 1."""
 
-    lower: np.ndarray  # (nodes, 3) boxes
-    upper: np.ndarray  # (nodes, 3)
-    triangles: np.ndarray  # (leaves * LEAF_SIZE, 9) corner and two edges; the last leaf is filled up with copies
+    boxes: np.ndarray  # (nodes, 6) lower and upper corner
+    triangles: np.ndarray  # (leaves * LEAF_SIZE, 16), records; copies fill up the leaves
     first_leaf: int
 
 
@@ -39,56 +41,63 @@ def build_triangle_tree(corners) -> TriangleTree:
         rank = np.argsort(keys, axis=1, kind="stable")
         order = np.take_along_axis(order.reshape(1 << level, -1), rank, axis=1).ravel()
     leaves = 1 << depth
-    lower, upper = np.empty((2, 2 * leaves, 3))
-    lower[leaves:] = corners[order].min(axis=1).reshape(leaves, LEAF_SIZE, 3).min(axis=1)
-    upper[leaves:] = corners[order].max(axis=1).reshape(leaves, LEAF_SIZE, 3).max(axis=1)
+    boxes = np.empty((2 * leaves, 2, 3))
+    boxes[leaves:, 0] = corners[order].min(axis=1).reshape(leaves, LEAF_SIZE, 3).min(axis=1)
+    boxes[leaves:, 1] = corners[order].max(axis=1).reshape(leaves, LEAF_SIZE, 3).max(axis=1)
     for level in range(depth - 1, -1, -1):
         nodes = slice(1 << level, 2 << level)
-        children = slice(2 << level, 4 << level)
-        lower[nodes] = lower[children].reshape(-1, 2, 3).min(axis=1)
-        upper[nodes] = upper[children].reshape(-1, 2, 3).max(axis=1)
-    a, b, c = corners[order].transpose(1, 0, 2)
-    return TriangleTree(lower, upper, np.ascontiguousarray(np.hstack([a, b - a, c - a])), leaves)
+        children = boxes[2 << level : 4 << level].reshape(-1, 2, 2, 3)
+        boxes[nodes, 0] = children[:, :, 0].min(axis=1)
+        boxes[nodes, 1] = children[:, :, 1].max(axis=1)
+    return TriangleTree(boxes.reshape(-1, 6), triangle_records(corners)[order], leaves)
+
+
+def triangle_records(corners):
+    """What the distance query needs to know of each triangle, (m, RECORD)."""
+    a, b, c = corners.transpose(1, 0, 2)
+    e1, e2 = b - a, c - a
+    cross = np.cross(e1, e2)
+    squares = np.stack([np.sum(e**2, axis=1) for e in (e1, e2, e1 - e2, cross)], axis=1)
+    inverses = np.divide(1.0, squares, out=np.zeros_like(squares), where=squares > 0.0)
+    normals = cross * np.sqrt(inverses[:, 3:])
+    return np.ascontiguousarray(np.hstack([a, normals, e1, e2, inverses]))
 
 
 @njit(cache=True, nogil=True)
-def box_distance_squared(tree, node, x, y, z):
+def box_distance_squared(boxes, node, x, y, z):
     """Squared distance from a point to a node's box; 0 inside."""
-    dx = max(tree.lower[node, 0] - x, 0.0, x - tree.upper[node, 0])
-    dy = max(tree.lower[node, 1] - y, 0.0, y - tree.upper[node, 1])
-    dz = max(tree.lower[node, 2] - z, 0.0, z - tree.upper[node, 2])
+    dx = max(boxes[node, 0] - x, 0.0, x - boxes[node, 3])
+    dy = max(boxes[node, 1] - y, 0.0, y - boxes[node, 4])
+    dz = max(boxes[node, 2] - z, 0.0, z - boxes[node, 5])
     return dx * dx + dy * dy + dz * dz
 
 
 @njit(cache=True, nogil=True)
-def closest_on_triangle(triangle, x, y, z):
-    """Barycentric coordinates (v, w) along the two edges of the triangle's point nearest to (x, y, z)."""
-    e1x, e1y, e1z = triangle[3], triangle[4], triangle[5]
-    e2x, e2y, e2z = triangle[6], triangle[7], triangle[8]
-    px, py, pz = x - triangle[0], y - triangle[1], z - triangle[2]
-    a11 = e1x * e1x + e1y * e1y + e1z * e1z
-    a12 = e1x * e2x + e1y * e2y + e1z * e2z
-    a22 = e2x * e2x + e2y * e2y + e2z * e2z
-    b1 = e1x * px + e1y * py + e1z * pz
-    b2 = e2x * px + e2y * py + e2z * pz
-    det = a11 * a22 - a12 * a12
-    v = b1 * a22 - b2 * a12
-    w = b2 * a11 - b1 * a12
-    if v > 0.0 and w > 0.0 and v + w < det:
-        return v / det, w / det
-    # The nearest point is on an edge. Of the three edges' nearest points take the nearest.
-    v1 = min(max(b1 / a11, 0.0), 1.0) if a11 > 0.0 else 0.0
-    w2 = min(max(b2 / a22, 0.0), 1.0) if a22 > 0.0 else 0.0
-    a33 = a11 - 2.0 * a12 + a22
-    w3 = min(max((a11 - a12 - b1 + b2) / a33, 0.0), 1.0) if a33 > 0.0 else 0.0
+def offset_from_triangle(t, px, py, pz, height):
+    """Vector to a point from a triangle's nearest point; p is taken from the corner, height over the plane."""
+    b1 = t[6] * px + t[7] * py + t[8] * pz
+    b2 = t[9] * px + t[10] * py + t[11] * pz
+    a11 = t[6] * t[6] + t[7] * t[7] + t[8] * t[8]
+    a12 = t[6] * t[9] + t[7] * t[10] + t[8] * t[11]
+    a22 = t[9] * t[9] + t[10] * t[10] + t[11] * t[11]
+    v = (b1 * a22 - b2 * a12) * t[15]
+    w = (b2 * a11 - b1 * a12) * t[15]
+    if v > 0.0 and w > 0.0 and v + w < 1.0:
+        return height * t[3], height * t[4], height * t[5]
+    # On an edge, then: of the three edges' nearest points the nearest.
+    v1 = min(max(b1 * t[12], 0.0), 1.0)
+    w2 = min(max(b2 * t[13], 0.0), 1.0)
+    b3 = a11 - a12 - b1 + b2
+    w3 = min(max(b3 * t[14], 0.0), 1.0)
     d1 = v1 * (v1 * a11 - 2.0 * b1)
     d2 = w2 * (w2 * a22 - 2.0 * b2)
-    d3 = a11 - 2.0 * b1 + w3 * (w3 * a33 - 2.0 * (a11 - a12 - b1 + b2))
+    d3 = a11 - 2.0 * b1 + w3 * (w3 * (a11 - 2.0 * a12 + a22) - 2.0 * b3)
+    v, w = 1.0 - w3, w3
     if d1 <= d2 and d1 <= d3:
-        return v1, 0.0
-    if d2 <= d3:
-        return 0.0, w2
-    return 1.0 - w3, w3
+        v, w = v1, 0.0
+    elif d2 <= d3:
+        v, w = 0.0, w2
+    return px - v * t[6] - w * t[9], py - v * t[7] - w * t[10], pz - v * t[8] - w * t[11]
 
 
 @njit(cache=True, nogil=True)
@@ -100,6 +109,7 @@ def nearest_on_mesh(tree, x, y, z, bound):
     distance, qx, qy, qz : float
         Distance and nearest point; ``bound`` and zeros when there is none within it.
     """
+    boxes, triangles = tree.boxes, tree.triangles
     best = bound * bound
     qx = qy = qz = 0.0
     found = False
@@ -107,38 +117,38 @@ def nearest_on_mesh(tree, x, y, z, bound):
     distances = np.empty(64)
     top = 0
     node = 1
-    lower = box_distance_squared(tree, 1, x, y, z)
+    nearest = box_distance_squared(boxes, 1, x, y, z)
     while True:
-        if lower < best:
+        if nearest < best:
             if node < tree.first_leaf:
-                left = 2 * node
-                near = box_distance_squared(tree, left, x, y, z)
-                far = box_distance_squared(tree, left + 1, x, y, z)
-                near_is_left = near <= far
-                if not near_is_left:
+                near, far = 2 * node, 2 * node + 1
+                nearest = box_distance_squared(boxes, near, x, y, z)
+                farther = box_distance_squared(boxes, far, x, y, z)
+                if farther < nearest:
                     near, far = far, near
-                if far < best:
-                    nodes[top] = left + 1 if near_is_left else left
-                    distances[top] = far
+                    nearest, farther = farther, nearest
+                if farther < best:
+                    nodes[top] = far
+                    distances[top] = farther
                     top += 1
-                node = left if near_is_left else left + 1
-                lower = near
+                node = near
                 continue
             first = (node - tree.first_leaf) * LEAF_SIZE
             for k in range(first, first + LEAF_SIZE):
-                t = tree.triangles[k]
-                v, w = closest_on_triangle(t, x, y, z)
-                cx = t[0] + v * t[3] + w * t[6]
-                cy = t[1] + v * t[4] + w * t[7]
-                cz = t[2] + v * t[5] + w * t[8]
-                d = (cx - x) * (cx - x) + (cy - y) * (cy - y) + (cz - z) * (cz - z)
+                t = triangles[k]
+                px, py, pz = x - t[0], y - t[1], z - t[2]
+                height = t[3] * px + t[4] * py + t[5] * pz
+                if height * height >= best:
+                    continue
+                ox, oy, oz = offset_from_triangle(t, px, py, pz, height)
+                d = ox * ox + oy * oy + oz * oz
                 if d < best:
                     best = d
-                    qx, qy, qz = cx, cy, cz
+                    qx, qy, qz = x - ox, y - oy, z - oz
                     found = True
         if top == 0:
             break
         top -= 1
         node = nodes[top]
-        lower = distances[top]
+        nearest = distances[top]
     return (np.sqrt(best) if found else bound), qx, qy, qz

@@ -1,0 +1,376 @@
+"""Climb to the local maxima of the free distance: the largest sphere that fits around there.
+
+The free distance at a point, ``f(x) = min(distance to the mesh, distance to the nearest placed sphere)``, is the
+radius of the largest ball about it that touches nothing. It is climbed by a bundle method: each evaluation yields
+the feature that is nearest there (a sphere, or a plane through the mesh's nearest point), and each step goes to the
+maximum of the smallest of the features known so far, within a trust region. A step is shorter than f, so that a
+path that starts inside the mesh cannot leave it. Four features determine a point, and there the steps are Newton's.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from .sphere_grid import insert_sphere, nearest_sphere
+from .triangle_tree import nearest_on_mesh
+
+MAX_FEATURES = 10
+MAX_STEPS = 40
+STEP_LIMIT = 0.9  # of f
+TOLERANCE = 1e-5  # of f: the increase that is not worth another step
+
+
+class Space(NamedTuple):
+    """All that bounds the free distance."""
+
+    tree: tuple  # TriangleTree
+    grid: tuple  # SphereGrid
+    spheres: np.ndarray  # (capacity, 4): centre, radius
+
+
+class Bundle(NamedTuple):
+    """Work space of an ascent: features, and their linearization at the current point."""
+
+    features: np.ndarray  # (n, 7): sphere centre or plane point, radius (-1: a plane), plane normal
+    values: np.ndarray  # (n,)
+    gradients: np.ndarray  # (n, 3)
+    subsets: np.ndarray  # (5, 4) working set of the linear programme, and the candidate that replaces it
+
+
+@njit(cache=True, nogil=True)
+def new_bundle():
+    return Bundle(np.empty((MAX_FEATURES + 1, 7)), np.empty(MAX_FEATURES + 1), np.empty((MAX_FEATURES + 1, 3)),
+                  np.empty((5, 4), np.int64))
+
+
+@njit(cache=True, nogil=True)
+def free_distance(space, x, y, z, feature):
+    """f at a point, capped at the grid's reach; writes the nearest feature (untouched if there is none)."""
+    f, index = nearest_sphere(space.grid, space.spheres, x, y, z, -1)
+    if f <= 0.0:
+        return f
+    d, qx, qy, qz = nearest_on_mesh(space.tree, x, y, z, f)
+    if d < f:
+        feature[0], feature[1], feature[2], feature[3] = qx, qy, qz, -1.0
+        feature[4], feature[5], feature[6] = (x - qx) / d, (y - qy) / d, (z - qz) / d
+        return d
+    if index >= 0:
+        feature[:4] = space.spheres[index]
+    return f
+
+
+@njit(cache=True, nogil=True)
+def linearize(bundle, i, x, y, z):
+    """Value and gradient of a feature at a point."""
+    feature = bundle.features[i]
+    dx, dy, dz = x - feature[0], y - feature[1], z - feature[2]
+    if feature[3] < 0.0:
+        gx, gy, gz = feature[4], feature[5], feature[6]
+        bundle.values[i] = gx * dx + gy * dy + gz * dz
+    else:
+        d = np.sqrt(dx * dx + dy * dy + dz * dz)
+        gx, gy, gz = dx / d, dy / d, dz / d
+        bundle.values[i] = d - feature[3]
+    bundle.gradients[i, 0], bundle.gradients[i, 1], bundle.gradients[i, 2] = gx, gy, gz
+
+
+@njit(cache=True, nogil=True)
+def equalized_step(bundle, subset, size, delta, step):
+    """The step of length up to delta that keeps a subset's linearizations equal and raises them most.
+
+    Returns their value there; -inf if no such step exists.
+    """
+    values, g = bundle.values, bundle.gradients
+    a = subset[0]
+    ax, ay, az = g[a]
+    if size == 1:
+        step[0], step[1], step[2] = delta * ax, delta * ay, delta * az
+        return values[a] + delta
+    b = subset[1]
+    ux, uy, uz = g[b, 0] - ax, g[b, 1] - ay, g[b, 2] - az
+    p = values[a] - values[b]
+    if size == 2:
+        uu = ux * ux + uy * uy + uz * uz
+        if uu < 1e-20:
+            return -np.inf
+        s = p / uu
+        slack = delta * delta - s * p
+        along = (ax * ux + ay * uy + az * uz) / uu
+        nx, ny, nz = ax - along * ux, ay - along * uy, az - along * uz
+        norm = nx * nx + ny * ny + nz * nz
+        if slack < 0.0:
+            return -np.inf
+        h = np.sqrt(slack / norm) if norm > 1e-20 else 0.0
+        step[0], step[1], step[2] = s * ux + h * nx, s * uy + h * ny, s * uz + h * nz
+        return values[a] + ax * step[0] + ay * step[1] + az * step[2]
+    c = subset[2]
+    vx, vy, vz = g[c, 0] - ax, g[c, 1] - ay, g[c, 2] - az
+    q = values[a] - values[c]
+    nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
+    if size == 3:
+        norm = nx * nx + ny * ny + nz * nz
+        if norm < 1e-20:
+            return -np.inf
+        sx = (p * (vy * nz - vz * ny) + q * (ny * uz - nz * uy)) / norm
+        sy = (p * (vz * nx - vx * nz) + q * (nz * ux - nx * uz)) / norm
+        sz = (p * (vx * ny - vy * nx) + q * (nx * uy - ny * ux)) / norm
+        slack = delta * delta - sx * sx - sy * sy - sz * sz
+        if slack < 0.0:
+            return -np.inf
+        h = np.sqrt(slack / norm)
+        if ax * nx + ay * ny + az * nz < 0.0:
+            h = -h
+        step[0], step[1], step[2] = sx + h * nx, sy + h * ny, sz + h * nz
+        return values[a] + ax * step[0] + ay * step[1] + az * step[2]
+    d = subset[3]
+    wx, wy, wz = g[d, 0] - ax, g[d, 1] - ay, g[d, 2] - az
+    r = values[a] - values[d]
+    det = nx * wx + ny * wy + nz * wz
+    if abs(det) < 1e-12:
+        return -np.inf
+    step[0] = (p * (vy * wz - vz * wy) + q * (wy * uz - wz * uy) + r * nx) / det
+    step[1] = (p * (vz * wx - vx * wz) + q * (wz * ux - wx * uz) + r * ny) / det
+    step[2] = (p * (vx * wy - vy * wx) + q * (wx * uy - wy * ux) + r * nz) / det
+    if step[0] * step[0] + step[1] * step[1] + step[2] * step[2] > delta * delta:
+        return -np.inf
+    return values[a] + ax * step[0] + ay * step[1] + az * step[2]
+
+
+@njit(cache=True, nogil=True)
+def value_after(bundle, i, step):
+    """A feature's linearization after a step."""
+    g = bundle.gradients
+    return bundle.values[i] + g[i, 0] * step[0] + g[i, 1] * step[1] + g[i, 2] * step[2]
+
+
+@njit(cache=True, nogil=True)
+def best_step(bundle, count, delta, step):
+    """Maximize the smallest of the linearizations over steps of length up to delta; returns that value.
+
+    A working set of at most four features is exchanged, one violated feature at a time, until none is violated.
+    """
+    working, trial = bundle.subsets[0], bundle.subsets[1]
+    trial_step = np.empty(3)
+    epsilon = 1e-13 * delta
+    size = 1
+    working[0] = np.argmin(bundle.values[:count])
+    t = equalized_step(bundle, working, 1, delta, step)
+    for _ in range(3 * MAX_FEATURES):
+        violated, lowest = -1, t - epsilon
+        for i in range(count):
+            value = value_after(bundle, i, step)
+            if value < lowest:
+                violated, lowest = i, value
+        if violated < 0:
+            return t
+        best, best_mask = -np.inf, 0
+        for mask in range(1 << size):
+            trial[0] = violated
+            trial_size = 1
+            for k in range(size):
+                if mask >> k & 1:
+                    if trial_size < 4:
+                        trial[trial_size] = working[k]
+                    trial_size += 1
+            if trial_size > 4:
+                continue
+            value = equalized_step(bundle, trial, trial_size, delta, trial_step)
+            if value <= best:
+                continue
+            feasible = True
+            for k in range(size):
+                if not mask >> k & 1 and value_after(bundle, working[k], trial_step) < value - epsilon:
+                    feasible = False
+                    break
+            if feasible:
+                best, best_mask = value, mask
+                step[:] = trial_step
+        if not best < t:
+            break
+        t = best
+        trial_size = 0
+        for k in range(size):
+            if best_mask >> k & 1:
+                working[trial_size] = working[k]
+                trial_size += 1
+        working[trial_size] = violated
+        size = trial_size + 1
+    return -np.inf
+
+
+@njit(cache=True, nogil=True)
+def updated_bundle(bundle, count, feature, f, x, y, z):
+    """Linearize at a new point, drop what bounds f no more, add a feature; returns the number of features.
+
+    A plane may cut below f where the mesh bends towards the point. The plane's foot on the mesh, as a sphere of no
+    size, never does: a new feature that fails as a plane comes in as a point.
+    """
+    least = f * (1.0 - 1e-9)
+    kept = 0
+    for i in range(count):
+        if kept != i:
+            bundle.features[kept] = bundle.features[i]
+        linearize(bundle, kept, x, y, z)
+        if bundle.values[kept] >= least:
+            kept += 1
+    if kept == MAX_FEATURES:
+        slackest = np.argmax(bundle.values[:kept])
+        kept -= 1
+        bundle.features[slackest] = bundle.features[kept]
+        linearize(bundle, slackest, x, y, z)
+    bundle.features[kept] = feature
+    linearize(bundle, kept, x, y, z)
+    if bundle.values[kept] < least and feature[3] < 0.0:
+        bundle.features[kept, 3] = 0.0
+        linearize(bundle, kept, x, y, z)
+    for i in range(kept):  # one known before only crowds the bundle
+        if (abs(bundle.values[i] - bundle.values[kept]) < 1e-9 * f
+                and abs(bundle.gradients[i, 0] - bundle.gradients[kept, 0]) < 1e-6
+                and abs(bundle.gradients[i, 1] - bundle.gradients[kept, 1]) < 1e-6
+                and abs(bundle.gradients[i, 2] - bundle.gradients[kept, 2]) < 1e-6):
+            return kept
+    return kept + 1
+
+
+@njit(cache=True, nogil=True)
+def climb(space, point, bundle):
+    """Move a point to the local maximum of f around it; returns f there.
+
+    Gives up, returning 0, where f starts out at 0 or less.
+    """
+    trial = np.empty(7)
+    step = np.empty(3)
+    x, y, z = point
+    f = free_distance(space, x, y, z, trial)
+    if f <= 0.0 or f >= space.grid.reach:
+        return max(f, 0.0)
+    delta = STEP_LIMIT * f
+    bundle.features[0] = trial
+    linearize(bundle, 0, x, y, z)
+    count = 1
+    for _ in range(MAX_STEPS):
+        target = best_step(bundle, count, delta, step)
+        if target - f < TOLERANCE * f:
+            break
+        xt, yt, zt = x + step[0], y + step[1], z + step[2]
+        ft = free_distance(space, xt, yt, zt, trial)
+        if ft >= space.grid.reach:
+            x, y, z, f = xt, yt, zt, ft
+            break
+        if ft > f:
+            delta = STEP_LIMIT * ft if ft - f > 0.5 * (target - f) else min(delta, STEP_LIMIT * ft)
+            x, y, z, f = xt, yt, zt, ft
+        else:
+            delta = 0.5 * min(delta, np.sqrt(step[0] ** 2 + step[1] ** 2 + step[2] ** 2))
+        count = updated_bundle(bundle, count, trial, f, x, y, z)
+        if count == 0:
+            break
+    point[0], point[1], point[2] = x, y, z
+    return f
+
+
+@njit(cache=True, nogil=True)
+def climb_all(space, points):
+    """Climb from each point, in place; returns f at each, 0 for a point that is not free."""
+    bundle = new_bundle()
+    out = np.empty(len(points))
+    for i in range(len(points)):
+        out[i] = climb(space, points[i], bundle)
+    return out
+
+
+@njit(cache=True, nogil=True)
+def touching_ball(space, point, inward, radius, feature):
+    """Radius of the largest free ball, up to a radius, that touches the mesh from inside at a point of its surface.
+
+    Shrinks the ball to touch whatever is nearest to its centre, until nothing is within it.
+    """
+    for _ in range(MAX_STEPS):
+        x = point[0] + radius * inward[0]
+        y = point[1] + radius * inward[1]
+        z = point[2] + radius * inward[2]
+        feature[3] = 0.0
+        f = free_distance(space, x, y, z, feature)
+        if f >= radius * (1.0 - 1e-6):
+            return radius
+        size = max(feature[3], 0.0)
+        dx, dy, dz = point[0] - feature[0], point[1] - feature[1], point[2] - feature[2]
+        gap = dx * dx + dy * dy + dz * dz - size * size
+        height = size - dx * inward[0] - dy * inward[1] - dz * inward[2]
+        if gap <= 0.0 or height <= 0.0:
+            return 0.0
+        radius = min(0.999 * radius, 0.5 * gap / height)
+    return 0.0
+
+
+@njit(cache=True, nogil=True)
+def climb_from_surface(space, points, inward, radius):
+    """Climb from the touching balls at points of the mesh's surface; points become centres, f is returned."""
+    bundle = new_bundle()
+    feature = np.empty(7)
+    out = np.zeros(len(points))
+    for i in range(len(points)):
+        r = touching_ball(space, points[i], inward[i], radius, feature)
+        if r > 0.0:
+            points[i] += r * inward[i]
+            out[i] = climb(space, points[i], bundle)
+    return out
+
+
+@njit(cache=True, nogil=True)
+def climb_around(space, spheres, directions):
+    """Climb from points around spheres, in gaps to other features; returns centres and f, f = 0 where no gap."""
+    bundle = new_bundle()
+    feature = np.empty(7)
+    n = len(directions)
+    points = np.empty((len(spheres) * n, 3))
+    out = np.zeros(len(points))
+    for s in range(len(spheres)):
+        index = spheres[s]
+        r = space.spheres[index, 3]
+        for k in range(n):
+            i = s * n + k
+            x = space.spheres[index, 0] + r * directions[k, 0]
+            y = space.spheres[index, 1] + r * directions[k, 1]
+            z = space.spheres[index, 2] + r * directions[k, 2]
+            gap, _ = nearest_sphere(space.grid, space.spheres, x, y, z, index)
+            if gap <= 0.02*r: continue
+            gap = nearest_on_mesh(space.tree, x, y, z, gap)[0]
+            if gap <= 0.02*r: continue
+            h = 0.5 * gap
+            points[i, 0] = x + h * directions[k, 0]
+            points[i, 1] = y + h * directions[k, 1]
+            points[i, 2] = z + h * directions[k, 2]
+            out[i] = climb(space, points[i], bundle)
+    return points, out
+
+
+@njit(cache=True, nogil=True)
+def place(space, points, radii, count, worst):
+    """Place spheres, in the order given, where the free distance has not fallen; the grid is updated.
+
+    Returns
+    -------
+    placed : int
+        Number of spheres then.
+    done : int
+        Number of candidates dealt with; fewer than all when the grid ran out of room.
+    """
+    feature = np.empty(7)
+    for i in range(len(points)):
+        if count == len(space.spheres):
+            return count, i
+        f = free_distance(space, points[i, 0], points[i, 1], points[i, 2], feature)
+        if f >= worst * radii[i]:
+            space.spheres[count, :3] = points[i]
+            space.spheres[count, 3] = f
+            if not insert_sphere(space.grid, space.spheres, count):
+                return count, i
+            count += 1
+            radii[i] = 0.0
+        else:
+            radii[i] = max(f, 0.0)
+    return count, len(points)

@@ -1,0 +1,269 @@
+"""Closed triangle meshes as solids: reading, checks, repair, mass properties. Reads meshes with trimesh."""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from ..errors import InvalidMeshError
+
+FLAT = 1e-12  # of the cube of the size: less volume than this is none
+
+
+@dataclass(frozen=True, eq=False)
+class SolidMesh:
+    """A solid of uniform density bounded by triangles, in its body frame (origin at the centre of mass).
+
+    Attributes
+    ----------
+    name : str
+    corners : ndarray (m, 3, 3)
+        Corners of the triangles [m], counter-clockwise as seen from outside.
+    origin : ndarray (3,)
+        The mesh's own origin in the body frame [m]: minus the centre of mass in mesh coordinates.
+    volume : float
+        Volume [m^3].
+    inertia : ndarray (3, 3)
+        Inertia about the centre of mass per unit mass [m^2].
+    sha256 : str
+        Of the mesh's file; of its vertices and triangles when it has none.
+    """
+
+    name: str
+    corners: np.ndarray
+    origin: np.ndarray
+    volume: float
+    inertia: np.ndarray
+    sha256: str
+
+    @property
+    def bounds(self) -> np.ndarray:
+        """Corners of the bounding box along the body axes [m], (2, 3)."""
+        return np.stack([self.corners.min(axis=(0, 1)), self.corners.max(axis=(0, 1))])
+
+    @property
+    def bounding_radius(self) -> float:
+        """Largest distance of a vertex from the centre of mass [m]."""
+        return float(np.linalg.norm(self.corners, axis=2).max())
+
+
+def load_solid(path, repair=False) -> tuple[SolidMesh, list[str]]:
+    """Read a mesh file of any format that trimesh reads; its coordinates are taken as metres.
+
+    Parameters
+    ----------
+    path : str or path-like
+        The mesh.
+    repair : bool
+        Try trimesh's repairs on a mesh that is no solid.
+
+    Returns
+    -------
+    solid : SolidMesh
+    repairs : list of str
+        What the repair did.
+
+    Raises
+    ------
+    InvalidMeshError
+        If the file is no mesh, or the mesh no solid, in which case the message tells whether ``repair`` may help.
+    """
+    import trimesh
+
+    path = Path(path)
+    try:
+        data = path.read_bytes()
+        mesh = trimesh.load_mesh(path, process=False)
+        vertices, faces = np.asarray(mesh.vertices, dtype=float), np.asarray(mesh.faces, dtype=np.int64)
+    except OSError as error:
+        raise InvalidMeshError(f"cannot be read: {error.strerror or error}", field=f"mesh {path}") from error
+    except Exception as error:  # trimesh's readers raise whatever the file makes them stumble over
+        raise InvalidMeshError("is no mesh of a format that trimesh reads", field=f"mesh {path}") from error
+    repairs: list[str] = []
+    try:
+        if repair:
+            vertices, faces, repairs = repaired(vertices, faces)
+        solid = make_solid(path.stem, vertices, faces, sha256=hashlib.sha256(data).hexdigest())
+    except InvalidMeshError as error:
+        raise InvalidMeshError(error.problem, field=f"mesh {path}", value=error.value) from error
+    return solid, repairs
+
+
+def make_solid(name, vertices, faces, sha256=None) -> SolidMesh:
+    """A solid from vertices (n, 3) [m] and triangles (m, 3).
+
+    Several components are one body. A component that is wound inside out is a cavity of the one around it.
+
+    Raises
+    ------
+    InvalidMeshError
+        If the triangles are not the boundary of a solid.
+    """
+    import trimesh
+
+    vertices = np.asarray(vertices, dtype=float)
+    faces = np.asarray(faces, dtype=np.int64)
+    if len(faces) == 0:
+        raise InvalidMeshError("has no triangles")
+    if not np.isfinite(vertices[faces]).all():
+        raise InvalidMeshError("has vertices that are not finite numbers")
+    used, faces = np.unique(faces, return_inverse=True)
+    middle, size, unit = normalization(vertices[used])
+    if not size > 0.0:
+        raise InvalidMeshError("has no volume: all its vertices are one point")
+    points, same = np.unique((vertices[used] - middle) / unit, axis=0, return_inverse=True)
+    faces = same.reshape(-1)[faces.reshape(-1, 3)]
+    faces = faces[(faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 2] != faces[:, 0])]
+    check_closed(faces)
+    properties = trimesh.triangles.mass_properties(points[faces], density=1.0)
+    check_outside_out(points, faces, float(properties.volume))
+    inertia = properties.inertia / properties.volume
+    center = np.asarray(properties.center_mass)
+    if sha256 is None:
+        sha256 = hashlib.sha256(vertices.astype("<f8").tobytes() + faces.astype("<i8").tobytes()).hexdigest()
+    return SolidMesh(
+        name=name,
+        corners=np.ascontiguousarray((points[faces] - center) * unit),
+        origin=-(center * unit + middle),
+        volume=float(properties.volume * unit**3),
+        inertia=0.5 * (inertia + inertia.T) * unit**2,
+        sha256=sha256,
+    )
+
+
+def normalization(points):
+    """Middle and size of the bounding box, and the power of two below the size (scaling by it rounds nothing)."""
+    low, high = points.min(axis=0), points.max(axis=0)
+    size = float((high - low).max())
+    return 0.5 * (low + high), size, float(2.0 ** np.floor(np.log2(size))) if size > 0.0 else 1.0
+
+
+def edge_balance(faces):
+    """Of each undirected edge: how many triangles it has, and how many more run along it one way than the other."""
+    edges = faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
+    forward = edges[:, 0] < edges[:, 1]
+    _, index, uses = np.unique(np.sort(edges, axis=1), axis=0, return_inverse=True, return_counts=True)
+    return uses, np.bincount(index.reshape(-1), weights=np.where(forward, 1.0, -1.0))
+
+
+def check_closed(faces):
+    """Refuse a surface with a border, or whose triangles are wound against each other.
+
+    Raises
+    ------
+    InvalidMeshError
+    """
+    if len(faces) == 0:
+        raise InvalidMeshError("has no volume: all its triangles are degenerate")
+    uses, balance = edge_balance(faces)
+    border = int(np.sum(uses % 2 == 1))
+    if border:
+        raise InvalidMeshError(
+            f"is open: {border} of its {len(uses)} edges belong to an odd number of triangles, so it has no inside "
+            "(--repair closes small holes with trimesh.repair.fill_holes)")
+    crossed = int(np.sum(balance != 0))
+    if crossed:
+        raise InvalidMeshError(
+            f"is wound inconsistently: at {crossed} of its {len(uses)} edges the triangles disagree about which side "
+            "is out (--repair turns them with trimesh.repair.fix_winding)")
+
+
+def check_outside_out(points, faces, volume):
+    """Refuse a surface that is flat, inside out, or has components that overlap or are inside out.
+
+    ``points`` are normalized to a size between 1 and 2.
+
+    Raises
+    ------
+    InvalidMeshError
+    """
+    label = components(faces, len(points))
+    signed = np.einsum("ij,ij->i", points[faces[:, 0]], np.cross(points[faces[:, 1]], points[faces[:, 2]])) / 6.0
+    volumes = np.bincount(label, weights=signed)
+    if abs(volume) < FLAT and np.all(np.abs(volumes) < FLAT):
+        raise InvalidMeshError("encloses no volume")
+    if volume <= 0.0:
+        raise InvalidMeshError("is inside out: its volume is negative, as its triangles are wound clockwise "
+                               "(--repair turns them with trimesh.repair.fix_inversion)")
+    if len(volumes) == 1:
+        return
+    corner = points[faces]
+    low = np.full((len(volumes), 3), np.inf)
+    high = np.full((len(volumes), 3), -np.inf)
+    np.minimum.at(low, label, corner.min(axis=1))
+    np.maximum.at(high, label, corner.max(axis=1))
+    for k in np.flatnonzero(np.abs(volumes) > FLAT):
+        own = corner[label == k].mean(axis=1)
+        probes = own[np.linspace(0, len(own) - 1, min(len(own), 9)).astype(int)]
+        inside = np.zeros(len(probes))
+        for other in np.flatnonzero(np.all((low <= high[k]) & (high >= low[k]), axis=1)):
+            if other != k:
+                inside += winding_number(corner[label == other], probes)
+        winding = float(np.median(inside))
+        if volumes[k] < 0.0 and winding < 0.75:
+            raise InvalidMeshError(f"has a component ({np.sum(label == k)} of {len(faces)} triangles) that is inside "
+                                   "out and no cavity of another (--repair turns it with trimesh.repair.fix_inversion)")
+        if volumes[k] > 0.0 and winding > 0.75:
+            raise InvalidMeshError(f"has a component ({np.sum(label == k)} of {len(faces)} triangles) inside another, "
+                                   "so that its volume would count twice (unite them first; a cavity is wound the "
+                                   "other way round)")
+
+
+def components(faces, count):
+    """Number of the connected component of each triangle."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    row, column = faces[:, [0, 1]].ravel(), faces[:, [1, 2]].ravel()
+    graph = coo_array((np.ones(len(row), dtype=np.int8), (row, column)), shape=(count, count))
+    label = connected_components(graph, directed=False)[1][faces[:, 0]]
+    return np.unique(label, return_inverse=True)[1].reshape(-1)
+
+
+def winding_number(corners, probes):
+    """How often a closed surface winds around each of some points, by solid angles (Van Oosterom and Strackee 1983)."""
+    total = np.empty(len(probes))
+    for i, probe in enumerate(probes):
+        a, b, c = (corners - probe).transpose(1, 0, 2)
+        la, lb, lc = (np.linalg.norm(v, axis=1) for v in (a, b, c))
+        numerator = np.einsum("ij,ij->i", a, np.cross(b, c))
+        denominator = (la * lb * lc + np.einsum("ij,ij->i", a, b) * lc + np.einsum("ij,ij->i", b, c) * la
+                       + np.einsum("ij,ij->i", c, a) * lb)
+        total[i] = np.sum(np.arctan2(numerator, denominator)) / (2.0 * np.pi)
+    return total
+
+
+def repaired(vertices, faces):
+    """Vertices and triangles after trimesh's repairs, and what these did, one sentence each."""
+    import trimesh
+
+    middle, _, unit = normalization(vertices)
+    mesh = trimesh.Trimesh((vertices - middle) / unit, faces, process=False)
+    did = []
+    before = len(mesh.vertices), len(mesh.faces)
+    mesh.merge_vertices(merge_tex=True, merge_norm=True)
+    mesh.update_faces(mesh.nondegenerate_faces() & mesh.unique_faces())
+    mesh.remove_unreferenced_vertices()
+    if len(mesh.vertices) < before[0]:
+        did.append(f"merged {before[0]} vertices into {len(mesh.vertices)}")
+    if len(mesh.faces) < before[1]:
+        did.append(f"dropped {before[1] - len(mesh.faces)} degenerate or double triangles")
+    filled = len(mesh.faces)
+    trimesh.repair.fill_holes(mesh, use_fan=True)
+    if len(mesh.faces) > filled:
+        did.append(f"closed holes with {len(mesh.faces) - filled} triangles")
+    old = mesh.faces.copy()
+    trimesh.repair.fix_normals(mesh, multibody=mesh.is_watertight)
+    turned = int(np.sum(np.any(parity(old) != parity(mesh.faces), axis=1)))
+    if turned:
+        did.append(f"turned {turned} triangles round")
+    return np.asarray(mesh.vertices) * unit + middle, np.asarray(mesh.faces, dtype=np.int64), did
+
+
+def parity(faces):
+    """Triangles with the lowest vertex first, so that only the winding is left to differ."""
+    first = np.argmin(faces, axis=1)
+    return np.take_along_axis(faces, (first[:, None] + np.arange(3)) % 3, axis=1)
