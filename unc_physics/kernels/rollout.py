@@ -5,14 +5,17 @@ import threading
 from numba import njit, prange
 
 from .step import advance
+from .world import World
 
 # numba's workqueue threading layer aborts the process when two threads enter it at once
 _one_at_a_time = threading.Lock()
 
 
 @njit(cache=True, nogil=True, parallel=True)
-def _advance_all(states, world, steps):
+def _advance_all(states, bodies, tree, gravity, constants, steps):
+    # parallel loops take no tuples of tuples: the world comes in parts and is put together inside
     for n in prange(len(states)):
+        world = World(bodies, tree, gravity, constants[0], constants[1], constants[2], constants[3])
         advance(states[n], world, steps)
 
 
@@ -33,4 +36,4 @@ def rollout(states, world, steps):
         advance(states[0], world, steps)
     else:
         with _one_at_a_time:
-            _advance_all(states, world, steps)
+            _advance_all(states, world.bodies, world.tree, world.gravity, world[3:], steps)

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,7 +17,8 @@ from .base import Propagator
 from .registry import make_propagator
 
 STEPS_LIMIT = 100_000_000
-_CLOCK_CHECKS = 64  # pieces into which a prediction with limited computation time is cut
+TIMES_LIMIT = 100_000
+_LOOKS_UP = 64  # pieces into which a prediction is cut that must look at the clock or report progress
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,6 +67,7 @@ def predict(
     *,
     times: Sequence[float] | None = None,
     max_computation_time: float | None = None,
+    progress: Callable[[int, int], object] | None = None,
 ) -> Prediction:
     """Predict where the bodies of a scene will be, and how surely.
 
@@ -81,6 +84,8 @@ def predict(
         Times at which a belief is wanted [s], ascending; by default the horizon alone. The horizon is added.
     max_computation_time : float, optional
         Wall time after which the prediction ends with an error [s].
+    progress : callable, optional
+        Called now and then with the number of steps done and of all steps. What it raises ends the prediction.
 
     Returns
     -------
@@ -91,7 +96,7 @@ def predict(
     InvalidHorizonError
         If a time is not positive or shorter than half a step, or times do not ascend.
     PredictionTimeoutError
-        If ``max_computation_time`` ran out; its ``prediction`` holds what is done, or None.
+        If ``max_computation_time`` ran out; its ``prediction`` ends at the time reached.
     DivergedError
         If the simulation left the range of numbers.
     InvalidRequestError, LimitExceededError, UnknownPropagatorError
@@ -101,33 +106,45 @@ def predict(
         propagator = make_propagator(propagator)
     belief.check_fits(scene)
     marks = _steps(scene, horizon, times)
-    deadline = None if max_computation_time is None else started + positive(max_computation_time, "max_computation_time")
+    allowed = None if max_computation_time is None else positive(max_computation_time, "max_computation_time")
+    in_one_go = allowed is None and progress is None
+    piece = marks[-1] if in_one_go else max(1, marks[-1] // _LOOKS_UP)
     carry = propagator.init(scene, belief)
     done, reached, beliefs = 0, [], []
-
-    def prediction():
-        return Prediction(propagator, tuple(reached), tuple(beliefs), carry, time.perf_counter() - started)
-
     for mark in marks:
-        piece = mark - done if deadline is None else max(1, marks[-1] // _CLOCK_CHECKS)
         while done < mark:
             steps = min(piece, mark - done)
             carry = propagator.advance(carry, scene, steps)
             done += steps
-            if deadline is not None and done < marks[-1] and time.perf_counter() > deadline:
+            if progress is not None:
+                progress(done, marks[-1])
+            if allowed is not None and done < marks[-1] and time.perf_counter() - started > allowed:
                 error = PredictionTimeoutError(
                     f"ran out after {done * scene.dt:.6g} s of {marks[-1] * scene.dt:.6g} s simulated",
                     field="max_computation_time", value=max_computation_time,
                 )
-                error.prediction = prediction() if beliefs else None
+                reached.append(done * scene.dt)
+                beliefs.append(_finite(propagator.belief(carry, scene), reached[-1]))
+                error.prediction = Prediction(propagator, tuple(reached), tuple(beliefs), carry, time.perf_counter() - started)
                 raise error
-        beliefs.append(propagator.belief(carry, scene))
         reached.append(done * scene.dt)
-        if not (np.isfinite(beliefs[-1].mean).all() and np.isfinite(beliefs[-1].covariance).all()):
-            raise DivergedError(
-                f"diverged within {done * scene.dt:.6g} s; a smaller dt or a lower stiffness may help", field="prediction"
-            )
-    return prediction()
+        beliefs.append(_finite(propagator.belief(carry, scene), reached[-1]))
+    return Prediction(propagator, tuple(reached), tuple(beliefs), carry, time.perf_counter() - started)
+
+
+def periodic_times(period: float, horizon: float) -> list[float]:
+    """Multiples of ``period`` before ``horizon`` [s]; raises `InvalidHorizonError` or `LimitExceededError`."""
+    period = positive(period, "period", InvalidHorizonError)
+    count = positive(horizon, "horizon", InvalidHorizonError) / period
+    if count > TIMES_LIMIT:
+        raise LimitExceededError(f"gives more than {TIMES_LIMIT} times", field="period", value=period)
+    return [k * period for k in range(1, math.ceil(count - 1e-9))]
+
+
+def _finite(belief, reached):
+    if not (np.isfinite(belief.mean).all() and np.isfinite(belief.covariance).all()):
+        raise DivergedError(f"diverged within {reached:.6g} s; a smaller dt or stiffness may help", field="prediction")
+    return belief
 
 
 def _steps(scene, horizon, times):

@@ -1,0 +1,43 @@
+"""The command line: ``python -m unc_physics COMMAND``; each command's module is imported when it runs."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+
+from . import __version__
+from .errors import UncPhysicsError
+from .geometry.commands import add_models_command, add_pack_command, add_show_command
+from .propagation.command import add_predict_command
+
+
+def build_parser() -> argparse.ArgumentParser:
+    """The parser of all commands."""
+    parser = argparse.ArgumentParser(
+        prog="unc_physics", description="Predict where rigid objects will be, and how surely.",
+        epilog="Bad input ends with one sentence on standard error and an exit status that tells its kind "
+        "(unc_physics.errors.ErrorCode).",
+    )
+    parser.add_argument("--version", action="version", version=f"unc_physics {__version__}")
+    commands = parser.add_subparsers(metavar="COMMAND", required=True)
+    add_predict_command(commands)
+    add_pack_command(commands)
+    add_models_command(commands)
+    add_show_command(commands)
+    return parser
+
+
+def main(arguments=None) -> int:
+    """Run the command line; returns the exit status."""
+    options = build_parser().parse_args(arguments)
+    try:
+        return options.run(options) or 0
+    except UncPhysicsError as error:
+        print(f"unc_physics: {error}", file=sys.stderr)
+        return int(error.code)
+    except KeyboardInterrupt:
+        return 130
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,152 @@
+"""The command ``predict``: a scene file in, predicted poses with covariance out."""
+
+from __future__ import annotations
+
+import argparse
+import json
+
+PROGRESS_AFTER = 2.0  # s
+
+
+def add_predict_command(commands) -> None:
+    """Add the parser of ``predict`` to the command line's subparsers."""
+    parser = commands.add_parser(
+        "predict", help="predict the bodies of a scene file",
+        description="Simulate a scene with uncertain bodies and report each body's predicted state and covariance.",
+    )
+    parser.add_argument("scene", metavar="SCENE.yaml", help="scene file")
+    parser.add_argument(
+        "--propagator", default="sigma_points", metavar="NAME",
+        help="how uncertainty is propagated: sigma_points (default) or monte_carlo",
+    )
+    parser.add_argument("--samples", type=int, metavar="N", help="number of samples, for a propagator that draws them")
+    parser.add_argument("--seed", type=int, metavar="S", help="seed of the draws (default 0)")
+    parser.add_argument(
+        "--option", action="append", default=[], type=_key_and_value, metavar="KEY=VALUE",
+        help="an option of the propagator, for example points=full; may be repeated",
+    )
+    parser.add_argument("--horizon", metavar="T", help="time to predict for [s], instead of the scene file's")
+    parser.add_argument("--period", metavar="T", help="also report the states every T seconds on the way there")
+    parser.add_argument("--models", metavar="DIR", help="folder of the models, instead of the model library")
+    parser.add_argument("--json", action="store_true", help="print one JSON object instead of a table")
+    parser.set_defaults(run=run)
+
+
+def _key_and_value(text):
+    key, separator, value = text.partition("=")
+    if not separator or not key:
+        raise argparse.ArgumentTypeError(f"'{text}' is not of the form KEY=VALUE")
+    return key, value
+
+
+def run(arguments) -> int:
+    """Predict, and print the result."""
+    from ..scene_file import load_scene
+
+    propagator = propagator_from_texts(arguments.propagator, dict(arguments.option), arguments.samples, arguments.seed)
+    scene, belief, horizon = load_scene(arguments.scene, arguments.models)
+    horizon = horizon if arguments.horizon is None else arguments.horizon
+    prediction = _predict_with_progress(scene, belief, propagator, horizon, arguments.period)
+    seed = prediction.seed if prediction.seed is not None else arguments.seed
+    if arguments.json:
+        print(json.dumps(as_dict(scene, prediction, seed), allow_nan=False))
+    else:
+        print(as_table(scene, prediction))
+    return 0
+
+
+def propagator_from_texts(name, options, samples=None, seed=None):
+    """A propagator from options as texts; samples and seed are left out where it takes none."""
+    from ..errors import InvalidOptionError
+    from .registry import PROPAGATORS, make_propagator
+
+    known = PROPAGATORS[name].options() if name in PROPAGATORS else {}
+    for key, value in (("samples", samples), ("seed", seed)):
+        if value is not None and key in known:
+            options.setdefault(key, value)
+    for key, value in options.items():
+        if isinstance(known.get(key), int) and isinstance(value, str):
+            try:
+                options[key] = int(value)
+            except ValueError:
+                raise InvalidOptionError("must be an integer", field=key, value=value) from None
+    return make_propagator(name, **options)
+
+
+def _predict_with_progress(scene, belief, propagator, horizon, period):
+    """Predict; on a terminal, with a progress bar on work that takes long."""
+    from tqdm import tqdm
+
+    from .predict import periodic_times, predict
+
+    with tqdm(
+        total=None, unit="step", delay=PROGRESS_AFTER, leave=False, disable=None, desc=propagator.name,
+    ) as bar:
+        def show(done, steps):
+            bar.total = steps
+            bar.update(done - bar.n)
+
+        times = None if period is None else periodic_times(period, horizon)
+        return predict(scene, belief, propagator, horizon, times=times, progress=None if bar.disable else show)
+
+
+def as_dict(scene, prediction, seed=None) -> dict:
+    """The prediction as plain Python values, bodies in the scene's order."""
+    result = {
+        "propagator": prediction.propagator.name,
+        "seed": seed,
+        "time": prediction.time,
+        "wall_time": prediction.wall_time,
+        "bodies": _bodies(scene, prediction.belief),
+    }
+    if len(prediction.times) > 1:
+        result["trajectory"] = [
+            {"time": time, "bodies": _bodies(scene, belief)}
+            for time, belief in zip(prediction.times, prediction.beliefs, strict=True)
+        ]
+    return result
+
+
+def _bodies(scene, belief):
+    from ..layout import ANGULAR_VELOCITY, POSITION, QUATERNION, VELOCITY
+
+    bodies = []
+    for k, body in enumerate(scene.bodies):
+        state, P = belief.mean[k], belief.marginal(k)
+        bodies.append({
+            "name": body.name,
+            "position": state[POSITION].tolist(),
+            "orientation": state[QUATERNION].tolist(),
+            "linear_velocity": state[VELOCITY].tolist(),
+            "angular_velocity": state[ANGULAR_VELOCITY].tolist(),
+            "covariance": None if P is None else P.tolist(),
+        })
+    return bodies
+
+
+def as_table(scene, prediction) -> str:
+    """The prediction as a table of poses and standard deviations."""
+    import numpy as np
+
+    from ..layout import ERR_POSITION, ERR_ROTATION, POSITION, QUATERNION
+
+    width = max(4, *(len(body.name) for body in scene.bodies))
+    lines = []
+    for time, belief in zip(prediction.times, prediction.beliefs, strict=True):
+        lines.append(f"t = {time:g} s  ({prediction.propagator.name}, {1e3 * prediction.wall_time:.3g} ms)")
+        lines.append(f"{'body':<{width}}  {'position [m]':^26}  {'orientation (x, y, z, w)':^31}  "
+                     f"{'std of position [m]':^26}  std of rotation [deg]")
+        for k, body in enumerate(scene.bodies):
+            state, P = belief.mean[k], belief.marginal(k)
+            row = f"{body.name:<{width}}  {_row(state[POSITION], '8.4f')}  {_row(state[QUATERNION], '7.4f')}  "
+            if P is None:
+                row += "fixed"
+            else:
+                std = np.sqrt(np.maximum(P.diagonal(), 0.0))
+                row += f"{_row(std[ERR_POSITION], '8.4f')}  {_row(np.degrees(std[ERR_ROTATION]), '7.2f')}"
+            lines.append(row)
+    return "\n".join(lines)
+
+
+def _row(values, spec):
+    return " ".join(f"{value:{spec}}" for value in values)
