@@ -1,4 +1,4 @@
-"""Contact of two spheres, and the sum of all contacts of two bodies (the paper's Eqs. 4 and 5)."""
+"""Contacts of spheres: the geometry of one, and the search for all of two bodies (the paper's section 3.2)."""
 
 import math
 
@@ -6,6 +6,11 @@ from numba import njit
 
 from .so3 import rotate
 from .tree import candidates
+
+#: Columns of a contact's record, all in body i's frame: unit normal from body i to body j, distance of the
+#: centres [m], volume of the lens [m^3], contact point [m].
+NORMAL, DISTANCE, VOLUME, POINT = 0, 3, 4, 5
+RECORD = 8
 
 
 @njit(cache=True, nogil=True)
@@ -30,56 +35,66 @@ def lens(d, ri, rj):
     return volume, 0.5 * (max(d - rj, -ri) + min(ri, d + rj))
 
 
-@njit(cache=True, nogil=True)
-def pair_wrench(tree, roots, R_ij, t_ij, slack, scratch):
-    """Sum over all contacts of bodies i and j of volume times normal, in body i's frame.
+@njit(cache=True, nogil=True, forceinline=True)
+def next_contacts(tree, R_ij, t_ij, slack, search, top):
+    """Continue the search for the contacts of two bodies, as `tree.candidates`, which takes the same arguments.
 
-    Parameters
-    ----------
-    tree : Tree
-    roots : (int, int)
-        Root nodes of the two bodies.
-    R_ij : (3, 3) array
-        Rotation from body j's to body i's coordinates.
-    t_ij : tuple of 3 floats
-        Centre of mass of body j in body i's frame [m].
-    slack, scratch
-        As in `tree.candidates`.
+    Fills ``search.pairs`` with the touching spheres and ``search.records`` with their contacts.
+
+    Returns
+    -------
+    count : int
+        Number of contacts found in this call.
+    top : int
+        Height of the stack; call again, after using the contacts, while it is positive.
+    """
+    found, top = candidates(tree, R_ij, t_ij, slack, search, top)
+    pairs, records = search.pairs, search.records
+    centers, radii = tree.centers, tree.radii
+    count = 0
+    for k in range(found):
+        i, j = pairs[k, 0], pairs[k, 1]
+        x, y, z = rotate(R_ij, centers[j, 0], centers[j, 1], centers[j, 2])
+        x += t_ij[0] - centers[i, 0]
+        y += t_ij[1] - centers[i, 1]
+        z += t_ij[2] - centers[i, 2]
+        d2 = x * x + y * y + z * z
+        reach = radii[i] + radii[j]
+        if d2 >= reach * reach or d2 == 0.0:  # coincident centres have no normal and give no force
+            continue
+        d = math.sqrt(d2)
+        volume, lever = lens(d, radii[i], radii[j])
+        x, y, z = x / d, y / d, z / d
+        pairs[count, 0], pairs[count, 1] = i, j
+        record = records[count]
+        record[NORMAL], record[NORMAL + 1], record[NORMAL + 2] = x, y, z
+        record[DISTANCE], record[VOLUME] = d, volume
+        record[POINT] = centers[i, 0] + lever * x
+        record[POINT + 1] = centers[i, 1] + lever * y
+        record[POINT + 2] = centers[i, 2] + lever * z
+        count += 1
+    return count, top
+
+
+@njit(cache=True, nogil=True)
+def contact_sums(records, count):
+    """Sums over the first ``count`` contacts, in body i's frame (Eqs. 4 and 5 without the stiffness).
 
     Returns
     -------
     force : tuple of 3 floats
-        Sum of V n [m^3], n from body i to body j: times the stiffness, the force on body j.
+        Sum of V n [m^3]: times the stiffness, the force on body j.
     moment : tuple of 3 floats
         Sum of c x V n [m^4], c the contact point from body i's centre of mass.
     """
     fx = fy = fz = mx = my = mz = 0.0
-    pairs = scratch.pairs
-    scratch.stack[0, 0], scratch.stack[0, 1] = roots
-    top = 1
-    while top > 0:
-        found, top = candidates(tree, R_ij, t_ij, slack, scratch, top)
-        for k in range(found):
-            i, j = pairs[k, 0], pairs[k, 1]
-            x, y, z = rotate(R_ij, tree.centers[j, 0], tree.centers[j, 1], tree.centers[j, 2])
-            nx = x + t_ij[0] - tree.centers[i, 0]
-            ny = y + t_ij[1] - tree.centers[i, 1]
-            nz = z + t_ij[2] - tree.centers[i, 2]
-            d2 = nx * nx + ny * ny + nz * nz
-            reach = tree.radii[i] + tree.radii[j]
-            if d2 >= reach * reach or d2 == 0.0:  # coincident centres have no normal and give no force
-                continue
-            d = math.sqrt(d2)
-            volume, lever = lens(d, tree.radii[i], tree.radii[j])
-            nx, ny, nz = nx / d, ny / d, nz / d
-            cx = tree.centers[i, 0] + lever * nx
-            cy = tree.centers[i, 1] + lever * ny
-            cz = tree.centers[i, 2] + lever * nz
-            nx, ny, nz = volume * nx, volume * ny, volume * nz
-            fx += nx
-            fy += ny
-            fz += nz
-            mx += cy * nz - cz * ny
-            my += cz * nx - cx * nz
-            mz += cx * ny - cy * nx
+    for k in range(count):
+        r = records[k]
+        x, y, z = r[VOLUME] * r[NORMAL], r[VOLUME] * r[NORMAL + 1], r[VOLUME] * r[NORMAL + 2]
+        fx += x
+        fy += y
+        fz += z
+        mx += r[POINT + 1] * z - r[POINT + 2] * y
+        my += r[POINT + 2] * x - r[POINT] * z
+        mz += r[POINT] * y - r[POINT + 1] * x
     return (fx, fy, fz), (mx, my, mz)

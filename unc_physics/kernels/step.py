@@ -6,7 +6,7 @@ import numpy as np
 from numba import njit
 
 from ..layout import P, Q, V, W
-from .contact import pair_wrench
+from .contact import RECORD, contact_sums, next_contacts
 from .so3 import exp, multiply, normalized, rotate, rotate_back, write_matrix
 from .tree import Scratch
 
@@ -26,13 +26,23 @@ class Workspace(NamedTuple):
         Force [N] and torque about the centre of mass [N m], world frame.
     touched : (B,) bool
         Whether a contact force acts on the body in this step.
+    order : (B,) int64
+        Bodies sorted along x.
+    low : (B,) float64
+        Where each body's ball begins along x [m].
+    near : (B (B - 1) / 2, 2) int64
+        Pairs of bodies that may touch.
     R_ij : (3, 3) float64
+        Rotation from body j's to body i's coordinates, of the pair at hand.
     search : Scratch
     """
 
     R: np.ndarray
     wrench: np.ndarray
     touched: np.ndarray
+    order: np.ndarray
+    low: np.ndarray
+    near: np.ndarray
     R_ij: np.ndarray
     search: Scratch
 
@@ -44,11 +54,24 @@ def workspace(x, world):
     R = np.empty((count, 3, 3))
     for i in range(count):
         write_matrix((x[i, Q], x[i, Q + 1], x[i, Q + 2], x[i, Q + 3]), R[i])
-    search = Scratch(np.empty((world.stack_size, 2), np.int32), np.empty((_PAIRS_AT_ONCE, 2), np.int32))
-    return Workspace(R, np.zeros((count, 6)), np.zeros(count, np.bool_), np.empty((3, 3)), search)
+    search = Scratch(
+        np.empty((world.stack_size, 2), np.int32),
+        np.empty((_PAIRS_AT_ONCE, 2), np.int32),
+        np.empty((_PAIRS_AT_ONCE, RECORD)),
+    )
+    return Workspace(
+        R,
+        np.zeros((count, 6)),
+        np.zeros(count, np.bool_),
+        np.arange(count),
+        np.empty(count),
+        np.empty((count * (count - 1) // 2, 2), np.int64),
+        np.empty((3, 3)),
+        search,
+    )
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, forceinline=True)
 def drift(x, world, R):
     """Move all bodies freely over one step, then damp their velocities and apply gravity; ``R`` follows."""
     dt, decay = world.dt, world.decay
@@ -66,7 +89,7 @@ def drift(x, world, R):
             s[W + k] *= decay
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, forceinline=True)
 def relative_pose(x, i, j, work):
     """Pose of body j in body i's frame: writes ``work.R_ij`` and returns the position [m]."""
     Ri, Rj = work.R[i], work.R[j]
@@ -76,29 +99,69 @@ def relative_pose(x, i, j, work):
     return rotate_back(Ri, x[j, P] - x[i, P], x[j, P + 1] - x[i, P + 1], x[j, P + 2] - x[i, P + 2])
 
 
-@njit(cache=True, nogil=True)
-def near(x, i, j, bodies):
-    """Whether bodies i and j may touch: at least one moves, and the balls around them overlap."""
-    if not (bodies.moving[i] or bodies.moving[j]):
-        return False
-    dx, dy, dz = x[j, P] - x[i, P], x[j, P + 1] - x[i, P + 1], x[j, P + 2] - x[i, P + 2]
-    reach = bodies.radius[i] + bodies.radius[j]
-    return dx * dx + dy * dy + dz * dz < reach * reach
+@njit(cache=True, nogil=True, forceinline=True)
+def near_pairs(x, world, work):
+    """Find the pairs of bodies that may touch: at least one moves, and the balls around them overlap.
+
+    Sweeps along x over the bodies, which `work.order` keeps sorted from step to step. Fills ``work.near`` with
+    pairs (i, j), i < j, in an order that depends on the state alone, and returns their number.
+    """
+    radius, moving = world.bodies.radius, world.bodies.moving
+    order, low = work.order, work.low
+    for i in range(len(x)):
+        low[i] = x[i, P] - radius[i]
+    for k in range(1, len(x)):  # insertion sort: next to no work on what was sorted a step ago
+        body, place = order[k], k
+        while place > 0:
+            before = order[place - 1]
+            if low[before] < low[body] or (low[before] == low[body] and before < body):
+                break
+            order[place] = before
+            place -= 1
+        order[place] = body
+    count = 0
+    for k in range(len(x)):
+        a = order[k]
+        high = x[a, P] + radius[a]
+        for m in range(k + 1, len(x)):
+            b = order[m]
+            if low[b] >= high:
+                break
+            dx, dy, dz = x[b, P] - x[a, P], x[b, P + 1] - x[a, P + 1], x[b, P + 2] - x[a, P + 2]
+            reach = radius[a] + radius[b]
+            if dx * dx + dy * dy + dz * dz < reach * reach and (moving[a] or moving[b]):
+                work.near[count, 0], work.near[count, 1] = min(a, b), max(a, b)
+                count += 1
+    return count
 
 
-@njit(cache=True, nogil=True)
-def add_contacts(x, i, j, world, work):
-    """Add the contact forces between bodies i and j to the wrenches of both."""
-    bodies = world.bodies
-    t = relative_pose(x, i, j, work)
-    slack = _SINGLE_PRECISION * (bodies.radius[i] + bodies.radius[j])
-    force, moment = pair_wrench(world.tree, (bodies.root[i], bodies.root[j]), work.R_ij, t, slack, work.search)
-    if force[0] == 0.0 and force[1] == 0.0 and force[2] == 0.0:
+@njit(cache=True, nogil=True, forceinline=True)
+def open_pair(x, i, j, world, work):
+    """Begin the search for the contacts of bodies i and j.
+
+    Returns
+    -------
+    t_ij : tuple of 3 floats
+        Body j's centre of mass in body i's frame [m]; ``work.R_ij`` has the rotation.
+    slack : float
+    top : int
+        What `contact.next_contacts` takes.
+    """
+    t_ij = relative_pose(x, i, j, work)
+    work.search.stack[0, 0], work.search.stack[0, 1] = world.bodies.root[i], world.bodies.root[j]
+    return t_ij, _SINGLE_PRECISION * (world.bodies.radius[i] + world.bodies.radius[j]), 1
+
+
+@njit(cache=True, nogil=True, forceinline=True)
+def add_wrench(x, i, j, count, stiffness, work):
+    """Add the forces of the first ``count`` contacts on record to the wrenches of bodies i and j."""
+    if count == 0:
         return
+    force, moment = contact_sums(work.search.records, count)
     fx, fy, fz = rotate(work.R[i], force[0], force[1], force[2])
     mx, my, mz = rotate(work.R[i], moment[0], moment[1], moment[2])
-    fx, fy, fz = world.stiffness * fx, world.stiffness * fy, world.stiffness * fz
-    mx, my, mz = world.stiffness * mx, world.stiffness * my, world.stiffness * mz
+    fx, fy, fz = stiffness * fx, stiffness * fy, stiffness * fz
+    mx, my, mz = stiffness * mx, stiffness * my, stiffness * mz
     dx, dy, dz = x[j, P] - x[i, P], x[j, P + 1] - x[i, P + 1], x[j, P + 2] - x[i, P + 2]
     on_i, on_j = work.wrench[i], work.wrench[j]
     on_i[0] -= fx
@@ -116,7 +179,7 @@ def add_contacts(x, i, j, world, work):
     work.touched[i] = work.touched[j] = True
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, forceinline=True)
 def kick(x, world, work):
     """Change the velocities of all touched bodies by their wrench over one step; clears the wrenches."""
     for i in range(len(x)):
@@ -142,11 +205,12 @@ def kick(x, world, work):
 def advance(x, world, steps):
     """Advance the state ``x`` (B, 13) of one rollout in place."""
     work = workspace(x, world)
-    count = len(x)
     for _ in range(steps):
         drift(x, world, work.R)
-        for i in range(count):
-            for j in range(i + 1, count):
-                if near(x, i, j, world.bodies):
-                    add_contacts(x, i, j, world, work)
+        for k in range(near_pairs(x, world, work)):
+            i, j = work.near[k]
+            t_ij, slack, top = open_pair(x, i, j, world, work)
+            while top > 0:
+                count, top = next_contacts(world.tree, work.R_ij, t_ij, slack, work.search, top)
+                add_wrench(x, i, j, count, world.stiffness, work)
         kick(x, world, work)

@@ -23,10 +23,19 @@ _FAR = np.float32(1e30)  # where empty entries sit: overlaps nothing
 
 
 class Scratch(NamedTuple):
-    """Room for one search: ``stack`` (depth, 2) int32 and ``pairs`` (capacity, 2) int32."""
+    """Room for one search.
+
+    Attributes
+    ----------
+    stack : (depth, 2) int32
+    pairs : (capacity, 2) int32
+    records : (capacity, 8) float64
+        Contacts of the pairs (`kernels.contact`).
+    """
 
     stack: np.ndarray
     pairs: np.ndarray
+    records: np.ndarray
 
 
 class Tree(NamedTuple):
