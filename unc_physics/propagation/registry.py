@@ -6,10 +6,11 @@ from typing import Any
 
 from ..errors import InvalidOptionError, UnknownPropagatorError
 from .base import Propagator
+from .linearization import Linearization
 from .monte_carlo import MonteCarlo
 from .sigma_points import SigmaPoints
 
-PROPAGATORS: dict[str, type[Propagator]] = {cls.name: cls for cls in (SigmaPoints, MonteCarlo)}
+PROPAGATORS: dict[str, type[Propagator]] = {cls.name: cls for cls in (Linearization, SigmaPoints, MonteCarlo)}
 
 
 def make_propagator(name: str, **options: Any) -> Propagator:

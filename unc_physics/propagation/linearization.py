@@ -1,0 +1,357 @@
+"""Linearization of the whole step about the nominal rollout (the paper's section 4.1)."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from ..belief import Belief
+from ..errors import InvalidOptionError
+from ..kernels.contact import VOLUME, next_contacts
+from ..kernels.moments import boxminus, boxplus
+from ..kernels.so3 import rotate, rotate_back
+from ..kernels.step import add_wrench, drift, kick, near_pairs, open_pair, workspace
+from ..kernels.transition import apply_transition, write_exact_rotation
+from ..layout import EP, ER, ERROR, EV, EW, P, STATE
+from .base import Propagator, Traits
+
+_JACOBIANS = ("analytic", "finite_difference")
+_STEP = 1e-6  # of the finite differences, in units of the error state
+
+
+class LinearizationCarry(NamedTuple):
+    """Persistent state.
+
+    Attributes
+    ----------
+    mean : (B, 13) array
+        The nominal rollout.
+    root : (12 M, r) array
+        ``root @ root.T`` is the joint covariance; r is the rank of the initial one, which no step raises.
+    """
+
+    mean: np.ndarray
+    root: np.ndarray
+
+
+@dataclass(frozen=True)
+class Linearization(Propagator):
+    """Joint covariance through the derivative of each step (Eqs. 7 to 10).
+
+    Attributes
+    ----------
+    jacobian : {'analytic', 'finite_difference'}
+        How ``F_t`` is applied: by its closed form, or by central differences of the regularized step.
+
+    Notes
+    -----
+    The mean is a rollout with the full physics. ``F_t`` is the derivative of a step in which only the dominant
+    pair of spheres of each pair of bodies acts, with constant volume and Eq. 10's normal. ``F_t P F_t^T`` is never
+    formed: a root of P with as many columns as P has rank goes through ``F_t``, which keeps P symmetric and
+    positive semidefinite, and costs less.
+    """
+
+    name = "linearization"
+    traits = Traits("nominal", "full covariance", True, False, "linearized")
+
+    jacobian: str = "analytic"
+
+    def __post_init__(self):
+        if self.jacobian not in _JACOBIANS:
+            raise InvalidOptionError(f"must be one of {', '.join(_JACOBIANS)}", field="jacobian", value=self.jacobian)
+
+    def init(self, scene, belief):
+        return LinearizationCarry(belief.mean.copy(), belief.root())
+
+    def advance(self, carry, scene, steps):
+        mean, root = carry.mean.copy(), carry.root.copy()
+        _advance(mean, root, scene.world, steps, self.jacobian == "analytic")
+        return LinearizationCarry(mean, root)
+
+    def belief(self, carry, scene):
+        return Belief.trusted(carry.mean.copy(), _outer(carry.root), scene.moving)
+
+
+class DominantContacts(NamedTuple):
+    """The contact with the largest volume of each touching pair of bodies, in one step.
+
+    Attributes
+    ----------
+    bodies : (B (B - 1) / 2, 2) int64
+    spheres : (B (B - 1) / 2, 2) int64
+        Indices into the scene's trees.
+    volume : (B (B - 1) / 2,) float64
+        [m^3]
+    """
+
+    bodies: np.ndarray
+    spheres: np.ndarray
+    volume: np.ndarray
+
+
+@njit(cache=True, nogil=True)
+def _advance(mean, root, world, steps, analytic):
+    """Advance the nominal state and the root of its covariance in place."""
+    work = workspace(mean, world)
+    pairs = len(work.near)
+    dominant = DominantContacts(np.empty((pairs, 2), np.int64), np.empty((pairs, 2), np.int64), np.empty(pairs))
+    before = np.empty_like(mean)
+    for _ in range(steps):
+        if analytic:
+            drift_root(mean, root, world, work.R)
+        else:
+            before[:] = mean
+        drift(mean, world, work.R)
+        touching = 0
+        for k in range(near_pairs(mean, world, work)):
+            i, j = work.near[k]
+            t_ij, slack, top = open_pair(mean, i, j, world, work)
+            dominant.volume[touching] = 0.0
+            while top > 0:
+                count, top = next_contacts(world.tree, work.R_ij, t_ij, slack, work.search, top)
+                add_wrench(mean, i, j, count, world.stiffness, work)
+                keep_dominant(work.search, count, dominant, touching)
+            if dominant.volume[touching] > 0.0:
+                dominant.bodies[touching] = i, j
+                touching += 1
+        if analytic:
+            for k in range(touching):
+                contact_root(mean, root, world, work.R, dominant, k)
+        else:
+            _difference(before, root, world, dominant, touching)
+        kick(mean, world, work)
+
+
+@njit(cache=True, nogil=True)
+def keep_dominant(search, count, dominant, place):
+    """Keep the contact of largest volume, ties to the lowest sphere of body i, then of body j."""
+    for k in range(count):
+        i, j = search.pairs[k, 0], search.pairs[k, 1]
+        volume, best = search.records[k, VOLUME], dominant.volume[place]
+        if volume < best:
+            continue
+        if volume == best and (i, j) >= (dominant.spheres[place, 0], dominant.spheres[place, 1]):
+            continue
+        dominant.volume[place] = volume
+        dominant.spheres[place] = i, j
+
+
+@njit(cache=True, nogil=True)
+def drift_root(x, root, world, R):
+    """Multiply the root by the derivative of drift and damping; ``x`` and ``R`` are those before the drift."""
+    rotation = np.empty((3, 3))
+    place = 0
+    for i in range(len(x)):
+        if world.bodies.moving[i]:
+            write_exact_rotation(R[i], x[i], world.dt, rotation)
+            apply_transition(root[place : place + ERROR], world.dt, world.decay, rotation)
+            place += ERROR
+
+
+@njit(cache=True, nogil=True)
+def _row(moving, body):
+    """First row of a body in the joint error state; -1 for a fixed body."""
+    if not moving[body]:
+        return -1
+    row = 0
+    for k in range(body):
+        row += ERROR * moving[k]
+    return row
+
+
+@njit(cache=True, nogil=True)
+def _cross(a, b):
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+
+
+@njit(cache=True, nogil=True)
+def contact_geometry(x, R, tree, dominant, k):
+    """The sphere pair of dominant contact ``k`` in the world frame.
+
+    Returns
+    -------
+    arm_i, arm_j : tuples of 3 floats
+        Sphere centres from their bodies' centres of mass [m].
+    D : tuple of 3 floats
+        From sphere i's centre to sphere j's [m].
+    r_i, r_j : float
+    """
+    i, j = dominant.bodies[k]
+    a, b = dominant.spheres[k]
+    arm_i = rotate(R[i], tree.centers[a, 0], tree.centers[a, 1], tree.centers[a, 2])
+    arm_j = rotate(R[j], tree.centers[b, 0], tree.centers[b, 1], tree.centers[b, 2])
+    D = (
+        x[j, P] + arm_j[0] - x[i, P] - arm_i[0],
+        x[j, P + 1] + arm_j[1] - x[i, P + 1] - arm_i[1],
+        x[j, P + 2] + arm_j[2] - x[i, P + 2] - arm_i[2],
+    )
+    return arm_i, arm_j, D, tree.radii[a], tree.radii[b]
+
+
+@njit(cache=True, nogil=True)
+def _lever(d, ri, rj):
+    """Contact point on the line of centres from sphere i's centre, and its derivative by the distance."""
+    low, high = max(d - rj, -ri), min(ri, d + rj)
+    return 0.5 * (low + high), 0.5 * ((d - rj > -ri) + (d + rj < ri))
+
+
+@njit(cache=True, nogil=True)
+def contact_root(x, root, world, R, dominant, k):
+    """Add to the root what the kick of dominant contact ``k`` adds, to first order in each column's error.
+
+    With s = r_i + r_j and the volume V held, the force on body j is f = kappa V D / (d + s) (Eq. 10), at the
+    point c = c_i + lever(d) D / d.
+    """
+    i, j = dominant.bodies[k]
+    row_i, row_j = _row(world.bodies.moving, i), _row(world.bodies.moving, j)
+    arm_i, arm_j, D, ri, rj = contact_geometry(x, R, world.tree, dominant, k)
+    d = math.sqrt(D[0] * D[0] + D[1] * D[1] + D[2] * D[2])
+    n = (D[0] / d, D[1] / d, D[2] / d)
+    scale = world.stiffness * dominant.volume[k] / (d + ri + rj)
+    f = (scale * D[0], scale * D[1], scale * D[2])
+    lever, slope = _lever(d, ri, rj)
+    point = (lever * n[0], lever * n[1], lever * n[2])
+    lever_i = (arm_i[0] + point[0], arm_i[1] + point[1], arm_i[2] + point[2])
+    lever_j = (arm_j[0] + point[0] - D[0], arm_j[1] + point[1] - D[1], arm_j[2] + point[2] - D[2])
+    torque_i, torque_j = _cross(f, lever_i), _cross(lever_j, f)
+    for c in range(root.shape[1]):
+        dp_i, turn_i, d_arm_i = _moved(root, row_i, c, R[i], arm_i)
+        dp_j, turn_j, d_arm_j = _moved(root, row_j, c, R[j], arm_j)
+        dD = (
+            dp_j[0] + d_arm_j[0] - dp_i[0] - d_arm_i[0],
+            dp_j[1] + d_arm_j[1] - dp_i[1] - d_arm_i[1],
+            dp_j[2] + d_arm_j[2] - dp_i[2] - d_arm_i[2],
+        )
+        stretch = n[0] * dD[0] + n[1] * dD[1] + n[2] * dD[2]
+        shrink = stretch / (d + ri + rj)
+        df = (scale * (dD[0] - shrink * D[0]), scale * (dD[1] - shrink * D[1]), scale * (dD[2] - shrink * D[2]))
+        along = slope * stretch - lever * stretch / d
+        d_point = (
+            lever / d * dD[0] + along * n[0],
+            lever / d * dD[1] + along * n[1],
+            lever / d * dD[2] + along * n[2],
+        )
+        if row_i >= 0:
+            d_lever = (d_arm_i[0] + d_point[0], d_arm_i[1] + d_point[1], d_arm_i[2] + d_point[2])
+            a, b = _cross(df, lever_i), _cross(f, d_lever)
+            dtau = (a[0] + b[0], a[1] + b[1], a[2] + b[2])
+            kick_column(root, row_i, c, (-df[0], -df[1], -df[2]), (torque_i, dtau, turn_i), world, R, i)
+        if row_j >= 0:
+            d_lever = (
+                d_arm_j[0] + d_point[0] - dD[0], d_arm_j[1] + d_point[1] - dD[1], d_arm_j[2] + d_point[2] - dD[2],
+            )
+            a, b = _cross(d_lever, f), _cross(lever_j, df)
+            dtau = (a[0] + b[0], a[1] + b[1], a[2] + b[2])
+            kick_column(root, row_j, c, df, (torque_j, dtau, turn_j), world, R, j)
+
+
+@njit(cache=True, nogil=True)
+def _moved(root, row, c, R, arm):
+    """How column ``c`` moves a body: its displacement, its rotation in world axes, and the change of ``arm``."""
+    if row < 0:
+        zero = (0.0, 0.0, 0.0)
+        return zero, zero, zero
+    dp = (root[row + EP, c], root[row + EP + 1, c], root[row + EP + 2, c])
+    turn = rotate(R, root[row + ER, c], root[row + ER + 1, c], root[row + ER + 2, c])
+    return dp, turn, _cross(turn, arm)
+
+
+@njit(cache=True, nogil=True)
+def kick_column(root, row, c, df, torques, world, R, body):
+    """Add the change of one body's velocities by a changed force and torque, and by a turned inertia.
+
+    ``torques`` holds the nominal torque, its change, and the body's rotation, all in world axes: with
+    ``w = I_world^-1 tau`` and a rotation ``t``, ``dw = t x w + I_world^-1 (dtau - t x tau)``.
+    """
+    tau, dtau, turn = torques
+    a = world.dt * world.bodies.inverse_mass[body]
+    for k in range(3):
+        root[row + EV + k, c] += a * df[k]
+    w = _inverse_inertia(world, R[body], body, tau)
+    twist = _cross(turn, tau)
+    dw = _inverse_inertia(world, R[body], body, (dtau[0] - twist[0], dtau[1] - twist[1], dtau[2] - twist[2]))
+    turned = _cross(turn, w)
+    for k in range(3):
+        root[row + EW + k, c] += world.dt * (turned[k] + dw[k])
+
+
+@njit(cache=True, nogil=True)
+def _inverse_inertia(world, R, body, tau):
+    """``I_world^-1 tau``."""
+    x, y, z = rotate_back(R, tau[0], tau[1], tau[2])
+    x, y, z = rotate(world.bodies.inverse_inertia[body], x, y, z)
+    return rotate(R, x, y, z)
+
+
+@njit(cache=True, nogil=True)
+def regularized_step(x, world, work, dominant, touching):
+    """The step that ``F_t`` differentiates: the dominant contacts act, with held volume and Eq. 10's normal."""
+    drift(x, world, work.R)
+    for k in range(touching):
+        i, j = dominant.bodies[k]
+        arm_i, arm_j, D, ri, rj = contact_geometry(x, work.R, world.tree, dominant, k)
+        d = math.sqrt(D[0] * D[0] + D[1] * D[1] + D[2] * D[2])
+        scale = world.stiffness * dominant.volume[k] / (d + ri + rj)
+        share = _lever(d, ri, rj)[0] / d
+        f = (scale * D[0], scale * D[1], scale * D[2])
+        tau_i = _cross(f, (arm_i[0] + share * D[0], arm_i[1] + share * D[1], arm_i[2] + share * D[2]))
+        share -= 1.0
+        tau_j = _cross((arm_j[0] + share * D[0], arm_j[1] + share * D[1], arm_j[2] + share * D[2]), f)
+        for c in range(3):
+            work.wrench[i, c] -= f[c]
+            work.wrench[i, 3 + c] += tau_i[c]
+            work.wrench[j, c] += f[c]
+            work.wrench[j, 3 + c] += tau_j[c]
+        work.touched[i] = work.touched[j] = True
+    kick(x, world, work)
+
+
+@njit(cache=True, nogil=True)
+def _difference(x, root, world, dominant, touching):
+    """Replace each column of the root by the central difference of the regularized step along it."""
+    count = len(x)
+    forth, back = np.empty((count, STATE)), np.empty((count, STATE))
+    error = np.empty(ERROR)
+    for c in range(root.shape[1]):
+        length = math.sqrt(np.sum(root[:, c] ** 2))
+        if length == 0.0:
+            continue
+        h = _STEP / length
+        _perturb(x, root[:, c], h, world, forth)
+        regularized_step(forth, world, workspace(forth, world), dominant, touching)
+        _perturb(x, root[:, c], -h, world, back)
+        regularized_step(back, world, workspace(back, world), dominant, touching)
+        place = 0
+        for i in range(count):
+            if world.bodies.moving[i]:
+                boxminus(forth[i], back[i], error)
+                root[place : place + ERROR, c] = error / (2.0 * h)
+                place += ERROR
+
+
+@njit(cache=True, nogil=True)
+def _perturb(x, column, h, world, out):
+    out[:] = x
+    place = 0
+    for i in range(len(x)):
+        if world.bodies.moving[i]:
+            boxplus(x[i], h * column[place : place + ERROR], out[i])
+            place += ERROR
+
+
+@njit(cache=True, nogil=True)
+def _outer(root):
+    """``root @ root.T``, exactly symmetric."""
+    size = len(root)
+    P = np.empty((size, size))
+    for a in range(size):
+        for b in range(a + 1):
+            total = 0.0
+            for c in range(root.shape[1]):
+                total += root[a, c] * root[b, c]
+            P[a, b] = P[b, a] = total
+    return P
