@@ -6,6 +6,8 @@ from abc import ABC, abstractmethod
 from dataclasses import dataclass, fields
 from typing import Any, ClassVar
 
+import numpy as np
+
 from ..belief import Belief
 from ..errors import InvalidOptionError
 from ..scene import Scene
@@ -71,3 +73,9 @@ class Propagator(ABC):
         value = integer(getattr(self, option), option, low=low, error=InvalidOptionError)
         if value > high:
             raise InvalidOptionError(f"must be at most {high}", field=option, value=value)
+
+
+def symmetric_root(P: np.ndarray) -> np.ndarray:
+    """Symmetric square roots of covariances (..., n, n) (Eq. 12); round-off below zero counts as zero."""
+    values, vectors = np.linalg.eigh(P)
+    return (vectors * np.sqrt(np.maximum(values, 0.0))[..., None, :]) @ np.swapaxes(vectors, -1, -2)

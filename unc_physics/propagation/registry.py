@@ -9,8 +9,9 @@ from .base import Propagator
 from .linearization import Linearization
 from .monte_carlo import MonteCarlo
 from .sigma_points import SigmaPoints
+from .surrogate import Surrogate
 
-PROPAGATORS: dict[str, type[Propagator]] = {cls.name: cls for cls in (Linearization, SigmaPoints, MonteCarlo)}
+PROPAGATORS: dict[str, type[Propagator]] = {cls.name: cls for cls in (Linearization, Surrogate, SigmaPoints, MonteCarlo)}
 
 
 def make_propagator(name: str, **options: Any) -> Propagator:

@@ -11,7 +11,7 @@ from ..belief import Belief
 from ..errors import InvalidOptionError
 from ..kernels.moments import mean_and_errors, second_moment, spread_states
 from ..kernels.rollout import rollout
-from .base import Propagator, Traits
+from .base import Propagator, Traits, symmetric_root
 
 
 class SigmaPointCarry(NamedTuple):
@@ -47,7 +47,7 @@ class SigmaPoints(Propagator):
             raise InvalidOptionError("must be 'minimal' or 'full'", field="points", value=self.points)
 
     def init(self, scene, belief):
-        root = belief.root() if self.points == "minimal" else _symmetric_root(belief.joint)
+        root = belief.root() if self.points == "minimal" else symmetric_root(belief.joint)
         a = np.sqrt(root.shape[1] + 0.5) * root.T
         errors = np.concatenate([np.zeros((1, root.shape[0])), a, -a])
         return SigmaPointCarry(spread_states(belief.mean.copy(), scene.moving.copy(), errors))
@@ -60,9 +60,3 @@ class SigmaPoints(Propagator):
     def belief(self, carry, scene):
         mean, errors = mean_and_errors(carry.states, scene.moving.copy())
         return Belief.trusted(mean, second_moment(errors), scene.moving)
-
-
-def _symmetric_root(P):
-    """Symmetric square root of a positive semidefinite matrix; round-off below zero counts as zero."""
-    values, vectors = np.linalg.eigh(P)
-    return (vectors * np.sqrt(np.maximum(values, 0.0))) @ vectors.T
