@@ -21,6 +21,8 @@ MAX_FEATURES = 10
 MAX_STEPS = 40
 STEP_LIMIT = 0.9  # of f
 TOLERANCE = 1e-5  # of f: the increase that is not worth another step
+NARROW = 0.02  # of a sphere's radius: the gap beside it that is not worth a start
+UNCHANGED = 0.999  # of f: a candidate that lost less is placed as it is
 
 
 class Space(NamedTuple):
@@ -37,13 +39,20 @@ class Bundle(NamedTuple):
     features: np.ndarray  # (n, 7): sphere centre or plane point, radius (-1: a plane), plane normal
     values: np.ndarray  # (n,)
     gradients: np.ndarray  # (n, 3)
-    subsets: np.ndarray  # (5, 4) working set of the linear programme, and the candidate that replaces it
+    subsets: np.ndarray  # (2, 4) working set of the linear programme, and the candidate that replaces it
 
 
 @njit(cache=True, nogil=True)
 def new_bundle():
     return Bundle(np.empty((MAX_FEATURES + 1, 7)), np.empty(MAX_FEATURES + 1), np.empty((MAX_FEATURES + 1, 3)),
-                  np.empty((5, 4), np.int64))
+                  np.empty((2, 4), np.int64))
+
+
+@njit(cache=True, nogil=True)
+def copy(source, target, count):
+    """Copy the first entries of a row (numba compiles a loop far faster than an assignment to a slice)."""
+    for i in range(count):
+        target[i] = source[i]
 
 
 @njit(cache=True, nogil=True)
@@ -58,7 +67,7 @@ def free_distance(space, x, y, z, feature):
         feature[4], feature[5], feature[6] = (x - qx) / d, (y - qy) / d, (z - qz) / d
         return d
     if index >= 0:
-        feature[:4] = space.spheres[index]
+        copy(space.spheres[index], feature, 4)
     return f
 
 
@@ -85,7 +94,7 @@ def equalized_step(bundle, subset, size, delta, step):
     """
     values, g = bundle.values, bundle.gradients
     a = subset[0]
-    ax, ay, az = g[a]
+    ax, ay, az = g[a, 0], g[a, 1], g[a, 2]
     if size == 1:
         step[0], step[1], step[2] = delta * ax, delta * ay, delta * az
         return values[a] + delta
@@ -140,6 +149,16 @@ def equalized_step(bundle, subset, size, delta, step):
 
 
 @njit(cache=True, nogil=True)
+def extreme(values, count, sign):
+    """Index of the largest of the first values (sign 1), or of the smallest (sign -1)."""
+    best = 0
+    for i in range(1, count):
+        if sign * values[i] > sign * values[best]:
+            best = i
+    return best
+
+
+@njit(cache=True, nogil=True)
 def value_after(bundle, i, step):
     """A feature's linearization after a step."""
     g = bundle.gradients
@@ -156,7 +175,7 @@ def best_step(bundle, count, delta, step):
     trial_step = np.empty(3)
     epsilon = 1e-13 * delta
     size = 1
-    working[0] = np.argmin(bundle.values[:count])
+    working[0] = extreme(bundle.values, count, -1.0)
     t = equalized_step(bundle, working, 1, delta, step)
     for _ in range(3 * MAX_FEATURES):
         violated, lowest = -1, t - epsilon
@@ -187,7 +206,7 @@ def best_step(bundle, count, delta, step):
                     break
             if feasible:
                 best, best_mask = value, mask
-                step[:] = trial_step
+                copy(trial_step, step, 3)
         if not best < t:
             break
         t = best
@@ -212,16 +231,16 @@ def updated_bundle(bundle, count, feature, f, x, y, z):
     kept = 0
     for i in range(count):
         if kept != i:
-            bundle.features[kept] = bundle.features[i]
+            copy(bundle.features[i], bundle.features[kept], 7)
         linearize(bundle, kept, x, y, z)
         if bundle.values[kept] >= least:
             kept += 1
     if kept == MAX_FEATURES:
-        slackest = np.argmax(bundle.values[:kept])
+        slackest = extreme(bundle.values, kept, 1.0)
         kept -= 1
-        bundle.features[slackest] = bundle.features[kept]
+        copy(bundle.features[kept], bundle.features[slackest], 7)
         linearize(bundle, slackest, x, y, z)
-    bundle.features[kept] = feature
+    copy(feature, bundle.features[kept], 7)
     linearize(bundle, kept, x, y, z)
     if bundle.values[kept] < least and feature[3] < 0.0:
         bundle.features[kept, 3] = 0.0
@@ -243,12 +262,12 @@ def climb(space, point, bundle):
     """
     trial = np.empty(7)
     step = np.empty(3)
-    x, y, z = point
+    x, y, z = point[0], point[1], point[2]
     f = free_distance(space, x, y, z, trial)
     if f <= 0.0 or f >= space.grid.reach:
         return max(f, 0.0)
     delta = STEP_LIMIT * f
-    bundle.features[0] = trial
+    copy(trial, bundle.features[0], 7)
     linearize(bundle, 0, x, y, z)
     count = 1
     for _ in range(MAX_STEPS):
@@ -286,7 +305,7 @@ def climb_all(space, points):
 def touching_ball(space, point, inward, radius, feature):
     """Radius of the largest free ball, up to a radius, that touches the mesh from inside at a point of its surface.
 
-    Shrinks the ball to touch whatever is nearest to its centre, until nothing is within it.
+    Shrinks the ball to touch whatever is nearest to its centre, until nothing is within it; 0 if it vanishes.
     """
     for _ in range(MAX_STEPS):
         x = point[0] + radius * inward[0]
@@ -296,6 +315,9 @@ def touching_ball(space, point, inward, radius, feature):
         f = free_distance(space, x, y, z, feature)
         if f >= radius * (1.0 - 1e-6):
             return radius
+        if f <= 0.0:  # inside a sphere, which may be unnamed
+            radius *= 0.5
+            continue
         size = max(feature[3], 0.0)
         dx, dy, dz = point[0] - feature[0], point[1] - feature[1], point[2] - feature[2]
         gap = dx * dx + dy * dy + dz * dz - size * size
@@ -307,70 +329,66 @@ def touching_ball(space, point, inward, radius, feature):
 
 
 @njit(cache=True, nogil=True)
-def climb_from_surface(space, points, inward, radius):
-    """Climb from the touching balls at points of the mesh's surface; points become centres, f is returned."""
-    bundle = new_bundle()
+def starts_at_surface(space, points, inward, radius):
+    """Centres of touching balls at points of the mesh's surface; those that vanish are left out."""
     feature = np.empty(7)
-    out = np.zeros(len(points))
+    centers = np.empty_like(points)
+    count = 0
     for i in range(len(points)):
         r = touching_ball(space, points[i], inward[i], radius, feature)
         if r > 0.0:
-            points[i] += r * inward[i]
-            out[i] = climb(space, points[i], bundle)
-    return out
+            for k in range(3):
+                centers[count, k] = points[i, k] + r * inward[i, k]
+            count += 1
+    return centers[:count]
 
 
 @njit(cache=True, nogil=True)
-def climb_around(space, spheres, directions):
-    """Climb from points around spheres, in gaps to other features; returns centres and f, f = 0 where no gap."""
-    bundle = new_bundle()
-    feature = np.empty(7)
-    n = len(directions)
-    points = np.empty((len(spheres) * n, 3))
-    out = np.zeros(len(points))
-    for s in range(len(spheres)):
-        index = spheres[s]
+def starts_around(space, placed, directions):
+    """Points around placed spheres (their indices), half-way across the gap to whatever else is nearest there."""
+    centers = np.empty((len(placed) * len(directions), 3))
+    count = 0
+    for index in placed:
+        cx, cy, cz = space.spheres[index, 0], space.spheres[index, 1], space.spheres[index, 2]
         r = space.spheres[index, 3]
-        for k in range(n):
-            i = s * n + k
-            x = space.spheres[index, 0] + r * directions[k, 0]
-            y = space.spheres[index, 1] + r * directions[k, 1]
-            z = space.spheres[index, 2] + r * directions[k, 2]
+        for k in range(len(directions)):
+            ux, uy, uz = directions[k, 0], directions[k, 1], directions[k, 2]
+            x, y, z = cx + r * ux, cy + r * uy, cz + r * uz
             gap, _ = nearest_sphere(space.grid, space.spheres, x, y, z, index)
-            if gap <= 0.02*r: continue
-            gap = nearest_on_mesh(space.tree, x, y, z, gap)[0]
-            if gap <= 0.02*r: continue
-            h = 0.5 * gap
-            points[i, 0] = x + h * directions[k, 0]
-            points[i, 1] = y + h * directions[k, 1]
-            points[i, 2] = z + h * directions[k, 2]
-            out[i] = climb(space, points[i], bundle)
-    return points, out
+            if gap > NARROW * r:
+                gap = nearest_on_mesh(space.tree, x, y, z, gap)[0]
+            if gap > NARROW * r:
+                h = 0.5 * gap
+                centers[count, 0], centers[count, 1], centers[count, 2] = x + h * ux, y + h * uy, z + h * uz
+                count += 1
+    return centers[:count]
 
 
 @njit(cache=True, nogil=True)
-def place(space, points, radii, count, worst):
-    """Place spheres, in the order given, where the free distance has not fallen; the grid is updated.
+def place(space, points, values, count):
+    """Place spheres at candidates, in the order given, where f is still what it was; the grid is updated.
+
+    ``values`` become f now, 0 where a sphere was placed.
 
     Returns
     -------
-    placed : int
+    count : int
         Number of spheres then.
     done : int
-        Number of candidates dealt with; fewer than all when the grid ran out of room.
+        Number of candidates dealt with; fewer than all when there was no room for another sphere.
     """
     feature = np.empty(7)
     for i in range(len(points)):
         if count == len(space.spheres):
             return count, i
         f = free_distance(space, points[i, 0], points[i, 1], points[i, 2], feature)
-        if f >= worst * radii[i]:
-            space.spheres[count, :3] = points[i]
+        if f >= UNCHANGED * values[i]:
+            copy(points[i], space.spheres[count], 3)
             space.spheres[count, 3] = f
             if not insert_sphere(space.grid, space.spheres, count):
                 return count, i
             count += 1
-            radii[i] = 0.0
+            values[i] = 0.0
         else:
-            radii[i] = max(f, 0.0)
+            values[i] = max(f, 0.0)
     return count, len(points)

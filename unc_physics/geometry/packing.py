@@ -1,131 +1,217 @@
-"""Greedy sphere packing of a closed mesh, largest sphere first."""
+"""Greedy sphere packing of a solid, largest sphere first (in the spirit of ProtoSphere, Weller and Zachmann 2010).
+
+The centre of the largest free ball is a local maximum of the free distance. Candidates for it are found by climbing
+(see ``ascent``) from points of the surface and from the gaps around placed spheres. They are placed in levels of
+shrinking radius, so that a grid as fine as the level's radius answers which sphere is nearest; within a level in
+batches of about equal radius, between which new candidates are climbed to in parallel. A candidate whose ball is no
+longer free is climbed from again. Radii are the free distance itself, so overlap and protrusion are round-off.
+"""
 
 from __future__ import annotations
 
+import os
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from itertools import pairwise
 
 import numpy as np
 
-from .ascent import Space, climb_all, climb_around, climb_from_surface, place
+from ..errors import InvalidOptionError
+from .ascent import Space, climb_all, place, starts_around, starts_at_surface
+from .packing_file import SpherePacking
+from .solid_mesh import SolidMesh
 from .sphere_grid import empty_grid, grown, insert_spheres
+from .surface_gap import surface_gap
 from .triangle_tree import build_triangle_tree
 
-SHRINK = 0.6
-BATCH = 0.97
-DIRECTIONS = 24
-FIRST_SEEDS = 400
-import os
-SHRINK = float(os.environ.get("SHRINK", SHRINK)); BATCH = float(os.environ.get("BATCH", BATCH))
-DIRECTIONS = int(os.environ.get("DIRS", DIRECTIONS)); FIRST_SEEDS=int(os.environ.get("FIRST", FIRST_SEEDS))
-LEVEL_SEEDS=float(os.environ.get("LEVEL", 0.3)); WIDTH=float(os.environ.get("WIDTH", 1)); MAXSEEDS=int(os.environ.get("MAXSEEDS",200000))
-VERBOSE=int(os.environ.get("VERBOSE",0))
-
-def fibonacci_sphere(n):
-    k = np.arange(n) + 0.5
-    z = 1.0 - 2.0 * k / n
-    phi = np.pi * (1.0 + 5.0**0.5) * k
-    s = np.sqrt(1.0 - z * z)
-    return np.stack([s * np.cos(phi), s * np.sin(phi), z], axis=1)
+LEVEL = 0.6  # a level's smallest radius, of its largest
+BATCH = 0.97  # a batch's smallest radius, of its largest
+FIRST_STARTS = 256  # on the surface, while nothing is placed yet
+STARTS_PER_AREA = 0.3  # on the surface in each level, per squared radius
+MAX_STARTS = 200_000  # on the surface in each level
+MANY_DIRECTIONS, FEW_DIRECTIONS = 32, 12  # around a sphere; many while there are few spheres
+FEW_SPHERES = 300
+MAX_CELLS = 60_000_000  # of the grid: 240 MB
+SMALLEST = 1e-7  # of the body's size: gaps below are given up
+TIE = 0.995  # spheres are in order of radius up to this ratio
 
 
-def surface_points(corners, areas, n, seed):
-    u = np.random.default_rng(seed).random((n, 3))
-    cumulative = np.cumsum(areas)
-    index = np.searchsorted(cumulative, u[:, 0] * cumulative[-1], side="right").clip(0, len(areas) - 1)
-    a, b, c = corners[index].transpose(1, 0, 2)
-    flip = u[:, 1] + u[:, 2] > 1.0
-    v = np.where(flip, 1.0 - u[:, 1], u[:, 1])[:, None]
-    w = np.where(flip, 1.0 - u[:, 2], u[:, 2])[:, None]
-    cross = np.cross(b - a, c - a)
-    return a + v * (b - a) + w * (c - a), -cross / np.linalg.norm(cross, axis=1, keepdims=True)
+def pack_solid(solid: SolidMesh, count: int, *, mass=None, threads=None,
+               progress: Callable[[int, float], None] | None = None, **about) -> SpherePacking:
+    """Pack a solid with disjoint spheres, the largest first.
+
+    Parameters
+    ----------
+    solid : SolidMesh
+        The body.
+    count : int
+        Number of spheres.
+    mass : float, optional
+        Default mass for the model file [kg].
+    threads : int, optional
+        Threads to use; by default one per processor. The result does not depend on it.
+    progress : callable, optional
+        Called now and then with the number of spheres placed and the part of the volume filled.
+    **about
+        ``source`` and ``licence`` for the model file.
+
+    Returns
+    -------
+    SpherePacking
+        With fewer than ``count`` spheres if no gap was left for a ball of 1e-7 of the body's size.
+
+    Raises
+    ------
+    InvalidOptionError
+        If ``count`` is not a positive integer.
+    """
+    if isinstance(count, bool) or not isinstance(count, (int, np.integer)) or count < 1:
+        raise InvalidOptionError("must be a positive integer", field="number of spheres", value=count)
+    # A power of two near the size: scaling by it rounds nothing.
+    unit = 2.0 ** np.floor(np.log2(solid.bounding_radius))
+    with GreedyPacker(solid.corners / unit, count, threads or os.cpu_count() or 1) as packer:
+        spheres = packer.run(progress, solid.volume / unit**3) * unit
+    centers, radii = spheres[:, :3], spheres[:, 3]
+    return SpherePacking(
+        name=solid.name, centers=centers, radii=radii, inertia=solid.inertia, volume=solid.volume,
+        origin=solid.origin, bounding_radius=solid.bounding_radius, mesh_sha256=solid.sha256, mass=mass,
+        bounds=solid.bounds, surface_gap=surface_gap(solid.corners, spheres) if len(spheres) else None, **about)
 
 
-def pack(corners, count, threads=1, report=None):
-    import time
-    T = dict(surface=0., around=0., place=0., again=0., grid=0.)
-    N = dict(around=0, again=0, surface=0)
-    tree = build_triangle_tree(corners)
-    lower, upper = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
-    areas = 0.5 * np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
-    area = areas.sum()
-    spheres = np.zeros((count, 4))
-    placed = 0
-    pool = ThreadPoolExecutor(threads)
-    directions = fibonacci_sphere(DIRECTIONS)
+class GreedyPacker:
+    """The packing of one body under way; lengths are of the order of 1."""
 
-    def parallel(kernel, *arrays, extra=()):
-        n = len(arrays[0])
-        cuts = np.linspace(0, n, min(n, 8 * threads if threads > 1 else 1) + 1).astype(int)
-        jobs = [pool.submit(kernel, space, *[a[i:j] for a in arrays], *extra) for i, j in zip(cuts[:-1], cuts[1:])]
-        return [job.result() for job in jobs]
+    def __init__(self, corners, count, threads):
+        self.corners = np.ascontiguousarray(corners)
+        cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        double_areas = np.linalg.norm(cross, axis=1)
+        self.inward = -cross / np.where(double_areas > 0.0, double_areas, 1.0)[:, None]
+        self.cumulative_area = 0.5 * np.cumsum(double_areas)
+        self.lower, self.upper = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
+        self.size = float(np.max(self.upper - self.lower))
+        self.placed = 0
+        self.threads = threads
+        self.pool = ThreadPoolExecutor(threads)
+        reach = float(np.min(self.upper - self.lower))  # no ball inside has a larger radius than half of it
+        grid = empty_grid(self.lower, self.upper, self.size, reach, 1)
+        self.space = Space(build_triangle_tree(self.corners), grid, np.zeros((count, 4)))
 
-    reach = np.min(upper - lower)
-    space = Space(tree, empty_grid(lower, upper, 2*reach, reach, 1), spheres)
-    points, inward = surface_points(corners, areas, FIRST_SEEDS, 0)
-    t=time.perf_counter()
-    values = np.concatenate(parallel(climb_from_surface, points, inward, extra=(reach,)))
-    T["surface"]+=time.perf_counter()-t
-    later_p, later_v = points, values
-    level = 0
-    while placed < count:
-        level += 1
-        t=time.perf_counter()
-        R = later_v.max() * (1 + 1e-9)
-        floor = SHRINK * R
-        grid = empty_grid(lower, upper, WIDTH*R, R, max(1000,65*placed))
-        start = 0
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        self.pool.shutdown(cancel_futures=True)
+
+    def run(self, progress, volume):
+        """Place the spheres; returns them (n, 4), ordered."""
+        spheres = self.space.spheres
+        candidates = self.climb(self.surface_starts(FIRST_STARTS, 0, self.space.grid.reach))
+        level = 0
+        while self.placed < len(spheres):
+            level += 1
+            radius = candidates[:, 3].max(initial=0.0) * (1.0 + 1e-9)
+            if radius < SMALLEST * self.size:
+                break
+            self.refine_grid(radius)
+            if level > 1:
+                starts = int(min(STARTS_PER_AREA * self.cumulative_area[-1] / radius**2, MAX_STARTS))
+                more = self.climb(self.surface_starts(starts, level, radius))
+                candidates = np.concatenate([candidates, more])
+            large = candidates[:, 3] >= LEVEL * radius
+            left_over = [candidates[~large]]
+            candidates = candidates[large]
+            while len(candidates) and self.placed < len(spheres):
+                found, candidates = self.place_batch(candidates)
+                large = found[:, 3] >= LEVEL * radius
+                left_over.append(found[~large])
+                candidates = np.concatenate([candidates, found[large]])
+                if progress:
+                    progress(self.placed, float(4.0 / 3.0 * np.pi * np.sum(spheres[: self.placed, 3] ** 3)) / volume)
+            candidates = np.concatenate(left_over)
+        return nested_order(spheres[: self.placed], self.lower, self.size)
+
+    def place_batch(self, candidates):
+        """Place the largest candidates; returns the new ones that are found thereby, and the rest of the old ones."""
+        batch = candidates[:, 3] >= BATCH * candidates[:, 3].max()
+        rest, batch = candidates[~batch], candidates[batch]
+        batch = batch[np.argsort(-batch[:, 3], kind="stable")]
+        points, values = np.ascontiguousarray(batch[:, :3]), np.ascontiguousarray(batch[:, 3])
+        before, done = self.placed, 0
         while True:
-            start = insert_spheres(grid, spheres, start, placed)
-            if start == placed:
+            self.placed, more = place(self.space, points[done:], values[done:], self.placed)
+            done += more
+            if done == len(points) or self.placed == len(self.space.spheres):
+                break
+            self.space = self.space._replace(grid=grown(self.space.grid))
+        directions = even_directions(MANY_DIRECTIONS if self.placed < FEW_SPHERES else FEW_DIRECTIONS)
+        around = self.parallel(starts_around, np.arange(before, self.placed), common=(directions,))
+        return self.climb(np.concatenate([points[:done][values[:done] > 0.0], around])), rest
+
+    def refine_grid(self, radius):
+        """Make a grid for a level: as wide as its largest radius, which no free distance exceeds."""
+        width = max(radius, (np.prod((self.upper - self.lower) / self.size) / MAX_CELLS) ** (1.0 / 3.0) * self.size)
+        grid = empty_grid(self.lower, self.upper, width, radius, max(1000, 100 * self.placed))
+        inserted = 0
+        while True:
+            inserted = insert_spheres(grid, self.space.spheres, inserted, self.placed)
+            if inserted == self.placed:
                 break
             grid = grown(grid)
-        space = Space(tree, grid, spheres)
-        T["grid"]+=time.perf_counter()-t; t=time.perf_counter()
-        if level > 1:
-            n = int(min(LEVEL_SEEDS * area / R**2, MAXSEEDS))
-            points, inward = surface_points(corners, areas, n, level)
-            values = np.concatenate(parallel(climb_from_surface, points, inward, extra=(R,)))
-            N["surface"]+=n
-            later_p = np.concatenate([later_p, points]); later_v = np.concatenate([later_v, values])
-        keep = later_v > 0
-        later_p, later_v = later_p[keep], later_v[keep]
-        T["surface"]+=time.perf_counter()-t
-        if VERBOSE: print(f"level {level} R {R:.5f} placed {placed} pool {len(later_v)} cells {grid.heads.size} entries {grid.used[0]} fill {4/3*np.pi*(spheres[:placed,3]**3).sum():.5f}", {k:round(v,2) for k,v in T.items()}, N)
-        high = later_v >= floor
-        now_p, now_v = later_p[high], later_v[high]
-        laters = [(later_p[~high], later_v[~high])]
-        while len(now_v) and placed < count:
-            top = now_v.max()
-            take = now_v >= BATCH * top
-            order = np.argsort(-now_v[take], kind="stable")
-            p, v = now_p[take][order], now_v[take][order]
-            now_p, now_v = now_p[~take], now_v[~take]
-            before = placed
-            done = 0
-            t=time.perf_counter()
-            while done < len(p) and placed < count:
-                placed, n = place(space, p[done:], v[done:], placed, 1 - 1e-3)
-                if placed >= count: break
-                done += n
-                if done < len(p):
-                    space = space._replace(grid=grown(space.grid))
-            T["place"]+=time.perf_counter()-t; t=time.perf_counter()
-            again = p[v > 0]
-            new = []
-            if len(again):
-                new += [(again, np.concatenate(parallel(climb_all, again)))]
-                N["again"]+=len(again)
-            T["again"]+=time.perf_counter()-t; t=time.perf_counter()
-            if placed > before:
-                new += parallel(climb_around, np.arange(before, placed), extra=(directions,))
-                N["around"]+=DIRECTIONS*(placed-before)
-            T["around"]+=time.perf_counter()-t
-            for q, w in new:
-                high = w >= floor
-                now_p = np.concatenate([now_p, q[high]]); now_v = np.concatenate([now_v, w[high]])
-                low = (w > 0) & ~high
-                laters.append((q[low], w[low]))
-        later_p = np.concatenate([q for q, _ in laters]); later_v = np.concatenate([w for _, w in laters])
-    if VERBOSE: print({k:round(v,2) for k,v in T.items()}, N)
-    order = np.argsort(-spheres[:placed, 3], kind="stable")
-    return spheres[order]
+        self.space = self.space._replace(grid=grid)
+
+    def surface_starts(self, count, seed, radius):
+        """Centres of touching balls at random points of the surface, evenly by area."""
+        choice, v, w = np.random.default_rng(seed).random((3, count))
+        last = len(self.cumulative_area) - 1
+        index = np.searchsorted(self.cumulative_area, choice * self.cumulative_area[-1], side="right").clip(0, last)
+        outside = v + w > 1.0
+        v, w = np.where(outside, 1.0 - v, v)[:, None], np.where(outside, 1.0 - w, w)[:, None]
+        a, b, c = self.corners[index].transpose(1, 0, 2)
+        points = a + v * (b - a) + w * (c - a)
+        return self.parallel(starts_at_surface, points, self.inward[index], common=(radius,))
+
+    def climb(self, points):
+        """Candidates (m, 4), place and free distance, from starting points."""
+        values = self.parallel(climb_all, points)
+        return np.column_stack([points, values])[values > 0.0]
+
+    def parallel(self, kernel, *arrays, common=()):
+        """Run a kernel over slices of arrays in the threads, and join the results in order."""
+        count = len(arrays[0])
+        pieces = min(count, 8 * self.threads) if self.threads > 1 else 1
+        cuts = np.linspace(0, count, max(pieces, 1) + 1).astype(int)
+        jobs = [self.pool.submit(kernel, self.space, *(array[i:j] for array in arrays), *common)
+                for i, j in pairwise(cuts)]
+        return np.concatenate([job.result() for job in jobs])
+
+
+def even_directions(count):
+    """Unit vectors (count, 3), evenly spread: a Fibonacci lattice."""
+    k = np.arange(count) + 0.5
+    z = 1.0 - 2.0 * k / count
+    angle = np.pi * (1.0 + np.sqrt(5.0)) * k
+    s = np.sqrt(1.0 - z * z)
+    return np.stack([s * np.cos(angle), s * np.sin(angle), z], axis=1)
+
+
+def nested_order(spheres, lower, size):
+    """Spheres by radius, the largest first; those of about equal radius so that any first part spreads evenly.
+
+    A wall takes thousands of spheres of its own half thickness. In order of place, the first hundred would stand in
+    one corner. So ties are taken along a space-filling curve in bit-reversed order: first every 1024th, then those
+    half-way between, and so on.
+    """
+    spheres = spheres[np.argsort(-spheres[:, 3], kind="stable")]
+    tie = np.floor(np.log(spheres[:, 3]) / np.log(TIE))
+    cell = np.clip((spheres[:, :3] - lower) / size * 1024.0, 0, 1023).astype(np.int64)
+    curve = np.zeros(len(spheres), dtype=np.int64)
+    for bit in range(10):
+        for axis in range(3):
+            curve |= ((cell[:, axis] >> bit) & 1) << (3 * bit + axis)
+    spheres, tie = spheres[np.lexsort((curve, tie))], np.sort(tie)
+    _, start, length = np.unique(tie, return_index=True, return_counts=True)
+    rank = np.arange(len(spheres)) - np.repeat(start, length)
+    reversed_rank = np.zeros_like(rank)
+    for bit in range(24):
+        reversed_rank |= ((rank >> bit) & 1) << (23 - bit)
+    return spheres[np.lexsort((reversed_rank, tie))]

@@ -7,7 +7,6 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-
 EMPTY = -1
 COVERED = -2  # the whole cell lies inside one sphere
 
@@ -47,7 +46,7 @@ def cell_range(grid, axis, low, high):
 @njit(cache=True, nogil=True)
 def insert_sphere(grid, spheres, index):
     """List a sphere in all cells with a point outside it but within reach; False, and no change, if short of room."""
-    cx, cy, cz, r = spheres[index]
+    cx, cy, cz, r = spheres[index, 0], spheres[index, 1], spheres[index, 2], spheres[index, 3]
     outer = r + grid.reach
     width = 1.0 / grid.inverse_width
     before = grid.used[0]

@@ -1,0 +1,99 @@
+"""How far the surface of a body lies from its packing."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from .sphere_grid import empty_grid, grown, insert_spheres, nearest_sphere
+
+ACCURACY = 0.01  # of the gap
+STACK = 256  # halves of triangles waiting: each halving adds one, so the limit is never met
+
+
+def surface_gap(corners, spheres) -> float:
+    """The farthest that a point of a surface lies from the nearest sphere.
+
+    Parameters
+    ----------
+    corners : ndarray (m, 3, 3)
+        Corners of the surface's triangles [m].
+    spheres : ndarray (n, 4)
+        Centres and radii [m].
+
+    Returns
+    -------
+    float
+        An upper bound of the gap [m], at most 1 % above it.
+    """
+    lower, upper = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
+    size = float(np.max(upper - lower))
+    reach = size / 64.0
+    spheres = np.ascontiguousarray(spheres)
+    while True:
+        grid = empty_grid(lower, upper, reach, reach, 8 * len(spheres) + 1000)
+        inserted = 0
+        while inserted < len(spheres):
+            inserted = insert_spheres(grid, spheres, inserted, len(spheres))
+            if inserted < len(spheres):
+                grid = grown(grid)
+        gap = bounded_gap(grid, spheres, corners)
+        if gap < reach or reach > 2.0 * size:
+            return float(gap)
+        reach *= 2.0
+
+
+@njit(cache=True, nogil=True)
+def bounded_gap(grid, spheres, corners):
+    """Upper bound of the gap by branch and bound; the grid's reach as soon as a point lies beyond it.
+
+    The distance to the packing changes by no more than the way along the surface, so it is bounded over a triangle
+    by its value at the middle plus the distance to the farthest corner. Triangles that may hold more than the gap
+    found so far are halved.
+    """
+    stack = np.empty((STACK, 3, 3))
+    middle = np.empty(3)
+    gap = 0.0
+    bound = 0.0
+    for i in range(len(corners)):
+        copy_triangle(corners[i], stack[0])
+        top = 1
+        while top > 0:
+            t = stack[top - 1]
+            for axis in range(3):
+                middle[axis] = (t[0, axis] + t[1, axis] + t[2, axis]) / 3.0
+            d, _ = nearest_sphere(grid, spheres, middle[0], middle[1], middle[2], -1)
+            if d >= grid.reach:
+                return grid.reach
+            gap = max(gap, d)
+            extent = np.sqrt(max(distance_squared(t[0], middle), distance_squared(t[1], middle),
+                                 distance_squared(t[2], middle)))
+            if d + extent <= gap * (1.0 + ACCURACY) or top == STACK:
+                bound = max(bound, d + extent)
+                top -= 1
+                continue
+            a = distance_squared(t[0], t[1])
+            b = distance_squared(t[1], t[2])
+            c = distance_squared(t[2], t[0])
+            one = 0 if a >= b and a >= c else (1 if b >= c else 2)
+            two = (one + 1) % 3
+            other = stack[top]
+            copy_triangle(t, other)
+            for axis in range(3):
+                half = 0.5 * (t[one, axis] + t[two, axis])
+                t[one, axis] = half
+                other[two, axis] = half
+            top += 1
+    return bound
+
+
+@njit(cache=True, nogil=True)
+def copy_triangle(source, target):
+    for corner in range(3):
+        for axis in range(3):
+            target[corner, axis] = source[corner, axis]
+
+
+@njit(cache=True, nogil=True)
+def distance_squared(a, b):
+    return (a[0] - b[0]) ** 2 + (a[1] - b[1]) ** 2 + (a[2] - b[2]) ** 2
