@@ -66,12 +66,11 @@ def next_contacts(tree, R_ij, t_ij, slack, search, top):
         volume, lever = lens(d, radii[i], radii[j])
         x, y, z = x / d, y / d, z / d
         pairs[count, 0], pairs[count, 1] = i, j
-        record = records[count]
-        record[NORMAL], record[NORMAL + 1], record[NORMAL + 2] = x, y, z
-        record[DISTANCE], record[VOLUME] = d, volume
-        record[POINT] = centers[i, 0] + lever * x
-        record[POINT + 1] = centers[i, 1] + lever * y
-        record[POINT + 2] = centers[i, 2] + lever * z
+        records[count, NORMAL], records[count, NORMAL + 1], records[count, NORMAL + 2] = x, y, z
+        records[count, DISTANCE], records[count, VOLUME] = d, volume
+        records[count, POINT] = centers[i, 0] + lever * x
+        records[count, POINT + 1] = centers[i, 1] + lever * y
+        records[count, POINT + 2] = centers[i, 2] + lever * z
         count += 1
     return count, top
 
@@ -89,12 +88,12 @@ def contact_sums(records, count):
     """
     fx = fy = fz = mx = my = mz = 0.0
     for k in range(count):
-        r = records[k]
-        x, y, z = r[VOLUME] * r[NORMAL], r[VOLUME] * r[NORMAL + 1], r[VOLUME] * r[NORMAL + 2]
+        volume = records[k, VOLUME]
+        x, y, z = volume * records[k, NORMAL], volume * records[k, NORMAL + 1], volume * records[k, NORMAL + 2]
         fx += x
         fy += y
         fz += z
-        mx += r[POINT + 1] * z - r[POINT + 2] * y
-        my += r[POINT + 2] * x - r[POINT] * z
-        mz += r[POINT] * y - r[POINT + 1] * x
+        mx += records[k, POINT + 1] * z - records[k, POINT + 2] * y
+        my += records[k, POINT + 2] * x - records[k, POINT] * z
+        mz += records[k, POINT] * y - records[k, POINT + 1] * x
     return (fx, fy, fz), (mx, my, mz)

@@ -61,18 +61,18 @@ def log(q):
 
 
 @njit(cache=True, nogil=True)
-def write_matrix(q, out):
-    """Write the rotation matrix of a unit quaternion into ``out`` (3, 3)."""
+def write_matrix(q, out, k):
+    """Write the rotation matrix of a unit quaternion into ``out[k]`` of an array (n, 3, 3)."""
     x, y, z, w = q
-    out[0, 0] = 1.0 - 2.0 * (y * y + z * z)
-    out[0, 1] = 2.0 * (x * y - z * w)
-    out[0, 2] = 2.0 * (x * z + y * w)
-    out[1, 0] = 2.0 * (x * y + z * w)
-    out[1, 1] = 1.0 - 2.0 * (x * x + z * z)
-    out[1, 2] = 2.0 * (y * z - x * w)
-    out[2, 0] = 2.0 * (x * z - y * w)
-    out[2, 1] = 2.0 * (y * z + x * w)
-    out[2, 2] = 1.0 - 2.0 * (x * x + y * y)
+    out[k, 0, 0] = 1.0 - 2.0 * (y * y + z * z)
+    out[k, 0, 1] = 2.0 * (x * y - z * w)
+    out[k, 0, 2] = 2.0 * (x * z + y * w)
+    out[k, 1, 0] = 2.0 * (x * y + z * w)
+    out[k, 1, 1] = 1.0 - 2.0 * (x * x + z * z)
+    out[k, 1, 2] = 2.0 * (y * z - x * w)
+    out[k, 2, 0] = 2.0 * (x * z - y * w)
+    out[k, 2, 1] = 2.0 * (y * z + x * w)
+    out[k, 2, 2] = 1.0 - 2.0 * (x * x + y * y)
 
 
 @njit(cache=True, nogil=True)

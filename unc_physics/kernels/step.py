@@ -53,7 +53,7 @@ def workspace(x, world):
     count = len(x)
     R = np.empty((count, 3, 3))
     for i in range(count):
-        write_matrix((x[i, Q], x[i, Q + 1], x[i, Q + 2], x[i, Q + 3]), R[i])
+        write_matrix((x[i, Q], x[i, Q + 1], x[i, Q + 2], x[i, Q + 3]), R, i)
     search = Scratch(
         np.empty((world.stack_size, 2), np.int32),
         np.empty((_PAIRS_AT_ONCE, 2), np.int32),
@@ -74,19 +74,18 @@ def workspace(x, world):
 @njit(cache=True, nogil=True, forceinline=True)
 def drift(x, world, R):
     """Move all bodies freely over one step, then damp their velocities and apply gravity; ``R`` follows."""
-    dt, decay = world.dt, world.decay
+    dt, decay, gravity, moving = world.dt, world.decay, world.gravity, world.bodies.moving
     for i in range(len(x)):
-        if not world.bodies.moving[i]:
+        if not moving[i]:
             continue
-        s = x[i]
-        q = multiply(exp(dt * s[W], dt * s[W + 1], dt * s[W + 2]), (s[Q], s[Q + 1], s[Q + 2], s[Q + 3]))
+        q = multiply(exp(dt * x[i, W], dt * x[i, W + 1], dt * x[i, W + 2]), (x[i, Q], x[i, Q + 1], x[i, Q + 2], x[i, Q + 3]))
         q = normalized(q)
-        s[Q], s[Q + 1], s[Q + 2], s[Q + 3] = q
-        write_matrix(q, R[i])
+        x[i, Q], x[i, Q + 1], x[i, Q + 2], x[i, Q + 3] = q
+        write_matrix(q, R, i)
         for k in range(3):
-            s[P + k] += dt * s[V + k]
-            s[V + k] = decay * s[V + k] + dt * world.gravity[k]
-            s[W + k] *= decay
+            x[i, P + k] += dt * x[i, V + k]
+            x[i, V + k] = decay * x[i, V + k] + dt * gravity[k]
+            x[i, W + k] *= decay
 
 
 @njit(cache=True, nogil=True, forceinline=True)

@@ -11,7 +11,7 @@ from numba import njit
 from ..layout import EP, ER, EV, EW, W
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, forceinline=True)
 def write_printed_rotation(R, dt, out):
     """``dt R_t^T``, the block of Eq. 14 that turns angular velocity into rotation, into ``out`` (3, 3)."""
     for a in range(3):
@@ -19,7 +19,7 @@ def write_printed_rotation(R, dt, out):
             out[a, b] = dt * R[b, a]
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, forceinline=True)
 def write_exact_rotation(R, x, dt, out):
     """``dt R_t^T J^T``, the exact derivative of the drift, into ``out`` (3, 3).
 
@@ -43,16 +43,14 @@ def write_exact_rotation(R, x, dt, out):
         out[k, 2] = dt * (diagonal * x2 + dot * c - first * (x0 * b - x1 * a))
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, forceinline=True)
 def apply_transition(rows, dt, decay, rotation):
     """Multiply ``rows`` (12, columns) by the transition, in place; ``rotation`` is its block from domega to dtheta."""
-    for k in range(3):
-        for c in range(rows.shape[1]):
-            rows[EP + k, c] += dt * rows[EV + k, c]
-            rows[ER + k, c] += (
-                rotation[k, 0] * rows[EW, c] + rotation[k, 1] * rows[EW + 1, c] + rotation[k, 2] * rows[EW + 2, c]
-            )
-    for k in range(3):
-        for c in range(rows.shape[1]):
-            rows[EV + k, c] *= decay
-            rows[EW + k, c] *= decay
+    for c in range(rows.shape[1]):
+        x, y, z = rows[EW, c], rows[EW + 1, c], rows[EW + 2, c]
+        for k in range(3):
+            v = rows[EV + k, c]
+            rows[EP + k, c] += dt * v
+            rows[EV + k, c] = decay * v
+            rows[ER + k, c] += rotation[k, 0] * x + rotation[k, 1] * y + rotation[k, 2] * z
+        rows[EW, c], rows[EW + 1, c], rows[EW + 2, c] = decay * x, decay * y, decay * z

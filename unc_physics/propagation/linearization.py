@@ -99,10 +99,10 @@ def _advance(mean, root, world, steps, analytic):
     work = workspace(mean, world)
     pairs = len(work.near)
     dominant = DominantContacts(np.empty((pairs, 2), np.int64), np.empty((pairs, 2), np.int64), np.empty(pairs))
-    before = np.empty_like(mean)
+    before, rotation = np.empty_like(mean), np.empty((3, 3))
     for _ in range(steps):
         if analytic:
-            drift_root(mean, root, world, work.R)
+            drift_root(mean, root, world, work.R, rotation)
         else:
             before[:] = mean
         drift(mean, world, work.R)
@@ -126,7 +126,7 @@ def _advance(mean, root, world, steps, analytic):
         kick(mean, world, work)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, forceinline=True)
 def keep_dominant(search, count, dominant, place):
     """Keep the contact of largest volume, ties to the lowest sphere of body i, then of body j."""
     for k in range(count):
@@ -140,10 +140,9 @@ def keep_dominant(search, count, dominant, place):
         dominant.spheres[place] = i, j
 
 
-@njit(cache=True, nogil=True)
-def drift_root(x, root, world, R):
+@njit(cache=True, nogil=True, forceinline=True)
+def drift_root(x, root, world, R, rotation):
     """Multiply the root by the derivative of drift and damping; ``x`` and ``R`` are those before the drift."""
-    rotation = np.empty((3, 3))
     place = 0
     for i in range(len(x)):
         if world.bodies.moving[i]:

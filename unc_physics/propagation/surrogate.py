@@ -179,25 +179,27 @@ def add_tilts(bodies, found, k_sigma, tree, work, spread):
     """Add Eq. 21's increments, and their moments, of the first ``found`` contacts on record (Eqs. 16 to 23)."""
     i, j = bodies
     R_i, R_j = work.R[i], work.R[j]
+    pairs, records = work.search.pairs, work.search.records
     tilt, torque_i, torque_j = spread.tilt, spread.torque[0], spread.torque[1]
+    position_i, position_j = spread.position[i], spread.position[j]
+    rotation_i, rotation_j = spread.rotation[i], spread.rotation[j]
     for k in range(found):
-        record = work.search.records[k]
-        a, b = work.search.pairs[k]
-        n = rotate(R_i, record[NORMAL], record[NORMAL + 1], record[NORMAL + 2])
+        a, b = pairs[k, 0], pairs[k, 1]
+        n = rotate(R_i, records[k, NORMAL], records[k, NORMAL + 1], records[k, NORMAL + 2])
         arm_i = rotate(R_i, tree.centers[a, 0], tree.centers[a, 1], tree.centers[a, 2])
         arm_j = rotate(R_j, tree.centers[b, 0], tree.centers[b, 1], tree.centers[b, 2])
         u, w = tangent_basis(n)
         # J Sigma J^T with J = -R [r]x is [arm]x (R Sigma R^T) [arm]x^T in world axes
         ui, wi, uj, wj = _cross(u, arm_i), _cross(w, arm_i), _cross(u, arm_j), _cross(w, arm_j)
-        uu = _form(spread.position[i], u, u) + _form(spread.rotation[i], ui, ui)
-        uw = _form(spread.position[i], u, w) + _form(spread.rotation[i], ui, wi)
-        ww = _form(spread.position[i], w, w) + _form(spread.rotation[i], wi, wi)
-        uu += _form(spread.position[j], u, u) + _form(spread.rotation[j], uj, uj)
-        uw += _form(spread.position[j], u, w) + _form(spread.rotation[j], uj, wj)
-        ww += _form(spread.position[j], w, w) + _form(spread.rotation[j], wj, wj)
+        uu = _form(position_i, u, u) + _form(rotation_i, ui, ui)
+        uw = _form(position_i, u, w) + _form(rotation_i, ui, wi)
+        ww = _form(position_i, w, w) + _form(rotation_i, wi, wi)
+        uu += _form(position_j, u, u) + _form(rotation_j, uj, uj)
+        uw += _form(position_j, u, w) + _form(rotation_j, uj, wj)
+        ww += _form(position_j, w, w) + _form(rotation_j, wj, wj)
         # Eq. 21 is a function of the 2 x 2 matrix: alpha I + beta Sigma_T takes its eigenvalues to the sigmas
         half, mean = math.sqrt(0.25 * (uu - ww) ** 2 + uw * uw), 0.5 * (uu + ww)
-        d, scale = record[DISTANCE], record[VOLUME] / 3.0
+        d, scale = records[k, DISTANCE], records[k, VOLUME] / 3.0
         high = scale * _sine_of_tilt(mean + half, d, k_sigma)
         low = scale * _sine_of_tilt(mean - half, d, k_sigma)
         beta = 0.5 * (high - low) / half if half > 0.0 else 0.0
