@@ -7,11 +7,12 @@ from typing import Any
 from ..errors import InvalidOptionError, UnknownPropagatorError
 from .base import Propagator
 from .linearization import Linearization
+from .local_sampling import LocalSampling
 from .monte_carlo import MonteCarlo
 from .sigma_points import SigmaPoints
 from .surrogate import Surrogate
 
-PROPAGATORS: dict[str, type[Propagator]] = {cls.name: cls for cls in (Linearization, Surrogate, SigmaPoints, MonteCarlo)}
+PROPAGATORS: dict[str, type[Propagator]] = {cls.name: cls for cls in (Linearization, Surrogate, SigmaPoints, LocalSampling, MonteCarlo)}
 
 
 def make_propagator(name: str, **options: Any) -> Propagator:
