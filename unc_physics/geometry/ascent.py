@@ -63,6 +63,8 @@ def free_distance(space, x, y, z, feature):
         return f
     d, qx, qy, qz = nearest_on_mesh(space.tree, x, y, z, f)
     if d < f:
+        if d == 0.0:
+            return 0.0
         feature[0], feature[1], feature[2], feature[3] = qx, qy, qz, -1.0
         feature[4], feature[5], feature[6] = (x - qx) / d, (y - qy) / d, (z - qz) / d
         return d
@@ -80,7 +82,7 @@ def linearize(bundle, i, x, y, z):
         gx, gy, gz = feature[4], feature[5], feature[6]
         bundle.values[i] = gx * dx + gy * dy + gz * dz
     else:
-        d = np.sqrt(dx * dx + dy * dy + dz * dz)
+        d = np.sqrt(dx * dx + dy * dy + dz * dz)  # not 0: the point is outside the sphere
         gx, gy, gz = dx / d, dy / d, dz / d
         bundle.values[i] = d - feature[3]
     bundle.gradients[i, 0], bundle.gradients[i, 1], bundle.gradients[i, 2] = gx, gy, gz
@@ -315,7 +317,7 @@ def touching_ball(space, point, inward, radius, feature):
         f = free_distance(space, x, y, z, feature)
         if f >= radius * (1.0 - 1e-6):
             return radius
-        if f <= 0.0:  # inside a sphere, which may be unnamed
+        if f <= 0.0:  # inside a sphere, which may be unnamed, or on the mesh
             radius *= 0.5
             continue
         size = max(feature[3], 0.0)

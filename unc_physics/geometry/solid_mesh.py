@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -48,6 +48,11 @@ class SolidMesh:
     def bounding_radius(self) -> float:
         """Largest distance of a vertex from the centre of mass [m]."""
         return float(np.linalg.norm(self.corners, axis=2).max())
+
+    def scaled(self, s) -> SolidMesh:
+        """The solid with all lengths multiplied by s."""
+        return replace(self, corners=self.corners * s, origin=self.origin * s, volume=self.volume * s**3,
+                       inertia=self.inertia * s**2)
 
 
 def load_solid(path, repair=False) -> tuple[SolidMesh, list[str]]:
@@ -257,13 +262,13 @@ def repaired(vertices, faces):
         did.append(f"closed holes with {len(mesh.faces) - filled} triangles")
     old = mesh.faces.copy()
     trimesh.repair.fix_normals(mesh, multibody=mesh.is_watertight)
-    turned = int(np.sum(np.any(parity(old) != parity(mesh.faces), axis=1)))
+    turned = int(np.sum(np.any(lowest_first(old) != lowest_first(mesh.faces), axis=1)))
     if turned:
         did.append(f"turned {turned} triangles round")
     return np.asarray(mesh.vertices) * unit + middle, np.asarray(mesh.faces, dtype=np.int64), did
 
 
-def parity(faces):
+def lowest_first(faces):
     """Triangles with the lowest vertex first, so that only the winding is left to differ."""
     first = np.argmin(faces, axis=1)
     return np.take_along_axis(faces, (first[:, None] + np.arange(3)) % 3, axis=1)

@@ -1,0 +1,77 @@
+"""How the models of the library are made: mesh, size, mass, number of spheres, source and licence."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from ..errors import InvalidMeshError, UnknownModelError
+from . import shapes
+from .solid_mesh import SolidMesh, load_solid, make_solid
+
+STANFORD = ("Stanford 3D Scanning Repository, Stanford Computer Graphics Laboratory; mesh {} of the data of CGAL's "
+            "demos (Debian package libcgal-demo)")
+STANFORD_TERMS = ("terms of the Stanford 3D Scanning Repository: free for research and for redistribution with credit "
+                  "to the Stanford Computer Graphics Laboratory; no commercial use without its permission")
+OWN = "parametric mesh, unc_physics/geometry/shapes.py"
+OWN_TERMS = "Apache-2.0"
+STONEWARE, CLAY, POLYPROPYLENE, ABS = 2300.0, 1800.0, 900.0, 1050.0  # kg/m^3
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """A model of the library; ``mesh`` is a function of ``shapes`` or a file name, scaled to metres."""
+
+    mesh: Callable | str
+    spheres: int
+    mass: float | None = None  # kg
+    density: float | None = None  # kg/m^3, where there is no mass
+    scale: float = 1.0
+
+
+RECIPES = {
+    "armadillo": Recipe("armadillo.off", 10_000, density=ABS, scale=0.001),
+    "bin": Recipe(shapes.bin, 10_000, density=POLYPROPYLENE),
+    "bottle": Recipe(shapes.bottle, 2000, mass=0.53),
+    "bowl": Recipe(shapes.bowl, 4000, density=STONEWARE),
+    "brick": Recipe(shapes.brick, 2000, density=CLAY),
+    "bunny": Recipe("bunny00.off", 10_000, density=ABS, scale=0.156),
+    "can": Recipe(shapes.can, 2000, mass=0.455),
+    "mug": Recipe(shapes.mug, 4000, density=STONEWARE),
+    "pin": Recipe(shapes.pin, 10_000, mass=1.58),
+    "plate": Recipe(shapes.plate, 5000, density=STONEWARE),
+    "salt_box": Recipe(shapes.salt_box, 2000, mass=0.52),
+}
+
+
+def recipe_solid(name, meshes=None) -> tuple[SolidMesh, dict]:
+    """The body of a model of the library, and its ``mass``, ``source`` and ``licence``.
+
+    Parameters
+    ----------
+    name : str
+        A key of RECIPES.
+    meshes : path-like, optional
+        Folder of the meshes that are no part of the repository.
+
+    Raises
+    ------
+    UnknownModelError
+        If there is no recipe of that name.
+    InvalidMeshError
+        If the model needs a mesh file and ``meshes`` does not hold it.
+    """
+    if name not in RECIPES:
+        raise UnknownModelError(f"has no recipe; there are recipes for: {', '.join(RECIPES)}", field="model", value=name)
+    recipe = RECIPES[name]
+    if callable(recipe.mesh):
+        solid = make_solid(name, *recipe.mesh())
+        source, licence = OWN, OWN_TERMS
+    else:
+        if meshes is None:
+            raise InvalidMeshError(f"needs the file {recipe.mesh}; name its folder with --meshes", field=f"model {name}")
+        solid = replace(load_solid(Path(meshes) / recipe.mesh)[0].scaled(recipe.scale), name=name)
+        source, licence = STANFORD.format(recipe.mesh), STANFORD_TERMS
+    mass = recipe.mass if recipe.mass is not None else recipe.density * solid.volume
+    return solid, {"mass": float(f"{mass:.3g}"), "source": source, "licence": licence}
