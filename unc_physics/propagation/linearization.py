@@ -146,8 +146,8 @@ def drift_root(x, root, world, R, rotation):
     place = 0
     for i in range(len(x)):
         if world.bodies.moving[i]:
-            write_exact_rotation(R[i], x[i], world.dt, rotation)
-            apply_transition(root[place : place + ERROR], world.dt, world.decay, rotation)
+            write_exact_rotation(R, x, i, world.dt, rotation)
+            apply_transition(root, place, world.dt, world.decay, rotation)
             place += ERROR
 
 

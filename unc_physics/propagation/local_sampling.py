@@ -112,12 +112,12 @@ def _advance(mean, covariance, world, span, seed, samples):
         np.zeros((count, 3, 3)), np.zeros((count, 3, 3)), np.zeros(count, np.bool_),
         np.zeros((_DRAWS, samples)), np.empty((3, 6)),
     )
-    rotation = np.empty((3, 3))
+    rows, rotation = covariance.reshape(-1, ERROR), np.empty((3, 3))
     for step in range(span[0], span[0] + span[1]):
         for i in range(count):
             if world.bodies.moving[i]:
-                write_printed_rotation(work.R[i], world.dt, rotation)
-                transform(covariance[place[i]], world.dt, world.decay, rotation)
+                write_printed_rotation(work.R, i, world.dt, rotation)
+                transform(rows, ERROR * place[i], world.dt, world.decay, rotation)
         drift(mean, world, work.R)
         cloud.known[:] = False
         step_key = combine(combine(np.uint64(0), seed), step)
@@ -144,13 +144,13 @@ def _advance(mean, covariance, world, span, seed, samples):
 
 
 @njit(cache=True, nogil=True, forceinline=True)
-def transform(P, dt, decay, rotation):
-    """``A P A^T`` in place: rows, then columns by way of the transpose."""
+def transform(rows, first, dt, decay, rotation):
+    """``A P A^T`` in place of the P in 12 ``rows`` from ``first`` on: its rows, then its columns by way of the transpose."""
     for _ in range(2):
-        apply_transition(P, dt, decay, rotation)
+        apply_transition(rows, first, dt, decay, rotation)
         for a in range(ERROR):
             for b in range(a):
-                P[a, b], P[b, a] = P[b, a], P[a, b]
+                rows[first + a, b], rows[first + b, a] = rows[first + b, a], rows[first + a, b]
 
 
 @njit(cache=True, nogil=True)
@@ -225,7 +225,7 @@ def _turned(arm, turn):
     """
     x, y, z = turn
     angle = math.sqrt(x * x + y * y + z * z)
-    whole = 1.0 - 2.0 * math.pi * math.floor(angle / (2.0 * math.pi) + 0.5) / max(angle, 1e-300)
+    whole = 1.0 - 2.0 * math.pi * np.floor(angle / (2.0 * math.pi) + 0.5) / max(angle, 1e-300)
     x, y, z = whole * x, whole * y, whole * z
     t = x * x + y * y + z * z
     s, c = _SINE[13], _COSINE[13]

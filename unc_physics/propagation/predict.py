@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..belief import Belief
-from ..errors import DivergedError, InvalidHorizonError, LimitExceededError, PredictionTimeoutError
+from ..errors import DivergedError, InvalidHorizonError, LimitExceededError, PredictionTimeoutError, UncPhysicsError
 from ..scene import Scene
 from ..validation import positive
 from .base import Propagator
@@ -18,7 +18,7 @@ from .registry import make_propagator
 
 STEPS_LIMIT = 100_000_000
 TIMES_LIMIT = 100_000
-_LOOKS_UP = 64  # pieces into which a prediction is cut that must look at the clock or report progress
+_LOOK_UP_AFTER = 0.02  # s, wall time between looks at the clock and reports of progress
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,7 +85,8 @@ def predict(
     max_computation_time : float, optional
         Wall time after which the prediction ends with an error [s].
     progress : callable, optional
-        Called now and then with the number of steps done and of all steps. What it raises ends the prediction.
+        Called every few hundredths of a second with the number of steps done and of all steps. What it raises
+        ends the prediction; an `UncPhysicsError` then has a ``prediction`` that ends at the time reached.
 
     Returns
     -------
@@ -108,25 +109,33 @@ def predict(
     marks = _steps(scene, horizon, times)
     allowed = None if max_computation_time is None else positive(max_computation_time, "max_computation_time")
     in_one_go = allowed is None and progress is None
-    piece = marks[-1] if in_one_go else max(1, marks[-1] // _LOOKS_UP)
+    piece = marks[-1] if in_one_go else 1
     carry = propagator.init(scene, belief)
     done, reached, beliefs = 0, [], []
     for mark in marks:
         while done < mark:
             steps = min(piece, mark - done)
+            piece_started = time.perf_counter()
             carry = propagator.advance(carry, scene, steps)
             done += steps
-            if progress is not None:
-                progress(done, marks[-1])
-            if allowed is not None and done < marks[-1] and time.perf_counter() - started > allowed:
-                error = PredictionTimeoutError(
-                    f"ran out after {done * scene.dt:.6g} s of {marks[-1] * scene.dt:.6g} s simulated",
-                    field="max_computation_time", value=max_computation_time,
-                )
+            if in_one_go:
+                continue
+            now = time.perf_counter()
+            piece = _next_piece(steps, now - piece_started)
+            try:
+                if progress is not None:
+                    progress(done, marks[-1])
+                if allowed is not None and done < marks[-1] and now - started > allowed:
+                    raise PredictionTimeoutError(
+                        f"ran out after {done * scene.dt:.6g} s of {marks[-1] * scene.dt:.6g} s simulated",
+                        field="max_computation_time", value=max_computation_time,
+                    )
+            except UncPhysicsError as error:
                 reached.append(done * scene.dt)
                 beliefs.append(_finite(propagator.belief(carry, scene), reached[-1]))
-                error.prediction = Prediction(propagator, tuple(reached), tuple(beliefs), carry, time.perf_counter() - started)
-                raise error
+                error.prediction = Prediction(
+                    propagator, tuple(reached), tuple(beliefs), carry, time.perf_counter() - started)
+                raise
         reached.append(done * scene.dt)
         beliefs.append(_finite(propagator.belief(carry, scene), reached[-1]))
     return Prediction(propagator, tuple(reached), tuple(beliefs), carry, time.perf_counter() - started)
@@ -139,6 +148,11 @@ def periodic_times(period: float, horizon: float) -> list[float]:
     if count > TIMES_LIMIT:
         raise LimitExceededError(f"gives more than {TIMES_LIMIT} times", field="period", value=period)
     return [k * period for k in range(1, math.ceil(count - 1e-9))]
+
+
+def _next_piece(steps, took):
+    """Steps that will take about as long as is wanted between looks at the clock, when ``steps`` took ``took`` s."""
+    return max(1, min(4 * steps, round(steps * _LOOK_UP_AFTER / max(took, 1e-9))))
 
 
 def _finite(belief, reached):

@@ -94,12 +94,12 @@ def _advance(mean, roots, world, steps, k_sigma):
     spread = Spread(
         np.zeros((count, 3, 3)), np.zeros((count, 3, 3)), np.zeros(count, np.bool_), np.empty((3, 3)), np.empty((2, 3, 3))
     )
-    rotation = np.empty((3, 3))
+    rows, rotation = roots.reshape(-1, ERROR), np.empty((3, 3))
     for _ in range(steps):
         for i in range(count):
             if world.bodies.moving[i]:
-                write_printed_rotation(work.R[i], world.dt, rotation)
-                apply_transition(roots[place[i]], world.dt, world.decay, rotation)
+                write_printed_rotation(work.R, i, world.dt, rotation)
+                apply_transition(rows, ERROR * place[i], world.dt, world.decay, rotation)
         drift(mean, world, work.R)
         spread.known[:] = False
         for k in range(near_pairs(mean, world, work)):
