@@ -7,12 +7,13 @@ from numba import njit
 
 from ..layout import P, Q, V, W
 from .contact import RECORD, contact_sums, next_contacts
-from .so3 import exp, multiply, normalized, rotate, rotate_back, write_matrix
-from .tree import Scratch
+from .so3 import exp, multiply, renormalized, rotate, rotate_back, write_matrix
+from .tree import WIDTH, Scratch, candidates
 
 _PAIRS_AT_ONCE = 1024
 # of the sum of two bodies' radii: bounds, with a margin, what single precision loses in a change of frame
 _SINGLE_PRECISION = 4e-6
+_FIRST_REST, _LONGEST_REST = 4.0, 64.0  # steps for which bodies that part are asked to be left alone
 
 
 class Workspace(NamedTuple):
@@ -32,6 +33,13 @@ class Workspace(NamedTuple):
         Where each body's ball begins along x [m].
     near : (B (B - 1) / 2, 2) int64
         Pairs of bodies that may touch.
+    speed : (B,) float64
+        The most that a point of the body moves in a step [m].
+    travel : (B,) float64
+        Sum of ``speed`` since the rollout began [m].
+    rest : (B, B, 2) float64
+        For a pair i < j: up to which sum of their travels they can't touch [m], and the number of steps for which
+        they are next asked to be apart.
     R_ij : (3, 3) float64
         Rotation from body j's to body i's coordinates, of the pair at hand.
     search : Scratch
@@ -43,6 +51,9 @@ class Workspace(NamedTuple):
     order: np.ndarray
     low: np.ndarray
     near: np.ndarray
+    speed: np.ndarray
+    travel: np.ndarray
+    rest: np.ndarray
     R_ij: np.ndarray
     search: Scratch
 
@@ -66,22 +77,31 @@ def workspace(x, world):
         np.arange(count),
         np.empty(count),
         np.empty((count * (count - 1) // 2, 2), np.int64),
+        np.zeros(count),
+        np.zeros(count),
+        np.full((count, count, 2), _FIRST_REST) * np.array([0.0, 1.0]),
         np.empty((3, 3)),
         search,
     )
 
 
 @njit(cache=True, nogil=True, forceinline=True)
-def drift(x, world, R):
-    """Move all bodies freely over one step, then damp their velocities and apply gravity; ``R`` follows."""
+def drift(x, world, work):
+    """Move all bodies freely over one step, then damp their velocities and apply gravity; ``work.R`` follows."""
+    R, speed, travel, radius = work.R, work.speed, work.travel, world.bodies.radius
     dt, decay, gravity, moving = world.dt, world.decay, world.gravity, world.bodies.moving
     for i in range(len(x)):
         if not moving[i]:
             continue
         q = multiply(exp(dt * x[i, W], dt * x[i, W + 1], dt * x[i, W + 2]), (x[i, Q], x[i, Q + 1], x[i, Q + 2], x[i, Q + 3]))
-        q = normalized(q)
+        q = renormalized(q)
         x[i, Q], x[i, Q + 1], x[i, Q + 2], x[i, Q + 3] = q
         write_matrix(q, R, i)
+        speed[i] = dt * (
+            abs(x[i, V]) + abs(x[i, V + 1]) + abs(x[i, V + 2])
+            + radius[i] * (abs(x[i, W]) + abs(x[i, W + 1]) + abs(x[i, W + 2]))
+        )
+        travel[i] += speed[i]
         for k in range(3):
             x[i, P + k] += dt * x[i, V + k]
             x[i, V + k] = decay * x[i, V + k] + dt * gravity[k]
@@ -100,7 +120,7 @@ def relative_pose(x, i, j, work):
 
 @njit(cache=True, nogil=True, forceinline=True)
 def near_pairs(x, world, work):
-    """Find the pairs of bodies that may touch: at least one moves, and the balls around them overlap.
+    """Find the pairs of bodies that may touch: at least one moves, the balls around them overlap, none rests.
 
     Sweeps along x over the bodies, which `work.order` keeps sorted from step to step. Fills ``work.near`` with
     pairs (i, j), i < j, in an order that depends on the state alone, and returns their number.
@@ -129,8 +149,10 @@ def near_pairs(x, world, work):
             dx, dy, dz = x[b, P] - x[a, P], x[b, P + 1] - x[a, P + 1], x[b, P + 2] - x[a, P + 2]
             reach = radius[a] + radius[b]
             if dx * dx + dy * dy + dz * dz < reach * reach and (moving[a] or moving[b]):
-                work.near[count, 0], work.near[count, 1] = min(a, b), max(a, b)
-                count += 1
+                i, j = min(a, b), max(a, b)
+                if work.travel[i] + work.travel[j] >= work.rest[i, j, 0]:
+                    work.near[count, 0], work.near[count, 1] = i, j
+                    count += 1
     return count
 
 
@@ -151,11 +173,28 @@ def open_pair(x, i, j, world, work):
     return t_ij, _SINGLE_PRECISION * (world.bodies.radius[i] + world.bodies.radius[j]), 1
 
 
+@njit(cache=True, nogil=True)
+def part(i, j, t_ij, slack, world, work):
+    """Let two bodies that do not touch rest: no search until they may have crossed the gap between them.
+
+    Asks the trees whether the bodies stay apart when each sphere grows by what they may travel in some steps; the
+    number of steps adapts. This only leaves out searches that would find nothing, so no result depends on it.
+    """
+    steps, pace = work.rest[i, j, 1], work.speed[i] + work.speed[j]
+    search = work.search
+    search.stack[0, 0], search.stack[0, 1] = world.bodies.root[i], world.bodies.root[j]
+    first_only = Scratch(search.stack, search.pairs[: WIDTH * WIDTH], search.records)
+    found, top = candidates(world.tree, work.R_ij, t_ij, slack + steps * pace, first_only, 1)
+    if found == 0:
+        work.rest[i, j, 0] = work.travel[i] + work.travel[j] + steps * pace
+        work.rest[i, j, 1] = min(2.0 * steps, _LONGEST_REST)
+    else:
+        work.rest[i, j, 1] = max(0.5 * steps, 1.0)
+
+
 @njit(cache=True, nogil=True, forceinline=True)
 def add_wrench(x, i, j, count, stiffness, work):
     """Add the forces of the first ``count`` contacts on record to the wrenches of bodies i and j."""
-    if count == 0:
-        return
     force, moment = contact_sums(work.search.records, count)
     fx, fy, fz = rotate(work.R[i], force[0], force[1], force[2])
     mx, my, mz = rotate(work.R[i], moment[0], moment[1], moment[2])
@@ -205,11 +244,16 @@ def advance(x, world, steps):
     """Advance the state ``x`` (B, 13) of one rollout in place."""
     work = workspace(x, world)
     for _ in range(steps):
-        drift(x, world, work.R)
+        drift(x, world, work)
         for k in range(near_pairs(x, world, work)):
-            i, j = work.near[k]
+            i, j = work.near[k, 0], work.near[k, 1]
             t_ij, slack, top = open_pair(x, i, j, world, work)
+            touching = False
             while top > 0:
                 count, top = next_contacts(world.tree, work.R_ij, t_ij, slack, work.search, top)
-                add_wrench(x, i, j, count, world.stiffness, work)
+                if count > 0:
+                    touching = True
+                    add_wrench(x, i, j, count, world.stiffness, work)
+            if not touching:
+                part(i, j, t_ij, slack, world, work)
         kick(x, world, work)

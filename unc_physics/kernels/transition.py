@@ -28,8 +28,9 @@ def write_exact_rotation(R, x, i, dt, out):
     """
     a, b, c = dt * x[i, W], dt * x[i, W + 1], dt * x[i, W + 2]
     angle2 = a * a + b * b + c * c
-    if angle2 < 1e-6:
-        first, second = 0.5 - angle2 / 24.0, 1.0 / 6.0 - angle2 / 120.0
+    if angle2 < 0.01:  # as in nearly every time step: the series to round-off
+        first = 0.5 - angle2 * (1.0 / 24.0 - angle2 * (1.0 / 720.0 - angle2 * (1.0 / 40320.0 - angle2 / 3628800.0)))
+        second = 1.0 / 6.0 - angle2 * (1.0 / 120.0 - angle2 * (1.0 / 5040.0 - angle2 / 362880.0))
     else:
         angle = math.sqrt(angle2)
         first, second = (1.0 - math.cos(angle)) / angle2, (angle - math.sin(angle)) / (angle2 * angle)

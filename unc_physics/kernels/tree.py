@@ -224,7 +224,7 @@ def candidates(tree, R_ij, t_ij, slack, scratch, top):
     t_ij : tuple of 3 floats
         Body j's centre of mass in body i's frame [m].
     slack : float
-        What single precision may lose in moving a point from one frame to the other [m].
+        How far apart candidates may be [m]; at least what single precision loses in a change of frame.
     scratch : Scratch
         Its ``stack`` holds the pairs of children (i's, j's) still to be compared, the two roots when a search
         begins; its ``pairs`` are filled with candidates (sphere of i, sphere of j), all overlapping ones among them.

@@ -14,7 +14,7 @@ from ..errors import InvalidOptionError
 from ..kernels.contact import VOLUME, next_contacts
 from ..kernels.moments import boxminus, boxplus
 from ..kernels.so3 import rotate, rotate_back
-from ..kernels.step import add_wrench, drift, kick, near_pairs, open_pair, workspace
+from ..kernels.step import add_wrench, drift, kick, near_pairs, open_pair, part, workspace
 from ..kernels.transition import apply_transition, write_exact_rotation
 from ..layout import EP, ER, ERROR, EV, EW, P, STATE
 from .base import Propagator, Traits
@@ -105,19 +105,22 @@ def _advance(mean, root, world, steps, analytic):
             drift_root(mean, root, world, work.R, rotation)
         else:
             before[:] = mean
-        drift(mean, world, work.R)
+        drift(mean, world, work)
         touching = 0
         for k in range(near_pairs(mean, world, work)):
-            i, j = work.near[k]
+            i, j = work.near[k, 0], work.near[k, 1]
             t_ij, slack, top = open_pair(mean, i, j, world, work)
             dominant.volume[touching] = 0.0
             while top > 0:
                 count, top = next_contacts(world.tree, work.R_ij, t_ij, slack, work.search, top)
-                add_wrench(mean, i, j, count, world.stiffness, work)
-                keep_dominant(work.search, count, dominant, touching)
+                if count > 0:
+                    add_wrench(mean, i, j, count, world.stiffness, work)
+                    keep_dominant(work.search, count, dominant, touching)
             if dominant.volume[touching] > 0.0:
-                dominant.bodies[touching] = i, j
+                dominant.bodies[touching, 0], dominant.bodies[touching, 1] = i, j
                 touching += 1
+            else:
+                part(i, j, t_ij, slack, world, work)
         if analytic:
             for k in range(touching):
                 contact_root(mean, root, world, work.R, dominant, k)
@@ -137,7 +140,7 @@ def keep_dominant(search, count, dominant, place):
         if volume == best and (i, j) >= (dominant.spheres[place, 0], dominant.spheres[place, 1]):
             continue
         dominant.volume[place] = volume
-        dominant.spheres[place] = i, j
+        dominant.spheres[place, 0], dominant.spheres[place, 1] = i, j
 
 
 @njit(cache=True, nogil=True, forceinline=True)
@@ -289,7 +292,7 @@ def _inverse_inertia(world, R, body, tau):
 @njit(cache=True, nogil=True)
 def regularized_step(x, world, work, dominant, touching):
     """The step that ``F_t`` differentiates: the dominant contacts act, with held volume and Eq. 10's normal."""
-    drift(x, world, work.R)
+    drift(x, world, work)
     for k in range(touching):
         i, j = dominant.bodies[k]
         arm_i, arm_j, D, ri, rj = contact_geometry(x, work.R, world.tree, dominant, k)

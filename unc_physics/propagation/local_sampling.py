@@ -14,7 +14,7 @@ from ..errors import InvalidOptionError
 from ..kernels.contact import DISTANCE, NORMAL, VOLUME, next_contacts
 from ..kernels.random import combine, normals
 from ..kernels.so3 import rotate, rotate_back
-from ..kernels.step import add_wrench, drift, kick, near_pairs, open_pair, workspace
+from ..kernels.step import add_wrench, drift, kick, near_pairs, open_pair, part, workspace
 from ..kernels.transition import apply_transition, write_printed_rotation
 from ..layout import EP, ER, ERROR, EV, EW
 from ..validation import integer
@@ -118,28 +118,30 @@ def _advance(mean, covariance, world, span, seed, samples):
             if world.bodies.moving[i]:
                 write_printed_rotation(work.R, i, world.dt, rotation)
                 transform(rows, ERROR * place[i], world.dt, world.decay, rotation)
-        drift(mean, world, work.R)
+        drift(mean, world, work)
         cloud.known[:] = False
         step_key = combine(combine(np.uint64(0), seed), step)
         for k in range(near_pairs(mean, world, work)):
-            i, j = work.near[k]
+            i, j = work.near[k, 0], work.near[k, 1]
             pair_key = combine(combine(step_key, i), j)
             t_ij, slack, top = open_pair(mean, i, j, world, work)
             cloud.spread[:] = 0.0
             touching = False
             while top > 0:
                 found, top = next_contacts(world.tree, work.R_ij, t_ij, slack, work.search, top)
-                add_wrench(mean, i, j, found, world.stiffness, work)
                 if found > 0:
                     touching = True
+                    add_wrench(mean, i, j, found, world.stiffness, work)
                     for body in (i, j):
                         if world.bodies.moving[body] and not cloud.known[body]:
                             know_cloud(covariance[place[body]], work.R[body], body, cloud)
                     sample_contacts((i, j), found, pair_key, world.tree, work, cloud)
-            if touching:
-                for side, body in ((1, i), (2, j)):
-                    if world.bodies.moving[body]:
-                        kick_covariance(covariance[place[body]], world, work.R[body], body, cloud.spread, side)
+            if not touching:
+                part(i, j, t_ij, slack, world, work)
+                continue
+            for side, body in ((1, i), (2, j)):
+                if world.bodies.moving[body]:
+                    kick_covariance(covariance[place[body]], world, work.R[body], body, cloud.spread, side)
         kick(mean, world, work)
 
 

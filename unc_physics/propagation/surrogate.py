@@ -13,7 +13,7 @@ from ..belief import Belief
 from ..errors import InvalidOptionError
 from ..kernels.contact import DISTANCE, NORMAL, VOLUME, next_contacts
 from ..kernels.so3 import rotate, rotate_back
-from ..kernels.step import add_wrench, drift, kick, near_pairs, open_pair, workspace
+from ..kernels.step import add_wrench, drift, kick, near_pairs, open_pair, part, workspace
 from ..kernels.transition import apply_transition, write_printed_rotation
 from ..layout import EP, ER, ERROR, EV, EW
 from ..validation import positive
@@ -100,27 +100,29 @@ def _advance(mean, roots, world, steps, k_sigma):
             if world.bodies.moving[i]:
                 write_printed_rotation(work.R, i, world.dt, rotation)
                 apply_transition(rows, ERROR * place[i], world.dt, world.decay, rotation)
-        drift(mean, world, work.R)
+        drift(mean, world, work)
         spread.known[:] = False
         for k in range(near_pairs(mean, world, work)):
-            i, j = work.near[k]
+            i, j = work.near[k, 0], work.near[k, 1]
             t_ij, slack, top = open_pair(mean, i, j, world, work)
             spread.tilt[:] = 0.0
             spread.torque[:] = 0.0
             touching = False
             while top > 0:
                 found, top = next_contacts(world.tree, work.R_ij, t_ij, slack, work.search, top)
-                add_wrench(mean, i, j, found, world.stiffness, work)
                 if found > 0:
                     touching = True
+                    add_wrench(mean, i, j, found, world.stiffness, work)
                     for body in (i, j):
                         if world.bodies.moving[body] and not spread.known[body]:
                             know_spread(roots[place[body]], work.R[body], body, spread)
                     add_tilts((i, j), found, k_sigma, world.tree, work, spread)
-            if touching:
-                for side, body in ((0, i), (1, j)):
-                    if world.bodies.moving[body]:
-                        kick_root(roots[place[body]], world, work.R[body], body, spread, side)
+            if not touching:
+                part(i, j, t_ij, slack, world, work)
+                continue
+            for side, body in ((0, i), (1, j)):
+                if world.bodies.moving[body]:
+                    kick_root(roots[place[body]], world, work.R[body], body, spread, side)
         kick(mean, world, work)
 
 
