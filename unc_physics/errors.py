@@ -55,9 +55,16 @@ class UncPhysicsError(Exception):
         self.problem, self.field, self.value = problem, field, value
         text = problem if field is None else f"{field} {problem}"
         if value is not None:
-            shown = repr(value)
-            text += f" (got {shown if len(shown) <= 120 else shown[:117] + '...'})"
+            text += f" (got {_shown(value)})"
         super().__init__(text)
+
+
+def _shown(value):
+    try:
+        text = repr(value)
+    except ValueError:  # Python refuses to write integers of thousands of digits
+        text = "too large a number to show"
+    return text if len(text) <= 120 else text[:117] + "..."
 
 
 class InvalidRequestError(UncPhysicsError):

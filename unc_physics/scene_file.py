@@ -19,6 +19,7 @@ from .errors import (
     InvalidOptionError,
     InvalidRequestError,
     NoObjectsError,
+    NotFiniteError,
     NotSupportedError,
     UncPhysicsError,
 )
@@ -49,6 +50,7 @@ _STDS = {
     "orientation_std": ERR_ROTATION,
     "angular_velocity_std": ERR_ANGULAR_VELOCITY,
 }
+_STD_LIMIT = 1e150
 _BODY_KEYS = ("name", "model", "spheres", "scale", "mass", *_VECTORS, "orientation", *_STDS, "covariance", "fixed")
 
 
@@ -78,7 +80,7 @@ def load_scene(path, models_dir=None) -> LoadedScene:
     path = Path(path)
     try:
         text = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
+    except (OSError, ValueError) as error:  # ValueError: no UTF-8, or a path that can be none
         reason = getattr(error, "strerror", None) or "it is not UTF-8 text"
         raise InvalidRequestError(f"cannot be read: {reason}", field=f"scene file {path}") from None
     try:
@@ -216,6 +218,8 @@ def _covariance(content, field):
             non_negative(std[_STDS[key]].min(), name)
         else:
             std[_STDS[key]] = non_negative(content[key], name)
+        if std[_STDS[key]].max() > _STD_LIMIT:
+            raise NotFiniteError("is too large for its square to be finite", field=name, value=content[key])
     return np.diag(std**2)
 
 
@@ -232,7 +236,9 @@ def _check_keys(content, known, field):
     if not isinstance(content, dict):
         raise InvalidRequestError("must be a mapping of keys to values", field=field, value=content)
     for key in content:
+        if not isinstance(key, str):
+            raise InvalidRequestError("has a key that is no text", field=field, value=key)
         if key not in known:
-            close = difflib.get_close_matches(str(key), known, n=1)
+            close = difflib.get_close_matches(key[:50], known, n=1)
             hint = f"; did you mean '{close[0]}'?" if close else ""
-            raise InvalidRequestError(f"has no key '{key}'{hint}", field=field)
+            raise InvalidRequestError(f"has no key {key[:50]!r}{hint}", field=field)

@@ -85,14 +85,15 @@ def covariance(value, size, field):
 
     P = array(value, (size, size), field, InvalidCovarianceError)
     diagonal = P.diagonal()
-    if (worst := diagonal.min(initial=0.0)) < 0.0:
-        k = int(diagonal.argmin())
-        block = diagonal[3 * (k // 3) : 3 * (k // 3) + 3]
-        if worst < -_COVARIANCE_TOLERANCE * block.max():
-            raise InvalidCovarianceError(f"has a negative variance at [{k}][{k}]", field=field, value=float(worst))
-    scale = np.repeat(np.sqrt(diagonal.reshape(-1, 3).max(axis=1)), 3)
-    scale[scale <= 0.0] = 1.0
-    C = P / np.outer(scale, scale)
+    variance = np.repeat(diagonal.reshape(-1, 3).max(axis=1), 3)
+    variance[variance <= 0.0] = max(0.0, variance.max(initial=0.0))  # a certain block has only the others' round-off
+    if (negative := diagonal < -_COVARIANCE_TOLERANCE * variance).any():
+        k = int(negative.argmax())
+        raise InvalidCovarianceError(f"has a negative variance at [{k}][{k}]", field=field, value=float(diagonal[k]))
+    if not variance.any() and P.any():
+        raise InvalidCovarianceError("has entries beside a diagonal of zeros", field=field, value=float(P.flat[np.abs(P).argmax()]))
+    scale = np.sqrt(np.where(variance > 0.0, variance, 1.0))
+    C = P / scale[:, None] / scale
     asymmetry = np.abs(C - C.T)
     if asymmetry.max() > _COVARIANCE_TOLERANCE:
         a, b = np.unravel_index(asymmetry.argmax(), asymmetry.shape)
