@@ -100,9 +100,10 @@ def _advance(mean, root, world, steps, analytic):
     pairs = len(work.near)
     dominant = DominantContacts(np.empty((pairs, 2), np.int64), np.empty((pairs, 2), np.int64), np.empty(pairs))
     before, rotation = np.empty_like(mean), np.empty((3, 3))
+    moving, R, factors = world.bodies.moving, work.R, (world.dt, world.decay)
     for _ in range(steps):
         if analytic:
-            drift_root(mean, root, world, work.R, rotation)
+            drift_root(mean, root, moving, R, factors, rotation)
         else:
             before[:] = mean
         drift(mean, world, work)
@@ -144,13 +145,16 @@ def keep_dominant(search, count, dominant, place):
 
 
 @njit(cache=True, nogil=True, forceinline=True)
-def drift_root(x, root, world, R, rotation):
-    """Multiply the root by the derivative of drift and damping; ``x`` and ``R`` are those before the drift."""
+def drift_root(x, root, moving, R, factors, rotation):
+    """Multiply the root by the derivative of drift and damping; ``x`` and ``R`` are those before the drift.
+
+    ``factors`` are the time step and the decay, ``rotation`` (3, 3) is room for a block.
+    """
     place = 0
     for i in range(len(x)):
-        if world.bodies.moving[i]:
-            write_exact_rotation(R, x, i, world.dt, rotation)
-            apply_transition(root, place, world.dt, world.decay, rotation)
+        if moving[i]:
+            write_exact_rotation(R, x, i, factors[0], rotation)
+            apply_transition(root, place, factors[0], factors[1], rotation)
             place += ERROR
 
 

@@ -113,11 +113,12 @@ def _advance(mean, covariance, world, span, seed, samples):
         np.zeros((_DRAWS, samples)), np.empty((3, 6)),
     )
     rows, rotation = covariance.reshape(-1, ERROR), np.empty((3, 3))
+    moving, R, dt, decay = world.bodies.moving, work.R, world.dt, world.decay
     for step in range(span[0], span[0] + span[1]):
         for i in range(count):
-            if world.bodies.moving[i]:
-                write_printed_rotation(work.R, i, world.dt, rotation)
-                transform(rows, ERROR * place[i], world.dt, world.decay, rotation)
+            if moving[i]:
+                write_printed_rotation(R, i, dt, rotation)
+                transform(rows, ERROR * place[i], dt, decay, rotation)
         drift(mean, world, work)
         cloud.known[:] = False
         step_key = combine(combine(np.uint64(0), seed), step)
@@ -133,15 +134,15 @@ def _advance(mean, covariance, world, span, seed, samples):
                     touching = True
                     add_wrench(mean, i, j, found, world.stiffness, work)
                     for body in (i, j):
-                        if world.bodies.moving[body] and not cloud.known[body]:
-                            know_cloud(covariance[place[body]], work.R[body], body, cloud)
+                        if moving[body] and not cloud.known[body]:
+                            know_cloud(covariance[place[body]], R[body], body, cloud)
                     sample_contacts((i, j), found, pair_key, world.tree, work, cloud)
             if not touching:
                 part(i, j, t_ij, slack, world, work)
                 continue
             for side, body in ((1, i), (2, j)):
-                if world.bodies.moving[body]:
-                    kick_covariance(covariance[place[body]], world, work.R[body], body, cloud.spread, side)
+                if moving[body]:
+                    kick_covariance(covariance[place[body]], world, R[body], body, cloud.spread, side)
         kick(mean, world, work)
 
 

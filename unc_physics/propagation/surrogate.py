@@ -95,11 +95,12 @@ def _advance(mean, roots, world, steps, k_sigma):
         np.zeros((count, 3, 3)), np.zeros((count, 3, 3)), np.zeros(count, np.bool_), np.empty((3, 3)), np.empty((2, 3, 3))
     )
     rows, rotation = roots.reshape(-1, ERROR), np.empty((3, 3))
+    moving, R, dt, decay = world.bodies.moving, work.R, world.dt, world.decay
     for _ in range(steps):
         for i in range(count):
-            if world.bodies.moving[i]:
-                write_printed_rotation(work.R, i, world.dt, rotation)
-                apply_transition(rows, ERROR * place[i], world.dt, world.decay, rotation)
+            if moving[i]:
+                write_printed_rotation(R, i, dt, rotation)
+                apply_transition(rows, ERROR * place[i], dt, decay, rotation)
         drift(mean, world, work)
         spread.known[:] = False
         for k in range(near_pairs(mean, world, work)):
@@ -114,15 +115,15 @@ def _advance(mean, roots, world, steps, k_sigma):
                     touching = True
                     add_wrench(mean, i, j, found, world.stiffness, work)
                     for body in (i, j):
-                        if world.bodies.moving[body] and not spread.known[body]:
-                            know_spread(roots[place[body]], work.R[body], body, spread)
+                        if moving[body] and not spread.known[body]:
+                            know_spread(roots[place[body]], R[body], body, spread)
                     add_tilts((i, j), found, k_sigma, world.tree, work, spread)
             if not touching:
                 part(i, j, t_ij, slack, world, work)
                 continue
             for side, body in ((0, i), (1, j)):
-                if world.bodies.moving[body]:
-                    kick_root(roots[place[body]], world, work.R[body], body, spread, side)
+                if moving[body]:
+                    kick_root(roots[place[body]], world, R[body], body, spread, side)
         kick(mean, world, work)
 
 
