@@ -42,7 +42,9 @@ from .validation import array, covariance, integer, non_negative, number, positi
 
 _PHYSICS = ("dt", "stiffness", "damping", "gravity")
 _LATER = ("friction", "restitution", "gyroscopic")
-_SCENE_KEYS = (*_PHYSICS, "horizon", "bodies", "environment", *_LATER, "integrator", "islands")
+#: Keys of a scene file that set the physics.
+PHYSICS_KEYS = (*_PHYSICS, *_LATER, "integrator", "islands")
+_SCENE_KEYS = (*PHYSICS_KEYS, "horizon", "bodies", "environment")
 _VECTORS = {"position": POSITION, "linear_velocity": VELOCITY, "angular_velocity": ANGULAR_VELOCITY}
 _STDS = {
     "position_std": ERR_POSITION,
@@ -100,7 +102,6 @@ def scene_from_dict(content, models_dir=None, folder=None) -> LoadedScene:
         raise NoObjectsError("must name at least one body", field="bodies")
     if not isinstance(bodies, list):
         raise InvalidRequestError("must be a list", field="bodies", value=bodies)
-    _refuse_unserved(content)
     read = [_body(body, f"bodies[{k}]", models_dir, folder) for k, body in enumerate(bodies)]
     scene = Scene([body for body, _, _ in read], **physics_options(content))
     blocks = [P for body, _, P in read if not body.fixed]
@@ -112,7 +113,8 @@ def scene_from_dict(content, models_dir=None, folder=None) -> LoadedScene:
 
 
 def physics_options(content) -> dict:
-    """The physics among the entries of a scene file, as arguments of `Scene`."""
+    """The physics among the entries of a scene file, as arguments of `Scene`; refuses what is not served."""
+    _refuse_unserved(content)
     options = {key: number(content[key], key) for key in _PHYSICS if key != "gravity" and content.get(key) is not None}
     if content.get("gravity") is not None:
         options["gravity"] = _numbers(content["gravity"], (3,), "gravity")

@@ -1,0 +1,35 @@
+"""A node in a process of its own, and a client to talk to it over real Fast DDS."""
+
+import os
+
+import pytest
+
+pytest.importorskip("rclpy", reason="needs ROS 2 (rclpy)")
+pytest.importorskip("unc_physics_msgs", reason="needs the interface package unc_physics_msgs")
+
+# before any participant exists; child processes inherit all of it
+os.environ["ROS_DOMAIN_ID"] = str(1 + os.getpid() % 100)
+os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
+os.environ["ROS_PYTHON_CHECK_FIELDS"] = "1"
+
+from running import Client, NodeProcess
+
+
+@pytest.fixture(scope="session")
+def node():
+    """The node with its default parameters, but zeros as exactly known; shared, so leave it as it was."""
+    with NodeProcess("-p", "zero_covariance:=exact") as process:
+        yield process
+
+
+@pytest.fixture(scope="session")
+def client():
+    """A client in this process; its calls go over DDS."""
+    with Client() as made:
+        yield made
+
+
+@pytest.fixture
+def predict(node, client):
+    """Function that calls `~/predict` of the shared node."""
+    return lambda request, **others: client.predict(request, **others)

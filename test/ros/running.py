@@ -1,0 +1,108 @@
+"""Processes of nodes, and a client."""
+
+import signal
+import subprocess
+import sys
+import threading
+import time
+
+import rclpy
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+
+from unc_physics_msgs.srv import Predict
+
+READY_TIMEOUT = 240.0  # s; a cold cache compiles everything
+ANSWER_TIMEOUT = 60.0  # s
+
+
+class NodeProcess:
+    """``python -m unc_physics.ros.node`` with ROS arguments, running while the context lasts."""
+
+    def __init__(self, *ros_arguments, module="unc_physics.ros.node", name="unc_physics"):
+        remap = ["-r", f"__node:={name}"]
+        self.command = [sys.executable, "-m", module, "--ros-args", *remap, *ros_arguments]
+        self.name = name
+
+    def __enter__(self):
+        self.process = subprocess.Popen(
+            self.command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, bufsize=1)
+        self.lines = []
+        self._ready = threading.Event()
+        threading.Thread(target=self._read, daemon=True).start()
+        deadline = time.monotonic() + READY_TIMEOUT
+        while not self._ready.wait(0.05):
+            if self.process.poll() is not None or time.monotonic() > deadline:
+                self.process.kill()
+                raise RuntimeError("the node did not get ready:\n" + "".join(self.lines))
+        return self
+
+    def _read(self):
+        for line in self.process.stdout:
+            self.lines.append(line)
+            if "ready" in line:
+                self._ready.set()
+
+    @property
+    def output(self):
+        """What it has printed so far."""
+        return "".join(self.lines)
+
+    def end(self, with_signal=signal.SIGINT, timeout=10.0):
+        """Ask it to end; returns its exit status."""
+        self.process.send_signal(with_signal)
+        return self.process.wait(timeout)
+
+    def __exit__(self, *_):
+        if self.process.poll() is None:
+            self.end()
+
+
+class Client:
+    """A node of this process that calls services, spinning in a thread."""
+
+    def __enter__(self):
+        self.context = rclpy.Context()
+        rclpy.init(context=self.context)
+        self.node = rclpy.create_node("test_client", context=self.context)
+        self.executor = SingleThreadedExecutor(context=self.context)
+        self.executor.add_node(self.node)
+        self._thread = threading.Thread(target=self._spin, daemon=True)
+        self._thread.start()
+        self._clients = {}
+        return self
+
+    def _spin(self):
+        try:
+            self.executor.spin()
+        except ExternalShutdownException:
+            pass
+
+    def __exit__(self, *_):
+        self.executor.shutdown()
+        self.context.try_shutdown()
+        self._thread.join(5.0)
+        self.node.destroy_node()
+
+    def start(self, service_type, name, request):
+        """Send a request; returns the future of its answer."""
+        if name not in self._clients:
+            self._clients[name] = self.node.create_client(service_type, name)
+        client = self._clients[name]
+        assert client.wait_for_service(READY_TIMEOUT), f"no service {name}"
+        return client.call_async(request)
+
+    def call(self, service_type, name, request, timeout=ANSWER_TIMEOUT):
+        """Send a request and wait for its answer."""
+        return result_of(self.start(service_type, name, request), timeout)
+
+    def predict(self, request, node="unc_physics", **others):
+        """Call `~/predict`."""
+        return self.call(Predict, f"/{node}/predict", request, **others)
+
+
+def result_of(future, timeout=ANSWER_TIMEOUT):
+    """Wait for a future that another thread's executor completes."""
+    done = threading.Event()
+    future.add_done_callback(lambda _: done.set())
+    assert done.wait(timeout), "no answer"
+    return future.result()

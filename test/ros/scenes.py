@@ -1,0 +1,70 @@
+"""Requests that tests begin from."""
+
+import numpy as np
+from diagnostic_msgs.msg import KeyValue
+
+from unc_physics.errors import ErrorCode
+from unc_physics_msgs.msg import ObjectState
+from unc_physics_msgs.srv import Predict
+
+POSITION_STD = 0.02  # m
+ROTATION_STD = 0.05  # rad
+
+
+def diagonal(*stds):
+    """A covariance (36,) of a message from 6 standard deviations."""
+    return np.diag(np.square(stds)).ravel()
+
+
+def moving_object(name="left", model="bunny", position=(-0.2, 0.0, 0.0), velocity=(0.5, 0.0, 0.0), spheres=20):
+    """An object with an uncertain pose."""
+    message = ObjectState(id=name, model=model, mass=1.0, spheres=spheres)
+    pose, twist = message.pose.pose, message.twist.twist
+    pose.position.x, pose.position.y, pose.position.z = position
+    twist.linear.x, twist.linear.y, twist.linear.z = velocity
+    message.pose.covariance = diagonal(*[POSITION_STD] * 3, *[ROTATION_STD] * 3)
+    return message
+
+
+def request_of(*objects, horizon=0.2, **others):
+    """A request for `~/predict` without gravity."""
+    request = Predict.Request(objects=list(objects), horizon=horizon, **others)
+    request.scene_options.append(KeyValue(key="gravity", value="[0, 0, 0]"))
+    return request
+
+
+def good_request(**others):
+    """Two objects that approach each other."""
+    right = moving_object("right", "armadillo", (0.2, 0.0, 0.0), (-0.5, 0.0, 0.0))
+    return request_of(moving_object(), right, **others)
+
+
+def assert_answered(response):
+    """The answer is no error, and holds finite numbers only."""
+    assert response.error_code == ErrorCode.NONE, response.error_msg
+    assert response.objects
+    for predicted in response.objects:
+        assert predicted.states
+        for state in predicted.states:
+            assert np.isfinite(numbers_of(state)).all()
+
+
+def numbers_of(state):
+    """All numbers of a PredictedState but its optional parts."""
+    pose, twist = state.pose.pose, state.twist.twist
+    return np.concatenate([
+        position_of(pose), orientation_of(pose),
+        [twist.linear.x, twist.linear.y, twist.linear.z, twist.angular.x, twist.angular.y, twist.angular.z],
+        state.pose.covariance, state.twist.covariance,
+    ])
+
+
+def position_of(pose):
+    """(3,)"""
+    return np.array([pose.position.x, pose.position.y, pose.position.z])
+
+
+def orientation_of(pose):
+    """(4,)"""
+    q = pose.orientation
+    return np.array([q.x, q.y, q.z, q.w])

@@ -1,0 +1,166 @@
+"""The service `~/predict`, over real DDS, from another process."""
+
+import numpy as np
+import pytest
+from diagnostic_msgs.msg import KeyValue
+from scenes import (
+    assert_answered,
+    good_request,
+    moving_object,
+    numbers_of,
+    orientation_of,
+    position_of,
+    request_of,
+)
+
+from unc_physics import PROPAGATORS
+from unc_physics import predict as predict_in_core
+from unc_physics.errors import ErrorCode
+from unc_physics.ros.conversions import read_scene, rotation_matrix, seconds, write_prediction
+from unc_physics.ros.models import ModelLibrary
+from unc_physics_msgs.msg import PredictedObject
+
+ROUND_OFF = 1e-12
+
+
+@pytest.mark.parametrize("propagator", PROPAGATORS)
+def test_every_propagator_answers_as_the_core_does(predict, propagator):
+    request = good_request(propagator=propagator, seed=7, horizon=0.4)
+    for key, value in (("dt", "0.01"), ("stiffness", "1e5"), ("damping", "0.5")):
+        request.scene_options.append(KeyValue(key=key, value=value))
+    response = predict(request)
+    assert_answered(response)
+    assert (response.propagator, response.seed_used, response.time_reached) == (propagator, 7, 0.4)
+    assert response.header.frame_id == "world"
+    assert 0.0 < response.computation_time < 60.0
+    physics = {"dt": 0.01, "stiffness": 1e5, "damping": 0.5}
+    scene, belief, models, _ = read_scene(request.objects, request.environment, ModelLibrary(), physics)
+    options = {"seed": 7} if "seed" in PROPAGATORS[propagator].options() else {}
+    core = predict_in_core(scene, belief, PROPAGATORS[propagator](**options), 0.4)
+    expected, _ = write_prediction(scene, models, core.times, core.beliefs)
+    for got, want in zip(response.objects, expected, strict=True):
+        assert (got.id, got.model, got.status) == (want.id, want.model, PredictedObject.STATUS_NOT_ASSESSED)
+        assert np.allclose(numbers_of(got.states[-1]), numbers_of(want.states[-1]), rtol=0.0, atol=ROUND_OFF)
+    moved = position_of(response.objects[0].states[-1].pose.pose)[0] - request.objects[0].pose.pose.position.x
+    assert moved > 0.05
+
+
+def test_free_flight_in_closed_form(predict):
+    request = request_of(moving_object(position=(0.0, 0.0, 1.0), velocity=(0.3, 0.0, 2.0)), horizon=1.0)
+    request.scene_options[0].value = "[0, 0, -9.81]"
+    (falling,) = predict(request).objects
+    dt = 0.005
+    drop = 9.81 * dt**2 * 200 * 199 / 2  # each step moves first and gains velocity after
+    assert np.allclose(position_of(falling.states[-1].pose.pose), [0.3, 0.0, 3.0 - drop])
+    assert np.allclose(falling.states[-1].pose.covariance, request.objects[0].pose.covariance, rtol=1e-6, atol=1e-9)
+
+
+def test_a_trajectory(predict):
+    request = good_request(trajectory_period=0.06, propagator="linearization")
+    request.header.stamp.sec = 123
+    response = predict(request)
+    assert_answered(response)
+    for predicted in response.objects:
+        times = [seconds(state.time_from_start) for state in predicted.states]
+        assert np.allclose(times, [0.06, 0.12, 0.18, 0.2])
+    assert response.header.stamp.sec == 123
+
+
+def test_the_same_seed_gives_the_same_answer(predict):
+    def answer(seed):
+        response = predict(good_request(propagator="monte_carlo", samples=20, seed=seed))
+        return response.seed_used, [numbers_of(predicted.states[-1]).tolist() for predicted in response.objects]
+
+    seed, chosen = answer(0)
+    assert seed != 0
+    assert answer(seed) == (seed, chosen)
+    other, different = answer(0)
+    assert other != seed and different != chosen
+
+
+def test_samples_of_monte_carlo_are_its_own(predict):
+    request = good_request(
+        propagator="monte_carlo", samples=30, seed=5, return_samples=30, trajectory_period=0.1, return_covariance=True)
+    response = predict(request)
+    assert_answered(response)
+    for predicted in response.objects:
+        assert len(predicted.states) == 2
+        for state in predicted.states:
+            positions = np.array([position_of(pose) for pose in state.pose_samples])
+            assert len(positions) == 30
+            # the pose is at the model's origin, the mean that of the centre of mass: equal to the first order
+            assert np.allclose(positions.mean(axis=0), position_of(state.pose.pose), atol=1e-3)
+            assert np.allclose(np.cov(positions.T, bias=True), np.reshape(state.pose.covariance, (6, 6))[:3, :3], atol=1e-4)
+
+
+def test_samples_of_a_gaussian_are_drawn_from_it(predict):
+    response = predict(good_request(propagator="linearization", seed=5, return_samples=1000))
+    assert_answered(response)
+    for predicted in response.objects:
+        (state,) = predicted.states
+        positions = np.array([position_of(pose) for pose in state.pose_samples])
+        P = np.reshape(state.pose.covariance, (6, 6))
+        standard_error = np.sqrt(np.diag(P)[:3] / 1000)
+        assert np.all(np.abs(positions.mean(axis=0) - position_of(state.pose.pose)) < 5.0 * standard_error + 1e-3)
+        assert np.allclose(np.var(positions, axis=0), np.diag(P)[:3], rtol=0.25)
+        assert all(abs(np.linalg.norm(orientation_of(pose)) - 1.0) < 1e-9 for pose in state.pose_samples)
+
+
+def test_joint_covariance(predict):
+    request = good_request(propagator="sigma_points", horizon=0.8, return_joint_covariance=True, return_covariance=True)
+    request.objects.append(moving_object("floor", "pin", (0.0, 0.0, -3.0)))
+    request.objects[2].fixed = True
+    response = predict(request)
+    assert_answered(response)
+    (joint,) = response.joint_covariances
+    assert joint.object_ids == ["left", "right"]
+    P = np.reshape(joint.data, (24, 24))
+    assert np.array_equal(P, P.T)
+    assert np.linalg.eigvalsh(P)[0] > -1e-9 * np.max(P)
+    assert np.any(P[:12, 12:] != 0.0)  # they have touched
+    for k, predicted in enumerate(response.objects[:2]):
+        own = np.reshape(predicted.states[-1].covariance, (12, 12))
+        assert np.allclose(P[12 * k : 12 * k + 12, 12 * k : 12 * k + 12], own, rtol=1e-9, atol=1e-15)
+    floor = response.objects[2]
+    assert floor.fixed and not np.any(floor.states[-1].pose.covariance)
+
+
+def test_options_of_a_propagator(predict):
+    responses = []
+    for points in ("minimal", "full"):
+        request = good_request(propagator="sigma_points", horizon=0.8)
+        request.propagator_options.append(KeyValue(key="points", value=points))
+        responses.append(predict(request))
+        assert_answered(responses[-1])
+    minimal, full = (numbers_of(response.objects[0].states[-1]) for response in responses)
+    assert not np.array_equal(minimal, full)
+
+
+def test_the_computation_time_runs_out(predict):
+    request = good_request(propagator="monte_carlo", samples=5000, horizon=20.0, max_computation_time=0.3)
+    response = predict(request)
+    assert response.error_code == ErrorCode.TIMEOUT
+    assert "max_computation_time" in response.error_msg
+    assert 0.0 < response.time_reached < 20.0
+    for predicted in response.objects:
+        assert seconds(predicted.states[-1].time_from_start) == pytest.approx(response.time_reached)
+        assert np.isfinite(numbers_of(predicted.states[-1])).all()
+
+
+def test_the_world_frame_may_be_named(predict):
+    request = good_request()
+    request.header.frame_id = "world"
+    assert_answered(predict(request))
+
+
+def test_a_scaled_model_s_origin(predict):
+    message = moving_object(velocity=(0.0, 0.0, 0.0))
+    message.scale = 2.0
+    message.twist.twist.angular.z = 1.0
+    (predicted,) = predict(request_of(message, horizon=1.0)).objects
+    core, *_ = read_scene([message], request_of().environment, ModelLibrary(), {})
+    r = core.bodies[0].model.origin.copy()
+    com_velocity = -np.cross([0.0, 0.0, 1.0], r)  # the origin is at rest at first
+    turned = rotation_matrix(np.array([0.0, 0.0, np.sin(0.5), np.cos(0.5)])) @ r
+    expected = position_of(message.pose.pose) - r + com_velocity + turned
+    assert np.allclose(position_of(predicted.states[-1].pose.pose), expected, atol=1e-9)

@@ -1,0 +1,451 @@
+"""Between messages and the core: the only place that knows both.
+
+A message gives the pose of a model's own origin ``o`` and rotations about the fixed axes of the frame; a `Belief`
+gives the pose of the centre of mass (COM) and rotations on the body side. With ``r = R_world_body o`` (from the COM
+to the origin, world axes) and ``dphi = R_world_body dtheta``, the errors at the origin are::
+
+    dp_o = dp - [r]x dphi                              p_o = p + r
+    dv_o = dv - [r]x domega - [omega]x [r]x dphi       v_o = v + omega x r
+
+which is linear in the error state: ``e_o = A e`` (`error_map`), so ``P_o = A P A^T``.
+"""
+
+from __future__ import annotations
+
+import math
+from array import array as packed_array
+from typing import NamedTuple
+
+import numpy as np
+import yaml
+from builtin_interfaces.msg import Duration
+from geometry_msgs.msg import Point, Pose, Quaternion
+
+from unc_physics_msgs.msg import JointCovariance, PredictedObject, PredictedState
+
+from ..belief import Belief
+from ..errors import (
+    DivergedError,
+    DuplicateIdError,
+    InvalidCovarianceError,
+    InvalidMassError,
+    InvalidOptionError,
+    InvalidRequestError,
+    LimitExceededError,
+    NoObjectsError,
+    NotFiniteError,
+    NotSupportedError,
+    UncPhysicsError,
+)
+from ..kernels.so3 import write_matrix
+from ..layout import (
+    ANGULAR_VELOCITY,
+    ERR_ANGULAR_VELOCITY,
+    ERR_POSITION,
+    ERR_ROTATION,
+    ERR_VELOCITY,
+    ERROR,
+    POSITION,
+    QUATERNION,
+    STATE,
+    VELOCITY,
+)
+from ..scene import RigidBody, Scene
+from ..scene_file import PHYSICS_KEYS, physics_options
+from ..validation import array, covariance, non_negative, number, positive, quaternion
+
+#: Rows of the error state in the order of PoseWithCovariance and of TwistWithCovariance.
+_POSE = np.r_[ERR_POSITION, ERR_ROTATION]
+_TWIST = np.r_[ERR_VELOCITY, ERR_ANGULAR_VELOCITY]
+#: First entry of a covariance that is not known, as in sensor_msgs/Imu.
+_UNKNOWN = -1.0
+
+
+class Doubts(NamedTuple):
+    """How covariances that say nothing are read.
+
+    Attributes
+    ----------
+    pose, twist : (6, 6) array
+        Stand in for an unknown covariance; in the order and frame of the messages, at the model's origin.
+    zero_is_exact : bool
+        Whether zeros mean exactly known; otherwise they mean unknown.
+    """
+
+    pose: np.ndarray
+    twist: np.ndarray
+    zero_is_exact: bool
+
+    @classmethod
+    def from_stds(cls, position, orientation, linear_velocity, angular_velocity, zero_is_exact):
+        """Unknown covariances from standard deviations [m, rad, m/s, rad/s], the same along all axes."""
+        pose = np.diag(np.repeat([position, orientation], 3) ** 2)
+        twist = np.diag(np.repeat([linear_velocity, angular_velocity], 3) ** 2)
+        return cls(pose, twist, zero_is_exact)
+
+
+EXACT = Doubts.from_stds(0.0, 0.0, 0.0, 0.0, zero_is_exact=True)
+
+
+class ReadScene(NamedTuple):
+    """What a message says about a scene.
+
+    Attributes
+    ----------
+    scene : Scene
+    belief : Belief
+    models : tuple of str
+        Each object's model, by the name that the message gives.
+    zeros_replaced : bool
+        Whether a covariance of zeros was read as unknown.
+    """
+
+    scene: Scene
+    belief: Belief
+    models: tuple[str, ...]
+    zeros_replaced: bool
+
+
+# --- messages to the core -------------------------------------------------------------------------------------------
+
+
+def read_scene(objects, environment, library, physics, doubts=EXACT, max_objects=None, max_spheres=None) -> ReadScene:
+    """The scene and the belief about it that messages describe.
+
+    Parameters
+    ----------
+    objects : sequence of ObjectState
+    environment : Environment
+    library : ModelLibrary
+    physics : dict
+        Arguments of `Scene` besides the bodies.
+    doubts : Doubts
+    max_objects, max_spheres : int, optional
+
+    Raises
+    ------
+    UncPhysicsError
+        One of its kinds, naming the field as in the message and the value.
+    """
+    if len(objects) == 0:
+        raise NoObjectsError("must name at least one object", field="objects")
+    if max_objects is not None and len(objects) > max_objects:
+        raise LimitExceededError(f"must be at most {max_objects} objects", field="objects", value=len(objects))
+    _refuse_environment(environment)
+    names = set()
+    for k, message in enumerate(objects):
+        if not isinstance(message.id, str) or not message.id:
+            raise InvalidRequestError("must be a non-empty text", field=f"objects[{k}].id", value=message.id)
+        if message.id in names:
+            raise DuplicateIdError("is the id of two objects", field=f"objects[{k}].id", value=message.id)
+        names.add(message.id)
+    read = [_body(message, f"objects[{k}]", library, doubts, max_spheres) for k, message in enumerate(objects)]
+    scene = Scene([body for body, *_ in read], **physics)
+    mean = np.array([state for _, state, _, _ in read])
+    blocks = np.array([P for body, _, P, _ in read if not body.fixed]).reshape(-1, ERROR, ERROR)
+    belief = Belief.trusted(mean, blocks, scene.moving.copy())
+    models = tuple(message.model for message in objects)
+    return ReadScene(scene, belief, models, any(zeros for *_, zeros in read))
+
+
+def read_options(pairs, field) -> dict[str, str]:
+    """KeyValue messages as texts by key; raises `InvalidOptionError` for a key that comes twice."""
+    options = {}
+    for k, pair in enumerate(pairs):
+        if pair.key in options:
+            raise InvalidOptionError("is given twice", field=f"{field}[{k}].key", value=pair.key)
+        options[pair.key] = pair.value
+    return options
+
+
+def read_physics(pairs) -> dict:
+    """Arguments of `Scene` from ``scene_options``: keys of a scene file, values in YAML.
+
+    Raises
+    ------
+    InvalidOptionError, NotFiniteError, InvalidHorizonError, NotSupportedError
+    """
+    options = {}
+    for key, text in read_options(pairs, "scene_options").items():
+        field = f"scene_options '{key}'"
+        if key not in PHYSICS_KEYS:
+            raise InvalidOptionError(f"must be one of {', '.join(PHYSICS_KEYS)}", field="scene_options", value=key)
+        try:
+            value = yaml.safe_load(text)
+        except (yaml.YAMLError, ValueError, RecursionError):
+            raise InvalidOptionError("is not valid YAML", field=field, value=text) from None
+        if value is None:
+            raise InvalidOptionError("must have a value", field=field, value=text)
+        try:
+            options |= physics_options({key: value})
+        except InvalidRequestError as error:
+            raise InvalidOptionError(error.problem, field=field, value=text) from None
+        except UncPhysicsError as error:
+            raise type(error)(error.problem, field=field, value=text) from None
+    return options
+
+
+def _refuse_environment(environment):
+    if environment.planes or environment.primitives or environment.primitive_poses or environment.ids:
+        raise NotSupportedError("is not supported yet", field="environment")
+
+
+def _body(message, field, library, doubts, max_spheres):
+    """A body, its state (13,), its covariance (12, 12), and whether zeros were read as unknown."""
+    try:
+        model = library.shape(message.model, message.spheres, number(message.scale, "scale"), max_spheres)
+    except UncPhysicsError as error:
+        place = f"{field}.{error.field}" if error.field in ("model", "spheres", "scale") else f"{field}.model: {error.field}"
+        raise type(error)(error.problem, field=place, value=error.value) from error
+    mass = _mass(message, field, model)
+    _refuse_uncertain_parameters(message, field)
+    state = np.zeros(STATE)
+    pose, twist = message.pose.pose, message.twist.twist
+    state[QUATERNION] = quaternion(_xyzw(pose.orientation), f"{field}.pose.pose.orientation")
+    R = rotation_matrix(state[QUATERNION])
+    r = R @ model.origin
+    state[POSITION] = array(_xyz(pose.position), (3,), f"{field}.pose.pose.position") - r
+    body = RigidBody(message.id, model, mass, message.fixed)
+    if message.fixed:
+        return body, state, np.zeros((ERROR, ERROR)), False
+    v_origin = array(_xyz(twist.linear), (3,), f"{field}.twist.twist.linear")
+    state[ANGULAR_VELOCITY] = array(_xyz(twist.angular), (3,), f"{field}.twist.twist.angular")
+    P_origin = np.zeros((ERROR, ERROR))
+    P_origin[np.ix_(_POSE, _POSE)], zero_pose = _known_covariance(
+        message.pose.covariance, f"{field}.pose.covariance", doubts.pose, doubts.zero_is_exact)
+    P_origin[np.ix_(_TWIST, _TWIST)], zero_twist = _known_covariance(
+        message.twist.covariance, f"{field}.twist.covariance", doubts.twist, doubts.zero_is_exact)
+    with np.errstate(over="ignore", invalid="ignore"):
+        state[VELOCITY] = v_origin - np.cross(state[ANGULAR_VELOCITY], r)
+        back = inverse_error_map(R, r, state[ANGULAR_VELOCITY])
+        P = back @ P_origin @ back.T
+    if not (np.isfinite(state).all() and np.isfinite(P).all()):
+        raise NotFiniteError("is too large to be moved to the centre of mass", field=field)
+    return body, state, 0.5 * (P + P.T), zero_pose or zero_twist
+
+
+def _mass(message, field, model):
+    if message.fixed:
+        return 1.0
+    if not message.use_model_mass:
+        return positive(message.mass, f"{field}.mass", InvalidMassError)
+    if model.mass is None:
+        raise InvalidMassError(f"is asked for, but model '{message.model}' gives no mass", field=f"{field}.use_model_mass")
+    return model.mass
+
+
+def _refuse_uncertain_parameters(message, field):
+    stds = {"mass_std": message.mass_std}
+    stds |= {f"center_of_mass_std.{axis}": getattr(message.center_of_mass_std, axis) for axis in "xyz"}
+    for name, value in stds.items():
+        if non_negative(value, f"{field}.{name}", InvalidCovarianceError) > 0.0:
+            raise NotSupportedError("is not supported yet", field=f"{field}.{name}", value=value)
+
+
+def _known_covariance(values, field, unknown, zero_is_exact):
+    """The covariance (6, 6) to calculate with, and whether zeros were read as unknown."""
+    flat = array(values, (36,), field, InvalidCovarianceError)
+    if flat[0] == _UNKNOWN:
+        return unknown, False
+    if not flat.any():
+        return (np.zeros((6, 6)), False) if zero_is_exact else (unknown, True)
+    return covariance(flat.reshape(6, 6), 6, field), False
+
+
+def _xyz(v):
+    return v.x, v.y, v.z
+
+
+def _xyzw(q):
+    return q.x, q.y, q.z, q.w
+
+
+# --- the core to messages -------------------------------------------------------------------------------------------
+
+
+class Wanted(NamedTuple):
+    """What an answer holds besides means and marginal covariances.
+
+    Attributes
+    ----------
+    covariance, joint_covariance : bool
+        Each object's whole covariance; that of all moving objects together.
+    """
+
+    covariance: bool = False
+    joint_covariance: bool = False
+
+
+MARGINALS_ONLY = Wanted()
+
+
+def write_prediction(scene, models, times, beliefs, samples=None, wanted=MARGINALS_ONLY):
+    """A prediction as messages.
+
+    Parameters
+    ----------
+    scene : Scene
+    models : sequence of str
+        Names of the bodies' models.
+    times : sequence of float
+        Times of the beliefs from the start [s].
+    beliefs : sequence of Belief
+    samples : sequence of (N, B, 13) arrays, optional
+        States drawn from each belief.
+    wanted : Wanted
+
+    Returns
+    -------
+    objects : list of PredictedObject
+        In the scene's order.
+    joint_covariances : list of JointCovariance
+        One for each time, if wanted.
+
+    Raises
+    ------
+    DivergedError
+        If a number is not finite.
+    """
+    objects = [
+        PredictedObject(
+            id=body.name, model=model, fixed=body.fixed, status=PredictedObject.STATUS_NOT_ASSESSED,
+            status_msg="no check was made",
+        )
+        for body, model in zip(scene.bodies, models, strict=True)
+    ]
+    joints = []
+    for k, (time, belief) in enumerate(zip(times, beliefs, strict=True)):
+        at_origin = [_at_origin(body.model.origin, state) for body, state in zip(scene.bodies, belief.mean, strict=True)]
+        maps = [error_map(R, r, omega) for R, r, omega, *_ in at_origin]
+        blocks = dict(zip(scene.moving.tolist(), belief.blocks, strict=True))
+        for b, (answer, (_, _, omega, p, v)) in enumerate(zip(objects, at_origin, strict=True)):
+            state = PredictedState(time_from_start=duration(time), status=PredictedObject.STATUS_NOT_ASSESSED)
+            P = _congruent(maps[b], blocks[b]) if b in blocks else np.zeros((ERROR, ERROR))
+            _write_state(state, p, belief.mean[b, QUATERNION], v, omega, P)
+            if wanted.covariance:
+                state.covariance = packed_array("d", P.tobytes())
+            if samples is not None:
+                state.pose_samples = origin_poses(samples[k][:, b], scene.bodies[b].model.origin)
+            answer.states.append(state)
+        if wanted.joint_covariance:
+            joints.append(_joint_covariance(scene, time, belief, maps))
+    return objects, joints
+
+
+def _joint_covariance(scene, time, belief, maps):
+    A = np.zeros((len(scene.moving), ERROR, len(scene.moving), ERROR))
+    for k, b in enumerate(scene.moving):
+        A[k, :, k, :] = maps[b]
+    A = A.reshape(belief.joint.shape)
+    data = packed_array("d", _congruent(A, belief.joint).tobytes())
+    ids = [scene.bodies[b].name for b in scene.moving]
+    return JointCovariance(time_from_start=duration(time), object_ids=ids, data=data)
+
+
+def _write_state(message, p, q, v, omega, P):
+    _write_xyz(message.pose.pose.position, p)
+    _write_quaternion(message.pose.pose.orientation, q)
+    _write_xyz(message.twist.twist.linear, v)
+    _write_xyz(message.twist.twist.angular, omega)
+    message.pose.covariance = np.ascontiguousarray(P[np.ix_(_POSE, _POSE)]).ravel()
+    message.twist.covariance = np.ascontiguousarray(P[np.ix_(_TWIST, _TWIST)]).ravel()
+    if not np.isfinite(np.sum(p) + np.sum(q) + np.sum(v) + np.sum(omega) + np.sum(P)):
+        raise DivergedError("left the range of numbers", field="prediction")
+
+
+def _at_origin(origin, state):
+    """Of one body: R (3, 3), r (3,), angular velocity (3,), and position and velocity (3,) of the model's origin."""
+    R = rotation_matrix(state[QUATERNION])
+    r = R @ origin
+    omega = state[ANGULAR_VELOCITY]
+    return R, r, omega, state[POSITION] + r, state[VELOCITY] + np.cross(omega, r)
+
+
+def origin_poses(states, origin) -> list[Pose]:
+    """Poses of a model's origin for the states (N, 13) of its body."""
+    if not np.isfinite(states).all():
+        raise DivergedError("left the range of numbers", field="pose_samples")
+    poses = []
+    for state in states:
+        x, y, z = (state[POSITION] + rotation_matrix(state[QUATERNION]) @ origin).tolist()
+        qx, qy, qz, qw = state[QUATERNION].tolist()
+        poses.append(Pose(position=Point(x=x, y=y, z=z), orientation=Quaternion(x=qx, y=qy, z=qz, w=qw)))
+    return poses
+
+
+def duration(seconds: float) -> Duration:
+    """A time from the start, to the nanosecond."""
+    whole = math.floor(seconds)
+    nanoseconds = round((seconds - whole) * 1e9)
+    carried, nanoseconds = divmod(nanoseconds, 1_000_000_000)
+    return Duration(sec=whole + carried, nanosec=nanoseconds)
+
+
+def seconds(time: Duration) -> float:
+    """A duration in seconds."""
+    return time.sec + 1e-9 * time.nanosec
+
+
+def _write_xyz(message, v):
+    message.x, message.y, message.z = v.tolist()
+
+
+def _write_quaternion(message, q):
+    message.x, message.y, message.z, message.w = q.tolist()
+
+
+# --- the error at a model's origin ----------------------------------------------------------------------------------
+
+
+def error_map(R, r, omega):
+    """A (12, 12): from the error state (body side, at the COM) to the error about fixed axes at the model's origin.
+
+    Parameters
+    ----------
+    R : (3, 3) array
+        ``R_world_body`` of the mean.
+    r : (3,) array
+        From the COM to the origin, world axes [m].
+    omega : (3,) array
+        Angular velocity, world frame [rad/s].
+
+    Notes
+    -----
+    To first order in the rotation error, as every covariance of a pose.
+    """
+    A = np.eye(ERROR)
+    A[ERR_ROTATION, ERR_ROTATION] = R
+    A[ERR_POSITION, ERR_ROTATION] = -skew(r) @ R
+    A[ERR_VELOCITY, ERR_ROTATION] = -skew(omega) @ skew(r) @ R
+    A[ERR_VELOCITY, ERR_ANGULAR_VELOCITY] = -skew(r)
+    return A
+
+
+def inverse_error_map(R, r, omega):
+    """Inverse of `error_map`."""
+    A = np.eye(ERROR)
+    A[ERR_ROTATION, ERR_ROTATION] = R.T
+    A[ERR_POSITION, ERR_ROTATION] = skew(r)
+    A[ERR_VELOCITY, ERR_ROTATION] = skew(omega) @ skew(r)
+    A[ERR_VELOCITY, ERR_ANGULAR_VELOCITY] = skew(r)
+    return A
+
+
+def _congruent(A, P):
+    """``A P A^T``, symmetric to the last bit."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        mapped = A @ P @ A.T
+    return 0.5 * (mapped + mapped.T)
+
+
+def rotation_matrix(q):
+    """(3, 3): ``R_world_body`` of a unit quaternion (x, y, z, w)."""
+    R = np.empty((1, 3, 3))
+    write_matrix(tuple(q.tolist()), R, 0)
+    return R[0]
+
+
+def skew(v):
+    """(3, 3): the matrix of the cross product with ``v``."""
+    x, y, z = v
+    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])

@@ -1,0 +1,72 @@
+"""The models that objects of a request can refer to by name."""
+
+from __future__ import annotations
+
+import os
+import threading
+from pathlib import Path
+
+from ..errors import LimitExceededError, UnknownModelError
+from ..geometry.library import list_models
+from ..geometry.packing_file import SpherePacking
+from ..scene import tree_of
+from ..scene_file import load_shape
+
+
+class ModelLibrary:
+    """Files of models by name; a name that is not known yet is looked for in the folder again.
+
+    Parameters
+    ----------
+    models_dir : str
+        Folder of the models; empty takes the package's library.
+    allow_paths : bool
+        Whether a model may also be named by the path of its file.
+    """
+
+    def __init__(self, models_dir: str = "", allow_paths: bool = False):
+        self._models_dir = models_dir or None
+        self._allow_paths = allow_paths
+        self._lock = threading.Lock()
+        self._paths: dict[str, Path] = {}
+        self._scan()
+
+    def _scan(self):
+        with self._lock:
+            for name, path in list_models(self._models_dir).items():
+                self._paths.setdefault(name, path)
+
+    @property
+    def paths(self) -> dict[str, Path]:
+        """Names and files, sorted by name."""
+        with self._lock:
+            return dict(sorted(self._paths.items()))
+
+    def shape(self, model: str, spheres: int = 0, scale: float = 0.0, max_spheres: int | None = None) -> SpherePacking:
+        """The packing of a model: its first ``spheres`` (0: all), its lengths times ``scale`` (0: 1).
+
+        Raises
+        ------
+        UnknownModelError, InvalidModelError, LimitExceededError
+        """
+        packing = load_shape(str(self._path(model)), spheres or None, scale or None)
+        if max_spheres is not None and len(packing) > max_spheres:
+            raise LimitExceededError(f"must be at most {max_spheres}; ask for fewer", field="spheres", value=len(packing))
+        return packing
+
+    def _path(self, model):
+        if model not in self._paths and self._allow_paths and (model.endswith(".npz") or os.sep in model):
+            return model
+        if model not in self._paths:
+            self._scan()
+        with self._lock:
+            if model not in self._paths:
+                known = ", ".join(sorted(self._paths)) or "none"
+                raise UnknownModelError(f"is unknown; the models are: {known}", field="model", value=model)
+            return self._paths[model]
+
+    def prepare(self, name: str) -> SpherePacking:
+        """Read a model and build its sphere tree, so that the first request need not."""
+        packing = self.shape(name)
+        tree_of(packing)
+        return packing

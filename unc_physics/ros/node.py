@@ -1,0 +1,67 @@
+"""The executable ``unc_physics_node``: a node that predicts, up until SIGINT or SIGTERM."""
+
+from __future__ import annotations
+
+import sys
+
+import rclpy
+from rclpy.executors import ExternalShutdownException, MultiThreadedExecutor
+from rclpy.node import Node
+
+from ..errors import UncPhysicsError
+from .server import PredictionServer
+
+# predictions compute outside Python's global lock; what counts is that none keeps the others waiting for a thread
+_THREADS = 8
+
+
+class UncPhysicsNode(Node):
+    """The prediction server on a plain node, ready once made."""
+
+    def __init__(self):
+        super().__init__("unc_physics")
+        self.server = PredictionServer(self)
+        self.server.prepare()
+        self.server.open()
+
+
+def run(make_node, arguments=None) -> int:
+    """Spin a node until SIGINT, SIGTERM or the end of its context; returns the exit status.
+
+    Parameters
+    ----------
+    make_node : callable
+        Makes the node, which has a `PredictionServer` as ``server``.
+    arguments : list of str, optional
+        Command line with ROS arguments.
+    """
+    node = executor = None
+    try:
+        rclpy.init(args=arguments)
+        node = make_node()
+        executor = MultiThreadedExecutor(_THREADS)
+        executor.add_node(node)
+        executor.spin()
+    except (KeyboardInterrupt, ExternalShutdownException):
+        pass
+    except UncPhysicsError as error:
+        print(f"unc_physics_node: {error}", file=sys.stderr)
+        return int(error.code)
+    finally:
+        if node is not None:
+            node.server.stop()
+        if executor is not None:
+            executor.shutdown()
+        if node is not None:
+            node.destroy_node()
+        rclpy.try_shutdown()
+    return 0
+
+
+def main(arguments=None) -> int:
+    """Run the plain node."""
+    return run(UncPhysicsNode, arguments)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

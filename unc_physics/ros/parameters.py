@@ -1,0 +1,134 @@
+"""The node's parameters: one table with defaults, ranges and descriptions, and the settings that it yields."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import Field, dataclass, field, fields
+
+from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor, SetParametersResult
+
+from ..errors import InvalidOptionError, UncPhysicsError
+from ..propagation import PROPAGATORS
+
+
+def parameter(default, description, *, low=None, high=None, choices=(), read_only=False):
+    """A field of `Settings` that is a ROS parameter; a range includes its ends."""
+    meta = {"description": description, "low": low, "high": high, "choices": choices, "read_only": read_only}
+    return field(default=default, metadata=meta)
+
+
+@dataclass(frozen=True)
+class Settings:
+    """Values of all parameters of the node at one time; units are SI and radians.
+
+    Raises
+    ------
+    InvalidOptionError
+        If a value is not finite or not one of its choices.
+    """
+
+    models_dir: str = parameter(
+        "", "Folder of the models; empty takes the library that comes with the package.", read_only=True)
+    allow_model_paths: bool = parameter(
+        False, "Whether requests may name model files by their path.", read_only=True)
+    world_frame: str = parameter(
+        "world", "Frame that predictions are made in; gravity is given in it.", read_only=True)
+
+    default_propagator: str = parameter(
+        "sigma_points", "Propagator of requests that name none.", choices=tuple(PROPAGATORS))
+    dt: float = parameter(0.005, "Time step [s].", low=1e-6, high=1.0)
+    stiffness: float = parameter(1e6, "Stiffness of contacts, force per overlap volume [N/m^3].", low=0.0, high=1e15)
+    damping: float = parameter(0.0, "Decay rate of all velocities [1/s].", low=0.0, high=1e3)
+    gravity: tuple[float, ...] = parameter((0.0, 0.0, -9.81), "Gravity in the world frame, 3 numbers [m/s^2].")
+
+    zero_covariance: str = parameter(
+        "default", "What a pose or twist covariance of zeros means: unknown, so that the default takes its place "
+        "('default'), or exactly known ('exact').", choices=("default", "exact"))
+    default_position_std: float = parameter(0.01, "Standard deviation of an unknown position [m].", low=0.0, high=1e3)
+    default_orientation_std: float = parameter(
+        0.05, "Standard deviation of an unknown orientation [rad].", low=0.0, high=10.0)
+    default_linear_velocity_std: float = parameter(
+        0.05, "Standard deviation of an unknown velocity [m/s].", low=0.0, high=1e3)
+    default_angular_velocity_std: float = parameter(
+        0.1, "Standard deviation of an unknown angular velocity [rad/s].", low=0.0, high=1e3)
+
+    max_horizon: float = parameter(60.0, "Longest horizon of a request [s].", low=0.0, high=1e6)
+    max_steps: int = parameter(100_000, "Most time steps of a prediction.", low=1, high=100_000_000)
+    max_objects: int = parameter(100, "Most objects of a request.", low=1, high=10_000)
+    max_spheres: int = parameter(10_000, "Most spheres of one object.", low=1, high=10_000_000)
+    max_samples: int = parameter(20_000, "Most samples of a sampled propagator.", low=1, high=10_000_000)
+    max_states: int = parameter(1_000, "Most states in the trajectory of one object.", low=1, high=100_000)
+    max_return_samples: int = parameter(1_000, "Most pose samples for each object and time.", low=0, high=1_000_000)
+    max_response_bytes: int = parameter(
+        16_000_000, "Most bytes of one answer, as far as states, samples and covariances go.", low=10_000, high=2**31)
+    max_computation_time: float = parameter(
+        30.0, "Longest wall time of a prediction by service [s]; requests may ask for less.", low=1e-3, high=1e6)
+
+    def __post_init__(self):
+        for spec in fields(self):
+            value = getattr(self, spec.name)
+            numbers = value if isinstance(value, tuple) else (value,)
+            if any(isinstance(number, float) and not math.isfinite(number) for number in numbers):
+                raise InvalidOptionError("must be finite", field=spec.name, value=value)
+            choices = spec.metadata["choices"]
+            if choices and value not in choices:
+                raise InvalidOptionError(f"must be one of {', '.join(choices)}", field=spec.name, value=value)
+        if len(self.gravity) != 3:
+            raise InvalidOptionError("must have 3 numbers", field="gravity", value=list(self.gravity))
+        if not self.world_frame:
+            raise InvalidOptionError("must not be empty", field="world_frame")
+
+    @property
+    def physics(self) -> dict:
+        """The physics of the scenes, as arguments of `Scene`."""
+        return {key: getattr(self, key) for key in ("dt", "stiffness", "damping", "gravity")}
+
+
+def descriptor(spec: Field) -> ParameterDescriptor:
+    """What `ros2 param describe` shows of a parameter."""
+    meta = spec.metadata
+    result = ParameterDescriptor(
+        description=meta["description"],
+        read_only=meta["read_only"],
+        additional_constraints=f"one of {', '.join(meta['choices'])}" if meta["choices"] else "",
+    )
+    if meta["low"] is not None:
+        if isinstance(spec.default, float):
+            result.floating_point_range = [FloatingPointRange(from_value=float(meta["low"]), to_value=float(meta["high"]))]
+        else:
+            result.integer_range = [IntegerRange(from_value=meta["low"], to_value=meta["high"])]
+    return result
+
+
+class ParameterServer:
+    """Declares the node's parameters and keeps `settings` up to date; refuses changes that make no sense."""
+
+    def __init__(self, node):
+        values = {}
+        for spec in fields(Settings):
+            default = list(spec.default) if isinstance(spec.default, tuple) else spec.default
+            values[spec.name] = _plain(node.declare_parameter(spec.name, default, descriptor(spec)).value)
+        self.settings = Settings(**values)
+        node.add_on_set_parameters_callback(self._check)
+        node.add_post_set_parameters_callback(self._take_over)
+
+    def _changed(self, parameters):
+        known = {spec.name for spec in fields(Settings)}
+        changes = {change.name: _plain(change.value) for change in parameters if change.name in known}
+        values = {name: getattr(self.settings, name) for name in known}
+        return Settings(**(values | changes))
+
+    def _check(self, parameters):
+        try:
+            self._changed(parameters)
+        except UncPhysicsError as error:
+            return SetParametersResult(successful=False, reason=str(error))
+        return SetParametersResult(successful=True)
+
+    def _take_over(self, parameters):
+        self.settings = self._changed(parameters)
+
+
+def _plain(value):
+    """Arrays of a parameter as a tuple, everything else as it is."""
+    return value if isinstance(value, (str, bool, int, float)) else tuple(value)

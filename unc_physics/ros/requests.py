@@ -1,0 +1,279 @@
+"""One request, from its message to the answer: checked, predicted, written."""
+
+from __future__ import annotations
+
+import secrets
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from ..belief import Belief
+from ..errors import (
+    DuplicateIdError,
+    ErrorCode,
+    InvalidEnvironmentError,
+    InvalidHorizonError,
+    LimitExceededError,
+    NotSupportedError,
+    UncPhysicsError,
+    UnknownFrameError,
+)
+from ..layout import ERROR
+from ..propagation import Prediction, predict
+from ..propagation.base import Propagator
+from ..propagation.command import propagator_from_texts
+from ..propagation.predict import periodic_times
+from ..scene import Scene
+from ..validation import non_negative, positive
+from .conversions import Doubts, Wanted, read_options, read_physics, read_scene, write_prediction
+from .models import ModelLibrary
+from .parameters import Settings
+
+_STATE_BYTES = 800  # of a PredictedState without its optional parts
+_POSE_BYTES = 56
+_NUMBER_BYTES = 8
+_SEED_BITS = 53  # whole numbers that JavaScript and MATLAB clients keep, too
+
+
+class Job(NamedTuple):
+    """A request in the core's terms, checked.
+
+    Attributes
+    ----------
+    scene : Scene
+    belief : Belief
+    models : tuple of str
+        Names of the objects' models.
+    propagator : Propagator
+    horizon : float
+        [s]
+    times : list of float or None
+        Times at which states are wanted besides the horizon [s].
+    max_computation_time : float or None
+        [s]
+    seed : int
+    return_samples : int
+    wanted : Wanted
+    zeros_replaced : bool
+        Whether a covariance of zeros was read as unknown.
+    """
+
+    scene: Scene
+    belief: Belief
+    models: tuple[str, ...]
+    propagator: Propagator
+    horizon: float
+    times: list[float] | None
+    max_computation_time: float | None
+    seed: int
+    return_samples: int
+    wanted: Wanted
+    zeros_replaced: bool
+
+
+class Outcome(NamedTuple):
+    """A prediction, and for each of its times the states (N, B, 13) drawn from it, if any are wanted."""
+
+    prediction: Prediction
+    samples: list[np.ndarray] | None
+
+
+def read_request(request, settings: Settings, library: ModelLibrary, *, time_limit: float | None = None) -> Job:
+    """Check a request of `Predict`, `PredictCandidates` or `PredictLong`.
+
+    Parameters
+    ----------
+    request : message
+    settings : Settings
+    library : ModelLibrary
+    time_limit : float, optional
+        Longest wall time, whatever the request allows [s].
+
+    Raises
+    ------
+    UncPhysicsError
+        One of its kinds, naming the field and the value.
+    """
+    check_frame(request.header.frame_id, settings)
+    _refuse_regions(request.regions)
+    horizon = _horizon(request.horizon, settings)
+    physics = settings.physics | read_physics(request.scene_options)
+    read = read_scene(
+        request.objects, request.environment, library, physics, doubts_of(settings), settings.max_objects,
+        settings.max_spheres,
+    )
+    times = _times(request.trajectory_period, horizon, read.scene.dt, settings)
+    seed = request.seed or 1 + secrets.randbelow(2**_SEED_BITS - 1)
+    options = read_options(request.propagator_options, "propagator_options")
+    propagator = _propagator(request.propagator, options, request.samples, seed, settings)
+    job = Job(
+        read.scene, read.belief, read.models, propagator, horizon, times,
+        _computation_time(request.max_computation_time, time_limit), seed, request.return_samples,
+        Wanted(request.return_covariance, request.return_joint_covariance), read.zeros_replaced,
+    )
+    _check_answer(job, settings)
+    return job
+
+
+def run(job: Job, progress: Callable[[int, int], object] | None = None) -> Outcome:
+    """Predict; an error that ends the prediction early has the ``outcome`` until then.
+
+    Raises
+    ------
+    UncPhysicsError
+    """
+    drawn = [] if job.return_samples else None
+    propagator = job.propagator if drawn is None else _Sampling(job.propagator, job.return_samples, job.seed, drawn)
+    try:
+        prediction = predict(
+            job.scene, job.belief, propagator, job.horizon, times=job.times,
+            max_computation_time=job.max_computation_time, progress=progress,
+        )
+    except UncPhysicsError as error:
+        if hasattr(error, "prediction"):
+            error.outcome = Outcome(error.prediction, drawn)
+        raise
+    return Outcome(prediction, drawn)
+
+
+def write_answer(message, header, settings: Settings, job: Job, outcome: Outcome) -> None:
+    """Write a prediction into a response, a result or a `Prediction` message."""
+    prediction = outcome.prediction
+    objects, joints = write_prediction(
+        job.scene, job.models, prediction.times, prediction.beliefs, outcome.samples, job.wanted)
+    message.header.stamp = header.stamp
+    message.header.frame_id = settings.world_frame
+    message.propagator = job.propagator.name
+    message.objects = objects
+    message.joint_covariances = joints
+    message.seed_used = job.seed
+    message.time_reached = float(prediction.time)
+    message.computation_time = float(prediction.wall_time)
+
+
+def write_error(message, error: Exception) -> None:
+    """Write an error into a response or result; what is no `UncPhysicsError` is a fault of the node itself."""
+    if isinstance(error, UncPhysicsError):
+        message.error_code, message.error_msg = int(error.code), str(error)
+    else:
+        message.error_code = int(ErrorCode.INTERNAL)
+        message.error_msg = f"a fault of the node: {type(error).__name__}: {error}"
+
+
+def check_frame(frame_id: str, settings: Settings) -> None:
+    """Refuse a frame that poses cannot be transformed from."""
+    if frame_id not in ("", settings.world_frame):
+        raise UnknownFrameError(
+            f"must be empty or the world frame '{settings.world_frame}'", field="header.frame_id", value=frame_id)
+
+
+def doubts_of(settings: Settings) -> Doubts:
+    """What unknown covariances and covariances of zeros stand for."""
+    return Doubts.from_stds(
+        settings.default_position_std, settings.default_orientation_std, settings.default_linear_velocity_std,
+        settings.default_angular_velocity_std, settings.zero_covariance == "exact",
+    )
+
+
+def _refuse_regions(regions):
+    ids = set()
+    for k, region in enumerate(regions):
+        if region.id in ids:
+            raise DuplicateIdError("is the id of two regions", field=f"regions[{k}].id", value=region.id)
+        ids.add(region.id)
+        for axis in "xyz":
+            positive(getattr(region.size, axis), f"regions[{k}].size.{axis}", InvalidEnvironmentError)
+    if len(regions) > 0:
+        raise NotSupportedError("are not supported yet", field="regions")
+
+
+def _horizon(value, settings):
+    horizon = positive(value, "horizon", InvalidHorizonError)
+    if horizon > settings.max_horizon:
+        raise LimitExceededError(f"must be at most {settings.max_horizon} s", field="horizon", value=horizon)
+    return horizon
+
+
+def _times(period, horizon, dt, settings):
+    steps = horizon / dt
+    if steps > settings.max_steps:
+        raise LimitExceededError(
+            f"takes {steps:.0f} steps of {dt} s, and the limit is {settings.max_steps}", field="horizon", value=horizon)
+    if non_negative(period, "trajectory_period", InvalidHorizonError) == 0.0:
+        return None
+    if horizon / period > settings.max_states:
+        raise LimitExceededError(
+            f"gives more than {settings.max_states} states", field="trajectory_period", value=period)
+    if period < 0.5 * dt:
+        raise InvalidHorizonError(f"is shorter than half a step of dt = {dt} s", field="trajectory_period", value=period)
+    return periodic_times(period, horizon)
+
+
+def _propagator(name, options, samples, seed, settings):
+    if samples > settings.max_samples:
+        raise LimitExceededError(f"must be at most {settings.max_samples}", field="samples", value=samples)
+    propagator = propagator_from_texts(name or settings.default_propagator, options, samples or None, seed)
+    if (drawn := getattr(propagator, "samples", 0)) > settings.max_samples:
+        raise LimitExceededError(f"must be at most {settings.max_samples}", field="propagator_options 'samples'", value=drawn)
+    return propagator
+
+
+def _computation_time(value, limit):
+    asked = non_negative(value, "max_computation_time") or None
+    return min((time for time in (asked, limit) if time is not None), default=None)
+
+
+def _check_answer(job, settings):
+    """Refuse an answer that cannot be given, or is too large."""
+    if job.wanted.joint_covariance and not job.propagator.traits.cross_body:
+        raise NotSupportedError(
+            f"has no answer from {job.propagator.name}, which keeps no correlations between objects",
+            field="return_joint_covariance",
+        )
+    if job.return_samples > settings.max_return_samples:
+        raise LimitExceededError(
+            f"must be at most {settings.max_return_samples}", field="return_samples", value=job.return_samples)
+    if _keeps_samples(job.propagator) and job.return_samples > job.propagator.samples:
+        raise LimitExceededError(
+            f"must be at most the {job.propagator.samples} samples of the prediction", field="return_samples",
+            value=job.return_samples,
+        )
+    states = 1 + len(job.times or ())
+    one = _STATE_BYTES + _POSE_BYTES * job.return_samples + _NUMBER_BYTES * ERROR**2 * job.wanted.covariance
+    joint = _NUMBER_BYTES * (ERROR * len(job.scene.moving)) ** 2 * job.wanted.joint_covariance
+    size = states * (len(job.scene.bodies) * one + joint)
+    if size > settings.max_response_bytes:
+        raise LimitExceededError(
+            f"would take {size} bytes, and the limit is {settings.max_response_bytes}; ask for fewer states or samples",
+            field="the answer",
+        )
+
+
+def _keeps_samples(propagator):
+    return propagator.traits.uncertainty == "samples"
+
+
+@dataclass(frozen=True)
+class _Sampling(Propagator):
+    """Another propagator that also draws states wherever a belief is wanted."""
+
+    inner: Propagator
+    count: int
+    seed: int
+    drawn: list
+
+    def init(self, scene, belief):
+        return self.inner.init(scene, belief)
+
+    def advance(self, carry, scene, steps):
+        return self.inner.advance(carry, scene, steps)
+
+    def belief(self, carry, scene):
+        belief = self.inner.belief(carry, scene)
+        if _keeps_samples(self.inner):
+            self.drawn.append(carry.states[: self.count].copy())
+        else:  # the same normal numbers at every time, so that an entry belongs together over time
+            self.drawn.append(belief.sample(self.count, np.random.default_rng(self.seed)))
+        return belief

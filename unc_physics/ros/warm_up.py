@@ -1,0 +1,46 @@
+"""Compiles or loads every kernel before the first request."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..belief import Belief
+from ..geometry.packing_file import SpherePacking
+from ..layout import ERROR, QUATERNION, STATE
+from ..propagation import PROPAGATORS, make_propagator
+from ..scene import RigidBody, Scene
+from ..validation import covariance
+from .conversions import Wanted
+from .parameters import Settings
+from .requests import Job, run, write_answer
+
+_STEPS = 3
+
+
+def warm_up(settings: Settings, message_type) -> None:
+    """Predict two bodies in contact by every propagator and write the answer.
+
+    Parameters
+    ----------
+    settings : Settings
+    message_type : type
+        Of the answer.
+    """
+    row = np.arange(20) * 0.02
+    centers = np.stack([row - row.mean(), np.zeros(20), np.zeros(20)], axis=1)
+    model = SpherePacking(
+        "rod", centers, np.full(20, 0.01), np.diag([1e-3, 1e-2, 1e-2]), 1e-4, np.zeros(3), bounding_radius=0.5)
+    bodies = [RigidBody("a", model), RigidBody("b", model), RigidBody("floor", model, fixed=True)]
+    scene = Scene(bodies, **settings.physics)
+    mean = np.zeros((3, STATE))
+    mean[:, QUATERNION] = 0.0, 0.0, 0.0, 1.0
+    mean[:, 2] = 0.0, 0.015, -0.015
+    P = covariance(1e-6 * np.eye(ERROR), ERROR, "covariance")
+    belief = Belief(mean, np.stack([P, P]), scene.moving)
+    for name, cls in PROPAGATORS.items():
+        few = {"samples": 4} if "samples" in cls.options() else {}
+        propagator = make_propagator(name, **few)
+        wanted = Wanted(covariance=True, joint_covariance=propagator.traits.cross_body)
+        job = Job(scene, belief, ("rod",) * 3, propagator, _STEPS * scene.dt, None, None, 1, 2, wanted, False)
+        message = message_type()
+        write_answer(message, message.header, settings, job, run(job))
