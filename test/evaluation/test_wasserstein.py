@@ -1,0 +1,126 @@
+"""W1 against closed forms."""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from unc_physics.errors import InvalidRequestError
+from unc_physics.evaluation.wasserstein import (
+    euclidean, geodesic, sinkhorn_divergence, state_distance, wasserstein,
+)
+
+ROUND_OFF = 1e-12
+
+
+@pytest.fixture
+def rng():
+    return np.random.default_rng(7)
+
+
+def test_of_a_translation_is_its_length(rng):
+    x, t = rng.standard_normal((300, 3)), np.array([0.3, -1.2, 0.4])
+    assert wasserstein(x, x + t) == pytest.approx(np.linalg.norm(t), rel=ROUND_OFF)
+
+
+def test_of_a_set_and_itself_is_zero(rng):
+    x = rng.standard_normal((200, 3))
+    assert wasserstein(x, x) <= ROUND_OFF
+    assert wasserstein(x, rng.permutation(x)) <= ROUND_OFF
+
+
+def test_is_symmetric_and_obeys_the_triangle_inequality(rng):
+    x, y, z = rng.standard_normal((80, 3)), 2.0 * rng.standard_normal((120, 3)), rng.standard_normal((60, 3)) + 1.0
+    assert wasserstein(x, y) == pytest.approx(wasserstein(y, x), rel=ROUND_OFF)
+    assert wasserstein(x, z) <= wasserstein(x, y) + wasserstein(y, z) + ROUND_OFF
+
+
+def test_of_gaussians_on_a_line():
+    """In one dimension W1 is the distance of the quantiles: of N(0, 1) and N(0, s^2) it is |s - 1| sqrt(2 / pi)."""
+    from scipy.stats import norm
+
+    quantiles = norm.ppf((np.arange(400) + 0.5) / 400)[:, None]
+    end_of_the_tails = 5e-3
+    assert wasserstein(quantiles, 3.0 * quantiles) == pytest.approx(2.0 * np.sqrt(2.0 / np.pi), rel=end_of_the_tails)
+
+
+def test_of_samples_of_distant_gaussians(rng):
+    """Two Gaussians of one covariance are a translation apart; samples say so up to the error of their means."""
+    scales, t = np.array([0.1, 0.2, 0.3]), np.array([3.0, 0.0, 4.0])
+    x, y = scales * rng.standard_normal((1000, 3)), scales * rng.standard_normal((1000, 3)) + t
+    statistics = 5.0 * np.linalg.norm(scales) * np.sqrt(2.0 / 1000)
+    assert wasserstein(x, y) == pytest.approx(5.0, abs=statistics)
+
+
+def test_of_a_few_points_against_many():
+    """One point against many: the mean distance."""
+    x = np.array([[1.0, 0, 0], [0, 2.0, 0], [0, 0, 3.0]])
+    assert wasserstein(np.zeros((1, 3)), x) == pytest.approx(2.0, rel=ROUND_OFF)
+
+
+@pytest.mark.parametrize("angle", [0.0, 1e-9, 1e-4, 30.0, 179.9999, 180.0])
+def test_geodesic_is_the_angle(angle, rng):
+    start = Rotation.random(20, random_state=3)
+    axes = rng.standard_normal((20, 3))
+    turned = start * Rotation.from_rotvec(np.radians(angle) * axes / np.linalg.norm(axes, axis=1)[:, None])
+    angles = np.diag(geodesic(start.as_quat(), turned.as_quat()))
+    unit_quaternions = 1e-13  # degrees: round-off of their entries
+    assert angles == pytest.approx(np.full(20, angle), rel=1e-6, abs=unit_quaternions)
+
+
+def test_geodesic_knows_that_q_and_minus_q_are_one_rotation(rng):
+    q = Rotation.random(30, random_state=4).as_quat()
+    signs = rng.choice([-1.0, 1.0], size=(30, 1))
+    assert wasserstein(q, signs * q, geodesic) <= 1e-12
+
+
+def test_geodesic_w1_of_a_common_rotation():
+    """A small cloud turned as a whole by 40 degrees on the body side is 40 degrees away."""
+    cloud = Rotation.from_rotvec(1e-3 * np.random.default_rng(5).standard_normal((200, 3)))
+    turned = cloud * Rotation.from_rotvec(np.radians([0.0, 40.0, 0.0]))
+    spread_of_the_cloud = 0.05
+    assert wasserstein(cloud.as_quat(), turned.as_quat(), geodesic) == pytest.approx(40.0, abs=spread_of_the_cloud)
+
+
+def test_states_are_compared_body_by_body(rng):
+    x = rng.standard_normal((50, 2, 13))
+    x[:, :, 6:10] /= np.linalg.norm(x[:, :, 6:10], axis=2, keepdims=True)
+    y = x.copy()
+    y[:, 1, 0] += 0.5
+    distance = state_distance(x, y)
+    assert distance.position == pytest.approx([0.0, 0.5], abs=ROUND_OFF)
+    assert distance.rotation == pytest.approx([0.0, 0.0], abs=1e-9)
+
+
+def test_divergence_of_a_set_and_itself_is_zero(rng):
+    x = rng.standard_normal((100, 3))
+    assert sinkhorn_divergence(x, x) == pytest.approx(0.0, abs=ROUND_OFF)
+
+
+def test_divergence_is_symmetric_and_scales_with_the_unit(rng):
+    """The regularization is relative: in millimetres the same figure, times a thousand."""
+    x, y = rng.standard_normal((60, 3)), rng.standard_normal((90, 3)) + 0.5
+    iteration = 1e-5
+    assert sinkhorn_divergence(x, y) == pytest.approx(sinkhorn_divergence(y, x), rel=iteration)
+    assert sinkhorn_divergence(1000.0 * x, 1000.0 * y) == pytest.approx(1000.0 * sinkhorn_divergence(x, y), rel=iteration)
+
+
+def test_bias_of_the_divergence_shrinks_with_the_regularization(rng):
+    """It reads less than W1, the less so the weaker the regularization."""
+    x, y = rng.standard_normal((150, 3)), rng.standard_normal((150, 3)) + 0.3
+    exact = wasserstein(x, y)
+    strong, weak, weaker = (sinkhorn_divergence(x, y, regularization=r) for r in (0.3, 0.1, 0.03))
+    assert 0.0 < strong < weak < weaker < exact
+    assert weaker > 0.9 * exact
+
+
+@pytest.mark.parametrize("measure", [wasserstein, sinkhorn_divergence])
+def test_bad_samples_are_refused(measure):
+    good = np.zeros((2, 3))
+    with pytest.raises(InvalidRequestError, match="x must hold at least one sample"):
+        measure(np.zeros((0, 3)), good)
+    with pytest.raises(InvalidRequestError, match="y must be finite"):
+        measure(good, np.full((2, 3), np.nan))
+
+
+def test_euclidean_is_a_matrix_of_distances():
+    assert euclidean(np.zeros((1, 3)), np.array([[3.0, 4.0, 0.0]])).tolist() == [[5.0]]

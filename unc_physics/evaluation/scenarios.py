@@ -1,0 +1,116 @@
+"""The scenes of the paper's evaluation (its section 5), each as (scene, belief, horizon)."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from ..belief import Belief
+from ..errors import InvalidModelError, InvalidRequestError
+from ..geometry.library import find_model, load_model
+from ..geometry.packing_file import SpherePacking
+from ..layout import ANGULAR_VELOCITY, ERR_ANGULAR_VELOCITY, ERR_POSITION, ERR_VELOCITY, ERROR, POSITION, QUATERNION, STATE, VELOCITY
+from ..scene import RigidBody, Scene
+from ..validation import non_negative
+
+#: The models that the paper drops on each other; all ship with the package.
+MODELS = ("bunny", "armadillo", "pin")
+
+EXTENT = 1.0  # longest side of a model's bounding box [m]
+MASS = 1.0  # kg
+STIFFNESS = 2e4  # N/m^3
+DT = 0.01  # s
+DAMPING = -math.log(0.99) / DT  # 1/s: velocities keep 99 % in each step
+SPEED = 1.0  # m/s
+GAP = 1.5  # between the centres of mass, along the motion [m]
+OFFSET = 0.15  # between the centres of mass, across the motion [m]
+COLLISION_HORIZON = 5.0  # s
+FREE_HORIZON = 4.0  # s
+
+# general: along no symmetry of a model; unit quaternions (x, y, z, w) after normalisation
+_ORIENTATIONS = {"left": (0.36, -0.24, 0.54, 0.72), "right": (-0.52, 0.61, 0.20, 0.56)}
+_SPIN = (0.3, -0.5, 0.4)  # rad/s
+_UNCERTAIN = {"linear_velocity": ERR_VELOCITY, "angular_velocity": ERR_ANGULAR_VELOCITY}
+
+
+def unit_model(name: str, spheres: int) -> SpherePacking:
+    """A model's first ``spheres`` spheres, scaled so that the longest side of its bounding box is 1 m.
+
+    A packing larger than the one that ships is looked for as ``NAME_SPHERES``, the name that
+    ``unc_physics models --make NAME -n SPHERES`` gives it.
+
+    Raises
+    ------
+    UnknownModelError
+        If there is no such model, or no packing of it with so many spheres.
+    """
+    packing = load_model(name)
+    if spheres > len(packing):
+        packing = load_model(find_model(f"{name}_{spheres}"))
+    if packing.bounds is None:
+        raise InvalidModelError("are needed to scale it", field=f"bounds of model '{name}'")
+    return packing.scaled(EXTENT / float(np.max(packing.bounds[1] - packing.bounds[0]))).prefix(spheres)
+
+
+def collision(model: str, spheres: int = 1000, sigma: float = 0.05) -> tuple[Scene, Belief, float]:
+    """Two bodies of one model that collide a little off centre (the paper's section 5.2).
+
+    The bodies fly towards each other along x, offset along y; no gravity, damped velocities.
+
+    Parameters
+    ----------
+    model : str
+        A name in the model library.
+    spheres : int
+        Of each body.
+    sigma : float
+        Standard deviation of the initial positions, the same along all axes [m].
+    """
+    packing = unit_model(model, spheres)
+    scene = _scene([RigidBody(name, packing, MASS) for name in ("left", "right")])
+    mean = np.zeros((2, STATE))
+    for body, (name, side) in enumerate((("left", 1.0), ("right", -1.0))):
+        mean[body, POSITION] = -side * GAP / 2, side * OFFSET / 2, 0.0
+        mean[body, VELOCITY] = side * SPEED, 0.0, 0.0
+        mean[body, QUATERNION] = _orientation(name)
+    return scene, Belief(mean, _covariance(2, ERR_POSITION, sigma)), COLLISION_HORIZON
+
+
+def collision_free(uncertain: str, model: str = "pin", spheres: int = 10, sigma: float = 0.1) -> tuple[Scene, Belief, float]:
+    """One body that moves and spins without a contact (the paper's section 5.1, its Table 2).
+
+    Parameters
+    ----------
+    uncertain : {'linear_velocity', 'angular_velocity'}
+        Which of the initial velocities is uncertain.
+    model : str
+        A name in the model library.
+    spheres : int
+        Of the body.
+    sigma : float
+        Standard deviation of that velocity, the same along all axes [m/s or rad/s].
+    """
+    if uncertain not in _UNCERTAIN:
+        raise InvalidRequestError(f"must be one of {', '.join(_UNCERTAIN)}", field="uncertain", value=uncertain)
+    scene = _scene([RigidBody("left", unit_model(model, spheres), MASS)])
+    mean = np.zeros((1, STATE))
+    mean[0, VELOCITY] = SPEED, 0.0, 0.0
+    mean[0, QUATERNION] = _orientation("left")
+    mean[0, ANGULAR_VELOCITY] = _SPIN
+    return scene, Belief(mean, _covariance(1, _UNCERTAIN[uncertain], sigma)), FREE_HORIZON
+
+
+def _scene(bodies):
+    return Scene(tuple(bodies), dt=DT, stiffness=STIFFNESS, damping=DAMPING)
+
+
+def _orientation(name):
+    q = np.array(_ORIENTATIONS[name])
+    return q / np.linalg.norm(q)
+
+
+def _covariance(bodies, block, sigma):
+    P = np.zeros((bodies, ERROR, ERROR))
+    P[:, range(*block.indices(ERROR)), range(*block.indices(ERROR))] = non_negative(sigma, "sigma") ** 2
+    return P
