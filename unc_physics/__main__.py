@@ -8,7 +8,7 @@ import sys
 from . import __version__
 from .errors import UncPhysicsError
 from .geometry.commands import add_models_command, add_pack_command, add_show_command
-from .propagation.command import add_predict_command
+from .predict_command import add_predict_command
 
 
 def build_parser() -> argparse.ArgumentParser:

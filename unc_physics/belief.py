@@ -10,7 +10,7 @@ import numpy as np
 from .errors import InvalidCovarianceError, InvalidRequestError
 from .kernels.moments import pivoted_cholesky, spread_states
 from .layout import ERROR, QUATERNION, STATE
-from .validation import array, covariance, quaternion
+from .validation import array, covariance, numbers, quaternion
 
 #: Variance, relative to the largest, below which a direction counts as certain.
 RANK_TOLERANCE = 1e-14
@@ -42,18 +42,19 @@ class Belief:
     moving: np.ndarray = None
 
     def __post_init__(self):
-        count = len(self.mean)
-        mean = array(self.mean, (count, STATE), "mean").copy()
-        for k in range(count):
+        mean = numbers(self.mean, "mean")
+        mean = array(mean, (len(mean) if mean.ndim else 0, STATE), "mean").copy()
+        for k in range(len(mean)):
             mean[k, QUATERNION] = quaternion(mean[k, QUATERNION], f"orientation of body {k}")
-        moving = np.arange(count) if self.moving is None else np.array(self.moving, np.int64)
-        if np.ndim(self.covariance) == 3:
-            if len(self.covariance) != len(moving):
-                raise InvalidCovarianceError(f"must have {len(moving)} blocks, not {len(self.covariance)}", field="covariance")
-            blocks = [covariance(P, ERROR, f"covariance of body {moving[k]}") for k, P in enumerate(self.covariance)]
+        moving = np.arange(len(mean)) if self.moving is None else _ascending_indices(self.moving, len(mean))
+        P = numbers(self.covariance, "covariance", InvalidCovarianceError)
+        if P.ndim == 3:
+            if len(P) != len(moving):
+                raise InvalidCovarianceError(f"must have {len(moving)} blocks, not {len(P)}", field="covariance")
+            blocks = [covariance(block, ERROR, f"covariance of body {moving[k]}") for k, block in enumerate(P)]
             P = np.array(blocks).reshape(-1, ERROR, ERROR)
         else:
-            P = covariance(self.covariance, ERROR * len(moving), "covariance")
+            P = covariance(P, ERROR * len(moving), "covariance")
         self._store(mean, P, moving)
 
     def _store(self, mean, P, moving):
@@ -121,3 +122,13 @@ class Belief:
             raise InvalidRequestError(
                 f"must have covariance for the moving bodies {scene.moving.tolist()}", field="belief", value=self.moving.tolist()
             )
+
+
+def _ascending_indices(values, count):
+    """Indices of some of ``count`` bodies; the kernels rely on their range and order."""
+    indices = numbers(values, "moving")
+    if indices.ndim != 1 or np.any(indices != np.floor(indices)) or np.any(np.diff(indices) <= 0):
+        raise InvalidRequestError("must be ascending indices of bodies", field="moving", value=indices.tolist())
+    if len(indices) and not (indices[0] >= 0 and indices[-1] < count):
+        raise InvalidRequestError(f"must be indices of {count} bodies", field="moving", value=indices.tolist())
+    return indices.astype(np.int64)

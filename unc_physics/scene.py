@@ -49,6 +49,8 @@ class RigidBody:
             raise InvalidRequestError("must be a non-empty text", field="name", value=self.name)
         if not isinstance(self.model, SpherePacking):
             raise InvalidRequestError("must be a SpherePacking", field=f"model of body '{self.name}'", value=self.model)
+        if not isinstance(self.fixed, (bool, np.bool_)):
+            raise InvalidRequestError("must be true or false", field=f"fixed of body '{self.name}'", value=self.fixed)
         object.__setattr__(self, "mass", positive(self.mass, f"mass of body '{self.name}'", InvalidMassError))
 
 
@@ -81,9 +83,15 @@ class Scene:
     gravity: np.ndarray = (0.0, 0.0, 0.0)
 
     def __post_init__(self):
-        bodies = tuple(self.bodies)
+        try:
+            bodies = tuple(self.bodies)
+        except TypeError:
+            raise InvalidRequestError("must be a sequence of RigidBody", field="bodies", value=self.bodies) from None
         if not bodies:
             raise NoObjectsError("must name at least one body", field="bodies")
+        for k, body in enumerate(bodies):
+            if not isinstance(body, RigidBody):
+                raise InvalidRequestError("must be a RigidBody", field=f"bodies[{k}]", value=body)
         names = [body.name for body in bodies]
         for k, name in enumerate(names):
             if name in names[:k]:

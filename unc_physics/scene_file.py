@@ -184,7 +184,7 @@ def load_shape(model, spheres=None, scale=None, models_dir=None, folder=None):
     ------
     UnknownModelError, InvalidModelError
     """
-    if folder is not None and model.endswith(".npz") and (Path(folder) / model).is_file():
+    if folder is not None and model.endswith(".npz") and not model.startswith("~"):
         model = str(Path(folder) / model)
     path = find_model(model, models_dir)
     if spheres is not None:

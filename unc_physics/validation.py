@@ -50,12 +50,17 @@ def integer(value, field, *, low, error=InvalidRequestError):
     return int(value)
 
 
+def numbers(value, field, error=InvalidRequestError):
+    """A float64 array of any shape, independent of the input."""
+    try:
+        return np.array(value, dtype=float, order="C")
+    except (TypeError, ValueError, OverflowError):
+        raise error("must be an array of numbers", field=field, value=value) from None
+
+
 def array(value, shape, field, error=InvalidRequestError):
     """A finite, read-only float64 array of the given shape, independent of the input."""
-    try:
-        result = np.array(value, dtype=float, order="C")
-    except (TypeError, ValueError, OverflowError):
-        raise error(f"must be numbers of shape {shape}", field=field, value=value) from None
+    result = numbers(value, field, error)
     if result.shape != shape:
         raise error(f"must have shape {shape}, not {result.shape}", field=field)
     if not np.isfinite(result).all():

@@ -54,10 +54,13 @@ def find_model(name_or_path, models_dir=None) -> Path:
     """
     text = os.fspath(name_or_path)
     if text.endswith(".npz") or os.sep in text:
-        path = Path(text).expanduser()
-        if not path.is_file():
-            raise UnknownModelError("is no file", field="model", value=text)
-        return path
+        try:
+            path = Path(text).expanduser()
+            if path.is_file():
+                return path
+        except (OSError, RuntimeError, ValueError):  # no such home, a name too long, a null character
+            pass
+        raise UnknownModelError("is no file", field="model", value=text)
     models = list_models(models_dir)
     if text not in models:
         folders = ", ".join(str(folder) for folder in models_dirs(models_dir)) or "no folder"

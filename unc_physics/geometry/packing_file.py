@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import lzma
 import os
 import tempfile
 import zipfile
@@ -154,6 +155,10 @@ class SpherePacking:
 
 _ARRAYS = {"centers": (None, 3), "radii": (None,), "inertia": (3, 3), "origin": (3,), "bounds": (2, 3)}
 _SCALARS = ("volume", "bounding_radius", "mass", "surface_gap")
+# what numpy and zipfile raise, between them, on files that are no archives of plain arrays
+_UNREADABLE = (
+    OSError, ValueError, EOFError, KeyError, TypeError, RuntimeError, MemoryError, zipfile.BadZipFile, zlib.error, lzma.LZMAError,
+)
 _TEXTS = ("name", "mesh_sha256", "source", "licence")
 
 
@@ -182,7 +187,7 @@ def load_packing(path) -> SpherePacking:
                 raise zipfile.BadZipFile("a single array")
             known = {field.name for field in fields(SpherePacking)}
             values = {key: file[key] for key in file.files if key in known}
-    except (OSError, ValueError, EOFError, KeyError, zipfile.BadZipFile, zlib.error) as error:
+    except _UNREADABLE as error:
         reason = error.strerror if isinstance(error, OSError) and error.strerror else "it is no .npz archive of plain arrays"
         raise InvalidModelError(f"cannot be read: {reason}", field=f"model file {path}") from error
     for field in ("centers", "radii"):

@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from ..belief import Belief
-from ..errors import InvalidOptionError
+from ..errors import InvalidOptionError, LimitExceededError
 from ..scene import Scene
 from ..validation import integer
 
@@ -72,7 +72,7 @@ class Propagator(ABC):
     def _check_count(self, option: str, low: int = 1, high: int = SAMPLES_LIMIT) -> None:
         value = integer(getattr(self, option), option, low=low, error=InvalidOptionError)
         if value > high:
-            raise InvalidOptionError(f"must be at most {high}", field=option, value=value)
+            raise LimitExceededError(f"must be at most {high}", field=option, value=value)
 
 
 def symmetric_root(P: np.ndarray) -> np.ndarray:

@@ -71,7 +71,7 @@ class LocalSampling(Propagator):
 
     def advance(self, carry, scene, steps):
         mean, covariance = carry.mean.copy(), carry.covariance.copy()
-        _advance(mean, covariance, scene.world, (carry.step, steps), self.seed, self.samples)
+        _advance(mean, covariance, scene.world, (carry.step, steps), self.seed % 2**63, self.samples)
         return LocalSamplingCarry(mean, covariance, carry.step + steps)
 
     def belief(self, carry, scene):

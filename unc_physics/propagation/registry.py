@@ -14,6 +14,8 @@ from .surrogate import Surrogate
 
 PROPAGATORS: dict[str, type[Propagator]] = {cls.name: cls for cls in (Linearization, Surrogate, SigmaPoints, LocalSampling, MonteCarlo)}
 
+_KINDS = {int: "an integer", float: "a number"}
+
 
 def make_propagator(name: str, **options: Any) -> Propagator:
     """A propagator by its name, with some of its options set.
@@ -34,3 +36,25 @@ def make_propagator(name: str, **options: Any) -> Propagator:
             takes = f"its options are {', '.join(known)}" if known else "it takes none"
             raise InvalidOptionError(f"is no option of {name}; {takes}", field=option, value=value)
     return cls(**options)
+
+
+def propagator_from_texts(name: str, options: dict[str, Any], samples: int | None = None, seed: int | None = None) -> Propagator:
+    """A propagator from options whose values may be texts; samples and seed are left out where it takes none.
+
+    Raises
+    ------
+    UnknownPropagatorError, InvalidOptionError, LimitExceededError
+    """
+    options = dict(options)
+    known = PROPAGATORS[name].options() if name in PROPAGATORS else {}
+    for key, value in (("samples", samples), ("seed", seed)):
+        if value is not None and key in known:
+            options.setdefault(key, value)
+    for key, value in options.items():
+        kind = type(known.get(key))
+        if kind in (int, float) and isinstance(value, str):
+            try:
+                options[key] = kind(value)
+            except ValueError:
+                raise InvalidOptionError(f"must be {_KINDS[kind]}", field=key, value=value) from None
+    return make_propagator(name, **options)

@@ -23,7 +23,7 @@ from ..errors import (
 from ..layout import ERROR
 from ..propagation import Prediction, predict
 from ..propagation.base import Propagator
-from ..propagation.command import propagator_from_texts
+from ..propagation.registry import propagator_from_texts
 from ..propagation.predict import periodic_times
 from ..scene import Scene
 from ..validation import non_negative, positive

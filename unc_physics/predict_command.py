@@ -17,7 +17,7 @@ def add_predict_command(commands) -> None:
     parser.add_argument("scene", metavar="SCENE.yaml", help="scene file")
     parser.add_argument(
         "--propagator", default="sigma_points", metavar="NAME",
-        help="how uncertainty is propagated: sigma_points (default) or monte_carlo",
+        help="how uncertainty is propagated: linearization, surrogate, sigma_points (default), local_sampling or monte_carlo",
     )
     parser.add_argument("--samples", type=int, metavar="N", help="number of samples, for a propagator that draws them")
     parser.add_argument("--seed", type=int, metavar="S", help="seed of the draws (default 0)")
@@ -41,7 +41,8 @@ def _key_and_value(text):
 
 def run(arguments) -> int:
     """Predict, and print the result."""
-    from ..scene_file import load_scene
+    from .propagation.registry import propagator_from_texts
+    from .scene_file import load_scene
 
     propagator = propagator_from_texts(arguments.propagator, dict(arguments.option), arguments.samples, arguments.seed)
     scene, belief, horizon = load_scene(arguments.scene, arguments.models)
@@ -55,29 +56,11 @@ def run(arguments) -> int:
     return 0
 
 
-def propagator_from_texts(name, options, samples=None, seed=None):
-    """A propagator from options as texts; samples and seed are left out where it takes none."""
-    from ..errors import InvalidOptionError
-    from .registry import PROPAGATORS, make_propagator
-
-    known = PROPAGATORS[name].options() if name in PROPAGATORS else {}
-    for key, value in (("samples", samples), ("seed", seed)):
-        if value is not None and key in known:
-            options.setdefault(key, value)
-    for key, value in options.items():
-        if isinstance(known.get(key), int) and isinstance(value, str):
-            try:
-                options[key] = int(value)
-            except ValueError:
-                raise InvalidOptionError("must be an integer", field=key, value=value) from None
-    return make_propagator(name, **options)
-
-
 def _predict_with_progress(scene, belief, propagator, horizon, period):
     """Predict; on a terminal, with a progress bar on work that takes long."""
     from tqdm import tqdm
 
-    from .predict import periodic_times, predict
+    from .propagation.predict import periodic_times, predict
 
     with tqdm(
         total=None, unit="step", delay=PROGRESS_AFTER, leave=False, disable=None, desc=propagator.name,
@@ -108,7 +91,7 @@ def as_dict(scene, prediction, seed=None) -> dict:
 
 
 def _bodies(scene, belief):
-    from ..layout import ANGULAR_VELOCITY, POSITION, QUATERNION, VELOCITY
+    from .layout import ANGULAR_VELOCITY, POSITION, QUATERNION, VELOCITY
 
     bodies = []
     for k, body in enumerate(scene.bodies):
@@ -128,7 +111,7 @@ def as_table(scene, prediction) -> str:
     """The prediction as a table of poses and standard deviations."""
     import numpy as np
 
-    from ..layout import ERR_POSITION, ERR_ROTATION, POSITION, QUATERNION
+    from .layout import ERR_POSITION, ERR_ROTATION, POSITION, QUATERNION
 
     width = max(4, *(len(body.name) for body in scene.bodies))
     lines = []
