@@ -25,7 +25,7 @@ quaternions = rotation_vectors.map(lambda r: so3.exp(*r))
 
 def matrix(q):
     out = np.empty((3, 3))
-    so3.write_matrix(q, out)
+    so3.write_matrix(q, out[None], 0)
     return out
 
 
