@@ -23,8 +23,8 @@ from ..errors import (
 from ..layout import ERROR
 from ..propagation import Prediction, predict
 from ..propagation.base import Propagator
-from ..propagation.registry import propagator_from_texts
 from ..propagation.predict import periodic_times
+from ..propagation.registry import propagator_from_texts
 from ..scene import Scene
 from ..validation import non_negative, positive
 from .conversions import Doubts, Wanted, read_options, read_physics, read_scene, write_prediction

@@ -1,0 +1,171 @@
+"""The demo's picture: objects as shaded sphere packings before and after, the uncertainty, and samples behind."""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.patches import Ellipse
+from matplotlib.patheffects import withStroke
+
+from ..geometry.library import load_model
+from .conversions import rotation_matrix, seconds
+
+COLORS = ((0.16, 0.45, 0.72), (0.85, 0.42, 0.14))
+_PIXEL = 0.005  # m
+_LIGHT = np.array([-0.40, 0.65, 0.65])  # right, up, towards the eye
+_CLOUD_SPHERES = 200
+_BODY_SPHERES = 5000
+_ELLIPSE_EVERY = 1.0  # s
+_HALO = [withStroke(linewidth=3.4, foreground=(1.0, 1.0, 1.0, 0.6))]
+
+
+def draw(path, objects, answers) -> None:
+    """Draw the scene, seen along the world's y axis.
+
+    Parameters
+    ----------
+    path : path-like
+        PNG to write.
+    objects : list of ObjectState
+        As they were sent.
+    answers : dict of Predict.Response
+        By "sigma points" (with a trajectory) and by "Monte Carlo" (with pose samples).
+    """
+    gaussian, drawn = answers["sigma points"], answers["Monte Carlo"]
+    figure = Figure(figsize=(9.6, 6.4))
+    FigureCanvasAgg(figure)
+    axes = figure.add_axes([0.075, 0.08, 0.915, 0.81])
+    for k, message in enumerate(objects):
+        model = load_model(message.model).scaled(message.scale)
+        color = np.array(COLORS[k % len(COLORS)])
+        states = gaussian.objects[k].states
+        _draw_cloud(axes, model, drawn.objects[k].states[-1].pose_samples, color)
+        _draw_body(axes, model, message.pose.pose, color, alpha=0.38, order=2)
+        _draw_body(axes, model, states[-1].pose.pose, color, alpha=0.95, order=3)
+        _draw_path(axes, message, states, 0.5 * color)
+        samples = np.array([_seen(pose.position) for pose in drawn.objects[k].states[-1].pose_samples])
+        axes.plot(*samples.T, ".", color=0.3 * color, markersize=3.0, zorder=6)
+    _label(axes, objects, gaussian, drawn)
+    figure.savefig(path, dpi=120)
+
+
+def _draw_path(axes, message, states, color):
+    """The path of the mean, and ellipses of the position at the start, every second, and at the end."""
+    poses = [message.pose, *(state.pose for state in states)]
+    times = [0.0, *(seconds(state.time_from_start) for state in states)]
+    path = np.array([_seen(pose.pose.position) for pose in poses])
+    axes.plot(*path.T, color=color, linewidth=1.2, zorder=4, path_effects=_HALO)
+    for time, pose in zip(times, poses, strict=True):
+        last = pose is poses[-1]
+        if last or abs(time / _ELLIPSE_EVERY - round(time / _ELLIPSE_EVERY)) < 1e-6:
+            axes.add_patch(_ellipse(pose, edgecolor=color, linewidth=2.4 if last else 1.2, zorder=5, path_effects=_HALO))
+
+
+def _ellipse(pose, **style):
+    """Two standard deviations of the position, as seen."""
+    P = np.reshape(pose.covariance, (6, 6))[np.ix_([0, 2], [0, 2])]
+    variances, axes = np.linalg.eigh(P)
+    width, height = 4.0 * np.sqrt(np.maximum(variances[::-1], 0.0))
+    angle = np.degrees(np.arctan2(axes[1, 1], axes[0, 1]))
+    return Ellipse(_seen(pose.pose.position), width, height, angle=angle, fill=False, **style)
+
+
+def _seen(point):
+    """Right and up in the picture: the world's x and z."""
+    return point.x, point.z
+
+
+def _draw_body(axes, model, pose, color, alpha, order):
+    """Draw a model at the pose of its origin."""
+    centers, radii = _placed(model, pose, _BODY_SPHERES)
+    image, extent = shaded_balls(centers, radii, color)
+    image[..., 3] *= alpha
+    axes.imshow(image, extent=extent, origin="lower", interpolation="bilinear", zorder=order)
+
+
+def _draw_cloud(axes, model, poses, color):
+    """Draw how often each place is covered by the model at one of the poses."""
+    bodies = [_placed(model, pose, _CLOUD_SPHERES) for pose in poses]
+    window = _window(np.concatenate([centers for centers, _ in bodies]), np.concatenate([radii for _, radii in bodies]))
+    covered = np.mean([shaded_balls(*body, color, window)[0][..., 3] for body in bodies], axis=0)
+    image = np.empty((*covered.shape, 4))
+    image[..., :3] = 0.5 + 0.5 * color
+    image[..., 3] = 0.85 * np.sqrt(covered)  # so that rare places show, too
+    axes.imshow(image, extent=_extent(window), origin="lower", interpolation="bilinear", zorder=1)
+
+
+def _placed(model, pose, spheres):
+    """Centres (n, 3) [right, up, towards the eye] and radii (n,) of the largest spheres, at the pose of the origin."""
+    q = pose.orientation
+    R = rotation_matrix(np.array([q.x, q.y, q.z, q.w]))
+    centers = (model.centers[:spheres] - model.origin) @ R.T + [pose.position.x, pose.position.y, pose.position.z]
+    return centers[:, [0, 2, 1]] * [1.0, 1.0, -1.0], model.radii[:spheres]
+
+
+def _window(centers, radii):
+    """First and last pixel (2, 2) that balls may cover: columns and rows."""
+    low = np.floor((centers[:, :2] - radii[:, None]).min(axis=0) / _PIXEL) - 1
+    high = np.ceil((centers[:, :2] + radii[:, None]).max(axis=0) / _PIXEL) + 1
+    return np.array([low, high], int)
+
+
+def _extent(window):
+    (left, bottom), (right, top) = window * _PIXEL
+    return left, right, bottom, top
+
+
+def shaded_balls(centers, radii, color, window=None):
+    """Picture of balls in orthographic view.
+
+    Parameters
+    ----------
+    centers : (n, 3) array
+        Right, up and towards the eye [m].
+    radii : (n,) array
+    color : (3,) array
+    window : (2, 2) array, optional
+        First and last pixel, columns and rows; by default what the balls cover.
+
+    Returns
+    -------
+    image : (rows, columns, 4) array
+        RGBA, transparent where there is no ball.
+    extent : tuple
+        Left, right, bottom and top [m].
+    """
+    window = _window(centers, radii) if window is None else window
+    xs, ys = ((np.arange(*window[:, k]) + 0.5) * _PIXEL for k in range(2))
+    light = _LIGHT / np.linalg.norm(_LIGHT)
+    depth = np.full((len(ys), len(xs)), -np.inf)
+    shade = np.zeros(depth.shape)
+    for (x, y, z), r in zip(centers, radii, strict=True):
+        i = slice(*np.searchsorted(ys, [y - r, y + r]))
+        j = slice(*np.searchsorted(xs, [x - r, x + r]))
+        up, right = (ys[i] - y)[:, None] / r, (xs[j] - x)[None, :] / r
+        out = np.sqrt(np.maximum(1.0 - up * up - right * right, 0.0))
+        front = z + r * out
+        seen = (out > 0.0) & (front > depth[i, j])
+        depth[i, j][seen] = front[seen]
+        shade[i, j][seen] = np.maximum(right * light[0] + up * light[1] + out * light[2], 0.0)[seen]
+    image = np.zeros((*depth.shape, 4))
+    image[..., :3] = (0.35 + 0.65 * shade)[..., None] * color + 0.25 * shade[..., None] ** 2
+    image[..., 3] = depth > -np.inf
+    return image.clip(0.0, 1.0), _extent(window)
+
+
+def _label(axes, objects, gaussian, drawn):
+    horizon = seconds(gaussian.objects[0].states[-1].time_from_start)
+    samples = len(drawn.objects[0].states[-1].pose_samples)
+    axes.set_title(
+        f"Two bunnies collide: where will they be after {horizon:g} s?\n"
+        f"Pale: known now. Solid: predicted mean pose, with 2-sigma ellipses of its path (sigma points).\n"
+        f"Behind: {samples} Monte Carlo samples (dots: their origins).", fontsize=10)
+    axes.set_xlabel("x [m]")
+    axes.set_ylabel("z [m]")
+    axes.set_aspect("equal")
+    axes.autoscale()
+    axes.margins(0.03)
+    axes.grid(color="0.93")
+    axes.set_axisbelow(True)
+    axes.spines[["top", "right"]].set_visible(False)
