@@ -13,11 +13,12 @@ SHELL := /bin/bash
 unexport $(filter-out ROS_DOMAIN_ID, $(filter AMENT_% COLCON_% RMW_% ROS_%, $(.VARIABLES)))
 unexport CMAKE_PREFIX_PATH LD_LIBRARY_PATH PKG_CONFIG_PATH PYTHONHOME PYTHONPATH _ROS_WHEELS_BOOTSTRAP_COMPLETE
 
-VENV := $(CURDIR)/.venv
+VENV := .venv
 VENV_PYTHON := $(VENV)/bin/python
-PIP := $(VENV_PYTHON) -m pip --disable-pip-version-check --no-input -q install --no-compile -c requirements/constraints.txt
+PIP := $(VENV_PYTHON) -m pip -q --no-input --disable-pip-version-check install --no-compile -c requirements/constraints.txt
 MADE := $(VENV)/made
-CMAKE := env PATH=$(VENV)/bin:$(PATH) AMENT_PREFIX_PATH=$(VENV) CMAKE_PREFIX_PATH=$(VENV) cmake
+PREFIX := $(CURDIR)/$(VENV)
+CMAKE := env PATH="$(PREFIX)/bin:$(PATH)" AMENT_PREFIX_PATH="$(PREFIX)" CMAKE_PREFIX_PATH="$(PREFIX)" cmake
 INTERFACES := $(wildcard unc_physics_msgs/*.* unc_physics_msgs/*/*.*)
 
 # A venv knows its folder: one that was moved or whose Python is gone is made anew.
@@ -58,8 +59,8 @@ $(MADE)/python:
 	@for python in $(or $(PYTHON),python3.12 python3.11 python3); do \
 	    if "$$python" -c "$$FITS" 2>/dev/null; then \
 	        echo "Making .venv with $$("$$python" --version) ..."; \
-	        "$$python" -m venv --clear $(VENV) && $(PIP) pip; \
-	        mkdir -p $(MADE); echo $(CURDIR) > $@; exit 0; \
+	        "$$python" -m venv --clear $(VENV) && $(PIP) pip && mkdir -p $(MADE) && echo "$(CURDIR)" > $@; \
+	        exit; \
 	    fi; \
 	done; \
 	echo "No Python 3.11 or 3.12 with venv and headers (on Ubuntu: python3-venv, python3-dev) among:" \
@@ -75,12 +76,12 @@ $(MADE)/run: $(MADE)/ros requirements/run.txt
 	@$(PIP) -r requirements/run.txt
 	@touch $@
 
-$(MADE)/interfaces: $(MADE)/ros $(INTERFACES) cmake/ros_wheels.cmake
+$(MADE)/interfaces: requirements/ros.txt $(INTERFACES) cmake/ros_wheels.cmake | $(MADE)/ros
 	@echo "Building unc_physics_msgs ..."
 	@rm -rf $(MADE)/build && mkdir $(MADE)/build
 	@{ $(CMAKE) -S unc_physics_msgs -B $(MADE)/build -DCMAKE_BUILD_TYPE=Release -DCPP_INTERFACES=OFF \
-	        -DBUILD_TESTING=OFF -DCMAKE_PROJECT_INCLUDE=$(CURDIR)/cmake/ros_wheels.cmake \
-	        -DPython3_EXECUTABLE=$(VENV_PYTHON) -DCMAKE_INSTALL_PREFIX=$(VENV) && \
+	        -DBUILD_TESTING=OFF -DCMAKE_PROJECT_INCLUDE="$(CURDIR)/cmake/ros_wheels.cmake" \
+	        -DPython3_EXECUTABLE="$(PREFIX)/bin/python" -DCMAKE_INSTALL_PREFIX="$(PREFIX)" && \
 	    $(CMAKE) --build $(MADE)/build --parallel 2 && $(CMAKE) --install $(MADE)/build; \
 	} > $(MADE)/interfaces.log 2>&1 || { tail -n 30 $(MADE)/interfaces.log; exit 1; }
 	@rm -rf $(MADE)/build && touch $@

@@ -1,11 +1,12 @@
 """Both packages build with colcon against the ROS wheels, in the repository and in a workspace."""
 
 import json
+import os
 
 import pytest
 from building import ROOT, copy_sources, run, wheels_environment
 
-# run in a shell that has sourced the result, away from the sources
+# what an overlay must find in itself, not in the venv below it
 USE = """
 import json, os, sys
 import unc_physics, unc_physics_msgs.srv
@@ -22,6 +23,38 @@ print(json.dumps({
 }))
 """
 
+# starts the installed node as ros2 run does, asks it for a prediction and ends it
+ASK = """
+import os, signal, subprocess, sys
+import rclpy
+from ament_index_python.packages import get_package_prefix
+from rclpy.node import Node
+from unc_physics_msgs.msg import ObjectState
+from unc_physics_msgs.srv import Predict
+
+executable = os.path.join(get_package_prefix("unc_physics"), "lib", "unc_physics", "unc_physics_node")
+server = subprocess.Popen([executable])
+try:
+    rclpy.init()
+    node = Node("asker")
+    client = node.create_client(Predict, "/unc_physics/predict")
+    while not client.wait_for_service(timeout_sec=1.0):
+        assert server.poll() is None, "the node ended"
+    request = Predict.Request(horizon=0.2, propagator="sigma_points")
+    request.objects = [ObjectState(id="one", model="bunny", spheres=10, mass=1.0)]
+    future = client.call_async(request)
+    while not future.done():
+        rclpy.spin_once(node, timeout_sec=1.0)
+    answer = future.result()
+    assert answer.error_code == Predict.Response.NONE, answer.error_msg
+    assert [(item.id, len(item.states)) for item in answer.objects] == [("one", 1)]
+    server.send_signal(signal.SIGINT)
+    sys.exit(server.wait(20))
+finally:
+    server.kill()
+    rclpy.try_shutdown()
+"""
+
 BUILDS = {
     # exactly as the README says
     "repository": (".", ["--base-paths", ".", "unc_physics_msgs"], []),
@@ -32,13 +65,23 @@ BUILDS = {
 }
 
 
+def run_sourced(program, installed, folder, env):
+    """Run a Python program in a shell that has sourced the workspace, away from the sources."""
+    script = folder / "program.py"
+    script.write_text(program)
+    return run(["bash", "-c", f"source {installed}/setup.bash && exec python {script}"], cwd=folder, env=env)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", BUILDS)
 def test_colcon_builds_and_result_can_be_used(kind, tmp_path):
     sources, base_paths, cmake_arguments = BUILDS[kind]
     workspace = tmp_path / "workspace"
     copy_sources(workspace / sources)
-    env = wheels_environment()
+    env = wheels_environment() | {
+        "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST", "ROS_DOMAIN_ID": str(os.getpid() % 100),
+        "NUMBA_CACHE_DIR": str(tmp_path / "numba"),
+    }
     names = run(["colcon", "list", "--names-only", *base_paths], cwd=workspace, env=env).stdout.split()
     assert sorted(names) == ["unc_physics", "unc_physics_msgs"]
 
@@ -59,10 +102,9 @@ def test_colcon_builds_and_result_can_be_used(kind, tmp_path):
     has_cpp = (installed / "unc_physics_msgs/include/unc_physics_msgs/unc_physics_msgs/srv/predict.hpp").is_file()
     assert has_cpp == (kind == "repository")
 
-    script = tmp_path / "use.py"
-    script.write_text(USE)
-    sourced = ["bash", "-c", f"source {installed}/setup.bash && cd {tmp_path} && exec python {script}"]
-    found = json.loads(run(sourced, cwd=tmp_path, env=env).stdout)
+    found = json.loads(run_sourced(USE, installed, tmp_path, env).stdout)
     for path in (*found["modules"], *found["prefixes"], *found["models"].values()):
         assert path.startswith(str(installed)), path
     assert {"armadillo", "bunny", "pin"} <= found["models"].keys()
+    if kind == "workspace":
+        run_sourced(ASK, installed, tmp_path, env)
