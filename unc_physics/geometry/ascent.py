@@ -131,8 +131,11 @@ def equalized_step(bundle, subset, size, delta, step):
         slack = delta * delta - sx * sx - sy * sy - sz * sz
         if slack < 0.0:
             return -np.inf
+        rise = ax * nx + ay * ny + az * nz
         h = np.sqrt(slack / norm)
-        if ax * nx + ay * ny + az * nz < 0.0:
+        if rise * rise < 1e-20 * norm:  # neither way rises: stay as near as possible
+            h = 0.0
+        elif rise < 0.0:
             h = -h
         step[0], step[1], step[2] = sx + h * nx, sy + h * ny, sz + h * nz
         return values[a] + ax * step[0] + ay * step[1] + az * step[2]
@@ -209,7 +212,7 @@ def best_step(bundle, count, delta, step):
             if feasible:
                 best, best_mask = value, mask
                 copy(trial_step, step, 3)
-        if not best < t:
+        if best == -np.inf:
             break
         t = best
         trial_size = 0
@@ -219,7 +222,10 @@ def best_step(bundle, count, delta, step):
                 trial_size += 1
         working[trial_size] = violated
         size = trial_size + 1
-    return -np.inf
+    t = np.inf  # no end to the exchange, for round-off: the step is as good as it is
+    for i in range(count):
+        t = min(t, value_after(bundle, i, step))
+    return t
 
 
 @njit(cache=True, nogil=True)

@@ -24,14 +24,16 @@ from .sphere_grid import empty_grid, grown, insert_spheres
 from .surface_gap import surface_gap
 from .triangle_tree import build_triangle_tree
 
-LEVEL = 0.6  # a level's smallest radius, of its largest
+LEVEL = 0.7  # a level's smallest radius, of its largest
 BATCH = 0.97  # a batch's smallest radius, of its largest
 FIRST_STARTS = 256  # on the surface, while nothing is placed yet
 STARTS_PER_AREA = 0.3  # on the surface in each level, per squared radius
-MAX_STARTS = 200_000  # on the surface in each level
+MIN_STARTS, MAX_STARTS = 32, 200_000  # on the surface in each level, ...
+STARTS_PER_SPHERE = 10  # ... but no more than these for each sphere asked for
 MANY_DIRECTIONS, FEW_DIRECTIONS = 32, 12  # around a sphere; many while there are few spheres
-FEW_SPHERES = 300
+FEW_SPHERES = 500
 MAX_CELLS = 60_000_000  # of the grid: 240 MB
+MAX_LEVELS = 100
 SMALLEST = 1e-7  # of the body's size: gaps below are given up
 TIE = 0.995  # spheres are in order of radius up to this ratio
 
@@ -105,30 +107,40 @@ class GreedyPacker:
     def run(self, progress, volume):
         """Place the spheres; returns them (n, 4), ordered."""
         spheres = self.space.spheres
-        candidates = self.climb(self.surface_starts(FIRST_STARTS, 0, self.space.grid.reach))
-        level = 0
-        while self.placed < len(spheres):
-            level += 1
-            radius = candidates[:, 3].max(initial=0.0) * (1.0 + 1e-9)
-            if radius < SMALLEST * self.size:
+        bound = self.space.grid.reach  # no free distance exceeds it
+        candidates = np.empty((0, 4))
+        for level in range(MAX_LEVELS):
+            self.refine_grid(bound)
+            more = self.climb(self.surface_starts(self.number_of_starts(level, bound), level, bound))
+            candidates = np.concatenate([candidates, more])
+            largest = candidates[:, 3].max(initial=0.0)
+            if largest < SMALLEST * self.size:
                 break
-            self.refine_grid(radius)
-            if level > 1:
-                starts = int(min(STARTS_PER_AREA * self.cumulative_area[-1] / radius**2, MAX_STARTS))
-                more = self.climb(self.surface_starts(starts, level, radius))
-                candidates = np.concatenate([candidates, more])
-            large = candidates[:, 3] >= LEVEL * radius
-            left_over = [candidates[~large]]
+            if largest < LEVEL * bound:  # look again at the scale of what there is
+                bound = largest * (1.0 + 1e-9)
+                continue
+            large = candidates[:, 3] >= LEVEL * bound
+            small = [candidates[~large]]
             candidates = candidates[large]
             while len(candidates) and self.placed < len(spheres):
                 found, candidates = self.place_batch(candidates)
-                large = found[:, 3] >= LEVEL * radius
-                left_over.append(found[~large])
+                large = found[:, 3] >= LEVEL * bound
+                small.append(found[~large])
                 candidates = np.concatenate([candidates, found[large]])
                 if progress:
                     progress(self.placed, float(4.0 / 3.0 * np.pi * np.sum(spheres[: self.placed, 3] ** 3)) / volume)
-            candidates = np.concatenate(left_over)
+            if self.placed == len(spheres):
+                break
+            candidates = np.concatenate(small)
+            bound *= LEVEL
         return nested_order(spheres[: self.placed], self.lower, self.size)
+
+    def number_of_starts(self, level, radius):
+        """How many points of the surface to start from."""
+        if level == 0:
+            return FIRST_STARTS
+        wanted = STARTS_PER_AREA * self.cumulative_area[-1] / radius**2
+        return int(max(MIN_STARTS, min(wanted, MAX_STARTS, STARTS_PER_SPHERE * len(self.space.spheres))))
 
     def place_batch(self, candidates):
         """Place the largest candidates; returns the new ones that are found thereby, and the rest of the old ones."""

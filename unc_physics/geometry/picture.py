@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 PIXELS = 640
-VIEW = np.array([0.80, -0.50, 0.34])  # towards the eye, z up
+VIEW = np.array([0.62, -0.70, 0.36])  # towards the eye, z up
 LIGHT = np.array([-0.35, 0.55, 0.76])  # right, up, towards the eye
 
 
@@ -29,8 +29,9 @@ def draw_levels(path, packings, up="z") -> None:
     middle = 0.5 * (box.min(axis=0) + box.max(axis=0))
     half = 0.53 * float(np.ptp(box[:, :2], axis=0).max())
     sizes = np.log(np.concatenate([packing.radii for packing in packings]))
-    figure = Figure(figsize=(3.6 * len(packings), 4.1), layout="constrained")
+    figure = Figure(figsize=(3.6 * len(packings), 4.4))
     FigureCanvasAgg(figure)
+    figure.subplots_adjust(left=0.035, right=0.995, bottom=0.09, top=0.86, wspace=0.03)
     for k, packing in enumerate(packings):
         axes = figure.add_subplot(1, len(packings), k + 1)
         centers = packing.centers @ axes_of_view.T - middle
@@ -50,7 +51,7 @@ def draw_levels(path, packings, up="z") -> None:
             axes.spines["left"].set_visible(False)
     sides = " x ".join(f"{1e3 * side:.4g}" for side in np.ptp(box_corners(packings[0]), axis=0))
     figure.suptitle(f"{packings[0].name}: {sides} mm", fontsize=11)
-    figure.savefig(path, dpi=130)
+    figure.savefig(path, dpi=130, bbox_inches="tight")
 
 
 def view_axes(up):

@@ -32,16 +32,16 @@ class Recipe:
 
 RECIPES = {
     "armadillo": Recipe("armadillo.off", 10_000, density=ABS, scale=0.001),
-    "bin": Recipe(shapes.bin, 10_000, density=POLYPROPYLENE),
-    "bottle": Recipe(shapes.bottle, 2000, mass=0.53),
+    "bin": Recipe(shapes.bin, 15_000, density=POLYPROPYLENE),
+    "bottle": Recipe(shapes.bottle, 4000, mass=0.53),
     "bowl": Recipe(shapes.bowl, 4000, density=STONEWARE),
-    "brick": Recipe(shapes.brick, 2000, density=CLAY),
+    "brick": Recipe(shapes.brick, 4000, density=CLAY),
     "bunny": Recipe("bunny00.off", 10_000, density=ABS, scale=0.156),
-    "can": Recipe(shapes.can, 2000, mass=0.455),
+    "can": Recipe(shapes.can, 4000, mass=0.455),
     "mug": Recipe(shapes.mug, 4000, density=STONEWARE),
     "pin": Recipe(shapes.pin, 10_000, mass=1.58),
     "plate": Recipe(shapes.plate, 5000, density=STONEWARE),
-    "salt_box": Recipe(shapes.salt_box, 2000, mass=0.52),
+    "salt_box": Recipe(shapes.salt_box, 4000, mass=0.52),
 }
 
 

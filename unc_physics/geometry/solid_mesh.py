@@ -123,8 +123,8 @@ def make_solid(name, vertices, faces, sha256=None) -> SolidMesh:
     faces = same.reshape(-1)[faces.reshape(-1, 3)]
     faces = faces[(faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 2] != faces[:, 0])]
     check_closed(faces)
+    check_outside_out(points, faces)
     properties = trimesh.triangles.mass_properties(points[faces], density=1.0)
-    check_outside_out(points, faces, float(properties.volume))
     inertia = properties.inertia / properties.volume
     center = np.asarray(properties.center_mass)
     if sha256 is None:
@@ -176,7 +176,7 @@ def check_closed(faces):
             "is out (--repair turns them with trimesh.repair.fix_winding)")
 
 
-def check_outside_out(points, faces, volume):
+def check_outside_out(points, faces):
     """Refuse a surface that is flat, inside out, or has components that overlap or are inside out.
 
     ``points`` are normalized to a size between 1 and 2.
@@ -188,6 +188,7 @@ def check_outside_out(points, faces, volume):
     label = components(faces, len(points))
     signed = np.einsum("ij,ij->i", points[faces[:, 0]], np.cross(points[faces[:, 1]], points[faces[:, 2]])) / 6.0
     volumes = np.bincount(label, weights=signed)
+    volume = volumes.sum()
     if abs(volume) < FLAT and np.all(np.abs(volumes) < FLAT):
         raise InvalidMeshError("encloses no volume")
     if volume <= 0.0:

@@ -28,7 +28,7 @@ def surface_gap(corners, spheres) -> float:
     """
     lower, upper = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
     size = float(np.max(upper - lower))
-    reach = size / 64.0
+    reach = 0.25 * size / np.cbrt(len(spheres))  # a guess, doubled until it is enough
     spheres = np.ascontiguousarray(spheres)
     while True:
         grid = empty_grid(lower, upper, reach, reach, 8 * len(spheres) + 1000)

@@ -1,0 +1,134 @@
+"""The laws of a packing, checked by code that shares nothing with the packer."""
+
+import numpy as np
+import pytest
+import trimesh
+from conftest import MESHES
+from scipy.optimize import brentq
+from test_distance import brute_distances
+
+from unc_physics.errors import InvalidOptionError
+from unc_physics.geometry import packing as packing_module
+from unc_physics.geometry.packing import nested_order, pack_solid
+from unc_physics.geometry.solid_mesh import make_solid, winding_number
+
+TOUCH = 1e-12  # of the bounding radius: what overlap and protrusion may come to
+
+
+def overlap(packing):
+    """Deepest overlap of two spheres [m]."""
+    distance = np.linalg.norm(packing.centers[:, None] - packing.centers, axis=2)
+    depth = packing.radii[:, None] + packing.radii - distance
+    np.fill_diagonal(depth, -np.inf)
+    return depth.max()
+
+
+def assert_is_packing(packing, solid):
+    touch = TOUCH * solid.bounding_radius
+    assert overlap(packing) <= touch
+    assert np.max(packing.radii - brute_distances(solid.corners, packing.centers)) <= touch
+    np.testing.assert_allclose(winding_number(solid.corners, packing.centers), 1.0, atol=1e-9)
+    smallest_before = np.minimum.accumulate(packing.radii)[:-1]
+    assert np.mean(packing.radii[1:] > 1.01 * smallest_before) <= 0.001
+
+
+def test_laws(any_solid):
+    packing = pack_solid(any_solid, 150, threads=2)
+    assert len(packing) == 150
+    assert_is_packing(packing, any_solid)
+    np.testing.assert_array_equal(packing.inertia, any_solid.inertia)
+    np.testing.assert_array_equal(packing.origin, any_solid.origin)
+    assert packing.bounding_radius == any_solid.bounding_radius
+    assert 0.0 < packing.fill < 1.0 and packing.surface_gap > 0.0
+
+
+def test_the_first_spheres_of_a_cube_are_the_known_ones():
+    """One in the middle, one in each corner, and on each edge two that touch the middle's and a corner's."""
+    mesh = trimesh.creation.box()
+    packing = pack_solid(make_solid("cube", mesh.vertices, mesh.faces), 33)
+    middle, corner = 0.5, 0.5 * (2.0 - np.sqrt(3.0))
+
+    def overlap_with_corner(r):  # of a sphere that touches two faces and the middle's
+        along = np.sqrt((middle + r) ** 2 - 2.0 * (0.5 - r) ** 2)
+        return (corner + r) ** 2 - 2.0 * (corner - r) ** 2 - (0.5 - corner - along) ** 2
+
+    edge = brentq(overlap_with_corner, 0.5 * (3.0 - 2.0 * np.sqrt(2.0)) + 1e-9, corner)
+    np.testing.assert_allclose(packing.radii, [middle] + 8 * [corner] + 24 * [edge], rtol=1e-4)
+    np.testing.assert_allclose(np.abs(packing.centers[1:9]), 0.5 - corner, atol=1e-4)
+
+
+@pytest.mark.parametrize(("name", "least"), [("two balls", 0.98), ("box", 0.74), ("torus", 0.755),
+                                             ("hollow ball", 0.655), ("L", 0.715), ("needle", 0.71)])
+def test_fill_is_what_greedy_packing_reaches(name, least):
+    """Searching ten times as thoroughly gains no more than one percent."""
+    assert pack_solid(make_solid(name, *MESHES[name]()), 400).fill > least
+
+
+def test_same_bits_for_any_number_of_threads():
+    solid = make_solid("torus", *MESHES["torus"]())
+    one, two = pack_solid(solid, 300, threads=1), pack_solid(solid, 300, threads=2)
+    np.testing.assert_array_equal(one.centers, two.centers)
+    np.testing.assert_array_equal(one.radii, two.radii)
+    assert one.surface_gap == two.surface_gap
+
+
+@pytest.mark.parametrize("scale", [1e-6, 1e3])
+@pytest.mark.parametrize("offset", [0.0, 1e3])
+def test_scale_and_offset_change_nothing_else(scale, offset):
+    vertices, faces = MESHES["L"]()
+    solid = make_solid("L", (vertices + offset) * scale, faces)
+    packing, plain = pack_solid(solid, 100), pack_solid(make_solid("L", vertices, faces), 100)
+    assert_is_packing(packing, solid)
+    assert packing.fill == pytest.approx(plain.fill, rel=0.03)  # ties in a wall fall differently
+    # about the mesh's own origin, the spheres lie in the mesh as it was read
+    in_mesh = packing.centers - packing.origin
+    lost = 4.0 * np.finfo(float).eps * np.abs((vertices + offset) * scale).max()
+    distances = brute_distances(((vertices + offset) * scale)[faces], in_mesh)
+    assert np.max(packing.radii - distances) <= TOUCH * solid.bounding_radius + lost
+
+
+def test_a_plate_of_a_thousand_to_one():
+    plate = trimesh.creation.box([1.0, 1.0, 0.001])
+    solid = make_solid("plate", plate.vertices, plate.faces)
+    packing = pack_solid(solid, 500)
+    assert len(packing) == 500
+    assert_is_packing(packing, solid)
+    np.testing.assert_allclose(packing.radii, 0.0005, rtol=1e-4)
+
+
+def test_a_first_part_of_equal_spheres_spreads_over_the_body():
+    bar = trimesh.creation.box([1.0, 0.02, 0.02])
+    packing = pack_solid(make_solid("bar", bar.vertices, bar.faces), 48)
+    for k in (4, 8, 16, 32):
+        along = np.sort(packing.centers[:k, 0])
+        assert np.diff(np.concatenate([[-0.5], along, [0.5]])).max() < 2.5 / k
+
+
+def test_order_keeps_larger_spheres_first():
+    rng = np.random.default_rng(0)
+    spheres = np.column_stack([rng.random((500, 3)), rng.uniform(0.1, 0.2, 500)])
+    ordered = nested_order(spheres, np.zeros(3), 1.0)
+    assert np.all(ordered[1:, 3] <= np.minimum.accumulate(ordered[:, 3])[:-1] / packing_module.TIE)
+    np.testing.assert_array_equal(np.sort(ordered, axis=0), np.sort(spheres, axis=0))
+
+
+def test_a_packing_that_runs_out_of_gaps_stops_short(monkeypatch):
+    monkeypatch.setattr(packing_module, "SMALLEST", 0.1)
+    mesh = trimesh.creation.box()
+    packing = pack_solid(make_solid("cube", mesh.vertices, mesh.faces), 1000)
+    assert 9 <= len(packing) < 1000
+
+
+@pytest.mark.parametrize("count", [0, -1, 2.5, True])
+def test_a_count_that_is_no_positive_integer_is_refused(count):
+    mesh = trimesh.creation.box()
+    with pytest.raises(InvalidOptionError, match="positive integer"):
+        pack_solid(make_solid("cube", mesh.vertices, mesh.faces), count)
+
+
+def test_progress_tells_spheres_and_fill():
+    seen = []
+    solid = make_solid("ball", *MESHES["ball"]())
+    packing = pack_solid(solid, 50, progress=lambda *now: seen.append(now))
+    assert [now[0] for now in seen] == sorted(now[0] for now in seen)
+    assert seen[-1] == (50, pytest.approx(packing.fill))

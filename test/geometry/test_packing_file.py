@@ -1,0 +1,154 @@
+"""Model files: round trip, the contract for foreign ones, refusals, and never half a file."""
+
+import numpy as np
+import pytest
+
+from unc_physics.errors import InvalidModelError
+from unc_physics.geometry import packing_file
+from unc_physics.geometry.packing_file import SpherePacking, load_packing, save_packing, solid_spheres_inertia
+
+ROUND_OFF = 1e-13
+
+
+def example():
+    return SpherePacking(
+        name="example", centers=np.array([[0.1, 0.0, 0.0], [-0.3, 0.0, 0.2], [0.0, 0.4, 0.0]]),
+        radii=np.array([0.2, 0.1, 0.05]), inertia=np.diag([0.02, 0.03, 0.04]), volume=0.1,
+        origin=np.array([0.0, 0.1, -0.2]), bounding_radius=0.6, mesh_sha256="ab" * 32, mass=0.5,
+        bounds=np.array([[-0.4, -0.1, -0.2], [0.3, 0.5, 0.3]]), surface_gap=0.01, source="here", licence="free")
+
+
+def arrays(packing):
+    return {field: getattr(packing, field) for field in ("centers", "radii", "inertia", "origin", "bounds")}
+
+
+def test_round_trip_and_equal_bytes(tmp_path):
+    first, second = tmp_path / "a.npz", tmp_path / "b.npz"
+    save_packing(first, example())
+    save_packing(second, load_packing(first))
+    assert first.read_bytes() == second.read_bytes()
+    loaded = load_packing(first)
+    for field, array in arrays(example()).items():
+        np.testing.assert_array_equal(getattr(loaded, field), array)
+    for field in ("name", "volume", "bounding_radius", "mesh_sha256", "mass", "surface_gap", "source", "licence"):
+        assert getattr(loaded, field) == getattr(example(), field)
+    for array in arrays(loaded).values():
+        assert array.flags.c_contiguous and not array.flags.writeable and array.dtype == np.float64
+
+
+def test_a_file_of_spheres_only_gets_its_inertia_from_them(tmp_path):
+    path = tmp_path / "pair.npz"
+    np.savez(path, centers=[[1.0, 2.0, 3.0], [4.0, 2.0, 3.0]], radii=[1.0, 0.5])
+    packing = load_packing(path)
+    m = np.array([8.0, 1.0]) / 9.0
+    reduced, own = m[0] * m[1] * 9.0, 0.4 * (m[0] + 0.25 * m[1])
+    np.testing.assert_allclose(packing.inertia, np.diag([own, own + reduced, own + reduced]), atol=ROUND_OFF)
+    np.testing.assert_allclose(packing.centers, [[-3.0 * m[1], 0, 0], [3.0 * m[0], 0, 0]], atol=ROUND_OFF)
+    np.testing.assert_allclose(packing.origin, [-1.0 - 3.0 * m[1], -2.0, -3.0], atol=ROUND_OFF)
+    assert packing.volume == pytest.approx(4.0 / 3.0 * np.pi * 1.125)
+    assert packing.bounding_radius == pytest.approx(3.0 * m[0] + 0.5)
+    assert packing.name == "pair" and packing.mass is None
+
+
+def test_inertia_of_solid_spheres_against_samples():
+    rng = np.random.default_rng(0)
+    centers, radii = rng.normal(size=(4, 3)), rng.uniform(0.3, 0.6, 4)
+    points = rng.uniform(-4.0, 4.0, (400_000, 3))
+    covered = np.sum(np.linalg.norm(points[:, None] - centers, axis=2) < radii, axis=1)  # overlaps count twice
+    arm = points - np.average(points, axis=0, weights=covered)
+    second = (arm.T * covered) @ arm / covered.sum()
+    _, inertia = solid_spheres_inertia(centers, radii)
+    np.testing.assert_allclose(inertia, np.trace(second) * np.eye(3) - second, rtol=0.05, atol=0.05)  # sampling
+
+
+def test_prefix_keeps_the_body():
+    packing, part = example(), example().prefix(2)
+    np.testing.assert_array_equal(part.centers, packing.centers[:2])
+    np.testing.assert_array_equal(part.inertia, packing.inertia)
+    assert (part.volume, part.mass, part.bounding_radius) == (packing.volume, packing.mass, packing.bounding_radius)
+    assert part.fill == pytest.approx(4.0 / 3.0 * np.pi * 0.009 / 0.1)
+    assert part.surface_gap is None
+    for k in (0, -1, 1.5, True):
+        with pytest.raises(InvalidModelError, match="positive integer"):
+            packing.prefix(k)
+    with pytest.raises(InvalidModelError, match=r"more than the 3 spheres of model 'example' \(got 4\)"):
+        packing.prefix(4)
+
+
+def test_scale():
+    packing, double = example(), example().scaled(2.0)
+    np.testing.assert_array_equal(double.centers, 2.0 * packing.centers)
+    np.testing.assert_array_equal(double.radii, 2.0 * packing.radii)
+    np.testing.assert_array_equal(double.origin, 2.0 * packing.origin)
+    np.testing.assert_array_equal(double.inertia, 4.0 * packing.inertia)
+    assert double.volume == 8.0 * packing.volume and double.bounding_radius == 2.0 * packing.bounding_radius
+    assert double.mass == 8.0 * packing.mass and double.fill == pytest.approx(packing.fill)
+    for s in (0.0, -1.0, np.nan, np.inf, "2"):
+        with pytest.raises(InvalidModelError, match="scale"):
+            packing.scaled(s)
+
+
+@pytest.mark.parametrize(("change", "message"), [
+    ({"centers": None}, "has no 'centers'"),
+    ({"radii": None}, "has no 'radii'"),
+    ({"centers": np.zeros((3, 2))}, r"centers must have shape \(n, 3\) \(got \(3, 2\)\)"),
+    ({"centers": np.zeros((2, 3))}, "as many rows as radii has entries, 3"),
+    ({"radii": np.array([0.2, -0.1, 0.05])}, r"radii\[1\] must be positive \(got -0.1\)"),
+    ({"radii": np.zeros(0), "centers": np.zeros((0, 3))}, "radii is empty"),
+    ({"radii": np.array([0.2, np.nan, 0.05])}, r"radii\[1\] is not a finite number"),
+    ({"centers": np.full((3, 3), np.inf)}, r"centers\[0\]\[0\] is not a finite number"),
+    ({"radii": np.array(["a", "b", "c"])}, "radii must hold real numbers"),
+    ({"inertia": np.array([[1.0, 0.1, 0], [0, 1, 0], [0, 0, 1]])}, "inertia is not symmetric"),
+    ({"inertia": np.diag([1.0, 1.0, -1.0])}, "principal moment that is not positive"),
+    ({"inertia": np.diag([1.0, 1.0, 2.1])}, "belongs to no solid"),
+    ({"inertia": np.eye(2)}, r"inertia must have shape \(3, 3\)"),
+    ({"volume": -1.0}, "volume must be positive"),
+    ({"bounding_radius": 0.1}, "bounding_radius is less than the spheres' reach"),
+    ({"origin": np.zeros(2)}, r"origin must have shape \(3,\)"),
+    ({"mass": 0.0}, "mass must be positive"),
+])
+def test_inconsistent_files_are_refused_by_name_field_and_value(tmp_path, change, message):
+    path = tmp_path / "bad.npz"
+    values = {**arrays(example()), "volume": 0.1, "bounding_radius": 0.6, **change}
+    np.savez(path, **{key: value for key, value in values.items() if value is not None})
+    with pytest.raises(InvalidModelError, match=message) as caught:
+        load_packing(path)
+    assert str(path) in str(caught.value)
+
+
+@pytest.mark.parametrize("kind", ["missing", "empty", "text", "truncated", "single array", "objects", "folder"])
+def test_unreadable_files_are_refused(tmp_path, kind):
+    path = tmp_path / "bad.npz"
+    if kind == "empty":
+        path.write_bytes(b"")
+    elif kind == "text":
+        path.write_text("spheres")
+    elif kind == "truncated":
+        save_packing(path, example())
+        path.write_bytes(path.read_bytes()[:-200])
+    elif kind == "single array":
+        with path.open("wb") as stream:
+            np.save(stream, np.zeros(3))
+    elif kind == "objects":
+        np.savez(path, centers=np.array([None]), radii=np.array([1.0]))
+    elif kind == "folder":
+        path.mkdir()
+    with pytest.raises(InvalidModelError, match="cannot be read"):
+        load_packing(path)
+
+
+@pytest.mark.parametrize("interruption", [KeyboardInterrupt, OSError])
+def test_an_interrupted_write_leaves_the_old_file(tmp_path, monkeypatch, interruption):
+    path = tmp_path / "model.npz"
+    save_packing(path, example())
+    before = path.read_bytes()
+
+    def fail(stream, **_):
+        stream.write(b"half a file")
+        raise interruption
+
+    monkeypatch.setattr(packing_file.np, "savez_compressed", fail)
+    with pytest.raises(interruption):
+        save_packing(path, example().scaled(2.0))
+    assert path.read_bytes() == before
+    assert list(tmp_path.iterdir()) == [path]
