@@ -24,7 +24,7 @@ _SAMPLES_LIMIT = 100_000
 # series of sin(a) / a and (1 - cos(a)) / a^2 in -a^2
 _SINE = tuple(1.0 / math.factorial(2 * k + 1) for k in range(14))
 _COSINE = tuple(1.0 / math.factorial(2 * k + 2) for k in range(14))
-_DRAWS = 12  # normal numbers for each sample: position and rotation of both bodies
+_DRAWS = 9  # normal numbers for each sample: relative position, and rotation of both bodies
 
 
 class LocalSamplingCarry(NamedTuple):
@@ -84,20 +84,22 @@ class Cloud(NamedTuple):
 
     Attributes
     ----------
-    position, rotation : (B, 3, 3) float64
-        Factors that turn normal numbers into displacements [m] and rotations about world axes [rad].
+    rotation : (B, 3, 3) float64
+        Factors that turn normal numbers into rotations about world axes [rad].
     known : (B,) bool
-        Whether the two are computed for this step.
-    draws : (12, N) float64
+        Whether that is computed for this step.
+    position : (3, 3) float64
+        Factor that turns normal numbers into displacements of body j relative to body i [m].
+    draws : (9, N) float64
         Normal numbers of the contact at hand.
     spread : (3, 6) float64
         Second moments of force, torque on body i and torque on body j about the nominal ones, each by its
         entries xx, yy, zz, xy, xz, yz, summed over the contacts of a pair.
     """
 
-    position: np.ndarray
     rotation: np.ndarray
     known: np.ndarray
+    position: np.ndarray
     draws: np.ndarray
     spread: np.ndarray
 
@@ -107,10 +109,9 @@ def _advance(mean, covariance, world, span, seed, samples):
     """Advance the nominal state and the covariances in place over ``span`` = (first step, number of steps)."""
     work = workspace(mean, world)
     count = len(mean)
-    place = np.cumsum(world.bodies.moving) - 1  # of each moving body among the covariances
+    place = np.where(world.bodies.moving, np.cumsum(world.bodies.moving) - 1, -1)  # of each body's covariance
     cloud = Cloud(
-        np.zeros((count, 3, 3)), np.zeros((count, 3, 3)), np.zeros(count, np.bool_),
-        np.zeros((_DRAWS, samples)), np.empty((3, 6)),
+        np.zeros((count, 3, 3)), np.zeros(count, np.bool_), np.empty((3, 3)), np.empty((_DRAWS, samples)), np.empty((3, 6)),
     )
     rows, rotation = covariance.reshape(-1, ERROR), np.empty((3, 3))
     moving, R, dt, decay = world.bodies.moving, work.R, world.dt, world.decay
@@ -131,11 +132,10 @@ def _advance(mean, covariance, world, span, seed, samples):
             while top > 0:
                 found, top = next_contacts(world.tree, work.R_ij, t_ij, slack, work.search, top)
                 if found > 0:
-                    touching = True
                     add_wrench(mean, i, j, found, world.stiffness, work)
-                    for body in (i, j):
-                        if moving[body] and not cloud.known[body]:
-                            know_cloud(covariance[place[body]], R[body], body, cloud)
+                    if not touching:
+                        touching = True
+                        know_cloud((i, j), covariance, place, work, cloud)
                     sample_contacts((i, j), found, pair_key, world.tree, work, cloud)
             if not touching:
                 part(i, j, t_ij, slack, world, work)
@@ -157,14 +157,21 @@ def transform(rows, first, dt, decay, rotation):
 
 
 @njit(cache=True, nogil=True)
-def know_cloud(P, R, body, cloud):
-    """Cholesky factors of the position's and the rotation's covariance, the latter turned to world axes."""
-    cloud.known[body] = True
-    write_cholesky(P, EP, cloud.position[body])
-    write_cholesky(P, ER, cloud.rotation[body])
-    L = cloud.rotation[body]
-    for c in range(3):
-        L[0, c], L[1, c], L[2, c] = rotate(R, L[0, c], L[1, c], L[2, c])
+def know_cloud(bodies, covariance, place, work, cloud):
+    """Factors of the covariances of two bodies' relative position, and of their rotations in world axes."""
+    relative = np.zeros((3, 3))
+    for body in bodies:
+        if place[body] < 0:
+            continue
+        P = covariance[place[body]]
+        relative += P[EP : EP + 3, EP : EP + 3]
+        if not cloud.known[body]:
+            cloud.known[body] = True
+            L = cloud.rotation[body]
+            write_cholesky(P, ER, L)
+            for c in range(3):
+                L[0, c], L[1, c], L[2, c] = rotate(work.R[body], L[0, c], L[1, c], L[2, c])
+    write_cholesky(relative, 0, cloud.position)
 
 
 @njit(cache=True, nogil=True)
@@ -200,18 +207,16 @@ def sample_contacts(bodies, found, pair_key, tree, work, cloud):
     """Add the spread of forces and torques of the first ``found`` contacts on record (Eqs. 31 to 33)."""
     i, j = bodies
     pairs, records = work.search.pairs, work.search.records
-    factors = (cloud.position[i], cloud.rotation[i], cloud.position[j], cloud.rotation[j])
-    # what is certain draws nothing: its rows of draws stay zero
-    uncertain = (not _is_zero(factors[0]), not _is_zero(factors[1]), not _is_zero(factors[2]), not _is_zero(factors[3]))
-    samples = cloud.draws.shape[1]
-    flat = cloud.draws.reshape(4, 3 * samples)
+    factors = (cloud.position, cloud.rotation[i], cloud.rotation[j])
+    uncertain = (not _is_zero(factors[0]), not _is_zero(factors[1]), not _is_zero(factors[2]))
+    flat = cloud.draws.reshape(3, -1)
     for k in range(found):
         a, b = pairs[k, 0], pairs[k, 1]
         key = combine(combine(pair_key, a), b)
-        for block in range(4):
+        for block in range(3):
             if uncertain[block]:
                 normals(combine(key, block), flat[block])
-            else:
+            else:  # what is certain draws nothing
                 flat[block] = 0.0
         n = rotate(work.R[i], records[k, NORMAL], records[k, NORMAL + 1], records[k, NORMAL + 2])
         arm_i = rotate(work.R[i], tree.centers[a, 0], tree.centers[a, 1], tree.centers[a, 2])
@@ -259,9 +264,9 @@ def add_spread(draws, factors, arms, shape, volume, spread):
 
     Parameters
     ----------
-    draws : (12, N) array
-        Standard normal numbers: displacement and rotation of body i, then of body j.
-    factors : tuple of 4 arrays (3, 3)
+    draws : (9, N) array
+        Standard normal numbers: relative displacement, rotation of body i, rotation of body j.
+    factors : tuple of 3 arrays (3, 3)
         What turns them into displacements [m] and rotations about world axes [rad].
     arms : tuple of 2 tuples
         Sphere centres from their bodies' centres of mass [m].
@@ -270,7 +275,7 @@ def add_spread(draws, factors, arms, shape, volume, spread):
     volume : float
         [m^3]
     """
-    Pi, Ti, Pj, Tj = factors
+    L, Ti, Tj = factors
     arm_i, arm_j = arms
     n, d = shape
     D = (d * n[0], d * n[1], d * n[2])
@@ -282,20 +287,16 @@ def add_spread(draws, factors, arms, shape, volume, spread):
     j00 = j11 = j22 = j01 = j02 = j12 = 0.0
     for s in range(draws.shape[1]):
         x, y, z = draws[0, s], draws[1, s], draws[2, s]
-        px = Pi[0, 0] * x
-        py = Pi[1, 0] * x + Pi[1, 1] * y
-        pz = Pi[2, 0] * x + Pi[2, 1] * y + Pi[2, 2] * z
-        x, y, z = draws[6, s], draws[7, s], draws[8, s]
-        px = Pj[0, 0] * x - px
-        py = Pj[1, 0] * x + Pj[1, 1] * y - py
-        pz = Pj[2, 0] * x + Pj[2, 1] * y + Pj[2, 2] * z - pz
+        px = L[0, 0] * x
+        py = L[1, 0] * x + L[1, 1] * y
+        pz = L[2, 0] * x + L[2, 1] * y + L[2, 2] * z
         x, y, z = draws[3, s], draws[4, s], draws[5, s]
         ai = _turned(arm_i, (
             Ti[0, 0] * x + Ti[0, 1] * y + Ti[0, 2] * z,
             Ti[1, 0] * x + Ti[1, 1] * y + Ti[1, 2] * z,
             Ti[2, 0] * x + Ti[2, 1] * y + Ti[2, 2] * z,
         ))
-        x, y, z = draws[9, s], draws[10, s], draws[11, s]
+        x, y, z = draws[6, s], draws[7, s], draws[8, s]
         aj = _turned(arm_j, (
             Tj[0, 0] * x + Tj[0, 1] * y + Tj[0, 2] * z,
             Tj[1, 0] * x + Tj[1, 1] * y + Tj[1, 2] * z,
