@@ -14,21 +14,42 @@ TWO_BODIES = {
     "damping": 0.5,
     "bodies": [
         {
-            "name": "left", "model": "bunny", "spheres": 10, "scale": 8.0, "mass": 1.5,
-            "position": [-1.1, 0.1, 0.0], "orientation": [0.5, 0.5, -0.5, 0.5],
-            "linear_velocity": [1.5, 0.0, 0.1], "angular_velocity": [0.2, -0.4, 0.3],
-            "position_std": 0.03, "linear_velocity_std": [0.02, 0.01, 0.0],
+            "name": "left",
+            "model": "bunny",
+            "spheres": 10,
+            "scale": 8.0,
+            "mass": 1.5,
+            "position": [-1.1, 0.1, 0.0],
+            "orientation": [0.5, 0.5, -0.5, 0.5],
+            "linear_velocity": [1.5, 0.0, 0.1],
+            "angular_velocity": [0.2, -0.4, 0.3],
+            "position_std": 0.03,
+            "linear_velocity_std": [0.02, 0.01, 0.0],
         },
         {
-            "name": "right", "model": "armadillo", "spheres": 10, "scale": 8.0, "mass": 0.8,
-            "position": [1.0, 0.0, 0.1], "orientation": [0.0, 0.6, 0.0, 0.8],
-            "linear_velocity": [-1.2, 0.1, 0.0], "angular_velocity": [0.1, 0.5, 0.0],
-            "position_std": [0.02, 0.03, 0.04], "orientation_std": 0.03,
+            "name": "right",
+            "model": "armadillo",
+            "spheres": 10,
+            "scale": 8.0,
+            "mass": 0.8,
+            "position": [1.0, 0.0, 0.1],
+            "orientation": [0.0, 0.6, 0.0, 0.8],
+            "linear_velocity": [-1.2, 0.1, 0.0],
+            "angular_velocity": [0.1, 0.5, 0.0],
+            "position_std": [0.02, 0.03, 0.04],
+            "orientation_std": 0.03,
         },
     ],
 }
-FLOOR = {"name": "floor", "model": "pin", "spheres": 10, "scale": 12.0, "position": [0.0, 0.3, -2.0],
-         "orientation": [0.6, 0.0, 0.0, 0.8], "fixed": True}
+FLOOR = {
+    "name": "floor",
+    "model": "pin",
+    "spheres": 10,
+    "scale": 12.0,
+    "position": [0.0, 0.3, -2.0],
+    "orientation": [0.6, 0.0, 0.0, 0.8],
+    "fixed": True,
+}
 
 
 def two_bodies():

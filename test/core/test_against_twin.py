@@ -62,12 +62,18 @@ def test_json_equals_the_twin(tmp_path, capsys, content, name, arguments, option
     moving = list(scene.moving)
     for b, body in enumerate(result["bodies"]):
         sign = np.sign(np.dot(body["orientation"], mean[b, 6:10]))
-        state = np.concatenate([body["position"], body["linear_velocity"],
-                                sign * np.array(body["orientation"]), body["angular_velocity"]])
+        state = np.concatenate(
+            [
+                body["position"],
+                body["linear_velocity"],
+                sign * np.array(body["orientation"]),
+                body["angular_velocity"],
+            ]
+        )
         np.testing.assert_allclose(state, mean[b], rtol=0, atol=tolerance)
         if b in moving:
             k = 12 * moving.index(b)
-            np.testing.assert_allclose(body["covariance"], P[k:k + 12, k:k + 12], rtol=0, atol=tolerance)
+            np.testing.assert_allclose(body["covariance"], P[k : k + 12, k : k + 12], rtol=0, atol=tolerance)
         else:
             assert body["covariance"] is None
             np.testing.assert_array_equal(state, belief.mean[b])
@@ -81,4 +87,6 @@ def test_joint_covariance_equals_the_twin(loaded):
     states = sigma_points(belief.mean, belief.joint, scene.moving, "minimal")
     _, P = moments(rollout(states, bodies_of(scene), physics_of(scene), 60), scene.moving)
     assert np.abs(P[:12, 12:]).max() > 1e-6, "no correlation arose"
-    np.testing.assert_allclose(propagator.belief(carry, scene).joint, P, rtol=0, atol=ROUND_OFF_GROWN_BY_COLLISIONS)
+    np.testing.assert_allclose(
+        propagator.belief(carry, scene).joint, P, rtol=0, atol=ROUND_OFF_GROWN_BY_COLLISIONS
+    )

@@ -60,8 +60,12 @@ def in_body(key, value):
 
 FINITE = []  # each number of a scene file, as the place that a message must name
 for place, name in [
-    (("dt",), "dt"), (("horizon",), "horizon"), (("stiffness",), "stiffness"), (("damping",), "damping"),
-    (("bodies", 0, "mass"), r"bodies\[0\].mass"), (("bodies", 0, "scale"), r"bodies\[0\].scale"),
+    (("dt",), "dt"),
+    (("horizon",), "horizon"),
+    (("stiffness",), "stiffness"),
+    (("damping",), "damping"),
+    (("bodies", 0, "mass"), r"bodies\[0\].mass"),
+    (("bodies", 0, "scale"), r"bodies\[0\].scale"),
     (("bodies", 0, "position", 1), r"bodies\[0\].position\[1\]"),
     (("bodies", 1, "orientation", 3), r"bodies\[1\].orientation\[3\]"),
     (("bodies", 0, "linear_velocity", 2), r"bodies\[0\].linear_velocity\[2\]"),
@@ -74,8 +78,17 @@ for place, name in [
         FINITE.append((with_entry(place, value), "NOT_FINITE", name, "nan|inf|Infinity"))
 for value in (NAN, INF):
     FINITE.append((with_entry(("gravity",), [0, 0, value]), "NOT_FINITE", r"gravity\[2\]", "nan|inf"))
-    FINITE.append((body_with_covariance(matrix((4, 7, value))), "NOT_FINITE", r"bodies\[1\].covariance\[4\]\[7\]", "nan|inf"))
-    FINITE.append((in_body("angular_velocity_std", [0, value, 0]), "NOT_FINITE", "angular_velocity_std", "nan|inf"))
+    FINITE.append(
+        (
+            body_with_covariance(matrix((4, 7, value))),
+            "NOT_FINITE",
+            r"bodies\[1\].covariance\[4\]\[7\]",
+            "nan|inf",
+        )
+    )
+    FINITE.append(
+        (in_body("angular_velocity_std", [0, value, 0]), "NOT_FINITE", "angular_velocity_std", "nan|inf")
+    )
 
 # (content, name of the error's code, pattern of the field, pattern of the value)
 CASES = FINITE + [
@@ -91,14 +104,39 @@ CASES = FINITE + [
     (with_entry(("bodies",), None), "NO_OBJECTS", "bodies", ""),
     (without(("bodies",)), "NO_OBJECTS", "bodies", ""),
     (in_body("name", "left"), "DUPLICATE_ID", r"bodies\[1\].name", "left"),
-    (in_body("orientation", [0, 0, 0, 0]), "INVALID_ORIENTATION", r"bodies\[1\].orientation", r"\[0.0, 0.0, 0.0, 0.0\]"),
+    (
+        in_body("orientation", [0, 0, 0, 0]),
+        "INVALID_ORIENTATION",
+        r"bodies\[1\].orientation",
+        r"\[0.0, 0.0, 0.0, 0.0\]",
+    ),
     (in_body("orientation", [0, 0, 0, 1.01]), "INVALID_ORIENTATION", r"bodies\[1\].orientation", "1.01"),
     (in_body("orientation", [0, 0, 1]), "INVALID_REQUEST", r"bodies\[1\].orientation", r"\[0, 0, 1\]"),
-    (body_with_covariance(matrix((2, 5, 0.001))), "INVALID_COVARIANCE", r"bodies\[1\].covariance.*\[2\]\[5\]", "0.001"),
-    (body_with_covariance(matrix((3, 3, -0.01))), "INVALID_COVARIANCE", r"bodies\[1\].covariance.*\[3\]", "-0.01"),
-    (body_with_covariance(matrix((0, 1, 0.02), (1, 0, 0.02))), "INVALID_COVARIANCE", r"bodies\[1\].covariance", "-0.01"),
+    (
+        body_with_covariance(matrix((2, 5, 0.001))),
+        "INVALID_COVARIANCE",
+        r"bodies\[1\].covariance.*\[2\]\[5\]",
+        "0.001",
+    ),
+    (
+        body_with_covariance(matrix((3, 3, -0.01))),
+        "INVALID_COVARIANCE",
+        r"bodies\[1\].covariance.*\[3\]",
+        "-0.01",
+    ),
+    (
+        body_with_covariance(matrix((0, 1, 0.02), (1, 0, 0.02))),
+        "INVALID_COVARIANCE",
+        r"bodies\[1\].covariance",
+        "-0.01",
+    ),
     (body_with_covariance(matrix()[:11]), "INVALID_REQUEST", r"bodies\[1\].covariance", "0.01"),
-    (body_with_covariance(matrix((0, 0, "x"))), "INVALID_REQUEST", r"bodies\[1\].covariance\[0\]\[0\]", "'x'"),
+    (
+        body_with_covariance(matrix((0, 0, "x"))),
+        "INVALID_REQUEST",
+        r"bodies\[1\].covariance\[0\]\[0\]",
+        "'x'",
+    ),
     (body_with_covariance(0.1), "INVALID_REQUEST", r"bodies\[1\].covariance", "0.1"),
     (in_body("covariance", matrix()), "INVALID_REQUEST", r"bodies\[1\].covariance", "position_std"),
     (in_body("position_std", -0.1), "INVALID_REQUEST", r"bodies\[1\].position_std", "-0.1"),
@@ -131,10 +169,30 @@ CASES = FINITE + [
     (in_body("scale", -1), "INVALID_MODEL", r"bodies\[1\].scale", "-1"),
     (in_body("fixed", "yes"), "INVALID_REQUEST", r"bodies\[1\].fixed", "yes"),
     (in_body("fixed", None), "INVALID_REQUEST", r"bodies\[1\].fixed", ""),
-    (with_entry(("bodies", 1, "linear_velocity"), [0, 0, 1], "three_bodies"), "INVALID_REQUEST", r"bodies\[1\]", "velocity"),
-    (with_entry(("bodies", 1, "angular_velocity"), [0, 1, 0], "three_bodies"), "INVALID_REQUEST", r"bodies\[1\]", "velocity"),
-    (with_entry(("bodies", 1, "position_std"), 0.1, "three_bodies"), "INVALID_REQUEST", r"bodies\[1\]", "covariance"),
-    (with_entry(("bodies", 1, "covariance"), matrix(), "three_bodies"), "INVALID_REQUEST", r"bodies\[1\]", "covariance"),
+    (
+        with_entry(("bodies", 1, "linear_velocity"), [0, 0, 1], "three_bodies"),
+        "INVALID_REQUEST",
+        r"bodies\[1\]",
+        "velocity",
+    ),
+    (
+        with_entry(("bodies", 1, "angular_velocity"), [0, 1, 0], "three_bodies"),
+        "INVALID_REQUEST",
+        r"bodies\[1\]",
+        "velocity",
+    ),
+    (
+        with_entry(("bodies", 1, "position_std"), 0.1, "three_bodies"),
+        "INVALID_REQUEST",
+        r"bodies\[1\]",
+        "covariance",
+    ),
+    (
+        with_entry(("bodies", 1, "covariance"), matrix(), "three_bodies"),
+        "INVALID_REQUEST",
+        r"bodies\[1\]",
+        "covariance",
+    ),
     (in_body("name", ""), "INVALID_REQUEST", r"bodies\[1\].name", "''"),
     (in_body("name", 5), "INVALID_REQUEST", r"bodies\[1\].name", "5"),
     (without(("bodies", 1, "name")), "INVALID_REQUEST", r"bodies\[1\].name", ""),
@@ -228,7 +286,11 @@ def test_no_such_file_and_a_folder(tmp_path, capsys):
 
 # -- model files -----------------------------------------------------------------------------------------------
 
-GOOD = {"centers": np.array([[0.0, 0, 0.1], [0, 0, -0.1]]), "radii": np.array([0.2, 0.2]), "inertia": np.diag([2.0, 2.0, 1.0])}
+GOOD = {
+    "centers": np.array([[0.0, 0, 0.1], [0, 0, -0.1]]),
+    "radii": np.array([0.2, 0.2]),
+    "inertia": np.diag([2.0, 2.0, 1.0]),
+}
 
 
 def npz(**changes):
@@ -255,6 +317,12 @@ def odd_compression():
     return bytes(data)
 
 
+def single_array():
+    stream = io.BytesIO()
+    np.save(stream, np.zeros(3))
+    return stream.getvalue()
+
+
 def huge_header():
     """An array whose header promises more than memory holds."""
     stream = io.BytesIO()
@@ -273,7 +341,7 @@ MODELS = {
     "encrypted": encrypted_zip(),
     "odd_compression": odd_compression(),
     "huge_header": huge_header(),
-    "single_array": (lambda s: (np.save(s, np.zeros(3)), s.getvalue())[1])(io.BytesIO()),
+    "single_array": single_array(),
     "pickled": npz(centers=np.array([{}], dtype=object)),
     "no_radii": npz(radii=None),
     "no_centers": npz(centers=None),
@@ -317,6 +385,7 @@ def test_the_good_model_of_these_tests_is_good(tmp_path, capsys):
 
 # -- the command's own options ---------------------------------------------------------------------------------
 
+
 @pytest.mark.parametrize(
     "arguments, codes, words",
     [
@@ -327,7 +396,11 @@ def test_the_good_model_of_these_tests_is_good(tmp_path, capsys):
         (["--propagator", "monte_carlo", "--samples", "0"], "INVALID_OPTION", "samples.*0"),
         (["--propagator", "monte_carlo", "--samples", "-3"], "INVALID_OPTION", "samples.*-3"),
         (["--propagator", "monte_carlo", "--option", "samples=many"], "INVALID_OPTION", "samples.*many"),
-        (["--propagator", "monte_carlo", "--samples", "1000000000000"], "LIMIT_EXCEEDED", "samples.*1000000000000"),
+        (
+            ["--propagator", "monte_carlo", "--samples", "1000000000000"],
+            "LIMIT_EXCEEDED",
+            "samples.*1000000000000",
+        ),
         (["--propagator", "monte_carlo", "--seed", "-1"], "INVALID_OPTION", "seed.*-1"),
         (["--propagator", "surrogate", "--option", "k_sigma=wide"], "INVALID_OPTION", "k_sigma.*wide"),
         (["--horizon", "0"], "INVALID_HORIZON", "horizon.*0"),
@@ -349,7 +422,13 @@ def test_bad_options(tmp_path, capsys, arguments, codes, words):
 
 
 def test_what_argparse_refuses(tmp_path, capsys):
-    for arguments in (["predict"], ["predict", "a.yaml", "--samples", "x"], ["predict", "a.yaml", "--option", "points"], ["fly"], []):
+    for arguments in (
+        ["predict"],
+        ["predict", "a.yaml", "--samples", "x"],
+        ["predict", "a.yaml", "--option", "points"],
+        ["fly"],
+        [],
+    ):
         with pytest.raises(SystemExit) as caught:
             main(arguments)
         assert caught.value.code == 2
@@ -367,26 +446,73 @@ def test_a_simulation_that_diverges(tmp_path, capsys):
 def test_a_real_process_exits_with_the_code(tmp_path):
     path = tmp_path / "scene.yaml"
     path.write_text(yaml.safe_dump(in_body("position_std", 1e200)))
-    run = subprocess.run([sys.executable, "-m", "unc_physics", "predict", str(path), "--json"], env=dict(os.environ),
-                         capture_output=True, text=True, check=False)
+    run = subprocess.run(
+        [sys.executable, "-m", "unc_physics", "predict", str(path), "--json"],
+        env=dict(os.environ),
+        capture_output=True,
+        text=True,
+        check=False,
+    )
     assert_refused(run.returncode, run.stdout, run.stderr, "NOT_FINITE", "position_std")
 
 
 # -- anything at all -------------------------------------------------------------------------------------------
 
 scalars = st.one_of(
-    st.none(), st.booleans(), st.integers(), st.integers(-(10**400), 10**400), st.floats(), st.text(max_size=8), st.dates(),
-    st.binary(max_size=4), st.sampled_from(["bunny", "pin", "1e-3", "nan", "models/pin.npz", "/dev/null", "~x/a.npz", "\0.npz"]),
+    st.none(),
+    st.booleans(),
+    st.integers(),
+    st.integers(-(10**400), 10**400),
+    st.floats(),
+    st.text(max_size=8),
+    st.dates(),
+    st.binary(max_size=4),
+    st.sampled_from(["bunny", "pin", "1e-3", "nan", "models/pin.npz", "/dev/null", "~x/a.npz", "\0.npz"]),
 )
-values = st.recursive(scalars, lambda inner: st.one_of(
-    st.lists(inner, max_size=4), st.dictionaries(st.one_of(st.text(max_size=5), st.integers()), inner, max_size=4),
-    st.lists(inner, min_size=3, max_size=3), st.lists(inner, min_size=4, max_size=4),
-), max_leaves=12)
+values = st.recursive(
+    scalars,
+    lambda inner: st.one_of(
+        st.lists(inner, max_size=4),
+        st.dictionaries(st.one_of(st.text(max_size=5), st.integers()), inner, max_size=4),
+        st.lists(inner, min_size=3, max_size=3),
+        st.lists(inner, min_size=4, max_size=4),
+    ),
+    max_leaves=12,
+)
 
-SCENE_KEYS = ["dt", "horizon", "stiffness", "damping", "gravity", "environment", "friction", "integrator", "islands",
-              "restitution", "gyroscopic", "bodies", "unknown"]
-BODY_KEYS = ["name", "model", "spheres", "scale", "mass", "position", "orientation", "linear_velocity", "angular_velocity",
-             "position_std", "orientation_std", "linear_velocity_std", "angular_velocity_std", "covariance", "fixed", "x"]
+SCENE_KEYS = [
+    "dt",
+    "horizon",
+    "stiffness",
+    "damping",
+    "gravity",
+    "environment",
+    "friction",
+    "integrator",
+    "islands",
+    "restitution",
+    "gyroscopic",
+    "bodies",
+    "unknown",
+]
+BODY_KEYS = [
+    "name",
+    "model",
+    "spheres",
+    "scale",
+    "mass",
+    "position",
+    "orientation",
+    "linear_velocity",
+    "angular_velocity",
+    "position_std",
+    "orientation_std",
+    "linear_velocity_std",
+    "angular_velocity_std",
+    "covariance",
+    "fixed",
+    "x",
+]
 
 
 @st.composite
@@ -429,7 +555,11 @@ def test_any_yaml_value_loads_or_is_refused(content):
 
 
 @settings(max_examples=200, suppress_health_check=[HealthCheck.function_scoped_fixture])
-@given(st.one_of(st.binary(max_size=200), st.text(max_size=200).map(lambda t: t.encode("utf-8", "surrogatepass"))))
+@given(
+    st.one_of(
+        st.binary(max_size=200), st.text(max_size=200).map(lambda t: t.encode("utf-8", "surrogatepass"))
+    )
+)
 def test_any_bytes_load_or_are_refused(tmp_path, content):
     path = tmp_path / "scene.yaml"
     path.write_bytes(content)
@@ -446,7 +576,7 @@ def test_a_damaged_model_file_loads_or_is_refused(tmp_path, seed):
     for _ in range(rng.integers(1, 20)):
         data[rng.integers(len(data))] = rng.integers(256)
     if rng.random() < 0.3:
-        del data[rng.integers(len(data)):]
+        del data[rng.integers(len(data)) :]
     path = tmp_path / "damaged.npz"
     path.write_bytes(data)
     from unc_physics import load_model

@@ -22,7 +22,9 @@ def test_lens_equals_the_twin(ri, rj, share):
     cancelled = 1e-13 * max(ri, rj) ** 2 * min(ri, rj)
     assert volume == pytest.approx(float(twin.lens_volume(d, ri, rj)), rel=1e-9, abs=cancelled)
     if volume > 0.0:
-        assert lever == pytest.approx(float(twin.lever(d, ri, rj)), rel=ROUND_OFF, abs=ROUND_OFF * max(ri, rj))
+        assert lever == pytest.approx(
+            float(twin.lever(d, ri, rj)), rel=ROUND_OFF, abs=ROUND_OFF * max(ri, rj)
+        )
 
 
 def test_lens_equals_an_integral():

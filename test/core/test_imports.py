@@ -14,7 +14,14 @@ HEAVY = ("numba", "llvmlite", "trimesh", "rclpy", "ot", "matplotlib", "scipy")
 def loaded_modules(code):
     """Which of the heavy packages a fresh interpreter has loaded after some code."""
     code += f"\nimport sys\nprint('LOADED', *[name for name in {HEAVY!r} if name in sys.modules])"
-    run = subprocess.run([sys.executable, "-c", code], cwd=ROOT, env=dict(os.environ), capture_output=True, text=True, check=True)
+    run = subprocess.run(
+        [sys.executable, "-c", code],
+        cwd=ROOT,
+        env=dict(os.environ),
+        capture_output=True,
+        text=True,
+        check=True,
+    )
     return run.stdout.splitlines()[-1].split()[1:]
 
 
@@ -33,7 +40,11 @@ def test_a_prediction_needs_numba_and_no_optional_part():
 from unc_physics import RigidBody, Scene, Belief, load_model, load_scene, predict
 scene = Scene([RigidBody("a", load_model("pin").prefix(10))])
 """
-    assert set(loaded_modules(code)) <= {"numba", "llvmlite", "scipy"}  # SciPy by numba, where it is installed
+    assert set(loaded_modules(code)) <= {
+        "numba",
+        "llvmlite",
+        "scipy",
+    }  # SciPy by numba, where it is installed
 
 
 def test_every_public_name_is_there():
@@ -48,8 +59,12 @@ def test_every_public_name_is_there():
 def test_layers():
     """The contracts of pyproject.toml: layers, the core without ROS, kernels with numpy and numba alone."""
     run = subprocess.run(
-        [Path(sys.executable).with_name("lint-imports"), "--no-cache"], cwd=ROOT, capture_output=True, text=True,
-        env=os.environ | {"PYTHONPATH": os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")])}, check=False,
+        [Path(sys.executable).with_name("lint-imports"), "--no-cache"],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        env=os.environ | {"PYTHONPATH": os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")])},
+        check=False,
     )
     assert run.returncode == 0, run.stdout + run.stderr
 

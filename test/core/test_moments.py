@@ -38,7 +38,11 @@ def test_pivoted_cholesky_rebuilds_the_matrix_and_equals_the_twin(seed, rank):
     shared = min(L.shape[1], reference.shape[1])
     assert min(rank, 24) == 0 or shared > 0
     # round-off alone decides about what is left at the end
-    np.testing.assert_allclose(L[:, :shared] @ L[:, :shared].T, reference[:, :shared] @ reference[:, :shared].T, atol=ROUND_OFF * scale)
+    np.testing.assert_allclose(
+        L[:, :shared] @ L[:, :shared].T,
+        reference[:, :shared] @ reference[:, :shared].T,
+        atol=ROUND_OFF * scale,
+    )
 
 
 def test_pivoted_cholesky_of_a_diagonal_takes_the_largest_first_ties_to_the_lowest_index():
@@ -78,7 +82,9 @@ def test_sigma_points_equal_the_twin_and_rebuild_the_belief(scene, seed, rank, p
     reference = twin.sigma_points(belief.mean, belief.joint, [0, 2], points)
     if len(reference) == len(carry.states):  # round-off alone decides whether a last, tiny direction counts
         # a symmetric root is only as sharp as the root of round-off where the matrix has no rank
-        np.testing.assert_allclose(twin.boxminus(carry.states, reference), 0.0, atol=1e-6 * np.sqrt(np.abs(P).max(initial=0)) + 1e-14)
+        np.testing.assert_allclose(
+            twin.boxminus(carry.states, reference), 0.0, atol=1e-6 * np.sqrt(np.abs(P).max(initial=0)) + 1e-14
+        )
 
 
 def test_a_certain_belief_has_one_sigma_point(scene):
@@ -114,7 +120,9 @@ def test_mean_and_errors_equal_the_twin(seed, count, spread):
 @given(seeds)
 def test_errors_about_the_mean_have_no_mean(seed):
     rng = np.random.default_rng(seed)
-    states = twin.boxplus(np.repeat(random_states(rng, 1)[None], 20, axis=0), 0.3 * rng.standard_normal((20, 1, 12)))
+    states = twin.boxplus(
+        np.repeat(random_states(rng, 1)[None], 20, axis=0), 0.3 * rng.standard_normal((20, 1, 12))
+    )
     _, errors = moments.mean_and_errors(states, np.array([0]))
     np.testing.assert_allclose(errors.mean(axis=0), 0.0, atol=1e-11)
 

@@ -3,7 +3,17 @@
 import numpy as np
 import pytest
 
-from unc_physics import Belief, ErrorCode, PROPAGATORS, Prediction, RigidBody, Scene, load_model, make_propagator, predict
+from unc_physics import (
+    PROPAGATORS,
+    Belief,
+    ErrorCode,
+    Prediction,
+    RigidBody,
+    Scene,
+    load_model,
+    make_propagator,
+    predict,
+)
 from unc_physics.errors import (
     DivergedError,
     InvalidCovarianceError,
@@ -58,7 +68,9 @@ def test_the_horizon_is_rounded_to_whole_steps(scene_and_belief):
 @pytest.mark.parametrize("name", PROPAGATORS)
 def test_a_trajectory_holds_what_shorter_predictions_give(scene_and_belief, name):
     scene, belief = scene_and_belief
-    propagator = make_propagator(name, **({"samples": 10} if "samples" in PROPAGATORS[name].options() else {}))
+    propagator = make_propagator(
+        name, **({"samples": 10} if "samples" in PROPAGATORS[name].options() else {})
+    )
     prediction = predict(scene, belief, propagator, 0.9, times=[0.01, 0.3, 0.6])
     np.testing.assert_allclose(prediction.times, [0.01, 0.3, 0.6, 0.9])
     for time, now in zip(prediction.times, prediction.beliefs, strict=True):
@@ -76,7 +88,9 @@ def test_times_in_one_step_count_once(scene_and_belief):
 
 def test_progress_ascends_to_the_end_and_changes_nothing(scene_and_belief):
     calls = []
-    prediction = predict(*scene_and_belief, "sigma_points", 0.9, times=[0.33], progress=lambda *call: calls.append(call))
+    prediction = predict(
+        *scene_and_belief, "sigma_points", 0.9, times=[0.33], progress=lambda *call: calls.append(call)
+    )
     done = [done for done, _ in calls]
     assert done == sorted(done) and done[-1] == 90 and {total for _, total in calls} == {90}
     assert len(calls) > 5
@@ -169,7 +183,7 @@ def test_an_unknown_propagator(scene_and_belief):
     ],
 )
 def test_an_option_that_no_propagator_takes(name, options):
-    (field, _), = options.items()
+    ((field, _),) = options.items()
     with pytest.raises(InvalidOptionError, match=field):
         make_propagator(name, **options)
 
@@ -202,6 +216,7 @@ def test_a_simulation_that_diverges_says_so(scene_and_belief):
 
 
 # -- beliefs ---------------------------------------------------------------------------------------------------
+
 
 def test_a_belief_for_other_bodies_is_refused(scene_and_belief, loaded):
     scene, belief = scene_and_belief
@@ -247,7 +262,11 @@ def with_entry(size, place, value, base=1e-2):
         (with_entry(24, (3, 3), -1e-2), InvalidCovarianceError, "negative variance at .3..3."),
         (with_entry(24, (3, 17), 1e-3), InvalidCovarianceError, "symmetric.*3..17"),
         (with_entry(24, ([3, 17], [17, 3]), 2e-2), InvalidCovarianceError, "negative eigenvalue"),
-        (with_entry(24, ([0, 1], [1, 0]), 1e-9, base=0.0), InvalidCovarianceError, "diagonal of zeros.*1e-09"),
+        (
+            with_entry(24, ([0, 1], [1, 0]), 1e-9, base=0.0),
+            InvalidCovarianceError,
+            "diagonal of zeros.*1e-09",
+        ),
         (np.eye(12), InvalidCovarianceError, "shape"),
         (np.zeros((3, 12, 12)), InvalidCovarianceError, "2 blocks, not 3"),
         (np.stack([np.eye(12), with_entry(12, (0, 1), 0.5)]), InvalidCovarianceError, "body 1.*symmetric"),
@@ -269,7 +288,9 @@ def test_round_off_in_a_covariance_is_forgiven(scene_and_belief, scale):
     P += 1e-12 * scale * rng.standard_normal((24, 24))
     belief = Belief(scene_and_belief[1].mean, P)
     np.testing.assert_array_equal(belief.joint, belief.joint.T)
-    assert np.isfinite(make_propagator("sigma_points", points="full").init(scene_and_belief[0], belief).states).all()
+    assert np.isfinite(
+        make_propagator("sigma_points", points="full").init(scene_and_belief[0], belief).states
+    ).all()
 
 
 def test_small_blocks_are_judged_by_their_own_size(scene_and_belief):
@@ -302,7 +323,9 @@ def test_a_belief_is_frozen_and_keeps_its_own_copy(scene_and_belief):
 def test_quaternions_near_unit_length_are_normalized(scene_and_belief):
     mean = scene_and_belief[1].mean.copy()
     mean[:, 6:10] *= 1.0005
-    np.testing.assert_allclose(np.linalg.norm(Belief(mean, scene_and_belief[1].covariance).mean[:, 6:10], axis=1), 1.0)
+    np.testing.assert_allclose(
+        np.linalg.norm(Belief(mean, scene_and_belief[1].covariance).mean[:, 6:10], axis=1), 1.0
+    )
 
 
 def test_joint_blocks_and_marginals_agree(scene_and_belief):
@@ -317,16 +340,30 @@ def test_a_refused_scene():
     model = load_model("pin").prefix(1)
     body = RigidBody("a", model)
     for arguments, words in [
-        (dict(bodies=[]), "bodies"), (dict(bodies=[body, body]), "'a'"),
-        (dict(bodies=[body], dt=0.0), "dt"), (dict(bodies=[body], dt=np.nan), "dt"),
-        (dict(bodies=[body], stiffness=-1.0), "stiffness"), (dict(bodies=[body], damping=-1.0), "damping"),
-        (dict(bodies=[body], gravity=[0, 0, np.inf]), "gravity"), (dict(bodies=[body], gravity=9.81), "gravity"),
-        (dict(bodies=[body], stiffness=None), "stiffness"), (dict(bodies=["a"]), "bodies"), (dict(bodies=body), "bodies"),
+        ({"bodies": []}, "bodies"),
+        ({"bodies": [body, body]}, "'a'"),
+        ({"bodies": [body], "dt": 0.0}, "dt"),
+        ({"bodies": [body], "dt": np.nan}, "dt"),
+        ({"bodies": [body], "stiffness": -1.0}, "stiffness"),
+        ({"bodies": [body], "damping": -1.0}, "damping"),
+        ({"bodies": [body], "gravity": [0, 0, np.inf]}, "gravity"),
+        ({"bodies": [body], "gravity": 9.81}, "gravity"),
+        ({"bodies": [body], "stiffness": None}, "stiffness"),
+        ({"bodies": ["a"]}, "bodies"),
+        ({"bodies": body}, "bodies"),
     ]:
         with pytest.raises(UncPhysicsError, match=words):
             Scene(**arguments)
-    for arguments in (dict(mass=0.0), dict(mass=-1.0), dict(mass=np.nan), dict(mass="heavy"), dict(name=""),
-                      dict(name=3), dict(model="pin"), dict(fixed="no")):
-        (field, _), = arguments.items()
+    for arguments in (
+        {"mass": 0.0},
+        {"mass": -1.0},
+        {"mass": np.nan},
+        {"mass": "heavy"},
+        {"name": ""},
+        {"name": 3},
+        {"model": "pin"},
+        {"fixed": "no"},
+    ):
+        ((field, _),) = arguments.items()
         with pytest.raises(UncPhysicsError, match=field):
             RigidBody(**({"name": "a", "model": model} | arguments))

@@ -11,11 +11,16 @@ ROUND_OFF = 1e-9  # relative to the largest variance
 SECOND_ORDER = 2e-3  # relative; what uncertainty of 1e-3 leaves to the terms beyond the first order
 STATISTICS = 0.0  # a sampled propagator is compared with its own initial draws, so that chance plays no part
 
-OPTIONS = {"monte_carlo": [{"samples": 40}], "sigma_points": [{"points": "minimal"}, {"points": "full"}],
-           "local_sampling": [{"samples": 16}], "linearization": [{}, {"jacobian": "finite_difference"}]}
+OPTIONS = {
+    "monte_carlo": [{"samples": 40}],
+    "sigma_points": [{"points": "minimal"}, {"points": "full"}],
+    "local_sampling": [{"samples": 16}],
+    "linearization": [{}, {"jacobian": "finite_difference"}],
+}
 CASES = [(name, options) for name in PROPAGATORS for options in OPTIONS.get(name, [{}])]
 every_propagator = pytest.mark.parametrize(
-    "propagator", [make_propagator(name, **options) for name, options in CASES],
+    "propagator",
+    [make_propagator(name, **options) for name, options in CASES],
     ids=[" ".join([name, *(f"{k}={v}" for k, v in options.items())]) for name, options in CASES],
 )
 NOMINAL_EQUIVARIANT = [name for name in PROPAGATORS if name in ("linearization", "surrogate")]
@@ -83,7 +88,9 @@ def test_another_seed_gives_other_draws(loaded, name):
     ends = []
     for seed in (0, 1):
         propagator = make_propagator(name, samples=16, seed=seed)
-        ends.append(propagator.belief(propagator.advance(propagator.init(scene, belief), scene, 80), scene).joint)
+        ends.append(
+            propagator.belief(propagator.advance(propagator.init(scene, belief), scene, 80), scene).joint
+        )
     assert np.abs(ends[0] - ends[1]).max() > 1e-6
 
 
@@ -117,7 +124,10 @@ TABLE_3 = [
 def test_persistent_state_is_as_large_as_in_table_3(loaded, name, options, scalars):
     scene, belief, _ = loaded("two_bodies")
     propagator = make_propagator(name, **options)
-    for P in (belief.covariance, np.broadcast_to(0.01 * np.eye(12), (2, 12, 12))):  # of low rank, and of full rank
+    for P in (
+        belief.covariance,
+        np.broadcast_to(0.01 * np.eye(12), (2, 12, 12)),
+    ):  # of low rank, and of full rank
         carry = propagator.advance(propagator.init(scene, Belief(belief.mean, P)), scene, 30)
         size = sum(part.size for part in arrays(carry))
         assert size <= scalars
@@ -159,7 +169,7 @@ def transition(mean, steps=STEPS):
         A_b[0:3, 3:6] = travelled * np.eye(3)
         A_b[3:6, 3:6] = A_b[9:12, 9:12] = decay**steps * np.eye(3)
         A_b[6:9, 9:12] = travelled * R.T
-        A[12 * b:12 * b + 12, 12 * b:12 * b + 12] = A_b
+        A[12 * b : 12 * b + 12, 12 * b : 12 * b + 12] = A_b
     return A
 
 
@@ -182,7 +192,12 @@ def nominal(scene, mean, steps=STEPS):
     return out
 
 
-BLOCKS = {"position": slice(0, 3), "velocity": slice(3, 6), "rotation": slice(6, 9), "angular velocity": slice(9, 12)}
+BLOCKS = {
+    "position": slice(0, 3),
+    "velocity": slice(3, 6),
+    "rotation": slice(6, 9),
+    "angular velocity": slice(9, 12),
+}
 
 
 @every_propagator
@@ -279,6 +294,7 @@ def test_large_uncertain_spin_by_monte_carlo_is_right_to_second_order(loaded):
 
 # -- equivariance ----------------------------------------------------------------------------------------------
 
+
 def moved_belief(belief, Q, t):
     mean = belief.mean.copy()
     mean[:, :3] = Q.apply(mean[:, :3]) + t
@@ -291,7 +307,7 @@ def moved_belief(belief, Q, t):
     T[6:9, 6:9] = np.eye(3)  # dtheta is on the body side
     M = len(belief.moving)
     joint = np.kron(np.eye(M), T) @ belief.joint @ np.kron(np.eye(M), T).T
-    blocks = [joint[12 * k:12 * k + 12, 12 * k:12 * k + 12] for k in range(M)]
+    blocks = [joint[12 * k : 12 * k + 12, 12 * k : 12 * k + 12] for k in range(M)]
     return Belief(mean, np.array(blocks) if belief.independent else joint, belief.moving)
 
 
@@ -322,16 +338,24 @@ def test_swapping_the_bodies_changes_only_their_order(loaded, name):
     _, other = advanced(propagator, swapped, Belief(belief.mean[::-1], belief.blocks[::-1]), 60)
     order = np.r_[12:24, 0:12]
     ROUND_OFF_GROWN_BY_COLLISIONS = 1e-7
-    np.testing.assert_allclose(twin.boxminus(after.mean[::-1], other.mean), 0.0, atol=ROUND_OFF_GROWN_BY_COLLISIONS)
-    np.testing.assert_allclose(after.joint[np.ix_(order, order)], other.joint, atol=ROUND_OFF_GROWN_BY_COLLISIONS)
+    np.testing.assert_allclose(
+        twin.boxminus(after.mean[::-1], other.mean), 0.0, atol=ROUND_OFF_GROWN_BY_COLLISIONS
+    )
+    np.testing.assert_allclose(
+        after.joint[np.ix_(order, order)], other.joint, atol=ROUND_OFF_GROWN_BY_COLLISIONS
+    )
 
 
 @every_propagator
 def test_a_fixed_body_far_away_changes_nothing(loaded, propagator):
     """It costs no state, and draws and points stay as they are."""
     scene, belief, _ = loaded("two_bodies")
-    far = Scene([scene.bodies[0], RigidBody("far", scene.bodies[0].model, fixed=True), scene.bodies[1]],
-                scene.dt, scene.stiffness, scene.damping)
+    far = Scene(
+        [scene.bodies[0], RigidBody("far", scene.bodies[0].model, fixed=True), scene.bodies[1]],
+        scene.dt,
+        scene.stiffness,
+        scene.damping,
+    )
     mean = np.insert(belief.mean, 1, [1e3, 0, 0, 0, 0, 0, 0, 0, 0, 1, 0, 0, 0], axis=0)
     _, alone = advanced(propagator, scene, belief, 60)
     _, beside = advanced(propagator, far, Belief(mean, belief.blocks, [0, 2]), 60)
@@ -372,6 +396,7 @@ def test_only_fixed_bodies(loaded, propagator):
 
 # -- against finite differences of the whole rollout -----------------------------------------------------------
 
+
 def test_sigma_points_approach_the_derivative_of_the_rollout(loaded):
     """As P0 shrinks by s^2, their covariance over s^2 nears F P0 F^T; measured: the error falls as s or faster."""
     scene, belief, _ = loaded("undamped")
@@ -393,7 +418,9 @@ def test_sigma_points_approach_the_derivative_of_the_rollout(loaded):
     scales = np.array([0.1, 0.03, 0.01])
     errors = []
     for s in scales:
-        _, after = advanced(make_propagator("sigma_points"), scene, Belief(belief.mean, s**2 * belief.blocks), steps)
+        _, after = advanced(
+            make_propagator("sigma_points"), scene, Belief(belief.mean, s**2 * belief.blocks), steps
+        )
         errors.append(np.abs(after.joint / s**2 - exact).max() / np.abs(exact).max())
     slope = np.polyfit(np.log(scales), np.log(errors), 1)[0]
     # symmetric points cancel the terms of odd order where the flow is smooth; contacts that open and close leave s
@@ -403,7 +430,9 @@ def test_sigma_points_approach_the_derivative_of_the_rollout(loaded):
 
 def test_linearization_s_two_jacobians_agree(loaded):
     scene, belief, _ = loaded("three_bodies")
-    ends = [advanced(make_propagator("linearization", jacobian=kind), scene, belief, 60)[1].joint
-            for kind in ("analytic", "finite_difference")]
+    ends = [
+        advanced(make_propagator("linearization", jacobian=kind), scene, belief, 60)[1].joint
+        for kind in ("analytic", "finite_difference")
+    ]
     FINITE_DIFFERENCE = 1e-5
     np.testing.assert_allclose(ends[1], ends[0], atol=FINITE_DIFFERENCE * np.abs(ends[0]).max())

@@ -11,12 +11,16 @@ from twins import states as twin
 from unc_physics.kernels import moments, so3
 
 ROUND_OFF = 1e-14
-ROUND_OFF_NEAR_PI = 1e-12  # the axis of a rotation by pi - e is known to round-off / e only where |w| is lost: it is not
+ROUND_OFF_NEAR_PI = (
+    1e-12  # the axis of a rotation by pi - e is known to round-off / e only where |w| is lost: it is not
+)
 
 ANGLES = [0.0, 1e-300, 1e-8, 0.9e-4, 1.1e-4, 1e-3, 0.5, 2.0, np.pi - 1e-3, np.pi - 1e-8, np.pi]
 
-directions = arrays(float, 3, elements=st.floats(-1, 1)).filter(lambda v: np.linalg.norm(v) > 0.1).map(
-    lambda v: v / np.linalg.norm(v)
+directions = (
+    arrays(float, 3, elements=st.floats(-1, 1))
+    .filter(lambda v: np.linalg.norm(v) > 0.1)
+    .map(lambda v: v / np.linalg.norm(v))
 )
 angles = st.one_of(st.sampled_from(ANGLES), st.floats(0.0, np.pi))
 rotation_vectors = st.builds(lambda d, a: d * a, directions, angles)
@@ -38,7 +42,10 @@ def test_exp_equals_scipy(r):
 def test_log_undoes_exp(r):
     back = np.array(so3.log(so3.exp(*r)))
     if np.linalg.norm(r) > np.pi - 1e-7:  # r and r - 2 pi r/|r| are one rotation there
-        assert min(np.abs(back - r).max(), np.abs(back + r * (2 * np.pi / np.linalg.norm(r) - 1)).max()) < ROUND_OFF_NEAR_PI
+        assert (
+            min(np.abs(back - r).max(), np.abs(back + r * (2 * np.pi / np.linalg.norm(r) - 1)).max())
+            < ROUND_OFF_NEAR_PI
+        )
     else:
         np.testing.assert_allclose(back, r, rtol=ROUND_OFF_NEAR_PI, atol=0.0)
 

@@ -46,13 +46,20 @@ def momenta(scene, x):
 
 
 def random_scene(rng, shapes, **physics):
-    bodies = [RigidBody(f"b{k}", shapes[rng.integers(len(shapes))], rng.uniform(0.1, 5.0)) for k in range(rng.integers(2, 5))]
+    bodies = [
+        RigidBody(f"b{k}", shapes[rng.integers(len(shapes))], rng.uniform(0.1, 5.0))
+        for k in range(rng.integers(2, 5))
+    ]
     if rng.random() < 0.4:
         bodies[rng.integers(len(bodies))] = RigidBody("fixed", shapes[0], fixed=True)
-    scene = Scene(bodies, **({"dt": DT, "stiffness": KAPPA, "damping": rng.uniform(0, 2), "gravity": rng.normal(size=3)} | physics))
-    x = np.array([
-        np.zeros(13) if b.fixed else rng.standard_normal(13) for b in bodies
-    ])
+    scene = Scene(
+        bodies,
+        **(
+            {"dt": DT, "stiffness": KAPPA, "damping": rng.uniform(0, 2), "gravity": rng.normal(size=3)}
+            | physics
+        ),
+    )
+    x = np.array([np.zeros(13) if b.fixed else rng.standard_normal(13) for b in bodies])
     x[:, :3] = rng.uniform(-0.7, 0.7, (len(bodies), 3))
     x[:, 6:10] = Rotation.random(len(bodies), rng=rng).as_quat()
     return scene, x
@@ -138,7 +145,9 @@ def test_a_change_of_frame_changes_only_the_frame(shapes, seed):
     Q, t = rigid_motion(seed)
     turned = Scene(scene.bodies, scene.dt, scene.stiffness, scene.damping, Q.apply(scene.gravity.copy()))
     after = stepped(scene, x)
-    assert_same(moved(after, Q, t), stepped(turned, moved(x, Q, t)), 100 * ROUND_OFF * max(1.0, np.abs(after).max()))
+    assert_same(
+        moved(after, Q, t), stepped(turned, moved(x, Q, t)), 100 * ROUND_OFF * max(1.0, np.abs(after).max())
+    )
 
 
 @given(seeds)
@@ -155,8 +164,11 @@ def test_a_whole_collision_in_another_frame(loaded):
     scene, belief, _ = loaded("undamped")
     Q, t = rigid_motion(3)
     ROUND_OFF_GROWN_BY_COLLISIONS = 1e-8
-    assert_same(moved(stepped(scene, belief.mean, 100), Q, t), stepped(scene, moved(belief.mean, Q, t), 100),
-                ROUND_OFF_GROWN_BY_COLLISIONS)
+    assert_same(
+        moved(stepped(scene, belief.mean, 100), Q, t),
+        stepped(scene, moved(belief.mean, Q, t), 100),
+        ROUND_OFF_GROWN_BY_COLLISIONS,
+    )
 
 
 @given(seeds, st.integers(1, 300), st.floats(0.0, 3.0))
@@ -171,7 +183,9 @@ def test_free_flight_is_the_closed_form(seed, steps, damping):
     powers = decay**k
     sums = np.concatenate([[0.0], np.cumsum(powers)])
     np.testing.assert_allclose(after[3:6], decay**steps * x[3:6] + 0.01 * g * sums[steps], atol=ROUND_OFF)
-    np.testing.assert_allclose(after[:3], x[:3] + 0.01 * (x[3:6] * sums[steps] + 0.01 * g * sums[:steps].sum()), atol=1e-10)
+    np.testing.assert_allclose(
+        after[:3], x[:3] + 0.01 * (x[3:6] * sums[steps] + 0.01 * g * sums[:steps].sum()), atol=1e-10
+    )
     np.testing.assert_allclose(after[10:13], decay**steps * x[10:13], atol=ROUND_OFF)
     turn = Rotation.from_rotvec(0.01 * sums[steps] * x[10:13]) * Rotation.from_quat(x[6:10])
     assert (turn.inv() * Rotation.from_quat(after[6:10])).magnitude() < 1e-10
@@ -186,14 +200,20 @@ def test_drift_uses_the_velocity_before_damping_and_gravity():
 
 @pytest.mark.parametrize("radius", [0.5, 0.2])
 def test_coincident_centres_give_no_force(radius):
-    scene = Scene([RigidBody("a", packing([[0, 0, 0]], [0.5])), RigidBody("b", packing([[0, 0, 0]], [radius]))], DT, KAPPA)
+    scene = Scene(
+        [RigidBody("a", packing([[0, 0, 0]], [0.5])), RigidBody("b", packing([[0, 0, 0]], [radius]))],
+        DT,
+        KAPPA,
+    )
     x = np.array([state(), state()])
     np.testing.assert_array_equal(stepped(scene, x, 10), x)
 
 
 @pytest.mark.parametrize("d", [1e-300, 1e-160, 1e-12, 0.1, 0.3])
 def test_a_sphere_inside_another_is_pushed_with_its_whole_volume(d):
-    scene = Scene([RigidBody("a", packing([[0, 0, 0]], [0.5])), RigidBody("b", packing([[0, 0, 0]], [0.2]))], DT, KAPPA)
+    scene = Scene(
+        [RigidBody("a", packing([[0, 0, 0]], [0.5])), RigidBody("b", packing([[0, 0, 0]], [0.2]))], DT, KAPPA
+    )
     after = stepped(scene, np.array([state(), state((d, 0, 0))]))
     push = DT * KAPPA * 4.0 / 3.0 * np.pi * 0.2**3
     assert np.isfinite(after).all()
@@ -204,7 +224,9 @@ def test_a_sphere_inside_another_is_pushed_with_its_whole_volume(d):
 def test_a_pure_couple_turns_the_body():
     """Two equal and opposite contact forces cancel, and their torque does not."""
     bar = packing([[1, 0, 0], [-1, 0, 0]], [0.1, 0.1])
-    scene = Scene([RigidBody("a", bar), RigidBody("b", packing([[1, 0.15, 0], [-1, -0.15, 0]], [0.1, 0.1]))], DT, KAPPA)
+    scene = Scene(
+        [RigidBody("a", bar), RigidBody("b", packing([[1, 0.15, 0], [-1, -0.15, 0]], [0.1, 0.1]))], DT, KAPPA
+    )
     x = np.array([state(), state()])
     after = stepped(scene, x)
     reference = twin_step(x[None], bodies_of(scene), physics_of(scene))[0]
@@ -220,7 +242,12 @@ def test_touching_spheres_do_not_push():
 
 
 def test_two_fixed_bodies_that_overlap_stay(shapes):
-    scene = Scene([RigidBody("a", shapes[0], fixed=True), RigidBody("b", shapes[0], fixed=True)], DT, KAPPA, gravity=(0, 0, -9.81))
+    scene = Scene(
+        [RigidBody("a", shapes[0], fixed=True), RigidBody("b", shapes[0], fixed=True)],
+        DT,
+        KAPPA,
+        gravity=(0, 0, -9.81),
+    )
     x = np.array([state(), state((0.1, 0, 0))])
     np.testing.assert_array_equal(stepped(scene, x, 10), x)
 
@@ -253,7 +280,9 @@ def test_inertia_lies_in_the_body_frame(shapes):
     """A push off centre turns a body about the axis that its own, turned inertia says."""
     rng = np.random.default_rng(0)
     body = packing([[0.4, 0.2, 0.1]], [0.3])
-    scene = Scene([RigidBody("a", body, 2.0), RigidBody("wall", packing([[0, 0, 0]], [0.3]), fixed=True)], DT, KAPPA)
+    scene = Scene(
+        [RigidBody("a", body, 2.0), RigidBody("wall", packing([[0, 0, 0]], [0.3]), fixed=True)], DT, KAPPA
+    )
     R = Rotation.random(rng=rng)
     c = R.apply([0.4, 0.2, 0.1])
     x = np.array([state(rotation=R.as_rotvec()), state(c + [0.5, 0, 0])])
@@ -262,7 +291,9 @@ def test_inertia_lies_in_the_body_frame(shapes):
     impulse = 2.0 * after[0, 3:6]
     I_world = R.as_matrix() @ (2.0 * body.inertia) @ R.as_matrix().T
     assert impulse[0] < 0
-    np.testing.assert_allclose(after[0, 10:13], np.linalg.solve(I_world, np.cross(contact, impulse)), rtol=1e-9)
+    np.testing.assert_allclose(
+        after[0, 10:13], np.linalg.solve(I_world, np.cross(contact, impulse)), rtol=1e-9
+    )
 
 
 def test_a_longer_rollout_of_many_bodies_equals_the_twin(shapes):
@@ -273,5 +304,8 @@ def test_a_longer_rollout_of_many_bodies_equals_the_twin(shapes):
     x[:, :3] = rng.uniform(-1.5, 1.5, (6, 3))
     x[:, 6:10] = Rotation.random(6, rng=rng).as_quat()
     ROUND_OFF_GROWN_BY_COLLISIONS = 1e-6
-    assert_same(stepped(scene, x, 60), twin_rollout(x[None], bodies_of(scene), physics_of(scene), 60)[0],
-                ROUND_OFF_GROWN_BY_COLLISIONS)
+    assert_same(
+        stepped(scene, x, 60),
+        twin_rollout(x[None], bodies_of(scene), physics_of(scene), 60)[0],
+        ROUND_OFF_GROWN_BY_COLLISIONS,
+    )

@@ -12,11 +12,15 @@ import yaml
 
 from unc_physics import make_propagator, predict
 
-needs_two_threads = pytest.mark.skipif(numba.config.NUMBA_NUM_THREADS < 2, reason="this machine has one thread")
+needs_two_threads = pytest.mark.skipif(
+    numba.config.NUMBA_NUM_THREADS < 2, reason="this machine has one thread"
+)
 
 
 @needs_two_threads
-@pytest.mark.parametrize("name, options", [("monte_carlo", {"samples": 33}), ("sigma_points", {"points": "full"})])
+@pytest.mark.parametrize(
+    "name, options", [("monte_carlo", {"samples": 33}), ("sigma_points", {"points": "full"})]
+)
 def test_one_thread_and_two_give_the_same_bits(loaded, name, options):
     scene, belief, _ = loaded("three_bodies")
     propagator = make_propagator(name, **options)
@@ -38,12 +42,31 @@ def test_the_command_prints_the_same_with_one_thread_and_with_two(tmp_path, cont
     outputs = []
     for threads in ("1", "2"):
         run = subprocess.run(
-            [sys.executable, "-m", "unc_physics", "predict", str(path), "--propagator", "monte_carlo", "--samples", "9",
-             "--seed", "3", "--json", "--horizon", "0.8"],
-            env=os.environ | {"NUMBA_NUM_THREADS": threads}, capture_output=True, text=True, check=True,
+            [
+                sys.executable,
+                "-m",
+                "unc_physics",
+                "predict",
+                str(path),
+                "--propagator",
+                "monte_carlo",
+                "--samples",
+                "9",
+                "--seed",
+                "3",
+                "--json",
+                "--horizon",
+                "0.8",
+            ],
+            env=os.environ | {"NUMBA_NUM_THREADS": threads},
+            capture_output=True,
+            text=True,
+            check=True,
         )
         assert run.stderr == ""
-        outputs.append({key: value for key, value in yaml.safe_load(run.stdout).items() if key != "wall_time"})
+        outputs.append(
+            {key: value for key, value in yaml.safe_load(run.stdout).items() if key != "wall_time"}
+        )
     assert outputs[0] == outputs[1]
 
 

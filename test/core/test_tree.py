@@ -24,7 +24,9 @@ def found_pairs(world, bodies, R, t, pairs_at_once):
     slack = step._SINGLE_PRECISION * (world.bodies.radius[i] + world.bodies.radius[j])
     search = step.workspace(np.zeros((2, 13)), world).search
     if pairs_at_once:
-        search = search._replace(pairs=search.pairs[:pairs_at_once].copy(), records=search.records[:pairs_at_once].copy())
+        search = search._replace(
+            pairs=search.pairs[:pairs_at_once].copy(), records=search.records[:pairs_at_once].copy()
+        )
     search.stack[0] = world.bodies.root[i], world.bodies.root[j]
     top, pairs = 1, []
     while top > 0:
@@ -36,7 +38,9 @@ def found_pairs(world, bodies, R, t, pairs_at_once):
         return set()
     a, b = np.array(pairs).T
     d = np.linalg.norm(world.tree.centers[b] @ R.T + t - world.tree.centers[a], axis=1)
-    return {pair for pair, hit in zip(pairs, d < world.tree.radii[a] + world.tree.radii[b], strict=True) if hit}
+    return {
+        pair for pair, hit in zip(pairs, d < world.tree.radii[a] + world.tree.radii[b], strict=True) if hit
+    }
 
 
 def brute_force(ci, ri, cj, rj, R, t, offset):
@@ -51,7 +55,9 @@ def check(ci, ri, cj, rj, R, t, pairs_at_once=None):
     assert found_pairs(world, (0, 1), R, t, pairs_at_once) == expected
     swapped = found_pairs(world, (1, 0), np.ascontiguousarray(R.T), -R.T @ t, pairs_at_once)
     grazing = expected ^ {(i, j) for j, i in swapped}
-    assert len(grazing) <= 1  # one pair that only just touches; the exact test rounds another way from the other side
+    assert (
+        len(grazing) <= 1
+    )  # one pair that only just touches; the exact test rounds another way from the other side
     return len(expected)
 
 
@@ -76,7 +82,11 @@ def test_tree_equals_brute_force(seed, n, m, decade):
     ci, ri = random_packing(rng, n)
     cj, rj = random_packing(rng, m)
     R = Rotation.random(rng=rng).as_matrix()
-    t = ci[rng.integers(n)] - R @ cj[rng.integers(m)] + rng.standard_normal(3) * rng.choice([0.0, 0.01, 1.0, 10.0])
+    t = (
+        ci[rng.integers(n)]
+        - R @ cj[rng.integers(m)]
+        + rng.standard_normal(3) * rng.choice([0.0, 0.01, 1.0, 10.0])
+    )
     check(scale * ci, scale * ri, scale * cj, scale * rj, R, scale * t)
 
 

@@ -14,7 +14,9 @@ def boxplus(x, d):
     out[..., P] += d[..., DP]
     out[..., V] += d[..., DV]
     out[..., W] += d[..., DOMEGA]
-    turned = Rotation.from_quat(x[..., Q].reshape(-1, 4)) * Rotation.from_rotvec(d[..., DTHETA].reshape(-1, 3))
+    turned = Rotation.from_quat(x[..., Q].reshape(-1, 4)) * Rotation.from_rotvec(
+        d[..., DTHETA].reshape(-1, 3)
+    )
     out[..., Q] = turned.as_quat().reshape(x[..., Q].shape)
     return out
 

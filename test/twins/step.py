@@ -28,7 +28,9 @@ class Physics(NamedTuple):
 
 def bodies_of(scene):
     """The twin's bodies of a scene."""
-    return [Body(b.model.centers, b.model.radii, b.mass, b.mass * b.model.inertia, b.fixed) for b in scene.bodies]
+    return [
+        Body(b.model.centers, b.model.radii, b.mass, b.mass * b.model.inertia, b.fixed) for b in scene.bodies
+    ]
 
 
 def physics_of(scene):
@@ -61,8 +63,12 @@ def wrenches(x, bodies, stiffness):
     forces, torques = np.zeros_like(x[..., P]), np.zeros_like(x[..., P])
     for i in range(len(bodies)):
         for j in range(i + 1, len(bodies)):
-            force, point = sphere_contacts(world_centers(x, i, bodies[i]), bodies[i].radii,
-                                           world_centers(x, j, bodies[j]), bodies[j].radii)
+            force, point = sphere_contacts(
+                world_centers(x, i, bodies[i]),
+                bodies[i].radii,
+                world_centers(x, j, bodies[j]),
+                bodies[j].radii,
+            )
             force = stiffness * force
             for b, f in ((i, -force), (j, force)):
                 arm = point - x[:, b, None, None, P]
