@@ -205,7 +205,7 @@ def _lever(d, ri, rj):
     return 0.5 * (low + high), 0.5 * ((d - rj > -ri) + (d + rj < ri))
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def contact_root(x, root, world, R, dominant, k):
     """Add to the root what the kick of dominant contact ``k`` adds, to first order in each column's error.
 

@@ -225,7 +225,7 @@ def sample_contacts(bodies, found, pair_key, tree, work, cloud):
         add_spread(cloud.draws, factors, (arm_i, arm_j), shape, records[k, VOLUME], cloud.spread)
 
 
-@njit(cache=True, nogil=True, forceinline=True)
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def _turned(arm, turn):
     """A vector turned by a rotation vector, without a branch, so that a loop over samples runs as vectors.
 
@@ -258,7 +258,7 @@ def _turned(arm, turn):
     )
 
 
-@njit(cache=True, nogil=True, fastmath={"reassoc", "contract", "nsz"})
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"reassoc", "contract", "nsz"})
 def add_spread(draws, factors, arms, shape, volume, spread):
     """Add one contact's second moments of force and torques, in units of the stiffness, to ``spread`` (3, 6).
 

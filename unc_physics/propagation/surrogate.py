@@ -161,7 +161,7 @@ def _cross(a, b):
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def tangent_basis(n):
     """Two unit vectors that complete the unit vector ``n`` to a right-handed orthonormal basis."""
     s = 1.0 if n[2] >= 0.0 else -1.0
@@ -170,14 +170,14 @@ def tangent_basis(n):
     return (1.0 + s * n[0] * n[0] * a, s * b, -s * n[0]), (b, s + n[1] * n[1] * a, -n[1])
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _sine_of_tilt(variance, d, k_sigma):
     """Sine of Eq. 20's angle ``atan(k_sigma sqrt(variance) / d)``."""
     reach = k_sigma * math.sqrt(max(variance, 0.0))
     return reach / math.sqrt(d * d + reach * reach)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def add_tilts(bodies, found, k_sigma, tree, work, spread):
     """Add Eq. 21's increments, and their moments, of the first ``found`` contacts on record (Eqs. 16 to 23)."""
     i, j = bodies
