@@ -6,7 +6,11 @@ from scipy.spatial.transform import Rotation
 
 from unc_physics.errors import InvalidRequestError
 from unc_physics.evaluation.wasserstein import (
-    euclidean, geodesic, sinkhorn_divergence, state_distance, wasserstein,
+    euclidean,
+    geodesic,
+    sinkhorn_divergence,
+    state_distance,
+    wasserstein,
 )
 
 ROUND_OFF = 1e-12

@@ -10,7 +10,17 @@ from ..belief import Belief
 from ..errors import InvalidModelError, InvalidRequestError
 from ..geometry.library import find_model, load_model
 from ..geometry.packing_file import SpherePacking
-from ..layout import ANGULAR_VELOCITY, ERR_ANGULAR_VELOCITY, ERR_POSITION, ERR_VELOCITY, ERROR, POSITION, QUATERNION, STATE, VELOCITY
+from ..layout import (
+    ANGULAR_VELOCITY,
+    ERR_ANGULAR_VELOCITY,
+    ERR_POSITION,
+    ERR_VELOCITY,
+    ERROR,
+    POSITION,
+    QUATERNION,
+    STATE,
+    VELOCITY,
+)
 from ..scene import RigidBody, Scene
 from ..validation import non_negative
 
@@ -25,6 +35,7 @@ DAMPING = -math.log(0.99) / DT  # 1/s: velocities keep 99 % in each step
 SPEED = 1.0  # m/s
 GAP = 1.5  # between the centres of mass, along the motion [m]
 OFFSET = 0.15  # between the centres of mass, across the motion [m]
+LATTICE = 8.0  # between pairs that shall not meet [m]
 COLLISION_HORIZON = 5.0  # s
 FREE_HORIZON = 4.0  # s
 
@@ -75,6 +86,26 @@ def collision(model: str, spheres: int = 1000, sigma: float = 0.05) -> tuple[Sce
         mean[body, VELOCITY] = side * SPEED, 0.0, 0.0
         mean[body, QUATERNION] = _orientation(name)
     return scene, Belief(mean, _covariance(2, ERR_POSITION, sigma)), COLLISION_HORIZON
+
+
+def many_collisions(pairs: int, model: str = "bunny", spheres: int = 100, sigma: float = 0.05) -> tuple[Scene, Belief, float]:
+    """Pairs of bodies as in `collision`, far from each other on a cubic lattice.
+
+    Parameters
+    ----------
+    pairs : int
+        Number of pairs; the scene has twice as many bodies, ``left0``, ``right0``, ``left1``, and so on.
+    model, spheres, sigma
+        As in `collision`.
+    """
+    _, pair, horizon = collision(model, spheres, sigma)
+    packing = unit_model(model, spheres)
+    scene = _scene([RigidBody(f"{side}{k}", packing, MASS) for k in range(pairs) for side in ("left", "right")])
+    edge = math.ceil(pairs ** (1.0 / 3.0) - 1e-9)
+    mean = np.tile(pair.mean, (pairs, 1))
+    for k in range(pairs):
+        mean[2 * k : 2 * k + 2, POSITION] += LATTICE * np.array([k % edge, k // edge % edge, k // edge**2])
+    return scene, Belief(mean, np.tile(pair.blocks, (pairs, 1, 1))), horizon
 
 
 def collision_free(uncertain: str, model: str = "pin", spheres: int = 10, sigma: float = 0.1) -> tuple[Scene, Belief, float]:
