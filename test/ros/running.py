@@ -1,5 +1,6 @@
 """Processes of nodes, and a client."""
 
+import queue
 import signal
 import subprocess
 import sys
@@ -98,6 +99,40 @@ class Client:
     def predict(self, request, node="unc_physics", **others):
         """Call `~/predict`."""
         return self.call(Predict, f"/{node}/predict", request, **others)
+
+
+class Inbox:
+    """Messages of a topic, as they come."""
+
+    def __init__(self, client, message_type, topic, qos=10):
+        self._queue = queue.Queue()
+        self._node = client.node
+        self._subscription = client.node.create_subscription(message_type, topic, self._queue.put, qos)
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        self._node.destroy_subscription(self._subscription)
+
+    def next(self, timeout=ANSWER_TIMEOUT):
+        """The next message."""
+        return self._queue.get(timeout=timeout)
+
+    def all(self):
+        """All that have come and were not taken."""
+        messages = []
+        while not self._queue.empty():
+            messages.append(self._queue.get())
+        return messages
+
+
+def wait_until(condition, timeout=ANSWER_TIMEOUT):
+    """Wait for a condition that other threads make true."""
+    deadline = time.monotonic() + timeout
+    while not condition():
+        assert time.monotonic() < deadline, "it did not come true"
+        time.sleep(0.02)
 
 
 def result_of(future, timeout=ANSWER_TIMEOUT):

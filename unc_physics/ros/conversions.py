@@ -109,7 +109,9 @@ class ReadScene(NamedTuple):
 # --- messages to the core -------------------------------------------------------------------------------------------
 
 
-def read_scene(objects, environment, library, physics, doubts=EXACT, max_objects=None, max_spheres=None) -> ReadScene:
+def read_scene(
+    objects, environment, library, physics, doubts=EXACT, max_objects=None, max_spheres=None, fields=None,
+) -> ReadScene:
     """The scene and the belief about it that messages describe.
 
     Parameters
@@ -121,6 +123,8 @@ def read_scene(objects, environment, library, physics, doubts=EXACT, max_objects
         Arguments of `Scene` besides the bodies.
     doubts : Doubts
     max_objects, max_spheres : int, optional
+    fields : sequence of str, optional
+        What errors call each object; by default ``objects[0]`` and so on.
 
     Raises
     ------
@@ -132,14 +136,15 @@ def read_scene(objects, environment, library, physics, doubts=EXACT, max_objects
     if max_objects is not None and len(objects) > max_objects:
         raise LimitExceededError(f"must be at most {max_objects} objects", field="objects", value=len(objects))
     _refuse_environment(environment)
+    fields = [f"objects[{k}]" for k in range(len(objects))] if fields is None else fields
     names = set()
-    for k, message in enumerate(objects):
+    for message, field in zip(objects, fields, strict=True):
         if not isinstance(message.id, str) or not message.id:
-            raise InvalidRequestError("must be a non-empty text", field=f"objects[{k}].id", value=message.id)
+            raise InvalidRequestError("must be a non-empty text", field=f"{field}.id", value=message.id)
         if message.id in names:
-            raise DuplicateIdError("is the id of two objects", field=f"objects[{k}].id", value=message.id)
+            raise DuplicateIdError("is the id of two objects", field=f"{field}.id", value=message.id)
         names.add(message.id)
-    read = [_body(message, f"objects[{k}]", library, doubts, max_spheres) for k, message in enumerate(objects)]
+    read = [_body(message, field, library, doubts, max_spheres) for message, field in zip(objects, fields, strict=True)]
     scene = Scene([body for body, *_ in read], **physics)
     mean = np.array([state for _, state, _, _ in read])
     blocks = np.array([P for body, _, P, _ in read if not body.fixed]).reshape(-1, ERROR, ERROR)

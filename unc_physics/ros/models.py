@@ -65,6 +65,11 @@ class ModelLibrary:
                 raise UnknownModelError(f"is unknown; the models are: {known}", field="model", value=model)
             return self._paths[model]
 
+    def add(self, name: str, path: Path) -> None:
+        """Let a name stand for a model file, whatever it stood for before."""
+        with self._lock:
+            self._paths[name] = path
+
     def prepare(self, name: str) -> SpherePacking:
         """Read a model and build its sphere tree, so that the first request need not."""
         packing = self.shape(name)

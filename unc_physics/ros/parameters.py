@@ -55,7 +55,7 @@ class Settings:
     max_horizon: float = parameter(60.0, "Longest horizon of a request [s].", low=0.0, high=1e6)
     max_steps: int = parameter(100_000, "Most time steps of a prediction.", low=1, high=100_000_000)
     max_objects: int = parameter(100, "Most objects of a request.", low=1, high=10_000)
-    max_spheres: int = parameter(10_000, "Most spheres of one object.", low=1, high=10_000_000)
+    max_spheres: int = parameter(100_000, "Most spheres of one object.", low=1, high=10_000_000)
     max_samples: int = parameter(20_000, "Most samples of a sampled propagator.", low=1, high=10_000_000)
     max_states: int = parameter(1_000, "Most states in the trajectory of one object.", low=1, high=100_000)
     max_return_samples: int = parameter(1_000, "Most pose samples for each object and time.", low=0, high=1_000_000)
@@ -64,6 +64,30 @@ class Settings:
     max_computation_time: float = parameter(
         30.0, "Longest wall time of a prediction by service [s]; requests may ask for less.", low=1e-3, high=1e6)
 
+    max_candidates: int = parameter(100, "Most candidates of a request.", low=1, high=10_000)
+    max_long_predictions: int = parameter(
+        2, "Most goals of the action that are computed at a time.", low=1, high=4, read_only=True)
+
+    horizons: tuple[float, ...] = parameter(
+        (0.2, 0.5, 1.0, 2.0), "Times for which streamed scenes are predicted [s].")
+    stream_propagator: str = parameter("surrogate", "Propagator for streamed scenes.", choices=tuple(PROPAGATORS))
+    max_input_age: float = parameter(
+        0.5, "Streamed scenes whose stamp is older are dropped [s]; 0 takes all.", low=0.0, high=1e6)
+    pose_objects: tuple[str, ...] = parameter(
+        ("",), "Ids of streamed objects whose predicted pose is also published on a topic of its own, "
+        "~/predicted_pose/ID, with _ in place of what a topic's name cannot hold.")
+    pose_horizon: float = parameter(1.0, "Which of the horizons those poses are predicted for [s].", low=0.0, high=1e6)
+    tracked_topics: tuple[str, ...] = parameter(
+        ("",), "Topics of PoseWithCovarianceStamped, each of a single tracked object.", read_only=True)
+    tracked_models: tuple[str, ...] = parameter(("",), "Model of the object of each tracked topic.", read_only=True)
+    tracked_mass: float = parameter(
+        1.0, "Mass of tracked and detected objects whose model gives none [kg].", low=1e-9, high=1e9)
+
+    markers: tuple[str, ...] = parameter(
+        ("predicted",), "What ~/markers shows of each object.",
+        choices=("predicted", "initial", "ellipsoid", "rotation"))
+    marker_cells: int = parameter(12, "Cells along the longest side of a shape in ~/markers.", low=2, high=40)
+
     def __post_init__(self):
         for spec in fields(self):
             value = getattr(self, spec.name)
@@ -71,10 +95,18 @@ class Settings:
             if any(isinstance(number, float) and not math.isfinite(number) for number in numbers):
                 raise InvalidOptionError("must be finite", field=spec.name, value=value)
             choices = spec.metadata["choices"]
-            if choices and value not in choices:
+            chosen = value if isinstance(value, tuple) else (value,)
+            if choices and not set(chosen) <= set(choices):
                 raise InvalidOptionError(f"must be one of {', '.join(choices)}", field=spec.name, value=value)
         if len(self.gravity) != 3:
             raise InvalidOptionError("must have 3 numbers", field="gravity", value=list(self.gravity))
+        if not self.horizons or min(self.horizons) <= 0.0 or max(self.horizons) > self.max_horizon:
+            raise InvalidOptionError(
+                f"must be above 0 and at most {self.max_horizon} s", field="horizons", value=list(self.horizons))
+        if len(self.tracked_topics) != len(self.tracked_models):
+            raise InvalidOptionError(
+                f"must name a model for each of the {len(self.tracked_topics)} tracked_topics", field="tracked_models",
+                value=list(self.tracked_models))
         if not self.world_frame:
             raise InvalidOptionError("must not be empty", field="world_frame")
 

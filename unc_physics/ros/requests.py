@@ -80,7 +80,9 @@ class Outcome(NamedTuple):
     samples: list[np.ndarray] | None
 
 
-def read_request(request, settings: Settings, library: ModelLibrary, *, time_limit: float | None = None) -> Job:
+def read_request(
+    request, settings: Settings, library: ModelLibrary, *, time_limit: float | None = None, objects=None, fields=None,
+) -> Job:
     """Check a request of `Predict`, `PredictCandidates` or `PredictLong`.
 
     Parameters
@@ -90,6 +92,10 @@ def read_request(request, settings: Settings, library: ModelLibrary, *, time_lim
     library : ModelLibrary
     time_limit : float, optional
         Longest wall time, whatever the request allows [s].
+    objects : list of ObjectState, optional
+        In place of the request's.
+    fields : list of str, optional
+        What errors call each of them; by default ``objects[0]`` and so on.
 
     Raises
     ------
@@ -101,8 +107,8 @@ def read_request(request, settings: Settings, library: ModelLibrary, *, time_lim
     horizon = _horizon(request.horizon, settings)
     physics = settings.physics | read_physics(request.scene_options)
     read = read_scene(
-        request.objects, request.environment, library, physics, doubts_of(settings), settings.max_objects,
-        settings.max_spheres,
+        request.objects if objects is None else objects, request.environment, library, physics, doubts_of(settings),
+        settings.max_objects, settings.max_spheres, fields,
     )
     times = _times(request.trajectory_period, horizon, read.scene.dt, settings)
     seed = request.seed or 1 + secrets.randbelow(2**_SEED_BITS - 1)
@@ -110,7 +116,8 @@ def read_request(request, settings: Settings, library: ModelLibrary, *, time_lim
     propagator = _propagator(request.propagator, options, request.samples, seed, settings)
     job = Job(
         read.scene, read.belief, read.models, propagator, horizon, times,
-        _computation_time(request.max_computation_time, time_limit), seed, request.return_samples,
+        _computation_time(request.max_computation_time, time_limit), getattr(propagator, "seed", seed),
+        request.return_samples,
         Wanted(request.return_covariance, request.return_joint_covariance), read.zeros_replaced,
     )
     _check_answer(job, settings)
@@ -240,15 +247,20 @@ def _check_answer(job, settings):
             f"must be at most the {job.propagator.samples} samples of the prediction", field="return_samples",
             value=job.return_samples,
         )
-    states = 1 + len(job.times or ())
-    one = _STATE_BYTES + _POSE_BYTES * job.return_samples + _NUMBER_BYTES * ERROR**2 * job.wanted.covariance
-    joint = _NUMBER_BYTES * (ERROR * len(job.scene.moving)) ** 2 * job.wanted.joint_covariance
-    size = states * (len(job.scene.bodies) * one + joint)
+    size = answer_bytes(job)
     if size > settings.max_response_bytes:
         raise LimitExceededError(
             f"would take {size} bytes, and the limit is {settings.max_response_bytes}; ask for fewer states or samples",
             field="the answer",
         )
+
+
+def answer_bytes(job: Job) -> int:
+    """About how many bytes the answer takes."""
+    states = 1 + len(job.times or ())
+    one = _STATE_BYTES + _POSE_BYTES * job.return_samples + _NUMBER_BYTES * ERROR**2 * job.wanted.covariance
+    joint = _NUMBER_BYTES * (ERROR * len(job.scene.moving)) ** 2 * job.wanted.joint_covariance
+    return states * (len(job.scene.bodies) * one + joint)
 
 
 def _keeps_samples(propagator):

@@ -2,23 +2,32 @@
 
 from __future__ import annotations
 
+import contextlib
 import threading
 import time
 import traceback
 
-from rclpy.callback_groups import ReentrantCallbackGroup
-
 from unc_physics_msgs.srv import Predict
 
 from ..errors import CanceledError, UncPhysicsError
+from .candidates_service import CandidatesService
+from .capabilities_service import CapabilitiesService
+from .diagnostics import Diagnostics
+from .long_prediction import LongPrediction
+from .markers import MarkerTopic
+from .model_topics import ModelTopics
 from .models import ModelLibrary
 from .parameters import ParameterServer
-from .requests import Job, read_request, run, write_answer, write_error
+from .prediction_service import PredictionService
+from .requests import Job, Outcome, read_request, run, write_answer, write_error
+from .streaming import Stream
 from .warm_up import warm_up
+
+_OFFERS = (ModelTopics, CapabilitiesService, CandidatesService, LongPrediction, Stream, PredictionService)
 
 
 class PredictionServer:
-    """The node's services; `prepare` comes before `open`.
+    """The node's services, action and topics; `prepare` comes before `open`.
 
     Parameters
     ----------
@@ -30,9 +39,11 @@ class PredictionServer:
         self.log = node.get_logger()
         self.parameters = ParameterServer(node)
         self.library: ModelLibrary | None = None
+        self.diagnostics: Diagnostics | None = None
+        self.markers: MarkerTopic | None = None
         self._stopping = threading.Event()
         self._said_zeros = False
-        self._closers = []
+        self._open = []
 
     @property
     def settings(self):
@@ -44,27 +55,36 @@ class PredictionServer:
         started = time.perf_counter()
         self.library = ModelLibrary(self.settings.models_dir, self.settings.allow_model_paths)
         warm_up(self.settings, Predict.Response)
-        self.log.info(f"warmed up in {time.perf_counter() - started:.1f} s; models: {', '.join(self.library.paths) or 'none'}")
+        self.log.info(
+            f"warmed up in {time.perf_counter() - started:.1f} s; models: {', '.join(self.library.paths) or 'none'}")
 
     def open(self) -> None:
-        """Advertise the services."""
+        """Advertise everything."""
         self._stopping.clear()
-        node = self.node
-        service = node.create_service(Predict, "~/predict", self._predict, callback_group=ReentrantCallbackGroup())
-        self._closers.append(lambda: node.destroy_service(service))
-        self.log.info(f"ready: {service.srv_name if hasattr(service, 'srv_name') else '~/predict'}")
+        self.diagnostics, self.markers = Diagnostics(self), MarkerTopic(self)
+        self._open = [self.diagnostics, self.markers]
+        for offer in _OFFERS:
+            self._open.append(offer(self))
+        self.log.info("ready")
 
     def close(self) -> None:
-        """Take the services back."""
-        while self._closers:
-            self._closers.pop()()
+        """Take everything back; predictions that are being made end with the error CANCELED."""
+        self.stop()
+        while self._open:
+            self._open.pop().close()
 
     def stop(self) -> None:
         """End predictions that are being made, with the error CANCELED."""
         self._stopping.set()
 
-    def predict(self, job: Job, progress=None):
+    def predict(self, job: Job, progress=None) -> Outcome:
         """Run a job; `stop` ends it.
+
+        Parameters
+        ----------
+        job : Job
+        progress : callable, optional
+            Called now and then with the job, the steps done and all steps; what it raises ends the prediction.
 
         Raises
         ------
@@ -74,7 +94,7 @@ class PredictionServer:
             if self._stopping.is_set():
                 raise CanceledError("is shutting down", field="the node")
             if progress is not None:
-                progress(done, steps)
+                progress(job, done, steps)
 
         if job.zeros_replaced and not self._said_zeros:
             self._said_zeros = True
@@ -82,25 +102,42 @@ class PredictionServer:
                 "a covariance of zeros was read as unknown and takes the defaults of the parameters; set "
                 "zero_covariance to 'exact' if it means exactly known (said once)"
             )
-        return run(job, look)
+        outcome = run(job, look)
+        self.diagnostics.predicted(outcome.prediction)
+        return outcome
 
-    def answer(self, message, header, request, *, time_limit=None, progress=None) -> None:
-        """Predict what a request asks for, and write the answer or the error into ``message``; never raises."""
-        settings = self.settings
-        try:
-            job = read_request(request, settings, self.library, time_limit=time_limit)
+    def answer(self, message, request, *, progress=None, **how) -> None:
+        """Predict what a request asks for, and write the answer or the error into ``message``; never raises.
+
+        Parameters
+        ----------
+        message : response or result
+        request : message
+        progress : callable, optional
+            As for `predict`.
+        **how
+            As for `read_request`.
+        """
+        with self.errors_into(message):
+            settings = self.settings
+            job = read_request(request, settings, self.library, **how)
             try:
-                write_answer(message, header, settings, job, self.predict(job, progress))
+                write_answer(message, request.header, settings, job, self.predict(job, progress))
+                self.markers.publish(request.header, job, message)
             except UncPhysicsError as error:
                 if hasattr(error, "outcome"):
-                    write_answer(message, header, settings, job, error.outcome)
+                    write_answer(message, request.header, settings, job, error.outcome)
                 raise
+
+    @contextlib.contextmanager
+    def errors_into(self, message):
+        """Write what is raised inside into a response or result: whatever a request holds, the node lives on."""
+        try:
+            yield
         except UncPhysicsError as error:
             write_error(message, error)
-        except Exception as error:  # noqa: BLE001  (whatever a request holds, the node lives on)
+        except Exception as error:  # noqa: BLE001
             self.log.error(f"a fault of the node:\n{traceback.format_exc()}")
             write_error(message, error)
-
-    def _predict(self, request, response):
-        self.answer(response, request.header, request, time_limit=self.settings.max_computation_time)
-        return response
+        if message.error_code:
+            self.diagnostics.failed(message.error_msg)

@@ -1,0 +1,77 @@
+"""`~/predict_candidates`: alternatives of one scene."""
+
+import numpy as np
+from diagnostic_msgs.msg import KeyValue
+from scenes import good_request, moving_object, numbers_of
+
+from unc_physics.errors import ErrorCode
+from unc_physics_msgs.msg import Candidate
+from unc_physics_msgs.srv import PredictCandidates
+
+HEIGHTS = (0.0, 0.05, 0.1)
+
+
+def request_with(candidates, **others):
+    base = good_request(seed=3, propagator="sigma_points")
+    request = PredictCandidates.Request(objects=base.objects, horizon=0.8, seed=3, candidates=candidates, **others)
+    request.scene_options.append(KeyValue(key="gravity", value="[0, 0, 0]"))
+    return request
+
+
+def candidate(name, height):
+    return Candidate(id=name, objects=[moving_object("left", position=(-0.2, 0.0, height))])
+
+
+def ask(client, request):
+    return client.call(PredictCandidates, "/unc_physics/predict_candidates", request)
+
+
+def test_each_candidate_gets_the_prediction_of_its_own_scene(node, client):
+    response = ask(client, request_with([candidate(f"{h}", h) for h in HEIGHTS]))
+    assert response.error_code == ErrorCode.NONE, response.error_msg
+    assert [entry.candidate for entry in response.predictions] == [f"{h}" for h in HEIGHTS]
+    assert response.seed_used == 3 and response.computation_time > 0.0
+    for entry, height in zip(response.predictions, HEIGHTS, strict=True):
+        alone = good_request(seed=3, propagator="sigma_points", horizon=0.8)
+        alone.objects[0] = moving_object("left", position=(-0.2, 0.0, height))
+        expected = client.predict(alone)
+        assert entry.error_code == ErrorCode.NONE
+        for got, want in zip(entry.prediction.objects, expected.objects, strict=True):
+            assert np.array_equal(numbers_of(got.states[-1]), numbers_of(want.states[-1]))
+
+
+def test_a_bad_candidate_leaves_the_others_intact(node, client):
+    bad = candidate("bad", 0.1)
+    bad.objects[0].mass = -1.0
+    response = ask(client, request_with([candidate("good", 0.0), bad]))
+    assert response.error_code == ErrorCode.NONE
+    good, bad = response.predictions
+    assert good.error_code == ErrorCode.NONE and good.prediction.objects
+    assert bad.error_code == ErrorCode.INVALID_MASS and not bad.prediction.objects
+    assert "candidates[1].objects[0].mass" in bad.error_msg
+
+
+def test_bad_requests(node, client):
+    stranger = Candidate(id="x", objects=[moving_object("stranger")])
+    for request, code in (
+        (request_with([]), ErrorCode.INVALID_REQUEST),
+        (request_with([candidate("same", 0.0), candidate("same", 0.1)]), ErrorCode.DUPLICATE_ID),
+        (request_with([stranger]), ErrorCode.INVALID_REQUEST),
+        (request_with([candidate(str(k), 0.0) for k in range(101)]), ErrorCode.LIMIT_EXCEEDED),
+        (request_with([candidate("a", 0.0)], propagator="none"), ErrorCode.UNKNOWN_PROPAGATOR),
+    ):
+        response = ask(client, request)
+        assert response.error_code == code, response.error_msg
+        assert not response.predictions
+
+
+def test_the_computation_time_runs_out(node, client):
+    request = request_with(
+        [candidate(str(k), 0.0) for k in range(5)], propagator="monte_carlo", samples=20_000, max_computation_time=0.5)
+    request.horizon = 50.0
+    response = ask(client, request)
+    assert response.error_code == ErrorCode.TIMEOUT
+    assert len(response.predictions) == 5
+    assert response.computation_time < 5.0
+    assert {entry.error_code for entry in response.predictions} == {ErrorCode.TIMEOUT}
+    assert all(0.0 < entry.prediction.time_reached < 50.0 for entry in response.predictions)

@@ -1,0 +1,43 @@
+"""The node with a lifecycle."""
+
+from lifecycle_msgs.msg import State, Transition
+from lifecycle_msgs.srv import ChangeState, GetState
+from running import NodeProcess
+from scenes import assert_answered, good_request
+
+from unc_physics_msgs.srv import Predict
+
+
+class LifecycleProcess(NodeProcess):
+    """Ready as soon as its state can be asked for."""
+
+    def __init__(self, *ros_arguments):
+        super().__init__(*ros_arguments, module="unc_physics.ros.lifecycle_node", name="cycle")
+
+    def _read(self):
+        self._ready.set()
+        super()._read()
+
+
+def test_the_node_goes_through_its_life(client):
+    def change(transition):
+        request = ChangeState.Request(transition=Transition(id=transition))
+        return client.call(ChangeState, "/cycle/change_state", request, timeout=200.0).success
+
+    def state():
+        return client.call(GetState, "/cycle/get_state", GetState.Request()).current_state.id
+
+    with LifecycleProcess() as process:
+        assert state() == State.PRIMARY_STATE_UNCONFIGURED
+        assert change(Transition.TRANSITION_CONFIGURE)
+        assert state() == State.PRIMARY_STATE_INACTIVE
+        service = client.node.create_client(Predict, "/cycle/predict")
+        assert not service.wait_for_service(0.5)
+        for _ in range(2):
+            assert change(Transition.TRANSITION_ACTIVATE)
+            assert_answered(client.predict(good_request(), node="cycle"))
+            assert change(Transition.TRANSITION_DEACTIVATE)
+        assert change(Transition.TRANSITION_CLEANUP)
+        assert state() == State.PRIMARY_STATE_UNCONFIGURED
+        assert process.end() == 0
+        assert "Traceback" not in process.output

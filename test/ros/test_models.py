@@ -1,0 +1,104 @@
+"""Models: listed, loaded and packed at run time."""
+
+import shutil
+
+import pytest
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from running import Inbox, NodeProcess, wait_until
+from scenes import assert_answered, moving_object, request_of
+
+from unc_physics import PROPAGATORS
+from unc_physics.errors import ErrorCode
+from unc_physics.geometry.library import find_model, list_models
+from unc_physics_msgs.msg import ModelInfo, ModelList
+from unc_physics_msgs.srv import GetCapabilities, ListModels, LoadModel, Predict
+
+LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+
+
+@pytest.fixture(scope="module")
+def node(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("models")
+    shutil.copy(find_model("bunny"), folder)
+    with NodeProcess("-p", f"models_dir:={folder}", name="models") as process:
+        yield process
+
+
+@pytest.fixture
+def load(node, client):
+    return lambda **fields: client.call(LoadModel, "/models/load_model", LoadModel.Request(**fields))
+
+
+@pytest.fixture
+def listed(node, client):
+    def names():
+        response = client.call(ListModels, "/models/list_models", ListModels.Request())
+        return {model.name: model for model in response.models}
+
+    return names
+
+
+def test_the_list_of_models(listed):
+    bunny = listed()["bunny"]
+    assert bunny.status == ModelInfo.STATUS_READY
+    assert bunny.spheres > 1000 and 0.0 < bunny.fill < 1.0 and bunny.mass > 0.0
+    assert bunny.bounds_min.x < bunny.center_of_mass.x < bunny.bounds_max.x
+
+
+def test_a_model_is_loaded_and_used(load, listed, client):
+    loaded = load(path=str(find_model("can")), name="Dose")
+    assert loaded.error_code == ErrorCode.NONE, loaded.error_msg
+    assert loaded.model.name == "Dose" and "Dose" in listed()
+    assert_answered(client.predict(request_of(moving_object(model="Dose")), node="models"))
+    again = load(path=str(find_model("pin")), name="Dose")
+    assert again.error_code == ErrorCode.DUPLICATE_ID
+    assert load(path=str(find_model("pin")), name="Dose", replace=True).error_code == ErrorCode.NONE
+    assert listed()["Dose"].spheres == load(path=str(find_model("pin")), name="Kegel").model.spheres
+    with Inbox(client, ModelList, "/models/models", LATCHED) as inbox:
+        assert {"Dose", "Kegel", "bunny"} <= {model.name for model in inbox.next().models}
+
+
+@pytest.mark.parametrize(("path", "code"), [
+    ("", "INVALID_REQUEST"), ("/nowhere.npz", "INVALID_REQUEST"), ("/etc/passwd", None), ("{tmp}/text.npz", "INVALID_MODEL")])
+def test_files_that_are_no_models(load, listed, tmp_path, path, code):
+    (tmp_path / "text.npz").write_text("no archive")
+    response = load(path=path.format(tmp=tmp_path), name="none")
+    if code is None:  # might be a mesh: that is found out in the background
+        assert response.model.status == ModelInfo.STATUS_PACKING
+        wait_until(lambda: listed()["none"].status == ModelInfo.STATUS_FAILED)
+        assert "mesh" in listed()["none"].status_msg
+    else:
+        assert ErrorCode(response.error_code).name == code, response.error_msg
+
+
+def test_a_mesh_is_packed_in_the_background(load, listed, client, tmp_path):
+    trimesh = pytest.importorskip("trimesh")
+    mesh = tmp_path / "block.stl"
+    trimesh.creation.box((0.1, 0.2, 0.3)).export(mesh)
+    response = load(path=str(mesh), spheres=30)
+    assert (response.error_code, response.model.status) == (ErrorCode.NONE, ModelInfo.STATUS_PACKING)
+    wait_until(lambda: listed()["block"].status != ModelInfo.STATUS_PACKING, timeout=200.0)
+    assert (listed()["block"].status, listed()["block"].spheres) == (ModelInfo.STATUS_READY, 30), listed()["block"]
+    assert listed()["block"].volume == pytest.approx(0.006)
+    assert_answered(client.predict(request_of(moving_object(model="block")), node="models"))
+
+
+def test_capabilities(node, client):
+    response = client.call(GetCapabilities, "/models/get_capabilities", GetCapabilities.Request())
+    assert [info.name for info in response.propagators] == list(PROPAGATORS)
+    for info in response.propagators:
+        assert info.description and info.uncertainty
+        assert {option.key for option in info.options} == set(PROPAGATORS[info.name].options())
+    assert response.default_propagator in PROPAGATORS
+    assert (response.world_frame, response.max_objects) == ("world", 100)
+    assert {pair.key: pair.value for pair in response.scene_options}["gravity"] == "[0.0, 0.0, -9.81]"
+    request = request_of(moving_object(), scene_options=[])
+    request.scene_options = response.scene_options  # what it tells may be sent back as it is
+    assert_answered(client.call(Predict, "/models/predict", request))
+
+
+def test_the_shipped_models_are_all_ready(client):
+    with NodeProcess(name="shipped"):
+        response = client.call(ListModels, "/shipped/list_models", ListModels.Request())
+    assert [model.name for model in response.models] == list(list_models())
+    assert all(model.status == ModelInfo.STATUS_READY for model in response.models)

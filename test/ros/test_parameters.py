@@ -1,0 +1,66 @@
+"""Parameters: described, checked, changed at run time."""
+
+import pytest
+from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
+from rcl_interfaces.srv import DescribeParameters, ListParameters, SetParameters
+from running import NodeProcess
+from scenes import assert_answered, moving_object, position_of, request_of
+
+from unc_physics.ros.parameters import Settings
+
+
+@pytest.fixture(scope="module")
+def node():
+    with NodeProcess("-p", "zero_covariance:=exact", name="parameters") as process:
+        yield process
+
+
+@pytest.fixture
+def change(node, client):
+    def set_one(name, value):
+        kinds = {float: "double", str: "string", list: "double_array", int: "integer"}
+        kind = kinds[type(value)]
+        message = ParameterValue(
+            type=getattr(ParameterType, f"PARAMETER_{kind.upper()}"), **{f"{kind}_value": value})
+        request = SetParameters.Request(parameters=[Parameter(name=name, value=message)])
+        (result,) = client.call(SetParameters, "/parameters/set_parameters", request).results
+        return result
+
+    return set_one
+
+
+def test_every_parameter_is_described(node, client):
+    names = client.call(ListParameters, "/parameters/list_parameters", ListParameters.Request()).result.names
+    assert set(Settings.__dataclass_fields__) <= set(names)
+    request = DescribeParameters.Request(names=list(Settings.__dataclass_fields__))
+    for found in client.call(DescribeParameters, "/parameters/describe_parameters", request).descriptors:
+        assert found.description.endswith("."), found.name
+        if found.type in (ParameterType.PARAMETER_DOUBLE, ParameterType.PARAMETER_INTEGER):
+            assert found.floating_point_range or found.integer_range, found.name
+
+
+@pytest.mark.parametrize(("name", "value", "reason"), [
+    ("dt", -1.0, "range"), ("stiffness", float("nan"), "finite"), ("models_dir", "/tmp", "read-only"),
+    ("default_propagator", "crystal_ball", "one of"), ("gravity", [1.0], "3 numbers"), ("horizons", [0.0], "above 0"),
+    ("gravity", [0.0, 0.0, float("inf")], "finite"), ("dt", "fast", "type"), ("max_samples", 0, "range"),
+])
+def test_a_rejected_change_says_why(change, name, value, reason):
+    result = change(name, value)
+    assert not result.successful
+    assert reason in result.reason
+
+
+def test_physics_change_between_predictions(change, client):
+    def fall():
+        request = request_of(moving_object(position=(0.0, 0.0, 0.0), velocity=(0.0, 0.0, 0.0)), horizon=1.0)
+        request.scene_options.clear()
+        response = client.predict(request, node="parameters")
+        assert_answered(response)
+        return position_of(response.objects[0].states[-1].pose.pose)
+
+    assert fall()[2] == pytest.approx(-9.81 / 2, rel=0.02)
+    assert change("gravity", [1.0, 0.0, 0.0]).successful
+    assert fall() == pytest.approx([0.5, 0.0, 0.0], rel=0.02)
+    assert change("default_propagator", "monte_carlo").successful
+    request = request_of(moving_object())
+    assert client.predict(request, node="parameters").propagator == "monte_carlo"

@@ -1,0 +1,96 @@
+"""The service ``~/predict_candidates``: alternatives of one scene, to be ranked by their outcomes."""
+
+from __future__ import annotations
+
+import os
+import time
+from concurrent.futures import ThreadPoolExecutor
+
+from rclpy.callback_groups import ReentrantCallbackGroup
+
+from unc_physics_msgs.msg import CandidatePrediction
+from unc_physics_msgs.srv import Predict, PredictCandidates
+
+from ..errors import DuplicateIdError, ErrorCode, InvalidRequestError, LimitExceededError
+from .requests import answer_bytes, read_request
+
+
+class CandidatesService:
+    """Predicts all candidates with the same seed, so that they differ by their states alone."""
+
+    def __init__(self, server):
+        self._server = server
+        self._service = server.node.create_service(
+            PredictCandidates, "~/predict_candidates", self._predict, callback_group=ReentrantCallbackGroup())
+        self._pool = ThreadPoolExecutor(os.cpu_count() or 1)
+
+    def close(self):
+        """Take the service back."""
+        self._server.node.destroy_service(self._service)
+        self._pool.shutdown(wait=False)
+
+    def _predict(self, request, response):
+        started = time.perf_counter()
+        with self._server.errors_into(response):
+            settings = self._server.settings
+            _check(request, settings)
+            base = read_request(
+                request, settings, self._server.library, time_limit=settings.max_computation_time)
+            size = answer_bytes(base) * len(request.candidates)
+            if size > settings.max_response_bytes:
+                raise LimitExceededError(
+                    f"would take {size} bytes, and the limit is {settings.max_response_bytes}; ask for fewer states, "
+                    "samples or candidates", field="the answer",
+                )
+            response.seed_used = request.seed = base.seed
+            deadline = None if base.max_computation_time is None else started + base.max_computation_time
+            response.predictions = list(self._pool.map(
+                lambda k: self._candidate(request, k, deadline), range(len(request.candidates))))
+            late = [entry for entry in response.predictions if entry.error_code == ErrorCode.TIMEOUT]
+            if late:
+                response.error_code, response.error_msg = late[0].error_code, late[0].error_msg
+        response.computation_time = time.perf_counter() - started
+        return response
+
+    def _candidate(self, request, k, deadline):
+        """The entry of candidate k, which ends at the deadline."""
+        candidate = request.candidates[k]
+        entry = CandidatePrediction(candidate=candidate.id)
+        answer = Predict.Response()
+        left = None if deadline is None else max(deadline - time.perf_counter(), 1e-3)
+        replaced = {message.id: j for j, message in enumerate(candidate.objects)}
+        objects, fields = [], []
+        for i, message in enumerate(request.objects):
+            j = replaced.get(message.id)
+            objects.append(message if j is None else candidate.objects[j])
+            fields.append(f"objects[{i}]" if j is None else f"candidates[{k}].objects[{j}]")
+        self._server.answer(answer, request, time_limit=left, objects=objects, fields=fields)
+        entry.error_code, entry.error_msg = answer.error_code, answer.error_msg
+        for name in entry.prediction.get_fields_and_field_types():
+            setattr(entry.prediction, name, getattr(answer, name))
+        return entry
+
+
+def _check(request, settings):
+    """Refuse candidates that are none, too many, or do not belong to the scene."""
+    if not request.candidates:
+        raise InvalidRequestError("must name at least one candidate", field="candidates")
+    if len(request.candidates) > settings.max_candidates:
+        raise LimitExceededError(
+            f"must be at most {settings.max_candidates}", field="candidates", value=len(request.candidates))
+    known = {message.id for message in request.objects}
+    ids = set()
+    for k, candidate in enumerate(request.candidates):
+        if candidate.id in ids:
+            raise DuplicateIdError("is the id of two candidates", field=f"candidates[{k}].id", value=candidate.id)
+        ids.add(candidate.id)
+        replaced = set()
+        for j, message in enumerate(candidate.objects):
+            field = f"candidates[{k}].objects[{j}].id"
+            if message.id not in known:
+                raise InvalidRequestError("is no object of the scene", field=field, value=message.id)
+            if message.id in replaced:
+                raise DuplicateIdError("is the id of two objects", field=field, value=message.id)
+            replaced.add(message.id)
+
+

@@ -1,0 +1,69 @@
+"""The service ``~/get_capabilities``."""
+
+from __future__ import annotations
+
+import inspect
+import os
+import platform
+
+import numba
+import numpy as np
+from diagnostic_msgs.msg import KeyValue
+from rclpy.utilities import get_rmw_implementation_identifier
+
+from unc_physics_msgs.msg import PropagatorInfo
+from unc_physics_msgs.srv import GetCapabilities
+
+from .. import __version__
+from ..propagation import PROPAGATORS
+
+_FEATURES = ["joint_covariance", "pose_samples", "candidates", "mesh_packing"]
+_MEAN = {"nominal": PropagatorInfo.MEAN_NOMINAL, "estimated": PropagatorInfo.MEAN_ESTIMATED}
+
+
+class CapabilitiesService:
+    """Tells propagators, options, limits and versions."""
+
+    def __init__(self, server):
+        self._server = server
+        self._service = server.node.create_service(GetCapabilities, "~/get_capabilities", self._answer)
+
+    def close(self):
+        """Take the service back."""
+        self._server.node.destroy_service(self._service)
+
+    def _answer(self, _, response):
+        settings = self._server.settings
+        response.propagators = [propagator_info(cls) for cls in PROPAGATORS.values()]
+        response.default_propagator = settings.default_propagator
+        response.world_frame = settings.world_frame
+        response.features = _FEATURES
+        for name in response.get_fields_and_field_types():
+            if name.startswith("max_"):
+                setattr(response, name, getattr(settings, name))
+        physics = {key: list(value) if isinstance(value, tuple) else value for key, value in settings.physics.items()}
+        response.scene_options = [KeyValue(key=key, value=str(value)) for key, value in physics.items()]
+        versions = {
+            "unc_physics": __version__, "python": platform.python_version(), "numpy": np.__version__,
+            "numba": numba.__version__, "ros_distro": os.environ.get("ROS_DISTRO", "jazzy"),
+            "rmw": get_rmw_implementation_identifier(),
+        }
+        response.versions = [KeyValue(key=key, value=value) for key, value in versions.items()]
+        return response
+
+
+def propagator_info(cls) -> PropagatorInfo:
+    """A propagator's traits and options as a message."""
+    traits, options = cls.traits, cls.options()
+    return PropagatorInfo(
+        name=cls.name,
+        description=inspect.getdoc(cls).splitlines()[0],
+        mean_update=_MEAN[traits.mean_update],
+        uncertainty=traits.uncertainty,
+        cross_body_correlations=traits.cross_body,
+        separate_collision_handling=traits.separate_collisions,
+        collision_treatment=traits.collisions,
+        sampled="samples" in options,
+        default_samples=options.get("samples", 0),
+        options=[KeyValue(key=key, value=str(value)) for key, value in options.items()],
+    )

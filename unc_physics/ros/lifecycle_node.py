@@ -1,0 +1,56 @@
+"""The same node with a lifecycle: configure finds models and warms up, activate advertises."""
+
+from __future__ import annotations
+
+import sys
+import traceback
+
+from rclpy.lifecycle import LifecycleNode, TransitionCallbackReturn
+
+from .node import run
+from .server import PredictionServer
+
+
+class UncPhysicsLifecycleNode(LifecycleNode):
+    """The prediction server on a lifecycle node; what goes wrong in a transition is logged, and the transition fails."""
+
+    def __init__(self):
+        super().__init__("unc_physics")
+        self.server = PredictionServer(self)
+
+    def on_configure(self, state):
+        """Find the models and warm up."""
+        return self._attempt(self.server.prepare)
+
+    def on_activate(self, state):
+        """Advertise."""
+        return self._attempt(self.server.open)
+
+    def on_deactivate(self, state):
+        """Take everything back; running predictions end."""
+        return self._attempt(self.server.close)
+
+    def on_cleanup(self, state):
+        """Nothing is kept open."""
+        return TransitionCallbackReturn.SUCCESS
+
+    def on_shutdown(self, state):
+        """Take everything back."""
+        return self._attempt(self.server.close)
+
+    def _attempt(self, step):
+        try:
+            step()
+        except Exception:  # noqa: BLE001  (rclpy would end the node)
+            self.get_logger().error(f"the transition failed:\n{traceback.format_exc()}")
+            return TransitionCallbackReturn.FAILURE
+        return TransitionCallbackReturn.SUCCESS
+
+
+def main(arguments=None) -> int:
+    """Run the lifecycle node."""
+    return run(UncPhysicsLifecycleNode, arguments)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

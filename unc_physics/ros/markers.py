@@ -1,0 +1,186 @@
+"""``~/markers``: what RViz draws of a prediction."""
+
+from __future__ import annotations
+
+import functools
+
+import numpy as np
+from geometry_msgs.msg import Point
+from std_msgs.msg import ColorRGBA
+from visualization_msgs.msg import Marker, MarkerArray
+
+from ..layout import POSITION, QUATERNION
+from .conversions import rotation_matrix
+
+_COLORS = ((0.16, 0.45, 0.72), (0.85, 0.42, 0.14), (0.24, 0.60, 0.30), (0.58, 0.40, 0.74), (0.75, 0.22, 0.25))
+_SIGMAS = 2.0  # half axes of ellipsoids and fans
+_AXES = np.eye(3)
+_BALL = 1.3  # diameter of a cell's ball in sizes of the cell, so that there are no holes
+_SPHERES = 300  # whose shape is drawn
+_OF_UNCERTAINTY = ("ellipsoid", "rotation")
+
+
+class MarkerTopic:
+    """Publishes the markers of each prediction, if anyone listens."""
+
+    def __init__(self, server):
+        self._server = server
+        self._publisher = server.node.create_publisher(MarkerArray, "~/markers", 1)
+
+    def close(self):
+        """Take the topic back."""
+        self._server.node.destroy_publisher(self._publisher)
+
+    def publish(self, header, job, answer) -> None:
+        """Publish the markers of a prediction; the header's stamp stays, as RViz shows nothing of the future."""
+        if self._publisher.get_subscription_count():
+            self._publisher.publish(markers(header, job, answer, self._server.settings))
+
+
+def markers(header, job, answer, settings) -> MarkerArray:
+    """Markers of a prediction, after one that removes those before.
+
+    Parameters
+    ----------
+    header : Header
+        Its stamp is taken.
+    job : Job
+    answer : message
+        With the predicted objects.
+    settings : Settings
+        ``markers`` names what is drawn of each object.
+
+    Notes
+    -----
+    Shapes are the model's first ; the ellipsoid holds two standard deviations of the
+    position, and each fan shows two standard deviations of the rotation's tilt of one axis of the model.
+    """
+    found = MarkerArray(markers=[Marker(action=Marker.DELETEALL)])
+    for k, (body, predicted) in enumerate(zip(job.scene.bodies, answer.objects, strict=True)):
+        last = predicted.states[-1].pose
+        for kind in settings.markers:
+            if not (body.fixed and kind in _OF_UNCERTAINTY):
+                marker = _marker(kind, job, k, last, _COLORS[k % len(_COLORS)], settings.marker_cells)
+                marker.ns = f"{kind} {body.name}"
+                found.markers.append(marker)
+    for marker in found.markers:
+        marker.header.stamp, marker.header.frame_id = header.stamp, settings.world_frame
+    return found
+
+
+def _marker(kind, job, k, last, color, cells):
+    """One marker of object k, whose last pose with covariance is given."""
+    model = job.scene.bodies[k].model
+    if kind == "initial":
+        return _shape(model, *_initial_pose(job, k), color, 0.3, cells)
+    if kind == "predicted":
+        return _shape(model, *_pose(last.pose), color, 0.9, cells)
+    return _ellipsoid(last, color) if kind == "ellipsoid" else _fans(model, last)
+
+
+def _initial_pose(job, k):
+    """Position and quaternion of the model's origin at the start."""
+    state = job.belief.mean[k]
+    return state[POSITION] + rotation_matrix(state[QUATERNION]) @ job.scene.bodies[k].model.origin, state[QUATERNION]
+
+
+def _pose(pose):
+    p, q = pose.position, pose.orientation
+    return np.array([p.x, p.y, p.z]), np.array([q.x, q.y, q.z, q.w])
+
+
+def _placed(marker, position, quaternion):
+    p, q = marker.pose.position, marker.pose.orientation
+    p.x, p.y, p.z = position.tolist()
+    q.x, q.y, q.z, q.w = quaternion.tolist()
+    return marker
+
+
+def _shape(model, position, quaternion, color, alpha, cells):
+    """The outside of a model as balls of one size, which is all that one marker can draw."""
+    points, size = _surface_cells(model, cells)
+    marker = Marker(type=Marker.SPHERE_LIST, color=_color(color, alpha))
+    marker.scale.x = marker.scale.y = marker.scale.z = _BALL * size
+    marker.points = [Point(x=x, y=y, z=z) for x, y, z in points.tolist()]
+    return _placed(marker, position, quaternion)
+
+
+@functools.lru_cache(maxsize=256)
+def _surface_cells(model, cells):
+    """Centres (n, 3) of the cells at a packing's surface, from the model's origin, and their size [m].
+
+    Parameters
+    ----------
+    model : SpherePacking
+    cells : int
+        Along the longest side.
+    """
+    low = (model.centers - model.radii[:, None]).min(axis=0)
+    high = (model.centers + model.radii[:, None]).max(axis=0)
+    size = float((high - low).max() / cells)
+    shape = np.maximum(np.ceil((high - low) / size).astype(int), 1)
+    centers = np.stack(np.meshgrid(*[np.arange(n) for n in shape], indexing="ij"), axis=-1) * size + low + 0.5 * size
+    filled = np.zeros(shape, bool)
+    for center, radius in zip(model.centers[:_SPHERES], model.radii[:_SPHERES], strict=True):
+        filled |= np.sum((centers - center) ** 2, axis=-1) < (radius + 0.5 * size) ** 2
+    inner = np.pad(filled, 1)
+    inside = np.all([np.roll(inner, step, axis)[1:-1, 1:-1, 1:-1] for axis in range(3) for step in (-1, 1)], axis=0)
+    return centers[filled & ~inside] - model.origin, size
+
+
+def _ellipsoid(pose, color):
+    """Two standard deviations of the position."""
+    P = np.reshape(pose.covariance, (6, 6))[:3, :3]
+    variances, axes = np.linalg.eigh(P)
+    if np.linalg.det(axes) < 0.0:
+        axes[:, 0] *= -1.0
+    marker = Marker(type=Marker.SPHERE, color=_color(color, 0.35))
+    sizes = 2.0 * _SIGMAS * np.sqrt(np.maximum(variances, 1e-12))
+    marker.scale.x, marker.scale.y, marker.scale.z = sizes.tolist()
+    position, _ = _pose(pose.pose)
+    return _placed(marker, position, _quaternion(axes))
+
+
+def _fans(model, pose):
+    """Lines from the origin that show how far each axis of the model may tilt."""
+    position, quaternion = _pose(pose.pose)
+    R = rotation_matrix(quaternion)
+    P = np.reshape(pose.covariance, (6, 6))[3:, 3:]
+    variances, directions = np.linalg.eigh(P)
+    marker = Marker(type=Marker.LINE_LIST)
+    marker.scale.x = 0.01 * model.bounding_radius
+    for axis in range(3):
+        arm = 1.2 * model.bounding_radius * R[:, axis]
+        ends = [arm]
+        for variance, direction in zip(variances, directions.T, strict=True):
+            tilt = _SIGMAS * np.sqrt(max(variance, 0.0)) * direction
+            ends += [_turned(arm, tilt), _turned(arm, -tilt)]
+        for end in ends:
+            for point in (position, position + end):
+                x, y, z = point.tolist()
+                marker.points.append(Point(x=x, y=y, z=z))
+                marker.colors.append(_color(_AXES[axis], 0.9))
+    return _placed(marker, np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0]))
+
+
+def _turned(v, rotation_vector):
+    """A vector turned about a rotation vector."""
+    angle = np.linalg.norm(rotation_vector)
+    half = rotation_vector * (0.5 if angle < 1e-9 else np.sin(0.5 * angle) / angle)
+    return rotation_matrix(np.append(half, np.cos(0.5 * angle))) @ v
+
+
+def _quaternion(R):
+    """Unit quaternion (x, y, z, w) of a rotation matrix: the eigenvector of its largest eigenvalue (Bar-Itzhack)."""
+    K = np.array([
+        [R[0, 0] - R[1, 1] - R[2, 2], R[1, 0] + R[0, 1], R[2, 0] + R[0, 2], R[2, 1] - R[1, 2]],
+        [R[1, 0] + R[0, 1], R[1, 1] - R[0, 0] - R[2, 2], R[2, 1] + R[1, 2], R[0, 2] - R[2, 0]],
+        [R[2, 0] + R[0, 2], R[2, 1] + R[1, 2], R[2, 2] - R[0, 0] - R[1, 1], R[1, 0] - R[0, 1]],
+        [R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1], np.trace(R)],
+    ])
+    return np.linalg.eigh(K)[1][:, -1]
+
+
+def _color(rgb, alpha):
+    r, g, b = (float(value) for value in rgb)
+    return ColorRGBA(r=r, g=g, b=b, a=alpha)

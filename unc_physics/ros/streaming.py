@@ -1,0 +1,145 @@
+"""Continuous prediction: scenes in on topics, predictions for several horizons out."""
+
+from __future__ import annotations
+
+import importlib.util
+import re
+
+from geometry_msgs.msg import PoseWithCovarianceStamped
+from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rclpy.time import Time
+
+from unc_physics_msgs.msg import ObjectState, ObjectStateArray, Prediction
+from unc_physics_msgs.srv import Predict
+
+from ..errors import UncPhysicsError
+from .conversions import seconds
+from .requests import read_request, write_answer
+
+# newest wins: while one scene is predicted, only the last of those that come is kept
+_NEWEST = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+_SAME_TIME = 1e-6  # s
+_REPORT_PERIOD = 5.0  # s, between warnings in the log
+
+
+class Stream:
+    """Predicts each scene that comes on ``~/objects``, from trackers, or from detectors."""
+
+    def __init__(self, server):
+        self._server = server
+        node = server.node
+        group = MutuallyExclusiveCallbackGroup()
+        self._predictions = node.create_publisher(Prediction, "~/predictions", 1)
+        self._poses = {}
+        self._tracked = {}  # topic: (stamp, state) of its newest pose
+        self._subscriptions = [
+            node.create_subscription(ObjectStateArray, "~/objects", self._predict, _NEWEST, callback_group=group)]
+        settings = server.settings
+        for topic, model in zip(settings.tracked_topics, settings.tracked_models, strict=True):
+            if topic:
+                self._subscriptions.append(node.create_subscription(
+                    PoseWithCovarianceStamped, topic,
+                    lambda message, topic=topic, model=model: self._track(topic, model, message), _NEWEST,
+                    callback_group=group))
+        if importlib.util.find_spec("vision_msgs"):
+            from vision_msgs.msg import Detection3DArray
+
+            self._subscriptions.append(node.create_subscription(
+                Detection3DArray, "~/detections", self._detect, _NEWEST, callback_group=group))
+
+    def close(self):
+        """Take the topics back."""
+        node = self._server.node
+        for subscription in self._subscriptions:
+            node.destroy_subscription(subscription)
+        for publisher in (self._predictions, *self._poses.values()):
+            node.destroy_publisher(publisher)
+
+    def _predict(self, scene):
+        """Predict a scene and publish; a bad scene is told in the log and the diagnostics."""
+        server, settings = self._server, self._server.settings
+        if self._is_old(scene.header.stamp, settings.max_input_age):
+            server.diagnostics.dropped()
+            return
+        answer = Predict.Response()
+        with server.errors_into(answer):
+            times = sorted(set(settings.horizons))
+            request = Predict.Request(
+                header=scene.header, objects=scene.objects, environment=scene.environment, horizon=times[-1],
+                propagator=settings.stream_propagator)
+            job = read_request(request, settings, server.library, time_limit=settings.max_computation_time)
+            job = job._replace(times=times[:-1])
+            message = Prediction()
+            write_answer(message, scene.header, settings, job, server.predict(job))
+            self._predictions.publish(message)
+            self._publish_poses(message, settings)
+            server.markers.publish(scene.header, job, message)
+            if (delay := self._age(scene.header.stamp)) is not None:
+                server.diagnostics.delayed(delay)
+        if answer.error_code:
+            server.log.warning(
+                f"a scene was not predicted: {answer.error_msg}", throttle_duration_sec=_REPORT_PERIOD)
+
+    def _age(self, stamp):
+        """Time since a stamp [s], None without a stamp."""
+        if stamp.sec == 0 and stamp.nanosec == 0:
+            return None
+        clock = self._server.node.get_clock()
+        return 1e-9 * (clock.now() - Time.from_msg(stamp, clock_type=clock.clock_type)).nanoseconds
+
+    def _is_old(self, stamp, limit):
+        age = self._age(stamp)
+        return bool(limit) and age is not None and age > limit
+
+    def _publish_poses(self, message, settings):
+        for predicted in message.objects:
+            if predicted.id not in settings.pose_objects:
+                continue
+            for state in predicted.states:
+                if abs(seconds(state.time_from_start) - settings.pose_horizon) < _SAME_TIME:
+                    self._pose_publisher(predicted.id).publish(
+                        PoseWithCovarianceStamped(header=message.header, pose=state.pose))
+
+    def _pose_publisher(self, name):
+        if name not in self._poses:
+            topic = f"~/predicted_pose/{topic_name(name)}"
+            self._poses[name] = self._server.node.create_publisher(PoseWithCovarianceStamped, topic, 1)
+        return self._poses[name]
+
+    def _track(self, topic, model, message):
+        """Predict the scene of all objects that are tracked now."""
+        self._tracked[topic] = message.header, self._state(topic, model, message.pose)
+        limit = self._server.settings.max_input_age
+        scene = ObjectStateArray(header=message.header)
+        for header, state in self._tracked.values():
+            if header.frame_id == message.header.frame_id and not self._is_old(header.stamp, limit):
+                scene.objects.append(state)
+        self._predict(scene)
+
+    def _detect(self, detections):
+        """Predict the scene of all detections; the best hypothesis names the model."""
+        scene = ObjectStateArray(header=detections.header)
+        for k, detection in enumerate(detections.detections):
+            if detection.results:
+                best = max(detection.results, key=lambda result: result.hypothesis.score)
+                name = detection.id or f"{best.hypothesis.class_id}_{k}"
+                scene.objects.append(self._state(name, best.hypothesis.class_id, best.pose))
+        if scene.objects:
+            self._predict(scene)
+
+    def _state(self, name, model, pose):
+        """An object whose velocity is not known."""
+        state = ObjectState(id=name, model=model, pose=pose, mass=self._server.settings.tracked_mass)
+        state.twist.covariance[0] = -1.0
+        try:
+            state.use_model_mass = self._server.library.shape(model).mass is not None
+        except UncPhysicsError:
+            pass  # reported when the scene is read
+        return state
+
+
+def topic_name(text: str) -> str:
+    """A text as the last part of a topic's name."""
+    name = re.sub(r"[^A-Za-z0-9_]", "_", text)
+    return name if name[:1].isalpha() else f"_{name}"
