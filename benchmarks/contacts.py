@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -70,18 +71,18 @@ def phase_times(scene, followed, repeats):
     """Wall time of each phase of a followed rollout (3,) [s]: the least of ``repeats`` runs of each stretch."""
     borders = np.flatnonzero(np.diff(followed.phase, prepend=-1, append=-1))
     times = np.zeros(len(PHASES))
-    for start, stop in zip(borders[:-1], borders[1:], strict=True):
+    for start, stop in pairwise(borders):
         times[followed.phase[start]] += _least_time(scene, followed.states[start], stop - start, repeats)
     return times
 
 
 def _least_time(scene, state, steps, repeats):
     """Of a stretch, without what a call costs."""
-    least = {0: np.inf, steps: np.inf}
-    for _ in range(repeats):
-        for count in least:
-            x = state.copy()
-            start = time.perf_counter()
-            advance(x, scene.world, count)
-            least[count] = min(least[count], time.perf_counter() - start)
-    return max(least[steps] - least[0], 0.0)
+    return max(np.min([_time(scene, state, steps) - _time(scene, state, 0) for _ in range(repeats)]), 0.0)
+
+
+def _time(scene, state, steps):
+    x = state.copy()
+    start = time.perf_counter()
+    advance(x, scene.world, steps)
+    return time.perf_counter() - start
