@@ -22,7 +22,7 @@ NAN, INF = float("nan"), float("inf")
 
 
 def with_entry(place, value, name="two_bodies"):
-    """The content of a scene file with one entry changed: ``place`` is a path such as ("bodies", 0, "mass")."""
+    """The content of a scene file with one entry changed; ``place`` is a path such as ("bodies", 0, "mass")."""
     content = inner = CONTENTS[name]()
     for key in place[:-1]:
         inner = inner[key]
@@ -284,7 +284,7 @@ def test_no_such_file_and_a_folder(tmp_path, capsys):
         assert_refused(code, *capsys.readouterr(), "INVALID_REQUEST", "scene file")
 
 
-# -- model files -----------------------------------------------------------------------------------------------
+# -- model files -----------------------------------------------------------------------------------
 
 GOOD = {
     "centers": np.array([[0.0, 0, 0.1], [0, 0, -0.1]]),
@@ -383,7 +383,7 @@ def test_the_good_model_of_these_tests_is_good(tmp_path, capsys):
     assert "right" in capsys.readouterr().out
 
 
-# -- the command's own options ---------------------------------------------------------------------------------
+# -- the command's own options ---------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -456,7 +456,7 @@ def test_a_real_process_exits_with_the_code(tmp_path):
     assert_refused(run.returncode, run.stdout, run.stderr, "NOT_FINITE", "position_std")
 
 
-# -- anything at all -------------------------------------------------------------------------------------------
+# -- anything at all -------------------------------------------------------------------------------
 
 scalars = st.one_of(
     st.none(),

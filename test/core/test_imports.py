@@ -31,7 +31,13 @@ def test_importing_the_package_loads_nothing_heavy():
 
 @pytest.mark.parametrize("arguments", [["--help"], ["predict", "--help"], ["--version"]])
 def test_help_waits_for_nothing(arguments):
-    code = f"from unc_physics.__main__ import main\ntry:\n    main({arguments!r})\nexcept SystemExit as end:\n    assert end.code == 0"
+    code = f"""
+from unc_physics.__main__ import main
+try:
+    main({arguments!r})
+except SystemExit as end:
+    assert end.code == 0
+"""
     assert loaded_modules(code) == []
 
 

@@ -16,7 +16,7 @@ seeds = st.integers(0, 2**32 - 1)
 
 
 def random_covariance(rng, size, rank):
-    """A semidefinite matrix of some rank, its blocks of unlike sizes as those of metres and radians may be."""
+    """A semidefinite matrix of some rank, its blocks of unlike sizes, as metres and radians may be."""
     root = rng.standard_normal((size, rank)) * np.repeat(10.0 ** rng.uniform(-3, 0, size // 3), 3)[:, None]
     return root @ root.T
 

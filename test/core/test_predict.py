@@ -215,7 +215,7 @@ def test_a_simulation_that_diverges_says_so(scene_and_belief):
             predict(scene, Belief(mean, belief.covariance), name, 5.0)
 
 
-# -- beliefs ---------------------------------------------------------------------------------------------------
+# -- beliefs ---------------------------------------------------------------------------------------
 
 
 def test_a_belief_for_other_bodies_is_refused(scene_and_belief, loaded):

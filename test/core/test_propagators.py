@@ -9,7 +9,6 @@ from unc_physics import PROPAGATORS, Belief, RigidBody, Scene, make_propagator
 
 ROUND_OFF = 1e-9  # relative to the largest variance
 SECOND_ORDER = 2e-3  # relative; what uncertainty of 1e-3 leaves to the terms beyond the first order
-STATISTICS = 0.0  # a sampled propagator is compared with its own initial draws, so that chance plays no part
 
 OPTIONS = {
     "monte_carlo": [{"samples": 40}],
@@ -109,7 +108,7 @@ def test_advancing_in_pieces_equals_one_call_to_the_last_bit(loaded, propagator)
     assert_identical(carry, whole)
 
 
-# -- persistent state ------------------------------------------------------------------------------------------
+# -- persistent state ------------------------------------------------------------------------------
 
 TABLE_3 = [
     ("linearization", {}, 602),
@@ -142,7 +141,7 @@ def test_minimal_sigma_points_are_as_many_as_directions(loaded, rank):
     assert sum(part.size for part in arrays(carry)) == 13 * 2 * (2 * rank + 1)
 
 
-# -- free flight -----------------------------------------------------------------------------------------------
+# -- free flight -----------------------------------------------------------------------------------
 
 STEPS, DT, DAMPING = 50, 0.02, 0.7
 
@@ -280,7 +279,7 @@ def test_uncertain_spin_of_a_spinning_body(loaded, propagator):
 
 
 def test_large_uncertain_spin_by_monte_carlo_is_right_to_second_order(loaded):
-    """With std s of the turned angle about one axis, the covariance stays what it is: turns about one axis add up."""
+    """About one axis turns add up, however large they are, and the covariance is that of the closed form."""
     scene, mean = free_scene(loaded)
     P = np.zeros((2, 12, 12))
     P[:, 9, 9] = 0.4**2  # about world x; the mean does not spin
@@ -292,7 +291,7 @@ def test_large_uncertain_spin_by_monte_carlo_is_right_to_second_order(loaded):
     np.testing.assert_allclose(after.joint, expected, atol=1e-3 * np.abs(expected).max())
 
 
-# -- equivariance ----------------------------------------------------------------------------------------------
+# -- equivariance ----------------------------------------------------------------------------------
 
 
 def moved_belief(belief, Q, t):
@@ -394,7 +393,7 @@ def test_only_fixed_bodies(loaded, propagator):
     assert after.joint.shape == (0, 0)
 
 
-# -- against finite differences of the whole rollout -----------------------------------------------------------
+# -- against finite differences of the whole rollout -----------------------------------------------
 
 
 def test_sigma_points_approach_the_derivative_of_the_rollout(loaded):
@@ -423,7 +422,7 @@ def test_sigma_points_approach_the_derivative_of_the_rollout(loaded):
         )
         errors.append(np.abs(after.joint / s**2 - exact).max() / np.abs(exact).max())
     slope = np.polyfit(np.log(scales), np.log(errors), 1)[0]
-    # symmetric points cancel the terms of odd order where the flow is smooth; contacts that open and close leave s
+    # symmetric points cancel the terms of odd order where the flow is smooth; contacts that begin leave s
     assert 0.9 < slope < 2.3, (slope, errors)
     assert errors[-1] < 0.05
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 from twins.step import bodies_of, physics_of
@@ -294,6 +294,30 @@ def test_inertia_lies_in_the_body_frame(shapes):
     np.testing.assert_allclose(
         after[0, 10:13], np.linalg.solve(I_world, np.cross(contact, impulse)), rtol=1e-9
     )
+
+
+@settings(max_examples=40)
+@given(seeds)
+def test_one_call_equals_many_single_steps_to_the_last_bit(shapes, seed):
+    """Whatever a rollout remembers from step to step, such as which bodies are far apart, changes no result."""
+    rng = np.random.default_rng(seed)
+    count = rng.integers(2, 7)
+    bodies = [
+        RigidBody(f"b{k}", shapes[rng.integers(4)], rng.uniform(0.2, 3.0), bool(k == 1)) for k in range(count)
+    ]
+    scene = Scene(bodies, 0.01, 2e3, rng.choice([0.0, 1.0]), rng.choice([0.0, 3.0]) * rng.normal(size=3))
+    x = np.zeros((count, 13))
+    x[:, :3] = rng.uniform(-3.0, 3.0, (count, 3))
+    x[:, 6:10] = Rotation.random(count, rng=rng).as_quat()
+    moving = scene.moving
+    x[moving, 3:6] = -x[moving, :3] * rng.uniform(
+        0.0, 3.0, (len(moving), 1)
+    )  # towards the middle, fast and slow
+    x[moving, 10:13] = rng.choice([0.0, 1.0, 20.0]) * rng.standard_normal((len(moving), 3))
+    singly = x
+    for _ in range(300):
+        singly = stepped(scene, singly)
+    np.testing.assert_array_equal(stepped(scene, x, 300), singly)
 
 
 def test_a_longer_rollout_of_many_bodies_equals_the_twin(shapes):

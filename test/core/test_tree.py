@@ -19,7 +19,7 @@ def packing(centers, radii):
 
 
 def found_pairs(world, bodies, R, t, pairs_at_once):
-    """All overlapping pairs by the tree's candidates and the exact test; refuses a candidate that comes twice."""
+    """All overlapping pairs by the candidates and the exact test; refuses a candidate that comes twice."""
     i, j = bodies
     slack = step._SINGLE_PRECISION * (world.bodies.radius[i] + world.bodies.radius[j])
     search = step.workspace(np.zeros((2, 13)), world).search

@@ -1,1 +1,1 @@
-"""Plain NumPy twins of the kernels: short, slow, and written from the conventions rather than from the kernels."""
+"""Plain NumPy twins of the kernels: short, slow, and written from the conventions, not from the kernels."""

@@ -20,7 +20,7 @@ def cap_volume(r, height):
 
 
 def lever(d, ri, rj):
-    """Contact point from centre i towards centre j: the middle of the interval of the line inside both balls."""
+    """Contact point from centre i towards centre j: the middle of what both balls cover of the line."""
     return 0.5 * (np.maximum(d - rj, -ri) + np.minimum(ri, d + rj))
 
 

@@ -1,4 +1,4 @@
-"""Twins of the propagators that treat contacts in their own ways, from the equations: one step, in plain NumPy.
+"""Twins of the propagators that treat contacts in their own ways, from the equations: one step.
 
 States are (B, 13); a covariance is joint for linearization, one block for each moving body for the others.
 """
@@ -46,7 +46,7 @@ def inverse_inertia_world(x, bodies, b):
     return R @ np.linalg.inv(bodies[b].inertia) @ R.T
 
 
-# -- linearization ---------------------------------------------------------------------------------------------
+# -- linearization ---------------------------------------------------------------------------------
 
 
 def dominant_contacts(x, bodies):
@@ -97,7 +97,7 @@ def linearization_step(x, covariance, bodies, physics, h=1e-6):
     return step(x[None], bodies, physics)[0], F @ covariance @ F.T
 
 
-# -- what surrogate and local sampling share -------------------------------------------------------------------
+# -- what surrogate and local sampling share -------------------------------------------------------
 
 
 def printed_transition(x, b, physics):
@@ -114,7 +114,7 @@ def skew(r):
     return np.array([[0.0, -r[2], r[1]], [r[2], 0.0, -r[0]], [-r[1], r[0], 0.0]])
 
 
-# -- surrogate -------------------------------------------------------------------------------------------------
+# -- surrogate -------------------------------------------------------------------------------------
 
 
 def surrogate_step(x, roots, bodies, physics, k_sigma=3.0):
@@ -149,11 +149,11 @@ def surrogate_step(x, roots, bodies, physics, k_sigma=3.0):
     return step(x[None], bodies, physics)[0], np.array([roots[b] for b in moving])
 
 
-# -- local sampling --------------------------------------------------------------------------------------------
+# -- local sampling --------------------------------------------------------------------------------
 
 
 def local_sampling_step(x, covariances, bodies, physics, samples, rng):
-    """Nominal state and each moving body's covariance one step later (Eqs. 30 to 35), with draws of its own."""
+    """Nominal state and each moving body's covariance one step later (Eqs. 30 to 35), by its own draws."""
     moving = moving_of(bodies)
     before = {}
     for b, C in zip(moving, covariances, strict=True):

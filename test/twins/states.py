@@ -73,7 +73,7 @@ def pivoted_cholesky(A, tolerance=1e-14):
 
 
 def sigma_points(mean, covariance, moving, points):
-    """(2 n + 1, B, 13): the mean, then mean boxplus +a_k, then mean boxplus -a_k; weights all equal (Eqs. 25 to 29)."""
+    """(2 n + 1, B, 13): the mean, mean boxplus a_k, mean boxplus -a_k; all of one weight (Eqs. 25 to 29)."""
     root = symmetric_root(covariance) if points == "full" else pivoted_cholesky(covariance)
     n = root.shape[1]
     a = np.sqrt(n + 0.5) * root.T  # lambda = 1/2
