@@ -71,7 +71,7 @@ def _add_threads(parser):
 
 def run_pack(arguments: argparse.Namespace) -> int:
     """Pack a mesh file."""
-    _require("trimesh", "scipy")
+    _require("trimesh", "scipy", *(["networkx"] if arguments.repair else []))
     from dataclasses import replace
 
     from ..errors import InvalidOptionError
@@ -110,7 +110,7 @@ def run_models(arguments: argparse.Namespace) -> int:
     models = list_models(arguments.models)
     if not models:
         print(f"no models in {', '.join(map(str, models_dirs(arguments.models))) or 'any folder'}")
-    elif models:
+    else:
         print(table([load_packing(path) for path in models.values()], list(models)))
         for folder in dict.fromkeys(path.parent for path in models.values()):
             print(f"from {folder}")
@@ -150,17 +150,19 @@ def run_show(arguments: argparse.Namespace) -> int:
 
 
 def _make(arguments):
-    _require("trimesh", "scipy")
     from ..errors import UnknownModelError
     from .library import cache_dir
     from .recipes import RECIPES, recipe_solid
 
+    names = arguments.make or list(RECIPES)
+    _require("trimesh", "scipy", *(["manifold3d"] if "mug" in names else []))
+
     if arguments.spheres is not None:
         _check_positive("-n", arguments.spheres)
-    for name in arguments.make:
+    for name in names:
         if name not in RECIPES:
             raise UnknownModelError(f"has no recipe; there are: {', '.join(RECIPES)}", field="--make", value=name)
-    for name in arguments.make or RECIPES:
+    for name in names:
         stem = name if arguments.spheres is None else f"{name}_{arguments.spheres}"
         output = _output(arguments.output and Path(arguments.output) / f"{stem}.npz", cache_dir() / f"{stem}.npz", ".npz")
         solid, about = recipe_solid(name, arguments.meshes)

@@ -26,7 +26,7 @@ from .triangle_tree import build_triangle_tree
 
 LEVEL = 0.7  # a level's smallest radius, of its largest
 BATCH = 0.97  # a batch's smallest radius, of its largest
-FIRST_STARTS = 256  # on the surface, while nothing is placed yet
+FIRST_STARTS = 128  # on the surface, while nothing is placed yet
 STARTS_PER_AREA = 0.3  # on the surface in each level, per squared radius
 MIN_STARTS, MAX_STARTS = 32, 200_000  # on the surface in each level, ...
 STARTS_PER_SPHERE = 10  # ... but no more than these for each sphere asked for

@@ -86,7 +86,8 @@ def load_solid(path, repair=False) -> tuple[SolidMesh, list[str]]:
     except OSError as error:
         raise InvalidMeshError(f"cannot be read: {error.strerror or error}", field=f"mesh {path}") from error
     except Exception as error:  # trimesh's readers raise whatever the file makes them stumble over
-        raise InvalidMeshError("is no mesh of a format that trimesh reads", field=f"mesh {path}") from error
+        reason = (str(error).splitlines() or [type(error).__name__])[0][:100]
+        raise InvalidMeshError(f"is no mesh of a format that trimesh reads: {reason}", field=f"mesh {path}") from error
     repairs: list[str] = []
     try:
         if repair:

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-LEAF_SIZE = 4
+LEAF_SIZE = 4  # triangles in a leaf, at most
 # A triangle's record: corner, unit normal, two edges e1 and e2, 1 / |e1|^2, 1 / |e2|^2, 1 / |e1 - e2|^2,
 # 1 / |e1 x e2|^2 (0 instead of an infinity)
 RECORD = 16
@@ -17,8 +17,9 @@ class TriangleTree(NamedTuple):
     """Triangles in the order of a complete binary tree's leaves; node 1 is the root, node i has 2i and 2i + 1."""
 
     boxes: np.ndarray  # (nodes, 6) lower and upper corner
-    triangles: np.ndarray  # (leaves * LEAF_SIZE, 16), records; copies fill up the leaves
+    triangles: np.ndarray  # (leaves * leaf_size, RECORD); copies fill up the leaves
     first_leaf: int
+    leaf_size: int
 
 
 def build_triangle_tree(corners) -> TriangleTree:
@@ -31,8 +32,8 @@ def build_triangle_tree(corners) -> TriangleTree:
     """
     count = len(corners)
     depth = max(0, int(np.ceil(np.log2(count / LEAF_SIZE))))
-    slots = LEAF_SIZE << depth
-    order = np.resize(np.arange(count), slots)
+    leaf_size = -(-count // (1 << depth))
+    order = np.resize(np.arange(count), leaf_size << depth)
     centroids = corners.mean(axis=1)
     for level in range(depth):
         groups = centroids[order].reshape(1 << level, -1, 3)
@@ -42,14 +43,14 @@ def build_triangle_tree(corners) -> TriangleTree:
         order = np.take_along_axis(order.reshape(1 << level, -1), rank, axis=1).ravel()
     leaves = 1 << depth
     boxes = np.empty((2 * leaves, 2, 3))
-    boxes[leaves:, 0] = corners[order].min(axis=1).reshape(leaves, LEAF_SIZE, 3).min(axis=1)
-    boxes[leaves:, 1] = corners[order].max(axis=1).reshape(leaves, LEAF_SIZE, 3).max(axis=1)
+    boxes[leaves:, 0] = corners[order].min(axis=1).reshape(leaves, leaf_size, 3).min(axis=1)
+    boxes[leaves:, 1] = corners[order].max(axis=1).reshape(leaves, leaf_size, 3).max(axis=1)
     for level in range(depth - 1, -1, -1):
         nodes = slice(1 << level, 2 << level)
         children = boxes[2 << level : 4 << level].reshape(-1, 2, 2, 3)
         boxes[nodes, 0] = children[:, :, 0].min(axis=1)
         boxes[nodes, 1] = children[:, :, 1].max(axis=1)
-    return TriangleTree(boxes.reshape(-1, 6), triangle_records(corners)[order], leaves)
+    return TriangleTree(boxes.reshape(-1, 6), triangle_records(corners)[order], leaves, leaf_size)
 
 
 def triangle_records(corners):
@@ -133,8 +134,8 @@ def nearest_on_mesh(tree, x, y, z, bound):
                     top += 1
                 node = near
                 continue
-            first = (node - tree.first_leaf) * LEAF_SIZE
-            for k in range(first, first + LEAF_SIZE):
+            first = (node - tree.first_leaf) * tree.leaf_size
+            for k in range(first, first + tree.leaf_size):
                 t = triangles[k]
                 px, py, pz = x - t[0], y - t[1], z - t[2]
                 height = t[3] * px + t[4] * py + t[5] * pz
