@@ -33,15 +33,18 @@ endif
 help:
 	@sed -n 's/^# \?//; /^$$/q; p' Makefile
 
-# The interfaces compile while pip downloads the rest.
-venv:
-	@$(MAKE) -s --no-print-directory -j2 $(MADE)/package
+# The interfaces compile while pip downloads the rest, and, for the demo, while the kernels compile.
+MAKE_STEPS := $(MAKE) -s --no-print-directory -j2
 
-demo: venv
+venv:
+	@$(MAKE_STEPS) $(MADE)/package
+
+demo:
+	@$(MAKE_STEPS) $(MADE)/package $(MADE)/kernels
 	@$(VENV_PYTHON) -m unc_physics.ros.demo
 
-test: venv
-	@$(MAKE) -s --no-print-directory $(MADE)/test
+test:
+	@$(MAKE_STEPS) $(MADE)/test
 	@$(VENV_PYTHON) -m pytest test
 
 clean:
@@ -85,6 +88,20 @@ $(MADE)/interfaces: requirements/ros.txt $(INTERFACES) cmake/ros_wheels.cmake | 
 	    $(CMAKE) --build $(MADE)/build --parallel 2 && $(CMAKE) --install $(MADE)/build; \
 	} > $(MADE)/interfaces.log 2>&1 || { tail -n 30 $(MADE)/interfaces.log; exit 1; }
 	@rm -rf $(MADE)/build && touch $@
+
+# One prediction by every propagator compiles what numba then finds in its cache. The node would do it too, alone.
+define COMPILE
+from unc_physics import PROPAGATORS, load_scene, predict
+scene, belief, _ = load_scene("examples/scenes/two_bunnies.yaml")
+for propagator in PROPAGATORS:
+    predict(scene, belief, propagator, 1.0)
+endef
+export COMPILE
+
+$(MADE)/kernels: $(MADE)/run
+	@echo "Compiling the kernels ..."
+	@$(VENV_PYTHON) -c "$$COMPILE"
+	@touch $@
 
 $(MADE)/package: $(MADE)/run $(MADE)/interfaces setup.py setup.cfg package.xml
 	@PYTHONWARNINGS=ignore $(PIP) --no-deps --no-build-isolation -e .
