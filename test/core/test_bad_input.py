@@ -22,7 +22,7 @@ NAN, INF = float("nan"), float("inf")
 
 
 def with_entry(place, value, name="two_bodies"):
-    """The content of a scene file with one entry changed; ``place`` is a path such as ("bodies", 0, "mass")."""
+    """The content of a scene file with one entry changed; ``place`` is a path like ("bodies", 0, "mass")."""
     content = inner = CONTENTS[name]()
     for key in place[:-1]:
         inner = inner[key]

@@ -397,7 +397,7 @@ def test_only_fixed_bodies(loaded, propagator):
 
 
 def test_sigma_points_approach_the_derivative_of_the_rollout(loaded):
-    """As P0 shrinks by s^2, their covariance over s^2 nears F P0 F^T; measured: the error falls as s or faster."""
+    """As P0 shrinks by s^2, their covariance over s^2 nears F P0 F^T; measured: the error falls with s."""
     scene, belief, _ = loaded("undamped")
     steps, h = 75, 1e-6
 

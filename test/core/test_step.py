@@ -299,7 +299,7 @@ def test_inertia_lies_in_the_body_frame(shapes):
 @settings(max_examples=40)
 @given(seeds)
 def test_one_call_equals_many_single_steps_to_the_last_bit(shapes, seed):
-    """Whatever a rollout remembers from step to step, such as which bodies are far apart, changes no result."""
+    """Whatever a rollout remembers from step to step, such as who is far from whom, changes no result."""
     rng = np.random.default_rng(seed)
     count = rng.integers(2, 7)
     bodies = [
@@ -318,6 +318,20 @@ def test_one_call_equals_many_single_steps_to_the_last_bit(shapes, seed):
     for _ in range(300):
         singly = stepped(scene, singly)
     np.testing.assert_array_equal(stepped(scene, x, 300), singly)
+
+
+@pytest.mark.parametrize("speed", np.geomspace(0.3, 10.0, 12))
+def test_a_body_that_flies_straight_at_another_meets_it_in_the_same_step(speed):
+    """No bound on how far bodies travel is loose here, so one that is too low shows."""
+    far_side = packing([[-1.0, 0.0, 0.0]], [0.1])
+    scene = Scene([RigidBody("still", far_side), RigidBody("flies", packing([[0.0, 0, 0]], [0.1]))], DT, 1e6)
+    x = np.array([state(), state((1.05, 0, 0), (-speed, 0, 0))])
+    steps = int(2.4 / (DT * speed))
+    singly = x
+    for _ in range(steps):
+        singly = stepped(scene, singly)
+    assert np.any(singly[0, 3:6] != 0.0), "they never met"
+    np.testing.assert_array_equal(stepped(scene, x, steps), singly)
 
 
 def test_a_longer_rollout_of_many_bodies_equals_the_twin(shapes):
