@@ -51,7 +51,9 @@ def spread_states(mean, moving, errors):
     """
     states = np.empty((len(errors), len(mean), STATE))
     for n in range(len(errors)):
-        states[n] = mean
+        for i in range(len(mean)):
+            for c in range(STATE):
+                states[n, i, c] = mean[i, c]
         for k in range(len(moving)):
             boxplus(mean[moving[k]], errors[n, ERROR * k : ERROR * (k + 1)], states[n, moving[k]])
     return states
@@ -93,12 +95,11 @@ def mean_and_errors(states, moving):
     for k in range(len(moving)):
         body = moving[k]
         m = mean[body]
-        m[:] = 0.0
-        for n in range(len(states)):
-            for c in range(STATE):
-                m[c] += states[n, body, c]
         for c in range(STATE):
-            m[c] /= len(states)
+            total = 0.0
+            for n in range(len(states)):
+                total += states[n, body, c]
+            m[c] = total / len(states)
         m[Q], m[Q + 1], m[Q + 2], m[Q + 3] = _karcher_mean(states, body)
         for n in range(len(states)):
             boxminus(states[n, body], m, errors[n, ERROR * k : ERROR * (k + 1)])

@@ -13,6 +13,7 @@ from .tree import WIDTH, Scratch, candidates
 _PAIRS_AT_ONCE = 1024
 # of the sum of two bodies' radii: bounds, with a margin, what single precision loses in a change of frame
 _SINGLE_PRECISION = 4e-6
+_ROOTS_ALONE = np.int64(1)  # height of a search's first stack; typed, since a literal would compile every caller twice
 _FIRST_REST, _LONGEST_REST = 4.0, 64.0  # steps for which bodies that part are asked to be left alone
 
 
@@ -42,7 +43,8 @@ class Workspace(NamedTuple):
         they are next asked to be apart.
     R_ij : (3, 3) float64
         Rotation from body j's to body i's coordinates, of the pair at hand.
-    search : Scratch
+    search, glance : Scratch
+        The latter has so little room that a search ends at the first candidates.
     """
 
     R: np.ndarray
@@ -56,6 +58,7 @@ class Workspace(NamedTuple):
     rest: np.ndarray
     R_ij: np.ndarray
     search: Scratch
+    glance: Scratch
 
 
 @njit(cache=True, nogil=True)
@@ -65,11 +68,13 @@ def workspace(x, world):
     R = np.empty((count, 3, 3))
     for i in range(count):
         write_matrix((x[i, Q], x[i, Q + 1], x[i, Q + 2], x[i, Q + 3]), R, i)
-    search = Scratch(
-        np.empty((world.stack_size, 2), np.int32),
-        np.empty((_PAIRS_AT_ONCE, 2), np.int32),
-        np.empty((_PAIRS_AT_ONCE, RECORD)),
-    )
+    stack = np.empty((world.stack_size, 2), np.int32)
+    search = Scratch(stack, np.empty((_PAIRS_AT_ONCE, 2), np.int32), np.empty((_PAIRS_AT_ONCE, RECORD)))
+    glance = Scratch(stack, np.empty((WIDTH * WIDTH, 2), np.int32), search.records)
+    rest = np.zeros((count, count, 2))
+    for i in range(count):
+        for j in range(i + 1, count):
+            rest[i, j, 1] = _FIRST_REST
     return Workspace(
         R,
         np.zeros((count, 6)),
@@ -79,9 +84,10 @@ def workspace(x, world):
         np.empty((count * (count - 1) // 2, 2), np.int64),
         np.zeros(count),
         np.zeros(count),
-        np.full((count, count, 2), _FIRST_REST) * np.array([0.0, 1.0]),
+        rest,
         np.empty((3, 3)),
         search,
+        glance,
     )
 
 
@@ -170,7 +176,7 @@ def open_pair(x, i, j, world, work):
     """
     t_ij = relative_pose(x, i, j, work)
     work.search.stack[0, 0], work.search.stack[0, 1] = world.bodies.root[i], world.bodies.root[j]
-    return t_ij, _SINGLE_PRECISION * (world.bodies.radius[i] + world.bodies.radius[j]), 1
+    return t_ij, _SINGLE_PRECISION * (world.bodies.radius[i] + world.bodies.radius[j]), _ROOTS_ALONE
 
 
 @njit(cache=True, nogil=True)
@@ -181,10 +187,9 @@ def part(i, j, t_ij, slack, world, work):
     number of steps adapts. This only leaves out searches that would find nothing, so no result depends on it.
     """
     steps, pace = work.rest[i, j, 1], work.speed[i] + work.speed[j]
-    search = work.search
-    search.stack[0, 0], search.stack[0, 1] = world.bodies.root[i], world.bodies.root[j]
-    first_only = Scratch(search.stack, search.pairs[: WIDTH * WIDTH], search.records)
-    found, top = candidates(world.tree, work.R_ij, t_ij, slack + steps * pace, first_only, 1)
+    glance = work.glance
+    glance.stack[0, 0], glance.stack[0, 1] = world.bodies.root[i], world.bodies.root[j]
+    found, top = candidates(world.tree, work.R_ij, t_ij, slack + steps * pace, glance, _ROOTS_ALONE)
     if found == 0:
         work.rest[i, j, 0] = work.travel[i] + work.travel[j] + steps * pace
         work.rest[i, j, 1] = min(2.0 * steps, _LONGEST_REST)
@@ -236,7 +241,8 @@ def kick(x, world, work):
             x[i, W] += world.dt * wx
             x[i, W + 1] += world.dt * wy
             x[i, W + 2] += world.dt * wz
-        f[:] = 0.0
+        for k in range(6):
+            f[k] = 0.0
 
 
 @njit(cache=True, nogil=True)

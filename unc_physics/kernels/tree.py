@@ -108,16 +108,17 @@ def _split(centers, radii, order, start, stop):
     n = stop - start
     best, best_axis, best_at = np.inf, 0, n // 2
     sorts = np.empty((3, n), np.int64)
-    behind = np.empty(n)
+    behind, keys = np.empty(n), np.empty(n)
     low, high = np.empty(3), np.empty(3)
     for axis in range(3):
-        keys = np.empty(n)
         for k in range(n):
             keys[k] = centers[order[start + k], axis]
-        sorts[axis] = order[start:stop][np.argsort(keys, kind="mergesort")]
+        places = np.argsort(keys, kind="mergesort")
+        for k in range(n):
+            sorts[axis, k] = order[start + places[k]]
         for backwards in (True, False):
-            low[:] = np.inf
-            high[:] = -np.inf
+            for a in range(3):
+                low[a], high[a] = np.inf, -np.inf
             for step in range(n - 1):
                 k = n - 1 - step if backwards else step
                 i = sorts[axis, k]
@@ -130,7 +131,8 @@ def _split(centers, radii, order, start, stop):
                     cost = _area(low, high) * (k + 1) + behind[k + 1]
                     if cost < best:
                         best, best_axis, best_at = cost, axis, k + 1
-    order[start:stop] = sorts[best_axis]
+    for k in range(n):
+        order[start + k] = sorts[best_axis, k]
     return start + best_at
 
 
@@ -193,9 +195,10 @@ def build(centers, radii):
             for k in (widest, parts):
                 area[k] = _box_area(centers, radii, order, first[k], last[k])
             parts += 1
-        bounds[node, :3] = _FAR
-        bounds[node, 3] = 0.0
-        child[node] = EMPTY
+        for k in range(parts, WIDTH):
+            bounds[node, 0, k] = bounds[node, 1, k] = bounds[node, 2, k] = _FAR
+            bounds[node, 3, k] = 0.0
+            child[node, k] = EMPTY
         for k in range(parts):
             x, y, z, reach = _enclosing_sphere(centers, radii, order, first[k], last[k])
             bounds[node, 0, k] = x

@@ -105,7 +105,9 @@ def _advance(mean, root, world, steps, analytic):
         if analytic:
             drift_root(mean, root, moving, R, factors, rotation)
         else:
-            before[:] = mean
+            for i in range(len(mean)):
+                for c in range(STATE):
+                    before[i, c] = mean[i, c]
         drift(mean, world, work)
         touching = 0
         for k in range(near_pairs(mean, world, work)):
@@ -323,30 +325,38 @@ def _difference(x, root, world, dominant, touching):
     forth, back = np.empty((count, STATE)), np.empty((count, STATE))
     error = np.empty(ERROR)
     for c in range(root.shape[1]):
-        length = math.sqrt(np.sum(root[:, c] ** 2))
+        length = 0.0
+        for row in range(len(root)):
+            length += root[row, c] * root[row, c]
         if length == 0.0:
             continue
-        h = _STEP / length
-        _perturb(x, root[:, c], h, world, forth)
-        regularized_step(forth, world, workspace(forth, world), dominant, touching)
-        _perturb(x, root[:, c], -h, world, back)
-        regularized_step(back, world, workspace(back, world), dominant, touching)
+        h = _STEP / math.sqrt(length)
+        for side, state in ((h, forth), (-h, back)):
+            _perturb(x, root, c, side, world.bodies.moving, state)
+            regularized_step(state, world, workspace(state, world), dominant, touching)
         place = 0
         for i in range(count):
             if world.bodies.moving[i]:
                 boxminus(forth[i], back[i], error)
-                root[place : place + ERROR, c] = error / (2.0 * h)
+                for k in range(ERROR):
+                    root[place + k, c] = error[k] / (2.0 * h)
                 place += ERROR
 
 
 @njit(cache=True, nogil=True)
-def _perturb(x, column, h, world, out):
-    out[:] = x
+def _perturb(x, root, c, h, moving, out):
+    """``x`` boxplus ``h`` times column ``c`` of the root, into ``out``."""
+    error = np.empty(ERROR)
     place = 0
     for i in range(len(x)):
-        if world.bodies.moving[i]:
-            boxplus(x[i], h * column[place : place + ERROR], out[i])
+        if moving[i]:
+            for k in range(ERROR):
+                error[k] = h * root[place + k, c]
+            boxplus(x[i], error, out[i])
             place += ERROR
+        else:
+            for k in range(STATE):
+                out[i, k] = x[i, k]
 
 
 @njit(cache=True, nogil=True)
