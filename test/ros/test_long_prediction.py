@@ -32,7 +32,8 @@ def endless():
 
 
 def send(action, message, feedback=None):
-    handle = result_of(action.send_goal_async(message, feedback and (lambda told: feedback.append(told.feedback))))
+    callback = None if feedback is None else (lambda told: feedback.append(told.feedback))
+    handle = result_of(action.send_goal_async(message, callback))
     assert handle.accepted
     return handle
 

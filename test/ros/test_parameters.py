@@ -40,7 +40,7 @@ def test_every_parameter_is_described(node, client):
 
 
 @pytest.mark.parametrize(("name", "value", "reason"), [
-    ("dt", -1.0, "range"), ("stiffness", float("nan"), "finite"), ("models_dir", "/tmp", "read-only"),
+    ("dt", -1.0, "range"), ("stiffness", float("nan"), "range"), ("models_dir", "/tmp", "read-only"),
     ("default_propagator", "crystal_ball", "one of"), ("gravity", [1.0], "3 numbers"), ("horizons", [0.0], "above 0"),
     ("gravity", [0.0, 0.0, float("inf")], "finite"), ("dt", "fast", "type"), ("max_samples", 0, "range"),
 ])

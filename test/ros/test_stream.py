@@ -15,14 +15,14 @@ from unc_physics.ros.conversions import seconds
 from unc_physics.ros.streaming import topic_name
 from unc_physics_msgs.msg import ObjectStateArray, Prediction
 
-HORIZONS = [0.1, 0.2, 0.4]
+HORIZONS = [0.1, 0.2, 0.25]
 
 
 @pytest.fixture(scope="module")
 def node():
     parameters = {
         "zero_covariance": "exact", "horizons": HORIZONS, "gravity": [0.0, 0.0, 0.0], "pose_objects": ["left/1"],
-        "pose_horizon": 0.2, "max_input_age": 5.0, "tracked_topics": ["/tracker/pose"], "tracked_models": ["can"],
+        "pose_horizon": 0.2, "max_input_age": 30.0, "tracked_topics": ["/tracker/pose"], "tracked_models": ["can"],
         "markers": ["initial", "predicted", "ellipsoid", "rotation"], "default_linear_velocity_std": 0.5,
     }
     arguments = [part for name, value in parameters.items() for part in ("-p", f"{name}:={value}".replace("'", '"'))]
