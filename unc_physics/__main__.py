@@ -11,9 +11,16 @@ from .geometry.commands import add_models_command, add_pack_command, add_show_co
 from .predict_command import add_predict_command
 
 
+class OneSentenceParser(argparse.ArgumentParser):
+    """A parser that says what is wrong with the arguments in one sentence, without repeating the usage."""
+
+    def error(self, message):
+        self.exit(2, f"{self.prog}: {message}; see {self.prog} --help\n")
+
+
 def build_parser() -> argparse.ArgumentParser:
     """The parser of all commands."""
-    parser = argparse.ArgumentParser(
+    parser = OneSentenceParser(
         prog="unc_physics", description="Predict where rigid objects will be, and how surely.",
         epilog="Bad input ends with one sentence on standard error and an exit status that tells its kind "
         "(unc_physics.errors.ErrorCode).",

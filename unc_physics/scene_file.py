@@ -64,6 +64,17 @@ class LoadedScene(NamedTuple):
     horizon: float | None
 
 
+class _UniqueKeyLoader(yaml.SafeLoader):
+    """Refuses a key that is given twice, of which YAML would silently take the last."""
+
+    def construct_mapping(self, node, deep=False):
+        keys = [key.value for key, _ in node.value if isinstance(key, yaml.ScalarNode)]
+        for k, key in enumerate(keys):
+            if key in keys[:k]:
+                raise yaml.constructor.ConstructorError(None, None, f"the key '{key}' is given twice", node.start_mark)
+        return super().construct_mapping(node, deep)
+
+
 def load_scene(path, models_dir=None) -> LoadedScene:
     """Read a scene file.
 
@@ -86,11 +97,12 @@ def load_scene(path, models_dir=None) -> LoadedScene:
         reason = getattr(error, "strerror", None) or "it is not UTF-8 text"
         raise InvalidRequestError(f"cannot be read: {reason}", field=f"scene file {path}") from None
     try:
-        content = yaml.safe_load(text)
+        content = yaml.load(text, _UniqueKeyLoader)
     except (yaml.YAMLError, ValueError, RecursionError) as error:
         mark = getattr(error, "problem_mark", None)
         place = f" in line {mark.line + 1}" if mark else ""
-        raise InvalidRequestError(f"is not valid YAML{place}", field=f"scene file {path}") from None
+        reason = f": {error.problem}" if isinstance(error, yaml.constructor.ConstructorError) else ""
+        raise InvalidRequestError(f"is not valid YAML{place}{reason}", field=f"scene file {path}") from None
     return scene_from_dict(content, models_dir, folder=path.parent)
 
 

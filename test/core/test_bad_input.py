@@ -433,7 +433,14 @@ def test_what_argparse_refuses(tmp_path, capsys):
             main(arguments)
         assert caught.value.code == 2
         out, err = capsys.readouterr()
-        assert out == "" and "Traceback" not in err and "error: " in err.splitlines()[-1]
+        assert out == "" and len(err.splitlines()) == 1 and err.startswith("unc_physics")
+
+
+def test_a_repeated_key_of_a_scene_file(tmp_path, capsys):
+    path = tmp_path / "scene.yaml"
+    path.write_text(yaml.safe_dump(CONTENTS["two_bodies"]()) + "dt: 0.02\n")
+    code = main(["predict", str(path)])
+    assert_refused(code, *capsys.readouterr(), "INVALID_REQUEST", "'dt'", "twice")
 
 
 def test_a_simulation_that_diverges(tmp_path, capsys):
