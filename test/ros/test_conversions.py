@@ -22,13 +22,12 @@ from unc_physics.ros.conversions import (
     Doubts,
     Wanted,
     duration,
-    error_map,
-    inverse_error_map,
     read_scene,
     seconds,
     write_prediction,
 )
 from unc_physics.ros.models import ModelLibrary
+from unc_physics.ros.origin import error_map, inverse_error_map
 from unc_physics_msgs.msg import Environment
 
 DRAWS = 40_000
@@ -131,8 +130,10 @@ def test_a_scene_that_is_read_and_written_is_the_same():
 
 
 def test_the_error_map_and_its_inverse():
-    R, r = ROTATION.as_matrix(), np.array([0.3, -0.1, 0.2])
-    assert np.allclose(error_map(R, r, SPIN) @ inverse_error_map(R, r, SPIN), np.eye(ERROR), rtol=0.0, atol=ROUND_OFF)
+    origin = np.array([0.3, -0.1, 0.2])
+    state = np.concatenate([np.zeros(6), ROTATION.as_quat(), SPIN])
+    product = error_map(state, origin) @ inverse_error_map(state, origin)
+    assert np.allclose(product, np.eye(ERROR), rtol=0.0, atol=ROUND_OFF)
 
 
 def test_a_spinning_body_s_origin_moves_about_its_centre_of_mass():

@@ -7,11 +7,12 @@ to the origin, world axes) and ``dphi = R_world_body dtheta``, the errors at the
     dp_o = dp - [r]x dphi                              p_o = p + r
     dv_o = dv - [r]x domega - [omega]x [r]x dphi       v_o = v + omega x r
 
-which is linear in the error state: ``e_o = A e`` (`error_map`), so ``P_o = A P A^T``.
+which is linear in the error state: ``e_o = A e`` (`origin.error_map`), so ``P_o = A P A^T``.
 """
 
 from __future__ import annotations
 
+import functools
 import math
 from array import array as packed_array
 from typing import NamedTuple
@@ -40,10 +41,6 @@ from ..errors import (
 from ..kernels.so3 import write_matrix
 from ..layout import (
     ANGULAR_VELOCITY,
-    ERR_ANGULAR_VELOCITY,
-    ERR_POSITION,
-    ERR_ROTATION,
-    ERR_VELOCITY,
     ERROR,
     POSITION,
     QUATERNION,
@@ -53,10 +50,8 @@ from ..layout import (
 from ..scene import RigidBody, Scene
 from ..scene_file import PHYSICS_KEYS, physics_options
 from ..validation import array, covariance, non_negative, number, positive, quaternion
+from .origin import congruent, covariance_at_com, error_map, moved, split
 
-#: Rows of the error state in the order of PoseWithCovariance and of TwistWithCovariance.
-_POSE = np.r_[ERR_POSITION, ERR_ROTATION]
-_TWIST = np.r_[ERR_VELOCITY, ERR_ANGULAR_VELOCITY]
 #: First entry of a covariance that is not known, as in sensor_msgs/Imu.
 _UNKNOWN = -1.0
 
@@ -145,12 +140,22 @@ def read_scene(
             raise DuplicateIdError("is the id of two objects", field=f"{field}.id", value=message.id)
         names.add(message.id)
     read = [_body(message, field, library, doubts, max_spheres) for message, field in zip(objects, fields, strict=True)]
-    scene = Scene([body for body, *_ in read], **physics)
+    scene = _scene(tuple(body for body, *_ in read), tuple((key, _hashable(physics[key])) for key in sorted(physics)))
     mean = np.array([state for _, state, _, _ in read])
-    blocks = np.array([P for body, _, P, _ in read if not body.fixed]).reshape(-1, ERROR, ERROR)
+    blocks = np.array([P for (*_, fixed), _, P, _ in read if not fixed]).reshape(-1, ERROR, ERROR)
     belief = Belief.trusted(mean, blocks, scene.moving.copy())
     models = tuple(message.model for message in objects)
     return ReadScene(scene, belief, models, any(zeros for *_, zeros in read))
+
+
+@functools.lru_cache(maxsize=32)
+def _scene(bodies, physics):
+    """The scene of (name, model, mass, fixed) for each body; one that comes again keeps what the kernels need."""
+    return Scene([RigidBody(*body) for body in bodies], **dict(physics))
+
+
+def _hashable(value):
+    return value if isinstance(value, (str, bool, int, float)) else tuple(value)
 
 
 def read_options(pairs, field) -> dict[str, str]:
@@ -196,7 +201,7 @@ def _refuse_environment(environment):
 
 
 def _body(message, field, library, doubts, max_spheres):
-    """A body, its state (13,), its covariance (12, 12), and whether zeros were read as unknown."""
+    """What makes a body, its state (13,), its covariance (12, 12), and whether zeros were read as unknown."""
     try:
         model = library.shape(message.model, message.spheres, number(message.scale, "scale"), max_spheres)
     except UncPhysicsError as error:
@@ -204,29 +209,30 @@ def _body(message, field, library, doubts, max_spheres):
         raise type(error)(error.problem, field=place, value=error.value) from error
     mass = _mass(message, field, model)
     _refuse_uncertain_parameters(message, field)
-    state = np.zeros(STATE)
     pose, twist = message.pose.pose, message.twist.twist
-    state[QUATERNION] = quaternion(_xyzw(pose.orientation), f"{field}.pose.pose.orientation")
-    R = rotation_matrix(state[QUATERNION])
-    r = R @ model.origin
-    state[POSITION] = array(_xyz(pose.position), (3,), f"{field}.pose.pose.position") - r
-    body = RigidBody(message.id, model, mass, message.fixed)
+    at_origin = np.zeros(STATE)
+    at_origin[QUATERNION] = quaternion(_xyzw(pose.orientation), f"{field}.pose.pose.orientation")
+    at_origin[POSITION] = array(_xyz(pose.position), (3,), f"{field}.pose.pose.position")
+    origin = _writable(model.origin)
+    body = message.id, model, mass, bool(message.fixed)
     if message.fixed:
-        return body, state, np.zeros((ERROR, ERROR)), False
-    v_origin = array(_xyz(twist.linear), (3,), f"{field}.twist.twist.linear")
-    state[ANGULAR_VELOCITY] = array(_xyz(twist.angular), (3,), f"{field}.twist.twist.angular")
-    P_origin = np.zeros((ERROR, ERROR))
-    P_origin[np.ix_(_POSE, _POSE)], zero_pose = _known_covariance(
+        return body, moved(at_origin, origin, -1.0), np.zeros((ERROR, ERROR)), False
+    at_origin[VELOCITY] = array(_xyz(twist.linear), (3,), f"{field}.twist.twist.linear")
+    at_origin[ANGULAR_VELOCITY] = array(_xyz(twist.angular), (3,), f"{field}.twist.twist.angular")
+    P_pose, zero_pose = _known_covariance(
         message.pose.covariance, f"{field}.pose.covariance", doubts.pose, doubts.zero_is_exact)
-    P_origin[np.ix_(_TWIST, _TWIST)], zero_twist = _known_covariance(
+    P_twist, zero_twist = _known_covariance(
         message.twist.covariance, f"{field}.twist.covariance", doubts.twist, doubts.zero_is_exact)
-    with np.errstate(over="ignore", invalid="ignore"):
-        state[VELOCITY] = v_origin - np.cross(state[ANGULAR_VELOCITY], r)
-        back = inverse_error_map(R, r, state[ANGULAR_VELOCITY])
-        P = back @ P_origin @ back.T
+    state = moved(at_origin, origin, -1.0)
+    P = covariance_at_com(P_pose, P_twist, state, origin)
     if not (np.isfinite(state).all() and np.isfinite(P).all()):
         raise NotFiniteError("is too large to be moved to the centre of mass", field=field)
-    return body, state, 0.5 * (P + P.T), zero_pose or zero_twist
+    return body, state, P, zero_pose or zero_twist
+
+
+def _writable(a):
+    """A copy: read-only arrays would compile every kernel once more."""
+    return np.array(a)
 
 
 def _mass(message, field, model):
@@ -254,7 +260,7 @@ def _known_covariance(values, field, unknown, zero_is_exact):
         return unknown, False
     if not flat.any():
         return (np.zeros((6, 6)), False) if zero_is_exact else (unknown, True)
-    return covariance(flat.reshape(6, 6), 6, field), False
+    return _writable(covariance(flat.reshape(6, 6), 6, field)), False
 
 
 def _xyz(v):
@@ -320,13 +326,14 @@ def write_prediction(scene, models, times, beliefs, samples=None, wanted=MARGINA
     ]
     joints = []
     for k, (time, belief) in enumerate(zip(times, beliefs, strict=True)):
-        at_origin = [_at_origin(body.model.origin, state) for body, state in zip(scene.bodies, belief.mean, strict=True)]
-        maps = [error_map(R, r, omega) for R, r, omega, *_ in at_origin]
-        blocks = dict(zip(scene.moving.tolist(), belief.blocks, strict=True))
-        for b, (answer, (_, _, omega, p, v)) in enumerate(zip(objects, at_origin, strict=True)):
+        origins = [_writable(body.model.origin) for body in scene.bodies]
+        means = _writable(belief.mean)
+        maps = [error_map(state, origin) for state, origin in zip(means, origins, strict=True)]
+        blocks = dict(zip(scene.moving.tolist(), _writable(belief.blocks), strict=True))
+        for b, answer in enumerate(objects):
             state = PredictedState(time_from_start=duration(time), status=PredictedObject.STATUS_NOT_ASSESSED)
-            P = _congruent(maps[b], blocks[b]) if b in blocks else np.zeros((ERROR, ERROR))
-            _write_state(state, p, belief.mean[b, QUATERNION], v, omega, P)
+            P = congruent(maps[b], blocks[b]) if b in blocks else np.zeros((ERROR, ERROR))
+            _write_state(state, moved(means[b], origins[b], 1.0), P)
             if wanted.covariance:
                 state.covariance = packed_array("d", P.tobytes())
             if samples is not None:
@@ -342,28 +349,20 @@ def _joint_covariance(scene, time, belief, maps):
     for k, b in enumerate(scene.moving):
         A[k, :, k, :] = maps[b]
     A = A.reshape(belief.joint.shape)
-    data = packed_array("d", _congruent(A, belief.joint).tobytes())
+    data = packed_array("d", congruent(A, _writable(belief.joint)).tobytes())
     ids = [scene.bodies[b].name for b in scene.moving]
     return JointCovariance(time_from_start=duration(time), object_ids=ids, data=data)
 
 
-def _write_state(message, p, q, v, omega, P):
-    _write_xyz(message.pose.pose.position, p)
-    _write_quaternion(message.pose.pose.orientation, q)
-    _write_xyz(message.twist.twist.linear, v)
-    _write_xyz(message.twist.twist.angular, omega)
-    message.pose.covariance = np.ascontiguousarray(P[np.ix_(_POSE, _POSE)]).ravel()
-    message.twist.covariance = np.ascontiguousarray(P[np.ix_(_TWIST, _TWIST)]).ravel()
-    if not np.isfinite(np.sum(p) + np.sum(q) + np.sum(v) + np.sum(omega) + np.sum(P)):
+def _write_state(message, state, P):
+    """Write state (13,) and covariance (12, 12) at the model's origin."""
+    if not np.isfinite(state.sum() + P.sum()):
         raise DivergedError("left the range of numbers", field="prediction")
-
-
-def _at_origin(origin, state):
-    """Of one body: R (3, 3), r (3,), angular velocity (3,), and position and velocity (3,) of the model's origin."""
-    R = rotation_matrix(state[QUATERNION])
-    r = R @ origin
-    omega = state[ANGULAR_VELOCITY]
-    return R, r, omega, state[POSITION] + r, state[VELOCITY] + np.cross(omega, r)
+    _write_xyz(message.pose.pose.position, state[POSITION])
+    _write_quaternion(message.pose.pose.orientation, state[QUATERNION])
+    _write_xyz(message.twist.twist.linear, state[VELOCITY])
+    _write_xyz(message.twist.twist.angular, state[ANGULAR_VELOCITY])
+    message.pose.covariance, message.twist.covariance = split(P)
 
 
 def origin_poses(states, origin) -> list[Pose]:
@@ -399,58 +398,8 @@ def _write_quaternion(message, q):
     message.x, message.y, message.z, message.w = q.tolist()
 
 
-# --- the error at a model's origin ----------------------------------------------------------------------------------
-
-
-def error_map(R, r, omega):
-    """A (12, 12): from the error state (body side, at the COM) to the error about fixed axes at the model's origin.
-
-    Parameters
-    ----------
-    R : (3, 3) array
-        ``R_world_body`` of the mean.
-    r : (3,) array
-        From the COM to the origin, world axes [m].
-    omega : (3,) array
-        Angular velocity, world frame [rad/s].
-
-    Notes
-    -----
-    To first order in the rotation error, as every covariance of a pose.
-    """
-    A = np.eye(ERROR)
-    A[ERR_ROTATION, ERR_ROTATION] = R
-    A[ERR_POSITION, ERR_ROTATION] = -skew(r) @ R
-    A[ERR_VELOCITY, ERR_ROTATION] = -skew(omega) @ skew(r) @ R
-    A[ERR_VELOCITY, ERR_ANGULAR_VELOCITY] = -skew(r)
-    return A
-
-
-def inverse_error_map(R, r, omega):
-    """Inverse of `error_map`."""
-    A = np.eye(ERROR)
-    A[ERR_ROTATION, ERR_ROTATION] = R.T
-    A[ERR_POSITION, ERR_ROTATION] = skew(r)
-    A[ERR_VELOCITY, ERR_ROTATION] = skew(omega) @ skew(r)
-    A[ERR_VELOCITY, ERR_ANGULAR_VELOCITY] = skew(r)
-    return A
-
-
-def _congruent(A, P):
-    """``A P A^T``, symmetric to the last bit."""
-    with np.errstate(over="ignore", invalid="ignore"):
-        mapped = A @ P @ A.T
-    return 0.5 * (mapped + mapped.T)
-
-
 def rotation_matrix(q):
     """(3, 3): ``R_world_body`` of a unit quaternion (x, y, z, w)."""
     R = np.empty((1, 3, 3))
     write_matrix(tuple(q.tolist()), R, 0)
     return R[0]
-
-
-def skew(v):
-    """(3, 3): the matrix of the cross product with ``v``."""
-    x, y, z = v
-    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
