@@ -1,0 +1,64 @@
+"""Files that users start from: parameters, documents, launch files, examples."""
+
+import importlib.util
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import yaml
+from running import NodeProcess, wait_until
+
+from unc_physics.ros.reference import parameter_file, parameter_table
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+def test_the_parameter_file_and_the_document_are_up_to_date():
+    assert (ROOT / "config" / "unc_physics.yaml").read_text() == parameter_file() + "\n"
+    assert parameter_table() in (ROOT / "docs" / "ros.md").read_text()
+
+
+@pytest.mark.parametrize("name", ["unc_physics", "demo"])
+def test_a_node_starts_with_the_parameter_file(name):
+    with NodeProcess("--params-file", str(ROOT / "config" / f"{name}.yaml")) as process:
+        assert process.end() == 0
+
+
+def test_rviz_shows_covariances_in_the_fixed_frame():
+    content = yaml.safe_load((ROOT / "config" / "predict.rviz").read_text())
+    displays = {display["Class"]: display for display in content["Visualization Manager"]["Displays"]}
+    covariance = displays["rviz_default_plugins/PoseWithCovariance"]["Covariance"]
+    assert covariance["Orientation"]["Frame"] == "Fixed"
+
+
+@pytest.mark.parametrize("path", sorted((ROOT / "launch").glob("*.py")), ids=lambda path: path.name)
+def test_a_launch_file_loads(path):
+    pytest.importorskip("launch_ros", reason="needs launch and launch_ros, which are not on PyPI")
+    spec = importlib.util.spec_from_file_location("launched", path)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    assert module.generate_launch_description().entities
+
+
+def test_the_client_of_the_document_is_the_example_and_runs():
+    example = ROOT / "examples" / "predict_client.py"
+    assert "examples/predict_client.py" in (ROOT / "docs" / "ros.md").read_text()
+    with NodeProcess():
+        done = subprocess.run([sys.executable, str(example)], check=False, capture_output=True, text=True, timeout=100)
+    assert done.returncode == 0, done.stderr
+    assert len(re.findall(r"^0\.\d s: ", done.stdout, re.MULTILINE)) == 5
+
+
+def test_every_topic_service_and_action_is_in_the_document(node, client):
+    text = (ROOT / "docs" / "ros.md").read_text()
+    graph = client.node
+    wait_until(lambda: "unc_physics" in graph.get_node_names())
+    own = [name for name, _ in graph.get_service_names_and_types_by_node("unc_physics", "/")]
+    own += [name for name, _ in graph.get_publisher_names_and_types_by_node("unc_physics", "/")]
+    own += [name for name, _ in graph.get_subscriber_names_and_types_by_node("unc_physics", "/")]
+    names = {name.removeprefix("/unc_physics/") for name in own if name.startswith("/unc_physics/")}
+    ours = {name.partition("/_action")[0] for name in names if not re.search(r"parameter|type_description", name)}
+    assert {"predict", "predict_long", "objects", "predictions", "models"} <= ours
+    assert not [name for name in ours if f"`~/{name}`" not in text]
