@@ -1,6 +1,7 @@
 # make demo   a node and a client over real DDS, with a table and a picture
 # make test   all tests
 # make venv   what both need: .venv with the pinned dependencies, the interfaces and this package, editable
+# make soak   random and malformed requests to the node for ten minutes, and its memory
 # make clean  remove .venv and what builds leave behind
 #
 # PYTHON=... chooses the Python, 3.11 or 3.12. Each step leaves a stamp in .venv, so an interrupted one is made again.
@@ -28,7 +29,7 @@ else ifneq ($(shell $(VENV_PYTHON) -c 'import pip; print("works")' 2>/dev/null),
 $(MADE)/python: FORCE
 endif
 
-.PHONY: help venv demo test clean FORCE
+.PHONY: help venv demo test soak clean FORCE
 
 help:
 	@sed -n 's/^# \?//; /^$$/q; p' Makefile
@@ -46,6 +47,9 @@ demo:
 test:
 	@$(MAKE_STEPS) $(MADE)/test
 	@$(VENV_PYTHON) -m pytest test
+
+soak: venv
+	@$(VENV_PYTHON) test/ros/soak.py
 
 clean:
 	rm -rf .venv build install log *.egg-info .pytest_cache .hypothesis .ruff_cache .import_linter_cache

@@ -6,11 +6,13 @@ import os
 import threading
 from pathlib import Path
 
-from ..errors import LimitExceededError, UnknownModelError
+from ..errors import InvalidModelError, LimitExceededError, UnknownModelError
 from ..geometry.library import list_models
 from ..geometry.packing_file import SpherePacking
 from ..scene import tree_of
 from ..scene_file import load_shape
+
+_SCALES = 1e-6, 1e6
 
 
 class ModelLibrary:
@@ -49,6 +51,8 @@ class ModelLibrary:
         ------
         UnknownModelError, InvalidModelError, LimitExceededError
         """
+        if scale and not _SCALES[0] <= scale <= _SCALES[1]:
+            raise InvalidModelError(f"must be 0 or between {_SCALES[0]:g} and {_SCALES[1]:g}", field="scale", value=scale)
         packing = load_shape(str(self._path(model)), spheres or None, scale or None)
         if max_spheres is not None and len(packing) > max_spheres:
             raise LimitExceededError(f"must be at most {max_spheres}; ask for fewer", field="spheres", value=len(packing))
