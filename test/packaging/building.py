@@ -8,7 +8,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
 NOT_SOURCES = shutil.ignore_patterns(
-    ".git", ".venv", "build", "install", "log", "*.egg-info", "__pycache__", ".*_cache", ".hypothesis"
+    ".git", "*venv", "build", "install", "log", "*.egg-info", "__pycache__", ".*_cache", ".hypothesis"
 )
 FOREIGN = ("AMENT_", "COLCON_", "CMAKE_PREFIX_PATH", "LD_LIBRARY_PATH", "PYTHONPATH", "_ROS_WHEELS", "UNC_PHYSICS")
 

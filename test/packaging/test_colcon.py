@@ -97,8 +97,9 @@ def test_colcon_builds_and_result_can_be_used(kind, tmp_path):
         "share/ament_index/resource_index/packages/unc_physics",
     ):
         assert (installed / "unc_physics" / file).is_file(), file
-    node = installed / "unc_physics" / "lib" / "unc_physics" / "unc_physics_node"
-    assert node.stat().st_mode & 0o111, "ros2 run finds executables only"
+    for script in (ROOT / "scripts").iterdir():
+        executable = installed / "unc_physics" / "lib" / "unc_physics" / script.name
+        assert executable.stat().st_mode & 0o111, f"{executable}: ros2 run finds executables only"
     has_cpp = (installed / "unc_physics_msgs/include/unc_physics_msgs/unc_physics_msgs/srv/predict.hpp").is_file()
     assert has_cpp == (kind == "repository")
 
