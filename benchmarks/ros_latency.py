@@ -22,7 +22,6 @@ os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
 os.environ.setdefault("ROS_DOMAIN_ID", str(101 + os.getpid() % 100))
 
 import rclpy
-from diagnostic_msgs.msg import KeyValue
 from rclpy.action import ActionClient
 from rclpy.executors import ExternalShutdownException, MultiThreadedExecutor, SingleThreadedExecutor
 from rclpy.qos import qos_profile_sensor_data
@@ -51,7 +50,7 @@ def main(arguments=None) -> int:
     started = time.perf_counter()
     node = subprocess.Popen(
         [sys.executable, "-m", "unc_physics.ros.node", "--ros-args", "--log-level", "warn", "-p", "zero_covariance:=exact",
-         "-p", "gravity:=[0.0, 0.0, 0.0]", "-p", "horizons:=[0.2, 0.5, 1.0, 2.0]"])
+         "-p", "gravity:=[0.0, 0.0, 0.0]", "-p", "dt:=0.01", "-p", "stiffness:=1e5", "-p", "horizons:=[0.2, 0.5, 1.0, 2.0]"])
     empty = subprocess.Popen([sys.executable, "-m", "benchmarks.ros_latency", "--serve-empty"])
     rclpy.init()
     client = rclpy.create_node("latency_client")
@@ -117,8 +116,6 @@ def request_of(propagator):
         objects=[moving("left", -0.2, 0.5, 100), moving("right", 0.2, -0.5, 100)], horizon=1.0, propagator=propagator, seed=1)
     if propagator == "monte_carlo":
         request.samples = 100
-    for key, value in (("dt", "0.01"), ("stiffness", "1e5")):
-        request.scene_options.append(KeyValue(key=key, value=value))
     return request
 
 

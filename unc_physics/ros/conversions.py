@@ -181,7 +181,7 @@ def read_physics(pairs) -> dict:
         if key not in PHYSICS_KEYS:
             raise InvalidOptionError(f"must be one of {', '.join(PHYSICS_KEYS)}", field="scene_options", value=key)
         try:
-            value = yaml.safe_load(text)
+            value = _parsed(text)
         except (yaml.YAMLError, ValueError, RecursionError):
             raise InvalidOptionError("is not valid YAML", field=field, value=text) from None
         if value is None:
@@ -193,6 +193,12 @@ def read_physics(pairs) -> dict:
         except UncPhysicsError as error:
             raise type(error)(error.problem, field=field, value=text) from None
     return options
+
+
+@functools.lru_cache(maxsize=64)
+def _parsed(text):
+    """The value that a YAML text stands for; clients send the same texts again and again."""
+    return yaml.safe_load(text)
 
 
 def _refuse_environment(environment):

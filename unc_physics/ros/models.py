@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import os
 import threading
 from pathlib import Path
@@ -18,6 +19,8 @@ _SCALES = 1e-6, 1e6
 class ModelLibrary:
     """Files of models by name; a name that is not known yet is looked for in the folder again.
 
+    A file is read once: one that changes later is read again when `add` names it.
+
     Parameters
     ----------
     models_dir : str
@@ -31,6 +34,7 @@ class ModelLibrary:
         self._allow_paths = allow_paths
         self._lock = threading.Lock()
         self._paths: dict[str, Path] = {}
+        self._shape = functools.lru_cache(maxsize=256)(load_shape)
         self._scan()
 
     def _scan(self):
@@ -53,7 +57,7 @@ class ModelLibrary:
         """
         if scale and not _SCALES[0] <= scale <= _SCALES[1]:
             raise InvalidModelError(f"must be 0 or between {_SCALES[0]:g} and {_SCALES[1]:g}", field="scale", value=scale)
-        packing = load_shape(str(self._path(model)), spheres or None, scale or None)
+        packing = self._shape(str(self._path(model)), spheres or None, scale or None)
         if max_spheres is not None and len(packing) > max_spheres:
             raise LimitExceededError(f"must be at most {max_spheres}; ask for fewer", field="spheres", value=len(packing))
         return packing
@@ -73,6 +77,7 @@ class ModelLibrary:
         """Let a name stand for a model file, whatever it stood for before."""
         with self._lock:
             self._paths[name] = path
+        self._shape.cache_clear()
 
     def prepare(self, name: str) -> SpherePacking:
         """Read a model and build its sphere tree, so that the first request need not."""
