@@ -12,7 +12,7 @@ from numba import njit
 from ..belief import Belief
 from ..errors import InvalidOptionError
 from ..kernels.contact import DISTANCE, NORMAL, VOLUME, next_contacts
-from ..kernels.random import combine, normals
+from ..kernels.random import combine, normal_table, normals
 from ..kernels.so3 import rotate, rotate_back
 from ..kernels.step import add_wrench, drift, kick, near_pairs, open_pair, part, workspace
 from ..kernels.transition import apply_transition, write_printed_rotation
@@ -71,7 +71,7 @@ class LocalSampling(Propagator):
 
     def advance(self, carry, scene, steps):
         mean, covariance = carry.mean.copy(), carry.covariance.copy()
-        _advance(mean, covariance, scene.world, (carry.step, steps), self.seed % 2**63, self.samples)
+        _advance(mean, covariance, scene.world, (carry.step, steps), self.seed % 2**63, make_cloud(len(mean), self.samples))
         return LocalSamplingCarry(mean, covariance, carry.step + steps)
 
     def belief(self, carry, scene):
@@ -92,6 +92,8 @@ class Cloud(NamedTuple):
         Factor that turns normal numbers into displacements of body j relative to body i [m].
     draws : (9, N) float64
         Normal numbers of the contact at hand.
+    hashes, indices, table
+        What `kernels.random.normals` takes.
     spread : (3, 6) float64
         Second moments of force, torque on body i and torque on body j about the nominal ones, each by its
         entries xx, yy, zz, xy, xz, yz, summed over the contacts of a pair.
@@ -101,18 +103,36 @@ class Cloud(NamedTuple):
     known: np.ndarray
     position: np.ndarray
     draws: np.ndarray
+    hashes: np.ndarray
+    indices: np.ndarray
+    table: np.ndarray
     spread: np.ndarray
 
 
+_TABLE = normal_table()
+
+
+def make_cloud(count, samples):
+    """Room for the uncertainty of ``count`` bodies and ``samples`` perturbed copies of a contact."""
+    hashes = np.empty(-(-3 * samples // 4), np.uint64)
+    return Cloud(
+        rotation=np.zeros((count, 3, 3)),
+        known=np.zeros(count, bool),
+        position=np.empty((3, 3)),
+        draws=np.empty((_DRAWS, samples)),
+        hashes=hashes,
+        indices=hashes.view(np.uint16),
+        table=_TABLE,
+        spread=np.empty((3, 6)),
+    )
+
+
 @njit(cache=True, nogil=True)
-def _advance(mean, covariance, world, span, seed, samples):
+def _advance(mean, covariance, world, span, seed, cloud):
     """Advance the nominal state and the covariances in place over ``span`` = (first step, number of steps)."""
     work = workspace(mean, world)
     count = len(mean)
     place = np.where(world.bodies.moving, np.cumsum(world.bodies.moving) - 1, -1)  # of each body's covariance
-    cloud = Cloud(
-        np.zeros((count, 3, 3)), np.zeros(count, np.bool_), np.empty((3, 3)), np.empty((_DRAWS, samples)), np.empty((3, 6)),
-    )
     rows, rotation = covariance.reshape(-1, ERROR), np.empty((3, 3))
     moving, R, dt, decay = world.bodies.moving, work.R, world.dt, world.decay
     for step in range(span[0], span[0] + span[1]):
@@ -215,7 +235,7 @@ def sample_contacts(bodies, found, pair_key, tree, work, cloud):
         key = combine(combine(pair_key, a), b)
         for block in range(3):
             if uncertain[block]:
-                normals(combine(key, block), flat[block])
+                normals(combine(key, block), flat[block], cloud.hashes, cloud.indices, cloud.table)
             else:  # what is certain draws nothing
                 flat[block] = 0.0
         n = rotate(work.R[i], records[k, NORMAL], records[k, NORMAL + 1], records[k, NORMAL + 2])
