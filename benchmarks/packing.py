@@ -140,6 +140,17 @@ def distance_ratio(name, meshes):
     return {kind: (1e6 * np.median(times[kind]) / len(points), ratio(times, "libigl", kind)) for kind in times}
 
 
+def inertia_of_spheres_alone(name, count):
+    """Largest relative error of a principal moment, if the first spheres made up the body."""
+    from unc_physics.geometry.library import load_model
+    from unc_physics.geometry.packing_file import solid_spheres_inertia
+
+    packing = load_model(name)
+    part = packing.prefix(count)
+    moments = np.linalg.eigvalsh(solid_spheres_inertia(part.centers, part.radii)[1])
+    return float(np.max(np.abs(moments / np.linalg.eigvalsh(packing.inertia) - 1.0)))
+
+
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--meshes", metavar="DIR", help="folder with bunny00.off and armadillo.off")
@@ -164,6 +175,10 @@ def main():
                   f"{got['outside']} | {100.0 * got['larger_later']:.2f} % |", flush=True)
     print("\nOverlap and protrusion are in bounding radii; out of order is the share of spheres more than 1 % larger "
           "than the smallest before them.")
+    print("\nError of the principal moments, if they were those of the spheres alone:")
+    for name in GOALS:
+        errors = ", ".join(f"{100.0 * inertia_of_spheres_alone(name, k):.0f} % with {k}" for k in (100, 1000, 10_000))
+        print(f"- {name}: {errors}")
     cold, warm = time_of_compiling("pin", None)
     print(f"\nCompiling takes {cold - warm:.1f} s of CPU time (goal {COMPILE_GOAL:.0f} s): a fresh process packs 10 spheres "
           f"in {cold:.1f} s with nothing compiled yet, in {warm:.1f} s with the compiled code in the cache.")

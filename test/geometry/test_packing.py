@@ -87,13 +87,14 @@ def test_scale_and_offset_change_nothing_else(scale, offset):
     assert np.max(packing.radii - distances) <= TOUCH * solid.bounding_radius + lost
 
 
-def test_a_plate_of_a_thousand_to_one():
-    plate = trimesh.creation.box([1.0, 1.0, 0.001])
+@pytest.mark.parametrize("thickness", [1e-3, 1e-6])
+def test_plates_of_a_thousand_and_of_a_million_to_one(thickness):
+    plate = trimesh.creation.box([1.0, 1.0, thickness])
     solid = make_solid("plate", plate.vertices, plate.faces)
     packing = pack_solid(solid, 500)
     assert len(packing) == 500
     assert_is_packing(packing, solid)
-    np.testing.assert_allclose(packing.radii, 0.0005, rtol=1e-4)
+    np.testing.assert_allclose(packing.radii, 0.5 * thickness, rtol=1e-4)
 
 
 def test_a_first_part_of_equal_spheres_spreads_over_the_body():

@@ -116,6 +116,12 @@ def test_a_file_that_is_no_mesh_is_refused(tmp_path, content):
         load_solid(tmp_path / "missing.off")
 
 
+def test_a_needle_too_thin_for_its_inertia_is_refused():
+    turned = trimesh.transformations.rotation_matrix(0.7, [1, 2, 3])
+    with pytest.raises(InvalidMeshError, match="too thin for its size"):
+        make_solid("needle", *raw(trimesh.creation.box([1.0, 1e-5, 1e-5], transform=turned)))
+
+
 def test_winding_number():
     vertices, faces = MESHES["ball in a cavity"]()
     probes = np.array([[0.0, 0, 0], [0.45, 0, 0], [0.8, 0, 0], [2.0, 0, 0]])

@@ -161,7 +161,9 @@ class GreedyPacker:
 
     def refine_grid(self, radius):
         """Make a grid for a level: as wide as its largest radius, which no free distance exceeds."""
-        width = max(radius, (np.prod((self.upper - self.lower) / self.size) / MAX_CELLS) ** (1.0 / 3.0) * self.size)
+        width = radius
+        while np.prod(np.ceil((self.upper - self.lower) / width)) > MAX_CELLS:
+            width *= 1.05
         self.space = self.space._replace(grid=None)  # makes room: two large grids at once would double the memory
         grid = empty_grid(self.lower, self.upper, width, radius, max(1000, 100 * self.placed))
         inserted = 0

@@ -8,7 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from ..errors import InvalidMeshError
+from ..errors import InvalidMeshError, InvalidModelError
+from .packing_file import check_inertia
 
 FLAT = 1e-12  # of the cube of the size: less volume than this is none
 
@@ -127,6 +128,11 @@ def make_solid(name, vertices, faces, sha256=None) -> SolidMesh:
     check_outside_out(points, faces)
     properties = trimesh.triangles.mass_properties(points[faces], density=1.0)
     inertia = properties.inertia / properties.volume
+    inertia = 0.5 * (inertia + inertia.T)
+    try:
+        check_inertia(inertia)
+    except InvalidModelError as error:
+        raise InvalidMeshError(f"is too thin for its size: round-off spoils its inertia, which {error.problem}") from error
     center = np.asarray(properties.center_mass)
     if sha256 is None:
         sha256 = hashlib.sha256(vertices.astype("<f8").tobytes() + faces.astype("<i8").tobytes()).hexdigest()
@@ -135,7 +141,7 @@ def make_solid(name, vertices, faces, sha256=None) -> SolidMesh:
         corners=np.ascontiguousarray((points[faces] - center) * unit),
         origin=-(center * unit + middle),
         volume=float(properties.volume * unit**3),
-        inertia=0.5 * (inertia + inertia.T) * unit**2,
+        inertia=inertia * unit**2,
         sha256=sha256,
     )
 
