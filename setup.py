@@ -16,7 +16,8 @@ def shared(folder, *patterns):
     return [(f"share/{NAME}/{folder}", files)] if files else []
 
 
-GEOMETRY = ["scipy", "trimesh>=4"]
+# manifold3d for the handle of the mug, networkx for repairs, matplotlib for pictures
+GEOMETRY = ["manifold3d>=3", "matplotlib>=3.7", "networkx>=3", "scipy", "trimesh>=4"]
 
 setup(
     name=NAME,
@@ -42,9 +43,9 @@ setup(
     install_requires=["numba>=0.60", "numpy>=1.26", "pyyaml>=6", "tqdm>=4.60"],
     extras_require={
         "geometry": GEOMETRY,
-        "evaluation": [*GEOMETRY, "matplotlib>=3.7", "pot>=0.9"],
+        "evaluation": [*GEOMETRY, "pot>=0.9"],
         "peers": ["mujoco>=3", "pybullet>=3.2"],
-        "test": [*GEOMETRY, "hypothesis>=6", "import-linter>=2", "matplotlib>=3.7", "pot>=0.9", "pytest>=7"],
+        "test": [*GEOMETRY, "hypothesis>=6", "import-linter>=2", "libigl>=2.5", "pot>=0.9", "pytest>=7"],
     },
     entry_points={"console_scripts": [f"{NAME} = {NAME}.__main__:main"]},
     zip_safe=False,
