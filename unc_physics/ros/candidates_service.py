@@ -35,7 +35,7 @@ class CandidatesService:
             settings = self._server.settings
             _check(request, settings)
             base = read_request(
-                request, settings, self._server.library, time_limit=settings.max_computation_time)
+                request, settings, self._server.library, self._server.frames, time_limit=settings.max_computation_time)
             size = answer_bytes(base) * len(request.candidates)
             if size > settings.max_response_bytes:
                 raise LimitExceededError(

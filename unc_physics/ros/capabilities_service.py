@@ -37,7 +37,7 @@ class CapabilitiesService:
         response.propagators = [propagator_info(cls) for cls in PROPAGATORS.values()]
         response.default_propagator = settings.default_propagator
         response.world_frame = settings.world_frame
-        response.features = _FEATURES
+        response.features = [*_FEATURES, *(["transforms"] if self._server.frames.available else [])]
         for name in response.get_fields_and_field_types():
             if name.startswith("max_"):
                 setattr(response, name, getattr(settings, name))

@@ -53,7 +53,7 @@ from ..validation import array, covariance, non_negative, number, positive, quat
 from .origin import congruent, covariance_at_com, error_map, moved, split
 
 #: First entry of a covariance that is not known, as in sensor_msgs/Imu.
-_UNKNOWN = -1.0
+UNKNOWN = -1.0
 
 
 class Doubts(NamedTuple):
@@ -262,7 +262,7 @@ def _refuse_uncertain_parameters(message, field):
 def _known_covariance(values, field, unknown, zero_is_exact):
     """The covariance (6, 6) to calculate with, and whether zeros were read as unknown."""
     flat = array(values, (36,), field, InvalidCovarianceError)
-    if flat[0] == _UNKNOWN:
+    if flat[0] == UNKNOWN:
         return unknown, False
     if not flat.any():
         return (np.zeros((6, 6)), False) if zero_is_exact else (unknown, True)

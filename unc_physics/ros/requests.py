@@ -18,7 +18,6 @@ from ..errors import (
     LimitExceededError,
     NotSupportedError,
     UncPhysicsError,
-    UnknownFrameError,
 )
 from ..layout import ERROR
 from ..propagation import Prediction, predict
@@ -28,6 +27,7 @@ from ..propagation.registry import propagator_from_texts
 from ..scene import Scene
 from ..validation import non_negative, positive
 from .conversions import Doubts, Wanted, read_options, read_physics, read_scene, write_prediction
+from .frames import Frames
 from .models import ModelLibrary
 from .parameters import Settings
 
@@ -81,7 +81,8 @@ class Outcome(NamedTuple):
 
 
 def read_request(
-    request, settings: Settings, library: ModelLibrary, *, time_limit: float | None = None, objects=None, fields=None,
+    request, settings: Settings, library: ModelLibrary, frames: Frames, *, time_limit: float | None = None, objects=None,
+    fields=None,
 ) -> Job:
     """Check a request of `Predict`, `PredictCandidates` or `PredictLong`.
 
@@ -90,6 +91,7 @@ def read_request(
     request : message
     settings : Settings
     library : ModelLibrary
+    frames : Frames
     time_limit : float, optional
         Longest wall time, whatever the request allows [s].
     objects : list of ObjectState, optional
@@ -102,12 +104,12 @@ def read_request(
     UncPhysicsError
         One of its kinds, naming the field and the value.
     """
-    check_frame(request.header.frame_id, settings)
+    objects = frames.in_world(request.header, request.objects if objects is None else objects)
     _refuse_regions(request.regions)
     horizon = _horizon(request.horizon, settings)
     physics = settings.physics | read_physics(request.scene_options)
     read = read_scene(
-        request.objects if objects is None else objects, request.environment, library, physics, doubts_of(settings),
+        objects, request.environment, library, physics, doubts_of(settings),
         settings.max_objects, settings.max_spheres, fields,
     )
     times = _times(request.trajectory_period, horizon, read.scene.dt, settings)
@@ -167,13 +169,6 @@ def write_error(message, error: Exception) -> None:
     else:
         message.error_code = int(ErrorCode.INTERNAL)
         message.error_msg = f"a fault of the node: {type(error).__name__}: {error}"
-
-
-def check_frame(frame_id: str, settings: Settings) -> None:
-    """Refuse a frame that poses cannot be transformed from."""
-    if frame_id not in ("", settings.world_frame):
-        raise UnknownFrameError(
-            f"must be empty or the world frame '{settings.world_frame}'", field="header.frame_id", value=frame_id)
 
 
 def doubts_of(settings: Settings) -> Doubts:

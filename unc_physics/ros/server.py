@@ -13,6 +13,7 @@ from ..errors import CanceledError, UncPhysicsError
 from .candidates_service import CandidatesService
 from .capabilities_service import CapabilitiesService
 from .diagnostics import Diagnostics
+from .frames import Frames
 from .long_prediction import LongPrediction
 from .markers import MarkerTopic
 from .model_topics import ModelTopics
@@ -39,6 +40,7 @@ class PredictionServer:
         self.log = node.get_logger()
         self.parameters = ParameterServer(node)
         self.library: ModelLibrary | None = None
+        self.frames: Frames | None = None
         self.diagnostics: Diagnostics | None = None
         self.markers: MarkerTopic | None = None
         self._stopping = threading.Event()
@@ -61,6 +63,7 @@ class PredictionServer:
     def open(self) -> None:
         """Advertise everything."""
         self._stopping.clear()
+        self.frames = self.frames or Frames(self.node, self.settings.world_frame)
         self.diagnostics, self.markers = Diagnostics(self), MarkerTopic(self)
         self._open = [self.diagnostics, self.markers]
         for offer in _OFFERS:
@@ -120,7 +123,7 @@ class PredictionServer:
         """
         with self.errors_into(message):
             settings = self.settings
-            job = read_request(request, settings, self.library, **how)
+            job = read_request(request, settings, self.library, self.frames, **how)
             try:
                 write_answer(message, request.header, settings, job, self.predict(job, progress))
                 self.markers.publish(request.header, job, message)

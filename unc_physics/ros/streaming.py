@@ -68,7 +68,7 @@ class Stream:
             request = Predict.Request(
                 header=scene.header, objects=scene.objects, environment=scene.environment, horizon=times[-1],
                 propagator=settings.stream_propagator)
-            job = read_request(request, settings, server.library, time_limit=settings.max_computation_time)
+            job = read_request(request, settings, server.library, server.frames, time_limit=settings.max_computation_time)
             job = job._replace(times=times[:-1])
             message = Prediction()
             write_answer(message, scene.header, settings, job, server.predict(job))
