@@ -42,13 +42,25 @@ def test_a_launch_file_loads(path):
     assert module.generate_launch_description().entities
 
 
-def test_the_client_of_the_document_is_the_example_and_runs():
-    example = ROOT / "examples" / "predict_client.py"
-    assert "examples/predict_client.py" in (ROOT / "docs" / "ros.md").read_text()
+def output_of(example):
+    """What an example prints beside a running node; the document names it."""
+    assert f"examples/{example}" in (ROOT / "docs" / "ros.md").read_text()
     with NodeProcess():
-        done = subprocess.run([sys.executable, str(example)], check=False, capture_output=True, text=True, timeout=100)
+        done = subprocess.run(
+            [sys.executable, str(ROOT / "examples" / example)], check=False, capture_output=True, text=True, timeout=200)
     assert done.returncode == 0, done.stderr
-    assert len(re.findall(r"^0\.\d s: ", done.stdout, re.MULTILINE)) == 5
+    return done.stdout
+
+
+def test_the_smallest_client_runs():
+    assert len(re.findall(r"^0\.\d s: ", output_of("predict_client.py"), re.MULTILINE)) == 5
+
+
+def test_release_poses_over_the_bin_s_middle_are_better_than_those_beside_it():
+    shares = {name: int(share) for name, share in re.findall(r"^([\d.]+) m +(\d+)%", output_of("drop_into_bin.py"), re.MULTILINE)}
+    assert len(shares) == 6
+    assert shares["0.00"] == 100 and shares["0.20"] == 0
+    assert 5 < shares["0.14"] < 95
 
 
 def test_every_topic_service_and_action_is_in_the_document(node, client):
