@@ -2,15 +2,17 @@
 
 import importlib.util
 import re
+import signal
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 import yaml
-from running import NodeProcess, wait_until
+from running import Inbox, NodeProcess, wait_until
 
 from unc_physics.ros.reference import parameter_file, parameter_table
+from unc_physics_msgs.msg import Prediction
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -61,6 +63,19 @@ def test_release_poses_over_the_bin_s_middle_are_better_than_those_beside_it():
     assert len(shares) == 6
     assert shares["0.00"] == 100 and shares["0.20"] == 0
     assert 5 < shares["0.14"] < 95
+
+
+def test_the_demo_s_stream_is_predicted(client):
+    with NodeProcess("--params-file", str(ROOT / "config" / "demo.yaml")), \
+            Inbox(client, Prediction, "/unc_physics/predictions") as inbox:
+        stream = subprocess.Popen([sys.executable, "-m", "unc_physics.ros.demo_stream"])
+        try:
+            message = inbox.next()
+        finally:
+            stream.send_signal(signal.SIGTERM)
+            assert stream.wait(10.0) == 0
+    assert [predicted.id for predicted in message.objects] == ["left", "right"]
+    assert len(message.objects[0].states) == 4
 
 
 def test_every_topic_service_and_action_is_in_the_document(node, client):

@@ -1,6 +1,7 @@
 """The node as a process: it ends cleanly, also while it works."""
 
 import signal
+import subprocess
 import time
 
 import pytest
@@ -23,6 +24,18 @@ def test_a_signal_ends_the_node_cleanly(with_signal, busy):
         assert process.end(with_signal) == 0
         assert time.monotonic() - started < 5.0
         assert "Traceback" not in process.output
+
+
+@pytest.mark.parametrize("with_signal", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("delay", [0.8, 2.0])
+def test_a_signal_while_it_starts_ends_the_node_cleanly(with_signal, delay):
+    starting = NodeProcess(name="starting")
+    process = subprocess.Popen(starting.command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+    time.sleep(delay)
+    process.send_signal(with_signal)
+    output, _ = process.communicate(timeout=200.0)
+    if process.returncode not in (-with_signal, 0):  # before rclpy has its own handlers, Python's default ends it
+        assert "KeyboardInterrupt" in output and delay < 1.0, output
 
 
 def test_two_clients_do_not_wait_for_each_other(node, client):

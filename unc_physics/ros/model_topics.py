@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import tempfile
 import threading
 from concurrent.futures import ThreadPoolExecutor
@@ -30,8 +31,6 @@ class ModelTopics:
         self._packer = ThreadPoolExecutor(1)
         self._packing: dict[str, ModelInfo] = {}  # meshes that are being packed, or that could not be
         self._lock = threading.Lock()
-        self._folder = tempfile.TemporaryDirectory(prefix="unc_physics_models_")  # of packed meshes
-        self._packed = 0
         node = server.node
         self._publisher = node.create_publisher(ModelList, "~/models", _LATCHED)
         group = MutuallyExclusiveCallbackGroup()
@@ -47,7 +46,6 @@ class ModelTopics:
             self._server.node.destroy_service(service)
         self._server.node.destroy_publisher(self._publisher)
         self._packer.shutdown(wait=False, cancel_futures=True)
-        self._folder.cleanup()
 
     def _infos(self):
         library = self._server.library
@@ -114,10 +112,10 @@ class ModelTopics:
             solid, _ = load_solid(path)
             # one thread: packing may take its time, predictions may not
             packing = pack_solid(solid, spheres, threads=1)
-            self._packed += 1
-            file = Path(self._folder.name) / f"{self._packed}.npz"
+            handle, file = tempfile.mkstemp(suffix=".npz", dir=self._server.library.packed.name)
+            os.close(handle)
             save_packing(file, packing)
-            self._server.library.add(name, file)
+            self._server.library.add(name, Path(file))
             self._server.library.prepare(name)
             with self._lock:
                 del self._packing[name]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import os
+import tempfile
 import threading
 from pathlib import Path
 
@@ -34,6 +35,7 @@ class ModelLibrary:
         self._allow_paths = allow_paths
         self._lock = threading.Lock()
         self._paths: dict[str, Path] = {}
+        self.packed = tempfile.TemporaryDirectory(prefix="unc_physics_models_")  # of meshes packed at run time
         self._shape = functools.lru_cache(maxsize=256)(load_shape)
         self._scan()
 

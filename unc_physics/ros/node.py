@@ -47,6 +47,10 @@ def run(make_node, arguments=None) -> int:
     except UncPhysicsError as error:
         print(f"unc_physics_node: {error}", file=sys.stderr)
         return int(error.code)
+    except Exception:
+        if rclpy.ok():
+            raise
+        # a signal during the start: nothing can be made any more, which is no fault
     finally:
         if node is not None:
             node.server.stop()
