@@ -80,7 +80,7 @@ def test_colcon_builds_and_result_can_be_used(kind, tmp_path):
     copy_sources(workspace / sources)
     env = wheels_environment() | {
         "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST", "ROS_DOMAIN_ID": str(os.getpid() % 100),
-        "NUMBA_CACHE_DIR": str(tmp_path / "numba"),
+        "NUMBA_CACHE_DIR": str(tmp_path / "numba"), "XDG_CACHE_HOME": str(tmp_path / "no models of the user"),
     }
     names = run(["colcon", "list", "--names-only", *base_paths], cwd=workspace, env=env).stdout.split()
     assert sorted(names) == ["unc_physics", "unc_physics_msgs"]
