@@ -11,8 +11,8 @@ from twins import states as twin
 from unc_physics.kernels import moments, so3
 
 ROUND_OFF = 1e-14
-ROUND_OFF_NEAR_PI = (
 SUBNORMAL = 1e-300  # below it numbers lose digits
+ROUND_OFF_NEAR_PI = (
     1e-12  # the axis of a rotation by pi - e is known to round-off / e only where |w| is lost: it is not
 )
 
