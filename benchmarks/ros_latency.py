@@ -65,7 +65,7 @@ def main(arguments=None) -> int:
         if not ready:
             return 1
         services(client, predict, options.calls)
-        cancel(client)
+        cancel(client, executor)
         stream(client, options.stream)
     finally:
         for process in (node, empty):
@@ -143,7 +143,7 @@ def services(client, predict, calls):
         print(f"{propagator:16}{p50:9.2f}{p99:9.2f}{core:10.2f}{over:11.2f}{nothing:11.2f}{over / nothing:7.2f}")
 
 
-def cancel(client, repeats=5):
+def cancel(client, executor, repeats=5):
     """Time until a cancel request of a long Monte Carlo run is answered, and until its result is there."""
     action = ActionClient(client, PredictLong, "/unc_physics/predict_long")
     action.wait_for_server(READY_TIMEOUT)
@@ -151,11 +151,12 @@ def cancel(client, repeats=5):
     fields |= {"samples": 20_000, "horizon": 60.0}
     answers, results = [], []
     for _ in range(repeats):
-        handle = wait_for(action.send_goal_async(PredictLong.Goal(**fields)))
+        # by the thread that spins: rclpy drops an answer that comes before the call has returned
+        handle = wait_for(wait_for(executor.create_task(lambda: action.send_goal_async(PredictLong.Goal(**fields)))))
+        result = wait_for(executor.create_task(handle.get_result_async))
         time.sleep(0.5)
-        result = handle.get_result_async()
         started = time.perf_counter()
-        wait_for(handle.cancel_goal_async())
+        wait_for(wait_for(executor.create_task(handle.cancel_goal_async)))
         answers.append(time.perf_counter() - started)
         wait_for(result)
         results.append(time.perf_counter() - started)
