@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import sys
 import traceback
 
 from rclpy.lifecycle import LifecycleNode, TransitionCallbackReturn
 
-from .node import run
+from .node import leave, run
 from .server import PredictionServer
 
 
@@ -47,10 +46,10 @@ class UncPhysicsLifecycleNode(LifecycleNode):
         return TransitionCallbackReturn.SUCCESS
 
 
-def main(arguments=None) -> int:
-    """Run the lifecycle node."""
-    return run(UncPhysicsLifecycleNode, arguments)
+def main(arguments=None) -> None:
+    """Run the lifecycle node, and end the process."""
+    leave(run(UncPhysicsLifecycleNode, arguments))
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()
