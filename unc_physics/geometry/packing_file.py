@@ -137,6 +137,8 @@ class SpherePacking:
         scale = float(_array("scale", s, ()))
         if not scale > 0.0:
             raise InvalidModelError("must be positive", field="scale", value=s)
+        if not 1e-50 < scale < 1e50:  # the cube stays within the range of numbers
+            raise InvalidModelError("must be between 1e-50 and 1e50", field="scale", value=s)
         if scale == 1.0:
             return self
         return replace(
