@@ -23,7 +23,7 @@ _HOMES = {
     "UncPhysicsError": "errors",
 }
 
-__all__ = sorted(_HOMES)
+__all__ = list(_HOMES)
 
 
 def __getattr__(name):

@@ -9,7 +9,13 @@ from functools import cached_property
 
 import numpy as np
 
-from .errors import DuplicateIdError, InvalidHorizonError, InvalidMassError, InvalidRequestError, NoObjectsError
+from .errors import (
+    DuplicateIdError,
+    InvalidHorizonError,
+    InvalidMassError,
+    InvalidRequestError,
+    NoObjectsError,
+)
 from .geometry.packing_file import SpherePacking
 from .kernels import tree as sphere_tree
 from .kernels.world import Bodies, World

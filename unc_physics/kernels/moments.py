@@ -5,7 +5,7 @@ import math
 import numpy as np
 from numba import njit
 
-from ..layout import EP, ER, ERROR, EV, EW, P, Q, STATE, V, W
+from ..layout import EP, ER, ERROR, EV, EW, STATE, P, Q, V, W
 from .so3 import conjugate, exp, log, multiply, normalized
 
 _KARCHER_TOLERANCE = 1e-12  # rad

@@ -102,3 +102,9 @@ def rotate_back(R, x, y, z):
         R[0, 1] * x + R[1, 1] * y + R[2, 1] * z,
         R[0, 2] * x + R[1, 2] * y + R[2, 2] * z,
     )
+
+
+@njit(cache=True, nogil=True)
+def cross(a, b):
+    """Cross product of two vectors, as a tuple."""
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]

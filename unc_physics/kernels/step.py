@@ -189,7 +189,7 @@ def part(i, j, t_ij, slack, world, work):
     steps, pace = work.rest[i, j, 1], work.speed[i] + work.speed[j]
     glance = work.glance
     glance.stack[0, 0], glance.stack[0, 1] = world.bodies.root[i], world.bodies.root[j]
-    found, top = candidates(world.tree, work.R_ij, t_ij, slack + steps * pace, glance, _ROOTS_ALONE)
+    found, _ = candidates(world.tree, work.R_ij, t_ij, slack + steps * pace, glance, _ROOTS_ALONE)
     if found == 0:
         work.rest[i, j, 0] = work.travel[i] + work.travel[j] + steps * pace
         work.rest[i, j, 1] = min(2.0 * steps, _LONGEST_REST)

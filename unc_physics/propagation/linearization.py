@@ -13,10 +13,10 @@ from ..belief import Belief
 from ..errors import InvalidOptionError
 from ..kernels.contact import VOLUME, next_contacts
 from ..kernels.moments import boxminus, boxplus
-from ..kernels.so3 import rotate, rotate_back
+from ..kernels.so3 import cross, rotate, rotate_back
 from ..kernels.step import add_wrench, drift, kick, near_pairs, open_pair, part, workspace
 from ..kernels.transition import apply_transition, write_exact_rotation
-from ..layout import EP, ER, ERROR, EV, EW, P, STATE
+from ..layout import EP, ER, ERROR, EV, EW, STATE, P
 from .base import Propagator, Traits
 
 _JACOBIANS = ("analytic", "finite_difference")
@@ -172,11 +172,6 @@ def _row(moving, body):
 
 
 @njit(cache=True, nogil=True)
-def _cross(a, b):
-    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
-
-
-@njit(cache=True, nogil=True)
 def contact_geometry(x, R, tree, dominant, k):
     """The sphere pair of dominant contact ``k`` in the world frame.
 
@@ -225,7 +220,7 @@ def contact_root(x, root, world, R, dominant, k):
     point = (lever * n[0], lever * n[1], lever * n[2])
     lever_i = (arm_i[0] + point[0], arm_i[1] + point[1], arm_i[2] + point[2])
     lever_j = (arm_j[0] + point[0] - D[0], arm_j[1] + point[1] - D[1], arm_j[2] + point[2] - D[2])
-    torque_i, torque_j = _cross(f, lever_i), _cross(lever_j, f)
+    torque_i, torque_j = cross(f, lever_i), cross(lever_j, f)
     for c in range(root.shape[1]):
         dp_i, turn_i, d_arm_i = _moved(root, row_i, c, R[i], arm_i)
         dp_j, turn_j, d_arm_j = _moved(root, row_j, c, R[j], arm_j)
@@ -245,14 +240,14 @@ def contact_root(x, root, world, R, dominant, k):
         )
         if row_i >= 0:
             d_lever = (d_arm_i[0] + d_point[0], d_arm_i[1] + d_point[1], d_arm_i[2] + d_point[2])
-            a, b = _cross(df, lever_i), _cross(f, d_lever)
+            a, b = cross(df, lever_i), cross(f, d_lever)
             dtau = (a[0] + b[0], a[1] + b[1], a[2] + b[2])
             kick_column(root, row_i, c, (-df[0], -df[1], -df[2]), (torque_i, dtau, turn_i), world, R, i)
         if row_j >= 0:
             d_lever = (
                 d_arm_j[0] + d_point[0] - dD[0], d_arm_j[1] + d_point[1] - dD[1], d_arm_j[2] + d_point[2] - dD[2],
             )
-            a, b = _cross(d_lever, f), _cross(lever_j, df)
+            a, b = cross(d_lever, f), cross(lever_j, df)
             dtau = (a[0] + b[0], a[1] + b[1], a[2] + b[2])
             kick_column(root, row_j, c, df, (torque_j, dtau, turn_j), world, R, j)
 
@@ -265,7 +260,7 @@ def _moved(root, row, c, R, arm):
         return zero, zero, zero
     dp = (root[row + EP, c], root[row + EP + 1, c], root[row + EP + 2, c])
     turn = rotate(R, root[row + ER, c], root[row + ER + 1, c], root[row + ER + 2, c])
-    return dp, turn, _cross(turn, arm)
+    return dp, turn, cross(turn, arm)
 
 
 @njit(cache=True, nogil=True)
@@ -280,9 +275,9 @@ def kick_column(root, row, c, df, torques, world, R, body):
     for k in range(3):
         root[row + EV + k, c] += a * df[k]
     w = _inverse_inertia(world, R[body], body, tau)
-    twist = _cross(turn, tau)
+    twist = cross(turn, tau)
     dw = _inverse_inertia(world, R[body], body, (dtau[0] - twist[0], dtau[1] - twist[1], dtau[2] - twist[2]))
-    turned = _cross(turn, w)
+    turned = cross(turn, w)
     for k in range(3):
         root[row + EW + k, c] += world.dt * (turned[k] + dw[k])
 
@@ -306,9 +301,9 @@ def regularized_step(x, world, work, dominant, touching):
         scale = world.stiffness * dominant.volume[k] / (d + ri + rj)
         share = _lever(d, ri, rj)[0] / d
         f = (scale * D[0], scale * D[1], scale * D[2])
-        tau_i = _cross(f, (arm_i[0] + share * D[0], arm_i[1] + share * D[1], arm_i[2] + share * D[2]))
+        tau_i = cross(f, (arm_i[0] + share * D[0], arm_i[1] + share * D[1], arm_i[2] + share * D[2]))
         share -= 1.0
-        tau_j = _cross((arm_j[0] + share * D[0], arm_j[1] + share * D[1], arm_j[2] + share * D[2]), f)
+        tau_j = cross((arm_j[0] + share * D[0], arm_j[1] + share * D[1], arm_j[2] + share * D[2]), f)
         for c in range(3):
             work.wrench[i, c] -= f[c]
             work.wrench[i, 3 + c] += tau_i[c]

@@ -10,7 +10,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..belief import Belief
-from ..errors import DivergedError, InvalidHorizonError, LimitExceededError, PredictionTimeoutError, UncPhysicsError
+from ..errors import (
+    DivergedError,
+    InvalidHorizonError,
+    LimitExceededError,
+    PredictionTimeoutError,
+    UncPhysicsError,
+)
 from ..scene import Scene
 from ..validation import positive
 from .base import Propagator

@@ -12,7 +12,7 @@ from numba import njit
 from ..belief import Belief
 from ..errors import InvalidOptionError
 from ..kernels.contact import DISTANCE, NORMAL, VOLUME, next_contacts
-from ..kernels.so3 import rotate, rotate_back
+from ..kernels.so3 import cross, rotate, rotate_back
 from ..kernels.step import add_wrench, drift, kick, near_pairs, open_pair, part, workspace
 from ..kernels.transition import apply_transition, write_printed_rotation
 from ..layout import EP, ER, ERROR, EV, EW
@@ -156,11 +156,6 @@ def _form(A, u, w):
     return u[0] * x + u[1] * y + u[2] * z
 
 
-@njit(cache=True, nogil=True)
-def _cross(a, b):
-    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
-
-
 @njit(cache=True, nogil=True, error_model="numpy")
 def tangent_basis(n):
     """Two unit vectors that complete the unit vector ``n`` to a right-handed orthonormal basis."""
@@ -193,7 +188,7 @@ def add_tilts(bodies, found, k_sigma, tree, work, spread):
         arm_j = rotate(R_j, tree.centers[b, 0], tree.centers[b, 1], tree.centers[b, 2])
         u, w = tangent_basis(n)
         # J Sigma J^T with J = -R [r]x is [arm]x (R Sigma R^T) [arm]x^T in world axes
-        ui, wi, uj, wj = _cross(u, arm_i), _cross(w, arm_i), _cross(u, arm_j), _cross(w, arm_j)
+        ui, wi, uj, wj = cross(u, arm_i), cross(w, arm_i), cross(u, arm_j), cross(w, arm_j)
         uu = _form(position_i, u, u) + _form(rotation_i, ui, ui)
         uw = _form(position_i, u, w) + _form(rotation_i, ui, wi)
         ww = _form(position_i, w, w) + _form(rotation_i, wi, wi)
@@ -214,7 +209,7 @@ def add_tilts(bodies, found, k_sigma, tree, work, spread):
                 (uu * u[c] + uw * w[c]) * u[1] + (uw * u[c] + ww * w[c]) * w[1],
                 (uu * u[c] + uw * w[c]) * u[2] + (uw * u[c] + ww * w[c]) * w[2],
             )
-            moment_i, moment_j = _cross(arm_i, column), _cross(arm_j, column)
+            moment_i, moment_j = cross(arm_i, column), cross(arm_j, column)
             for r in range(3):
                 tilt[r, c] += column[r]
                 torque_i[r, c] += moment_i[r]
