@@ -9,17 +9,24 @@ from functools import cached_property
 
 import numpy as np
 
+from .environment import Box, Plane, element_names
 from .errors import (
     DuplicateIdError,
+    InvalidEnvironmentError,
     InvalidHorizonError,
     InvalidMassError,
+    InvalidOptionError,
     InvalidRequestError,
     NoObjectsError,
 )
 from .geometry.packing_file import SpherePacking
 from .kernels import tree as sphere_tree
-from .kernels.world import Bodies, World
-from .validation import array, non_negative, positive
+from .kernels.so3 import write_matrix
+from .kernels.world import BOX, PLANE, Bodies, Laws, World
+from .validation import array, non_negative, number, positive
+
+#: How steps are taken: as in the paper, or divided and linearly implicit where contacts need it.
+INTEGRATORS = ("explicit", "robust")
 
 _trees = weakref.WeakKeyDictionary()
 
@@ -75,10 +82,23 @@ class Scene:
         Decay rate of all velocities [1/s].
     gravity : (3,) array
         World frame [m/s^2].
+    environment : tuple of Plane and Box
+        Fixed surroundings.
+    friction : float, optional
+        Coefficient of Coulomb friction of all contacts; None means that there is none.
+    restitution : float, optional
+        Coefficient of restitution of all contacts, 0 to 1; None means elastic contacts, as does 1.
+    gyroscopic : bool
+        Whether a turning body keeps its angular momentum, instead of its angular velocity as in the paper.
+    integrator : {'explicit', 'robust'}
+        The paper's step, or one that is divided and linearly implicit where contacts need it.
+    islands : bool
+        Whether groups of bodies that cannot touch within the horizon are predicted each by itself.
 
     Raises
     ------
-    NoObjectsError, DuplicateIdError, InvalidRequestError, InvalidHorizonError, NotFiniteError
+    NoObjectsError, DuplicateIdError, InvalidRequestError, InvalidHorizonError, InvalidOptionError,
+    InvalidEnvironmentError, NotFiniteError
         For an empty scene, a repeated name, a physical constant out of range, or a bad time step.
     """
 
@@ -87,6 +107,12 @@ class Scene:
     stiffness: float = 1e4
     damping: float = 0.0
     gravity: np.ndarray = (0.0, 0.0, 0.0)
+    environment: tuple[Plane | Box, ...] = ()
+    friction: float | None = None
+    restitution: float | None = None
+    gyroscopic: bool = False
+    integrator: str = "explicit"
+    islands: bool = False
 
     def __post_init__(self):
         try:
@@ -108,7 +134,14 @@ class Scene:
             "stiffness": non_negative(self.stiffness, "stiffness"),
             "damping": non_negative(self.damping, "damping"),
             "gravity": array(self.gravity, (3,), "gravity"),
+            "environment": _elements(self.environment, names),
+            "friction": None if self.friction is None else non_negative(self.friction, "friction"),
+            "restitution": None if self.restitution is None else _share(self.restitution, "restitution"),
+            "gyroscopic": _flag(self.gyroscopic, "gyroscopic"),
+            "islands": _flag(self.islands, "islands"),
         }
+        if self.integrator not in INTEGRATORS:
+            raise InvalidOptionError(f"must be one of {', '.join(INTEGRATORS)}", field="integrator", value=self.integrator)
         for field, value in checked.items():
             object.__setattr__(self, field, value)
 
@@ -145,7 +178,34 @@ class Scene:
         )
         stack_size = sphere_tree.WIDTH**2 * deepest + 1
         # a writable copy: read-only arrays would compile every kernel once more
-        return World(bodies, tree, np.array(self.gravity), self.dt, math.exp(-self.damping * self.dt), self.stiffness, stack_size)
+        return World(
+            bodies, tree, np.array(self.gravity), self.dt, math.exp(-self.damping * self.dt), self.stiffness, stack_size, self._laws())
+
+    def _laws(self) -> Laws | None:
+        """What goes beyond the paper's physics; None, for which the kernels compile without it, where nothing does."""
+        elements, robust = self.environment, self.integrator == "robust"
+        restitution = 1.0 if self.restitution is None else self.restitution
+        if not (elements or self.friction or restitution < 1.0 or self.gyroscopic or robust):
+            return None
+        R = np.tile(np.eye(3), (len(elements), 1, 1))
+        position, half = np.zeros((len(elements), 3)), np.ones((len(elements), 3))
+        for k, element in enumerate(elements):
+            if isinstance(element, Plane):
+                R[k], position[k] = _frame(element.normal), element.offset * element.normal
+            else:
+                write_matrix(tuple(element.orientation), R, k)
+                position[k], half[k] = element.position, 0.5 * element.size
+        return Laws(
+            kind=np.array([PLANE if isinstance(element, Plane) else BOX for element in elements], np.int64),
+            position=position, R=R, half=half,
+            friction=self.friction or 0.0,
+            dissipation=0.5 * (1.0 - restitution**2),
+            gyroscopic=bool(self.gyroscopic),
+            robust=robust,
+            thickness=np.array([body.model.radii.max() for body in self.bodies]),
+            mass=np.array([body.mass for body in self.bodies]),
+            inertia=np.array([body.mass * body.model.inertia for body in self.bodies]),
+        )
 
 
 def tree_of(model: SpherePacking):
@@ -153,6 +213,44 @@ def tree_of(model: SpherePacking):
     if model not in _trees:
         _trees[model] = sphere_tree.build(np.array(model.centers), np.array(model.radii))
     return _trees[model]
+
+
+def _elements(environment, names):
+    """The environment as a tuple; its names and the bodies' must differ."""
+    try:
+        elements = tuple(environment)
+    except TypeError:
+        raise InvalidEnvironmentError("must be a sequence of Plane and Box", field="environment", value=environment) from None
+    for k, element in enumerate(elements):
+        if not isinstance(element, (Plane, Box)):
+            raise InvalidEnvironmentError("must be a Plane or a Box", field=f"environment[{k}]", value=element)
+    taken = set(names)
+    for k, name in enumerate(element_names(elements)):
+        if name in taken:
+            raise DuplicateIdError("is the name of two things", field=f"environment[{k}].name", value=name)
+        taken.add(name)
+    return elements
+
+
+def _share(value, field):
+    result = number(value, field)
+    if not 0.0 <= result <= 1.0:
+        raise InvalidRequestError("must be between 0 and 1", field=field, value=value)
+    return result
+
+
+def _flag(value, field):
+    if not isinstance(value, (bool, np.bool_)):
+        raise InvalidRequestError("must be true or false", field=field, value=value)
+    return bool(value)
+
+
+def _frame(normal):
+    """A rotation matrix whose third column is the normal."""
+    helper = np.eye(3)[np.argmin(np.abs(normal))]
+    first = np.cross(helper, normal)
+    first /= np.linalg.norm(first)
+    return np.column_stack([first, np.cross(normal, first), normal])
 
 
 def _shifted(child, first_node, first_sphere):

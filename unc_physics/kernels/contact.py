@@ -13,7 +13,7 @@ NORMAL, DISTANCE, VOLUME, POINT = 0, 3, 4, 5
 RECORD = 8
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, _nrt=False, error_model="numpy")
 def lens(d, ri, rj):
     """Overlap of two spheres of radii ``ri``, ``rj`` [m] whose centres are ``d`` apart.
 
@@ -35,7 +35,7 @@ def lens(d, ri, rj):
     return volume, 0.5 * (max(d - rj, -ri) + min(ri, d + rj))
 
 
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+@njit(cache=True, nogil=True, _nrt=False, error_model="numpy", forceinline=True)
 def next_contacts(tree, R_ij, t_ij, slack, search, top):
     """Continue the search for the contacts of two bodies, as `tree.candidates`, which takes the same arguments.
 
@@ -75,7 +75,7 @@ def next_contacts(tree, R_ij, t_ij, slack, search, top):
     return count, top
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, _nrt=False)
 def contact_sums(records, count):
     """Sums over the first ``count`` contacts, in body i's frame (Eqs. 4 and 5 without the stiffness).
 

@@ -2,8 +2,10 @@
 
 import threading
 
+import numpy as np
 from numba import njit, prange
 
+from .laws import FIRST
 from .step import advance
 from .world import World
 
@@ -12,14 +14,22 @@ _one_at_a_time = threading.Lock()
 
 
 @njit(cache=True, nogil=True, parallel=True)
-def _advance_all(states, bodies, tree, gravity, constants, steps):
+def _advance_all(states, memory, bodies, tree, gravity, constants, laws, begin, steps):
     # parallel loops take no tuples of tuples: the world comes in parts and is put together inside
     for n in prange(len(states)):
-        world = World(bodies, tree, gravity, constants[0], constants[1], constants[2], constants[3])
-        advance(states[n], world, steps)
+        world = World(bodies, tree, gravity, constants[0], constants[1], constants[2], constants[3], laws)
+        advance(states[n], memory[n], world, laws, begin, steps)
 
 
-def rollout(states, world, steps):
+def fresh_memory(count, world):
+    """(count, B, B + E, 2) float32: the memory of rollouts that begin."""
+    bodies = len(world.bodies.moving)
+    memory = np.zeros((count, bodies, bodies + (0 if world.laws is None else len(world.laws.kind)), 2), np.float32)
+    memory[..., FIRST] = np.inf
+    return memory
+
+
+def rollout(states, memory, world, begin, steps):
     """Advance a batch of states in place.
 
     Every rollout is computed by itself, so the result does not depend on the number of threads
@@ -29,11 +39,15 @@ def rollout(states, world, steps):
     ----------
     states : (N, B, 13) float64, C order
         One scene state per sample.
+    memory : (N, B, B + E, 2) float32, C order
+        What each rollout remembers of its contacts (`fresh_memory`, `step.advance`); updated in place.
     world : World
+    begin : int
+        Number of steps before.
     steps : int
     """
     if len(states) == 1:
-        advance(states[0], world, steps)
+        advance(states[0], memory[0], world, world.laws, begin, steps)
     else:
         with _one_at_a_time:
-            _advance_all(states, world.bodies, world.tree, world.gravity, world[3:], steps)
+            _advance_all(states, memory, world.bodies, world.tree, world.gravity, world[3:7], world.laws, begin, steps)

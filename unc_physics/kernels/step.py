@@ -7,7 +7,11 @@ from numba import njit
 
 from ..layout import P, Q, V, W
 from .contact import RECORD, contact_sums, next_contacts
+from .laws import FIRST, RATE, Patches, add_patch, kick_patches, make_patches
+from .pairs import near_pairs
+from .pieces import next_piece
 from .so3 import exp, multiply, renormalized, rotate, rotate_back, write_matrix
+from .surroundings import next_element_contacts, open_element
 from .tree import WIDTH, Scratch, candidates
 
 _PAIRS_AT_ONCE = 1024
@@ -30,6 +34,14 @@ class Workspace(NamedTuple):
         Whether a contact force acts on the body in this step.
     order : (B,) int64
         Bodies sorted along x.
+    reach : (B,) float64
+        Radius of a ball that a body stays in for the rest of a step [m].
+    coming, still : (B,) float64
+        The most that a body travels in the rest of a step [m]; zeros.
+    calm : (2,) int64
+        Steps for which nothing can touch, and for how many that is next asked; of scenes with laws.
+    touching : (1,) int64
+        Whether bodies touched in the last step, or in this one; of scenes with laws.
     low : (B,) float64
         Where each body's ball begins along x [m].
     near : (B (B - 1) / 2, 2) int64
@@ -45,12 +57,21 @@ class Workspace(NamedTuple):
         Rotation from body j's to body i's coordinates, of the pair at hand.
     search, glance : Scratch
         The latter has so little room that a search ends at the first candidates.
+    momentum : (B, 3) float64
+        Angular momentum in world axes during a drift with the gyroscopic term [kg m^2/s].
+    patches : Patches or None
+        Of scenes with laws beyond the paper's.
     """
 
     R: np.ndarray
     wrench: np.ndarray
     touched: np.ndarray
     order: np.ndarray
+    reach: np.ndarray
+    coming: np.ndarray
+    still: np.ndarray
+    calm: np.ndarray
+    touching: np.ndarray
     low: np.ndarray
     near: np.ndarray
     speed: np.ndarray
@@ -59,12 +80,18 @@ class Workspace(NamedTuple):
     R_ij: np.ndarray
     search: Scratch
     glance: Scratch
+    momentum: np.ndarray
+    patches: Patches
 
 
 @njit(cache=True, nogil=True)
-def workspace(x, world):
+def workspace(x, world, laws):
     """Workspace of one rollout that begins at state ``x`` (B, 13)."""
     count = len(x)
+    if laws is None:
+        patches = None
+    else:
+        patches = make_patches(count, len(laws.kind))
     R = np.empty((count, 3, 3))
     for i in range(count):
         write_matrix((x[i, Q], x[i, Q + 1], x[i, Q + 2], x[i, Q + 3]), R, i)
@@ -81,6 +108,11 @@ def workspace(x, world):
         np.zeros(count, np.bool_),
         np.arange(count),
         np.empty(count),
+        np.zeros(count),
+        np.zeros(count),
+        np.array([0, 1]),
+        np.array([1]),
+        np.empty(count),
         np.empty((count * (count - 1) // 2, 2), np.int64),
         np.zeros(count),
         np.zeros(count),
@@ -88,33 +120,86 @@ def workspace(x, world):
         np.empty((3, 3)),
         search,
         glance,
+        np.empty((count, 3)),
+        patches,
     )
 
 
-@njit(cache=True, nogil=True, forceinline=True)
-def drift(x, world, work):
-    """Move all bodies freely over one step, then damp their velocities and apply gravity; ``work.R`` follows."""
+@njit(cache=True, nogil=True, _nrt=False, forceinline=True)
+def drift(x, world, laws, piece, work):
+    """Move all bodies freely until a piece's contacts, then damp their velocities and apply gravity; ``work.R`` follows."""
     R, speed, travel, radius = work.R, work.speed, work.travel, world.bodies.radius
-    dt, decay, gravity, moving = world.dt, world.decay, world.gravity, world.bodies.moving
+    gravity, moving = world.gravity, world.bodies.moving
+    dt, decay, before = piece.dt, piece.decay, piece.before
     for i in range(len(x)):
         if not moving[i]:
             continue
-        q = multiply(exp(dt * x[i, W], dt * x[i, W + 1], dt * x[i, W + 2]), (x[i, Q], x[i, Q + 1], x[i, Q + 2], x[i, Q + 3]))
-        q = renormalized(q)
-        x[i, Q], x[i, Q + 1], x[i, Q + 2], x[i, Q + 3] = q
-        write_matrix(q, R, i)
-        speed[i] = dt * (
-            abs(x[i, V]) + abs(x[i, V + 1]) + abs(x[i, V + 2])
-            + radius[i] * (abs(x[i, W]) + abs(x[i, W + 1]) + abs(x[i, W + 2]))
-        )
-        travel[i] += speed[i]
+        pace = move(x, i, before, world, laws, work)
+        speed[i] = dt * pace
+        travel[i] += before * pace
         for k in range(3):
-            x[i, P + k] += dt * x[i, V + k]
             x[i, V + k] = decay * x[i, V + k] + dt * gravity[k]
             x[i, W + k] *= decay
 
 
-@njit(cache=True, nogil=True, forceinline=True)
+@njit(cache=True, nogil=True, _nrt=False, forceinline=True)
+def glide(x, world, laws, piece, work):
+    """Move all bodies freely from a piece's contacts to its end."""
+    travel, moving = work.travel, world.bodies.moving
+    for i in range(len(x)):
+        if moving[i]:
+            travel[i] += piece.after * move(x, i, piece.after, world, laws, work)
+
+
+@njit(cache=True, nogil=True, _nrt=False, forceinline=True)
+def move(x, i, dt, world, laws, work):
+    """Move body i freely; returns the most that a point of it moves in a second [m/s]."""
+    radius = world.bodies.radius
+    if laws is not None:
+        if laws.gyroscopic:
+            turn_freely(x, i, world, laws, dt, work)
+    q = multiply(exp(dt * x[i, W], dt * x[i, W + 1], dt * x[i, W + 2]), (x[i, Q], x[i, Q + 1], x[i, Q + 2], x[i, Q + 3]))
+    q = renormalized(q)
+    x[i, Q], x[i, Q + 1], x[i, Q + 2], x[i, Q + 3] = q
+    write_matrix(q, work.R, i)
+    pace = (
+        abs(x[i, V]) + abs(x[i, V + 1]) + abs(x[i, V + 2])
+        + radius[i] * (abs(x[i, W]) + abs(x[i, W + 1]) + abs(x[i, W + 2]))
+    )
+    if laws is not None:
+        if laws.gyroscopic:
+            keep_momentum(x, i, world, work)
+    for k in range(3):
+        x[i, P + k] += dt * x[i, V + k]
+    return pace
+
+
+@njit(cache=True, nogil=True, _nrt=False)
+def turn_freely(x, i, world, laws, dt, work):
+    """Put the angular velocity in the middle of a free turn into the state, and the angular momentum on record.
+
+    The momentum is constant; half a turn ahead, the inertia turned along, it belongs to another angular velocity.
+    """
+    R, momentum = work.R[i], work.momentum[i]
+    w = (x[i, W], x[i, W + 1], x[i, W + 2])
+    a, b, c = rotate_back(R, w[0], w[1], w[2])
+    a, b, c = rotate(laws.inertia[i], a, b, c)
+    momentum[0], momentum[1], momentum[2] = rotate(R, a, b, c)
+    half = multiply(exp(0.5 * dt * w[0], 0.5 * dt * w[1], 0.5 * dt * w[2]), (x[i, Q], x[i, Q + 1], x[i, Q + 2], x[i, Q + 3]))
+    write_matrix(half, work.R, i)
+    keep_momentum(x, i, world, work)
+
+
+@njit(cache=True, nogil=True, _nrt=False)
+def keep_momentum(x, i, world, work):
+    """The angular velocity that belongs to body i's angular momentum on record, at ``work.R``, into the state."""
+    R, momentum = work.R[i], work.momentum[i]
+    a, b, c = rotate_back(R, momentum[0], momentum[1], momentum[2])
+    a, b, c = rotate(world.bodies.inverse_inertia[i], a, b, c)
+    x[i, W], x[i, W + 1], x[i, W + 2] = rotate(R, a, b, c)
+
+
+@njit(cache=True, nogil=True, _nrt=False, forceinline=True)
 def relative_pose(x, i, j, work):
     """Pose of body j in body i's frame: writes ``work.R_ij`` and returns the position [m]."""
     Ri, Rj = work.R[i], work.R[j]
@@ -124,45 +209,7 @@ def relative_pose(x, i, j, work):
     return rotate_back(Ri, x[j, P] - x[i, P], x[j, P + 1] - x[i, P + 1], x[j, P + 2] - x[i, P + 2])
 
 
-@njit(cache=True, nogil=True, forceinline=True)
-def near_pairs(x, world, work):
-    """Find the pairs of bodies that may touch: at least one moves, the balls around them overlap, none rests.
-
-    Sweeps along x over the bodies, which `work.order` keeps sorted from step to step. Fills ``work.near`` with
-    pairs (i, j), i < j, in an order that depends on the state alone, and returns their number.
-    """
-    radius, moving = world.bodies.radius, world.bodies.moving
-    order, low = work.order, work.low
-    for i in range(len(x)):
-        low[i] = x[i, P] - radius[i]
-    for k in range(1, len(x)):  # insertion sort: next to no work on what was sorted a step ago
-        body, place = order[k], k
-        while place > 0:
-            before = order[place - 1]
-            if low[before] < low[body] or (low[before] == low[body] and before < body):
-                break
-            order[place] = before
-            place -= 1
-        order[place] = body
-    count = 0
-    for k in range(len(x)):
-        a = order[k]
-        high = x[a, P] + radius[a]
-        for m in range(k + 1, len(x)):
-            b = order[m]
-            if low[b] >= high:
-                break
-            dx, dy, dz = x[b, P] - x[a, P], x[b, P + 1] - x[a, P + 1], x[b, P + 2] - x[a, P + 2]
-            reach = radius[a] + radius[b]
-            if dx * dx + dy * dy + dz * dz < reach * reach and (moving[a] or moving[b]):
-                i, j = min(a, b), max(a, b)
-                if work.travel[i] + work.travel[j] >= work.rest[i, j, 0]:
-                    work.near[count, 0], work.near[count, 1] = i, j
-                    count += 1
-    return count
-
-
-@njit(cache=True, nogil=True, forceinline=True)
+@njit(cache=True, nogil=True, _nrt=False, forceinline=True)
 def open_pair(x, i, j, world, work):
     """Begin the search for the contacts of bodies i and j.
 
@@ -179,7 +226,7 @@ def open_pair(x, i, j, world, work):
     return t_ij, _SINGLE_PRECISION * (world.bodies.radius[i] + world.bodies.radius[j]), _ROOTS_ALONE
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, _nrt=False)
 def part(i, j, t_ij, slack, world, work):
     """Let two bodies that do not touch rest: no search until they may have crossed the gap between them.
 
@@ -197,7 +244,7 @@ def part(i, j, t_ij, slack, world, work):
         work.rest[i, j, 1] = max(0.5 * steps, 1.0)
 
 
-@njit(cache=True, nogil=True, forceinline=True)
+@njit(cache=True, nogil=True, _nrt=False, forceinline=True)
 def add_wrench(x, i, j, count, stiffness, work):
     """Add the forces of the first ``count`` contacts on record to the wrenches of bodies i and j."""
     force, moment = contact_sums(work.search.records, count)
@@ -222,44 +269,171 @@ def add_wrench(x, i, j, count, stiffness, work):
     work.touched[i] = work.touched[j] = True
 
 
-@njit(cache=True, nogil=True, forceinline=True)
-def kick(x, world, work):
-    """Change the velocities of all touched bodies by their wrench over one step; clears the wrenches."""
+@njit(cache=True, nogil=True, _nrt=False, forceinline=True)
+def press(x, i, j, count, world, laws, work):
+    """Let the first ``count`` contacts on record act on bodies i and j."""
+    if laws is None:
+        add_wrench(x, i, j, count, world.stiffness, work)
+    else:
+        press_by_laws(x, (i, j), count, world, laws, work)
+
+
+@njit(cache=True, nogil=True, _nrt=False)
+def press_by_laws(x, bodies, count, world, laws, work):
+    """As `press`, for a scene with laws; the second body is ``-1 - e`` for element e of the environment."""
+    i, j = bodies
+    stiffness = world.stiffness * (1.0 - laws.dissipation)
+    if j >= 0:
+        add_wrench(x, i, j, count, stiffness, work)
+        arm = (x[j, P] - x[i, P], x[j, P + 1] - x[i, P + 1], x[j, P + 2] - x[i, P + 2])
+    else:
+        add_element_wrench(i, count, stiffness, work)
+        arm = (0.0, 0.0, 0.0)
+    work.touching[0] = 1
+    if laws.robust or laws.friction > 0.0 or laws.dissipation > 0.0:
+        add_patch(bodies, arm, count, world, laws, work)
+
+
+@njit(cache=True, nogil=True, _nrt=False, forceinline=True)
+def press_elements(x, memory, world, laws, time, work):
+    """Let all elements of the environment act on all moving bodies."""
+    if len(laws.kind) > 0 and work.calm[0] == 0:
+        moving = world.bodies.moving
+        for i in range(len(x)):
+            if moving[i]:
+                for e in range(len(laws.kind)):
+                    press_element(x, i, e, memory, world, laws, time, work)
+
+
+@njit(cache=True, nogil=True, _nrt=False)
+def press_element(x, i, e, memory, world, laws, time, work):
+    """Let element e act on body i."""
+    t, top = open_element(x, i, e, world, laws, work)
+    while top > 0:
+        count, top = next_element_contacts(world.tree, laws, e, work.R_ij, t, work.search, top)
+        if count > 0:
+            note_contact(memory, i, len(x) + e, time)
+            press_by_laws(x, (i, np.int64(-1 - e)), count, world, laws, work)
+
+
+@njit(cache=True, nogil=True, _nrt=False, forceinline=True)
+def note_contact(memory, i, j, time):
+    """Record that body i touches body j, or element j - B."""
+    if time < memory[i, j, FIRST]:
+        memory[i, j, FIRST] = time
+
+
+@njit(cache=True, nogil=True, _nrt=False)
+def add_element_wrench(i, count, stiffness, work):
+    """Add the forces of the first ``count`` contacts on record, of body i with the environment, to its wrench."""
+    force, moment = contact_sums(work.search.records, count)
+    fx, fy, fz = rotate(work.R[i], force[0], force[1], force[2])
+    mx, my, mz = rotate(work.R[i], moment[0], moment[1], moment[2])
+    on_i = work.wrench[i]
+    on_i[0] -= stiffness * fx
+    on_i[1] -= stiffness * fy
+    on_i[2] -= stiffness * fz
+    on_i[3] -= stiffness * mx
+    on_i[4] -= stiffness * my
+    on_i[5] -= stiffness * mz
+    work.touched[i] = True
+
+
+@njit(cache=True, nogil=True, _nrt=False, forceinline=True)
+def kick(x, memory, world, laws, piece, work):
+    """Change the velocities of all touched bodies by what acts on them over a piece of a step; clears the wrenches."""
+    if laws is None:
+        kick_each(x, world, piece.dt, work)
+    elif work.touching[0] == 0:
+        kick_each(x, world, piece.dt, work)
+    else:
+        kick_by_laws(x, memory, world, laws, piece.dt, work)
+
+
+@njit(cache=True, nogil=True, _nrt=False)
+def kick_by_laws(x, memory, world, laws, dt, work):
+    """As `kick`, while or just after bodies touch in a scene with laws."""
+    work.touching[0] = 0
+    if laws.robust:
+        for i in range(len(x)):
+            for j in range(memory.shape[1]):
+                memory[i, j, RATE] = 0.0
+    if work.patches.count[0] > 0:
+        work.touching[0] = 1
+        kick_patches(x, memory, world, laws, dt, work)
+        clear_wrenches(work)
+    else:
+        kick_each(x, world, dt, work)
+
+
+@njit(cache=True, nogil=True, _nrt=False)
+def clear_wrenches(work):
+    """Forget what acted on the bodies."""
+    work.patches.count[0] = 0
+    for i in range(len(work.touched)):
+        work.touched[i] = False
+        for k in range(6):
+            work.wrench[i, k] = 0.0
+
+
+@njit(cache=True, nogil=True, _nrt=False, forceinline=True)
+def kick_each(x, world, dt, work):
+    """Change the velocities of each touched body by its wrench; clears the wrenches."""
     for i in range(len(x)):
         if not work.touched[i]:
             continue
         work.touched[i] = False
         f = work.wrench[i]
         if world.bodies.moving[i]:
-            a = world.dt * world.bodies.inverse_mass[i]
+            a = dt * world.bodies.inverse_mass[i]
             x[i, V] += a * f[0]
             x[i, V + 1] += a * f[1]
             x[i, V + 2] += a * f[2]
             bx, by, bz = rotate_back(work.R[i], f[3], f[4], f[5])
             bx, by, bz = rotate(world.bodies.inverse_inertia[i], bx, by, bz)
             wx, wy, wz = rotate(work.R[i], bx, by, bz)
-            x[i, W] += world.dt * wx
-            x[i, W + 1] += world.dt * wy
-            x[i, W + 2] += world.dt * wz
+            x[i, W] += dt * wx
+            x[i, W + 1] += dt * wy
+            x[i, W + 2] += dt * wz
         for k in range(6):
             f[k] = 0.0
 
 
 @njit(cache=True, nogil=True)
-def advance(x, world, steps):
-    """Advance the state ``x`` (B, 13) of one rollout in place."""
-    work = workspace(x, world)
-    for _ in range(steps):
-        drift(x, world, work)
-        for k in range(near_pairs(x, world, work)):
-            i, j = work.near[k, 0], work.near[k, 1]
-            t_ij, slack, top = open_pair(x, i, j, world, work)
-            touching = False
-            while top > 0:
-                count, top = next_contacts(world.tree, work.R_ij, t_ij, slack, work.search, top)
-                if count > 0:
-                    touching = True
-                    add_wrench(x, i, j, count, world.stiffness, work)
-            if not touching:
-                part(i, j, t_ij, slack, world, work)
-        kick(x, world, work)
+def advance(x, memory, world, laws, begin, steps):
+    """Advance the state ``x`` (B, 13) of one rollout in place, and what it remembers of its contacts along.
+
+    ``memory`` (B, B + E, 2) float32 is as `laws.FIRST` and `laws.RATE` say, with pairs of bodies i < j and elements of
+    the environment behind the bodies; ``begin`` counts the steps before; ``laws`` are those of the world.
+    """
+    march(x, memory, world, laws, begin, steps, workspace(x, world, laws))
+
+
+@njit(cache=True, nogil=True, _nrt=False)
+def march(x, memory, world, laws, begin, steps, work):
+    """As `advance`, in a workspace."""
+    for step in range(begin, begin + steps):
+        left, time = world.dt, (step + 1) * world.dt
+        while left > 0.0:
+            piece = next_piece(x, memory, world, laws, left, work)
+            left = piece.left
+            drift(x, world, laws, piece, work)
+            for k in range(near_pairs(x, world.bodies.radius, work.still, world.bodies.moving, work)):
+                i, j = work.near[k, 0], work.near[k, 1]
+                t_ij, slack, top = open_pair(x, i, j, world, work)
+                touching = False
+                while top > 0:
+                    count, top = next_contacts(world.tree, work.R_ij, t_ij, slack, work.search, top)
+                    if count > 0:
+                        touching = True
+                        press(x, i, j, count, world, laws, work)
+                if touching:
+                    note_contact(memory, i, j, time)
+                else:
+                    part(i, j, t_ij, slack, world, work)
+            if laws is not None:
+                press_elements(x, memory, world, laws, time, work)
+            kick(x, memory, world, laws, piece, work)
+            if laws is not None:
+                if laws.robust:
+                    glide(x, world, laws, piece, work)

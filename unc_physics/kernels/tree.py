@@ -215,7 +215,7 @@ def build(centers, radii):
     return bounds[:nodes].copy(), child[:nodes].copy(), depth
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, _nrt=False)
 def candidates(tree, R_ij, t_ij, slack, scratch, top):
     """Continue the search for overlapping spheres of two bodies until it ends or the buffer is full.
 

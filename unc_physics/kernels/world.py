@@ -30,6 +30,51 @@ class Bodies(NamedTuple):
     root: np.ndarray
 
 
+#: Kinds of elements of the environment.
+PLANE, BOX = 0, 1
+
+
+class Laws(NamedTuple):
+    """Physics beyond the paper's, and the E elements of the environment.
+
+    Attributes
+    ----------
+    kind : (E,) int64
+        `PLANE` or `BOX`.
+    position : (E, 3) float64
+        A point of the plane, or the box's centre [m].
+    R : (E, 3, 3) float64
+        ``R_world_element``; a plane's normal is its z axis.
+    half : (E, 3) float64
+        Half the box's edge lengths [m].
+    friction : float
+        Coulomb's coefficient; 0 without friction.
+    dissipation : float
+        ``(1 - e^2) / 2`` of the coefficient of restitution e; 0 for elastic contacts.
+    gyroscopic : bool
+    robust : bool
+        Whether steps are divided and kicks linearly implicit.
+    thickness : (B,) float64
+        Radius of the largest sphere of each body [m].
+    mass : (B,) float64
+        [kg]
+    inertia : (B, 3, 3) float64
+        Body frame [kg m^2].
+    """
+
+    kind: np.ndarray
+    position: np.ndarray
+    R: np.ndarray
+    half: np.ndarray
+    friction: float
+    dissipation: float
+    gyroscopic: bool
+    robust: bool
+    thickness: np.ndarray
+    mass: np.ndarray
+    inertia: np.ndarray
+
+
 class World(NamedTuple):
     """A scene without its state.
 
@@ -48,6 +93,9 @@ class World(NamedTuple):
         kappa [N/m^3].
     stack_size : int
         Room that a search through two trees needs at most.
+    laws : Laws or None
+        Their type decides what is compiled: functions take them as an argument of their own, ``world.laws``, since
+        only an argument's being None removes a branch from the code.
     """
 
     bodies: Bodies
@@ -57,3 +105,4 @@ class World(NamedTuple):
     decay: float
     stiffness: float
     stack_size: int
+    laws: Laws

@@ -1,0 +1,156 @@
+"""Contacts of a body's spheres with the environment's half-spaces and boxes."""
+
+import math
+
+import numpy as np
+from numba import njit
+
+from .contact import DISTANCE, NORMAL, POINT, VOLUME
+from .so3 import rotate, rotate_back
+from .tree import EMPTY, WIDTH
+from .world import PLANE
+
+
+@njit(cache=True, nogil=True, _nrt=False, error_model="numpy")
+def cap(distance, r):
+    """What a sphere of radius ``r`` [m], its centre at a signed distance from a flat surface, shares with the solid.
+
+    Returns
+    -------
+    volume : float
+        Of the spherical cap [m^3]; the whole sphere when it is under the surface.
+    depth : float
+        Height of the cap [m], 0 to 2 r.
+    """
+    depth = min(max(r - distance, 0.0), 2.0 * r)
+    return math.pi * depth * depth * (3.0 * r - depth) / 3.0, depth
+
+
+@njit(cache=True, nogil=True, _nrt=False, error_model="numpy", forceinline=True)
+def surface(kind, half, e, x, y, z):
+    """Signed distance [m] of a point from element e, and the surface's normal there; all in the element's frame.
+
+    Outside a box the normal comes from the nearest point of its surface, inside from its nearest face, ties to the
+    lowest axis.
+    """
+    if kind[e] == PLANE:
+        return z, (0.0, 0.0, 1.0)
+    qx, qy, qz = abs(x) - half[e, 0], abs(y) - half[e, 1], abs(z) - half[e, 2]
+    sx, sy, sz = math.copysign(1.0, x), math.copysign(1.0, y), math.copysign(1.0, z)
+    if qx <= 0.0 and qy <= 0.0 and qz <= 0.0:
+        if qx >= qy and qx >= qz:
+            return qx, (sx, 0.0, 0.0)
+        if qy >= qz:
+            return qy, (0.0, sy, 0.0)
+        return qz, (0.0, 0.0, sz)
+    qx, qy, qz = max(qx, 0.0), max(qy, 0.0), max(qz, 0.0)
+    distance = math.sqrt(qx * qx + qy * qy + qz * qz)
+    return distance, (sx * qx / distance, sy * qy / distance, sz * qz / distance)
+
+
+@njit(cache=True, nogil=True, _nrt=False, forceinline=True)
+def in_element(position, R, e, x, y, z):
+    """A point of the world in the frame of element e."""
+    x, y, z = x - position[e, 0], y - position[e, 1], z - position[e, 2]
+    return (
+        R[e, 0, 0] * x + R[e, 1, 0] * y + R[e, 2, 0] * z,
+        R[e, 0, 1] * x + R[e, 1, 1] * y + R[e, 2, 1] * z,
+        R[e, 0, 2] * x + R[e, 1, 2] * y + R[e, 2, 2] * z,
+    )
+
+
+@njit(cache=True, nogil=True, _nrt=False, forceinline=True)
+def element_distance(laws, e, x, y, z):
+    """Signed distance of a point in the world from element e [m]."""
+    px, py, pz = in_element(laws.position, laws.R, e, x, y, z)
+    return surface(laws.kind, laws.half, e, px, py, pz)[0]
+
+
+@njit(cache=True, nogil=True, _nrt=False)
+def write_element_rotation(R_i, R_e, out):
+    """Rotation from the body's to the element's axes into ``out`` (3, 3)."""
+    for a in range(3):
+        for b in range(3):
+            out[a, b] = R_e[0, a] * R_i[0, b] + R_e[1, a] * R_i[1, b] + R_e[2, a] * R_i[2, b]
+
+
+@njit(cache=True, nogil=True, _nrt=False, error_model="numpy", forceinline=True)
+def next_element_contacts(tree, laws, e, R, t, search, top):
+    """Continue the search for the contacts of one body with element e, in the way of `contact.next_contacts`.
+
+    Parameters
+    ----------
+    tree : Tree
+    laws : Laws
+    e : int
+    R : (3, 3) array
+        Rotation from the body's to the element's axes.
+    t : tuple of 3 floats
+        The body's centre of mass in the element's frame [m].
+    search : Scratch
+        Its ``stack`` holds the nodes still to be searched in its first column, the body's root when a search begins.
+        Its ``pairs`` are filled with (sphere, e) and its ``records`` with the contacts, the body as body i and the
+        element as body j: the normal points into the solid, the distance is that of the sphere's centre from the
+        surface, signed.
+    top : int
+        Height of the stack.
+
+    Returns
+    -------
+    count : int
+        Number of contacts found in this call.
+    top : int
+        Call again, after using the contacts, while it is positive.
+    """
+    kind, half = laws.kind, laws.half
+    bounds, child, centers, radii = tree.bounds, tree.child, tree.centers, tree.radii
+    stack, pairs, records = search.stack, search.pairs, search.records
+    count = 0
+    while top > 0 and count + WIDTH <= len(pairs):
+        top -= 1
+        node = stack[top, 0]
+        for k in range(WIDTH):
+            c = child[node, k]
+            if c == EMPTY:
+                break
+            if c >= 0:
+                x, y, z = rotate(R, bounds[node, 0, k], bounds[node, 1, k], bounds[node, 2, k])
+                if surface(kind, half, e, x + t[0], y + t[1], z + t[2])[0] < bounds[node, 3, k]:
+                    stack[top, 0] = c
+                    top += 1
+                continue
+            s = ~c
+            x, y, z = rotate(R, centers[s, 0], centers[s, 1], centers[s, 2])
+            distance, normal = surface(kind, half, e, x + t[0], y + t[1], z + t[2])
+            if distance >= radii[s]:
+                continue
+            volume, depth = cap(distance, radii[s])
+            nx, ny, nz = rotate_back(R, normal[0], normal[1], normal[2])
+            lever = radii[s] - 0.5 * depth
+            pairs[count, 0], pairs[count, 1] = s, e
+            records[count, NORMAL], records[count, NORMAL + 1], records[count, NORMAL + 2] = -nx, -ny, -nz
+            records[count, DISTANCE], records[count, VOLUME] = distance, volume
+            records[count, POINT] = centers[s, 0] - lever * nx
+            records[count, POINT + 1] = centers[s, 1] - lever * ny
+            records[count, POINT + 2] = centers[s, 2] - lever * nz
+            count += 1
+    return count, top
+
+
+@njit(cache=True, nogil=True, _nrt=False, forceinline=True)
+def open_element(x, i, e, world, laws, work):
+    """Begin the search for the contacts of body i with element e.
+
+    Returns
+    -------
+    t : tuple of 3 floats
+        Body i's centre of mass in the element's frame [m]; ``work.R_ij`` has the rotation.
+    top : int
+        0 where the body is out of reach.
+    """
+    t = in_element(laws.position, laws.R, e, x[i, 0], x[i, 1], x[i, 2])
+    if surface(laws.kind, laws.half, e, t[0], t[1], t[2])[0] >= world.bodies.radius[i]:
+        return t, np.int64(0)
+    write_element_rotation(work.R[i], laws.R[e], work.R_ij)
+    work.search.stack[0, 0] = world.bodies.root[i]
+    return t, np.int64(1)
