@@ -168,12 +168,12 @@ def _advance(mean, covariance, world, span, seed, cloud):
 
 @njit(cache=True, nogil=True, forceinline=True)
 def transform(rows, first, dt, decay, rotation):
-    """``A P A^T`` in place of the P in 12 ``rows`` from ``first`` on: its rows, then its columns by way of the transpose."""
-    for _ in range(2):
-        apply_transition(rows, first, dt, decay, rotation)
-        for a in range(ERROR):
-            for b in range(a):
-                rows[first + a, b], rows[first + b, a] = rows[first + b, a], rows[first + a, b]
+    """``A P A^T`` in place of the symmetric P in 12 ``rows`` from ``first`` on, as ``A (A P)^T``."""
+    apply_transition(rows, first, dt, decay, rotation)
+    for a in range(ERROR):
+        for b in range(a):
+            rows[first + a, b], rows[first + b, a] = rows[first + b, a], rows[first + a, b]
+    apply_transition(rows, first, dt, decay, rotation)
 
 
 @njit(cache=True, nogil=True)
