@@ -88,9 +88,9 @@ def draw_floors(path: Path, rows: Rows) -> None:
             for sigma, shade in zip(sigmas, shades, strict=True):
                 for method, marker in ((GAUSSIAN, "s"), (FLOOR, "o")):
                     found = rows.where(quantity=quantity, model=model, sigma=sigma, method=method)
-                    sizes = sorted(found.unique("subset"))
+                    sizes = sorted(found.unique("samples"))
                     line, = axes[i, j].plot(
-                        sizes, [found.where(subset=n).mean() for n in sizes], _LIMITS[method], marker=marker, markersize=4,
+                        sizes, [found.where(samples=n).mean() for n in sizes], _LIMITS[method], marker=marker, markersize=4,
                         color=color(method), alpha=shade)
                     handles[f"{label(method)}, sigma {sigma} m"] = line
             _log_axis(axes[i, j], "x")

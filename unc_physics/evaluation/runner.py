@@ -6,7 +6,7 @@ import multiprocessing
 import os
 import signal
 import threading
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Executor, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
@@ -18,6 +18,7 @@ from .provenance import machine, threads, versions
 from .results import Results
 
 CONNECT_TIMEOUT = 10.0  # s
+TICK = 1.0  # s, between looks at the progress bar's clock
 
 # CPU time is the process's: a Dask worker may run several jobs in as many threads of one process
 _one_at_a_time = threading.Lock()
@@ -69,7 +70,7 @@ def run_jobs(jobs: Sequence[Job], results: Results, scheduler: str | None = None
         total=total, initial=total - sum(job.cost for job in missing), disable=None, desc="evaluate",
         bar_format="{desc}: {percentage:3.0f}%|{bar}| {elapsed} passed, {remaining} left{postfix}",
     ) as bar, _executor(scheduler, workers) as executor:
-        for job, outcome in _finished_jobs(executor, missing):
+        for job, outcome in _finished_jobs(executor, missing, bar.refresh):
             if isinstance(outcome, UncPhysicsError):
                 failures[f"{job.experiment} {job.key}"] = str(outcome)
             else:
@@ -79,16 +80,16 @@ def run_jobs(jobs: Sequence[Job], results: Results, scheduler: str | None = None
     return failures
 
 
-def _finished_jobs(executor: Executor, jobs: Sequence[Job]) -> Iterator[tuple]:
+def _finished_jobs(executor: Executor, jobs: Sequence[Job], tick: Callable[[], object]) -> Iterator[tuple]:
     """Jobs and their outcomes as they come, the longest first; those that must be alone come last, one by one."""
     together = sorted((job for job in jobs if not job.alone), key=lambda job: -job.cost)
-    pending = {executor.submit(run_job, job): job for job in together}
-    while pending:
-        for future in wait(pending, return_when=FIRST_COMPLETED).done:
-            yield pending.pop(future), _outcome(future)
-    for job in jobs:
-        if job.alone:
-            yield job, _outcome(executor.submit(run_job, job))
+    for batch in (together, *([job] for job in jobs if job.alone)):
+        pending = {executor.submit(run_job, job): job for job in batch}
+        while pending:
+            done = wait(pending, TICK, FIRST_COMPLETED).done
+            tick()
+            for future in done:
+                yield pending.pop(future), _outcome(future)
 
 
 def _outcome(future):
