@@ -45,7 +45,11 @@ setup(
         "geometry": GEOMETRY,
         "evaluation": [*GEOMETRY, "pot>=0.9"],
         "peers": ["mujoco>=3", "pybullet>=3.2"],
-        "test": [*GEOMETRY, "hypothesis>=6", "import-linter>=2", "libigl>=2.5", "pot>=0.9", "pytest>=7"],
+        "cluster": ["distributed>=2024.1"],
+        "test": [
+            *GEOMETRY, "distributed>=2024.1", "hypothesis>=6", "import-linter>=2", "libigl>=2.5", "mujoco>=3", "pot>=0.9",
+            "pytest>=7",
+        ],
     },
     entry_points={"console_scripts": [f"{NAME} = {NAME}.__main__:main"]},
     zip_safe=False,

@@ -112,10 +112,9 @@ def distance_ratio(name, meshes):
     import igl
     from numba import njit
 
+    from unc_physics.evaluation.timing import paired, ratio
     from unc_physics.geometry.recipes import recipe_solid
     from unc_physics.geometry.triangle_tree import build_triangle_tree, nearest_on_mesh
-
-    from .timing import paired, ratio
 
     @njit
     def distances(tree, points, bounds):

@@ -17,13 +17,14 @@ import numpy as np
 
 from unc_physics import Belief, make_propagator, predict
 from unc_physics.errors import UnknownModelError
+from unc_physics.evaluation.engines import PEERS
+from unc_physics.evaluation.provenance import versions
 from unc_physics.evaluation.scenarios import MODELS, collision, many_collisions
+from unc_physics.evaluation.timing import paired, ratio
 from unc_physics.kernels.rollout import rollout
 
 from .contacts import PHASES, course, phase_times
-from .peers import PEERS
-from .rows import Report, machine, versions
-from .timing import paired, ratio
+from .rows import Report, machine_and_load
 
 PEER_SPHERES = (10, 100, 1000)
 PEER_GOALS = {  # at 1000 spheres
@@ -56,7 +57,7 @@ def _measure_peer(report, name, peer, model, count, rounds):
     steps = round(horizon / scene.dt)
     states = belief.sample(4 * rounds, np.random.default_rng(1)).reshape(rounds, 4, 2, 13)
     engine = peer(scene)
-    held = engine.spheres()
+    held = engine.shapes()
     if held != [count, count]:
         raise RuntimeError(f"{name} holds {held} spheres instead of {count} in each body")
 
@@ -264,8 +265,8 @@ def main():
     models, rounds = arguments.models, 3 if arguments.quick else 15
     spheres = [n for n in arguments.spheres if n <= 1000] if arguments.quick else arguments.spheres
     report = Report()
-    print(machine())
-    print(", ".join(f"{name} {number}" for name, number in versions().items() if number))
+    print(machine_and_load())
+    print(", ".join(f"{name} {number}" for name, number in versions().items()))
     if "peers" in arguments.only:
         measure_peers(report, models, [n for n in PEER_SPHERES if n in spheres], rounds)
     if "methods" in arguments.only:

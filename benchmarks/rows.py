@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import json
 import os
-import platform
 from dataclasses import asdict, dataclass
 from datetime import datetime, timezone
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
-PACKAGES = ("unc_physics", "numpy", "numba", "pybullet", "mujoco")
+from unc_physics.evaluation.provenance import machine, versions
 
 
 @dataclass(frozen=True)
@@ -79,7 +77,7 @@ class Report:
         """Write everything as JSON."""
         content = {
             "made": datetime.now(timezone.utc).isoformat(timespec="seconds"),
-            "machine": machine(),
+            "machine": machine_and_load(),
             "versions": versions(),
             "rows": [asdict(row) | {"value": float(row.value), "met": row.met} for row in self.rows],
             "skipped": self.skipped,
@@ -94,24 +92,6 @@ class Report:
         return text + ("; missed: " + "; ".join(missed) if missed else "")
 
 
-def machine() -> str:
-    """Processor, number of its threads that we may use, and load."""
-    name = platform.processor() or platform.machine()
-    cpuinfo = Path("/proc/cpuinfo")
-    if cpuinfo.is_file():
-        for line in cpuinfo.read_text().splitlines():
-            if line.startswith("model name"):
-                name = line.split(":", 1)[1].strip()
-                break
-    return f"{name}, {len(os.sched_getaffinity(0))} threads, load {os.getloadavg()[0]:.1f}, {platform.platform()}"
-
-
-def versions() -> dict[str, str | None]:
-    """Versions of Python and of what is measured; None for what is not installed."""
-    found: dict[str, str | None] = {"python": platform.python_version()}
-    for name in PACKAGES:
-        try:
-            found[name] = version(name)
-        except PackageNotFoundError:
-            found[name] = None
-    return found
+def machine_and_load() -> str:
+    """The machine, and how busy it is."""
+    return f"{machine()}, load {os.getloadavg()[0]:.1f}"

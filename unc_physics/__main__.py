@@ -7,6 +7,7 @@ import sys
 
 from . import __version__
 from .errors import UncPhysicsError
+from .evaluation.command import add_evaluate_command
 from .geometry.commands import add_models_command, add_pack_command, add_show_command
 from .predict_command import add_predict_command
 
@@ -31,6 +32,7 @@ def build_parser() -> argparse.ArgumentParser:
     add_pack_command(commands)
     add_models_command(commands)
     add_show_command(commands)
+    add_evaluate_command(commands)
     return parser
 
 

@@ -128,3 +128,21 @@ def test_bad_samples_are_refused(measure):
 
 def test_euclidean_is_a_matrix_of_distances():
     assert euclidean(np.zeros((1, 3)), np.array([[3.0, 4.0, 0.0]])).tolist() == [[5.0]]
+
+
+@pytest.mark.parametrize("factor", [0.5, 1.0, 3.0])
+def test_of_a_distribution_and_its_enlargement(factor, rng):
+    """|x| is 1-Lipschitz, so nothing is shorter than moving along the rays: W1(x, c x) = |c - 1| E|x|."""
+    x = rng.standard_normal((250, 3))
+    expected = abs(factor - 1.0) * np.mean(np.linalg.norm(x, axis=1))
+    assert wasserstein(x, factor * x) == pytest.approx(expected, rel=ROUND_OFF, abs=ROUND_OFF)
+    expectation_of_the_norm = 2.0 * np.sqrt(2.0 / np.pi)  # of a standard normal vector in three dimensions
+    assert expected == pytest.approx(abs(factor - 1.0) * expectation_of_the_norm, rel=0.1)
+
+
+def test_of_distinct_gaussians(rng):
+    """Between centred isotropic Gaussians W1 is the difference of their mean norms; samples add at most their floor."""
+    x, y = rng.standard_normal((1000, 3)), 4.0 * rng.standard_normal((1000, 3))
+    expected = 3.0 * 2.0 * np.sqrt(2.0 / np.pi)
+    floor = 0.3 * 4.0
+    assert expected * 0.97 < wasserstein(x, y) < expected + floor

@@ -64,7 +64,7 @@ def unit_model(name: str, spheres: int) -> SpherePacking:
     return packing.scaled(EXTENT / float(np.max(packing.bounds[1] - packing.bounds[0]))).prefix(spheres)
 
 
-def collision(model: str, spheres: int = 1000, sigma: float = 0.05) -> tuple[Scene, Belief, float]:
+def collision(model: str, spheres: int = 1000, sigma: float = 0.05, encounter: int = 0) -> tuple[Scene, Belief, float]:
     """Two bodies of one model that collide a little off centre (the paper's section 5.2).
 
     The bodies fly towards each other along x, offset along y; no gravity, damped velocities.
@@ -77,14 +77,20 @@ def collision(model: str, spheres: int = 1000, sigma: float = 0.05) -> tuple[Sce
         Of each body.
     sigma : float
         Standard deviation of the initial positions, the same along all axes [m].
+    encounter : int
+        0 has fixed orientations of the bodies; every other number has orientations of its own, drawn at random.
     """
     packing = unit_model(model, spheres)
+    turned = {name: _orientation(name) for name in _ORIENTATIONS}
+    if encounter:
+        rng = np.random.default_rng(encounter)
+        turned = {name: q / np.linalg.norm(q) for name, q in zip(turned, rng.standard_normal((2, 4)), strict=True)}
     scene = _scene([RigidBody(name, packing, MASS) for name in ("left", "right")])
     mean = np.zeros((2, STATE))
     for body, (name, side) in enumerate((("left", 1.0), ("right", -1.0))):
         mean[body, POSITION] = -side * GAP / 2, side * OFFSET / 2, 0.0
         mean[body, VELOCITY] = side * SPEED, 0.0, 0.0
-        mean[body, QUATERNION] = _orientation(name)
+        mean[body, QUATERNION] = turned[name]
     return scene, Belief(mean, _covariance(2, ERR_POSITION, sigma)), COLLISION_HORIZON
 
 

@@ -1,7 +1,8 @@
-"""Eight comparisons at once: the one place that asks LLVM for vectors by name.
+"""Eight comparisons, or two or four columns at once: the one place that asks LLVM for vectors by name.
 
 A plain loop over eight entries is unrolled by LLVM before its vectoriser sees it and stays scalar, five times
-slower. Written as vector instructions, LLVM lowers it to whatever the processor has.
+slower; one over columns of a matrix stays scalar because its rows might overlap, for all that LLVM knows. Written as
+vector instructions, LLVM lowers them to whatever the processor has.
 """
 
 from llvmlite import ir
@@ -9,14 +10,16 @@ from numba import types
 from numba.core import cgutils
 from numba.extending import intrinsic
 
+from ..layout import EP, ER, ERROR, EV, EW
+
 _LANES = 8
 _FLOATS = ir.VectorType(ir.FloatType(), _LANES)
 
 
-def _splat(builder, scalar):
-    one = builder.insert_element(ir.Constant(_FLOATS, ir.Undefined), scalar, ir.Constant(ir.IntType(32), 0))
-    zeros = ir.Constant(ir.VectorType(ir.IntType(32), _LANES), [0] * _LANES)
-    return builder.shuffle_vector(one, ir.Constant(_FLOATS, ir.Undefined), zeros)
+def _splat(builder, scalar, kind=_FLOATS):
+    one = builder.insert_element(ir.Constant(kind, ir.Undefined), scalar, ir.Constant(ir.IntType(32), 0))
+    zeros = ir.Constant(ir.VectorType(ir.IntType(32), kind.count), [0] * kind.count)
+    return builder.shuffle_vector(one, ir.Constant(kind, ir.Undefined), zeros)
 
 
 @intrinsic
@@ -44,3 +47,49 @@ def overlap_mask(typingctx, bounds, node, x, y, z, radius):
     f = types.float32
     array = types.Array(f, 3, "C", readonly=not bounds.mutable)
     return types.int64(array, types.int64, f, f, f, f), codegen
+
+
+def _transition_of(columns):
+    """`transition.apply_transition` on so many columns from ``column`` on, as an intrinsic."""
+    doubles = ir.VectorType(ir.DoubleType(), columns)
+
+    def columns_of(typingctx, rows, first, column, dt, decay, rotation):
+        def codegen(context, builder, signature, args):
+            array = cgutils.create_struct_proxy(signature.args[0])(context, builder, value=args[0])
+            block = cgutils.create_struct_proxy(signature.args[5])(context, builder, value=args[5])
+            width = cgutils.unpack_tuple(builder, array.shape)[1]
+            at = builder.gep(array.data, [builder.add(builder.mul(args[1], width), args[2])])
+            places = []
+            for _ in range(ERROR):
+                places.append(builder.bitcast(at, doubles.as_pointer()))
+                at = builder.gep(at, [width])
+
+            def load(row):
+                return builder.load(places[row], align=8)
+
+            def add(a, b, c):
+                return builder.fadd(a, builder.fmul(b, c, ("contract",)), ("contract",))
+
+            time, kept = _splat(builder, args[3], doubles), _splat(builder, args[4], doubles)
+            spins = [load(EW + k) for k in range(3)]
+            for k in range(3):
+                velocity = load(EV + k)
+                builder.store(add(load(EP + k), time, velocity), places[EP + k], align=8)
+                builder.store(builder.fmul(kept, velocity), places[EV + k], align=8)
+                angle = load(ER + k)
+                for m in range(3):
+                    entry = builder.load(builder.gep(block.data, [ir.Constant(ir.IntType(64), 3 * k + m)]))
+                    angle = add(angle, _splat(builder, entry, doubles), spins[m])
+                builder.store(angle, places[ER + k], align=8)
+            for k in range(3):
+                builder.store(builder.fmul(kept, spins[k]), places[EW + k], align=8)
+            return context.get_dummy_value()
+
+        d = types.float64
+        matrix = types.Array(d, 2, "C")
+        return types.void(matrix, types.int64, types.int64, d, d, matrix), codegen
+
+    return intrinsic(columns_of)
+
+
+two_columns, four_columns = _transition_of(2), _transition_of(4)

@@ -10,6 +10,7 @@ import math
 from numba import njit
 
 from ..layout import EP, ER, EV, EW, W
+from .simd import four_columns, two_columns
 
 
 @njit(cache=True, nogil=True, forceinline=True)
@@ -29,20 +30,23 @@ def write_exact_rotation(R, x, i, dt, out):
     a, b, c = dt * x[i, W], dt * x[i, W + 1], dt * x[i, W + 2]
     angle2 = a * a + b * b + c * c
     if angle2 < 0.01:  # as in nearly every time step: the series to round-off
-        first = 0.5 - angle2 * (1.0 / 24.0 - angle2 * (1.0 / 720.0 - angle2 * (1.0 / 40320.0 - angle2 / 3628800.0)))
-        second = 1.0 / 6.0 - angle2 * (1.0 / 120.0 - angle2 * (1.0 / 5040.0 - angle2 / 362880.0))
+        square = angle2 * angle2
+        first = 0.5 - angle2 * (1.0 / 24.0) + square * (1.0 / 720.0 - angle2 * (1.0 / 40320.0) + square * (1.0 / 3628800.0))
+        second = 1.0 / 6.0 - angle2 * (1.0 / 120.0) + square * (1.0 / 5040.0 - angle2 * (1.0 / 362880.0))
     else:
         angle = math.sqrt(angle2)
         first, second = (1.0 - math.cos(angle)) / angle2, (angle - math.sin(angle)) / (angle2 * angle)
-    # transposed: I - first [phi]x + second (phi phi^T - angle^2 I)
-    diagonal = 1.0 - second * angle2
+    # transposed: I - first [phi]x + second (phi phi^T - angle^2 I); its rows, times dt
+    first, second = dt * first, dt * second
+    diagonal = dt - second * angle2
+    xx, yy, zz = diagonal + second * a * a, diagonal + second * b * b, diagonal + second * c * c
+    xy, xz, yz = second * a * b, second * a * c, second * b * c
+    x_, y_, z_ = first * a, first * b, first * c
     for k in range(3):
-        x0, x1, x2 = R[i, 0, k], R[i, 1, k], R[i, 2, k]
-        dot = second * (x0 * a + x1 * b + x2 * c)
-        # row k of R^T times the transposed Jacobian: r J^T = diagonal r + second (r . phi) phi - first (r x phi)
-        out[k, 0] = dt * (diagonal * x0 + dot * a - first * (x1 * c - x2 * b))
-        out[k, 1] = dt * (diagonal * x1 + dot * b - first * (x2 * a - x0 * c))
-        out[k, 2] = dt * (diagonal * x2 + dot * c - first * (x0 * b - x1 * a))
+        u, v, w = R[i, 0, k], R[i, 1, k], R[i, 2, k]
+        out[k, 0] = u * xx + v * (xy - z_) + w * (xz + y_)
+        out[k, 1] = u * (xy + z_) + v * yy + w * (yz - x_)
+        out[k, 2] = u * (xz - y_) + v * (yz + x_) + w * zz
 
 
 @njit(cache=True, nogil=True, forceinline=True)
@@ -52,7 +56,14 @@ def apply_transition(rows, first, dt, decay, rotation):
     ``rotation`` (3, 3) is the transition's block from domega to dtheta.
     """
     p, v, r, w = first + EP, first + EV, first + ER, first + EW
-    for c in range(rows.shape[1]):
+    width, c = rows.shape[1], 0
+    while c + 4 <= width:
+        four_columns(rows, first, c, dt, decay, rotation)
+        c += 4
+    if c + 2 <= width:
+        two_columns(rows, first, c, dt, decay, rotation)
+        c += 2
+    if c < width:
         x, y, z = rows[w, c], rows[w + 1, c], rows[w + 2, c]
         for k in range(3):
             velocity = rows[v + k, c]

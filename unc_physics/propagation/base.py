@@ -77,5 +77,7 @@ class Propagator(ABC):
 
 def symmetric_root(P: np.ndarray) -> np.ndarray:
     """Symmetric square roots of covariances (..., n, n) (Eq. 12); round-off below zero counts as zero."""
+    if np.count_nonzero(P) == np.count_nonzero(np.diagonal(P, axis1=-2, axis2=-1)):  # no need to look for eigenvectors
+        return np.sqrt(np.maximum(P, 0.0))
     values, vectors = np.linalg.eigh(P)
     return (vectors * np.sqrt(np.maximum(values, 0.0))[..., None, :]) @ np.swapaxes(vectors, -1, -2)

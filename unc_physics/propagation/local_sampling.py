@@ -12,7 +12,7 @@ from numba import njit
 from ..belief import Belief
 from ..errors import InvalidOptionError
 from ..kernels.contact import DISTANCE, NORMAL, VOLUME, next_contacts
-from ..kernels.random import combine, normal_table, normals
+from ..kernels.random import RUN, combine, normal_table, places
 from ..kernels.so3 import rotate, rotate_back
 from ..kernels.step import add_wrench, drift, kick, near_pairs, open_pair, part, workspace
 from ..kernels.transition import apply_transition, write_printed_rotation
@@ -21,10 +21,25 @@ from ..validation import integer
 from .base import Propagator, Traits
 
 _SAMPLES_LIMIT = 100_000
-# series of sin(a) / a and (1 - cos(a)) / a^2 in -a^2
-_SINE = tuple(1.0 / math.factorial(2 * k + 1) for k in range(14))
-_COSINE = tuple(1.0 / math.factorial(2 * k + 2) for k in range(14))
-_DRAWS = 9  # normal numbers for each sample: relative position, and rotation of both bodies
+
+
+def _series(terms, first):
+    """Coefficients of sin(a) / a (``first`` = 1) or (1 - cos(a)) / a^2 (2) in -a^2, from the highest order down."""
+    return tuple(np.float32(1.0 / math.factorial(2 * k + first)) for k in reversed(range(terms)))
+
+
+_SHORT = 5  # terms, which are exact in single precision up to an angle of
+_SMALL = 1.0  # rad; as many as 11 are so up to pi
+_SMALL_SERIES = _series(_SHORT, 1), _series(_SHORT, 2)
+_SERIES = _series(11, 1), _series(11, 2)
+# spreads so large that more of it changes nothing, and that single precision still holds
+_ALL_AROUND = 1e4  # rad
+_ALL_OVER = 1e6  # in units of the contact's size
+_ZERO, _HALF, _ONE, _TURN = np.float32(0.0), np.float32(0.5), np.float32(1.0), np.float32(2.0 * math.pi)
+_TINY = np.float32(1e-30)
+_CLOSEST = np.float32(1e-4)  # centres that a sample brings nearer, relative to their distance, count as so near
+_TABLE = normal_table()
+_LARGEST = math.sqrt(3.0) * float(_TABLE.max())  # length of three normal numbers from the table
 
 
 class LocalSamplingCarry(NamedTuple):
@@ -90,10 +105,10 @@ class Cloud(NamedTuple):
         Whether that is computed for this step.
     position : (3, 3) float64
         Factor that turns normal numbers into displacements of body j relative to body i [m].
-    draws : (9, N) float64
-        Normal numbers of the contact at hand.
-    hashes, indices, table
-        What `kernels.random.normals` takes.
+    table : float32 array
+        Normal numbers (`kernels.random.normal_table`).
+    samples : int
+        Perturbed copies of each contact.
     spread : (3, 6) float64
         Second moments of force, torque on body i and torque on body j about the nominal ones, each by its
         entries xx, yy, zz, xy, xz, yz, summed over the contacts of a pair.
@@ -102,29 +117,14 @@ class Cloud(NamedTuple):
     rotation: np.ndarray
     known: np.ndarray
     position: np.ndarray
-    draws: np.ndarray
-    hashes: np.ndarray
-    indices: np.ndarray
     table: np.ndarray
+    samples: int
     spread: np.ndarray
-
-
-_TABLE = normal_table()
 
 
 def make_cloud(count, samples):
     """Room for the uncertainty of ``count`` bodies and ``samples`` perturbed copies of a contact."""
-    hashes = np.empty(-(-3 * samples // 4), np.uint64)
-    return Cloud(
-        rotation=np.zeros((count, 3, 3)),
-        known=np.zeros(count, bool),
-        position=np.empty((3, 3)),
-        draws=np.empty((_DRAWS, samples)),
-        hashes=hashes,
-        indices=hashes.view(np.uint16),
-        table=_TABLE,
-        spread=np.empty((3, 6)),
-    )
+    return Cloud(np.zeros((count, 3, 3)), np.zeros(count, bool), np.empty((3, 3)), _TABLE, samples, np.empty((3, 6)))
 
 
 @njit(cache=True, nogil=True)
@@ -168,12 +168,12 @@ def _advance(mean, covariance, world, span, seed, cloud):
 
 @njit(cache=True, nogil=True, forceinline=True)
 def transform(rows, first, dt, decay, rotation):
-    """``A P A^T`` in place of the P in 12 ``rows`` from ``first`` on: its rows, then its columns by way of the transpose."""
-    for _ in range(2):
-        apply_transition(rows, first, dt, decay, rotation)
-        for a in range(ERROR):
-            for b in range(a):
-                rows[first + a, b], rows[first + b, a] = rows[first + b, a], rows[first + a, b]
+    """``A P A^T`` in place of the symmetric P in 12 ``rows`` from ``first`` on, as ``A (A P)^T``."""
+    apply_transition(rows, first, dt, decay, rotation)
+    for a in range(ERROR):
+        for b in range(a):
+            rows[first + a, b], rows[first + b, a] = rows[first + b, a], rows[first + a, b]
+    apply_transition(rows, first, dt, decay, rotation)
 
 
 @njit(cache=True, nogil=True)
@@ -189,8 +189,9 @@ def know_cloud(bodies, covariance, place, work, cloud):
             cloud.known[body] = True
             L = cloud.rotation[body]
             write_cholesky(P, ER, L)
+            within = min(1.0, _ALL_AROUND / max(_size(L), 1e-300))
             for c in range(3):
-                L[0, c], L[1, c], L[2, c] = rotate(work.R[body], L[0, c], L[1, c], L[2, c])
+                L[0, c], L[1, c], L[2, c] = rotate(work.R[body], within * L[0, c], within * L[1, c], within * L[2, c])
     write_cholesky(relative, 0, cloud.position)
 
 
@@ -214,128 +215,147 @@ def write_cholesky(P, first, L):
 
 
 @njit(cache=True, nogil=True)
-def _is_zero(A):
+def _size(A):
+    """Frobenius norm of a 3 x 3 matrix: the root mean square of what it makes of three normal numbers."""
+    total = 0.0
     for a in range(3):
         for b in range(3):
-            if A[a, b] != 0.0:
-                return False
-    return True
+            total += A[a, b] * A[a, b]
+    return math.sqrt(total)
 
 
-@njit(cache=True, nogil=True)
-def sample_contacts(bodies, found, pair_key, tree, work, cloud):
-    """Add the spread of forces and torques of the first ``found`` contacts on record (Eqs. 31 to 33)."""
-    i, j = bodies
-    pairs, records = work.search.pairs, work.search.records
-    factors = (cloud.position, cloud.rotation[i], cloud.rotation[j])
-    uncertain = (not _is_zero(factors[0]), not _is_zero(factors[1]), not _is_zero(factors[2]))
-    flat = cloud.draws.reshape(3, -1)
-    for k in range(found):
-        a, b = pairs[k, 0], pairs[k, 1]
-        key = combine(combine(pair_key, a), b)
-        for block in range(3):
-            if uncertain[block]:
-                normals(combine(key, block), flat[block], cloud.hashes, cloud.indices, cloud.table)
-            else:  # what is certain draws nothing
-                flat[block] = 0.0
-        n = rotate(work.R[i], records[k, NORMAL], records[k, NORMAL + 1], records[k, NORMAL + 2])
-        arm_i = rotate(work.R[i], tree.centers[a, 0], tree.centers[a, 1], tree.centers[a, 2])
-        arm_j = rotate(work.R[j], tree.centers[b, 0], tree.centers[b, 1], tree.centers[b, 2])
-        shape = (n, records[k, DISTANCE])
-        add_spread(cloud.draws, factors, (arm_i, arm_j), shape, records[k, VOLUME], cloud.spread)
-
-
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
-def _turned(arm, turn):
-    """A vector turned by a rotation vector, without a branch, so that a loop over samples runs as vectors.
-
-    Rodrigues' formula; the angle is first brought into [-pi, pi], where both series end within round-off.
-    """
-    x, y, z = turn
-    angle = math.sqrt(x * x + y * y + z * z)
-    whole = 1.0 - 2.0 * math.pi * np.floor(angle / (2.0 * math.pi) + 0.5) / max(angle, 1e-300)
-    x, y, z = whole * x, whole * y, whole * z
-    t = x * x + y * y + z * z
-    s, c = _SINE[13], _COSINE[13]
-    s, c = _SINE[12] - t * s, _COSINE[12] - t * c
-    s, c = _SINE[11] - t * s, _COSINE[11] - t * c
-    s, c = _SINE[10] - t * s, _COSINE[10] - t * c
-    s, c = _SINE[9] - t * s, _COSINE[9] - t * c
-    s, c = _SINE[8] - t * s, _COSINE[8] - t * c
-    s, c = _SINE[7] - t * s, _COSINE[7] - t * c
-    s, c = _SINE[6] - t * s, _COSINE[6] - t * c
-    s, c = _SINE[5] - t * s, _COSINE[5] - t * c
-    s, c = _SINE[4] - t * s, _COSINE[4] - t * c
-    s, c = _SINE[3] - t * s, _COSINE[3] - t * c
-    s, c = _SINE[2] - t * s, _COSINE[2] - t * c
-    s, c = _SINE[1] - t * s, _COSINE[1] - t * c
-    s, c = _SINE[0] - t * s, _COSINE[0] - t * c
-    ax, ay, az = y * arm[2] - z * arm[1], z * arm[0] - x * arm[2], x * arm[1] - y * arm[0]
+@njit(cache=True, nogil=True, forceinline=True)
+def _single(A, scale):
+    """The entries of a 3 x 3 matrix, times ``scale``, in single precision."""
+    f = np.float32
     return (
-        arm[0] + s * ax + c * (y * az - z * ay),
-        arm[1] + s * ay + c * (z * ax - x * az),
-        arm[2] + s * az + c * (x * ay - y * ax),
+        f(scale * A[0, 0]), f(scale * A[0, 1]), f(scale * A[0, 2]),
+        f(scale * A[1, 0]), f(scale * A[1, 1]), f(scale * A[1, 2]),
+        f(scale * A[2, 0]), f(scale * A[2, 1]), f(scale * A[2, 2]),
     )
 
 
+@njit(cache=True, nogil=True, error_model="numpy")
+def sample_contacts(bodies, found, pair_key, tree, work, cloud):
+    """Add the spread of forces and torques of the first ``found`` contacts on record (Eqs. 31 to 33)."""
+    i, j = bodies
+    pairs, records, centers, R_i, R_j = work.search.pairs, work.search.records, tree.centers, work.R[i], work.R[j]
+    position, table, samples, spread = cloud.position, cloud.table, cloud.samples, cloud.spread
+    apart, turning = _size(position), max(_size(cloud.rotation[i]), _size(cloud.rotation[j]))
+    if apart == 0.0 and turning == 0.0:
+        return
+    turn_i, turn_j = _single(cloud.rotation[i], 1.0), _single(cloud.rotation[j], 1.0)
+    for k in range(found):
+        a, b = pairs[k, 0], pairs[k, 1]
+        key = combine(combine(pair_key, a), b)
+        n = rotate(R_i, records[k, NORMAL], records[k, NORMAL + 1], records[k, NORMAL + 2])
+        arm_i = rotate(R_i, centers[a, 0], centers[a, 1], centers[a, 2])
+        arm_j = rotate(R_j, centers[b, 0], centers[b, 1], centers[b, 2])
+        # lengths in units of the contact's own size stay within the range of single precision
+        size = records[k, DISTANCE] + abs(arm_i[0]) + abs(arm_i[1]) + abs(arm_i[2]) + abs(arm_j[0]) + abs(arm_j[1]) + abs(arm_j[2])
+        factors = _single(position, min(1.0 / size, _ALL_OVER / max(apart, 1e-300))), turn_i, turn_j
+        shape = _short(n, 1.0), _short(arm_i, 1.0 / size), _short(arm_j, 1.0 / size), np.float32(records[k, DISTANCE] / size)
+        force = records[k, VOLUME] ** 2 / samples
+        weights = force, force * size * size
+        for first in range(0, samples, RUN):
+            starts, count = places(combine(key, first)), np.uint64(min(RUN, samples - first))
+            if turning * _LARGEST < _SMALL:
+                add_spread(table, starts, count, factors, shape, _SMALL_SERIES, weights, spread)
+            else:
+                add_spread(table, starts, count, factors, shape, _SERIES, weights, spread)
+
+
+@njit(cache=True, nogil=True, forceinline=True)
+def _short(a, scale):
+    """A vector times ``scale`` in single precision."""
+    return np.float32(scale * a[0]), np.float32(scale * a[1]), np.float32(scale * a[2])
+
+
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+def _shift(arm, turn, series):
+    """How a rotation vector moves a vector (Rodrigues' formula less the vector), without a branch on the sample.
+
+    Long series take any angle, brought into [-pi, pi] first; short ones end where the angle is small.
+    """
+    x, y, z = turn
+    t = x * x + y * y + z * z
+    sine, cosine = series
+    if len(sine) > _SHORT:
+        angle = math.sqrt(t)
+        whole = angle - _TURN * np.floor(angle / _TURN + _HALF)
+        t = whole * whole
+        whole /= max(angle, _TINY)
+        x, y, z = whole * x, whole * y, whole * z
+    s, c = sine[0], cosine[0]
+    for k in range(1, len(sine)):
+        s, c = sine[k] - t * s, cosine[k] - t * c
+    ax, ay, az = y * arm[2] - z * arm[1], z * arm[0] - x * arm[2], x * arm[1] - y * arm[0]
+    return (
+        s * ax + c * (y * az - z * ay),
+        s * ay + c * (z * ax - x * az),
+        s * az + c * (x * ay - y * ax),
+    )
+
+
+@njit(cache=True, nogil=True, forceinline=True)
+def _times(A, x, y, z):
+    """Product of a matrix, as the tuple of its entries, with a vector."""
+    return A[0] * x + A[1] * y + A[2] * z, A[3] * x + A[4] * y + A[5] * z, A[6] * x + A[7] * y + A[8] * z
+
+
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"reassoc", "contract", "nsz"})
-def add_spread(draws, factors, arms, shape, volume, spread):
-    """Add one contact's second moments of force and torques, in units of the stiffness, to ``spread`` (3, 6).
+def add_spread(table, starts, count, factors, shape, series, weights, spread):
+    """Add the second moments of force and torques over some samples of one contact, in units of the stiffness.
+
+    All lengths are in units of some size of the contact, all numbers but ``weights`` and ``spread`` of single precision.
 
     Parameters
     ----------
-    draws : (9, N) array
-        Standard normal numbers: relative displacement, rotation of body i, rotation of body j.
-    factors : tuple of 3 arrays (3, 3)
-        What turns them into displacements [m] and rotations about world axes [rad].
-    arms : tuple of 2 tuples
-        Sphere centres from their bodies' centres of mass [m].
+    table : (n,) array
+    starts : tuple of 9 uint64
+        Where the samples' normal numbers begin in ``table``: three of the relative displacement, three of the
+        rotation of body i, three of the rotation of body j.
+    count : uint64
+        Number of samples.
+    factors : tuple of 3 tuples of 9
+        What turns the numbers into displacements and rotations about world axes [rad].
     shape : tuple
-        Nominal normal from body i to body j, and distance of the centres [m].
-    volume : float
-        [m^3]
+        Nominal normal from body i to body j, sphere centres from their bodies' centres of mass, distance of the centres.
+    series : tuple of 2 tuples
+    weights : tuple of 2 floats
+        Of the force's and the torques' moments.
+    spread : (3, 6) array
     """
-    L, Ti, Tj = factors
-    arm_i, arm_j = arms
-    n, d = shape
-    D = (d * n[0], d * n[1], d * n[2])
-    # nominal torques per unit of force: lever arms crossed with the normal (along which the lever adds nothing)
-    ui = (arm_i[1] * n[2] - arm_i[2] * n[1], arm_i[2] * n[0] - arm_i[0] * n[2], arm_i[0] * n[1] - arm_i[1] * n[0])
-    uj = (arm_j[1] * n[2] - arm_j[2] * n[1], arm_j[2] * n[0] - arm_j[0] * n[2], arm_j[0] * n[1] - arm_j[1] * n[0])
-    f00 = f11 = f22 = f01 = f02 = f12 = 0.0
-    i00 = i11 = i22 = i01 = i02 = i12 = 0.0
-    j00 = j11 = j22 = j01 = j02 = j12 = 0.0
-    for s in range(draws.shape[1]):
-        x, y, z = draws[0, s], draws[1, s], draws[2, s]
-        px = L[0, 0] * x
-        py = L[1, 0] * x + L[1, 1] * y
-        pz = L[2, 0] * x + L[2, 1] * y + L[2, 2] * z
-        x, y, z = draws[3, s], draws[4, s], draws[5, s]
-        ai = _turned(arm_i, (
-            Ti[0, 0] * x + Ti[0, 1] * y + Ti[0, 2] * z,
-            Ti[1, 0] * x + Ti[1, 1] * y + Ti[1, 2] * z,
-            Ti[2, 0] * x + Ti[2, 1] * y + Ti[2, 2] * z,
-        ))
-        x, y, z = draws[6, s], draws[7, s], draws[8, s]
-        aj = _turned(arm_j, (
-            Tj[0, 0] * x + Tj[0, 1] * y + Tj[0, 2] * z,
-            Tj[1, 0] * x + Tj[1, 1] * y + Tj[1, 2] * z,
-            Tj[2, 0] * x + Tj[2, 1] * y + Tj[2, 2] * z,
-        ))
-        nx = D[0] + px + (aj[0] - arm_j[0]) - (ai[0] - arm_i[0])
-        ny = D[1] + py + (aj[1] - arm_j[1]) - (ai[1] - arm_i[1])
-        nz = D[2] + pz + (aj[2] - arm_j[2]) - (ai[2] - arm_i[2])
-        # coincident centres have no direction: their force is zero, as a vanishing normal makes it
-        scale = 1.0 / max(math.sqrt(nx * nx + ny * ny + nz * nz), 1e-300)
-        nx, ny, nz = scale * nx, scale * ny, scale * nz
-        ex, ey, ez = nx - n[0], ny - n[1], nz - n[2]
+    o = starts
+    n, arm_i, arm_j, d = shape
+    D = d * n[0], d * n[1], d * n[2]
+    f00 = f11 = f22 = f01 = f02 = f12 = _ZERO
+    i00 = i11 = i22 = i01 = i02 = i12 = _ZERO
+    j00 = j11 = j22 = j01 = j02 = j12 = _ZERO
+    for s in range(count):
+        px, py, pz = _times(factors[0], table[o[0] + s], table[o[1] + s], table[o[2] + s])
+        ai = _shift(arm_i, _times(factors[1], table[o[3] + s], table[o[4] + s], table[o[5] + s]), series)
+        aj = _shift(arm_j, _times(factors[2], table[o[6] + s], table[o[7] + s], table[o[8] + s]), series)
+        px, py, pz = px + aj[0] - ai[0], py + aj[1] - ai[1], pz + aj[2] - ai[2]
+        # change of the normal from one small quantity to the next: a difference of two normals would lose digits
+        qx, qy, qz = D[0] + px, D[1] + py, D[2] + pz
+        q = max(math.sqrt(qx * qx + qy * qy + qz * qz), _CLOSEST * d)
+        both = q + d
+        inverse = _ONE / (q * both)
+        stretch = px * (D[0] + qx) + py * (D[1] + qy) + pz * (D[2] + qz)
+        ex, ey, ez = (
+            (both * px - stretch * n[0]) * inverse,
+            (both * py - stretch * n[1]) * inverse,
+            (both * pz - stretch * n[2]) * inverse,
+        )
+        nx, ny, nz = n[0] + ex, n[1] + ey, n[2] + ez
         # the contact point lies on the line of centres, so each sphere's centre serves for its lever arm
-        tix = ai[1] * nz - ai[2] * ny - ui[0]
-        tiy = ai[2] * nx - ai[0] * nz - ui[1]
-        tiz = ai[0] * ny - ai[1] * nx - ui[2]
-        tjx = aj[1] * nz - aj[2] * ny - uj[0]
-        tjy = aj[2] * nx - aj[0] * nz - uj[1]
-        tjz = aj[0] * ny - aj[1] * nx - uj[2]
+        tix = ai[1] * nz - ai[2] * ny + arm_i[1] * ez - arm_i[2] * ey
+        tiy = ai[2] * nx - ai[0] * nz + arm_i[2] * ex - arm_i[0] * ez
+        tiz = ai[0] * ny - ai[1] * nx + arm_i[0] * ey - arm_i[1] * ex
+        tjx = aj[1] * nz - aj[2] * ny + arm_j[1] * ez - arm_j[2] * ey
+        tjy = aj[2] * nx - aj[0] * nz + arm_j[2] * ex - arm_j[0] * ez
+        tjz = aj[0] * ny - aj[1] * nx + arm_j[0] * ey - arm_j[1] * ex
         f00 += ex * ex
         f11 += ey * ey
         f22 += ez * ez
@@ -354,9 +374,10 @@ def add_spread(draws, factors, arms, shape, volume, spread):
         j01 += tjx * tjy
         j02 += tjx * tjz
         j12 += tjy * tjz
-    weight = volume * volume / draws.shape[1]
-    for row, moments in (
-        (0, (f00, f11, f22, f01, f02, f12)), (1, (i00, i11, i22, i01, i02, i12)), (2, (j00, j11, j22, j01, j02, j12)),
+    for row, weight, moments in (
+        (0, weights[0], (f00, f11, f22, f01, f02, f12)),
+        (1, weights[1], (i00, i11, i22, i01, i02, i12)),
+        (2, weights[1], (j00, j11, j22, j01, j02, j12)),
     ):
         for c in range(6):
             spread[row, c] += weight * moments[c]

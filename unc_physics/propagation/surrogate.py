@@ -59,7 +59,7 @@ class Surrogate(Propagator):
         return SurrogateCarry(mean, roots)
 
     def belief(self, carry, scene):
-        P = np.einsum("kac,kbc->kab", carry.roots, carry.roots)
+        P = carry.roots @ carry.roots.transpose(0, 2, 1)
         return Belief.trusted(carry.mean.copy(), 0.5 * (P + P.transpose(0, 2, 1)), scene.moving)
 
 
@@ -131,29 +131,36 @@ def _advance(mean, roots, world, steps, k_sigma):
 def know_spread(S, R, body, spread):
     """Covariance blocks of position and rotation from the root ``S`` (12, 12), the latter turned to world axes."""
     spread.known[body] = True
-    local = np.empty((3, 3))
+    position, rotation = spread.position[body], spread.rotation[body]
     for a in range(3):
         for b in range(a + 1):
             p = t = 0.0
             for c in range(ERROR):
                 p += S[EP + a, c] * S[EP + b, c]
                 t += S[ER + a, c] * S[ER + b, c]
-            spread.position[body, a, b] = spread.position[body, b, a] = p
-            local[a, b] = local[b, a] = t
-    half = np.empty((3, 3))
-    for b in range(3):
-        half[0, b], half[1, b], half[2, b] = rotate(R, local[0, b], local[1, b], local[2, b])
-    for a in range(3):
-        spread.rotation[body, a, 0], spread.rotation[body, a, 1], spread.rotation[body, a, 2] = rotate(
-            R, half[a, 0], half[a, 1], half[a, 2]
-        )
+            position[a, b] = position[b, a] = p
+            rotation[a, b] = rotation[b, a] = t
+    for _ in range(2):  # the rows, then those of the transpose
+        for b in range(3):
+            rotation[0, b], rotation[1, b], rotation[2, b] = rotate(R, rotation[0, b], rotation[1, b], rotation[2, b])
+        rotation[0, 1], rotation[1, 0] = rotation[1, 0], rotation[0, 1]
+        rotation[0, 2], rotation[2, 0] = rotation[2, 0], rotation[0, 2]
+        rotation[1, 2], rotation[2, 1] = rotation[2, 1], rotation[1, 2]
 
 
-@njit(cache=True, nogil=True)
-def _form(A, u, w):
-    """``u^T A w`` of a 3 x 3 matrix."""
-    x, y, z = rotate(A, w[0], w[1], w[2])
-    return u[0] * x + u[1] * y + u[2] * z
+@njit(cache=True, nogil=True, forceinline=True)
+def _symmetric(A):
+    """A symmetric matrix as the tuple of its entries xx, yy, zz, xy, xz, yz."""
+    return A[0, 0], A[1, 1], A[2, 2], A[0, 1], A[0, 2], A[1, 2]
+
+
+@njit(cache=True, nogil=True, forceinline=True)
+def _forms(A, u, w):
+    """``u^T A u``, ``u^T A w`` and ``w^T A w`` of a symmetric matrix, as `_symmetric` gives it."""
+    x, y, z = A[0] * u[0] + A[3] * u[1] + A[4] * u[2], A[3] * u[0] + A[1] * u[1] + A[5] * u[2], A[4] * u[0] + A[5] * u[1] + A[2] * u[2]
+    uu, uw = u[0] * x + u[1] * y + u[2] * z, w[0] * x + w[1] * y + w[2] * z
+    x, y, z = A[0] * w[0] + A[3] * w[1] + A[4] * w[2], A[3] * w[0] + A[1] * w[1] + A[5] * w[2], A[4] * w[0] + A[5] * w[1] + A[2] * w[2]
+    return uu, uw, w[0] * x + w[1] * y + w[2] * z
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -172,29 +179,32 @@ def _sine_of_tilt(variance, d, k_sigma):
     return reach / math.sqrt(d * d + reach * reach)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"reassoc", "contract", "nsz"})
 def add_tilts(bodies, found, k_sigma, tree, work, spread):
-    """Add Eq. 21's increments, and their moments, of the first ``found`` contacts on record (Eqs. 16 to 23)."""
+    """Add Eq. 21's increments, and their moments, of the first ``found`` contacts on record (Eqs. 16 to 23).
+
+    Sums over the contacts are kept in scalars, in no fixed order, so that the loop runs as vectors.
+    """
     i, j = bodies
-    R_i, R_j = work.R[i], work.R[j]
+    R_i, R_j, centers = work.R[i], work.R[j], tree.centers
     pairs, records = work.search.pairs, work.search.records
-    tilt, torque_i, torque_j = spread.tilt, spread.torque[0], spread.torque[1]
-    position_i, position_j = spread.position[i], spread.position[j]
-    rotation_i, rotation_j = spread.rotation[i], spread.rotation[j]
+    s, t = _symmetric(spread.position[i]), _symmetric(spread.position[j])
+    position = s[0] + t[0], s[1] + t[1], s[2] + t[2], s[3] + t[3], s[4] + t[4], s[5] + t[5]
+    rotation_i, rotation_j = _symmetric(spread.rotation[i]), _symmetric(spread.rotation[j])
+    xx = yy = zz = xy = xz = yz = 0.0
+    i00 = i01 = i02 = i10 = i11 = i12 = i20 = i21 = i22 = 0.0
+    j00 = j01 = j02 = j10 = j11 = j12 = j20 = j21 = j22 = 0.0
     for k in range(found):
         a, b = pairs[k, 0], pairs[k, 1]
         n = rotate(R_i, records[k, NORMAL], records[k, NORMAL + 1], records[k, NORMAL + 2])
-        arm_i = rotate(R_i, tree.centers[a, 0], tree.centers[a, 1], tree.centers[a, 2])
-        arm_j = rotate(R_j, tree.centers[b, 0], tree.centers[b, 1], tree.centers[b, 2])
+        p = rotate(R_i, centers[a, 0], centers[a, 1], centers[a, 2])
+        q = rotate(R_j, centers[b, 0], centers[b, 1], centers[b, 2])
         u, w = tangent_basis(n)
         # J Sigma J^T with J = -R [r]x is [arm]x (R Sigma R^T) [arm]x^T in world axes
-        ui, wi, uj, wj = cross(u, arm_i), cross(w, arm_i), cross(u, arm_j), cross(w, arm_j)
-        uu = _form(position_i, u, u) + _form(rotation_i, ui, ui)
-        uw = _form(position_i, u, w) + _form(rotation_i, ui, wi)
-        ww = _form(position_i, w, w) + _form(rotation_i, wi, wi)
-        uu += _form(position_j, u, u) + _form(rotation_j, uj, uj)
-        uw += _form(position_j, u, w) + _form(rotation_j, uj, wj)
-        ww += _form(position_j, w, w) + _form(rotation_j, wj, wj)
+        one, two, three = (
+            _forms(position, u, w), _forms(rotation_i, cross(u, p), cross(w, p)), _forms(rotation_j, cross(u, q), cross(w, q)),
+        )
+        uu, uw, ww = one[0] + two[0] + three[0], one[1] + two[1] + three[1], one[2] + two[2] + three[2]
         # Eq. 21 is a function of the 2 x 2 matrix: alpha I + beta Sigma_T takes its eigenvalues to the sigmas
         half, mean = math.sqrt(0.25 * (uu - ww) ** 2 + uw * uw), 0.5 * (uu + ww)
         d, scale = records[k, DISTANCE], records[k, VOLUME] / 3.0
@@ -203,17 +213,44 @@ def add_tilts(bodies, found, k_sigma, tree, work, spread):
         beta = 0.5 * (high - low) / half if half > 0.0 else 0.0
         alpha = 0.5 * (high + low) - beta * mean
         uu, uw, ww = alpha + beta * uu, beta * uw, alpha + beta * ww
-        for c in range(3):
-            column = (
-                (uu * u[c] + uw * w[c]) * u[0] + (uw * u[c] + ww * w[c]) * w[0],
-                (uu * u[c] + uw * w[c]) * u[1] + (uw * u[c] + ww * w[c]) * w[1],
-                (uu * u[c] + uw * w[c]) * u[2] + (uw * u[c] + ww * w[c]) * w[2],
-            )
-            moment_i, moment_j = cross(arm_i, column), cross(arm_j, column)
-            for r in range(3):
-                tilt[r, c] += column[r]
-                torque_i[r, c] += moment_i[r]
-                torque_j[r, c] += moment_j[r]
+        g = uu * u[0] + uw * w[0], uu * u[1] + uw * w[1], uu * u[2] + uw * w[2]
+        h = uw * u[0] + ww * w[0], uw * u[1] + ww * w[1], uw * u[2] + ww * w[2]
+        v00, v11, v22 = g[0] * u[0] + h[0] * w[0], g[1] * u[1] + h[1] * w[1], g[2] * u[2] + h[2] * w[2]
+        v01, v02, v12 = g[0] * u[1] + h[0] * w[1], g[0] * u[2] + h[0] * w[2], g[1] * u[2] + h[1] * w[2]
+        xx += v00
+        yy += v11
+        zz += v22
+        xy += v01
+        xz += v02
+        yz += v12
+        i00 += p[1] * v02 - p[2] * v01
+        i01 += p[1] * v12 - p[2] * v11
+        i02 += p[1] * v22 - p[2] * v12
+        i10 += p[2] * v00 - p[0] * v02
+        i11 += p[2] * v01 - p[0] * v12
+        i12 += p[2] * v02 - p[0] * v22
+        i20 += p[0] * v01 - p[1] * v00
+        i21 += p[0] * v11 - p[1] * v01
+        i22 += p[0] * v12 - p[1] * v02
+        j00 += q[1] * v02 - q[2] * v01
+        j01 += q[1] * v12 - q[2] * v11
+        j02 += q[1] * v22 - q[2] * v12
+        j10 += q[2] * v00 - q[0] * v02
+        j11 += q[2] * v01 - q[0] * v12
+        j12 += q[2] * v02 - q[0] * v22
+        j20 += q[0] * v01 - q[1] * v00
+        j21 += q[0] * v11 - q[1] * v01
+        j22 += q[0] * v12 - q[1] * v02
+    _add(spread.tilt, (xx, xy, xz, xy, yy, yz, xz, yz, zz))
+    _add(spread.torque[0], (i00, i01, i02, i10, i11, i12, i20, i21, i22))
+    _add(spread.torque[1], (j00, j01, j02, j10, j11, j12, j20, j21, j22))
+
+
+@njit(cache=True, nogil=True)
+def _add(A, entries):
+    """Add nine entries to a 3 x 3 matrix, row by row."""
+    for k in range(9):
+        A[k // 3, k % 3] += entries[k]
 
 
 @njit(cache=True, nogil=True)

@@ -1,6 +1,6 @@
-"""Rollouts of a scene in PyBullet and in MuJoCo: the same spheres, masses, inertias, states, damping and time step.
+"""Rollouts of a scene in PyBullet and in MuJoCo: the same masses, inertias, states, damping and time step.
 
-Both engines get what is fastest for them among the settings under which the bodies collide as ours do: no friction,
+Shapes are the same spheres, or what people usually give these engines: a few convex pieces, or one box. Both engines get what is fastest for them among the settings under which the bodies collide as ours do: no friction,
 elastic contact, damping of all velocities as in the scene, no gravity, no sleeping, no rendering. Bodies are given
 in their principal axes, in which both engines keep the inertia.
 """
@@ -12,10 +12,15 @@ import tempfile
 from pathlib import Path
 
 import numpy as np
+from scipy.cluster.vq import kmeans2
+from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
-from unc_physics.layout import ANGULAR_VELOCITY, POSITION, QUATERNION, VELOCITY
+from ..layout import ANGULAR_VELOCITY, POSITION, QUATERNION, VELOCITY
 
+GEOMETRIES = ("spheres", "pieces", "box")
+PIECES = 16  # convex ones of a body
+_DIRECTIONS = 64  # in which a piece's outline is taken, and so its vertices at most
 _FRICTIONLESS = 1  # MuJoCo's condim
 
 
@@ -32,6 +37,11 @@ class PrincipalBody:
         Principal moments [kg m^2].
     axes : Rotation
         From principal axes to the body frame.
+
+    Notes
+    -----
+    ``pieces`` cuts the spheres into clusters and takes the convex hull of each, as a convex decomposition of a mesh
+    would; ``box`` is the uniform box of the same mass and inertia.
     """
 
     def __init__(self, body):
@@ -41,6 +51,26 @@ class PrincipalBody:
         self.inertia = body.mass * moments
         self.centers, self.radii = body.model.centers @ axes, body.model.radii
         self.axes = Rotation.from_matrix(axes)
+
+    def box(self):
+        """Half sides (3,) [m]."""
+        a, b, c = self.inertia / self.mass
+        return np.sqrt(1.5 * np.array([b + c - a, c + a - b, a + b - c]))
+
+    def pieces(self):
+        """Vertices (k, 3) [m] of each convex piece."""
+        _, cluster = kmeans2(self.centers, min(PIECES, len(self.centers)), minit="++", rng=np.random.default_rng(0))
+        # support points: where the hull of a cluster's spheres touches planes of evenly spread directions
+        height = 1.0 - (2.0 * np.arange(_DIRECTIONS) + 1.0) / _DIRECTIONS
+        turn = np.pi * (1.0 + math.sqrt(5.0)) * np.arange(_DIRECTIONS)
+        around = np.sqrt(1.0 - height**2)
+        directions = np.stack([around * np.cos(turn), around * np.sin(turn), height], axis=1)
+        made = []
+        for k in np.unique(cluster):
+            centers, radii = self.centers[cluster == k], self.radii[cluster == k]
+            farthest = np.argmax(centers @ directions.T + radii[:, None], axis=0)
+            made.append(centers[farthest] + radii[farthest, None] * directions)
+        return made
 
     def orientation(self, state):
         """Rotation from principal axes to the world, of one body's state (13,)."""
@@ -61,7 +91,7 @@ class PyBulletRollouts:
     faster and gains energy with elastic contacts.
     """
 
-    def __init__(self, scene):
+    def __init__(self, scene, geometry="spheres"):
         import pybullet
         from pybullet_utils.bullet_client import BulletClient
 
@@ -72,13 +102,13 @@ class PyBulletRollouts:
         client.setGravity(0.0, 0.0, 0.0)
         # Bullet keeps the share 1 - d of a velocity in a second, we exp(-damping)
         damping = 1.0 - math.exp(-scene.damping)
-        self._handles, self._spheres = [], []
+        self._handles, self._shapes = [], []
         with tempfile.TemporaryDirectory() as folder:
             for body in self._bodies:
                 path = Path(folder) / f"{body.name}.urdf"
-                path.write_text(_urdf(body))
+                path.write_text(_urdf(body, geometry, Path(folder)))
                 probe = client.loadURDF(str(path))  # PyBullet tells the shapes of bodies in minimal coordinates only
-                self._spheres.append(len(client.getCollisionShapeData(probe, -1)))
+                self._shapes.append(len(client.getCollisionShapeData(probe, -1)))
                 client.removeBody(probe)
                 handle = client.loadURDF(
                     str(path), flags=pybullet.URDF_USE_INERTIA_FROM_FILE, useMaximalCoordinates=True
@@ -89,9 +119,9 @@ class PyBulletRollouts:
                 )
                 self._handles.append(handle)
 
-    def spheres(self):
-        """Number of spheres of each body, as the engine has them."""
-        return self._spheres
+    def shapes(self):
+        """Number of shapes of each body, as the engine has them."""
+        return self._shapes
 
     def _reset(self, state):
         for body, handle, x in zip(self._bodies, self._handles, state, strict=True):
@@ -128,17 +158,36 @@ class PyBulletRollouts:
         self._client.disconnect()
 
 
-def _urdf(body):
-    spheres = "\n".join(  # on lines of their own: PyBullet cuts long lines
-        f'<collision><origin xyz="{x!r} {y!r} {z!r}"/><geometry><sphere radius="{r!r}"/></geometry></collision>'
-        for (x, y, z), r in zip(body.centers.tolist(), body.radii.tolist(), strict=True)
+def _urdf(body, geometry, folder):
+    if geometry == "spheres":
+        shapes = [
+            (f"{x!r} {y!r} {z!r}", f'<sphere radius="{r!r}"/>')
+            for (x, y, z), r in zip(body.centers.tolist(), body.radii.tolist(), strict=True)
+        ]
+    elif geometry == "box":
+        shapes = [("0 0 0", '<box size="{!r} {!r} {!r}"/>'.format(*(2.0 * body.box()).tolist()))]
+    else:
+        shapes = []
+        for k, vertices in enumerate(body.pieces()):
+            path = folder / f"{body.name}_{k}.obj"
+            path.write_text(_obj(vertices))
+            shapes.append(("0 0 0", f'<mesh filename="{path}"/>'))
+    collisions = "\n".join(  # on lines of their own: PyBullet cuts long lines
+        f'<collision><origin xyz="{place}"/><geometry>{shape}</geometry></collision>' for place, shape in shapes
     )
     a, b, c = body.inertia.tolist()
     inertia = f'<inertia ixx="{a!r}" iyy="{b!r}" izz="{c!r}" ixy="0" ixz="0" iyz="0"/>'
     return (
         f'<robot name="{body.name}"><link name="body"><inertial><mass value="{body.mass!r}"/>{inertia}</inertial>'
-        f"\n{spheres}\n</link></robot>\n"
+        f"\n{collisions}\n</link></robot>\n"
     )
+
+
+def _obj(vertices):
+    """A convex hull as a mesh file."""
+    lines = ["v {!r} {!r} {!r}".format(*vertex) for vertex in vertices.tolist()]
+    lines += ["f {} {} {}".format(*(corners + 1)) for corners in ConvexHull(vertices).simplices]
+    return "\n".join(lines) + "\n"
 
 
 class MuJoCoRollouts:
@@ -149,19 +198,19 @@ class MuJoCoRollouts:
     Contacts are springs without damper, so they are elastic; its solver shares the mass among the contacts.
     """
 
-    def __init__(self, scene):
+    def __init__(self, scene, geometry="spheres"):
         import mujoco
 
         self._mujoco = mujoco
         self._bodies = [PrincipalBody(body) for body in scene.bodies]
-        model = mujoco.MjModel.from_xml_string(_mjcf(scene, self._bodies))
+        model = mujoco.MjModel.from_xml_string(_mjcf(scene, self._bodies, geometry))
         for k, body in enumerate(self._bodies):
             model.dof_damping[6 * k : 6 * k + 3] = scene.damping * body.mass
             model.dof_damping[6 * k + 3 : 6 * k + 6] = scene.damping * body.inertia
         self._model, self._data = model, mujoco.MjData(model)
 
-    def spheres(self):
-        """Number of spheres of each body, as the engine has them."""
+    def shapes(self):
+        """Number of shapes of each body, as the engine has them."""
         return self._model.body_geomnum[1:].tolist()
 
     def _reset(self, state):
@@ -202,20 +251,30 @@ class MuJoCoRollouts:
         """Leave the engine; nothing to do."""
 
 
-def _mjcf(scene, bodies):
-    text = []
+def _mjcf(scene, bodies, geometry):
+    text, assets = [], []
     for body in bodies:
-        geoms = "".join(
-            f'<geom size="{r!r}" pos="{x!r} {y!r} {z!r}"/>'
-            for (x, y, z), r in zip(body.centers.tolist(), body.radii.tolist(), strict=True)
-        )
+        if geometry == "spheres":
+            geoms = [
+                f'<geom type="sphere" size="{r!r}" pos="{x!r} {y!r} {z!r}"/>'
+                for (x, y, z), r in zip(body.centers.tolist(), body.radii.tolist(), strict=True)
+            ]
+        elif geometry == "box":
+            geoms = ['<geom type="box" size="{!r} {!r} {!r}"/>'.format(*body.box().tolist())]
+        else:
+            pieces = body.pieces()
+            geoms = [f'<geom type="mesh" mesh="{body.name}_{k}"/>' for k in range(len(pieces))]
+            assets += [
+                f'<mesh name="{body.name}_{k}" vertex="{" ".join(map(repr, vertices.ravel().tolist()))}"/>'
+                for k, vertices in enumerate(pieces)
+            ]
         inertia = " ".join(repr(value) for value in body.inertia.tolist())
         inertial = f'<inertial pos="0 0 0" mass="{body.mass!r}" diaginertia="{inertia}"/>'
-        text.append(f'<body name="{body.name}"><joint type="free"/>{inertial}{geoms}</body>')
+        text.append(f'<body name="{body.name}"><joint type="free"/>{inertial}{"".join(geoms)}</body>')
     return (
         f'<mujoco><option timestep="{scene.dt!r}" gravity="0 0 0"/><size memory="256M"/>'
-        f'<default><geom type="sphere" condim="{_FRICTIONLESS}" mass="0" solref="-1000 0"/></default>'
-        f'<worldbody>{"".join(text)}</worldbody></mujoco>'
+        f'<default><geom condim="{_FRICTIONLESS}" mass="0" solref="-1000 0"/></default>'
+        f'<asset>{"".join(assets)}</asset><worldbody>{"".join(text)}</worldbody></mujoco>'
     )
 
 

@@ -1,0 +1,48 @@
+"""Jobs are told apart and seeded by what they compute."""
+
+from dataclasses import replace
+
+import pytest
+
+from unc_physics.errors import InvalidOptionError
+from unc_physics.evaluation.experiments import NAMES, experiment
+from unc_physics.evaluation.jobs import Job, Settings
+
+
+@pytest.fixture(scope="module", params=[True, False], ids=["quick", "full"])
+def settings(request):
+    return Settings(quick=request.param)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_keys_and_seeds_are_distinct(name, settings):
+    jobs = experiment(name).jobs(settings)
+    assert jobs and all(job.experiment == name and job.cost > 0.0 for job in jobs)
+    assert len({job.key for job in jobs}) == len(jobs)
+    assert len({job.seed("truth") for job in jobs}) == len(jobs)
+    assert all(job.seed("truth") != job.seed("second") for job in jobs)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_another_seed_is_another_sweep(name, settings):
+    here, there = (experiment(name).jobs(replace(settings, seed=seed)) for seed in (0, 1))
+    assert not {job.key for job in here} & {job.key for job in there}
+    assert not {job.seed("truth") for job in here} & {job.seed("truth") for job in there}
+
+
+def test_seeds_stay_the_same_for_ever():
+    """They are part of published results: neither the process nor the order of jobs may change them."""
+    assert Job("collisions", {"model": "bunny", "sigma": 0.05}).seed("truth") == 3600630892
+
+
+def test_the_full_sweep_is_the_one_of_the_paper():
+    parameters = [job.parameters for job in experiment("collisions").jobs(Settings())]
+    cases = {(p["model"], p["spheres"], p["sigma"]) for p in parameters if p["truth"] == 1000 and p["spheres"] <= 10_000}
+    assert len(cases) == 3 * 4 * 10
+    assert {p["sigma"] for p in parameters} == {0.01, 0.02, 0.03, 0.04, 0.05, 0.06, 0.07, 0.08, 0.09, 0.1}
+    assert {(p["spheres"], p["subset"]) for p in parameters if p["truth"] == 8000} == {(1000, 1000)}
+
+
+def test_an_unknown_experiment_is_refused():
+    with pytest.raises(InvalidOptionError, match=r"experiment must be one of collision_free, .* \(got 'colisions'\)"):
+        experiment("colisions")

@@ -1,0 +1,82 @@
+"""The folder of results: what was written is read back, and what an interruption left half written is done again."""
+
+import pytest
+
+from unc_physics.errors import OutputError
+from unc_physics.evaluation.jobs import Job, Outcome, Row
+from unc_physics.evaluation.results import Results
+
+ORIGIN = {"versions": "unc_physics 0.1.0; python 3.11", "machine": "Some(R) CPU, 2 threads"}
+
+
+def job(sigma):
+    return Job("collisions", {"model": "bunny", "sigma": sigma})
+
+
+def outcome(count, value=0.1):
+    return Outcome([Row("surrogate", "w1_position", "m", value + k, None, k, 7) for k in range(count)])
+
+
+def test_rows_are_read_back(tmp_path):
+    results = Results(tmp_path)
+    results.add(job(0.05), Outcome([Row("monte_carlo", "w1_position", "m", 1.0 / 3.0, 10, 2, 4_000_000_000)]), ORIGIN)
+    (row,) = results.rows("collisions")
+    assert row["value"] == 1.0 / 3.0
+    assert (row["model"], row["sigma"], row["samples"], row["replicate"], row["seed"]) == ("bunny", 0.05, 10, 2, 4_000_000_000)
+    assert row["versions"] == ORIGIN["versions"] and row["machine"] == ORIGIN["machine"]
+
+
+def test_only_missing_jobs_are_left(tmp_path):
+    results, jobs = Results(tmp_path), [job(s) for s in (0.01, 0.02, 0.03)]
+    assert results.missing(jobs) == jobs
+    results.add(jobs[1], outcome(3), ORIGIN)
+    assert results.missing(jobs) == [jobs[0], jobs[2]]
+
+
+def test_a_file_cut_off_anywhere_loses_at_most_its_last_job(tmp_path):
+    """Whatever the interruption left, the file can be added to and holds whole jobs only."""
+    results, jobs = Results(tmp_path), [job(0.01), job(0.02)]
+    path = tmp_path / "collisions.csv"
+    results.add(jobs[0], outcome(2), ORIGIN)
+    first = len(path.read_bytes())
+    results.add(jobs[1], outcome(12), ORIGIN)
+    whole = path.read_bytes()
+    for length in [*range(0, len(whole), 11), len(whole) - 1]:
+        path.write_bytes(whole[:length])
+        missing = results.missing(jobs)
+        assert missing == (jobs if length < first else jobs[1:])
+        for again in missing:
+            results.add(again, outcome(2 if again == jobs[0] else 12), ORIGIN)
+        assert sorted(path.read_bytes().splitlines()) == sorted(whole.splitlines())
+
+
+def test_arrays_are_kept(tmp_path):
+    import numpy as np
+
+    results, states = Results(tmp_path), np.arange(6.0).reshape(2, 3)
+    assert results.arrays(job(0.05)) is None
+    results.add(job(0.05), Outcome(outcome(1).rows, {"states": states}), ORIGIN)
+    assert np.array_equal(results.arrays(job(0.05))["states"], states)
+
+
+def test_other_columns_are_refused_before_any_work(tmp_path):
+    results = Results(tmp_path)
+    results.add(job(0.05), outcome(1), ORIGIN)
+    with pytest.raises(OutputError, match="collisions.csv was written by another version; choose another folder"):
+        results.missing([Job("collisions", {"model": "bunny"})])
+
+
+def test_one_evaluation_at_a_time(tmp_path):
+    with (
+        Results(tmp_path).locked(), pytest.raises(OutputError, match="is in use by another evaluation"),
+        Results(tmp_path).locked(),
+    ):
+        pass
+    with Results(tmp_path).locked():
+        pass
+
+
+def test_a_folder_that_cannot_be_made_is_refused(tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(OutputError, match="--output cannot be made"):
+        Results(tmp_path / "file" / "folder")

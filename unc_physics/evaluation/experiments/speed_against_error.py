@@ -1,0 +1,161 @@
+"""Speed against error: which method to take for which budget."""
+
+from __future__ import annotations
+
+import time
+
+import numba
+import numpy as np
+
+from ..comparison import (
+    CPU_TIME,
+    FLOOR,
+    GAUSSIAN,
+    POSITION_ERROR,
+    ROTATION_ERROR,
+    WALL_TIME,
+    distance_cost,
+    error_rows,
+    monte_carlo,
+    predicted_beliefs,
+    predictors,
+    rollout_cost,
+    time_rows,
+)
+from ..jobs import Job, Outcome, Row, Settings
+from ..pareto import Choice, front, in_words
+from ..results import Results
+from ..scenarios import MODELS, collision
+from ..tables import label, number, table
+from ..timing import paired
+from .peers import engine_choices
+
+TITLE = "Speed against error"
+COUNTS = (2, 5, 10, 20, 50, 100, 200, 500, 1000)
+QUANTITIES = ((POSITION_ERROR, "positions"), (ROTATION_ERROR, "rotations"))
+TIMES = ((CPU_TIME, "CPU time on one thread"), (WALL_TIME, "wall time as deployed, on all threads"))
+
+
+def jobs(settings: Settings) -> list[Job]:
+    """For each model, a job for the errors of each encounter, and one for the times, alone on the machine."""
+    truth, encounters = (200, 3) if settings.quick else (1000, 12)
+    made = []
+    for model in MODELS:
+        case = {"model": model, "spheres": 1000, "sigma": 0.05, "truth": truth}
+        made += [
+            Job("speed_against_error", settings.parameters(measured="error", **case, encounter=k, encounters=1),
+                cost=2 * truth * rollout_cost(1000) + 12 * distance_cost(truth, settings.distance))
+            for k in range(encounters)
+        ]
+        made.append(Job(
+            "speed_against_error", settings.parameters(measured="time", **case, encounter=0, encounters=encounters),
+            cost=2 * sum(_counts(truth)) * (encounters + 1) * rollout_cost(1000), alone=True))
+    return made
+
+
+def run(job: Job) -> Outcome:
+    """Errors in one encounter, or times on one thread and on all, each round in another encounter."""
+    p = job.parameters
+    counts = _counts(p["truth"])
+    cases = [collision(p["model"], p["spheres"], p["sigma"], p["encounter"] + k) for k in range(p["encounters"])]
+    if p["measured"] == "error":
+        truth, second = (monte_carlo(*cases[0], p["truth"], job.seed(name)) for name in ("truth", "second"))
+        return Outcome(error_rows(job, truth, second, predicted_beliefs(*cases[0], job), counts, p["truth"]))
+    for scene, *_ in cases:
+        _ = scene.world  # is built at its first use, which no method shall pay for
+    each = [predictors(*case, job, counts) for case in cases]
+    functions = {key: lambda k, key=key: each[k][key](k) for key in each[0]}
+    rows = time_rows(functions, len(cases))
+    numba.set_num_threads(numba.config.NUMBA_NUM_THREADS)
+    for (method, samples), taken in paired(functions, len(cases), time.perf_counter).items():
+        rows += [Row(method, WALL_TIME, "s", float(seconds), samples, k) for k, seconds in enumerate(taken)]
+    return Outcome(rows)
+
+
+def report(results: Results) -> str:
+    """The figures, the Pareto fronts in words, and all figures in a table."""
+    from ..plots import draw_speed_against_error
+
+    rows, peers = results.rows("speed_against_error"), results.rows("peers")
+    engines = {
+        (model, quantity): found for quantity, _ in QUANTITIES for model, found in engine_choices(peers, quantity).items()
+    }
+    encounters = len(rows.where(measured="error").unique("encounter"))
+    parts = [
+        f"Errors are W1 over the floor, geometric means over {encounters} encounters with orientations of their own (whiskers: "
+        + "quartiles); times are medians over the same encounters. The curves of other engines are Monte Carlo in them, against "
+        + "their own truth.\n"
+    ]
+    for time_quantity, title in TIMES:
+        choices = {
+            (model, quantity): _choices(rows.where(model=model), quantity, time_quantity)
+            for model in rows.unique("model") for quantity, _ in QUANTITIES
+        }
+        if not any(choices.values()):
+            continue
+        figure = results.figure(f"speed_against_error_{time_quantity}")
+        draw_speed_against_error(figure, choices, _limits(rows), title, engines if time_quantity == CPU_TIME else {})
+        parts.append(f"![Error over {title}](figures/{figure.name})\n")
+        parts.append(f"Pareto fronts, by {title}: what nothing else beats in both time and error.\n")
+        for (model, quantity), found in choices.items():
+            parts.append(f"* {model}, {dict(QUANTITIES)[quantity]}: {in_words(front(found))}")
+        parts.append("")
+    parts.append(_table(rows))
+    return "\n".join(parts)
+
+
+def _counts(most):
+    return [count for count in COUNTS if count <= most]
+
+
+def _choices(rows, quantity, time_quantity) -> list[Choice]:
+    """Time and error over the floor of every method: median over rounds, geometric mean over encounters."""
+    made = []
+    for method in rows.unique("method"):
+        for samples in sorted(rows.where(method=method).unique("samples")) or [None]:
+            found = rows.where(method=method, samples=samples)
+            times, errors = found.where(quantity=time_quantity), _over_floor(rows, method, samples, quantity)
+            if times and len(errors):
+                low, high = np.quantile(errors, [0.25, 0.75])
+                made.append(Choice(method, samples, times.median(), float(np.exp(np.mean(np.log(errors)))), (float(low), float(high))))
+    return made
+
+
+def _over_floor(rows, method, samples, quantity):
+    """Error over the floor in each encounter."""
+    found = rows.where(method=method, samples=samples, quantity=quantity)
+    floor = rows.where(method=FLOOR, quantity=quantity)
+    return np.array([found.where(encounter=k).mean() / floor.where(encounter=k).mean() for k in found.unique("encounter")])
+
+
+def _limits(rows):
+    """For each model and quantity, the best Gaussian's error over the floor."""
+    return {
+        (model, quantity): float(np.exp(np.mean(np.log(_over_floor(rows.where(model=model), GAUSSIAN, None, quantity)))))
+        for model in rows.unique("model") for quantity, _ in QUANTITIES
+    }
+
+
+def _table(rows):
+    models = rows.unique("model")
+    choices = {
+        model: {
+            (c.method, c.samples): (c, d, w)
+            for c, d, w in zip(
+                _choices(rows.where(model=model), POSITION_ERROR, CPU_TIME),
+                _choices(rows.where(model=model), ROTATION_ERROR, CPU_TIME),
+                _choices(rows.where(model=model), POSITION_ERROR, WALL_TIME), strict=True)
+        }
+        for model in models
+    }
+    lines = []
+    for method, samples in dict.fromkeys(key for found in choices.values() for key in found):
+        cells = [label(method, samples)]
+        for model in models:
+            c, d, w = choices[model][method, samples]
+            cells += [number(1e3 * c.time), number(1e3 * w.time), f"{number(c.error)} / {number(d.error)}"]
+        lines.append(cells)
+    head = [""]
+    for model in models:
+        head += [f"{model}: one thread [ms]", "as deployed [ms]", "error / floor"]
+    return "Times, and errors of positions / rotations over the floor:\n\n" + table(head, lines)

@@ -1,0 +1,44 @@
+"""Pareto fronts of time and error."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import NamedTuple
+
+from .tables import label, number
+
+
+class Choice(NamedTuple):
+    """A method with what it costs and how far off it is.
+
+    Attributes
+    ----------
+    method : str
+    samples : int or None
+    time : float
+        [s]
+    error : float
+        Over the floor.
+    scatter : (float, float) or None
+        Quartiles of the error.
+    """
+
+    method: str
+    samples: int | None
+    time: float
+    error: float
+    scatter: tuple[float, float] | None = None
+
+
+def front(choices: Iterable[Choice]) -> list[Choice]:
+    """Those choices that no other beats in both time and error, the fastest first."""
+    best: list[Choice] = []
+    for choice in sorted(choices, key=lambda c: (c.time, c.error)):
+        if not best or choice.error < best[-1].error:
+            best.append(choice)
+    return best
+
+
+def in_words(choices: Sequence[Choice]) -> str:
+    """A front, from the fastest to the most accurate."""
+    return ", then ".join(f"{label(c.method, c.samples)} ({number(1e3 * c.time)} ms, {number(c.error)})" for c in choices)

@@ -1,0 +1,34 @@
+"""Markdown tables, and how methods and figures are written in them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+LABELS = {
+    "linearization": "linearization",
+    "surrogate": "surrogate",
+    "local_sampling": "local sampling",
+    "sigma_points": "sigma points",
+    "sigma_points_full": "sigma points, full",
+    "gaussian": "best Gaussian",
+    "floor": "floor",
+}
+
+
+def label(method: str, samples: int | None = None) -> str:
+    """A method's name for people."""
+    if method == "monte_carlo":
+        return "Monte Carlo" if samples is None else f"MC-{samples}"
+    return LABELS.get(method, method.replace("_", " "))
+
+
+def number(value: float) -> str:
+    """A figure with three digits, or none where it is missing."""
+    return "" if not math.isfinite(value) else f"{value:#.3g}".rstrip(".")
+
+
+def table(head: Sequence[str], lines: Sequence[Sequence[str]]) -> str:
+    """A Markdown table; the first column to the left, all others to the right."""
+    rows = [head, ["---", *["--:"] * (len(head) - 1)], *lines]
+    return "\n".join("| " + " | ".join(row) + " |" for row in rows) + "\n"
