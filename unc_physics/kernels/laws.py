@@ -19,9 +19,9 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from ..layout import V, W
+from ..layout import ERROR, EV, EW, V, W
 from .contact import DISTANCE, NORMAL, POINT, VOLUME
-from .so3 import rotate
+from .so3 import rotate, rotate_back
 
 #: Slip below which friction grows with it instead of being constant [m/s]: how fast what sticks may creep.
 CREEP = 1e-5
@@ -539,3 +539,65 @@ def _turning(inverse_inertia, R, G):
         for m in range(3):
             total += inverse_inertia[k, m] * (R[0, m] * gx + R[1, m] * gy + R[2, m] * gz)
     return total
+
+
+@njit(cache=True, nogil=True, _nrt=False)
+def hold_columns(rows, place, x, world, laws, dt, joint, work):
+    """Let the drag of the last kick act on errors of the velocities: rows of the touched bodies' error states.
+
+    The derivative of Coulomb's force: it resists every error of the slip where the contact sticks, and those across
+    the slip where it slides. ``place`` (B,) counts a body's blocks of 12 rows, -1 for a fixed one. Where
+    bodies are not ``joint``, errors of one leave the others alone.
+    """
+    p = work.patches
+    n = 0
+    for i in range(len(p.place)):
+        n += 6 * (p.place[i] >= 0)
+    A, xi, G = p.system[1], p.motion, p.moved[2]
+    write_masses(laws, work, A, n)
+    _write_velocities(x, p, p.step, 0.0, p.velocities)
+    for index in range(p.count[0]):
+        relative_motion(p, index, p.velocities, xi)
+        for r in range(6):
+            for c in range(6):
+                G[r, c] = 0.0
+        for k in range(2):
+            drag = dt * p.drag[index, k, 0]
+            if drag == 0.0:
+                continue
+            weighted = p.matrix[index, k]
+            square = mean_square(weighted, xi)
+            slides = square > 4.0 * CREEP**2 * p.load[index, 0]
+            for r in range(6):
+                left = 0.0
+                for m in range(6):
+                    left += weighted[r, m] * xi[m]
+                for c in range(6):
+                    right = 0.0
+                    for m in range(6):
+                        right += weighted[c, m] * xi[m]
+                    G[r, c] += drag * (weighted[r, c] - (left * right / square if slides else 0.0))
+        add_to_system(p, index, G, A, p.moved)
+    if not joint:
+        for r in range(n):
+            for c in range(n):
+                if r // 6 != c // 6:
+                    A[r, c] = 0.0
+    factorize(A, n)
+    for column in range(rows.shape[1]):
+        for i in range(len(p.place)):
+            a, b = p.place[i], ERROR * place[i]
+            if a < 0:
+                continue
+            wx, wy, wz = rotate_back(work.R[i], rows[b + EW, column], rows[b + EW + 1, column], rows[b + EW + 2, column])
+            wx, wy, wz = rotate(laws.inertia[i], wx, wy, wz)
+            p.step[a + 3], p.step[a + 4], p.step[a + 5] = rotate(work.R[i], wx, wy, wz)
+            for k in range(3):
+                p.step[a + k] = laws.mass[i] * rows[b + EV + k, column]
+        solve_factorized(A, p.step, n)
+        for i in range(len(p.place)):
+            a, b = p.place[i], ERROR * place[i]
+            if a >= 0:
+                for k in range(3):
+                    rows[b + EV + k, column] = p.step[a + k]
+                    rows[b + EW + k, column] = p.step[a + 3 + k]

@@ -55,6 +55,7 @@ def next_piece(x, memory, world, laws, left, work):
 @njit(cache=True, nogil=True, _nrt=False)
 def next_piece_of_laws(x, memory, world, laws, left, work):
     """As `next_piece`, where something may be near."""
+    work.patches.count[0] = 0
     if left == world.dt and work.touching[0] == 0:
         if _calm_for(x, world, laws, work.calm[1], work):
             after = 0.5 * world.dt if laws.robust else 0.0

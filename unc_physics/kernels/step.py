@@ -368,8 +368,7 @@ def kick_by_laws(x, memory, world, laws, dt, work):
 
 @njit(cache=True, nogil=True, _nrt=False)
 def clear_wrenches(work):
-    """Forget what acted on the bodies."""
-    work.patches.count[0] = 0
+    """Forget what acted on the bodies; the patches stay until the next piece."""
     for i in range(len(work.touched)):
         work.touched[i] = False
         for k in range(6):

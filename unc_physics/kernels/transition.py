@@ -11,9 +11,10 @@ from numba import njit
 
 from ..layout import EP, ER, EV, EW, W
 from .simd import four_columns, two_columns
+from .so3 import cross, rotate, rotate_back
 
 
-@njit(cache=True, nogil=True, forceinline=True)
+@njit(cache=True, nogil=True, _nrt=False, forceinline=True)
 def write_printed_rotation(R, i, dt, out):
     """``dt R_t^T`` of body i, the block of Eq. 14 that turns angular velocity into rotation, into ``out`` (3, 3)."""
     for a in range(3):
@@ -21,7 +22,7 @@ def write_printed_rotation(R, i, dt, out):
             out[a, b] = dt * R[i, b, a]
 
 
-@njit(cache=True, nogil=True, forceinline=True)
+@njit(cache=True, nogil=True, _nrt=False, forceinline=True)
 def write_exact_rotation(R, x, i, dt, out):
     """``dt R_t^T J^T`` of body i, the exact derivative of the drift, into ``out`` (3, 3).
 
@@ -49,7 +50,39 @@ def write_exact_rotation(R, x, i, dt, out):
         out[k, 2] = u * (xz - y_) + v * (yz + x_) + w * zz
 
 
-@njit(cache=True, nogil=True, forceinline=True)
+@njit(cache=True, nogil=True, _nrt=False)
+def turn_columns(rows, first, x, i, R, world, laws, dt):
+    """Add what the gyroscopic term does to errors in one body's 12 rows: to first order in ``dt``.
+
+    With ``L = I omega``, ``domega/dt = I^-1 (L x omega)``; a rotation error t in world axes turns I and its inverse.
+    """
+    inertia, inverse, R_i = laws.inertia[i], world.bodies.inverse_inertia[i], R[i]
+    omega = (x[i, W], x[i, W + 1], x[i, W + 2])
+    L = _in_world(R_i, inertia, omega)
+    torque = cross(L, omega)
+    rate = _in_world(R_i, inverse, torque)
+    for c in range(rows.shape[1]):
+        dw = (rows[first + EW, c], rows[first + EW + 1, c], rows[first + EW + 2, c])
+        t = rotate(R_i, rows[first + ER, c], rows[first + ER + 1, c], rows[first + ER + 2, c])
+        a, b, d = cross(t, omega), cross(t, L), cross(t, torque)
+        dL = _in_world(R_i, inertia, (dw[0] - a[0], dw[1] - a[1], dw[2] - a[2]))
+        dL = (dL[0] + b[0], dL[1] + b[1], dL[2] + b[2])
+        a, b = cross(dL, omega), cross(L, dw)
+        a = _in_world(R_i, inverse, (a[0] + b[0] - d[0], a[1] + b[1] - d[1], a[2] + b[2] - d[2]))
+        b = cross(t, rate)
+        for k in range(3):
+            rows[first + EW + k, c] += dt * (a[k] + b[k])
+
+
+@njit(cache=True, nogil=True, _nrt=False)
+def _in_world(R, A, v):
+    """``R A R^T v`` of a body-frame matrix A."""
+    x, y, z = rotate_back(R, v[0], v[1], v[2])
+    x, y, z = rotate(A, x, y, z)
+    return rotate(R, x, y, z)
+
+
+@njit(cache=True, nogil=True, _nrt=False, forceinline=True)
 def apply_transition(rows, first, dt, decay, rotation):
     """Multiply the 12 rows of one body, from row ``first`` on, by its transition, in place.
 

@@ -10,12 +10,17 @@ import numpy as np
 from numba import njit
 
 from ..belief import Belief
-from ..errors import InvalidOptionError
-from ..kernels.contact import VOLUME, next_contacts
+from ..errors import InvalidOptionError, NotSupportedError
+from ..kernels.contact import NORMAL, POINT, VOLUME, next_contacts
+from ..kernels.laws import hold_columns
 from ..kernels.moments import boxminus, boxplus
+from ..kernels.pairs import near_pairs
+from ..kernels.pieces import Piece, next_piece
+from ..kernels.rollout import fresh_memory
 from ..kernels.so3 import cross, rotate, rotate_back
-from ..kernels.step import add_wrench, drift, kick, near_pairs, open_pair, part, workspace
-from ..kernels.transition import apply_transition, write_exact_rotation
+from ..kernels.step import drift, glide, kick, kick_each, note_contact, open_pair, part, press, press_by_laws, workspace
+from ..kernels.surroundings import next_element_contacts, open_element
+from ..kernels.transition import apply_transition, turn_columns, write_exact_rotation
 from ..layout import EP, ER, ERROR, EV, EW, STATE, P
 from .base import Propagator, Traits
 
@@ -32,10 +37,16 @@ class LinearizationCarry(NamedTuple):
         The nominal rollout.
     root : (12 M, r) array
         ``root @ root.T`` is the joint covariance; r is the rank of the initial one, which no step raises.
+    memory : (1, B, B + E, 2) array
+        What the rollout remembers of its contacts (`kernels.laws.FIRST`).
+    step : int
+        Counts the steps done.
     """
 
     mean: np.ndarray
     root: np.ndarray
+    memory: np.ndarray
+    step: int
 
 
 @dataclass(frozen=True)
@@ -52,7 +63,8 @@ class Linearization(Propagator):
     The mean is a rollout with the full physics. ``F_t`` is the derivative of a step in which only the dominant
     pair of spheres of each pair of bodies acts, with constant volume and Eq. 10's normal. ``F_t P F_t^T`` is never
     formed: a root of P with as many columns as P has rank goes through ``F_t``, which keeps P symmetric and
-    positive semidefinite, and costs less.
+    positive semidefinite, and costs less. A contact with the environment keeps its normal. Friction and restitution
+    enter by their derivative in the velocities.
     """
 
     name = "linearization"
@@ -65,12 +77,17 @@ class Linearization(Propagator):
             raise InvalidOptionError(f"must be one of {', '.join(_JACOBIANS)}", field="jacobian", value=self.jacobian)
 
     def init(self, scene, belief):
-        return LinearizationCarry(belief.mean.copy(), belief.root())
+        if self.jacobian != "analytic" and scene.world.laws is not None:
+            raise NotSupportedError(
+                "takes scenes without environment, friction, restitution, gyroscopic term and robust integrator only",
+                field="jacobian", value=self.jacobian)
+        return LinearizationCarry(belief.mean.copy(), belief.root(), fresh_memory(1, scene.world), 0)
 
     def advance(self, carry, scene, steps):
-        mean, root = carry.mean.copy(), carry.root.copy()
-        _advance(mean, root, scene.world, steps, self.jacobian == "analytic")
-        return LinearizationCarry(mean, root)
+        mean, root, memory = carry.mean.copy(), carry.root.copy(), carry.memory.copy()
+        world = scene.world
+        _advance(mean, root, memory[0], world, world.laws, (carry.step, steps), self.jacobian == "analytic")
+        return LinearizationCarry(mean, root, memory, carry.step + steps)
 
     def belief(self, carry, scene):
         return Belief.trusted(carry.mean.copy(), _outer(carry.root), scene.moving)
@@ -94,45 +111,92 @@ class DominantContacts(NamedTuple):
 
 
 @njit(cache=True, nogil=True)
-def _advance(mean, root, world, steps, analytic):
-    """Advance the nominal state and the root of its covariance in place."""
-    work = workspace(mean, world)
+def _advance(mean, root, memory, world, laws, span, analytic):
+    """Advance the nominal state and the root in place over ``span`` = (steps before, number of steps)."""
+    work = workspace(mean, world, laws)
     pairs = len(work.near)
     dominant = DominantContacts(np.empty((pairs, 2), np.int64), np.empty((pairs, 2), np.int64), np.empty(pairs))
     before, rotation = np.empty_like(mean), np.empty((3, 3))
-    moving, R, factors = world.bodies.moving, work.R, (world.dt, world.decay)
-    for _ in range(steps):
-        if analytic:
-            drift_root(mean, root, moving, R, factors, rotation)
-        else:
-            for i in range(len(mean)):
-                for c in range(STATE):
-                    before[i, c] = mean[i, c]
-        drift(mean, world, work)
-        touching = 0
-        for k in range(near_pairs(mean, world, work)):
-            i, j = work.near[k, 0], work.near[k, 1]
-            t_ij, slack, top = open_pair(mean, i, j, world, work)
-            dominant.volume[touching] = 0.0
-            while top > 0:
-                count, top = next_contacts(world.tree, work.R_ij, t_ij, slack, work.search, top)
-                if count > 0:
-                    add_wrench(mean, i, j, count, world.stiffness, work)
-                    keep_dominant(work.search, count, dominant, touching)
-            if dominant.volume[touching] > 0.0:
-                dominant.bodies[touching, 0], dominant.bodies[touching, 1] = i, j
-                touching += 1
+    moving, R = world.bodies.moving, work.R
+    place = np.where(moving, np.cumsum(moving) - 1, -1)  # of each body in the joint error state
+    for step in range(span[0], span[0] + span[1]):
+        left, time = world.dt, (step + 1) * world.dt
+        while left > 0.0:
+            piece = next_piece(mean, memory, world, laws, left, work)
+            left = piece.left
+            if analytic:
+                drift_root(mean, root, place, R, world, laws, (piece.before, piece.decay), rotation)
             else:
-                part(i, j, t_ij, slack, world, work)
-        if analytic:
-            for k in range(touching):
-                contact_root(mean, root, world, work.R, dominant, k)
-        else:
-            _difference(before, root, world, dominant, touching)
-        kick(mean, world, work)
+                for i in range(len(mean)):
+                    for c in range(STATE):
+                        before[i, c] = mean[i, c]
+            drift(mean, world, laws, piece, work)
+            touching = 0
+            for k in range(near_pairs(mean, world.bodies.radius, work.still, moving, work)):
+                i, j = work.near[k, 0], work.near[k, 1]
+                t_ij, slack, top = open_pair(mean, i, j, world, work)
+                dominant.volume[touching] = 0.0
+                while top > 0:
+                    count, top = next_contacts(world.tree, work.R_ij, t_ij, slack, work.search, top)
+                    if count > 0:
+                        press(mean, i, j, count, world, laws, work)
+                        keep_dominant(work.search, count, dominant, touching)
+                if dominant.volume[touching] > 0.0:
+                    dominant.bodies[touching, 0], dominant.bodies[touching, 1] = i, j
+                    touching += 1
+                    note_contact(memory, i, j, time)
+                else:
+                    part(i, j, t_ij, slack, world, work)
+            if analytic:
+                for k in range(touching):
+                    contact_root(mean, root, world, piece.dt, R, dominant, k)
+            else:
+                _difference(before, root, world, laws, dominant, touching)
+            if laws is not None:
+                if len(laws.kind) > 0 and work.calm[0] == 0:
+                    for i in range(len(mean)):
+                        if moving[i]:
+                            for e in range(len(laws.kind)):
+                                _press_element(mean, (i, e), root, ERROR * place[i], memory, world, laws, (time, piece.dt), work)
+            kick(mean, memory, world, laws, piece, work)
+            if laws is not None:
+                if work.touching[0] > 0 and (laws.friction > 0.0 or laws.dissipation > 0.0):
+                    hold_columns(root, place, mean, world, laws, piece.dt, True, work)
+                if laws.robust:
+                    drift_root(mean, root, place, R, world, laws, (piece.after, 1.0), rotation)
+                    glide(mean, world, laws, piece, work)
 
 
-@njit(cache=True, nogil=True, forceinline=True)
+@njit(cache=True, nogil=True, _nrt=False)
+def _press_element(x, touching, root, row, memory, world, laws, when, work):
+    """Let element e act on body i, and its dominant contact on the root; ``when`` is the time and the piece's length."""
+    i, e = touching
+    t, top = open_element(x, i, e, world, laws, work)
+    pairs, records, R = work.search.pairs, work.search.records, work.R
+    best, sphere = 0.0, np.int64(-1)
+    force = point = (0.0, 0.0, 0.0)
+    while top > 0:
+        count, top = next_element_contacts(world.tree, laws, e, work.R_ij, t, work.search, top)
+        if count > 0:
+            press_by_laws(x, (i, np.int64(-1 - e)), count, world, laws, work)
+        for k in range(count):
+            volume = records[k, VOLUME]
+            if volume > best or (volume == best and pairs[k, 0] < sphere):
+                best, sphere = volume, np.int64(pairs[k, 0])
+                f = -world.stiffness * volume
+                force = rotate(R[i], f * records[k, NORMAL], f * records[k, NORMAL + 1], f * records[k, NORMAL + 2])
+                point = rotate(R[i], records[k, POINT], records[k, POINT + 1], records[k, POINT + 2])
+    if best == 0.0:
+        return
+    note_contact(memory, i, len(x) + e, when[0])
+    torque = cross(point, force)
+    for c in range(root.shape[1]):
+        # the force is constant, and what moves the point along the normal leaves the torque alone
+        _, turn, d_lever = _moved(root, row, c, R[i], point)
+        kick_column(root, row, c, (0.0, 0.0, 0.0), (torque, cross(d_lever, force), turn), world, when[1], R, i)
+
+
+@njit(cache=True, nogil=True, _nrt=False, forceinline=True)
 def keep_dominant(search, count, dominant, place):
     """Keep the contact of largest volume, ties to the lowest sphere of body i, then of body j."""
     for k in range(count):
@@ -146,21 +210,22 @@ def keep_dominant(search, count, dominant, place):
         dominant.spheres[place, 0], dominant.spheres[place, 1] = i, j
 
 
-@njit(cache=True, nogil=True, forceinline=True)
-def drift_root(x, root, moving, R, factors, rotation):
+@njit(cache=True, nogil=True, _nrt=False, forceinline=True)
+def drift_root(x, root, place, R, world, laws, factors, rotation):
     """Multiply the root by the derivative of drift and damping; ``x`` and ``R`` are those before the drift.
 
-    ``factors`` are the time step and the decay, ``rotation`` (3, 3) is room for a block.
+    ``factors`` are the drift's time and decay, ``rotation`` (3, 3) is room for a block.
     """
-    place = 0
     for i in range(len(x)):
-        if moving[i]:
+        if place[i] >= 0:
             write_exact_rotation(R, x, i, factors[0], rotation)
-            apply_transition(root, place, factors[0], factors[1], rotation)
-            place += ERROR
+            if laws is not None:
+                if laws.gyroscopic:
+                    turn_columns(root, ERROR * place[i], x, i, R, world, laws, factors[0])
+            apply_transition(root, ERROR * place[i], factors[0], factors[1], rotation)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, _nrt=False)
 def _row(moving, body):
     """First row of a body in the joint error state; -1 for a fixed body."""
     if not moving[body]:
@@ -171,7 +236,7 @@ def _row(moving, body):
     return row
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, _nrt=False)
 def contact_geometry(x, R, tree, dominant, k):
     """The sphere pair of dominant contact ``k`` in the world frame.
 
@@ -195,15 +260,15 @@ def contact_geometry(x, R, tree, dominant, k):
     return arm_i, arm_j, D, tree.radii[a], tree.radii[b]
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, _nrt=False)
 def _lever(d, ri, rj):
     """Contact point on the line of centres from sphere i's centre, and its derivative by the distance."""
     low, high = max(d - rj, -ri), min(ri, d + rj)
     return 0.5 * (low + high), 0.5 * ((d - rj > -ri) + (d + rj < ri))
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def contact_root(x, root, world, R, dominant, k):
+@njit(cache=True, nogil=True, _nrt=False, error_model="numpy")
+def contact_root(x, root, world, dt, R, dominant, k):
     """Add to the root what the kick of dominant contact ``k`` adds, to first order in each column's error.
 
     With s = r_i + r_j and the volume V held, the force on body j is f = kappa V D / (d + s) (Eq. 10), at the
@@ -242,17 +307,17 @@ def contact_root(x, root, world, R, dominant, k):
             d_lever = (d_arm_i[0] + d_point[0], d_arm_i[1] + d_point[1], d_arm_i[2] + d_point[2])
             a, b = cross(df, lever_i), cross(f, d_lever)
             dtau = (a[0] + b[0], a[1] + b[1], a[2] + b[2])
-            kick_column(root, row_i, c, (-df[0], -df[1], -df[2]), (torque_i, dtau, turn_i), world, R, i)
+            kick_column(root, row_i, c, (-df[0], -df[1], -df[2]), (torque_i, dtau, turn_i), world, dt, R, i)
         if row_j >= 0:
             d_lever = (
                 d_arm_j[0] + d_point[0] - dD[0], d_arm_j[1] + d_point[1] - dD[1], d_arm_j[2] + d_point[2] - dD[2],
             )
             a, b = cross(d_lever, f), cross(lever_j, df)
             dtau = (a[0] + b[0], a[1] + b[1], a[2] + b[2])
-            kick_column(root, row_j, c, df, (torque_j, dtau, turn_j), world, R, j)
+            kick_column(root, row_j, c, df, (torque_j, dtau, turn_j), world, dt, R, j)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, _nrt=False)
 def _moved(root, row, c, R, arm):
     """How column ``c`` moves a body: its displacement, its rotation in world axes, and the change of ``arm``."""
     if row < 0:
@@ -263,15 +328,15 @@ def _moved(root, row, c, R, arm):
     return dp, turn, cross(turn, arm)
 
 
-@njit(cache=True, nogil=True)
-def kick_column(root, row, c, df, torques, world, R, body):
+@njit(cache=True, nogil=True, _nrt=False)
+def kick_column(root, row, c, df, torques, world, dt, R, body):
     """Add the change of one body's velocities by a changed force and torque, and by a turned inertia.
 
     ``torques`` holds the nominal torque, its change, and the body's rotation, all in world axes: with
     ``w = I_world^-1 tau`` and a rotation ``t``, ``dw = t x w + I_world^-1 (dtau - t x tau)``.
     """
     tau, dtau, turn = torques
-    a = world.dt * world.bodies.inverse_mass[body]
+    a = dt * world.bodies.inverse_mass[body]
     for k in range(3):
         root[row + EV + k, c] += a * df[k]
     w = _inverse_inertia(world, R[body], body, tau)
@@ -279,10 +344,10 @@ def kick_column(root, row, c, df, torques, world, R, body):
     dw = _inverse_inertia(world, R[body], body, (dtau[0] - twist[0], dtau[1] - twist[1], dtau[2] - twist[2]))
     turned = cross(turn, w)
     for k in range(3):
-        root[row + EW + k, c] += world.dt * (turned[k] + dw[k])
+        root[row + EW + k, c] += dt * (turned[k] + dw[k])
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, _nrt=False)
 def _inverse_inertia(world, R, body, tau):
     """``I_world^-1 tau``."""
     x, y, z = rotate_back(R, tau[0], tau[1], tau[2])
@@ -290,10 +355,10 @@ def _inverse_inertia(world, R, body, tau):
     return rotate(R, x, y, z)
 
 
-@njit(cache=True, nogil=True)
-def regularized_step(x, world, work, dominant, touching):
+@njit(cache=True, nogil=True, _nrt=False)
+def regularized_step(x, world, laws, work, dominant, touching):
     """The step that ``F_t`` differentiates: the dominant contacts act, with held volume and Eq. 10's normal."""
-    drift(x, world, work)
+    drift(x, world, laws, Piece(world.dt, world.decay, world.dt, 0.0, 0.0), work)
     for k in range(touching):
         i, j = dominant.bodies[k]
         arm_i, arm_j, D, ri, rj = contact_geometry(x, work.R, world.tree, dominant, k)
@@ -310,11 +375,11 @@ def regularized_step(x, world, work, dominant, touching):
             work.wrench[j, c] += f[c]
             work.wrench[j, 3 + c] += tau_j[c]
         work.touched[i] = work.touched[j] = True
-    kick(x, world, work)
+    kick_each(x, world, world.dt, work)
 
 
 @njit(cache=True, nogil=True)
-def _difference(x, root, world, dominant, touching):
+def _difference(x, root, world, laws, dominant, touching):
     """Replace each column of the root by the central difference of the regularized step along it."""
     count = len(x)
     forth, back = np.empty((count, STATE)), np.empty((count, STATE))
@@ -328,7 +393,7 @@ def _difference(x, root, world, dominant, touching):
         h = _STEP / math.sqrt(length)
         for side, state in ((h, forth), (-h, back)):
             _perturb(x, root, c, side, world.bodies.moving, state)
-            regularized_step(state, world, workspace(state, world), dominant, touching)
+            regularized_step(state, world, laws, workspace(state, world, laws), dominant, touching)
         place = 0
         for i in range(count):
             if world.bodies.moving[i]:

@@ -12,10 +12,15 @@ from numba import njit
 from ..belief import Belief
 from ..errors import InvalidOptionError
 from ..kernels.contact import DISTANCE, NORMAL, VOLUME, next_contacts
+from ..kernels.laws import hold_columns
+from ..kernels.pairs import near_pairs
+from ..kernels.pieces import next_piece
 from ..kernels.random import RUN, combine, normal_table, places
-from ..kernels.so3 import rotate, rotate_back
-from ..kernels.step import add_wrench, drift, kick, near_pairs, open_pair, part, workspace
-from ..kernels.transition import apply_transition, write_printed_rotation
+from ..kernels.rollout import fresh_memory
+from ..kernels.so3 import cross, exp, rotate, rotate_back
+from ..kernels.step import drift, glide, kick, note_contact, open_pair, part, press, press_by_laws, workspace
+from ..kernels.surroundings import next_element_contacts, open_element, surface
+from ..kernels.transition import apply_transition, turn_columns, write_printed_rotation
 from ..layout import EP, ER, ERROR, EV, EW
 from ..validation import integer
 from .base import Propagator, Traits
@@ -45,11 +50,13 @@ _LARGEST = math.sqrt(3.0) * float(_TABLE.max())  # length of three normal number
 class LocalSamplingCarry(NamedTuple):
     """Persistent state: the nominal ``mean`` (B, 13) and each moving body's ``covariance`` (M, 12, 12).
 
-    ``step`` counts the steps done, from which the draws are keyed.
+    ``step`` counts the steps done, from which the draws are keyed; ``memory`` is what the rollout remembers of its
+    contacts (`kernels.laws.FIRST`).
     """
 
     mean: np.ndarray
     covariance: np.ndarray
+    memory: np.ndarray
     step: int
 
 
@@ -82,12 +89,13 @@ class LocalSampling(Propagator):
         integer(self.seed, "seed", low=0, error=InvalidOptionError)
 
     def init(self, scene, belief):
-        return LocalSamplingCarry(belief.mean.copy(), belief.blocks.copy(), 0)
+        return LocalSamplingCarry(belief.mean.copy(), belief.blocks.copy(), fresh_memory(1, scene.world), 0)
 
     def advance(self, carry, scene, steps):
-        mean, covariance = carry.mean.copy(), carry.covariance.copy()
-        _advance(mean, covariance, scene.world, (carry.step, steps), self.seed % 2**63, make_cloud(len(mean), self.samples))
-        return LocalSamplingCarry(mean, covariance, carry.step + steps)
+        mean, covariance, memory = carry.mean.copy(), carry.covariance.copy(), carry.memory.copy()
+        world, cloud = scene.world, make_cloud(len(mean), self.samples, self.seed % 2**63)
+        _advance(mean, covariance, memory[0], world, world.laws, (carry.step, steps), cloud)
+        return LocalSamplingCarry(mean, covariance, memory, carry.step + steps)
 
     def belief(self, carry, scene):
         P = 0.5 * (carry.covariance + carry.covariance.transpose(0, 2, 1))
@@ -109,6 +117,7 @@ class Cloud(NamedTuple):
         Normal numbers (`kernels.random.normal_table`).
     samples : int
         Perturbed copies of each contact.
+    seed : int
     spread : (3, 6) float64
         Second moments of force, torque on body i and torque on body j about the nominal ones, each by its
         entries xx, yy, zz, xy, xz, yz, summed over the contacts of a pair.
@@ -119,61 +128,171 @@ class Cloud(NamedTuple):
     position: np.ndarray
     table: np.ndarray
     samples: int
+    seed: int
     spread: np.ndarray
 
 
-def make_cloud(count, samples):
+def make_cloud(count, samples, seed):
     """Room for the uncertainty of ``count`` bodies and ``samples`` perturbed copies of a contact."""
-    return Cloud(np.zeros((count, 3, 3)), np.zeros(count, bool), np.empty((3, 3)), _TABLE, samples, np.empty((3, 6)))
+    return Cloud(np.zeros((count, 3, 3)), np.zeros(count, bool), np.empty((3, 3)), _TABLE, samples, seed, np.empty((3, 6)))
 
 
 @njit(cache=True, nogil=True)
-def _advance(mean, covariance, world, span, seed, cloud):
-    """Advance the nominal state and the covariances in place over ``span`` = (first step, number of steps)."""
-    work = workspace(mean, world)
+def _advance(mean, covariance, memory, world, laws, span, cloud):
+    """Advance the nominal state and the covariances in place over ``span`` = (steps before, number of steps)."""
+    work = workspace(mean, world, laws)
     count = len(mean)
     place = np.where(world.bodies.moving, np.cumsum(world.bodies.moving) - 1, -1)  # of each body's covariance
     rows, rotation = covariance.reshape(-1, ERROR), np.empty((3, 3))
-    moving, R, dt, decay = world.bodies.moving, work.R, world.dt, world.decay
+    moving, R = world.bodies.moving, work.R
     for step in range(span[0], span[0] + span[1]):
-        for i in range(count):
-            if moving[i]:
-                write_printed_rotation(R, i, dt, rotation)
-                transform(rows, ERROR * place[i], dt, decay, rotation)
-        drift(mean, world, work)
-        cloud.known[:] = False
-        step_key = combine(combine(np.uint64(0), seed), step)
-        for k in range(near_pairs(mean, world, work)):
-            i, j = work.near[k, 0], work.near[k, 1]
-            pair_key = combine(combine(step_key, i), j)
-            t_ij, slack, top = open_pair(mean, i, j, world, work)
+        left, time = world.dt, (step + 1) * world.dt
+        step_key = combine(combine(np.uint64(0), cloud.seed), step)
+        while left > 0.0:
+            piece = next_piece(mean, memory, world, laws, left, work)
+            left = piece.left
+            for i in range(count):
+                if moving[i]:
+                    write_printed_rotation(R, i, piece.before, rotation)
+                    transform(rows, place[i], mean, i, R, world, laws, (piece.before, piece.decay), rotation)
+            drift(mean, world, laws, piece, work)
+            cloud.known[:] = False
+            for k in range(near_pairs(mean, world.bodies.radius, work.still, moving, work)):
+                i, j = work.near[k, 0], work.near[k, 1]
+                pair_key = combine(combine(step_key, i), j)
+                t_ij, slack, top = open_pair(mean, i, j, world, work)
+                cloud.spread[:] = 0.0
+                touching = False
+                while top > 0:
+                    found, top = next_contacts(world.tree, work.R_ij, t_ij, slack, work.search, top)
+                    if found > 0:
+                        press(mean, i, j, found, world, laws, work)
+                        if not touching:
+                            touching = True
+                            know_cloud((i, j), covariance, place, work, cloud)
+                        sample_contacts((i, j), found, pair_key, world.tree, work, cloud)
+                if not touching:
+                    part(i, j, t_ij, slack, world, work)
+                    continue
+                note_contact(memory, i, j, time)
+                for side, body in ((1, i), (2, j)):
+                    if moving[body]:
+                        kick_covariance(covariance[place[body]], world, piece.dt, R[body], body, cloud.spread, side)
+            if laws is not None:
+                if len(laws.kind) > 0 and work.calm[0] == 0:
+                    for i in range(count):
+                        if moving[i]:
+                            for e in range(len(laws.kind)):
+                                _press_element(mean, (i, e), covariance, place, memory, world, laws, (step_key, time, piece.dt), work, cloud)
+            kick(mean, memory, world, laws, piece, work)
+            if laws is not None:
+                if work.touching[0] > 0 and (laws.friction > 0.0 or laws.dissipation > 0.0):
+                    for _ in range(2):
+                        hold_columns(rows, place, mean, world, laws, piece.dt, False, work)
+                        for i in range(count):
+                            if moving[i]:
+                                transpose(rows, ERROR * place[i])
+                if laws.robust:
+                    for i in range(count):
+                        if moving[i]:
+                            write_printed_rotation(R, i, piece.after, rotation)
+                            transform(rows, place[i], mean, i, R, world, laws, (piece.after, 1.0), rotation)
+                    glide(mean, world, laws, piece, work)
+            step_key = combine(step_key, 1)  # of the next piece of the step
+
+
+@njit(cache=True, nogil=True)
+def _press_element(x, touching, covariance, place, memory, world, laws, when, work, cloud):
+    """Let element e act on body i, and on its covariance; ``when`` holds the step's key, the time and the piece's length."""
+    i, e = touching
+    t, top = open_element(x, i, e, world, laws, work)
+    found_any = False
+    while top > 0:
+        found, top = next_element_contacts(world.tree, laws, e, work.R_ij, t, work.search, top)
+        if found == 0:
+            continue
+        press_by_laws(x, (i, np.int64(-1 - e)), found, world, laws, work)
+        if not found_any:
+            found_any = True
             cloud.spread[:] = 0.0
-            touching = False
-            while top > 0:
-                found, top = next_contacts(world.tree, work.R_ij, t_ij, slack, work.search, top)
-                if found > 0:
-                    add_wrench(mean, i, j, found, world.stiffness, work)
-                    if not touching:
-                        touching = True
-                        know_cloud((i, j), covariance, place, work, cloud)
-                    sample_contacts((i, j), found, pair_key, world.tree, work, cloud)
-            if not touching:
-                part(i, j, t_ij, slack, world, work)
-                continue
-            for side, body in ((1, i), (2, j)):
-                if moving[body]:
-                    kick_covariance(covariance[place[body]], world, R[body], body, cloud.spread, side)
-        kick(mean, world, work)
+            know_cloud((i, i), covariance, place, work, cloud)
+        key = combine(combine(when[0], i), -1 - e)
+        sample_element_contacts(i, e, found, key, t, world.tree, laws, work, cloud)
+    if found_any:
+        note_contact(memory, i, len(x) + e, when[1])
+        kick_covariance(covariance[place[i]], world, when[2], work.R[i], i, cloud.spread, 1)
 
 
-@njit(cache=True, nogil=True, forceinline=True)
-def transform(rows, first, dt, decay, rotation):
-    """``A P A^T`` in place of the symmetric P in 12 ``rows`` from ``first`` on, as ``A (A P)^T``."""
-    apply_transition(rows, first, dt, decay, rotation)
+@njit(cache=True, nogil=True, _nrt=False)
+def sample_element_contacts(i, e, found, pair_key, t, tree, laws, work, cloud):
+    """Add the spread of force and torque of body i's first ``found`` contacts with element e.
+
+    The normal is that of the element's surface at the perturbed centre of the sphere; a plane's has none.
+    """
+    L, T, R, R_e = cloud.position, cloud.rotation[i], work.R[i], laws.R[e]
+    records, table = work.search.records, cloud.table
+    half = 1.0 / math.sqrt(2.0)  # the factor at hand is that of twice the body's own variance
+    for k in range(found):
+        sphere = work.search.pairs[k, 0]
+        arm = rotate(R, tree.centers[sphere, 0], tree.centers[sphere, 1], tree.centers[sphere, 2])
+        n = rotate(R, -records[k, NORMAL], -records[k, NORMAL + 1], -records[k, NORMAL + 2])
+        ux, uy, uz = cross(arm, n)
+        weight = records[k, VOLUME] ** 2 / cloud.samples
+        for first in range(0, cloud.samples, RUN):
+            o = places(combine(combine(pair_key, sphere), first))
+            for s in range(np.uint64(min(RUN, cloud.samples - first))):
+                z0, z1, z2 = table[o[0] + s], table[o[1] + s], table[o[2] + s]
+                p = half * L[0, 0] * z0, half * (L[1, 0] * z0 + L[1, 1] * z1), half * (L[2, 0] * z0 + L[2, 1] * z1 + L[2, 2] * z2)
+                z0, z1, z2 = table[o[3] + s], table[o[4] + s], table[o[5] + s]
+                turn = rotate(T, float(z0), float(z1), float(z2))
+                a = turned(arm, turn)
+                c = rotate_back(R_e, p[0] + a[0], p[1] + a[1], p[2] + a[2])
+                m = surface(laws.kind, laws.half, e, t[0] + c[0], t[1] + c[1], t[2] + c[2])[1]
+                m = rotate(R_e, m[0], m[1], m[2])
+                b = cross(a, m)
+                add_moments(cloud.spread[0], weight, (m[0] - n[0], m[1] - n[1], m[2] - n[2]))
+                add_moments(cloud.spread[1], weight, (b[0] - ux, b[1] - uy, b[2] - uz))
+
+
+@njit(cache=True, nogil=True, _nrt=False)
+def turned(arm, turn):
+    """A vector turned by a rotation vector [rad]."""
+    q = exp(turn[0], turn[1], turn[2])
+    a = cross((q[0], q[1], q[2]), arm)
+    b = cross((q[0], q[1], q[2]), (a[0] + q[3] * arm[0], a[1] + q[3] * arm[1], a[2] + q[3] * arm[2]))
+    return arm[0] + 2.0 * b[0], arm[1] + 2.0 * b[1], arm[2] + 2.0 * b[2]
+
+
+@njit(cache=True, nogil=True, _nrt=False)
+def add_moments(out, weight, a):
+    """Add a vector's second moments to the six entries xx, yy, zz, xy, xz, yz."""
+    out[0] += weight * a[0] * a[0]
+    out[1] += weight * a[1] * a[1]
+    out[2] += weight * a[2] * a[2]
+    out[3] += weight * a[0] * a[1]
+    out[4] += weight * a[0] * a[2]
+    out[5] += weight * a[1] * a[2]
+
+
+@njit(cache=True, nogil=True, _nrt=False, forceinline=True)
+def transform(rows, place, x, i, R, world, laws, factors, rotation):
+    """``A P A^T`` in place of body i's symmetric P, as ``A (A P)^T``; ``factors`` are the drift's time and decay."""
+    first = ERROR * place
+    for turn in range(2):
+        if laws is not None:
+            if laws.gyroscopic:
+                turn_columns(rows, first, x, i, R, world, laws, factors[0])
+        apply_transition(rows, first, factors[0], factors[1], rotation)
+        if turn == 0:
+            transpose(rows, first)
+
+
+@njit(cache=True, nogil=True, _nrt=False, forceinline=True)
+def transpose(rows, first):
+    """Transpose the matrix in 12 ``rows`` from ``first`` on."""
     for a in range(ERROR):
         for b in range(a):
             rows[first + a, b], rows[first + b, a] = rows[first + b, a], rows[first + a, b]
-    apply_transition(rows, first, dt, decay, rotation)
 
 
 @njit(cache=True, nogil=True)
@@ -195,7 +314,7 @@ def know_cloud(bodies, covariance, place, work, cloud):
     write_cholesky(relative, 0, cloud.position)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, _nrt=False)
 def write_cholesky(P, first, L):
     """Lower factor of the 3 x 3 block of ``P`` that begins at ``first``; directions without variance stay zero."""
     L[:] = 0.0
@@ -214,7 +333,7 @@ def write_cholesky(P, first, L):
             L[r, c] = entry / L[c, c]
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, _nrt=False)
 def _size(A):
     """Frobenius norm of a 3 x 3 matrix: the root mean square of what it makes of three normal numbers."""
     total = 0.0
@@ -224,7 +343,7 @@ def _size(A):
     return math.sqrt(total)
 
 
-@njit(cache=True, nogil=True, forceinline=True)
+@njit(cache=True, nogil=True, _nrt=False, forceinline=True)
 def _single(A, scale):
     """The entries of a 3 x 3 matrix, times ``scale``, in single precision."""
     f = np.float32
@@ -235,7 +354,7 @@ def _single(A, scale):
     )
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, _nrt=False, error_model="numpy")
 def sample_contacts(bodies, found, pair_key, tree, work, cloud):
     """Add the spread of forces and torques of the first ``found`` contacts on record (Eqs. 31 to 33)."""
     i, j = bodies
@@ -265,13 +384,13 @@ def sample_contacts(bodies, found, pair_key, tree, work, cloud):
                 add_spread(table, starts, count, factors, shape, _SERIES, weights, spread)
 
 
-@njit(cache=True, nogil=True, forceinline=True)
+@njit(cache=True, nogil=True, _nrt=False, forceinline=True)
 def _short(a, scale):
     """A vector times ``scale`` in single precision."""
     return np.float32(scale * a[0]), np.float32(scale * a[1]), np.float32(scale * a[2])
 
 
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+@njit(cache=True, nogil=True, _nrt=False, error_model="numpy", forceinline=True)
 def _shift(arm, turn, series):
     """How a rotation vector moves a vector (Rodrigues' formula less the vector), without a branch on the sample.
 
@@ -297,13 +416,13 @@ def _shift(arm, turn, series):
     )
 
 
-@njit(cache=True, nogil=True, forceinline=True)
+@njit(cache=True, nogil=True, _nrt=False, forceinline=True)
 def _times(A, x, y, z):
     """Product of a matrix, as the tuple of its entries, with a vector."""
     return A[0] * x + A[1] * y + A[2] * z, A[3] * x + A[4] * y + A[5] * z, A[6] * x + A[7] * y + A[8] * z
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath={"reassoc", "contract", "nsz"})
+@njit(cache=True, nogil=True, _nrt=False, error_model="numpy", fastmath={"reassoc", "contract", "nsz"})
 def add_spread(table, starts, count, factors, shape, series, weights, spread):
     """Add the second moments of force and torques over some samples of one contact, in units of the stiffness.
 
@@ -384,9 +503,9 @@ def add_spread(table, starts, count, factors, shape, series, weights, spread):
 
 
 @njit(cache=True, nogil=True)
-def kick_covariance(P, world, R, body, spread, side):
+def kick_covariance(P, world, dt, R, body, spread, side):
     """Add the spread of the kick to the diagonal blocks of the velocities (Eqs. 34 and 35); ``side`` 1 is body i."""
-    a = (world.dt * world.stiffness) ** 2
+    a = (dt * world.stiffness) ** 2
     f = spread[0]
     mass = a * world.bodies.inverse_mass[body] ** 2
     inverse = np.empty((3, 3))  # of the inertia in world axes, column by column
@@ -404,7 +523,7 @@ def kick_covariance(P, world, R, body, spread, side):
             P[EW + r, EW + c] += a * total
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, _nrt=False)
 def _entry(r, c):
     """Place of a symmetric 3 x 3 matrix's entry among xx, yy, zz, xy, xz, yz."""
     return r if r == c else r + c + 2

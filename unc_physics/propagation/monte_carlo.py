@@ -10,15 +10,20 @@ import numpy as np
 from ..belief import Belief
 from ..errors import InvalidOptionError
 from ..kernels.moments import mean_and_errors, second_moment
-from ..kernels.rollout import rollout
+from ..kernels.rollout import fresh_memory, rollout
 from ..validation import integer
 from .base import Propagator, Traits
 
 
 class MonteCarloCarry(NamedTuple):
-    """Persistent state: ``states`` (N, B, 13)."""
+    """Persistent state: ``states`` (N, B, 13).
+
+    ``step`` counts the steps done; ``memory`` is what the rollouts remember of their contacts (`kernels.laws.FIRST`).
+    """
 
     states: np.ndarray
+    memory: np.ndarray
+    step: int
 
 
 @dataclass(frozen=True)
@@ -48,12 +53,13 @@ class MonteCarlo(Propagator):
         integer(self.seed, "seed", low=0, error=InvalidOptionError)
 
     def init(self, scene, belief):
-        return MonteCarloCarry(belief.sample(self.samples, np.random.default_rng(self.seed)))
+        states = belief.sample(self.samples, np.random.default_rng(self.seed))
+        return MonteCarloCarry(states, fresh_memory(len(states), scene.world), 0)
 
     def advance(self, carry, scene, steps):
-        states = carry.states.copy()
-        rollout(states, scene.world, steps)
-        return MonteCarloCarry(states)
+        states, memory = carry.states.copy(), carry.memory.copy()
+        rollout(states, memory, scene.world, carry.step, steps)
+        return MonteCarloCarry(states, memory, carry.step + steps)
 
     def belief(self, carry, scene):
         mean, errors = mean_and_errors(carry.states, scene.moving.copy())

@@ -10,14 +10,19 @@ import numpy as np
 from ..belief import Belief
 from ..errors import InvalidOptionError
 from ..kernels.moments import mean_and_errors, second_moment, spread_states
-from ..kernels.rollout import rollout
+from ..kernels.rollout import fresh_memory, rollout
 from .base import Propagator, Traits, symmetric_root
 
 
 class SigmaPointCarry(NamedTuple):
-    """Persistent state: ``states`` (2 n + 1, B, 13); point 0 began at the mean."""
+    """Persistent state: ``states`` (2 n + 1, B, 13); point 0 began at the mean.
+
+    ``step`` counts the steps done; ``memory`` is what the rollouts remember of their contacts (`kernels.laws.FIRST`).
+    """
 
     states: np.ndarray
+    memory: np.ndarray
+    step: int
 
 
 @dataclass(frozen=True)
@@ -50,12 +55,13 @@ class SigmaPoints(Propagator):
         root = belief.root() if self.points == "minimal" else symmetric_root(belief.joint)
         a = np.sqrt(root.shape[1] + 0.5) * root.T
         errors = np.concatenate([np.zeros((1, root.shape[0])), a, -a])
-        return SigmaPointCarry(spread_states(belief.mean.copy(), scene.moving.copy(), errors))
+        states = spread_states(belief.mean.copy(), scene.moving.copy(), errors)
+        return SigmaPointCarry(states, fresh_memory(len(states), scene.world), 0)
 
     def advance(self, carry, scene, steps):
-        states = carry.states.copy()
-        rollout(states, scene.world, steps)
-        return SigmaPointCarry(states)
+        states, memory = carry.states.copy(), carry.memory.copy()
+        rollout(states, memory, scene.world, carry.step, steps)
+        return SigmaPointCarry(states, memory, carry.step + steps)
 
     def belief(self, carry, scene):
         mean, errors = mean_and_errors(carry.states, scene.moving.copy())

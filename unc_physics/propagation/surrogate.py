@@ -12,19 +12,28 @@ from numba import njit
 from ..belief import Belief
 from ..errors import InvalidOptionError
 from ..kernels.contact import DISTANCE, NORMAL, VOLUME, next_contacts
+from ..kernels.laws import hold_columns
+from ..kernels.pairs import near_pairs
+from ..kernels.pieces import next_piece
+from ..kernels.rollout import fresh_memory
 from ..kernels.so3 import cross, rotate, rotate_back
-from ..kernels.step import add_wrench, drift, kick, near_pairs, open_pair, part, workspace
-from ..kernels.transition import apply_transition, write_printed_rotation
+from ..kernels.step import drift, glide, kick, note_contact, open_pair, part, press, press_elements, workspace
+from ..kernels.transition import apply_transition, turn_columns, write_printed_rotation
 from ..layout import EP, ER, ERROR, EV, EW
 from ..validation import positive
 from .base import Propagator, Traits, symmetric_root
 
 
 class SurrogateCarry(NamedTuple):
-    """Persistent state: the nominal ``mean`` (B, 13) and each moving body's root ``roots`` (M, 12, 12) of its covariance."""
+    """Persistent state: the nominal ``mean`` (B, 13) and each moving body's root ``roots`` (M, 12, 12) of its covariance.
+
+    ``step`` counts the steps done; ``memory`` is what the rollout remembers of its contacts (`kernels.laws.FIRST`).
+    """
 
     mean: np.ndarray
     roots: np.ndarray
+    memory: np.ndarray
+    step: int
 
 
 @dataclass(frozen=True)
@@ -39,7 +48,8 @@ class Surrogate(Propagator):
     Notes
     -----
     The mean is a rollout with the full physics. The contact points of Eqs. 16 to 20 and 23 are the spheres'
-    centres; all contacts of a step see the covariance after the drift.
+    centres; all contacts of a step see the covariance after the drift. The environment's normals do not tilt: its
+    contacts move the mean and, by friction and restitution, the velocities' covariance.
     """
 
     name = "surrogate"
@@ -51,12 +61,13 @@ class Surrogate(Propagator):
         object.__setattr__(self, "k_sigma", positive(self.k_sigma, "k_sigma", InvalidOptionError))
 
     def init(self, scene, belief):
-        return SurrogateCarry(belief.mean.copy(), symmetric_root(belief.blocks))
+        return SurrogateCarry(belief.mean.copy(), symmetric_root(belief.blocks), fresh_memory(1, scene.world), 0)
 
     def advance(self, carry, scene, steps):
-        mean, roots = carry.mean.copy(), carry.roots.copy()
-        _advance(mean, roots, scene.world, steps, self.k_sigma)
-        return SurrogateCarry(mean, roots)
+        mean, roots, memory = carry.mean.copy(), carry.roots.copy(), carry.memory.copy()
+        world = scene.world
+        _advance(mean, roots, memory[0], world, world.laws, (carry.step, steps), self.k_sigma)
+        return SurrogateCarry(mean, roots, memory, carry.step + steps)
 
     def belief(self, carry, scene):
         P = carry.roots @ carry.roots.transpose(0, 2, 1)
@@ -86,48 +97,70 @@ class Spread(NamedTuple):
 
 
 @njit(cache=True, nogil=True)
-def _advance(mean, roots, world, steps, k_sigma):
-    """Advance the nominal state and the roots in place."""
-    work = workspace(mean, world)
+def _advance(mean, roots, memory, world, laws, span, k_sigma):
+    """Advance the nominal state and the roots in place over ``span`` = (steps before, number of steps)."""
+    work = workspace(mean, world, laws)
     count = len(mean)
-    place = np.cumsum(world.bodies.moving) - 1  # of each moving body among the roots
+    place = np.where(world.bodies.moving, np.cumsum(world.bodies.moving) - 1, -1)  # of each body among the roots
     spread = Spread(
         np.zeros((count, 3, 3)), np.zeros((count, 3, 3)), np.zeros(count, np.bool_), np.empty((3, 3)), np.empty((2, 3, 3))
     )
     rows, rotation = roots.reshape(-1, ERROR), np.empty((3, 3))
-    moving, R, dt, decay = world.bodies.moving, work.R, world.dt, world.decay
-    for _ in range(steps):
-        for i in range(count):
-            if moving[i]:
-                write_printed_rotation(R, i, dt, rotation)
-                apply_transition(rows, ERROR * place[i], dt, decay, rotation)
-        drift(mean, world, work)
-        spread.known[:] = False
-        for k in range(near_pairs(mean, world, work)):
-            i, j = work.near[k, 0], work.near[k, 1]
-            t_ij, slack, top = open_pair(mean, i, j, world, work)
-            spread.tilt[:] = 0.0
-            spread.torque[:] = 0.0
-            touching = False
-            while top > 0:
-                found, top = next_contacts(world.tree, work.R_ij, t_ij, slack, work.search, top)
-                if found > 0:
-                    touching = True
-                    add_wrench(mean, i, j, found, world.stiffness, work)
-                    for body in (i, j):
-                        if moving[body] and not spread.known[body]:
-                            know_spread(roots[place[body]], R[body], body, spread)
-                    add_tilts((i, j), found, k_sigma, world.tree, work, spread)
-            if not touching:
-                part(i, j, t_ij, slack, world, work)
-                continue
-            for side, body in ((0, i), (1, j)):
-                if moving[body]:
-                    kick_root(roots[place[body]], world, R[body], body, spread, side)
-        kick(mean, world, work)
+    moving, R = world.bodies.moving, work.R
+    for step in range(span[0], span[0] + span[1]):
+        left, time = world.dt, (step + 1) * world.dt
+        while left > 0.0:
+            piece = next_piece(mean, memory, world, laws, left, work)
+            left = piece.left
+            _drift_roots(rows, place, mean, R, world, laws, (piece.before, piece.decay), rotation)
+            drift(mean, world, laws, piece, work)
+            spread.known[:] = False
+            for k in range(near_pairs(mean, world.bodies.radius, work.still, moving, work)):
+                i, j = work.near[k, 0], work.near[k, 1]
+                t_ij, slack, top = open_pair(mean, i, j, world, work)
+                spread.tilt[:] = 0.0
+                spread.torque[:] = 0.0
+                touching = False
+                while top > 0:
+                    found, top = next_contacts(world.tree, work.R_ij, t_ij, slack, work.search, top)
+                    if found > 0:
+                        touching = True
+                        press(mean, i, j, found, world, laws, work)
+                        for body in (i, j):
+                            if moving[body] and not spread.known[body]:
+                                know_spread(roots[place[body]], R[body], body, spread)
+                        add_tilts((i, j), found, k_sigma, world.tree, work, spread)
+                if not touching:
+                    part(i, j, t_ij, slack, world, work)
+                    continue
+                note_contact(memory, i, j, time)
+                for side, body in ((0, i), (1, j)):
+                    if moving[body]:
+                        kick_root(roots[place[body]], world, piece.dt, R[body], body, spread, side)
+            if laws is not None:
+                press_elements(mean, memory, world, laws, time, work)
+            kick(mean, memory, world, laws, piece, work)
+            if laws is not None:
+                if work.touching[0] > 0 and (laws.friction > 0.0 or laws.dissipation > 0.0):
+                    hold_columns(rows, place, mean, world, laws, piece.dt, False, work)
+                if laws.robust:
+                    _drift_roots(rows, place, mean, R, world, laws, (piece.after, 1.0), rotation)
+                    glide(mean, world, laws, piece, work)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, _nrt=False, forceinline=True)
+def _drift_roots(rows, place, x, R, world, laws, factors, rotation):
+    """Multiply all roots by the transition of a drift, ``factors`` being its time and decay (Eq. 14)."""
+    for i in range(len(place)):
+        if place[i] >= 0:
+            write_printed_rotation(R, i, factors[0], rotation)
+            if laws is not None:
+                if laws.gyroscopic:
+                    turn_columns(rows, ERROR * place[i], x, i, R, world, laws, factors[0])
+            apply_transition(rows, ERROR * place[i], factors[0], factors[1], rotation)
+
+
+@njit(cache=True, nogil=True, _nrt=False)
 def know_spread(S, R, body, spread):
     """Covariance blocks of position and rotation from the root ``S`` (12, 12), the latter turned to world axes."""
     spread.known[body] = True
@@ -148,13 +181,13 @@ def know_spread(S, R, body, spread):
         rotation[1, 2], rotation[2, 1] = rotation[2, 1], rotation[1, 2]
 
 
-@njit(cache=True, nogil=True, forceinline=True)
+@njit(cache=True, nogil=True, _nrt=False, forceinline=True)
 def _symmetric(A):
     """A symmetric matrix as the tuple of its entries xx, yy, zz, xy, xz, yz."""
     return A[0, 0], A[1, 1], A[2, 2], A[0, 1], A[0, 2], A[1, 2]
 
 
-@njit(cache=True, nogil=True, forceinline=True)
+@njit(cache=True, nogil=True, _nrt=False, forceinline=True)
 def _forms(A, u, w):
     """``u^T A u``, ``u^T A w`` and ``w^T A w`` of a symmetric matrix, as `_symmetric` gives it."""
     x, y, z = A[0] * u[0] + A[3] * u[1] + A[4] * u[2], A[3] * u[0] + A[1] * u[1] + A[5] * u[2], A[4] * u[0] + A[5] * u[1] + A[2] * u[2]
@@ -163,7 +196,7 @@ def _forms(A, u, w):
     return uu, uw, w[0] * x + w[1] * y + w[2] * z
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, _nrt=False, error_model="numpy")
 def tangent_basis(n):
     """Two unit vectors that complete the unit vector ``n`` to a right-handed orthonormal basis."""
     s = 1.0 if n[2] >= 0.0 else -1.0
@@ -172,14 +205,14 @@ def tangent_basis(n):
     return (1.0 + s * n[0] * n[0] * a, s * b, -s * n[0]), (b, s + n[1] * n[1] * a, -n[1])
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, _nrt=False, error_model="numpy")
 def _sine_of_tilt(variance, d, k_sigma):
     """Sine of Eq. 20's angle ``atan(k_sigma sqrt(variance) / d)``."""
     reach = k_sigma * math.sqrt(max(variance, 0.0))
     return reach / math.sqrt(d * d + reach * reach)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath={"reassoc", "contract", "nsz"})
+@njit(cache=True, nogil=True, _nrt=False, error_model="numpy", fastmath={"reassoc", "contract", "nsz"})
 def add_tilts(bodies, found, k_sigma, tree, work, spread):
     """Add Eq. 21's increments, and their moments, of the first ``found`` contacts on record (Eqs. 16 to 23).
 
@@ -246,18 +279,18 @@ def add_tilts(bodies, found, k_sigma, tree, work, spread):
     _add(spread.torque[1], (j00, j01, j02, j10, j11, j12, j20, j21, j22))
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, _nrt=False)
 def _add(A, entries):
     """Add nine entries to a 3 x 3 matrix, row by row."""
     for k in range(9):
         A[k // 3, k % 3] += entries[k]
 
 
-@njit(cache=True, nogil=True)
-def kick_root(S, world, R, body, spread, side):
+@njit(cache=True, nogil=True, _nrt=False)
+def kick_root(S, world, dt, R, body, spread, side):
     """Add the pair's increments to the diagonal blocks of the velocities in the root (Eqs. 22 and 23)."""
-    a = world.dt * world.stiffness * world.bodies.inverse_mass[body]
-    b = world.dt * world.stiffness / 3.0
+    a = dt * world.stiffness * world.bodies.inverse_mass[body]
+    b = dt * world.stiffness / 3.0
     for c in range(3):
         x, y, z = rotate_back(R, spread.torque[side, 0, c], spread.torque[side, 1, c], spread.torque[side, 2, c])
         x, y, z = rotate(world.bodies.inverse_inertia[body], x, y, z)
