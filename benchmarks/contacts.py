@@ -10,8 +10,8 @@ import numpy as np
 from numba import njit
 
 from unc_physics.kernels.contact import next_contacts
-from unc_physics.kernels.rollout import rollout
-from unc_physics.kernels.step import advance, open_pair, workspace
+from unc_physics.kernels.rollout import simulate
+from unc_physics.kernels.step import open_pair, workspace
 from unc_physics.layout import P
 
 PHASES = ("flight", "near miss", "contact")
@@ -20,7 +20,7 @@ PHASES = ("flight", "near miss", "contact")
 @njit(cache=True, nogil=True)
 def _contacts(x, world):
     """Number of contacts at the state ``x`` (B, 13), and whether any two bodies' balls overlap."""
-    work = workspace(x, world)
+    work = workspace(x, world, None)
     total, near = 0, False
     for i in range(len(x)):
         for j in range(i + 1, len(x)):
@@ -60,7 +60,7 @@ def course(scene, state, steps):
     contacts, phase = np.empty(steps, int), np.empty(steps, int)
     for k in range(steps):
         states[k + 1] = states[k]
-        rollout(states[k + 1 : k + 2], scene.world, 1)
+        simulate(states[k + 1 : k + 2], scene.world, 1)
         # a step's contacts are those at the pose it ends with: its kick changes velocities only
         contacts[k], near = _contacts(states[k + 1], scene.world)
         phase[k] = 2 if contacts[k] else int(near)
@@ -84,5 +84,5 @@ def _least_time(scene, state, steps, repeats):
 def _time(scene, state, steps):
     x = state.copy()
     start = time.perf_counter()
-    advance(x, scene.world, steps)
+    simulate(x[None], scene.world, steps)
     return time.perf_counter() - start

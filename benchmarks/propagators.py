@@ -21,7 +21,7 @@ from unc_physics.evaluation.engines import PEERS
 from unc_physics.evaluation.provenance import versions
 from unc_physics.evaluation.scenarios import MODELS, collision, many_collisions
 from unc_physics.evaluation.timing import paired, ratio
-from unc_physics.kernels.rollout import rollout
+from unc_physics.kernels.rollout import simulate
 
 from .contacts import PHASES, course, phase_times
 from .rows import Report, machine_and_load
@@ -63,7 +63,7 @@ def _measure_peer(report, name, peer, model, count, rounds):
 
     def ours(k):
         for state in states[k].copy():
-            rollout(state[None], scene.world, steps)
+            simulate(state[None], scene.world, steps)
 
     def theirs(k):
         for state in states[k]:
@@ -136,7 +136,7 @@ def _predictions(scene, belief, horizon, rounds):
         "local_sampling": seeded("local_sampling", samples=32),
         "sigma_points": fixed("sigma_points"),
         "sigma_points, full": fixed("sigma_points", points="full"),
-        "nominal rollout": lambda k: rollout(means[k : k + 1].copy(), scene.world, steps),
+        "nominal rollout": lambda k: simulate(means[k : k + 1].copy(), scene.world, steps),
     }
 
 
@@ -176,7 +176,7 @@ def measure_large(report, models, rounds):
         small, steps = collision(model, LARGE // 10)[0], round(horizon / scene.dt)
         states = belief.sample(rounds, np.random.default_rng(2))
         times = paired({
-            size: lambda k, world=world, x=states, steps=steps: rollout(x[k : k + 1].copy(), world, steps)
+            size: lambda k, world=world, x=states, steps=steps: simulate(x[k : k + 1].copy(), world, steps)
             for size, world in (("large", scene.world), ("small", small.world))
         }, rounds)
         report.add("large", "100 000 / 10 000 spheres", _case(model, count), ratio(times, "large", "small"), goal=6.0,

@@ -10,7 +10,7 @@ from twins.step import rollout as twin_rollout
 from twins.step import step as twin_step
 
 from unc_physics import RigidBody, Scene, SpherePacking
-from unc_physics.kernels.rollout import rollout
+from unc_physics.kernels.rollout import simulate
 
 ROUND_OFF = 1e-11  # of sums of up to hundreds of forces, relative to the largest
 DT, KAPPA = 0.01, 1e4
@@ -31,7 +31,7 @@ def state(position=(0, 0, 0), velocity=(0, 0, 0), rotation=(0, 0, 0), omega=(0, 
 def stepped(scene, states, steps=1):
     """States (B, 13) or (N, B, 13) some steps later."""
     out = np.array(states, float, ndmin=3)
-    rollout(out, scene.world, steps)
+    simulate(out, scene.world, steps)
     return out.reshape(np.shape(states))
 
 

@@ -22,7 +22,7 @@ def found_pairs(world, bodies, R, t, pairs_at_once):
     """All overlapping pairs by the candidates and the exact test; refuses a candidate that comes twice."""
     i, j = bodies
     slack = step._SINGLE_PRECISION * (world.bodies.radius[i] + world.bodies.radius[j])
-    search = step.workspace(np.zeros((2, 13)), world).search
+    search = step.workspace(np.zeros((2, 13)), world, None).search
     if pairs_at_once:
         search = search._replace(
             pairs=search.pairs[:pairs_at_once].copy(), records=search.records[:pairs_at_once].copy()

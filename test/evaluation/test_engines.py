@@ -6,7 +6,7 @@ from scipy.spatial.transform import Rotation
 
 from unc_physics.evaluation.engines import GEOMETRIES, PEERS, PrincipalBody
 from unc_physics.evaluation.scenarios import collision
-from unc_physics.kernels.rollout import rollout
+from unc_physics.kernels.rollout import simulate
 from unc_physics.layout import ANGULAR_VELOCITY, POSITION, QUATERNION, VELOCITY
 
 FREE = 20  # steps: no contact yet
@@ -46,7 +46,7 @@ def test_free_flight_is_ours(name, geometry, case):
     engine = PEERS[name](scene, geometry)
     theirs = engine.run(start, FREE)
     ours = start[None].copy()
-    rollout(ours, scene.world, FREE)
+    simulate(ours, scene.world, FREE)
     order_of_the_step = 0.02  # they damp before or after the drift, and follow the gyroscopic term
     for part in (POSITION, VELOCITY, ANGULAR_VELOCITY):
         assert theirs[:, part] == pytest.approx(ours[0][:, part], abs=order_of_the_step)

@@ -51,3 +51,8 @@ def rollout(states, memory, world, begin, steps):
     else:
         with _one_at_a_time:
             _advance_all(states, memory, world.bodies, world.tree, world.gravity, world[3:7], world.laws, begin, steps)
+
+
+def simulate(states, world, steps):
+    """Advance a batch of states (N, B, 13) in place, as rollouts that begin there."""
+    rollout(states, fresh_memory(len(states), world), world, 0, steps)

@@ -6,7 +6,7 @@ from importlib.util import find_spec
 
 import numpy as np
 
-from ...kernels.rollout import rollout
+from ...kernels.rollout import simulate
 from ...propagation import make_propagator
 from ...propagation.monte_carlo import MonteCarloCarry
 from ..comparison import (
@@ -72,7 +72,7 @@ def run(job: Job) -> Outcome:
 
     def ours(state):
         states = state[None].copy()
-        rollout(states, scene.world, steps)
+        simulate(states, scene.world, steps)
         return states[0]
 
     engine = None if p["engine"] == OURS else PEERS[p["engine"]](scene, p["geometry"])
