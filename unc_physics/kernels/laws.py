@@ -53,9 +53,10 @@ class Patches(NamedTuple):
         Sums over contacts, world axes, by `TANGENTIAL`, `ACROSS` and `STIFF`.
     drag : (C, 2, 2) float64
         For slip and for closing: the coefficient in this kick [s/m], and the speed without drag [m/s].
+    weight : (capacity of a search,) float64
+        Of the contacts at hand: their stiffness [N/m], then their force [N].
     local : (3, 6, 6) float64
         The same matrices in body i's axes, for the contacts at hand.
-    row : (6,) float64
     place : (B,) int64
         First unknown of each touched body.
     system : (2, 6 B, 6 B) float64
@@ -73,8 +74,8 @@ class Patches(NamedTuple):
     load: np.ndarray
     matrix: np.ndarray
     drag: np.ndarray
+    weight: np.ndarray
     local: np.ndarray
-    row: np.ndarray
     place: np.ndarray
     system: np.ndarray
     impulse: np.ndarray
@@ -85,8 +86,8 @@ class Patches(NamedTuple):
 
 
 @njit(cache=True, nogil=True)
-def make_patches(bodies, elements):
-    """Room for all pairs among some bodies and elements."""
+def make_patches(bodies, elements, contacts):
+    """Room for all pairs among some bodies and elements, and for so many contacts at a time."""
     capacity = bodies * (bodies - 1) // 2 + bodies * elements
     return Patches(
         np.zeros(1, np.int64),
@@ -95,8 +96,8 @@ def make_patches(bodies, elements):
         np.empty((capacity, 3)),
         np.empty((capacity, 3, 6, 6)),
         np.empty((capacity, 2, 2)),
+        np.empty(contacts),
         np.empty((3, 6, 6)),
-        np.empty(6),
         np.empty(bodies, np.int64),
         np.empty((2, 6 * bodies, 6 * bodies)),
         np.empty(6 * bodies),
@@ -121,19 +122,30 @@ def add_patch(bodies, arm, count, world, laws, work):
     """Add the first ``count`` contacts on record to the patch of two bodies (the second ``-1 - e`` for element e)."""
     p = work.patches
     frictional = laws.friction > 0.0 or laws.dissipation > 0.0
-    local, row, pairs, records, radii = p.local, p.row, work.search.pairs, work.search.records, world.tree.radii
+    local, pairs, records, radii = p.local, work.search.pairs, work.search.records, world.tree.radii
     clear(local)
     stiffness = world.stiffness * (1.0 - laws.dissipation)
     on_element = bodies[1] < 0
     force = stiff = 0.0
-    for k in range(count):
-        nx, ny, nz = records[k, NORMAL], records[k, NORMAL + 1], records[k, NORMAL + 2]
-        ax, ay, az = records[k, POINT], records[k, POINT + 1], records[k, POINT + 2]
-        row[0], row[1], row[2] = nx, ny, nz
-        row[3], row[4], row[5] = ay * nz - az * ny, az * nx - ax * nz, ax * ny - ay * nx
-        f = stiffness * records[k, VOLUME]
-        force += f
-        if frictional:
+    if laws.robust:
+        for k in range(count):
+            r = radii[pairs[k, 0]]
+            if on_element:
+                depth = min(r - records[k, DISTANCE], 2.0 * r)
+                area = math.pi * depth * (2.0 * r - depth)
+            else:
+                area = circle(r, radii[pairs[k, 1]], records[k, DISTANCE])
+            p.weight[k] = stiffness * area
+            stiff += stiffness * area
+        _add_squares(records, count, p.weight, local[STIFF])
+    if frictional:
+        for k in range(count):
+            p.weight[k] = stiffness * records[k, VOLUME]
+        _add_squares(records, count, p.weight, local[ACROSS])
+        for k in range(count):
+            ax, ay, az = records[k, POINT], records[k, POINT + 1], records[k, POINT + 2]
+            f = stiffness * records[k, VOLUME]
+            force += f
             square = ax * ax + ay * ay + az * az
             m = local[TANGENTIAL]
             m[0, 3 + 1] += f * az  # of f H^T H with H = [I, -[a]x]: the off-diagonal block -[a]x
@@ -145,23 +157,9 @@ def add_patch(bodies, arm, count, world, laws, work):
             m[3, 4] -= f * ax * ay
             m[3, 5] -= f * ax * az
             m[4, 5] -= f * ay * az
-            m = local[ACROSS]
-            for r in range(6):
-                for c in range(r, 6):
-                    m[r, c] += f * row[r] * row[c]
-        if laws.robust:
-            s = pairs[k, 0]
-            if on_element:
-                depth = min(radii[s] - records[k, DISTANCE], 2.0 * radii[s])
-                area = math.pi * depth * (2.0 * radii[s] - depth)
-            else:
-                area = circle(radii[s], radii[pairs[k, 1]], records[k, DISTANCE])
-            area *= stiffness
-            stiff += area
-            m = local[STIFF]
-            for r in range(6):
-                for c in range(r, 6):
-                    m[r, c] += area * row[r] * row[c]
+    else:
+        for k in range(count):
+            force += stiffness * records[k, VOLUME]
     if frictional:
         m = local[TANGENTIAL]
         m[1, 3], m[2, 3], m[2, 4] = -m[0, 4], -m[0, 5], -m[1, 5]
@@ -180,6 +178,45 @@ def add_patch(bodies, arm, count, world, laws, work):
     for q in range(3):
         if (q == STIFF and laws.robust) or (q != STIFF and frictional):
             _add_turned(work.R[bodies[0]], local[q], p.matrix[index, q])
+
+
+@njit(cache=True, nogil=True, _nrt=False, error_model="numpy", fastmath={"reassoc", "contract", "nsz"})
+def _add_squares(records, count, weight, out):
+    """Add ``f N N^T`` of the contacts, ``N = (n, a x n)`` and ``f`` in ``weight``, to ``out``'s upper triangle."""
+    s00 = s01 = s02 = s03 = s04 = s05 = s11 = s12 = s13 = s14 = s15 = 0.0
+    s22 = s23 = s24 = s25 = s33 = s34 = s35 = s44 = s45 = s55 = 0.0
+    for k in range(count):
+        x, y, z = records[k, NORMAL], records[k, NORMAL + 1], records[k, NORMAL + 2]
+        a, b, c = records[k, POINT], records[k, POINT + 1], records[k, POINT + 2]
+        f = weight[k]
+        u, v, w = b * z - c * y, c * x - a * z, a * y - b * x
+        fx, fy, fz, fu, fv = f * x, f * y, f * z, f * u, f * v
+        s00 += fx * x
+        s01 += fx * y
+        s02 += fx * z
+        s03 += fx * u
+        s04 += fx * v
+        s05 += fx * w
+        s11 += fy * y
+        s12 += fy * z
+        s13 += fy * u
+        s14 += fy * v
+        s15 += fy * w
+        s22 += fz * z
+        s23 += fz * u
+        s24 += fz * v
+        s25 += fz * w
+        s33 += fu * u
+        s34 += fu * v
+        s35 += fu * w
+        s44 += fv * v
+        s45 += fv * w
+        s55 += f * w * w
+    out[0, 0], out[0, 1], out[0, 2], out[0, 3], out[0, 4], out[0, 5] = s00, s01, s02, s03, s04, s05
+    out[1, 1], out[1, 2], out[1, 3], out[1, 4], out[1, 5] = s11, s12, s13, s14, s15
+    out[2, 2], out[2, 3], out[2, 4], out[2, 5] = s22, s23, s24, s25
+    out[3, 3], out[3, 4], out[3, 5] = s33, s34, s35
+    out[4, 4], out[4, 5], out[5, 5] = s44, s45, s55
 
 
 @njit(cache=True, nogil=True, _nrt=False, forceinline=True)
@@ -399,6 +436,7 @@ def kick_patches(x, memory, world, laws, dt, work):
         if p.place[i] >= 0:
             for k in range(6):
                 impulse[p.place[i] + k] = dt * work.wrench[i, k]
+    needed = False
     if laws.robust:
         gravity = math.sqrt(world.gravity[0] ** 2 + world.gravity[1] ** 2 + world.gravity[2] ** 2)
         for index in range(count):
@@ -411,6 +449,9 @@ def kick_patches(x, memory, world, laws, dt, work):
             relative_motion(p, index, velocities, xi)
             closing = math.sqrt(mean_square(stiff, xi) / p.load[index, 1])
             damper = 2.0 * _DAMPING_RATIO / rate if closing * rate < _SLOW * gravity else 0.0
+            if share == 0.0 and damper == 0.0:
+                continue
+            needed = True
             for r in range(6):
                 for c in range(6):
                     G[r, c] = dt * (share * dt + damper) * stiff[r, c]
@@ -420,8 +461,11 @@ def kick_patches(x, memory, world, laws, dt, work):
     for index in range(count):
         p.drag[index, 0, 0] = p.drag[index, 1, 0] = 0.0
     _begin_system(p, n)
-    factorize(A, n)
-    solve_factorized(A, step, n)
+    if needed:
+        factorize(A, n)
+        solve_factorized(A, step, n)
+    else:
+        _divide_by_masses(world, work, step)
     if laws.friction > 0.0 or laws.dissipation > 0.0:
         for turn in range(_ROUNDS):
             _choose_drag(x, laws, p, step, velocities, xi, turn)
@@ -447,6 +491,21 @@ def kick_patches(x, memory, world, laws, dt, work):
                 x[i, W + k] += step[a + 3 + k]
     if laws.robust:
         _remember_rates(x, memory, p, step, (velocities, xi), world.dt)
+
+
+@njit(cache=True, nogil=True, _nrt=False)
+def _divide_by_masses(world, work, step):
+    """Turn impulses into changes of velocity, where no patch resists them."""
+    place = work.patches.place
+    for i in range(len(place)):
+        a = place[i]
+        if a >= 0:
+            R = work.R[i]
+            for k in range(3):
+                step[a + k] *= world.bodies.inverse_mass[i]
+            x, y, z = rotate_back(R, step[a + 3], step[a + 4], step[a + 5])
+            x, y, z = rotate(world.bodies.inverse_inertia[i], x, y, z)
+            step[a + 3], step[a + 4], step[a + 5] = rotate(R, x, y, z)
 
 
 @njit(cache=True, nogil=True, _nrt=False)

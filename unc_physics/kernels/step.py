@@ -91,7 +91,7 @@ def workspace(x, world, laws):
     if laws is None:
         patches = None
     else:
-        patches = make_patches(count, len(laws.kind))
+        patches = make_patches(count, len(laws.kind), _PAIRS_AT_ONCE)
     R = np.empty((count, 3, 3))
     for i in range(count):
         write_matrix((x[i, Q], x[i, Q + 1], x[i, Q + 2], x[i, Q + 3]), R, i)
