@@ -32,7 +32,7 @@ _DAMPING_RATIO = 0.7  # of such vibrations
 #: its frequency in the last kick [1/s], 0 without contact.
 FIRST, RATE = 0, 1
 QUIET = np.float32(1e-9)  # in place of the frequency of a contact at rest
-_QUIET = 0.2  # change of depth in a step, relative to the depth, below which a contact is at rest
+_QUIET = 0.03  # change of depth in a step, relative to the depth, below which a contact is at rest: less than at any turn
 TANGENTIAL, ACROSS, STIFF = 0, 1, 2  # matrices of a patch: slip and closing weighted by force, closing by stiffness
 
 
@@ -110,9 +110,12 @@ def make_patches(bodies, elements, contacts):
 
 @njit(cache=True, nogil=True, _nrt=False, error_model="numpy")
 def circle(ri, rj, d):
-    """Area of the circle in which two overlapping spheres meet [m^2]: how fast the lens grows with depth."""
+    """Area of the circle in which two overlapping spheres meet [m^2]: how fast the lens grows with depth.
+
+    Of a sphere inside the other, whose force is constant, it is that of its great circle: what it soon will be.
+    """
     if d <= abs(ri - rj):
-        return 0.0
+        return math.pi * min(ri, rj) ** 2
     across = (d * d + ri * ri - rj * rj) / (2.0 * d)
     return math.pi * max(ri * ri - across * across, 0.0)
 
@@ -131,8 +134,8 @@ def add_patch(bodies, arm, count, world, laws, work):
         for k in range(count):
             r = radii[pairs[k, 0]]
             if on_element:
-                depth = min(r - records[k, DISTANCE], 2.0 * r)
-                area = math.pi * depth * (2.0 * r - depth)
+                depth = r - records[k, DISTANCE]
+                area = math.pi * (depth * (2.0 * r - depth) if depth < 2.0 * r else r * r)
             else:
                 area = circle(r, radii[pairs[k, 1]], records[k, DISTANCE])
             p.weight[k] = stiffness * area

@@ -11,7 +11,7 @@ from .pairs import near_pairs
 from .surroundings import element_distance
 from .world import BOX
 
-_RESOLVED = 0.8  # most that a contact's oscillation may turn in a piece [rad]
+_RESOLVED = 0.5  # most that a contact's oscillation may turn in a piece [rad]
 _CROSSED = 0.25  # most that a piece may move a body, of the thickness of what it approaches
 _MOST_PIECES = 1000
 _LONGEST_CALM = 64  # steps for which a scene is left alone at most
