@@ -39,7 +39,10 @@ from .layout import (
 from .scene import RigidBody, Scene
 from .validation import array, covariance, integer, non_negative, number, positive, quaternion
 
-_NUMBERS = ("dt", "stiffness", "damping", "friction", "restitution")
+_NUMBERS = (
+    "dt", "stiffness", "damping", "friction", "restitution",
+    "stiffness_std", "friction_std", "restitution_std", "gravity_direction_std",
+)
 #: Keys of a scene file that set the physics.
 PHYSICS_KEYS = (*_NUMBERS, "gravity", "gyroscopic", "integrator", "islands")
 _SCENE_KEYS = (*PHYSICS_KEYS, "horizon", "bodies", "environment")
@@ -52,7 +55,10 @@ _STDS = {
 }
 _STD_LIMIT = 1e150
 _ELEMENTS = {"plane": ("normal", "offset"), "box": ("size", "position", "orientation")}
-_BODY_KEYS = ("name", "model", "spheres", "scale", "mass", *_VECTORS, "orientation", *_STDS, "covariance", "fixed")
+_BODY_KEYS = (
+    "name", "model", "spheres", "scale", "mass", "mass_std", "center_of_mass_std", *_VECTORS, "orientation", *_STDS,
+    "covariance", "fixed",
+)
 
 
 class LoadedScene(NamedTuple):
@@ -186,12 +192,17 @@ def _body(content, field, models_dir, folder):
     orientation = content.get("orientation", (0.0, 0.0, 0.0, 1.0))
     state[QUATERNION] = quaternion(_numbers(orientation, (4,), f"{field}.orientation"), f"{field}.orientation")
     P = _covariance(content, field)
+    mass_std, com_std = (0.0 if content.get(key) is None else content[key] for key in ("mass_std", "center_of_mass_std"))
+    mass_std, com_std = non_negative(mass_std, f"{field}.mass_std"), _std(com_std, f"{field}.center_of_mass_std")
     if fixed:
-        for key, values in (("velocity", state[VELOCITY]), ("velocity", state[ANGULAR_VELOCITY]), ("covariance", P)):
+        for key, values in (
+            ("velocity", state[VELOCITY]), ("velocity", state[ANGULAR_VELOCITY]), ("covariance", P), ("mass_std", mass_std),
+            ("center_of_mass_std", com_std),
+        ):
             if np.any(values):
                 raise InvalidRequestError(f"is fixed, so its {key} must be zero or absent", field=field)
     model = _at_field(field, load_shape, content["model"], content.get("spheres"), content.get("scale"), models_dir, folder)
-    return RigidBody(content["name"], model, mass, fixed), state, P
+    return _at_field(field, RigidBody, content["name"], model, mass, fixed, mass_std, com_std), state, P
 
 
 def _at_field(field, function, *arguments, **options):
@@ -241,15 +252,17 @@ def _covariance(content, field):
         return covariance(_numbers(content["covariance"], (ERROR, ERROR), f"{field}.covariance"), ERROR, f"{field}.covariance")
     std = np.zeros(ERROR)
     for key in given:
-        name = f"{field}.{key}"
-        if isinstance(content[key], list):
-            std[_STDS[key]] = _numbers(content[key], (3,), name)
-            non_negative(std[_STDS[key]].min(), name)
-        else:
-            std[_STDS[key]] = non_negative(content[key], name)
-        if std[_STDS[key]].max() > _STD_LIMIT:
-            raise NotFiniteError("is too large for its square to be finite", field=name, value=content[key])
+        std[_STDS[key]] = _std(content[key], f"{field}.{key}")
     return np.diag(std**2)
+
+
+def _std(value, field):
+    """Standard deviations (3,) from three numbers, or from one that stands for all."""
+    std = _numbers(value, (3,), field) if isinstance(value, list) else np.full(3, non_negative(value, field))
+    non_negative(std.min(), field)
+    if std.max() > _STD_LIMIT:
+        raise NotFiniteError("is too large for its square to be finite", field=field, value=value)
+    return std
 
 
 def _numbers(value, shape, field, error=InvalidRequestError):

@@ -42,7 +42,7 @@ def test_what_a_file_does_not_name_is_not_there(entries):
     scene = scene_from_dict(content).scene
     assert scene.environment == () and scene.friction is None and scene.restitution is None
     assert not scene.gyroscopic and not scene.islands and scene.integrator == "explicit"
-    assert scene.world.laws is None
+    assert scene.uncertain == () and scene.world.laws is None
 
 
 @pytest.mark.parametrize("key, value", [
@@ -50,3 +50,18 @@ def test_what_a_file_does_not_name_is_not_there(entries):
 ])
 def test_each_law_is_on_when_it_is_named(key, value):
     assert getattr(scene_with(**{key: value}), key) == value
+
+
+def test_uncertain_parameters():
+    content = CONTENTS["two_bodies"]() | {
+        "friction": 0.4, "friction_std": "5e-2", "restitution": 0.5, "restitution_std": 0.1, "stiffness_std": 100,
+        "gravity": [0, 0, -9.81], "gravity_direction_std": 0.02,
+    }
+    content["bodies"][1] |= {"mass_std": 0.05, "center_of_mass_std": [0.0, 0.01, 0.02]}
+    scene = scene_from_dict(content).scene
+    found = {(parameter.name, parameter.body, parameter.axis): parameter.std for parameter in scene.uncertain}
+    assert found == {
+        ("stiffness", -1, 0): 100.0, ("friction", -1, 0): 0.05, ("restitution", -1, 0): 0.1,
+        ("gravity_direction", -1, 0): 0.02, ("gravity_direction", -1, 1): 0.02, ("mass", 1, 0): 0.05,
+        ("center_of_mass", 1, 1): 0.01, ("center_of_mass", 1, 2): 0.02,
+    }
