@@ -6,6 +6,7 @@ import math
 import weakref
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
@@ -23,12 +24,37 @@ from .geometry.packing_file import SpherePacking
 from .kernels import tree as sphere_tree
 from .kernels.so3 import write_matrix
 from .kernels.world import BOX, PLANE, Bodies, Laws, World
-from .validation import array, non_negative, number, positive
+from .validation import array, non_negative, number, numbers, positive
+
+#: What of the scene's own parameters may be uncertain, and what that takes.
+_STDS = {
+    "stiffness_std": "stiffness", "friction_std": "friction", "restitution_std": "restitution", "gravity_direction_std": "gravity",
+}
 
 #: How steps are taken: as in the paper, or divided and linearly implicit where contacts need it.
 INTEGRATORS = ("explicit", "robust")
 
 _trees = weakref.WeakKeyDictionary()
+
+
+class UncertainParameter(NamedTuple):
+    """One direction in which a parameter of a scene is uncertain.
+
+    Attributes
+    ----------
+    name : str
+        Of the parameter: the field that holds its standard deviation, without ``_std``.
+    body : int
+        Index of the body that it belongs to; -1 for one of the whole scene.
+    axis : int
+        Which of its directions, for parameters that have several.
+    std : float
+    """
+
+    name: str
+    body: int
+    axis: int
+    std: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,17 +71,27 @@ class RigidBody:
         [kg], positive; has no effect on a fixed body.
     fixed : bool
         Whether the body never moves.
+    mass_std : float
+        Standard deviation of the mass [kg]; the inertia follows the mass. It varies as ``mass exp(z mass_std / mass)``
+        with a standard normal z, so that it stays positive.
+    center_of_mass_std : (3,) array
+        Standard deviations of the COM's place in the body, about the model's, body axes [m]; one number stands for three.
+        States and beliefs stay those of the model's COM; the inertia about the COM stays the model's.
 
     Raises
     ------
     InvalidMassError
         If the mass is not a positive finite number.
+    InvalidRequestError, NotFiniteError
+        For anything else out of range.
     """
 
     name: str
     model: SpherePacking
     mass: float = 1.0
     fixed: bool = False
+    mass_std: float = 0.0
+    center_of_mass_std: np.ndarray = 0.0
 
     def __post_init__(self):
         if not isinstance(self.name, str) or not self.name:
@@ -64,7 +100,19 @@ class RigidBody:
             raise InvalidRequestError("must be a SpherePacking", field=f"model of body '{self.name}'", value=self.model)
         if not isinstance(self.fixed, (bool, np.bool_)):
             raise InvalidRequestError("must be true or false", field=f"fixed of body '{self.name}'", value=self.fixed)
-        object.__setattr__(self, "mass", positive(self.mass, f"mass of body '{self.name}'", InvalidMassError))
+        field = f"center_of_mass_std of body '{self.name}'"
+        std = numbers(self.center_of_mass_std, field)
+        std = array(np.full(3, std) if std.ndim == 0 else std, (3,), field)
+        non_negative(std.min(), field)
+        checked = {
+            "mass": positive(self.mass, f"mass of body '{self.name}'", InvalidMassError),
+            "mass_std": non_negative(self.mass_std, f"mass_std of body '{self.name}'", InvalidMassError),
+            "center_of_mass_std": std,
+        }
+        if checked["mass_std"] > checked["mass"]:
+            raise InvalidMassError("must not exceed the mass", field=f"mass_std of body '{self.name}'", value=self.mass_std)
+        for name, value in checked.items():
+            object.__setattr__(self, name, value)
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,6 +142,13 @@ class Scene:
         The paper's step, or one that is divided and linearly implicit where contacts need it.
     islands : bool
         Whether groups of bodies that cannot touch within the horizon are predicted each by itself.
+    stiffness_std, friction_std : float
+        Standard deviations, in the units of what they belong to, which then varies as ``m exp(z std / m)`` with a
+        standard normal z; only what is positive can be uncertain.
+    restitution_std : float
+        Standard deviation; the coefficient varies as ``restitution + z std``, cut off at 0 and 1.
+    gravity_direction_std : float
+        Of gravity's tilts about each of two axes across it [rad]; its size stays.
 
     Raises
     ------
@@ -113,6 +168,10 @@ class Scene:
     gyroscopic: bool = False
     integrator: str = "explicit"
     islands: bool = False
+    stiffness_std: float = 0.0
+    friction_std: float = 0.0
+    restitution_std: float = 0.0
+    gravity_direction_std: float = 0.0
 
     def __post_init__(self):
         try:
@@ -139,11 +198,24 @@ class Scene:
             "restitution": None if self.restitution is None else _share(self.restitution, "restitution"),
             "gyroscopic": _flag(self.gyroscopic, "gyroscopic"),
             "islands": _flag(self.islands, "islands"),
-        }
+        } | {field: non_negative(getattr(self, field), field) for field in _STDS}
         if self.integrator not in INTEGRATORS:
             raise InvalidOptionError(f"must be one of {', '.join(INTEGRATORS)}", field="integrator", value=self.integrator)
         for field, value in checked.items():
             object.__setattr__(self, field, value)
+        for field, owner in _STDS.items():
+            self._check_std(field, getattr(self, field), owner, getattr(self, owner))
+
+    @staticmethod
+    def _check_std(field, std, owner, value):
+        """Raise `InvalidRequestError` unless ``owner`` of that value can have that standard deviation."""
+        if std == 0.0:
+            return
+        if value is None or (owner != "restitution" and not np.any(value)):
+            raise InvalidRequestError(f"needs a scene with {owner}", field=field, value=std)
+        most = {"restitution": 1.0, "gravity": math.pi}.get(owner, value)
+        if std > most:
+            raise InvalidRequestError(f"must not exceed {most:.6g}", field=field, value=std)
 
     @cached_property
     def moving(self) -> np.ndarray:
@@ -151,9 +223,27 @@ class Scene:
         return np.array([k for k, body in enumerate(self.bodies) if not body.fixed], np.int64)
 
     @cached_property
+    def uncertain(self) -> tuple[UncertainParameter, ...]:
+        """The directions in which parameters are uncertain, those of the scene first."""
+        found = [
+            UncertainParameter(field.removesuffix("_std"), -1, axis, getattr(self, field))
+            for field in _STDS if getattr(self, field) for axis in range(2 if field == "gravity_direction_std" else 1)
+        ]
+        for k in self.moving.tolist():
+            body = self.bodies[k]
+            if body.mass_std:
+                found.append(UncertainParameter("mass", k, 0, body.mass_std))
+            found += [UncertainParameter("center_of_mass", k, a, std) for a, std in enumerate(body.center_of_mass_std) if std]
+        return tuple(found)
+
+    @cached_property
     def world(self) -> World:
         """The scene as the kernels take it."""
-        models = list(dict.fromkeys(body.model for body in self.bodies))
+        shifted = {parameter.body for parameter in self.uncertain if parameter.name == "center_of_mass"}
+        # bodies of one model share a tree, but for those whose spheres move about the centre of mass
+        owners = [(body.model, k if k in shifted else -1) for k, body in enumerate(self.bodies)]
+        own = list(dict.fromkeys(owners))
+        models = [model for model, _ in own]
         trees = [tree_of(model) for model in models]
         nodes = np.cumsum([0, *(len(child) for _, child, _ in trees)])
         spheres = np.cumsum([0, *(len(model) for model in models)])
@@ -174,7 +264,7 @@ class Scene:
             inverse_mass=1.0 / mass,
             inverse_inertia=inertia / mass[:, None, None],
             radius=np.array([reach[body.model] for body in self.bodies]),
-            root=np.array([nodes[models.index(body.model)] for body in self.bodies]),
+            root=np.array([nodes[own.index(owner)] for owner in owners]),
         )
         stack_size = sphere_tree.WIDTH**2 * deepest + 1
         # a writable copy: read-only arrays would compile every kernel once more
@@ -185,7 +275,7 @@ class Scene:
         """What goes beyond the paper's physics; None, for which the kernels compile without it, where nothing does."""
         elements, robust = self.environment, self.integrator == "robust"
         restitution = 1.0 if self.restitution is None else self.restitution
-        if not (elements or self.friction or restitution < 1.0 or self.gyroscopic or robust):
+        if not (elements or self.friction or restitution < 1.0 or self.restitution_std or self.gyroscopic or robust):
             return None
         R = np.tile(np.eye(3), (len(elements), 1, 1))
         position, half = np.zeros((len(elements), 3)), np.ones((len(elements), 3))

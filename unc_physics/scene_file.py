@@ -11,16 +11,15 @@ import numpy as np
 import yaml
 
 from .belief import Belief
+from .environment import Box, Plane
 from .errors import (
     InvalidEnvironmentError,
     InvalidHorizonError,
     InvalidMassError,
     InvalidModelError,
-    InvalidOptionError,
     InvalidRequestError,
     NoObjectsError,
     NotFiniteError,
-    NotSupportedError,
     UncPhysicsError,
 )
 from .geometry.library import find_model
@@ -40,10 +39,12 @@ from .layout import (
 from .scene import RigidBody, Scene
 from .validation import array, covariance, integer, non_negative, number, positive, quaternion
 
-_PHYSICS = ("dt", "stiffness", "damping", "gravity")
-_LATER = ("friction", "restitution", "gyroscopic")
+_NUMBERS = (
+    "dt", "stiffness", "damping", "friction", "restitution",
+    "stiffness_std", "friction_std", "restitution_std", "gravity_direction_std",
+)
 #: Keys of a scene file that set the physics.
-PHYSICS_KEYS = (*_PHYSICS, *_LATER, "integrator", "islands")
+PHYSICS_KEYS = (*_NUMBERS, "gravity", "gyroscopic", "integrator", "islands")
 _SCENE_KEYS = (*PHYSICS_KEYS, "horizon", "bodies", "environment")
 _VECTORS = {"position": POSITION, "linear_velocity": VELOCITY, "angular_velocity": ANGULAR_VELOCITY}
 _STDS = {
@@ -53,7 +54,11 @@ _STDS = {
     "angular_velocity_std": ERR_ANGULAR_VELOCITY,
 }
 _STD_LIMIT = 1e150
-_BODY_KEYS = ("name", "model", "spheres", "scale", "mass", *_VECTORS, "orientation", *_STDS, "covariance", "fixed")
+_ELEMENTS = {"plane": ("normal", "offset"), "box": ("size", "position", "orientation")}
+_BODY_KEYS = (
+    "name", "model", "spheres", "scale", "mass", "mass_std", "center_of_mass_std", *_VECTORS, "orientation", *_STDS,
+    "covariance", "fixed",
+)
 
 
 class LoadedScene(NamedTuple):
@@ -115,7 +120,8 @@ def scene_from_dict(content, models_dir=None, folder=None) -> LoadedScene:
     if not isinstance(bodies, list):
         raise InvalidRequestError("must be a list", field="bodies", value=bodies)
     read = [_body(body, f"bodies[{k}]", models_dir, folder) for k, body in enumerate(bodies)]
-    scene = Scene([body for body, _, _ in read], **physics_options(content))
+    scene = Scene(
+        [body for body, _, _ in read], environment=_environment(content.get("environment")), **physics_options(content))
     blocks = [P for body, _, P in read if not body.fixed]
     belief = Belief(
         np.array([state for _, state, _ in read]), np.array(blocks).reshape(-1, ERROR, ERROR), scene.moving
@@ -125,30 +131,45 @@ def scene_from_dict(content, models_dir=None, folder=None) -> LoadedScene:
 
 
 def physics_options(content) -> dict:
-    """The physics among the entries of a scene file, as arguments of `Scene`; refuses what is not served."""
-    _refuse_unserved(content)
-    options = {key: number(content[key], key) for key in _PHYSICS if key != "gravity" and content.get(key) is not None}
-    if content.get("gravity") is not None:
-        options["gravity"] = _numbers(content["gravity"], (3,), "gravity")
+    """The physics among the entries of a scene file, as arguments of `Scene`; null stands for an absent entry."""
+    given = {key: content[key] for key in PHYSICS_KEYS if content.get(key) is not None}
+    options = {key: number(value, key) if key in _NUMBERS else value for key, value in given.items()}
+    if "gravity" in options:
+        options["gravity"] = _numbers(options["gravity"], (3,), "gravity")
     return options
 
 
-def _refuse_unserved(content):
-    """Refuse what the format knows and this version does not serve, unless it is switched off."""
-    for key in _LATER:
-        if content.get(key) not in (None, False):
-            raise NotSupportedError("is not supported yet", field=key, value=content[key])
-    if content.get("environment") not in (None, []):
-        if not isinstance(content["environment"], list):
-            raise InvalidEnvironmentError("must be a list", field="environment", value=content["environment"])
-        raise NotSupportedError("is not supported yet", field="environment")
-    if content.get("integrator", "explicit") not in (None, "explicit"):
-        raise InvalidOptionError("must be 'explicit'", field="integrator", value=content["integrator"])
-    islands = content.get("islands")
-    if islands not in (None, False):
-        if islands is not True:
-            raise InvalidRequestError("must be true or false", field="islands", value=islands)
-        raise NotSupportedError("is not supported yet", field="islands", value=True)
+def _environment(content):
+    """The planes and boxes that a list of mappings describes."""
+    if content is None:
+        return ()
+    if not isinstance(content, list):
+        raise InvalidEnvironmentError("must be a list", field="environment", value=content)
+    return tuple(_element(element, f"environment[{k}]") for k, element in enumerate(content))
+
+
+def _element(content, field):
+    """A plane or a box; errors name the entry as it stands in the file."""
+    error = InvalidEnvironmentError
+    _check_keys(content, ("name", *_ELEMENTS), field, error)
+    kinds = [kind for kind in _ELEMENTS if kind in content]
+    if len(kinds) != 1:
+        raise error("must be either a plane or a box", field=field, value=content)
+    kind, name = kinds[0], content.get("name", "")
+    if not isinstance(name, str):
+        raise error("must be a text", field=f"{field}.name", value=name)
+    entries, place = content[kind], f"{field}.{kind}"
+    _check_keys(entries, _ELEMENTS[kind], place, error)
+    needed = _ELEMENTS[kind][0]
+    if entries.get(needed) is None:
+        raise error("must be given", field=f"{place}.{needed}")
+    given = {}
+    for key, value in entries.items():
+        if key == "offset":
+            given[key] = number(0.0 if value is None else value, f"{place}.offset", error)
+        elif value is not None:
+            given[key] = _numbers(value, (4 if key == "orientation" else 3,), f"{place}.{key}", error)
+    return _at_field(place, {"plane": Plane, "box": Box}[kind], **given, name=name)
 
 
 def _body(content, field, models_dir, folder):
@@ -171,18 +192,23 @@ def _body(content, field, models_dir, folder):
     orientation = content.get("orientation", (0.0, 0.0, 0.0, 1.0))
     state[QUATERNION] = quaternion(_numbers(orientation, (4,), f"{field}.orientation"), f"{field}.orientation")
     P = _covariance(content, field)
+    mass_std, com_std = (0.0 if content.get(key) is None else content[key] for key in ("mass_std", "center_of_mass_std"))
+    mass_std, com_std = non_negative(mass_std, f"{field}.mass_std"), _std(com_std, f"{field}.center_of_mass_std")
     if fixed:
-        for key, values in (("velocity", state[VELOCITY]), ("velocity", state[ANGULAR_VELOCITY]), ("covariance", P)):
+        for key, values in (
+            ("velocity", state[VELOCITY]), ("velocity", state[ANGULAR_VELOCITY]), ("covariance", P), ("mass_std", mass_std),
+            ("center_of_mass_std", com_std),
+        ):
             if np.any(values):
                 raise InvalidRequestError(f"is fixed, so its {key} must be zero or absent", field=field)
     model = _at_field(field, load_shape, content["model"], content.get("spheres"), content.get("scale"), models_dir, folder)
-    return RigidBody(content["name"], model, mass, fixed), state, P
+    return _at_field(field, RigidBody, content["name"], model, mass, fixed, mass_std, com_std), state, P
 
 
-def _at_field(field, function, *arguments):
-    """Call a function and put the body's own place before the field that its error names."""
+def _at_field(field, function, *arguments, **options):
+    """Call a function and put the place in the file before the field that its error names."""
     try:
-        return function(*arguments)
+        return function(*arguments, **options)
     except UncPhysicsError as error:
         raise type(error)(error.problem, field=f"{field}.{error.field}" if error.field else field, value=error.value) from error
 
@@ -226,33 +252,35 @@ def _covariance(content, field):
         return covariance(_numbers(content["covariance"], (ERROR, ERROR), f"{field}.covariance"), ERROR, f"{field}.covariance")
     std = np.zeros(ERROR)
     for key in given:
-        name = f"{field}.{key}"
-        if isinstance(content[key], list):
-            std[_STDS[key]] = _numbers(content[key], (3,), name)
-            non_negative(std[_STDS[key]].min(), name)
-        else:
-            std[_STDS[key]] = non_negative(content[key], name)
-        if std[_STDS[key]].max() > _STD_LIMIT:
-            raise NotFiniteError("is too large for its square to be finite", field=name, value=content[key])
+        std[_STDS[key]] = _std(content[key], f"{field}.{key}")
     return np.diag(std**2)
 
 
-def _numbers(value, shape, field):
+def _std(value, field):
+    """Standard deviations (3,) from three numbers, or from one that stands for all."""
+    std = _numbers(value, (3,), field) if isinstance(value, list) else np.full(3, non_negative(value, field))
+    non_negative(std.min(), field)
+    if std.max() > _STD_LIMIT:
+        raise NotFiniteError("is too large for its square to be finite", field=field, value=value)
+    return std
+
+
+def _numbers(value, shape, field, error=InvalidRequestError):
     """Nested lists of numbers as an array; every entry may be a string in any Python float form."""
     if not isinstance(value, (list, tuple)) or len(value) != shape[0]:
-        raise InvalidRequestError(f"must be a list of {shape[0]} {'numbers' if len(shape) == 1 else 'rows'}", field=field, value=value)
+        raise error(f"must be a list of {shape[0]} {'numbers' if len(shape) == 1 else 'rows'}", field=field, value=value)
     if len(shape) > 1:
-        return np.array([_numbers(row, shape[1:], f"{field}[{k}]") for k, row in enumerate(value)])
-    return array([number(entry, f"{field}[{k}]") for k, entry in enumerate(value)], shape, field)
+        return np.array([_numbers(row, shape[1:], f"{field}[{k}]", error) for k, row in enumerate(value)])
+    return array([number(entry, f"{field}[{k}]", error) for k, entry in enumerate(value)], shape, field)
 
 
-def _check_keys(content, known, field):
+def _check_keys(content, known, field, error=InvalidRequestError):
     if not isinstance(content, dict):
-        raise InvalidRequestError("must be a mapping of keys to values", field=field, value=content)
+        raise error("must be a mapping of keys to values", field=field, value=content)
     for key in content:
         if not isinstance(key, str):
-            raise InvalidRequestError("has a key that is no text", field=field, value=key)
+            raise error("has a key that is no text", field=field, value=key)
         if key not in known:
             close = difflib.get_close_matches(key[:50], known, n=1)
             hint = f"; did you mean '{close[0]}'?" if close else ""
-            raise InvalidRequestError(f"has no key {key[:50]!r}{hint}", field=field)
+            raise error(f"has no key {key[:50]!r}{hint}", field=field)

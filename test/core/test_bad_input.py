@@ -58,12 +58,30 @@ def in_body(key, value):
     return with_entry(("bodies", 1, key), value)
 
 
+def in_environment(element):
+    return CONTENTS["two_bodies"]() | {"environment": [element]}
+
+
+def in_plane(**entries):
+    return in_environment({"plane": entries})
+
+
+def in_box(**entries):
+    return in_environment({"box": entries})
+
+
 FINITE = []  # each number of a scene file, as the place that a message must name
 for place, name in [
     (("dt",), "dt"),
     (("horizon",), "horizon"),
     (("stiffness",), "stiffness"),
     (("damping",), "damping"),
+    (("friction",), "friction"),
+    (("restitution",), "restitution"),
+    (("stiffness_std",), "stiffness_std"),
+    (("gravity_direction_std",), "gravity_direction_std"),
+    (("bodies", 0, "mass_std"), r"bodies\[0\].mass_std"),
+    (("bodies", 0, "center_of_mass_std"), r"bodies\[0\].center_of_mass_std"),
     (("bodies", 0, "mass"), r"bodies\[0\].mass"),
     (("bodies", 0, "scale"), r"bodies\[0\].scale"),
     (("bodies", 0, "position", 1), r"bodies\[0\].position\[1\]"),
@@ -206,7 +224,46 @@ CASES = FINITE + [
     (with_entry(("integrator",), "magic"), "INVALID_OPTION", "integrator", "magic"),
     (with_entry(("islands",), "maybe"), "INVALID_REQUEST", "islands", "maybe"),
     (with_entry(("environment",), "floor"), "INVALID_ENVIRONMENT", "environment", "floor"),
-    (with_entry(("friction",), "rough"), "INVALID_REQUEST|NOT_SUPPORTED|INVALID_OPTION", "friction", "rough"),
+    (with_entry(("friction",), "rough"), "INVALID_REQUEST", "friction", "rough"),
+    (with_entry(("friction",), -0.5), "INVALID_REQUEST", "friction", "-0.5"),
+    (with_entry(("friction",), False), "INVALID_REQUEST", "friction", "False"),
+    (with_entry(("restitution",), 1.5), "INVALID_REQUEST", "restitution", "1.5"),
+    (with_entry(("restitution",), -0.1), "INVALID_REQUEST", "restitution", "-0.1"),
+    (with_entry(("gyroscopic",), "yes"), "INVALID_REQUEST", "gyroscopic", "yes"),
+    (with_entry(("gyroscopic",), 1), "INVALID_REQUEST", "gyroscopic", "1"),
+    (with_entry(("integrator",), ["robust"]), "INVALID_OPTION", "integrator", "robust"),
+    (with_entry(("friction_std",), 0.1), "INVALID_REQUEST", "friction_std", "0.1"),
+    (with_entry(("gravity_direction_std",), 0.1), "INVALID_REQUEST", "gravity_direction_std", "0.1"),
+    (with_entry(("stiffness_std",), -1.0), "INVALID_REQUEST", "stiffness_std", "-1.0"),
+    (with_entry(("restitution_std",), "some"), "INVALID_REQUEST", "restitution_std", "some"),
+    (in_body("mass_std", -0.1), "INVALID_REQUEST", r"bodies\[1\].mass_std", "-0.1"),
+    (in_body("mass_std", 5.0), "INVALID_MASS", r"bodies\[1\].mass_std", "5.0"),
+    (in_body("mass_std", "some"), "INVALID_REQUEST", r"bodies\[1\].mass_std", "some"),
+    (in_body("center_of_mass_std", [0, 0, -1]), "INVALID_REQUEST", r"bodies\[1\].center_of_mass_std", "-1.0"),
+    (in_body("center_of_mass_std", [0, 0]), "INVALID_REQUEST", r"bodies\[1\].center_of_mass_std", r"\[0, 0\]"),
+    (with_entry(("bodies", 1, "mass_std"), 0.1, "three_bodies"), "INVALID_REQUEST", r"bodies\[1\]", "mass_std"),
+    (in_environment("floor"), "INVALID_ENVIRONMENT", r"environment\[0\]", "floor"),
+    (in_environment({}), "INVALID_ENVIRONMENT", r"environment\[0\]", "plane or a box"),
+    (in_environment({"plane": {}, "box": {}}), "INVALID_ENVIRONMENT", r"environment\[0\]", "either"),
+    (in_environment({"sphere": {}}), "INVALID_ENVIRONMENT", r"environment\[0\]", "sphere"),
+    (in_environment({"plane": [0, 0, 1]}), "INVALID_ENVIRONMENT", r"environment\[0\].plane", r"\[0, 0, 1\]"),
+    (in_plane(), "INVALID_ENVIRONMENT", r"environment\[0\].plane.normal", "given"),
+    (in_plane(normal=[0, 0, 0]), "INVALID_ENVIRONMENT", r"environment\[0\].plane.normal", r"\[0.0, 0.0, 0.0\]"),
+    (in_plane(normal=[0, 1]), "INVALID_ENVIRONMENT", r"environment\[0\].plane.normal", r"\[0, 1\]"),
+    (in_plane(normal=[0, 0, "up"]), "INVALID_ENVIRONMENT", r"environment\[0\].plane.normal\[2\]", "up"),
+    (in_plane(normal=[0, 0, INF]), "NOT_FINITE", r"environment\[0\].plane.normal\[2\]", "inf"),
+    (in_plane(normal=[0, 0, 1], offset="low"), "INVALID_ENVIRONMENT", r"environment\[0\].plane.offset", "low"),
+    (in_plane(normal=[0, 0, 1], offset=NAN), "NOT_FINITE", r"environment\[0\].plane.offset", "nan"),
+    (in_plane(normal=[0, 0, 1], ofset=0), "INVALID_ENVIRONMENT", r"environment\[0\].plane", "offset"),
+    (in_box(), "INVALID_ENVIRONMENT", r"environment\[0\].box.size", "given"),
+    (in_box(size=[1, 0, 1]), "INVALID_ENVIRONMENT", r"environment\[0\].box.size\[1\]", "0.0"),
+    (in_box(size=[1, -2, 1]), "INVALID_ENVIRONMENT", r"environment\[0\].box.size\[1\]", "-2.0"),
+    (in_box(size=2.0), "INVALID_ENVIRONMENT", r"environment\[0\].box.size", "2.0"),
+    (in_box(size=[1, 1, 1], position=[0, 0]), "INVALID_ENVIRONMENT", r"environment\[0\].box.position", r"\[0, 0\]"),
+    (in_box(size=[1, 1, 1], position=[0, NAN, 0]), "NOT_FINITE", r"environment\[0\].box.position\[1\]", "nan"),
+    (in_box(size=[1, 1, 1], orientation=[1, 1, 0, 0]), "INVALID_ORIENTATION", r"environment\[0\].box.orientation", "1.0"),
+    (in_environment({"name": 3, "plane": {"normal": [0, 0, 1]}}), "INVALID_ENVIRONMENT", r"environment\[0\].name", "3"),
+    (in_environment({"name": "left", "plane": {"normal": [0, 0, 1]}}), "DUPLICATE_ID", r"environment\[0\].name", "left"),
     ([], "INVALID_REQUEST", "scene", r"\[\]"),
     ("text", "INVALID_REQUEST", "scene", "text"),
     (None, "INVALID_REQUEST", "scene", ""),
@@ -499,10 +556,16 @@ SCENE_KEYS = [
     "islands",
     "restitution",
     "gyroscopic",
+    "stiffness_std",
+    "friction_std",
+    "restitution_std",
+    "gravity_direction_std",
     "bodies",
     "unknown",
 ]
 BODY_KEYS = [
+    "mass_std",
+    "center_of_mass_std",
     "name",
     "model",
     "spheres",

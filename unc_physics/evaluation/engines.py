@@ -1,14 +1,16 @@
-"""Rollouts of a scene in PyBullet and in MuJoCo: the same masses, inertias, states, damping and time step.
+"""Rollouts of a scene in PyBullet and in MuJoCo: the same masses, inertias, states, damping, environment and time step.
 
-Shapes are the same spheres, or what people usually give these engines: a few convex pieces, or one box. Both engines get what is fastest for them among the settings under which the bodies collide as ours do: no friction,
-elastic contact, damping of all velocities as in the scene, no gravity, no sleeping, no rendering. Bodies are given
-in their principal axes, in which both engines keep the inertia.
+Shapes are the same spheres, or what people usually give these engines: a few convex pieces, or one box or cylinder. In a
+scene without friction both engines get what is fastest for them among the settings under which bodies collide as ours
+do: no friction, elastic contact. In one with friction they keep their own contact laws, as people run them. Nothing sleeps,
+nothing is drawn. Bodies are given in their principal axes, in which both engines keep the inertia.
 """
 
 from __future__ import annotations
 
 import math
 import tempfile
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -16,12 +18,14 @@ from scipy.cluster.vq import kmeans2
 from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
+from ..environment import Plane
 from ..layout import ANGULAR_VELOCITY, POSITION, QUATERNION, VELOCITY
 
 GEOMETRIES = ("spheres", "pieces", "box")
+PRIMITIVES = {"salt_box": "box", "can": "cylinder"}  # of the models that are one: geometry "primitive"
 PIECES = 16  # convex ones of a body
 _DIRECTIONS = 64  # in which a piece's outline is taken, and so its vertices at most
-_FRICTIONLESS = 1  # MuJoCo's condim
+_CONDIM = {False: 1, True: 3}  # MuJoCo's: without and with friction
 
 
 class PrincipalBody:
@@ -47,7 +51,7 @@ class PrincipalBody:
     def __init__(self, body):
         moments, axes = np.linalg.eigh(body.model.inertia)
         axes[:, 2] *= np.linalg.det(axes)
-        self.mass, self.name = body.mass, body.name
+        self.mass, self.name, self._model = body.mass, body.name, body.model
         self.inertia = body.mass * moments
         self.centers, self.radii = body.model.centers @ axes, body.model.radii
         self.axes = Rotation.from_matrix(axes)
@@ -56,6 +60,11 @@ class PrincipalBody:
         """Half sides (3,) [m]."""
         a, b, c = self.inertia / self.mass
         return np.sqrt(1.5 * np.array([b + c - a, c + a - b, a + b - c]))
+
+    def primitive(self):
+        """Kind, sides [m], middle (3,) [m] and orientation of the box or cylinder that the model is."""
+        low, high = self._model.bounds
+        return PRIMITIVES[self._model.name], (high - low).tolist(), self.axes.inv().apply(0.5 * (low + high)), self.axes.inv()
 
     def pieces(self):
         """Vertices (k, 3) [m] of each convex piece."""
@@ -99,7 +108,7 @@ class PyBulletRollouts:
         self._bodies = [PrincipalBody(body) for body in scene.bodies]
         self._client = client = BulletClient(connection_mode=pybullet.DIRECT)
         client.setPhysicsEngineParameter(fixedTimeStep=scene.dt, numSubSteps=0, restitutionVelocityThreshold=0.0)
-        client.setGravity(0.0, 0.0, 0.0)
+        client.setGravity(*scene.gravity.tolist())
         # Bullet keeps the share 1 - d of a velocity in a second, we exp(-damping)
         damping = 1.0 - math.exp(-scene.damping)
         self._handles, self._shapes = [], []
@@ -113,15 +122,23 @@ class PyBulletRollouts:
                 handle = client.loadURDF(
                     str(path), flags=pybullet.URDF_USE_INERTIA_FROM_FILE, useMaximalCoordinates=True
                 )
-                client.changeDynamics(
-                    handle, -1, linearDamping=damping, angularDamping=damping, lateralFriction=0.0,
-                    restitution=1.0, contactProcessingThreshold=0.0,
-                )
+                client.changeDynamics(handle, -1, linearDamping=damping, angularDamping=damping, **_bullet_contact(scene))
                 self._handles.append(handle)
+        for solid in scene.environment:
+            client.changeDynamics(self._fixed(solid), -1, **_bullet_contact(scene))
 
     def shapes(self):
         """Number of shapes of each body, as the engine has them."""
         return self._shapes
+
+    def _fixed(self, solid):
+        """A fixed body that is a primitive of the environment."""
+        client = self._client
+        if isinstance(solid, Plane):
+            shape = client.createCollisionShape(client.GEOM_PLANE, planeNormal=solid.normal.tolist())
+            return client.createMultiBody(0.0, shape, basePosition=(solid.offset * solid.normal).tolist())
+        shape = client.createCollisionShape(client.GEOM_BOX, halfExtents=(0.5 * solid.size).tolist())
+        return client.createMultiBody(0.0, shape, basePosition=solid.position.tolist(), baseOrientation=solid.orientation.tolist())
 
     def _reset(self, state):
         for body, handle, x in zip(self._bodies, self._handles, state, strict=True):
@@ -158,22 +175,37 @@ class PyBulletRollouts:
         self._client.disconnect()
 
 
+def _bullet_contact(scene):
+    """Contact parameters of each body; Bullet multiplies those of the two that touch."""
+    if scene.friction is None:
+        return {"lateralFriction": 0.0, "restitution": 1.0, "contactProcessingThreshold": 0.0}
+    return {"lateralFriction": math.sqrt(scene.friction), "restitution": math.sqrt(scene.restitution or 0.0)}
+
+
 def _urdf(body, geometry, folder):
     if geometry == "spheres":
         shapes = [
-            (f"{x!r} {y!r} {z!r}", f'<sphere radius="{r!r}"/>')
+            (f'xyz="{x!r} {y!r} {z!r}"', f'<sphere radius="{r!r}"/>')
             for (x, y, z), r in zip(body.centers.tolist(), body.radii.tolist(), strict=True)
         ]
     elif geometry == "box":
-        shapes = [("0 0 0", '<box size="{!r} {!r} {!r}"/>'.format(*(2.0 * body.box()).tolist()))]
+        shapes = [('xyz="0 0 0"', '<box size="{!r} {!r} {!r}"/>'.format(*(2.0 * body.box()).tolist()))]
+    elif geometry == "primitive":
+        kind, (x, y, z), middle, turned = body.primitive()
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # at gimbal lock any of the equivalent angles will do
+            angles = turned.as_euler("xyz").tolist()
+        place = 'xyz="{!r} {!r} {!r}" rpy="{!r} {!r} {!r}"'.format(*middle.tolist(), *angles)
+        shape = f'<box size="{x!r} {y!r} {z!r}"/>' if kind == "box" else f'<cylinder radius="{x / 2!r}" length="{z!r}"/>'
+        shapes = [(place, shape)]
     else:
         shapes = []
         for k, vertices in enumerate(body.pieces()):
             path = folder / f"{body.name}_{k}.obj"
             path.write_text(_obj(vertices))
-            shapes.append(("0 0 0", f'<mesh filename="{path}"/>'))
+            shapes.append(('xyz="0 0 0"', f'<mesh filename="{path}"/>'))
     collisions = "\n".join(  # on lines of their own: PyBullet cuts long lines
-        f'<collision><origin xyz="{place}"/><geometry>{shape}</geometry></collision>' for place, shape in shapes
+        f'<collision><origin {place}/><geometry>{shape}</geometry></collision>' for place, shape in shapes
     )
     a, b, c = body.inertia.tolist()
     inertia = f'<inertia ixx="{a!r}" iyy="{b!r}" izz="{c!r}" ixy="0" ixz="0" iyz="0"/>'
@@ -261,6 +293,10 @@ def _mjcf(scene, bodies, geometry):
             ]
         elif geometry == "box":
             geoms = ['<geom type="box" size="{!r} {!r} {!r}"/>'.format(*body.box().tolist())]
+        elif geometry == "primitive":
+            kind, (x, y, z), middle, turned = body.primitive()
+            size = f"{x / 2!r} {y / 2!r} {z / 2!r}" if kind == "box" else f"{x / 2!r} {z / 2!r}"
+            geoms = [f'<geom type="{kind}" size="{size}" pos="{_mujoco_text(middle)}" quat="{_mujoco_quaternion(turned)}"/>']
         else:
             pieces = body.pieces()
             geoms = [f'<geom type="mesh" mesh="{body.name}_{k}"/>' for k in range(len(pieces))]
@@ -271,11 +307,33 @@ def _mjcf(scene, bodies, geometry):
         inertia = " ".join(repr(value) for value in body.inertia.tolist())
         inertial = f'<inertial pos="0 0 0" mass="{body.mass!r}" diaginertia="{inertia}"/>'
         text.append(f'<body name="{body.name}"><joint type="free"/>{inertial}{"".join(geoms)}</body>')
+    contact = 'solref="-1000 0"' if scene.friction is None else f'friction="{scene.friction!r} 0.005 0.0001"'
+    text += [_mujoco_fixed(solid) for solid in scene.environment]
     return (
-        f'<mujoco><option timestep="{scene.dt!r}" gravity="0 0 0"/><size memory="256M"/>'
-        f'<default><geom condim="{_FRICTIONLESS}" mass="0" solref="-1000 0"/></default>'
+        f'<mujoco><option timestep="{scene.dt!r}" gravity="{_mujoco_text(scene.gravity)}"/><size memory="256M"/>'
+        f'<default><geom condim="{_CONDIM[scene.friction is not None]}" mass="0" {contact}/></default>'
         f'<asset>{"".join(assets)}</asset><worldbody>{"".join(text)}</worldbody></mujoco>'
     )
+
+
+def _mujoco_fixed(solid):
+    """A geom of the world that is a primitive of the environment."""
+    if isinstance(solid, Plane):
+        turned = Rotation.align_vectors([solid.normal], [[0.0, 0.0, 1.0]])[0]
+        return f'<geom type="plane" size="0 0 1" pos="{_mujoco_text(solid.offset * solid.normal)}" quat="{_mujoco_quaternion(turned)}"/>'
+    turned = Rotation.from_quat(solid.orientation.copy())
+    return (
+        f'<geom type="box" size="{_mujoco_text(0.5 * solid.size)}" pos="{_mujoco_text(solid.position)}" '
+        f'quat="{_mujoco_quaternion(turned)}"/>'
+    )
+
+
+def _mujoco_text(values):
+    return " ".join(repr(value) for value in np.asarray(values, float).tolist())
+
+
+def _mujoco_quaternion(rotation):
+    return _mujoco_text(rotation.as_quat()[[3, 0, 1, 2]])
 
 
 PEERS = {"pybullet": PyBulletRollouts, "mujoco": MuJoCoRollouts}

@@ -51,12 +51,18 @@ def color(method: str, samples: int | None = None) -> str:
     return COLORS.get(method) or SPARE[sum(map(ord, method)) % len(SPARE)]
 
 
-def draw_over_sigma(path: Path, rows: Rows, quantities: Sequence[tuple[str, str]], model: str) -> None:
-    """One model's errors or times over sigma, a column for each number of spheres."""
-    spheres = sorted(rows.unique("spheres"))
-    figure = _figure(2.9 * len(spheres) + 1.6, 2.9 * len(quantities) + 0.9)
-    axes = figure.subplots(len(quantities), len(spheres), squeeze=False, sharey="row", sharex=True)
-    for i, (quantity, title) in enumerate(quantities):
+def draw_over_sigma(path: Path, lines: Sequence[tuple[str, str, Rows]], title: str) -> None:
+    """Errors or times over sigma, a column for each number of spheres.
+
+    Parameters
+    ----------
+    lines : sequence of (str, str, Rows)
+        For each line of panels the quantity, what it is called, and the rows.
+    """
+    spheres = sorted({count for *_, rows in lines for count in rows.unique("spheres")})
+    figure = _figure(2.7 * len(spheres) + 1.6, 2.7 * len(lines) + 0.6)
+    axes = figure.subplots(len(lines), len(spheres), squeeze=False, sharey="row", sharex=True)
+    for i, (quantity, name, rows) in enumerate(lines):
         scale = 1e3 if quantity == CPU_TIME else 1.0
         for j, count in enumerate(spheres):
             ax = axes[i, j]
@@ -64,15 +70,14 @@ def draw_over_sigma(path: Path, rows: Rows, quantities: Sequence[tuple[str, str]
             for method, samples in _curves(found):
                 _over_sigma(ax, found.where(method=method, samples=samples), method, samples, scale)
             _log_axis(ax, "y")
+            ax.xaxis.set_tick_params(labelsize=8)
             if i == 0:
                 ax.set_title(f"{count:,} spheres".replace(",", "\u202f"), fontsize=10)
-            if i == len(quantities) - 1:
+            if i == len(lines) - 1:
                 ax.set_xlabel("sigma of initial positions [m]", fontsize=8)
-            if j == 0:
-                ax.set_ylabel(title, fontsize=9)
-    handles = {text: line for ax in axes.flat for line, text in zip(*ax.get_legend_handles_labels(), strict=True)}
-    _legend(figure, handles)
-    figure.suptitle(model, fontsize=12)
+        axes[i, 0].set_ylabel(name, fontsize=9)
+    _legend(figure, {text: line for ax in axes.flat for line, text in zip(*ax.get_legend_handles_labels(), strict=True)})
+    figure.suptitle(title, fontsize=12)
     _save(figure, path)
 
 
@@ -225,6 +230,33 @@ def draw_samples(path: Path, arrays: Mapping[str, np.ndarray], packing: SpherePa
         ax.set_axisbelow(True)
     axes[0].set_ylabel("y [m]", fontsize=8)
     figure.suptitle(f"{title}; dots: centres of {len(arrays['truth'])} samples, outlines: 40 of them", fontsize=10)
+    _save(figure, path)
+
+
+def draw_final_positions(path: Path, ends: Mapping[str, np.ndarray], title: str) -> None:
+    """Where a body's centre ends up, in each engine: from above and from the side.
+
+    Parameters
+    ----------
+    ends : mapping of str to (N, 13) array
+        By the engine's name.
+    """
+    everything = np.concatenate(list(ends.values()))[:, POSITION]
+    low, high = np.percentile(everything, 0.5, axis=0) - 0.05, np.percentile(everything, 99.5, axis=0) + 0.05
+    figure = _figure(4.2 * len(ends) + 0.4, 6.4)
+    axes = figure.subplots(2, len(ends), squeeze=False, sharex=True, sharey="row")
+    for j, (name, states) in enumerate(ends.items()):
+        for i, other in enumerate((1, 2)):
+            shade = COLORS.get(name.lower(), COLORS[MONTE_CARLO])
+            axes[i, j].plot(states[:, 0], states[:, other], ".", markersize=3, alpha=0.35, color=shade, markeredgewidth=0)
+            axes[i, j].set(xlim=(low[0], high[0]), ylim=(low[other], high[other]), aspect="equal")
+            axes[i, j].grid(True, color="0.93", linewidth=0.6)
+            axes[i, j].set_axisbelow(True)
+        axes[0, j].set_title(name, fontsize=10)
+        axes[1, j].set_xlabel("x [m]", fontsize=8)
+    axes[0, 0].set_ylabel("from above: y [m]", fontsize=8)
+    axes[1, 0].set_ylabel("from the side: z [m]", fontsize=8)
+    figure.suptitle(f"{title}: centres of mass at the end", fontsize=10)
     _save(figure, path)
 
 

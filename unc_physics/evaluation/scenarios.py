@@ -7,6 +7,7 @@ import math
 import numpy as np
 
 from ..belief import Belief
+from ..environment import Box, Plane
 from ..errors import InvalidModelError, InvalidRequestError
 from ..geometry.library import find_model, load_model
 from ..geometry.packing_file import SpherePacking
@@ -14,6 +15,7 @@ from ..layout import (
     ANGULAR_VELOCITY,
     ERR_ANGULAR_VELOCITY,
     ERR_POSITION,
+    ERR_ROTATION,
     ERR_VELOCITY,
     ERROR,
     POSITION,
@@ -136,6 +138,61 @@ def collision_free(uncertain: str, model: str = "pin", spheres: int = 10, sigma:
     mean[0, QUATERNION] = _orientation("left")
     mean[0, ANGULAR_VELOCITY] = _SPIN
     return scene, Belief(mean, _covariance(1, _UNCERTAIN[uncertain], sigma)), FREE_HORIZON
+
+
+def salt_box_into_bin() -> tuple[Scene, Belief, float]:
+    """A carton of salt is let go above an open bin on the floor (the paper's Fig. 1): does it end up inside?"""
+    inner, wall = np.array([0.292, 0.192, 0.143]), 0.02  # m
+    x, y = 0.5 * (inner[:2] + wall)
+    height = inner[2] + wall
+    environment = (
+        Plane((0.0, 0.0, 1.0), 0.0),
+        Box((inner[0], inner[1], wall), (0.0, 0.0, 0.5 * wall)),
+        *(Box((wall, inner[1], height), (side * x, 0.0, 0.5 * height)) for side in (-1.0, 1.0)),
+        *(Box((inner[0] + 2.0 * wall, wall, height), (0.0, side * y, 0.5 * height)) for side in (-1.0, 1.0)),
+    )
+    mean = np.zeros((1, STATE))
+    mean[0, POSITION] = 0.07, 0.02, 0.35
+    mean[0, QUATERNION] = 0.0, 0.0, math.sin(0.3), math.cos(0.3)
+    return _handled("salt_box", environment, mean, ((ERR_POSITION, 0.04), (ERR_ROTATION, 0.2)))
+
+
+def can_off_shelf() -> tuple[Scene, Belief, float]:
+    """A full can is pushed towards the edge of a shelf, 0.4 m above the floor: does it stay there, or else how does it land?"""
+    top = 0.4  # m
+    environment = (Plane((0.0, 0.0, 1.0), 0.0), Box((0.6, 0.6, 0.03), (-0.3, 0.0, top - 0.015)))
+    mean = np.zeros((1, STATE))
+    mean[0, POSITION] = -0.06, 0.0, top + 0.055
+    mean[0, VELOCITY] = 0.7, 0.0, 0.0
+    mean[0, QUATERNION] = 0.0, 0.0, 0.0, 1.0
+    return _handled("can", environment, mean, ((ERR_POSITION, (0.02, 0.02, 0.0)), (ERR_VELOCITY, (0.2, 0.05, 0.0))))
+
+
+def in_bin(states: np.ndarray) -> np.ndarray:
+    """Whether the body's centre is between the walls of `salt_box_into_bin`, of states (N, 13)."""
+    position = states[:, POSITION]
+    return (np.abs(position[:, 0]) < 0.146) & (np.abs(position[:, 1]) < 0.096) & (position[:, 2] < 0.163)
+
+
+def on_shelf(states: np.ndarray) -> np.ndarray:
+    """Whether the body's centre is above the shelf of `can_off_shelf`, of states (N, 13)."""
+    return states[:, POSITION.start + 2] > 0.4
+
+
+#: Everyday scenes with gravity and friction, each with what it means to end up in place.
+MANIPULATION = {"salt_box_into_bin": (salt_box_into_bin, in_bin), "can_off_shelf": (can_off_shelf, on_shelf)}
+
+
+def _handled(model, environment, mean, deviations):
+    packing = load_model(model)
+    scene = Scene(
+        (RigidBody(model, packing.prefix(2000), packing.mass),), dt=1.0 / 240.0, stiffness=1e9, gravity=(0.0, 0.0, -9.81),
+        environment=environment, friction=0.5, restitution=0.1, gyroscopic=True, integrator="robust",
+    )
+    P = np.zeros((1, ERROR, ERROR))
+    for block, sigma in deviations:
+        P[0, range(*block.indices(ERROR)), range(*block.indices(ERROR))] = np.asarray(sigma) ** 2
+    return scene, Belief(mean, P), 1.5
 
 
 def _scene(bodies):

@@ -24,8 +24,10 @@ def label(method: str, samples: int | None = None) -> str:
 
 
 def number(value: float) -> str:
-    """A figure with three digits, or none where it is missing."""
-    return "" if not math.isfinite(value) else f"{value:#.3g}".rstrip(".")
+    """A figure with three digits, or nothing where it is missing."""
+    if not math.isfinite(value):
+        return ""
+    return f"{value:.0f}" if abs(value) >= 999.5 else f"{value:#.3g}".rstrip(".")
 
 
 def table(head: Sequence[str], lines: Sequence[Sequence[str]]) -> str:

@@ -10,6 +10,8 @@ import numpy as np
 
 from ..belief import Belief
 from ..errors import InvalidOptionError, LimitExceededError
+from ..kernels.rollout import rollout
+from ..parameters import rollout_varied
 from ..scene import Scene
 from ..validation import integer
 
@@ -45,12 +47,15 @@ class Traits:
 class Propagator(ABC):
     """Carries a belief through a scene's dynamics.
 
+    Class attributes: ``name``; ``traits``; ``varies_parameters``, whether uncertain parameters of the scene count.
+
     A concrete propagator is a frozen dataclass whose fields are its options, checked when it is made. Its carry
     is a NamedTuple of exactly the persistent state, so that advancing in pieces equals advancing at once.
     """
 
     name: ClassVar[str]
     traits: ClassVar[Traits]
+    varies_parameters: ClassVar[bool] = False
 
     @abstractmethod
     def init(self, scene: Scene, belief: Belief) -> Any:
@@ -73,6 +78,16 @@ class Propagator(ABC):
         value = integer(getattr(self, option), option, low=low, error=InvalidOptionError)
         if value > high:
             raise LimitExceededError(f"must be at most {high}", field=option, value=value)
+
+
+def rolled(carry, scene, steps):
+    """The carry of states that run through the full simulator, ``steps`` time steps on."""
+    states, memory = carry.states.copy(), carry.memory.copy()
+    if scene.uncertain:
+        rollout_varied(states, memory, scene, carry.parameters, carry.step, steps)
+    else:
+        rollout(states, memory, scene.world, carry.step, steps)
+    return carry._replace(states=states, memory=memory, step=carry.step + steps)
 
 
 def symmetric_root(P: np.ndarray) -> np.ndarray:

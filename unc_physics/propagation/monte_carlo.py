@@ -10,20 +10,22 @@ import numpy as np
 from ..belief import Belief
 from ..errors import InvalidOptionError
 from ..kernels.moments import mean_and_errors, second_moment
-from ..kernels.rollout import fresh_memory, rollout
+from ..kernels.rollout import fresh_memory
+from ..parameters import center_offsets, draw_parameters, moved_along
 from ..validation import integer
-from .base import Propagator, Traits
+from .base import Propagator, Traits, rolled
 
 
 class MonteCarloCarry(NamedTuple):
-    """Persistent state: ``states`` (N, B, 13).
+    """Persistent state: ``states`` (N, B, 13), of the bodies' centres of mass, wherever those are uncertain.
 
-    ``step`` counts the steps done; ``memory`` is what the rollouts remember of their contacts (`kernels.laws.FIRST`).
+    ``parameters`` (N, K) are the samples' K uncertain parameters, in standard deviations from their values; ``step`` counts the steps done; ``memory`` is what the rollouts remember of their contacts (`kernels.laws.FIRST`).
     """
 
     states: np.ndarray
     memory: np.ndarray
     step: int
+    parameters: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -43,6 +45,7 @@ class MonteCarlo(Propagator):
     """
 
     name = "monte_carlo"
+    varies_parameters = True
     traits = Traits("estimated", "samples", True, False, "simulated")
 
     samples: int = 1000
@@ -54,13 +57,17 @@ class MonteCarlo(Propagator):
 
     def init(self, scene, belief):
         states = belief.sample(self.samples, np.random.default_rng(self.seed))
-        return MonteCarloCarry(states, fresh_memory(len(states), scene.world), 0)
+        z = draw_parameters(scene, self.samples, self.seed)
+        states = moved_along(states, center_offsets(scene, z))
+        return MonteCarloCarry(states, fresh_memory(len(states), scene.world), 0, z)
 
     def advance(self, carry, scene, steps):
-        states, memory = carry.states.copy(), carry.memory.copy()
-        rollout(states, memory, scene.world, carry.step, steps)
-        return MonteCarloCarry(states, memory, carry.step + steps)
+        return rolled(carry, scene, steps)
 
     def belief(self, carry, scene):
-        mean, errors = mean_and_errors(carry.states, scene.moving.copy())
+        mean, errors = mean_and_errors(self.states(carry, scene), scene.moving.copy())
         return Belief.trusted(mean, second_moment(errors), scene.moving)
+
+    def states(self, carry, scene):
+        """(N, B, 13): the samples' states of the models' centres of mass, as beliefs have them."""
+        return moved_along(carry.states, -center_offsets(scene, carry.parameters))

@@ -14,6 +14,7 @@ from ..errors import (
     DivergedError,
     InvalidHorizonError,
     LimitExceededError,
+    NotSupportedError,
     PredictionTimeoutError,
     UncPhysicsError,
 )
@@ -106,12 +107,15 @@ def predict(
         If ``max_computation_time`` ran out; its ``prediction`` ends at the time reached.
     DivergedError
         If the simulation left the range of numbers.
+    NotSupportedError
+        If parameters of the scene are uncertain, which sigma points and Monte Carlo take.
     InvalidRequestError, LimitExceededError, UnknownPropagatorError
     """
     started = time.perf_counter()
     if isinstance(propagator, str):
         propagator = make_propagator(propagator)
     belief.check_fits(scene)
+    _check_parameters(scene, propagator)
     marks = _steps(scene, horizon, times)
     allowed = None if max_computation_time is None else positive(max_computation_time, "max_computation_time")
     in_one_go = allowed is None and progress is None
@@ -154,6 +158,14 @@ def periodic_times(period: float, horizon: float) -> list[float]:
     if count > TIMES_LIMIT:
         raise LimitExceededError(f"gives more than {TIMES_LIMIT} times", field="period", value=period)
     return [k * period for k in range(1, math.ceil(count - 1e-9))]
+
+
+def _check_parameters(scene, propagator):
+    """Raise `NotSupportedError` if parameters are uncertain and the propagator knows nothing of that."""
+    if scene.uncertain and not propagator.varies_parameters:
+        first = scene.uncertain[0]
+        owner = "" if first.body < 0 else f" of body '{scene.bodies[first.body].name}'"
+        raise NotSupportedError(f"is not supported by {propagator.name}", field=f"{first.name}_std{owner}", value=float(first.std))
 
 
 def _next_piece(steps, took):

@@ -10,19 +10,21 @@ import numpy as np
 from ..belief import Belief
 from ..errors import InvalidOptionError
 from ..kernels.moments import mean_and_errors, second_moment, spread_states
-from ..kernels.rollout import fresh_memory, rollout
-from .base import Propagator, Traits, symmetric_root
+from ..kernels.rollout import fresh_memory
+from ..parameters import center_offsets, moved_along
+from .base import Propagator, Traits, rolled, symmetric_root
 
 
 class SigmaPointCarry(NamedTuple):
-    """Persistent state: ``states`` (2 n + 1, B, 13); point 0 began at the mean.
+    """Persistent state: ``states`` (2 n + 1, B, 13), of the bodies' centres of mass; point 0 began at the mean.
 
-    ``step`` counts the steps done; ``memory`` is what the rollouts remember of their contacts (`kernels.laws.FIRST`).
+    ``parameters`` (2 n + 1, K) are the points' K uncertain parameters, in standard deviations; ``step`` counts the steps done; ``memory`` is what the rollouts remember of their contacts (`kernels.laws.FIRST`).
     """
 
     states: np.ndarray
     memory: np.ndarray
     step: int
+    parameters: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -34,6 +36,7 @@ class SigmaPoints(Propagator):
     points : {'minimal', 'full'}
         ``full`` spreads points along all 12 B directions of the moving bodies, as the paper; ``minimal`` only
         along the r directions in which the initial belief is uncertain, which needs fewer points, less far out.
+        Each uncertain parameter of the scene is one direction more.
 
     Notes
     -----
@@ -43,6 +46,7 @@ class SigmaPoints(Propagator):
     """
 
     name = "sigma_points"
+    varies_parameters = True
     traits = Traits("estimated", "full covariance", True, False, "simulated")
 
     points: str = "minimal"
@@ -53,16 +57,19 @@ class SigmaPoints(Propagator):
 
     def init(self, scene, belief):
         root = belief.root() if self.points == "minimal" else symmetric_root(belief.joint)
+        count = len(scene.uncertain)
+        root = np.block([[root, np.zeros((len(root), count))], [np.zeros((count, root.shape[1])), np.eye(count)]])
         a = np.sqrt(root.shape[1] + 0.5) * root.T
         errors = np.concatenate([np.zeros((1, root.shape[0])), a, -a])
+        errors, z = np.ascontiguousarray(errors[:, : len(root) - count]), errors[:, len(root) - count :].copy()
         states = spread_states(belief.mean.copy(), scene.moving.copy(), errors)
-        return SigmaPointCarry(states, fresh_memory(len(states), scene.world), 0)
+        states = moved_along(states, center_offsets(scene, z))
+        return SigmaPointCarry(states, fresh_memory(len(states), scene.world), 0, z)
 
     def advance(self, carry, scene, steps):
-        states, memory = carry.states.copy(), carry.memory.copy()
-        rollout(states, memory, scene.world, carry.step, steps)
-        return SigmaPointCarry(states, memory, carry.step + steps)
+        return rolled(carry, scene, steps)
 
     def belief(self, carry, scene):
-        mean, errors = mean_and_errors(carry.states, scene.moving.copy())
+        states = moved_along(carry.states, -center_offsets(scene, carry.parameters))
+        mean, errors = mean_and_errors(states, scene.moving.copy())
         return Belief.trusted(mean, second_moment(errors), scene.moving)

@@ -74,16 +74,17 @@ def report(results: Results) -> str:
 
     rows = results.rows("collisions")
     ordinary = rows.where(truth=min(rows.unique("truth")))
-    parts = []
-    for name, quantities, title in (
-        ("error", ((POSITION_ERROR, "W1 of positions [m]"), (ROTATION_ERROR, "W1 of rotations [deg]")), "Error (as Fig. 7)"),
-        ("time", ((CPU_TIME, "CPU time, one thread [ms]"),), "Time of a prediction (as Fig. 6)"),
-    ):
-        parts.append(f"### {title}\n")
-        for model in ordinary.unique("model"):
-            figure = results.figure(f"collisions_{name}_{model}")
-            draw_over_sigma(figure, ordinary.where(model=model), quantities, model)
-            parts.append(f"![{title}, {model}](figures/{figure.name})\n")
+    models = ordinary.unique("model")
+    parts = ["### Error (as Fig. 7)\n"]
+    for model in models:
+        figure, here = results.figure(f"collisions_error_{model}"), ordinary.where(model=model)
+        lines = ((POSITION_ERROR, "W1 of positions [m]", here), (ROTATION_ERROR, "W1 of rotations [deg]", here))
+        draw_over_sigma(figure, lines, model)
+        parts.append(f"![Error over sigma, {model}](figures/{figure.name})\n")
+    figure = results.figure("collisions_time")
+    lines = [(CPU_TIME, f"{model}: CPU time [ms]", ordinary.where(model=model)) for model in models]
+    draw_over_sigma(figure, lines, "A prediction of 5 s on one thread")
+    parts.append(f"### Time (as Fig. 6)\n\n![Time over sigma](figures/{figure.name})\n")
     parts.append(_error_table(rows))
     parts.append(_time_table(ordinary))
     return "\n".join(parts)

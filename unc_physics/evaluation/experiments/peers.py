@@ -8,7 +8,6 @@ import numpy as np
 
 from ...kernels.rollout import simulate
 from ...propagation import make_propagator
-from ...propagation.monte_carlo import MonteCarloCarry
 from ..comparison import (
     CPU_TIME,
     FLOOR,
@@ -69,6 +68,7 @@ def run(job: Job) -> Outcome:
     p = job.parameters
     scene, belief, horizon = collision(p["model"], p["spheres"], p["sigma"])
     steps = round(horizon / scene.dt)
+    simulator = make_propagator(MONTE_CARLO)
 
     def ours(state):
         states = state[None].copy()
@@ -81,7 +81,8 @@ def run(job: Job) -> Outcome:
     def samples(name):
         seed = job.seed(name)
         states = np.array([theirs(state) for state in belief.sample(p["truth"], np.random.default_rng(seed))])
-        return Samples(states, make_propagator(MONTE_CARLO).belief(MonteCarloCarry(states), scene), seed)
+        carry = simulator.init(scene, belief)._replace(states=states)
+        return Samples(states, simulator.belief(carry, scene), seed)
 
     truth, second = samples("truth"), samples("second")
     beliefs = predicted_beliefs(scene, belief, horizon, job) if engine is None else {}

@@ -1,0 +1,67 @@
+"""What a scene file says about the physics arrives in the scene."""
+
+import numpy as np
+import pytest
+import yaml
+from conftest import CONTENTS
+
+from unc_physics import load_scene
+from unc_physics.environment import Box, Plane, element_names
+from unc_physics.scene_file import PHYSICS_KEYS, scene_from_dict
+
+TURNED = [0.0, 0.0, 0.6, 0.8]
+SURROUNDINGS = [
+    {"plane": {"normal": [0, 0, 2], "offset": -0.5}},
+    {"name": "wall", "box": {"size": [0.1, 2, "1e0"], "position": [1, 0, 0.5], "orientation": TURNED}},
+    {"box": {"size": [1, 1, 1]}},
+]
+
+
+def scene_with(**entries):
+    return scene_from_dict(CONTENTS["two_bodies"]() | entries).scene
+
+
+def test_planes_and_boxes_arrive_in_order_with_their_names(tmp_path):
+    path = tmp_path / "scene.yaml"
+    path.write_text(yaml.safe_dump(CONTENTS["two_bodies"]() | {"environment": SURROUNDINGS}))
+    floor, wall, block = elements = load_scene(path).scene.environment
+    assert [type(element) for element in elements] == [Plane, Box, Box]
+    assert element_names(elements) == ["plane_0", "wall", "box_2"]
+    np.testing.assert_array_equal(floor.normal, [0, 0, 1])
+    assert floor.offset == -0.5
+    np.testing.assert_array_equal(wall.size, [0.1, 2.0, 1.0])
+    np.testing.assert_array_equal(wall.position, [1.0, 0.0, 0.5])
+    np.testing.assert_allclose(wall.orientation, TURNED)
+    np.testing.assert_array_equal(block.position, 0.0)
+    np.testing.assert_array_equal(block.orientation, [0, 0, 0, 1])
+
+
+@pytest.mark.parametrize("entries", [{}, {key: None for key in (*PHYSICS_KEYS, "environment")}, {"environment": []}])
+def test_what_a_file_does_not_name_is_not_there(entries):
+    content = CONTENTS["two_bodies"]() | entries
+    scene = scene_from_dict(content).scene
+    assert scene.environment == () and scene.friction is None and scene.restitution is None
+    assert not scene.gyroscopic and not scene.islands and scene.integrator == "explicit"
+    assert scene.uncertain == () and scene.world.laws is None
+
+
+@pytest.mark.parametrize("key, value", [
+    ("friction", 0.5), ("restitution", 0.3), ("gyroscopic", True), ("islands", True), ("integrator", "robust"),
+])
+def test_each_law_is_on_when_it_is_named(key, value):
+    assert getattr(scene_with(**{key: value}), key) == value
+
+
+def test_uncertain_parameters():
+    content = CONTENTS["two_bodies"]() | {
+        "friction": 0.4, "friction_std": "5e-2", "restitution": 0.5, "restitution_std": 0.1, "stiffness_std": 100,
+        "gravity": [0, 0, -9.81], "gravity_direction_std": 0.02,
+    }
+    content["bodies"][1] |= {"mass_std": 0.05, "center_of_mass_std": [0.0, 0.01, 0.02]}
+    scene = scene_from_dict(content).scene
+    found = {(parameter.name, parameter.body, parameter.axis): parameter.std for parameter in scene.uncertain}
+    assert found == {
+        ("stiffness", -1, 0): 100.0, ("friction", -1, 0): 0.05, ("restitution", -1, 0): 0.1,
+        ("gravity_direction", -1, 0): 0.02, ("gravity_direction", -1, 1): 0.02, ("mass", 1, 0): 0.05,
+        ("center_of_mass", 1, 1): 0.01, ("center_of_mass", 1, 2): 0.02,
+    }

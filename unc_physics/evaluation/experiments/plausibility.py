@@ -1,0 +1,120 @@
+"""Gravity and friction beside other engines: a salt box into a bin, a can off a shelf."""
+
+from __future__ import annotations
+
+import time
+from importlib.util import find_spec
+
+import numpy as np
+
+from ...kernels.rollout import simulate
+from ...layout import QUATERNION
+from ..comparison import CPU_TIME, FLOOR, MONTE_CARLO, POSITION_ERROR, ROTATION_ERROR
+from ..engines import PEERS
+from ..jobs import Job, Outcome, Row, Settings
+from ..results import Results
+from ..scenarios import MANIPULATION
+from ..tables import number, table
+from ..wasserstein import state_distance
+from .peers import ENGINES, OURS
+
+TITLE = "Plausibility"
+UPRIGHT = np.cos(np.radians(15.0))  # how far the body's axis may lean
+PLACE, STANDING = "in_place", "upright"
+PLACES = {"salt_box_into_bin": "in the bin", "can_off_shelf": "on the shelf"}
+
+
+def jobs(settings: Settings) -> list[Job]:
+    """Both scenes in every engine that is there."""
+    count = 50 if settings.quick else 500
+    return [
+        Job("plausibility", settings.parameters(scene=scene, engine=engine, samples_each=count), cost=2 * count * (0.03 if engine == OURS else 0.01))
+        for scene in MANIPULATION for engine in ENGINES if engine == OURS or find_spec(engine) is not None
+    ]
+
+
+def missing(settings: Settings) -> list[str]:
+    """Engines that are not installed."""
+    return [f"plausibility in {ENGINES[name]}: not installed; pip install {name}" for name in PEERS if find_spec(name) is None]
+
+
+def run(job: Job) -> Outcome:
+    """Final states of two independent sets of samples, and what became of the body."""
+    p = job.parameters
+    make, place = MANIPULATION[p["scene"]]
+    scene, belief, horizon = make()
+    steps = round(horizon / scene.dt)
+    # the same initial states in every engine
+    common = Job("plausibility", {**p, "engine": "any"})
+    sets = []
+    for name in ("truth", "second"):
+        seed = common.seed(name)
+        starts = belief.sample(p["samples_each"], np.random.default_rng(seed))
+        started = time.process_time()
+        sets.append((seed, _ends(p["engine"], scene, starts, steps)))
+        taken = (time.process_time() - started) / len(starts)
+    (seed, states), (_, second) = sets
+    rows = [Row(MONTE_CARLO, CPU_TIME, "s", taken)]
+    for quantity, hits in ((PLACE, place(states[:, 0])), (STANDING, _upright(states[:, 0]))):
+        rows.append(Row(MONTE_CARLO, quantity, "1", float(np.mean(hits)), len(states), 0, seed))
+    floor = state_distance(states, second)
+    rows.append(Row(FLOOR, POSITION_ERROR, "m", float(floor.position[0]), len(states), 0, seed))
+    rows.append(Row(FLOOR, ROTATION_ERROR, "deg", float(floor.rotation[0]), len(states), 0, seed))
+    return Outcome(rows, {"states": states})
+
+
+def report(results: Results) -> str:
+    """Probabilities, distances between the engines' final poses, and a picture of the final positions."""
+    from ..plots import draw_final_positions
+
+    rows = results.rows("plausibility")
+    parts = []
+    for scene in rows.unique("scene"):
+        here = rows.where(scene=scene)
+        ends = {engine: _arrays(results, here.where(engine=engine)[0]) for engine in here.unique("engine")}
+        order = [engine for engine in ENGINES if engine in ends]
+        figure = results.figure(f"plausibility_{scene}")
+        draw_final_positions(figure, {ENGINES[engine]: ends[engine][:, 0] for engine in order}, scene.replace("_", " "))
+        head = ["", PLACES[scene], "upright", "W1 / floor, positions [m]", "rotations [deg]", "a rollout [ms]"]
+        lines = []
+        for engine in order:
+            found = here.where(engine=engine)
+            cells = [ENGINES[engine]]
+            for quantity in (PLACE, STANDING):
+                chance, count = found.where(quantity=quantity).mean(), found.where(quantity=quantity)[0]["samples"]
+                cells.append(f"{100.0 * chance:.1f} ± {100.0 * np.sqrt(chance * (1.0 - chance) / count):.1f} %")
+            distance = state_distance(ends[engine], ends[order[0]])
+            for quantity, value in ((POSITION_ERROR, distance.position[0]), (ROTATION_ERROR, distance.rotation[0])):
+                floor = found.where(method=FLOOR, quantity=quantity).mean()
+                cells.append(f"{number(float(value))} / {number(floor)}")
+            cells.append(number(1e3 * found.where(quantity=CPU_TIME).mean()))
+            lines.append(cells)
+        title = scene.replace("_", " ")
+        parts.append(f"### {title.capitalize()}\n\n![{title}](figures/{figure.name})\n")
+        parts.append(
+            f"Shares of {here.where(quantity=PLACE)[0]['samples']} samples (± standard error); W1 between the final poses in "
+            f"{ENGINES[order[0]]} and in each engine, from the same initial states, beside the engine's own floor:\n")
+        parts.append(table(head, lines))
+    return "\n".join(parts)
+
+
+def _ends(engine, scene, starts, steps):
+    if engine == OURS:
+        states = starts.copy()
+        simulate(states, scene.world, steps)
+        return states
+    peer = PEERS[engine](scene, "primitive")
+    states = np.array([peer.run(state, steps) for state in starts])
+    peer.close()
+    return states
+
+
+def _upright(states):
+    """Whether the body's z axis is vertical, of states (N, 13)."""
+    x, y = states[:, QUATERNION][:, 0], states[:, QUATERNION][:, 1]
+    return np.abs(1.0 - 2.0 * (x * x + y * y)) > UPRIGHT
+
+
+def _arrays(results, row):
+    parameters = {name: row[name] for name in ("scene", "engine", "samples_each", "distance", "base_seed")}
+    return results.arrays(Job("plausibility", parameters))["states"]

@@ -1,0 +1,128 @@
+"""Scenes whose parameters are uncertain: each sample or sigma point runs through a world of its own."""
+
+from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
+
+import numba
+import numpy as np
+
+from .kernels.step import advance
+from .kernels.world import World
+from .layout import ANGULAR_VELOCITY, POSITION, QUATERNION, VELOCITY
+from .scene import Scene
+
+_SINGLE = 4.0 * np.finfo(np.float32).eps  # more than a shift rounds, relative to the body's size
+
+
+def draw_parameters(scene: Scene, count: int, seed: int) -> np.ndarray:
+    """(count, K): standard normal numbers for the scene's K uncertain parameters, independent of the draws of states.
+
+    The first k rows are the same for every larger count.
+    """
+    stream = np.random.SeedSequence(seed).spawn(1)[0]
+    return np.random.default_rng(stream).standard_normal((count, len(scene.uncertain)))
+
+
+def vary(scene: Scene, z: np.ndarray) -> World:
+    """The scene as the kernels take it, with its parameters ``z`` (K,) standard deviations from their values.
+
+    Mass and inertia share a factor. A shifted centre of mass moves the spheres the other way in the body frame.
+    """
+    world = scene.world
+    b, laws, bodies = world.bodies, world.laws, scene.bodies
+    inverse_mass, inverse_inertia, radius, tree = b.inverse_mass.copy(), b.inverse_inertia.copy(), b.radius, world.tree
+    mass, inertia = (None, None) if laws is None else (laws.mass.copy(), laws.inertia.copy())
+    changed, gravity, tilt = {}, world.gravity, np.zeros(2)
+    for parameter, value in zip(scene.uncertain, z, strict=True):
+        name, k = parameter.name, parameter.body
+        if name == "mass":
+            factor = np.exp(value * parameter.std / bodies[k].mass)
+            inverse_mass[k] /= factor
+            inverse_inertia[k] /= factor
+            if laws is not None:
+                mass[k] *= factor
+                inertia[k] *= factor
+        elif name in ("stiffness", "friction"):
+            middle = getattr(scene, name)
+            changed[name] = float(middle * np.exp(value * parameter.std / middle))
+        elif name == "restitution":
+            restitution = min(max(scene.restitution + value * parameter.std, 0.0), 1.0)
+            changed["dissipation"] = 0.5 * (1.0 - restitution**2)
+        elif name == "gravity_direction":
+            tilt[parameter.axis] = value * parameter.std
+    if tilt.any():
+        gravity = _tilted(gravity, tilt)
+    offsets = center_offsets(scene, z[None])[0]
+    if len(offsets):
+        tree, radius = _shifted_trees(world, offsets)
+    if laws is not None:
+        own = {name: changed[name] for name in ("friction", "dissipation") if name in changed}
+        laws = laws._replace(mass=mass, inertia=inertia, **own)
+    return world._replace(
+        bodies=b._replace(inverse_mass=inverse_mass, inverse_inertia=inverse_inertia, radius=radius),
+        tree=tree, gravity=gravity, stiffness=changed.get("stiffness", world.stiffness), laws=laws,
+    )
+
+
+def rollout_varied(states: np.ndarray, memory: np.ndarray, scene: Scene, z: np.ndarray, begin: int, steps: int) -> None:
+    """Advance a batch as `kernels.rollout.rollout`, state n in the world of parameters ``z[n]``."""
+
+    def run(n):
+        world = vary(scene, z[n])
+        advance(states[n], memory[n], world, world.laws, begin, steps)
+
+    if len(states):
+        run(0)  # alone, lest every thread compile
+    with ThreadPoolExecutor(numba.get_num_threads()) as threads:
+        list(threads.map(run, range(1, len(states))))
+
+
+def center_offsets(scene: Scene, z: np.ndarray) -> np.ndarray:
+    """(N, B, 3): the bodies' centres of mass in their models' frames [m]; (N, 0, 3) where all are certain."""
+    shifts = [(c, parameter) for c, parameter in enumerate(scene.uncertain) if parameter.name == "center_of_mass"]
+    offsets = np.zeros((len(z), len(scene.bodies) if shifts else 0, 3))
+    for c, parameter in shifts:
+        offsets[:, parameter.body, parameter.axis] = parameter.std * z[:, c]
+    return offsets
+
+
+def moved_along(states: np.ndarray, offsets: np.ndarray) -> np.ndarray:
+    """States (N, B, 13) of the bodies' points that lie at ``offsets`` (N, B, 3) from those given, body axes [m]."""
+    if offsets.shape[1] == 0:
+        return states
+    moved = states.copy()
+    axis, w = states[..., QUATERNION][..., :3], states[..., QUATERNION][..., 3:]
+    turned = 2.0 * np.cross(axis, offsets)
+    arm = offsets + w * turned + np.cross(axis, turned)
+    moved[..., POSITION] += arm
+    moved[..., VELOCITY] += np.cross(states[..., ANGULAR_VELOCITY], arm)
+    return moved
+
+
+def _tilted(gravity, tilt):
+    """Gravity turned about two axes across it by the angles ``tilt`` (2,) [rad]."""
+    size = np.linalg.norm(gravity)
+    down = gravity / size
+    first = np.cross(np.eye(3)[np.argmin(np.abs(down))], down)
+    first /= np.linalg.norm(first)
+    turn = tilt[0] * first + tilt[1] * np.cross(down, first)
+    angle = np.linalg.norm(turn)
+    return size * (np.cos(angle) * down + np.sin(angle) / angle * np.cross(turn, down))
+
+
+def _shifted_trees(world, offsets):
+    """The sphere trees, and the radii of balls about the centres of mass that hold them, for shifted centres of mass."""
+    bounds, child, centers, radii = world.tree
+    bounds, centers, radius = bounds.copy(), centers.copy(), world.bodies.radius.copy()
+    ends = np.append(np.unique(world.bodies.root), len(child))
+    for k in np.flatnonzero(offsets.any(axis=1)):
+        root = world.bodies.root[k]
+        nodes = slice(root, ends[np.searchsorted(ends, root) + 1])
+        spheres = ~child[nodes][child[nodes] < 0]
+        centers[spheres] -= offsets[k]
+        reach = np.max(np.linalg.norm(centers[spheres], axis=1) + radii[spheres])
+        bounds[nodes, :3] -= offsets[k][:, None].astype(np.float32)
+        bounds[nodes, 3] += np.float32(_SINGLE * max(reach, radius[k]))
+        radius[k] = reach
+    return world.tree._replace(bounds=bounds, centers=centers), radius
