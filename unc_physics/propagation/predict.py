@@ -21,6 +21,7 @@ from ..errors import (
 from ..scene import Scene
 from ..validation import positive
 from .base import Propagator
+from .islands import Islands
 from .registry import make_propagator
 
 STEPS_LIMIT = 100_000_000
@@ -120,13 +121,19 @@ def predict(
     allowed = None if max_computation_time is None else positive(max_computation_time, "max_computation_time")
     in_one_go = allowed is None and progress is None
     piece = marks[-1] if in_one_go else 1
-    carry = propagator.init(scene, belief)
+    runner = Islands(propagator, scene, marks) if scene.islands else propagator
+    carry = runner.init(scene, belief)
     done, reached, beliefs = 0, [], []
+
+    def made(carry):
+        whole = runner.whole(carry) if scene.islands else carry
+        return Prediction(propagator, tuple(reached), tuple(beliefs), whole, time.perf_counter() - started)
+
     for mark in marks:
         while done < mark:
             steps = min(piece, mark - done)
             piece_started = time.perf_counter()
-            carry = propagator.advance(carry, scene, steps)
+            carry = runner.advance(carry, scene, steps)
             done += steps
             if in_one_go:
                 continue
@@ -142,13 +149,12 @@ def predict(
                     )
             except UncPhysicsError as error:
                 reached.append(done * scene.dt)
-                beliefs.append(_finite(propagator.belief(carry, scene), reached[-1]))
-                error.prediction = Prediction(
-                    propagator, tuple(reached), tuple(beliefs), carry, time.perf_counter() - started)
+                beliefs.append(_finite(runner.belief(carry, scene), reached[-1]))
+                error.prediction = made(carry)
                 raise
         reached.append(done * scene.dt)
-        beliefs.append(_finite(propagator.belief(carry, scene), reached[-1]))
-    return Prediction(propagator, tuple(reached), tuple(beliefs), carry, time.perf_counter() - started)
+        beliefs.append(_finite(runner.belief(carry, scene), reached[-1]))
+    return made(carry)
 
 
 def periodic_times(period: float, horizon: float) -> list[float]:

@@ -1,0 +1,101 @@
+"""Free flight of single bodies over many steps at once: the same motion as step by step, to round-off."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+
+from ..layout import (
+    ANGULAR_VELOCITY,
+    ERR_ANGULAR_VELOCITY,
+    ERR_POSITION,
+    ERR_ROTATION,
+    ERR_VELOCITY,
+    ERROR,
+    POSITION,
+    QUATERNION,
+    VELOCITY,
+)
+
+
+class Course(NamedTuple):
+    """What some steps of free flight come to.
+
+    Attributes
+    ----------
+    decay : float
+        Factor on the initial velocities at the end.
+    fall : float
+        Factor on gravity in the final velocity [s].
+    reach, sink : float
+        Factors on the initial velocity [s] and on gravity [s^2] in the displacement.
+    weights, before : (n,) arrays
+        Of each drift: its time, times the decay until then, and the sum of these over the drifts before it [s].
+    """
+
+    decay: float
+    fall: float
+    reach: float
+    sink: float
+    weights: np.ndarray
+    before: np.ndarray
+
+
+@lru_cache(maxsize=64)
+def course(dt: float, decay: float, steps: int, robust: bool) -> Course:
+    """The course of ``steps`` time steps; ``robust`` ones drift for half a step before and after velocities change."""
+    powers = decay ** np.arange(steps + 1)
+    falls = dt * np.concatenate([[0.0], np.cumsum(powers[:-1])])
+    if robust:
+        weights = 0.5 * dt * np.column_stack([powers[:-1], powers[1:]]).ravel()
+        sink = 0.5 * dt * float(falls[:-1].sum() + falls[1:].sum())
+    else:
+        weights, sink = dt * powers[:-1], dt * float(falls[:-1].sum())
+    ends = np.cumsum(weights)
+    return Course(float(powers[-1]), float(falls[-1]), float(ends[-1]), sink, weights, ends - weights)
+
+
+def fly(states: np.ndarray, gravity: np.ndarray, along: Course) -> np.ndarray:
+    """States (..., 13) after a course of free flight."""
+    ended = states.copy()
+    v, w, q = states[..., VELOCITY], states[..., ANGULAR_VELOCITY], states[..., QUATERNION]
+    ended[..., POSITION] += along.reach * v + along.sink * gravity
+    ended[..., VELOCITY] = along.decay * v + along.fall * gravity
+    ended[..., ANGULAR_VELOCITY] = along.decay * w
+    half = 0.5 * along.reach * np.linalg.norm(w, axis=-1, keepdims=True)
+    axis, scalar = 0.5 * along.reach * np.sinc(half / np.pi) * w, np.cos(half)
+    turned = np.concatenate(
+        [scalar * q[..., :3] + q[..., 3:] * axis + np.cross(axis, q[..., :3]),
+         scalar * q[..., 3:] - np.sum(axis * q[..., :3], axis=-1, keepdims=True)], axis=-1)
+    ended[..., QUATERNION] = turned / np.linalg.norm(turned, axis=-1, keepdims=True)
+    return ended
+
+
+def transition(state: np.ndarray, along: Course, exact: bool) -> np.ndarray:
+    """(12, 12): what a course makes of errors of a state (13,).
+
+    The product of the steps' transitions: with the exact derivative of the drift, or as Eq. 14 has it.
+    """
+    x, y, z, w = state[QUATERNION]
+    R_transposed = np.array([
+        [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y + z * w), 2.0 * (x * z - y * w)],
+        [2.0 * (x * y - z * w), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z + x * w)],
+        [2.0 * (x * z + y * w), 2.0 * (y * z - x * w), 1.0 - 2.0 * (x * x + y * y)],
+    ])
+    omega = state[ANGULAR_VELOCITY]
+    speed = float(np.linalg.norm(omega))
+    u = omega / speed if speed > 0.0 else omega
+    cross = np.array([[0.0, -u[2], u[1]], [u[2], 0.0, -u[0]], [-u[1], u[0], 0.0]])
+    if exact:  # the mean of all rotations on the way, turned back: the left Jacobian transposed
+        angle = along.reach * speed
+        cosine, sine = along.reach * np.sinc(angle / np.pi), along.reach * 0.5 * angle * np.sinc(0.5 * angle / np.pi) ** 2
+    else:
+        cosine, sine = np.sum(along.weights * np.cos(along.before * speed)), np.sum(along.weights * np.sin(along.before * speed))
+    A = np.eye(ERROR)
+    A[ERR_POSITION, ERR_VELOCITY] = along.reach * np.eye(3)
+    A[ERR_ROTATION, ERR_ANGULAR_VELOCITY] = R_transposed @ (
+        cosine * np.eye(3) + (along.reach - cosine) * np.outer(u, u) - sine * cross)
+    A[ERR_VELOCITY, ERR_VELOCITY] = A[ERR_ANGULAR_VELOCITY, ERR_ANGULAR_VELOCITY] = along.decay * np.eye(3)
+    return A
