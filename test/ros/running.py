@@ -12,7 +12,7 @@ from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 
 from unc_physics_msgs.srv import Predict
 
-READY_TIMEOUT = 240.0  # s; a cold cache compiles everything
+READY_TIMEOUT = 600.0  # s; a cold cache compiles everything
 ANSWER_TIMEOUT = 60.0  # s
 
 

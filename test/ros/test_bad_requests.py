@@ -5,9 +5,10 @@ import shutil
 import numpy as np
 import pytest
 from diagnostic_msgs.msg import KeyValue
+from geometry_msgs.msg import Pose, Quaternion
 from running import NodeProcess
 from scenes import assert_answered, diagonal, good_request, moving_object, numbers_of, request_of
-from shape_msgs.msg import Plane
+from shape_msgs.msg import Plane, SolidPrimitive
 
 from unc_physics.errors import ErrorCode
 from unc_physics.geometry.library import find_model
@@ -47,9 +48,17 @@ def indefinite():
     return covariance.ravel()
 
 
-def with_floor():
+def with_floor(coef):
     request = good_request()
-    request.environment.planes.append(Plane(coef=[0.0, 0.0, 1.0, 0.0]))
+    request.environment.planes.append(Plane(coef=coef))
+    return request
+
+
+def with_box(dimensions, kind=SolidPrimitive.BOX, poses=None, ids=()):
+    request = good_request()
+    request.environment.primitives.append(SolidPrimitive(type=kind, dimensions=dimensions))
+    request.environment.primitive_poses = [Pose()] if poses is None else poses
+    request.environment.ids = list(ids)
     return request
 
 
@@ -119,11 +128,32 @@ BAD = {
     "zero time step": (with_option("scene_options", "dt", "0"), "INVALID_HORIZON", "dt"),
     "NaN stiffness": (with_option("scene_options", "stiffness", ".nan"), "NOT_FINITE", "stiffness"),
     "unknown frame": (changed("header.frame_id", "camera"), "UNKNOWN_FRAME", "header.frame_id"),
-    "uncertain mass": (changed("object.mass_std", 0.1), "NOT_SUPPORTED", "objects[1].mass_std"),
-    "uncertain centre of mass": (changed("object.center_of_mass_std.z", 0.1), "NOT_SUPPORTED", "center_of_mass_std"),
-    "friction": (with_option("scene_options", "friction", "0.5"), "NOT_SUPPORTED", "friction"),
-    "an environment": (with_floor(), "NOT_SUPPORTED", "environment"),
-    "a region": (with_regions("bin"), "NOT_SUPPORTED", "regions"),
+    "negative deviation of the mass": (changed("object.mass_std", -0.1), "INVALID_COVARIANCE", "objects[1].mass_std"),
+    "NaN deviation of the centre of mass": (
+        changed("object.center_of_mass_std.z", NAN), "NOT_FINITE", "objects[1].center_of_mass_std.z"),
+    "negative friction": (with_option("scene_options", "friction", "-0.5"), "INVALID_OPTION", "friction"),
+    "restitution above 1": (with_option("scene_options", "restitution", "1.5"), "INVALID_OPTION", "restitution"),
+    "no integrator": (with_option("scene_options", "integrator", "magic"), "INVALID_OPTION", "integrator"),
+    "no text for an integrator": (with_option("scene_options", "integrator", "[[1]]"), "INVALID_OPTION", "integrator"),
+    "no flag": (with_option("scene_options", "gyroscopic", "[[1]]"), "INVALID_OPTION", "gyroscopic"),
+    "uncertain friction without friction": (
+        with_option("scene_options", "friction_std", "0.1"), "INVALID_OPTION", "friction_std"),
+    "plane without normal": (with_floor([0.0, 0.0, 0.0, 1.0]), "INVALID_ENVIRONMENT", "environment.planes[0].coef"),
+    "NaN plane": (with_floor([0.0, 0.0, NAN, 1.0]), "NOT_FINITE", "environment.planes[0].coef"),
+    "box of no height": (with_box([1.0, 1.0, 0.0]), "INVALID_ENVIRONMENT", "environment.primitives[0].dimensions[2]"),
+    "box of two lengths": (with_box([1.0, 1.0]), "INVALID_ENVIRONMENT", "environment.primitives[0].dimensions"),
+    "infinite box": (with_box([1.0, INF, 1.0]), "NOT_FINITE", "environment.primitives[0].dimensions"),
+    "box without pose": (with_box([1.0] * 3, poses=[]), "INVALID_ENVIRONMENT", "environment.primitive_poses"),
+    "box without orientation": (
+        with_box([1.0] * 3, poses=[Pose(orientation=Quaternion(w=0.0))]), "INVALID_ORIENTATION",
+        "environment.primitive_poses[0].orientation"),
+    "cylinder": (with_box([1.0, 0.5], kind=SolidPrimitive.CYLINDER), "NOT_SUPPORTED", "environment.primitives[0].type"),
+    "primitive of no kind": (with_box([1.0] * 3, kind=77), "INVALID_ENVIRONMENT", "environment.primitives[0].type"),
+    "too few names": (with_box([1.0] * 3, ids=["a", "b"]), "INVALID_ENVIRONMENT", "environment.ids"),
+    "a name of all": (with_box([1.0] * 3, ids=["environment"]), "INVALID_ENVIRONMENT", "environment.ids[0]"),
+    "an object's name for a box": (with_box([1.0] * 3, ids=["left"]), "DUPLICATE_ID", "environment.ids[0]"),
+    "a region without name": (with_regions(""), "INVALID_ENVIRONMENT", "regions[0].id"),
+    "too many regions": (with_regions(*map(str, range(101))), "LIMIT_EXCEEDED", "regions"),
     "two regions of one id": (with_regions("bin", "bin"), "DUPLICATE_ID", "regions[1].id"),
     "joint covariance without correlations": (
         good_request(propagator="surrogate", return_joint_covariance=True), "NOT_SUPPORTED", "return_joint_covariance"),

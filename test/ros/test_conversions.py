@@ -222,8 +222,10 @@ INDEFINITE[0, 1] = INDEFINITE[1, 0] = 2.0
     ("mass", NAN, errors.NotFiniteError),
     ("mass", None, errors.InvalidMassError),
     ("mass_std", -1.0, errors.InvalidCovarianceError),
-    ("mass_std", 0.1, errors.NotSupportedError),
-    ("center_of_mass_std.y", 0.1, errors.NotSupportedError),
+    ("mass_std", NAN, errors.NotFiniteError),
+    ("mass_std", 2.0, errors.InvalidCovarianceError),
+    ("center_of_mass_std.y", -0.1, errors.InvalidCovarianceError),
+    ("center_of_mass_std.z", INF, errors.NotFiniteError),
     ("pose.pose.position.y", INF, errors.NotFiniteError),
     ("pose.pose.position.y", "far", errors.InvalidRequestError),
     ("pose.pose.orientation.w", 2.0, errors.InvalidOrientationError),
@@ -246,6 +248,16 @@ def test_a_bad_field_is_named(path, value, error):
     assert type(raised.value) is error
     named = "pose.pose.orientation" if "orientation" in path else path.rpartition(".")[0] if path[-2:] in (".x", ".y", ".z") else path
     assert f"objects[1].{named}" in str(raised.value)
+
+
+def test_uncertain_mass_and_centre_of_mass():
+    message = moving_object()
+    message.mass_std, message.center_of_mass_std.y = 0.25, 0.01
+    scene, *_ = read(message)
+    assert scene.bodies[0].mass_std == 0.25
+    assert scene.bodies[0].center_of_mass_std.tolist() == [0.0, 0.01, 0.0]
+    message.fixed = True
+    assert read(message, moving_object("other")).scene.uncertain == ()
 
 
 def test_plain_integers_are_numbers():

@@ -1,17 +1,19 @@
-"""Objects in other frames: transformed as their poses are, one by one."""
+"""Scenes in other frames: transformed as poses and points are, one by one."""
 
 import sys
 import types
 
 import numpy as np
 import pytest
-from geometry_msgs.msg import TransformStamped
+from geometry_msgs.msg import Pose, TransformStamped
 from scenes import moving_object, orientation_of, position_of
 from scipy.spatial.transform import Rotation
+from shape_msgs.msg import Plane, SolidPrimitive
 from std_msgs.msg import Header
 
 from unc_physics.errors import UnknownFrameError
 from unc_physics.ros.frames import Frames
+from unc_physics_msgs.msg import BoxRegion, Environment
 
 TURN = Rotation.from_rotvec([0.3, 1.2, -0.4])
 SHIFT = np.array([0.5, -2.0, 1.0])
@@ -56,7 +58,7 @@ def test_poses_velocities_and_covariances_against_drawn_poses(frames):
     covariance = SMALL**2 * factor @ factor.T / 6.0
     message.pose.covariance = covariance.ravel()
     message.twist.covariance[0] = -1.0
-    (seen,) = frames.in_world(Header(frame_id="camera"), [message])
+    seen = frames.to_world(Header(frame_id="camera")).object(message)
     assert position_of(message.pose.pose).tolist() == [0.1, 0.2, 0.3]
     assert np.allclose(position_of(seen.pose.pose), TURN.apply([0.1, 0.2, 0.3]) + SHIFT)
     mean = Rotation.from_quat(orientation_of(seen.pose.pose))
@@ -74,12 +76,33 @@ def test_poses_velocities_and_covariances_against_drawn_poses(frames):
     assert np.all(np.abs(errors.T @ errors / DRAWS - expected) < SIGMAS * standard_error)
 
 
+def test_a_plane_and_a_box_stay_where_they_are(frames):
+    rng = np.random.default_rng(3)
+    environment = Environment(
+        planes=[Plane(coef=rng.normal(size=4))], primitives=[SolidPrimitive(type=SolidPrimitive.BOX, dimensions=[1.0, 2.0, 3.0])])
+    pose = Pose()
+    pose.position.x, pose.position.y, pose.position.z = 0.3, -0.2, 0.5
+    turned = Rotation.from_rotvec([0.1, -0.7, 0.4])
+    pose.orientation.x, pose.orientation.y, pose.orientation.z, pose.orientation.w = turned.as_quat()
+    environment.primitive_poses.append(pose)
+    region = BoxRegion(id="bin", pose=pose)
+    transform = frames.to_world(Header(frame_id="camera"))
+    seen, seen_region = transform.environment(environment), transform.region(region)
+    points = rng.normal(size=(20, 3))
+    assert np.allclose(
+        (TURN.apply(points) + SHIFT) @ seen.planes[0].coef[:3] + seen.planes[0].coef[3],
+        points @ environment.planes[0].coef[:3] + environment.planes[0].coef[3])
+    for moved in (seen.primitive_poses[0], seen_region.pose):
+        assert np.allclose(position_of(moved), TURN.apply([0.3, -0.2, 0.5]) + SHIFT)
+        assert (Rotation.from_quat(orientation_of(moved)).inv() * TURN * turned).magnitude() < 1e-12
+    assert position_of(environment.primitive_poses[0]).tolist() == [0.3, -0.2, 0.5]
+
+
 def test_the_world_frame_and_no_frame_are_the_same(frames):
-    objects = [moving_object()]
-    assert frames.in_world(Header(), objects) is objects
-    assert frames.in_world(Header(frame_id="world"), objects) is objects
+    assert frames.to_world(Header()) is None
+    assert frames.to_world(Header(frame_id="world")) is None
 
 
 def test_a_frame_without_transform(frames):
     with pytest.raises(UnknownFrameError, match="nowhere"):
-        frames.in_world(Header(frame_id="nowhere"), [moving_object()])
+        frames.to_world(Header(frame_id="nowhere"))

@@ -17,7 +17,10 @@ from unc_physics_msgs.srv import GetCapabilities
 from .. import __version__
 from ..propagation import PROPAGATORS
 
-_FEATURES = ["joint_covariance", "pose_samples", "candidates", "mesh_packing"]
+_FEATURES = [
+    "environment", "friction", "restitution", "gyroscopic", "contact_probabilities", "region_probabilities",
+    "rest_probability", "joint_covariance", "pose_samples", "candidates", "mesh_packing",
+]
 _MEAN = {"nominal": PropagatorInfo.MEAN_NOMINAL, "estimated": PropagatorInfo.MEAN_ESTIMATED}
 
 

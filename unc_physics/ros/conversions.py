@@ -35,7 +35,6 @@ from ..errors import (
     LimitExceededError,
     NoObjectsError,
     NotFiniteError,
-    NotSupportedError,
     UncPhysicsError,
 )
 from ..kernels.so3 import write_matrix
@@ -51,6 +50,7 @@ from ..scene import RigidBody, Scene
 from ..scene_file import PHYSICS_KEYS, physics_options
 from ..validation import array, covariance, non_negative, number, positive, quaternion
 from .origin import congruent, covariance_at_com, error_map, moved, split
+from .surroundings import read_environment
 
 #: First entry of a covariance that is not known, as in sensor_msgs/Imu.
 UNKNOWN = -1.0
@@ -105,7 +105,7 @@ class ReadScene(NamedTuple):
 
 
 def read_scene(
-    objects, environment, library, physics, doubts=EXACT, max_objects=None, max_spheres=None, fields=None,
+    objects, environment, library, physics, doubts=EXACT, max_objects=None, max_spheres=None, max_elements=None, fields=None,
 ) -> ReadScene:
     """The scene and the belief about it that messages describe.
 
@@ -115,9 +115,9 @@ def read_scene(
     environment : Environment
     library : ModelLibrary
     physics : dict
-        Arguments of `Scene` besides the bodies.
+        Arguments of `Scene` besides bodies and environment.
     doubts : Doubts
-    max_objects, max_spheres : int, optional
+    max_objects, max_spheres, max_elements : int, optional
     fields : sequence of str, optional
         What errors call each object; by default ``objects[0]`` and so on.
 
@@ -130,7 +130,7 @@ def read_scene(
         raise NoObjectsError("must name at least one object", field="objects")
     if max_objects is not None and len(objects) > max_objects:
         raise LimitExceededError(f"must be at most {max_objects} objects", field="objects", value=len(objects))
-    _refuse_environment(environment)
+    elements = read_environment(environment, max_elements)
     fields = [f"objects[{k}]" for k in range(len(objects))] if fields is None else fields
     names = set()
     for message, field in zip(objects, fields, strict=True):
@@ -140,18 +140,25 @@ def read_scene(
             raise DuplicateIdError("is the id of two objects", field=f"{field}.id", value=message.id)
         names.add(message.id)
     read = [_body(message, field, library, doubts, max_spheres) for message, field in zip(objects, fields, strict=True)]
-    scene = _scene(tuple(body for body, *_ in read), tuple((key, _hashable(physics[key])) for key in sorted(physics)))
+    taken = {element.name: k for k, element in enumerate(elements)}
+    for name in names & taken.keys():
+        raise DuplicateIdError("is the id of an object, too", field=f"environment.ids[{taken[name]}]", value=name)
+    constants = tuple((key, _hashable(physics[key])) for key in sorted(physics))
+    try:
+        scene = _scene(tuple(body for body, *_ in read), elements, constants)
+    except InvalidRequestError as error:  # the node's own parameters are in range
+        raise InvalidOptionError(error.problem, field=f"scene_options '{error.field}'", value=error.value) from None
     mean = np.array([state for _, state, _, _ in read])
-    blocks = np.array([P for (*_, fixed), _, P, _ in read if not fixed]).reshape(-1, ERROR, ERROR)
+    blocks = np.array([P for (_, _, _, fixed, *_), _, P, _ in read if not fixed]).reshape(-1, ERROR, ERROR)
     belief = Belief.trusted(mean, blocks, scene.moving.copy())
     models = tuple(message.model for message in objects)
     return ReadScene(scene, belief, models, any(zeros for *_, zeros in read))
 
 
 @functools.lru_cache(maxsize=32)
-def _scene(bodies, physics):
-    """The scene of (name, model, mass, fixed) for each body; one that comes again keeps what the kernels need."""
-    return Scene([RigidBody(*body) for body in bodies], **dict(physics))
+def _scene(bodies, elements, physics):
+    """The scene of each body's arguments of `RigidBody`; one that comes again keeps what the kernels need."""
+    return Scene([RigidBody(*body) for body in bodies], environment=elements, **dict(physics))
 
 
 def _hashable(value):
@@ -173,7 +180,7 @@ def read_physics(pairs) -> dict:
 
     Raises
     ------
-    InvalidOptionError, NotFiniteError, InvalidHorizonError, NotSupportedError
+    InvalidOptionError, NotFiniteError, InvalidHorizonError
     """
     options = {}
     for key, text in read_options(pairs, "scene_options").items():
@@ -201,11 +208,6 @@ def _parsed(text):
     return yaml.safe_load(text)
 
 
-def _refuse_environment(environment):
-    if environment.planes or environment.primitives or environment.primitive_poses or environment.ids:
-        raise NotSupportedError("is not supported yet", field="environment")
-
-
 def _body(message, field, library, doubts, max_spheres):
     """What makes a body, its state (13,), its covariance (12, 12), and whether zeros were read as unknown."""
     try:
@@ -214,13 +216,13 @@ def _body(message, field, library, doubts, max_spheres):
         place = f"{field}.{error.field}" if error.field in ("model", "spheres", "scale") else f"{field}.model: {error.field}"
         raise type(error)(error.problem, field=place, value=error.value) from error
     mass = _mass(message, field, model)
-    _refuse_uncertain_parameters(message, field)
+    stds = _stds(message, field, mass)
     pose, twist = message.pose.pose, message.twist.twist
     at_origin = np.zeros(STATE)
     at_origin[QUATERNION] = quaternion(_xyzw(pose.orientation), f"{field}.pose.pose.orientation")
     at_origin[POSITION] = array(_xyz(pose.position), (3,), f"{field}.pose.pose.position")
     origin = _writable(model.origin)
-    body = message.id, model, mass, bool(message.fixed)
+    body = message.id, model, mass, bool(message.fixed), *stds
     if message.fixed:
         return body, moved(at_origin, origin, -1.0), np.zeros((ERROR, ERROR)), False
     at_origin[VELOCITY] = array(_xyz(twist.linear), (3,), f"{field}.twist.twist.linear")
@@ -251,12 +253,16 @@ def _mass(message, field, model):
     return model.mass
 
 
-def _refuse_uncertain_parameters(message, field):
-    stds = {"mass_std": message.mass_std}
-    stds |= {f"center_of_mass_std.{axis}": getattr(message.center_of_mass_std, axis) for axis in "xyz"}
-    for name, value in stds.items():
-        if non_negative(value, f"{field}.{name}", InvalidCovarianceError) > 0.0:
-            raise NotSupportedError("is not supported yet", field=f"{field}.{name}", value=value)
+def _stds(message, field, mass):
+    """Standard deviations of the mass and of the centre of mass; a fixed object's are ignored."""
+    if message.fixed:
+        return 0.0, (0.0, 0.0, 0.0)
+    mass_std = non_negative(message.mass_std, f"{field}.mass_std", InvalidCovarianceError)
+    if mass_std > mass:
+        raise InvalidCovarianceError(f"must not exceed the mass of {mass:.6g} kg", field=f"{field}.mass_std", value=mass_std)
+    of_center = message.center_of_mass_std
+    return mass_std, tuple(
+        non_negative(getattr(of_center, axis), f"{field}.center_of_mass_std.{axis}", InvalidCovarianceError) for axis in "xyz")
 
 
 def _known_covariance(values, field, unknown, zero_is_exact):

@@ -1,9 +1,10 @@
-"""Objects in other frames than the world's, by tf2 where it is installed."""
+"""Scenes in other frames than the world's, by tf2 where it is installed."""
 
 from __future__ import annotations
 
 import copy
 import importlib.util
+from typing import NamedTuple
 
 import numpy as np
 from rclpy.time import Time
@@ -36,14 +37,13 @@ class Frames:
         """Whether there is tf2."""
         return self._buffer is not None
 
-    def in_world(self, header, objects):
-        """Objects as the world frame sees them; those given stay as they are.
+    def to_world(self, header) -> Transform | None:
+        """How things in a header's frame are seen from the world frame; None where that is the same.
 
         Parameters
         ----------
         header : Header
             Its frame may be empty, which means the world frame.
-        objects : sequence of ObjectState
 
         Raises
         ------
@@ -51,7 +51,7 @@ class Frames:
             If no transform is known.
         """
         if header.frame_id in ("", self._world_frame):
-            return objects
+            return None
         if self._buffer is None:
             raise UnknownFrameError(
                 f"must be empty or the world frame '{self._world_frame}', as tf2_ros is not installed",
@@ -65,39 +65,65 @@ class Frames:
         t, q = found.transform.translation, found.transform.rotation
         R = rotation_matrix(quaternion((q.x, q.y, q.z, q.w), "the transform's rotation"))
         translation = array((t.x, t.y, t.z), (3,), "the transform's translation")
-        return [transformed(message, R, translation, (q.x, q.y, q.z, q.w)) for message in objects]
+        return Transform(R, translation, (q.x, q.y, q.z, q.w))
 
 
-def transformed(message, R, translation, q):
-    """An object seen from another frame that does not move against its own.
+class Transform(NamedTuple):
+    """From one frame to another that does not move against it; messages that are given stay as they are.
 
-    Parameters
+    Attributes
     ----------
-    message : ObjectState
     R : (3, 3) array
-        Rotation from the object's frame to the other.
+        Rotation from the one frame to the other.
     translation : (3,) array
-        Of the origin of the object's frame, in the other [m].
+        Of the origin of the one frame, in the other [m].
     q : tuple
         The rotation as a quaternion (x, y, z, w).
-
-    Notes
-    -----
-    Covariances are about fixed axes, so both halves of pose and twist turn alike: ``diag(R, R) C diag(R, R)^T``.
-    Those that mean unknown stay so.
     """
-    result = copy.deepcopy(message)
-    pose, twist = result.pose.pose, result.twist.twist
-    _turn(pose.position, R, translation)
-    _turn(twist.linear, R)
-    _turn(twist.angular, R)
-    pose.orientation.x, pose.orientation.y, pose.orientation.z, pose.orientation.w = _product(q, pose.orientation)
-    A = np.kron(np.eye(2), R)
-    for part in (result.pose, result.twist):
-        C = np.array(part.covariance, float)
-        if C[0] != UNKNOWN:
-            part.covariance = (A @ C.reshape(6, 6) @ A.T).ravel()
-    return result
+
+    R: np.ndarray
+    translation: np.ndarray
+    q: tuple[float, float, float, float]
+
+    def object(self, message):
+        """An ObjectState as the other frame sees it.
+
+        Notes
+        -----
+        Covariances are about fixed axes, so both halves of pose and twist turn alike:
+        ``diag(R, R) C diag(R, R)^T``. Those that mean unknown stay so.
+        """
+        result = copy.deepcopy(message)
+        self._move(result.pose.pose)
+        _turn(result.twist.twist.linear, self.R)
+        _turn(result.twist.twist.angular, self.R)
+        A = np.kron(np.eye(2), self.R)
+        for part in (result.pose, result.twist):
+            C = np.array(part.covariance, float)
+            if C[0] != UNKNOWN:
+                part.covariance = (A @ C.reshape(6, 6) @ A.T).ravel()
+        return result
+
+    def environment(self, message):
+        """An Environment as the other frame sees it."""
+        result = copy.deepcopy(message)
+        for plane in result.planes:
+            normal = self.R @ plane.coef[:3]
+            plane.coef = np.append(normal, plane.coef[3] - normal @ self.translation)
+        for pose in result.primitive_poses:
+            self._move(pose)
+        return result
+
+    def region(self, message):
+        """A BoxRegion as the other frame sees it."""
+        result = copy.deepcopy(message)
+        self._move(result.pose)
+        return result
+
+    def _move(self, pose):
+        _turn(pose.position, self.R, self.translation)
+        q = pose.orientation
+        q.x, q.y, q.z, q.w = _product(self.q, q)
 
 
 def _turn(vector, R, translation=(0.0, 0.0, 0.0)):

@@ -9,6 +9,8 @@ from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescri
 
 from ..errors import InvalidOptionError, UncPhysicsError
 from ..propagation import PROPAGATORS
+from ..scene import INTEGRATORS
+from ..scene_file import PHYSICS_KEYS
 
 
 def parameter(default, description, *, low=None, high=None, choices=(), read_only=False):
@@ -41,6 +43,15 @@ class Settings:
     damping: float = parameter(0.0, "Decay rate of all velocities [1/s].", low=0.0, high=1e3)
     gravity: tuple[float, ...] = parameter((0.0, 0.0, -9.81), "Gravity in the world frame, 3 numbers [m/s^2].")
 
+    friction: float = parameter(0.0, "Coefficient of Coulomb friction of all contacts; 0: none.", low=0.0, high=100.0)
+    restitution: float = parameter(
+        1.0, "Coefficient of restitution of all contacts; 1: elastic.", low=0.0, high=1.0)
+    gyroscopic: bool = parameter(
+        True, "Whether turning bodies keep their angular momentum; otherwise their angular velocity, as in the paper.")
+    integrator: str = parameter(
+        "robust", "How steps are taken: as in the paper ('explicit'), or divided and linearly implicit where contacts "
+        "need it ('robust').", choices=INTEGRATORS)
+
     zero_covariance: str = parameter(
         "default", "What a pose or twist covariance of zeros means: unknown, so that the default takes its place "
         "('default'), or exactly known ('exact').", choices=("default", "exact"))
@@ -56,6 +67,8 @@ class Settings:
     max_steps: int = parameter(100_000, "Most time steps of a prediction.", low=1, high=100_000_000)
     max_objects: int = parameter(100, "Most objects of a request.", low=1, high=10_000)
     max_spheres: int = parameter(100_000, "Most spheres of one object.", low=1, high=10_000_000)
+    max_elements: int = parameter(200, "Most planes and primitives of an environment.", low=0, high=10_000)
+    max_regions: int = parameter(100, "Most regions of a request.", low=0, high=10_000)
     max_samples: int = parameter(20_000, "Most samples of a sampled propagator.", low=1, high=10_000_000)
     max_states: int = parameter(1_000, "Most states in the trajectory of one object.", low=1, high=100_000)
     max_return_samples: int = parameter(1_000, "Most pose samples for each object and time.", low=0, high=1_000_000)
@@ -84,8 +97,8 @@ class Settings:
         1.0, "Mass of tracked and detected objects whose model gives none [kg].", low=1e-9, high=1e9)
 
     markers: tuple[str, ...] = parameter(
-        ("predicted",), "What ~/markers shows of each object.",
-        choices=("predicted", "initial", "ellipsoid", "rotation"))
+        ("predicted", "environment"), "What ~/markers shows of each object, and whether it shows the environment.",
+        choices=("predicted", "initial", "ellipsoid", "rotation", "environment"))
     marker_cells: int = parameter(12, "Cells along the longest side of a shape in ~/markers.", low=2, high=40)
 
     def __post_init__(self):
@@ -113,7 +126,7 @@ class Settings:
     @property
     def physics(self) -> dict:
         """The physics of the scenes, as arguments of `Scene`."""
-        return {key: getattr(self, key) for key in ("dt", "stiffness", "damping", "gravity")}
+        return {key: getattr(self, key) for key in PHYSICS_KEYS if hasattr(self, key)}
 
 
 def descriptor(spec: Field) -> ParameterDescriptor:

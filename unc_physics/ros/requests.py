@@ -4,16 +4,14 @@ from __future__ import annotations
 
 import secrets
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 
 from ..belief import Belief
 from ..errors import (
-    DuplicateIdError,
     ErrorCode,
-    InvalidEnvironmentError,
     InvalidHorizonError,
     LimitExceededError,
     NotSupportedError,
@@ -21,6 +19,7 @@ from ..errors import (
 )
 from ..layout import ERROR
 from ..propagation import Prediction, predict
+from ..propagation.answers import BoxRegion
 from ..propagation.base import Propagator
 from ..propagation.predict import periodic_times
 from ..propagation.registry import propagator_from_texts
@@ -30,9 +29,12 @@ from .conversions import Doubts, Wanted, read_options, read_physics, read_scene,
 from .frames import Frames
 from .models import ModelLibrary
 from .parameters import Settings
+from .probabilities import write_probabilities
+from .surroundings import read_regions
 
 _STATE_BYTES = 800  # of a PredictedState without its optional parts
 _POSE_BYTES = 56
+_PROBABILITY_BYTES = 100
 _NUMBER_BYTES = 8
 _SEED_BITS = 53  # whole numbers that JavaScript and MATLAB clients keep, too
 
@@ -44,6 +46,7 @@ class Job(NamedTuple):
     ----------
     scene : Scene
     belief : Belief
+    regions : tuple of BoxRegion
     models : tuple of str
         Names of the objects' models.
     propagator : Propagator
@@ -62,6 +65,7 @@ class Job(NamedTuple):
 
     scene: Scene
     belief: Belief
+    regions: tuple[BoxRegion, ...]
     models: tuple[str, ...]
     propagator: Propagator
     horizon: float
@@ -104,20 +108,24 @@ def read_request(
     UncPhysicsError
         One of its kinds, naming the field and the value.
     """
-    objects = frames.in_world(request.header, request.objects if objects is None else objects)
-    _refuse_regions(request.regions)
+    objects = request.objects if objects is None else objects
+    environment, regions = request.environment, request.regions
+    transform = frames.to_world(request.header)
+    if transform is not None:
+        objects = [transform.object(message) for message in objects]
+        environment, regions = transform.environment(environment), [transform.region(region) for region in regions]
     horizon = _horizon(request.horizon, settings)
     physics = settings.physics | read_physics(request.scene_options)
     read = read_scene(
-        objects, request.environment, library, physics, doubts_of(settings),
-        settings.max_objects, settings.max_spheres, fields,
+        objects, environment, library, physics, doubts_of(settings),
+        settings.max_objects, settings.max_spheres, settings.max_elements, fields,
     )
     times = _times(request.trajectory_period, horizon, read.scene.dt, settings)
     seed = request.seed or 1 + secrets.randbelow(2**_SEED_BITS - 1)
     options = read_options(request.propagator_options, "propagator_options")
     propagator = _propagator(request.propagator, options, request.samples, seed, settings)
     job = Job(
-        read.scene, read.belief, read.models, propagator, horizon, times,
+        read.scene, read.belief, _regions(regions, settings), read.models, propagator, horizon, times,
         _computation_time(request.max_computation_time, time_limit), getattr(propagator, "seed", seed),
         request.return_samples,
         Wanted(request.return_covariance, request.return_joint_covariance), read.zeros_replaced,
@@ -133,8 +141,8 @@ def run(job: Job, progress: Callable[[int, int], object] | None = None) -> Outco
     ------
     UncPhysicsError
     """
-    drawn = [] if job.return_samples else None
-    propagator = job.propagator if drawn is None else _Sampling(job.propagator, job.return_samples, job.seed, drawn)
+    keeps = job.return_samples and _keeps_samples(job.propagator)
+    propagator = _Keeping(job.propagator, job.return_samples, []) if keeps else job.propagator
     try:
         prediction = predict(
             job.scene, job.belief, propagator, job.horizon, times=job.times,
@@ -142,9 +150,19 @@ def run(job: Job, progress: Callable[[int, int], object] | None = None) -> Outco
         )
     except UncPhysicsError as error:
         if hasattr(error, "prediction"):
-            error.outcome = Outcome(error.prediction, drawn)
+            error.outcome = _outcome(job, propagator, error.prediction)
         raise
-    return Outcome(prediction, drawn)
+    return _outcome(job, propagator, prediction)
+
+
+def _outcome(job, propagator, prediction):
+    """The prediction by the job's propagator, and the states that are wanted with it."""
+    samples = None
+    if isinstance(propagator, _Keeping):
+        samples = propagator.kept
+    elif job.return_samples:  # the same normal numbers at every time, so that an entry belongs together over time
+        samples = [belief.sample(job.return_samples, np.random.default_rng(job.seed)) for belief in prediction.beliefs]
+    return Outcome(replace(prediction, propagator=job.propagator), samples)
 
 
 def write_answer(message, header, settings: Settings, job: Job, outcome: Outcome) -> None:
@@ -157,6 +175,7 @@ def write_answer(message, header, settings: Settings, job: Job, outcome: Outcome
     message.propagator = job.propagator.name
     message.objects = objects
     message.joint_covariances = joints
+    write_probabilities(message, job.scene, prediction, job.belief, job.regions)
     message.seed_used = job.seed
     message.time_reached = float(prediction.time)
     message.computation_time = float(prediction.wall_time)
@@ -179,16 +198,10 @@ def doubts_of(settings: Settings) -> Doubts:
     )
 
 
-def _refuse_regions(regions):
-    ids = set()
-    for k, region in enumerate(regions):
-        if region.id in ids:
-            raise DuplicateIdError("is the id of two regions", field=f"regions[{k}].id", value=region.id)
-        ids.add(region.id)
-        for axis in "xyz":
-            positive(getattr(region.size, axis), f"regions[{k}].size.{axis}", InvalidEnvironmentError)
-    if len(regions) > 0:
-        raise NotSupportedError("are not supported yet", field="regions")
+def _regions(messages, settings):
+    if len(messages) > settings.max_regions:
+        raise LimitExceededError(f"must be at most {settings.max_regions}", field="regions", value=len(messages))
+    return read_regions(messages)
 
 
 def _horizon(value, settings):
@@ -254,8 +267,10 @@ def answer_bytes(job: Job) -> int:
     """About how many bytes the answer takes."""
     states = 1 + len(job.times or ())
     one = _STATE_BYTES + _POSE_BYTES * job.return_samples + _NUMBER_BYTES * ERROR**2 * job.wanted.covariance
-    joint = _NUMBER_BYTES * (ERROR * len(job.scene.moving)) ** 2 * job.wanted.joint_covariance
-    return states * (len(job.scene.bodies) * one + joint)
+    moving = len(job.scene.moving)
+    joint = _NUMBER_BYTES * (ERROR * moving) ** 2 * job.wanted.joint_covariance
+    pairs = moving * (len(job.scene.bodies) + len(job.scene.environment) + 1)
+    return states * (len(job.scene.bodies) * one + joint) + _PROBABILITY_BYTES * (pairs + moving * len(job.regions))
 
 
 def _keeps_samples(propagator):
@@ -263,13 +278,16 @@ def _keeps_samples(propagator):
 
 
 @dataclass(frozen=True)
-class _Sampling(Propagator):
-    """Another propagator that also draws states wherever a belief is wanted."""
+class _Keeping(Propagator):
+    """A propagator of samples that also keeps some of their states wherever a belief is wanted."""
 
     inner: Propagator
     count: int
-    seed: int
-    drawn: list
+    kept: list
+
+    @property
+    def varies_parameters(self):
+        return self.inner.varies_parameters
 
     def init(self, scene, belief):
         return self.inner.init(scene, belief)
@@ -278,9 +296,5 @@ class _Sampling(Propagator):
         return self.inner.advance(carry, scene, steps)
 
     def belief(self, carry, scene):
-        belief = self.inner.belief(carry, scene)
-        if _keeps_samples(self.inner):
-            self.drawn.append(carry.states[: self.count].copy())
-        else:  # the same normal numbers at every time, so that an entry belongs together over time
-            self.drawn.append(belief.sample(self.count, np.random.default_rng(self.seed)))
-        return belief
+        self.kept.append(self.inner.states(carry, scene)[: self.count].copy())
+        return self.inner.belief(carry, scene)

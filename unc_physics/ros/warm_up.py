@@ -41,6 +41,6 @@ def warm_up(settings: Settings, message_type) -> None:
         few = {"samples": 4} if "samples" in cls.options() else {}
         propagator = make_propagator(name, **few)
         wanted = Wanted(covariance=True, joint_covariance=propagator.traits.cross_body)
-        job = Job(scene, belief, ("rod",) * 3, propagator, _STEPS * scene.dt, None, None, 1, 2, wanted, False)
+        job = Job(scene, belief, (), ("rod",) * 3, propagator, _STEPS * scene.dt, None, None, 1, 2, wanted, False)
         message = message_type()
         write_answer(message, message.header, settings, job, run(job))

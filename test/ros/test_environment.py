@@ -1,0 +1,152 @@
+"""Surroundings and contact laws of requests, and the probabilities that answers tell."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from diagnostic_msgs.msg import KeyValue
+from geometry_msgs.msg import Pose
+from scenes import assert_answered, diagonal, moving_object, orientation_of, position_of
+from scipy.spatial.transform import Rotation
+from shape_msgs.msg import Plane, SolidPrimitive
+from std_msgs.msg import Header
+
+from unc_physics.errors import ErrorCode
+from unc_physics.ros.markers import markers
+from unc_physics.ros.parameters import Settings
+from unc_physics.ros.surroundings import read_environment
+from unc_physics_msgs.msg import BoxRegion, ContactProbability, Environment
+from unc_physics_msgs.srv import Predict
+
+FLOOR = 0.2  # m, height
+SAMPLES = 200
+
+
+def floor_as(kind):
+    """The same floor as a half-space, whose normal is not of unit length, or as a box."""
+    if kind == "plane":
+        return Environment(planes=[Plane(coef=[0.0, 0.0, 2.0, -2.0 * FLOOR])], ids=["floor"])
+    pose = Pose()
+    pose.position.z = FLOOR - 0.5
+    return Environment(
+        primitives=[SolidPrimitive(type=SolidPrimitive.BOX, dimensions=[4.0, 4.0, 1.0])], primitive_poses=[pose], ids=["floor"])
+
+
+def falling_brick(name="brick", height=0.15, x=0.0):
+    """A brick above the floor."""
+    message = moving_object(name, "brick", (x, 0.0, FLOOR + height), (0.0, 0.0, 0.0), spheres=50)
+    message.pose.covariance = diagonal(*[0.005] * 3, *[0.02] * 3)
+    return message
+
+
+def request_with(environment, *objects, horizon=0.6, options=(), **others):
+    request = Predict.Request(environment=environment, objects=list(objects), horizon=horizon, seed=1, **others)
+    options = {"stiffness": "1e6", "restitution": "0.3", "friction": "0.5"} | dict(options)
+    request.scene_options = [KeyValue(key=key, value=value) for key, value in options.items()]
+    return request
+
+
+def height_of(response, k=0):
+    return response.objects[k].states[-1].pose.pose.position.z
+
+
+@pytest.mark.parametrize("kind", ["plane", "box"])
+@pytest.mark.parametrize("propagator", ["surrogate", "sigma_points"])
+def test_a_floor_holds_what_falls_on_it(predict, kind, propagator):
+    held = predict(request_with(floor_as(kind), falling_brick(), propagator=propagator))
+    fallen = predict(request_with(Environment(), falling_brick(), propagator=propagator))
+    assert_answered(held)
+    assert_answered(fallen)
+    assert FLOOR - 0.1 < height_of(held) < FLOOR + 0.15
+    assert height_of(fallen) < FLOOR - 1.0
+
+
+def test_probabilities_of_contact_region_and_rest(predict):
+    inside = BoxRegion(id="inside")
+    inside.pose.position.z = FLOOR + 0.1
+    inside.size.x = inside.size.y = inside.size.z = 0.6
+    away = BoxRegion(id="away")
+    away.pose.position.x = 5.0
+    away.size.x = away.size.y = away.size.z = 1.0
+    request = request_with(
+        floor_as("plane"), falling_brick("near"), falling_brick("far", x=1.0), propagator="monte_carlo", samples=SAMPLES,
+        return_samples=10, regions=[inside, away])
+    response = predict(request)
+    assert_answered(response)
+    contacts = {(answer.object_a, answer.object_b): answer for answer in response.contact_probabilities}
+    assert set(contacts) == {
+        ("near", "far"), ("near", "floor"), ("far", "floor"),
+        ("near", ContactProbability.ENVIRONMENT), ("far", ContactProbability.ENVIRONMENT)}
+    assert all(answer.available for answer in contacts.values())
+    assert contacts["near", "far"].probability == 0.0
+    assert not contacts["near", "far"].first_contact_time_available
+    for pair in (("near", "floor"), ("near", ContactProbability.ENVIRONMENT)):
+        assert contacts[pair].probability == 1.0
+        assert contacts[pair].first_contact_time_available
+        assert 0.0 < contacts[pair].first_contact_time_mean < 0.3
+    regions = {(answer.region, answer.object): answer for answer in response.region_probabilities}
+    assert set(regions) == {(region, name) for region in ("inside", "away") for name in ("near", "far")}
+    assert regions["inside", "near"].probability == 1.0
+    assert all(answer.available for answer in regions.values())
+    assert regions["inside", "far"].probability == regions["away", "near"].probability == 0.0
+    assert all(predicted.rest_probability_available for predicted in response.objects)
+
+
+def test_what_is_not_known_well_enough_is_not_available(predict):
+    region = BoxRegion(id="bin")
+    region.size.x = region.size.y = region.size.z = 1.0
+    few = request_with(
+        floor_as("plane"), falling_brick(), propagator="monte_carlo", samples=10, regions=[region])
+    response = predict(few)
+    assert_answered(response)
+    for answer in (*response.contact_probabilities, *response.region_probabilities):
+        assert not answer.available and answer.probability == 0.0
+    assert not response.objects[0].rest_probability_available
+
+
+@pytest.mark.parametrize(("key", "value"), [
+    ("friction", "0.9"), ("restitution", "0.8"), ("gyroscopic", "false"), ("integrator", "explicit"), ("stiffness", "3e6"),
+])
+def test_each_scene_option_changes_the_prediction(predict, key, value):
+    thrown = falling_brick()
+    thrown.twist.twist.linear.x, thrown.twist.twist.angular.y, thrown.twist.twist.angular.z = 0.5, 3.0, 2.0
+    request = request_with(floor_as("plane"), thrown, propagator="surrogate")
+    other = request_with(floor_as("plane"), thrown, propagator="surrogate", options={key: value})
+    first, again, changed = predict(request), predict(request), predict(other)
+    for response in (first, again, changed):
+        assert_answered(response)
+    assert np.array_equal(pose_numbers(first), pose_numbers(again))
+    assert not np.array_equal(pose_numbers(first), pose_numbers(changed))
+
+
+def pose_numbers(response):
+    pose = response.objects[0].states[-1].pose.pose
+    return [pose.position.x, pose.position.y, pose.position.z, pose.orientation.x, pose.orientation.w]
+
+
+def test_uncertain_friction_and_mass_widen_the_prediction(predict):
+    sliding = falling_brick(height=0.06)
+    sliding.pose.covariance = diagonal(*[1e-4] * 6)
+    sliding.twist.twist.linear.x = 1.0
+    exact = predict(request_with(floor_as("plane"), sliding, propagator="monte_carlo", samples=SAMPLES))
+    request = request_with(
+        floor_as("plane"), sliding, propagator="monte_carlo", samples=SAMPLES, options={"friction_std": "0.2"})
+    uncertain = predict(request)
+    for response in (exact, uncertain):
+        assert response.error_code == ErrorCode.NONE, response.error_msg
+    variances = [response.objects[0].states[-1].pose.covariance[0] for response in (exact, uncertain)]
+    assert variances[1] > 2.0 * variances[0]
+
+
+def test_markers_of_planes_and_boxes():
+    tilted = Plane(coef=[0.0, -0.6, 0.8, -1.0])
+    environment = floor_as("box")
+    environment.planes, environment.ids = [tilted], ["ramp", "floor"]
+    job = SimpleNamespace(scene=SimpleNamespace(bodies=(), environment=read_environment(environment)))
+    _, ramp, floor = markers(Header(), job, SimpleNamespace(objects=[]), Settings()).markers
+    assert (ramp.ns, floor.ns) == ("environment ramp", "environment floor")
+    assert (floor.scale.x, floor.scale.z, floor.pose.position.z) == (4.0, 1.0, FLOOR - 0.5)
+    turn = Rotation.from_quat(orientation_of(ramp.pose))
+    assert np.allclose(turn.apply([0.0, 0.0, 1.0]), tilted.coef[:3])
+    top = position_of(ramp.pose) + turn.apply([1.0, 1.5, 0.5 * ramp.scale.z])
+    assert top @ tilted.coef[:3] == pytest.approx(1.0)
