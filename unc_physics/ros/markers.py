@@ -9,6 +9,7 @@ from geometry_msgs.msg import Point
 from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker, MarkerArray
 
+from ..environment import Plane, element_names
 from ..layout import POSITION, QUATERNION
 from .conversions import rotation_matrix
 
@@ -18,6 +19,9 @@ _AXES = np.eye(3)
 _BALL = 1.3  # diameter of a cell's ball in sizes of the cell, so that there are no holes
 _SPHERES = 300  # whose shape is drawn
 _OF_UNCERTAINTY = ("ellipsoid", "rotation")
+_OF_ENVIRONMENT = "environment"
+_STONE = (0.6, 0.6, 0.6)
+_SLAB = 4.0, 0.01  # m, sides and thickness of what stands for a half-space
 
 
 class MarkerTopic:
@@ -48,24 +52,43 @@ def markers(header, job, answer, settings) -> MarkerArray:
     answer : message
         With the predicted objects.
     settings : Settings
-        ``markers`` names what is drawn of each object.
+        ``markers`` names what is drawn of each object, and of the environment.
 
     Notes
     -----
-    Shapes are the model's first ; the ellipsoid holds two standard deviations of the
+    Shapes are made from a model's largest spheres; the ellipsoid holds two standard deviations of the
     position, and each fan shows two standard deviations of the rotation's tilt of one axis of the model.
     """
     found = MarkerArray(markers=[Marker(action=Marker.DELETEALL)])
     for k, (body, predicted) in enumerate(zip(job.scene.bodies, answer.objects, strict=True)):
         last = predicted.states[-1].pose
         for kind in settings.markers:
-            if not (body.fixed and kind in _OF_UNCERTAINTY):
+            if kind != _OF_ENVIRONMENT and not (body.fixed and kind in _OF_UNCERTAINTY):
                 marker = _marker(kind, job, k, last, _COLORS[k % len(_COLORS)], settings.marker_cells)
                 marker.ns = f"{kind} {body.name}"
                 found.markers.append(marker)
+    if _OF_ENVIRONMENT in settings.markers:
+        elements = job.scene.environment
+        found.markers += [_solid(element, name) for element, name in zip(elements, element_names(elements), strict=True)]
     for marker in found.markers:
         marker.header.stamp, marker.header.frame_id = header.stamp, settings.world_frame
     return found
+
+
+def _solid(element, name):
+    """A box, or a slab for a half-space, below its surface and near the frame's origin."""
+    marker = Marker(type=Marker.CUBE, ns=f"{_OF_ENVIRONMENT} {name}", color=_color(_STONE, 0.5))
+    if isinstance(element, Plane):
+        side, thickness = _SLAB
+        size, position = (side, side, thickness), (element.offset - 0.5 * thickness) * element.normal
+        helper = _AXES[np.argmin(np.abs(element.normal))]
+        first = np.cross(helper, element.normal)
+        first /= np.linalg.norm(first)
+        quaternion = _quaternion(np.column_stack([first, np.cross(element.normal, first), element.normal]))
+    else:
+        size, position, quaternion = element.size.tolist(), element.position, element.orientation
+    marker.scale.x, marker.scale.y, marker.scale.z = size
+    return _placed(marker, position, quaternion)
 
 
 def _marker(kind, job, k, last, color, cells):
