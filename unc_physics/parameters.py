@@ -10,7 +10,7 @@ import numpy as np
 from .kernels.step import advance
 from .kernels.world import World
 from .layout import ANGULAR_VELOCITY, POSITION, QUATERNION, VELOCITY
-from .scene import Scene
+from .scene import Scene, tree_of
 
 _SINGLE = 4.0 * np.finfo(np.float32).eps  # more than a shift rounds, relative to the body's size
 
@@ -55,7 +55,7 @@ def vary(scene: Scene, z: np.ndarray) -> World:
         gravity = _tilted(gravity, tilt)
     offsets = center_offsets(scene, z[None])[0]
     if len(offsets):
-        tree, radius = _shifted_trees(world, offsets)
+        tree, radius = _shifted_trees(scene, offsets)
     if laws is not None:
         own = {name: changed[name] for name in ("friction", "dissipation") if name in changed}
         laws = laws._replace(mass=mass, inertia=inertia, **own)
@@ -111,14 +111,14 @@ def _tilted(gravity, tilt):
     return size * (np.cos(angle) * down + np.sin(angle) / angle * np.cross(turn, down))
 
 
-def _shifted_trees(world, offsets):
+def _shifted_trees(scene, offsets):
     """The sphere trees, and the radii of balls about the centres of mass that hold them, for shifted centres of mass."""
+    world = scene.world
     bounds, child, centers, radii = world.tree
     bounds, centers, radius = bounds.copy(), centers.copy(), world.bodies.radius.copy()
-    ends = np.append(np.unique(world.bodies.root), len(child))
     for k in np.flatnonzero(offsets.any(axis=1)):
         root = world.bodies.root[k]
-        nodes = slice(root, ends[np.searchsorted(ends, root) + 1])
+        nodes = slice(root, root + len(tree_of(scene.bodies[k].model)[1]))
         spheres = ~child[nodes][child[nodes] < 0]
         centers[spheres] -= offsets[k]
         reach = np.max(np.linalg.norm(centers[spheres], axis=1) + radii[spheres])

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
+from importlib.util import find_spec
+from pathlib import Path
 
 PROGRESS_AFTER = 2.0  # s
 
@@ -27,6 +30,7 @@ def add_predict_command(commands) -> None:
     )
     parser.add_argument("--horizon", metavar="T", help="time to predict for [s], instead of the scene file's")
     parser.add_argument("--period", metavar="T", help="also report the states every T seconds on the way there")
+    parser.add_argument("--picture", metavar="OUT.png", help="also draw the prediction, from the side and from above")
     parser.add_argument("--models", metavar="DIR", help="folder of the models, instead of the model library")
     parser.add_argument("--json", action="store_true", help="print one JSON object instead of a table")
     parser.set_defaults(run=run)
@@ -44,6 +48,8 @@ def run(arguments) -> int:
     from .propagation.registry import propagator_from_texts
     from .scene_file import load_scene
 
+    if arguments.picture is not None:
+        _check_picture(arguments.picture)
     propagator = propagator_from_texts(arguments.propagator, dict(arguments.option), arguments.samples, arguments.seed)
     scene, belief, horizon = load_scene(arguments.scene, arguments.models)
     horizon = horizon if arguments.horizon is None else arguments.horizon
@@ -53,7 +59,25 @@ def run(arguments) -> int:
         print(json.dumps(as_dict(scene, prediction, seed), allow_nan=False))
     else:
         print(as_table(scene, prediction))
+    if arguments.picture is not None:
+        from .scene_picture import draw_prediction
+
+        draw_prediction(arguments.picture, scene, belief, prediction, Path(arguments.scene).stem.replace("_", " "))
     return 0
+
+
+def _check_picture(path):
+    """Refuse a picture that cannot be drawn or written, before any work is done."""
+    from .errors import NotSupportedError, OutputError
+
+    missing = [name for name in ("matplotlib", "scipy") if find_spec(name) is None]
+    if missing:
+        raise NotSupportedError(f"--picture needs {' and '.join(missing)}: pip install {' '.join(missing)}")
+    if Path(path).suffix != ".png":
+        raise OutputError("must end in .png", field="--picture", value=path)
+    folder = Path(path).resolve().parent
+    if not folder.is_dir() or not os.access(folder, os.W_OK) or Path(path).is_dir():
+        raise OutputError("cannot be written", field="--picture", value=path)
 
 
 def _predict_with_progress(scene, belief, propagator, horizon, period):

@@ -17,6 +17,7 @@ from .errors import (
     InvalidHorizonError,
     InvalidMassError,
     InvalidModelError,
+    InvalidOptionError,
     InvalidRequestError,
     NoObjectsError,
     NotFiniteError,
@@ -136,6 +137,11 @@ def physics_options(content) -> dict:
     options = {key: number(value, key) if key in _NUMBERS else value for key, value in given.items()}
     if "gravity" in options:
         options["gravity"] = _numbers(options["gravity"], (3,), "gravity")
+    for key in ("gyroscopic", "islands"):
+        if not isinstance(options.get(key, False), bool):
+            raise InvalidRequestError("must be true or false", field=key, value=options[key])
+    if not isinstance(options.get("integrator", ""), str):
+        raise InvalidOptionError("must be a text", field="integrator", value=options["integrator"])
     return options
 
 

@@ -1,12 +1,16 @@
 """Answers that a robot asks a prediction for: will they touch, and when; where will it be; will it be at rest?
 
-Every answer is a probability that was found to be within `TOLERANCE` of the truth, or says that it is not available:
-``python -m benchmarks.calibration`` compares all of them with Monte Carlo.
+Every answer is a probability within `TOLERANCE` of the truth, or says that it is not available. Monte Carlo counts its
+samples. The other propagators have no samples, and the Gaussian that they end with is no good for probabilities once
+bodies have touched (``python -m benchmarks.calibration`` shows how far off it is). What they can tell is what is decided
+by the first contacts, before which all bodies fly freely: flights drawn from the initial belief say for each question
+how often it is answered yes, no, or not yet; a probability is available where "not yet" is rare.
 """
 
 from __future__ import annotations
 
 import math
+import weakref
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 
@@ -20,6 +24,7 @@ from ..kernels.so3 import write_matrix
 from ..layout import ANGULAR_VELOCITY, POSITION, VELOCITY
 from ..scene import Scene
 from ..validation import array, positive, quaternion
+from .first_contacts import first_contacts
 from .predict import Prediction
 
 #: What an answer is called with that is about any element of the environment.
@@ -28,10 +33,15 @@ ENVIRONMENT = "environment"
 TOLERANCE = 0.1
 #: Samples below which a probability's binomial error at 95 % may be above the tolerance.
 FEWEST_SAMPLES = math.ceil((1.96 * 0.5 / TOLERANCE) ** 2)
+#: Flights of a propagator without samples, and the largest share of them that may leave a question open: half of it
+#: and the binomial error at 95 % add up to the tolerance.
+FLIGHTS, MOST_OPEN = 400, 0.1
 #: Contacts below which too little is known of when they begin.
 FEWEST_CONTACTS = 10
 #: Speeds below which a body counts as at rest [m/s], [rad/s].
 REST_SPEED, REST_ANGULAR_SPEED = 0.01, math.radians(5.0)
+
+_known = weakref.WeakKeyDictionary()  # outcomes of predictions whose answers were asked for
 
 
 @dataclass(frozen=True, eq=False)
@@ -160,7 +170,8 @@ def contact_probabilities(scene: Scene, prediction: Prediction, initial: Belief 
     scene : Scene
     prediction : Prediction
     initial : Belief, optional
-        The belief that the prediction began with. Propagators that have no samples need it.
+        The belief that the prediction began with. Propagators without samples need it to answer; their first answer to
+        any question about a prediction takes `FLIGHTS` flights up to the first contacts.
 
     Returns
     -------
@@ -168,15 +179,8 @@ def contact_probabilities(scene: Scene, prediction: Prediction, initial: Belief 
         For each pair of bodies of which one moves, in the scene's order; then, for each moving body, each element of
         the environment, and the environment as a whole under the name `ENVIRONMENT`.
     """
-    samples = _samples(scene, prediction)
-    answers = []
-    for body_a, body_b, columns in _encounters(scene):
-        names = (body_a, body_b, prediction.time)
-        if samples is None:
-            answers.append(ContactProbability(*names))
-        else:
-            answers.append(_contact(names, samples.first[:, columns[0], columns[1]].min(axis=1)))
-    return tuple(answers)
+    outcomes = _outcomes(scene, prediction, initial)
+    return tuple(_contact((*names, prediction.time), outcomes, *place) for *names, place in _encounters(scene))
 
 
 def region_probabilities(
@@ -207,16 +211,12 @@ def region_probabilities(
     for k, name in enumerate(names):
         if name in names[:k]:
             raise DuplicateIdError("is the name of two regions", field=f"regions[{k}].name", value=name)
-    samples = _samples(scene, prediction)
+    outcomes = _outcomes(scene, prediction, initial)
     answers = []
     for region in regions:
         for body in scene.moving:
-            of = (region.name, scene.bodies[body].name, prediction.time)
-            if samples is None:
-                answers.append(RegionProbability(*of))
-            else:
-                inside = region.contains(samples.states[:, body, POSITION])
-                answers.append(RegionProbability(*of, True, float(inside.mean())))
+            inside = None if outcomes is None else region.contains(outcomes.states[:, body, POSITION])
+            answers.append(RegionProbability(region.name, scene.bodies[body].name, prediction.time, *_of_body(inside, outcomes, body)))
     return tuple(answers)
 
 
@@ -241,64 +241,108 @@ def rest_probabilities(
         One for each moving body, in the scene's order.
     """
     speed, angular_speed = positive(speed, "speed"), positive(angular_speed, "angular_speed")
-    samples = _samples(scene, prediction)
+    outcomes = _outcomes(scene, prediction, initial)
     answers = []
     for body in scene.moving:
-        of = (scene.bodies[body].name, prediction.time)
-        if samples is None:
-            answers.append(RestProbability(*of))
-        else:
-            state = samples.states[:, body]
-            slow = np.linalg.norm(state[:, VELOCITY], axis=1) < speed
-            slow &= np.linalg.norm(state[:, ANGULAR_VELOCITY], axis=1) < angular_speed
-            answers.append(RestProbability(*of, True, float(slow.mean())))
+        slow = None
+        if outcomes is not None:
+            slow = np.linalg.norm(outcomes.states[:, body, VELOCITY], axis=1) < speed
+            slow &= np.linalg.norm(outcomes.states[:, body, ANGULAR_VELOCITY], axis=1) < angular_speed
+        answers.append(RestProbability(scene.bodies[body].name, prediction.time, *_of_body(slow, outcomes, body)))
     return tuple(answers)
 
 
 @dataclass(frozen=True, eq=False)
-class _Samples:
+class _Outcomes:
     """Equally probable outcomes.
 
     Attributes
     ----------
     states : (N, B, 13) array
-        At the horizon.
+        At the horizon, or when the body stopped.
+    stopped : (N, B) array
+        Time from which on nothing is known of a body [s]; infinite for one that is known to the end.
     first : (N, B, B + E) array
         Time of the first contact of bodies i < j, or of body i and element j - B [s]; infinite without one.
     """
 
     states: np.ndarray
+    stopped: np.ndarray
     first: np.ndarray
 
 
-def _samples(scene, prediction):
-    """The outcomes that a prediction holds; None for fewer than it takes to tell a probability from."""
-    carry = prediction.carry
-    if prediction.propagator.name != "monte_carlo" or len(carry.states) < FEWEST_SAMPLES:
+def _outcomes(scene, prediction, initial):
+    """What may happen, from a prediction's samples or from flights; None where there is nothing to tell it from."""
+    if prediction not in _known:
+        found = _sampled(scene, prediction) or _flown(scene, prediction, initial)
+        if found is None:
+            return None
+        _known[prediction] = found
+    return _known[prediction]
+
+
+def _sampled(scene, prediction):
+    """The outcomes that a prediction holds: Monte Carlo's samples, if there are enough, or the only one there is."""
+    first = prediction.carry.memory[..., FIRST]
+    if prediction.propagator.name == "monte_carlo":
+        states = prediction.propagator.states(prediction.carry, scene)
+        enough = len(states) >= FEWEST_SAMPLES or (states == states[0]).all()
+    else:
+        states, first = prediction.belief.mean[None], first[:1]
+        enough = not (prediction.belief.covariance.any() or scene.uncertain)
+    return _Outcomes(states, np.full(states.shape[:2], np.inf), first) if enough else None
+
+
+def _flown(scene, prediction, initial):
+    """Outcomes as far as first contacts decide them."""
+    if initial is None or scene.uncertain or prediction.propagator.name == "monte_carlo":
         return None
-    return _Samples(carry.states, carry.memory[..., FIRST])
+    initial.check_fits(scene)
+    return _Outcomes(*first_contacts(scene, initial, round(prediction.time / scene.dt), FLIGHTS))
 
 
 def _encounters(scene):
-    """Who may touch whom: name, name, and (row, columns) in the table of first contacts."""
+    """Who may touch whom: their names, and (body, other body or None, columns) in the table of first contacts."""
     names = [body.name for body in scene.bodies]
     elements = element_names(scene.environment)
     B, E = len(names), len(elements)
     for i in range(B):
         for j in range(i + 1, B):
             if not (scene.bodies[i].fixed and scene.bodies[j].fixed):
-                yield names[i], names[j], (i, slice(j, j + 1))
+                yield names[i], names[j], (i, j, slice(j, j + 1))
     for i in scene.moving:
         for e in range(E):
-            yield names[i], elements[e], (i, slice(B + e, B + e + 1))
+            yield names[i], elements[e], (i, None, slice(B + e, B + e + 1))
         if E:
-            yield names[i], ENVIRONMENT, (i, slice(B, B + E))
+            yield names[i], ENVIRONMENT, (i, None, slice(B, B + E))
 
 
-def _contact(names, first):
-    """The answer from the times of the first contact (N,) in all samples."""
-    touching = first[np.isfinite(first)].astype(float)
-    probability = len(touching) / len(first)
-    if len(touching) < min(FEWEST_CONTACTS, len(first)):
-        return ContactProbability(*names, True, probability)
-    return ContactProbability(*names, True, probability, True, float(touching.mean()), float(touching.std()))
+def _contact(names, outcomes, body, other, columns):
+    """The answer about one encounter."""
+    if outcomes is None:
+        return ContactProbability(*names)
+    first = outcomes.first[:, body, columns].min(axis=1)
+    known = outcomes.stopped[:, body]
+    if other is not None:
+        known = np.minimum(known, outcomes.stopped[:, other])
+    yes = np.isfinite(first) & (first <= known)  # later than that, it is contact with a body that is not there any more
+    available, probability = _share(yes, np.isfinite(known) & ~yes)
+    if not available or yes.sum() < min(FEWEST_CONTACTS, len(yes)):  # one outcome is enough if it is certain
+        return ContactProbability(*names, available, probability)
+    times = first[yes].astype(float)
+    return ContactProbability(*names, available, probability, True, float(times.mean()), float(times.std()))
+
+
+def _of_body(yes, outcomes, body):
+    """Whether a question about a body at the horizon, with these answers (N,) if it was known to the end, can be answered."""
+    if outcomes is None:
+        return False, 0.0
+    return _share(yes, np.isfinite(outcomes.stopped[:, body]))
+
+
+def _share(yes, unknown):
+    """Availability and probability from outcomes (N,) that say yes, and those that leave it open, which count half."""
+    width = float(unknown.mean())
+    if width > MOST_OPEN:
+        return False, 0.0
+    return True, float((yes & ~unknown).mean()) + 0.5 * width
