@@ -6,7 +6,8 @@ import pytest
 
 from unc_physics.errors import InvalidOptionError
 from unc_physics.evaluation.experiments import NAMES, experiment
-from unc_physics.evaluation.jobs import Job, Settings
+from unc_physics.evaluation.jobs import Job, Row, Settings
+from unc_physics.evaluation.results import ORIGIN
 
 
 @pytest.fixture(scope="module", params=[True, False], ids=["quick", "full"])
@@ -21,6 +22,7 @@ def test_keys_and_seeds_are_distinct(name, settings):
     assert len({job.key for job in jobs}) == len(jobs)
     assert len({job.seed("truth") for job in jobs}) == len(jobs)
     assert all(job.seed("truth") != job.seed("second") for job in jobs)
+    assert not {*Row._fields, *ORIGIN} & {parameter for job in jobs for parameter in job.parameters}  # columns of one file
 
 
 @pytest.mark.parametrize("name", NAMES)

@@ -26,6 +26,15 @@ def test_rows_are_read_back(tmp_path):
     assert row["versions"] == ORIGIN["versions"] and row["machine"] == ORIGIN["machine"]
 
 
+def test_rows_are_in_one_order(tmp_path):
+    """A report reads the same whichever job was finished first; numbers are in the order of their size."""
+    results = Results(tmp_path)
+    for sigma in (0.05, 1, 0.1, 10):
+        results.add(job(sigma), outcome(2), ORIGIN)
+    rows = results.rows("collisions")
+    assert [(row["sigma"], row["replicate"]) for row in rows] == [(s, k) for s in (0.05, 0.1, 1, 10) for k in (0, 1)]
+
+
 def test_only_missing_jobs_are_left(tmp_path):
     results, jobs = Results(tmp_path), [job(s) for s in (0.01, 0.02, 0.03)]
     assert results.missing(jobs) == jobs
@@ -62,7 +71,7 @@ def test_arrays_are_kept(tmp_path):
 def test_other_columns_are_refused_before_any_work(tmp_path):
     results = Results(tmp_path)
     results.add(job(0.05), outcome(1), ORIGIN)
-    with pytest.raises(OutputError, match="collisions.csv was written by another version; choose another folder"):
+    with pytest.raises(OutputError, match="collisions.csv was written by another version of unc_physics; choose another folder with --output"):
         results.missing([Job("collisions", {"model": "bunny"})])
 
 

@@ -10,9 +10,11 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import EllipseCollection
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.patches import Rectangle
 from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 from scipy.spatial.transform import Rotation
 
+from ..environment import Box
 from ..geometry.packing_file import SpherePacking
 from ..geometry.picture import box_corners, shaded_balls, view_axes
 from ..layout import POSITION, QUATERNION
@@ -70,7 +72,7 @@ def draw_over_sigma(path: Path, lines: Sequence[tuple[str, str, Rows]], title: s
             for method, samples in _curves(found):
                 _over_sigma(ax, found.where(method=method, samples=samples), method, samples, scale)
             _log_axis(ax, "y")
-            ax.xaxis.set_tick_params(labelsize=8)
+            ax.tick_params(axis="x", labelsize=8)
             if i == 0:
                 ax.set_title(f"{count:,} spheres".replace(",", "\u202f"), fontsize=10)
             if i == len(lines) - 1:
@@ -170,12 +172,13 @@ def draw_storage(path: Path, rows: Rows) -> None:
         for samples in rows.where(method=method).unique("samples") or [None]:
             found = rows.where(method=method, samples=samples)
             shade = {10: "#8C8C8C", 100: "#2B2B2B"}.get(samples, color(method))
+            under = method == "surrogate"  # local sampling holds as many
             ax.plot([row["bodies"] for row in found], found.values(), ":" if samples else "-", marker=MARKERS.get(method, "p"),
-                    markersize=4, color=shade, label=label(method, samples))
+                    markersize=9 if under else 4, linewidth=5 if under else 1.5, color=shade, label=label(method, samples))
     ax.set_xscale("log", base=2)
     _log_axis(ax, "y", decades_only=True)
     bodies = rows.unique("bodies")
-    ax.set_xticks(bodies, labels=[str(b) for b in bodies])
+    ax.set_xticks(bodies, labels=[str(b) for b in bodies], fontsize=8)
     ax.set(xlabel="bodies", ylabel="scalars that stand for the distribution")
     _legend(figure, {text: line for line, text in zip(*ax.get_legend_handles_labels(), strict=True)})
     _save(figure, path)
@@ -207,7 +210,7 @@ def draw_samples(path: Path, arrays: Mapping[str, np.ndarray], packing: SpherePa
     arrays : mapping of str to (N, B, 13) array
         ``before``, ``truth`` and ``prediction``.
     packing : SpherePacking
-        Its largest spheres outline a body.
+        Its largest spheres stand for a body.
     """
     panels = (("before", "before", "0.35"), ("after: truth", "truth", "0.1"), (f"after: {label(method)}", "prediction", color(method)))
     everything = np.concatenate([arrays["before"], arrays["truth"]])[:, :, POSITION].reshape(-1, 3)
@@ -229,34 +232,48 @@ def draw_samples(path: Path, arrays: Mapping[str, np.ndarray], packing: SpherePa
         ax.grid(True, color="0.93", linewidth=0.6)
         ax.set_axisbelow(True)
     axes[0].set_ylabel("y [m]", fontsize=8)
-    figure.suptitle(f"{title}; dots: centres of {len(arrays['truth'])} samples, outlines: 40 of them", fontsize=10)
+    figure.suptitle(f"{title}; dots: centres of {len(arrays['truth'])} samples, bodies: 40 of them", fontsize=10)
     _save(figure, path)
 
 
-def draw_final_positions(path: Path, ends: Mapping[str, np.ndarray], title: str) -> None:
+def draw_final_positions(path: Path, ends: Mapping[str, np.ndarray], boxes: Sequence[Box], title: str) -> None:
     """Where a body's centre ends up, in each engine: from above and from the side.
 
     Parameters
     ----------
     ends : mapping of str to (N, 13) array
         By the engine's name.
+    boxes : sequence of Box
+        Of the environment, along the axes.
+    title : str
     """
-    everything = np.concatenate(list(ends.values()))[:, POSITION]
-    low, high = np.percentile(everything, 0.5, axis=0) - 0.05, np.percentile(everything, 99.5, axis=0) + 0.05
-    figure = _figure(4.2 * len(ends) + 0.4, 6.4)
-    axes = figure.subplots(2, len(ends), squeeze=False, sharex=True, sharey="row")
+    everything = np.concatenate([states[:, POSITION] for states in ends.values()])
+    low, high = np.percentile(everything, 0.5, axis=0), np.percentile(everything, 99.5, axis=0)
+    margin = 0.12 * float(np.max(high - low))
+    low, high = low - margin, high + margin
+    ranges = high - low
+    width = 3.6
+    heights = width * ranges[1:] / ranges[0]
+    figure = _figure(width * len(ends) + 1.0, float(heights.sum()) + 1.3)
+    axes = figure.subplots(2, len(ends), squeeze=False, sharex=True, sharey="row", height_ratios=heights)
     for j, (name, states) in enumerate(ends.items()):
         for i, other in enumerate((1, 2)):
+            ax = axes[i, j]
+            for box in boxes:
+                corner, size = box.position - 0.5 * box.size, box.size
+                ax.add_patch(Rectangle((corner[0], corner[other]), size[0], size[other], facecolor="#F4EDE0", edgecolor="0.6", linewidth=0.6))
             shade = COLORS.get(name.lower(), COLORS[MONTE_CARLO])
-            axes[i, j].plot(states[:, 0], states[:, other], ".", markersize=3, alpha=0.35, color=shade, markeredgewidth=0)
-            axes[i, j].set(xlim=(low[0], high[0]), ylim=(low[other], high[other]), aspect="equal")
-            axes[i, j].grid(True, color="0.93", linewidth=0.6)
-            axes[i, j].set_axisbelow(True)
+            ax.plot(states[:, 0], states[:, other], ".", markersize=4, alpha=0.5, color=shade, markeredgewidth=0)
+            ax.set(xlim=(low[0], high[0]), ylim=(low[other], high[other]), aspect="equal")
+            ax.grid(True, color="0.93", linewidth=0.6)
+            ax.set_axisbelow(True)
+            ax.tick_params(labelsize=8)
         axes[0, j].set_title(name, fontsize=10)
         axes[1, j].set_xlabel("x [m]", fontsize=8)
     axes[0, 0].set_ylabel("from above: y [m]", fontsize=8)
     axes[1, 0].set_ylabel("from the side: z [m]", fontsize=8)
-    figure.suptitle(f"{title}: centres of mass at the end", fontsize=10)
+    count = len(next(iter(ends.values())))
+    figure.suptitle(f"{title}: where the body's centre ends up, {count} samples", fontsize=10)
     _save(figure, path)
 
 
@@ -296,7 +313,7 @@ def _log_axis(ax, which, decades_only=False):
     ax.set(**{f"{which}scale": "log"})
     axis = ax.xaxis if which == "x" else ax.yaxis
     axis.set_major_locator(LogLocator(subs=(1.0,) if decades_only else (1.0, 2.0, 5.0)))
-    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:,.15g}".replace(",", "\u202f")))
     axis.set_minor_locator(NullLocator())
     axis.set_tick_params(labelsize=8)
     ax.grid(True, which="major", color="0.9", linewidth=0.6)

@@ -82,9 +82,10 @@ class Results:
             yield
 
     def rows(self, experiment: str) -> Rows:
-        """All rows of finished jobs."""
+        """All rows of finished jobs, by their parameters: in the same order whichever job was finished first."""
         lines, whole = self._read(experiment)
-        return Rows({name: _parsed(text) for name, text in line.items()} for line in lines if line["job"] in whole)
+        rows = [{name: _parsed(text) for name, text in line.items()} for line in lines if line["job"] in whole]
+        return Rows(sorted(rows, key=_parameters))
 
     def missing(self, jobs: Sequence[Job]) -> list[Job]:
         """Those jobs that are not finished; what an interruption left half written is removed.
@@ -103,7 +104,7 @@ class Results:
         lines, whole = self._read(experiment)
         path, kept = self._csv(experiment), [line for line in lines if line["job"] in whole]
         if kept and list(kept[0]) != columns:
-            raise OutputError("was written by another version; choose another folder", field=str(path))
+            raise OutputError("was written by another version of unc_physics; choose another folder with --output", field=str(path))
         if not kept:
             path.unlink(missing_ok=True)
         elif len(kept) < len(lines) or not path.read_text().endswith("\n"):
@@ -159,6 +160,12 @@ class Results:
 
 def _columns(job):
     return [*job.parameters, *Row._fields, *ORIGIN]
+
+
+def _parameters(row):
+    """A job's parameters, which are the columns before those of its rows; texts and numbers do not compare."""
+    names = list(row)
+    return [(isinstance(row[name], str), row[name]) for name in names[: names.index(Row._fields[0])]]
 
 
 def _csv_text(columns, rows: Iterable[dict], header):

@@ -24,6 +24,7 @@ from ..layout import (
     VELOCITY,
 )
 from ..scene import RigidBody, Scene
+from ..stiffness import auto_stiffness
 from ..validation import non_negative
 
 #: The models that the paper drops on each other; all ship with the package.
@@ -184,10 +185,11 @@ MANIPULATION = {"salt_box_into_bin": (salt_box_into_bin, in_bin), "can_off_shelf
 
 
 def _handled(model, environment, mean, deviations):
-    packing = load_model(model)
+    packing, gravity = load_model(model), (0.0, 0.0, -9.81)
+    body = RigidBody(model, packing.prefix(2000), packing.mass)
     scene = Scene(
-        (RigidBody(model, packing.prefix(2000), packing.mass),), dt=1.0 / 240.0, stiffness=1e9, gravity=(0.0, 0.0, -9.81),
-        environment=environment, friction=0.5, restitution=0.1, gyroscopic=True, integrator="robust",
+        (body,), dt=1.0 / 240.0, stiffness=auto_stiffness((body,), mean, gravity), gravity=gravity, environment=environment,
+        friction=0.5, restitution=0.1, gyroscopic=True, integrator="robust",
     )
     P = np.zeros((1, ERROR, ERROR))
     for block, sigma in deviations:

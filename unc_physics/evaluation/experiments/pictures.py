@@ -25,13 +25,13 @@ def jobs(settings: Settings) -> list[Job]:
     """One for each picture of samples."""
     count = 200 if settings.quick else 1000
     free = [
-        Job("pictures", settings.parameters(scene=uncertain, model="pin", spheres=100, method="linearization", count=count), cost=0.5)
+        Job("pictures", settings.parameters(scene=uncertain, model="pin", spheres=100, propagator="linearization", count=count), cost=0.5)
         for uncertain in FREE
     ]
     return free + [
-        Job("pictures", settings.parameters(scene="collision", model=model, spheres=spheres, method=method, count=count),
+        Job("pictures", settings.parameters(scene="collision", model=model, spheres=spheres, propagator=propagator, count=count),
             cost=1.2 * count * rollout_cost(spheres))
-        for model, spheres, method in COLLISIONS
+        for model, spheres, propagator in COLLISIONS
     ]
 
 
@@ -43,14 +43,14 @@ def run(job: Job) -> Outcome:
     else:
         scene, belief, horizon = collision_free(p["scene"], p["model"], p["spheres"])
     truth = monte_carlo(scene, belief, horizon, p["count"], job.seed("truth"))
-    prediction = predict(scene, belief, methods(job)[p["method"]], horizon)
+    prediction = predict(scene, belief, methods(job)[p["propagator"]], horizon)
     seed = job.seed("draws")
     arrays = {
         "before": belief.sample(p["count"], np.random.default_rng(job.seed("truth"))),
         "truth": truth.states,
         "prediction": prediction.belief.sample(p["count"], np.random.default_rng(seed)),
     }
-    return Outcome([Row(p["method"], "samples", "1", p["count"], p["count"], 0, seed)], arrays)
+    return Outcome([Row(p["propagator"], "samples", "1", p["count"], p["count"], 0, seed)], arrays)
 
 
 def report(results: Results) -> str:
@@ -64,7 +64,7 @@ def report(results: Results) -> str:
     parts.append(f"![Packings (as Fig. 2)](figures/{figure.name})\n")
     shown = {(row["scene"], row["model"], row["spheres"], row["method"]): row for row in results.rows("pictures")}
     for (scene, model, spheres, method), row in shown.items():
-        parameters = {name: row[name] for name in ("scene", "model", "spheres", "method", "count", "distance", "base_seed")}
+        parameters = {name: row[name] for name in ("scene", "model", "spheres", "propagator", "count", "distance", "base_seed")}
         arrays = results.arrays(Job("pictures", parameters))
         if arrays is None:
             continue
