@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from concurrent.futures import ThreadPoolExecutor
-
-import numba
 import numpy as np
 
-from .kernels.step import advance
+from .kernels.rollout import advance
+from .kernels.threads import in_threads
 from .kernels.world import World
 from .layout import ANGULAR_VELOCITY, POSITION, QUATERNION, VELOCITY
 from .scene import Scene, tree_of
@@ -68,14 +66,12 @@ def vary(scene: Scene, z: np.ndarray) -> World:
 def rollout_varied(states: np.ndarray, memory: np.ndarray, scene: Scene, z: np.ndarray, begin: int, steps: int) -> None:
     """Advance a batch as `kernels.rollout.rollout`, state n in the world of parameters ``z[n]``."""
 
-    def run(n):
-        world = vary(scene, z[n])
-        advance(states[n], memory[n], world, world.laws, begin, steps)
+    def run(some):
+        for n in range(some.start or 0, some.stop):
+            world = vary(scene, z[n])
+            advance(states[n : n + 1], memory[n : n + 1], world, world.laws, begin, steps)
 
-    if len(states):
-        run(0)  # alone, lest every thread compile
-    with ThreadPoolExecutor(numba.get_num_threads()) as threads:
-        list(threads.map(run, range(1, len(states))))
+    in_threads(len(states), run)
 
 
 def center_offsets(scene: Scene, z: np.ndarray) -> np.ndarray:

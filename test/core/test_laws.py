@@ -119,7 +119,7 @@ def test_a_block_on_an_incline_sticks_or_slides_as_coulomb_says(angle, slides):
 def test_a_dropped_ball_bounces_to_the_asked_height(e):
     height, dt = 0.5, 1e-3
     scene = Scene(
-        [RigidBody("b", BALL, 0.5)], dt=dt, stiffness=1e9, gravity=(0, 0, -G), environment=(Plane(),), restitution=e,
+        [RigidBody("b", BALL, 0.5)], dt=dt, stiffness=1e11, gravity=(0, 0, -G), environment=(Plane(),), restitution=e,
         integrator="robust")
     falls = math.sqrt(2 * height / G)
     x, memory, heights = np.array([[state((0, 0, 0.05 + height))]]), fresh_memory(1, scene.world), []

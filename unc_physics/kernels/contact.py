@@ -2,8 +2,7 @@
 
 import math
 
-from numba import njit
-
+from .compiled import inner, kernel
 from .so3 import rotate
 from .tree import candidates
 
@@ -13,7 +12,7 @@ NORMAL, DISTANCE, VOLUME, POINT = 0, 3, 4, 5
 RECORD = 8
 
 
-@njit(cache=True, nogil=True, _nrt=False, error_model="numpy")
+@kernel(_nrt=False, error_model="numpy")
 def lens(d, ri, rj):
     """Overlap of two spheres of radii ``ri``, ``rj`` [m] whose centres are ``d`` apart.
 
@@ -35,7 +34,7 @@ def lens(d, ri, rj):
     return volume, 0.5 * (max(d - rj, -ri) + min(ri, d + rj))
 
 
-@njit(cache=True, nogil=True, _nrt=False, error_model="numpy", forceinline=True)
+@inner(error_model="numpy", forceinline=True)
 def next_contacts(tree, R_ij, t_ij, slack, search, top):
     """Continue the search for the contacts of two bodies, as `tree.candidates`, which takes the same arguments.
 
@@ -75,7 +74,7 @@ def next_contacts(tree, R_ij, t_ij, slack, search, top):
     return count, top
 
 
-@njit(cache=True, nogil=True, _nrt=False)
+@inner
 def contact_sums(records, count):
     """Sums over the first ``count`` contacts, in body i's frame (Eqs. 4 and 5 without the stiffness).
 

@@ -17,9 +17,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from ..layout import ERROR, EV, EW, V, W
+from .compiled import inner, kernel
 from .contact import DISTANCE, NORMAL, POINT, VOLUME
 from .so3 import rotate, rotate_back
 
@@ -63,7 +63,8 @@ class Patches(NamedTuple):
         Matrix of the linear system without drag, and the factor of the one with it.
     impulse, step : (6 B,) float64
         Its right-hand side without drag, and its solution: the change of all touched bodies' velocities.
-    velocities : (B, 6) float64
+    before, velocities : (B, 6) float64
+        Before a kick, and at present.
     motion : (6,) float64
     moved : (3, 6, 6) float64
     """
@@ -80,12 +81,13 @@ class Patches(NamedTuple):
     system: np.ndarray
     impulse: np.ndarray
     step: np.ndarray
+    before: np.ndarray
     velocities: np.ndarray
     motion: np.ndarray
     moved: np.ndarray
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def make_patches(bodies, elements, contacts):
     """Room for all pairs among some bodies and elements, and for so many contacts at a time."""
     capacity = bodies * (bodies - 1) // 2 + bodies * elements
@@ -103,12 +105,13 @@ def make_patches(bodies, elements, contacts):
         np.empty(6 * bodies),
         np.empty(6 * bodies),
         np.empty((bodies, 6)),
+        np.empty((bodies, 6)),
         np.empty(6),
         np.empty((3, 6, 6)),
     )
 
 
-@njit(cache=True, nogil=True, _nrt=False, error_model="numpy")
+@inner(error_model="numpy")
 def circle(ri, rj, d):
     """Area of the circle in which two overlapping spheres meet [m^2]: how fast the lens grows with depth.
 
@@ -120,7 +123,7 @@ def circle(ri, rj, d):
     return math.pi * max(ri * ri - across * across, 0.0)
 
 
-@njit(cache=True, nogil=True, _nrt=False)
+@inner
 def add_patch(bodies, arm, count, world, laws, work):
     """Add the first ``count`` contacts on record to the patch of two bodies (the second ``-1 - e`` for element e)."""
     p = work.patches
@@ -183,7 +186,7 @@ def add_patch(bodies, arm, count, world, laws, work):
             _add_turned(work.R[bodies[0]], local[q], p.matrix[index, q])
 
 
-@njit(cache=True, nogil=True, _nrt=False, error_model="numpy", fastmath={"reassoc", "contract", "nsz"})
+@inner(error_model="numpy", fastmath={"reassoc", "contract", "nsz"})
 def _add_squares(records, count, weight, out):
     """Add ``f N N^T`` of the contacts, ``N = (n, a x n)`` and ``f`` in ``weight``, to ``out``'s upper triangle."""
     s00 = s01 = s02 = s03 = s04 = s05 = s11 = s12 = s13 = s14 = s15 = 0.0
@@ -222,7 +225,7 @@ def _add_squares(records, count, weight, out):
     out[4, 4], out[4, 5], out[5, 5] = s44, s45, s55
 
 
-@njit(cache=True, nogil=True, _nrt=False, forceinline=True)
+@inner(forceinline=True)
 def _patch_of(p, bodies, arm):
     """Index of a pair's patch: a new one, unless the last is of the same pair, whose search came in parts."""
     index = p.count[0] - 1
@@ -238,7 +241,7 @@ def _patch_of(p, bodies, arm):
     return index
 
 
-@njit(cache=True, nogil=True, _nrt=False)
+@inner
 def clear(matrices):
     """Set (3, 6, 6) matrices to zero."""
     for q in range(3):
@@ -247,7 +250,7 @@ def clear(matrices):
                 matrices[q, r, c] = 0.0
 
 
-@njit(cache=True, nogil=True, _nrt=False)
+@inner
 def _add_turned(R, G, out):
     """Add a 6 x 6 matrix, its four blocks turned by ``R``, to ``out``."""
     for first in (0, 3):
@@ -260,7 +263,7 @@ def _add_turned(R, G, out):
                     out[first + 2, second + k] += z * R[k, c]
 
 
-@njit(cache=True, nogil=True, _nrt=False, forceinline=True)
+@inner(forceinline=True)
 def relative_motion(p, index, velocities, out):
     """A patch's motion ``xi`` from all bodies' ``velocities`` (B, 6) into ``out`` (6,)."""
     i, j = p.bodies[index, 0], p.bodies[index, 1]
@@ -275,19 +278,25 @@ def relative_motion(p, index, velocities, out):
             out[k] += w[k]
 
 
-@njit(cache=True, nogil=True, _nrt=False)
-def mean_square(G, xi):
-    """``xi^T G xi``, not below zero."""
+@inner
+def product(G, xi, zeta):
+    """``xi^T G zeta``."""
     total = 0.0
     for r in range(6):
         line = 0.0
         for c in range(6):
-            line += G[r, c] * xi[c]
+            line += G[r, c] * zeta[c]
         total += xi[r] * line
-    return max(total, 0.0)
+    return total
 
 
-@njit(cache=True, nogil=True, _nrt=False)
+@inner(forceinline=True)
+def mean_square(G, xi):
+    """``xi^T G xi``, not below zero."""
+    return max(product(G, xi, xi), 0.0)
+
+
+@inner
 def _moved_to_j(G, d, out):
     """``G X`` into ``out``, with X what takes body j's velocities to its motion at body i's centre of mass."""
     for r in range(6):
@@ -298,7 +307,7 @@ def _moved_to_j(G, d, out):
         out[r, 5] = G[r, 5] + a * d[1] - b * d[0]
 
 
-@njit(cache=True, nogil=True, _nrt=False)
+@inner
 def _moved_to_j_twice(GX, d, out):
     """``X^T G X`` into ``out`` from ``G X``."""
     for c in range(6):
@@ -309,7 +318,7 @@ def _moved_to_j_twice(GX, d, out):
         out[5, c] = GX[5, c] + a * d[1] - b * d[0]
 
 
-@njit(cache=True, nogil=True, _nrt=False, forceinline=True)
+@inner(forceinline=True)
 def add_to_system(p, index, G, A, work6):
     """Add a patch's 6 x 6 matrix ``G`` to the system of all touched bodies; ``work6`` (2, 6, 6) is room."""
     i, j = p.bodies[index, 0], p.bodies[index, 1]
@@ -332,7 +341,7 @@ def add_to_system(p, index, G, A, work6):
                 A[b + c, a + r] -= GX[r, c]
 
 
-@njit(cache=True, nogil=True, _nrt=False, forceinline=True)
+@inner(forceinline=True)
 def add_drag_impulse(p, index, G, xi, factor, out):
     """Add what ``-factor G xi`` does to both bodies of a patch to the impulses ``out`` (n,)."""
     i, j = p.bodies[index, 0], p.bodies[index, 1]
@@ -364,7 +373,7 @@ def add_drag_impulse(p, index, G, xi, factor, out):
         out[b + 5] -= mz - (d[0] * fy - d[1] * fx)
 
 
-@njit(cache=True, nogil=True, _nrt=False)
+@inner
 def factorize(A, n):
     """Cholesky factor of a positive definite matrix (n, n), into its lower triangle."""
     for c in range(n):
@@ -380,7 +389,7 @@ def factorize(A, n):
             A[r, c] = s / pivot
 
 
-@njit(cache=True, nogil=True, _nrt=False)
+@inner
 def solve_factorized(L, b, n):
     """Solve in place with the factor of `factorize`."""
     for r in range(n):
@@ -395,7 +404,7 @@ def solve_factorized(L, b, n):
         b[r] = s / L[r, r]
 
 
-@njit(cache=True, nogil=True, _nrt=False, forceinline=True)
+@inner(forceinline=True)
 def place_touched(world, work):
     """Number the unknowns of the touched bodies that move; returns how many there are."""
     place, n = work.patches.place, 0
@@ -407,7 +416,7 @@ def place_touched(world, work):
     return n
 
 
-@njit(cache=True, nogil=True, _nrt=False, forceinline=True)
+@inner(forceinline=True)
 def write_masses(laws, work, A, n):
     """Masses and inertias, in world axes, of the touched bodies on the diagonal of ``A`` (n, n), cleared."""
     for r in range(n):
@@ -425,7 +434,7 @@ def write_masses(laws, work, A, n):
             A[a + 3, a + 3 + k], A[a + 4, a + 3 + k], A[a + 5, a + 3 + k] = rotate(R, x, y, z)
 
 
-@njit(cache=True, nogil=True, _nrt=False)
+@inner
 def kick_patches(x, memory, world, laws, dt, work):
     """Change the velocities of all touched bodies over one step, by solving for all patches at once."""
     p = work.patches
@@ -439,7 +448,7 @@ def kick_patches(x, memory, world, laws, dt, work):
         if p.place[i] >= 0:
             for k in range(6):
                 impulse[p.place[i] + k] = dt * work.wrench[i, k]
-    needed = False
+    needed = expected = False
     if laws.robust:
         gravity = math.sqrt(world.gravity[0] ** 2 + world.gravity[1] ** 2 + world.gravity[2] ** 2)
         for index in range(count):
@@ -450,8 +459,16 @@ def kick_patches(x, memory, world, laws, dt, work):
                 continue
             share = max(0.0, 1.0 - 1.0 / (dt * rate) ** 2)
             relative_motion(p, index, velocities, xi)
-            closing = math.sqrt(mean_square(stiff, xi) / p.load[index, 1])
-            damper = 2.0 * _DAMPING_RATIO / rate if closing * rate < _SLOW * gravity else 0.0
+            slow = p.load[index, 1] * (_SLOW * gravity / rate) ** 2
+            damper = 0.0
+            if mean_square(stiff, xi) < slow:
+                if not expected:
+                    _expect(x, world, dt, work)
+                    expected = True
+                relative_motion(p, index, p.before, xi)
+                if mean_square(stiff, xi) < slow:  # else it is only turning round
+                    damper = 2.0 * _DAMPING_RATIO / rate
+                relative_motion(p, index, velocities, xi)
             if share == 0.0 and damper == 0.0:
                 continue
             needed = True
@@ -471,7 +488,7 @@ def kick_patches(x, memory, world, laws, dt, work):
         _divide_by_masses(world, work, step)
     if laws.friction > 0.0 or laws.dissipation > 0.0:
         for turn in range(_ROUNDS):
-            _choose_drag(x, laws, p, step, velocities, xi, turn)
+            _choose_drag(x, laws, p, step, (p.before, velocities), xi, turn)
             _begin_system(p, n)
             _write_velocities(x, p, step, 0.0, velocities)
             for index in range(count):
@@ -496,7 +513,21 @@ def kick_patches(x, memory, world, laws, dt, work):
         _remember_rates(x, memory, p, step, (velocities, xi), world.dt)
 
 
-@njit(cache=True, nogil=True, _nrt=False)
+@inner
+def _expect(x, world, dt, work):
+    """Velocities that contacts and gravity would give without resistance, into ``before``."""
+    p = work.patches
+    for r in range(len(p.step)):
+        p.step[r] = p.impulse[r]
+    _divide_by_masses(world, work, p.step)
+    _write_velocities(x, p, p.step, 1.0, p.before)
+    for i in range(len(x)):
+        if p.place[i] >= 0:
+            for k in range(3):
+                p.before[i, k] += dt * world.gravity[k]
+
+
+@inner
 def _divide_by_masses(world, work, step):
     """Turn impulses into changes of velocity, where no patch resists them."""
     place = work.patches.place
@@ -511,7 +542,7 @@ def _divide_by_masses(world, work, step):
             step[a + 3], step[a + 4], step[a + 5] = rotate(R, x, y, z)
 
 
-@njit(cache=True, nogil=True, _nrt=False)
+@inner
 def _begin_system(p, n):
     """Set out from the system without drag."""
     fixed, A = p.system[0], p.system[1]
@@ -521,7 +552,7 @@ def _begin_system(p, n):
             A[r, c] = fixed[r, c]
 
 
-@njit(cache=True, nogil=True, _nrt=False, forceinline=True)
+@inner(forceinline=True)
 def _remember_rates(x, memory, p, step, room, dt):
     """Keep the frequency of each touching pair whose force is about to change: the next step has to resolve it."""
     velocities, xi = room
@@ -537,7 +568,7 @@ def _remember_rates(x, memory, p, step, room, dt):
         memory[i, j if j >= 0 else len(x) - 1 - j, RATE] = QUIET if quiet else max(p.load[index, 2], 1.0)
 
 
-@njit(cache=True, nogil=True, _nrt=False, forceinline=True)
+@inner(forceinline=True)
 def _write_velocities(x, p, step, share, velocities):
     """All bodies' velocities after ``share`` of the kick ``step`` into ``velocities`` (B, 6)."""
     for i in range(len(x)):
@@ -548,16 +579,20 @@ def _write_velocities(x, p, step, share, velocities):
                 velocities[i, k] += share * step[p.place[i] + k]
 
 
-@njit(cache=True, nogil=True, _nrt=False, forceinline=True)
+@inner(forceinline=True)
 def _choose_drag(x, laws, p, step, velocities, xi, turn):
     """Coefficients with which drag becomes Coulomb's force, from the velocities after the last solution.
 
     With a drag coefficient c the slip is ``v = u / (1 + c w)``, u being the slip without drag: two solutions tell the
-    mobility w, and ``v = u - mu w`` is what Coulomb's law leaves of the slip, unless it sticks.
+    mobility w, and ``v = u - mu w`` is what Coulomb's law leaves of the slip, unless it sticks. A contact that stops
+    closing in this kick opens for only a part of it: with ``e^2`` of the speed that the whole force gives.
     """
-    _write_velocities(x, p, step, 1.0, velocities)
+    before, now = velocities
+    if turn == 0 and laws.dissipation > 0.0:
+        _write_velocities(x, p, step, 0.0, before)
+    _write_velocities(x, p, step, 1.0, now)
     for index in range(p.count[0]):
-        relative_motion(p, index, velocities, xi)
+        relative_motion(p, index, now, xi)
         force = p.load[index, 0]
         for k in range(2):
             mu = laws.friction if k == 0 else laws.dissipation / (1.0 - laws.dissipation)
@@ -566,14 +601,24 @@ def _choose_drag(x, laws, p, step, velocities, xi, turn):
             slip = math.sqrt(mean_square(p.matrix[index, k], xi) / force)
             if turn == 0:
                 p.drag[index, k, 1] = slip
-            free, c = p.drag[index, k, 1], p.drag[index, k, 0]
-            wanted = slip
-            if c > 0.0 and slip > 0.0:
-                wanted = free - mu * (free / slip - 1.0) / c
-            p.drag[index, k, 0] = mu / max(wanted, CREEP)
+                if k == 1:
+                    other = p.moved[2, 0]
+                    relative_motion(p, index, before, other)
+                    if product(p.matrix[index, k], other, xi) < 0.0:
+                        p.drag[index, k, 1] = -slip
+            free, c = abs(p.drag[index, k, 1]), p.drag[index, k, 0]
+            if c == 0.0 or slip == 0.0 or slip >= free:
+                p.drag[index, k, 0] = mu / max(slip, CREEP)
+                continue
+            mobility = (free / slip - 1.0) / c
+            if p.drag[index, k, 1] >= 0.0:
+                p.drag[index, k, 0] = mu / max(free - mu * mobility, CREEP)
+            else:
+                wanted = min((1.0 - 2.0 * laws.dissipation) * (free + mu * mobility), free)
+                p.drag[index, k, 0] = (free / wanted - 1.0) / mobility
 
 
-@njit(cache=True, nogil=True, _nrt=False, forceinline=True)
+@inner(forceinline=True)
 def _rate_squared(p, index, world, work, work6):
     """Trace of inverse masses times a patch's stiffness: not below the square of its frequency [1/s^2]."""
     i, j = p.bodies[index, 0], p.bodies[index, 1]
@@ -588,7 +633,7 @@ def _rate_squared(p, index, world, work, work6):
     return max(total, 0.0)
 
 
-@njit(cache=True, nogil=True, _nrt=False)
+@inner
 def _turning(inverse_inertia, R, G):
     """Trace of a body's inverse inertia times the rotational block of ``G``."""
     total = 0.0
@@ -603,7 +648,7 @@ def _turning(inverse_inertia, R, G):
     return total
 
 
-@njit(cache=True, nogil=True, _nrt=False)
+@inner
 def hold_columns(rows, place, x, world, laws, dt, joint, work):
     """Let the drag of the last kick act on errors of the velocities: rows of the touched bodies' error states.
 

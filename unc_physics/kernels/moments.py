@@ -3,16 +3,16 @@
 import math
 
 import numpy as np
-from numba import njit
 
 from ..layout import EP, ER, ERROR, EV, EW, STATE, P, Q, V, W
+from .compiled import kernel
 from .so3 import conjugate, exp, log, multiply, normalized
 
 _KARCHER_TOLERANCE = 1e-12  # rad
 _KARCHER_ITERATIONS = 50
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def boxplus(x, d, out):
     """Perturb one body's state ``x`` (13,) by the error ``d`` (12,), into ``out``; rotations on the body side."""
     for k in range(3):
@@ -23,7 +23,7 @@ def boxplus(x, d, out):
     out[Q], out[Q + 1], out[Q + 2], out[Q + 3] = q
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def boxminus(y, x, out):
     """Error ``d`` (12,) of one body with ``y = x boxplus d``, into ``out``."""
     for k in range(3):
@@ -34,7 +34,7 @@ def boxminus(y, x, out):
     out[ER], out[ER + 1], out[ER + 2] = log(relative)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def spread_states(mean, moving, errors):
     """States ``mean boxplus errors[n]``.
 
@@ -59,7 +59,7 @@ def spread_states(mean, moving, errors):
     return states
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _karcher_mean(states, body):
     """Mean rotation of one body over all samples: the fixed point of averaging in the tangent space."""
     s = states[0, body]
@@ -80,7 +80,7 @@ def _karcher_mean(states, body):
     return mean
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def mean_and_errors(states, moving):
     """Mean state of a batch and each sample's error from it, all samples of one weight.
 
@@ -106,7 +106,7 @@ def mean_and_errors(states, moving):
     return mean, errors
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def second_moment(errors):
     """``errors.T @ errors / N``, in an order of summation that no thread count changes."""
     size = errors.shape[1]
@@ -124,7 +124,7 @@ def second_moment(errors):
     return out
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def pivoted_cholesky(A, tolerance):
     """Outer-product Cholesky factor with diagonal pivoting of a positive semidefinite matrix.
 

@@ -1,11 +1,10 @@
 """Which bodies of a scene may touch (the broad phase)."""
 
-from numba import njit
-
 from ..layout import P
+from .compiled import inner
 
 
-@njit(cache=True, nogil=True, _nrt=False, forceinline=True)
+@inner(forceinline=True)
 def near_pairs(x, reach, coming, moving, work):
     """Find the pairs of bodies that may touch: at least one moves, balls of radii ``reach`` (B,) overlap, and they do not
     rest while each travels on by ``coming`` (B,).

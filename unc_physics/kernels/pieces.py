@@ -3,9 +3,8 @@
 import math
 from typing import NamedTuple
 
-from numba import njit
-
 from ..layout import P, V, W
+from .compiled import inner
 from .laws import QUIET, RATE
 from .pairs import near_pairs
 from .surroundings import element_distance
@@ -39,7 +38,7 @@ class Piece(NamedTuple):
     left: float
 
 
-@njit(cache=True, nogil=True, _nrt=False, forceinline=True)
+@inner(forceinline=True)
 def next_piece(x, memory, world, laws, left, work):
     """The next piece of a step of which ``left`` seconds remain."""
     if laws is None:
@@ -52,7 +51,7 @@ def next_piece(x, memory, world, laws, left, work):
         return next_piece_of_laws(x, memory, world, laws, left, work)
 
 
-@njit(cache=True, nogil=True, _nrt=False)
+@inner
 def next_piece_of_laws(x, memory, world, laws, left, work):
     """As `next_piece`, where something may be near."""
     work.patches.count[0] = 0
@@ -72,11 +71,11 @@ def next_piece_of_laws(x, memory, world, laws, left, work):
     return Piece(dt, decay, 0.5 * dt, 0.5 * dt, left - dt if count > 1 else 0.0)
 
 
-@njit(cache=True, nogil=True, _nrt=False)
+@inner
 def _calm_for(x, world, laws, steps, work):
     """Whether no body can touch anything for some steps; only leaves out searches, so that no result depends on it."""
     time = steps * world.dt
-    _write_reach(x, world, time, work)
+    _write_reach(x, world, laws, time, work)
     if near_pairs(x, work.reach, work.coming, world.bodies.moving, work) > 0:
         return False
     moving, reach = world.bodies.moving, work.reach
@@ -88,9 +87,13 @@ def _calm_for(x, world, laws, steps, work):
     return True
 
 
-@njit(cache=True, nogil=True, _nrt=False)
-def _write_reach(x, world, time, work):
-    """Balls in which bodies stay for a time without contacts, and how far their points travel."""
+@inner
+def _write_reach(x, world, laws, time, work):
+    """Balls in which bodies stay for a time without contacts, and how far their points travel.
+
+    Where steps are divided that is without end: which pairs rest is not part of what a rollout remembers, and must
+    not change how it goes on.
+    """
     radius, moving, reach, coming = world.bodies.radius, world.bodies.moving, work.reach, work.coming
     fall = time * (abs(world.gravity[0]) + abs(world.gravity[1]) + abs(world.gravity[2]))
     for i in range(len(x)):
@@ -99,9 +102,11 @@ def _write_reach(x, world, time, work):
             travel = time * (fall + abs(x[i, V]) + abs(x[i, V + 1]) + abs(x[i, V + 2]))
             reach[i] += travel
             coming[i] = travel + time * radius[i] * (abs(x[i, W]) + abs(x[i, W + 1]) + abs(x[i, W + 2]))
+            if laws.robust:
+                coming[i] = math.inf
 
 
-@njit(cache=True, nogil=True, _nrt=False)
+@inner
 def _approach(x, memory, world, laws, left, work):
     """Highest frequency [1/s] of bodies that touch, or may come to touch in ``left`` seconds."""
     radius, moving, inverse_mass, thickness = world.bodies.radius, world.bodies.moving, world.bodies.inverse_mass, laws.thickness
@@ -109,7 +114,7 @@ def _approach(x, memory, world, laws, left, work):
     for i in range(len(x)):
         for j in range(memory.shape[1]):
             rate = max(rate, memory[i, j, RATE])
-    _write_reach(x, world, left, work)
+    _write_reach(x, world, laws, left, work)
     near = work.near
     for k in range(near_pairs(x, work.reach, work.coming, moving, work)):
         i, j = near[k, 0], near[k, 1]
@@ -135,18 +140,18 @@ def _approach(x, memory, world, laws, left, work):
     return rate
 
 
-@njit(cache=True, nogil=True, _nrt=False)
+@inner
 def _speed(x, y, z):
     return math.sqrt(x * x + y * y + z * z)
 
 
-@njit(cache=True, nogil=True, _nrt=False)
+@inner
 def _spin(x, i, radius):
     """Most that a body's rotation adds to the speed of its points [m/s]."""
     return radius[i] * _speed(x[i, W], x[i, W + 1], x[i, W + 2])
 
 
-@njit(cache=True, nogil=True, _nrt=False)
+@inner
 def _impact_rate(v, inverse_mass, curvature, stiffness):
     """Highest frequency in the impact of two balls at speed ``v`` [1/s].
 

@@ -3,7 +3,8 @@
 from statistics import NormalDist
 
 import numpy as np
-from numba import njit
+
+from .compiled import kernel
 
 _GOLDEN = np.uint64(0x9E3779B97F4A7C15)
 _MIX_1 = np.uint64(0xBF58476D1CE4E5B9)
@@ -33,7 +34,7 @@ def normal_table():
     return np.concatenate([table, table[:RUN]]).astype(np.float32)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def mix(key):
     """Hash of a uint64 (the finaliser of SplitMix64, Steele, Lea and Flood 2014)."""
     key = (key ^ (key >> _S30)) * _MIX_1
@@ -41,13 +42,13 @@ def mix(key):
     return key ^ (key >> _S31)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def combine(key, value):
     """A key that depends on another key and an integer."""
     return mix((key ^ mix(np.uint64(value) + _GOLDEN)) * _GOLDEN + _GOLDEN)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def places(key):
     """Where nine runs of a key begin in `normal_table`: a tuple of uint64, as which indices need no check of their sign."""
     a, b = mix(key + _GOLDEN), mix(key + _GOLDEN + _GOLDEN)

@@ -1,24 +1,11 @@
-"""Rollouts of a batch of states: the only loop over samples, and the only parallel one."""
-
-import threading
+"""Rollouts of a batch of states: the only loop over samples."""
 
 import numpy as np
-from numba import njit, prange
 
+from .compiled import kernel
 from .laws import FIRST
-from .step import advance
-from .world import World
-
-# numba's workqueue threading layer aborts the process when two threads enter it at once
-_one_at_a_time = threading.Lock()
-
-
-@njit(cache=True, nogil=True, parallel=True)
-def _advance_all(states, memory, bodies, tree, gravity, constants, laws, begin, steps):
-    # parallel loops take no tuples of tuples: the world comes in parts and is put together inside
-    for n in prange(len(states)):
-        world = World(bodies, tree, gravity, constants[0], constants[1], constants[2], constants[3], laws)
-        advance(states[n], memory[n], world, laws, begin, steps)
+from .step import march, workspace
+from .threads import in_threads
 
 
 def fresh_memory(count, world):
@@ -40,19 +27,26 @@ def rollout(states, memory, world, begin, steps):
     states : (N, B, 13) float64, C order
         One scene state per sample.
     memory : (N, B, B + E, 2) float32, C order
-        What each rollout remembers of its contacts (`fresh_memory`, `step.advance`); updated in place.
+        What each rollout remembers of its contacts (`fresh_memory`, `advance`); updated in place.
     world : World
     begin : int
         Number of steps before.
     steps : int
     """
-    if len(states) == 1:
-        advance(states[0], memory[0], world, world.laws, begin, steps)
-    else:
-        with _one_at_a_time:
-            _advance_all(states, memory, world.bodies, world.tree, world.gravity, world[3:7], world.laws, begin, steps)
+    in_threads(len(states), lambda some: advance(states[some], memory[some], world, world.laws, begin, steps))
 
 
 def simulate(states, world, steps):
     """Advance a batch of states (N, B, 13) in place, as rollouts that begin there."""
     rollout(states, fresh_memory(len(states), world), world, 0, steps)
+
+
+@kernel
+def advance(states, memory, world, laws, begin, steps):
+    """Advance states (N, B, 13) in place, and what their rollouts remember of contacts along.
+
+    ``memory`` (N, B, B + E, 2) float32 is as `laws.FIRST` and `laws.RATE` say, with pairs of bodies i < j and elements of
+    the environment behind the bodies; ``begin`` counts the steps before; ``laws`` are those of the world.
+    """
+    for n in range(len(states)):
+        march(states[n], memory[n], world, laws, begin, steps, workspace(states[n], world, laws))

@@ -2,13 +2,13 @@
 
 import math
 
-from numba import njit
+from .compiled import kernel
 
 _SMALL_ANGLE_SQUARED = 1e-8  # below it two terms of the series are exact to round-off
 _STEP_ANGLE_SQUARED = 0.01  # below it, as in nearly every time step, five are, and cheaper than sine and cosine
 
 
-@njit(cache=True, nogil=True, _nrt=False)
+@kernel(_nrt=False)
 def multiply(a, b):
     """Hamilton product of two quaternions: the rotation ``b`` followed by ``a``."""
     ax, ay, az, aw = a
@@ -21,27 +21,27 @@ def multiply(a, b):
     )
 
 
-@njit(cache=True, nogil=True, _nrt=False)
+@kernel(_nrt=False)
 def conjugate(q):
     """Inverse of a unit quaternion."""
     return -q[0], -q[1], -q[2], q[3]
 
 
-@njit(cache=True, nogil=True, _nrt=False)
+@kernel(_nrt=False)
 def normalized(q):
     """The quaternion scaled to unit length."""
     s = 1.0 / math.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
     return q[0] * s, q[1] * s, q[2] * s, q[3] * s
 
 
-@njit(cache=True, nogil=True, _nrt=False)
+@kernel(_nrt=False)
 def renormalized(q):
     """A quaternion of nearly unit length, brought back to it by one step of Newton's method."""
     s = 1.5 - 0.5 * (q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
     return q[0] * s, q[1] * s, q[2] * s, q[3] * s
 
 
-@njit(cache=True, nogil=True, _nrt=False)
+@kernel(_nrt=False)
 def exp(x, y, z):
     """Quaternion of the rotation vector ``(x, y, z)`` [rad]."""
     angle2 = x * x + y * y + z * z
@@ -54,7 +54,7 @@ def exp(x, y, z):
     return x * s, y * s, z * s, c
 
 
-@njit(cache=True, nogil=True, _nrt=False)
+@kernel(_nrt=False)
 def log(q):
     """Rotation vector [rad] of a unit quaternion, of length at most pi."""
     x, y, z, w = q
@@ -69,7 +69,7 @@ def log(q):
     return x * s, y * s, z * s
 
 
-@njit(cache=True, nogil=True, _nrt=False)
+@kernel(_nrt=False)
 def write_matrix(q, out, k):
     """Write the rotation matrix of a unit quaternion into ``out[k]`` of an array (n, 3, 3)."""
     x, y, z, w = q
@@ -84,7 +84,7 @@ def write_matrix(q, out, k):
     out[k, 2, 2] = 1.0 - 2.0 * (x * x + y * y)
 
 
-@njit(cache=True, nogil=True, _nrt=False)
+@kernel(_nrt=False)
 def rotate(R, x, y, z):
     """``R @ (x, y, z)`` as a tuple."""
     return (
@@ -94,7 +94,7 @@ def rotate(R, x, y, z):
     )
 
 
-@njit(cache=True, nogil=True, _nrt=False)
+@kernel(_nrt=False)
 def rotate_back(R, x, y, z):
     """``R.T @ (x, y, z)`` as a tuple."""
     return (
@@ -104,7 +104,7 @@ def rotate_back(R, x, y, z):
     )
 
 
-@njit(cache=True, nogil=True, _nrt=False)
+@kernel(_nrt=False)
 def cross(a, b):
     """Cross product of two vectors, as a tuple."""
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]

@@ -3,9 +3,9 @@
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from ..layout import P, Q, V, W
+from .compiled import inner, kernel
 from .contact import RECORD, contact_sums, next_contacts
 from .laws import FIRST, RATE, Patches, add_patch, kick_patches, make_patches
 from .pairs import near_pairs
@@ -84,7 +84,7 @@ class Workspace(NamedTuple):
     patches: Patches
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def workspace(x, world, laws):
     """Workspace of one rollout that begins at state ``x`` (B, 13)."""
     count = len(x)
@@ -125,10 +125,10 @@ def workspace(x, world, laws):
     )
 
 
-@njit(cache=True, nogil=True, _nrt=False, forceinline=True)
+@inner(forceinline=True)
 def drift(x, world, laws, piece, work):
     """Move all bodies freely until a piece's contacts, then damp their velocities and apply gravity; ``work.R`` follows."""
-    R, speed, travel, radius = work.R, work.speed, work.travel, world.bodies.radius
+    speed, travel = work.speed, work.travel
     gravity, moving = world.gravity, world.bodies.moving
     dt, decay, before = piece.dt, piece.decay, piece.before
     for i in range(len(x)):
@@ -142,7 +142,7 @@ def drift(x, world, laws, piece, work):
             x[i, W + k] *= decay
 
 
-@njit(cache=True, nogil=True, _nrt=False, forceinline=True)
+@inner(forceinline=True)
 def glide(x, world, laws, piece, work):
     """Move all bodies freely from a piece's contacts to its end."""
     travel, moving = work.travel, world.bodies.moving
@@ -151,7 +151,7 @@ def glide(x, world, laws, piece, work):
             travel[i] += piece.after * move(x, i, piece.after, world, laws, work)
 
 
-@njit(cache=True, nogil=True, _nrt=False, forceinline=True)
+@inner(forceinline=True)
 def move(x, i, dt, world, laws, work):
     """Move body i freely; returns the most that a point of it moves in a second [m/s]."""
     radius = world.bodies.radius
@@ -174,7 +174,7 @@ def move(x, i, dt, world, laws, work):
     return pace
 
 
-@njit(cache=True, nogil=True, _nrt=False)
+@inner
 def turn_freely(x, i, world, laws, dt, work):
     """Put the angular velocity in the middle of a free turn into the state, and the angular momentum on record.
 
@@ -190,7 +190,7 @@ def turn_freely(x, i, world, laws, dt, work):
     keep_momentum(x, i, world, work)
 
 
-@njit(cache=True, nogil=True, _nrt=False)
+@inner
 def keep_momentum(x, i, world, work):
     """The angular velocity that belongs to body i's angular momentum on record, at ``work.R``, into the state."""
     R, momentum = work.R[i], work.momentum[i]
@@ -199,7 +199,7 @@ def keep_momentum(x, i, world, work):
     x[i, W], x[i, W + 1], x[i, W + 2] = rotate(R, a, b, c)
 
 
-@njit(cache=True, nogil=True, _nrt=False, forceinline=True)
+@inner(forceinline=True)
 def relative_pose(x, i, j, work):
     """Pose of body j in body i's frame: writes ``work.R_ij`` and returns the position [m]."""
     Ri, Rj = work.R[i], work.R[j]
@@ -209,7 +209,7 @@ def relative_pose(x, i, j, work):
     return rotate_back(Ri, x[j, P] - x[i, P], x[j, P + 1] - x[i, P + 1], x[j, P + 2] - x[i, P + 2])
 
 
-@njit(cache=True, nogil=True, _nrt=False, forceinline=True)
+@inner(forceinline=True)
 def open_pair(x, i, j, world, work):
     """Begin the search for the contacts of bodies i and j.
 
@@ -226,7 +226,7 @@ def open_pair(x, i, j, world, work):
     return t_ij, _SINGLE_PRECISION * (world.bodies.radius[i] + world.bodies.radius[j]), _ROOTS_ALONE
 
 
-@njit(cache=True, nogil=True, _nrt=False)
+@inner
 def part(i, j, t_ij, slack, world, work):
     """Let two bodies that do not touch rest: no search until they may have crossed the gap between them.
 
@@ -244,7 +244,7 @@ def part(i, j, t_ij, slack, world, work):
         work.rest[i, j, 1] = max(0.5 * steps, 1.0)
 
 
-@njit(cache=True, nogil=True, _nrt=False, forceinline=True)
+@inner(forceinline=True)
 def add_wrench(x, i, j, count, stiffness, work):
     """Add the forces of the first ``count`` contacts on record to the wrenches of bodies i and j."""
     force, moment = contact_sums(work.search.records, count)
@@ -269,7 +269,7 @@ def add_wrench(x, i, j, count, stiffness, work):
     work.touched[i] = work.touched[j] = True
 
 
-@njit(cache=True, nogil=True, _nrt=False, forceinline=True)
+@inner(forceinline=True)
 def press(x, i, j, count, world, laws, work):
     """Let the first ``count`` contacts on record act on bodies i and j."""
     if laws is None:
@@ -278,7 +278,7 @@ def press(x, i, j, count, world, laws, work):
         press_by_laws(x, (i, j), count, world, laws, work)
 
 
-@njit(cache=True, nogil=True, _nrt=False)
+@inner
 def press_by_laws(x, bodies, count, world, laws, work):
     """As `press`, for a scene with laws; the second body is ``-1 - e`` for element e of the environment."""
     i, j = bodies
@@ -294,7 +294,7 @@ def press_by_laws(x, bodies, count, world, laws, work):
         add_patch(bodies, arm, count, world, laws, work)
 
 
-@njit(cache=True, nogil=True, _nrt=False, forceinline=True)
+@inner(forceinline=True)
 def press_elements(x, memory, world, laws, time, work):
     """Let all elements of the environment act on all moving bodies."""
     if len(laws.kind) > 0 and work.calm[0] == 0:
@@ -305,7 +305,7 @@ def press_elements(x, memory, world, laws, time, work):
                     press_element(x, i, e, memory, world, laws, time, work)
 
 
-@njit(cache=True, nogil=True, _nrt=False)
+@inner
 def press_element(x, i, e, memory, world, laws, time, work):
     """Let element e act on body i."""
     t, top = open_element(x, i, e, world, laws, work)
@@ -316,14 +316,13 @@ def press_element(x, i, e, memory, world, laws, time, work):
             press_by_laws(x, (i, np.int64(-1 - e)), count, world, laws, work)
 
 
-@njit(cache=True, nogil=True, _nrt=False, forceinline=True)
+@inner(forceinline=True)
 def note_contact(memory, i, j, time):
     """Record that body i touches body j, or element j - B."""
-    if time < memory[i, j, FIRST]:
-        memory[i, j, FIRST] = time
+    memory[i, j, FIRST] = min(memory[i, j, FIRST], time)
 
 
-@njit(cache=True, nogil=True, _nrt=False)
+@inner
 def add_element_wrench(i, count, stiffness, work):
     """Add the forces of the first ``count`` contacts on record, of body i with the environment, to its wrench."""
     force, moment = contact_sums(work.search.records, count)
@@ -339,18 +338,16 @@ def add_element_wrench(i, count, stiffness, work):
     work.touched[i] = True
 
 
-@njit(cache=True, nogil=True, _nrt=False, forceinline=True)
+@inner(forceinline=True)
 def kick(x, memory, world, laws, piece, work):
     """Change the velocities of all touched bodies by what acts on them over a piece of a step; clears the wrenches."""
-    if laws is None:
-        kick_each(x, world, piece.dt, work)
-    elif work.touching[0] == 0:
+    if laws is None or work.touching[0] == 0:
         kick_each(x, world, piece.dt, work)
     else:
         kick_by_laws(x, memory, world, laws, piece.dt, work)
 
 
-@njit(cache=True, nogil=True, _nrt=False)
+@inner
 def kick_by_laws(x, memory, world, laws, dt, work):
     """As `kick`, while or just after bodies touch in a scene with laws."""
     work.touching[0] = 0
@@ -366,7 +363,7 @@ def kick_by_laws(x, memory, world, laws, dt, work):
         kick_each(x, world, dt, work)
 
 
-@njit(cache=True, nogil=True, _nrt=False)
+@inner
 def clear_wrenches(work):
     """Forget what acted on the bodies; the patches stay until the next piece."""
     for i in range(len(work.touched)):
@@ -375,7 +372,7 @@ def clear_wrenches(work):
             work.wrench[i, k] = 0.0
 
 
-@njit(cache=True, nogil=True, _nrt=False, forceinline=True)
+@inner(forceinline=True)
 def kick_each(x, world, dt, work):
     """Change the velocities of each touched body by its wrench; clears the wrenches."""
     for i in range(len(x)):
@@ -398,19 +395,9 @@ def kick_each(x, world, dt, work):
             f[k] = 0.0
 
 
-@njit(cache=True, nogil=True)
-def advance(x, memory, world, laws, begin, steps):
-    """Advance the state ``x`` (B, 13) of one rollout in place, and what it remembers of its contacts along.
-
-    ``memory`` (B, B + E, 2) float32 is as `laws.FIRST` and `laws.RATE` say, with pairs of bodies i < j and elements of
-    the environment behind the bodies; ``begin`` counts the steps before; ``laws`` are those of the world.
-    """
-    march(x, memory, world, laws, begin, steps, workspace(x, world, laws))
-
-
-@njit(cache=True, nogil=True, _nrt=False)
+@inner
 def march(x, memory, world, laws, begin, steps, work):
-    """As `advance`, in a workspace."""
+    """Advance the state ``x`` (B, 13) of one rollout in place (`rollout.advance`), in its workspace."""
     for step in range(begin, begin + steps):
         left, time = world.dt, (step + 1) * world.dt
         while left > 0.0:

@@ -3,15 +3,15 @@
 import math
 
 import numpy as np
-from numba import njit
 
+from .compiled import inner, kernel
 from .contact import DISTANCE, NORMAL, POINT, VOLUME
 from .so3 import rotate, rotate_back
 from .tree import EMPTY, WIDTH
 from .world import PLANE
 
 
-@njit(cache=True, nogil=True, _nrt=False, error_model="numpy")
+@kernel(_nrt=False, error_model="numpy")
 def cap(distance, r):
     """What a sphere of radius ``r`` [m], its centre at a signed distance from a flat surface, shares with the solid.
 
@@ -26,7 +26,7 @@ def cap(distance, r):
     return math.pi * depth * depth * (3.0 * r - depth) / 3.0, depth
 
 
-@njit(cache=True, nogil=True, _nrt=False, error_model="numpy", forceinline=True)
+@kernel(_nrt=False, error_model="numpy", forceinline=True)
 def surface(kind, half, e, x, y, z):
     """Signed distance [m] of a point from element e, and the surface's normal there; all in the element's frame.
 
@@ -48,7 +48,7 @@ def surface(kind, half, e, x, y, z):
     return distance, (sx * qx / distance, sy * qy / distance, sz * qz / distance)
 
 
-@njit(cache=True, nogil=True, _nrt=False, forceinline=True)
+@inner(forceinline=True)
 def in_element(position, R, e, x, y, z):
     """A point of the world in the frame of element e."""
     x, y, z = x - position[e, 0], y - position[e, 1], z - position[e, 2]
@@ -59,14 +59,14 @@ def in_element(position, R, e, x, y, z):
     )
 
 
-@njit(cache=True, nogil=True, _nrt=False, forceinline=True)
+@inner(forceinline=True)
 def element_distance(laws, e, x, y, z):
     """Signed distance of a point in the world from element e [m]."""
     px, py, pz = in_element(laws.position, laws.R, e, x, y, z)
     return surface(laws.kind, laws.half, e, px, py, pz)[0]
 
 
-@njit(cache=True, nogil=True, _nrt=False)
+@inner
 def write_element_rotation(R_i, R_e, out):
     """Rotation from the body's to the element's axes into ``out`` (3, 3)."""
     for a in range(3):
@@ -74,7 +74,7 @@ def write_element_rotation(R_i, R_e, out):
             out[a, b] = R_e[0, a] * R_i[0, b] + R_e[1, a] * R_i[1, b] + R_e[2, a] * R_i[2, b]
 
 
-@njit(cache=True, nogil=True, _nrt=False, error_model="numpy", forceinline=True)
+@inner(error_model="numpy", forceinline=True)
 def next_element_contacts(tree, laws, e, R, t, search, top):
     """Continue the search for the contacts of one body with element e, in the way of `contact.next_contacts`.
 
@@ -137,7 +137,7 @@ def next_element_contacts(tree, laws, e, R, t, search, top):
     return count, top
 
 
-@njit(cache=True, nogil=True, _nrt=False, forceinline=True)
+@inner(forceinline=True)
 def open_element(x, i, e, world, laws, work):
     """Begin the search for the contacts of body i with element e.
 

@@ -7,14 +7,13 @@ a slice for each would cost more than the arithmetic.
 
 import math
 
-from numba import njit
-
 from ..layout import EP, ER, EV, EW, W
+from .compiled import inner
 from .simd import four_columns, two_columns
 from .so3 import cross, rotate, rotate_back
 
 
-@njit(cache=True, nogil=True, _nrt=False, forceinline=True)
+@inner(forceinline=True)
 def write_printed_rotation(R, i, dt, out):
     """``dt R_t^T`` of body i, the block of Eq. 14 that turns angular velocity into rotation, into ``out`` (3, 3)."""
     for a in range(3):
@@ -22,7 +21,7 @@ def write_printed_rotation(R, i, dt, out):
             out[a, b] = dt * R[i, b, a]
 
 
-@njit(cache=True, nogil=True, _nrt=False, forceinline=True)
+@inner(forceinline=True)
 def write_exact_rotation(R, x, i, dt, out):
     """``dt R_t^T J^T`` of body i, the exact derivative of the drift, into ``out`` (3, 3).
 
@@ -50,7 +49,7 @@ def write_exact_rotation(R, x, i, dt, out):
         out[k, 2] = u * (xz - y_) + v * (yz + x_) + w * zz
 
 
-@njit(cache=True, nogil=True, _nrt=False)
+@inner
 def turn_columns(rows, first, x, i, R, world, laws, dt):
     """Add what the gyroscopic term does to errors in one body's 12 rows: to first order in ``dt``.
 
@@ -74,7 +73,7 @@ def turn_columns(rows, first, x, i, R, world, laws, dt):
             rows[first + EW + k, c] += dt * (a[k] + b[k])
 
 
-@njit(cache=True, nogil=True, _nrt=False)
+@inner
 def _in_world(R, A, v):
     """``R A R^T v`` of a body-frame matrix A."""
     x, y, z = rotate_back(R, v[0], v[1], v[2])
@@ -82,7 +81,7 @@ def _in_world(R, A, v):
     return rotate(R, x, y, z)
 
 
-@njit(cache=True, nogil=True, _nrt=False, forceinline=True)
+@inner(forceinline=True)
 def apply_transition(rows, first, dt, decay, rotation):
     """Multiply the 12 rows of one body, from row ``first`` on, by its transition, in place.
 

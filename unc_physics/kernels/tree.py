@@ -12,8 +12,8 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from .compiled import kernel
 from .simd import overlap_mask
 
 WIDTH = 8
@@ -59,7 +59,7 @@ class Tree(NamedTuple):
     radii: np.ndarray
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _enclosing_sphere(centers, radii, order, start, stop):
     """Small sphere around the spheres ``order[start:stop]``: a centre pulled towards the farthest, then its exact radius."""
     x = y = z = 0.0
@@ -92,14 +92,14 @@ def _enclosing_sphere(centers, radii, order, start, stop):
     return x, y, z, reach
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _area(low, high):
     """Half the surface of a box, the usual measure of how often it is hit."""
     x, y, z = high[0] - low[0], high[1] - low[1], high[2] - low[2]
     return x * y + y * z + z * x
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _split(centers, radii, order, start, stop):
     """Divide ``order[start:stop]`` where boxes around the parts, times their numbers of spheres, are least.
 
@@ -136,7 +136,7 @@ def _split(centers, radii, order, start, stop):
     return start + best_at
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _box_area(centers, radii, order, start, stop):
     low, high = np.full(3, np.inf), np.full(3, -np.inf)
     for k in range(start, stop):
@@ -147,7 +147,7 @@ def _box_area(centers, radii, order, start, stop):
     return _area(low, high)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def build(centers, radii):
     """Tree of one packing, its nodes and spheres counted from 0.
 
@@ -215,7 +215,7 @@ def build(centers, radii):
     return bounds[:nodes].copy(), child[:nodes].copy(), depth
 
 
-@njit(cache=True, nogil=True, _nrt=False)
+@kernel(_nrt=False)
 def candidates(tree, R_ij, t_ij, slack, scratch, top):
     """Continue the search for overlapping spheres of two bodies until it ends or the buffer is full.
 

@@ -8,9 +8,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from ..belief import Belief
+from ..kernels.compiled import inner, kernel
 from ..kernels.laws import FIRST
 from ..kernels.rollout import fresh_memory
 from ..kernels.step import march, workspace
@@ -46,7 +46,7 @@ def first_contacts(scene: Scene, initial: Belief, steps: int, samples: int, seed
     return FirstContacts(states, stopped, memory[..., FIRST])
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _fly(states, memory, stopped, world, laws, steps):
     """Advance the states in place; a body counts as fixed from the step on in which it touches something."""
     for n in range(len(states)):
@@ -61,7 +61,7 @@ def _fly(states, memory, stopped, world, laws, steps):
                 break
 
 
-@njit(cache=True, nogil=True, _nrt=False)
+@inner
 def _stop(memory, moving, stopped):
     """Stop the bodies that touched something; returns how many still move."""
     left = 0

@@ -19,10 +19,10 @@ from functools import singledispatch
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit
 
 from ..belief import Belief
 from ..errors import NotSupportedError
+from ..kernels.compiled import kernel
 from ..kernels.laws import FIRST
 from ..kernels.moments import boxminus, spread_states
 from ..kernels.world import PLANE, Bodies
@@ -531,7 +531,7 @@ def _columns_of(part, frame):
     return np.concatenate([part.bodies, len(frame.mean) + np.arange(frame.elements)])
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _errors_about_first(states):
     """(N, 12 B): errors of all states (N, B, 13) about the first."""
     count, bodies = states.shape[0], states.shape[1]

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from ..belief import Belief
 from ..errors import InvalidOptionError, NotSupportedError
+from ..kernels.compiled import inner, kernel
 from ..kernels.contact import NORMAL, POINT, VOLUME, next_contacts
 from ..kernels.laws import hold_columns
 from ..kernels.moments import boxminus, boxplus
@@ -18,7 +18,18 @@ from ..kernels.pairs import near_pairs
 from ..kernels.pieces import Piece, next_piece
 from ..kernels.rollout import fresh_memory
 from ..kernels.so3 import cross, rotate, rotate_back
-from ..kernels.step import drift, glide, kick, kick_each, note_contact, open_pair, part, press, press_by_laws, workspace
+from ..kernels.step import (
+    drift,
+    glide,
+    kick,
+    kick_each,
+    note_contact,
+    open_pair,
+    part,
+    press,
+    press_by_laws,
+    workspace,
+)
 from ..kernels.surroundings import next_element_contacts, open_element
 from ..kernels.transition import apply_transition, turn_columns, write_exact_rotation
 from ..layout import EP, ER, ERROR, EV, EW, STATE, P
@@ -86,7 +97,8 @@ class Linearization(Propagator):
     def advance(self, carry, scene, steps):
         mean, root, memory = carry.mean.copy(), carry.root.copy(), carry.memory.copy()
         world = scene.world
-        _advance(mean, root, memory[0], world, world.laws, (carry.step, steps), self.jacobian == "analytic")
+        before = None if self.jacobian == "analytic" else np.empty_like(mean)
+        _advance(mean, root, memory[0], world, world.laws, (carry.step, steps), before)
         return LinearizationCarry(mean, root, memory, carry.step + steps)
 
     def belief(self, carry, scene):
@@ -110,13 +122,17 @@ class DominantContacts(NamedTuple):
     volume: np.ndarray
 
 
-@njit(cache=True, nogil=True)
-def _advance(mean, root, memory, world, laws, span, analytic):
-    """Advance the nominal state and the root in place over ``span`` = (steps before, number of steps)."""
+@kernel
+def _advance(mean, root, memory, world, laws, span, before):
+    """Advance the nominal state and the root in place over ``span`` = (steps before, number of steps).
+
+    ``before`` (B, 13) is room for the state before a step, for finite differences; None for the closed form, which
+    compiles without them.
+    """
     work = workspace(mean, world, laws)
     pairs = len(work.near)
     dominant = DominantContacts(np.empty((pairs, 2), np.int64), np.empty((pairs, 2), np.int64), np.empty(pairs))
-    before, rotation = np.empty_like(mean), np.empty((3, 3))
+    rotation = np.empty((3, 3))
     moving, R = world.bodies.moving, work.R
     place = np.where(moving, np.cumsum(moving) - 1, -1)  # of each body in the joint error state
     for step in range(span[0], span[0] + span[1]):
@@ -124,7 +140,7 @@ def _advance(mean, root, memory, world, laws, span, analytic):
         while left > 0.0:
             piece = next_piece(mean, memory, world, laws, left, work)
             left = piece.left
-            if analytic:
+            if before is None:
                 drift_root(mean, root, place, R, world, laws, (piece.before, piece.decay), rotation)
             else:
                 for i in range(len(mean)):
@@ -147,7 +163,7 @@ def _advance(mean, root, memory, world, laws, span, analytic):
                     note_contact(memory, i, j, time)
                 else:
                     part(i, j, t_ij, slack, world, work)
-            if analytic:
+            if before is None:
                 for k in range(touching):
                     contact_root(mean, root, world, piece.dt, R, dominant, k)
             else:
@@ -167,7 +183,7 @@ def _advance(mean, root, memory, world, laws, span, analytic):
                     glide(mean, world, laws, piece, work)
 
 
-@njit(cache=True, nogil=True, _nrt=False)
+@inner
 def _press_element(x, touching, root, row, memory, world, laws, when, work):
     """Let element e act on body i, and its dominant contact on the root; ``when`` is the time and the piece's length."""
     i, e = touching
@@ -196,7 +212,7 @@ def _press_element(x, touching, root, row, memory, world, laws, when, work):
         kick_column(root, row, c, (0.0, 0.0, 0.0), (torque, cross(d_lever, force), turn), world, when[1], R, i)
 
 
-@njit(cache=True, nogil=True, _nrt=False, forceinline=True)
+@inner(forceinline=True)
 def keep_dominant(search, count, dominant, place):
     """Keep the contact of largest volume, ties to the lowest sphere of body i, then of body j."""
     for k in range(count):
@@ -210,7 +226,7 @@ def keep_dominant(search, count, dominant, place):
         dominant.spheres[place, 0], dominant.spheres[place, 1] = i, j
 
 
-@njit(cache=True, nogil=True, _nrt=False, forceinline=True)
+@inner(forceinline=True)
 def drift_root(x, root, place, R, world, laws, factors, rotation):
     """Multiply the root by the derivative of drift and damping; ``x`` and ``R`` are those before the drift.
 
@@ -225,7 +241,7 @@ def drift_root(x, root, place, R, world, laws, factors, rotation):
             apply_transition(root, ERROR * place[i], factors[0], factors[1], rotation)
 
 
-@njit(cache=True, nogil=True, _nrt=False)
+@inner
 def _row(moving, body):
     """First row of a body in the joint error state; -1 for a fixed body."""
     if not moving[body]:
@@ -236,7 +252,7 @@ def _row(moving, body):
     return row
 
 
-@njit(cache=True, nogil=True, _nrt=False)
+@inner
 def contact_geometry(x, R, tree, dominant, k):
     """The sphere pair of dominant contact ``k`` in the world frame.
 
@@ -260,14 +276,14 @@ def contact_geometry(x, R, tree, dominant, k):
     return arm_i, arm_j, D, tree.radii[a], tree.radii[b]
 
 
-@njit(cache=True, nogil=True, _nrt=False)
+@inner
 def _lever(d, ri, rj):
     """Contact point on the line of centres from sphere i's centre, and its derivative by the distance."""
     low, high = max(d - rj, -ri), min(ri, d + rj)
     return 0.5 * (low + high), 0.5 * ((d - rj > -ri) + (d + rj < ri))
 
 
-@njit(cache=True, nogil=True, _nrt=False, error_model="numpy")
+@inner(error_model="numpy")
 def contact_root(x, root, world, dt, R, dominant, k):
     """Add to the root what the kick of dominant contact ``k`` adds, to first order in each column's error.
 
@@ -317,7 +333,7 @@ def contact_root(x, root, world, dt, R, dominant, k):
             kick_column(root, row_j, c, df, (torque_j, dtau, turn_j), world, dt, R, j)
 
 
-@njit(cache=True, nogil=True, _nrt=False)
+@inner
 def _moved(root, row, c, R, arm):
     """How column ``c`` moves a body: its displacement, its rotation in world axes, and the change of ``arm``."""
     if row < 0:
@@ -328,7 +344,7 @@ def _moved(root, row, c, R, arm):
     return dp, turn, cross(turn, arm)
 
 
-@njit(cache=True, nogil=True, _nrt=False)
+@inner
 def kick_column(root, row, c, df, torques, world, dt, R, body):
     """Add the change of one body's velocities by a changed force and torque, and by a turned inertia.
 
@@ -347,7 +363,7 @@ def kick_column(root, row, c, df, torques, world, dt, R, body):
         root[row + EW + k, c] += dt * (turned[k] + dw[k])
 
 
-@njit(cache=True, nogil=True, _nrt=False)
+@inner
 def _inverse_inertia(world, R, body, tau):
     """``I_world^-1 tau``."""
     x, y, z = rotate_back(R, tau[0], tau[1], tau[2])
@@ -355,7 +371,7 @@ def _inverse_inertia(world, R, body, tau):
     return rotate(R, x, y, z)
 
 
-@njit(cache=True, nogil=True, _nrt=False)
+@inner
 def regularized_step(x, world, laws, work, dominant, touching):
     """The step that ``F_t`` differentiates: the dominant contacts act, with held volume and Eq. 10's normal."""
     drift(x, world, laws, Piece(world.dt, world.decay, world.dt, 0.0, 0.0), work)
@@ -378,7 +394,7 @@ def regularized_step(x, world, laws, work, dominant, touching):
     kick_each(x, world, world.dt, work)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _difference(x, root, world, laws, dominant, touching):
     """Replace each column of the root by the central difference of the regularized step along it."""
     count = len(x)
@@ -403,7 +419,7 @@ def _difference(x, root, world, laws, dominant, touching):
                 place += ERROR
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _perturb(x, root, c, h, moving, out):
     """``x`` boxplus ``h`` times column ``c`` of the root, into ``out``."""
     error = np.empty(ERROR)
@@ -419,7 +435,7 @@ def _perturb(x, root, c, h, moving, out):
                 out[i, k] = x[i, k]
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _outer(root):
     """``root @ root.T``, exactly symmetric."""
     size = len(root)

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from ..belief import Belief
 from ..errors import InvalidOptionError
+from ..kernels.compiled import inner, kernel
 from ..kernels.contact import DISTANCE, NORMAL, VOLUME, next_contacts
 from ..kernels.laws import hold_columns
 from ..kernels.pairs import near_pairs
@@ -137,7 +137,7 @@ def make_cloud(count, samples, seed):
     return Cloud(np.zeros((count, 3, 3)), np.zeros(count, bool), np.empty((3, 3)), _TABLE, samples, seed, np.empty((3, 6)))
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _advance(mean, covariance, memory, world, laws, span, cloud):
     """Advance the nominal state and the covariances in place over ``span`` = (steps before, number of steps)."""
     work = workspace(mean, world, laws)
@@ -201,7 +201,7 @@ def _advance(mean, covariance, memory, world, laws, span, cloud):
             step_key = combine(step_key, 1)  # of the next piece of the step
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _press_element(x, touching, covariance, place, memory, world, laws, when, work, cloud):
     """Let element e act on body i, and on its covariance; ``when`` holds the step's key, the time and the piece's length."""
     i, e = touching
@@ -223,7 +223,7 @@ def _press_element(x, touching, covariance, place, memory, world, laws, when, wo
         kick_covariance(covariance[place[i]], world, when[2], work.R[i], i, cloud.spread, 1)
 
 
-@njit(cache=True, nogil=True, _nrt=False)
+@inner
 def sample_element_contacts(i, e, found, pair_key, t, tree, laws, work, cloud):
     """Add the spread of force and torque of body i's first ``found`` contacts with element e.
 
@@ -254,7 +254,7 @@ def sample_element_contacts(i, e, found, pair_key, t, tree, laws, work, cloud):
                 add_moments(cloud.spread[1], weight, (b[0] - ux, b[1] - uy, b[2] - uz))
 
 
-@njit(cache=True, nogil=True, _nrt=False)
+@inner
 def turned(arm, turn):
     """A vector turned by a rotation vector [rad]."""
     q = exp(turn[0], turn[1], turn[2])
@@ -263,7 +263,7 @@ def turned(arm, turn):
     return arm[0] + 2.0 * b[0], arm[1] + 2.0 * b[1], arm[2] + 2.0 * b[2]
 
 
-@njit(cache=True, nogil=True, _nrt=False)
+@inner
 def add_moments(out, weight, a):
     """Add a vector's second moments to the six entries xx, yy, zz, xy, xz, yz."""
     out[0] += weight * a[0] * a[0]
@@ -274,7 +274,7 @@ def add_moments(out, weight, a):
     out[5] += weight * a[1] * a[2]
 
 
-@njit(cache=True, nogil=True, _nrt=False, forceinline=True)
+@inner(forceinline=True)
 def transform(rows, place, x, i, R, world, laws, factors, rotation):
     """``A P A^T`` in place of body i's symmetric P, as ``A (A P)^T``; ``factors`` are the drift's time and decay."""
     first = ERROR * place
@@ -287,7 +287,7 @@ def transform(rows, place, x, i, R, world, laws, factors, rotation):
             transpose(rows, first)
 
 
-@njit(cache=True, nogil=True, _nrt=False, forceinline=True)
+@inner(forceinline=True)
 def transpose(rows, first):
     """Transpose the matrix in 12 ``rows`` from ``first`` on."""
     for a in range(ERROR):
@@ -295,7 +295,7 @@ def transpose(rows, first):
             rows[first + a, b], rows[first + b, a] = rows[first + b, a], rows[first + a, b]
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def know_cloud(bodies, covariance, place, work, cloud):
     """Factors of the covariances of two bodies' relative position, and of their rotations in world axes."""
     relative = np.zeros((3, 3))
@@ -314,7 +314,7 @@ def know_cloud(bodies, covariance, place, work, cloud):
     write_cholesky(relative, 0, cloud.position)
 
 
-@njit(cache=True, nogil=True, _nrt=False)
+@inner
 def write_cholesky(P, first, L):
     """Lower factor of the 3 x 3 block of ``P`` that begins at ``first``; directions without variance stay zero."""
     L[:] = 0.0
@@ -333,7 +333,7 @@ def write_cholesky(P, first, L):
             L[r, c] = entry / L[c, c]
 
 
-@njit(cache=True, nogil=True, _nrt=False)
+@inner
 def _size(A):
     """Frobenius norm of a 3 x 3 matrix: the root mean square of what it makes of three normal numbers."""
     total = 0.0
@@ -343,7 +343,7 @@ def _size(A):
     return math.sqrt(total)
 
 
-@njit(cache=True, nogil=True, _nrt=False, forceinline=True)
+@inner(forceinline=True)
 def _single(A, scale):
     """The entries of a 3 x 3 matrix, times ``scale``, in single precision."""
     f = np.float32
@@ -354,7 +354,7 @@ def _single(A, scale):
     )
 
 
-@njit(cache=True, nogil=True, _nrt=False, error_model="numpy")
+@inner(error_model="numpy")
 def sample_contacts(bodies, found, pair_key, tree, work, cloud):
     """Add the spread of forces and torques of the first ``found`` contacts on record (Eqs. 31 to 33)."""
     i, j = bodies
@@ -384,13 +384,13 @@ def sample_contacts(bodies, found, pair_key, tree, work, cloud):
                 add_spread(table, starts, count, factors, shape, _SERIES, weights, spread)
 
 
-@njit(cache=True, nogil=True, _nrt=False, forceinline=True)
+@inner(forceinline=True)
 def _short(a, scale):
     """A vector times ``scale`` in single precision."""
     return np.float32(scale * a[0]), np.float32(scale * a[1]), np.float32(scale * a[2])
 
 
-@njit(cache=True, nogil=True, _nrt=False, error_model="numpy", forceinline=True)
+@inner(error_model="numpy", forceinline=True)
 def _shift(arm, turn, series):
     """How a rotation vector moves a vector (Rodrigues' formula less the vector), without a branch on the sample.
 
@@ -416,13 +416,13 @@ def _shift(arm, turn, series):
     )
 
 
-@njit(cache=True, nogil=True, _nrt=False, forceinline=True)
+@inner(forceinline=True)
 def _times(A, x, y, z):
     """Product of a matrix, as the tuple of its entries, with a vector."""
     return A[0] * x + A[1] * y + A[2] * z, A[3] * x + A[4] * y + A[5] * z, A[6] * x + A[7] * y + A[8] * z
 
 
-@njit(cache=True, nogil=True, _nrt=False, error_model="numpy", fastmath={"reassoc", "contract", "nsz"})
+@inner(error_model="numpy", fastmath={"reassoc", "contract", "nsz"})
 def add_spread(table, starts, count, factors, shape, series, weights, spread):
     """Add the second moments of force and torques over some samples of one contact, in units of the stiffness.
 
@@ -502,7 +502,7 @@ def add_spread(table, starts, count, factors, shape, series, weights, spread):
             spread[row, c] += weight * moments[c]
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def kick_covariance(P, world, dt, R, body, spread, side):
     """Add the spread of the kick to the diagonal blocks of the velocities (Eqs. 34 and 35); ``side`` 1 is body i."""
     a = (dt * world.stiffness) ** 2
@@ -523,7 +523,7 @@ def kick_covariance(P, world, dt, R, body, spread, side):
             P[EW + r, EW + c] += a * total
 
 
-@njit(cache=True, nogil=True, _nrt=False)
+@inner
 def _entry(r, c):
     """Place of a symmetric 3 x 3 matrix's entry among xx, yy, zz, xy, xz, yz."""
     return r if r == c else r + c + 2

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from ..belief import Belief
 from ..errors import InvalidOptionError
+from ..kernels.compiled import inner, kernel
 from ..kernels.contact import DISTANCE, NORMAL, VOLUME, next_contacts
 from ..kernels.laws import hold_columns
 from ..kernels.pairs import near_pairs
@@ -96,7 +96,7 @@ class Spread(NamedTuple):
     torque: np.ndarray
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _advance(mean, roots, memory, world, laws, span, k_sigma):
     """Advance the nominal state and the roots in place over ``span`` = (steps before, number of steps)."""
     work = workspace(mean, world, laws)
@@ -148,7 +148,7 @@ def _advance(mean, roots, memory, world, laws, span, k_sigma):
                     glide(mean, world, laws, piece, work)
 
 
-@njit(cache=True, nogil=True, _nrt=False, forceinline=True)
+@inner(forceinline=True)
 def _drift_roots(rows, place, x, R, world, laws, factors, rotation):
     """Multiply all roots by the transition of a drift, ``factors`` being its time and decay (Eq. 14)."""
     for i in range(len(place)):
@@ -160,7 +160,7 @@ def _drift_roots(rows, place, x, R, world, laws, factors, rotation):
             apply_transition(rows, ERROR * place[i], factors[0], factors[1], rotation)
 
 
-@njit(cache=True, nogil=True, _nrt=False)
+@inner
 def know_spread(S, R, body, spread):
     """Covariance blocks of position and rotation from the root ``S`` (12, 12), the latter turned to world axes."""
     spread.known[body] = True
@@ -181,13 +181,13 @@ def know_spread(S, R, body, spread):
         rotation[1, 2], rotation[2, 1] = rotation[2, 1], rotation[1, 2]
 
 
-@njit(cache=True, nogil=True, _nrt=False, forceinline=True)
+@inner(forceinline=True)
 def _symmetric(A):
     """A symmetric matrix as the tuple of its entries xx, yy, zz, xy, xz, yz."""
     return A[0, 0], A[1, 1], A[2, 2], A[0, 1], A[0, 2], A[1, 2]
 
 
-@njit(cache=True, nogil=True, _nrt=False, forceinline=True)
+@inner(forceinline=True)
 def _forms(A, u, w):
     """``u^T A u``, ``u^T A w`` and ``w^T A w`` of a symmetric matrix, as `_symmetric` gives it."""
     x, y, z = A[0] * u[0] + A[3] * u[1] + A[4] * u[2], A[3] * u[0] + A[1] * u[1] + A[5] * u[2], A[4] * u[0] + A[5] * u[1] + A[2] * u[2]
@@ -196,7 +196,7 @@ def _forms(A, u, w):
     return uu, uw, w[0] * x + w[1] * y + w[2] * z
 
 
-@njit(cache=True, nogil=True, _nrt=False, error_model="numpy")
+@inner(error_model="numpy")
 def tangent_basis(n):
     """Two unit vectors that complete the unit vector ``n`` to a right-handed orthonormal basis."""
     s = 1.0 if n[2] >= 0.0 else -1.0
@@ -205,14 +205,14 @@ def tangent_basis(n):
     return (1.0 + s * n[0] * n[0] * a, s * b, -s * n[0]), (b, s + n[1] * n[1] * a, -n[1])
 
 
-@njit(cache=True, nogil=True, _nrt=False, error_model="numpy")
+@inner(error_model="numpy")
 def _sine_of_tilt(variance, d, k_sigma):
     """Sine of Eq. 20's angle ``atan(k_sigma sqrt(variance) / d)``."""
     reach = k_sigma * math.sqrt(max(variance, 0.0))
     return reach / math.sqrt(d * d + reach * reach)
 
 
-@njit(cache=True, nogil=True, _nrt=False, error_model="numpy", fastmath={"reassoc", "contract", "nsz"})
+@inner(error_model="numpy", fastmath={"reassoc", "contract", "nsz"})
 def add_tilts(bodies, found, k_sigma, tree, work, spread):
     """Add Eq. 21's increments, and their moments, of the first ``found`` contacts on record (Eqs. 16 to 23).
 
@@ -279,14 +279,14 @@ def add_tilts(bodies, found, k_sigma, tree, work, spread):
     _add(spread.torque[1], (j00, j01, j02, j10, j11, j12, j20, j21, j22))
 
 
-@njit(cache=True, nogil=True, _nrt=False)
+@inner
 def _add(A, entries):
     """Add nine entries to a 3 x 3 matrix, row by row."""
     for k in range(9):
         A[k // 3, k % 3] += entries[k]
 
 
-@njit(cache=True, nogil=True, _nrt=False)
+@inner
 def kick_root(S, world, dt, R, body, spread, side):
     """Add the pair's increments to the diagonal blocks of the velocities in the root (Eqs. 22 and 23)."""
     a = dt * world.stiffness * world.bodies.inverse_mass[body]

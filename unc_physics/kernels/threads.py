@@ -1,0 +1,25 @@
+"""Work on several threads at once: kernels run without the interpreter's lock."""
+
+from concurrent.futures import ThreadPoolExecutor
+from functools import cache
+
+import numba
+
+_PARTS_PER_THREAD = 8  # samples differ in what they cost
+
+
+def in_threads(count, run):
+    """Call ``run(slice)`` for parts of ``range(count)``, on as many threads as `numba.set_num_threads` allows."""
+    threads = numba.get_num_threads() if count > 1 else 1
+    if threads == 1:
+        run(slice(count))
+        return
+    run(slice(0))  # what is not compiled yet is now, by one thread
+    parts = min(count, _PARTS_PER_THREAD * threads)
+    ends = [count * part // parts for part in range(parts + 1)]
+    list(_pool(threads).map(run, map(slice, ends[:-1], ends[1:])))
+
+
+@cache
+def _pool(threads):
+    return ThreadPoolExecutor(threads, thread_name_prefix="rollouts")
