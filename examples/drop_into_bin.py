@@ -20,7 +20,7 @@ OFFSETS = (0.0, 0.08, 0.12, 0.14, 0.16, 0.20)  # m, of the release pose from the
 HEIGHT = 0.17  # m, of the salt box's bottom above the bin's floor
 LENGTH, WIDTH, RIM, WALL = 0.30, 0.20, 0.147, 0.004  # m, of the bin
 TABLE = -0.5  # m, height of what is below the bin
-SAMPLES = 200
+SAMPLES = 300
 HORIZON = 0.8  # s
 PHYSICS = {"stiffness": "1e8", "friction": "0.5", "restitution": "0.2"}
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 import os
+from dataclasses import asdict
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -30,6 +31,8 @@ def add_predict_command(commands) -> None:
     )
     parser.add_argument("--horizon", metavar="T", help="time to predict for [s], instead of the scene file's")
     parser.add_argument("--period", metavar="T", help="also report the states every T seconds on the way there")
+    parser.add_argument(
+        "--probabilities", action="store_true", help="also report how probable contacts are, and that bodies are at rest at the end")
     parser.add_argument("--picture", metavar="OUT.png", help="also draw the prediction, from the side and from above")
     parser.add_argument("--models", metavar="DIR", help="folder of the models, instead of the model library")
     parser.add_argument("--json", action="store_true", help="print one JSON object instead of a table")
@@ -55,15 +58,44 @@ def run(arguments) -> int:
     horizon = horizon if arguments.horizon is None else arguments.horizon
     prediction = _predict_with_progress(scene, belief, propagator, horizon, arguments.period)
     seed = prediction.seed if prediction.seed is not None else arguments.seed
+    answers = _answers(scene, prediction, belief) if arguments.probabilities else None
     if arguments.json:
-        print(json.dumps(as_dict(scene, prediction, seed), allow_nan=False))
+        found = {} if answers is None else {key: [asdict(answer) for answer in own] for key, own in answers.items()}
+        print(json.dumps(as_dict(scene, prediction, seed) | found, allow_nan=False))
     else:
         print(as_table(scene, prediction))
+        if answers is not None:
+            print(answers_as_table(answers))
     if arguments.picture is not None:
         from .scene_picture import draw_prediction
 
         draw_prediction(arguments.picture, scene, belief, prediction, Path(arguments.scene).stem.replace("_", " "))
     return 0
+
+
+def _answers(scene, prediction, initial):
+    """Probabilities by their names in the JSON."""
+    from .propagation.answers import contact_probabilities, rest_probabilities
+
+    return {
+        "contact_probabilities": contact_probabilities(scene, prediction, initial),
+        "rest_probabilities": rest_probabilities(scene, prediction, initial),
+    }
+
+
+def answers_as_table(answers) -> str:
+    """Probabilities as text, one a line; '-' where the propagator cannot tell one."""
+    lines = []
+    for answer in answers["contact_probabilities"]:
+        what = f"{answer.object_a} and {answer.object_b} touch"
+        when = ""
+        if answer.first_contact_time_available:
+            when = f"  first after {answer.first_contact_time_mean:.3f} s, std {answer.first_contact_time_std:.3f} s"
+        lines.append((what, answer, when))
+    lines += [(f"{answer.object} is at rest", answer, "") for answer in answers["rest_probabilities"]]
+    width = max(len(what) for what, *_ in lines)
+    return "\n".join(
+        f"{what:<{width}}  {f'{answer.probability:5.3f}' if answer.available else '    -'}{when}" for what, answer, when in lines)
 
 
 def _check_picture(path):

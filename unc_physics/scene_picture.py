@@ -38,9 +38,10 @@ def draw_prediction(path, scene, initial, prediction, title="") -> None:
     beliefs = (initial, *prediction.beliefs)
     low, high = _bounds(scene, beliefs)
     wide, deep, tall = high - low
-    figure = Figure(figsize=(10.0, 1.3 + min(9.0, 9.2 * (tall + deep) / wide)))
+    height = 1.3 + min(9.0, 9.2 * (tall + deep) / wide)
+    figure = Figure(figsize=(10.0, height))
     FigureCanvasAgg(figure)
-    grid = figure.add_gridspec(2, 1, height_ratios=[tall, deep], hspace=0.12)
+    grid = figure.add_gridspec(2, 1, height_ratios=[tall, deep], hspace=0.12, top=1.0 - 0.6 / height, bottom=0.6 / height)
     for row, (view, label) in enumerate(((_SIDE, "z [m]"), (_ABOVE, "y [m]"))):
         axes = figure.add_subplot(grid[row])
         _draw_view(axes, scene, beliefs, view, low, high)
@@ -50,7 +51,7 @@ def draw_prediction(path, scene, initial, prediction, title="") -> None:
         f"From the side and from above. Pale: now; solid: predicted for {prediction.time:g} s "
         f"({prediction.propagator.name.replace('_', ' ')}); ellipses: {SIGMAS:g} sigma of the position."
     )
-    figure.suptitle(f"{title}\n{subtitle}" if title else subtitle, fontsize=10, y=0.99)
+    figure.suptitle(f"{title}\n{subtitle}" if title else subtitle, fontsize=10, y=1.0 - 0.1 / height, va="top")
     figure.savefig(path, dpi=110, bbox_inches="tight")
 
 

@@ -33,7 +33,9 @@ from unc_physics_msgs.msg import ObjectState
 from unc_physics_msgs.srv import Predict
 
 executable = os.path.join(get_package_prefix("unc_physics"), "lib", "unc_physics", "unc_physics_node")
-server = subprocess.Popen([executable])
+# nothing ahead and the plainest physics, so that little is compiled: this is about what is installed
+plain = ["warm_up:=['']", "integrator:=explicit", "gyroscopic:=false"]
+server = subprocess.Popen([executable, "--ros-args", *(part for text in plain for part in ("-p", text))])
 try:
     rclpy.init()
     node = Node("asker")

@@ -59,6 +59,13 @@ def numbers_of(state):
     ])
 
 
+def assert_same(response, expected):
+    """Both answer the same; to round-off, as steps are grouped by the clock."""
+    assert_answered(response)
+    for got, want in zip(response.objects, expected.objects, strict=True):
+        assert np.allclose(numbers_of(got.states[-1]), numbers_of(want.states[-1]), rtol=0.0, atol=1e-9)
+
+
 def position_of(pose):
     """(3,)"""
     return np.array([pose.position.x, pose.position.y, pose.position.z])

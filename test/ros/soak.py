@@ -18,7 +18,15 @@ from diagnostic_msgs.msg import KeyValue
 from geometry_msgs.msg import Pose
 from rclpy.qos import qos_profile_sensor_data
 from running import Client, Inbox, NodeProcess, result_of
-from scenes import assert_answered, good_request, moving_object, numbers_of, orientation_of, position_of
+from scenes import (
+    assert_answered,
+    assert_same,
+    good_request,
+    moving_object,
+    numbers_of,
+    orientation_of,
+    position_of,
+)
 from shape_msgs.msg import Plane, SolidPrimitive
 
 from unc_physics.errors import ErrorCode
@@ -144,7 +152,7 @@ def soak(duration, requests, seed, report=lambda text: None):
         def good_answer():
             response = client.predict(good_request(seed=1), node=NODE)
             assert_answered(response)
-            return [numbers_of(predicted.states[-1]).tolist() for predicted in response.objects]
+            return response
 
         before = good_answer()
         stream = client.node.create_publisher(ObjectStateArray, f"/{NODE}/objects", qos_profile_sensor_data)
@@ -172,7 +180,7 @@ def soak(duration, requests, seed, report=lambda text: None):
                     report(f"{elapsed:5.0f} s, {sent} requests, {memory(node.process):.1f} MB")
             for future in waiting:
                 checked(future)
-        assert good_answer() == before
+        assert_same(good_answer(), before)
         growth = memory(node.process) - warm
         assert node.end() == 0
         assert "Traceback" not in node.output, node.output

@@ -70,7 +70,7 @@ def test_probabilities_of_contact_region_and_rest(predict):
     away.size.x = away.size.y = away.size.z = 1.0
     request = request_with(
         floor_as("plane"), falling_brick("near"), falling_brick("far", x=1.0), propagator="monte_carlo", samples=SAMPLES,
-        return_samples=10, regions=[inside, away])
+        return_samples=10, regions=[inside, away], return_probabilities=True)
     response = predict(request)
     assert_answered(response)
     contacts = {(answer.object_a, answer.object_b): answer for answer in response.contact_probabilities}
@@ -96,16 +96,36 @@ def test_what_is_not_known_well_enough_is_not_available(predict):
     region = BoxRegion(id="bin")
     region.size.x = region.size.y = region.size.z = 1.0
     few = request_with(
-        floor_as("plane"), falling_brick(), propagator="monte_carlo", samples=10, regions=[region])
+        floor_as("plane"), falling_brick(), propagator="monte_carlo", samples=10, regions=[region], return_probabilities=True)
     response = predict(few)
     assert_answered(response)
+    assert response.contact_probabilities and response.region_probabilities
     for answer in (*response.contact_probabilities, *response.region_probabilities):
         assert not answer.available and answer.probability == 0.0
     assert not response.objects[0].rest_probability_available
 
 
+def test_flights_tell_the_contacts_of_a_propagator_without_samples(predict):
+    request = request_with(
+        floor_as("plane"), falling_brick("near"), falling_brick("far", x=1.0), propagator="surrogate", return_probabilities=True)
+    response = predict(request)
+    assert_answered(response)
+    contacts = {(answer.object_a, answer.object_b): answer for answer in response.contact_probabilities}
+    assert contacts["near", "floor"].available and contacts["near", "floor"].probability == 1.0
+    assert 0.0 < contacts["near", "floor"].first_contact_time_mean < 0.3
+    assert not response.objects[0].rest_probability_available  # decided after the first contact
+
+
+def test_probabilities_are_told_when_asked_for(predict):
+    response = predict(request_with(floor_as("plane"), falling_brick(), propagator="monte_carlo", samples=SAMPLES))
+    assert_answered(response)
+    assert not response.contact_probabilities
+    assert not response.objects[0].rest_probability_available
+
+
 @pytest.mark.parametrize(("key", "value"), [
     ("friction", "0.9"), ("restitution", "0.8"), ("gyroscopic", "false"), ("integrator", "explicit"), ("stiffness", "3e6"),
+    ("stiffness", "auto"),
 ])
 def test_each_scene_option_changes_the_prediction(predict, key, value):
     thrown = falling_brick()

@@ -1,6 +1,8 @@
-"""Models: listed, loaded and packed at run time."""
+"""Models: listed, loaded and packed at run time; and what else the node offers."""
 
+import re
 import shutil
+from pathlib import Path
 
 import pytest
 from rclpy.qos import DurabilityPolicy, QoSProfile
@@ -9,7 +11,7 @@ from scenes import assert_answered, moving_object, request_of
 
 from unc_physics import PROPAGATORS
 from unc_physics.errors import ErrorCode
-from unc_physics.geometry.library import find_model, list_models
+from unc_physics.geometry.library import find_model
 from unc_physics_msgs.msg import ModelInfo, ModelList
 from unc_physics_msgs.srv import GetCapabilities, ListModels, LoadModel, Predict
 
@@ -97,8 +99,18 @@ def test_capabilities(node, client):
     assert_answered(client.call(Predict, "/models/predict", request))
 
 
-def test_the_shipped_models_are_all_ready(client):
-    with NodeProcess(name="shipped"):
-        response = client.call(ListModels, "/shipped/list_models", ListModels.Request())
-    assert [model.name for model in response.models] == list(list_models())
-    assert all(model.status == ModelInfo.STATUS_READY for model in response.models)
+def advertised(graph):
+    """Names below ~ of the node's topics, services and actions, as far as discovery has found them."""
+    own = graph.get_service_names_and_types_by_node("models", "/")
+    own += graph.get_publisher_names_and_types_by_node("models", "/")
+    own += graph.get_subscriber_names_and_types_by_node("models", "/")
+    names = {name.removeprefix("/models/") for name, _ in own if name.startswith("/models/")}
+    return {name.partition("/_action")[0] for name in names if not re.search(r"parameter|type_description", name)}
+
+
+def test_every_topic_service_and_action_is_in_the_document(node, client):
+    text = (Path(__file__).resolve().parents[2] / "docs" / "ros.md").read_text()
+    wait_until(lambda: "models" in client.node.get_node_names())
+    expected = {"predict", "predict_long", "objects", "predictions", "models"}
+    wait_until(lambda: expected <= advertised(client.node))  # the parts of a node are discovered one by one
+    assert not [name for name in advertised(client.node) if f"`~/{name}`" not in text]

@@ -40,7 +40,8 @@ def test_every_parameter_is_described(node, client):
 
 
 @pytest.mark.parametrize(("name", "value", "reason"), [
-    ("dt", -1.0, "range"), ("stiffness", float("nan"), "range"), ("models_dir", "/tmp", "read-only"),
+    ("dt", -1.0, "range"), ("damping", float("nan"), "range"), ("stiffness", float("nan"), "finite"), ("stiffness", -1.0, "negative"),
+    ("stiffness", "hard", "auto"), ("models_dir", "/tmp", "read-only"),
     ("default_propagator", "crystal_ball", "one of"), ("gravity", [1.0], "3 numbers"), ("horizons", [0.0], "above 0"),
     ("gravity", [0.0, 0.0, float("inf")], "finite"), ("dt", "fast", "type"), ("max_samples", 0, "range"),
 ])
@@ -61,6 +62,9 @@ def test_physics_change_between_predictions(change, client):
     assert fall()[2] == pytest.approx(-9.81 / 2, rel=0.02)
     assert change("gravity", [1.0, 0.0, 0.0]).successful
     assert fall() == pytest.approx([0.5, 0.0, 0.0], rel=0.02)
+    for stiffness in (1e5, 100, "auto"):
+        assert change("stiffness", stiffness).successful
+        fall()
     assert change("default_propagator", "monte_carlo").successful
     request = request_of(moving_object())
     assert client.predict(request, node="parameters").propagator == "monte_carlo"

@@ -11,8 +11,7 @@ from scenes import assert_answered, good_request
 from unc_physics_msgs.srv import Predict
 
 
-@pytest.mark.parametrize("with_signal", [signal.SIGINT, signal.SIGTERM])
-@pytest.mark.parametrize("busy", [False, True], ids=["idle", "busy"])
+@pytest.mark.parametrize(("with_signal", "busy"), [(signal.SIGINT, False), (signal.SIGTERM, True)])
 def test_a_signal_ends_the_node_cleanly(with_signal, busy):
     with NodeProcess(name="ending") as process, Client() as client:
         assert_answered(client.predict(good_request(), node="ending"))
@@ -26,8 +25,7 @@ def test_a_signal_ends_the_node_cleanly(with_signal, busy):
         assert "Traceback" not in process.output
 
 
-@pytest.mark.parametrize("with_signal", [signal.SIGINT, signal.SIGTERM])
-@pytest.mark.parametrize("delay", [0.8, 2.0])
+@pytest.mark.parametrize(("with_signal", "delay"), [(signal.SIGTERM, 0.8), (signal.SIGINT, 2.0)])
 def test_a_signal_while_it_starts_ends_the_node_cleanly(with_signal, delay):
     starting = NodeProcess(name="starting")
     process = subprocess.Popen(starting.command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)

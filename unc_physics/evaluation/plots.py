@@ -227,7 +227,9 @@ def draw_samples(path: Path, arrays: Mapping[str, np.ndarray], packing: SpherePa
             _draw_bodies(ax, states[:40, body], packing, tint)
             ax.plot(*states[:, body, :2].T, ".", markersize=2.0, color=tint, alpha=0.6, zorder=3, markeredgewidth=0)
         ax.set(xlim=limits[:, 0], ylim=limits[:, 1], aspect="equal")
-        ax.set_title(name, fontsize=10)
+        plane = states[:, :, :2]
+        beyond = np.mean(np.any((plane < limits[0, :2]) | (plane > limits[1, :2]), axis=-1))
+        ax.set_title(name if beyond < 0.01 else f"{name} ({beyond:.0%} beyond the frame)", fontsize=10)
         ax.set_xlabel("x [m]", fontsize=8)
         ax.grid(True, color="0.93", linewidth=0.6)
         ax.set_axisbelow(True)

@@ -1,10 +1,10 @@
 """Answers that a robot asks a prediction for: will they touch, and when; where will it be; will it be at rest?
 
-Every answer is a probability within `TOLERANCE` of the truth, or says that it is not available. Monte Carlo counts its
-samples. The other propagators have no samples, and the Gaussian that they end with is no good for probabilities once
+Every answer is a probability within `TOLERANCE` of the truth, or says that it is not available: it is where the
+interval that its outcomes leave for the truth reaches farther. Monte Carlo counts its samples. The other propagators have no samples, and the Gaussian that they end with is no good for probabilities once
 bodies have touched (``python -m benchmarks.calibration`` shows how far off it is). What they can tell is what is decided
 by the first contacts, before which all bodies fly freely: flights drawn from the initial belief say for each question
-how often it is answered yes, no, or not yet; a probability is available where "not yet" is rare.
+how often it is answered yes, no, or not yet. "Not yet" counts half, and widens the interval by as much.
 """
 
 from __future__ import annotations
@@ -31,11 +31,10 @@ from .predict import Prediction
 ENVIRONMENT = "environment"
 #: How far an available probability may be from the truth.
 TOLERANCE = 0.1
-#: Samples below which a probability's binomial error at 95 % may be above the tolerance.
-FEWEST_SAMPLES = math.ceil((1.96 * 0.5 / TOLERANCE) ** 2)
-#: Flights of a propagator without samples, and the largest share of them that may leave a question open: half of it
-#: and the binomial error at 95 % add up to the tolerance.
-FLIGHTS, MOST_OPEN = 400, 0.1
+#: Half width of the interval of a share, in standard deviations: one share in a thousand lies outside.
+CONFIDENCE = 3.29
+#: Flights of a propagator without samples.
+FLIGHTS = 1000
 #: Contacts below which too little is known of when they begin.
 FEWEST_CONTACTS = 10
 #: Speeds below which a body counts as at rest [m/s], [rad/s].
@@ -264,11 +263,14 @@ class _Outcomes:
         Time from which on nothing is known of a body [s]; infinite for one that is known to the end.
     first : (N, B, B + E) array
         Time of the first contact of bodies i < j, or of body i and element j - B [s]; infinite without one.
+    certain : bool
+        Whether nothing else may happen, instead of these being draws.
     """
 
     states: np.ndarray
     stopped: np.ndarray
     first: np.ndarray
+    certain: bool = False
 
 
 def _outcomes(scene, prediction, initial):
@@ -282,15 +284,17 @@ def _outcomes(scene, prediction, initial):
 
 
 def _sampled(scene, prediction):
-    """The outcomes that a prediction holds: Monte Carlo's samples, if there are enough, or the only one there is."""
+    """The outcomes that a prediction holds: Monte Carlo's samples, or the only one there is."""
+    certain = not (prediction.belief.covariance.any() or scene.uncertain)
     first = prediction.carry.memory[..., FIRST]
     if prediction.propagator.name == "monte_carlo":
         states = prediction.propagator.states(prediction.carry, scene)
-        enough = len(states) >= FEWEST_SAMPLES or (states == states[0]).all()
-    else:
+        certain = certain or (len(states) > 1 and bool((states == states[0]).all()))
+    elif certain:
         states, first = prediction.belief.mean[None], first[:1]
-        enough = not (prediction.belief.covariance.any() or scene.uncertain)
-    return _Outcomes(states, np.full(states.shape[:2], np.inf), first) if enough else None
+    else:
+        return None
+    return _Outcomes(states, np.full(states.shape[:2], np.inf), first, certain)
 
 
 def _flown(scene, prediction, initial):
@@ -326,7 +330,7 @@ def _contact(names, outcomes, body, other, columns):
     if other is not None:
         known = np.minimum(known, outcomes.stopped[:, other])
     yes = np.isfinite(first) & (first <= known)  # later than that, it is contact with a body that is not there any more
-    available, probability = _share(yes, np.isfinite(known) & ~yes)
+    available, probability = _share(yes, np.isfinite(known) & ~yes, outcomes.certain)
     if not available or yes.sum() < min(FEWEST_CONTACTS, len(yes)):  # one outcome is enough if it is certain
         return ContactProbability(*names, available, probability)
     times = first[yes].astype(float)
@@ -337,12 +341,23 @@ def _of_body(yes, outcomes, body):
     """Whether a question about a body at the horizon, with these answers (N,) if it was known to the end, can be answered."""
     if outcomes is None:
         return False, 0.0
-    return _share(yes, np.isfinite(outcomes.stopped[:, body]))
+    return _share(yes, np.isfinite(outcomes.stopped[:, body]), outcomes.certain)
 
 
-def _share(yes, unknown):
+def _share(yes, unknown, certain):
     """Availability and probability from outcomes (N,) that say yes, and those that leave it open, which count half."""
-    width = float(unknown.mean())
-    if width > MOST_OPEN:
-        return False, 0.0
-    return True, float((yes & ~unknown).mean()) + 0.5 * width
+    count = len(yes)
+    low, high = np.count_nonzero(yes & ~unknown) / count, np.count_nonzero(yes | unknown) / count
+    probability = 0.5 * (low + high)
+    if not certain:
+        low, high = _interval(low, count)[0], _interval(high, count)[1]
+    available = bool(max(probability - low, high - probability) <= TOLERANCE)
+    return available, float(probability) if available else 0.0
+
+
+def _interval(share, count):
+    """Lowest and highest probability that may have given a share of ``count`` draws (Wilson 1927)."""
+    square = CONFIDENCE**2 / count
+    middle = (share + 0.5 * square) / (1.0 + square)
+    half = CONFIDENCE * math.sqrt(share * (1.0 - share) / count + 0.25 * square / count) / (1.0 + square)
+    return middle - half, middle + half

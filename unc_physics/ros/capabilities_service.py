@@ -18,8 +18,8 @@ from .. import __version__
 from ..propagation import PROPAGATORS
 
 _FEATURES = [
-    "environment", "friction", "restitution", "gyroscopic", "contact_probabilities", "region_probabilities",
-    "rest_probability", "joint_covariance", "pose_samples", "candidates", "mesh_packing",
+    "environment", "friction", "restitution", "gyroscopic", "islands", "parameter_uncertainty", "contact_probabilities",
+    "region_probabilities", "rest_probability", "joint_covariance", "pose_samples", "candidates", "mesh_packing",
 ]
 _MEAN = {"nominal": PropagatorInfo.MEAN_NOMINAL, "estimated": PropagatorInfo.MEAN_ESTIMATED}
 

@@ -48,12 +48,15 @@ from ..layout import (
 )
 from ..scene import RigidBody, Scene
 from ..scene_file import PHYSICS_KEYS, physics_options
+from ..stiffness import auto_stiffness
 from ..validation import array, covariance, non_negative, number, positive, quaternion
 from .origin import congruent, covariance_at_com, error_map, moved, split
 from .surroundings import read_environment
 
 #: First entry of a covariance that is not known, as in sensor_msgs/Imu.
 UNKNOWN = -1.0
+#: The stiffness that follows from the scene.
+AUTO = "auto"
 
 
 class Doubts(NamedTuple):
@@ -115,7 +118,7 @@ def read_scene(
     environment : Environment
     library : ModelLibrary
     physics : dict
-        Arguments of `Scene` besides bodies and environment.
+        Arguments of `Scene` besides bodies and environment; the stiffness may be `AUTO`.
     doubts : Doubts
     max_objects, max_spheres, max_elements : int, optional
     fields : sequence of str, optional
@@ -143,22 +146,39 @@ def read_scene(
     taken = {element.name: k for k, element in enumerate(elements)}
     for name in names & taken.keys():
         raise DuplicateIdError("is the id of an object, too", field=f"environment.ids[{taken[name]}]", value=name)
+    bodies = tuple(_rigid_body(*body) for body, *_ in read)
+    mean = np.array([state for _, state, _, _ in read])
+    if physics.get("stiffness") == AUTO:
+        physics = physics | {"stiffness": _auto_stiffness(bodies, mean, physics.get("gravity", (0.0, 0.0, 0.0)))}
     constants = tuple((key, _hashable(physics[key])) for key in sorted(physics))
     try:
-        scene = _scene(tuple(body for body, *_ in read), elements, constants)
+        scene = _scene(bodies, elements, constants)
     except InvalidRequestError as error:  # the node's own parameters are in range
         raise InvalidOptionError(error.problem, field=f"scene_options '{error.field}'", value=error.value) from None
-    mean = np.array([state for _, state, _, _ in read])
-    blocks = np.array([P for (_, _, _, fixed, *_), _, P, _ in read if not fixed]).reshape(-1, ERROR, ERROR)
+    blocks = np.array([P for body, (_, _, P, _) in zip(bodies, read, strict=True) if not body.fixed]).reshape(-1, ERROR, ERROR)
     belief = Belief.trusted(mean, blocks, scene.moving.copy())
     models = tuple(message.model for message in objects)
     return ReadScene(scene, belief, models, any(zeros for *_, zeros in read))
 
 
+@functools.lru_cache(maxsize=1024)
+def _rigid_body(*arguments):
+    """The same body for the same arguments, so that a scene that comes again is known by its bodies."""
+    return RigidBody(*arguments)
+
+
+def _auto_stiffness(bodies, mean, gravity):
+    with np.errstate(over="ignore"):
+        try:
+            return auto_stiffness(bodies, mean, gravity)
+        except OverflowError:
+            raise LimitExceededError("are too fast or too heavy for any stiffness", field="objects") from None
+
+
 @functools.lru_cache(maxsize=32)
 def _scene(bodies, elements, physics):
-    """The scene of each body's arguments of `RigidBody`; one that comes again keeps what the kernels need."""
-    return Scene([RigidBody(*body) for body in bodies], environment=elements, **dict(physics))
+    """A scene that comes again keeps what the kernels need."""
+    return Scene(bodies, environment=elements, **dict(physics))
 
 
 def _hashable(value):
@@ -193,6 +213,9 @@ def read_physics(pairs) -> dict:
             raise InvalidOptionError("is not valid YAML", field=field, value=text) from None
         if value is None:
             raise InvalidOptionError("must have a value", field=field, value=text)
+        if key == "stiffness" and value == AUTO:
+            options[key] = AUTO
+            continue
         try:
             options |= physics_options({key: value})
         except InvalidRequestError as error:
@@ -293,10 +316,13 @@ class Wanted(NamedTuple):
     ----------
     covariance, joint_covariance : bool
         Each object's whole covariance; that of all moving objects together.
+    probabilities : bool
+        Those of contacts and of rest.
     """
 
     covariance: bool = False
     joint_covariance: bool = False
+    probabilities: bool = False
 
 
 MARGINALS_ONLY = Wanted()

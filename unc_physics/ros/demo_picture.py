@@ -5,15 +5,13 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
-from matplotlib.patches import Ellipse
 from matplotlib.patheffects import withStroke
 
 from ..geometry.library import load_model
+from ..scene_picture import COLORS, ellipse, pixel_window, shaded_balls
 from .conversions import rotation_matrix, seconds
 
-COLORS = ((0.16, 0.45, 0.72), (0.85, 0.42, 0.14))
 _PIXEL = 0.005  # m
-_LIGHT = np.array([-0.40, 0.65, 0.65])  # right, up, towards the eye
 _CLOUD_SPHERES = 200
 _BODY_SPHERES = 5000
 _ELLIPSE_EVERY = 1.0  # s
@@ -63,12 +61,9 @@ def _draw_path(axes, message, states, color):
 
 
 def _ellipse(pose, **style):
-    """Two standard deviations of the position, as seen."""
+    """The ellipse of the position, as seen."""
     P = np.reshape(pose.covariance, (6, 6))[np.ix_([0, 2], [0, 2])]
-    variances, axes = np.linalg.eigh(P)
-    width, height = 4.0 * np.sqrt(np.maximum(variances[::-1], 0.0))
-    angle = np.degrees(np.arctan2(axes[1, 1], axes[0, 1]))
-    return Ellipse(_seen(pose.pose.position), width, height, angle=angle, fill=False, **style)
+    return ellipse(_seen(pose.pose.position), P, **style)
 
 
 def _seen(point):
@@ -79,7 +74,7 @@ def _seen(point):
 def _draw_body(axes, model, pose, color, alpha, order):
     """Draw a model at the pose of its origin."""
     centers, radii = _placed(model, pose, _BODY_SPHERES)
-    image, extent = shaded_balls(centers, radii, color)
+    image, extent = shaded_balls(centers, radii, color, _PIXEL)
     image[..., 3] *= alpha
     axes.imshow(image, extent=extent, origin="lower", interpolation="bilinear", zorder=order)
 
@@ -87,12 +82,13 @@ def _draw_body(axes, model, pose, color, alpha, order):
 def _draw_cloud(axes, model, poses, color):
     """Draw how often each place is covered by the model at one of the poses."""
     bodies = [_placed(model, pose, _CLOUD_SPHERES) for pose in poses]
-    window = _window(np.concatenate([centers for centers, _ in bodies]), np.concatenate([radii for _, radii in bodies]))
-    covered = np.mean([shaded_balls(*body, color, window)[0][..., 3] for body in bodies], axis=0)
+    window = pixel_window(*(np.concatenate(part) for part in zip(*bodies, strict=True)), _PIXEL)
+    drawn = [shaded_balls(*body, color, _PIXEL, window) for body in bodies]
+    covered = np.mean([image[..., 3] for image, _ in drawn], axis=0)
     image = np.empty((*covered.shape, 4))
     image[..., :3] = 0.5 + 0.5 * color
     image[..., 3] = 0.85 * np.sqrt(covered)  # so that rare places show, too
-    axes.imshow(image, extent=_extent(window), origin="lower", interpolation="bilinear", zorder=1)
+    axes.imshow(image, extent=drawn[0][1], origin="lower", interpolation="bilinear", zorder=1)
 
 
 def _placed(model, pose, spheres):
@@ -101,57 +97,6 @@ def _placed(model, pose, spheres):
     R = rotation_matrix(np.array([q.x, q.y, q.z, q.w]))
     centers = (model.centers[:spheres] - model.origin) @ R.T + [pose.position.x, pose.position.y, pose.position.z]
     return centers[:, [0, 2, 1]] * [1.0, 1.0, -1.0], model.radii[:spheres]
-
-
-def _window(centers, radii):
-    """First and last pixel (2, 2) that balls may cover: columns and rows."""
-    low = np.floor((centers[:, :2] - radii[:, None]).min(axis=0) / _PIXEL) - 1
-    high = np.ceil((centers[:, :2] + radii[:, None]).max(axis=0) / _PIXEL) + 1
-    return np.array([low, high], int)
-
-
-def _extent(window):
-    (left, bottom), (right, top) = window * _PIXEL
-    return left, right, bottom, top
-
-
-def shaded_balls(centers, radii, color, window=None):
-    """Picture of balls in orthographic view.
-
-    Parameters
-    ----------
-    centers : (n, 3) array
-        Right, up and towards the eye [m].
-    radii : (n,) array
-    color : (3,) array
-    window : (2, 2) array, optional
-        First and last pixel, columns and rows; by default what the balls cover.
-
-    Returns
-    -------
-    image : (rows, columns, 4) array
-        RGBA, transparent where there is no ball.
-    extent : tuple
-        Left, right, bottom and top [m].
-    """
-    window = _window(centers, radii) if window is None else window
-    xs, ys = ((np.arange(*window[:, k]) + 0.5) * _PIXEL for k in range(2))
-    light = _LIGHT / np.linalg.norm(_LIGHT)
-    depth = np.full((len(ys), len(xs)), -np.inf)
-    shade = np.zeros(depth.shape)
-    for (x, y, z), r in zip(centers, radii, strict=True):
-        i = slice(*np.searchsorted(ys, [y - r, y + r]))
-        j = slice(*np.searchsorted(xs, [x - r, x + r]))
-        up, right = (ys[i] - y)[:, None] / r, (xs[j] - x)[None, :] / r
-        out = np.sqrt(np.maximum(1.0 - up * up - right * right, 0.0))
-        front = z + r * out
-        seen = (out > 0.0) & (front > depth[i, j])
-        depth[i, j][seen] = front[seen]
-        shade[i, j][seen] = np.maximum(right * light[0] + up * light[1] + out * light[2], 0.0)[seen]
-    image = np.zeros((*depth.shape, 4))
-    image[..., :3] = (0.35 + 0.65 * shade)[..., None] * color + 0.25 * shade[..., None] ** 2
-    image[..., 3] = depth > -np.inf
-    return image.clip(0.0, 1.0), _extent(window)
 
 
 def _label(axes, objects, gaussian, drawn):

@@ -11,6 +11,8 @@ from ..errors import InvalidOptionError, UncPhysicsError
 from ..propagation import PROPAGATORS
 from ..scene import INTEGRATORS
 from ..scene_file import PHYSICS_KEYS
+from ..validation import non_negative
+from .conversions import AUTO
 
 
 def parameter(default, description, *, low=None, high=None, choices=(), read_only=False):
@@ -39,7 +41,9 @@ class Settings:
     default_propagator: str = parameter(
         "sigma_points", "Propagator of requests that name none.", choices=tuple(PROPAGATORS))
     dt: float = parameter(0.005, "Time step [s].", low=1e-6, high=1.0)
-    stiffness: float = parameter(1e6, "Stiffness of contacts, force per overlap volume [N/m^3].", low=0.0, high=1e15)
+    stiffness: float | str = parameter(
+        AUTO, "Stiffness of contacts, force per overlap volume [N/m^3], at least 0; 'auto': at which no body of the scene "
+        "presses deeper into another than 5 % of its largest sphere's radius.")
     damping: float = parameter(0.0, "Decay rate of all velocities [1/s].", low=0.0, high=1e3)
     gravity: tuple[float, ...] = parameter((0.0, 0.0, -9.81), "Gravity in the world frame, 3 numbers [m/s^2].")
 
@@ -51,6 +55,11 @@ class Settings:
     integrator: str = parameter(
         "robust", "How steps are taken: as in the paper ('explicit'), or divided and linearly implicit where contacts "
         "need it ('robust').", choices=INTEGRATORS)
+    islands: bool = parameter(
+        True, "Whether bodies that cannot touch each other are predicted by themselves; otherwise all of a scene together.")
+    warm_up: tuple[str, ...] = parameter(
+        tuple(PROPAGATORS), "Propagators whose kernels are compiled, or loaded, before the node is ready; others' are when "
+        "they are first asked for.", choices=tuple(PROPAGATORS), read_only=True)
 
     zero_covariance: str = parameter(
         "default", "What a pose or twist covariance of zeros means: unknown, so that the default takes its place "
@@ -69,6 +78,9 @@ class Settings:
     max_spheres: int = parameter(100_000, "Most spheres of one object.", low=1, high=10_000_000)
     max_elements: int = parameter(200, "Most planes and primitives of an environment.", low=0, high=10_000)
     max_regions: int = parameter(100, "Most regions of a request.", low=0, high=10_000)
+    max_flight_steps: int = parameter(
+        4_000, "Most time steps, times the moving objects, for which probabilities are told by propagators without samples; "
+        "beyond, they are not available.", low=0, high=100_000_000)
     max_samples: int = parameter(20_000, "Most samples of a sampled propagator.", low=1, high=10_000_000)
     max_states: int = parameter(1_000, "Most states in the trajectory of one object.", low=1, high=100_000)
     max_return_samples: int = parameter(1_000, "Most pose samples for each object and time.", low=0, high=1_000_000)
@@ -84,6 +96,8 @@ class Settings:
     horizons: tuple[float, ...] = parameter(
         (0.2, 0.5, 1.0, 2.0), "Times for which streamed scenes are predicted [s].")
     stream_propagator: str = parameter("surrogate", "Propagator for streamed scenes.", choices=tuple(PROPAGATORS))
+    stream_probabilities: bool = parameter(
+        False, "Whether predictions of streamed scenes tell probabilities of contact and rest, too.")
     max_input_age: float = parameter(
         0.5, "Streamed scenes whose stamp is older are dropped [s]; 0 takes all.", low=0.0, high=1e6)
     pose_objects: tuple[str, ...] = parameter(
@@ -109,8 +123,9 @@ class Settings:
                 raise InvalidOptionError("must be finite", field=spec.name, value=value)
             choices = spec.metadata["choices"]
             chosen = value if isinstance(value, tuple) else (value,)
-            if choices and not set(chosen) <= set(choices):
+            if choices and not set(chosen) <= {*choices, *([""] if isinstance(value, tuple) else [])}:
                 raise InvalidOptionError(f"must be one of {', '.join(choices)}", field=spec.name, value=value)
+        object.__setattr__(self, "stiffness", _stiffness(self.stiffness))
         if len(self.gravity) != 3:
             raise InvalidOptionError("must have 3 numbers", field="gravity", value=list(self.gravity))
         if not self.horizons or min(self.horizons) <= 0.0 or max(self.horizons) > self.max_horizon:
@@ -129,12 +144,21 @@ class Settings:
         return {key: getattr(self, key) for key in PHYSICS_KEYS if hasattr(self, key)}
 
 
+def _stiffness(value):
+    if value == AUTO:
+        return value
+    if isinstance(value, str | bool | tuple):
+        raise InvalidOptionError(f"must be a number or '{AUTO}'", field="stiffness", value=value)
+    return non_negative(value, "stiffness", InvalidOptionError)
+
+
 def descriptor(spec: Field) -> ParameterDescriptor:
     """What `ros2 param describe` shows of a parameter."""
     meta = spec.metadata
     result = ParameterDescriptor(
         description=meta["description"],
         read_only=meta["read_only"],
+        dynamic_typing=spec.name == "stiffness",
         additional_constraints=f"one of {', '.join(meta['choices'])}" if meta["choices"] else "",
     )
     if meta["low"] is not None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import secrets
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -21,6 +21,7 @@ from ..layout import ERROR
 from ..propagation import Prediction, predict
 from ..propagation.answers import BoxRegion
 from ..propagation.base import Propagator
+from ..propagation.monte_carlo import MonteCarlo
 from ..propagation.predict import periodic_times
 from ..propagation.registry import propagator_from_texts
 from ..scene import Scene
@@ -128,7 +129,8 @@ def read_request(
         read.scene, read.belief, _regions(regions, settings), read.models, propagator, horizon, times,
         _computation_time(request.max_computation_time, time_limit), getattr(propagator, "seed", seed),
         request.return_samples,
-        Wanted(request.return_covariance, request.return_joint_covariance), read.zeros_replaced,
+        Wanted(request.return_covariance, request.return_joint_covariance, request.return_probabilities),
+        read.zeros_replaced,
     )
     _check_answer(job, settings)
     return job
@@ -141,8 +143,8 @@ def run(job: Job, progress: Callable[[int, int], object] | None = None) -> Outco
     ------
     UncPhysicsError
     """
-    keeps = job.return_samples and _keeps_samples(job.propagator)
-    propagator = _Keeping(job.propagator, job.return_samples, []) if keeps else job.propagator
+    keeps = job.return_samples and isinstance(job.propagator, MonteCarlo)
+    propagator = _Keeping.of(job.propagator, job.return_samples) if keeps else job.propagator
     try:
         prediction = predict(
             job.scene, job.belief, propagator, job.horizon, times=job.times,
@@ -175,7 +177,10 @@ def write_answer(message, header, settings: Settings, job: Job, outcome: Outcome
     message.propagator = job.propagator.name
     message.objects = objects
     message.joint_covariances = joints
-    write_probabilities(message, job.scene, prediction, job.belief, job.regions)
+    complete = prediction.time > job.horizon - job.scene.dt
+    flies = len(job.scene.moving) * prediction.time / job.scene.dt <= settings.max_flight_steps
+    initial = job.belief if complete and flies else None
+    write_probabilities(message, job.scene, prediction, initial, job.regions, job.wanted.probabilities)
     message.seed_used = job.seed
     message.time_reached = float(prediction.time)
     message.computation_time = float(prediction.wall_time)
@@ -250,7 +255,7 @@ def _check_answer(job, settings):
     if job.return_samples > settings.max_return_samples:
         raise LimitExceededError(
             f"must be at most {settings.max_return_samples}", field="return_samples", value=job.return_samples)
-    if _keeps_samples(job.propagator) and job.return_samples > job.propagator.samples:
+    if isinstance(job.propagator, MonteCarlo) and job.return_samples > job.propagator.samples:
         raise LimitExceededError(
             f"must be at most the {job.propagator.samples} samples of the prediction", field="return_samples",
             value=job.return_samples,
@@ -269,32 +274,21 @@ def answer_bytes(job: Job) -> int:
     one = _STATE_BYTES + _POSE_BYTES * job.return_samples + _NUMBER_BYTES * ERROR**2 * job.wanted.covariance
     moving = len(job.scene.moving)
     joint = _NUMBER_BYTES * (ERROR * moving) ** 2 * job.wanted.joint_covariance
-    pairs = moving * (len(job.scene.bodies) + len(job.scene.environment) + 1)
+    pairs = moving * (len(job.scene.bodies) + len(job.scene.environment) + 1) * job.wanted.probabilities
     return states * (len(job.scene.bodies) * one + joint) + _PROBABILITY_BYTES * (pairs + moving * len(job.regions))
 
 
-def _keeps_samples(propagator):
-    return propagator.traits.uncertainty == "samples"
-
-
 @dataclass(frozen=True)
-class _Keeping(Propagator):
-    """A propagator of samples that also keeps some of their states wherever a belief is wanted."""
+class _Keeping(MonteCarlo):
+    """Monte Carlo that also keeps some of its states wherever a belief is wanted."""
 
-    inner: Propagator
-    count: int
-    kept: list
+    count: int = 0
+    kept: list = field(default_factory=list)
 
-    @property
-    def varies_parameters(self):
-        return self.inner.varies_parameters
-
-    def init(self, scene, belief):
-        return self.inner.init(scene, belief)
-
-    def advance(self, carry, scene, steps):
-        return self.inner.advance(carry, scene, steps)
+    @classmethod
+    def of(cls, propagator, count):
+        return cls(propagator.samples, propagator.seed, count)
 
     def belief(self, carry, scene):
-        self.kept.append(self.inner.states(carry, scene)[: self.count].copy())
-        return self.inner.belief(carry, scene)
+        self.kept.append(self.states(carry, scene)[: self.count].copy())
+        return super().belief(carry, scene)

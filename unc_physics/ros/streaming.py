@@ -67,7 +67,7 @@ class Stream:
             times = sorted(set(settings.horizons))
             request = Predict.Request(
                 header=scene.header, objects=scene.objects, environment=scene.environment, horizon=times[-1],
-                propagator=settings.stream_propagator)
+                propagator=settings.stream_propagator, return_probabilities=settings.stream_probabilities)
             job = read_request(request, settings, server.library, server.frames, time_limit=settings.max_computation_time)
             job = job._replace(times=times[:-1])
             message = Prediction()

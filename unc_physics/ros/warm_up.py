@@ -1,4 +1,4 @@
-"""Compiles or loads every kernel before the first request."""
+"""Compiles or loads kernels before the first request."""
 
 from __future__ import annotations
 
@@ -10,15 +10,17 @@ from ..layout import ERROR, QUATERNION, STATE
 from ..propagation import PROPAGATORS, make_propagator
 from ..scene import RigidBody, Scene
 from ..validation import covariance
-from .conversions import Wanted
+from .conversions import AUTO, Wanted
+from .origin import covariance_at_com
 from .parameters import Settings
 from .requests import Job, run, write_answer
 
 _STEPS = 3
+_STIFFNESS = 1e5  # N/m^3
 
 
 def warm_up(settings: Settings, message_type) -> None:
-    """Predict two bodies in contact by every propagator and write the answer.
+    """Predict two bodies in contact by the propagators that are to be warm, with the node's physics, and write the answers.
 
     Parameters
     ----------
@@ -31,16 +33,18 @@ def warm_up(settings: Settings, message_type) -> None:
     model = SpherePacking(
         "rod", centers, np.full(20, 0.01), np.diag([1e-3, 1e-2, 1e-2]), 1e-4, np.zeros(3), bounding_radius=0.5)
     bodies = [RigidBody("a", model), RigidBody("b", model), RigidBody("floor", model, fixed=True)]
-    scene = Scene(bodies, **settings.physics)
+    stiffness = _STIFFNESS if settings.stiffness == AUTO else settings.stiffness
+    scene = Scene(bodies, **settings.physics | {"stiffness": stiffness})
     mean = np.zeros((3, STATE))
     mean[:, QUATERNION] = 0.0, 0.0, 0.0, 1.0
     mean[:, 2] = 0.0, 0.015, -0.015
     P = covariance(1e-6 * np.eye(ERROR), ERROR, "covariance")
     belief = Belief(mean, np.stack([P, P]), scene.moving)
-    for name, cls in PROPAGATORS.items():
-        few = {"samples": 4} if "samples" in cls.options() else {}
+    covariance_at_com(np.eye(6), np.eye(6), mean[0], np.zeros(3))  # of each object that is read
+    for name in filter(None, settings.warm_up):
+        few = {"samples": 4} if "samples" in PROPAGATORS[name].options() else {}
         propagator = make_propagator(name, **few)
-        wanted = Wanted(covariance=True, joint_covariance=propagator.traits.cross_body)
+        wanted = Wanted(covariance=True, joint_covariance=propagator.traits.cross_body, probabilities=True)
         job = Job(scene, belief, (), ("rod",) * 3, propagator, _STEPS * scene.dt, None, None, 1, 2, wanted, False)
         message = message_type()
         write_answer(message, message.header, settings, job, run(job))

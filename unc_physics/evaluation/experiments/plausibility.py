@@ -97,6 +97,11 @@ def report(results: Results) -> str:
             f"Shares of {here.where(quantity=PLACE)[0]['samples']} samples (± standard error); W1 between the final poses in "
             f"{ENGINES[order[0]]} and in each engine, from the same initial states, beside the engine's own floor:\n")
         parts.append(table(head, lines))
+        if len(order) == 3:
+            between = state_distance(ends[order[1]], ends[order[2]])
+            parts.append(
+                f"Between {ENGINES[order[1]]} and {ENGINES[order[2]]}: {number(float(between.position[0]))} m, "
+                f"{number(float(between.rotation[0]))} deg.\n")
     return "\n".join(parts)
 
 
