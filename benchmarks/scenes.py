@@ -18,8 +18,7 @@ from unc_physics.environment import Plane
 from unc_physics.evaluation.provenance import versions
 from unc_physics.evaluation.scenarios import collision
 from unc_physics.evaluation.timing import paired, ratio
-from unc_physics.kernels.rollout import simulate
-from unc_physics.kernels.step import advance
+from unc_physics.kernels.rollout import advance, simulate
 from unc_physics.layout import POSITION, QUATERNION
 
 from .rows import Report, machine_and_load
@@ -64,13 +63,14 @@ def measure_unused(report, models, spheres, rounds):
             plain, states, steps = _case(model, count, rounds)
             named = replace(plain, **NEUTRAL)
             before = set(advance.signatures)
-            times = paired(_rollouts({"named": named, "plain": plain}, states, steps), rounds)
+            # the first of a round finds the caches as the last one left them, and is not compared
+            runs = {"first": plain, "plain": plain, "named": named, "again": plain}
+            times = paired(_rollouts(runs, states, steps), rounds)
             compiled = [s for s in advance.signatures if s not in before] or advance.signatures
             without = named.world.laws is None and plain.world.laws is None and all(s[3] == types.none for s in compiled)
-            again = paired(_rollouts({"plain": plain, "again": plain}, states, steps), rounds)
             report.add(
                 "unused", "named / plain", f"{model} {count}", ratio(times, "named", "plain"), goal=1.02, at_most=True,
-                note=f"plain against itself {ratio(again, 'again', 'plain'):.3f}; "
+                note=f"plain against itself {ratio(times, 'again', 'plain'):.3f}; "
                 + ("kernels compiled without laws" if without else "KERNELS COMPILED WITH LAWS"))
 
 
