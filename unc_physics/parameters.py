@@ -18,6 +18,8 @@ def draw_parameters(scene: Scene, count: int, seed: int) -> np.ndarray:
 
     The first k rows are the same for every larger count.
     """
+    if not scene.uncertain:
+        return np.zeros((count, 0))
     stream = np.random.SeedSequence(seed).spawn(1)[0]
     return np.random.default_rng(stream).standard_normal((count, len(scene.uncertain)))
 

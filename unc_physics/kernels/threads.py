@@ -5,7 +5,8 @@ from functools import cache
 
 import numba
 
-_PARTS_PER_THREAD = 8  # samples differ in what they cost
+# samples differ in what they cost, and each part costs as much as a short rollout of its own
+_MOST_PARTS_PER_THREAD, _FEWEST_IN_A_PART = 8, 4
 
 
 def in_threads(count, run):
@@ -15,7 +16,7 @@ def in_threads(count, run):
         run(slice(count))
         return
     run(slice(0))  # what is not compiled yet is now, by one thread
-    parts = min(count, _PARTS_PER_THREAD * threads)
+    parts = threads * min(max(count // (_FEWEST_IN_A_PART * threads), 1), _MOST_PARTS_PER_THREAD)
     ends = [count * part // parts for part in range(parts + 1)]
     list(_pool(threads).map(run, map(slice, ends[:-1], ends[1:])))
 

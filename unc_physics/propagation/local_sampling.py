@@ -422,7 +422,7 @@ def _times(A, x, y, z):
     return A[0] * x + A[1] * y + A[2] * z, A[3] * x + A[4] * y + A[5] * z, A[6] * x + A[7] * y + A[8] * z
 
 
-@inner(error_model="numpy", fastmath={"reassoc", "contract", "nsz"})
+@kernel(_nrt=False, error_model="numpy", fastmath={"reassoc", "contract", "nsz"})
 def add_spread(table, starts, count, factors, shape, series, weights, spread):
     """Add the second moments of force and torques over some samples of one contact, in units of the stiffness.
 

@@ -57,11 +57,13 @@ class SigmaPoints(Propagator):
 
     def init(self, scene, belief):
         root = belief.root() if self.points == "minimal" else symmetric_root(belief.joint)
-        count = len(scene.uncertain)
-        root = np.block([[root, np.zeros((len(root), count))], [np.zeros((count, root.shape[1])), np.eye(count)]])
-        a = np.sqrt(root.shape[1] + 0.5) * root.T
-        errors = np.concatenate([np.zeros((1, root.shape[0])), a, -a])
-        errors, z = np.ascontiguousarray(errors[:, : len(root) - count]), errors[:, len(root) - count :].copy()
+        rank, extra = root.shape[1], len(scene.uncertain)
+        count = rank + extra
+        far = np.sqrt(count + 0.5)
+        errors, z = np.zeros((2 * count + 1, len(root))), np.zeros((2 * count + 1, extra))
+        for first, side in ((1, far), (1 + count, -far)):
+            errors[first : first + rank] = side * root.T
+            z[first + rank : first + count] = side * np.eye(extra)
         states = spread_states(belief.mean.copy(), scene.moving.copy(), errors)
         states = moved_along(states, center_offsets(scene, z))
         return SigmaPointCarry(states, fresh_memory(len(states), scene.world), 0, z)
