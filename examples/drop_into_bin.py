@@ -22,7 +22,7 @@ LENGTH, WIDTH, RIM, WALL = 0.30, 0.20, 0.147, 0.004  # m, of the bin
 TABLE = -0.5  # m, height of what is below the bin
 SAMPLES = 300
 HORIZON = 0.8  # s
-PHYSICS = {"stiffness": "1e8", "friction": "0.5", "restitution": "0.2"}
+PHYSICS = {"stiffness": "1e7", "friction": "0.5", "restitution": "0.2"}
 
 
 def bin_of_boxes():
@@ -58,7 +58,7 @@ def at(x, y, z):
 
 def salt_box(offset):
     """The salt box, held upright over the bin by a gripper that is sure to 1 cm and 0.05 rad."""
-    box = ObjectState(id="salt_box", model="salt_box", spheres=300, use_model_mass=True)
+    box = ObjectState(id="salt_box", model="salt_box", spheres=100, use_model_mass=True)
     box.pose.pose = at(offset, 0.0, HEIGHT)
     box.pose.covariance = np.diag([0.01**2] * 3 + [0.05**2] * 3).ravel()
     box.twist.covariance = np.diag([1e-3**2] * 6).ravel()

@@ -1,6 +1,9 @@
 """A node in a process of its own, and a client to talk to it over real Fast DDS."""
 
 import os
+import subprocess
+import sys
+from pathlib import Path
 
 import pytest
 
@@ -13,6 +16,22 @@ os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
 os.environ["ROS_PYTHON_CHECK_FIELDS"] = "1"
 
 from running import Client, NodeProcess
+
+
+def pytest_collection_finish(session):
+    """Compile what the nodes will need while the tests of other folders run."""
+    others_first = session.items and Path(__file__).parent not in session.items[0].path.parents
+    session.ahead = None
+    if others_first and not session.config.option.collectonly:
+        session.ahead = subprocess.Popen(
+            [sys.executable, "-m", "unc_physics.ros.warm_up"], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+
+
+def pytest_sessionfinish(session):
+    """End what is still compiling."""
+    if getattr(session, "ahead", None) is not None:
+        session.ahead.kill()
+        session.ahead.wait()
 
 
 @pytest.fixture(scope="session")

@@ -37,7 +37,8 @@ NODE = "soaked"
 IN_FLIGHT = 4
 WARM_UP_SHARE = 0.25
 GROWTH_LIMIT = 20.0  # MB
-LIMITS = {"max_horizon": 5.0, "max_computation_time": 0.2, "max_samples": 500, "max_spheres": 2000}
+LIMITS = {
+    "max_horizon": 5.0, "max_computation_time": 0.2, "max_samples": 500, "max_spheres": 2000, "max_flight_steps": 200}
 
 NUMBERS = [0.0, -0.0, 1.0, -1.0, 0.5, 1e-3, 1e3, -1e6, 1e-300, 5e-324, 1e154, 1e300, 1.8e308, -1e308,
            float("nan"), float("inf"), float("-inf")]

@@ -176,13 +176,18 @@ def models_dir(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def node(models_dir):
-    with NodeProcess("-p", "zero_covariance:=exact", "-p", f"models_dir:={models_dir}") as process:
+    with NodeProcess("-p", "zero_covariance:=exact", "-p", f"models_dir:={models_dir}", name="strict") as process:
         yield process
 
 
 @pytest.fixture(scope="module")
-def answer_before(node, client):
-    response = client.predict(good_request(seed=1))
+def predict(node, client):
+    return lambda request: client.predict(request, node="strict")
+
+
+@pytest.fixture(scope="module")
+def answer_before(predict):
+    response = predict(good_request(seed=1))
     assert_answered(response)
     return response
 

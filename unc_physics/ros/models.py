@@ -35,9 +35,18 @@ class ModelLibrary:
         self._allow_paths = allow_paths
         self._lock = threading.Lock()
         self._paths: dict[str, Path] = {}
-        self.packed = tempfile.TemporaryDirectory(prefix="unc_physics_models_")  # of meshes packed at run time
         self._shape = functools.lru_cache(maxsize=256)(load_shape)
         self._scan()
+
+    @functools.cached_property
+    def packed(self) -> tempfile.TemporaryDirectory:
+        """Folder of the meshes that are packed at run time."""
+        return tempfile.TemporaryDirectory(prefix="unc_physics_models_")
+
+    def discard(self) -> None:
+        """Delete what was packed at run time."""
+        if "packed" in self.__dict__:
+            self.packed.cleanup()
 
     def _scan(self):
         with self._lock:

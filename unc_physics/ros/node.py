@@ -58,6 +58,7 @@ def run(make_node, arguments=None) -> int:
         if executor is not None:
             executor.shutdown()
         if node is not None:
+            node.server.discard()
             node.destroy_node()
         rclpy.try_shutdown()
     return 0

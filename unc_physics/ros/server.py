@@ -7,8 +7,6 @@ import threading
 import time
 import traceback
 
-from unc_physics_msgs.srv import Predict
-
 from ..errors import CanceledError, UncPhysicsError
 from .candidates_service import CandidatesService
 from .capabilities_service import CapabilitiesService
@@ -56,7 +54,7 @@ class PredictionServer:
         """Find the models and warm up the kernels; takes seconds when nothing is in the cache yet."""
         started = time.perf_counter()
         self.library = ModelLibrary(self.settings.models_dir, self.settings.allow_model_paths)
-        warm_up(self.settings, Predict.Response)
+        warm_up(self.settings)
         self.log.info(
             f"warmed up in {time.perf_counter() - started:.1f} s; models: {', '.join(self.library.paths) or 'none'}")
 
@@ -79,6 +77,11 @@ class PredictionServer:
     def stop(self) -> None:
         """End predictions that are being made, with the error CANCELED."""
         self._stopping.set()
+
+    def discard(self) -> None:
+        """Delete what was written to disk; the last thing to do."""
+        if self.library is not None:
+            self.library.discard()
 
     def predict(self, job: Job, progress=None) -> Outcome:
         """Run a job; `stop` ends it.

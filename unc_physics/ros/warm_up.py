@@ -1,8 +1,10 @@
-"""Compiles or loads kernels before the first request."""
+"""Compiles or loads kernels before the first request: ``python -m unc_physics.ros.warm_up`` fills numba's cache."""
 
 from __future__ import annotations
 
 import numpy as np
+
+from unc_physics_msgs.srv import Predict
 
 from ..belief import Belief
 from ..geometry.packing_file import SpherePacking
@@ -19,15 +21,8 @@ _STEPS = 3
 _STIFFNESS = 1e5  # N/m^3
 
 
-def warm_up(settings: Settings, message_type) -> None:
-    """Predict two bodies in contact by the propagators that are to be warm, with the node's physics, and write the answers.
-
-    Parameters
-    ----------
-    settings : Settings
-    message_type : type
-        Of the answer.
-    """
+def warm_up(settings: Settings) -> None:
+    """Predict two bodies in contact by the propagators that are to be warm, with the node's physics, and write the answers."""
     row = np.arange(20) * 0.02
     centers = np.stack([row - row.mean(), np.zeros(20), np.zeros(20)], axis=1)
     model = SpherePacking(
@@ -46,5 +41,9 @@ def warm_up(settings: Settings, message_type) -> None:
         propagator = make_propagator(name, **few)
         wanted = Wanted(covariance=True, joint_covariance=propagator.traits.cross_body, probabilities=True)
         job = Job(scene, belief, (), ("rod",) * 3, propagator, _STEPS * scene.dt, None, None, 1, 2, wanted, False)
-        message = message_type()
+        message = Predict.Response()
         write_answer(message, message.header, settings, job, run(job))
+
+
+if __name__ == "__main__":
+    warm_up(Settings())
