@@ -19,7 +19,7 @@ def add_evaluate_command(commands) -> None:
     )
     parser.add_argument(
         "experiments", nargs="*", metavar="EXPERIMENT", help=f"which to run (default: all): {', '.join(NAMES)}")
-    parser.add_argument("--quick", action="store_true", help="a look in two minutes, in place of results in an hour")
+    parser.add_argument("--quick", action="store_true", help="a look in two minutes, once the kernels are compiled, in place of results in an hour")
     parser.add_argument("-o", "--output", metavar="DIR", help="folder for the results (default: evaluation, or evaluation_quick)")
     parser.add_argument("--scheduler", metavar="ADDRESS", help="a Dask scheduler whose cluster does the work, for example tcp://host:8786")
     parser.add_argument("--workers", type=int, metavar="N", help="processes on this machine (default: one per processor)")
