@@ -295,7 +295,13 @@ def _known_covariance(values, field, unknown, zero_is_exact):
         return unknown, False
     if not flat.any():
         return (np.zeros((6, 6)), False) if zero_is_exact else (unknown, True)
-    return _writable(covariance(flat.reshape(6, 6), 6, field)), False
+    return _checked(flat.tobytes(), field), False
+
+
+@functools.lru_cache(maxsize=256)
+def _checked(entries, field):
+    """The covariance (6, 6) of 36 numbers; clients send the same ones again and again."""
+    return _writable(covariance(np.frombuffer(entries).reshape(6, 6), 6, field))
 
 
 def _xyz(v):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from dataclasses import Field, dataclass, field, fields
 
@@ -12,7 +13,7 @@ from ..propagation import PROPAGATORS
 from ..scene import INTEGRATORS
 from ..scene_file import PHYSICS_KEYS
 from ..validation import non_negative
-from .conversions import AUTO
+from .conversions import AUTO, Doubts
 
 
 def parameter(default, description, *, low=None, high=None, choices=(), read_only=False):
@@ -56,7 +57,8 @@ class Settings:
         "robust", "How steps are taken: as in the paper ('explicit'), or divided and linearly implicit where contacts "
         "need it ('robust').", choices=INTEGRATORS)
     islands: bool = parameter(
-        True, "Whether bodies that cannot touch each other are predicted by themselves; otherwise all of a scene together.")
+        True, "Whether bodies that cannot touch each other are predicted by themselves, by propagators that keep "
+        "correlations between bodies (the others treat bodies one by one anyway); otherwise all of a scene together.")
     warm_up: tuple[str, ...] = parameter(
         tuple(PROPAGATORS), "Propagators whose kernels are compiled, or loaded, before the node is ready; others' are when "
         "they are first asked for.", choices=tuple(PROPAGATORS), read_only=True)
@@ -138,7 +140,15 @@ class Settings:
         if not self.world_frame:
             raise InvalidOptionError("must not be empty", field="world_frame")
 
-    @property
+    @functools.cached_property
+    def doubts(self) -> Doubts:
+        """What unknown covariances and covariances of zeros stand for."""
+        return Doubts.from_stds(
+            self.default_position_std, self.default_orientation_std, self.default_linear_velocity_std,
+            self.default_angular_velocity_std, self.zero_covariance == "exact",
+        )
+
+    @functools.cached_property
     def physics(self) -> dict:
         """The physics of the scenes, as arguments of `Scene`."""
         return {key: getattr(self, key) for key in PHYSICS_KEYS if hasattr(self, key)}

@@ -26,7 +26,7 @@ from ..propagation.predict import periodic_times
 from ..propagation.registry import propagator_from_texts
 from ..scene import Scene
 from ..validation import non_negative, positive
-from .conversions import Doubts, Wanted, read_options, read_physics, read_scene, write_prediction
+from .conversions import Wanted, read_options, read_physics, read_scene, write_prediction
 from .frames import Frames
 from .models import ModelLibrary
 from .parameters import Settings
@@ -116,15 +116,16 @@ def read_request(
         objects = [transform.object(message) for message in objects]
         environment, regions = transform.environment(environment), [transform.region(region) for region in regions]
     horizon = _horizon(request.horizon, settings)
-    physics = settings.physics | read_physics(request.scene_options)
-    read = read_scene(
-        objects, environment, library, physics, doubts_of(settings),
-        settings.max_objects, settings.max_spheres, settings.max_elements, fields,
-    )
-    times = _times(request.trajectory_period, horizon, read.scene.dt, settings)
     seed = request.seed or 1 + secrets.randbelow(2**_SEED_BITS - 1)
     options = read_options(request.propagator_options, "propagator_options")
     propagator = _propagator(request.propagator, options, request.samples, seed, settings)
+    islands = settings.islands and propagator.traits.cross_body  # the others' work is that of single bodies anyway
+    physics = settings.physics | {"islands": islands} | read_physics(request.scene_options)
+    read = read_scene(
+        objects, environment, library, physics, settings.doubts,
+        settings.max_objects, settings.max_spheres, settings.max_elements, fields,
+    )
+    times = _times(request.trajectory_period, horizon, read.scene.dt, settings)
     job = Job(
         read.scene, read.belief, _regions(regions, settings), read.models, propagator, horizon, times,
         _computation_time(request.max_computation_time, time_limit), getattr(propagator, "seed", seed),
@@ -193,14 +194,6 @@ def write_error(message, error: Exception) -> None:
     else:
         message.error_code = int(ErrorCode.INTERNAL)
         message.error_msg = f"a fault of the node: {type(error).__name__}: {error}"
-
-
-def doubts_of(settings: Settings) -> Doubts:
-    """What unknown covariances and covariances of zeros stand for."""
-    return Doubts.from_stds(
-        settings.default_position_std, settings.default_orientation_std, settings.default_linear_velocity_std,
-        settings.default_angular_velocity_std, settings.zero_covariance == "exact",
-    )
 
 
 def _regions(messages, settings):
