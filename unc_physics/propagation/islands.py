@@ -237,11 +237,11 @@ class Islands:
         frame = Frame(self._mean[bodies], len(scene.moving), elements, len(scene.uncertain))
         return joined(islands[0].carry, [island.carry for island in islands], parts, frame)
 
-    def _bounds(self, carry):
-        """Where all bodies are at present, and how they move."""
+    def _bounds(self, islands, present):
+        """Where the bodies of some islands are, whose present carries are given, and how they move."""
         low, high = self._mean[:, POSITION].copy(), self._mean[:, POSITION].copy()
         slowest, fastest, spin = np.zeros_like(low), np.zeros_like(low), np.zeros_like(low)
-        for island, now in zip(carry.islands, self._present(carry), strict=True):
+        for island, now in zip(islands, present, strict=True):
             some = self._moving[island.bodies]
             bodies = island.bodies[some]
             if isinstance(now, MonteCarloCarry):
@@ -286,7 +286,7 @@ class Islands:
     def _plan(self, carry):
         """Begin a slice: choose its end, merge the islands that may meet in it, and add what they may reach."""
         scene = self._scene
-        bounds = self._bounds(carry)
+        bounds = self._bounds(carry.islands, self._present(carry))
         energies = self._energies(bounds)
         labels = -1 - np.arange(len(scene.bodies))
         known = np.zeros(len(scene.bodies))
@@ -302,14 +302,15 @@ class Islands:
             if not meeting:
                 break
             steps = max(steps // 2, min(_SHORTEST, limit))
-        # where islands were merged, their energies are one
+        parts = {}
+        for island in carry.islands:
+            parts.setdefault(labels[island.bodies[self._moving[island.bodies]][0]], []).append(island)
         islands = []
-        for label in np.unique(labels[self._moving]):
+        for label, merged in sorted(parts.items()):
             own = np.flatnonzero((labels == label) & self._moving)
-            of_own = np.isin(pairs, own)
+            of_own = labels[pairs] == label
             near = pairs[of_own.any(axis=1) & ~of_own.all(axis=1)]
-            merged = [island for island in carry.islands if np.isin(own, island.bodies).any()]
-            bodies = np.unique(np.concatenate([own, near[~np.isin(near, own)], *(island.bodies for island in merged)]))
+            bodies = np.unique(np.concatenate([own, near[labels[near] != label], *(island.bodies for island in merged)]))
             if len(merged) == 1 and len(bodies) == len(merged[0].bodies):
                 now = merged[0].carry
             else:
@@ -382,22 +383,26 @@ class Islands:
 
     def _close(self, carry):
         """End a slice; or begin it again where more energy turned up than the bounds were made for."""
+        present = self._present(carry)
         if len(carry.islands) > 1:
-            energies = self._energies(self._bounds(carry))
+            # what flies freely has the energy that it was thought to have
+            met = [k for k, island in enumerate(carry.islands) if not island.alone]
+            energies = self._energies(self._bounds([carry.islands[k] for k in met], [present[k] for k in met]))
             time = (carry.end - carry.begin) * self._scene.dt
-            known = []
-            for island in carry.islands:
+            known = [island.energy for island in carry.islands]
+            for k in met:
+                island = carry.islands[k]
                 mass = self._heaviest[island.bodies[self._moving[island.bodies]]].sum()
                 most = (np.sqrt(2.0 * island.energy) + np.sqrt(mass) * self._gravity * time) ** 2 / 2.0
                 now = energies[island.bodies].sum()
-                known.append(now if not island.alone and now > most * (1.0 + _ROUND_OFF) else island.energy)
+                if now > most * (1.0 + _ROUND_OFF):
+                    known[k] = now
             if any(new > island.energy for new, island in zip(known, carry.islands, strict=True)):
                 islands = tuple(island._replace(energy=e) for island, e in zip(carry.islands, known, strict=True))
                 began = IslandsCarry(islands, tuple(i.carry for i in islands), carry.begin, carry.begin, carry.begin)
                 again = self._plan(began)
                 if len(again.islands) < len(islands) or again.end < carry.end:
                     return again
-        present = self._present(carry)
         islands = tuple(island._replace(carry=now, alone=False) for island, now in zip(carry.islands, present, strict=True))
         return IslandsCarry(islands, present, carry.end, carry.end, carry.end)
 
