@@ -93,12 +93,13 @@ $(MADE)/interfaces: requirements/ros.txt $(INTERFACES) cmake/ros_wheels.cmake | 
 	} > $(MADE)/interfaces.log 2>&1 || { tail -n 30 $(MADE)/interfaces.log; exit 1; }
 	@rm -rf $(MADE)/build && touch $@
 
-# One prediction by every propagator compiles what numba then finds in its cache. The node would do it too, alone.
+# What the demo's node asks of the kernels, for numba to find in its cache. The node would compile it too, alone.
 define COMPILE
-from unc_physics import PROPAGATORS, load_scene, predict
+from unc_physics import load_scene, predict
+from unc_physics.propagation.answers import contact_probabilities
 scene, belief, _ = load_scene("examples/scenes/two_bunnies.yaml")
-for propagator in PROPAGATORS:
-    predict(scene, belief, propagator, 1.0)
+for propagator in ("sigma_points", "monte_carlo"):
+    contact_probabilities(scene, predict(scene, belief, propagator, 1.0), belief)
 endef
 export COMPILE
 

@@ -14,12 +14,15 @@ from ..errors import OutputError
 from .demo_client import NODE
 
 _END_TIMEOUT = 10.0  # s
-_PHYSICS = {"dt": 0.01, "stiffness": 1e4, "damping": 0.3, "gravity": [0.0, 0.0, 0.0]}
+_PHYSICS = {  # the paper's
+    "dt": 0.01, "stiffness": 1e4, "damping": 0.3, "gravity": [0.0, 0.0, 0.0], "integrator": "explicit",
+    "gyroscopic": "false", "islands": "false",
+}
 
 
 def node_command() -> list[str]:
     """Command line of the demo's node: weightless bunnies, and zeros mean exactly known."""
-    parameters = _PHYSICS | {"zero_covariance": "exact"}
+    parameters = _PHYSICS | {"zero_covariance": "exact", "warm_up": "[sigma_points, monte_carlo]"}
     options = [part for name, value in parameters.items() for part in ("-p", f"{name}:={value}")]
     return [sys.executable, "-m", "unc_physics.ros.node", "--ros-args", "-r", f"__node:={NODE}", *options]
 
