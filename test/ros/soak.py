@@ -180,7 +180,8 @@ def soak(duration, requests, seed, report=lambda text: None):
                     reported = time.monotonic()
                     report(f"{elapsed:5.0f} s, {sent} requests, {memory(node.process):.1f} MB")
             for future in waiting:
-                checked(future)
+                code = checked(future)
+                counts[code] = counts.get(code, 0) + 1
         assert_same(good_answer(), before)
         growth = memory(node.process) - warm
         assert node.end() == 0
