@@ -8,7 +8,8 @@ bodies gives the kick. Everything that it adds takes energy away: it cannot make
 * Friction: ``-mu |F|`` along the slip, in the sense of the patch's force-weighted mean square of slip (an ellipsoidal
   limit surface, Howe and Cutkosky 1996), regularised below `CREEP`.
 * Restitution: while a contact closes its force is that of the penalty, while it opens ``e^2`` of that, which gives
-  back ``e^2`` of the energy; so it is friction along the normal, with the coefficient ``(1 - e^2) / 2``.
+  back ``e^2`` of the energy; so it is friction along the normal, with the coefficient ``(1 - e^2) / 2``, below `SETTLING`
+  in proportion to the speed.
 * Robust kick: a quarter of the penalty's stiffness acts on the velocities (as in implicit midpoint: stable for every
   stiffness, without loss for an oscillation). Vibrations as small as gravity's own indentation are damped.
 """
@@ -25,6 +26,8 @@ from .so3 import rotate, rotate_back
 
 #: Slip below which friction grows with it instead of being constant [m/s]: how fast what sticks may creep.
 CREEP = 1e-5
+#: The same for restitution's drag along the normal [m/s]: it must not hold up what stands off balance.
+SETTLING = 0.01
 _ROUNDS = 3  # of the search for the drag that Coulomb's law asks for
 _SLOW = 3.0  # of the speed g / omega at which a contact vibrates about its rest
 _DAMPING_RATIO = 0.7  # of such vibrations
@@ -596,6 +599,7 @@ def _choose_drag(x, laws, p, step, velocities, xi, turn):
         force = p.load[index, 0]
         for k in range(2):
             mu = laws.friction if k == 0 else laws.dissipation / (1.0 - laws.dissipation)
+            creep = CREEP if k == 0 else SETTLING
             if mu == 0.0 or force == 0.0:
                 continue
             slip = math.sqrt(mean_square(p.matrix[index, k], xi) / force)
@@ -608,14 +612,14 @@ def _choose_drag(x, laws, p, step, velocities, xi, turn):
                         p.drag[index, k, 1] = -slip
             free, c = abs(p.drag[index, k, 1]), p.drag[index, k, 0]
             if c == 0.0 or slip == 0.0 or slip >= free:
-                p.drag[index, k, 0] = mu / max(slip, CREEP)
+                p.drag[index, k, 0] = mu / max(slip, creep)
                 continue
             mobility = (free / slip - 1.0) / c
             if p.drag[index, k, 1] >= 0.0:
-                p.drag[index, k, 0] = mu / max(free - mu * mobility, CREEP)
+                p.drag[index, k, 0] = mu / max(free - mu * mobility, creep)
             else:
                 wanted = min((1.0 - 2.0 * laws.dissipation) * (free + mu * mobility), free)
-                p.drag[index, k, 0] = (free / wanted - 1.0) / mobility
+                p.drag[index, k, 0] = min((free / wanted - 1.0) / mobility, mu / creep)
 
 
 @inner(forceinline=True)
@@ -674,7 +678,8 @@ def hold_columns(rows, place, x, world, laws, dt, joint, work):
                 continue
             weighted = p.matrix[index, k]
             square = mean_square(weighted, xi)
-            slides = square > 4.0 * CREEP**2 * p.load[index, 0]
+            creep = CREEP if k == 0 else SETTLING
+            slides = square > 4.0 * creep**2 * p.load[index, 0]
             for r in range(6):
                 left = 0.0
                 for m in range(6):
