@@ -14,6 +14,8 @@ from .server import PredictionServer
 
 # predictions compute outside Python's global lock; what counts is that none keeps the others waiting for a thread
 _THREADS = 8
+# Python's 5 ms would let the executor's own bookkeeping hold up a prediction that is nearly done
+_SWITCH_INTERVAL = 5e-4  # s
 
 
 class UncPhysicsNode(Node):
@@ -39,6 +41,7 @@ def run(make_node, arguments=None) -> int:
     node = executor = None
     try:
         rclpy.init(args=arguments)
+        sys.setswitchinterval(_SWITCH_INTERVAL)
         node = make_node()
         executor = MultiThreadedExecutor(_THREADS)
         executor.add_node(node)
