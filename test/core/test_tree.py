@@ -8,6 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from unc_physics import RigidBody, Scene, SpherePacking, load_model
 from unc_physics.kernels import step, tree
+from unc_physics.kernels.pairs import SINGLE_PRECISION
 from unc_physics.scene import tree_of
 
 seeds = st.integers(0, 2**32 - 1)
@@ -21,7 +22,7 @@ def packing(centers, radii):
 def found_pairs(world, bodies, R, t, pairs_at_once):
     """All overlapping pairs by the candidates and the exact test; refuses a candidate that comes twice."""
     i, j = bodies
-    slack = step._SINGLE_PRECISION * (world.bodies.radius[i] + world.bodies.radius[j])
+    slack = SINGLE_PRECISION * (world.bodies.radius[i] + world.bodies.radius[j])
     search = step.workspace(np.zeros((2, 13)), world, None).search
     if pairs_at_once:
         search = search._replace(

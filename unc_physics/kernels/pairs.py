@@ -1,7 +1,15 @@
 """Which bodies of a scene may touch (the broad phase)."""
 
+import numpy as np
+
 from ..layout import P
 from .compiled import inner
+from .so3 import rotate_back
+from .tree import candidates
+
+# of the sum of two bodies' radii: bounds, with a margin, what single precision loses in a change of frame
+SINGLE_PRECISION = 4e-6
+ROOTS_ALONE = np.int64(1)  # height of a search's first stack; typed, since a literal would compile every caller twice
 
 
 @inner(forceinline=True)
@@ -40,3 +48,24 @@ def near_pairs(x, reach, coming, moving, work):
                     work.near[count, 0], work.near[count, 1] = i, j
                     count += 1
     return count
+
+
+@inner(forceinline=True)
+def relative_pose(x, i, j, work):
+    """Pose of body j in body i's frame: writes ``work.R_ij`` and returns the position [m]."""
+    Ri, Rj = work.R[i], work.R[j]
+    for a in range(3):
+        for b in range(3):
+            work.R_ij[a, b] = Ri[0, a] * Rj[0, b] + Ri[1, a] * Rj[1, b] + Ri[2, a] * Rj[2, b]
+    return rotate_back(Ri, x[j, P] - x[i, P], x[j, P + 1] - x[i, P + 1], x[j, P + 2] - x[i, P + 2])
+
+
+@inner
+def may_touch(x, i, j, world, work):
+    """Whether two bodies may touch while they travel by ``work.coming``: whether their trees do, grown by it."""
+    t_ij = relative_pose(x, i, j, work)
+    slack = SINGLE_PRECISION * (world.bodies.radius[i] + world.bodies.radius[j])
+    glance = work.glance
+    glance.stack[0, 0], glance.stack[0, 1] = world.bodies.root[i], world.bodies.root[j]
+    found, _ = candidates(world.tree, work.R_ij, t_ij, slack + work.coming[i] + work.coming[j], glance, ROOTS_ALONE)
+    return found > 0

@@ -6,7 +6,7 @@ from typing import NamedTuple
 from ..layout import P, V, W
 from .compiled import inner
 from .laws import QUIET, RATE
-from .pairs import near_pairs
+from .pairs import may_touch, near_pairs
 from .surroundings import element_distance
 from .world import BOX
 
@@ -75,7 +75,7 @@ def next_piece_of_laws(x, memory, world, laws, left, work):
 def _calm_for(x, world, laws, steps, work):
     """Whether no body can touch anything for some steps; only leaves out searches, so that no result depends on it."""
     time = steps * world.dt
-    _write_reach(x, world, laws, time, work)
+    _write_reach(x, world, time, work)
     if near_pairs(x, work.reach, work.coming, world.bodies.moving, work) > 0:
         return False
     moving, reach = world.bodies.moving, work.reach
@@ -88,12 +88,8 @@ def _calm_for(x, world, laws, steps, work):
 
 
 @inner
-def _write_reach(x, world, laws, time, work):
-    """Balls in which bodies stay for a time without contacts, and how far their points travel.
-
-    Where steps are divided that is without end: which pairs rest is not part of what a rollout remembers, and must
-    not change how it goes on.
-    """
+def _write_reach(x, world, time, work):
+    """Balls in which bodies stay for a time without contacts, and how far their points travel."""
     radius, moving, reach, coming = world.bodies.radius, world.bodies.moving, work.reach, work.coming
     fall = time * (abs(world.gravity[0]) + abs(world.gravity[1]) + abs(world.gravity[2]))
     for i in range(len(x)):
@@ -102,8 +98,6 @@ def _write_reach(x, world, laws, time, work):
             travel = time * (fall + abs(x[i, V]) + abs(x[i, V + 1]) + abs(x[i, V + 2]))
             reach[i] += travel
             coming[i] = travel + time * radius[i] * (abs(x[i, W]) + abs(x[i, W + 1]) + abs(x[i, W + 2]))
-            if laws.robust:
-                coming[i] = math.inf
 
 
 @inner
@@ -114,11 +108,12 @@ def _approach(x, memory, world, laws, left, work):
     for i in range(len(x)):
         for j in range(memory.shape[1]):
             rate = max(rate, memory[i, j, RATE])
-    _write_reach(x, world, laws, left, work)
+    _write_reach(x, world, left, work)
     near = work.near
     for k in range(near_pairs(x, work.reach, work.coming, moving, work)):
         i, j = near[k, 0], near[k, 1]
-        if memory[i, j, RATE] == QUIET:  # at rest on each other
+        # which pairs rest is not remembered, and leaves out only what this does: so no result depends on it
+        if memory[i, j, RATE] == QUIET or not may_touch(x, i, j, world, work):
             continue
         v = _speed(x[j, V] - x[i, V], x[j, V + 1] - x[i, V + 1], x[j, V + 2] - x[i, V + 2]) + _spin(x, i, radius) + _spin(x, j, radius)
         curvature = radius[i] * radius[j] / (radius[i] + radius[j])

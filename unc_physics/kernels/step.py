@@ -8,16 +8,13 @@ from ..layout import P, Q, V, W
 from .compiled import inner, kernel
 from .contact import RECORD, contact_sums, next_contacts
 from .laws import FIRST, RATE, Patches, add_patch, kick_patches, make_patches
-from .pairs import near_pairs
+from .pairs import ROOTS_ALONE, SINGLE_PRECISION, near_pairs, relative_pose
 from .pieces import next_piece
 from .so3 import exp, multiply, renormalized, rotate, rotate_back, write_matrix
 from .surroundings import next_element_contacts, open_element
 from .tree import WIDTH, Scratch, candidates
 
 _PAIRS_AT_ONCE = 1024
-# of the sum of two bodies' radii: bounds, with a margin, what single precision loses in a change of frame
-_SINGLE_PRECISION = 4e-6
-_ROOTS_ALONE = np.int64(1)  # height of a search's first stack; typed, since a literal would compile every caller twice
 _FIRST_REST, _LONGEST_REST = 4.0, 64.0  # steps for which bodies that part are asked to be left alone
 
 
@@ -200,16 +197,6 @@ def keep_momentum(x, i, world, work):
 
 
 @inner(forceinline=True)
-def relative_pose(x, i, j, work):
-    """Pose of body j in body i's frame: writes ``work.R_ij`` and returns the position [m]."""
-    Ri, Rj = work.R[i], work.R[j]
-    for a in range(3):
-        for b in range(3):
-            work.R_ij[a, b] = Ri[0, a] * Rj[0, b] + Ri[1, a] * Rj[1, b] + Ri[2, a] * Rj[2, b]
-    return rotate_back(Ri, x[j, P] - x[i, P], x[j, P + 1] - x[i, P + 1], x[j, P + 2] - x[i, P + 2])
-
-
-@inner(forceinline=True)
 def open_pair(x, i, j, world, work):
     """Begin the search for the contacts of bodies i and j.
 
@@ -223,7 +210,7 @@ def open_pair(x, i, j, world, work):
     """
     t_ij = relative_pose(x, i, j, work)
     work.search.stack[0, 0], work.search.stack[0, 1] = world.bodies.root[i], world.bodies.root[j]
-    return t_ij, _SINGLE_PRECISION * (world.bodies.radius[i] + world.bodies.radius[j]), _ROOTS_ALONE
+    return t_ij, SINGLE_PRECISION * (world.bodies.radius[i] + world.bodies.radius[j]), ROOTS_ALONE
 
 
 @inner
@@ -236,7 +223,7 @@ def part(i, j, t_ij, slack, world, work):
     steps, pace = work.rest[i, j, 1], work.speed[i] + work.speed[j]
     glance = work.glance
     glance.stack[0, 0], glance.stack[0, 1] = world.bodies.root[i], world.bodies.root[j]
-    found, _ = candidates(world.tree, work.R_ij, t_ij, slack + steps * pace, glance, _ROOTS_ALONE)
+    found, _ = candidates(world.tree, work.R_ij, t_ij, slack + steps * pace, glance, ROOTS_ALONE)
     if found == 0:
         work.rest[i, j, 0] = work.travel[i] + work.travel[j] + steps * pace
         work.rest[i, j, 1] = min(2.0 * steps, _LONGEST_REST)
