@@ -20,6 +20,19 @@ def test_an_experiment_named_alone(tmp_path, capsys):
     assert (folder / "storage.csv").read_bytes() == before
 
 
+def test_an_interruption_says_where_the_results_are(tmp_path, capsys, monkeypatch):
+    def interrupted(bar):
+        raise KeyboardInterrupt
+
+    arguments = ["evaluate", "storage", "--quick", "--workers", "1", "-o", str(tmp_path)]
+    with monkeypatch.context() as patch:
+        patch.setattr("tqdm.tqdm.refresh", interrupted)
+        assert main(arguments) == 130
+    assert capsys.readouterr().err.endswith(f"interrupted: what is finished is kept in {tmp_path}; the same command goes on there\n")
+    assert main(arguments) == 0
+    assert (tmp_path / "report.md").exists()
+
+
 @pytest.mark.parametrize(("arguments", "code", "sentence"), [
     (["colisions"], ErrorCode.INVALID_OPTION, "experiment must be one of collision_free"),
     (["--workers", "0"], ErrorCode.INVALID_OPTION, "--workers must be at least 1 (got 0)"),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import sys
 from importlib.util import find_spec
 
 NEEDS = {"ot": "pot", "scipy": "scipy", "matplotlib": "matplotlib"}
@@ -56,7 +57,11 @@ def run(arguments: argparse.Namespace) -> int:
     failures = {}
     with results.locked():
         if not arguments.report:
-            failures = run_jobs(jobs, results, arguments.scheduler, arguments.workers)
+            try:
+                failures = run_jobs(jobs, results, arguments.scheduler, arguments.workers)
+            except KeyboardInterrupt:
+                print(f"interrupted: what is finished is kept in {results.folder}; the same command goes on there", file=sys.stderr)
+                raise
         path = write_report(results, NAMES, gaps, failures)
     for gap in gaps:
         print(f"left out: {gap}")
