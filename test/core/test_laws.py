@@ -115,7 +115,7 @@ def test_a_block_on_an_incline_sticks_or_slides_as_coulomb_says(angle, slides):
         assert np.abs(later[0, 10:]).max() < 1e-3
 
 
-@pytest.mark.parametrize("e", [1.0, 0.8, 0.5, 0.3])
+@pytest.mark.parametrize("e", [1.0, 0.8, 0.5, 0.3, 0.0])
 def test_a_dropped_ball_bounces_to_the_asked_height(e):
     height, dt = 0.5, 1e-3
     scene = Scene(
@@ -123,10 +123,11 @@ def test_a_dropped_ball_bounces_to_the_asked_height(e):
         integrator="robust")
     falls = math.sqrt(2 * height / G)
     x, memory, heights = np.array([[state((0, 0, 0.05 + height))]]), fresh_memory(1, scene.world), []
-    for k in range(round(falls * (1 + 2 * e) / dt)):
+    for k in range(round((falls * (1 + 2 * e) + 0.05) / dt)):
         rollout(x, memory, scene.world, k, 1)
         heights.append(x[0, 0, 2] - 0.05)
-    assert max(heights[int(np.argmin(heights)):]) == pytest.approx(e**2 * height, rel=0.05)
+    lowest = int(np.argmin(heights[: round((falls + 0.05) / dt)]))
+    assert max(heights[lowest:]) == pytest.approx(e**2 * height, rel=0.05, abs=1e-3)
     assert memory[0, 0, 1, 0] == pytest.approx(falls, abs=2 * dt)
 
 

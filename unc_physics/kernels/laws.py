@@ -619,7 +619,8 @@ def _choose_drag(x, laws, p, step, velocities, xi, turn):
                 p.drag[index, k, 0] = mu / max(free - mu * mobility, creep)
             else:
                 wanted = min((1.0 - 2.0 * laws.dissipation) * (free + mu * mobility), free)
-                p.drag[index, k, 0] = min((free / wanted - 1.0) / mobility, mu / creep)
+                least = free / (1.0 + mu / creep * mobility)
+                p.drag[index, k, 0] = (free / max(wanted, least) - 1.0) / mobility
 
 
 @inner(forceinline=True)

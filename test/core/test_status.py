@@ -1,0 +1,90 @@
+"""What a prediction says against itself: flags where something is wrong, none where all is well."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from unc_physics import Belief, RigidBody, Scene, make_propagator, predict
+from unc_physics.environment import Plane
+from unc_physics.evaluation.scenarios import collision
+from unc_physics.geometry.packing_file import SpherePacking
+from unc_physics.propagation.status import Status, assess
+
+NAMES = ("linearization", "surrogate", "sigma_points", "local_sampling", "monte_carlo")
+BALL = SpherePacking(
+    name="ball", centers=np.zeros((1, 3)), radii=np.array([0.05]), inertia=0.4 * 0.05**2 * np.eye(3), volume=5e-4,
+    origin=np.zeros(3), bounding_radius=0.05)
+
+
+def balls(*positions, velocity=(0, 0, 0), std=0.001):
+    mean = np.zeros((len(positions), 13))
+    mean[:, :3], mean[:, 9] = positions, 1.0
+    mean[0, 3:6] = velocity
+    P = np.zeros((len(positions), 12, 12))
+    P[:, range(3), range(3)] = std**2
+    return Belief(mean, P)
+
+
+def statuses(scene, belief, name, horizon):
+    propagator = make_propagator(name, **({"samples": 50} if name == "monte_carlo" else {}))
+    return assess(scene, belief, predict(scene, belief, propagator, horizon))
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_free_flight_is_fine(name):
+    scene = Scene([RigidBody("a", BALL), RigidBody("b", BALL)], gravity=(0, 0, -9.81))
+    found = statuses(scene, balls((0, 0, 0), (1, 0, 0), velocity=(0, 1, 2)), name, 1.0)
+    assert [status.flags for status in found] == [Status.FINE, Status.FINE]
+    assert all(status.message == "" for status in found)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_overlap_at_the_start_is_named(name):
+    scene = Scene([RigidBody("a", BALL), RigidBody("b", BALL), RigidBody("c", BALL)], dt=1e-3, stiffness=1e4)
+    found = statuses(scene, balls((0, 0, 0), (0.09, 0, 0), (1, 0, 0)), name, 0.01)
+    assert [bool(status.flags & Status.INITIAL_OVERLAP) for status in found] == [True, True, False]
+    assert found[0].measures["initial_overlap"] == pytest.approx(0.2)
+
+
+def test_a_step_too_long_for_the_stiffness_is_not_converged():
+    scene, belief, _ = collision("pin", 100)
+    scene = replace(scene, stiffness=1e8)
+    found = statuses(scene, belief, "sigma_points", 3.0)
+    assert all(status.flags & Status.NOT_CONVERGED for status in found)
+    assert found[0].measures["step_times_frequency"] > 3.0
+    assert "step_times_frequency" in found[0].message
+    fine = statuses(replace(scene, stiffness=2e4), belief, "sigma_points", 3.0)
+    assert not any(status.flags & Status.NOT_CONVERGED for status in fine)
+
+
+def test_a_ball_that_the_floor_cannot_stop_is_not_converged():
+    scene = Scene([RigidBody("a", BALL)], dt=1e-3, stiffness=1e5, environment=(Plane(),))
+    status, = statuses(scene, balls((0, 0, 0.1), velocity=(0, 0, -30)), "sigma_points", 0.1)
+    assert status.flags & Status.NOT_CONVERGED and status.measures["impact_over_capacity"] > 1.0
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_rest_is_outside_the_validity_of_nominal_propagators(name):
+    scene = Scene(
+        [RigidBody("a", BALL)], dt=5e-3, stiffness=1e7, gravity=(0, 0, -9.81), friction=0.5, integrator="robust",
+        environment=(Plane(),))
+    status, = statuses(scene, balls((0, 0, 0.0499)), name, 0.5)
+    nominal = name in ("linearization", "surrogate", "local_sampling")
+    assert status.measures.get("lasting_contact", 0.0) == float(nominal)
+    assert bool(status.flags & Status.OUTSIDE_VALIDITY) == nominal
+
+
+def test_rotation_beyond_a_gaussian_is_outside_validity():
+    belief = balls((0, 0, 0))
+    P = belief.covariance.copy()
+    P[0, range(9, 12), range(9, 12)] = 1.0
+    status, = statuses(Scene([RigidBody("a", BALL)]), Belief(belief.mean, P), "linearization", 2.0)
+    assert status.flags == Status.OUTSIDE_VALIDITY and status.measures["rotation_std"] == pytest.approx(2.0, rel=0.01)
+
+
+def test_fixed_bodies_have_no_measures():
+    scene = Scene([RigidBody("a", BALL), RigidBody("b", BALL, fixed=True)])
+    belief = balls((0, 0, 0), (1, 0, 0))
+    found = statuses(scene, Belief(belief.mean, belief.covariance[:1], [0]), "linearization", 0.1)
+    assert found[1].measures == {} and found[1].flags == Status.FINE
