@@ -69,7 +69,7 @@ def rollout_varied(states: np.ndarray, memory: np.ndarray, scene: Scene, z: np.n
     """Advance a batch as `kernels.rollout.rollout`, state n in the world of parameters ``z[n]``."""
 
     def run(some):
-        for n in range(some.start or 0, some.stop):
+        for n in range(some.start, some.stop):
             world = vary(scene, z[n])
             advance(states[n : n + 1], memory[n : n + 1], world, world.laws, begin, steps)
 

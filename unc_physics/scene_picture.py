@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from .environment import Plane
-from .kernels.so3 import write_matrix
+from .kernels.so3 import rotation_matrix
 from .layout import ERR_POSITION, POSITION, QUATERNION
 
 COLORS = ((0.16, 0.45, 0.72), (0.85, 0.42, 0.14), (0.24, 0.60, 0.30), (0.58, 0.40, 0.74), (0.75, 0.22, 0.25))
@@ -84,7 +84,7 @@ def _draw_view(axes, scene, beliefs, view, low, high):
         for belief, alpha in ((beliefs[0], 0.35), (beliefs[-1], 0.95)):
             if body.fixed and belief is beliefs[0]:
                 continue
-            R = _matrix(belief.mean[k, QUATERNION])
+            R = rotation_matrix(belief.mean[k, QUATERNION])
             centers = (body.model.centers[:_SPHERES] @ R.T + belief.mean[k, POSITION]) @ view.T
             image, extent = shaded_balls(centers, body.model.radii[:_SPHERES], color, pixel)
             image[..., 3] *= alpha
@@ -140,13 +140,7 @@ def _below(polygon, normal, offset):
 def _corners(box):
     """(8, 3): corners of a box, world frame."""
     signs = np.stack(np.meshgrid(*[(-0.5, 0.5)] * 3, indexing="ij"), axis=-1).reshape(8, 3)
-    return (signs * box.size) @ _matrix(box.orientation).T + box.position
-
-
-def _matrix(q):
-    R = np.empty((1, 3, 3))
-    write_matrix(tuple(q.tolist()), R, 0)
-    return R[0]
+    return (signs * box.size) @ rotation_matrix(box.orientation).T + box.position
 
 
 def ellipse(center, P, **style):

@@ -17,7 +17,8 @@ from unc_physics import PROPAGATORS
 from unc_physics import predict as predict_in_core
 from unc_physics.errors import ErrorCode
 from unc_physics.geometry.library import list_models
-from unc_physics.ros.conversions import read_scene, rotation_matrix, seconds, write_prediction
+from unc_physics.kernels.so3 import rotation_matrix
+from unc_physics.ros.conversions import read_scene, seconds, write_prediction
 from unc_physics.ros.models import ModelLibrary
 from unc_physics.ros.parameters import Settings
 from unc_physics_msgs.msg import ModelInfo, PredictedObject

@@ -65,7 +65,13 @@ def may_touch(x, i, j, world, work):
     """Whether two bodies may touch while they travel by ``work.coming``: whether their trees do, grown by it."""
     t_ij = relative_pose(x, i, j, work)
     slack = SINGLE_PRECISION * (world.bodies.radius[i] + world.bodies.radius[j])
+    return overlap(i, j, t_ij, slack + work.coming[i] + work.coming[j], world, work)
+
+
+@inner
+def overlap(i, j, t_ij, margin, world, work):
+    """Whether two bodies' trees overlap where each sphere may grow: together by ``margin``; ``work.R_ij`` as for a search."""
     glance = work.glance
     glance.stack[0, 0], glance.stack[0, 1] = world.bodies.root[i], world.bodies.root[j]
-    found, _ = candidates(world.tree, work.R_ij, t_ij, slack + work.coming[i] + work.coming[j], glance, ROOTS_ALONE)
+    found, _ = candidates(world.tree, work.R_ij, t_ij, margin, glance, ROOTS_ALONE)
     return found > 0

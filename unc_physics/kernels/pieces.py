@@ -4,7 +4,7 @@ import math
 from typing import NamedTuple
 
 from ..layout import P, V, W
-from .compiled import inner
+from .compiled import inner, kernel
 from .laws import QUIET, RATE
 from .pairs import may_touch, near_pairs
 from .surroundings import element_distance
@@ -117,7 +117,7 @@ def _approach(x, memory, world, laws, left, work):
             continue
         v = _speed(x[j, V] - x[i, V], x[j, V + 1] - x[i, V + 1], x[j, V + 2] - x[i, V + 2]) + _spin(x, i, radius) + _spin(x, j, radius)
         curvature = radius[i] * radius[j] / (radius[i] + radius[j])
-        rate = max(rate, _impact_rate(v, inverse_mass[i] + inverse_mass[j], curvature, world.stiffness))
+        rate = max(rate, impact_rate(v, inverse_mass[i] + inverse_mass[j], curvature, world.stiffness))
         rate = max(rate, _RESOLVED * v / (_CROSSED * min(thickness[i], thickness[j])))
     kind, half, reach = laws.kind, laws.half, work.reach
     for i in range(len(x)):
@@ -127,7 +127,7 @@ def _approach(x, memory, world, laws, left, work):
             if memory[i, len(x) + e, RATE] == QUIET or element_distance(laws, e, x[i, P], x[i, P + 1], x[i, P + 2]) >= reach[i]:
                 continue
             v = _speed(x[i, V], x[i, V + 1], x[i, V + 2]) + _spin(x, i, radius)
-            rate = max(rate, _impact_rate(v, inverse_mass[i], radius[i], world.stiffness))
+            rate = max(rate, impact_rate(v, inverse_mass[i], radius[i], world.stiffness))
             wall = thickness[i]
             if kind[e] == BOX:
                 wall = min(wall, min(half[e, 0], min(half[e, 1], half[e, 2])))
@@ -146,8 +146,8 @@ def _spin(x, i, radius):
     return radius[i] * _speed(x[i, W], x[i, W + 1], x[i, W + 2])
 
 
-@inner
-def _impact_rate(v, inverse_mass, curvature, stiffness):
+@kernel(_nrt=False)
+def impact_rate(v, inverse_mass, curvature, stiffness):
     """Highest frequency in the impact of two balls at speed ``v`` [1/s].
 
     With a lens of about ``pi R d^2`` at depth d, R being the reduced radius, ``kappa pi R d^3 / 3`` takes up the whole

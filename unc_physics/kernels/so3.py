@@ -2,6 +2,8 @@
 
 import math
 
+import numpy as np
+
 from .compiled import kernel
 
 _SMALL_ANGLE_SQUARED = 1e-8  # below it two terms of the series are exact to round-off
@@ -108,3 +110,10 @@ def rotate_back(R, x, y, z):
 def cross(a, b):
     """Cross product of two vectors, as a tuple."""
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+
+
+def rotation_matrix(q):
+    """(3, 3): rotation matrix of a unit quaternion, for Python."""
+    R = np.empty((1, 3, 3))
+    write_matrix(tuple(map(float, q)), R, 0)
+    return R[0]

@@ -8,11 +8,11 @@ from ..layout import P, Q, V, W
 from .compiled import inner, kernel
 from .contact import RECORD, contact_sums, next_contacts
 from .laws import FIRST, RATE, Patches, add_patch, kick_patches, make_patches
-from .pairs import ROOTS_ALONE, SINGLE_PRECISION, near_pairs, relative_pose
+from .pairs import ROOTS_ALONE, SINGLE_PRECISION, near_pairs, overlap, relative_pose
 from .pieces import next_piece
 from .so3 import exp, multiply, renormalized, rotate, rotate_back, write_matrix
 from .surroundings import next_element_contacts, open_element
-from .tree import WIDTH, Scratch, candidates
+from .tree import WIDTH, Scratch
 
 _PAIRS_AT_ONCE = 1024
 _FIRST_REST, _LONGEST_REST = 4.0, 64.0  # steps for which bodies that part are asked to be left alone
@@ -221,10 +221,7 @@ def part(i, j, t_ij, slack, world, work):
     number of steps adapts. This only leaves out searches that would find nothing, so no result depends on it.
     """
     steps, pace = work.rest[i, j, 1], work.speed[i] + work.speed[j]
-    glance = work.glance
-    glance.stack[0, 0], glance.stack[0, 1] = world.bodies.root[i], world.bodies.root[j]
-    found, _ = candidates(world.tree, work.R_ij, t_ij, slack + steps * pace, glance, ROOTS_ALONE)
-    if found == 0:
+    if not overlap(i, j, t_ij, slack + steps * pace, world, work):
         work.rest[i, j, 0] = work.travel[i] + work.travel[j] + steps * pace
         work.rest[i, j, 1] = min(2.0 * steps, _LONGEST_REST)
     else:

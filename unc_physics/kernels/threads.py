@@ -13,9 +13,8 @@ def in_threads(count, run):
     """Call ``run(slice)`` for parts of ``range(count)``, on as many threads as `numba.set_num_threads` allows."""
     threads = numba.get_num_threads() if count > 1 else 1
     if threads == 1:
-        run(slice(count))
+        run(slice(0, count))
         return
-    run(slice(0))  # what is not compiled yet is now, by one thread
     parts = threads * min(max(count // (_FEWEST_IN_A_PART * threads), 1), _MOST_PARTS_PER_THREAD)
     ends = [count * part // parts for part in range(parts + 1)]
     list(_pool(threads).map(run, map(slice, ends[:-1], ends[1:])))

@@ -20,7 +20,7 @@ from ..belief import Belief
 from ..environment import element_names
 from ..errors import DuplicateIdError, InvalidEnvironmentError, InvalidRequestError
 from ..kernels.laws import FIRST
-from ..kernels.so3 import write_matrix
+from ..kernels.so3 import rotation_matrix
 from ..layout import ANGULAR_VELOCITY, POSITION, VELOCITY
 from ..scene import Scene
 from ..validation import array, positive, quaternion
@@ -80,9 +80,8 @@ class BoxRegion:
 
     def contains(self, points: np.ndarray) -> np.ndarray:
         """(...,) bool: which points (..., 3) [m], world frame, lie in the box or on its surface."""
-        R = np.empty((1, 3, 3))
-        write_matrix(tuple(self.orientation), R, 0)
-        return (np.abs((points - self.position) @ R[0]) <= 0.5 * self.size).all(axis=-1)
+        R = rotation_matrix(self.orientation)
+        return (np.abs((points - self.position) @ R) <= 0.5 * self.size).all(axis=-1)
 
 
 @dataclass(frozen=True)

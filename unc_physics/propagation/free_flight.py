@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..kernels.so3 import rotation_matrix
 from ..layout import (
     ANGULAR_VELOCITY,
     ERR_ANGULAR_VELOCITY,
@@ -78,12 +79,7 @@ def transition(state: np.ndarray, along: Course, exact: bool) -> np.ndarray:
 
     The product of the steps' transitions: with the exact derivative of the drift, or as Eq. 14 has it.
     """
-    x, y, z, w = state[QUATERNION]
-    R_transposed = np.array([
-        [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y + z * w), 2.0 * (x * z - y * w)],
-        [2.0 * (x * y - z * w), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z + x * w)],
-        [2.0 * (x * z + y * w), 2.0 * (y * z - x * w), 1.0 - 2.0 * (x * x + y * y)],
-    ])
+    R_transposed = rotation_matrix(state[QUATERNION]).T
     omega = state[ANGULAR_VELOCITY]
     speed = float(np.linalg.norm(omega))
     u = omega / speed if speed > 0.0 else omega

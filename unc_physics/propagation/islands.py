@@ -123,7 +123,7 @@ class Islands:
             pairs = [(moving[0], k) for k in moving[1:]]
         else:
             pairs = _correlated(belief)
-        labels = _merged(labels, pairs)
+        labels = merged(labels, pairs)
         groups = [np.flatnonzero((labels == label) & self._moving) for label in np.unique(labels[moving])]
         self._mean = belief.mean
         if self._shared_draws:  # those of all bodies together
@@ -306,16 +306,16 @@ class Islands:
         for island in carry.islands:
             parts.setdefault(labels[island.bodies[self._moving[island.bodies]][0]], []).append(island)
         islands = []
-        for label, merged in sorted(parts.items()):
+        for label, joining in sorted(parts.items()):
             own = np.flatnonzero((labels == label) & self._moving)
             of_own = labels[pairs] == label
             near = pairs[of_own.any(axis=1) & ~of_own.all(axis=1)]
-            bodies = np.unique(np.concatenate([own, near[labels[near] != label], *(island.bodies for island in merged)]))
-            if len(merged) == 1 and len(bodies) == len(merged[0].bodies):
-                now = merged[0].carry
+            bodies = np.unique(np.concatenate([own, near[labels[near] != label], *(island.bodies for island in joining)]))
+            if len(joining) == 1 and len(bodies) == len(joining[0].bodies):
+                now = joining[0].carry
             else:
-                now = self._joined(merged, bodies)
-            energy = sum(max(island.energy, energies[island.bodies].sum()) for island in merged)
+                now = self._joined(joining, bodies)
+            energy = sum(max(island.energy, energies[island.bodies].sum()) for island in joining)
             alone = len(bodies) == 1 and not contact[own[0]] and self._can_fly(now)
             islands.append(Island(bodies, self._part(bodies), now, energy, alone))
         return IslandsCarry(tuple(islands), tuple(island.carry for island in islands), carry.step, carry.step + steps, carry.step)
@@ -353,9 +353,9 @@ class Islands:
                 members, first = np.unique(labels[moving], return_index=True)
                 own = np.zeros(len(labels))
                 own[members] = energy[moving][first]
-                new = _merged(labels, labels[meet])
+                new = merged(labels, labels[meet])
                 total = np.zeros(len(labels))
-                np.add.at(total, _merged(np.arange(len(labels)), labels[meet])[members], own[members])
+                np.add.at(total, merged(np.arange(len(labels)), labels[meet])[members], own[members])
                 energy = np.where(moving, total[new], 0.0)
                 labels = new
             contact = contact | touching
@@ -577,7 +577,7 @@ def _correlated(belief):
     return belief.moving[np.argwhere(np.triu(some, 1))]
 
 
-def _merged(labels, pairs):
+def merged(labels, pairs):
     """Labels, made one wherever a pair of them is to be."""
     root = np.arange(len(labels))
 

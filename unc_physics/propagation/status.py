@@ -16,6 +16,8 @@ from ..kernels.compiled import kernel
 from ..kernels.contact import DISTANCE, next_contacts
 from ..kernels.laws import FIRST
 from ..kernels.pairs import near_pairs
+from ..kernels.pieces import impact_rate
+from ..kernels.so3 import rotation_matrix
 from ..kernels.step import open_pair, workspace
 from ..kernels.surroundings import next_element_contacts, open_element
 from ..layout import (
@@ -30,10 +32,8 @@ from ..layout import (
 )
 from ..scene import Scene
 from .answers import REST_SPEED
+from .islands import merged
 from .predict import Prediction
-
-#: Propagators whose covariance is that of one nominal rollout: it cannot be trusted while contact lasts.
-NOMINAL = ("linearization", "surrogate", "local_sampling")
 
 
 class Status(IntFlag):
@@ -127,7 +127,7 @@ def assess(scene: Scene, initial: Belief, prediction: Prediction) -> tuple[BodyS
     first = prediction.carry.memory[..., FIRST].min(axis=0)
     touched = np.isfinite(first)
     touches = touched.any(axis=1) | touched[:, : len(begin)].any(axis=0)
-    nominal = prediction.propagator.name in NOMINAL
+    nominal = prediction.propagator.traits.mean_update == "nominal"
     deep = _depths(scene, begin)
     lasting = _depths(scene, end) > 0.0 if nominal and touches.any() else np.zeros(len(begin), bool)
     speed, gain, spread_energy = _energies(scene, initial, prediction, touched)
@@ -143,8 +143,9 @@ def assess(scene: Scene, initial: Belief, prediction: Prediction) -> tuple[BodyS
             measures["energy_gain"] = gain[k]
             radius = float(body.model.radii.max())
             if scene.integrator == "explicit":
-                measures["step_times_frequency"] = scene.dt * _frequency(speed[k], body.mass, radius, scene.stiffness)
-            measures["impact_over_capacity"] = 0.5 * body.mass * speed[k] ** 2 / (math.pi * scene.stiffness * radius**4)
+                measures["step_times_frequency"] = scene.dt * impact_rate(speed[k], 1.0 / body.mass, radius, scene.stiffness)
+            impact, capacity = 0.5 * body.mass * speed[k] ** 2, math.pi * scene.stiffness * radius**4
+            measures["impact_over_capacity"] = impact / capacity if capacity > 0.0 else math.inf
             if nominal:
                 wide = _largest_std(before[ERR_POSITION, ERR_POSITION])
                 measures["spread_lost"] = wide / max(_largest_std(P[ERR_POSITION, ERR_POSITION]), 1e-300) if wide > 0.0 else 0.0
@@ -169,12 +170,6 @@ def _largest_std(P):
     return math.sqrt(max(np.linalg.eigvalsh(P)[-1], 0.0))
 
 
-def _frequency(v, mass, radius, stiffness):
-    """Of the impact of a ball on a wall [1/s]; its lens of about ``pi R d^2`` at depth d takes up all energy."""
-    depth = (1.5 * v * v * mass / (math.pi * stiffness * radius)) ** (1.0 / 3.0)
-    return math.sqrt(2.0 * math.pi * stiffness * radius * depth / mass)
-
-
 def _energies(scene, initial, prediction, touched):
     """Highest speed [m/s] of each body, its group's relative gain of energy, and what the spread takes: each (B,)."""
     begin, end, bodies = initial.mean, prediction.belief.mean, len(scene.bodies)
@@ -182,7 +177,7 @@ def _energies(scene, initial, prediction, touched):
     given = np.maximum(mass * ((end - begin)[:, POSITION] @ scene.gravity), 0.0)
     lost = np.maximum(-mass * ((end - begin)[:, POSITION] @ scene.gravity), 0.0)
     at_start, at_end = _kinetic(scene, initial, -1), _kinetic(scene, prediction.belief, 0)
-    label = _groups(touched[:, :bodies])
+    label = merged(np.arange(bodies), np.argwhere(touched[:, :bodies]))
     total = {
         name: np.bincount(label, value, bodies)[label]
         for name, value in (("given", given), ("lost", lost), ("e0", at_start[0]), ("e1", at_end[0]),
@@ -191,7 +186,6 @@ def _energies(scene, initial, prediction, touched):
     source = total["e0"] + total["given"]
     gain = (total["e1"] + total["lost"] - source) / np.where(source > 0.0, source, 1.0)
     everything = total["all0"] + total["given"]
-    # what falls may also fall farther than its mean does
     spread = total["all1"] / np.where(everything > 0.0, everything, 1.0)
     g = np.linalg.norm(scene.gravity)
     drop = np.abs((end - begin)[:, POSITION]).max(axis=1)
@@ -213,22 +207,12 @@ def _kinetic(scene, belief, side):
         w = x[ANGULAR_VELOCITY]
         turning = principal * w @ w
         if scene.gyroscopic:
-            q, u = x[QUATERNION][:3], 2.0 * np.cross(w, x[QUATERNION][:3])
-            spin = w + x[QUATERNION][3] * u - np.cross(q, u)  # in body axes
+            spin = w @ rotation_matrix(x[QUATERNION])
             turning = body.mass * spin @ body.model.inertia @ spin
         result[0, k] = 0.5 * (body.mass * x[VELOCITY] @ x[VELOCITY] + turning)
         spread = P[ERR_VELOCITY, ERR_VELOCITY].trace(), P[ERR_ANGULAR_VELOCITY, ERR_ANGULAR_VELOCITY].trace()
         result[1, k] = 0.5 * (body.mass * spread[0] + principal * spread[1])
     return result
-
-
-def _groups(touched):
-    """(B,): a label for each body, the same for bodies that touched each other or a common third."""
-    label = np.arange(len(touched))
-    for _ in label:
-        for i, j in np.argwhere(touched):
-            label[i] = label[j] = min(label[i], label[j])
-    return label
 
 
 def _depths(scene, mean):

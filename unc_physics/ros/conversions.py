@@ -37,7 +37,7 @@ from ..errors import (
     NotFiniteError,
     UncPhysicsError,
 )
-from ..kernels.so3 import write_matrix
+from ..kernels.so3 import rotation_matrix
 from ..layout import (
     ANGULAR_VELOCITY,
     ERROR,
@@ -440,10 +440,3 @@ def _write_xyz(message, v):
 
 def _write_quaternion(message, q):
     message.x, message.y, message.z, message.w = q.tolist()
-
-
-def rotation_matrix(q):
-    """(3, 3): ``R_world_body`` of a unit quaternion (x, y, z, w)."""
-    R = np.empty((1, 3, 3))
-    write_matrix(tuple(q.tolist()), R, 0)
-    return R[0]

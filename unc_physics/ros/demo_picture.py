@@ -8,8 +8,9 @@ from matplotlib.figure import Figure
 from matplotlib.patheffects import withStroke
 
 from ..geometry.library import load_model
+from ..kernels.so3 import rotation_matrix
 from ..scene_picture import COLORS, ellipse, pixel_window, shaded_balls
-from .conversions import rotation_matrix, seconds
+from .conversions import seconds
 
 _PIXEL = 0.005  # m
 _CLOUD_SPHERES = 200

@@ -10,8 +10,9 @@ import numpy as np
 from rclpy.time import Time
 
 from ..errors import UnknownFrameError
+from ..kernels.so3 import rotation_matrix
 from ..validation import array, quaternion
-from .conversions import UNKNOWN, rotation_matrix
+from .conversions import UNKNOWN
 
 
 class Frames:
