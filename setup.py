@@ -52,5 +52,6 @@ setup(
         ],
     },
     entry_points={"console_scripts": [f"{NAME} = {NAME}.__main__:main"]},
+    package_data={f"{NAME}.evaluation.hard_cases": ["*.yaml", "*.npz"]},
     zip_safe=False,
 )

@@ -18,7 +18,7 @@ from types import ModuleType
 
 from ...errors import InvalidOptionError
 
-NAMES = ("collision_free", "collisions", "floors", "speed_against_error", "peers", "plausibility", "storage", "pictures")
+NAMES = ("collision_free", "collisions", "floors", "speed_against_error", "peers", "plausibility", "stability", "storage", "pictures")
 
 
 def experiment(name: str) -> ModuleType:

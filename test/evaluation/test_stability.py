@@ -1,0 +1,142 @@
+"""The catalogue of hard cases, and how predictions of them are judged."""
+
+import math
+
+import numpy as np
+import pytest
+
+from unc_physics import RigidBody, Scene
+from unc_physics.__main__ import main
+from unc_physics.environment import Box, Plane
+from unc_physics.evaluation.energy import (
+    contact_energy,
+    height_energy,
+    kinetic_energy,
+    momentum,
+    surface_distance,
+)
+from unc_physics.evaluation.experiments import stability
+from unc_physics.evaluation.hard_cases import FOLDER, load, names
+from unc_physics.evaluation.hard_cases.shapes import SHAPES, ball, rod
+from unc_physics.evaluation.judgement import FALSE, MISSING, RIGHT, judge, rates, worst
+from unc_physics.evaluation.passing import passed_through
+from unc_physics.evaluation.results import Results
+from unc_physics.evaluation.stability_document import COMMAND
+from unc_physics.geometry.packing_file import load_packing
+from unc_physics.kernels.rollout import simulate
+
+BALL = ball().scaled(0.1)
+
+
+def states(*positions):
+    mean = np.zeros((len(positions), 13))
+    mean[:, :3], mean[:, 9] = positions, 1.0
+    return mean
+
+
+@pytest.mark.parametrize("name", names())
+def test_case_is_a_scene_of_moderate_size_that_says_what_is_hard(name):
+    case = load(name)
+    assert case.scene.integrator == "robust" and case.horizon > 0.0
+    assert all(len(body.model) <= 100 for body in case.scene.bodies)
+    assert 40 < len(case.about) < 300 and ":" in case.about
+    if name.startswith(("rest", "stack", "pile")):
+        assert case.scene.friction == 0.5 and case.scene.gravity.tolist() == [0.0, 0.0, -9.81]
+
+
+def test_own_shapes_are_as_their_script_makes_them():
+    for make in SHAPES:
+        stored, made = load_packing(FOLDER / f"{make.__name__}.npz"), make()
+        for field in ("centers", "radii", "inertia"):
+            np.testing.assert_array_equal(getattr(stored, field), getattr(made, field))
+    moments = np.linalg.eigvalsh(rod().inertia)
+    assert 1000.0 < moments[1] / moments[0] < 1050.0
+
+
+def test_a_spread_within_a_factor_of_two_is_right():
+    assert not judge((1.9, 0.6), (1.0, 1.0), 1.0, False).bad
+    assert judge((2.1, 1.0), (1.0, 1.0), 1.0, False).bad
+    assert judge((1.0, 0.4), (1.0, 1.0), 1.0, False).bad
+    assert judge((math.nan, 1.0), (1.0, 1.0), 1.0, False).bad
+    assert judge((0.1, 1.0), (0.0, 1.0), 1.0, False).bad, "certain in truth"
+    nothing = judge((1e-10, 0.0), (0.0, 5e-10), 1.0, False)
+    assert not nothing.bad and (nothing.position, nothing.rotation) == (1.0, 1.0)
+
+
+def test_verdicts_and_rates():
+    cases = [(1.0, False, RIGHT), (1.0, True, FALSE), (3.0, True, RIGHT), (3.0, False, MISSING), (0.1, True, RIGHT)]
+    judged = [judge((ratio, 1.0), (1.0, 1.0), 1.0, flagged) for ratio, flagged, _ in cases]
+    assert [one.verdict for one in judged] == [verdict for *_, verdict in cases]
+    found = rates(judged)
+    assert (found.bad, found.good, found.found, found.false) == (3, 2, 2, 1)
+    assert found.found_share == pytest.approx(2 / 3) and found.false_share == 0.5
+    assert math.isnan(rates([]).found_share)
+    assert worst([1.5, 0.5, 1.9]) == 0.5 and worst([1.0, 0.0]) == 0.0 and math.isnan(worst([3.0, math.nan]))
+
+
+@pytest.mark.parametrize("environment", [(), (Plane(offset=-0.08),), (Box((1.0, 0.2, 0.1), (0.0, 0.0, -0.13)),)])
+def test_contact_energy_is_what_the_force_works_against(environment):
+    other = [RigidBody("b", BALL.scaled(0.6))] if not environment else []
+    scene = Scene([RigidBody("a", BALL, 2.0), *other], dt=1e-9, stiffness=1e6, environment=environment)
+    state = states((0.0, 0.0, 0.0), (0.02, 0.05, 0.09))[: len(scene.bodies)]
+    after = state[None].copy()
+    simulate(after, scene.world, 1)
+    force = 2.0 * after[0, 0, 3:6] / scene.dt
+    assert np.linalg.norm(force) > 1.0
+    for axis in range(3):
+        shifted = [state.copy(), state.copy()]
+        for sign, some in zip((-1.0, 1.0), shifted, strict=True):
+            some[0, axis] += sign * 1e-6
+        slope = (contact_energy(scene, shifted[1]) - contact_energy(scene, shifted[0])) / 2e-6
+        assert -slope == pytest.approx(force[axis], abs=1e-6 * np.linalg.norm(force)), "central difference"
+
+
+def test_energy_and_momentum_of_a_turning_falling_rod():
+    scene = Scene([RigidBody("rod", rod(), 2.0), RigidBody("base", BALL, fixed=True)], gravity=(0, 0, -10.0))
+    state = states((1.0, 2.0, 3.0), (0.0, 0.0, 0.0))
+    state[0, 6:10] = np.sin(np.pi / 4), 0.0, 0.0, np.cos(np.pi / 4)  # its axis along -y
+    state[0, 3:6], state[0, 10:13] = (1.0, 0.0, 2.0), (0.0, 5.0, 3.0)
+    turning = scene.bodies[0].model.inertia[2, 2] * 25.0 + scene.bodies[0].model.inertia[0, 0] * 9.0
+    assert kinetic_energy(scene, state) == pytest.approx(5.0 + turning)
+    assert height_energy(scene, state) == pytest.approx(60.0)
+    assert momentum(scene, state).tolist() == [2.0, 0.0, 4.0]
+
+
+def test_distance_from_a_box():
+    box = Box((2.0, 2.0, 2.0), (1.0, 0.0, 0.0))
+    points = np.array([(1.0, 0.0, 0.0), (1.0, 0.5, 0.0), (3.0, 0.0, 0.0), (3.0, 2.0, 0.0)])
+    np.testing.assert_allclose(surface_distance(box, points), [-1.0, -0.5, 1.0, math.sqrt(2.0)])
+
+
+def test_passing_through_is_told_from_bouncing():
+    def path(*x):
+        return np.array([states((0.0, 0.0, 0.0), (at, 0.01, 0.0)) for at in x])
+
+    pair = Scene([RigidBody("a", BALL), RigidBody("b", BALL)])
+    assert passed_through(pair, path(0.5, 0.21, -0.3)), "at once, from one step to the next"
+    assert passed_through(pair, path(0.5, 0.19, 0.05))
+    assert not passed_through(pair, path(0.5, 0.18, 0.5)) and not passed_through(pair, path(0.05, 0.3))
+    for element in (Plane((1.0, 0.0, 0.0), 0.0), Box((0.01, 1.0, 1.0))):
+        scene = Scene([RigidBody("b", BALL)], environment=(element,))
+        assert passed_through(scene, path(0.5, -0.4)[:, 1:])
+        assert not passed_through(scene, path(0.5, 0.09, 0.5)[:, 1:])
+    assert not passed_through(scene, path(0.5, -0.4)[:, 1:] + np.eye(13)[1]), "beside the box"
+
+
+def test_command_judges_a_case_and_writes_the_document(tmp_path, monkeypatch):
+    monkeypatch.setattr(stability, "QUICK", ("fast_ball_too_soft", "overlap_coincident"))
+    monkeypatch.setattr(stability, "TRUTH", 100)
+    assert main(["evaluate", "stability", "--quick", "--workers", "1", "-o", str(tmp_path)]) == 0
+    document = (tmp_path / "stability.md").read_text()
+    assert COMMAND in document
+    lines = {line.split(" | ")[0].strip("| "): line for line in document.splitlines() if line.startswith("| ")}
+    assert "| 2 of 2 |" in lines["lets nothing pass through without a flag"]
+    assert "| 2 of 2 |" in lines["ends without NaN, mean and all propagators"]
+    rows = Results(tmp_path).rows("stability").where(case="overlap_coincident")
+    # a single trajectory stays where no direction is, and every sample flies off in its own
+    spread = {method: rows.where(method=method, quantity="position_std").mean() for method in ("truth", "linearization", "monte_carlo")}
+    assert spread["linearization"] < 0.5 * spread["truth"]
+    assert spread["monte_carlo"] == pytest.approx(spread["truth"], rel=0.4), "statistics of 100 samples"
+    cells = lines["overlap coincident"].split(" | ")
+    assert len(cells) == 8 and cells[3].endswith("; fine") and not cells[1].endswith("; fine")
+    assert "stability.md" in (tmp_path / "report.md").read_text()

@@ -1,0 +1,164 @@
+"""Hard cases: energy, momentum, covariance and flags of every propagator, beside a naive explicit step."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import NamedTuple
+
+from ...belief import Belief
+from ...errors import DivergedError
+from ...layout import ERR_POSITION, ERR_ROTATION
+from ...propagation import PROPAGATORS, make_propagator, predict
+from ...propagation.predict import periodic_times
+from ...propagation.status import assess
+from ...scene import Scene
+from ..comparison import MONTE_CARLO
+from ..conservation import FINITE, prediction_rows, rollout_rows, trajectory
+from ..hard_cases import digest, load, names
+from ..jobs import Job, Outcome, Row, Settings
+from ..results import Results
+from ..scenarios import MANIPULATION, MODELS, collision, collision_free
+from ..stability_document import (
+    COARSE,
+    EXTENT,
+    FLAGS,
+    HALF,
+    MEASURE,
+    NAIVE,
+    OTHER_HALF,
+    OURS,
+    POSITION_STD,
+    ROTATION_STD,
+    TRUE,
+    document,
+    sections,
+)
+
+TITLE = "Stability"
+DOCUMENT = "stability.md"
+TRUTH, REFINED = 1000, 4  # samples of the truth, and how many times shorter its steps are
+FEWER = {  # the same, where rollouts take long; Monte Carlo predicts with as many samples
+    "body_in_bin": (300, 4), "hundred_metres_rest": (300, 4), "long_in_a_box": (100, 2), "millimetres_rest": (100, 4),
+    "pile_of_ten": (100, 2), "rest_ball_rolling": (100, 4), "rest_on_fixed_body": (100, 2), "rest_on_floor": (100, 4),
+    "rest_sliding": (300, 4), "rod_on_floor": (100, 4), "simultaneous_flat": (100, 4), "sixty_four_cans": (100, 2),
+    "sixty_four_pairs": (100, 2), "stack_of_three": (100, 2),
+}
+COARSER = 2  # the truth's first half is taken again with steps so many times longer
+LOOKS = 50  # at the belief on the way
+QUICK = ("covariance_zero", "fast_ball_at_wall", "overlap_inside", "rotation_std_near_pi", "stiffness_1e8")
+SPHERES = 100  # of the paper's bodies
+SIGMAS, ENCOUNTERS = (0.01, 0.05, 0.1), 4
+
+
+class Case(NamedTuple):
+    """A scene to predict: one of the catalogue, or of the paper's."""
+
+    scene: Scene
+    belief: Belief
+    horizon: float
+
+
+def paper_cases() -> list[str]:
+    """Names of the paper's scenes."""
+    found = [f"collision {model} {sigma} {k}" for model in MODELS for sigma in SIGMAS for k in range(ENCOUNTERS)]
+    return [*found, "collision_free linear_velocity", "collision_free angular_velocity", *MANIPULATION]
+
+
+def case(name: str) -> Case:
+    """A case by its name."""
+    kind, *rest = name.split()
+    if kind == "collision":
+        return Case(*collision(rest[0], SPHERES, float(rest[1]), int(rest[2])))
+    if kind == "collision_free":
+        return Case(*collision_free(rest[0], spheres=SPHERES))
+    if kind in MANIPULATION:
+        scene, belief, horizon = MANIPULATION[kind][0]()
+        bodies = [replace(body, model=body.model.prefix(SPHERES)) for body in scene.bodies]
+        return Case(replace(scene, bodies=bodies), belief, horizon)
+    found = load(name)
+    return Case(found.scene, found.belief, found.horizon)
+
+
+def jobs(settings: Settings) -> list[Job]:
+    """For each case the truth, and what all propagators make of it."""
+    hard, paper = (QUICK, ()) if settings.quick else (names(), paper_cases())
+    found = []
+    for name in (*hard, *paper):
+        same = settings.parameters(case=name, file="none" if name in paper else digest(name))
+        samples, refined = FEWER.get(name, (TRUTH, REFINED))
+        for work, shorter in (("truth", refined), ("methods", 1)):
+            parameters = {"work": work, **same, "draws": samples, "refined": shorter}
+            found.append(Job("stability", parameters, cost=40.0 if name in FEWER else 3.0))
+    return found
+
+
+def run(job: Job) -> Outcome:
+    """Spreads of the truth; or naive and robust rollouts of the mean, and every propagator's prediction."""
+    given = case(job.parameters["case"])
+    if job.parameters["work"] == "truth":
+        return Outcome(_truth(given, job))
+    rows = []
+    for method, integrator in ((NAIVE, "explicit"), (OURS, given.scene.integrator)):
+        scene = replace(given.scene, integrator=integrator)
+        rows += rollout_rows(method, scene, trajectory(scene, given.belief.mean, round(given.horizon / scene.dt)))
+    for name in PROPAGATORS:
+        rows += _prediction(given, name, job)
+    return Outcome(rows)
+
+
+def report(results: Results) -> str:
+    """Goals, rates and tables; they are also written as a document of their own, stability.md."""
+    rows = results.rows("stability")
+    (results.folder / DOCUMENT).write_text(document(rows), encoding="utf-8")
+    return f"As a document of its own: [{DOCUMENT}]({DOCUMENT})\n{sections(rows)}"
+
+
+def _truth(given, job):
+    """Spreads of samples with short steps, of both of their halves, and of the first half with longer steps."""
+    p, seed = job.parameters, job.seed("truth")
+    half = p["draws"] // 2
+    rows = []
+    for refined, samples, parts in (
+        (p["refined"], p["draws"], {TRUE: slice(None), HALF: slice(half), OTHER_HALF: slice(half, None)}),
+        (p["refined"] // COARSER, half, {COARSE: slice(None)}),
+    ):
+        fine = replace(given.scene, dt=given.scene.dt / refined)
+        propagator = make_propagator(MONTE_CARLO, samples=samples, seed=seed)
+        carry = predict(fine, given.belief, propagator, given.horizon).carry
+        for method, part in parts.items():
+            belief = propagator.belief(carry._replace(states=carry.states[part], memory=carry.memory[part]), fine)
+            rows += _spread_rows(method, fine, belief, samples, seed)
+    for k in given.scene.moving.tolist():
+        rows.append(Row(TRUE, EXTENT, "m", 2.0 * given.scene.bodies[k].model.bounding_radius, None, k))
+    return rows
+
+
+def _prediction(given, name, job):
+    """What a propagator keeps on the way, its spreads at the end, and its flags with their measures."""
+    scene, belief, horizon = given
+    times = periodic_times(max(horizon / LOOKS, scene.dt), horizon)
+    options = {"seed": job.seed(name)} if "seed" in PROPAGATORS[name].options() else {}
+    samples = job.parameters["draws"] if name == MONTE_CARLO else None
+    if samples is not None:
+        options["samples"] = samples
+    try:
+        prediction = predict(scene, belief, make_propagator(name, **options), horizon, times=times)
+    except DivergedError:
+        return [Row(name, FINITE, "1", 0.0)]
+    rows = [Row(name, FINITE, "1", 1.0)]
+    rows += prediction_rows(name, scene, (belief, *prediction.beliefs), (0.0, *prediction.times))
+    rows += _spread_rows(name, scene, prediction.belief, samples, prediction.seed)
+    statuses = assess(scene, belief, prediction)
+    for k in scene.moving.tolist():
+        rows.append(Row(name, FLAGS, "1", int(statuses[k].flags), samples, k))
+        rows += [Row(name, MEASURE + measure, "1", value, samples, k) for measure, value in statuses[k].measures.items()]
+    return rows
+
+
+def _spread_rows(method, scene, belief, samples, seed):
+    """Standard deviations of each body's position and rotation, the body's number as replicate."""
+    rows = []
+    for k, P in zip(scene.moving.tolist(), belief.blocks, strict=True):
+        for quantity, unit, block in ((POSITION_STD, "m", ERR_POSITION), (ROTATION_STD, "rad", ERR_ROTATION)):
+            rows.append(Row(method, quantity, unit, float(max(P[block, block].trace(), 0.0) ** 0.5), samples, k, seed))
+    return rows

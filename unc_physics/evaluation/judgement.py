@@ -1,0 +1,80 @@
+"""Whether predicted spreads are right, and whether the flags of a prediction say so."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+FACTOR = 2.0  # within which a spread is right
+POSITION_FLOOR = 1e-9  # of the body's extent: spreads below are nothing
+ROTATION_FLOOR = 1e-9  # rad
+RIGHT, FALSE, MISSING = "right", "false", "MISSING"
+
+
+class Judged(NamedTuple):
+    """A body's prediction against the truth.
+
+    Attributes
+    ----------
+    position, rotation : float
+        Predicted spread over the true one; 1 where both are nothing, infinite where only the true one is.
+    bad : bool
+        Whether one of them is off by more than a factor of 2, or no number.
+    flagged : bool
+    """
+
+    position: float
+    rotation: float
+    bad: bool
+    flagged: bool
+
+    @property
+    def verdict(self) -> str:
+        """What the flag is: right, false (nothing was wrong) or missing."""
+        return RIGHT if self.bad == self.flagged else MISSING if self.bad else FALSE
+
+
+class Rates(NamedTuple):
+    """How many predictions were bad, and how the flags did; shares are NaN of nothing."""
+
+    bad: int
+    good: int
+    found: int
+    false: int
+
+    @property
+    def found_share(self) -> float:
+        """Of the bad ones, how many were flagged."""
+        return self.found / self.bad if self.bad else math.nan
+
+    @property
+    def false_share(self) -> float:
+        """Of the good ones, how many were flagged."""
+        return self.false / self.good if self.good else math.nan
+
+
+def judge(predicted, truth, extent: float, flagged: bool) -> Judged:
+    """Compare spreads (position [m], rotation [rad]) with the true ones, of a body of that extent [m]."""
+    position = _ratio(predicted[0], truth[0], POSITION_FLOOR * extent)
+    rotation = _ratio(predicted[1], truth[1], ROTATION_FLOOR)
+    bad = not all(1.0 / FACTOR <= ratio <= FACTOR for ratio in (position, rotation))
+    return Judged(position, rotation, bad, flagged)
+
+
+def rates(judged) -> Rates:
+    """Of any number of predictions."""
+    judged = list(judged)
+    bad = [one for one in judged if one.bad]
+    good = [one for one in judged if not one.bad]
+    return Rates(len(bad), len(good), sum(one.flagged for one in bad), sum(one.flagged for one in good))
+
+
+def worst(ratios) -> float:
+    """The ratio that is farthest from 1, in either direction; NaN counts as farthest."""
+    return max(ratios, key=lambda ratio: math.inf if not ratio > 0.0 else abs(math.log(ratio)))
+
+
+def _ratio(predicted, truth, floor):
+    if predicted <= floor and truth <= floor:
+        return 1.0
+    return predicted / truth if truth > 0.0 else math.inf
