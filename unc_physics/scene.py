@@ -293,6 +293,7 @@ class Scene:
             gyroscopic=bool(self.gyroscopic),
             robust=robust,
             thickness=np.array([body.model.radii.max() for body in self.bodies]),
+            smallest=np.array([body.model.radii.min() for body in self.bodies]),
             mass=np.array([body.mass for body in self.bodies]),
             inertia=np.array([body.mass * body.model.inertia for body in self.bodies]),
         )

@@ -28,6 +28,7 @@ from .so3 import rotate, rotate_back
 CREEP = 1e-5
 #: The same for restitution's drag along the normal [m/s]: it must not hold up what stands off balance.
 SETTLING = 0.01
+_SOFT = 0.25  # square of the angle that a contact's oscillation turns in a step which needs no division (`pieces._RESOLVED`)
 _ROUNDS = 3  # of the search for the drag that Coulomb's law asks for
 _SLOW = 3.0  # of the speed g / omega at which a contact vibrates about its rest
 _DAMPING_RATIO = 0.7  # of such vibrations
@@ -126,6 +127,18 @@ def circle(ri, rj, d):
     return math.pi * max(ri * ri - across * across, 0.0)
 
 
+@kernel
+def soft_contact(world, laws):
+    """What a contact's frequency squared may be, over ``2 pi kappa``, where a robust kick needs no patch [m^2/kg].
+
+    0 where all contacts need one: for drag, or for the damping of rest.
+    """
+    gravity = abs(world.gravity[0]) + abs(world.gravity[1]) + abs(world.gravity[2])
+    if not laws.robust or laws.friction > 0.0 or laws.dissipation > 0.0 or gravity > 0.0 or world.stiffness == 0.0:
+        return 0.0
+    return _SOFT / (2.0 * math.pi * world.stiffness * world.dt**2)
+
+
 @inner
 def add_patch(bodies, arm, count, world, laws, work):
     """Add the first ``count`` contacts on record to the patch of two bodies (the second ``-1 - e`` for element e)."""
@@ -145,7 +158,7 @@ def add_patch(bodies, arm, count, world, laws, work):
             else:
                 area = circle(r, radii[pairs[k, 1]], records[k, DISTANCE])
             p.weight[k] = stiffness * area
-            stiff += stiffness * area
+            stiff += p.weight[k]
         _add_squares(records, count, p.weight, local[STIFF])
     if frictional:
         for k in range(count):
@@ -481,6 +494,9 @@ def kick_patches(x, memory, world, laws, dt, work):
             add_to_system(p, index, G, fixed, work6)
             if damper > 0.0:
                 add_drag_impulse(p, index, stiff, xi, dt * damper, impulse)
+            if share > 0.0:  # the force responds to the whole change of velocity, that by gravity included
+                _fall_apart(p, index, world, dt, xi)
+                add_drag_impulse(p, index, stiff, xi, dt * share * dt, impulse)
     for index in range(count):
         p.drag[index, 0, 0] = p.drag[index, 1, 0] = 0.0
     _begin_system(p, n)
@@ -513,7 +529,7 @@ def kick_patches(x, memory, world, laws, dt, work):
                 x[i, V + k] += step[a + k]
                 x[i, W + k] += step[a + 3 + k]
     if laws.robust:
-        _remember_rates(x, memory, p, step, (velocities, xi), world.dt)
+        _remember_rates(x, memory, p, step, world, dt)
 
 
 @inner
@@ -528,6 +544,15 @@ def _expect(x, world, dt, work):
         if p.place[i] >= 0:
             for k in range(3):
                 p.before[i, k] += dt * world.gravity[k]
+
+
+@inner
+def _fall_apart(p, index, world, dt, out):
+    """What gravity adds to a patch's motion in a time, into ``out`` (6,): nothing where both bodies fall."""
+    i, j = p.bodies[index, 0], p.bodies[index, 1]
+    falls = np.float64(j >= 0 and world.bodies.moving[j]) - np.float64(world.bodies.moving[i])
+    for k in range(3):
+        out[k], out[3 + k] = falls * dt * world.gravity[k], 0.0
 
 
 @inner
@@ -556,18 +581,24 @@ def _begin_system(p, n):
 
 
 @inner(forceinline=True)
-def _remember_rates(x, memory, p, step, room, dt):
-    """Keep the frequency of each touching pair whose force is about to change: the next step has to resolve it."""
-    velocities, xi = room
+def _remember_rates(x, memory, p, step, world, dt):
+    """Keep the frequency of each touching pair whose force is about to change: the next step has to resolve it.
+
+    What counts is how bodies drift before and after the piece's kick, in which contact and gravity may cancel.
+    """
+    xi, fall = p.motion, p.moved[2, 0]
     for index in range(p.count[0]):
         i, j = p.bodies[index, 0], p.bodies[index, 1]
-        moves = 0.0
-        for share in (-1.0, 0.0):
-            _write_velocities(x, p, step, share, velocities)
-            relative_motion(p, index, velocities, xi)
-            moves = max(moves, mean_square(p.matrix[index, STIFF], xi))
-        moves = math.sqrt(moves / max(p.load[index, 1], 1e-300))
-        quiet = moves * dt * p.load[index, 1] <= _QUIET * p.load[index, 0]
+        _write_velocities(x, p, step, -1.0, p.velocities)
+        relative_motion(p, index, p.velocities, xi)
+        _fall_apart(p, index, world, dt, fall)
+        for k in range(3):
+            xi[k] -= fall[k]
+        moves = mean_square(p.matrix[index, STIFF], xi)
+        _write_velocities(x, p, step, 0.0, p.velocities)
+        relative_motion(p, index, p.velocities, xi)
+        moves = math.sqrt(max(moves, mean_square(p.matrix[index, STIFF], xi)) / max(p.load[index, 1], 1e-300))
+        quiet = moves * world.dt * p.load[index, 1] <= _QUIET * p.load[index, 0]
         memory[i, j if j >= 0 else len(x) - 1 - j, RATE] = QUIET if quiet else max(p.load[index, 2], 1.0)
 
 

@@ -9,6 +9,7 @@ from .tree import candidates
 
 # of the sum of two bodies' radii: bounds, with a margin, what single precision loses in a change of frame
 SINGLE_PRECISION = 4e-6
+FIRST_REST, _LONGEST_REST = 4.0, 64.0  # steps for which bodies that part are asked to be left alone
 ROOTS_ALONE = np.int64(1)  # height of a search's first stack; typed, since a literal would compile every caller twice
 
 
@@ -62,10 +63,33 @@ def relative_pose(x, i, j, work):
 
 @inner
 def may_touch(x, i, j, world, work):
-    """Whether two bodies may touch while they travel by ``work.coming``: whether their trees do, grown by it."""
+    """Whether two bodies may touch while they travel by ``work.coming``: whether their trees do, grown by it.
+
+    If not they rest (`let_rest`) at least as long; of bodies that rest already the answer would be no.
+    """
     t_ij = relative_pose(x, i, j, work)
     slack = SINGLE_PRECISION * (world.bodies.radius[i] + world.bodies.radius[j])
-    return overlap(i, j, t_ij, slack + work.coming[i] + work.coming[j], world, work)
+    coming = work.coming[i] + work.coming[j]
+    if let_rest(i, j, t_ij, slack, coming, world, work):
+        return False
+    return overlap(i, j, t_ij, slack + coming, world, work)
+
+
+@inner
+def let_rest(i, j, t_ij, slack, pace, world, work):
+    """Leave two bodies out of searches until they may have crossed the gap between them; returns whether there is one.
+
+    Asks the trees whether the bodies stay apart when each sphere grows by what they may travel in some steps, at
+    ``pace`` [m] a step; the number of steps adapts. This only leaves out searches that would find nothing, so no result
+    depends on it.
+    """
+    steps = work.rest[i, j, 1]
+    if not overlap(i, j, t_ij, 2.0 * slack + steps * pace, world, work):
+        work.rest[i, j, 0] = work.travel[i] + work.travel[j] + steps * pace
+        work.rest[i, j, 1] = min(2.0 * steps, _LONGEST_REST)
+        return True
+    work.rest[i, j, 1] = max(0.5 * steps, 1.0)
+    return False
 
 
 @inner

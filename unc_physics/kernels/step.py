@@ -1,21 +1,22 @@
 """One time step of a scene: drift, damp, gravity, contacts, kick, in this order (the paper's Eqs. 3 to 6)."""
 
+import math
 from typing import NamedTuple
 
 import numpy as np
 
 from ..layout import P, Q, V, W
 from .compiled import inner, kernel
-from .contact import RECORD, contact_sums, next_contacts
-from .laws import FIRST, RATE, Patches, add_patch, kick_patches, make_patches
-from .pairs import ROOTS_ALONE, SINGLE_PRECISION, near_pairs, overlap, relative_pose
-from .pieces import next_piece
+from .contact import DISTANCE, NORMAL, POINT, RECORD, contact_sums, next_contacts
+from .laws import FIRST, RATE, Patches, add_patch, kick_patches, make_patches, soft_contact
+from .pairs import FIRST_REST, ROOTS_ALONE, SINGLE_PRECISION, let_rest, near_pairs, relative_pose
+from .pieces import APART, RESISTED, TOUCHED, UNKNOWN, next_piece, slow_approach
 from .so3 import exp, multiply, renormalized, rotate, rotate_back, write_matrix
 from .surroundings import next_element_contacts, open_element
 from .tree import WIDTH, Scratch
 
 _PAIRS_AT_ONCE = 1024
-_FIRST_REST, _LONGEST_REST = 4.0, 64.0  # steps for which bodies that part are asked to be left alone
+_TURN, _SMALL_TURN, _MOST_TURNS = 0.25, 0.02, 1000  # angles with the gyroscopic term [rad], and pieces of a turn
 
 
 class Workspace(NamedTuple):
@@ -36,9 +37,15 @@ class Workspace(NamedTuple):
     coming, still : (B,) float64
         The most that a body travels in the rest of a step [m]; zeros.
     calm : (2,) int64
-        Steps for which nothing can touch, and for how many that is next asked; of scenes with laws.
-    touching : (1,) int64
-        Whether bodies touched in the last step, or in this one; of scenes with laws.
+        Steps ahead in which nothing can touch, and for how many that is next asked; of scenes with laws.
+    slow : (1,) float64
+        `pieces.slow_approach`; of scenes with laws.
+    soft : (1,) float64
+        `laws.soft_contact`; of scenes with laws.
+    agility : (B,) float64
+        No torque of 1 N m turns the body faster [1/(kg m^2)]; of scenes with laws.
+    touching : (2,) int64
+        Whether anything touches in the piece at hand, and what the last one was (`pieces.APART`); of scenes with laws.
     low : (B,) float64
         Where each body's ball begins along x [m].
     near : (B (B - 1) / 2, 2) int64
@@ -68,6 +75,9 @@ class Workspace(NamedTuple):
     coming: np.ndarray
     still: np.ndarray
     calm: np.ndarray
+    slow: np.ndarray
+    soft: np.ndarray
+    agility: np.ndarray
     touching: np.ndarray
     low: np.ndarray
     near: np.ndarray
@@ -85,10 +95,19 @@ class Workspace(NamedTuple):
 def workspace(x, world, laws):
     """Workspace of one rollout that begins at state ``x`` (B, 13)."""
     count = len(x)
+    slow, soft, agility = np.zeros(1), np.zeros(1), np.zeros(count)
     if laws is None:
         patches = None
     else:
         patches = make_patches(count, len(laws.kind), _PAIRS_AT_ONCE)
+        slow[0] = slow_approach(world, laws)
+        soft[0] = soft_contact(world, laws)
+        for i in range(count):
+            square = 0.0
+            for r in range(3):
+                for c in range(3):
+                    square += world.bodies.inverse_inertia[i, r, c] ** 2
+            agility[i] = math.sqrt(square)
     R = np.empty((count, 3, 3))
     for i in range(count):
         write_matrix((x[i, Q], x[i, Q + 1], x[i, Q + 2], x[i, Q + 3]), R, i)
@@ -98,7 +117,7 @@ def workspace(x, world, laws):
     rest = np.zeros((count, count, 2))
     for i in range(count):
         for j in range(i + 1, count):
-            rest[i, j, 1] = _FIRST_REST
+            rest[i, j, 1] = FIRST_REST
     return Workspace(
         R,
         np.zeros((count, 6)),
@@ -107,8 +126,11 @@ def workspace(x, world, laws):
         np.empty(count),
         np.zeros(count),
         np.zeros(count),
-        np.array([0, 1]),
-        np.array([1]),
+        np.array([UNKNOWN, 1]),
+        slow,
+        soft,
+        agility,
+        np.array([0, RESISTED]),
         np.empty(count),
         np.empty((count * (count - 1) // 2, 2), np.int64),
         np.zeros(count),
@@ -127,13 +149,17 @@ def drift(x, world, laws, piece, work):
     """Move all bodies freely until a piece's contacts, then damp their velocities and apply gravity; ``work.R`` follows."""
     speed, travel = work.speed, work.travel
     gravity, moving = world.gravity, world.bodies.moving
-    dt, decay, before = piece.dt, piece.decay, piece.before
+    dt, decay, before, fall = piece.dt, piece.decay, piece.before, piece.fall
     for i in range(len(x)):
         if not moving[i]:
             continue
         pace = move(x, i, before, world, laws, work)
         speed[i] = dt * pace
         travel[i] += before * pace
+        if fall > 0.0:
+            for k in range(3):
+                x[i, P + k] += fall * gravity[k]
+                travel[i] += fall * abs(gravity[k])
         for k in range(3):
             x[i, V + k] = decay * x[i, V + k] + dt * gravity[k]
             x[i, W + k] *= decay
@@ -151,40 +177,51 @@ def glide(x, world, laws, piece, work):
 @inner(forceinline=True)
 def move(x, i, dt, world, laws, work):
     """Move body i freely; returns the most that a point of it moves in a second [m/s]."""
-    radius = world.bodies.radius
+    pace = 0.0
     if laws is not None:
         if laws.gyroscopic:
-            turn_freely(x, i, world, laws, dt, work)
+            pace = tumble(x, i, world, laws, dt, work)
+        else:
+            pace = turn(x, i, dt, world.bodies.radius, work.R)
+    else:
+        pace = turn(x, i, dt, world.bodies.radius, work.R)
+    for k in range(3):
+        x[i, P + k] += dt * x[i, V + k]
+    return pace + abs(x[i, V]) + abs(x[i, V + 1]) + abs(x[i, V + 2])
+
+
+@inner(forceinline=True)
+def turn(x, i, dt, radius, R):
+    """Turn body i about its angular velocity; returns a bound of what that moves its points in a second [m/s]."""
     q = multiply(exp(dt * x[i, W], dt * x[i, W + 1], dt * x[i, W + 2]), (x[i, Q], x[i, Q + 1], x[i, Q + 2], x[i, Q + 3]))
     q = renormalized(q)
     x[i, Q], x[i, Q + 1], x[i, Q + 2], x[i, Q + 3] = q
-    write_matrix(q, work.R, i)
-    pace = (
-        abs(x[i, V]) + abs(x[i, V + 1]) + abs(x[i, V + 2])
-        + radius[i] * (abs(x[i, W]) + abs(x[i, W + 1]) + abs(x[i, W + 2]))
-    )
-    if laws is not None:
-        if laws.gyroscopic:
-            keep_momentum(x, i, world, work)
-    for k in range(3):
-        x[i, P + k] += dt * x[i, V + k]
-    return pace
+    write_matrix(q, R, i)
+    return radius[i] * (abs(x[i, W]) + abs(x[i, W + 1]) + abs(x[i, W + 2]))
 
 
 @inner
-def turn_freely(x, i, world, laws, dt, work):
-    """Put the angular velocity in the middle of a free turn into the state, and the angular momentum on record.
+def tumble(x, i, world, laws, dt, work):
+    """As `turn`, with the angular momentum kept instead of the angular velocity.
 
-    The momentum is constant; half a turn ahead, the inertia turned along, it belongs to another angular velocity.
+    The angular velocity in the middle of a turn is found from the momentum, with the inertia half turned along; long
+    turns are divided, since this keeps the energy to the third order of their angle only.
     """
     R, momentum = work.R[i], work.momentum[i]
-    w = (x[i, W], x[i, W + 1], x[i, W + 2])
-    a, b, c = rotate_back(R, w[0], w[1], w[2])
+    a, b, c = rotate_back(R, x[i, W], x[i, W + 1], x[i, W + 2])
     a, b, c = rotate(laws.inertia[i], a, b, c)
     momentum[0], momentum[1], momentum[2] = rotate(R, a, b, c)
-    half = multiply(exp(0.5 * dt * w[0], 0.5 * dt * w[1], 0.5 * dt * w[2]), (x[i, Q], x[i, Q + 1], x[i, Q + 2], x[i, Q + 3]))
-    write_matrix(half, work.R, i)
-    keep_momentum(x, i, world, work)
+    angle = dt * math.sqrt(x[i, W] ** 2 + x[i, W + 1] ** 2 + x[i, W + 2] ** 2)
+    count = min(math.ceil(angle / _TURN), _MOST_TURNS)
+    dt, rounds, pace = dt / max(count, 1), 1 if angle < _SMALL_TURN else 3, 0.0
+    for _ in range(max(count, 1)):
+        q = (x[i, Q], x[i, Q + 1], x[i, Q + 2], x[i, Q + 3])
+        for _ in range(rounds):
+            write_matrix(multiply(exp(0.5 * dt * x[i, W], 0.5 * dt * x[i, W + 1], 0.5 * dt * x[i, W + 2]), q), work.R, i)
+            keep_momentum(x, i, world, work)
+        pace = max(pace, turn(x, i, dt, world.bodies.radius, work.R))
+        keep_momentum(x, i, world, work)
+    return pace
 
 
 @inner
@@ -213,19 +250,18 @@ def open_pair(x, i, j, world, work):
     return t_ij, SINGLE_PRECISION * (world.bodies.radius[i] + world.bodies.radius[j]), ROOTS_ALONE
 
 
-@inner
-def part(i, j, t_ij, slack, world, work):
-    """Let two bodies that do not touch rest: no search until they may have crossed the gap between them.
+@inner(forceinline=True)
+def pairs_to_search(x, world, work):
+    """Find the pairs of bodies that may touch now, into ``work.near``; returns their number."""
+    if work.calm[0] > 0:
+        return np.int64(0)
+    return near_pairs(x, world.bodies.radius, work.still, world.bodies.moving, work)
 
-    Asks the trees whether the bodies stay apart when each sphere grows by what they may travel in some steps; the
-    number of steps adapts. This only leaves out searches that would find nothing, so no result depends on it.
-    """
-    steps, pace = work.rest[i, j, 1], work.speed[i] + work.speed[j]
-    if not overlap(i, j, t_ij, slack + steps * pace, world, work):
-        work.rest[i, j, 0] = work.travel[i] + work.travel[j] + steps * pace
-        work.rest[i, j, 1] = min(2.0 * steps, _LONGEST_REST)
-    else:
-        work.rest[i, j, 1] = max(0.5 * steps, 1.0)
+
+@inner(forceinline=True)
+def part(i, j, t_ij, slack, world, work):
+    """Let two bodies rest whose contacts were searched for in vain."""
+    let_rest(i, j, t_ij, slack, work.speed[i] + work.speed[j], world, work)
 
 
 @inner(forceinline=True)
@@ -258,8 +294,34 @@ def press(x, i, j, count, world, laws, work):
     """Let the first ``count`` contacts on record act on bodies i and j."""
     if laws is None:
         add_wrench(x, i, j, count, world.stiffness, work)
+    elif work.soft[0] > 0.0 and _yield(x, i, j, count, world, work) <= work.soft[0]:
+        work.touching[0] = 1
+        add_wrench(x, i, j, count, world.stiffness, work)
     else:
         press_by_laws(x, (i, j), count, world, laws, work)
+
+
+@inner(forceinline=True)
+def _yield(x, i, j, count, world, work):
+    """Bound of the square of a contact's frequency, over ``2 pi kappa`` [m^2/kg].
+
+    The circle in which two spheres meet has no larger squared radius than twice the depth times the smaller sphere's radius.
+    """
+    radii, pairs, records, agility = world.tree.radii, work.search.pairs, work.search.records, work.agility
+    mobility = world.bodies.inverse_mass[i] + world.bodies.inverse_mass[j]
+    tx, ty, tz = rotate_back(work.R[i], x[j, P] - x[i, P], x[j, P + 1] - x[i, P + 1], x[j, P + 2] - x[i, P + 2])
+    total = 0.0
+    for k in range(count):
+        ri, rj = radii[pairs[k, 0]], radii[pairs[k, 1]]
+        nx, ny, nz = records[k, NORMAL], records[k, NORMAL + 1], records[k, NORMAL + 2]
+        ax, ay, az = records[k, POINT], records[k, POINT + 1], records[k, POINT + 2]
+        bx, by, bz = ax - tx, ay - ty, az - tz
+        u, v, w = ay * nz - az * ny, az * nx - ax * nz, ax * ny - ay * nx
+        arms = agility[i] * (u * u + v * v + w * w)
+        u, v, w = by * nz - bz * ny, bz * nx - bx * nz, bx * ny - by * nx
+        arms += agility[j] * (u * u + v * v + w * w)
+        total += min(ri, rj) * (ri + rj - records[k, DISTANCE]) * (mobility + arms)
+    return total
 
 
 @inner
@@ -281,7 +343,7 @@ def press_by_laws(x, bodies, count, world, laws, work):
 @inner(forceinline=True)
 def press_elements(x, memory, world, laws, time, work):
     """Let all elements of the environment act on all moving bodies."""
-    if len(laws.kind) > 0 and work.calm[0] == 0:
+    if len(laws.kind) > 0 and work.calm[0] <= 0:
         moving = world.bodies.moving
         for i in range(len(x)):
             if moving[i]:
@@ -325,22 +387,27 @@ def add_element_wrench(i, count, stiffness, work):
 @inner(forceinline=True)
 def kick(x, memory, world, laws, piece, work):
     """Change the velocities of all touched bodies by what acts on them over a piece of a step; clears the wrenches."""
-    if laws is None or work.touching[0] == 0:
+    if laws is None:
         kick_each(x, world, piece.dt, work)
+    elif work.patches.count[0] == 0 and work.touching[1] != RESISTED:
+        kick_each(x, world, piece.dt, work)
+        work.touching[1] = TOUCHED if work.touching[0] else APART
+        work.touching[0] = 0
     else:
         kick_by_laws(x, memory, world, laws, piece.dt, work)
 
 
 @inner
 def kick_by_laws(x, memory, world, laws, dt, work):
-    """As `kick`, while or just after bodies touch in a scene with laws."""
+    """As `kick`, where there are patches or the last piece had some."""
+    work.touching[1] = TOUCHED if work.touching[0] else APART
     work.touching[0] = 0
     if laws.robust:
         for i in range(len(x)):
             for j in range(memory.shape[1]):
                 memory[i, j, RATE] = 0.0
     if work.patches.count[0] > 0:
-        work.touching[0] = 1
+        work.touching[1] = RESISTED
         kick_patches(x, memory, world, laws, dt, work)
         clear_wrenches(work)
     else:
@@ -388,7 +455,7 @@ def march(x, memory, world, laws, begin, steps, work):
             piece = next_piece(x, memory, world, laws, left, work)
             left = piece.left
             drift(x, world, laws, piece, work)
-            for k in range(near_pairs(x, world.bodies.radius, work.still, world.bodies.moving, work)):
+            for k in range(pairs_to_search(x, world, work)):
                 i, j = work.near[k, 0], work.near[k, 1]
                 t_ij, slack, top = open_pair(x, i, j, world, work)
                 touching = False
@@ -405,5 +472,5 @@ def march(x, memory, world, laws, begin, steps, work):
                 press_elements(x, memory, world, laws, time, work)
             kick(x, memory, world, laws, piece, work)
             if laws is not None:
-                if laws.robust:
+                if piece.after > 0.0:
                     glide(x, world, laws, piece, work)

@@ -56,6 +56,8 @@ class Laws(NamedTuple):
         Whether steps are divided and kicks linearly implicit.
     thickness : (B,) float64
         Radius of the largest sphere of each body [m].
+    smallest : (B,) float64
+        Radius of the smallest.
     mass : (B,) float64
         [kg]
     inertia : (B, 3, 3) float64
@@ -71,6 +73,7 @@ class Laws(NamedTuple):
     gyroscopic: bool
     robust: bool
     thickness: np.ndarray
+    smallest: np.ndarray
     mass: np.ndarray
     inertia: np.ndarray
 

@@ -202,7 +202,8 @@ class Islands:
             part = dataclasses.replace(scene, bodies=[scene.bodies[k] for k in key], islands=False)
             laws = world.laws
             if laws is not None:
-                laws = laws._replace(thickness=laws.thickness[bodies], mass=laws.mass[bodies], inertia=laws.inertia[bodies])
+                laws = laws._replace(
+                    **{name: getattr(laws, name)[bodies] for name in ("thickness", "smallest", "mass", "inertia")})
             part.__dict__["world"] = world._replace(bodies=Bodies(*(constant[bodies] for constant in world.bodies)), laws=laws)
             self._parts[key] = part
         return self._parts[key]

@@ -14,7 +14,6 @@ from ..kernels.compiled import inner, kernel
 from ..kernels.contact import NORMAL, POINT, VOLUME, next_contacts
 from ..kernels.laws import hold_columns
 from ..kernels.moments import boxminus, boxplus
-from ..kernels.pairs import near_pairs
 from ..kernels.pieces import Piece, next_piece
 from ..kernels.rollout import fresh_memory
 from ..kernels.so3 import cross, rotate, rotate_back
@@ -25,6 +24,7 @@ from ..kernels.step import (
     kick_each,
     note_contact,
     open_pair,
+    pairs_to_search,
     part,
     press,
     press_by_laws,
@@ -148,7 +148,7 @@ def _advance(mean, root, memory, world, laws, span, before):
                         before[i, c] = mean[i, c]
             drift(mean, world, laws, piece, work)
             touching = 0
-            for k in range(near_pairs(mean, world.bodies.radius, work.still, moving, work)):
+            for k in range(pairs_to_search(mean, world, work)):
                 i, j = work.near[k, 0], work.near[k, 1]
                 t_ij, slack, top = open_pair(mean, i, j, world, work)
                 dominant.volume[touching] = 0.0
@@ -169,16 +169,16 @@ def _advance(mean, root, memory, world, laws, span, before):
             else:
                 _difference(before, root, world, laws, dominant, touching)
             if laws is not None:
-                if len(laws.kind) > 0 and work.calm[0] == 0:
+                if len(laws.kind) > 0 and work.calm[0] <= 0:
                     for i in range(len(mean)):
                         if moving[i]:
                             for e in range(len(laws.kind)):
                                 _press_element(mean, (i, e), root, ERROR * place[i], memory, world, laws, (time, piece.dt), work)
             kick(mean, memory, world, laws, piece, work)
             if laws is not None:
-                if work.touching[0] > 0 and (laws.friction > 0.0 or laws.dissipation > 0.0):
+                if work.patches.count[0] > 0 and (laws.friction > 0.0 or laws.dissipation > 0.0):
                     hold_columns(root, place, mean, world, laws, piece.dt, True, work)
-                if laws.robust:
+                if piece.after > 0.0:
                     drift_root(mean, root, place, R, world, laws, (piece.after, 1.0), rotation)
                     glide(mean, world, laws, piece, work)
 
@@ -374,7 +374,7 @@ def _inverse_inertia(world, R, body, tau):
 @inner
 def regularized_step(x, world, laws, work, dominant, touching):
     """The step that ``F_t`` differentiates: the dominant contacts act, with held volume and Eq. 10's normal."""
-    drift(x, world, laws, Piece(world.dt, world.decay, world.dt, 0.0, 0.0), work)
+    drift(x, world, laws, Piece(world.dt, world.decay, world.dt, 0.0, 0.0, 0.0), work)
     for k in range(touching):
         i, j = dominant.bodies[k]
         arm_i, arm_j, D, ri, rj = contact_geometry(x, work.R, world.tree, dominant, k)

@@ -13,12 +13,22 @@ from ..errors import InvalidOptionError
 from ..kernels.compiled import inner, kernel
 from ..kernels.contact import DISTANCE, NORMAL, VOLUME, next_contacts
 from ..kernels.laws import hold_columns
-from ..kernels.pairs import near_pairs
 from ..kernels.pieces import next_piece
 from ..kernels.random import RUN, combine, normal_table, places
 from ..kernels.rollout import fresh_memory
 from ..kernels.so3 import cross, exp, rotate, rotate_back
-from ..kernels.step import drift, glide, kick, note_contact, open_pair, part, press, press_by_laws, workspace
+from ..kernels.step import (
+    drift,
+    glide,
+    kick,
+    note_contact,
+    open_pair,
+    pairs_to_search,
+    part,
+    press,
+    press_by_laws,
+    workspace,
+)
 from ..kernels.surroundings import next_element_contacts, open_element, surface
 from ..kernels.transition import apply_transition, turn_columns, write_printed_rotation
 from ..layout import EP, ER, ERROR, EV, EW
@@ -157,7 +167,7 @@ def _advance(mean, covariance, memory, world, laws, span, cloud):
                     transform(rows, place[i], mean, i, R, world, laws, (piece.before, piece.decay), rotation)
             drift(mean, world, laws, piece, work)
             cloud.known[:] = False
-            for k in range(near_pairs(mean, world.bodies.radius, work.still, moving, work)):
+            for k in range(pairs_to_search(mean, world, work)):
                 i, j = work.near[k, 0], work.near[k, 1]
                 pair_key = combine(combine(step_key, i), j)
                 t_ij, slack, top = open_pair(mean, i, j, world, work)
@@ -179,20 +189,20 @@ def _advance(mean, covariance, memory, world, laws, span, cloud):
                     if moving[body]:
                         kick_covariance(covariance[place[body]], world, piece.dt, R[body], body, cloud.spread, side)
             if laws is not None:
-                if len(laws.kind) > 0 and work.calm[0] == 0:
+                if len(laws.kind) > 0 and work.calm[0] <= 0:
                     for i in range(count):
                         if moving[i]:
                             for e in range(len(laws.kind)):
                                 _press_element(mean, (i, e), covariance, place, memory, world, laws, (step_key, time, piece.dt), work, cloud)
             kick(mean, memory, world, laws, piece, work)
             if laws is not None:
-                if work.touching[0] > 0 and (laws.friction > 0.0 or laws.dissipation > 0.0):
+                if work.patches.count[0] > 0 and (laws.friction > 0.0 or laws.dissipation > 0.0):
                     for _ in range(2):
                         hold_columns(rows, place, mean, world, laws, piece.dt, False, work)
                         for i in range(count):
                             if moving[i]:
                                 transpose(rows, ERROR * place[i])
-                if laws.robust:
+                if piece.after > 0.0:
                     for i in range(count):
                         if moving[i]:
                             write_printed_rotation(R, i, piece.after, rotation)

@@ -13,11 +13,21 @@ from ..errors import InvalidOptionError
 from ..kernels.compiled import inner, kernel
 from ..kernels.contact import DISTANCE, NORMAL, VOLUME, next_contacts
 from ..kernels.laws import hold_columns
-from ..kernels.pairs import near_pairs
 from ..kernels.pieces import next_piece
 from ..kernels.rollout import fresh_memory
 from ..kernels.so3 import cross, rotate, rotate_back
-from ..kernels.step import drift, glide, kick, note_contact, open_pair, part, press, press_elements, workspace
+from ..kernels.step import (
+    drift,
+    glide,
+    kick,
+    note_contact,
+    open_pair,
+    pairs_to_search,
+    part,
+    press,
+    press_elements,
+    workspace,
+)
 from ..kernels.transition import apply_transition, turn_columns, write_printed_rotation
 from ..layout import EP, ER, ERROR, EV, EW
 from ..validation import positive
@@ -115,7 +125,7 @@ def _advance(mean, roots, memory, world, laws, span, k_sigma):
             _drift_roots(rows, place, mean, R, world, laws, (piece.before, piece.decay), rotation)
             drift(mean, world, laws, piece, work)
             spread.known[:] = False
-            for k in range(near_pairs(mean, world.bodies.radius, work.still, moving, work)):
+            for k in range(pairs_to_search(mean, world, work)):
                 i, j = work.near[k, 0], work.near[k, 1]
                 t_ij, slack, top = open_pair(mean, i, j, world, work)
                 spread.tilt[:] = 0.0
@@ -141,9 +151,9 @@ def _advance(mean, roots, memory, world, laws, span, k_sigma):
                 press_elements(mean, memory, world, laws, time, work)
             kick(mean, memory, world, laws, piece, work)
             if laws is not None:
-                if work.touching[0] > 0 and (laws.friction > 0.0 or laws.dissipation > 0.0):
+                if work.patches.count[0] > 0 and (laws.friction > 0.0 or laws.dissipation > 0.0):
                     hold_columns(rows, place, mean, world, laws, piece.dt, False, work)
-                if laws.robust:
+                if piece.after > 0.0:
                     _drift_roots(rows, place, mean, R, world, laws, (piece.after, 1.0), rotation)
                     glide(mean, world, laws, piece, work)
 
