@@ -1,22 +1,21 @@
-"""How far each body's prediction can be trusted: flags, and the measures that they were judged by.
-
-A check looks at the beginning and the end of a prediction, not at its steps, so that it costs next to nothing.
-"""
+"""How far each body's prediction can be trusted: flags, and the measures that they were judged by."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import IntFlag
 
 import numpy as np
 
 from ..belief import Belief
 from ..kernels.compiled import kernel
-from ..kernels.contact import DISTANCE, next_contacts
+from ..kernels.contact import DISTANCE, VOLUME, next_contacts
 from ..kernels.laws import FIRST
+from ..kernels.moments import mean_and_errors
 from ..kernels.pairs import near_pairs
 from ..kernels.pieces import impact_rate
+from ..kernels.rollout import fresh_memory, rollout
 from ..kernels.so3 import rotation_matrix
 from ..kernels.step import open_pair, workspace
 from ..kernels.surroundings import next_element_contacts, open_element
@@ -26,14 +25,21 @@ from ..layout import (
     ERR_POSITION,
     ERR_ROTATION,
     ERR_VELOCITY,
+    ERROR,
     POSITION,
     QUATERNION,
     VELOCITY,
 )
 from ..scene import Scene
-from .answers import REST_SPEED
 from .islands import merged
 from .predict import Prediction
+
+#: Rollouts with which `assess` compares what rests on a single nominal one.
+ROLLOUTS = 8
+_SEED = 0  # of their draws: the same question has the same status
+_NOTHING = 1e-9  # of the body's radius, and in rad: spreads below it agree
+_NUDGE = 1e-9  # of the body's radius: coincident spheres have no normal
+_NOISE = 4.0  # standard deviations of a sample's mean energy that are no gain
 
 
 class Status(IntFlag):
@@ -51,10 +57,8 @@ RULES = {
     "energy_gain": (Status.NOT_CONVERGED, 0.02, "energy was gained; a smaller dt or the robust integrator helps"),
     "step_times_frequency": (Status.NOT_CONVERGED, 1.3, "the step is too long for the stiffness of the contacts"),
     "impact_over_capacity": (Status.NOT_CONVERGED, 1.0, "hits harder than the stiffness can stop"),
-    "spread_energy": (Status.OUTSIDE_VALIDITY, 1.1, "the spread of the velocities takes more energy than there is"),
-    "rotation_std": (Status.OUTSIDE_VALIDITY, 1.0, "the rotation's spread is too wide for a Gaussian"),
-    "spread_lost": (Status.OUTSIDE_VALIDITY, 10.0, "the spread collapsed"),
-    "lasting_contact": (Status.OUTSIDE_VALIDITY, 0.5, "contact lasts, in which this propagator's spread is not to be trusted"),
+    "rotation_std": (Status.OUTSIDE_VALIDITY, 2.2, "the rotation is too uncertain for a Gaussian"),
+    "spread_disagreement": (Status.OUTSIDE_VALIDITY, 2.3, "rollouts spread differently; sigma_points or monte_carlo helps"),
 }
 
 
@@ -84,8 +88,8 @@ class BodyStatus:
         return "; ".join(self.reasons)
 
 
-def assess(scene: Scene, initial: Belief, prediction: Prediction) -> tuple[BodyStatus, ...]:
-    """Check what can be checked of a prediction.
+def assess(scene: Scene, initial: Belief, prediction: Prediction, rollouts: int = ROLLOUTS) -> tuple[BodyStatus, ...]:
+    """Check what can be checked of a prediction at its end.
 
     Parameters
     ----------
@@ -93,6 +97,9 @@ def assess(scene: Scene, initial: Belief, prediction: Prediction) -> tuple[BodyS
     initial : Belief
         The belief that the prediction began with.
     prediction : Prediction
+    rollouts : int
+        How many to compare with, for a propagator whose spread rests on a single nominal rollout (``mean_update`` is
+        ``nominal``); 0 for none. It costs as many rollouts, where there is something to touch.
 
     Returns
     -------
@@ -107,38 +114,56 @@ def assess(scene: Scene, initial: Belief, prediction: Prediction) -> tuple[BodyS
     ``initial_overlap``
         Depth of the deepest pair of spheres at the initial mean, over the body's radius.
     ``energy_gain``
-        Of the mean: energy gained, over all that there was and that gravity gave.
+        Of a body that touched something: energy gained, over all that there was, that gravity gave and that overlap at
+        the start held. For propagators with several rollouts in the mean over these, from below.
     ``step_times_frequency``
         Of a body that touched something, with the explicit integrator: what a contact's oscillation turns in a step [rad],
         at the highest speed that start, end and gravity suggest.
     ``impact_over_capacity``
         Kinetic energy at that speed over ``stiffness pi r^4``, about what two spheres of the body's largest radius r take
         up before they pass through each other.
-    ``spread_energy``
-        Mean kinetic energy at the end, the spread's included, over the same at the start and what gravity gave.
     ``rotation_std``
-        Largest standard deviation of the rotation about any axis at the end [rad]; of Gaussian propagators.
-    ``spread_lost``
-        Of a body that touched something: standard deviation of its position at the start over that at the end.
-    ``lasting_contact``
-        1 where a body of a propagator with one nominal rollout touches something at the end, and is slow.
+        Largest standard deviation of the rotation about any axis that the body would have at the end without contact [rad];
+        not of Monte Carlo.
+    ``spread_disagreement``
+        The factor by which predicted spreads and those of a few rollouts differ, of position or rotation, whichever is
+        worse. Over eight rollouts it is uncertain by about a fifth.
     """
-    begin, end = initial.mean, prediction.belief.mean
-    first = prediction.carry.memory[..., FIRST].min(axis=0)
-    touched = np.isfinite(first)
-    touches = touched.any(axis=1) | touched[:, : len(begin)].any(axis=0)
+    return assess_all(scene, initial, replace(prediction, times=prediction.times[-1:], beliefs=prediction.beliefs[-1:]), rollouts)[0]
+
+
+def assess_all(
+    scene: Scene, initial: Belief, prediction: Prediction, rollouts: int = ROLLOUTS
+) -> tuple[tuple[BodyStatus, ...], ...]:
+    """As `assess`, at each of the prediction's times."""
     nominal = prediction.propagator.traits.mean_update == "nominal"
-    deep = _depths(scene, begin)
-    lasting = _depths(scene, end) > 0.0 if nominal and touches.any() else np.zeros(len(begin), bool)
-    speed, gain, spread_energy = _energies(scene, initial, prediction, touched)
+    meets = len(scene.bodies) + len(scene.environment) > 1
+    spreads = None
+    if nominal and meets and rollouts > 0:
+        spreads = _spreads(scene, initial, prediction.times, rollouts)
+    deep, held = _overlaps(scene, initial.mean)
+    return tuple(
+        _assess(scene, initial, prediction, k, deep, held, None if spreads is None else spreads[k])
+        for k in range(len(prediction.times))
+    )
+
+
+def _assess(scene, initial, prediction, at, deep, held, spreads):
+    """The statuses at the prediction's time number ``at``."""
+    time, belief = prediction.times[at], prediction.beliefs[at]
+    touched = prediction.carry.memory[..., FIRST].min(axis=0) <= time
+    touches = touched.any(axis=1) | touched[:, : len(scene.bodies)].any(axis=0)
+    samples = _samples(prediction)
+    speed, gain = _energies(scene, initial, belief, touched, held, samples)
     results = []
     for k, body in enumerate(scene.bodies):
-        measures = {} if body.fixed else {"initial_overlap": deep[k] / body.model.bounding_radius}
+        measures = {}
         if not body.fixed:
-            P, before = prediction.belief.marginal(k), initial.marginal(k)
-            if prediction.propagator.name != "monte_carlo":
-                measures["rotation_std"] = _largest_std(P[ERR_ROTATION, ERR_ROTATION])
-            measures["spread_energy"] = spread_energy[k]
+            measures["initial_overlap"] = deep[k] / body.model.bounding_radius
+            if samples is None or prediction.propagator.name != "monte_carlo":
+                measures["rotation_std"] = _free_rotation_std(scene, initial.marginal(k), time)
+            if spreads is not None:
+                measures["spread_disagreement"] = _disagreement(belief.marginal(k), spreads[k], body.model.bounding_radius)
         if not body.fixed and touches[k]:
             measures["energy_gain"] = gain[k]
             radius = float(body.model.radii.max())
@@ -146,11 +171,6 @@ def assess(scene: Scene, initial: Belief, prediction: Prediction) -> tuple[BodyS
                 measures["step_times_frequency"] = scene.dt * impact_rate(speed[k], 1.0 / body.mass, radius, scene.stiffness)
             impact, capacity = 0.5 * body.mass * speed[k] ** 2, math.pi * scene.stiffness * radius**4
             measures["impact_over_capacity"] = impact / capacity if capacity > 0.0 else math.inf
-            if nominal:
-                wide = _largest_std(before[ERR_POSITION, ERR_POSITION])
-                measures["spread_lost"] = wide / max(_largest_std(P[ERR_POSITION, ERR_POSITION]), 1e-300) if wide > 0.0 else 0.0
-                slow = np.linalg.norm(end[k, VELOCITY]) < REST_SPEED
-                measures["lasting_contact"] = float(lasting[k] and slow and P.any())
         results.append(_judged(body.name, {key: float(value) for key, value in measures.items()}))
     return tuple(results)
 
@@ -166,64 +186,102 @@ def _judged(name, measures):
     return BodyStatus(name, flags, measures, tuple(reasons))
 
 
-def _largest_std(P):
-    return math.sqrt(max(np.linalg.eigvalsh(P)[-1], 0.0))
+def _samples(prediction):
+    """Number of rollouts that the belief is the mean of, infinite where they are chosen instead of drawn; None for one."""
+    if prediction.propagator.traits.mean_update == "nominal":
+        return None
+    return prediction.propagator.samples if prediction.propagator.name == "monte_carlo" else math.inf
 
 
-def _energies(scene, initial, prediction, touched):
-    """Highest speed [m/s] of each body, its group's relative gain of energy, and what the spread takes: each (B,)."""
-    begin, end, bodies = initial.mean, prediction.belief.mean, len(scene.bodies)
-    mass = np.array([0.0 if body.fixed else body.mass for body in scene.bodies])
-    given = np.maximum(mass * ((end - begin)[:, POSITION] @ scene.gravity), 0.0)
-    lost = np.maximum(-mass * ((end - begin)[:, POSITION] @ scene.gravity), 0.0)
-    at_start, at_end = _kinetic(scene, initial, -1), _kinetic(scene, prediction.belief, 0)
-    label = merged(np.arange(bodies), np.argwhere(touched[:, :bodies]))
-    total = {
-        name: np.bincount(label, value, bodies)[label]
-        for name, value in (("given", given), ("lost", lost), ("e0", at_start[0]), ("e1", at_end[0]),
-                            ("all0", at_start.sum(axis=0)), ("all1", at_end.sum(axis=0)))
-    }
-    source = total["e0"] + total["given"]
-    gain = (total["e1"] + total["lost"] - source) / np.where(source > 0.0, source, 1.0)
-    everything = total["all0"] + total["given"]
-    spread = total["all1"] / np.where(everything > 0.0, everything, 1.0)
-    g = np.linalg.norm(scene.gravity)
-    drop = np.abs((end - begin)[:, POSITION]).max(axis=1)
-    speeds = [np.linalg.norm(state[:, VELOCITY], axis=1) for state in (begin, end)]
-    speed = np.sqrt(np.maximum(*speeds) ** 2 + 2.0 * g * drop)
-    return speed, gain, np.where(everything > 0.0, spread, 0.0)
-
-
-def _kinetic(scene, belief, side):
-    """(2, B): kinetic energy of the mean, and of the spread about it [J].
-
-    Without the gyroscopic term the energy of a free turn is not constant; its least value (``side`` 0) or its
-    largest (-1) stands for it, so that it is not taken for a gain.
-    """
-    result = np.zeros((2, len(scene.bodies)))
-    for k in scene.moving:
-        body, x, P = scene.bodies[k], belief.mean[k], belief.marginal(k)
-        principal = body.mass * np.linalg.eigvalsh(body.model.inertia)[side]
-        w = x[ANGULAR_VELOCITY]
-        turning = principal * w @ w
-        if scene.gyroscopic:
-            spin = w @ rotation_matrix(x[QUATERNION])
-            turning = body.mass * spin @ body.model.inertia @ spin
-        result[0, k] = 0.5 * (body.mass * x[VELOCITY] @ x[VELOCITY] + turning)
-        spread = P[ERR_VELOCITY, ERR_VELOCITY].trace(), P[ERR_ANGULAR_VELOCITY, ERR_ANGULAR_VELOCITY].trace()
-        result[1, k] = 0.5 * (body.mass * spread[0] + principal * spread[1])
+def _spreads(scene, initial, times, count):
+    """(T, B, 2): standard deviations of position [m] and rotation [rad] of some rollouts, at each time."""
+    states = initial.sample(count, np.random.default_rng(_SEED))
+    memory, done = fresh_memory(count, scene.world), 0
+    result = np.zeros((len(times), len(scene.bodies), 2))
+    for t, time in enumerate(times):
+        steps = round(time / scene.dt)
+        rollout(states, memory, scene.world, done, steps - done)
+        done = steps
+        _, errors = mean_and_errors(states, scene.moving)
+        square = (errors.reshape(count, -1, ERROR) ** 2).sum(axis=0) / (count - 1 or 1)
+        for place, block in enumerate((ERR_POSITION, ERR_ROTATION)):
+            result[t, scene.moving, place] = np.sqrt(square[:, block].sum(axis=1))
     return result
 
 
-def _depths(scene, mean):
-    """(B,): how deep each body's spheres reach into others or the environment [m]."""
-    depth = np.zeros(len(mean))
-    _deepest(mean.copy(), scene.world, scene.world.laws, depth)
-    return depth
+def _disagreement(P, spread, radius):
+    """The larger factor between predicted and sampled standard deviations."""
+    worst = 1.0
+    for block, found, nothing in ((ERR_POSITION, spread[0], _NOTHING * radius), (ERR_ROTATION, spread[1], _NOTHING)):
+        predicted = max(math.sqrt(max(P[block, block].trace(), 0.0)), nothing)
+        found = max(found, nothing) if math.isfinite(found) else math.inf
+        worst = max(worst, predicted / found, found / predicted)
+    return worst
+
+
+def _free_rotation_std(scene, P, time):
+    """Largest standard deviation about any axis of the rotation after a time without contact [rad]."""
+    if scene.damping > 0.0:
+        time = -math.expm1(-scene.damping * time) / scene.damping
+    cross = P[ERR_ROTATION, ERR_ANGULAR_VELOCITY]
+    spread = P[ERR_ROTATION, ERR_ROTATION] + time * (cross + cross.T) + time**2 * P[ERR_ANGULAR_VELOCITY, ERR_ANGULAR_VELOCITY]
+    return math.sqrt(max(np.linalg.eigvalsh(spread)[-1], 0.0))
+
+
+def _energies(scene, initial, belief, touched, held, samples):
+    """Highest speed [m/s] of each body, and its group's relative gain of energy: each (B,)."""
+    begin, end, bodies = initial.mean, belief.mean, len(scene.bodies)
+    mass = np.array([0.0 if body.fixed else body.mass for body in scene.bodies])
+    work = mass * ((end - begin)[:, POSITION] @ scene.gravity)
+    before, noise = _kinetic(scene, initial, samples, -1)
+    after, _ = _kinetic(scene, belief, samples, 0)
+    if samples is not None and math.isfinite(samples):
+        before += _NOISE * noise / math.sqrt(samples)
+    label = merged(np.arange(bodies), np.argwhere(touched[:, :bodies]))
+    source, rest = (
+        np.bincount(label, value, bodies)[label]
+        for value in (before + np.maximum(work, 0.0) + held, after + np.maximum(-work, 0.0)))
+    gain = np.where(source > 0.0, (rest - source) / np.where(source > 0.0, source, 1.0), 0.0)
+    drop = np.abs((end - begin)[:, POSITION]).max(axis=1)
+    speeds = [np.linalg.norm(state[:, VELOCITY], axis=1) for state in (begin, end)]
+    return np.sqrt(np.maximum(*speeds) ** 2 + 2.0 * np.linalg.norm(scene.gravity) * drop), gain
+
+
+def _kinetic(scene, belief, samples, side):
+    """Kinetic energy of each body [J], and of several rollouts the standard deviation of a single one's: each (B,).
+
+    The mean over several rollouts has the spread's energy. Its share of rotation depends on how velocities and poses go
+    together: the least (``side`` 0) or the largest (-1) moment of inertia stands for all.
+    """
+    energy, noise = np.zeros(len(scene.bodies)), np.zeros(len(scene.bodies))
+    for k in scene.moving:
+        body, x, P = scene.bodies[k], belief.mean[k], belief.marginal(k)
+        v, w = x[VELOCITY], x[ANGULAR_VELOCITY]
+        if samples is None:
+            spin = w @ rotation_matrix(x[QUATERNION])
+            energy[k] = 0.5 * body.mass * (v @ v + spin @ body.model.inertia @ spin)
+            continue
+        principal = np.linalg.eigvalsh(body.model.inertia)[side]
+        for factor, mean, block in ((1.0, v, ERR_VELOCITY), (principal, w, ERR_ANGULAR_VELOCITY)):
+            spread = P[block, block]
+            energy[k] += 0.5 * body.mass * factor * (mean @ mean + spread.trace())
+            noise[k] += body.mass * factor * math.sqrt(max(mean @ spread @ mean + 0.5 * (spread * spread).sum(), 0.0))
+    return energy, noise
+
+
+def _overlaps(scene, mean):
+    """How deep each body's spheres reach into others or the environment [m], and no less than the energy there [J]: each (B,)."""
+    nudged = mean.copy()
+    for k, body in enumerate(scene.bodies):
+        nudged[k, POSITION.start] += k * _NUDGE * body.model.bounding_radius
+    result = np.zeros((2, len(mean)))
+    _add_overlaps(nudged, scene.world, scene.world.laws, result)
+    return result[0], scene.stiffness * result[1]
 
 
 @kernel
-def _deepest(x, world, laws, depth):
+def _add_overlaps(x, world, laws, out):
+    """Depths into ``out[0]``; depth times volume, half for each of two bodies, into ``out[1]``."""
     work = workspace(x, world, laws)
     radii, pairs, records = world.tree.radii, work.search.pairs, work.search.records
     for k in range(near_pairs(x, world.bodies.radius, work.still, world.bodies.moving, work)):
@@ -232,8 +290,10 @@ def _deepest(x, world, laws, depth):
         while top > 0:
             count, top = next_contacts(world.tree, work.R_ij, t_ij, slack, work.search, top)
             for c in range(count):
-                deep = radii[pairs[c, 0]] + radii[pairs[c, 1]] - records[c, DISTANCE]
-                depth[i], depth[j] = max(depth[i], deep), max(depth[j], deep)
+                depth = radii[pairs[c, 0]] + radii[pairs[c, 1]] - records[c, DISTANCE]
+                for body in (i, j):
+                    out[0, body] = max(out[0, body], depth)
+                    out[1, body] += 0.5 * depth * records[c, VOLUME]
     if laws is not None:
         for i in range(len(x)):
             if world.bodies.moving[i]:
@@ -242,4 +302,6 @@ def _deepest(x, world, laws, depth):
                     while top > 0:
                         count, top = next_element_contacts(world.tree, laws, e, work.R_ij, t, work.search, top)
                         for c in range(count):
-                            depth[i] = max(depth[i], radii[pairs[c, 0]] - records[c, DISTANCE])
+                            depth = radii[pairs[c, 0]] - records[c, DISTANCE]
+                            out[0, i] = max(out[0, i], depth)
+                            out[1, i] += depth * records[c, VOLUME]
