@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 import os
 from dataclasses import asdict
 from importlib.util import find_spec
@@ -33,6 +34,9 @@ def add_predict_command(commands) -> None:
     parser.add_argument("--period", metavar="T", help="also report the states every T seconds on the way there")
     parser.add_argument(
         "--probabilities", action="store_true", help="also report how probable contacts are, and that bodies are at rest at the end")
+    parser.add_argument(
+        "--status-rollouts", type=int, metavar="N",
+        help="rollouts with which the spread is checked where it rests on a single nominal one (default 8; 0: none)")
     parser.add_argument("--picture", metavar="OUT.png", help="also draw the prediction, from the side and from above")
     parser.add_argument("--models", metavar="DIR", help="folder of the models, instead of the model library")
     parser.add_argument("--json", action="store_true", help="print one JSON object instead of a table")
@@ -49,21 +53,26 @@ def _key_and_value(text):
 def run(arguments) -> int:
     """Predict, and print the result."""
     from .propagation.registry import propagator_from_texts
+    from .propagation.status import ROLLOUTS, assess
     from .scene_file import load_scene
+    from .validation import integer
 
     if arguments.picture is not None:
         _check_picture(arguments.picture)
+    rollouts = ROLLOUTS if arguments.status_rollouts is None else integer(arguments.status_rollouts, "--status-rollouts", low=0)
     propagator = propagator_from_texts(arguments.propagator, dict(arguments.option), arguments.samples, arguments.seed)
     scene, belief, horizon = load_scene(arguments.scene, arguments.models)
     horizon = horizon if arguments.horizon is None else arguments.horizon
     prediction = _predict_with_progress(scene, belief, propagator, horizon, arguments.period)
     seed = prediction.seed if prediction.seed is not None else arguments.seed
     answers = _answers(scene, prediction, belief) if arguments.probabilities else None
+    statuses = assess(scene, belief, prediction, rollouts)
     if arguments.json:
         found = {} if answers is None else {key: [asdict(answer) for answer in own] for key, own in answers.items()}
-        print(json.dumps(as_dict(scene, prediction, seed) | found, allow_nan=False))
+        print(json.dumps(as_dict(scene, prediction, seed) | {"statuses": _statuses(statuses)} | found, allow_nan=False))
     else:
         print(as_table(scene, prediction))
+        print(statuses_as_text(statuses))
         if answers is not None:
             print(answers_as_table(answers))
     if arguments.picture is not None:
@@ -71,6 +80,23 @@ def run(arguments) -> int:
 
         draw_prediction(arguments.picture, scene, belief, prediction, Path(arguments.scene).stem.replace("_", " "))
     return 0
+
+
+def _statuses(statuses):
+    """Statuses as plain Python values; a measure without bounds is None."""
+    return [
+        {
+            "name": status.body, "flags": [flag.name for flag in status.flags], "message": status.message,
+            "measures": {key: value if math.isfinite(value) else None for key, value in status.measures.items()},
+        }
+        for status in statuses
+    ]
+
+
+def statuses_as_text(statuses) -> str:
+    """What speaks against the prediction, a body a line."""
+    lines = [f"{status.body}: {' '.join(flag.name for flag in status.flags)}: {status.message}" for status in statuses if status.flags]
+    return "\n".join(lines) if lines else "status: fine"
 
 
 def _answers(scene, prediction, initial):

@@ -1,11 +1,14 @@
 """What a prediction says against itself: flags where something is wrong, none where all is well."""
 
+import json
 from dataclasses import replace
 
 import numpy as np
 import pytest
+import yaml
 
 from unc_physics import Belief, RigidBody, Scene, make_propagator, predict
+from unc_physics.__main__ import main
 from unc_physics.environment import Plane
 from unc_physics.evaluation.scenarios import collision
 from unc_physics.geometry.packing_file import SpherePacking
@@ -117,3 +120,18 @@ def test_fixed_bodies_have_no_measures():
     belief = balls((0, 0, 0), (1, 0, 0))
     found = statuses(scene, Belief(belief.mean, belief.covariance[:1], [0]), "linearization", 0.1)
     assert found[1].measures == {} and found[1].flags == Status.FINE
+
+
+def test_the_command_line_tells_the_status(tmp_path, capsys, content):
+    path = tmp_path / "scene.yaml"
+    content["bodies"][0]["position"] = content["bodies"][1]["position"]
+    path.write_text(yaml.safe_dump(content))
+    command = ["predict", str(path), "--propagator", "surrogate", "--horizon", "0.05"]
+    assert main(command) == 0
+    assert "INITIAL_OVERLAP: overlaps another body" in capsys.readouterr().out
+    assert main([*command, "--json", "--status-rollouts", "0"]) == 0
+    status = json.loads(capsys.readouterr().out)["statuses"][0]
+    assert status["name"] == content["bodies"][0]["name"] and "INITIAL_OVERLAP" in status["flags"]
+    assert status["measures"]["initial_overlap"] > 0.02 and "spread_disagreement" not in status["measures"]
+    assert main([*command, "--status-rollouts", "-1"]) != 0
+    assert "--status-rollouts" in capsys.readouterr().err
