@@ -18,6 +18,7 @@ from unc_physics import predict as predict_in_core
 from unc_physics.errors import ErrorCode
 from unc_physics.geometry.library import list_models
 from unc_physics.kernels.so3 import rotation_matrix
+from unc_physics.propagation.status import assess
 from unc_physics.ros.conversions import read_scene, seconds, write_prediction
 from unc_physics.ros.models import ModelLibrary
 from unc_physics.ros.parameters import Settings
@@ -43,8 +44,9 @@ def test_every_propagator_answers_as_the_core_does(predict, propagator):
     options = {"seed": 7} if "seed" in PROPAGATORS[propagator].options() else {}
     core = predict_in_core(scene, belief, PROPAGATORS[propagator](**options), 0.4)
     expected, _ = write_prediction(scene, models, core.times, core.beliefs)
+    assert [predicted.status for predicted in response.objects] == [status.flags for status in assess(scene, belief, core, rollouts=0)]
     for got, want in zip(response.objects, expected, strict=True):
-        assert (got.id, got.model, got.status) == (want.id, want.model, PredictedObject.STATUS_NOT_ASSESSED)
+        assert (got.id, got.model) == (want.id, want.model)
         assert np.allclose(numbers_of(got.states[-1]), numbers_of(want.states[-1]), rtol=0.0, atol=ROUND_OFF)
     moved = position_of(response.objects[0].states[-1].pose.pose)[0] - request.objects[0].pose.pose.position.x
     assert moved > 0.05
@@ -176,3 +178,21 @@ def test_a_scaled_model_s_origin(predict):
     turned = rotation_matrix(np.array([0.0, 0.0, np.sin(0.5), np.cos(0.5)])) @ r
     expected = position_of(message.pose.pose) - r + com_velocity + turned
     assert np.allclose(position_of(predicted.states[-1].pose.pose), expected, atol=1e-9)
+
+
+def test_statuses_name_an_overlap_at_the_start_and_are_fine_without(predict):
+    overlapping = good_request(propagator="surrogate", trajectory_period=0.01)
+    overlapping.objects[1].pose.pose.position.x = -0.15
+    bad, good = predict(overlapping), predict(good_request(propagator="surrogate", trajectory_period=0.01))
+    for response in (bad, good):
+        assert_answered(response)
+        assert all(len(predicted.states) == 20 for predicted in response.objects)  # more than are judged one by one
+    for predicted in bad.objects:
+        assert predicted.status & PredictedObject.STATUS_INITIAL_OVERLAP
+        assert "overlap" in predicted.status_msg
+        assert float({pair.key: pair.value for pair in predicted.status_values}["initial_overlap"]) > 0.02
+        assert all(state.status & PredictedObject.STATUS_INITIAL_OVERLAP for state in predicted.states)
+    for predicted in good.objects:
+        assert (predicted.status, predicted.status_msg) == (PredictedObject.STATUS_FINE, "")
+        assert predicted.status_values
+        assert all(state.status == PredictedObject.STATUS_FINE for state in predicted.states)

@@ -6,12 +6,11 @@ import os
 import time
 from concurrent.futures import ThreadPoolExecutor
 
-from rclpy.callback_groups import ReentrantCallbackGroup
-
 from unc_physics_msgs.msg import CandidatePrediction
 from unc_physics_msgs.srv import Predict, PredictCandidates
 
 from ..errors import DuplicateIdError, ErrorCode, InvalidRequestError, LimitExceededError
+from .background import BackgroundService
 from .requests import answer_bytes, read_request
 
 
@@ -20,13 +19,12 @@ class CandidatesService:
 
     def __init__(self, server):
         self._server = server
-        self._service = server.node.create_service(
-            PredictCandidates, "~/predict_candidates", self._predict, callback_group=ReentrantCallbackGroup())
+        self._service = BackgroundService(server, PredictCandidates, "~/predict_candidates", self._predict)
         self._pool = ThreadPoolExecutor(os.cpu_count() or 1)
 
     def close(self):
         """Take the service back."""
-        self._server.node.destroy_service(self._service)
+        self._service.close()
         self._pool.shutdown(wait=False)
 
     def _predict(self, request, response):
@@ -50,7 +48,6 @@ class CandidatesService:
             if late:
                 response.error_code, response.error_msg = late[0].error_code, late[0].error_msg
         response.computation_time = time.perf_counter() - started
-        return response
 
     def _candidate(self, request, k, deadline):
         """The entry of candidate k, which ends at the deadline."""

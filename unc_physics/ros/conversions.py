@@ -58,6 +58,10 @@ UNKNOWN = -1.0
 #: The stiffness that follows from the scene.
 AUTO = "auto"
 
+_AT_REST = 0.0, 0.0, 0.0
+_EXACT = 0.0, (0.0, 0.0, 0.0)  # standard deviations of mass and centre of mass
+_ROUND_OFF = 1e-6  # of a quaternion's length, from single precision at worst
+
 
 class Doubts(NamedTuple):
     """How covariances that say nothing are read.
@@ -239,26 +243,39 @@ def _body(message, field, library, doubts, max_spheres):
         place = f"{field}.{error.field}" if error.field in ("model", "spheres", "scale") else f"{field}.model: {error.field}"
         raise type(error)(error.problem, field=place, value=error.value) from error
     mass = _mass(message, field, model)
-    stds = _stds(message, field, mass)
-    pose, twist = message.pose.pose, message.twist.twist
-    at_origin = np.zeros(STATE)
-    at_origin[QUATERNION] = quaternion(_xyzw(pose.orientation), f"{field}.pose.pose.orientation")
-    at_origin[POSITION] = array(_xyz(pose.position), (3,), f"{field}.pose.pose.position")
-    origin = _writable(model.origin)
-    body = message.id, model, mass, bool(message.fixed), *stds
+    body = message.id, model, mass, bool(message.fixed), *_stds(message, field, mass)
+    at_origin, origin = _state(message, field), _writable(model.origin)
     if message.fixed:
         return body, moved(at_origin, origin, -1.0), np.zeros((ERROR, ERROR)), False
-    at_origin[VELOCITY] = array(_xyz(twist.linear), (3,), f"{field}.twist.twist.linear")
-    at_origin[ANGULAR_VELOCITY] = array(_xyz(twist.angular), (3,), f"{field}.twist.twist.angular")
     P_pose, zero_pose = _known_covariance(
         message.pose.covariance, f"{field}.pose.covariance", doubts.pose, doubts.zero_is_exact)
     P_twist, zero_twist = _known_covariance(
         message.twist.covariance, f"{field}.twist.covariance", doubts.twist, doubts.zero_is_exact)
     state = moved(at_origin, origin, -1.0)
     P = covariance_at_com(P_pose, P_twist, state, origin)
-    if not (np.isfinite(state).all() and np.isfinite(P).all()):
+    if not math.isfinite(state.sum() + P.sum()):
         raise NotFiniteError("is too large to be moved to the centre of mass", field=field)
     return body, state, P, zero_pose or zero_twist
+
+
+def _state(message, field):
+    """State (13,) at the model's origin; a fixed object is at rest."""
+    pose, twist = message.pose.pose, message.twist.twist
+    position, q = _xyz(pose.position), _xyzw(pose.orientation)
+    v, w = (_AT_REST, _AT_REST) if message.fixed else (_xyz(twist.linear), _xyz(twist.angular))
+    try:
+        length, fine = math.hypot(*q), math.isfinite(sum((*position, *v, *w)))
+    except TypeError:
+        length, fine = 0.0, False
+    if fine and abs(length - 1.0) < _ROUND_OFF:
+        q = [component / length for component in q]
+    else:  # one by one, to say what is wrong
+        q = quaternion(q, f"{field}.pose.pose.orientation")
+        position = array(position, (3,), f"{field}.pose.pose.position")
+        v, w = array(v, (3,), f"{field}.twist.twist.linear"), array(w, (3,), f"{field}.twist.twist.angular")
+    state = np.empty(STATE)
+    state[POSITION], state[VELOCITY], state[QUATERNION], state[ANGULAR_VELOCITY] = position, v, q, w
+    return state
 
 
 def _writable(a):
@@ -279,29 +296,33 @@ def _mass(message, field, model):
 def _stds(message, field, mass):
     """Standard deviations of the mass and of the centre of mass; a fixed object's are ignored."""
     if message.fixed:
-        return 0.0, (0.0, 0.0, 0.0)
+        return _EXACT
+    of_center = message.center_of_mass_std
+    if message.mass_std == of_center.x == of_center.y == of_center.z == 0.0:
+        return _EXACT
     mass_std = non_negative(message.mass_std, f"{field}.mass_std", InvalidCovarianceError)
     if mass_std > mass:
         raise InvalidCovarianceError(f"must not exceed the mass of {mass:.6g} kg", field=f"{field}.mass_std", value=mass_std)
-    of_center = message.center_of_mass_std
     return mass_std, tuple(
         non_negative(getattr(of_center, axis), f"{field}.center_of_mass_std.{axis}", InvalidCovarianceError) for axis in "xyz")
 
 
 def _known_covariance(values, field, unknown, zero_is_exact):
     """The covariance (6, 6) to calculate with, and whether zeros were read as unknown."""
-    flat = array(values, (36,), field, InvalidCovarianceError)
-    if flat[0] == UNKNOWN:
+    plain = isinstance(values, np.ndarray) and values.dtype == np.float64 and values.shape == (36,)
+    P = _checked((values if plain else array(values, (36,), field, InvalidCovarianceError)).tobytes(), field)
+    if P is None:
         return unknown, False
-    if not flat.any():
-        return (np.zeros((6, 6)), False) if zero_is_exact else (unknown, True)
-    return _checked(flat.tobytes(), field), False
+    if zero_is_exact or P.any():
+        return P, False
+    return unknown, True
 
 
 @functools.lru_cache(maxsize=256)
 def _checked(entries, field):
-    """The covariance (6, 6) of 36 numbers; clients send the same ones again and again."""
-    return _writable(covariance(np.frombuffer(entries).reshape(6, 6), 6, field))
+    """The covariance (6, 6) of 36 numbers, None if it is unknown; clients send the same ones again and again."""
+    P = array(np.frombuffer(entries).reshape(6, 6), (6, 6), field, InvalidCovarianceError)
+    return None if P[0, 0] == UNKNOWN else _writable(covariance(P, 6, field))
 
 
 def _xyz(v):

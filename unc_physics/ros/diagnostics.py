@@ -20,7 +20,7 @@ class Diagnostics:
         self._server = server
         self._lock = threading.Lock()
         self._finished = deque()
-        self._predictions = self._errors = self._dropped = 0
+        self._predictions = self._errors = self._dropped = self._replaced = 0
         self._computation_time = self._delay = 0.0
         self._last_error = ""
         self._error_time = -_WINDOW
@@ -60,6 +60,11 @@ class Diagnostics:
         with self._lock:
             self._dropped += 1
 
+    def replaced(self) -> None:
+        """Count a streamed input in whose place a newer one was predicted."""
+        with self._lock:
+            self._replaced += 1
+
     def failed(self, reason: str) -> None:
         """Count a request or input that ended in an error."""
         with self._lock:
@@ -77,6 +82,7 @@ class Diagnostics:
                 "last computation time [s]": self._computation_time,
                 "last delay of the stream [s]": self._delay,
                 "dropped inputs": self._dropped,
+                "replaced inputs": self._replaced,
                 "errors": self._errors,
                 "last error": self._last_error,
             }

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import asyncio
 import threading
 import time
+from concurrent.futures import ThreadPoolExecutor
 
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.callback_groups import ReentrantCallbackGroup
@@ -15,13 +17,32 @@ from ..errors import CanceledError, ErrorCode, LimitExceededError
 _FEEDBACK_PERIOD = 0.1  # s
 
 
+class _ThreadedActionServer(ActionServer):
+    """An action server that executes goals in threads of its own instead of the executor's."""
+
+    def __init__(self, threads, *args, **others):
+        super().__init__(*args, **others)
+        self._pool = ThreadPoolExecutor(threads)
+
+    def notify_execute(self, goal_handle, execute_callback):
+        """Execute a goal that was accepted."""
+        self._pool.submit(asyncio.run, self._execute_goal(execute_callback or self._execute_callback, goal_handle))
+
+    def destroy(self):
+        """Wait for the goals that are being executed, and take the action back."""
+        self._pool.shutdown()
+        super().destroy()
+
+
 class LongPrediction:
-    """Runs goals side by side, up to a limit, and leaves threads for everything else."""
+    """Runs goals side by side, up to a limit."""
 
     def __init__(self, server):
         self._server = server
-        self._running = threading.Semaphore(server.settings.max_long_predictions)
-        self._action = ActionServer(
+        limit = server.settings.max_long_predictions
+        self._running = threading.Semaphore(limit)
+        self._action = _ThreadedActionServer(
+            limit + 1,  # one to refuse what is too much
             server.node, PredictLong, "~/predict_long", self._execute, callback_group=ReentrantCallbackGroup(),
             goal_callback=lambda _: GoalResponse.ACCEPT,
             cancel_callback=lambda _: CancelResponse.ACCEPT,  # rclpy would reject
@@ -40,7 +61,8 @@ class LongPrediction:
                     field="the number of long predictions",
                 )
             try:
-                self._server.answer(result, goal.request, progress=_Reporter(goal))
+                if (afterwards := self._server.answer(result, goal.request, progress=_Reporter(goal))) is not None:
+                    afterwards()
             finally:
                 self._running.release()
         if result.error_code == ErrorCode.NONE:

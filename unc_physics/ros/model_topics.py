@@ -10,7 +10,6 @@ from pathlib import Path
 
 import numpy as np
 from geometry_msgs.msg import Point
-from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
 from unc_physics_msgs.msg import ModelInfo, ModelList
@@ -18,6 +17,7 @@ from unc_physics_msgs.srv import ListModels, LoadModel
 
 from ..errors import DuplicateIdError, InvalidRequestError, LimitExceededError, UncPhysicsError
 from ..geometry.packing_file import load_packing, save_packing
+from .background import BackgroundService
 
 _LATCHED = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 _DEFAULT_SPHERES = 1000
@@ -31,19 +31,18 @@ class ModelTopics:
         self._packer = ThreadPoolExecutor(1)
         self._packing: dict[str, ModelInfo] = {}  # meshes that are being packed, or that could not be
         self._lock = threading.Lock()
-        node = server.node
-        self._publisher = node.create_publisher(ModelList, "~/models", _LATCHED)
-        group = MutuallyExclusiveCallbackGroup()
+        self._loading = threading.Lock()
+        self._publisher = server.node.create_publisher(ModelList, "~/models", _LATCHED)
         self._services = [
-            node.create_service(ListModels, "~/list_models", self._list, callback_group=group),
-            node.create_service(LoadModel, "~/load_model", self._load, callback_group=group),
+            BackgroundService(server, ListModels, "~/list_models", self._list),
+            BackgroundService(server, LoadModel, "~/load_model", self._load),
         ]
         self._publish()
 
     def close(self):
         """Take services and topic back; a packing that runs is left to end."""
         for service in self._services:
-            self._server.node.destroy_service(service)
+            service.close()
         self._server.node.destroy_publisher(self._publisher)
         self._packer.shutdown(wait=False, cancel_futures=True)
 
@@ -63,13 +62,11 @@ class ModelTopics:
 
     def _list(self, _, response):
         response.models = self._infos()
-        return response
 
     def _load(self, request, response):
-        with self._server.errors_into(response):
+        with self._server.errors_into(response), self._loading:
             response.model = self._read(request)
             self._publish()
-        return response
 
     def _read(self, request):
         """Read a model file, or start to pack a mesh; the model's entry."""

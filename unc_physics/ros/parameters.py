@@ -74,6 +74,10 @@ class Settings:
     default_angular_velocity_std: float = parameter(
         0.1, "Standard deviation of an unknown angular velocity [rad/s].", low=0.0, high=1e3)
 
+    status_rollouts: int = parameter(
+        0, "Rollouts with which the status compares the spread of propagators that have a single nominal one, as the "
+        "surrogate; 0: none. They take as long as a Monte Carlo prediction with as many samples.", low=0, high=1000)
+
     max_horizon: float = parameter(60.0, "Longest horizon of a request [s].", low=0.0, high=1e6)
     max_steps: int = parameter(100_000, "Most time steps of a prediction.", low=1, high=100_000_000)
     max_objects: int = parameter(100, "Most objects of a request.", low=1, high=10_000)

@@ -2,23 +2,14 @@
 
 from __future__ import annotations
 
-from rclpy.callback_groups import ReentrantCallbackGroup
-
 from unc_physics_msgs.srv import Predict
 
+from .background import BackgroundService
 
-class PredictionService:
+
+def prediction_service(server) -> BackgroundService:
     """Answers each request on its own; requests do not wait for each other."""
+    def answer(request, response):
+        return server.answer(response, request, time_limit=server.settings.max_computation_time)
 
-    def __init__(self, server):
-        self._server = server
-        self._service = server.node.create_service(
-            Predict, "~/predict", self._predict, callback_group=ReentrantCallbackGroup())
-
-    def _predict(self, request, response):
-        self._server.answer(response, request, time_limit=self._server.settings.max_computation_time)
-        return response
-
-    def close(self):
-        """Take the service back."""
-        self._server.node.destroy_service(self._service)
+    return BackgroundService(server, Predict, "~/predict", answer)

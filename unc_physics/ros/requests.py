@@ -31,6 +31,7 @@ from .frames import Frames
 from .models import ModelLibrary
 from .parameters import Settings
 from .probabilities import write_probabilities
+from .statuses import write_statuses
 from .surroundings import read_regions
 
 _STATE_BYTES = 800  # of a PredictedState without its optional parts
@@ -179,6 +180,7 @@ def write_answer(message, header, settings: Settings, job: Job, outcome: Outcome
     message.objects = objects
     message.joint_covariances = joints
     complete = prediction.time > job.horizon - job.scene.dt
+    write_statuses(message, job.scene, job.belief, prediction, settings.status_rollouts if complete else 0)
     flies = len(job.scene.moving) * prediction.time / job.scene.dt <= settings.max_flight_steps
     initial = job.belief if complete and flies else None
     write_probabilities(message, job.scene, prediction, initial, job.regions, job.wanted.probabilities)

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import contextlib
+import functools
 import threading
 import time
 import traceback
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 
 from ..errors import CanceledError, UncPhysicsError
 from .candidates_service import CandidatesService
@@ -17,12 +20,14 @@ from .markers import MarkerTopic
 from .model_topics import ModelTopics
 from .models import ModelLibrary
 from .parameters import ParameterServer
-from .prediction_service import PredictionService
+from .prediction_service import prediction_service
 from .requests import Job, Outcome, read_request, run, write_answer, write_error
 from .streaming import Stream
 from .warm_up import warm_up
 
-_OFFERS = (ModelTopics, CapabilitiesService, CandidatesService, LongPrediction, Stream, PredictionService)
+_OFFERS = (ModelTopics, CapabilitiesService, CandidatesService, LongPrediction, Stream, prediction_service)
+# predictions compute outside Python's global lock; what counts is that none keeps the others waiting for a thread
+_THREADS = 8
 
 
 class PredictionServer:
@@ -41,6 +46,7 @@ class PredictionServer:
         self.frames: Frames | None = None
         self.diagnostics: Diagnostics | None = None
         self.markers: MarkerTopic | None = None
+        self.pool: ThreadPoolExecutor | None = None
         self._stopping = threading.Event()
         self._said_zeros = False
         self._open = []
@@ -63,20 +69,19 @@ class PredictionServer:
         self._stopping.clear()
         self.frames = self.frames or Frames(self.node, self.settings.world_frame)
         self.diagnostics, self.markers = Diagnostics(self), MarkerTopic(self)
+        self.pool = ThreadPoolExecutor(_THREADS)
         self._open = [self.diagnostics, self.markers]
         for offer in _OFFERS:
             self._open.append(offer(self))
         self.log.info("ready")
 
     def close(self) -> None:
-        """Take everything back; predictions that are being made end with the error CANCELED."""
-        self.stop()
+        """Take everything back; predictions that are being made end with the error CANCELED, and are answered so."""
+        self._stopping.set()
+        if self.pool is not None:
+            self.pool.shutdown()
         while self._open:
             self._open.pop().close()
-
-    def stop(self) -> None:
-        """End predictions that are being made, with the error CANCELED."""
-        self._stopping.set()
 
     def discard(self) -> None:
         """Delete what was written to disk; the last thing to do."""
@@ -112,8 +117,10 @@ class PredictionServer:
         self.diagnostics.predicted(outcome.prediction)
         return outcome
 
-    def answer(self, message, request, *, progress=None, **how) -> None:
+    def answer(self, message, request, *, progress=None, **how) -> Callable[[], None] | None:
         """Predict what a request asks for, and write the answer or the error into ``message``; never raises.
+
+        Returns what may be done when the answer is on its way: to show its markers.
 
         Parameters
         ----------
@@ -129,7 +136,7 @@ class PredictionServer:
             job = read_request(request, settings, self.library, self.frames, **how)
             try:
                 write_answer(message, request.header, settings, job, self.predict(job, progress))
-                self.markers.publish(request.header, job, message)
+                return functools.partial(self.markers.publish, request.header, job, message)
             except UncPhysicsError as error:
                 if hasattr(error, "outcome"):
                     write_answer(message, request.header, settings, job, error.outcome)

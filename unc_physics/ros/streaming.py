@@ -6,7 +6,6 @@ import importlib.util
 import re
 
 from geometry_msgs.msg import PoseWithCovarianceStamped
-from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.time import Time
 
@@ -14,6 +13,7 @@ from unc_physics_msgs.msg import ObjectState, ObjectStateArray, Prediction
 from unc_physics_msgs.srv import Predict
 
 from ..errors import UncPhysicsError
+from .background import Newest
 from .conversions import seconds
 from .requests import read_request, write_answer
 
@@ -29,27 +29,27 @@ class Stream:
     def __init__(self, server):
         self._server = server
         node = server.node
-        group = MutuallyExclusiveCallbackGroup()
+        self._newest = Newest(self._predict, server.diagnostics.replaced)
         self._predictions = node.create_publisher(Prediction, "~/predictions", 1)
         self._poses = {}
         self._tracked = {}  # topic: (stamp, state) of its newest pose
         self._subscriptions = [
-            node.create_subscription(ObjectStateArray, "~/objects", self._predict, _NEWEST, callback_group=group)]
+            node.create_subscription(ObjectStateArray, "~/objects", self._newest.put, _NEWEST)]
         settings = server.settings
         for topic, model in zip(settings.tracked_topics, settings.tracked_models, strict=True):
             if topic:
                 self._subscriptions.append(node.create_subscription(
                     PoseWithCovarianceStamped, topic,
-                    lambda message, topic=topic, model=model: self._track(topic, model, message), _NEWEST,
-                    callback_group=group))
+                    lambda message, topic=topic, model=model: self._track(topic, model, message), _NEWEST))
         if importlib.util.find_spec("vision_msgs"):
             from vision_msgs.msg import Detection3DArray
 
             self._subscriptions.append(node.create_subscription(
-                Detection3DArray, "~/detections", self._detect, _NEWEST, callback_group=group))
+                Detection3DArray, "~/detections", self._detect, _NEWEST))
 
     def close(self):
         """Take the topics back."""
+        self._newest.close()
         node = self._server.node
         for subscription in self._subscriptions:
             node.destroy_subscription(subscription)
@@ -115,7 +115,7 @@ class Stream:
         for header, state in self._tracked.values():
             if header.frame_id == message.header.frame_id and not self._is_old(header.stamp, limit):
                 scene.objects.append(state)
-        self._predict(scene)
+        self._newest.put(scene, "tracked")
 
     def _detect(self, detections):
         """Predict the scene of all detections; the best hypothesis names the model."""
@@ -126,7 +126,7 @@ class Stream:
                 name = detection.id or f"{best.hypothesis.class_id}_{k}"
                 scene.objects.append(self._state(name, best.hypothesis.class_id, best.pose))
         if scene.objects:
-            self._predict(scene)
+            self._newest.put(scene, "detected")
 
     def _state(self, name, model, pose):
         """An object whose velocity is not known."""

@@ -1,0 +1,48 @@
+"""How far each state can be trusted, as messages."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from diagnostic_msgs.msg import KeyValue
+
+from ..propagation.status import assess_all
+
+#: States of one object that are judged one by one; the message says so, too.
+JUDGED = 16
+
+
+def write_statuses(message, scene, initial, prediction, rollouts) -> None:
+    """Write the status of each object, and of each of its states, into a response, a result or a `Prediction` message.
+
+    Parameters
+    ----------
+    message : message
+        Its objects and their states are there already.
+    scene : Scene
+    initial : Belief
+        What the prediction began with.
+    prediction : Prediction
+    rollouts : int
+        With which the spreads of propagators with a single nominal rollout are compared.
+
+    Notes
+    -----
+    In a trajectory of more than `JUDGED` states so many are judged, evenly spread and the last among them; those
+    before one of them share its flags.
+    """
+    count = len(prediction.times)
+    parts = min(count, JUDGED)
+    ends = [count * (part + 1) // parts for part in range(parts)]
+    judged = replace(
+        prediction, times=tuple(prediction.times[end - 1] for end in ends),
+        beliefs=tuple(prediction.beliefs[end - 1] for end in ends))
+    begin = 0
+    for end, statuses in zip(ends, assess_all(scene, initial, judged, rollouts), strict=True):
+        for predicted, status in zip(message.objects, statuses, strict=True):
+            for state in predicted.states[begin:end]:
+                state.status = int(status.flags)
+        begin = end
+    for predicted, status in zip(message.objects, statuses, strict=True):  # those of the last time
+        predicted.status, predicted.status_msg = int(status.flags), status.message
+        predicted.status_values = [KeyValue(key=key, value=f"{value:.6g}") for key, value in status.measures.items()]
