@@ -18,7 +18,7 @@ from unc_physics.evaluation.energy import (
 from unc_physics.evaluation.experiments import stability
 from unc_physics.evaluation.hard_cases import FOLDER, load, names
 from unc_physics.evaluation.hard_cases.shapes import SHAPES, ball, rod
-from unc_physics.evaluation.judgement import FALSE, MISSING, RIGHT, judge, rates, worst
+from unc_physics.evaluation.judgement import FALSE, MISSING, RIGHT, any_of, judge, rates, worst
 from unc_physics.evaluation.passing import passed_through
 from unc_physics.evaluation.results import Results
 from unc_physics.evaluation.stability_document import COMMAND
@@ -71,6 +71,7 @@ def test_verdicts_and_rates():
     assert (found.bad, found.good, found.found, found.false) == (3, 2, 2, 1)
     assert found.found_share == pytest.approx(2 / 3) and found.false_share == 0.5
     assert math.isnan(rates([]).found_share)
+    assert any_of(judged[1:4]) == (3.0, 1.0, True, True) and any_of(judged[:1]) == (1.0, 1.0, False, False)
     assert worst([1.5, 0.5, 1.9]) == 0.5 and worst([1.0, 0.0]) == 0.0 and math.isnan(worst([3.0, math.nan]))
 
 
@@ -130,13 +131,13 @@ def test_command_judges_a_case_and_writes_the_document(tmp_path, monkeypatch):
     document = (tmp_path / "stability.md").read_text()
     assert COMMAND in document
     lines = {line.split(" | ")[0].strip("| "): line for line in document.splitlines() if line.startswith("| ")}
-    assert "| 2 of 2 |" in lines["lets nothing pass through without a flag"]
+    assert "| 2 of 2 |" in lines["lets nothing pass through, or is flagged"]
     assert "| 2 of 2 |" in lines["ends without NaN, mean and all propagators"]
     rows = Results(tmp_path).rows("stability").where(case="overlap_coincident")
     # a single trajectory stays where no direction is, and every sample flies off in its own
     spread = {method: rows.where(method=method, quantity="position_std").mean() for method in ("truth", "linearization", "monte_carlo")}
     assert spread["linearization"] < 0.5 * spread["truth"]
     assert spread["monte_carlo"] == pytest.approx(spread["truth"], rel=0.4), "statistics of 100 samples"
-    cells = lines["overlap coincident"].split(" | ")
+    cells = lines["overlap_coincident"].split(" | ")
     assert len(cells) == 8 and cells[3].endswith("; fine") and not cells[1].endswith("; fine")
     assert "stability.md" in (tmp_path / "report.md").read_text()

@@ -61,6 +61,14 @@ def judge(predicted, truth, extent: float, flagged: bool) -> Judged:
     return Judged(position, rotation, bad, flagged)
 
 
+def any_of(judged) -> Judged:
+    """Several bodies as one, which is bad or flagged if any of them is; with their worst ratios."""
+    judged = list(judged)
+    return Judged(
+        worst(one.position for one in judged), worst(one.rotation for one in judged),
+        any(one.bad for one in judged), any(one.flagged for one in judged))
+
+
 def rates(judged) -> Rates:
     """Of any number of predictions."""
     judged = list(judged)
