@@ -19,7 +19,8 @@ from unc_physics.evaluation.provenance import versions
 from unc_physics.evaluation.scenarios import collision
 from unc_physics.evaluation.timing import paired, ratio
 from unc_physics.kernels.rollout import advance, simulate
-from unc_physics.layout import POSITION, QUATERNION
+from unc_physics.kernels.so3 import rotation_matrix
+from unc_physics.layout import ANGULAR_VELOCITY, POSITION, QUATERNION, VELOCITY
 
 from .rows import Report, machine_and_load
 
@@ -85,6 +86,37 @@ def measure_used(report, models, spheres, rounds):
             for label in FEATURES:
                 report.add("used", label, f"{model} {count}", ratio(times, label, "plain"),
                            note=f"{1e3 * np.median(times[label]) / 8:.3f} against {1e3 * np.median(times['plain']) / 8:.3f} ms")
+
+
+def measure_robust(report, models, spheres, rounds):
+    """The robust integrator over the explicit one at several steps, and how much energy the latter gains there undamped."""
+    report.heading("Robust integrator over the explicit one; where that gains energy in no undamped collision (at most 1 %), the goal is 1.2")
+    for model in models:
+        for count in spheres:
+            plain, states, steps = _case(model, count, rounds)
+            for step in (0.0005, 0.001, 0.002, 0.005, 0.01):
+                explicit = replace(plain, dt=step)
+                scenes = {"explicit": explicit, "robust": replace(explicit, integrator="robust")}
+                many = round(steps * plain.dt / step)
+                times = paired(_rollouts(scenes, states, many), rounds)
+                gain = _largest_gain(replace(explicit, damping=0.0), states.reshape(-1, *states.shape[2:])[:40], many)
+                report.add("robust", f"step {1e3 * step:g} ms", f"{model} {count}", ratio(times, "robust", "explicit"),
+                           goal=1.2 if gain < 0.01 else None, at_most=True, note=f"the explicit step gains up to {100.0 * gain:.2g} % of energy")
+
+
+def _largest_gain(scene, states, steps):
+    """The most of its kinetic energy that one of several rollouts gains."""
+    def energy(states):
+        total = np.zeros(len(states))
+        for k, body in enumerate(scene.bodies):
+            for n, x in enumerate(states[:, k]):
+                spin = x[ANGULAR_VELOCITY] @ rotation_matrix(x[QUATERNION])
+                total[n] += body.mass * (x[VELOCITY] @ x[VELOCITY] + spin @ body.model.inertia @ spin)
+        return total
+
+    ended = states.copy()
+    simulate(ended, scene.world, steps)
+    return float(np.max(energy(ended) / energy(states))) - 1.0
 
 
 def measure_contact(report, rounds, count=500):
@@ -162,7 +194,7 @@ def measure_islands(report, rounds, count=64):
         report.add("islands", "joint / islands", name, ratio(times, "joint", "many"), note=f"{1e3 * np.median(times['joint']):.3g} ms")
 
 
-SECTIONS = ("unused", "used", "contact", "parameters", "islands")
+SECTIONS = ("unused", "used", "robust", "contact", "parameters", "islands")
 
 
 def main():
@@ -184,6 +216,8 @@ def main():
         measure_unused(report, arguments.models, arguments.spheres, 3 * rounds)
     if "used" in arguments.only:
         measure_used(report, arguments.models, arguments.spheres, rounds)
+    if "robust" in arguments.only:
+        measure_robust(report, arguments.models, arguments.spheres, rounds)
     if "contact" in arguments.only:
         measure_contact(report, rounds)
     if "parameters" in arguments.only:

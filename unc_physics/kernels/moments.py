@@ -10,6 +10,7 @@ from .so3 import conjugate, exp, log, multiply, normalized
 
 _KARCHER_TOLERANCE = 1e-12  # rad
 _KARCHER_ITERATIONS = 50
+_POWER_ITERATIONS = 10
 
 
 @kernel
@@ -61,9 +62,11 @@ def spread_states(mean, moving, errors):
 
 @kernel
 def _karcher_mean(states, body):
-    """Mean rotation of one body over all samples: the fixed point of averaging in the tangent space."""
-    s = states[0, body]
-    mean = (s[Q], s[Q + 1], s[Q + 2], s[Q + 3])
+    """Mean rotation of one body over all samples: the fixed point of averaging in the tangent space.
+
+    Of wide distributions there are several fixed points; the search begins at the chordal mean.
+    """
+    mean = _chordal_mean(states, body)
     for _ in range(_KARCHER_ITERATIONS):
         back = conjugate(mean)
         x = y = z = 0.0
@@ -78,6 +81,30 @@ def _karcher_mean(states, body):
         if x * x + y * y + z * z < _KARCHER_TOLERANCE**2:
             break
     return mean
+
+
+@kernel
+def _chordal_mean(states, body):
+    """The quaternion nearest to all samples' and their opposites, nearly: the leading eigenvector of their outer products."""
+    A = np.zeros((4, 4))
+    for n in range(len(states)):
+        q = states[n, body]
+        for r in range(4):
+            for c in range(4):
+                A[r, c] += q[Q + r] * q[Q + c]
+    largest = 0
+    for c in range(4):
+        if A[c, c] > A[largest, largest]:
+            largest = c
+    q = (A[0, largest], A[1, largest], A[2, largest], A[3, largest])
+    for _ in range(_POWER_ITERATIONS):
+        q = normalized((
+            A[0, 0] * q[0] + A[0, 1] * q[1] + A[0, 2] * q[2] + A[0, 3] * q[3],
+            A[1, 0] * q[0] + A[1, 1] * q[1] + A[1, 2] * q[2] + A[1, 3] * q[3],
+            A[2, 0] * q[0] + A[2, 1] * q[1] + A[2, 2] * q[2] + A[2, 3] * q[3],
+            A[3, 0] * q[0] + A[3, 1] * q[1] + A[3, 2] * q[2] + A[3, 3] * q[3],
+        ))
+    return q
 
 
 @kernel

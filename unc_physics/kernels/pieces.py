@@ -55,11 +55,11 @@ def next_piece(x, memory, world, laws, left, work):
     else:
         if work.calm[0] > 0:
             work.calm[0] -= 1
-            return _undisturbed(world, laws)
+            return undisturbed(world, laws)
         work.patches.count[0] = 0
         # what touched a moment ago is near; only a rollout that begins has to ask
         if left == world.dt and (work.touching[1] == APART or work.calm[0] == UNKNOWN) and _calm(x, world, laws, work):
-            return _undisturbed(world, laws)
+            return undisturbed(world, laws)
         work.calm[0] = 0
         if not laws.robust:
             return Piece(world.dt, world.decay, world.dt, 0.0, 0.0, 0.0)
@@ -69,7 +69,7 @@ def next_piece(x, memory, world, laws, left, work):
 
 
 @inner(forceinline=True)
-def _undisturbed(world, laws):
+def undisturbed(world, laws):
     """A whole step in which nothing touches: in the robust integrator, its two drifts in one."""
     if laws.robust:
         return Piece(world.dt, world.decay, 0.5 * world.dt * (1.0 + world.decay), 0.0, 0.5 * world.dt * world.dt, 0.0)

@@ -10,7 +10,7 @@ from .compiled import inner, kernel
 from .contact import DISTANCE, NORMAL, POINT, RECORD, contact_sums, next_contacts
 from .laws import FIRST, RATE, Patches, add_patch, kick_patches, make_patches, soft_contact
 from .pairs import FIRST_REST, ROOTS_ALONE, SINGLE_PRECISION, let_rest, near_pairs, relative_pose
-from .pieces import APART, RESISTED, TOUCHED, UNKNOWN, next_piece, slow_approach
+from .pieces import APART, RESISTED, TOUCHED, UNKNOWN, next_piece, slow_approach, undisturbed
 from .so3 import exp, multiply, renormalized, rotate, rotate_back, write_matrix
 from .surroundings import next_element_contacts, open_element
 from .tree import WIDTH, Scratch
@@ -147,22 +147,44 @@ def workspace(x, world, laws):
 @inner(forceinline=True)
 def drift(x, world, laws, piece, work):
     """Move all bodies freely until a piece's contacts, then damp their velocities and apply gravity; ``work.R`` follows."""
-    speed, travel = work.speed, work.travel
-    gravity, moving = world.gravity, world.bodies.moving
-    dt, decay, before, fall = piece.dt, piece.decay, piece.before, piece.fall
     for i in range(len(x)):
-        if not moving[i]:
-            continue
-        pace = move(x, i, before, world, laws, work)
-        speed[i] = dt * pace
-        travel[i] += before * pace
-        if fall > 0.0:
-            for k in range(3):
-                x[i, P + k] += fall * gravity[k]
-                travel[i] += fall * abs(gravity[k])
+        if world.bodies.moving[i]:
+            drift_body(x, i, world, laws, piece, work)
+
+
+@inner(forceinline=True)
+def drift_body(x, i, world, laws, piece, work):
+    """`drift` of body i, which moves."""
+    fall_on(x, i, move(x, i, piece.before, world, laws, work), world.gravity, piece, work)
+
+
+@inner(forceinline=True)
+def fall_on(x, i, pace, gravity, piece, work):
+    """Note at which pace body i moved in a piece's drift, and let damping and gravity act."""
+    dt, decay, fall = piece.dt, piece.decay, piece.fall
+    work.speed[i] = dt * pace
+    work.travel[i] += piece.before * pace
+    if fall > 0.0:
         for k in range(3):
-            x[i, V + k] = decay * x[i, V + k] + dt * gravity[k]
-            x[i, W + k] *= decay
+            x[i, P + k] += fall * gravity[k]
+            work.travel[i] += fall * abs(gravity[k])
+    for k in range(3):
+        x[i, V + k] = decay * x[i, V + k] + dt * gravity[k]
+        x[i, W + k] *= decay
+
+
+@inner
+def fly(x, steps, world, laws, work):
+    """Advance all bodies by steps in which nothing touches."""
+    piece, radius, R, gravity = undisturbed(world, laws), world.bodies.radius, work.R, world.gravity
+    for i in range(len(x)):
+        if world.bodies.moving[i]:
+            if laws.gyroscopic:
+                for _ in range(steps):
+                    drift_body(x, i, world, laws, piece, work)
+            else:
+                for _ in range(steps):
+                    fall_on(x, i, slide(x, i, piece.before, radius, R), gravity, piece, work)
 
 
 @inner(forceinline=True)
@@ -177,17 +199,26 @@ def glide(x, world, laws, piece, work):
 @inner(forceinline=True)
 def move(x, i, dt, world, laws, work):
     """Move body i freely; returns the most that a point of it moves in a second [m/s]."""
-    pace = 0.0
     if laws is not None:
         if laws.gyroscopic:
             pace = tumble(x, i, world, laws, dt, work)
-        else:
-            pace = turn(x, i, dt, world.bodies.radius, work.R)
-    else:
-        pace = turn(x, i, dt, world.bodies.radius, work.R)
+            return pace + shift(x, i, dt)
+    return slide(x, i, dt, world.bodies.radius, work.R)
+
+
+@inner(forceinline=True)
+def slide(x, i, dt, radius, R):
+    """`move` without the gyroscopic term."""
+    pace = turn(x, i, dt, radius, R)
+    return pace + shift(x, i, dt)
+
+
+@inner(forceinline=True)
+def shift(x, i, dt):
+    """Shift body i by what its velocity does in a time; returns a bound of its speed [m/s]."""
     for k in range(3):
         x[i, P + k] += dt * x[i, V + k]
-    return pace + abs(x[i, V]) + abs(x[i, V + 1]) + abs(x[i, V + 2])
+    return abs(x[i, V]) + abs(x[i, V + 1]) + abs(x[i, V + 2])
 
 
 @inner(forceinline=True)
@@ -449,8 +480,17 @@ def kick_each(x, world, dt, work):
 @inner
 def march(x, memory, world, laws, begin, steps, work):
     """Advance the state ``x`` (B, 13) of one rollout in place (`rollout.advance`), in its workspace."""
-    for step in range(begin, begin + steps):
+    step = begin
+    while step < begin + steps:
+        if laws is not None:
+            if work.calm[0] > 0:
+                alone = min(work.calm[0], begin + steps - step)
+                fly(x, alone, world, laws, work)
+                work.calm[0] -= alone
+                step += alone
+                continue
         left, time = world.dt, (step + 1) * world.dt
+        step += 1
         while left > 0.0:
             piece = next_piece(x, memory, world, laws, left, work)
             left = piece.left
