@@ -12,10 +12,8 @@ from ..belief import Belief
 from ..kernels.compiled import kernel
 from ..kernels.contact import DISTANCE, VOLUME, next_contacts
 from ..kernels.laws import FIRST
-from ..kernels.moments import mean_and_errors
 from ..kernels.pairs import near_pairs
 from ..kernels.pieces import impact_rate
-from ..kernels.rollout import fresh_memory, rollout
 from ..kernels.so3 import rotation_matrix
 from ..kernels.step import open_pair, workspace
 from ..kernels.surroundings import next_element_contacts, open_element
@@ -25,14 +23,14 @@ from ..layout import (
     ERR_POSITION,
     ERR_ROTATION,
     ERR_VELOCITY,
-    ERROR,
     POSITION,
     QUATERNION,
     VELOCITY,
 )
 from ..scene import Scene
 from .islands import merged
-from .predict import Prediction
+from .monte_carlo import MonteCarlo
+from .predict import Prediction, predict
 
 #: Rollouts with which `assess` compares what rests on a single nominal one.
 ROLLOUTS = 8
@@ -195,17 +193,14 @@ def _samples(prediction):
 
 def _spreads(scene, initial, times, count):
     """(T, B, 2): standard deviations of position [m] and rotation [rad] of some rollouts, at each time."""
-    states = initial.sample(count, np.random.default_rng(_SEED))
-    memory, done = fresh_memory(count, scene.world), 0
+    if len(scene.bodies) > 2 and not scene.islands:
+        scene = replace(scene, islands=True)  # changes rollouts by nothing that counts here
+    sampled = predict(scene, initial, MonteCarlo(samples=count, seed=_SEED), None, times=times)
     result = np.zeros((len(times), len(scene.bodies), 2))
-    for t, time in enumerate(times):
-        steps = round(time / scene.dt)
-        rollout(states, memory, scene.world, done, steps - done)
-        done = steps
-        _, errors = mean_and_errors(states, scene.moving)
-        square = (errors.reshape(count, -1, ERROR) ** 2).sum(axis=0) / (count - 1 or 1)
-        for place, block in enumerate((ERR_POSITION, ERR_ROTATION)):
-            result[t, scene.moving, place] = np.sqrt(square[:, block].sum(axis=1))
+    for t, belief in enumerate(sampled.beliefs):
+        for k in scene.moving:
+            P = belief.marginal(k) * (count / max(count - 1, 1))
+            result[t, k] = [math.sqrt(P[block, block].trace()) for block in (ERR_POSITION, ERR_ROTATION)]
     return result
 
 
