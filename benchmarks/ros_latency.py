@@ -1,9 +1,10 @@
 """Latency of the node beside an empty service's in the same run: ``python -m benchmarks.ros_latency``.
 
-Two processes on this machine, over Fast DDS: the node in one, this client in the other. Prints round trips of an
-empty service (on the node's own executor, in a process of its own), of ``~/predict`` for two objects for each
-propagator beside the core's own time, whether a stream of ten objects at 30 Hz is predicted without a drop, the time
-to cancel a long prediction, and the time from start to ready.
+Two processes on this machine, over Fast DDS: the node in one, this client in the other. Prints round trips of empty
+services (each in a process of its own: on the executor of ``rclpy.spin``, as most nodes are, and on the one that the node
+uses), of ``~/predict`` for two objects for each propagator beside the core's own time, whether a stream of ten objects
+at 30 Hz is predicted without a drop, the time to cancel a long prediction, and the time from start to ready. Every
+request is another one: poses and covariances change a little.
 """
 
 from __future__ import annotations
@@ -22,12 +23,14 @@ os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
 os.environ.setdefault("ROS_DOMAIN_ID", str(101 + os.getpid() % 100))
 
 import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.action import ActionClient
-from rclpy.executors import ExternalShutdownException, MultiThreadedExecutor, SingleThreadedExecutor
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.qos import qos_profile_sensor_data
 from std_srvs.srv import Empty
 
 from unc_physics import PROPAGATORS
+from unc_physics.ros.node import leave, spin_node
 from unc_physics_msgs.action import PredictLong
 from unc_physics_msgs.msg import ObjectState, ObjectStateArray, Prediction
 from unc_physics_msgs.srv import Predict
@@ -35,7 +38,7 @@ from unc_physics_msgs.srv import Predict
 WARM_UP = 30
 READY_TIMEOUT = 300.0  # s
 STREAM_RATE = 30.0  # Hz
-EMPTY_NODE = "empty_service"
+EMPTY = "spin", "own"  # empty services: on the executor of rclpy.spin, and on the node's own
 
 
 def main(arguments=None) -> int:
@@ -43,15 +46,15 @@ def main(arguments=None) -> int:
     parser = argparse.ArgumentParser(prog="benchmarks.ros_latency", description=__doc__.splitlines()[0])
     parser.add_argument("--calls", type=int, default=300, help="calls of each service (default 300)")
     parser.add_argument("--stream", type=float, default=10.0, metavar="S", help="length of the stream [s] (default 10)")
-    parser.add_argument("--serve-empty", action="store_true", help=argparse.SUPPRESS)
+    parser.add_argument("--serve-empty", choices=EMPTY, help=argparse.SUPPRESS)
     options = parser.parse_args(arguments)
     if options.serve_empty:
-        return serve_empty()
+        return serve_empty(options.serve_empty)
     started = time.perf_counter()
     node = subprocess.Popen(
         [sys.executable, "-m", "unc_physics.ros.node", "--ros-args", "--log-level", "warn", "-p", "zero_covariance:=exact",
          "-p", "gravity:=[0.0, 0.0, 0.0]", "-p", "dt:=0.01", "-p", "stiffness:=1e5", "-p", "horizons:=[0.2, 0.5, 1.0, 2.0]"])
-    empty = subprocess.Popen([sys.executable, "-m", "benchmarks.ros_latency", "--serve-empty"])
+    empty = [subprocess.Popen([sys.executable, "-m", "benchmarks.ros_latency", "--serve-empty", kind]) for kind in EMPTY]
     rclpy.init()
     client = rclpy.create_node("latency_client")
     executor = SingleThreadedExecutor()
@@ -68,7 +71,7 @@ def main(arguments=None) -> int:
         cancel(client, executor)
         stream(client, options.stream)
     finally:
-        for process in (node, empty):
+        for process in (node, *empty):
             process.send_signal(signal.SIGINT)
             process.wait()
         executor.shutdown()
@@ -85,19 +88,19 @@ def spin(executor):
         pass
 
 
-def serve_empty():
-    """A node with nothing but an empty service, on the executor that the prediction node uses."""
+def serve_empty(kind):
+    """A node with nothing but an empty service, until SIGINT."""
     rclpy.init()
-    node = rclpy.create_node(EMPTY_NODE)
+    node = rclpy.create_node(f"empty_{kind}")
     node.create_service(Empty, "~/call", lambda _, response: response)
-    executor = MultiThreadedExecutor(8)
-    executor.add_node(node)
     try:
-        executor.spin()
+        if kind == "own":
+            spin_node(node)
+        else:
+            rclpy.spin(node)
     except (KeyboardInterrupt, ExternalShutdownException):
         pass
-    rclpy.try_shutdown()
-    return 0
+    leave(0)
 
 
 def moving(name, x, speed, spheres):
@@ -119,28 +122,42 @@ def request_of(propagator):
     return request
 
 
+def another(request, rng):
+    """Change the poses and covariances of a request a little, as a tracker does."""
+    for message in request.objects:
+        message.pose.pose.position.y = 1e-4 * rng.standard_normal()
+        message.pose.covariance = np.diag([1e-4 * rng.uniform(0.9, 1.1)] * 3 + [0.0] * 3).ravel()
+
+
 def services(client, predict, calls):
-    """Round trips of the empty service and, alternating with it, of each propagator's prediction."""
-    empty = client.create_client(Empty, f"/{EMPTY_NODE}/call")
-    empty.wait_for_service(READY_TIMEOUT)
-    print(f"{'':16}{'p50':>9}{'p99':>9}{'core p50':>10}{'over core':>11}{'empty p50':>11}{'ratio':>7}   [ms]")
+    """Round trips of empty services and, alternating with them, of each propagator's prediction."""
+    empty = [client.create_client(Empty, f"/empty_{kind}/call") for kind in EMPTY]
+    for service in empty:
+        service.wait_for_service(READY_TIMEOUT)
+    rng = np.random.default_rng(1)
+    print(f"{'':16}{'p50':>9}{'p99':>9}{'core p50':>10}{'over core':>11}{'empty: spin':>13}{'ratio':>7}{'own':>7}{'ratio':>7}   [ms]")
     for propagator in PROPAGATORS:
         request = request_of(propagator)
         trips, cores, empties = [], [], []
         for _ in range(WARM_UP + calls):
-            started = time.perf_counter()
-            empty.call(Empty.Request())
-            between = time.perf_counter()
-            answer = predict.call(request)
-            trips.append(time.perf_counter() - between)
-            empties.append(between - started)
+            another(request, rng)
+            empties.append([round_trip(service, Empty.Request())[0] for service in empty])
+            took, answer = round_trip(predict, request)
+            trips.append(took)
             cores.append(answer.computation_time)
             if answer.error_code:
                 raise RuntimeError(answer.error_msg)
         p50, p99 = 1e3 * np.percentile(trips[WARM_UP:], [50, 99])
-        core, nothing = 1e3 * np.median(cores[WARM_UP:]), 1e3 * np.median(empties[WARM_UP:])
+        core, (spin, own) = 1e3 * np.median(cores[WARM_UP:]), 1e3 * np.median(empties[WARM_UP:], axis=0)
         over = 1e3 * np.median(np.subtract(trips, cores)[WARM_UP:])
-        print(f"{propagator:16}{p50:9.2f}{p99:9.2f}{core:10.2f}{over:11.2f}{nothing:11.2f}{over / nothing:7.2f}")
+        print(f"{propagator:16}{p50:9.2f}{p99:9.2f}{core:10.2f}{over:11.2f}{spin:13.2f}{over / spin:7.2f}{own:7.2f}{over / own:7.2f}")
+
+
+def round_trip(service, request):
+    """The time that a call takes [s], and its answer."""
+    started = time.perf_counter()
+    answer = service.call(request)
+    return time.perf_counter() - started, answer
 
 
 def cancel(client, executor, repeats=5):
@@ -177,7 +194,7 @@ def stream(client, length):
     """Ten objects of 100 spheres, two of them in contact, at 30 Hz: predictions received, and their delays."""
     scene = ObjectStateArray(objects=[moving(str(k), 0.5 * k, 0.0, 100) for k in range(10)])
     scene.objects[1].pose.pose.position.x = 0.12
-    delays = []
+    delays, counts = [], {}
     received = threading.Semaphore(0)
 
     def receive(message):
@@ -185,7 +202,12 @@ def stream(client, length):
         delays.append(1e-9 * now - message.header.stamp.sec - 1e-9 * message.header.stamp.nanosec)
         received.release()
 
-    subscription = client.create_subscription(Prediction, "/unc_physics/predictions", receive, 10)
+    def count_inputs(message):
+        (status,) = message.status
+        counts.update({pair.key: pair.value for pair in status.values if pair.key.endswith("inputs")})
+
+    client.create_subscription(DiagnosticArray, "/diagnostics", count_inputs, 1)
+    client.create_subscription(Prediction, "/unc_physics/predictions", receive, 10)
     publisher = client.create_publisher(ObjectStateArray, "/unc_physics/objects", qos_profile_sensor_data)
     while not publisher.get_subscription_count():
         time.sleep(0.05)
@@ -205,11 +227,10 @@ def stream(client, length):
     for k in range(count):
         time.sleep(max(0.0, started + k / STREAM_RATE - time.perf_counter()))
         publish()
-    time.sleep(1.0)
+    time.sleep(1.5)  # the diagnostics come once a second
     p50, p99 = 1e3 * np.percentile(delays, [50, 99])
     print(f"stream of ten objects, four horizons, surrogate, {STREAM_RATE:g} Hz: {len(delays)} of {count} predicted, "
-          f"delay p50 {p50:.1f} ms, p99 {p99:.1f} ms")
-    client.destroy_subscription(subscription)
+          f"delay p50 {p50:.1f} ms, p99 {p99:.1f} ms; of all inputs, the node counts {counts}")
 
 
 if __name__ == "__main__":

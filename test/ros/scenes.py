@@ -64,6 +64,7 @@ def assert_same(response, expected):
     assert_answered(response)
     for got, want in zip(response.objects, expected.objects, strict=True):
         assert np.allclose(numbers_of(got.states[-1]), numbers_of(want.states[-1]), rtol=0.0, atol=1e-9)
+        assert (got.status, got.status_msg) == (want.status, want.status_msg)
 
 
 def position_of(pose):

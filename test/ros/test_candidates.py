@@ -5,7 +5,7 @@ from diagnostic_msgs.msg import KeyValue
 from scenes import good_request, moving_object, numbers_of
 
 from unc_physics.errors import ErrorCode
-from unc_physics_msgs.msg import Candidate
+from unc_physics_msgs.msg import Candidate, PredictedObject
 from unc_physics_msgs.srv import PredictCandidates
 
 HEIGHTS = (0.0, 0.05, 0.1)
@@ -45,6 +45,7 @@ def test_each_candidate_gets_the_prediction_of_its_own_scene(node, client):
         assert entry.error_code == ErrorCode.NONE
         for got, want in zip(entry.prediction.objects, expected.objects, strict=True):
             assert np.allclose(numbers_of(got.states[-1]), numbers_of(want.states[-1]), rtol=0.0, atol=1e-9)
+            assert got.status == want.status != PredictedObject.STATUS_NOT_ASSESSED
 
 
 def test_a_bad_candidate_leaves_the_others_intact(node, client):

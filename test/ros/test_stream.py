@@ -1,19 +1,24 @@
 """Scenes in on topics, predictions out."""
 
+import threading
 import time
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from geometry_msgs.msg import PoseWithCovarianceStamped
+from geometry_msgs.msg import PoseWithCovariance, PoseWithCovarianceStamped
 from rclpy.qos import qos_profile_sensor_data
 from running import Client, Inbox, NodeProcess, wait_until
 from scenes import good_request, numbers_of, position_of
+from std_msgs.msg import Header
 from visualization_msgs.msg import Marker, MarkerArray
 
+from unc_physics.ros.background import Newest
 from unc_physics.ros.conversions import seconds
-from unc_physics.ros.streaming import topic_name
-from unc_physics_msgs.msg import ObjectStateArray, Prediction
+from unc_physics.ros.models import ModelLibrary
+from unc_physics.ros.streaming import scene_of_detections, topic_name
+from unc_physics_msgs.msg import ObjectStateArray, PredictedObject, Prediction
 
 HORIZONS = [0.1, 0.2, 0.25]
 
@@ -64,8 +69,20 @@ def test_a_scene_is_predicted_for_all_horizons(publish, listener):
         assert np.allclose([seconds(state.time_from_start) for state in predicted.states], HORIZONS)
         for state in predicted.states:
             assert np.isfinite(numbers_of(state)).all()
+            assert state.status == PredictedObject.STATUS_FINE
     xs = [position_of(state.pose.pose)[0] for state in message.objects[0].states]
     assert np.allclose(np.array(xs) - sent.objects[0].pose.pose.position.x, 0.5 * np.array(HORIZONS))
+
+
+def test_an_overlap_at_the_start_is_named(publish, listener):
+    with Inbox(listener, Prediction, "/stream/predictions") as inbox:
+        time.sleep(0.3)
+        sent = scene(listener)
+        sent.objects[1].pose.pose.position.x = -0.15
+        publish(sent)
+        for predicted in inbox.next().objects:
+            assert predicted.status & PredictedObject.STATUS_INITIAL_OVERLAP
+            assert all(state.status & PredictedObject.STATUS_INITIAL_OVERLAP for state in predicted.states)
 
 
 def test_a_pose_of_one_object_at_one_horizon(publish, listener):
@@ -117,6 +134,62 @@ def test_the_newest_scene_wins(publish, listener):
         while newest.header.stamp != last.header.stamp and time.monotonic() < deadline:
             newest = inbox.next()
         assert newest.header.stamp == last.header.stamp
+
+
+def test_what_waits_is_replaced_by_what_is_newer_of_its_source():
+    begun, go_on, done, replaced = threading.Event(), threading.Event(), [], []
+
+    def work(item):
+        begun.set()
+        go_on.wait(10.0)
+        done.append(item)
+
+    newest = Newest(work, lambda: replaced.append(1))
+    newest.put("first")
+    assert begun.wait(10.0)
+    for item in ("late", "later", "latest"):
+        newest.put(item)
+    newest.put("other", "another source")
+    go_on.set()
+    wait_until(lambda: len(done) == 3)
+    newest.close()
+    assert done == ["first", "latest", "other"]
+    assert len(replaced) == 2
+
+
+def detection(make, class_scores, name="", x=0.0):
+    """A vision_msgs/Detection3D; ``make`` makes its parts by the names of their types."""
+    results = []
+    for class_id, score in class_scores:
+        pose = PoseWithCovariance()
+        pose.pose.position.x, pose.covariance = x, 0.01**2 * np.eye(6).ravel()
+        results.append(make("ObjectHypothesisWithPose", hypothesis=make("ObjectHypothesis", class_id=class_id, score=score), pose=pose))
+    return make("Detection3D", results=results, id=name)
+
+
+def detections(make):
+    """Two objects, of which one has an id and two hypotheses, and a third that nothing is known of."""
+    return make("Detection3DArray", header=Header(frame_id="world"), detections=[
+        detection(make, [("bottle", 0.2), ("can", 0.7)], "the can"), detection(make, []), detection(make, [("brick", 0.9)], x=1.0)])
+
+
+def test_the_scene_of_detections():
+    message = detections(lambda kind, **parts: SimpleNamespace(**parts))
+    found = scene_of_detections(message, ModelLibrary(), 1.0)
+    assert found.header.frame_id == "world"
+    assert [(state.id, state.model) for state in found.objects] == [("the can", "can"), ("brick_2", "brick")]
+    assert found.objects[1].pose.pose.position.x == 1.0
+    assert all(state.twist.covariance[0] == -1.0 for state in found.objects)
+
+
+def test_detections_are_predicted(node, listener):
+    messages = pytest.importorskip("vision_msgs.msg", reason="needs vision_msgs, which is not on PyPI")
+    publisher = listener.node.create_publisher(messages.Detection3DArray, "/stream/detections", qos_profile_sensor_data)
+    wait_until(lambda: publisher.get_subscription_count() == 1)
+    with Inbox(listener, Prediction, "/stream/predictions") as inbox:
+        time.sleep(0.3)
+        publisher.publish(detections(lambda kind, **parts: getattr(messages, kind)(**parts)))
+        assert [(predicted.id, predicted.model) for predicted in inbox.next().objects] == [("the can", "can"), ("brick_2", "brick")]
 
 
 def test_a_tracked_object(node, listener):

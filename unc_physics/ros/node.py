@@ -42,17 +42,12 @@ def run(make_node, arguments=None) -> int:
     arguments : list of str, optional
         Command line with ROS arguments.
     """
-    node = executor = None
+    node = None
     try:
         rclpy.init(args=arguments)
         sys.setswitchinterval(_SWITCH_INTERVAL)
         node = make_node()
-        executor = EventsExecutor()
-        executor.add_node(node)
-        gc.collect()
-        gc.freeze()  # what is there by now stays: collections need not look at it again
-        while rclpy.ok():
-            executor.spin_once(timeout_sec=1.0)  # spin() of the events executor is never idle
+        spin_node(node)
     except (KeyboardInterrupt, ExternalShutdownException):
         pass
     except UncPhysicsError as error:
@@ -65,13 +60,23 @@ def run(make_node, arguments=None) -> int:
     finally:
         if node is not None:
             node.server.close()
-        if executor is not None:
-            executor.shutdown()
-        if node is not None:
             node.server.discard()
             node.destroy_node()
         rclpy.try_shutdown()
     return 0
+
+
+def spin_node(node) -> None:
+    """Spin a node until its context ends."""
+    executor = EventsExecutor()
+    executor.add_node(node)
+    gc.collect()
+    gc.freeze()  # what is there by now stays: collections need not look at it again
+    try:
+        while rclpy.ok():
+            executor.spin_once(timeout_sec=1.0)  # spin() of the events executor is never idle
+    finally:
+        executor.shutdown()
 
 
 def leave(status: int) -> None:

@@ -14,7 +14,7 @@ from unc_physics_msgs.srv import Predict
 
 from ..errors import UncPhysicsError
 from .background import Newest
-from .conversions import seconds
+from .conversions import UNKNOWN, seconds
 from .requests import read_request, write_answer
 
 # newest wins: while one scene is predicted, only the last of those that come is kept
@@ -109,34 +109,42 @@ class Stream:
 
     def _track(self, topic, model, message):
         """Predict the scene of all objects that are tracked now."""
-        self._tracked[topic] = message.header, self._state(topic, model, message.pose)
-        limit = self._server.settings.max_input_age
+        library, settings = self._server.library, self._server.settings
+        state = _at_unknown_velocity(topic, model, message.pose, library, settings.tracked_mass)
+        self._tracked[topic] = message.header, state
         scene = ObjectStateArray(header=message.header)
         for header, state in self._tracked.values():
-            if header.frame_id == message.header.frame_id and not self._is_old(header.stamp, limit):
+            if header.frame_id == message.header.frame_id and not self._is_old(header.stamp, settings.max_input_age):
                 scene.objects.append(state)
         self._newest.put(scene, "tracked")
 
     def _detect(self, detections):
-        """Predict the scene of all detections; the best hypothesis names the model."""
-        scene = ObjectStateArray(header=detections.header)
-        for k, detection in enumerate(detections.detections):
-            if detection.results:
-                best = max(detection.results, key=lambda result: result.hypothesis.score)
-                name = detection.id or f"{best.hypothesis.class_id}_{k}"
-                scene.objects.append(self._state(name, best.hypothesis.class_id, best.pose))
-        if scene.objects:
+        """Predict the scene of all detections."""
+        settings, library = self._server.settings, self._server.library
+        if (scene := scene_of_detections(detections, library, settings.tracked_mass)).objects:
             self._newest.put(scene, "detected")
 
-    def _state(self, name, model, pose):
-        """An object whose velocity is not known."""
-        state = ObjectState(id=name, model=model, pose=pose, mass=self._server.settings.tracked_mass)
-        state.twist.covariance[0] = -1.0
-        try:
-            state.use_model_mass = self._server.library.shape(model).mass is not None
-        except UncPhysicsError:
-            pass  # reported when the scene is read
-        return state
+
+def scene_of_detections(detections, library, mass) -> ObjectStateArray:
+    """The scene of a Detection3DArray; each detection's best hypothesis names the model, and those without one are left out."""
+    scene = ObjectStateArray(header=detections.header)
+    for k, detection in enumerate(detections.detections):
+        if detection.results:
+            best = max(detection.results, key=lambda result: result.hypothesis.score)
+            name = detection.id or f"{best.hypothesis.class_id}_{k}"
+            scene.objects.append(_at_unknown_velocity(name, best.hypothesis.class_id, best.pose, library, mass))
+    return scene
+
+
+def _at_unknown_velocity(name, model, pose, library, mass):
+    """An object whose velocity is not known, with its model's mass if that gives one."""
+    state = ObjectState(id=name, model=model, pose=pose, mass=mass)
+    state.twist.covariance[0] = UNKNOWN
+    try:
+        state.use_model_mass = library.shape(model).mass is not None
+    except UncPhysicsError:
+        pass  # reported when the scene is read
+    return state
 
 
 def topic_name(text: str) -> str:
