@@ -22,8 +22,9 @@ def test_the_parameter_file_and_the_document_are_up_to_date():
     assert parameter_table() in (ROOT / "docs" / "ros.md").read_text()
 
 
-def test_a_node_starts_with_the_parameter_file():
-    with NodeProcess("--params-file", str(ROOT / "config" / "unc_physics.yaml")) as process:
+def test_a_node_starts_with_the_parameter_file_and_without_models_or_kernels():
+    others = "-p", "models_dir:=/nowhere", "-p", "warm_up:=['']"
+    with NodeProcess("--params-file", str(ROOT / "config" / "unc_physics.yaml"), *others) as process:
         assert process.end() == 0
 
 

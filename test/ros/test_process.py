@@ -37,21 +37,16 @@ def test_a_signal_while_it_starts_ends_the_node_cleanly(with_signal, delay):
 
 
 def test_two_clients_do_not_wait_for_each_other(node, client):
-    long = good_request(propagator="monte_carlo", samples=20_000, horizon=50.0, max_computation_time=3.0)
+    long = good_request(propagator="monte_carlo", samples=5000, horizon=50.0, max_computation_time=2.0)
     with Client() as other:
         assert_answered(other.predict(good_request()))
         slow = client.start(Predict, "/unc_physics/predict", long)
         time.sleep(0.3)
         started = time.monotonic()
         assert_answered(other.predict(good_request()))
-        assert time.monotonic() - started < 2.0
+        assert time.monotonic() - started < 1.5
         assert not slow.done()
         result_of(slow)
-
-
-def test_a_folder_without_models_is_no_error():
-    with NodeProcess("-p", "models_dir:=/nowhere", name="bare") as process:
-        assert process.end() == 0
 
 
 def test_a_wrong_parameter_ends_the_node_with_a_sentence():

@@ -19,7 +19,7 @@ from ..propagation import PROPAGATORS
 
 _FEATURES = [
     "environment", "friction", "restitution", "gyroscopic", "islands", "parameter_uncertainty", "contact_probabilities",
-    "region_probabilities", "rest_probability", "joint_covariance", "pose_samples", "candidates", "mesh_packing",
+    "region_probabilities", "rest_probability", "status", "joint_covariance", "pose_samples", "candidates", "mesh_packing",
 ]
 _MEAN = {"nominal": PropagatorInfo.MEAN_NOMINAL, "estimated": PropagatorInfo.MEAN_ESTIMATED}
 

@@ -50,7 +50,7 @@ from ..scene import RigidBody, Scene
 from ..scene_file import PHYSICS_KEYS, physics_options
 from ..stiffness import auto_stiffness
 from ..validation import array, covariance, non_negative, number, positive, quaternion
-from .origin import congruent, covariance_at_com, error_map, moved, split
+from .origin import at_origin, congruent, covariance_at_com, error_map, moved
 from .surroundings import read_environment
 
 #: First entry of a covariance that is not known, as in sensor_msgs/Imu.
@@ -390,22 +390,21 @@ def write_prediction(scene, models, times, beliefs, samples=None, wanted=MARGINA
         for body, model in zip(scene.bodies, models, strict=True)
     ]
     joints = []
+    origins = [_writable(body.model.origin) for body in scene.bodies]
+    known = {b: row for row, b in enumerate(scene.moving.tolist())}
+    certain = np.zeros((ERROR, ERROR))
     for k, (time, belief) in enumerate(zip(times, beliefs, strict=True)):
-        origins = [_writable(body.model.origin) for body in scene.bodies]
-        means = _writable(belief.mean)
-        maps = [error_map(state, origin) for state, origin in zip(means, origins, strict=True)]
-        blocks = dict(zip(scene.moving.tolist(), _writable(belief.blocks), strict=True))
+        means, blocks, since = _writable(belief.mean), _writable(belief.blocks), duration(time)
         for b, answer in enumerate(objects):
-            state = PredictedState(time_from_start=duration(time), status=PredictedObject.STATUS_NOT_ASSESSED)
-            P = congruent(maps[b], blocks[b]) if b in blocks else np.zeros((ERROR, ERROR))
-            _write_state(state, moved(means[b], origins[b], 1.0), P)
+            state = PredictedState(time_from_start=since, status=PredictedObject.STATUS_NOT_ASSESSED)
+            P = _write_state(state, means[b], blocks[known[b]] if b in known else certain, origins[b])
             if wanted.covariance:
                 state.covariance = packed_array("d", P.tobytes())
             if samples is not None:
-                state.pose_samples = origin_poses(samples[k][:, b], scene.bodies[b].model.origin)
+                state.pose_samples = origin_poses(samples[k][:, b], origins[b])
             answer.states.append(state)
         if wanted.joint_covariance:
-            joints.append(_joint_covariance(scene, time, belief, maps))
+            joints.append(_joint_covariance(scene, time, belief, [error_map(*pair) for pair in zip(means, origins, strict=True)]))
     return objects, joints
 
 
@@ -419,15 +418,17 @@ def _joint_covariance(scene, time, belief, maps):
     return JointCovariance(time_from_start=duration(time), object_ids=ids, data=data)
 
 
-def _write_state(message, state, P):
-    """Write state (13,) and covariance (12, 12) at the model's origin."""
-    if not np.isfinite(state.sum() + P.sum()):
+def _write_state(message, mean, P, origin):
+    """Write a body's mean (13,) and covariance (12, 12); the covariance (12, 12) at the model's origin."""
+    state, P, message.pose.covariance, message.twist.covariance, finite = at_origin(mean, P, origin)
+    if not finite:
         raise DivergedError("left the range of numbers", field="prediction")
-    _write_xyz(message.pose.pose.position, state[POSITION])
-    _write_quaternion(message.pose.pose.orientation, state[QUATERNION])
-    _write_xyz(message.twist.twist.linear, state[VELOCITY])
-    _write_xyz(message.twist.twist.angular, state[ANGULAR_VELOCITY])
-    message.pose.covariance, message.twist.covariance = split(P)
+    numbers, pose, twist = state.tolist(), message.pose.pose, message.twist.twist
+    for part, place in ((pose.position, POSITION), (twist.linear, VELOCITY), (twist.angular, ANGULAR_VELOCITY)):
+        part.x, part.y, part.z = numbers[place]
+    q = pose.orientation
+    q.x, q.y, q.z, q.w = numbers[QUATERNION]
+    return P
 
 
 def origin_poses(states, origin) -> list[Pose]:
@@ -453,11 +454,3 @@ def duration(seconds: float) -> Duration:
 def seconds(time: Duration) -> float:
     """A duration in seconds."""
     return time.sec + 1e-9 * time.nanosec
-
-
-def _write_xyz(message, v):
-    message.x, message.y, message.z = v.tolist()
-
-
-def _write_quaternion(message, q):
-    message.x, message.y, message.z, message.w = q.tolist()

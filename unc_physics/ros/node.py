@@ -5,6 +5,7 @@ from __future__ import annotations
 import gc
 import os
 import sys
+import traceback
 
 import rclpy
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
@@ -67,14 +68,18 @@ def run(make_node, arguments=None) -> int:
 
 
 def spin_node(node) -> None:
-    """Spin a node until its context ends."""
+    """Spin a node until its context ends, whatever callbacks raise."""
     executor = EventsExecutor()
     executor.add_node(node)
     gc.collect()
     gc.freeze()  # what is there by now stays: collections need not look at it again
     try:
         while rclpy.ok():
-            executor.spin_once(timeout_sec=1.0)  # spin() of the events executor is never idle
+            try:
+                executor.spin_once(timeout_sec=1.0)  # spin() of the events executor is never idle
+            except Exception:  # noqa: BLE001  (rclpy's own: a client that goes away while an action answers it, say)
+                if rclpy.ok():
+                    node.get_logger().error(f"a callback failed:\n{traceback.format_exc()}")
     finally:
         executor.shutdown()
 

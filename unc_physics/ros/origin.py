@@ -131,3 +131,24 @@ def split(C):
         for b, second in enumerate((EV, EW)):
             twist[3 * a : 3 * a + 3, 3 * b : 3 * b + 3] = C[first : first + 3, second : second + 3]
     return pose.ravel(), twist.ravel()
+
+
+@njit(cache=True, nogil=True)
+def at_origin(state, P, origin):
+    """A body's state (13,) and covariance (12, 12) at the COM as messages want them.
+
+    Returns
+    -------
+    state : (13,) array
+        At the model's origin.
+    C : (12, 12) array
+        Covariance there, about fixed axes.
+    pose, twist : (36,) array
+        Its parts.
+    finite : bool
+        Whether all numbers are.
+    """
+    C = congruent(error_map(state, origin), P)
+    result = moved(state, origin, 1.0)
+    pose, twist = split(C)
+    return result, C, pose, twist, np.isfinite(result.sum() + C.sum())
