@@ -24,4 +24,5 @@ def _fingerprint():
 os.environ.setdefault("NUMBA_CACHE_DIR", str(HERE.parent / ".pytest_cache" / "numba" / _fingerprint()))
 
 settings.register_profile("tests", deadline=None, derandomize=True, max_examples=60)
+settings.register_profile("thousands", settings.get_profile("tests"), derandomize=False, max_examples=1000)
 settings.load_profile("tests")
