@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 import re
 
 from geometry_msgs.msg import PoseWithCovarianceStamped
@@ -41,9 +40,11 @@ class Stream:
                 self._subscriptions.append(node.create_subscription(
                     PoseWithCovarianceStamped, topic,
                     lambda message, topic=topic, model=model: self._track(topic, model, message), _NEWEST))
-        if importlib.util.find_spec("vision_msgs"):
+        try:
             from vision_msgs.msg import Detection3DArray
-
+        except ImportError:
+            pass
+        else:
             self._subscriptions.append(node.create_subscription(
                 Detection3DArray, "~/detections", self._detect, _NEWEST))
 
