@@ -164,11 +164,14 @@ def _approach(x, memory, world, laws, left, work):
     for k in range(near_pairs(x, work.reach, work.coming, moving, work)):
         i, j = near[k, 0], near[k, 1]
         # which pairs rest is not remembered, and leaves out only what this does: so no result depends on it
-        if memory[i, j, RATE] == QUIET or not may_touch(x, i, j, world, work):
+        if not may_touch(x, i, j, world, work):
             continue
-        v = _speed(x[j, V] - x[i, V], x[j, V + 1] - x[i, V + 1], x[j, V + 2] - x[i, V + 2]) + _spin(x, i, world, laws) + _spin(x, j, world, laws)
-        if not (moving[i] and moving[j]):
-            v += left * _speed(world.gravity[0], world.gravity[1], world.gravity[2])
+        if memory[i, j, RATE] == QUIET:  # what rests may still rock, and then comes down elsewhere
+            v = _speed(x[j, W] - x[i, W], x[j, W + 1] - x[i, W + 1], x[j, W + 2] - x[i, W + 2]) * (_arm(i, world, laws) + _arm(j, world, laws))
+        else:
+            v = _speed(x[j, V] - x[i, V], x[j, V + 1] - x[i, V + 1], x[j, V + 2] - x[i, V + 2]) + _spin(x, i, world, laws) + _spin(x, j, world, laws)
+            if not (moving[i] and moving[j]):
+                v += left * _speed(world.gravity[0], world.gravity[1], world.gravity[2])
         curvature = radius[i] * radius[j] / (radius[i] + radius[j])
         rate = max(rate, impact_rate(v, inverse_mass[i] + inverse_mass[j], curvature, world.stiffness))
         rate = max(rate, _RESOLVED * v / (_CROSSED * min(thickness[i], thickness[j])))
@@ -177,9 +180,10 @@ def _approach(x, memory, world, laws, left, work):
         if not moving[i]:
             continue
         for e in range(len(kind)):
-            if memory[i, len(x) + e, RATE] == QUIET or element_distance(laws, e, x[i, P], x[i, P + 1], x[i, P + 2]) >= reach[i]:
+            if element_distance(laws, e, x[i, P], x[i, P + 1], x[i, P + 2]) >= reach[i]:
                 continue
-            v = _closing(x, i, e, world, laws, left) + _spin(x, i, world, laws)
+            falling = 0.0 if memory[i, len(x) + e, RATE] == QUIET else left  # what rests does not fall, but may rock
+            v = _closing(x, i, e, world, laws, falling) + _spin(x, i, world, laws)
             rate = max(rate, impact_rate(v, inverse_mass[i], radius[i], world.stiffness))
             wall = thickness[i]
             if kind[e] == BOX:
@@ -196,13 +200,18 @@ def _speed(x, y, z):
 @inner
 def _spin(x, i, world, laws):
     """Most that a body's rotation adds to the speed of its spheres' centres [m/s]."""
-    arm = world.bodies.radius[i] - laws.smallest[i]
-    return arm * _speed(x[i, W], x[i, W + 1], x[i, W + 2])
+    return _arm(i, world, laws) * _speed(x[i, W], x[i, W + 1], x[i, W + 2])
+
+
+@inner
+def _arm(i, world, laws):
+    """No sphere's centre is farther from the centre of mass of body i [m]."""
+    return world.bodies.radius[i] - laws.smallest[i]
 
 
 @inner
 def _closing(x, i, e, world, laws, left):
-    """How fast the centre of mass of body i moves against element e in the ``left`` seconds [m/s].
+    """How fast the centre of mass of body i moves against element e, now or when it has fallen for ``left`` seconds [m/s].
 
     Of a box, against those faces that parts of the body are beyond; against two that face away from each other, either way.
     """

@@ -36,6 +36,7 @@ from ..validation import integer
 from .base import Propagator, Traits
 
 _SAMPLES_LIMIT = 100_000
+_ROUND_OFF = 1e-6  # of a spread's trace: what single precision may lose
 
 
 def _series(terms, first):
@@ -517,6 +518,9 @@ def kick_covariance(P, world, dt, R, body, spread, side):
     """Add the spread of the kick to the diagonal blocks of the velocities (Eqs. 34 and 35); ``side`` 1 is body i."""
     a = (dt * world.stiffness) ** 2
     f = spread[0]
+    # sums in single precision may have lost what keeps them semidefinite
+    force_lift = _ROUND_OFF * (f[0] + f[1] + f[2])
+    torque_lift = _ROUND_OFF * (spread[side, 0] + spread[side, 1] + spread[side, 2])
     mass = a * world.bodies.inverse_mass[body] ** 2
     inverse = np.empty((3, 3))  # of the inertia in world axes, column by column
     for c in range(3):
@@ -525,11 +529,11 @@ def kick_covariance(P, world, dt, R, body, spread, side):
         inverse[0, c], inverse[1, c], inverse[2, c] = rotate(R, x, y, z)
     for r in range(3):
         for c in range(3):
-            P[EV + r, EV + c] += mass * f[_entry(r, c)]
+            P[EV + r, EV + c] += mass * (f[_entry(r, c)] + force_lift * (r == c))
             total = 0.0
             for m in range(3):
                 for k in range(3):
-                    total += inverse[r, m] * spread[side, _entry(m, k)] * inverse[c, k]
+                    total += inverse[r, m] * (spread[side, _entry(m, k)] + torque_lift * (m == k)) * inverse[c, k]
             P[EW + r, EW + c] += a * total
 
 

@@ -23,6 +23,7 @@ from ..layout import (
     ERR_POSITION,
     ERR_ROTATION,
     ERR_VELOCITY,
+    ERROR,
     POSITION,
     QUATERNION,
     VELOCITY,
@@ -55,6 +56,7 @@ RULES = {
     "energy_gain": (Status.NOT_CONVERGED, 0.02, "energy was gained; a smaller dt or the robust integrator helps"),
     "step_times_frequency": (Status.NOT_CONVERGED, 1.3, "the step is too long for the stiffness of the contacts"),
     "impact_over_capacity": (Status.NOT_CONVERGED, 1.0, "hits harder than the stiffness can stop"),
+    "directions": (Status.OUTSIDE_VALIDITY, 30.0, "too many uncertain directions for sigma points; islands or monte_carlo helps"),
     "rotation_std": (Status.OUTSIDE_VALIDITY, 2.2, "the rotation is too uncertain for a Gaussian"),
     "spread_disagreement": (Status.OUTSIDE_VALIDITY, 2.3, "rollouts spread differently; sigma_points or monte_carlo helps"),
 }
@@ -120,6 +122,9 @@ def assess(scene: Scene, initial: Belief, prediction: Prediction, rollouts: int 
     ``impact_over_capacity``
         Kinetic energy at that speed over ``stiffness pi r^4``, about what two spheres of the body's largest radius r take
         up before they pass through each other.
+    ``directions``
+        Of sigma points, for a body that touched something: in how many directions the bodies that they are spread for
+        together are uncertain. Points lie farther out the more there are, and most of them move a single body.
     ``rotation_std``
         Largest standard deviation of the rotation about any axis that the body would have at the end without contact [rad];
         not of Monte Carlo.
@@ -152,7 +157,9 @@ def _assess(scene, initial, prediction, at, deep, held, spreads):
     touched = prediction.carry.memory[..., FIRST].min(axis=0) <= time
     touches = touched.any(axis=1) | touched[:, : len(scene.bodies)].any(axis=0)
     samples = _samples(prediction)
-    speed, gain = _energies(scene, initial, belief, touched, held, samples)
+    group = merged(np.arange(len(scene.bodies)), np.argwhere(touched[:, : len(scene.bodies)]))
+    speed, gain = _energies(scene, initial, belief, group, held, samples)
+    directions = _directions(scene, initial, prediction, group) if prediction.propagator.name == "sigma_points" else None
     results = []
     for k, body in enumerate(scene.bodies):
         measures = {}
@@ -163,6 +170,8 @@ def _assess(scene, initial, prediction, at, deep, held, spreads):
             if spreads is not None:
                 measures["spread_disagreement"] = _disagreement(belief.marginal(k), spreads[k], body.model.bounding_radius)
         if not body.fixed and touches[k]:
+            if prediction.propagator.name == "sigma_points":
+                measures["directions"] = directions[k]
             measures["energy_gain"] = gain[k]
             radius = float(body.model.radii.max())
             if scene.integrator == "explicit":
@@ -189,6 +198,16 @@ def _samples(prediction):
     if prediction.propagator.traits.mean_update == "nominal":
         return None
     return prediction.propagator.samples if prediction.propagator.name == "monte_carlo" else math.inf
+
+
+def _directions(scene, initial, prediction, group):
+    """(B,): how many uncertain directions each body shares its sigma points with."""
+    own = np.zeros(len(scene.bodies))
+    for k in scene.moving:
+        values = np.linalg.eigvalsh(initial.marginal(k))
+        own[k] = ERROR if prediction.propagator.points == "full" else np.count_nonzero(values > 1e-14 * values[-1])
+    shared = np.bincount(group, own, len(own))[group] if scene.islands else np.full(len(own), own.sum())
+    return shared + len(scene.uncertain)
 
 
 def _spreads(scene, initial, times, count):
@@ -223,7 +242,7 @@ def _free_rotation_std(scene, P, time):
     return math.sqrt(max(np.linalg.eigvalsh(spread)[-1], 0.0))
 
 
-def _energies(scene, initial, belief, touched, held, samples):
+def _energies(scene, initial, belief, group, held, samples):
     """Highest speed [m/s] of each body, and its group's relative gain of energy: each (B,)."""
     begin, end, bodies = initial.mean, belief.mean, len(scene.bodies)
     mass = np.array([0.0 if body.fixed else body.mass for body in scene.bodies])
@@ -232,9 +251,8 @@ def _energies(scene, initial, belief, touched, held, samples):
     after, _ = _kinetic(scene, belief, samples, 0)
     if samples is not None and math.isfinite(samples):
         before += _NOISE * noise / math.sqrt(samples)
-    label = merged(np.arange(bodies), np.argwhere(touched[:, :bodies]))
     source, rest = (
-        np.bincount(label, value, bodies)[label]
+        np.bincount(group, value, bodies)[group]
         for value in (before + np.maximum(work, 0.0) + held, after + np.maximum(-work, 0.0)))
     gain = np.where(source > 0.0, (rest - source) / np.where(source > 0.0, source, 1.0), 0.0)
     drop = np.abs((end - begin)[:, POSITION]).max(axis=1)
