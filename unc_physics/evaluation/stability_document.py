@@ -76,7 +76,8 @@ class Found:
 def document(rows: Rows) -> str:
     """The whole document."""
     body = sections(rows).replace("\n### ", "\n## ")
-    return f"# Stability on hard cases\n\n{INTRODUCTION}\n{SHOWN}\n{body}"
+    made = "".join(f"* {versions}; {machine}\n" for versions, machine in dict.fromkeys((row["versions"], row["machine"]) for row in rows))
+    return f"# Stability on hard cases\n\n{INTRODUCTION}\n{SHOWN}{body}\n## Made by\n\n{made}"
 
 
 def sections(rows: Rows) -> str:
