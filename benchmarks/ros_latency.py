@@ -32,7 +32,7 @@ from std_srvs.srv import Empty
 from unc_physics import PROPAGATORS
 from unc_physics.ros.node import leave, spin_node
 from unc_physics_msgs.action import PredictLong
-from unc_physics_msgs.msg import ObjectState, ObjectStateArray, Prediction
+from unc_physics_msgs.msg import ObjectState, ObjectStateArray, PredictedObject, PredictedState, Prediction
 from unc_physics_msgs.srv import Predict
 
 WARM_UP = 30
@@ -68,6 +68,7 @@ def main(arguments=None) -> int:
         if not ready:
             return 1
         services(client, predict, options.calls)
+        messages(client, options.calls)
         cancel(client, executor)
         stream(client, options.stream)
     finally:
@@ -93,6 +94,7 @@ def serve_empty(kind):
     rclpy.init()
     node = rclpy.create_node(f"empty_{kind}")
     node.create_service(Empty, "~/call", lambda _, response: response)
+    node.create_service(Predict, "~/canned", lambda request, _: canned_answer(request))
     try:
         if kind == "own":
             spin_node(node)
@@ -101,6 +103,11 @@ def serve_empty(kind):
     except (KeyboardInterrupt, ExternalShutdownException):
         pass
     leave(0)
+
+
+def canned_answer(request):
+    """An answer to a request that nothing was calculated for."""
+    return Predict.Response(objects=[PredictedObject(id=message.id, states=[PredictedState()]) for message in request.objects])
 
 
 def moving(name, x, speed, spheres):
@@ -151,6 +158,16 @@ def services(client, predict, calls):
         core, (spin, own) = 1e3 * np.median(cores[WARM_UP:]), 1e3 * np.median(empties[WARM_UP:], axis=0)
         over = 1e3 * np.median(np.subtract(trips, cores)[WARM_UP:])
         print(f"{propagator:16}{p50:9.2f}{p99:9.2f}{core:10.2f}{over:11.2f}{spin:13.2f}{over / spin:7.2f}{own:7.2f}{over / own:7.2f}")
+
+
+def messages(client, calls):
+    """Round trips of services with the messages of ``~/predict`` that calculate nothing: what the messages alone take."""
+    request, medians = request_of("surrogate"), []
+    for kind in EMPTY:
+        service = client.create_client(Predict, f"/empty_{kind}/canned")
+        service.wait_for_service(READY_TIMEOUT)
+        medians.append(1e3 * np.median([round_trip(service, request)[0] for _ in range(WARM_UP + calls)][WARM_UP:]))
+    print(f"a service with the same messages that calculates nothing: spin {medians[0]:.2f}, own {medians[1]:.2f} ms (p50)")
 
 
 def round_trip(service, request):
