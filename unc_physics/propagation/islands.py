@@ -588,7 +588,7 @@ def merged(labels, pairs):
             a = root[a]
         return a
 
-    for a, b in np.unique(np.asarray(pairs, np.int64).reshape(-1, 2), axis=0).tolist():
+    for a, b in sorted(set(map(tuple, np.asarray(pairs, np.int64).reshape(-1, 2).tolist()))):
         a, b = find(a), find(b)
         root[max(a, b)] = min(a, b)
     return np.array([find(label) for label in labels.tolist()])

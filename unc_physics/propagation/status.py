@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from enum import IntFlag
+from typing import NamedTuple
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -38,6 +40,7 @@ ROLLOUTS = 8
 _SEED = 0  # of their draws: the same question has the same status
 _NOTHING = 1e-9  # of the body's radius, and in rad: spreads below it agree
 _NUDGE = 1e-9  # of the body's radius: coincident spheres have no normal
+_shapes = WeakKeyDictionary()
 _NOISE = 4.0  # standard deviations of a sample's mean energy that are no gain
 
 
@@ -141,45 +144,78 @@ def assess_all(
     """As `assess`, at each of the prediction's times."""
     nominal = prediction.propagator.traits.mean_update == "nominal"
     meets = len(scene.bodies) + len(scene.environment) > 1
-    spreads = None
+    spreads = [None] * len(prediction.times)
     if nominal and meets and rollouts > 0:
         spreads = _spreads(scene, initial, prediction.times, rollouts)
-    deep, held = _overlaps(scene, initial.mean)
+    start = _start(scene, initial, prediction)
     return tuple(
-        _assess(scene, initial, prediction, k, deep, held, None if spreads is None else spreads[k])
-        for k in range(len(prediction.times))
+        _assess(scene, start, prediction, time, belief, spread)
+        for time, belief, spread in zip(prediction.times, prediction.beliefs, spreads, strict=True)
     )
 
 
-def _assess(scene, initial, prediction, at, deep, held, spreads):
-    """The statuses at the prediction's time number ``at``."""
-    time, belief = prediction.times[at], prediction.beliefs[at]
+class _Start(NamedTuple):
+    """What all times share: of each body (B,), or of each of the M moving ones."""
+
+    mean: np.ndarray  # (B, 13)
+    blocks: np.ndarray  # (M, 12, 12)
+    mass: np.ndarray  # (B,), 0 of a fixed body [kg]
+    shapes: np.ndarray  # (B, 4): least and largest inertia over mass [m^2], largest sphere's radius, the body's [m]
+    overlap: np.ndarray  # (B,) [m]
+    energy: np.ndarray  # (B,), from above [J]
+    samples: float | None  # that a belief is the mean of: infinite where they are chosen instead of drawn; None for one
+
+
+def _start(scene, initial, prediction):
+    samples = None
+    if prediction.propagator.traits.mean_update != "nominal":
+        samples = prediction.propagator.samples if prediction.propagator.name == "monte_carlo" else math.inf
+    mass = np.array([0.0 if body.fixed else body.mass for body in scene.bodies])
+    shapes = np.array([_shape(body.model) for body in scene.bodies])
+    overlap, held = _overlaps(scene, initial.mean)
+    start = _Start(initial.mean, initial.blocks, mass, shapes, overlap, held, samples)
+    energy, noise = _kinetic(scene, start, initial, 1)
+    if samples is not None and math.isfinite(samples):
+        energy += _NOISE * noise / math.sqrt(samples)
+    return start._replace(energy=held + energy)
+
+
+def _shape(model):
+    """A model's row of `_Start.shapes`."""
+    if model not in _shapes:
+        principal = np.linalg.eigvalsh(model.inertia)
+        _shapes[model] = principal[0], principal[-1], float(model.radii.max()), model.bounding_radius
+    return _shapes[model]
+
+
+def _assess(scene, start, prediction, time, belief, spreads):
+    """The statuses at one of the prediction's times."""
+    name, bodies = prediction.propagator.name, len(scene.bodies)
     touched = prediction.carry.memory[..., FIRST].min(axis=0) <= time
-    touches = touched.any(axis=1) | touched[:, : len(scene.bodies)].any(axis=0)
-    samples = _samples(prediction)
-    group = merged(np.arange(len(scene.bodies)), np.argwhere(touched[:, : len(scene.bodies)]))
-    speed, gain = _energies(scene, initial, belief, group, held, samples)
-    directions = _directions(scene, initial, prediction, group) if prediction.propagator.name == "sigma_points" else None
-    results = []
-    for k, body in enumerate(scene.bodies):
-        measures = {}
-        if not body.fixed:
-            measures["initial_overlap"] = deep[k] / body.model.bounding_radius
-            if samples is None or prediction.propagator.name != "monte_carlo":
-                measures["rotation_std"] = _free_rotation_std(scene, initial.marginal(k), time)
-            if spreads is not None:
-                measures["spread_disagreement"] = _disagreement(belief.marginal(k), spreads[k], body.model.bounding_radius)
-        if not body.fixed and touches[k]:
-            if prediction.propagator.name == "sigma_points":
-                measures["directions"] = directions[k]
-            measures["energy_gain"] = gain[k]
-            radius = float(body.model.radii.max())
-            if scene.integrator == "explicit":
-                measures["step_times_frequency"] = scene.dt * impact_rate(speed[k], 1.0 / body.mass, radius, scene.stiffness)
-            impact, capacity = 0.5 * body.mass * speed[k] ** 2, math.pi * scene.stiffness * radius**4
-            measures["impact_over_capacity"] = impact / capacity if capacity > 0.0 else math.inf
-        results.append(_judged(body.name, {key: float(value) for key, value in measures.items()}))
-    return tuple(results)
+    pairs = np.argwhere(touched[:, :bodies])
+    touches = touched.any(axis=1) | touched[:, :bodies].any(axis=0)
+    group = merged(np.arange(bodies), pairs) if len(pairs) else np.arange(bodies)
+    per_body = {"initial_overlap": start.overlap / start.shapes[:, 3]}
+    if name != "monte_carlo":
+        per_body["rotation_std"] = _free_rotation_std(scene, start, time)
+    if spreads is not None:
+        per_body["spread_disagreement"] = _disagreement(scene, start, belief.blocks, spreads)
+    in_contact = {}
+    if touches.any():
+        if name == "sigma_points":
+            in_contact["directions"] = _directions(scene, start, prediction, group)
+        speed, in_contact["energy_gain"] = _energies(scene, start, belief, group)
+        radius = start.shapes[:, 2]
+        if scene.integrator == "explicit":
+            in_contact["step_times_frequency"] = scene.dt * np.array([
+                impact_rate(speed[k], 1.0 / body.mass, radius[k], scene.stiffness) for k, body in enumerate(scene.bodies)])
+        capacity = np.maximum(math.pi * scene.stiffness * radius**4, 1e-300)
+        in_contact["impact_over_capacity"] = 0.5 * start.mass * speed**2 / capacity
+    return tuple(
+        _judged(body.name, {} if body.fixed else {
+            key: float(value[k]) for key, value in (per_body | in_contact if touches[k] else per_body).items()})
+        for k, body in enumerate(scene.bodies)
+    )
 
 
 def _judged(name, measures):
@@ -193,92 +229,87 @@ def _judged(name, measures):
     return BodyStatus(name, flags, measures, tuple(reasons))
 
 
-def _samples(prediction):
-    """Number of rollouts that the belief is the mean of, infinite where they are chosen instead of drawn; None for one."""
-    if prediction.propagator.traits.mean_update == "nominal":
-        return None
-    return prediction.propagator.samples if prediction.propagator.name == "monte_carlo" else math.inf
-
-
-def _directions(scene, initial, prediction, group):
+def _directions(scene, start, prediction, group):
     """(B,): how many uncertain directions each body shares its sigma points with."""
+    values = np.linalg.eigvalsh(start.blocks)
     own = np.zeros(len(scene.bodies))
-    for k in scene.moving:
-        values = np.linalg.eigvalsh(initial.marginal(k))
-        own[k] = ERROR if prediction.propagator.points == "full" else np.count_nonzero(values > 1e-14 * values[-1])
+    own[scene.moving] = ERROR if prediction.propagator.points == "full" else (values > 1e-14 * values[:, -1:]).sum(axis=1)
     shared = np.bincount(group, own, len(own))[group] if scene.islands else np.full(len(own), own.sum())
     return shared + len(scene.uncertain)
 
 
 def _spreads(scene, initial, times, count):
-    """(T, B, 2): standard deviations of position [m] and rotation [rad] of some rollouts, at each time."""
+    """(T, M, 2): standard deviations of position [m] and rotation [rad] of some rollouts, at each time."""
     if len(scene.bodies) > 2 and not scene.islands:
         scene = replace(scene, islands=True)  # changes rollouts by nothing that counts here
     sampled = predict(scene, initial, MonteCarlo(samples=count, seed=_SEED), None, times=times)
-    result = np.zeros((len(times), len(scene.bodies), 2))
-    for t, belief in enumerate(sampled.beliefs):
-        for k in scene.moving:
-            P = belief.marginal(k) * (count / max(count - 1, 1))
-            result[t, k] = [math.sqrt(P[block, block].trace()) for block in (ERR_POSITION, ERR_ROTATION)]
+    return math.sqrt(count / max(count - 1, 1)) * np.array([_stds(belief.blocks) for belief in sampled.beliefs])
+
+
+def _stds(blocks):
+    """(M, 2): standard deviations of position [m] and rotation [rad], over all axes together."""
+    variances = np.einsum("mii->mi", blocks)
+    return np.sqrt(np.maximum([variances[:, block].sum(axis=1) for block in (ERR_POSITION, ERR_ROTATION)], 0.0)).T
+
+
+def _disagreement(scene, start, blocks, spreads):
+    """(B,): the larger factor between predicted and sampled standard deviations."""
+    nothing = np.column_stack([_NOTHING * start.shapes[scene.moving, 3], np.full(len(blocks), _NOTHING)])
+    predicted = np.maximum(_stds(blocks), nothing)
+    found = np.where(np.isfinite(spreads), np.maximum(spreads, nothing), math.inf)
+    result = np.ones(len(scene.bodies))
+    result[scene.moving] = np.maximum(predicted / found, found / predicted).max(axis=1)
     return result
 
 
-def _disagreement(P, spread, radius):
-    """The larger factor between predicted and sampled standard deviations."""
-    worst = 1.0
-    for block, found, nothing in ((ERR_POSITION, spread[0], _NOTHING * radius), (ERR_ROTATION, spread[1], _NOTHING)):
-        predicted = max(math.sqrt(max(P[block, block].trace(), 0.0)), nothing)
-        found = max(found, nothing) if math.isfinite(found) else math.inf
-        worst = max(worst, predicted / found, found / predicted)
-    return worst
-
-
-def _free_rotation_std(scene, P, time):
-    """Largest standard deviation about any axis of the rotation after a time without contact [rad]."""
+def _free_rotation_std(scene, start, time):
+    """(B,): largest standard deviation about any axis of the rotation after a time without contact [rad]."""
     if scene.damping > 0.0:
         time = -math.expm1(-scene.damping * time) / scene.damping
-    cross = P[ERR_ROTATION, ERR_ANGULAR_VELOCITY]
-    spread = P[ERR_ROTATION, ERR_ROTATION] + time * (cross + cross.T) + time**2 * P[ERR_ANGULAR_VELOCITY, ERR_ANGULAR_VELOCITY]
-    return math.sqrt(max(np.linalg.eigvalsh(spread)[-1], 0.0))
+    P = start.blocks
+    cross = P[:, ERR_ROTATION, ERR_ANGULAR_VELOCITY]
+    spread = (
+        P[:, ERR_ROTATION, ERR_ROTATION] + time * (cross + cross.transpose(0, 2, 1))
+        + time**2 * P[:, ERR_ANGULAR_VELOCITY, ERR_ANGULAR_VELOCITY])
+    result = np.zeros(len(scene.bodies))
+    result[scene.moving] = np.sqrt(np.maximum(np.linalg.eigvalsh(spread)[:, -1], 0.0))
+    return result
 
 
-def _energies(scene, initial, belief, group, held, samples):
+def _energies(scene, start, belief, group):
     """Highest speed [m/s] of each body, and its group's relative gain of energy: each (B,)."""
-    begin, end, bodies = initial.mean, belief.mean, len(scene.bodies)
-    mass = np.array([0.0 if body.fixed else body.mass for body in scene.bodies])
-    work = mass * ((end - begin)[:, POSITION] @ scene.gravity)
-    before, noise = _kinetic(scene, initial, samples, -1)
-    after, _ = _kinetic(scene, belief, samples, 0)
-    if samples is not None and math.isfinite(samples):
-        before += _NOISE * noise / math.sqrt(samples)
+    way = belief.mean[:, POSITION] - start.mean[:, POSITION]
+    work = start.mass * (way @ scene.gravity)
+    after, _ = _kinetic(scene, start, belief, 0)
     source, rest = (
-        np.bincount(group, value, bodies)[group]
-        for value in (before + np.maximum(work, 0.0) + held, after + np.maximum(-work, 0.0)))
-    gain = np.where(source > 0.0, (rest - source) / np.where(source > 0.0, source, 1.0), 0.0)
-    drop = np.abs((end - begin)[:, POSITION]).max(axis=1)
-    speeds = [np.linalg.norm(state[:, VELOCITY], axis=1) for state in (begin, end)]
-    return np.sqrt(np.maximum(*speeds) ** 2 + 2.0 * np.linalg.norm(scene.gravity) * drop), gain
+        np.bincount(group, value, len(group))[group]
+        for value in (start.energy + np.maximum(work, 0.0), after + np.maximum(-work, 0.0)))
+    gain = (rest - source) / np.where(source > 0.0, source, math.inf)
+    squares = np.maximum(*((state[:, VELOCITY] ** 2).sum(axis=1) for state in (start.mean, belief.mean)))
+    return np.sqrt(squares + 2.0 * math.sqrt(scene.gravity @ scene.gravity) * np.abs(way).max(axis=1)), gain
 
 
-def _kinetic(scene, belief, samples, side):
+def _kinetic(scene, start, belief, side):
     """Kinetic energy of each body [J], and of several rollouts the standard deviation of a single one's: each (B,).
 
     The mean over several rollouts has the spread's energy. Its share of rotation depends on how velocities and poses go
-    together: the least (``side`` 0) or the largest (-1) moment of inertia stands for all.
+    together: the least (``side`` 0) or the largest (1) moment of inertia stands for all.
     """
     energy, noise = np.zeros(len(scene.bodies)), np.zeros(len(scene.bodies))
-    for k in scene.moving:
-        body, x, P = scene.bodies[k], belief.mean[k], belief.marginal(k)
-        v, w = x[VELOCITY], x[ANGULAR_VELOCITY]
-        if samples is None:
-            spin = w @ rotation_matrix(x[QUATERNION])
-            energy[k] = 0.5 * body.mass * (v @ v + spin @ body.model.inertia @ spin)
-            continue
-        principal = np.linalg.eigvalsh(body.model.inertia)[side]
-        for factor, mean, block in ((1.0, v, ERR_VELOCITY), (principal, w, ERR_ANGULAR_VELOCITY)):
-            spread = P[block, block]
-            energy[k] += 0.5 * body.mass * factor * (mean @ mean + spread.trace())
-            noise[k] += body.mass * factor * math.sqrt(max(mean @ spread @ mean + 0.5 * (spread * spread).sum(), 0.0))
+    some, P = scene.moving, belief.blocks
+    v, w = belief.mean[some, VELOCITY], belief.mean[some, ANGULAR_VELOCITY]
+    if start.samples is None:
+        for k in some:
+            x, inertia = belief.mean[k], scene.bodies[k].model.inertia
+            spin = x[ANGULAR_VELOCITY] @ rotation_matrix(x[QUATERNION])
+            energy[k] = 0.5 * start.mass[k] * (x[VELOCITY] @ x[VELOCITY] + spin @ inertia @ spin)
+        return energy, noise
+    for factor, mean, block in ((1.0, v, ERR_VELOCITY), (start.shapes[some, side], w, ERR_ANGULAR_VELOCITY)):
+        spread = P[:, block, block]
+        share = factor * start.mass[some]
+        energy[some] += 0.5 * share * ((mean**2).sum(axis=1) + np.einsum("mii->m", spread))
+        along = np.einsum("mi,mij,mj->m", mean, spread, mean)
+        noise[some] += share * np.sqrt(np.maximum(along + 0.5 * (spread**2).sum(axis=(1, 2)), 0.0))
     return energy, noise
 
 
