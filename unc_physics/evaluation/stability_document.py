@@ -55,7 +55,7 @@ class Found:
         spread = {name: [self.of(case, name, quantity) for quantity in (POSITION_STD, ROTATION_STD)] for name in (method, TRUE)}
         flags = self.of(case, method, FLAGS)
         return [
-            judge([s[k] for s in spread[method]], [s[k] for s in spread[TRUE]], extent, flags[k] != 0)
+            judge([s[k] for s in spread[method]], [s[k] for s in spread[TRUE]], extent, bool(int(flags[k]) & ~Status.INITIAL_OVERLAP))
             for k, extent in extents.items()
         ]
 
@@ -249,10 +249,16 @@ INTRODUCTION = f"""`{COMMAND}` predicts each scene of `unc_physics/evaluation/ha
 * The **truth** is Monte Carlo with 1000 samples (100 or 300 where rollouts take long) and steps a quarter as long. Beside it stand what two halves of it differ by
   (floor), and what twice as long steps change (step).
 * A prediction of a body is **bad** if its spread in position or in rotation (square root of the trace of the covariance) is off by more than a factor of 2; two spreads of next to nothing
-  are the same. A **flag** is any status but `FINE`; it is false where the prediction is good, and missing where it is bad.
+  are the same. A **flag** is `NOT_CONVERGED` or
+  `OUTSIDE_VALIDITY` (`INITIAL_OVERLAP` is a fact about the question); it is false where the prediction is good, and missing where it is bad.
 """
 SHOWN = """
 ## What it shows
 
-(to be written)
+* The explicit step gains more than 1 % energy in 39 of the 51 scenes, and more than doubles it in 29; in 10 something passes through.
+* The default step gains more than 1 % in one, `long_in_a_box`: 3 % in 60 s and some hundred bounces. Nothing becomes NaN, and what rests stays. Energy is also lost
+  where none should be: `long_bouncing_ball` loses 44 % in 60 s, `mass_ratio_squeezed` 4 %. In `fast_ball_too_soft` the given stiffness cannot stop the ball, and every prediction says so.
+* Monte Carlo is right everywhere. Sigma points are right with few bodies, and far too sure of themselves with 64; the status says that. What rests on one nominal trajectory is right in free flight, and in contact as often wrong as not.
+* Flags find about nine in ten of the bad predictions of the catalogue, fewer in the paper's collisions (of local sampling's half). They miss a near miss (`grazing`), where the mean touches nothing that a few samples would tell, and a tumbling body (`spin_free`).
+  More than the wanted 5 % of the good ones are flagged as well. Some of these are meant to be: an overlap at the start, or a ball that no wall stops, is named even where the spread happens to be right.
 """
