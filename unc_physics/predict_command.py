@@ -36,7 +36,7 @@ def add_predict_command(commands) -> None:
         "--probabilities", action="store_true", help="also report how probable contacts are, and that bodies are at rest at the end")
     parser.add_argument(
         "--status-rollouts", type=int, metavar="N",
-        help="rollouts with which the spread is checked where it rests on a single nominal one (default 8; 0: none)")
+        help="rollouts with which the spread is checked where it rests on a single nominal one (default 12; 0: it counts as unchecked after a contact)")
     parser.add_argument("--picture", metavar="OUT.png", help="also draw the prediction, from the side and from above")
     parser.add_argument("--models", metavar="DIR", help="folder of the models, instead of the model library")
     parser.add_argument("--json", action="store_true", help="print one JSON object instead of a table")

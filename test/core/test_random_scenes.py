@@ -83,7 +83,7 @@ def test_a_random_scene_ends_well(name, case):
 
 
 def test_grossly_wrong_covariances_are_flagged():
-    """After those above; eight rollouts may miss what happens in few of a hundred, so some are let pass."""
+    """After those above; twelve rollouts may miss what happens in few of a hundred, so some are let pass."""
     if not judged["wrong"]:
         pytest.skip("runs with the tests of random scenes")
     assert judged["missed"] <= 1 + 0.2 * judged["wrong"], judged

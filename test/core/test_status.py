@@ -97,10 +97,14 @@ def test_a_contact_that_the_nominal_rollout_misses_is_not_missed(name):
 
 
 @pytest.mark.parametrize("name", NOMINAL)
-def test_without_rollouts_nothing_is_said_of_the_spread(name):
+def test_without_rollouts_a_spread_after_contact_is_unchecked(name):
     scene, belief, _ = collision("pin", 100)
     prediction = predict(scene, belief, name, 2.0, times=[0.1, 1.0])
-    assert all("spread_disagreement" not in status.measures for status in assess(scene, belief, prediction, rollouts=0))
+    for status in assess(scene, belief, prediction, rollouts=0):
+        assert "spread_disagreement" not in status.measures and status.measures["unchecked"] == 1.0
+        assert status.flags == Status.OUTSIDE_VALIDITY
+    before = predict(scene, belief, name, 0.1)
+    assert all(status.flags == Status.FINE for status in assess(scene, belief, before, rollouts=0))
     along = assess_all(scene, belief, prediction)
     assert [status.flags for status in along[0]] == [Status.FINE, Status.FINE]  # before the bodies meet
     assert "energy_gain" not in along[0][0].measures and "energy_gain" in along[2][0].measures

@@ -76,7 +76,8 @@ class Settings:
 
     status_rollouts: int = parameter(
         0, "Rollouts with which the status compares the spread of propagators that have a single nominal one, as the "
-        "surrogate; 0: none. They take as long as a Monte Carlo prediction with as many samples.", low=0, high=1000)
+        "surrogate; 0: none, and a spread after a contact is flagged as unchecked. They take as long as a Monte Carlo prediction "
+        "with as many samples.", low=0, high=1000)
 
     max_horizon: float = parameter(60.0, "Longest horizon of a request [s].", low=0.0, high=1e6)
     max_steps: int = parameter(100_000, "Most time steps of a prediction.", low=1, high=100_000_000)
