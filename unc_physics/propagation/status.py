@@ -103,7 +103,7 @@ def assess(scene: Scene, initial: Belief, prediction: Prediction, rollouts: int 
     prediction : Prediction
     rollouts : int
         How many to compare with, for a propagator whose spread rests on a single nominal rollout (``mean_update`` is
-        ``nominal``); it costs as many rollouts, where there is something to touch. With 0, what touched is flagged
+        ``nominal``); it costs as many rollouts, where there is something to touch, or a gyroscopic term. With 0, what touched is flagged
         as unchecked.
 
     Returns
@@ -148,7 +148,7 @@ def assess_all(
 ) -> tuple[tuple[BodyStatus, ...], ...]:
     """As `assess`, at each of the prediction's times."""
     nominal = prediction.propagator.traits.mean_update == "nominal"
-    meets = len(scene.bodies) + len(scene.environment) > 1
+    meets = len(scene.bodies) + len(scene.environment) > 1 or scene.gyroscopic  # else flight is exact
     spreads = [None] * len(prediction.times)
     if nominal and meets and rollouts > 0:
         spreads = _spreads(scene, initial, prediction.times, rollouts)
