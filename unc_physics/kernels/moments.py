@@ -11,6 +11,7 @@ from .so3 import conjugate, exp, log, multiply, normalized
 _KARCHER_TOLERANCE = 1e-12  # rad
 _KARCHER_ITERATIONS = 50
 _POWER_ITERATIONS = 10
+_WIDE = math.cos(math.pi / 4.0)  # between quaternions of rotations that are a right angle apart
 
 
 @kernel
@@ -64,9 +65,16 @@ def spread_states(mean, moving, errors):
 def _karcher_mean(states, body):
     """Mean rotation of one body over all samples: the fixed point of averaging in the tangent space.
 
-    Of wide distributions there are several fixed points; the search begins at the chordal mean.
+    Of wide distributions there are several fixed points; there the search begins at the chordal mean. Otherwise it begins
+    at the first sample, so that equal samples have no spread at all.
     """
-    mean = _chordal_mean(states, body)
+    s = states[0, body]
+    mean = (s[Q], s[Q + 1], s[Q + 2], s[Q + 3])
+    for n in range(len(states)):
+        s = states[n, body]
+        if abs(s[Q] * mean[0] + s[Q + 1] * mean[1] + s[Q + 2] * mean[2] + s[Q + 3] * mean[3]) < _WIDE:
+            mean = _chordal_mean(states, body)
+            break
     for _ in range(_KARCHER_ITERATIONS):
         back = conjugate(mean)
         x = y = z = 0.0
