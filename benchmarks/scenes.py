@@ -15,12 +15,12 @@ from numba import types
 
 from unc_physics import Belief, RigidBody, Scene, load_model, make_propagator, predict
 from unc_physics.environment import Plane
+from unc_physics.evaluation.energy import kinetic_energy
 from unc_physics.evaluation.provenance import versions
 from unc_physics.evaluation.scenarios import collision
 from unc_physics.evaluation.timing import paired, ratio
 from unc_physics.kernels.rollout import advance, simulate
-from unc_physics.kernels.so3 import rotation_matrix
-from unc_physics.layout import ANGULAR_VELOCITY, POSITION, QUATERNION, VELOCITY
+from unc_physics.layout import POSITION, QUATERNION
 
 from .rows import Report, machine_and_load
 
@@ -106,17 +106,9 @@ def measure_robust(report, models, spheres, rounds):
 
 def _largest_gain(scene, states, steps):
     """The most of its kinetic energy that one of several rollouts gains."""
-    def energy(states):
-        total = np.zeros(len(states))
-        for k, body in enumerate(scene.bodies):
-            for n, x in enumerate(states[:, k]):
-                spin = x[ANGULAR_VELOCITY] @ rotation_matrix(x[QUATERNION])
-                total[n] += body.mass * (x[VELOCITY] @ x[VELOCITY] + spin @ body.model.inertia @ spin)
-        return total
-
     ended = states.copy()
     simulate(ended, scene.world, steps)
-    return float(np.max(energy(ended) / energy(states))) - 1.0
+    return float(np.max(kinetic_energy(scene, ended) / kinetic_energy(scene, states))) - 1.0
 
 
 def measure_contact(report, rounds, count=500):
