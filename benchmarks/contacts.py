@@ -9,9 +9,9 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from unc_physics.kernels.contact import next_contacts
-from unc_physics.kernels.rollout import simulate
-from unc_physics.kernels.step import open_pair, workspace
+from unc_physics.physics.contact import next_contacts
+from unc_physics.physics.rollout import simulate
+from unc_physics.physics.step import open_pair, workspace
 from unc_physics.layout import P
 
 PHASES = ("flight", "near miss", "contact")

@@ -21,7 +21,7 @@ from unc_physics.evaluation.engines import PEERS
 from unc_physics.evaluation.provenance import versions
 from unc_physics.evaluation.scenarios import MODELS, collision, many_collisions
 from unc_physics.evaluation.timing import paired, ratio
-from unc_physics.kernels.rollout import simulate
+from unc_physics.physics.rollout import simulate
 
 from .contacts import PHASES, course, phase_times
 from .rows import Report, machine_and_load

@@ -19,7 +19,7 @@ from unc_physics.evaluation.energy import kinetic_energy
 from unc_physics.evaluation.provenance import versions
 from unc_physics.evaluation.scenarios import collision
 from unc_physics.evaluation.timing import paired, ratio
-from unc_physics.kernels.rollout import advance, simulate
+from unc_physics.physics.rollout import advance, simulate
 from unc_physics.layout import POSITION, QUATERNION
 
 from .rows import Report, machine_and_load

@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from .errors import InvalidCovarianceError, InvalidRequestError
-from .kernels.moments import pivoted_cholesky, spread_states
+from .physics.moments import pivoted_cholesky, spread_states
 from .layout import ERROR, QUATERNION, STATE
 from .validation import array, covariance, numbers, quaternion
 

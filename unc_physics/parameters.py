@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from .kernels.rollout import advance
-from .kernels.threads import in_threads
-from .kernels.world import World
+from .physics.rollout import advance
+from .physics.threads import in_threads
+from .physics.world import World
 from .layout import ANGULAR_VELOCITY, POSITION, QUATERNION, VELOCITY
 from .scene import Scene, tree_of
 
@@ -66,7 +66,7 @@ def vary(scene: Scene, z: np.ndarray) -> World:
 
 
 def rollout_varied(states: np.ndarray, memory: np.ndarray, scene: Scene, z: np.ndarray, begin: int, steps: int) -> None:
-    """Advance a batch as `kernels.rollout.rollout`, state n in the world of parameters ``z[n]``."""
+    """Advance a batch as `physics.rollout.rollout`, state n in the world of parameters ``z[n]``."""
 
     def run(some):
         for n in range(some.start, some.stop):

@@ -21,9 +21,9 @@ from .errors import (
     NoObjectsError,
 )
 from .geometry.packing_file import SpherePacking
-from .kernels import tree as sphere_tree
-from .kernels.so3 import write_matrix
-from .kernels.world import BOX, PLANE, Bodies, Laws, World
+from .physics import tree as sphere_tree
+from .physics.so3 import write_matrix
+from .physics.world import BOX, PLANE, Bodies, Laws, World
 from .validation import array, non_negative, number, numbers, positive
 
 #: What of the scene's own parameters may be uncertain, and what that takes.
@@ -300,7 +300,7 @@ class Scene:
 
 
 def tree_of(model: SpherePacking):
-    """Sphere tree of a packing (`kernels.tree.build`), built at its first use and kept as long as the packing."""
+    """Sphere tree of a packing (`physics.tree.build`), built at its first use and kept as long as the packing."""
     if model not in _trees:
         _trees[model] = sphere_tree.build(np.array(model.centers), np.array(model.radii))
     return _trees[model]

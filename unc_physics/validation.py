@@ -86,7 +86,7 @@ def covariance(value, size, field):
     Symmetry and eigenvalues are judged relative to the largest variance of each block of three, since blocks
     have different units.
     """
-    from .kernels.moments import pivoted_cholesky
+    from .physics.moments import pivoted_cholesky
 
     P = array(value, (size, size), field, InvalidCovarianceError)
     diagonal = P.diagonal()

@@ -11,8 +11,8 @@ from scipy.spatial.transform import Rotation
 from unc_physics import Belief, RigidBody, Scene, make_propagator, predict
 from unc_physics.environment import Box, Plane
 from unc_physics.geometry.packing_file import SpherePacking
-from unc_physics.kernels.rollout import fresh_memory, rollout, simulate
-from unc_physics.kernels.surroundings import cap, surface
+from unc_physics.physics.rollout import fresh_memory, rollout, simulate
+from unc_physics.physics.surroundings import cap, surface
 from unc_physics.stiffness import auto_stiffness
 
 G = 9.81

@@ -5,7 +5,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from unc_physics import Belief, RigidBody, Scene, SpherePacking, make_propagator
-from unc_physics.kernels.random import RUN, normal_table, places
+from unc_physics.physics.random import RUN, normal_table, places
 from unc_physics.propagation import local_sampling
 
 SINGLE_PRECISION = 1e-5  # of second moments, relative to the largest

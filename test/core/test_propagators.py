@@ -403,7 +403,7 @@ def test_sigma_points_approach_the_derivative_of_the_rollout(loaded):
     steps, h = 75, 1e-6
 
     def flow(x):
-        from unc_physics.kernels.rollout import simulate
+        from unc_physics.physics.rollout import simulate
 
         x = np.array(x)
         simulate(x, scene.world, steps)

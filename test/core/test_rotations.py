@@ -8,7 +8,7 @@ from hypothesis.extra.numpy import arrays
 from scipy.spatial.transform import Rotation
 from twins import states as twin
 
-from unc_physics.kernels import moments, so3
+from unc_physics.physics import moments, so3
 
 ROUND_OFF = 1e-14
 SUBNORMAL = 1e-300  # below it numbers lose digits

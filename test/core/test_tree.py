@@ -7,8 +7,8 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from unc_physics import RigidBody, Scene, SpherePacking, load_model
-from unc_physics.kernels import step, tree
-from unc_physics.kernels.pairs import SINGLE_PRECISION
+from unc_physics.physics import step, tree
+from unc_physics.physics.pairs import SINGLE_PRECISION
 from unc_physics.scene import tree_of
 
 seeds = st.integers(0, 2**32 - 1)

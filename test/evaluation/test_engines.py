@@ -6,7 +6,7 @@ from scipy.spatial.transform import Rotation
 
 from unc_physics.evaluation.engines import GEOMETRIES, PEERS, PrincipalBody
 from unc_physics.evaluation.scenarios import collision
-from unc_physics.kernels.rollout import simulate
+from unc_physics.physics.rollout import simulate
 from unc_physics.layout import ANGULAR_VELOCITY, POSITION, QUATERNION, VELOCITY
 
 FREE = 20  # steps: no contact yet

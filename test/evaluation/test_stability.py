@@ -23,7 +23,7 @@ from unc_physics.evaluation.passing import passed_through
 from unc_physics.evaluation.results import Results
 from unc_physics.evaluation.stability_document import COMMAND
 from unc_physics.geometry.packing_file import load_packing
-from unc_physics.kernels.rollout import simulate
+from unc_physics.physics.rollout import simulate
 
 BALL = ball().scaled(0.1)
 

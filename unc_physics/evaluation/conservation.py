@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ..belief import Belief
-from ..kernels.rollout import fresh_memory, rollout
+from ..physics.rollout import fresh_memory, rollout
 from ..layout import ANGULAR_VELOCITY, ERR_ANGULAR_VELOCITY, ERR_VELOCITY, POSITION, QUATERNION, VELOCITY
 from ..scene import Scene
 from .energy import contact_energy, height_energy, kinetic_energy, matrices, momentum

@@ -19,8 +19,8 @@ import numpy as np
 from ..belief import Belief
 from ..environment import element_names
 from ..errors import DuplicateIdError, InvalidEnvironmentError, InvalidRequestError
-from ..kernels.laws import FIRST
-from ..kernels.so3 import rotation_matrix
+from ..physics.laws import FIRST
+from ..physics.so3 import rotation_matrix
 from ..layout import ANGULAR_VELOCITY, POSITION, VELOCITY
 from ..scene import Scene
 from ..validation import array, positive, quaternion

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..belief import Belief
 from ..errors import InvalidOptionError, LimitExceededError
-from ..kernels.rollout import rollout
+from ..physics.rollout import rollout
 from ..parameters import rollout_varied
 from ..scene import Scene
 from ..validation import integer

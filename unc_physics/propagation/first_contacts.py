@@ -10,11 +10,11 @@ from typing import NamedTuple
 import numpy as np
 
 from ..belief import Belief
-from ..kernels.compiled import inner, kernel
-from ..kernels.laws import FIRST
-from ..kernels.rollout import fresh_memory
-from ..kernels.step import march, workspace
-from ..kernels.world import Bodies, World
+from ..physics.compiled import inner, kernel
+from ..physics.laws import FIRST
+from ..physics.rollout import fresh_memory
+from ..physics.step import march, workspace
+from ..physics.world import Bodies, World
 from ..scene import Scene
 
 

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..kernels.so3 import rotation_matrix
+from ..physics.so3 import rotation_matrix
 from ..layout import (
     ANGULAR_VELOCITY,
     ERR_ANGULAR_VELOCITY,

@@ -22,10 +22,10 @@ import numpy as np
 
 from ..belief import Belief
 from ..errors import NotSupportedError
-from ..kernels.compiled import kernel
-from ..kernels.laws import FIRST
-from ..kernels.moments import boxminus, spread_states
-from ..kernels.world import PLANE, Bodies
+from ..physics.compiled import kernel
+from ..physics.laws import FIRST
+from ..physics.moments import boxminus, spread_states
+from ..physics.world import PLANE, Bodies
 from ..layout import ANGULAR_VELOCITY, ERROR, POSITION, VELOCITY
 from ..scene import Scene
 from .base import Propagator

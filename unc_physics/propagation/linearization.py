@@ -10,14 +10,14 @@ import numpy as np
 
 from ..belief import Belief
 from ..errors import InvalidOptionError, NotSupportedError
-from ..kernels.compiled import inner, kernel
-from ..kernels.contact import NORMAL, POINT, VOLUME, next_contacts
-from ..kernels.laws import hold_columns
-from ..kernels.moments import boxminus, boxplus
-from ..kernels.pieces import Piece, next_piece
-from ..kernels.rollout import fresh_memory
-from ..kernels.so3 import cross, rotate, rotate_back
-from ..kernels.step import (
+from ..physics.compiled import inner, kernel
+from ..physics.contact import NORMAL, POINT, VOLUME, next_contacts
+from ..physics.laws import hold_columns
+from ..physics.moments import boxminus, boxplus
+from ..physics.pieces import Piece, next_piece
+from ..physics.rollout import fresh_memory
+from ..physics.so3 import cross, rotate, rotate_back
+from ..physics.step import (
     drift,
     glide,
     kick,
@@ -30,8 +30,8 @@ from ..kernels.step import (
     press_by_laws,
     workspace,
 )
-from ..kernels.surroundings import next_element_contacts, open_element
-from ..kernels.transition import apply_transition, turn_columns, write_exact_rotation
+from ..physics.surroundings import next_element_contacts, open_element
+from ..physics.transition import apply_transition, turn_columns, write_exact_rotation
 from ..layout import EP, ER, ERROR, EV, EW, STATE, P
 from .base import Propagator, Traits
 
@@ -49,7 +49,7 @@ class LinearizationCarry(NamedTuple):
     root : (12 M, r) array
         ``root @ root.T`` is the joint covariance; r is the rank of the initial one, which no step raises.
     memory : (1, B, B + E, 2) array
-        What the rollout remembers of its contacts (`kernels.laws.FIRST`).
+        What the rollout remembers of its contacts (`physics.laws.FIRST`).
     step : int
         Counts the steps done.
     """

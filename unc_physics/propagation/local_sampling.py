@@ -10,14 +10,14 @@ import numpy as np
 
 from ..belief import Belief
 from ..errors import InvalidOptionError
-from ..kernels.compiled import inner, kernel
-from ..kernels.contact import DISTANCE, NORMAL, VOLUME, next_contacts
-from ..kernels.laws import hold_columns
-from ..kernels.pieces import next_piece
-from ..kernels.random import RUN, combine, normal_table, places
-from ..kernels.rollout import fresh_memory
-from ..kernels.so3 import cross, exp, rotate, rotate_back
-from ..kernels.step import (
+from ..physics.compiled import inner, kernel
+from ..physics.contact import DISTANCE, NORMAL, VOLUME, next_contacts
+from ..physics.laws import hold_columns
+from ..physics.pieces import next_piece
+from ..physics.random import RUN, combine, normal_table, places
+from ..physics.rollout import fresh_memory
+from ..physics.so3 import cross, exp, rotate, rotate_back
+from ..physics.step import (
     drift,
     glide,
     kick,
@@ -29,8 +29,8 @@ from ..kernels.step import (
     press_by_laws,
     workspace,
 )
-from ..kernels.surroundings import next_element_contacts, open_element, surface
-from ..kernels.transition import apply_transition, turn_columns, write_printed_rotation
+from ..physics.surroundings import next_element_contacts, open_element, surface
+from ..physics.transition import apply_transition, turn_columns, write_printed_rotation
 from ..layout import EP, ER, ERROR, EV, EW
 from ..validation import integer
 from .base import Propagator, Traits
@@ -62,7 +62,7 @@ class LocalSamplingCarry(NamedTuple):
     """Persistent state: the nominal ``mean`` (B, 13) and each moving body's ``covariance`` (M, 12, 12).
 
     ``step`` counts the steps done, from which the draws are keyed; ``memory`` is what the rollout remembers of its
-    contacts (`kernels.laws.FIRST`).
+    contacts (`physics.laws.FIRST`).
     """
 
     mean: np.ndarray
@@ -125,7 +125,7 @@ class Cloud(NamedTuple):
     position : (3, 3) float64
         Factor that turns normal numbers into displacements of body j relative to body i [m].
     table : float32 array
-        Normal numbers (`kernels.random.normal_table`).
+        Normal numbers (`physics.random.normal_table`).
     samples : int
         Perturbed copies of each contact.
     seed : int

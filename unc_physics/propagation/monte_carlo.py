@@ -9,8 +9,8 @@ import numpy as np
 
 from ..belief import Belief
 from ..errors import InvalidOptionError
-from ..kernels.moments import mean_and_errors, second_moment
-from ..kernels.rollout import fresh_memory
+from ..physics.moments import mean_and_errors, second_moment
+from ..physics.rollout import fresh_memory
 from ..parameters import center_offsets, draw_parameters, moved_along
 from ..validation import integer
 from .base import Propagator, Traits, rolled
@@ -19,7 +19,7 @@ from .base import Propagator, Traits, rolled
 class MonteCarloCarry(NamedTuple):
     """Persistent state: ``states`` (N, B, 13), of the bodies' centres of mass, wherever those are uncertain.
 
-    ``parameters`` (N, K) are the samples' K uncertain parameters, in standard deviations from their values; ``step`` counts the steps done; ``memory`` is what the rollouts remember of their contacts (`kernels.laws.FIRST`).
+    ``parameters`` (N, K) are the samples' K uncertain parameters, in standard deviations from their values; ``step`` counts the steps done; ``memory`` is what the rollouts remember of their contacts (`physics.laws.FIRST`).
     """
 
     states: np.ndarray

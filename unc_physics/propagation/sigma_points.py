@@ -9,8 +9,8 @@ import numpy as np
 
 from ..belief import Belief
 from ..errors import InvalidOptionError
-from ..kernels.moments import mean_and_errors, second_moment, spread_states
-from ..kernels.rollout import fresh_memory
+from ..physics.moments import mean_and_errors, second_moment, spread_states
+from ..physics.rollout import fresh_memory
 from ..parameters import center_offsets, moved_along
 from .base import Propagator, Traits, rolled, symmetric_root
 
@@ -18,7 +18,7 @@ from .base import Propagator, Traits, rolled, symmetric_root
 class SigmaPointCarry(NamedTuple):
     """Persistent state: ``states`` (2 n + 1, B, 13), of the bodies' centres of mass; point 0 began at the mean.
 
-    ``parameters`` (2 n + 1, K) are the points' K uncertain parameters, in standard deviations; ``step`` counts the steps done; ``memory`` is what the rollouts remember of their contacts (`kernels.laws.FIRST`).
+    ``parameters`` (2 n + 1, K) are the points' K uncertain parameters, in standard deviations; ``step`` counts the steps done; ``memory`` is what the rollouts remember of their contacts (`physics.laws.FIRST`).
     """
 
     states: np.ndarray

@@ -11,14 +11,14 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from ..belief import Belief
-from ..kernels.compiled import kernel
-from ..kernels.contact import DISTANCE, VOLUME, next_contacts
-from ..kernels.laws import FIRST
-from ..kernels.pairs import near_pairs
-from ..kernels.pieces import impact_rate
-from ..kernels.so3 import rotation_matrix
-from ..kernels.step import open_pair, workspace
-from ..kernels.surroundings import next_element_contacts, open_element
+from ..physics.compiled import kernel
+from ..physics.contact import DISTANCE, VOLUME, next_contacts
+from ..physics.laws import FIRST
+from ..physics.pairs import near_pairs
+from ..physics.pieces import impact_rate
+from ..physics.so3 import rotation_matrix
+from ..physics.step import open_pair, workspace
+from ..physics.surroundings import next_element_contacts, open_element
 from ..layout import (
     ANGULAR_VELOCITY,
     ERR_ANGULAR_VELOCITY,

@@ -10,13 +10,13 @@ import numpy as np
 
 from ..belief import Belief
 from ..errors import InvalidOptionError
-from ..kernels.compiled import inner, kernel
-from ..kernels.contact import DISTANCE, NORMAL, VOLUME, next_contacts
-from ..kernels.laws import hold_columns
-from ..kernels.pieces import next_piece
-from ..kernels.rollout import fresh_memory
-from ..kernels.so3 import cross, rotate, rotate_back
-from ..kernels.step import (
+from ..physics.compiled import inner, kernel
+from ..physics.contact import DISTANCE, NORMAL, VOLUME, next_contacts
+from ..physics.laws import hold_columns
+from ..physics.pieces import next_piece
+from ..physics.rollout import fresh_memory
+from ..physics.so3 import cross, rotate, rotate_back
+from ..physics.step import (
     drift,
     glide,
     kick,
@@ -28,7 +28,7 @@ from ..kernels.step import (
     press_elements,
     workspace,
 )
-from ..kernels.transition import apply_transition, turn_columns, write_printed_rotation
+from ..physics.transition import apply_transition, turn_columns, write_printed_rotation
 from ..layout import EP, ER, ERROR, EV, EW
 from ..validation import positive
 from .base import Propagator, Traits, symmetric_root
@@ -37,7 +37,7 @@ from .base import Propagator, Traits, symmetric_root
 class SurrogateCarry(NamedTuple):
     """Persistent state: the nominal ``mean`` (B, 13) and each moving body's root ``roots`` (M, 12, 12) of its covariance.
 
-    ``step`` counts the steps done; ``memory`` is what the rollout remembers of its contacts (`kernels.laws.FIRST`).
+    ``step`` counts the steps done; ``memory`` is what the rollout remembers of its contacts (`physics.laws.FIRST`).
     """
 
     mean: np.ndarray

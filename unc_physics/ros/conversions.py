@@ -37,7 +37,7 @@ from ..errors import (
     NotFiniteError,
     UncPhysicsError,
 )
-from ..kernels.so3 import rotation_matrix
+from ..physics.so3 import rotation_matrix
 from ..layout import (
     ANGULAR_VELOCITY,
     ERROR,

@@ -6,7 +6,7 @@ from importlib.util import find_spec
 
 import numpy as np
 
-from ...kernels.rollout import simulate
+from ...physics.rollout import simulate
 from ...propagation import make_propagator
 from ..comparison import (
     CPU_TIME,

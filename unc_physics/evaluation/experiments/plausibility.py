@@ -8,7 +8,7 @@ from importlib.util import find_spec
 import numpy as np
 
 from ...environment import Box
-from ...kernels.rollout import simulate
+from ...physics.rollout import simulate
 from ...layout import QUATERNION
 from ..comparison import CPU_TIME, FLOOR, MONTE_CARLO, POSITION_ERROR, ROTATION_ERROR
 from ..engines import PEERS
