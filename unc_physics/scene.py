@@ -265,6 +265,8 @@ class Scene:
             inverse_inertia=inertia / mass[:, None, None],
             radius=np.array([reach[body.model] for body in self.bodies]),
             root=np.array([nodes[own.index(owner)] for owner in owners]),
+            mass=np.array([body.mass for body in self.bodies]),
+            inertia=np.array([body.mass * body.model.inertia for body in self.bodies]),
         )
         stack_size = sphere_tree.WIDTH**2 * deepest + 1
         # a writable copy: read-only arrays would compile every kernel once more

@@ -21,6 +21,10 @@ class Bodies(NamedTuple):
         Of a ball about the centre of mass that holds all spheres [m].
     root : (B,) int64
         Root node of the body's sphere tree.
+    mass : (B,) float64
+        [kg]
+    inertia : (B, 3, 3) float64
+        Body frame [kg m^2].
     """
 
     moving: np.ndarray
@@ -28,6 +32,8 @@ class Bodies(NamedTuple):
     inverse_inertia: np.ndarray
     radius: np.ndarray
     root: np.ndarray
+    mass: np.ndarray
+    inertia: np.ndarray
 
 
 #: Kinds of elements of the environment.

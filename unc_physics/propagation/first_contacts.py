@@ -52,7 +52,7 @@ def _fly(states, memory, stopped, world, laws, steps):
     for n in range(len(states)):
         b = world.bodies
         moving = b.moving.copy()
-        bodies = Bodies(moving, b.inverse_mass, b.inverse_inertia, b.radius, b.root)
+        bodies = Bodies(moving, b.inverse_mass, b.inverse_inertia, b.radius, b.root, b.mass, b.inertia)
         own = World(bodies, world.tree, world.gravity, world.dt, world.decay, world.stiffness, world.stack_size, laws)
         work = workspace(states[n], own, laws)
         for step in range(steps):
