@@ -6,8 +6,8 @@ import numpy as np
 
 from .compiled import kernel
 
-_DIRECTIONS, _ROUNDS = 1024, 40
-_TOLERANCE = 1e-4  # of the packing's radius: spheres as far inside the hull are kept too
+_DIRECTIONS, _ROUNDS = 4096, 100
+_TOLERANCE = 1e-6
 
 
 @kernel
@@ -78,5 +78,5 @@ def hull_spheres(centers, radii):
             x, y, z = x + step * gx / length, y + step * gy / length, z + step * gz / length
             length = math.sqrt(x * x + y * y + z * z)
             x, y, z = x / length, y / length, z / length
-            step *= 0.85
+            step *= 0.95
     return np.flatnonzero(kept)

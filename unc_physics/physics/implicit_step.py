@@ -254,7 +254,7 @@ def travel_in_contact(x, count, h, time, first_time, residual, world, laws, thre
     if m > 0:
         impulses = work.impulses[LASTING]
         worst = solve_lasting(
-            work.rows, work.ids, work.counts, impulses, velocity, math.pi * world.stiffness, h, world.dt, threshold)
+            work.rows, work.ids, work.counts, work.impulses, velocity, math.pi * world.stiffness, h, world.dt, threshold)
         for c in range(m):
             i, j = work.ids[c, 0], work.ids[c, 1]
             if impulses[c, 0] > 0.0:

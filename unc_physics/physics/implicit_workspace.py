@@ -12,8 +12,8 @@ from .tree import Scratch
 
 #: Velocities of the bodies, each (B, 6): at the interval's start, at its end without contacts, and as solved.
 START, FREE, NOW = 0, 1, 2
-#: Impulses of a lasting contact, of an impact, and of one without rebound.
-LASTING, ELASTIC, PLASTIC = 0, 1, 2
+#: Impulses of lasting contacts, of an impact, of one without rebound; those before a sweep, and a direction of search.
+LASTING, ELASTIC, PLASTIC, PREVIOUS, SEARCH = 0, 1, 2, 3, 4
 #: Columns of a body's numbers: what its points travel in a second [m/s], the sum of that over time [m], how far
 #: the environment is [m], and its pose after the interval without contacts.
 PACE, TRAVEL, CLEARANCE, FREE_POSITION, FREE_QUATERNION = 0, 1, 2, 3, 6
@@ -63,8 +63,8 @@ class ImplicitWorkspace(NamedTuple):
     rows : (C, ROW) float64
     ids : (C, 4) int64
         Of the contacts at hand, as in `SolverMemory`.
-    impulses : (3, C, 3) float64
-        Normal and tangential ones by `LASTING`, `ELASTIC` and `PLASTIC` [N s].
+    impulses : (5, C, 3) float64
+        Normal and tangential ones by `LASTING` to `SEARCH` [N s].
     part : (B,) int64
         Labels of bodies that touch in an impact; positive for those that take part.
     candidates : (D, 8) float64
@@ -145,7 +145,7 @@ def implicit_workspace(x, world, laws, contacts, candidates, pool):
         np.zeros((count, count), np.bool_),
         np.empty((contacts, ROW)),
         np.empty((contacts, 4), np.int64),
-        np.empty((3, contacts, 3)),
+        np.empty((5, contacts, 3)),
         np.empty(count, np.int64),
         np.empty((candidates, 8)),
         np.empty((candidates, 3), np.int64),
