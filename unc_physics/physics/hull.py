@@ -6,13 +6,13 @@ import numpy as np
 
 from .compiled import kernel
 
-_DIRECTIONS, _ROUNDS = 4096, 100
-_TOLERANCE = 1e-6
+_DIRECTIONS, _ROUNDS = 4096, 700
+_TOLERANCE = 1e-8  # of the packing's radius: what sticks out less is inside, such as spheres that a flat face just touches
 
 
 @kernel
 def hull_spheres(centers, radii):
-    """Indices of the spheres that some plane touches before all others, and of a few that lie just inside.
+    """Indices of the spheres that some plane touches before all others.
 
     Parameters
     ----------
@@ -58,14 +58,14 @@ def hull_spheres(centers, radii):
         if kept[s]:
             continue
         x, y, z = best[s, 0], best[s, 1], best[s, 2]
-        step = 0.1
+        step = 0.05
         for _ in range(_ROUNDS):
             highest, support = -np.inf, 0
             for k in supports:
                 up = x * centers[k, 0] + y * centers[k, 1] + z * centers[k, 2] + radii[k]
                 if up > highest:
                     highest, support = up, k
-            if x * centers[s, 0] + y * centers[s, 1] + z * centers[s, 2] + radii[s] - highest > -_TOLERANCE * size:
+            if x * centers[s, 0] + y * centers[s, 1] + z * centers[s, 2] + radii[s] - highest > _TOLERANCE * size:
                 kept[s] = True
                 break
             # towards the sphere and away from the support that hides it
@@ -78,5 +78,5 @@ def hull_spheres(centers, radii):
             x, y, z = x + step * gx / length, y + step * gy / length, z + step * gz / length
             length = math.sqrt(x * x + y * y + z * z)
             x, y, z = x / length, y / length, z / length
-            step *= 0.95
+            step *= 0.99
     return np.flatnonzero(kept)
