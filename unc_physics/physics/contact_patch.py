@@ -47,19 +47,19 @@ _TILT = 0.02  # of a patch, in search of its supports [rad]
 _LOADED_BONUS = 1e-4  # how much deeper a contact counts that carried load [m]
 _SAME_PATCH = 0.9  # cosine of the angle between normals
 _HALF = math.sqrt(0.5)
+_FREE, _IN_PATCH, _CHOSEN = 0, 1, 2  # what a candidate is
 
 
-@inner
-def add_element_contacts(x, i, e, horizon, world, laws, work):
-    """Add the contacts of body i with element e to those at hand; they may touch within ``horizon`` seconds."""
+@inner(forceinline=True)
+def element_candidates(x, i, e, horizon, world, laws, work):
+    """Find the spheres of body i that may touch element e within ``horizon`` seconds; returns how many there are."""
     kind, size, R_e, R = laws.kind, laws.size, laws.R[e], work.R[i]
     candidates, ids = work.candidates, work.candidate_ids
     t = in_element(laws.position, laws.R, e, x[i, P], x[i, P + 1], x[i, P + 2])
     half = 0.5 * horizon
     vx, vy, vz = x[i, V] + half * world.gravity[0], x[i, V + 1] + half * world.gravity[1], x[i, V + 2] + half * world.gravity[2]
-    reach = world.bodies.radius[i] + ACTIVE_GAP + horizon * work.numbers[i, PACE]
     limit = IMPACT_GAP if horizon == 0.0 else ACTIVE_GAP
-    side = flat_face(kind, size, e, t[0], t[1], t[2], reach)
+    side = flat_face(kind, size, e, t, R_e, R, laws.extent[i])
     count = 0
     if side >= 0:
         # one plane: distances are linear in the spheres' centres, so that its hull is asked in one loop
@@ -81,7 +81,7 @@ def add_element_contacts(x, i, e, horizon, world, laws, work):
             if min(gap, predicted) < limit:
                 if count >= len(candidates):
                     work.counts[OVERFLOW] = TOO_MANY_CANDIDATES
-                    return
+                    return 0
                 _write_candidate(candidates[count], (bx, by, bz), (ux - r * bx, uy - r * by, uz - r * bz), gap, predicted)
                 ids[count, 0], ids[count, 1], ids[count, 2] = laws.hull_sphere[k], 0, 0
                 count += 1
@@ -107,17 +107,16 @@ def add_element_contacts(x, i, e, horizon, world, laws, work):
             if min(gap, predicted) < limit:
                 if count >= len(candidates):
                     work.counts[OVERFLOW] = TOO_MANY_CANDIDATES
-                    return
+                    return 0
                 _write_candidate(candidates[count], (bx, by, bz), (cx - r * bx, cy - r * by, cz - r * bz), gap, predicted)
                 ids[count, 0], ids[count, 1], ids[count, 2] = s, 0, 0
                 count += 1
-    if count > 0:
-        _reduce(x, i, -1 - e, count, world, laws, work)
+    return count
 
 
-@inner
-def add_pair_contacts(x, i, j, horizon, world, laws, work):
-    """Add the contacts of bodies i and j to those at hand; they may touch within ``horizon`` seconds."""
+@inner(forceinline=True)
+def pair_candidates(x, i, j, horizon, world, work):
+    """Find the pairs of spheres of bodies i and j that may touch within ``horizon`` seconds; returns how many there are."""
     candidates, ids, R_ij, R = work.candidates, work.candidate_ids, work.R_ij, work.R[i]
     centers, radii, pool = world.tree.centers, world.tree.radii, work.pool
     limit = IMPACT_GAP if horizon == 0.0 else ACTIVE_GAP
@@ -152,12 +151,11 @@ def add_pair_contacts(x, i, j, horizon, world, laws, work):
         if min(gap, predicted) < limit:
             if count >= len(candidates):
                 work.counts[OVERFLOW] = TOO_MANY_CANDIDATES
-                return
+                return 0
             _write_candidate(candidates[count], (nx, ny, nz), (cx - r * nx, cy - r * ny, cz - r * nz), gap, predicted)
             ids[count, 0], ids[count, 1], ids[count, 2] = a, b, 0
             count += 1
-    if count > 0:
-        _reduce(x, i, j, count, world, laws, work)
+    return count
 
 
 @inner(forceinline=True)
@@ -167,9 +165,9 @@ def _write_candidate(out, normal, point, gap, score):
     out[CANDIDATE_GAP], out[CANDIDATE_SCORE] = gap, score
 
 
-@inner
-def _reduce(x, i, j, count, world, laws, work):
-    """Choose the contacts among the first ``count`` candidates of body i with body j, or element ``-1 - j``."""
+@inner(forceinline=True)
+def add_contacts(x, i, j, count, world, laws, work):
+    """Choose contacts among the first ``count`` candidates of body i with body j, or element ``-1 - j``."""
     candidates, ids, best, score = work.candidates, work.candidate_ids, work.best, work.best_score
     if count > 1:
         _favour_loaded(i, j, count, work.head, work.link, work.old_contact, candidates, ids)
@@ -177,43 +175,36 @@ def _reduce(x, i, j, count, world, laws, work):
     while left > 0:
         seed = -1
         for k in range(count):
-            if ids[k, 2] == 0 and (seed < 0 or _deeper(candidates, ids, k, candidates[k, CANDIDATE_SCORE], seed, candidates[seed, CANDIDATE_SCORE])):
+            if ids[k, 2] == _FREE and (
+                seed < 0 or _deeper(ids, k, candidates[k, CANDIDATE_SCORE], seed, candidates[seed, CANDIDATE_SCORE])
+            ):
                 seed = k
-        n = (candidates[seed, 0], candidates[seed, 1], candidates[seed, 2])
-        first, second = tangents(n)
+        nx, ny, nz = candidates[seed, 0], candidates[seed, 1], candidates[seed, 2]
+        first, second = tangents((nx, ny, nz))
+        best[8] = seed
         for d in range(8):
             best[d] = -1
-        ids[seed, 2] = 1
-        left -= 1
-        write_contact(x, i, j, seed, world, laws, work)
         for k in range(count):
             c = candidates[k]
-            if ids[k, 2] != 0 or c[0] * n[0] + c[1] * n[1] + c[2] * n[2] < _SAME_PATCH:
+            if ids[k, 2] != _FREE or c[0] * nx + c[1] * ny + c[2] * nz < _SAME_PATCH:
                 continue
-            ids[k, 2] = 1
+            ids[k, 2] = _IN_PATCH
             left -= 1
             u = _TILT * (first[0] * c[3] + first[1] * c[4] + first[2] * c[5])
             w = _TILT * (second[0] * c[3] + second[1] * c[4] + second[2] * c[5])
             plus, minus, base = _HALF * (u + w), _HALF * (u - w), c[CANDIDATE_SCORE]
             for d, tilt in ((0, u), (1, -u), (2, w), (3, -w), (4, plus), (5, -plus), (6, minus), (7, -minus)):
-                if best[d] < 0 or _deeper(candidates, ids, k, base + tilt, best[d], score[d]):
+                if best[d] < 0 or _deeper(ids, k, base + tilt, best[d], score[d]):
                     best[d], score[d] = k, base + tilt
-        # the seed itself may be the support in a direction
-        c = candidates[seed]
-        u = _TILT * (first[0] * c[3] + first[1] * c[4] + first[2] * c[5])
-        w = _TILT * (second[0] * c[3] + second[1] * c[4] + second[2] * c[5])
-        plus, minus, base = _HALF * (u + w), _HALF * (u - w), c[CANDIDATE_SCORE]
-        for d, tilt in ((0, u), (1, -u), (2, w), (3, -w), (4, plus), (5, -plus), (6, minus), (7, -minus)):
-            if best[d] < 0 or base + tilt < score[d]:
-                continue
+        for d in range(8, -1, -1):
             k = best[d]
-            if ids[k, 2] == 1:
-                ids[k, 2] = 2
+            if ids[k, 2] == _IN_PATCH:
+                ids[k, 2] = _CHOSEN
                 write_contact(x, i, j, k, world, laws, work)
 
 
 @inner(forceinline=True)
-def _deeper(candidates, ids, k, score, other, other_score):
+def _deeper(ids, k, score, other, other_score):
     """Whether candidate ``k`` comes before ``other``; ties go by the spheres' numbers, whatever the lists' order."""
     if score != other_score:
         return score < other_score
@@ -242,7 +233,7 @@ def tangents(n):
     return (1.0 + s * n[0] * n[0] * a, s * b, -s * n[0]), (b, s + n[1] * n[1] * a, -n[1])
 
 
-@inner(error_model="numpy")
+@inner(error_model="numpy", forceinline=True)
 def write_contact(x, i, j, k, world, laws, work):
     """Make candidate ``k`` of body i with body j, or element ``-1 - j``, a contact."""
     m = work.counts[CONTACTS]

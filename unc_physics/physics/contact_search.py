@@ -21,6 +21,7 @@ from .implicit_workspace import (
 from .so3 import rotate, rotate_back
 from .surroundings import in_element, surface
 from .tree import EMPTY, WIDTH, candidates
+from .world import BOX, PLANE
 
 #: Gap up to which contacts take part in a step [m].
 ACTIVE_GAP = 5e-4
@@ -29,7 +30,6 @@ NEAR = 1e-3
 _LIST_MARGIN, _LIST_STEPS = 1e-3, 2.0  # how long lists of an element last: a distance [m], and steps at the present pace
 _PAIR_MARGIN = 5e-4  # the same of two bodies [m]
 _SINGLE_PRECISION = 4e-6  # of the sum of two bodies' radii: what single precision loses in a change of frame
-_FLAT = 1e-3  # how far from a box's edges a body must stay for a face to count as a plane [m]
 
 
 @inner
@@ -40,7 +40,7 @@ def update_pace(x, i, radius, gravity, dt, numbers):
     numbers[i, PACE] = v + radius * w + dt * math.sqrt(gravity[0] ** 2 + gravity[1] ** 2 + gravity[2] ** 2)
 
 
-@inner
+@inner(forceinline=True)
 def find_groups(x, bodies, dt, work):
     """Mark the pairs of bodies that are near, and join moving ones to groups; returns whether any pair is near."""
     numbers, order, near, group = work.numbers, work.order, work.near, work.group
@@ -111,30 +111,34 @@ def clearance(x, i, world, laws, work):
     return least
 
 
-@inner(error_model="numpy")
-def flat_face(kind, size, e, px, py, pz, reach):
-    """Which flat side of element e a ball faces alone: 0 to 5 of a box's +x, -x, +y ... sides, 6 of a plane's, -1 none.
+@inner(forceinline=True)
+def flat_face(kind, size, e, t, R_e, R, extent):
+    """Which flat side of element e a body faces alone: 0 to 5 of a box's +x, -x, +y ... sides, 6 of a plane's, -1 none.
 
-    ``(px, py, pz)`` is the ball's centre in the element's frame, ``reach`` its radius [m].
+    ``t`` is the body's centre of mass in the element's frame, ``extent`` (6,) the middle and half the sides of the box
+    around its spheres' centres (body frame): over that side, all of them are nearest to it.
     """
-    distance, (nx, ny, nz) = surface(kind, size, e, px, py, pz)
-    if kind[e] == 0:
+    if kind[e] == PLANE:
         return 6
-    if kind[e] != 1:
+    if kind[e] != BOX:
         return -1
-    hx, hy, hz = size[e, 0], size[e, 1], size[e, 2]
-    near = reach + _FLAT
-    inside_x, inside_y, inside_z = abs(px) + near < hx, abs(py) + near < hy, abs(pz) + near < hz
-    if abs(px) > hx and inside_y and inside_z:
-        return 0 if px > 0.0 else 1
-    if abs(py) > hy and inside_x and inside_z:
-        return 2 if py > 0.0 else 3
-    if abs(pz) > hz and inside_x and inside_y:
-        return 4 if pz > 0.0 else 5
-    return -1
+    side = -1
+    for a in range(3):
+        place, reach = t[a], 0.0
+        for b in range(3):
+            r = R_e[0, a] * R[0, b] + R_e[1, a] * R[1, b] + R_e[2, a] * R[2, b]
+            place += r * extent[b]
+            reach += abs(r) * extent[3 + b]
+        if abs(place) - reach > size[e, a]:
+            if side >= 0:
+                return -1
+            side = 2 * a + (0 if place > 0.0 else 1)
+        elif abs(place) + reach > size[e, a]:
+            return -1
+    return side
 
 
-@inner
+@inner(forceinline=True)
 def element_list(x, i, e, need, world, laws, work):
     """Bring the list of body i's spheres near element e up to date; ``need`` [m] is how near they must be."""
     column = len(x) + e
@@ -180,7 +184,7 @@ def element_list(x, i, e, need, world, laws, work):
     work.counts[POOL_USED] = used
 
 
-@inner
+@inner(forceinline=True)
 def pair_list(x, i, j, need, world, work):
     """Bring the list of the pairs of spheres of bodies i and j that are near up to date, as `element_list`."""
     travel = work.numbers[i, TRAVEL] + work.numbers[j, TRAVEL]

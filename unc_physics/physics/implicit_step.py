@@ -9,7 +9,7 @@ import math
 
 from ..layout import P, Q, V, W
 from .compiled import inner, kernel
-from .contact_patch import IMPACT_GAP, add_element_contacts, add_pair_contacts
+from .contact_patch import IMPACT_GAP, add_contacts, element_candidates, pair_candidates
 from .contact_search import ACTIVE_GAP, clearance, find_groups, forget_lists, join, lowest, update_pace
 from .implicit_solver import contact_speed, impact, solve_lasting
 from .implicit_workspace import (
@@ -41,7 +41,7 @@ from .surroundings import in_element, surface
 TOUCHING, _AIM = 2e-5, 1e-5
 #: Closing faster than this is an impact: the larger of a speed [m/s] and of what gravity adds in some steps.
 _SLOWEST_IMPACT, _IMPACT_STEPS = 0.1, 2.5
-_IMPACTS, _TRAVELS = 4, 16  # in a step of a group, at most
+_IMPACTS, _CUTS = 4, 16  # in a step of a group, at most: impacts, and searches for them
 _QUIET_SPEED, _QUIET_TIME, _QUIET_CONTACTS = 2e-3, 0.1, 3  # of what falls asleep [m/s], [s]
 _TURN, _SMALL_TURN, _MOST_TURNS = 0.25, 0.02, 1000  # angles with the gyroscopic term [rad], and parts of a turn
 
@@ -98,7 +98,7 @@ def turn(x, i, h, wx, wy, wz, R):
     write_matrix(q, R, i)
 
 
-@inner
+@inner(forceinline=True)
 def find_contacts(x, count, horizon, world, laws, work):
     """Find the contacts of the group at hand, of ``count`` members, that may act within ``horizon`` seconds."""
     work.counts[CONTACTS] = 0
@@ -110,16 +110,17 @@ def find_contacts(x, count, horizon, world, laws, work):
             for e in range(len(laws.kind)):
                 px, py, pz = in_element(laws.position, laws.R, e, x[i, P], x[i, P + 1], x[i, P + 2])
                 if surface(laws.kind, laws.size, e, px, py, pz)[0] < radius[i] + need:
-                    add_element_contacts(x, i, e, horizon, world, laws, work)
-        for j in range(len(x)):
-            if near[i, j] and not moving[j]:
-                add_pair_contacts(x, i, j, horizon, world, laws, work)
-        for b in range(a + 1, count):
-            if near[i, members[b]]:
-                add_pair_contacts(x, i, members[b], horizon, world, laws, work)
+                    found = element_candidates(x, i, e, horizon, world, laws, work)
+                    if found > 0:
+                        add_contacts(x, i, -1 - e, found, world, laws, work)
+        for j in range(len(x)):  # each pair of moving bodies once
+            if near[i, j] and (j > i or not moving[j]):
+                found = pair_candidates(x, i, j, horizon, world, work)
+                if found > 0:
+                    add_contacts(x, i, j, found, world, laws, work)
 
 
-@inner
+@inner(forceinline=True)
 def prepare_members(x, count, world, work):
     """Inverse inertias in world axes, and paces, of the group's members."""
     members, R, bodies = work.members, work.R, world.bodies
@@ -132,7 +133,7 @@ def prepare_members(x, count, world, work):
 
 
 @inner
-def _impact_now(count, rows, ids, counts, velocity, threshold):
+def _impact_now(rows, ids, counts, velocity, threshold):
     """Whether bodies that touch close fast."""
     for c in range(counts[CONTACTS]):
         if rows[c, GAP] <= TOUCHING and contact_speed(rows[c], 0, velocity[START], ids[c, 0], ids[c, 1]) < -threshold:
@@ -177,7 +178,7 @@ def _read_velocities(x, count, members, velocity):
             velocity[START, i, 3 + k] = velocity[NOW, i, 3 + k] = x[i, W + k]
 
 
-@inner
+@inner(forceinline=True)
 def collide(x, count, time, first_time, residual, world, threshold, work):
     """Let the contacts at hand that an impact reaches act as impulses."""
     members, rows, ids, counts, part, velocity = work.members, work.rows, work.ids, work.counts, work.part, work.velocity
@@ -222,6 +223,7 @@ def collide(x, count, time, first_time, residual, world, threshold, work):
             residual[i] = max(residual[i], worst)
             for k in range(3):
                 x[i, V + k], x[i, W + k] = velocity[NOW, i, k], velocity[NOW, i, 3 + k]
+            update_pace(x, i, world.bodies.radius[i], world.gravity, world.dt, work.numbers)
 
 
 @inner(forceinline=True)
@@ -233,7 +235,7 @@ def note_contact(first_time, i, j, time):
     first_time[low, high] = min(first_time[low, high], time)
 
 
-@inner
+@inner(forceinline=True)
 def travel_in_contact(x, count, h, time, first_time, residual, world, laws, threshold, work):
     """Move the group at hand for ``h`` seconds under its lasting contacts."""
     members, velocity, numbers, loaded = work.members, work.velocity, work.numbers, work.loaded
@@ -291,46 +293,48 @@ def _add_travel(x, i, h, start, numbers, radius):
     numbers[i, TRAVEL] += h * max(now, then)
 
 
-@inner
+@inner(forceinline=True)
 def advance_group(x, count, time, first_time, residual, world, laws, threshold, work):
-    """One step of the group at hand."""
-    left, impacts = world.dt, 0
-    for _ in range(_TRAVELS):
+    """One step of the group at hand: from impact to impact, then to the step's end.
+
+    With ``horizon`` 0 contacts are chosen by their gaps alone, for an impact.
+    """
+    left = horizon = world.dt
+    impacts = cuts = 0
+    while left > 0.0:
         prepare_members(x, count, world, work)
-        find_contacts(x, count, left, world, laws, work)
+        find_contacts(x, count, horizon, world, laws, work)
         if work.counts[OVERFLOW] != NO_OVERFLOW:
-            return
-        if work.counts[CONTACTS] == 0 or impacts >= _IMPACTS:
             break
-        _read_velocities(x, count, work.members, work.velocity)
-        if not _impact_now(count, work.rows, work.ids, work.counts, work.velocity, threshold):
+        until = left
+        if work.counts[CONTACTS] > 0 and impacts < _IMPACTS and cuts < _CUTS:
+            _read_velocities(x, count, work.members, work.velocity)
+            now = _impact_now(work.rows, work.ids, work.counts, work.velocity, threshold)
+            if horizon == 0.0:
+                if now:
+                    collide(x, count, time, first_time, residual, world, threshold, work)
+                    impacts += 1
+                horizon = left
+                continue
+            if now:
+                horizon = 0.0
+                cuts += 1
+                continue
             until = _time_to_impact(
                 left, work.rows, work.ids, work.counts, work.velocity, world.gravity, world.bodies.moving, threshold)
-            if until >= left:
-                break
-            travel_in_contact(x, count, until, time, first_time, residual, world, laws, threshold, work)
-            left -= until
-            prepare_members(x, count, world, work)
-        find_contacts(x, count, 0.0, world, laws, work)
-        if work.counts[OVERFLOW] != NO_OVERFLOW:
-            return
-        _read_velocities(x, count, work.members, work.velocity)
-        if _impact_now(count, work.rows, work.ids, work.counts, work.velocity, threshold):
-            collide(x, count, time, first_time, residual, world, threshold, work)
-            impacts += 1
-            for a in range(count):
-                i = work.members[a]
-                update_pace(x, i, world.bodies.radius[i], world.gravity, world.dt, work.numbers)
-    else:
-        prepare_members(x, count, world, work)
-        find_contacts(x, count, left, world, laws, work)
-    if work.counts[OVERFLOW] != NO_OVERFLOW:
-        return
-    travel_in_contact(x, count, left, time, first_time, residual, world, laws, threshold, work)
-    _remember(left, work)
+        elif horizon == 0.0:
+            horizon = left
+            continue
+        travel_in_contact(x, count, until, time, first_time, residual, world, laws, threshold, work)
+        if until >= left:
+            _remember(left, work)
+            break
+        left -= until
+        horizon = 0.0
+        cuts += 1
 
 
-@inner
+@inner(forceinline=True)
 def _remember(h, work):
     """Add the contacts at hand that carry load to the memory of this step."""
     contact, force, counts = work.new_contact, work.new_force, work.counts
@@ -362,7 +366,7 @@ def _keep_memory(i, work):
         entry = work.link[entry]
 
 
-@inner
+@inner(forceinline=True)
 def advance_step(x, time, first_time, quiet, residual, world, laws, threshold, work):
     """One step of all groups; ends early where room overflows (`OVERFLOW`)."""
     numbers, group, members, near, moving = work.numbers, work.group, work.members, work.near, world.bodies.moving

@@ -69,9 +69,9 @@ class ImplicitWorkspace(NamedTuple):
         Labels of bodies that touch in an impact; positive for those that take part.
     candidates : (D, 8) float64
     candidate_ids : (D, 3) int64
-        Spheres, and whether the candidate belongs to a patch already.
-    best, best_score : (8,) int64 and float64
-        Supports of a patch.
+        Spheres, and what became of the candidate.
+    best, best_score : (9,) int64 and float64
+        Supports of a patch, and its deepest candidate.
     pool : (P, 2) int32
         Lists of spheres, or pairs of them, that may touch; one for each pair of bodies, or body and element.
     lists : (B, B + E, 2) int64
@@ -149,8 +149,8 @@ def implicit_workspace(x, world, laws, contacts, candidates, pool):
         np.empty(count, np.int64),
         np.empty((candidates, 8)),
         np.empty((candidates, 3), np.int64),
-        np.empty(8, np.int64),
-        np.empty(8),
+        np.empty(9, np.int64),
+        np.empty(9),
         np.empty((pool, 2), np.int32),
         np.zeros((count, count + elements, 2), np.int64),
         np.full((count, count + elements), -np.inf),

@@ -20,6 +20,8 @@ class Implicit(NamedTuple):
         Which spheres of the scene's trees they are.
     hull_range : (B, 2) int64
         First and last (exclusive) row of each body's hull.
+    extent : (B, 6) float64
+        Middle and half the sides of the box around each body's spheres' centres, body frame [m].
     gyroscopic, sleep : bool
     """
 
@@ -32,6 +34,7 @@ class Implicit(NamedTuple):
     hull: np.ndarray
     hull_sphere: np.ndarray
     hull_range: np.ndarray
+    extent: np.ndarray
     gyroscopic: bool
     sleep: bool
 
