@@ -41,16 +41,17 @@ def copy(tmp_path):
     """Function that runs Python on a copy of the package, in which kernels call one of another file."""
     package = tmp_path / "unc_physics"
     for folder in ("", "physics"):
-        shutil.copytree(compile_cache.PACKAGE / folder, package / folder, dirs_exist_ok=True,
-                        ignore=lambda _, names: [n for n in names if not n.endswith(".py")])
+        shutil.copytree(
+            compile_cache.PACKAGE / folder, package / folder, dirs_exist_ok=True,
+            ignore=lambda _, names: [name for name in names if not name.endswith(".py")])
     (package / "physics" / "caller.py").write_text(CALLER)
     (package / "physics" / "callee.py").write_text(CALLEE.format("2.0"))
 
     def start(program=CALL, **others):
         env = {name: value for name, value in os.environ.items() if name != "NUMBA_CACHE_DIR"}
         return subprocess.Popen(
-            [sys.executable, "-c", program], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=tmp_path,
-            env=env | {"PYTHONPATH": str(tmp_path), "PYTHONDONTWRITEBYTECODE": "1"} | others)
+            [sys.executable, "-c", program], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+            cwd=tmp_path, env=env | {"PYTHONPATH": str(tmp_path), "PYTHONDONTWRITEBYTECODE": "1"} | others)
 
     start.package = package
     return start
@@ -120,7 +121,7 @@ def test_what_is_long_unused_is_removed(tmp_path):
     os.utime(others, (0.0, 0.0))
     compile_cache._clean(tmp_path)
     left = sorted(path.name for path in tmp_path.iterdir())
-    assert left == ["kernels-0000000000000000", "kernels-0000000000000001", "kernels-0000000000000002", "kernels-of-mine"]
+    assert left == [*(f"kernels-{k:016x}" for k in range(3)), "kernels-of-mine"]
 
 
 def fresh():

@@ -65,16 +65,16 @@ def cube_packing(half_width: float) -> SpherePacking:
     corners = np.stack(np.meshgrid(*[(-1.0, 1.0)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
     return SpherePacking(
         "cube", (half_width - CORNER_RADIUS) * corners, np.full(8, CORNER_RADIUS),
-        inertia=2.0 / 3.0 * half_width**2 * np.eye(3), volume=(2.0 * half_width) ** 3, origin=np.zeros(3),
-        bounding_radius=np.sqrt(3.0) * half_width, bounds=half_width * np.array([[-1.0] * 3, [1.0] * 3]))
+        inertia=2.0 / 3.0 * half_width**2 * np.eye(3), volume=(2.0 * half_width) ** 3,
+        origin=np.zeros(3), bounding_radius=np.sqrt(3.0) * half_width, bounds=corners[[0, -1]] * half_width)
 
 
 def toss_scene(tosses: Tosses) -> Scene:
     """The cube above the table."""
     return Scene(
-        [RigidBody("cube", cube_packing(tosses.half_width), tosses.mass)], dt=DT, gravity=(0.0, 0.0, -GRAVITY),
-        environment=[Plane(offset=FLOOR, name="table")], friction=FRICTION, restitution=RESTITUTION, gyroscopic=True,
-        integrator="implicit")
+        [RigidBody("cube", cube_packing(tosses.half_width), tosses.mass)], dt=DT,
+        gravity=(0.0, 0.0, -GRAVITY), environment=[Plane(offset=FLOOR, name="table")],
+        friction=FRICTION, restitution=RESTITUTION, gyroscopic=True, integrator="implicit")
 
 
 def first_belief(tosses: Tosses, k: int) -> Belief:
@@ -86,7 +86,7 @@ def first_belief(tosses: Tosses, k: int) -> Belief:
 
 
 def top_face(states: np.ndarray) -> np.ndarray:
-    """Which face is on top, of states (..., 13): 0 to 2 for the body's axes x, y, z pointing up, 3 to 5 for down."""
+    """Face on top, of states (..., 13): 0 to 2 where the body's axis x, y, z points up, 3 to 5 where down."""
     x, y, z, w = np.moveaxis(np.asarray(states)[..., QUATERNION], -1, 0)
     up = np.stack([2.0 * (x * z - y * w), 2.0 * (y * z + x * w), 1.0 - 2.0 * (x * x + y * y)], axis=-1)
     return np.argmax(np.concatenate([up, -up], axis=-1), axis=-1)

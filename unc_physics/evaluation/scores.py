@@ -23,17 +23,17 @@ def brier_score(classes: np.ndarray, observed: int, count: int) -> float:
 
 
 def log_score(classes: np.ndarray, observed: int) -> float:
-    """Negative logarithm of the share of samples of the class that came, which counts as half a sample at least."""
+    """Negative logarithm of the share of samples of the class that came, half a sample at least."""
     return float(-np.log(max(np.mean(classes == observed), 0.5 / len(classes))))
 
 
 def energy_score(samples: np.ndarray, observed: np.ndarray) -> float:
-    """Mean distance from the samples (n, d) to what came (d,), less half of that between two samples; in their unit."""
+    """Mean distance from samples (n, d) to what came (d,), less half of that between two samples."""
     between = np.linalg.norm(samples[:, None] - samples[None], axis=-1)
     return float(np.mean(np.linalg.norm(samples - observed, axis=-1)) - 0.5 * np.mean(between))
 
 
 def bootstrap(values: np.ndarray, rng: np.random.Generator, resamples: int = 2000) -> tuple[float, float]:
-    """2.5 % and 97.5 % quantiles of the mean of values (n,), drawn anew with replacement; of differences, if paired."""
+    """2.5 % and 97.5 % quantiles of the mean of values (n,), drawn anew with replacement."""
     drawn = values[rng.integers(len(values), size=(resamples, len(values)))]
     return tuple(np.quantile(drawn.mean(axis=1), [0.025, 0.975]).tolist())

@@ -1,7 +1,7 @@
-"""Where compiled kernels are kept: a folder for each state of the sources, in the first place that can be written.
+"""Where compiled kernels are kept: a folder for each state of the sources, where something can be written.
 
-numba notices an edit of the file that holds a function, not one of the functions that it calls. So all that is compiled
-from the same sources by the same numba for the same processor has a folder of its own, named by a hash of all that.
+numba notices an edit of the file that holds a function, not one of the functions that it calls. So all that
+is compiled from the same sources by the same numba for the same processor has a folder of its own.
 """
 
 import contextlib
@@ -22,14 +22,15 @@ from numba.core import caching
 from numba.core.dispatcher import Dispatcher
 
 PACKAGE = Path(__file__).resolve().parent.parent
-_NO_KERNELS = ("ros", "evaluation")  # but for files that say otherwise: an edit there compiles nothing anew
-_KEPT, _UNUSED = 3, 24.0 * 3600.0  # older folders go when they are not among the newest, and unused that long [s]
+_NO_KERNELS = ("ros", "evaluation")  # an edit there compiles nothing anew, but of a file that has kernels
+_KEPT, _UNUSED = 3, 24.0 * 3600.0  # a folder goes that is not among the newest, and unused for so long [s]
 
 
 def fingerprint():
-    """Text that changes with the sources of kernels, with the versions of what compiles them, and with the processor."""
+    """Text that changes with the kernels' sources, the versions of what compiles them, and the processor."""
     processor = llvmlite.binding.get_host_cpu_name()
-    digest = hashlib.sha256("\0".join([numba.__version__, llvmlite.__version__, numpy.__version__, processor]).encode())
+    compilers = [module.__version__ for module in (numba, llvmlite, numpy)]
+    digest = hashlib.sha256("\0".join([*compilers, processor]).encode())
     for path in sorted(PACKAGE.rglob("*.py")):
         name, source = path.relative_to(PACKAGE), path.read_bytes()
         if name.parts[0] not in _NO_KERNELS or b"physics.compiled import" in source:
@@ -70,14 +71,14 @@ def find_folder():
 
 def _clean(place):
     """Remove what other sources left in a place long ago; a process that still uses it makes it anew."""
-    folders = [path for path in place.iterdir() if re.fullmatch("kernels-[0-9a-f]{16}", path.name)]
+    folders = [path for path in place.glob("kernels-*") if re.fullmatch("kernels-[0-9a-f]{16}", path.name)]
     for path in sorted(folders, key=_last_use)[:-_KEPT]:
         if time.time() - _last_use(path) > _UNUSED:
             shutil.rmtree(path, ignore_errors=True)
 
 
 def _last_use(folder):
-    """Time of the last start of a process that uses the folder; now, if another process is just removing it."""
+    """Time of the last start of a process that uses the folder; now, if another is just removing it."""
     try:
         return folder.stat().st_mtime
     except OSError:
@@ -116,11 +117,11 @@ class _Locator(caching._CacheLocator):
 
 
 class _CompiledFunctions(caching.CompileResultCacheImpl):
-    _locator_classes = [_Locator]
+    _locator_classes = (_Locator,)
 
 
 class _KernelCache(caching.FunctionCache):
-    """numba's cache of a function, without which things work too: a full disk, a damaged file, a folder that is gone."""
+    """numba's cache of a function, but for trouble: a full disk, a damaged file, a folder that is gone."""
 
     _impl_class = _CompiledFunctions
 

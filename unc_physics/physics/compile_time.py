@@ -8,7 +8,8 @@ from numba.core import event
 
 from .compile_cache import FOLDER
 
-_HOW_OFTEN = "once, up to a minute" if FOLDER else "at every start, as no folder can be written: NUMBA_CACHE_DIR may name one"
+_EACH_TIME = "at every start, as no folder can be written: NUMBA_CACHE_DIR may name one"
+_HOW_OFTEN = "once, about a minute" if FOLDER else _EACH_TIME
 _PACKAGE = __name__.partition(".")[0]
 
 
@@ -22,7 +23,7 @@ _spent = _Spent()
 
 
 class _Clock(event.Listener):
-    """Counts what a thread spends in numba's compiler, or waits for it: the outermost event, as they are nested."""
+    """Counts what a thread spends in numba's compiler, or waits for it; events are nested."""
 
     def on_start(self, event):
         if _spent.depth == 0:
@@ -46,14 +47,15 @@ class _Notice(event.Listener):
     def on_start(self, event):
         if not self.said and event.data["dispatcher"].py_func.__module__.partition(".")[0] == _PACKAGE:
             self.said = True
-            logging.getLogger(_PACKAGE).warning("Compiling the simulation's kernels for this machine (%s) ...", _HOW_OFTEN)
+            log = logging.getLogger(_PACKAGE)
+            log.warning("Compiling the simulation's kernels for this machine (%s) ...", _HOW_OFTEN)
 
     def on_end(self, event):
         pass
 
 
 def seconds_compiling():
-    """What this thread, and work that it gave to others (`count_compiling`), has spent on compiling and loading [s]."""
+    """What this thread, and others for it (`count_compiling`), has spent on compiling and loading [s]."""
     return _spent.seconds
 
 

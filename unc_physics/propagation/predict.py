@@ -91,7 +91,7 @@ def predict(
     times : sequence of float, optional
         Times at which a belief is wanted [s], ascending; by default the horizon alone. The horizon is added.
     max_computation_time : float, optional
-        Wall time after which the prediction ends with an error [s]; compiling and loading kernels does not count.
+        Wall time after which the prediction ends with an error [s]; compiling kernels does not count.
     progress : callable, optional
         Called every few hundredths of a second with the number of steps done and of all steps. What it raises
         ends the prediction; an `UncPhysicsError` then has a ``prediction`` that ends at the time reached.

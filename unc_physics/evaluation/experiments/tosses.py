@@ -1,4 +1,4 @@
-"""Reality: predictions of recorded tosses of a cube, beside other engines with the same parameters and draws."""
+"""Reality: recorded tosses of a cube, predicted with the same parameters and draws in every engine."""
 
 from __future__ import annotations
 
@@ -13,7 +13,15 @@ from ...physics.rollout import simulate
 from ..comparison import MONTE_CARLO
 from ..engines import PEERS
 from ..jobs import Job, Outcome, Row, Settings
-from ..recorded_tosses import FACES, FRICTION, RESTITUTION, first_belief, recorded_tosses, top_face, toss_scene
+from ..recorded_tosses import (
+    FACES,
+    FRICTION,
+    RESTITUTION,
+    first_belief,
+    recorded_tosses,
+    top_face,
+    toss_scene,
+)
 from ..results import Results
 from ..scores import bootstrap, brier_score, energy_score, log_score
 from ..tables import number, table
@@ -31,14 +39,16 @@ def jobs(settings: Settings) -> list[Job]:
     """All tosses in every engine that is there."""
     count = QUICK if settings.quick else len(recorded_tosses().states)
     return [
-        Job("tosses", settings.parameters(engine=engine, tosses=count, samples_each=SAMPLES), cost=count * SAMPLES * 0.0015)
+        Job("tosses", settings.parameters(engine=engine, tosses=count, samples_each=SAMPLES),
+            cost=count * SAMPLES * 0.0015)
         for engine in ENGINES if engine == OURS or find_spec(engine) is not None
     ]
 
 
 def missing(settings: Settings) -> list[str]:
     """Engines that are not installed."""
-    return [f"tosses in {ENGINES[name]}: not installed; pip install {name}" for name in PEERS if find_spec(name) is None]
+    absent = [name for name in PEERS if find_spec(name) is None]
+    return [f"tosses in {ENGINES[name]}: not installed; pip install {name}" for name in absent]
 
 
 def run(job: Job) -> Outcome:
@@ -80,20 +90,22 @@ def report(results: Results) -> str:
         here = rows.where(engine=engine)
         cells = [_mean(_scores(here, quantity)) for quantity in SCORES]
         lines.append([ENGINES[engine], *cells, number(1e3 * here.where(quantity=COST).mean())])
-    parts = [
-        f"{count} real tosses of a cube (ContactNets, see the README beside the data), each predicted from its first frame to its last by {samples} "
-        f"samples, with the friction ({FRICTION}) and restitution ({RESTITUTION}) that the authors of the recordings give; the same initial states in "
-        "every engine. Mean scores over tosses ± standard error, the lower the better. Of the face on top a uniform guess scores 0.833 and 1.792; "
-        "a face that no sample shows counts as half a sample.\n",
-        table(["", *SCORES.values(), "CPU for a simulated second [ms]"], lines),
-    ]
+    about = (
+        f"{count} real tosses of a cube (ContactNets, see the README beside the data), each predicted from its "
+        f"first frame to its last by {samples} samples, with the friction ({FRICTION}) and restitution "
+        f"({RESTITUTION}) that the authors of the recordings give; the same initial states in every engine. Mean "
+        "scores over tosses ± standard error, the lower the better. Of the face on top a uniform guess scores "
+        "0.833 and 1.792; a face that no sample shows counts as half a sample.\n")
+    parts = [about, table(["", *SCORES.values(), "CPU for a simulated second [ms]"], lines)]
     if OURS in engines and len(engines) > 1:
         ours = rows.where(engine=OURS)
-        lines = [
-            [ENGINES[engine], *(_difference(_scores(ours, quantity), _scores(rows.where(engine=engine), quantity)) for quantity in SCORES)]
-            for engine in engines if engine != OURS
-        ]
-        parts.append("Our mean score less each engine's, in brackets the middle 95 % of a paired bootstrap over tosses:\n")
+        lines = []
+        for engine in engines:
+            if engine != OURS:
+                theirs = rows.where(engine=engine)
+                cells = [_difference(_scores(ours, name), _scores(theirs, name)) for name in SCORES]
+                lines.append([ENGINES[engine], *cells])
+        parts.append("Our mean score less theirs, with the middle 95 % of a paired bootstrap over tosses:\n")
         parts.append(table(["", *SCORES.values()], lines))
     return "\n".join(parts)
 
