@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..layout import EP, ER, ERROR, EV, EW, P, Q, V, W
 from ..physics.compiled import kernel
 from ..physics.so3 import rotate, write_matrix
-from ..layout import EP, ER, ERROR, EV, EW, P, Q, V, W
 
 
 @kernel
