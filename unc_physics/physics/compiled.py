@@ -2,6 +2,9 @@
 
 from numba import njit
 
+from . import compile_time  # noqa: F401  (from the first kernel on)
+from .compile_cache import keep
+
 
 def kernel(function=None, **options):
     """A function that Python calls."""
@@ -17,5 +20,7 @@ def inner(function=None, **options):
 
 
 def _compiled(function, options):
-    decorate = njit(cache=True, nogil=True, no_cfunc_wrapper=True, **options)
+    def decorate(function):
+        return keep(njit(nogil=True, no_cfunc_wrapper=True, **options)(function))
+
     return decorate if function is None else decorate(function)
