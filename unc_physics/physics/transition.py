@@ -10,7 +10,7 @@ import math
 from ..layout import EP, ER, EV, EW, W
 from .compiled import inner
 from .simd import four_columns, two_columns
-from .so3 import cross, rotate, rotate_back
+from .rotation import cross, rotate, rotate_back
 
 
 @inner(forceinline=True)
@@ -50,12 +50,12 @@ def write_exact_rotation(R, x, i, dt, out):
 
 
 @inner
-def turn_columns(rows, first, x, i, R, world, laws, dt):
-    """Add what the gyroscopic term does to errors in one body's 12 rows: to first order in ``dt``.
+def apply_gyroscopic_jacobian(rows, first, x, i, R, world):
+    """Add what the gyroscopic term does to errors in one body's 12 rows in a step, to first order in its length.
 
     With ``L = I omega``, ``domega/dt = I^-1 (L x omega)``; a rotation error t in world axes turns I and its inverse.
     """
-    inertia, inverse, R_i = laws.inertia[i], world.bodies.inverse_inertia[i], R[i]
+    dt, inertia, inverse, R_i = world.dt, world.bodies.inertia[i], world.bodies.inverse_inertia[i], R[i]
     omega = (x[i, W], x[i, W + 1], x[i, W + 2])
     L = _in_world(R_i, inertia, omega)
     torque = cross(L, omega)
@@ -79,6 +79,18 @@ def _in_world(R, A, v):
     x, y, z = rotate_back(R, v[0], v[1], v[2])
     x, y, z = rotate(A, x, y, z)
     return rotate(R, x, y, z)
+
+
+@inner(forceinline=True)
+def apply_drift_jacobian(rows, first, x, i, R, world, surroundings, rotation):
+    """Multiply the 12 rows of body i, from row ``first`` on, by the derivative of drift and damping, in place.
+
+    ``x`` and ``R`` are those before the drift; ``rotation`` (3, 3) is the block from domega to dtheta.
+    """
+    if surroundings is not None:
+        if surroundings.gyroscopic:
+            apply_gyroscopic_jacobian(rows, first, x, i, R, world)
+    apply_transition(rows, first, world.dt, world.decay, rotation)
 
 
 @inner(forceinline=True)

@@ -9,8 +9,9 @@ import numpy as np
 
 from ..belief import Belief
 from ..errors import InvalidOptionError
+from ..physics import contact_history as histories
+from ..physics.contact_history import ContactHistory
 from ..physics.moments import mean_and_errors, second_moment, spread_states
-from ..physics.rollout import fresh_memory
 from ..parameters import center_offsets, moved_along
 from .base import Propagator, Traits, rolled, symmetric_root
 
@@ -18,11 +19,12 @@ from .base import Propagator, Traits, rolled, symmetric_root
 class SigmaPointCarry(NamedTuple):
     """Persistent state: ``states`` (2 n + 1, B, 13), of the bodies' centres of mass; point 0 began at the mean.
 
-    ``parameters`` (2 n + 1, K) are the points' K uncertain parameters, in standard deviations; ``step`` counts the steps done; ``memory`` is what the rollouts remember of their contacts (`physics.laws.FIRST`).
+    ``parameters`` (2 n + 1, K) are the points' K uncertain parameters, in standard deviations; ``step`` counts
+    the steps done; ``contact_history`` is what the rollouts remember of their contacts.
     """
 
     states: np.ndarray
-    memory: np.ndarray
+    contact_history: ContactHistory
     step: int
     parameters: np.ndarray
 
@@ -47,6 +49,7 @@ class SigmaPoints(Propagator):
 
     name = "sigma_points"
     varies_parameters = True
+    integrators = ("explicit", "implicit")
     traits = Traits("estimated", "full covariance", True, False, "simulated")
 
     points: str = "minimal"
@@ -66,7 +69,7 @@ class SigmaPoints(Propagator):
             z[first + rank : first + count] = side * np.eye(extra)
         states = spread_states(belief.mean.copy(), scene.moving.copy(), errors)
         states = moved_along(states, center_offsets(scene, z))
-        return SigmaPointCarry(states, fresh_memory(len(states), scene.world), 0, z)
+        return SigmaPointCarry(states, histories.fresh(len(states), scene.world), 0, z)
 
     def advance(self, carry, scene, steps):
         return rolled(carry, scene, steps)

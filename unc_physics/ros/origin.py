@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from ..physics.so3 import rotate, write_matrix
+from ..physics.rotation import rotate, write_matrix
 from ..layout import EP, ER, ERROR, EV, EW, P, Q, V, W
 
 

@@ -1,27 +1,29 @@
-"""Which bodies of a scene may touch (the broad phase)."""
+"""Which bodies of a scene may touch."""
 
 import numpy as np
 
 from ..layout import P
 from .compiled import inner
-from .so3 import rotate_back
-from .tree import candidates
+from .rotation import rotate_back
+from .sphere_tree import candidates
 
 # of the sum of two bodies' radii: bounds, with a margin, what single precision loses in a change of frame
 SINGLE_PRECISION = 4e-6
-FIRST_REST, _LONGEST_REST = 4.0, 64.0  # steps for which bodies that part are asked to be left alone
+FIRST_STEPS, _MOST_STEPS = 4.0, 64.0  # for which two bodies that are apart are asked to stay so
 ROOTS_ALONE = np.int64(1)  # height of a search's first stack; typed, since a literal would compile every caller twice
 
 
 @inner(forceinline=True)
-def near_pairs(x, reach, coming, moving, work):
-    """Find the pairs of bodies that may touch: at least one moves, balls of radii ``reach`` (B,) overlap, and they do not
-    rest while each travels on by ``coming`` (B,).
+def near_pairs(x, reach, max_travel, moving, work):
+    """Find the pairs of bodies that may touch.
+
+    One of them moves, balls of radii ``reach`` (B,) about them overlap, and their separation bound does not keep them apart
+    while each travels ``max_travel`` (B,) further.
 
     Sweeps along x over the bodies, which `work.order` keeps sorted from step to step. Fills ``work.near`` with
     pairs (i, j), i < j, in an order that depends on the state alone, and returns their number.
     """
-    order, low = work.order, work.low
+    order, low, bound = work.order, work.low, work.separation_bound
     for i in range(len(x)):
         low[i] = x[i, P] - reach[i]
     for k in range(1, len(x)):  # insertion sort: next to no work on what was sorted a step ago
@@ -45,7 +47,7 @@ def near_pairs(x, reach, coming, moving, work):
             both = reach[a] + reach[b]
             if dx * dx + dy * dy + dz * dz < both * both and (moving[a] or moving[b]):
                 i, j = min(a, b), max(a, b)
-                if work.travel[i] + coming[i] + work.travel[j] + coming[j] >= work.rest[i, j, 0]:
+                if work.travel[i] + max_travel[i] + work.travel[j] + max_travel[j] >= bound[i, j, 0]:
                     work.near[count, 0], work.near[count, 1] = i, j
                     count += 1
     return count
@@ -63,39 +65,41 @@ def relative_pose(x, i, j, work):
 
 @inner
 def may_touch(x, i, j, world, work):
-    """Whether two bodies may touch while they travel by ``work.coming``: whether their trees do, grown by it.
+    """Whether two bodies may touch while each travels ``work.max_travel``: whether their trees do, grown by as much.
 
-    If not they rest (`let_rest`) at least as long; of bodies that rest already the answer would be no.
+    Where they cannot, their separation bound is raised. So a later call of `near_pairs` may leave them out, but only where
+    the answer here would be no again.
     """
     t_ij = relative_pose(x, i, j, work)
     slack = SINGLE_PRECISION * (world.bodies.radius[i] + world.bodies.radius[j])
-    coming = work.coming[i] + work.coming[j]
-    if let_rest(i, j, t_ij, slack, coming, world, work):
+    travel = work.max_travel[i] + work.max_travel[j]
+    if update_separation_bound(i, j, t_ij, slack, travel, world, work):
         return False
-    return overlap(i, j, t_ij, slack + coming, world, work)
+    return overlap_query(i, j, t_ij, slack + travel, world, work)
 
 
 @inner
-def let_rest(i, j, t_ij, slack, pace, world, work):
+def update_separation_bound(i, j, t_ij, slack, pace, world, work):
     """Leave two bodies out of searches until they may have crossed the gap between them; returns whether there is one.
 
     Asks the trees whether the bodies stay apart when each sphere grows by what they may travel in some steps, at
     ``pace`` [m] a step; the number of steps adapts. This only leaves out searches that would find nothing, so no result
     depends on it.
     """
-    steps = work.rest[i, j, 1]
-    if not overlap(i, j, t_ij, 2.0 * slack + steps * pace, world, work):
-        work.rest[i, j, 0] = work.travel[i] + work.travel[j] + steps * pace
-        work.rest[i, j, 1] = min(2.0 * steps, _LONGEST_REST)
+    bound = work.separation_bound
+    steps = bound[i, j, 1]
+    if not overlap_query(i, j, t_ij, 2.0 * slack + steps * pace, world, work):
+        bound[i, j, 0] = work.travel[i] + work.travel[j] + steps * pace
+        bound[i, j, 1] = min(2.0 * steps, _MOST_STEPS)
         return True
-    work.rest[i, j, 1] = max(0.5 * steps, 1.0)
+    bound[i, j, 1] = max(0.5 * steps, 1.0)
     return False
 
 
 @inner
-def overlap(i, j, t_ij, margin, world, work):
+def overlap_query(i, j, t_ij, margin, world, work):
     """Whether two bodies' trees overlap where each sphere may grow: together by ``margin``; ``work.R_ij`` as for a search."""
-    glance = work.glance
-    glance.stack[0, 0], glance.stack[0, 1] = world.bodies.root[i], world.bodies.root[j]
-    found, _ = candidates(world.tree, work.R_ij, t_ij, margin, glance, ROOTS_ALONE)
+    query = work.overlap_query
+    query.stack[0, 0], query.stack[0, 1] = world.bodies.root[i], world.bodies.root[j]
+    found, _ = candidates(world.tree, work.R_ij, t_ij, margin, query, ROOTS_ALONE)
     return found > 0
