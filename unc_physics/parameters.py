@@ -45,7 +45,7 @@ def vary(scene: Scene, z: np.ndarray) -> World:
             mass[k] *= factor
             inertia[k] *= factor
         elif name == "stiffness":
-            stiffness = float(scene.stiffness * np.exp(value * parameter.std / scene.stiffness))
+            stiffness = float(stiffness * np.exp(value * parameter.std / stiffness))
         elif name == "gravity_direction":
             tilt[parameter.axis] = value * parameter.std
     if tilt.any():

@@ -13,6 +13,7 @@ from ..physics import contact_history as histories
 from ..physics.contact_history import ContactHistory
 from ..physics.moments import mean_and_errors, second_moment
 from ..parameters import center_offsets, draw_parameters, moved_along
+from ..scene import INTEGRATORS
 from ..validation import integer
 from .base import Propagator, Traits, rolled
 
@@ -48,7 +49,7 @@ class MonteCarlo(Propagator):
 
     name = "monte_carlo"
     varies_parameters = True
-    integrators = ("explicit", "implicit")
+    integrators = INTEGRATORS
     traits = Traits("estimated", "samples", True, False, "simulated")
 
     samples: int = 1000

@@ -22,7 +22,7 @@ from ..scene import Scene
 from ..validation import positive
 from .base import Propagator
 from .islands import Islands
-from .registry import PROPAGATORS, make_propagator
+from .registry import make_propagator
 
 STEPS_LIMIT = 100_000_000
 TIMES_LIMIT = 100_000
@@ -109,15 +109,14 @@ def predict(
     DivergedError
         If the simulation left the range of numbers.
     NotSupportedError
-        If the propagator does not run on the scene's integrator, or if parameters of the scene are uncertain and it knows
-        nothing of that; sigma points and Monte Carlo take both.
+        If parameters of the scene are uncertain, which sigma points and Monte Carlo take.
     InvalidRequestError, LimitExceededError, UnknownPropagatorError
     """
     started = time.perf_counter()
     if isinstance(propagator, str):
         propagator = make_propagator(propagator)
     belief.check_fits(scene)
-    _check_supported(scene, propagator)
+    _check_parameters(scene, propagator)
     marks = _steps(scene, horizon, times)
     allowed = None if max_computation_time is None else positive(max_computation_time, "max_computation_time")
     in_one_go = allowed is None and progress is None
@@ -167,12 +166,8 @@ def periodic_times(period: float, horizon: float) -> list[float]:
     return [k * period for k in range(1, math.ceil(count - 1e-9))]
 
 
-def _check_supported(scene, propagator):
-    """Raise `NotSupportedError` for an integrator or uncertain parameters that the propagator does not take."""
-    if scene.integrator not in propagator.integrators:
-        able = [name for name, cls in PROPAGATORS.items() if scene.integrator in cls.integrators]
-        raise NotSupportedError(
-            f"is not supported by {propagator.name}; {' and '.join(able)} run on it", field="integrator", value=scene.integrator)
+def _check_parameters(scene, propagator):
+    """Raise `NotSupportedError` if parameters are uncertain and the propagator knows nothing of that."""
     if scene.uncertain and not propagator.varies_parameters:
         first = scene.uncertain[0]
         owner = "" if first.body < 0 else f" of body '{scene.bodies[first.body].name}'"

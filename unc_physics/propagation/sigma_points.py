@@ -13,6 +13,7 @@ from ..physics import contact_history as histories
 from ..physics.contact_history import ContactHistory
 from ..physics.moments import mean_and_errors, second_moment, spread_states
 from ..parameters import center_offsets, moved_along
+from ..scene import INTEGRATORS
 from .base import Propagator, Traits, rolled, symmetric_root
 
 
@@ -49,7 +50,7 @@ class SigmaPoints(Propagator):
 
     name = "sigma_points"
     varies_parameters = True
-    integrators = ("explicit", "implicit")
+    integrators = INTEGRATORS
     traits = Traits("estimated", "full covariance", True, False, "simulated")
 
     points: str = "minimal"
