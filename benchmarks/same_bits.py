@@ -1,8 +1,9 @@
-"""The explicit step against an earlier revision of it: the same bits, and as fast? ``python -m benchmarks.same_bits REVISION``.
+"""The explicit step against an earlier revision of it: ``python -m benchmarks.same_bits REVISION``.
 
-Each tree runs in a process of its own, with a compile cache of its own. Both predict the same scenes with the same propagators;
-every array that comes out is compared to the last bit. Then the two are timed in turns, so that a busy machine slows both alike;
-figures are medians of the rounds' ratios of CPU times. The script uses only what both revisions offer.
+Each tree runs in a process of its own, with a compile cache of its own. Both predict the same scenes with the
+same propagators; every array that comes out is compared to the last bit. Then the two are timed in turns, so
+that a busy machine slows both alike; figures are medians of the rounds' ratios of CPU times. The script uses
+only what both revisions offer.
 """
 
 from __future__ import annotations
@@ -64,7 +65,10 @@ def scenes():
     pin = load_model("pin").prefix(100)
     size = 0.5 / pin.bounding_radius
     pin = pin.scaled(size)
-    pair = states(((-0.6, 0.05, 0.0), (1.0, 0.0, 0.0), (0.5, 1.0, -2.0)), ((0.6, 0.0, 0.1), (-1.0, 0.0, 0.0), (0.0, -1.0, 1.0)))
+    pair = states(
+        ((-0.6, 0.05, 0.0), (1.0, 0.0, 0.0), (0.5, 1.0, -2.0)),
+        ((0.6, 0.0, 0.1), (-1.0, 0.0, 0.0), (0.0, -1.0, 1.0)),
+    )
     pins = Scene([RigidBody("a", pin, 1.0), RigidBody("b", pin, 2.0)], dt=0.01, stiffness=2e4, damping=0.5)
     found["two pins"] = pins, belief(pair, 0.05, 0.05), 3.0
     third = np.concatenate([pair, states(((0.0, 0.1, -1.2), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)))])
@@ -77,29 +81,51 @@ def scenes():
     found["plane and box"] = ground, belief(pair), 2.0
     found["gyroscopic"] = replace(pins, gyroscopic=True), belief(pair, 0.03), 2.0
     found["all together"] = replace(ground, bodies=fixed, gyroscopic=True), Belief(third, P, [0, 1]), 2.0
-    found["a long flight"] = replace(pins, environment=(Plane(offset=-100.0),)), belief(pair + 3.0 * np.eye(2, 13, 1)), 3.0
+    found["a long flight"] = (
+        replace(pins, environment=(Plane(offset=-100.0),)),
+        belief(pair + 3.0 * np.eye(2, 13, 1)),
+        3.0,
+    )
     can = load_model("can").prefix(100)
-    many = states(*(((0.09 * (k % 2), 0.01 * k, 0.1 + 0.15 * k), (0.0, 0.0, -0.3), (0.0, 1.0, 0.2 * k)) for k in range(5)))
+    many = states(
+        *(
+            ((0.09 * (k % 2), 0.01 * k, 0.1 + 0.15 * k), (0.0, 0.0, -0.3), (0.0, 1.0, 0.2 * k))
+            for k in range(5)
+        )
+    )
     walls = (Plane(), Box((0.02, 1.0, 1.0), (-0.2, 0.0, 0.5)), Box((0.02, 1.0, 1.0), (0.25, 0.0, 0.5)))
-    pile = Scene([RigidBody(f"can{k}", can, 0.3) for k in range(5)], dt=0.004, stiffness=2e6, damping=0.3,
-                 gravity=(0.0, 0.0, -9.81), environment=walls)
+    pile = Scene(
+        [RigidBody(f"can{k}", can, 0.3) for k in range(5)],
+        dt=0.004,
+        stiffness=2e6,
+        damping=0.3,
+        gravity=(0.0, 0.0, -9.81),
+        environment=walls,
+    )
     found["a pile"] = pile, belief(many, 0.004), 0.8
     apart = np.concatenate([pair, pair + 8.0 * np.eye(1, 13, 1)])
     islands = [RigidBody(f"p{k}", pin, 1.0 + k) for k in range(4)]
     found["islands"] = replace(pins, bodies=islands, islands=True), belief(apart, 0.02), 2.0
     uncertain = [replace(pins.bodies[0], mass_std=0.2), replace(pins.bodies[1], center_of_mass_std=0.02)]
     found["uncertain parameters"] = (
-        replace(pins, bodies=uncertain, stiffness_std=1e3, gravity=(0.0, 0.0, -0.1), gravity_direction_std=0.05),
-        belief(pair, 0.03), 1.5)
+        replace(
+            pins, bodies=uncertain, stiffness_std=1e3, gravity=(0.0, 0.0, -0.1), gravity_direction_std=0.05
+        ),
+        belief(pair, 0.03),
+        1.5,
+    )
     return found
 
 
 def cases(found):
     """Pairs of a scene's and a propagator's name that go together."""
     return [
-        (name, label) for name, (scene, *_) in found.items() for label in PROPAGATORS
+        (name, label)
+        for name, (scene, *_) in found.items()
+        for label in PROPAGATORS
         if not (scene.uncertain and label not in ("monte_carlo", "sigma_points"))
-        and not (label == "finite_difference" and (scene.environment or scene.gyroscopic))]
+        and not (label == "finite_difference" and (scene.environment or scene.gyroscopic))
+    ]
 
 
 def results(scene, belief, horizon, label):
@@ -122,7 +148,9 @@ def results(scene, belief, horizon, label):
             arrays[field] = part
     arrays["flags"] = np.array([int(status.flags) for status in assess(scene, belief, prediction)])
     for k, answer in enumerate(contact_probabilities(scene, prediction, belief)):
-        arrays[f"contact {k}"] = np.array([answer.probability, answer.first_contact_time_mean, answer.first_contact_time_std])
+        arrays[f"contact {k}"] = np.array(
+            [answer.probability, answer.first_contact_time_mean, answer.first_contact_time_std]
+        )
     return arrays
 
 
@@ -160,8 +188,13 @@ class Tree:
         cache = ROOT / ".pytest_cache" / "same_bits" / _fingerprint(folder)
         environment = os.environ | {"PYTHONPATH": str(folder), "NUMBA_CACHE_DIR": str(cache)}
         self._process = subprocess.Popen(
-            [sys.executable, __file__, "--serve"], cwd=folder, env=environment, text=True,
-            stdin=subprocess.PIPE, stdout=subprocess.PIPE)
+            [sys.executable, __file__, "--serve"],
+            cwd=folder,
+            env=environment,
+            text=True,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+        )
         self.cases = [tuple(case) for case in json.loads(self._answer())]
 
     def ask(self, **request) -> float:
@@ -205,9 +238,13 @@ def differences(before, after) -> list[str]:
     """Names of the arrays that are not the same to the last bit."""
     names = sorted({*before, *after})
     return [
-        name for name in names
-        if name not in before or name not in after or before[name].shape != after[name].shape
-        or before[name].tobytes() != after[name].tobytes()]
+        name
+        for name in names
+        if name not in before
+        or name not in after
+        or before[name].shape != after[name].shape
+        or before[name].tobytes() != after[name].tobytes()
+    ]
 
 
 def compare(before, after, rounds, seconds, only) -> bool:
@@ -228,7 +265,12 @@ def compare(before, after, rounds, seconds, only) -> bool:
             same = same and not found
             verdict, timing = f"DIFFERENT: {', '.join(found)}" if found else "same bits", ""
             if rounds and label not in SLOW:
-                times = np.array([[tree.ask(**request, seconds=seconds) for tree in (before, after)] for _ in range(rounds)])
+                times = np.array(
+                    [
+                        [tree.ask(**request, seconds=seconds) for tree in (before, after)]
+                        for _ in range(rounds)
+                    ]
+                )
                 middle = 1e3 * np.median(times, axis=0)
                 ratio = np.median(times[:, 1] / times[:, 0])
                 timing = f"CPU time {ratio:5.3f} ({middle[1]:.3g} against {middle[0]:.3g} ms)"
@@ -238,18 +280,30 @@ def compare(before, after, rounds, seconds, only) -> bool:
 
 def main():
     """Compare the working tree with a revision."""
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.same_bits", description=__doc__.partition(":")[0] + ".")
+    parser = argparse.ArgumentParser(
+        prog="python -m benchmarks.same_bits", description=__doc__.partition(":")[0] + "."
+    )
     parser.add_argument("revision", nargs="?", default=PAPER, help=f"to compare with (default: {PAPER})")
-    parser.add_argument("--tree", type=Path, help="a folder that holds that revision already, instead of a temporary worktree")
+    parser.add_argument(
+        "--tree", type=Path, help="a folder that holds that revision already, instead of a temporary worktree"
+    )
     parser.add_argument("--rounds", type=int, default=7, help="of the timing; 0 for none (default: 7)")
-    parser.add_argument("--seconds", type=float, default=0.2, help="CPU time of each side in a round (default: 0.2)")
-    parser.add_argument("--only", nargs="+", metavar="WORDS", help="cases whose scene and propagator contain one of these")
+    parser.add_argument(
+        "--seconds", type=float, default=0.2, help="CPU time of each side in a round (default: 0.2)"
+    )
+    parser.add_argument(
+        "--only", nargs="+", metavar="WORDS", help="cases whose scene and propagator contain one of these"
+    )
     parser.add_argument("--serve", action="store_true", help=argparse.SUPPRESS)
     arguments = parser.parse_args()
     if arguments.serve:
         serve()
         return 0
-    with contextlib.nullcontext(arguments.tree) if arguments.tree else checked_out(arguments.revision) as folder:
+    with (
+        contextlib.nullcontext(arguments.tree)
+        if arguments.tree
+        else checked_out(arguments.revision) as folder
+    ):
         before, after = Tree(folder), Tree(ROOT)
         try:
             same = compare(before, after, arguments.rounds, arguments.seconds, arguments.only)

@@ -18,8 +18,8 @@ from unc_physics.environment import Plane
 from unc_physics.evaluation.provenance import versions
 from unc_physics.evaluation.scenarios import collision
 from unc_physics.evaluation.timing import paired, ratio
-from unc_physics.physics.rollout import advance_explicit, simulate
 from unc_physics.layout import POSITION, QUATERNION
+from unc_physics.physics.rollout import advance_explicit, simulate
 
 from .rows import Report, machine_and_load
 

@@ -23,14 +23,27 @@ def packing(name, centers, radii, inertia):
     centers, radii = np.asarray(centers, float), np.asarray(radii, float)
     reach = float(np.max(np.linalg.norm(centers, axis=1) + radii))
     return SpherePacking(
-        name=name, centers=centers, radii=radii, inertia=inertia, volume=1e-3, origin=np.zeros(3), bounding_radius=reach)
+        name=name,
+        centers=centers,
+        radii=radii,
+        inertia=inertia,
+        volume=1e-3,
+        origin=np.zeros(3),
+        bounding_radius=reach,
+    )
 
 
 BALL = packing("ball", [[0, 0, 0]], [0.05], 0.4 * 0.05**2 * np.eye(3))
 _GRID = [(x, y, z) for x in np.arange(-3, 4) * 0.02 for y in np.arange(-2, 3) * 0.02 for z in (-0.01, 0.01)]
-BLOCK = packing("block", _GRID, [0.01] * len(_GRID), np.diag([0.1**2 + 0.04**2, 0.14**2 + 0.04**2, 0.14**2 + 0.1**2]) / 12)
+BLOCK = packing(
+    "block", _GRID, [0.01] * len(_GRID), np.diag([0.1**2 + 0.04**2, 0.14**2 + 0.04**2, 0.14**2 + 0.1**2]) / 12
+)
 PLATE = packing(  # far from a sphere's inertia
-    "plate", [(x, y, 0) for x in (-0.2, 0, 0.2) for y in (-0.1, 0, 0.1)], [0.02] * 9, np.diag([0.004, 0.013, 0.017]))
+    "plate",
+    [(x, y, 0) for x in (-0.2, 0, 0.2) for y in (-0.1, 0, 0.1)],
+    [0.02] * 9,
+    np.diag([0.004, 0.013, 0.017]),
+)
 
 
 def state(position=(0, 0, 0), velocity=(0, 0, 0), spin=(0, 0, 0), orientation=(0, 0, 0, 1)):
@@ -47,7 +60,10 @@ def energy(scene, x):
     total = 0.0
     for body, s in zip(scene.bodies, x, strict=True):
         spin = Rotation.from_quat(s[6:10]).inv().apply(s[10:])
-        total += 0.5 * body.mass * (s[3:6] @ s[3:6] + spin @ body.model.inertia @ spin) - body.mass * scene.gravity @ s[:3]
+        total += (
+            0.5 * body.mass * (s[3:6] @ s[3:6] + spin @ body.model.inertia @ spin)
+            - body.mass * scene.gravity @ s[:3]
+        )
     return total
 
 
@@ -68,11 +84,15 @@ def test_shallow_overlaps_are_those_of_small_depths(ri, rj):
     """Volume, slope and energy to leading order in the depth, against those of the lens or the cap."""
     R = ri if math.isinf(rj) else ri * rj / (ri + rj)
     depths = 1e-4 * R * np.linspace(0.0, 1.0, 201)
-    volumes = np.array([cap(ri - d, ri)[0] if math.isinf(rj) else lens(ri + rj - d, ri, rj)[0] for d in depths])
+    volumes = np.array(
+        [cap(ri - d, ri)[0] if math.isinf(rj) else lens(ri + rj - d, ri, rj)[0] for d in depths]
+    )
     d, LEADING_ORDER = depths[-1], 1e-3
     assert shallow_volume(R, d) == pytest.approx(volumes[-1], rel=LEADING_ORDER)
     assert shallow_energy(R, d) == pytest.approx(np.trapezoid(volumes, depths), rel=LEADING_ORDER)
-    assert shallow_slope(R, depths[-2]) == pytest.approx((volumes[-1] - volumes[-3]) / (depths[-1] - depths[-3]), rel=LEADING_ORDER)
+    assert shallow_slope(R, depths[-2]) == pytest.approx(
+        (volumes[-1] - volumes[-3]) / (depths[-1] - depths[-3]), rel=LEADING_ORDER
+    )
 
 
 def test_a_plane_pushes_with_the_caps_volume():
@@ -98,13 +118,17 @@ def test_planes_are_boxes_that_never_end():
 
 @pytest.mark.parametrize("gyroscopic", [False, True])
 def test_momentum_is_kept_in_contact(gyroscopic):
-    """Two spinning blocks meet in space; with the gyroscopic term energy is kept as well, up to the step's own error."""
+    """Two spinning blocks meet in space; the gyroscopic term keeps energy, up to the step's own error."""
     bodies = [RigidBody("a", BLOCK, 0.5), RigidBody("b", BLOCK, 1.5)]
     scene = Scene(bodies, dt=1e-4, stiffness=1e8, gyroscopic=gyroscopic)
-    x = np.array([
-        state((-0.12, 0, 0.01), (1, 0, 0), (3, -2, 5), Rotation.from_rotvec([0.3, 0.2, 0.1]).as_quat()),
-        state((0.12, 0.01, 0), (-0.5, 0.1, 0), (-1, 4, 2), Rotation.from_rotvec([-0.4, 0.5, 1]).as_quat()),
-    ])
+    x = np.array(
+        [
+            state((-0.12, 0, 0.01), (1, 0, 0), (3, -2, 5), Rotation.from_rotvec([0.3, 0.2, 0.1]).as_quat()),
+            state(
+                (0.12, 0.01, 0), (-0.5, 0.1, 0), (-1, 4, 2), Rotation.from_rotvec([-0.4, 0.5, 1]).as_quat()
+            ),
+        ]
+    )
     y = run(scene, x, 0.5)
     m = np.array([[0.5], [1.5]])
     assert np.linalg.norm(y[:, 3:6] - x[:, 3:6]) > 0.1, "they must have met"
@@ -130,25 +154,42 @@ def test_the_gyroscopic_term_conserves_angular_momentum_and_follows_euler():
     def euler(t, s):
         q, w = s[:4] / np.linalg.norm(s[:4]), s[4:]
         half = 0.5 * w  # body axes
-        dq = np.array([
-            q[3] * half[0] + q[1] * half[2] - q[2] * half[1], q[3] * half[1] + q[2] * half[0] - q[0] * half[2],
-            q[3] * half[2] + q[0] * half[1] - q[1] * half[0], -q[:3] @ half,
-        ])
+        dq = np.array(
+            [
+                q[3] * half[0] + q[1] * half[2] - q[2] * half[1],
+                q[3] * half[1] + q[2] * half[0] - q[0] * half[2],
+                q[3] * half[2] + q[0] * half[1] - q[1] * half[0],
+                -q[:3] @ half,
+            ]
+        )
         return np.concatenate([dq, np.linalg.solve(inertia, -np.cross(w, inertia @ w))])
 
-    fine = solve_ivp(euler, (0, 2.0), np.concatenate([orientation.as_quat(), orientation.inv().apply(spin)]), rtol=1e-11, atol=1e-12)
+    fine = solve_ivp(
+        euler,
+        (0, 2.0),
+        np.concatenate([orientation.as_quat(), orientation.inv().apply(spin)]),
+        rtol=1e-11,
+        atol=1e-12,
+    )
     apart = Rotation.from_quat(y[6:10]).inv() * Rotation.from_quat(fine.y[:4, -1])
     assert apart.magnitude() < 0.01
     without = run(replace(scene, gyroscopic=False), x, 2.0)[0]
     assert (Rotation.from_quat(without[6:10]).inv() * Rotation.from_quat(fine.y[:4, -1])).magnitude() > 0.5
 
 
-@pytest.mark.parametrize("name", ["linearization", "surrogate", "sigma_points", "local_sampling", "monte_carlo"])
+@pytest.mark.parametrize(
+    "name", ["linearization", "surrogate", "sigma_points", "local_sampling", "monte_carlo"]
+)
 def test_pieces_of_a_prediction_equal_the_whole(name):
     """A saved carry goes on bit for bit, with everything that a scene can have."""
     scene = Scene(
-        [RigidBody("a", BLOCK, 0.5), RigidBody("b", BALL, 0.3)], dt=0.005, stiffness=1e6, gravity=(0, 0, -G),
-        environment=(Plane(), Box((0.1, 0.1, 0.1), (0.3, 0, 0.05))), gyroscopic=True)
+        [RigidBody("a", BLOCK, 0.5), RigidBody("b", BALL, 0.3)],
+        dt=0.005,
+        stiffness=1e6,
+        gravity=(0, 0, -G),
+        environment=(Plane(), Box((0.1, 0.1, 0.1), (0.3, 0, 0.05))),
+        gyroscopic=True,
+    )
     mean = np.array([state((0, 0, 0.05), (1, 0, 0), (1, 2, 3)), state((0.02, 0.01, 0.15), (0, 0, -1))])
     P = np.zeros((2, 12, 12))
     P[:, [0, 1, 2], [0, 1, 2]] = 1e-4

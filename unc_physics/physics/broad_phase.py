@@ -10,18 +10,19 @@ from .sphere_tree import candidates
 # of the sum of two bodies' radii: bounds, with a margin, what single precision loses in a change of frame
 SINGLE_PRECISION = 4e-6
 FIRST_STEPS, _MOST_STEPS = 4.0, 64.0  # for which two bodies that are apart are asked to stay so
-ROOTS_ALONE = np.int64(1)  # height of a search's first stack; typed, since a literal would compile every caller twice
+# height of a search's first stack; typed, since a literal would compile every caller twice
+ROOTS_ALONE = np.int64(1)
 
 
 @inner(forceinline=True)
 def near_pairs(x, reach, max_travel, moving, work):
     """Find the pairs of bodies that may touch.
 
-    One of them moves, balls of radii ``reach`` (B,) about them overlap, and their separation bound does not keep them apart
-    while each travels ``max_travel`` (B,) further.
+    One of them moves, balls of radii ``reach`` (B,) about them overlap, and their separation bound does not
+    keep them apart while each travels ``max_travel`` (B,) further.
 
-    Sweeps along x over the bodies, which `work.order` keeps sorted from step to step. Fills ``work.near`` with
-    pairs (i, j), i < j, in an order that depends on the state alone, and returns their number.
+    Sweeps along x over the bodies, which `work.order` keeps sorted from step to step. Fills ``work.near``
+    with pairs (i, j), i < j, in an order that depends on the state alone, and returns their number.
     """
     order, low, bound = work.order, work.low, work.separation_bound
     for i in range(len(x)):
@@ -65,10 +66,10 @@ def relative_pose(x, i, j, work):
 
 @inner
 def may_touch(x, i, j, world, work):
-    """Whether two bodies may touch while each travels ``work.max_travel``: whether their trees do, grown by as much.
+    """Whether two bodies' trees, grown by ``work.max_travel``, overlap.
 
-    Where they cannot, their separation bound is raised. So a later call of `near_pairs` may leave them out, but only where
-    the answer here would be no again.
+    Where they cannot, their separation bound is raised. So a later call of `near_pairs` may leave them out,
+    but only where the answer here would be no again.
     """
     t_ij = relative_pose(x, i, j, work)
     slack = SINGLE_PRECISION * (world.bodies.radius[i] + world.bodies.radius[j])
@@ -80,11 +81,11 @@ def may_touch(x, i, j, world, work):
 
 @inner
 def update_separation_bound(i, j, t_ij, slack, pace, world, work):
-    """Leave two bodies out of searches until they may have crossed the gap between them; returns whether there is one.
+    """Leave two bodies out of searches while they cannot cross the gap between them, if there is one.
 
-    Asks the trees whether the bodies stay apart when each sphere grows by what they may travel in some steps, at
-    ``pace`` [m] a step; the number of steps adapts. This only leaves out searches that would find nothing, so no result
-    depends on it.
+    Asks the trees whether the bodies stay apart when each sphere grows by what they may travel in some steps,
+    at ``pace`` [m] a step; the number of steps adapts. This only leaves out searches that would find nothing,
+    so no result depends on it.
     """
     bound = work.separation_bound
     steps = bound[i, j, 1]
@@ -98,7 +99,7 @@ def update_separation_bound(i, j, t_ij, slack, pace, world, work):
 
 @inner
 def overlap_query(i, j, t_ij, margin, world, work):
-    """Whether two bodies' trees overlap where each sphere may grow: together by ``margin``; ``work.R_ij`` as for a search."""
+    """Whether two bodies' trees overlap when grown, together by ``margin`` [m], at ``work.R_ij``."""
     query = work.overlap_query
     query.stack[0, 0], query.stack[0, 1] = world.bodies.root[i], world.bodies.root[j]
     found, _ = candidates(world.tree, work.R_ij, t_ij, margin, query, ROOTS_ALONE)

@@ -1,4 +1,4 @@
-"""How kernels are compiled: once per combination of types, into a cache on disk, without the interpreter's lock."""
+"""How kernels are compiled: once for each combination of types, cached, without the interpreter's lock."""
 
 from numba import njit
 from numba.extending import overload
@@ -13,16 +13,17 @@ def kernel(function=None, **options):
 
 
 def inner(function=None, **options):
-    """A function that kernels alone call, and that allocates nothing; a call from Python would end the process."""
+    """A function that kernels alone call, and that allocates nothing; called from Python it would crash."""
     return _compiled(function, _INNER | options)
 
 
 def stage(function):
     """A stage of a time loop, at which a method does work of its own; unless a method says so, nothing.
 
-    The method is the first argument: None, or a NamedTuple of what the method works on. A function decorated with
-    ``@name_of_the_stage.of(Method)`` is the stage's work for NamedTuples of that class. It is chosen by type when the loop
-    is compiled, and becomes part of the loop's code, so that a loop without a method is compiled as if it had no stages.
+    The method is the first argument: None, or a NamedTuple of what the method works on. A function decorated
+    with ``@name_of_the_stage.of(Method)`` is the stage's work for NamedTuples of that class. It is chosen by
+    type when the loop is compiled, and becomes part of the loop's code, so that a loop without a method is
+    compiled as if it had no stages.
     """
     work_of = {}
 
@@ -33,9 +34,12 @@ def stage(function):
         def register(work):
             work_of[method] = work
             return work
+
         return register
 
-    overload(function, strict=False, jit_options=_INNER | {"forceinline": True, "no_cfunc_wrapper": True})(choose)
+    overload(function, strict=False, jit_options=_INNER | {"forceinline": True, "no_cfunc_wrapper": True})(
+        choose
+    )
     function.of = of
     return function
 

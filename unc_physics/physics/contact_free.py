@@ -1,4 +1,4 @@
-"""Steps in which nothing can touch, of scenes with surroundings: known ahead, so that nothing is searched in them."""
+"""Steps in which nothing can touch, known ahead so that nothing is searched; of scenes with surroundings."""
 
 from ..layout import P, V, W
 from .broad_phase import may_touch, near_pairs
@@ -13,7 +13,8 @@ UNKNOWN = -1  # number of contact-free steps ahead, of a rollout that begins
 def contact_free_step(x, world, surroundings, work):
     """Whether nothing can touch in the step that begins.
 
-    No result depends on the answer. Without surroundings it is always no: the search for pairs costs no more than to ask.
+    No result depends on the answer. Without surroundings it is always no: the search for pairs costs no more
+    than to ask.
     """
     if surroundings is None:
         return False

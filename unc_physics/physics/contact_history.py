@@ -12,10 +12,12 @@ class ContactHistory(NamedTuple):
     Attributes
     ----------
     first_time : (N, B, B + E) float32
-        Time of the first contact of bodies i < j, or of body i and element j - B of the environment [s]; infinite
-        without contact. Told by the step: a contact that begins within a step has the time of its end.
+        Time of the first contact of bodies i < j, or of body i and element j - B of the environment [s];
+        infinite without contact. Told by the step: a contact that begins within a step has the time of its
+        end.
     solver : NamedTuple or None
-        Arrays of the implicit step, the first axis of each being N; None for the explicit step, which remembers nothing.
+        Arrays of the implicit step, the first axis of each being N; None for the explicit step, which
+        remembers nothing.
     """
 
     first_time: np.ndarray
@@ -42,7 +44,9 @@ def samples(history, some):
 def _each(history, function):
     """A history with all of its arrays changed alike."""
     solver = history.solver
-    return ContactHistory(function(history.first_time), None if solver is None else type(solver)(*map(function, solver)))
+    return ContactHistory(
+        function(history.first_time), None if solver is None else type(solver)(*map(function, solver))
+    )
 
 
 def of_bodies(history, bodies):
@@ -59,8 +63,8 @@ def joined(histories: Sequence[ContactHistory], rows: Sequence, bodies: Sequence
     ----------
     histories : sequence of ContactHistory
     rows : sequence of (n,) int arrays
-        Which rollouts of the joint history each history's are; the others' rollouts follow its first, before which
-        nothing distinguishes them.
+        Which rollouts of the joint history each history's are; the others' rollouts follow its first, before
+        which nothing distinguishes them.
     bodies : sequence of (b,) int arrays
         Which of the joint history's bodies each history's are.
     world : World

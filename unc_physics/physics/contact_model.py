@@ -1,8 +1,8 @@
-"""The contact model: how much two shapes overlap, how that grows with depth, and what the penalty force makes of it.
+"""The contact model: how much two shapes overlap at a depth, and what the penalty force makes of it.
 
-The force is ``kappa V``, V being the volume of the overlap (the paper's Eq. 4). Two spheres that overlap little, of
-reduced radius ``R = ri rj / (ri + rj)``, or a sphere and a flat surface, R being the sphere's radius, share a volume of
-about ``pi R d^2`` at depth d: the ``shallow`` functions.
+The force is ``kappa V``, V being the volume of the overlap (the paper's Eq. 4). Two spheres that overlap
+little, of reduced radius ``R = ri rj / (ri + rj)``, or a sphere and a flat surface, R being the sphere's
+radius, share a volume of about ``pi R d^2`` at depth d: the ``shallow`` functions.
 """
 
 import math
@@ -19,8 +19,8 @@ def lens(d, ri, rj):
     volume : float
         Of the lens [m^3]; the whole smaller sphere when it lies inside the other; 0 without overlap.
     lever : float
-        Contact point on the line of centres, measured from the first centre towards the second [m]: the middle
-        of the interval in which the spheres overlap.
+        Contact point on the line of centres, measured from the first centre towards the second [m]: the
+        middle of the interval in which the spheres overlap.
     """
     if d >= ri + rj:
         return 0.0, 0.0
@@ -41,7 +41,7 @@ def lens_lever(d, ri, rj):
 
 @kernel(_nrt=False, error_model="numpy")
 def cap(distance, r):
-    """What a sphere of radius ``r`` [m], its centre at a signed distance from a flat surface, shares with the solid.
+    """What a sphere of radius ``r`` [m] at a signed distance from a flat surface shares with the solid.
 
     Returns
     -------
@@ -62,13 +62,13 @@ def shallow_volume(R, d):
 
 @kernel(_nrt=False)
 def shallow_slope(R, d):
-    """How fast the volume of a shallow overlap grows with depth [m^2]: times the stiffness, the contact's stiffness [N/m]."""
+    """Growth of a shallow overlap's volume with depth [m^2]: times the stiffness, that of the contact."""
     return 2.0 * math.pi * R * d
 
 
 @kernel(_nrt=False)
 def shallow_energy(R, d):
-    """The volume of a shallow overlap, integrated over the depth [m^4]: times the stiffness, the energy that it holds."""
+    """A shallow overlap's volume, integrated over depth [m^4]: times the stiffness, its energy."""
     return math.pi * R * d**3 / 3.0
 
 
@@ -90,5 +90,5 @@ def impact_frequency(v, inverse_mass, R, stiffness):
 
 
 def capacity(r, stiffness):
-    """About the energy that two spheres of radius ``r`` [m] take up before they pass through each other [J]."""
+    """About the energy that two spheres of radius ``r`` [m] take up before one passes the other [J]."""
     return math.pi * stiffness * r**4

@@ -1,7 +1,7 @@
 """The explicit time step: drift, damp, gravity, contacts, kick, in this order (the paper's Eqs. 3 to 6).
 
-`integrate` is the only loop over such steps. A propagator that follows more than the state hooks its own work into the
-loop's stages (`compiled.stage`): the functions that begin the file.
+`integrate` is the only loop over such steps. A propagator that follows more than the state hooks its own work
+into the loop's stages (`compiled.stage`): the functions that begin the file.
 """
 
 import math
@@ -25,7 +25,7 @@ def before_drift(method, x, step, world, work):
 
 @stage
 def on_contacts(method, x, i, j, count, first, world, work):
-    """The first ``count`` contacts on record (`Workspace.search`) are of bodies i and j; ``first`` if no others came before."""
+    """The first ``count`` contacts on record are of bodies i and j; ``first`` if none came before."""
 
 
 @stage
@@ -40,7 +40,7 @@ def after_pairs(method, x, world, work):
 
 @stage
 def on_element_contacts(method, x, i, e, t, count, first, world, work):
-    """As `on_contacts`, of body i and element e of the environment; ``t`` is the body's place in the element's frame [m]."""
+    """As `on_contacts`, of body i and element e; ``t`` is the body's place in the element's frame [m]."""
 
 
 @stage
@@ -107,7 +107,7 @@ def integrate_pose(x, i, world, surroundings, work):
 
 @inner(forceinline=True)
 def integrate_position(x, i, dt):
-    """Move body i's centre of mass by what its velocity does in a time; returns a bound of its speed [m/s]."""
+    """Move body i's centre of mass by its velocity for a time; returns a bound of its speed [m/s]."""
     for k in range(3):
         x[i, P + k] += dt * x[i, V + k]
     return abs(x[i, V]) + abs(x[i, V + 1]) + abs(x[i, V + 2])
@@ -115,8 +115,11 @@ def integrate_position(x, i, dt):
 
 @inner(forceinline=True)
 def integrate_rotation(x, i, dt, radius, R):
-    """Turn body i by what its angular velocity does in a time; returns a bound of the speed that this gives its points [m/s]."""
-    q = multiply(exp(dt * x[i, W], dt * x[i, W + 1], dt * x[i, W + 2]), (x[i, Q], x[i, Q + 1], x[i, Q + 2], x[i, Q + 3]))
+    """Turn body i by its angular velocity for a time; returns a bound of its points' speed by that [m/s]."""
+    q = multiply(
+        exp(dt * x[i, W], dt * x[i, W + 1], dt * x[i, W + 2]),
+        (x[i, Q], x[i, Q + 1], x[i, Q + 2], x[i, Q + 3]),
+    )
     q = renormalized(q)
     x[i, Q], x[i, Q + 1], x[i, Q + 2], x[i, Q + 3] = q
     write_matrix(q, R, i)
@@ -127,8 +130,8 @@ def integrate_rotation(x, i, dt, radius, R):
 def integrate_gyroscopic(x, i, world, work):
     """As `integrate_rotation`, for a step, with the angular momentum kept instead of the angular velocity.
 
-    The angular velocity in the middle of a turn is found from the momentum, with the inertia half turned along; long
-    turns are divided, since this keeps the energy to the third order of their angle only.
+    The angular velocity in the middle of a turn is found from the momentum, with the inertia half turned
+    along; long turns are divided, since this keeps the energy to the third order of their angle only.
     """
     R, momentum, dt = work.R[i], work.momentum[i], world.dt
     a, b, c = rotate_back(R, x[i, W], x[i, W + 1], x[i, W + 2])
@@ -140,7 +143,11 @@ def integrate_gyroscopic(x, i, world, work):
     for _ in range(max(count, 1)):
         q = (x[i, Q], x[i, Q + 1], x[i, Q + 2], x[i, Q + 3])
         for _ in range(rounds):
-            write_matrix(multiply(exp(0.5 * dt * x[i, W], 0.5 * dt * x[i, W + 1], 0.5 * dt * x[i, W + 2]), q), work.R, i)
+            write_matrix(
+                multiply(exp(0.5 * dt * x[i, W], 0.5 * dt * x[i, W + 1], 0.5 * dt * x[i, W + 2]), q),
+                work.R,
+                i,
+            )
             velocity_from_momentum(x, i, world, work)
         pace = max(pace, integrate_rotation(x, i, dt, world.bodies.radius, work.R))
         velocity_from_momentum(x, i, world, work)
@@ -149,7 +156,7 @@ def integrate_gyroscopic(x, i, world, work):
 
 @inner
 def velocity_from_momentum(x, i, world, work):
-    """The angular velocity that belongs to body i's angular momentum on record, at ``work.R``, into the state."""
+    """Write the angular velocity that body i's momentum on record gives at ``work.R`` into the state."""
     R, momentum = work.R[i], work.momentum[i]
     a, b, c = rotate_back(R, momentum[0], momentum[1], momentum[2])
     a, b, c = rotate(world.bodies.inverse_inertia[i], a, b, c)
@@ -210,7 +217,9 @@ def apply_element_forces(x, first_time, time, world, surroundings, method, work)
                 t, top = open_element(x, i, e, world, surroundings, work)
                 touching = False
                 while top > 0:
-                    count, top = next_element_contacts(world.tree, surroundings, e, work.R_ij, t, work.search, top)
+                    count, top = next_element_contacts(
+                        world.tree, surroundings, e, work.R_ij, t, work.search, top
+                    )
                     if count > 0:
                         apply_element_force(i, count, world.stiffness, work)
                         on_element_contacts(method, x, i, e, t, count, not touching, world, work)
@@ -222,7 +231,7 @@ def apply_element_forces(x, first_time, time, world, surroundings, method, work)
 
 @inner
 def apply_element_force(i, count, stiffness, work):
-    """Add the forces of the first ``count`` contacts on record, of body i with the environment, to its wrench."""
+    """As `apply_contact_force`, of body i with an element of the environment."""
     force, moment = contact_sums(work.search.records, count)
     fx, fy, fz = rotate(work.R[i], force[0], force[1], force[2])
     mx, my, mz = rotate(work.R[i], moment[0], moment[1], moment[2])
@@ -244,7 +253,7 @@ def note_contact(first_time, i, j, time):
 
 @inner(forceinline=True)
 def kick(x, world, work):
-    """Change the velocities of each touched body by its wrench; clears the wrenches, and returns whether there were any."""
+    """Change the velocities of touched bodies by their wrenches, and clear these; were there any?"""
     any_touched = False
     for i in range(len(x)):
         if not work.touched[i]:

@@ -33,7 +33,7 @@ def open_pair(x, i, j, world, work):
 
 @inner(error_model="numpy", forceinline=True)
 def next_contacts(tree, R_ij, t_ij, slack, search, top):
-    """Continue the search for the contacts of two bodies, as `sphere_tree.candidates`, which takes the same arguments.
+    """Continue the search for two bodies' contacts; takes what `sphere_tree.candidates` takes.
 
     Fills ``search.pairs`` with the touching spheres and ``search.records`` with their contacts.
 
@@ -85,7 +85,11 @@ def contact_sums(records, count):
     fx = fy = fz = mx = my = mz = 0.0
     for k in range(count):
         volume = records[k, VOLUME]
-        x, y, z = volume * records[k, NORMAL], volume * records[k, NORMAL + 1], volume * records[k, NORMAL + 2]
+        x, y, z = (
+            volume * records[k, NORMAL],
+            volume * records[k, NORMAL + 1],
+            volume * records[k, NORMAL + 2],
+        )
         fx += x
         fy += y
         fz += z

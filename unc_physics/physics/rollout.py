@@ -25,7 +25,9 @@ def rollout(states, contact_history, world, begin, steps):
     steps : int
     """
     in_threads(
-        len(states), lambda some: advance(states[some], histories.samples(contact_history, some), world, begin, steps))
+        len(states),
+        lambda some: advance(states[some], histories.samples(contact_history, some), world, begin, steps),
+    )
 
 
 def simulate(states, world, steps):
@@ -40,6 +42,8 @@ def advance(states, contact_history, world, begin, steps):
 
 @kernel
 def advance_explicit(states, first_time, world, surroundings, begin, steps):
-    """Advance states (N, B, 13) and the times of their first contacts (N, B, B + E) in place, by explicit steps."""
+    """Advance states (N, B, 13) and first contacts (N, B, B + E) in place, by explicit steps."""
     for n in range(len(states)):
-        integrate(states[n], first_time[n], world, surroundings, None, begin, steps, workspace(states[n], world))
+        integrate(
+            states[n], first_time[n], world, surroundings, None, begin, steps, workspace(states[n], world)
+        )

@@ -33,7 +33,8 @@ class Workspace(NamedTuple):
     max_travel, zero_travel : (B,) float64
         The most that a point of a body travels in these steps [m]; zeros.
     contact_free_steps : (2,) int64
-        Steps ahead in which nothing can touch, and for how many that is next asked; of scenes with surroundings.
+        Steps ahead in which nothing can touch, and for how many that is next asked; of scenes with
+        surroundings.
     touching : (1,) bool
         Whether anything touched in the last step that might have had contacts, or there is none yet.
     low : (B,) float64
@@ -45,8 +46,8 @@ class Workspace(NamedTuple):
     travel : (B,) float64
         Sum of ``speed`` since the rollout began [m].
     separation_bound : (B, B, 2) float64
-        For a pair i < j: up to which sum of their travels they can't touch [m], and the number of steps for which
-        they are next asked to be apart.
+        For a pair i < j: up to which sum of their travels they can't touch [m], and the number of steps for
+        which they are next asked to be apart.
     R_ij : (3, 3) float64
         Rotation from body j's to body i's coordinates, of the pair at hand.
     search, overlap_query : Scratch

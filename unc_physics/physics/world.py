@@ -83,8 +83,8 @@ class World(NamedTuple):
     stack_size : int
         Room that a search through two trees needs at most.
     surroundings : Surroundings or None
-        None for the paper's physics, for which the kernels compile without them. Functions whose code depends on that
-        take them as an argument of their own: numba removes a branch only where an argument is None.
+        None for the paper's physics, for which the kernels compile without them. Functions whose code depends
+        on that take them as an argument of their own: numba removes a branch only where an argument is None.
     implicit : NamedTuple or None
         What the implicit step knows besides; None for the explicit one.
     """

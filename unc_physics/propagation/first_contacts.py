@@ -1,6 +1,7 @@
 """Samples of an initial belief, each body of which runs until it first touches something.
 
-What happens before that is the same for every propagator: free flight, in closed form but for the search for contacts.
+What happens before that is the same for every propagator: free flight, in closed form but for the search for
+contacts.
 """
 
 from __future__ import annotations
@@ -26,10 +27,12 @@ class FirstContacts(NamedTuple):
     states : (N, B, 13) array
         At the end; of a body that touched something, just after it did.
     stopped : (N, B) array
-        Time at which each body first touched something [s]; infinite for one that flew to the end, or is fixed.
+        Time at which each body first touched something [s]; infinite for one that flew to the end, or is
+        fixed.
     first : (N, B, B + E) array
-        Time of the first contact of bodies i < j, or of body i and element j - B [s]; infinite without one. Later than
-        either body's time in ``stopped``, it is with one that stands where it touched something before.
+        Time of the first contact of bodies i < j, or of body i and element j - B [s]; infinite without one.
+        Later than either body's time in ``stopped``, it is with one that stands where it touched something
+        before.
     """
 
     states: np.ndarray
@@ -54,7 +57,16 @@ def _fly(states, first, stopped, world, surroundings, steps):
         moving = b.moving.copy()
         bodies = Bodies(moving, b.mass, b.inertia, b.inverse_mass, b.inverse_inertia, b.radius, b.root)
         own = World(
-            bodies, world.tree, world.gravity, world.dt, world.decay, world.stiffness, world.stack_size, surroundings, None)
+            bodies,
+            world.tree,
+            world.gravity,
+            world.dt,
+            world.decay,
+            world.stiffness,
+            world.stack_size,
+            surroundings,
+            None,
+        )
         work = workspace(states[n], own)
         for step in range(steps):
             integrate(states[n], first[n], own, surroundings, None, step, 1, work)

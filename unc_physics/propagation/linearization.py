@@ -10,6 +10,7 @@ import numpy as np
 
 from ..belief import Belief
 from ..errors import InvalidOptionError, NotSupportedError
+from ..layout import EP, ER, ERROR, EV, EW, STATE, P, Q
 from ..physics import contact_history as histories
 from ..physics.compiled import inner, kernel
 from ..physics.contact_history import ContactHistory
@@ -30,7 +31,6 @@ from ..physics.narrow_phase import NORMAL, POINT, VOLUME
 from ..physics.rotation import cross, rotate, rotate_back, write_matrix
 from ..physics.transition import apply_drift_jacobian, write_exact_rotation
 from ..physics.workspace import Workspace, workspace
-from ..layout import EP, ER, ERROR, EV, EW, STATE, P, Q
 from .base import Propagator, Traits
 
 _JACOBIANS = ("analytic", "finite_difference")
@@ -69,10 +69,10 @@ class Linearization(Propagator):
 
     Notes
     -----
-    The mean is a rollout with the full physics. ``F_t`` is the derivative of a step in which only the dominant
-    pair of spheres of each pair of bodies acts, with constant volume and Eq. 10's normal. ``F_t P F_t^T`` is never
-    formed: a root of P with as many columns as P has rank goes through ``F_t``, which keeps P symmetric and
-    positive semidefinite, and costs less. A contact with the environment keeps its normal.
+    The mean is a rollout with the full physics. ``F_t`` is the derivative of a step in which only the
+    dominant pair of spheres of each pair of bodies acts, with constant volume and Eq. 10's normal. ``F_t P
+    F_t^T`` is never formed: a root of P with as many columns as P has rank goes through ``F_t``, which keeps
+    P symmetric and positive semidefinite, and costs less. A contact with the environment keeps its normal.
     """
 
     name = "linearization"
@@ -82,12 +82,17 @@ class Linearization(Propagator):
 
     def __post_init__(self):
         if self.jacobian not in _JACOBIANS:
-            raise InvalidOptionError(f"must be one of {', '.join(_JACOBIANS)}", field="jacobian", value=self.jacobian)
+            raise InvalidOptionError(
+                f"must be one of {', '.join(_JACOBIANS)}", field="jacobian", value=self.jacobian
+            )
 
     def init(self, scene, belief):
         if self.jacobian != "analytic" and scene.world.surroundings is not None:
             raise NotSupportedError(
-                "takes scenes without environment and gyroscopic term only", field="jacobian", value=self.jacobian)
+                "takes scenes without environment and gyroscopic term only",
+                field="jacobian",
+                value=self.jacobian,
+            )
         return LinearizationCarry(belief.mean.copy(), belief.root(), histories.fresh(1, scene.world), 0)
 
     def advance(self, carry, scene, steps):
@@ -140,7 +145,7 @@ class DominantElementContact(NamedTuple):
 
 
 class Differences(NamedTuple):
-    """Room for finite differences of a step: the state before it, two perturbed ones, an error, and where steps are done."""
+    """Room for finite differences: states before a step and perturbed, an error, and for the steps."""
 
     before: np.ndarray
     forth: np.ndarray
@@ -175,24 +180,28 @@ class Linearized(NamedTuple):
 
 @kernel
 def _advance(mean, root, first_time, world, surroundings, begin, steps, before):
-    """Advance the nominal state and the root in place; ``before`` (B, 13) is room for finite differences, or None."""
+    """Advance state and root in place; ``before`` (B, 13) is room for finite differences, or None."""
     work, moving = workspace(mean, world), world.bodies.moving
     pairs = len(work.near)
     dominant = DominantContacts(
-        np.zeros(1, np.int64), np.empty((pairs, 2), np.int64), np.empty((pairs, 2), np.int64), np.empty(pairs))
+        np.zeros(1, np.int64), np.empty((pairs, 2), np.int64), np.empty((pairs, 2), np.int64), np.empty(pairs)
+    )
     element = DominantElementContact(np.empty(1, np.int64), np.empty(1), np.empty(3), np.empty(3))
     if before is None:
         differences = None
     else:
         differences = Differences(
-            before, np.empty_like(before), np.empty_like(before), np.empty(ERROR), workspace(mean, world))
-    method = Linearized(root, np.where(moving, np.cumsum(moving) - 1, -1), np.empty((3, 3)), dominant, element, differences)
+            before, np.empty_like(before), np.empty_like(before), np.empty(ERROR), workspace(mean, world)
+        )
+    method = Linearized(
+        root, np.where(moving, np.cumsum(moving) - 1, -1), np.empty((3, 3)), dominant, element, differences
+    )
     integrate(mean, first_time, world, surroundings, method, begin, steps, work)
 
 
 @before_drift.of(Linearized)
 def _begin_step(method, x, step, world, work):
-    """Take the root through the derivative of drift and damping; or keep the state for finite differences of the step."""
+    """Take the root through the drift's derivative; or keep the state for finite differences."""
     method.dominant.count[0] = 0
     _drift_root(method.differences, method, x, world, work)
 
@@ -204,7 +213,15 @@ def _drift_root(differences, method, x, world, work):
             if world.bodies.moving[i]:
                 write_exact_rotation(work.R, x, i, world.dt, method.transition)
                 apply_drift_jacobian(
-                    method.root, ERROR * method.error_block[i], x, i, work.R, world, world.surroundings, method.transition)
+                    method.root,
+                    ERROR * method.error_block[i],
+                    x,
+                    i,
+                    work.R,
+                    world,
+                    world.surroundings,
+                    method.transition,
+                )
         else:
             for c in range(STATE):
                 differences.before[i, c] = x[i, c]
@@ -264,7 +281,9 @@ def _keep_dominant_of_element(method, x, i, e, t, count, first, world, work):
         if volume > dominant.volume[0] or (volume == dominant.volume[0] and pairs[k, 0] < dominant.sphere[0]):
             dominant.volume[0], dominant.sphere[0] = volume, pairs[k, 0]
             f = -world.stiffness * volume
-            force = rotate(R[i], f * records[k, NORMAL], f * records[k, NORMAL + 1], f * records[k, NORMAL + 2])
+            force = rotate(
+                R[i], f * records[k, NORMAL], f * records[k, NORMAL + 1], f * records[k, NORMAL + 2]
+            )
             point = rotate(R[i], records[k, POINT], records[k, POINT + 1], records[k, POINT + 2])
             for c in range(3):
                 dominant.force[c], dominant.point[c] = force[c], point[c]
@@ -338,7 +357,11 @@ def contact_root(x, root, error_block, world, R, dominant, k):
         )
         stretch = n[0] * dD[0] + n[1] * dD[1] + n[2] * dD[2]
         shrink = stretch / (d + ri + rj)
-        df = (scale * (dD[0] - shrink * D[0]), scale * (dD[1] - shrink * D[1]), scale * (dD[2] - shrink * D[2]))
+        df = (
+            scale * (dD[0] - shrink * D[0]),
+            scale * (dD[1] - shrink * D[1]),
+            scale * (dD[2] - shrink * D[2]),
+        )
         along = slope * stretch - lever * stretch / d
         d_point = (
             lever / d * dD[0] + along * n[0],
@@ -352,7 +375,9 @@ def contact_root(x, root, error_block, world, R, dominant, k):
             kick_column(root, row_i, c, (-df[0], -df[1], -df[2]), (torque_i, dtau, turn_i), world, R, i)
         if row_j >= 0:
             d_lever = (
-                d_arm_j[0] + d_point[0] - dD[0], d_arm_j[1] + d_point[1] - dD[1], d_arm_j[2] + d_point[2] - dD[2],
+                d_arm_j[0] + d_point[0] - dD[0],
+                d_arm_j[1] + d_point[1] - dD[1],
+                d_arm_j[2] + d_point[2] - dD[2],
             )
             a, b = cross(d_lever, f), cross(lever_j, df)
             dtau = (a[0] + b[0], a[1] + b[1], a[2] + b[2])
@@ -361,7 +386,7 @@ def contact_root(x, root, error_block, world, R, dominant, k):
 
 @inner
 def _moved(root, row, c, R, arm):
-    """How column ``c`` moves a body: its displacement, its rotation in world axes, and the change of ``arm``."""
+    """How column ``c`` moves a body: displacement, rotation in world axes, and change of ``arm``."""
     if row < 0:
         zero = (0.0, 0.0, 0.0)
         return zero, zero, zero
@@ -400,7 +425,7 @@ def _inverse_inertia(world, R, body, tau):
 
 @inner
 def regularized_step(x, world, work, dominant):
-    """The step that ``F_t`` differentiates: the dominant contacts act, with held volume and Eq. 10's normal."""
+    """The step that ``F_t`` differentiates: dominant contacts, held volumes, Eq. 10's normals."""
     drift(x, world, None, work)
     for k in range(dominant.count[0]):
         i, j = dominant.bodies[k]

@@ -1,4 +1,4 @@
-"""Local sampling: each contact is perturbed by the bodies' pose uncertainty, its force's spread feeds P (section 4.4)."""
+"""Local sampling: contacts are perturbed by the poses' uncertainty, the spread feeds P (section 4.4)."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ import numpy as np
 
 from ..belief import Belief
 from ..errors import InvalidOptionError
+from ..layout import EP, ER, ERROR, EV, EW
 from ..physics import contact_history as histories
 from ..physics.compiled import inner, kernel
 from ..physics.contact_history import ContactHistory
@@ -27,7 +28,6 @@ from ..physics.rotation import cross, exp, rotate, rotate_back
 from ..physics.surroundings import surface
 from ..physics.transition import apply_drift_jacobian, write_printed_rotation
 from ..physics.workspace import workspace
-from ..layout import EP, ER, ERROR, EV, EW
 from ..validation import integer
 from .base import Propagator, Traits
 
@@ -36,7 +36,7 @@ _ROUND_OFF = 1e-6  # of a spread's trace: what single precision may lose
 
 
 def _series(terms, first):
-    """Coefficients of sin(a) / a (``first`` = 1) or (1 - cos(a)) / a^2 (2) in -a^2, from the highest order down."""
+    """Coefficients of sin(a) / a (``first`` 1) or (1 - cos(a)) / a^2 (2) in -a^2, highest order first."""
     return tuple(np.float32(1.0 / math.factorial(2 * k + first)) for k in reversed(range(terms)))
 
 
@@ -49,7 +49,9 @@ _ALL_AROUND = 1e4  # rad
 _ALL_OVER = 1e6  # in units of the contact's size
 _ZERO, _HALF, _ONE, _TURN = np.float32(0.0), np.float32(0.5), np.float32(1.0), np.float32(2.0 * math.pi)
 _TINY = np.float32(1e-30)
-_CLOSEST = np.float32(1e-4)  # centres that a sample brings nearer, relative to their distance, count as so near
+_CLOSEST = np.float32(
+    1e-4
+)  # centres that a sample brings nearer, relative to their distance, count as so near
 _TABLE = normal_table()
 _LARGEST = math.sqrt(3.0) * float(_TABLE.max())  # length of three normal numbers from the table
 
@@ -57,8 +59,8 @@ _LARGEST = math.sqrt(3.0) * float(_TABLE.max())  # length of three normal number
 class LocalSamplingCarry(NamedTuple):
     """Persistent state: the nominal ``mean`` (B, 13) and each moving body's ``covariance`` (M, 12, 12).
 
-    ``step`` counts the steps done, from which the draws are keyed; ``contact_history`` is what the rollout remembers of its
-    contacts.
+    ``step`` counts the steps done, from which the draws are keyed; ``contact_history`` is what the rollout
+    remembers of its contacts.
     """
 
     mean: np.ndarray
@@ -80,9 +82,9 @@ class LocalSampling(Propagator):
 
     Notes
     -----
-    The mean is a rollout with the full physics. A perturbed contact keeps the nominal volume; its direction and
-    its lever arms are those of the perturbed spheres, the inertia is the nominal one. Positions and rotations are
-    drawn independently, as in Eq. 31.
+    The mean is a rollout with the full physics. A perturbed contact keeps the nominal volume; its direction
+    and its lever arms are those of the perturbed spheres, the inertia is the nominal one. Positions and
+    rotations are drawn independently, as in Eq. 31.
     """
 
     name = "local_sampling"
@@ -96,10 +98,16 @@ class LocalSampling(Propagator):
         integer(self.seed, "seed", low=0, error=InvalidOptionError)
 
     def init(self, scene, belief):
-        return LocalSamplingCarry(belief.mean.copy(), belief.blocks.copy(), histories.fresh(1, scene.world), 0)
+        return LocalSamplingCarry(
+            belief.mean.copy(), belief.blocks.copy(), histories.fresh(1, scene.world), 0
+        )
 
     def advance(self, carry, scene, steps):
-        mean, covariance, history = carry.mean.copy(), carry.covariance.copy(), histories.copy(carry.contact_history)
+        mean, covariance, history = (
+            carry.mean.copy(),
+            carry.covariance.copy(),
+            histories.copy(carry.contact_history),
+        )
         world = scene.world
         draws = _TABLE, self.samples, self.seed % 2**63
         _advance(mean, covariance, history.first_time[0], world, world.surroundings, carry.step, steps, draws)
@@ -111,7 +119,7 @@ class LocalSampling(Propagator):
 
 
 class Cloud(NamedTuple):
-    """What local sampling works on: pose uncertainty of the bodies in one step, and the spread of the forces between two.
+    """What local sampling works on: the bodies' pose uncertainty in a step, the spread of two's forces.
 
     Attributes
     ----------
@@ -128,7 +136,8 @@ class Cloud(NamedTuple):
     known : (B,) bool
         Whether that is computed for this step.
     relative, position : (3, 3) float64
-        Covariance of body j's position relative to body i [m^2], and its factor, which turns normal numbers into displacements.
+        Covariance of body j's position relative to body i [m^2], and its factor, which turns normal numbers
+        into displacements.
     inverse : (3, 3) float64
         Room for an inverse inertia in world axes.
     table : float32 array
@@ -161,13 +170,24 @@ class Cloud(NamedTuple):
 
 @kernel
 def _advance(mean, covariance, first_time, world, surroundings, begin, steps, draws):
-    """Advance the nominal state and the covariances in place; ``draws`` are the table, the samples and the seed."""
+    """Advance state and covariances in place; ``draws`` are the table, the samples and the seed."""
     count, moving = len(mean), world.bodies.moving
     table, samples, seed = draws
     cloud = Cloud(
-        covariance, covariance.reshape(-1, ERROR), np.where(moving, np.cumsum(moving) - 1, -1), np.empty((3, 3)),
-        np.zeros((count, 3, 3)), np.zeros(count, np.bool_), np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3)),
-        table, samples, seed, np.empty(1, np.uint64), np.empty((3, 6)),
+        covariance,
+        covariance.reshape(-1, ERROR),
+        np.where(moving, np.cumsum(moving) - 1, -1),
+        np.empty((3, 3)),
+        np.zeros((count, 3, 3)),
+        np.zeros(count, np.bool_),
+        np.empty((3, 3)),
+        np.empty((3, 3)),
+        np.empty((3, 3)),
+        table,
+        samples,
+        seed,
+        np.empty(1, np.uint64),
+        np.empty((3, 6)),
     )
     integrate(mean, first_time, world, surroundings, cloud, begin, steps, workspace(mean, world))
 
@@ -235,7 +255,11 @@ def sample_element_contacts(i, e, found, pair_key, t, tree, surroundings, work, 
             o = places(combine(combine(pair_key, sphere), first))
             for s in range(np.uint64(min(RUN, cloud.samples - first))):
                 z0, z1, z2 = table[o[0] + s], table[o[1] + s], table[o[2] + s]
-                p = half * L[0, 0] * z0, half * (L[1, 0] * z0 + L[1, 1] * z1), half * (L[2, 0] * z0 + L[2, 1] * z1 + L[2, 2] * z2)
+                p = (
+                    half * L[0, 0] * z0,
+                    half * (L[1, 0] * z0 + L[1, 1] * z1),
+                    half * (L[2, 0] * z0 + L[2, 1] * z1 + L[2, 2] * z2),
+                )
                 z0, z1, z2 = table[o[3] + s], table[o[4] + s], table[o[5] + s]
                 turn = rotate(T, float(z0), float(z1), float(z2))
                 a = turned(arm, turn)
@@ -301,13 +325,15 @@ def factor_pose_covariance(bodies, work, cloud):
             write_cholesky(P, ER, L)
             within = min(1.0, _ALL_AROUND / max(_size(L), 1e-300))
             for c in range(3):
-                L[0, c], L[1, c], L[2, c] = rotate(work.R[body], within * L[0, c], within * L[1, c], within * L[2, c])
+                L[0, c], L[1, c], L[2, c] = rotate(
+                    work.R[body], within * L[0, c], within * L[1, c], within * L[2, c]
+                )
     write_cholesky(cloud.relative, 0, cloud.position)
 
 
 @inner
 def write_cholesky(P, first, L):
-    """Lower factor of the 3 x 3 block of ``P`` that begins at ``first``; directions without variance stay zero."""
+    """Lower factor of the 3 x 3 block of ``P`` at ``first``; directions without variance stay zero."""
     L[:] = 0.0
     scale = P[first, first] + P[first + 1, first + 1] + P[first + 2, first + 2]
     for c in range(3):
@@ -339,9 +365,15 @@ def _single(A, scale):
     """The entries of a 3 x 3 matrix, times ``scale``, in single precision."""
     f = np.float32
     return (
-        f(scale * A[0, 0]), f(scale * A[0, 1]), f(scale * A[0, 2]),
-        f(scale * A[1, 0]), f(scale * A[1, 1]), f(scale * A[1, 2]),
-        f(scale * A[2, 0]), f(scale * A[2, 1]), f(scale * A[2, 2]),
+        f(scale * A[0, 0]),
+        f(scale * A[0, 1]),
+        f(scale * A[0, 2]),
+        f(scale * A[1, 0]),
+        f(scale * A[1, 1]),
+        f(scale * A[1, 2]),
+        f(scale * A[2, 0]),
+        f(scale * A[2, 1]),
+        f(scale * A[2, 2]),
     )
 
 
@@ -349,7 +381,13 @@ def _single(A, scale):
 def sample_contacts(bodies, found, pair_key, tree, work, cloud):
     """Add the spread of forces and torques of the first ``found`` contacts on record (Eqs. 31 to 33)."""
     i, j = bodies
-    pairs, records, centers, R_i, R_j = work.search.pairs, work.search.records, tree.centers, work.R[i], work.R[j]
+    pairs, records, centers, R_i, R_j = (
+        work.search.pairs,
+        work.search.records,
+        tree.centers,
+        work.R[i],
+        work.R[j],
+    )
     position, table, samples, spread = cloud.position, cloud.table, cloud.samples, cloud.spread
     apart, turning = _size(position), max(_size(cloud.rotation[i]), _size(cloud.rotation[j]))
     if apart == 0.0 and turning == 0.0:
@@ -362,9 +400,22 @@ def sample_contacts(bodies, found, pair_key, tree, work, cloud):
         arm_i = rotate(R_i, centers[a, 0], centers[a, 1], centers[a, 2])
         arm_j = rotate(R_j, centers[b, 0], centers[b, 1], centers[b, 2])
         # lengths in units of the contact's own size stay within the range of single precision
-        size = records[k, DISTANCE] + abs(arm_i[0]) + abs(arm_i[1]) + abs(arm_i[2]) + abs(arm_j[0]) + abs(arm_j[1]) + abs(arm_j[2])
+        size = (
+            records[k, DISTANCE]
+            + abs(arm_i[0])
+            + abs(arm_i[1])
+            + abs(arm_i[2])
+            + abs(arm_j[0])
+            + abs(arm_j[1])
+            + abs(arm_j[2])
+        )
         factors = _single(position, min(1.0 / size, _ALL_OVER / max(apart, 1e-300))), turn_i, turn_j
-        shape = _short(n, 1.0), _short(arm_i, 1.0 / size), _short(arm_j, 1.0 / size), np.float32(records[k, DISTANCE] / size)
+        shape = (
+            _short(n, 1.0),
+            _short(arm_i, 1.0 / size),
+            _short(arm_j, 1.0 / size),
+            np.float32(records[k, DISTANCE] / size),
+        )
         force = records[k, VOLUME] ** 2 / samples
         weights = force, force * size * size
         for first in range(0, samples, RUN):
@@ -383,7 +434,7 @@ def _short(a, scale):
 
 @inner(error_model="numpy", forceinline=True)
 def _shift(arm, turn, series):
-    """How a rotation vector moves a vector (Rodrigues' formula less the vector), without a branch on the sample.
+    """How a rotation vector moves a vector (Rodrigues' formula less it), without a branch on the sample.
 
     Long series take any angle, brought into [-pi, pi] first; short ones end where the angle is small.
     """
@@ -415,9 +466,10 @@ def _times(A, x, y, z):
 
 @kernel(_nrt=False, error_model="numpy", fastmath={"reassoc", "contract", "nsz"})
 def add_spread(table, starts, count, factors, shape, series, weights, spread):
-    """Add the second moments of force and torques over some samples of one contact, in units of the stiffness.
+    """Add second moments of force and torques over samples of one contact, per squared stiffness.
 
-    All lengths are in units of some size of the contact, all numbers but ``weights`` and ``spread`` of single precision.
+    All lengths are in units of some size of the contact, all numbers but ``weights`` and ``spread`` of single
+    precision.
 
     Parameters
     ----------
@@ -430,7 +482,8 @@ def add_spread(table, starts, count, factors, shape, series, weights, spread):
     factors : tuple of 3 tuples of 9
         What turns the numbers into displacements and rotations about world axes [rad].
     shape : tuple
-        Nominal normal from body i to body j, sphere centres from their bodies' centres of mass, distance of the centres.
+        Nominal normal from body i to body j, sphere centres from their bodies' centres of mass, distance of
+        the centres.
     series : tuple of 2 tuples
     weights : tuple of 2 floats
         Of the force's and the torques' moments.
@@ -495,7 +548,7 @@ def add_spread(table, starts, count, factors, shape, series, weights, spread):
 
 @inner
 def kick_covariance(body, side, world, R, cloud):
-    """Add the spread of the kick to the diagonal blocks of the velocities (Eqs. 34 and 35); ``side`` 1 is body i."""
+    """Add the kick's spread to the velocities' diagonal blocks (Eqs. 34 and 35); ``side`` 1 is body i."""
     P, spread, inverse = cloud.covariance[cloud.error_block[body]], cloud.spread, cloud.inverse
     a = (world.dt * world.stiffness) ** 2
     f = spread[0]
@@ -513,7 +566,9 @@ def kick_covariance(body, side, world, R, cloud):
             total = 0.0
             for m in range(3):
                 for k in range(3):
-                    total += inverse[r, m] * (spread[side, _entry(m, k)] + torque_lift * (m == k)) * inverse[c, k]
+                    total += (
+                        inverse[r, m] * (spread[side, _entry(m, k)] + torque_lift * (m == k)) * inverse[c, k]
+                    )
             P[EW + r, EW + c] += a * total
 
 

@@ -21,8 +21,8 @@ from .base import Propagator, Traits, rolled
 class MonteCarloCarry(NamedTuple):
     """Persistent state: ``states`` (N, B, 13), of the bodies' centres of mass, wherever those are uncertain.
 
-    ``parameters`` (N, K) are the samples' K uncertain parameters, in standard deviations from their values; ``step`` counts
-    the steps done; ``contact_history`` is what the rollouts remember of their contacts.
+    ``parameters`` (N, K) are the samples' K uncertain parameters, in standard deviations from their values;
+    ``step`` counts the steps done; ``contact_history`` is what the rollouts remember of their contacts.
     """
 
     states: np.ndarray

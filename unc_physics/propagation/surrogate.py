@@ -1,4 +1,4 @@
-"""Square-root surrogate: contacts tilt the normal, the tilt feeds the roots of the velocities' covariances (section 4.2)."""
+"""Square-root surrogate: contacts tilt normals, which feeds roots of velocity covariances (section 4.2)."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ import numpy as np
 
 from ..belief import Belief
 from ..errors import InvalidOptionError
+from ..layout import EP, ER, ERROR, EV, EW
 from ..physics import contact_history as histories
 from ..physics.compiled import inner, kernel
 from ..physics.contact_history import ContactHistory
@@ -18,13 +19,12 @@ from ..physics.narrow_phase import DISTANCE, NORMAL, VOLUME
 from ..physics.rotation import cross, rotate, rotate_back
 from ..physics.transition import apply_drift_jacobian, write_printed_rotation
 from ..physics.workspace import workspace
-from ..layout import EP, ER, ERROR, EV, EW
 from ..validation import positive
 from .base import Propagator, Traits, symmetric_root
 
 
 class SurrogateCarry(NamedTuple):
-    """Persistent state: the nominal ``mean`` (B, 13) and each moving body's root ``roots`` (M, 12, 12) of its covariance.
+    """Persistent state: the nominal ``mean`` (B, 13) and moving bodies' covariance ``roots`` (M, 12, 12).
 
     ``step`` counts the steps done; ``contact_history`` is what the rollout remembers of its contacts.
     """
@@ -47,8 +47,8 @@ class Surrogate(Propagator):
     Notes
     -----
     The mean is a rollout with the full physics. The contact points of Eqs. 16 to 20 and 23 are the spheres'
-    centres; all contacts of a step see the covariance after the drift. The environment's normals do not tilt: its
-    contacts move the mean alone.
+    centres; all contacts of a step see the covariance after the drift. The environment's normals do not tilt:
+    its contacts move the mean alone.
     """
 
     name = "surrogate"
@@ -60,12 +60,16 @@ class Surrogate(Propagator):
         object.__setattr__(self, "k_sigma", positive(self.k_sigma, "k_sigma", InvalidOptionError))
 
     def init(self, scene, belief):
-        return SurrogateCarry(belief.mean.copy(), symmetric_root(belief.blocks), histories.fresh(1, scene.world), 0)
+        return SurrogateCarry(
+            belief.mean.copy(), symmetric_root(belief.blocks), histories.fresh(1, scene.world), 0
+        )
 
     def advance(self, carry, scene, steps):
         mean, roots, history = carry.mean.copy(), carry.roots.copy(), histories.copy(carry.contact_history)
         world = scene.world
-        _advance(mean, roots, history.first_time[0], world, world.surroundings, carry.step, steps, self.k_sigma)
+        _advance(
+            mean, roots, history.first_time[0], world, world.surroundings, carry.step, steps, self.k_sigma
+        )
         return SurrogateCarry(mean, roots, history, carry.step + steps)
 
     def belief(self, carry, scene):
@@ -114,8 +118,16 @@ def _advance(mean, roots, first_time, world, surroundings, begin, steps, k_sigma
     """Advance the nominal state and the roots in place."""
     count, moving = len(mean), world.bodies.moving
     spread = Spread(
-        roots, roots.reshape(-1, ERROR), np.where(moving, np.cumsum(moving) - 1, -1), np.empty((3, 3)), k_sigma,
-        np.zeros((count, 3, 3)), np.zeros((count, 3, 3)), np.zeros(count, np.bool_), np.empty((3, 3)), np.empty((2, 3, 3)),
+        roots,
+        roots.reshape(-1, ERROR),
+        np.where(moving, np.cumsum(moving) - 1, -1),
+        np.empty((3, 3)),
+        k_sigma,
+        np.zeros((count, 3, 3)),
+        np.zeros((count, 3, 3)),
+        np.zeros(count, np.bool_),
+        np.empty((3, 3)),
+        np.empty((2, 3, 3)),
     )
     integrate(mean, first_time, world, surroundings, spread, begin, steps, workspace(mean, world))
 
@@ -127,7 +139,15 @@ def _drift_roots(spread, x, step, world, work):
         if world.bodies.moving[i]:
             write_printed_rotation(work.R, i, world.dt, spread.transition)
             apply_drift_jacobian(
-                spread.rows, ERROR * spread.error_block[i], x, i, work.R, world, world.surroundings, spread.transition)
+                spread.rows,
+                ERROR * spread.error_block[i],
+                x,
+                i,
+                work.R,
+                world,
+                world.surroundings,
+                spread.transition,
+            )
         spread.known[i] = False
 
 
@@ -153,7 +173,7 @@ def _kick_roots(spread, x, i, j, world, work):
 
 @inner
 def cache_pose_covariance(S, R, body, spread):
-    """Covariance blocks of position and rotation from the root ``S`` (12, 12), the latter turned to world axes."""
+    """Covariance blocks of position, and of rotation in world axes, from the root ``S`` (12, 12)."""
     spread.known[body] = True
     position, rotation = spread.position[body], spread.rotation[body]
     for a in range(3):
@@ -166,7 +186,9 @@ def cache_pose_covariance(S, R, body, spread):
             rotation[a, b] = rotation[b, a] = t
     for _ in range(2):  # the rows, then those of the transpose
         for b in range(3):
-            rotation[0, b], rotation[1, b], rotation[2, b] = rotate(R, rotation[0, b], rotation[1, b], rotation[2, b])
+            rotation[0, b], rotation[1, b], rotation[2, b] = rotate(
+                R, rotation[0, b], rotation[1, b], rotation[2, b]
+            )
         rotation[0, 1], rotation[1, 0] = rotation[1, 0], rotation[0, 1]
         rotation[0, 2], rotation[2, 0] = rotation[2, 0], rotation[0, 2]
         rotation[1, 2], rotation[2, 1] = rotation[2, 1], rotation[1, 2]
@@ -181,9 +203,17 @@ def _symmetric(A):
 @inner(forceinline=True)
 def _forms(A, u, w):
     """``u^T A u``, ``u^T A w`` and ``w^T A w`` of a symmetric matrix, as `_symmetric` gives it."""
-    x, y, z = A[0] * u[0] + A[3] * u[1] + A[4] * u[2], A[3] * u[0] + A[1] * u[1] + A[5] * u[2], A[4] * u[0] + A[5] * u[1] + A[2] * u[2]
+    x, y, z = (
+        A[0] * u[0] + A[3] * u[1] + A[4] * u[2],
+        A[3] * u[0] + A[1] * u[1] + A[5] * u[2],
+        A[4] * u[0] + A[5] * u[1] + A[2] * u[2],
+    )
     uu, uw = u[0] * x + u[1] * y + u[2] * z, w[0] * x + w[1] * y + w[2] * z
-    x, y, z = A[0] * w[0] + A[3] * w[1] + A[4] * w[2], A[3] * w[0] + A[1] * w[1] + A[5] * w[2], A[4] * w[0] + A[5] * w[1] + A[2] * w[2]
+    x, y, z = (
+        A[0] * w[0] + A[3] * w[1] + A[4] * w[2],
+        A[3] * w[0] + A[1] * w[1] + A[5] * w[2],
+        A[4] * w[0] + A[5] * w[1] + A[2] * w[2],
+    )
     return uu, uw, w[0] * x + w[1] * y + w[2] * z
 
 
@@ -226,7 +256,9 @@ def add_tilts(bodies, found, k_sigma, tree, work, spread):
         u, w = tangent_basis(n)
         # J Sigma J^T with J = -R [r]x is [arm]x (R Sigma R^T) [arm]x^T in world axes
         one, two, three = (
-            _forms(position, u, w), _forms(rotation_i, cross(u, p), cross(w, p)), _forms(rotation_j, cross(u, q), cross(w, q)),
+            _forms(position, u, w),
+            _forms(rotation_i, cross(u, p), cross(w, p)),
+            _forms(rotation_j, cross(u, q), cross(w, q)),
         )
         uu, uw, ww = one[0] + two[0] + three[0], one[1] + two[1] + three[1], one[2] + two[2] + three[2]
         # Eq. 21 is a function of the 2 x 2 matrix: alpha I + beta Sigma_T takes its eigenvalues to the sigmas
@@ -283,7 +315,9 @@ def kick_root(S, world, R, body, spread, side):
     a = world.dt * world.stiffness * world.bodies.inverse_mass[body]
     b = world.dt * world.stiffness / 3.0
     for c in range(3):
-        x, y, z = rotate_back(R, spread.torque[side, 0, c], spread.torque[side, 1, c], spread.torque[side, 2, c])
+        x, y, z = rotate_back(
+            R, spread.torque[side, 0, c], spread.torque[side, 1, c], spread.torque[side, 2, c]
+        )
         x, y, z = rotate(world.bodies.inverse_inertia[body], x, y, z)
         x, y, z = rotate(R, x, y, z)
         S[EW, EW + c] += b * x
