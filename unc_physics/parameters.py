@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from .physics import contact_history as histories
+from .physics.contact_history import ContactHistory
 from .physics.rollout import advance
 from .physics.threads import in_threads
 from .physics.world import World
@@ -30,25 +32,20 @@ def vary(scene: Scene, z: np.ndarray) -> World:
     Mass and inertia share a factor. A shifted centre of mass moves the spheres the other way in the body frame.
     """
     world = scene.world
-    b, laws, bodies = world.bodies, world.laws, scene.bodies
-    inverse_mass, inverse_inertia, radius, tree = b.inverse_mass.copy(), b.inverse_inertia.copy(), b.radius, world.tree
-    mass, inertia = (None, None) if laws is None else (laws.mass.copy(), laws.inertia.copy())
-    changed, gravity, tilt = {}, world.gravity, np.zeros(2)
+    b, bodies = world.bodies, scene.bodies
+    mass, inertia, inverse_mass, inverse_inertia = (
+        constant.copy() for constant in (b.mass, b.inertia, b.inverse_mass, b.inverse_inertia))
+    radius, tree, gravity, stiffness, tilt = b.radius, world.tree, world.gravity, world.stiffness, np.zeros(2)
     for parameter, value in zip(scene.uncertain, z, strict=True):
         name, k = parameter.name, parameter.body
         if name == "mass":
             factor = np.exp(value * parameter.std / bodies[k].mass)
             inverse_mass[k] /= factor
             inverse_inertia[k] /= factor
-            if laws is not None:
-                mass[k] *= factor
-                inertia[k] *= factor
-        elif name in ("stiffness", "friction"):
-            middle = getattr(scene, name)
-            changed[name] = float(middle * np.exp(value * parameter.std / middle))
-        elif name == "restitution":
-            restitution = min(max(scene.restitution + value * parameter.std, 0.0), 1.0)
-            changed["dissipation"] = 0.5 * (1.0 - restitution**2)
+            mass[k] *= factor
+            inertia[k] *= factor
+        elif name == "stiffness":
+            stiffness = float(stiffness * np.exp(value * parameter.std / stiffness))
         elif name == "gravity_direction":
             tilt[parameter.axis] = value * parameter.std
     if tilt.any():
@@ -56,22 +53,19 @@ def vary(scene: Scene, z: np.ndarray) -> World:
     offsets = center_offsets(scene, z[None])[0]
     if len(offsets):
         tree, radius = _shifted_trees(scene, offsets)
-    if laws is not None:
-        own = {name: changed[name] for name in ("friction", "dissipation") if name in changed}
-        laws = laws._replace(mass=mass, inertia=inertia, **own)
-    return world._replace(
-        bodies=b._replace(inverse_mass=inverse_mass, inverse_inertia=inverse_inertia, radius=radius),
-        tree=tree, gravity=gravity, stiffness=changed.get("stiffness", world.stiffness), laws=laws,
-    )
+    varied = b._replace(mass=mass, inertia=inertia, inverse_mass=inverse_mass, inverse_inertia=inverse_inertia, radius=radius)
+    return world._replace(bodies=varied, tree=tree, gravity=gravity, stiffness=stiffness)
 
 
-def rollout_varied(states: np.ndarray, memory: np.ndarray, scene: Scene, z: np.ndarray, begin: int, steps: int) -> None:
+def rollout_varied(
+    states: np.ndarray, contact_history: ContactHistory, scene: Scene, z: np.ndarray, begin: int, steps: int
+) -> None:
     """Advance a batch as `physics.rollout.rollout`, state n in the world of parameters ``z[n]``."""
 
     def run(some):
         for n in range(some.start, some.stop):
-            world = vary(scene, z[n])
-            advance(states[n : n + 1], memory[n : n + 1], world, world.laws, begin, steps)
+            own = slice(n, n + 1)
+            advance(states[own], histories.samples(contact_history, own), vary(scene, z[n]), begin, steps)
 
     in_threads(len(states), run)
 

@@ -21,9 +21,9 @@ from .errors import (
     NoObjectsError,
 )
 from .geometry.packing_file import SpherePacking
-from .physics import tree as sphere_tree
-from .physics.so3 import write_matrix
-from .physics.world import BOX, PLANE, Bodies, Laws, World
+from .physics import sphere_tree
+from .physics.rotation import write_matrix
+from .physics.world import BOX, PLANE, Bodies, Surroundings, World
 from .validation import array, non_negative, number, numbers, positive
 
 #: What of the scene's own parameters may be uncertain, and what that takes.
@@ -256,13 +256,15 @@ class Scene:
             np.concatenate([model.centers for model in models]),
             np.concatenate([model.radii for model in models]),
         )
-        mass = np.array([math.inf if body.fixed else body.mass for body in self.bodies])
-        inertia = np.array([np.linalg.inv(body.model.inertia) for body in self.bodies])
+        resistance = np.array([math.inf if body.fixed else body.mass for body in self.bodies])
+        inverse = np.array([np.linalg.inv(body.model.inertia) for body in self.bodies])
         reach = {model: np.max(np.linalg.norm(model.centers, axis=1) + model.radii) for model in models}
         bodies = Bodies(
             moving=np.array([not body.fixed for body in self.bodies]),
-            inverse_mass=1.0 / mass,
-            inverse_inertia=inertia / mass[:, None, None],
+            mass=np.array([body.mass for body in self.bodies]),
+            inertia=np.array([body.mass * body.model.inertia for body in self.bodies]),
+            inverse_mass=1.0 / resistance,
+            inverse_inertia=inverse / resistance[:, None, None],
             radius=np.array([reach[body.model] for body in self.bodies]),
             root=np.array([nodes[own.index(owner)] for owner in owners]),
             mass=np.array([body.mass for body in self.bodies]),
@@ -271,13 +273,13 @@ class Scene:
         stack_size = sphere_tree.WIDTH**2 * deepest + 1
         # a writable copy: read-only arrays would compile every kernel once more
         return World(
-            bodies, tree, np.array(self.gravity), self.dt, math.exp(-self.damping * self.dt), self.stiffness, stack_size, self._laws())
+            bodies, tree, np.array(self.gravity), self.dt, math.exp(-self.damping * self.dt), self.stiffness, stack_size,
+            surroundings=self._surroundings(), implicit=None)
 
-    def _laws(self) -> Laws | None:
-        """What goes beyond the paper's physics; None, for which the kernels compile without it, where nothing does."""
-        elements, robust = self.environment, self.integrator == "robust"
-        restitution = 1.0 if self.restitution is None else self.restitution
-        if not (elements or self.friction or restitution < 1.0 or self.restitution_std or self.gyroscopic or robust):
+    def _surroundings(self) -> Surroundings | None:
+        """Environment and gyroscopic term; None, for which the kernels compile without them, where there is neither."""
+        elements = self.environment
+        if not (elements or self.gyroscopic):
             return None
         R = np.tile(np.eye(3), (len(elements), 1, 1))
         position, half = np.zeros((len(elements), 3)), np.ones((len(elements), 3))
@@ -287,22 +289,15 @@ class Scene:
             else:
                 write_matrix(tuple(element.orientation), R, k)
                 position[k], half[k] = element.position, 0.5 * element.size
-        return Laws(
+        return Surroundings(
             kind=np.array([PLANE if isinstance(element, Plane) else BOX for element in elements], np.int64),
             position=position, R=R, half=half,
-            friction=self.friction or 0.0,
-            dissipation=0.5 * (1.0 - restitution**2),
             gyroscopic=bool(self.gyroscopic),
-            robust=robust,
-            thickness=np.array([body.model.radii.max() for body in self.bodies]),
-            smallest=np.array([body.model.radii.min() for body in self.bodies]),
-            mass=np.array([body.mass for body in self.bodies]),
-            inertia=np.array([body.mass * body.model.inertia for body in self.bodies]),
         )
 
 
 def tree_of(model: SpherePacking):
-    """Sphere tree of a packing (`physics.tree.build`), built at its first use and kept as long as the packing."""
+    """Sphere tree of a packing (`physics.sphere_tree.build`), built at its first use and kept as long as the packing."""
     if model not in _trees:
         _trees[model] = sphere_tree.build(np.array(model.centers), np.array(model.radii))
     return _trees[model]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from .environment import Plane
-from .physics.so3 import rotation_matrix
+from .physics.rotation import rotation_matrix
 from .layout import ERR_POSITION, POSITION, QUATERNION
 
 COLORS = ((0.16, 0.45, 0.72), (0.85, 0.42, 0.14), (0.24, 0.60, 0.30), (0.58, 0.40, 0.74), (0.75, 0.22, 0.25))

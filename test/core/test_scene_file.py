@@ -42,7 +42,7 @@ def test_what_a_file_does_not_name_is_not_there(entries):
     scene = scene_from_dict(content).scene
     assert scene.environment == () and scene.friction is None and scene.restitution is None
     assert not scene.gyroscopic and not scene.islands and scene.integrator == "explicit"
-    assert scene.uncertain == () and scene.world.laws is None
+    assert scene.uncertain == () and scene.world.surroundings is None
 
 
 @pytest.mark.parametrize("key, value", [

@@ -38,7 +38,7 @@ from .implicit_workspace import (
     TURN_I,
     TURN_J,
 )
-from .so3 import rotate, rotate_back
+from .rotation import rotate, rotate_back
 from .surroundings import in_element, surface
 
 #: Gap up to which contacts take part in an impact [m].

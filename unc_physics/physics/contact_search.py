@@ -18,9 +18,9 @@ from .implicit_workspace import (
     TOO_LONG_LISTS,
     TRAVEL,
 )
-from .so3 import rotate, rotate_back
+from .rotation import rotate, rotate_back
 from .surroundings import in_element, surface
-from .tree import EMPTY, WIDTH, candidates
+from .sphere_tree import EMPTY, WIDTH, candidates
 from .world import BOX, PLANE
 
 #: Gap up to which contacts take part in a step [m].

@@ -34,7 +34,7 @@ from .implicit_workspace import (
     TRAVEL,
     implicit_workspace,
 )
-from .so3 import exp, multiply, renormalized, rotate, rotate_back, write_matrix
+from .rotation import exp, multiply, renormalized, rotate, rotate_back, write_matrix
 from .surroundings import in_element, surface
 
 #: Gap up to which bodies touch, and at which an impact is aimed [m].

@@ -6,9 +6,9 @@ import numpy as np
 
 from ..layout import Q
 from .compiled import kernel
-from .contact import RECORD
-from .so3 import write_matrix
-from .tree import Scratch
+from .narrow_phase import RECORD
+from .rotation import write_matrix
+from .sphere_tree import Scratch
 
 #: Velocities of the bodies, each (B, 6): at the interval's start, at its end without contacts, and as solved.
 START, FREE, NOW = 0, 1, 2

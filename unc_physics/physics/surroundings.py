@@ -5,25 +5,11 @@ import math
 import numpy as np
 
 from .compiled import inner, kernel
-from .contact import DISTANCE, NORMAL, POINT, VOLUME
-from .so3 import rotate, rotate_back
-from .tree import EMPTY, WIDTH
+from .contact_model import cap
+from .narrow_phase import DISTANCE, NORMAL, POINT, VOLUME
+from .rotation import rotate, rotate_back
+from .sphere_tree import EMPTY, WIDTH
 from .world import PLANE
-
-
-@kernel(_nrt=False, error_model="numpy")
-def cap(distance, r):
-    """What a sphere of radius ``r`` [m], its centre at a signed distance from a flat surface, shares with the solid.
-
-    Returns
-    -------
-    volume : float
-        Of the spherical cap [m^3]; the whole sphere when it is under the surface.
-    depth : float
-        Height of the cap [m], 0 to 2 r.
-    """
-    depth = min(max(r - distance, 0.0), 2.0 * r)
-    return math.pi * depth * depth * (3.0 * r - depth) / 3.0, depth
 
 
 @kernel(_nrt=False, error_model="numpy", forceinline=True)
@@ -60,10 +46,10 @@ def in_element(position, R, e, x, y, z):
 
 
 @inner(forceinline=True)
-def element_distance(laws, e, x, y, z):
+def element_distance(surroundings, e, x, y, z):
     """Signed distance of a point in the world from element e [m]."""
-    px, py, pz = in_element(laws.position, laws.R, e, x, y, z)
-    return surface(laws.kind, laws.half, e, px, py, pz)[0]
+    px, py, pz = in_element(surroundings.position, surroundings.R, e, x, y, z)
+    return surface(surroundings.kind, surroundings.half, e, px, py, pz)[0]
 
 
 @inner
@@ -75,13 +61,13 @@ def write_element_rotation(R_i, R_e, out):
 
 
 @inner(error_model="numpy", forceinline=True)
-def next_element_contacts(tree, laws, e, R, t, search, top):
-    """Continue the search for the contacts of one body with element e, in the way of `contact.next_contacts`.
+def next_element_contacts(tree, surroundings, e, R, t, search, top):
+    """Continue the search for the contacts of one body with element e, in the way of `narrow_phase.next_contacts`.
 
     Parameters
     ----------
     tree : Tree
-    laws : Laws
+    surroundings : Surroundings
     e : int
     R : (3, 3) array
         Rotation from the body's to the element's axes.
@@ -102,7 +88,7 @@ def next_element_contacts(tree, laws, e, R, t, search, top):
     top : int
         Call again, after using the contacts, while it is positive.
     """
-    kind, half = laws.kind, laws.half
+    kind, half = surroundings.kind, surroundings.half
     bounds, child, centers, radii = tree.bounds, tree.child, tree.centers, tree.radii
     stack, pairs, records = search.stack, search.pairs, search.records
     count = 0
@@ -138,7 +124,7 @@ def next_element_contacts(tree, laws, e, R, t, search, top):
 
 
 @inner(forceinline=True)
-def open_element(x, i, e, world, laws, work):
+def open_element(x, i, e, world, surroundings, work):
     """Begin the search for the contacts of body i with element e.
 
     Returns
@@ -148,9 +134,9 @@ def open_element(x, i, e, world, laws, work):
     top : int
         0 where the body is out of reach.
     """
-    t = in_element(laws.position, laws.R, e, x[i, 0], x[i, 1], x[i, 2])
-    if surface(laws.kind, laws.half, e, t[0], t[1], t[2])[0] >= world.bodies.radius[i]:
+    t = in_element(surroundings.position, surroundings.R, e, x[i, 0], x[i, 1], x[i, 2])
+    if surface(surroundings.kind, surroundings.half, e, t[0], t[1], t[2])[0] >= world.bodies.radius[i]:
         return t, np.int64(0)
-    write_element_rotation(work.R[i], laws.R[e], work.R_ij)
+    write_element_rotation(work.R[i], surroundings.R[e], work.R_ij)
     work.search.stack[0, 0] = world.bodies.root[i]
     return t, np.int64(1)

@@ -10,6 +10,7 @@ import numpy as np
 
 from ..belief import Belief
 from ..errors import InvalidOptionError, LimitExceededError
+from ..physics import contact_history as histories
 from ..physics.rollout import rollout
 from ..parameters import rollout_varied
 from ..scene import Scene
@@ -47,7 +48,8 @@ class Traits:
 class Propagator(ABC):
     """Carries a belief through a scene's dynamics.
 
-    Class attributes: ``name``; ``traits``; ``varies_parameters``, whether uncertain parameters of the scene count.
+    Class attributes: ``name``; ``traits``; ``varies_parameters``, whether uncertain parameters of the scene
+    count; ``integrators``, those that it runs on.
 
     A concrete propagator is a frozen dataclass whose fields are its options, checked when it is made. Its carry
     is a NamedTuple of exactly the persistent state, so that advancing in pieces equals advancing at once.
@@ -56,6 +58,7 @@ class Propagator(ABC):
     name: ClassVar[str]
     traits: ClassVar[Traits]
     varies_parameters: ClassVar[bool] = False
+    integrators: ClassVar[tuple[str, ...]] = ("explicit",)
 
     @abstractmethod
     def init(self, scene: Scene, belief: Belief) -> Any:
@@ -82,12 +85,12 @@ class Propagator(ABC):
 
 def rolled(carry, scene, steps):
     """The carry of states that run through the full simulator, ``steps`` time steps on."""
-    states, memory = carry.states.copy(), carry.memory.copy()
+    states, history = carry.states.copy(), histories.copy(carry.contact_history)
     if scene.uncertain:
-        rollout_varied(states, memory, scene, carry.parameters, carry.step, steps)
+        rollout_varied(states, history, scene, carry.parameters, carry.step, steps)
     else:
-        rollout(states, memory, scene.world, carry.step, steps)
-    return carry._replace(states=states, memory=memory, step=carry.step + steps)
+        rollout(states, history, scene.world, carry.step, steps)
+    return carry._replace(states=states, contact_history=history, step=carry.step + steps)
 
 
 def symmetric_root(P: np.ndarray) -> np.ndarray:

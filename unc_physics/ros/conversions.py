@@ -37,7 +37,7 @@ from ..errors import (
     NotFiniteError,
     UncPhysicsError,
 )
-from ..physics.so3 import rotation_matrix
+from ..physics.rotation import rotation_matrix
 from ..layout import (
     ANGULAR_VELOCITY,
     ERROR,

@@ -10,7 +10,7 @@ from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker, MarkerArray
 
 from ..environment import Plane, element_names
-from ..physics.so3 import rotation_matrix
+from ..physics.rotation import rotation_matrix
 from ..layout import POSITION, QUATERNION
 
 _COLORS = ((0.16, 0.45, 0.72), (0.85, 0.42, 0.14), (0.24, 0.60, 0.30), (0.58, 0.40, 0.74), (0.75, 0.22, 0.25))

@@ -6,7 +6,7 @@ import numpy as np
 
 from ..layout import EP, ER, ERROR, EV, EW, P, Q, V, W
 from ..physics.compiled import kernel
-from ..physics.so3 import rotate, write_matrix
+from ..physics.rotation import rotate, write_matrix
 
 
 @kernel
