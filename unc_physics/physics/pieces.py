@@ -7,11 +7,11 @@ import numpy as np
 
 from ..layout import P, V, W
 from .compiled import inner, kernel
+from .element_contacts import element_distance, in_element
 from .laws import QUIET, RATE
 from .pairs import may_touch, near_pairs
+from .shapes import bounds, thickness as element_thickness
 from .so3 import rotate_back
-from .surroundings import element_distance, in_element
-from .world import BOX, PLANE
 
 _RESOLVED = 0.5  # most that a contact's oscillation may turn in a piece [rad]
 _CROSSED = 0.25  # most that a piece may move a body, of the thickness of what it approaches
@@ -175,7 +175,7 @@ def _approach(x, memory, world, laws, left, work):
         curvature = radius[i] * radius[j] / (radius[i] + radius[j])
         rate = max(rate, impact_rate(v, inverse_mass[i] + inverse_mass[j], curvature, world.stiffness))
         rate = max(rate, _RESOLVED * v / (_CROSSED * min(thickness[i], thickness[j])))
-    kind, half, reach = laws.kind, laws.half, work.reach
+    kind, size, reach = laws.kind, laws.size, work.reach
     for i in range(len(x)):
         if not moving[i]:
             continue
@@ -185,9 +185,7 @@ def _approach(x, memory, world, laws, left, work):
             falling = 0.0 if memory[i, len(x) + e, RATE] == QUIET else left  # what rests does not fall, but may rock
             v = _closing(x, i, e, world, laws, falling) + _spin(x, i, world, laws)
             rate = max(rate, impact_rate(v, inverse_mass[i], radius[i], world.stiffness))
-            wall = thickness[i]
-            if kind[e] == BOX:
-                wall = min(wall, min(half[e, 0], min(half[e, 1], half[e, 2])))
+            wall = min(thickness[i], element_thickness(kind, size, e))
             rate = max(rate, _RESOLVED * v / (_CROSSED * wall))
     return rate
 
@@ -213,20 +211,21 @@ def _arm(i, world, laws):
 def _closing(x, i, e, world, laws, left):
     """How fast the centre of mass of body i moves against element e, now or when it has fallen for ``left`` seconds [m/s].
 
-    Of a box, against those faces that parts of the body are beyond; against two that face away from each other, either way.
+    Against those faces of the element's bounds that parts of the body are beyond; against two that face away from each other, either way.
     """
-    R, half = laws.R, laws.half
+    R = laws.R
     a, b, c = in_element(laws.position, R, e, x[i, P], x[i, P + 1], x[i, P + 2])
     u, v, w = rotate_back(R[e], x[i, V], x[i, V + 1], x[i, V + 2])
     du, dv, dw = rotate_back(R[e], left * world.gravity[0], left * world.gravity[1], left * world.gravity[2])
-    if laws.kind[e] == PLANE:
+    low, high = bounds(laws.kind, laws.size, e)
+    if low[2] == -np.inf:  # a half-space
         return max(-w, -w - dw, 0.0)
     total, arm = 0.0, world.bodies.radius[i]
-    for place, now, then, k in ((a, u, u + du, 0), (b, v, v + dv, 1), (c, w, w + dw, 2)):
+    for place, now, then, half in ((a, u, u + du, high[0]), (b, v, v + dv, high[1]), (c, w, w + dw, high[2])):
         inwards = max(-now, -then) if place > 0.0 else max(now, then)
-        if arm - abs(place) > half[e, k]:
+        if arm - abs(place) > half:
             total += max(abs(now), abs(then)) ** 2
-        elif abs(place) + arm > half[e, k] and inwards > 0.0:
+        elif abs(place) + arm > half and inwards > 0.0:
             total += inwards * inwards
     return math.sqrt(total)
 
@@ -240,8 +239,7 @@ def slow_approach(world, laws):
         weight = max(weight, radius[i] * inverse_mass[i])
         wall = min(wall, laws.thickness[i])
     for e in range(len(laws.kind)):
-        if laws.kind[e] == BOX:
-            wall = min(wall, min(laws.half[e, 0], min(laws.half[e, 1], laws.half[e, 2])))
+        wall = min(wall, element_thickness(laws.kind, laws.size, e))
     crossed = _CROSSED * wall / world.dt
     rate = impact_rate(1.0, 2.0 * weight, 1.0, world.stiffness)  # grows with the cube root of the speed
     resolved = np.inf if rate == 0.0 else (_RESOLVED / (world.dt * rate)) ** 3

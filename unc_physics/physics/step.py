@@ -12,7 +12,7 @@ from .laws import FIRST, RATE, Patches, add_patch, kick_patches, make_patches, s
 from .pairs import FIRST_REST, ROOTS_ALONE, SINGLE_PRECISION, let_rest, near_pairs, relative_pose
 from .pieces import APART, RESISTED, TOUCHED, UNKNOWN, next_piece, slow_approach, undisturbed
 from .so3 import exp, multiply, renormalized, rotate, rotate_back, write_matrix
-from .surroundings import next_element_contacts, open_element
+from .element_contacts import next_element_contacts, open_element
 from .tree import WIDTH, Scratch
 
 _PAIRS_AT_ONCE = 1024

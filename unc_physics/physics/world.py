@@ -30,23 +30,19 @@ class Bodies(NamedTuple):
     root: np.ndarray
 
 
-#: Kinds of elements of the environment.
-PLANE, BOX = 0, 1
-
-
 class Laws(NamedTuple):
     """Physics beyond the paper's, and the E elements of the environment.
 
     Attributes
     ----------
     kind : (E,) int64
-        `PLANE` or `BOX`.
+        Of the elements' shapes (`shapes.KINDS`).
     position : (E, 3) float64
-        A point of the plane, or the box's centre [m].
+        Origins of the elements' frames: a point of a plane, otherwise the middle [m].
     R : (E, 3, 3) float64
         ``R_world_element``; a plane's normal is its z axis.
-    half : (E, 3) float64
-        Half the box's edge lengths [m].
+    size : (E, 3) float64
+        What each shape's file takes for its size [m].
     friction : float
         Coulomb's coefficient; 0 without friction.
     dissipation : float
@@ -67,7 +63,7 @@ class Laws(NamedTuple):
     kind: np.ndarray
     position: np.ndarray
     R: np.ndarray
-    half: np.ndarray
+    size: np.ndarray
     friction: float
     dissipation: float
     gyroscopic: bool

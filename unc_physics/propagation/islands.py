@@ -25,7 +25,8 @@ from ..errors import NotSupportedError
 from ..physics.compiled import kernel
 from ..physics.laws import FIRST
 from ..physics.moments import boxminus, spread_states
-from ..physics.world import PLANE, Bodies
+from ..physics.shapes import bounds
+from ..physics.world import Bodies
 from ..layout import ANGULAR_VELOCITY, ERROR, POSITION, VELOCITY
 from ..scene import Scene
 from .base import Propagator
@@ -369,12 +370,9 @@ class Islands:
             return found
         center, half = 0.5 * (low + high), 0.5 * (high - low)
         for e in range(len(laws.kind)):
-            if laws.kind[e] == PLANE:
-                normal = laws.R[e, :, 2]
-                found |= (center - laws.position[e]) @ normal - half @ np.abs(normal) < 0.0
-            else:
-                reach = np.abs(laws.R[e]) @ laws.half[e]
-                found |= np.all(np.abs(center - laws.position[e]) < half + reach, axis=1)
+            lowest, highest = bounds(laws.kind, laws.size, e)  # in the element's frame, as are those of the boxes that follow
+            middle, reach = (center - laws.position[e]) @ laws.R[e], half @ np.abs(laws.R[e])
+            found |= np.all((middle - reach < highest) & (middle + reach > lowest), axis=1)
         return found
 
     def _can_fly(self, carry):

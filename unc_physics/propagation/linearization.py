@@ -30,7 +30,7 @@ from ..physics.step import (
     press_by_laws,
     workspace,
 )
-from ..physics.surroundings import next_element_contacts, open_element
+from ..physics.element_contacts import next_element_contacts, open_element
 from ..physics.transition import apply_transition, turn_columns, write_exact_rotation
 from ..layout import EP, ER, ERROR, EV, EW, STATE, P
 from .base import Propagator, Traits

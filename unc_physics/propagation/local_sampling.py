@@ -29,7 +29,8 @@ from ..physics.step import (
     press_by_laws,
     workspace,
 )
-from ..physics.surroundings import next_element_contacts, open_element, surface
+from ..physics.element_contacts import next_element_contacts, open_element
+from ..physics.shapes import surface
 from ..physics.transition import apply_transition, turn_columns, write_printed_rotation
 from ..layout import EP, ER, ERROR, EV, EW
 from ..validation import integer
@@ -258,7 +259,7 @@ def sample_element_contacts(i, e, found, pair_key, t, tree, laws, work, cloud):
                 turn = rotate(T, float(z0), float(z1), float(z2))
                 a = turned(arm, turn)
                 c = rotate_back(R_e, p[0] + a[0], p[1] + a[1], p[2] + a[2])
-                m = surface(laws.kind, laws.half, e, t[0] + c[0], t[1] + c[1], t[2] + c[2])[1]
+                m = surface(laws.kind, laws.size, e, t[0] + c[0], t[1] + c[1], t[2] + c[2])[1]
                 m = rotate(R_e, m[0], m[1], m[2])
                 b = cross(a, m)
                 add_moments(cloud.spread[0], weight, (m[0] - n[0], m[1] - n[1], m[2] - n[2]))

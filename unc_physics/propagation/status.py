@@ -18,7 +18,7 @@ from ..physics.pairs import near_pairs
 from ..physics.pieces import impact_rate
 from ..physics.so3 import rotation_matrix
 from ..physics.step import open_pair, workspace
-from ..physics.surroundings import next_element_contacts, open_element
+from ..physics.element_contacts import next_element_contacts, open_element
 from ..layout import (
     ANGULAR_VELOCITY,
     ERR_ANGULAR_VELOCITY,

@@ -1,0 +1,16 @@
+"""Directions that exist everywhere."""
+
+import math
+
+from ..compiled import inner
+
+_NOWHERE = 1e-150  # m: the squares of shorter lengths are lost to underflow
+
+
+@inner(error_model="numpy", forceinline=True)
+def unit(x, y, z):
+    """Length of a vector and its direction; the x axis, the lowest, for one without length."""
+    length = math.sqrt(x * x + y * y + z * z)
+    if length < _NOWHERE:
+        return length, (1.0, 0.0, 0.0)
+    return length, (x / length, y / length, z / length)
