@@ -12,7 +12,7 @@ from unc_physics import Belief, RigidBody, Scene, make_propagator, predict
 from unc_physics.environment import Box, Plane
 from unc_physics.geometry.packing_file import SpherePacking
 from unc_physics.physics.rollout import fresh_memory, rollout, simulate
-from unc_physics.physics.surroundings import cap, surface
+from unc_physics.physics.element_contacts import cap
 from unc_physics.stiffness import auto_stiffness
 
 G = 9.81
@@ -60,21 +60,6 @@ def test_a_cap_is_continuous_and_its_volume_that_of_the_sphere_at_most():
     h = 1e-6
     slope = (cap(0.1 - h, r)[0] - cap(0.1 + h, r)[0]) / (2 * h)
     assert slope == pytest.approx(math.pi * (r**2 - 0.1**2), rel=1e-6)
-
-
-@pytest.mark.parametrize("point, distance, normal", [
-    ((2.0, 0.1, 0.2), 1.0, (1, 0, 0)),
-    ((2.0, 3.0, 0.2), math.hypot(1, 1), (math.sqrt(0.5), math.sqrt(0.5), 0)),
-    ((-2.0, 3.0, 4.0), math.sqrt(3), (-(3**-0.5), 3**-0.5, 3**-0.5)),
-    ((0.9, 0.0, 0.0), -0.1, (1, 0, 0)),
-    ((0.0, -1.8, 0.0), -0.2, (0, -1, 0)),
-    ((0.0, 0.0, 0.0), -1.0, (1, 0, 0)),
-])
-def test_a_boxs_surface_is_the_nearest_one(point, distance, normal):
-    laws = Scene([RigidBody("b", BALL)], environment=(Box((2, 4, 6)),)).world.laws
-    d, n = surface(laws.kind, laws.half, 0, *map(float, point))
-    assert d == pytest.approx(distance)
-    np.testing.assert_allclose(n, normal, atol=1e-12)
 
 
 def test_a_plane_pushes_with_the_caps_volume():

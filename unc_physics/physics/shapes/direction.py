@@ -9,8 +9,8 @@ _NOWHERE = 1e-150  # m: the squares of shorter lengths are lost to underflow
 
 @inner(error_model="numpy", forceinline=True)
 def unit(x, y, z):
-    """Length of a vector and its direction; the x axis, the lowest, for one without length."""
+    """Length of a vector and its direction; the x axis, the lowest, for one without length or beyond all numbers."""
     length = math.sqrt(x * x + y * y + z * z)
-    if length < _NOWHERE:
-        return length, (1.0, 0.0, 0.0)
-    return length, (x / length, y / length, z / length)
+    if _NOWHERE < length < math.inf:
+        return length, (x / length, y / length, z / length)
+    return length, (1.0, 0.0, 0.0)
