@@ -43,7 +43,7 @@ class Element:
 
     @property
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
-        """Lowest and highest corner, each (3,), along the axes of the element's frame [m]; infinite where it has no end."""
+        """Lowest and highest corner, each (3,), in the element's frame [m]; infinite where it has no end."""
         low, high = shapes.bounds(*self._row(), 0)
         return np.array(low), np.array(high)
 
@@ -53,7 +53,7 @@ class Element:
         return bool(np.isfinite(self.bounds).all())
 
     def surface(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Signed distance [m] of points from the surface, and its outward normal there, all in the world frame.
+        """Signed distance of points from the surface [m], and its outward normal there; world frame.
 
         Parameters
         ----------
@@ -277,7 +277,7 @@ ELEMENTS = {element.shape: element for element in (Plane, Box, Sphere, Cylinder,
 
 
 def element_names(environment) -> list[str]:
-    """What each element is called: its own name, or its shape's with its number among all elements, as in ``plane_0``."""
+    """What each element is called: its name, or its shape and its number among all elements, as ``plane_0``."""
     return [element.name or f"{element.shape}_{k}" for k, element in enumerate(environment)]
 
 
@@ -289,7 +289,8 @@ def check_element(element, field) -> None:
 
 
 def _check_pose(element):
-    object.__setattr__(element, "position", array(element.position, (3,), "position", InvalidEnvironmentError))
+    position = array(element.position, (3,), "position", InvalidEnvironmentError)
+    object.__setattr__(element, "position", position)
     object.__setattr__(element, "orientation", quaternion(element.orientation, "orientation"))
 
 

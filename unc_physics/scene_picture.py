@@ -58,7 +58,7 @@ def draw_prediction(path, scene, initial, prediction, title="") -> None:
 
 
 def _bounds(scene, beliefs):
-    """Lowest and highest point of what the picture shows: all bodies, before and after, and the elements near them."""
+    """Lowest and highest point of what the picture shows: bodies, before and after, and the elements near them."""
     radius = np.array([body.model.bounding_radius for body in scene.bodies])[:, None]
     places = np.concatenate([belief.mean[:, POSITION] for belief in beliefs])
     reach = np.tile(radius, (len(beliefs), 1))
@@ -152,7 +152,8 @@ def outline(element, view):
         Corners of a convex polygon, to the right and up [m].
     """
     angle = 2.0 * np.pi * (np.arange(_OUTLINE) + 0.5) / _OUTLINE
-    return outermost(element, np.cos(angle)[:, None] * view[0] + np.sin(angle)[:, None] * view[1]) @ view[:2].T
+    directions = np.cos(angle)[:, None] * view[0] + np.sin(angle)[:, None] * view[1]
+    return outermost(element, directions) @ view[:2].T
 
 
 def outermost(element, directions):

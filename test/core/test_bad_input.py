@@ -247,7 +247,7 @@ CASES = FINITE + [
     (in_body("center_of_mass_std", [0, 0]), "INVALID_REQUEST", r"bodies\[1\].center_of_mass_std", r"\[0, 0\]"),
     (with_entry(("bodies", 1, "mass_std"), 0.1, "three_bodies"), "INVALID_REQUEST", r"bodies\[1\]", "mass_std"),
     (in_environment("floor"), "INVALID_ENVIRONMENT", r"environment\[0\]", "floor"),
-    (in_environment({}), "INVALID_ENVIRONMENT", r"environment\[0\]", "exactly one of plane, box, sphere, cylinder, capsule"),
+    (in_environment({}), "INVALID_ENVIRONMENT", r"environment\[0\]", "exactly one of plane, box, sphere"),
     (in_environment({"plane": {}, "box": {}}), "INVALID_ENVIRONMENT", r"environment\[0\]", "exactly one"),
     (in_environment({"cone": {}}), "INVALID_ENVIRONMENT", r"environment\[0\]", "cone"),
     (in_environment({"plane": [0, 0, 1]}), "INVALID_ENVIRONMENT", r"environment\[0\].plane", r"\[0, 0, 1\]"),

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 from twins import shapes as twin
 
-from unc_physics import RigidBody, Scene, UncPhysicsError
+from unc_physics import RigidBody, Scene
 from unc_physics.environment import ELEMENTS, Box, Capsule, Cylinder, Element, Plane, Sphere
 from unc_physics.errors import InvalidEnvironmentError, InvalidOrientationError, NotFiniteError
 from unc_physics.geometry.packing_file import SpherePacking
@@ -20,27 +20,33 @@ from unc_physics.scene_picture import outline, outermost
 
 ROUND_OFF = 1e-12
 BALL = SpherePacking(
-    name="ball", centers=np.zeros((1, 3)), radii=np.array([0.05]), inertia=0.4 * 0.05**2 * np.eye(3), volume=1e-3,
-    origin=np.zeros(3), bounding_radius=0.05)
-#: One element of each kind about the origin, its twin, and points all over its surface.
+    name="ball", centers=np.zeros((1, 3)), radii=np.array([0.05]), inertia=0.4 * 0.05**2 * np.eye(3),
+    volume=1e-3, origin=np.zeros(3), bounding_radius=0.05)
 HALF = np.array([0.3, 0.2, 0.5])
+#: One element of each kind about the origin, its twin, and points all over its surface.
 KNOWN = {
     "plane": (Plane(), twin.plane, None),
     "box": (Box(2.0 * HALF), lambda p: twin.box(p, HALF), lambda spacing: twin.box_surface(HALF, spacing)),
-    "sphere": (Sphere(0.4), lambda p: twin.sphere(p, 0.4), lambda spacing: twin.capsule_surface(0.4, 0.0, spacing)),
+    "sphere": (
+        Sphere(0.4), lambda p: twin.sphere(p, 0.4), lambda spacing: twin.capsule_surface(0.4, 0.0, spacing)),
     "cylinder": (
-        Cylinder(0.3, 1.0), lambda p: twin.cylinder(p, 0.3, 0.5), lambda spacing: twin.cylinder_surface(0.3, 0.5, spacing)),
+        Cylinder(0.3, 1.0), lambda p: twin.cylinder(p, 0.3, 0.5),
+        lambda spacing: twin.cylinder_surface(0.3, 0.5, spacing)),
     "capsule": (
-        Capsule(0.3, 0.8), lambda p: twin.capsule(p, 0.3, 0.4), lambda spacing: twin.capsule_surface(0.3, 0.4, spacing)),
+        Capsule(0.3, 0.8), lambda p: twin.capsule(p, 0.3, 0.4),
+        lambda spacing: twin.capsule_surface(0.3, 0.4, spacing)),
 }
 FINITE = [name for name in KNOWN if name != "plane"]
-coordinates = st.one_of(st.floats(-1.0, 1.0, allow_subnormal=False).filter(lambda c: abs(c) > 1e-9), st.sampled_from((0.0, -0.0, 0.2, 0.3, 0.4, 0.5, -0.3, 0.7, 1e-9)))
+coordinates = st.one_of(
+    st.floats(-1.0, 1.0).filter(lambda c: abs(c) > 1e-9),
+    st.sampled_from((0.0, -0.0, 0.2, 0.3, 0.4, 0.5, -0.3, 0.7, 1e-9)))
 points = st.tuples(coordinates, coordinates, coordinates)
 
 
 def surface(element, point):
     """Distance and normal (3,) at a point of an element's frame."""
-    distance, normal = shapes.surface(np.array([element.kind]), np.array([element.size_row]), 0, *map(float, point))
+    kind, size = np.array([element.kind]), np.array([element.size_row])
+    distance, normal = shapes.surface(kind, size, 0, *map(float, point))
     return distance, np.array(normal)
 
 
@@ -106,7 +112,7 @@ def test_the_normal_is_the_gradient_of_the_distance(name):
             continue  # at an edge inside, where another face becomes the nearest
         gradient = np.array([(a[0] - b[0]) / (2.0 * h) for a, b in ends])
         np.testing.assert_allclose(normal, gradient, atol=1e-6)
-        assert abs(surface(element, point - distance * normal)[0]) < 1e-9, "the nearest point is on the surface"
+        assert abs(surface(element, point - distance * normal)[0]) < 1e-9, "that is on the surface"
         compared += 1
     assert compared > 350
 
@@ -235,29 +241,34 @@ def test_a_ball_bounces_off(name):
         np.testing.assert_allclose(end[10:], 0.0, atol=1e-6)
 
 
-@pytest.mark.parametrize("make, error, field", [
-    (lambda: Sphere(0.0), InvalidEnvironmentError, "radius"),
-    (lambda: Sphere(-1.0), InvalidEnvironmentError, "radius"),
-    (lambda: Sphere("large"), InvalidEnvironmentError, "radius"),
-    (lambda: Sphere(math.nan), NotFiniteError, "radius"),
-    (lambda: Sphere(1.0, (0.0, 0.0)), InvalidEnvironmentError, "position"),
-    (lambda: Sphere(1.0, (0.0, math.inf, 0.0)), NotFiniteError, "position"),
-    *((lambda kind=kind, arguments=arguments: kind(*arguments), error, field) for kind in (Cylinder, Capsule) for arguments, error, field in (
-        ((0.0, 1.0), InvalidEnvironmentError, "radius"),
-        ((math.inf, 1.0), NotFiniteError, "radius"),
-        ((1.0, 0.0), InvalidEnvironmentError, "length"),
-        ((1.0, -2.0), InvalidEnvironmentError, "length"),
-        ((1.0, None), InvalidEnvironmentError, "length"),
-        ((1.0, 1.0, "here"), InvalidEnvironmentError, "position"),
-        ((1.0, 1.0, (0, 0, 0), (0.0, 0.0, 0.0, 2.0)), InvalidOrientationError, "orientation"),
-    )),
-    (lambda: Box((1.0, 0.0, 1.0)), InvalidEnvironmentError, r"size[1]"),
-    (lambda: Plane((0.0, 0.0, 0.0)), InvalidEnvironmentError, "normal"),
+@pytest.mark.parametrize("kind, arguments, error, field", [
+    (Sphere, (0.0,), InvalidEnvironmentError, "radius"),
+    (Sphere, (-1.0,), InvalidEnvironmentError, "radius"),
+    (Sphere, ("large",), InvalidEnvironmentError, "radius"),
+    (Sphere, (math.nan,), NotFiniteError, "radius"),
+    (Sphere, (1.0, (0.0, 0.0)), InvalidEnvironmentError, "position"),
+    (Sphere, (1.0, (0.0, math.inf, 0.0)), NotFiniteError, "position"),
+    (Box, ((1.0, 0.0, 1.0),), InvalidEnvironmentError, "size[1]"),
+    (Plane, ((0.0, 0.0, 0.0),), InvalidEnvironmentError, "normal"),
 ])
-def test_bad_input_is_refused_by_its_field(make, error, field):
+def test_bad_input_is_refused_by_its_field(kind, arguments, error, field):
     with pytest.raises(error) as raised:
-        make()
+        kind(*arguments)
     assert raised.value.field == field
+
+
+@pytest.mark.parametrize("kind", [Cylinder, Capsule])
+@pytest.mark.parametrize("arguments, error, field", [
+    ((0.0, 1.0), InvalidEnvironmentError, "radius"),
+    ((math.inf, 1.0), NotFiniteError, "radius"),
+    ((1.0, 0.0), InvalidEnvironmentError, "length"),
+    ((1.0, -2.0), InvalidEnvironmentError, "length"),
+    ((1.0, None), InvalidEnvironmentError, "length"),
+    ((1.0, 1.0, "here"), InvalidEnvironmentError, "position"),
+    ((1.0, 1.0, (0, 0, 0), (0.0, 0.0, 0.0, 2.0)), InvalidOrientationError, "orientation"),
+])
+def test_bad_input_for_what_lies_along_an_axis_is_refused(kind, arguments, error, field):
+    test_bad_input_is_refused_by_its_field(kind, arguments, error, field)
 
 
 def test_an_unknown_shape_is_refused():
@@ -266,10 +277,11 @@ def test_an_unknown_shape_is_refused():
         position, orientation, size_row = np.zeros(3), (0.0, 0.0, 0.0, 1.0), np.ones(3)
 
     for stranger in (Cone(), Element(), "floor", None):
-        with pytest.raises(UncPhysicsError, match=r"environment\[1\] must be one of Plane, Box, Sphere, Cylinder, Capsule"):
+        with pytest.raises(InvalidEnvironmentError, match=r"environment\[1\] must be one of Plane, Box, Sphere, "):
             Scene([RigidBody("ball", BALL)], environment=(Plane(), stranger))
 
 
 def test_a_kernel_finds_nothing_in_an_unknown_kind():
     for kind in (-1, len(KNOWN)):
-        assert shapes.surface(np.array([kind]), np.ones((1, 3)), 0, 0.0, 0.0, 0.0) == (math.inf, (0.0, 0.0, 1.0))
+        found = shapes.surface(np.array([kind]), np.ones((1, 3)), 0, 0.0, 0.0, 0.0)
+        assert found == (math.inf, (0.0, 0.0, 1.0))

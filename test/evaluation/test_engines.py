@@ -43,15 +43,16 @@ def test_pieces_cover_the_spheres(case):
 
 @pytest.mark.parametrize("name", PEERS)
 @pytest.mark.parametrize("element, side", [
-    (Plane((0.0, 0.6, 0.8), 1.0), (0.0, 0.0, 0.0)), (Box((0.2, 0.4, 0.6)), (0.1, 0.0, 0.0)), (Sphere(0.3), (0.0, 0.3, 0.0)),
-    (Cylinder(0.2, 0.6), (0.0, -0.2, 0.0)), (Cylinder(0.2, 0.6), (0.0, 0.0, 0.3)), (Capsule(0.2, 0.6), (0.2, 0.0, 0.0)),
-    (Capsule(0.2, 0.6), (0.0, 0.0, -0.5)),
+    (Plane((0.0, 0.6, 0.8), 1.0), (0.0, 0.0, 0.0)), (Box((0.2, 0.4, 0.6)), (0.1, 0.0, 0.0)),
+    (Sphere(0.3), (0.0, 0.3, 0.0)), (Cylinder(0.2, 0.6), (0.0, -0.2, 0.0)), (Cylinder(0.2, 0.6), (0.0, 0.0, 0.3)),
+    (Capsule(0.2, 0.6), (0.2, 0.0, 0.0)), (Capsule(0.2, 0.6), (0.0, 0.0, -0.5)),
 ], ids=lambda value: getattr(value, "shape", None))
 def test_a_ball_bounces_off_the_elements_surface(name, element, side):
     """It comes back from where it touches our element, moved and turned."""
     pytest.importorskip(name)
     if not isinstance(element, Plane):
-        turn = {} if isinstance(element, Sphere) else {"orientation": Rotation.from_rotvec([0.3, -0.2, 0.5]).as_quat()}
+        turned = Rotation.from_rotvec([0.3, -0.2, 0.5]).as_quat()
+        turn = {} if isinstance(element, Sphere) else {"orientation": turned}
         element = replace(element, position=np.array([1.0, 2.0, 3.0]), **turn)
     edge = element.position + element.rotation @ side
     out = element.surface(edge + element.rotation @ side)[1]

@@ -117,9 +117,9 @@ def test_passing_through_is_told_from_bouncing():
     assert passed_through(pair, path(0.5, 0.21, -0.3)), "at once, from one step to the next"
     assert passed_through(pair, path(0.5, 0.19, 0.05))
     assert not passed_through(pair, path(0.5, 0.18, 0.5)) and not passed_through(pair, path(0.05, 0.3))
-    upright = 0.0, 0.0, 0.0, 1.0
     for element in (
-        Plane((1.0, 0.0, 0.0), 0.0), Box((0.01, 1.0, 1.0)), Sphere(0.02), Cylinder(0.012, 0.5), Capsule(0.012, 0.5, (0, 0, 0.1), upright),
+        Plane((1.0, 0.0, 0.0), 0.0), Box((0.01, 1.0, 1.0)), Sphere(0.02), Cylinder(0.012, 0.5),
+        Capsule(0.012, 0.5, (0.0, 0.0, 0.1)),
     ):
         scene = Scene([RigidBody("b", BALL)], environment=(element,))
         assert passed_through(scene, path(0.5, -0.4)[:, 1:])

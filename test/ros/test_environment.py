@@ -25,7 +25,7 @@ SAMPLES = 200
 
 
 def floor_as(kind):
-    """The same floor as a half-space, whose normal is not of unit length, as a box, or as the end of a cylinder."""
+    """The same floor as a half-space, whose normal is not of unit length, as a box, or as a cylinder's end."""
     if kind == "plane":
         return Environment(planes=[Plane(coef=[0.0, 0.0, 2.0, -2.0 * FLOOR])], ids=["floor"])
     pose = Pose()
@@ -174,8 +174,11 @@ def test_spheres_and_cylinders_are_read_as_they_are():
     pose.position.x, pose.position.z = 0.5, 1.0
     pose.orientation.x, pose.orientation.w = 0.6, 0.8
     primitives = [
-        SolidPrimitive(type=SolidPrimitive.SPHERE, dimensions=[0.3]), SolidPrimitive(type=SolidPrimitive.CYLINDER, dimensions=[2.0, 0.1])]
-    ball, post = read_environment(Environment(primitives=primitives, primitive_poses=[pose, pose], ids=["ball", ""]))
+        SolidPrimitive(type=SolidPrimitive.SPHERE, dimensions=[0.3]),
+        SolidPrimitive(type=SolidPrimitive.CYLINDER, dimensions=[2.0, 0.1]),
+    ]
+    message = Environment(primitives=primitives, primitive_poses=[pose, pose], ids=["ball", ""])
+    ball, post = read_environment(message)
     assert (type(ball), ball.radius, ball.name) == (Sphere, 0.3, "ball")
     assert (type(post), post.radius, post.length, post.name) == (Cylinder, 0.1, 2.0, "primitive_1")
     for element in (ball, post):
@@ -186,7 +189,8 @@ def test_spheres_and_cylinders_are_read_as_they_are():
 def test_round_markers_are_where_the_solids_are():
     position, turn = np.array([0.5, -1.0, 2.0]), Rotation.from_rotvec([0.4, -0.3, 0.8])
     ball, post, rail, *ends = solids_of(
-        Sphere(0.3, position, "ball"), Cylinder(0.1, 2.0, position, turn.as_quat()), Capsule(0.1, 2.0, position, turn.as_quat(), "rail"))
+        Sphere(0.3, position, "ball"), Cylinder(0.1, 2.0, position, turn.as_quat()),
+        Capsule(0.1, 2.0, position, turn.as_quat(), "rail"))
     assert (ball.type, post.type, rail.type) == (Marker.SPHERE, Marker.CYLINDER, Marker.CYLINDER)
     assert [(marker.ns, marker.id) for marker in (ball, post, rail, *ends)] == [
         ("environment ball", 0), ("environment cylinder_1", 0), *(("environment rail", k) for k in range(3))]
@@ -195,7 +199,8 @@ def test_round_markers_are_where_the_solids_are():
         assert np.allclose(position_of(marker.pose), position)
         assert marker.color.a == 0.5
     for marker in (post, rail):
-        assert np.allclose(Rotation.from_quat(orientation_of(marker.pose)).apply([0, 0, 1]), turn.apply([0, 0, 1]))
+        axis = Rotation.from_quat(orientation_of(marker.pose)).apply([0, 0, 1])
+        assert np.allclose(axis, turn.apply([0, 0, 1]))
     for marker, z in zip(ends, (-1.0, 1.0), strict=True):
         assert (marker.type, marker.scale.x) == (Marker.SPHERE, 0.2)
         assert np.allclose(position_of(marker.pose), position + turn.apply([0.0, 0.0, z]))

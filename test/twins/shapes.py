@@ -1,4 +1,4 @@
-"""Twin of the environment's shapes: distance and normal by projection onto the solid, and points all over a surface."""
+"""Twin of the environment's shapes: distance and normal by projection onto the solid; points all over a surface."""
 
 import numpy as np
 
@@ -19,7 +19,8 @@ def cylinder(point, radius, half):
     across = point - along
     rho = np.linalg.norm(across)
     nearest = across * min(1.0, radius / rho if rho > 0.0 else 1.0) + np.clip(along, -half, half)
-    return _convex(point, nearest, [(radius - rho, _direction(across)), (half - abs(point[2]), np.copysign([0.0, 0.0, 1.0], along))])
+    end = np.copysign([0.0, 0.0, 1.0], along)
+    return _convex(point, nearest, [(radius - rho, _direction(across)), (half - abs(point[2]), end)])
 
 
 def capsule(point, radius, half):
@@ -70,7 +71,8 @@ def turned_surface(outline, spacing):
 def cylinder_surface(radius, half, spacing):
     rho = np.linspace(0.0, radius, int(radius / spacing) + 2)
     z = np.linspace(-half, half, int(2.0 * half / spacing) + 2)
-    return turned_surface([*((a, side) for a in rho for side in (-half, half)), *((radius, b) for b in z)], spacing)
+    ends = [(a, side) for a in rho for side in (-half, half)]
+    return turned_surface([*ends, *((radius, b) for b in z)], spacing)
 
 
 def capsule_surface(radius, half, spacing):

@@ -208,7 +208,7 @@ def _(solid: Capsule, client):
 
 
 def _no_shape(solid):
-    return NotSupportedError("has no counterpart in the other engines", field="environment", value=type(solid).__name__)
+    return NotSupportedError("is not known in other engines", field="environment", value=type(solid).__name__)
 
 
 def _bullet_contact(scene):
@@ -354,8 +354,8 @@ def _mjcf(scene, bodies, geometry):
 
 def _mujoco_fixed(solid):
     """A geom of the world that is a primitive of the environment."""
-    place = f'pos="{_mujoco_text(solid.position)}" quat="{_mujoco_quaternion(Rotation.from_matrix(solid.rotation))}"'
-    return f'<geom type="{solid.shape}" size="{_mujoco_text(_mujoco_size(solid))}" {place}/>'
+    size, turned = _mujoco_text(_mujoco_size(solid)), _mujoco_quaternion(Rotation.from_matrix(solid.rotation))
+    return f'<geom type="{solid.shape}" size="{size}" pos="{_mujoco_text(solid.position)}" quat="{turned}"/>'
 
 
 @singledispatch

@@ -71,7 +71,7 @@ def _entered(element, centers):
     way = np.linalg.norm(np.diff(centers, axis=0), axis=-1)
     may = distance[:-1] + distance[1:] < way
     begin, end = centers[:-1][may], centers[1:][may]
-    # all elements are convex, and so is the distance from them along a straight line: its minimum is where thirds lead to
+    # all elements are convex, so the distance along a straight line is, too, and has one minimum
     for _ in range(_THIRDS):
         near, far = (2.0 * begin + end) / 3.0, (begin + 2.0 * end) / 3.0
         rises = (surface_distance(element, near) < surface_distance(element, far))[:, None]

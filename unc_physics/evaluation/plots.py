@@ -239,7 +239,9 @@ def draw_samples(path: Path, arrays: Mapping[str, np.ndarray], packing: SpherePa
     _save(figure, path)
 
 
-def draw_final_positions(path: Path, ends: Mapping[str, np.ndarray], elements: Sequence[Element], title: str) -> None:
+def draw_final_positions(
+    path: Path, ends: Mapping[str, np.ndarray], elements: Sequence[Element], title: str,
+) -> None:
     """Where a body's centre ends up, in each engine: from above and from the side.
 
     Parameters
@@ -265,7 +267,8 @@ def draw_final_positions(path: Path, ends: Mapping[str, np.ndarray], elements: S
             view = np.eye(3)[[0, other, 3 - other]]
             for element in elements:
                 if element.finite:
-                    ax.add_patch(Polygon(outline(element, view), facecolor="#F4EDE0", edgecolor="0.6", linewidth=0.6))
+                    corners = outline(element, view)
+                    ax.add_patch(Polygon(corners, facecolor="#F4EDE0", edgecolor="0.6", linewidth=0.6))
             shade = COLORS.get(name.lower(), COLORS[MONTE_CARLO])
             ax.plot(states[:, 0], states[:, other], ".", markersize=4, alpha=0.5, color=shade, markeredgewidth=0)
             ax.set(xlim=(low[0], high[0]), ylim=(low[other], high[other]), aspect="equal")

@@ -211,7 +211,8 @@ def _arm(i, world, laws):
 def _closing(x, i, e, world, laws, left):
     """How fast the centre of mass of body i moves against element e, now or when it has fallen for ``left`` seconds [m/s].
 
-    Against those faces of the element's bounds that parts of the body are beyond; against two that face away from each other, either way.
+    Against those faces of the element's bounds that parts of the body are beyond; against two that face away from
+    each other, either way.
     """
     R = laws.R
     a, b, c = in_element(laws.position, R, e, x[i, P], x[i, P + 1], x[i, P + 2])

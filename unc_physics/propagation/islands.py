@@ -370,7 +370,7 @@ class Islands:
             return found
         center, half = 0.5 * (low + high), 0.5 * (high - low)
         for e in range(len(laws.kind)):
-            lowest, highest = bounds(laws.kind, laws.size, e)  # in the element's frame, as are those of the boxes that follow
+            lowest, highest = bounds(laws.kind, laws.size, e)  # in the element's frame, as is what follows
             middle, reach = (center - laws.position[e]) @ laws.R[e], half @ np.abs(laws.R[e])
             found |= np.all((middle - reach < highest) & (middle + reach > lowest), axis=1)
         return found

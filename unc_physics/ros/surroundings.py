@@ -106,8 +106,9 @@ def _dimensions(primitive, field):
             value=_NOT_SERVED[primitive.type])
     if primitive.type not in _DIMENSIONS:
         raise InvalidEnvironmentError("is no kind of primitive", field=f"{field}.type", value=primitive.type)
-    size = array(primitive.dimensions, (_DIMENSIONS[primitive.type],), f"{field}.dimensions", InvalidEnvironmentError).tolist()
-    return tuple(positive(value, f"{field}.dimensions[{k}]", InvalidEnvironmentError) for k, value in enumerate(size))
+    shape, field = (_DIMENSIONS[primitive.type],), f"{field}.dimensions"
+    size = array(primitive.dimensions, shape, field, InvalidEnvironmentError).tolist()
+    return tuple(positive(value, f"{field}[{k}]", InvalidEnvironmentError) for k, value in enumerate(size))
 
 
 def _place(pose, field):

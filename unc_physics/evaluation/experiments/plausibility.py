@@ -75,7 +75,8 @@ def report(results: Results) -> str:
         order = [engine for engine in ENGINES if engine in ends]
         figure = results.figure(f"plausibility_{scene}")
         elements = MANIPULATION[scene][0]()[0].environment
-        draw_final_positions(figure, {ENGINES[engine]: ends[engine][:, 0] for engine in order}, elements, scene.replace("_", " "))
+        last = {ENGINES[engine]: ends[engine][:, 0] for engine in order}
+        draw_final_positions(figure, last, elements, scene.replace("_", " "))
         head = ["", PLACES[scene], "upright", "W1 / floor, positions [m]", "rotations [deg]", "a rollout [ms]"]
         lines = []
         for engine in order:

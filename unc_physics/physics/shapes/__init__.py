@@ -1,7 +1,7 @@
 """Shapes of the environment, one file each: what the kernels know of a solid, in its own frame.
 
-A new shape is a file with a ``NAME`` and the functions ``surface``, ``bounds`` and ``thickness`` of a row of sizes, and an
-entry in `SHAPES`.
+A new shape is a file with a ``NAME`` and the functions ``surface``, ``bounds`` and ``thickness`` of a row of sizes,
+and an entry in `SHAPES`. All of them are convex.
 """
 
 import math
@@ -18,7 +18,7 @@ KINDS = {shape.NAME: kind for kind, shape in enumerate(SHAPES)}
 
 
 def _by_kind(name, nothing):
-    """The function of that name of element e's shape; ``nothing`` for a kind that is none, which no scene has."""
+    """The function of that name of element e's shape; ``nothing`` for an unknown kind, which no scene has."""
 
     @njit(nogil=True, forceinline=True)
     def chosen(kind, size, e, *point):
@@ -30,7 +30,7 @@ def _by_kind(name, nothing):
 
 
 def _either(number, function, other):
-    # without a cache of its own: it could not tell the shapes' functions apart, and is part of those that call it anyway
+    # without a cache of its own, which could not tell the shapes' functions apart: callers' caches hold its code
     @njit(nogil=True, forceinline=True)
     def either(kind, size, e, *point):
         if kind[e] == number:
@@ -49,8 +49,8 @@ _thickness = _by_kind("thickness", math.inf)
 def surface(kind, size, e, x, y, z):
     """Signed distance of a point from the surface of element e, and the surface's normal there.
 
-    Outside, both come from the nearest point of the surface; inside, from its nearest face, ties to the lowest axis. They
-    are defined everywhere: on an axis of symmetry as well, and in the middle.
+    Outside, both come from the nearest point of the surface; inside, from its nearest face, ties to the lowest
+    axis. They are defined everywhere: on an axis of symmetry as well, and in the middle.
 
     Parameters
     ----------
@@ -74,13 +74,13 @@ def surface(kind, size, e, x, y, z):
 
 @kernel(_nrt=False, forceinline=True)
 def bounds(kind, size, e):
-    """Lowest and highest corner of element e along the axes of its own frame [m], infinite where it has no end."""
+    """Lowest and highest corner of element e, in its own frame [m]; infinite where it has no end."""
     return _bounds(kind, size, e)
 
 
 @kernel(_nrt=False, forceinline=True)
 def thickness(kind, size, e):
-    """Distance from the surface of element e to its middle where it is thinnest [m]; infinite where it has no other side."""
+    """How far the inside of element e is from its surface at most [m]: what goes deeper comes out elsewhere."""
     return _thickness(kind, size, e)
 
 

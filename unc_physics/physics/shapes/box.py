@@ -10,7 +10,7 @@ NAME = "box"
 
 @inner(error_model="numpy", forceinline=True)
 def surface(size, e, x, y, z):
-    """Distance and normal by the nearest point of the surface outside, by the nearest face inside (`shapes.surface`)."""
+    """Distance and normal by the nearest point outside, by the nearest face inside (`shapes.surface`)."""
     qx, qy, qz = abs(x) - size[e, 0], abs(y) - size[e, 1], abs(z) - size[e, 2]
     sx, sy, sz = math.copysign(1.0, x), math.copysign(1.0, y), math.copysign(1.0, z)
     if qx <= 0.0 and qy <= 0.0 and qz <= 0.0:

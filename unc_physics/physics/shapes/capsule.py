@@ -1,4 +1,7 @@
-"""All points near a piece of the z axis, its middle at the origin; the size is (radius, half the piece's length, 0) [m]."""
+"""A cylinder about the z axis with half a ball on each end, its middle at the origin.
+
+Its size is (radius, half the length of the straight part, 0) [m].
+"""
 
 from ..compiled import inner
 from .direction import unit
@@ -8,7 +11,10 @@ NAME = "capsule"
 
 @inner(error_model="numpy", forceinline=True)
 def surface(size, e, x, y, z):
-    """Distance and normal from the nearest point of the piece of the axis; on it the normal is the x axis (`shapes.surface`)."""
+    """Distance and normal from the nearest point of the straight part's axis (`shapes.surface`).
+
+    On that axis the normal is the x axis.
+    """
     half = size[e, 1]
     length, normal = unit(x, y, z - min(max(z, -half), half))
     return length - size[e, 0], normal

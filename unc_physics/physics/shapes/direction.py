@@ -4,12 +4,12 @@ import math
 
 from ..compiled import inner
 
-_NOWHERE = 1e-150  # m: the squares of shorter lengths are lost to underflow
+_NOWHERE = 1e-150  # m: the squares of shorter vectors underflow
 
 
 @inner(error_model="numpy", forceinline=True)
 def unit(x, y, z):
-    """Length of a vector and its direction; the x axis, the lowest, for one without length or beyond all numbers."""
+    """Length of a vector and its direction; the x axis, the lowest, where the length is lost to round-off."""
     length = math.sqrt(x * x + y * y + z * z)
     if _NOWHERE < length < math.inf:
         return length, (x / length, y / length, z / length)
