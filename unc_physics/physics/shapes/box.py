@@ -3,7 +3,6 @@
 import math
 
 from ..compiled import inner
-from .direction import unit
 
 NAME = "box"
 
@@ -19,8 +18,10 @@ def surface(size, e, x, y, z):
         if qy >= qz:
             return qy, (0.0, sy, 0.0)
         return qz, (0.0, 0.0, sz)
-    distance, n = unit(max(qx, 0.0), max(qy, 0.0), max(qz, 0.0))
-    return distance, (sx * n[0], sy * n[1], sz * n[2])
+    qx, qy, qz = max(qx, 0.0), max(qy, 0.0), max(qz, 0.0)
+    # never 0: what lies outside is beyond a face by a unit in the last place at least
+    distance = math.sqrt(qx * qx + qy * qy + qz * qz)
+    return distance, (sx * qx / distance, sy * qy / distance, sz * qz / distance)
 
 
 @inner(forceinline=True)
