@@ -75,7 +75,11 @@ def test_verdicts_and_rates():
     assert worst([1.5, 0.5, 1.9]) == 0.5 and worst([1.0, 0.0]) == 0.0 and math.isnan(worst([3.0, math.nan]))
 
 
-@pytest.mark.parametrize("environment", [(), (Plane(offset=-0.08),), (Box((1.0, 0.2, 0.1), (0.0, 0.0, -0.13)),)])
+@pytest.mark.parametrize("environment", [
+    (), (Plane(offset=-0.08),), (Box((1.0, 0.2, 0.1), (0.0, 0.0, -0.13)),), (Sphere(0.3, (0.0, 0.05, -0.38)),),
+    (Cylinder(0.2, 1.0, (0.05, 0.0, -0.27), (np.sqrt(0.5), 0.0, 0.0, np.sqrt(0.5))),),
+    (Capsule(0.1, 0.2, (0.0, 0.05, -0.27)),),
+])
 def test_contact_energy_is_what_the_force_works_against(environment):
     other = [RigidBody("b", BALL.scaled(0.6))] if not environment else []
     scene = Scene([RigidBody("a", BALL, 2.0), *other], dt=1e-9, stiffness=1e6, environment=environment)
