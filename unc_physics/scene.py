@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .environment import Box, Plane, element_names
+from .environment import Element, check_element, element_names
 from .errors import (
     DuplicateIdError,
     InvalidEnvironmentError,
@@ -22,8 +22,7 @@ from .errors import (
 )
 from .geometry.packing_file import SpherePacking
 from .physics import sphere_tree
-from .physics.rotation import write_matrix
-from .physics.world import BOX, PLANE, Bodies, Surroundings, World
+from .physics.world import Bodies, Surroundings, World
 from .validation import array, non_negative, number, numbers, positive
 
 #: What of the scene's own parameters may be uncertain, and what that takes.
@@ -130,8 +129,8 @@ class Scene:
         Decay rate of all velocities [1/s].
     gravity : (3,) array
         World frame [m/s^2].
-    environment : tuple of Plane and Box
-        Fixed surroundings.
+    environment : tuple of Element
+        Fixed surroundings: planes, boxes, spheres, cylinders and capsules.
     friction : float, optional
         Coefficient of Coulomb friction of all contacts; None means that there is none.
     restitution : float, optional
@@ -162,7 +161,7 @@ class Scene:
     stiffness: float = 1e4
     damping: float = 0.0
     gravity: np.ndarray = (0.0, 0.0, 0.0)
-    environment: tuple[Plane | Box, ...] = ()
+    environment: tuple[Element, ...] = ()
     friction: float | None = None
     restitution: float | None = None
     gyroscopic: bool = False
@@ -281,17 +280,11 @@ class Scene:
         elements = self.environment
         if not (elements or self.gyroscopic):
             return None
-        R = np.tile(np.eye(3), (len(elements), 1, 1))
-        position, half = np.zeros((len(elements), 3)), np.ones((len(elements), 3))
-        for k, element in enumerate(elements):
-            if isinstance(element, Plane):
-                R[k], position[k] = _frame(element.normal), element.offset * element.normal
-            else:
-                write_matrix(tuple(element.orientation), R, k)
-                position[k], half[k] = element.position, 0.5 * element.size
         return Surroundings(
-            kind=np.array([PLANE if isinstance(element, Plane) else BOX for element in elements], np.int64),
-            position=position, R=R, half=half,
+            kind=np.array([element.kind for element in elements], np.int64),
+            position=np.array([element.position for element in elements]).reshape(-1, 3),
+            R=np.array([element.rotation for element in elements]).reshape(-1, 3, 3),
+            size=np.array([element.size_row for element in elements]).reshape(-1, 3),
             gyroscopic=bool(self.gyroscopic),
         )
 
@@ -308,10 +301,9 @@ def _elements(environment, names):
     try:
         elements = tuple(environment)
     except TypeError:
-        raise InvalidEnvironmentError("must be a sequence of Plane and Box", field="environment", value=environment) from None
+        raise InvalidEnvironmentError("must be a sequence of elements", field="environment", value=environment) from None
     for k, element in enumerate(elements):
-        if not isinstance(element, (Plane, Box)):
-            raise InvalidEnvironmentError("must be a Plane or a Box", field=f"environment[{k}]", value=element)
+        check_element(element, f"environment[{k}]")
     taken = set(names)
     for k, name in enumerate(element_names(elements)):
         if name in taken:
@@ -331,14 +323,6 @@ def _flag(value, field):
     if not isinstance(value, (bool, np.bool_)):
         raise InvalidRequestError("must be true or false", field=field, value=value)
     return bool(value)
-
-
-def _frame(normal):
-    """A rotation matrix whose third column is the normal."""
-    helper = np.eye(3)[np.argmin(np.abs(normal))]
-    first = np.cross(helper, normal)
-    first /= np.linalg.norm(first)
-    return np.column_stack([first, np.cross(normal, first), normal])
 
 
 def _shifted(child, first_node, first_sphere):

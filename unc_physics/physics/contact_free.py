@@ -3,7 +3,7 @@
 from ..layout import P, V, W
 from .broad_phase import may_touch, near_pairs
 from .compiled import inner
-from .surroundings import element_distance
+from .element_contacts import element_distance
 
 _MOST_STEPS = 64  # ahead
 UNKNOWN = -1  # number of contact-free steps ahead, of a rollout that begins

@@ -39,7 +39,8 @@ from .implicit_workspace import (
     TURN_J,
 )
 from .rotation import rotate, rotate_back
-from .surroundings import in_element, surface
+from .element_contacts import in_element
+from .shapes import surface
 
 #: Gap up to which contacts take part in an impact [m].
 IMPACT_GAP = 2e-4

@@ -19,14 +19,16 @@ from .implicit_workspace import (
     TRAVEL,
 )
 from .rotation import rotate, rotate_back
-from .surroundings import in_element, surface
+from .element_contacts import in_element
+
 from .sphere_tree import EMPTY, WIDTH, candidates
-from .world import BOX, PLANE
+from .shapes import KINDS, surface
 
 #: Gap up to which contacts take part in a step [m].
 ACTIVE_GAP = 5e-4
 #: Bodies are near when they may come closer than this in a step [m].
 NEAR = 1e-3
+_PLANE, _BOX = KINDS["plane"], KINDS["box"]
 _LIST_MARGIN, _LIST_STEPS = 1e-3, 2.0  # how long lists of an element last: a distance [m], and steps at the present pace
 _PAIR_MARGIN = 5e-4  # the same of two bodies [m]
 _SINGLE_PRECISION = 4e-6  # of the sum of two bodies' radii: what single precision loses in a change of frame
@@ -118,9 +120,9 @@ def flat_face(kind, size, e, t, R_e, R, extent):
     ``t`` is the body's centre of mass in the element's frame, ``extent`` (6,) the middle and half the sides of the box
     around its spheres' centres (body frame): over that side, all of them are nearest to it.
     """
-    if kind[e] == PLANE:
+    if kind[e] == _PLANE:
         return 6
-    if kind[e] != BOX:
+    if kind[e] != _BOX:
         return -1
     side = -1
     for a in range(3):

@@ -12,7 +12,7 @@ from .compiled import inner, stage
 from .contact_free import contact_free_step
 from .narrow_phase import contact_sums, next_contacts, open_pair
 from .rotation import exp, multiply, renormalized, rotate, rotate_back, write_matrix
-from .surroundings import next_element_contacts, open_element
+from .element_contacts import next_element_contacts, open_element
 
 # angles that a body turns at a time with the gyroscopic term [rad], and the most parts of a step
 _TURN, _SMALL_TURN, _MOST_TURNS = 0.25, 0.02, 1000

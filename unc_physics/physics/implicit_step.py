@@ -35,7 +35,8 @@ from .implicit_workspace import (
     implicit_workspace,
 )
 from .rotation import exp, multiply, renormalized, rotate, rotate_back, write_matrix
-from .surroundings import in_element, surface
+from .element_contacts import in_element
+from .shapes import surface
 
 #: Gap up to which bodies touch, and at which an impact is aimed [m].
 TOUCHING, _AIM = 2e-5, 1e-5

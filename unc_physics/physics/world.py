@@ -25,10 +25,6 @@ class Bodies(NamedTuple):
         Of a ball about the centre of mass that holds all spheres [m].
     root : (B,) int64
         Root node of the body's sphere tree.
-    mass : (B,) float64
-        [kg]
-    inertia : (B, 3, 3) float64
-        Body frame [kg m^2].
     """
 
     moving: np.ndarray
@@ -38,12 +34,6 @@ class Bodies(NamedTuple):
     inverse_inertia: np.ndarray
     radius: np.ndarray
     root: np.ndarray
-    mass: np.ndarray
-    inertia: np.ndarray
-
-
-#: Kinds of elements of the environment.
-PLANE, BOX = 0, 1
 
 
 class Surroundings(NamedTuple):
@@ -52,13 +42,13 @@ class Surroundings(NamedTuple):
     Attributes
     ----------
     kind : (E,) int64
-        `PLANE` or `BOX`.
+        Of the elements' shapes (`shapes.KINDS`).
     position : (E, 3) float64
-        A point of the plane, or the box's centre [m].
+        Origins of the elements' frames: a point of a plane, otherwise the middle [m].
     R : (E, 3, 3) float64
         ``R_world_element``; a plane's normal is its z axis.
-    half : (E, 3) float64
-        Half the box's edge lengths [m].
+    size : (E, 3) float64
+        What each shape's file takes for its size [m].
     gyroscopic : bool
         Whether a turning body keeps its angular momentum, instead of its angular velocity as in the paper.
     """
@@ -66,7 +56,7 @@ class Surroundings(NamedTuple):
     kind: np.ndarray
     position: np.ndarray
     R: np.ndarray
-    half: np.ndarray
+    size: np.ndarray
     gyroscopic: bool
 
 

@@ -25,7 +25,8 @@ from ..errors import NotSupportedError
 from ..physics import contact_history as histories
 from ..physics.compiled import kernel
 from ..physics.moments import boxminus, spread_states
-from ..physics.world import PLANE, Bodies, World
+from ..physics.shapes import bounds
+from ..physics.world import Bodies, World
 from ..layout import ANGULAR_VELOCITY, ERROR, POSITION, VELOCITY
 from ..scene import Scene
 from .base import Propagator
@@ -361,12 +362,10 @@ class Islands:
             return found
         center, half = 0.5 * (low + high), 0.5 * (high - low)
         for e in range(len(surroundings.kind)):
-            if surroundings.kind[e] == PLANE:
-                normal = surroundings.R[e, :, 2]
-                found |= (center - surroundings.position[e]) @ normal - half @ np.abs(normal) < 0.0
-            else:
-                reach = np.abs(surroundings.R[e]) @ surroundings.half[e]
-                found |= np.all(np.abs(center - surroundings.position[e]) < half + reach, axis=1)
+            # in the element's frame
+            lowest, highest = bounds(surroundings.kind, surroundings.size, e)
+            middle, reach = (center - surroundings.position[e]) @ surroundings.R[e], half @ np.abs(surroundings.R[e])
+            found |= np.all((middle - reach < highest) & (middle + reach > lowest), axis=1)
         return found
 
     def _can_fly(self, carry):

@@ -25,7 +25,7 @@ from ..physics.explicit_step import (
 from ..physics.narrow_phase import DISTANCE, NORMAL, VOLUME
 from ..physics.random import RUN, combine, normal_table, places
 from ..physics.rotation import cross, exp, rotate, rotate_back
-from ..physics.surroundings import surface
+from ..physics.shapes import surface
 from ..physics.transition import apply_drift_jacobian, write_printed_rotation
 from ..physics.workspace import workspace
 from ..validation import integer
@@ -264,7 +264,7 @@ def sample_element_contacts(i, e, found, pair_key, t, tree, surroundings, work, 
                 turn = rotate(T, float(z0), float(z1), float(z2))
                 a = turned(arm, turn)
                 c = rotate_back(R_e, p[0] + a[0], p[1] + a[1], p[2] + a[2])
-                m = surface(surroundings.kind, surroundings.half, e, t[0] + c[0], t[1] + c[1], t[2] + c[2])[1]
+                m = surface(surroundings.kind, surroundings.size, e, t[0] + c[0], t[1] + c[1], t[2] + c[2])[1]
                 m = rotate(R_e, m[0], m[1], m[2])
                 b = cross(a, m)
                 add_moments(cloud.spread[0], weight, (m[0] - n[0], m[1] - n[1], m[2] - n[2]))

@@ -16,7 +16,7 @@ from ..physics.compiled import kernel
 from ..physics.contact_model import capacity, impact_frequency
 from ..physics.narrow_phase import DISTANCE, VOLUME, next_contacts, open_pair
 from ..physics.rotation import rotation_matrix
-from ..physics.surroundings import next_element_contacts, open_element
+from ..physics.element_contacts import next_element_contacts, open_element
 from ..physics.workspace import workspace
 from ..layout import (
     ANGULAR_VELOCITY,
