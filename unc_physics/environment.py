@@ -7,12 +7,13 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from .errors import InvalidEnvironmentError
+from .materials import Surface, check_surface
 from .validation import array, number, positive, quaternion
 
 
 @dataclass(frozen=True, eq=False)
-class Plane:
-    """A half-space: floor, table top, wall.
+class Plane(Surface):
+    """A half-space: floor, table top, wall; friction and restitution are those of a `Surface`.
 
     Attributes
     ----------
@@ -39,11 +40,12 @@ class Plane:
             raise InvalidEnvironmentError("must have a direction", field="normal", value=normal.tolist())
         object.__setattr__(self, "normal", normal / length)
         object.__setattr__(self, "offset", number(self.offset, "offset", InvalidEnvironmentError))
+        check_surface(self, error=InvalidEnvironmentError)
 
 
 @dataclass(frozen=True, eq=False)
-class Box:
-    """A solid box: wall, shelf, bottom of a bin.
+class Box(Surface):
+    """A solid box: wall, shelf, bottom of a bin; friction and restitution are those of a `Surface`.
 
     Attributes
     ----------
@@ -73,6 +75,7 @@ class Box:
         object.__setattr__(self, "size", size)
         object.__setattr__(self, "position", array(self.position, (3,), "position", InvalidEnvironmentError))
         object.__setattr__(self, "orientation", quaternion(self.orientation, "orientation"))
+        check_surface(self, error=InvalidEnvironmentError)
 
 
 def element_names(environment) -> list[str]:

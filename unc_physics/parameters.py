@@ -8,6 +8,7 @@ from .physics.rollout import advance
 from .physics.threads import in_threads
 from .physics.world import World
 from .layout import ANGULAR_VELOCITY, POSITION, QUATERNION, VELOCITY
+from .materials import Materials, varied
 from .scene import Scene, tree_of
 
 _SINGLE = 4.0 * np.finfo(np.float32).eps  # more than a shift rounds, relative to the body's size
@@ -33,7 +34,7 @@ def vary(scene: Scene, z: np.ndarray) -> World:
     b, laws, bodies = world.bodies, world.laws, scene.bodies
     inverse_mass, inverse_inertia, radius, tree = b.inverse_mass.copy(), b.inverse_inertia.copy(), b.radius, world.tree
     mass, inertia = (None, None) if laws is None else (laws.mass.copy(), laws.inertia.copy())
-    changed, gravity, tilt = {}, world.gravity, np.zeros(2)
+    stiffness, gravity, tilt = world.stiffness, world.gravity, np.zeros(2)
     for parameter, value in zip(scene.uncertain, z, strict=True):
         name, k = parameter.name, parameter.body
         if name == "mass":
@@ -43,12 +44,8 @@ def vary(scene: Scene, z: np.ndarray) -> World:
             if laws is not None:
                 mass[k] *= factor
                 inertia[k] *= factor
-        elif name in ("stiffness", "friction"):
-            middle = getattr(scene, name)
-            changed[name] = float(middle * np.exp(value * parameter.std / middle))
-        elif name == "restitution":
-            restitution = min(max(scene.restitution + value * parameter.std, 0.0), 1.0)
-            changed["dissipation"] = 0.5 * (1.0 - restitution**2)
+        elif name == "stiffness":
+            stiffness = float(stiffness * np.exp(value * parameter.std / stiffness))
         elif name == "gravity_direction":
             tilt[parameter.axis] = value * parameter.std
     if tilt.any():
@@ -57,12 +54,32 @@ def vary(scene: Scene, z: np.ndarray) -> World:
     if len(offsets):
         tree, radius = _shifted_trees(scene, offsets)
     if laws is not None:
-        own = {name: changed[name] for name in ("friction", "dissipation") if name in changed}
-        laws = laws._replace(mass=mass, inertia=inertia, **own)
-    return world._replace(
+        laws = laws._replace(mass=mass, inertia=inertia)
+    varied_world = world._replace(
         bodies=b._replace(inverse_mass=inverse_mass, inverse_inertia=inverse_inertia, radius=radius),
-        tree=tree, gravity=gravity, stiffness=changed.get("stiffness", world.stiffness), laws=laws,
+        tree=tree, gravity=gravity, stiffness=stiffness, laws=laws,
     )
+    implicit = getattr(world, "implicit", None)
+    if implicit is None:
+        return varied_world
+    friction, restitution = vary_materials(scene, z)
+    return varied_world._replace(implicit=implicit._replace(friction=friction, restitution=restitution))
+
+
+def vary_materials(scene: Scene, z: np.ndarray) -> Materials:
+    """The scene's materials with its parameters ``z`` (K,) standard deviations from their values.
+
+    The scene's own are shared by all who have none of theirs.
+    """
+    found = Materials(*(values.copy() for values in scene.materials))
+    for parameter, value in zip(scene.uncertain, z, strict=True):
+        name, k = parameter.name, parameter.body
+        if name not in Materials._fields:
+            continue
+        owner = scene if k < 0 else scene.surfaces[k]
+        places = [j for j, surface in enumerate(scene.surfaces) if getattr(surface, name) is None] if k < 0 else [k]
+        getattr(found, name)[places] = varied(name, getattr(owner, name), parameter.std, value)
+    return found
 
 
 def rollout_varied(states: np.ndarray, memory: np.ndarray, scene: Scene, z: np.ndarray, begin: int, steps: int) -> None:

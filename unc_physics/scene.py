@@ -21,18 +21,21 @@ from .errors import (
     NoObjectsError,
 )
 from .geometry.packing_file import SpherePacking
+from .materials import Materials, Surface, check_surface, combined, refuse_with_explicit
 from .physics import tree as sphere_tree
 from .physics.so3 import write_matrix
 from .physics.world import BOX, PLANE, Bodies, Laws, World
-from .validation import array, non_negative, number, numbers, positive
+from .presets import with_preset
+from .validation import array, flag, non_negative, numbers, positive
 
-#: What of the scene's own parameters may be uncertain, and what that takes.
-_STDS = {
-    "stiffness_std": "stiffness", "friction_std": "friction", "restitution_std": "restitution", "gravity_direction_std": "gravity",
-}
+#: Standard deviations of the scene's own parameters.
+_STDS = ("stiffness_std", "friction_std", "restitution_std", "gravity_direction_std")
 
-#: How steps are taken: as in the paper, or divided and linearly implicit where contacts need it.
-INTEGRATORS = ("explicit", "robust")
+#: How steps are taken: as in the paper, or with contacts that are solved for, which friction and rest need.
+INTEGRATORS = ("explicit", "implicit")
+_SUCCESSORS = {"robust": "implicit"}
+#: kappa where an explicit scene names none [N/m^3].
+STIFFNESS = 1e4
 
 _trees = weakref.WeakKeyDictionary()
 
@@ -45,7 +48,7 @@ class UncertainParameter(NamedTuple):
     name : str
         Of the parameter: the field that holds its standard deviation, without ``_std``.
     body : int
-        Index of the body that it belongs to; -1 for one of the whole scene.
+        Index of the body that it belongs to; B + e for element e of the environment, -1 for one of the whole scene.
     axis : int
         Which of its directions, for parameters that have several.
     std : float
@@ -58,8 +61,8 @@ class UncertainParameter(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class RigidBody:
-    """A rigid body: a sphere-packed shape with a mass.
+class RigidBody(Surface):
+    """A rigid body: a sphere-packed shape with a mass; friction and restitution are those of a `Surface`.
 
     Attributes
     ----------
@@ -98,13 +101,13 @@ class RigidBody:
             raise InvalidRequestError("must be a non-empty text", field="name", value=self.name)
         if not isinstance(self.model, SpherePacking):
             raise InvalidRequestError("must be a SpherePacking", field=f"model of body '{self.name}'", value=self.model)
-        if not isinstance(self.fixed, (bool, np.bool_)):
-            raise InvalidRequestError("must be true or false", field=f"fixed of body '{self.name}'", value=self.fixed)
+        check_surface(self, f" of body '{self.name}'")
         field = f"center_of_mass_std of body '{self.name}'"
         std = numbers(self.center_of_mass_std, field)
         std = array(np.full(3, std) if std.ndim == 0 else std, (3,), field)
         non_negative(std.min(), field)
         checked = {
+            "fixed": flag(self.fixed, f"fixed of body '{self.name}'"),
             "mass": positive(self.mass, f"mass of body '{self.name}'", InvalidMassError),
             "mass_std": non_negative(self.mass_std, f"mass_std of body '{self.name}'", InvalidMassError),
             "center_of_mass_std": std,
@@ -124,8 +127,9 @@ class Scene:
     bodies : tuple of RigidBody
     dt : float
         Time step [s].
-    stiffness : float
-        kappa of the penalty force [N/m^3] (the paper's Eq. 4).
+    stiffness : float, optional
+        kappa of the penalty force [N/m^3] (the paper's Eq. 4). None means `STIFFNESS` with the explicit integrator; with
+        the implicit one it is chosen from the belief when a prediction begins (`stiffness.with_stiffness`).
     damping : float
         Decay rate of all velocities [1/s].
     gravity : (3,) array
@@ -133,33 +137,39 @@ class Scene:
     environment : tuple of Plane and Box
         Fixed surroundings.
     friction : float, optional
-        Coefficient of Coulomb friction of all contacts; None means that there is none.
+        Coefficient of Coulomb friction of all bodies and elements that have none of their own; None means that there is
+        none. Needs the implicit integrator.
     restitution : float, optional
-        Coefficient of restitution of all contacts, 0 to 1; None means elastic contacts, as does 1.
+        Likewise the coefficient of restitution, 0 to 1; None means 0, but 1 with the explicit integrator, which knows
+        elastic contacts only.
     gyroscopic : bool
         Whether a turning body keeps its angular momentum, instead of its angular velocity as in the paper.
-    integrator : {'explicit', 'robust'}
-        The paper's step, or one that is divided and linearly implicit where contacts need it.
+    integrator : {'explicit', 'implicit'}
+        The paper's step, or one that solves for lasting contacts and takes impacts as events.
     islands : bool
         Whether groups of bodies that cannot touch within the horizon are predicted each by itself.
     stiffness_std, friction_std : float
         Standard deviations, in the units of what they belong to, which then varies as ``m exp(z std / m)`` with a
         standard normal z; only what is positive can be uncertain.
     restitution_std : float
-        Standard deviation; the coefficient varies as ``restitution + z std``, cut off at 0 and 1.
+        Standard deviation; the coefficient varies as ``restitution + z std``, cut off at 0 and 1. As friction's, it is shared
+        by all who have no value of their own.
     gravity_direction_std : float
         Of gravity's tilts about each of two axes across it [rad]; its size stays.
+    sleep : bool
+        Whether what rests is not computed until something pushes it. Needs the implicit integrator.
 
     Raises
     ------
     NoObjectsError, DuplicateIdError, InvalidRequestError, InvalidHorizonError, InvalidOptionError,
     InvalidEnvironmentError, NotFiniteError
-        For an empty scene, a repeated name, a physical constant out of range, or a bad time step.
+        For an empty scene, a repeated name, a physical constant out of range, a bad time step, or laws that the
+        integrator does not have.
     """
 
     bodies: tuple[RigidBody, ...]
     dt: float = 0.01
-    stiffness: float = 1e4
+    stiffness: float | None = None
     damping: float = 0.0
     gravity: np.ndarray = (0.0, 0.0, 0.0)
     environment: tuple[Plane | Box, ...] = ()
@@ -172,6 +182,7 @@ class Scene:
     friction_std: float = 0.0
     restitution_std: float = 0.0
     gravity_direction_std: float = 0.0
+    sleep: bool = False
 
     def __post_init__(self):
         try:
@@ -190,32 +201,54 @@ class Scene:
         checked = {
             "bodies": bodies,
             "dt": positive(self.dt, "dt", InvalidHorizonError),
-            "stiffness": non_negative(self.stiffness, "stiffness"),
+            "stiffness": None if self.stiffness is None else non_negative(self.stiffness, "stiffness"),
             "damping": non_negative(self.damping, "damping"),
             "gravity": array(self.gravity, (3,), "gravity"),
             "environment": _elements(self.environment, names),
-            "friction": None if self.friction is None else non_negative(self.friction, "friction"),
-            "restitution": None if self.restitution is None else _share(self.restitution, "restitution"),
-            "gyroscopic": _flag(self.gyroscopic, "gyroscopic"),
-            "islands": _flag(self.islands, "islands"),
+            "gyroscopic": flag(self.gyroscopic, "gyroscopic"),
+            "islands": flag(self.islands, "islands"),
+            "sleep": flag(self.sleep, "sleep"),
         } | {field: non_negative(getattr(self, field), field) for field in _STDS}
-        if self.integrator not in INTEGRATORS:
-            raise InvalidOptionError(f"must be one of {', '.join(INTEGRATORS)}", field="integrator", value=self.integrator)
+        check_integrator(self.integrator)
+        explicit = self.integrator == "explicit"
+        if explicit and checked["stiffness"] is None:
+            checked["stiffness"] = STIFFNESS
         for field, value in checked.items():
             object.__setattr__(self, field, value)
-        for field, owner in _STDS.items():
-            self._check_std(field, getattr(self, field), owner, getattr(self, owner))
+        check_surface(self)
+        if explicit:
+            self._refuse_what_needs_implicit()
+        self._check_std("stiffness", self.stiffness, "a stiffness that is given")
+        self._check_std("gravity_direction", math.pi if self.gravity.any() else 0.0, "gravity")
 
-    @staticmethod
-    def _check_std(field, std, owner, value):
-        """Raise `InvalidRequestError` unless ``owner`` of that value can have that standard deviation."""
-        if std == 0.0:
-            return
-        if value is None or (owner != "restitution" and not np.any(value)):
+    def _refuse_what_needs_implicit(self):
+        """Raise `InvalidOptionError` if the explicit step is asked for more than it can do."""
+        refuse_with_explicit(self)
+        for kind, things in (("bodies", self.bodies), ("environment", self.environment)):
+            for k, thing in enumerate(things):
+                refuse_with_explicit(thing, f"{kind}[{k}].")
+        if self.sleep:
+            raise InvalidOptionError("needs 'integrator: implicit'", field="sleep", value=True)
+
+    def _check_std(self, name, most, owner):
+        """Raise `InvalidRequestError` unless the parameter's standard deviation is at most that; 0 or None: there is none."""
+        field, std = f"{name}_std", getattr(self, f"{name}_std")
+        if std > 0.0 and not most:
             raise InvalidRequestError(f"needs a scene with {owner}", field=field, value=std)
-        most = {"restitution": 1.0, "gravity": math.pi}.get(owner, value)
-        if std > most:
+        if std > 0.0 and std > most:
             raise InvalidRequestError(f"must not exceed {most:.6g}", field=field, value=std)
+
+    @classmethod
+    def everyday(cls, bodies, **overrides) -> Scene:
+        """A robot's world: the physics of `presets.PRESETS`, in which things fall, slide and rest.
+
+        Parameters
+        ----------
+        bodies : sequence of RigidBody
+        **overrides
+            Fields of `Scene` in place of the preset's; None takes a law away.
+        """
+        return cls(bodies, **with_preset("everyday", overrides))
 
     @cached_property
     def moving(self) -> np.ndarray:
@@ -234,11 +267,40 @@ class Scene:
             if body.mass_std:
                 found.append(UncertainParameter("mass", k, 0, body.mass_std))
             found += [UncertainParameter("center_of_mass", k, a, std) for a, std in enumerate(body.center_of_mass_std) if std]
+        for k, surface in enumerate(self.surfaces):
+            found += [
+                UncertainParameter(name, k, 0, std) for name in Materials._fields if (std := getattr(surface, f"{name}_std"))]
         return tuple(found)
 
     @cached_property
+    def shared_parameters(self) -> bool:
+        """Whether an uncertain parameter is not of one moving body alone, so that it correlates bodies."""
+        alone = set(self.moving.tolist())
+        return any(parameter.body not in alone for parameter in self.uncertain)
+
+    @property
+    def surfaces(self) -> tuple[Surface, ...]:
+        """All that can be touched: the bodies, then the environment's elements."""
+        return (*self.bodies, *self.environment)
+
+    @cached_property
+    def materials(self) -> Materials:
+        """Friction and restitution of the `surfaces`."""
+        return combined(self, self.surfaces, 1.0 if self.integrator == "explicit" else 0.0)
+
+    @cached_property
     def world(self) -> World:
-        """The scene as the kernels take it."""
+        """The scene as the kernels take it.
+
+        Raises
+        ------
+        InvalidRequestError
+            If the stiffness is yet to be chosen.
+        """
+        if self.stiffness is None:
+            raise InvalidRequestError(
+                "is chosen from the belief when a prediction begins; give one, or take stiffness.with_stiffness",
+                field="stiffness")
         shifted = {parameter.body for parameter in self.uncertain if parameter.name == "center_of_mass"}
         # bodies of one model share a tree, but for those whose spheres move about the centre of mass
         owners = [(body.model, k if k in shifted else -1) for k, body in enumerate(self.bodies)]
@@ -323,17 +385,14 @@ def _elements(environment, names):
     return elements
 
 
-def _share(value, field):
-    result = number(value, field)
-    if not 0.0 <= result <= 1.0:
-        raise InvalidRequestError("must be between 0 and 1", field=field, value=value)
-    return result
-
-
-def _flag(value, field):
-    if not isinstance(value, (bool, np.bool_)):
-        raise InvalidRequestError("must be true or false", field=field, value=value)
-    return bool(value)
+def check_integrator(name) -> None:
+    """Raise `InvalidOptionError` unless there is an integrator of that name."""
+    if name in INTEGRATORS:
+        return
+    successor = _SUCCESSORS.get(name) if isinstance(name, str) else None
+    if successor:
+        raise InvalidOptionError(f"is no more; '{successor}' has taken its place", field="integrator", value=name)
+    raise InvalidOptionError(f"must be one of {', '.join(INTEGRATORS)}", field="integrator", value=name)
 
 
 def _frame(normal):
