@@ -11,7 +11,7 @@ from .errors import InvalidOptionError, InvalidRequestError
 from .validation import non_negative, share
 
 #: What the explicit step does of itself, so that it may be said: without friction, elastic.
-_EXPLICIT = {"friction": 0.0, "restitution": 1.0, "friction_std": 0.0, "restitution_std": 0.0}
+_EXPLICIT = {"friction": 0.0, "restitution": 1.0, "friction_std": 0.0, "restitution_std": 0.0, "sleep": False}
 
 
 class Materials(NamedTuple):
@@ -90,16 +90,16 @@ def refuse_with_explicit(thing, place="") -> None:
     Parameters
     ----------
     thing : object
-        Its fields friction, restitution and their standard deviations count, as far as it has them.
+        Its fields friction, restitution, their standard deviations, and sleep count, as far as it has them.
     place : str
         What errors write before the field's name.
     """
     for name, own in _EXPLICIT.items():
         value = getattr(thing, name, None)
         if value is not None and value != own:
+            only = "false" if own is False else f"{own:g}"
             raise InvalidOptionError(
-                f"needs 'integrator: implicit'; with 'explicit' it must be {own:g} or absent", field=f"{place}{name}",
-                value=value)
+                f"needs 'integrator: implicit'; with 'explicit' it must be {only} or absent", field=f"{place}{name}", value=value)
 
 
 def combined(shared, surfaces, restitution) -> Materials:

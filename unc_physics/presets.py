@@ -17,7 +17,7 @@ PRESETS = {
 _LAWS = ("gravity", "gyroscopic", "friction", "restitution", "damping", "sleep", "islands")
 
 
-def with_preset(name: str, given: dict) -> dict:
-    """Arguments of `Scene`: those given, and the preset's where nothing is said; None takes a law away."""
+def with_changes(physics: dict, given: dict) -> dict:
+    """Arguments of `Scene`: those given, and ``physics`` where nothing is said; None takes a law away."""
     said = {key: value for key, value in given.items() if value is not None or key in _LAWS}
-    return {key: value for key, value in (PRESETS[name] | said).items() if value is not None}
+    return {key: value for key, value in (physics | said).items() if value is not None}

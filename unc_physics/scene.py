@@ -25,7 +25,7 @@ from .materials import Materials, Surface, check_surface, combined, refuse_with_
 from .physics import tree as sphere_tree
 from .physics.so3 import write_matrix
 from .physics.world import BOX, PLANE, Bodies, Laws, World
-from .presets import with_preset
+from .presets import PRESETS, with_changes
 from .validation import array, flag, non_negative, numbers, positive
 
 #: Standard deviations of the scene's own parameters.
@@ -227,8 +227,6 @@ class Scene:
         for kind, things in (("bodies", self.bodies), ("environment", self.environment)):
             for k, thing in enumerate(things):
                 refuse_with_explicit(thing, f"{kind}[{k}].")
-        if self.sleep:
-            raise InvalidOptionError("needs 'integrator: implicit'", field="sleep", value=True)
 
     def _check_std(self, name, most, owner):
         """Raise `InvalidRequestError` unless the parameter's standard deviation is at most that; 0 or None: there is none."""
@@ -248,7 +246,7 @@ class Scene:
         **overrides
             Fields of `Scene` in place of the preset's; None takes a law away.
         """
-        return cls(bodies, **with_preset("everyday", overrides))
+        return cls(bodies, **with_changes(PRESETS["everyday"], overrides))
 
     @cached_property
     def moving(self) -> np.ndarray:

@@ -39,7 +39,7 @@ from .layout import (
     VELOCITY,
 )
 from .materials import Surface, check_surface
-from .presets import PRESETS, with_preset
+from .presets import PRESETS, with_changes
 from .scene import RigidBody, Scene
 from .stiffness import AUTO, auto_stiffness
 from .validation import array, covariance, flag, integer, non_negative, number, positive, quaternion
@@ -49,9 +49,10 @@ _NUMBERS = (
     "stiffness_std", "friction_std", "restitution_std", "gravity_direction_std",
 )
 _FLAGS = ("gyroscopic", "islands", "sleep")
-#: Keys of a scene file that set the physics; the first names what the others change.
-PHYSICS_KEYS = ("physics", *_NUMBERS, *_FLAGS, "gravity", "integrator")
-_SCENE_KEYS = (*PHYSICS_KEYS, "horizon", "bodies", "environment")
+#: Keys of a scene file that set the physics, and the one that names what they change.
+PHYSICS_KEYS = (*_NUMBERS, *_FLAGS, "gravity", "integrator")
+PRESET = "physics"
+_SCENE_KEYS = (PRESET, *PHYSICS_KEYS, "horizon", "bodies", "environment")
 _VECTORS = {"position": POSITION, "linear_velocity": VELOCITY, "angular_velocity": ANGULAR_VELOCITY}
 _STDS = {
     "position_std": ERR_POSITION,
@@ -137,22 +138,26 @@ def scene_from_dict(content, models_dir=None, folder=None) -> LoadedScene:
 
 
 def physics_options(content) -> dict:
-    """The physics among the entries of a scene file, as arguments of `Scene`.
+    """The physics among the entries of a scene file, as arguments of `Scene`; the stiffness may be `AUTO`.
 
-    What the key ``physics`` names holds where nothing else is said. Null takes a law away; of what is no law it means
-    that nothing is said. The stiffness may be `AUTO`.
+    What the key `PRESET` names holds where nothing else is said. Null takes a law away; of what is no law it means
+    that nothing is said.
     """
-    preset = content.get("physics")
-    preset = "paper" if preset is None else preset
-    if not isinstance(preset, str) or preset not in PRESETS:
-        raise InvalidOptionError(f"must be one of {', '.join(PRESETS)}", field="physics", value=preset)
-    given = {key: content[key] for key in PHYSICS_KEYS[1:] if key in content}
-    return with_preset(preset, {key: None if value is None else _physics(key, value) for key, value in given.items()})
+    given = {key: physics_value(key, content[key]) for key in PHYSICS_KEYS if key in content}
+    return with_changes(preset(content.get(PRESET)), given)
 
 
-def _physics(key, value):
-    """The value of an entry that sets the physics."""
-    if key == "stiffness" and value == AUTO:
+def preset(name) -> dict:
+    """The preset of that name, which is the value of the key `PRESET`; None stands for the paper's."""
+    name = "paper" if name is None else name
+    if not isinstance(name, str) or name not in PRESETS:
+        raise InvalidOptionError(f"must be one of {', '.join(PRESETS)}", field=PRESET, value=name)
+    return PRESETS[name]
+
+
+def physics_value(key, value):
+    """The value of another entry that sets the physics; None for null."""
+    if value is None or (key == "stiffness" and value == AUTO):
         return value
     if key in _NUMBERS:
         return number(value, key)

@@ -274,6 +274,7 @@ class _Outcomes:
 
 def _outcomes(scene, prediction, initial):
     """What may happen, from a prediction's samples or from flights; None where there is nothing to tell it from."""
+    scene = prediction.scene  # with the stiffness that was chosen
     if prediction not in _known:
         found = _sampled(scene, prediction) or _flown(scene, prediction, initial)
         if found is None:

@@ -47,7 +47,8 @@ class Traits:
 class Propagator(ABC):
     """Carries a belief through a scene's dynamics.
 
-    Class attributes: ``name``; ``traits``; ``varies_parameters``, whether uncertain parameters of the scene count.
+    Class attributes: ``name``; ``traits``; ``varies_parameters``, whether uncertain parameters of the scene count;
+    ``integrators``, those that it runs on.
 
     A concrete propagator is a frozen dataclass whose fields are its options, checked when it is made. Its carry
     is a NamedTuple of exactly the persistent state, so that advancing in pieces equals advancing at once.
@@ -56,6 +57,7 @@ class Propagator(ABC):
     name: ClassVar[str]
     traits: ClassVar[Traits]
     varies_parameters: ClassVar[bool] = False
+    integrators: ClassVar[tuple[str, ...]] = ("explicit",)
 
     @abstractmethod
     def init(self, scene: Scene, belief: Belief) -> Any:
@@ -68,6 +70,10 @@ class Propagator(ABC):
     @abstractmethod
     def belief(self, carry: Any, scene: Scene) -> Belief:
         """The belief that the carry stands for."""
+
+    def own_samples(self, carry: Any, scene: Scene) -> np.ndarray | None:
+        """(N, B, 13): the states that the answer consists of; None where it is a Gaussian."""
+        return None
 
     @classmethod
     def options(cls) -> dict[str, Any]:

@@ -97,6 +97,7 @@ class Islands:
     ----------
     propagator : Propagator
     scene : Scene
+        Whose uncertain parameters are each of one moving body (not `Scene.shared_parameters`).
     marks : sequence of int
         Numbers of steps after which a belief is wanted, ascending; slices end there.
     """
@@ -118,12 +119,7 @@ class Islands:
     def init(self, scene: Scene, belief: Belief) -> IslandsCarry:
         """The islands at time 0: bodies that touch, or whose beliefs are correlated, are together."""
         moving = scene.moving
-        labels = np.arange(len(scene.bodies))
-        if any(parameter.body < 0 for parameter in scene.uncertain):  # shared, so that it correlates all bodies
-            pairs = [(moving[0], k) for k in moving[1:]]
-        else:
-            pairs = _correlated(belief)
-        labels = merged(labels, pairs)
+        labels = merged(np.arange(len(scene.bodies)), _correlated(belief))
         groups = [np.flatnonzero((labels == label) & self._moving) for label in np.unique(labels[moving])]
         self._mean = belief.mean
         if self._shared_draws:  # those of all bodies together
@@ -219,8 +215,8 @@ class Islands:
         )
 
     def _parameters(self, bodies):
-        """Which of the scene's uncertain parameters are about some bodies, or about the scene."""
-        known = {-1, *bodies.tolist()}
+        """Which of the scene's uncertain parameters are about some bodies."""
+        known = set(bodies.tolist())
         return [c for c, parameter in enumerate(self._scene.uncertain) if parameter.body in known]
 
     def _joined(self, islands, bodies):

@@ -12,6 +12,7 @@ from ..errors import InvalidOptionError
 from ..physics.moments import mean_and_errors, second_moment
 from ..physics.rollout import fresh_memory
 from ..parameters import center_offsets, draw_parameters, moved_along
+from ..scene import INTEGRATORS
 from ..validation import integer
 from .base import Propagator, Traits, rolled
 
@@ -46,6 +47,7 @@ class MonteCarlo(Propagator):
 
     name = "monte_carlo"
     varies_parameters = True
+    integrators = INTEGRATORS
     traits = Traits("estimated", "samples", True, False, "simulated")
 
     samples: int = 1000
@@ -67,6 +69,9 @@ class MonteCarlo(Propagator):
     def belief(self, carry, scene):
         mean, errors = mean_and_errors(self.states(carry, scene), scene.moving.copy())
         return Belief.trusted(mean, second_moment(errors), scene.moving)
+
+    def own_samples(self, carry, scene):
+        return self.states(carry, scene)
 
     def states(self, carry, scene):
         """(N, B, 13): the samples' states of the models' centres of mass, as beliefs have them."""

@@ -12,6 +12,7 @@ from ..errors import InvalidOptionError
 from ..physics.moments import mean_and_errors, second_moment, spread_states
 from ..physics.rollout import fresh_memory
 from ..parameters import center_offsets, moved_along
+from ..scene import INTEGRATORS
 from .base import Propagator, Traits, rolled, symmetric_root
 
 
@@ -47,6 +48,7 @@ class SigmaPoints(Propagator):
 
     name = "sigma_points"
     varies_parameters = True
+    integrators = INTEGRATORS
     traits = Traits("estimated", "full covariance", True, False, "simulated")
 
     points: str = "minimal"

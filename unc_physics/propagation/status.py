@@ -147,6 +147,7 @@ def assess_all(
     scene: Scene, initial: Belief, prediction: Prediction, rollouts: int = ROLLOUTS
 ) -> tuple[tuple[BodyStatus, ...], ...]:
     """As `assess`, at each of the prediction's times."""
+    scene = prediction.scene  # with the stiffness that was chosen
     nominal = prediction.propagator.traits.mean_update == "nominal"
     meets = len(scene.bodies) + len(scene.environment) > 1 or scene.gyroscopic  # else flight is exact
     spreads = [None] * len(prediction.times)
@@ -241,7 +242,7 @@ def _directions(scene, start, prediction, group):
     values = np.linalg.eigvalsh(start.blocks)
     own = np.zeros(len(scene.bodies))
     own[scene.moving] = ERROR if prediction.propagator.points == "full" else (values > 1e-14 * values[:, -1:]).sum(axis=1)
-    shared = np.bincount(group, own, len(own))[group] if scene.islands else np.full(len(own), own.sum())
+    shared = np.bincount(group, own, len(own))[group] if scene.islands and not scene.shared_parameters else np.full(len(own), own.sum())
     return shared + len(scene.uncertain)
 
 
