@@ -74,36 +74,6 @@ def test_mass_spreads_the_velocities_after_an_impact_by_conserved_momentum(loade
     assert np.allclose(points.joint, prediction.belief.joint, atol=0.3 * np.diag(prediction.belief.joint).max())
 
 
-def test_friction_spreads_a_slide_s_deceleration(model):
-    mu, std, speed = 0.4, 0.02, 2.0
-    ground = Plane()
-    scene = Scene(
-        [RigidBody("a", model.prefix(1))], 0.002, 1e6, gravity=[0.0, 0.0, -9.81], environment=[ground], friction=mu,
-        friction_std=std, integrator="robust",
-    )
-    mean = at_rest()
-    mean[0, 2], mean[0, 3] = model.radii[0] - model.centers[0, 2] - 1e-4, speed
-    time = 0.02  # in which a ball does not yet roll
-    _, monte_carlo = samplers()
-    prediction = predict(scene, Belief.exact(mean), dataclasses.replace(monte_carlo, samples=100), time)
-    factor = np.exp(prediction.carry.parameters[:, 0] * std / mu)
-    lost = speed - prediction.carry.states[:, 0, 3]
-    assert np.allclose(lost / lost.mean(), factor / factor.mean(), rtol=2e-3)  # the ball turns a little meanwhile
-    assert lost.std() > 0.0
-
-
-def test_stiffness_and_restitution_change_what_an_impact_gives_back(model):
-    scene = Scene(
-        [RigidBody("a", model.prefix(1))], 0.002, 1e6, environment=[Plane()], restitution=0.6, restitution_std=0.05,
-        stiffness_std=1e5, integrator="robust",
-    )
-    mean = at_rest()
-    mean[0, 2], mean[0, 5] = model.radii[0] + 0.005, -1.0
-    prediction = predict(scene, Belief.exact(mean), make_propagator("monte_carlo", samples=100, seed=5), 0.4)
-    restitution = np.clip(0.6 + 0.05 * prediction.carry.parameters[:, 1], 0.0, 1.0)
-    assert np.corrcoef(prediction.carry.states[:, 0, 5], restitution)[0, 1] > 0.98
-
-
 def test_a_shifted_centre_of_mass_leaves_the_belief_about_the_model_s(model):
     std = np.array([0.0, 0.03, 0.0])
     scene = Scene([RigidBody("a", model, center_of_mass_std=std), RigidBody("b", model, center_of_mass_std=0.01)], DT)
