@@ -1,4 +1,4 @@
-"""What surfaces are made of: friction and restitution of bodies, of the environment's elements, and of a scene."""
+"""What surfaces are made of: friction and restitution of bodies, of environment elements, and of a scene."""
 
 from __future__ import annotations
 
@@ -12,10 +12,12 @@ from .validation import non_negative, share
 
 #: What the explicit step does of itself, so that it may be said: without friction, elastic.
 _EXPLICIT = {"friction": 0.0, "restitution": 1.0, "friction_std": 0.0, "restitution_std": 0.0, "sleep": False}
+#: Restitution of each integrator where none is named.
+DEFAULT_RESTITUTION = {"explicit": 1.0, "implicit": 0.0}
 
 
 class Materials(NamedTuple):
-    """Friction and restitution of a scene's B bodies, then of its E elements; the scene's where they have none.
+    """Friction and restitution of a scene's B bodies, then of its E elements: their own, or the scene's.
 
     A contact has the geometric mean of its two partners' values.
 
@@ -76,7 +78,7 @@ def check_surface(thing, of="", error=InvalidRequestError) -> None:
         std = non_negative(getattr(thing, f"{name}_std"), field, error)
         if std > 0.0:
             if value is None or (name == "friction" and value == 0.0):
-                raise error(f"needs {name} beside it, of which it is the standard deviation", field=field, value=std)
+                raise error(f"needs {name} beside it, whose standard deviation it is", field=field, value=std)
             limit = value if name == "friction" else 1.0
             if std > limit:
                 raise error(f"must not exceed {limit:.6g}", field=field, value=std)
@@ -99,7 +101,10 @@ def refuse_with_explicit(thing, place="") -> None:
         if value is not None and value != own:
             only = "false" if own is False else f"{own:g}"
             raise InvalidOptionError(
-                f"needs 'integrator: implicit'; with 'explicit' it must be {only} or absent", field=f"{place}{name}", value=value)
+                f"needs 'integrator: implicit'; with 'explicit' it must be {only} or absent",
+                field=f"{place}{name}",
+                value=value,
+            )
 
 
 def combined(shared, surfaces, restitution) -> Materials:
@@ -113,10 +118,12 @@ def combined(shared, surfaces, restitution) -> Materials:
     restitution : float
         Where there is neither; of friction, that is 0.
     """
-    absent = Materials(0.0, restitution)
-    return Materials(*(
-        np.array([_first(getattr(surface, name), getattr(shared, name), last) for surface in surfaces], float)
-        for name, last in zip(Materials._fields, absent, strict=True)))
+
+    def of_all(name, absent):
+        last = _first(getattr(shared, name), absent)
+        return np.array([_first(getattr(surface, name), last) for surface in surfaces])
+
+    return Materials(of_all("friction", 0.0), of_all("restitution", restitution))
 
 
 def varied(name, value, std, z) -> float:

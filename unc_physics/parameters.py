@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from .layout import ANGULAR_VELOCITY, POSITION, QUATERNION, VELOCITY
+from .materials import Materials, varied
 from .physics.rollout import advance
 from .physics.threads import in_threads
 from .physics.world import World
-from .layout import ANGULAR_VELOCITY, POSITION, QUATERNION, VELOCITY
-from .materials import Materials, varied
 from .scene import Scene, tree_of
 
 _SINGLE = 4.0 * np.finfo(np.float32).eps  # more than a shift rounds, relative to the body's size
@@ -76,8 +76,11 @@ def vary_materials(scene: Scene, z: np.ndarray) -> Materials:
         name, k = parameter.name, parameter.body
         if name not in Materials._fields:
             continue
-        owner = scene if k < 0 else scene.surfaces[k]
-        places = [j for j, surface in enumerate(scene.surfaces) if getattr(surface, name) is None] if k < 0 else [k]
+        if k < 0:
+            surfaces = enumerate(scene.surfaces)
+            owner, places = scene, [j for j, surface in surfaces if getattr(surface, name) is None]
+        else:
+            owner, places = scene.surfaces[k], [k]
         getattr(found, name)[places] = varied(name, getattr(owner, name), parameter.std, value)
     return found
 

@@ -41,7 +41,8 @@ def add_predict_command(commands) -> None:
     parser.add_argument("--models", metavar="DIR", help="folder of the models, instead of the model library")
     parser.add_argument("--json", action="store_true", help="print one JSON object instead of a table")
     parser.add_argument(
-        "--samples-out", type=int, metavar="N", help="with --json, also N states of each body that are drawn from the prediction")
+        "--samples-out", type=int, metavar="N",
+        help="with --json, also N states of each body that are drawn from the prediction")
     parser.set_defaults(run=run)
 
 
@@ -65,7 +66,8 @@ def run(arguments) -> int:
     if arguments.samples_out is not None:
         integer(arguments.samples_out, "--samples-out", low=1)
         if not arguments.json:
-            raise InvalidOptionError("needs --json, which shows the samples", field="--samples-out", value=arguments.samples_out)
+            raise InvalidOptionError(
+                "needs --json, which shows the samples", field="--samples-out", value=arguments.samples_out)
     rollouts = ROLLOUTS if arguments.status_rollouts is None else integer(arguments.status_rollouts, "--status-rollouts", low=0)
     propagator = propagator_from_texts(arguments.propagator, dict(arguments.option), arguments.samples, arguments.seed)
     scene, belief, horizon = load_scene(arguments.scene, arguments.models)
@@ -174,7 +176,7 @@ def _predict_with_progress(scene, belief, propagator, horizon, period):
 
 
 def as_dict(scene, prediction, seed=None, samples=None) -> dict:
-    """The prediction as plain Python values, bodies in the scene's order; ``samples`` (N, B, 13) belong to it."""
+    """The prediction as plain Python values, bodies in the scene's order, with samples (N, B, 13) of it."""
     from .physics_summary import physics_of
 
     result = {

@@ -21,7 +21,7 @@ from .errors import (
     NoObjectsError,
 )
 from .geometry.packing_file import SpherePacking
-from .materials import Materials, Surface, check_surface, combined, refuse_with_explicit
+from .materials import DEFAULT_RESTITUTION, Materials, Surface, check_surface, combined, refuse_with_explicit
 from .physics import tree as sphere_tree
 from .physics.so3 import write_matrix
 from .physics.world import BOX, PLANE, Bodies, Laws, World
@@ -48,7 +48,8 @@ class UncertainParameter(NamedTuple):
     name : str
         Of the parameter: the field that holds its standard deviation, without ``_std``.
     body : int
-        Index of the body that it belongs to; B + e for element e of the environment, -1 for one of the whole scene.
+        Index of the body that it belongs to; B + e for element e of the environment, -1 for one of the whole
+        scene.
     axis : int
         Which of its directions, for parameters that have several.
     std : float
@@ -128,8 +129,9 @@ class Scene:
     dt : float
         Time step [s].
     stiffness : float, optional
-        kappa of the penalty force [N/m^3] (the paper's Eq. 4). None means `STIFFNESS` with the explicit integrator; with
-        the implicit one it is chosen from the belief when a prediction begins (`stiffness.with_stiffness`).
+        kappa of the penalty force [N/m^3] (the paper's Eq. 4). None means `STIFFNESS` with the explicit
+        integrator; with the implicit one it is chosen from the belief when a prediction begins
+        (`stiffness.with_stiffness`).
     damping : float
         Decay rate of all velocities [1/s].
     gravity : (3,) array
@@ -137,11 +139,11 @@ class Scene:
     environment : tuple of Plane and Box
         Fixed surroundings.
     friction : float, optional
-        Coefficient of Coulomb friction of all bodies and elements that have none of their own; None means that there is
-        none. Needs the implicit integrator.
+        Coefficient of Coulomb friction of all bodies and elements that have none of their own; None means
+        that there is none. Needs the implicit integrator.
     restitution : float, optional
-        Likewise the coefficient of restitution, 0 to 1; None means 0, but 1 with the explicit integrator, which knows
-        elastic contacts only.
+        Likewise the coefficient of restitution, 0 to 1; None means 0, but 1 with the explicit integrator,
+        which knows elastic contacts only.
     gyroscopic : bool
         Whether a turning body keeps its angular momentum, instead of its angular velocity as in the paper.
     integrator : {'explicit', 'implicit'}
@@ -152,8 +154,8 @@ class Scene:
         Standard deviations, in the units of what they belong to, which then varies as ``m exp(z std / m)`` with a
         standard normal z; only what is positive can be uncertain.
     restitution_std : float
-        Standard deviation; the coefficient varies as ``restitution + z std``, cut off at 0 and 1. As friction's, it is shared
-        by all who have no value of their own.
+        Standard deviation; the coefficient varies as ``restitution + z std``, cut off at 0 and 1. As
+        friction's, it is shared by all who have no value of their own.
     gravity_direction_std : float
         Of gravity's tilts about each of two axes across it [rad]; its size stays.
     sleep : bool
@@ -163,8 +165,8 @@ class Scene:
     ------
     NoObjectsError, DuplicateIdError, InvalidRequestError, InvalidHorizonError, InvalidOptionError,
     InvalidEnvironmentError, NotFiniteError
-        For an empty scene, a repeated name, a physical constant out of range, a bad time step, or laws that the
-        integrator does not have.
+        For an empty scene, a repeated name, a physical constant out of range, a bad time step, or laws that
+        the integrator does not have.
     """
 
     bodies: tuple[RigidBody, ...]
@@ -229,7 +231,7 @@ class Scene:
                 refuse_with_explicit(thing, f"{kind}[{k}].")
 
     def _check_std(self, name, most, owner):
-        """Raise `InvalidRequestError` unless the parameter's standard deviation is at most that; 0 or None: there is none."""
+        """Raise `InvalidRequestError` unless a standard deviation is at most that; 0 or None allow none."""
         field, std = f"{name}_std", getattr(self, f"{name}_std")
         if std > 0.0 and not most:
             raise InvalidRequestError(f"needs a scene with {owner}", field=field, value=std)
@@ -266,8 +268,8 @@ class Scene:
                 found.append(UncertainParameter("mass", k, 0, body.mass_std))
             found += [UncertainParameter("center_of_mass", k, a, std) for a, std in enumerate(body.center_of_mass_std) if std]
         for k, surface in enumerate(self.surfaces):
-            found += [
-                UncertainParameter(name, k, 0, std) for name in Materials._fields if (std := getattr(surface, f"{name}_std"))]
+            stds = {name: getattr(surface, f"{name}_std") for name in Materials._fields}
+            found += [UncertainParameter(name, k, 0, std) for name, std in stds.items() if std]
         return tuple(found)
 
     @cached_property
@@ -284,7 +286,7 @@ class Scene:
     @cached_property
     def materials(self) -> Materials:
         """Friction and restitution of the `surfaces`."""
-        return combined(self, self.surfaces, 1.0 if self.integrator == "explicit" else 0.0)
+        return combined(self, self.surfaces, DEFAULT_RESTITUTION[self.integrator])
 
     @cached_property
     def world(self) -> World:
@@ -297,7 +299,7 @@ class Scene:
         """
         if self.stiffness is None:
             raise InvalidRequestError(
-                "is chosen from the belief when a prediction begins; give one, or take stiffness.with_stiffness",
+                "is chosen when a prediction begins; give one, or take stiffness.with_stiffness",
                 field="stiffness")
         shifted = {parameter.body for parameter in self.uncertain if parameter.name == "center_of_mass"}
         # bodies of one model share a tree, but for those whose spheres move about the centre of mass
@@ -389,7 +391,8 @@ def check_integrator(name) -> None:
         return
     successor = _SUCCESSORS.get(name) if isinstance(name, str) else None
     if successor:
-        raise InvalidOptionError(f"is no more; '{successor}' has taken its place", field="integrator", value=name)
+        raise InvalidOptionError(
+            f"is no more; '{successor}' has taken its place", field="integrator", value=name)
     raise InvalidOptionError(f"must be one of {', '.join(INTEGRATORS)}", field="integrator", value=name)
 
 

@@ -140,8 +140,8 @@ def scene_from_dict(content, models_dir=None, folder=None) -> LoadedScene:
 def physics_options(content) -> dict:
     """The physics among the entries of a scene file, as arguments of `Scene`; the stiffness may be `AUTO`.
 
-    What the key `PRESET` names holds where nothing else is said. Null takes a law away; of what is no law it means
-    that nothing is said.
+    What the key `PRESET` names holds where nothing else is said. Null takes a law away; of what is no law it
+    means that nothing is said.
     """
     given = {key: physics_value(key, content[key]) for key in PHYSICS_KEYS if key in content}
     return with_changes(preset(content.get(PRESET)), given)
@@ -173,8 +173,8 @@ def physics_value(key, value):
 def with_chosen_stiffness(options, bodies, mean) -> dict:
     """Arguments of `Scene` in which no stiffness is `AUTO`.
 
-    With the implicit integrator it is left out, for the prediction to choose it; the explicit one, for which nothing
-    else limits how deep bodies press into each other, takes that of `auto_stiffness`.
+    With the implicit integrator it is left out, for the prediction to choose it; the explicit one, for which
+    nothing else limits how deep bodies press into each other, takes that of `auto_stiffness`.
     """
     if options.get("stiffness") != AUTO:
         return options
@@ -255,7 +255,8 @@ def _body(content, field, models_dir, folder):
                 raise InvalidRequestError(f"is fixed, so its {key} must be zero or absent", field=field)
     model = _at_field(field, load_shape, content["model"], content.get("spheres"), content.get("scale"), models_dir, folder)
     surface = _surface(content, field)
-    return _at_field(field, RigidBody, content["name"], model, mass, fixed, mass_std, com_std, **surface), state, P
+    body = _at_field(field, RigidBody, content["name"], model, mass, fixed, mass_std, com_std, **surface)
+    return body, state, P
 
 
 def _at_field(field, function, *arguments, **options):

@@ -18,14 +18,15 @@ from .validation import positive
 AUTO = "auto"
 #: Wanted penetration, of the radius of a body's largest sphere, unless another is asked for.
 PENETRATION = 0.05
-#: How deep a body sinks that rests on one of its smallest spheres [m]: half of what is allowed, for what stands on it.
+#: How deep a body sinks in that rests on one of its smallest spheres [m]: half of what is allowed, as others
+#: may stand on it.
 REST_DEPTH = 5e-5
 
 _chosen = weakref.WeakKeyDictionary()  # scenes without a stiffness, and what was last chosen for them
 
 
 def rest_stiffness(bodies: Sequence[RigidBody], mean, gravity, depth: float = REST_DEPTH) -> float:
-    """A stiffness at which no body that lies on something sinks in deeper than wanted; for the implicit integrator.
+    """A stiffness at which no body that lies on something sinks in deeper than wanted.
 
     Parameters
     ----------
@@ -44,9 +45,10 @@ def rest_stiffness(bodies: Sequence[RigidBody], mean, gravity, depth: float = RE
 
     Notes
     -----
-    A sphere of radius R at depth d is pushed with ``kappa pi R d^2``; a body's smallest sphere is to carry its weight. Of
-    two spheres that meet the reduced radius counts, which is down to half of that: the depth is then 1.4 times as large.
-    Where nothing weighs, nothing rests, and `auto_stiffness` tells what takes up impacts.
+    For the implicit integrator, in which a sphere of radius R at depth d is pushed with ``kappa pi R d^2``. A
+    body's smallest sphere is to carry its weight. Of two spheres that meet the reduced radius counts, which
+    is down to half of that: the depth is then 1.4 times as large. Where nothing weighs, nothing rests, and
+    `auto_stiffness` tells what takes up impacts.
 
     Raises
     ------
@@ -57,12 +59,15 @@ def rest_stiffness(bodies: Sequence[RigidBody], mean, gravity, depth: float = RE
         g = float(np.linalg.norm(gravity))
     if g == 0.0:
         return auto_stiffness(bodies, mean, gravity)
-    return _rounded_up(max(
-        (body.mass * g / (math.pi * float(body.model.radii.min()) * depth**2) for body in bodies if not body.fixed), default=0.0))
+    needed = [
+        body.mass * g / (math.pi * float(body.model.radii.min()) * depth**2)
+        for body in bodies if not body.fixed
+    ]
+    return _rounded_up(max(needed, default=0.0))
 
 
 def with_stiffness(scene: Scene, mean) -> Scene:
-    """The scene itself; one that has no stiffness, with the one that is chosen for its bodies' states ``mean`` (B, 13).
+    """The scene itself; one without a stiffness, with that which is chosen for its states ``mean`` (B, 13).
 
     The same choice gives the same object again.
     """
@@ -107,9 +112,10 @@ def auto_stiffness(bodies: Sequence[RigidBody], mean, gravity=(0.0, 0.0, 0.0), p
     mean, gravity = np.asarray(mean, float), float(np.linalg.norm(gravity))
     moving = [k for k, body in enumerate(bodies) if not body.fixed]
     with np.errstate(over="ignore"):
+        spins = [bodies[k].model.bounding_radius * np.linalg.norm(mean[k, ANGULAR_VELOCITY]) for k in moving]
         speeds = sorted(
-            (np.linalg.norm(mean[k, VELOCITY]) + bodies[k].model.bounding_radius * np.linalg.norm(mean[k, ANGULAR_VELOCITY])
-             for k in moving), reverse=True)
+            (np.linalg.norm(mean[k, VELOCITY]) + spin for k, spin in zip(moving, spins, strict=True)),
+            reverse=True)
     meeting = float(sum(speeds[:2]))
     kappa = 0.0
     for k in moving:

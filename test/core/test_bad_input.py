@@ -19,6 +19,7 @@ from unc_physics.__main__ import main
 from unc_physics.scene_file import scene_from_dict
 
 NAN, INF = float("nan"), float("inf")
+FLOOR = {"plane": {"normal": [0, 0, 1]}}
 
 
 def with_entry(place, value, name="two_bodies"):
@@ -244,8 +245,8 @@ CASES = FINITE + [
     (in_body("friction", "rough"), "INVALID_REQUEST", r"bodies\[1\].friction", "rough"),
     (in_body("restitution", 2), "INVALID_REQUEST", r"bodies\[1\].restitution", "2"),
     (in_body("restitution_std", 0.1), "INVALID_REQUEST", r"bodies\[1\].restitution_std", "0.1"),
-    (in_environment({"plane": {"normal": [0, 0, 1]}, "friction": 0.4}), "INVALID_OPTION", r"environment\[0\].friction", "implicit.*0.4"),
-    (in_environment({"plane": {"normal": [0, 0, 1]}, "restitution": -1}), "INVALID_ENVIRONMENT", r"environment\[0\].restitution", "-1"),
+    (in_environment(FLOOR | {"friction": 0.4}), "INVALID_OPTION", r"environment\[0\].friction", "implicit.*0"),
+    (in_environment(FLOOR | {"restitution": -1}), "INVALID_ENVIRONMENT", r"environment\[0\].restit", "-1"),
     (with_entry(("friction_std",), 0.1), "INVALID_REQUEST", "friction_std", "0.1"),
     (with_entry(("gravity_direction_std",), 0.1), "INVALID_REQUEST", "gravity_direction_std", "0.1"),
     (with_entry(("stiffness_std",), -1.0), "INVALID_REQUEST", "stiffness_std", "-1.0"),

@@ -1,4 +1,4 @@
-"""Scenes with the implicit integrator through the whole library: materials, a chosen stiffness, islands, answers."""
+"""Scenes with the implicit integrator through the whole library: materials, stiffness, islands, answers."""
 
 import json
 from dataclasses import replace
@@ -17,7 +17,9 @@ from unc_physics.propagation.answers import rest_probabilities
 from unc_physics.stiffness import rest_stiffness
 
 R = 0.03  # m, the ball's radius
-BALL = SpherePacking("ball", np.zeros((1, 3)), np.array([R]), 0.4 * R**2 * np.eye(3), 1e-4, np.zeros(3), bounding_radius=R)
+BALL = SpherePacking(
+    "ball", np.zeros((1, 3)), np.array([R]), 0.4 * R**2 * np.eye(3), 1e-4, np.zeros(3), bounding_radius=R
+)
 G = 9.81
 
 
@@ -31,28 +33,51 @@ def on_floor(*bodies, floor=None, **options):
 
 
 def sampled(scene, mean, time, samples=100):
-    return predict(scene, Belief.exact(np.atleast_2d(mean), scene.moving), make_propagator("monte_carlo", samples=samples, seed=3), time)
+    return predict(
+        scene,
+        Belief.exact(np.atleast_2d(mean), scene.moving),
+        make_propagator("monte_carlo", samples=samples, seed=3),
+        time,
+    )
 
 
 # -- materials ---------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("own, floor, expected", [(0.4, None, 0.4), (0.9, 0.1, 0.3), (None, 0.1, np.sqrt(0.02)), (0.5, 0.0, 0.0)])
+@pytest.mark.parametrize(
+    "own, floor, expected", [(0.4, None, 0.4), (0.9, 0.1, 0.3), (None, 0.1, np.sqrt(0.02)), (0.5, 0.0, 0.0)]
+)
 def test_friction_is_the_geometric_mean_of_the_partners(own, floor, expected):
     """A ball that slides, but does not yet roll, is braked by mu g."""
-    scene = on_floor(RigidBody("ball", BALL, 0.5, friction=own), floor=Plane(friction=floor), friction=0.2 if own is None else 0.4)
+    scene = on_floor(
+        RigidBody("ball", BALL, 0.5, friction=own),
+        floor=Plane(friction=floor),
+        friction=0.2 if own is None else 0.4,
+    )
     speed, time = 4.0, 0.1
-    end = predict(scene, Belief.exact([state(0, 0, R, velocity=(speed, 0, 0))]), "sigma_points", time).belief.mean[0]
-    assert speed - end[3] == pytest.approx(expected * G * round(time / scene.dt) * scene.dt, rel=0.01, abs=1e-6)
+    end = predict(
+        scene, Belief.exact([state(0, 0, R, velocity=(speed, 0, 0))]), "sigma_points", time
+    ).belief.mean[0]
+    assert speed - end[3] == pytest.approx(
+        expected * G * round(time / scene.dt) * scene.dt, rel=0.01, abs=1e-6
+    )
 
 
-@pytest.mark.parametrize("own, floor, expected", [(0.6, None, 0.6), (0.9, 0.4, 0.6), (None, 0.4, 0.6), (0.5, 0.0, 0.0), (1.0, 1.0, 1.0)])
+@pytest.mark.parametrize(
+    "own, floor, expected",
+    [(0.6, None, 0.6), (0.9, 0.4, 0.6), (None, 0.4, 0.6), (0.5, 0.0, 0.0), (1.0, 1.0, 1.0)],
+)
 def test_restitution_is_the_geometric_mean_of_the_partners(own, floor, expected):
     """A ball flies at a wall and comes back."""
     scene = on_floor(
-        RigidBody("ball", BALL, 0.5, restitution=own), floor=Plane(restitution=floor), gravity=None,
-        restitution=0.9 if own is None else 0.6)
-    end = predict(scene, Belief.exact([state(0, 0, R + 0.01, velocity=(0, 0, -1))]), "sigma_points", 0.1).belief.mean[0]
+        RigidBody("ball", BALL, 0.5, restitution=own),
+        floor=Plane(restitution=floor),
+        gravity=None,
+        restitution=0.9 if own is None else 0.6,
+    )
+    end = predict(
+        scene, Belief.exact([state(0, 0, R + 0.01, velocity=(0, 0, -1))]), "sigma_points", 0.1
+    ).belief.mean[0]
     assert end[5] == pytest.approx(expected, rel=0.02, abs=0.02)
 
 
@@ -60,10 +85,16 @@ def test_uncertain_friction_spreads_a_slide_s_deceleration():
     mu, std, speed, time = 0.4, 0.02, 2.0, 0.05  # a time in which a ball does not yet roll
     for scene in (
         on_floor(RigidBody("ball", BALL), friction=mu, friction_std=std),
-        on_floor(RigidBody("ball", BALL, friction=mu, friction_std=2.0 * std), friction=None, floor=Plane(friction=mu)),
+        on_floor(
+            RigidBody("ball", BALL, friction=mu, friction_std=2.0 * std),
+            friction=None,
+            floor=Plane(friction=mu),
+        ),
     ):
         prediction = sampled(scene, state(0, 0, R, velocity=(speed, 0, 0)), time)
-        factor = np.exp(prediction.carry.parameters[:, 0] * std / mu)  # half of the ball's own, by the geometric mean
+        factor = np.exp(
+            prediction.carry.parameters[:, 0] * std / mu
+        )  # half of the ball's own, by the geometric mean
         lost = speed - prediction.carry.states[:, 0, 3]
         np.testing.assert_allclose(lost / lost.mean(), factor / factor.mean(), rtol=2e-3)
         assert lost.std() > 0.0
@@ -115,7 +146,13 @@ def test_statuses_and_probabilities_take_the_scene_as_it_was_given():
 def two_apart(**options):
     bodies = [RigidBody("left", BALL, friction=0.3), RigidBody("right", BALL, restitution=0.7)]
     scene = on_floor(*bodies, RigidBody("post", BALL, fixed=True, **options), islands=True)
-    mean = np.array([state(-1, 0, R + 0.01, velocity=(0.3, 0, 0)), state(1, 0, R + 0.01, velocity=(-0.2, 0, 0)), state(0, 0, R)])
+    mean = np.array(
+        [
+            state(-1, 0, R + 0.01, velocity=(0.3, 0, 0)),
+            state(1, 0, R + 0.01, velocity=(-0.2, 0, 0)),
+            state(0, 0, R),
+        ]
+    )
     return scene, Belief(mean, np.tile(1e-6 * np.eye(12), (2, 1, 1)), scene.moving)
 
 
@@ -132,7 +169,10 @@ def test_islands_have_the_materials_of_their_bodies(options):
 
 
 def test_the_command_says_which_physics(tmp_path, capsys):
-    content = CONTENTS["two_bodies"]() | {"physics": "everyday", "environment": [{"plane": {"normal": [0, 0, 1], "offset": -1.0}}]}
+    content = CONTENTS["two_bodies"]() | {
+        "physics": "everyday",
+        "environment": [{"plane": {"normal": [0, 0, 1], "offset": -1.0}}],
+    }
     for key in ("dt", "stiffness", "damping"):
         del content[key]
     path = tmp_path / "scene.yaml"

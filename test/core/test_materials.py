@@ -1,4 +1,4 @@
-"""Friction and restitution of bodies, elements and scenes: whose value counts, what may be uncertain, what is refused."""
+"""Friction and restitution of bodies, elements and scenes: whose value counts, what varies, is refused."""
 
 import numpy as np
 import pytest
@@ -30,7 +30,11 @@ def implicit(bodies, environment=(), **options):
 
 
 def test_a_surface_has_its_own_values_or_else_the_scene_s(model):
-    bodies = [RigidBody("a", model, friction=0.2), RigidBody("b", model, restitution=0.9), RigidBody("c", model, fixed=True)]
+    bodies = [
+        RigidBody("a", model, friction=0.2),
+        RigidBody("b", model, restitution=0.9),
+        RigidBody("c", model, fixed=True),
+    ]
     surroundings = [Plane(friction=0.0), Box((1, 1, 1), friction=1.5, restitution=0.3)]
     scene = implicit(bodies, surroundings, friction=0.5, restitution=0.1)
     assert scene.surfaces == (*bodies, *surroundings)
@@ -55,7 +59,10 @@ def test_each_material_that_is_uncertain_is_a_direction(model):
     ]
     scene = implicit(bodies, [Plane(friction=0.8, friction_std=0.1)], friction=0.3, friction_std=0.02)
     assert [tuple(parameter) for parameter in scene.uncertain] == [
-        ("friction", -1, 0, 0.02), ("mass", 0, 0, 0.1), ("friction", 0, 0, 0.05), ("restitution", 1, 0, 0.2),
+        ("friction", -1, 0, 0.02),
+        ("mass", 0, 0, 0.1),
+        ("friction", 0, 0, 0.05),
+        ("restitution", 1, 0, 0.2),
         ("friction", 2, 0, 0.1),
     ]
     assert draw_parameters(scene, 7, 1).shape == (7, 5)
@@ -65,14 +72,23 @@ def test_each_material_that_is_uncertain_is_a_direction(model):
 
 def test_uncertain_materials_vary_by_their_laws(model):
     bodies = [
-        RigidBody("a", model, friction=0.4, friction_std=0.05), RigidBody("b", model, restitution=0.5, restitution_std=0.2)]
-    scene = implicit(bodies, [Plane(friction=0.8)], friction=0.3, friction_std=0.02, restitution=0.9, restitution_std=0.1)
-    z = np.array([2.0, -1.0, 1.5, -3.0])  # the scene's friction and restitution, a's friction, b's restitution
+        RigidBody("a", model, friction=0.4, friction_std=0.05),
+        RigidBody("b", model, restitution=0.5, restitution_std=0.2),
+    ]
+    scene = implicit(
+        bodies, [Plane(friction=0.8)], friction=0.3, friction_std=0.02, restitution=0.9, restitution_std=0.1
+    )
+    z = np.array(
+        [2.0, -1.0, 1.5, -3.0]
+    )  # the scene's friction and restitution, a's friction, b's restitution
     found = vary_materials(scene, z)
     np.testing.assert_allclose(
-        found.friction, [0.4 * np.exp(1.5 * 0.05 / 0.4), 0.3 * np.exp(2.0 * 0.02 / 0.3), 0.8], rtol=1e-15)
+        found.friction, [0.4 * np.exp(1.5 * 0.05 / 0.4), 0.3 * np.exp(2.0 * 0.02 / 0.3), 0.8], rtol=1e-15
+    )
     np.testing.assert_allclose(found.restitution, [0.8, 0.0, 0.8], rtol=1e-15)  # b's is cut off
-    np.testing.assert_allclose(vary_materials(scene, np.array([0.0, 5.0, 0.0, 0.0])).restitution, [1.0, 0.5, 1.0])
+    np.testing.assert_allclose(
+        vary_materials(scene, np.array([0.0, 5.0, 0.0, 0.0])).restitution, [1.0, 0.5, 1.0]
+    )
     np.testing.assert_array_equal(vary_materials(scene, np.zeros(4)).friction, scene.materials.friction)
     np.testing.assert_array_equal(scene.materials.friction, [0.4, 0.3, 0.8])  # stays as it is
 
@@ -84,7 +100,10 @@ def test_a_file_says_it_of_bodies_and_elements():
     scene = scene_from_dict(content).scene
     np.testing.assert_array_equal(scene.materials.friction, [0.5, 0.4, 0.5])
     np.testing.assert_array_equal(scene.materials.restitution, [0.0, 0.0, 0.7])
-    assert [tuple(parameter) for parameter in scene.uncertain] == [("friction", 1, 0, 0.1), ("restitution", 2, 0, 0.1)]
+    assert [tuple(parameter) for parameter in scene.uncertain] == [
+        ("friction", 1, 0, 0.1),
+        ("restitution", 2, 0, 0.1),
+    ]
 
 
 BAD = [
@@ -125,7 +144,8 @@ def test_bad_materials_in_files_are_named_by_their_place(options, field):
 
 
 NEEDS_IMPLICIT = [
-    ({"friction": 0.5}, "friction"), ({"restitution": 0.9}, "restitution"),
+    ({"friction": 0.5}, "friction"),
+    ({"restitution": 0.9}, "restitution"),
     ({"restitution": 1.0, "restitution_std": 0.1}, "restitution_std"),
 ]
 
@@ -146,8 +166,15 @@ def test_bodies_and_elements_with_the_explicit_step_have_none(model, options, fi
         Scene([RigidBody("a", model)], environment=[Plane(**options)])
 
 
-@pytest.mark.parametrize("options", [
-    {"friction": 0, "restitution": 1}, {"friction": None, "restitution": None}, {"friction": 0.0}, {"restitution": 1.0}])
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"friction": 0, "restitution": 1},
+        {"friction": None, "restitution": None},
+        {"friction": 0.0},
+        {"restitution": 1.0},
+    ],
+)
 def test_what_the_explicit_step_does_of_itself_may_be_said(model, options):
     scene = Scene([RigidBody("a", model, **options)], environment=[Plane(**options)], **options)
     assert scene.world.laws.friction == 0.0

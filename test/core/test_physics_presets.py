@@ -1,4 +1,4 @@
-"""Physics by name, the integrator's names, a stiffness that is chosen, and answers that say which physics they used."""
+"""Physics by name, the integrator's names, a stiffness that is chosen, and what answers say of all that."""
 
 import numpy as np
 import pytest
@@ -13,7 +13,15 @@ from unc_physics.scene_file import scene_from_dict
 from unc_physics.stiffness import REST_DEPTH, rest_stiffness, with_stiffness
 
 DOWN = (0.0, 0.0, -9.81)
-BALL = SpherePacking("ball", np.zeros((1, 3)), np.array([0.03]), 0.4 * 0.03**2 * np.eye(3), 1e-4, np.zeros(3), bounding_radius=0.03)
+BALL = SpherePacking(
+    "ball",
+    np.zeros((1, 3)),
+    np.array([0.03]),
+    0.4 * 0.03**2 * np.eye(3),
+    1e-4,
+    np.zeros(3),
+    bounding_radius=0.03,
+)
 
 
 @pytest.fixture(scope="module")
@@ -61,11 +69,26 @@ def test_the_paper_s_is_what_holds_otherwise(entries):
     assert scene.friction is None and scene.restitution is None and scene.world.laws is None
 
 
-@pytest.mark.parametrize("key, value", [
-    ("dt", 0.002), ("stiffness", 1e9), ("gravity", [0.0, 0.0, -1.62]), ("gyroscopic", False), ("friction", 0.2),
-    ("restitution", 0.7), ("damping", 0.3), ("sleep", True), ("islands", True), ("friction", 0.0)])
+@pytest.mark.parametrize(
+    "key, value",
+    [
+        ("dt", 0.002),
+        ("stiffness", 1e9),
+        ("gravity", [0.0, 0.0, -1.62]),
+        ("gyroscopic", False),
+        ("friction", 0.2),
+        ("restitution", 0.7),
+        ("damping", 0.3),
+        ("sleep", True),
+        ("islands", True),
+        ("friction", 0.0),
+    ],
+)
 def test_a_key_overrides_the_preset(model, key, value):
-    for scene in (read(physics="everyday", **{key: value}), Scene.everyday([RigidBody("a", model)], **{key: value})):
+    for scene in (
+        read(physics="everyday", **{key: value}),
+        Scene.everyday([RigidBody("a", model)], **{key: value}),
+    ):
         assert np.array_equal(getattr(scene, key), value)
         others = {"friction": 0.5, "restitution": 0.1, "integrator": "implicit"}
         assert all(getattr(scene, name) == own for name, own in others.items() if name != key)
@@ -74,8 +97,17 @@ def test_a_key_overrides_the_preset(model, key, value):
 def test_null_takes_a_law_away(model):
     nothing = dict.fromkeys(("gravity", "gyroscopic", "friction", "restitution"))
     for scene in (read(physics="everyday", **nothing), Scene.everyday([RigidBody("a", model)], **nothing)):
-        assert not scene.gravity.any() and not scene.gyroscopic and scene.friction is None and scene.restitution is None
-        assert scene.integrator == "implicit" and not scene.materials.friction.any() and not scene.materials.restitution.any()
+        assert (
+            not scene.gravity.any()
+            and not scene.gyroscopic
+            and scene.friction is None
+            and scene.restitution is None
+        )
+        assert (
+            scene.integrator == "implicit"
+            and not scene.materials.friction.any()
+            and not scene.materials.restitution.any()
+        )
 
 
 def test_null_says_nothing_where_there_is_no_law_to_take_away():
@@ -105,7 +137,10 @@ def test_presets_are_arguments_of_scene(model):
 
 
 def test_robust_names_its_successor(model):
-    for make in (lambda: read(integrator="robust"), lambda: Scene([RigidBody("a", model)], integrator="robust")):
+    for make in (
+        lambda: read(integrator="robust"),
+        lambda: Scene([RigidBody("a", model)], integrator="robust"),
+    ):
         with pytest.raises(InvalidOptionError, match="integrator .*'implicit'.*robust"):
             make()
 
@@ -123,7 +158,9 @@ def test_propagators_that_do_not_run_on_implicit_say_which_do(loaded, model, nam
 @pytest.mark.parametrize("mass", [0.1, 1.0, 5.0])
 def test_what_rests_on_one_small_sphere_sinks_in_by_less_than_a_tenth_of_a_millimetre(model, mass):
     for shape in (model, BALL):
-        kappa = rest_stiffness([RigidBody("a", shape, mass), RigidBody("b", shape, fixed=True)], at_rest(2), DOWN)
+        kappa = rest_stiffness(
+            [RigidBody("a", shape, mass), RigidBody("b", shape, fixed=True)], at_rest(2), DOWN
+        )
         depth = np.sqrt(mass * 9.81 / (kappa * np.pi * shape.radii.min()))
         assert 0.9 * REST_DEPTH < depth <= REST_DEPTH
         on_its_like = np.sqrt(mass * 9.81 / (kappa * np.pi * 0.5 * shape.radii.min()))
@@ -151,7 +188,10 @@ def test_too_much_for_any_stiffness_is_refused(model, recwarn):
 def test_a_stiffness_is_chosen_once(model):
     scene = Scene.everyday([RigidBody("a", model)], environment=[Plane()])
     chosen = with_stiffness(scene, at_rest())
-    assert chosen.stiffness == rest_stiffness(scene.bodies, at_rest(), scene.gravity) and chosen.world.stiffness == chosen.stiffness
+    assert (
+        chosen.stiffness == rest_stiffness(scene.bodies, at_rest(), scene.gravity)
+        and chosen.world.stiffness == chosen.stiffness
+    )
     assert with_stiffness(scene, at_rest()) is chosen and with_stiffness(chosen, at_rest()) is chosen
     with pytest.raises(InvalidRequestError, match="stiffness"):
         scene.world  # noqa: B018
@@ -172,10 +212,18 @@ def test_auto_in_a_file():
 
 
 def test_the_physics_of_a_scene_in_words(model):
-    everyday = Scene.everyday([RigidBody("a", model, friction=0.2)], environment=[Box((1, 1, 1), name="table")], friction_std=0.1)
+    everyday = Scene.everyday(
+        [RigidBody("a", model, friction=0.2)], environment=[Box((1, 1, 1), name="table")], friction_std=0.1
+    )
     physics = physics_of(everyday)
-    assert physics["integrator"] == "implicit" and physics["dt"] == 1.0 / 240.0 and physics["gravity"] == [0.0, 0.0, -9.81]
-    assert physics["friction"] == 0.5 and physics["friction_of"] == {"a": 0.2} and physics["friction_std"] == 0.1
+    assert (
+        physics["integrator"] == "implicit"
+        and physics["dt"] == 1.0 / 240.0
+        and physics["gravity"] == [0.0, 0.0, -9.81]
+    )
+    assert (
+        physics["friction"] == 0.5 and physics["friction_of"] == {"a": 0.2} and physics["friction_std"] == 0.1
+    )
     assert physics["restitution"] == 0.1 and "restitution_of" not in physics and physics["stiffness"] is None
     text = physics_as_text(with_stiffness(everyday, at_rest()))
     assert text.startswith("implicit, dt 0.0041667 s, stiffness ") and "gravity (0, 0, -9.81) m/s^2" in text

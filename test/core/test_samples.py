@@ -37,17 +37,25 @@ def test_monte_carlo_s_are_of_the_model_s_centre_of_mass(loaded):
     scene = dataclasses.replace(scene, bodies=bodies)
     prediction = predict(scene, belief, make_propagator("monte_carlo", samples=50), HORIZON)
     assert not np.allclose(prediction.samples(), prediction.carry.states, atol=1e-3)
-    np.testing.assert_allclose(prediction.samples().mean(axis=0)[:, :3], prediction.belief.mean[:, :3], atol=1e-12)
+    np.testing.assert_allclose(
+        prediction.samples().mean(axis=0)[:, :3], prediction.belief.mean[:, :3], atol=1e-12
+    )
 
 
-@pytest.mark.parametrize("propagator, options", [("sigma_points", {}), ("linearization", {}), ("local_sampling", {"seed": 5})])
+@pytest.mark.parametrize(
+    "propagator, options", [("sigma_points", {}), ("linearization", {}), ("local_sampling", {"seed": 5})]
+)
 def test_others_are_drawn_from_the_gaussian(loaded, propagator, options):
     prediction = predicted(loaded, propagator=propagator, **options)
     states = prediction.samples(4000)
     assert states.shape == (4000, 3, 13)
     np.testing.assert_array_equal(states[:10], prediction.samples(10))
-    np.testing.assert_array_equal(states, prediction.belief.sample(4000, np.random.default_rng(options.get("seed", 0))))
-    np.testing.assert_array_equal(states[:, 1], np.broadcast_to(prediction.belief.mean[1], (4000, 13)))  # the fixed one
+    np.testing.assert_array_equal(
+        states, prediction.belief.sample(4000, np.random.default_rng(options.get("seed", 0)))
+    )
+    np.testing.assert_array_equal(
+        states[:, 1], np.broadcast_to(prediction.belief.mean[1], (4000, 13))
+    )  # the fixed one
     for body in (0, 2):
         P = prediction.belief.marginal(body)
         spread = np.cov(states[:, body, :3].T)
@@ -93,14 +101,25 @@ def test_without_them_there_are_none(file, capsys):
 def test_the_table_says_which_physics(file, capsys):
     assert main(["predict", file, "--horizon", str(HORIZON)]) == 0
     first = capsys.readouterr().out.splitlines()[0]
-    assert first == "sigma_points; explicit, dt 0.01 s, stiffness 1e+04 N/m^3, gravity (0.3, 0, -5) m/s^2, damping 0.5 1/s"
+    assert (
+        first
+        == "sigma_points; explicit, dt 0.01 s, stiffness 1e+04 N/m^3, gravity (0.3, 0, -5) m/s^2, "
+        "damping 0.5 1/s"
+    )
 
 
-@pytest.mark.parametrize("arguments, code, words", [
-    (["--samples-out", "3"], "INVALID_OPTION", "--samples-out needs --json"),
-    (["--json", "--samples-out", "0"], "INVALID_REQUEST", "--samples-out must be at least 1"),
-    (["--json", "--samples-out", "9", "--propagator", "monte_carlo", "--samples", "4"], "LIMIT_EXCEEDED", "--samples-out .* 4 samples"),
-])
+@pytest.mark.parametrize(
+    "arguments, code, words",
+    [
+        (["--samples-out", "3"], "INVALID_OPTION", "--samples-out needs --json"),
+        (["--json", "--samples-out", "0"], "INVALID_REQUEST", "--samples-out must be at least 1"),
+        (
+            ["--json", "--samples-out", "9", "--propagator", "monte_carlo", "--samples", "4"],
+            "LIMIT_EXCEEDED",
+            "--samples-out .* 4 samples",
+        ),
+    ],
+)
 def test_bad_counts_are_one_sentence(file, capsys, arguments, code, words):
     import re
 

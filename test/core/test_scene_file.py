@@ -36,7 +36,8 @@ def test_planes_and_boxes_arrive_in_order_with_their_names(tmp_path):
     np.testing.assert_array_equal(block.orientation, [0, 0, 0, 1])
 
 
-@pytest.mark.parametrize("entries", [{}, {key: None for key in (PRESET, *PHYSICS_KEYS, "environment")}, {"environment": []}])
+@pytest.mark.parametrize(
+    "entries", [{}, dict.fromkeys((PRESET, *PHYSICS_KEYS, "environment")), {"environment": []}])
 def test_what_a_file_does_not_name_is_not_there(entries):
     content = CONTENTS["two_bodies"]() | entries
     scene = scene_from_dict(content).scene
@@ -54,7 +55,8 @@ def test_each_law_is_on_when_it_is_named(key, value):
 
 def test_uncertain_parameters():
     content = CONTENTS["two_bodies"]() | {
-        "integrator": "implicit", "friction": 0.4, "friction_std": "5e-2", "restitution": 0.5, "restitution_std": 0.1, "stiffness_std": 100,
+        "integrator": "implicit", "friction": 0.4, "friction_std": "5e-2", "restitution": 0.5,
+        "restitution_std": 0.1, "stiffness_std": 100,
         "gravity": [0, 0, -9.81], "gravity_direction_std": 0.02,
     }
     content["bodies"][1] |= {"mass_std": 0.05, "center_of_mass_std": [0.0, 0.01, 0.02]}

@@ -9,8 +9,8 @@ from unc_physics import make_propagator, predict
 from unc_physics.belief import Belief
 from unc_physics.environment import Plane
 from unc_physics.errors import InvalidMassError, InvalidRequestError, NotSupportedError, UncPhysicsError
-from unc_physics.physics.tree import EMPTY
 from unc_physics.parameters import vary
+from unc_physics.physics.tree import EMPTY
 from unc_physics.scene import RigidBody, Scene
 
 ROUND_OFF = 1e-12

@@ -138,12 +138,15 @@ BAD = {
     "no integrator": (with_option("scene_options", "integrator", "magic"), "INVALID_OPTION", "integrator"),
     "no text for an integrator": (with_option("scene_options", "integrator", "[[1]]"), "INVALID_OPTION", "integrator"),
     "no flag": (with_option("scene_options", "gyroscopic", "[[1]]"), "INVALID_OPTION", "gyroscopic"),
-    "an integrator that is no more": (with_option("scene_options", "integrator", "robust"), "INVALID_OPTION", "'implicit'"),
+    "an integrator that is no more": (
+        with_option("scene_options", "integrator", "robust"), "INVALID_OPTION", "'implicit'"),
     "friction with the explicit step": (
-        with_option("scene_options", "integrator", "explicit"), "INVALID_OPTION", "scene_options 'friction' needs 'integrator: implicit'"),
+        with_option("scene_options", "integrator", "explicit"), "INVALID_OPTION",
+        "scene_options 'friction' needs 'integrator: implicit'"),
     "no preset": (with_option("scene_options", "physics", "lunar"), "INVALID_OPTION", "physics"),
     "uncertain friction without friction": (
-        with_option("scene_options", "friction_std", "0.1", without="friction"), "INVALID_OPTION", "friction_std"),
+        with_option("scene_options", "friction_std", "0.1", without="friction"), "INVALID_OPTION",
+        "friction_std"),
     "friction more uncertain than it is": (
         with_option("scene_options", "friction_std", "0.9"), "INVALID_OPTION", "friction_std"),
     "a propagator for another step": (good_request(propagator="surrogate"), "NOT_SUPPORTED", "implicit"),
@@ -165,10 +168,12 @@ BAD = {
     "too many regions": (with_regions(*map(str, range(101))), "LIMIT_EXCEEDED", "regions"),
     "two regions of one id": (with_regions("bin", "bin"), "DUPLICATE_ID", "regions[1].id"),
     "joint covariance without correlations": (
-        explicit(good_request(propagator="surrogate", return_joint_covariance=True)), "NOT_SUPPORTED", "return_joint_covariance"),
+        explicit(good_request(propagator="surrogate", return_joint_covariance=True)), "NOT_SUPPORTED",
+        "return_joint_covariance"),
     "unreadable model": (changed("object.model", "text"), "INVALID_MODEL", "objects[1].model"),
     "inconsistent model": (changed("object.model", "contradiction"), "INVALID_MODEL", "objects[1].model"),
-    "diverging": (explicit(with_option("scene_options", "stiffness", "1e300", horizon=1.0)), "DIVERGED", "diverged"),
+    "diverging": (
+        explicit(with_option("scene_options", "stiffness", "1e300", horizon=1.0)), "DIVERGED", "diverged"),
 }
 
 

@@ -47,8 +47,8 @@ class Traits:
 class Propagator(ABC):
     """Carries a belief through a scene's dynamics.
 
-    Class attributes: ``name``; ``traits``; ``varies_parameters``, whether uncertain parameters of the scene count;
-    ``integrators``, those that it runs on.
+    Class attributes: ``name``; ``traits``; ``varies_parameters``, whether uncertain parameters of the scene
+    count; ``integrators``, those that it runs on.
 
     A concrete propagator is a frozen dataclass whose fields are its options, checked when it is made. Its carry
     is a NamedTuple of exactly the persistent state, so that advancing in pieces equals advancing at once.

@@ -78,8 +78,8 @@ class Prediction:
         Parameters
         ----------
         count : int, optional
-            How many; the first ones of a larger number. A propagator that has samples gives its own, by default all of
-            them; of the others, the last belief is drawn from, with the prediction's seed or 0.
+            How many; the first ones of a larger number. A propagator that has samples gives its own, by
+            default all of them; of the others, the last belief is drawn from, with the prediction's seed or 0.
 
         Returns
         -------
@@ -98,10 +98,12 @@ class Prediction:
         own = self.propagator.own_samples(self.carry, self.scene)
         if own is None:
             if count is None:
-                raise InvalidRequestError(f"must be given: {self.propagator.name} has no samples of its own", field="count")
+                raise InvalidRequestError(
+                    f"must be given: {self.propagator.name} has no samples of its own", field="count")
             return self.belief.sample(count, np.random.default_rng(self.seed or 0))
         if count is not None and count > len(own):
-            raise LimitExceededError(f"must be at most the {len(own)} samples of the prediction", field="count", value=count)
+            raise LimitExceededError(
+                f"must be at most the {len(own)} samples of the prediction", field="count", value=count)
         return own[:count].copy()
 
 
@@ -147,8 +149,8 @@ def predict(
     DivergedError
         If the simulation left the range of numbers.
     NotSupportedError
-        If parameters of the scene are uncertain, or its integrator is the implicit one, and the propagator is not one of
-        those that take it.
+        If parameters of the scene are uncertain, or its integrator is the implicit one, and the propagator is
+        not one of those that take it.
     InvalidRequestError, LimitExceededError, UnknownPropagatorError
     """
     started = time.perf_counter()
@@ -168,7 +170,8 @@ def predict(
 
     def made(carry):
         whole = runner.whole(carry) if in_islands else carry
-        return Prediction(scene, propagator, tuple(reached), tuple(beliefs), whole, time.perf_counter() - started)
+        took = time.perf_counter() - started
+        return Prediction(scene, propagator, tuple(reached), tuple(beliefs), whole, took)
 
     for mark in marks:
         while done < mark:
@@ -208,7 +211,7 @@ def periodic_times(period: float, horizon: float) -> list[float]:
 
 
 def check_supported(scene: Scene, propagator: Propagator) -> None:
-    """Raise `NotSupportedError` if the scene's integrator, or uncertain parameters, are not for that propagator."""
+    """Raise `NotSupportedError` if the propagator does not take the integrator, or uncertain parameters."""
     if scene.integrator not in propagator.integrators:
         able = [name for name, cls in PROPAGATORS.items() if scene.integrator in cls.integrators]
         raise NotSupportedError(
@@ -216,9 +219,11 @@ def check_supported(scene: Scene, propagator: Propagator) -> None:
             value=propagator.name)
     if scene.uncertain and not propagator.varies_parameters:
         first = scene.uncertain[0]
-        bodies, elements = [body.name for body in scene.bodies], element_names(scene.environment)
-        owner = "" if first.body < 0 else f" of {'body' if first.body < len(bodies) else 'element'} '{(bodies + elements)[first.body]}'"
-        raise NotSupportedError(f"is not supported by {propagator.name}", field=f"{first.name}_std{owner}", value=float(first.std))
+        owners = [f" of body '{body.name}'" for body in scene.bodies]
+        owners += [f" of element '{name}'" for name in element_names(scene.environment)]
+        owner = "" if first.body < 0 else owners[first.body]
+        field = f"{first.name}_std{owner}"
+        raise NotSupportedError(f"is not supported by {propagator.name}", field=field, value=float(first.std))
 
 
 def _next_piece(steps, took):

@@ -242,7 +242,8 @@ def _directions(scene, start, prediction, group):
     values = np.linalg.eigvalsh(start.blocks)
     own = np.zeros(len(scene.bodies))
     own[scene.moving] = ERROR if prediction.propagator.points == "full" else (values > 1e-14 * values[:, -1:]).sum(axis=1)
-    shared = np.bincount(group, own, len(own))[group] if scene.islands and not scene.shared_parameters else np.full(len(own), own.sum())
+    apart = scene.islands and not scene.shared_parameters
+    shared = np.bincount(group, own, len(own))[group] if apart else np.full(len(own), own.sum())
     return shared + len(scene.uncertain)
 
 

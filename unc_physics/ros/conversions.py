@@ -37,7 +37,6 @@ from ..errors import (
     NotFiniteError,
     UncPhysicsError,
 )
-from ..physics.so3 import rotation_matrix
 from ..layout import (
     ANGULAR_VELOCITY,
     ERROR,
@@ -46,6 +45,7 @@ from ..layout import (
     STATE,
     VELOCITY,
 )
+from ..physics.so3 import rotation_matrix
 from ..presets import with_changes
 from ..scene import RigidBody, Scene
 from ..scene_file import PHYSICS_KEYS, PRESET, physics_value, preset, with_chosen_stiffness
@@ -189,7 +189,7 @@ def read_options(pairs, field) -> dict[str, str]:
 
 
 def read_physics(pairs, physics: dict) -> dict:
-    """Arguments of `Scene`: ``physics``, changed by ``scene_options``, which are keys of a scene file, values in YAML.
+    """Arguments of `Scene`: ``physics``, changed by ``scene_options``: keys of a scene file, values in YAML.
 
     The key `PRESET` names a preset in place of the node's own; null takes a law away.
 
@@ -200,8 +200,8 @@ def read_physics(pairs, physics: dict) -> dict:
     given = {}
     for key, text in read_options(pairs, "scene_options").items():
         field = f"scene_options '{key}'"
-        if key not in (PRESET, *PHYSICS_KEYS):
-            raise InvalidOptionError(f"must be one of {', '.join((PRESET, *PHYSICS_KEYS))}", field="scene_options", value=key)
+        if key not in (known := (PRESET, *PHYSICS_KEYS)):
+            raise InvalidOptionError(f"must be one of {', '.join(known)}", field="scene_options", value=key)
         try:
             value = _parsed(text)
         except (yaml.YAMLError, ValueError, RecursionError):

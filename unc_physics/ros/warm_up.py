@@ -11,8 +11,8 @@ from ..geometry.packing_file import SpherePacking
 from ..layout import ERROR, QUATERNION, STATE
 from ..propagation import PROPAGATORS, make_propagator
 from ..scene import RigidBody, Scene
-from ..validation import covariance
 from ..stiffness import AUTO
+from ..validation import covariance
 from .conversions import Wanted
 from .origin import covariance_at_com
 from .parameters import Settings
