@@ -13,8 +13,8 @@ def physics_of(scene: Scene) -> dict:
     """The physics of a scene by name, as plain Python values [SI]; no stiffness where it is yet to be chosen.
 
     ``friction`` and ``restitution`` are those of all surfaces that have none of their own; ``friction_of``
-    and ``restitution_of``, by the surfaces' names, those of the others, where there are any. Uncertain parameters
-    of the scene have their standard deviations.
+    and ``restitution_of``, by the surfaces' names, those of the others, where there are any. Uncertain
+    parameters of the scene have their standard deviations.
     """
     restitution = DEFAULT_RESTITUTION[scene.integrator] if scene.restitution is None else scene.restitution
     found = {

@@ -245,7 +245,7 @@ CASES = FINITE + [
     (in_body("friction", "rough"), "INVALID_REQUEST", r"bodies\[1\].friction", "rough"),
     (in_body("restitution", 2), "INVALID_REQUEST", r"bodies\[1\].restitution", "2"),
     (in_body("restitution_std", 0.1), "INVALID_REQUEST", r"bodies\[1\].restitution_std", "0.1"),
-    (in_environment(FLOOR | {"friction": 0.4}), "INVALID_OPTION", r"environment\[0\].friction", "implicit.*0"),
+    (in_environment(FLOOR | {"friction": 0.4}), "INVALID_OPTION", r"environment\[0\].friction", "implicit"),
     (in_environment(FLOOR | {"restitution": -1}), "INVALID_ENVIRONMENT", r"environment\[0\].restit", "-1"),
     (with_entry(("friction_std",), 0.1), "INVALID_REQUEST", "friction_std", "0.1"),
     (with_entry(("gravity_direction_std",), 0.1), "INVALID_REQUEST", "gravity_direction_std", "0.1"),

@@ -79,7 +79,7 @@ class Prediction:
         ----------
         count : int, optional
             How many; the first ones of a larger number. A propagator that has samples gives its own, by
-            default all of them; of the others, the last belief is drawn from, with the prediction's seed or 0.
+            default all of them; otherwise the last belief is drawn from, with the prediction's seed or 0.
 
         Returns
         -------

@@ -48,8 +48,8 @@ class Settings:
         "sigma_points", "Propagator of requests that name none.", choices=tuple(PROPAGATORS))
     dt: float = parameter(_EVERYDAY["dt"], "Time step [s].", low=1e-6, high=1.0)
     stiffness: float | str = parameter(
-        AUTO, "Stiffness of contacts, force per overlap volume [N/m^3], at least 0; 'auto': at which no body sinks "
-        "in by more than 0.1 mm where it rests ('implicit'), or presses deeper into another than 5 % of its "
+        AUTO, "Stiffness of contacts, force per overlap volume [N/m^3], at least 0; 'auto': at which no body "
+        "sinks in by more than 0.1 mm where it rests ('implicit'), or presses deeper into another than 5 % of its "
         "largest sphere's radius ('explicit').")
     damping: float = parameter(0.0, "Decay rate of all velocities [1/s].", low=0.0, high=1e3)
     gravity: tuple[float, ...] = parameter(
@@ -68,7 +68,8 @@ class Settings:
         "Whether turning bodies keep their angular momentum; otherwise their angular velocity, as in the "
         "paper.")
     integrator: str = parameter(
-        _EVERYDAY["integrator"], "How steps are taken: as in the paper ('explicit'), or with contacts that are "
+        _EVERYDAY["integrator"],
+        "How steps are taken: as in the paper ('explicit'), or with contacts that are "
         "solved for, with friction and rest ('implicit').", choices=INTEGRATORS)
     sleep: bool = parameter(
         False, "Whether what rests is not computed until something pushes it; not with 'explicit'.")
@@ -77,8 +78,8 @@ class Settings:
         "correlations between bodies (the others treat bodies one by one anyway); otherwise all of a scene together.")
     warm_up: tuple[str, ...] = parameter(
         ("sigma_points", "monte_carlo"), "Propagators whose kernels are compiled, or loaded, before the node "
-        "is ready; others' are when they are first asked for. Those that do not run on the integrator are left "
-        "out.",
+        "is ready; others' are when they are first asked for. Those that do not run on the integrator are "
+        "left out.",
         choices=tuple(PROPAGATORS), read_only=True)
 
     zero_covariance: str = parameter(
