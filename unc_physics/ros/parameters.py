@@ -49,8 +49,8 @@ class Settings:
     dt: float = parameter(_EVERYDAY["dt"], "Time step [s].", low=1e-6, high=1.0)
     stiffness: float | str = parameter(
         AUTO, "Stiffness of contacts, force per overlap volume [N/m^3], at least 0; 'auto': at which no body "
-        "sinks in by more than 0.1 mm where it rests ('implicit'), or presses deeper into another than 5 % of its "
-        "largest sphere's radius ('explicit').")
+        "sinks in by more than 0.1 mm where it rests ('implicit'), or presses deeper into another than 5 % of "
+        "its largest sphere's radius ('explicit').")
     damping: float = parameter(0.0, "Decay rate of all velocities [1/s].", low=0.0, high=1e3)
     gravity: tuple[float, ...] = parameter(
         _EVERYDAY["gravity"], "Gravity in the world frame, 3 numbers [m/s^2].")
