@@ -22,7 +22,7 @@ LENGTH, WIDTH, RIM, WALL = 0.30, 0.20, 0.147, 0.004  # m, of the bin
 TABLE = -0.5  # m, height of what is below the bin
 SAMPLES = 300
 HORIZON = 0.8  # s
-PHYSICS = {"stiffness": "1e7", "friction": "0.5", "restitution": "0.2"}
+PHYSICS = {"restitution": "0.2"}  # the rest is the node's: a robot's world, with gravity and friction
 
 
 def bin_of_boxes():

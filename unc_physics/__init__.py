@@ -10,6 +10,8 @@ __version__ = "0.1.0"
 
 _HOMES = {
     "Belief": "belief",
+    "Box": "environment",
+    "Plane": "environment",
     "RigidBody": "scene",
     "Scene": "scene",
     "SpherePacking": "geometry.packing_file",
@@ -19,11 +21,19 @@ _HOMES = {
     "predict": "propagation",
     "make_propagator": "propagation",
     "PROPAGATORS": "propagation",
+    "assess": "propagation.status",
+    "contact_probabilities": "propagation.answers",
+    "auto_stiffness": "stiffness",
     "ErrorCode": "errors",
     "UncPhysicsError": "errors",
 }
 
 __all__ = list(_HOMES)
+
+
+def __dir__():
+    """All public names, also those that are yet to be imported."""
+    return sorted({*globals(), *__all__})
 
 
 def __getattr__(name):

@@ -10,11 +10,12 @@ import numpy as np
 from .errors import InvalidEnvironmentError
 from .physics import shapes
 from .physics.rotation import rotation_matrix
+from .materials import Surface, check_surface
 from .validation import array, number, positive, quaternion
 
 
-class Element:
-    """What all elements of the environment have; each kind is a class of its own.
+class Element(Surface):
+    """What all elements of the environment have beside their `Surface`; each kind is a class of its own.
 
     Attributes
     ----------
@@ -103,6 +104,7 @@ class Plane(Element):
             raise InvalidEnvironmentError("must have a direction", field="normal", value=normal.tolist())
         object.__setattr__(self, "normal", normal / length)
         object.__setattr__(self, "offset", number(self.offset, "offset", InvalidEnvironmentError))
+        check_surface(self, error=InvalidEnvironmentError)
 
     @property
     def position(self) -> np.ndarray:
@@ -189,6 +191,7 @@ class Sphere(Element):
     def __post_init__(self):
         object.__setattr__(self, "radius", positive(self.radius, "radius", InvalidEnvironmentError))
         object.__setattr__(self, "position", array(self.position, (3,), "position", InvalidEnvironmentError))
+        check_surface(self, error=InvalidEnvironmentError)
 
     @property
     def size_row(self) -> np.ndarray:
@@ -274,6 +277,8 @@ class Capsule(Element):
 
 #: Class of each kind of element, by the name of its shape.
 ELEMENTS = {element.shape: element for element in (Plane, Box, Sphere, Cylinder, Capsule)}
+        object.__setattr__(self, "orientation", quaternion(self.orientation, "orientation"))
+        check_surface(self, error=InvalidEnvironmentError)
 
 
 def element_names(environment) -> list[str]:
@@ -292,6 +297,7 @@ def _check_pose(element):
     position = array(element.position, (3,), "position", InvalidEnvironmentError)
     object.__setattr__(element, "position", position)
     object.__setattr__(element, "orientation", quaternion(element.orientation, "orientation"))
+    check_surface(element, error=InvalidEnvironmentError)
 
 
 def _check_round(element):

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
+from .layout import ANGULAR_VELOCITY, POSITION, QUATERNION, VELOCITY
+from .materials import Materials, varied
 from .physics import contact_history as histories
 from .physics.contact_history import ContactHistory
 from .physics.rollout import advance
 from .physics.threads import in_threads
 from .physics.world import World
-from .layout import ANGULAR_VELOCITY, POSITION, QUATERNION, VELOCITY
 from .scene import Scene, tree_of
 
 _SINGLE = 4.0 * np.finfo(np.float32).eps  # more than a shift rounds, relative to the body's size
@@ -53,8 +54,36 @@ def vary(scene: Scene, z: np.ndarray) -> World:
     offsets = center_offsets(scene, z[None])[0]
     if len(offsets):
         tree, radius = _shifted_trees(scene, offsets)
-    varied = b._replace(mass=mass, inertia=inertia, inverse_mass=inverse_mass, inverse_inertia=inverse_inertia, radius=radius)
-    return world._replace(bodies=varied, tree=tree, gravity=gravity, stiffness=stiffness)
+    own = b._replace(mass=mass, inertia=inertia, inverse_mass=inverse_mass, inverse_inertia=inverse_inertia, radius=radius)
+    implicit = world.implicit
+    if implicit is not None:
+        friction, restitution = vary_materials(scene, z)
+        implicit = implicit._replace(friction=friction, restitution=restitution)
+        if len(offsets):
+            some, extent = implicit.hull_sphere, implicit.extent.copy()
+            extent[:, :3] -= offsets
+            hull = np.column_stack([tree.centers[some], tree.radii[some]])
+            implicit = implicit._replace(hull=hull, extent=extent)
+    return world._replace(bodies=own, tree=tree, gravity=gravity, stiffness=stiffness, implicit=implicit)
+
+
+def vary_materials(scene: Scene, z: np.ndarray) -> Materials:
+    """The scene's materials with its parameters ``z`` (K,) standard deviations from their values.
+
+    The scene's own are shared by all who have none of theirs.
+    """
+    found = Materials(*(values.copy() for values in scene.materials))
+    for parameter, value in zip(scene.uncertain, z, strict=True):
+        name, k = parameter.name, parameter.body
+        if name not in Materials._fields:
+            continue
+        if k < 0:
+            surfaces = enumerate(scene.surfaces)
+            owner, places = scene, [j for j, surface in surfaces if getattr(surface, name) is None]
+        else:
+            owner, places = scene.surfaces[k], [k]
+        getattr(found, name)[places] = varied(name, getattr(owner, name), parameter.std, value)
+    return found
 
 
 def rollout_varied(

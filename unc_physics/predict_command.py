@@ -40,6 +40,9 @@ def add_predict_command(commands) -> None:
     parser.add_argument("--picture", metavar="OUT.png", help="also draw the prediction, from the side and from above")
     parser.add_argument("--models", metavar="DIR", help="folder of the models, instead of the model library")
     parser.add_argument("--json", action="store_true", help="print one JSON object instead of a table")
+    parser.add_argument(
+        "--samples-out", type=int, metavar="N",
+        help="with --json, also N states of each body that are drawn from the prediction")
     parser.set_defaults(run=run)
 
 
@@ -52,6 +55,7 @@ def _key_and_value(text):
 
 def run(arguments) -> int:
     """Predict, and print the result."""
+    from .errors import InvalidOptionError
     from .propagation.registry import propagator_from_texts
     from .propagation.status import ROLLOUTS, assess
     from .scene_file import load_scene
@@ -59,6 +63,11 @@ def run(arguments) -> int:
 
     if arguments.picture is not None:
         _check_picture(arguments.picture)
+    if arguments.samples_out is not None:
+        integer(arguments.samples_out, "--samples-out", low=1)
+        if not arguments.json:
+            raise InvalidOptionError(
+                "needs --json, which shows the samples", field="--samples-out", value=arguments.samples_out)
     rollouts = ROLLOUTS if arguments.status_rollouts is None else integer(arguments.status_rollouts, "--status-rollouts", low=0)
     propagator = propagator_from_texts(arguments.propagator, dict(arguments.option), arguments.samples, arguments.seed)
     scene, belief, horizon = load_scene(arguments.scene, arguments.models)
@@ -69,7 +78,8 @@ def run(arguments) -> int:
     statuses = assess(scene, belief, prediction, rollouts)
     if arguments.json:
         found = {} if answers is None else {key: [asdict(answer) for answer in own] for key, own in answers.items()}
-        print(json.dumps(as_dict(scene, prediction, seed) | {"statuses": _statuses(statuses)} | found, allow_nan=False))
+        result = as_dict(scene, prediction, seed, _samples(prediction, arguments.samples_out))
+        print(json.dumps(result | {"statuses": _statuses(statuses)} | found, allow_nan=False))
     else:
         print(as_table(scene, prediction))
         print(statuses_as_text(statuses))
@@ -80,6 +90,16 @@ def run(arguments) -> int:
 
         draw_prediction(arguments.picture, scene, belief, prediction, Path(arguments.scene).stem.replace("_", " "))
     return 0
+
+
+def _samples(prediction, count):
+    """Some states that are drawn from the prediction; None where none are wanted."""
+    from .errors import LimitExceededError
+
+    try:
+        return None if count is None else prediction.samples(count)
+    except LimitExceededError as error:
+        raise LimitExceededError(error.problem, field="--samples-out", value=error.value) from None
 
 
 def _statuses(statuses):
@@ -155,15 +175,21 @@ def _predict_with_progress(scene, belief, propagator, horizon, period):
         return predict(scene, belief, propagator, horizon, times=times, progress=None if bar.disable else show)
 
 
-def as_dict(scene, prediction, seed=None) -> dict:
-    """The prediction as plain Python values, bodies in the scene's order."""
+def as_dict(scene, prediction, seed=None, samples=None) -> dict:
+    """The prediction as plain Python values, bodies in the scene's order, with samples (N, B, 13) of it."""
+    from .physics_summary import physics_of
+
     result = {
         "propagator": prediction.propagator.name,
+        "physics": physics_of(prediction.scene),
         "seed": seed,
         "time": prediction.time,
         "wall_time": prediction.wall_time,
         "bodies": _bodies(scene, prediction.belief),
     }
+    if samples is not None:
+        for k, body in enumerate(result["bodies"]):
+            body["samples"] = samples[:, k].tolist()
     if len(prediction.times) > 1:
         result["trajectory"] = [
             {"time": time, "bodies": _bodies(scene, belief)}
@@ -190,13 +216,14 @@ def _bodies(scene, belief):
 
 
 def as_table(scene, prediction) -> str:
-    """The prediction as a table of poses and standard deviations."""
+    """The physics, and the prediction as a table of poses and standard deviations."""
     import numpy as np
 
     from .layout import ERR_POSITION, ERR_ROTATION, POSITION, QUATERNION
+    from .physics_summary import physics_as_text
 
     width = max(4, *(len(body.name) for body in scene.bodies))
-    lines = []
+    lines = [f"{prediction.propagator.name}; {physics_as_text(prediction.scene)}"]
     for time, belief in zip(prediction.times, prediction.beliefs, strict=True):
         lines.append(f"t = {time:g} s  ({prediction.propagator.name}, {1e3 * prediction.wall_time:.3g} ms)")
         lines.append(f"{'body':<{width}}  {'position [m]':^26}  {'orientation (x, y, z, w)':^31}  "

@@ -21,19 +21,24 @@ from .errors import (
     NoObjectsError,
 )
 from .geometry.packing_file import SpherePacking
+from .materials import DEFAULT_RESTITUTION, Materials, Surface, check_surface, combined, refuse_with_explicit
 from .physics import sphere_tree
+from .physics.hull import hull_spheres
+from .physics.implicit_world import Implicit
 from .physics.world import Bodies, Surroundings, World
-from .validation import array, non_negative, number, numbers, positive
+from .presets import PRESETS, with_changes
+from .validation import array, flag, non_negative, numbers, positive
 
-#: What of the scene's own parameters may be uncertain, and what that takes.
-_STDS = {
-    "stiffness_std": "stiffness", "friction_std": "friction", "restitution_std": "restitution", "gravity_direction_std": "gravity",
-}
+#: Standard deviations of the scene's own parameters.
+_STDS = ("stiffness_std", "friction_std", "restitution_std", "gravity_direction_std")
 
-#: How steps are taken: as in the paper, or divided and linearly implicit where contacts need it.
-INTEGRATORS = ("explicit", "robust")
+#: How steps are taken: as in the paper, or with contacts that are solved for, which friction and rest need.
+INTEGRATORS = ("explicit", "implicit")
+_SUCCESSORS = {"robust": "implicit"}
+#: kappa where an explicit scene names none [N/m^3].
+STIFFNESS = 1e4
 
-_trees = weakref.WeakKeyDictionary()
+_trees, _hulls = weakref.WeakKeyDictionary(), weakref.WeakKeyDictionary()
 
 
 class UncertainParameter(NamedTuple):
@@ -44,7 +49,8 @@ class UncertainParameter(NamedTuple):
     name : str
         Of the parameter: the field that holds its standard deviation, without ``_std``.
     body : int
-        Index of the body that it belongs to; -1 for one of the whole scene.
+        Index of the body that it belongs to; B + e for element e of the environment, -1 for one of the whole
+        scene.
     axis : int
         Which of its directions, for parameters that have several.
     std : float
@@ -57,8 +63,8 @@ class UncertainParameter(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class RigidBody:
-    """A rigid body: a sphere-packed shape with a mass.
+class RigidBody(Surface):
+    """A rigid body: a sphere-packed shape with a mass; friction and restitution are those of a `Surface`.
 
     Attributes
     ----------
@@ -97,13 +103,13 @@ class RigidBody:
             raise InvalidRequestError("must be a non-empty text", field="name", value=self.name)
         if not isinstance(self.model, SpherePacking):
             raise InvalidRequestError("must be a SpherePacking", field=f"model of body '{self.name}'", value=self.model)
-        if not isinstance(self.fixed, (bool, np.bool_)):
-            raise InvalidRequestError("must be true or false", field=f"fixed of body '{self.name}'", value=self.fixed)
+        check_surface(self, f" of body '{self.name}'")
         field = f"center_of_mass_std of body '{self.name}'"
         std = numbers(self.center_of_mass_std, field)
         std = array(np.full(3, std) if std.ndim == 0 else std, (3,), field)
         non_negative(std.min(), field)
         checked = {
+            "fixed": flag(self.fixed, f"fixed of body '{self.name}'"),
             "mass": positive(self.mass, f"mass of body '{self.name}'", InvalidMassError),
             "mass_std": non_negative(self.mass_std, f"mass_std of body '{self.name}'", InvalidMassError),
             "center_of_mass_std": std,
@@ -123,8 +129,10 @@ class Scene:
     bodies : tuple of RigidBody
     dt : float
         Time step [s].
-    stiffness : float
-        kappa of the penalty force [N/m^3] (the paper's Eq. 4).
+    stiffness : float, optional
+        kappa of the penalty force [N/m^3] (the paper's Eq. 4). None means `STIFFNESS` with the explicit
+        integrator; with the implicit one it is chosen from the belief when a prediction begins
+        (`stiffness.with_stiffness`).
     damping : float
         Decay rate of all velocities [1/s].
     gravity : (3,) array
@@ -132,33 +140,39 @@ class Scene:
     environment : tuple of Element
         Fixed surroundings: planes, boxes, spheres, cylinders and capsules.
     friction : float, optional
-        Coefficient of Coulomb friction of all contacts; None means that there is none.
+        Coefficient of Coulomb friction of all bodies and elements that have none of their own; None means
+        that there is none. Needs the implicit integrator.
     restitution : float, optional
-        Coefficient of restitution of all contacts, 0 to 1; None means elastic contacts, as does 1.
+        Likewise the coefficient of restitution, 0 to 1; None means 0, but 1 with the explicit integrator,
+        which knows elastic contacts only.
     gyroscopic : bool
         Whether a turning body keeps its angular momentum, instead of its angular velocity as in the paper.
-    integrator : {'explicit', 'robust'}
-        The paper's step, or one that is divided and linearly implicit where contacts need it.
+    integrator : {'explicit', 'implicit'}
+        The paper's step, or one that solves for lasting contacts and takes impacts as events.
     islands : bool
         Whether groups of bodies that cannot touch within the horizon are predicted each by itself.
     stiffness_std, friction_std : float
         Standard deviations, in the units of what they belong to, which then varies as ``m exp(z std / m)`` with a
         standard normal z; only what is positive can be uncertain.
     restitution_std : float
-        Standard deviation; the coefficient varies as ``restitution + z std``, cut off at 0 and 1.
+        Standard deviation; the coefficient varies as ``restitution + z std``, cut off at 0 and 1. As
+        friction's, it is shared by all who have no value of their own.
     gravity_direction_std : float
         Of gravity's tilts about each of two axes across it [rad]; its size stays.
+    sleep : bool
+        Whether what rests is not computed until something pushes it. Needs the implicit integrator.
 
     Raises
     ------
     NoObjectsError, DuplicateIdError, InvalidRequestError, InvalidHorizonError, InvalidOptionError,
     InvalidEnvironmentError, NotFiniteError
-        For an empty scene, a repeated name, a physical constant out of range, or a bad time step.
+        For an empty scene, a repeated name, a physical constant out of range, a bad time step, or laws that
+        the integrator does not have.
     """
 
     bodies: tuple[RigidBody, ...]
     dt: float = 0.01
-    stiffness: float = 1e4
+    stiffness: float | None = None
     damping: float = 0.0
     gravity: np.ndarray = (0.0, 0.0, 0.0)
     environment: tuple[Element, ...] = ()
@@ -171,6 +185,7 @@ class Scene:
     friction_std: float = 0.0
     restitution_std: float = 0.0
     gravity_direction_std: float = 0.0
+    sleep: bool = False
 
     def __post_init__(self):
         try:
@@ -189,32 +204,52 @@ class Scene:
         checked = {
             "bodies": bodies,
             "dt": positive(self.dt, "dt", InvalidHorizonError),
-            "stiffness": non_negative(self.stiffness, "stiffness"),
+            "stiffness": None if self.stiffness is None else non_negative(self.stiffness, "stiffness"),
             "damping": non_negative(self.damping, "damping"),
             "gravity": array(self.gravity, (3,), "gravity"),
             "environment": _elements(self.environment, names),
-            "friction": None if self.friction is None else non_negative(self.friction, "friction"),
-            "restitution": None if self.restitution is None else _share(self.restitution, "restitution"),
-            "gyroscopic": _flag(self.gyroscopic, "gyroscopic"),
-            "islands": _flag(self.islands, "islands"),
+            "gyroscopic": flag(self.gyroscopic, "gyroscopic"),
+            "islands": flag(self.islands, "islands"),
+            "sleep": flag(self.sleep, "sleep"),
         } | {field: non_negative(getattr(self, field), field) for field in _STDS}
-        if self.integrator not in INTEGRATORS:
-            raise InvalidOptionError(f"must be one of {', '.join(INTEGRATORS)}", field="integrator", value=self.integrator)
+        check_integrator(self.integrator)
+        explicit = self.integrator == "explicit"
+        if explicit and checked["stiffness"] is None:
+            checked["stiffness"] = STIFFNESS
         for field, value in checked.items():
             object.__setattr__(self, field, value)
-        for field, owner in _STDS.items():
-            self._check_std(field, getattr(self, field), owner, getattr(self, owner))
+        check_surface(self)
+        if explicit:
+            self._refuse_what_needs_implicit()
+        self._check_std("stiffness", self.stiffness, "a stiffness that is given")
+        self._check_std("gravity_direction", math.pi if self.gravity.any() else 0.0, "gravity")
 
-    @staticmethod
-    def _check_std(field, std, owner, value):
-        """Raise `InvalidRequestError` unless ``owner`` of that value can have that standard deviation."""
-        if std == 0.0:
-            return
-        if value is None or (owner != "restitution" and not np.any(value)):
+    def _refuse_what_needs_implicit(self):
+        """Raise `InvalidOptionError` if the explicit step is asked for more than it can do."""
+        refuse_with_explicit(self)
+        for kind, things in (("bodies", self.bodies), ("environment", self.environment)):
+            for k, thing in enumerate(things):
+                refuse_with_explicit(thing, f"{kind}[{k}].")
+
+    def _check_std(self, name, most, owner):
+        """Raise `InvalidRequestError` unless a standard deviation is at most that; 0 or None allow none."""
+        field, std = f"{name}_std", getattr(self, f"{name}_std")
+        if std > 0.0 and not most:
             raise InvalidRequestError(f"needs a scene with {owner}", field=field, value=std)
-        most = {"restitution": 1.0, "gravity": math.pi}.get(owner, value)
-        if std > most:
+        if std > 0.0 and std > most:
             raise InvalidRequestError(f"must not exceed {most:.6g}", field=field, value=std)
+
+    @classmethod
+    def everyday(cls, bodies, **overrides) -> Scene:
+        """A robot's world: the physics of `presets.PRESETS`, in which things fall, slide and rest.
+
+        Parameters
+        ----------
+        bodies : sequence of RigidBody
+        **overrides
+            Fields of `Scene` in place of the preset's; None takes a law away.
+        """
+        return cls(bodies, **with_changes(PRESETS["everyday"], overrides))
 
     @cached_property
     def moving(self) -> np.ndarray:
@@ -233,11 +268,40 @@ class Scene:
             if body.mass_std:
                 found.append(UncertainParameter("mass", k, 0, body.mass_std))
             found += [UncertainParameter("center_of_mass", k, a, std) for a, std in enumerate(body.center_of_mass_std) if std]
+        for k, surface in enumerate(self.surfaces):
+            stds = {name: getattr(surface, f"{name}_std") for name in Materials._fields}
+            found += [UncertainParameter(name, k, 0, std) for name, std in stds.items() if std]
         return tuple(found)
 
     @cached_property
+    def shared_parameters(self) -> bool:
+        """Whether an uncertain parameter is not of one moving body alone, so that it correlates bodies."""
+        alone = set(self.moving.tolist())
+        return any(parameter.body not in alone for parameter in self.uncertain)
+
+    @property
+    def surfaces(self) -> tuple[Surface, ...]:
+        """All that can be touched: the bodies, then the environment's elements."""
+        return (*self.bodies, *self.environment)
+
+    @cached_property
+    def materials(self) -> Materials:
+        """Friction and restitution of the `surfaces`."""
+        return combined(self, self.surfaces, DEFAULT_RESTITUTION[self.integrator])
+
+    @cached_property
     def world(self) -> World:
-        """The scene as the kernels take it."""
+        """The scene as the kernels take it.
+
+        Raises
+        ------
+        InvalidRequestError
+            If the stiffness is yet to be chosen.
+        """
+        if self.stiffness is None:
+            raise InvalidRequestError(
+                "is chosen when a prediction begins; give one, or take stiffness.with_stiffness",
+                field="stiffness")
         shifted = {parameter.body for parameter in self.uncertain if parameter.name == "center_of_mass"}
         # bodies of one model share a tree, but for those whose spheres move about the centre of mass
         owners = [(body.model, k if k in shifted else -1) for k, body in enumerate(self.bodies)]
@@ -266,19 +330,18 @@ class Scene:
             inverse_inertia=inverse / resistance[:, None, None],
             radius=np.array([reach[body.model] for body in self.bodies]),
             root=np.array([nodes[own.index(owner)] for owner in owners]),
-            mass=np.array([body.mass for body in self.bodies]),
-            inertia=np.array([body.mass * body.model.inertia for body in self.bodies]),
         )
         stack_size = sphere_tree.WIDTH**2 * deepest + 1
         # a writable copy: read-only arrays would compile every kernel once more
         return World(
             bodies, tree, np.array(self.gravity), self.dt, math.exp(-self.damping * self.dt), self.stiffness, stack_size,
-            surroundings=self._surroundings(), implicit=None)
+            surroundings=self._surroundings(),
+            implicit=self._implicit(tree, models, [own.index(owner) for owner in owners], spheres))
 
     def _surroundings(self) -> Surroundings | None:
-        """Environment and gyroscopic term; None, for which the kernels compile without them, where there is neither."""
+        """Environment and gyroscopic term; None, for which the explicit kernels compile without them, for neither."""
         elements = self.environment
-        if not (elements or self.gyroscopic):
+        if not (elements or self.gyroscopic or self.integrator == "implicit"):
             return None
         return Surroundings(
             kind=np.array([element.kind for element in elements], np.int64),
@@ -288,12 +351,41 @@ class Scene:
             gyroscopic=bool(self.gyroscopic),
         )
 
+    def _implicit(self, tree, models, model_of, first_sphere) -> Implicit | None:
+        """What the implicit step knows besides; None for the explicit one.
+
+        ``models`` are those of the tree, ``model_of`` the number of each body's, ``first_sphere`` where its spheres begin.
+        """
+        if self.integrator != "implicit":
+            return None
+        hulls = [hull_of(model) for model in models]
+        ends = np.cumsum([0, *map(len, hulls)])
+        some = np.concatenate([hull + first for hull, first in zip(hulls, first_sphere[:-1], strict=True)])
+        boxes = np.array([[model.centers.min(axis=0), model.centers.max(axis=0)] for model in models])
+        extents = np.concatenate([boxes.mean(axis=1), 0.5 * (boxes[:, 1] - boxes[:, 0])], axis=1)
+        return Implicit(
+            friction=self.materials.friction.copy(),
+            restitution=self.materials.restitution.copy(),
+            hull=np.column_stack([tree.centers[some], tree.radii[some]]),
+            hull_sphere=some,
+            hull_range=np.column_stack([ends[:-1], ends[1:]])[model_of],
+            extent=extents[model_of],
+            sleep=self.sleep,
+        )
+
 
 def tree_of(model: SpherePacking):
     """Sphere tree of a packing (`physics.sphere_tree.build`), built at its first use and kept as long as the packing."""
     if model not in _trees:
         _trees[model] = sphere_tree.build(np.array(model.centers), np.array(model.radii))
     return _trees[model]
+
+
+def hull_of(model: SpherePacking) -> np.ndarray:
+    """Spheres of a packing that can touch a plane (`physics.hull.hull_spheres`), kept as long as the packing."""
+    if model not in _hulls:
+        _hulls[model] = hull_spheres(np.array(model.centers), np.array(model.radii))
+    return _hulls[model]
 
 
 def _elements(environment, names):
@@ -312,17 +404,15 @@ def _elements(environment, names):
     return elements
 
 
-def _share(value, field):
-    result = number(value, field)
-    if not 0.0 <= result <= 1.0:
-        raise InvalidRequestError("must be between 0 and 1", field=field, value=value)
-    return result
-
-
-def _flag(value, field):
-    if not isinstance(value, (bool, np.bool_)):
-        raise InvalidRequestError("must be true or false", field=field, value=value)
-    return bool(value)
+def check_integrator(name) -> None:
+    """Raise `InvalidOptionError` unless there is an integrator of that name."""
+    if name in INTEGRATORS:
+        return
+    successor = _SUCCESSORS.get(name) if isinstance(name, str) else None
+    if successor:
+        raise InvalidOptionError(
+            f"is no more; '{successor}' has taken its place", field="integrator", value=name)
+    raise InvalidOptionError(f"must be one of {', '.join(INTEGRATORS)}", field="integrator", value=name)
 
 
 def _shifted(child, first_node, first_sphere):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import difflib
 import functools
 from pathlib import Path
@@ -37,16 +38,21 @@ from .layout import (
     STATE,
     VELOCITY,
 )
+from .materials import Surface, check_surface
+from .presets import PRESETS, with_changes
 from .scene import RigidBody, Scene
-from .validation import array, covariance, integer, non_negative, number, positive, quaternion
+from .stiffness import AUTO, auto_stiffness
+from .validation import array, covariance, flag, integer, non_negative, number, positive, quaternion
 
 _NUMBERS = (
     "dt", "stiffness", "damping", "friction", "restitution",
     "stiffness_std", "friction_std", "restitution_std", "gravity_direction_std",
 )
-#: Keys of a scene file that set the physics.
-PHYSICS_KEYS = (*_NUMBERS, "gravity", "gyroscopic", "integrator", "islands")
-_SCENE_KEYS = (*PHYSICS_KEYS, "horizon", "bodies", "environment")
+_FLAGS = ("gyroscopic", "islands", "sleep")
+#: Keys of a scene file that set the physics, and the one that names what they change.
+PHYSICS_KEYS = (*_NUMBERS, *_FLAGS, "gravity", "integrator")
+PRESET = "physics"
+_SCENE_KEYS = (PRESET, *PHYSICS_KEYS, "horizon", "bodies", "environment")
 _VECTORS = {"position": POSITION, "linear_velocity": VELOCITY, "angular_velocity": ANGULAR_VELOCITY}
 _STDS = {
     "position_std": ERR_POSITION,
@@ -64,9 +70,10 @@ _ELEMENTS = {
     "capsule": (("radius", "length"), ("radius", "length", "position", "orientation")),
 }
 _SCALARS = ("offset", "radius", "length")
+_SURFACE_KEYS = tuple(field.name for field in dataclasses.fields(Surface))
 _BODY_KEYS = (
     "name", "model", "spheres", "scale", "mass", "mass_std", "center_of_mass_std", *_VECTORS, "orientation", *_STDS,
-    "covariance", "fixed",
+    "covariance", "fixed", *_SURFACE_KEYS,
 )
 
 
@@ -129,28 +136,59 @@ def scene_from_dict(content, models_dir=None, folder=None) -> LoadedScene:
     if not isinstance(bodies, list):
         raise InvalidRequestError("must be a list", field="bodies", value=bodies)
     read = [_body(body, f"bodies[{k}]", models_dir, folder) for k, body in enumerate(bodies)]
-    scene = Scene(
-        [body for body, _, _ in read], environment=_environment(content.get("environment")), **physics_options(content))
+    rigid, mean = [body for body, _, _ in read], np.array([state for _, state, _ in read])
+    options = with_chosen_stiffness(physics_options(content), rigid, mean)
+    scene = Scene(rigid, environment=_environment(content.get("environment")), **options)
     blocks = [P for body, _, P in read if not body.fixed]
-    belief = Belief(
-        np.array([state for _, state, _ in read]), np.array(blocks).reshape(-1, ERROR, ERROR), scene.moving
-    )
+    belief = Belief(mean, np.array(blocks).reshape(-1, ERROR, ERROR), scene.moving)
     horizon = content.get("horizon")
     return LoadedScene(scene, belief, None if horizon is None else positive(horizon, "horizon", InvalidHorizonError))
 
 
 def physics_options(content) -> dict:
-    """The physics among the entries of a scene file, as arguments of `Scene`; null stands for an absent entry."""
-    given = {key: content[key] for key in PHYSICS_KEYS if content.get(key) is not None}
-    options = {key: number(value, key) if key in _NUMBERS else value for key, value in given.items()}
-    if "gravity" in options:
-        options["gravity"] = _numbers(options["gravity"], (3,), "gravity")
-    for key in ("gyroscopic", "islands"):
-        if not isinstance(options.get(key, False), bool):
-            raise InvalidRequestError("must be true or false", field=key, value=options[key])
-    if not isinstance(options.get("integrator", ""), str):
-        raise InvalidOptionError("must be a text", field="integrator", value=options["integrator"])
-    return options
+    """The physics among the entries of a scene file, as arguments of `Scene`; the stiffness may be `AUTO`.
+
+    What the key `PRESET` names holds where nothing else is said. Null takes a law away; of what is no law it
+    means that nothing is said.
+    """
+    given = {key: physics_value(key, content[key]) for key in PHYSICS_KEYS if key in content}
+    return with_changes(preset(content.get(PRESET)), given)
+
+
+def preset(name) -> dict:
+    """The preset of that name, which is the value of the key `PRESET`; None stands for the paper's."""
+    name = "paper" if name is None else name
+    if not isinstance(name, str) or name not in PRESETS:
+        raise InvalidOptionError(f"must be one of {', '.join(PRESETS)}", field=PRESET, value=name)
+    return PRESETS[name]
+
+
+def physics_value(key, value):
+    """The value of another entry that sets the physics; None for null."""
+    if value is None or (key == "stiffness" and value == AUTO):
+        return value
+    if key in _NUMBERS:
+        return number(value, key)
+    if key in _FLAGS:
+        return flag(value, key)
+    if key == "gravity":
+        return _numbers(value, (3,), key)
+    if not isinstance(value, str):
+        raise InvalidOptionError("must be a text", field=key, value=value)
+    return value
+
+
+def with_chosen_stiffness(options, bodies, mean) -> dict:
+    """Arguments of `Scene` in which no stiffness is `AUTO`.
+
+    With the implicit integrator it is left out, for the prediction to choose it; the explicit one, for which
+    nothing else limits how deep bodies press into each other, takes that of `auto_stiffness`.
+    """
+    if options.get("stiffness") != AUTO:
+        return options
+    explicit = options.get("integrator", "explicit") == "explicit"
+    kappa = auto_stiffness(bodies, mean, options.get("gravity", (0.0, 0.0, 0.0))) if explicit else None
+    return options | {"stiffness": kappa}
 
 
 def _environment(content):
@@ -165,7 +203,7 @@ def _environment(content):
 def _element(content, field):
     """An element; errors name the entry as it stands in the file."""
     error = InvalidEnvironmentError
-    _check_keys(content, ("name", *_ELEMENTS), field, error)
+    _check_keys(content, ("name", *_ELEMENTS, *_SURFACE_KEYS), field, error)
     kinds = [kind for kind in _ELEMENTS if kind in content]
     if len(kinds) != 1:
         raise error(f"must be exactly one of {', '.join(_ELEMENTS)}", field=field, value=content)
@@ -186,7 +224,15 @@ def _element(content, field):
             given[key] = number(value, f"{place}.{key}", error)
         else:
             given[key] = _numbers(value, (4 if key == "orientation" else 3,), f"{place}.{key}", error)
-    return _at_field(place, ELEMENTS[kind], **given, name=name)
+    surface = _surface(content, field, error)
+    return _at_field(place, ELEMENTS[kind], **given, name=name, **surface)
+
+
+def _surface(content, field, error=InvalidRequestError):
+    """The entries of a body or an element that say what its surface is like, checked."""
+    given = {key: content[key] for key in _SURFACE_KEYS if content.get(key) is not None}
+    _at_field(field, check_surface, Surface(**given), error=error)
+    return given
 
 
 def _body(content, field, models_dir, folder):
@@ -219,7 +265,9 @@ def _body(content, field, models_dir, folder):
             if np.any(values):
                 raise InvalidRequestError(f"is fixed, so its {key} must be zero or absent", field=field)
     model = _at_field(field, load_shape, content["model"], content.get("spheres"), content.get("scale"), models_dir, folder)
-    return _at_field(field, RigidBody, content["name"], model, mass, fixed, mass_std, com_std), state, P
+    surface = _surface(content, field)
+    body = _at_field(field, RigidBody, content["name"], model, mass, fixed, mass_std, com_std, **surface)
+    return body, state, P
 
 
 def _at_field(field, function, *arguments, **options):

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from .environment import Plane
-from .physics.rotation import rotation_matrix
 from .layout import ERR_POSITION, POSITION, QUATERNION
+from .physics.rotation import rotation_matrix
 
 COLORS = ((0.16, 0.45, 0.72), (0.85, 0.42, 0.14), (0.24, 0.60, 0.30), (0.58, 0.40, 0.74), (0.75, 0.22, 0.25))
 SIGMAS = 2.0  # half axes of the ellipses

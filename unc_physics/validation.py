@@ -41,6 +41,21 @@ def non_negative(value, field, error=InvalidRequestError):
     return result
 
 
+def share(value, field, error=InvalidRequestError):
+    """A float from 0 to 1."""
+    result = number(value, field, error)
+    if not 0.0 <= result <= 1.0:
+        raise error("must be between 0 and 1", field=field, value=value)
+    return result
+
+
+def flag(value, field, error=InvalidRequestError):
+    """True or false, and nothing that merely counts as one of them."""
+    if not isinstance(value, (bool, np.bool_)):
+        raise error("must be true or false", field=field, value=value)
+    return bool(value)
+
+
 def integer(value, field, *, low, error=InvalidRequestError):
     """An int that is at least ``low``."""
     if isinstance(value, bool) or not isinstance(value, (int, np.integer)):

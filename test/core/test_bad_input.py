@@ -19,6 +19,7 @@ from unc_physics.__main__ import main
 from unc_physics.scene_file import scene_from_dict
 
 NAN, INF = float("nan"), float("inf")
+FLOOR = {"plane": {"normal": [0, 0, 1]}}
 
 
 def with_entry(place, value, name="two_bodies"):
@@ -235,7 +236,21 @@ CASES = FINITE + [
     (with_entry(("restitution",), -0.1), "INVALID_REQUEST", "restitution", "-0.1"),
     (with_entry(("gyroscopic",), "yes"), "INVALID_REQUEST", "gyroscopic", "yes"),
     (with_entry(("gyroscopic",), 1), "INVALID_REQUEST", "gyroscopic", "1"),
-    (with_entry(("integrator",), ["robust"]), "INVALID_OPTION", "integrator", "robust"),
+    (with_entry(("integrator",), ["explicit"]), "INVALID_OPTION", "integrator", "explicit"),
+    (with_entry(("integrator",), "robust"), "INVALID_OPTION", "integrator", "'implicit' .*robust"),
+    (with_entry(("friction",), 0.5), "INVALID_OPTION", "friction", "implicit.*0.5"),
+    (with_entry(("restitution",), 0.5), "INVALID_OPTION", "restitution", "implicit.*0.5"),
+    (with_entry(("sleep",), True), "INVALID_OPTION", "sleep", "implicit.*True"),
+    (with_entry(("sleep",), 1), "INVALID_REQUEST", "sleep", "1"),
+    (with_entry(("physics",), "lunar"), "INVALID_OPTION", "physics", "paper, everyday.*lunar"),
+    (with_entry(("physics",), True), "INVALID_OPTION", "physics", "True"),
+    (with_entry(("stiffness",), "automatic"), "INVALID_REQUEST", "stiffness", "automatic"),
+    (in_body("friction", 0.5), "INVALID_OPTION", r"bodies\[1\].friction", "implicit.*0.5"),
+    (in_body("friction", "rough"), "INVALID_REQUEST", r"bodies\[1\].friction", "rough"),
+    (in_body("restitution", 2), "INVALID_REQUEST", r"bodies\[1\].restitution", "2"),
+    (in_body("restitution_std", 0.1), "INVALID_REQUEST", r"bodies\[1\].restitution_std", "0.1"),
+    (in_environment(FLOOR | {"friction": 0.4}), "INVALID_OPTION", r"environment\[0\].friction", "implicit"),
+    (in_environment(FLOOR | {"restitution": -1}), "INVALID_ENVIRONMENT", r"environment\[0\].restit", "-1"),
     (with_entry(("friction_std",), 0.1), "INVALID_REQUEST", "friction_std", "0.1"),
     (with_entry(("gravity_direction_std",), 0.1), "INVALID_REQUEST", "gravity_direction_std", "0.1"),
     (with_entry(("stiffness_std",), -1.0), "INVALID_REQUEST", "stiffness_std", "-1.0"),
@@ -580,6 +595,8 @@ SCENE_KEYS = [
     "islands",
     "restitution",
     "gyroscopic",
+    "physics",
+    "sleep",
     "stiffness_std",
     "friction_std",
     "restitution_std",
@@ -588,6 +605,10 @@ SCENE_KEYS = [
     "unknown",
 ]
 BODY_KEYS = [
+    "friction",
+    "friction_std",
+    "restitution",
+    "restitution_std",
     "mass_std",
     "center_of_mass_std",
     "name",

@@ -348,7 +348,7 @@ def test_a_refused_scene():
         ({"bodies": [body], "damping": -1.0}, "damping"),
         ({"bodies": [body], "gravity": [0, 0, np.inf]}, "gravity"),
         ({"bodies": [body], "gravity": 9.81}, "gravity"),
-        ({"bodies": [body], "stiffness": None}, "stiffness"),
+        ({"bodies": [body], "stiffness": "soft"}, "stiffness"),
         ({"bodies": ["a"]}, "bodies"),
         ({"bodies": body}, "bodies"),
     ]:

@@ -44,7 +44,8 @@ def test_elements_arrive_in_order_with_their_names(tmp_path):
     np.testing.assert_array_equal(rail.position, 0.0)
 
 
-@pytest.mark.parametrize("entries", [{}, {key: None for key in (*PHYSICS_KEYS, "environment")}, {"environment": []}])
+@pytest.mark.parametrize(
+    "entries", [{}, dict.fromkeys((PRESET, *PHYSICS_KEYS, "environment")), {"environment": []}])
 def test_what_a_file_does_not_name_is_not_there(entries):
     content = CONTENTS["two_bodies"]() | entries
     scene = scene_from_dict(content).scene
@@ -54,15 +55,16 @@ def test_what_a_file_does_not_name_is_not_there(entries):
 
 
 @pytest.mark.parametrize("key, value", [
-    ("friction", 0.5), ("restitution", 0.3), ("gyroscopic", True), ("islands", True), ("integrator", "robust"),
+    ("friction", 0.5), ("restitution", 0.3), ("gyroscopic", True), ("islands", True), ("sleep", True),
 ])
 def test_each_law_is_on_when_it_is_named(key, value):
-    assert getattr(scene_with(**{key: value}), key) == value
+    assert getattr(scene_with(**{"integrator": "implicit", key: value}), key) == value
 
 
 def test_uncertain_parameters():
     content = CONTENTS["two_bodies"]() | {
-        "friction": 0.4, "friction_std": "5e-2", "restitution": 0.5, "restitution_std": 0.1, "stiffness_std": 100,
+        "integrator": "implicit", "friction": 0.4, "friction_std": "5e-2", "restitution": 0.5,
+        "restitution_std": 0.1, "stiffness_std": 100,
         "gravity": [0, 0, -9.81], "gravity_direction_std": 0.02,
     }
     content["bodies"][1] |= {"mass_std": 0.05, "center_of_mass_std": [0.0, 0.01, 0.02]}

@@ -21,7 +21,7 @@ def test_there_are_scenes():
 def test_an_example_scene_is_predicted(path):
     scene, belief, horizon = load_scene(path)
     assert horizon >= HORIZON
-    prediction = predict(scene, belief, "surrogate", HORIZON)
+    prediction = predict(scene, belief, "sigma_points", HORIZON)
     start, end = belief.mean, prediction.belief.mean
     assert np.isfinite(end).all()
     assert not np.array_equal(start, end)
@@ -29,6 +29,13 @@ def test_an_example_scene_is_predicted(path):
     for element in scene.environment:
         if isinstance(element, Plane):
             assert (end[:, :3] @ element.normal > element.offset).all()
+
+
+@pytest.mark.parametrize("path", SCENES, ids=lambda path: path.stem)
+def test_an_example_scene_is_a_robot_s_world_or_the_paper_s(path):
+    scene = load_scene(path).scene
+    assert scene.integrator == ("explicit" if path.stem == "two_bunnies" else "implicit")
+    assert "stiffness:" not in path.read_text() or scene.integrator == "explicit"
 
 
 @pytest.mark.parametrize("path", SCENES, ids=lambda path: path.stem)

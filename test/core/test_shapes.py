@@ -16,7 +16,7 @@ from unc_physics.geometry.packing_file import SpherePacking
 from unc_physics.physics import shapes
 from unc_physics.physics.element_contacts import cap
 from unc_physics.physics.rollout import simulate
-from unc_physics.scene_picture import outline, outermost
+from unc_physics.scene_picture import outermost, outline
 
 ROUND_OFF = 1e-12
 BALL = SpherePacking(

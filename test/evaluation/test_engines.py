@@ -11,8 +11,8 @@ from unc_physics.environment import Box, Capsule, Cylinder, Plane, Sphere
 from unc_physics.evaluation.engines import GEOMETRIES, PEERS, PrincipalBody
 from unc_physics.evaluation.hard_cases.shapes import ball
 from unc_physics.evaluation.scenarios import collision
-from unc_physics.physics.rollout import simulate
 from unc_physics.layout import ANGULAR_VELOCITY, POSITION, QUATERNION, VELOCITY
+from unc_physics.physics.rollout import simulate
 
 FREE = 20  # steps: no contact yet
 

@@ -33,6 +33,13 @@ def request_of(*objects, horizon=0.2, **others):
     return request
 
 
+def explicit(request):
+    """The same request, for the paper's step, which all propagators run on."""
+    for key, value in (("integrator", "explicit"), ("friction", "null"), ("restitution", "null")):
+        request.scene_options.append(KeyValue(key=key, value=value))
+    return request
+
+
 def good_request(**others):
     """Two objects that approach each other."""
     right = moving_object("right", "armadillo", (0.2, 0.0, 0.0), (-0.5, 0.0, 0.0))

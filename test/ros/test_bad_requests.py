@@ -7,7 +7,7 @@ import pytest
 from diagnostic_msgs.msg import KeyValue
 from geometry_msgs.msg import Pose, Quaternion
 from running import NodeProcess
-from scenes import assert_answered, assert_same, diagonal, good_request, moving_object, request_of
+from scenes import assert_answered, assert_same, diagonal, explicit, good_request, moving_object, request_of
 from shape_msgs.msg import Plane, SolidPrimitive
 
 from unc_physics.errors import ErrorCode
@@ -30,8 +30,10 @@ def changed(path, value):
     return request
 
 
-def with_option(field, key, value, **others):
+def with_option(field, key, value, without=None, **others):
     request = good_request(**others)
+    if without is not None:
+        request.scene_options.append(KeyValue(key=without, value="null"))
     getattr(request, field).append(KeyValue(key=key, value=value))
     return request
 
@@ -136,8 +138,18 @@ BAD = {
     "no integrator": (with_option("scene_options", "integrator", "magic"), "INVALID_OPTION", "integrator"),
     "no text for an integrator": (with_option("scene_options", "integrator", "[[1]]"), "INVALID_OPTION", "integrator"),
     "no flag": (with_option("scene_options", "gyroscopic", "[[1]]"), "INVALID_OPTION", "gyroscopic"),
+    "an integrator that is no more": (
+        with_option("scene_options", "integrator", "robust"), "INVALID_OPTION", "'implicit'"),
+    "friction with the explicit step": (
+        with_option("scene_options", "integrator", "explicit"), "INVALID_OPTION",
+        "scene_options 'friction' needs 'integrator: implicit'"),
+    "no preset": (with_option("scene_options", "physics", "lunar"), "INVALID_OPTION", "physics"),
     "uncertain friction without friction": (
-        with_option("scene_options", "friction_std", "0.1"), "INVALID_OPTION", "friction_std"),
+        with_option("scene_options", "friction_std", "0.1", without="friction"), "INVALID_OPTION",
+        "friction_std"),
+    "friction more uncertain than it is": (
+        with_option("scene_options", "friction_std", "0.9"), "INVALID_OPTION", "friction_std"),
+    "a propagator for another step": (good_request(propagator="surrogate"), "NOT_SUPPORTED", "implicit"),
     "plane without normal": (with_floor([0.0, 0.0, 0.0, 1.0]), "INVALID_ENVIRONMENT", "environment.planes[0].coef"),
     "NaN plane": (with_floor([0.0, 0.0, NAN, 1.0]), "NOT_FINITE", "environment.planes[0].coef"),
     "box of no height": (with_box([1.0, 1.0, 0.0]), "INVALID_ENVIRONMENT", "environment.primitives[0].dimensions[2]"),
@@ -167,10 +179,12 @@ BAD = {
     "too many regions": (with_regions(*map(str, range(101))), "LIMIT_EXCEEDED", "regions"),
     "two regions of one id": (with_regions("bin", "bin"), "DUPLICATE_ID", "regions[1].id"),
     "joint covariance without correlations": (
-        good_request(propagator="surrogate", return_joint_covariance=True), "NOT_SUPPORTED", "return_joint_covariance"),
+        explicit(good_request(propagator="surrogate", return_joint_covariance=True)), "NOT_SUPPORTED",
+        "return_joint_covariance"),
     "unreadable model": (changed("object.model", "text"), "INVALID_MODEL", "objects[1].model"),
     "inconsistent model": (changed("object.model", "contradiction"), "INVALID_MODEL", "objects[1].model"),
-    "diverging": (with_option("scene_options", "stiffness", "1e300", horizon=1.0), "DIVERGED", "diverged"),
+    "diverging": (
+        explicit(with_option("scene_options", "stiffness", "1e300", horizon=1.0)), "DIVERGED", "diverged"),
 }
 
 

@@ -1,8 +1,7 @@
 """`~/predict_candidates`: alternatives of one scene."""
 
 import numpy as np
-from diagnostic_msgs.msg import KeyValue
-from scenes import good_request, moving_object, numbers_of
+from scenes import explicit, good_request, moving_object, numbers_of
 
 from unc_physics.errors import ErrorCode
 from unc_physics_msgs.msg import Candidate, PredictedObject
@@ -13,9 +12,7 @@ HEIGHTS = (0.0, 0.05, 0.1)
 
 def alone():
     """A request whose answer does not depend on how its steps are grouped, not even by round-off."""
-    request = good_request(seed=3, propagator="sigma_points", horizon=0.8)
-    request.scene_options.append(KeyValue(key="integrator", value="explicit"))
-    return request
+    return explicit(good_request(seed=3, propagator="sigma_points", horizon=0.8))
 
 
 def request_with(candidates, **others):

@@ -5,6 +5,7 @@ import pytest
 from diagnostic_msgs.msg import KeyValue
 from scenes import (
     assert_answered,
+    explicit,
     good_request,
     moving_object,
     numbers_of,
@@ -30,15 +31,18 @@ ROUND_OFF = 1e-9
 
 @pytest.mark.parametrize("propagator", PROPAGATORS)
 def test_every_propagator_answers_as_the_core_does(predict, propagator):
-    request = good_request(propagator=propagator, seed=7, horizon=0.4)
-    for key, value in (("dt", "0.01"), ("stiffness", "1e5"), ("damping", "0.5"), ("integrator", "explicit")):
+    request = explicit(good_request(propagator=propagator, seed=7, horizon=0.4))
+    for key, value in (("dt", "0.01"), ("stiffness", "1e5"), ("damping", "0.5")):
         request.scene_options.append(KeyValue(key=key, value=value))
     response = predict(request)
     assert_answered(response)
     assert (response.propagator, response.seed_used, response.time_reached) == (propagator, 7, 0.4)
+    assert response.physics == "explicit, dt 0.01 s, stiffness 1e+05 N/m^3, damping 0.5 1/s, gyroscopic" + (
+        ", islands" if PROPAGATORS[propagator].traits.cross_body else "")
     assert response.header.frame_id == "world"
     assert 0.0 < response.computation_time < 60.0
     own = {"gravity": (0.0, 0.0, 0.0), "dt": 0.01, "stiffness": 1e5, "damping": 0.5, "integrator": "explicit"}
+    own |= {"friction": None, "restitution": None}
     physics = Settings().physics | own
     scene, belief, models, _ = read_scene(request.objects, request.environment, ModelLibrary(), physics)
     options = {"seed": 7} if "seed" in PROPAGATORS[propagator].options() else {}
@@ -52,6 +56,30 @@ def test_every_propagator_answers_as_the_core_does(predict, propagator):
     assert moved > 0.05
 
 
+def test_the_node_s_own_physics_is_a_robot_s_world(predict):
+    response = predict(good_request())
+    assert_answered(response)
+    assert response.propagator == "sigma_points"
+    assert response.physics.startswith("implicit, dt 0.0041667 s, stiffness ")
+    assert "friction 0.5, restitution 0.1, gyroscopic" in response.physics
+
+
+@pytest.mark.parametrize("propagator", ["linearization", "surrogate", "local_sampling"])
+def test_a_propagator_that_does_not_run_on_it_says_so(predict, propagator):
+    response = predict(good_request(propagator=propagator))
+    assert response.error_code == ErrorCode.NOT_SUPPORTED
+    for word in ("implicit", propagator, "sigma_points and monte_carlo"):
+        assert word in response.error_msg
+
+
+def test_a_preset_takes_the_place_of_the_node_s_physics(predict):
+    request = good_request(propagator="surrogate")
+    request.scene_options.append(KeyValue(key="physics", value="paper"))
+    response = predict(request)
+    assert_answered(response)
+    assert response.physics == "explicit, dt 0.01 s, stiffness 1e+04 N/m^3"
+
+
 def test_free_flight_in_closed_form(predict):
     request = request_of(moving_object(position=(0.0, 0.0, 1.0), velocity=(0.3, 0.0, 2.0)), horizon=1.0)
     request.scene_options[0].value = "[0, 0, -9.81]"
@@ -61,7 +89,8 @@ def test_free_flight_in_closed_form(predict):
 
 
 def test_a_trajectory(predict):
-    request = good_request(trajectory_period=0.06, propagator="linearization")
+    request = explicit(good_request(trajectory_period=0.06, propagator="linearization"))
+    request.scene_options.append(KeyValue(key="dt", value="0.005"))
     request.header.stamp.sec = 123
     response = predict(request)
     assert_answered(response)
@@ -100,7 +129,7 @@ def test_samples_of_monte_carlo_are_its_own(predict):
 
 
 def test_samples_of_a_gaussian_are_drawn_from_it(predict):
-    response = predict(good_request(propagator="linearization", seed=5, return_samples=1000))
+    response = predict(explicit(good_request(propagator="linearization", seed=5, return_samples=1000)))
     assert_answered(response)
     for predicted in response.objects:
         (state,) = predicted.states
@@ -181,9 +210,10 @@ def test_a_scaled_model_s_origin(predict):
 
 
 def test_statuses_name_an_overlap_at_the_start_and_are_fine_without(predict):
-    overlapping = good_request(propagator="surrogate", trajectory_period=0.01)
+    overlapping = explicit(good_request(propagator="surrogate", trajectory_period=0.01))
     overlapping.objects[1].pose.pose.position.x = -0.15
-    bad, good = predict(overlapping), predict(good_request(propagator="surrogate", trajectory_period=0.01))
+    apart = explicit(good_request(propagator="surrogate", trajectory_period=0.01))
+    bad, good = predict(overlapping), predict(apart)
     for response in (bad, good):
         assert_answered(response)
         assert all(len(predicted.states) == 20 for predicted in response.objects)  # more than are judged one by one

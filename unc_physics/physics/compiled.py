@@ -3,11 +3,11 @@
 from numba import njit
 from numba.extending import overload
 
-#: No wrapper for Python, no counted references: both take long to compile.
-_INNER = {"_nrt": False, "no_cpython_wrapper": True}
-
 from . import compile_time  # noqa: F401  (from the first kernel on)
 from .compile_cache import keep
+
+#: No wrapper for Python, no counted references: both take long to compile.
+_INNER = {"_nrt": False, "no_cpython_wrapper": True}
 
 
 def kernel(function=None, **options):

@@ -5,6 +5,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from . import implicit_world
+from .implicit_world import fresh_solver_memory
+
 
 class ContactHistory(NamedTuple):
     """What N rollouts remember.
@@ -28,7 +31,8 @@ def fresh(count, world):
     """The history of ``count`` rollouts that begin."""
     bodies = len(world.bodies.moving)
     elements = 0 if world.surroundings is None else len(world.surroundings.kind)
-    return ContactHistory(np.full((count, bodies, bodies + elements), np.inf, np.float32), None)
+    first = np.full((count, bodies, bodies + elements), np.inf, np.float32)
+    return ContactHistory(first, None if world.implicit is None else fresh_solver_memory(count, bodies))
 
 
 def copy(history):
@@ -53,7 +57,8 @@ def of_bodies(history, bodies):
     """The history of some bodies, whose indices ascend, with each other and with all elements."""
     first = history.first_time
     columns = np.concatenate([bodies, np.arange(first.shape[1], first.shape[2])])
-    return ContactHistory(np.ascontiguousarray(first[:, bodies][:, :, columns]), history.solver)
+    solver = None if history.solver is None else implicit_world.of_bodies(history.solver, bodies)
+    return ContactHistory(np.ascontiguousarray(first[:, bodies][:, :, columns]), solver)
 
 
 def joined(histories: Sequence[ContactHistory], rows: Sequence, bodies: Sequence, world) -> ContactHistory:
@@ -78,4 +83,6 @@ def joined(histories: Sequence[ContactHistory], rows: Sequence, bodies: Sequence
         columns = np.concatenate([some, elements])
         history.first_time[np.ix_(np.arange(count), some, columns)] = own.first_time[:1]
         history.first_time[np.ix_(k, some, columns)] = own.first_time
+        if history.solver is not None:
+            implicit_world.add_bodies(history.solver, own.solver, np.asarray(some), np.asarray(k))
     return history

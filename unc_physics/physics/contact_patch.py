@@ -12,6 +12,7 @@ import numpy as np
 from ..layout import P, V, W
 from .compiled import inner
 from .contact_search import ACTIVE_GAP, element_list, flat_face, pair_list, relative_pose
+from .element_contacts import in_element
 from .implicit_workspace import (
     BEND,
     CANDIDATE_GAP,
@@ -39,7 +40,6 @@ from .implicit_workspace import (
     TURN_J,
 )
 from .rotation import rotate, rotate_back
-from .element_contacts import in_element
 from .shapes import surface
 
 #: Gap up to which contacts take part in an impact [m].
@@ -52,15 +52,15 @@ _FREE, _IN_PATCH, _CHOSEN = 0, 1, 2  # what a candidate is
 
 
 @inner(forceinline=True)
-def element_candidates(x, i, e, horizon, world, laws, work):
+def element_candidates(x, i, e, horizon, world, work):
     """Find the spheres of body i that may touch element e within ``horizon`` seconds; returns how many there are."""
-    kind, size, R_e, R = laws.kind, laws.size, laws.R[e], work.R[i]
+    kind, size, R_e, R = world.surroundings.kind, world.surroundings.size, world.surroundings.R[e], work.R[i]
     candidates, ids = work.candidates, work.candidate_ids
-    t = in_element(laws.position, laws.R, e, x[i, P], x[i, P + 1], x[i, P + 2])
+    t = in_element(world.surroundings.position, world.surroundings.R, e, x[i, P], x[i, P + 1], x[i, P + 2])
     half = 0.5 * horizon
     vx, vy, vz = x[i, V] + half * world.gravity[0], x[i, V + 1] + half * world.gravity[1], x[i, V + 2] + half * world.gravity[2]
     limit = IMPACT_GAP if horizon == 0.0 else ACTIVE_GAP
-    side = flat_face(kind, size, e, t, R_e, R, laws.extent[i])
+    side = flat_face(kind, size, e, t, R_e, R, world.implicit.extent[i])
     count = 0
     if side >= 0:
         # one plane: distances are linear in the spheres' centres, so that its hull is asked in one loop
@@ -74,7 +74,7 @@ def element_candidates(x, i, e, horizon, world, laws, work):
         qx, qy, qz = rotate_back(R, cx, cy, cz)  # n . (omega x c) = c . (n x omega)
         qx, qy, qz = bx + horizon * qx, by + horizon * qy, bz + horizon * qz
         later = height + horizon * (nx * vx + ny * vy + nz * vz)
-        hull, first, last = laws.hull, laws.hull_range[i, 0], laws.hull_range[i, 1]
+        hull, first, last = world.implicit.hull, world.implicit.hull_range[i, 0], world.implicit.hull_range[i, 1]
         for k in range(first, last):
             ux, uy, uz, r = hull[k, 0], hull[k, 1], hull[k, 2], hull[k, 3]
             gap = height + bx * ux + by * uy + bz * uz - r
@@ -84,10 +84,10 @@ def element_candidates(x, i, e, horizon, world, laws, work):
                     work.counts[OVERFLOW] = TOO_MANY_CANDIDATES
                     return 0
                 _write_candidate(candidates[count], (bx, by, bz), (ux - r * bx, uy - r * by, uz - r * bz), gap, predicted)
-                ids[count, 0], ids[count, 1], ids[count, 2] = laws.hull_sphere[k], 0, 0
+                ids[count, 0], ids[count, 1], ids[count, 2] = world.implicit.hull_sphere[k], 0, 0
                 count += 1
     else:
-        element_list(x, i, e, ACTIVE_GAP + horizon * work.numbers[i, PACE], world, laws, work)
+        element_list(x, i, e, ACTIVE_GAP + horizon * work.numbers[i, PACE], world, work)
         R_ei = work.R_ij
         for a in range(3):
             for b in range(3):
@@ -167,7 +167,7 @@ def _write_candidate(out, normal, point, gap, score):
 
 
 @inner(forceinline=True)
-def add_contacts(x, i, j, count, world, laws, work):
+def add_contacts(x, i, j, count, world, work):
     """Choose contacts among the first ``count`` candidates of body i with body j, or element ``-1 - j``."""
     candidates, ids, best, score = work.candidates, work.candidate_ids, work.best, work.best_score
     if count > 1:
@@ -201,7 +201,7 @@ def add_contacts(x, i, j, count, world, laws, work):
             k = best[d]
             if ids[k, 2] == _IN_PATCH:
                 ids[k, 2] = _CHOSEN
-                write_contact(x, i, j, k, world, laws, work)
+                write_contact(x, i, j, k, world, work)
 
 
 @inner(forceinline=True)
@@ -235,7 +235,7 @@ def tangents(n):
 
 
 @inner(error_model="numpy", forceinline=True)
-def write_contact(x, i, j, k, world, laws, work):
+def write_contact(x, i, j, k, world, work):
     """Make candidate ``k`` of body i with body j, or element ``-1 - j``, a contact."""
     m = work.counts[CONTACTS]
     if m >= len(work.rows):
@@ -286,8 +286,8 @@ def write_contact(x, i, j, k, world, laws, work):
         else:
             row[SLIP_COMPLIANCE] = max(row[SLIP_COMPLIANCE], own)
     row[GAP], row[BEND], row[RADIUS] = gap, bend, r
-    row[FRICTION] = math.sqrt(laws.friction[i] * laws.friction[partner])
-    row[RESTITUTION] = math.sqrt(laws.restitution[i] * laws.restitution[partner])
+    row[FRICTION] = math.sqrt(world.implicit.friction[i] * world.implicit.friction[partner])
+    row[RESTITUTION] = math.sqrt(world.implicit.restitution[i] * world.implicit.restitution[partner])
     _recall_force(i, j, m, row, first, second, work.head, work.link, work.old_contact, work.old_force, work.ids)
 
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from ..layout import P, V, W
 from .compiled import inner
+from .element_contacts import in_element
 from .implicit_workspace import (
     CLEARANCE,
     OVERFLOW,
@@ -19,10 +20,8 @@ from .implicit_workspace import (
     TRAVEL,
 )
 from .rotation import rotate, rotate_back
-from .element_contacts import in_element
-
-from .sphere_tree import EMPTY, WIDTH, candidates
 from .shapes import KINDS, surface
+from .sphere_tree import EMPTY, WIDTH, candidates
 
 #: Gap up to which contacts take part in a step [m].
 ACTIVE_GAP = 5e-4
@@ -100,15 +99,15 @@ def join(group, a, b):
 
 
 @inner
-def clearance(x, i, world, laws, work):
+def clearance(x, i, world, work):
     """Distance of body i's bounding ball from the environment, from below [m]; asked again when travel used it up."""
     numbers, radius = work.numbers, world.bodies.radius
     if numbers[i, CLEARANCE] > numbers[i, TRAVEL]:
         return numbers[i, CLEARANCE] - numbers[i, TRAVEL]
     least = np.inf
-    for e in range(len(laws.kind)):
-        px, py, pz = in_element(laws.position, laws.R, e, x[i, P], x[i, P + 1], x[i, P + 2])
-        least = min(least, surface(laws.kind, laws.size, e, px, py, pz)[0] - radius[i])
+    for e in range(len(world.surroundings.kind)):
+        px, py, pz = in_element(world.surroundings.position, world.surroundings.R, e, x[i, P], x[i, P + 1], x[i, P + 2])
+        least = min(least, surface(world.surroundings.kind, world.surroundings.size, e, px, py, pz)[0] - radius[i])
     numbers[i, CLEARANCE] = numbers[i, TRAVEL] + max(least, 0.0)
     return least
 
@@ -141,7 +140,7 @@ def flat_face(kind, size, e, t, R_e, R, extent):
 
 
 @inner(forceinline=True)
-def element_list(x, i, e, need, world, laws, work):
+def element_list(x, i, e, need, world, work):
     """Bring the list of body i's spheres near element e up to date; ``need`` [m] is how near they must be."""
     column = len(x) + e
     travel = work.numbers[i, TRAVEL]
@@ -149,9 +148,9 @@ def element_list(x, i, e, need, world, laws, work):
     if travel + need <= work.valid[i, column]:
         return
     margin = need + _LIST_MARGIN + _LIST_STEPS * (need - ACTIVE_GAP)
-    tree, kind, size, R_e = world.tree, laws.kind, laws.size, laws.R
+    tree, kind, size, R_e = world.tree, world.surroundings.kind, world.surroundings.size, world.surroundings.R
     bounds, child, centers, radii = tree.bounds, tree.child, tree.centers, tree.radii
-    t = in_element(laws.position, laws.R, e, x[i, P], x[i, P + 1], x[i, P + 2])
+    t = in_element(world.surroundings.position, world.surroundings.R, e, x[i, P], x[i, P + 1], x[i, P + 2])
     R, stack, pool = work.R_ij, work.search.stack, work.pool
     for a in range(3):
         for b in range(3):

@@ -10,9 +10,9 @@ from ..layout import P, Q, V, W
 from .broad_phase import near_pairs, update_separation_bound
 from .compiled import inner, stage
 from .contact_free import contact_free_step
+from .element_contacts import next_element_contacts, open_element
 from .narrow_phase import contact_sums, next_contacts, open_pair
 from .rotation import exp, multiply, renormalized, rotate, rotate_back, write_matrix
-from .element_contacts import next_element_contacts, open_element
 
 # angles that a body turns at a time with the gyroscopic term [rad], and the most parts of a step
 _TURN, _SMALL_TURN, _MOST_TURNS = 0.25, 0.02, 1000

@@ -11,6 +11,7 @@ from ..layout import P, Q, V, W
 from .compiled import inner, kernel
 from .contact_patch import IMPACT_GAP, add_contacts, element_candidates, pair_candidates
 from .contact_search import ACTIVE_GAP, clearance, find_groups, forget_lists, join, lowest, update_pace
+from .element_contacts import in_element
 from .implicit_solver import contact_speed, impact, solve_lasting
 from .implicit_workspace import (
     BEND,
@@ -35,7 +36,6 @@ from .implicit_workspace import (
     implicit_workspace,
 )
 from .rotation import exp, multiply, renormalized, rotate, rotate_back, write_matrix
-from .element_contacts import in_element
 from .shapes import surface
 
 #: Gap up to which bodies touch, and at which an impact is aimed [m].
@@ -48,14 +48,14 @@ _TURN, _SMALL_TURN, _MOST_TURNS = 0.25, 0.02, 1000  # angles with the gyroscopic
 
 
 @inner
-def travel_freely(x, i, h, decay, world, laws, R):
+def travel_freely(x, i, h, decay, world, R):
     """Move body i for ``h`` seconds without contacts: a parabola, its angular momentum kept; ``R`` (B, 3, 3) follows."""
     gravity = world.gravity
     for k in range(3):
         v = decay * x[i, V + k] + h * gravity[k]
         x[i, P + k] += 0.5 * h * (x[i, V + k] + v)
         x[i, V + k] = v
-    if laws.gyroscopic:
+    if world.surroundings.gyroscopic:
         _turn_by_momentum(x, i, h, world, R)
     else:
         turn(x, i, h, x[i, W], x[i, W + 1], x[i, W + 2], R)
@@ -100,25 +100,25 @@ def turn(x, i, h, wx, wy, wz, R):
 
 
 @inner(forceinline=True)
-def find_contacts(x, count, horizon, world, laws, work):
+def find_contacts(x, count, horizon, world, work):
     """Find the contacts of the group at hand, of ``count`` members, that may act within ``horizon`` seconds."""
     work.counts[CONTACTS] = 0
     members, numbers, near, moving, radius = work.members, work.numbers, work.near, world.bodies.moving, world.bodies.radius
     for a in range(count):
         i = members[a]
         need = ACTIVE_GAP + horizon * numbers[i, PACE]
-        if len(laws.kind) > 0 and clearance(x, i, world, laws, work) < need:
-            for e in range(len(laws.kind)):
-                px, py, pz = in_element(laws.position, laws.R, e, x[i, P], x[i, P + 1], x[i, P + 2])
-                if surface(laws.kind, laws.size, e, px, py, pz)[0] < radius[i] + need:
-                    found = element_candidates(x, i, e, horizon, world, laws, work)
+        if len(world.surroundings.kind) > 0 and clearance(x, i, world, work) < need:
+            for e in range(len(world.surroundings.kind)):
+                px, py, pz = in_element(world.surroundings.position, world.surroundings.R, e, x[i, P], x[i, P + 1], x[i, P + 2])
+                if surface(world.surroundings.kind, world.surroundings.size, e, px, py, pz)[0] < radius[i] + need:
+                    found = element_candidates(x, i, e, horizon, world, work)
                     if found > 0:
-                        add_contacts(x, i, -1 - e, found, world, laws, work)
+                        add_contacts(x, i, -1 - e, found, world, work)
         for j in range(len(x)):  # each pair of moving bodies once
             if near[i, j] and (j > i or not moving[j]):
                 found = pair_candidates(x, i, j, horizon, world, work)
                 if found > 0:
-                    add_contacts(x, i, j, found, world, laws, work)
+                    add_contacts(x, i, j, found, world, work)
 
 
 @inner(forceinline=True)
@@ -164,8 +164,7 @@ def _time_to_impact(left, rows, ids, counts, velocity, gravity, moving, threshol
         root = math.sqrt(square)
         if root - speed > 0.0:
             time = 2.0 * way / (root - speed)
-            if time < first:
-                first = time
+            first = min(first, time)
     return first
 
 
@@ -237,7 +236,7 @@ def note_contact(first_time, i, j, time):
 
 
 @inner(forceinline=True)
-def travel_in_contact(x, count, h, time, first_time, residual, world, laws, threshold, work):
+def travel_in_contact(x, count, h, time, first_time, residual, world, threshold, work):
     """Move the group at hand for ``h`` seconds under its lasting contacts."""
     members, velocity, numbers, loaded = work.members, work.velocity, work.numbers, work.loaded
     decay = world.decay if h == world.dt else world.decay ** (h / world.dt)
@@ -249,7 +248,7 @@ def travel_in_contact(x, count, h, time, first_time, residual, world, laws, thre
             velocity[START, i, k], velocity[START, i, 3 + k] = x[i, V + k], x[i, W + k]
         for k in range(4):
             numbers[i, FREE_QUATERNION + k] = x[i, Q + k]
-        travel_freely(x, i, h, decay, world, laws, work.R)
+        travel_freely(x, i, h, decay, world, work.R)
         for k in range(3):
             velocity[FREE, i, k] = velocity[NOW, i, k] = x[i, V + k]
             velocity[FREE, i, 3 + k] = velocity[NOW, i, 3 + k] = x[i, W + k]
@@ -295,7 +294,7 @@ def _add_travel(x, i, h, start, numbers, radius):
 
 
 @inner(forceinline=True)
-def advance_group(x, count, time, first_time, residual, world, laws, threshold, work):
+def advance_group(x, count, time, first_time, residual, world, threshold, work):
     """One step of the group at hand: from impact to impact, then to the step's end.
 
     With ``horizon`` 0 contacts are chosen by their gaps alone, for an impact.
@@ -304,7 +303,7 @@ def advance_group(x, count, time, first_time, residual, world, laws, threshold, 
     impacts = cuts = 0
     while left > 0.0:
         prepare_members(x, count, world, work)
-        find_contacts(x, count, horizon, world, laws, work)
+        find_contacts(x, count, horizon, world, work)
         if work.counts[OVERFLOW] != NO_OVERFLOW:
             break
         until = left
@@ -326,7 +325,7 @@ def advance_group(x, count, time, first_time, residual, world, laws, threshold, 
         elif horizon == 0.0:
             horizon = left
             continue
-        travel_in_contact(x, count, until, time, first_time, residual, world, laws, threshold, work)
+        travel_in_contact(x, count, until, time, first_time, residual, world, threshold, work)
         if until >= left:
             _remember(left, work)
             break
@@ -368,7 +367,7 @@ def _keep_memory(i, work):
 
 
 @inner(forceinline=True)
-def advance_step(x, time, first_time, quiet, residual, world, laws, threshold, work):
+def advance_step(x, time, first_time, quiet, residual, world, threshold, work):
     """One step of all groups; ends early where room overflows (`OVERFLOW`)."""
     numbers, group, members, near, moving = work.numbers, work.group, work.members, work.near, world.bodies.moving
     bodies, dt = world.bodies, world.dt
@@ -381,7 +380,7 @@ def advance_step(x, time, first_time, quiet, residual, world, laws, threshold, w
     for i in range(len(x)):
         if not moving[i] or group[i] != i:
             continue
-        count, asleep, alone = 0, laws.sleep, True
+        count, asleep, alone = 0, world.implicit.sleep, True
         for j in range(i, len(x)):
             if group[j] == i and moving[j]:
                 members[count] = j
@@ -394,19 +393,19 @@ def advance_step(x, time, first_time, quiet, residual, world, laws, threshold, w
                     x[members[a], V + k] = x[members[a], W + k] = 0.0
             continue
         if count == 1:
-            alone = len(laws.kind) == 0 or clearance(x, i, world, laws, work) >= dt * numbers[i, PACE] + ACTIVE_GAP
+            alone = len(world.surroundings.kind) == 0 or clearance(x, i, world, work) >= dt * numbers[i, PACE] + ACTIVE_GAP
             if alone and any_near:
                 for j in range(len(x)):
                     alone = alone and not near[i, j]
             if alone:
                 numbers[i, TRAVEL] += dt * numbers[i, PACE]
                 quiet[i] = 0
-                travel_freely(x, i, dt, world.decay, world, laws, work.R)
+                travel_freely(x, i, dt, world.decay, world, work.R)
                 continue
-        advance_group(x, count, time, first_time, residual, world, laws, threshold, work)
+        advance_group(x, count, time, first_time, residual, world, threshold, work)
         if work.counts[OVERFLOW] != NO_OVERFLOW:
             return
-        if laws.sleep:
+        if world.implicit.sleep:
             for a in range(count):
                 j = members[a]
                 update_pace(x, j, bodies.radius[j], world.gravity, 0.0, numbers)
@@ -415,7 +414,7 @@ def advance_step(x, time, first_time, quiet, residual, world, laws, threshold, w
 
 
 @inner
-def integrate(x, first_time, contact, force, remembered, quiet, residual, world, laws, begin, steps, work):
+def integrate(x, first_time, contact, force, remembered, quiet, residual, world, begin, steps, work):
     """Advance the state ``x`` (B, 13) of one rollout in place, until room overflows; returns the number of steps done.
 
     ``contact``, ``force``, ``quiet`` and ``residual`` are those of `SolverMemory`, and ``remembered`` (1,) its count.
@@ -437,7 +436,7 @@ def integrate(x, first_time, contact, force, remembered, quiet, residual, world,
             head[old_contact[n, 0]] = n
         for attempt in range(2):
             counts[OVERFLOW] = NO_OVERFLOW
-            advance_step(x, (step + 1) * world.dt, first_time, quiet, residual, world, laws, threshold, work)
+            advance_step(x, (step + 1) * world.dt, first_time, quiet, residual, world, threshold, work)
             if counts[OVERFLOW] == NO_OVERFLOW:
                 break
             for i in range(len(x)):
@@ -456,16 +455,16 @@ def integrate(x, first_time, contact, force, remembered, quiet, residual, world,
 
 
 @kernel
-def advance_implicit(states, first_time, memory, world, laws, begin, steps):
+def advance_implicit(states, first_time, memory, world, begin, steps):
     """Advance states (N, B, 13) in place, and what their rollouts remember (`SolverMemory`) along."""
     contacts, candidates, pool = 64, 256, 2048
     for n in range(len(states)):
-        work = implicit_workspace(states[n], world, laws, contacts, candidates, pool)
+        work = implicit_workspace(states[n], world, contacts, candidates, pool)
         done = 0
         while done < steps:
             done += integrate(
                 states[n], first_time[n], memory.contact[n], memory.force[n], memory.count[n : n + 1], memory.quiet[n],
-                memory.residual[n], world, laws, begin + done, steps - done, work)
+                memory.residual[n], world, begin + done, steps - done, work)
             if done < steps:
                 if work.counts[OVERFLOW] == TOO_MANY_CANDIDATES:
                     candidates *= 2
@@ -473,4 +472,4 @@ def advance_implicit(states, first_time, memory, world, laws, begin, steps):
                     pool *= 2
                 else:
                     contacts *= 2
-                work = implicit_workspace(states[n], world, laws, contacts, candidates, pool)
+                work = implicit_workspace(states[n], world, contacts, candidates, pool)

@@ -124,9 +124,9 @@ class ImplicitWorkspace(NamedTuple):
 
 
 @kernel
-def implicit_workspace(x, world, laws, contacts, candidates, pool):
+def implicit_workspace(x, world, contacts, candidates, pool):
     """Workspace of one rollout that begins at state ``x`` (B, 13), with room for so many contacts, candidates and pairs in lists."""
-    count, elements = len(x), len(laws.kind)
+    count, elements = len(x), len(world.surroundings.kind)
     remembered = 32 + 32 * count
     R = np.empty((count, 3, 3))
     for i in range(count):

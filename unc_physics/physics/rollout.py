@@ -3,6 +3,7 @@
 from . import contact_history as histories
 from .compiled import kernel
 from .explicit_step import integrate
+from .implicit_step import advance_implicit
 from .threads import in_threads
 from .workspace import workspace
 
@@ -37,7 +38,10 @@ def simulate(states, world, steps):
 
 def advance(states, contact_history, world, begin, steps):
     """As `rollout`, in the calling thread, by the step that the world asks for."""
-    advance_explicit(states, contact_history.first_time, world, world.surroundings, begin, steps)
+    if world.implicit is None:
+        advance_explicit(states, contact_history.first_time, world, world.surroundings, begin, steps)
+    else:
+        advance_implicit(states, contact_history.first_time, contact_history.solver, world, begin, steps)
 
 
 @kernel

@@ -1,9 +1,10 @@
 """What the kernels know of a scene: plain arrays in NamedTuples."""
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
+from .implicit_world import Implicit
 from .sphere_tree import Tree
 
 
@@ -81,7 +82,7 @@ class World(NamedTuple):
     surroundings : Surroundings or None
         None for the paper's physics, for which the kernels compile without them. Functions whose code depends
         on that take them as an argument of their own: numba removes a branch only where an argument is None.
-    implicit : NamedTuple or None
+    implicit : Implicit or None
         What the implicit step knows besides; None for the explicit one.
     """
 
@@ -93,4 +94,4 @@ class World(NamedTuple):
     stiffness: float
     stack_size: int
     surroundings: Surroundings | None
-    implicit: Any
+    implicit: Implicit | None

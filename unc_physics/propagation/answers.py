@@ -19,8 +19,8 @@ import numpy as np
 from ..belief import Belief
 from ..environment import element_names
 from ..errors import DuplicateIdError, InvalidEnvironmentError, InvalidRequestError
-from ..physics.rotation import rotation_matrix
 from ..layout import ANGULAR_VELOCITY, POSITION, VELOCITY
+from ..physics.rotation import rotation_matrix
 from ..scene import Scene
 from ..validation import array, positive, quaternion
 from .first_contacts import first_contacts
@@ -273,6 +273,7 @@ class _Outcomes:
 
 def _outcomes(scene, prediction, initial):
     """What may happen, from a prediction's samples or from flights; None where there is nothing to tell it from."""
+    scene = prediction.scene  # with the stiffness that was chosen
     if prediction not in _known:
         found = _sampled(scene, prediction) or _flown(scene, prediction, initial)
         if found is None:

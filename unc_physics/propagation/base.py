@@ -10,9 +10,9 @@ import numpy as np
 
 from ..belief import Belief
 from ..errors import InvalidOptionError, LimitExceededError
+from ..parameters import rollout_varied
 from ..physics import contact_history as histories
 from ..physics.rollout import rollout
-from ..parameters import rollout_varied
 from ..scene import Scene
 from ..validation import integer
 
@@ -71,6 +71,10 @@ class Propagator(ABC):
     @abstractmethod
     def belief(self, carry: Any, scene: Scene) -> Belief:
         """The belief that the carry stands for."""
+
+    def own_samples(self, carry: Any, scene: Scene) -> np.ndarray | None:
+        """(N, B, 13): the states that the answer consists of; None where it is a Gaussian."""
+        return None
 
     @classmethod
     def options(cls) -> dict[str, Any]:

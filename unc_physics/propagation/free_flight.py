@@ -7,7 +7,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..physics.rotation import rotation_matrix
 from ..layout import (
     ANGULAR_VELOCITY,
     ERR_ANGULAR_VELOCITY,
@@ -19,6 +18,7 @@ from ..layout import (
     QUATERNION,
     VELOCITY,
 )
+from ..physics.rotation import rotation_matrix
 
 
 class Course(NamedTuple):

@@ -22,12 +22,12 @@ import numpy as np
 
 from ..belief import Belief
 from ..errors import NotSupportedError
+from ..layout import ANGULAR_VELOCITY, ERROR, POSITION, VELOCITY
 from ..physics import contact_history as histories
 from ..physics.compiled import kernel
 from ..physics.moments import boxminus, spread_states
 from ..physics.shapes import bounds
 from ..physics.world import Bodies, World
-from ..layout import ANGULAR_VELOCITY, ERROR, POSITION, VELOCITY
 from ..scene import Scene
 from .base import Propagator
 from .free_flight import course, fly, transition
@@ -98,6 +98,7 @@ class Islands:
     ----------
     propagator : Propagator
     scene : Scene
+        Whose uncertain parameters are each of one moving body (not `Scene.shared_parameters`).
     marks : sequence of int
         Numbers of steps after which a belief is wanted, ascending; slices end there.
     """
@@ -119,12 +120,7 @@ class Islands:
     def init(self, scene: Scene, belief: Belief) -> IslandsCarry:
         """The islands at time 0: bodies that touch, or whose beliefs are correlated, are together."""
         moving = scene.moving
-        labels = np.arange(len(scene.bodies))
-        if any(parameter.body < 0 for parameter in scene.uncertain):  # shared, so that it correlates all bodies
-            pairs = [(moving[0], k) for k in moving[1:]]
-        else:
-            pairs = _correlated(belief)
-        labels = merged(labels, pairs)
+        labels = merged(np.arange(len(scene.bodies)), _correlated(belief))
         groups = [np.flatnonzero((labels == label) & self._moving) for label in np.unique(labels[moving])]
         self._mean = belief.mean
         if self._shared_draws:  # those of all bodies together
@@ -200,7 +196,9 @@ class Islands:
         if key not in self._parts:
             scene, world = self._scene, self._scene.world
             part = dataclasses.replace(scene, bodies=[scene.bodies[k] for k in key], islands=False)
-            part.__dict__["world"] = world._replace(bodies=Bodies(*(constant[bodies] for constant in world.bodies)))
+            part.__dict__["world"] = world._replace(
+                bodies=Bodies(*(constant[bodies] for constant in world.bodies)),
+                implicit=None if world.implicit is None else world.implicit.of_bodies(bodies))
             self._parts[key] = part
         return self._parts[key]
 
@@ -213,8 +211,8 @@ class Islands:
         )
 
     def _parameters(self, bodies):
-        """Which of the scene's uncertain parameters are about some bodies, or about the scene."""
-        known = {-1, *bodies.tolist()}
+        """Which of the scene's uncertain parameters are about some bodies."""
+        known = set(bodies.tolist())
         return [c for c, parameter in enumerate(self._scene.uncertain) if parameter.body in known]
 
     def _joined(self, islands, bodies):

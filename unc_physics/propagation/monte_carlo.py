@@ -9,10 +9,10 @@ import numpy as np
 
 from ..belief import Belief
 from ..errors import InvalidOptionError
+from ..parameters import center_offsets, draw_parameters, moved_along
 from ..physics import contact_history as histories
 from ..physics.contact_history import ContactHistory
 from ..physics.moments import mean_and_errors, second_moment
-from ..parameters import center_offsets, draw_parameters, moved_along
 from ..scene import INTEGRATORS
 from ..validation import integer
 from .base import Propagator, Traits, rolled
@@ -71,6 +71,9 @@ class MonteCarlo(Propagator):
     def belief(self, carry, scene):
         mean, errors = mean_and_errors(self.states(carry, scene), scene.moving.copy())
         return Belief.trusted(mean, second_moment(errors), scene.moving)
+
+    def own_samples(self, carry, scene):
+        return self.states(carry, scene)
 
     def states(self, carry, scene):
         """(N, B, 13): the samples' states of the models' centres of mass, as beliefs have them."""

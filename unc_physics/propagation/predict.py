@@ -9,9 +9,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..belief import Belief
+from ..environment import element_names
 from ..errors import (
     DivergedError,
     InvalidHorizonError,
+    InvalidRequestError,
     LimitExceededError,
     NotSupportedError,
     PredictionTimeoutError,
@@ -19,10 +21,11 @@ from ..errors import (
 )
 from ..physics.compile_time import clock
 from ..scene import Scene
-from ..validation import positive
+from ..stiffness import with_stiffness
+from ..validation import integer, positive
 from .base import Propagator
 from .islands import Islands
-from .registry import make_propagator
+from .registry import PROPAGATORS, make_propagator
 
 STEPS_LIMIT = 100_000_000
 TIMES_LIMIT = 100_000
@@ -35,6 +38,8 @@ class Prediction:
 
     Attributes
     ----------
+    scene : Scene
+        As it was simulated, with the stiffness that was chosen for it.
     propagator : Propagator
     times : tuple of float
         Simulated time of each belief from the start [s], ascending; the last is the horizon.
@@ -45,6 +50,7 @@ class Prediction:
         What the prediction took, the time to compile or load kernels left out [s].
     """
 
+    scene: Scene
     propagator: Propagator
     times: tuple[float, ...]
     beliefs: tuple[Belief, ...]
@@ -65,6 +71,40 @@ class Prediction:
     def seed(self) -> int | None:
         """The seed that was used; None for a propagator that draws nothing."""
         return getattr(self.propagator, "seed", None)
+
+    def samples(self, count: int | None = None) -> np.ndarray:
+        """States at the horizon that are drawn from the answer, the same at each call.
+
+        Parameters
+        ----------
+        count : int, optional
+            How many; the first ones of a larger number. A propagator that has samples gives its own, by
+            default all of them; otherwise the last belief is drawn from, with the prediction's seed or 0.
+
+        Returns
+        -------
+        (count, B, 13) array
+            As in `Belief.mean`; a fixed body's are all alike.
+
+        Raises
+        ------
+        InvalidRequestError
+            If ``count`` is no number of samples, or is needed and not given.
+        LimitExceededError
+            If the propagator has samples of its own, and fewer.
+        """
+        if count is not None:
+            count = integer(count, "count", low=1)
+        own = self.propagator.own_samples(self.carry, self.scene)
+        if own is None:
+            if count is None:
+                raise InvalidRequestError(
+                    f"must be given: {self.propagator.name} has no samples of its own", field="count")
+            return self.belief.sample(count, np.random.default_rng(self.seed or 0))
+        if count is not None and count > len(own):
+            raise LimitExceededError(
+                f"must be at most the {len(own)} samples of the prediction", field="count", value=count)
+        return own[:count].copy()
 
 
 def predict(
@@ -109,25 +149,29 @@ def predict(
     DivergedError
         If the simulation left the range of numbers.
     NotSupportedError
-        If parameters of the scene are uncertain, which sigma points and Monte Carlo take.
+        If parameters of the scene are uncertain, or its integrator is the implicit one, and the propagator is
+        not one of those that take it.
     InvalidRequestError, LimitExceededError, UnknownPropagatorError
     """
     started = clock()
     if isinstance(propagator, str):
         propagator = make_propagator(propagator)
     belief.check_fits(scene)
-    _check_parameters(scene, propagator)
+    check_supported(scene, propagator)
+    scene = with_stiffness(scene, belief.mean)
     marks = _steps(scene, horizon, times)
     allowed = None if max_computation_time is None else positive(max_computation_time, "max_computation_time")
     in_one_go = allowed is None and progress is None
     piece = marks[-1] if in_one_go else 1
-    runner = Islands(propagator, scene, marks) if scene.islands else propagator
+    in_islands = scene.islands and not scene.shared_parameters  # which tie all bodies together for ever
+    runner = Islands(propagator, scene, marks) if in_islands else propagator
     carry = runner.init(scene, belief)
     done, reached, beliefs = 0, [], []
 
     def made(carry):
-        whole = runner.whole(carry) if scene.islands else carry
-        return Prediction(propagator, tuple(reached), tuple(beliefs), whole, clock() - started)
+        whole = runner.whole(carry) if in_islands else carry
+        took = clock() - started
+        return Prediction(scene, propagator, tuple(reached), tuple(beliefs), whole, took)
 
     for mark in marks:
         while done < mark:
@@ -166,12 +210,20 @@ def periodic_times(period: float, horizon: float) -> list[float]:
     return [k * period for k in range(1, math.ceil(count - 1e-9))]
 
 
-def _check_parameters(scene, propagator):
-    """Raise `NotSupportedError` if parameters are uncertain and the propagator knows nothing of that."""
+def check_supported(scene: Scene, propagator: Propagator) -> None:
+    """Raise `NotSupportedError` if the propagator does not take the integrator, or uncertain parameters."""
+    if scene.integrator not in propagator.integrators:
+        able = [name for name, cls in PROPAGATORS.items() if scene.integrator in cls.integrators]
+        raise NotSupportedError(
+            f"does not run on the {scene.integrator} integrator; {' and '.join(able)} do", field="propagator",
+            value=propagator.name)
     if scene.uncertain and not propagator.varies_parameters:
         first = scene.uncertain[0]
-        owner = "" if first.body < 0 else f" of body '{scene.bodies[first.body].name}'"
-        raise NotSupportedError(f"is not supported by {propagator.name}", field=f"{first.name}_std{owner}", value=float(first.std))
+        owners = [f" of body '{body.name}'" for body in scene.bodies]
+        owners += [f" of element '{name}'" for name in element_names(scene.environment)]
+        owner = "" if first.body < 0 else owners[first.body]
+        field = f"{first.name}_std{owner}"
+        raise NotSupportedError(f"is not supported by {propagator.name}", field=field, value=float(first.std))
 
 
 def _next_piece(steps, took):

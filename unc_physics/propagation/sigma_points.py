@@ -9,10 +9,10 @@ import numpy as np
 
 from ..belief import Belief
 from ..errors import InvalidOptionError
+from ..parameters import center_offsets, moved_along
 from ..physics import contact_history as histories
 from ..physics.contact_history import ContactHistory
 from ..physics.moments import mean_and_errors, second_moment, spread_states
-from ..parameters import center_offsets, moved_along
 from ..scene import INTEGRATORS
 from .base import Propagator, Traits, rolled, symmetric_root
 

@@ -11,13 +11,6 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from ..belief import Belief
-from ..physics.broad_phase import near_pairs
-from ..physics.compiled import kernel
-from ..physics.contact_model import capacity, impact_frequency
-from ..physics.narrow_phase import DISTANCE, VOLUME, next_contacts, open_pair
-from ..physics.rotation import rotation_matrix
-from ..physics.element_contacts import next_element_contacts, open_element
-from ..physics.workspace import workspace
 from ..layout import (
     ANGULAR_VELOCITY,
     ERR_ANGULAR_VELOCITY,
@@ -29,6 +22,13 @@ from ..layout import (
     QUATERNION,
     VELOCITY,
 )
+from ..physics.broad_phase import near_pairs
+from ..physics.compiled import kernel
+from ..physics.contact_model import capacity, impact_frequency
+from ..physics.element_contacts import next_element_contacts, open_element
+from ..physics.narrow_phase import DISTANCE, VOLUME, next_contacts, open_pair
+from ..physics.rotation import rotation_matrix
+from ..physics.workspace import workspace
 from ..scene import Scene
 from .islands import merged
 from .monte_carlo import MonteCarlo
@@ -146,6 +146,7 @@ def assess_all(
     scene: Scene, initial: Belief, prediction: Prediction, rollouts: int = ROLLOUTS
 ) -> tuple[tuple[BodyStatus, ...], ...]:
     """As `assess`, at each of the prediction's times."""
+    scene = prediction.scene  # with the stiffness that was chosen
     nominal = prediction.propagator.traits.mean_update == "nominal"
     meets = len(scene.bodies) + len(scene.environment) > 1 or scene.gyroscopic  # else flight is exact
     spreads = [None] * len(prediction.times)
@@ -240,7 +241,8 @@ def _directions(scene, start, prediction, group):
     values = np.linalg.eigvalsh(start.blocks)
     own = np.zeros(len(scene.bodies))
     own[scene.moving] = ERROR if prediction.propagator.points == "full" else (values > 1e-14 * values[:, -1:]).sum(axis=1)
-    shared = np.bincount(group, own, len(own))[group] if scene.islands else np.full(len(own), own.sum())
+    apart = scene.islands and not scene.shared_parameters
+    shared = np.bincount(group, own, len(own))[group] if apart else np.full(len(own), own.sum())
     return shared + len(scene.uncertain)
 
 

@@ -37,7 +37,6 @@ from ..errors import (
     NotFiniteError,
     UncPhysicsError,
 )
-from ..physics.rotation import rotation_matrix
 from ..layout import (
     ANGULAR_VELOCITY,
     ERROR,
@@ -46,17 +45,17 @@ from ..layout import (
     STATE,
     VELOCITY,
 )
+from ..physics.rotation import rotation_matrix
+from ..physics.so3 import rotation_matrix
+from ..presets import with_changes
 from ..scene import RigidBody, Scene
-from ..scene_file import PHYSICS_KEYS, physics_options
-from ..stiffness import auto_stiffness
+from ..scene_file import PHYSICS_KEYS, PRESET, physics_value, preset, with_chosen_stiffness
 from ..validation import array, covariance, non_negative, number, positive, quaternion
 from .origin import at_origin, congruent, covariance_at_com, error_map, moved
 from .surroundings import read_environment
 
 #: First entry of a covariance that is not known, as in sensor_msgs/Imu.
 UNKNOWN = -1.0
-#: The stiffness that follows from the scene.
-AUTO = "auto"
 
 _AT_REST = 0.0, 0.0, 0.0
 _EXACT = 0.0, (0.0, 0.0, 0.0)  # standard deviations of mass and centre of mass
@@ -122,7 +121,7 @@ def read_scene(
     environment : Environment
     library : ModelLibrary
     physics : dict
-        Arguments of `Scene` besides bodies and environment; the stiffness may be `AUTO`.
+        Arguments of `Scene` besides bodies and environment; the stiffness may be `stiffness.AUTO`.
     doubts : Doubts
     max_objects, max_spheres, max_elements : int, optional
     fields : sequence of str, optional
@@ -152,12 +151,11 @@ def read_scene(
         raise DuplicateIdError("is the id of an object, too", field=f"environment.ids[{taken[name]}]", value=name)
     bodies = tuple(_rigid_body(*body) for body, *_ in read)
     mean = np.array([state for _, state, _, _ in read])
-    if physics.get("stiffness") == AUTO:
-        physics = physics | {"stiffness": _auto_stiffness(bodies, mean, physics.get("gravity", (0.0, 0.0, 0.0)))}
+    physics = with_chosen_stiffness(physics, bodies, mean)
     constants = tuple((key, _hashable(physics[key])) for key in sorted(physics))
     try:
         scene = _scene(bodies, elements, constants)
-    except InvalidRequestError as error:  # the node's own parameters are in range
+    except (InvalidRequestError, InvalidOptionError) as error:  # the node's own parameters go together
         raise InvalidOptionError(error.problem, field=f"scene_options '{error.field}'", value=error.value) from None
     blocks = np.array([P for body, (_, _, P, _) in zip(bodies, read, strict=True) if not body.fixed]).reshape(-1, ERROR, ERROR)
     belief = Belief.trusted(mean, blocks, scene.moving.copy())
@@ -171,14 +169,6 @@ def _rigid_body(*arguments):
     return RigidBody(*arguments)
 
 
-def _auto_stiffness(bodies, mean, gravity):
-    with np.errstate(over="ignore"):
-        try:
-            return auto_stiffness(bodies, mean, gravity)
-        except OverflowError:
-            raise LimitExceededError("are too fast or too heavy for any stiffness", field="objects") from None
-
-
 @functools.lru_cache(maxsize=32)
 def _scene(bodies, elements, physics):
     """A scene that comes again keeps what the kernels need."""
@@ -186,7 +176,7 @@ def _scene(bodies, elements, physics):
 
 
 def _hashable(value):
-    return value if isinstance(value, (str, bool, int, float)) else tuple(value)
+    return value if value is None or isinstance(value, (str, bool, int, float)) else tuple(value)
 
 
 def read_options(pairs, field) -> dict[str, str]:
@@ -199,34 +189,34 @@ def read_options(pairs, field) -> dict[str, str]:
     return options
 
 
-def read_physics(pairs) -> dict:
-    """Arguments of `Scene` from ``scene_options``: keys of a scene file, values in YAML.
+def read_physics(pairs, physics: dict) -> dict:
+    """Arguments of `Scene`: ``physics``, changed by ``scene_options``: keys of a scene file, values in YAML.
+
+    The key `PRESET` names a preset in place of the node's own; null takes a law away.
 
     Raises
     ------
     InvalidOptionError, NotFiniteError, InvalidHorizonError
     """
-    options = {}
+    given = {}
     for key, text in read_options(pairs, "scene_options").items():
         field = f"scene_options '{key}'"
-        if key not in PHYSICS_KEYS:
-            raise InvalidOptionError(f"must be one of {', '.join(PHYSICS_KEYS)}", field="scene_options", value=key)
+        if key not in (known := (PRESET, *PHYSICS_KEYS)):
+            raise InvalidOptionError(f"must be one of {', '.join(known)}", field="scene_options", value=key)
         try:
             value = _parsed(text)
         except (yaml.YAMLError, ValueError, RecursionError):
             raise InvalidOptionError("is not valid YAML", field=field, value=text) from None
-        if value is None:
-            raise InvalidOptionError("must have a value", field=field, value=text)
-        if key == "stiffness" and value == AUTO:
-            options[key] = AUTO
-            continue
         try:
-            options |= physics_options({key: value})
+            if key == PRESET:
+                physics = preset(value)
+            else:
+                given[key] = physics_value(key, value)
         except InvalidRequestError as error:
             raise InvalidOptionError(error.problem, field=field, value=text) from None
         except UncPhysicsError as error:
             raise type(error)(error.problem, field=field, value=text) from None
-    return options
+    return with_changes(physics, given)
 
 
 @functools.lru_cache(maxsize=64)

@@ -16,7 +16,7 @@ from .demo_client import NODE
 _END_TIMEOUT = 10.0  # s
 _PHYSICS = {  # the paper's
     "dt": 0.01, "stiffness": 1e4, "damping": 0.3, "gravity": [0.0, 0.0, 0.0], "integrator": "explicit",
-    "gyroscopic": "false", "islands": "false",
+    "friction": 0.0, "restitution": 1.0, "gyroscopic": "false", "islands": "false",
 }
 
 

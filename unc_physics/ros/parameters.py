@@ -9,11 +9,16 @@ from dataclasses import Field, dataclass, field, fields
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor, SetParametersResult
 
 from ..errors import InvalidOptionError, UncPhysicsError
+from ..materials import refuse_with_explicit
+from ..presets import PRESETS
 from ..propagation import PROPAGATORS
-from ..scene import INTEGRATORS
+from ..scene import INTEGRATORS, check_integrator
 from ..scene_file import PHYSICS_KEYS
+from ..stiffness import AUTO
 from ..validation import non_negative
-from .conversions import AUTO, Doubts
+from .conversions import Doubts
+
+_EVERYDAY = PRESETS["everyday"]
 
 
 def parameter(default, description, *, low=None, high=None, choices=(), read_only=False):
@@ -41,27 +46,41 @@ class Settings:
 
     default_propagator: str = parameter(
         "sigma_points", "Propagator of requests that name none.", choices=tuple(PROPAGATORS))
-    dt: float = parameter(0.005, "Time step [s].", low=1e-6, high=1.0)
+    dt: float = parameter(_EVERYDAY["dt"], "Time step [s].", low=1e-6, high=1.0)
     stiffness: float | str = parameter(
-        AUTO, "Stiffness of contacts, force per overlap volume [N/m^3], at least 0; 'auto': at which no body of the scene "
-        "presses deeper into another than 5 % of its largest sphere's radius.")
+        AUTO, "Stiffness of contacts, force per overlap volume [N/m^3], at least 0; 'auto': at which no body "
+        "sinks in by more than 0.1 mm where it rests ('implicit'), or presses deeper into another than 5 % of "
+        "its largest sphere's radius ('explicit').")
     damping: float = parameter(0.0, "Decay rate of all velocities [1/s].", low=0.0, high=1e3)
-    gravity: tuple[float, ...] = parameter((0.0, 0.0, -9.81), "Gravity in the world frame, 3 numbers [m/s^2].")
+    gravity: tuple[float, ...] = parameter(
+        _EVERYDAY["gravity"], "Gravity in the world frame, 3 numbers [m/s^2].")
 
-    friction: float = parameter(0.0, "Coefficient of Coulomb friction of all contacts; 0: none.", low=0.0, high=100.0)
+    friction: float = parameter(
+        _EVERYDAY["friction"],
+        "Coefficient of Coulomb friction of all contacts; 0: none, as 'explicit' needs.",
+        low=0.0, high=100.0)
     restitution: float = parameter(
-        1.0, "Coefficient of restitution of all contacts; 1: elastic.", low=0.0, high=1.0)
+        _EVERYDAY["restitution"],
+        "Coefficient of restitution of all contacts; 1: elastic, as 'explicit' needs.",
+        low=0.0, high=1.0)
     gyroscopic: bool = parameter(
-        True, "Whether turning bodies keep their angular momentum; otherwise their angular velocity, as in the paper.")
+        _EVERYDAY["gyroscopic"],
+        "Whether turning bodies keep their angular momentum; otherwise their angular velocity, as in the "
+        "paper.")
     integrator: str = parameter(
-        "robust", "How steps are taken: as in the paper ('explicit'), or divided and linearly implicit where contacts "
-        "need it ('robust').", choices=INTEGRATORS)
+        _EVERYDAY["integrator"],
+        "How steps are taken: as in the paper ('explicit'), or with contacts that are "
+        "solved for, with friction and rest ('implicit').", choices=INTEGRATORS)
+    sleep: bool = parameter(
+        False, "Whether what rests is not computed until something pushes it; not with 'explicit'.")
     islands: bool = parameter(
         True, "Whether bodies that cannot touch each other are predicted by themselves, by propagators that keep "
         "correlations between bodies (the others treat bodies one by one anyway); otherwise all of a scene together.")
     warm_up: tuple[str, ...] = parameter(
-        tuple(PROPAGATORS), "Propagators whose kernels are compiled, or loaded, before the node is ready; others' are when "
-        "they are first asked for.", choices=tuple(PROPAGATORS), read_only=True)
+        ("sigma_points", "monte_carlo"), "Propagators whose kernels are compiled, or loaded, before the node "
+        "is ready; others' are when they are first asked for. Those that do not run on the integrator are "
+        "left out.",
+        choices=tuple(PROPAGATORS), read_only=True)
 
     zero_covariance: str = parameter(
         "default", "What a pose or twist covariance of zeros means: unknown, so that the default takes its place "
@@ -102,7 +121,8 @@ class Settings:
 
     horizons: tuple[float, ...] = parameter(
         (0.2, 0.5, 1.0, 2.0), "Times for which streamed scenes are predicted [s].")
-    stream_propagator: str = parameter("surrogate", "Propagator for streamed scenes.", choices=tuple(PROPAGATORS))
+    stream_propagator: str = parameter(
+        "sigma_points", "Propagator for streamed scenes.", choices=tuple(PROPAGATORS))
     stream_probabilities: bool = parameter(
         False, "Whether predictions of streamed scenes tell probabilities of contact and rest, too.")
     max_input_age: float = parameter(
@@ -123,6 +143,7 @@ class Settings:
     marker_cells: int = parameter(12, "Cells along the longest side of a shape in ~/markers.", low=2, high=40)
 
     def __post_init__(self):
+        check_integrator(self.integrator)
         for spec in fields(self):
             value = getattr(self, spec.name)
             numbers = value if isinstance(value, tuple) else (value,)
@@ -133,6 +154,8 @@ class Settings:
             if choices and not set(chosen) <= {*choices, *([""] if isinstance(value, tuple) else [])}:
                 raise InvalidOptionError(f"must be one of {', '.join(choices)}", field=spec.name, value=value)
         object.__setattr__(self, "stiffness", _stiffness(self.stiffness))
+        if self.integrator == "explicit":
+            refuse_with_explicit(self)
         if len(self.gravity) != 3:
             raise InvalidOptionError("must have 3 numbers", field="gravity", value=list(self.gravity))
         if not self.horizons or min(self.horizons) <= 0.0 or max(self.horizons) > self.max_horizon:

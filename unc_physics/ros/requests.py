@@ -18,11 +18,12 @@ from ..errors import (
     UncPhysicsError,
 )
 from ..layout import ERROR
+from ..physics_summary import physics_as_text
 from ..propagation import Prediction, predict
 from ..propagation.answers import BoxRegion
 from ..propagation.base import Propagator
 from ..propagation.monte_carlo import MonteCarlo
-from ..propagation.predict import periodic_times
+from ..propagation.predict import check_supported, periodic_times
 from ..propagation.registry import propagator_from_texts
 from ..scene import Scene
 from ..validation import non_negative, positive
@@ -121,11 +122,12 @@ def read_request(
     options = read_options(request.propagator_options, "propagator_options")
     propagator = _propagator(request.propagator, options, request.samples, seed, settings)
     islands = settings.islands and propagator.traits.cross_body  # the others' work is that of single bodies anyway
-    physics = settings.physics | {"islands": islands} | read_physics(request.scene_options)
+    physics = read_physics(request.scene_options, settings.physics | {"islands": islands})
     read = read_scene(
         objects, environment, library, physics, settings.doubts,
         settings.max_objects, settings.max_spheres, settings.max_elements, fields,
     )
+    check_supported(read.scene, propagator)
     times = _times(request.trajectory_period, horizon, read.scene.dt, settings)
     job = Job(
         read.scene, read.belief, _regions(regions, settings), read.models, propagator, horizon, times,
@@ -177,6 +179,7 @@ def write_answer(message, header, settings: Settings, job: Job, outcome: Outcome
     message.header.stamp = header.stamp
     message.header.frame_id = settings.world_frame
     message.propagator = job.propagator.name
+    message.physics = physics_as_text(prediction.scene)
     message.objects = objects
     message.joint_covariances = joints
     complete = prediction.time > job.horizon - job.scene.dt

@@ -11,8 +11,9 @@ from ..geometry.packing_file import SpherePacking
 from ..layout import ERROR, QUATERNION, STATE
 from ..propagation import PROPAGATORS, make_propagator
 from ..scene import RigidBody, Scene
+from ..stiffness import AUTO
 from ..validation import covariance
-from .conversions import AUTO, Wanted
+from .conversions import Wanted
 from .origin import covariance_at_com
 from .parameters import Settings
 from .requests import Job, run, write_answer
@@ -36,7 +37,9 @@ def warm_up(settings: Settings) -> None:
     P = covariance(1e-6 * np.eye(ERROR), ERROR, "covariance")
     belief = Belief(mean, np.stack([P, P]), scene.moving)
     covariance_at_com(np.eye(6), np.eye(6), mean[0], np.zeros(3))  # of each object that is read
-    for name in filter(None, settings.warm_up):
+    for name in settings.warm_up:
+        if not name or settings.integrator not in PROPAGATORS[name].integrators:
+            continue
         few = {"samples": 4} if "samples" in PROPAGATORS[name].options() else {}
         propagator = make_propagator(name, **few)
         wanted = Wanted(covariance=True, joint_covariance=propagator.traits.cross_body, probabilities=True)

@@ -7,8 +7,8 @@ from importlib.util import find_spec
 
 import numpy as np
 
-from ...physics.rollout import simulate
 from ...layout import QUATERNION
+from ...physics.rollout import simulate
 from ..comparison import CPU_TIME, FLOOR, MONTE_CARLO, POSITION_ERROR, ROTATION_ERROR
 from ..engines import PEERS
 from ..jobs import Job, Outcome, Row, Settings

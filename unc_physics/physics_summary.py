@@ -1,0 +1,58 @@
+"""Which physics an answer was made with, for those who read it."""
+
+from __future__ import annotations
+
+from .environment import element_names
+from .materials import DEFAULT_RESTITUTION, Materials
+from .scene import Scene
+
+_STDS = ("stiffness_std", "gravity_direction_std", "friction_std", "restitution_std")
+
+
+def physics_of(scene: Scene) -> dict:
+    """The physics of a scene by name, as plain Python values [SI]; no stiffness where it is yet to be chosen.
+
+    ``friction`` and ``restitution`` are those of all surfaces that have none of their own; ``friction_of``
+    and ``restitution_of``, by the surfaces' names, those of the others, where there are any. Uncertain
+    parameters of the scene have their standard deviations.
+    """
+    restitution = DEFAULT_RESTITUTION[scene.integrator] if scene.restitution is None else scene.restitution
+    found = {
+        "integrator": scene.integrator,
+        "dt": scene.dt,
+        "stiffness": scene.stiffness,
+        "damping": scene.damping,
+        "gravity": scene.gravity.tolist(),
+        "gyroscopic": scene.gyroscopic,
+        "friction": scene.friction or 0.0,
+        "restitution": restitution,
+        "islands": scene.islands,
+        "sleep": scene.sleep,
+    }
+    names = [body.name for body in scene.bodies] + element_names(scene.environment)
+    for key in Materials._fields:
+        own = {
+            name: value
+            for name, surface in zip(names, scene.surfaces, strict=True)
+            if (value := getattr(surface, key)) is not None
+        }
+        if own:
+            found[f"{key}_of"] = own
+    return found | {key: std for key in _STDS if (std := getattr(scene, key))}
+
+
+def physics_as_text(scene: Scene) -> str:
+    """The physics of a scene in a line, as 'implicit, dt 0.0041667 s, stiffness 6.3e+11 N/m^3, ...'."""
+    physics = physics_of(scene)
+    parts = [physics["integrator"], f"dt {physics['dt']:.5g} s"]
+    parts.append("stiffness auto" if scene.stiffness is None else f"stiffness {scene.stiffness:.3g} N/m^3")
+    if any(physics["gravity"]):
+        parts.append(f"gravity ({', '.join(f'{g:g}' for g in physics['gravity'])}) m/s^2")
+    if physics["damping"]:
+        parts.append(f"damping {physics['damping']:g} 1/s")
+    if scene.integrator == "implicit":
+        parts += [
+            f"{key} {physics[key]:g}" + (" (some surfaces have their own)" if f"{key}_of" in physics else "")
+            for key in Materials._fields
+        ]
+    return ", ".join(parts + [key for key in ("gyroscopic", "islands", "sleep") if physics[key]])

@@ -1,0 +1,23 @@
+"""Physics by name: what a scene is simulated with where it says nothing else."""
+
+#: Arguments of `Scene` for each value of a scene file's key ``physics``: the paper's, and a robot's world.
+PRESETS = {
+    "paper": {},
+    "everyday": {
+        "integrator": "implicit",
+        "dt": 1.0 / 240.0,  # s
+        "gravity": (0.0, 0.0, -9.81),  # m/s^2
+        "gyroscopic": True,
+        "friction": 0.5,
+        "restitution": 0.1,
+    },
+}
+
+#: What None takes away. Of anything else, as of the time step, it means that nothing is said.
+_LAWS = ("gravity", "gyroscopic", "friction", "restitution", "damping", "sleep", "islands")
+
+
+def with_changes(physics: dict, given: dict) -> dict:
+    """Arguments of `Scene`: those given, and ``physics`` where nothing is said; None takes a law away."""
+    said = {key: value for key, value in given.items() if value is not None or key in _LAWS}
+    return {key: value for key, value in (physics | said).items() if value is not None}
