@@ -8,9 +8,9 @@ from typing import ClassVar
 import numpy as np
 
 from .errors import InvalidEnvironmentError
+from .materials import Surface, check_surface
 from .physics import shapes
 from .physics.rotation import rotation_matrix
-from .materials import Surface, check_surface
 from .validation import array, number, positive, quaternion
 
 
@@ -277,8 +277,6 @@ class Capsule(Element):
 
 #: Class of each kind of element, by the name of its shape.
 ELEMENTS = {element.shape: element for element in (Plane, Box, Sphere, Cylinder, Capsule)}
-        object.__setattr__(self, "orientation", quaternion(self.orientation, "orientation"))
-        check_surface(self, error=InvalidEnvironmentError)
 
 
 def element_names(environment) -> list[str]:

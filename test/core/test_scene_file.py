@@ -7,7 +7,7 @@ from conftest import CONTENTS
 
 from unc_physics import load_scene
 from unc_physics.environment import Box, Capsule, Cylinder, Plane, Sphere, element_names
-from unc_physics.scene_file import PHYSICS_KEYS, scene_from_dict
+from unc_physics.scene_file import PHYSICS_KEYS, PRESET, scene_from_dict
 
 TURNED = [0.0, 0.0, 0.6, 0.8]
 SURROUNDINGS = [
