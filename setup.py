@@ -52,6 +52,6 @@ setup(
         ],
     },
     entry_points={"console_scripts": [f"{NAME} = {NAME}.__main__:main"]},
-    package_data={f"{NAME}.evaluation.hard_cases": ["*.yaml", "*.npz"]},
+    package_data={f"{NAME}.evaluation": ["data/*/*"], f"{NAME}.evaluation.hard_cases": ["*.yaml", "*.npz"]},
     zip_safe=False,
 )

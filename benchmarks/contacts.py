@@ -9,10 +9,10 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from unc_physics.physics.contact import next_contacts
-from unc_physics.physics.rollout import simulate
-from unc_physics.physics.step import open_pair, workspace
 from unc_physics.layout import P
+from unc_physics.physics.narrow_phase import next_contacts, open_pair
+from unc_physics.physics.rollout import simulate
+from unc_physics.physics.workspace import workspace
 
 PHASES = ("flight", "near miss", "contact")
 
@@ -20,7 +20,7 @@ PHASES = ("flight", "near miss", "contact")
 @njit(cache=True, nogil=True)
 def _contacts(x, world):
     """Number of contacts at the state ``x`` (B, 13), and whether any two bodies' balls overlap."""
-    work = workspace(x, world, None)
+    work = workspace(x, world)
     total, near = 0, False
     for i in range(len(x)):
         for j in range(i + 1, len(x)):

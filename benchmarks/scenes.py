@@ -15,12 +15,11 @@ from numba import types
 
 from unc_physics import Belief, RigidBody, Scene, load_model, make_propagator, predict
 from unc_physics.environment import Plane
-from unc_physics.evaluation.energy import kinetic_energy
 from unc_physics.evaluation.provenance import versions
 from unc_physics.evaluation.scenarios import collision
 from unc_physics.evaluation.timing import paired, ratio
-from unc_physics.physics.rollout import advance, simulate
 from unc_physics.layout import POSITION, QUATERNION
+from unc_physics.physics.rollout import advance_explicit, simulate
 
 from .rows import Report, machine_and_load
 
@@ -31,11 +30,9 @@ NEUTRAL = {  # every feature named, at the value that means that there is none
 FEATURES = {
     "a floor out of reach": {"environment": (Plane(offset=-100.0),)},
     "gyroscopic term": {"gyroscopic": True},
-    "restitution 0.5": {"restitution": 0.5},
-    "friction 0.5": {"friction": 0.5},
-    "robust integrator": {"integrator": "robust"},
+    "implicit integrator": {"integrator": "implicit", "restitution": 1.0},
     "all of these": {
-        "environment": (Plane(offset=-100.0),), "gyroscopic": True, "restitution": 0.5, "friction": 0.5, "integrator": "robust"},
+        "environment": (Plane(offset=-100.0),), "gyroscopic": True, "restitution": 0.5, "friction": 0.5, "integrator": "implicit"},
 }
 
 
@@ -63,16 +60,16 @@ def measure_unused(report, models, spheres, rounds):
         for count in spheres:
             plain, states, steps = _case(model, count, rounds)
             named = replace(plain, **NEUTRAL)
-            before = set(advance.signatures)
+            before = set(advance_explicit.signatures)
             # each in arrays of its own, as the processor's caches count; a round's first finds them colder: not compared
             runs = {"first": plain, "plain": replace(plain), "named": named, "again": replace(plain)}
             times = paired(_rollouts(runs, states, steps), rounds)
-            compiled = [s for s in advance.signatures if s not in before] or advance.signatures
-            without = named.world.laws is None and plain.world.laws is None and all(s[3] == types.none for s in compiled)
+            compiled = [s for s in advance_explicit.signatures if s not in before] or advance_explicit.signatures
+            without = named.world.surroundings is None and plain.world.surroundings is None and all(s[3] == types.none for s in compiled)
             report.add(
                 "unused", "named / plain", f"{model} {count}", ratio(times, "named", "plain"), goal=1.02, at_most=True,
                 note=f"plain against itself {ratio(times, 'again', 'plain'):.3f}; "
-                + ("kernels compiled without laws" if without else "KERNELS COMPILED WITH LAWS"))
+                + ("kernels compiled without surroundings" if without else "KERNELS COMPILED WITH SURROUNDINGS"))
 
 
 def measure_used(report, models, spheres, rounds):
@@ -88,34 +85,11 @@ def measure_used(report, models, spheres, rounds):
                            note=f"{1e3 * np.median(times[label]) / 8:.3f} against {1e3 * np.median(times['plain']) / 8:.3f} ms")
 
 
-def measure_robust(report, models, spheres, rounds):
-    """The robust integrator over the explicit one at several steps, and how much energy the latter gains there undamped."""
-    report.heading("Robust integrator over the explicit one; where that gains energy in no undamped collision (at most 1 %), the goal is 1.2")
-    for model in models:
-        for count in spheres:
-            plain, states, steps = _case(model, count, rounds)
-            for step in (0.0005, 0.001, 0.002, 0.005, 0.01):
-                explicit = replace(plain, dt=step)
-                scenes = {"explicit": explicit, "robust": replace(explicit, integrator="robust")}
-                many = round(steps * plain.dt / step)
-                times = paired(_rollouts(scenes, states, many), rounds)
-                gain = _largest_gain(replace(explicit, damping=0.0), states.reshape(-1, *states.shape[2:])[:40], many)
-                report.add("robust", f"step {1e3 * step:g} ms", f"{model} {count}", ratio(times, "robust", "explicit"),
-                           goal=1.2 if gain < 0.01 else None, at_most=True, note=f"the explicit step gains up to {100.0 * gain:.2g} % of energy")
-
-
-def _largest_gain(scene, states, steps):
-    """The most of its kinetic energy that one of several rollouts gains."""
-    ended = states.copy()
-    simulate(ended, scene.world, steps)
-    return float(np.max(kinetic_energy(scene, ended) / kinetic_energy(scene, states))) - 1.0
-
-
 def measure_contact(report, rounds, count=500):
     """A box that falls onto a floor and comes to rest, over the same fall without a floor."""
     report.heading("A salt box of 500 spheres that falls 5 cm onto a floor and rests there: 1 s in 200 steps, over free fall")
     scene = Scene([RigidBody("box", load_model("salt_box").prefix(count), 0.52)], dt=0.005, stiffness=1e8, damping=0.0,
-                  gravity=(0.0, 0.0, -9.81), friction=0.5, restitution=0.2, gyroscopic=True, integrator="robust")
+                  gravity=(0.0, 0.0, -9.81), friction=0.5, restitution=0.2, gyroscopic=True, integrator="implicit")
     landing = replace(scene, environment=(Plane(),))
     rng = np.random.default_rng(2)
     states = np.zeros((rounds, 8, 1, 13))
@@ -186,7 +160,7 @@ def measure_islands(report, rounds, count=64):
         report.add("islands", "joint / islands", name, ratio(times, "joint", "many"), note=f"{1e3 * np.median(times['joint']):.3g} ms")
 
 
-SECTIONS = ("unused", "used", "robust", "contact", "parameters", "islands")
+SECTIONS = ("unused", "used", "contact", "parameters", "islands")
 
 
 def main():
@@ -208,8 +182,6 @@ def main():
         measure_unused(report, arguments.models, arguments.spheres, 3 * rounds)
     if "used" in arguments.only:
         measure_used(report, arguments.models, arguments.spheres, rounds)
-    if "robust" in arguments.only:
-        measure_robust(report, arguments.models, arguments.spheres, rounds)
     if "contact" in arguments.only:
         measure_contact(report, rounds)
     if "parameters" in arguments.only:

@@ -8,8 +8,8 @@ from functools import cached_property
 import numpy as np
 
 from .errors import InvalidCovarianceError, InvalidRequestError
-from .physics.moments import pivoted_cholesky, spread_states
 from .layout import ERROR, QUATERNION, STATE
+from .physics.moments import pivoted_cholesky, spread_states
 from .validation import array, covariance, numbers, quaternion
 
 #: Variance, relative to the largest, below which a direction counts as certain.

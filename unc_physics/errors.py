@@ -144,7 +144,7 @@ class InvalidOptionError(UncPhysicsError):
 
 
 class InvalidEnvironmentError(UncPhysicsError):
-    """A plane or box of the environment that makes no solid."""
+    """An element of the environment that makes no solid."""
 
     code = ErrorCode.INVALID_ENVIRONMENT
 

@@ -6,6 +6,8 @@ import numpy as np
 
 from .layout import ANGULAR_VELOCITY, POSITION, QUATERNION, VELOCITY
 from .materials import Materials, varied
+from .physics import contact_history as histories
+from .physics.contact_history import ContactHistory
 from .physics.rollout import advance
 from .physics.threads import in_threads
 from .physics.world import World
@@ -31,19 +33,18 @@ def vary(scene: Scene, z: np.ndarray) -> World:
     Mass and inertia share a factor. A shifted centre of mass moves the spheres the other way in the body frame.
     """
     world = scene.world
-    b, laws, bodies = world.bodies, world.laws, scene.bodies
-    inverse_mass, inverse_inertia, radius, tree = b.inverse_mass.copy(), b.inverse_inertia.copy(), b.radius, world.tree
-    mass, inertia = (None, None) if laws is None else (laws.mass.copy(), laws.inertia.copy())
-    stiffness, gravity, tilt = world.stiffness, world.gravity, np.zeros(2)
+    b, bodies = world.bodies, scene.bodies
+    mass, inertia, inverse_mass, inverse_inertia = (
+        constant.copy() for constant in (b.mass, b.inertia, b.inverse_mass, b.inverse_inertia))
+    radius, tree, gravity, stiffness, tilt = b.radius, world.tree, world.gravity, world.stiffness, np.zeros(2)
     for parameter, value in zip(scene.uncertain, z, strict=True):
         name, k = parameter.name, parameter.body
         if name == "mass":
             factor = np.exp(value * parameter.std / bodies[k].mass)
             inverse_mass[k] /= factor
             inverse_inertia[k] /= factor
-            if laws is not None:
-                mass[k] *= factor
-                inertia[k] *= factor
+            mass[k] *= factor
+            inertia[k] *= factor
         elif name == "stiffness":
             stiffness = float(stiffness * np.exp(value * parameter.std / stiffness))
         elif name == "gravity_direction":
@@ -53,17 +54,17 @@ def vary(scene: Scene, z: np.ndarray) -> World:
     offsets = center_offsets(scene, z[None])[0]
     if len(offsets):
         tree, radius = _shifted_trees(scene, offsets)
-    if laws is not None:
-        laws = laws._replace(mass=mass, inertia=inertia)
-    varied_world = world._replace(
-        bodies=b._replace(inverse_mass=inverse_mass, inverse_inertia=inverse_inertia, radius=radius),
-        tree=tree, gravity=gravity, stiffness=stiffness, laws=laws,
-    )
-    implicit = getattr(world, "implicit", None)
-    if implicit is None:
-        return varied_world
-    friction, restitution = vary_materials(scene, z)
-    return varied_world._replace(implicit=implicit._replace(friction=friction, restitution=restitution))
+    own = b._replace(mass=mass, inertia=inertia, inverse_mass=inverse_mass, inverse_inertia=inverse_inertia, radius=radius)
+    implicit = world.implicit
+    if implicit is not None:
+        friction, restitution = vary_materials(scene, z)
+        implicit = implicit._replace(friction=friction, restitution=restitution)
+        if len(offsets):
+            some, extent = implicit.hull_sphere, implicit.extent.copy()
+            extent[:, :3] -= offsets
+            hull = np.column_stack([tree.centers[some], tree.radii[some]])
+            implicit = implicit._replace(hull=hull, extent=extent)
+    return world._replace(bodies=own, tree=tree, gravity=gravity, stiffness=stiffness, implicit=implicit)
 
 
 def vary_materials(scene: Scene, z: np.ndarray) -> Materials:
@@ -85,13 +86,15 @@ def vary_materials(scene: Scene, z: np.ndarray) -> Materials:
     return found
 
 
-def rollout_varied(states: np.ndarray, memory: np.ndarray, scene: Scene, z: np.ndarray, begin: int, steps: int) -> None:
+def rollout_varied(
+    states: np.ndarray, contact_history: ContactHistory, scene: Scene, z: np.ndarray, begin: int, steps: int
+) -> None:
     """Advance a batch as `physics.rollout.rollout`, state n in the world of parameters ``z[n]``."""
 
     def run(some):
         for n in range(some.start, some.stop):
-            world = vary(scene, z[n])
-            advance(states[n : n + 1], memory[n : n + 1], world, world.laws, begin, steps)
+            own = slice(n, n + 1)
+            advance(states[own], histories.samples(contact_history, own), vary(scene, z[n]), begin, steps)
 
     in_threads(len(states), run)
 

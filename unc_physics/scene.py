@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .environment import Box, Plane, element_names
+from .environment import Element, check_element, element_names
 from .errors import (
     DuplicateIdError,
     InvalidEnvironmentError,
@@ -22,9 +22,10 @@ from .errors import (
 )
 from .geometry.packing_file import SpherePacking
 from .materials import DEFAULT_RESTITUTION, Materials, Surface, check_surface, combined, refuse_with_explicit
-from .physics import tree as sphere_tree
-from .physics.so3 import write_matrix
-from .physics.world import BOX, PLANE, Bodies, Laws, World
+from .physics import sphere_tree
+from .physics.hull import hull_spheres
+from .physics.implicit_world import Implicit
+from .physics.world import Bodies, Surroundings, World
 from .presets import PRESETS, with_changes
 from .validation import array, flag, non_negative, numbers, positive
 
@@ -37,7 +38,7 @@ _SUCCESSORS = {"robust": "implicit"}
 #: kappa where an explicit scene names none [N/m^3].
 STIFFNESS = 1e4
 
-_trees = weakref.WeakKeyDictionary()
+_trees, _hulls = weakref.WeakKeyDictionary(), weakref.WeakKeyDictionary()
 
 
 class UncertainParameter(NamedTuple):
@@ -136,8 +137,8 @@ class Scene:
         Decay rate of all velocities [1/s].
     gravity : (3,) array
         World frame [m/s^2].
-    environment : tuple of Plane and Box
-        Fixed surroundings.
+    environment : tuple of Element
+        Fixed surroundings: planes, boxes, spheres, cylinders and capsules.
     friction : float, optional
         Coefficient of Coulomb friction of all bodies and elements that have none of their own; None means
         that there is none. Needs the implicit integrator.
@@ -174,7 +175,7 @@ class Scene:
     stiffness: float | None = None
     damping: float = 0.0
     gravity: np.ndarray = (0.0, 0.0, 0.0)
-    environment: tuple[Plane | Box, ...] = ()
+    environment: tuple[Element, ...] = ()
     friction: float | None = None
     restitution: float | None = None
     gyroscopic: bool = False
@@ -318,54 +319,73 @@ class Scene:
             np.concatenate([model.centers for model in models]),
             np.concatenate([model.radii for model in models]),
         )
-        mass = np.array([math.inf if body.fixed else body.mass for body in self.bodies])
-        inertia = np.array([np.linalg.inv(body.model.inertia) for body in self.bodies])
+        resistance = np.array([math.inf if body.fixed else body.mass for body in self.bodies])
+        inverse = np.array([np.linalg.inv(body.model.inertia) for body in self.bodies])
         reach = {model: np.max(np.linalg.norm(model.centers, axis=1) + model.radii) for model in models}
         bodies = Bodies(
             moving=np.array([not body.fixed for body in self.bodies]),
-            inverse_mass=1.0 / mass,
-            inverse_inertia=inertia / mass[:, None, None],
+            mass=np.array([body.mass for body in self.bodies]),
+            inertia=np.array([body.mass * body.model.inertia for body in self.bodies]),
+            inverse_mass=1.0 / resistance,
+            inverse_inertia=inverse / resistance[:, None, None],
             radius=np.array([reach[body.model] for body in self.bodies]),
             root=np.array([nodes[own.index(owner)] for owner in owners]),
         )
         stack_size = sphere_tree.WIDTH**2 * deepest + 1
         # a writable copy: read-only arrays would compile every kernel once more
         return World(
-            bodies, tree, np.array(self.gravity), self.dt, math.exp(-self.damping * self.dt), self.stiffness, stack_size, self._laws())
+            bodies, tree, np.array(self.gravity), self.dt, math.exp(-self.damping * self.dt), self.stiffness, stack_size,
+            surroundings=self._surroundings(),
+            implicit=self._implicit(tree, models, [own.index(owner) for owner in owners], spheres))
 
-    def _laws(self) -> Laws | None:
-        """What goes beyond the paper's physics; None, for which the kernels compile without it, where nothing does."""
-        elements, robust = self.environment, self.integrator == "robust"
-        restitution = 1.0 if self.restitution is None else self.restitution
-        if not (elements or self.friction or restitution < 1.0 or self.restitution_std or self.gyroscopic or robust):
+    def _surroundings(self) -> Surroundings | None:
+        """Environment and gyroscopic term; None, for which the explicit kernels compile without them, for neither."""
+        elements = self.environment
+        if not (elements or self.gyroscopic or self.integrator == "implicit"):
             return None
-        R = np.tile(np.eye(3), (len(elements), 1, 1))
-        position, half = np.zeros((len(elements), 3)), np.ones((len(elements), 3))
-        for k, element in enumerate(elements):
-            if isinstance(element, Plane):
-                R[k], position[k] = _frame(element.normal), element.offset * element.normal
-            else:
-                write_matrix(tuple(element.orientation), R, k)
-                position[k], half[k] = element.position, 0.5 * element.size
-        return Laws(
-            kind=np.array([PLANE if isinstance(element, Plane) else BOX for element in elements], np.int64),
-            position=position, R=R, half=half,
-            friction=self.friction or 0.0,
-            dissipation=0.5 * (1.0 - restitution**2),
+        return Surroundings(
+            kind=np.array([element.kind for element in elements], np.int64),
+            position=np.array([element.position for element in elements]).reshape(-1, 3),
+            R=np.array([element.rotation for element in elements]).reshape(-1, 3, 3),
+            size=np.array([element.size_row for element in elements]).reshape(-1, 3),
             gyroscopic=bool(self.gyroscopic),
-            robust=robust,
-            thickness=np.array([body.model.radii.max() for body in self.bodies]),
-            smallest=np.array([body.model.radii.min() for body in self.bodies]),
-            mass=np.array([body.mass for body in self.bodies]),
-            inertia=np.array([body.mass * body.model.inertia for body in self.bodies]),
+        )
+
+    def _implicit(self, tree, models, model_of, first_sphere) -> Implicit | None:
+        """What the implicit step knows besides; None for the explicit one.
+
+        ``models`` are those of the tree, ``model_of`` the number of each body's, ``first_sphere`` where its spheres begin.
+        """
+        if self.integrator != "implicit":
+            return None
+        hulls = [hull_of(model) for model in models]
+        ends = np.cumsum([0, *map(len, hulls)])
+        some = np.concatenate([hull + first for hull, first in zip(hulls, first_sphere[:-1], strict=True)])
+        boxes = np.array([[model.centers.min(axis=0), model.centers.max(axis=0)] for model in models])
+        extents = np.concatenate([boxes.mean(axis=1), 0.5 * (boxes[:, 1] - boxes[:, 0])], axis=1)
+        return Implicit(
+            friction=self.materials.friction.copy(),
+            restitution=self.materials.restitution.copy(),
+            hull=np.column_stack([tree.centers[some], tree.radii[some]]),
+            hull_sphere=some,
+            hull_range=np.column_stack([ends[:-1], ends[1:]])[model_of],
+            extent=extents[model_of],
+            sleep=self.sleep,
         )
 
 
 def tree_of(model: SpherePacking):
-    """Sphere tree of a packing (`physics.tree.build`), built at its first use and kept as long as the packing."""
+    """Sphere tree of a packing (`physics.sphere_tree.build`), built at its first use and kept as long as the packing."""
     if model not in _trees:
         _trees[model] = sphere_tree.build(np.array(model.centers), np.array(model.radii))
     return _trees[model]
+
+
+def hull_of(model: SpherePacking) -> np.ndarray:
+    """Spheres of a packing that can touch a plane (`physics.hull.hull_spheres`), kept as long as the packing."""
+    if model not in _hulls:
+        _hulls[model] = hull_spheres(np.array(model.centers), np.array(model.radii))
+    return _hulls[model]
 
 
 def _elements(environment, names):
@@ -373,10 +393,9 @@ def _elements(environment, names):
     try:
         elements = tuple(environment)
     except TypeError:
-        raise InvalidEnvironmentError("must be a sequence of Plane and Box", field="environment", value=environment) from None
+        raise InvalidEnvironmentError("must be a sequence of elements", field="environment", value=environment) from None
     for k, element in enumerate(elements):
-        if not isinstance(element, (Plane, Box)):
-            raise InvalidEnvironmentError("must be a Plane or a Box", field=f"environment[{k}]", value=element)
+        check_element(element, f"environment[{k}]")
     taken = set(names)
     for k, name in enumerate(element_names(elements)):
         if name in taken:
@@ -394,14 +413,6 @@ def check_integrator(name) -> None:
         raise InvalidOptionError(
             f"is no more; '{successor}' has taken its place", field="integrator", value=name)
     raise InvalidOptionError(f"must be one of {', '.join(INTEGRATORS)}", field="integrator", value=name)
-
-
-def _frame(normal):
-    """A rotation matrix whose third column is the normal."""
-    helper = np.eye(3)[np.argmin(np.abs(normal))]
-    first = np.cross(helper, normal)
-    first /= np.linalg.norm(first)
-    return np.column_stack([first, np.cross(normal, first), normal])
 
 
 def _shifted(child, first_node, first_sphere):

@@ -12,7 +12,7 @@ import numpy as np
 import yaml
 
 from .belief import Belief
-from .environment import Box, Plane
+from .environment import ELEMENTS
 from .errors import (
     InvalidEnvironmentError,
     InvalidHorizonError,
@@ -61,7 +61,15 @@ _STDS = {
     "angular_velocity_std": ERR_ANGULAR_VELOCITY,
 }
 _STD_LIMIT = 1e150
-_ELEMENTS = {"plane": ("normal", "offset"), "box": ("size", "position", "orientation")}
+#: Entries of each kind of element: those that must be given, and all.
+_ELEMENTS = {
+    "plane": (("normal",), ("normal", "offset")),
+    "box": (("size",), ("size", "position", "orientation")),
+    "sphere": (("radius",), ("radius", "position")),
+    "cylinder": (("radius", "length"), ("radius", "length", "position", "orientation")),
+    "capsule": (("radius", "length"), ("radius", "length", "position", "orientation")),
+}
+_SCALARS = ("offset", "radius", "length")
 _SURFACE_KEYS = tuple(field.name for field in dataclasses.fields(Surface))
 _BODY_KEYS = (
     "name", "model", "spheres", "scale", "mass", "mass_std", "center_of_mass_std", *_VECTORS, "orientation", *_STDS,
@@ -184,7 +192,7 @@ def with_chosen_stiffness(options, bodies, mean) -> dict:
 
 
 def _environment(content):
-    """The planes and boxes that a list of mappings describes."""
+    """The elements that a list of mappings describes."""
     if content is None:
         return ()
     if not isinstance(content, list):
@@ -193,28 +201,31 @@ def _environment(content):
 
 
 def _element(content, field):
-    """A plane or a box; errors name the entry as it stands in the file."""
+    """An element; errors name the entry as it stands in the file."""
     error = InvalidEnvironmentError
     _check_keys(content, ("name", *_ELEMENTS, *_SURFACE_KEYS), field, error)
     kinds = [kind for kind in _ELEMENTS if kind in content]
     if len(kinds) != 1:
-        raise error("must be either a plane or a box", field=field, value=content)
+        raise error(f"must be exactly one of {', '.join(_ELEMENTS)}", field=field, value=content)
     kind, name = kinds[0], content.get("name", "")
     if not isinstance(name, str):
         raise error("must be a text", field=f"{field}.name", value=name)
     entries, place = content[kind], f"{field}.{kind}"
-    _check_keys(entries, _ELEMENTS[kind], place, error)
-    needed = _ELEMENTS[kind][0]
-    if entries.get(needed) is None:
-        raise error("must be given", field=f"{place}.{needed}")
+    needed, known = _ELEMENTS[kind]
+    _check_keys(entries, known, place, error)
+    for key in needed:
+        if entries.get(key) is None:
+            raise error("must be given", field=f"{place}.{key}")
     given = {}
     for key, value in entries.items():
-        if key == "offset":
-            given[key] = number(0.0 if value is None else value, f"{place}.offset", error)
-        elif value is not None:
+        if value is None:
+            continue
+        if key in _SCALARS:
+            given[key] = number(value, f"{place}.{key}", error)
+        else:
             given[key] = _numbers(value, (4 if key == "orientation" else 3,), f"{place}.{key}", error)
     surface = _surface(content, field, error)
-    return _at_field(place, {"plane": Plane, "box": Box}[kind], **given, name=name, **surface)
+    return _at_field(place, ELEMENTS[kind], **given, name=name, **surface)
 
 
 def _surface(content, field, error=InvalidRequestError):

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from .environment import Plane
-from .physics.so3 import rotation_matrix
 from .layout import ERR_POSITION, POSITION, QUATERNION
+from .physics.rotation import rotation_matrix
 
 COLORS = ((0.16, 0.45, 0.72), (0.85, 0.42, 0.14), (0.24, 0.60, 0.30), (0.58, 0.40, 0.74), (0.75, 0.22, 0.25))
 SIGMAS = 2.0  # half axes of the ellipses
@@ -15,6 +15,8 @@ _SPHERES = 2000  # of each body, the largest
 _PIXELS = 900  # along the longer side
 _MARGIN = 0.06  # of the longer side
 _SIDE, _ABOVE = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]]), np.eye(3)  # right, up and towards the eye, as rows
+_FAR = 1e4  # times an element's size: from there its nearest point is its outermost one in that direction
+_OUTLINE = 180  # directions in which an outline's points are the outermost
 _SOLID = {"facecolor": "0.90", "edgecolor": "0.55", "linewidth": 0.8}
 
 
@@ -56,17 +58,17 @@ def draw_prediction(path, scene, initial, prediction, title="") -> None:
 
 
 def _bounds(scene, beliefs):
-    """Lowest and highest point of what the picture shows: all bodies, before and after, and the boxes near them."""
+    """Lowest and highest point of what the picture shows: bodies, before and after, and the elements near them."""
     radius = np.array([body.model.bounding_radius for body in scene.bodies])[:, None]
     places = np.concatenate([belief.mean[:, POSITION] for belief in beliefs])
     reach = np.tile(radius, (len(beliefs), 1))
     low, high = (places - reach).min(axis=0), (places + reach).max(axis=0)
     for element in scene.environment:
-        if not isinstance(element, Plane):
-            corners = _corners(element)
+        if element.finite:
+            ends = outermost(element, np.concatenate([np.eye(3), -np.eye(3)]))
             span = (high - low).max()  # a table may be much larger than what lies on it
-            low = np.minimum(low, np.maximum(corners.min(axis=0), low - 0.3 * span))
-            high = np.maximum(high, np.minimum(corners.max(axis=0), high + 0.3 * span))
+            low = np.minimum(low, np.maximum(ends.min(axis=0), low - 0.3 * span))
+            high = np.maximum(high, np.minimum(ends.max(axis=0), high + 0.3 * span))
     margin = _MARGIN * (high - low).max()
     return low - margin, high + margin
 
@@ -104,9 +106,8 @@ def _draw_view(axes, scene, beliefs, view, low, high):
 
 
 def _draw_environment(axes, environment, view, window):
-    """Boxes as their outlines, far ones first; half-spaces that are seen from their edge as their solid side."""
+    """Solids as their outlines, far ones first; half-spaces that are seen from their edge as their solid side."""
     from matplotlib.patches import Polygon
-    from scipy.spatial import ConvexHull
 
     left, right, bottom, top = window
     frame = np.array([[left, bottom], [right, bottom], [right, top], [left, top]])
@@ -117,10 +118,9 @@ def _draw_environment(axes, environment, view, window):
                 solid = _below(frame, normal[:2], element.offset)
                 if len(solid):
                     axes.add_patch(Polygon(solid, zorder=0, **_SOLID))
-    boxes = [_corners(element) @ view.T for element in environment if not isinstance(element, Plane)]
-    for corners in sorted(boxes, key=lambda corners: corners[:, 2].max()):
-        seen = corners[:, :2]
-        axes.add_patch(Polygon(seen[ConvexHull(seen).vertices], zorder=1, alpha=0.7, **_SOLID))
+    solids = [element for element in environment if not isinstance(element, Plane)]
+    for element in sorted(solids, key=lambda element: (outermost(element, view[2:]) @ view[2]).item()):
+        axes.add_patch(Polygon(outline(element, view), zorder=1, alpha=0.7, **_SOLID))
 
 
 def _below(polygon, normal, offset):
@@ -137,10 +137,31 @@ def _below(polygon, normal, offset):
     return np.array(kept)
 
 
-def _corners(box):
-    """(8, 3): corners of a box, world frame."""
-    signs = np.stack(np.meshgrid(*[(-0.5, 0.5)] * 3, indexing="ij"), axis=-1).reshape(8, 3)
-    return (signs * box.size) @ rotation_matrix(box.orientation).T + box.position
+def outline(element, view):
+    """Outline of a finite element of the environment, seen from far away.
+
+    Parameters
+    ----------
+    element : Element
+    view : (3, 3) array
+        Right, up and towards the eye, as rows.
+
+    Returns
+    -------
+    (n, 2) array
+        Corners of a convex polygon, to the right and up [m].
+    """
+    angle = 2.0 * np.pi * (np.arange(_OUTLINE) + 0.5) / _OUTLINE
+    directions = np.cos(angle)[:, None] * view[0] + np.sin(angle)[:, None] * view[1]
+    return outermost(element, directions) @ view[:2].T
+
+
+def outermost(element, directions):
+    """(n, 3): the points of a finite element that are farthest in some directions (n, 3), world frame [m]."""
+    low, high = element.bounds
+    points = element.position + _FAR * np.linalg.norm(high - low) * directions
+    distance, normal = element.surface(points)
+    return points - distance[:, None] * normal
 
 
 def ellipse(center, P, **style):

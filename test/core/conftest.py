@@ -2,6 +2,7 @@
 
 import copy
 
+import numpy as np
 import pytest
 
 from unc_physics import load_scene  # noqa: F401  (fails early, with a clear traceback, where the package is broken)
@@ -67,6 +68,15 @@ def three_bodies():
 def undamped():
     """The two bodies without damping."""
     return two_bodies() | {"damping": 0.0}
+
+
+def parts_of(carry):
+    """All arrays and numbers of a carry, also of the tuples in it."""
+    for part in carry:
+        if isinstance(part, tuple):
+            yield from parts_of(part)
+        elif part is not None:
+            yield np.asarray(part)
 
 
 CONTENTS = {"two_bodies": two_bodies, "three_bodies": three_bodies, "undamped": undamped}

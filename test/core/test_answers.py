@@ -39,7 +39,7 @@ def test_monte_carlo_counts_its_samples():
     scene, belief, _ = grazing(0.7)
     prediction = predict(scene, belief, monte_carlo(), 2.0)
     (answer,) = contact_probabilities(scene, prediction)
-    first = prediction.carry.memory[:, 0, 1, 0]
+    first = prediction.carry.contact_history.first_time[:, 0, 1]
     touch = np.isfinite(first)
     assert 0.1 < touch.mean() < 0.9, "the case must leave it open"
     assert answer.available and answer.probability == pytest.approx(touch.mean())

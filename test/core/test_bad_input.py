@@ -71,6 +71,10 @@ def in_box(**entries):
     return in_environment({"box": entries})
 
 
+def in_round(kind, **entries):
+    return in_environment({kind: {"radius": 0.1} | ({} if kind == "sphere" else {"length": 0.2}) | entries})
+
+
 FINITE = []  # each number of a scene file, as the place that a message must name
 for place, name in [
     (("dt",), "dt"),
@@ -258,9 +262,9 @@ CASES = FINITE + [
     (in_body("center_of_mass_std", [0, 0]), "INVALID_REQUEST", r"bodies\[1\].center_of_mass_std", r"\[0, 0\]"),
     (with_entry(("bodies", 1, "mass_std"), 0.1, "three_bodies"), "INVALID_REQUEST", r"bodies\[1\]", "mass_std"),
     (in_environment("floor"), "INVALID_ENVIRONMENT", r"environment\[0\]", "floor"),
-    (in_environment({}), "INVALID_ENVIRONMENT", r"environment\[0\]", "plane or a box"),
-    (in_environment({"plane": {}, "box": {}}), "INVALID_ENVIRONMENT", r"environment\[0\]", "either"),
-    (in_environment({"sphere": {}}), "INVALID_ENVIRONMENT", r"environment\[0\]", "sphere"),
+    (in_environment({}), "INVALID_ENVIRONMENT", r"environment\[0\]", "exactly one of plane, box, sphere"),
+    (in_environment({"plane": {}, "box": {}}), "INVALID_ENVIRONMENT", r"environment\[0\]", "exactly one"),
+    (in_environment({"cone": {}}), "INVALID_ENVIRONMENT", r"environment\[0\]", "cone"),
     (in_environment({"plane": [0, 0, 1]}), "INVALID_ENVIRONMENT", r"environment\[0\].plane", r"\[0, 0, 1\]"),
     (in_plane(), "INVALID_ENVIRONMENT", r"environment\[0\].plane.normal", "given"),
     (in_plane(normal=[0, 0, 0]), "INVALID_ENVIRONMENT", r"environment\[0\].plane.normal", r"\[0.0, 0.0, 0.0\]"),
@@ -277,6 +281,26 @@ CASES = FINITE + [
     (in_box(size=[1, 1, 1], position=[0, 0]), "INVALID_ENVIRONMENT", r"environment\[0\].box.position", r"\[0, 0\]"),
     (in_box(size=[1, 1, 1], position=[0, NAN, 0]), "NOT_FINITE", r"environment\[0\].box.position\[1\]", "nan"),
     (in_box(size=[1, 1, 1], orientation=[1, 1, 0, 0]), "INVALID_ORIENTATION", r"environment\[0\].box.orientation", "1.0"),
+    (in_environment({"sphere": {}}), "INVALID_ENVIRONMENT", r"environment\[0\].sphere.radius", "given"),
+    (in_environment({"cylinder": {"radius": 1}}), "INVALID_ENVIRONMENT", r"environment\[0\].cylinder.length", "given"),
+    (in_environment({"capsule": {"length": 1}}), "INVALID_ENVIRONMENT", r"environment\[0\].capsule.radius", "given"),
+    (in_round("sphere", orientation=[0, 0, 0, 1]), "INVALID_ENVIRONMENT", r"environment\[0\].sphere", "orientation"),
+    *(
+        case for kind in ("sphere", "cylinder", "capsule") for case in (
+            (in_round(kind, radius=0), "INVALID_ENVIRONMENT", rf"environment\[0\].{kind}.radius", "0.0"),
+            (in_round(kind, radius=[1]), "INVALID_ENVIRONMENT", rf"environment\[0\].{kind}.radius", r"\[1\]"),
+            (in_round(kind, radius=NAN), "NOT_FINITE", rf"environment\[0\].{kind}.radius", "nan"),
+            (in_round(kind, position=[0, 0]), "INVALID_ENVIRONMENT", rf"environment\[0\].{kind}.position", r"\[0, 0\]"),
+            (in_round(kind, size=[1, 1, 1]), "INVALID_ENVIRONMENT", rf"environment\[0\].{kind}", "size"),
+        )
+    ),
+    *(
+        case for kind in ("cylinder", "capsule") for case in (
+            (in_round(kind, length=-1), "INVALID_ENVIRONMENT", rf"environment\[0\].{kind}.length", "-1.0"),
+            (in_round(kind, length="long"), "INVALID_ENVIRONMENT", rf"environment\[0\].{kind}.length", "long"),
+            (in_round(kind, orientation=[1, 1, 0, 0]), "INVALID_ORIENTATION", rf"environment\[0\].{kind}.orientation", "1.0"),
+        )
+    ),
     (in_environment({"name": 3, "plane": {"normal": [0, 0, 1]}}), "INVALID_ENVIRONMENT", r"environment\[0\].name", "3"),
     (in_environment({"name": "left", "plane": {"normal": [0, 0, 1]}}), "DUPLICATE_ID", r"environment\[0\].name", "left"),
     ([], "INVALID_REQUEST", "scene", r"\[\]"),

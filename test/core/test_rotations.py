@@ -8,7 +8,7 @@ from hypothesis.extra.numpy import arrays
 from scipy.spatial.transform import Rotation
 from twins import states as twin
 
-from unc_physics.physics import moments, so3
+from unc_physics.physics import moments, rotation
 
 ROUND_OFF = 1e-14
 SUBNORMAL = 1e-300  # below it numbers lose digits
@@ -25,23 +25,23 @@ directions = (
 )
 angles = st.one_of(st.sampled_from(ANGLES), st.floats(0.0, np.pi))
 rotation_vectors = st.builds(lambda d, a: d * a, directions, angles)
-quaternions = rotation_vectors.map(lambda r: so3.exp(*r))
+quaternions = rotation_vectors.map(lambda r: rotation.exp(*r))
 
 
 def matrix(q):
     out = np.empty((3, 3))
-    so3.write_matrix(q, out[None], 0)
+    rotation.write_matrix(q, out[None], 0)
     return out
 
 
 @given(rotation_vectors)
 def test_exp_equals_scipy(r):
-    np.testing.assert_allclose(so3.exp(*r), Rotation.from_rotvec(r).as_quat(), atol=ROUND_OFF)
+    np.testing.assert_allclose(rotation.exp(*r), Rotation.from_rotvec(r).as_quat(), atol=ROUND_OFF)
 
 
 @given(rotation_vectors)
 def test_log_undoes_exp(r):
-    back = np.array(so3.log(so3.exp(*r)))
+    back = np.array(rotation.log(rotation.exp(*r)))
     if np.linalg.norm(r) > np.pi - 1e-7:  # r and r - 2 pi r/|r| are one rotation there
         assert (
             min(np.abs(back - r).max(), np.abs(back + r * (2 * np.pi / np.linalg.norm(r) - 1)).max())
@@ -53,8 +53,8 @@ def test_log_undoes_exp(r):
 
 @given(rotation_vectors)
 def test_log_is_at_most_pi_and_does_not_see_the_sign(r):
-    q = so3.exp(*r)
-    plus, minus = np.array(so3.log(q)), np.array(so3.log(tuple(-c for c in q)))
+    q = rotation.exp(*r)
+    plus, minus = np.array(rotation.log(q)), np.array(rotation.log(tuple(-c for c in q)))
     assert np.linalg.norm(plus) <= np.pi * (1 + ROUND_OFF)
     if q[3] != 0.0:
         np.testing.assert_array_equal(plus, minus)
@@ -63,10 +63,10 @@ def test_log_is_at_most_pi_and_does_not_see_the_sign(r):
 @given(quaternions, quaternions, quaternions)
 def test_group_axioms(a, b, c):
     identity = (0.0, 0.0, 0.0, 1.0)
-    multiply = so3.multiply
+    multiply = rotation.multiply
     np.testing.assert_allclose(multiply(multiply(a, b), c), multiply(a, multiply(b, c)), atol=ROUND_OFF)
     np.testing.assert_allclose(multiply(a, identity), a, atol=0)
-    np.testing.assert_allclose(multiply(a, so3.conjugate(a)), identity, atol=ROUND_OFF)
+    np.testing.assert_allclose(multiply(a, rotation.conjugate(a)), identity, atol=ROUND_OFF)
     np.testing.assert_allclose(matrix(multiply(a, b)), matrix(a) @ matrix(b), atol=ROUND_OFF)
 
 
@@ -75,8 +75,8 @@ def test_matrix_is_a_rotation_and_equals_scipy(q, v):
     R = matrix(q)
     np.testing.assert_allclose(R, Rotation.from_quat(q).as_matrix(), atol=ROUND_OFF)
     np.testing.assert_allclose(R @ R.T, np.eye(3), atol=ROUND_OFF)
-    np.testing.assert_allclose(so3.rotate(R, *v), R @ v, atol=100 * ROUND_OFF)
-    np.testing.assert_allclose(so3.rotate_back(R, *so3.rotate(R, *v)), v, atol=100 * ROUND_OFF)
+    np.testing.assert_allclose(rotation.rotate(R, *v), R @ v, atol=100 * ROUND_OFF)
+    np.testing.assert_allclose(rotation.rotate_back(R, *rotation.rotate(R, *v)), v, atol=100 * ROUND_OFF)
 
 
 numbers = arrays(float, 3, elements=st.floats(-100, 100))

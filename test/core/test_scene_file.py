@@ -6,7 +6,7 @@ import yaml
 from conftest import CONTENTS
 
 from unc_physics import load_scene
-from unc_physics.environment import Box, Plane, element_names
+from unc_physics.environment import Box, Capsule, Cylinder, Plane, Sphere, element_names
 from unc_physics.scene_file import PHYSICS_KEYS, PRESET, scene_from_dict
 
 TURNED = [0.0, 0.0, 0.6, 0.8]
@@ -14,6 +14,9 @@ SURROUNDINGS = [
     {"plane": {"normal": [0, 0, 2], "offset": -0.5}},
     {"name": "wall", "box": {"size": [0.1, 2, "1e0"], "position": [1, 0, 0.5], "orientation": TURNED}},
     {"box": {"size": [1, 1, 1]}},
+    {"name": "knob", "sphere": {"radius": "5e-2", "position": [0, 0, 2]}},
+    {"cylinder": {"radius": 0.1, "length": 0.4, "position": [0, 1, 0], "orientation": TURNED}},
+    {"capsule": {"radius": 0.1, "length": 0.4}},
 ]
 
 
@@ -21,12 +24,12 @@ def scene_with(**entries):
     return scene_from_dict(CONTENTS["two_bodies"]() | entries).scene
 
 
-def test_planes_and_boxes_arrive_in_order_with_their_names(tmp_path):
+def test_elements_arrive_in_order_with_their_names(tmp_path):
     path = tmp_path / "scene.yaml"
     path.write_text(yaml.safe_dump(CONTENTS["two_bodies"]() | {"environment": SURROUNDINGS}))
-    floor, wall, block = elements = load_scene(path).scene.environment
-    assert [type(element) for element in elements] == [Plane, Box, Box]
-    assert element_names(elements) == ["plane_0", "wall", "box_2"]
+    floor, wall, block, knob, post, rail = elements = load_scene(path).scene.environment
+    assert [type(element) for element in elements] == [Plane, Box, Box, Sphere, Cylinder, Capsule]
+    assert element_names(elements) == ["plane_0", "wall", "box_2", "knob", "cylinder_4", "capsule_5"]
     np.testing.assert_array_equal(floor.normal, [0, 0, 1])
     assert floor.offset == -0.5
     np.testing.assert_array_equal(wall.size, [0.1, 2.0, 1.0])
@@ -34,6 +37,11 @@ def test_planes_and_boxes_arrive_in_order_with_their_names(tmp_path):
     np.testing.assert_allclose(wall.orientation, TURNED)
     np.testing.assert_array_equal(block.position, 0.0)
     np.testing.assert_array_equal(block.orientation, [0, 0, 0, 1])
+    assert (knob.radius, post.radius, post.length) == (0.05, 0.1, 0.4)
+    np.testing.assert_array_equal(knob.position, [0, 0, 2])
+    np.testing.assert_array_equal(post.position, [0, 1, 0])
+    np.testing.assert_allclose(post.orientation, TURNED)
+    np.testing.assert_array_equal(rail.position, 0.0)
 
 
 @pytest.mark.parametrize(
@@ -43,7 +51,7 @@ def test_what_a_file_does_not_name_is_not_there(entries):
     scene = scene_from_dict(content).scene
     assert scene.environment == () and scene.friction is None and scene.restitution is None
     assert not scene.gyroscopic and not scene.islands and scene.integrator == "explicit"
-    assert scene.uncertain == () and scene.world.laws is None
+    assert scene.uncertain == () and scene.world.surroundings is None
 
 
 @pytest.mark.parametrize("key, value", [

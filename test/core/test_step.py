@@ -10,6 +10,7 @@ from twins.step import rollout as twin_rollout
 from twins.step import step as twin_step
 
 from unc_physics import RigidBody, Scene, SpherePacking
+from unc_physics.environment import Plane
 from unc_physics.physics.rollout import simulate
 
 ROUND_OFF = 1e-11  # of sums of up to hundreds of forces, relative to the largest
@@ -75,6 +76,17 @@ def shapes(loaded):
 def test_one_step_equals_the_twin(shapes, seed):
     """Any number of bodies, of different models, some fixed, with gravity and damping, deep in contact."""
     scene, x = random_scene(np.random.default_rng(seed), shapes)
+    ours, theirs = stepped(scene, x), twin_step(x[None], bodies_of(scene), physics_of(scene))[0]
+    theirs[:, 6:10] *= np.sign(np.sum(theirs[:, 6:10] * ours[:, 6:10], axis=1))[:, None]
+    np.testing.assert_allclose(ours, theirs, rtol=1e-9, atol=ROUND_OFF * max(1.0, np.abs(theirs).max()))
+
+
+@given(seeds)
+def test_one_step_among_planes_equals_the_twin(shapes, seed):
+    """Half-spaces at any angle, deep in contact, beside bodies that overlap."""
+    rng = np.random.default_rng(seed)
+    planes = [Plane(normal, rng.uniform(-1.0, 0.3)) for normal in rng.normal(size=(rng.integers(1, 4), 3))]
+    scene, x = random_scene(rng, shapes, environment=planes)
     ours, theirs = stepped(scene, x), twin_step(x[None], bodies_of(scene), physics_of(scene))[0]
     theirs[:, 6:10] *= np.sign(np.sum(theirs[:, 6:10] * ours[:, 6:10], axis=1))[:, None]
     np.testing.assert_allclose(ours, theirs, rtol=1e-9, atol=ROUND_OFF * max(1.0, np.abs(theirs).max()))

@@ -7,8 +7,9 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from unc_physics import RigidBody, Scene, SpherePacking, load_model
-from unc_physics.physics import step, tree
-from unc_physics.physics.pairs import SINGLE_PRECISION
+from unc_physics.physics import sphere_tree
+from unc_physics.physics.broad_phase import SINGLE_PRECISION
+from unc_physics.physics.workspace import workspace
 from unc_physics.scene import tree_of
 
 seeds = st.integers(0, 2**32 - 1)
@@ -23,7 +24,7 @@ def found_pairs(world, bodies, R, t, pairs_at_once):
     """All overlapping pairs by the candidates and the exact test; refuses a candidate that comes twice."""
     i, j = bodies
     slack = SINGLE_PRECISION * (world.bodies.radius[i] + world.bodies.radius[j])
-    search = step.workspace(np.zeros((2, 13)), world, None).search
+    search = workspace(np.zeros((2, 13)), world).search
     if pairs_at_once:
         search = search._replace(
             pairs=search.pairs[:pairs_at_once].copy(), records=search.records[:pairs_at_once].copy()
@@ -31,7 +32,7 @@ def found_pairs(world, bodies, R, t, pairs_at_once):
     search.stack[0] = world.bodies.root[i], world.bodies.root[j]
     top, pairs = 1, []
     while top > 0:
-        found, top = tree.candidates(world.tree, R, tuple(t), slack, search, top)
+        found, top = sphere_tree.candidates(world.tree, R, tuple(t), slack, search, top)
         assert top <= len(search.stack) and found <= len(search.pairs)
         pairs += [tuple(pair) for pair in search.pairs[:found].tolist()]
     assert len(set(pairs)) == len(pairs), "a pair was found twice"
@@ -123,7 +124,7 @@ def test_all_spheres_coincide():
 def test_a_small_buffer_of_pairs_only_takes_more_rounds():
     rng = np.random.default_rng(1)
     ci, ri = rng.standard_normal((80, 3)), rng.uniform(0.3, 1.0, 80)
-    assert check(ci, ri, ci, ri, np.eye(3), np.array([0.2, 0, 0]), pairs_at_once=tree.WIDTH**2) > 1000
+    assert check(ci, ri, ci, ri, np.eye(3), np.array([0.2, 0, 0]), pairs_at_once=sphere_tree.WIDTH**2) > 1000
 
 
 @pytest.mark.parametrize("names", [("bunny", "armadillo"), ("pin", "pin")])
@@ -143,13 +144,13 @@ def test_shipped_models_and_their_prefixes(names, spheres):
 def test_every_bound_holds_what_it_bounds(seed, n):
     """Each sphere lies in every entry above it, and hangs in the tree exactly once."""
     centers, radii = random_packing(np.random.default_rng(seed), n)
-    bounds, child, depth = tree.build(centers, radii)
+    bounds, child, depth = sphere_tree.build(centers, radii)
 
     def below(node, level):
         spheres = []
-        for m in range(tree.WIDTH):
+        for m in range(sphere_tree.WIDTH):
             c = child[node, m]
-            if c == tree.EMPTY:
+            if c == sphere_tree.EMPTY:
                 continue
             inside = [~c] if c < 0 else below(c, level + 1)
             assert level < depth or c < 0

@@ -10,7 +10,7 @@ from unc_physics.belief import Belief
 from unc_physics.environment import Plane
 from unc_physics.errors import InvalidMassError, InvalidRequestError, NotSupportedError, UncPhysicsError
 from unc_physics.parameters import vary
-from unc_physics.physics.tree import EMPTY
+from unc_physics.physics.sphere_tree import EMPTY
 from unc_physics.scene import RigidBody, Scene
 
 ROUND_OFF = 1e-12
@@ -155,7 +155,7 @@ def test_zero_is_none_and_costs_nothing(loaded):
     scene, belief, _ = loaded("two_bodies")
     zeros = [dataclasses.replace(body, mass_std=0.0, center_of_mass_std=[0.0, 0.0, 0.0]) for body in scene.bodies]
     same = dataclasses.replace(scene, bodies=zeros, stiffness_std=0.0)
-    assert same.uncertain == () and same.world.laws is None
+    assert same.uncertain == () and same.world.surroundings is None
     for propagator in (make_propagator("sigma_points"), make_propagator("monte_carlo", samples=20)):
         a, b = (predict(s, belief, propagator, 1.0).carry for s in (scene, same))
         assert np.array_equal(a.states, b.states)

@@ -1,13 +1,18 @@
 """Other engines hold the bodies that we hold: mass, inertia, states and shapes."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from unc_physics import RigidBody, Scene
+from unc_physics.environment import Box, Capsule, Cylinder, Plane, Sphere
 from unc_physics.evaluation.engines import GEOMETRIES, PEERS, PrincipalBody
+from unc_physics.evaluation.hard_cases.shapes import ball
 from unc_physics.evaluation.scenarios import collision
-from unc_physics.physics.rollout import simulate
 from unc_physics.layout import ANGULAR_VELOCITY, POSITION, QUATERNION, VELOCITY
+from unc_physics.physics.rollout import simulate
 
 FREE = 20  # steps: no contact yet
 
@@ -34,6 +39,34 @@ def test_pieces_cover_the_spheres(case):
     reached = np.max(vertices @ directions.T, axis=0)
     assert np.all(reached <= spheres + 1e-12)
     assert np.all(reached >= 0.95 * spheres)
+
+
+@pytest.mark.parametrize("name", PEERS)
+@pytest.mark.parametrize("element, side", [
+    (Plane((0.0, 0.6, 0.8), 1.0), (0.0, 0.0, 0.0)), (Box((0.2, 0.4, 0.6)), (0.1, 0.0, 0.0)),
+    (Sphere(0.3), (0.0, 0.3, 0.0)), (Cylinder(0.2, 0.6), (0.0, -0.2, 0.0)), (Cylinder(0.2, 0.6), (0.0, 0.0, 0.3)),
+    (Capsule(0.2, 0.6), (0.2, 0.0, 0.0)), (Capsule(0.2, 0.6), (0.0, 0.0, -0.5)),
+], ids=lambda value: getattr(value, "shape", None))
+def test_a_ball_bounces_off_the_elements_surface(name, element, side):
+    """It comes back from where it touches our element, moved and turned."""
+    pytest.importorskip(name)
+    if not isinstance(element, Plane):
+        turned = Rotation.from_rotvec([0.3, -0.2, 0.5]).as_quat()
+        turn = {} if isinstance(element, Sphere) else {"orientation": turned}
+        element = replace(element, position=np.array([1.0, 2.0, 3.0]), **turn)
+    edge = element.position + element.rotation @ side
+    out = element.surface(edge + element.rotation @ side)[1]
+    radius, dt = 0.05, 1e-3
+    scene = Scene([RigidBody("ball", ball().scaled(radius))], dt=dt, environment=(element,))
+    start = np.zeros((1, 13))
+    start[0, POSITION], start[0, VELOCITY], start[0, 9] = edge + 0.2 * out, -out, 1.0
+    engine = PEERS[name](scene)
+    before, after = engine.run(start, 140)[0], engine.run(start, 300)[0]
+    engine.close()
+    assert (before[POSITION] - edge) @ out == pytest.approx(0.06, abs=0.002), "not yet touched"
+    assert after[VELOCITY] @ out > 0.5
+    assert 0.05 < (after[POSITION] - edge) @ out < 0.21
+    assert np.linalg.norm(np.cross(after[POSITION] - edge, out)) < 0.02, "straight back"
 
 
 @pytest.mark.parametrize("geometry", GEOMETRIES)

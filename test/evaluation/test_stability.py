@@ -7,7 +7,7 @@ import pytest
 
 from unc_physics import RigidBody, Scene
 from unc_physics.__main__ import main
-from unc_physics.environment import Box, Plane
+from unc_physics.environment import Box, Capsule, Cylinder, Plane, Sphere
 from unc_physics.evaluation.energy import (
     contact_energy,
     height_energy,
@@ -75,7 +75,11 @@ def test_verdicts_and_rates():
     assert worst([1.5, 0.5, 1.9]) == 0.5 and worst([1.0, 0.0]) == 0.0 and math.isnan(worst([3.0, math.nan]))
 
 
-@pytest.mark.parametrize("environment", [(), (Plane(offset=-0.08),), (Box((1.0, 0.2, 0.1), (0.0, 0.0, -0.13)),)])
+@pytest.mark.parametrize("environment", [
+    (), (Plane(offset=-0.08),), (Box((1.0, 0.2, 0.1), (0.0, 0.0, -0.13)),), (Sphere(0.3, (0.0, 0.05, -0.38)),),
+    (Cylinder(0.2, 1.0, (0.05, 0.0, -0.27), (np.sqrt(0.5), 0.0, 0.0, np.sqrt(0.5))),),
+    (Capsule(0.1, 0.2, (0.0, 0.05, -0.27)),),
+])
 def test_contact_energy_is_what_the_force_works_against(environment):
     other = [RigidBody("b", BALL.scaled(0.6))] if not environment else []
     scene = Scene([RigidBody("a", BALL, 2.0), *other], dt=1e-9, stiffness=1e6, environment=environment)
@@ -117,11 +121,15 @@ def test_passing_through_is_told_from_bouncing():
     assert passed_through(pair, path(0.5, 0.21, -0.3)), "at once, from one step to the next"
     assert passed_through(pair, path(0.5, 0.19, 0.05))
     assert not passed_through(pair, path(0.5, 0.18, 0.5)) and not passed_through(pair, path(0.05, 0.3))
-    for element in (Plane((1.0, 0.0, 0.0), 0.0), Box((0.01, 1.0, 1.0))):
+    for element in (
+        Plane((1.0, 0.0, 0.0), 0.0), Box((0.01, 1.0, 1.0)), Sphere(0.02), Cylinder(0.012, 0.5),
+        Capsule(0.012, 0.5, (0.0, 0.0, 0.1)),
+    ):
         scene = Scene([RigidBody("b", BALL)], environment=(element,))
         assert passed_through(scene, path(0.5, -0.4)[:, 1:])
         assert not passed_through(scene, path(0.5, 0.09, 0.5)[:, 1:])
-    assert not passed_through(scene, path(0.5, -0.4)[:, 1:] + np.eye(13)[1]), "beside the box"
+        if element.finite:
+            assert not passed_through(scene, path(0.5, -0.4)[:, 1:] + np.eye(13)[1]), "beside it"
 
 
 def test_command_judges_a_case_and_writes_the_document(tmp_path, monkeypatch):

@@ -159,7 +159,18 @@ BAD = {
     "box without orientation": (
         with_box([1.0] * 3, poses=[Pose(orientation=Quaternion(w=0.0))]), "INVALID_ORIENTATION",
         "environment.primitive_poses[0].orientation"),
-    "cylinder": (with_box([1.0, 0.5], kind=SolidPrimitive.CYLINDER), "NOT_SUPPORTED", "environment.primitives[0].type"),
+    "cone": (with_box([1.0, 0.5], kind=SolidPrimitive.CONE), "NOT_SUPPORTED", "environment.primitives[0].type"),
+    "prism": (with_box([1.0], kind=SolidPrimitive.PRISM), "NOT_SUPPORTED", "environment.primitives[0].type"),
+    "sphere of three lengths": (
+        with_box([1.0] * 3, kind=SolidPrimitive.SPHERE), "INVALID_ENVIRONMENT", "environment.primitives[0].dimensions"),
+    "sphere of no radius": (
+        with_box([0.0], kind=SolidPrimitive.SPHERE), "INVALID_ENVIRONMENT", "environment.primitives[0].dimensions[0]"),
+    "cylinder of one length": (
+        with_box([1.0], kind=SolidPrimitive.CYLINDER), "INVALID_ENVIRONMENT", "environment.primitives[0].dimensions"),
+    "cylinder of negative radius": (
+        with_box([1.0, -0.5], kind=SolidPrimitive.CYLINDER), "INVALID_ENVIRONMENT", "environment.primitives[0].dimensions[1]"),
+    "infinite cylinder": (
+        with_box([INF, 0.5], kind=SolidPrimitive.CYLINDER), "NOT_FINITE", "environment.primitives[0].dimensions"),
     "primitive of no kind": (with_box([1.0] * 3, kind=77), "INVALID_ENVIRONMENT", "environment.primitives[0].type"),
     "too few names": (with_box([1.0] * 3, ids=["a", "b"]), "INVALID_ENVIRONMENT", "environment.ids"),
     "a name of all": (with_box([1.0] * 3, ids=["environment"]), "INVALID_ENVIRONMENT", "environment.ids[0]"),

@@ -10,8 +10,10 @@ from scenes import assert_answered, diagonal, moving_object, orientation_of, pos
 from scipy.spatial.transform import Rotation
 from shape_msgs.msg import Plane, SolidPrimitive
 from std_msgs.msg import Header
+from visualization_msgs.msg import Marker
 
-from unc_physics.errors import ErrorCode
+from unc_physics.environment import Capsule, Cylinder, Sphere
+from unc_physics.errors import ErrorCode, NotSupportedError
 from unc_physics.ros.markers import markers
 from unc_physics.ros.parameters import Settings
 from unc_physics.ros.surroundings import read_environment
@@ -23,13 +25,16 @@ SAMPLES = 200
 
 
 def floor_as(kind):
-    """The same floor as a half-space, whose normal is not of unit length, or as a box."""
+    """The same floor as a half-space, whose normal is not of unit length, as a box, or as a cylinder's end."""
     if kind == "plane":
         return Environment(planes=[Plane(coef=[0.0, 0.0, 2.0, -2.0 * FLOOR])], ids=["floor"])
     pose = Pose()
     pose.position.z = FLOOR - 0.5
-    return Environment(
-        primitives=[SolidPrimitive(type=SolidPrimitive.BOX, dimensions=[4.0, 4.0, 1.0])], primitive_poses=[pose], ids=["floor"])
+    primitive = {
+        "box": SolidPrimitive(type=SolidPrimitive.BOX, dimensions=[4.0, 4.0, 1.0]),
+        "cylinder": SolidPrimitive(type=SolidPrimitive.CYLINDER, dimensions=[1.0, 2.0]),
+    }[kind]
+    return Environment(primitives=[primitive], primitive_poses=[pose], ids=["floor"])
 
 
 def falling_brick(name="brick", height=0.15, x=0.0):
@@ -54,7 +59,7 @@ def height_of(response, k=0):
     return response.objects[k].states[-1].pose.pose.position.z
 
 
-@pytest.mark.parametrize("kind", ["plane", "box"])
+@pytest.mark.parametrize("kind", ["plane", "box", "cylinder"])
 @pytest.mark.parametrize("propagator", ["surrogate", "sigma_points"])
 def test_a_floor_holds_what_falls_on_it(predict, kind, propagator):
     held = predict(request_with(floor_as(kind), falling_brick(), propagator=propagator))
@@ -162,12 +167,59 @@ def test_uncertain_friction_and_mass_widen_the_prediction(predict):
     assert variances[1] > 2.0 * variances[0]
 
 
+def solids_of(*elements):
+    """Markers of elements of the environment."""
+    job = SimpleNamespace(scene=SimpleNamespace(bodies=(), environment=elements))
+    return markers(Header(), job, SimpleNamespace(objects=[]), Settings()).markers[1:]
+
+
+def test_spheres_and_cylinders_are_read_as_they_are():
+    pose = Pose()
+    pose.position.x, pose.position.z = 0.5, 1.0
+    pose.orientation.x, pose.orientation.w = 0.6, 0.8
+    primitives = [
+        SolidPrimitive(type=SolidPrimitive.SPHERE, dimensions=[0.3]),
+        SolidPrimitive(type=SolidPrimitive.CYLINDER, dimensions=[2.0, 0.1]),
+    ]
+    message = Environment(primitives=primitives, primitive_poses=[pose, pose], ids=["ball", ""])
+    ball, post = read_environment(message)
+    assert (type(ball), ball.radius, ball.name) == (Sphere, 0.3, "ball")
+    assert (type(post), post.radius, post.length, post.name) == (Cylinder, 0.1, 2.0, "primitive_1")
+    for element in (ball, post):
+        assert element.position.tolist() == [0.5, 0.0, 1.0]
+    assert np.allclose(post.orientation, [0.6, 0.0, 0.0, 0.8])
+
+
+def test_round_markers_are_where_the_solids_are():
+    position, turn = np.array([0.5, -1.0, 2.0]), Rotation.from_rotvec([0.4, -0.3, 0.8])
+    ball, post, rail, *ends = solids_of(
+        Sphere(0.3, position, "ball"), Cylinder(0.1, 2.0, position, turn.as_quat()),
+        Capsule(0.1, 2.0, position, turn.as_quat(), "rail"))
+    assert (ball.type, post.type, rail.type) == (Marker.SPHERE, Marker.CYLINDER, Marker.CYLINDER)
+    assert [(marker.ns, marker.id) for marker in (ball, post, rail, *ends)] == [
+        ("environment ball", 0), ("environment cylinder_1", 0), *(("environment rail", k) for k in range(3))]
+    for marker, size in ((ball, (0.6, 0.6, 0.6)), (post, (0.2, 0.2, 2.0)), (rail, (0.2, 0.2, 2.0))):
+        assert (marker.scale.x, marker.scale.y, marker.scale.z) == size
+        assert np.allclose(position_of(marker.pose), position)
+        assert marker.color.a == 0.5
+    for marker in (post, rail):
+        axis = Rotation.from_quat(orientation_of(marker.pose)).apply([0, 0, 1])
+        assert np.allclose(axis, turn.apply([0, 0, 1]))
+    for marker, z in zip(ends, (-1.0, 1.0), strict=True):
+        assert (marker.type, marker.scale.x) == (Marker.SPHERE, 0.2)
+        assert np.allclose(position_of(marker.pose), position + turn.apply([0.0, 0.0, z]))
+
+
+def test_an_element_that_has_no_marker_is_refused():
+    with pytest.raises(NotSupportedError):
+        solids_of(SimpleNamespace(name="cone", shape="cone"))
+
+
 def test_markers_of_planes_and_boxes():
     tilted = Plane(coef=[0.0, -0.6, 0.8, -1.0])
     environment = floor_as("box")
     environment.planes, environment.ids = [tilted], ["ramp", "floor"]
-    job = SimpleNamespace(scene=SimpleNamespace(bodies=(), environment=read_environment(environment)))
-    _, ramp, floor = markers(Header(), job, SimpleNamespace(objects=[]), Settings()).markers
+    ramp, floor = solids_of(*read_environment(environment))
     assert (ramp.ns, floor.ns) == ("environment ramp", "environment floor")
     assert (floor.scale.x, floor.scale.z, floor.pose.position.z) == (4.0, 1.0, FLOOR - 0.5)
     turn = Rotation.from_quat(orientation_of(ramp.pose))

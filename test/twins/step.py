@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from .contact import sphere_contacts
+from .contact import cap_volume, sphere_contacts
 from .states import P, Q, V, W
 
 
@@ -24,6 +24,7 @@ class Physics(NamedTuple):
     stiffness: float
     damping: float = 0.0
     gravity: tuple = (0.0, 0.0, 0.0)
+    planes: tuple = ()  # of (unit normal, offset)
 
 
 def bodies_of(scene):
@@ -34,8 +35,9 @@ def bodies_of(scene):
 
 
 def physics_of(scene):
-    """The twin's physics of a scene."""
-    return Physics(scene.dt, scene.stiffness, scene.damping, tuple(scene.gravity))
+    """The twin's physics of a scene, whose environment is of planes."""
+    planes = tuple((plane.normal, plane.offset) for plane in scene.environment)
+    return Physics(scene.dt, scene.stiffness, scene.damping, tuple(scene.gravity), planes)
 
 
 def step(states, bodies, physics):
@@ -49,7 +51,8 @@ def step(states, bodies, physics):
         x[:, b, V] *= np.exp(-physics.damping * dt)
         x[:, b, W] *= np.exp(-physics.damping * dt)
         x[:, b, V] += dt * np.array(physics.gravity)
-    forces, torques = wrenches(x, bodies, physics.stiffness)
+    pairs, planes = wrenches(x, bodies, physics.stiffness), plane_wrenches(x, bodies, physics)
+    forces, torques = pairs[0] + planes[0], pairs[1] + planes[1]
     for b in moving:
         R = rotation_matrices(x, b)
         inverse_inertia = R @ np.linalg.inv(bodies[b].inertia) @ R.transpose(0, 2, 1)
@@ -74,6 +77,20 @@ def wrenches(x, bodies, stiffness):
                 arm = point - x[:, b, None, None, P]
                 forces[:, b] += f.sum(axis=(1, 2))
                 torques[:, b] += np.cross(arm, f).sum(axis=(1, 2))
+    return forces, torques
+
+
+def plane_wrenches(x, bodies, physics):
+    """As `wrenches`, of all spheres with the half-spaces: the cap's volume, in the middle of its height."""
+    forces, torques = np.zeros_like(x[..., P]), np.zeros_like(x[..., P])
+    for b, body in enumerate(bodies):
+        centers = world_centers(x, b, body)
+        for normal, offset in physics.planes:
+            height = np.clip(body.radii - (centers @ normal - offset), 0.0, 2.0 * body.radii)
+            force = physics.stiffness * cap_volume(body.radii, height)[..., None] * normal
+            point = centers - (body.radii - height / 2.0)[..., None] * normal
+            forces[:, b] += force.sum(axis=1)
+            torques[:, b] += np.cross(point - x[:, b, None, P], force).sum(axis=1)
     return forces, torques
 
 

@@ -7,8 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from ..belief import Belief
-from ..physics.rollout import fresh_memory, rollout
 from ..layout import ANGULAR_VELOCITY, ERR_ANGULAR_VELOCITY, ERR_VELOCITY, POSITION, QUATERNION, VELOCITY
+from ..physics import contact_history as histories
+from ..physics.rollout import rollout
 from ..scene import Scene
 from .energy import contact_energy, height_energy, kinetic_energy, matrices, momentum
 from .jobs import Row
@@ -21,10 +22,10 @@ LIFT = 1e-3  # of the bodies' radii: with gravity, energies are compared with at
 
 def trajectory(scene: Scene, mean: np.ndarray, steps: int) -> np.ndarray:
     """States (T, B, 13) of one rollout at every step, up to the first that is no number any more."""
-    state, memory = mean[None].copy(), fresh_memory(1, scene.world)
+    state, history = mean[None].copy(), histories.fresh(1, scene.world)
     states = [mean.copy()]
     for k in range(steps):
-        rollout(state, memory, scene.world, k, 1)
+        rollout(state, history, scene.world, k, 1)
         states.append(state[0].copy())
         if not np.isfinite(state).all():
             break

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..environment import Plane
 from ..layout import ANGULAR_VELOCITY, POSITION, QUATERNION, VELOCITY
 from ..scene import Scene
 
@@ -64,11 +63,8 @@ def momentum(scene: Scene, states: np.ndarray) -> np.ndarray:
 
 
 def surface_distance(element, points: np.ndarray) -> np.ndarray:
-    """(...,): signed distance of points (..., 3) from the surface of a plane or a box [m], negative inside."""
-    if isinstance(element, Plane):
-        return points @ element.normal - element.offset
-    local = np.abs((points - element.position) @ matrices(element.orientation)) - 0.5 * element.size
-    return np.linalg.norm(np.maximum(local, 0.0), axis=-1) + np.minimum(local.max(-1), 0.0)
+    """(...,): signed distance of points (..., 3) from the surface of an element [m], negative inside."""
+    return element.surface(points)[0]
 
 
 def _masses(scene):

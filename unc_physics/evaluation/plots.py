@@ -10,14 +10,15 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import EllipseCollection
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.patches import Rectangle
+from matplotlib.patches import Polygon
 from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 from scipy.spatial.transform import Rotation
 
-from ..environment import Box
+from ..environment import Element
 from ..geometry.packing_file import SpherePacking
 from ..geometry.picture import box_corners, shaded_balls, view_axes
 from ..layout import POSITION, QUATERNION
+from ..scene_picture import outline
 from .comparison import CPU_TIME, FLOOR, GAUSSIAN, MONTE_CARLO, POSITION_ERROR, ROTATION_ERROR
 from .pareto import Choice, front
 from .results import Rows
@@ -238,15 +239,17 @@ def draw_samples(path: Path, arrays: Mapping[str, np.ndarray], packing: SpherePa
     _save(figure, path)
 
 
-def draw_final_positions(path: Path, ends: Mapping[str, np.ndarray], boxes: Sequence[Box], title: str) -> None:
+def draw_final_positions(
+    path: Path, ends: Mapping[str, np.ndarray], elements: Sequence[Element], title: str,
+) -> None:
     """Where a body's centre ends up, in each engine: from above and from the side.
 
     Parameters
     ----------
     ends : mapping of str to (N, 13) array
         By the engine's name.
-    boxes : sequence of Box
-        Of the environment, along the axes.
+    elements : sequence of Element
+        Of the environment; those that are finite are drawn.
     title : str
     """
     everything = np.concatenate([states[:, POSITION] for states in ends.values()])
@@ -261,9 +264,11 @@ def draw_final_positions(path: Path, ends: Mapping[str, np.ndarray], boxes: Sequ
     for j, (name, states) in enumerate(ends.items()):
         for i, other in enumerate((1, 2)):
             ax = axes[i, j]
-            for box in boxes:
-                corner, size = box.position - 0.5 * box.size, box.size
-                ax.add_patch(Rectangle((corner[0], corner[other]), size[0], size[other], facecolor="#F4EDE0", edgecolor="0.6", linewidth=0.6))
+            view = np.eye(3)[[0, other, 3 - other]]
+            for element in elements:
+                if element.finite:
+                    corners = outline(element, view)
+                    ax.add_patch(Polygon(corners, facecolor="#F4EDE0", edgecolor="0.6", linewidth=0.6))
             shade = COLORS.get(name.lower(), COLORS[MONTE_CARLO])
             ax.plot(states[:, 0], states[:, other], ".", markersize=4, alpha=0.5, color=shade, markeredgewidth=0)
             ax.set(xlim=(low[0], high[0]), ylim=(low[other], high[other]), aspect="equal")

@@ -12,8 +12,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from ..physics.compiled import kernel
 from .sphere_grid import insert_sphere, nearest_sphere
 from .triangle_tree import nearest_on_mesh
 
@@ -42,20 +42,20 @@ class Bundle(NamedTuple):
     subsets: np.ndarray  # (2, 4) working set of the linear programme, and the candidate that replaces it
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def new_bundle():
     return Bundle(np.empty((MAX_FEATURES + 1, 7)), np.empty(MAX_FEATURES + 1), np.empty((MAX_FEATURES + 1, 3)),
                   np.empty((2, 4), np.int64))
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def copy(source, target, count):
     """Copy the first entries of a row (numba compiles a loop far faster than an assignment to a slice)."""
     for i in range(count):
         target[i] = source[i]
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def free_distance(space, x, y, z, feature):
     """f at a point, capped at the grid's reach; writes the nearest feature (untouched if there is none)."""
     f, index = nearest_sphere(space.grid, space.spheres, x, y, z, -1)
@@ -73,7 +73,7 @@ def free_distance(space, x, y, z, feature):
     return f
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def linearize(bundle, i, x, y, z):
     """Value and gradient of a feature at a point."""
     feature = bundle.features[i]
@@ -88,7 +88,7 @@ def linearize(bundle, i, x, y, z):
     bundle.gradients[i, 0], bundle.gradients[i, 1], bundle.gradients[i, 2] = gx, gy, gz
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def equalized_step(bundle, subset, size, delta, step):
     """The step of length up to delta that keeps a subset's linearizations equal and raises them most.
 
@@ -153,7 +153,7 @@ def equalized_step(bundle, subset, size, delta, step):
     return values[a] + ax * step[0] + ay * step[1] + az * step[2]
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def extreme(values, count, sign):
     """Index of the largest of the first values (sign 1), or of the smallest (sign -1)."""
     best = 0
@@ -163,14 +163,14 @@ def extreme(values, count, sign):
     return best
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def value_after(bundle, i, step):
     """A feature's linearization after a step."""
     g = bundle.gradients
     return bundle.values[i] + g[i, 0] * step[0] + g[i, 1] * step[1] + g[i, 2] * step[2]
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def best_step(bundle, count, delta, step):
     """Maximize the smallest of the linearizations over steps of length up to delta; returns that value.
 
@@ -228,7 +228,7 @@ def best_step(bundle, count, delta, step):
     return t
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def updated_bundle(bundle, count, feature, f, x, y, z):
     """Linearize at a new point, drop what bounds f no more, add a feature; returns the number of features.
 
@@ -262,7 +262,7 @@ def updated_bundle(bundle, count, feature, f, x, y, z):
     return kept + 1
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def climb(space, point, bundle):
     """Move a point to the local maximum of f around it; returns f there.
 
@@ -299,7 +299,7 @@ def climb(space, point, bundle):
     return f
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def climb_all(space, points):
     """Climb from each point, in place; returns f at each, 0 for a point that is not free."""
     bundle = new_bundle()
@@ -309,7 +309,7 @@ def climb_all(space, points):
     return out
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def touching_ball(space, point, inward, radius, feature):
     """Radius of the largest free ball, up to a radius, that touches the mesh from inside at a point of its surface.
 
@@ -336,7 +336,7 @@ def touching_ball(space, point, inward, radius, feature):
     return 0.0
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def starts_at_surface(space, points, inward, radius):
     """Centres of touching balls at points of the mesh's surface; those that vanish are left out."""
     feature = np.empty(7)
@@ -351,7 +351,7 @@ def starts_at_surface(space, points, inward, radius):
     return centers[:count]
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def starts_around(space, placed, directions):
     """Points around placed spheres (their indices), half-way across the gap to whatever else is nearest there."""
     centers = np.empty((len(placed) * len(directions), 3))
@@ -372,7 +372,7 @@ def starts_around(space, placed, directions):
     return centers[:count]
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def place(space, points, values, count):
     """Place spheres at candidates, in the order given, where f is still what it was; the grid is updated.
 

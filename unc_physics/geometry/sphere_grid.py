@@ -5,7 +5,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
+
+from ..physics.compiled import kernel
 
 EMPTY = -1
 COVERED = -2  # the whole cell lies inside one sphere
@@ -34,7 +35,7 @@ def grown(grid) -> SphereGrid:
     return grid._replace(entries=np.concatenate([grid.entries, np.empty_like(grid.entries)]))
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def cell_range(grid, axis, low, high):
     """First and last cell that the interval from ``low`` to ``high`` touches along an axis."""
     last = grid.heads.shape[axis] - 1
@@ -43,7 +44,7 @@ def cell_range(grid, axis, low, high):
     return max(0, min(last, first_cell)), max(0, min(last, last_cell))
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def insert_sphere(grid, spheres, index):
     """List a sphere in all cells with a point outside it but within reach; False, and no change, if short of room."""
     cx, cy, cz, r = spheres[index, 0], spheres[index, 1], spheres[index, 2], spheres[index, 3]
@@ -90,7 +91,7 @@ def insert_sphere(grid, spheres, index):
     return True
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def insert_spheres(grid, spheres, start, stop):
     """Insert spheres one by one; returns the first that found no room (``stop`` if all did)."""
     for index in range(start, stop):
@@ -99,7 +100,7 @@ def insert_spheres(grid, spheres, start, stop):
     return stop
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def nearest_sphere(grid, spheres, x, y, z, excluded):
     """Distance to the nearest sphere and its index; at most ``reach``, with index -1.
 

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from ..physics.compiled import kernel
 from .sphere_grid import empty_grid, grown, insert_spheres, nearest_sphere
 
 ACCURACY = 0.01  # of the gap
@@ -43,7 +43,7 @@ def surface_gap(corners, spheres) -> float:
         reach *= 2.0
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def bounded_gap(grid, spheres, corners):
     """Upper bound of the gap by branch and bound; the grid's reach as soon as a point lies beyond it.
 
@@ -87,13 +87,13 @@ def bounded_gap(grid, spheres, corners):
     return bound
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def copy_triangle(source, target):
     for corner in range(3):
         for axis in range(3):
             target[corner, axis] = source[corner, axis]
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def distance_squared(a, b):
     return (a[0] - b[0]) ** 2 + (a[1] - b[1]) ** 2 + (a[2] - b[2]) ** 2

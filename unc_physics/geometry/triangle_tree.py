@@ -5,7 +5,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
+
+from ..physics.compiled import kernel
 
 LEAF_SIZE = 4  # triangles in a leaf, at most
 # A triangle's record: corner, unit normal, two edges e1 and e2, 1 / |e1|^2, 1 / |e2|^2, 1 / |e1 - e2|^2,
@@ -64,7 +65,7 @@ def triangle_records(corners):
     return np.ascontiguousarray(np.hstack([a, normals, e1, e2, inverses]))
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def box_distance_squared(boxes, node, x, y, z):
     """Squared distance from a point to a node's box; 0 inside."""
     dx = max(boxes[node, 0] - x, 0.0, x - boxes[node, 3])
@@ -73,7 +74,7 @@ def box_distance_squared(boxes, node, x, y, z):
     return dx * dx + dy * dy + dz * dz
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def offset_from_triangle(t, px, py, pz, height):
     """Vector to a point from a triangle's nearest point; p is taken from the corner, height over the plane."""
     b1 = t[6] * px + t[7] * py + t[8] * pz
@@ -101,7 +102,7 @@ def offset_from_triangle(t, px, py, pz, height):
     return px - v * t[6] - w * t[9], py - v * t[7] - w * t[10], pz - v * t[8] - w * t[11]
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def nearest_on_mesh(tree, x, y, z, bound):
     """The mesh's point nearest to (x, y, z), if it is nearer than ``bound``.
 

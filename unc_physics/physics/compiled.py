@@ -1,6 +1,13 @@
-"""How kernels are compiled: once per combination of types, into a cache on disk, without the interpreter's lock."""
+"""How kernels are compiled: once for each combination of types, cached, without the interpreter's lock."""
 
 from numba import njit
+from numba.extending import overload
+
+from . import compile_time  # noqa: F401  (from the first kernel on)
+from .compile_cache import keep
+
+#: No wrapper for Python, no counted references: both take long to compile.
+_INNER = {"_nrt": False, "no_cpython_wrapper": True}
 
 
 def kernel(function=None, **options):
@@ -9,13 +16,39 @@ def kernel(function=None, **options):
 
 
 def inner(function=None, **options):
-    """A function that kernels alone call, and that allocates nothing: no wrapper for Python, no counted references.
+    """A function that kernels alone call, and that allocates nothing; called from Python it would crash."""
+    return _compiled(function, _INNER | options)
 
-    Both take long to compile, and a call from Python would end the process.
+
+def stage(function):
+    """A stage of a time loop, at which a method does work of its own; unless a method says so, nothing.
+
+    The method is the first argument: None, or a NamedTuple of what the method works on. A function decorated
+    with ``@name_of_the_stage.of(Method)`` is the stage's work for NamedTuples of that class. It is chosen by
+    type when the loop is compiled, and becomes part of the loop's code, so that a loop without a method is
+    compiled as if it had no stages.
     """
-    return _compiled(function, {"_nrt": False, "no_cpython_wrapper": True} | options)
+    work_of = {}
+
+    def choose(method, *_):
+        return work_of.get(getattr(method, "instance_class", None), function)
+
+    def of(method):
+        def register(work):
+            work_of[method] = work
+            return work
+
+        return register
+
+    overload(function, strict=False, jit_options=_INNER | {"forceinline": True, "no_cfunc_wrapper": True})(
+        choose
+    )
+    function.of = of
+    return function
 
 
 def _compiled(function, options):
-    decorate = njit(cache=True, nogil=True, no_cfunc_wrapper=True, **options)
+    def decorate(function):
+        return keep(njit(nogil=True, no_cfunc_wrapper=True, **options)(function))
+
     return decorate if function is None else decorate(function)

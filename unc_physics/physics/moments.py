@@ -6,7 +6,7 @@ import numpy as np
 
 from ..layout import EP, ER, ERROR, EV, EW, STATE, P, Q, V, W
 from .compiled import kernel
-from .so3 import conjugate, exp, log, multiply, normalized
+from .rotation import conjugate, exp, log, multiply, normalized
 
 _KARCHER_TOLERANCE = 1e-12  # rad
 _KARCHER_ITERATIONS = 50

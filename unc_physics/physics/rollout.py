@@ -1,22 +1,14 @@
 """Rollouts of a batch of states: the only loop over samples."""
 
-import numpy as np
-
+from . import contact_history as histories
 from .compiled import kernel
-from .laws import FIRST
-from .step import march, workspace
+from .explicit_step import integrate
+from .implicit_step import advance_implicit
 from .threads import in_threads
+from .workspace import workspace
 
 
-def fresh_memory(count, world):
-    """(count, B, B + E, 2) float32: the memory of rollouts that begin."""
-    bodies = len(world.bodies.moving)
-    memory = np.zeros((count, bodies, bodies + (0 if world.laws is None else len(world.laws.kind)), 2), np.float32)
-    memory[..., FIRST] = np.inf
-    return memory
-
-
-def rollout(states, memory, world, begin, steps):
+def rollout(states, contact_history, world, begin, steps):
     """Advance a batch of states in place.
 
     Every rollout is computed by itself, so the result does not depend on the number of threads
@@ -26,27 +18,36 @@ def rollout(states, memory, world, begin, steps):
     ----------
     states : (N, B, 13) float64, C order
         One scene state per sample.
-    memory : (N, B, B + E, 2) float32, C order
-        What each rollout remembers of its contacts (`fresh_memory`, `advance`); updated in place.
+    contact_history : ContactHistory
+        Of these rollouts (`contact_history.fresh`); updated in place.
     world : World
     begin : int
         Number of steps before.
     steps : int
     """
-    in_threads(len(states), lambda some: advance(states[some], memory[some], world, world.laws, begin, steps))
+    in_threads(
+        len(states),
+        lambda some: advance(states[some], histories.samples(contact_history, some), world, begin, steps),
+    )
 
 
 def simulate(states, world, steps):
     """Advance a batch of states (N, B, 13) in place, as rollouts that begin there."""
-    rollout(states, fresh_memory(len(states), world), world, 0, steps)
+    rollout(states, histories.fresh(len(states), world), world, 0, steps)
+
+
+def advance(states, contact_history, world, begin, steps):
+    """As `rollout`, in the calling thread, by the step that the world asks for."""
+    if world.implicit is None:
+        advance_explicit(states, contact_history.first_time, world, world.surroundings, begin, steps)
+    else:
+        advance_implicit(states, contact_history.first_time, contact_history.solver, world, begin, steps)
 
 
 @kernel
-def advance(states, memory, world, laws, begin, steps):
-    """Advance states (N, B, 13) in place, and what their rollouts remember of contacts along.
-
-    ``memory`` (N, B, B + E, 2) float32 is as `laws.FIRST` and `laws.RATE` say, with pairs of bodies i < j and elements of
-    the environment behind the bodies; ``begin`` counts the steps before; ``laws`` are those of the world.
-    """
+def advance_explicit(states, first_time, world, surroundings, begin, steps):
+    """Advance states (N, B, 13) and first contacts (N, B, B + E) in place, by explicit steps."""
     for n in range(len(states)):
-        march(states[n], memory[n], world, laws, begin, steps, workspace(states[n], world, laws))
+        integrate(
+            states[n], first_time[n], world, surroundings, None, begin, steps, workspace(states[n], world)
+        )

@@ -5,6 +5,8 @@ from functools import cache
 
 import numba
 
+from .compile_time import count_compiling, seconds_compiling
+
 # samples differ in what they cost, and each part costs as much as a short rollout of its own
 _MOST_PARTS_PER_THREAD, _FEWEST_IN_A_PART = 8, 4
 
@@ -17,7 +19,13 @@ def in_threads(count, run):
         return
     parts = threads * min(max(count // (_FEWEST_IN_A_PART * threads), 1), _MOST_PARTS_PER_THREAD)
     ends = [count * part // parts for part in range(parts + 1)]
-    list(_pool(threads).map(run, map(slice, ends[:-1], ends[1:])))
+
+    def timed(part):
+        before = seconds_compiling()
+        run(part)
+        return seconds_compiling() - before
+
+    count_compiling(max(_pool(threads).map(timed, map(slice, ends[:-1], ends[1:]))))
 
 
 @cache

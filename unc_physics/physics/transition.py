@@ -1,21 +1,21 @@
 """The linearized transition between contacts: drift and damping act on the error state of one body.
 
 A matrix whose rows are the error state ``[dp, dv, dtheta, domega]`` of body after body, columns whatever is
-carried, is multiplied from the left by the paper's A_t (Eq. 14), or by its exact counterpart. Bodies go by index:
-a slice for each would cost more than the arithmetic.
+carried, is multiplied from the left by the paper's A_t (Eq. 14), or by its exact counterpart. Bodies go by
+index: a slice for each would cost more than the arithmetic.
 """
 
 import math
 
 from ..layout import EP, ER, EV, EW, W
 from .compiled import inner
+from .rotation import cross, rotate, rotate_back
 from .simd import four_columns, two_columns
-from .so3 import cross, rotate, rotate_back
 
 
 @inner(forceinline=True)
 def write_printed_rotation(R, i, dt, out):
-    """``dt R_t^T`` of body i, the block of Eq. 14 that turns angular velocity into rotation, into ``out`` (3, 3)."""
+    """``dt R_t^T`` of body i, Eq. 14's block from angular velocity to rotation, into ``out`` (3, 3)."""
     for a in range(3):
         for b in range(3):
             out[a, b] = dt * R[i, b, a]
@@ -25,13 +25,18 @@ def write_printed_rotation(R, i, dt, out):
 def write_exact_rotation(R, x, i, dt, out):
     """``dt R_t^T J^T`` of body i, the exact derivative of the drift, into ``out`` (3, 3).
 
-    J is the left Jacobian of SO(3) at ``dt omega``; ``x`` (B, 13) and ``R`` (B, 3, 3) are those before the drift.
+    J is the left Jacobian of SO(3) at ``dt omega``; ``x`` (B, 13) and ``R`` (B, 3, 3) are those before the
+    drift.
     """
     a, b, c = dt * x[i, W], dt * x[i, W + 1], dt * x[i, W + 2]
     angle2 = a * a + b * b + c * c
     if angle2 < 0.01:  # as in nearly every time step: the series to round-off
         square = angle2 * angle2
-        first = 0.5 - angle2 * (1.0 / 24.0) + square * (1.0 / 720.0 - angle2 * (1.0 / 40320.0) + square * (1.0 / 3628800.0))
+        first = (
+            0.5
+            - angle2 * (1.0 / 24.0)
+            + square * (1.0 / 720.0 - angle2 * (1.0 / 40320.0) + square * (1.0 / 3628800.0))
+        )
         second = 1.0 / 6.0 - angle2 * (1.0 / 120.0) + square * (1.0 / 5040.0 - angle2 * (1.0 / 362880.0))
     else:
         angle = math.sqrt(angle2)
@@ -50,12 +55,13 @@ def write_exact_rotation(R, x, i, dt, out):
 
 
 @inner
-def turn_columns(rows, first, x, i, R, world, laws, dt):
-    """Add what the gyroscopic term does to errors in one body's 12 rows: to first order in ``dt``.
+def apply_gyroscopic_jacobian(rows, first, x, i, R, world):
+    """Add what the gyroscopic term does to errors in one body's 12 rows, to first order in the step.
 
-    With ``L = I omega``, ``domega/dt = I^-1 (L x omega)``; a rotation error t in world axes turns I and its inverse.
+    With ``L = I omega``, ``domega/dt = I^-1 (L x omega)``; a rotation error t in world axes turns I and its
+    inverse.
     """
-    inertia, inverse, R_i = laws.inertia[i], world.bodies.inverse_inertia[i], R[i]
+    dt, inertia, inverse, R_i = world.dt, world.bodies.inertia[i], world.bodies.inverse_inertia[i], R[i]
     omega = (x[i, W], x[i, W + 1], x[i, W + 2])
     L = _in_world(R_i, inertia, omega)
     torque = cross(L, omega)
@@ -79,6 +85,18 @@ def _in_world(R, A, v):
     x, y, z = rotate_back(R, v[0], v[1], v[2])
     x, y, z = rotate(A, x, y, z)
     return rotate(R, x, y, z)
+
+
+@inner(forceinline=True)
+def apply_drift_jacobian(rows, first, x, i, R, world, surroundings, rotation):
+    """Multiply body i's 12 rows, from ``first`` on, by the derivative of drift and damping, in place.
+
+    ``x`` and ``R`` are those before the drift; ``rotation`` (3, 3) is the block from domega to dtheta.
+    """
+    if surroundings is not None:
+        if surroundings.gyroscopic:
+            apply_gyroscopic_jacobian(rows, first, x, i, R, world)
+    apply_transition(rows, first, world.dt, world.decay, rotation)
 
 
 @inner(forceinline=True)

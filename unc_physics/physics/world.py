@@ -4,7 +4,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .tree import Tree
+from .implicit_world import Implicit
+from .sphere_tree import Tree
 
 
 class Bodies(NamedTuple):
@@ -13,6 +14,10 @@ class Bodies(NamedTuple):
     Attributes
     ----------
     moving : (B,) bool
+    mass : (B,) float64
+        [kg]; has no meaning for a fixed body.
+    inertia : (B, 3, 3) float64
+        About the centre of mass, body frame [kg m^2]; has no meaning for a fixed body.
     inverse_mass : (B,) float64
         1/kg; 0 for a fixed body.
     inverse_inertia : (B, 3, 3) float64
@@ -24,58 +29,36 @@ class Bodies(NamedTuple):
     """
 
     moving: np.ndarray
+    mass: np.ndarray
+    inertia: np.ndarray
     inverse_mass: np.ndarray
     inverse_inertia: np.ndarray
     radius: np.ndarray
     root: np.ndarray
 
 
-#: Kinds of elements of the environment.
-PLANE, BOX = 0, 1
-
-
-class Laws(NamedTuple):
-    """Physics beyond the paper's, and the E elements of the environment.
+class Surroundings(NamedTuple):
+    """The E elements of the environment, and whether free flight goes beyond the paper's.
 
     Attributes
     ----------
     kind : (E,) int64
-        `PLANE` or `BOX`.
+        Of the elements' shapes (`shapes.KINDS`).
     position : (E, 3) float64
-        A point of the plane, or the box's centre [m].
+        Origins of the elements' frames: a point of a plane, otherwise the middle [m].
     R : (E, 3, 3) float64
         ``R_world_element``; a plane's normal is its z axis.
-    half : (E, 3) float64
-        Half the box's edge lengths [m].
-    friction : float
-        Coulomb's coefficient; 0 without friction.
-    dissipation : float
-        ``(1 - e^2) / 2`` of the coefficient of restitution e; 0 for elastic contacts.
+    size : (E, 3) float64
+        What each shape's file takes for its size [m].
     gyroscopic : bool
-    robust : bool
-        Whether steps are divided and kicks linearly implicit.
-    thickness : (B,) float64
-        Radius of the largest sphere of each body [m].
-    smallest : (B,) float64
-        Radius of the smallest.
-    mass : (B,) float64
-        [kg]
-    inertia : (B, 3, 3) float64
-        Body frame [kg m^2].
+        Whether a turning body keeps its angular momentum, instead of its angular velocity as in the paper.
     """
 
     kind: np.ndarray
     position: np.ndarray
     R: np.ndarray
-    half: np.ndarray
-    friction: float
-    dissipation: float
+    size: np.ndarray
     gyroscopic: bool
-    robust: bool
-    thickness: np.ndarray
-    smallest: np.ndarray
-    mass: np.ndarray
-    inertia: np.ndarray
 
 
 class World(NamedTuple):
@@ -96,9 +79,11 @@ class World(NamedTuple):
         kappa [N/m^3].
     stack_size : int
         Room that a search through two trees needs at most.
-    laws : Laws or None
-        Their type decides what is compiled: functions take them as an argument of their own, ``world.laws``, since
-        only an argument's being None removes a branch from the code.
+    surroundings : Surroundings or None
+        None for the paper's physics, for which the kernels compile without them. Functions whose code depends
+        on that take them as an argument of their own: numba removes a branch only where an argument is None.
+    implicit : Implicit or None
+        What the implicit step knows besides; None for the explicit one.
     """
 
     bodies: Bodies
@@ -108,4 +93,5 @@ class World(NamedTuple):
     decay: float
     stiffness: float
     stack_size: int
-    laws: Laws
+    surroundings: Surroundings | None
+    implicit: Implicit | None

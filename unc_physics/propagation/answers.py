@@ -19,9 +19,8 @@ import numpy as np
 from ..belief import Belief
 from ..environment import element_names
 from ..errors import DuplicateIdError, InvalidEnvironmentError, InvalidRequestError
-from ..physics.laws import FIRST
-from ..physics.so3 import rotation_matrix
 from ..layout import ANGULAR_VELOCITY, POSITION, VELOCITY
+from ..physics.rotation import rotation_matrix
 from ..scene import Scene
 from ..validation import array, positive, quaternion
 from .first_contacts import first_contacts
@@ -286,7 +285,7 @@ def _outcomes(scene, prediction, initial):
 def _sampled(scene, prediction):
     """The outcomes that a prediction holds: Monte Carlo's samples, or the only one there is."""
     certain = not (prediction.belief.covariance.any() or scene.uncertain)
-    first = prediction.carry.memory[..., FIRST]
+    first = prediction.carry.contact_history.first_time
     if prediction.propagator.name == "monte_carlo":
         states = prediction.propagator.states(prediction.carry, scene)
         certain = certain or (len(states) > 1 and bool((states == states[0]).all()))

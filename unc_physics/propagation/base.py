@@ -10,8 +10,9 @@ import numpy as np
 
 from ..belief import Belief
 from ..errors import InvalidOptionError, LimitExceededError
-from ..physics.rollout import rollout
 from ..parameters import rollout_varied
+from ..physics import contact_history as histories
+from ..physics.rollout import rollout
 from ..scene import Scene
 from ..validation import integer
 
@@ -88,12 +89,12 @@ class Propagator(ABC):
 
 def rolled(carry, scene, steps):
     """The carry of states that run through the full simulator, ``steps`` time steps on."""
-    states, memory = carry.states.copy(), carry.memory.copy()
+    states, history = carry.states.copy(), histories.copy(carry.contact_history)
     if scene.uncertain:
-        rollout_varied(states, memory, scene, carry.parameters, carry.step, steps)
+        rollout_varied(states, history, scene, carry.parameters, carry.step, steps)
     else:
-        rollout(states, memory, scene.world, carry.step, steps)
-    return carry._replace(states=states, memory=memory, step=carry.step + steps)
+        rollout(states, history, scene.world, carry.step, steps)
+    return carry._replace(states=states, contact_history=history, step=carry.step + steps)
 
 
 def symmetric_root(P: np.ndarray) -> np.ndarray:

@@ -1,6 +1,7 @@
 """Samples of an initial belief, each body of which runs until it first touches something.
 
-What happens before that is the same for every propagator: free flight, in closed form but for the search for contacts.
+What happens before that is the same for every propagator: free flight, in closed form but for the search for
+contacts.
 """
 
 from __future__ import annotations
@@ -10,10 +11,10 @@ from typing import NamedTuple
 import numpy as np
 
 from ..belief import Belief
+from ..physics import contact_history as histories
 from ..physics.compiled import inner, kernel
-from ..physics.laws import FIRST
-from ..physics.rollout import fresh_memory
-from ..physics.step import march, workspace
+from ..physics.explicit_step import integrate
+from ..physics.workspace import workspace
 from ..physics.world import Bodies, World
 from ..scene import Scene
 
@@ -26,10 +27,12 @@ class FirstContacts(NamedTuple):
     states : (N, B, 13) array
         At the end; of a body that touched something, just after it did.
     stopped : (N, B) array
-        Time at which each body first touched something [s]; infinite for one that flew to the end, or is fixed.
+        Time at which each body first touched something [s]; infinite for one that flew to the end, or is
+        fixed.
     first : (N, B, B + E) array
-        Time of the first contact of bodies i < j, or of body i and element j - B [s]; infinite without one. Later than
-        either body's time in ``stopped``, it is with one that stands where it touched something before.
+        Time of the first contact of bodies i < j, or of body i and element j - B [s]; infinite without one.
+        Later than either body's time in ``stopped``, it is with one that stands where it touched something
+        before.
     """
 
     states: np.ndarray
@@ -40,39 +43,49 @@ class FirstContacts(NamedTuple):
 def first_contacts(scene: Scene, initial: Belief, steps: int, samples: int, seed: int = 0) -> FirstContacts:
     """Let samples of a belief fly until they touch something, for at most ``steps`` time steps."""
     states = initial.sample(samples, np.random.default_rng(seed))
-    memory = fresh_memory(samples, scene.world)
-    stopped = np.full(states.shape[:2], np.inf, memory.dtype)
-    _fly(states, memory, stopped, scene.world, scene.world.laws, steps)
-    return FirstContacts(states, stopped, memory[..., FIRST])
+    first = histories.fresh(samples, scene.world).first_time
+    stopped = np.full(states.shape[:2], np.inf, first.dtype)
+    _fly(states, first, stopped, scene.world, scene.world.surroundings, steps)
+    return FirstContacts(states, stopped, first)
 
 
 @kernel
-def _fly(states, memory, stopped, world, laws, steps):
+def _fly(states, first, stopped, world, surroundings, steps):
     """Advance the states in place; a body counts as fixed from the step on in which it touches something."""
     for n in range(len(states)):
         b = world.bodies
         moving = b.moving.copy()
-        bodies = Bodies(moving, b.inverse_mass, b.inverse_inertia, b.radius, b.root)
-        own = World(bodies, world.tree, world.gravity, world.dt, world.decay, world.stiffness, world.stack_size, laws)
-        work = workspace(states[n], own, laws)
+        bodies = Bodies(moving, b.mass, b.inertia, b.inverse_mass, b.inverse_inertia, b.radius, b.root)
+        own = World(
+            bodies,
+            world.tree,
+            world.gravity,
+            world.dt,
+            world.decay,
+            world.stiffness,
+            world.stack_size,
+            surroundings,
+            None,
+        )
+        work = workspace(states[n], own)
         for step in range(steps):
-            march(states[n], memory[n], own, laws, step, 1, work)
-            if _stop(memory[n], moving, stopped[n]) == 0:
+            integrate(states[n], first[n], own, surroundings, None, step, 1, work)
+            if _stop(first[n], moving, stopped[n]) == 0:
                 break
 
 
 @inner
-def _stop(memory, moving, stopped):
+def _stop(first, moving, stopped):
     """Stop the bodies that touched something; returns how many still move."""
     left = 0
     for i in range(len(moving)):
         if not moving[i]:
             continue
         time = np.float32(np.inf)
-        for j in range(memory.shape[1]):
-            time = min(time, memory[i, j, FIRST])
+        for j in range(first.shape[1]):
+            time = min(time, first[i, j])
         for j in range(i):
-            time = min(time, memory[j, i, FIRST])
+            time = min(time, first[j, i])
         if time < np.inf:
             stopped[i] = time
     for i in range(len(moving)):

@@ -7,7 +7,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..physics.so3 import rotation_matrix
 from ..layout import (
     ANGULAR_VELOCITY,
     ERR_ANGULAR_VELOCITY,
@@ -19,6 +18,7 @@ from ..layout import (
     QUATERNION,
     VELOCITY,
 )
+from ..physics.rotation import rotation_matrix
 
 
 class Course(NamedTuple):
@@ -45,15 +45,11 @@ class Course(NamedTuple):
 
 
 @lru_cache(maxsize=64)
-def course(dt: float, decay: float, steps: int, robust: bool) -> Course:
-    """The course of ``steps`` time steps; ``robust`` ones drift for half a step before and after velocities change."""
+def course(dt: float, decay: float, steps: int) -> Course:
+    """The course of ``steps`` explicit time steps."""
     powers = decay ** np.arange(steps + 1)
     falls = dt * np.concatenate([[0.0], np.cumsum(powers[:-1])])
-    if robust:
-        weights = 0.5 * dt * np.column_stack([powers[:-1], powers[1:]]).ravel()
-        sink = 0.5 * dt * float(falls[:-1].sum() + falls[1:].sum())
-    else:
-        weights, sink = dt * powers[:-1], dt * float(falls[:-1].sum())
+    weights, sink = dt * powers[:-1], dt * float(falls[:-1].sum())
     ends = np.cumsum(weights)
     return Course(float(powers[-1]), float(falls[-1]), float(ends[-1]), sink, weights, ends - weights)
 

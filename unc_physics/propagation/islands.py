@@ -22,11 +22,12 @@ import numpy as np
 
 from ..belief import Belief
 from ..errors import NotSupportedError
-from ..physics.compiled import kernel
-from ..physics.laws import FIRST
-from ..physics.moments import boxminus, spread_states
-from ..physics.world import PLANE, Bodies
 from ..layout import ANGULAR_VELOCITY, ERROR, POSITION, VELOCITY
+from ..physics import contact_history as histories
+from ..physics.compiled import kernel
+from ..physics.moments import boxminus, spread_states
+from ..physics.shapes import bounds
+from ..physics.world import Bodies, World
 from ..scene import Scene
 from .base import Propagator
 from .free_flight import course, fly, transition
@@ -187,8 +188,7 @@ class Islands:
 
     def _flown(self, island, steps):
         world = island.scene.world
-        along = course(world.dt, world.decay, steps, world.laws is not None and world.laws.robust)
-        return flown(island.carry, world.gravity, along, steps)
+        return flown(island.carry, world.gravity, course(world.dt, world.decay, steps), steps)
 
     def _part(self, bodies):
         """The scene of some bodies; made once, and sharing the sphere trees."""
@@ -196,21 +196,17 @@ class Islands:
         if key not in self._parts:
             scene, world = self._scene, self._scene.world
             part = dataclasses.replace(scene, bodies=[scene.bodies[k] for k in key], islands=False)
-            laws = world.laws
-            if laws is not None:
-                laws = laws._replace(
-                    **{name: getattr(laws, name)[bodies] for name in ("thickness", "smallest", "mass", "inertia")})
-            part.__dict__["world"] = world._replace(bodies=Bodies(*(constant[bodies] for constant in world.bodies)), laws=laws)
+            part.__dict__["world"] = world._replace(
+                bodies=Bodies(*(constant[bodies] for constant in world.bodies)),
+                implicit=None if world.implicit is None else world.implicit.of_bodies(bodies))
             self._parts[key] = part
         return self._parts[key]
 
     def _columns(self, whole, bodies):
         """The part of Monte Carlo's carry that is about some bodies."""
-        count = len(self._scene.bodies)
-        columns = np.concatenate([bodies, np.arange(count, whole.memory.shape[2])])
         return whole._replace(
             states=np.ascontiguousarray(whole.states[:, bodies]),
-            memory=np.ascontiguousarray(whole.memory[:, bodies][:, :, columns]),
+            contact_history=histories.of_bodies(whole.contact_history, bodies),
             parameters=np.ascontiguousarray(whole.parameters[:, self._parameters(bodies)]),
         )
 
@@ -230,8 +226,7 @@ class Islands:
             )
             for island in islands
         ]
-        elements = 0 if scene.world.laws is None else len(scene.world.laws.kind)
-        frame = Frame(self._mean[bodies], len(scene.moving), elements, len(scene.uncertain))
+        frame = Frame(self._mean[bodies], len(scene.moving), scene.world, len(scene.uncertain))
         return joined(islands[0].carry, [island.carry for island in islands], parts, frame)
 
     def _bounds(self, islands, present):
@@ -359,24 +354,22 @@ class Islands:
 
     def _reaches_elements(self, low, high):
         """(B,): whether each box may touch an element of the environment."""
-        laws = self._scene.world.laws
+        surroundings = self._scene.world.surroundings
         found = np.zeros(len(low), bool)
-        if laws is None:
+        if surroundings is None:
             return found
         center, half = 0.5 * (low + high), 0.5 * (high - low)
-        for e in range(len(laws.kind)):
-            if laws.kind[e] == PLANE:
-                normal = laws.R[e, :, 2]
-                found |= (center - laws.position[e]) @ normal - half @ np.abs(normal) < 0.0
-            else:
-                reach = np.abs(laws.R[e]) @ laws.half[e]
-                found |= np.all(np.abs(center - laws.position[e]) < half + reach, axis=1)
+        for e in range(len(surroundings.kind)):
+            # in the element's frame
+            lowest, highest = bounds(surroundings.kind, surroundings.size, e)
+            middle, reach = (center - surroundings.position[e]) @ surroundings.R[e], half @ np.abs(surroundings.R[e])
+            found |= np.all((middle - reach < highest) & (middle + reach > lowest), axis=1)
         return found
 
     def _can_fly(self, carry):
         """Whether there is a closed form of the carry's free flight."""
-        laws = self._scene.world.laws
-        return not (laws is not None and laws.gyroscopic) and flown.dispatch(type(carry)) is not flown.dispatch(object)
+        explicit = self._scene.integrator == "explicit" and not self._scene.gyroscopic
+        return explicit and flown.dispatch(type(carry)) is not flown.dispatch(object)
 
     def _close(self, carry):
         """End a slice; or begin it again where more energy turned up than the bounds were made for."""
@@ -413,11 +406,11 @@ class Part(NamedTuple):
 
 
 class Frame(NamedTuple):
-    """Of an island to be joined: all states at time 0 (b, 13), and how many bodies move, elements and parameters there are."""
+    """Of an island to be joined: all states at time 0 (b, 13), how many bodies move and parameters are uncertain, its world."""
 
     mean: np.ndarray
     moving: int
-    elements: int
+    world: World
     parameters: int
 
 
@@ -436,7 +429,8 @@ def _(like: LinearizationCarry, carries, parts, frame):
         root[part.moving, :, column : column + rank] = carry.root.reshape(len(part.moving), ERROR, rank)
         column += rank
     return like._replace(
-        mean=_joined_states(carries, parts, frame), root=root.reshape(ERROR * frame.moving, -1), memory=_joined_memory(carries, parts, frame))
+        mean=_joined_states(carries, parts, frame), root=root.reshape(ERROR * frame.moving, -1),
+        contact_history=_joined_history(carries, parts, frame))
 
 
 @joined.register(SurrogateCarry)
@@ -446,7 +440,8 @@ def _(like, carries, parts, frame):
     P = np.empty((frame.moving, ERROR, ERROR))
     for carry, part in zip(carries, parts, strict=True):
         P[part.moving] = getattr(carry, name)
-    return like._replace(mean=_joined_states(carries, parts, frame), memory=_joined_memory(carries, parts, frame), **{name: P})
+    return like._replace(
+        mean=_joined_states(carries, parts, frame), contact_history=_joined_history(carries, parts, frame), **{name: P})
 
 
 @joined.register
@@ -456,7 +451,7 @@ def _(like: MonteCarloCarry, carries, parts, frame):
     for carry, part in zip(carries, parts, strict=True):
         states[:, part.bodies] = carry.states
         z[:, part.parameters] = carry.parameters
-    return like._replace(states=states, memory=_joined_memory(carries, parts, frame), parameters=z)
+    return like._replace(states=states, contact_history=_joined_history(carries, parts, frame), parameters=z)
 
 
 @joined.register
@@ -476,11 +471,7 @@ def _(like: SigmaPointCarry, carries, parts, frame):
         states[np.ix_(own, part.bodies)] = wide
         z[np.ix_(own, part.parameters)] = carry.parameters * np.sqrt((total + 0.5) / (count + 0.5))
         rows.append(own)
-    memory = _joined_memory([carry._replace(memory=carry.memory[:1]) for carry in carries], parts, frame)
-    memory = np.repeat(memory, 2 * total + 1, axis=0)
-    for carry, part, own in zip(carries, parts, rows, strict=True):
-        memory[np.ix_(own, part.bodies, _columns_of(part, frame))] = carry.memory
-    return like._replace(states=states, memory=memory, parameters=z)
+    return like._replace(states=states, contact_history=_joined_history(carries, parts, frame, rows), parameters=z)
 
 
 @singledispatch
@@ -519,18 +510,12 @@ def _joined_states(carries, parts, frame):
     return mean
 
 
-def _joined_memory(carries, parts, frame):
-    count, rows = len(carries[0].memory), len(frame.mean)
-    memory = np.zeros((count, rows, rows + frame.elements, 2), np.float32)
-    memory[..., FIRST] = np.inf
-    for carry, part in zip(carries, parts, strict=True):
-        memory[np.ix_(range(count), part.bodies, _columns_of(part, frame))] = carry.memory
-    return memory
-
-
-def _columns_of(part, frame):
-    """The memory's columns of an island: its bodies', then all elements'."""
-    return np.concatenate([part.bodies, len(frame.mean) + np.arange(frame.elements)])
+def _joined_history(carries, parts, frame, rows=None):
+    """What the joint rollouts remember; ``rows`` says which of them are each carry's, all where it is None."""
+    found = [carry.contact_history for carry in carries]
+    if rows is None:
+        rows = [np.arange(len(history.first_time)) for history in found]
+    return histories.joined(found, rows, [part.bodies for part in parts], frame.world)
 
 
 @kernel

@@ -1,4 +1,4 @@
-"""Local sampling: each contact is perturbed by the bodies' pose uncertainty, its force's spread feeds P (section 4.4)."""
+"""Local sampling: contacts are perturbed by the poses' uncertainty, the spread feeds P (section 4.4)."""
 
 from __future__ import annotations
 
@@ -10,28 +10,24 @@ import numpy as np
 
 from ..belief import Belief
 from ..errors import InvalidOptionError
-from ..physics.compiled import inner, kernel
-from ..physics.contact import DISTANCE, NORMAL, VOLUME, next_contacts
-from ..physics.laws import hold_columns
-from ..physics.pieces import next_piece
-from ..physics.random import RUN, combine, normal_table, places
-from ..physics.rollout import fresh_memory
-from ..physics.so3 import cross, exp, rotate, rotate_back
-from ..physics.step import (
-    drift,
-    glide,
-    kick,
-    note_contact,
-    open_pair,
-    pairs_to_search,
-    part,
-    press,
-    press_by_laws,
-    workspace,
-)
-from ..physics.surroundings import next_element_contacts, open_element, surface
-from ..physics.transition import apply_transition, turn_columns, write_printed_rotation
 from ..layout import EP, ER, ERROR, EV, EW
+from ..physics import contact_history as histories
+from ..physics.compiled import inner, kernel
+from ..physics.contact_history import ContactHistory
+from ..physics.explicit_step import (
+    after_element,
+    after_pair,
+    before_drift,
+    integrate,
+    on_contacts,
+    on_element_contacts,
+)
+from ..physics.narrow_phase import DISTANCE, NORMAL, VOLUME
+from ..physics.random import RUN, combine, normal_table, places
+from ..physics.rotation import cross, exp, rotate, rotate_back
+from ..physics.shapes import surface
+from ..physics.transition import apply_drift_jacobian, write_printed_rotation
+from ..physics.workspace import workspace
 from ..validation import integer
 from .base import Propagator, Traits
 
@@ -40,7 +36,7 @@ _ROUND_OFF = 1e-6  # of a spread's trace: what single precision may lose
 
 
 def _series(terms, first):
-    """Coefficients of sin(a) / a (``first`` = 1) or (1 - cos(a)) / a^2 (2) in -a^2, from the highest order down."""
+    """Coefficients of sin(a) / a (``first`` 1) or (1 - cos(a)) / a^2 (2) in -a^2, highest order first."""
     return tuple(np.float32(1.0 / math.factorial(2 * k + first)) for k in reversed(range(terms)))
 
 
@@ -53,7 +49,9 @@ _ALL_AROUND = 1e4  # rad
 _ALL_OVER = 1e6  # in units of the contact's size
 _ZERO, _HALF, _ONE, _TURN = np.float32(0.0), np.float32(0.5), np.float32(1.0), np.float32(2.0 * math.pi)
 _TINY = np.float32(1e-30)
-_CLOSEST = np.float32(1e-4)  # centres that a sample brings nearer, relative to their distance, count as so near
+_CLOSEST = np.float32(
+    1e-4
+)  # centres that a sample brings nearer, relative to their distance, count as so near
 _TABLE = normal_table()
 _LARGEST = math.sqrt(3.0) * float(_TABLE.max())  # length of three normal numbers from the table
 
@@ -61,13 +59,13 @@ _LARGEST = math.sqrt(3.0) * float(_TABLE.max())  # length of three normal number
 class LocalSamplingCarry(NamedTuple):
     """Persistent state: the nominal ``mean`` (B, 13) and each moving body's ``covariance`` (M, 12, 12).
 
-    ``step`` counts the steps done, from which the draws are keyed; ``memory`` is what the rollout remembers of its
-    contacts (`physics.laws.FIRST`).
+    ``step`` counts the steps done, from which the draws are keyed; ``contact_history`` is what the rollout
+    remembers of its contacts.
     """
 
     mean: np.ndarray
     covariance: np.ndarray
-    memory: np.ndarray
+    contact_history: ContactHistory
     step: int
 
 
@@ -84,9 +82,9 @@ class LocalSampling(Propagator):
 
     Notes
     -----
-    The mean is a rollout with the full physics. A perturbed contact keeps the nominal volume; its direction and
-    its lever arms are those of the perturbed spheres, the inertia is the nominal one. Positions and rotations are
-    drawn independently, as in Eq. 31.
+    The mean is a rollout with the full physics. A perturbed contact keeps the nominal volume; its direction
+    and its lever arms are those of the perturbed spheres, the inertia is the nominal one. Positions and
+    rotations are drawn independently, as in Eq. 31.
     """
 
     name = "local_sampling"
@@ -100,13 +98,20 @@ class LocalSampling(Propagator):
         integer(self.seed, "seed", low=0, error=InvalidOptionError)
 
     def init(self, scene, belief):
-        return LocalSamplingCarry(belief.mean.copy(), belief.blocks.copy(), fresh_memory(1, scene.world), 0)
+        return LocalSamplingCarry(
+            belief.mean.copy(), belief.blocks.copy(), histories.fresh(1, scene.world), 0
+        )
 
     def advance(self, carry, scene, steps):
-        mean, covariance, memory = carry.mean.copy(), carry.covariance.copy(), carry.memory.copy()
-        world, cloud = scene.world, make_cloud(len(mean), self.samples, self.seed % 2**63)
-        _advance(mean, covariance, memory[0], world, world.laws, (carry.step, steps), cloud)
-        return LocalSamplingCarry(mean, covariance, memory, carry.step + steps)
+        mean, covariance, history = (
+            carry.mean.copy(),
+            carry.covariance.copy(),
+            histories.copy(carry.contact_history),
+        )
+        world = scene.world
+        draws = _TABLE, self.samples, self.seed % 2**63
+        _advance(mean, covariance, history.first_time[0], world, world.surroundings, carry.step, steps, draws)
+        return LocalSamplingCarry(mean, covariance, history, carry.step + steps)
 
     def belief(self, carry, scene):
         P = 0.5 * (carry.covariance + carry.covariance.transpose(0, 2, 1))
@@ -114,133 +119,130 @@ class LocalSampling(Propagator):
 
 
 class Cloud(NamedTuple):
-    """Pose uncertainty of the bodies in one step, and the spread of the forces between two of them.
+    """What local sampling works on: the bodies' pose uncertainty in a step, the spread of two's forces.
 
     Attributes
     ----------
+    covariance : (M, 12, 12) float64
+        Of the moving bodies.
+    rows : (12 M, 12) float64
+        The same numbers.
+    error_block : (B,) int64
+        Which of the covariances is each body's; -1 for a fixed body.
+    transition : (3, 3) float64
+        Room for a block of it.
     rotation : (B, 3, 3) float64
         Factors that turn normal numbers into rotations about world axes [rad].
     known : (B,) bool
         Whether that is computed for this step.
-    position : (3, 3) float64
-        Factor that turns normal numbers into displacements of body j relative to body i [m].
+    relative, position : (3, 3) float64
+        Covariance of body j's position relative to body i [m^2], and its factor, which turns normal numbers
+        into displacements.
+    inverse : (3, 3) float64
+        Room for an inverse inertia in world axes.
     table : float32 array
         Normal numbers (`physics.random.normal_table`).
     samples : int
         Perturbed copies of each contact.
     seed : int
+    key : (1,) uint64
+        From which this step's draws are made.
     spread : (3, 6) float64
         Second moments of force, torque on body i and torque on body j about the nominal ones, each by its
         entries xx, yy, zz, xy, xz, yz, summed over the contacts of a pair.
     """
 
+    covariance: np.ndarray
+    rows: np.ndarray
+    error_block: np.ndarray
+    transition: np.ndarray
     rotation: np.ndarray
     known: np.ndarray
+    relative: np.ndarray
     position: np.ndarray
+    inverse: np.ndarray
     table: np.ndarray
     samples: int
     seed: int
+    key: np.ndarray
     spread: np.ndarray
 
 
-def make_cloud(count, samples, seed):
-    """Room for the uncertainty of ``count`` bodies and ``samples`` perturbed copies of a contact."""
-    return Cloud(np.zeros((count, 3, 3)), np.zeros(count, bool), np.empty((3, 3)), _TABLE, samples, seed, np.empty((3, 6)))
-
-
 @kernel
-def _advance(mean, covariance, memory, world, laws, span, cloud):
-    """Advance the nominal state and the covariances in place over ``span`` = (steps before, number of steps)."""
-    work = workspace(mean, world, laws)
-    count = len(mean)
-    place = np.where(world.bodies.moving, np.cumsum(world.bodies.moving) - 1, -1)  # of each body's covariance
-    rows, rotation = covariance.reshape(-1, ERROR), np.empty((3, 3))
-    moving, R = world.bodies.moving, work.R
-    for step in range(span[0], span[0] + span[1]):
-        left, time = world.dt, (step + 1) * world.dt
-        step_key = combine(combine(np.uint64(0), cloud.seed), step)
-        while left > 0.0:
-            piece = next_piece(mean, memory, world, laws, left, work)
-            left = piece.left
-            for i in range(count):
-                if moving[i]:
-                    write_printed_rotation(R, i, piece.before, rotation)
-                    transform(rows, place[i], mean, i, R, world, laws, (piece.before, piece.decay), rotation)
-            drift(mean, world, laws, piece, work)
-            cloud.known[:] = False
-            for k in range(pairs_to_search(mean, world, work)):
-                i, j = work.near[k, 0], work.near[k, 1]
-                pair_key = combine(combine(step_key, i), j)
-                t_ij, slack, top = open_pair(mean, i, j, world, work)
-                cloud.spread[:] = 0.0
-                touching = False
-                while top > 0:
-                    found, top = next_contacts(world.tree, work.R_ij, t_ij, slack, work.search, top)
-                    if found > 0:
-                        press(mean, i, j, found, world, laws, work)
-                        if not touching:
-                            touching = True
-                            know_cloud((i, j), covariance, place, work, cloud)
-                        sample_contacts((i, j), found, pair_key, world.tree, work, cloud)
-                if not touching:
-                    part(i, j, t_ij, slack, world, work)
-                    continue
-                note_contact(memory, i, j, time)
-                for side, body in ((1, i), (2, j)):
-                    if moving[body]:
-                        kick_covariance(covariance[place[body]], world, piece.dt, R[body], body, cloud.spread, side)
-            if laws is not None:
-                if len(laws.kind) > 0 and work.calm[0] <= 0:
-                    for i in range(count):
-                        if moving[i]:
-                            for e in range(len(laws.kind)):
-                                _press_element(mean, (i, e), covariance, place, memory, world, laws, (step_key, time, piece.dt), work, cloud)
-            kick(mean, memory, world, laws, piece, work)
-            if laws is not None:
-                if work.patches.count[0] > 0 and (laws.friction > 0.0 or laws.dissipation > 0.0):
-                    for _ in range(2):
-                        hold_columns(rows, place, mean, world, laws, piece.dt, False, work)
-                        for i in range(count):
-                            if moving[i]:
-                                transpose(rows, ERROR * place[i])
-                if piece.after > 0.0:
-                    for i in range(count):
-                        if moving[i]:
-                            write_printed_rotation(R, i, piece.after, rotation)
-                            transform(rows, place[i], mean, i, R, world, laws, (piece.after, 1.0), rotation)
-                    glide(mean, world, laws, piece, work)
-            step_key = combine(step_key, 1)  # of the next piece of the step
+def _advance(mean, covariance, first_time, world, surroundings, begin, steps, draws):
+    """Advance state and covariances in place; ``draws`` are the table, the samples and the seed."""
+    count, moving = len(mean), world.bodies.moving
+    table, samples, seed = draws
+    cloud = Cloud(
+        covariance,
+        covariance.reshape(-1, ERROR),
+        np.where(moving, np.cumsum(moving) - 1, -1),
+        np.empty((3, 3)),
+        np.zeros((count, 3, 3)),
+        np.zeros(count, np.bool_),
+        np.empty((3, 3)),
+        np.empty((3, 3)),
+        np.empty((3, 3)),
+        table,
+        samples,
+        seed,
+        np.empty(1, np.uint64),
+        np.empty((3, 6)),
+    )
+    integrate(mean, first_time, world, surroundings, cloud, begin, steps, workspace(mean, world))
 
 
-@kernel
-def _press_element(x, touching, covariance, place, memory, world, laws, when, work, cloud):
-    """Let element e act on body i, and on its covariance; ``when`` holds the step's key, the time and the piece's length."""
-    i, e = touching
-    t, top = open_element(x, i, e, world, laws, work)
-    found_any = False
-    while top > 0:
-        found, top = next_element_contacts(world.tree, laws, e, work.R_ij, t, work.search, top)
-        if found == 0:
-            continue
-        press_by_laws(x, (i, np.int64(-1 - e)), found, world, laws, work)
-        if not found_any:
-            found_any = True
-            cloud.spread[:] = 0.0
-            know_cloud((i, i), covariance, place, work, cloud)
-        key = combine(combine(when[0], i), -1 - e)
-        sample_element_contacts(i, e, found, key, t, world.tree, laws, work, cloud)
-    if found_any:
-        note_contact(memory, i, len(x) + e, when[1])
-        kick_covariance(covariance[place[i]], world, when[2], work.R[i], i, cloud.spread, 1)
+@before_drift.of(Cloud)
+def _drift_covariances(cloud, x, step, world, work):
+    """Take all covariances through the transition of the drift (Eq. 30)."""
+    cloud.key[0] = combine(combine(np.uint64(0), cloud.seed), step)
+    for i in range(len(x)):
+        cloud.known[i] = False
+        if world.bodies.moving[i]:
+            write_printed_rotation(work.R, i, world.dt, cloud.transition)
+            transform(cloud.rows, ERROR * cloud.error_block[i], x, i, work.R, world, cloud.transition)
+
+
+@on_contacts.of(Cloud)
+def _sample_pair(cloud, x, i, j, count, first, world, work):
+    """Add the spread of some contacts' forces."""
+    if first:
+        cloud.spread[:] = 0.0
+        factor_pose_covariance((i, j), work, cloud)
+    sample_contacts((i, j), count, combine(combine(cloud.key[0], i), j), world.tree, work, cloud)
+
+
+@after_pair.of(Cloud)
+def _kick_pair(cloud, x, i, j, world, work):
+    """Let the spread of a pair's forces act on both covariances."""
+    for side, body in ((1, i), (2, j)):
+        if world.bodies.moving[body]:
+            kick_covariance(body, side, world, work.R[body], cloud)
+
+
+@on_element_contacts.of(Cloud)
+def _sample_element(cloud, x, i, e, t, count, first, world, work):
+    """As `_sample_pair`, of body i and element e."""
+    if first:
+        cloud.spread[:] = 0.0
+        factor_pose_covariance((i, i), work, cloud)
+    key = combine(combine(cloud.key[0], i), -1 - e)
+    sample_element_contacts(i, e, count, key, t, world.tree, world.surroundings, work, cloud)
+
+
+@after_element.of(Cloud)
+def _kick_body(cloud, x, i, e, world, work):
+    """As `_kick_pair`, of body i alone."""
+    kick_covariance(i, 1, world, work.R[i], cloud)
 
 
 @inner
-def sample_element_contacts(i, e, found, pair_key, t, tree, laws, work, cloud):
+def sample_element_contacts(i, e, found, pair_key, t, tree, surroundings, work, cloud):
     """Add the spread of force and torque of body i's first ``found`` contacts with element e.
 
     The normal is that of the element's surface at the perturbed centre of the sphere; a plane's has none.
     """
-    L, T, R, R_e = cloud.position, cloud.rotation[i], work.R[i], laws.R[e]
+    L, T, R, R_e = cloud.position, cloud.rotation[i], work.R[i], surroundings.R[e]
     records, table = work.search.records, cloud.table
     half = 1.0 / math.sqrt(2.0)  # the factor at hand is that of twice the body's own variance
     for k in range(found):
@@ -253,12 +255,16 @@ def sample_element_contacts(i, e, found, pair_key, t, tree, laws, work, cloud):
             o = places(combine(combine(pair_key, sphere), first))
             for s in range(np.uint64(min(RUN, cloud.samples - first))):
                 z0, z1, z2 = table[o[0] + s], table[o[1] + s], table[o[2] + s]
-                p = half * L[0, 0] * z0, half * (L[1, 0] * z0 + L[1, 1] * z1), half * (L[2, 0] * z0 + L[2, 1] * z1 + L[2, 2] * z2)
+                p = (
+                    half * L[0, 0] * z0,
+                    half * (L[1, 0] * z0 + L[1, 1] * z1),
+                    half * (L[2, 0] * z0 + L[2, 1] * z1 + L[2, 2] * z2),
+                )
                 z0, z1, z2 = table[o[3] + s], table[o[4] + s], table[o[5] + s]
                 turn = rotate(T, float(z0), float(z1), float(z2))
                 a = turned(arm, turn)
                 c = rotate_back(R_e, p[0] + a[0], p[1] + a[1], p[2] + a[2])
-                m = surface(laws.kind, laws.half, e, t[0] + c[0], t[1] + c[1], t[2] + c[2])[1]
+                m = surface(surroundings.kind, surroundings.size, e, t[0] + c[0], t[1] + c[1], t[2] + c[2])[1]
                 m = rotate(R_e, m[0], m[1], m[2])
                 b = cross(a, m)
                 add_moments(cloud.spread[0], weight, (m[0] - n[0], m[1] - n[1], m[2] - n[2]))
@@ -286,14 +292,10 @@ def add_moments(out, weight, a):
 
 
 @inner(forceinline=True)
-def transform(rows, place, x, i, R, world, laws, factors, rotation):
-    """``A P A^T`` in place of body i's symmetric P, as ``A (A P)^T``; ``factors`` are the drift's time and decay."""
-    first = ERROR * place
+def transform(rows, first, x, i, R, world, rotation):
+    """``A P A^T`` in place of body i's symmetric P, in 12 ``rows`` from ``first`` on, as ``A (A P)^T``."""
     for turn in range(2):
-        if laws is not None:
-            if laws.gyroscopic:
-                turn_columns(rows, first, x, i, R, world, laws, factors[0])
-        apply_transition(rows, first, factors[0], factors[1], rotation)
+        apply_drift_jacobian(rows, first, x, i, R, world, world.surroundings, rotation)
         if turn == 0:
             transpose(rows, first)
 
@@ -306,28 +308,32 @@ def transpose(rows, first):
             rows[first + a, b], rows[first + b, a] = rows[first + b, a], rows[first + a, b]
 
 
-@kernel
-def know_cloud(bodies, covariance, place, work, cloud):
+@inner
+def factor_pose_covariance(bodies, work, cloud):
     """Factors of the covariances of two bodies' relative position, and of their rotations in world axes."""
-    relative = np.zeros((3, 3))
+    cloud.relative[:] = 0.0
     for body in bodies:
-        if place[body] < 0:
+        if cloud.error_block[body] < 0:
             continue
-        P = covariance[place[body]]
-        relative += P[EP : EP + 3, EP : EP + 3]
+        P = cloud.covariance[cloud.error_block[body]]
+        for r in range(3):
+            for c in range(3):
+                cloud.relative[r, c] += P[EP + r, EP + c]
         if not cloud.known[body]:
             cloud.known[body] = True
             L = cloud.rotation[body]
             write_cholesky(P, ER, L)
             within = min(1.0, _ALL_AROUND / max(_size(L), 1e-300))
             for c in range(3):
-                L[0, c], L[1, c], L[2, c] = rotate(work.R[body], within * L[0, c], within * L[1, c], within * L[2, c])
-    write_cholesky(relative, 0, cloud.position)
+                L[0, c], L[1, c], L[2, c] = rotate(
+                    work.R[body], within * L[0, c], within * L[1, c], within * L[2, c]
+                )
+    write_cholesky(cloud.relative, 0, cloud.position)
 
 
 @inner
 def write_cholesky(P, first, L):
-    """Lower factor of the 3 x 3 block of ``P`` that begins at ``first``; directions without variance stay zero."""
+    """Lower factor of the 3 x 3 block of ``P`` at ``first``; directions without variance stay zero."""
     L[:] = 0.0
     scale = P[first, first] + P[first + 1, first + 1] + P[first + 2, first + 2]
     for c in range(3):
@@ -359,9 +365,15 @@ def _single(A, scale):
     """The entries of a 3 x 3 matrix, times ``scale``, in single precision."""
     f = np.float32
     return (
-        f(scale * A[0, 0]), f(scale * A[0, 1]), f(scale * A[0, 2]),
-        f(scale * A[1, 0]), f(scale * A[1, 1]), f(scale * A[1, 2]),
-        f(scale * A[2, 0]), f(scale * A[2, 1]), f(scale * A[2, 2]),
+        f(scale * A[0, 0]),
+        f(scale * A[0, 1]),
+        f(scale * A[0, 2]),
+        f(scale * A[1, 0]),
+        f(scale * A[1, 1]),
+        f(scale * A[1, 2]),
+        f(scale * A[2, 0]),
+        f(scale * A[2, 1]),
+        f(scale * A[2, 2]),
     )
 
 
@@ -369,7 +381,13 @@ def _single(A, scale):
 def sample_contacts(bodies, found, pair_key, tree, work, cloud):
     """Add the spread of forces and torques of the first ``found`` contacts on record (Eqs. 31 to 33)."""
     i, j = bodies
-    pairs, records, centers, R_i, R_j = work.search.pairs, work.search.records, tree.centers, work.R[i], work.R[j]
+    pairs, records, centers, R_i, R_j = (
+        work.search.pairs,
+        work.search.records,
+        tree.centers,
+        work.R[i],
+        work.R[j],
+    )
     position, table, samples, spread = cloud.position, cloud.table, cloud.samples, cloud.spread
     apart, turning = _size(position), max(_size(cloud.rotation[i]), _size(cloud.rotation[j]))
     if apart == 0.0 and turning == 0.0:
@@ -382,9 +400,22 @@ def sample_contacts(bodies, found, pair_key, tree, work, cloud):
         arm_i = rotate(R_i, centers[a, 0], centers[a, 1], centers[a, 2])
         arm_j = rotate(R_j, centers[b, 0], centers[b, 1], centers[b, 2])
         # lengths in units of the contact's own size stay within the range of single precision
-        size = records[k, DISTANCE] + abs(arm_i[0]) + abs(arm_i[1]) + abs(arm_i[2]) + abs(arm_j[0]) + abs(arm_j[1]) + abs(arm_j[2])
+        size = (
+            records[k, DISTANCE]
+            + abs(arm_i[0])
+            + abs(arm_i[1])
+            + abs(arm_i[2])
+            + abs(arm_j[0])
+            + abs(arm_j[1])
+            + abs(arm_j[2])
+        )
         factors = _single(position, min(1.0 / size, _ALL_OVER / max(apart, 1e-300))), turn_i, turn_j
-        shape = _short(n, 1.0), _short(arm_i, 1.0 / size), _short(arm_j, 1.0 / size), np.float32(records[k, DISTANCE] / size)
+        shape = (
+            _short(n, 1.0),
+            _short(arm_i, 1.0 / size),
+            _short(arm_j, 1.0 / size),
+            np.float32(records[k, DISTANCE] / size),
+        )
         force = records[k, VOLUME] ** 2 / samples
         weights = force, force * size * size
         for first in range(0, samples, RUN):
@@ -403,7 +434,7 @@ def _short(a, scale):
 
 @inner(error_model="numpy", forceinline=True)
 def _shift(arm, turn, series):
-    """How a rotation vector moves a vector (Rodrigues' formula less the vector), without a branch on the sample.
+    """How a rotation vector moves a vector (Rodrigues' formula less it), without a branch on the sample.
 
     Long series take any angle, brought into [-pi, pi] first; short ones end where the angle is small.
     """
@@ -435,9 +466,10 @@ def _times(A, x, y, z):
 
 @kernel(_nrt=False, error_model="numpy", fastmath={"reassoc", "contract", "nsz"})
 def add_spread(table, starts, count, factors, shape, series, weights, spread):
-    """Add the second moments of force and torques over some samples of one contact, in units of the stiffness.
+    """Add second moments of force and torques over samples of one contact, per squared stiffness.
 
-    All lengths are in units of some size of the contact, all numbers but ``weights`` and ``spread`` of single precision.
+    All lengths are in units of some size of the contact, all numbers but ``weights`` and ``spread`` of single
+    precision.
 
     Parameters
     ----------
@@ -450,7 +482,8 @@ def add_spread(table, starts, count, factors, shape, series, weights, spread):
     factors : tuple of 3 tuples of 9
         What turns the numbers into displacements and rotations about world axes [rad].
     shape : tuple
-        Nominal normal from body i to body j, sphere centres from their bodies' centres of mass, distance of the centres.
+        Nominal normal from body i to body j, sphere centres from their bodies' centres of mass, distance of
+        the centres.
     series : tuple of 2 tuples
     weights : tuple of 2 floats
         Of the force's and the torques' moments.
@@ -513,17 +546,17 @@ def add_spread(table, starts, count, factors, shape, series, weights, spread):
             spread[row, c] += weight * moments[c]
 
 
-@kernel
-def kick_covariance(P, world, dt, R, body, spread, side):
-    """Add the spread of the kick to the diagonal blocks of the velocities (Eqs. 34 and 35); ``side`` 1 is body i."""
-    a = (dt * world.stiffness) ** 2
+@inner
+def kick_covariance(body, side, world, R, cloud):
+    """Add the kick's spread to the velocities' diagonal blocks (Eqs. 34 and 35); ``side`` 1 is body i."""
+    P, spread, inverse = cloud.covariance[cloud.error_block[body]], cloud.spread, cloud.inverse
+    a = (world.dt * world.stiffness) ** 2
     f = spread[0]
     # sums in single precision may have lost what keeps them semidefinite
     force_lift = _ROUND_OFF * (f[0] + f[1] + f[2])
     torque_lift = _ROUND_OFF * (spread[side, 0] + spread[side, 1] + spread[side, 2])
     mass = a * world.bodies.inverse_mass[body] ** 2
-    inverse = np.empty((3, 3))  # of the inertia in world axes, column by column
-    for c in range(3):
+    for c in range(3):  # of the inertia in world axes, column by column
         x, y, z = rotate_back(R, 1.0 * (c == 0), 1.0 * (c == 1), 1.0 * (c == 2))
         x, y, z = rotate(world.bodies.inverse_inertia[body], x, y, z)
         inverse[0, c], inverse[1, c], inverse[2, c] = rotate(R, x, y, z)
@@ -533,7 +566,9 @@ def kick_covariance(P, world, dt, R, body, spread, side):
             total = 0.0
             for m in range(3):
                 for k in range(3):
-                    total += inverse[r, m] * (spread[side, _entry(m, k)] + torque_lift * (m == k)) * inverse[c, k]
+                    total += (
+                        inverse[r, m] * (spread[side, _entry(m, k)] + torque_lift * (m == k)) * inverse[c, k]
+                    )
             P[EW + r, EW + c] += a * total
 
 

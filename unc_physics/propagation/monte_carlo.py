@@ -9,9 +9,10 @@ import numpy as np
 
 from ..belief import Belief
 from ..errors import InvalidOptionError
-from ..physics.moments import mean_and_errors, second_moment
-from ..physics.rollout import fresh_memory
 from ..parameters import center_offsets, draw_parameters, moved_along
+from ..physics import contact_history as histories
+from ..physics.contact_history import ContactHistory
+from ..physics.moments import mean_and_errors, second_moment
 from ..scene import INTEGRATORS
 from ..validation import integer
 from .base import Propagator, Traits, rolled
@@ -20,11 +21,12 @@ from .base import Propagator, Traits, rolled
 class MonteCarloCarry(NamedTuple):
     """Persistent state: ``states`` (N, B, 13), of the bodies' centres of mass, wherever those are uncertain.
 
-    ``parameters`` (N, K) are the samples' K uncertain parameters, in standard deviations from their values; ``step`` counts the steps done; ``memory`` is what the rollouts remember of their contacts (`physics.laws.FIRST`).
+    ``parameters`` (N, K) are the samples' K uncertain parameters, in standard deviations from their values;
+    ``step`` counts the steps done; ``contact_history`` is what the rollouts remember of their contacts.
     """
 
     states: np.ndarray
-    memory: np.ndarray
+    contact_history: ContactHistory
     step: int
     parameters: np.ndarray
 
@@ -61,7 +63,7 @@ class MonteCarlo(Propagator):
         states = belief.sample(self.samples, np.random.default_rng(self.seed))
         z = draw_parameters(scene, self.samples, self.seed)
         states = moved_along(states, center_offsets(scene, z))
-        return MonteCarloCarry(states, fresh_memory(len(states), scene.world), 0, z)
+        return MonteCarloCarry(states, histories.fresh(len(states), scene.world), 0, z)
 
     def advance(self, carry, scene, steps):
         return rolled(carry, scene, steps)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -20,6 +19,7 @@ from ..errors import (
     PredictionTimeoutError,
     UncPhysicsError,
 )
+from ..physics.compile_time import clock
 from ..scene import Scene
 from ..stiffness import with_stiffness
 from ..validation import integer, positive
@@ -47,7 +47,7 @@ class Prediction:
     carry : NamedTuple
         The propagator's persistent state at the end; Monte Carlo's holds the samples.
     wall_time : float
-        [s]
+        What the prediction took, the time to compile or load kernels left out [s].
     """
 
     scene: Scene
@@ -131,7 +131,7 @@ def predict(
     times : sequence of float, optional
         Times at which a belief is wanted [s], ascending; by default the horizon alone. The horizon is added.
     max_computation_time : float, optional
-        Wall time after which the prediction ends with an error [s].
+        Wall time after which the prediction ends with an error [s]; compiling kernels does not count.
     progress : callable, optional
         Called every few hundredths of a second with the number of steps done and of all steps. What it raises
         ends the prediction; an `UncPhysicsError` then has a ``prediction`` that ends at the time reached.
@@ -153,7 +153,7 @@ def predict(
         not one of those that take it.
     InvalidRequestError, LimitExceededError, UnknownPropagatorError
     """
-    started = time.perf_counter()
+    started = clock()
     if isinstance(propagator, str):
         propagator = make_propagator(propagator)
     belief.check_fits(scene)
@@ -170,18 +170,18 @@ def predict(
 
     def made(carry):
         whole = runner.whole(carry) if in_islands else carry
-        took = time.perf_counter() - started
+        took = clock() - started
         return Prediction(scene, propagator, tuple(reached), tuple(beliefs), whole, took)
 
     for mark in marks:
         while done < mark:
             steps = min(piece, mark - done)
-            piece_started = time.perf_counter()
+            piece_started = clock()
             carry = runner.advance(carry, scene, steps)
             done += steps
             if in_one_go:
                 continue
-            now = time.perf_counter()
+            now = clock()
             piece = _next_piece(steps, now - piece_started)
             try:
                 if progress is not None:

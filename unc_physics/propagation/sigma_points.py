@@ -9,21 +9,23 @@ import numpy as np
 
 from ..belief import Belief
 from ..errors import InvalidOptionError
-from ..physics.moments import mean_and_errors, second_moment, spread_states
-from ..physics.rollout import fresh_memory
 from ..parameters import center_offsets, moved_along
+from ..physics import contact_history as histories
+from ..physics.contact_history import ContactHistory
+from ..physics.moments import mean_and_errors, second_moment, spread_states
 from ..scene import INTEGRATORS
 from .base import Propagator, Traits, rolled, symmetric_root
 
 
 class SigmaPointCarry(NamedTuple):
-    """Persistent state: ``states`` (2 n + 1, B, 13), of the bodies' centres of mass; point 0 began at the mean.
+    """Persistent state: ``states`` (2 n + 1, B, 13) of the centres of mass; point 0 began at the mean.
 
-    ``parameters`` (2 n + 1, K) are the points' K uncertain parameters, in standard deviations; ``step`` counts the steps done; ``memory`` is what the rollouts remember of their contacts (`physics.laws.FIRST`).
+    ``parameters`` (2 n + 1, K) are the points' K uncertain parameters, in standard deviations; ``step``
+    counts the steps done; ``contact_history`` is what the rollouts remember of their contacts.
     """
 
     states: np.ndarray
-    memory: np.ndarray
+    contact_history: ContactHistory
     step: int
     parameters: np.ndarray
 
@@ -36,14 +38,14 @@ class SigmaPoints(Propagator):
     ----------
     points : {'minimal', 'full'}
         ``full`` spreads points along all 12 B directions of the moving bodies, as the paper; ``minimal`` only
-        along the r directions in which the initial belief is uncertain, which needs fewer points, less far out.
-        Each uncertain parameter of the scene is one direction more.
+        along the r directions in which the initial belief is uncertain, which needs fewer points, less far
+        out. Each uncertain parameter of the scene is one direction more.
 
     Notes
     -----
-    With n directions, the 2 n + 1 points have equal weights and lambda = 1/2, so that they rebuild the initial
-    covariance exactly (Eqs. 25 to 29). The root in Eq. 26 is the symmetric one for ``full`` and the pivoted
-    Cholesky factor for ``minimal``.
+    With n directions, the 2 n + 1 points have equal weights and lambda = 1/2, so that they rebuild the
+    initial covariance exactly (Eqs. 25 to 29). The root in Eq. 26 is the symmetric one for ``full`` and the
+    pivoted Cholesky factor for ``minimal``.
     """
 
     name = "sigma_points"
@@ -68,7 +70,7 @@ class SigmaPoints(Propagator):
             z[first + rank : first + count] = side * np.eye(extra)
         states = spread_states(belief.mean.copy(), scene.moving.copy(), errors)
         states = moved_along(states, center_offsets(scene, z))
-        return SigmaPointCarry(states, fresh_memory(len(states), scene.world), 0, z)
+        return SigmaPointCarry(states, histories.fresh(len(states), scene.world), 0, z)
 
     def advance(self, carry, scene, steps):
         return rolled(carry, scene, steps)

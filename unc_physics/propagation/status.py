@@ -11,14 +11,6 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from ..belief import Belief
-from ..physics.compiled import kernel
-from ..physics.contact import DISTANCE, VOLUME, next_contacts
-from ..physics.laws import FIRST
-from ..physics.pairs import near_pairs
-from ..physics.pieces import impact_rate
-from ..physics.so3 import rotation_matrix
-from ..physics.step import open_pair, workspace
-from ..physics.surroundings import next_element_contacts, open_element
 from ..layout import (
     ANGULAR_VELOCITY,
     ERR_ANGULAR_VELOCITY,
@@ -30,6 +22,13 @@ from ..layout import (
     QUATERNION,
     VELOCITY,
 )
+from ..physics.broad_phase import near_pairs
+from ..physics.compiled import kernel
+from ..physics.contact_model import capacity, impact_frequency
+from ..physics.element_contacts import next_element_contacts, open_element
+from ..physics.narrow_phase import DISTANCE, VOLUME, next_contacts, open_pair
+from ..physics.rotation import rotation_matrix
+from ..physics.workspace import workspace
 from ..scene import Scene
 from .islands import merged
 from .monte_carlo import MonteCarlo
@@ -56,7 +55,7 @@ class Status(IntFlag):
 #: Flag, limit and words of each measure; `assess` explains them.
 RULES = {
     "initial_overlap": (Status.INITIAL_OVERLAP, 0.02, "overlaps another body or the environment at the start"),
-    "energy_gain": (Status.NOT_CONVERGED, 0.02, "energy was gained; a smaller dt or the robust integrator helps"),
+    "energy_gain": (Status.NOT_CONVERGED, 0.02, "energy was gained; a smaller dt or the implicit integrator helps"),
     "step_times_frequency": (Status.NOT_CONVERGED, 1.3, "the step is too long for the stiffness of the contacts"),
     "impact_over_capacity": (Status.NOT_CONVERGED, 1.0, "hits harder than the stiffness can stop"),
     "directions": (Status.OUTSIDE_VALIDITY, 30.0, "too many uncertain directions for sigma points; islands or monte_carlo helps"),
@@ -125,8 +124,8 @@ def assess(scene: Scene, initial: Belief, prediction: Prediction, rollouts: int 
         Of a body that touched something, with the explicit integrator: what a contact's oscillation turns in a step [rad],
         at the highest speed that start, end and gravity suggest.
     ``impact_over_capacity``
-        Kinetic energy at that speed over ``stiffness pi r^4``, about what two spheres of the body's largest radius r take
-        up before they pass through each other.
+        Kinetic energy at that speed over what two spheres as large as the body's largest take up before they pass through
+        each other (`contact_model.capacity`).
     ``directions``
         Of sigma points, for a body that touched something: in how many directions the bodies that they are spread for
         together are uncertain. Points lie farther out the more there are, and most of them move a single body.
@@ -197,7 +196,7 @@ def _shape(model):
 def _assess(scene, start, prediction, time, belief, spreads):
     """The statuses at one of the prediction's times."""
     name, bodies = prediction.propagator.name, len(scene.bodies)
-    touched = prediction.carry.memory[..., FIRST].min(axis=0) <= time
+    touched = prediction.carry.contact_history.first_time.min(axis=0) <= time
     pairs = np.argwhere(touched[:, :bodies])
     touches = touched.any(axis=1) | touched[:, :bodies].any(axis=0)
     group = merged(np.arange(bodies), pairs) if len(pairs) else np.arange(bodies)
@@ -216,9 +215,9 @@ def _assess(scene, start, prediction, time, belief, spreads):
         radius = start.shapes[:, 2]
         if scene.integrator == "explicit":
             in_contact["step_times_frequency"] = scene.dt * np.array([
-                impact_rate(speed[k], 1.0 / body.mass, radius[k], scene.stiffness) for k, body in enumerate(scene.bodies)])
-        capacity = np.maximum(math.pi * scene.stiffness * radius**4, 1e-300)
-        in_contact["impact_over_capacity"] = 0.5 * start.mass * speed**2 / capacity
+                impact_frequency(speed[k], 1.0 / body.mass, radius[k], scene.stiffness) for k, body in enumerate(scene.bodies)])
+        most = np.maximum(capacity(radius, scene.stiffness), 1e-300)
+        in_contact["impact_over_capacity"] = 0.5 * start.mass * speed**2 / most
     return tuple(
         _judged(body.name, {} if body.fixed else {
             key: float(value[k]) for key, value in (per_body | in_contact if touches[k] else per_body).items()})
@@ -328,16 +327,16 @@ def _overlaps(scene, mean):
     for k, body in enumerate(scene.bodies):
         nudged[k, POSITION.start] += k * _NUDGE * body.model.bounding_radius
     result = np.zeros((2, len(mean)))
-    _add_overlaps(nudged, scene.world, scene.world.laws, result)
+    _add_overlaps(nudged, scene.world, scene.world.surroundings, result)
     return result[0], scene.stiffness * result[1]
 
 
 @kernel
-def _add_overlaps(x, world, laws, out):
+def _add_overlaps(x, world, surroundings, out):
     """Depths into ``out[0]``; depth times volume, half for each of two bodies, into ``out[1]``."""
-    work = workspace(x, world, laws)
+    work = workspace(x, world)
     radii, pairs, records = world.tree.radii, work.search.pairs, work.search.records
-    for k in range(near_pairs(x, world.bodies.radius, work.still, world.bodies.moving, work)):
+    for k in range(near_pairs(x, world.bodies.radius, work.zero_travel, world.bodies.moving, work)):
         i, j = work.near[k, 0], work.near[k, 1]
         t_ij, slack, top = open_pair(x, i, j, world, work)
         while top > 0:
@@ -347,13 +346,13 @@ def _add_overlaps(x, world, laws, out):
                 for body in (i, j):
                     out[0, body] = max(out[0, body], depth)
                     out[1, body] += 0.5 * depth * records[c, VOLUME]
-    if laws is not None:
+    if surroundings is not None:
         for i in range(len(x)):
             if world.bodies.moving[i]:
-                for e in range(len(laws.kind)):
-                    t, top = open_element(x, i, e, world, laws, work)
+                for e in range(len(surroundings.kind)):
+                    t, top = open_element(x, i, e, world, surroundings, work)
                     while top > 0:
-                        count, top = next_element_contacts(world.tree, laws, e, work.R_ij, t, work.search, top)
+                        count, top = next_element_contacts(world.tree, surroundings, e, work.R_ij, t, work.search, top)
                         for c in range(count):
                             depth = radii[pairs[c, 0]] - records[c, DISTANCE]
                             out[0, i] = max(out[0, i], depth)

@@ -1,4 +1,4 @@
-"""Square-root surrogate: contacts tilt the normal, the tilt feeds the roots of the velocities' covariances (section 4.2)."""
+"""Square-root surrogate: contacts tilt normals, which feeds roots of velocity covariances (section 4.2)."""
 
 from __future__ import annotations
 
@@ -10,39 +10,28 @@ import numpy as np
 
 from ..belief import Belief
 from ..errors import InvalidOptionError
-from ..physics.compiled import inner, kernel
-from ..physics.contact import DISTANCE, NORMAL, VOLUME, next_contacts
-from ..physics.laws import hold_columns
-from ..physics.pieces import next_piece
-from ..physics.rollout import fresh_memory
-from ..physics.so3 import cross, rotate, rotate_back
-from ..physics.step import (
-    drift,
-    glide,
-    kick,
-    note_contact,
-    open_pair,
-    pairs_to_search,
-    part,
-    press,
-    press_elements,
-    workspace,
-)
-from ..physics.transition import apply_transition, turn_columns, write_printed_rotation
 from ..layout import EP, ER, ERROR, EV, EW
+from ..physics import contact_history as histories
+from ..physics.compiled import inner, kernel
+from ..physics.contact_history import ContactHistory
+from ..physics.explicit_step import after_pair, before_drift, integrate, on_contacts
+from ..physics.narrow_phase import DISTANCE, NORMAL, VOLUME
+from ..physics.rotation import cross, rotate, rotate_back
+from ..physics.transition import apply_drift_jacobian, write_printed_rotation
+from ..physics.workspace import workspace
 from ..validation import positive
 from .base import Propagator, Traits, symmetric_root
 
 
 class SurrogateCarry(NamedTuple):
-    """Persistent state: the nominal ``mean`` (B, 13) and each moving body's root ``roots`` (M, 12, 12) of its covariance.
+    """Persistent state: the nominal ``mean`` (B, 13) and moving bodies' covariance ``roots`` (M, 12, 12).
 
-    ``step`` counts the steps done; ``memory`` is what the rollout remembers of its contacts (`physics.laws.FIRST`).
+    ``step`` counts the steps done; ``contact_history`` is what the rollout remembers of its contacts.
     """
 
     mean: np.ndarray
     roots: np.ndarray
-    memory: np.ndarray
+    contact_history: ContactHistory
     step: int
 
 
@@ -58,8 +47,8 @@ class Surrogate(Propagator):
     Notes
     -----
     The mean is a rollout with the full physics. The contact points of Eqs. 16 to 20 and 23 are the spheres'
-    centres; all contacts of a step see the covariance after the drift. The environment's normals do not tilt: its
-    contacts move the mean and, by friction and restitution, the velocities' covariance.
+    centres; all contacts of a step see the covariance after the drift. The environment's normals do not tilt:
+    its contacts move the mean alone.
     """
 
     name = "surrogate"
@@ -71,13 +60,17 @@ class Surrogate(Propagator):
         object.__setattr__(self, "k_sigma", positive(self.k_sigma, "k_sigma", InvalidOptionError))
 
     def init(self, scene, belief):
-        return SurrogateCarry(belief.mean.copy(), symmetric_root(belief.blocks), fresh_memory(1, scene.world), 0)
+        return SurrogateCarry(
+            belief.mean.copy(), symmetric_root(belief.blocks), histories.fresh(1, scene.world), 0
+        )
 
     def advance(self, carry, scene, steps):
-        mean, roots, memory = carry.mean.copy(), carry.roots.copy(), carry.memory.copy()
+        mean, roots, history = carry.mean.copy(), carry.roots.copy(), histories.copy(carry.contact_history)
         world = scene.world
-        _advance(mean, roots, memory[0], world, world.laws, (carry.step, steps), self.k_sigma)
-        return SurrogateCarry(mean, roots, memory, carry.step + steps)
+        _advance(
+            mean, roots, history.first_time[0], world, world.surroundings, carry.step, steps, self.k_sigma
+        )
+        return SurrogateCarry(mean, roots, history, carry.step + steps)
 
     def belief(self, carry, scene):
         P = carry.roots @ carry.roots.transpose(0, 2, 1)
@@ -85,10 +78,19 @@ class Surrogate(Propagator):
 
 
 class Spread(NamedTuple):
-    """Uncertainty of the bodies' poses in one step, and what its contacts add.
+    """What the surrogate works on: uncertainty of the bodies' poses in one step, and what its contacts add.
 
     Attributes
     ----------
+    roots : (M, 12, 12) float64
+        Of the moving bodies' covariances.
+    rows : (12 M, 12) float64
+        The same numbers.
+    error_block : (B,) int64
+        Which of the roots is each body's; -1 for a fixed body.
+    transition : (3, 3) float64
+        Room for a block of it.
+    k_sigma : float
     position, rotation : (B, 3, 3) float64
         Covariance of position [m^2] and rotation [rad^2] in world axes; zero for a fixed body.
     known : (B,) bool
@@ -99,6 +101,11 @@ class Spread(NamedTuple):
         Sums of [r]x V for its two bodies [m^4].
     """
 
+    roots: np.ndarray
+    rows: np.ndarray
+    error_block: np.ndarray
+    transition: np.ndarray
+    k_sigma: float
     position: np.ndarray
     rotation: np.ndarray
     known: np.ndarray
@@ -107,72 +114,66 @@ class Spread(NamedTuple):
 
 
 @kernel
-def _advance(mean, roots, memory, world, laws, span, k_sigma):
-    """Advance the nominal state and the roots in place over ``span`` = (steps before, number of steps)."""
-    work = workspace(mean, world, laws)
-    count = len(mean)
-    place = np.where(world.bodies.moving, np.cumsum(world.bodies.moving) - 1, -1)  # of each body among the roots
+def _advance(mean, roots, first_time, world, surroundings, begin, steps, k_sigma):
+    """Advance the nominal state and the roots in place."""
+    count, moving = len(mean), world.bodies.moving
     spread = Spread(
-        np.zeros((count, 3, 3)), np.zeros((count, 3, 3)), np.zeros(count, np.bool_), np.empty((3, 3)), np.empty((2, 3, 3))
+        roots,
+        roots.reshape(-1, ERROR),
+        np.where(moving, np.cumsum(moving) - 1, -1),
+        np.empty((3, 3)),
+        k_sigma,
+        np.zeros((count, 3, 3)),
+        np.zeros((count, 3, 3)),
+        np.zeros(count, np.bool_),
+        np.empty((3, 3)),
+        np.empty((2, 3, 3)),
     )
-    rows, rotation = roots.reshape(-1, ERROR), np.empty((3, 3))
-    moving, R = world.bodies.moving, work.R
-    for step in range(span[0], span[0] + span[1]):
-        left, time = world.dt, (step + 1) * world.dt
-        while left > 0.0:
-            piece = next_piece(mean, memory, world, laws, left, work)
-            left = piece.left
-            _drift_roots(rows, place, mean, R, world, laws, (piece.before, piece.decay), rotation)
-            drift(mean, world, laws, piece, work)
-            spread.known[:] = False
-            for k in range(pairs_to_search(mean, world, work)):
-                i, j = work.near[k, 0], work.near[k, 1]
-                t_ij, slack, top = open_pair(mean, i, j, world, work)
-                spread.tilt[:] = 0.0
-                spread.torque[:] = 0.0
-                touching = False
-                while top > 0:
-                    found, top = next_contacts(world.tree, work.R_ij, t_ij, slack, work.search, top)
-                    if found > 0:
-                        touching = True
-                        press(mean, i, j, found, world, laws, work)
-                        for body in (i, j):
-                            if moving[body] and not spread.known[body]:
-                                know_spread(roots[place[body]], R[body], body, spread)
-                        add_tilts((i, j), found, k_sigma, world.tree, work, spread)
-                if not touching:
-                    part(i, j, t_ij, slack, world, work)
-                    continue
-                note_contact(memory, i, j, time)
-                for side, body in ((0, i), (1, j)):
-                    if moving[body]:
-                        kick_root(roots[place[body]], world, piece.dt, R[body], body, spread, side)
-            if laws is not None:
-                press_elements(mean, memory, world, laws, time, work)
-            kick(mean, memory, world, laws, piece, work)
-            if laws is not None:
-                if work.patches.count[0] > 0 and (laws.friction > 0.0 or laws.dissipation > 0.0):
-                    hold_columns(rows, place, mean, world, laws, piece.dt, False, work)
-                if piece.after > 0.0:
-                    _drift_roots(rows, place, mean, R, world, laws, (piece.after, 1.0), rotation)
-                    glide(mean, world, laws, piece, work)
+    integrate(mean, first_time, world, surroundings, spread, begin, steps, workspace(mean, world))
 
 
-@inner(forceinline=True)
-def _drift_roots(rows, place, x, R, world, laws, factors, rotation):
-    """Multiply all roots by the transition of a drift, ``factors`` being its time and decay (Eq. 14)."""
-    for i in range(len(place)):
-        if place[i] >= 0:
-            write_printed_rotation(R, i, factors[0], rotation)
-            if laws is not None:
-                if laws.gyroscopic:
-                    turn_columns(rows, ERROR * place[i], x, i, R, world, laws, factors[0])
-            apply_transition(rows, ERROR * place[i], factors[0], factors[1], rotation)
+@before_drift.of(Spread)
+def _drift_roots(spread, x, step, world, work):
+    """Multiply all roots by the transition of the drift (Eq. 14)."""
+    for i in range(len(x)):
+        if world.bodies.moving[i]:
+            write_printed_rotation(work.R, i, world.dt, spread.transition)
+            apply_drift_jacobian(
+                spread.rows,
+                ERROR * spread.error_block[i],
+                x,
+                i,
+                work.R,
+                world,
+                world.surroundings,
+                spread.transition,
+            )
+        spread.known[i] = False
+
+
+@on_contacts.of(Spread)
+def _tilt_normals(spread, x, i, j, count, first, world, work):
+    """Add what the tilts of some contacts' normals come to."""
+    if first:
+        spread.tilt[:] = 0.0
+        spread.torque[:] = 0.0
+        for body in (i, j):
+            if world.bodies.moving[body] and not spread.known[body]:
+                cache_pose_covariance(spread.roots[spread.error_block[body]], work.R[body], body, spread)
+    add_tilts((i, j), count, spread.k_sigma, world.tree, work, spread)
+
+
+@after_pair.of(Spread)
+def _kick_roots(spread, x, i, j, world, work):
+    """Let the tilts of a pair's normals act on the roots of both bodies."""
+    for side, body in ((0, i), (1, j)):
+        if world.bodies.moving[body]:
+            kick_root(spread.roots[spread.error_block[body]], world, work.R[body], body, spread, side)
 
 
 @inner
-def know_spread(S, R, body, spread):
-    """Covariance blocks of position and rotation from the root ``S`` (12, 12), the latter turned to world axes."""
+def cache_pose_covariance(S, R, body, spread):
+    """Covariance blocks of position, and of rotation in world axes, from the root ``S`` (12, 12)."""
     spread.known[body] = True
     position, rotation = spread.position[body], spread.rotation[body]
     for a in range(3):
@@ -185,7 +186,9 @@ def know_spread(S, R, body, spread):
             rotation[a, b] = rotation[b, a] = t
     for _ in range(2):  # the rows, then those of the transpose
         for b in range(3):
-            rotation[0, b], rotation[1, b], rotation[2, b] = rotate(R, rotation[0, b], rotation[1, b], rotation[2, b])
+            rotation[0, b], rotation[1, b], rotation[2, b] = rotate(
+                R, rotation[0, b], rotation[1, b], rotation[2, b]
+            )
         rotation[0, 1], rotation[1, 0] = rotation[1, 0], rotation[0, 1]
         rotation[0, 2], rotation[2, 0] = rotation[2, 0], rotation[0, 2]
         rotation[1, 2], rotation[2, 1] = rotation[2, 1], rotation[1, 2]
@@ -200,9 +203,17 @@ def _symmetric(A):
 @inner(forceinline=True)
 def _forms(A, u, w):
     """``u^T A u``, ``u^T A w`` and ``w^T A w`` of a symmetric matrix, as `_symmetric` gives it."""
-    x, y, z = A[0] * u[0] + A[3] * u[1] + A[4] * u[2], A[3] * u[0] + A[1] * u[1] + A[5] * u[2], A[4] * u[0] + A[5] * u[1] + A[2] * u[2]
+    x, y, z = (
+        A[0] * u[0] + A[3] * u[1] + A[4] * u[2],
+        A[3] * u[0] + A[1] * u[1] + A[5] * u[2],
+        A[4] * u[0] + A[5] * u[1] + A[2] * u[2],
+    )
     uu, uw = u[0] * x + u[1] * y + u[2] * z, w[0] * x + w[1] * y + w[2] * z
-    x, y, z = A[0] * w[0] + A[3] * w[1] + A[4] * w[2], A[3] * w[0] + A[1] * w[1] + A[5] * w[2], A[4] * w[0] + A[5] * w[1] + A[2] * w[2]
+    x, y, z = (
+        A[0] * w[0] + A[3] * w[1] + A[4] * w[2],
+        A[3] * w[0] + A[1] * w[1] + A[5] * w[2],
+        A[4] * w[0] + A[5] * w[1] + A[2] * w[2],
+    )
     return uu, uw, w[0] * x + w[1] * y + w[2] * z
 
 
@@ -245,7 +256,9 @@ def add_tilts(bodies, found, k_sigma, tree, work, spread):
         u, w = tangent_basis(n)
         # J Sigma J^T with J = -R [r]x is [arm]x (R Sigma R^T) [arm]x^T in world axes
         one, two, three = (
-            _forms(position, u, w), _forms(rotation_i, cross(u, p), cross(w, p)), _forms(rotation_j, cross(u, q), cross(w, q)),
+            _forms(position, u, w),
+            _forms(rotation_i, cross(u, p), cross(w, p)),
+            _forms(rotation_j, cross(u, q), cross(w, q)),
         )
         uu, uw, ww = one[0] + two[0] + three[0], one[1] + two[1] + three[1], one[2] + two[2] + three[2]
         # Eq. 21 is a function of the 2 x 2 matrix: alpha I + beta Sigma_T takes its eigenvalues to the sigmas
@@ -297,12 +310,14 @@ def _add(A, entries):
 
 
 @inner
-def kick_root(S, world, dt, R, body, spread, side):
+def kick_root(S, world, R, body, spread, side):
     """Add the pair's increments to the diagonal blocks of the velocities in the root (Eqs. 22 and 23)."""
-    a = dt * world.stiffness * world.bodies.inverse_mass[body]
-    b = dt * world.stiffness / 3.0
+    a = world.dt * world.stiffness * world.bodies.inverse_mass[body]
+    b = world.dt * world.stiffness / 3.0
     for c in range(3):
-        x, y, z = rotate_back(R, spread.torque[side, 0, c], spread.torque[side, 1, c], spread.torque[side, 2, c])
+        x, y, z = rotate_back(
+            R, spread.torque[side, 0, c], spread.torque[side, 1, c], spread.torque[side, 2, c]
+        )
         x, y, z = rotate(world.bodies.inverse_inertia[body], x, y, z)
         x, y, z = rotate(R, x, y, z)
         S[EW, EW + c] += b * x

@@ -45,7 +45,7 @@ from ..layout import (
     STATE,
     VELOCITY,
 )
-from ..physics.so3 import rotation_matrix
+from ..physics.rotation import rotation_matrix
 from ..presets import with_changes
 from ..scene import RigidBody, Scene
 from ..scene_file import PHYSICS_KEYS, PRESET, physics_value, preset, with_chosen_stiffness

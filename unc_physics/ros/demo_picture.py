@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 from matplotlib.patheffects import withStroke
 
 from ..geometry.library import load_model
-from ..physics.so3 import rotation_matrix
+from ..physics.rotation import rotation_matrix
 from ..scene_picture import COLORS, ellipse, pixel_window, shaded_balls
 from .conversions import seconds
 

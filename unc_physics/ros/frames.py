@@ -10,7 +10,7 @@ import numpy as np
 from rclpy.time import Time
 
 from ..errors import UnknownFrameError
-from ..physics.so3 import rotation_matrix
+from ..physics.rotation import rotation_matrix
 from ..validation import array, quaternion
 from .conversions import UNKNOWN
 

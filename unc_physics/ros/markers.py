@@ -9,9 +9,10 @@ from geometry_msgs.msg import Point
 from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker, MarkerArray
 
-from ..environment import Plane, element_names
-from ..physics.so3 import rotation_matrix
+from ..environment import Box, Capsule, Cylinder, Plane, Sphere, element_names
+from ..errors import NotSupportedError
 from ..layout import POSITION, QUATERNION
+from ..physics.rotation import rotation_matrix
 
 _COLORS = ((0.16, 0.45, 0.72), (0.85, 0.42, 0.14), (0.24, 0.60, 0.30), (0.58, 0.40, 0.74), (0.75, 0.22, 0.25))
 _SIGMAS = 2.0  # half axes of ellipsoids and fans
@@ -69,26 +70,57 @@ def markers(header, job, answer, settings) -> MarkerArray:
                 found.markers.append(marker)
     if _OF_ENVIRONMENT in settings.markers:
         elements = job.scene.environment
-        found.markers += [_solid(element, name) for element, name in zip(elements, element_names(elements), strict=True)]
+        for element, name in zip(elements, element_names(elements), strict=True):
+            solids = _solids(element)
+            for k, solid in enumerate(solids):
+                solid.ns, solid.id, solid.color = f"{_OF_ENVIRONMENT} {name}", k, _color(_STONE, 0.5)
+            found.markers += solids
     for marker in found.markers:
         marker.header.stamp, marker.header.frame_id = header.stamp, settings.world_frame
     return found
 
 
-def _solid(element, name):
-    """A box, or a slab for a half-space, below its surface and near the frame's origin."""
-    marker = Marker(type=Marker.CUBE, ns=f"{_OF_ENVIRONMENT} {name}", color=_color(_STONE, 0.5))
-    if isinstance(element, Plane):
-        side, thickness = _SLAB
-        size, position = (side, side, thickness), (element.offset - 0.5 * thickness) * element.normal
-        helper = _AXES[np.argmin(np.abs(element.normal))]
-        first = np.cross(helper, element.normal)
-        first /= np.linalg.norm(first)
-        quaternion = _quaternion(np.column_stack([first, np.cross(element.normal, first), element.normal]))
-    else:
-        size, position, quaternion = element.size.tolist(), element.position, element.orientation
+@functools.singledispatch
+def _solids(element):
+    """Markers that together look like an element of the environment."""
+    raise NotSupportedError("has no marker", field="environment", value=type(element).__name__)
+
+
+@_solids.register
+def _(element: Plane):
+    """A slab, below the surface and near the frame's origin."""
+    side, thickness = _SLAB
+    return [_solid(Marker.CUBE, (side, side, thickness), element, (0.0, 0.0, -0.5 * thickness))]
+
+
+@_solids.register
+def _(element: Box):
+    return [_solid(Marker.CUBE, element.size.tolist(), element)]
+
+
+@_solids.register
+def _(element: Sphere):
+    return [_solid(Marker.SPHERE, (2.0 * element.radius,) * 3, element)]
+
+
+@_solids.register
+def _(element: Cylinder):
+    return [_solid(Marker.CYLINDER, (2.0 * element.radius, 2.0 * element.radius, element.length), element)]
+
+
+@_solids.register
+def _(element: Capsule):
+    """A cylinder and a ball at each of its ends: there is no marker of this shape."""
+    width, end = 2.0 * element.radius, 0.5 * element.length
+    balls = [_solid(Marker.SPHERE, (width,) * 3, element, (0.0, 0.0, z)) for z in (-end, end)]
+    return [_solid(Marker.CYLINDER, (width, width, element.length), element), *balls]
+
+
+def _solid(kind, size, element, center=(0.0, 0.0, 0.0)):
+    """A marker of a kind and size [m] about a point of an element's frame [m]."""
+    marker = Marker(type=kind)
     marker.scale.x, marker.scale.y, marker.scale.z = size
-    return _placed(marker, position, quaternion)
+    return _placed(marker, element.position + element.rotation @ center, _quaternion(element.rotation))
 
 
 def _marker(kind, job, k, last, color, cells):

@@ -3,20 +3,20 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
-from ..physics.so3 import rotate, write_matrix
 from ..layout import EP, ER, ERROR, EV, EW, P, Q, V, W
+from ..physics.compiled import kernel
+from ..physics.rotation import rotate, write_matrix
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _rotation(q):
     R = np.empty((1, 3, 3))
     write_matrix((q[0], q[1], q[2], q[3]), R, 0)
     return R[0]
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _skew(x, y, z):
     K = np.zeros((3, 3))
     K[0, 1], K[0, 2], K[1, 2] = -z, y, -x
@@ -24,7 +24,7 @@ def _skew(x, y, z):
     return K
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _product(A, B):
     """``A @ B``; numba's own would need SciPy."""
     C = np.zeros((len(A), B.shape[1]))
@@ -36,14 +36,14 @@ def _product(A, B):
     return C
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def congruent(A, C):
     """``A C A^T``, symmetric to the last bit."""
     mapped = _product(_product(A, C), A.T)
     return 0.5 * (mapped + mapped.T)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def error_map(state, origin):
     """A (12, 12): from the error state (body side, at the COM) to the error about fixed axes at the model's origin.
 
@@ -68,7 +68,7 @@ def error_map(state, origin):
     return A
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def inverse_error_map(state, origin):
     """Inverse of `error_map`."""
     R = _rotation(state[Q : Q + 4])
@@ -81,7 +81,7 @@ def inverse_error_map(state, origin):
     return A
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def moved(state, origin, sign):
     """The state (13,) with position and velocity of the point that is ``sign * origin`` away, body frame."""
     R = _rotation(state[Q : Q + 4])
@@ -97,7 +97,7 @@ def moved(state, origin, sign):
     return result
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def covariance_at_com(pose, twist, state, origin):
     """Covariance (12, 12) of the error state at the COM from those of a message.
 
@@ -120,7 +120,7 @@ def covariance_at_com(pose, twist, state, origin):
     return congruent(inverse_error_map(state, origin), C)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def split(C):
     """Covariances (36,) of pose and of twist, as messages order them, from the covariance (12, 12) at the origin."""
     pose, twist = np.empty((6, 6)), np.empty((6, 6))
@@ -133,7 +133,7 @@ def split(C):
     return pose.ravel(), twist.ravel()
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def at_origin(state, P, origin):
     """A body's state (13,) and covariance (12, 12) at the COM as messages want them.
 

@@ -15,6 +15,7 @@ from .candidates_service import CandidatesService
 from .capabilities_service import CapabilitiesService
 from .diagnostics import Diagnostics
 from .frames import Frames
+from .library_log import LibraryLog
 from .long_prediction import LongPrediction
 from .markers import MarkerTopic
 from .model_topics import ModelTopics
@@ -41,6 +42,7 @@ class PredictionServer:
     def __init__(self, node):
         self.node = node
         self.log = node.get_logger()
+        self._library_log = LibraryLog(self.log)
         self.parameters = ParameterServer(node)
         self.library: ModelLibrary | None = None
         self.frames: Frames | None = None
@@ -84,7 +86,8 @@ class PredictionServer:
             self._open.pop().close()
 
     def discard(self) -> None:
-        """Delete what was written to disk; the last thing to do."""
+        """Delete what was written to disk, and leave the library's log; the last thing to do."""
+        self._library_log.close()
         if self.library is not None:
             self.library.discard()
 

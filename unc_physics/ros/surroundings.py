@@ -7,7 +7,7 @@ import math
 
 from shape_msgs.msg import SolidPrimitive
 
-from ..environment import Box, Plane
+from ..environment import Box, Cylinder, Element, Plane, Sphere
 from ..errors import (
     DuplicateIdError,
     InvalidEnvironmentError,
@@ -18,14 +18,13 @@ from ..errors import (
 from ..propagation.answers import ENVIRONMENT, BoxRegion
 from ..validation import array, positive, quaternion
 
-_KINDS = {
-    SolidPrimitive.BOX: "BOX", SolidPrimitive.SPHERE: "SPHERE", SolidPrimitive.CYLINDER: "CYLINDER",
-    SolidPrimitive.CONE: "CONE", SolidPrimitive.PRISM: "PRISM",
-}
+#: Number of dimensions of each kind of primitive that is served, and the names of the others.
+_DIMENSIONS = {SolidPrimitive.BOX: 3, SolidPrimitive.SPHERE: 1, SolidPrimitive.CYLINDER: 2}
+_NOT_SERVED = {SolidPrimitive.CONE: "CONE", SolidPrimitive.PRISM: "PRISM"}
 
 
-def read_environment(message, max_elements: int | None = None) -> tuple[Plane | Box, ...]:
-    """Planes and boxes, in this order.
+def read_environment(message, max_elements: int | None = None) -> tuple[Element, ...]:
+    """Planes and primitives, in this order.
 
     The same numbers give the same objects, so that a scene that comes again is known by them.
 
@@ -38,7 +37,7 @@ def read_environment(message, max_elements: int | None = None) -> tuple[Plane | 
     ------
     InvalidEnvironmentError, InvalidOrientationError, NotFiniteError, DuplicateIdError, LimitExceededError,
     NotSupportedError
-        The last for a primitive that is no box.
+        The last for a cone or a prism.
     """
     planes, primitives, poses = message.planes, message.primitives, message.primitive_poses
     count = len(planes) + len(primitives)
@@ -55,7 +54,8 @@ def read_environment(message, max_elements: int | None = None) -> tuple[Plane | 
     ]
     for k, (primitive, pose) in enumerate(zip(primitives, poses, strict=True)):
         size = _dimensions(primitive, f"environment.primitives[{k}]")
-        elements.append(_box(size, *_place(pose, f"environment.primitive_poses[{k}]"), names[len(planes) + k]))
+        place = _place(pose, f"environment.primitive_poses[{k}]")
+        elements.append(_solid(primitive.type, size, *place, names[len(planes) + k]))
     return tuple(elements)
 
 
@@ -100,12 +100,15 @@ def _names(ids, planes, primitives):
 
 
 def _dimensions(primitive, field):
-    if primitive.type != SolidPrimitive.BOX:
-        if primitive.type in _KINDS:
-            raise NotSupportedError("must be BOX", field=f"{field}.type", value=_KINDS[primitive.type])
+    if primitive.type in _NOT_SERVED:
+        raise NotSupportedError(
+            "must be BOX, SPHERE or CYLINDER; a fixed object with a model may have any shape", field=f"{field}.type",
+            value=_NOT_SERVED[primitive.type])
+    if primitive.type not in _DIMENSIONS:
         raise InvalidEnvironmentError("is no kind of primitive", field=f"{field}.type", value=primitive.type)
-    size = array(primitive.dimensions, (3,), f"{field}.dimensions", InvalidEnvironmentError).tolist()
-    return tuple(positive(size[k], f"{field}.dimensions[{k}]", InvalidEnvironmentError) for k in range(3))
+    shape, field = (_DIMENSIONS[primitive.type],), f"{field}.dimensions"
+    size = array(primitive.dimensions, shape, field, InvalidEnvironmentError).tolist()
+    return tuple(positive(value, f"{field}[{k}]", InvalidEnvironmentError) for k, value in enumerate(size))
 
 
 def _place(pose, field):
@@ -126,5 +129,11 @@ def _plane(coef, name, k):
 
 
 @functools.lru_cache(maxsize=1024)
-def _box(size, position, orientation, name):
-    return Box(size, position, orientation, name)
+def _solid(kind, size, position, orientation, name):
+    """An element of a kind that `_dimensions` lets pass."""
+    if kind == SolidPrimitive.BOX:
+        return Box(size, position, orientation, name)
+    if kind == SolidPrimitive.SPHERE:
+        return Sphere(size[SolidPrimitive.SPHERE_RADIUS], position, name)
+    radius, height = size[SolidPrimitive.CYLINDER_RADIUS], size[SolidPrimitive.CYLINDER_HEIGHT]
+    return Cylinder(radius, height, position, orientation, name)

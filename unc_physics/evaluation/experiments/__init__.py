@@ -18,7 +18,10 @@ from types import ModuleType
 
 from ...errors import InvalidOptionError
 
-NAMES = ("collision_free", "collisions", "floors", "speed_against_error", "peers", "plausibility", "stability", "storage", "pictures")
+NAMES = (
+    "collision_free", "collisions", "floors", "speed_against_error", "peers", "plausibility", "tosses",
+    "stability", "storage", "pictures",
+)
 
 
 def experiment(name: str) -> ModuleType:

@@ -7,9 +7,8 @@ from importlib.util import find_spec
 
 import numpy as np
 
-from ...environment import Box
-from ...physics.rollout import simulate
 from ...layout import QUATERNION
+from ...physics.rollout import simulate
 from ..comparison import CPU_TIME, FLOOR, MONTE_CARLO, POSITION_ERROR, ROTATION_ERROR
 from ..engines import PEERS
 from ..jobs import Job, Outcome, Row, Settings
@@ -75,8 +74,9 @@ def report(results: Results) -> str:
         ends = {engine: _arrays(results, here.where(engine=engine)[0]) for engine in here.unique("engine")}
         order = [engine for engine in ENGINES if engine in ends]
         figure = results.figure(f"plausibility_{scene}")
-        boxes = [solid for solid in MANIPULATION[scene][0]()[0].environment if isinstance(solid, Box)]
-        draw_final_positions(figure, {ENGINES[engine]: ends[engine][:, 0] for engine in order}, boxes, scene.replace("_", " "))
+        elements = MANIPULATION[scene][0]()[0].environment
+        last = {ENGINES[engine]: ends[engine][:, 0] for engine in order}
+        draw_final_positions(figure, last, elements, scene.replace("_", " "))
         head = ["", PLACES[scene], "upright", "W1 / floor, positions [m]", "rotations [deg]", "a rollout [ms]"]
         lines = []
         for engine in order:

@@ -8,6 +8,7 @@ from typing import NamedTuple
 from ...belief import Belief
 from ...errors import DivergedError
 from ...layout import ERR_POSITION, ERR_ROTATION
+from ...physics import contact_history as histories
 from ...propagation import PROPAGATORS, make_propagator, predict
 from ...propagation.predict import periodic_times
 from ...propagation.status import assess
@@ -125,7 +126,8 @@ def _truth(given, job):
         propagator = make_propagator(MONTE_CARLO, samples=samples, seed=seed)
         carry = predict(fine, given.belief, propagator, given.horizon).carry
         for method, part in parts.items():
-            belief = propagator.belief(carry._replace(states=carry.states[part], memory=carry.memory[part]), fine)
+            own = carry._replace(states=carry.states[part], contact_history=histories.samples(carry.contact_history, part))
+            belief = propagator.belief(own, fine)
             rows += _spread_rows(method, fine, belief, samples, seed)
     for k in given.scene.moving.tolist():
         rows.append(Row(TRUE, EXTENT, "m", 2.0 * given.scene.bodies[k].model.bounding_radius, None, k))

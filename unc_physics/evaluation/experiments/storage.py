@@ -65,4 +65,4 @@ def report(results: Results) -> str:
 def _scalars(propagator, scene, belief):
     """Numbers in a carry that stand for the distribution: not counters, nor what is remembered of contacts."""
     parts = propagator.init(scene, belief)._asdict()
-    return sum(part.size for name, part in parts.items() if name != "memory" and isinstance(part, np.ndarray))
+    return sum(part.size for name, part in parts.items() if name != "contact_history" and isinstance(part, np.ndarray))

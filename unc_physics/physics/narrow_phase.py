@@ -1,10 +1,12 @@
-"""Contacts of spheres: the geometry of one, and the search for all of two bodies (the paper's section 3.2)."""
+"""The contacts of two bodies' spheres (the paper's section 3.2)."""
 
 import math
 
-from .compiled import inner, kernel
-from .so3 import rotate
-from .tree import candidates
+from .broad_phase import ROOTS_ALONE, SINGLE_PRECISION, relative_pose
+from .compiled import inner
+from .contact_model import lens
+from .rotation import rotate
+from .sphere_tree import candidates
 
 #: Columns of a contact's record, all in body i's frame: unit normal from body i to body j, distance of the
 #: centres [m], volume of the lens [m^3], contact point [m].
@@ -12,31 +14,26 @@ NORMAL, DISTANCE, VOLUME, POINT = 0, 3, 4, 5
 RECORD = 8
 
 
-@kernel(_nrt=False, error_model="numpy")
-def lens(d, ri, rj):
-    """Overlap of two spheres of radii ``ri``, ``rj`` [m] whose centres are ``d`` apart.
+@inner(forceinline=True)
+def open_pair(x, i, j, world, work):
+    """Begin the search for the contacts of bodies i and j.
 
     Returns
     -------
-    volume : float
-        Of the lens [m^3]; the whole smaller sphere when it lies inside the other; 0 without overlap.
-    lever : float
-        Contact point on the line of centres, measured from the first centre towards the second [m]: the middle
-        of the interval in which the spheres overlap.
+    t_ij : tuple of 3 floats
+        Body j's centre of mass in body i's frame [m]; ``work.R_ij`` has the rotation.
+    slack : float
+    top : int
+        What `next_contacts` takes.
     """
-    if d >= ri + rj:
-        return 0.0, 0.0
-    if d <= abs(ri - rj):
-        volume = 4.0 / 3.0 * math.pi * min(ri, rj) ** 3
-    else:
-        s = ri + rj - d
-        volume = math.pi * s * s * (d * d + 2.0 * d * (ri + rj) - 3.0 * (ri - rj) ** 2) / (12.0 * d)
-    return volume, 0.5 * (max(d - rj, -ri) + min(ri, d + rj))
+    t_ij = relative_pose(x, i, j, work)
+    work.search.stack[0, 0], work.search.stack[0, 1] = world.bodies.root[i], world.bodies.root[j]
+    return t_ij, SINGLE_PRECISION * (world.bodies.radius[i] + world.bodies.radius[j]), ROOTS_ALONE
 
 
 @inner(error_model="numpy", forceinline=True)
 def next_contacts(tree, R_ij, t_ij, slack, search, top):
-    """Continue the search for the contacts of two bodies, as `tree.candidates`, which takes the same arguments.
+    """Continue the search for two bodies' contacts; takes what `sphere_tree.candidates` takes.
 
     Fills ``search.pairs`` with the touching spheres and ``search.records`` with their contacts.
 
@@ -88,7 +85,11 @@ def contact_sums(records, count):
     fx = fy = fz = mx = my = mz = 0.0
     for k in range(count):
         volume = records[k, VOLUME]
-        x, y, z = volume * records[k, NORMAL], volume * records[k, NORMAL + 1], volume * records[k, NORMAL + 2]
+        x, y, z = (
+            volume * records[k, NORMAL],
+            volume * records[k, NORMAL + 1],
+            volume * records[k, NORMAL + 2],
+        )
         fx += x
         fy += y
         fz += z

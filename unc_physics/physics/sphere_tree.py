@@ -5,7 +5,7 @@ contains what it bounds) and a child: a node, a sphere of the packing, or nothin
 minimises box surface times number of spheres, which hangs a packing's few big spheres near the root.
 
 The search for overlaps only uses the bounds and returns candidates, a superset of the overlapping pairs; the
-exact double-precision test is the contact's (`physics.contact`).
+exact double-precision test is the contact's (`physics.narrow_phase`).
 """
 
 import math
@@ -30,7 +30,7 @@ class Scratch(NamedTuple):
     stack : (depth, 2) int32
     pairs : (capacity, 2) int32
     records : (capacity, 8) float64
-        Contacts of the pairs (`physics.contact`).
+        Contacts of the pairs (`physics.narrow_phase`).
     """
 
     stack: np.ndarray

@@ -1,51 +1,13 @@
-"""Contacts of a body's spheres with the environment's half-spaces and boxes."""
-
-import math
+"""Contacts of a body's spheres with the elements of the environment."""
 
 import numpy as np
 
-from .compiled import inner, kernel
-from .contact import DISTANCE, NORMAL, POINT, VOLUME
-from .so3 import rotate, rotate_back
-from .tree import EMPTY, WIDTH
-from .world import PLANE
-
-
-@kernel(_nrt=False, error_model="numpy")
-def cap(distance, r):
-    """What a sphere of radius ``r`` [m], its centre at a signed distance from a flat surface, shares with the solid.
-
-    Returns
-    -------
-    volume : float
-        Of the spherical cap [m^3]; the whole sphere when it is under the surface.
-    depth : float
-        Height of the cap [m], 0 to 2 r.
-    """
-    depth = min(max(r - distance, 0.0), 2.0 * r)
-    return math.pi * depth * depth * (3.0 * r - depth) / 3.0, depth
-
-
-@kernel(_nrt=False, error_model="numpy", forceinline=True)
-def surface(kind, half, e, x, y, z):
-    """Signed distance [m] of a point from element e, and the surface's normal there; all in the element's frame.
-
-    Outside a box the normal comes from the nearest point of its surface, inside from its nearest face, ties to the
-    lowest axis.
-    """
-    if kind[e] == PLANE:
-        return z, (0.0, 0.0, 1.0)
-    qx, qy, qz = abs(x) - half[e, 0], abs(y) - half[e, 1], abs(z) - half[e, 2]
-    sx, sy, sz = math.copysign(1.0, x), math.copysign(1.0, y), math.copysign(1.0, z)
-    if qx <= 0.0 and qy <= 0.0 and qz <= 0.0:
-        if qx >= qy and qx >= qz:
-            return qx, (sx, 0.0, 0.0)
-        if qy >= qz:
-            return qy, (0.0, sy, 0.0)
-        return qz, (0.0, 0.0, sz)
-    qx, qy, qz = max(qx, 0.0), max(qy, 0.0), max(qz, 0.0)
-    distance = math.sqrt(qx * qx + qy * qy + qz * qz)
-    return distance, (sx * qx / distance, sy * qy / distance, sz * qz / distance)
+from .compiled import inner
+from .contact_model import cap
+from .narrow_phase import DISTANCE, NORMAL, POINT, VOLUME
+from .rotation import rotate, rotate_back
+from .shapes import surface
+from .sphere_tree import EMPTY, WIDTH
 
 
 @inner(forceinline=True)
@@ -60,10 +22,10 @@ def in_element(position, R, e, x, y, z):
 
 
 @inner(forceinline=True)
-def element_distance(laws, e, x, y, z):
+def element_distance(surroundings, e, x, y, z):
     """Signed distance of a point in the world from element e [m]."""
-    px, py, pz = in_element(laws.position, laws.R, e, x, y, z)
-    return surface(laws.kind, laws.half, e, px, py, pz)[0]
+    px, py, pz = in_element(surroundings.position, surroundings.R, e, x, y, z)
+    return surface(surroundings.kind, surroundings.size, e, px, py, pz)[0]
 
 
 @inner
@@ -75,13 +37,13 @@ def write_element_rotation(R_i, R_e, out):
 
 
 @inner(error_model="numpy", forceinline=True)
-def next_element_contacts(tree, laws, e, R, t, search, top):
-    """Continue the search for the contacts of one body with element e, in the way of `contact.next_contacts`.
+def next_element_contacts(tree, surroundings, e, R, t, search, top):
+    """Continue the search for the contacts of one body with element e, in the way of `narrow_phase.next_contacts`.
 
     Parameters
     ----------
     tree : Tree
-    laws : Laws
+    surroundings : Surroundings
     e : int
     R : (3, 3) array
         Rotation from the body's to the element's axes.
@@ -102,7 +64,7 @@ def next_element_contacts(tree, laws, e, R, t, search, top):
     top : int
         Call again, after using the contacts, while it is positive.
     """
-    kind, half = laws.kind, laws.half
+    kind, size = surroundings.kind, surroundings.size
     bounds, child, centers, radii = tree.bounds, tree.child, tree.centers, tree.radii
     stack, pairs, records = search.stack, search.pairs, search.records
     count = 0
@@ -115,13 +77,13 @@ def next_element_contacts(tree, laws, e, R, t, search, top):
                 break
             if c >= 0:
                 x, y, z = rotate(R, bounds[node, 0, k], bounds[node, 1, k], bounds[node, 2, k])
-                if surface(kind, half, e, x + t[0], y + t[1], z + t[2])[0] < bounds[node, 3, k]:
+                if surface(kind, size, e, x + t[0], y + t[1], z + t[2])[0] < bounds[node, 3, k]:
                     stack[top, 0] = c
                     top += 1
                 continue
             s = ~c
             x, y, z = rotate(R, centers[s, 0], centers[s, 1], centers[s, 2])
-            distance, normal = surface(kind, half, e, x + t[0], y + t[1], z + t[2])
+            distance, normal = surface(kind, size, e, x + t[0], y + t[1], z + t[2])
             if distance >= radii[s]:
                 continue
             volume, depth = cap(distance, radii[s])
@@ -138,7 +100,7 @@ def next_element_contacts(tree, laws, e, R, t, search, top):
 
 
 @inner(forceinline=True)
-def open_element(x, i, e, world, laws, work):
+def open_element(x, i, e, world, surroundings, work):
     """Begin the search for the contacts of body i with element e.
 
     Returns
@@ -148,9 +110,9 @@ def open_element(x, i, e, world, laws, work):
     top : int
         0 where the body is out of reach.
     """
-    t = in_element(laws.position, laws.R, e, x[i, 0], x[i, 1], x[i, 2])
-    if surface(laws.kind, laws.half, e, t[0], t[1], t[2])[0] >= world.bodies.radius[i]:
+    t = in_element(surroundings.position, surroundings.R, e, x[i, 0], x[i, 1], x[i, 2])
+    if surface(surroundings.kind, surroundings.size, e, t[0], t[1], t[2])[0] >= world.bodies.radius[i]:
         return t, np.int64(0)
-    write_element_rotation(work.R[i], laws.R[e], work.R_ij)
+    write_element_rotation(work.R[i], surroundings.R[e], work.R_ij)
     work.search.stack[0, 0] = world.bodies.root[i]
     return t, np.int64(1)

@@ -1,0 +1,39 @@
+"""Proper scores of predictions by samples against what really came: the lower the better."""
+
+from __future__ import annotations
+
+import numpy as np
+
+
+def brier_score(classes: np.ndarray, observed: int, count: int) -> float:
+    """Sum of squared differences between the samples' shares of the classes and the outcome: 0 to 2.
+
+    Parameters
+    ----------
+    classes : (n,) int array
+        Of the samples, below ``count``.
+    observed : int
+        The class that came.
+    count : int
+        Number of classes.
+    """
+    shares = np.bincount(classes, minlength=count) / len(classes)
+    shares[observed] -= 1.0
+    return float(shares @ shares)
+
+
+def log_score(classes: np.ndarray, observed: int) -> float:
+    """Negative logarithm of the share of samples of the class that came, half a sample at least."""
+    return float(-np.log(max(np.mean(classes == observed), 0.5 / len(classes))))
+
+
+def energy_score(samples: np.ndarray, observed: np.ndarray) -> float:
+    """Mean distance from samples (n, d) to what came (d,), less half of that between two samples."""
+    between = np.linalg.norm(samples[:, None] - samples[None], axis=-1)
+    return float(np.mean(np.linalg.norm(samples - observed, axis=-1)) - 0.5 * np.mean(between))
+
+
+def bootstrap(values: np.ndarray, rng: np.random.Generator, resamples: int = 2000) -> tuple[float, float]:
+    """2.5 % and 97.5 % quantiles of the mean of values (n,), drawn anew with replacement."""
+    drawn = values[rng.integers(len(values), size=(resamples, len(values)))]
+    return tuple(np.quantile(drawn.mean(axis=1), [0.025, 0.975]).tolist())

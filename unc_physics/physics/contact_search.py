@@ -1,0 +1,230 @@
+"""Which spheres may touch in a step of the implicit integrator: bodies near each other, then lists of their spheres.
+
+A list holds all spheres, or pairs of them, of two things that come closer than a margin, and is used until their travel
+has used the margin up. It only leaves out what cannot touch, so no result depends on when it was made.
+"""
+
+import math
+
+import numpy as np
+
+from ..layout import P, V, W
+from .compiled import inner
+from .element_contacts import in_element
+from .implicit_workspace import (
+    CLEARANCE,
+    OVERFLOW,
+    PACE,
+    POOL_USED,
+    TOO_LONG_LISTS,
+    TRAVEL,
+)
+from .rotation import rotate, rotate_back
+from .shapes import KINDS, surface
+from .sphere_tree import EMPTY, WIDTH, candidates
+
+#: Gap up to which contacts take part in a step [m].
+ACTIVE_GAP = 5e-4
+#: Bodies are near when they may come closer than this in a step [m].
+NEAR = 1e-3
+_PLANE, _BOX = KINDS["plane"], KINDS["box"]
+_LIST_MARGIN, _LIST_STEPS = 1e-3, 2.0  # how long lists of an element last: a distance [m], and steps at the present pace
+_PAIR_MARGIN = 5e-4  # the same of two bodies [m]
+_SINGLE_PRECISION = 4e-6  # of the sum of two bodies' radii: what single precision loses in a change of frame
+
+
+@inner
+def update_pace(x, i, radius, gravity, dt, numbers):
+    """No point of body i travels faster in the next ``dt`` seconds than its `PACE`."""
+    v = math.sqrt(x[i, V] ** 2 + x[i, V + 1] ** 2 + x[i, V + 2] ** 2)
+    w = math.sqrt(x[i, W] ** 2 + x[i, W + 1] ** 2 + x[i, W + 2] ** 2)
+    numbers[i, PACE] = v + radius * w + dt * math.sqrt(gravity[0] ** 2 + gravity[1] ** 2 + gravity[2] ** 2)
+
+
+@inner(forceinline=True)
+def find_groups(x, bodies, dt, work):
+    """Mark the pairs of bodies that are near, and join moving ones to groups; returns whether any pair is near."""
+    numbers, order, near, group = work.numbers, work.order, work.near, work.group
+    radius, moving = bodies.radius, bodies.moving
+    count, found = len(x), False
+    for i in range(count):
+        group[i] = i
+        for j in range(count):
+            near[i, j] = False
+    for k in range(1, count):  # insertion sort: next to no work on what was sorted a step ago
+        body, place = order[k], k
+        low = x[body, P] - radius[body] - dt * numbers[body, PACE]
+        while place > 0:
+            before = order[place - 1]
+            if x[before, P] - radius[before] - dt * numbers[before, PACE] <= low:
+                break
+            order[place] = before
+            place -= 1
+        order[place] = body
+    for k in range(count):
+        a = order[k]
+        reach = radius[a] + dt * numbers[a, PACE] + NEAR
+        high = x[a, P] + reach
+        for m in range(k + 1, count):
+            b = order[m]
+            far = radius[b] + dt * numbers[b, PACE]
+            if x[b, P] - far >= high:
+                break
+            if not (moving[a] or moving[b]):
+                continue
+            dx, dy, dz = x[b, P] - x[a, P], x[b, P + 1] - x[a, P + 1], x[b, P + 2] - x[a, P + 2]
+            if dx * dx + dy * dy + dz * dz < (reach + far) ** 2:
+                near[a, b] = near[b, a] = found = True
+                if moving[a] and moving[b]:
+                    join(group, a, b)
+    for i in range(count):
+        group[i] = lowest(group, i)
+    return found
+
+
+@inner(forceinline=True)
+def lowest(group, i):
+    """The lowest member of the group of ``i``."""
+    while group[i] != i:
+        i = group[i]
+    return i
+
+
+@inner(forceinline=True)
+def join(group, a, b):
+    """Make two groups one."""
+    a, b = lowest(group, a), lowest(group, b)
+    if a != b:
+        group[max(a, b)] = min(a, b)
+
+
+@inner
+def clearance(x, i, world, work):
+    """Distance of body i's bounding ball from the environment, from below [m]; asked again when travel used it up."""
+    numbers, radius = work.numbers, world.bodies.radius
+    if numbers[i, CLEARANCE] > numbers[i, TRAVEL]:
+        return numbers[i, CLEARANCE] - numbers[i, TRAVEL]
+    least = np.inf
+    for e in range(len(world.surroundings.kind)):
+        px, py, pz = in_element(world.surroundings.position, world.surroundings.R, e, x[i, P], x[i, P + 1], x[i, P + 2])
+        least = min(least, surface(world.surroundings.kind, world.surroundings.size, e, px, py, pz)[0] - radius[i])
+    numbers[i, CLEARANCE] = numbers[i, TRAVEL] + max(least, 0.0)
+    return least
+
+
+@inner(forceinline=True)
+def flat_face(kind, size, e, t, R_e, R, extent):
+    """Which flat side of element e a body faces alone: 0 to 5 of a box's +x, -x, +y ... sides, 6 of a plane's, -1 none.
+
+    ``t`` is the body's centre of mass in the element's frame, ``extent`` (6,) the middle and half the sides of the box
+    around its spheres' centres (body frame): over that side, all of them are nearest to it.
+    """
+    if kind[e] == _PLANE:
+        return 6
+    if kind[e] != _BOX:
+        return -1
+    side = -1
+    for a in range(3):
+        place, reach = t[a], 0.0
+        for b in range(3):
+            r = R_e[0, a] * R[0, b] + R_e[1, a] * R[1, b] + R_e[2, a] * R[2, b]
+            place += r * extent[b]
+            reach += abs(r) * extent[3 + b]
+        if abs(place) - reach > size[e, a]:
+            if side >= 0:
+                return -1
+            side = 2 * a + (0 if place > 0.0 else 1)
+        elif abs(place) + reach > size[e, a]:
+            return -1
+    return side
+
+
+@inner(forceinline=True)
+def element_list(x, i, e, need, world, work):
+    """Bring the list of body i's spheres near element e up to date; ``need`` [m] is how near they must be."""
+    column = len(x) + e
+    travel = work.numbers[i, TRAVEL]
+    # valid is the travel up to which all that may come within ACTIVE_GAP is listed
+    if travel + need <= work.valid[i, column]:
+        return
+    margin = need + _LIST_MARGIN + _LIST_STEPS * (need - ACTIVE_GAP)
+    tree, kind, size, R_e = world.tree, world.surroundings.kind, world.surroundings.size, world.surroundings.R
+    bounds, child, centers, radii = tree.bounds, tree.child, tree.centers, tree.radii
+    t = in_element(world.surroundings.position, world.surroundings.R, e, x[i, P], x[i, P + 1], x[i, P + 2])
+    R, stack, pool = work.R_ij, work.search.stack, work.pool
+    for a in range(3):
+        for b in range(3):
+            R[a, b] = R_e[e, 0, a] * work.R[i, 0, b] + R_e[e, 1, a] * work.R[i, 1, b] + R_e[e, 2, a] * work.R[i, 2, b]
+    start = work.counts[POOL_USED]
+    used = start
+    stack[0, 0] = world.bodies.root[i]
+    top = 1
+    while top > 0:
+        if used + WIDTH > len(pool):
+            work.counts[OVERFLOW] = TOO_LONG_LISTS
+            return
+        top -= 1
+        node = stack[top, 0]
+        for k in range(WIDTH):
+            c = child[node, k]
+            if c == EMPTY:
+                break
+            if c >= 0:
+                px, py, pz = rotate(R, bounds[node, 0, k], bounds[node, 1, k], bounds[node, 2, k])
+                if surface(kind, size, e, px + t[0], py + t[1], pz + t[2])[0] < bounds[node, 3, k] + margin:
+                    stack[top, 0] = c
+                    top += 1
+                continue
+            s = ~c
+            px, py, pz = rotate(R, centers[s, 0], centers[s, 1], centers[s, 2])
+            if surface(kind, size, e, px + t[0], py + t[1], pz + t[2])[0] < radii[s] + margin:
+                pool[used, 0], pool[used, 1] = s, 0
+                used += 1
+    work.lists[i, column, 0], work.lists[i, column, 1] = start, used - start
+    work.valid[i, column] = travel + margin
+    work.counts[POOL_USED] = used
+
+
+@inner(forceinline=True)
+def pair_list(x, i, j, need, world, work):
+    """Bring the list of the pairs of spheres of bodies i and j that are near up to date, as `element_list`."""
+    travel = work.numbers[i, TRAVEL] + work.numbers[j, TRAVEL]
+    if travel + need <= work.valid[i, j]:
+        return
+    margin = need + _PAIR_MARGIN
+    tree, search, pool, R_ij = world.tree, work.search, work.pool, work.R_ij
+    t_ij = relative_pose(x, i, j, work.R, R_ij)
+    slack = _SINGLE_PRECISION * (world.bodies.radius[i] + world.bodies.radius[j]) + margin
+    start = work.counts[POOL_USED]
+    used = start
+    search.stack[0, 0], search.stack[0, 1] = world.bodies.root[i], world.bodies.root[j]
+    top = np.int64(1)
+    while top > 0:
+        found, top = candidates(tree, R_ij, t_ij, slack, search, top)
+        if used + found > len(pool):
+            work.counts[OVERFLOW] = TOO_LONG_LISTS
+            return
+        for k in range(found):
+            pool[used, 0], pool[used, 1] = search.pairs[k, 0], search.pairs[k, 1]
+            used += 1
+    work.lists[i, j, 0], work.lists[i, j, 1] = start, used - start
+    work.valid[i, j] = travel + margin
+    work.counts[POOL_USED] = used
+
+
+@inner(forceinline=True)
+def relative_pose(x, i, j, R, R_ij):
+    """Rotation from body j's to body i's axes into ``R_ij``; returns body j's centre of mass in body i's frame [m]."""
+    for a in range(3):
+        for b in range(3):
+            R_ij[a, b] = R[i, 0, a] * R[j, 0, b] + R[i, 1, a] * R[j, 1, b] + R[i, 2, a] * R[j, 2, b]
+    return rotate_back(R[i], x[j, P] - x[i, P], x[j, P + 1] - x[i, P + 1], x[j, P + 2] - x[i, P + 2])
+
+
+@inner
+def forget_lists(work):
+    """Make all lists anew when they are next needed."""
+    work.counts[POOL_USED] = 0
+    for i in range(work.valid.shape[0]):
+        for j in range(work.valid.shape[1]):
+            work.valid[i, j] = -np.inf

@@ -1,0 +1,82 @@
+"""Which spheres of a packing can touch a plane: those on its convex hull."""
+
+import math
+
+import numpy as np
+
+from .compiled import kernel
+
+_DIRECTIONS, _ROUNDS = 4096, 700
+_TOLERANCE = 1e-8  # of the packing's radius: what sticks out less is inside, such as spheres that a flat face just touches
+
+
+@kernel
+def hull_spheres(centers, radii):
+    """Indices of the spheres that some plane touches before all others.
+
+    Parameters
+    ----------
+    centers : (n, 3) array
+        Body frame [m].
+    radii : (n,) array
+        [m]
+
+    Returns
+    -------
+    (h,) int64 array
+        Ascending.
+
+    Notes
+    -----
+    The supports in many directions are found first. Any other sphere is then compared with these in the direction in which
+    it does best, improved step by step.
+    """
+    n = len(radii)
+    size = 0.0
+    for k in range(n):
+        size = max(size, math.sqrt(centers[k, 0] ** 2 + centers[k, 1] ** 2 + centers[k, 2] ** 2) + radii[k])
+    kept = np.zeros(n, np.bool_)
+    lead, best = np.full(n, -np.inf), np.zeros((n, 3))
+    height = np.empty(n)
+    for d in range(_DIRECTIONS):
+        z = 1.0 - (2.0 * d + 1.0) / _DIRECTIONS
+        angle = math.pi * (1.0 + math.sqrt(5.0)) * d
+        across = math.sqrt(1.0 - z * z)
+        x, y = across * math.cos(angle), across * math.sin(angle)
+        highest, support = -np.inf, 0
+        for k in range(n):
+            height[k] = x * centers[k, 0] + y * centers[k, 1] + z * centers[k, 2] + radii[k]
+            if height[k] > highest:
+                highest, support = height[k], k
+        kept[support] = True
+        for k in range(n):
+            if height[k] - highest > lead[k]:
+                lead[k] = height[k] - highest
+                best[k, 0], best[k, 1], best[k, 2] = x, y, z
+    supports = np.flatnonzero(kept)
+    for s in range(n):
+        if kept[s]:
+            continue
+        x, y, z = best[s, 0], best[s, 1], best[s, 2]
+        step = 0.05
+        for _ in range(_ROUNDS):
+            highest, support = -np.inf, 0
+            for k in supports:
+                up = x * centers[k, 0] + y * centers[k, 1] + z * centers[k, 2] + radii[k]
+                if up > highest:
+                    highest, support = up, k
+            if x * centers[s, 0] + y * centers[s, 1] + z * centers[s, 2] + radii[s] - highest > _TOLERANCE * size:
+                kept[s] = True
+                break
+            # towards the sphere and away from the support that hides it
+            gx, gy, gz = centers[s, 0] - centers[support, 0], centers[s, 1] - centers[support, 1], centers[s, 2] - centers[support, 2]
+            along = gx * x + gy * y + gz * z
+            gx, gy, gz = gx - along * x, gy - along * y, gz - along * z
+            length = math.sqrt(gx * gx + gy * gy + gz * gz)
+            if length == 0.0:
+                break
+            x, y, z = x + step * gx / length, y + step * gy / length, z + step * gz / length
+            length = math.sqrt(x * x + y * y + z * z)
+            x, y, z = x / length, y / length, z / length
+            step *= 0.99
+    return np.flatnonzero(kept)

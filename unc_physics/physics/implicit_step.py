@@ -1,0 +1,475 @@
+"""One step of the implicit integrator, group by group: search, impacts at their own times, lasting contacts, travel.
+
+A group is what may touch in the step. It goes from impact to impact: it travels to the first, in which impulses change the
+velocities at once, and so on, at most `_IMPACTS` times; the rest of the step is one solution of the lasting contacts.
+Nothing that happens in a group depends on any other.
+"""
+
+import math
+
+from ..layout import P, Q, V, W
+from .compiled import inner, kernel
+from .contact_patch import IMPACT_GAP, add_contacts, element_candidates, pair_candidates
+from .contact_search import ACTIVE_GAP, clearance, find_groups, forget_lists, join, lowest, update_pace
+from .element_contacts import in_element
+from .implicit_solver import contact_speed, impact, solve_lasting
+from .implicit_workspace import (
+    BEND,
+    CONTACTS,
+    DIRECTION,
+    ELASTIC,
+    FREE,
+    FREE_POSITION,
+    FREE_QUATERNION,
+    GAP,
+    LASTING,
+    NO_OVERFLOW,
+    NOW,
+    OVERFLOW,
+    PACE,
+    PLASTIC,
+    REMEMBERED,
+    START,
+    TOO_LONG_LISTS,
+    TOO_MANY_CANDIDATES,
+    TRAVEL,
+    implicit_workspace,
+)
+from .rotation import exp, multiply, renormalized, rotate, rotate_back, write_matrix
+from .shapes import surface
+
+#: Gap up to which bodies touch, and at which an impact is aimed [m].
+TOUCHING, _AIM = 2e-5, 1e-5
+#: Closing faster than this is an impact: the larger of a speed [m/s] and of what gravity adds in some steps.
+_SLOWEST_IMPACT, _IMPACT_STEPS = 0.1, 2.5
+_IMPACTS, _CUTS = 4, 16  # in a step of a group, at most: impacts, and searches for them
+_QUIET_SPEED, _QUIET_TIME, _QUIET_CONTACTS = 2e-3, 0.1, 3  # of what falls asleep [m/s], [s]
+_TURN, _SMALL_TURN, _MOST_TURNS = 0.25, 0.02, 1000  # angles with the gyroscopic term [rad], and parts of a turn
+
+
+@inner
+def travel_freely(x, i, h, decay, world, R):
+    """Move body i for ``h`` seconds without contacts: a parabola, its angular momentum kept; ``R`` (B, 3, 3) follows."""
+    gravity = world.gravity
+    for k in range(3):
+        v = decay * x[i, V + k] + h * gravity[k]
+        x[i, P + k] += 0.5 * h * (x[i, V + k] + v)
+        x[i, V + k] = v
+    if world.surroundings.gyroscopic:
+        _turn_by_momentum(x, i, h, world, R)
+    else:
+        turn(x, i, h, x[i, W], x[i, W + 1], x[i, W + 2], R)
+    for k in range(3):
+        x[i, W + k] *= decay
+
+
+@inner
+def _turn_by_momentum(x, i, h, world, R):
+    """Turn body i as its angular momentum asks; long turns are divided."""
+    bodies, Ri = world.bodies, R[i]
+    a, b, c = rotate_back(Ri, x[i, W], x[i, W + 1], x[i, W + 2])
+    a, b, c = rotate(bodies.inertia[i], a, b, c)
+    momentum = rotate(Ri, a, b, c)
+    angle = h * math.sqrt(x[i, W] ** 2 + x[i, W + 1] ** 2 + x[i, W + 2] ** 2)
+    count = min(max(math.ceil(angle / _TURN), 1), _MOST_TURNS)
+    part, rounds = h / count, 1 if angle < _SMALL_TURN else 3
+    for _ in range(count):
+        q = (x[i, Q], x[i, Q + 1], x[i, Q + 2], x[i, Q + 3])
+        w = (x[i, W], x[i, W + 1], x[i, W + 2])
+        for _ in range(rounds):
+            write_matrix(multiply(exp(0.5 * part * w[0], 0.5 * part * w[1], 0.5 * part * w[2]), q), R, i)
+            w = _spin_of(momentum, bodies.inverse_inertia[i], Ri)
+        turn(x, i, part, w[0], w[1], w[2], R)
+        x[i, W], x[i, W + 1], x[i, W + 2] = _spin_of(momentum, bodies.inverse_inertia[i], Ri)
+
+
+@inner(forceinline=True)
+def _spin_of(momentum, inverse_inertia, R):
+    a, b, c = rotate_back(R, momentum[0], momentum[1], momentum[2])
+    a, b, c = rotate(inverse_inertia, a, b, c)
+    return rotate(R, a, b, c)
+
+
+@inner(forceinline=True)
+def turn(x, i, h, wx, wy, wz, R):
+    """Turn body i about an angular velocity for ``h`` seconds."""
+    q = multiply(exp(h * wx, h * wy, h * wz), (x[i, Q], x[i, Q + 1], x[i, Q + 2], x[i, Q + 3]))
+    q = renormalized(q)
+    x[i, Q], x[i, Q + 1], x[i, Q + 2], x[i, Q + 3] = q
+    write_matrix(q, R, i)
+
+
+@inner(forceinline=True)
+def find_contacts(x, count, horizon, world, work):
+    """Find the contacts of the group at hand, of ``count`` members, that may act within ``horizon`` seconds."""
+    work.counts[CONTACTS] = 0
+    members, numbers, near, moving, radius = work.members, work.numbers, work.near, world.bodies.moving, world.bodies.radius
+    for a in range(count):
+        i = members[a]
+        need = ACTIVE_GAP + horizon * numbers[i, PACE]
+        if len(world.surroundings.kind) > 0 and clearance(x, i, world, work) < need:
+            for e in range(len(world.surroundings.kind)):
+                px, py, pz = in_element(world.surroundings.position, world.surroundings.R, e, x[i, P], x[i, P + 1], x[i, P + 2])
+                if surface(world.surroundings.kind, world.surroundings.size, e, px, py, pz)[0] < radius[i] + need:
+                    found = element_candidates(x, i, e, horizon, world, work)
+                    if found > 0:
+                        add_contacts(x, i, -1 - e, found, world, work)
+        for j in range(len(x)):  # each pair of moving bodies once
+            if near[i, j] and (j > i or not moving[j]):
+                found = pair_candidates(x, i, j, horizon, world, work)
+                if found > 0:
+                    add_contacts(x, i, j, found, world, work)
+
+
+@inner(forceinline=True)
+def prepare_members(x, count, world, work):
+    """Inverse inertias in world axes, and paces, of the group's members."""
+    members, R, bodies = work.members, work.R, world.bodies
+    for a in range(count):
+        i = members[a]
+        Ri, out = R[i], work.inverse_inertia[i]
+        for k in range(3):
+            u, v, w = rotate(bodies.inverse_inertia[i], Ri[k, 0], Ri[k, 1], Ri[k, 2])
+            out[0, k], out[1, k], out[2, k] = rotate(Ri, u, v, w)
+
+
+@inner
+def _impact_now(rows, ids, counts, velocity, threshold):
+    """Whether bodies that touch close fast."""
+    for c in range(counts[CONTACTS]):
+        if rows[c, GAP] <= TOUCHING and contact_speed(rows[c], 0, velocity[START], ids[c, 0], ids[c, 1]) < -threshold:
+            return True
+    return False
+
+
+@inner(error_model="numpy")
+def _time_to_impact(left, rows, ids, counts, velocity, gravity, moving, threshold):
+    """Time until the first impact within ``left`` seconds, ``left`` without one.
+
+    The gap is a parabola, with gravity and the centripetal acceleration of the sphere's centre.
+    """
+    first = left
+    for c in range(counts[CONTACTS]):
+        row, i, j = rows[c], ids[c, 0], ids[c, 1]
+        way = row[GAP] - _AIM
+        if way <= 0.0:
+            continue
+        speed = contact_speed(row, 0, velocity[START], i, j)
+        bend = row[BEND]
+        if j < 0 or not moving[j]:
+            bend += row[DIRECTION] * gravity[0] + row[DIRECTION + 1] * gravity[1] + row[DIRECTION + 2] * gravity[2]
+        square = speed * speed - 2.0 * bend * way
+        if square <= threshold * threshold:
+            continue
+        root = math.sqrt(square)
+        if root - speed > 0.0:
+            time = 2.0 * way / (root - speed)
+            first = min(first, time)
+    return first
+
+
+@inner
+def _read_velocities(x, count, members, velocity):
+    """Write the members' velocities as `START` and `NOW`."""
+    for a in range(count):
+        i = members[a]
+        for k in range(3):
+            velocity[START, i, k] = velocity[NOW, i, k] = x[i, V + k]
+            velocity[START, i, 3 + k] = velocity[NOW, i, 3 + k] = x[i, W + k]
+
+
+@inner(forceinline=True)
+def collide(x, count, time, first_time, residual, world, threshold, work):
+    """Let the contacts at hand that an impact reaches act as impulses."""
+    members, rows, ids, counts, part, velocity = work.members, work.rows, work.ids, work.counts, work.part, work.velocity
+    group = work.part
+    for i in range(len(x)):
+        group[i] = i
+    for c in range(counts[CONTACTS]):
+        i, j = ids[c, 0], ids[c, 1]
+        if rows[c, GAP] <= IMPACT_GAP and j >= 0 and world.bodies.moving[j]:
+            join(group, i, j)
+    for i in range(len(x)):
+        group[i] = lowest(group, i)
+    # labels of groups with an impact become positive ones, the others' negative
+    for i in range(len(x)):
+        group[i] = -1 - group[i]
+    for c in range(counts[CONTACTS]):
+        i = ids[c, 0]
+        if part[i] < 0 and rows[c, GAP] <= TOUCHING and contact_speed(rows[c], 0, velocity[START], i, ids[c, 1]) < -threshold:
+            label = part[i]
+            for k in range(len(x)):
+                if part[k] == label:
+                    part[k] = -label
+    # contacts that are too far are no part of it
+    far = 0
+    for c in range(counts[CONTACTS]):
+        if rows[c, GAP] <= IMPACT_GAP:
+            if far > 0:
+                for k in range(rows.shape[1]):
+                    rows[c - far, k] = rows[c, k]
+                for k in range(4):
+                    ids[c - far, k] = ids[c, k]
+        else:
+            far += 1
+    counts[CONTACTS] -= far
+    worst = impact(rows, ids, counts, part, work.impulses[ELASTIC], work.impulses[PLASTIC], members, count, velocity, threshold)
+    for c in range(counts[CONTACTS]):
+        if part[ids[c, 0]] > 0 and work.impulses[ELASTIC, c, 0] > 0.0:
+            note_contact(first_time, ids[c, 0], ids[c, 1], time)
+    for a in range(count):
+        i = members[a]
+        if part[i] > 0:
+            residual[i] = max(residual[i], worst)
+            for k in range(3):
+                x[i, V + k], x[i, W + k] = velocity[NOW, i, k], velocity[NOW, i, 3 + k]
+            update_pace(x, i, world.bodies.radius[i], world.gravity, world.dt, work.numbers)
+
+
+@inner(forceinline=True)
+def note_contact(first_time, i, j, time):
+    """Record that body i touches body j, or element ``-1 - j``."""
+    low, high = i, len(first_time) - 1 - j
+    if j >= 0:
+        low, high = min(i, j), max(i, j)
+    first_time[low, high] = min(first_time[low, high], time)
+
+
+@inner(forceinline=True)
+def travel_in_contact(x, count, h, time, first_time, residual, world, threshold, work):
+    """Move the group at hand for ``h`` seconds under its lasting contacts."""
+    members, velocity, numbers, loaded = work.members, work.velocity, work.numbers, work.loaded
+    decay = world.decay if h == world.dt else world.decay ** (h / world.dt)
+    for a in range(count):
+        i = members[a]
+        loaded[i] = 0
+        for k in range(3):
+            numbers[i, FREE_POSITION + k] = x[i, P + k]
+            velocity[START, i, k], velocity[START, i, 3 + k] = x[i, V + k], x[i, W + k]
+        for k in range(4):
+            numbers[i, FREE_QUATERNION + k] = x[i, Q + k]
+        travel_freely(x, i, h, decay, world, work.R)
+        for k in range(3):
+            velocity[FREE, i, k] = velocity[NOW, i, k] = x[i, V + k]
+            velocity[FREE, i, 3 + k] = velocity[NOW, i, 3 + k] = x[i, W + k]
+    m = work.counts[CONTACTS]
+    if m > 0:
+        impulses = work.impulses[LASTING]
+        worst = solve_lasting(
+            work.rows, work.ids, work.counts, work.impulses, velocity, math.pi * world.stiffness, h, world.dt, threshold)
+        for c in range(m):
+            i, j = work.ids[c, 0], work.ids[c, 1]
+            if impulses[c, 0] > 0.0:
+                note_contact(first_time, i, j, time)
+                loaded[i] += 1
+                residual[i] = max(residual[i], worst)
+                if j >= 0 and world.bodies.moving[j]:
+                    loaded[j] += 1
+                    residual[j] = max(residual[j], worst)
+    for a in range(count):
+        i = members[a]
+        if loaded[i] > 0:
+            for k in range(3):
+                x[i, P + k] = numbers[i, FREE_POSITION + k] + 0.5 * h * (velocity[START, i, k] + velocity[NOW, i, k])
+                x[i, V + k], x[i, W + k] = velocity[NOW, i, k], velocity[NOW, i, 3 + k]
+            for k in range(4):
+                x[i, Q + k] = numbers[i, FREE_QUATERNION + k]
+            turn(
+                x, i, h, 0.5 * (velocity[START, i, 3] + velocity[NOW, i, 3]), 0.5 * (velocity[START, i, 4] + velocity[NOW, i, 4]),
+                0.5 * (velocity[START, i, 5] + velocity[NOW, i, 5]), work.R)
+        _add_travel(x, i, h, velocity[START], numbers, world.bodies.radius[i])
+
+
+@inner(forceinline=True)
+def _add_travel(x, i, h, start, numbers, radius):
+    """Count how far points of body i moved in an interval, and how fast they are now."""
+    v = w = u = o = 0.0
+    for k in range(3):
+        v += x[i, V + k] ** 2
+        w += x[i, W + k] ** 2
+        u += start[i, k] ** 2
+        o += start[i, 3 + k] ** 2
+    now, then = math.sqrt(v) + radius * math.sqrt(w), math.sqrt(u) + radius * math.sqrt(o)
+    numbers[i, TRAVEL] += h * max(now, then)
+
+
+@inner(forceinline=True)
+def advance_group(x, count, time, first_time, residual, world, threshold, work):
+    """One step of the group at hand: from impact to impact, then to the step's end.
+
+    With ``horizon`` 0 contacts are chosen by their gaps alone, for an impact.
+    """
+    left = horizon = world.dt
+    impacts = cuts = 0
+    while left > 0.0:
+        prepare_members(x, count, world, work)
+        find_contacts(x, count, horizon, world, work)
+        if work.counts[OVERFLOW] != NO_OVERFLOW:
+            break
+        until = left
+        if work.counts[CONTACTS] > 0 and impacts < _IMPACTS and cuts < _CUTS:
+            _read_velocities(x, count, work.members, work.velocity)
+            now = _impact_now(work.rows, work.ids, work.counts, work.velocity, threshold)
+            if horizon == 0.0:
+                if now:
+                    collide(x, count, time, first_time, residual, world, threshold, work)
+                    impacts += 1
+                horizon = left
+                continue
+            if now:
+                horizon = 0.0
+                cuts += 1
+                continue
+            until = _time_to_impact(
+                left, work.rows, work.ids, work.counts, work.velocity, world.gravity, world.bodies.moving, threshold)
+        elif horizon == 0.0:
+            horizon = left
+            continue
+        travel_in_contact(x, count, until, time, first_time, residual, world, threshold, work)
+        if until >= left:
+            _remember(left, work)
+            break
+        left -= until
+        horizon = 0.0
+        cuts += 1
+
+
+@inner(forceinline=True)
+def _remember(h, work):
+    """Add the contacts at hand that carry load to the memory of this step."""
+    contact, force, counts = work.new_contact, work.new_force, work.counts
+    impulses = work.impulses[LASTING]
+    for c in range(counts[CONTACTS]):
+        n = counts[REMEMBERED]
+        if impulses[c, 0] <= 0.0 or n >= len(contact):
+            continue
+        counts[REMEMBERED] = n + 1
+        row = work.rows[c]
+        for k in range(4):
+            contact[n, k] = work.ids[c, k]
+        force[n, 0] = impulses[c, 0] / h
+        for k in range(3):
+            force[n, 1 + k] = (impulses[c, 1] * row[DIRECTION + 3 + k] + impulses[c, 2] * row[DIRECTION + 6 + k]) / h
+
+
+@inner
+def _keep_memory(i, work):
+    """Keep what the last step knew of the contacts of body i, which sleeps."""
+    entry, counts = work.head[i], work.counts
+    while entry >= 0:
+        n = counts[REMEMBERED]
+        if n < len(work.new_contact):
+            counts[REMEMBERED] = n + 1
+            for k in range(4):
+                work.new_contact[n, k] = work.old_contact[entry, k]
+                work.new_force[n, k] = work.old_force[entry, k]
+        entry = work.link[entry]
+
+
+@inner(forceinline=True)
+def advance_step(x, time, first_time, quiet, residual, world, threshold, work):
+    """One step of all groups; ends early where room overflows (`OVERFLOW`)."""
+    numbers, group, members, near, moving = work.numbers, work.group, work.members, work.near, world.bodies.moving
+    bodies, dt = world.bodies, world.dt
+    for i in range(len(x)):
+        if moving[i]:
+            update_pace(x, i, bodies.radius[i], world.gravity, dt, numbers)
+    any_near = find_groups(x, bodies, dt, work)
+    work.counts[REMEMBERED] = 0
+    long_quiet = math.ceil(_QUIET_TIME / dt)
+    for i in range(len(x)):
+        if not moving[i] or group[i] != i:
+            continue
+        count, asleep, alone = 0, world.implicit.sleep, True
+        for j in range(i, len(x)):
+            if group[j] == i and moving[j]:
+                members[count] = j
+                count += 1
+                asleep = asleep and quiet[j] >= long_quiet
+        if asleep:
+            for a in range(count):
+                _keep_memory(members[a], work)
+                for k in range(3):
+                    x[members[a], V + k] = x[members[a], W + k] = 0.0
+            continue
+        if count == 1:
+            alone = len(world.surroundings.kind) == 0 or clearance(x, i, world, work) >= dt * numbers[i, PACE] + ACTIVE_GAP
+            if alone and any_near:
+                for j in range(len(x)):
+                    alone = alone and not near[i, j]
+            if alone:
+                numbers[i, TRAVEL] += dt * numbers[i, PACE]
+                quiet[i] = 0
+                travel_freely(x, i, dt, world.decay, world, work.R)
+                continue
+        advance_group(x, count, time, first_time, residual, world, threshold, work)
+        if work.counts[OVERFLOW] != NO_OVERFLOW:
+            return
+        if world.implicit.sleep:
+            for a in range(count):
+                j = members[a]
+                update_pace(x, j, bodies.radius[j], world.gravity, 0.0, numbers)
+                rests = numbers[j, PACE] < _QUIET_SPEED and work.loaded[j] >= _QUIET_CONTACTS
+                quiet[j] = quiet[j] + 1 if rests else 0
+
+
+@inner
+def integrate(x, first_time, contact, force, remembered, quiet, residual, world, begin, steps, work):
+    """Advance the state ``x`` (B, 13) of one rollout in place, until room overflows; returns the number of steps done.
+
+    ``contact``, ``force``, ``quiet`` and ``residual`` are those of `SolverMemory`, and ``remembered`` (1,) its count.
+    """
+    gravity = math.sqrt(world.gravity[0] ** 2 + world.gravity[1] ** 2 + world.gravity[2] ** 2)
+    threshold = max(_SLOWEST_IMPACT, _IMPACT_STEPS * gravity * world.dt)
+    counts, old_contact, old_force, head, link, state = (
+        work.counts, work.old_contact, work.old_force, work.head, work.link, work.state)
+    for n in range(remembered[0]):
+        for k in range(4):
+            old_contact[n, k], old_force[n, k] = contact[n, k], force[n, k]
+    for step in range(begin, begin + steps):
+        for i in range(len(x)):
+            head[i] = -1
+            for k in range(13):
+                state[i, k] = x[i, k]
+        for n in range(remembered[0] - 1, -1, -1):
+            link[n] = head[old_contact[n, 0]]
+            head[old_contact[n, 0]] = n
+        for attempt in range(2):
+            counts[OVERFLOW] = NO_OVERFLOW
+            advance_step(x, (step + 1) * world.dt, first_time, quiet, residual, world, threshold, work)
+            if counts[OVERFLOW] == NO_OVERFLOW:
+                break
+            for i in range(len(x)):
+                for k in range(13):
+                    x[i, k] = state[i, k]
+                write_matrix((x[i, Q], x[i, Q + 1], x[i, Q + 2], x[i, Q + 3]), work.R, i)
+            if counts[OVERFLOW] != TOO_LONG_LISTS or attempt == 1:
+                return step - begin
+            forget_lists(work)  # outgrown ones may have filled the room
+        remembered[0] = counts[REMEMBERED]
+        for n in range(remembered[0]):
+            for k in range(4):
+                old_contact[n, k] = contact[n, k] = work.new_contact[n, k]
+                old_force[n, k] = force[n, k] = work.new_force[n, k]
+    return steps
+
+
+@kernel
+def advance_implicit(states, first_time, memory, world, begin, steps):
+    """Advance states (N, B, 13) in place, and what their rollouts remember (`SolverMemory`) along."""
+    contacts, candidates, pool = 64, 256, 2048
+    for n in range(len(states)):
+        work = implicit_workspace(states[n], world, contacts, candidates, pool)
+        done = 0
+        while done < steps:
+            done += integrate(
+                states[n], first_time[n], memory.contact[n], memory.force[n], memory.count[n : n + 1], memory.quiet[n],
+                memory.residual[n], world, begin + done, steps - done, work)
+            if done < steps:
+                if work.counts[OVERFLOW] == TOO_MANY_CANDIDATES:
+                    candidates *= 2
+                elif work.counts[OVERFLOW] == TOO_LONG_LISTS:
+                    pool *= 2
+                else:
+                    contacts *= 2
+                work = implicit_workspace(states[n], world, contacts, candidates, pool)

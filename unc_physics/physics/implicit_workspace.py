@@ -1,0 +1,167 @@
+"""What a rollout of the implicit step computes anew, in arrays that a step fills: no state."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ..layout import Q
+from .compiled import kernel
+from .narrow_phase import RECORD
+from .rotation import write_matrix
+from .sphere_tree import Scratch
+
+#: Velocities of the bodies, each (B, 6): at the interval's start, at its end without contacts, and as solved.
+START, FREE, NOW = 0, 1, 2
+#: Impulses of lasting contacts, of an impact, of one without rebound; those before a sweep, and a direction of search.
+LASTING, ELASTIC, PLASTIC, PREVIOUS, SEARCH = 0, 1, 2, 3, 4
+#: Columns of a body's numbers: what its points travel in a second [m/s], the sum of that over time [m], how far
+#: the environment is [m], and its pose after the interval without contacts.
+PACE, TRAVEL, CLEARANCE, FREE_POSITION, FREE_QUATERNION = 0, 1, 2, 3, 6
+#: Columns of a candidate: unit normal towards the body, point on its surface (body frame), gap [m], score [m].
+CANDIDATE_NORMAL, CANDIDATE_POINT, CANDIDATE_GAP, CANDIDATE_SCORE = 0, 3, 6, 7
+
+#: Columns of a contact's row. Directions: normal and two tangents (world axes), the lever arms' moments of each about
+#: both bodies' centres of mass, the inverse inertias' images of these.
+DIRECTION, MOMENT_I, TURN_I, MOMENT_J, TURN_J = 0, 9, 18, 27, 36
+#: Inverse masses, own compliances along the normal and across, gap, predicted change of the gap beyond the velocities',
+#: reduced radius, friction, restitution, the force of the last step (normal, two tangents), normal speed at the start, damping time,
+#: normal speed that an impact shall leave.
+(INVERSE_MASS_I, INVERSE_MASS_J, COMPLIANCE, SLIP_COMPLIANCE, GAP, BEND, RADIUS, FRICTION, RESTITUTION,
+ FORCE, START_SPEED, DAMPING_TIME, TARGET) = 45, 46, 47, 48, 49, 50, 51, 52, 53, 54, 57, 58, 59
+ROW = 60
+_PAIRS_AT_ONCE = 1024
+
+#: Integers of a step: contacts at hand, entries of the new memory, used part of the lists' room, and what overflowed.
+CONTACTS, REMEMBERED, POOL_USED, OVERFLOW = 0, 1, 2, 3
+#: What overflows: room for contacts, for candidates, for lists.
+NO_OVERFLOW, TOO_MANY_CONTACTS, TOO_MANY_CANDIDATES, TOO_LONG_LISTS = 0, 1, 2, 3
+
+
+class ImplicitWorkspace(NamedTuple):
+    """Room for one rollout.
+
+    Attributes
+    ----------
+    R : (B, 3, 3) float64
+        ``R_world_body``.
+    inverse_inertia : (B, 3, 3) float64
+        World axes [1/(kg m^2)].
+    velocity : (3, B, 6) float64
+        By `START`, `FREE` and `NOW`: linear [m/s] and angular [rad/s].
+    numbers : (B, 10) float64
+        By `PACE`, `TRAVEL`, `CLEARANCE`, `FREE_POSITION`, `FREE_QUATERNION`.
+    loaded : (B,) int64
+        How many contacts carry load on each body.
+    group : (B,) int64
+        Lowest body of each body's group.
+    members : (B,) int64
+        Bodies of the group at hand, ascending.
+    order : (B,) int64
+        Bodies sorted along x.
+    near : (B, B) bool
+        Pairs of bodies that may touch in this step.
+    rows : (C, ROW) float64
+    ids : (C, 4) int64
+        Of the contacts at hand, as in `SolverMemory`.
+    impulses : (5, C, 3) float64
+        Normal and tangential ones by `LASTING` to `SEARCH` [N s].
+    part : (B,) int64
+        Labels of bodies that touch in an impact; positive for those that take part.
+    candidates : (D, 8) float64
+    candidate_ids : (D, 3) int64
+        Spheres, and what became of the candidate.
+    best, best_score : (9,) int64 and float64
+        Supports of a patch, and its deepest candidate.
+    pool : (P, 2) int32
+        Lists of spheres, or pairs of them, that may touch; one for each pair of bodies, or body and element.
+    lists : (B, B + E, 2) int64
+        Beginning and length of each list in the pool.
+    valid : (B, B + E) float64
+        Up to which sum of their travels each list holds [m].
+    search : Scratch
+    R_ij : (3, 3) float64
+    old_contact, new_contact : (K, 4) int32
+    old_force, new_force : (K, 4) float32
+        The memory of the last step and of this one (`SolverMemory`).
+    head, link : (B,) and (K,) int64
+        The last step's contacts, body by body.
+    counts : (4,) int64
+        By `CONTACTS`, `REMEMBERED`, `POOL_USED`, `OVERFLOW`.
+    state : (B, 13) float64
+        At the step's start.
+    """
+
+    R: np.ndarray
+    inverse_inertia: np.ndarray
+    velocity: np.ndarray
+    numbers: np.ndarray
+    loaded: np.ndarray
+    group: np.ndarray
+    members: np.ndarray
+    order: np.ndarray
+    near: np.ndarray
+    rows: np.ndarray
+    ids: np.ndarray
+    impulses: np.ndarray
+    part: np.ndarray
+    candidates: np.ndarray
+    candidate_ids: np.ndarray
+    best: np.ndarray
+    best_score: np.ndarray
+    pool: np.ndarray
+    lists: np.ndarray
+    valid: np.ndarray
+    search: Scratch
+    R_ij: np.ndarray
+    old_contact: np.ndarray
+    old_force: np.ndarray
+    new_contact: np.ndarray
+    new_force: np.ndarray
+    head: np.ndarray
+    link: np.ndarray
+    counts: np.ndarray
+    state: np.ndarray
+
+
+@kernel
+def implicit_workspace(x, world, contacts, candidates, pool):
+    """Workspace of one rollout that begins at state ``x`` (B, 13), with room for so many contacts, candidates and pairs in lists."""
+    count, elements = len(x), len(world.surroundings.kind)
+    remembered = 32 + 32 * count
+    R = np.empty((count, 3, 3))
+    for i in range(count):
+        write_matrix((x[i, Q], x[i, Q + 1], x[i, Q + 2], x[i, Q + 3]), R, i)
+    stack = np.empty((world.stack_size, 2), np.int32)
+    search = Scratch(stack, np.empty((_PAIRS_AT_ONCE, 2), np.int32), np.empty((1, RECORD)))
+    return ImplicitWorkspace(
+        R,
+        np.zeros((count, 3, 3)),
+        np.zeros((3, count, 6)),
+        np.zeros((count, 10)),
+        np.zeros(count, np.int64),
+        np.arange(count),
+        np.arange(count),
+        np.arange(count),
+        np.zeros((count, count), np.bool_),
+        np.empty((contacts, ROW)),
+        np.empty((contacts, 4), np.int64),
+        np.empty((5, contacts, 3)),
+        np.empty(count, np.int64),
+        np.empty((candidates, 8)),
+        np.empty((candidates, 3), np.int64),
+        np.empty(9, np.int64),
+        np.empty(9),
+        np.empty((pool, 2), np.int32),
+        np.zeros((count, count + elements, 2), np.int64),
+        np.full((count, count + elements), -np.inf),
+        search,
+        np.empty((3, 3)),
+        np.zeros((remembered, 4), np.int32),
+        np.zeros((remembered, 4), np.float32),
+        np.zeros((remembered, 4), np.int32),
+        np.zeros((remembered, 4), np.float32),
+        np.empty(count, np.int64),
+        np.empty(remembered, np.int64),
+        np.zeros(4, np.int64),
+        np.empty((count, 13)),
+    )

@@ -1,0 +1,118 @@
+"""What the implicit step knows of a scene, and what its rollouts remember: plain arrays in NamedTuples."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+
+class Implicit(NamedTuple):
+    """Physics of the implicit step, beside what `World` holds for both.
+
+    Attributes
+    ----------
+    friction, restitution : (B + E,) float64
+        Each body's, then each element's; those of a contact are the geometric means of its two partners'.
+    hull : (H, 4) float64
+        Centres (body frame) and radii of the spheres that can touch a plane, model after model [m].
+    hull_sphere : (H,) int64
+        Which spheres of the scene's trees they are.
+    hull_range : (B, 2) int64
+        First and last (exclusive) row of each body's hull.
+    extent : (B, 6) float64
+        Middle and half the sides of the box around each body's spheres' centres, body frame [m].
+    sleep : bool
+        Whether what rests is not computed until something pushes it.
+    """
+
+    friction: np.ndarray
+    restitution: np.ndarray
+    hull: np.ndarray
+    hull_sphere: np.ndarray
+    hull_range: np.ndarray
+    extent: np.ndarray
+    sleep: bool
+
+    def of_bodies(self, bodies):
+        """The same of some bodies, whose indices ascend, and of all elements."""
+        some = np.concatenate([bodies, np.arange(len(self.hull_range), len(self.friction))])
+        return self._replace(
+            friction=self.friction[some], restitution=self.restitution[some], hull_range=self.hull_range[bodies],
+            extent=self.extent[bodies])
+
+
+class SolverMemory(NamedTuple):
+    """What N rollouts remember of their contacts from step to step.
+
+    Attributes
+    ----------
+    contact : (N, K, 4) int32
+        Body i, body j or ``-1 - e`` for element e, and the sphere of each (0 for an element's) of contacts that carry load.
+    force : (N, K, 4) float32
+        Their normal force, and the friction force in world axes [N].
+    count : (N,) int64
+        How many there are. Those beyond K start from zero in the next step, which costs time and no contact.
+    quiet : (N, B) int64
+        Steps for which each body has been at rest.
+    residual : (N, B) float32
+        Largest residual of the contact law so far, relative to the load, of the contacts of each body.
+    """
+
+    contact: np.ndarray
+    force: np.ndarray
+    count: np.ndarray
+    quiet: np.ndarray
+    residual: np.ndarray
+
+
+def fresh_solver_memory(count, bodies):
+    """The memory of rollouts that begin."""
+    room = 32 + 32 * bodies
+    return SolverMemory(
+        np.zeros((count, room, 4), np.int32),
+        np.zeros((count, room, 4), np.float32),
+        np.zeros(count, np.int64),
+        np.zeros((count, bodies), np.int64),
+        np.zeros((count, bodies), np.float32),
+    )
+
+
+def of_bodies(memory, bodies):
+    """The memory of some bodies, which ascend and touch no others."""
+    count = len(memory.count)
+    place = np.full(memory.quiet.shape[1], -1)
+    place[bodies] = np.arange(len(bodies))
+    own = fresh_solver_memory(count, len(bodies))
+    own.quiet[:], own.residual[:] = memory.quiet[:, bodies], memory.residual[:, bodies]
+    for n in range(count):
+        contact = memory.contact[n, : memory.count[n]]
+        kept = place[contact[:, 0]] >= 0
+        _append(own, n, _renumbered(contact[kept], place), memory.force[n, : memory.count[n]][kept])
+    return own
+
+
+def add_bodies(memory, own, bodies, rows):
+    """Add the memory of some bodies, which touched no others: rollout k of it is rollout ``rows[k]`` of the joint memory.
+
+    The joint memory's other rollouts follow the first.
+    """
+    followed = np.zeros(len(memory.count), np.int64)
+    followed[rows] = np.arange(len(rows))
+    memory.quiet[:, bodies], memory.residual[:, bodies] = own.quiet[followed], own.residual[followed]
+    for n, k in enumerate(followed):
+        _append(memory, n, _renumbered(own.contact[k, : own.count[k]], bodies), own.force[k, : own.count[k]])
+
+
+def _renumbered(contact, place):
+    """Contacts with other numbers of their bodies."""
+    changed = contact.copy()
+    changed[:, 0] = place[contact[:, 0]]
+    changed[:, 1] = np.where(contact[:, 1] >= 0, place[contact[:, 1]], contact[:, 1])
+    return changed
+
+
+def _append(memory, n, contact, force):
+    """Add contacts to what rollout ``n`` remembers, as many as there is room for."""
+    first = memory.count[n]
+    last = min(first + len(contact), memory.contact.shape[1])
+    memory.contact[n, first:last], memory.force[n, first:last] = contact[: last - first], force[: last - first]
+    memory.count[n] = last

@@ -1,0 +1,26 @@
+"""A ball about the origin; its size is (radius, 0, 0) [m]."""
+
+from ..compiled import inner
+from .direction import unit
+
+NAME = "sphere"
+
+
+@inner(error_model="numpy", forceinline=True)
+def surface(size, e, x, y, z):
+    """Distance and normal along the ray from the centre; there the normal is the x axis (`shapes.surface`)."""
+    length, normal = unit(x, y, z)
+    return length - size[e, 0], normal
+
+
+@inner(forceinline=True)
+def bounds(size, e):
+    """The cube about the ball (`shapes.bounds`)."""
+    r = size[e, 0]
+    return (-r, -r, -r), (r, r, r)
+
+
+@inner(forceinline=True)
+def thickness(size, e):
+    """The radius (`shapes.thickness`)."""
+    return size[e, 0]
