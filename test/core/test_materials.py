@@ -177,6 +177,6 @@ def test_bodies_and_elements_with_the_explicit_step_have_none(model, options, fi
 )
 def test_what_the_explicit_step_does_of_itself_may_be_said(model, options):
     scene = Scene([RigidBody("a", model, **options)], environment=[Plane(**options)], **options)
-    assert scene.world.laws.friction == 0.0
+    assert scene.world.implicit is None and not scene.world.surroundings.gyroscopic
     plain = scene_from_dict(CONTENTS["two_bodies"]() | options).scene
-    assert plain.world.laws is None  # the paper's kernels, as without
+    assert plain.world.surroundings is None  # the paper's kernels, as without

@@ -112,7 +112,8 @@ def _renumbered(contact, place):
     """Contacts with other numbers of their bodies."""
     changed = contact.copy()
     changed[:, 0] = place[contact[:, 0]]
-    changed[:, 1] = np.where(contact[:, 1] >= 0, place[contact[:, 1]], contact[:, 1])
+    another = contact[:, 1] >= 0
+    changed[another, 1] = place[contact[another, 1]]
     return changed
 
 
