@@ -40,8 +40,9 @@ from .shapes import surface
 
 #: Gap up to which bodies touch, and at which an impact is aimed [m].
 TOUCHING, _AIM = 2e-5, 1e-5
-#: Closing faster than this is an impact: the larger of a speed [m/s] and of what gravity adds in some steps.
-_SLOWEST_IMPACT, _IMPACT_STEPS = 0.1, 2.5
+#: Closing faster than this is an impact: the largest of a speed [m/s], of that of a fall from a height [m], and of what
+#: gravity adds in some steps. Where nothing weighs, nothing has to come to rest, and the slowest approach is one.
+_SLOWEST_IMPACT, _LOWEST_FALL, _IMPACT_STEPS = 1e-5, 5e-4, 2.5
 _IMPACTS, _CUTS = 4, 16  # in a step of a group, at most: impacts, and searches for them
 _QUIET_SPEED, _QUIET_TIME, _QUIET_CONTACTS = 2e-3, 0.1, 3  # of what falls asleep [m/s], [s]
 _TURN, _SMALL_TURN, _MOST_TURNS = 0.25, 0.02, 1000  # angles with the gyroscopic term [rad], and parts of a turn
@@ -420,7 +421,7 @@ def integrate(x, first_time, contact, force, remembered, quiet, residual, world,
     ``contact``, ``force``, ``quiet`` and ``residual`` are those of `SolverMemory`, and ``remembered`` (1,) its count.
     """
     gravity = math.sqrt(world.gravity[0] ** 2 + world.gravity[1] ** 2 + world.gravity[2] ** 2)
-    threshold = max(_SLOWEST_IMPACT, _IMPACT_STEPS * gravity * world.dt)
+    threshold = max(_SLOWEST_IMPACT, math.sqrt(2.0 * gravity * _LOWEST_FALL), _IMPACT_STEPS * gravity * world.dt)
     counts, old_contact, old_force, head, link, state = (
         work.counts, work.old_contact, work.old_force, work.head, work.link, work.state)
     for n in range(remembered[0]):
