@@ -14,10 +14,10 @@ from .contact_search import ACTIVE_GAP, clearance, find_groups, forget_lists, jo
 from .element_contacts import in_element
 from .implicit_solver import contact_speed, solve_impact, solve_lasting
 from .implicit_workspace import (
-    BEND,
     CONTACTS,
     DIRECTION,
     ELASTIC,
+    FALL,
     FREE,
     FREE_POSITION,
     FREE_QUATERNION,
@@ -143,7 +143,7 @@ def _impact_now(rows, ids, counts, velocity, threshold):
 
 
 @inner(error_model="numpy")
-def _time_to_impact(left, rows, ids, counts, velocity, gravity, moving, threshold):
+def _time_to_impact(left, rows, ids, counts, velocity, threshold):
     """Time until the first impact within ``left`` seconds, ``left`` without one.
 
     The gap is a parabola, with gravity and the centripetal acceleration of the sphere's centre.
@@ -155,10 +155,7 @@ def _time_to_impact(left, rows, ids, counts, velocity, gravity, moving, threshol
         if way <= 0.0:
             continue
         speed = contact_speed(row, 0, velocity[START], i, j)
-        bend = row[BEND]
-        if j < 0 or not moving[j]:
-            bend += row[DIRECTION] * gravity[0] + row[DIRECTION + 1] * gravity[1] + row[DIRECTION + 2] * gravity[2]
-        square = speed * speed - 2.0 * bend * way
+        square = speed * speed - 2.0 * row[FALL] * way
         if square <= threshold * threshold:
             continue
         root = math.sqrt(square)
@@ -316,8 +313,7 @@ def advance_group(x, count, time, first_time, residual, world, threshold, work):
                 horizon = 0.0
                 cuts += 1
                 continue
-            until = _time_to_impact(
-                left, work.rows, work.ids, work.counts, work.velocity, world.gravity, world.bodies.moving, threshold)
+            until = _time_to_impact(left, work.rows, work.ids, work.counts, work.velocity, threshold)
         elif horizon == 0.0:
             horizon = left
             continue
