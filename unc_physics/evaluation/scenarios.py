@@ -24,7 +24,7 @@ from ..layout import (
     VELOCITY,
 )
 from ..scene import RigidBody, Scene
-from ..stiffness import auto_stiffness
+from ..stiffness import with_stiffness
 from ..validation import non_negative
 
 #: The models that the paper drops on each other; all ship with the package.
@@ -185,12 +185,9 @@ MANIPULATION = {"salt_box_into_bin": (salt_box_into_bin, in_bin), "can_off_shelf
 
 
 def _handled(model, environment, mean, deviations):
-    packing, gravity = load_model(model), (0.0, 0.0, -9.81)
+    packing = load_model(model)
     body = RigidBody(model, packing.prefix(2000), packing.mass)
-    scene = Scene(
-        (body,), dt=1.0 / 240.0, stiffness=auto_stiffness((body,), mean, gravity), gravity=gravity, environment=environment,
-        friction=0.5, restitution=0.1, gyroscopic=True, integrator="robust",
-    )
+    scene = with_stiffness(Scene.everyday((body,), environment=environment), mean)
     P = np.zeros((1, ERROR, ERROR))
     for block, sigma in deviations:
         P[0, range(*block.indices(ERROR)), range(*block.indices(ERROR))] = np.asarray(sigma) ** 2

@@ -366,7 +366,7 @@ def advance_step(x, time, first_time, quiet, residual, world, threshold, work):
     for i in range(len(x)):
         if moving[i]:
             update_pace(x, i, bodies.radius[i], world.gravity, dt, numbers)
-    any_near = find_groups(x, bodies, dt, work)
+    any_near = find_groups(x, world, work)
     work.counts[REMEMBERED] = 0
     long_quiet = math.ceil(_QUIET_TIME / dt)
     for i in range(len(x)):
