@@ -168,6 +168,13 @@ def test_what_rests_on_one_small_sphere_sinks_in_by_less_than_a_tenth_of_a_milli
         assert on_its_like < 1e-4
 
 
+def test_what_is_tiny_sinks_in_by_a_small_share_of_its_size(model):
+    tiny = model.scaled(0.0005 / model.radii.min())
+    kappa = rest_stiffness([RigidBody("a", tiny, 1e-6)], at_rest(), DOWN)
+    depth = np.sqrt(1e-6 * 9.81 / (kappa * np.pi * tiny.radii.min()))
+    assert 0.9 * 2.5e-5 < depth <= 2.5e-5
+
+
 def test_without_gravity_it_takes_up_impacts(model):
     bodies, mean = [RigidBody("a", model), RigidBody("b", model)], at_rest(2)
     mean[0, 3] = 2.0

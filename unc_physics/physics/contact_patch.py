@@ -22,6 +22,7 @@ from .implicit_workspace import (
     COMPLIANCE,
     CONTACTS,
     DIRECTION,
+    FALL,
     FORCE,
     FRICTION,
     GAP,
@@ -279,7 +280,9 @@ def write_contact(x, i, j, k, world, work):
             row[SLIP_COMPLIANCE] = own
         else:
             row[SLIP_COMPLIANCE] = max(row[SLIP_COMPLIANCE], own)
-    row[GAP], row[BEND], row[RADIUS] = gap, bend, r
+    row[GAP], row[BEND], row[FALL], row[RADIUS] = gap, bend, bend, r
+    if j < 0 or not bodies.moving[j]:
+        row[FALL] += n[0] * world.gravity[0] + n[1] * world.gravity[1] + n[2] * world.gravity[2]
     row[FRICTION] = math.sqrt(world.implicit.friction[i] * world.implicit.friction[partner])
     row[RESTITUTION] = math.sqrt(world.implicit.restitution[i] * world.implicit.restitution[partner])
     _recall_force(i, j, m, row, first, second, work.head, work.link, work.old_contact, work.old_force, work.ids)

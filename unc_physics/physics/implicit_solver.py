@@ -24,6 +24,7 @@ from .implicit_workspace import (
     CONTACTS,
     DAMPING_TIME,
     ELASTIC,
+    FALL,
     FORCE,
     FREE,
     FRICTION,
@@ -191,9 +192,10 @@ def solve_lasting(rows, ids, counts, all_impulses, velocity, kappa, h, dt, thres
         row, i, j = rows[c], ids[c, 0], ids[c, 1]
         speed, end = contact_speed(row, 0, start, i, j), contact_speed(row, 0, free, i, j)
         row[START_SPEED] = speed
-        predicted = row[GAP] + 0.5 * h * (speed + end + h * row[BEND])
-        fast = row[GAP] > 2e-5 and -end > threshold and predicted > 0.0
+        fast = row[GAP] > 2e-5 and -end > threshold and row[GAP] + h * (speed + 0.5 * h * row[FALL]) > 0.0
         row[DAMPING_TIME] = 0.0 if fast else dt
+        if fast and row[GAP] + 0.5 * h * (speed + end + h * row[BEND]) <= 0.0:
+            row[RADIUS] = 0.0  # an impact to come, which the gyroscopic term brings nearer than a fall: no lasting contact
         for d in range(3):
             impulses[c, d] = h * row[FORCE + d]
             if impulses[c, d] != 0.0:

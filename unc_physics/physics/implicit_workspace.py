@@ -25,11 +25,11 @@ CANDIDATE_NORMAL, CANDIDATE_POINT, CANDIDATE_GAP, CANDIDATE_SCORE = 0, 3, 6, 7
 #: both bodies' centres of mass, the inverse inertias' images of these.
 DIRECTION, MOMENT_I, TURN_I, MOMENT_J, TURN_J = 0, 9, 18, 27, 36
 #: Inverse masses, own compliances along the normal and across, gap, predicted change of the gap beyond the velocities',
-#: reduced radius, friction, restitution, the force of the last step (normal, two tangents), normal speed at the start, damping time,
+#: the gap's acceleration in free fall, reduced radius, friction, restitution, the force of the last step (normal, two tangents), normal speed at the start, damping time,
 #: normal speed that an impact shall leave.
-(INVERSE_MASS_I, INVERSE_MASS_J, COMPLIANCE, SLIP_COMPLIANCE, GAP, BEND, RADIUS, FRICTION, RESTITUTION,
- FORCE, START_SPEED, DAMPING_TIME, TARGET) = 45, 46, 47, 48, 49, 50, 51, 52, 53, 54, 57, 58, 59
-ROW = 60
+(INVERSE_MASS_I, INVERSE_MASS_J, COMPLIANCE, SLIP_COMPLIANCE, GAP, BEND, FALL, RADIUS, FRICTION, RESTITUTION,
+ FORCE, START_SPEED, DAMPING_TIME, TARGET) = 45, 46, 47, 48, 49, 50, 51, 52, 53, 54, 55, 58, 59, 60
+ROW = 61
 _PAIRS_AT_ONCE = 1024
 
 #: Integers of a step: contacts at hand, entries of the new memory, used part of the lists' room, and what overflowed.
