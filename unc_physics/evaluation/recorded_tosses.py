@@ -13,6 +13,7 @@ from ..environment import Plane
 from ..geometry.packing_file import SpherePacking
 from ..layout import ERR_ANGULAR_VELOCITY, ERR_POSITION, ERR_ROTATION, ERR_VELOCITY, ERROR, QUATERNION
 from ..scene import RigidBody, Scene
+from ..stiffness import with_stiffness
 
 FOLDER = Path(__file__).parent / "data" / "tosses"
 FRICTION, RESTITUTION = 0.18, 0.125  # as the authors of the recordings give them
@@ -71,10 +72,11 @@ def cube_packing(half_width: float) -> SpherePacking:
 
 def toss_scene(tosses: Tosses) -> Scene:
     """The cube above the table."""
-    return Scene(
+    scene = Scene(
         [RigidBody("cube", cube_packing(tosses.half_width), tosses.mass)], dt=DT,
         gravity=(0.0, 0.0, -GRAVITY), environment=[Plane(offset=FLOOR, name="table")],
         friction=FRICTION, restitution=RESTITUTION, gyroscopic=True, integrator="implicit")
+    return with_stiffness(scene, tosses.states[0][:1])
 
 
 def first_belief(tosses: Tosses, k: int) -> Belief:

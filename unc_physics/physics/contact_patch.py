@@ -11,7 +11,7 @@ import numpy as np
 
 from ..layout import P, V, W
 from .compiled import inner
-from .contact_search import ACTIVE_GAP, element_list, flat_face, pair_list, relative_pose
+from .contact_search import ACTIVE_GAP, closing_bound, element_list, flat_face, pair_list, relative_pose
 from .element_contacts import in_element
 from .implicit_workspace import (
     BEND,
@@ -89,9 +89,6 @@ def element_candidates(x, i, e, horizon, world, work):
     else:
         element_list(x, i, e, ACTIVE_GAP + horizon * work.numbers[i, PACE], world, work)
         R_ei = work.R_ij
-        for a in range(3):
-            for b in range(3):
-                R_ei[a, b] = R_e[0, a] * R[0, b] + R_e[1, a] * R[1, b] + R_e[2, a] * R[2, b]
         ux, uy, uz = rotate_back(R, vx, vy, vz)
         wx, wy, wz = rotate_back(R, x[i, W], x[i, W + 1], x[i, W + 2])
         centers, radii, pool = world.tree.centers, world.tree.radii, work.pool
@@ -122,7 +119,7 @@ def pair_candidates(x, i, j, horizon, world, work):
     centers, radii, pool = world.tree.centers, world.tree.radii, work.pool
     limit = IMPACT_GAP if horizon == 0.0 else ACTIVE_GAP
     low, high = min(i, j), max(i, j)
-    pair_list(x, low, high, ACTIVE_GAP + horizon * (work.numbers[i, PACE] + work.numbers[j, PACE]), world, work)
+    pair_list(x, low, high, ACTIVE_GAP + horizon * closing_bound(x, i, j, world), world, work)
     t = relative_pose(x, i, j, work.R, R_ij)
     half = 0.5 * horizon * (np.float64(world.bodies.moving[i]) - np.float64(world.bodies.moving[j]))
     vx, vy, vz = x[i, V] - x[j, V], x[i, V + 1] - x[j, V + 1], x[i, V + 2] - x[j, V + 2]

@@ -12,7 +12,7 @@ from .compiled import inner, kernel
 from .contact_patch import IMPACT_GAP, add_contacts, element_candidates, pair_candidates
 from .contact_search import ACTIVE_GAP, clearance, find_groups, forget_lists, join, lowest, update_pace
 from .element_contacts import in_element
-from .implicit_solver import contact_speed, impact, solve_lasting
+from .implicit_solver import contact_speed, solve_impact, solve_lasting
 from .implicit_workspace import (
     BEND,
     CONTACTS,
@@ -27,7 +27,6 @@ from .implicit_workspace import (
     NOW,
     OVERFLOW,
     PACE,
-    PLASTIC,
     REMEMBERED,
     START,
     TOO_LONG_LISTS,
@@ -182,18 +181,16 @@ def _read_velocities(x, count, members, velocity):
 def collide(x, count, time, first_time, residual, world, threshold, work):
     """Let the contacts at hand that an impact reaches act as impulses."""
     members, rows, ids, counts, part, velocity = work.members, work.rows, work.ids, work.counts, work.part, work.velocity
-    group = work.part
     for i in range(len(x)):
-        group[i] = i
+        part[i] = i
     for c in range(counts[CONTACTS]):
         i, j = ids[c, 0], ids[c, 1]
         if rows[c, GAP] <= IMPACT_GAP and j >= 0 and world.bodies.moving[j]:
-            join(group, i, j)
+            join(part, i, j)
     for i in range(len(x)):
-        group[i] = lowest(group, i)
-    # labels of groups with an impact become positive ones, the others' negative
+        part[i] = lowest(part, i)
     for i in range(len(x)):
-        group[i] = -1 - group[i]
+        part[i] = -1 - part[i]  # positive where there is an impact
     for c in range(counts[CONTACTS]):
         i = ids[c, 0]
         if part[i] < 0 and rows[c, GAP] <= TOUCHING and contact_speed(rows[c], 0, velocity[START], i, ids[c, 1]) < -threshold:
@@ -201,21 +198,19 @@ def collide(x, count, time, first_time, residual, world, threshold, work):
             for k in range(len(x)):
                 if part[k] == label:
                     part[k] = -label
-    # contacts that are too far are no part of it
-    far = 0
+    kept = 0  # of the contacts: those of bodies that the impact reaches
     for c in range(counts[CONTACTS]):
-        if rows[c, GAP] <= IMPACT_GAP:
-            if far > 0:
+        if rows[c, GAP] <= IMPACT_GAP and part[ids[c, 0]] > 0:
+            if kept < c:
                 for k in range(rows.shape[1]):
-                    rows[c - far, k] = rows[c, k]
+                    rows[kept, k] = rows[c, k]
                 for k in range(4):
-                    ids[c - far, k] = ids[c, k]
-        else:
-            far += 1
-    counts[CONTACTS] -= far
-    worst = impact(rows, ids, counts, part, work.impulses[ELASTIC], work.impulses[PLASTIC], members, count, velocity, threshold)
-    for c in range(counts[CONTACTS]):
-        if part[ids[c, 0]] > 0 and work.impulses[ELASTIC, c, 0] > 0.0:
+                    ids[kept, k] = ids[c, k]
+            kept += 1
+    counts[CONTACTS] = kept
+    worst = solve_impact(rows, ids, counts, work.impulses, members, count, velocity, threshold)
+    for c in range(kept):
+        if work.impulses[ELASTIC, c, 0] > 0.0:
             note_contact(first_time, ids[c, 0], ids[c, 1], time)
     for a in range(count):
         i = members[a]
@@ -374,7 +369,7 @@ def advance_step(x, time, first_time, quiet, residual, world, threshold, work):
     for i in range(len(x)):
         if moving[i]:
             update_pace(x, i, bodies.radius[i], world.gravity, dt, numbers)
-    any_near = find_groups(x, bodies, dt, work)
+    any_near = find_groups(x, world, work)
     work.counts[REMEMBERED] = 0
     long_quiet = math.ceil(_QUIET_TIME / dt)
     for i in range(len(x)):

@@ -76,8 +76,9 @@ class ImplicitWorkspace(NamedTuple):
         Lists of spheres, or pairs of them, that may touch; one for each pair of bodies, or body and element.
     lists : (B, B + E, 2) int64
         Beginning and length of each list in the pool.
-    valid : (B, B + E) float64
-        Up to which sum of their travels each list holds [m].
+    list_pose : (B, B + E, 13) float64
+        For each list the second body's pose in the first's frame, or the body's in the element's, rotation and position,
+        when it was made, and how far they may move until it is made anew [m].
     search : Scratch
     R_ij : (3, 3) float64
     old_contact, new_contact : (K, 4) int32
@@ -110,7 +111,7 @@ class ImplicitWorkspace(NamedTuple):
     best_score: np.ndarray
     pool: np.ndarray
     lists: np.ndarray
-    valid: np.ndarray
+    list_pose: np.ndarray
     search: Scratch
     R_ij: np.ndarray
     old_contact: np.ndarray
@@ -153,7 +154,7 @@ def implicit_workspace(x, world, contacts, candidates, pool):
         np.empty(9),
         np.empty((pool, 2), np.int32),
         np.zeros((count, count + elements, 2), np.int64),
-        np.full((count, count + elements), -np.inf),
+        np.full((count, count + elements, 13), -np.inf),
         search,
         np.empty((3, 3)),
         np.zeros((remembered, 4), np.int32),
