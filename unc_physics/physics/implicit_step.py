@@ -12,6 +12,7 @@ from .compiled import inner, kernel
 from .contact_patch import IMPACT_GAP, add_contacts, element_candidates, pair_candidates
 from .contact_search import ACTIVE_GAP, clearance, find_groups, forget_lists, join, lowest, update_pace
 from .element_contacts import in_element
+from .free_motion import integrate_gyroscopic, integrate_rotation
 from .implicit_solver import contact_speed, solve_impact, solve_lasting
 from .implicit_workspace import (
     CONTACTS,
@@ -19,8 +20,6 @@ from .implicit_workspace import (
     ELASTIC,
     FALL,
     FREE,
-    FREE_POSITION,
-    FREE_QUATERNION,
     GAP,
     LASTING,
     NO_OVERFLOW,
@@ -29,13 +28,15 @@ from .implicit_workspace import (
     PACE,
     REMEMBERED,
     START,
+    START_POSITION,
+    START_QUATERNION,
     TOO_LONG_LISTS,
     TOO_MANY_CANDIDATES,
     TRAVEL,
     implicit_workspace,
 )
 from .implicit_world import REMEMBERED_CONTACTS
-from .rotation import exp, multiply, renormalized, rotate, rotate_back, write_matrix
+from .rotation import rotate, write_matrix
 from .shapes import surface
 
 #: Gap up to which bodies touch, and at which an impact is aimed [m].
@@ -45,7 +46,6 @@ TOUCHING, _AIM = 2e-5, 1e-5
 _SLOWEST_IMPACT, _LOWEST_FALL, _IMPACT_STEPS = 1e-5, 5e-4, 2.5
 _IMPACTS, _CUTS = 4, 16  # in a step of a group, at most: impacts, and searches for them
 _QUIET_SPEED, _QUIET_TIME, _QUIET_CONTACTS = 2e-3, 0.1, 3  # of what falls asleep [m/s], [s]
-_TURN, _SMALL_TURN, _MOST_TURNS = 0.25, 0.02, 1000  # angles with the gyroscopic term [rad], and parts of a turn
 
 
 @inner
@@ -57,47 +57,11 @@ def travel_freely(x, i, h, decay, world, R):
         x[i, P + k] += 0.5 * h * (x[i, V + k] + v)
         x[i, V + k] = v
     if world.surroundings.gyroscopic:
-        _turn_by_momentum(x, i, h, world, R)
+        integrate_gyroscopic(x, i, h, world.bodies, R)
     else:
-        turn(x, i, h, x[i, W], x[i, W + 1], x[i, W + 2], R)
+        integrate_rotation(x, i, h, world.bodies.radius, R)
     for k in range(3):
         x[i, W + k] *= decay
-
-
-@inner
-def _turn_by_momentum(x, i, h, world, R):
-    """Turn body i as its angular momentum asks; long turns are divided."""
-    bodies, Ri = world.bodies, R[i]
-    a, b, c = rotate_back(Ri, x[i, W], x[i, W + 1], x[i, W + 2])
-    a, b, c = rotate(bodies.inertia[i], a, b, c)
-    momentum = rotate(Ri, a, b, c)
-    angle = h * math.sqrt(x[i, W] ** 2 + x[i, W + 1] ** 2 + x[i, W + 2] ** 2)
-    count = min(max(math.ceil(angle / _TURN), 1), _MOST_TURNS)
-    part, rounds = h / count, 1 if angle < _SMALL_TURN else 3
-    for _ in range(count):
-        q = (x[i, Q], x[i, Q + 1], x[i, Q + 2], x[i, Q + 3])
-        w = (x[i, W], x[i, W + 1], x[i, W + 2])
-        for _ in range(rounds):
-            write_matrix(multiply(exp(0.5 * part * w[0], 0.5 * part * w[1], 0.5 * part * w[2]), q), R, i)
-            w = _spin_of(momentum, bodies.inverse_inertia[i], Ri)
-        turn(x, i, part, w[0], w[1], w[2], R)
-        x[i, W], x[i, W + 1], x[i, W + 2] = _spin_of(momentum, bodies.inverse_inertia[i], Ri)
-
-
-@inner(forceinline=True)
-def _spin_of(momentum, inverse_inertia, R):
-    a, b, c = rotate_back(R, momentum[0], momentum[1], momentum[2])
-    a, b, c = rotate(inverse_inertia, a, b, c)
-    return rotate(R, a, b, c)
-
-
-@inner(forceinline=True)
-def turn(x, i, h, wx, wy, wz, R):
-    """Turn body i about an angular velocity for ``h`` seconds."""
-    q = multiply(exp(h * wx, h * wy, h * wz), (x[i, Q], x[i, Q + 1], x[i, Q + 2], x[i, Q + 3]))
-    q = renormalized(q)
-    x[i, Q], x[i, Q + 1], x[i, Q + 2], x[i, Q + 3] = q
-    write_matrix(q, R, i)
 
 
 @inner(forceinline=True)
@@ -238,10 +202,10 @@ def travel_in_contact(x, count, h, time, first_time, residual, world, threshold,
         i = members[a]
         loaded[i] = 0
         for k in range(3):
-            numbers[i, FREE_POSITION + k] = x[i, P + k]
+            numbers[i, START_POSITION + k] = x[i, P + k]
             velocity[START, i, k], velocity[START, i, 3 + k] = x[i, V + k], x[i, W + k]
         for k in range(4):
-            numbers[i, FREE_QUATERNION + k] = x[i, Q + k]
+            numbers[i, START_QUATERNION + k] = x[i, Q + k]
         travel_freely(x, i, h, decay, world, work.R)
         for k in range(3):
             velocity[FREE, i, k] = velocity[NOW, i, k] = x[i, V + k]
@@ -264,13 +228,14 @@ def travel_in_contact(x, count, h, time, first_time, residual, world, threshold,
         i = members[a]
         if loaded[i] > 0:
             for k in range(3):
-                x[i, P + k] = numbers[i, FREE_POSITION + k] + 0.5 * h * (velocity[START, i, k] + velocity[NOW, i, k])
-                x[i, V + k], x[i, W + k] = velocity[NOW, i, k], velocity[NOW, i, 3 + k]
+                x[i, P + k] = numbers[i, START_POSITION + k] + 0.5 * h * (velocity[START, i, k] + velocity[NOW, i, k])
+                x[i, V + k] = velocity[NOW, i, k]
+                x[i, W + k] = 0.5 * (velocity[START, i, 3 + k] + velocity[NOW, i, 3 + k])
             for k in range(4):
-                x[i, Q + k] = numbers[i, FREE_QUATERNION + k]
-            turn(
-                x, i, h, 0.5 * (velocity[START, i, 3] + velocity[NOW, i, 3]), 0.5 * (velocity[START, i, 4] + velocity[NOW, i, 4]),
-                0.5 * (velocity[START, i, 5] + velocity[NOW, i, 5]), work.R)
+                x[i, Q + k] = numbers[i, START_QUATERNION + k]
+            integrate_rotation(x, i, h, world.bodies.radius, work.R)
+            for k in range(3):
+                x[i, W + k] = velocity[NOW, i, 3 + k]
         _add_travel(x, i, h, velocity[START], numbers, world.bodies.radius[i])
 
 
