@@ -15,6 +15,7 @@ from unc_physics.environment import Box, Plane
 from unc_physics.physics.contact_model import cap, lens, shallow_energy, shallow_slope, shallow_volume
 from unc_physics.stiffness import auto_stiffness
 
+
 def test_a_cap_is_continuous_and_its_volume_that_of_the_sphere_at_most():
     r = 0.3
     distances = np.linspace(-0.5, 0.5, 2001)
