@@ -24,6 +24,7 @@ from .implicit_workspace import (
     CONTACTS,
     DAMPING_TIME,
     ELASTIC,
+    FALL,
     FORCE,
     FREE,
     FRICTION,
@@ -182,8 +183,7 @@ def solve(rows, ids, m, law, all_impulses, v, h, kappa):
 def solve_lasting(rows, ids, counts, all_impulses, velocity, kappa, h, dt, threshold):
     """Find the impulses of all contacts at hand over an interval ``h`` [s], and the velocities ``NOW`` at its end.
 
-    ``kappa`` is pi times the stiffness; open contacts that close faster than ``threshold`` [m/s] are not damped:
-    an impact is to come, and where a turning body touches is known to some um only.
+    ``kappa`` is pi times the stiffness; contacts that close faster than ``threshold`` [m/s] and stay open are not damped.
     Returns the residual (`solve`).
     """
     m, start, free, v = counts[CONTACTS], velocity[START], velocity[FREE], velocity[NOW]
@@ -192,8 +192,10 @@ def solve_lasting(rows, ids, counts, all_impulses, velocity, kappa, h, dt, thres
         row, i, j = rows[c], ids[c, 0], ids[c, 1]
         speed, end = contact_speed(row, 0, start, i, j), contact_speed(row, 0, free, i, j)
         row[START_SPEED] = speed
-        fast = row[GAP] > 2e-5 and -end > threshold
+        fast = row[GAP] > 2e-5 and -end > threshold and row[GAP] + h * (speed + 0.5 * h * row[FALL]) > 0.0
         row[DAMPING_TIME] = 0.0 if fast else dt
+        if fast and row[GAP] + 0.5 * h * (speed + end + h * row[BEND]) <= 0.0:
+            row[RADIUS] = 0.0  # an impact to come, which the gyroscopic term brings nearer than a fall: no lasting contact
         for d in range(3):
             impulses[c, d] = h * row[FORCE + d]
             if impulses[c, d] != 0.0:

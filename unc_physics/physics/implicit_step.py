@@ -14,10 +14,10 @@ from .contact_search import ACTIVE_GAP, clearance, find_groups, forget_lists, jo
 from .element_contacts import in_element
 from .implicit_solver import contact_speed, solve_impact, solve_lasting
 from .implicit_workspace import (
-    BEND,
     CONTACTS,
     DIRECTION,
     ELASTIC,
+    FALL,
     FREE,
     FREE_POSITION,
     FREE_QUATERNION,
@@ -34,13 +34,15 @@ from .implicit_workspace import (
     TRAVEL,
     implicit_workspace,
 )
+from .implicit_world import REMEMBERED_CONTACTS
 from .rotation import exp, multiply, renormalized, rotate, rotate_back, write_matrix
 from .shapes import surface
 
 #: Gap up to which bodies touch, and at which an impact is aimed [m].
 TOUCHING, _AIM = 2e-5, 1e-5
-#: Closing faster than this is an impact: the larger of a speed [m/s] and of what gravity adds in some steps.
-_SLOWEST_IMPACT, _IMPACT_STEPS = 0.1, 2.5
+#: Closing faster than this is an impact: the largest of a speed [m/s], of that of a fall from a height [m], and of what
+#: gravity adds in some steps. Where nothing weighs, nothing has to come to rest, and the slowest approach is one.
+_SLOWEST_IMPACT, _LOWEST_FALL, _IMPACT_STEPS = 1e-5, 5e-4, 2.5
 _IMPACTS, _CUTS = 4, 16  # in a step of a group, at most: impacts, and searches for them
 _QUIET_SPEED, _QUIET_TIME, _QUIET_CONTACTS = 2e-3, 0.1, 3  # of what falls asleep [m/s], [s]
 _TURN, _SMALL_TURN, _MOST_TURNS = 0.25, 0.02, 1000  # angles with the gyroscopic term [rad], and parts of a turn
@@ -142,7 +144,7 @@ def _impact_now(rows, ids, counts, velocity, threshold):
 
 
 @inner(error_model="numpy")
-def _time_to_impact(left, rows, ids, counts, velocity, gravity, moving, threshold):
+def _time_to_impact(left, rows, ids, counts, velocity, threshold):
     """Time until the first impact within ``left`` seconds, ``left`` without one.
 
     The gap is a parabola, with gravity and the centripetal acceleration of the sphere's centre.
@@ -154,10 +156,7 @@ def _time_to_impact(left, rows, ids, counts, velocity, gravity, moving, threshol
         if way <= 0.0:
             continue
         speed = contact_speed(row, 0, velocity[START], i, j)
-        bend = row[BEND]
-        if j < 0 or not moving[j]:
-            bend += row[DIRECTION] * gravity[0] + row[DIRECTION + 1] * gravity[1] + row[DIRECTION + 2] * gravity[2]
-        square = speed * speed - 2.0 * bend * way
+        square = speed * speed - 2.0 * row[FALL] * way
         if square <= threshold * threshold:
             continue
         root = math.sqrt(square)
@@ -315,8 +314,7 @@ def advance_group(x, count, time, first_time, residual, world, threshold, work):
                 horizon = 0.0
                 cuts += 1
                 continue
-            until = _time_to_impact(
-                left, work.rows, work.ids, work.counts, work.velocity, world.gravity, world.bodies.moving, threshold)
+            until = _time_to_impact(left, work.rows, work.ids, work.counts, work.velocity, threshold)
         elif horizon == 0.0:
             horizon = left
             continue
@@ -331,13 +329,17 @@ def advance_group(x, count, time, first_time, residual, world, threshold, work):
 
 @inner(forceinline=True)
 def _remember(h, work):
-    """Add the contacts at hand that carry load to the memory of this step."""
+    """Add the contacts at hand that carry load to the memory of this step; each body i's stand one behind the other."""
     contact, force, counts = work.new_contact, work.new_force, work.counts
     impulses = work.impulses[LASTING]
+    body, own = -1, 0
     for c in range(counts[CONTACTS]):
-        n = counts[REMEMBERED]
-        if impulses[c, 0] <= 0.0 or n >= len(contact):
+        if work.ids[c, 0] != body:
+            body, own = work.ids[c, 0], 0
+        if impulses[c, 0] <= 0.0 or own == REMEMBERED_CONTACTS:
             continue
+        own += 1
+        n = counts[REMEMBERED]
         counts[REMEMBERED] = n + 1
         row = work.rows[c]
         for k in range(4):
@@ -353,11 +355,10 @@ def _keep_memory(i, work):
     entry, counts = work.head[i], work.counts
     while entry >= 0:
         n = counts[REMEMBERED]
-        if n < len(work.new_contact):
-            counts[REMEMBERED] = n + 1
-            for k in range(4):
-                work.new_contact[n, k] = work.old_contact[entry, k]
-                work.new_force[n, k] = work.old_force[entry, k]
+        counts[REMEMBERED] = n + 1
+        for k in range(4):
+            work.new_contact[n, k] = work.old_contact[entry, k]
+            work.new_force[n, k] = work.old_force[entry, k]
         entry = work.link[entry]
 
 
@@ -415,7 +416,7 @@ def integrate(x, first_time, contact, force, remembered, quiet, residual, world,
     ``contact``, ``force``, ``quiet`` and ``residual`` are those of `SolverMemory`, and ``remembered`` (1,) its count.
     """
     gravity = math.sqrt(world.gravity[0] ** 2 + world.gravity[1] ** 2 + world.gravity[2] ** 2)
-    threshold = max(_SLOWEST_IMPACT, _IMPACT_STEPS * gravity * world.dt)
+    threshold = max(_SLOWEST_IMPACT, math.sqrt(2.0 * gravity * _LOWEST_FALL), _IMPACT_STEPS * gravity * world.dt)
     counts, old_contact, old_force, head, link, state = (
         work.counts, work.old_contact, work.old_force, work.head, work.link, work.state)
     for n in range(remembered[0]):
@@ -424,6 +425,7 @@ def integrate(x, first_time, contact, force, remembered, quiet, residual, world,
     for step in range(begin, begin + steps):
         for i in range(len(x)):
             head[i] = -1
+            work.quiet[i] = quiet[i]
             for k in range(13):
                 state[i, k] = x[i, k]
         for n in range(remembered[0] - 1, -1, -1):
@@ -435,6 +437,7 @@ def integrate(x, first_time, contact, force, remembered, quiet, residual, world,
             if counts[OVERFLOW] == NO_OVERFLOW:
                 break
             for i in range(len(x)):
+                quiet[i] = work.quiet[i]
                 for k in range(13):
                     x[i, k] = state[i, k]
                 write_matrix((x[i, Q], x[i, Q + 1], x[i, Q + 2], x[i, Q + 3]), work.R, i)

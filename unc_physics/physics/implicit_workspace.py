@@ -6,6 +6,7 @@ import numpy as np
 
 from ..layout import Q
 from .compiled import kernel
+from .implicit_world import REMEMBERED_CONTACTS
 from .narrow_phase import RECORD
 from .rotation import write_matrix
 from .sphere_tree import Scratch
@@ -24,11 +25,11 @@ CANDIDATE_NORMAL, CANDIDATE_POINT, CANDIDATE_GAP, CANDIDATE_SCORE = 0, 3, 6, 7
 #: both bodies' centres of mass, the inverse inertias' images of these.
 DIRECTION, MOMENT_I, TURN_I, MOMENT_J, TURN_J = 0, 9, 18, 27, 36
 #: Inverse masses, own compliances along the normal and across, gap, predicted change of the gap beyond the velocities',
-#: reduced radius, friction, restitution, the force of the last step (normal, two tangents), normal speed at the start, damping time,
+#: the gap's acceleration in free fall, reduced radius, friction, restitution, the force of the last step (normal, two tangents), normal speed at the start, damping time,
 #: normal speed that an impact shall leave.
-(INVERSE_MASS_I, INVERSE_MASS_J, COMPLIANCE, SLIP_COMPLIANCE, GAP, BEND, RADIUS, FRICTION, RESTITUTION,
- FORCE, START_SPEED, DAMPING_TIME, TARGET) = 45, 46, 47, 48, 49, 50, 51, 52, 53, 54, 57, 58, 59
-ROW = 60
+(INVERSE_MASS_I, INVERSE_MASS_J, COMPLIANCE, SLIP_COMPLIANCE, GAP, BEND, FALL, RADIUS, FRICTION, RESTITUTION,
+ FORCE, START_SPEED, DAMPING_TIME, TARGET) = 45, 46, 47, 48, 49, 50, 51, 52, 53, 54, 55, 58, 59, 60
+ROW = 61
 _PAIRS_AT_ONCE = 1024
 
 #: Integers of a step: contacts at hand, entries of the new memory, used part of the lists' room, and what overflowed.
@@ -88,7 +89,7 @@ class ImplicitWorkspace(NamedTuple):
         The last step's contacts, body by body.
     counts : (4,) int64
         By `CONTACTS`, `REMEMBERED`, `POOL_USED`, `OVERFLOW`.
-    state : (B, 13) float64
+    state, quiet : (B, 13) float64 and (B,) int64
         At the step's start.
     """
 
@@ -122,13 +123,14 @@ class ImplicitWorkspace(NamedTuple):
     link: np.ndarray
     counts: np.ndarray
     state: np.ndarray
+    quiet: np.ndarray
 
 
 @kernel
 def implicit_workspace(x, world, contacts, candidates, pool):
     """Workspace of one rollout that begins at state ``x`` (B, 13), with room for so many contacts, candidates and pairs in lists."""
     count, elements = len(x), len(world.surroundings.kind)
-    remembered = 32 + 32 * count
+    remembered = REMEMBERED_CONTACTS * count
     R = np.empty((count, 3, 3))
     for i in range(count):
         write_matrix((x[i, Q], x[i, Q + 1], x[i, Q + 2], x[i, Q + 3]), R, i)
@@ -165,4 +167,5 @@ def implicit_workspace(x, world, contacts, candidates, pool):
         np.empty(remembered, np.int64),
         np.zeros(4, np.int64),
         np.empty((count, 13)),
+        np.empty(count, np.int64),
     )
