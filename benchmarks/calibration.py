@@ -136,7 +136,7 @@ def scatters(quick: bool) -> Iterator[Case]:
     """Four cans that fly about without gravity, and a wall."""
     for sigma in (0.1,) if quick else (0.03, 0.1):
         packing = load_model("can").prefix(10)
-        scene = Scene([RigidBody(f"can{k}", packing, 0.4) for k in range(4)], dt=0.005, stiffness=1e8,
+        scene = Scene([RigidBody(f"can{k}", packing, 0.4) for k in range(4)], dt=0.005, restitution=1.0,
                       environment=[Plane([1.0, 0.0, 0.0], -0.3, "wall")], integrator="implicit")
         mean = resting([[-0.1, 0.0, 0.0], [0.2, 0.05, 0.0], [0.0, 0.4, 0.0], [0.3, 0.4, 0.1]])
         mean[:, VELOCITY] = [[0.1, 0.0, 0.0], [-0.1, 0.0, 0.0], [0.0, -0.2, 0.0], [-0.3, 0.0, 0.0]]
@@ -146,8 +146,7 @@ def scatters(quick: bool) -> Iterator[Case]:
 def on_earth(models, environment, dt=0.01, friction=0.5):
     """A scene of everyday things of 0.4 kg, 100 spheres each, with everything that a robot's scene needs."""
     bodies = [RigidBody(name, load_model(name).prefix(100), 0.4) for name in models]
-    return Scene(bodies, dt=dt, stiffness=1e8, gravity=(0.0, 0.0, -9.81), environment=environment, friction=friction,
-                 restitution=0.3, integrator="implicit")
+    return Scene.everyday(bodies, dt=dt, environment=environment, friction=friction, restitution=0.3)
 
 
 def resting(positions):
