@@ -1,8 +1,9 @@
 """Probabilities that predictions answer with, against Monte Carlo: ``python -m benchmarks.calibration``.
 
 Scenes: two bodies that may collide, drops onto a floor and into a bin, a box that slides to rest, a can near a shelf's
-edge, each with several spreads of the initial state. In each, every propagator answers whether bodies touch within the
-horizon, where their centres of mass end, and whether they come to rest. The truth is the share of 10 000 samples.
+edge, each with several spreads of the initial state. In each, every propagator that takes the scene's integrator answers
+whether bodies touch within the horizon, where their centres of mass end, and whether they come to rest. The truth is the
+share of 10 000 samples.
 """
 
 from __future__ import annotations
@@ -212,7 +213,10 @@ def calibrate(case: Case, truth_samples: int = TRUTH) -> list[Row]:
     truths = all_answers(case, prediction, boxes)
     rows = []
     for label, (name, options) in PROPAGATORS.items():
-        found = all_answers(case, predict(case.scene, case.belief, make_propagator(name, **options), case.horizon), boxes)
+        propagator = make_propagator(name, **options)
+        if case.scene.integrator not in propagator.integrators:
+            continue
+        found = all_answers(case, predict(case.scene, case.belief, propagator, case.horizon), boxes)
         rows += [Row(kind, case.name, what, label, truths[kind, what][1], *answer) for (kind, what), answer in found.items()]
     return rows
 
@@ -245,7 +249,7 @@ def draw(rows: list[Row], path: str) -> None:
     figure, axes = plt.subplots(2, len(KINDS), figsize=(11.0, 7.6), sharex=True, sharey=True, constrained_layout=True)
     groups = {
         "Monte Carlo, 1000 samples": ["monte_carlo, 1000"],
-        "from flights up to the first contacts\n(all propagators without samples)": ["linearization"],
+        "from flights up to the first contacts\n(all propagators without samples)": ["sigma_points"],
     }
     for line, (title, labels) in zip(axes, groups.items(), strict=True):
         for axis, kind in zip(line, KINDS, strict=True):
