@@ -5,7 +5,6 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from unc_physics.evaluation.experiments import tosses as experiment
-from unc_physics.evaluation.experiments.peers import ENGINES, OURS
 from unc_physics.evaluation.jobs import Settings
 from unc_physics.evaluation.recorded_tosses import (
     DT,
@@ -21,6 +20,8 @@ from unc_physics.evaluation.recorded_tosses import (
     toss_scene,
 )
 from unc_physics.evaluation.results import Results
+from unc_physics.evaluation.rollouts import ENGINES, OURS
+from unc_physics.evaluation.rollouts import rollouts as rollouts_in
 from unc_physics.evaluation.scores import bootstrap, brier_score, energy_score, log_score
 from unc_physics.layout import ANGULAR_VELOCITY, POSITION, QUATERNION, VELOCITY
 
@@ -124,7 +125,10 @@ def rollouts(request):
     """Function that returns final states of the cube on the table, for each engine."""
     if request.param != OURS:
         pytest.importorskip(request.param)
-    with experiment._rollouts(request.param, toss_scene(TOSSES)) as function:
+    with rollouts_in(request.param, toss_scene(TOSSES)) as run_all:
+        def function(states, steps):
+            return run_all(states, steps)[0]
+
         function.engine = request.param
         yield function
 

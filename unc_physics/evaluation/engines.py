@@ -1,8 +1,9 @@
 """Rollouts of a scene in PyBullet and in MuJoCo: the same masses, inertias, states, damping, environment and time step.
 
-Shapes are the same spheres, or what people usually give these engines: a few convex pieces, or one box or cylinder. In a
-scene without friction both engines get what is fastest for them among the settings under which bodies collide as ours
-do: no friction, elastic contact. In one with friction they keep their own contact laws, as people run them. Nothing sleeps,
+Shapes are the same spheres, or what people usually give these engines: a few convex pieces, or one box or cylinder. The
+geometry "primitive" is the box or the cylinder that a model is, and convex pieces of a model that is neither. In a scene
+without friction both engines get what is fastest for them among the settings under which bodies collide as ours do: no
+friction, elastic contact. In one with friction they keep their own contact laws, as people run them. Nothing sleeps,
 nothing is drawn. Bodies are given in their principal axes, in which both engines keep the inertia.
 """
 
@@ -24,7 +25,7 @@ from ..errors import NotSupportedError
 from ..layout import ANGULAR_VELOCITY, POSITION, QUATERNION, VELOCITY
 
 GEOMETRIES = ("spheres", "pieces", "box")
-PRIMITIVES = {"salt_box": "box", "can": "cylinder", "cube": "box"}  # of the models that are one: geometry "primitive"
+PRIMITIVES = {"salt_box": "box", "can": "cylinder", "cube": "box"}  # of the models that are one
 PIECES = 16  # convex ones of a body
 _DIRECTIONS = 64  # in which a piece's outline is taken, and so its vertices at most
 _CONDIM = {False: 1, True: 3}  # MuJoCo's: without and with friction
@@ -62,6 +63,10 @@ class PrincipalBody:
         """Half sides (3,) [m]."""
         a, b, c = self.inertia / self.mass
         return np.sqrt(1.5 * np.array([b + c - a, c + a - b, a + b - c]))
+
+    def own_geometry(self, geometry):
+        """How this body is given where a scene's are asked for as ``geometry``."""
+        return "pieces" if geometry == "primitive" and self._model.name not in PRIMITIVES else geometry
 
     def primitive(self):
         """Kind, sides [m], middle (3,) [m] and orientation of the box or cylinder that the model is."""
@@ -141,12 +146,20 @@ class PyBulletRollouts:
             place["baseOrientation"] = np.asarray(solid.orientation).tolist()
         return self._client.createMultiBody(0.0, shape, **place)
 
-    def _reset(self, state):
+    def begin(self, state):
+        """Set the state (B, 13)."""
         for body, handle, x in zip(self._bodies, self._handles, state, strict=True):
             self._client.resetBasePositionAndOrientation(handle, x[POSITION].tolist(), body.orientation(x).as_quat().tolist())
             self._client.resetBaseVelocity(handle, x[VELOCITY].tolist(), x[ANGULAR_VELOCITY].tolist())
 
-    def _state(self):
+    def advance(self, steps):
+        """Take so many steps; PyBullet knows one at a time, so each is called from Python."""
+        step = self._client.stepSimulation
+        for _ in range(steps):
+            step()
+
+    def state(self):
+        """The state (B, 13)."""
         states = []
         for body, handle in zip(self._bodies, self._handles, strict=True):
             position, q = self._client.getBasePositionAndOrientation(handle)
@@ -156,15 +169,13 @@ class PyBulletRollouts:
 
     def run(self, state, steps):
         """The state (B, 13) after ``steps`` steps from ``state``."""
-        self._reset(state)
-        step = self._client.stepSimulation
-        for _ in range(steps):
-            step()
-        return self._state()
+        self.begin(state)
+        self.advance(steps)
+        return self.state()
 
     def contacts(self, state, steps):
         """Number of contacts with overlap in each step (steps,)."""
-        self._reset(state)
+        self.begin(state)
         counts = np.zeros(steps, int)
         for k in range(steps):
             self._client.stepSimulation()
@@ -219,6 +230,7 @@ def _bullet_contact(scene):
 
 
 def _urdf(body, geometry, folder):
+    geometry = body.own_geometry(geometry)
     if geometry == "spheres":
         shapes = [
             (f'xyz="{x!r} {y!r} {z!r}"', f'<sphere radius="{r!r}"/>')
@@ -284,7 +296,8 @@ class MuJoCoRollouts:
         """Number of shapes of each body, as the engine has them."""
         return self._model.body_geomnum[1:].tolist()
 
-    def _reset(self, state):
+    def begin(self, state):
+        """Set the state (B, 13)."""
         data = self._data
         self._mujoco.mj_resetData(self._model, data)
         for k, (body, x) in enumerate(zip(self._bodies, state, strict=True)):
@@ -294,7 +307,12 @@ class MuJoCoRollouts:
             data.qvel[6 * k : 6 * k + 3] = x[VELOCITY]
             data.qvel[6 * k + 3 : 6 * k + 6] = rotation.inv().apply(x[ANGULAR_VELOCITY])
 
-    def _state(self):
+    def advance(self, steps):
+        """Take so many steps, in one call."""
+        self._mujoco.mj_step(self._model, self._data, nstep=steps)
+
+    def state(self):
+        """The state (B, 13)."""
         states = []
         for k, body in enumerate(self._bodies):
             rotation = Rotation.from_quat(self._data.qpos[7 * k + 3 : 7 * k + 7][[1, 2, 3, 0]])
@@ -305,13 +323,13 @@ class MuJoCoRollouts:
 
     def run(self, state, steps):
         """The state (B, 13) after ``steps`` steps from ``state``."""
-        self._reset(state)
-        self._mujoco.mj_step(self._model, self._data, nstep=steps)
-        return self._state()
+        self.begin(state)
+        self.advance(steps)
+        return self.state()
 
     def contacts(self, state, steps):
         """Number of contacts with overlap in each step (steps,)."""
-        self._reset(state)
+        self.begin(state)
         counts = np.zeros(steps, int)
         for k in range(steps):
             self._mujoco.mj_step(self._model, self._data)
@@ -325,14 +343,15 @@ class MuJoCoRollouts:
 def _mjcf(scene, bodies, geometry):
     text, assets = [], []
     for body in bodies:
-        if geometry == "spheres":
+        shape = body.own_geometry(geometry)
+        if shape == "spheres":
             geoms = [
                 f'<geom type="sphere" size="{r!r}" pos="{x!r} {y!r} {z!r}"/>'
                 for (x, y, z), r in zip(body.centers.tolist(), body.radii.tolist(), strict=True)
             ]
-        elif geometry == "box":
+        elif shape == "box":
             geoms = ['<geom type="box" size="{!r} {!r} {!r}"/>'.format(*body.box().tolist())]
-        elif geometry == "primitive":
+        elif shape == "primitive":
             kind, (x, y, z), middle, turned = body.primitive()
             size = f"{x / 2!r} {y / 2!r} {z / 2!r}" if kind == "box" else f"{x / 2!r} {z / 2!r}"
             geoms = [f'<geom type="{kind}" size="{size}" pos="{_mujoco_text(middle)}" quat="{_mujoco_quaternion(turned)}"/>']

@@ -47,6 +47,10 @@ _ORIENTATIONS = {"left": (0.36, -0.24, 0.54, 0.72), "right": (-0.52, 0.61, 0.20,
 _SPIN = (0.3, -0.5, 0.4)  # rad/s
 _UNCERTAIN = {"linear_velocity": ERR_VELOCITY, "angular_velocity": ERR_ANGULAR_VELOCITY}
 
+_WALL = 0.02  # thickness of a bin [m]
+_BIN, _LARGE_BIN = (0.292, 0.192, 0.143), (0.4, 0.4, 0.25)  # inside: length, width, depth [m]
+_TUMBLED = ((ERR_POSITION, 0.01), (ERR_ROTATION, 0.3))  # what is let go in no particular order
+
 
 def unit_model(name: str, spheres: int) -> SpherePacking:
     """A model's first ``spheres`` spheres, scaled so that the longest side of its bounding box is 1 m.
@@ -143,54 +147,95 @@ def collision_free(uncertain: str, model: str = "pin", spheres: int = 10, sigma:
 
 def salt_box_into_bin() -> tuple[Scene, Belief, float]:
     """A carton of salt is let go above an open bin on the floor (the paper's Fig. 1): does it end up inside?"""
-    inner, wall = np.array([0.292, 0.192, 0.143]), 0.02  # m
-    x, y = 0.5 * (inner[:2] + wall)
-    height = inner[2] + wall
-    environment = (
-        Plane((0.0, 0.0, 1.0), 0.0),
-        Box((inner[0], inner[1], wall), (0.0, 0.0, 0.5 * wall)),
-        *(Box((wall, inner[1], height), (side * x, 0.0, 0.5 * height)) for side in (-1.0, 1.0)),
-        *(Box((inner[0] + 2.0 * wall, wall, height), (0.0, side * y, 0.5 * height)) for side in (-1.0, 1.0)),
-    )
-    mean = np.zeros((1, STATE))
-    mean[0, POSITION] = 0.07, 0.02, 0.35
+    mean = _upright([[0.07, 0.02, 0.35]])
     mean[0, QUATERNION] = 0.0, 0.0, math.sin(0.3), math.cos(0.3)
-    return _handled("salt_box", environment, mean, ((ERR_POSITION, 0.04), (ERR_ROTATION, 0.2)))
+    return _handled(["salt_box"], 2000, _bin(*_BIN), mean, ((ERR_POSITION, 0.04), (ERR_ROTATION, 0.2)))
 
 
 def can_off_shelf() -> tuple[Scene, Belief, float]:
     """A full can is pushed towards the edge of a shelf, 0.4 m above the floor: does it stay there, or else how does it land?"""
     top = 0.4  # m
     environment = (Plane((0.0, 0.0, 1.0), 0.0), Box((0.6, 0.6, 0.03), (-0.3, 0.0, top - 0.015)))
-    mean = np.zeros((1, STATE))
-    mean[0, POSITION] = -0.06, 0.0, top + 0.055
+    mean = _upright([[-0.06, 0.0, top + 0.055]])
     mean[0, VELOCITY] = 0.7, 0.0, 0.0
-    mean[0, QUATERNION] = 0.0, 0.0, 0.0, 1.0
-    return _handled("can", environment, mean, ((ERR_POSITION, (0.02, 0.02, 0.0)), (ERR_VELOCITY, (0.2, 0.05, 0.0))))
+    spread = (ERR_POSITION, (0.02, 0.02, 0.0)), (ERR_VELOCITY, (0.2, 0.05, 0.0))
+    return _handled(["can"], 2000, environment, mean, spread)
+
+
+def five_into_bin() -> tuple[Scene, Belief, float]:
+    """Three cartons and two cans fall one after the other into a bin that does not hold them all lying side by side."""
+    mean = _upright([[0.05, 0.02, 0.15], [-0.05, -0.02, 0.3], [0.03, -0.03, 0.45], [0.0, 0.03, 0.6], [-0.06, 0.0, 0.75]])
+    mean[:, ANGULAR_VELOCITY] = 0.5, 1.0, 0.0
+    models = ["salt_box", "can", "salt_box", "can", "salt_box"]
+    return _handled(models, 1000, _bin(*_BIN), mean, _TUMBLED)
+
+
+def tableware_into_box() -> tuple[Scene, Belief, float]:
+    """Six different things, of which four are no box and no cylinder, fall one after the other into a box."""
+    mean = _upright([[0.05, 0.02, 0.22], [-0.05, -0.02, 0.38], [0.03, -0.03, 0.53],
+                     [0.0, 0.03, 0.67], [-0.06, 0.0, 0.82], [0.06, 0.02, 1.02]])
+    mean[:, ANGULAR_VELOCITY] = 0.5, 1.0, 0.0
+    models = ["plate", "bowl", "mug", "salt_box", "can", "bottle"]
+    return _handled(models, 1000, _bin(*_LARGE_BIN), mean, _TUMBLED)
 
 
 def in_bin(states: np.ndarray) -> np.ndarray:
-    """Whether the body's centre is between the walls of `salt_box_into_bin`, of states (N, 13)."""
-    position = states[:, POSITION]
-    return (np.abs(position[:, 0]) < 0.146) & (np.abs(position[:, 1]) < 0.096) & (position[:, 2] < 0.163)
+    """Whether a body's centre is between the walls of the bin of `salt_box_into_bin`, of states (..., 13)."""
+    return _between(states, _BIN)
+
+
+def in_box(states: np.ndarray) -> np.ndarray:
+    """Whether a body's centre is between the walls of the box of `tableware_into_box`, of states (..., 13)."""
+    return _between(states, _LARGE_BIN)
 
 
 def on_shelf(states: np.ndarray) -> np.ndarray:
-    """Whether the body's centre is above the shelf of `can_off_shelf`, of states (N, 13)."""
-    return states[:, POSITION.start + 2] > 0.4
+    """Whether a body's centre is above the shelf of `can_off_shelf`, of states (..., 13)."""
+    return states[..., POSITION][..., 2] > 0.4
 
 
 #: Everyday scenes with gravity and friction, each with what it means to end up in place.
 MANIPULATION = {"salt_box_into_bin": (salt_box_into_bin, in_bin), "can_off_shelf": (can_off_shelf, on_shelf)}
+#: The same with several bodies.
+PILES = {"five_into_bin": (five_into_bin, in_bin), "tableware_into_box": (tableware_into_box, in_box)}
 
 
-def _handled(model, environment, mean, deviations):
-    packing = load_model(model)
-    body = RigidBody(model, packing.prefix(2000), packing.mass)
-    scene = with_stiffness(Scene.everyday((body,), environment=environment), mean)
-    P = np.zeros((1, ERROR, ERROR))
+def _bin(length, width, depth):
+    """A bin on a floor, made of boxes."""
+    x, y, height = 0.5 * (length + _WALL), 0.5 * (width + _WALL), depth + _WALL
+    return (
+        Plane((0.0, 0.0, 1.0), 0.0),
+        Box((length, width, _WALL), (0.0, 0.0, 0.5 * _WALL)),
+        *(Box((_WALL, width, height), (side * x, 0.0, 0.5 * height)) for side in (-1.0, 1.0)),
+        *(Box((length + 2.0 * _WALL, _WALL, height), (0.0, side * y, 0.5 * height)) for side in (-1.0, 1.0)),
+    )
+
+
+def _between(states, sides):
+    """Whether bodies' centres are inside such a bin."""
+    position = states[..., POSITION]
+    inside = np.abs(position[..., :2]) < 0.5 * np.array(sides[:2])
+    return inside.all(axis=-1) & (position[..., 2] < sides[2] + _WALL)
+
+
+def _upright(positions):
+    """States (B, 13) of bodies at rest, not turned."""
+    mean = np.zeros((len(positions), STATE))
+    mean[:, POSITION] = positions
+    mean[:, QUATERNION] = 0.0, 0.0, 0.0, 1.0
+    return mean
+
+
+def _handled(models, spheres, environment, mean, deviations):
+    packings = [load_model(model) for model in models]
+    bodies = [
+        RigidBody(f"{packing.name}{k or ''}", packing.prefix(spheres), packing.mass)
+        for k, packing in enumerate(packings)
+    ]
+    scene = with_stiffness(Scene.everyday(bodies, environment=environment), mean)
+    P = np.zeros((len(bodies), ERROR, ERROR))
     for block, sigma in deviations:
-        P[0, range(*block.indices(ERROR)), range(*block.indices(ERROR))] = np.asarray(sigma) ** 2
+        P[:, range(*block.indices(ERROR)), range(*block.indices(ERROR))] = np.asarray(sigma) ** 2
     return scene, Belief(mean, P), 1.5
 
 

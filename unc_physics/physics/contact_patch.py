@@ -11,7 +11,7 @@ import numpy as np
 
 from ..layout import P, V, W
 from .compiled import inner
-from .contact_search import ACTIVE_GAP, closing_bound, element_list, flat_face, pair_list, relative_pose
+from .contact_search import ACTIVE_GAP, closing_bound, element_list, pair_list, relative_pose, side_of
 from .element_contacts import in_element
 from .implicit_workspace import (
     BEND,
@@ -61,15 +61,12 @@ def element_candidates(x, i, e, horizon, world, work):
     half = 0.5 * horizon
     vx, vy, vz = x[i, V] + half * world.gravity[0], x[i, V + 1] + half * world.gravity[1], x[i, V + 2] + half * world.gravity[2]
     limit = IMPACT_GAP if horizon == 0.0 else ACTIVE_GAP
-    side = flat_face(kind, size, e, t, R_e, R, world.implicit.extent[i])
+    axis, sign, offset = side_of(kind, size, e, t, R_e, R, world.implicit.extent[i])
     count = 0
-    if side >= 0:
+    if axis >= 0:
         # one plane: distances are linear in the spheres' centres, so that its hull is asked in one loop
-        a, sign = side // 2, 1.0 - 2.0 * (side % 2)
-        if side == 6:
-            a, sign = 2, 1.0
-        height = sign * t[a] - (0.0 if side == 6 else size[e, a])
-        nx, ny, nz = sign * R_e[0, a], sign * R_e[1, a], sign * R_e[2, a]
+        height = sign * t[axis] - offset
+        nx, ny, nz = sign * R_e[0, axis], sign * R_e[1, axis], sign * R_e[2, axis]
         bx, by, bz = rotate_back(R, nx, ny, nz)
         cx, cy, cz = ny * x[i, W + 2] - nz * x[i, W + 1], nz * x[i, W] - nx * x[i, W + 2], nx * x[i, W + 1] - ny * x[i, W]
         qx, qy, qz = rotate_back(R, cx, cy, cz)  # n . (omega x c) = c . (n x omega)

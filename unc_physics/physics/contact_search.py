@@ -20,14 +20,13 @@ from .implicit_workspace import (
     TRAVEL,
 )
 from .rotation import rotate, rotate_back
-from .shapes import KINDS, surface
+from .shapes import flat_side, surface
 from .sphere_tree import EMPTY, WIDTH, candidates
 
 #: Gap up to which contacts take part in a step [m].
 ACTIVE_GAP = 5e-4
 #: Bodies are near when they may come closer than this in a step [m].
 NEAR = 1e-3
-_PLANE, _BOX = KINDS["plane"], KINDS["box"]
 _LIST_MARGIN, _LIST_STEPS = 1e-3, 2.0  # how long lists of an element last: a distance [m], and steps at the present pace
 _PAIR_MARGIN = 5e-4  # the same of two bodies [m]
 _MARGIN = 12  # column of `list_pose`, behind a rotation and a position: the margin [m]
@@ -132,30 +131,21 @@ def clearance(x, i, world, work):
 
 
 @inner(forceinline=True)
-def flat_face(kind, size, e, t, R_e, R, extent):
-    """Which flat side of element e a body faces alone: 0 to 5 of a box's +x, -x, +y ... sides, 6 of a plane's, -1 none.
+def side_of(kind, size, e, t, R_e, R, extent):
+    """The flat side of element e that a body is over with all its spheres' centres (`shapes.flat_side`).
 
     ``t`` is the body's centre of mass in the element's frame, ``extent`` (6,) the middle and half the sides of the box
-    around its spheres' centres (body frame): over that side, all of them are nearest to it.
+    around its spheres' centres, body frame [m].
     """
-    if kind[e] == _PLANE:
-        return 6
-    if kind[e] != _BOX:
-        return -1
-    side = -1
-    for a in range(3):
-        place, reach = t[a], 0.0
-        for b in range(3):
-            r = R_e[0, a] * R[0, b] + R_e[1, a] * R[1, b] + R_e[2, a] * R[2, b]
-            place += r * extent[b]
-            reach += abs(r) * extent[3 + b]
-        if abs(place) - reach > size[e, a]:
-            if side >= 0:
-                return -1
-            side = 2 * a + (0 if place > 0.0 else 1)
-        elif abs(place) + reach > size[e, a]:
-            return -1
-    return side
+    m0, m1, m2 = t
+    r0 = r1 = r2 = 0.0
+    for b in range(3):
+        x = R_e[0, 0] * R[0, b] + R_e[1, 0] * R[1, b] + R_e[2, 0] * R[2, b]
+        y = R_e[0, 1] * R[0, b] + R_e[1, 1] * R[1, b] + R_e[2, 1] * R[2, b]
+        z = R_e[0, 2] * R[0, b] + R_e[1, 2] * R[1, b] + R_e[2, 2] * R[2, b]
+        m0, m1, m2 = m0 + x * extent[b], m1 + y * extent[b], m2 + z * extent[b]
+        r0, r1, r2 = r0 + abs(x) * extent[3 + b], r1 + abs(y) * extent[3 + b], r2 + abs(z) * extent[3 + b]
+    return flat_side(kind, size, e, m0, m1, m2, r0, r1, r2)
 
 
 @inner(forceinline=True)

@@ -36,6 +36,7 @@ from .implicit_workspace import (
     TRAVEL,
     implicit_workspace,
 )
+from .implicit_world import REMEMBERED_CONTACTS
 from .rotation import exp, multiply, renormalized, rotate, rotate_back, write_matrix
 from .shapes import surface
 
@@ -336,13 +337,17 @@ def advance_group(x, count, time, first_time, residual, world, threshold, work):
 
 @inner(forceinline=True)
 def _remember(h, work):
-    """Add the contacts at hand that carry load to the memory of this step."""
+    """Add the contacts at hand that carry load to the memory of this step; each body i's stand one behind the other."""
     contact, force, counts = work.new_contact, work.new_force, work.counts
     impulses = work.impulses[LASTING]
+    body, own = -1, 0
     for c in range(counts[CONTACTS]):
-        n = counts[REMEMBERED]
-        if impulses[c, 0] <= 0.0 or n >= len(contact):
+        if work.ids[c, 0] != body:
+            body, own = work.ids[c, 0], 0
+        if impulses[c, 0] <= 0.0 or own == REMEMBERED_CONTACTS:
             continue
+        own += 1
+        n = counts[REMEMBERED]
         counts[REMEMBERED] = n + 1
         row = work.rows[c]
         for k in range(4):
@@ -358,11 +363,10 @@ def _keep_memory(i, work):
     entry, counts = work.head[i], work.counts
     while entry >= 0:
         n = counts[REMEMBERED]
-        if n < len(work.new_contact):
-            counts[REMEMBERED] = n + 1
-            for k in range(4):
-                work.new_contact[n, k] = work.old_contact[entry, k]
-                work.new_force[n, k] = work.old_force[entry, k]
+        counts[REMEMBERED] = n + 1
+        for k in range(4):
+            work.new_contact[n, k] = work.old_contact[entry, k]
+            work.new_force[n, k] = work.old_force[entry, k]
         entry = work.link[entry]
 
 
@@ -429,6 +433,7 @@ def integrate(x, first_time, contact, force, remembered, quiet, residual, world,
     for step in range(begin, begin + steps):
         for i in range(len(x)):
             head[i] = -1
+            work.quiet[i] = quiet[i]
             for k in range(13):
                 state[i, k] = x[i, k]
         for n in range(remembered[0] - 1, -1, -1):
@@ -440,6 +445,7 @@ def integrate(x, first_time, contact, force, remembered, quiet, residual, world,
             if counts[OVERFLOW] == NO_OVERFLOW:
                 break
             for i in range(len(x)):
+                quiet[i] = work.quiet[i]
                 for k in range(13):
                     x[i, k] = state[i, k]
                 write_matrix((x[i, Q], x[i, Q + 1], x[i, Q + 2], x[i, Q + 3]), work.R, i)

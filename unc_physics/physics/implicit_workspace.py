@@ -6,6 +6,7 @@ import numpy as np
 
 from ..layout import Q
 from .compiled import kernel
+from .implicit_world import REMEMBERED_CONTACTS
 from .narrow_phase import RECORD
 from .rotation import write_matrix
 from .sphere_tree import Scratch
@@ -88,7 +89,7 @@ class ImplicitWorkspace(NamedTuple):
         The last step's contacts, body by body.
     counts : (4,) int64
         By `CONTACTS`, `REMEMBERED`, `POOL_USED`, `OVERFLOW`.
-    state : (B, 13) float64
+    state, quiet : (B, 13) float64 and (B,) int64
         At the step's start.
     """
 
@@ -122,13 +123,14 @@ class ImplicitWorkspace(NamedTuple):
     link: np.ndarray
     counts: np.ndarray
     state: np.ndarray
+    quiet: np.ndarray
 
 
 @kernel
 def implicit_workspace(x, world, contacts, candidates, pool):
     """Workspace of one rollout that begins at state ``x`` (B, 13), with room for so many contacts, candidates and pairs in lists."""
     count, elements = len(x), len(world.surroundings.kind)
-    remembered = 32 + 32 * count
+    remembered = REMEMBERED_CONTACTS * count
     R = np.empty((count, 3, 3))
     for i in range(count):
         write_matrix((x[i, Q], x[i, Q + 1], x[i, Q + 2], x[i, Q + 3]), R, i)
@@ -165,4 +167,5 @@ def implicit_workspace(x, world, contacts, candidates, pool):
         np.empty(remembered, np.int64),
         np.zeros(4, np.int64),
         np.empty((count, 13)),
+        np.empty(count, np.int64),
     )

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from importlib.util import find_spec
-
 import numpy as np
 
 from ...physics.rollout import simulate
@@ -24,13 +22,12 @@ from ..engines import GEOMETRIES, PEERS
 from ..jobs import Job, Outcome, Row, Settings
 from ..pareto import Choice
 from ..results import Results, Rows
+from ..rollouts import ENGINES, OURS, available, missing_engines
 from ..scenarios import MODELS, collision
 from ..tables import label, number, table
 from ..timing import paired
 
 TITLE = "Peers"
-OURS = "ours"
-ENGINES = {OURS: "unc_physics", "pybullet": "PyBullet", "mujoco": "MuJoCo"}
 SHAPES = {"spheres": "1000 spheres", "pieces": "convex pieces", "box": "a box"}
 COUNTS = (2, 5, 10, 20, 50, 100, 200, 500, 1000)
 ROLLOUT, ROLLOUT_RATIO = "rollout_time", "rollout_time_over_ours"
@@ -44,9 +41,7 @@ def jobs(settings: Settings) -> list[Job]:
     models = MODELS[:1] if settings.quick else MODELS
     made = []
     for model in models:
-        for engine in ENGINES:
-            if engine != OURS and find_spec(engine) is None:
-                continue
+        for engine in available():
             for geometry in GEOMETRIES if engine != OURS else GEOMETRIES[:1]:
                 if settings.quick and engine == "mujoco" and geometry == "spheres":
                     continue
@@ -60,7 +55,7 @@ def jobs(settings: Settings) -> list[Job]:
 
 def missing(settings: Settings) -> list[str]:
     """Engines that are not installed."""
-    return [f"peers in {ENGINES[name]}: not installed; pip install {name}" for name in PEERS if find_spec(name) is None]
+    return missing_engines("peers")
 
 
 def run(job: Job) -> Outcome:

@@ -2,21 +2,16 @@
 
 from __future__ import annotations
 
-import time
-from importlib.util import find_spec
-
 import numpy as np
 
 from ...layout import QUATERNION
-from ...physics.rollout import simulate
 from ..comparison import CPU_TIME, FLOOR, MONTE_CARLO, POSITION_ERROR, ROTATION_ERROR
-from ..engines import PEERS
 from ..jobs import Job, Outcome, Row, Settings
 from ..results import Results
+from ..rollouts import ENGINES, available, missing_engines, rollouts
 from ..scenarios import MANIPULATION
 from ..tables import number, table
 from ..wasserstein import state_distance
-from .peers import ENGINES, OURS
 
 TITLE = "Plausibility"
 UPRIGHT = np.cos(np.radians(15.0))  # how far the body's axis may lean
@@ -28,14 +23,14 @@ def jobs(settings: Settings) -> list[Job]:
     """Both scenes in every engine that is there."""
     count = 50 if settings.quick else 500
     return [
-        Job("plausibility", settings.parameters(scene=scene, engine=engine, samples_each=count), cost=2 * count * (0.03 if engine == OURS else 0.01))
-        for scene in MANIPULATION for engine in ENGINES if engine == OURS or find_spec(engine) is not None
+        Job("plausibility", settings.parameters(scene=scene, engine=engine, samples_each=count), cost=0.01 * count)
+        for scene in MANIPULATION for engine in available()
     ]
 
 
 def missing(settings: Settings) -> list[str]:
     """Engines that are not installed."""
-    return [f"plausibility in {ENGINES[name]}: not installed; pip install {name}" for name in PEERS if find_spec(name) is None]
+    return missing_engines("plausibility")
 
 
 def run(job: Job) -> Outcome:
@@ -46,15 +41,14 @@ def run(job: Job) -> Outcome:
     steps = round(horizon / scene.dt)
     # the same initial states in every engine
     common = Job("plausibility", {**p, "engine": "any"})
-    sets = []
-    for name in ("truth", "second"):
-        seed = common.seed(name)
-        starts = belief.sample(p["samples_each"], np.random.default_rng(seed))
-        started = time.process_time()
-        sets.append((seed, _ends(p["engine"], scene, starts, steps)))
-        taken = (time.process_time() - started) / len(starts)
-    (seed, states), (_, second) = sets
-    rows = [Row(MONTE_CARLO, CPU_TIME, "s", taken)]
+    seed, other = common.seed("truth"), common.seed("second")
+    count = p["samples_each"]
+    with rollouts(p["engine"], scene) as run_all:
+        starts = belief.sample(count, np.random.default_rng(seed))
+        run_all(starts[:1], 1)  # compiles, or loads what is compiled
+        states, taken = run_all(starts, steps)
+        second, _ = run_all(belief.sample(count, np.random.default_rng(other)), steps)
+    rows = [Row(MONTE_CARLO, CPU_TIME, "s", taken / count)]
     for quantity, hits in ((PLACE, place(states[:, 0])), (STANDING, _upright(states[:, 0]))):
         rows.append(Row(MONTE_CARLO, quantity, "1", float(np.mean(hits)), len(states), 0, seed))
     floor = state_distance(states, second)
@@ -103,17 +97,6 @@ def report(results: Results) -> str:
                 f"Between {ENGINES[order[1]]} and {ENGINES[order[2]]}: {number(float(between.position[0]))} m, "
                 f"{number(float(between.rotation[0]))} deg.\n")
     return "\n".join(parts)
-
-
-def _ends(engine, scene, starts, steps):
-    if engine == OURS:
-        states = starts.copy()
-        simulate(states, scene.world, steps)
-        return states
-    peer = PEERS[engine](scene, "primitive")
-    states = np.array([peer.run(state, steps) for state in starts])
-    peer.close()
-    return states
 
 
 def _upright(states):

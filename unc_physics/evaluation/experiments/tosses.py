@@ -2,16 +2,10 @@
 
 from __future__ import annotations
 
-import time
-from contextlib import contextmanager
-from importlib.util import find_spec
-
 import numpy as np
 
 from ...layout import POSITION
-from ...physics.rollout import simulate
 from ..comparison import MONTE_CARLO
-from ..engines import PEERS
 from ..jobs import Job, Outcome, Row, Settings
 from ..recorded_tosses import (
     FACES,
@@ -23,9 +17,9 @@ from ..recorded_tosses import (
     toss_scene,
 )
 from ..results import Results
+from ..rollouts import ENGINES, OURS, available, missing_engines, rollouts
 from ..scores import bootstrap, brier_score, energy_score, log_score
 from ..tables import number, table
-from .peers import ENGINES, OURS
 
 TITLE = "Tosses"
 SAMPLES = 50
@@ -41,14 +35,13 @@ def jobs(settings: Settings) -> list[Job]:
     return [
         Job("tosses", settings.parameters(engine=engine, tosses=count, samples_each=SAMPLES),
             cost=count * SAMPLES * 0.0015)
-        for engine in ENGINES if engine == OURS or find_spec(engine) is not None
+        for engine in available()
     ]
 
 
 def missing(settings: Settings) -> list[str]:
     """Engines that are not installed."""
-    absent = [name for name in PEERS if find_spec(name) is None]
-    return [f"tosses in {ENGINES[name]}: not installed; pip install {name}" for name in absent]
+    return missing_engines("tosses")
 
 
 def run(job: Job) -> Outcome:
@@ -59,15 +52,14 @@ def run(job: Job) -> Outcome:
     # the same initial states in every engine, and of a toss whatever the number of tosses
     draws = Job("tosses", {"samples_each": p["samples_each"], "base_seed": p["base_seed"]})
     rows, spent, simulated = [], 0.0, 0.0
-    with _rollouts(p["engine"], scene) as rollouts:
-        rollouts(tosses.states[0][:1, None], 1)  # compiles, or loads what is compiled
+    with rollouts(p["engine"], scene) as run_all:
+        run_all(tosses.states[0][:1, None], 1)  # compiles, or loads what is compiled
         for k in range(p["tosses"]):
             seed, last = draws.seed(f"toss {k}"), tosses.states[k][-1]
             starts = first_belief(tosses, k).sample(p["samples_each"], np.random.default_rng(seed))
             steps = round(tosses.duration(k) / scene.dt)
-            started = time.process_time()
-            ends = rollouts(starts, steps)[:, 0]
-            spent += time.process_time() - started
+            ends, taken = run_all(starts, steps)
+            ends, spent = ends[:, 0], spent + taken
             simulated += len(starts) * steps * scene.dt
             faces, face = top_face(ends), int(top_face(last))
             for quantity, unit, value in (
@@ -108,22 +100,6 @@ def report(results: Results) -> str:
         parts.append("Our mean score less theirs, with the middle 95 % of a paired bootstrap over tosses:\n")
         parts.append(table(["", *SCORES.values()], lines))
     return "\n".join(parts)
-
-
-@contextmanager
-def _rollouts(engine, scene):
-    """Function that returns the final states (N, 1, 13) of rollouts from states, after a number of steps."""
-    def ours(states, steps):
-        states = states.copy()
-        simulate(states, scene.world, steps)
-        return states
-
-    if engine == OURS:
-        yield ours
-        return
-    peer = PEERS[engine](scene, "primitive")
-    yield lambda states, steps: np.array([peer.run(state, steps) for state in states])
-    peer.close()
 
 
 def _scores(rows, quantity):
