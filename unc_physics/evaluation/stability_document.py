@@ -115,7 +115,7 @@ def _goals(found):
     implicit = found.by("implicit")
     lines = []
     for words, cases, missed in (
-        ("ends without NaN, the mean and all propagators", found.hard, _diverges),
+        ("ends without NaN, mean and all propagators", found.hard, _diverges),
         ("lets nothing pass through, or is flagged", found.hard, _passes_silently),
         ("keeps momentum, to 1e-9, where it is conserved", found.hard, _loses_momentum),
         ("keeps covariances positive semidefinite, to 1e-12 of the largest eigenvalue", found.hard + found.paper, _is_indefinite),
