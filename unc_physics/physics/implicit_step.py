@@ -1,7 +1,8 @@
 """One step of the implicit integrator, group by group: search, impacts at their own times, lasting contacts, travel.
 
 A group is what may touch in the step. It goes from impact to impact: it travels to the first, in which impulses change the
-velocities at once, and so on, at most `_IMPACTS` times; the rest of the step is one solution of the lasting contacts.
+velocities at once, and so on, at most `_IMPACTS` times, or `_LIVELY_IMPACTS`; the rest of the step is one solution of the
+lasting contacts.
 Nothing that happens in a group depends on any other.
 """
 
@@ -27,6 +28,7 @@ from .implicit_workspace import (
     OVERFLOW,
     PACE,
     REMEMBERED,
+    RESTITUTION,
     START,
     START_POSITION,
     START_QUATERNION,
@@ -44,7 +46,10 @@ TOUCHING, _AIM = 2e-5, 1e-5
 #: Closing faster than this is an impact: the largest of a speed [m/s], of that of a fall from a height [m], and of what
 #: gravity adds in some steps. Where nothing weighs, nothing has to come to rest, and the slowest approach is one.
 _SLOWEST_IMPACT, _LOWEST_FALL, _IMPACT_STEPS = 1e-5, 5e-4, 2.5
-_IMPACTS, _CUTS = 4, 16  # in a step of a group, at most: impacts, and searches for them
+#: In a step of a group, at most: impacts, and searches for them; then those of contacts that rebound with at least so much
+#: of their speed, which would go on for long, as of a light body between heavy ones. Lasting contacts take up the others.
+_IMPACTS, _CUTS = 4, 16
+_LIVELY, _LIVELY_IMPACTS, _LIVELY_CUTS = 0.7, 64, 256
 _QUIET_SPEED, _QUIET_TIME, _QUIET_CONTACTS = 2e-3, 0.1, 3  # of what falls asleep [m/s], [s]
 
 
@@ -99,17 +104,19 @@ def prepare_members(x, count, world, work):
 
 
 @inner
-def _impact_now(rows, ids, counts, velocity, threshold):
-    """Whether bodies that touch close fast."""
+def _impact_now(rows, ids, counts, velocity, threshold, rebound):
+    """Whether bodies that touch close fast, of contacts with a restitution of at least ``rebound``."""
     for c in range(counts[CONTACTS]):
-        if rows[c, GAP] <= TOUCHING and contact_speed(rows[c], 0, velocity[START], ids[c, 0], ids[c, 1]) < -threshold:
-            return True
+        row = rows[c]
+        if row[GAP] <= TOUCHING and row[RESTITUTION] >= rebound:
+            if contact_speed(row, 0, velocity[START], ids[c, 0], ids[c, 1]) < -threshold:
+                return True
     return False
 
 
 @inner(error_model="numpy")
-def _time_to_impact(left, rows, ids, counts, velocity, threshold):
-    """Time until the first impact within ``left`` seconds, ``left`` without one.
+def _time_to_impact(left, rows, ids, counts, velocity, threshold, rebound):
+    """Time until the first impact within ``left`` seconds, of contacts as in `_impact_now`; ``left`` without one.
 
     The gap is a parabola, with gravity and the centripetal acceleration of the sphere's centre.
     """
@@ -117,7 +124,7 @@ def _time_to_impact(left, rows, ids, counts, velocity, threshold):
     for c in range(counts[CONTACTS]):
         row, i, j = rows[c], ids[c, 0], ids[c, 1]
         way = row[GAP] - _AIM
-        if way <= 0.0:
+        if way <= 0.0 or row[RESTITUTION] < rebound:
             continue
         speed = contact_speed(row, 0, velocity[START], i, j)
         square = speed * speed - 2.0 * row[FALL] * way
@@ -266,9 +273,10 @@ def advance_group(x, count, time, first_time, residual, world, threshold, work):
         if work.counts[OVERFLOW] != NO_OVERFLOW:
             break
         until = left
-        if work.counts[CONTACTS] > 0 and impacts < _IMPACTS and cuts < _CUTS:
+        rebound = 0.0 if impacts < _IMPACTS and cuts < _CUTS else _LIVELY
+        if work.counts[CONTACTS] > 0 and impacts < _LIVELY_IMPACTS and cuts < _LIVELY_CUTS:
             _read_velocities(x, count, work.members, work.velocity)
-            now = _impact_now(work.rows, work.ids, work.counts, work.velocity, threshold)
+            now = _impact_now(work.rows, work.ids, work.counts, work.velocity, threshold, rebound)
             if horizon == 0.0:
                 if now:
                     collide(x, count, time, first_time, residual, world, threshold, work)
@@ -279,7 +287,7 @@ def advance_group(x, count, time, first_time, residual, world, threshold, work):
                 horizon = 0.0
                 cuts += 1
                 continue
-            until = _time_to_impact(left, work.rows, work.ids, work.counts, work.velocity, threshold)
+            until = _time_to_impact(left, work.rows, work.ids, work.counts, work.velocity, threshold, rebound)
         elif horizon == 0.0:
             horizon = left
             continue
