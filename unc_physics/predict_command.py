@@ -11,6 +11,7 @@ from importlib.util import find_spec
 from pathlib import Path
 
 PROGRESS_AFTER = 2.0  # s
+_UNKNOWN = 20  # probabilities that cannot be told are only counted if they are more
 
 
 def add_predict_command(commands) -> None:
@@ -130,7 +131,10 @@ def _answers(scene, prediction, initial):
 
 
 def answers_as_table(answers) -> str:
-    """Probabilities as text, one a line; '-' where the propagator cannot tell one, which a last line explains."""
+    """Probabilities as text, one a line; '-' where the propagator cannot tell one, which a last line explains.
+
+    Many that it cannot tell are only counted.
+    """
     lines = []
     for answer in answers["contact_probabilities"]:
         what = f"{answer.object_a} and {answer.object_b} touch"
@@ -139,11 +143,15 @@ def answers_as_table(answers) -> str:
             when = f"  first after {answer.first_contact_time_mean:.3f} s, std {answer.first_contact_time_std:.3f} s"
         lines.append((what, answer, when))
     lines += [(f"{answer.object} is at rest", answer, "") for answer in answers["rest_probabilities"]]
-    width = max(len(what) for what, *_ in lines)
+    unknown = sum(not answer.available for _, answer, _ in lines)
+    if unknown > _UNKNOWN:
+        lines = [line for line in lines if line[1].available]
+    width = max((len(what) for what, *_ in lines), default=0)
     rows = [
         f"{what:<{width}}  {f'{answer.probability:5.3f}' if answer.available else '    -'}{when}" for what, answer, when in lines]
-    if not all(answer.available for _, answer, _ in lines):
-        rows.append("-: not known to a tenth; monte_carlo with enough samples tells")
+    if unknown:
+        which = f"{unknown} more are" if unknown > _UNKNOWN else "-:"
+        rows.append(f"{which} not known to a tenth; monte_carlo with enough samples tells")
     return "\n".join(rows)
 
 
