@@ -4,7 +4,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-
 #: Contacts that are remembered of each body, of those that name it first: a limit of its own, so that no body's memory
 #: depends on what else there is.
 REMEMBERED_CONTACTS = 48
