@@ -7,6 +7,7 @@ CPU times. Rollouts are those of the paper's collision of two bodies, 5 s in 500
 from __future__ import annotations
 
 import argparse
+import itertools
 from dataclasses import replace
 
 import numba
@@ -19,20 +20,24 @@ from unc_physics.evaluation.provenance import versions
 from unc_physics.evaluation.scenarios import collision
 from unc_physics.evaluation.timing import paired, ratio
 from unc_physics.layout import POSITION, QUATERNION
+from unc_physics.materials import DEFAULT_RESTITUTION
 from unc_physics.physics.rollout import advance_explicit, simulate
+from unc_physics.stiffness import with_stiffness
 
 from .rows import Report, machine_and_load
 
-NEUTRAL = {  # every feature named, at the value that means that there is none
-    "environment": (), "friction": 0.0, "restitution": 1.0, "gyroscopic": False, "integrator": "explicit", "islands": False,
+FLOOR = {"environment": (Plane(offset=-100.0),)}  # out of reach
+NEUTRAL = {  # every feature of a scene named, at the value that means that there is none
+    "environment": (), "friction": 0.0, "gyroscopic": False, "islands": False, "sleep": False,
     "stiffness_std": 0.0, "friction_std": 0.0, "restitution_std": 0.0, "gravity_direction_std": 0.0,
 }
-FEATURES = {
-    "a floor out of reach": {"environment": (Plane(offset=-100.0),)},
-    "gyroscopic term": {"gyroscopic": True},
-    "implicit integrator": {"integrator": "implicit", "restitution": 1.0},
-    "all of these": {
-        "environment": (Plane(offset=-100.0),), "gyroscopic": True, "restitution": 0.5, "friction": 0.5, "integrator": "implicit"},
+FEATURES = {  # that each integrator has
+    "explicit": {"a floor out of reach": FLOOR, "gyroscopic term": {"gyroscopic": True}},
+    "implicit": {
+        "a floor out of reach": FLOOR, "gyroscopic term": {"gyroscopic": True}, "friction": {"friction": 0.5},
+        "restitution": {"restitution": 0.5}, "sleep": {"sleep": True},
+        "all of these": FLOOR | {"gyroscopic": True, "friction": 0.5, "restitution": 0.5, "sleep": True},
+    },
 }
 
 
@@ -46,9 +51,10 @@ def _rollouts(scenes, states, steps):
     return {label: in_scene(scene) for label, scene in scenes.items()}
 
 
-def _case(model, spheres, rounds):
+def _case(model, spheres, rounds, integrator="explicit"):
     """The collision: its scene, (rounds, 8, 2, 13) sampled states, and the number of steps."""
     scene, belief, horizon = collision(model, spheres)
+    scene = replace(scene, integrator=integrator)
     states = belief.sample(8 * rounds, np.random.default_rng(1)).reshape(rounds, 8, 2, 13)
     return scene, states, round(horizon / scene.dt)
 
@@ -56,49 +62,61 @@ def _case(model, spheres, rounds):
 def measure_unused(report, models, spheres, rounds):
     """The plain scene, and one that names every feature at its neutral value."""
     report.heading("Features that are not used: a scene that names them all as absent, over one that names none")
-    for model in models:
-        for count in spheres:
-            plain, states, steps = _case(model, count, rounds)
-            named = replace(plain, **NEUTRAL)
-            before = set(advance_explicit.signatures)
-            # each in arrays of its own, as the processor's caches count; a round's first finds them colder: not compared
-            runs = {"first": plain, "plain": replace(plain), "named": named, "again": replace(plain)}
-            times = paired(_rollouts(runs, states, steps), rounds)
+    for integrator, model, count in itertools.product(FEATURES, models, spheres):
+        plain, states, steps = _case(model, count, rounds, integrator)
+        named = replace(plain, **NEUTRAL, restitution=DEFAULT_RESTITUTION[integrator])
+        before = set(advance_explicit.signatures)
+        # each in arrays of its own, as the processor's caches count; a round's first finds them colder: not compared
+        runs = {"first": plain, "plain": replace(plain), "named": named, "again": replace(plain)}
+        times = paired(_rollouts(runs, states, steps), rounds)
+        note = f"plain against itself {ratio(times, 'again', 'plain'):.3f}"
+        if integrator == "explicit":
             compiled = [s for s in advance_explicit.signatures if s not in before] or advance_explicit.signatures
-            without = named.world.surroundings is None and plain.world.surroundings is None and all(s[3] == types.none for s in compiled)
-            report.add(
-                "unused", "named / plain", f"{model} {count}", ratio(times, "named", "plain"), goal=1.02, at_most=True,
-                note=f"plain against itself {ratio(times, 'again', 'plain'):.3f}; "
-                + ("kernels compiled without surroundings" if without else "KERNELS COMPILED WITH SURROUNDINGS"))
+            without = named.world.surroundings is None and plain.world.surroundings is None
+            without = without and all(s[3] == types.none for s in compiled)
+            note += "; kernels compiled without surroundings" if without else "; KERNELS COMPILED WITH SURROUNDINGS"
+        report.add(
+            "unused", f"{integrator}, named / plain", f"{model} {count}", ratio(times, "named", "plain"), goal=1.02,
+            at_most=True, note=note)
 
 
 def measure_used(report, models, spheres, rounds):
-    """Each feature alone, and all together, over the plain scene."""
+    """Each feature alone, and all together, over the plain scene with the same integrator; and one integrator over the other."""
     report.heading("Features that are used: one rollout with the feature, over one without")
-    for model in models:
-        for count in spheres:
-            plain, states, steps = _case(model, count, rounds)
-            scenes = {"plain": plain} | {label: replace(plain, **given) for label, given in FEATURES.items()}
-            times = paired(_rollouts(scenes, states, steps), rounds)
-            for label in FEATURES:
-                report.add("used", label, f"{model} {count}", ratio(times, label, "plain"),
-                           note=f"{1e3 * np.median(times[label]) / 8:.3f} against {1e3 * np.median(times['plain']) / 8:.3f} ms")
+    for model, count in itertools.product(models, spheres):
+        scenes = {"implicit, elastic": replace(_case(model, count, rounds, "implicit")[0], restitution=1.0)}
+        for integrator, features in FEATURES.items():
+            plain, states, steps = _case(model, count, rounds, integrator)
+            scenes[integrator] = plain
+            scenes |= {f"{integrator}, {label}": replace(plain, **given) for label, given in features.items()}
+        times = paired(_rollouts(scenes, states, steps), rounds)
+
+        def add(label, base, times=times, case=f"{model} {count}"):
+            report.add("used", label, case, ratio(times, label, base),
+                       note=f"{1e3 * np.median(times[label]) / 8:.3f} against {1e3 * np.median(times[base]) / 8:.3f} ms")
+
+        add("implicit, elastic", "explicit")
+        for integrator, features in FEATURES.items():
+            for label in features:
+                add(f"{integrator}, {label}", integrator)
 
 
 def measure_contact(report, rounds, count=500):
     """A box that falls onto a floor and comes to rest, over the same fall without a floor."""
-    report.heading("A salt box of 500 spheres that falls 5 cm onto a floor and rests there: 1 s in 200 steps, over free fall")
-    scene = Scene([RigidBody("box", load_model("salt_box").prefix(count), 0.52)], dt=0.005, stiffness=1e8, damping=0.0,
-                  gravity=(0.0, 0.0, -9.81), friction=0.5, restitution=0.2, gyroscopic=True, integrator="implicit")
-    landing = replace(scene, environment=(Plane(),))
+    report.heading("A salt box of 500 spheres that falls 5 cm onto a floor and rests there: 1 s in 240 steps, over free fall")
+    box = RigidBody("box", load_model("salt_box").prefix(count), 0.52)
     rng = np.random.default_rng(2)
     states = np.zeros((rounds, 8, 1, 13))
     states[..., QUATERNION] = np.array([0.0, 0.04, 0.1, 1.0]) + 0.02 * rng.standard_normal((rounds, 8, 1, 4))
     states[..., QUATERNION] /= np.linalg.norm(states[..., QUATERNION], axis=-1, keepdims=True)
     states[..., 2] = 0.115
-    times = paired(_rollouts({"falls": scene, "lands": landing}, states, 200), rounds)
-    report.add("contact", "lands / falls", f"salt_box {count}", ratio(times, "lands", "falls"),
-               note=f"{1e3 * np.median(times['lands']) / 8:.3f} against {1e3 * np.median(times['falls']) / 8:.3f} ms")
+    scene = with_stiffness(Scene.everyday([box]), states[0, 0])
+    landing = replace(scene, environment=(Plane(),))
+    scenes = {"falls": scene, "lands": landing, "lands, sleep": replace(landing, sleep=True)}
+    times = paired(_rollouts(scenes, states, 240), rounds)
+    for label in ("lands", "lands, sleep"):
+        report.add("contact", f"{label} / falls", f"salt_box {count}", ratio(times, label, "falls"),
+                   note=f"{1e3 * np.median(times[label]) / 8:.3f} against {1e3 * np.median(times['falls']) / 8:.3f} ms")
 
 
 def measure_parameters(report, rounds):

@@ -65,7 +65,9 @@ def gain(seed):
 
 
 def test_random_scenes_gain_no_energy():
-    """No more than 0.1 % in 99.9 % of them, and 1 % at worst."""
-    gains = np.array([gain(seed)[0] for seed in range(SCENES)])
-    assert gains.max() < 1e-2, f"seed {gains.argmax()}"
-    assert (gains > 1e-3).mean() <= 1e-3, f"seeds {np.flatnonzero(gains > 1e-3)}"
+    """No more than 0.1 % in 99.9 % of them, and 1 % at worst; and after it was lost, seldom 0.1 %."""
+    total, regained = np.array([gain(seed) for seed in range(SCENES)]).T
+    assert total.max() < 1e-2, f"seed {total.argmax()}"
+    assert (total > 1e-3).mean() <= 1e-3, f"seeds {np.flatnonzero(total > 1e-3)}"
+    assert regained.max() < 1e-2, f"seed {regained.argmax()}"
+    assert (regained > 1e-3).mean() <= 0.02, f"seeds {np.flatnonzero(regained > 1e-3)}"

@@ -22,6 +22,7 @@ from ..scene_picture import outline
 from .comparison import CPU_TIME, FLOOR, GAUSSIAN, MONTE_CARLO, POSITION_ERROR, ROTATION_ERROR
 from .pareto import Choice, front
 from .results import Rows
+from .rollouts import ENGINES
 from .tables import label
 
 # Okabe and Ito's colours, which colour-blind readers can tell apart; Monte Carlo in greys
@@ -281,6 +282,38 @@ def draw_final_positions(
     axes[1, 0].set_ylabel("from the side: z [m]", fontsize=8)
     count = len(next(iter(ends.values())))
     figure.suptitle(f"{title}: where the body's centre ends up, {count} samples", fontsize=10)
+    _save(figure, path)
+
+
+def draw_work_precision(path: Path, panels: Mapping[str, Mapping[str, tuple[np.ndarray, float]]]) -> None:
+    """Errors over CPU time, a column for each scene: of single samples, and of their distribution.
+
+    Parameters
+    ----------
+    panels : mapping of str to (mapping of str to ((n, 3) array, float))
+        For each scene and engine CPU time [s], error of a sample [m] and W1 [m] at each step, and W1's floor [m].
+    """
+    figure = _figure(3.3 * len(panels) + 1.6, 6.6)
+    axes = figure.subplots(2, len(panels), squeeze=False, sharex="col")
+    handles = {}
+    for j, (scene, curves) in enumerate(panels.items()):
+        for i in range(2):
+            ax = axes[i, j]
+            for engine, (points, floor) in curves.items():
+                shade, marker = COLORS.get(engine, COLORS[MONTE_CARLO]), MARKERS.get(engine, MARKERS[MONTE_CARLO])
+                line, = ax.plot(1e3 * points[:, 0], 1e3 * points[:, 1 + i], marker=marker, markersize=5, color=shade)
+                handles[ENGINES[engine]] = line
+                if i == 1:
+                    limit = ax.axhline(1e3 * floor, color=shade, linestyle=":", linewidth=1.0)
+                    handles[f"floor of {ENGINES[engine]}"] = limit
+            _log_axis(ax, "x")
+            _log_axis(ax, "y", decades_only=i == 0)
+        axes[0, j].set_title(scene.replace("_", " "), fontsize=10)
+        axes[1, j].set_xlabel("CPU time of a rollout [ms]", fontsize=8)
+    axes[0, 0].set_ylabel("error of a sample's position, median [mm]", fontsize=9)
+    axes[1, 0].set_ylabel("W1 of positions [mm]", fontsize=9)
+    _legend(figure, dict(sorted(handles.items(), key=lambda entry: entry[0].startswith("floor"))))
+    figure.suptitle("Each engine against itself at the smallest steps; from left to right 60 to 2000 steps in a second", fontsize=10)
     _save(figure, path)
 
 

@@ -47,6 +47,7 @@ _ORIENTATIONS = {"left": (0.36, -0.24, 0.54, 0.72), "right": (-0.52, 0.61, 0.20,
 _SPIN = (0.3, -0.5, 0.4)  # rad/s
 _UNCERTAIN = {"linear_velocity": ERR_VELOCITY, "angular_velocity": ERR_ANGULAR_VELOCITY}
 
+_LEANING = math.cos(math.radians(15.0))  # the least vertical part of an upright body's axis
 _WALL = 0.02  # thickness of a bin [m]
 _BIN, _LARGE_BIN = (0.292, 0.192, 0.143), (0.4, 0.4, 0.25)  # inside: length, width, depth [m]
 _TUMBLED = ((ERR_POSITION, 0.01), (ERR_ROTATION, 0.3))  # what is let go in no particular order
@@ -192,6 +193,12 @@ def in_box(states: np.ndarray) -> np.ndarray:
 def on_shelf(states: np.ndarray) -> np.ndarray:
     """Whether a body's centre is above the shelf of `can_off_shelf`, of states (..., 13)."""
     return states[..., POSITION][..., 2] > 0.4
+
+
+def is_upright(states: np.ndarray) -> np.ndarray:
+    """Whether a body's z axis is vertical, up or down, to 15 degrees, of states (..., 13)."""
+    x, y = np.moveaxis(states[..., QUATERNION], -1, 0)[:2]
+    return np.abs(1.0 - 2.0 * (x * x + y * y)) > _LEANING
 
 
 #: Everyday scenes with gravity and friction, each with what it means to end up in place.

@@ -52,6 +52,12 @@ def geodesic(x: np.ndarray, y: np.ndarray) -> np.ndarray:
     return np.degrees(4.0 * np.arcsin(np.minimum(0.5 * chord, 1.0)))
 
 
+def geodesic_of_pairs(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """Angles (...) [degrees] of the rotations that lead from each of ``x`` (..., 4) to the same of ``y``, unit quaternions."""
+    chord = np.minimum(np.linalg.norm(x - y, axis=-1), np.linalg.norm(x + y, axis=-1))
+    return np.degrees(4.0 * np.arcsin(np.minimum(0.5 * chord, 1.0)))
+
+
 def wasserstein(x: np.ndarray, y: np.ndarray, distance: Callable = euclidean) -> float:
     """Exact W1 between two sets of samples of equal weights (network simplex of POT).
 

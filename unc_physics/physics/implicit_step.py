@@ -1,7 +1,8 @@
 """One step of the implicit integrator, group by group: search, impacts at their own times, lasting contacts, travel.
 
 A group is what may touch in the step. It goes from impact to impact: it travels to the first, in which impulses change the
-velocities at once, and so on, at most `_IMPACTS` times; the rest of the step is one solution of the lasting contacts.
+velocities at once, and so on, at most `_IMPACTS` times, or `_LIVELY_IMPACTS`; the rest of the step is one solution of the
+lasting contacts.
 Nothing that happens in a group depends on any other.
 """
 
@@ -12,6 +13,7 @@ from .compiled import inner, kernel
 from .contact_patch import IMPACT_GAP, add_contacts, element_candidates, pair_candidates
 from .contact_search import ACTIVE_GAP, clearance, find_groups, forget_lists, join, lowest, update_pace
 from .element_contacts import in_element
+from .free_motion import integrate_gyroscopic, integrate_rotation
 from .implicit_solver import contact_speed, solve_impact, solve_lasting
 from .implicit_workspace import (
     CONTACTS,
@@ -19,8 +21,6 @@ from .implicit_workspace import (
     ELASTIC,
     FALL,
     FREE,
-    FREE_POSITION,
-    FREE_QUATERNION,
     GAP,
     LASTING,
     NO_OVERFLOW,
@@ -28,14 +28,17 @@ from .implicit_workspace import (
     OVERFLOW,
     PACE,
     REMEMBERED,
+    RESTITUTION,
     START,
+    START_POSITION,
+    START_QUATERNION,
     TOO_LONG_LISTS,
     TOO_MANY_CANDIDATES,
     TRAVEL,
     implicit_workspace,
 )
 from .implicit_world import REMEMBERED_CONTACTS
-from .rotation import exp, multiply, renormalized, rotate, rotate_back, write_matrix
+from .rotation import rotate, write_matrix
 from .shapes import surface
 
 #: Gap up to which bodies touch, and at which an impact is aimed [m].
@@ -43,9 +46,11 @@ TOUCHING, _AIM = 2e-5, 1e-5
 #: Closing faster than this is an impact: the largest of a speed [m/s], of that of a fall from a height [m], and of what
 #: gravity adds in some steps. Where nothing weighs, nothing has to come to rest, and the slowest approach is one.
 _SLOWEST_IMPACT, _LOWEST_FALL, _IMPACT_STEPS = 1e-5, 5e-4, 2.5
-_IMPACTS, _CUTS = 4, 16  # in a step of a group, at most: impacts, and searches for them
+#: In a step of a group, at most: impacts, and searches for them; then those of contacts that rebound with at least so much
+#: of their speed, which would go on for long, as of a light body between heavy ones. Lasting contacts take up the others.
+_IMPACTS, _CUTS = 4, 16
+_LIVELY, _LIVELY_IMPACTS, _LIVELY_CUTS = 0.7, 64, 256
 _QUIET_SPEED, _QUIET_TIME, _QUIET_CONTACTS = 2e-3, 0.1, 3  # of what falls asleep [m/s], [s]
-_TURN, _SMALL_TURN, _MOST_TURNS = 0.25, 0.02, 1000  # angles with the gyroscopic term [rad], and parts of a turn
 
 
 @inner
@@ -57,47 +62,11 @@ def travel_freely(x, i, h, decay, world, R):
         x[i, P + k] += 0.5 * h * (x[i, V + k] + v)
         x[i, V + k] = v
     if world.surroundings.gyroscopic:
-        _turn_by_momentum(x, i, h, world, R)
+        integrate_gyroscopic(x, i, h, world.bodies, R)
     else:
-        turn(x, i, h, x[i, W], x[i, W + 1], x[i, W + 2], R)
+        integrate_rotation(x, i, h, world.bodies.radius, R)
     for k in range(3):
         x[i, W + k] *= decay
-
-
-@inner
-def _turn_by_momentum(x, i, h, world, R):
-    """Turn body i as its angular momentum asks; long turns are divided."""
-    bodies, Ri = world.bodies, R[i]
-    a, b, c = rotate_back(Ri, x[i, W], x[i, W + 1], x[i, W + 2])
-    a, b, c = rotate(bodies.inertia[i], a, b, c)
-    momentum = rotate(Ri, a, b, c)
-    angle = h * math.sqrt(x[i, W] ** 2 + x[i, W + 1] ** 2 + x[i, W + 2] ** 2)
-    count = min(max(math.ceil(angle / _TURN), 1), _MOST_TURNS)
-    part, rounds = h / count, 1 if angle < _SMALL_TURN else 3
-    for _ in range(count):
-        q = (x[i, Q], x[i, Q + 1], x[i, Q + 2], x[i, Q + 3])
-        w = (x[i, W], x[i, W + 1], x[i, W + 2])
-        for _ in range(rounds):
-            write_matrix(multiply(exp(0.5 * part * w[0], 0.5 * part * w[1], 0.5 * part * w[2]), q), R, i)
-            w = _spin_of(momentum, bodies.inverse_inertia[i], Ri)
-        turn(x, i, part, w[0], w[1], w[2], R)
-        x[i, W], x[i, W + 1], x[i, W + 2] = _spin_of(momentum, bodies.inverse_inertia[i], Ri)
-
-
-@inner(forceinline=True)
-def _spin_of(momentum, inverse_inertia, R):
-    a, b, c = rotate_back(R, momentum[0], momentum[1], momentum[2])
-    a, b, c = rotate(inverse_inertia, a, b, c)
-    return rotate(R, a, b, c)
-
-
-@inner(forceinline=True)
-def turn(x, i, h, wx, wy, wz, R):
-    """Turn body i about an angular velocity for ``h`` seconds."""
-    q = multiply(exp(h * wx, h * wy, h * wz), (x[i, Q], x[i, Q + 1], x[i, Q + 2], x[i, Q + 3]))
-    q = renormalized(q)
-    x[i, Q], x[i, Q + 1], x[i, Q + 2], x[i, Q + 3] = q
-    write_matrix(q, R, i)
 
 
 @inner(forceinline=True)
@@ -135,17 +104,19 @@ def prepare_members(x, count, world, work):
 
 
 @inner
-def _impact_now(rows, ids, counts, velocity, threshold):
-    """Whether bodies that touch close fast."""
+def _impact_now(rows, ids, counts, velocity, threshold, rebound):
+    """Whether bodies that touch close fast, of contacts with a restitution of at least ``rebound``."""
     for c in range(counts[CONTACTS]):
-        if rows[c, GAP] <= TOUCHING and contact_speed(rows[c], 0, velocity[START], ids[c, 0], ids[c, 1]) < -threshold:
-            return True
+        row = rows[c]
+        if row[GAP] <= TOUCHING and row[RESTITUTION] >= rebound:
+            if contact_speed(row, 0, velocity[START], ids[c, 0], ids[c, 1]) < -threshold:
+                return True
     return False
 
 
 @inner(error_model="numpy")
-def _time_to_impact(left, rows, ids, counts, velocity, threshold):
-    """Time until the first impact within ``left`` seconds, ``left`` without one.
+def _time_to_impact(left, rows, ids, counts, velocity, threshold, rebound):
+    """Time until the first impact within ``left`` seconds, of contacts as in `_impact_now`; ``left`` without one.
 
     The gap is a parabola, with gravity and the centripetal acceleration of the sphere's centre.
     """
@@ -153,7 +124,7 @@ def _time_to_impact(left, rows, ids, counts, velocity, threshold):
     for c in range(counts[CONTACTS]):
         row, i, j = rows[c], ids[c, 0], ids[c, 1]
         way = row[GAP] - _AIM
-        if way <= 0.0:
+        if way <= 0.0 or row[RESTITUTION] < rebound:
             continue
         speed = contact_speed(row, 0, velocity[START], i, j)
         square = speed * speed - 2.0 * row[FALL] * way
@@ -238,10 +209,10 @@ def travel_in_contact(x, count, h, time, first_time, residual, world, threshold,
         i = members[a]
         loaded[i] = 0
         for k in range(3):
-            numbers[i, FREE_POSITION + k] = x[i, P + k]
+            numbers[i, START_POSITION + k] = x[i, P + k]
             velocity[START, i, k], velocity[START, i, 3 + k] = x[i, V + k], x[i, W + k]
         for k in range(4):
-            numbers[i, FREE_QUATERNION + k] = x[i, Q + k]
+            numbers[i, START_QUATERNION + k] = x[i, Q + k]
         travel_freely(x, i, h, decay, world, work.R)
         for k in range(3):
             velocity[FREE, i, k] = velocity[NOW, i, k] = x[i, V + k]
@@ -264,13 +235,14 @@ def travel_in_contact(x, count, h, time, first_time, residual, world, threshold,
         i = members[a]
         if loaded[i] > 0:
             for k in range(3):
-                x[i, P + k] = numbers[i, FREE_POSITION + k] + 0.5 * h * (velocity[START, i, k] + velocity[NOW, i, k])
-                x[i, V + k], x[i, W + k] = velocity[NOW, i, k], velocity[NOW, i, 3 + k]
+                x[i, P + k] = numbers[i, START_POSITION + k] + 0.5 * h * (velocity[START, i, k] + velocity[NOW, i, k])
+                x[i, V + k] = velocity[NOW, i, k]
+                x[i, W + k] = 0.5 * (velocity[START, i, 3 + k] + velocity[NOW, i, 3 + k])
             for k in range(4):
-                x[i, Q + k] = numbers[i, FREE_QUATERNION + k]
-            turn(
-                x, i, h, 0.5 * (velocity[START, i, 3] + velocity[NOW, i, 3]), 0.5 * (velocity[START, i, 4] + velocity[NOW, i, 4]),
-                0.5 * (velocity[START, i, 5] + velocity[NOW, i, 5]), work.R)
+                x[i, Q + k] = numbers[i, START_QUATERNION + k]
+            integrate_rotation(x, i, h, world.bodies.radius, work.R)
+            for k in range(3):
+                x[i, W + k] = velocity[NOW, i, 3 + k]
         _add_travel(x, i, h, velocity[START], numbers, world.bodies.radius[i])
 
 
@@ -301,9 +273,10 @@ def advance_group(x, count, time, first_time, residual, world, threshold, work):
         if work.counts[OVERFLOW] != NO_OVERFLOW:
             break
         until = left
-        if work.counts[CONTACTS] > 0 and impacts < _IMPACTS and cuts < _CUTS:
+        rebound = 0.0 if impacts < _IMPACTS and cuts < _CUTS else _LIVELY
+        if work.counts[CONTACTS] > 0 and impacts < _LIVELY_IMPACTS and cuts < _LIVELY_CUTS:
             _read_velocities(x, count, work.members, work.velocity)
-            now = _impact_now(work.rows, work.ids, work.counts, work.velocity, threshold)
+            now = _impact_now(work.rows, work.ids, work.counts, work.velocity, threshold, rebound)
             if horizon == 0.0:
                 if now:
                     collide(x, count, time, first_time, residual, world, threshold, work)
@@ -314,7 +287,7 @@ def advance_group(x, count, time, first_time, residual, world, threshold, work):
                 horizon = 0.0
                 cuts += 1
                 continue
-            until = _time_to_impact(left, work.rows, work.ids, work.counts, work.velocity, threshold)
+            until = _time_to_impact(left, work.rows, work.ids, work.counts, work.velocity, threshold, rebound)
         elif horizon == 0.0:
             horizon = left
             continue

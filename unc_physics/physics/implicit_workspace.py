@@ -16,8 +16,8 @@ START, FREE, NOW = 0, 1, 2
 #: Impulses of lasting contacts, of an impact, of one without rebound; those before a sweep, and a direction of search.
 LASTING, ELASTIC, PLASTIC, PREVIOUS, SEARCH = 0, 1, 2, 3, 4
 #: Columns of a body's numbers: what its points travel in a second [m/s], the sum of that over time [m], how far
-#: the environment is [m], and its pose after the interval without contacts.
-PACE, TRAVEL, CLEARANCE, FREE_POSITION, FREE_QUATERNION = 0, 1, 2, 3, 6
+#: the environment is [m], and its pose when an interval began.
+PACE, TRAVEL, CLEARANCE, START_POSITION, START_QUATERNION = 0, 1, 2, 3, 6
 #: Columns of a candidate: unit normal towards the body, point on its surface (body frame), gap [m], score [m].
 CANDIDATE_NORMAL, CANDIDATE_POINT, CANDIDATE_GAP, CANDIDATE_SCORE = 0, 3, 6, 7
 
@@ -50,7 +50,7 @@ class ImplicitWorkspace(NamedTuple):
     velocity : (3, B, 6) float64
         By `START`, `FREE` and `NOW`: linear [m/s] and angular [rad/s].
     numbers : (B, 10) float64
-        By `PACE`, `TRAVEL`, `CLEARANCE`, `FREE_POSITION`, `FREE_QUATERNION`.
+        By `PACE`, `TRAVEL`, `CLEARANCE`, `START_POSITION`, `START_QUATERNION`.
     loaded : (B,) int64
         How many contacts carry load on each body.
     group : (B,) int64

@@ -57,7 +57,7 @@ class Status(IntFlag):
 RULES = {
     "initial_overlap": (Status.INITIAL_OVERLAP, 0.02, "overlaps another body or the environment at the start"),
     "energy_gain": (Status.NOT_CONVERGED, 0.02, "energy was gained; a smaller dt helps"),
-    "contact_residual": (Status.NOT_CONVERGED, 0.01, "contact forces were not found well enough; a smaller dt, or masses that differ less, help"),
+    "contact_residual": (Status.NOT_CONVERGED, 5e-3, "contact forces were not found well enough; a smaller dt, or masses that differ less, help"),
     "step_times_frequency": (Status.NOT_CONVERGED, 1.3, "the step is too long for the stiffness of the contacts"),
     "impact_over_capacity": (Status.NOT_CONVERGED, 1.0, "hits harder than the stiffness can stop"),
     "directions": (Status.OUTSIDE_VALIDITY, 30.0, "too many uncertain directions for sigma points; islands or monte_carlo helps"),

@@ -19,8 +19,8 @@ from types import ModuleType
 from ...errors import InvalidOptionError
 
 NAMES = (
-    "collision_free", "collisions", "floors", "speed_against_error", "peers", "plausibility", "tosses",
-    "stability", "storage", "pictures",
+    "collision_free", "collisions", "floors", "speed_against_error", "peers", "plausibility", "work_precision",
+    "tosses", "stability", "storage", "pictures",
 )
 
 

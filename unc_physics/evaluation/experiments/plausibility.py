@@ -4,17 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...layout import QUATERNION
 from ..comparison import CPU_TIME, FLOOR, MONTE_CARLO, POSITION_ERROR, ROTATION_ERROR
 from ..jobs import Job, Outcome, Row, Settings
 from ..results import Results
 from ..rollouts import ENGINES, available, missing_engines, rollouts
-from ..scenarios import MANIPULATION
+from ..scenarios import MANIPULATION, is_upright
 from ..tables import number, table
 from ..wasserstein import state_distance
 
 TITLE = "Plausibility"
-UPRIGHT = np.cos(np.radians(15.0))  # how far the body's axis may lean
 PLACE, STANDING = "in_place", "upright"
 PLACES = {"salt_box_into_bin": "in the bin", "can_off_shelf": "on the shelf"}
 
@@ -49,7 +47,7 @@ def run(job: Job) -> Outcome:
         states, taken = run_all(starts, steps)
         second, _ = run_all(belief.sample(count, np.random.default_rng(other)), steps)
     rows = [Row(MONTE_CARLO, CPU_TIME, "s", taken / count)]
-    for quantity, hits in ((PLACE, place(states[:, 0])), (STANDING, _upright(states[:, 0]))):
+    for quantity, hits in ((PLACE, place(states[:, 0])), (STANDING, is_upright(states[:, 0]))):
         rows.append(Row(MONTE_CARLO, quantity, "1", float(np.mean(hits)), len(states), 0, seed))
     floor = state_distance(states, second)
     rows.append(Row(FLOOR, POSITION_ERROR, "m", float(floor.position[0]), len(states), 0, seed))
@@ -97,12 +95,6 @@ def report(results: Results) -> str:
                 f"Between {ENGINES[order[1]]} and {ENGINES[order[2]]}: {number(float(between.position[0]))} m, "
                 f"{number(float(between.rotation[0]))} deg.\n")
     return "\n".join(parts)
-
-
-def _upright(states):
-    """Whether the body's z axis is vertical, of states (N, 13)."""
-    x, y = states[:, QUATERNION][:, 0], states[:, QUATERNION][:, 1]
-    return np.abs(1.0 - 2.0 * (x * x + y * y)) > UPRIGHT
 
 
 def _arrays(results, row):
