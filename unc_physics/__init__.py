@@ -11,7 +11,10 @@ __version__ = "0.1.0"
 _HOMES = {
     "Belief": "belief",
     "Box": "environment",
+    "Capsule": "environment",
+    "Cylinder": "environment",
     "Plane": "environment",
+    "Sphere": "environment",
     "RigidBody": "scene",
     "Scene": "scene",
     "SpherePacking": "geometry.packing_file",

@@ -46,9 +46,9 @@ def rest_stiffness(bodies: Sequence[RigidBody], mean, gravity, depth: float = RE
     Notes
     -----
     For the implicit integrator, in which a sphere of radius R at depth d is pushed with ``kappa pi R d^2``. A
-    body's smallest sphere is to carry its weight. Of two spheres that meet the reduced radius counts, which
-    is down to half of that: the depth is then 1.4 times as large. Where nothing weighs, nothing rests, and
-    `auto_stiffness` tells what takes up impacts.
+    body's smallest sphere is to carry its weight; tiny spheres no deeper than `PENETRATION` of their radius.
+    Of two spheres that meet the reduced radius counts, which is down to half of that: the depth is then 1.4
+    times as large. Where nothing weighs, nothing rests, and `auto_stiffness` tells what takes up impacts.
 
     Raises
     ------
@@ -59,11 +59,12 @@ def rest_stiffness(bodies: Sequence[RigidBody], mean, gravity, depth: float = RE
         g = float(np.linalg.norm(gravity))
     if g == 0.0:
         return auto_stiffness(bodies, mean, gravity)
-    needed = [
-        body.mass * g / (math.pi * float(body.model.radii.min()) * depth**2)
-        for body in bodies if not body.fixed
-    ]
-    return _rounded_up(max(needed, default=0.0))
+    needed = [0.0]
+    for body in bodies:
+        if not body.fixed:
+            radius = float(body.model.radii.min())
+            needed.append(body.mass * g / (math.pi * radius * min(depth, PENETRATION * radius) ** 2))
+    return _rounded_up(max(needed))
 
 
 def with_stiffness(scene: Scene, mean) -> Scene:

@@ -6,65 +6,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from conftest import parts_of
+from plain_scenes import BALL, BLOCK, PLATE, G, energy, run, state
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 from unc_physics import Belief, RigidBody, Scene, make_propagator, predict
 from unc_physics.environment import Box, Plane
-from unc_physics.geometry.packing_file import SpherePacking
 from unc_physics.physics.contact_model import cap, lens, shallow_energy, shallow_slope, shallow_volume
-from unc_physics.physics.rollout import simulate
 from unc_physics.stiffness import auto_stiffness
-
-G = 9.81
-
-
-def packing(name, centers, radii, inertia):
-    centers, radii = np.asarray(centers, float), np.asarray(radii, float)
-    reach = float(np.max(np.linalg.norm(centers, axis=1) + radii))
-    return SpherePacking(
-        name=name,
-        centers=centers,
-        radii=radii,
-        inertia=inertia,
-        volume=1e-3,
-        origin=np.zeros(3),
-        bounding_radius=reach,
-    )
-
-
-BALL = packing("ball", [[0, 0, 0]], [0.05], 0.4 * 0.05**2 * np.eye(3))
-_GRID = [(x, y, z) for x in np.arange(-3, 4) * 0.02 for y in np.arange(-2, 3) * 0.02 for z in (-0.01, 0.01)]
-BLOCK = packing(
-    "block", _GRID, [0.01] * len(_GRID), np.diag([0.1**2 + 0.04**2, 0.14**2 + 0.04**2, 0.14**2 + 0.1**2]) / 12
-)
-PLATE = packing(  # far from a sphere's inertia
-    "plate",
-    [(x, y, 0) for x in (-0.2, 0, 0.2) for y in (-0.1, 0, 0.1)],
-    [0.02] * 9,
-    np.diag([0.004, 0.013, 0.017]),
-)
-
-
-def state(position=(0, 0, 0), velocity=(0, 0, 0), spin=(0, 0, 0), orientation=(0, 0, 0, 1)):
-    return np.concatenate([position, velocity, orientation, spin]).astype(float)
-
-
-def run(scene, x, time):
-    out = np.array([x], float).reshape(1, -1, 13)
-    simulate(out, scene.world, round(time / scene.dt))
-    return out[0]
-
-
-def energy(scene, x):
-    total = 0.0
-    for body, s in zip(scene.bodies, x, strict=True):
-        spin = Rotation.from_quat(s[6:10]).inv().apply(s[10:])
-        total += (
-            0.5 * body.mass * (s[3:6] @ s[3:6] + spin @ body.model.inertia @ spin)
-            - body.mass * scene.gravity @ s[:3]
-        )
-    return total
 
 
 def test_a_cap_is_continuous_and_its_volume_that_of_the_sphere_at_most():

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from conftest import CONTENTS
 
-from unc_physics import Box, Plane, RigidBody, Scene
+from unc_physics import Box, Capsule, Cylinder, Plane, RigidBody, Scene, Sphere
 from unc_physics.errors import (
     InvalidEnvironmentError,
     InvalidOptionError,
@@ -16,6 +16,7 @@ from unc_physics.parameters import draw_parameters, vary_materials
 from unc_physics.scene_file import scene_from_dict
 
 NAN = float("nan")
+ROUND = [(shape, {"radius": 1, "length": 1}) for shape in (Cylinder, Capsule)]
 FLOOR = {"plane": {"normal": [0, 0, 1], "offset": -3.0}}
 
 
@@ -125,9 +126,9 @@ BAD = [
 def test_bad_materials_are_named(model, options, field):
     with pytest.raises((InvalidRequestError, NotFiniteError), match=f"{field} of body 'a'"):
         RigidBody("a", model, **options)
-    for element in (Plane, lambda **own: Box((1, 1, 1), **own)):
+    for element, size in ((Plane, {}), (Box, {"size": (1, 1, 1)}), (Sphere, {"radius": 1}), *ROUND):
         with pytest.raises((InvalidEnvironmentError, NotFiniteError), match=field):
-            element(**options)
+            element(**size, **options)
     with pytest.raises(UncPhysicsError, match=field):
         implicit([RigidBody("a", model)], **options)
 
@@ -177,6 +178,6 @@ def test_bodies_and_elements_with_the_explicit_step_have_none(model, options, fi
 )
 def test_what_the_explicit_step_does_of_itself_may_be_said(model, options):
     scene = Scene([RigidBody("a", model, **options)], environment=[Plane(**options)], **options)
-    assert scene.world.laws.friction == 0.0
+    assert not scene.materials.friction.any() and (scene.materials.restitution == 1.0).all()
     plain = scene_from_dict(CONTENTS["two_bodies"]() | options).scene
-    assert plain.world.laws is None  # the paper's kernels, as without
+    assert plain.world.surroundings is None  # the paper's kernels, as without

@@ -66,7 +66,8 @@ def test_the_paper_s_is_what_holds_otherwise(entries):
     scene = read(**entries)
     assert scene.integrator == "explicit" and scene.dt == 0.01 and scene.stiffness == 1e4
     assert scene.gravity.tolist() == [0.0, 0.0, 0.0] and not scene.gyroscopic
-    assert scene.friction is None and scene.restitution is None and scene.world.laws is None
+    assert scene.friction is None and scene.restitution is None
+    assert scene.world.surroundings is None and scene.world.implicit is None
 
 
 @pytest.mark.parametrize(
@@ -165,6 +166,13 @@ def test_what_rests_on_one_small_sphere_sinks_in_by_less_than_a_tenth_of_a_milli
         assert 0.9 * REST_DEPTH < depth <= REST_DEPTH
         on_its_like = np.sqrt(mass * 9.81 / (kappa * np.pi * 0.5 * shape.radii.min()))
         assert on_its_like < 1e-4
+
+
+def test_what_is_tiny_sinks_in_by_a_small_share_of_its_size(model):
+    tiny = model.scaled(0.0005 / model.radii.min())
+    kappa = rest_stiffness([RigidBody("a", tiny, 1e-6)], at_rest(), DOWN)
+    depth = np.sqrt(1e-6 * 9.81 / (kappa * np.pi * tiny.radii.min()))
+    assert 0.9 * 2.5e-5 < depth <= 2.5e-5
 
 
 def test_without_gravity_it_takes_up_impacts(model):

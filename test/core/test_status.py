@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import yaml
 
-from unc_physics import Belief, RigidBody, Scene, make_propagator, predict
+from unc_physics import Belief, RigidBody, Scene, load_model, make_propagator, predict
 from unc_physics.__main__ import main
 from unc_physics.environment import Plane
 from unc_physics.evaluation.scenarios import collision
@@ -139,3 +139,54 @@ def test_the_command_line_tells_the_status(tmp_path, capsys, content):
     assert status["measures"]["initial_overlap"] > 0.02 and "spread_disagreement" not in status["measures"]
     assert main([*command, "--status-rollouts", "-1"]) != 0
     assert "--status-rollouts" in capsys.readouterr().err
+
+
+def stack(*masses):
+    """Bricks on a floor, one on the other, from below."""
+    brick = load_model("brick").prefix(200)
+    low, high = (brick.centers[:, 2] - brick.radii).min(), (brick.centers[:, 2] + brick.radii).max()
+    scene = Scene.everyday([RigidBody(f"brick {k}", brick, m) for k, m in enumerate(masses)], environment=[Plane()])
+    return scene, balls(*((0.0, 0.0, k * (high - low) - low) for k in range(len(masses))), std=1e-6)
+
+
+@pytest.mark.parametrize("name", ["sigma_points", "monte_carlo"])
+def test_a_stack_that_the_solver_finds_no_forces_for_is_not_converged(name):
+    found = statuses(*stack(1.0, 1.0, 10.0), name, 0.3)
+    assert all(status.flags == Status.FINE and status.measures["contact_residual"] < 1e-3 for status in found)
+    assert not any({"step_times_frequency", "impact_over_capacity"} & set(status.measures) for status in found)
+    scene, belief = stack(1.0, 1.0, 1.0, 1.0, 1.0, 1000.0)
+    prediction = predict(scene, belief, make_propagator(name, **({"samples": 50} if name == "monte_carlo" else {})), 0.3)
+    stands = np.abs(prediction.belief.mean - belief.mean)[:, :3].max() < 1e-3
+    found = assess(scene, belief, prediction)
+    assert stands or any(status.flags & Status.NOT_CONVERGED and "smaller dt" in status.message for status in found)
+
+
+def test_a_residual_in_most_rollouts_counts():
+    scene, belief = stack(1.0)
+    prediction = predict(scene, belief, make_propagator("monte_carlo", samples=100), 0.1)
+    residual = prediction.carry.contact_history.solver.residual
+    for share, flagged in ((2, False), (20, True)):
+        residual[:share] = 0.1
+        (status,) = assess(scene, belief, prediction)
+        assert bool(status.flags & Status.NOT_CONVERGED) == flagged
+
+
+def test_energy_gained_on_the_implicit_step_is_named():
+    scene, belief = stack(1.0)
+    prediction = predict(scene, belief, "sigma_points", 0.1)
+    (status,) = assess(scene, belief, prediction)
+    assert status.flags == Status.FINE
+    mean = prediction.belief.mean.copy()
+    mean[0, 5] = 1.0  # from nowhere
+    jumping = replace(prediction, beliefs=(Belief(mean, prediction.belief.covariance),))
+    (status,) = assess(scene, belief, jumping)
+    assert status.flags == Status.NOT_CONVERGED and "energy was gained" in status.message
+    assert "integrator" not in status.message
+
+
+def test_a_brick_that_begins_in_the_floor_overlaps():
+    scene, belief = stack(1.0)
+    mean = belief.mean.copy()
+    mean[0, 2] -= 0.05 * scene.bodies[0].model.bounding_radius
+    (status,) = statuses(scene, Belief(mean, belief.covariance), "sigma_points", 0.1)
+    assert status.flags & Status.INITIAL_OVERLAP

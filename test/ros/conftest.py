@@ -17,6 +17,8 @@ os.environ["ROS_PYTHON_CHECK_FIELDS"] = "1"
 
 from running import Client, NodeProcess
 
+from unc_physics import PROPAGATORS
+
 
 def pytest_collection_finish(session):
     """Compile what the nodes will need while the tests of other folders run."""
@@ -36,8 +38,9 @@ def pytest_sessionfinish(session):
 
 @pytest.fixture(scope="session")
 def node():
-    """The node with its default parameters, but zeros as exactly known; shared, so leave it as it was."""
-    with NodeProcess("-p", "zero_covariance:=exact") as process:
+    """The node with its default parameters, but zeros as exactly known, and all propagators warm; shared."""
+    warm = f"warm_up:=[{', '.join(PROPAGATORS)}]"  # a first request would wait for its kernels
+    with NodeProcess("-p", "zero_covariance:=exact", "-p", warm) as process:
         yield process
 
 

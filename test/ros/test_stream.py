@@ -71,7 +71,8 @@ def test_a_scene_is_predicted_for_all_horizons(publish, listener):
             assert np.isfinite(numbers_of(state)).all()
             assert state.status == PredictedObject.STATUS_FINE
     xs = [position_of(state.pose.pose)[0] for state in message.objects[0].states]
-    assert np.allclose(np.array(xs) - sent.objects[0].pose.pose.position.x, 0.5 * np.array(HORIZONS))
+    way = np.array(xs) - sent.objects[0].pose.pose.position.x
+    assert np.allclose(way, 0.5 * np.array(HORIZONS), atol=1e-3)  # a few sigma points may touch at the end
 
 
 def test_an_overlap_at_the_start_is_named(publish, listener):

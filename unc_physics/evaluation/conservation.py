@@ -36,8 +36,8 @@ def rollout_rows(method: str, scene: Scene, states: np.ndarray) -> list[Row]:
     """What a rollout, given by its `trajectory`, keeps.
 
     Energy gained is the largest on the way, over all that there was at the start and that gravity gave; the energy in contacts
-    counts at the start alone, so that it is never taken for a gain. Where nothing takes energy away, ``energy_change`` is that
-    at the end, contacts included. ``momentum_error`` is the largest, over the largest sum of the sizes of all momenta, where
+    counts at the start alone, so that it is never taken for a gain. Where nothing should take energy away, without friction
+    and with elastic contacts, ``energy_change`` is that at the end, contacts included. ``momentum_error`` is the largest, over the largest sum of the sizes of all momenta, where
     momentum is conserved. ``drift`` is the largest mean speed of a body over the last quarter, in scenes with friction.
     """
     finite = np.isfinite(states).all(axis=(1, 2))
@@ -48,13 +48,13 @@ def rollout_rows(method: str, scene: Scene, states: np.ndarray) -> list[Row]:
         height = height_energy(scene, states)
         total, stored = height + kinetic_energy(scene, states), contact_energy(scene, states[0])
         rows.append(Row(method, GAIN, "1", _gain(scene, total, height, stored)))
-        if scene.damping == 0.0 and scene.friction is None and scene.restitution is None:
+        if _lossless(scene):
             change = total[-1] + contact_energy(scene, states[-1]) - total[0] - stored
             rows.append(Row(method, CHANGE, "1", float(change / _scale(scene, total, height, stored))))
         rows += _momentum_rows(method, scene, states, times)
         rows.append(Row(method, PASSED, "1", float(passed_through(scene, states))))
     last = len(states) // 4
-    if scene.friction is not None and last:
+    if scene.materials.friction.any() and last:
         moved = np.linalg.norm(states[-1, scene.moving, POSITION] - states[-1 - last, scene.moving, POSITION], axis=-1)
         rows.append(Row(method, DRIFT, "m/s", float(moved.max() / (last * scene.dt))))
     return rows
@@ -82,6 +82,12 @@ def least_eigenvalue(belief: Belief) -> float:
     values = np.linalg.eigvalsh(belief.covariance)
     largest = np.max(values, initial=0.0)
     return float(np.min(values, initial=0.0) / largest) if largest > 0.0 else 0.0
+
+
+def _lossless(scene):
+    """Whether nothing should take energy away."""
+    friction, restitution = scene.materials
+    return scene.damping == 0.0 and not friction.any() and (restitution == 1.0).all()
 
 
 def _gain(scene, total, height, stored):

@@ -11,7 +11,7 @@ import numpy as np
 
 from ..layout import P, V, W
 from .compiled import inner
-from .contact_search import ACTIVE_GAP, element_list, flat_face, pair_list, relative_pose
+from .contact_search import ACTIVE_GAP, closing_bound, element_list, pair_list, relative_pose, side_of
 from .element_contacts import in_element
 from .implicit_workspace import (
     BEND,
@@ -22,6 +22,7 @@ from .implicit_workspace import (
     COMPLIANCE,
     CONTACTS,
     DIRECTION,
+    FALL,
     FORCE,
     FRICTION,
     GAP,
@@ -60,15 +61,12 @@ def element_candidates(x, i, e, horizon, world, work):
     half = 0.5 * horizon
     vx, vy, vz = x[i, V] + half * world.gravity[0], x[i, V + 1] + half * world.gravity[1], x[i, V + 2] + half * world.gravity[2]
     limit = IMPACT_GAP if horizon == 0.0 else ACTIVE_GAP
-    side = flat_face(kind, size, e, t, R_e, R, world.implicit.extent[i])
+    axis, sign, offset = side_of(kind, size, e, t, R_e, R, world.implicit.extent[i])
     count = 0
-    if side >= 0:
+    if axis >= 0:
         # one plane: distances are linear in the spheres' centres, so that its hull is asked in one loop
-        a, sign = side // 2, 1.0 - 2.0 * (side % 2)
-        if side == 6:
-            a, sign = 2, 1.0
-        height = sign * t[a] - (0.0 if side == 6 else size[e, a])
-        nx, ny, nz = sign * R_e[0, a], sign * R_e[1, a], sign * R_e[2, a]
+        height = sign * t[axis] - offset
+        nx, ny, nz = sign * R_e[0, axis], sign * R_e[1, axis], sign * R_e[2, axis]
         bx, by, bz = rotate_back(R, nx, ny, nz)
         cx, cy, cz = ny * x[i, W + 2] - nz * x[i, W + 1], nz * x[i, W] - nx * x[i, W + 2], nx * x[i, W + 1] - ny * x[i, W]
         qx, qy, qz = rotate_back(R, cx, cy, cz)  # n . (omega x c) = c . (n x omega)
@@ -89,9 +87,6 @@ def element_candidates(x, i, e, horizon, world, work):
     else:
         element_list(x, i, e, ACTIVE_GAP + horizon * work.numbers[i, PACE], world, work)
         R_ei = work.R_ij
-        for a in range(3):
-            for b in range(3):
-                R_ei[a, b] = R_e[0, a] * R[0, b] + R_e[1, a] * R[1, b] + R_e[2, a] * R[2, b]
         ux, uy, uz = rotate_back(R, vx, vy, vz)
         wx, wy, wz = rotate_back(R, x[i, W], x[i, W + 1], x[i, W + 2])
         centers, radii, pool = world.tree.centers, world.tree.radii, work.pool
@@ -122,7 +117,7 @@ def pair_candidates(x, i, j, horizon, world, work):
     centers, radii, pool = world.tree.centers, world.tree.radii, work.pool
     limit = IMPACT_GAP if horizon == 0.0 else ACTIVE_GAP
     low, high = min(i, j), max(i, j)
-    pair_list(x, low, high, ACTIVE_GAP + horizon * (work.numbers[i, PACE] + work.numbers[j, PACE]), world, work)
+    pair_list(x, low, high, ACTIVE_GAP + horizon * closing_bound(x, i, j, world), world, work)
     t = relative_pose(x, i, j, work.R, R_ij)
     half = 0.5 * horizon * (np.float64(world.bodies.moving[i]) - np.float64(world.bodies.moving[j]))
     vx, vy, vz = x[i, V] - x[j, V], x[i, V + 1] - x[j, V + 1], x[i, V + 2] - x[j, V + 2]
@@ -285,7 +280,9 @@ def write_contact(x, i, j, k, world, work):
             row[SLIP_COMPLIANCE] = own
         else:
             row[SLIP_COMPLIANCE] = max(row[SLIP_COMPLIANCE], own)
-    row[GAP], row[BEND], row[RADIUS] = gap, bend, r
+    row[GAP], row[BEND], row[FALL], row[RADIUS] = gap, bend, bend, r
+    if j < 0 or not bodies.moving[j]:
+        row[FALL] += n[0] * world.gravity[0] + n[1] * world.gravity[1] + n[2] * world.gravity[2]
     row[FRICTION] = math.sqrt(world.implicit.friction[i] * world.implicit.friction[partner])
     row[RESTITUTION] = math.sqrt(world.implicit.restitution[i] * world.implicit.restitution[partner])
     _recall_force(i, j, m, row, first, second, work.head, work.link, work.old_contact, work.old_force, work.ids)

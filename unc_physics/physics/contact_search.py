@@ -1,7 +1,7 @@
 """Which spheres may touch in a step of the implicit integrator: bodies near each other, then lists of their spheres.
 
-A list holds all spheres, or pairs of them, of two things that come closer than a margin, and is used until their travel
-has used the margin up. It only leaves out what cannot touch, so no result depends on when it was made.
+A list holds all spheres, or pairs of them, of two things that come closer than a margin, and is used until their relative
+motion has used the margin up. It only leaves out what cannot touch, so no result depends on when it was made.
 """
 
 import math
@@ -20,16 +20,16 @@ from .implicit_workspace import (
     TRAVEL,
 )
 from .rotation import rotate, rotate_back
-from .shapes import KINDS, surface
+from .shapes import flat_side, surface
 from .sphere_tree import EMPTY, WIDTH, candidates
 
 #: Gap up to which contacts take part in a step [m].
 ACTIVE_GAP = 5e-4
 #: Bodies are near when they may come closer than this in a step [m].
 NEAR = 1e-3
-_PLANE, _BOX = KINDS["plane"], KINDS["box"]
 _LIST_MARGIN, _LIST_STEPS = 1e-3, 2.0  # how long lists of an element last: a distance [m], and steps at the present pace
 _PAIR_MARGIN = 5e-4  # the same of two bodies [m]
+_MARGIN = 12  # column of `list_pose`, behind a rotation and a position: the margin [m]
 _SINGLE_PRECISION = 4e-6  # of the sum of two bodies' radii: what single precision loses in a change of frame
 
 
@@ -41,11 +41,25 @@ def update_pace(x, i, radius, gravity, dt, numbers):
     numbers[i, PACE] = v + radius * w + dt * math.sqrt(gravity[0] ** 2 + gravity[1] ** 2 + gravity[2] ** 2)
 
 
+@inner
+def closing_bound(x, i, j, world):
+    """No two points of bodies i and j approach each other faster in this step [m/s]."""
+    radius, moving, fall = world.bodies.radius, world.bodies.moving, 0.0
+    if not (moving[i] and moving[j]):
+        fall = world.dt * math.sqrt(world.gravity[0] ** 2 + world.gravity[1] ** 2 + world.gravity[2] ** 2)
+    v = w = u = 0.0
+    for k in range(3):
+        v += (x[i, V + k] - x[j, V + k]) ** 2
+        w += x[i, W + k] ** 2
+        u += x[j, W + k] ** 2
+    return math.sqrt(v) + radius[i] * math.sqrt(w) + radius[j] * math.sqrt(u) + fall
+
+
 @inner(forceinline=True)
-def find_groups(x, bodies, dt, work):
+def find_groups(x, world, work):
     """Mark the pairs of bodies that are near, and join moving ones to groups; returns whether any pair is near."""
     numbers, order, near, group = work.numbers, work.order, work.near, work.group
-    radius, moving = bodies.radius, bodies.moving
+    radius, moving, dt = world.bodies.radius, world.bodies.moving, world.dt
     count, found = len(x), False
     for i in range(count):
         group[i] = i
@@ -73,10 +87,14 @@ def find_groups(x, bodies, dt, work):
             if not (moving[a] or moving[b]):
                 continue
             dx, dy, dz = x[b, P] - x[a, P], x[b, P + 1] - x[a, P + 1], x[b, P + 2] - x[a, P + 2]
-            if dx * dx + dy * dy + dz * dz < (reach + far) ** 2:
-                near[a, b] = near[b, a] = found = True
-                if moving[a] and moving[b]:
-                    join(group, a, b)
+            square = dx * dx + dy * dy + dz * dz
+            if square < (reach + far) ** 2:
+                # what falls together does not come nearer
+                reached = radius[a] + radius[b] + NEAR + dt * closing_bound(x, a, b, world)
+                if square < reached * reached:
+                    near[a, b] = near[b, a] = found = True
+                    if moving[a] and moving[b]:
+                        join(group, a, b)
     for i in range(count):
         group[i] = lowest(group, i)
     return found
@@ -113,48 +131,44 @@ def clearance(x, i, world, work):
 
 
 @inner(forceinline=True)
-def flat_face(kind, size, e, t, R_e, R, extent):
-    """Which flat side of element e a body faces alone: 0 to 5 of a box's +x, -x, +y ... sides, 6 of a plane's, -1 none.
+def side_of(kind, size, e, t, R_e, R, extent):
+    """The flat side of element e that a body is over with all its spheres' centres (`shapes.flat_side`).
 
     ``t`` is the body's centre of mass in the element's frame, ``extent`` (6,) the middle and half the sides of the box
-    around its spheres' centres (body frame): over that side, all of them are nearest to it.
+    around its spheres' centres, body frame [m].
     """
-    if kind[e] == _PLANE:
-        return 6
-    if kind[e] != _BOX:
-        return -1
-    side = -1
-    for a in range(3):
-        place, reach = t[a], 0.0
-        for b in range(3):
-            r = R_e[0, a] * R[0, b] + R_e[1, a] * R[1, b] + R_e[2, a] * R[2, b]
-            place += r * extent[b]
-            reach += abs(r) * extent[3 + b]
-        if abs(place) - reach > size[e, a]:
-            if side >= 0:
-                return -1
-            side = 2 * a + (0 if place > 0.0 else 1)
-        elif abs(place) + reach > size[e, a]:
-            return -1
-    return side
+    m0, m1, m2 = t
+    r0 = r1 = r2 = 0.0
+    for b in range(3):
+        x = R_e[0, 0] * R[0, b] + R_e[1, 0] * R[1, b] + R_e[2, 0] * R[2, b]
+        y = R_e[0, 1] * R[0, b] + R_e[1, 1] * R[1, b] + R_e[2, 1] * R[2, b]
+        z = R_e[0, 2] * R[0, b] + R_e[1, 2] * R[1, b] + R_e[2, 2] * R[2, b]
+        m0, m1, m2 = m0 + x * extent[b], m1 + y * extent[b], m2 + z * extent[b]
+        r0, r1, r2 = r0 + abs(x) * extent[3 + b], r1 + abs(y) * extent[3 + b], r2 + abs(z) * extent[3 + b]
+    return flat_side(kind, size, e, m0, m1, m2, r0, r1, r2)
 
 
 @inner(forceinline=True)
 def element_list(x, i, e, need, world, work):
-    """Bring the list of body i's spheres near element e up to date; ``need`` [m] is how near they must be."""
-    column = len(x) + e
-    travel = work.numbers[i, TRAVEL]
-    # valid is the travel up to which all that may come within ACTIVE_GAP is listed
-    if travel + need <= work.valid[i, column]:
-        return
-    margin = need + _LIST_MARGIN + _LIST_STEPS * (need - ACTIVE_GAP)
-    tree, kind, size, R_e = world.tree, world.surroundings.kind, world.surroundings.size, world.surroundings.R
+    """Bring the list of body i's spheres near element e up to date, ``need`` [m] being how near.
+
+    Returns
+    -------
+    t : tuple of 3 floats
+        The body's centre of mass in the element's frame [m]; ``work.R_ij`` has the rotation from the body's axes.
+    """
+    surroundings, tree = world.surroundings, world.tree
+    kind, size, R_e = surroundings.kind, surroundings.size, surroundings.R[e]
     bounds, child, centers, radii = tree.bounds, tree.child, tree.centers, tree.radii
-    t = in_element(world.surroundings.position, world.surroundings.R, e, x[i, P], x[i, P + 1], x[i, P + 2])
-    R, stack, pool = work.R_ij, work.search.stack, work.pool
+    R, stack, pool, column = work.R_ij, work.search.stack, work.pool, len(x) + e
+    t = in_element(surroundings.position, surroundings.R, e, x[i, P], x[i, P + 1], x[i, P + 2])
     for a in range(3):
         for b in range(3):
-            R[a, b] = R_e[e, 0, a] * work.R[i, 0, b] + R_e[e, 1, a] * work.R[i, 1, b] + R_e[e, 2, a] * work.R[i, 2, b]
+            R[a, b] = R_e[0, a] * work.R[i, 0, b] + R_e[1, a] * work.R[i, 1, b] + R_e[2, a] * work.R[i, 2, b]
+    place, radius = work.list_pose[i, column], world.bodies.radius[i]
+    if need + _moved(place, R, t, radius) <= place[_MARGIN]:
+        return t
+    margin = need + _LIST_MARGIN + _LIST_STEPS * (need - ACTIVE_GAP)
     start = work.counts[POOL_USED]
     used = start
     stack[0, 0] = world.bodies.root[i]
@@ -162,7 +176,7 @@ def element_list(x, i, e, need, world, work):
     while top > 0:
         if used + WIDTH > len(pool):
             work.counts[OVERFLOW] = TOO_LONG_LISTS
-            return
+            return t
         top -= 1
         node = stack[top, 0]
         for k in range(WIDTH):
@@ -180,20 +194,19 @@ def element_list(x, i, e, need, world, work):
             if surface(kind, size, e, px + t[0], py + t[1], pz + t[2])[0] < radii[s] + margin:
                 pool[used, 0], pool[used, 1] = s, 0
                 used += 1
-    work.lists[i, column, 0], work.lists[i, column, 1] = start, used - start
-    work.valid[i, column] = travel + margin
-    work.counts[POOL_USED] = used
+    _keep_list(i, column, start, used, R, t, margin, work)
+    return t
 
 
 @inner(forceinline=True)
 def pair_list(x, i, j, need, world, work):
     """Bring the list of the pairs of spheres of bodies i and j that are near up to date, as `element_list`."""
-    travel = work.numbers[i, TRAVEL] + work.numbers[j, TRAVEL]
-    if travel + need <= work.valid[i, j]:
-        return
-    margin = need + _PAIR_MARGIN
     tree, search, pool, R_ij = world.tree, work.search, work.pool, work.R_ij
     t_ij = relative_pose(x, i, j, work.R, R_ij)
+    place = work.list_pose[i, j]
+    if need + _moved(place, R_ij, t_ij, world.bodies.radius[j]) <= place[_MARGIN]:
+        return
+    margin = need + _PAIR_MARGIN
     slack = _SINGLE_PRECISION * (world.bodies.radius[i] + world.bodies.radius[j]) + margin
     start = work.counts[POOL_USED]
     used = start
@@ -207,8 +220,30 @@ def pair_list(x, i, j, need, world, work):
         for k in range(found):
             pool[used, 0], pool[used, 1] = search.pairs[k, 0], search.pairs[k, 1]
             used += 1
-    work.lists[i, j, 0], work.lists[i, j, 1] = start, used - start
-    work.valid[i, j] = travel + margin
+    _keep_list(i, j, start, used, R_ij, t_ij, margin, work)
+
+
+@inner(forceinline=True)
+def _moved(place, R, t, radius):
+    """No point of a body of that radius moved farther since its pose was ``place`` [m]; now it is ``R``, ``t``."""
+    way = turn = 0.0
+    for a in range(3):
+        way += (t[a] - place[9 + a]) ** 2
+        for b in range(3):
+            turn += (R[a, b] - place[3 * a + b]) ** 2
+    return math.sqrt(way) + radius * math.sqrt(0.5 * turn)
+
+
+@inner(forceinline=True)
+def _keep_list(i, column, start, used, R, t, margin, work):
+    """Remember where a list lies in the pool, and for which relative pose it was made."""
+    place = work.list_pose[i, column]
+    for a in range(3):
+        place[9 + a] = t[a]
+        for b in range(3):
+            place[3 * a + b] = R[a, b]
+    place[_MARGIN] = margin
+    work.lists[i, column, 0], work.lists[i, column, 1] = start, used - start
     work.counts[POOL_USED] = used
 
 
@@ -225,6 +260,6 @@ def relative_pose(x, i, j, R, R_ij):
 def forget_lists(work):
     """Make all lists anew when they are next needed."""
     work.counts[POOL_USED] = 0
-    for i in range(work.valid.shape[0]):
-        for j in range(work.valid.shape[1]):
-            work.valid[i, j] = -np.inf
+    for i in range(work.list_pose.shape[0]):
+        for j in range(work.list_pose.shape[1]):
+            work.list_pose[i, j, _MARGIN] = -np.inf

@@ -4,18 +4,15 @@
 into the loop's stages (`compiled.stage`): the functions that begin the file.
 """
 
-import math
 
-from ..layout import P, Q, V, W
+from ..layout import P, V, W
 from .broad_phase import near_pairs, update_separation_bound
 from .compiled import inner, stage
 from .contact_free import contact_free_step
 from .element_contacts import next_element_contacts, open_element
+from .free_motion import integrate_gyroscopic, integrate_position, integrate_rotation
 from .narrow_phase import contact_sums, next_contacts, open_pair
-from .rotation import exp, multiply, renormalized, rotate, rotate_back, write_matrix
-
-# angles that a body turns at a time with the gyroscopic term [rad], and the most parts of a step
-_TURN, _SMALL_TURN, _MOST_TURNS = 0.25, 0.02, 1000
+from .rotation import rotate, rotate_back
 
 
 @stage
@@ -99,68 +96,10 @@ def integrate_pose(x, i, world, surroundings, work):
     """Move body i freely for a step; returns the most that a point of it moves in a second [m/s]."""
     if surroundings is not None:
         if surroundings.gyroscopic:
-            pace = integrate_gyroscopic(x, i, world, work)
+            pace = integrate_gyroscopic(x, i, world.dt, world.bodies, work.R)
             return pace + integrate_position(x, i, world.dt)
     pace = integrate_rotation(x, i, world.dt, world.bodies.radius, work.R)
     return pace + integrate_position(x, i, world.dt)
-
-
-@inner(forceinline=True)
-def integrate_position(x, i, dt):
-    """Move body i's centre of mass by its velocity for a time; returns a bound of its speed [m/s]."""
-    for k in range(3):
-        x[i, P + k] += dt * x[i, V + k]
-    return abs(x[i, V]) + abs(x[i, V + 1]) + abs(x[i, V + 2])
-
-
-@inner(forceinline=True)
-def integrate_rotation(x, i, dt, radius, R):
-    """Turn body i by its angular velocity for a time; returns a bound of its points' speed by that [m/s]."""
-    q = multiply(
-        exp(dt * x[i, W], dt * x[i, W + 1], dt * x[i, W + 2]),
-        (x[i, Q], x[i, Q + 1], x[i, Q + 2], x[i, Q + 3]),
-    )
-    q = renormalized(q)
-    x[i, Q], x[i, Q + 1], x[i, Q + 2], x[i, Q + 3] = q
-    write_matrix(q, R, i)
-    return radius[i] * (abs(x[i, W]) + abs(x[i, W + 1]) + abs(x[i, W + 2]))
-
-
-@inner
-def integrate_gyroscopic(x, i, world, work):
-    """As `integrate_rotation`, for a step, with the angular momentum kept instead of the angular velocity.
-
-    The angular velocity in the middle of a turn is found from the momentum, with the inertia half turned
-    along; long turns are divided, since this keeps the energy to the third order of their angle only.
-    """
-    R, momentum, dt = work.R[i], work.momentum[i], world.dt
-    a, b, c = rotate_back(R, x[i, W], x[i, W + 1], x[i, W + 2])
-    a, b, c = rotate(world.bodies.inertia[i], a, b, c)
-    momentum[0], momentum[1], momentum[2] = rotate(R, a, b, c)
-    angle = dt * math.sqrt(x[i, W] ** 2 + x[i, W + 1] ** 2 + x[i, W + 2] ** 2)
-    count = min(math.ceil(angle / _TURN), _MOST_TURNS)
-    dt, rounds, pace = dt / max(count, 1), 1 if angle < _SMALL_TURN else 3, 0.0
-    for _ in range(max(count, 1)):
-        q = (x[i, Q], x[i, Q + 1], x[i, Q + 2], x[i, Q + 3])
-        for _ in range(rounds):
-            write_matrix(
-                multiply(exp(0.5 * dt * x[i, W], 0.5 * dt * x[i, W + 1], 0.5 * dt * x[i, W + 2]), q),
-                work.R,
-                i,
-            )
-            velocity_from_momentum(x, i, world, work)
-        pace = max(pace, integrate_rotation(x, i, dt, world.bodies.radius, work.R))
-        velocity_from_momentum(x, i, world, work)
-    return pace
-
-
-@inner
-def velocity_from_momentum(x, i, world, work):
-    """Write the angular velocity that body i's momentum on record gives at ``work.R`` into the state."""
-    R, momentum = work.R[i], work.momentum[i]
-    a, b, c = rotate_back(R, momentum[0], momentum[1], momentum[2])
-    a, b, c = rotate(world.bodies.inverse_inertia[i], a, b, c)
-    x[i, W], x[i, W + 1], x[i, W + 2] = rotate(R, a, b, c)
 
 
 @inner(forceinline=True)

@@ -23,6 +23,8 @@ from .implicit_workspace import (
     COMPLIANCE,
     CONTACTS,
     DAMPING_TIME,
+    ELASTIC,
+    FALL,
     FORCE,
     FREE,
     FRICTION,
@@ -33,6 +35,7 @@ from .implicit_workspace import (
     MOMENT_I,
     MOMENT_J,
     NOW,
+    PLASTIC,
     PREVIOUS,
     RADIUS,
     RESTITUTION,
@@ -47,8 +50,8 @@ from .implicit_workspace import (
 
 #: Largest residual at which a solution counts as found, relative to the largest normal impulse.
 TOLERANCE = 1e-4
-_PLAIN_SWEEPS, _SWEEPS, _IMPACT_SWEEPS = 8, 200, 400
-_GAIN = 1e-12  # of an impact's work, relative to what the impulses' sizes would do: round-off
+_PLAIN_SWEEPS, _SWEEPS = 8, 200
+_GAIN = 1e-9  # of an impact's work, relative to its terms: round-off
 
 _FAST = {"contract", "nsz"}
 
@@ -104,38 +107,76 @@ def _solve_friction(row, own, limit, v, i, j):
     return max(abs(new1 - old1), abs(new2 - old2))
 
 
-@inner(fastmath=_FAST, error_model="numpy")
-def _begin_sweep(m, own, previous):
-    for c in range(m):
-        for d in range(3):
-            previous[c, d] = own[c, d]
+@inner(forceinline=True, fastmath=_FAST, error_model="numpy")
+def _normal_impulse(row, old, speed, law, h, kappa):
+    """The impulse at which a contact obeys its law, all others held; ``speed`` is its normal speed with ``old``."""
+    w = row[COMPLIANCE]
+    others = speed - w * old
+    if law == LASTING:
+        way = 0.5 * h + row[DAMPING_TIME]
+        depth = -row[GAP] - 0.5 * h * (row[START_SPEED] + h * row[BEND]) - way * others
+        if depth <= 0.0:
+            return 0.0
+        q = h * way * w * kappa * row[RADIUS]
+        return (depth - 2.0 * depth / (1.0 + math.sqrt(1.0 + 4.0 * q * depth))) / (way * w)
+    return max(0.0, ((row[TARGET] if law == ELASTIC else 0.0) - others) / w)
 
 
 @inner(fastmath=_FAST, error_model="numpy")
-def _accelerate(rows, ids, m, own, previous, search, v, last):
-    """Go on along what the last sweeps changed, as conjugate gradients do (Silcowitz, Niebe and Erleben 2010).
+def solve(rows, ids, m, law, all_impulses, v, h, kappa):
+    """Find the impulses of the first ``m`` contacts by a law, `LASTING`, `ELASTIC` or `PLASTIC`, from those on record.
 
-    ``previous`` has the impulses before the last sweep, ``search`` the direction so far, and ``last`` the square of the change in
-    the sweep before. Returns that of the last one. Plain sweeps take as many as the mass ratio, these its root.
+    After some plain sweeps each is followed by a step along what the sweeps have changed so far, as in conjugate
+    gradients (Silcowitz, Niebe and Erleben 2010): sweeps alone take as many as the mass ratio, these its root.
+
+    Returns
+    -------
+    residual : float
+        Largest change of an impulse in the last sweep, which is by how much the law was missed, relative to the
+        largest normal impulse.
     """
-    square = 0.0
-    for c in range(m):
-        for d in range(3):
-            previous[c, d] = own[c, d] - previous[c, d]
-            square += previous[c, d] * previous[c, d]
-    share = square / last if last > 0.0 else 2.0
-    for c in range(m):
-        i, j = ids[c, 0], ids[c, 1]
-        for d in range(3):
-            if share > 1.0:
-                search[c, d] = 0.0 if last > 0.0 else previous[c, d]
-                continue
-            more = share * search[c, d]
-            search[c, d] = more + previous[c, d]
-            if more != 0.0:
-                own[c, d] += more
-                apply_impulse(rows[c], d, more, v, i, j)
-    return square
+    own, previous, search = all_impulses[law], all_impulses[PREVIOUS], all_impulses[SEARCH]
+    residual = last = 0.0
+    for sweep in range(_SWEEPS):
+        accelerated = sweep >= _PLAIN_SWEEPS
+        change = load = 0.0
+        for c in range(m):
+            row, i, j = rows[c], ids[c, 0], ids[c, 1]
+            old = own[c, 0]
+            if accelerated:
+                for d in range(3):
+                    previous[c, d] = own[c, d]
+            new = _normal_impulse(row, old, contact_speed(row, 0, v, i, j), law, h, kappa)
+            if new != old:
+                own[c, 0] = new
+                apply_impulse(row, 0, new - old, v, i, j)
+                change = max(change, abs(new - old))
+            load = max(load, new)
+            if row[FRICTION] > 0.0:
+                change = max(change, _solve_friction(row, own[c], row[FRICTION] * new, v, i, j))
+        residual = change / load if load > 0.0 else (0.0 if change == 0.0 else 1.0)
+        if residual <= TOLERANCE or sweep == _SWEEPS - 1:
+            break
+        if accelerated:
+            square = 0.0
+            for c in range(m):
+                for d in range(3):
+                    square += (own[c, d] - previous[c, d]) ** 2
+            share = square / last if last > 0.0 else 0.0
+            for c in range(m):
+                i, j = ids[c, 0], ids[c, 1]
+                for d in range(3):
+                    changed = own[c, d] - previous[c, d]
+                    if share > 1.0 or last == 0.0:  # begin anew
+                        search[c, d] = changed
+                        continue
+                    more = share * search[c, d]
+                    search[c, d] = changed + more
+                    if more != 0.0:
+                        own[c, d] += more
+                        apply_impulse(rows[c], d, more, v, i, j)
+            last = square
+    return residual
 
 
 @inner(fastmath=_FAST, error_model="numpy")
@@ -143,141 +184,75 @@ def solve_lasting(rows, ids, counts, all_impulses, velocity, kappa, h, dt, thres
     """Find the impulses of all contacts at hand over an interval ``h`` [s], and the velocities ``NOW`` at its end.
 
     ``kappa`` is pi times the stiffness; contacts that close faster than ``threshold`` [m/s] and stay open are not damped.
-
-    Returns
-    -------
-    residual : float
-        Largest change of an impulse in the last sweep, relative to the largest normal impulse.
+    Returns the residual (`solve`).
     """
     m, start, free, v = counts[CONTACTS], velocity[START], velocity[FREE], velocity[NOW]
-    impulses, previous, search = all_impulses[LASTING], all_impulses[PREVIOUS], all_impulses[SEARCH]
+    impulses = all_impulses[LASTING]
     for c in range(m):
         row, i, j = rows[c], ids[c, 0], ids[c, 1]
         speed, end = contact_speed(row, 0, start, i, j), contact_speed(row, 0, free, i, j)
         row[START_SPEED] = speed
-        predicted = row[GAP] + 0.5 * h * (speed + end + h * row[BEND])
-        fast = row[GAP] > 2e-5 and -end > threshold and predicted > 0.0
+        fast = row[GAP] > 2e-5 and -end > threshold and row[GAP] + h * (speed + 0.5 * h * row[FALL]) > 0.0
         row[DAMPING_TIME] = 0.0 if fast else dt
+        if fast and row[GAP] + 0.5 * h * (speed + end + h * row[BEND]) <= 0.0:
+            row[RADIUS] = 0.0  # an impact to come, which the gyroscopic term brings nearer than a fall: no lasting contact
         for d in range(3):
             impulses[c, d] = h * row[FORCE + d]
             if impulses[c, d] != 0.0:
                 apply_impulse(row, d, impulses[c, d], v, i, j)
-    residual = last = 0.0
-    for sweep in range(_SWEEPS):
-        change = load = 0.0
-        if sweep >= _PLAIN_SWEEPS:
-            _begin_sweep(m, impulses, previous)
-        for c in range(m):
-            row, i, j = rows[c], ids[c, 0], ids[c, 1]
-            old, w = impulses[c, 0], row[COMPLIANCE]
-            way = 0.5 * h + row[DAMPING_TIME]
-            others = contact_speed(row, 0, v, i, j) - w * old
-            depth = -row[GAP] - 0.5 * h * (row[START_SPEED] + h * row[BEND]) - way * others
-            new = 0.0
-            if depth > 0.0:
-                q = h * way * w * kappa * row[RADIUS]
-                new = (depth - 2.0 * depth / (1.0 + math.sqrt(1.0 + 4.0 * q * depth))) / (way * w)
-            if new != old:
-                impulses[c, 0] = new
-                apply_impulse(row, 0, new - old, v, i, j)
-                change = max(change, abs(new - old))
-            load = max(load, new)
-            if row[FRICTION] > 0.0:
-                change = max(change, _solve_friction(row, impulses[c], row[FRICTION] * new, v, i, j))
-        residual = change / load if load > 0.0 else (0.0 if change == 0.0 else 1.0)
-        if residual <= TOLERANCE:
-            break
-        if sweep >= _PLAIN_SWEEPS and sweep < _SWEEPS - 1:
-            last = _accelerate(rows, ids, m, impulses, previous, search, v, last)
-    return residual
-
-
-@inner(fastmath=_FAST, error_model="numpy")
-def solve_impact(rows, ids, counts, part, impulses, velocity, elastic):
-    """Find the impulses of the contacts that take part in an impact, from none, and the velocities ``NOW`` after it.
-
-    A contact takes part where ``part`` of its body i is positive; ``impulses`` (C, 3) has what it ends with. With
-    ``elastic`` false no contact rebounds.
-    """
-    m, v = counts[CONTACTS], velocity[NOW]
-    for c in range(m):
-        for d in range(3):
-            impulses[c, d] = 0.0
-    residual = 0.0
-    for _ in range(_IMPACT_SWEEPS):
-        change = load = 0.0
-        for c in range(m):
-            row, i, j = rows[c], ids[c, 0], ids[c, 1]
-            if part[i] <= 0:
-                continue
-            old = impulses[c, 0]
-            target = row[TARGET] if elastic else 0.0
-            new = max(0.0, old + (target - contact_speed(row, 0, v, i, j)) / row[COMPLIANCE])
-            if new != old:
-                impulses[c, 0] = new
-                apply_impulse(row, 0, new - old, v, i, j)
-                change = max(change, abs(new - old))
-            load = max(load, new)
-            if row[FRICTION] > 0.0:
-                change = max(change, _solve_friction(row, impulses[c], row[FRICTION] * new, v, i, j))
-        residual = change / load if load > 0.0 else 0.0
-        if change <= 1e-8 * load:
-            break
-    return residual
+    return solve(rows, ids, m, LASTING, all_impulses, v, h, kappa)
 
 
 @inner
-def work_done(rows, ids, counts, part, impulses, before, after):
-    """Kinetic energy that an impact adds [J], and the size of its terms: impulses times the mean velocities of contacts."""
+def work_done(rows, ids, m, impulses, before, after):
+    """Kinetic energy that impulses add [J], and the size of its terms: impulses times the mean velocities of contacts."""
     total = size = 0.0
-    for c in range(counts[CONTACTS]):
-        i, j = ids[c, 0], ids[c, 1]
-        if part[i] > 0:
-            for d in range(3):
-                if impulses[c, d] != 0.0:
-                    speed = contact_speed(rows[c], d, before, i, j) + contact_speed(rows[c], d, after, i, j)
-                    total += 0.5 * impulses[c, d] * speed
-                    size += abs(impulses[c, d] * speed)
+    for c in range(m):
+        for d in range(3):
+            if impulses[c, d] != 0.0:
+                i, j = ids[c, 0], ids[c, 1]
+                speed = contact_speed(rows[c], d, before, i, j) + contact_speed(rows[c], d, after, i, j)
+                total += 0.5 * impulses[c, d] * speed
+                size += abs(impulses[c, d] * speed)
     return total, size
 
 
 @inner
-def impact(rows, ids, counts, part, elastic, plastic, members, count, velocity, threshold):
-    """Solve an impact; its velocities before are ``START``, those after ``NOW``.
+def solve_impact(rows, ids, counts, all_impulses, members, count, velocity, threshold):
+    """Find the impulses `ELASTIC` of an impact of all contacts at hand, and the velocities ``NOW`` after it.
 
     Newton's restitution with friction can add energy: then the solution is blended with the one without rebound, as
-    far as none is added. Both obey Coulomb's law and do not penetrate, so their blend does.
+    far as none is added. Both obey Coulomb's law and do not penetrate, so their blend does. Returns the residual (`solve`).
     """
-    start, v = velocity[START], velocity[NOW]
-    for c in range(counts[CONTACTS]):
+    m, start, v = counts[CONTACTS], velocity[START], velocity[NOW]
+    elastic, plastic = all_impulses[ELASTIC], all_impulses[PLASTIC]
+    for c in range(m):
         row = rows[c]
         speed = contact_speed(row, 0, start, ids[c, 0], ids[c, 1])
         row[TARGET] = -row[RESTITUTION] * speed if -speed > threshold else 0.0
-    residual = solve_impact(rows, ids, counts, part, elastic, velocity, True)
-    gain, size = work_done(rows, ids, counts, part, elastic, start, v)
+        for d in range(3):
+            elastic[c, d] = plastic[c, d] = 0.0
+    residual = solve(rows, ids, m, ELASTIC, all_impulses, v, 0.0, 0.0)
+    gain, size = work_done(rows, ids, m, elastic, start, v)
     if gain <= _GAIN * size:
         return residual
     for a in range(count):
         for k in range(6):
             v[members[a], k] = start[members[a], k]
-    residual = max(residual, solve_impact(rows, ids, counts, part, plastic, velocity, False))
-    base, _ = work_done(rows, ids, counts, part, plastic, start, v)
+    residual = max(residual, solve(rows, ids, m, PLASTIC, all_impulses, v, 0.0, 0.0))
+    base, _ = work_done(rows, ids, m, plastic, start, v)
     slope = 0.0
-    for c in range(counts[CONTACTS]):
-        i, j = ids[c, 0], ids[c, 1]
-        if part[i] > 0:
-            for d in range(3):
-                slope += (elastic[c, d] - plastic[c, d]) * contact_speed(rows[c], d, v, i, j)
+    for c in range(m):
+        for d in range(3):
+            slope += (elastic[c, d] - plastic[c, d]) * contact_speed(rows[c], d, v, ids[c, 0], ids[c, 1])
     share = 0.0
     if base < 0.0:
         curve = gain - base - slope  # energy is base + slope s + curve s^2 of the share s
         share = 2.0 * -base / (slope + math.sqrt(max(slope * slope - 4.0 * curve * base, 0.0)))
         share = min(max(share, 0.0), 1.0)
-    for c in range(counts[CONTACTS]):
-        i, j = ids[c, 0], ids[c, 1]
-        if part[i] > 0:
-            for d in range(3):
-                more = share * (elastic[c, d] - plastic[c, d])
-                elastic[c, d] = plastic[c, d] + more
-                apply_impulse(rows[c], d, more, v, i, j)
+    for c in range(m):
+        for d in range(3):
+            more = share * (elastic[c, d] - plastic[c, d])
+            elastic[c, d] = plastic[c, d] + more
+            apply_impulse(rows[c], d, more, v, ids[c, 0], ids[c, 1])
     return residual

@@ -1,7 +1,8 @@
 """One step of the implicit integrator, group by group: search, impacts at their own times, lasting contacts, travel.
 
 A group is what may touch in the step. It goes from impact to impact: it travels to the first, in which impulses change the
-velocities at once, and so on, at most `_IMPACTS` times; the rest of the step is one solution of the lasting contacts.
+velocities at once, and so on, at most `_IMPACTS` times, or `_LIVELY_IMPACTS`; the rest of the step is one solution of the
+lasting contacts.
 Nothing that happens in a group depends on any other.
 """
 
@@ -12,39 +13,44 @@ from .compiled import inner, kernel
 from .contact_patch import IMPACT_GAP, add_contacts, element_candidates, pair_candidates
 from .contact_search import ACTIVE_GAP, clearance, find_groups, forget_lists, join, lowest, update_pace
 from .element_contacts import in_element
-from .implicit_solver import contact_speed, impact, solve_lasting
+from .free_motion import integrate_gyroscopic, integrate_rotation
+from .implicit_solver import contact_speed, solve_impact, solve_lasting
 from .implicit_workspace import (
-    BEND,
     CONTACTS,
     DIRECTION,
     ELASTIC,
+    FALL,
     FREE,
-    FREE_POSITION,
-    FREE_QUATERNION,
     GAP,
     LASTING,
     NO_OVERFLOW,
     NOW,
     OVERFLOW,
     PACE,
-    PLASTIC,
     REMEMBERED,
+    RESTITUTION,
     START,
+    START_POSITION,
+    START_QUATERNION,
     TOO_LONG_LISTS,
     TOO_MANY_CANDIDATES,
     TRAVEL,
     implicit_workspace,
 )
-from .rotation import exp, multiply, renormalized, rotate, rotate_back, write_matrix
+from .implicit_world import REMEMBERED_CONTACTS
+from .rotation import rotate, write_matrix
 from .shapes import surface
 
 #: Gap up to which bodies touch, and at which an impact is aimed [m].
 TOUCHING, _AIM = 2e-5, 1e-5
-#: Closing faster than this is an impact: the larger of a speed [m/s] and of what gravity adds in some steps.
-_SLOWEST_IMPACT, _IMPACT_STEPS = 0.1, 2.5
-_IMPACTS, _CUTS = 4, 16  # in a step of a group, at most: impacts, and searches for them
+#: Closing faster than this is an impact: the largest of a speed [m/s], of that of a fall from a height [m], and of what
+#: gravity adds in some steps. Where nothing weighs, nothing has to come to rest, and the slowest approach is one.
+_SLOWEST_IMPACT, _LOWEST_FALL, _IMPACT_STEPS = 1e-5, 5e-4, 2.5
+#: In a step of a group, at most: impacts, and searches for them; then those of contacts that rebound with at least so much
+#: of their speed, which would go on for long, as of a light body between heavy ones. Lasting contacts take up the others.
+_IMPACTS, _CUTS = 4, 16
+_LIVELY, _LIVELY_IMPACTS, _LIVELY_CUTS = 0.7, 64, 256
 _QUIET_SPEED, _QUIET_TIME, _QUIET_CONTACTS = 2e-3, 0.1, 3  # of what falls asleep [m/s], [s]
-_TURN, _SMALL_TURN, _MOST_TURNS = 0.25, 0.02, 1000  # angles with the gyroscopic term [rad], and parts of a turn
 
 
 @inner
@@ -56,47 +62,11 @@ def travel_freely(x, i, h, decay, world, R):
         x[i, P + k] += 0.5 * h * (x[i, V + k] + v)
         x[i, V + k] = v
     if world.surroundings.gyroscopic:
-        _turn_by_momentum(x, i, h, world, R)
+        integrate_gyroscopic(x, i, h, world.bodies, R)
     else:
-        turn(x, i, h, x[i, W], x[i, W + 1], x[i, W + 2], R)
+        integrate_rotation(x, i, h, world.bodies.radius, R)
     for k in range(3):
         x[i, W + k] *= decay
-
-
-@inner
-def _turn_by_momentum(x, i, h, world, R):
-    """Turn body i as its angular momentum asks; long turns are divided."""
-    bodies, Ri = world.bodies, R[i]
-    a, b, c = rotate_back(Ri, x[i, W], x[i, W + 1], x[i, W + 2])
-    a, b, c = rotate(bodies.inertia[i], a, b, c)
-    momentum = rotate(Ri, a, b, c)
-    angle = h * math.sqrt(x[i, W] ** 2 + x[i, W + 1] ** 2 + x[i, W + 2] ** 2)
-    count = min(max(math.ceil(angle / _TURN), 1), _MOST_TURNS)
-    part, rounds = h / count, 1 if angle < _SMALL_TURN else 3
-    for _ in range(count):
-        q = (x[i, Q], x[i, Q + 1], x[i, Q + 2], x[i, Q + 3])
-        w = (x[i, W], x[i, W + 1], x[i, W + 2])
-        for _ in range(rounds):
-            write_matrix(multiply(exp(0.5 * part * w[0], 0.5 * part * w[1], 0.5 * part * w[2]), q), R, i)
-            w = _spin_of(momentum, bodies.inverse_inertia[i], Ri)
-        turn(x, i, part, w[0], w[1], w[2], R)
-        x[i, W], x[i, W + 1], x[i, W + 2] = _spin_of(momentum, bodies.inverse_inertia[i], Ri)
-
-
-@inner(forceinline=True)
-def _spin_of(momentum, inverse_inertia, R):
-    a, b, c = rotate_back(R, momentum[0], momentum[1], momentum[2])
-    a, b, c = rotate(inverse_inertia, a, b, c)
-    return rotate(R, a, b, c)
-
-
-@inner(forceinline=True)
-def turn(x, i, h, wx, wy, wz, R):
-    """Turn body i about an angular velocity for ``h`` seconds."""
-    q = multiply(exp(h * wx, h * wy, h * wz), (x[i, Q], x[i, Q + 1], x[i, Q + 2], x[i, Q + 3]))
-    q = renormalized(q)
-    x[i, Q], x[i, Q + 1], x[i, Q + 2], x[i, Q + 3] = q
-    write_matrix(q, R, i)
 
 
 @inner(forceinline=True)
@@ -134,17 +104,19 @@ def prepare_members(x, count, world, work):
 
 
 @inner
-def _impact_now(rows, ids, counts, velocity, threshold):
-    """Whether bodies that touch close fast."""
+def _impact_now(rows, ids, counts, velocity, threshold, rebound):
+    """Whether bodies that touch close fast, of contacts with a restitution of at least ``rebound``."""
     for c in range(counts[CONTACTS]):
-        if rows[c, GAP] <= TOUCHING and contact_speed(rows[c], 0, velocity[START], ids[c, 0], ids[c, 1]) < -threshold:
-            return True
+        row = rows[c]
+        if row[GAP] <= TOUCHING and row[RESTITUTION] >= rebound:
+            if contact_speed(row, 0, velocity[START], ids[c, 0], ids[c, 1]) < -threshold:
+                return True
     return False
 
 
 @inner(error_model="numpy")
-def _time_to_impact(left, rows, ids, counts, velocity, gravity, moving, threshold):
-    """Time until the first impact within ``left`` seconds, ``left`` without one.
+def _time_to_impact(left, rows, ids, counts, velocity, threshold, rebound):
+    """Time until the first impact within ``left`` seconds, of contacts as in `_impact_now`; ``left`` without one.
 
     The gap is a parabola, with gravity and the centripetal acceleration of the sphere's centre.
     """
@@ -152,13 +124,10 @@ def _time_to_impact(left, rows, ids, counts, velocity, gravity, moving, threshol
     for c in range(counts[CONTACTS]):
         row, i, j = rows[c], ids[c, 0], ids[c, 1]
         way = row[GAP] - _AIM
-        if way <= 0.0:
+        if way <= 0.0 or row[RESTITUTION] < rebound:
             continue
         speed = contact_speed(row, 0, velocity[START], i, j)
-        bend = row[BEND]
-        if j < 0 or not moving[j]:
-            bend += row[DIRECTION] * gravity[0] + row[DIRECTION + 1] * gravity[1] + row[DIRECTION + 2] * gravity[2]
-        square = speed * speed - 2.0 * bend * way
+        square = speed * speed - 2.0 * row[FALL] * way
         if square <= threshold * threshold:
             continue
         root = math.sqrt(square)
@@ -182,18 +151,16 @@ def _read_velocities(x, count, members, velocity):
 def collide(x, count, time, first_time, residual, world, threshold, work):
     """Let the contacts at hand that an impact reaches act as impulses."""
     members, rows, ids, counts, part, velocity = work.members, work.rows, work.ids, work.counts, work.part, work.velocity
-    group = work.part
     for i in range(len(x)):
-        group[i] = i
+        part[i] = i
     for c in range(counts[CONTACTS]):
         i, j = ids[c, 0], ids[c, 1]
         if rows[c, GAP] <= IMPACT_GAP and j >= 0 and world.bodies.moving[j]:
-            join(group, i, j)
+            join(part, i, j)
     for i in range(len(x)):
-        group[i] = lowest(group, i)
-    # labels of groups with an impact become positive ones, the others' negative
+        part[i] = lowest(part, i)
     for i in range(len(x)):
-        group[i] = -1 - group[i]
+        part[i] = -1 - part[i]  # positive where there is an impact
     for c in range(counts[CONTACTS]):
         i = ids[c, 0]
         if part[i] < 0 and rows[c, GAP] <= TOUCHING and contact_speed(rows[c], 0, velocity[START], i, ids[c, 1]) < -threshold:
@@ -201,21 +168,19 @@ def collide(x, count, time, first_time, residual, world, threshold, work):
             for k in range(len(x)):
                 if part[k] == label:
                     part[k] = -label
-    # contacts that are too far are no part of it
-    far = 0
+    kept = 0  # of the contacts: those of bodies that the impact reaches
     for c in range(counts[CONTACTS]):
-        if rows[c, GAP] <= IMPACT_GAP:
-            if far > 0:
+        if rows[c, GAP] <= IMPACT_GAP and part[ids[c, 0]] > 0:
+            if kept < c:
                 for k in range(rows.shape[1]):
-                    rows[c - far, k] = rows[c, k]
+                    rows[kept, k] = rows[c, k]
                 for k in range(4):
-                    ids[c - far, k] = ids[c, k]
-        else:
-            far += 1
-    counts[CONTACTS] -= far
-    worst = impact(rows, ids, counts, part, work.impulses[ELASTIC], work.impulses[PLASTIC], members, count, velocity, threshold)
-    for c in range(counts[CONTACTS]):
-        if part[ids[c, 0]] > 0 and work.impulses[ELASTIC, c, 0] > 0.0:
+                    ids[kept, k] = ids[c, k]
+            kept += 1
+    counts[CONTACTS] = kept
+    worst = solve_impact(rows, ids, counts, work.impulses, members, count, velocity, threshold)
+    for c in range(kept):
+        if work.impulses[ELASTIC, c, 0] > 0.0:
             note_contact(first_time, ids[c, 0], ids[c, 1], time)
     for a in range(count):
         i = members[a]
@@ -244,10 +209,10 @@ def travel_in_contact(x, count, h, time, first_time, residual, world, threshold,
         i = members[a]
         loaded[i] = 0
         for k in range(3):
-            numbers[i, FREE_POSITION + k] = x[i, P + k]
+            numbers[i, START_POSITION + k] = x[i, P + k]
             velocity[START, i, k], velocity[START, i, 3 + k] = x[i, V + k], x[i, W + k]
         for k in range(4):
-            numbers[i, FREE_QUATERNION + k] = x[i, Q + k]
+            numbers[i, START_QUATERNION + k] = x[i, Q + k]
         travel_freely(x, i, h, decay, world, work.R)
         for k in range(3):
             velocity[FREE, i, k] = velocity[NOW, i, k] = x[i, V + k]
@@ -270,13 +235,14 @@ def travel_in_contact(x, count, h, time, first_time, residual, world, threshold,
         i = members[a]
         if loaded[i] > 0:
             for k in range(3):
-                x[i, P + k] = numbers[i, FREE_POSITION + k] + 0.5 * h * (velocity[START, i, k] + velocity[NOW, i, k])
-                x[i, V + k], x[i, W + k] = velocity[NOW, i, k], velocity[NOW, i, 3 + k]
+                x[i, P + k] = numbers[i, START_POSITION + k] + 0.5 * h * (velocity[START, i, k] + velocity[NOW, i, k])
+                x[i, V + k] = velocity[NOW, i, k]
+                x[i, W + k] = 0.5 * (velocity[START, i, 3 + k] + velocity[NOW, i, 3 + k])
             for k in range(4):
-                x[i, Q + k] = numbers[i, FREE_QUATERNION + k]
-            turn(
-                x, i, h, 0.5 * (velocity[START, i, 3] + velocity[NOW, i, 3]), 0.5 * (velocity[START, i, 4] + velocity[NOW, i, 4]),
-                0.5 * (velocity[START, i, 5] + velocity[NOW, i, 5]), work.R)
+                x[i, Q + k] = numbers[i, START_QUATERNION + k]
+            integrate_rotation(x, i, h, world.bodies.radius, work.R)
+            for k in range(3):
+                x[i, W + k] = velocity[NOW, i, 3 + k]
         _add_travel(x, i, h, velocity[START], numbers, world.bodies.radius[i])
 
 
@@ -307,9 +273,10 @@ def advance_group(x, count, time, first_time, residual, world, threshold, work):
         if work.counts[OVERFLOW] != NO_OVERFLOW:
             break
         until = left
-        if work.counts[CONTACTS] > 0 and impacts < _IMPACTS and cuts < _CUTS:
+        rebound = 0.0 if impacts < _IMPACTS and cuts < _CUTS else _LIVELY
+        if work.counts[CONTACTS] > 0 and impacts < _LIVELY_IMPACTS and cuts < _LIVELY_CUTS:
             _read_velocities(x, count, work.members, work.velocity)
-            now = _impact_now(work.rows, work.ids, work.counts, work.velocity, threshold)
+            now = _impact_now(work.rows, work.ids, work.counts, work.velocity, threshold, rebound)
             if horizon == 0.0:
                 if now:
                     collide(x, count, time, first_time, residual, world, threshold, work)
@@ -320,8 +287,7 @@ def advance_group(x, count, time, first_time, residual, world, threshold, work):
                 horizon = 0.0
                 cuts += 1
                 continue
-            until = _time_to_impact(
-                left, work.rows, work.ids, work.counts, work.velocity, world.gravity, world.bodies.moving, threshold)
+            until = _time_to_impact(left, work.rows, work.ids, work.counts, work.velocity, threshold, rebound)
         elif horizon == 0.0:
             horizon = left
             continue
@@ -336,13 +302,17 @@ def advance_group(x, count, time, first_time, residual, world, threshold, work):
 
 @inner(forceinline=True)
 def _remember(h, work):
-    """Add the contacts at hand that carry load to the memory of this step."""
+    """Add the contacts at hand that carry load to the memory of this step; each body i's stand one behind the other."""
     contact, force, counts = work.new_contact, work.new_force, work.counts
     impulses = work.impulses[LASTING]
+    body, own = -1, 0
     for c in range(counts[CONTACTS]):
-        n = counts[REMEMBERED]
-        if impulses[c, 0] <= 0.0 or n >= len(contact):
+        if work.ids[c, 0] != body:
+            body, own = work.ids[c, 0], 0
+        if impulses[c, 0] <= 0.0 or own == REMEMBERED_CONTACTS:
             continue
+        own += 1
+        n = counts[REMEMBERED]
         counts[REMEMBERED] = n + 1
         row = work.rows[c]
         for k in range(4):
@@ -358,11 +328,10 @@ def _keep_memory(i, work):
     entry, counts = work.head[i], work.counts
     while entry >= 0:
         n = counts[REMEMBERED]
-        if n < len(work.new_contact):
-            counts[REMEMBERED] = n + 1
-            for k in range(4):
-                work.new_contact[n, k] = work.old_contact[entry, k]
-                work.new_force[n, k] = work.old_force[entry, k]
+        counts[REMEMBERED] = n + 1
+        for k in range(4):
+            work.new_contact[n, k] = work.old_contact[entry, k]
+            work.new_force[n, k] = work.old_force[entry, k]
         entry = work.link[entry]
 
 
@@ -374,7 +343,7 @@ def advance_step(x, time, first_time, quiet, residual, world, threshold, work):
     for i in range(len(x)):
         if moving[i]:
             update_pace(x, i, bodies.radius[i], world.gravity, dt, numbers)
-    any_near = find_groups(x, bodies, dt, work)
+    any_near = find_groups(x, world, work)
     work.counts[REMEMBERED] = 0
     long_quiet = math.ceil(_QUIET_TIME / dt)
     for i in range(len(x)):
@@ -420,7 +389,7 @@ def integrate(x, first_time, contact, force, remembered, quiet, residual, world,
     ``contact``, ``force``, ``quiet`` and ``residual`` are those of `SolverMemory`, and ``remembered`` (1,) its count.
     """
     gravity = math.sqrt(world.gravity[0] ** 2 + world.gravity[1] ** 2 + world.gravity[2] ** 2)
-    threshold = max(_SLOWEST_IMPACT, _IMPACT_STEPS * gravity * world.dt)
+    threshold = max(_SLOWEST_IMPACT, math.sqrt(2.0 * gravity * _LOWEST_FALL), _IMPACT_STEPS * gravity * world.dt)
     counts, old_contact, old_force, head, link, state = (
         work.counts, work.old_contact, work.old_force, work.head, work.link, work.state)
     for n in range(remembered[0]):
@@ -429,6 +398,7 @@ def integrate(x, first_time, contact, force, remembered, quiet, residual, world,
     for step in range(begin, begin + steps):
         for i in range(len(x)):
             head[i] = -1
+            work.quiet[i] = quiet[i]
             for k in range(13):
                 state[i, k] = x[i, k]
         for n in range(remembered[0] - 1, -1, -1):
@@ -440,6 +410,7 @@ def integrate(x, first_time, contact, force, remembered, quiet, residual, world,
             if counts[OVERFLOW] == NO_OVERFLOW:
                 break
             for i in range(len(x)):
+                quiet[i] = work.quiet[i]
                 for k in range(13):
                     x[i, k] = state[i, k]
                 write_matrix((x[i, Q], x[i, Q + 1], x[i, Q + 2], x[i, Q + 3]), work.R, i)

@@ -6,6 +6,7 @@ import numpy as np
 
 from ..layout import Q
 from .compiled import kernel
+from .implicit_world import REMEMBERED_CONTACTS
 from .narrow_phase import RECORD
 from .rotation import write_matrix
 from .sphere_tree import Scratch
@@ -15,8 +16,8 @@ START, FREE, NOW = 0, 1, 2
 #: Impulses of lasting contacts, of an impact, of one without rebound; those before a sweep, and a direction of search.
 LASTING, ELASTIC, PLASTIC, PREVIOUS, SEARCH = 0, 1, 2, 3, 4
 #: Columns of a body's numbers: what its points travel in a second [m/s], the sum of that over time [m], how far
-#: the environment is [m], and its pose after the interval without contacts.
-PACE, TRAVEL, CLEARANCE, FREE_POSITION, FREE_QUATERNION = 0, 1, 2, 3, 6
+#: the environment is [m], and its pose when an interval began.
+PACE, TRAVEL, CLEARANCE, START_POSITION, START_QUATERNION = 0, 1, 2, 3, 6
 #: Columns of a candidate: unit normal towards the body, point on its surface (body frame), gap [m], score [m].
 CANDIDATE_NORMAL, CANDIDATE_POINT, CANDIDATE_GAP, CANDIDATE_SCORE = 0, 3, 6, 7
 
@@ -24,11 +25,11 @@ CANDIDATE_NORMAL, CANDIDATE_POINT, CANDIDATE_GAP, CANDIDATE_SCORE = 0, 3, 6, 7
 #: both bodies' centres of mass, the inverse inertias' images of these.
 DIRECTION, MOMENT_I, TURN_I, MOMENT_J, TURN_J = 0, 9, 18, 27, 36
 #: Inverse masses, own compliances along the normal and across, gap, predicted change of the gap beyond the velocities',
-#: reduced radius, friction, restitution, the force of the last step (normal, two tangents), normal speed at the start, damping time,
+#: the gap's acceleration in free fall, reduced radius, friction, restitution, the force of the last step (normal, two tangents), normal speed at the start, damping time,
 #: normal speed that an impact shall leave.
-(INVERSE_MASS_I, INVERSE_MASS_J, COMPLIANCE, SLIP_COMPLIANCE, GAP, BEND, RADIUS, FRICTION, RESTITUTION,
- FORCE, START_SPEED, DAMPING_TIME, TARGET) = 45, 46, 47, 48, 49, 50, 51, 52, 53, 54, 57, 58, 59
-ROW = 60
+(INVERSE_MASS_I, INVERSE_MASS_J, COMPLIANCE, SLIP_COMPLIANCE, GAP, BEND, FALL, RADIUS, FRICTION, RESTITUTION,
+ FORCE, START_SPEED, DAMPING_TIME, TARGET) = 45, 46, 47, 48, 49, 50, 51, 52, 53, 54, 55, 58, 59, 60
+ROW = 61
 _PAIRS_AT_ONCE = 1024
 
 #: Integers of a step: contacts at hand, entries of the new memory, used part of the lists' room, and what overflowed.
@@ -49,7 +50,7 @@ class ImplicitWorkspace(NamedTuple):
     velocity : (3, B, 6) float64
         By `START`, `FREE` and `NOW`: linear [m/s] and angular [rad/s].
     numbers : (B, 10) float64
-        By `PACE`, `TRAVEL`, `CLEARANCE`, `FREE_POSITION`, `FREE_QUATERNION`.
+        By `PACE`, `TRAVEL`, `CLEARANCE`, `START_POSITION`, `START_QUATERNION`.
     loaded : (B,) int64
         How many contacts carry load on each body.
     group : (B,) int64
@@ -76,8 +77,9 @@ class ImplicitWorkspace(NamedTuple):
         Lists of spheres, or pairs of them, that may touch; one for each pair of bodies, or body and element.
     lists : (B, B + E, 2) int64
         Beginning and length of each list in the pool.
-    valid : (B, B + E) float64
-        Up to which sum of their travels each list holds [m].
+    list_pose : (B, B + E, 13) float64
+        For each list the second body's pose in the first's frame, or the body's in the element's, rotation and position,
+        when it was made, and how far they may move until it is made anew [m].
     search : Scratch
     R_ij : (3, 3) float64
     old_contact, new_contact : (K, 4) int32
@@ -87,7 +89,7 @@ class ImplicitWorkspace(NamedTuple):
         The last step's contacts, body by body.
     counts : (4,) int64
         By `CONTACTS`, `REMEMBERED`, `POOL_USED`, `OVERFLOW`.
-    state : (B, 13) float64
+    state, quiet : (B, 13) float64 and (B,) int64
         At the step's start.
     """
 
@@ -110,7 +112,7 @@ class ImplicitWorkspace(NamedTuple):
     best_score: np.ndarray
     pool: np.ndarray
     lists: np.ndarray
-    valid: np.ndarray
+    list_pose: np.ndarray
     search: Scratch
     R_ij: np.ndarray
     old_contact: np.ndarray
@@ -121,13 +123,14 @@ class ImplicitWorkspace(NamedTuple):
     link: np.ndarray
     counts: np.ndarray
     state: np.ndarray
+    quiet: np.ndarray
 
 
 @kernel
 def implicit_workspace(x, world, contacts, candidates, pool):
     """Workspace of one rollout that begins at state ``x`` (B, 13), with room for so many contacts, candidates and pairs in lists."""
     count, elements = len(x), len(world.surroundings.kind)
-    remembered = 32 + 32 * count
+    remembered = REMEMBERED_CONTACTS * count
     R = np.empty((count, 3, 3))
     for i in range(count):
         write_matrix((x[i, Q], x[i, Q + 1], x[i, Q + 2], x[i, Q + 3]), R, i)
@@ -153,7 +156,7 @@ def implicit_workspace(x, world, contacts, candidates, pool):
         np.empty(9),
         np.empty((pool, 2), np.int32),
         np.zeros((count, count + elements, 2), np.int64),
-        np.full((count, count + elements), -np.inf),
+        np.full((count, count + elements, 13), -np.inf),
         search,
         np.empty((3, 3)),
         np.zeros((remembered, 4), np.int32),
@@ -164,4 +167,5 @@ def implicit_workspace(x, world, contacts, candidates, pool):
         np.empty(remembered, np.int64),
         np.zeros(4, np.int64),
         np.empty((count, 13)),
+        np.empty(count, np.int64),
     )

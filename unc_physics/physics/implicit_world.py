@@ -4,6 +4,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+#: Contacts that are remembered of each body, of those that name it first: a limit of its own, so that no body's memory
+#: depends on what else there is.
+REMEMBERED_CONTACTS = 48
+
 
 class Implicit(NamedTuple):
     """Physics of the implicit step, beside what `World` holds for both.
@@ -50,7 +54,8 @@ class SolverMemory(NamedTuple):
     force : (N, K, 4) float32
         Their normal force, and the friction force in world axes [N].
     count : (N,) int64
-        How many there are. Those beyond K start from zero in the next step, which costs time and no contact.
+        How many there are, at most `REMEMBERED_CONTACTS` of each body i. Those beyond start from zero in the next step, which
+        costs time and no contact.
     quiet : (N, B) int64
         Steps for which each body has been at rest.
     residual : (N, B) float32
@@ -66,7 +71,7 @@ class SolverMemory(NamedTuple):
 
 def fresh_solver_memory(count, bodies):
     """The memory of rollouts that begin."""
-    room = 32 + 32 * bodies
+    room = REMEMBERED_CONTACTS * bodies
     return SolverMemory(
         np.zeros((count, room, 4), np.int32),
         np.zeros((count, room, 4), np.float32),
@@ -106,13 +111,13 @@ def _renumbered(contact, place):
     """Contacts with other numbers of their bodies."""
     changed = contact.copy()
     changed[:, 0] = place[contact[:, 0]]
-    changed[:, 1] = np.where(contact[:, 1] >= 0, place[contact[:, 1]], contact[:, 1])
+    another = contact[:, 1] >= 0
+    changed[another, 1] = place[contact[another, 1]]
     return changed
 
 
 def _append(memory, n, contact, force):
-    """Add contacts to what rollout ``n`` remembers, as many as there is room for."""
-    first = memory.count[n]
-    last = min(first + len(contact), memory.contact.shape[1])
-    memory.contact[n, first:last], memory.force[n, first:last] = contact[: last - first], force[: last - first]
+    """Add contacts to what rollout ``n`` remembers."""
+    first, last = memory.count[n], memory.count[n] + len(contact)
+    memory.contact[n, first:last], memory.force[n, first:last] = contact, force
     memory.count[n] = last

@@ -52,8 +52,6 @@ class Workspace(NamedTuple):
         Rotation from body j's to body i's coordinates, of the pair at hand.
     search, overlap_query : Scratch
         The latter has so little room that a search ends at the first candidates.
-    momentum : (B, 3) float64
-        Angular momentum in world axes during a drift with the gyroscopic term [kg m^2/s].
     """
 
     R: np.ndarray
@@ -73,7 +71,6 @@ class Workspace(NamedTuple):
     R_ij: np.ndarray
     search: Scratch
     overlap_query: Scratch
-    momentum: np.ndarray
 
 
 @kernel
@@ -108,5 +105,4 @@ def workspace(x, world):
         np.empty((3, 3)),
         search,
         overlap_query,
-        np.empty((count, 3)),
     )

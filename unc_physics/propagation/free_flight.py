@@ -32,6 +32,8 @@ class Course(NamedTuple):
         Factor on gravity in the final velocity [s].
     reach, sink : float
         Factors on the initial velocity [s] and on gravity [s^2] in the displacement.
+    turn : float
+        Factor on the initial angular velocity in the rotation [s].
     weights, before : (n,) arrays
         Of each drift: its time, times the decay until then, and the sum of these over the drifts before it [s].
     """
@@ -40,18 +42,28 @@ class Course(NamedTuple):
     fall: float
     reach: float
     sink: float
+    turn: float
     weights: np.ndarray
     before: np.ndarray
 
 
 @lru_cache(maxsize=64)
-def course(dt: float, decay: float, steps: int) -> Course:
-    """The course of ``steps`` explicit time steps."""
+def course(dt: float, decay: float, steps: int, implicit: bool = False) -> Course:
+    """The course of ``steps`` time steps of either integrator.
+
+    Both take ``v' = decay v + dt g``. The explicit one travels at v, the implicit one at the mean of v and v', a
+    parabola; both turn at the angular velocity that a step begins with.
+    """
     powers = decay ** np.arange(steps + 1)
     falls = dt * np.concatenate([[0.0], np.cumsum(powers[:-1])])
-    weights, sink = dt * powers[:-1], dt * float(falls[:-1].sum())
+    weights = dt * powers[:-1]
     ends = np.cumsum(weights)
-    return Course(float(powers[-1]), float(falls[-1]), float(ends[-1]), sink, weights, ends - weights)
+    turn = float(ends[-1])
+    if implicit:
+        reach, sink = 0.5 * dt * float((powers[:-1] + powers[1:]).sum()), 0.5 * dt * float((falls[:-1] + falls[1:]).sum())
+    else:
+        reach, sink = turn, dt * float(falls[:-1].sum())
+    return Course(float(powers[-1]), float(falls[-1]), reach, sink, turn, weights, ends - weights)
 
 
 def fly(states: np.ndarray, gravity: np.ndarray, along: Course) -> np.ndarray:
@@ -61,8 +73,8 @@ def fly(states: np.ndarray, gravity: np.ndarray, along: Course) -> np.ndarray:
     ended[..., POSITION] += along.reach * v + along.sink * gravity
     ended[..., VELOCITY] = along.decay * v + along.fall * gravity
     ended[..., ANGULAR_VELOCITY] = along.decay * w
-    half = 0.5 * along.reach * np.linalg.norm(w, axis=-1, keepdims=True)
-    axis, scalar = 0.5 * along.reach * np.sinc(half / np.pi) * w, np.cos(half)
+    half = 0.5 * along.turn * np.linalg.norm(w, axis=-1, keepdims=True)
+    axis, scalar = 0.5 * along.turn * np.sinc(half / np.pi) * w, np.cos(half)
     turned = np.concatenate(
         [scalar * q[..., :3] + q[..., 3:] * axis + np.cross(axis, q[..., :3]),
          scalar * q[..., 3:] - np.sum(axis * q[..., :3], axis=-1, keepdims=True)], axis=-1)
@@ -71,7 +83,7 @@ def fly(states: np.ndarray, gravity: np.ndarray, along: Course) -> np.ndarray:
 
 
 def transition(state: np.ndarray, along: Course, exact: bool) -> np.ndarray:
-    """(12, 12): what a course makes of errors of a state (13,).
+    """(12, 12): what a course of explicit steps makes of errors of a state (13,).
 
     The product of the steps' transitions: with the exact derivative of the drift, or as Eq. 14 has it.
     """

@@ -25,6 +25,7 @@ from ..errors import NotSupportedError
 from ..layout import ANGULAR_VELOCITY, ERROR, POSITION, VELOCITY
 from ..physics import contact_history as histories
 from ..physics.compiled import kernel
+from ..physics.contact_search import NEAR
 from ..physics.moments import boxminus, spread_states
 from ..physics.shapes import bounds
 from ..physics.world import Bodies, World
@@ -109,7 +110,8 @@ class Islands:
         mass = np.array([body.mass for body in bodies])
         factor = np.exp(SIGMAS * np.array([body.mass_std for body in bodies]) / mass)
         self._lightest, self._heaviest = mass / factor, mass * factor
-        self._stiffest = np.array([np.linalg.eigvalsh(body.model.inertia)[-1] for body in bodies])  # [m^2]
+        principal = np.array([np.linalg.eigvalsh(body.model.inertia) for body in bodies])
+        self._softest, self._stiffest = principal[:, 0], principal[:, -1]  # [m^2]
         # a shifted centre of mass circles about the model's
         self._radius = world.bodies.radius + 2.0 * SIGMAS * np.array([np.linalg.norm(b.center_of_mass_std) for b in bodies])
         self._moving = world.bodies.moving
@@ -188,7 +190,8 @@ class Islands:
 
     def _flown(self, island, steps):
         world = island.scene.world
-        return flown(island.carry, world.gravity, course(world.dt, world.decay, steps), steps)
+        along = course(world.dt, world.decay, steps, world.implicit is not None)
+        return flown(island.carry, world.gravity, along, steps)
 
     def _part(self, bodies):
         """The scene of some bodies; made once, and sharing the sphere trees."""
@@ -273,7 +276,25 @@ class Islands:
         low, high = np.where(contact, bounds.low - travel, low), np.where(contact, bounds.high + travel, high)
         fixed = ~self._moving[:, None]
         low, high = np.where(fixed, bounds.low, low), np.where(fixed, bounds.high, high)
-        return low - self._radius[:, None], high + self._radius[:, None]
+        reach = self._reach(bounds, time, energy, contact[:, 0], mass)[:, None]
+        return low - reach, high + reach
+
+    def _reach(self, bounds, time, energy, contact, mass):
+        """(B,): how far from a body's centre of mass it matters to others [m].
+
+        The implicit step computes bodies together that may come near in a step, however far from touching
+        (`contact_search.find_groups`); they are to be of one island.
+        """
+        if self._scene.integrator == "explicit":
+            return self._radius
+        # all of the energy may be in any motion; a body in flight keeps that of its rotation, and its angular momentum
+        grown = np.sqrt(2.0 * energy) + np.sqrt(mass) * self._gravity * time
+        speed = np.linalg.norm(np.maximum(np.abs(bounds.slowest), np.abs(bounds.fastest)), axis=1) + self._gravity * time
+        speed = np.where(contact, grown / np.sqrt(self._lightest), speed)
+        spin = np.linalg.norm(bounds.spin, axis=1) * np.sqrt(self._stiffest / self._softest)
+        spin = np.where(contact, grown / np.sqrt(self._lightest * self._softest), spin)
+        pace = np.where(self._moving, speed + self._radius * spin + self._gravity * self._scene.dt, 0.0)
+        return self._radius + self._scene.dt * pace + NEAR
 
     def _plan(self, carry):
         """Begin a slice: choose its end, merge the islands that may meet in it, and add what they may reach."""
@@ -368,8 +389,7 @@ class Islands:
 
     def _can_fly(self, carry):
         """Whether there is a closed form of the carry's free flight."""
-        explicit = self._scene.integrator == "explicit" and not self._scene.gyroscopic
-        return explicit and flown.dispatch(type(carry)) is not flown.dispatch(object)
+        return not self._scene.gyroscopic and flown.dispatch(type(carry)) is not flown.dispatch(object)
 
     def _close(self, carry):
         """End a slice; or begin it again where more energy turned up than the bounds were made for."""

@@ -41,6 +41,7 @@ _NOTHING = 1e-9  # of the body's radius, and in rad: spreads below it agree
 _NUDGE = 1e-9  # of the body's radius: coincident spheres have no normal
 _shapes = WeakKeyDictionary()
 _NOISE = 4.0  # standard deviations of a sample's mean energy that are no gain
+_USUAL = 0.95  # share of the rollouts that a residual must be small in
 
 
 class Status(IntFlag):
@@ -55,7 +56,8 @@ class Status(IntFlag):
 #: Flag, limit and words of each measure; `assess` explains them.
 RULES = {
     "initial_overlap": (Status.INITIAL_OVERLAP, 0.02, "overlaps another body or the environment at the start"),
-    "energy_gain": (Status.NOT_CONVERGED, 0.02, "energy was gained; a smaller dt or the implicit integrator helps"),
+    "energy_gain": (Status.NOT_CONVERGED, 0.02, "energy was gained; a smaller dt helps"),
+    "contact_residual": (Status.NOT_CONVERGED, 5e-3, "contact forces were not found well enough; a smaller dt, or masses that differ less, help"),
     "step_times_frequency": (Status.NOT_CONVERGED, 1.3, "the step is too long for the stiffness of the contacts"),
     "impact_over_capacity": (Status.NOT_CONVERGED, 1.0, "hits harder than the stiffness can stop"),
     "directions": (Status.OUTSIDE_VALIDITY, 30.0, "too many uncertain directions for sigma points; islands or monte_carlo helps"),
@@ -120,12 +122,16 @@ def assess(scene: Scene, initial: Belief, prediction: Prediction, rollouts: int 
     ``energy_gain``
         Of a body that touched something: energy gained, over all that there was, that gravity gave and that overlap at
         the start held. For propagators with several rollouts in the mean over these, from below.
+    ``contact_residual``
+        Of a body that touched something, with the implicit integrator: by how much of the largest impulse those of its
+        contacts, and of what touched it, still changed when the solver gave up; the most of all steps up to the
+        prediction's end, that only one in twenty rollouts exceeds.
     ``step_times_frequency``
         Of a body that touched something, with the explicit integrator: what a contact's oscillation turns in a step [rad],
         at the highest speed that start, end and gravity suggest.
     ``impact_over_capacity``
-        Kinetic energy at that speed over what two spheres as large as the body's largest take up before they pass through
-        each other (`contact_model.capacity`).
+        With the explicit integrator: kinetic energy at that speed over what two spheres as large as the body's largest take
+        up before they pass through each other (`contact_model.capacity`).
     ``directions``
         Of sigma points, for a body that touched something: in how many directions the bodies that they are spread for
         together are uncertain. Points lie farther out the more there are, and most of them move a single body.
@@ -212,17 +218,26 @@ def _assess(scene, start, prediction, time, belief, spreads):
         if name == "sigma_points":
             in_contact["directions"] = _directions(scene, start, prediction, group)
         speed, in_contact["energy_gain"] = _energies(scene, start, belief, group)
-        radius = start.shapes[:, 2]
         if scene.integrator == "explicit":
-            in_contact["step_times_frequency"] = scene.dt * np.array([
-                impact_frequency(speed[k], 1.0 / body.mass, radius[k], scene.stiffness) for k, body in enumerate(scene.bodies)])
-        most = np.maximum(capacity(radius, scene.stiffness), 1e-300)
-        in_contact["impact_over_capacity"] = 0.5 * start.mass * speed**2 / most
+            in_contact |= _explicit_measures(scene, start, speed)
+        else:
+            in_contact["contact_residual"] = np.quantile(prediction.carry.contact_history.solver.residual, _USUAL, axis=0)
     return tuple(
         _judged(body.name, {} if body.fixed else {
             key: float(value[k]) for key, value in (per_body | in_contact if touches[k] else per_body).items()})
         for k, body in enumerate(scene.bodies)
     )
+
+
+def _explicit_measures(scene, start, speed):
+    """What a step can take at the bodies' highest speeds (B,): values (B,) by name."""
+    radius = start.shapes[:, 2]
+    frequency = [impact_frequency(speed[k], 1.0 / body.mass, radius[k], scene.stiffness) for k, body in enumerate(scene.bodies)]
+    most = np.maximum(capacity(radius, scene.stiffness), 1e-300)
+    return {
+        "step_times_frequency": scene.dt * np.array(frequency),
+        "impact_over_capacity": 0.5 * start.mass * speed**2 / most,
+    }
 
 
 def _judged(name, measures):

@@ -79,7 +79,7 @@ class Settings:
     warm_up: tuple[str, ...] = parameter(
         ("sigma_points", "monte_carlo"), "Propagators whose kernels are compiled, or loaded, before the node "
         "is ready; others' are when they are first asked for. Those that do not run on the integrator are "
-        "left out.",
+        "made ready for the paper's step.",
         choices=tuple(PROPAGATORS), read_only=True)
 
     zero_covariance: str = parameter(

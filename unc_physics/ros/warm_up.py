@@ -9,6 +9,7 @@ from unc_physics_msgs.srv import Predict
 from ..belief import Belief
 from ..geometry.packing_file import SpherePacking
 from ..layout import ERROR, QUATERNION, STATE
+from ..presets import with_changes
 from ..propagation import PROPAGATORS, make_propagator
 from ..scene import RigidBody, Scene
 from ..stiffness import AUTO
@@ -20,26 +21,31 @@ from .requests import Job, run, write_answer
 
 _STEPS = 3
 _STIFFNESS = 1e5  # N/m^3
+_EXPLICIT = {"integrator": "explicit", "friction": None, "restitution": None, "sleep": None}
 
 
 def warm_up(settings: Settings) -> None:
-    """Predict two bodies in contact by the propagators that are to be warm, with the node's physics, and write the answers."""
+    """Predict two bodies in contact by the propagators that are to be warm, and write the answers.
+
+    The physics is the node's; for propagators that do not run on it, it is explicit.
+    """
     row = np.arange(20) * 0.02
     centers = np.stack([row - row.mean(), np.zeros(20), np.zeros(20)], axis=1)
     model = SpherePacking(
         "rod", centers, np.full(20, 0.01), np.diag([1e-3, 1e-2, 1e-2]), 1e-4, np.zeros(3), bounding_radius=0.5)
     bodies = [RigidBody("a", model), RigidBody("b", model), RigidBody("floor", model, fixed=True)]
     stiffness = _STIFFNESS if settings.stiffness == AUTO else settings.stiffness
-    scene = Scene(bodies, **settings.physics | {"stiffness": stiffness})
+    physics = settings.physics | {"stiffness": stiffness}
+    own = Scene(bodies, **physics)
+    explicit = Scene(bodies, **with_changes(physics, _EXPLICIT))
     mean = np.zeros((3, STATE))
     mean[:, QUATERNION] = 0.0, 0.0, 0.0, 1.0
     mean[:, 2] = 0.0, 0.015, -0.015
     P = covariance(1e-6 * np.eye(ERROR), ERROR, "covariance")
-    belief = Belief(mean, np.stack([P, P]), scene.moving)
+    belief = Belief(mean, np.stack([P, P]), own.moving)
     covariance_at_com(np.eye(6), np.eye(6), mean[0], np.zeros(3))  # of each object that is read
-    for name in settings.warm_up:
-        if not name or settings.integrator not in PROPAGATORS[name].integrators:
-            continue
+    for name in filter(None, settings.warm_up):
+        scene = own if own.integrator in PROPAGATORS[name].integrators else explicit
         few = {"samples": 4} if "samples" in PROPAGATORS[name].options() else {}
         propagator = make_propagator(name, **few)
         wanted = Wanted(covariance=True, joint_covariance=propagator.traits.cross_body, probabilities=True)
@@ -49,4 +55,4 @@ def warm_up(settings: Settings) -> None:
 
 
 if __name__ == "__main__":
-    warm_up(Settings())
+    warm_up(Settings(warm_up=tuple(PROPAGATORS)))

@@ -1,6 +1,6 @@
 """Shapes of the environment, one file each: what the kernels know of a solid, in its own frame.
 
-A new shape is a file with a ``NAME`` and the functions ``surface``, ``bounds`` and ``thickness`` of a row of sizes,
+A new shape is a file with a ``NAME`` and the functions ``surface``, ``bounds``, ``thickness`` and ``flat_side`` of a row of sizes,
 and an entry in `SHAPES`. All of them are convex.
 """
 
@@ -43,6 +43,7 @@ def _either(number, function, other):
 _surface = _by_kind("surface", (math.inf, (0.0, 0.0, 1.0)))
 _bounds = _by_kind("bounds", ((math.inf,) * 3, (-math.inf,) * 3))
 _thickness = _by_kind("thickness", math.inf)
+_flat_side = _by_kind("flat_side", (-1, 0.0, 0.0))
 
 
 @kernel(_nrt=False, error_model="numpy", forceinline=True)
@@ -82,6 +83,29 @@ def bounds(kind, size, e):
 def thickness(kind, size, e):
     """How far the inside of element e is from its surface at most [m]: what goes deeper comes out elsewhere."""
     return _thickness(kind, size, e)
+
+
+@kernel(_nrt=False, forceinline=True)
+def flat_side(kind, size, e, mx, my, mz, rx, ry, rz):
+    """Which flat side of element e is nearest to every point of a box: its distance is linear there.
+
+    Parameters
+    ----------
+    kind, size, e
+        As in `surface`.
+    mx, my, mz, rx, ry, rz : float
+        The box's middle, and half its sides, along the axes of the element's frame [m].
+
+    Returns
+    -------
+    axis : int
+        Of the side's normal; -1 where no flat side is nearest to all.
+    sign : float
+        1 or -1: which way the normal points.
+    offset : float
+        The side's distance from the origin [m].
+    """
+    return _flat_side(kind, size, e, mx, my, mz, rx, ry, rz)
 
 
 @kernel

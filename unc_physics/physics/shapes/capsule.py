@@ -31,3 +31,9 @@ def bounds(size, e):
 def thickness(size, e):
     """The radius (`shapes.thickness`)."""
     return size[e, 0]
+
+
+@inner(forceinline=True)
+def flat_side(size, e, mx, my, mz, rx, ry, rz):
+    """None (`shapes.flat_side`)."""
+    return -1, 0.0, 0.0

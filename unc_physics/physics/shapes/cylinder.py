@@ -36,3 +36,12 @@ def bounds(size, e):
 def thickness(size, e):
     """The radius or half the length, whichever is less (`shapes.thickness`)."""
     return min(size[e, 0], size[e, 1])
+
+
+@inner(forceinline=True)
+def flat_side(size, e, mx, my, mz, rx, ry, rz):
+    """The end that all of the points are over (`shapes.flat_side`)."""
+    x, y = abs(mx) + rx, abs(my) + ry
+    if abs(mz) - rz > size[e, 1] and x * x + y * y <= size[e, 0] ** 2:
+        return 2, math.copysign(1.0, mz), size[e, 1]
+    return -1, 0.0, 0.0

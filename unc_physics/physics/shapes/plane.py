@@ -23,3 +23,9 @@ def bounds(size, e):
 def thickness(size, e):
     """Nothing comes out at the other side of a half-space (`shapes.thickness`)."""
     return math.inf
+
+
+@inner(forceinline=True)
+def flat_side(size, e, mx, my, mz, rx, ry, rz):
+    """The surface itself (`shapes.flat_side`)."""
+    return 2, 1.0, 0.0

@@ -1,0 +1,67 @@
+"""How a body that nothing touches moves: what both time steps share."""
+
+import math
+
+from ..layout import P, Q, V, W
+from .compiled import inner
+from .rotation import exp, multiply, renormalized, rotate, rotate_back, write_matrix
+
+# angles that a body turns at a time with the gyroscopic term [rad], and the most parts of a step
+_TURN, _SMALL_TURN, _MOST_TURNS = 0.25, 0.02, 1000
+
+
+@inner(forceinline=True)
+def integrate_position(x, i, dt):
+    """Move body i's centre of mass by its velocity for a time; returns a bound of its speed [m/s]."""
+    for k in range(3):
+        x[i, P + k] += dt * x[i, V + k]
+    return abs(x[i, V]) + abs(x[i, V + 1]) + abs(x[i, V + 2])
+
+
+@inner(forceinline=True)
+def integrate_rotation(x, i, dt, radius, R):
+    """Turn body i by its angular velocity for a time; returns a bound of its points' speed by that [m/s].
+
+    ``R`` (B, 3, 3) follows.
+    """
+    q = multiply(
+        exp(dt * x[i, W], dt * x[i, W + 1], dt * x[i, W + 2]),
+        (x[i, Q], x[i, Q + 1], x[i, Q + 2], x[i, Q + 3]),
+    )
+    q = renormalized(q)
+    x[i, Q], x[i, Q + 1], x[i, Q + 2], x[i, Q + 3] = q
+    write_matrix(q, R, i)
+    return radius[i] * (abs(x[i, W]) + abs(x[i, W + 1]) + abs(x[i, W + 2]))
+
+
+@inner
+def integrate_gyroscopic(x, i, dt, bodies, R):
+    """As `integrate_rotation`, with the angular momentum kept instead of the angular velocity.
+
+    The angular velocity in the middle of a turn is found from the momentum, with the inertia half turned
+    along; long turns are divided, since this keeps the energy to the third order of their angle only.
+    """
+    Ri = R[i]
+    a, b, c = rotate_back(Ri, x[i, W], x[i, W + 1], x[i, W + 2])
+    a, b, c = rotate(bodies.inertia[i], a, b, c)
+    momentum = rotate(Ri, a, b, c)
+    angle = dt * math.sqrt(x[i, W] ** 2 + x[i, W + 1] ** 2 + x[i, W + 2] ** 2)
+    count = min(math.ceil(angle / _TURN), _MOST_TURNS)
+    dt, rounds, pace = dt / max(count, 1), 1 if angle < _SMALL_TURN else 3, 0.0
+    for _ in range(max(count, 1)):
+        q = (x[i, Q], x[i, Q + 1], x[i, Q + 2], x[i, Q + 3])
+        for _ in range(rounds):
+            half = exp(0.5 * dt * x[i, W], 0.5 * dt * x[i, W + 1], 0.5 * dt * x[i, W + 2])
+            write_matrix(multiply(half, q), R, i)
+            _write_velocity(x, i, momentum, bodies.inverse_inertia[i], Ri)
+        pace = max(pace, integrate_rotation(x, i, dt, bodies.radius, R))
+        _write_velocity(x, i, momentum, bodies.inverse_inertia[i], Ri)
+    return pace
+
+
+@inner(forceinline=True)
+def _write_velocity(x, i, momentum, inverse_inertia, R):
+    """Write the angular velocity that a momentum (world axes) gives body i at a rotation into the state."""
+    a, b, c = rotate_back(R, momentum[0], momentum[1], momentum[2])
+    a, b, c = rotate(inverse_inertia, a, b, c)
+    x[i, W], x[i, W + 1], x[i, W + 2] = rotate(R, a, b, c)
