@@ -52,6 +52,8 @@ from .implicit_workspace import (
 #: Largest residual at which a solution counts as found, relative to the largest normal impulse.
 TOLERANCE = 1e-4
 _PLAIN_SWEEPS, _SWEEPS = 8, 200
+#: Overlap that contacts always push out [m], and how fast they push out what the load does not explain [m/s].
+_SLACK, _RECOVERY = 2e-5, 0.05
 _DIVERGED = 100.0  # growth of the square of a sweep's change, at which the solver goes back
 _GAIN = 1e-9  # of an impact's work, relative to its terms: round-off
 
@@ -211,6 +213,9 @@ def solve_lasting(rows, ids, counts, all_impulses, velocity, kappa, h, dt, thres
     impulses = all_impulses[LASTING]
     for c in range(m):
         row, i, j = rows[c], ids[c, 0], ids[c, 1]
+        # overlap beyond what the last force explains has no energy to give back: it goes slowly
+        explained = math.sqrt(row[FORCE] / (kappa * row[RADIUS])) if row[FORCE] > 0.0 and kappa > 0.0 else 0.0
+        row[GAP] = max(row[GAP], -explained - _SLACK - _RECOVERY * h)
         speed, end = contact_speed(row, 0, start, i, j), contact_speed(row, 0, free, i, j)
         row[START_SPEED] = speed
         fast = row[GAP] > 2e-5 and -end > threshold and row[GAP] + h * (speed + 0.5 * h * row[FALL]) > 0.0
