@@ -297,7 +297,7 @@ this document, `stability.md`, into its output folder. Every case is a scene fil
 SHOWN = """
 ## What it shows
 
-* The implicit step meets every goal in every case. Where nothing should take energy away, a run loses less than 0.1 %: a ball
+* The implicit step meets every goal in every case. Where nothing should take energy away, the mean loses less than 0.1 % in its run: a ball
   that bounces for 60 s as little as one that is struck 68 times within 10 ms between two others. None gains as much as 0.1 %.
 * What lies, lies. Bricks with a mass ratio of 100 creep fastest, 0.1 mm in a second: the light ones feel what is left of the
   solver's residual, which is measured by the heaviest load.
