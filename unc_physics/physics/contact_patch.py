@@ -47,7 +47,7 @@ from .shapes import surface
 IMPACT_GAP = 2e-4
 _TILT = 0.02  # of a patch, in search of its supports [rad]
 #: How much deeper a contact counts that carried load [m]: no more than a share of the body's radius.
-_LOADED_BONUS, _LOADED_SHARE = 1e-4, 0.01
+_LOADED_BONUS, _LOADED_SHARE = 2e-5, 0.01
 _SAME_PATCH = 0.9  # cosine of the angle between normals
 _HALF = math.sqrt(0.5)
 _FREE, _IN_PATCH, _CHOSEN = 0, 1, 2  # what a candidate is
