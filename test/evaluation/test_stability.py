@@ -70,6 +70,16 @@ def test_the_implicit_step_keeps_what_it_should(name):
         assert found[DRIFT] < DRIFT_LIMIT * min(2.0 * body.model.bounding_radius for body in scene.bodies if not body.fixed)
 
 
+@pytest.mark.parametrize("name", ["coarse_step_collision", "mass_ratio_squeezed", "rod_on_rod"])
+def test_elastic_blows_of_samples_keep_energy(name):
+    scene, belief, horizon = stability.case(name)
+    samples = belief.sample(60, np.random.default_rng(5))
+    before = kinetic_energy(scene, samples)
+    simulate(samples, scene.world, round(horizon / scene.dt))
+    change = kinetic_energy(scene, samples) / before - 1.0
+    assert -0.02 < change.min() and change.max() < 1e-3
+
+
 def test_own_shapes_are_as_their_script_makes_them():
     for make in SHAPES:
         stored, made = load_packing(FOLDER / f"{make.__name__}.npz"), make()

@@ -287,8 +287,8 @@ this document, `stability.md`, into its output folder. Every case is a scene fil
   take energy away say `restitution: 1` and have no friction; most leave the stiffness to the package. Sigma points and Monte Carlo predict them.
 * **Explicit** cases are about the paper's step: what it makes of a stiffness and a time step, and what all five
   propagators make of extreme covariances.
-* The **truth** is Monte Carlo with 1000 samples (100 or 300 where rollouts take long) and steps a quarter as long, or shorter where an explicit step
-  needs that. Beside it stand what two halves of it differ by (floor), and what twice as long steps change (step).
+* The **truth** is Monte Carlo with up to 1000 samples (fewer where rollouts take long) and steps a quarter as long, or
+  shorter where an explicit step needs that. Beside it stand what two halves of it differ by (floor), and what twice as long steps change (step).
 * A prediction of a body is **bad** if its spread in position or in rotation (square root of the trace of the covariance) is
   off by more than a factor of 2; two spreads of next to nothing are the same. A **flag** is `NOT_CONVERGED` or
   `OUTSIDE_VALIDITY` (`INITIAL_OVERLAP` is a fact about the question); it is false where the prediction is good, and missing
@@ -297,4 +297,16 @@ this document, `stability.md`, into its output folder. Every case is a scene fil
 SHOWN = """
 ## What it shows
 
+* The implicit step meets every goal in every case. Where nothing should take energy away, the mean loses less than 0.1 % in its run: a ball
+  that bounces for 60 s as little as one that is struck 68 times within 10 ms between two others. None gains as much as 0.1 %.
+* What lies, lies. Bricks with a mass ratio of 100 creep fastest, 0.1 mm in a second: the light ones feel what is left of the
+  solver's residual, which is measured by the heaviest load.
+* The explicit step gains energy where the stiffness or the time step ask too much of it, and all predictions say so. So do
+  they where the stiffness cannot stop the ball (`fast_ball_too_soft`).
+* Monte Carlo is right wherever its step is. Sigma points are right with few bodies, and far too sure of themselves in piles
+  with one joint covariance, which the status says. What rests on one nominal rollout is wrong more often than not after a
+  contact: the status compares it with twelve rollouts.
+* Missing flags are those of sigma points, for which there is no such check: where rotations wrap around
+  (`rest_ball_rolling`), and where samples take several ways (`simultaneous_flat`).
+* False flags are mostly those of bodies in a pile whose neighbours are predicted badly.
 """

@@ -46,7 +46,8 @@ from .shapes import surface
 #: Gap up to which contacts take part in an impact [m].
 IMPACT_GAP = 2e-4
 _TILT = 0.02  # of a patch, in search of its supports [rad]
-_LOADED_BONUS = 2e-5  # how much deeper a contact counts that carried load [m]
+#: How much deeper a contact counts that carried load [m]: no more than a share of the body's radius.
+_LOADED_BONUS, _LOADED_SHARE = 2e-5, 0.01
 _SAME_PATCH = 0.9  # cosine of the angle between normals
 _HALF = math.sqrt(0.5)
 _FREE, _IN_PATCH, _CHOSEN = 0, 1, 2  # what a candidate is
@@ -166,7 +167,8 @@ def add_contacts(x, i, j, count, world, work):
     """Choose contacts among the first ``count`` candidates of body i with body j, or element ``-1 - j``."""
     candidates, ids, best, score = work.candidates, work.candidate_ids, work.best, work.best_score
     if count > 1:
-        _favour_loaded(i, j, count, work.head, work.link, work.old_contact, candidates, ids)
+        bonus = min(_LOADED_BONUS, _LOADED_SHARE * world.bodies.radius[i])
+        _favour_loaded(i, j, count, bonus, work.head, work.link, work.old_contact, candidates, ids)
     left = count
     while left > 0:
         seed = -1
@@ -208,14 +210,14 @@ def _deeper(ids, k, score, other, other_score):
 
 
 @inner
-def _favour_loaded(i, j, count, head, link, contact, candidates, ids):
-    """What carried load in the last step counts as deeper, so that contacts do not come and go."""
+def _favour_loaded(i, j, count, bonus, head, link, contact, candidates, ids):
+    """What carried load in the last step counts as deeper by ``bonus``, so that contacts do not come and go."""
     entry = head[i]
     while entry >= 0:
         if contact[entry, 1] == j:
             for k in range(count):
                 if ids[k, 0] == contact[entry, 2] and ids[k, 1] == contact[entry, 3]:
-                    candidates[k, CANDIDATE_SCORE] -= _LOADED_BONUS
+                    candidates[k, CANDIDATE_SCORE] -= bonus
                     break
         entry = link[entry]
 

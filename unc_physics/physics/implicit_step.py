@@ -274,6 +274,7 @@ def advance_group(x, count, time, first_time, residual, world, threshold, work):
     """
     left = horizon = world.dt
     impacts = cuts = 0
+    looked = False  # whether contacts of this very pose were chosen by their gaps alone, and none was an impact
     while left > 0.0:
         prepare_members(x, count, world, work)
         find_contacts(x, count, horizon, world, work)
@@ -284,10 +285,14 @@ def advance_group(x, count, time, first_time, residual, world, threshold, work):
         if work.counts[CONTACTS] > 0 and impacts < _LIVELY_IMPACTS and cuts < _LIVELY_CUTS:
             _read_velocities(x, count, work.members, work.velocity)
             now = _impact_now(work.rows, work.ids, work.counts, work.velocity, threshold, rebound)
+            if now and (horizon == 0.0 or looked):  # a deeper contact that opens can hide one that closes
+                collide(x, count, time, first_time, residual, world, threshold, work)
+                impacts += 1
+                looked = False
+                horizon = left
+                continue
             if horizon == 0.0:
-                if now:
-                    collide(x, count, time, first_time, residual, world, threshold, work)
-                    impacts += 1
+                looked = True
                 horizon = left
                 continue
             if now:
@@ -304,6 +309,7 @@ def advance_group(x, count, time, first_time, residual, world, threshold, work):
             break
         left -= until
         horizon = 0.0
+        looked = False
         cuts += 1
 
 

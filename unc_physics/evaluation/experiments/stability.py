@@ -40,7 +40,8 @@ TITLE = "Stability"
 DOCUMENT = "stability.md"
 TRUTH, REFINED = 1000, 4  # samples of the truth, and how many times shorter its steps are
 FEWER = {  # samples, also of Monte Carlo's prediction, where rollouts take long
-    "long_in_a_box": 300, "pile_of_ten": 300, "sixty_four_cans": 100, "sixty_four_pairs": 100,
+    "long_in_a_box": 300, "mass_ratio_stack": 100, "pile_of_ten": 300, "rest_plate_settling": 300, "sixty_four_cans": 100,
+    "sixty_four_pairs": 100, "stack_of_three": 100,
 }
 FINER = {  # where that is not short enough
     "spin_free": 32, "step_10ms": 64, "step_20ms": 128, "step_50ms": 256, "stiffness_1e7": 16, "stiffness_1e8": 64,
