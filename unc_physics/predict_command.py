@@ -11,6 +11,7 @@ from importlib.util import find_spec
 from pathlib import Path
 
 PROGRESS_AFTER = 2.0  # s
+_UNKNOWN = 20  # probabilities that cannot be told are only counted if they are more
 
 
 def add_predict_command(commands) -> None:
@@ -130,7 +131,10 @@ def _answers(scene, prediction, initial):
 
 
 def answers_as_table(answers) -> str:
-    """Probabilities as text, one a line; '-' where the propagator cannot tell one."""
+    """Probabilities as text, one a line; '-' where the propagator cannot tell one, which a last line explains.
+
+    Many that it cannot tell are only counted.
+    """
     lines = []
     for answer in answers["contact_probabilities"]:
         what = f"{answer.object_a} and {answer.object_b} touch"
@@ -139,9 +143,16 @@ def answers_as_table(answers) -> str:
             when = f"  first after {answer.first_contact_time_mean:.3f} s, std {answer.first_contact_time_std:.3f} s"
         lines.append((what, answer, when))
     lines += [(f"{answer.object} is at rest", answer, "") for answer in answers["rest_probabilities"]]
-    width = max(len(what) for what, *_ in lines)
-    return "\n".join(
-        f"{what:<{width}}  {f'{answer.probability:5.3f}' if answer.available else '    -'}{when}" for what, answer, when in lines)
+    unknown = sum(not answer.available for _, answer, _ in lines)
+    if unknown > _UNKNOWN:
+        lines = [line for line in lines if line[1].available]
+    width = max((len(what) for what, *_ in lines), default=0)
+    rows = [
+        f"{what:<{width}}  {f'{answer.probability:5.3f}' if answer.available else '    -'}{when}" for what, answer, when in lines]
+    if unknown:
+        which = f"{unknown} more are" if unknown > _UNKNOWN else "-:"
+        rows.append(f"{which} not known to a tenth; monte_carlo with enough samples tells")
+    return "\n".join(rows)
 
 
 def _check_picture(path):
@@ -225,7 +236,7 @@ def as_table(scene, prediction) -> str:
     width = max(4, *(len(body.name) for body in scene.bodies))
     lines = [f"{prediction.propagator.name}; {physics_as_text(prediction.scene)}"]
     for time, belief in zip(prediction.times, prediction.beliefs, strict=True):
-        lines.append(f"t = {time:g} s  ({prediction.propagator.name}, {1e3 * prediction.wall_time:.3g} ms)")
+        lines.append(f"t = {time:g} s  ({prediction.propagator.name}, {_duration(prediction.wall_time)})")
         lines.append(f"{'body':<{width}}  {'position [m]':^26}  {'orientation (x, y, z, w)':^31}  "
                      f"{'std of position [m]':^26}  std of rotation [deg]")
         for k, body in enumerate(scene.bodies):
@@ -238,6 +249,10 @@ def as_table(scene, prediction) -> str:
                 row += f"{_row(std[ERR_POSITION], '8.4f')}  {_row(np.degrees(std[ERR_ROTATION]), '7.2f')}"
             lines.append(row)
     return "\n".join(lines)
+
+
+def _duration(seconds):
+    return f"{1e3 * seconds:.3g} ms" if seconds < 0.9995 else f"{seconds:.3g} s"
 
 
 def _row(values, spec):

@@ -79,7 +79,21 @@ def parts_of(carry):
             yield np.asarray(part)
 
 
-CONTENTS = {"two_bodies": two_bodies, "three_bodies": three_bodies, "undamped": undamped}
+def everyday():
+    """Two bodies that fall beside each other onto a floor, by the implicit step."""
+    body = {"model": "brick", "spheres": 60, "mass": 0.5, "position_std": 0.01, "orientation_std": 0.05}
+    return {
+        "physics": "everyday",
+        "horizon": 1.0,
+        "environment": [{"plane": {"normal": [0, 0, 1]}}],
+        "bodies": [
+            body | {"name": "left", "position": [-0.06, 0.0, 0.2]},
+            body | {"name": "right", "position": [0.06, 0.02, 0.3], "linear_velocity": [-0.3, 0.0, 0.0]},
+        ],
+    }
+
+
+CONTENTS = {"two_bodies": two_bodies, "three_bodies": three_bodies, "undamped": undamped, "everyday": everyday}
 
 
 @pytest.fixture(params=["two_bodies", "three_bodies"])

@@ -10,9 +10,12 @@ from conftest import two_bodies
 from unc_physics import Belief, make_propagator, predict
 from unc_physics.__main__ import main
 from unc_physics.errors import DuplicateIdError, InvalidEnvironmentError
+from unc_physics.predict_command import answers_as_table
 from unc_physics.propagation.answers import (
     TOLERANCE,
     BoxRegion,
+    ContactProbability,
+    RestProbability,
     contact_probabilities,
     region_probabilities,
     rest_probabilities,
@@ -134,3 +137,12 @@ def test_the_command_line_reports_probabilities(tmp_path, capsys):
     assert [rest["object"] for rest in content["rest_probabilities"]] == ["left", "right"]
     assert main(arguments) == 0
     assert "left and right touch" in capsys.readouterr().out
+
+
+def test_the_command_says_what_it_does_not_know():
+    known, unknown = ContactProbability("a", "b", 1.0, True, 0.25), RestProbability("a", 1.0)
+    few = answers_as_table({"contact_probabilities": [known], "rest_probabilities": [unknown]}).splitlines()
+    assert few[:2] == ["a and b touch  0.250", "a is at rest       -"]
+    assert few[2].startswith("-: not known") and "monte_carlo" in few[2]
+    many = answers_as_table({"contact_probabilities": [known], "rest_probabilities": [unknown] * 50}).splitlines()
+    assert many[0] == "a and b touch  0.250" and many[1].startswith("50 more are not known") and len(many) == 2

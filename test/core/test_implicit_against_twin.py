@@ -78,8 +78,7 @@ def find(x, count, horizon, world, work):
 
 @kernel
 def first_impact(left, world, work):
-    return implicit_step._time_to_impact(
-        left, work.rows, work.ids, work.counts, work.velocity, world.gravity, world.bodies.moving, 0.1)
+    return implicit_step._time_to_impact(left, work.rows, work.ids, work.counts, work.velocity, 0.1)
 
 
 @kernel
@@ -265,7 +264,9 @@ def lasting_law(stage, rows, contacts, before, h):
     """The twin's law for contacts that a kernel found, at the velocities before and without contacts."""
     J = twin.jacobian(contacts, before)
     start, free = twin.velocities(before), stage.work.velocity[FREE].ravel()
-    fast = (rows[:, GAP] > twin.TOUCHING) & (-(J @ free)[::3] > THRESHOLD)
+    fall = np.array([twin.fall(stage.scene, c, before) for c in contacts])
+    open_after = rows[:, GAP] + h * ((J @ start)[::3] + 0.5 * h * fall) > 0.0
+    fast = (rows[:, GAP] > twin.TOUCHING) & (-(J @ free)[::3] > THRESHOLD) & open_after
     return twin.Lasting(
         J, twin.inverse_mass(stage.scene, before), free, (J @ start)[::3], rows[:, GAP], rows[:, BEND],
         stage.scene.stiffness * np.pi * rows[:, RADIUS], rows[:, FRICTION], h, np.where(fast, 0.0, stage.scene.dt))
@@ -405,7 +406,7 @@ def test_the_time_of_an_impact_is_where_a_parabola_reaches_the_surface(seed):
     stage = Stage(stage.scene, stage.x)
     _, contacts = stage.find(H)
     speeds = (twin.jacobian(contacts, stage.x) @ twin.velocities(stage.x))[::3]
-    accelerations = [twin.bend(c, stage.x) + c.normal @ stage.scene.gravity for c in contacts]
+    accelerations = [twin.fall(stage.scene, c, stage.x) for c in contacts]
     expected = twin.time_to_impact([c.gap for c in contacts], speeds, accelerations, H, THRESHOLD)
     assert first_impact(H, stage.world, stage.work) == pytest.approx(expected, rel=1e-9)
 

@@ -1,5 +1,7 @@
 """What every propagator in the registry must keep."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 from conftest import parts_of
@@ -7,6 +9,7 @@ from scipy.spatial.transform import Rotation
 from twins import states as twin
 
 from unc_physics import PROPAGATORS, Belief, RigidBody, Scene, make_propagator
+from unc_physics.stiffness import with_stiffness
 
 ROUND_OFF = 1e-9  # relative to the largest variance
 SECOND_ORDER = 2e-3  # relative; what uncertainty of 1e-3 leaves to the terms beyond the first order
@@ -110,6 +113,21 @@ def test_advancing_in_pieces_equals_one_call_to_the_last_bit(loaded, propagator)
     assert_identical(carry, whole)
 
 
+@pytest.mark.parametrize("sleep", [False, True])
+@pytest.mark.parametrize("name, options", [("sigma_points", {}), ("monte_carlo", {"samples": 10})])
+def test_pieces_on_the_implicit_step_equal_one_call_to_the_last_bit(loaded, name, options, sleep):
+    """With all that is remembered of contacts and rest."""
+    scene, belief, _ = loaded("everyday")
+    scene, propagator = dataclasses.replace(with_stiffness(scene, belief.mean), sleep=sleep), make_propagator(name, **options)
+    begin = propagator.init(scene, belief)
+    whole = propagator.advance(begin, scene, 240)
+    carry = begin
+    for steps in (1, 50, 30, 2, 100, 57):
+        carry = propagator.advance(carry, scene, steps)
+    assert_identical(carry, whole)
+    assert whole.contact_history.solver.count.any()
+
+
 # -- persistent state ------------------------------------------------------------------------------
 
 TABLE_3 = [
@@ -133,6 +151,15 @@ def test_persistent_state_is_as_large_as_in_table_3(loaded, name, options, scala
         size = sum(part.size for part in arrays(carry))
         assert size <= scalars
     assert size == scalars
+
+
+@pytest.mark.parametrize("name, options, scalars", TABLE_3[3:], ids=[row[0] for row in TABLE_3[3:]])
+def test_what_the_implicit_step_remembers_is_no_part_of_table_3(loaded, name, options, scalars):
+    scene, belief, _ = loaded("everyday")
+    scene, propagator = with_stiffness(scene, belief.mean), make_propagator(name, **options)
+    carry = propagator.advance(propagator.init(scene, belief), scene, 60)
+    assert sum(part.size for part in arrays(carry)) == scalars
+    assert carry.contact_history.solver.contact.size > scalars
 
 
 @pytest.mark.parametrize("rank", [0, 1, 5, 24])

@@ -9,6 +9,7 @@ import numba
 import numpy as np
 import pytest
 import yaml
+from conftest import parts_of
 
 from unc_physics import make_propagator, predict
 
@@ -18,11 +19,12 @@ needs_two_threads = pytest.mark.skipif(
 
 
 @needs_two_threads
+@pytest.mark.parametrize("scene_name", ["three_bodies", "everyday"])
 @pytest.mark.parametrize(
     "name, options", [("monte_carlo", {"samples": 33}), ("sigma_points", {"points": "full"})]
 )
-def test_one_thread_and_two_give_the_same_bits(loaded, name, options):
-    scene, belief, _ = loaded("three_bodies")
+def test_one_thread_and_two_give_the_same_bits(loaded, scene_name, name, options):
+    scene, belief, _ = loaded(scene_name)
     propagator = make_propagator(name, **options)
     ends, before = [], numba.get_num_threads()
     try:
@@ -33,6 +35,9 @@ def test_one_thread_and_two_give_the_same_bits(loaded, name, options):
         numba.set_num_threads(before)
     np.testing.assert_array_equal(ends[0].carry.states, ends[1].carry.states)
     np.testing.assert_array_equal(ends[0].belief.joint, ends[1].belief.joint)
+    remembered = [list(parts_of(end.carry.contact_history)) for end in ends]
+    for one, other in zip(*remembered, strict=True):
+        np.testing.assert_array_equal(one, other)
 
 
 def test_the_command_prints_the_same_with_one_thread_and_with_two(tmp_path, content):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from unc_physics import RigidBody, Scene
+from unc_physics import RigidBody, Scene, load_model
 from unc_physics.environment import Box, Capsule, Cylinder, Plane, Sphere
 from unc_physics.evaluation.engines import GEOMETRIES, PEERS, PrincipalBody
 from unc_physics.evaluation.hard_cases.shapes import ball
@@ -67,6 +67,15 @@ def test_a_ball_bounces_off_the_elements_surface(name, element, side):
     assert after[VELOCITY] @ out > 0.5
     assert 0.05 < (after[POSITION] - edge) @ out < 0.21
     assert np.linalg.norm(np.cross(after[POSITION] - edge, out)) < 0.02, "straight back"
+
+
+@pytest.mark.parametrize("name", PEERS)
+def test_what_is_no_box_and_no_cylinder_is_convex_pieces(name):
+    pytest.importorskip(name)
+    bodies = [RigidBody(model, load_model(model).prefix(100)) for model in ("can", "mug")]
+    engine = PEERS[name](Scene(bodies), "primitive")
+    assert engine.shapes() == [1, 16]
+    engine.close()
 
 
 @pytest.mark.parametrize("geometry", GEOMETRIES)

@@ -8,6 +8,7 @@ from unc_physics.errors import InvalidRequestError
 from unc_physics.evaluation.wasserstein import (
     euclidean,
     geodesic,
+    geodesic_of_pairs,
     sinkhorn_divergence,
     state_distance,
     wasserstein,
@@ -146,3 +147,8 @@ def test_of_distinct_gaussians(rng):
     expected = 3.0 * 2.0 * np.sqrt(2.0 / np.pi)
     floor = 0.3 * 4.0
     assert expected * 0.97 < wasserstein(x, y) < expected + floor
+
+
+def test_angles_of_pairs_are_the_diagonal_of_all(rng):
+    x, y = (Rotation.random(50, rng=rng).as_quat() for _ in range(2))
+    assert geodesic_of_pairs(x, -y) == pytest.approx(np.diag(geodesic(x, y)), rel=1e-9)

@@ -140,6 +140,12 @@ def bend(c, x):
     return total
 
 
+def fall(scene, c, x):
+    """The same with gravity, where it does not pull at both [m/s^2]."""
+    both = c.j >= 0 and not scene.bodies[c.j].fixed
+    return bend(c, x) + (0.0 if both else c.normal @ scene.gravity)
+
+
 def mean_of(values, c, bodies):
     """Geometric mean of a material's value of a contact's partners; bodies come before elements."""
     return np.sqrt(values[c.i] * values[c.j if c.j >= 0 else bodies - 1 - c.j])
