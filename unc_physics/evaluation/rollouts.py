@@ -31,9 +31,11 @@ def missing_engines(experiment: str) -> list[str]:
 
 @contextmanager
 def rollouts(
-    engine: str, scene: Scene, geometry: str = "primitive",
+    engine: str,
+    scene: Scene,
+    geometry: str = "primitive",
 ) -> Iterator[Callable[[np.ndarray, int], tuple[np.ndarray, float]]]:
-    """Function of states (N, B, 13) and a number of steps: the states after them, and the steps' CPU time [s].
+    """Function of states (N, B, 13) and a number of steps: the states after them, and their CPU time [s].
 
     Parameters
     ----------
@@ -45,9 +47,10 @@ def rollouts(
 
     Notes
     -----
-    The first call of ours compiles, or loads what is compiled. To set a state and to read it, for which other engines
-    are called from Python body by body, is not counted.
+    The first call of ours compiles, or loads what is compiled. To set a state and to read it, for which other
+    engines are called from Python body by body, is not counted.
     """
+
     def ours(states, steps):
         ends = states.copy()
         started = time.process_time()
