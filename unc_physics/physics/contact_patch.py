@@ -46,7 +46,7 @@ from .shapes import surface
 #: Gap up to which contacts take part in an impact [m].
 IMPACT_GAP = 2e-4
 _TILT = 0.02  # of a patch, in search of its supports [rad]
-_LOADED_BONUS = 1e-4  # how much deeper a contact counts that carried load [m]
+_LOADED_BONUS = 2e-5  # how much deeper a contact counts that carried load [m]
 _SAME_PATCH = 0.9  # cosine of the angle between normals
 _HALF = math.sqrt(0.5)
 _FREE, _IN_PATCH, _CHOSEN = 0, 1, 2  # what a candidate is

@@ -20,6 +20,7 @@ import math
 from .compiled import inner
 from .implicit_workspace import (
     BEND,
+    BEST,
     COMPLIANCE,
     CONTACTS,
     DAMPING_TIME,
@@ -51,6 +52,7 @@ from .implicit_workspace import (
 #: Largest residual at which a solution counts as found, relative to the largest normal impulse.
 TOLERANCE = 1e-4
 _PLAIN_SWEEPS, _SWEEPS = 8, 200
+_DIVERGED = 100.0  # growth of the square of a sweep's change, at which the solver goes back
 _GAIN = 1e-9  # of an impact's work, relative to its terms: round-off
 
 _FAST = {"contract", "nsz"}
@@ -135,8 +137,9 @@ def solve(rows, ids, m, law, all_impulses, v, h, kappa):
         Largest change of an impulse in the last sweep, which is by how much the law was missed, relative to the
         largest normal impulse.
     """
-    own, previous, search = all_impulses[law], all_impulses[PREVIOUS], all_impulses[SEARCH]
-    residual = last = 0.0
+    own, previous, search, best = all_impulses[law], all_impulses[PREVIOUS], all_impulses[SEARCH], all_impulses[BEST]
+    residual = found = last = 0.0
+    least = math.inf
     for sweep in range(_SWEEPS):
         accelerated = sweep >= _PLAIN_SWEEPS
         change = load = 0.0
@@ -155,28 +158,46 @@ def solve(rows, ids, m, law, all_impulses, v, h, kappa):
             if row[FRICTION] > 0.0:
                 change = max(change, _solve_friction(row, own[c], row[FRICTION] * new, v, i, j))
         residual = change / load if load > 0.0 else (0.0 if change == 0.0 else 1.0)
-        if residual <= TOLERANCE or sweep == _SWEEPS - 1:
-            break
-        if accelerated:
-            square = 0.0
+        if residual <= TOLERANCE:
+            return residual
+        if not accelerated:
+            continue
+        square = 0.0
+        for c in range(m):
+            for d in range(3):
+                square += (own[c, d] - previous[c, d]) ** 2
+        if square < least:
+            least, found = square, residual
             for c in range(m):
                 for d in range(3):
-                    square += (own[c, d] - previous[c, d]) ** 2
-            share = square / last if last > 0.0 else 0.0
-            for c in range(m):
-                i, j = ids[c, 0], ids[c, 1]
-                for d in range(3):
-                    changed = own[c, d] - previous[c, d]
-                    if share > 1.0 or last == 0.0:  # begin anew
-                        search[c, d] = changed
-                        continue
-                    more = share * search[c, d]
-                    search[c, d] = changed + more
-                    if more != 0.0:
-                        own[c, d] += more
-                        apply_impulse(rows[c], d, more, v, i, j)
-            last = square
-    return residual
+                    best[c, d] = own[c, d]
+        elif square > _DIVERGED * least or sweep == _SWEEPS - 1:  # back to the best so far
+            _change_impulses(rows, ids, m, own, best, v)
+            last = 0.0
+            continue
+        share = square / last if last > 0.0 else math.inf
+        for c in range(m):
+            for d in range(3):
+                changed = own[c, d] - previous[c, d]
+                if share > 1.0:  # begin anew
+                    search[c, d] = changed
+                    continue
+                more = share * search[c, d]
+                search[c, d] = changed + more
+                if more != 0.0:
+                    own[c, d] += more
+                    apply_impulse(rows[c], d, more, v, ids[c, 0], ids[c, 1])
+        last = square
+    return found
+
+
+@inner(fastmath=_FAST, error_model="numpy")
+def _change_impulses(rows, ids, m, own, new, v):
+    """Put ``new`` impulses in place of ``own``; the velocities follow."""
+    for c in range(m):
+        for d in range(3):
+            apply_impulse(rows[c], d, new[c, d] - own[c, d], v, ids[c, 0], ids[c, 1])
+            own[c, d] = new[c, d]
 
 
 @inner(fastmath=_FAST, error_model="numpy")

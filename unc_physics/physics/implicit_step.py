@@ -21,6 +21,7 @@ from .implicit_workspace import (
     ELASTIC,
     FALL,
     FREE,
+    FRICTION,
     GAP,
     LASTING,
     NO_OVERFLOW,
@@ -51,6 +52,7 @@ _SLOWEST_IMPACT, _LOWEST_FALL, _IMPACT_STEPS = 1e-5, 5e-4, 2.5
 _IMPACTS, _CUTS = 4, 16
 _LIVELY, _LIVELY_IMPACTS, _LIVELY_CUTS = 0.7, 64, 256
 _QUIET_SPEED, _QUIET_TIME, _QUIET_CONTACTS = 2e-3, 0.1, 3  # of what falls asleep [m/s], [s]
+_SLIPPING = 0.99  # of what friction can hold: what slips, however slowly, does not fall asleep
 
 
 @inner
@@ -208,6 +210,7 @@ def travel_in_contact(x, count, h, time, first_time, residual, world, threshold,
     for a in range(count):
         i = members[a]
         loaded[i] = 0
+        work.slips[i] = False
         for k in range(3):
             numbers[i, START_POSITION + k] = x[i, P + k]
             velocity[START, i, k], velocity[START, i, 3 + k] = x[i, V + k], x[i, W + k]
@@ -226,11 +229,15 @@ def travel_in_contact(x, count, h, time, first_time, residual, world, threshold,
             i, j = work.ids[c, 0], work.ids[c, 1]
             if impulses[c, 0] > 0.0:
                 note_contact(first_time, i, j, time)
+                limit = _SLIPPING * work.rows[c, FRICTION] * impulses[c, 0]
+                slips = limit > 0.0 and impulses[c, 1] ** 2 + impulses[c, 2] ** 2 > limit * limit
                 loaded[i] += 1
                 residual[i] = max(residual[i], worst)
+                work.slips[i] = work.slips[i] or slips
                 if j >= 0 and world.bodies.moving[j]:
                     loaded[j] += 1
                     residual[j] = max(residual[j], worst)
+                    work.slips[j] = work.slips[j] or slips
     for a in range(count):
         i = members[a]
         if loaded[i] > 0:
@@ -378,7 +385,7 @@ def advance_step(x, time, first_time, quiet, residual, world, threshold, work):
             for a in range(count):
                 j = members[a]
                 update_pace(x, j, bodies.radius[j], world.gravity, 0.0, numbers)
-                rests = numbers[j, PACE] < _QUIET_SPEED and work.loaded[j] >= _QUIET_CONTACTS
+                rests = numbers[j, PACE] < _QUIET_SPEED and work.loaded[j] >= _QUIET_CONTACTS and not work.slips[j]
                 quiet[j] = quiet[j] + 1 if rests else 0
 
 

@@ -13,8 +13,9 @@ from .sphere_tree import Scratch
 
 #: Velocities of the bodies, each (B, 6): at the interval's start, at its end without contacts, and as solved.
 START, FREE, NOW = 0, 1, 2
-#: Impulses of lasting contacts, of an impact, of one without rebound; those before a sweep, and a direction of search.
-LASTING, ELASTIC, PLASTIC, PREVIOUS, SEARCH = 0, 1, 2, 3, 4
+#: Impulses of lasting contacts, of an impact, of one without rebound; those before a sweep, a
+#: direction of search, and the best so far.
+LASTING, ELASTIC, PLASTIC, PREVIOUS, SEARCH, BEST = 0, 1, 2, 3, 4, 5
 #: Columns of a body's numbers: what its points travel in a second [m/s], the sum of that over time [m], how far
 #: the environment is [m], and its pose when an interval began.
 PACE, TRAVEL, CLEARANCE, START_POSITION, START_QUATERNION = 0, 1, 2, 3, 6
@@ -53,6 +54,8 @@ class ImplicitWorkspace(NamedTuple):
         By `PACE`, `TRAVEL`, `CLEARANCE`, `START_POSITION`, `START_QUATERNION`.
     loaded : (B,) int64
         How many contacts carry load on each body.
+    slips : (B,) bool
+        Whether one of them slips.
     group : (B,) int64
         Lowest body of each body's group.
     members : (B,) int64
@@ -64,8 +67,8 @@ class ImplicitWorkspace(NamedTuple):
     rows : (C, ROW) float64
     ids : (C, 4) int64
         Of the contacts at hand, as in `SolverMemory`.
-    impulses : (5, C, 3) float64
-        Normal and tangential ones by `LASTING` to `SEARCH` [N s].
+    impulses : (6, C, 3) float64
+        Normal and tangential ones by `LASTING` to `BEST` [N s].
     part : (B,) int64
         Labels of bodies that touch in an impact; positive for those that take part.
     candidates : (D, 8) float64
@@ -98,6 +101,7 @@ class ImplicitWorkspace(NamedTuple):
     velocity: np.ndarray
     numbers: np.ndarray
     loaded: np.ndarray
+    slips: np.ndarray
     group: np.ndarray
     members: np.ndarray
     order: np.ndarray
@@ -142,13 +146,14 @@ def implicit_workspace(x, world, contacts, candidates, pool):
         np.zeros((3, count, 6)),
         np.zeros((count, 10)),
         np.zeros(count, np.int64),
+        np.zeros(count, np.bool_),
         np.arange(count),
         np.arange(count),
         np.arange(count),
         np.zeros((count, count), np.bool_),
         np.empty((contacts, ROW)),
         np.empty((contacts, 4), np.int64),
-        np.empty((5, contacts, 3)),
+        np.empty((6, contacts, 3)),
         np.empty(count, np.int64),
         np.empty((candidates, 8)),
         np.empty((candidates, 3), np.int64),
