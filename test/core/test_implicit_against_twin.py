@@ -78,7 +78,7 @@ def find(x, count, horizon, world, work):
 
 @kernel
 def first_impact(left, world, work):
-    return implicit_step._time_to_impact(left, work.rows, work.ids, work.counts, work.velocity, 0.1)
+    return implicit_step._time_to_impact(left, work.rows, work.ids, work.counts, work.velocity, 0.1, 0.0)
 
 
 @kernel

@@ -360,6 +360,17 @@ def test_sleep_changes_no_outcome(dt):
     assert apart.magnitude().max() < 5e-3
 
 
+def test_what_slides_slowly_does_not_fall_asleep():
+    """On an incline 1 mrad above the angle of friction."""
+    angle = math.atan(0.5) + 1e-3
+    normal = np.array([-math.sin(angle), 0.0, math.cos(angle)])
+    start = state(0.02 * normal, orientation=Rotation.from_rotvec([0, -angle, 0]).as_quat())
+    scene = world(RigidBody("block", BLOCK, 0.5), friction=0.5, environment=[Plane(normal)])
+    awake, asleep = (run(replace(scene, sleep=sleep), start, 2.0)[0] for sleep in (False, True))
+    assert np.linalg.norm(awake[:3] - start[:3]) > 0.01
+    np.testing.assert_array_equal(asleep, awake)
+
+
 def test_what_sleeps_wakes_when_it_is_hit():
     """A ball rolls at a block that has rested for a second; before, nothing else is near that could keep it awake."""
     scene = world(RigidBody("block", BLOCK, 0.1), RigidBody("ball", BALL, 0.5), sleep=True)

@@ -1,8 +1,11 @@
 """From spheres that may touch to a few contacts that stand for them, and a row of numbers for each.
 
-The candidates of two bodies, or of a body and an element, fall into patches of similar normals. Of each patch the
-deepest candidate stays, and the supports of the patch tilted a little in eight directions: those that would touch first if
-it turned. Depth is that which the interval's end will have, since what is closing fast matters more than what is near.
+The candidates of two bodies, or of a body and an element, fall into patches of similar normals. Of each
+patch the
+deepest candidate stays, and the supports of the patch tilted a little in eight directions: those that would
+touch first if
+it turned. Depth is that which the interval's end will have, since what is closing fast matters more than
+what is near.
 """
 
 import math
@@ -40,7 +43,7 @@ from .implicit_workspace import (
     TURN_I,
     TURN_J,
 )
-from .rotation import rotate, rotate_back
+from .rotation import rotate, rotate_back, tangents
 from .shapes import surface
 
 #: Gap up to which contacts take part in an impact [m].
@@ -55,12 +58,18 @@ _FREE, _IN_PATCH, _CHOSEN = 0, 1, 2  # what a candidate is
 
 @inner(forceinline=True)
 def element_candidates(x, i, e, horizon, world, work):
-    """Find the spheres of body i that may touch element e within ``horizon`` seconds; returns how many there are."""
+    """Find the spheres of body i that may touch element e within ``horizon`` seconds; returns how many
+    there are.
+    """
     kind, size, R_e, R = world.surroundings.kind, world.surroundings.size, world.surroundings.R[e], work.R[i]
     candidates, ids = work.candidates, work.candidate_ids
     t = in_element(world.surroundings.position, world.surroundings.R, e, x[i, P], x[i, P + 1], x[i, P + 2])
     half = 0.5 * horizon
-    vx, vy, vz = x[i, V] + half * world.gravity[0], x[i, V + 1] + half * world.gravity[1], x[i, V + 2] + half * world.gravity[2]
+    vx, vy, vz = (
+        x[i, V] + half * world.gravity[0],
+        x[i, V + 1] + half * world.gravity[1],
+        x[i, V + 2] + half * world.gravity[2],
+    )
     limit = IMPACT_GAP if horizon == 0.0 else ACTIVE_GAP
     axis, sign, offset = side_of(kind, size, e, t, R_e, R, world.implicit.extent[i])
     count = 0
@@ -69,11 +78,19 @@ def element_candidates(x, i, e, horizon, world, work):
         height = sign * t[axis] - offset
         nx, ny, nz = sign * R_e[0, axis], sign * R_e[1, axis], sign * R_e[2, axis]
         bx, by, bz = rotate_back(R, nx, ny, nz)
-        cx, cy, cz = ny * x[i, W + 2] - nz * x[i, W + 1], nz * x[i, W] - nx * x[i, W + 2], nx * x[i, W + 1] - ny * x[i, W]
+        cx, cy, cz = (
+            ny * x[i, W + 2] - nz * x[i, W + 1],
+            nz * x[i, W] - nx * x[i, W + 2],
+            nx * x[i, W + 1] - ny * x[i, W],
+        )
         qx, qy, qz = rotate_back(R, cx, cy, cz)  # n . (omega x c) = c . (n x omega)
         qx, qy, qz = bx + horizon * qx, by + horizon * qy, bz + horizon * qz
         later = height + horizon * (nx * vx + ny * vy + nz * vz)
-        hull, first, last = world.implicit.hull, world.implicit.hull_range[i, 0], world.implicit.hull_range[i, 1]
+        hull, first, last = (
+            world.implicit.hull,
+            world.implicit.hull_range[i, 0],
+            world.implicit.hull_range[i, 1],
+        )
         for k in range(first, last):
             ux, uy, uz, r = hull[k, 0], hull[k, 1], hull[k, 2], hull[k, 3]
             gap = height + bx * ux + by * uy + bz * uz - r
@@ -82,7 +99,9 @@ def element_candidates(x, i, e, horizon, world, work):
                 if count >= len(candidates):
                     work.counts[OVERFLOW] = TOO_MANY_CANDIDATES
                     return 0
-                _write_candidate(candidates[count], (bx, by, bz), (ux - r * bx, uy - r * by, uz - r * bz), gap, predicted)
+                _write_candidate(
+                    candidates[count], (bx, by, bz), (ux - r * bx, uy - r * by, uz - r * bz), gap, predicted
+                )
                 ids[count, 0], ids[count, 1], ids[count, 2] = world.implicit.hull_sphere[k], 0, 0
                 count += 1
     else:
@@ -105,7 +124,9 @@ def element_candidates(x, i, e, horizon, world, work):
                 if count >= len(candidates):
                     work.counts[OVERFLOW] = TOO_MANY_CANDIDATES
                     return 0
-                _write_candidate(candidates[count], (bx, by, bz), (cx - r * bx, cy - r * by, cz - r * bz), gap, predicted)
+                _write_candidate(
+                    candidates[count], (bx, by, bz), (cx - r * bx, cy - r * by, cz - r * bz), gap, predicted
+                )
                 ids[count, 0], ids[count, 1], ids[count, 2] = s, 0, 0
                 count += 1
     return count
@@ -113,7 +134,9 @@ def element_candidates(x, i, e, horizon, world, work):
 
 @inner(forceinline=True)
 def pair_candidates(x, i, j, horizon, world, work):
-    """Find the pairs of spheres of bodies i and j that may touch within ``horizon`` seconds; returns how many there are."""
+    """Find the pairs of spheres of bodies i and j that may touch within ``horizon`` seconds; returns how
+    many there are.
+    """
     candidates, ids, R_ij, R = work.candidates, work.candidate_ids, work.R_ij, work.R[i]
     centers, radii, pool = world.tree.centers, world.tree.radii, work.pool
     limit = IMPACT_GAP if horizon == 0.0 else ACTIVE_GAP
@@ -123,7 +146,8 @@ def pair_candidates(x, i, j, horizon, world, work):
     half = 0.5 * horizon * (np.float64(world.bodies.moving[i]) - np.float64(world.bodies.moving[j]))
     vx, vy, vz = x[i, V] - x[j, V], x[i, V + 1] - x[j, V + 1], x[i, V + 2] - x[j, V + 2]
     ux, uy, uz = rotate_back(
-        R, vx + half * world.gravity[0], vy + half * world.gravity[1], vz + half * world.gravity[2])
+        R, vx + half * world.gravity[0], vy + half * world.gravity[1], vz + half * world.gravity[2]
+    )
     wx, wy, wz = rotate_back(R, x[i, W], x[i, W + 1], x[i, W + 2])
     ox, oy, oz = rotate_back(R, x[j, W], x[j, W + 1], x[j, W + 2])
     start = work.lists[low, high, 0]
@@ -149,7 +173,9 @@ def pair_candidates(x, i, j, horizon, world, work):
             if count >= len(candidates):
                 work.counts[OVERFLOW] = TOO_MANY_CANDIDATES
                 return 0
-            _write_candidate(candidates[count], (nx, ny, nz), (cx - r * nx, cy - r * ny, cz - r * nz), gap, predicted)
+            _write_candidate(
+                candidates[count], (nx, ny, nz), (cx - r * nx, cy - r * ny, cz - r * nz), gap, predicted
+            )
             ids[count, 0], ids[count, 1], ids[count, 2] = a, b, 0
             count += 1
     return count
@@ -174,7 +200,8 @@ def add_contacts(x, i, j, count, world, work):
         seed = -1
         for k in range(count):
             if ids[k, 2] == _FREE and (
-                seed < 0 or _deeper(ids, k, candidates[k, CANDIDATE_SCORE], seed, candidates[seed, CANDIDATE_SCORE])
+                seed < 0
+                or _deeper(ids, k, candidates[k, CANDIDATE_SCORE], seed, candidates[seed, CANDIDATE_SCORE])
             ):
                 seed = k
         nx, ny, nz = candidates[seed, 0], candidates[seed, 1], candidates[seed, 2]
@@ -203,7 +230,9 @@ def add_contacts(x, i, j, count, world, work):
 
 @inner(forceinline=True)
 def _deeper(ids, k, score, other, other_score):
-    """Whether candidate ``k`` comes before ``other``; ties go by the spheres' numbers, whatever the lists' order."""
+    """Whether candidate ``k`` comes before ``other``; ties go by the spheres' numbers, whatever the lists'
+    order.
+    """
     if score != other_score:
         return score < other_score
     return ids[k, 0] < ids[other, 0] or (ids[k, 0] == ids[other, 0] and ids[k, 1] < ids[other, 1])
@@ -211,7 +240,9 @@ def _deeper(ids, k, score, other, other_score):
 
 @inner
 def _favour_loaded(i, j, count, bonus, head, link, contact, candidates, ids):
-    """What carried load in the last step counts as deeper by ``bonus``, so that contacts do not come and go."""
+    """What carried load in the last step counts as deeper by ``bonus``, so that contacts do not come and
+    go.
+    """
     entry = head[i]
     while entry >= 0:
         if contact[entry, 1] == j:
@@ -220,15 +251,6 @@ def _favour_loaded(i, j, count, bonus, head, link, contact, candidates, ids):
                     candidates[k, CANDIDATE_SCORE] -= bonus
                     break
         entry = link[entry]
-
-
-@inner(error_model="numpy")
-def tangents(n):
-    """Two unit vectors that complete the unit vector ``n`` to a right-handed orthonormal basis (Duff et al. 2017)."""
-    s = 1.0 if n[2] >= 0.0 else -1.0
-    a = -1.0 / (s + n[2])
-    b = n[0] * n[1] * a
-    return (1.0 + s * n[0] * n[0] * a, s * b, -s * n[0]), (b, s + n[1] * n[1] * a, -n[1])
 
 
 @inner(error_model="numpy", forceinline=True)
@@ -257,11 +279,18 @@ def write_contact(x, i, j, k, world, work):
     if j >= 0:
         partner = j
         rj = world.tree.radii[b]
-        other = (arm[0] + x[i, P] - x[j, P], arm[1] + x[i, P + 1] - x[j, P + 1], arm[2] + x[i, P + 2] - x[j, P + 2])
+        other = (
+            arm[0] + x[i, P] - x[j, P],
+            arm[1] + x[i, P + 1] - x[j, P + 1],
+            arm[2] + x[i, P + 2] - x[j, P + 2],
+        )
         row[INVERSE_MASS_J] = bodies.inverse_mass[j]
         g = 0.5 * gap + rj
         bend -= _centripetal(
-            n, (x[j, W], x[j, W + 1], x[j, W + 2]), (other[0] - g * n[0], other[1] - g * n[1], other[2] - g * n[2]))
+            n,
+            (x[j, W], x[j, W + 1], x[j, W + 2]),
+            (other[0] - g * n[0], other[1] - g * n[1], other[2] - g * n[2]),
+        )
         r = r * rj / (r + rj)
     for d, axis in ((0, n), (1, first), (2, second)):
         _write_direction(row, DIRECTION + 3 * d, axis)
@@ -287,7 +316,9 @@ def write_contact(x, i, j, k, world, work):
         row[FALL] += n[0] * world.gravity[0] + n[1] * world.gravity[1] + n[2] * world.gravity[2]
     row[FRICTION] = math.sqrt(world.implicit.friction[i] * world.implicit.friction[partner])
     row[RESTITUTION] = math.sqrt(world.implicit.restitution[i] * world.implicit.restitution[partner])
-    _recall_force(i, j, m, row, first, second, work.head, work.link, work.old_contact, work.old_force, work.ids)
+    _recall_force(
+        i, j, m, row, first, second, work.head, work.link, work.old_contact, work.old_force, work.ids
+    )
 
 
 @inner(forceinline=True)
@@ -319,4 +350,5 @@ def _cross(a, b):
 def _centripetal(n, w, r):
     """``n . (w x (w x r))`` [m/s^2]."""
     return (w[0] * r[0] + w[1] * r[1] + w[2] * r[2]) * (w[0] * n[0] + w[1] * n[1] + w[2] * n[2]) - (
-        w[0] * w[0] + w[1] * w[1] + w[2] * w[2]) * (r[0] * n[0] + r[1] * n[1] + r[2] * n[2])
+        w[0] * w[0] + w[1] * w[1] + w[2] * w[2]
+    ) * (r[0] * n[0] + r[1] * n[1] + r[2] * n[2])

@@ -1,6 +1,8 @@
-"""Which spheres may touch in a step of the implicit integrator: bodies near each other, then lists of their spheres.
+"""Which spheres may touch in a step of the implicit integrator: bodies near each other, then lists of their
+spheres.
 
-A list holds all spheres, or pairs of them, of two things that come closer than a margin, and is used until their relative
+A list holds all spheres, or pairs of them, of two things that come closer than a margin, and is used until
+their relative
 motion has used the margin up. It only leaves out what cannot touch, so no result depends on when it was made.
 """
 
@@ -27,7 +29,10 @@ from .sphere_tree import EMPTY, WIDTH, candidates
 ACTIVE_GAP = 5e-4
 #: Bodies are near when they may come closer than this in a step [m].
 NEAR = 1e-3
-_LIST_MARGIN, _LIST_STEPS = 1e-3, 2.0  # how long lists of an element last: a distance [m], and steps at the present pace
+_LIST_MARGIN, _LIST_STEPS = (
+    1e-3,
+    2.0,
+)  # how long lists of an element last: a distance [m], and steps at the present pace
 _PAIR_MARGIN = 5e-4  # the same of two bodies [m]
 _MARGIN = 12  # column of `list_pose`, behind a rotation and a position: the margin [m]
 _SINGLE_PRECISION = 4e-6  # of the sum of two bodies' radii: what single precision loses in a change of frame
@@ -57,7 +62,9 @@ def closing_bound(x, i, j, world):
 
 @inner(forceinline=True)
 def find_groups(x, world, work):
-    """Mark the pairs of bodies that are near, and join moving ones to groups; returns whether any pair is near."""
+    """Mark the pairs of bodies that are near, and join moving ones to groups; returns whether any pair is
+    near.
+    """
     numbers, order, near, group = work.numbers, work.order, work.near, work.group
     radius, moving, dt = world.bodies.radius, world.bodies.moving, world.dt
     count, found = len(x), False
@@ -118,14 +125,20 @@ def join(group, a, b):
 
 @inner
 def clearance(x, i, world, work):
-    """Distance of body i's bounding ball from the environment, from below [m]; asked again when travel used it up."""
+    """Distance of body i's bounding ball from the environment, from below [m]; asked again when travel
+    used it up.
+    """
     numbers, radius = work.numbers, world.bodies.radius
     if numbers[i, CLEARANCE] > numbers[i, TRAVEL]:
         return numbers[i, CLEARANCE] - numbers[i, TRAVEL]
     least = np.inf
     for e in range(len(world.surroundings.kind)):
-        px, py, pz = in_element(world.surroundings.position, world.surroundings.R, e, x[i, P], x[i, P + 1], x[i, P + 2])
-        least = min(least, surface(world.surroundings.kind, world.surroundings.size, e, px, py, pz)[0] - radius[i])
+        px, py, pz = in_element(
+            world.surroundings.position, world.surroundings.R, e, x[i, P], x[i, P + 1], x[i, P + 2]
+        )
+        least = min(
+            least, surface(world.surroundings.kind, world.surroundings.size, e, px, py, pz)[0] - radius[i]
+        )
     numbers[i, CLEARANCE] = numbers[i, TRAVEL] + max(least, 0.0)
     return least
 
@@ -134,7 +147,8 @@ def clearance(x, i, world, work):
 def side_of(kind, size, e, t, R_e, R, extent):
     """The flat side of element e that a body is over with all its spheres' centres (`shapes.flat_side`).
 
-    ``t`` is the body's centre of mass in the element's frame, ``extent`` (6,) the middle and half the sides of the box
+    ``t`` is the body's centre of mass in the element's frame, ``extent`` (6,) the middle and half the sides
+    of the box
     around its spheres' centres, body frame [m].
     """
     m0, m1, m2 = t
@@ -155,7 +169,8 @@ def element_list(x, i, e, need, world, work):
     Returns
     -------
     t : tuple of 3 floats
-        The body's centre of mass in the element's frame [m]; ``work.R_ij`` has the rotation from the body's axes.
+        The body's centre of mass in the element's frame [m]; ``work.R_ij`` has the rotation from the body's
+        axes.
     """
     surroundings, tree = world.surroundings, world.tree
     kind, size, R_e = surroundings.kind, surroundings.size, surroundings.R[e]
@@ -200,7 +215,9 @@ def element_list(x, i, e, need, world, work):
 
 @inner(forceinline=True)
 def pair_list(x, i, j, need, world, work):
-    """Bring the list of the pairs of spheres of bodies i and j that are near up to date, as `element_list`."""
+    """Bring the list of the pairs of spheres of bodies i and j that are near up to date, as
+    `element_list`.
+    """
     tree, search, pool, R_ij = world.tree, work.search, work.pool, work.R_ij
     t_ij = relative_pose(x, i, j, work.R, R_ij)
     place = work.list_pose[i, j]
@@ -225,7 +242,9 @@ def pair_list(x, i, j, need, world, work):
 
 @inner(forceinline=True)
 def _moved(place, R, t, radius):
-    """No point of a body of that radius moved farther since its pose was ``place`` [m]; now it is ``R``, ``t``."""
+    """No point of a body of that radius moved farther since its pose was ``place`` [m]; now it is ``R``,
+    ``t``.
+    """
     way = turn = 0.0
     for a in range(3):
         way += (t[a] - place[9 + a]) ** 2
@@ -249,7 +268,9 @@ def _keep_list(i, column, start, used, R, t, margin, work):
 
 @inner(forceinline=True)
 def relative_pose(x, i, j, R, R_ij):
-    """Rotation from body j's to body i's axes into ``R_ij``; returns body j's centre of mass in body i's frame [m]."""
+    """Rotation from body j's to body i's axes into ``R_ij``; returns body j's centre of mass in body i's
+    frame [m].
+    """
     for a in range(3):
         for b in range(3):
             R_ij[a, b] = R[i, 0, a] * R[j, 0, b] + R[i, 1, a] * R[j, 1, b] + R[i, 2, a] * R[j, 2, b]

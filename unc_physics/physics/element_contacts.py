@@ -38,7 +38,8 @@ def write_element_rotation(R_i, R_e, out):
 
 @inner(error_model="numpy", forceinline=True)
 def next_element_contacts(tree, surroundings, e, R, t, search, top):
-    """Continue the search for the contacts of one body with element e, in the way of `narrow_phase.next_contacts`.
+    """Continue the search for the contacts of one body with element e, in the way of
+    `narrow_phase.next_contacts`.
 
     Parameters
     ----------
@@ -50,9 +51,12 @@ def next_element_contacts(tree, surroundings, e, R, t, search, top):
     t : tuple of 3 floats
         The body's centre of mass in the element's frame [m].
     search : Scratch
-        Its ``stack`` holds the nodes still to be searched in its first column, the body's root when a search begins.
-        Its ``pairs`` are filled with (sphere, e) and its ``records`` with the contacts, the body as body i and the
-        element as body j: the normal points into the solid, the distance is that of the sphere's centre from the
+        Its ``stack`` holds the nodes still to be searched in its first column, the body's root when a search
+        begins.
+        Its ``pairs`` are filled with (sphere, e) and its ``records`` with the contacts, the body as body i
+        and the
+        element as body j: the normal points into the solid, the distance is that of the sphere's centre from
+        the
         surface, signed.
     top : int
         Height of the stack.

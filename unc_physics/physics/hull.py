@@ -7,7 +7,8 @@ import numpy as np
 from .compiled import kernel
 
 _DIRECTIONS, _ROUNDS = 4096, 700
-_TOLERANCE = 1e-8  # of the packing's radius: what sticks out less is inside, such as spheres that a flat face just touches
+# of the packing's radius: what sticks out less is inside, such as spheres that a flat face just touches
+_TOLERANCE = 1e-8
 
 
 @kernel
@@ -28,7 +29,8 @@ def hull_spheres(centers, radii):
 
     Notes
     -----
-    The supports in many directions are found first. Any other sphere is then compared with these in the direction in which
+    The supports in many directions are found first. Any other sphere is then compared with these in the
+    direction in which
     it does best, improved step by step.
     """
     n = len(radii)
@@ -65,11 +67,18 @@ def hull_spheres(centers, radii):
                 up = x * centers[k, 0] + y * centers[k, 1] + z * centers[k, 2] + radii[k]
                 if up > highest:
                     highest, support = up, k
-            if x * centers[s, 0] + y * centers[s, 1] + z * centers[s, 2] + radii[s] - highest > _TOLERANCE * size:
+            if (
+                x * centers[s, 0] + y * centers[s, 1] + z * centers[s, 2] + radii[s] - highest
+                > _TOLERANCE * size
+            ):
                 kept[s] = True
                 break
             # towards the sphere and away from the support that hides it
-            gx, gy, gz = centers[s, 0] - centers[support, 0], centers[s, 1] - centers[support, 1], centers[s, 2] - centers[support, 2]
+            gx, gy, gz = (
+                centers[s, 0] - centers[support, 0],
+                centers[s, 1] - centers[support, 1],
+                centers[s, 2] - centers[support, 2],
+            )
             along = gx * x + gy * y + gz * z
             gx, gy, gz = gx - along * x, gy - along * y, gz - along * z
             length = math.sqrt(gx * gx + gy * gy + gz * gz)

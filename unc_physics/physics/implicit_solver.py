@@ -1,18 +1,21 @@
 """The contact problem of a group of bodies: lasting contacts implicit in velocity, impacts as rigid impulses.
 
-Lasting contact, over an interval h (`solve_lasting`): the paper's penalty force to leading order in depth, at the depth of
+Lasting contact, over an interval h (`solve_lasting`): the paper's penalty force to leading order in depth,
+at the depth of
 the interval's end, plus the damping time tau times the closing speed::
 
     lambda_n = h kappa pi R d^2,   d = max(0, -g - h (v_n + v_n') / 2 - tau v_n')
     |lambda_t| <= mu lambda_n, opposite to slip; no slip inside
     M (v' - v*) = J^T lambda
 
-with v at the start, v' at the end, v* what the end would be without contacts. Bodies travel by the mean of v and v', so that
+with v at the start, v' at the end, v* what the end would be without contacts. Bodies travel by the mean of v
+and v', so that
 the depth is the end's, sliding loses the energy that friction takes, and the contact never gives energy.
 
 Impact (`solve_impact`): impulses to ``v_n' = -e v_n`` where a contact closes, in Coulomb's cone.
 
-Both by block Gauss-Seidel: each contact's normal impulse in closed form, then both tangential ones, scaled back to the cone.
+Both by block Gauss-Seidel: each contact's normal impulse in closed form, then both tangential ones, scaled
+back to the cone.
 """
 
 import math
@@ -65,13 +68,21 @@ def contact_speed(row, d, v, i, j):
     """Velocity of body i relative to its partner at a contact, along direction ``d`` of its row [m/s]."""
     k = 3 * d
     s = (
-        row[k] * v[i, 0] + row[k + 1] * v[i, 1] + row[k + 2] * v[i, 2]
-        + row[MOMENT_I + k] * v[i, 3] + row[MOMENT_I + k + 1] * v[i, 4] + row[MOMENT_I + k + 2] * v[i, 5]
+        row[k] * v[i, 0]
+        + row[k + 1] * v[i, 1]
+        + row[k + 2] * v[i, 2]
+        + row[MOMENT_I + k] * v[i, 3]
+        + row[MOMENT_I + k + 1] * v[i, 4]
+        + row[MOMENT_I + k + 2] * v[i, 5]
     )
     if j >= 0:
         s -= (
-            row[k] * v[j, 0] + row[k + 1] * v[j, 1] + row[k + 2] * v[j, 2]
-            + row[MOMENT_J + k] * v[j, 3] + row[MOMENT_J + k + 1] * v[j, 4] + row[MOMENT_J + k + 2] * v[j, 5]
+            row[k] * v[j, 0]
+            + row[k + 1] * v[j, 1]
+            + row[k + 2] * v[j, 2]
+            + row[MOMENT_J + k] * v[j, 3]
+            + row[MOMENT_J + k + 1] * v[j, 4]
+            + row[MOMENT_J + k + 2] * v[j, 5]
         )
     return s
 
@@ -93,7 +104,9 @@ def apply_impulse(row, d, impulse, v, i, j):
 
 @inner(forceinline=True, fastmath=_FAST)
 def _solve_friction(row, own, limit, v, i, j):
-    """Bring both tangential impulses among a contact's ``own`` to no slip or to the cone; returns the largest change."""
+    """Bring both tangential impulses among a contact's ``own`` to no slip or to the cone; returns the
+    largest change.
+    """
     slip, old1, old2 = row[SLIP_COMPLIANCE], own[1], own[2]
     if limit <= 0.0:
         if old1 == 0.0 and old2 == 0.0:
@@ -113,7 +126,9 @@ def _solve_friction(row, own, limit, v, i, j):
 
 @inner(forceinline=True, fastmath=_FAST, error_model="numpy")
 def _normal_impulse(row, old, speed, law, h, kappa):
-    """The impulse at which a contact obeys its law, all others held; ``speed`` is its normal speed with ``old``."""
+    """The impulse at which a contact obeys its law, all others held; ``speed`` is its normal speed with
+    ``old``.
+    """
     w = row[COMPLIANCE]
     others = speed - w * old
     if law == LASTING:
@@ -128,18 +143,27 @@ def _normal_impulse(row, old, speed, law, h, kappa):
 
 @inner(fastmath=_FAST, error_model="numpy")
 def solve(rows, ids, m, law, all_impulses, v, h, kappa):
-    """Find the impulses of the first ``m`` contacts by a law, `LASTING`, `ELASTIC` or `PLASTIC`, from those on record.
+    """Find the impulses of the first ``m`` contacts by a law, `LASTING`, `ELASTIC` or `PLASTIC`, from those
+    on record.
 
-    After some plain sweeps each is followed by a step along what the sweeps have changed so far, as in conjugate
-    gradients (Silcowitz, Niebe and Erleben 2010): sweeps alone take as many as the mass ratio, these its root.
+    After some plain sweeps each is followed by a step along what the sweeps have changed so far, as in
+    conjugate
+    gradients (Silcowitz, Niebe and Erleben 2010): sweeps alone take as many as the mass ratio, these its
+    root.
 
     Returns
     -------
     residual : float
-        Largest change of an impulse in the last sweep, which is by how much the law was missed, relative to the
+        Largest change of an impulse in the last sweep, which is by how much the law was missed, relative to
+        the
         largest normal impulse.
     """
-    own, previous, search, best = all_impulses[law], all_impulses[PREVIOUS], all_impulses[SEARCH], all_impulses[BEST]
+    own, previous, search, best = (
+        all_impulses[law],
+        all_impulses[PREVIOUS],
+        all_impulses[SEARCH],
+        all_impulses[BEST],
+    )
     residual = found = last = 0.0
     least = math.inf
     for sweep in range(_SWEEPS):
@@ -204,9 +228,11 @@ def _change_impulses(rows, ids, m, own, new, v):
 
 @inner(fastmath=_FAST, error_model="numpy")
 def solve_lasting(rows, ids, counts, all_impulses, velocity, kappa, h, dt, threshold):
-    """Find the impulses of all contacts at hand over an interval ``h`` [s], and the velocities ``NOW`` at its end.
+    """Find the impulses of all contacts at hand over an interval ``h`` [s], and the velocities ``NOW`` at
+    its end.
 
-    ``kappa`` is pi times the stiffness; contacts that close faster than ``threshold`` [m/s] and stay open are not damped.
+    ``kappa`` is pi times the stiffness; contacts that close faster than ``threshold`` [m/s] and stay open
+    are not damped.
     Returns the residual (`solve`).
     """
     m, start, free, v = counts[CONTACTS], velocity[START], velocity[FREE], velocity[NOW]
@@ -221,7 +247,8 @@ def solve_lasting(rows, ids, counts, all_impulses, velocity, kappa, h, dt, thres
         fast = row[GAP] > 2e-5 and -end > threshold and row[GAP] + h * (speed + 0.5 * h * row[FALL]) > 0.0
         row[DAMPING_TIME] = 0.0 if fast else dt
         if fast and row[GAP] + 0.5 * h * (speed + end + h * row[BEND]) <= 0.0:
-            row[RADIUS] = 0.0  # an impact to come, which the gyroscopic term brings nearer than a fall: no lasting contact
+            # an impact to come, which the gyroscopic term brings nearer than a fall: no lasting contact
+            row[RADIUS] = 0.0
         for d in range(3):
             impulses[c, d] = h * row[FORCE + d]
             if impulses[c, d] != 0.0:
@@ -231,7 +258,9 @@ def solve_lasting(rows, ids, counts, all_impulses, velocity, kappa, h, dt, thres
 
 @inner
 def work_done(rows, ids, m, impulses, before, after):
-    """Kinetic energy that impulses add [J], and the size of its terms: impulses times the mean velocities of contacts."""
+    """Kinetic energy that impulses add [J], and the size of its terms: impulses times the mean velocities
+    of contacts.
+    """
     total = size = 0.0
     for c in range(m):
         for d in range(3):
@@ -247,8 +276,10 @@ def work_done(rows, ids, m, impulses, before, after):
 def solve_impact(rows, ids, counts, all_impulses, members, count, velocity, threshold):
     """Find the impulses `ELASTIC` of an impact of all contacts at hand, and the velocities ``NOW`` after it.
 
-    Newton's restitution with friction can add energy: then the solution is blended with the one without rebound, as
-    far as none is added. Both obey Coulomb's law and do not penetrate, so their blend does. Returns the residual (`solve`).
+    Newton's restitution with friction can add energy: then the solution is blended with the one without
+    rebound, as
+    far as none is added. Both obey Coulomb's law and do not penetrate, so their blend does. Returns the
+    residual (`solve`).
     """
     m, start, v = counts[CONTACTS], velocity[START], velocity[NOW]
     elastic, plastic = all_impulses[ELASTIC], all_impulses[PLASTIC]

@@ -1,7 +1,10 @@
-"""One step of the implicit integrator, group by group: search, impacts at their own times, lasting contacts, travel.
+"""One step of the implicit integrator, group by group: search, impacts at their own times, lasting contacts,
+travel.
 
-A group is what may touch in the step. It goes from impact to impact: it travels to the first, in which impulses change the
-velocities at once, and so on, at most `_IMPACTS` times, or `_LIVELY_IMPACTS`; the rest of the step is one solution of the
+A group is what may touch in the step. It goes from impact to impact: it travels to the first, in which
+impulses change the
+velocities at once, and so on, at most `_IMPACTS` times, or `_LIVELY_IMPACTS`; the rest of the step is one
+solution of the
 lasting contacts.
 Nothing that happens in a group depends on any other.
 """
@@ -44,20 +47,27 @@ from .shapes import surface
 
 #: Gap up to which bodies touch, and at which an impact is aimed [m].
 TOUCHING, _AIM = 2e-5, 1e-5
-#: Closing faster than this is an impact: the largest of a speed [m/s], of that of a fall from a height [m], and of what
-#: gravity adds in some steps. Where nothing weighs, nothing has to come to rest, and the slowest approach is one.
+#: Closing faster than this is an impact: the largest of a speed [m/s], of that of a fall from a height [m],
+#: and of what
+#: gravity adds in some steps. Where nothing weighs, nothing has to come to rest, and the slowest approach is
+#: one.
 _SLOWEST_IMPACT, _LOWEST_FALL, _IMPACT_STEPS = 1e-5, 5e-4, 2.5
-#: In a step of a group, at most: impacts, and searches for them; then those of contacts that rebound with at least so much
-#: of their speed, which would go on for long, as of a light body between heavy ones. Lasting contacts take up the others.
+#: In a step of a group, at most: impacts, and searches for them; then those of contacts that rebound with at
+#: least so much
+#: of their speed, which would go on for long, as of a light body between heavy ones. Lasting contacts take
+#: up the others.
 _IMPACTS, _CUTS = 4, 16
 _LIVELY, _LIVELY_IMPACTS, _LIVELY_CUTS = 0.7, 64, 256
 _QUIET_SPEED, _QUIET_TIME, _QUIET_CONTACTS = 2e-3, 0.1, 3  # of what falls asleep [m/s], [s]
-_SLIPPING = 0.99  # of what friction can hold: what slips, however slowly, does not fall asleep
+_HOLDING = 0.99  # of what friction can hold: what all contacts let slip, however slowly, does not fall asleep
 
 
 @inner
 def travel_freely(x, i, h, decay, world, R):
-    """Move body i for ``h`` seconds without contacts: a parabola, its angular momentum kept; ``R`` (B, 3, 3) follows."""
+    """Move body i for ``h`` seconds without contacts: a parabola, its angular momentum kept.
+
+    ``R`` (B, 3, 3) follows.
+    """
     gravity = world.gravity
     for k in range(3):
         v = decay * x[i, V + k] + h * gravity[k]
@@ -73,16 +83,27 @@ def travel_freely(x, i, h, decay, world, R):
 
 @inner(forceinline=True)
 def find_contacts(x, count, horizon, world, work):
-    """Find the contacts of the group at hand, of ``count`` members, that may act within ``horizon`` seconds."""
+    """Find the contacts of the group at hand, of ``count`` members, for the next ``horizon`` seconds."""
     work.counts[CONTACTS] = 0
-    members, numbers, near, moving, radius = work.members, work.numbers, work.near, world.bodies.moving, world.bodies.radius
+    members, numbers, near, moving, radius = (
+        work.members,
+        work.numbers,
+        work.near,
+        world.bodies.moving,
+        world.bodies.radius,
+    )
     for a in range(count):
         i = members[a]
         need = ACTIVE_GAP + horizon * numbers[i, PACE]
         if len(world.surroundings.kind) > 0 and clearance(x, i, world, work) < need:
             for e in range(len(world.surroundings.kind)):
-                px, py, pz = in_element(world.surroundings.position, world.surroundings.R, e, x[i, P], x[i, P + 1], x[i, P + 2])
-                if surface(world.surroundings.kind, world.surroundings.size, e, px, py, pz)[0] < radius[i] + need:
+                px, py, pz = in_element(
+                    world.surroundings.position, world.surroundings.R, e, x[i, P], x[i, P + 1], x[i, P + 2]
+                )
+                if (
+                    surface(world.surroundings.kind, world.surroundings.size, e, px, py, pz)[0]
+                    < radius[i] + need
+                ):
                     found = element_candidates(x, i, e, horizon, world, work)
                     if found > 0:
                         add_contacts(x, i, -1 - e, found, world, work)
@@ -118,7 +139,8 @@ def _impact_now(rows, ids, counts, velocity, threshold, rebound):
 
 @inner(error_model="numpy")
 def _time_to_impact(left, rows, ids, counts, velocity, threshold, rebound):
-    """Time until the first impact within ``left`` seconds, of contacts as in `_impact_now`; ``left`` without one.
+    """Time until the first impact within ``left`` seconds, of contacts as in `_impact_now`; ``left`` without
+    one.
 
     The gap is a parabola, with gravity and the centripetal acceleration of the sphere's centre.
     """
@@ -152,7 +174,14 @@ def _read_velocities(x, count, members, velocity):
 @inner(forceinline=True)
 def collide(x, count, time, first_time, residual, world, threshold, work):
     """Let the contacts at hand that an impact reaches act as impulses."""
-    members, rows, ids, counts, part, velocity = work.members, work.rows, work.ids, work.counts, work.part, work.velocity
+    members, rows, ids, counts, part, velocity = (
+        work.members,
+        work.rows,
+        work.ids,
+        work.counts,
+        work.part,
+        work.velocity,
+    )
     for i in range(len(x)):
         part[i] = i
     for c in range(counts[CONTACTS]):
@@ -165,7 +194,11 @@ def collide(x, count, time, first_time, residual, world, threshold, work):
         part[i] = -1 - part[i]  # positive where there is an impact
     for c in range(counts[CONTACTS]):
         i = ids[c, 0]
-        if part[i] < 0 and rows[c, GAP] <= TOUCHING and contact_speed(rows[c], 0, velocity[START], i, ids[c, 1]) < -threshold:
+        if (
+            part[i] < 0
+            and rows[c, GAP] <= TOUCHING
+            and contact_speed(rows[c], 0, velocity[START], i, ids[c, 1]) < -threshold
+        ):
             label = part[i]
             for k in range(len(x)):
                 if part[k] == label:
@@ -210,7 +243,7 @@ def travel_in_contact(x, count, h, time, first_time, residual, world, threshold,
     for a in range(count):
         i = members[a]
         loaded[i] = 0
-        work.slips[i] = False
+        work.holds[i] = False
         for k in range(3):
             numbers[i, START_POSITION + k] = x[i, P + k]
             velocity[START, i, k], velocity[START, i, 3 + k] = x[i, V + k], x[i, W + k]
@@ -224,25 +257,36 @@ def travel_in_contact(x, count, h, time, first_time, residual, world, threshold,
     if m > 0:
         impulses = work.impulses[LASTING]
         worst = solve_lasting(
-            work.rows, work.ids, work.counts, work.impulses, velocity, math.pi * world.stiffness, h, world.dt, threshold)
+            work.rows,
+            work.ids,
+            work.counts,
+            work.impulses,
+            velocity,
+            math.pi * world.stiffness,
+            h,
+            world.dt,
+            threshold,
+        )
         for c in range(m):
             i, j = work.ids[c, 0], work.ids[c, 1]
             if impulses[c, 0] > 0.0:
                 note_contact(first_time, i, j, time)
-                limit = _SLIPPING * work.rows[c, FRICTION] * impulses[c, 0]
-                slips = limit > 0.0 and impulses[c, 1] ** 2 + impulses[c, 2] ** 2 > limit * limit
+                limit = _HOLDING * work.rows[c, FRICTION] * impulses[c, 0]
+                holds = impulses[c, 1] ** 2 + impulses[c, 2] ** 2 < limit * limit
                 loaded[i] += 1
                 residual[i] = max(residual[i], worst)
-                work.slips[i] = work.slips[i] or slips
+                work.holds[i] = work.holds[i] or holds
                 if j >= 0 and world.bodies.moving[j]:
                     loaded[j] += 1
                     residual[j] = max(residual[j], worst)
-                    work.slips[j] = work.slips[j] or slips
+                    work.holds[j] = work.holds[j] or holds
     for a in range(count):
         i = members[a]
         if loaded[i] > 0:
             for k in range(3):
-                x[i, P + k] = numbers[i, START_POSITION + k] + 0.5 * h * (velocity[START, i, k] + velocity[NOW, i, k])
+                x[i, P + k] = numbers[i, START_POSITION + k] + 0.5 * h * (
+                    velocity[START, i, k] + velocity[NOW, i, k]
+                )
                 x[i, V + k] = velocity[NOW, i, k]
                 x[i, W + k] = 0.5 * (velocity[START, i, 3 + k] + velocity[NOW, i, 3 + k])
             for k in range(4):
@@ -274,7 +318,9 @@ def advance_group(x, count, time, first_time, residual, world, threshold, work):
     """
     left = horizon = world.dt
     impacts = cuts = 0
-    looked = False  # whether contacts of this very pose were chosen by their gaps alone, and none was an impact
+    looked = (
+        False  # whether contacts of this very pose were chosen by their gaps alone, and none was an impact
+    )
     while left > 0.0:
         prepare_members(x, count, world, work)
         find_contacts(x, count, horizon, world, work)
@@ -315,7 +361,7 @@ def advance_group(x, count, time, first_time, residual, world, threshold, work):
 
 @inner(forceinline=True)
 def _remember(h, work):
-    """Add the contacts at hand that carry load to the memory of this step; each body i's stand one behind the other."""
+    """Add the contacts at hand that carry load to this step's memory; each body i's stand together."""
     contact, force, counts = work.new_contact, work.new_force, work.counts
     impulses = work.impulses[LASTING]
     body, own = -1, 0
@@ -332,7 +378,9 @@ def _remember(h, work):
             contact[n, k] = work.ids[c, k]
         force[n, 0] = impulses[c, 0] / h
         for k in range(3):
-            force[n, 1 + k] = (impulses[c, 1] * row[DIRECTION + 3 + k] + impulses[c, 2] * row[DIRECTION + 6 + k]) / h
+            force[n, 1 + k] = (
+                impulses[c, 1] * row[DIRECTION + 3 + k] + impulses[c, 2] * row[DIRECTION + 6 + k]
+            ) / h
 
 
 @inner
@@ -351,7 +399,13 @@ def _keep_memory(i, work):
 @inner(forceinline=True)
 def advance_step(x, time, first_time, quiet, residual, world, threshold, work):
     """One step of all groups; ends early where room overflows (`OVERFLOW`)."""
-    numbers, group, members, near, moving = work.numbers, work.group, work.members, work.near, world.bodies.moving
+    numbers, group, members, near, moving = (
+        work.numbers,
+        work.group,
+        work.members,
+        work.near,
+        world.bodies.moving,
+    )
     bodies, dt = world.bodies, world.dt
     for i in range(len(x)):
         if moving[i]:
@@ -375,7 +429,10 @@ def advance_step(x, time, first_time, quiet, residual, world, threshold, work):
                     x[members[a], V + k] = x[members[a], W + k] = 0.0
             continue
         if count == 1:
-            alone = len(world.surroundings.kind) == 0 or clearance(x, i, world, work) >= dt * numbers[i, PACE] + ACTIVE_GAP
+            alone = (
+                len(world.surroundings.kind) == 0
+                or clearance(x, i, world, work) >= dt * numbers[i, PACE] + ACTIVE_GAP
+            )
             if alone and any_near:
                 for j in range(len(x)):
                     alone = alone and not near[i, j]
@@ -391,20 +448,32 @@ def advance_step(x, time, first_time, quiet, residual, world, threshold, work):
             for a in range(count):
                 j = members[a]
                 update_pace(x, j, bodies.radius[j], world.gravity, 0.0, numbers)
-                rests = numbers[j, PACE] < _QUIET_SPEED and work.loaded[j] >= _QUIET_CONTACTS and not work.slips[j]
+                rests = (
+                    numbers[j, PACE] < _QUIET_SPEED and work.loaded[j] >= _QUIET_CONTACTS and work.holds[j]
+                )
                 quiet[j] = quiet[j] + 1 if rests else 0
 
 
 @inner
 def integrate(x, first_time, contact, force, remembered, quiet, residual, world, begin, steps, work):
-    """Advance the state ``x`` (B, 13) of one rollout in place, until room overflows; returns the number of steps done.
+    """Advance the state ``x`` (B, 13) of one rollout in place, until room overflows; returns the number of
+    steps done.
 
-    ``contact``, ``force``, ``quiet`` and ``residual`` are those of `SolverMemory`, and ``remembered`` (1,) its count.
+    ``contact``, ``force``, ``quiet`` and ``residual`` are those of `SolverMemory`, and ``remembered`` (1,)
+    its count.
     """
     gravity = math.sqrt(world.gravity[0] ** 2 + world.gravity[1] ** 2 + world.gravity[2] ** 2)
-    threshold = max(_SLOWEST_IMPACT, math.sqrt(2.0 * gravity * _LOWEST_FALL), _IMPACT_STEPS * gravity * world.dt)
+    threshold = max(
+        _SLOWEST_IMPACT, math.sqrt(2.0 * gravity * _LOWEST_FALL), _IMPACT_STEPS * gravity * world.dt
+    )
     counts, old_contact, old_force, head, link, state = (
-        work.counts, work.old_contact, work.old_force, work.head, work.link, work.state)
+        work.counts,
+        work.old_contact,
+        work.old_force,
+        work.head,
+        work.link,
+        work.state,
+    )
     for n in range(remembered[0]):
         for k in range(4):
             old_contact[n, k], old_force[n, k] = contact[n, k], force[n, k]
@@ -447,8 +516,18 @@ def advance_implicit(states, first_time, memory, world, begin, steps):
         done = 0
         while done < steps:
             done += integrate(
-                states[n], first_time[n], memory.contact[n], memory.force[n], memory.count[n : n + 1], memory.quiet[n],
-                memory.residual[n], world, begin + done, steps - done, work)
+                states[n],
+                first_time[n],
+                memory.contact[n],
+                memory.force[n],
+                memory.count[n : n + 1],
+                memory.quiet[n],
+                memory.residual[n],
+                world,
+                begin + done,
+                steps - done,
+                work,
+            )
             if done < steps:
                 if work.counts[OVERFLOW] == TOO_MANY_CANDIDATES:
                     candidates *= 2

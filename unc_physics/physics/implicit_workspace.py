@@ -16,24 +16,44 @@ START, FREE, NOW = 0, 1, 2
 #: Impulses of lasting contacts, of an impact, of one without rebound; those before a sweep, a
 #: direction of search, and the best so far.
 LASTING, ELASTIC, PLASTIC, PREVIOUS, SEARCH, BEST = 0, 1, 2, 3, 4, 5
-#: Columns of a body's numbers: what its points travel in a second [m/s], the sum of that over time [m], how far
+#: Columns of a body's numbers: what its points travel in a second [m/s], the sum of that over time [m], how
+#: far
 #: the environment is [m], and its pose when an interval began.
 PACE, TRAVEL, CLEARANCE, START_POSITION, START_QUATERNION = 0, 1, 2, 3, 6
-#: Columns of a candidate: unit normal towards the body, point on its surface (body frame), gap [m], score [m].
+#: Columns of a candidate: unit normal towards the body, point on its surface (body frame), gap [m], score
+#: [m].
 CANDIDATE_NORMAL, CANDIDATE_POINT, CANDIDATE_GAP, CANDIDATE_SCORE = 0, 3, 6, 7
 
-#: Columns of a contact's row. Directions: normal and two tangents (world axes), the lever arms' moments of each about
+#: Columns of a contact's row. Directions: normal and two tangents (world axes), the lever arms' moments of
+#: each about
 #: both bodies' centres of mass, the inverse inertias' images of these.
 DIRECTION, MOMENT_I, TURN_I, MOMENT_J, TURN_J = 0, 9, 18, 27, 36
-#: Inverse masses, own compliances along the normal and across, gap, predicted change of the gap beyond the velocities',
-#: the gap's acceleration in free fall, reduced radius, friction, restitution, the force of the last step (normal, two tangents), normal speed at the start, damping time,
+#: Inverse masses, own compliances along the normal and across, gap, predicted change of the gap beyond the
+#: velocities',
+#: the gap's acceleration in free fall, reduced radius, friction, restitution, the force of the last step
+#: (normal, two tangents), normal speed at the start, damping time,
 #: normal speed that an impact shall leave.
-(INVERSE_MASS_I, INVERSE_MASS_J, COMPLIANCE, SLIP_COMPLIANCE, GAP, BEND, FALL, RADIUS, FRICTION, RESTITUTION,
- FORCE, START_SPEED, DAMPING_TIME, TARGET) = 45, 46, 47, 48, 49, 50, 51, 52, 53, 54, 55, 58, 59, 60
+(
+    INVERSE_MASS_I,
+    INVERSE_MASS_J,
+    COMPLIANCE,
+    SLIP_COMPLIANCE,
+    GAP,
+    BEND,
+    FALL,
+    RADIUS,
+    FRICTION,
+    RESTITUTION,
+    FORCE,
+    START_SPEED,
+    DAMPING_TIME,
+    TARGET,
+) = 45, 46, 47, 48, 49, 50, 51, 52, 53, 54, 55, 58, 59, 60
 ROW = 61
 _PAIRS_AT_ONCE = 1024
 
-#: Integers of a step: contacts at hand, entries of the new memory, used part of the lists' room, and what overflowed.
+#: Integers of a step: contacts at hand, entries of the new memory, used part of the lists' room, and what
+#: overflowed.
 CONTACTS, REMEMBERED, POOL_USED, OVERFLOW = 0, 1, 2, 3
 #: What overflows: room for contacts, for candidates, for lists.
 NO_OVERFLOW, TOO_MANY_CONTACTS, TOO_MANY_CANDIDATES, TOO_LONG_LISTS = 0, 1, 2, 3
@@ -54,8 +74,8 @@ class ImplicitWorkspace(NamedTuple):
         By `PACE`, `TRAVEL`, `CLEARANCE`, `START_POSITION`, `START_QUATERNION`.
     loaded : (B,) int64
         How many contacts carry load on each body.
-    slips : (B,) bool
-        Whether one of them slips.
+    holds : (B,) bool
+        Whether one of them does not slip.
     group : (B,) int64
         Lowest body of each body's group.
     members : (B,) int64
@@ -81,7 +101,8 @@ class ImplicitWorkspace(NamedTuple):
     lists : (B, B + E, 2) int64
         Beginning and length of each list in the pool.
     list_pose : (B, B + E, 13) float64
-        For each list the second body's pose in the first's frame, or the body's in the element's, rotation and position,
+        For each list the second body's pose in the first's frame, or the body's in the element's, rotation
+        and position,
         when it was made, and how far they may move until it is made anew [m].
     search : Scratch
     R_ij : (3, 3) float64
@@ -101,7 +122,7 @@ class ImplicitWorkspace(NamedTuple):
     velocity: np.ndarray
     numbers: np.ndarray
     loaded: np.ndarray
-    slips: np.ndarray
+    holds: np.ndarray
     group: np.ndarray
     members: np.ndarray
     order: np.ndarray
@@ -132,7 +153,9 @@ class ImplicitWorkspace(NamedTuple):
 
 @kernel
 def implicit_workspace(x, world, contacts, candidates, pool):
-    """Workspace of one rollout that begins at state ``x`` (B, 13), with room for so many contacts, candidates and pairs in lists."""
+    """Workspace of one rollout that begins at state ``x`` (B, 13), with room for so many contacts,
+    candidates and pairs in lists.
+    """
     count, elements = len(x), len(world.surroundings.kind)
     remembered = REMEMBERED_CONTACTS * count
     R = np.empty((count, 3, 3))

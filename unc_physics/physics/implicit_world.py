@@ -4,7 +4,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-#: Contacts that are remembered of each body, of those that name it first: a limit of its own, so that no body's memory
+#: Contacts that are remembered of each body, of those that name it first: a limit of its own, so that no
+#: body's memory
 #: depends on what else there is.
 REMEMBERED_CONTACTS = 48
 
@@ -40,8 +41,11 @@ class Implicit(NamedTuple):
         """The same of some bodies, whose indices ascend, and of all elements."""
         some = np.concatenate([bodies, np.arange(len(self.hull_range), len(self.friction))])
         return self._replace(
-            friction=self.friction[some], restitution=self.restitution[some], hull_range=self.hull_range[bodies],
-            extent=self.extent[bodies])
+            friction=self.friction[some],
+            restitution=self.restitution[some],
+            hull_range=self.hull_range[bodies],
+            extent=self.extent[bodies],
+        )
 
 
 class SolverMemory(NamedTuple):
@@ -50,11 +54,13 @@ class SolverMemory(NamedTuple):
     Attributes
     ----------
     contact : (N, K, 4) int32
-        Body i, body j or ``-1 - e`` for element e, and the sphere of each (0 for an element's) of contacts that carry load.
+        Body i, body j or ``-1 - e`` for element e, and the sphere of each (0 for an element's) of contacts
+        that carry load.
     force : (N, K, 4) float32
         Their normal force, and the friction force in world axes [N].
     count : (N,) int64
-        How many there are, at most `REMEMBERED_CONTACTS` of each body i. Those beyond start from zero in the next step, which
+        How many there are, at most `REMEMBERED_CONTACTS` of each body i. Those beyond start from zero in the
+        next step, which
         costs time and no contact.
     quiet : (N, B) int64
         Steps for which each body has been at rest.
@@ -96,7 +102,8 @@ def of_bodies(memory, bodies):
 
 
 def add_bodies(memory, own, bodies, rows):
-    """Add the memory of some bodies, which touched no others: rollout k of it is rollout ``rows[k]`` of the joint memory.
+    """Add the memory of some bodies, which touched no others: rollout k of it is rollout ``rows[k]`` of the
+    joint memory.
 
     The joint memory's other rollouts follow the first.
     """

@@ -117,3 +117,12 @@ def rotation_matrix(q):
     R = np.empty((1, 3, 3))
     write_matrix(tuple(map(float, q)), R, 0)
     return R[0]
+
+
+@kernel(_nrt=False, error_model="numpy")
+def tangents(n):
+    """Two unit vectors that complete the unit vector ``n`` to a right-handed basis (Duff et al. 2017)."""
+    s = 1.0 if n[2] >= 0.0 else -1.0
+    a = -1.0 / (s + n[2])
+    b = n[0] * n[1] * a
+    return (1.0 + s * n[0] * n[0] * a, s * b, -s * n[0]), (b, s + n[1] * n[1] * a, -n[1])

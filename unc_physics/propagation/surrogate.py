@@ -16,7 +16,7 @@ from ..physics.compiled import inner, kernel
 from ..physics.contact_history import ContactHistory
 from ..physics.explicit_step import after_pair, before_drift, integrate, on_contacts
 from ..physics.narrow_phase import DISTANCE, NORMAL, VOLUME
-from ..physics.rotation import cross, rotate, rotate_back
+from ..physics.rotation import cross, rotate, rotate_back, tangents
 from ..physics.transition import apply_drift_jacobian, write_printed_rotation
 from ..physics.workspace import workspace
 from ..validation import positive
@@ -218,15 +218,6 @@ def _forms(A, u, w):
 
 
 @inner(error_model="numpy")
-def tangent_basis(n):
-    """Two unit vectors that complete the unit vector ``n`` to a right-handed orthonormal basis."""
-    s = 1.0 if n[2] >= 0.0 else -1.0
-    a = -1.0 / (s + n[2])
-    b = n[0] * n[1] * a
-    return (1.0 + s * n[0] * n[0] * a, s * b, -s * n[0]), (b, s + n[1] * n[1] * a, -n[1])
-
-
-@inner(error_model="numpy")
 def _sine_of_tilt(variance, d, k_sigma):
     """Sine of Eq. 20's angle ``atan(k_sigma sqrt(variance) / d)``."""
     reach = k_sigma * math.sqrt(max(variance, 0.0))
@@ -253,7 +244,7 @@ def add_tilts(bodies, found, k_sigma, tree, work, spread):
         n = rotate(R_i, records[k, NORMAL], records[k, NORMAL + 1], records[k, NORMAL + 2])
         p = rotate(R_i, centers[a, 0], centers[a, 1], centers[a, 2])
         q = rotate(R_j, centers[b, 0], centers[b, 1], centers[b, 2])
-        u, w = tangent_basis(n)
+        u, w = tangents(n)
         # J Sigma J^T with J = -R [r]x is [arm]x (R Sigma R^T) [arm]x^T in world axes
         one, two, three = (
             _forms(position, u, w),

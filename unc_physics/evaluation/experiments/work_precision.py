@@ -98,7 +98,7 @@ def report(results: Results) -> str:
 
     rows, panels = results.rows("work_precision"), {}
     parts = [
-        "The same initial states, friction .5 and restitution .1 in every engine, at 60 to 2000 steps in a second; "
+        ("The same initial states, friction .5 and restitution .1 in every engine, at 60 to 2000 steps in a second; "
         "each is compared with itself at far smaller steps (the table's first line of each engine). Error of a "
         "sample: distance of final poses, median over samples and bodies. Same fate: in place or not, and upright "
         "or not, as with the smallest steps. W1: between the final distributions, beside the floor, which is W1 "
@@ -106,7 +106,7 @@ def report(results: Results) -> str:
         f"compiling, and over that of ours at {UNIT} steps in a second, run in turns with it. MuJoCo takes all "
         "steps in one call of mj_step, PyBullet's are called from Python, one by one. Solver settings are the "
         "engines' own; bodies are boxes and cylinders in other engines, or 16 convex pieces where they are "
-        "neither.\n"
+        "neither.\n")
     ]
     lines_of = {}
     for scene in SCENES:

@@ -1,6 +1,7 @@
 """Shapes of the environment, one file each: what the kernels know of a solid, in its own frame.
 
-A new shape is a file with a ``NAME`` and the functions ``surface``, ``bounds``, ``thickness`` and ``flat_side`` of a row of sizes,
+A new shape is a file with a ``NAME`` and the functions ``surface``, ``bounds``, ``thickness`` and
+``flat_side`` of a row of sizes,
 and an entry in `SHAPES`. All of them are convex.
 """
 
@@ -30,7 +31,8 @@ def _by_kind(name, nothing):
 
 
 def _either(number, function, other):
-    # without a cache of its own, which could not tell the shapes' functions apart: callers' caches hold its code
+    # without a cache of its own, which could not tell the shapes' functions apart: callers' caches hold its
+    # code
     @njit(nogil=True, forceinline=True)
     def either(kind, size, e, *point):
         if kind[e] == number:
@@ -50,7 +52,8 @@ _flat_side = _by_kind("flat_side", (-1, 0.0, 0.0))
 def surface(kind, size, e, x, y, z):
     """Signed distance of a point from the surface of element e, and the surface's normal there.
 
-    Outside, both come from the nearest point of the surface; inside, from its nearest face, ties to the lowest
+    Outside, both come from the nearest point of the surface; inside, from its nearest face, ties to the
+    lowest
     axis. They are defined everywhere: on an axis of symmetry as well, and in the middle.
 
     Parameters
@@ -81,7 +84,9 @@ def bounds(kind, size, e):
 
 @kernel(_nrt=False, forceinline=True)
 def thickness(kind, size, e):
-    """How far the inside of element e is from its surface at most [m]: what goes deeper comes out elsewhere."""
+    """How far the inside of element e is from its surface at most [m]: what goes deeper comes out
+    elsewhere.
+    """
     return _thickness(kind, size, e)
 
 
