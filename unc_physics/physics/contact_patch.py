@@ -1,11 +1,9 @@
 """From spheres that may touch to a few contacts that stand for them, and a row of numbers for each.
 
-The candidates of two bodies, or of a body and an element, fall into patches of similar normals. Of each
-patch the
-deepest candidate stays, and the supports of the patch tilted a little in eight directions: those that would
-touch first if
-it turned. Depth is that which the interval's end will have, since what is closing fast matters more than
-what is near.
+The candidates of two bodies, or of a body and an element, fall into patches of similar normals. Of each patch
+the deepest candidate stays, and the supports of the patch tilted a little in eight directions: those that
+would touch first if it turned. Depth is that which the interval's end will have, since what is closing fast
+matters more than what is near.
 """
 
 import math

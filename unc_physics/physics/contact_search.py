@@ -2,8 +2,8 @@
 spheres.
 
 A list holds all spheres, or pairs of them, of two things that come closer than a margin, and is used until
-their relative
-motion has used the margin up. It only leaves out what cannot touch, so no result depends on when it was made.
+their relative motion has used the margin up. It only leaves out what cannot touch, so no result depends on
+when it was made.
 """
 
 import math
@@ -148,8 +148,7 @@ def side_of(kind, size, e, t, R_e, R, extent):
     """The flat side of element e that a body is over with all its spheres' centres (`shapes.flat_side`).
 
     ``t`` is the body's centre of mass in the element's frame, ``extent`` (6,) the middle and half the sides
-    of the box
-    around its spheres' centres, body frame [m].
+    of the box around its spheres' centres, body frame [m].
     """
     m0, m1, m2 = t
     r0 = r1 = r2 = 0.0

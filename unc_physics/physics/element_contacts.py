@@ -52,12 +52,9 @@ def next_element_contacts(tree, surroundings, e, R, t, search, top):
         The body's centre of mass in the element's frame [m].
     search : Scratch
         Its ``stack`` holds the nodes still to be searched in its first column, the body's root when a search
-        begins.
-        Its ``pairs`` are filled with (sphere, e) and its ``records`` with the contacts, the body as body i
-        and the
-        element as body j: the normal points into the solid, the distance is that of the sphere's centre from
-        the
-        surface, signed.
+        begins. Its ``pairs`` are filled with (sphere, e) and its ``records`` with the contacts, the body as
+        body i and the element as body j: the normal points into the solid, the distance is that of the
+        sphere's centre from the surface, signed.
     top : int
         Height of the stack.
 

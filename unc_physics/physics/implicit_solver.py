@@ -1,16 +1,15 @@
 """The contact problem of a group of bodies: lasting contacts implicit in velocity, impacts as rigid impulses.
 
-Lasting contact, over an interval h (`solve_lasting`): the paper's penalty force to leading order in depth,
-at the depth of
-the interval's end, plus the damping time tau times the closing speed::
+Lasting contact, over an interval h (`solve_lasting`): the paper's penalty force to leading order in depth, at
+the depth of the interval's end, plus the damping time tau times the closing speed::
 
     lambda_n = h kappa pi R d^2,   d = max(0, -g - h (v_n + v_n') / 2 - tau v_n')
     |lambda_t| <= mu lambda_n, opposite to slip; no slip inside
     M (v' - v*) = J^T lambda
 
 with v at the start, v' at the end, v* what the end would be without contacts. Bodies travel by the mean of v
-and v', so that
-the depth is the end's, sliding loses the energy that friction takes, and the contact never gives energy.
+and v', so that the depth is the end's, sliding loses the energy that friction takes, and the contact never
+gives energy.
 
 Impact (`solve_impact`): impulses to ``v_n' = -e v_n`` where a contact closes, in Coulomb's cone.
 
@@ -52,8 +51,10 @@ from .implicit_workspace import (
     TURN_J,
 )
 
-#: Largest residual at which a solution counts as found, relative to the largest normal impulse.
-TOLERANCE = 1e-4
+#: A solution is found when a sweep changes no impulse by more than this share of the largest normal one, and
+#: no contact's velocity by more than the other share of the fastest contact's: light bodies under heavy ones
+#: lie still too.
+TOLERANCE, _STILL = 1e-3, 1e-4
 _PLAIN_SWEEPS, _SWEEPS = 8, 200
 #: Overlap that contacts always push out [m], and how fast they push out what the load does not explain [m/s].
 _SLACK, _RECOVERY = 2e-5, 0.05
@@ -142,21 +143,19 @@ def _normal_impulse(row, old, speed, law, h, kappa):
 
 
 @inner(fastmath=_FAST, error_model="numpy")
-def solve(rows, ids, m, law, all_impulses, v, h, kappa):
+def solve(rows, ids, m, law, all_impulses, v, h, kappa, fastest):
     """Find the impulses of the first ``m`` contacts by a law, `LASTING`, `ELASTIC` or `PLASTIC`, from those
     on record.
 
     After some plain sweeps each is followed by a step along what the sweeps have changed so far, as in
-    conjugate
-    gradients (Silcowitz, Niebe and Erleben 2010): sweeps alone take as many as the mass ratio, these its
-    root.
+    conjugate gradients (Silcowitz, Niebe and Erleben 2010): sweeps alone take as many as the mass ratio,
+    these its root.
 
     Returns
     -------
     residual : float
         Largest change of an impulse in the last sweep, which is by how much the law was missed, relative to
-        the
-        largest normal impulse.
+        the largest normal impulse.
     """
     own, previous, search, best = (
         all_impulses[law],
@@ -168,7 +167,7 @@ def solve(rows, ids, m, law, all_impulses, v, h, kappa):
     least = math.inf
     for sweep in range(_SWEEPS):
         accelerated = sweep >= _PLAIN_SWEEPS
-        change = load = 0.0
+        change = load = jump = 0.0
         for c in range(m):
             row, i, j = rows[c], ids[c, 0], ids[c, 1]
             old = own[c, 0]
@@ -180,11 +179,13 @@ def solve(rows, ids, m, law, all_impulses, v, h, kappa):
                 own[c, 0] = new
                 apply_impulse(row, 0, new - old, v, i, j)
                 change = max(change, abs(new - old))
+                jump = max(jump, abs(new - old) * row[COMPLIANCE])
             load = max(load, new)
             if row[FRICTION] > 0.0:
-                change = max(change, _solve_friction(row, own[c], row[FRICTION] * new, v, i, j))
+                slip = _solve_friction(row, own[c], row[FRICTION] * new, v, i, j)
+                change, jump = max(change, slip), max(jump, slip * row[SLIP_COMPLIANCE])
         residual = change / load if load > 0.0 else (0.0 if change == 0.0 else 1.0)
-        if residual <= TOLERANCE:
+        if residual <= TOLERANCE and jump <= _STILL * fastest:
             return residual
         if not accelerated:
             continue
@@ -231,12 +232,12 @@ def solve_lasting(rows, ids, counts, all_impulses, velocity, kappa, h, dt, thres
     """Find the impulses of all contacts at hand over an interval ``h`` [s], and the velocities ``NOW`` at
     its end.
 
-    ``kappa`` is pi times the stiffness; contacts that close faster than ``threshold`` [m/s] and stay open
-    are not damped.
-    Returns the residual (`solve`).
+    ``kappa`` is pi times the stiffness; contacts that close faster than ``threshold`` [m/s] and stay open are
+    not damped. Returns the residual (`solve`).
     """
     m, start, free, v = counts[CONTACTS], velocity[START], velocity[FREE], velocity[NOW]
     impulses = all_impulses[LASTING]
+    fastest = 0.0
     for c in range(m):
         row, i, j = rows[c], ids[c, 0], ids[c, 1]
         # overlap beyond what the last force explains has no energy to give back: it goes slowly
@@ -244,6 +245,9 @@ def solve_lasting(rows, ids, counts, all_impulses, velocity, kappa, h, dt, thres
         row[GAP] = max(row[GAP], -explained - _SLACK - _RECOVERY * h)
         speed, end = contact_speed(row, 0, start, i, j), contact_speed(row, 0, free, i, j)
         row[START_SPEED] = speed
+        fastest = max(fastest, max(abs(speed), abs(end)))
+        for d in range(1, 3):
+            fastest = max(fastest, abs(contact_speed(row, d, free, i, j)))
         fast = row[GAP] > 2e-5 and -end > threshold and row[GAP] + h * (speed + 0.5 * h * row[FALL]) > 0.0
         row[DAMPING_TIME] = 0.0 if fast else dt
         if fast and row[GAP] + 0.5 * h * (speed + end + h * row[BEND]) <= 0.0:
@@ -253,7 +257,7 @@ def solve_lasting(rows, ids, counts, all_impulses, velocity, kappa, h, dt, thres
             impulses[c, d] = h * row[FORCE + d]
             if impulses[c, d] != 0.0:
                 apply_impulse(row, d, impulses[c, d], v, i, j)
-    return solve(rows, ids, m, LASTING, all_impulses, v, h, kappa)
+    return solve(rows, ids, m, LASTING, all_impulses, v, h, kappa, fastest)
 
 
 @inner
@@ -277,26 +281,27 @@ def solve_impact(rows, ids, counts, all_impulses, members, count, velocity, thre
     """Find the impulses `ELASTIC` of an impact of all contacts at hand, and the velocities ``NOW`` after it.
 
     Newton's restitution with friction can add energy: then the solution is blended with the one without
-    rebound, as
-    far as none is added. Both obey Coulomb's law and do not penetrate, so their blend does. Returns the
-    residual (`solve`).
+    rebound, as far as none is added. Both obey Coulomb's law and do not penetrate, so their blend does.
+    Returns the residual (`solve`).
     """
     m, start, v = counts[CONTACTS], velocity[START], velocity[NOW]
     elastic, plastic = all_impulses[ELASTIC], all_impulses[PLASTIC]
+    fastest = 0.0
     for c in range(m):
         row = rows[c]
         speed = contact_speed(row, 0, start, ids[c, 0], ids[c, 1])
+        fastest = max(fastest, abs(speed))
         row[TARGET] = -row[RESTITUTION] * speed if -speed > threshold else 0.0
         for d in range(3):
             elastic[c, d] = plastic[c, d] = 0.0
-    residual = solve(rows, ids, m, ELASTIC, all_impulses, v, 0.0, 0.0)
+    residual = solve(rows, ids, m, ELASTIC, all_impulses, v, 0.0, 0.0, fastest)
     gain, size = work_done(rows, ids, m, elastic, start, v)
     if gain <= _GAIN * size:
         return residual
     for a in range(count):
         for k in range(6):
             v[members[a], k] = start[members[a], k]
-    residual = max(residual, solve(rows, ids, m, PLASTIC, all_impulses, v, 0.0, 0.0))
+    residual = max(residual, solve(rows, ids, m, PLASTIC, all_impulses, v, 0.0, 0.0, fastest))
     base, _ = work_done(rows, ids, m, plastic, start, v)
     slope = 0.0
     for c in range(m):

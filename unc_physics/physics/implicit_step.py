@@ -2,11 +2,8 @@
 travel.
 
 A group is what may touch in the step. It goes from impact to impact: it travels to the first, in which
-impulses change the
-velocities at once, and so on, at most `_IMPACTS` times, or `_LIVELY_IMPACTS`; the rest of the step is one
-solution of the
-lasting contacts.
-Nothing that happens in a group depends on any other.
+impulses change the velocities at once, and so on, at most `_IMPACTS` times, or `_LIVELY_IMPACTS`; the rest of
+the step is one solution of the lasting contacts. Nothing that happens in a group depends on any other.
 """
 
 import math
@@ -48,14 +45,12 @@ from .shapes import surface
 #: Gap up to which bodies touch, and at which an impact is aimed [m].
 TOUCHING, _AIM = 2e-5, 1e-5
 #: Closing faster than this is an impact: the largest of a speed [m/s], of that of a fall from a height [m],
-#: and of what
-#: gravity adds in some steps. Where nothing weighs, nothing has to come to rest, and the slowest approach is
-#: one.
+#: and of what gravity adds in some steps. Where nothing weighs, nothing has to come to rest, and the slowest
+#: approach is one.
 _SLOWEST_IMPACT, _LOWEST_FALL, _IMPACT_STEPS = 1e-5, 5e-4, 2.5
 #: In a step of a group, at most: impacts, and searches for them; then those of contacts that rebound with at
-#: least so much
-#: of their speed, which would go on for long, as of a light body between heavy ones. Lasting contacts take
-#: up the others.
+#: least so much of their speed, which would go on for long, as of a light body between heavy ones. Lasting
+#: contacts take up the others.
 _IMPACTS, _CUTS = 4, 16
 _LIVELY, _LIVELY_IMPACTS, _LIVELY_CUTS = 0.7, 64, 256
 _QUIET_SPEED, _QUIET_TIME, _QUIET_CONTACTS = 2e-3, 0.1, 3  # of what falls asleep [m/s], [s]

@@ -17,22 +17,19 @@ START, FREE, NOW = 0, 1, 2
 #: direction of search, and the best so far.
 LASTING, ELASTIC, PLASTIC, PREVIOUS, SEARCH, BEST = 0, 1, 2, 3, 4, 5
 #: Columns of a body's numbers: what its points travel in a second [m/s], the sum of that over time [m], how
-#: far
-#: the environment is [m], and its pose when an interval began.
+#: far the environment is [m], and its pose when an interval began.
 PACE, TRAVEL, CLEARANCE, START_POSITION, START_QUATERNION = 0, 1, 2, 3, 6
 #: Columns of a candidate: unit normal towards the body, point on its surface (body frame), gap [m], score
 #: [m].
 CANDIDATE_NORMAL, CANDIDATE_POINT, CANDIDATE_GAP, CANDIDATE_SCORE = 0, 3, 6, 7
 
 #: Columns of a contact's row. Directions: normal and two tangents (world axes), the lever arms' moments of
-#: each about
-#: both bodies' centres of mass, the inverse inertias' images of these.
+#: each about both bodies' centres of mass, the inverse inertias' images of these.
 DIRECTION, MOMENT_I, TURN_I, MOMENT_J, TURN_J = 0, 9, 18, 27, 36
 #: Inverse masses, own compliances along the normal and across, gap, predicted change of the gap beyond the
-#: velocities',
-#: the gap's acceleration in free fall, reduced radius, friction, restitution, the force of the last step
-#: (normal, two tangents), normal speed at the start, damping time,
-#: normal speed that an impact shall leave.
+#: velocities', the gap's acceleration in free fall, reduced radius, friction, restitution, the force of the
+#: last step (normal, two tangents), normal speed at the start, damping time, normal speed that an impact
+#: shall leave.
 (
     INVERSE_MASS_I,
     INVERSE_MASS_J,
@@ -102,8 +99,7 @@ class ImplicitWorkspace(NamedTuple):
         Beginning and length of each list in the pool.
     list_pose : (B, B + E, 13) float64
         For each list the second body's pose in the first's frame, or the body's in the element's, rotation
-        and position,
-        when it was made, and how far they may move until it is made anew [m].
+        and position, when it was made, and how far they may move until it is made anew [m].
     search : Scratch
     R_ij : (3, 3) float64
     old_contact, new_contact : (K, 4) int32

@@ -5,8 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 #: Contacts that are remembered of each body, of those that name it first: a limit of its own, so that no
-#: body's memory
-#: depends on what else there is.
+#: body's memory depends on what else there is.
 REMEMBERED_CONTACTS = 48
 
 
@@ -60,8 +59,7 @@ class SolverMemory(NamedTuple):
         Their normal force, and the friction force in world axes [N].
     count : (N,) int64
         How many there are, at most `REMEMBERED_CONTACTS` of each body i. Those beyond start from zero in the
-        next step, which
-        costs time and no contact.
+        next step, which costs time and no contact.
     quiet : (N, B) int64
         Steps for which each body has been at rest.
     residual : (N, B) float32

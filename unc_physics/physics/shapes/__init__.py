@@ -1,8 +1,7 @@
 """Shapes of the environment, one file each: what the kernels know of a solid, in its own frame.
 
 A new shape is a file with a ``NAME`` and the functions ``surface``, ``bounds``, ``thickness`` and
-``flat_side`` of a row of sizes,
-and an entry in `SHAPES`. All of them are convex.
+``flat_side`` of a row of sizes, and an entry in `SHAPES`. All of them are convex.
 """
 
 import math
@@ -53,8 +52,7 @@ def surface(kind, size, e, x, y, z):
     """Signed distance of a point from the surface of element e, and the surface's normal there.
 
     Outside, both come from the nearest point of the surface; inside, from its nearest face, ties to the
-    lowest
-    axis. They are defined everywhere: on an axis of symmetry as well, and in the middle.
+    lowest axis. They are defined everywhere: on an axis of symmetry as well, and in the middle.
 
     Parameters
     ----------
@@ -62,8 +60,7 @@ def surface(kind, size, e, x, y, z):
         Of the elements, from `KINDS`.
     size : (E, 3) float64 array
         [m]; each shape's file says what its numbers are.
-    e : int
-    x, y, z : float
+    e : int x, y, z : float
         The point, in the element's frame [m].
 
     Returns
