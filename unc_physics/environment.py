@@ -154,7 +154,7 @@ class Box(Element):
     def __post_init__(self):
         size = array(self.size, (3,), "size", InvalidEnvironmentError)
         for k in range(3):
-            positive(size[k], f"size[{k}]", InvalidEnvironmentError)
+            positive(float(size[k]), f"size[{k}]", InvalidEnvironmentError)
         object.__setattr__(self, "size", size)
         _check_pose(self)
 

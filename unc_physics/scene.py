@@ -411,7 +411,7 @@ def check_integrator(name) -> None:
     successor = _SUCCESSORS.get(name) if isinstance(name, str) else None
     if successor:
         raise InvalidOptionError(
-            f"is no more; '{successor}' has taken its place", field="integrator", value=name)
+            f"must be '{successor}' now, which has taken the place of '{name}'", field="integrator", value=name)
     raise InvalidOptionError(f"must be one of {', '.join(INTEGRATORS)}", field="integrator", value=name)
 
 
