@@ -299,8 +299,8 @@ SHOWN = """
 
 * The implicit step meets every goal in every case. Where nothing should take energy away, the mean loses less than 0.1 % in its run: a ball
   that bounces for 60 s as little as one that is struck 68 times within 10 ms between two others. None gains as much as 0.1 %.
-* What lies, lies. Bricks with a mass ratio of 100 creep fastest, 0.1 mm in a second: the light ones feel what is left of the
-  solver's residual, which is measured by the heaviest load.
+* What lies, lies. Bricks of a few centimetres with a mass ratio of 100 creep by a micrometre in a second: the light ones feel
+  what is left of the solver's residual.
 * The explicit step gains energy where the stiffness or the time step ask too much of it, and all predictions say so. So do
   they where the stiffness cannot stop the ball (`fast_ball_too_soft`).
 * Monte Carlo is right wherever its step is. Sigma points are right with few bodies, and far too sure of themselves in piles
