@@ -111,7 +111,7 @@ def find_contacts(x, count, horizon, world, work):
 
 @inner(forceinline=True)
 def prepare_members(x, count, world, work):
-    """Inverse inertias in world axes, and paces, of the group's members."""
+    """Inverse inertias, in world axes, of the group's members."""
     members, R, bodies = work.members, work.R, world.bodies
     for a in range(count):
         i = members[a]
