@@ -19,9 +19,8 @@ from typing import NamedTuple
 import numpy as np
 
 from unc_physics import Belief, RigidBody, Scene, load_model, make_propagator, predict
-from unc_physics.environment import Box, Plane
 from unc_physics.evaluation.scenarios import unit_model
-from unc_physics.layout import (
+from unc_physics.physics.layout import (
     ERR_ANGULAR_VELOCITY,
     ERR_POSITION,
     ERR_ROTATION,
@@ -32,7 +31,8 @@ from unc_physics.layout import (
     STATE,
     VELOCITY,
 )
-from unc_physics.propagation import answers
+from unc_physics.prediction import probabilities as answers
+from unc_physics.scene.environment import Box, Plane
 
 TRUTH = 10_000
 SEED_OF_TRUTH = 1

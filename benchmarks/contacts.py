@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from unc_physics.layout import P
+from unc_physics.physics.layout import P
 from unc_physics.physics.narrow_phase import next_contacts, open_pair
 from unc_physics.physics.rollout import simulate
 from unc_physics.physics.workspace import workspace

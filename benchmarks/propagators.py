@@ -16,7 +16,7 @@ import numba
 import numpy as np
 
 from unc_physics import Belief, make_propagator, predict
-from unc_physics.errors import UnknownModelError
+from unc_physics.checks.errors import UnknownModelError
 from unc_physics.evaluation.engines import PEERS
 from unc_physics.evaluation.provenance import versions
 from unc_physics.evaluation.scenarios import MODELS, collision, many_collisions

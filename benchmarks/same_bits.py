@@ -131,8 +131,12 @@ def cases(found):
 def results(scene, belief, horizon, label):
     """Every array that a prediction gives, its statuses' flags and its answers, by name."""
     from unc_physics import make_propagator, predict
-    from unc_physics.propagation.answers import contact_probabilities
-    from unc_physics.propagation.status import assess
+
+    try:
+        from unc_physics import assess, contact_probabilities
+    except ImportError:  # likewise
+        from unc_physics.propagation.answers import contact_probabilities
+        from unc_physics.propagation.status import assess
 
     name, options = PROPAGATORS[label]
     prediction = predict(scene, belief, make_propagator(name, **options), horizon, times=(0.5 * horizon,))

@@ -15,14 +15,14 @@ import numpy as np
 from numba import types
 
 from unc_physics import Belief, RigidBody, Scene, load_model, make_propagator, predict
-from unc_physics.environment import Plane
 from unc_physics.evaluation.provenance import versions
 from unc_physics.evaluation.scenarios import collision
 from unc_physics.evaluation.timing import paired, ratio
-from unc_physics.layout import POSITION, QUATERNION
-from unc_physics.materials import DEFAULT_RESTITUTION
+from unc_physics.physics.layout import POSITION, QUATERNION
 from unc_physics.physics.rollout import advance_explicit, simulate
-from unc_physics.stiffness import with_stiffness
+from unc_physics.scene.environment import Plane
+from unc_physics.scene.materials import DEFAULT_RESTITUTION
+from unc_physics.scene.stiffness import with_stiffness
 
 from .rows import Report, machine_and_load
 

@@ -3,7 +3,7 @@
 import pytest
 
 from unc_physics.__main__ import main
-from unc_physics.errors import ErrorCode
+from unc_physics.checks.errors import ErrorCode
 
 
 def test_an_experiment_named_alone(tmp_path, capsys):

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from unc_physics.errors import InvalidOptionError
+from unc_physics.checks.errors import InvalidOptionError
 from unc_physics.evaluation.experiments import NAMES, experiment
 from unc_physics.evaluation.jobs import Job, Row, Settings
 from unc_physics.evaluation.results import ORIGIN

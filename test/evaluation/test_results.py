@@ -2,7 +2,7 @@
 
 import pytest
 
-from unc_physics.errors import OutputError
+from unc_physics.checks.errors import OutputError
 from unc_physics.evaluation.jobs import Job, Outcome, Row
 from unc_physics.evaluation.results import Results
 

@@ -7,7 +7,6 @@ import pytest
 
 from unc_physics import RigidBody, Scene
 from unc_physics.__main__ import main
-from unc_physics.environment import Box, Capsule, Cylinder, Plane, Sphere
 from unc_physics.evaluation.conservation import (
     CHANGE,
     DRIFT,
@@ -34,7 +33,8 @@ from unc_physics.evaluation.results import Results
 from unc_physics.evaluation.stability_document import AT_REST, COMMAND, DRIFT_LIMIT
 from unc_physics.geometry.packing_file import load_packing
 from unc_physics.physics.rollout import simulate
-from unc_physics.scene import INTEGRATORS
+from unc_physics.scene.environment import Box, Capsule, Cylinder, Plane, Sphere
+from unc_physics.scene.scene import INTEGRATORS
 
 BALL = ball().scaled(0.1)
 

@@ -23,7 +23,7 @@ from unc_physics.evaluation.results import Results
 from unc_physics.evaluation.rollouts import ENGINES, OURS
 from unc_physics.evaluation.rollouts import rollouts as rollouts_in
 from unc_physics.evaluation.scores import bootstrap, brier_score, energy_score, log_score
-from unc_physics.layout import ANGULAR_VELOCITY, POSITION, QUATERNION, VELOCITY
+from unc_physics.physics.layout import ANGULAR_VELOCITY, POSITION, QUATERNION, VELOCITY
 
 TOSSES = recorded_tosses()
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from unc_physics.errors import InvalidRequestError
+from unc_physics.checks.errors import InvalidRequestError
 from unc_physics.evaluation.wasserstein import (
     euclidean,
     geodesic,

@@ -8,7 +8,7 @@ from unc_physics.evaluation.jobs import Settings
 from unc_physics.evaluation.results import Results
 from unc_physics.evaluation.rollouts import OURS, available
 from unc_physics.evaluation.scenarios import PILES, five_into_bin, in_bin, is_upright
-from unc_physics.layout import POSITION, QUATERNION
+from unc_physics.physics.layout import POSITION, QUATERNION
 
 
 def test_rows_and_report(tmp_path, monkeypatch):

@@ -9,7 +9,7 @@ from rclpy.action import ActionClient
 from running import READY_TIMEOUT
 from scenes import assert_answered, assert_same, good_request, numbers_of
 
-from unc_physics.errors import ErrorCode
+from unc_physics.checks.errors import ErrorCode
 from unc_physics_msgs.action import PredictLong
 
 

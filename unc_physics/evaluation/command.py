@@ -33,7 +33,7 @@ def add_evaluate_command(commands) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Run the jobs that are missing, and write the report."""
-    from ..errors import ErrorCode, InvalidOptionError, NotSupportedError
+    from ..checks.errors import ErrorCode, InvalidOptionError, NotSupportedError
     from .experiments import NAMES, experiment
     from .jobs import Settings
     from .report import write_report

@@ -7,9 +7,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..belief import Belief
-from ..propagation import PROPAGATORS, make_propagator, predict
-from ..propagation.base import Propagator
+from ..prediction.predict import predict
+from ..propagators.base import Propagator
+from ..propagators.registry import PROPAGATORS, make_propagator
+from ..scene.belief import Belief
 from .jobs import Job, Row
 from .timing import paired
 from .wasserstein import sinkhorn_divergence, state_distance, wasserstein

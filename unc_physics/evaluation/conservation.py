@@ -6,11 +6,18 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..belief import Belief
-from ..layout import ANGULAR_VELOCITY, ERR_ANGULAR_VELOCITY, ERR_VELOCITY, POSITION, QUATERNION, VELOCITY
 from ..physics import contact_history as histories
+from ..physics.layout import (
+    ANGULAR_VELOCITY,
+    ERR_ANGULAR_VELOCITY,
+    ERR_VELOCITY,
+    POSITION,
+    QUATERNION,
+    VELOCITY,
+)
 from ..physics.rollout import rollout
-from ..scene import Scene
+from ..scene.belief import Belief
+from ..scene.scene import Scene
 from .energy import contact_energy, height_energy, kinetic_energy, matrices, momentum
 from .jobs import Row
 from .passing import passed_through

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..layout import ANGULAR_VELOCITY, POSITION, QUATERNION, VELOCITY
-from ..scene import Scene
+from ..physics.layout import ANGULAR_VELOCITY, POSITION, QUATERNION, VELOCITY
+from ..scene.scene import Scene
 
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(24)
 

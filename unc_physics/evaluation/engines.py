@@ -20,9 +20,9 @@ from scipy.cluster.vq import kmeans2
 from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
-from ..environment import Box, Capsule, Cylinder, Plane, Sphere
-from ..errors import NotSupportedError
-from ..layout import ANGULAR_VELOCITY, POSITION, QUATERNION, VELOCITY
+from ..checks.errors import NotSupportedError
+from ..physics.layout import ANGULAR_VELOCITY, POSITION, QUATERNION, VELOCITY
+from ..scene.environment import Box, Capsule, Cylinder, Plane, Sphere
 
 GEOMETRIES = ("spheres", "pieces", "box")
 PRIMITIVES = {"salt_box": "box", "can": "cylinder", "cube": "box"}  # of the models that are one

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..layout import POSITION, QUATERNION
-from ..scene import Scene
+from ..physics.layout import POSITION, QUATERNION
+from ..scene.scene import Scene
 from .energy import matrices, surface_distance
 
 _THIRDS = 60  # that a way is shortened by to find its nearest point: to 1e-11 of it

@@ -14,11 +14,11 @@ from matplotlib.patches import Polygon
 from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 from scipy.spatial.transform import Rotation
 
-from ..environment import Element
+from ..cli.scene_picture import outline
 from ..geometry.packing_file import SpherePacking
 from ..geometry.picture import box_corners, shaded_balls, view_axes
-from ..layout import POSITION, QUATERNION
-from ..scene_picture import outline
+from ..physics.layout import POSITION, QUATERNION
+from ..scene.environment import Element
 from .comparison import CPU_TIME, FLOOR, GAUSSIAN, MONTE_CARLO, POSITION_ERROR, ROTATION_ERROR
 from .pareto import Choice, front
 from .results import Rows

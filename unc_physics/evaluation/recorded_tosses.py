@@ -8,12 +8,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..belief import Belief
-from ..environment import Plane
 from ..geometry.packing_file import SpherePacking
-from ..layout import ERR_ANGULAR_VELOCITY, ERR_POSITION, ERR_ROTATION, ERR_VELOCITY, ERROR, QUATERNION
-from ..scene import RigidBody, Scene
-from ..stiffness import with_stiffness
+from ..physics.layout import ERR_ANGULAR_VELOCITY, ERR_POSITION, ERR_ROTATION, ERR_VELOCITY, ERROR, QUATERNION
+from ..scene.belief import Belief
+from ..scene.environment import Plane
+from ..scene.scene import RigidBody, Scene
+from ..scene.stiffness import with_stiffness
 
 FOLDER = Path(__file__).parent / "data" / "tosses"
 FRICTION, RESTITUTION = 0.18, 0.125  # as the authors of the recordings give them

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..errors import OutputError
+from ..checks.errors import OutputError
 from .jobs import Job, Outcome, Row
 
 ORIGIN = ("versions", "machine", "job", "part")

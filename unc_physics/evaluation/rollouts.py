@@ -10,7 +10,7 @@ from importlib.util import find_spec
 import numpy as np
 
 from ..physics.rollout import simulate
-from ..scene import Scene
+from ..scene.scene import Scene
 from .engines import PEERS
 
 OURS = "ours"

@@ -12,7 +12,7 @@ from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from importlib.util import find_spec
 
-from ..errors import InvalidOptionError, NotSupportedError, UncPhysicsError
+from ..checks.errors import InvalidOptionError, NotSupportedError, UncPhysicsError
 from .jobs import Job, Outcome
 from .provenance import machine, threads, versions
 from .results import Results

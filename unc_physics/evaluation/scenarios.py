@@ -6,12 +6,11 @@ import math
 
 import numpy as np
 
-from ..belief import Belief
-from ..environment import Box, Plane
-from ..errors import InvalidModelError, InvalidRequestError
+from ..checks.errors import InvalidModelError, InvalidRequestError
+from ..checks.validation import non_negative
 from ..geometry.library import find_model, load_model
 from ..geometry.packing_file import SpherePacking
-from ..layout import (
+from ..physics.layout import (
     ANGULAR_VELOCITY,
     ERR_ANGULAR_VELOCITY,
     ERR_POSITION,
@@ -23,9 +22,10 @@ from ..layout import (
     STATE,
     VELOCITY,
 )
-from ..scene import RigidBody, Scene
-from ..stiffness import with_stiffness
-from ..validation import non_negative
+from ..scene.belief import Belief
+from ..scene.environment import Box, Plane
+from ..scene.scene import RigidBody, Scene
+from ..scene.stiffness import with_stiffness
 
 #: The models that the paper drops on each other; all ship with the package.
 MODELS = ("bunny", "armadillo", "pin")

@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 
-from ..propagation import PROPAGATORS
-from ..propagation.status import Status
+from ..prediction.status import Status
+from ..propagators.registry import PROPAGATORS
 from .conservation import CHANGE, DRIFT, EIGENVALUE, FINITE, GAIN, MOMENTUM, PASSED
 from .hard_cases import load, names
 from .judgement import FALSE, MISSING, RIGHT, Judged, any_of, judge, rates, worst

@@ -10,11 +10,11 @@ import ot
 from scipy.spatial.distance import cdist
 from scipy.special import rel_entr
 
-from ..errors import InvalidRequestError, UncPhysicsError
-from ..layout import POSITION, QUATERNION
-from ..propagation import Prediction
-from ..propagation.monte_carlo import MonteCarloCarry
-from ..validation import positive
+from ..checks.errors import InvalidRequestError, UncPhysicsError
+from ..checks.validation import positive
+from ..physics.layout import POSITION, QUATERNION
+from ..prediction.predict import Prediction
+from ..propagators.monte_carlo import MonteCarloCarry
 
 _PIVOTS = 10_000_000  # of the network simplex; a thousand points take some ten thousand
 _SWEEPS = 10_000  # of Sinkhorn's iteration

@@ -16,7 +16,7 @@ from __future__ import annotations
 from importlib import import_module
 from types import ModuleType
 
-from ...errors import InvalidOptionError
+from ...checks.errors import InvalidOptionError
 
 NAMES = (
     "collision_free", "collisions", "floors", "speed_against_error", "peers", "plausibility", "work_precision",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...errors import UnknownModelError
+from ...checks.errors import UnknownModelError
 from ..comparison import (
     CPU_TIME,
     FLOOR,

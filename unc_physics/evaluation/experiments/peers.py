@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ...physics.rollout import simulate
-from ...propagation import make_propagator
+from ...propagators.registry import make_propagator
 from ..comparison import (
     CPU_TIME,
     FLOOR,

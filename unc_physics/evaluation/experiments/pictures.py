@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...errors import UnknownModelError
-from ...propagation import predict
+from ...checks.errors import UnknownModelError
+from ...prediction.predict import predict
 from ..comparison import methods, monte_carlo, rollout_cost
 from ..jobs import Job, Outcome, Row, Settings
 from ..results import Results

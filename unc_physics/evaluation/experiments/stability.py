@@ -5,15 +5,15 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import NamedTuple
 
-from ...belief import Belief
-from ...errors import DivergedError
-from ...layout import ERR_POSITION, ERR_ROTATION
+from ...checks.errors import DivergedError
 from ...physics import contact_history as histories
-from ...propagation import PROPAGATORS, make_propagator, predict
-from ...propagation.predict import periodic_times
-from ...propagation.status import assess
-from ...scene import Scene
-from ...stiffness import with_stiffness
+from ...physics.layout import ERR_POSITION, ERR_ROTATION
+from ...prediction.predict import periodic_times, predict
+from ...prediction.status import assess
+from ...propagators.registry import PROPAGATORS, make_propagator
+from ...scene.belief import Belief
+from ...scene.scene import Scene
+from ...scene.stiffness import with_stiffness
 from ..comparison import MONTE_CARLO
 from ..conservation import FINITE, prediction_rows, rollout_rows, trajectory
 from ..hard_cases import digest, load, names

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...layout import ERROR, STATE
-from ...propagation import make_propagator
+from ...physics.layout import ERROR, STATE
+from ...propagators.registry import make_propagator
 from ..comparison import MONTE_CARLO, methods
 from ..jobs import Job, Outcome, Row, Settings
 from ..results import Results

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...layout import POSITION
+from ...physics.layout import POSITION
 from ..comparison import MONTE_CARLO
 from ..jobs import Job, Outcome, Row, Settings
 from ..recorded_tosses import (

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ...layout import POSITION, QUATERNION
+from ...physics.layout import POSITION, QUATERNION
 from ..comparison import CPU_TIME, MONTE_CARLO
 from ..jobs import Job, Outcome, Row, Settings
 from ..results import Results

@@ -9,10 +9,10 @@ import hashlib
 from pathlib import Path
 from typing import NamedTuple
 
-from ...belief import Belief
-from ...errors import InvalidOptionError
-from ...scene import Scene
-from ...scene_file import load_scene
+from ...checks.errors import InvalidOptionError
+from ...scene.belief import Belief
+from ...scene.scene import Scene
+from ...scene.scene_file import load_scene
 
 FOLDER = Path(__file__).parent
 SUFFIX = ".yaml"
