@@ -8,8 +8,8 @@ import sys
 from . import __version__
 from .checks.errors import UncPhysicsError
 from .cli.geometry_commands import add_models_command, add_pack_command, add_show_command
+from .cli.plugins import add_plugin_commands
 from .cli.predict_command import add_predict_command
-from .evaluation.command import add_evaluate_command
 
 
 class OneSentenceParser(argparse.ArgumentParser):
@@ -32,7 +32,7 @@ def build_parser() -> argparse.ArgumentParser:
     add_pack_command(commands)
     add_models_command(commands)
     add_show_command(commands)
-    add_evaluate_command(commands)
+    add_plugin_commands(commands)
     return parser
 
 

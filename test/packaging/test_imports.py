@@ -69,7 +69,7 @@ def test_layers():
         cwd=ROOT,
         capture_output=True,
         text=True,
-        env=os.environ | {"PYTHONPATH": os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")])},
+        env=os.environ | {"PYTHONPATH": os.pathsep.join([str(ROOT), str(ROOT / "evaluation"), os.environ.get("PYTHONPATH", "")])},
         check=False,
     )
     assert run.returncode == 0, run.stdout + run.stderr

@@ -9,10 +9,10 @@ import yaml
 
 from unc_physics import Belief, RigidBody, Scene, load_model, make_propagator, predict
 from unc_physics.__main__ import main
-from unc_physics.evaluation.scenarios import collision
 from unc_physics.geometry.packing_file import SpherePacking
 from unc_physics.prediction.status import Status, assess, assess_all
 from unc_physics.scene.environment import Plane
+from unc_physics_evaluation.scenarios import collision
 
 NAMES = ("linearization", "surrogate", "sigma_points", "local_sampling", "monte_carlo")
 NOMINAL = ("linearization", "surrogate", "local_sampling")

@@ -2,7 +2,7 @@
 
 Every answer is a probability within `TOLERANCE` of the truth, or says that it is not available: it is where the
 interval that its outcomes leave for the truth reaches farther. Monte Carlo counts its samples. The other propagators have no samples, and the Gaussian that they end with is no good for probabilities once
-bodies have touched (``python -m benchmarks.calibration`` shows how far off it is). What they can tell is what is decided
+bodies have touched (``python -m unc_physics_evaluation.benchmarks.calibration`` shows how far off it is). What they can tell is what is decided
 by the first contacts, before which all bodies fly freely: flights drawn from the initial belief say for each question
 how often it is answered yes, no, or not yet. "Not yet" counts half, and widens the interval by as much.
 """
