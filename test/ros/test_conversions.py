@@ -5,7 +5,7 @@ import pytest
 from scenes import diagonal, moving_object, position_of
 from scipy.spatial.transform import Rotation
 
-from unc_physics import errors
+from unc_physics.checks import errors
 from unc_physics.physics.layout import (
     ANGULAR_VELOCITY,
     ERR_ANGULAR_VELOCITY,
