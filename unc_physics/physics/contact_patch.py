@@ -10,7 +10,6 @@ import math
 
 import numpy as np
 
-from ..layout import P, V, W
 from .compiled import inner
 from .contact_search import ACTIVE_GAP, closing_bound, element_list, pair_list, relative_pose, side_of
 from .element_contacts import in_element
@@ -41,6 +40,7 @@ from .implicit_workspace import (
     TURN_I,
     TURN_J,
 )
+from .layout import P, V, W
 from .rotation import rotate, rotate_back, tangents
 from .shapes import surface
 

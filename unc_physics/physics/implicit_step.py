@@ -8,7 +8,6 @@ the step is one solution of the lasting contacts. Nothing that happens in a grou
 
 import math
 
-from ..layout import P, Q, V, W
 from .compiled import inner, kernel
 from .contact_patch import IMPACT_GAP, TILT, add_contacts, element_candidates, pair_candidates
 from .contact_search import ACTIVE_GAP, clearance, find_groups, forget_lists, join, lowest, update_pace
@@ -39,6 +38,7 @@ from .implicit_workspace import (
     implicit_workspace,
 )
 from .implicit_world import REMEMBERED_CONTACTS
+from .layout import P, Q, V, W
 from .rotation import rotate, write_matrix
 from .shapes import surface
 

@@ -4,9 +4,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..layout import Q
 from .compiled import kernel
 from .implicit_world import REMEMBERED_CONTACTS
+from .layout import Q
 from .narrow_phase import RECORD
 from .rotation import write_matrix
 from .sphere_tree import Scratch

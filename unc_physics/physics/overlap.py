@@ -17,7 +17,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..layout import EP, ER, ERROR, EV, EW, P, Q, V, W
 from .compiled import inner, kernel
 from .contact_patch import add_contacts, element_candidates, pair_candidates
 from .contact_search import forget_lists, join, lowest
@@ -38,6 +37,7 @@ from .implicit_workspace import (
     TOO_MANY_CANDIDATES,
     implicit_workspace,
 )
+from .layout import EP, ER, ERROR, EV, EW, P, Q, V, W
 from .moments import boxplus
 from .rotation import rotate, rotate_back, write_matrix
 from .shapes import surface
