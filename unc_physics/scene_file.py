@@ -142,6 +142,7 @@ def scene_from_dict(content, models_dir=None, folder=None) -> LoadedScene:
     scene = Scene(rigid, environment=_environment(content.get("environment")), **options)
     blocks = [P for body, _, P in read if not body.fixed]
     belief = _with_common_error(Belief(mean, np.array(blocks).reshape(-1, ERROR, ERROR), scene.moving), content)
+    belief.check_fits(scene)
     horizon = content.get("horizon")
     return LoadedScene(scene, belief, None if horizon is None else positive(horizon, "horizon", InvalidHorizonError))
 
@@ -149,8 +150,12 @@ def scene_from_dict(content, models_dir=None, folder=None) -> LoadedScene:
 def _with_common_error(belief, content):
     """The belief with the error that all moving bodies share, if the file names one."""
     std, origin = content.get(_COMMON_STD), content.get(_COMMON_ORIGIN)
+    if std is None:
+        if origin is not None:
+            raise InvalidRequestError(f"needs {_COMMON_STD} beside it", field=_COMMON_ORIGIN, value=origin)
+        return belief
     origin = (0.0, 0.0, 0.0) if origin is None else _numbers(origin, (3,), _COMMON_ORIGIN)
-    return belief if std is None else belief.with_common_pose_std(_numbers(std, (6,), _COMMON_STD), origin)
+    return belief.with_common_pose_std(_numbers(std, (6,), _COMMON_STD), origin)
 
 
 def physics_options(content) -> dict:
@@ -233,13 +238,13 @@ def _element(content, field):
         else:
             given[key] = _numbers(value, (4 if key == "orientation" else 3,), f"{place}.{key}", error)
     surface = _surface(content, field, error)
-    return _at_field(place, ELEMENTS[kind], **given, name=name, **surface)
+    return at_field(place, ELEMENTS[kind], **given, name=name, **surface)
 
 
 def _surface(content, field, error=InvalidRequestError):
     """The entries of a body or an element that say what its surface is like, checked."""
     given = {key: content[key] for key in _SURFACE_KEYS if content.get(key) is not None}
-    _at_field(field, check_surface, Surface(**given), error=error)
+    at_field(field, check_surface, Surface(**given), error=error)
     return given
 
 
@@ -272,14 +277,14 @@ def _body(content, field, models_dir, folder):
         ):
             if np.any(values):
                 raise InvalidRequestError(f"is fixed, so its {key} must be zero or absent", field=field)
-    model = _at_field(field, load_shape, content["model"], content.get("spheres"), content.get("scale"), models_dir, folder)
+    model = at_field(field, load_shape, content["model"], content.get("spheres"), content.get("scale"), models_dir, folder)
     surface = _surface(content, field)
     at_rest = False if content.get("at_rest") is None else content["at_rest"]
-    body = _at_field(field, RigidBody, content["name"], model, mass, fixed, mass_std, com_std, at_rest, **surface)
+    body = at_field(field, RigidBody, content["name"], model, mass, fixed, mass_std, com_std, at_rest, **surface)
     return body, state, P
 
 
-def _at_field(field, function, *arguments, **options):
+def at_field(field, function, *arguments, **options):
     """Call a function and put the place in the file before the field that its error names."""
     try:
         return function(*arguments, **options)
