@@ -184,7 +184,7 @@ class Belief:
                 f"must have covariance for the moving bodies {scene.moving.tolist()}", field="belief", value=self.moving.tolist()
             )
         for body, state in zip(scene.bodies, self.mean, strict=True):
-            for name, place in (("linear_velocity", VELOCITY), ("angular_velocity", ANGULAR_VELOCITY)):
+            for name, place in (("angular_velocity", ANGULAR_VELOCITY), ("linear_velocity", VELOCITY)):
                 if body.at_rest and state[place].any():
                     raise InvalidRequestError(
                         "must be zero, as the body is at_rest", field=f"{name} of body '{body.name}'", value=state[place].tolist())
