@@ -9,14 +9,14 @@ from types import SimpleNamespace
 
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor, SetParametersResult
 
-from ..errors import InvalidOptionError, UncPhysicsError
-from ..materials import refuse_with_explicit
-from ..presets import PRESETS
-from ..propagation import PROPAGATORS
-from ..scene import INTEGRATORS, OVERLAPS, check_integrator
-from ..scene_file import PHYSICS_KEYS
-from ..stiffness import AUTO
-from ..validation import non_negative
+from ..checks.errors import InvalidOptionError, UncPhysicsError
+from ..checks.validation import non_negative
+from ..propagators.registry import PROPAGATORS
+from ..scene.materials import refuse_with_explicit
+from ..scene.presets import PRESETS
+from ..scene.scene import INTEGRATORS, OVERLAPS, check_integrator
+from ..scene.scene_file import PHYSICS_KEYS
+from ..scene.stiffness import AUTO
 from .conversions import Doubts
 
 _EVERYDAY = PRESETS["everyday"]

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 from diagnostic_msgs.msg import KeyValue
 
-from ..propagation.status import assess_all
+from ..prediction.status import assess_all
 
 #: Measures that have fields of their own in the message.
 _OF_OVERLAP = ("overlap_share", "overlap_moved", "overlap_kept")
