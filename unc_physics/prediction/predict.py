@@ -211,7 +211,7 @@ def periodic_times(period: float, horizon: float) -> list[float]:
 
 
 def check_supported(scene: Scene, propagator: Propagator) -> None:
-    """Raise `NotSupportedError` if the propagator lacks integrator, overlap or uncertain parameters."""
+    """Raise `NotSupportedError` unless the propagator takes integrator, overlap and uncertain parameters."""
     if scene.integrator not in propagator.integrators:
         able = [name for name, cls in PROPAGATORS.items() if scene.integrator in cls.integrators]
         raise NotSupportedError(
