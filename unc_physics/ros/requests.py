@@ -166,7 +166,7 @@ def _outcome(job, propagator, prediction):
     """The prediction by the job's propagator, and the states that are wanted with it."""
     samples = None
     if isinstance(propagator, _Keeping):
-        samples = propagator.kept
+        samples = list(propagator.kept)  # as it is now: the prediction's start, asked for later, is a belief, too
     elif job.return_samples:  # the same normal numbers at every time, so that an entry belongs together over time
         samples = [belief.sample(job.return_samples, np.random.default_rng(job.seed)) for belief in prediction.beliefs]
     return Outcome(replace(prediction, propagator=job.propagator), samples)
