@@ -229,7 +229,7 @@ def periodic_times(period: float, horizon: float) -> list[float]:
 
 
 def check_supported(scene: Scene, propagator: Propagator) -> None:
-    """Raise `NotSupportedError` if the propagator does not take the integrator, ``overlap``, or uncertain parameters."""
+    """Raise `NotSupportedError` unless the propagator takes integrator, overlap and uncertain parameters."""
     if scene.integrator not in propagator.integrators:
         able = [name for name, cls in PROPAGATORS.items() if scene.integrator in cls.integrators]
         raise NotSupportedError(
@@ -237,7 +237,8 @@ def check_supported(scene: Scene, propagator: Propagator) -> None:
             value=propagator.name)
     if scene.overlap == "reject" and propagator.name != "monte_carlo":
         raise NotSupportedError(
-            f"is for monte_carlo alone, not for {propagator.name}; 'project' is for both", field="overlap", value="reject")
+            f"is for monte_carlo alone, not for {propagator.name}; 'project' is for both", field="overlap",
+            value="reject")
     if scene.uncertain and not propagator.varies_parameters:
         first = scene.uncertain[0]
         owners = [f" of body '{body.name}'" for body in scene.bodies]
