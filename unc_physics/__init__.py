@@ -22,6 +22,7 @@ _HOMES = {
     "load_scene": "scene.scene_file",
     "Prediction": "prediction.predict",
     "predict": "prediction.predict",
+    "start_belief": "prediction.predict",
     "make_propagator": "propagators.registry",
     "PROPAGATORS": "propagators.registry",
     "assess": "prediction.status",

@@ -54,6 +54,7 @@ _TOLERANCE = 1e-7  # of a gap, in a sweep [m]
 _SOFTNESS = 1e-4  # relative, so that rows that say the same do no harm
 _FARTHEST, _WIDEST = 0.02, 0.2  # of a round [m], [rad]
 _LEFT_OVER, _TOO_FAR = 2e-4, 8.0  # overlap [m], and standard deviations moved, of what cannot come free
+_SINGULAR = 1e-10  # share of a variance that is none
 _CERTAIN = 1e-18  # variance of a gap that cannot move [m^2]
 _LEAST_TILT, _MOST_TILT = 0.02, 0.3  # of a patch, in search of its supports [rad]
 _CONE = 0.5  # cosine of the widest angle between normals that say the same of the way out
@@ -102,6 +103,8 @@ class Rows(NamedTuple):
         Places of the bodies in the group; -1 for what stays.
     delta, now, best : (12 G,) float64
         The group's motion: solved, done, and done when nothing overlapped.
+    factor, solved : (6, 6) and (6,) float64
+        Of the covariance of one body's pose.
     """
 
     jacobian: np.ndarray
@@ -115,6 +118,8 @@ class Rows(NamedTuple):
     delta: np.ndarray
     now: np.ndarray
     best: np.ndarray
+    factor: np.ndarray
+    solved: np.ndarray
 
 
 @inner
@@ -414,20 +419,34 @@ def restore(x, start, count, work):
 
 
 @inner
-def note_motion(m, count, members, rows, moved):
-    """Write how many standard deviations the motion solved moves each body, as if all were independent."""
+def note_motion(count, members, metric, rows, moved):
+    """Write how many standard deviations the motion done moved each body, whatever is known of the others.
+
+    It is the Mahalanobis distance, by a Cholesky factor that leaves out what cannot move.
+    """
+    L, z = rows.factor, rows.solved
     for a in range(count):
+        b = metric.place[members[a]]
         moved[members[a]] = 0.0
-    for c in range(m):
-        first, second = rows.first[c], rows.second[c]
-        if first >= 0:
-            way = _along(rows.jacobian[c], rows.delta, first, -1, EP, ER)
-            moved[members[first]] += rows.multiplier[c] * way
-        if second >= 0:
-            way = _along(rows.jacobian[c], rows.delta, -1, second, EP, ER)
-            moved[members[second]] += rows.multiplier[c] * way
-    for a in range(count):
-        moved[members[a]] = math.sqrt(max(moved[members[a]], 0.0))
+        if b < 0:
+            continue
+        square = 0.0
+        for r in range(6):
+            u = r if r < 3 else ER + r - 3
+            rest = rows.now[ERROR * a + u]
+            for c in range(r + 1):
+                w = c if c < 3 else ER + c - 3
+                total = metric.covariance[b, u, b, w]
+                for k in range(c):
+                    total -= L[r, k] * L[c, k]
+                if c < r:
+                    L[r, c] = total / L[c, c] if L[c, c] > 0.0 else 0.0
+                    rest -= L[r, c] * z[c]
+                else:
+                    L[r, r] = math.sqrt(total) if total > _SINGULAR * metric.covariance[b, u, b, u] else 0.0
+            z[r] = rest / L[r, r] if L[r, r] > 0.0 else 0.0
+            square += z[r] * z[r]
+        moved[members[a]] = math.sqrt(square)
 
 
 @inner
@@ -462,7 +481,6 @@ def project_group(x, start, count, local, coupled, careful, deepest, metric, sid
         for k in range(ERROR * count):
             rows.delta[k] = 0.0
         solve_rows(m, count, coupled, EP, ER, _TOLERANCE, rows)
-        note_motion(m, count, members, rows, moved)
         # back from where nothing overlaps, no farther than the rows know; and what is nearly right is not to
         # jump between far supports
         step = move_group(x, start, count, members, reach / _FARTHEST if free else 1.0, share, rows, work)
@@ -472,6 +490,7 @@ def project_group(x, start, count, local, coupled, careful, deepest, metric, sid
             rows.delta[k] = rows.best[k]
         move_group(x, start, count, members, math.inf, 1.0, rows, work)
         left = find_rows(x, count, _LEAST_REACH, _LEAST_REACH, sides, world, work)
+    note_motion(count, members, metric, rows, moved)
     return left
 
 
@@ -918,4 +937,6 @@ def _room(contacts, bodies):
         np.zeros(size),
         np.zeros(size),
         np.zeros(size),
+        np.zeros((6, 6)),
+        np.zeros(6),
     )

@@ -22,6 +22,7 @@ from ..checks.validation import integer, positive
 from ..physics.compile_time import clock
 from ..propagators.base import Propagator
 from ..propagators.registry import PROPAGATORS, make_propagator
+from ..propagators.sigma_points import SigmaPoints
 from ..propagators.start import known
 from ..scene.belief import Belief
 from ..scene.environment import element_names
@@ -176,6 +177,8 @@ def predict(
     check_supported(scene, propagator)
     scene = with_stiffness(scene, belief.mean)
     given, belief = belief, known(scene, belief)
+    if propagator.traits.mean_update == "nominal" and scene.integrator == "implicit":
+        belief = start_belief(scene, belief)  # a single rollout cannot begin in several ways
     marks = _steps(scene, horizon, times)
     allowed = None if max_computation_time is None else positive(max_computation_time, "max_computation_time")
     in_one_go = allowed is None and progress is None
@@ -217,6 +220,35 @@ def predict(
         reached.append(done * scene.dt)
         beliefs.append(_finite(runner.belief(carry, scene), reached[-1]))
     return made(carry)
+
+
+def start_belief(scene: Scene, belief: Belief) -> Belief:
+    """The belief at time 0 that predictions begin with, without a prediction: the moments of sigma points.
+
+    Overlap is projected away from each, and what is at rest settles, as `predict` does it; nothing changes with
+    the explicit integrator. It is what a propagator with a single nominal rollout begins with.
+
+    Parameters
+    ----------
+    scene : Scene
+    belief : Belief
+        About the bodies of the scene at time 0.
+
+    Returns
+    -------
+    Belief
+
+    Raises
+    ------
+    InvalidRequestError
+        If the belief is not about the scene's bodies.
+    """
+    belief.check_fits(scene)
+    if scene.integrator == "explicit":
+        return belief
+    scene = with_stiffness(scene, belief.mean)
+    points = SigmaPoints()
+    return points.belief(points.init(scene, known(scene, belief)), scene)
 
 
 def periodic_times(period: float, horizon: float) -> list[float]:

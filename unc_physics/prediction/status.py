@@ -26,6 +26,7 @@ from ..physics.layout import (
     VELOCITY,
 )
 from ..physics.narrow_phase import DISTANCE, VOLUME, next_contacts, open_pair
+from ..physics.overlap import TOUCHING
 from ..physics.rotation import rotation_matrix
 from ..physics.workspace import workspace
 from ..propagators.monte_carlo import MonteCarlo
@@ -36,6 +37,8 @@ from .predict import Prediction, predict
 
 #: Rollouts with which `assess` compares what rests on a single nominal one.
 ROLLOUTS = 12
+_DRAWN = 40  # states of a belief whose overlaps are kept
+_FAR = 5.0  # standard deviations that are not to be expected of an honest belief
 _SEED = 0  # of their draws: the same question has the same status
 _NOTHING = 1e-9  # of the body's radius, and in rad: spreads below it agree
 _NUDGE = 1e-9  # of the body's radius: coincident spheres have no normal
@@ -56,6 +59,12 @@ class Status(IntFlag):
 #: Flag, limit and words of each measure; `assess` explains them.
 RULES = {
     "initial_overlap": (Status.INITIAL_OVERLAP, 0.02, "overlaps another body or the environment at the start"),
+    "overlap_share": (Status.INITIAL_OVERLAP, math.inf, "overlapped at the start, and was moved to the nearest pose without"),
+    "overlap_moved": (Status.INITIAL_OVERLAP, 0.01, "some of the belief was moved by more than 5 standard deviations, to where it does not overlap or stands"),
+    "overlap_kept": (Status.INITIAL_OVERLAP, 0.02, "cannot come free of what it overlaps at the start, and keeps the overlap"),
+    "overlap_certain": (Status.INITIAL_OVERLAP, 0.5, "overlaps at the start for certain"),
+    "settled_tilt": (Status.INITIAL_OVERLAP, math.radians(15.0), "is said to be at rest, and tilted far until something held it"),
+    "unsettled": (Status.INITIAL_OVERLAP, 0.01, "is said to be at rest, and nothing holds it"),
     "energy_gain": (Status.NOT_CONVERGED, 0.02, "energy was gained; a smaller dt helps"),
     "contact_residual": (Status.NOT_CONVERGED, 5e-3, "contact forces were not found well enough; a smaller dt, or masses that differ less, help"),
     "step_times_frequency": (Status.NOT_CONVERGED, 1.3, "the step is too long for the stiffness of the contacts"),
@@ -118,7 +127,21 @@ def assess(scene: Scene, initial: Belief, prediction: Prediction, rollouts: int 
     share their energy:
 
     ``initial_overlap``
-        Depth of the deepest pair of spheres at the initial mean, over the body's radius.
+        Where overlap at the start is kept: depth of the deepest pair of spheres, over the body's radius, that one in
+        twenty states of the belief exceeds, or that of its mean.
+    ``overlap_share``
+        Share of the points or samples in which the body overlapped something at the start, before it was moved away. It
+        raises no flag.
+    ``overlap_moved``
+        Share of them in which it was moved by more than 5 standard deviations of the belief, by that or by settling.
+    ``overlap_kept``
+        Deepest overlap that could not come free and stays, in any of them, over the body's radius.
+    ``overlap_certain``
+        Share of them that keep an overlap.
+    ``settled_tilt``
+        Of a body at rest: the angle that one in twenty of them tilted beyond until contacts held them [rad].
+    ``unsettled``
+        Share of them in which it did not come to rest.
     ``energy_gain``
         Of a body that touched something: energy gained, over all that there was, that gravity gave and that overlap at
         the start held. For propagators with several rollouts in the mean over these, from below.
@@ -181,9 +204,14 @@ def _start(scene, initial, prediction):
     samples = None
     if prediction.propagator.traits.mean_update != "nominal":
         samples = prediction.propagator.samples if prediction.propagator.name == "monte_carlo" else math.inf
+    if scene.integrator == "implicit":
+        initial = prediction.start
     mass = np.array([0.0 if body.fixed else body.mass for body in scene.bodies])
     shapes = np.array([_shape(body.model) for body in scene.bodies])
     overlap, held = _overlaps(scene, initial.mean)
+    if scene.overlap == "keep" and len(scene.moving):
+        drawn = [_overlaps(scene, x)[0] for x in initial.sample(_DRAWN, np.random.default_rng(_SEED))]
+        overlap = np.maximum(overlap, np.quantile(drawn, _USUAL, axis=0))
     start = _Start(initial.mean, initial.blocks, mass, shapes, overlap, held, samples)
     energy, noise = _kinetic(scene, start, initial, 1)
     if samples is not None and math.isfinite(samples):
@@ -206,7 +234,8 @@ def _assess(scene, start, prediction, time, belief, spreads):
     pairs = np.argwhere(touched[:, :bodies])
     touches = touched.any(axis=1) | touched[:, :bodies].any(axis=0)
     group = merged(np.arange(bodies), pairs) if len(pairs) else np.arange(bodies)
-    per_body = {"initial_overlap": start.overlap / start.shapes[:, 3]}
+    per_body = {"initial_overlap": start.overlap / start.shapes[:, 3]} if scene.overlap == "keep" else {}
+    per_body |= _beginning(scene, start, prediction.carry.contact_history.start)
     if name != "monte_carlo":
         per_body["rotation_std"] = _free_rotation_std(scene, start, time)
     if spreads is not None:
@@ -227,6 +256,23 @@ def _assess(scene, start, prediction, time, belief, spreads):
             key: float(value[k]) for key, value in (per_body | in_contact if touches[k] else per_body).items()})
         for k, body in enumerate(scene.bodies)
     )
+
+
+def _beginning(scene, start, found):
+    """What the rollouts learned of their own beginning: values (B,) by name; none for the explicit integrator."""
+    if found is None:
+        return {}
+    keeps = found.kept > TOUCHING
+    measures = {"overlap_share": (found.overlap > TOUCHING).mean(axis=0)}
+    if scene.overlap != "keep":
+        measures["overlap_kept"] = found.kept.max(axis=0) / start.shapes[:, 3]
+        measures["overlap_certain"] = keeps.mean(axis=0)
+    if scene.overlap != "keep" or any(body.at_rest for body in scene.bodies):
+        measures["overlap_moved"] = (found.moved > _FAR).mean(axis=0)
+    if any(body.at_rest for body in scene.bodies):
+        measures["settled_tilt"] = np.quantile(found.tilted, _USUAL, axis=0)
+        measures["unsettled"] = found.unsettled.mean(axis=0)
+    return measures
 
 
 def _explicit_measures(scene, start, speed):

@@ -12,6 +12,8 @@ from ..physics.contact_history import ContactHistory
 from ..physics.layout import (
     ANGULAR_VELOCITY,
     ERR_ANGULAR_VELOCITY,
+    ERR_POSITION,
+    ERR_ROTATION,
     ERR_VELOCITY,
     ERROR,
     POSITION,
@@ -20,6 +22,7 @@ from ..physics.layout import (
 )
 from ..physics.overlap import TOUCHING, Metric, lower, project, sides_of
 from ..physics.rollout import rollout
+from ..physics.rotation import rotation_matrix
 from ..physics.threads import in_threads
 from ..scene.belief import Belief
 from ..scene.scene import Scene
@@ -29,7 +32,7 @@ _STEP = 1.0 / 60.0  # of bodies that come to rest [s]
 _QUIET_TIME, _LONGEST = 0.15, 3.0  # for which bodies settle at first, and at most [s]
 _TRIED, _ACCEPTANCE = 400, 0.05  # samples drawn at once, and the least share of them that must do
 _ASLEEP = 0.1  # how long what has settled has not moved [s]
-_LEAST_STD = 2e-4  # of a height, when a motion counts in standard deviations [m]
+_LEAST_STD, _LEAST_TILT = 2e-4, 2e-3  # of a height [m] and a tilt [rad], when motions count in standard deviations
 
 
 def known(scene: Scene, belief: Belief) -> Belief:
@@ -214,9 +217,14 @@ def _note_settling(scene, belief, drawn, states, start, resting):
     cross = np.linalg.norm(np.cross(before, after), axis=-1)
     start.tilted[:, bodies] = np.arctan2(cross, (before * after).sum(axis=-1))
     blocks = belief.blocks[np.searchsorted(belief.moving, bodies)]
-    std = np.sqrt(np.maximum(np.einsum("i,bij,j->b", down, blocks[:, :3, :3], down), 0.0))
+    std = np.sqrt(np.maximum(np.einsum("i,bij,j->b", down, blocks[:, ERR_POSITION, ERR_POSITION], down), 0.0))
     sunk = np.abs((states[:, bodies, POSITION] - drawn[:, bodies, POSITION]) @ down)
-    start.moved[:, bodies] = np.maximum(start.moved[:, bodies], sunk / np.maximum(std, _LEAST_STD))
+    flat = np.eye(3) - np.outer(down, down)
+    turned = [rotation_matrix(belief.mean[k, QUATERNION]) for k in bodies]
+    spreads = [R @ P[ERR_ROTATION, ERR_ROTATION] @ R.T for R, P in zip(turned, blocks, strict=True)]
+    tilts = np.sqrt([np.trace(flat @ spread @ flat) / 2.0 for spread in spreads])
+    far = sunk / np.maximum(std, _LEAST_STD), start.tilted[:, bodies] / np.maximum(tilts, _LEAST_TILT)
+    start.moved[:, bodies] = np.maximum.reduce([start.moved[:, bodies], *far])
 
 
 def _seen_from(q, direction):
