@@ -10,8 +10,14 @@ from twins import implicit_step as twin
 from unc_physics import RigidBody, Scene, load_model
 from unc_physics.physics import implicit_solver, implicit_step
 from unc_physics.physics.compiled import kernel
-from unc_physics.physics.contact_patch import add_contacts, element_candidates, pair_candidates
-from unc_physics.physics.contact_search import find_groups, update_pace
+from unc_physics.physics.contact_patch import (
+    IMPACT_GAP,
+    TILT,
+    add_contacts,
+    element_candidates,
+    pair_candidates,
+)
+from unc_physics.physics.contact_search import ACTIVE_GAP, find_groups, update_pace
 from unc_physics.physics.hull import hull_spheres
 from unc_physics.physics.implicit_workspace import (
     BEND,
@@ -59,15 +65,16 @@ def prepare(x, world, work):
 
 @kernel
 def candidates_of(x, i, j, horizon, world, work):
+    limit = IMPACT_GAP if horizon == 0.0 else ACTIVE_GAP
     if j < 0:
-        return element_candidates(x, i, -1 - j, horizon, world, work)
-    return pair_candidates(x, i, j, horizon, world, work)
+        return element_candidates(x, i, -1 - j, limit, horizon, world, work)
+    return pair_candidates(x, i, j, limit, horizon, world, work)
 
 
 @kernel
 def choose(x, i, j, found, world, work):
     work.counts[CONTACTS] = 0
-    add_contacts(x, i, j, found, world, work)
+    add_contacts(x, i, j, found, TILT, world, work)
 
 
 @kernel
@@ -108,7 +115,7 @@ class Stage:
         self.x = np.array(x, float).reshape(-1, 13)
         self.scene = with_stiffness(scene, self.x)
         self.world = self.scene.world
-        self.work = implicit_workspace(self.x, self.world, 256, 4096, 65536)
+        self.work = implicit_workspace(self.x, np.zeros((0, 0), np.float32), self.world, 256, 4096, 65536)
         self.count = prepare(self.x, self.world, self.work)
 
     def candidates(self, i, j, horizon):
