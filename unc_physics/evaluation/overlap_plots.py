@@ -71,6 +71,7 @@ def draw_starts(path: Path, model: str, states: Mapping[str, np.ndarray]) -> Non
         for state, height in zip(samples[:_SHOWN, 0], low, strict=False):
             _draw_outline(above, packing, state, half, (-bottom, top), _OVERLAPPING if height < -OVERLAP else _APART)
         above.set(xlim=(-half, half), ylim=(-bottom, top), aspect="equal", title=title)
+        above.set_xticks(np.arange(-0.05, 0.06, 0.05))
         for some, tint in ((low < -OVERLAP, _OVERLAPPING), (low >= -OVERLAP, _APART)):
             share = np.full(some.sum(), 100.0 / len(low))
             below.hist(1e3 * low[some], _BINS, weights=share, color=tint, alpha=0.8)
