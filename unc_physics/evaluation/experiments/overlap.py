@@ -49,7 +49,7 @@ def jobs(settings: Settings) -> list[Job]:
     for arrangement in _chosen(settings.quick):
         for position in POSITIONS[-1:] if settings.quick else POSITIONS:
             for angle in ANGLES[-1:] if settings.quick else ANGLES:
-                for start in _starts(arrangement, angle):
+                for start in _starts(arrangement, position, angle):
                     parameters = settings.parameters(
                         arrangement=arrangement.name, position=position, angle=angle, start=start, samples_each=count)
                     made.append(Job("overlap", parameters, cost=0.002 * count * len(arrangement.models) ** 2))
@@ -137,12 +137,18 @@ def _chosen(quick):
     return list(chosen.values())
 
 
-def _starts(arrangement, angle):
-    """What is compared: what moves is not at rest, and what has no room has no sample without overlap."""
-    if arrangement.group.startswith(SLOTS):
-        return KEEP, PROJECT
-    still = () if arrangement.group == MOVING else (AT_REST,)
-    return KEEP, PROJECT, *still, *([REJECT] if angle == max(ANGLES) else [])
+def _starts(arrangement, position, angle):
+    """What is compared: as it is, which is slow, for the most uncertain belief; what moves is not at rest; and what
+    has no room has no sample without overlap.
+    """
+    starts = [PROJECT]
+    if (position, angle) == (POSITIONS[-1], ANGLES[-1]):
+        starts.append(KEEP)
+    if not arrangement.group.startswith((MOVING, SLOTS)):
+        starts.append(AT_REST)
+    if angle == ANGLES[-1] and not arrangement.group.startswith(SLOTS):
+        starts.append(REJECT)
+    return starts
 
 
 def _share(hits):
