@@ -45,14 +45,14 @@ demo:
 	@$(VENV_PYTHON) -m unc_physics.ros.demo
 
 test:
-	@$(MAKE_STEPS) $(MADE)/test
+	@$(MAKE_STEPS) $(MADE)/evaluation
 	@$(VENV_PYTHON) -m pytest test
 
 soak: venv
 	@$(VENV_PYTHON) test/ros/soak.py
 
 clean:
-	rm -rf .venv build install log *.egg-info unc_physics/__pycache__/kernels-* .pytest_cache .hypothesis .ruff_cache .import_linter_cache
+	rm -rf .venv {.,evaluation}/{build,*.egg-info} install log unc_physics/__pycache__/kernels-* .pytest_cache .hypothesis .ruff_cache .import_linter_cache
 
 # A Python fits if it runs at all (a shim may not), can make a venv, and has the headers to compile against.
 define FITS
@@ -96,7 +96,7 @@ $(MADE)/interfaces: requirements/ros.txt $(INTERFACES) cmake/ros_wheels.cmake | 
 # What the demo's node asks of the kernels, for numba to find in its cache. The node would compile it too, alone.
 define COMPILE
 from unc_physics import load_scene, predict
-from unc_physics.propagation.answers import contact_probabilities
+from unc_physics.prediction.probabilities import contact_probabilities
 scene, belief, _ = load_scene("examples/scenes/two_bunnies.yaml")
 for propagator in ("sigma_points", "monte_carlo"):
     contact_probabilities(scene, predict(scene, belief, propagator, 1.0), belief)
@@ -115,4 +115,8 @@ $(MADE)/package: $(MADE)/run $(MADE)/interfaces setup.py setup.cfg package.xml
 $(MADE)/test: $(MADE)/package requirements/test.txt
 	@echo "Installing what the tests need ..."
 	@$(PIP) -r requirements/test.txt
+	@touch $@
+
+$(MADE)/evaluation: $(MADE)/test evaluation/pyproject.toml
+	@PYTHONWARNINGS=ignore $(PIP) --no-deps --no-build-isolation -e ./evaluation
 	@touch $@

@@ -43,15 +43,11 @@ setup(
     install_requires=["numba>=0.60", "numpy>=1.26", "pyyaml>=6", "tqdm>=4.60"],
     extras_require={
         "geometry": GEOMETRY,
-        "evaluation": [*GEOMETRY, "pot>=0.9"],
-        "peers": ["mujoco>=3", "pybullet>=3.2"],
-        "cluster": ["distributed>=2024.1"],
         "test": [
             *GEOMETRY, "distributed>=2024.1", "hypothesis>=6", "import-linter>=2", "libigl>=2.5", "mujoco>=3", "pot>=0.9",
             "pytest>=7",
         ],
     },
     entry_points={"console_scripts": [f"{NAME} = {NAME}.__main__:main"]},
-    package_data={f"{NAME}.evaluation": ["data/*/*"], f"{NAME}.evaluation.hard_cases": ["*.yaml", "*.npz"]},
     zip_safe=False,
 )

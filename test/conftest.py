@@ -6,7 +6,10 @@ from pathlib import Path
 from hypothesis import settings
 
 HERE = Path(__file__).resolve().parent
-sys.path[:0] = [str(HERE), str(HERE.parent)]  # `twins`, and `unc_physics` where it is not installed
+ROOT = HERE.parent
+sys.path[:0] = map(str, (HERE, ROOT, ROOT / "evaluation"))  # `twins`, and the packages where they are not installed
+
+from example_scenes import content, loaded  # noqa: F401  (fixtures)
 
 settings.register_profile("tests", deadline=None, derandomize=True, max_examples=60)
 settings.register_profile("thousands", settings.get_profile("tests"), derandomize=False, max_examples=1000)

@@ -6,10 +6,10 @@ import argparse
 import sys
 
 from . import __version__
-from .errors import UncPhysicsError
-from .evaluation.command import add_evaluate_command
-from .geometry.commands import add_models_command, add_pack_command, add_show_command
-from .predict_command import add_predict_command
+from .checks.errors import UncPhysicsError
+from .cli.geometry_commands import add_models_command, add_pack_command, add_show_command
+from .cli.plugins import add_plugin_commands
+from .cli.predict_command import add_predict_command
 
 
 class OneSentenceParser(argparse.ArgumentParser):
@@ -24,7 +24,7 @@ def build_parser() -> argparse.ArgumentParser:
     parser = OneSentenceParser(
         prog="unc_physics", description="Predict where rigid objects will be, and how surely.",
         epilog="Bad input ends with one sentence on standard error and an exit status that tells its kind "
-        "(unc_physics.errors.ErrorCode).",
+        "(unc_physics.ErrorCode).",
     )
     parser.add_argument("--version", action="version", version=f"unc_physics {__version__}")
     commands = parser.add_subparsers(metavar="COMMAND", required=True)
@@ -32,7 +32,7 @@ def build_parser() -> argparse.ArgumentParser:
     add_pack_command(commands)
     add_models_command(commands)
     add_show_command(commands)
-    add_evaluate_command(commands)
+    add_plugin_commands(commands)
     return parser
 
 

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from unc_physics import make_propagator, predict
-from unc_physics.evaluation.scenarios import collision_free
-from unc_physics.evaluation.wasserstein import euclidean, geodesic, representatives, wasserstein
-from unc_physics.layout import POSITION, QUATERNION
+from unc_physics.physics.layout import POSITION, QUATERNION
+from unc_physics_evaluation.scenarios import collision_free
+from unc_physics_evaluation.wasserstein import euclidean, geodesic, representatives, wasserstein
 
 TRUTH = 1000
 SEEDS = range(4)

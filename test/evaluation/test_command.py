@@ -3,7 +3,7 @@
 import pytest
 
 from unc_physics.__main__ import main
-from unc_physics.errors import ErrorCode
+from unc_physics.checks.errors import ErrorCode
 
 
 def test_an_experiment_named_alone(tmp_path, capsys):
@@ -46,6 +46,6 @@ def test_bad_input_is_one_sentence(arguments, code, sentence, tmp_path, capsys):
 
 def test_a_scheduler_that_is_not_there(tmp_path, capsys, monkeypatch):
     pytest.importorskip("distributed")
-    monkeypatch.setattr("unc_physics.evaluation.runner.CONNECT_TIMEOUT", 0.5)
+    monkeypatch.setattr("unc_physics_evaluation.runner.CONNECT_TIMEOUT", 0.5)
     assert main(["evaluate", "storage", "--scheduler", "tcp://127.0.0.1:1", "-o", str(tmp_path)]) == ErrorCode.INVALID_OPTION
     assert capsys.readouterr().err.startswith("unc_physics: --scheduler cannot be reached")

@@ -7,12 +7,12 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from unc_physics import RigidBody, Scene, load_model
-from unc_physics.environment import Box, Capsule, Cylinder, Plane, Sphere
-from unc_physics.evaluation.engines import GEOMETRIES, PEERS, PrincipalBody
-from unc_physics.evaluation.hard_cases.shapes import ball
-from unc_physics.evaluation.scenarios import collision
-from unc_physics.layout import ANGULAR_VELOCITY, POSITION, QUATERNION, VELOCITY
+from unc_physics.physics.layout import ANGULAR_VELOCITY, POSITION, QUATERNION, VELOCITY
 from unc_physics.physics.rollout import simulate
+from unc_physics.scene.environment import Box, Capsule, Cylinder, Plane, Sphere
+from unc_physics_evaluation.engines import GEOMETRIES, PEERS, PrincipalBody
+from unc_physics_evaluation.hard_cases.shapes import ball
+from unc_physics_evaluation.scenarios import collision
 
 FREE = 20  # steps: no contact yet
 

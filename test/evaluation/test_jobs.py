@@ -4,10 +4,10 @@ from dataclasses import replace
 
 import pytest
 
-from unc_physics.errors import InvalidOptionError
-from unc_physics.evaluation.experiments import NAMES, experiment
-from unc_physics.evaluation.jobs import Job, Row, Settings
-from unc_physics.evaluation.results import ORIGIN
+from unc_physics.checks.errors import InvalidOptionError
+from unc_physics_evaluation.experiments import NAMES, experiment
+from unc_physics_evaluation.jobs import Job, Row, Settings
+from unc_physics_evaluation.results import ORIGIN
 
 
 @pytest.fixture(scope="module", params=[True, False], ids=["quick", "full"])

@@ -4,18 +4,18 @@ import numpy as np
 import pytest
 
 from unc_physics.__main__ import main
-from unc_physics.belief import Belief
-from unc_physics.evaluation.experiments import overlap as experiment
-from unc_physics.evaluation.jobs import Settings
-from unc_physics.evaluation.overlap_measures import (
+from unc_physics.scene.belief import Belief
+from unc_physics_evaluation.experiments import overlap as experiment
+from unc_physics_evaluation.jobs import Settings
+from unc_physics_evaluation.overlap_measures import (
     off_by,
     spread_ratios,
     toppled,
     watch,
     without_overlap,
 )
-from unc_physics.evaluation.overlap_scenes import GROUPS, arrangements, scene_and_belief, slots
-from unc_physics.evaluation.results import Results
+from unc_physics_evaluation.overlap_scenes import GROUPS, arrangements, scene_and_belief, slots
+from unc_physics_evaluation.results import Results
 
 EVERYTHING = [*arrangements(), *slots()]
 FIRST = EVERYTHING[0]

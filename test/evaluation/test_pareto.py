@@ -1,6 +1,6 @@
 """Pareto fronts."""
 
-from unc_physics.evaluation.pareto import Choice, front, in_words
+from unc_physics_evaluation.pareto import Choice, front, in_words
 
 
 def choice(time, error, method="surrogate", samples=None):

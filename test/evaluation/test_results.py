@@ -2,9 +2,9 @@
 
 import pytest
 
-from unc_physics.errors import OutputError
-from unc_physics.evaluation.jobs import Job, Outcome, Row
-from unc_physics.evaluation.results import Results
+from unc_physics.checks.errors import OutputError
+from unc_physics_evaluation.jobs import Job, Outcome, Row
+from unc_physics_evaluation.results import Results
 
 ORIGIN = {"versions": "unc_physics 0.1.0; python 3.11", "machine": "Some(R) CPU, 2 threads"}
 

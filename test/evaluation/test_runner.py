@@ -2,9 +2,9 @@
 
 import pytest
 
-from unc_physics.evaluation.jobs import Job, Settings
-from unc_physics.evaluation.results import Results
-from unc_physics.evaluation.runner import run_job, run_jobs
+from unc_physics_evaluation.jobs import Job, Settings
+from unc_physics_evaluation.results import Results
+from unc_physics_evaluation.runner import run_job, run_jobs
 
 TIMES = ("cpu_time", "cpu_time_over_mc10", "wall_time", "rollout_time", "rollout_time_over_ours")
 SHARED = Settings().parameters()

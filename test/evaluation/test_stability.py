@@ -7,8 +7,11 @@ import pytest
 
 from unc_physics import RigidBody, Scene
 from unc_physics.__main__ import main
-from unc_physics.environment import Box, Capsule, Cylinder, Plane, Sphere
-from unc_physics.evaluation.conservation import (
+from unc_physics.geometry.packing_file import load_packing
+from unc_physics.physics.rollout import simulate
+from unc_physics.scene.environment import Box, Capsule, Cylinder, Plane, Sphere
+from unc_physics.scene.scene import INTEGRATORS
+from unc_physics_evaluation.conservation import (
     CHANGE,
     DRIFT,
     FINITE,
@@ -18,23 +21,20 @@ from unc_physics.evaluation.conservation import (
     rollout_rows,
     trajectory,
 )
-from unc_physics.evaluation.energy import (
+from unc_physics_evaluation.energy import (
     contact_energy,
     height_energy,
     kinetic_energy,
     momentum,
     surface_distance,
 )
-from unc_physics.evaluation.experiments import stability
-from unc_physics.evaluation.hard_cases import FOLDER, load, names
-from unc_physics.evaluation.hard_cases.shapes import SHAPES, ball, rod
-from unc_physics.evaluation.judgement import FALSE, MISSING, RIGHT, any_of, judge, rates, worst
-from unc_physics.evaluation.passing import passed_through
-from unc_physics.evaluation.results import Results
-from unc_physics.evaluation.stability_document import AT_REST, COMMAND, DRIFT_LIMIT
-from unc_physics.geometry.packing_file import load_packing
-from unc_physics.physics.rollout import simulate
-from unc_physics.scene import INTEGRATORS
+from unc_physics_evaluation.experiments import stability
+from unc_physics_evaluation.hard_cases import FOLDER, load, names
+from unc_physics_evaluation.hard_cases.shapes import SHAPES, ball, rod
+from unc_physics_evaluation.judgement import FALSE, MISSING, RIGHT, any_of, judge, rates, worst
+from unc_physics_evaluation.passing import passed_through
+from unc_physics_evaluation.results import Results
+from unc_physics_evaluation.stability_document import AT_REST, COMMAND, DRIFT_LIMIT
 
 BALL = ball().scaled(0.1)
 

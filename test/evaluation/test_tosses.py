@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from unc_physics.evaluation.experiments import tosses as experiment
-from unc_physics.evaluation.jobs import Settings
-from unc_physics.evaluation.recorded_tosses import (
+from unc_physics.physics.layout import ANGULAR_VELOCITY, POSITION, QUATERNION, VELOCITY
+from unc_physics_evaluation.experiments import tosses as experiment
+from unc_physics_evaluation.jobs import Settings
+from unc_physics_evaluation.recorded_tosses import (
     DT,
     FLOOR,
     FOLDER,
@@ -19,11 +20,10 @@ from unc_physics.evaluation.recorded_tosses import (
     top_face,
     toss_scene,
 )
-from unc_physics.evaluation.results import Results
-from unc_physics.evaluation.rollouts import ENGINES, OURS
-from unc_physics.evaluation.rollouts import rollouts as rollouts_in
-from unc_physics.evaluation.scores import bootstrap, brier_score, energy_score, log_score
-from unc_physics.layout import ANGULAR_VELOCITY, POSITION, QUATERNION, VELOCITY
+from unc_physics_evaluation.results import Results
+from unc_physics_evaluation.rollouts import ENGINES, OURS
+from unc_physics_evaluation.rollouts import rollouts as rollouts_in
+from unc_physics_evaluation.scores import bootstrap, brier_score, energy_score, log_score
 
 TOSSES = recorded_tosses()
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from unc_physics.errors import InvalidRequestError
-from unc_physics.evaluation.wasserstein import (
+from unc_physics.checks.errors import InvalidRequestError
+from unc_physics_evaluation.wasserstein import (
     euclidean,
     geodesic,
     geodesic_of_pairs,

@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from unc_physics.evaluation.experiments import work_precision as experiment
-from unc_physics.evaluation.jobs import Settings
-from unc_physics.evaluation.results import Results
-from unc_physics.evaluation.rollouts import OURS, available
-from unc_physics.evaluation.scenarios import PILES, five_into_bin, in_bin, is_upright
-from unc_physics.layout import POSITION, QUATERNION
+from unc_physics.physics.layout import POSITION, QUATERNION
+from unc_physics_evaluation.experiments import work_precision as experiment
+from unc_physics_evaluation.jobs import Settings
+from unc_physics_evaluation.results import Results
+from unc_physics_evaluation.rollouts import OURS, available
+from unc_physics_evaluation.scenarios import PILES, five_into_bin, in_bin, is_upright
 
 
 def test_rows_and_report(tmp_path, monkeypatch):

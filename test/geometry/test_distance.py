@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import trimesh
-from conftest import MESHES
+from example_meshes import MESHES
 from hypothesis import given
 from hypothesis import strategies as st
 

@@ -7,7 +7,7 @@ import pytest
 import trimesh
 from scipy.spatial import cKDTree
 
-from unc_physics.errors import UnknownModelError
+from unc_physics.checks.errors import UnknownModelError
 from unc_physics.geometry import library, shapes
 from unc_physics.geometry.library import find_model, list_models, load_model, models_dirs
 from unc_physics.geometry.packing_file import save_packing

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 import trimesh
-from conftest import MESHES
+from example_meshes import MESHES
 from scipy.optimize import brentq
 from test_distance import brute_distances
 
-from unc_physics.errors import InvalidOptionError
+from unc_physics.checks.errors import InvalidOptionError
 from unc_physics.geometry import packing as packing_module
 from unc_physics.geometry.packing import nested_order, pack_solid
 from unc_physics.geometry.solid_mesh import make_solid, winding_number

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from unc_physics.errors import InvalidModelError
+from unc_physics.checks.errors import InvalidModelError
 from unc_physics.geometry import packing_file
 from unc_physics.geometry.packing_file import SpherePacking, load_packing, save_packing, solid_spheres_inertia
 

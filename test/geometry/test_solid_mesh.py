@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 import trimesh
-from conftest import MESHES, ball, joined, moved, raw, turned_inside_out
+from example_meshes import MESHES, ball, joined, moved, raw, turned_inside_out
 
-from unc_physics.errors import InvalidMeshError
+from unc_physics.checks.errors import InvalidMeshError
 from unc_physics.geometry.solid_mesh import load_solid, make_solid, winding_number
 
 ROUND_OFF = 1e-12

@@ -5,7 +5,7 @@ import re
 import pytest
 from building import ROOT
 
-from unc_physics.errors import ErrorCode
+from unc_physics.checks.errors import ErrorCode
 
 action = pytest.importorskip("unc_physics_msgs.action", reason="unc_physics_msgs is not built")
 msg = pytest.importorskip("unc_physics_msgs.msg")

@@ -1,10 +1,12 @@
-"""The core library installs by pip into a plain venv, without ROS, and works from there."""
+"""The core library installs by pip into a plain venv, without ROS, and works from there; its evaluation joins it."""
 
 import json
 import sys
 
 import pytest
 from building import ROOT, clean_environment, copy_sources, run
+
+from unc_physics import ErrorCode
 
 SCENE = """
 dt: 0.01
@@ -15,6 +17,13 @@ bodies:
   - {name: left, model: bunny, spheres: 10, mass: 1, position: [-0.7, 0, 0], linear_velocity: [0.8, 0, 0],
      position_std: 0.02}
   - {name: right, model: pin, spheres: 10, mass: 1, position: [0.7, 0, 0], linear_velocity: [-0.8, 0, 0]}
+"""
+
+DATA = """
+from unc_physics_evaluation.hard_cases import load, names
+from unc_physics_evaluation.recorded_tosses import recorded_tosses
+load("rod_on_floor")
+recorded_tosses()
 """
 
 
@@ -48,3 +57,11 @@ def test_core_installs_and_predicts_without_ros(tmp_path):
     assert [body["name"] for body in prediction["bodies"]] == ["left", "right"]
     left, right = (body["position"][0] for body in prediction["bodies"])
     assert -0.7 < left < right < 0.7, "models of the package's share folder, moving towards each other"
+
+    without = run([python, "-m", "unc_physics", "evaluate", "--quick"], cwd=tmp_path, env=env, check=False)
+    assert without.returncode == ErrorCode.NOT_SUPPORTED
+    assert without.stderr.endswith("from the repository: pip install ./evaluation\n")
+    # its dependencies are large, and neither the command's help nor the data need them
+    run([python, "-m", "pip", "install", "--no-compile", "--no-deps", sources / "evaluation"], cwd=tmp_path, env=env)
+    assert "EXPERIMENT" in run([python, "-m", "unc_physics", "evaluate", "--help"], cwd=tmp_path, env=env).stdout
+    run([python, "-c", DATA], cwd=tmp_path, env=env)

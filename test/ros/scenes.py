@@ -3,7 +3,7 @@
 import numpy as np
 from diagnostic_msgs.msg import KeyValue
 
-from unc_physics.errors import ErrorCode
+from unc_physics.checks.errors import ErrorCode
 from unc_physics_msgs.msg import ObjectState
 from unc_physics_msgs.srv import Predict
 

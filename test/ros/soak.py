@@ -29,7 +29,7 @@ from scenes import (
 )
 from shape_msgs.msg import Plane, SolidPrimitive
 
-from unc_physics.errors import ErrorCode
+from unc_physics.checks.errors import ErrorCode
 from unc_physics_msgs.msg import BoxRegion, Candidate, ObjectStateArray, Prediction
 from unc_physics_msgs.srv import Predict, PredictCandidates
 

@@ -10,7 +10,7 @@ from running import NodeProcess
 from scenes import assert_answered, assert_same, diagonal, explicit, good_request, moving_object, request_of
 from shape_msgs.msg import Plane, SolidPrimitive
 
-from unc_physics.errors import ErrorCode
+from unc_physics.checks.errors import ErrorCode
 from unc_physics.geometry.library import find_model
 from unc_physics_msgs.action import PredictLong
 from unc_physics_msgs.msg import BoxRegion

@@ -3,7 +3,7 @@
 import numpy as np
 from scenes import explicit, good_request, moving_object, numbers_of
 
-from unc_physics.errors import ErrorCode
+from unc_physics.checks.errors import ErrorCode
 from unc_physics_msgs.msg import Candidate, PredictedObject
 from unc_physics_msgs.srv import PredictCandidates
 

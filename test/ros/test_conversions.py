@@ -5,9 +5,8 @@ import pytest
 from scenes import diagonal, moving_object, position_of
 from scipy.spatial.transform import Rotation
 
-from unc_physics import errors
-from unc_physics.belief import Belief
-from unc_physics.layout import (
+from unc_physics.checks import errors
+from unc_physics.physics.layout import (
     ANGULAR_VELOCITY,
     ERR_ANGULAR_VELOCITY,
     ERR_POSITION,
@@ -28,6 +27,7 @@ from unc_physics.ros.conversions import (
 )
 from unc_physics.ros.models import ModelLibrary
 from unc_physics.ros.origin import error_map, inverse_error_map
+from unc_physics.scene.belief import Belief
 from unc_physics_msgs.msg import Environment
 
 DRAWS = 40_000

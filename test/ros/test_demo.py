@@ -3,7 +3,7 @@
 import subprocess
 import sys
 
-from unc_physics.errors import ErrorCode
+from unc_physics.checks.errors import ErrorCode
 
 
 def run_demo(output):

@@ -12,11 +12,11 @@ from shape_msgs.msg import Plane, SolidPrimitive
 from std_msgs.msg import Header
 from visualization_msgs.msg import Marker
 
-from unc_physics.environment import Capsule, Cylinder, Sphere
-from unc_physics.errors import ErrorCode, NotSupportedError
+from unc_physics.checks.errors import ErrorCode, NotSupportedError
 from unc_physics.ros.markers import markers
 from unc_physics.ros.parameters import Settings
 from unc_physics.ros.surroundings import read_environment
+from unc_physics.scene.environment import Capsule, Cylinder, Sphere
 from unc_physics_msgs.msg import BoxRegion, ContactProbability, Environment
 from unc_physics_msgs.srv import Predict
 

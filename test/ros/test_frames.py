@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from shape_msgs.msg import Plane, SolidPrimitive
 from std_msgs.msg import Header
 
-from unc_physics.errors import UnknownFrameError
+from unc_physics.checks.errors import UnknownFrameError
 from unc_physics.ros.frames import Frames
 from unc_physics_msgs.msg import BoxRegion, Environment
 

@@ -9,7 +9,7 @@ from rclpy.action import ActionClient
 from running import READY_TIMEOUT
 from scenes import assert_answered, assert_same, good_request, numbers_of
 
-from unc_physics.errors import ErrorCode
+from unc_physics.checks.errors import ErrorCode
 from unc_physics_msgs.action import PredictLong
 
 
@@ -59,7 +59,7 @@ def test_cancel_keeps_what_was_done_and_the_service_answers_meanwhile(send, clie
     client.of_action(handle.cancel_goal_async)
     answered = time.monotonic() - started
     answer = client.of_action(handle.get_result_async)
-    assert answered < 2.0  # the figure is measured in benchmarks/ros_latency.py
+    assert answered < 2.0  # the figure is measured in unc_physics_evaluation/benchmarks/ros_latency.py
     assert (answer.status, answer.result.error_code) == (GoalStatus.STATUS_CANCELED, ErrorCode.CANCELED)
     assert 0.0 < answer.result.time_reached < 60.0
     assert np.isfinite(numbers_of(answer.result.objects[0].states[-1])).all()

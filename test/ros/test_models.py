@@ -10,7 +10,7 @@ from running import Inbox, NodeProcess, wait_until
 from scenes import assert_answered, moving_object, request_of
 
 from unc_physics import PROPAGATORS
-from unc_physics.errors import ErrorCode
+from unc_physics.checks.errors import ErrorCode
 from unc_physics.geometry.library import find_model
 from unc_physics_msgs.msg import ModelInfo, ModelList
 from unc_physics_msgs.srv import GetCapabilities, ListModels, LoadModel, Predict

@@ -16,10 +16,10 @@ from scenes import (
 
 from unc_physics import PROPAGATORS
 from unc_physics import predict as predict_in_core
-from unc_physics.errors import ErrorCode
+from unc_physics.checks.errors import ErrorCode
 from unc_physics.geometry.library import list_models
 from unc_physics.physics.rotation import rotation_matrix
-from unc_physics.propagation.status import assess
+from unc_physics.prediction.status import assess
 from unc_physics.ros.conversions import read_scene, seconds, write_prediction
 from unc_physics.ros.models import ModelLibrary
 from unc_physics.ros.parameters import Settings

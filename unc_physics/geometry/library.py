@@ -6,7 +6,7 @@ import os
 import sys
 from pathlib import Path
 
-from ..errors import UnknownModelError
+from ..checks.errors import UnknownModelError
 from .packing_file import SpherePacking, load_packing
 
 SHARE = Path("share") / "unc_physics" / "models"

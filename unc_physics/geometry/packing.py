@@ -16,7 +16,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from ..errors import InvalidOptionError
+from ..checks.errors import InvalidOptionError
 from .ascent import Space, climb_all, place, starts_around, starts_at_surface
 from .packing_file import SpherePacking
 from .solid_mesh import SolidMesh

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..errors import InvalidModelError
+from ..checks.errors import InvalidModelError
 
 ROUND_OFF = 1e-9  # relative; what a file written in decimal or by another program may lose
 

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from ..errors import InvalidMeshError, UnknownModelError
+from ..checks.errors import InvalidMeshError, UnknownModelError
 from . import shapes
 from .solid_mesh import SolidMesh, load_solid, make_solid
 

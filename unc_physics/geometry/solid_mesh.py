@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..errors import InvalidMeshError, InvalidModelError
+from ..checks.errors import InvalidMeshError, InvalidModelError
 from .packing_file import check_inertia
 
 FLAT = 1e-12  # of the cube of the size: less volume than this is none

@@ -1,1 +1,1 @@
-"""Compiled physics: numba functions over plain arrays; imports numpy, numba and the layout, nothing else."""
+"""Compiled physics: numba functions over plain arrays; imports numpy and numba, nothing else."""

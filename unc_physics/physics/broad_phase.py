@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from ..layout import P
 from .compiled import inner
+from .layout import P
 from .rotation import rotate_back
 from .sphere_tree import candidates
 

@@ -22,7 +22,7 @@ from numba.core import caching
 from numba.core.dispatcher import Dispatcher
 
 PACKAGE = Path(__file__).resolve().parent.parent
-_NO_KERNELS = ("ros", "evaluation")  # an edit there compiles nothing anew, but of a file that has kernels
+_NO_KERNELS = ("ros", "cli")  # an edit there compiles nothing anew, but of a file that has kernels
 _KEPT, _UNUSED = 3, 24.0 * 3600.0  # a folder goes that is not among the newest, and unused for so long [s]
 
 

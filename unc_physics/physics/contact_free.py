@@ -1,9 +1,9 @@
 """Steps in which nothing can touch, known ahead so that nothing is searched; of scenes with surroundings."""
 
-from ..layout import P, V, W
 from .broad_phase import may_touch, near_pairs
 from .compiled import inner
 from .element_contacts import element_distance
+from .layout import P, V, W
 
 _MOST_STEPS = 64  # ahead
 UNKNOWN = -1  # number of contact-free steps ahead, of a rollout that begins

@@ -9,6 +9,30 @@ from . import implicit_world
 from .implicit_world import fresh_solver_memory
 
 
+class Start(NamedTuple):
+    """What N rollouts of the implicit step learned of their own beginning, about each body (`overlap`).
+
+    Attributes
+    ----------
+    overlap : (N, B) float32
+        Its deepest overlap before it was projected away [m].
+    moved : (N, B) float32
+        How far the projection, or settling, moved it, in standard deviations.
+    kept : (N, B) float32
+        Its deepest overlap that could not come free [m].
+    tilted : (N, B) float32
+        By how much settling tilted it [rad].
+    unsettled : (N, B) float32
+        1 where settling did not end.
+    """
+
+    overlap: np.ndarray
+    moved: np.ndarray
+    kept: np.ndarray
+    tilted: np.ndarray
+    unsettled: np.ndarray
+
+
 class ContactHistory(NamedTuple):
     """What N rollouts remember.
 
@@ -21,10 +45,13 @@ class ContactHistory(NamedTuple):
     solver : NamedTuple or None
         Arrays of the implicit step, the first axis of each being N; None for the explicit step, which
         remembers nothing.
+    start : Start or None
+        None for the explicit step.
     """
 
     first_time: np.ndarray
     solver: Any
+    start: Start | None
 
 
 def fresh(count, world):
@@ -32,12 +59,15 @@ def fresh(count, world):
     bodies = len(world.bodies.moving)
     elements = 0 if world.surroundings is None else len(world.surroundings.kind)
     first = np.full((count, bodies, bodies + elements), np.inf, np.float32)
-    return ContactHistory(first, None if world.implicit is None else fresh_solver_memory(count, bodies))
+    if world.implicit is None:
+        return ContactHistory(first, None, None)
+    start = Start(*(np.zeros((count, bodies), np.float32) for _ in Start._fields))
+    return ContactHistory(first, fresh_solver_memory(count, bodies), start)
 
 
 def copy(history):
-    """A history of its own, with the same content."""
-    return _each(history, np.copy)
+    """A history of its own, with the same content; what its start was like is shared, since it stays."""
+    return _each(history, np.copy)._replace(start=history.start)
 
 
 def samples(history, some):
@@ -47,18 +77,27 @@ def samples(history, some):
 
 def _each(history, function):
     """A history with all of its arrays changed alike."""
-    solver = history.solver
-    return ContactHistory(
-        function(history.first_time), None if solver is None else type(solver)(*map(function, solver))
-    )
+    if history.solver is None:
+        return ContactHistory(function(history.first_time), None, None)
+    solver, start = (type(part)(*map(function, part)) for part in (history.solver, history.start))
+    return ContactHistory(function(history.first_time), solver, start)
 
 
 def of_bodies(history, bodies):
     """The history of some bodies, whose indices ascend, with each other and with all elements."""
-    first = history.first_time
-    columns = np.concatenate([bodies, np.arange(first.shape[1], first.shape[2])])
-    solver = None if history.solver is None else implicit_world.of_bodies(history.solver, bodies)
-    return ContactHistory(np.ascontiguousarray(first[:, bodies][:, :, columns]), solver)
+    first, solver, start = _pairs_of(history.first_time, bodies), history.solver, history.start
+    if solver is not None:
+        solver = implicit_world.of_bodies(solver, bodies, _pairs_of(solver.kept_overlap, bodies))
+        start = Start(*(np.ascontiguousarray(values[:, bodies]) for values in start))
+    return ContactHistory(first, solver, start)
+
+
+def _pairs_of(values, bodies):
+    """Values (N, B, B + E) of some bodies with each other and with all elements; empty ones stay so."""
+    if values.shape[1] == 0:
+        return values
+    columns = np.concatenate([bodies, np.arange(values.shape[1], values.shape[2])])
+    return np.ascontiguousarray(values[:, bodies][:, :, columns])
 
 
 def joined(histories: Sequence[ContactHistory], rows: Sequence, bodies: Sequence, world) -> ContactHistory:
@@ -77,12 +116,24 @@ def joined(histories: Sequence[ContactHistory], rows: Sequence, bodies: Sequence
     """
     count = 1 + max(int(np.max(own)) for own in rows)
     history = fresh(count, world)
-    total = history.first_time.shape[1]
-    elements = np.arange(total, history.first_time.shape[2])
+    if any(own.solver is not None and own.solver.kept_overlap.size for own in histories):
+        kept = np.zeros_like(history.first_time)
+        history = history._replace(solver=history.solver._replace(kept_overlap=kept))
     for own, some, k in zip(histories, bodies, rows, strict=True):
-        columns = np.concatenate([some, elements])
-        history.first_time[np.ix_(np.arange(count), some, columns)] = own.first_time[:1]
-        history.first_time[np.ix_(k, some, columns)] = own.first_time
+        some, followed = np.asarray(some), np.zeros(count, np.int64)
+        followed[k] = np.arange(len(k))
+        _add_pairs(history.first_time, own.first_time, some, followed)
         if history.solver is not None:
-            implicit_world.add_bodies(history.solver, own.solver, np.asarray(some), np.asarray(k))
+            implicit_world.add_bodies(history.solver, own.solver, some, followed)
+            _add_pairs(history.solver.kept_overlap, own.solver.kept_overlap, some, followed)
+            for values, others in zip(history.start, own.start, strict=True):
+                values[:, some] = others[followed]
     return history
+
+
+def _add_pairs(values, own, some, followed):
+    """Write what one history says of pairs of some bodies, and of these and all elements, into the joint one's."""
+    if own.shape[1] == 0:
+        return
+    columns = np.concatenate([some, np.arange(values.shape[1], values.shape[2])])
+    values[np.ix_(np.arange(len(values)), some, columns)] = own[followed]

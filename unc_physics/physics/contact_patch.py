@@ -10,7 +10,6 @@ import math
 
 import numpy as np
 
-from ..layout import P, V, W
 from .compiled import inner
 from .contact_search import ACTIVE_GAP, closing_bound, element_list, pair_list, relative_pose, side_of
 from .element_contacts import in_element
@@ -41,12 +40,14 @@ from .implicit_workspace import (
     TURN_I,
     TURN_J,
 )
+from .layout import P, V, W
 from .rotation import rotate, rotate_back, tangents
 from .shapes import surface
 
 #: Gap up to which contacts take part in an impact [m].
 IMPACT_GAP = 2e-4
-_TILT = 0.02  # of a patch, in search of its supports [rad]
+#: Tilt of a patch in search of its supports, of a step [rad].
+TILT = 0.02
 #: How much deeper a contact counts that carried load [m]: no more than a share of the body's radius.
 _LOADED_BONUS, _LOADED_SHARE = 2e-5, 0.01
 _SAME_PATCH = 0.9  # cosine of the angle between normals
@@ -55,9 +56,9 @@ _FREE, _IN_PATCH, _CHOSEN = 0, 1, 2  # what a candidate is
 
 
 @inner(forceinline=True)
-def element_candidates(x, i, e, horizon, world, work):
-    """Find the spheres of body i that may touch element e within ``horizon`` seconds; returns how many
-    there are.
+def element_candidates(x, i, e, limit, horizon, world, work):
+    """Find the spheres of body i whose gap to element e is below ``limit`` [m], or will be after ``horizon``
+    seconds; returns how many there are.
     """
     kind, size, R_e, R = world.surroundings.kind, world.surroundings.size, world.surroundings.R[e], work.R[i]
     candidates, ids = work.candidates, work.candidate_ids
@@ -68,12 +69,12 @@ def element_candidates(x, i, e, horizon, world, work):
         x[i, V + 1] + half * world.gravity[1],
         x[i, V + 2] + half * world.gravity[2],
     )
-    limit = IMPACT_GAP if horizon == 0.0 else ACTIVE_GAP
+    kept = work.kept_overlap[i, len(x) + e]
     axis, sign, offset = side_of(kind, size, e, t, R_e, R, world.implicit.extent[i])
     count = 0
     if axis >= 0:
         # one plane: distances are linear in the spheres' centres, so that its hull is asked in one loop
-        height = sign * t[axis] - offset
+        height = sign * t[axis] - offset + kept
         nx, ny, nz = sign * R_e[0, axis], sign * R_e[1, axis], sign * R_e[2, axis]
         bx, by, bz = rotate_back(R, nx, ny, nz)
         cx, cy, cz = (
@@ -103,7 +104,7 @@ def element_candidates(x, i, e, horizon, world, work):
                 ids[count, 0], ids[count, 1], ids[count, 2] = world.implicit.hull_sphere[k], 0, 0
                 count += 1
     else:
-        element_list(x, i, e, ACTIVE_GAP + horizon * work.numbers[i, PACE], world, work)
+        element_list(x, i, e, max(limit, ACTIVE_GAP) + horizon * work.numbers[i, PACE], world, work)
         R_ei = work.R_ij
         ux, uy, uz = rotate_back(R, vx, vy, vz)
         wx, wy, wz = rotate_back(R, x[i, W], x[i, W + 1], x[i, W + 2])
@@ -114,7 +115,7 @@ def element_candidates(x, i, e, horizon, world, work):
             cx, cy, cz, r = centers[s, 0], centers[s, 1], centers[s, 2], radii[s]
             px, py, pz = rotate(R_ei, cx, cy, cz)
             distance, (nx, ny, nz) = surface(kind, size, e, px + t[0], py + t[1], pz + t[2])
-            gap = distance - r
+            gap = distance - r + kept
             bx, by, bz = rotate_back(R_ei, nx, ny, nz)
             mx, my, mz = ux + wy * cz - wz * cy, uy + wz * cx - wx * cz, uz + wx * cy - wy * cx
             predicted = gap + horizon * (bx * mx + by * my + bz * mz)
@@ -131,15 +132,15 @@ def element_candidates(x, i, e, horizon, world, work):
 
 
 @inner(forceinline=True)
-def pair_candidates(x, i, j, horizon, world, work):
-    """Find the pairs of spheres of bodies i and j that may touch within ``horizon`` seconds; returns how
-    many there are.
+def pair_candidates(x, i, j, limit, horizon, world, work):
+    """Find the pairs of spheres of bodies i and j whose gap is below ``limit`` [m], or will be after
+    ``horizon`` seconds; returns how many there are.
     """
     candidates, ids, R_ij, R = work.candidates, work.candidate_ids, work.R_ij, work.R[i]
     centers, radii, pool = world.tree.centers, world.tree.radii, work.pool
-    limit = IMPACT_GAP if horizon == 0.0 else ACTIVE_GAP
     low, high = min(i, j), max(i, j)
-    pair_list(x, low, high, ACTIVE_GAP + horizon * closing_bound(x, i, j, world), world, work)
+    kept = work.kept_overlap[low, high]
+    pair_list(x, low, high, max(limit, ACTIVE_GAP) + horizon * closing_bound(x, i, j, world), world, work)
     t = relative_pose(x, i, j, work.R, R_ij)
     half = 0.5 * horizon * (np.float64(world.bodies.moving[i]) - np.float64(world.bodies.moving[j]))
     vx, vy, vz = x[i, V] - x[j, V], x[i, V + 1] - x[j, V + 1], x[i, V + 2] - x[j, V + 2]
@@ -161,7 +162,7 @@ def pair_candidates(x, i, j, horizon, world, work):
         if d2 == 0.0:  # coincident centres have no normal
             continue
         d = math.sqrt(d2)
-        gap = d - r - radii[b]
+        gap = d - r - radii[b] + kept
         nx, ny, nz = dx / d, dy / d, dz / d
         mx = ux + wy * cz - wz * cy - (oy * pz - oz * py)
         my = uy + wz * cx - wx * cz - (oz * px - ox * pz)
@@ -187,8 +188,11 @@ def _write_candidate(out, normal, point, gap, score):
 
 
 @inner(forceinline=True)
-def add_contacts(x, i, j, count, world, work):
-    """Choose contacts among the first ``count`` candidates of body i with body j, or element ``-1 - j``."""
+def add_contacts(x, i, j, count, tilt, world, work):
+    """Choose contacts among the first ``count`` candidates of body i with body j, or element ``-1 - j``.
+
+    The supports of a patch are those of it tilted by ``tilt`` [rad].
+    """
     candidates, ids, best, score = work.candidates, work.candidate_ids, work.best, work.best_score
     if count > 1:
         bonus = min(_LOADED_BONUS, _LOADED_SHARE * world.bodies.radius[i])
@@ -213,12 +217,12 @@ def add_contacts(x, i, j, count, world, work):
                 continue
             ids[k, 2] = _IN_PATCH
             left -= 1
-            u = _TILT * (first[0] * c[3] + first[1] * c[4] + first[2] * c[5])
-            w = _TILT * (second[0] * c[3] + second[1] * c[4] + second[2] * c[5])
+            u = tilt * (first[0] * c[3] + first[1] * c[4] + first[2] * c[5])
+            w = tilt * (second[0] * c[3] + second[1] * c[4] + second[2] * c[5])
             plus, minus, base = _HALF * (u + w), _HALF * (u - w), c[CANDIDATE_SCORE]
-            for d, tilt in ((0, u), (1, -u), (2, w), (3, -w), (4, plus), (5, -plus), (6, minus), (7, -minus)):
-                if best[d] < 0 or _deeper(ids, k, base + tilt, best[d], score[d]):
-                    best[d], score[d] = k, base + tilt
+            for d, more in ((0, u), (1, -u), (2, w), (3, -w), (4, plus), (5, -plus), (6, minus), (7, -minus)):
+                if best[d] < 0 or _deeper(ids, k, base + more, best[d], score[d]):
+                    best[d], score[d] = k, base + more
         for d in range(8, -1, -1):
             k = best[d]
             if ids[k, 2] == _IN_PATCH:

@@ -10,7 +10,6 @@ import math
 
 import numpy as np
 
-from ..layout import P, V, W
 from .compiled import inner
 from .element_contacts import in_element
 from .implicit_workspace import (
@@ -21,6 +20,7 @@ from .implicit_workspace import (
     TOO_LONG_LISTS,
     TRAVEL,
 )
+from .layout import P, V, W
 from .rotation import rotate, rotate_back
 from .shapes import flat_side, surface
 from .sphere_tree import EMPTY, WIDTH, candidates

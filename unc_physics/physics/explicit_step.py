@@ -5,12 +5,12 @@ into the loop's stages (`compiled.stage`): the functions that begin the file.
 """
 
 
-from ..layout import P, V, W
 from .broad_phase import near_pairs, update_separation_bound
 from .compiled import inner, stage
 from .contact_free import contact_free_step
 from .element_contacts import next_element_contacts, open_element
 from .free_motion import integrate_gyroscopic, integrate_position, integrate_rotation
+from .layout import P, V, W
 from .narrow_phase import contact_sums, next_contacts, open_pair
 from .rotation import rotate, rotate_back
 

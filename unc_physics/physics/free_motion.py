@@ -2,8 +2,8 @@
 
 import math
 
-from ..layout import P, Q, V, W
 from .compiled import inner
+from .layout import P, Q, V, W
 from .rotation import exp, multiply, renormalized, rotate, rotate_back, write_matrix
 
 # angles that a body turns at a time with the gyroscopic term [rad], and the most parts of a step

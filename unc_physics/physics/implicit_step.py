@@ -8,9 +8,8 @@ the step is one solution of the lasting contacts. Nothing that happens in a grou
 
 import math
 
-from ..layout import P, Q, V, W
 from .compiled import inner, kernel
-from .contact_patch import IMPACT_GAP, add_contacts, element_candidates, pair_candidates
+from .contact_patch import IMPACT_GAP, TILT, add_contacts, element_candidates, pair_candidates
 from .contact_search import ACTIVE_GAP, clearance, find_groups, forget_lists, join, lowest, update_pace
 from .element_contacts import in_element
 from .free_motion import integrate_gyroscopic, integrate_rotation
@@ -39,6 +38,7 @@ from .implicit_workspace import (
     implicit_workspace,
 )
 from .implicit_world import REMEMBERED_CONTACTS
+from .layout import P, Q, V, W
 from .rotation import rotate, write_matrix
 from .shapes import surface
 
@@ -87,6 +87,7 @@ def find_contacts(x, count, horizon, world, work):
         world.bodies.moving,
         world.bodies.radius,
     )
+    limit = IMPACT_GAP if horizon == 0.0 else ACTIVE_GAP
     for a in range(count):
         i = members[a]
         need = ACTIVE_GAP + horizon * numbers[i, PACE]
@@ -99,14 +100,14 @@ def find_contacts(x, count, horizon, world, work):
                     surface(world.surroundings.kind, world.surroundings.size, e, px, py, pz)[0]
                     < radius[i] + need
                 ):
-                    found = element_candidates(x, i, e, horizon, world, work)
+                    found = element_candidates(x, i, e, limit, horizon, world, work)
                     if found > 0:
-                        add_contacts(x, i, -1 - e, found, world, work)
+                        add_contacts(x, i, -1 - e, found, TILT, world, work)
         for j in range(len(x)):  # each pair of moving bodies once
             if near[i, j] and (j > i or not moving[j]):
-                found = pair_candidates(x, i, j, horizon, world, work)
+                found = pair_candidates(x, i, j, limit, horizon, world, work)
                 if found > 0:
-                    add_contacts(x, i, j, found, world, work)
+                    add_contacts(x, i, j, found, TILT, world, work)
 
 
 @inner(forceinline=True)
@@ -507,7 +508,7 @@ def advance_implicit(states, first_time, memory, world, begin, steps):
     """Advance states (N, B, 13) in place, and what their rollouts remember (`SolverMemory`) along."""
     contacts, candidates, pool = 64, 256, 2048
     for n in range(len(states)):
-        work = implicit_workspace(states[n], world, contacts, candidates, pool)
+        work = implicit_workspace(states[n], memory.kept_overlap[n], world, contacts, candidates, pool)
         done = 0
         while done < steps:
             done += integrate(
@@ -530,4 +531,4 @@ def advance_implicit(states, first_time, memory, world, begin, steps):
                     pool *= 2
                 else:
                     contacts *= 2
-                work = implicit_workspace(states[n], world, contacts, candidates, pool)
+                work = implicit_workspace(states[n], memory.kept_overlap[n], world, contacts, candidates, pool)

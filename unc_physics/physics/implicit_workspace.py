@@ -4,9 +4,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..layout import Q
 from .compiled import kernel
 from .implicit_world import REMEMBERED_CONTACTS
+from .layout import Q
 from .narrow_phase import RECORD
 from .rotation import write_matrix
 from .sphere_tree import Scratch
@@ -111,6 +111,8 @@ class ImplicitWorkspace(NamedTuple):
         By `CONTACTS`, `REMEMBERED`, `POOL_USED`, `OVERFLOW`.
     state, quiet : (B, 13) float64 and (B,) int64
         At the step's start.
+    kept_overlap : (B, B + E) float64
+        As in `SolverMemory`, but never empty.
     """
 
     R: np.ndarray
@@ -145,12 +147,15 @@ class ImplicitWorkspace(NamedTuple):
     counts: np.ndarray
     state: np.ndarray
     quiet: np.ndarray
+    kept_overlap: np.ndarray
 
 
 @kernel
-def implicit_workspace(x, world, contacts, candidates, pool):
+def implicit_workspace(x, kept_overlap, world, contacts, candidates, pool):
     """Workspace of one rollout that begins at state ``x`` (B, 13), with room for so many contacts,
     candidates and pairs in lists.
+
+    ``kept_overlap`` is its row of `SolverMemory`.
     """
     count, elements = len(x), len(world.surroundings.kind)
     remembered = REMEMBERED_CONTACTS * count
@@ -159,6 +164,9 @@ def implicit_workspace(x, world, contacts, candidates, pool):
         write_matrix((x[i, Q], x[i, Q + 1], x[i, Q + 2], x[i, Q + 3]), R, i)
     stack = np.empty((world.stack_size, 2), np.int32)
     search = Scratch(stack, np.empty((_PAIRS_AT_ONCE, 2), np.int32), np.empty((1, RECORD)))
+    kept = np.zeros((count, count + elements))
+    if len(kept_overlap) > 0:
+        kept[:] = kept_overlap
     return ImplicitWorkspace(
         R,
         np.zeros((count, 3, 3)),
@@ -192,4 +200,5 @@ def implicit_workspace(x, world, contacts, candidates, pool):
         np.zeros(4, np.int64),
         np.empty((count, 13)),
         np.empty(count, np.int64),
+        kept,
     )

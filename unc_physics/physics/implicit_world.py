@@ -64,6 +64,9 @@ class SolverMemory(NamedTuple):
         Steps for which each body has been at rest.
     residual : (N, B) float32
         Largest residual of the contact law so far, relative to the load, of the contacts of each body.
+    kept_overlap : (N, B, B + E) or (N, 0, 0) float32
+        By how much bodies i < j, or body i and element j - B, overlap for ever, without a force [m]: what
+        could not come free at the start; empty where nothing does.
     """
 
     contact: np.ndarray
@@ -71,6 +74,7 @@ class SolverMemory(NamedTuple):
     count: np.ndarray
     quiet: np.ndarray
     residual: np.ndarray
+    kept_overlap: np.ndarray
 
 
 def fresh_solver_memory(count, bodies):
@@ -82,15 +86,16 @@ def fresh_solver_memory(count, bodies):
         np.zeros(count, np.int64),
         np.zeros((count, bodies), np.int64),
         np.zeros((count, bodies), np.float32),
+        np.zeros((count, 0, 0), np.float32),
     )
 
 
-def of_bodies(memory, bodies):
-    """The memory of some bodies, which ascend and touch no others."""
+def of_bodies(memory, bodies, kept_overlap):
+    """The memory of some bodies, which ascend and touch no others; ``kept_overlap`` is theirs."""
     count = len(memory.count)
     place = np.full(memory.quiet.shape[1], -1)
     place[bodies] = np.arange(len(bodies))
-    own = fresh_solver_memory(count, len(bodies))
+    own = fresh_solver_memory(count, len(bodies))._replace(kept_overlap=kept_overlap)
     own.quiet[:], own.residual[:] = memory.quiet[:, bodies], memory.residual[:, bodies]
     for n in range(count):
         contact = memory.contact[n, : memory.count[n]]
@@ -99,14 +104,10 @@ def of_bodies(memory, bodies):
     return own
 
 
-def add_bodies(memory, own, bodies, rows):
-    """Add the memory of some bodies, which touched no others: rollout k of it is rollout ``rows[k]`` of the
-    joint memory.
-
-    The joint memory's other rollouts follow the first.
+def add_bodies(memory, own, bodies, followed):
+    """Add the memory of some bodies, which touched no others: rollout n of the joint memory follows rollout
+    ``followed[n]`` of theirs.
     """
-    followed = np.zeros(len(memory.count), np.int64)
-    followed[rows] = np.arange(len(rows))
     memory.quiet[:, bodies], memory.residual[:, bodies] = own.quiet[followed], own.residual[followed]
     for n, k in enumerate(followed):
         _append(memory, n, _renumbered(own.contact[k, : own.count[k]], bodies), own.force[k, : own.count[k]])

@@ -4,8 +4,8 @@ import math
 
 import numpy as np
 
-from ..layout import EP, ER, ERROR, EV, EW, STATE, P, Q, V, W
 from .compiled import kernel
+from .layout import EP, ER, ERROR, EV, EW, STATE, P, Q, V, W
 from .rotation import conjugate, exp, log, multiply, normalized
 
 _KARCHER_TOLERANCE = 1e-12  # rad

@@ -10,7 +10,7 @@ from numba import types
 from numba.core import cgutils
 from numba.extending import intrinsic
 
-from ..layout import EP, ER, ERROR, EV, EW
+from .layout import EP, ER, ERROR, EV, EW
 
 _LANES = 8
 _FLOATS = ir.VectorType(ir.FloatType(), _LANES)

@@ -7,8 +7,8 @@ index: a slice for each would cost more than the arithmetic.
 
 import math
 
-from ..layout import EP, ER, EV, EW, W
 from .compiled import inner
+from .layout import EP, ER, EV, EW, W
 from .rotation import cross, rotate, rotate_back
 from .simd import four_columns, two_columns
 

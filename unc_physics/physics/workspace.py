@@ -4,10 +4,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..layout import Q
 from .broad_phase import FIRST_STEPS
 from .compiled import kernel
 from .contact_free import UNKNOWN
+from .layout import Q
 from .narrow_phase import RECORD
 from .rotation import write_matrix
 from .sphere_tree import WIDTH, Scratch

@@ -9,7 +9,7 @@ from concurrent.futures import ThreadPoolExecutor
 from unc_physics_msgs.msg import CandidatePrediction
 from unc_physics_msgs.srv import Predict, PredictCandidates
 
-from ..errors import DuplicateIdError, ErrorCode, InvalidRequestError, LimitExceededError
+from ..checks.errors import DuplicateIdError, ErrorCode, InvalidRequestError, LimitExceededError
 from .background import BackgroundService
 from .requests import answer_bytes, read_request
 

@@ -15,7 +15,7 @@ from unc_physics_msgs.msg import PropagatorInfo
 from unc_physics_msgs.srv import GetCapabilities
 
 from .. import __version__
-from ..propagation import PROPAGATORS
+from ..propagators.registry import PROPAGATORS
 
 _FEATURES = [
     "environment", "friction", "restitution", "gyroscopic", "islands", "parameter_uncertainty", "contact_probabilities",

@@ -24,8 +24,7 @@ from geometry_msgs.msg import Point, Pose, Quaternion
 
 from unc_physics_msgs.msg import JointCovariance, PredictedObject, PredictedState
 
-from ..belief import Belief
-from ..errors import (
+from ..checks.errors import (
     DivergedError,
     DuplicateIdError,
     InvalidCovarianceError,
@@ -37,7 +36,8 @@ from ..errors import (
     NotFiniteError,
     UncPhysicsError,
 )
-from ..layout import (
+from ..checks.validation import array, covariance, non_negative, number, positive, quaternion
+from ..physics.layout import (
     ANGULAR_VELOCITY,
     ERROR,
     POSITION,
@@ -46,10 +46,10 @@ from ..layout import (
     VELOCITY,
 )
 from ..physics.rotation import rotation_matrix
-from ..presets import with_changes
-from ..scene import RigidBody, Scene
-from ..scene_file import PHYSICS_KEYS, PRESET, physics_value, preset, with_chosen_stiffness
-from ..validation import array, covariance, non_negative, number, positive, quaternion
+from ..scene.belief import Belief
+from ..scene.presets import with_changes
+from ..scene.scene import RigidBody, Scene
+from ..scene.scene_file import PHYSICS_KEYS, PRESET, physics_value, preset, with_chosen_stiffness
 from .origin import at_origin, congruent, covariance_at_com, error_map, moved
 from .surroundings import read_environment
 

@@ -10,7 +10,7 @@ import sys
 import tempfile
 from pathlib import Path
 
-from ..errors import OutputError
+from ..checks.errors import OutputError
 from .demo_client import NODE
 
 _END_TIMEOUT = 10.0  # s

@@ -7,9 +7,9 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.patheffects import withStroke
 
+from ..cli.scene_picture import COLORS, ellipse, pixel_window, shaded_balls
 from ..geometry.library import load_model
 from ..physics.rotation import rotation_matrix
-from ..scene_picture import COLORS, ellipse, pixel_window, shaded_balls
 from .conversions import seconds
 
 _PIXEL = 0.005  # m

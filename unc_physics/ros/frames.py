@@ -9,9 +9,9 @@ from typing import NamedTuple
 import numpy as np
 from rclpy.time import Time
 
-from ..errors import UnknownFrameError
+from ..checks.errors import UnknownFrameError
+from ..checks.validation import array, quaternion
 from ..physics.rotation import rotation_matrix
-from ..validation import array, quaternion
 from .conversions import UNKNOWN
 
 

@@ -12,7 +12,7 @@ from rclpy.callback_groups import ReentrantCallbackGroup
 
 from unc_physics_msgs.action import PredictLong
 
-from ..errors import CanceledError, ErrorCode, LimitExceededError
+from ..checks.errors import CanceledError, ErrorCode, LimitExceededError
 
 _FEEDBACK_PERIOD = 0.1  # s
 

@@ -9,10 +9,10 @@ from geometry_msgs.msg import Point
 from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker, MarkerArray
 
-from ..environment import Box, Capsule, Cylinder, Plane, Sphere, element_names
-from ..errors import NotSupportedError
-from ..layout import POSITION, QUATERNION
+from ..checks.errors import NotSupportedError
+from ..physics.layout import POSITION, QUATERNION
 from ..physics.rotation import rotation_matrix
+from ..scene.environment import Box, Capsule, Cylinder, Plane, Sphere, element_names
 
 _COLORS = ((0.16, 0.45, 0.72), (0.85, 0.42, 0.14), (0.24, 0.60, 0.30), (0.58, 0.40, 0.74), (0.75, 0.22, 0.25))
 _SIGMAS = 2.0  # half axes of ellipsoids and fans

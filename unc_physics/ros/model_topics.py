@@ -15,7 +15,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from unc_physics_msgs.msg import ModelInfo, ModelList
 from unc_physics_msgs.srv import ListModels, LoadModel
 
-from ..errors import DuplicateIdError, InvalidRequestError, LimitExceededError, UncPhysicsError
+from ..checks.errors import DuplicateIdError, InvalidRequestError, LimitExceededError, UncPhysicsError
 from ..geometry.packing_file import load_packing, save_packing
 from .background import BackgroundService
 

@@ -8,11 +8,11 @@ import tempfile
 import threading
 from pathlib import Path
 
-from ..errors import InvalidModelError, LimitExceededError, UnknownModelError
+from ..checks.errors import InvalidModelError, LimitExceededError, UnknownModelError
 from ..geometry.library import list_models
 from ..geometry.packing_file import SpherePacking
-from ..scene import tree_of
-from ..scene_file import load_shape
+from ..scene.scene import tree_of
+from ..scene.scene_file import load_shape
 
 _SCALES = 1e-6, 1e6
 

@@ -16,7 +16,7 @@ try:  # takes less than half the time from message to callback
 except ImportError:  # an older rclpy
     EventsExecutor = SingleThreadedExecutor
 
-from ..errors import UncPhysicsError
+from ..checks.errors import UncPhysicsError
 from .server import PredictionServer
 
 # Python's 5 ms would let other threads' bookkeeping hold up a prediction that is nearly done

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..layout import EP, ER, ERROR, EV, EW, P, Q, V, W
 from ..physics.compiled import kernel
+from ..physics.layout import EP, ER, ERROR, EV, EW, P, Q, V, W
 from ..physics.rotation import rotate, write_matrix
 
 

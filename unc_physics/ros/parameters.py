@@ -8,14 +8,14 @@ from dataclasses import Field, dataclass, field, fields
 
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor, SetParametersResult
 
-from ..errors import InvalidOptionError, UncPhysicsError
-from ..materials import refuse_with_explicit
-from ..presets import PRESETS
-from ..propagation import PROPAGATORS
-from ..scene import INTEGRATORS, check_integrator
-from ..scene_file import PHYSICS_KEYS
-from ..stiffness import AUTO
-from ..validation import non_negative
+from ..checks.errors import InvalidOptionError, UncPhysicsError
+from ..checks.validation import non_negative
+from ..propagators.registry import PROPAGATORS
+from ..scene.materials import refuse_with_explicit
+from ..scene.presets import PRESETS
+from ..scene.scene import INTEGRATORS, check_integrator
+from ..scene.scene_file import PHYSICS_KEYS
+from ..scene.stiffness import AUTO
 from .conversions import Doubts
 
 _EVERYDAY = PRESETS["everyday"]

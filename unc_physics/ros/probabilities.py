@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from unc_physics_msgs.msg import ContactProbability, RegionProbability
 
-from ..propagation.answers import contact_probabilities, region_probabilities, rest_probabilities
+from ..prediction.probabilities import contact_probabilities, region_probabilities, rest_probabilities
 from .conversions import duration
 
 

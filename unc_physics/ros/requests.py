@@ -9,24 +9,23 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..belief import Belief
-from ..errors import (
+from ..checks.errors import (
     ErrorCode,
     InvalidHorizonError,
     LimitExceededError,
     NotSupportedError,
     UncPhysicsError,
 )
-from ..layout import ERROR
-from ..physics_summary import physics_as_text
-from ..propagation import Prediction, predict
-from ..propagation.answers import BoxRegion
-from ..propagation.base import Propagator
-from ..propagation.monte_carlo import MonteCarlo
-from ..propagation.predict import check_supported, periodic_times
-from ..propagation.registry import propagator_from_texts
-from ..scene import Scene
-from ..validation import non_negative, positive
+from ..checks.validation import non_negative, positive
+from ..physics.layout import ERROR
+from ..prediction.predict import Prediction, check_supported, periodic_times, predict
+from ..prediction.probabilities import BoxRegion
+from ..propagators.base import Propagator
+from ..propagators.monte_carlo import MonteCarlo
+from ..propagators.registry import propagator_from_texts
+from ..scene.belief import Belief
+from ..scene.physics_summary import physics_as_text
+from ..scene.scene import Scene
 from .conversions import Wanted, read_options, read_physics, read_scene, write_prediction
 from .frames import Frames
 from .models import ModelLibrary

@@ -10,7 +10,7 @@ import traceback
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 
-from ..errors import CanceledError, UncPhysicsError
+from ..checks.errors import CanceledError, UncPhysicsError
 from .candidates_service import CandidatesService
 from .capabilities_service import CapabilitiesService
 from .diagnostics import Diagnostics

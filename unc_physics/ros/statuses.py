@@ -6,7 +6,7 @@ from dataclasses import replace
 
 from diagnostic_msgs.msg import KeyValue
 
-from ..propagation.status import assess_all
+from ..prediction.status import assess_all
 
 #: States of one object that are judged one by one; the message says so, too.
 JUDGED = 16

@@ -11,7 +11,7 @@ from rclpy.time import Time
 from unc_physics_msgs.msg import ObjectState, ObjectStateArray, Prediction
 from unc_physics_msgs.srv import Predict
 
-from ..errors import UncPhysicsError
+from ..checks.errors import UncPhysicsError
 from .background import Newest
 from .conversions import UNKNOWN, seconds
 from .requests import read_request, write_answer

@@ -7,16 +7,16 @@ import math
 
 from shape_msgs.msg import SolidPrimitive
 
-from ..environment import Box, Cylinder, Element, Plane, Sphere
-from ..errors import (
+from ..checks.errors import (
     DuplicateIdError,
     InvalidEnvironmentError,
     LimitExceededError,
     NotSupportedError,
     UncPhysicsError,
 )
-from ..propagation.answers import ENVIRONMENT, BoxRegion
-from ..validation import array, positive, quaternion
+from ..checks.validation import array, positive, quaternion
+from ..prediction.probabilities import ENVIRONMENT, BoxRegion
+from ..scene.environment import Box, Cylinder, Element, Plane, Sphere
 
 #: Number of dimensions of each kind of primitive that is served, and the names of the others.
 _DIMENSIONS = {SolidPrimitive.BOX: 3, SolidPrimitive.SPHERE: 1, SolidPrimitive.CYLINDER: 2}

@@ -6,14 +6,14 @@ import numpy as np
 
 from unc_physics_msgs.srv import Predict
 
-from ..belief import Belief
+from ..checks.validation import covariance
 from ..geometry.packing_file import SpherePacking
-from ..layout import ERROR, QUATERNION, STATE
-from ..presets import with_changes
-from ..propagation import PROPAGATORS, make_propagator
-from ..scene import RigidBody, Scene
-from ..stiffness import AUTO
-from ..validation import covariance
+from ..physics.layout import ERROR, QUATERNION, STATE
+from ..propagators.registry import PROPAGATORS, make_propagator
+from ..scene.belief import Belief
+from ..scene.presets import with_changes
+from ..scene.scene import RigidBody, Scene
+from ..scene.stiffness import AUTO
 from .conversions import Wanted
 from .origin import covariance_at_com
 from .parameters import Settings

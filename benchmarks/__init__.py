@@ -1,1 +1,0 @@
-"""Measurements: run from the repository's root, for example ``python -m benchmarks.propagators``."""

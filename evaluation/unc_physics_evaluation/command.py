@@ -1,0 +1,72 @@
+"""The command ``evaluate``: speed and error of every method, as rows, figures and a report."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from importlib.util import find_spec
+
+NEEDS = {"ot": "pot", "scipy": "scipy", "matplotlib": "matplotlib"}
+
+
+def add_evaluate_command(commands) -> None:
+    """Add the parser of ``evaluate`` to the command line's subparsers."""
+    from .experiments import NAMES
+
+    parser = commands.add_parser(
+        "evaluate", help="measure speed and error of all propagators",
+        description="Measure speed and error of all propagators beside Monte Carlo, and write rows (CSV), figures and a report "
+        "(report.md). An interrupted run goes on where it stopped; finished work is never done again.",
+    )
+    parser.add_argument(
+        "experiments", nargs="*", metavar="EXPERIMENT", help=f"which to run (default: all): {', '.join(NAMES)}")
+    parser.add_argument("--quick", action="store_true", help="a look in two minutes, once the kernels are compiled, in place of results in an hour")
+    parser.add_argument("-o", "--output", metavar="DIR", help="folder for the results (default: evaluation_results, or evaluation_quick)")
+    parser.add_argument("--scheduler", metavar="ADDRESS", help="a Dask scheduler whose cluster does the work, for example tcp://host:8786")
+    parser.add_argument("--workers", type=int, metavar="N", help="processes on this machine (default: one per processor)")
+    parser.add_argument("--seed", type=int, default=0, metavar="S", help="another one gives an independent sweep (default 0)")
+    parser.add_argument("--distance", choices=("exact", "sinkhorn"), default="exact",
+                        help="how W1 is computed: exactly, or by entropic regularization, debiased, which takes far longer")
+    parser.add_argument("--report", action="store_true", help="run nothing, write the report from the rows that are there")
+    parser.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Run the jobs that are missing, and write the report."""
+    from unc_physics.checks.errors import ErrorCode, InvalidOptionError, NotSupportedError
+
+    from .experiments import NAMES, experiment
+    from .jobs import Settings
+    from .report import write_report
+    from .results import Results
+    from .runner import run_jobs
+
+    if arguments.workers is not None and arguments.workers < 1:
+        raise InvalidOptionError("must be at least 1", field="--workers", value=arguments.workers)
+    if arguments.seed < 0:
+        raise InvalidOptionError("must not be negative", field="--seed", value=arguments.seed)
+    if arguments.workers is not None and arguments.scheduler is not None:
+        raise InvalidOptionError("does not go with --scheduler", field="--workers", value=arguments.workers)
+    lacks = [package for module, package in NEEDS.items() if find_spec(module) is None]
+    if lacks:
+        raise NotSupportedError(f"evaluate needs {' and '.join(lacks)}: pip install {' '.join(lacks)}")
+    chosen = [experiment(name) for name in dict.fromkeys(arguments.experiments or NAMES)]
+    settings = Settings(arguments.quick, arguments.seed, arguments.distance)
+    jobs = [job for module in chosen for job in module.jobs(settings)]
+    gaps = [gap for module in chosen if hasattr(module, "missing") for gap in module.missing(settings)]
+    results = Results(arguments.output or ("evaluation_quick" if settings.quick else "evaluation_results"))
+    failures = {}
+    with results.locked():
+        if not arguments.report:
+            try:
+                failures = run_jobs(jobs, results, arguments.scheduler, arguments.workers)
+            except KeyboardInterrupt:
+                print(f"interrupted: what is finished is kept in {results.folder}; the same command goes on there", file=sys.stderr)
+                raise
+        path = write_report(results, NAMES, gaps, failures)
+    for gap in gaps:
+        print(f"left out: {gap}")
+    for job, why in failures.items():
+        print(f"failed: {job}: {why}")
+    print(f"wrote {path}")
+    return int(ErrorCode.INTERNAL) if failures else 0

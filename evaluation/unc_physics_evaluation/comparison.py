@@ -1,0 +1,150 @@
+"""What every experiment compares, and how: methods, truths in subsets, W1 to them, paired times."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from unc_physics.prediction.predict import predict
+from unc_physics.propagators.base import Propagator
+from unc_physics.propagators.registry import PROPAGATORS, make_propagator
+from unc_physics.scene.belief import Belief
+
+from .jobs import Job, Row
+from .timing import paired
+from .wasserstein import sinkhorn_divergence, state_distance, wasserstein
+
+MONTE_CARLO = "monte_carlo"
+FLOOR = "floor"
+GAUSSIAN = "gaussian"
+REPLICATES = 10  # of Monte Carlo with few samples
+
+MEASURES = {"exact": wasserstein, "sinkhorn": sinkhorn_divergence}
+POSITION_ERROR, ROTATION_ERROR = "w1_position", "w1_rotation"
+CPU_TIME, TIME_RATIO, WALL_TIME = "cpu_time", "cpu_time_over_mc10", "wall_time"
+
+
+def rollout_cost(spheres: int) -> float:
+    """About how long a rollout of a collision takes [s]."""
+    return 1e-4 + 1.2e-5 * spheres**0.62
+
+
+def distance_cost(size: int, distance: str) -> float:
+    """About how long W1 of positions and rotations of two bodies takes, between ``size`` samples each [s]."""
+    return 0.65 * (size / 1000) ** 2.3 * (40.0 if distance == "sinkhorn" else 1.0)
+
+
+def methods(job: Job) -> dict[str, Propagator]:
+    """All propagators but Monte Carlo with their default options, and sigma points in all directions, as the paper's."""
+    made = {}
+    for name, cls in PROPAGATORS.items():
+        if name != MONTE_CARLO:
+            made[name] = make_propagator(name, **({"seed": job.seed(name)} if "seed" in cls.options() else {}))
+        if name == "sigma_points":
+            made["sigma_points_full"] = make_propagator(name, points="full")
+    return made
+
+
+class Samples(NamedTuple):
+    """A distribution by samples, as Monte Carlo predicts it.
+
+    Attributes
+    ----------
+    states : (N, B, 13) array
+    belief : Belief
+        The Gaussian with their moments.
+    seed : int
+    """
+
+    states: np.ndarray
+    belief: Belief
+    seed: int
+
+
+def monte_carlo(scene, belief, horizon, samples, seed) -> Samples:
+    """Monte Carlo's prediction."""
+    prediction = predict(scene, belief, make_propagator(MONTE_CARLO, samples=samples, seed=seed), horizon)
+    return Samples(prediction.carry.states, prediction.belief, seed)
+
+
+def error_rows(
+    job: Job, truth: Samples, second: Samples, beliefs: Mapping[str, Belief], counts: Sequence[int], subset: int,
+) -> list[Row]:
+    """W1 of predictions, of Monte Carlo, of the best single Gaussian and of a second truth, to a truth.
+
+    Parameters
+    ----------
+    job : Job
+        Gives the measure and the seeds.
+    truth, second : Samples
+        Two independent ones.
+    beliefs : mapping of str to Belief
+        Predicted, by the method's name.
+    counts : sequence of int
+        Numbers of samples of Monte Carlo; they are taken from ``second``.
+    subset : int
+        The truth is compared with in subsets of so many samples, each with as many of the prediction.
+
+    Notes
+    -----
+    A run of Monte Carlo with N samples is N independent rollouts, so any N of the second truth's are one.
+    """
+    truths, seconds = (_subsets(x.states, subset) for x in (truth, second))
+    measure = MEASURES[job.parameters["distance"]]
+    rows = []
+
+    def compare(method, states, k, samples=None, replicate=None, seed=None):
+        distance = state_distance(states, truths[k], measure)
+        at = k if replicate is None else replicate
+        rows.append(Row(method, POSITION_ERROR, "m", float(np.mean(distance.position)), samples, at, seed))
+        rows.append(Row(method, ROTATION_ERROR, "deg", float(np.mean(distance.rotation)), samples, at, seed))
+
+    for k in range(len(truths)):
+        compare(FLOOR, seconds[k], k, seed=second.seed)
+        for method, belief in {GAUSSIAN: truth.belief, **beliefs}.items():
+            seed = job.seed(f"draws {method} {k}")
+            compare(method, belief.sample(subset, np.random.default_rng(seed)), k, seed=seed)
+    pool = second.states
+    for count in counts:
+        for k in range(min(REPLICATES, len(pool) // count)):
+            compare(MONTE_CARLO, pool[count * k : count * (k + 1)], k % len(truths), count, k, second.seed)
+    return rows
+
+
+def predicted_beliefs(scene, belief, horizon, job: Job) -> dict[str, Belief]:
+    """Every method's prediction."""
+    return {name: predict(scene, belief, propagator, horizon).belief for name, propagator in methods(job).items()}
+
+
+def predictors(scene, belief, horizon, job: Job, counts: Sequence[int]) -> dict[tuple[str, int | None], Callable]:
+    """Every method, and Monte Carlo with ``counts`` samples, as functions of a round; by method and samples."""
+    functions = {
+        (MONTE_CARLO, count): lambda k, count=count: monte_carlo(scene, belief, horizon, count, job.seed(f"round {k}"))
+        for count in counts
+    }
+    for name, propagator in methods(job).items():
+        functions[name, None] = lambda k, propagator=propagator: predict(scene, belief, propagator, horizon)
+    return functions
+
+
+def time_rows(functions: Mapping[tuple[str, int | None], Callable], rounds: int) -> list[Row]:
+    """CPU time of whole predictions on one thread, and over that of Monte Carlo with ten samples in the same round."""
+    times = paired(functions, rounds)
+    reference = times[MONTE_CARLO, 10]
+    return [
+        row
+        for (method, samples), taken in times.items()
+        for k in range(rounds)
+        for row in (
+            Row(method, CPU_TIME, "s", float(taken[k]), samples, k),
+            Row(method, TIME_RATIO, "1", float(taken[k] / reference[k]), samples, k),
+        )
+    ]
+
+
+def _subsets(states, size):
+    """States (k, size, B, 13) of as many whole subsets as there are."""
+    count = len(states) // size
+    return states[: count * size].reshape(count, size, *states.shape[1:])

@@ -1,0 +1,139 @@
+"""What a rollout, or a prediction on its way, keeps and does not: energy, momentum, places, a covariance's definiteness."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from unc_physics.physics import contact_history as histories
+from unc_physics.physics.layout import (
+    ANGULAR_VELOCITY,
+    ERR_ANGULAR_VELOCITY,
+    ERR_VELOCITY,
+    POSITION,
+    QUATERNION,
+    VELOCITY,
+)
+from unc_physics.physics.rollout import rollout
+from unc_physics.scene.belief import Belief
+from unc_physics.scene.scene import Scene
+
+from .energy import contact_energy, height_energy, kinetic_energy, matrices, momentum
+from .jobs import Row
+from .passing import passed_through
+
+FINITE, GAIN, CHANGE, MOMENTUM, PASSED, DRIFT, EIGENVALUE = (
+    "finite", "energy_gain", "energy_change", "momentum_error", "passed_through", "drift", "least_eigenvalue")
+LIFT = 1e-3  # of the bodies' radii: with gravity, energies are compared with at least what lifts all of them so far
+
+
+def trajectory(scene: Scene, mean: np.ndarray, steps: int) -> np.ndarray:
+    """States (T, B, 13) of one rollout at every step, up to the first that is no number any more."""
+    state, history = mean[None].copy(), histories.fresh(1, scene.world)
+    states = [mean.copy()]
+    for k in range(steps):
+        rollout(state, history, scene.world, k, 1)
+        states.append(state[0].copy())
+        if not np.isfinite(state).all():
+            break
+    return np.array(states)
+
+
+def rollout_rows(method: str, scene: Scene, states: np.ndarray) -> list[Row]:
+    """What a rollout, given by its `trajectory`, keeps.
+
+    Energy gained is the largest on the way, over all that there was at the start and that gravity gave; the energy in contacts
+    counts at the start alone, so that it is never taken for a gain. Where nothing should take energy away, without friction
+    and with elastic contacts, ``energy_change`` is that at the end, contacts included. ``momentum_error`` is the largest, over the largest sum of the sizes of all momenta, where
+    momentum is conserved. ``drift`` is the largest mean speed of a body over the last quarter, in scenes with friction.
+    """
+    finite = np.isfinite(states).all(axis=(1, 2))
+    rows = [Row(method, FINITE, "1", float(finite.all()))]
+    states = states[finite]
+    times = np.arange(len(states)) * scene.dt
+    with np.errstate(over="ignore", invalid="ignore"):
+        height = height_energy(scene, states)
+        total, stored = height + kinetic_energy(scene, states), contact_energy(scene, states[0])
+        rows.append(Row(method, GAIN, "1", _gain(scene, total, height, stored)))
+        if _lossless(scene):
+            change = total[-1] + contact_energy(scene, states[-1]) - total[0] - stored
+            rows.append(Row(method, CHANGE, "1", float(change / _scale(scene, total, height, stored))))
+        rows += _momentum_rows(method, scene, states, times)
+        rows.append(Row(method, PASSED, "1", float(passed_through(scene, states))))
+    last = len(states) // 4
+    if scene.materials.friction.any() and last:
+        moved = np.linalg.norm(states[-1, scene.moving, POSITION] - states[-1 - last, scene.moving, POSITION], axis=-1)
+        rows.append(Row(method, DRIFT, "m/s", float(moved.max() / (last * scene.dt))))
+    return rows
+
+
+def prediction_rows(method: str, scene: Scene, beliefs: Sequence[Belief], times: Sequence[float]) -> list[Row]:
+    """What a prediction keeps, from its beliefs at these times, the first of them at 0.
+
+    Energy is the expected one, the spread's included, and so at least what it would be if all turned about the axes of least
+    inertia: where rotations are spread out, means and covariances tell no more.
+    """
+    means = np.array([belief.mean for belief in beliefs])
+    height = height_energy(scene, means)
+    total = height + [_kinetic_at_least(scene, belief) for belief in beliefs]
+    total[0] = height[0] + kinetic_energy(scene, means[0]) + _spread_energy(scene, beliefs[0])
+    return [
+        Row(method, GAIN, "1", _gain(scene, total, height, contact_energy(scene, means[0]))),
+        *_momentum_rows(method, scene, means, np.asarray(times)),
+        Row(method, EIGENVALUE, "1", min(least_eigenvalue(belief) for belief in beliefs)),
+    ]
+
+
+def least_eigenvalue(belief: Belief) -> float:
+    """The covariance's least eigenvalue over its largest; 0 where nothing is uncertain."""
+    values = np.linalg.eigvalsh(belief.covariance)
+    largest = np.max(values, initial=0.0)
+    return float(np.min(values, initial=0.0) / largest) if largest > 0.0 else 0.0
+
+
+def _lossless(scene):
+    """Whether nothing should take energy away."""
+    friction, restitution = scene.materials
+    return scene.damping == 0.0 and not friction.any() and (restitution == 1.0).all()
+
+
+def _gain(scene, total, height, stored):
+    return float(max(np.max(total - total[0] - stored) / _scale(scene, total, height, stored), 0.0))
+
+
+def _scale(scene, total, height, stored):
+    """Energy that there was at the start, and that gravity gave [J]."""
+    bodies = [scene.bodies[k] for k in scene.moving]
+    lifting = LIFT * np.linalg.norm(scene.gravity) * sum(body.mass * body.model.bounding_radius for body in bodies)
+    return max(total[0] - height[0] + stored + max(height[0] - np.min(height), 0.0), lifting, 1e-300)
+
+
+def _momentum_rows(method, scene, states, times):
+    if scene.environment or scene.damping or any(body.fixed for body in scene.bodies):
+        return []
+    mass = np.array([body.mass for body in scene.bodies])
+    expected = momentum(scene, states[0]) + mass.sum() * times[:, None] * scene.gravity
+    error = np.linalg.norm(momentum(scene, states) - expected, axis=-1).max()
+    size = (np.linalg.norm(states[:, :, VELOCITY], axis=-1) @ mass).max()
+    return [Row(method, MOMENTUM, "1", float(error / max(size, 1e-300)))]
+
+
+def _spread_energy(scene, belief):
+    """Kinetic energy that the spread of the velocities adds to that of the mean [J]."""
+    energy = 0.0
+    for k, P in zip(scene.moving, belief.blocks, strict=True):
+        body, R = scene.bodies[k], matrices(belief.mean[k, QUATERNION])
+        turning = np.sum(R @ body.model.inertia @ R.T * P[ERR_ANGULAR_VELOCITY, ERR_ANGULAR_VELOCITY])
+        energy += 0.5 * body.mass * (P[ERR_VELOCITY, ERR_VELOCITY].trace() + turning)
+    return energy
+
+
+def _kinetic_at_least(scene, belief):
+    energy = 0.0
+    for k, P in zip(scene.moving, belief.blocks, strict=True):
+        body, x = scene.bodies[k], belief.mean[k]
+        moving = x[VELOCITY] @ x[VELOCITY] + P[ERR_VELOCITY, ERR_VELOCITY].trace()
+        turning = x[ANGULAR_VELOCITY] @ x[ANGULAR_VELOCITY] + P[ERR_ANGULAR_VELOCITY, ERR_ANGULAR_VELOCITY].trace()
+        energy += 0.5 * body.mass * (moving + np.linalg.eigvalsh(body.model.inertia)[0] * turning)
+    return energy

@@ -1,0 +1,88 @@
+"""Energy and momentum of states, contacts included: what a run without losses has to keep."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from unc_physics.physics.layout import ANGULAR_VELOCITY, POSITION, QUATERNION, VELOCITY
+from unc_physics.scene.scene import Scene
+
+_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(24)
+
+
+def matrices(quaternions: np.ndarray) -> np.ndarray:
+    """Rotation matrices (..., 3, 3) of unit quaternions (..., 4)."""
+    x, y, z, w = np.moveaxis(np.asarray(quaternions), -1, 0)
+    rows = (
+        (1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)),
+        (2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)),
+        (2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)),
+    )
+    return np.stack([np.stack(row, -1) for row in rows], -2)
+
+
+def kinetic_energy(scene: Scene, states: np.ndarray) -> np.ndarray:
+    """(...,): kinetic energy of states (..., B, 13) [J]."""
+    moving = scene.moving
+    mass, inertia = _masses(scene)
+    x = states[..., moving, :]
+    spin = np.einsum("...kij,...ki->...kj", matrices(x[..., QUATERNION]), x[..., ANGULAR_VELOCITY])
+    linear = np.sum(x[..., VELOCITY] ** 2, -1)
+    return 0.5 * np.sum(mass * (linear + np.einsum("...ki,kij,...kj->...k", spin, inertia, spin)), -1)
+
+
+def height_energy(scene: Scene, states: np.ndarray) -> np.ndarray:
+    """(...,): potential energy in gravity of states (..., B, 13) [J]."""
+    return -np.sum(_masses(scene)[0] * (states[..., scene.moving, POSITION] @ scene.gravity), -1)
+
+
+def contact_energy(scene: Scene, state: np.ndarray) -> float:
+    """What contacts store at a state (B, 13) [J]: the penalty force, integrated over the depth of each."""
+    spheres = [
+        (state[k, POSITION] + body.model.centers @ matrices(state[k, QUATERNION]).T, body.model.radii)
+        for k, body in enumerate(scene.bodies)
+    ]
+    total = 0.0
+    for j, (c_j, r_j) in enumerate(spheres):
+        for i, (c_i, r_i) in enumerate(spheres[:j]):
+            if scene.bodies[i].fixed and scene.bodies[j].fixed:
+                continue
+            distance = np.linalg.norm(c_i[:, None] - c_j, axis=-1)
+            R, r = np.broadcast_arrays(r_i[:, None], r_j)
+            near = distance < R + r
+            total += np.sum(_lens_integral(distance[near], R[near], r[near]))
+        if not scene.bodies[j].fixed:
+            for element in scene.environment:
+                total += np.sum(_cap_integral(r_j - surface_distance(element, c_j), r_j))
+    return float(scene.stiffness * total)
+
+
+def momentum(scene: Scene, states: np.ndarray) -> np.ndarray:
+    """(..., 3): linear momentum of states (..., B, 13) [kg m/s]."""
+    return np.einsum("k,...ki->...i", _masses(scene)[0], states[..., scene.moving, VELOCITY])
+
+
+def surface_distance(element, points: np.ndarray) -> np.ndarray:
+    """(...,): signed distance of points (..., 3) from the surface of an element [m], negative inside."""
+    return element.surface(points)[0]
+
+
+def _masses(scene):
+    bodies = [scene.bodies[k] for k in scene.moving]
+    return np.array([body.mass for body in bodies]), np.array([body.model.inertia for body in bodies])
+
+
+def _lens_integral(d, R, r):
+    """Integral of the lens's volume over the distance of the centres, from d to where the spheres part."""
+    inner, outer = np.abs(R - r), R + r
+    low = np.clip(d, inner, outer)
+    s = low[..., None] + 0.5 * (outer - low)[..., None] * (1.0 + _NODES)
+    lens = np.pi * (outer[..., None] - s) ** 2 * (s**2 + 2.0 * s * outer[..., None] - 3.0 * (inner**2)[..., None]) / (12.0 * s)
+    whole = 4.0 / 3.0 * np.pi * np.minimum(R, r) ** 3
+    return 0.5 * (outer - low) * (lens @ _WEIGHTS) + np.maximum(inner - d, 0.0) * whole
+
+
+def _cap_integral(h, r):
+    """Integral of the cap's volume over its depth, from 0 to h."""
+    cap = np.clip(h, 0.0, 2.0 * r)
+    return np.pi * (r * cap**3 / 3.0 - cap**4 / 12.0) + np.maximum(h - 2.0 * r, 0.0) * 4.0 / 3.0 * np.pi * r**3

@@ -1,0 +1,419 @@
+"""Rollouts of a scene in PyBullet and in MuJoCo: the same masses, inertias, states, damping, environment and time step.
+
+Shapes are the same spheres, or what people usually give these engines: a few convex pieces, or one box or cylinder. The
+geometry "primitive" is the box or the cylinder that a model is, and convex pieces of a model that is neither. In a scene
+without friction both engines get what is fastest for them among the settings under which bodies collide as ours do: no
+friction, elastic contact. In one with friction they keep their own contact laws, as people run them. Nothing sleeps,
+nothing is drawn. Bodies are given in their principal axes, in which both engines keep the inertia.
+"""
+
+from __future__ import annotations
+
+import math
+import tempfile
+import warnings
+from functools import singledispatch
+from pathlib import Path
+
+import numpy as np
+from scipy.cluster.vq import kmeans2
+from scipy.spatial import ConvexHull
+from scipy.spatial.transform import Rotation
+
+from unc_physics.checks.errors import NotSupportedError
+from unc_physics.physics.layout import ANGULAR_VELOCITY, POSITION, QUATERNION, VELOCITY
+from unc_physics.scene.environment import Box, Capsule, Cylinder, Plane, Sphere
+
+GEOMETRIES = ("spheres", "pieces", "box")
+PRIMITIVES = {"salt_box": "box", "can": "cylinder", "cube": "box"}  # of the models that are one
+PIECES = 16  # convex ones of a body
+_DIRECTIONS = 64  # in which a piece's outline is taken, and so its vertices at most
+_CONDIM = {False: 1, True: 3}  # MuJoCo's: without and with friction
+
+
+class PrincipalBody:
+    """A body's spheres and inertia in its principal axes.
+
+    Attributes
+    ----------
+    centers : (n, 3) array
+        [m]
+    radii : (n,) array
+        [m]
+    inertia : (3,) array
+        Principal moments [kg m^2].
+    axes : Rotation
+        From principal axes to the body frame.
+
+    Notes
+    -----
+    ``pieces`` cuts the spheres into clusters and takes the convex hull of each, as a convex decomposition of a mesh
+    would; ``box`` is the uniform box of the same mass and inertia.
+    """
+
+    def __init__(self, body):
+        moments, axes = np.linalg.eigh(body.model.inertia)
+        axes[:, 2] *= np.linalg.det(axes)
+        self.mass, self.name, self._model = body.mass, body.name, body.model
+        self.inertia = body.mass * moments
+        self.centers, self.radii = body.model.centers @ axes, body.model.radii
+        self.axes = Rotation.from_matrix(axes)
+
+    def box(self):
+        """Half sides (3,) [m]."""
+        a, b, c = self.inertia / self.mass
+        return np.sqrt(1.5 * np.array([b + c - a, c + a - b, a + b - c]))
+
+    def own_geometry(self, geometry):
+        """How this body is given where a scene's are asked for as ``geometry``."""
+        return "pieces" if geometry == "primitive" and self._model.name not in PRIMITIVES else geometry
+
+    def primitive(self):
+        """Kind, sides [m], middle (3,) [m] and orientation of the box or cylinder that the model is."""
+        low, high = self._model.bounds
+        return PRIMITIVES[self._model.name], (high - low).tolist(), self.axes.inv().apply(0.5 * (low + high)), self.axes.inv()
+
+    def pieces(self):
+        """Vertices (k, 3) [m] of each convex piece."""
+        _, cluster = kmeans2(self.centers, min(PIECES, len(self.centers)), minit="++", rng=np.random.default_rng(0))
+        # support points: where the hull of a cluster's spheres touches planes of evenly spread directions
+        height = 1.0 - (2.0 * np.arange(_DIRECTIONS) + 1.0) / _DIRECTIONS
+        turn = np.pi * (1.0 + math.sqrt(5.0)) * np.arange(_DIRECTIONS)
+        around = np.sqrt(1.0 - height**2)
+        directions = np.stack([around * np.cos(turn), around * np.sin(turn), height], axis=1)
+        made = []
+        for k in np.unique(cluster):
+            centers, radii = self.centers[cluster == k], self.radii[cluster == k]
+            farthest = np.argmax(centers @ directions.T + radii[:, None], axis=0)
+            made.append(centers[farthest] + radii[farthest, None] * directions)
+        return made
+
+    def orientation(self, state):
+        """Rotation from principal axes to the world, of one body's state (13,)."""
+        return Rotation.from_quat(state[QUATERNION]) * self.axes
+
+    def state(self, position, velocity, rotation, angular_velocity):
+        """One body's state (13,) from what an engine says about the principal axes."""
+        return np.concatenate([position, velocity, (rotation * self.axes.inv()).as_quat(), angular_velocity])
+
+
+class PyBulletRollouts:
+    """Rollouts in PyBullet.
+
+    Notes
+    -----
+    Bodies come from URDF text, because ``createCollisionShapeArray`` keeps 16 spheres and says nothing. As
+    bodies in maximal coordinates they take the solver for free bodies; the other one, for articulated bodies, is no
+    faster and gains energy with elastic contacts.
+    """
+
+    def __init__(self, scene, geometry="spheres"):
+        import pybullet
+        from pybullet_utils.bullet_client import BulletClient
+
+        self._scene = scene
+        self._bodies = [PrincipalBody(body) for body in scene.bodies]
+        self._client = client = BulletClient(connection_mode=pybullet.DIRECT)
+        client.setPhysicsEngineParameter(fixedTimeStep=scene.dt, numSubSteps=0, restitutionVelocityThreshold=0.0)
+        client.setGravity(*scene.gravity.tolist())
+        # Bullet keeps the share 1 - d of a velocity in a second, we exp(-damping)
+        damping = 1.0 - math.exp(-scene.damping)
+        self._handles, self._shapes = [], []
+        with tempfile.TemporaryDirectory() as folder:
+            for body in self._bodies:
+                path = Path(folder) / f"{body.name}.urdf"
+                path.write_text(_urdf(body, geometry, Path(folder)))
+                probe = client.loadURDF(str(path))  # PyBullet tells the shapes of bodies in minimal coordinates only
+                self._shapes.append(len(client.getCollisionShapeData(probe, -1)))
+                client.removeBody(probe)
+                handle = client.loadURDF(
+                    str(path), flags=pybullet.URDF_USE_INERTIA_FROM_FILE, useMaximalCoordinates=True
+                )
+                client.changeDynamics(handle, -1, linearDamping=damping, angularDamping=damping, **_bullet_contact(scene))
+                self._handles.append(handle)
+        for solid in scene.environment:
+            client.changeDynamics(self._fixed(solid), -1, **_bullet_contact(scene))
+
+    def shapes(self):
+        """Number of shapes of each body, as the engine has them."""
+        return self._shapes
+
+    def _fixed(self, solid):
+        """A fixed body that is a primitive of the environment."""
+        shape = self._client.createCollisionShape(**_bullet_shape(solid, self._client))
+        place = {"basePosition": solid.position.tolist()}
+        if not isinstance(solid, Plane):  # whose shape is given in the world's axes
+            place["baseOrientation"] = np.asarray(solid.orientation).tolist()
+        return self._client.createMultiBody(0.0, shape, **place)
+
+    def begin(self, state):
+        """Set the state (B, 13)."""
+        for body, handle, x in zip(self._bodies, self._handles, state, strict=True):
+            self._client.resetBasePositionAndOrientation(handle, x[POSITION].tolist(), body.orientation(x).as_quat().tolist())
+            self._client.resetBaseVelocity(handle, x[VELOCITY].tolist(), x[ANGULAR_VELOCITY].tolist())
+
+    def advance(self, steps):
+        """Take so many steps; PyBullet knows one at a time, so each is called from Python."""
+        step = self._client.stepSimulation
+        for _ in range(steps):
+            step()
+
+    def state(self):
+        """The state (B, 13)."""
+        states = []
+        for body, handle in zip(self._bodies, self._handles, strict=True):
+            position, q = self._client.getBasePositionAndOrientation(handle)
+            velocity, spin = self._client.getBaseVelocity(handle)
+            states.append(body.state(position, velocity, Rotation.from_quat(q), spin))
+        return np.array(states)
+
+    def run(self, state, steps):
+        """The state (B, 13) after ``steps`` steps from ``state``."""
+        self.begin(state)
+        self.advance(steps)
+        return self.state()
+
+    def contacts(self, state, steps):
+        """Number of contacts with overlap in each step (steps,)."""
+        self.begin(state)
+        counts = np.zeros(steps, int)
+        for k in range(steps):
+            self._client.stepSimulation()
+            counts[k] = sum(point[8] < 0.0 for point in self._client.getContactPoints())
+        return counts
+
+    def close(self):
+        """Leave the engine."""
+        self._client.disconnect()
+
+
+@singledispatch
+def _bullet_shape(solid, client):
+    """Arguments of PyBullet's shape for an element of the environment."""
+    raise _no_shape(solid)
+
+
+@_bullet_shape.register
+def _(solid: Plane, client):
+    return {"shapeType": client.GEOM_PLANE, "planeNormal": solid.normal.tolist()}
+
+
+@_bullet_shape.register
+def _(solid: Box, client):
+    return {"shapeType": client.GEOM_BOX, "halfExtents": (0.5 * solid.size).tolist()}
+
+
+@_bullet_shape.register
+def _(solid: Sphere, client):
+    return {"shapeType": client.GEOM_SPHERE, "radius": solid.radius}
+
+
+@_bullet_shape.register
+def _(solid: Cylinder, client):
+    return {"shapeType": client.GEOM_CYLINDER, "radius": solid.radius, "height": solid.length}
+
+
+@_bullet_shape.register
+def _(solid: Capsule, client):
+    return {"shapeType": client.GEOM_CAPSULE, "radius": solid.radius, "height": solid.length}
+
+
+def _no_shape(solid):
+    return NotSupportedError("is not known in other engines", field="environment", value=type(solid).__name__)
+
+
+def _bullet_contact(scene):
+    """Contact parameters of each body; Bullet multiplies those of the two that touch."""
+    if scene.friction is None:
+        return {"lateralFriction": 0.0, "restitution": 1.0, "contactProcessingThreshold": 0.0}
+    return {"lateralFriction": math.sqrt(scene.friction), "restitution": math.sqrt(scene.restitution or 0.0)}
+
+
+def _urdf(body, geometry, folder):
+    geometry = body.own_geometry(geometry)
+    if geometry == "spheres":
+        shapes = [
+            (f'xyz="{x!r} {y!r} {z!r}"', f'<sphere radius="{r!r}"/>')
+            for (x, y, z), r in zip(body.centers.tolist(), body.radii.tolist(), strict=True)
+        ]
+    elif geometry == "box":
+        shapes = [('xyz="0 0 0"', '<box size="{!r} {!r} {!r}"/>'.format(*(2.0 * body.box()).tolist()))]
+    elif geometry == "primitive":
+        kind, (x, y, z), middle, turned = body.primitive()
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # at gimbal lock any of the equivalent angles will do
+            angles = turned.as_euler("xyz").tolist()
+        place = 'xyz="{!r} {!r} {!r}" rpy="{!r} {!r} {!r}"'.format(*middle.tolist(), *angles)
+        shape = f'<box size="{x!r} {y!r} {z!r}"/>' if kind == "box" else f'<cylinder radius="{x / 2!r}" length="{z!r}"/>'
+        shapes = [(place, shape)]
+    else:
+        shapes = []
+        for k, vertices in enumerate(body.pieces()):
+            path = folder / f"{body.name}_{k}.obj"
+            path.write_text(_obj(vertices))
+            shapes.append(('xyz="0 0 0"', f'<mesh filename="{path}"/>'))
+    collisions = "\n".join(  # on lines of their own: PyBullet cuts long lines
+        f'<collision><origin {place}/><geometry>{shape}</geometry></collision>' for place, shape in shapes
+    )
+    a, b, c = body.inertia.tolist()
+    inertia = f'<inertia ixx="{a!r}" iyy="{b!r}" izz="{c!r}" ixy="0" ixz="0" iyz="0"/>'
+    return (
+        f'<robot name="{body.name}"><link name="body"><inertial><mass value="{body.mass!r}"/>{inertia}</inertial>'
+        f"\n{collisions}\n</link></robot>\n"
+    )
+
+
+def _obj(vertices):
+    """A convex hull as a mesh file."""
+    lines = ["v {!r} {!r} {!r}".format(*vertex) for vertex in vertices.tolist()]
+    lines += ["f {} {} {}".format(*(corners + 1)) for corners in ConvexHull(vertices).simplices]
+    return "\n".join(lines) + "\n"
+
+
+class MuJoCoRollouts:
+    """Rollouts in MuJoCo: free bodies of sphere geoms, all steps in one call.
+
+    Notes
+    -----
+    Without friction contacts are springs without damper, so they are elastic; its solver shares the mass among the contacts.
+    With friction they are MuJoCo's own, critically damped, in which there is no coefficient of restitution: a cube that falls
+    flat comes back with 0.12 of its speed at steps of 1/240 s. The cone of friction is the elliptic one; the pyramid that
+    MuJoCo takes unless told otherwise has 0.7 of the friction halfway between its axes.
+    """
+
+    def __init__(self, scene, geometry="spheres"):
+        import mujoco
+
+        self._mujoco = mujoco
+        self._bodies = [PrincipalBody(body) for body in scene.bodies]
+        model = mujoco.MjModel.from_xml_string(_mjcf(scene, self._bodies, geometry))
+        for k, body in enumerate(self._bodies):
+            model.dof_damping[6 * k : 6 * k + 3] = scene.damping * body.mass
+            model.dof_damping[6 * k + 3 : 6 * k + 6] = scene.damping * body.inertia
+        self._model, self._data = model, mujoco.MjData(model)
+
+    def shapes(self):
+        """Number of shapes of each body, as the engine has them."""
+        return self._model.body_geomnum[1:].tolist()
+
+    def begin(self, state):
+        """Set the state (B, 13)."""
+        data = self._data
+        self._mujoco.mj_resetData(self._model, data)
+        for k, (body, x) in enumerate(zip(self._bodies, state, strict=True)):
+            rotation = body.orientation(x)
+            data.qpos[7 * k : 7 * k + 3] = x[POSITION]
+            data.qpos[7 * k + 3 : 7 * k + 7] = rotation.as_quat()[[3, 0, 1, 2]]
+            data.qvel[6 * k : 6 * k + 3] = x[VELOCITY]
+            data.qvel[6 * k + 3 : 6 * k + 6] = rotation.inv().apply(x[ANGULAR_VELOCITY])
+
+    def advance(self, steps):
+        """Take so many steps, in one call."""
+        self._mujoco.mj_step(self._model, self._data, nstep=steps)
+
+    def state(self):
+        """The state (B, 13)."""
+        states = []
+        for k, body in enumerate(self._bodies):
+            rotation = Rotation.from_quat(self._data.qpos[7 * k + 3 : 7 * k + 7][[1, 2, 3, 0]])
+            position, velocity = self._data.qpos[7 * k : 7 * k + 3], self._data.qvel[6 * k : 6 * k + 3]
+            spin = rotation.apply(self._data.qvel[6 * k + 3 : 6 * k + 6])
+            states.append(body.state(position, velocity, rotation, spin))
+        return np.array(states)
+
+    def run(self, state, steps):
+        """The state (B, 13) after ``steps`` steps from ``state``."""
+        self.begin(state)
+        self.advance(steps)
+        return self.state()
+
+    def contacts(self, state, steps):
+        """Number of contacts with overlap in each step (steps,)."""
+        self.begin(state)
+        counts = np.zeros(steps, int)
+        for k in range(steps):
+            self._mujoco.mj_step(self._model, self._data)
+            counts[k] = np.count_nonzero(self._data.contact.dist < 0.0)
+        return counts
+
+    def close(self):
+        """Leave the engine; nothing to do."""
+
+
+def _mjcf(scene, bodies, geometry):
+    text, assets = [], []
+    for body in bodies:
+        shape = body.own_geometry(geometry)
+        if shape == "spheres":
+            geoms = [
+                f'<geom type="sphere" size="{r!r}" pos="{x!r} {y!r} {z!r}"/>'
+                for (x, y, z), r in zip(body.centers.tolist(), body.radii.tolist(), strict=True)
+            ]
+        elif shape == "box":
+            geoms = ['<geom type="box" size="{!r} {!r} {!r}"/>'.format(*body.box().tolist())]
+        elif shape == "primitive":
+            kind, (x, y, z), middle, turned = body.primitive()
+            size = f"{x / 2!r} {y / 2!r} {z / 2!r}" if kind == "box" else f"{x / 2!r} {z / 2!r}"
+            geoms = [f'<geom type="{kind}" size="{size}" pos="{_mujoco_text(middle)}" quat="{_mujoco_quaternion(turned)}"/>']
+        else:
+            pieces = body.pieces()
+            geoms = [f'<geom type="mesh" mesh="{body.name}_{k}"/>' for k in range(len(pieces))]
+            assets += [
+                f'<mesh name="{body.name}_{k}" vertex="{" ".join(map(repr, vertices.ravel().tolist()))}"/>'
+                for k, vertices in enumerate(pieces)
+            ]
+        inertia = " ".join(repr(value) for value in body.inertia.tolist())
+        inertial = f'<inertial pos="0 0 0" mass="{body.mass!r}" diaginertia="{inertia}"/>'
+        text.append(f'<body name="{body.name}"><joint type="free"/>{inertial}{"".join(geoms)}</body>')
+    contact = 'solref="-1000 0"' if scene.friction is None else f'friction="{scene.friction!r} 0.005 0.0001"'
+    cone = "" if scene.friction is None else 'cone="elliptic" '
+    text += [_mujoco_fixed(solid) for solid in scene.environment]
+    return (
+        f'<mujoco><option {cone}timestep="{scene.dt!r}" gravity="{_mujoco_text(scene.gravity)}"/><size memory="256M"/>'
+        f'<default><geom condim="{_CONDIM[scene.friction is not None]}" mass="0" {contact}/></default>'
+        f'<asset>{"".join(assets)}</asset><worldbody>{"".join(text)}</worldbody></mujoco>'
+    )
+
+
+def _mujoco_fixed(solid):
+    """A geom of the world that is a primitive of the environment."""
+    size, turned = _mujoco_text(_mujoco_size(solid)), _mujoco_quaternion(Rotation.from_matrix(solid.rotation))
+    return f'<geom type="{solid.shape}" size="{size}" pos="{_mujoco_text(solid.position)}" quat="{turned}"/>'
+
+
+@singledispatch
+def _mujoco_size(solid):
+    """MuJoCo's size of an element of the environment; its names of the shapes are ours."""
+    raise _no_shape(solid)
+
+
+@_mujoco_size.register
+def _(solid: Plane):
+    return 0.0, 0.0, 1.0  # without end
+
+
+@_mujoco_size.register
+def _(solid: Box):
+    return 0.5 * solid.size
+
+
+@_mujoco_size.register
+def _(solid: Sphere):
+    return (solid.radius,)
+
+
+@_mujoco_size.register(Cylinder)
+@_mujoco_size.register(Capsule)
+def _(solid):
+    return solid.radius, 0.5 * solid.length
+
+
+def _mujoco_text(values):
+    return " ".join(repr(value) for value in np.asarray(values, float).tolist())
+
+
+def _mujoco_quaternion(rotation):
+    return _mujoco_text(rotation.as_quat()[[3, 0, 1, 2]])
+
+
+PEERS = {"pybullet": PyBulletRollouts, "mujoco": MuJoCoRollouts}

@@ -1,0 +1,37 @@
+"""The experiments, one module each.
+
+A module defines
+
+``TITLE`` : str
+``jobs(settings)`` : list of Job
+``missing(settings)`` : list of str, optional
+    What is left out for want of something, and how to get it.
+``run(job)`` : Outcome
+``report(results)`` : str
+    Markdown, from the rows of the finished jobs; draws the figures that it shows.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from types import ModuleType
+
+from unc_physics.checks.errors import InvalidOptionError
+
+NAMES = (
+    "collision_free", "collisions", "floors", "speed_against_error", "peers", "plausibility", "work_precision",
+    "tosses", "overlap", "stability", "storage", "pictures",
+)
+
+
+def experiment(name: str) -> ModuleType:
+    """The experiment of that name.
+
+    Raises
+    ------
+    InvalidOptionError
+        If there is none.
+    """
+    if name not in NAMES:
+        raise InvalidOptionError(f"must be one of {', '.join(NAMES)}", field="experiment", value=name)
+    return import_module(f".{name}", __name__)

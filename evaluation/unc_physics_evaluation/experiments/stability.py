@@ -1,0 +1,167 @@
+"""Hard cases: energy, momentum, covariance and flags of every propagator, by the step that each case asks for."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import NamedTuple
+
+from unc_physics.checks.errors import DivergedError
+from unc_physics.physics import contact_history as histories
+from unc_physics.physics.layout import ERR_POSITION, ERR_ROTATION
+from unc_physics.prediction.predict import periodic_times, predict
+from unc_physics.prediction.status import assess
+from unc_physics.propagators.registry import PROPAGATORS, make_propagator
+from unc_physics.scene.belief import Belief
+from unc_physics.scene.scene import Scene
+from unc_physics.scene.stiffness import with_stiffness
+
+from ..comparison import MONTE_CARLO
+from ..conservation import FINITE, prediction_rows, rollout_rows, trajectory
+from ..hard_cases import digest, load, names
+from ..jobs import Job, Outcome, Row, Settings
+from ..results import Results
+from ..scenarios import MANIPULATION, MODELS, collision, collision_free
+from ..stability_document import (
+    COARSE,
+    EXTENT,
+    FLAGS,
+    HALF,
+    MEAN,
+    MEASURE,
+    OTHER_HALF,
+    POSITION_STD,
+    ROTATION_STD,
+    TRUE,
+    document,
+    runs_on,
+    sections,
+)
+
+TITLE = "Stability"
+DOCUMENT = "stability.md"
+TRUTH, REFINED = 1000, 4  # samples of the truth, and how many times shorter its steps are
+FEWER = {  # samples, also of Monte Carlo's prediction, where rollouts take long
+    "long_in_a_box": 300, "mass_ratio_stack": 100, "pile_of_ten": 300, "rest_plate_settling": 300, "sixty_four_cans": 100,
+    "sixty_four_pairs": 100, "stack_of_three": 100,
+}
+FINER = {  # where that is not short enough
+    "spin_free": 32, "step_10ms": 64, "step_20ms": 128, "step_50ms": 256, "stiffness_1e7": 16, "stiffness_1e8": 64,
+}
+COARSER = 2  # the truth's first half is taken again with steps so many times longer
+LOOKS, FEW_LOOKS, MANY = 50, 8, 20  # at the belief on the way; where there are more than so many bodies, as eigenvalues take long
+QUICK = ("covariance_zero", "fast_ball_at_wall", "overlap_in_floor", "rotation_std_near_pi", "stiffness_1e7")
+SPHERES = 100  # of the paper's bodies
+SIGMAS, ENCOUNTERS = (0.01, 0.05, 0.1), 4
+
+
+class Case(NamedTuple):
+    """A scene to predict: one of the catalogue, or of the paper's."""
+
+    scene: Scene
+    belief: Belief
+    horizon: float
+
+
+def paper_cases() -> list[str]:
+    """Names of the paper's scenes."""
+    found = [f"collision {model} {sigma} {k}" for model in MODELS for sigma in SIGMAS for k in range(ENCOUNTERS)]
+    return [*found, "collision_free linear_velocity", "collision_free angular_velocity", *MANIPULATION]
+
+
+def case(name: str) -> Case:
+    """A case by its name."""
+    kind, *rest = name.split()
+    if kind == "collision":
+        return Case(*collision(rest[0], SPHERES, float(rest[1]), int(rest[2])))
+    if kind == "collision_free":
+        return Case(*collision_free(rest[0], spheres=SPHERES))
+    if kind in MANIPULATION:
+        scene, belief, horizon = MANIPULATION[kind][0]()
+        bodies = [replace(body, model=body.model.prefix(SPHERES)) for body in scene.bodies]
+        return Case(with_stiffness(replace(scene, bodies=bodies), belief.mean), belief, horizon)
+    found = load(name)
+    return Case(with_stiffness(found.scene, found.belief.mean), found.belief, found.horizon)
+
+
+def jobs(settings: Settings) -> list[Job]:
+    """For each case the truth, and what all propagators make of it."""
+    hard, paper = (QUICK, ()) if settings.quick else (names(), paper_cases())
+    found = []
+    for name in (*hard, *paper):
+        same = settings.parameters(case=name, file="none" if name in paper else digest(name))
+        for work, refined in (("truth", FINER.get(name, REFINED)), ("methods", 1)):
+            parameters = {"work": work, **same, "draws": FEWER.get(name, TRUTH), "refined": refined}
+            found.append(Job("stability", parameters, cost=40.0 if name in FEWER else 3.0))
+    return found
+
+
+def run(job: Job) -> Outcome:
+    """Spreads of the truth; or a rollout of the mean, and the predictions of all propagators that can make one."""
+    given = case(job.parameters["case"])
+    if job.parameters["work"] == "truth":
+        return Outcome(_truth(given, job))
+    rows = rollout_rows(MEAN, given.scene, trajectory(given.scene, given.belief.mean, round(given.horizon / given.scene.dt)))
+    for name in runs_on(given.scene.integrator):
+        rows += _prediction(given, name, job)
+    return Outcome(rows)
+
+
+def report(results: Results) -> str:
+    """Goals, rates and tables; they are also written as a document of their own, stability.md."""
+    rows = results.rows("stability")
+    (results.folder / DOCUMENT).write_text(document(rows), encoding="utf-8")
+    return f"As a document of its own: [{DOCUMENT}]({DOCUMENT})\n{sections(rows)}"
+
+
+def _truth(given, job):
+    """Spreads of samples with short steps, of both of their halves, and of the first half with longer steps."""
+    p, seed = job.parameters, job.seed("truth")
+    half = p["draws"] // 2
+    rows = []
+    for refined, samples, parts in (
+        (p["refined"], p["draws"], {TRUE: slice(None), HALF: slice(half), OTHER_HALF: slice(half, None)}),
+        (p["refined"] // COARSER, half, {COARSE: slice(None)}),
+    ):
+        fine = replace(given.scene, dt=given.scene.dt / refined)
+        propagator = make_propagator(MONTE_CARLO, samples=samples, seed=seed)
+        carry = predict(fine, given.belief, propagator, given.horizon).carry
+        for method, part in parts.items():
+            own = carry._replace(states=carry.states[part], contact_history=histories.samples(carry.contact_history, part))
+            belief = propagator.belief(own, fine)
+            rows += _spread_rows(method, fine, belief, samples, seed)
+    for k in given.scene.moving.tolist():
+        rows.append(Row(TRUE, EXTENT, "m", 2.0 * given.scene.bodies[k].model.bounding_radius, None, k))
+    return rows
+
+
+def _prediction(given, name, job):
+    """What a propagator keeps on the way, its spreads at the end, and its flags with their measures."""
+    scene, belief, horizon = given
+    times = periodic_times(max(horizon / (LOOKS if len(scene.bodies) <= MANY else FEW_LOOKS), scene.dt), horizon)
+    options = {"seed": job.seed(name)} if "seed" in PROPAGATORS[name].options() else {}
+    samples = job.parameters["draws"] if name == MONTE_CARLO else None
+    if samples is not None:
+        options["samples"] = samples
+    propagator = make_propagator(name, **options)
+    try:
+        prediction = predict(scene, belief, propagator, horizon, times=times)
+    except DivergedError:
+        return [Row(name, FINITE, "1", 0.0)]
+    rows = [Row(name, FINITE, "1", 1.0)]
+    start = propagator.belief(propagator.init(scene, belief), scene)  # of Monte Carlo, the samples' own mean
+    rows += prediction_rows(name, scene, (start, *prediction.beliefs), (0.0, *prediction.times))
+    rows += _spread_rows(name, scene, prediction.belief, samples, prediction.seed)
+    statuses = assess(scene, belief, prediction)
+    for k in scene.moving.tolist():
+        rows.append(Row(name, FLAGS, "1", int(statuses[k].flags), samples, k))
+        rows += [Row(name, MEASURE + measure, "1", value, samples, k) for measure, value in statuses[k].measures.items()]
+    return rows
+
+
+def _spread_rows(method, scene, belief, samples, seed):
+    """Standard deviations of each body's position and rotation, the body's number as replicate."""
+    rows = []
+    for k, P in zip(scene.moving.tolist(), belief.blocks, strict=True):
+        for quantity, unit, block in ((POSITION_STD, "m", ERR_POSITION), (ROTATION_STD, "rad", ERR_ROTATION)):
+            rows.append(Row(method, quantity, unit, float(max(P[block, block].trace(), 0.0) ** 0.5), samples, k, seed))
+    return rows

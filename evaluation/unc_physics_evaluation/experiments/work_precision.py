@@ -1,0 +1,206 @@
+"""Work and precision: how far off an engine is with a time step, and what its steps cost."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from unc_physics.physics.layout import POSITION, QUATERNION
+
+from ..comparison import CPU_TIME, MONTE_CARLO
+from ..jobs import Job, Outcome, Row, Settings
+from ..results import Results
+from ..rollouts import ENGINES, OURS, available, missing_engines, rollouts
+from ..scenarios import MANIPULATION, PILES, is_upright
+from ..tables import number, table
+from ..wasserstein import geodesic_of_pairs, state_distance
+
+TITLE = "Work and precision"
+SCENES = MANIPULATION | PILES
+RATES = (60, 120, 240, 500, 1000, 2000)  # steps in a second
+UNIT = 240  # times are told beside those of ours at this rate
+#: Steps in a second that count as converged. PyBullet has no limit: from 2000 on a can that slides hops, and falls
+#: off a shelf on which it stays at 120 to 1000.
+CONVERGED = {OURS: 8000, "pybullet": 1000, "mujoco": 8000}
+#: For each scene the number of samples, and about the cost of a rollout at `UNIT` [s].
+SIZES = {
+    "salt_box_into_bin": (200, 0.002),
+    "can_off_shelf": (200, 0.002),
+    "five_into_bin": (50, 0.02),
+    "tableware_into_box": (20, 0.1),
+}
+QUICK_SIZES = {"salt_box_into_bin": (20, 0.002), "five_into_bin": (5, 0.02)}
+QUICK_RATES, QUICK_CONVERGED = (60, 240), 1000
+CHUNK = 5  # samples that run in turns with ours, so that a busy machine slows both alike
+OVER_UNIT = "cpu_time_over_ours"
+
+
+def jobs(settings: Settings) -> list[Job]:
+    """Every scene in every engine that is there, at every rate."""
+    found = []
+    for scene, (count, cost) in (QUICK_SIZES if settings.quick else SIZES).items():
+        for engine in available():
+            converged = QUICK_CONVERGED if settings.quick else CONVERGED[engine]
+            for rate in dict.fromkeys((*(QUICK_RATES if settings.quick else RATES), converged)):
+                parameters = {"scene": scene, "engine": engine, "rate": rate, "converged": converged}
+                found.append(
+                    Job(
+                        "work_precision",
+                        settings.parameters(**parameters, samples_each=count),
+                        cost=count * cost * rate / UNIT * (1 + (rate == converged)),
+                    )
+                )
+    return found
+
+
+def missing(settings: Settings) -> list[str]:
+    """Engines that are not installed."""
+    return missing_engines("work_precision")
+
+
+def run(job: Job) -> Outcome:
+    """Final states and the time of a rollout; at the converged rate also those of a second set of samples."""
+    p = job.parameters
+    make, _ = SCENES[p["scene"]]
+    scene, belief, horizon = make()
+    at_rate, steps = replace(scene, dt=1.0 / p["rate"]), round(horizon * p["rate"])
+    unit, unit_steps = replace(scene, dt=1.0 / UNIT), round(horizon * UNIT)
+    # the same initial states in every engine at every rate
+    draws = Job("work_precision", {name: p[name] for name in ("scene", "samples_each", "base_seed")})
+    seed = draws.seed("starts")
+    starts = belief.sample(p["samples_each"], np.random.default_rng(seed))
+    ends, spent, beside = np.empty_like(starts), [], []
+    with rollouts(p["engine"], at_rate) as run_all, rollouts(OURS, unit) as run_unit:
+        run_all(starts[:1], 1)  # compile, or load what is compiled
+        run_unit(starts[:1], 1)
+        for k in range(0, len(starts), CHUNK):
+            some = slice(k, k + CHUNK)
+            ends[some], taken = run_all(starts[some], steps)
+            spent.append(taken)
+            beside.append(run_unit(starts[some], unit_steps)[1])
+        arrays = {"states": ends}
+        if p["rate"] == p["converged"]:
+            others = belief.sample(p["samples_each"], np.random.default_rng(draws.seed("second")))
+            arrays["second"] = run_all(others, steps)[0]
+    count = len(starts)
+    return Outcome(
+        [
+            Row(MONTE_CARLO, CPU_TIME, "s", sum(spent) / count, count, 0, seed),
+            Row(MONTE_CARLO, OVER_UNIT, "1", sum(spent) / sum(beside), count, 0, seed),
+        ],
+        arrays,
+    )
+
+
+def report(results: Results) -> str:
+    """A table for each scene, and a picture of all."""
+    from ..plots import draw_work_precision
+
+    rows, panels = results.rows("work_precision"), {}
+    parts = [
+        ("The same initial states, friction .5 and restitution .1 in every engine, at 60 to 2000 steps in a second; "
+        "each is compared with itself at far smaller steps (the table's first line of each engine). Error of a "
+        "sample: distance of final poses, median over samples and bodies. Same fate: in place or not, and upright "
+        "or not, as with the smallest steps. W1: between the final distributions, beside the floor, which is W1 "
+        "between two sets of samples at the smallest steps. CPU time of a rollout's steps on one thread, without "
+        f"compiling, and over that of ours at {UNIT} steps in a second, run in turns with it. MuJoCo takes all "
+        "steps in one call of mj_step, PyBullet's are called from Python, one by one. Solver settings are the "
+        "engines' own; bodies are boxes and cylinders in other engines, or 16 convex pieces where they are "
+        "neither.\n")
+    ]
+    lines_of = {}
+    for scene in SCENES:
+        here = rows.where(scene=scene)
+        if here:
+            panels[scene], lines_of[scene] = _errors(results, scene, here)
+    figure = results.figure("work_precision")
+    draw_work_precision(figure, panels)
+    parts.append(f"![Error over CPU time](figures/{figure.name})\n")
+    for scene, lines in lines_of.items():
+        count = rows.where(scene=scene)[0]["samples_each"]
+        parts.append(f"### {scene.replace('_', ' ').capitalize()}, {count} samples\n")
+        parts.append(
+            table(
+                [
+                    "",
+                    "steps in 1 s",
+                    "a rollout [ms]",
+                    "over ours",
+                    "error, position [mm]",
+                    "rotation [deg]",
+                    "same fate",
+                    "W1 / floor, position [mm]",
+                    "rotation [deg]",
+                ],
+                lines,
+            )
+        )
+    return "\n".join(parts)
+
+
+def _errors(results, scene, rows):
+    """For each engine its curve, and the lines of the table.
+
+    A curve holds CPU times [s], medians of the position errors [m], W1 of positions [m], all by rate, and the
+    floor [m].
+    """
+    curves, lines = {}, []
+    unit = rows.where(engine=OURS, rate=UNIT, quantity=CPU_TIME).mean()
+    for engine in (name for name in ENGINES if rows.where(engine=name)):
+        own = rows.where(engine=engine)
+        converged = own[0]["converged"]
+        truth = _arrays(results, own.where(rate=converged)[0])
+        floor = state_distance(truth["states"], truth["second"])
+        points = []
+        for rate in sorted(own.unique("rate"), key=lambda rate: (rate != converged, rate)):
+            found = own.where(rate=rate)
+            share = found.where(quantity=OVER_UNIT).mean()
+            cells = [
+                ENGINES[engine],
+                str(rate),
+                number(1e3 * found.where(quantity=CPU_TIME).mean()),
+                number(share),
+            ]
+            if rate == converged:
+                lines.append(
+                    [
+                        *cells,
+                        "",
+                        "",
+                        "",
+                        *(
+                            number(value)
+                            for value in (1e3 * np.mean(floor.position), np.mean(floor.rotation))
+                        ),
+                    ]
+                )
+                continue
+            ends, exact = _arrays(results, found[0])["states"], truth["states"]
+            moved = np.linalg.norm(ends[..., POSITION] - exact[..., POSITION], axis=-1)
+            turned = geodesic_of_pairs(ends[..., QUATERNION], exact[..., QUATERNION])
+            same = np.all(_fate(scene, ends) == _fate(scene, exact), axis=0)
+            distance = state_distance(ends, exact)
+            points.append((unit * share, float(np.median(moved)), float(np.mean(distance.position))))
+            lines.append(
+                [
+                    *cells,
+                    number(1e3 * float(np.median(moved))),
+                    number(float(np.median(turned))),
+                    f"{100.0 * np.mean(same):.1f} %",
+                    f"{number(1e3 * float(np.mean(distance.position)))} / {number(1e3 * float(np.mean(floor.position)))}",
+                    f"{number(float(np.mean(distance.rotation)))} / {number(float(np.mean(floor.rotation)))}",
+                ]
+            )
+        curves[engine] = np.array(points), float(np.mean(floor.position))
+    return curves, lines
+
+
+def _fate(scene, states):
+    """Whether bodies are in place, and whether they are upright (2, N, B), of states (N, B, 13)."""
+    return np.array([SCENES[scene][1](states), is_upright(states)])
+
+
+def _arrays(results, row):
+    names = ("scene", "engine", "rate", "converged", "samples_each", "distance", "base_seed")
+    return results.arrays(Job("work_precision", {name: row[name] for name in names}))

@@ -1,0 +1,386 @@
+"""Figures: the same colour for the same method everywhere."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.collections import EllipseCollection
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Polygon
+from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
+from scipy.spatial.transform import Rotation
+
+from unc_physics.cli.scene_picture import outline
+from unc_physics.geometry.packing_file import SpherePacking
+from unc_physics.geometry.picture import box_corners, shaded_balls, view_axes
+from unc_physics.physics.layout import POSITION, QUATERNION
+from unc_physics.scene.environment import Element
+
+from .comparison import CPU_TIME, FLOOR, GAUSSIAN, MONTE_CARLO, POSITION_ERROR, ROTATION_ERROR
+from .pareto import Choice, front
+from .results import Rows
+from .rollouts import ENGINES
+from .tables import label
+
+# Okabe and Ito's colours, which colour-blind readers can tell apart; Monte Carlo in greys
+COLORS = {
+    "linearization": "#0072B2",
+    "surrogate": "#E69F00",
+    "sigma_points": "#009E73",
+    "sigma_points_full": "#56B4E9",
+    "local_sampling": "#CC79A7",
+    MONTE_CARLO: "#000000",
+    GAUSSIAN: "#D55E00",
+    FLOOR: "#999999",
+    "pybullet": "#8C6D31",
+    "mujoco": "#7F3C8D",
+}
+MARKERS = {
+    "linearization": "s", "surrogate": "^", "sigma_points": "D", "sigma_points_full": "d", "local_sampling": "v",
+    MONTE_CARLO: "o", "pybullet": "P", "mujoco": "X",
+}
+SPARE = ("#F0E442", "#A6761D", "#66A61E")  # for propagators that come later
+DPI = 130
+_GREYS = {5: "#BDBDBD", 10: "#8C8C8C", 50: "#5A5A5A", 100: "#2B2B2B"}
+_LIMITS = {GAUSSIAN: "--", FLOOR: ":"}
+
+
+def color(method: str, samples: int | None = None) -> str:
+    """A method's colour; Monte Carlo with more samples is darker."""
+    if method == MONTE_CARLO and samples in _GREYS:
+        return _GREYS[samples]
+    return COLORS.get(method) or SPARE[sum(map(ord, method)) % len(SPARE)]
+
+
+def draw_over_sigma(path: Path, lines: Sequence[tuple[str, str, Rows]], title: str) -> None:
+    """Errors or times over sigma, a column for each number of spheres.
+
+    Parameters
+    ----------
+    lines : sequence of (str, str, Rows)
+        For each line of panels the quantity, what it is called, and the rows.
+    """
+    spheres = sorted({count for *_, rows in lines for count in rows.unique("spheres")})
+    figure = _figure(2.7 * len(spheres) + 1.6, 2.7 * len(lines) + 0.6)
+    axes = figure.subplots(len(lines), len(spheres), squeeze=False, sharey="row", sharex=True)
+    for i, (quantity, name, rows) in enumerate(lines):
+        scale = 1e3 if quantity == CPU_TIME else 1.0
+        for j, count in enumerate(spheres):
+            ax = axes[i, j]
+            found = rows.where(quantity=quantity, spheres=count)
+            for method, samples in _curves(found):
+                _over_sigma(ax, found.where(method=method, samples=samples), method, samples, scale)
+            _log_axis(ax, "y")
+            ax.tick_params(axis="x", labelsize=8)
+            if i == 0:
+                ax.set_title(f"{count:,} spheres".replace(",", "\u202f"), fontsize=10)
+            if i == len(lines) - 1:
+                ax.set_xlabel("sigma of initial positions [m]", fontsize=8)
+        axes[i, 0].set_ylabel(name, fontsize=9)
+    _legend(figure, {text: line for ax in axes.flat for line, text in zip(*ax.get_legend_handles_labels(), strict=True)})
+    figure.suptitle(title, fontsize=12)
+    _save(figure, path)
+
+
+def draw_floors(path: Path, rows: Rows) -> None:
+    """Both floors over the number of samples, a column for each model."""
+    models, sigmas = rows.unique("model"), rows.unique("sigma")
+    figure = _figure(3.3 * len(models) + 1.6, 6.6)
+    axes = figure.subplots(2, len(models), squeeze=False, sharex=True, sharey="row")
+    shades = np.linspace(0.35, 1.0, len(sigmas))
+    handles = {}
+    for i, (quantity, title) in enumerate(((POSITION_ERROR, "W1 of positions [m]"), (ROTATION_ERROR, "W1 of rotations [deg]"))):
+        for j, model in enumerate(models):
+            for sigma, shade in zip(sigmas, shades, strict=True):
+                for method, marker in ((GAUSSIAN, "s"), (FLOOR, "o")):
+                    found = rows.where(quantity=quantity, model=model, sigma=sigma, method=method)
+                    sizes = sorted(found.unique("samples"))
+                    line, = axes[i, j].plot(
+                        sizes, [found.where(samples=n).mean() for n in sizes], _LIMITS[method], marker=marker, markersize=4,
+                        color=color(method), alpha=shade)
+                    handles[f"{label(method)}, sigma {sigma} m"] = line
+            _log_axis(axes[i, j], "x")
+            _log_axis(axes[i, j], "y")
+            if i == 0:
+                axes[i, j].set_title(model, fontsize=10)
+            else:
+                axes[i, j].set_xlabel("samples of the truth and of the other", fontsize=8)
+        axes[i, 0].set_ylabel(title, fontsize=9)
+    _legend(figure, dict(sorted(handles.items())))
+    _save(figure, path)
+
+
+def draw_speed_against_error(
+    path: Path, choices: Mapping[tuple[str, str], Sequence[Choice]], limits: Mapping[tuple[str, str], float], time: str,
+    engines: Mapping[tuple[str, str], Mapping[str, Sequence[Choice]]],
+) -> None:
+    """Error over the floor against time, a column for each model, with the Pareto front.
+
+    Parameters
+    ----------
+    choices : mapping of (model, quantity) to sequence of Choice
+    limits : mapping of (model, quantity) to float
+        The best Gaussian's error over the floor.
+    time : str
+        Which time it is.
+    engines : mapping of (model, quantity) to (mapping of str to sequence of Choice)
+        Monte Carlo in other engines, by their names.
+    """
+    models = list(dict.fromkeys(model for model, _ in choices))
+    titles = {POSITION_ERROR: "positions: W1 / floor", ROTATION_ERROR: "rotations: W1 / floor"}
+    figure = _figure(3.9 * len(models) + 1.6, 7.6)
+    axes = figure.subplots(2, len(models), squeeze=False, sharex=True, sharey="row")
+    handles = {}
+    for i, (quantity, title) in enumerate(titles.items()):
+        for j, model in enumerate(models):
+            ax, found = axes[i, j], choices[model, quantity]
+            best = front(found)
+            handles["Pareto front"], = ax.plot(
+                [1e3 * c.time for c in best], [c.error for c in best], color="#F0E442", linewidth=6, alpha=0.8, zorder=1,
+                drawstyle="steps-post")
+            samples = [c for c in found if c.method == MONTE_CARLO]
+            handles["Monte Carlo, N samples"] = _series(ax, samples, MONTE_CARLO)
+            for c in samples:
+                ax.annotate(str(c.samples), (1e3 * c.time, c.error), xytext=(4, 4), textcoords="offset points", fontsize=7)
+            for c in found:
+                if c.method != MONTE_CARLO:
+                    ax.plot([1e3 * c.time] * 2, c.scatter, color=color(c.method), linewidth=1.2, alpha=0.7, zorder=3)
+                    handles[label(c.method)], = ax.plot(
+                        1e3 * c.time, c.error, MARKERS.get(c.method, "p"), color=color(c.method), markersize=9,
+                        markeredgecolor="white", linestyle="none", zorder=4)
+            for name, series in engines.get((model, quantity), {}).items():
+                handles[f"Monte Carlo in {name}"] = _series(ax, series, name.partition(",")[0].lower())
+            handles["limit of any single Gaussian"] = ax.axhline(limits[model, quantity], linestyle="--", color=color(GAUSSIAN))
+            handles["floor: two truths"] = ax.axhline(1.0, linestyle=":", color=color(FLOOR))
+            _log_axis(ax, "x", decades_only=True)
+            _log_axis(ax, "y")
+            if i == 0:
+                ax.set_title(model, fontsize=10)
+            else:
+                ax.set_xlabel(f"{time} [ms]", fontsize=8)
+        axes[i, 0].set_ylabel(title, fontsize=9)
+    _legend(figure, handles)
+    _save(figure, path)
+
+
+def draw_storage(path: Path, rows: Rows) -> None:
+    """Scalars over the number of bodies."""
+    figure = _figure(7.6, 4.2)
+    ax = figure.subplots()
+    for method in rows.unique("method"):
+        for samples in rows.where(method=method).unique("samples") or [None]:
+            found = rows.where(method=method, samples=samples)
+            shade = {10: "#8C8C8C", 100: "#2B2B2B"}.get(samples, color(method))
+            under = method == "surrogate"  # local sampling holds as many
+            ax.plot([row["bodies"] for row in found], found.values(), ":" if samples else "-", marker=MARKERS.get(method, "p"),
+                    markersize=9 if under else 4, linewidth=5 if under else 1.5, color=shade, label=label(method, samples))
+    ax.set_xscale("log", base=2)
+    _log_axis(ax, "y", decades_only=True)
+    bodies = rows.unique("bodies")
+    ax.set_xticks(bodies, labels=[str(b) for b in bodies], fontsize=8)
+    ax.set(xlabel="bodies", ylabel="scalars that stand for the distribution")
+    _legend(figure, {text: line for line, text in zip(*ax.get_legend_handles_labels(), strict=True)})
+    _save(figure, path)
+
+
+def draw_packings(path: Path, packings: Sequence[SpherePacking]) -> None:
+    """Shaded balls of several packings side by side."""
+    figure = _figure(3.8 * len(packings), 4.2)
+    for ax, packing in zip(np.atleast_1d(figure.subplots(1, len(packings))), packings, strict=True):
+        view = view_axes("z" if packing.name == "pin" else "y")  # the scans stand along y
+        box = box_corners(packing) @ view.T
+        middle = 0.5 * (box.min(axis=0) + box.max(axis=0))
+        half = 0.53 * float(np.ptp(box[:, :2], axis=0).max())
+        sizes = np.log(packing.radii)
+        image = shaded_balls(packing.centers @ view.T - middle, packing.radii, half, (sizes.min(), sizes.max()))
+        ax.imshow(image, extent=[-half, half, -half, half], origin="lower", interpolation="bilinear")
+        count = f"{len(packing):,}".replace(",", "\u202f")
+        ax.set_title(f"{packing.name}, {count} spheres", fontsize=10)
+        ax.set_xlabel("m", fontsize=8)
+        ax.tick_params(labelsize=7)
+    _save(figure, path)
+
+
+def draw_samples(path: Path, arrays: Mapping[str, np.ndarray], packing: SpherePacking, method: str, title: str) -> None:
+    """Bodies of some samples, and the positions of all, before and after; the truth beside the prediction.
+
+    Parameters
+    ----------
+    arrays : mapping of str to (N, B, 13) array
+        ``before``, ``truth`` and ``prediction``.
+    packing : SpherePacking
+        Its largest spheres stand for a body.
+    """
+    panels = (("before", "before", "0.35"), ("after: truth", "truth", "0.1"), (f"after: {label(method)}", "prediction", color(method)))
+    everything = np.concatenate([arrays["before"], arrays["truth"]])[:, :, POSITION].reshape(-1, 3)
+    middle, reach = np.median(everything, axis=0), np.percentile(np.abs(everything - np.median(everything, axis=0)), 99.5, axis=0)
+    radius = float(np.max(np.linalg.norm(packing.centers, axis=1)))
+    limits = np.stack([middle - reach - radius, middle + reach + radius])
+    width, height = limits[1, 0] - limits[0, 0], limits[1, 1] - limits[0, 1]
+    figure = _figure(4.2 * len(panels) + 0.4, 4.2 * height / width + 1.2)
+    axes = figure.subplots(1, len(panels), sharex=True, sharey=True)
+    for ax, (name, key, shade) in zip(axes, panels, strict=True):
+        states = arrays[key]
+        for body in range(states.shape[1]):
+            tint = shade if body == 0 or key == "prediction" else "#B2182B"
+            _draw_bodies(ax, states[:40, body], packing, tint)
+            ax.plot(*states[:, body, :2].T, ".", markersize=2.0, color=tint, alpha=0.6, zorder=3, markeredgewidth=0)
+        ax.set(xlim=limits[:, 0], ylim=limits[:, 1], aspect="equal")
+        plane = states[:, :, :2]
+        beyond = np.mean(np.any((plane < limits[0, :2]) | (plane > limits[1, :2]), axis=-1))
+        ax.set_title(name if beyond < 0.01 else f"{name} ({beyond:.0%} beyond the frame)", fontsize=10)
+        ax.set_xlabel("x [m]", fontsize=8)
+        ax.grid(True, color="0.93", linewidth=0.6)
+        ax.set_axisbelow(True)
+    axes[0].set_ylabel("y [m]", fontsize=8)
+    figure.suptitle(f"{title}; dots: centres of {len(arrays['truth'])} samples, bodies: 40 of them", fontsize=10)
+    _save(figure, path)
+
+
+def draw_final_positions(
+    path: Path, ends: Mapping[str, np.ndarray], elements: Sequence[Element], title: str,
+) -> None:
+    """Where a body's centre ends up, in each engine: from above and from the side.
+
+    Parameters
+    ----------
+    ends : mapping of str to (N, 13) array
+        By the engine's name.
+    elements : sequence of Element
+        Of the environment; those that are finite are drawn.
+    title : str
+    """
+    everything = np.concatenate([states[:, POSITION] for states in ends.values()])
+    low, high = np.percentile(everything, 0.5, axis=0), np.percentile(everything, 99.5, axis=0)
+    margin = 0.12 * float(np.max(high - low))
+    low, high = low - margin, high + margin
+    ranges = high - low
+    width = 3.6
+    heights = width * ranges[1:] / ranges[0]
+    figure = _figure(width * len(ends) + 1.0, float(heights.sum()) + 1.3)
+    axes = figure.subplots(2, len(ends), squeeze=False, sharex=True, sharey="row", height_ratios=heights)
+    for j, (name, states) in enumerate(ends.items()):
+        for i, other in enumerate((1, 2)):
+            ax = axes[i, j]
+            view = np.eye(3)[[0, other, 3 - other]]
+            for element in elements:
+                if element.finite:
+                    corners = outline(element, view)
+                    ax.add_patch(Polygon(corners, facecolor="#F4EDE0", edgecolor="0.6", linewidth=0.6))
+            shade = COLORS.get(name.lower(), COLORS[MONTE_CARLO])
+            ax.plot(states[:, 0], states[:, other], ".", markersize=4, alpha=0.5, color=shade, markeredgewidth=0)
+            ax.set(xlim=(low[0], high[0]), ylim=(low[other], high[other]), aspect="equal")
+            ax.grid(True, color="0.93", linewidth=0.6)
+            ax.set_axisbelow(True)
+            ax.tick_params(labelsize=8)
+        axes[0, j].set_title(name, fontsize=10)
+        axes[1, j].set_xlabel("x [m]", fontsize=8)
+    axes[0, 0].set_ylabel("from above: y [m]", fontsize=8)
+    axes[1, 0].set_ylabel("from the side: z [m]", fontsize=8)
+    count = len(next(iter(ends.values())))
+    figure.suptitle(f"{title}: where the body's centre ends up, {count} samples", fontsize=10)
+    _save(figure, path)
+
+
+def draw_work_precision(path: Path, panels: Mapping[str, Mapping[str, tuple[np.ndarray, float]]]) -> None:
+    """Errors over CPU time, a column for each scene: of single samples, and of their distribution.
+
+    Parameters
+    ----------
+    panels : mapping of str to (mapping of str to ((n, 3) array, float))
+        For each scene and engine CPU time [s], error of a sample [m] and W1 [m] at each step, and W1's floor [m].
+    """
+    figure = _figure(3.3 * len(panels) + 1.6, 6.6)
+    axes = figure.subplots(2, len(panels), squeeze=False, sharex="col")
+    handles = {}
+    for j, (scene, curves) in enumerate(panels.items()):
+        for i in range(2):
+            ax = axes[i, j]
+            for engine, (points, floor) in curves.items():
+                shade, marker = COLORS.get(engine, COLORS[MONTE_CARLO]), MARKERS.get(engine, MARKERS[MONTE_CARLO])
+                line, = ax.plot(1e3 * points[:, 0], 1e3 * points[:, 1 + i], marker=marker, markersize=5, color=shade)
+                handles[ENGINES[engine]] = line
+                if i == 1:
+                    limit = ax.axhline(1e3 * floor, color=shade, linestyle=":", linewidth=1.0)
+                    handles[f"floor of {ENGINES[engine]}"] = limit
+            _log_axis(ax, "x")
+            _log_axis(ax, "y", decades_only=i == 0)
+        axes[0, j].set_title(scene.replace("_", " "), fontsize=10)
+        axes[1, j].set_xlabel("CPU time of a rollout [ms]", fontsize=8)
+    axes[0, 0].set_ylabel("error of a sample's position, median [mm]", fontsize=9)
+    axes[1, 0].set_ylabel("W1 of positions [mm]", fontsize=9)
+    _legend(figure, dict(sorted(handles.items(), key=lambda entry: entry[0].startswith("floor"))))
+    figure.suptitle("Each engine against itself at the smallest steps; from left to right 60 to 2000 steps in a second", fontsize=10)
+    _save(figure, path)
+
+
+def _draw_bodies(ax, states, packing, tint, spheres=60):
+    """Translucent discs of each body's largest spheres, seen along z."""
+    for state in states:
+        centers = Rotation.from_quat(state[QUATERNION]).apply(packing.centers[:spheres].copy()) + state[POSITION]
+        diameters = 2.0 * packing.radii[:spheres]
+        ax.add_collection(EllipseCollection(
+            diameters, diameters, np.zeros(len(diameters)), units="xy", offsets=centers[:, :2], offset_transform=ax.transData,
+            facecolors=tint, alpha=0.015, edgecolors="none", rasterized=True))
+
+
+def _curves(rows):
+    """(method, samples) of the curves in a panel, limits last."""
+    found = [
+        (method, samples) for method in rows.unique("method")
+        for samples in sorted(rows.where(method=method).unique("samples")) or [None]
+    ]
+    return sorted(found, key=lambda curve: (curve[0] in _LIMITS, curve[0] != MONTE_CARLO))
+
+
+def _over_sigma(ax, rows, method, samples, scale):
+    sigmas = sorted(rows.unique("sigma"))
+    cells = [rows.where(sigma=sigma) for sigma in sigmas]
+    middle = scale * np.array([cell.mean() if scale == 1.0 else cell.median() for cell in cells])
+    shade = color(method, samples)
+    ax.plot(sigmas, middle, _LIMITS.get(method, "-"), color=shade, label=label(method, samples), linewidth=1.3,
+            marker=MARKERS.get(method), markersize=3.5)
+    if method == MONTE_CARLO and scale == 1.0 and samples in (10, 100):  # the paper shades these two
+        spread = np.array([cell.std() for cell in cells])
+        ax.fill_between(sigmas, np.maximum(middle - spread, 0.3 * middle), middle + spread, color=shade, alpha=0.2, linewidth=0)
+
+
+def _log_axis(ax, which, decades_only=False):
+    """A logarithmic axis with plain numbers at 1, 2 and 5, or at powers of ten only."""
+    ax.set(**{f"{which}scale": "log"})
+    axis = ax.xaxis if which == "x" else ax.yaxis
+    axis.set_major_locator(LogLocator(subs=(1.0,) if decades_only else (1.0, 2.0, 5.0)))
+    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:,.15g}".replace(",", "\u202f")))
+    axis.set_minor_locator(NullLocator())
+    axis.set_tick_params(labelsize=8)
+    ax.grid(True, which="major", color="0.9", linewidth=0.6)
+
+
+def _series(ax, choices, name):
+    line, = ax.plot(
+        [1e3 * c.time for c in choices], [c.error for c in choices], marker=MARKERS[name], markersize=4, color=color(name),
+        linewidth=1.0, zorder=2)
+    return line
+
+
+def _figure(width, height):
+    figure = Figure(figsize=(width, height), layout="constrained")
+    FigureCanvasAgg(figure)
+    return figure
+
+
+def _legend(figure, handles):
+    lines = [Line2D([], [], **_style(line)) for line in handles.values()]
+    figure.legend(lines, handles, loc="outside right upper", fontsize=8, frameon=False)
+
+
+def _style(line):
+    return {name: getattr(line, f"get_{name}")() for name in ("color", "linestyle", "marker", "markersize", "linewidth", "alpha")}
+
+
+def _save(figure, path):
+    figure.savefig(path, dpi=DPI)

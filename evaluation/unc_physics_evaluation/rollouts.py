@@ -1,0 +1,79 @@
+"""The same rollouts in every engine, ours included, and the CPU time of their steps."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from importlib.util import find_spec
+
+import numpy as np
+
+from unc_physics.physics.rollout import simulate
+from unc_physics.scene.scene import Scene
+
+from .engines import PEERS
+
+OURS = "ours"
+#: Names of the engines, and how they are written.
+ENGINES = {OURS: "unc_physics", "pybullet": "PyBullet", "mujoco": "MuJoCo"}
+
+
+def available() -> list[str]:
+    """Engines that are installed."""
+    return [name for name in ENGINES if name == OURS or find_spec(name) is not None]
+
+
+def missing_engines(experiment: str) -> list[str]:
+    """What an experiment leaves out for want of engines, and how to get them."""
+    absent = [name for name in ENGINES if name not in available()]
+    return [f"{experiment} in {ENGINES[name]}: not installed; pip install {name}" for name in absent]
+
+
+@contextmanager
+def rollouts(
+    engine: str,
+    scene: Scene,
+    geometry: str = "primitive",
+) -> Iterator[Callable[[np.ndarray, int], tuple[np.ndarray, float]]]:
+    """Function of states (N, B, 13) and a number of steps: the states after them, and their CPU time [s].
+
+    Parameters
+    ----------
+    engine : str
+        One of `ENGINES`.
+    scene : Scene
+    geometry : str
+        What bodies are in other engines; ours has spheres.
+
+    Notes
+    -----
+    The first call of ours compiles, or loads what is compiled. To set a state and to read it, for which other
+    engines are called from Python body by body, is not counted.
+    """
+
+    def ours(states, steps):
+        ends = states.copy()
+        started = time.process_time()
+        simulate(ends, scene.world, steps)
+        return ends, time.process_time() - started
+
+    if engine == OURS:
+        yield ours
+        return
+    peer = PEERS[engine](scene, geometry)
+
+    def theirs(states, steps):
+        ends, spent = np.empty_like(states), 0.0
+        for n, state in enumerate(states):
+            peer.begin(state)
+            started = time.process_time()
+            peer.advance(steps)
+            spent += time.process_time() - started
+            ends[n] = peer.state()
+        return ends, spent
+
+    try:
+        yield theirs
+    finally:
+        peer.close()

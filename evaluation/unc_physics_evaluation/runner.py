@@ -1,0 +1,151 @@
+"""Runs jobs on a local pool of processes or on a Dask cluster; results are the same, as jobs carry their seeds."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import signal
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import FIRST_COMPLETED, Executor, ProcessPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
+from importlib.util import find_spec
+
+from unc_physics.checks.errors import InvalidOptionError, NotSupportedError, UncPhysicsError
+
+from .jobs import Job, Outcome
+from .provenance import machine, threads, versions
+from .results import Results
+
+CONNECT_TIMEOUT = 10.0  # s
+TICK = 1.0  # s, between looks at the progress bar's clock
+
+# CPU time is the process's: a Dask worker may run several jobs in as many threads of one process
+_one_at_a_time = threading.Lock()
+
+
+def run_job(job: Job) -> tuple[Outcome, dict[str, str]]:
+    """Run a job on this machine; returns what it yields, and the versions and the machine that made it."""
+    import numba
+
+    from .experiments import experiment
+
+    with _one_at_a_time:
+        before = numba.get_num_threads()
+        numba.set_num_threads(1)
+        try:
+            outcome = experiment(job.experiment).run(job)
+        finally:
+            numba.set_num_threads(before)
+    made_with = "; ".join(f"{name} {number}" for name, number in versions().items())
+    return outcome, {"versions": made_with, "machine": machine()}
+
+
+def run_jobs(jobs: Sequence[Job], results: Results, scheduler: str | None = None, workers: int | None = None) -> dict[str, str]:
+    """Run those jobs whose results are missing, with a progress bar on a terminal.
+
+    Parameters
+    ----------
+    jobs : sequence of Job
+    results : Results
+        What is finished is read from there and added to it.
+    scheduler : str, optional
+        Address of a Dask scheduler; without it, processes on this machine do the work.
+    workers : int, optional
+        Number of those processes; by default one for each of the processor's threads.
+
+    Returns
+    -------
+    dict of str to str
+        Keys of the jobs that failed, and why.
+    """
+    from tqdm import tqdm
+
+    missing = results.missing(jobs)
+    total = sum(job.cost for job in jobs)
+    failures = {}
+    if not missing:
+        return failures
+    with tqdm(
+        total=total, initial=total - sum(job.cost for job in missing), disable=None, desc="evaluate",
+        bar_format="{desc}: {percentage:3.0f}%|{bar}| {elapsed} passed, {remaining} left{postfix}",
+    ) as bar, _executor(scheduler, workers) as executor:
+        for job, outcome in _finished_jobs(executor, missing, bar.refresh):
+            if isinstance(outcome, UncPhysicsError):
+                failures[f"{job.experiment} {job.key}"] = str(outcome)
+            else:
+                results.add(job, *outcome)
+            bar.update(job.cost)
+            bar.set_postfix_str(f"last: {job.experiment}")
+    return failures
+
+
+def _finished_jobs(executor: Executor, jobs: Sequence[Job], tick: Callable[[], object]) -> Iterator[tuple]:
+    """Jobs and their outcomes as they come, the longest first; those that must be alone come last, one by one."""
+    together = sorted((job for job in jobs if not job.alone), key=lambda job: -job.cost)
+    for batch in (together, *([job] for job in jobs if job.alone)):
+        pending = {executor.submit(run_job, job): job for job in batch}
+        while pending:
+            done = wait(pending, TICK, FIRST_COMPLETED).done
+            tick()
+            for future in done:
+                yield pending.pop(future), _outcome(future)
+
+
+def _outcome(future):
+    try:
+        return future.result()
+    except UncPhysicsError as error:
+        return error
+    except BrokenProcessPool:
+        raise UncPhysicsError("a process of the pool died, perhaps for want of memory; run again with fewer --workers") from None
+
+
+@contextmanager
+def _executor(scheduler, workers) -> Iterator[Executor]:
+    if scheduler is not None:
+        with _dask_executor(scheduler) as executor:
+            yield executor
+        return
+    executor = ProcessPoolExecutor(
+        workers or threads(), mp_context=multiprocessing.get_context("spawn"), initializer=_prepare_process)
+    try:
+        yield executor
+    except BaseException:
+        executor.shutdown(wait=False, cancel_futures=True)
+        for process in multiprocessing.active_children():
+            process.terminate()
+        raise
+    executor.shutdown()
+
+
+@contextmanager
+def _dask_executor(address):
+    if find_spec("distributed") is None:
+        raise NotSupportedError("--scheduler needs Dask: pip install distributed")
+    from distributed import Client
+
+    try:
+        client = Client(address, timeout=CONNECT_TIMEOUT)
+    except (OSError, ValueError) as error:
+        raise InvalidOptionError(f"cannot be reached: {error}", field="--scheduler", value=address) from None
+    with client:
+        # results depend on the job alone, but their times do not: nothing is taken from Dask's memory
+        executor = client.get_executor(pure=False)
+        try:
+            yield executor
+        finally:
+            executor.shutdown(wait=False)
+
+
+def _prepare_process():
+    """Leave interrupts to the parent, and end when it does."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    parent = multiprocessing.parent_process()
+
+    def watch():
+        parent.join()
+        os._exit(1)
+
+    threading.Thread(target=watch, daemon=True).start()

@@ -1,0 +1,261 @@
+"""The scenes of the paper's evaluation (its section 5), each as (scene, belief, horizon)."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from unc_physics.checks.errors import InvalidModelError, InvalidRequestError
+from unc_physics.checks.validation import non_negative
+from unc_physics.geometry.library import find_model, load_model
+from unc_physics.geometry.packing_file import SpherePacking
+from unc_physics.physics.layout import (
+    ANGULAR_VELOCITY,
+    ERR_ANGULAR_VELOCITY,
+    ERR_POSITION,
+    ERR_ROTATION,
+    ERR_VELOCITY,
+    ERROR,
+    POSITION,
+    QUATERNION,
+    STATE,
+    VELOCITY,
+)
+from unc_physics.scene.belief import Belief
+from unc_physics.scene.environment import Box, Plane
+from unc_physics.scene.scene import RigidBody, Scene
+from unc_physics.scene.stiffness import with_stiffness
+
+#: The models that the paper drops on each other; all ship with the package.
+MODELS = ("bunny", "armadillo", "pin")
+
+EXTENT = 1.0  # longest side of a model's bounding box [m]
+MASS = 1.0  # kg
+STIFFNESS = 2e4  # N/m^3
+DT = 0.01  # s
+DAMPING = -math.log(0.99) / DT  # 1/s: velocities keep 99 % in each step
+SPEED = 1.0  # m/s
+GAP = 1.5  # between the centres of mass, along the motion [m]
+OFFSET = 0.15  # between the centres of mass, across the motion [m]
+LATTICE = 8.0  # between pairs that shall not meet [m]
+COLLISION_HORIZON = 5.0  # s
+FREE_HORIZON = 4.0  # s
+
+# general: along no symmetry of a model; unit quaternions (x, y, z, w) after normalisation
+_ORIENTATIONS = {"left": (0.36, -0.24, 0.54, 0.72), "right": (-0.52, 0.61, 0.20, 0.56)}
+_SPIN = (0.3, -0.5, 0.4)  # rad/s
+_UNCERTAIN = {"linear_velocity": ERR_VELOCITY, "angular_velocity": ERR_ANGULAR_VELOCITY}
+
+_LEANING = math.cos(math.radians(15.0))  # the least vertical part of an upright body's axis
+_WALL = 0.02  # thickness of a bin [m]
+_BIN, _LARGE_BIN = (0.292, 0.192, 0.143), (0.4, 0.4, 0.25)  # inside: length, width, depth [m]
+_TUMBLED = ((ERR_POSITION, 0.01), (ERR_ROTATION, 0.3))  # what is let go in no particular order
+
+
+def unit_model(name: str, spheres: int) -> SpherePacking:
+    """A model's first ``spheres`` spheres, scaled so that the longest side of its bounding box is 1 m.
+
+    A packing larger than the one that ships is looked for as ``NAME_SPHERES``, the name that
+    ``unc_physics models --make NAME -n SPHERES`` gives it.
+
+    Raises
+    ------
+    UnknownModelError
+        If there is no such model, or no packing of it with so many spheres.
+    """
+    packing = load_model(name)
+    if spheres > len(packing):
+        packing = load_model(find_model(f"{name}_{spheres}"))
+    if packing.bounds is None:
+        raise InvalidModelError("are needed to scale it", field=f"bounds of model '{name}'")
+    return packing.scaled(EXTENT / float(np.max(packing.bounds[1] - packing.bounds[0]))).prefix(spheres)
+
+
+def collision(model: str, spheres: int = 1000, sigma: float = 0.05, encounter: int = 0) -> tuple[Scene, Belief, float]:
+    """Two bodies of one model that collide a little off centre (the paper's section 5.2).
+
+    The bodies fly towards each other along x, offset along y; no gravity, damped velocities.
+
+    Parameters
+    ----------
+    model : str
+        A name in the model library.
+    spheres : int
+        Of each body.
+    sigma : float
+        Standard deviation of the initial positions, the same along all axes [m].
+    encounter : int
+        0 has fixed orientations of the bodies; every other number has orientations of its own, drawn at random.
+    """
+    packing = unit_model(model, spheres)
+    turned = {name: _orientation(name) for name in _ORIENTATIONS}
+    if encounter:
+        rng = np.random.default_rng(encounter)
+        turned = {name: q / np.linalg.norm(q) for name, q in zip(turned, rng.standard_normal((2, 4)), strict=True)}
+    scene = _scene([RigidBody(name, packing, MASS) for name in ("left", "right")])
+    mean = np.zeros((2, STATE))
+    for body, (name, side) in enumerate((("left", 1.0), ("right", -1.0))):
+        mean[body, POSITION] = -side * GAP / 2, side * OFFSET / 2, 0.0
+        mean[body, VELOCITY] = side * SPEED, 0.0, 0.0
+        mean[body, QUATERNION] = turned[name]
+    return scene, Belief(mean, _covariance(2, ERR_POSITION, sigma)), COLLISION_HORIZON
+
+
+def many_collisions(pairs: int, model: str = "bunny", spheres: int = 100, sigma: float = 0.05) -> tuple[Scene, Belief, float]:
+    """Pairs of bodies as in `collision`, far from each other on a cubic lattice.
+
+    Parameters
+    ----------
+    pairs : int
+        Number of pairs; the scene has twice as many bodies, ``left0``, ``right0``, ``left1``, and so on.
+    model, spheres, sigma
+        As in `collision`.
+    """
+    _, pair, horizon = collision(model, spheres, sigma)
+    packing = unit_model(model, spheres)
+    scene = _scene([RigidBody(f"{side}{k}", packing, MASS) for k in range(pairs) for side in ("left", "right")])
+    edge = math.ceil(pairs ** (1.0 / 3.0) - 1e-9)
+    mean = np.tile(pair.mean, (pairs, 1))
+    for k in range(pairs):
+        mean[2 * k : 2 * k + 2, POSITION] += LATTICE * np.array([k % edge, k // edge % edge, k // edge**2])
+    return scene, Belief(mean, np.tile(pair.blocks, (pairs, 1, 1))), horizon
+
+
+def collision_free(uncertain: str, model: str = "pin", spheres: int = 10, sigma: float = 0.1) -> tuple[Scene, Belief, float]:
+    """One body that moves and spins without a contact (the paper's section 5.1, its Table 2).
+
+    Parameters
+    ----------
+    uncertain : {'linear_velocity', 'angular_velocity'}
+        Which of the initial velocities is uncertain.
+    model : str
+        A name in the model library.
+    spheres : int
+        Of the body.
+    sigma : float
+        Standard deviation of that velocity, the same along all axes [m/s or rad/s].
+    """
+    if uncertain not in _UNCERTAIN:
+        raise InvalidRequestError(f"must be one of {', '.join(_UNCERTAIN)}", field="uncertain", value=uncertain)
+    scene = _scene([RigidBody("left", unit_model(model, spheres), MASS)])
+    mean = np.zeros((1, STATE))
+    mean[0, VELOCITY] = SPEED, 0.0, 0.0
+    mean[0, QUATERNION] = _orientation("left")
+    mean[0, ANGULAR_VELOCITY] = _SPIN
+    return scene, Belief(mean, _covariance(1, _UNCERTAIN[uncertain], sigma)), FREE_HORIZON
+
+
+def salt_box_into_bin() -> tuple[Scene, Belief, float]:
+    """A carton of salt is let go above an open bin on the floor (the paper's Fig. 1): does it end up inside?"""
+    mean = _upright([[0.07, 0.02, 0.35]])
+    mean[0, QUATERNION] = 0.0, 0.0, math.sin(0.3), math.cos(0.3)
+    return _handled(["salt_box"], 2000, _bin(*_BIN), mean, ((ERR_POSITION, 0.04), (ERR_ROTATION, 0.2)))
+
+
+def can_off_shelf() -> tuple[Scene, Belief, float]:
+    """A full can is pushed towards the edge of a shelf, 0.4 m above the floor: does it stay there, or else how does it land?"""
+    top = 0.4  # m
+    environment = (Plane((0.0, 0.0, 1.0), 0.0), Box((0.6, 0.6, 0.03), (-0.3, 0.0, top - 0.015)))
+    mean = _upright([[-0.06, 0.0, top + 0.055]])
+    mean[0, VELOCITY] = 0.7, 0.0, 0.0
+    spread = (ERR_POSITION, (0.02, 0.02, 0.0)), (ERR_VELOCITY, (0.2, 0.05, 0.0))
+    return _handled(["can"], 2000, environment, mean, spread)
+
+
+def five_into_bin() -> tuple[Scene, Belief, float]:
+    """Three cartons and two cans fall one after the other into a bin that does not hold them all lying side by side."""
+    mean = _upright([[0.05, 0.02, 0.15], [-0.05, -0.02, 0.3], [0.03, -0.03, 0.45], [0.0, 0.03, 0.6], [-0.06, 0.0, 0.75]])
+    mean[:, ANGULAR_VELOCITY] = 0.5, 1.0, 0.0
+    models = ["salt_box", "can", "salt_box", "can", "salt_box"]
+    return _handled(models, 1000, _bin(*_BIN), mean, _TUMBLED)
+
+
+def tableware_into_box() -> tuple[Scene, Belief, float]:
+    """Six different things, of which four are no box and no cylinder, fall one after the other into a box."""
+    mean = _upright([[0.05, 0.02, 0.22], [-0.05, -0.02, 0.38], [0.03, -0.03, 0.53],
+                     [0.0, 0.03, 0.67], [-0.06, 0.0, 0.82], [0.06, 0.02, 1.02]])
+    mean[:, ANGULAR_VELOCITY] = 0.5, 1.0, 0.0
+    models = ["plate", "bowl", "mug", "salt_box", "can", "bottle"]
+    return _handled(models, 1000, _bin(*_LARGE_BIN), mean, _TUMBLED)
+
+
+def in_bin(states: np.ndarray) -> np.ndarray:
+    """Whether a body's centre is between the walls of the bin of `salt_box_into_bin`, of states (..., 13)."""
+    return _between(states, _BIN)
+
+
+def in_box(states: np.ndarray) -> np.ndarray:
+    """Whether a body's centre is between the walls of the box of `tableware_into_box`, of states (..., 13)."""
+    return _between(states, _LARGE_BIN)
+
+
+def on_shelf(states: np.ndarray) -> np.ndarray:
+    """Whether a body's centre is above the shelf of `can_off_shelf`, of states (..., 13)."""
+    return states[..., POSITION][..., 2] > 0.4
+
+
+def is_upright(states: np.ndarray) -> np.ndarray:
+    """Whether a body's z axis is vertical, up or down, to 15 degrees, of states (..., 13)."""
+    x, y = np.moveaxis(states[..., QUATERNION], -1, 0)[:2]
+    return np.abs(1.0 - 2.0 * (x * x + y * y)) > _LEANING
+
+
+#: Everyday scenes with gravity and friction, each with what it means to end up in place.
+MANIPULATION = {"salt_box_into_bin": (salt_box_into_bin, in_bin), "can_off_shelf": (can_off_shelf, on_shelf)}
+#: The same with several bodies.
+PILES = {"five_into_bin": (five_into_bin, in_bin), "tableware_into_box": (tableware_into_box, in_box)}
+
+
+def _bin(length, width, depth):
+    """A bin on a floor, made of boxes."""
+    x, y, height = 0.5 * (length + _WALL), 0.5 * (width + _WALL), depth + _WALL
+    return (
+        Plane((0.0, 0.0, 1.0), 0.0),
+        Box((length, width, _WALL), (0.0, 0.0, 0.5 * _WALL)),
+        *(Box((_WALL, width, height), (side * x, 0.0, 0.5 * height)) for side in (-1.0, 1.0)),
+        *(Box((length + 2.0 * _WALL, _WALL, height), (0.0, side * y, 0.5 * height)) for side in (-1.0, 1.0)),
+    )
+
+
+def _between(states, sides):
+    """Whether bodies' centres are inside such a bin."""
+    position = states[..., POSITION]
+    inside = np.abs(position[..., :2]) < 0.5 * np.array(sides[:2])
+    return inside.all(axis=-1) & (position[..., 2] < sides[2] + _WALL)
+
+
+def _upright(positions):
+    """States (B, 13) of bodies at rest, not turned."""
+    mean = np.zeros((len(positions), STATE))
+    mean[:, POSITION] = positions
+    mean[:, QUATERNION] = 0.0, 0.0, 0.0, 1.0
+    return mean
+
+
+def _handled(models, spheres, environment, mean, deviations):
+    packings = [load_model(model) for model in models]
+    bodies = [
+        RigidBody(f"{packing.name}{k or ''}", packing.prefix(spheres), packing.mass)
+        for k, packing in enumerate(packings)
+    ]
+    scene = with_stiffness(Scene.everyday(bodies, environment=environment), mean)
+    P = np.zeros((len(bodies), ERROR, ERROR))
+    for block, sigma in deviations:
+        P[:, range(*block.indices(ERROR)), range(*block.indices(ERROR))] = np.asarray(sigma) ** 2
+    return scene, Belief(mean, P), 1.5
+
+
+def _scene(bodies):
+    return Scene(tuple(bodies), dt=DT, stiffness=STIFFNESS, damping=DAMPING)
+
+
+def _orientation(name):
+    q = np.array(_ORIENTATIONS[name])
+    return q / np.linalg.norm(q)
+
+
+def _covariance(bodies, block, sigma):
+    P = np.zeros((bodies, ERROR, ERROR))
+    P[:, range(*block.indices(ERROR)), range(*block.indices(ERROR))] = non_negative(sigma, "sigma") ** 2
+    return P

@@ -1,0 +1,703 @@
+"""Bad input: its own exit status, one sentence that names field and value, and nothing else."""
+
+import io
+import os
+import re
+import subprocess
+import sys
+import zipfile
+
+import numpy as np
+import pytest
+import yaml
+from example_scenes import CONTENTS
+from hypothesis import HealthCheck, example, given, settings
+from hypothesis import strategies as st
+
+from unc_physics import ErrorCode, UncPhysicsError, load_scene
+from unc_physics.__main__ import main
+from unc_physics.scene.scene_file import scene_from_dict
+
+NAN, INF = float("nan"), float("inf")
+FLOOR = {"plane": {"normal": [0, 0, 1]}}
+
+
+def with_entry(place, value, name="two_bodies"):
+    """The content of a scene file with one entry changed; ``place`` is a path like ("bodies", 0, "mass")."""
+    content = inner = CONTENTS[name]()
+    for key in place[:-1]:
+        inner = inner[key]
+    inner[place[-1]] = value
+    return content
+
+
+def without(place):
+    content = inner = CONTENTS["two_bodies"]()
+    for key in place[:-1]:
+        inner = inner[key]
+    del inner[place[-1]]
+    return content
+
+
+def matrix(*entries, diagonal=0.01):
+    """12 x 12 rows with some entries (row, column, value)."""
+    P = (diagonal * np.eye(12)).tolist()
+    for row, column, value in entries:
+        P[row][column] = value
+    return P
+
+
+def body_with_covariance(P):
+    content = CONTENTS["two_bodies"]()
+    body = content["bodies"][1]
+    del body["position_std"], body["orientation_std"]
+    body["covariance"] = P
+    return content
+
+
+def in_body(key, value):
+    return with_entry(("bodies", 1, key), value)
+
+
+def in_environment(element):
+    return CONTENTS["two_bodies"]() | {"environment": [element]}
+
+
+def in_plane(**entries):
+    return in_environment({"plane": entries})
+
+
+def in_box(**entries):
+    return in_environment({"box": entries})
+
+
+def in_round(kind, **entries):
+    return in_environment({kind: {"radius": 0.1} | ({} if kind == "sphere" else {"length": 0.2}) | entries})
+
+
+FINITE = []  # each number of a scene file, as the place that a message must name
+for place, name in [
+    (("dt",), "dt"),
+    (("horizon",), "horizon"),
+    (("stiffness",), "stiffness"),
+    (("damping",), "damping"),
+    (("friction",), "friction"),
+    (("restitution",), "restitution"),
+    (("stiffness_std",), "stiffness_std"),
+    (("gravity_direction_std",), "gravity_direction_std"),
+    (("bodies", 0, "mass_std"), r"bodies\[0\].mass_std"),
+    (("bodies", 0, "center_of_mass_std"), r"bodies\[0\].center_of_mass_std"),
+    (("bodies", 0, "mass"), r"bodies\[0\].mass"),
+    (("bodies", 0, "scale"), r"bodies\[0\].scale"),
+    (("bodies", 0, "position", 1), r"bodies\[0\].position\[1\]"),
+    (("bodies", 1, "orientation", 3), r"bodies\[1\].orientation\[3\]"),
+    (("bodies", 0, "linear_velocity", 2), r"bodies\[0\].linear_velocity\[2\]"),
+    (("bodies", 0, "angular_velocity", 0), r"bodies\[0\].angular_velocity\[0\]"),
+    (("bodies", 0, "position_std"), r"bodies\[0\].position_std"),
+    (("bodies", 1, "position_std", 2), r"bodies\[1\].position_std\[2\]"),
+    (("bodies", 1, "orientation_std"), r"bodies\[1\].orientation_std"),
+]:
+    for value in (NAN, INF, -INF, "nan", "Infinity"):
+        FINITE.append((with_entry(place, value), "NOT_FINITE", name, "nan|inf|Infinity"))
+for value in (NAN, INF):
+    FINITE.append((with_entry(("gravity",), [0, 0, value]), "NOT_FINITE", r"gravity\[2\]", "nan|inf"))
+    FINITE.append(
+        (
+            body_with_covariance(matrix((4, 7, value))),
+            "NOT_FINITE",
+            r"bodies\[1\].covariance\[4\]\[7\]",
+            "nan|inf",
+        )
+    )
+    FINITE.append(
+        (in_body("angular_velocity_std", [0, value, 0]), "NOT_FINITE", "angular_velocity_std", "nan|inf")
+    )
+
+# (content, name of the error's code, pattern of the field, pattern of the value)
+CASES = FINITE + [
+    (in_body("model", "unicorn"), "UNKNOWN_MODEL", r"bodies\[1\].model", "unicorn"),
+    (in_body("model", "no/such/file.npz"), "UNKNOWN_MODEL", r"bodies\[1\].model", "no/such/file.npz"),
+    (in_body("model", ""), "INVALID_REQUEST", r"bodies\[1\].model", "''"),
+    (in_body("model", 7), "INVALID_REQUEST", r"bodies\[1\].model", "7"),
+    (in_body("model", "x" * 5000), "UNKNOWN_MODEL", r"bodies\[1\].model", "xxx"),
+    (in_body("model", "x" * 5000 + ".npz"), "UNKNOWN_MODEL", r"bodies\[1\].model", "xxx"),
+    (in_body("model", "~nobody_of_that_name/a.npz"), "UNKNOWN_MODEL", r"bodies\[1\].model", "nobody"),
+    (in_body("model", "a\0b.npz"), "UNKNOWN_MODEL", r"bodies\[1\].model", "b.npz"),
+    (with_entry(("bodies",), []), "NO_OBJECTS", "bodies", ""),
+    (with_entry(("bodies",), None), "NO_OBJECTS", "bodies", ""),
+    (without(("bodies",)), "NO_OBJECTS", "bodies", ""),
+    (in_body("name", "left"), "DUPLICATE_ID", r"bodies\[1\].name", "left"),
+    (
+        in_body("orientation", [0, 0, 0, 0]),
+        "INVALID_ORIENTATION",
+        r"bodies\[1\].orientation",
+        r"\[0.0, 0.0, 0.0, 0.0\]",
+    ),
+    (in_body("orientation", [0, 0, 0, 1.01]), "INVALID_ORIENTATION", r"bodies\[1\].orientation", "1.01"),
+    (in_body("orientation", [0, 0, 1]), "INVALID_REQUEST", r"bodies\[1\].orientation", r"\[0, 0, 1\]"),
+    (
+        body_with_covariance(matrix((2, 5, 0.001))),
+        "INVALID_COVARIANCE",
+        r"bodies\[1\].covariance.*\[2\]\[5\]",
+        "0.001",
+    ),
+    (
+        body_with_covariance(matrix((3, 3, -0.01))),
+        "INVALID_COVARIANCE",
+        r"bodies\[1\].covariance.*\[3\]",
+        "-0.01",
+    ),
+    (
+        body_with_covariance(matrix((0, 1, 0.02), (1, 0, 0.02))),
+        "INVALID_COVARIANCE",
+        r"bodies\[1\].covariance",
+        "-0.01",
+    ),
+    (body_with_covariance(matrix()[:11]), "INVALID_REQUEST", r"bodies\[1\].covariance", "0.01"),
+    (
+        body_with_covariance(matrix((0, 0, "x"))),
+        "INVALID_REQUEST",
+        r"bodies\[1\].covariance\[0\]\[0\]",
+        "'x'",
+    ),
+    (body_with_covariance(0.1), "INVALID_REQUEST", r"bodies\[1\].covariance", "0.1"),
+    (in_body("covariance", matrix()), "INVALID_REQUEST", r"bodies\[1\].covariance", "position_std"),
+    (in_body("position_std", -0.1), "INVALID_REQUEST", r"bodies\[1\].position_std", "-0.1"),
+    (in_body("position_std", [0.1, -0.2, 0.1]), "INVALID_REQUEST", r"bodies\[1\].position_std", "-0.2"),
+    (in_body("position_std", [0.1, 0.1]), "INVALID_REQUEST", r"bodies\[1\].position_std", r"\[0.1, 0.1\]"),
+    (in_body("position_std", "wide"), "INVALID_REQUEST", r"bodies\[1\].position_std", "wide"),
+    (in_body("position_std", 1e200), "NOT_FINITE", r"bodies\[1\].position_std", "1e\\+200"),
+    (with_entry(("horizon",), 0), "INVALID_HORIZON", "horizon", "0"),
+    (with_entry(("horizon",), -1.0), "INVALID_HORIZON", "horizon", "-1.0"),
+    (with_entry(("horizon",), 0.001), "INVALID_HORIZON", "horizon", "0.001"),
+    (with_entry(("horizon",), "long"), "INVALID_HORIZON", "horizon", "long"),
+    (without(("horizon",)), "INVALID_HORIZON", "horizon", ""),
+    (with_entry(("horizon",), 1e12), "LIMIT_EXCEEDED", "horizon", "1000000000000.0|1e\\+12"),
+    (with_entry(("dt",), 0), "INVALID_HORIZON", "dt", "0"),
+    (with_entry(("dt",), -0.01), "INVALID_HORIZON", "dt", "-0.01"),
+    (with_entry(("stiffness",), -1), "INVALID_REQUEST", "stiffness", "-1"),
+    (with_entry(("stiffness",), True), "INVALID_REQUEST", "stiffness", "True"),
+    (with_entry(("damping",), -0.5), "INVALID_REQUEST", "damping", "-0.5"),
+    (with_entry(("damping",), [0.5]), "INVALID_REQUEST", "damping", r"\[0.5\]"),
+    (with_entry(("gravity",), 9.81), "INVALID_REQUEST", "gravity", "9.81"),
+    (with_entry(("gravity",), [0, 0, "down"]), "INVALID_REQUEST", r"gravity\[2\]", "down"),
+    (in_body("mass", 0), "INVALID_MASS", r"bodies\[1\].mass", "0"),
+    (in_body("mass", -2.0), "INVALID_MASS", r"bodies\[1\].mass", "-2.0"),
+    (in_body("mass", "heavy"), "INVALID_MASS", r"bodies\[1\].mass", "heavy"),
+    (without(("bodies", 1, "mass")), "INVALID_MASS", r"bodies\[1\].mass", ""),
+    (in_body("spheres", 0), "INVALID_MODEL", r"bodies\[1\].spheres", "0"),
+    (in_body("spheres", 2.5), "INVALID_MODEL", r"bodies\[1\].spheres", "2.5"),
+    (in_body("spheres", 10**9), "INVALID_MODEL", r"bodies\[1\].spheres", "1000000000"),
+    (in_body("scale", 0), "INVALID_MODEL", r"bodies\[1\].scale", "0"),
+    (in_body("scale", -1), "INVALID_MODEL", r"bodies\[1\].scale", "-1"),
+    (in_body("fixed", "yes"), "INVALID_REQUEST", r"bodies\[1\].fixed", "yes"),
+    (in_body("fixed", None), "INVALID_REQUEST", r"bodies\[1\].fixed", ""),
+    (
+        with_entry(("bodies", 1, "linear_velocity"), [0, 0, 1], "three_bodies"),
+        "INVALID_REQUEST",
+        r"bodies\[1\]",
+        "velocity",
+    ),
+    (
+        with_entry(("bodies", 1, "angular_velocity"), [0, 1, 0], "three_bodies"),
+        "INVALID_REQUEST",
+        r"bodies\[1\]",
+        "velocity",
+    ),
+    (
+        with_entry(("bodies", 1, "position_std"), 0.1, "three_bodies"),
+        "INVALID_REQUEST",
+        r"bodies\[1\]",
+        "covariance",
+    ),
+    (
+        with_entry(("bodies", 1, "covariance"), matrix(), "three_bodies"),
+        "INVALID_REQUEST",
+        r"bodies\[1\]",
+        "covariance",
+    ),
+    (in_body("name", ""), "INVALID_REQUEST", r"bodies\[1\].name", "''"),
+    (in_body("name", 5), "INVALID_REQUEST", r"bodies\[1\].name", "5"),
+    (without(("bodies", 1, "name")), "INVALID_REQUEST", r"bodies\[1\].name", ""),
+    (in_body("masss", 1.0), "INVALID_REQUEST", r"bodies\[1\]", "masss.*mass"),
+    (with_entry(("stifness",), 1.0), "INVALID_REQUEST", "scene", "stifness.*stiffness"),
+    (with_entry((3,), 1.0), "INVALID_REQUEST", "scene", "3"),
+    (with_entry(("bodies",), {"name": "a"}), "INVALID_REQUEST", "bodies", "'name': 'a'"),
+    (with_entry(("bodies",), "left"), "INVALID_REQUEST", "bodies", "'left'"),
+    (with_entry(("bodies", 1), None), "INVALID_REQUEST", r"bodies\[1\]", ""),
+    (with_entry(("bodies", 1), ["name"]), "INVALID_REQUEST", r"bodies\[1\]", r"\['name'\]"),
+    (with_entry(("integrator",), "magic"), "INVALID_OPTION", "integrator", "magic"),
+    (with_entry(("islands",), "maybe"), "INVALID_REQUEST", "islands", "maybe"),
+    (with_entry(("environment",), "floor"), "INVALID_ENVIRONMENT", "environment", "floor"),
+    (with_entry(("friction",), "rough"), "INVALID_REQUEST", "friction", "rough"),
+    (with_entry(("friction",), -0.5), "INVALID_REQUEST", "friction", "-0.5"),
+    (with_entry(("friction",), False), "INVALID_REQUEST", "friction", "False"),
+    (with_entry(("restitution",), 1.5), "INVALID_REQUEST", "restitution", "1.5"),
+    (with_entry(("restitution",), -0.1), "INVALID_REQUEST", "restitution", "-0.1"),
+    (with_entry(("gyroscopic",), "yes"), "INVALID_REQUEST", "gyroscopic", "yes"),
+    (with_entry(("gyroscopic",), 1), "INVALID_REQUEST", "gyroscopic", "1"),
+    (with_entry(("integrator",), ["explicit"]), "INVALID_OPTION", "integrator", "explicit"),
+    (with_entry(("integrator",), "robust"), "INVALID_OPTION", "integrator", "'implicit' .*robust"),
+    (with_entry(("friction",), 0.5), "INVALID_OPTION", "friction", "implicit.*0.5"),
+    (with_entry(("restitution",), 0.5), "INVALID_OPTION", "restitution", "implicit.*0.5"),
+    (with_entry(("sleep",), True), "INVALID_OPTION", "sleep", "implicit.*True"),
+    (with_entry(("sleep",), 1), "INVALID_REQUEST", "sleep", "1"),
+    (with_entry(("physics",), "lunar"), "INVALID_OPTION", "physics", "paper, everyday.*lunar"),
+    (with_entry(("physics",), True), "INVALID_OPTION", "physics", "True"),
+    (with_entry(("stiffness",), "automatic"), "INVALID_REQUEST", "stiffness", "automatic"),
+    (in_body("friction", 0.5), "INVALID_OPTION", r"bodies\[1\].friction", "implicit.*0.5"),
+    (in_body("friction", "rough"), "INVALID_REQUEST", r"bodies\[1\].friction", "rough"),
+    (in_body("restitution", 2), "INVALID_REQUEST", r"bodies\[1\].restitution", "2"),
+    (in_body("restitution_std", 0.1), "INVALID_REQUEST", r"bodies\[1\].restitution_std", "0.1"),
+    (in_environment(FLOOR | {"friction": 0.4}), "INVALID_OPTION", r"environment\[0\].friction", "implicit"),
+    (in_environment(FLOOR | {"restitution": -1}), "INVALID_ENVIRONMENT", r"environment\[0\].restit", "-1"),
+    (with_entry(("friction_std",), 0.1), "INVALID_REQUEST", "friction_std", "0.1"),
+    (with_entry(("gravity_direction_std",), 0.1), "INVALID_REQUEST", "gravity_direction_std", "0.1"),
+    (with_entry(("stiffness_std",), -1.0), "INVALID_REQUEST", "stiffness_std", "-1.0"),
+    (with_entry(("restitution_std",), "some"), "INVALID_REQUEST", "restitution_std", "some"),
+    (in_body("mass_std", -0.1), "INVALID_REQUEST", r"bodies\[1\].mass_std", "-0.1"),
+    (in_body("mass_std", 5.0), "INVALID_MASS", r"bodies\[1\].mass_std", "5.0"),
+    (in_body("mass_std", "some"), "INVALID_REQUEST", r"bodies\[1\].mass_std", "some"),
+    (in_body("center_of_mass_std", [0, 0, -1]), "INVALID_REQUEST", r"bodies\[1\].center_of_mass_std", "-1.0"),
+    (in_body("center_of_mass_std", [0, 0]), "INVALID_REQUEST", r"bodies\[1\].center_of_mass_std", r"\[0, 0\]"),
+    (with_entry(("bodies", 1, "mass_std"), 0.1, "three_bodies"), "INVALID_REQUEST", r"bodies\[1\]", "mass_std"),
+    (in_environment("floor"), "INVALID_ENVIRONMENT", r"environment\[0\]", "floor"),
+    (in_environment({}), "INVALID_ENVIRONMENT", r"environment\[0\]", "exactly one of plane, box, sphere"),
+    (in_environment({"plane": {}, "box": {}}), "INVALID_ENVIRONMENT", r"environment\[0\]", "exactly one"),
+    (in_environment({"cone": {}}), "INVALID_ENVIRONMENT", r"environment\[0\]", "cone"),
+    (in_environment({"plane": [0, 0, 1]}), "INVALID_ENVIRONMENT", r"environment\[0\].plane", r"\[0, 0, 1\]"),
+    (in_plane(), "INVALID_ENVIRONMENT", r"environment\[0\].plane.normal", "given"),
+    (in_plane(normal=[0, 0, 0]), "INVALID_ENVIRONMENT", r"environment\[0\].plane.normal", r"\[0.0, 0.0, 0.0\]"),
+    (in_plane(normal=[0, 1]), "INVALID_ENVIRONMENT", r"environment\[0\].plane.normal", r"\[0, 1\]"),
+    (in_plane(normal=[0, 0, "up"]), "INVALID_ENVIRONMENT", r"environment\[0\].plane.normal\[2\]", "up"),
+    (in_plane(normal=[0, 0, INF]), "NOT_FINITE", r"environment\[0\].plane.normal\[2\]", "inf"),
+    (in_plane(normal=[0, 0, 1], offset="low"), "INVALID_ENVIRONMENT", r"environment\[0\].plane.offset", "low"),
+    (in_plane(normal=[0, 0, 1], offset=NAN), "NOT_FINITE", r"environment\[0\].plane.offset", "nan"),
+    (in_plane(normal=[0, 0, 1], ofset=0), "INVALID_ENVIRONMENT", r"environment\[0\].plane", "offset"),
+    (in_box(), "INVALID_ENVIRONMENT", r"environment\[0\].box.size", "given"),
+    (in_box(size=[1, 0, 1]), "INVALID_ENVIRONMENT", r"environment\[0\].box.size\[1\]", "0.0"),
+    (in_box(size=[1, -2, 1]), "INVALID_ENVIRONMENT", r"environment\[0\].box.size\[1\]", "-2.0"),
+    (in_box(size=2.0), "INVALID_ENVIRONMENT", r"environment\[0\].box.size", "2.0"),
+    (in_box(size=[1, 1, 1], position=[0, 0]), "INVALID_ENVIRONMENT", r"environment\[0\].box.position", r"\[0, 0\]"),
+    (in_box(size=[1, 1, 1], position=[0, NAN, 0]), "NOT_FINITE", r"environment\[0\].box.position\[1\]", "nan"),
+    (in_box(size=[1, 1, 1], orientation=[1, 1, 0, 0]), "INVALID_ORIENTATION", r"environment\[0\].box.orientation", "1.0"),
+    (in_environment({"sphere": {}}), "INVALID_ENVIRONMENT", r"environment\[0\].sphere.radius", "given"),
+    (in_environment({"cylinder": {"radius": 1}}), "INVALID_ENVIRONMENT", r"environment\[0\].cylinder.length", "given"),
+    (in_environment({"capsule": {"length": 1}}), "INVALID_ENVIRONMENT", r"environment\[0\].capsule.radius", "given"),
+    (in_round("sphere", orientation=[0, 0, 0, 1]), "INVALID_ENVIRONMENT", r"environment\[0\].sphere", "orientation"),
+    *(
+        case for kind in ("sphere", "cylinder", "capsule") for case in (
+            (in_round(kind, radius=0), "INVALID_ENVIRONMENT", rf"environment\[0\].{kind}.radius", "0.0"),
+            (in_round(kind, radius=[1]), "INVALID_ENVIRONMENT", rf"environment\[0\].{kind}.radius", r"\[1\]"),
+            (in_round(kind, radius=NAN), "NOT_FINITE", rf"environment\[0\].{kind}.radius", "nan"),
+            (in_round(kind, position=[0, 0]), "INVALID_ENVIRONMENT", rf"environment\[0\].{kind}.position", r"\[0, 0\]"),
+            (in_round(kind, size=[1, 1, 1]), "INVALID_ENVIRONMENT", rf"environment\[0\].{kind}", "size"),
+        )
+    ),
+    *(
+        case for kind in ("cylinder", "capsule") for case in (
+            (in_round(kind, length=-1), "INVALID_ENVIRONMENT", rf"environment\[0\].{kind}.length", "-1.0"),
+            (in_round(kind, length="long"), "INVALID_ENVIRONMENT", rf"environment\[0\].{kind}.length", "long"),
+            (in_round(kind, orientation=[1, 1, 0, 0]), "INVALID_ORIENTATION", rf"environment\[0\].{kind}.orientation", "1.0"),
+        )
+    ),
+    (in_environment({"name": 3, "plane": {"normal": [0, 0, 1]}}), "INVALID_ENVIRONMENT", r"environment\[0\].name", "3"),
+    (in_environment({"name": "left", "plane": {"normal": [0, 0, 1]}}), "DUPLICATE_ID", r"environment\[0\].name", "left"),
+    ([], "INVALID_REQUEST", "scene", r"\[\]"),
+    ("text", "INVALID_REQUEST", "scene", "text"),
+    (None, "INVALID_REQUEST", "scene", ""),
+]
+
+
+def assert_refused(code, out, err, codes, *patterns):
+    """Exit status, nothing on standard output, and one line on standard error with the patterns in it."""
+    assert ErrorCode(code).name in codes.split("|"), err
+    assert out == ""
+    assert err.count("\n") == 1 and err.endswith("\n"), err
+    assert err.startswith("unc_physics: ") and len(err) < 2000, err
+    assert "Traceback" not in err
+    for pattern in patterns:
+        assert re.search(pattern, err), err
+
+
+def case_id(case):
+    return f"{case[1]}-{case[2]}"
+
+
+@pytest.mark.parametrize("content, codes, field, value", CASES, ids=map(case_id, CASES))
+def test_bad_scene_by_command_and_by_library(tmp_path, capsys, recwarn, content, codes, field, value):
+    path = tmp_path / "scene.yaml"
+    path.write_text(yaml.safe_dump(content))
+    code = main(["predict", str(path), "--json"])
+    assert_refused(code, *capsys.readouterr(), codes, field, value)
+    assert not recwarn.list, "a warning would be printed beside the sentence"
+    if field == "horizon":  # a scene may lack a horizon, which the command line also gives
+        return
+    with pytest.raises(UncPhysicsError) as caught:
+        load_scene(path)
+    assert caught.value.code == code
+
+
+TEXTS = {
+    "not_yaml": b"bodies: [1, 2",
+    "tabs": b"bodies:\n\t- name: a\n",
+    "binary": bytes(range(256)),
+    "zip": b"PK\x03\x04" + bytes(100),
+    "utf16": "dt: 0.01".encode("utf-16"),
+    "control": b"dt: \x01\n",
+    "two_documents": b"dt: 1\n---\ndt: 2\n",
+    "python_tag": b"!!python/object/apply:os.system ['true']",
+    "unhashable_key": b"{[1, 2]: 3}",
+    "bad_date": b"dt: 2001-99-99",
+    "unknown_anchor": b"dt: *nothing",
+    "recursion": b"bodies: &a [*a]",
+    "recursive_key": b"&a {bodies: *a}",
+    "deep": b"[" * 20000,
+    "deep_closed": b"bodies: " + b"[" * 300 + b"]" * 300,
+    "empty": b"",
+    "huge_integer": b"dt: " + b"9" * 6000 + b"\nbodies: [{}]",
+    "huge_hex_integer": b"bodies: [{name: a, model: pin, mass: 0x" + b"f" * 6000 + b"}]",
+    "huge_key": b"? " + b"k" * 5000 + b"\n: 1\n",
+    "newline_in_key": b'"a\\nb": 1\nbodies: []\n',
+    "bytes_value": b"bodies: [{name: a, model: pin, mass: !!binary aGVsbG8=}]",
+    "set_value": b"bodies: !!set {a, b}",
+    "date_value": b"bodies: [{name: a, model: pin, mass: 2001-01-01}]",
+    "duplicate_key": b"dt: 0.01\ndt: 0.02\n",
+}
+
+
+@pytest.mark.parametrize("name", TEXTS)
+def test_bad_text(tmp_path, capsys, name):
+    path = tmp_path / "scene.yaml"
+    path.write_bytes(TEXTS[name])
+    code = main(["predict", str(path)])
+    assert_refused(code, *capsys.readouterr(), "INVALID_REQUEST|NO_OBJECTS|INVALID_MASS|INVALID_HORIZON")
+
+
+def test_no_such_file_and_a_folder(tmp_path, capsys):
+    for path in (tmp_path / "nothing.yaml", tmp_path, tmp_path / ("x" * 300), "a\0b"):
+        code = main(["predict", str(path)])
+        assert_refused(code, *capsys.readouterr(), "INVALID_REQUEST", "scene file")
+
+
+# -- model files -----------------------------------------------------------------------------------
+
+GOOD = {
+    "centers": np.array([[0.0, 0, 0.1], [0, 0, -0.1]]),
+    "radii": np.array([0.2, 0.2]),
+    "inertia": np.diag([2.0, 2.0, 1.0]),
+}
+
+
+def npz(**changes):
+    stream = io.BytesIO()
+    np.savez(stream, **{key: value for key, value in (GOOD | changes).items() if value is not None})
+    return stream.getvalue()
+
+
+def encrypted_zip():
+    data = bytearray(npz())
+    for signature, offset in ((b"PK\x03\x04", 6), (b"PK\x01\x02", 8)):
+        place = -1
+        while (place := data.find(signature, place + 1)) >= 0:
+            data[place + offset] |= 1
+    return bytes(data)
+
+
+def odd_compression():
+    data = bytearray(npz())
+    for signature, offset in ((b"PK\x03\x04", 8), (b"PK\x01\x02", 10)):
+        place = -1
+        while (place := data.find(signature, place + 1)) >= 0:
+            data[place + offset] = 97
+    return bytes(data)
+
+
+def single_array():
+    stream = io.BytesIO()
+    np.save(stream, np.zeros(3))
+    return stream.getvalue()
+
+
+def huge_header():
+    """An array whose header promises more than memory holds."""
+    stream = io.BytesIO()
+    with zipfile.ZipFile(stream, "w") as archive:
+        header = b"{'descr': '<f8', 'fortran_order': False, 'shape': (100000000000, 3), }"
+        header += b" " * (117 - len(header)) + b"\n"
+        archive.writestr("centers.npy", b"\x93NUMPY\x01\x00" + len(header).to_bytes(2, "little") + header)
+        archive.writestr("radii.npy", b"")
+    return stream.getvalue()
+
+
+MODELS = {
+    "empty": b"",
+    "text": b"spheres",
+    "truncated": npz()[:-200],
+    "encrypted": encrypted_zip(),
+    "odd_compression": odd_compression(),
+    "huge_header": huge_header(),
+    "single_array": single_array(),
+    "pickled": npz(centers=np.array([{}], dtype=object)),
+    "no_radii": npz(radii=None),
+    "no_centers": npz(centers=None),
+    "lengths_differ": npz(radii=np.array([0.2])),
+    "flat_centers": npz(centers=np.zeros(6)),
+    "no_spheres": npz(centers=np.zeros((0, 3)), radii=np.zeros(0)),
+    "nan_center": npz(centers=np.array([[0, 0, NAN], [0, 0, 0]])),
+    "infinite_radius": npz(radii=np.array([0.2, INF])),
+    "zero_radius": npz(radii=np.array([0.2, 0.0])),
+    "negative_radius": npz(radii=np.array([-0.2, 0.1])),
+    "complex": npz(radii=np.array([0.2, 0.1j])),
+    "texts": npz(radii=np.array(["a", "b"])),
+    "asymmetric_inertia": npz(inertia=np.array([[2.0, 0.1, 0], [0, 2, 0], [0, 0, 1]])),
+    "negative_inertia": npz(inertia=np.diag([2.0, 2.0, -1.0])),
+    "impossible_inertia": npz(inertia=np.diag([1.0, 1.0, 5.0])),
+    "wrong_inertia_shape": npz(inertia=np.ones(3)),
+    "nan_inertia": npz(inertia=np.diag([1.0, 1.0, NAN])),
+    "zero_volume": npz(volume=0.0),
+    "small_bounding_radius": npz(bounding_radius=0.1),
+}
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_bad_model_file(tmp_path, capsys, name):
+    (tmp_path / "broken.npz").write_bytes(MODELS[name])
+    content = in_body("model", "broken.npz")
+    del content["bodies"][1]["spheres"]
+    (tmp_path / "scene.yaml").write_text(yaml.safe_dump(content))
+    code = main(["predict", str(tmp_path / "scene.yaml")])
+    assert_refused(code, *capsys.readouterr(), "INVALID_MODEL", r"bodies\[1\].*broken.npz")
+
+
+def test_the_good_model_of_these_tests_is_good(tmp_path, capsys):
+    (tmp_path / "good.npz").write_bytes(npz())
+    content = in_body("model", "good.npz")
+    del content["bodies"][1]["spheres"]
+    (tmp_path / "scene.yaml").write_text(yaml.safe_dump(content))
+    assert main(["predict", str(tmp_path / "scene.yaml"), "--horizon", "0.01"]) == 0
+    assert "right" in capsys.readouterr().out
+
+
+# -- the command's own options ---------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "arguments, codes, words",
+    [
+        (["--propagator", "kalman"], "UNKNOWN_PROPAGATOR", "propagator.*kalman"),
+        (["--propagator", ""], "UNKNOWN_PROPAGATOR", "propagator"),
+        (["--option", "points=many"], "INVALID_OPTION", "points.*many"),
+        (["--option", "colour=red"], "INVALID_OPTION", "colour.*red"),
+        (["--propagator", "monte_carlo", "--samples", "0"], "INVALID_OPTION", "samples.*0"),
+        (["--propagator", "monte_carlo", "--samples", "-3"], "INVALID_OPTION", "samples.*-3"),
+        (["--propagator", "monte_carlo", "--option", "samples=many"], "INVALID_OPTION", "samples.*many"),
+        (
+            ["--propagator", "monte_carlo", "--samples", "1000000000000"],
+            "LIMIT_EXCEEDED",
+            "samples.*1000000000000",
+        ),
+        (["--propagator", "monte_carlo", "--seed", "-1"], "INVALID_OPTION", "seed.*-1"),
+        (["--propagator", "surrogate", "--option", "k_sigma=wide"], "INVALID_OPTION", "k_sigma.*wide"),
+        (["--horizon", "0"], "INVALID_HORIZON", "horizon.*0"),
+        (["--horizon", "-1"], "INVALID_HORIZON", "horizon.*-1"),
+        (["--horizon", "nan"], "NOT_FINITE", "horizon.*nan"),
+        (["--horizon", "soon"], "INVALID_HORIZON", "horizon.*soon"),
+        (["--horizon", "1e15"], "LIMIT_EXCEEDED", "horizon.*1e15|horizon.*1e\\+15"),
+        (["--period", "0"], "INVALID_HORIZON", "period.*0"),
+        (["--period", "often"], "INVALID_HORIZON", "period.*often"),
+        (["--period", "1e-9"], "LIMIT_EXCEEDED|INVALID_HORIZON", "period|times"),
+        (["--models", "/no/such/folder"], "UNKNOWN_MODEL", "model.*bunny"),
+    ],
+)
+def test_bad_options(tmp_path, capsys, arguments, codes, words):
+    path = tmp_path / "scene.yaml"
+    path.write_text(yaml.safe_dump(CONTENTS["two_bodies"]()))
+    code = main(["predict", str(path), *arguments])
+    assert_refused(code, *capsys.readouterr(), codes, words)
+
+
+def test_what_argparse_refuses(tmp_path, capsys):
+    for arguments in (
+        ["predict"],
+        ["predict", "a.yaml", "--samples", "x"],
+        ["predict", "a.yaml", "--option", "points"],
+        ["fly"],
+        [],
+    ):
+        with pytest.raises(SystemExit) as caught:
+            main(arguments)
+        assert caught.value.code == 2
+        out, err = capsys.readouterr()
+        assert out == "" and len(err.splitlines()) == 1 and err.startswith("unc_physics")
+
+
+def test_a_repeated_key_of_a_scene_file(tmp_path, capsys):
+    path = tmp_path / "scene.yaml"
+    path.write_text(yaml.safe_dump(CONTENTS["two_bodies"]()) + "dt: 0.02\n")
+    code = main(["predict", str(path)])
+    assert_refused(code, *capsys.readouterr(), "INVALID_REQUEST", "'dt'", "twice")
+
+
+def test_a_simulation_that_diverges(tmp_path, capsys):
+    path = tmp_path / "scene.yaml"
+    path.write_text(yaml.safe_dump(in_body("linear_velocity", [1e308, 0, 0])))
+    code = main(["predict", str(path), "--json"])
+    assert_refused(code, *capsys.readouterr(), "DIVERGED", "diverged")
+
+
+def test_a_real_process_exits_with_the_code(tmp_path):
+    path = tmp_path / "scene.yaml"
+    path.write_text(yaml.safe_dump(in_body("position_std", 1e200)))
+    run = subprocess.run(
+        [sys.executable, "-m", "unc_physics", "predict", str(path), "--json"],
+        env=dict(os.environ),
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert_refused(run.returncode, run.stdout, run.stderr, "NOT_FINITE", "position_std")
+
+
+# -- anything at all -------------------------------------------------------------------------------
+
+scalars = st.one_of(
+    st.none(),
+    st.booleans(),
+    st.integers(),
+    st.integers(-(10**400), 10**400),
+    st.floats(),
+    st.text(max_size=8),
+    st.dates(),
+    st.binary(max_size=4),
+    st.sampled_from(["bunny", "pin", "1e-3", "nan", "models/pin.npz", "/dev/null", "~x/a.npz", "\0.npz"]),
+)
+values = st.recursive(
+    scalars,
+    lambda inner: st.one_of(
+        st.lists(inner, max_size=4),
+        st.dictionaries(st.one_of(st.text(max_size=5), st.integers()), inner, max_size=4),
+        st.lists(inner, min_size=3, max_size=3),
+        st.lists(inner, min_size=4, max_size=4),
+    ),
+    max_leaves=12,
+)
+
+SCENE_KEYS = [
+    "dt",
+    "horizon",
+    "stiffness",
+    "damping",
+    "gravity",
+    "environment",
+    "friction",
+    "integrator",
+    "islands",
+    "restitution",
+    "gyroscopic",
+    "physics",
+    "sleep",
+    "stiffness_std",
+    "friction_std",
+    "restitution_std",
+    "gravity_direction_std",
+    "bodies",
+    "unknown",
+]
+BODY_KEYS = [
+    "friction",
+    "friction_std",
+    "restitution",
+    "restitution_std",
+    "mass_std",
+    "center_of_mass_std",
+    "name",
+    "model",
+    "spheres",
+    "scale",
+    "mass",
+    "position",
+    "orientation",
+    "linear_velocity",
+    "angular_velocity",
+    "position_std",
+    "orientation_std",
+    "linear_velocity_std",
+    "angular_velocity_std",
+    "covariance",
+    "fixed",
+    "x",
+]
+
+
+@st.composite
+def spoiled_scenes(draw):
+    """A good scene with some entries replaced by anything."""
+    content = CONTENTS[draw(st.sampled_from(["two_bodies", "three_bodies"]))]()
+    for _ in range(draw(st.integers(1, 3))):
+        value = draw(values)
+        if draw(st.booleans()) or not isinstance(content["bodies"], list) or not content["bodies"]:
+            content[draw(st.sampled_from(SCENE_KEYS))] = value
+        else:
+            body = content["bodies"][draw(st.integers(0, len(content["bodies"]) - 1))]
+            if isinstance(body, dict):
+                body[draw(st.sampled_from(BODY_KEYS))] = value
+    return content
+
+
+def load_or_refuse(content):
+    try:
+        scene, belief, horizon = scene_from_dict(content)
+    except UncPhysicsError as error:
+        assert str(error) and "\n" not in str(error)
+        return
+    assert np.isfinite(belief.mean).all() and np.isfinite(belief.covariance).all()
+    assert scene.dt > 0 and (horizon is None or horizon > 0)
+    np.testing.assert_allclose(np.linalg.norm(belief.mean[:, 6:10], axis=1), 1.0)
+    assert belief.root().shape[0] == 12 * len(scene.moving)
+
+
+@settings(max_examples=400, suppress_health_check=[HealthCheck.too_slow])
+@given(spoiled_scenes())
+@example({"bodies": [{"name": "a", "model": "pin", "mass": 16**6000}]})
+def test_a_spoiled_scene_loads_or_is_refused(content):
+    load_or_refuse(content)
+
+
+@given(values)
+def test_any_yaml_value_loads_or_is_refused(content):
+    load_or_refuse(content)
+
+
+@settings(max_examples=200, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(
+    st.one_of(
+        st.binary(max_size=200), st.text(max_size=200).map(lambda t: t.encode("utf-8", "surrogatepass"))
+    )
+)
+def test_any_bytes_load_or_are_refused(tmp_path, content):
+    path = tmp_path / "scene.yaml"
+    path.write_bytes(content)
+    with pytest.raises(UncPhysicsError):
+        load_scene(path)
+
+
+@settings(max_examples=200, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(st.integers(0, 2**32 - 1))
+def test_a_damaged_model_file_loads_or_is_refused(tmp_path, seed):
+    """Some bytes of a good file changed, or its end cut off."""
+    rng = np.random.default_rng(seed)
+    data = bytearray(npz())
+    for _ in range(rng.integers(1, 20)):
+        data[rng.integers(len(data))] = rng.integers(256)
+    if rng.random() < 0.3:
+        del data[rng.integers(len(data)) :]
+    path = tmp_path / "damaged.npz"
+    path.write_bytes(data)
+    from unc_physics import load_model
+
+    try:
+        model = load_model(path)
+    except UncPhysicsError:
+        return
+    assert np.isfinite(model.centers).all() and (model.radii > 0).all()

@@ -1,0 +1,131 @@
+"""The commands pack, models and show, as a user calls them."""
+
+import json
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+import trimesh
+from example_meshes import MESHES, raw
+
+from unc_physics.__main__ import main
+from unc_physics.checks.errors import ErrorCode
+from unc_physics.geometry import packing as packing_module
+from unc_physics.geometry.packing_file import load_packing, save_packing
+
+
+@pytest.fixture
+def torus(tmp_path):
+    path = tmp_path / "torus.off"
+    trimesh.Trimesh(*MESHES["torus"](), process=False).export(path)
+    return path
+
+
+def test_pack_writes_a_model(torus, tmp_path, capsys):
+    out = tmp_path / "ring.npz"
+    assert main(["pack", str(torus), "-n", "60", "-o", str(out), "--scale", "0.1", "--mass", "0.3"]) == 0
+    packing = load_packing(out)
+    assert len(packing) == 60 and packing.mass == 0.3 and packing.name == "ring"
+    np.testing.assert_allclose(packing.bounds[1], [0.13, 0.13, 0.03], rtol=0.05)
+    shown = capsys.readouterr().out
+    assert "ring" in shown and f"{100.0 * packing.fill:.1f}" in shown and str(out) in shown
+
+
+def test_pack_without_a_file_name_makes_a_model_known_by_name(torus, tmp_path, monkeypatch, capsys):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    monkeypatch.delenv("UNC_PHYSICS_MODELS", raising=False)
+    assert main(["pack", str(torus), "-n", "10", "--name", "my_ring"]) == 0
+    capsys.readouterr()
+    assert main(["models"]) == 0
+    assert "my_ring" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(("arguments", "code", "message"), [
+    (["missing.off", "-n", "10"], ErrorCode.INVALID_MESH, "missing.off cannot be read: No such file"),
+    (["text.off", "-n", "10"], ErrorCode.INVALID_MESH, "text.off is no mesh"),
+    (["open.off", "-n", "10"], ErrorCode.INVALID_MESH, "open.off is open.*--repair"),
+    (["torus.off", "-n", "0"], ErrorCode.INVALID_OPTION, r"-n must be at least 1 \(got 0\)"),
+    (["torus.off", "-n", "10", "--scale", "-1"], ErrorCode.INVALID_OPTION, "--scale must be a positive number"),
+    (["torus.off", "-n", "10", "--scale", "nan"], ErrorCode.INVALID_OPTION, "--scale must be a positive number"),
+    (["torus.off", "-n", "10", "-o", "nowhere/out.npz"], ErrorCode.OUTPUT_FAILED, "folder that does not exist"),
+    (["torus.off", "-n", "10", "-o", "out.zip"], ErrorCode.OUTPUT_FAILED, "must end in .npz"),
+])
+def test_bad_input_gets_a_sentence_and_a_status(torus, tmp_path, monkeypatch, capsys, arguments, code, message):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "text.off").write_text("hello")
+    vertices, faces = raw(trimesh.creation.box())
+    trimesh.Trimesh(vertices, faces[1:], process=False).export(tmp_path / "open.off")
+    if "-o" not in arguments:
+        arguments = [*arguments, "-o", "out.npz"]
+    before = sorted(tmp_path.iterdir())
+    assert main(["pack", *arguments]) == code
+    error = capsys.readouterr().err
+    assert len(error.strip().splitlines()) == 1
+    import re
+    assert re.search(message, error), error
+    assert sorted(tmp_path.iterdir()) == before
+
+
+def test_repair_says_what_it_did(tmp_path, capsys):
+    vertices, faces = raw(trimesh.creation.box())
+    trimesh.Trimesh(vertices, faces[1:], process=False).export(tmp_path / "open.off")
+    assert main(["pack", str(tmp_path / "open.off"), "-n", "9", "-o", str(tmp_path / "box.npz"), "--repair"]) == 0
+    assert "repair: closed holes with 1 triangles" in capsys.readouterr().out
+
+
+def test_interruption_leaves_no_file(torus, tmp_path, monkeypatch):
+    def interrupt(*_, **__):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(packing_module.GreedyPacker, "place_batch", interrupt)
+    before = sorted(tmp_path.iterdir())
+    assert main(["pack", str(torus), "-n", "60", "-o", str(tmp_path / "ring.npz")]) == 130
+    assert sorted(tmp_path.iterdir()) == before
+
+
+def test_a_short_packing_says_why(torus, tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(packing_module, "SMALLEST", 0.05)
+    assert main(["pack", str(torus), "-n", "5000", "-o", str(tmp_path / "ring.npz")]) == 0
+    assert "stopped at" in capsys.readouterr().out
+
+
+def test_models_lists_size_mass_spheres_and_fill(capsys):
+    assert main(["models"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0].split()[:2] == ["model", "size"]
+    bunny = next(line for line in lines if line.startswith("bunny "))
+    assert "10000" in bunny and "88.0" in bunny
+
+
+def test_models_makes_one_anew(tmp_path, capsys):
+    assert main(["models", "--make", "brick", "-n", "20", "-o", str(tmp_path)]) == 0
+    assert len(load_packing(tmp_path / "brick_20.npz")) == 20
+    assert main(["models", "--make", "teapot"]) == ErrorCode.UNKNOWN_MODEL
+    assert main(["models", "--make", "bunny", "-o", str(tmp_path)]) == ErrorCode.INVALID_MESH
+    assert "--meshes" in capsys.readouterr().err
+    assert main(["models", "-n", "20"]) == ErrorCode.INVALID_OPTION
+
+
+def test_show_draws_a_picture(tmp_path, capsys):
+    from matplotlib.image import imread
+
+    out = tmp_path / "pin.png"
+    assert main(["show", "pin", "-o", str(out), "--levels", "5", "50"]) == 0
+    picture = imread(out)[:, :, :3]
+    assert picture.shape[0] > 300 and len(np.unique(picture.reshape(-1, 3), axis=0)) > 500
+    assert main(["show", "teapot"]) == ErrorCode.UNKNOWN_MODEL
+    assert main(["show", "pin", "--levels", "99999"]) == ErrorCode.INVALID_MODEL
+
+
+def test_show_draws_a_model_without_a_mesh(tmp_path, capsys):
+    np.savez(tmp_path / "one.npz", centers=[[0.0, 0.0, 0.0]], radii=[1.0])
+    save_packing(tmp_path / "one.npz", load_packing(tmp_path / "one.npz"))
+    assert main(["show", str(tmp_path / "one.npz"), "-o", str(tmp_path / "one.png")]) == 0
+
+
+def test_listing_needs_no_mesh_library_and_no_compiler():
+    code = ("import sys, json; from unc_physics.__main__ import main; main(['models']);"
+            "print(json.dumps([m for m in ('trimesh', 'scipy', 'matplotlib', 'numba') if m in sys.modules]))")
+    result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert json.loads(result.stdout.splitlines()[-1]) == []

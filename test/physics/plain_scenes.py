@@ -1,0 +1,86 @@
+"""Bodies of known shape, their states, and rollouts of one state: for tests of laws, whatever the integrator."""
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from unc_physics.geometry.packing_file import SpherePacking
+from unc_physics.physics import contact_history
+from unc_physics.physics.rollout import rollout
+from unc_physics.scene.stiffness import with_stiffness
+
+G = 9.81
+
+
+def packing(name, centers, radii, inertia):
+    """A packing (body frame) with its inertia per unit mass."""
+    centers, radii = np.asarray(centers, float), np.asarray(radii, float)
+    reach = float(np.max(np.linalg.norm(centers, axis=1) + radii))
+    return SpherePacking(
+        name=name,
+        centers=centers,
+        radii=radii,
+        inertia=inertia,
+        volume=1e-3,
+        origin=np.zeros(3),
+        bounding_radius=reach,
+    )
+
+
+BALL = packing("ball", [[0, 0, 0]], [0.05], 0.4 * 0.05**2 * np.eye(3))
+_GRID = [(x, y, z) for x in np.arange(-3, 4) * 0.02 for y in np.arange(-2, 3) * 0.02 for z in (-0.01, 0.01)]
+BLOCK = packing(
+    "block", _GRID, [0.01] * len(_GRID), np.diag([0.1**2 + 0.04**2, 0.14**2 + 0.04**2, 0.14**2 + 0.1**2]) / 12
+)
+PLATE = packing(  # far from a sphere's inertia
+    "plate",
+    [(x, y, 0) for x in (-0.2, 0, 0.2) for y in (-0.1, 0, 0.1)],
+    [0.02] * 9,
+    np.diag([0.004, 0.013, 0.017]),
+)
+
+
+def state(position=(0, 0, 0), velocity=(0, 0, 0), spin=(0, 0, 0), orientation=(0, 0, 0, 1)):
+    """A state (13,)."""
+    return np.concatenate([position, velocity, orientation, spin]).astype(float)
+
+
+def run(scene, x, time):
+    """The state (B, 13) some seconds after the state ``x``."""
+    (end,) = course(scene, x, [time])
+    return end
+
+
+def course(scene, x, times):
+    """States (T, B, 13) of one rollout that begins at ``x``, at ascending times [s]."""
+    x = np.array(x, float).reshape(1, -1, 13)
+    world = with_stiffness(scene, x[0]).world
+    history, done, states = contact_history.fresh(1, world), 0, []
+    for time in times:
+        steps = round(time / scene.dt)
+        rollout(x, history, world, done, steps - done)
+        done = steps
+        states.append(x[0].copy())
+    return np.array(states)
+
+
+def energy(scene, x):
+    """Kinetic and potential energy of all moving bodies at a state (B, 13) [J]."""
+    total = 0.0
+    for k in scene.moving:
+        body, s = scene.bodies[k], x[k]
+        spin = Rotation.from_quat(s[6:10]).inv().apply(s[10:])
+        total += (
+            0.5 * body.mass * (s[3:6] @ s[3:6] + spin @ body.model.inertia @ spin)
+            - body.mass * scene.gravity @ s[:3]
+        )
+    return total
+
+
+def sphere_centers(body, s):
+    """(n, 3): centres of a body's spheres at its state (13,), world frame [m]."""
+    return body.model.centers @ Rotation.from_quat(s[6:10]).as_matrix().T + s[:3]
+
+
+def lowest(model):
+    """Height of a model's lowest point in its body frame [m], relative to its centre of mass."""
+    return float((model.centers[:, 2] - model.radii).min())

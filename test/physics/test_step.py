@@ -1,0 +1,361 @@
+"""Laws of mechanics that one step, and many steps, must keep."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+from twins.step import bodies_of, physics_of
+from twins.step import rollout as twin_rollout
+from twins.step import step as twin_step
+
+from unc_physics import RigidBody, Scene, SpherePacking
+from unc_physics.physics.rollout import simulate
+from unc_physics.scene.environment import Plane
+
+ROUND_OFF = 1e-11  # of sums of up to hundreds of forces, relative to the largest
+DT, KAPPA = 0.01, 1e4
+
+seeds = st.integers(0, 2**32 - 1)
+
+
+def packing(centers, radii, name="packing"):
+    centers, radii = np.array(centers, float), np.array(radii, float)
+    reach = np.max(np.linalg.norm(centers, axis=1) + radii)
+    return SpherePacking(name, centers, radii, np.diag([0.3, 0.4, 0.5]), 1.0, np.zeros(3), reach)
+
+
+def state(position=(0, 0, 0), velocity=(0, 0, 0), rotation=(0, 0, 0), omega=(0, 0, 0)):
+    return np.concatenate([position, velocity, Rotation.from_rotvec(rotation).as_quat(), omega]).astype(float)
+
+
+def stepped(scene, states, steps=1):
+    """States (B, 13) or (N, B, 13) some steps later."""
+    out = np.array(states, float, ndmin=3)
+    simulate(out, scene.world, steps)
+    return out.reshape(np.shape(states))
+
+
+def momenta(scene, x):
+    """Linear momentum, and angular momentum about the origin."""
+    linear, angular = np.zeros(3), np.zeros(3)
+    for body, s in zip(scene.bodies, x, strict=True):
+        R = Rotation.from_quat(s[6:10]).as_matrix()
+        linear += body.mass * s[3:6]
+        angular += np.cross(s[:3], body.mass * s[3:6]) + R @ (body.mass * body.model.inertia) @ R.T @ s[10:13]
+    return linear, angular
+
+
+def random_scene(rng, shapes, **physics):
+    bodies = [
+        RigidBody(f"b{k}", shapes[rng.integers(len(shapes))], rng.uniform(0.1, 5.0))
+        for k in range(rng.integers(2, 5))
+    ]
+    if rng.random() < 0.4:
+        bodies[rng.integers(len(bodies))] = RigidBody("fixed", shapes[0], fixed=True)
+    scene = Scene(
+        bodies,
+        **(
+            {"dt": DT, "stiffness": KAPPA, "damping": rng.uniform(0, 2), "gravity": rng.normal(size=3)}
+            | physics
+        ),
+    )
+    x = np.array([np.zeros(13) if b.fixed else rng.standard_normal(13) for b in bodies])
+    x[:, :3] = rng.uniform(-0.7, 0.7, (len(bodies), 3))
+    x[:, 6:10] = Rotation.random(len(bodies), rng=rng).as_quat()
+    return scene, x
+
+
+@pytest.fixture(scope="module")
+def shapes(loaded):
+    bodies = loaded("three_bodies").scene.bodies
+    return [body.model for body in bodies] + [packing([[0.1, 0, 0]], [0.6], "ball")]
+
+
+@given(seeds)
+def test_one_step_equals_the_twin(shapes, seed):
+    """Any number of bodies, of different models, some fixed, with gravity and damping, deep in contact."""
+    scene, x = random_scene(np.random.default_rng(seed), shapes)
+    ours, theirs = stepped(scene, x), twin_step(x[None], bodies_of(scene), physics_of(scene))[0]
+    theirs[:, 6:10] *= np.sign(np.sum(theirs[:, 6:10] * ours[:, 6:10], axis=1))[:, None]
+    np.testing.assert_allclose(ours, theirs, rtol=1e-9, atol=ROUND_OFF * max(1.0, np.abs(theirs).max()))
+
+
+@given(seeds)
+def test_one_step_among_planes_equals_the_twin(shapes, seed):
+    """Half-spaces at any angle, deep in contact, beside bodies that overlap."""
+    rng = np.random.default_rng(seed)
+    planes = [Plane(normal, rng.uniform(-1.0, 0.3)) for normal in rng.normal(size=(rng.integers(1, 4), 3))]
+    scene, x = random_scene(rng, shapes, environment=planes)
+    ours, theirs = stepped(scene, x), twin_step(x[None], bodies_of(scene), physics_of(scene))[0]
+    theirs[:, 6:10] *= np.sign(np.sum(theirs[:, 6:10] * ours[:, 6:10], axis=1))[:, None]
+    np.testing.assert_allclose(ours, theirs, rtol=1e-9, atol=ROUND_OFF * max(1.0, np.abs(theirs).max()))
+
+
+@given(seeds)
+def test_a_rollout_in_a_batch_equals_the_same_alone(shapes, seed):
+    rng = np.random.default_rng(seed)
+    scene, x = random_scene(rng, shapes)
+    batch = np.array([x, x, x])
+    batch[0, :, :3] += 0.1
+    batch[2, :, 3:6] *= 0.5
+    together = stepped(scene, batch, 5)
+    for n in range(3):
+        np.testing.assert_array_equal(together[n], stepped(scene, batch[n], 5))
+
+
+@pytest.mark.parametrize("steps", [1, 150])
+def test_linear_momentum_is_conserved(loaded, steps):
+    scene, belief, _ = loaded("undamped")
+    x = belief.mean.copy()
+    after = stepped(scene, x, steps)
+    p0, p1 = momenta(scene, x)[0], momenta(scene, after)[0]
+    if steps > 1:
+        assert np.linalg.norm(after[0, 3:6] - x[0, 3:6]) > 0.1, "no collision"
+    np.testing.assert_allclose(p1, p0, atol=1e-13 * steps)
+
+
+@given(seeds)
+def test_newtons_third_law(shapes, seed):
+    """In one step without gravity and damping, forces sum to zero, and so do torques about any one point."""
+    rng = np.random.default_rng(seed)
+    scene, x = random_scene(rng, shapes, damping=0.0, gravity=np.zeros(3))
+    if any(body.fixed for body in scene.bodies):
+        return
+    x[:, 3:6] = x[:, 10:13] = 0.0  # so that the drift moves nothing
+    after = stepped(scene, x)
+    linear, angular = momenta(scene, after)
+    size = max(1.0, np.abs(after[:, 3:6]).max(), np.abs(after[:, 10:13]).max())
+    np.testing.assert_allclose(linear, 0.0, atol=ROUND_OFF * size)
+    np.testing.assert_allclose(angular, 0.0, atol=ROUND_OFF * size)
+
+
+def rigid_motion(seed):
+    rng = np.random.default_rng(seed)
+    return Rotation.random(rng=rng), rng.uniform(-3, 3, 3)
+
+
+def moved(x, Q, t):
+    """States (B, 13) in another frame: p -> Q p + t."""
+    out = x = x.copy()  # SciPy takes no read-only arrays
+    out[:, :3] = Q.apply(x[:, :3]) + t
+    out[:, 3:6] = Q.apply(x[:, 3:6])
+    out[:, 6:10] = (Q * Rotation.from_quat(x[:, 6:10])).as_quat()
+    out[:, 10:13] = Q.apply(x[:, 10:13])
+    return out
+
+
+def assert_same(x, y, atol):
+    y = y.copy()
+    y[:, 6:10] *= np.sign(np.sum(x[:, 6:10] * y[:, 6:10], axis=1))[:, None]
+    np.testing.assert_allclose(x, y, rtol=0, atol=atol)
+
+
+@given(seeds)
+def test_a_change_of_frame_changes_only_the_frame(shapes, seed):
+    scene, x = random_scene(np.random.default_rng(seed), shapes)
+    Q, t = rigid_motion(seed)
+    turned = Scene(scene.bodies, scene.dt, scene.stiffness, scene.damping, Q.apply(scene.gravity.copy()))
+    after = stepped(scene, x)
+    assert_same(
+        moved(after, Q, t), stepped(turned, moved(x, Q, t)), 100 * ROUND_OFF * max(1.0, np.abs(after).max())
+    )
+
+
+@given(seeds)
+def test_the_order_of_bodies_changes_only_the_order(shapes, seed):
+    rng = np.random.default_rng(seed)
+    scene, x = random_scene(rng, shapes)
+    order = rng.permutation(len(x))
+    swapped = Scene([scene.bodies[k] for k in order], scene.dt, scene.stiffness, scene.damping, scene.gravity)
+    after = stepped(scene, x)
+    assert_same(after[order], stepped(swapped, x[order]), 100 * ROUND_OFF * max(1.0, np.abs(after).max()))
+
+
+def test_a_whole_collision_in_another_frame(loaded):
+    scene, belief, _ = loaded("undamped")
+    Q, t = rigid_motion(3)
+    ROUND_OFF_GROWN_BY_COLLISIONS = 1e-8
+    assert_same(
+        moved(stepped(scene, belief.mean, 100), Q, t),
+        stepped(scene, moved(belief.mean, Q, t), 100),
+        ROUND_OFF_GROWN_BY_COLLISIONS,
+    )
+
+
+@given(seeds, st.integers(1, 300), st.floats(0.0, 3.0))
+def test_free_flight_is_the_closed_form(seed, steps, damping):
+    rng = np.random.default_rng(seed)
+    g = rng.normal(size=3)
+    scene = Scene([RigidBody("ball", packing([[0, 0, 0]], [0.1]))], 0.01, KAPPA, damping, g)
+    x = state(*rng.standard_normal((4, 3)))
+    after = stepped(scene, x[None], steps)[0]
+    k, decay = np.arange(steps), np.exp(-0.01 * damping)
+    # v_k = decay^k v0 + dt g (1 + ... + decay^(k-1)), and p adds up the v before each step
+    powers = decay**k
+    sums = np.concatenate([[0.0], np.cumsum(powers)])
+    np.testing.assert_allclose(after[3:6], decay**steps * x[3:6] + 0.01 * g * sums[steps], atol=ROUND_OFF)
+    np.testing.assert_allclose(
+        after[:3], x[:3] + 0.01 * (x[3:6] * sums[steps] + 0.01 * g * sums[:steps].sum()), atol=1e-10
+    )
+    np.testing.assert_allclose(after[10:13], decay**steps * x[10:13], atol=ROUND_OFF)
+    turn = Rotation.from_rotvec(0.01 * sums[steps] * x[10:13]) * Rotation.from_quat(x[6:10])
+    assert (turn.inv() * Rotation.from_quat(after[6:10])).magnitude() < 1e-10
+
+
+def test_drift_uses_the_velocity_before_damping_and_gravity():
+    scene = Scene([RigidBody("ball", packing([[0, 0, 0]], [0.1]))], dt=0.5, damping=1.0, gravity=[0, 0, -2.0])
+    after = stepped(scene, state(velocity=(1, 0, 0))[None])[0]
+    np.testing.assert_allclose(after[:3], [0.5, 0, 0])
+    np.testing.assert_allclose(after[3:6], [np.exp(-0.5), 0, -1.0])
+
+
+@pytest.mark.parametrize("radius", [0.5, 0.2])
+def test_coincident_centres_give_no_force(radius):
+    scene = Scene(
+        [RigidBody("a", packing([[0, 0, 0]], [0.5])), RigidBody("b", packing([[0, 0, 0]], [radius]))],
+        DT,
+        KAPPA,
+    )
+    x = np.array([state(), state()])
+    np.testing.assert_array_equal(stepped(scene, x, 10), x)
+
+
+@pytest.mark.parametrize("d", [1e-300, 1e-160, 1e-12, 0.1, 0.3])
+def test_a_sphere_inside_another_is_pushed_with_its_whole_volume(d):
+    scene = Scene(
+        [RigidBody("a", packing([[0, 0, 0]], [0.5])), RigidBody("b", packing([[0, 0, 0]], [0.2]))], DT, KAPPA
+    )
+    after = stepped(scene, np.array([state(), state((d, 0, 0))]))
+    push = DT * KAPPA * 4.0 / 3.0 * np.pi * 0.2**3
+    assert np.isfinite(after).all()
+    if d > 1e-150:  # its square is a number
+        np.testing.assert_allclose(after[:, 3], [-push, push])
+
+
+def test_a_pure_couple_turns_the_body():
+    """Two equal and opposite contact forces cancel, and their torque does not."""
+    bar = packing([[1, 0, 0], [-1, 0, 0]], [0.1, 0.1])
+    scene = Scene(
+        [RigidBody("a", bar), RigidBody("b", packing([[1, 0.15, 0], [-1, -0.15, 0]], [0.1, 0.1]))], DT, KAPPA
+    )
+    x = np.array([state(), state()])
+    after = stepped(scene, x)
+    reference = twin_step(x[None], bodies_of(scene), physics_of(scene))[0]
+    assert abs(reference[0, 12]) > 0.01 and abs(reference[0, 4]) < 1e-15
+    np.testing.assert_allclose(after, reference, atol=ROUND_OFF)
+
+
+def test_touching_spheres_do_not_push():
+    ball = packing([[0, 0, 0]], [0.5])
+    scene = Scene([RigidBody("a", ball), RigidBody("b", ball)], DT, KAPPA)
+    x = np.array([state(), state((1.0, 0, 0))])
+    np.testing.assert_array_equal(stepped(scene, x), x)
+
+
+def test_two_fixed_bodies_that_overlap_stay(shapes):
+    scene = Scene(
+        [RigidBody("a", shapes[0], fixed=True), RigidBody("b", shapes[0], fixed=True)],
+        DT,
+        KAPPA,
+        gravity=(0, 0, -9.81),
+    )
+    x = np.array([state(), state((0.1, 0, 0))])
+    np.testing.assert_array_equal(stepped(scene, x, 10), x)
+
+
+def test_a_body_bounces_back_from_a_fixed_one_with_its_energy():
+    """Head-on, without damping: the speed comes back, up to what the explicit step gains or loses."""
+    ball = packing([[0, 0, 0]], [0.5])
+    scene = Scene([RigidBody("wall", ball, fixed=True), RigidBody("ball", ball)], dt=1e-4, stiffness=KAPPA)
+    after = stepped(scene, np.array([state(), state((1.05, 0, 0), (-1.0, 0, 0))]), 4000)
+    TIME_STEP = 1e-3
+    np.testing.assert_allclose(after[1, 3:6], [1.0, 0, 0], atol=TIME_STEP)
+
+
+def test_the_step_is_of_first_order():
+    """Measured: halving dt halves the error of a collision."""
+    ball = packing([[0.05, 0.1, 0]], [0.5])
+    x = np.array([state(velocity=(0.5, 0, 0)), state((1.1, 0.1, 0.0), (-1.0, 0, 0))])
+
+    def end(dt):
+        scene = Scene([RigidBody("a", ball), RigidBody("b", ball, 2.0)], dt, 1e3, damping=0.3)
+        return stepped(scene, x, round(0.4 / dt))
+
+    truth = end(1e-5)
+    errors = [np.abs(end(dt) - truth)[:, :3].max() for dt in (4e-3, 2e-3, 1e-3)]
+    orders = np.log2(np.divide(errors[:-1], errors[1:]))
+    assert np.all((orders > 0.85) & (orders < 1.2)), orders
+
+
+def test_inertia_lies_in_the_body_frame(shapes):
+    """A push off centre turns a body about the axis that its own, turned inertia says."""
+    rng = np.random.default_rng(0)
+    body = packing([[0.4, 0.2, 0.1]], [0.3])
+    scene = Scene(
+        [RigidBody("a", body, 2.0), RigidBody("wall", packing([[0, 0, 0]], [0.3]), fixed=True)], DT, KAPPA
+    )
+    R = Rotation.random(rng=rng)
+    c = R.apply([0.4, 0.2, 0.1])
+    x = np.array([state(rotation=R.as_rotvec()), state(c + [0.5, 0, 0])])
+    after = stepped(scene, x)
+    contact = c + [0.25, 0, 0]
+    impulse = 2.0 * after[0, 3:6]
+    I_world = R.as_matrix() @ (2.0 * body.inertia) @ R.as_matrix().T
+    assert impulse[0] < 0
+    np.testing.assert_allclose(
+        after[0, 10:13], np.linalg.solve(I_world, np.cross(contact, impulse)), rtol=1e-9
+    )
+
+
+@settings(max_examples=40)
+@given(seeds)
+def test_one_call_equals_many_single_steps_to_the_last_bit(shapes, seed):
+    """Whatever a rollout remembers from step to step, such as who is far from whom, changes no result."""
+    rng = np.random.default_rng(seed)
+    count = rng.integers(2, 7)
+    bodies = [
+        RigidBody(f"b{k}", shapes[rng.integers(4)], rng.uniform(0.2, 3.0), bool(k == 1)) for k in range(count)
+    ]
+    scene = Scene(bodies, 0.01, 2e3, rng.choice([0.0, 1.0]), rng.choice([0.0, 3.0]) * rng.normal(size=3))
+    x = np.zeros((count, 13))
+    x[:, :3] = rng.uniform(-3.0, 3.0, (count, 3))
+    x[:, 6:10] = Rotation.random(count, rng=rng).as_quat()
+    moving = scene.moving
+    x[moving, 3:6] = -x[moving, :3] * rng.uniform(
+        0.0, 3.0, (len(moving), 1)
+    )  # towards the middle, fast and slow
+    x[moving, 10:13] = rng.choice([0.0, 1.0, 20.0]) * rng.standard_normal((len(moving), 3))
+    singly = x
+    for _ in range(300):
+        singly = stepped(scene, singly)
+    np.testing.assert_array_equal(stepped(scene, x, 300), singly)
+
+
+@pytest.mark.parametrize("speed", np.geomspace(0.3, 10.0, 12))
+def test_a_body_that_flies_straight_at_another_meets_it_in_the_same_step(speed):
+    """No bound on how far bodies travel is loose here, so one that is too low shows."""
+    far_side = packing([[-1.0, 0.0, 0.0]], [0.1])
+    scene = Scene([RigidBody("still", far_side), RigidBody("flies", packing([[0.0, 0, 0]], [0.1]))], DT, 1e6)
+    x = np.array([state(), state((1.05, 0, 0), (-speed, 0, 0))])
+    steps = int(2.4 / (DT * speed))
+    singly = x
+    for _ in range(steps):
+        singly = stepped(scene, singly)
+    assert np.any(singly[0, 3:6] != 0.0), "they never met"
+    np.testing.assert_array_equal(stepped(scene, x, steps), singly)
+
+
+def test_a_longer_rollout_of_many_bodies_equals_the_twin(shapes):
+    rng = np.random.default_rng(12)
+    bodies = [RigidBody(f"b{k}", shapes[k % 4], 1.0 + k, fixed=k == 2) for k in range(6)]
+    scene = Scene(bodies, DT, 3e3, 1.0, (0, 0, -1))
+    x = np.zeros((6, 13))
+    x[:, :3] = rng.uniform(-1.5, 1.5, (6, 3))
+    x[:, 6:10] = Rotation.random(6, rng=rng).as_quat()
+    ROUND_OFF_GROWN_BY_COLLISIONS = 1e-6
+    assert_same(
+        stepped(scene, x, 60),
+        twin_rollout(x[None], bodies_of(scene), physics_of(scene), 60)[0],
+        ROUND_OFF_GROWN_BY_COLLISIONS,
+    )

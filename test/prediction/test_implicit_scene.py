@@ -1,0 +1,187 @@
+"""Scenes with the implicit integrator through the whole library: materials, stiffness, islands, answers."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import yaml
+from example_scenes import CONTENTS
+
+from unc_physics import Plane, RigidBody, Scene, assess, contact_probabilities, make_propagator, predict
+from unc_physics.__main__ import main
+from unc_physics.geometry.packing_file import SpherePacking
+from unc_physics.prediction.probabilities import rest_probabilities
+from unc_physics.scene.belief import Belief
+from unc_physics.scene.parameters import vary
+from unc_physics.scene.stiffness import rest_stiffness
+
+R = 0.03  # m, the ball's radius
+BALL = SpherePacking(
+    "ball", np.zeros((1, 3)), np.array([R]), 0.4 * R**2 * np.eye(3), 1e-4, np.zeros(3), bounding_radius=R
+)
+G = 9.81
+
+
+def state(*position, velocity=(0.0, 0.0, 0.0)):
+    """A state (13,) in the identity's orientation."""
+    return np.concatenate([position, velocity, (0.0, 0.0, 0.0, 1.0), (0.0, 0.0, 0.0)])
+
+
+def on_floor(*bodies, floor=None, **options):
+    return Scene.everyday(bodies, environment=[floor or Plane(name="floor")], **options)
+
+
+def sampled(scene, mean, time, samples=100):
+    return predict(
+        scene,
+        Belief.exact(np.atleast_2d(mean), scene.moving),
+        make_propagator("monte_carlo", samples=samples, seed=3),
+        time,
+    )
+
+
+# -- materials ---------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "own, floor, expected", [(0.4, None, 0.4), (0.9, 0.1, 0.3), (None, 0.1, np.sqrt(0.02)), (0.5, 0.0, 0.0)]
+)
+def test_friction_is_the_geometric_mean_of_the_partners(own, floor, expected):
+    """A ball that slides, but does not yet roll, is braked by mu g."""
+    scene = on_floor(
+        RigidBody("ball", BALL, 0.5, friction=own),
+        floor=Plane(friction=floor),
+        friction=0.2 if own is None else 0.4,
+    )
+    speed, time = 4.0, 0.1
+    end = predict(
+        scene, Belief.exact([state(0, 0, R, velocity=(speed, 0, 0))]), "sigma_points", time
+    ).belief.mean[0]
+    assert speed - end[3] == pytest.approx(
+        expected * G * round(time / scene.dt) * scene.dt, rel=0.01, abs=1e-6
+    )
+
+
+@pytest.mark.parametrize(
+    "own, floor, expected",
+    [(0.6, None, 0.6), (0.9, 0.4, 0.6), (None, 0.4, 0.6), (0.5, 0.0, 0.0), (1.0, 1.0, 1.0)],
+)
+def test_restitution_is_the_geometric_mean_of_the_partners(own, floor, expected):
+    """A ball flies at a wall and comes back."""
+    scene = on_floor(
+        RigidBody("ball", BALL, 0.5, restitution=own),
+        floor=Plane(restitution=floor),
+        gravity=None,
+        restitution=0.9 if own is None else 0.6,
+    )
+    end = predict(
+        scene, Belief.exact([state(0, 0, R + 0.01, velocity=(0, 0, -1))]), "sigma_points", 0.1
+    ).belief.mean[0]
+    assert end[5] == pytest.approx(expected, rel=0.02, abs=0.02)
+
+
+def test_uncertain_friction_spreads_a_slide_s_deceleration():
+    mu, std, speed, time = 0.4, 0.02, 2.0, 0.05  # a time in which a ball does not yet roll
+    for scene in (
+        on_floor(RigidBody("ball", BALL), friction=mu, friction_std=std),
+        on_floor(
+            RigidBody("ball", BALL, friction=mu, friction_std=2.0 * std),
+            friction=None,
+            floor=Plane(friction=mu),
+        ),
+    ):
+        prediction = sampled(scene, state(0, 0, R, velocity=(speed, 0, 0)), time)
+        factor = np.exp(
+            prediction.carry.parameters[:, 0] * std / mu
+        )  # half of the ball's own, by the geometric mean
+        lost = speed - prediction.carry.states[:, 0, 3]
+        np.testing.assert_allclose(lost / lost.mean(), factor / factor.mean(), rtol=2e-3)
+        assert lost.std() > 0.0
+
+
+def test_uncertain_restitution_is_what_an_impact_gives_back():
+    scene = on_floor(RigidBody("ball", BALL), gravity=None, restitution=0.6, restitution_std=0.1)
+    prediction = sampled(scene, state(0, 0, R + 0.01, velocity=(0, 0, -1)), 0.1)
+    expected = np.clip(0.6 + 0.1 * prediction.carry.parameters[:, 0], 0.0, 1.0)
+    np.testing.assert_allclose(prediction.carry.states[:, 0, 5], expected, rtol=0.02)
+
+
+def test_the_kernels_get_the_varied_materials():
+    bodies = [RigidBody("a", BALL, friction=0.4, friction_std=0.05), RigidBody("b", BALL)]
+    scene = replace(on_floor(*bodies, restitution_std=0.05), stiffness=1e9)
+    np.testing.assert_array_equal(scene.world.implicit.friction, scene.materials.friction)
+    np.testing.assert_array_equal(scene.world.implicit.restitution, scene.materials.restitution)
+    world = vary(scene, np.array([1.0, -2.0]))  # the scene's restitution, a's friction
+    np.testing.assert_allclose(world.implicit.friction, [0.4 * np.exp(-2.0 * 0.05 / 0.4), 0.5, 0.5])
+    np.testing.assert_allclose(world.implicit.restitution, [0.15, 0.15, 0.15])
+
+
+# -- stiffness ---------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("mass", [0.1, 0.5, 5.0])
+def test_what_rests_sinks_in_by_less_than_a_tenth_of_a_millimetre(mass):
+    scene = on_floor(RigidBody("ball", BALL, mass))
+    prediction = predict(scene, Belief.exact([state(0, 0, R)]), "sigma_points", 1.0)
+    assert prediction.scene.stiffness == rest_stiffness(scene.bodies, [state(0, 0, R)], scene.gravity)
+    assert 0.0 < R - prediction.belief.mean[0, 2] < 1e-4
+
+
+def test_statuses_and_probabilities_take_the_scene_as_it_was_given():
+    scene = on_floor(RigidBody("ball", BALL))
+    belief = Belief(np.array([state(0, 0, R + 0.02)]), 1e-6 * np.eye(12)[None], scene.moving)
+    for propagator in ("sigma_points", make_propagator("monte_carlo", samples=300)):
+        prediction = predict(scene, belief, propagator, 0.5)
+        assert len(assess(scene, belief, prediction)) == 1
+        (touch, _) = contact_probabilities(scene, prediction, belief)
+        assert touch.available and touch.probability > 0.99
+    (still,) = rest_probabilities(scene, prediction, belief)
+    assert still.available
+
+
+# -- islands -----------------------------------------------------------------------------------------
+
+
+def two_apart(**options):
+    bodies = [RigidBody("left", BALL, friction=0.3), RigidBody("right", BALL, restitution=0.7)]
+    scene = on_floor(*bodies, RigidBody("post", BALL, fixed=True, **options), islands=True)
+    mean = np.array(
+        [
+            state(-1, 0, R + 0.01, velocity=(0.3, 0, 0)),
+            state(1, 0, R + 0.01, velocity=(-0.2, 0, 0)),
+            state(0, 0, R),
+        ]
+    )
+    return scene, Belief(mean, np.tile(1e-6 * np.eye(12), (2, 1, 1)), scene.moving)
+
+
+@pytest.mark.parametrize("options", [{}, {"friction": 0.5, "friction_std": 0.1}])
+def test_islands_have_the_materials_of_their_bodies(options):
+    scene, belief = two_apart(**options)
+    propagator = make_propagator("monte_carlo", samples=20)
+    apart, joint = (predict(s, belief, propagator, 0.3) for s in (scene, replace(scene, islands=False)))
+    assert apart.scene.stiffness == joint.scene.stiffness
+    np.testing.assert_array_equal(apart.samples(), joint.samples())
+
+
+# -- files and the command ---------------------------------------------------------------------------
+
+
+def test_the_command_says_which_physics(tmp_path, capsys):
+    content = CONTENTS["two_bodies"]() | {
+        "physics": "everyday",
+        "environment": [{"plane": {"normal": [0, 0, 1], "offset": -1.0}}],
+    }
+    for key in ("dt", "stiffness", "damping"):
+        del content[key]
+    path = tmp_path / "scene.yaml"
+    path.write_text(yaml.safe_dump(content))
+    assert main(["predict", str(path), "--horizon", "0.1", "--json", "--samples-out", "2"]) == 0
+    answer = json.loads(capsys.readouterr().out)
+    physics = answer["physics"]
+    assert physics["integrator"] == "implicit" and physics["dt"] == 1.0 / 240.0 and physics["stiffness"] > 1e4
+    assert physics["friction"] == 0.5 and physics["restitution"] == 0.1 and physics["gyroscopic"]
+    assert np.shape(answer["bodies"][0]["samples"]) == (2, 13)
+    assert main(["predict", str(path), "--horizon", "0.1"]) == 0
+    assert capsys.readouterr().out.startswith("sigma_points; implicit, dt 0.0041667 s, stiffness ")

@@ -1,0 +1,192 @@
+"""What a prediction says against itself: flags where something is wrong, none where all is well."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import yaml
+
+from unc_physics import Belief, RigidBody, Scene, load_model, make_propagator, predict
+from unc_physics.__main__ import main
+from unc_physics.geometry.packing_file import SpherePacking
+from unc_physics.prediction.status import Status, assess, assess_all
+from unc_physics.scene.environment import Plane
+from unc_physics_evaluation.scenarios import collision
+
+NAMES = ("linearization", "surrogate", "sigma_points", "local_sampling", "monte_carlo")
+NOMINAL = ("linearization", "surrogate", "local_sampling")
+BALL = SpherePacking(
+    name="ball", centers=np.zeros((1, 3)), radii=np.array([0.05]), inertia=0.4 * 0.05**2 * np.eye(3), volume=5e-4,
+    origin=np.zeros(3), bounding_radius=0.05)
+
+
+def balls(*positions, velocity=(0, 0, 0), std=0.001):
+    mean = np.zeros((len(positions), 13))
+    mean[:, :3], mean[:, 9] = positions, 1.0
+    mean[0, 3:6] = velocity
+    P = np.zeros((len(positions), 12, 12))
+    P[:, range(3), range(3)] = std**2
+    return Belief(mean, P)
+
+
+def statuses(scene, belief, name, horizon):
+    propagator = make_propagator(name, **({"samples": 50} if name == "monte_carlo" else {}))
+    return assess(scene, belief, predict(scene, belief, propagator, horizon))
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_free_flight_is_fine(name):
+    scene = Scene([RigidBody("a", BALL), RigidBody("b", BALL)], gravity=(0, 0, -9.81))
+    found = statuses(scene, balls((0, 0, 0), (1, 0, 0), velocity=(0, 1, 2)), name, 1.0)
+    assert [status.flags for status in found] == [Status.FINE, Status.FINE]
+    assert all(status.message == "" for status in found)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_overlap_at_the_start_is_named(name):
+    scene = Scene([RigidBody("a", BALL), RigidBody("b", BALL), RigidBody("c", BALL)], dt=1e-3, stiffness=1e4)
+    found = statuses(scene, balls((0, 0, 0), (0.09, 0, 0), (1, 0, 0)), name, 0.01)
+    assert [bool(status.flags & Status.INITIAL_OVERLAP) for status in found] == [True, True, False]
+    assert found[0].measures["initial_overlap"] == pytest.approx(0.2)
+
+
+def test_a_step_too_long_for_the_stiffness_is_not_converged():
+    scene, belief, _ = collision("pin", 100)
+    scene = replace(scene, stiffness=1e8)
+    found = statuses(scene, belief, "sigma_points", 3.0)
+    assert all(status.flags & Status.NOT_CONVERGED for status in found)
+    assert found[0].measures["step_times_frequency"] > 3.0
+    assert "step_times_frequency" in found[0].message
+    fine = statuses(replace(scene, stiffness=2e4), belief, "sigma_points", 3.0)
+    assert not any(status.flags & Status.NOT_CONVERGED for status in fine)
+
+
+def test_a_ball_that_the_floor_cannot_stop_is_not_converged():
+    scene = Scene([RigidBody("a", BALL)], dt=1e-3, stiffness=1e5, environment=(Plane(),))
+    status, = statuses(scene, balls((0, 0, 0.1), velocity=(0, 0, -30)), "sigma_points", 0.1)
+    assert status.flags & Status.NOT_CONVERGED and status.measures["impact_over_capacity"] > 1.0
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_coincident_centres_overlap(name):
+    scene = Scene([RigidBody("a", BALL), RigidBody("b", BALL)], dt=1e-3, stiffness=1e4)
+    found = statuses(scene, balls((0, 0, 0), (0, 0, 0)), name, 0.01)
+    assert all(status.measures["initial_overlap"] == pytest.approx(2.0) for status in found)
+    assert all(status.measures["energy_gain"] < 0.02 for status in found if "energy_gain" in status.measures)
+
+
+def test_energy_that_a_long_step_gains_is_named():
+    scene = Scene([RigidBody("a", BALL), RigidBody("b", BALL)], dt=0.01, stiffness=1e8)
+    belief = balls((0, 0, 0), (0.15, 0, 0), velocity=(1, 0, 0), std=0.0)
+    found = statuses(scene, belief, "linearization", 0.2)
+    end = predict(scene, belief, "linearization", 0.2).belief.mean
+    gained = (end[:, 3:6] ** 2).sum() - 1.0
+    assert gained > 0.02 and found[0].measures["energy_gain"] == pytest.approx(gained)
+    assert all(status.flags & Status.NOT_CONVERGED for status in found)
+    shorter = statuses(replace(scene, dt=1e-4), belief, "linearization", 0.2)
+    assert all(status.flags == Status.FINE and status.measures["energy_gain"] < 0.01 for status in shorter)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_contact_that_the_nominal_rollout_misses_is_not_missed(name):
+    scene = Scene([RigidBody("a", BALL), RigidBody("b", BALL)], dt=1e-3, stiffness=1e6)
+    found = statuses(scene, balls((0, 0, 0), (0.3, 0.11, 0), velocity=(1, 0, 0), std=0.02), name, 1.0)
+    assert [bool(status.flags & Status.OUTSIDE_VALIDITY) for status in found] == [name in NOMINAL] * 2
+    assert ("spread_disagreement" in found[0].measures) == (name in NOMINAL)
+
+
+@pytest.mark.parametrize("name", NOMINAL)
+def test_without_rollouts_a_spread_after_contact_is_unchecked(name):
+    scene, belief, _ = collision("pin", 100)
+    prediction = predict(scene, belief, name, 2.0, times=[0.1, 1.0])
+    for status in assess(scene, belief, prediction, rollouts=0):
+        assert "spread_disagreement" not in status.measures and status.measures["unchecked"] == 1.0
+        assert status.flags == Status.OUTSIDE_VALIDITY
+    before = predict(scene, belief, name, 0.1)
+    assert all(status.flags == Status.FINE for status in assess(scene, belief, before, rollouts=0))
+    along = assess_all(scene, belief, prediction)
+    assert [status.flags for status in along[0]] == [Status.FINE, Status.FINE]  # before the bodies meet
+    assert "energy_gain" not in along[0][0].measures and "energy_gain" in along[2][0].measures
+    assert along[2] == assess(scene, belief, prediction)
+
+
+def test_rotation_beyond_a_gaussian_is_outside_validity():
+    belief = balls((0, 0, 0))
+    P = belief.covariance.copy()
+    P[0, range(9, 12), range(9, 12)] = 1.0
+    status, = statuses(Scene([RigidBody("a", BALL)]), Belief(belief.mean, P), "linearization", 3.0)
+    assert status.flags == Status.OUTSIDE_VALIDITY and status.measures["rotation_std"] == pytest.approx(3.0, rel=0.01)
+
+
+def test_fixed_bodies_have_no_measures():
+    scene = Scene([RigidBody("a", BALL), RigidBody("b", BALL, fixed=True)])
+    belief = balls((0, 0, 0), (1, 0, 0))
+    found = statuses(scene, Belief(belief.mean, belief.covariance[:1], [0]), "linearization", 0.1)
+    assert found[1].measures == {} and found[1].flags == Status.FINE
+
+
+def test_the_command_line_tells_the_status(tmp_path, capsys, content):
+    path = tmp_path / "scene.yaml"
+    content["bodies"][0]["position"] = content["bodies"][1]["position"]
+    path.write_text(yaml.safe_dump(content))
+    command = ["predict", str(path), "--propagator", "surrogate", "--horizon", "0.05"]
+    assert main(command) == 0
+    assert "INITIAL_OVERLAP: overlaps another body" in capsys.readouterr().out
+    assert main([*command, "--json", "--status-rollouts", "0"]) == 0
+    status = json.loads(capsys.readouterr().out)["statuses"][0]
+    assert status["name"] == content["bodies"][0]["name"] and "INITIAL_OVERLAP" in status["flags"]
+    assert status["measures"]["initial_overlap"] > 0.02 and "spread_disagreement" not in status["measures"]
+    assert main([*command, "--status-rollouts", "-1"]) != 0
+    assert "--status-rollouts" in capsys.readouterr().err
+
+
+def stack(*masses):
+    """Bricks on a floor, one on the other, from below."""
+    brick = load_model("brick").prefix(200)
+    low, high = (brick.centers[:, 2] - brick.radii).min(), (brick.centers[:, 2] + brick.radii).max()
+    scene = Scene.everyday([RigidBody(f"brick {k}", brick, m) for k, m in enumerate(masses)], environment=[Plane()])
+    return scene, balls(*((0.0, 0.0, k * (high - low) - low) for k in range(len(masses))), std=1e-6)
+
+
+@pytest.mark.parametrize("name", ["sigma_points", "monte_carlo"])
+def test_a_stack_that_the_solver_finds_no_forces_for_is_not_converged(name):
+    found = statuses(*stack(1.0, 1.0, 10.0), name, 0.3)
+    assert all(status.flags == Status.FINE and status.measures["contact_residual"] < 1e-3 for status in found)
+    assert not any({"step_times_frequency", "impact_over_capacity"} & set(status.measures) for status in found)
+    scene, belief = stack(1.0, 1.0, 1.0, 1.0, 1.0, 1000.0)
+    prediction = predict(scene, belief, make_propagator(name, **({"samples": 50} if name == "monte_carlo" else {})), 0.3)
+    stands = np.abs(prediction.belief.mean - belief.mean)[:, :3].max() < 1e-3
+    found = assess(scene, belief, prediction)
+    assert stands or any(status.flags & Status.NOT_CONVERGED and "smaller dt" in status.message for status in found)
+
+
+def test_a_residual_in_most_rollouts_counts():
+    scene, belief = stack(1.0)
+    prediction = predict(scene, belief, make_propagator("monte_carlo", samples=100), 0.1)
+    residual = prediction.carry.contact_history.solver.residual
+    for share, flagged in ((2, False), (20, True)):
+        residual[:share] = 0.1
+        (status,) = assess(scene, belief, prediction)
+        assert bool(status.flags & Status.NOT_CONVERGED) == flagged
+
+
+def test_energy_gained_on_the_implicit_step_is_named():
+    scene, belief = stack(1.0)
+    prediction = predict(scene, belief, "sigma_points", 0.1)
+    (status,) = assess(scene, belief, prediction)
+    assert status.flags == Status.FINE
+    mean = prediction.belief.mean.copy()
+    mean[0, 5] = 1.0  # from nowhere
+    jumping = replace(prediction, beliefs=(Belief(mean, prediction.belief.covariance),))
+    (status,) = assess(scene, belief, jumping)
+    assert status.flags == Status.NOT_CONVERGED and "energy was gained" in status.message
+    assert "integrator" not in status.message
+
+
+def test_a_brick_that_begins_in_the_floor_overlaps():
+    scene, belief = stack(1.0)
+    mean = belief.mean.copy()
+    mean[0, 2] -= 0.05 * scene.bodies[0].model.bounding_radius
+    (status,) = statuses(scene, Belief(mean, belief.covariance), "sigma_points", 0.1)
+    assert status.flags & Status.INITIAL_OVERLAP

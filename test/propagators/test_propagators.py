@@ -1,0 +1,466 @@
+"""What every propagator in the registry must keep."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from example_scenes import parts_of
+from scipy.spatial.transform import Rotation
+from twins import states as twin
+
+from unc_physics import PROPAGATORS, Belief, RigidBody, Scene, make_propagator
+from unc_physics.scene.stiffness import with_stiffness
+
+ROUND_OFF = 1e-9  # relative to the largest variance
+SECOND_ORDER = 2e-3  # relative; what uncertainty of 1e-3 leaves to the terms beyond the first order
+
+OPTIONS = {
+    "monte_carlo": [{"samples": 40}],
+    "sigma_points": [{"points": "minimal"}, {"points": "full"}],
+    "local_sampling": [{"samples": 16}],
+    "linearization": [{}, {"jacobian": "finite_difference"}],
+}
+CASES = [(name, options) for name in PROPAGATORS for options in OPTIONS.get(name, [{}])]
+every_propagator = pytest.mark.parametrize(
+    "propagator",
+    [make_propagator(name, **options) for name, options in CASES],
+    ids=[" ".join([name, *(f"{k}={v}" for k, v in options.items())]) for name, options in CASES],
+)
+NOMINAL_EQUIVARIANT = [name for name in PROPAGATORS if name in ("linearization", "surrogate")]
+
+
+def test_the_registry_has_the_paper_s_methods():
+    assert set(PROPAGATORS) >= {"linearization", "surrogate", "sigma_points", "local_sampling", "monte_carlo"}
+    for name, cls in PROPAGATORS.items():
+        assert cls.name == name
+        assert make_propagator(name) == cls()
+
+
+def arrays(carry):
+    """The arrays of a carry that hold the distribution: floating-point ones, but what is remembered of contacts."""
+    parts = [np.asarray(part) for name, part in carry._asdict().items() if name != "contact_history"]
+    return [part for part in parts if part.dtype.kind == "f"]
+
+
+def assert_identical(a, b):
+    assert type(a) is type(b)
+    for x, y in zip(parts_of(a), parts_of(b), strict=True):
+        np.testing.assert_array_equal(x, y)
+
+
+@every_propagator
+def test_finite_symmetric_and_semidefinite_at_every_step(loaded, propagator):
+    """Before, in, and after a collision with gravity and a fixed body."""
+    scene, belief, _ = loaded("three_bodies")
+    carry = propagator.init(scene, belief)
+    start = propagator.belief(carry, scene)
+    for step in range(90):
+        carry = propagator.advance(carry, scene, 1)
+        now = propagator.belief(carry, scene)
+        P = now.joint
+        assert np.isfinite(now.mean).all() and np.isfinite(P).all(), step
+        np.testing.assert_array_equal(P, P.T)
+        assert np.linalg.eigvalsh(P)[0] >= -ROUND_OFF * np.abs(P).max(), step
+        np.testing.assert_allclose(np.linalg.norm(now.mean[:, 6:10], axis=1), 1.0, atol=1e-12)
+    assert np.linalg.norm(now.mean[0, 3:6] - start.mean[0, 3:6]) > 0.5, "no collision"
+    np.testing.assert_array_equal(now.mean[1], belief.mean[1])
+    assert now.marginal(1) is None and len(now.blocks) == 2
+    # the result is a belief like any other
+    Belief(now.mean, now.covariance, now.moving)
+
+
+@every_propagator
+def test_the_belief_at_time_zero_is_the_given_one(loaded, propagator):
+    scene, belief, _ = loaded("three_bodies")
+    now = propagator.belief(propagator.init(scene, belief), scene)
+    if propagator.name == "monte_carlo":
+        return  # has its draws' own moments; test_moments looks at those
+    np.testing.assert_allclose(twin.boxminus(now.mean, belief.mean), 0.0, atol=1e-12)
+    np.testing.assert_allclose(now.joint, belief.joint, atol=ROUND_OFF * np.abs(belief.joint).max())
+
+
+@every_propagator
+def test_the_same_seed_gives_the_same_bits(loaded, propagator):
+    scene, belief, _ = loaded("two_bodies")
+    runs = [propagator.advance(propagator.init(scene, belief), scene, 80) for _ in range(2)]
+    assert_identical(*runs)
+
+
+@pytest.mark.parametrize("name", [name for name in PROPAGATORS if "seed" in PROPAGATORS[name].options()])
+def test_another_seed_gives_other_draws(loaded, name):
+    scene, belief, _ = loaded("two_bodies")
+    ends = []
+    for seed in (0, 1):
+        propagator = make_propagator(name, samples=16, seed=seed)
+        ends.append(
+            propagator.belief(propagator.advance(propagator.init(scene, belief), scene, 80), scene).joint
+        )
+    assert np.abs(ends[0] - ends[1]).max() > 1e-6
+
+
+@every_propagator
+def test_advancing_in_pieces_equals_one_call_to_the_last_bit(loaded, propagator):
+    scene, belief, _ = loaded("three_bodies")
+    begin = propagator.init(scene, belief)
+    kept = [np.array(part) for part in parts_of(begin)]
+    whole = propagator.advance(begin, scene, 80)
+    for before, part in zip(kept, parts_of(begin), strict=True):
+        np.testing.assert_array_equal(before, part, "advance must leave its carry as it is")
+    carry = begin
+    for steps in (1, 30, 2, 40, 7):
+        carry = propagator.advance(carry, scene, steps)
+        propagator.belief(carry, scene)  # looking changes nothing
+    assert_identical(carry, whole)
+
+
+@pytest.mark.parametrize("sleep", [False, True])
+@pytest.mark.parametrize("name, options", [("sigma_points", {}), ("monte_carlo", {"samples": 10})])
+def test_pieces_on_the_implicit_step_equal_one_call_to_the_last_bit(loaded, name, options, sleep):
+    """With all that is remembered of contacts and rest."""
+    scene, belief, _ = loaded("everyday")
+    scene, propagator = dataclasses.replace(with_stiffness(scene, belief.mean), sleep=sleep), make_propagator(name, **options)
+    begin = propagator.init(scene, belief)
+    whole = propagator.advance(begin, scene, 240)
+    carry = begin
+    for steps in (1, 50, 30, 2, 100, 57):
+        carry = propagator.advance(carry, scene, steps)
+    assert_identical(carry, whole)
+    assert whole.contact_history.solver.count.any()
+
+
+# -- persistent state ------------------------------------------------------------------------------
+
+TABLE_3 = [
+    ("linearization", {}, 602),
+    ("surrogate", {}, 314),
+    ("local_sampling", {}, 314),
+    ("sigma_points", {"points": "full"}, 1274),
+    ("monte_carlo", {"samples": 10}, 260),
+]
+
+
+@pytest.mark.parametrize("name, options, scalars", TABLE_3, ids=[row[0] for row in TABLE_3])
+def test_persistent_state_is_as_large_as_in_table_3(loaded, name, options, scalars):
+    scene, belief, _ = loaded("two_bodies")
+    propagator = make_propagator(name, **options)
+    for P in (
+        belief.covariance,
+        np.broadcast_to(0.01 * np.eye(12), (2, 12, 12)),
+    ):  # of low rank, and of full rank
+        carry = propagator.advance(propagator.init(scene, Belief(belief.mean, P)), scene, 30)
+        size = sum(part.size for part in arrays(carry))
+        assert size <= scalars
+    assert size == scalars
+
+
+@pytest.mark.parametrize("name, options, scalars", TABLE_3[3:], ids=[row[0] for row in TABLE_3[3:]])
+def test_what_the_implicit_step_remembers_is_no_part_of_table_3(loaded, name, options, scalars):
+    scene, belief, _ = loaded("everyday")
+    scene, propagator = with_stiffness(scene, belief.mean), make_propagator(name, **options)
+    carry = propagator.advance(propagator.init(scene, belief), scene, 60)
+    assert sum(part.size for part in arrays(carry)) == scalars
+    assert carry.contact_history.solver.contact.size > scalars
+
+
+@pytest.mark.parametrize("rank", [0, 1, 5, 24])
+def test_minimal_sigma_points_are_as_many_as_directions(loaded, rank):
+    scene, belief, _ = loaded("two_bodies")
+    P = np.diag([0.01] * rank + [0.0] * (24 - rank))
+    carry = make_propagator("sigma_points").init(scene, Belief(belief.mean, P))
+    assert sum(part.size for part in arrays(carry)) == 13 * 2 * (2 * rank + 1)
+
+
+# -- free flight -----------------------------------------------------------------------------------
+
+STEPS, DT, DAMPING = 50, 0.02, 0.7
+
+
+def free_scene(loaded):
+    """Two bodies far from each other, that turn in their own ways, and what they fall through."""
+    left, right = loaded("two_bodies").scene.bodies
+    scene = Scene([left, right], DT, 1e4, DAMPING, [0.5, 0.0, -9.81])
+    mean = np.zeros((2, 13))
+    mean[1, 0] = 100.0
+    mean[0, 3:6], mean[1, 3:6] = [1.0, 2.0, 0.5], [-1.0, 0.0, 0.3]
+    mean[:, 6:10] = Rotation.from_rotvec([[0.3, -0.8, 1.2], [1.0, 2.0, 0.0]]).as_quat()
+    return scene, mean
+
+
+def transition(mean, steps=STEPS):
+    """(24, 24): derivative of the state after ``steps`` steps of free flight without spin."""
+    decay = np.exp(-DAMPING * DT)
+    travelled = DT * (1.0 - decay**steps) / (1.0 - decay)
+    A = np.zeros((24, 24))
+    for b in range(2):
+        R = Rotation.from_quat(mean[b, 6:10]).as_matrix()
+        A_b = np.eye(12)
+        A_b[0:3, 3:6] = travelled * np.eye(3)
+        A_b[3:6, 3:6] = A_b[9:12, 9:12] = decay**steps * np.eye(3)
+        A_b[6:9, 9:12] = travelled * R.T
+        A[12 * b : 12 * b + 12, 12 * b : 12 * b + 12] = A_b
+    return A
+
+
+def advanced(propagator, scene, belief, steps=STEPS):
+    """Beliefs before and after."""
+    carry = propagator.init(scene, belief)
+    return propagator.belief(carry, scene), propagator.belief(propagator.advance(carry, scene, steps), scene)
+
+
+def nominal(scene, mean, steps=STEPS):
+    """The mean's own free flight."""
+    decay = np.exp(-DAMPING * DT)
+    out = mean.copy()
+    for _ in range(steps):
+        out[:, :3] += DT * out[:, 3:6]
+        turn = Rotation.from_rotvec(DT * out[:, 10:13]) * Rotation.from_quat(out[:, 6:10])
+        out[:, 6:10] = turn.as_quat()
+        out[:, 3:6] = decay * out[:, 3:6] + DT * scene.gravity
+        out[:, 10:13] *= decay
+    return out
+
+
+BLOCKS = {
+    "position": slice(0, 3),
+    "velocity": slice(3, 6),
+    "rotation": slice(6, 9),
+    "angular velocity": slice(9, 12),
+}
+
+
+@every_propagator
+@pytest.mark.parametrize("block", BLOCKS)
+def test_free_flight_without_spin_equals_the_closed_form(loaded, propagator, block):
+    scene, mean = free_scene(loaded)
+    P = np.zeros((2, 12, 12))
+    root = 0.001 * np.random.default_rng(0).standard_normal((2, 3, 3))
+    P[:, BLOCKS[block], BLOCKS[block]] = root @ root.transpose(0, 2, 1)
+    before, after = advanced(propagator, scene, Belief(mean, P))
+    A = transition(mean)
+    expected = A @ before.joint @ A.T
+    tolerance = SECOND_ORDER if block == "angular velocity" else 1e-6
+    np.testing.assert_allclose(after.joint, expected, atol=tolerance * np.abs(expected).max())
+    moved = nominal(scene, before.mean)
+    np.testing.assert_allclose(twin.boxminus(after.mean, moved), 0.0, atol=1e-5)
+
+
+@every_propagator
+def test_free_flight_of_a_full_covariance(loaded, propagator):
+    """All blocks at once, correlated with each other; bodies too, where the propagator keeps that."""
+    scene, mean = free_scene(loaded)
+    root = 3e-4 * np.random.default_rng(1).standard_normal((24, 24))
+    P = root @ root.T
+    if not propagator.traits.cross_body:
+        P = np.stack([P[:12, :12], P[12:, 12:]])
+    before, after = advanced(propagator, scene, Belief(mean, P))
+    A = transition(mean)
+    expected = A @ before.joint @ A.T
+    np.testing.assert_allclose(after.joint, expected, atol=SECOND_ORDER * np.abs(expected).max())
+
+
+@every_propagator
+def test_correlations_between_bodies_are_kept_where_the_traits_say_so(loaded, propagator):
+    scene, mean = free_scene(loaded)
+    P = np.zeros((24, 24))
+    P[np.ix_([0, 12], [0, 12])] = 1e-4 * np.array([[1.0, 0.9], [0.9, 1.0]])
+    before, after = advanced(propagator, scene, Belief(mean, P))
+    kept = abs(before.joint[0, 12]) > 1e-5
+    assert kept == propagator.traits.cross_body
+    np.testing.assert_allclose(after.joint, before.joint, atol=1e-9 * 1e-4)
+
+
+@every_propagator
+def test_free_flight_with_spin(loaded, propagator):
+    """dtheta is on the body side, so that a spin leaves it alone; dp and dv live in the world."""
+    scene, mean = free_scene(loaded)
+    mean[:, 10:13] = [[0.5, -1.0, 2.0], [3.0, 0.0, 0.0]]
+    P = np.zeros((2, 12, 12))
+    root = 0.001 * np.random.default_rng(3).standard_normal((2, 9, 9))
+    P[:, :9, :9] = root @ root.transpose(0, 2, 1)
+    before, after = advanced(propagator, scene, Belief(mean, P))
+    A = transition(mean)  # its columns of angular velocity meet only zeros
+    expected = A @ before.joint @ A.T
+    np.testing.assert_allclose(after.joint, expected, atol=1e-5 * np.abs(expected).max())
+
+
+@every_propagator
+def test_uncertain_spin_of_a_spinning_body(loaded, propagator):
+    """First order in the uncertainty; Eq. 14 as printed is also of first order in dt |omega|."""
+    scene, mean = free_scene(loaded)
+    mean[:, 10:13] = [[0.5, -1.0, 2.0], [0.0, 1.5, 0.0]]
+    P = np.zeros((2, 12, 12))
+    P[:, 9:, 9:] = np.diag([1.0, 2.0, 3.0]) * 1e-6
+    before, after = advanced(propagator, scene, Belief(mean, P))
+    # the derivative of the whole flight by finite differences
+    columns = []
+    h = 1e-6
+    for k in range(24):
+        d = np.zeros((2, 12))
+        d[divmod(k, 12)] = h
+        forth, back = (nominal(scene, twin.boxplus(before.mean, s * d)) for s in (1, -1))
+        columns.append(twin.boxminus(forth, back).ravel() / (2 * h))
+    A = np.array(columns).T
+    expected = A @ before.joint @ A.T
+    TIME_STEP = 0.05
+    as_printed = propagator.name in ("surrogate", "local_sampling")
+    tolerance = TIME_STEP if as_printed else SECOND_ORDER
+    np.testing.assert_allclose(after.joint, expected, atol=tolerance * np.abs(expected).max())
+
+
+def test_large_uncertain_spin_by_monte_carlo_is_right_to_second_order(loaded):
+    """About one axis turns add up, however large they are, and the covariance is that of the closed form."""
+    scene, mean = free_scene(loaded)
+    P = np.zeros((2, 12, 12))
+    P[:, 9, 9] = 0.4**2  # about world x; the mean does not spin
+    propagator = make_propagator("monte_carlo", samples=2000)
+    before, after = advanced(propagator, scene, Belief(mean, P))
+    A = transition(mean)
+    # also of the mean, which the draws shift a little
+    expected = A @ before.joint @ A.T
+    np.testing.assert_allclose(after.joint, expected, atol=1e-3 * np.abs(expected).max())
+
+
+# -- equivariance ----------------------------------------------------------------------------------
+
+
+def moved_belief(belief, Q, t):
+    mean = belief.mean.copy()
+    mean[:, :3] = Q.apply(mean[:, :3]) + t
+    mean[:, 3:6] = Q.apply(mean[:, 3:6])
+    mean[:, 6:10] = (Q * Rotation.from_quat(mean[:, 6:10])).as_quat()
+    mean[:, 10:13] = Q.apply(mean[:, 10:13])
+    T = np.zeros((12, 12))
+    R = Q.as_matrix()
+    T[0:3, 0:3] = T[3:6, 3:6] = T[9:12, 9:12] = R
+    T[6:9, 6:9] = np.eye(3)  # dtheta is on the body side
+    M = len(belief.moving)
+    joint = np.kron(np.eye(M), T) @ belief.joint @ np.kron(np.eye(M), T).T
+    blocks = [joint[12 * k : 12 * k + 12, 12 * k : 12 * k + 12] for k in range(M)]
+    return Belief(mean, np.array(blocks) if belief.independent else joint, belief.moving)
+
+
+def assert_same_belief(a, b, tolerance):
+    np.testing.assert_allclose(twin.boxminus(a.mean, b.mean), 0.0, atol=tolerance)
+    np.testing.assert_allclose(a.joint, b.joint, atol=tolerance * max(1.0, np.abs(a.joint).max()))
+
+
+@pytest.mark.parametrize("name", NOMINAL_EQUIVARIANT)
+@pytest.mark.parametrize("scene_name", ["two_bodies", "three_bodies"])
+def test_a_change_of_frame_changes_only_the_frame(loaded, name, scene_name):
+    scene, belief, _ = loaded(scene_name)
+    Q, t = Rotation.from_rotvec([0.4, -1.1, 2.0]), np.array([1.0, -2.0, 0.5])
+    turned = Scene(scene.bodies, scene.dt, scene.stiffness, scene.damping, Q.apply(scene.gravity.copy()))
+    propagator = make_propagator(name)
+    _, after = advanced(propagator, scene, belief, 60)
+    _, other = advanced(propagator, turned, moved_belief(belief, Q, t), 60)
+    ROUND_OFF_GROWN_BY_COLLISIONS = 1e-7
+    assert_same_belief(moved_belief(after, Q, t), other, ROUND_OFF_GROWN_BY_COLLISIONS)
+
+
+@pytest.mark.parametrize("name", NOMINAL_EQUIVARIANT)
+def test_swapping_the_bodies_changes_only_their_order(loaded, name):
+    scene, belief, _ = loaded("two_bodies")
+    swapped = Scene(scene.bodies[::-1], scene.dt, scene.stiffness, scene.damping)
+    propagator = make_propagator(name)
+    _, after = advanced(propagator, scene, belief, 60)
+    _, other = advanced(propagator, swapped, Belief(belief.mean[::-1], belief.blocks[::-1]), 60)
+    order = np.r_[12:24, 0:12]
+    ROUND_OFF_GROWN_BY_COLLISIONS = 1e-7
+    np.testing.assert_allclose(
+        twin.boxminus(after.mean[::-1], other.mean), 0.0, atol=ROUND_OFF_GROWN_BY_COLLISIONS
+    )
+    np.testing.assert_allclose(
+        after.joint[np.ix_(order, order)], other.joint, atol=ROUND_OFF_GROWN_BY_COLLISIONS
+    )
+
+
+@every_propagator
+def test_a_fixed_body_far_away_changes_nothing(loaded, propagator):
+    """It costs no state, and draws and points stay as they are."""
+    scene, belief, _ = loaded("two_bodies")
+    far = Scene(
+        [scene.bodies[0], RigidBody("far", scene.bodies[0].model, fixed=True), scene.bodies[1]],
+        scene.dt,
+        scene.stiffness,
+        scene.damping,
+    )
+    mean = np.insert(belief.mean, 1, [1e3, 0, 0, 0, 0, 0, 0, 0, 0, 1, 0, 0, 0], axis=0)
+    _, alone = advanced(propagator, scene, belief, 60)
+    _, beside = advanced(propagator, far, Belief(mean, belief.blocks, [0, 2]), 60)
+    if propagator.name == "local_sampling":  # its draws are keyed by the bodies' numbers
+        np.testing.assert_array_equal(alone.mean, beside.mean[[0, 2]])
+    else:
+        np.testing.assert_array_equal(alone.mean, beside.mean[[0, 2]])
+        np.testing.assert_array_equal(alone.joint, beside.joint)
+
+
+@every_propagator
+def test_a_certain_belief_stays_certain_and_follows_the_rollout(loaded, propagator):
+    scene, belief, _ = loaded("two_bodies")
+    _, after = advanced(propagator, scene, Belief.exact(belief.mean), 60)
+    _, truth = advanced(make_propagator("monte_carlo", samples=1), scene, Belief.exact(belief.mean), 60)
+    np.testing.assert_allclose(twin.boxminus(after.mean, truth.mean), 0.0, atol=1e-10)
+    np.testing.assert_allclose(after.joint, 0.0, atol=1e-20)
+
+
+@every_propagator
+def test_a_single_body(loaded, propagator):
+    scene, belief, _ = loaded("two_bodies")
+    alone = Scene(scene.bodies[:1], scene.dt, gravity=[0, 0, -1])
+    _, after = advanced(propagator, alone, Belief(belief.mean[:1], belief.blocks[:1]), 10)
+    assert after.joint.shape == (12, 12) and np.isfinite(after.joint).all()
+
+
+@every_propagator
+def test_only_fixed_bodies(loaded, propagator):
+    scene, belief, _ = loaded("two_bodies")
+    fixed = Scene([RigidBody(body.name, body.model, fixed=True) for body in scene.bodies])
+    mean = belief.mean.copy()
+    mean[:, 3:6] = mean[:, 10:13] = 0.0
+    _, after = advanced(propagator, fixed, Belief.exact(mean, []), 10)
+    np.testing.assert_array_equal(after.mean, mean)
+    assert after.joint.shape == (0, 0)
+
+
+# -- against finite differences of the whole rollout -----------------------------------------------
+
+
+def test_sigma_points_approach_the_derivative_of_the_rollout(loaded):
+    """As P0 shrinks by s^2, their covariance over s^2 nears F P0 F^T; measured: the error falls with s."""
+    scene, belief, _ = loaded("undamped")
+    steps, h = 75, 1e-6
+
+    def flow(x):
+        from unc_physics.physics.rollout import simulate
+
+        x = np.array(x)
+        simulate(x, scene.world, steps)
+        return x
+
+    d = np.concatenate([h * np.eye(24), -h * np.eye(24)]).reshape(48, 2, 12)
+    ends = flow(twin.boxplus(np.repeat(belief.mean[None], 48, axis=0), d))
+    F = twin.boxminus(ends[:24], ends[24:]).reshape(24, 24).T / (2 * h)
+    assert np.linalg.norm(ends[0, 0, 3:6] - belief.mean[0, 3:6]) > 0.1, "no collision"
+
+    exact = F @ belief.joint @ F.T
+    scales = np.array([0.1, 0.03, 0.01])
+    errors = []
+    for s in scales:
+        _, after = advanced(
+            make_propagator("sigma_points"), scene, Belief(belief.mean, s**2 * belief.blocks), steps
+        )
+        errors.append(np.abs(after.joint / s**2 - exact).max() / np.abs(exact).max())
+    slope = np.polyfit(np.log(scales), np.log(errors), 1)[0]
+    # symmetric points cancel the terms of odd order where the flow is smooth; contacts that begin leave s
+    assert 0.9 < slope < 2.3, (slope, errors)
+    assert errors[-1] < 0.05
+
+
+def test_linearization_s_two_jacobians_agree(loaded):
+    scene, belief, _ = loaded("three_bodies")
+    ends = [
+        advanced(make_propagator("linearization", jacobian=kind), scene, belief, 60)[1].joint
+        for kind in ("analytic", "finite_difference")
+    ]
+    FINITE_DIFFERENCE = 1e-5
+    np.testing.assert_allclose(ends[1], ends[0], atol=FINITE_DIFFERENCE * np.abs(ends[0]).max())

@@ -1,0 +1,93 @@
+"""The number of threads changes nothing."""
+
+import concurrent.futures
+import os
+import subprocess
+import sys
+
+import numba
+import numpy as np
+import pytest
+import yaml
+from example_scenes import parts_of
+
+from unc_physics import make_propagator, predict
+
+needs_two_threads = pytest.mark.skipif(
+    numba.config.NUMBA_NUM_THREADS < 2, reason="this machine has one thread"
+)
+
+
+@needs_two_threads
+@pytest.mark.parametrize("scene_name", ["three_bodies", "everyday"])
+@pytest.mark.parametrize(
+    "name, options", [("monte_carlo", {"samples": 33}), ("sigma_points", {"points": "full"})]
+)
+def test_one_thread_and_two_give_the_same_bits(loaded, scene_name, name, options):
+    scene, belief, _ = loaded(scene_name)
+    propagator = make_propagator(name, **options)
+    ends, before = [], numba.get_num_threads()
+    try:
+        for threads in (1, 2):
+            numba.set_num_threads(threads)
+            ends.append(predict(scene, belief, propagator, 0.9))
+    finally:
+        numba.set_num_threads(before)
+    np.testing.assert_array_equal(ends[0].carry.states, ends[1].carry.states)
+    np.testing.assert_array_equal(ends[0].belief.joint, ends[1].belief.joint)
+    remembered = [list(parts_of(end.carry.contact_history)) for end in ends]
+    for one, other in zip(*remembered, strict=True):
+        np.testing.assert_array_equal(one, other)
+
+
+def test_the_command_prints_the_same_with_one_thread_and_with_two(tmp_path, content):
+    """As a user would set it: NUMBA_NUM_THREADS of a process of its own."""
+    path = tmp_path / "scene.yaml"
+    path.write_text(yaml.safe_dump(content))
+    outputs = []
+    for threads in ("1", "2"):
+        run = subprocess.run(
+            [
+                sys.executable,
+                "-m",
+                "unc_physics",
+                "predict",
+                str(path),
+                "--propagator",
+                "monte_carlo",
+                "--samples",
+                "9",
+                "--seed",
+                "3",
+                "--json",
+                "--horizon",
+                "0.8",
+            ],
+            env=os.environ | {"NUMBA_NUM_THREADS": threads},
+            capture_output=True,
+            text=True,
+            check=True,
+        )
+        assert all(line.startswith("Compiling") for line in run.stderr.splitlines())
+        outputs.append(
+            {key: value for key, value in yaml.safe_load(run.stdout).items() if key != "wall_time"}
+        )
+    assert outputs[0] == outputs[1]
+
+
+def test_fewer_samples_are_the_first_of_more(loaded):
+    scene, belief, _ = loaded("two_bodies")
+    many = predict(scene, belief, make_propagator("monte_carlo", samples=20, seed=4), 0.8).carry.states
+    for count in (1, 7):
+        few = predict(scene, belief, make_propagator("monte_carlo", samples=count, seed=4), 0.8).carry.states
+        np.testing.assert_array_equal(few, many[:count])
+
+
+def test_predictions_at_once_in_several_threads(loaded):
+    """Callers of a node's service may come together."""
+    scene, belief, _ = loaded("two_bodies")
+    propagator = make_propagator("monte_carlo", samples=16)
+    alone = predict(scene, belief, propagator, 0.8).carry.states
+    with concurrent.futures.ThreadPoolExecutor(4) as pool:
+        for prediction in pool.map(lambda _: predict(scene, belief, propagator, 0.8), range(8)):
+            np.testing.assert_array_equal(prediction.carry.states, alone)

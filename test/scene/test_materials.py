@@ -1,0 +1,183 @@
+"""Friction and restitution of bodies, elements and scenes: whose value counts, what varies, is refused."""
+
+import numpy as np
+import pytest
+from example_scenes import CONTENTS
+
+from unc_physics import Box, Capsule, Cylinder, Plane, RigidBody, Scene, Sphere
+from unc_physics.checks.errors import (
+    InvalidEnvironmentError,
+    InvalidOptionError,
+    InvalidRequestError,
+    NotFiniteError,
+    UncPhysicsError,
+)
+from unc_physics.scene.parameters import draw_parameters, vary_materials
+from unc_physics.scene.scene_file import scene_from_dict
+
+NAN = float("nan")
+ROUND = [(shape, {"radius": 1, "length": 1}) for shape in (Cylinder, Capsule)]
+FLOOR = {"plane": {"normal": [0, 0, 1], "offset": -3.0}}
+
+
+@pytest.fixture(scope="module")
+def model(loaded):
+    """A packing of ten spheres."""
+    return loaded("two_bodies").scene.bodies[0].model
+
+
+def implicit(bodies, environment=(), **options):
+    return Scene(bodies, environment=environment, integrator="implicit", **options)
+
+
+def test_a_surface_has_its_own_values_or_else_the_scene_s(model):
+    bodies = [
+        RigidBody("a", model, friction=0.2),
+        RigidBody("b", model, restitution=0.9),
+        RigidBody("c", model, fixed=True),
+    ]
+    surroundings = [Plane(friction=0.0), Box((1, 1, 1), friction=1.5, restitution=0.3)]
+    scene = implicit(bodies, surroundings, friction=0.5, restitution=0.1)
+    assert scene.surfaces == (*bodies, *surroundings)
+    np.testing.assert_array_equal(scene.materials.friction, [0.2, 0.5, 0.5, 0.0, 1.5])
+    np.testing.assert_array_equal(scene.materials.restitution, [0.1, 0.9, 0.1, 0.1, 0.3])
+
+
+def test_where_nothing_is_said_implicit_is_plastic_and_explicit_elastic(model):
+    bodies = [RigidBody("a", model, friction=0.2)]
+    scene = implicit(bodies, [Plane()])
+    np.testing.assert_array_equal(scene.materials.friction, [0.2, 0.0])
+    np.testing.assert_array_equal(scene.materials.restitution, [0.0, 0.0])
+    scene = Scene([RigidBody("a", model)], environment=[Plane()])
+    np.testing.assert_array_equal(scene.materials.friction, [0.0, 0.0])
+    np.testing.assert_array_equal(scene.materials.restitution, [1.0, 1.0])
+
+
+def test_each_material_that_is_uncertain_is_a_direction(model):
+    bodies = [
+        RigidBody("a", model, mass_std=0.1, friction=0.4, friction_std=0.05),
+        RigidBody("b", model, fixed=True, restitution=0.5, restitution_std=0.2),
+    ]
+    scene = implicit(bodies, [Plane(friction=0.8, friction_std=0.1)], friction=0.3, friction_std=0.02)
+    assert [tuple(parameter) for parameter in scene.uncertain] == [
+        ("friction", -1, 0, 0.02),
+        ("mass", 0, 0, 0.1),
+        ("friction", 0, 0, 0.05),
+        ("restitution", 1, 0, 0.2),
+        ("friction", 2, 0, 0.1),
+    ]
+    assert draw_parameters(scene, 7, 1).shape == (7, 5)
+    assert scene.shared_parameters
+    assert not implicit([bodies[0]]).shared_parameters
+
+
+def test_uncertain_materials_vary_by_their_laws(model):
+    bodies = [
+        RigidBody("a", model, friction=0.4, friction_std=0.05),
+        RigidBody("b", model, restitution=0.5, restitution_std=0.2),
+    ]
+    scene = implicit(
+        bodies, [Plane(friction=0.8)], friction=0.3, friction_std=0.02, restitution=0.9, restitution_std=0.1
+    )
+    z = np.array(
+        [2.0, -1.0, 1.5, -3.0]
+    )  # the scene's friction and restitution, a's friction, b's restitution
+    found = vary_materials(scene, z)
+    np.testing.assert_allclose(
+        found.friction, [0.4 * np.exp(1.5 * 0.05 / 0.4), 0.3 * np.exp(2.0 * 0.02 / 0.3), 0.8], rtol=1e-15
+    )
+    np.testing.assert_allclose(found.restitution, [0.8, 0.0, 0.8], rtol=1e-15)  # b's is cut off
+    np.testing.assert_allclose(
+        vary_materials(scene, np.array([0.0, 5.0, 0.0, 0.0])).restitution, [1.0, 0.5, 1.0]
+    )
+    np.testing.assert_array_equal(vary_materials(scene, np.zeros(4)).friction, scene.materials.friction)
+    np.testing.assert_array_equal(scene.materials.friction, [0.4, 0.3, 0.8])  # stays as it is
+
+
+def test_a_file_says_it_of_bodies_and_elements():
+    content = CONTENTS["two_bodies"]() | {"integrator": "implicit", "friction": 0.5}
+    content["bodies"][1] |= {"friction": "4e-1", "friction_std": 0.1, "restitution": None}
+    content["environment"] = [FLOOR | {"name": "floor", "restitution": 0.7, "restitution_std": 0.1}]
+    scene = scene_from_dict(content).scene
+    np.testing.assert_array_equal(scene.materials.friction, [0.5, 0.4, 0.5])
+    np.testing.assert_array_equal(scene.materials.restitution, [0.0, 0.0, 0.7])
+    assert [tuple(parameter) for parameter in scene.uncertain] == [
+        ("friction", 1, 0, 0.1),
+        ("restitution", 2, 0, 0.1),
+    ]
+
+
+BAD = [
+    ({"friction": -0.1}, "friction"),
+    ({"friction": NAN}, "friction"),
+    ({"friction": "rough"}, "friction"),
+    ({"restitution": 1.1}, "restitution"),
+    ({"restitution": -0.1}, "restitution"),
+    ({"friction": 0.5, "friction_std": -0.1}, "friction_std"),
+    ({"friction_std": 0.1}, "friction_std"),
+    ({"friction": 0.0, "friction_std": 0.1}, "friction_std"),
+    ({"friction": 0.5, "friction_std": 0.6}, "friction_std"),
+    ({"restitution_std": 0.1}, "restitution_std"),
+    ({"restitution": 0.5, "restitution_std": 1.1}, "restitution_std"),
+]
+
+
+@pytest.mark.parametrize("options, field", BAD)
+def test_bad_materials_are_named(model, options, field):
+    with pytest.raises((InvalidRequestError, NotFiniteError), match=f"{field} of body 'a'"):
+        RigidBody("a", model, **options)
+    for element, size in ((Plane, {}), (Box, {"size": (1, 1, 1)}), (Sphere, {"radius": 1}), *ROUND):
+        with pytest.raises((InvalidEnvironmentError, NotFiniteError), match=field):
+            element(**size, **options)
+    with pytest.raises(UncPhysicsError, match=field):
+        implicit([RigidBody("a", model)], **options)
+
+
+@pytest.mark.parametrize("options, field", BAD)
+def test_bad_materials_in_files_are_named_by_their_place(options, field):
+    content = CONTENTS["two_bodies"]() | {"integrator": "implicit"}
+    content["bodies"][1] |= options
+    with pytest.raises(UncPhysicsError, match=rf"bodies\[1\]\.{field}"):
+        scene_from_dict(content)
+    content = CONTENTS["two_bodies"]() | {"integrator": "implicit", "environment": [FLOOR | options]}
+    with pytest.raises(UncPhysicsError, match=rf"environment\[0\]\.{field}"):
+        scene_from_dict(content)
+
+
+NEEDS_IMPLICIT = [
+    ({"friction": 0.5}, "friction"),
+    ({"restitution": 0.9}, "restitution"),
+    ({"restitution": 1.0, "restitution_std": 0.1}, "restitution_std"),
+]
+
+
+@pytest.mark.parametrize("options, field", [*NEEDS_IMPLICIT, ({"sleep": True}, "sleep")])
+def test_a_scene_with_the_explicit_step_has_none(model, options, field):
+    with pytest.raises(InvalidOptionError, match=rf"^{field} .*implicit"):
+        Scene([RigidBody("a", model)], **options)
+    with pytest.raises(InvalidOptionError, match=rf"^{field} .*implicit"):
+        scene_from_dict(CONTENTS["two_bodies"]() | options)
+
+
+@pytest.mark.parametrize("options, field", NEEDS_IMPLICIT)
+def test_bodies_and_elements_with_the_explicit_step_have_none(model, options, field):
+    with pytest.raises(InvalidOptionError, match=rf"bodies\[1\]\.{field} .*implicit"):
+        Scene([RigidBody("a", model), RigidBody("b", model, **options)])
+    with pytest.raises(InvalidOptionError, match=rf"environment\[0\]\.{field} .*implicit"):
+        Scene([RigidBody("a", model)], environment=[Plane(**options)])
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"friction": 0, "restitution": 1},
+        {"friction": None, "restitution": None},
+        {"friction": 0.0},
+        {"restitution": 1.0},
+    ],
+)
+def test_what_the_explicit_step_does_of_itself_may_be_said(model, options):
+    scene = Scene([RigidBody("a", model, **options)], environment=[Plane(**options)], **options)
+    assert not scene.materials.friction.any() and (scene.materials.restitution == 1.0).all()
+    plain = scene_from_dict(CONTENTS["two_bodies"]() | options).scene
+    assert plain.world.surroundings is None  # the paper's kernels, as without

@@ -1,0 +1,251 @@
+"""Physics by name, the integrator's names, a stiffness that is chosen, and what answers say of all that."""
+
+import numpy as np
+import pytest
+from example_scenes import CONTENTS
+
+from unc_physics import Box, Plane, RigidBody, Scene, auto_stiffness, predict
+from unc_physics.checks.errors import (
+    InvalidOptionError,
+    InvalidRequestError,
+    LimitExceededError,
+    NotSupportedError,
+)
+from unc_physics.geometry.packing_file import SpherePacking
+from unc_physics.scene.physics_summary import physics_as_text, physics_of
+from unc_physics.scene.presets import PRESETS
+from unc_physics.scene.scene_file import scene_from_dict
+from unc_physics.scene.stiffness import REST_DEPTH, rest_stiffness, with_stiffness
+
+DOWN = (0.0, 0.0, -9.81)
+BALL = SpherePacking(
+    "ball",
+    np.zeros((1, 3)),
+    np.array([0.03]),
+    0.4 * 0.03**2 * np.eye(3),
+    1e-4,
+    np.zeros(3),
+    bounding_radius=0.03,
+)
+
+
+@pytest.fixture(scope="module")
+def model(loaded):
+    """A packing of ten spheres."""
+    return loaded("two_bodies").scene.bodies[0].model
+
+
+def without_dt(**entries):
+    content = CONTENTS["two_bodies"]() | entries
+    del content["dt"], content["stiffness"], content["damping"]
+    return content | {key: value for key, value in entries.items() if key in ("dt", "stiffness", "damping")}
+
+
+def read(**entries):
+    return scene_from_dict(without_dt(**entries)).scene
+
+
+def at_rest(count=1):
+    mean = np.zeros((count, 13))
+    mean[:, 9] = 1.0
+    return mean
+
+
+# -- presets -----------------------------------------------------------------------------------------
+
+
+def assert_everyday(scene):
+    assert scene.integrator == "implicit" and scene.dt == 1.0 / 240.0 and scene.stiffness is None
+    assert scene.gravity.tolist() == [0.0, 0.0, -9.81] and scene.gyroscopic
+    assert (scene.friction, scene.restitution, scene.damping) == (0.5, 0.1, 0.0)
+    assert not scene.islands and not scene.sleep
+
+
+def test_everyday_is_a_robot_s_world(model):
+    assert_everyday(read(physics="everyday"))
+    assert_everyday(Scene.everyday([RigidBody("a", model)]))
+
+
+@pytest.mark.parametrize("entries", [{}, {"physics": "paper"}, {"physics": None}])
+def test_the_paper_s_is_what_holds_otherwise(entries):
+    scene = read(**entries)
+    assert scene.integrator == "explicit" and scene.dt == 0.01 and scene.stiffness == 1e4
+    assert scene.gravity.tolist() == [0.0, 0.0, 0.0] and not scene.gyroscopic
+    assert scene.friction is None and scene.restitution is None
+    assert scene.world.surroundings is None and scene.world.implicit is None
+
+
+@pytest.mark.parametrize(
+    "key, value",
+    [
+        ("dt", 0.002),
+        ("stiffness", 1e9),
+        ("gravity", [0.0, 0.0, -1.62]),
+        ("gyroscopic", False),
+        ("friction", 0.2),
+        ("restitution", 0.7),
+        ("damping", 0.3),
+        ("sleep", True),
+        ("islands", True),
+        ("friction", 0.0),
+    ],
+)
+def test_a_key_overrides_the_preset(model, key, value):
+    for scene in (
+        read(physics="everyday", **{key: value}),
+        Scene.everyday([RigidBody("a", model)], **{key: value}),
+    ):
+        assert np.array_equal(getattr(scene, key), value)
+        others = {"friction": 0.5, "restitution": 0.1, "integrator": "implicit"}
+        assert all(getattr(scene, name) == own for name, own in others.items() if name != key)
+
+
+def test_null_takes_a_law_away(model):
+    nothing = dict.fromkeys(("gravity", "gyroscopic", "friction", "restitution"))
+    for scene in (read(physics="everyday", **nothing), Scene.everyday([RigidBody("a", model)], **nothing)):
+        assert (
+            not scene.gravity.any()
+            and not scene.gyroscopic
+            and scene.friction is None
+            and scene.restitution is None
+        )
+        assert (
+            scene.integrator == "implicit"
+            and not scene.materials.friction.any()
+            and not scene.materials.restitution.any()
+        )
+
+
+def test_null_says_nothing_where_there_is_no_law_to_take_away():
+    assert_everyday(read(physics="everyday", dt=None, integrator=None, stiffness=None))
+
+
+def test_everyday_with_the_explicit_step_needs_its_laws_away():
+    with pytest.raises(InvalidOptionError, match="friction .*implicit"):
+        read(physics="everyday", integrator="explicit")
+    scene = read(physics="everyday", integrator="explicit", friction=None, restitution=None)
+    assert scene.integrator == "explicit" and scene.gravity.tolist() == [0.0, 0.0, -9.81]
+
+
+@pytest.mark.parametrize("value", ["lunar", 3, ["everyday"], {}])
+def test_an_unknown_preset_is_refused(value):
+    with pytest.raises(InvalidOptionError, match="physics must be one of paper, everyday"):
+        read(physics=value)
+
+
+def test_presets_are_arguments_of_scene(model):
+    for name, options in PRESETS.items():
+        scene = Scene([RigidBody("a", model)], **options)
+        assert scene.integrator == ("implicit" if name == "everyday" else "explicit")
+
+
+# -- the integrator ----------------------------------------------------------------------------------
+
+
+def test_robust_names_its_successor(model):
+    for make in (
+        lambda: read(integrator="robust"),
+        lambda: Scene([RigidBody("a", model)], integrator="robust"),
+    ):
+        with pytest.raises(InvalidOptionError, match="integrator .*'implicit'.*robust"):
+            make()
+
+
+@pytest.mark.parametrize("name", ["linearization", "surrogate", "local_sampling"])
+def test_propagators_that_do_not_run_on_implicit_say_which_do(loaded, model, name):
+    scene = Scene.everyday([RigidBody("a", model), RigidBody("b", model)])
+    with pytest.raises(NotSupportedError, match=f"implicit.*sigma_points and monte_carlo.*{name}"):
+        predict(scene, loaded("two_bodies").belief, name, 0.1)
+
+
+# -- stiffness ---------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("mass", [0.1, 1.0, 5.0])
+def test_what_rests_on_one_small_sphere_sinks_in_by_less_than_a_tenth_of_a_millimetre(model, mass):
+    for shape in (model, BALL):
+        kappa = rest_stiffness(
+            [RigidBody("a", shape, mass), RigidBody("b", shape, fixed=True)], at_rest(2), DOWN
+        )
+        depth = np.sqrt(mass * 9.81 / (kappa * np.pi * shape.radii.min()))
+        assert 0.9 * REST_DEPTH < depth <= REST_DEPTH
+        on_its_like = np.sqrt(mass * 9.81 / (kappa * np.pi * 0.5 * shape.radii.min()))
+        assert on_its_like < 1e-4
+
+
+def test_what_is_tiny_sinks_in_by_a_small_share_of_its_size(model):
+    tiny = model.scaled(0.0005 / model.radii.min())
+    kappa = rest_stiffness([RigidBody("a", tiny, 1e-6)], at_rest(), DOWN)
+    depth = np.sqrt(1e-6 * 9.81 / (kappa * np.pi * tiny.radii.min()))
+    assert 0.9 * 2.5e-5 < depth <= 2.5e-5
+
+
+def test_without_gravity_it_takes_up_impacts(model):
+    bodies, mean = [RigidBody("a", model), RigidBody("b", model)], at_rest(2)
+    mean[0, 3] = 2.0
+    assert rest_stiffness(bodies, mean, (0.0, 0.0, 0.0)) == auto_stiffness(bodies, mean)
+    assert rest_stiffness(bodies, at_rest(2), (0.0, 0.0, 0.0)) > 0.0
+    assert rest_stiffness([RigidBody("a", model, fixed=True)], at_rest(1), DOWN) > 0.0
+
+
+def test_too_much_for_any_stiffness_is_refused(model, recwarn):
+    with pytest.raises(LimitExceededError):
+        rest_stiffness([RigidBody("a", model, 1e300)], at_rest(), (0.0, 0.0, -1e200))
+    mean = at_rest()
+    mean[0, 3] = 1e200
+    with pytest.raises(LimitExceededError):
+        auto_stiffness([RigidBody("a", model)], mean)
+    assert not recwarn.list
+
+
+def test_a_stiffness_is_chosen_once(model):
+    scene = Scene.everyday([RigidBody("a", model)], environment=[Plane()])
+    chosen = with_stiffness(scene, at_rest())
+    assert (
+        chosen.stiffness == rest_stiffness(scene.bodies, at_rest(), scene.gravity)
+        and chosen.world.stiffness == chosen.stiffness
+    )
+    assert with_stiffness(scene, at_rest()) is chosen and with_stiffness(chosen, at_rest()) is chosen
+    with pytest.raises(InvalidRequestError, match="stiffness"):
+        scene.world  # noqa: B018
+    assert scene.stiffness is None
+
+
+def test_auto_in_a_file():
+    assert read(physics="everyday", stiffness="auto").stiffness is None
+    scene, belief, _ = scene_from_dict(without_dt(stiffness="auto"))
+    assert scene.stiffness == auto_stiffness(scene.bodies, belief.mean)
+    with pytest.raises(InvalidRequestError, match="stiffness must be a number.*hard"):
+        read(stiffness="hard")
+    with pytest.raises(InvalidRequestError, match="stiffness_std"):
+        read(physics="everyday", stiffness_std=1e5)
+
+
+# -- what answers say --------------------------------------------------------------------------------
+
+
+def test_the_physics_of_a_scene_in_words(model):
+    everyday = Scene.everyday(
+        [RigidBody("a", model, friction=0.2)], environment=[Box((1, 1, 1), name="table")], friction_std=0.1
+    )
+    physics = physics_of(everyday)
+    assert (
+        physics["integrator"] == "implicit"
+        and physics["dt"] == 1.0 / 240.0
+        and physics["gravity"] == [0.0, 0.0, -9.81]
+    )
+    assert (
+        physics["friction"] == 0.5 and physics["friction_of"] == {"a": 0.2} and physics["friction_std"] == 0.1
+    )
+    assert physics["restitution"] == 0.1 and "restitution_of" not in physics and physics["stiffness"] is None
+    text = physics_as_text(with_stiffness(everyday, at_rest()))
+    assert text.startswith("implicit, dt 0.0041667 s, stiffness ") and "gravity (0, 0, -9.81) m/s^2" in text
+    assert "friction 0.5 (some surfaces have their own), restitution 0.1, gyroscopic" in text
+    paper = Scene([RigidBody("a", model)])
+    assert physics_of(paper)["friction"] == 0.0 and physics_of(paper)["restitution"] == 1.0
+    assert physics_as_text(paper) == "explicit, dt 0.01 s, stiffness 1e+04 N/m^3"
+
+
+def test_a_prediction_knows_the_scene_that_it_simulated(loaded):
+    scene, belief, _ = loaded("two_bodies")
+    assert predict(scene, belief, "sigma_points", 0.1).scene is scene

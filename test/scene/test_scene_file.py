@@ -1,0 +1,77 @@
+"""What a scene file says about the physics arrives in the scene."""
+
+import numpy as np
+import pytest
+import yaml
+from example_scenes import CONTENTS
+
+from unc_physics import load_scene
+from unc_physics.scene.environment import Box, Capsule, Cylinder, Plane, Sphere, element_names
+from unc_physics.scene.scene_file import PHYSICS_KEYS, PRESET, scene_from_dict
+
+TURNED = [0.0, 0.0, 0.6, 0.8]
+SURROUNDINGS = [
+    {"plane": {"normal": [0, 0, 2], "offset": -0.5}},
+    {"name": "wall", "box": {"size": [0.1, 2, "1e0"], "position": [1, 0, 0.5], "orientation": TURNED}},
+    {"box": {"size": [1, 1, 1]}},
+    {"name": "knob", "sphere": {"radius": "5e-2", "position": [0, 0, 2]}},
+    {"cylinder": {"radius": 0.1, "length": 0.4, "position": [0, 1, 0], "orientation": TURNED}},
+    {"capsule": {"radius": 0.1, "length": 0.4}},
+]
+
+
+def scene_with(**entries):
+    return scene_from_dict(CONTENTS["two_bodies"]() | entries).scene
+
+
+def test_elements_arrive_in_order_with_their_names(tmp_path):
+    path = tmp_path / "scene.yaml"
+    path.write_text(yaml.safe_dump(CONTENTS["two_bodies"]() | {"environment": SURROUNDINGS}))
+    floor, wall, block, knob, post, rail = elements = load_scene(path).scene.environment
+    assert [type(element) for element in elements] == [Plane, Box, Box, Sphere, Cylinder, Capsule]
+    assert element_names(elements) == ["plane_0", "wall", "box_2", "knob", "cylinder_4", "capsule_5"]
+    np.testing.assert_array_equal(floor.normal, [0, 0, 1])
+    assert floor.offset == -0.5
+    np.testing.assert_array_equal(wall.size, [0.1, 2.0, 1.0])
+    np.testing.assert_array_equal(wall.position, [1.0, 0.0, 0.5])
+    np.testing.assert_allclose(wall.orientation, TURNED)
+    np.testing.assert_array_equal(block.position, 0.0)
+    np.testing.assert_array_equal(block.orientation, [0, 0, 0, 1])
+    assert (knob.radius, post.radius, post.length) == (0.05, 0.1, 0.4)
+    np.testing.assert_array_equal(knob.position, [0, 0, 2])
+    np.testing.assert_array_equal(post.position, [0, 1, 0])
+    np.testing.assert_allclose(post.orientation, TURNED)
+    np.testing.assert_array_equal(rail.position, 0.0)
+
+
+@pytest.mark.parametrize(
+    "entries", [{}, dict.fromkeys((PRESET, *PHYSICS_KEYS, "environment")), {"environment": []}])
+def test_what_a_file_does_not_name_is_not_there(entries):
+    content = CONTENTS["two_bodies"]() | entries
+    scene = scene_from_dict(content).scene
+    assert scene.environment == () and scene.friction is None and scene.restitution is None
+    assert not scene.gyroscopic and not scene.islands and scene.integrator == "explicit"
+    assert scene.uncertain == () and scene.world.surroundings is None
+
+
+@pytest.mark.parametrize("key, value", [
+    ("friction", 0.5), ("restitution", 0.3), ("gyroscopic", True), ("islands", True), ("sleep", True),
+])
+def test_each_law_is_on_when_it_is_named(key, value):
+    assert getattr(scene_with(**{"integrator": "implicit", key: value}), key) == value
+
+
+def test_uncertain_parameters():
+    content = CONTENTS["two_bodies"]() | {
+        "integrator": "implicit", "friction": 0.4, "friction_std": "5e-2", "restitution": 0.5,
+        "restitution_std": 0.1, "stiffness_std": 100,
+        "gravity": [0, 0, -9.81], "gravity_direction_std": 0.02,
+    }
+    content["bodies"][1] |= {"mass_std": 0.05, "center_of_mass_std": [0.0, 0.01, 0.02]}
+    scene = scene_from_dict(content).scene
+    found = {(parameter.name, parameter.body, parameter.axis): parameter.std for parameter in scene.uncertain}
+    assert found == {
+        ("stiffness", -1, 0): 100.0, ("friction", -1, 0): 0.05, ("restitution", -1, 0): 0.1,
+        ("gravity_direction", -1, 0): 0.02, ("gravity_direction", -1, 1): 0.02, ("mass", 1, 0): 0.05,
+        ("center_of_mass", 1, 1): 0.01, ("center_of_mass", 1, 2): 0.02,
+    }

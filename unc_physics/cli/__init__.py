@@ -1,0 +1,1 @@
+"""The command line: one file for the commands of each subject; they import what they need when they run."""

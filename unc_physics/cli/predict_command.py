@@ -1,0 +1,259 @@
+"""The command ``predict``: a scene file in, predicted poses with covariance out."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import os
+from dataclasses import asdict
+from importlib.util import find_spec
+from pathlib import Path
+
+PROGRESS_AFTER = 2.0  # s
+_UNKNOWN = 20  # probabilities that cannot be told are only counted if they are more
+
+
+def add_predict_command(commands) -> None:
+    """Add the parser of ``predict`` to the command line's subparsers."""
+    parser = commands.add_parser(
+        "predict", help="predict the bodies of a scene file",
+        description="Simulate a scene with uncertain bodies and report each body's predicted state and covariance.",
+    )
+    parser.add_argument("scene", metavar="SCENE.yaml", help="scene file")
+    parser.add_argument(
+        "--propagator", default="sigma_points", metavar="NAME",
+        help="how uncertainty is propagated: linearization, surrogate, sigma_points (default), local_sampling or monte_carlo",
+    )
+    parser.add_argument("--samples", type=int, metavar="N", help="number of samples, for a propagator that draws them")
+    parser.add_argument("--seed", type=int, metavar="S", help="seed of the draws (default 0)")
+    parser.add_argument(
+        "--option", action="append", default=[], type=_key_and_value, metavar="KEY=VALUE",
+        help="an option of the propagator, for example points=full; may be repeated",
+    )
+    parser.add_argument("--horizon", metavar="T", help="time to predict for [s], instead of the scene file's")
+    parser.add_argument("--period", metavar="T", help="also report the states every T seconds on the way there")
+    parser.add_argument(
+        "--probabilities", action="store_true", help="also report how probable contacts are, and that bodies are at rest at the end")
+    parser.add_argument(
+        "--status-rollouts", type=int, metavar="N",
+        help="rollouts with which the spread is checked where it rests on a single nominal one (default 12; 0: it counts as unchecked after a contact)")
+    parser.add_argument("--picture", metavar="OUT.png", help="also draw the prediction, from the side and from above")
+    parser.add_argument("--models", metavar="DIR", help="folder of the models, instead of the model library")
+    parser.add_argument("--json", action="store_true", help="print one JSON object instead of a table")
+    parser.add_argument(
+        "--samples-out", type=int, metavar="N",
+        help="with --json, also N states of each body that are drawn from the prediction")
+    parser.set_defaults(run=run)
+
+
+def _key_and_value(text):
+    key, separator, value = text.partition("=")
+    if not separator or not key:
+        raise argparse.ArgumentTypeError(f"'{text}' is not of the form KEY=VALUE")
+    return key, value
+
+
+def run(arguments) -> int:
+    """Predict, and print the result."""
+    from ..checks.errors import InvalidOptionError
+    from ..checks.validation import integer
+    from ..prediction.status import ROLLOUTS, assess
+    from ..propagators.registry import propagator_from_texts
+    from ..scene.scene_file import load_scene
+
+    if arguments.picture is not None:
+        _check_picture(arguments.picture)
+    if arguments.samples_out is not None:
+        integer(arguments.samples_out, "--samples-out", low=1)
+        if not arguments.json:
+            raise InvalidOptionError(
+                "needs --json, which shows the samples", field="--samples-out", value=arguments.samples_out)
+    rollouts = ROLLOUTS if arguments.status_rollouts is None else integer(arguments.status_rollouts, "--status-rollouts", low=0)
+    propagator = propagator_from_texts(arguments.propagator, dict(arguments.option), arguments.samples, arguments.seed)
+    scene, belief, horizon = load_scene(arguments.scene, arguments.models)
+    horizon = horizon if arguments.horizon is None else arguments.horizon
+    prediction = _predict_with_progress(scene, belief, propagator, horizon, arguments.period)
+    seed = prediction.seed if prediction.seed is not None else arguments.seed
+    answers = _answers(scene, prediction, belief) if arguments.probabilities else None
+    statuses = assess(scene, belief, prediction, rollouts)
+    if arguments.json:
+        found = {} if answers is None else {key: [asdict(answer) for answer in own] for key, own in answers.items()}
+        result = as_dict(scene, prediction, seed, _samples(prediction, arguments.samples_out))
+        print(json.dumps(result | {"statuses": _statuses(statuses)} | found, allow_nan=False))
+    else:
+        print(as_table(scene, prediction))
+        print(statuses_as_text(statuses))
+        if answers is not None:
+            print(answers_as_table(answers))
+    if arguments.picture is not None:
+        from .scene_picture import draw_prediction
+
+        draw_prediction(arguments.picture, scene, belief, prediction, Path(arguments.scene).stem.replace("_", " "))
+    return 0
+
+
+def _samples(prediction, count):
+    """Some states that are drawn from the prediction; None where none are wanted."""
+    from ..checks.errors import LimitExceededError
+
+    try:
+        return None if count is None else prediction.samples(count)
+    except LimitExceededError as error:
+        raise LimitExceededError(error.problem, field="--samples-out", value=error.value) from None
+
+
+def _statuses(statuses):
+    """Statuses as plain Python values; a measure without bounds is None."""
+    return [
+        {
+            "name": status.body, "flags": [flag.name for flag in status.flags], "message": status.message,
+            "measures": {key: value if math.isfinite(value) else None for key, value in status.measures.items()},
+        }
+        for status in statuses
+    ]
+
+
+def statuses_as_text(statuses) -> str:
+    """What speaks against the prediction, a body a line."""
+    lines = [f"{status.body}: {' '.join(flag.name for flag in status.flags)}: {status.message}" for status in statuses if status.flags]
+    return "\n".join(lines) if lines else "status: fine"
+
+
+def _answers(scene, prediction, initial):
+    """Probabilities by their names in the JSON."""
+    from ..prediction.probabilities import contact_probabilities, rest_probabilities
+
+    return {
+        "contact_probabilities": contact_probabilities(scene, prediction, initial),
+        "rest_probabilities": rest_probabilities(scene, prediction, initial),
+    }
+
+
+def answers_as_table(answers) -> str:
+    """Probabilities as text, one a line; '-' where the propagator cannot tell one, which a last line explains.
+
+    Many that it cannot tell are only counted.
+    """
+    lines = []
+    for answer in answers["contact_probabilities"]:
+        what = f"{answer.object_a} and {answer.object_b} touch"
+        when = ""
+        if answer.first_contact_time_available:
+            when = f"  first after {answer.first_contact_time_mean:.3f} s, std {answer.first_contact_time_std:.3f} s"
+        lines.append((what, answer, when))
+    lines += [(f"{answer.object} is at rest", answer, "") for answer in answers["rest_probabilities"]]
+    unknown = sum(not answer.available for _, answer, _ in lines)
+    if unknown > _UNKNOWN:
+        lines = [line for line in lines if line[1].available]
+    width = max((len(what) for what, *_ in lines), default=0)
+    rows = [
+        f"{what:<{width}}  {f'{answer.probability:5.3f}' if answer.available else '    -'}{when}" for what, answer, when in lines]
+    if unknown:
+        which = f"{unknown} more are" if unknown > _UNKNOWN else "-:"
+        rows.append(f"{which} not known to a tenth; monte_carlo with enough samples tells")
+    return "\n".join(rows)
+
+
+def _check_picture(path):
+    """Refuse a picture that cannot be drawn or written, before any work is done."""
+    from ..checks.errors import NotSupportedError, OutputError
+
+    missing = [name for name in ("matplotlib", "scipy") if find_spec(name) is None]
+    if missing:
+        raise NotSupportedError(f"--picture needs {' and '.join(missing)}: pip install {' '.join(missing)}")
+    if Path(path).suffix != ".png":
+        raise OutputError("must end in .png", field="--picture", value=path)
+    folder = Path(path).resolve().parent
+    if not folder.is_dir() or not os.access(folder, os.W_OK) or Path(path).is_dir():
+        raise OutputError("cannot be written", field="--picture", value=path)
+
+
+def _predict_with_progress(scene, belief, propagator, horizon, period):
+    """Predict; on a terminal, with a progress bar on work that takes long."""
+    from tqdm import tqdm
+
+    from ..prediction.predict import periodic_times, predict
+
+    with tqdm(
+        total=None, unit="step", delay=PROGRESS_AFTER, leave=False, disable=None, desc=propagator.name,
+    ) as bar:
+        def show(done, steps):
+            bar.total = steps
+            bar.update(done - bar.n)
+
+        times = None if period is None else periodic_times(period, horizon)
+        return predict(scene, belief, propagator, horizon, times=times, progress=None if bar.disable else show)
+
+
+def as_dict(scene, prediction, seed=None, samples=None) -> dict:
+    """The prediction as plain Python values, bodies in the scene's order, with samples (N, B, 13) of it."""
+    from ..scene.physics_summary import physics_of
+
+    result = {
+        "propagator": prediction.propagator.name,
+        "physics": physics_of(prediction.scene),
+        "seed": seed,
+        "time": prediction.time,
+        "wall_time": prediction.wall_time,
+        "bodies": _bodies(scene, prediction.belief),
+    }
+    if samples is not None:
+        for k, body in enumerate(result["bodies"]):
+            body["samples"] = samples[:, k].tolist()
+    if len(prediction.times) > 1:
+        result["trajectory"] = [
+            {"time": time, "bodies": _bodies(scene, belief)}
+            for time, belief in zip(prediction.times, prediction.beliefs, strict=True)
+        ]
+    return result
+
+
+def _bodies(scene, belief):
+    from ..physics.layout import ANGULAR_VELOCITY, POSITION, QUATERNION, VELOCITY
+
+    bodies = []
+    for k, body in enumerate(scene.bodies):
+        state, P = belief.mean[k], belief.marginal(k)
+        bodies.append({
+            "name": body.name,
+            "position": state[POSITION].tolist(),
+            "orientation": state[QUATERNION].tolist(),
+            "linear_velocity": state[VELOCITY].tolist(),
+            "angular_velocity": state[ANGULAR_VELOCITY].tolist(),
+            "covariance": None if P is None else P.tolist(),
+        })
+    return bodies
+
+
+def as_table(scene, prediction) -> str:
+    """The physics, and the prediction as a table of poses and standard deviations."""
+    import numpy as np
+
+    from ..physics.layout import ERR_POSITION, ERR_ROTATION, POSITION, QUATERNION
+    from ..scene.physics_summary import physics_as_text
+
+    width = max(4, *(len(body.name) for body in scene.bodies))
+    lines = [f"{prediction.propagator.name}; {physics_as_text(prediction.scene)}"]
+    for time, belief in zip(prediction.times, prediction.beliefs, strict=True):
+        lines.append(f"t = {time:g} s  ({prediction.propagator.name}, {_duration(prediction.wall_time)})")
+        lines.append(f"{'body':<{width}}  {'position [m]':^26}  {'orientation (x, y, z, w)':^31}  "
+                     f"{'std of position [m]':^26}  std of rotation [deg]")
+        for k, body in enumerate(scene.bodies):
+            state, P = belief.mean[k], belief.marginal(k)
+            row = f"{body.name:<{width}}  {_row(state[POSITION], '8.4f')}  {_row(state[QUATERNION], '7.4f')}  "
+            if P is None:
+                row += "fixed"
+            else:
+                std = np.sqrt(np.maximum(P.diagonal(), 0.0))
+                row += f"{_row(std[ERR_POSITION], '8.4f')}  {_row(np.degrees(std[ERR_ROTATION]), '7.2f')}"
+            lines.append(row)
+    return "\n".join(lines)
+
+
+def _duration(seconds):
+    return f"{1e3 * seconds:.3g} ms" if seconds < 0.9995 else f"{seconds:.3g} s"
+
+
+def _row(values, spec):
+    return " ".join(f"{value:{spec}}" for value in values)

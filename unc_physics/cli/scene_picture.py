@@ -1,0 +1,231 @@
+"""Pictures of a prediction: bodies before and after, from the side and from above, with ellipses of their positions."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..physics.layout import ERR_POSITION, POSITION, QUATERNION
+from ..physics.rotation import rotation_matrix
+from ..scene.environment import Plane
+
+COLORS = ((0.16, 0.45, 0.72), (0.85, 0.42, 0.14), (0.24, 0.60, 0.30), (0.58, 0.40, 0.74), (0.75, 0.22, 0.25))
+SIGMAS = 2.0  # half axes of the ellipses
+_LIGHT = np.array([-0.40, 0.65, 0.65])  # right, up, towards the eye
+_SPHERES = 2000  # of each body, the largest
+_PIXELS = 900  # along the longer side
+_MARGIN = 0.06  # of the longer side
+_SIDE, _ABOVE = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]]), np.eye(3)  # right, up and towards the eye, as rows
+_FAR = 1e4  # times an element's size: from there its nearest point is its outermost one in that direction
+_OUTLINE = 180  # directions in which an outline's points are the outermost
+_SOLID = {"facecolor": "0.90", "edgecolor": "0.55", "linewidth": 0.8}
+
+
+def draw_prediction(path, scene, initial, prediction, title="") -> None:
+    """Draw a scene and what is predicted of it into a PNG.
+
+    Parameters
+    ----------
+    path : path-like
+        File to write.
+    scene : Scene
+    initial : Belief
+        At time 0: drawn pale.
+    prediction : Prediction
+        Its last belief is drawn solid; the positions of all its times make the paths.
+    title : str
+    """
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    beliefs = (initial, *prediction.beliefs)
+    low, high = _bounds(scene, beliefs)
+    wide, deep, tall = high - low
+    height = 1.3 + min(9.0, 9.2 * (tall + deep) / wide)
+    figure = Figure(figsize=(10.0, height))
+    FigureCanvasAgg(figure)
+    grid = figure.add_gridspec(2, 1, height_ratios=[tall, deep], hspace=0.12, top=1.0 - 0.6 / height, bottom=0.6 / height)
+    for row, (view, label) in enumerate(((_SIDE, "z [m]"), (_ABOVE, "y [m]"))):
+        axes = figure.add_subplot(grid[row])
+        _draw_view(axes, scene, beliefs, view, low, high)
+        axes.set_ylabel(label)
+    axes.set_xlabel("x [m]")
+    subtitle = (
+        f"From the side and from above. Pale: now; solid: predicted for {prediction.time:g} s "
+        f"({prediction.propagator.name.replace('_', ' ')}); ellipses: {SIGMAS:g} sigma of the position."
+    )
+    figure.suptitle(f"{title}\n{subtitle}" if title else subtitle, fontsize=10, y=1.0 - 0.1 / height, va="top")
+    figure.savefig(path, dpi=110, bbox_inches="tight")
+
+
+def _bounds(scene, beliefs):
+    """Lowest and highest point of what the picture shows: bodies, before and after, and the elements near them."""
+    radius = np.array([body.model.bounding_radius for body in scene.bodies])[:, None]
+    places = np.concatenate([belief.mean[:, POSITION] for belief in beliefs])
+    reach = np.tile(radius, (len(beliefs), 1))
+    low, high = (places - reach).min(axis=0), (places + reach).max(axis=0)
+    for element in scene.environment:
+        if element.finite:
+            ends = outermost(element, np.concatenate([np.eye(3), -np.eye(3)]))
+            span = (high - low).max()  # a table may be much larger than what lies on it
+            low = np.minimum(low, np.maximum(ends.min(axis=0), low - 0.3 * span))
+            high = np.maximum(high, np.minimum(ends.max(axis=0), high + 0.3 * span))
+    margin = _MARGIN * (high - low).max()
+    return low - margin, high + margin
+
+
+def _draw_view(axes, scene, beliefs, view, low, high):
+    from matplotlib.patheffects import withStroke
+
+    left, bottom = view[:2] @ low
+    right, top = view[:2] @ high
+    halo = [withStroke(linewidth=3.0, foreground=(1.0, 1.0, 1.0, 0.6))]
+    _draw_environment(axes, scene.environment, view, (left, right, bottom, top))
+    pixel = max(right - left, top - bottom) / _PIXELS
+    for k, body in enumerate(scene.bodies):
+        color = np.array((0.55, 0.55, 0.55) if body.fixed else COLORS[k % len(COLORS)])
+        for belief, alpha in ((beliefs[0], 0.35), (beliefs[-1], 0.95)):
+            if body.fixed and belief is beliefs[0]:
+                continue
+            R = rotation_matrix(belief.mean[k, QUATERNION])
+            centers = (body.model.centers[:_SPHERES] @ R.T + belief.mean[k, POSITION]) @ view.T
+            image, extent = shaded_balls(centers, body.model.radii[:_SPHERES], color, pixel)
+            image[..., 3] *= alpha
+            axes.imshow(image, extent=extent, origin="lower", interpolation="bilinear", zorder=3)
+        if not body.fixed:
+            path = np.array([belief.mean[k, POSITION] for belief in beliefs]) @ view[:2].T
+            axes.plot(*path.T, color=0.5 * color, linewidth=0.8, zorder=4, path_effects=halo)
+            for belief, width in ((beliefs[0], 0.9), (beliefs[-1], 1.8)):
+                P = view[:2] @ belief.marginal(k)[ERR_POSITION, ERR_POSITION] @ view[:2].T
+                axes.add_patch(ellipse(
+                    view[:2] @ belief.mean[k, POSITION], P, edgecolor=0.5 * color, linewidth=width, zorder=5, path_effects=halo))
+    axes.set_xlim(left, right)
+    axes.set_ylim(bottom, top)
+    axes.set_aspect("equal")
+    axes.tick_params(labelsize=8)
+    axes.spines[["top", "right"]].set_visible(False)
+
+
+def _draw_environment(axes, environment, view, window):
+    """Solids as their outlines, far ones first; half-spaces that are seen from their edge as their solid side."""
+    from matplotlib.patches import Polygon
+
+    left, right, bottom, top = window
+    frame = np.array([[left, bottom], [right, bottom], [right, top], [left, top]])
+    for element in environment:
+        if isinstance(element, Plane):
+            normal = view @ element.normal
+            if abs(normal[2]) < 0.5:
+                solid = _below(frame, normal[:2], element.offset)
+                if len(solid):
+                    axes.add_patch(Polygon(solid, zorder=0, **_SOLID))
+    solids = [element for element in environment if not isinstance(element, Plane)]
+    for element in sorted(solids, key=lambda element: (outermost(element, view[2:]) @ view[2]).item()):
+        axes.add_patch(Polygon(outline(element, view), zorder=1, alpha=0.7, **_SOLID))
+
+
+def _below(polygon, normal, offset):
+    """The part of a convex polygon (n, 2) where ``normal . x <= offset``."""
+    kept = []
+    height = polygon @ normal - offset
+    for k, a in enumerate(polygon):
+        b = polygon[(k + 1) % len(polygon)]
+        h_a, h_b = height[k], height[(k + 1) % len(polygon)]
+        if h_a <= 0.0:
+            kept.append(a)
+        if h_a * h_b < 0.0:
+            kept.append(a + (b - a) * h_a / (h_a - h_b))
+    return np.array(kept)
+
+
+def outline(element, view):
+    """Outline of a finite element of the environment, seen from far away.
+
+    Parameters
+    ----------
+    element : Element
+    view : (3, 3) array
+        Right, up and towards the eye, as rows.
+
+    Returns
+    -------
+    (n, 2) array
+        Corners of a convex polygon, to the right and up [m].
+    """
+    angle = 2.0 * np.pi * (np.arange(_OUTLINE) + 0.5) / _OUTLINE
+    directions = np.cos(angle)[:, None] * view[0] + np.sin(angle)[:, None] * view[1]
+    return outermost(element, directions) @ view[:2].T
+
+
+def outermost(element, directions):
+    """(n, 3): the points of a finite element that are farthest in some directions (n, 3), world frame [m]."""
+    low, high = element.bounds
+    points = element.position + _FAR * np.linalg.norm(high - low) * directions
+    distance, normal = element.surface(points)
+    return points - distance[:, None] * normal
+
+
+def ellipse(center, P, **style):
+    """The `SIGMAS` ellipse of a covariance (2, 2), not filled.
+
+    Parameters
+    ----------
+    center : (2,) array
+    P : (2, 2) array
+    **style
+        As for matplotlib's ``Ellipse``.
+    """
+    from matplotlib.patches import Ellipse
+
+    variances, axes = np.linalg.eigh(P)
+    width, height = 2.0 * SIGMAS * np.sqrt(np.maximum(variances[::-1], 0.0))
+    angle = np.degrees(np.arctan2(axes[1, 1], axes[0, 1]))
+    return Ellipse(center, width, height, angle=angle, fill=False, **style)
+
+
+def shaded_balls(centers, radii, color, pixel, window=None):
+    """Picture of balls in orthographic view.
+
+    Parameters
+    ----------
+    centers : (n, 3) array
+        Right, up and towards the eye [m].
+    radii : (n,) array
+    color : (3,) array
+    pixel : float
+        Size of a pixel [m].
+    window : (2, 2) array, optional
+        First and last pixel, columns and rows; by default what the balls cover.
+
+    Returns
+    -------
+    image : (rows, columns, 4) array
+        RGBA, transparent where there is no ball.
+    extent : tuple
+        Left, right, bottom and top [m].
+    """
+    window = pixel_window(centers, radii, pixel) if window is None else window
+    xs, ys = ((np.arange(*window[:, k]) + 0.5) * pixel for k in range(2))
+    light = _LIGHT / np.linalg.norm(_LIGHT)
+    depth = np.full((len(ys), len(xs)), -np.inf)
+    shade = np.zeros(depth.shape)
+    for (x, y, z), r in zip(centers, radii, strict=True):
+        i = slice(*np.searchsorted(ys, [y - r, y + r]))
+        j = slice(*np.searchsorted(xs, [x - r, x + r]))
+        up, right = (ys[i] - y)[:, None] / r, (xs[j] - x)[None, :] / r
+        out = np.sqrt(np.maximum(1.0 - up * up - right * right, 0.0))
+        front = z + r * out
+        seen = (out > 0.0) & (front > depth[i, j])
+        depth[i, j][seen] = front[seen]
+        shade[i, j][seen] = np.maximum(right * light[0] + up * light[1] + out * light[2], 0.0)[seen]
+    image = np.zeros((*depth.shape, 4))
+    image[..., :3] = (0.35 + 0.65 * shade)[..., None] * color + 0.25 * shade[..., None] ** 2
+    image[..., 3] = depth > -np.inf
+    (left, bottom), (right, top) = window * pixel
+    return image.clip(0.0, 1.0), (left, right, bottom, top)
+
+
+def pixel_window(centers, radii, pixel):
+    """First and last pixel (2, 2) that balls may cover: columns and rows."""
+    low = np.floor((centers[:, :2] - radii[:, None]).min(axis=0) / pixel) - 1
+    high = np.ceil((centers[:, :2] + radii[:, None]).max(axis=0) / pixel) + 1
+    return np.array([low, high], int)

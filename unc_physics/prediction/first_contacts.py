@@ -1,0 +1,140 @@
+"""Samples of an initial belief, each body of which runs until it first touches something.
+
+What happens before that is the same for every propagator: free flight, in closed form but for the search for
+contacts.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ..physics import contact_history as histories
+from ..physics.compiled import inner, kernel
+from ..physics.explicit_step import integrate
+from ..physics.implicit_step import integrate as integrate_implicit
+from ..physics.implicit_workspace import implicit_workspace
+from ..physics.implicit_world import fresh_solver_memory
+from ..physics.workspace import workspace
+from ..physics.world import Bodies, World
+from ..scene.belief import Belief
+from ..scene.scene import Scene
+
+_CONTACTS, _CANDIDATES, _LISTED = 64, 256, 2048  # room for them at first
+
+
+class FirstContacts(NamedTuple):
+    """N equally probable flights.
+
+    Attributes
+    ----------
+    states : (N, B, 13) array
+        At the end; of a body that touched something, just after it did.
+    stopped : (N, B) array
+        Time at which each body first touched something [s]; infinite for one that flew to the end, or is
+        fixed.
+    first : (N, B, B + E) array
+        Time of the first contact of bodies i < j, or of body i and element j - B [s]; infinite without one.
+        Later than either body's time in ``stopped``, it is with one that stands where it touched something
+        before.
+    """
+
+    states: np.ndarray
+    stopped: np.ndarray
+    first: np.ndarray
+
+
+def first_contacts(scene: Scene, initial: Belief, steps: int, samples: int, seed: int = 0) -> FirstContacts:
+    """Let samples of a belief fly until they touch something, for at most ``steps`` time steps."""
+    states, world = initial.sample(samples, np.random.default_rng(seed)), scene.world
+    first = histories.fresh(samples, world).first_time
+    stopped = np.full(states.shape[:2], np.inf, first.dtype)
+    if world.implicit is None:
+        _fly(states, first, stopped, world, world.surroundings, steps)
+    else:
+        _fly_implicit(states, first, stopped, world, fresh_solver_memory(1, states.shape[1]), steps)
+    return FirstContacts(states, stopped, first)
+
+
+@kernel
+def _fly(states, first, stopped, world, surroundings, steps):
+    """Advance the states in place; a body counts as fixed from the step on in which it touches something."""
+    for n in range(len(states)):
+        b = world.bodies
+        moving = b.moving.copy()
+        bodies = Bodies(moving, b.mass, b.inertia, b.inverse_mass, b.inverse_inertia, b.radius, b.root)
+        own = World(
+            bodies,
+            world.tree,
+            world.gravity,
+            world.dt,
+            world.decay,
+            world.stiffness,
+            world.stack_size,
+            surroundings,
+            None,
+        )
+        work = workspace(states[n], own)
+        for step in range(steps):
+            integrate(states[n], first[n], own, surroundings, None, step, 1, work)
+            if _stop(first[n], moving, stopped[n]) == 0:
+                break
+
+
+@kernel
+def _fly_implicit(states, first, stopped, world, memory, steps):
+    """As `_fly`, by implicit steps; ``memory`` is that of one rollout, which begins anew."""
+    b = world.bodies
+    for n in range(len(states)):
+        moving, inverse_mass, inverse_inertia = b.moving.copy(), b.inverse_mass.copy(), b.inverse_inertia.copy()
+        bodies = Bodies(moving, b.mass, b.inertia, inverse_mass, inverse_inertia, b.radius, b.root)
+        own = World(
+            bodies,
+            world.tree,
+            world.gravity,
+            world.dt,
+            world.decay,
+            world.stiffness,
+            world.stack_size,
+            world.surroundings,
+            world.implicit,
+        )
+        memory.count[:], memory.quiet[:] = 0, 0
+        room = 1
+        work = implicit_workspace(states[n], own, _CONTACTS, _CANDIDATES, _LISTED)
+        step, left = 0, b.moving.sum()
+        while left > 0 and step < steps:
+            done = integrate_implicit(
+                states[n], first[n], memory.contact[0], memory.force[0], memory.count, memory.quiet[0], memory.residual[0],
+                own, step, 1, work)
+            step += done
+            before, left = left, _stop(first[n], moving, stopped[n])
+            if done == 0:
+                room *= 2
+            for i in range(len(moving)):
+                if not moving[i]:
+                    inverse_mass[i] = 0.0
+                    inverse_inertia[i] = 0.0
+            if done == 0 or left < before:  # more room; or without what it knows of bodies that move
+                work = implicit_workspace(states[n], own, room * _CONTACTS, room * _CANDIDATES, room * _LISTED)
+
+
+@inner
+def _stop(first, moving, stopped):
+    """Stop the bodies that touched something; returns how many still move."""
+    left = 0
+    for i in range(len(moving)):
+        if not moving[i]:
+            continue
+        time = np.float32(np.inf)
+        for j in range(first.shape[1]):
+            time = min(time, first[i, j])
+        for j in range(i):
+            time = min(time, first[j, i])
+        if time < np.inf:
+            stopped[i] = time
+    for i in range(len(moving)):
+        moving[i] = moving[i] and stopped[i] == np.inf
+        left += moving[i]
+    return left

@@ -1,0 +1,105 @@
+"""Free flight of single bodies over many steps at once: the same motion as step by step, to round-off."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+
+from ..physics.layout import (
+    ANGULAR_VELOCITY,
+    ERR_ANGULAR_VELOCITY,
+    ERR_POSITION,
+    ERR_ROTATION,
+    ERR_VELOCITY,
+    ERROR,
+    POSITION,
+    QUATERNION,
+    VELOCITY,
+)
+from ..physics.rotation import rotation_matrix
+
+
+class Course(NamedTuple):
+    """What some steps of free flight come to.
+
+    Attributes
+    ----------
+    decay : float
+        Factor on the initial velocities at the end.
+    fall : float
+        Factor on gravity in the final velocity [s].
+    reach, sink : float
+        Factors on the initial velocity [s] and on gravity [s^2] in the displacement.
+    turn : float
+        Factor on the initial angular velocity in the rotation [s].
+    weights, before : (n,) arrays
+        Of each drift: its time, times the decay until then, and the sum of these over the drifts before it [s].
+    """
+
+    decay: float
+    fall: float
+    reach: float
+    sink: float
+    turn: float
+    weights: np.ndarray
+    before: np.ndarray
+
+
+@lru_cache(maxsize=64)
+def course(dt: float, decay: float, steps: int, implicit: bool = False) -> Course:
+    """The course of ``steps`` time steps of either integrator.
+
+    Both take ``v' = decay v + dt g``. The explicit one travels at v, the implicit one at the mean of v and v', a
+    parabola; both turn at the angular velocity that a step begins with.
+    """
+    powers = decay ** np.arange(steps + 1)
+    falls = dt * np.concatenate([[0.0], np.cumsum(powers[:-1])])
+    weights = dt * powers[:-1]
+    ends = np.cumsum(weights)
+    turn = float(ends[-1])
+    if implicit:
+        reach, sink = 0.5 * dt * float((powers[:-1] + powers[1:]).sum()), 0.5 * dt * float((falls[:-1] + falls[1:]).sum())
+    else:
+        reach, sink = turn, dt * float(falls[:-1].sum())
+    return Course(float(powers[-1]), float(falls[-1]), reach, sink, turn, weights, ends - weights)
+
+
+def fly(states: np.ndarray, gravity: np.ndarray, along: Course) -> np.ndarray:
+    """States (..., 13) after a course of free flight."""
+    ended = states.copy()
+    v, w, q = states[..., VELOCITY], states[..., ANGULAR_VELOCITY], states[..., QUATERNION]
+    ended[..., POSITION] += along.reach * v + along.sink * gravity
+    ended[..., VELOCITY] = along.decay * v + along.fall * gravity
+    ended[..., ANGULAR_VELOCITY] = along.decay * w
+    half = 0.5 * along.turn * np.linalg.norm(w, axis=-1, keepdims=True)
+    axis, scalar = 0.5 * along.turn * np.sinc(half / np.pi) * w, np.cos(half)
+    turned = np.concatenate(
+        [scalar * q[..., :3] + q[..., 3:] * axis + np.cross(axis, q[..., :3]),
+         scalar * q[..., 3:] - np.sum(axis * q[..., :3], axis=-1, keepdims=True)], axis=-1)
+    ended[..., QUATERNION] = turned / np.linalg.norm(turned, axis=-1, keepdims=True)
+    return ended
+
+
+def transition(state: np.ndarray, along: Course, exact: bool) -> np.ndarray:
+    """(12, 12): what a course of explicit steps makes of errors of a state (13,).
+
+    The product of the steps' transitions: with the exact derivative of the drift, or as Eq. 14 has it.
+    """
+    R_transposed = rotation_matrix(state[QUATERNION]).T
+    omega = state[ANGULAR_VELOCITY]
+    speed = float(np.linalg.norm(omega))
+    u = omega / speed if speed > 0.0 else omega
+    cross = np.array([[0.0, -u[2], u[1]], [u[2], 0.0, -u[0]], [-u[1], u[0], 0.0]])
+    if exact:  # the mean of all rotations on the way, turned back: the left Jacobian transposed
+        angle = along.reach * speed
+        cosine, sine = along.reach * np.sinc(angle / np.pi), along.reach * 0.5 * angle * np.sinc(0.5 * angle / np.pi) ** 2
+    else:
+        cosine, sine = np.sum(along.weights * np.cos(along.before * speed)), np.sum(along.weights * np.sin(along.before * speed))
+    A = np.eye(ERROR)
+    A[ERR_POSITION, ERR_VELOCITY] = along.reach * np.eye(3)
+    A[ERR_ROTATION, ERR_ANGULAR_VELOCITY] = R_transposed @ (
+        cosine * np.eye(3) + (along.reach - cosine) * np.outer(u, u) - sine * cross)
+    A[ERR_VELOCITY, ERR_VELOCITY] = A[ERR_ANGULAR_VELOCITY, ERR_ANGULAR_VELOCITY] = along.decay * np.eye(3)
+    return A

@@ -1,0 +1,607 @@
+"""Groups of bodies that cannot touch each other, each predicted by itself.
+
+Time is divided into slices, at each of whose beginnings the bodies are divided into islands: bodies of different
+islands stay apart for the whole slice. For that, each body has a box that it stays in, from what is known of it at the
+slice's beginning, `SIGMAS` standard deviations wide (Monte Carlo: as wide as its samples). A body that nothing can
+reach flies freely; one that may touch something is at most as fast as the energy of its island makes it. Where boxes
+of different islands overlap, the slice is halved; where they still do in the shortest slice, the islands become one, as
+they do where a slice's end shows more energy than was thought: then the slice is done again. Islands never part.
+
+Whole horizons without slices would need bounds that hold through collisions for seconds, which makes everything one
+island; predictions that are redone from time 0 when islands meet would cost more, and would have to know the same bounds.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from functools import singledispatch
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ..checks.errors import NotSupportedError
+from ..physics import contact_history as histories
+from ..physics.compiled import kernel
+from ..physics.contact_search import NEAR
+from ..physics.layout import ANGULAR_VELOCITY, ERROR, POSITION, VELOCITY
+from ..physics.moments import boxminus, spread_states
+from ..physics.shapes import bounds
+from ..physics.world import Bodies, World
+from ..propagators.base import Propagator
+from ..propagators.linearization import LinearizationCarry
+from ..propagators.local_sampling import LocalSamplingCarry
+from ..propagators.monte_carlo import MonteCarlo, MonteCarloCarry
+from ..propagators.sigma_points import SigmaPointCarry
+from ..propagators.surrogate import SurrogateCarry
+from ..scene.belief import Belief
+from ..scene.scene import Scene
+from .free_flight import course, fly, transition
+
+#: Standard deviations that bodies are kept apart by, and that uncertain parameters are thought to reach.
+SIGMAS = 5.0
+_SHORTEST = 8  # steps in the shortest slice
+_LONGEST = 65536  # and in the longest
+_ROUND_OFF = 1e-9  # relative growth of energy that is no surprise
+
+
+class Island(NamedTuple):
+    """Bodies that are predicted together.
+
+    Attributes
+    ----------
+    bodies : (b,) int64 array
+        Ascending indices; the fixed ones are those within reach.
+    scene : Scene
+        Of these bodies.
+    carry : NamedTuple
+        The propagator's, at the beginning of the slice.
+    energy : float
+        The most kinetic energy seen at the beginning of a slice [J].
+    alone : bool
+        Whether this is one body, and nothing is within its reach in this slice.
+    """
+
+    bodies: np.ndarray
+    scene: Scene
+    carry: Any
+    energy: float
+    alone: bool
+
+
+class IslandsCarry(NamedTuple):
+    """State between steps: the islands, their carries at step ``step``, and the slice from ``begin`` to ``end``.
+
+    The carry of an island that is alone stays that of the slice's beginning.
+    """
+
+    islands: tuple[Island, ...]
+    carries: tuple
+    begin: int
+    end: int
+    step: int
+
+
+class Bounds(NamedTuple):
+    """Where bodies are and how they move: lowest and highest values, each (B, 3); 0 width for fixed bodies."""
+
+    low: np.ndarray
+    high: np.ndarray
+    slowest: np.ndarray
+    fastest: np.ndarray
+    spin: np.ndarray
+
+
+class Islands:
+    """Runs a propagator island by island, in its place in the driver.
+
+    Parameters
+    ----------
+    propagator : Propagator
+    scene : Scene
+        Whose uncertain parameters are each of one moving body (not `Scene.shared_parameters`).
+    marks : sequence of int
+        Numbers of steps after which a belief is wanted, ascending; slices end there.
+    """
+
+    def __init__(self, propagator: Propagator, scene: Scene, marks: Sequence[int]):
+        self._propagator, self._scene, self._marks = propagator, scene, list(marks)
+        bodies, world = scene.bodies, scene.world
+        mass = np.array([body.mass for body in bodies])
+        factor = np.exp(SIGMAS * np.array([body.mass_std for body in bodies]) / mass)
+        self._lightest, self._heaviest = mass / factor, mass * factor
+        principal = np.array([np.linalg.eigvalsh(body.model.inertia) for body in bodies])
+        self._softest, self._stiffest = principal[:, 0], principal[:, -1]  # [m^2]
+        # a shifted centre of mass circles about the model's
+        self._radius = world.bodies.radius + 2.0 * SIGMAS * np.array([np.linalg.norm(b.center_of_mass_std) for b in bodies])
+        self._moving = world.bodies.moving
+        self._gravity = float(np.linalg.norm(scene.gravity))
+        self._shared_draws = isinstance(propagator, MonteCarlo)
+        self._parts = {}
+
+    def init(self, scene: Scene, belief: Belief) -> IslandsCarry:
+        """The islands at time 0: bodies that touch, or whose beliefs are correlated, are together."""
+        moving = scene.moving
+        labels = merged(np.arange(len(scene.bodies)), _correlated(belief))
+        groups = [np.flatnonzero((labels == label) & self._moving) for label in np.unique(labels[moving])]
+        self._mean = belief.mean
+        if self._shared_draws:  # those of all bodies together
+            whole = self._propagator.init(scene, belief)
+            carries = [self._columns(whole, group) for group in groups]
+        else:
+            carries = [self._propagator.init(self._part(group), _restricted(belief, group)) for group in groups]
+        islands = tuple(Island(group, self._part(group), carry, 0.0, False) for group, carry in zip(groups, carries, strict=True))
+        return IslandsCarry(islands, tuple(carries), 0, 0, 0)
+
+    def advance(self, carry: IslandsCarry, scene: Scene, steps: int) -> IslandsCarry:
+        """The carry after some steps; no result depends on how these are divided into calls."""
+        target = carry.step + steps
+        while carry.step < target:
+            if carry.step == carry.end:
+                carry = self._plan(carry)
+            count = min(target, carry.end) - carry.step
+            carries = tuple(
+                now if island.alone else self._propagator.advance(now, island.scene, count)
+                for island, now in zip(carry.islands, carry.carries, strict=True)
+            )
+            carry = carry._replace(carries=carries, step=carry.step + count)
+            if carry.step == carry.end:
+                carry = self._close(carry)
+        return carry
+
+    def belief(self, carry: IslandsCarry, scene: Scene) -> Belief:
+        """The belief about all bodies: blocks, or the joint covariance with zeros between islands.
+
+        That of Monte Carlo is what all its samples say, as it is without islands.
+        """
+        if self._shared_draws:
+            return self._propagator.belief(self.whole(carry), scene)
+        moving, mean = scene.moving, self._mean.copy()
+        islands, carries = carry.islands, self._present(carry)
+        beliefs = [self._propagator.belief(now, island.scene) for island, now in zip(islands, carries, strict=True)]
+        for island, own in zip(islands, beliefs, strict=True):
+            some = self._moving[island.bodies]
+            mean[island.bodies[some]] = own.mean[some]
+        places = [np.searchsorted(moving, island.bodies[self._moving[island.bodies]]) for island in islands]
+        if all(own.independent or len(own.moving) == 1 for own in beliefs):
+            P = np.zeros((len(moving), ERROR, ERROR))
+            for place, own in zip(places, beliefs, strict=True):
+                P[place] = own.blocks
+        else:
+            P = np.zeros((len(moving), ERROR, len(moving), ERROR))
+            for place, own in zip(places, beliefs, strict=True):
+                count = len(place)
+                P[np.ix_(place, range(ERROR), place, range(ERROR))] = own.joint.reshape(count, ERROR, count, ERROR)
+            P = P.reshape(ERROR * len(moving), ERROR * len(moving))
+        return Belief.trusted(mean, P, moving)
+
+    def whole(self, carry: IslandsCarry) -> Any:
+        """The propagator's carry for all bodies of the scene."""
+        islands = [island._replace(carry=now) for island, now in zip(carry.islands, self._present(carry), strict=True)]
+        return self._joined(islands, np.arange(len(self._scene.bodies)))
+
+    def _present(self, carry):
+        """Each island's carry at the present step."""
+        count = carry.step - carry.begin
+        return tuple(
+            self._flown(island, count) if island.alone and count > 0 else now
+            for island, now in zip(carry.islands, carry.carries, strict=True)
+        )
+
+    def _flown(self, island, steps):
+        world = island.scene.world
+        along = course(world.dt, world.decay, steps, world.implicit is not None)
+        return flown(island.carry, world.gravity, along, steps)
+
+    def _part(self, bodies):
+        """The scene of some bodies; made once, and sharing the sphere trees."""
+        key = tuple(bodies.tolist())
+        if key not in self._parts:
+            scene, world = self._scene, self._scene.world
+            part = dataclasses.replace(scene, bodies=[scene.bodies[k] for k in key], islands=False)
+            part.__dict__["world"] = world._replace(
+                bodies=Bodies(*(constant[bodies] for constant in world.bodies)),
+                implicit=None if world.implicit is None else world.implicit.of_bodies(bodies))
+            self._parts[key] = part
+        return self._parts[key]
+
+    def _columns(self, whole, bodies):
+        """The part of Monte Carlo's carry that is about some bodies."""
+        return whole._replace(
+            states=np.ascontiguousarray(whole.states[:, bodies]),
+            contact_history=histories.of_bodies(whole.contact_history, bodies),
+            parameters=np.ascontiguousarray(whole.parameters[:, self._parameters(bodies)]),
+        )
+
+    def _parameters(self, bodies):
+        """Which of the scene's uncertain parameters are about some bodies."""
+        known = set(bodies.tolist())
+        return [c for c, parameter in enumerate(self._scene.uncertain) if parameter.body in known]
+
+    def _joined(self, islands, bodies):
+        """One carry of several islands' for ``bodies``, all of theirs and fixed ones."""
+        scene = self._part(bodies)
+        parts = [
+            Part(
+                np.searchsorted(bodies, island.bodies),
+                np.searchsorted(scene.moving, np.searchsorted(bodies, island.bodies[self._moving[island.bodies]])),
+                np.searchsorted(self._parameters(bodies), self._parameters(island.bodies)),
+            )
+            for island in islands
+        ]
+        frame = Frame(self._mean[bodies], len(scene.moving), scene.world, len(scene.uncertain))
+        return joined(islands[0].carry, [island.carry for island in islands], parts, frame)
+
+    def _bounds(self, islands, present):
+        """Where the bodies of some islands are, whose present carries are given, and how they move."""
+        low, high = self._mean[:, POSITION].copy(), self._mean[:, POSITION].copy()
+        slowest, fastest, spin = np.zeros_like(low), np.zeros_like(low), np.zeros_like(low)
+        for island, now in zip(islands, present, strict=True):
+            some = self._moving[island.bodies]
+            bodies = island.bodies[some]
+            if isinstance(now, MonteCarloCarry):
+                states = self._propagator.states(now, island.scene)[:, some]
+                least, most = states.min(axis=0), states.max(axis=0)
+                low[bodies], high[bodies] = least[:, POSITION], most[:, POSITION]
+                slowest[bodies], fastest[bodies] = least[:, VELOCITY], most[:, VELOCITY]
+                spin[bodies] = np.maximum(-least[:, ANGULAR_VELOCITY], most[:, ANGULAR_VELOCITY])
+            else:
+                own = self._propagator.belief(now, island.scene)
+                x = own.mean[some]
+                spread = SIGMAS * np.sqrt(np.maximum(np.diagonal(own.blocks, axis1=1, axis2=2), 0.0))
+                low[bodies], high[bodies] = x[:, POSITION] - spread[:, 0:3], x[:, POSITION] + spread[:, 0:3]
+                slowest[bodies], fastest[bodies] = x[:, VELOCITY] - spread[:, 3:6], x[:, VELOCITY] + spread[:, 3:6]
+                spin[bodies] = np.abs(x[:, ANGULAR_VELOCITY]) + spread[:, 9:12]
+        return Bounds(low, high, slowest, fastest, spin)
+
+    def _energies(self, bounds):
+        """(B,): the most kinetic energy that each body may have [J]."""
+        speed = np.maximum(np.abs(bounds.slowest), np.abs(bounds.fastest))
+        squares = np.sum(speed**2, axis=1) + self._stiffest * np.sum(bounds.spin**2, axis=1)
+        return np.where(self._moving, 0.5 * self._heaviest * squares, 0.0)
+
+    def _boxes(self, bounds, time, labels, energy, contact):
+        """Boxes that bodies stay in for a time: lowest and highest corners, each (B, 3).
+
+        ``energy`` (B,) is that of each body's island. That of M kilograms grows by falling, so that
+        ``sqrt(2 E) <= sqrt(2 E_0) + sqrt(M) g t``, and all of it may be one body's.
+        """
+        gravity, fall = self._scene.gravity, 0.5 * time * (time + self._scene.dt)
+        low = bounds.low + np.minimum(bounds.slowest, 0.0) * time + np.minimum(gravity, 0.0) * fall
+        high = bounds.high + np.maximum(bounds.fastest, 0.0) * time + np.maximum(gravity, 0.0) * fall
+        mass = np.bincount(labels, np.where(self._moving, self._heaviest, 0.0), len(labels))[labels]
+        travel = (np.sqrt(2.0 * energy) * time + np.sqrt(mass) * self._gravity * fall) / np.sqrt(self._lightest)
+        travel = travel[:, None]
+        contact = contact[:, None]
+        low, high = np.where(contact, bounds.low - travel, low), np.where(contact, bounds.high + travel, high)
+        fixed = ~self._moving[:, None]
+        low, high = np.where(fixed, bounds.low, low), np.where(fixed, bounds.high, high)
+        reach = self._reach(bounds, time, energy, contact[:, 0], mass)[:, None]
+        return low - reach, high + reach
+
+    def _reach(self, bounds, time, energy, contact, mass):
+        """(B,): how far from a body's centre of mass it matters to others [m].
+
+        The implicit step computes bodies together that may come near in a step, however far from touching
+        (`contact_search.find_groups`); they are to be of one island.
+        """
+        if self._scene.integrator == "explicit":
+            return self._radius
+        # all of the energy may be in any motion; a body in flight keeps that of its rotation, and its angular momentum
+        grown = np.sqrt(2.0 * energy) + np.sqrt(mass) * self._gravity * time
+        speed = np.linalg.norm(np.maximum(np.abs(bounds.slowest), np.abs(bounds.fastest)), axis=1) + self._gravity * time
+        speed = np.where(contact, grown / np.sqrt(self._lightest), speed)
+        spin = np.linalg.norm(bounds.spin, axis=1) * np.sqrt(self._stiffest / self._softest)
+        spin = np.where(contact, grown / np.sqrt(self._lightest * self._softest), spin)
+        pace = np.where(self._moving, speed + self._radius * spin + self._gravity * self._scene.dt, 0.0)
+        return self._radius + self._scene.dt * pace + NEAR
+
+    def _plan(self, carry):
+        """Begin a slice: choose its end, merge the islands that may meet in it, and add what they may reach."""
+        scene = self._scene
+        bounds = self._bounds(carry.islands, self._present(carry))
+        energies = self._energies(bounds)
+        labels = -1 - np.arange(len(scene.bodies))
+        known = np.zeros(len(scene.bodies))
+        for k, island in enumerate(carry.islands):
+            own = island.bodies[self._moving[island.bodies]]
+            labels[own] = k
+            known[own] = max(island.energy, energies[own].sum())
+        labels = np.unique(labels, return_inverse=True)[1]
+        limit = next(mark for mark in self._marks if mark > carry.step) - carry.step
+        steps = min(limit, _LONGEST)
+        while True:
+            labels, meeting, pairs, contact = self._meeting(bounds, steps * scene.dt, labels, known, steps <= _SHORTEST)
+            if not meeting:
+                break
+            steps = max(steps // 2, min(_SHORTEST, limit))
+        parts = {}
+        for island in carry.islands:
+            parts.setdefault(labels[island.bodies[self._moving[island.bodies]][0]], []).append(island)
+        islands = []
+        for label, joining in sorted(parts.items()):
+            own = np.flatnonzero((labels == label) & self._moving)
+            of_own = labels[pairs] == label
+            near = pairs[of_own.any(axis=1) & ~of_own.all(axis=1)]
+            bodies = np.unique(np.concatenate([own, near[labels[near] != label], *(island.bodies for island in joining)]))
+            if len(joining) == 1 and len(bodies) == len(joining[0].bodies):
+                now = joining[0].carry
+            else:
+                now = self._joined(joining, bodies)
+            energy = sum(max(island.energy, energies[island.bodies].sum()) for island in joining)
+            alone = len(bodies) == 1 and not contact[own[0]] and self._can_fly(now)
+            islands.append(Island(bodies, self._part(bodies), now, energy, alone))
+        return IslandsCarry(tuple(islands), tuple(island.carry for island in islands), carry.step, carry.step + steps, carry.step)
+
+    def _meeting(self, bounds, time, labels, energy, merge):
+        """What happens between the bodies within a time.
+
+        Returns
+        -------
+        labels : (B,) int array
+            Of the islands, those that may meet made one if ``merge``.
+        meeting : bool
+            Whether different islands may meet.
+        pairs : (n, 2) int array
+            Bodies that may touch, of which one moves.
+        contact : (B,) bool array
+            Whether a body may touch something.
+        """
+        moving = self._moving
+        contact = moving & (np.bincount(labels, moving, len(labels))[labels] > 1)
+        while True:
+            low, high = self._boxes(bounds, time, labels, energy, contact)
+            pairs = _overlapping(low, high)
+            pairs = pairs[moving[pairs].any(axis=1)]
+            touching = moving & self._reaches_elements(low, high)
+            touching[pairs] |= moving[pairs]
+            both = pairs[moving[pairs].all(axis=1)]
+            meet = both[labels[both[:, 0]] != labels[both[:, 1]]]
+            if len(meet) and not merge:
+                return labels, True, pairs, contact
+            if len(meet) == 0 and not (touching & ~contact).any():
+                return labels, False, pairs, contact
+            if len(meet):
+                # each island's energy counts once
+                members, first = np.unique(labels[moving], return_index=True)
+                own = np.zeros(len(labels))
+                own[members] = energy[moving][first]
+                new = merged(labels, labels[meet])
+                total = np.zeros(len(labels))
+                np.add.at(total, merged(np.arange(len(labels)), labels[meet])[members], own[members])
+                energy = np.where(moving, total[new], 0.0)
+                labels = new
+            contact = contact | touching
+
+    def _reaches_elements(self, low, high):
+        """(B,): whether each box may touch an element of the environment."""
+        surroundings = self._scene.world.surroundings
+        found = np.zeros(len(low), bool)
+        if surroundings is None:
+            return found
+        center, half = 0.5 * (low + high), 0.5 * (high - low)
+        for e in range(len(surroundings.kind)):
+            # in the element's frame
+            lowest, highest = bounds(surroundings.kind, surroundings.size, e)
+            middle, reach = (center - surroundings.position[e]) @ surroundings.R[e], half @ np.abs(surroundings.R[e])
+            found |= np.all((middle - reach < highest) & (middle + reach > lowest), axis=1)
+        return found
+
+    def _can_fly(self, carry):
+        """Whether there is a closed form of the carry's free flight."""
+        return not self._scene.gyroscopic and flown.dispatch(type(carry)) is not flown.dispatch(object)
+
+    def _close(self, carry):
+        """End a slice; or begin it again where more energy turned up than the bounds were made for."""
+        present = self._present(carry)
+        if len(carry.islands) > 1:
+            # what flies freely has the energy that it was thought to have
+            met = [k for k, island in enumerate(carry.islands) if not island.alone]
+            energies = self._energies(self._bounds([carry.islands[k] for k in met], [present[k] for k in met]))
+            time = (carry.end - carry.begin) * self._scene.dt
+            known = [island.energy for island in carry.islands]
+            for k in met:
+                island = carry.islands[k]
+                mass = self._heaviest[island.bodies[self._moving[island.bodies]]].sum()
+                most = (np.sqrt(2.0 * island.energy) + np.sqrt(mass) * self._gravity * time) ** 2 / 2.0
+                now = energies[island.bodies].sum()
+                if now > most * (1.0 + _ROUND_OFF):
+                    known[k] = now
+            if any(new > island.energy for new, island in zip(known, carry.islands, strict=True)):
+                islands = tuple(island._replace(energy=e) for island, e in zip(carry.islands, known, strict=True))
+                began = IslandsCarry(islands, tuple(i.carry for i in islands), carry.begin, carry.begin, carry.begin)
+                again = self._plan(began)
+                if len(again.islands) < len(islands) or again.end < carry.end:
+                    return again
+        islands = tuple(island._replace(carry=now, alone=False) for island, now in zip(carry.islands, present, strict=True))
+        return IslandsCarry(islands, present, carry.end, carry.end, carry.end)
+
+
+class Part(NamedTuple):
+    """Where an island's bodies, its moving bodies and its uncertain parameters stand among those of a larger one."""
+
+    bodies: np.ndarray
+    moving: np.ndarray
+    parameters: np.ndarray
+
+
+class Frame(NamedTuple):
+    """Of an island to be joined: all states at time 0 (b, 13), how many bodies move and parameters are uncertain, its world."""
+
+    mean: np.ndarray
+    moving: int
+    world: World
+    parameters: int
+
+
+@singledispatch
+def joined(like: Any, carries: Sequence, parts: Sequence[Part], frame: Frame) -> Any:
+    """One carry for the bodies of several, which are independent of each other; ``like`` is one of them."""
+    raise NotSupportedError(f"are not supported for {type(like).__name__}", field="islands")
+
+
+@joined.register
+def _(like: LinearizationCarry, carries, parts, frame):
+    root = np.zeros((frame.moving, ERROR, sum(carry.root.shape[1] for carry in carries)))
+    column = 0
+    for carry, part in zip(carries, parts, strict=True):
+        rank = carry.root.shape[1]
+        root[part.moving, :, column : column + rank] = carry.root.reshape(len(part.moving), ERROR, rank)
+        column += rank
+    return like._replace(
+        mean=_joined_states(carries, parts, frame), root=root.reshape(ERROR * frame.moving, -1),
+        contact_history=_joined_history(carries, parts, frame))
+
+
+@joined.register(SurrogateCarry)
+@joined.register(LocalSamplingCarry)
+def _(like, carries, parts, frame):
+    name = "roots" if isinstance(like, SurrogateCarry) else "covariance"
+    P = np.empty((frame.moving, ERROR, ERROR))
+    for carry, part in zip(carries, parts, strict=True):
+        P[part.moving] = getattr(carry, name)
+    return like._replace(
+        mean=_joined_states(carries, parts, frame), contact_history=_joined_history(carries, parts, frame), **{name: P})
+
+
+@joined.register
+def _(like: MonteCarloCarry, carries, parts, frame):
+    count = len(like.states)
+    states, z = np.tile(frame.mean, (count, 1, 1)), np.zeros((count, frame.parameters))
+    for carry, part in zip(carries, parts, strict=True):
+        states[:, part.bodies] = carry.states
+        z[:, part.parameters] = carry.parameters
+    return like._replace(states=states, contact_history=_joined_history(carries, parts, frame), parameters=z)
+
+
+@joined.register
+def _(like: SigmaPointCarry, carries, parts, frame):
+    """More directions take points farther out: what is odd in a direction grows along, what is even by the square."""
+    counts = [len(carry.states) // 2 for carry in carries]
+    total = sum(counts)
+    states = np.tile(frame.mean, (2 * total + 1, 1, 1))
+    z = np.zeros((2 * total + 1, frame.parameters))
+    rows, first = [], 1
+    for carry, part, count in zip(carries, parts, counts, strict=True):
+        plus = np.arange(first, first + count)
+        first += count
+        own = np.concatenate([[0], plus, plus + total])
+        wide = _widened(carry.states, np.sqrt((total + 0.5) / (count + 0.5))) if count < total else carry.states
+        states[:, part.bodies] = wide[0]
+        states[np.ix_(own, part.bodies)] = wide
+        z[np.ix_(own, part.parameters)] = carry.parameters * np.sqrt((total + 0.5) / (count + 0.5))
+        rows.append(own)
+    return like._replace(states=states, contact_history=_joined_history(carries, parts, frame, rows), parameters=z)
+
+
+@singledispatch
+def flown(carry: Any, gravity: np.ndarray, along: Any, steps: int) -> Any:
+    """The carry of a single body after free flight; where there is none, such a body goes step by step as any other."""
+    raise NotSupportedError(f"are not supported for {type(carry).__name__}", field="islands")
+
+
+@flown.register
+def _(carry: LinearizationCarry, gravity, along, steps):
+    A = transition(carry.mean[0], along, True)
+    return carry._replace(mean=fly(carry.mean, gravity, along), root=A @ carry.root, step=carry.step + steps)
+
+
+@flown.register
+def _(carry: SurrogateCarry, gravity, along, steps):
+    A = transition(carry.mean[0], along, False)
+    return carry._replace(mean=fly(carry.mean, gravity, along), roots=A @ carry.roots, step=carry.step + steps)
+
+
+@flown.register
+def _(carry: LocalSamplingCarry, gravity, along, steps):
+    A = transition(carry.mean[0], along, False)
+    return carry._replace(mean=fly(carry.mean, gravity, along), covariance=A @ carry.covariance @ A.T, step=carry.step + steps)
+
+
+@flown.register
+def _(carry: SigmaPointCarry, gravity, along, steps):
+    return carry._replace(states=fly(carry.states, gravity, along), step=carry.step + steps)
+
+
+def _joined_states(carries, parts, frame):
+    mean = frame.mean.copy()
+    for carry, part in zip(carries, parts, strict=True):
+        mean[part.bodies] = carry.mean
+    return mean
+
+
+def _joined_history(carries, parts, frame, rows=None):
+    """What the joint rollouts remember; ``rows`` says which of them are each carry's, all where it is None."""
+    found = [carry.contact_history for carry in carries]
+    if rows is None:
+        rows = [np.arange(len(history.first_time)) for history in found]
+    return histories.joined(found, rows, [part.bodies for part in parts], frame.world)
+
+
+@kernel
+def _errors_about_first(states):
+    """(N, 12 B): errors of all states (N, B, 13) about the first."""
+    count, bodies = states.shape[0], states.shape[1]
+    errors = np.empty((count, ERROR * bodies))
+    for n in range(count):
+        for i in range(bodies):
+            boxminus(states[n, i], states[0, i], errors[n, ERROR * i : ERROR * (i + 1)])
+    return errors
+
+
+def _widened(states, factor):
+    """Sigma points (2 n + 1, B, 13) that lie farther out by a factor, and so weigh less."""
+    errors = _errors_about_first(states)
+    count = len(states) // 2
+    plus, minus = errors[1 : count + 1], errors[count + 1 :]
+    odd, even = 0.5 * factor * (plus - minus), 0.5 * factor**2 * (plus + minus)
+    return spread_states(states[0].copy(), np.arange(states.shape[1]), np.concatenate([errors[:1], even + odd, even - odd]))
+
+
+def _restricted(belief, bodies):
+    """The belief about some moving bodies."""
+    place = np.searchsorted(belief.moving, bodies)
+    if belief.independent:
+        P = belief.covariance[place]
+    else:
+        count = len(belief.moving)
+        P = belief.covariance.reshape(count, ERROR, count, ERROR)[np.ix_(place, range(ERROR), place, range(ERROR))]
+        P = P.reshape(ERROR * len(bodies), ERROR * len(bodies))
+    return Belief.trusted(belief.mean[bodies], P, np.arange(len(bodies)))
+
+
+def _correlated(belief):
+    """Pairs of bodies whose beliefs are correlated."""
+    if belief.independent:
+        return []
+    count = len(belief.moving)
+    some = np.any(belief.covariance.reshape(count, ERROR, count, ERROR) != 0.0, axis=(1, 3))
+    return belief.moving[np.argwhere(np.triu(some, 1))]
+
+
+def merged(labels, pairs):
+    """Labels, made one wherever a pair of them is to be."""
+    root = np.arange(len(labels))
+
+    def find(a):
+        while root[a] != a:
+            root[a] = root[root[a]]
+            a = root[a]
+        return a
+
+    for a, b in sorted(set(map(tuple, np.asarray(pairs, np.int64).reshape(-1, 2).tolist()))):
+        a, b = find(a), find(b)
+        root[max(a, b)] = min(a, b)
+    return np.array([find(label) for label in labels.tolist()])
+
+
+def _overlapping(low, high):
+    """(n, 2): pairs of boxes that overlap, by a sweep along x."""
+    order = np.argsort(low[:, 0], kind="stable")
+    ends = np.searchsorted(low[order, 0], high[order, 0], side="left")
+    counts = np.maximum(ends - np.arange(1, len(order) + 1), 0)
+    first = np.repeat(np.arange(len(order)), counts)
+    second = first + 1 + np.arange(len(first)) - np.repeat(np.cumsum(counts) - counts, counts)
+    a, b = order[first], order[second]
+    across = np.all((low[a, 1:] < high[b, 1:]) & (low[b, 1:] < high[a, 1:]), axis=1)
+    return np.sort(np.column_stack([a[across], b[across]]), axis=1)

@@ -1,0 +1,262 @@
+"""The driver of all predictions."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..checks.errors import (
+    DivergedError,
+    InvalidHorizonError,
+    InvalidRequestError,
+    LimitExceededError,
+    NotSupportedError,
+    PredictionTimeoutError,
+    UncPhysicsError,
+)
+from ..checks.validation import integer, positive
+from ..physics.compile_time import clock
+from ..propagators.base import Propagator
+from ..propagators.registry import PROPAGATORS, make_propagator
+from ..scene.belief import Belief
+from ..scene.environment import element_names
+from ..scene.scene import Scene
+from ..scene.stiffness import with_stiffness
+from .islands import Islands
+
+STEPS_LIMIT = 100_000_000
+TIMES_LIMIT = 100_000
+_LOOK_UP_AFTER = 0.02  # s, wall time between looks at the clock and reports of progress
+
+
+@dataclass(frozen=True, eq=False)
+class Prediction:
+    """Beliefs at one or more times.
+
+    Attributes
+    ----------
+    scene : Scene
+        As it was simulated, with the stiffness that was chosen for it.
+    propagator : Propagator
+    times : tuple of float
+        Simulated time of each belief from the start [s], ascending; the last is the horizon.
+    beliefs : tuple of Belief
+    carry : NamedTuple
+        The propagator's persistent state at the end; Monte Carlo's holds the samples.
+    wall_time : float
+        What the prediction took, the time to compile or load kernels left out [s].
+    """
+
+    scene: Scene
+    propagator: Propagator
+    times: tuple[float, ...]
+    beliefs: tuple[Belief, ...]
+    carry: tuple
+    wall_time: float
+
+    @property
+    def belief(self) -> Belief:
+        """The last belief."""
+        return self.beliefs[-1]
+
+    @property
+    def time(self) -> float:
+        """Simulated time of the last belief [s]."""
+        return self.times[-1]
+
+    @property
+    def seed(self) -> int | None:
+        """The seed that was used; None for a propagator that draws nothing."""
+        return getattr(self.propagator, "seed", None)
+
+    def samples(self, count: int | None = None) -> np.ndarray:
+        """States at the horizon that are drawn from the answer, the same at each call.
+
+        Parameters
+        ----------
+        count : int, optional
+            How many; the first ones of a larger number. A propagator that has samples gives its own, by
+            default all of them; otherwise the last belief is drawn from, with the prediction's seed or 0.
+
+        Returns
+        -------
+        (count, B, 13) array
+            As in `Belief.mean`; a fixed body's are all alike.
+
+        Raises
+        ------
+        InvalidRequestError
+            If ``count`` is no number of samples, or is needed and not given.
+        LimitExceededError
+            If the propagator has samples of its own, and fewer.
+        """
+        if count is not None:
+            count = integer(count, "count", low=1)
+        own = self.propagator.own_samples(self.carry, self.scene)
+        if own is None:
+            if count is None:
+                raise InvalidRequestError(
+                    f"must be given: {self.propagator.name} has no samples of its own", field="count")
+            return self.belief.sample(count, np.random.default_rng(self.seed or 0))
+        if count is not None and count > len(own):
+            raise LimitExceededError(
+                f"must be at most the {len(own)} samples of the prediction", field="count", value=count)
+        return own[:count].copy()
+
+
+def predict(
+    scene: Scene,
+    belief: Belief,
+    propagator: str | Propagator = "sigma_points",
+    horizon: float | None = None,
+    *,
+    times: Sequence[float] | None = None,
+    max_computation_time: float | None = None,
+    progress: Callable[[int, int], object] | None = None,
+) -> Prediction:
+    """Predict where the bodies of a scene will be, and how surely.
+
+    Parameters
+    ----------
+    scene : Scene
+    belief : Belief
+        About the bodies of the scene at time 0.
+    propagator : str or Propagator
+        A name takes the propagator's default options; `make_propagator` sets others.
+    horizon : float, optional
+        Time to predict for [s], rounded to whole steps. May be left out when ``times`` is given.
+    times : sequence of float, optional
+        Times at which a belief is wanted [s], ascending; by default the horizon alone. The horizon is added.
+    max_computation_time : float, optional
+        Wall time after which the prediction ends with an error [s]; compiling kernels does not count.
+    progress : callable, optional
+        Called every few hundredths of a second with the number of steps done and of all steps. What it raises
+        ends the prediction; an `UncPhysicsError` then has a ``prediction`` that ends at the time reached.
+
+    Returns
+    -------
+    Prediction
+
+    Raises
+    ------
+    InvalidHorizonError
+        If a time is not positive or shorter than half a step, or times do not ascend.
+    PredictionTimeoutError
+        If ``max_computation_time`` ran out; its ``prediction`` ends at the time reached.
+    DivergedError
+        If the simulation left the range of numbers.
+    NotSupportedError
+        If parameters of the scene are uncertain, or its integrator is the implicit one, and the propagator is
+        not one of those that take it.
+    InvalidRequestError, LimitExceededError, UnknownPropagatorError
+    """
+    started = clock()
+    if isinstance(propagator, str):
+        propagator = make_propagator(propagator)
+    belief.check_fits(scene)
+    check_supported(scene, propagator)
+    scene = with_stiffness(scene, belief.mean)
+    marks = _steps(scene, horizon, times)
+    allowed = None if max_computation_time is None else positive(max_computation_time, "max_computation_time")
+    in_one_go = allowed is None and progress is None
+    piece = marks[-1] if in_one_go else 1
+    in_islands = scene.islands and not scene.shared_parameters  # which tie all bodies together for ever
+    runner = Islands(propagator, scene, marks) if in_islands else propagator
+    carry = runner.init(scene, belief)
+    done, reached, beliefs = 0, [], []
+
+    def made(carry):
+        whole = runner.whole(carry) if in_islands else carry
+        took = clock() - started
+        return Prediction(scene, propagator, tuple(reached), tuple(beliefs), whole, took)
+
+    for mark in marks:
+        while done < mark:
+            steps = min(piece, mark - done)
+            piece_started = clock()
+            carry = runner.advance(carry, scene, steps)
+            done += steps
+            if in_one_go:
+                continue
+            now = clock()
+            piece = _next_piece(steps, now - piece_started)
+            try:
+                if progress is not None:
+                    progress(done, marks[-1])
+                if allowed is not None and done < marks[-1] and now - started > allowed:
+                    raise PredictionTimeoutError(
+                        f"ran out after {done * scene.dt:.6g} s of {marks[-1] * scene.dt:.6g} s simulated",
+                        field="max_computation_time", value=max_computation_time,
+                    )
+            except UncPhysicsError as error:
+                reached.append(done * scene.dt)
+                beliefs.append(_finite(runner.belief(carry, scene), reached[-1]))
+                error.prediction = made(carry)
+                raise
+        reached.append(done * scene.dt)
+        beliefs.append(_finite(runner.belief(carry, scene), reached[-1]))
+    return made(carry)
+
+
+def periodic_times(period: float, horizon: float) -> list[float]:
+    """Multiples of ``period`` before ``horizon`` [s]; raises `InvalidHorizonError` or `LimitExceededError`."""
+    period = positive(period, "period", InvalidHorizonError)
+    count = positive(horizon, "horizon", InvalidHorizonError) / period
+    if count > TIMES_LIMIT:
+        raise LimitExceededError(f"gives more than {TIMES_LIMIT} times", field="period", value=period)
+    return [k * period for k in range(1, math.ceil(count - 1e-9))]
+
+
+def check_supported(scene: Scene, propagator: Propagator) -> None:
+    """Raise `NotSupportedError` if the propagator does not take the integrator, or uncertain parameters."""
+    if scene.integrator not in propagator.integrators:
+        able = [name for name, cls in PROPAGATORS.items() if scene.integrator in cls.integrators]
+        raise NotSupportedError(
+            f"does not run on the {scene.integrator} integrator; {' and '.join(able)} do", field="propagator",
+            value=propagator.name)
+    if scene.uncertain and not propagator.varies_parameters:
+        first = scene.uncertain[0]
+        owners = [f" of body '{body.name}'" for body in scene.bodies]
+        owners += [f" of element '{name}'" for name in element_names(scene.environment)]
+        owner = "" if first.body < 0 else owners[first.body]
+        field = f"{first.name}_std{owner}"
+        raise NotSupportedError(f"is not supported by {propagator.name}", field=field, value=float(first.std))
+
+
+def _next_piece(steps, took):
+    """Steps that will take about as long as is wanted between looks at the clock, when ``steps`` took ``took`` s."""
+    return max(1, min(4 * steps, round(steps * _LOOK_UP_AFTER / max(took, 1e-9))))
+
+
+def _finite(belief, reached):
+    if not (np.isfinite(belief.mean).all() and np.isfinite(belief.covariance).all()):
+        raise DivergedError(f"diverged within {reached:.6g} s; a smaller dt or stiffness may help", field="prediction")
+    return belief
+
+
+def _steps(scene, horizon, times):
+    """Numbers of steps after which a belief is wanted, ascending."""
+    wanted = [] if times is None else list(times)
+    if horizon is not None:
+        wanted.append(horizon)
+    if not wanted:
+        raise InvalidHorizonError("must be given", field="horizon")
+    names = [f"times[{k}]" for k in range(len(wanted))]
+    if horizon is not None:
+        names[-1] = "horizon"
+    marks = []
+    for name, value in zip(names, wanted, strict=True):
+        ratio = positive(value, name, InvalidHorizonError) / scene.dt
+        if ratio > STEPS_LIMIT:
+            raise LimitExceededError(f"takes more than {STEPS_LIMIT} steps of dt = {scene.dt} s", field=name, value=value)
+        steps = round(ratio)
+        if steps < 1:
+            raise InvalidHorizonError(f"is shorter than half a step of dt = {scene.dt} s", field=name, value=value)
+        if marks and steps < marks[-1]:
+            raise InvalidHorizonError("must not be earlier than the time before it", field=name, value=value)
+        if not marks or steps > marks[-1]:
+            marks.append(steps)
+    return marks

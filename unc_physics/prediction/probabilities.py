@@ -1,0 +1,362 @@
+"""Answers that a robot asks a prediction for: will they touch, and when; where will it be; will it be at rest?
+
+Every answer is a probability within `TOLERANCE` of the truth, or says that it is not available: it is where the
+interval that its outcomes leave for the truth reaches farther. Monte Carlo counts its samples. The other propagators have no samples, and the Gaussian that they end with is no good for probabilities once
+bodies have touched (``python -m unc_physics_evaluation.benchmarks.calibration`` shows how far off it is). What they can tell is what is decided
+by the first contacts, before which all bodies fly freely: flights drawn from the initial belief say for each question
+how often it is answered yes, no, or not yet. "Not yet" counts half, and widens the interval by as much.
+"""
+
+from __future__ import annotations
+
+import math
+import weakref
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ..checks.errors import DuplicateIdError, InvalidEnvironmentError, InvalidRequestError
+from ..checks.validation import array, positive, quaternion
+from ..physics.layout import ANGULAR_VELOCITY, POSITION, VELOCITY
+from ..physics.rotation import rotation_matrix
+from ..scene.belief import Belief
+from ..scene.environment import element_names
+from ..scene.scene import Scene
+from .first_contacts import first_contacts
+from .predict import Prediction
+
+#: What an answer is called with that is about any element of the environment.
+ENVIRONMENT = "environment"
+#: How far an available probability may be from the truth.
+TOLERANCE = 0.1
+#: Half width of the interval of a share, in standard deviations: one share in a thousand lies outside.
+CONFIDENCE = 3.29
+#: Flights of a propagator without samples.
+FLIGHTS = 1000
+#: Contacts below which too little is known of when they begin.
+FEWEST_CONTACTS = 10
+#: Speeds below which a body counts as at rest [m/s], [rad/s].
+REST_SPEED, REST_ANGULAR_SPEED = 0.01, math.radians(5.0)
+
+_known = weakref.WeakKeyDictionary()  # outcomes of predictions whose answers were asked for
+
+
+@dataclass(frozen=True, eq=False)
+class BoxRegion:
+    """A box in space to ask about.
+
+    Attributes
+    ----------
+    name : str
+    size : (3,) array
+        Edge lengths [m].
+    position : (3,) array
+        Of its centre, world frame [m].
+    orientation : (4,) array
+        Quaternion (x, y, z, w) of ``R_world_region``.
+
+    Raises
+    ------
+    InvalidRequestError, InvalidEnvironmentError, NotFiniteError, InvalidOrientationError
+    """
+
+    name: str
+    size: np.ndarray
+    position: np.ndarray = (0.0, 0.0, 0.0)
+    orientation: np.ndarray = field(default=(0.0, 0.0, 0.0, 1.0))
+
+    def __post_init__(self):
+        if not isinstance(self.name, str) or not self.name:
+            raise InvalidRequestError("must be a non-empty text", field="name of region", value=self.name)
+        of = f"of region '{self.name}'"
+        size = array(self.size, (3,), f"size {of}", InvalidEnvironmentError)
+        for k in range(3):
+            positive(size[k], f"size[{k}] {of}", InvalidEnvironmentError)
+        object.__setattr__(self, "size", size)
+        object.__setattr__(self, "position", array(self.position, (3,), f"position {of}", InvalidEnvironmentError))
+        object.__setattr__(self, "orientation", quaternion(self.orientation, f"orientation {of}"))
+
+    def contains(self, points: np.ndarray) -> np.ndarray:
+        """(...,) bool: which points (..., 3) [m], world frame, lie in the box or on its surface."""
+        R = rotation_matrix(self.orientation)
+        return (np.abs((points - self.position) @ R) <= 0.5 * self.size).all(axis=-1)
+
+
+@dataclass(frozen=True)
+class ContactProbability:
+    """How probable it is that two things touch within the horizon, and when they first do.
+
+    Attributes
+    ----------
+    object_a, object_b : str
+        A moving body, and another body, an element of the environment, or `ENVIRONMENT` for any of its elements. Two
+        bodies are in the scene's order, where either may be the fixed one.
+    time_from_start : float
+        The contact happens between the start and this time [s].
+    available : bool
+        Whether the propagator can give the probability well enough.
+    probability : float
+        0 where it is not available.
+    first_contact_time_available : bool
+    first_contact_time_mean, first_contact_time_std : float
+        Time of the first contact from the start, given that there is one: mean and standard deviation [s]. Told by
+        the step, so up to one ``dt`` late. 0 where it is not available, as where a contact is too improbable.
+    """
+
+    object_a: str
+    object_b: str
+    time_from_start: float
+    available: bool = False
+    probability: float = 0.0
+    first_contact_time_available: bool = False
+    first_contact_time_mean: float = 0.0
+    first_contact_time_std: float = 0.0
+
+
+@dataclass(frozen=True)
+class RegionProbability:
+    """How probable it is that a body's centre of mass lies in a region at the horizon.
+
+    Attributes
+    ----------
+    region, object : str
+        Names.
+    time_from_start : float
+        The horizon [s].
+    available : bool
+        Whether the propagator can give the probability well enough.
+    probability : float
+        0 where it is not available.
+    """
+
+    region: str
+    object: str
+    time_from_start: float
+    available: bool = False
+    probability: float = 0.0
+
+
+@dataclass(frozen=True)
+class RestProbability:
+    """How probable it is that a body is at rest at the horizon.
+
+    Attributes
+    ----------
+    object : str
+        Its name.
+    time_from_start : float
+        The horizon [s].
+    available : bool
+        Whether the propagator can give the probability well enough.
+    probability : float
+        0 where it is not available.
+    """
+
+    object: str
+    time_from_start: float
+    available: bool = False
+    probability: float = 0.0
+
+
+def contact_probabilities(scene: Scene, prediction: Prediction, initial: Belief | None = None) -> tuple[ContactProbability, ...]:
+    """How probable contacts within the horizon are, and when they first happen.
+
+    Parameters
+    ----------
+    scene : Scene
+    prediction : Prediction
+    initial : Belief, optional
+        The belief that the prediction began with. Propagators without samples need it to answer; their first answer to
+        any question about a prediction takes `FLIGHTS` flights up to the first contacts.
+
+    Returns
+    -------
+    tuple of ContactProbability
+        For each pair of bodies of which one moves, in the scene's order; then, for each moving body, each element of
+        the environment, and the environment as a whole under the name `ENVIRONMENT`.
+    """
+    outcomes = _outcomes(scene, prediction, initial)
+    return tuple(_contact((*names, prediction.time), outcomes, *place) for *names, place in _encounters(scene))
+
+
+def region_probabilities(
+    scene: Scene, prediction: Prediction, regions: Iterable[BoxRegion], initial: Belief | None = None
+) -> tuple[RegionProbability, ...]:
+    """How probable it is that a moving body's centre of mass lies in a region at the horizon.
+
+    Parameters
+    ----------
+    scene : Scene
+    prediction : Prediction
+    regions : iterable of BoxRegion
+    initial : Belief, optional
+        As for `contact_probabilities`.
+
+    Returns
+    -------
+    tuple of RegionProbability
+        For each region, each moving body in the scene's order.
+
+    Raises
+    ------
+    DuplicateIdError
+        If two regions have one name.
+    """
+    regions = tuple(regions)
+    names = [region.name for region in regions]
+    for k, name in enumerate(names):
+        if name in names[:k]:
+            raise DuplicateIdError("is the name of two regions", field=f"regions[{k}].name", value=name)
+    outcomes = _outcomes(scene, prediction, initial)
+    answers = []
+    for region in regions:
+        for body in scene.moving:
+            inside = None if outcomes is None else region.contains(outcomes.states[:, body, POSITION])
+            answers.append(RegionProbability(region.name, scene.bodies[body].name, prediction.time, *_of_body(inside, outcomes, body)))
+    return tuple(answers)
+
+
+def rest_probabilities(
+    scene: Scene, prediction: Prediction, initial: Belief | None = None,
+    *, speed: float = REST_SPEED, angular_speed: float = REST_ANGULAR_SPEED,
+) -> tuple[RestProbability, ...]:
+    """How probable it is that a moving body is at rest at the horizon.
+
+    Parameters
+    ----------
+    scene : Scene
+    prediction : Prediction
+    initial : Belief, optional
+        As for `contact_probabilities`.
+    speed, angular_speed : float
+        A body is at rest when its centre of mass is slower [m/s], and it turns slower [rad/s].
+
+    Returns
+    -------
+    tuple of RestProbability
+        One for each moving body, in the scene's order.
+    """
+    speed, angular_speed = positive(speed, "speed"), positive(angular_speed, "angular_speed")
+    outcomes = _outcomes(scene, prediction, initial)
+    answers = []
+    for body in scene.moving:
+        slow = None
+        if outcomes is not None:
+            slow = np.linalg.norm(outcomes.states[:, body, VELOCITY], axis=1) < speed
+            slow &= np.linalg.norm(outcomes.states[:, body, ANGULAR_VELOCITY], axis=1) < angular_speed
+        answers.append(RestProbability(scene.bodies[body].name, prediction.time, *_of_body(slow, outcomes, body)))
+    return tuple(answers)
+
+
+@dataclass(frozen=True, eq=False)
+class _Outcomes:
+    """Equally probable outcomes.
+
+    Attributes
+    ----------
+    states : (N, B, 13) array
+        At the horizon, or when the body stopped.
+    stopped : (N, B) array
+        Time from which on nothing is known of a body [s]; infinite for one that is known to the end.
+    first : (N, B, B + E) array
+        Time of the first contact of bodies i < j, or of body i and element j - B [s]; infinite without one.
+    certain : bool
+        Whether nothing else may happen, instead of these being draws.
+    """
+
+    states: np.ndarray
+    stopped: np.ndarray
+    first: np.ndarray
+    certain: bool = False
+
+
+def _outcomes(scene, prediction, initial):
+    """What may happen, from a prediction's samples or from flights; None where there is nothing to tell it from."""
+    scene = prediction.scene  # with the stiffness that was chosen
+    if prediction not in _known:
+        found = _sampled(scene, prediction) or _flown(scene, prediction, initial)
+        if found is None:
+            return None
+        _known[prediction] = found
+    return _known[prediction]
+
+
+def _sampled(scene, prediction):
+    """The outcomes that a prediction holds: Monte Carlo's samples, or the only one there is."""
+    certain = not (prediction.belief.covariance.any() or scene.uncertain)
+    first = prediction.carry.contact_history.first_time
+    if prediction.propagator.name == "monte_carlo":
+        states = prediction.propagator.states(prediction.carry, scene)
+        certain = certain or (len(states) > 1 and bool((states == states[0]).all()))
+    elif certain:
+        states, first = prediction.belief.mean[None], first[:1]
+    else:
+        return None
+    return _Outcomes(states, np.full(states.shape[:2], np.inf), first, certain)
+
+
+def _flown(scene, prediction, initial):
+    """Outcomes as far as first contacts decide them."""
+    if initial is None or scene.uncertain or prediction.propagator.name == "monte_carlo":
+        return None
+    initial.check_fits(scene)
+    return _Outcomes(*first_contacts(scene, initial, round(prediction.time / scene.dt), FLIGHTS))
+
+
+def _encounters(scene):
+    """Who may touch whom: their names, and (body, other body or None, columns) in the table of first contacts."""
+    names = [body.name for body in scene.bodies]
+    elements = element_names(scene.environment)
+    B, E = len(names), len(elements)
+    for i in range(B):
+        for j in range(i + 1, B):
+            if not (scene.bodies[i].fixed and scene.bodies[j].fixed):
+                yield names[i], names[j], (i, j, slice(j, j + 1))
+    for i in scene.moving:
+        for e in range(E):
+            yield names[i], elements[e], (i, None, slice(B + e, B + e + 1))
+        if E:
+            yield names[i], ENVIRONMENT, (i, None, slice(B, B + E))
+
+
+def _contact(names, outcomes, body, other, columns):
+    """The answer about one encounter."""
+    if outcomes is None:
+        return ContactProbability(*names)
+    first = outcomes.first[:, body, columns].min(axis=1)
+    known = outcomes.stopped[:, body]
+    if other is not None:
+        known = np.minimum(known, outcomes.stopped[:, other])
+    yes = np.isfinite(first) & (first <= known)  # later than that, it is contact with a body that is not there any more
+    available, probability = _share(yes, np.isfinite(known) & ~yes, outcomes.certain)
+    if not available or yes.sum() < min(FEWEST_CONTACTS, len(yes)):  # one outcome is enough if it is certain
+        return ContactProbability(*names, available, probability)
+    times = first[yes].astype(float)
+    return ContactProbability(*names, available, probability, True, float(times.mean()), float(times.std()))
+
+
+def _of_body(yes, outcomes, body):
+    """Whether a question about a body at the horizon, with these answers (N,) if it was known to the end, can be answered."""
+    if outcomes is None:
+        return False, 0.0
+    return _share(yes, np.isfinite(outcomes.stopped[:, body]), outcomes.certain)
+
+
+def _share(yes, unknown, certain):
+    """Availability and probability from outcomes (N,) that say yes, and those that leave it open, which count half."""
+    count = len(yes)
+    low, high = np.count_nonzero(yes & ~unknown) / count, np.count_nonzero(yes | unknown) / count
+    probability = 0.5 * (low + high)
+    if not certain:
+        low, high = _interval(low, count)[0], _interval(high, count)[1]
+    available = bool(max(probability - low, high - probability) <= TOLERANCE)
+    return available, float(probability) if available else 0.0
+
+
+def _interval(share, count):
+    """Lowest and highest probability that may have given a share of ``count`` draws (Wilson 1927)."""
+    square = CONFIDENCE**2 / count
+    middle = (share + 0.5 * square) / (1.0 + square)
+    half = CONFIDENCE * math.sqrt(share * (1.0 - share) / count + 0.25 * square / count) / (1.0 + square)
+    return middle - half, middle + half

@@ -1,0 +1,374 @@
+"""How far each body's prediction can be trusted: flags, and the measures that they were judged by."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from enum import IntFlag
+from typing import NamedTuple
+from weakref import WeakKeyDictionary
+
+import numpy as np
+
+from ..physics.broad_phase import near_pairs
+from ..physics.compiled import kernel
+from ..physics.contact_model import capacity, impact_frequency
+from ..physics.element_contacts import next_element_contacts, open_element
+from ..physics.layout import (
+    ANGULAR_VELOCITY,
+    ERR_ANGULAR_VELOCITY,
+    ERR_POSITION,
+    ERR_ROTATION,
+    ERR_VELOCITY,
+    ERROR,
+    POSITION,
+    QUATERNION,
+    VELOCITY,
+)
+from ..physics.narrow_phase import DISTANCE, VOLUME, next_contacts, open_pair
+from ..physics.rotation import rotation_matrix
+from ..physics.workspace import workspace
+from ..propagators.monte_carlo import MonteCarlo
+from ..scene.belief import Belief
+from ..scene.scene import Scene
+from .islands import merged
+from .predict import Prediction, predict
+
+#: Rollouts with which `assess` compares what rests on a single nominal one.
+ROLLOUTS = 12
+_SEED = 0  # of their draws: the same question has the same status
+_NOTHING = 1e-9  # of the body's radius, and in rad: spreads below it agree
+_NUDGE = 1e-9  # of the body's radius: coincident spheres have no normal
+_shapes = WeakKeyDictionary()
+_NOISE = 4.0  # standard deviations of a sample's mean energy that are no gain
+_USUAL = 0.95  # share of the rollouts that a residual must be small in
+
+
+class Status(IntFlag):
+    """Flags of one body's prediction; the numbers are those of ``unc_physics_msgs/msg/PredictedObject``."""
+
+    FINE = 0
+    NOT_CONVERGED = 1
+    OUTSIDE_VALIDITY = 2
+    INITIAL_OVERLAP = 4
+
+
+#: Flag, limit and words of each measure; `assess` explains them.
+RULES = {
+    "initial_overlap": (Status.INITIAL_OVERLAP, 0.02, "overlaps another body or the environment at the start"),
+    "energy_gain": (Status.NOT_CONVERGED, 0.02, "energy was gained; a smaller dt helps"),
+    "contact_residual": (Status.NOT_CONVERGED, 5e-3, "contact forces were not found well enough; a smaller dt, or masses that differ less, help"),
+    "step_times_frequency": (Status.NOT_CONVERGED, 1.3, "the step is too long for the stiffness of the contacts"),
+    "impact_over_capacity": (Status.NOT_CONVERGED, 1.0, "hits harder than the stiffness can stop"),
+    "directions": (Status.OUTSIDE_VALIDITY, 30.0, "too many uncertain directions for sigma points; islands or monte_carlo helps"),
+    "rotation_std": (Status.OUTSIDE_VALIDITY, 2.2, "the rotation is too uncertain for a Gaussian"),
+    "spread_disagreement": (Status.OUTSIDE_VALIDITY, 2.3, "rollouts spread differently; sigma_points or monte_carlo helps"),
+    "unchecked": (Status.OUTSIDE_VALIDITY, 0.5, "its spread after a contact was not compared with rollouts"),
+}
+
+
+@dataclass(frozen=True)
+class BodyStatus:
+    """What speaks against one body's prediction.
+
+    Attributes
+    ----------
+    body : str
+        Its name.
+    flags : Status
+    measures : dict of str to float
+        What the flags were judged by, each by name (`assess`).
+    reasons : tuple of str
+        The flags in words.
+    """
+
+    body: str
+    flags: Status
+    measures: dict[str, float]
+    reasons: tuple[str, ...]
+
+    @property
+    def message(self) -> str:
+        """The reasons in one text; empty when fine."""
+        return "; ".join(self.reasons)
+
+
+def assess(scene: Scene, initial: Belief, prediction: Prediction, rollouts: int = ROLLOUTS) -> tuple[BodyStatus, ...]:
+    """Check what can be checked of a prediction at its end.
+
+    Parameters
+    ----------
+    scene : Scene
+    initial : Belief
+        The belief that the prediction began with.
+    prediction : Prediction
+    rollouts : int
+        How many to compare with, for a propagator whose spread rests on a single nominal rollout (``mean_update`` is
+        ``nominal``); it costs as many rollouts, where there is something to touch, or a gyroscopic term. With 0, what touched is flagged
+        as unchecked.
+
+    Returns
+    -------
+    tuple of BodyStatus
+        One for each body, in the scene's order; a fixed body's has no measures.
+
+    Notes
+    -----
+    The measures, each compared with its limit in `RULES`; bodies that touched each other, directly or through others,
+    share their energy:
+
+    ``initial_overlap``
+        Depth of the deepest pair of spheres at the initial mean, over the body's radius.
+    ``energy_gain``
+        Of a body that touched something: energy gained, over all that there was, that gravity gave and that overlap at
+        the start held. For propagators with several rollouts in the mean over these, from below.
+    ``contact_residual``
+        Of a body that touched something, with the implicit integrator: by how much of the largest impulse those of its
+        contacts, and of what touched it, still changed when the solver gave up; the most of all steps up to the
+        prediction's end, that only one in twenty rollouts exceeds.
+    ``step_times_frequency``
+        Of a body that touched something, with the explicit integrator: what a contact's oscillation turns in a step [rad],
+        at the highest speed that start, end and gravity suggest.
+    ``impact_over_capacity``
+        With the explicit integrator: kinetic energy at that speed over what two spheres as large as the body's largest take
+        up before they pass through each other (`contact_model.capacity`).
+    ``directions``
+        Of sigma points, for a body that touched something: in how many directions the bodies that they are spread for
+        together are uncertain. Points lie farther out the more there are, and most of them move a single body.
+    ``rotation_std``
+        Largest standard deviation of the rotation about any axis that the body would have at the end without contact [rad];
+        not of Monte Carlo.
+    ``spread_disagreement``
+        The factor by which predicted spreads and those of a few rollouts differ, of position or rotation, whichever is
+        worse. Over twelve rollouts it is uncertain by about a sixth.
+    ``unchecked``
+        1 for a body that touched something where no rollouts were asked for: its spread is wrong by more than a factor of
+        2 more often than not.
+    """
+    return assess_all(scene, initial, replace(prediction, times=prediction.times[-1:], beliefs=prediction.beliefs[-1:]), rollouts)[0]
+
+
+def assess_all(
+    scene: Scene, initial: Belief, prediction: Prediction, rollouts: int = ROLLOUTS
+) -> tuple[tuple[BodyStatus, ...], ...]:
+    """As `assess`, at each of the prediction's times."""
+    scene = prediction.scene  # with the stiffness that was chosen
+    nominal = prediction.propagator.traits.mean_update == "nominal"
+    meets = len(scene.bodies) + len(scene.environment) > 1 or scene.gyroscopic  # else flight is exact
+    spreads = [None] * len(prediction.times)
+    if nominal and meets and rollouts > 0:
+        spreads = _spreads(scene, initial, prediction.times, rollouts)
+    start = _start(scene, initial, prediction)
+    return tuple(
+        _assess(scene, start, prediction, time, belief, spread)
+        for time, belief, spread in zip(prediction.times, prediction.beliefs, spreads, strict=True)
+    )
+
+
+class _Start(NamedTuple):
+    """What all times share: of each body (B,), or of each of the M moving ones."""
+
+    mean: np.ndarray  # (B, 13)
+    blocks: np.ndarray  # (M, 12, 12)
+    mass: np.ndarray  # (B,), 0 of a fixed body [kg]
+    shapes: np.ndarray  # (B, 4): least and largest inertia over mass [m^2], largest sphere's radius, the body's [m]
+    overlap: np.ndarray  # (B,) [m]
+    energy: np.ndarray  # (B,), from above [J]
+    samples: float | None  # that a belief is the mean of: infinite where they are chosen instead of drawn; None for one
+
+
+def _start(scene, initial, prediction):
+    samples = None
+    if prediction.propagator.traits.mean_update != "nominal":
+        samples = prediction.propagator.samples if prediction.propagator.name == "monte_carlo" else math.inf
+    mass = np.array([0.0 if body.fixed else body.mass for body in scene.bodies])
+    shapes = np.array([_shape(body.model) for body in scene.bodies])
+    overlap, held = _overlaps(scene, initial.mean)
+    start = _Start(initial.mean, initial.blocks, mass, shapes, overlap, held, samples)
+    energy, noise = _kinetic(scene, start, initial, 1)
+    if samples is not None and math.isfinite(samples):
+        energy += _NOISE * noise / math.sqrt(samples)
+    return start._replace(energy=held + energy)
+
+
+def _shape(model):
+    """A model's row of `_Start.shapes`."""
+    if model not in _shapes:
+        principal = np.linalg.eigvalsh(model.inertia)
+        _shapes[model] = principal[0], principal[-1], float(model.radii.max()), model.bounding_radius
+    return _shapes[model]
+
+
+def _assess(scene, start, prediction, time, belief, spreads):
+    """The statuses at one of the prediction's times."""
+    name, bodies = prediction.propagator.name, len(scene.bodies)
+    touched = prediction.carry.contact_history.first_time.min(axis=0) <= time
+    pairs = np.argwhere(touched[:, :bodies])
+    touches = touched.any(axis=1) | touched[:, :bodies].any(axis=0)
+    group = merged(np.arange(bodies), pairs) if len(pairs) else np.arange(bodies)
+    per_body = {"initial_overlap": start.overlap / start.shapes[:, 3]}
+    if name != "monte_carlo":
+        per_body["rotation_std"] = _free_rotation_std(scene, start, time)
+    if spreads is not None:
+        per_body["spread_disagreement"] = _disagreement(scene, start, belief.blocks, spreads)
+    in_contact = {}
+    if touches.any():
+        if start.samples is None and spreads is None:
+            in_contact["unchecked"] = np.ones(bodies)
+        if name == "sigma_points":
+            in_contact["directions"] = _directions(scene, start, prediction, group)
+        speed, in_contact["energy_gain"] = _energies(scene, start, belief, group)
+        if scene.integrator == "explicit":
+            in_contact |= _explicit_measures(scene, start, speed)
+        else:
+            in_contact["contact_residual"] = np.quantile(prediction.carry.contact_history.solver.residual, _USUAL, axis=0)
+    return tuple(
+        _judged(body.name, {} if body.fixed else {
+            key: float(value[k]) for key, value in (per_body | in_contact if touches[k] else per_body).items()})
+        for k, body in enumerate(scene.bodies)
+    )
+
+
+def _explicit_measures(scene, start, speed):
+    """What a step can take at the bodies' highest speeds (B,): values (B,) by name."""
+    radius = start.shapes[:, 2]
+    frequency = [impact_frequency(speed[k], 1.0 / body.mass, radius[k], scene.stiffness) for k, body in enumerate(scene.bodies)]
+    most = np.maximum(capacity(radius, scene.stiffness), 1e-300)
+    return {
+        "step_times_frequency": scene.dt * np.array(frequency),
+        "impact_over_capacity": 0.5 * start.mass * speed**2 / most,
+    }
+
+
+def _judged(name, measures):
+    """The status that measures make."""
+    flags, reasons = Status.FINE, []
+    for key, value in measures.items():
+        flag, limit, words = RULES[key]
+        if value > limit:
+            flags |= flag
+            reasons.append(f"{words} ({key} {value:.3g} above {limit:.3g})")
+    return BodyStatus(name, flags, measures, tuple(reasons))
+
+
+def _directions(scene, start, prediction, group):
+    """(B,): how many uncertain directions each body shares its sigma points with."""
+    values = np.linalg.eigvalsh(start.blocks)
+    own = np.zeros(len(scene.bodies))
+    own[scene.moving] = ERROR if prediction.propagator.points == "full" else (values > 1e-14 * values[:, -1:]).sum(axis=1)
+    apart = scene.islands and not scene.shared_parameters
+    shared = np.bincount(group, own, len(own))[group] if apart else np.full(len(own), own.sum())
+    return shared + len(scene.uncertain)
+
+
+def _spreads(scene, initial, times, count):
+    """(T, M, 2): standard deviations of position [m] and rotation [rad] of some rollouts, at each time."""
+    if len(scene.bodies) > 2 and not scene.islands:
+        scene = replace(scene, islands=True)  # changes rollouts by nothing that counts here
+    sampled = predict(scene, initial, MonteCarlo(samples=count, seed=_SEED), None, times=times)
+    return math.sqrt(count / max(count - 1, 1)) * np.array([_stds(belief.blocks) for belief in sampled.beliefs])
+
+
+def _stds(blocks):
+    """(M, 2): standard deviations of position [m] and rotation [rad], over all axes together."""
+    variances = np.einsum("mii->mi", blocks)
+    return np.sqrt(np.maximum([variances[:, block].sum(axis=1) for block in (ERR_POSITION, ERR_ROTATION)], 0.0)).T
+
+
+def _disagreement(scene, start, blocks, spreads):
+    """(B,): the larger factor between predicted and sampled standard deviations."""
+    nothing = np.column_stack([_NOTHING * start.shapes[scene.moving, 3], np.full(len(blocks), _NOTHING)])
+    predicted = np.maximum(_stds(blocks), nothing)
+    found = np.where(np.isfinite(spreads), np.maximum(spreads, nothing), math.inf)
+    result = np.ones(len(scene.bodies))
+    result[scene.moving] = np.maximum(predicted / found, found / predicted).max(axis=1)
+    return result
+
+
+def _free_rotation_std(scene, start, time):
+    """(B,): largest standard deviation about any axis of the rotation after a time without contact [rad]."""
+    if scene.damping > 0.0:
+        time = -math.expm1(-scene.damping * time) / scene.damping
+    P = start.blocks
+    cross = P[:, ERR_ROTATION, ERR_ANGULAR_VELOCITY]
+    spread = (
+        P[:, ERR_ROTATION, ERR_ROTATION] + time * (cross + cross.transpose(0, 2, 1))
+        + time**2 * P[:, ERR_ANGULAR_VELOCITY, ERR_ANGULAR_VELOCITY])
+    result = np.zeros(len(scene.bodies))
+    result[scene.moving] = np.sqrt(np.maximum(np.linalg.eigvalsh(spread)[:, -1], 0.0))
+    return result
+
+
+def _energies(scene, start, belief, group):
+    """Highest speed [m/s] of each body, and its group's relative gain of energy: each (B,)."""
+    way = belief.mean[:, POSITION] - start.mean[:, POSITION]
+    work = start.mass * (way @ scene.gravity)
+    after, _ = _kinetic(scene, start, belief, 0)
+    source, rest = (
+        np.bincount(group, value, len(group))[group]
+        for value in (start.energy + np.maximum(work, 0.0), after + np.maximum(-work, 0.0)))
+    gain = (rest - source) / np.where(source > 0.0, source, math.inf)
+    squares = np.maximum(*((state[:, VELOCITY] ** 2).sum(axis=1) for state in (start.mean, belief.mean)))
+    return np.sqrt(squares + 2.0 * math.sqrt(scene.gravity @ scene.gravity) * np.abs(way).max(axis=1)), gain
+
+
+def _kinetic(scene, start, belief, side):
+    """Kinetic energy of each body [J], and of several rollouts the standard deviation of a single one's: each (B,).
+
+    The mean over several rollouts has the spread's energy. Its share of rotation depends on how velocities and poses go
+    together: the least (``side`` 0) or the largest (1) moment of inertia stands for all.
+    """
+    energy, noise = np.zeros(len(scene.bodies)), np.zeros(len(scene.bodies))
+    some, P = scene.moving, belief.blocks
+    v, w = belief.mean[some, VELOCITY], belief.mean[some, ANGULAR_VELOCITY]
+    if start.samples is None:
+        for k in some:
+            x, inertia = belief.mean[k], scene.bodies[k].model.inertia
+            spin = x[ANGULAR_VELOCITY] @ rotation_matrix(x[QUATERNION])
+            energy[k] = 0.5 * start.mass[k] * (x[VELOCITY] @ x[VELOCITY] + spin @ inertia @ spin)
+        return energy, noise
+    for factor, mean, block in ((1.0, v, ERR_VELOCITY), (start.shapes[some, side], w, ERR_ANGULAR_VELOCITY)):
+        spread = P[:, block, block]
+        share = factor * start.mass[some]
+        energy[some] += 0.5 * share * ((mean**2).sum(axis=1) + np.einsum("mii->m", spread))
+        along = np.einsum("mi,mij,mj->m", mean, spread, mean)
+        noise[some] += share * np.sqrt(np.maximum(along + 0.5 * (spread**2).sum(axis=(1, 2)), 0.0))
+    return energy, noise
+
+
+def _overlaps(scene, mean):
+    """How deep each body's spheres reach into others or the environment [m], and no less than the energy there [J]: each (B,)."""
+    nudged = mean.copy()
+    for k, body in enumerate(scene.bodies):
+        nudged[k, POSITION.start] += k * _NUDGE * body.model.bounding_radius
+    result = np.zeros((2, len(mean)))
+    _add_overlaps(nudged, scene.world, scene.world.surroundings, result)
+    return result[0], scene.stiffness * result[1]
+
+
+@kernel
+def _add_overlaps(x, world, surroundings, out):
+    """Depths into ``out[0]``; depth times volume, half for each of two bodies, into ``out[1]``."""
+    work = workspace(x, world)
+    radii, pairs, records = world.tree.radii, work.search.pairs, work.search.records
+    for k in range(near_pairs(x, world.bodies.radius, work.zero_travel, world.bodies.moving, work)):
+        i, j = work.near[k, 0], work.near[k, 1]
+        t_ij, slack, top = open_pair(x, i, j, world, work)
+        while top > 0:
+            count, top = next_contacts(world.tree, work.R_ij, t_ij, slack, work.search, top)
+            for c in range(count):
+                depth = radii[pairs[c, 0]] + radii[pairs[c, 1]] - records[c, DISTANCE]
+                for body in (i, j):
+                    out[0, body] = max(out[0, body], depth)
+                    out[1, body] += 0.5 * depth * records[c, VOLUME]
+    if surroundings is not None:
+        for i in range(len(x)):
+            if world.bodies.moving[i]:
+                for e in range(len(surroundings.kind)):
+                    t, top = open_element(x, i, e, world, surroundings, work)
+                    while top > 0:
+                        count, top = next_element_contacts(world.tree, surroundings, e, work.R_ij, t, work.search, top)
+                        for c in range(count):
+                            depth = radii[pairs[c, 0]] - records[c, DISTANCE]
+                            out[0, i] = max(out[0, i], depth)
+                            out[1, i] += depth * records[c, VOLUME]

@@ -1,0 +1,1 @@
+"""Uncertainty propagation: one file for each propagator, their base class, and the registry."""

@@ -1,0 +1,578 @@
+"""Local sampling: contacts are perturbed by the poses' uncertainty, the spread feeds P (section 4.4)."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from ..checks.errors import InvalidOptionError
+from ..checks.validation import integer
+from ..physics import contact_history as histories
+from ..physics.compiled import inner, kernel
+from ..physics.contact_history import ContactHistory
+from ..physics.explicit_step import (
+    after_element,
+    after_pair,
+    before_drift,
+    integrate,
+    on_contacts,
+    on_element_contacts,
+)
+from ..physics.layout import EP, ER, ERROR, EV, EW
+from ..physics.narrow_phase import DISTANCE, NORMAL, VOLUME
+from ..physics.random import RUN, combine, normal_table, places
+from ..physics.rotation import cross, exp, rotate, rotate_back
+from ..physics.shapes import surface
+from ..physics.transition import apply_drift_jacobian, write_printed_rotation
+from ..physics.workspace import workspace
+from ..scene.belief import Belief
+from .base import Propagator, Traits
+
+_SAMPLES_LIMIT = 100_000
+_ROUND_OFF = 1e-6  # of a spread's trace: what single precision may lose
+
+
+def _series(terms, first):
+    """Coefficients of sin(a) / a (``first`` 1) or (1 - cos(a)) / a^2 (2) in -a^2, highest order first."""
+    return tuple(np.float32(1.0 / math.factorial(2 * k + first)) for k in reversed(range(terms)))
+
+
+_SHORT = 5  # terms, which are exact in single precision up to an angle of
+_SMALL = 1.0  # rad; as many as 11 are so up to pi
+_SMALL_SERIES = _series(_SHORT, 1), _series(_SHORT, 2)
+_SERIES = _series(11, 1), _series(11, 2)
+# spreads so large that more of it changes nothing, and that single precision still holds
+_ALL_AROUND = 1e4  # rad
+_ALL_OVER = 1e6  # in units of the contact's size
+_ZERO, _HALF, _ONE, _TURN = np.float32(0.0), np.float32(0.5), np.float32(1.0), np.float32(2.0 * math.pi)
+_TINY = np.float32(1e-30)
+_CLOSEST = np.float32(
+    1e-4
+)  # centres that a sample brings nearer, relative to their distance, count as so near
+_TABLE = normal_table()
+_LARGEST = math.sqrt(3.0) * float(_TABLE.max())  # length of three normal numbers from the table
+
+
+class LocalSamplingCarry(NamedTuple):
+    """Persistent state: the nominal ``mean`` (B, 13) and each moving body's ``covariance`` (M, 12, 12).
+
+    ``step`` counts the steps done, from which the draws are keyed; ``contact_history`` is what the rollout
+    remembers of its contacts.
+    """
+
+    mean: np.ndarray
+    covariance: np.ndarray
+    contact_history: ContactHistory
+    step: int
+
+
+@dataclass(frozen=True)
+class LocalSampling(Propagator):
+    """Local sampling, one body at a time (Eqs. 30 to 35).
+
+    Attributes
+    ----------
+    samples : int
+        Perturbed copies of each contact.
+    seed : int
+        The draws depend on it, the step, the contact and the sample, and on nothing else.
+
+    Notes
+    -----
+    The mean is a rollout with the full physics. A perturbed contact keeps the nominal volume; its direction
+    and its lever arms are those of the perturbed spheres, the inertia is the nominal one. Positions and
+    rotations are drawn independently, as in Eq. 31.
+    """
+
+    name = "local_sampling"
+    traits = Traits("nominal", "covariance, per body", False, True, "sampled")
+
+    samples: int = 32
+    seed: int = 0
+
+    def __post_init__(self):
+        self._check_count("samples", high=_SAMPLES_LIMIT)
+        integer(self.seed, "seed", low=0, error=InvalidOptionError)
+
+    def init(self, scene, belief):
+        return LocalSamplingCarry(
+            belief.mean.copy(), belief.blocks.copy(), histories.fresh(1, scene.world), 0
+        )
+
+    def advance(self, carry, scene, steps):
+        mean, covariance, history = (
+            carry.mean.copy(),
+            carry.covariance.copy(),
+            histories.copy(carry.contact_history),
+        )
+        world = scene.world
+        draws = _TABLE, self.samples, self.seed % 2**63
+        _advance(mean, covariance, history.first_time[0], world, world.surroundings, carry.step, steps, draws)
+        return LocalSamplingCarry(mean, covariance, history, carry.step + steps)
+
+    def belief(self, carry, scene):
+        P = 0.5 * (carry.covariance + carry.covariance.transpose(0, 2, 1))
+        return Belief.trusted(carry.mean.copy(), P, scene.moving)
+
+
+class Cloud(NamedTuple):
+    """What local sampling works on: the bodies' pose uncertainty in a step, the spread of two's forces.
+
+    Attributes
+    ----------
+    covariance : (M, 12, 12) float64
+        Of the moving bodies.
+    rows : (12 M, 12) float64
+        The same numbers.
+    error_block : (B,) int64
+        Which of the covariances is each body's; -1 for a fixed body.
+    transition : (3, 3) float64
+        Room for a block of it.
+    rotation : (B, 3, 3) float64
+        Factors that turn normal numbers into rotations about world axes [rad].
+    known : (B,) bool
+        Whether that is computed for this step.
+    relative, position : (3, 3) float64
+        Covariance of body j's position relative to body i [m^2], and its factor, which turns normal numbers
+        into displacements.
+    inverse : (3, 3) float64
+        Room for an inverse inertia in world axes.
+    table : float32 array
+        Normal numbers (`physics.random.normal_table`).
+    samples : int
+        Perturbed copies of each contact.
+    seed : int
+    key : (1,) uint64
+        From which this step's draws are made.
+    spread : (3, 6) float64
+        Second moments of force, torque on body i and torque on body j about the nominal ones, each by its
+        entries xx, yy, zz, xy, xz, yz, summed over the contacts of a pair.
+    """
+
+    covariance: np.ndarray
+    rows: np.ndarray
+    error_block: np.ndarray
+    transition: np.ndarray
+    rotation: np.ndarray
+    known: np.ndarray
+    relative: np.ndarray
+    position: np.ndarray
+    inverse: np.ndarray
+    table: np.ndarray
+    samples: int
+    seed: int
+    key: np.ndarray
+    spread: np.ndarray
+
+
+@kernel
+def _advance(mean, covariance, first_time, world, surroundings, begin, steps, draws):
+    """Advance state and covariances in place; ``draws`` are the table, the samples and the seed."""
+    count, moving = len(mean), world.bodies.moving
+    table, samples, seed = draws
+    cloud = Cloud(
+        covariance,
+        covariance.reshape(-1, ERROR),
+        np.where(moving, np.cumsum(moving) - 1, -1),
+        np.empty((3, 3)),
+        np.zeros((count, 3, 3)),
+        np.zeros(count, np.bool_),
+        np.empty((3, 3)),
+        np.empty((3, 3)),
+        np.empty((3, 3)),
+        table,
+        samples,
+        seed,
+        np.empty(1, np.uint64),
+        np.empty((3, 6)),
+    )
+    integrate(mean, first_time, world, surroundings, cloud, begin, steps, workspace(mean, world))
+
+
+@before_drift.of(Cloud)
+def _drift_covariances(cloud, x, step, world, work):
+    """Take all covariances through the transition of the drift (Eq. 30)."""
+    cloud.key[0] = combine(combine(np.uint64(0), cloud.seed), step)
+    for i in range(len(x)):
+        cloud.known[i] = False
+        if world.bodies.moving[i]:
+            write_printed_rotation(work.R, i, world.dt, cloud.transition)
+            transform(cloud.rows, ERROR * cloud.error_block[i], x, i, work.R, world, cloud.transition)
+
+
+@on_contacts.of(Cloud)
+def _sample_pair(cloud, x, i, j, count, first, world, work):
+    """Add the spread of some contacts' forces."""
+    if first:
+        cloud.spread[:] = 0.0
+        factor_pose_covariance((i, j), work, cloud)
+    sample_contacts((i, j), count, combine(combine(cloud.key[0], i), j), world.tree, work, cloud)
+
+
+@after_pair.of(Cloud)
+def _kick_pair(cloud, x, i, j, world, work):
+    """Let the spread of a pair's forces act on both covariances."""
+    for side, body in ((1, i), (2, j)):
+        if world.bodies.moving[body]:
+            kick_covariance(body, side, world, work.R[body], cloud)
+
+
+@on_element_contacts.of(Cloud)
+def _sample_element(cloud, x, i, e, t, count, first, world, work):
+    """As `_sample_pair`, of body i and element e."""
+    if first:
+        cloud.spread[:] = 0.0
+        factor_pose_covariance((i, i), work, cloud)
+    key = combine(combine(cloud.key[0], i), -1 - e)
+    sample_element_contacts(i, e, count, key, t, world.tree, world.surroundings, work, cloud)
+
+
+@after_element.of(Cloud)
+def _kick_body(cloud, x, i, e, world, work):
+    """As `_kick_pair`, of body i alone."""
+    kick_covariance(i, 1, world, work.R[i], cloud)
+
+
+@inner
+def sample_element_contacts(i, e, found, pair_key, t, tree, surroundings, work, cloud):
+    """Add the spread of force and torque of body i's first ``found`` contacts with element e.
+
+    The normal is that of the element's surface at the perturbed centre of the sphere; a plane's has none.
+    """
+    L, T, R, R_e = cloud.position, cloud.rotation[i], work.R[i], surroundings.R[e]
+    records, table = work.search.records, cloud.table
+    half = 1.0 / math.sqrt(2.0)  # the factor at hand is that of twice the body's own variance
+    for k in range(found):
+        sphere = work.search.pairs[k, 0]
+        arm = rotate(R, tree.centers[sphere, 0], tree.centers[sphere, 1], tree.centers[sphere, 2])
+        n = rotate(R, -records[k, NORMAL], -records[k, NORMAL + 1], -records[k, NORMAL + 2])
+        ux, uy, uz = cross(arm, n)
+        weight = records[k, VOLUME] ** 2 / cloud.samples
+        for first in range(0, cloud.samples, RUN):
+            o = places(combine(combine(pair_key, sphere), first))
+            for s in range(np.uint64(min(RUN, cloud.samples - first))):
+                z0, z1, z2 = table[o[0] + s], table[o[1] + s], table[o[2] + s]
+                p = (
+                    half * L[0, 0] * z0,
+                    half * (L[1, 0] * z0 + L[1, 1] * z1),
+                    half * (L[2, 0] * z0 + L[2, 1] * z1 + L[2, 2] * z2),
+                )
+                z0, z1, z2 = table[o[3] + s], table[o[4] + s], table[o[5] + s]
+                turn = rotate(T, float(z0), float(z1), float(z2))
+                a = turned(arm, turn)
+                c = rotate_back(R_e, p[0] + a[0], p[1] + a[1], p[2] + a[2])
+                m = surface(surroundings.kind, surroundings.size, e, t[0] + c[0], t[1] + c[1], t[2] + c[2])[1]
+                m = rotate(R_e, m[0], m[1], m[2])
+                b = cross(a, m)
+                add_moments(cloud.spread[0], weight, (m[0] - n[0], m[1] - n[1], m[2] - n[2]))
+                add_moments(cloud.spread[1], weight, (b[0] - ux, b[1] - uy, b[2] - uz))
+
+
+@inner
+def turned(arm, turn):
+    """A vector turned by a rotation vector [rad]."""
+    q = exp(turn[0], turn[1], turn[2])
+    a = cross((q[0], q[1], q[2]), arm)
+    b = cross((q[0], q[1], q[2]), (a[0] + q[3] * arm[0], a[1] + q[3] * arm[1], a[2] + q[3] * arm[2]))
+    return arm[0] + 2.0 * b[0], arm[1] + 2.0 * b[1], arm[2] + 2.0 * b[2]
+
+
+@inner
+def add_moments(out, weight, a):
+    """Add a vector's second moments to the six entries xx, yy, zz, xy, xz, yz."""
+    out[0] += weight * a[0] * a[0]
+    out[1] += weight * a[1] * a[1]
+    out[2] += weight * a[2] * a[2]
+    out[3] += weight * a[0] * a[1]
+    out[4] += weight * a[0] * a[2]
+    out[5] += weight * a[1] * a[2]
+
+
+@inner(forceinline=True)
+def transform(rows, first, x, i, R, world, rotation):
+    """``A P A^T`` in place of body i's symmetric P, in 12 ``rows`` from ``first`` on, as ``A (A P)^T``."""
+    for turn in range(2):
+        apply_drift_jacobian(rows, first, x, i, R, world, world.surroundings, rotation)
+        if turn == 0:
+            transpose(rows, first)
+
+
+@inner(forceinline=True)
+def transpose(rows, first):
+    """Transpose the matrix in 12 ``rows`` from ``first`` on."""
+    for a in range(ERROR):
+        for b in range(a):
+            rows[first + a, b], rows[first + b, a] = rows[first + b, a], rows[first + a, b]
+
+
+@inner
+def factor_pose_covariance(bodies, work, cloud):
+    """Factors of the covariances of two bodies' relative position, and of their rotations in world axes."""
+    cloud.relative[:] = 0.0
+    for body in bodies:
+        if cloud.error_block[body] < 0:
+            continue
+        P = cloud.covariance[cloud.error_block[body]]
+        for r in range(3):
+            for c in range(3):
+                cloud.relative[r, c] += P[EP + r, EP + c]
+        if not cloud.known[body]:
+            cloud.known[body] = True
+            L = cloud.rotation[body]
+            write_cholesky(P, ER, L)
+            within = min(1.0, _ALL_AROUND / max(_size(L), 1e-300))
+            for c in range(3):
+                L[0, c], L[1, c], L[2, c] = rotate(
+                    work.R[body], within * L[0, c], within * L[1, c], within * L[2, c]
+                )
+    write_cholesky(cloud.relative, 0, cloud.position)
+
+
+@inner
+def write_cholesky(P, first, L):
+    """Lower factor of the 3 x 3 block of ``P`` at ``first``; directions without variance stay zero."""
+    L[:] = 0.0
+    scale = P[first, first] + P[first + 1, first + 1] + P[first + 2, first + 2]
+    for c in range(3):
+        pivot = P[first + c, first + c]
+        for m in range(c):
+            pivot -= L[c, m] * L[c, m]
+        if pivot <= 1e-15 * scale:
+            continue
+        L[c, c] = math.sqrt(pivot)
+        for r in range(c + 1, 3):
+            entry = P[first + r, first + c]
+            for m in range(c):
+                entry -= L[r, m] * L[c, m]
+            L[r, c] = entry / L[c, c]
+
+
+@inner
+def _size(A):
+    """Frobenius norm of a 3 x 3 matrix: the root mean square of what it makes of three normal numbers."""
+    total = 0.0
+    for a in range(3):
+        for b in range(3):
+            total += A[a, b] * A[a, b]
+    return math.sqrt(total)
+
+
+@inner(forceinline=True)
+def _single(A, scale):
+    """The entries of a 3 x 3 matrix, times ``scale``, in single precision."""
+    f = np.float32
+    return (
+        f(scale * A[0, 0]),
+        f(scale * A[0, 1]),
+        f(scale * A[0, 2]),
+        f(scale * A[1, 0]),
+        f(scale * A[1, 1]),
+        f(scale * A[1, 2]),
+        f(scale * A[2, 0]),
+        f(scale * A[2, 1]),
+        f(scale * A[2, 2]),
+    )
+
+
+@inner(error_model="numpy")
+def sample_contacts(bodies, found, pair_key, tree, work, cloud):
+    """Add the spread of forces and torques of the first ``found`` contacts on record (Eqs. 31 to 33)."""
+    i, j = bodies
+    pairs, records, centers, R_i, R_j = (
+        work.search.pairs,
+        work.search.records,
+        tree.centers,
+        work.R[i],
+        work.R[j],
+    )
+    position, table, samples, spread = cloud.position, cloud.table, cloud.samples, cloud.spread
+    apart, turning = _size(position), max(_size(cloud.rotation[i]), _size(cloud.rotation[j]))
+    if apart == 0.0 and turning == 0.0:
+        return
+    turn_i, turn_j = _single(cloud.rotation[i], 1.0), _single(cloud.rotation[j], 1.0)
+    for k in range(found):
+        a, b = pairs[k, 0], pairs[k, 1]
+        key = combine(combine(pair_key, a), b)
+        n = rotate(R_i, records[k, NORMAL], records[k, NORMAL + 1], records[k, NORMAL + 2])
+        arm_i = rotate(R_i, centers[a, 0], centers[a, 1], centers[a, 2])
+        arm_j = rotate(R_j, centers[b, 0], centers[b, 1], centers[b, 2])
+        # lengths in units of the contact's own size stay within the range of single precision
+        size = (
+            records[k, DISTANCE]
+            + abs(arm_i[0])
+            + abs(arm_i[1])
+            + abs(arm_i[2])
+            + abs(arm_j[0])
+            + abs(arm_j[1])
+            + abs(arm_j[2])
+        )
+        factors = _single(position, min(1.0 / size, _ALL_OVER / max(apart, 1e-300))), turn_i, turn_j
+        shape = (
+            _short(n, 1.0),
+            _short(arm_i, 1.0 / size),
+            _short(arm_j, 1.0 / size),
+            np.float32(records[k, DISTANCE] / size),
+        )
+        force = records[k, VOLUME] ** 2 / samples
+        weights = force, force * size * size
+        for first in range(0, samples, RUN):
+            starts, count = places(combine(key, first)), np.uint64(min(RUN, samples - first))
+            if turning * _LARGEST < _SMALL:
+                add_spread(table, starts, count, factors, shape, _SMALL_SERIES, weights, spread)
+            else:
+                add_spread(table, starts, count, factors, shape, _SERIES, weights, spread)
+
+
+@inner(forceinline=True)
+def _short(a, scale):
+    """A vector times ``scale`` in single precision."""
+    return np.float32(scale * a[0]), np.float32(scale * a[1]), np.float32(scale * a[2])
+
+
+@inner(error_model="numpy", forceinline=True)
+def _shift(arm, turn, series):
+    """How a rotation vector moves a vector (Rodrigues' formula less it), without a branch on the sample.
+
+    Long series take any angle, brought into [-pi, pi] first; short ones end where the angle is small.
+    """
+    x, y, z = turn
+    t = x * x + y * y + z * z
+    sine, cosine = series
+    if len(sine) > _SHORT:
+        angle = math.sqrt(t)
+        whole = angle - _TURN * np.floor(angle / _TURN + _HALF)
+        t = whole * whole
+        whole /= max(angle, _TINY)
+        x, y, z = whole * x, whole * y, whole * z
+    s, c = sine[0], cosine[0]
+    for k in range(1, len(sine)):
+        s, c = sine[k] - t * s, cosine[k] - t * c
+    ax, ay, az = y * arm[2] - z * arm[1], z * arm[0] - x * arm[2], x * arm[1] - y * arm[0]
+    return (
+        s * ax + c * (y * az - z * ay),
+        s * ay + c * (z * ax - x * az),
+        s * az + c * (x * ay - y * ax),
+    )
+
+
+@inner(forceinline=True)
+def _times(A, x, y, z):
+    """Product of a matrix, as the tuple of its entries, with a vector."""
+    return A[0] * x + A[1] * y + A[2] * z, A[3] * x + A[4] * y + A[5] * z, A[6] * x + A[7] * y + A[8] * z
+
+
+@kernel(_nrt=False, error_model="numpy", fastmath={"reassoc", "contract", "nsz"})
+def add_spread(table, starts, count, factors, shape, series, weights, spread):
+    """Add second moments of force and torques over samples of one contact, per squared stiffness.
+
+    All lengths are in units of some size of the contact, all numbers but ``weights`` and ``spread`` of single
+    precision.
+
+    Parameters
+    ----------
+    table : (n,) array
+    starts : tuple of 9 uint64
+        Where the samples' normal numbers begin in ``table``: three of the relative displacement, three of the
+        rotation of body i, three of the rotation of body j.
+    count : uint64
+        Number of samples.
+    factors : tuple of 3 tuples of 9
+        What turns the numbers into displacements and rotations about world axes [rad].
+    shape : tuple
+        Nominal normal from body i to body j, sphere centres from their bodies' centres of mass, distance of
+        the centres.
+    series : tuple of 2 tuples
+    weights : tuple of 2 floats
+        Of the force's and the torques' moments.
+    spread : (3, 6) array
+    """
+    o = starts
+    n, arm_i, arm_j, d = shape
+    D = d * n[0], d * n[1], d * n[2]
+    f00 = f11 = f22 = f01 = f02 = f12 = _ZERO
+    i00 = i11 = i22 = i01 = i02 = i12 = _ZERO
+    j00 = j11 = j22 = j01 = j02 = j12 = _ZERO
+    for s in range(count):
+        px, py, pz = _times(factors[0], table[o[0] + s], table[o[1] + s], table[o[2] + s])
+        ai = _shift(arm_i, _times(factors[1], table[o[3] + s], table[o[4] + s], table[o[5] + s]), series)
+        aj = _shift(arm_j, _times(factors[2], table[o[6] + s], table[o[7] + s], table[o[8] + s]), series)
+        px, py, pz = px + aj[0] - ai[0], py + aj[1] - ai[1], pz + aj[2] - ai[2]
+        # change of the normal from one small quantity to the next: a difference of two normals would lose digits
+        qx, qy, qz = D[0] + px, D[1] + py, D[2] + pz
+        q = max(math.sqrt(qx * qx + qy * qy + qz * qz), _CLOSEST * d)
+        both = q + d
+        inverse = _ONE / (q * both)
+        stretch = px * (D[0] + qx) + py * (D[1] + qy) + pz * (D[2] + qz)
+        ex, ey, ez = (
+            (both * px - stretch * n[0]) * inverse,
+            (both * py - stretch * n[1]) * inverse,
+            (both * pz - stretch * n[2]) * inverse,
+        )
+        nx, ny, nz = n[0] + ex, n[1] + ey, n[2] + ez
+        # the contact point lies on the line of centres, so each sphere's centre serves for its lever arm
+        tix = ai[1] * nz - ai[2] * ny + arm_i[1] * ez - arm_i[2] * ey
+        tiy = ai[2] * nx - ai[0] * nz + arm_i[2] * ex - arm_i[0] * ez
+        tiz = ai[0] * ny - ai[1] * nx + arm_i[0] * ey - arm_i[1] * ex
+        tjx = aj[1] * nz - aj[2] * ny + arm_j[1] * ez - arm_j[2] * ey
+        tjy = aj[2] * nx - aj[0] * nz + arm_j[2] * ex - arm_j[0] * ez
+        tjz = aj[0] * ny - aj[1] * nx + arm_j[0] * ey - arm_j[1] * ex
+        f00 += ex * ex
+        f11 += ey * ey
+        f22 += ez * ez
+        f01 += ex * ey
+        f02 += ex * ez
+        f12 += ey * ez
+        i00 += tix * tix
+        i11 += tiy * tiy
+        i22 += tiz * tiz
+        i01 += tix * tiy
+        i02 += tix * tiz
+        i12 += tiy * tiz
+        j00 += tjx * tjx
+        j11 += tjy * tjy
+        j22 += tjz * tjz
+        j01 += tjx * tjy
+        j02 += tjx * tjz
+        j12 += tjy * tjz
+    for row, weight, moments in (
+        (0, weights[0], (f00, f11, f22, f01, f02, f12)),
+        (1, weights[1], (i00, i11, i22, i01, i02, i12)),
+        (2, weights[1], (j00, j11, j22, j01, j02, j12)),
+    ):
+        for c in range(6):
+            spread[row, c] += weight * moments[c]
+
+
+@inner
+def kick_covariance(body, side, world, R, cloud):
+    """Add the kick's spread to the velocities' diagonal blocks (Eqs. 34 and 35); ``side`` 1 is body i."""
+    P, spread, inverse = cloud.covariance[cloud.error_block[body]], cloud.spread, cloud.inverse
+    a = (world.dt * world.stiffness) ** 2
+    f = spread[0]
+    # sums in single precision may have lost what keeps them semidefinite
+    force_lift = _ROUND_OFF * (f[0] + f[1] + f[2])
+    torque_lift = _ROUND_OFF * (spread[side, 0] + spread[side, 1] + spread[side, 2])
+    mass = a * world.bodies.inverse_mass[body] ** 2
+    for c in range(3):  # of the inertia in world axes, column by column
+        x, y, z = rotate_back(R, 1.0 * (c == 0), 1.0 * (c == 1), 1.0 * (c == 2))
+        x, y, z = rotate(world.bodies.inverse_inertia[body], x, y, z)
+        inverse[0, c], inverse[1, c], inverse[2, c] = rotate(R, x, y, z)
+    for r in range(3):
+        for c in range(3):
+            P[EV + r, EV + c] += mass * (f[_entry(r, c)] + force_lift * (r == c))
+            total = 0.0
+            for m in range(3):
+                for k in range(3):
+                    total += (
+                        inverse[r, m] * (spread[side, _entry(m, k)] + torque_lift * (m == k)) * inverse[c, k]
+                    )
+            P[EW + r, EW + c] += a * total
+
+
+@inner
+def _entry(r, c):
+    """Place of a symmetric 3 x 3 matrix's entry among xx, yy, zz, xy, xz, yz."""
+    return r if r == c else r + c + 2

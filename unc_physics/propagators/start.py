@@ -1,0 +1,235 @@
+"""What rollouts begin with: states drawn from a belief, without overlap, and at rest where they are said to be."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from ..checks.errors import LimitExceededError
+from ..physics import contact_history as histories
+from ..physics.contact_history import ContactHistory
+from ..physics.layout import (
+    ANGULAR_VELOCITY,
+    ERR_ANGULAR_VELOCITY,
+    ERR_VELOCITY,
+    ERROR,
+    POSITION,
+    QUATERNION,
+    VELOCITY,
+)
+from ..physics.overlap import TOUCHING, Metric, lower, project, sides_of
+from ..physics.rollout import rollout
+from ..physics.threads import in_threads
+from ..scene.belief import Belief
+from ..scene.scene import Scene
+
+_HOLDING = 1e3  # friction of contacts that do not slip
+_QUIET_TIME, _LONGEST = 0.15, 3.0  # for which bodies settle at first, and at most [s]
+_TRIED, _ACCEPTANCE = 400, 0.05  # samples drawn at once, and the least share of them that must do
+_ASLEEP = 0.1  # how long what has settled has not moved [s]
+_LEAST_STD = 2e-4  # of a height, when a motion counts in standard deviations [m]
+
+
+def known(scene: Scene, belief: Belief) -> Belief:
+    """The belief with what ``at_rest`` says: bodies at rest have no velocities, for certain."""
+    resting = _resting(scene)
+    if not resting.any():
+        return belief
+    mean = belief.mean.copy()
+    mean[resting, VELOCITY] = mean[resting, ANGULAR_VELOCITY] = 0.0
+    still = np.zeros((len(belief.moving), ERROR), bool)
+    still[resting[belief.moving], ERR_VELOCITY] = still[resting[belief.moving], ERR_ANGULAR_VELOCITY] = True
+    P = belief.covariance.copy()
+    if belief.independent:
+        P[still[:, :, None] | still[:, None, :]] = 0.0
+    else:
+        P[still.ravel()], P[:, still.ravel()] = 0.0, 0.0
+    return Belief.trusted(mean, P, belief.moving)
+
+
+def draw(scene: Scene, belief: Belief, count: int, seed: int) -> np.ndarray:
+    """(count, B, 13): states drawn from a belief; only such without overlap where the scene rejects the others.
+
+    The first k of them are the same for every larger count.
+    """
+    rng = np.random.default_rng(seed)
+    if scene.overlap != "reject":
+        return belief.sample(count, rng)
+    accepted, found, drawn = [], 0, 0
+    while found < count:
+        if drawn >= max(count, _TRIED) and found < _ACCEPTANCE * drawn:
+            raise LimitExceededError(
+                f"kept {found} of {drawn} samples, fewer than {_ACCEPTANCE:.0%}; 'project' moves them instead",
+                field="overlap", value=scene.overlap)
+        states = belief.sample(max(count, _TRIED), rng)
+        overlap = _look(scene, belief, states).overlap
+        some = states[(overlap <= TOUCHING).all(axis=1)]
+        accepted.append(some)
+        found, drawn = found + len(some), drawn + len(states)
+    return np.concatenate(accepted)[:count]
+
+
+def begin(scene: Scene, belief: Belief, states: np.ndarray) -> tuple[np.ndarray, ContactHistory]:
+    """Let states begin that were drawn from a belief.
+
+    Parameters
+    ----------
+    scene : Scene
+        Its ``overlap`` says whether what overlaps is projected away (`physics.overlap`); bodies ``at_rest``
+        then settle on what is below them.
+    belief : Belief
+        As `known` gives it.
+    states : (N, B, 13) array
+
+    Returns
+    -------
+    states : (N, B, 13) array
+    history : ContactHistory
+        With the kept overlaps, and in ``start`` what was done.
+    """
+    world = scene.world
+    history = histories.fresh(len(states), world)
+    if world.implicit is None:
+        return states, history
+    resting = _resting(scene)
+    if scene.overlap == "keep" and not resting.any():
+        return states, history._replace(start=_look(scene, belief, states))
+    states, drawn = states.copy(), states
+    kept = np.zeros(history.first_time.shape, np.float32)
+    sides = _sides(scene, belief)
+    if scene.overlap != "keep":
+        _project(scene, belief, states, sides, history.start, kept, resting & False)
+    if resting.any():
+        history = _settle(scene, belief, drawn, states, sides, history, kept, resting)
+        if scene.overlap != "keep" and not resting[scene.moving].all():
+            _project(scene, belief, states, sides, history.start, kept, resting)
+    if kept.any():
+        history = history._replace(solver=history.solver._replace(kept_overlap=kept))
+    return states, history
+
+
+def _resting(scene):
+    """(B,) bool: which bodies stand still on something at time 0."""
+    return np.array([body.at_rest for body in scene.bodies])
+
+
+def _look(scene, belief, states):
+    """The `Start` of states that stay as they are."""
+    history = histories.fresh(len(states), scene.world)
+    kept = np.zeros(history.first_time.shape, np.float32)
+    nowhere = np.zeros((*kept.shape[1:], 3))
+    still = np.ones(len(scene.bodies), bool)
+    _project(scene, belief, states, nowhere, history.start, kept, still & False, look_only=True)
+    return history.start
+
+
+def _sides(scene, belief):
+    """On which sides of each other the mean has the bodies (`overlap.sides_of`), once it does not overlap."""
+    mean = belief.mean[None].copy()
+    history = histories.fresh(1, scene.world)
+    kept = np.zeros(history.first_time.shape, np.float32)
+    nobody = np.zeros(len(scene.bodies), bool)
+    _project(scene, belief, mean, np.zeros((*kept.shape[1:], 3)), history.start, kept, nobody)
+    return sides_of(mean[0], scene.world)
+
+
+def _project(scene, belief, states, sides, start, kept, held, look_only=False):
+    """Move states (N, B, 13) in place to where nothing overlaps; bodies that are ``held`` (B,) stay."""
+    world = _without(scene.world, held)
+    count = len(belief.moving)
+    P = np.array(belief.joint).reshape(count, ERROR, count, ERROR)
+    place = np.full(len(scene.bodies), -1)
+    place[belief.moving] = np.arange(count)
+    place[held] = -1
+    metric = Metric(P, np.abs(P).max(axis=(1, 3)) > 0.0, place)
+    mean = belief.mean.copy()
+
+    def run(some):
+        own = type(start)(*(values[some] for values in start))
+        project(states[some], mean, metric, sides, world, own, kept[some], look_only)
+
+    in_threads(len(states), run)
+
+
+def _without(world, held):
+    """The world in which some bodies (B,) do not move."""
+    if not held.any():
+        return world
+    b = world.bodies
+    inverse_mass, inverse_inertia = b.inverse_mass.copy(), b.inverse_inertia.copy()
+    inverse_mass[held], inverse_inertia[held] = 0.0, 0.0
+    bodies = b._replace(moving=b.moving & ~held, inverse_mass=inverse_mass, inverse_inertia=inverse_inertia)
+    return world._replace(bodies=bodies)
+
+
+def _settle(scene, belief, drawn, states, sides, history, kept, resting):
+    """Let bodies come to rest in states (N, B, 13), in place; the others stay where they are.
+
+    They sink first (`overlap.lower`), so that what lies across keeps its spread; then steps without
+    velocities and without slip find out what holds. Returns the history.
+    """
+    world = _without(scene.world, ~resting)
+    still = states.copy()
+    still[..., VELOCITY] = still[..., ANGULAR_VELOCITY] = 0.0
+    start = history.start
+
+    def run(some):
+        own = type(start)(*(values[some] for values in start))
+        lower(still[some], sides, world, own, kept[some])
+
+    in_threads(len(still), run)
+    implicit = world.implicit._replace(friction=np.full_like(world.implicit.friction, _HOLDING), sleep=True)
+    creeping = world._replace(decay=0.0, implicit=implicit)
+    memory = histories.fresh(len(still), world)
+    if kept.any():
+        memory = memory._replace(solver=memory.solver._replace(kept_overlap=kept.copy()))
+    restless = np.arange(len(still))
+    time = _QUIET_TIME
+    while len(restless) and time <= _LONGEST:
+        some, own = still[restless], histories.samples(memory, restless)
+        rollout(some, own, creeping, 0, max(1, math.ceil(time / world.dt)))
+        still[restless] = some
+        for values, others in zip(memory.solver, own.solver, strict=True):
+            values[restless] = others
+        quiet = (own.solver.quiet[:, resting] * world.dt >= _ASLEEP).all(axis=1)
+        restless, time = restless[~quiet], 2.0 * time
+    start.unsettled[np.ix_(restless, np.flatnonzero(resting))] = 1.0
+    states[:, resting] = still[:, resting]
+    states[:, resting, VELOCITY] = states[:, resting, ANGULAR_VELOCITY] = 0.0
+    _note_settling(scene, belief, drawn, states, start, resting)
+    if not resting[scene.moving].all():
+        return history
+    memory.solver.residual[:] = 0.0
+    _note_support(history.first_time, memory.solver)
+    return history._replace(solver=memory.solver._replace(kept_overlap=history.solver.kept_overlap))
+
+
+def _note_settling(scene, belief, drawn, states, start, resting):
+    """Tell ``start`` how far settling moved and tilted the bodies."""
+    down = scene.gravity / np.linalg.norm(scene.gravity)
+    bodies = np.flatnonzero(resting)
+    before, after = (_seen_from(x[:, bodies, QUATERNION], down) for x in (drawn, states))
+    cross = np.linalg.norm(np.cross(before, after), axis=-1)
+    start.tilted[:, bodies] = np.arctan2(cross, (before * after).sum(axis=-1))
+    blocks = belief.blocks[np.searchsorted(belief.moving, bodies)]
+    std = np.sqrt(np.maximum(np.einsum("i,bij,j->b", down, blocks[:, :3, :3], down), 0.0))
+    sunk = np.abs((states[:, bodies, POSITION] - drawn[:, bodies, POSITION]) @ down)
+    start.moved[:, bodies] = np.maximum(start.moved[:, bodies], sunk / np.maximum(std, _LEAST_STD))
+
+
+def _seen_from(q, direction):
+    """A direction of the world in the frames of bodies with quaternions (..., 4)."""
+    axis, w = -q[..., :3], q[..., 3:]
+    turned = 2.0 * np.cross(axis, direction)
+    return direction + w * turned + np.cross(axis, turned)
+
+
+def _note_support(first_time, memory):
+    """What carries load when rollouts begin touches at time 0."""
+    bodies = first_time.shape[1]
+    for n, count in enumerate(memory.count):
+        i, j = memory.contact[n, :count, 0], memory.contact[n, :count, 1]
+        low, high = np.where(j < 0, i, np.minimum(i, j)), np.where(j < 0, bodies - 1 - j, np.maximum(i, j))
+        first_time[n, low, high] = 0.0
+

@@ -1,0 +1,1 @@
+"""What is predicted: bodies, environment, materials, uncertain parameters, what is believed of them, and scene files."""

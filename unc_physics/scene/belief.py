@@ -1,0 +1,134 @@
+"""What is known of a scene's state: mean and covariance, before and after a prediction."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from ..checks.errors import InvalidCovarianceError, InvalidRequestError
+from ..checks.validation import array, covariance, numbers, quaternion
+from ..physics.layout import ERROR, QUATERNION, STATE
+from ..physics.moments import pivoted_cholesky, spread_states
+
+#: Variance, relative to the largest, below which a direction counts as certain.
+RANK_TOLERANCE = 1e-14
+
+
+@dataclass(frozen=True, eq=False)
+class Belief:
+    """Gaussian over the error state about a mean state.
+
+    Attributes
+    ----------
+    mean : (B, 13) array
+        State of each body, ``[p, v, q, omega]``: position of the centre of mass [m], velocity [m/s], quaternion
+        (x, y, z, w) of ``R_world_body`` and angular velocity [rad/s]; all but q in the world frame.
+    covariance : (M, 12, 12) or (12 M, 12 M) array
+        Over the error state ``[dp, dv, dtheta, domega]`` of the M moving bodies, ``R = R_mean Exp(dtheta)``:
+        one block for each body where bodies are independent, or the joint matrix.
+    moving : (M,) int64 array
+        Indices of the bodies that move; by default all.
+
+    Raises
+    ------
+    InvalidRequestError, NotFiniteError, InvalidOrientationError, InvalidCovarianceError
+        For wrong shapes, NaN or infinity, quaternions far from unit length, and matrices that are no covariance.
+    """
+
+    mean: np.ndarray
+    covariance: np.ndarray
+    moving: np.ndarray = None
+
+    def __post_init__(self):
+        mean = numbers(self.mean, "mean")
+        mean = array(mean, (len(mean) if mean.ndim else 0, STATE), "mean").copy()
+        for k in range(len(mean)):
+            mean[k, QUATERNION] = quaternion(mean[k, QUATERNION], f"orientation of body {k}")
+        moving = np.arange(len(mean)) if self.moving is None else _ascending_indices(self.moving, len(mean))
+        P = numbers(self.covariance, "covariance", InvalidCovarianceError)
+        if P.ndim == 3:
+            if len(P) != len(moving):
+                raise InvalidCovarianceError(f"must have {len(moving)} blocks, not {len(P)}", field="covariance")
+            blocks = [covariance(block, ERROR, f"covariance of body {moving[k]}") for k, block in enumerate(P)]
+            P = np.array(blocks).reshape(-1, ERROR, ERROR)
+        else:
+            P = covariance(P, ERROR * len(moving), "covariance")
+        self._store(mean, P, moving)
+
+    def _store(self, mean, P, moving):
+        for field, value in (("mean", mean), ("covariance", P), ("moving", moving)):
+            value.flags.writeable = False
+            object.__setattr__(self, field, value)
+
+    @classmethod
+    def trusted(cls, mean, P, moving) -> Belief:
+        """A belief from arrays that a propagator made, without checking them again; takes them over."""
+        belief = object.__new__(cls)
+        belief._store(mean, P, moving)
+        return belief
+
+    @classmethod
+    def exact(cls, mean, moving=None) -> Belief:
+        """A belief without uncertainty."""
+        count = len(mean) if moving is None else len(moving)
+        return cls(mean, np.zeros((count, ERROR, ERROR)), moving)
+
+    @property
+    def independent(self) -> bool:
+        """Whether the covariance is stored as one block for each body."""
+        return self.covariance.ndim == 3
+
+    @cached_property
+    def joint(self) -> np.ndarray:
+        """(12 M, 12 M): the joint covariance of all moving bodies."""
+        if not self.independent:
+            return self.covariance
+        count = len(self.covariance)
+        joint = np.zeros((count, ERROR, count, ERROR))
+        joint[np.arange(count), :, np.arange(count), :] = self.covariance
+        return joint.reshape(count * ERROR, count * ERROR)
+
+    @cached_property
+    def blocks(self) -> np.ndarray:
+        """(M, 12, 12): each moving body's own covariance."""
+        if self.independent:
+            return self.covariance
+        count = len(self.moving)
+        return self.covariance.reshape(count, ERROR, count, ERROR)[np.arange(count), :, np.arange(count), :]
+
+    def marginal(self, body: int) -> np.ndarray | None:
+        """(12, 12): covariance of the body with that index; None for a fixed one."""
+        place = np.flatnonzero(self.moving == body)
+        return self.blocks[place[0]] if len(place) else None
+
+    def root(self) -> np.ndarray:
+        """(12 M, r): pivoted Cholesky factor of the joint covariance; r counts the directions that are uncertain."""
+        return pivoted_cholesky(self.joint.copy(), RANK_TOLERANCE)[0]
+
+    def sample(self, count: int, rng: np.random.Generator) -> np.ndarray:
+        """(count, B, 13): states drawn from the belief; the first k of them are the same for every larger count."""
+        root = self.root()
+        # einsum, not BLAS: each row in one order of summation, whatever the count and the number of threads
+        errors = np.einsum("nr,kr->nk", rng.standard_normal((count, root.shape[1])), root)
+        return spread_states(self.mean.copy(), self.moving.copy(), errors)
+
+    def check_fits(self, scene) -> None:
+        """Raise `InvalidRequestError` unless the belief is about the bodies of ``scene``."""
+        if len(self.mean) != len(scene.bodies):
+            raise InvalidRequestError(f"must describe {len(scene.bodies)} bodies, not {len(self.mean)}", field="belief")
+        if not np.array_equal(self.moving, scene.moving):
+            raise InvalidRequestError(
+                f"must have covariance for the moving bodies {scene.moving.tolist()}", field="belief", value=self.moving.tolist()
+            )
+
+
+def _ascending_indices(values, count):
+    """Indices of some of ``count`` bodies; the kernels rely on their range and order."""
+    indices = numbers(values, "moving")
+    if indices.ndim != 1 or np.any(indices != np.floor(indices)) or np.any(np.diff(indices) <= 0):
+        raise InvalidRequestError("must be ascending indices of bodies", field="moving", value=indices.tolist())
+    if len(indices) and not (indices[0] >= 0 and indices[-1] < count):
+        raise InvalidRequestError(f"must be indices of {count} bodies", field="moving", value=indices.tolist())
+    return indices.astype(np.int64)

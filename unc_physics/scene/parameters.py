@@ -1,0 +1,149 @@
+"""Scenes whose parameters are uncertain: each sample or sigma point runs through a world of its own."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..physics import contact_history as histories
+from ..physics.contact_history import ContactHistory
+from ..physics.layout import ANGULAR_VELOCITY, POSITION, QUATERNION, VELOCITY
+from ..physics.rollout import advance
+from ..physics.threads import in_threads
+from ..physics.world import World
+from .materials import Materials, varied
+from .scene import Scene, tree_of
+
+_SINGLE = 4.0 * np.finfo(np.float32).eps  # more than a shift rounds, relative to the body's size
+
+
+def draw_parameters(scene: Scene, count: int, seed: int) -> np.ndarray:
+    """(count, K): standard normal numbers for the scene's K uncertain parameters, independent of the draws of states.
+
+    The first k rows are the same for every larger count.
+    """
+    if not scene.uncertain:
+        return np.zeros((count, 0))
+    stream = np.random.SeedSequence(seed).spawn(1)[0]
+    return np.random.default_rng(stream).standard_normal((count, len(scene.uncertain)))
+
+
+def vary(scene: Scene, z: np.ndarray) -> World:
+    """The scene as the kernels take it, with its parameters ``z`` (K,) standard deviations from their values.
+
+    Mass and inertia share a factor. A shifted centre of mass moves the spheres the other way in the body frame.
+    """
+    world = scene.world
+    b, bodies = world.bodies, scene.bodies
+    mass, inertia, inverse_mass, inverse_inertia = (
+        constant.copy() for constant in (b.mass, b.inertia, b.inverse_mass, b.inverse_inertia))
+    radius, tree, gravity, stiffness, tilt = b.radius, world.tree, world.gravity, world.stiffness, np.zeros(2)
+    for parameter, value in zip(scene.uncertain, z, strict=True):
+        name, k = parameter.name, parameter.body
+        if name == "mass":
+            factor = np.exp(value * parameter.std / bodies[k].mass)
+            inverse_mass[k] /= factor
+            inverse_inertia[k] /= factor
+            mass[k] *= factor
+            inertia[k] *= factor
+        elif name == "stiffness":
+            stiffness = float(stiffness * np.exp(value * parameter.std / stiffness))
+        elif name == "gravity_direction":
+            tilt[parameter.axis] = value * parameter.std
+    if tilt.any():
+        gravity = _tilted(gravity, tilt)
+    offsets = center_offsets(scene, z[None])[0]
+    if len(offsets):
+        tree, radius = _shifted_trees(scene, offsets)
+    own = b._replace(mass=mass, inertia=inertia, inverse_mass=inverse_mass, inverse_inertia=inverse_inertia, radius=radius)
+    implicit = world.implicit
+    if implicit is not None:
+        friction, restitution = vary_materials(scene, z)
+        implicit = implicit._replace(friction=friction, restitution=restitution)
+        if len(offsets):
+            some, extent = implicit.hull_sphere, implicit.extent.copy()
+            extent[:, :3] -= offsets
+            hull = np.column_stack([tree.centers[some], tree.radii[some]])
+            implicit = implicit._replace(hull=hull, extent=extent)
+    return world._replace(bodies=own, tree=tree, gravity=gravity, stiffness=stiffness, implicit=implicit)
+
+
+def vary_materials(scene: Scene, z: np.ndarray) -> Materials:
+    """The scene's materials with its parameters ``z`` (K,) standard deviations from their values.
+
+    The scene's own are shared by all who have none of theirs.
+    """
+    found = Materials(*(values.copy() for values in scene.materials))
+    for parameter, value in zip(scene.uncertain, z, strict=True):
+        name, k = parameter.name, parameter.body
+        if name not in Materials._fields:
+            continue
+        if k < 0:
+            surfaces = enumerate(scene.surfaces)
+            owner, places = scene, [j for j, surface in surfaces if getattr(surface, name) is None]
+        else:
+            owner, places = scene.surfaces[k], [k]
+        getattr(found, name)[places] = varied(name, getattr(owner, name), parameter.std, value)
+    return found
+
+
+def rollout_varied(
+    states: np.ndarray, contact_history: ContactHistory, scene: Scene, z: np.ndarray, begin: int, steps: int
+) -> None:
+    """Advance a batch as `physics.rollout.rollout`, state n in the world of parameters ``z[n]``."""
+
+    def run(some):
+        for n in range(some.start, some.stop):
+            own = slice(n, n + 1)
+            advance(states[own], histories.samples(contact_history, own), vary(scene, z[n]), begin, steps)
+
+    in_threads(len(states), run)
+
+
+def center_offsets(scene: Scene, z: np.ndarray) -> np.ndarray:
+    """(N, B, 3): the bodies' centres of mass in their models' frames [m]; (N, 0, 3) where all are certain."""
+    shifts = [(c, parameter) for c, parameter in enumerate(scene.uncertain) if parameter.name == "center_of_mass"]
+    offsets = np.zeros((len(z), len(scene.bodies) if shifts else 0, 3))
+    for c, parameter in shifts:
+        offsets[:, parameter.body, parameter.axis] = parameter.std * z[:, c]
+    return offsets
+
+
+def moved_along(states: np.ndarray, offsets: np.ndarray) -> np.ndarray:
+    """States (N, B, 13) of the bodies' points that lie at ``offsets`` (N, B, 3) from those given, body axes [m]."""
+    if offsets.shape[1] == 0:
+        return states
+    moved = states.copy()
+    axis, w = states[..., QUATERNION][..., :3], states[..., QUATERNION][..., 3:]
+    turned = 2.0 * np.cross(axis, offsets)
+    arm = offsets + w * turned + np.cross(axis, turned)
+    moved[..., POSITION] += arm
+    moved[..., VELOCITY] += np.cross(states[..., ANGULAR_VELOCITY], arm)
+    return moved
+
+
+def _tilted(gravity, tilt):
+    """Gravity turned about two axes across it by the angles ``tilt`` (2,) [rad]."""
+    size = np.linalg.norm(gravity)
+    down = gravity / size
+    first = np.cross(np.eye(3)[np.argmin(np.abs(down))], down)
+    first /= np.linalg.norm(first)
+    turn = tilt[0] * first + tilt[1] * np.cross(down, first)
+    angle = np.linalg.norm(turn)
+    return size * (np.cos(angle) * down + np.sin(angle) / angle * np.cross(turn, down))
+
+
+def _shifted_trees(scene, offsets):
+    """The sphere trees, and the radii of balls about the centres of mass that hold them, for shifted centres of mass."""
+    world = scene.world
+    bounds, child, centers, radii = world.tree
+    bounds, centers, radius = bounds.copy(), centers.copy(), world.bodies.radius.copy()
+    for k in np.flatnonzero(offsets.any(axis=1)):
+        root = world.bodies.root[k]
+        nodes = slice(root, root + len(tree_of(scene.bodies[k].model)[1]))
+        spheres = ~child[nodes][child[nodes] < 0]
+        centers[spheres] -= offsets[k]
+        reach = np.max(np.linalg.norm(centers[spheres], axis=1) + radii[spheres])
+        bounds[nodes, :3] -= offsets[k][:, None].astype(np.float32)
+        bounds[nodes, 3] += np.float32(_SINGLE * max(reach, radius[k]))
+        radius[k] = reach
+    return world.tree._replace(bounds=bounds, centers=centers), radius

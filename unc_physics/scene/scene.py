@@ -1,0 +1,421 @@
+"""What is simulated: rigid bodies, their models, and the physics between them; validated and frozen."""
+
+from __future__ import annotations
+
+import math
+import weakref
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+
+from ..checks.errors import (
+    DuplicateIdError,
+    InvalidEnvironmentError,
+    InvalidHorizonError,
+    InvalidMassError,
+    InvalidOptionError,
+    InvalidRequestError,
+    NoObjectsError,
+)
+from ..checks.validation import array, flag, non_negative, numbers, positive
+from ..geometry.packing_file import SpherePacking
+from ..physics import sphere_tree
+from ..physics.hull import hull_spheres
+from ..physics.implicit_world import Implicit
+from ..physics.world import Bodies, Surroundings, World
+from .environment import Element, check_element, element_names
+from .materials import DEFAULT_RESTITUTION, Materials, Surface, check_surface, combined, refuse_with_explicit
+from .presets import PRESETS, with_changes
+
+#: Standard deviations of the scene's own parameters.
+_STDS = ("stiffness_std", "friction_std", "restitution_std", "gravity_direction_std")
+
+#: How steps are taken: as in the paper, or with contacts that are solved for, which friction and rest need.
+INTEGRATORS = ("explicit", "implicit")
+_SUCCESSORS = {"robust": "implicit"}
+#: kappa where an explicit scene names none [N/m^3].
+STIFFNESS = 1e4
+
+_trees, _hulls = weakref.WeakKeyDictionary(), weakref.WeakKeyDictionary()
+
+
+class UncertainParameter(NamedTuple):
+    """One direction in which a parameter of a scene is uncertain.
+
+    Attributes
+    ----------
+    name : str
+        Of the parameter: the field that holds its standard deviation, without ``_std``.
+    body : int
+        Index of the body that it belongs to; B + e for element e of the environment, -1 for one of the whole
+        scene.
+    axis : int
+        Which of its directions, for parameters that have several.
+    std : float
+    """
+
+    name: str
+    body: int
+    axis: int
+    std: float
+
+
+@dataclass(frozen=True, eq=False)
+class RigidBody(Surface):
+    """A rigid body: a sphere-packed shape with a mass; friction and restitution are those of a `Surface`.
+
+    Attributes
+    ----------
+    name : str
+        Unique in its scene.
+    model : SpherePacking
+        Shape and inertia per unit mass; body frame with the centre of mass (COM) at the origin.
+    mass : float
+        [kg], positive; has no effect on a fixed body.
+    fixed : bool
+        Whether the body never moves.
+    mass_std : float
+        Standard deviation of the mass [kg]; the inertia follows the mass. It varies as ``mass exp(z mass_std / mass)``
+        with a standard normal z, so that it stays positive.
+    center_of_mass_std : (3,) array
+        Standard deviations of the COM's place in the body, about the model's, body axes [m]; one number stands for three.
+        States and beliefs stay those of the model's COM; the inertia about the COM stays the model's.
+
+    Raises
+    ------
+    InvalidMassError
+        If the mass is not a positive finite number.
+    InvalidRequestError, NotFiniteError
+        For anything else out of range.
+    """
+
+    name: str
+    model: SpherePacking
+    mass: float = 1.0
+    fixed: bool = False
+    mass_std: float = 0.0
+    center_of_mass_std: np.ndarray = 0.0
+
+    def __post_init__(self):
+        if not isinstance(self.name, str) or not self.name:
+            raise InvalidRequestError("must be a non-empty text", field="name", value=self.name)
+        if not isinstance(self.model, SpherePacking):
+            raise InvalidRequestError("must be a SpherePacking", field=f"model of body '{self.name}'", value=self.model)
+        check_surface(self, f" of body '{self.name}'")
+        field = f"center_of_mass_std of body '{self.name}'"
+        std = numbers(self.center_of_mass_std, field)
+        std = array(np.full(3, std) if std.ndim == 0 else std, (3,), field)
+        non_negative(std.min(), field)
+        checked = {
+            "fixed": flag(self.fixed, f"fixed of body '{self.name}'"),
+            "mass": positive(self.mass, f"mass of body '{self.name}'", InvalidMassError),
+            "mass_std": non_negative(self.mass_std, f"mass_std of body '{self.name}'", InvalidMassError),
+            "center_of_mass_std": std,
+        }
+        if checked["mass_std"] > checked["mass"]:
+            raise InvalidMassError("must not exceed the mass", field=f"mass_std of body '{self.name}'", value=self.mass_std)
+        for name, value in checked.items():
+            object.__setattr__(self, name, value)
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """Rigid bodies and the physics that acts on them; holds no state.
+
+    Attributes
+    ----------
+    bodies : tuple of RigidBody
+    dt : float
+        Time step [s].
+    stiffness : float, optional
+        kappa of the penalty force [N/m^3] (the paper's Eq. 4). None means `STIFFNESS` with the explicit
+        integrator; with the implicit one it is chosen from the belief when a prediction begins
+        (`stiffness.with_stiffness`).
+    damping : float
+        Decay rate of all velocities [1/s].
+    gravity : (3,) array
+        World frame [m/s^2].
+    environment : tuple of Element
+        Fixed surroundings: planes, boxes, spheres, cylinders and capsules.
+    friction : float, optional
+        Coefficient of Coulomb friction of all bodies and elements that have none of their own; None means
+        that there is none. Needs the implicit integrator.
+    restitution : float, optional
+        Likewise the coefficient of restitution, 0 to 1; None means 0, but 1 with the explicit integrator,
+        which knows elastic contacts only.
+    gyroscopic : bool
+        Whether a turning body keeps its angular momentum, instead of its angular velocity as in the paper.
+    integrator : {'explicit', 'implicit'}
+        The paper's step, or one that solves for lasting contacts and takes impacts as events.
+    islands : bool
+        Whether groups of bodies that cannot touch within the horizon are predicted each by itself.
+    stiffness_std, friction_std : float
+        Standard deviations, in the units of what they belong to, which then varies as ``m exp(z std / m)`` with a
+        standard normal z; only what is positive can be uncertain.
+    restitution_std : float
+        Standard deviation; the coefficient varies as ``restitution + z std``, cut off at 0 and 1. As
+        friction's, it is shared by all who have no value of their own.
+    gravity_direction_std : float
+        Of gravity's tilts about each of two axes across it [rad]; its size stays.
+    sleep : bool
+        Whether what rests is not computed until something pushes it. Needs the implicit integrator.
+
+    Raises
+    ------
+    NoObjectsError, DuplicateIdError, InvalidRequestError, InvalidHorizonError, InvalidOptionError,
+    InvalidEnvironmentError, NotFiniteError
+        For an empty scene, a repeated name, a physical constant out of range, a bad time step, or laws that
+        the integrator does not have.
+    """
+
+    bodies: tuple[RigidBody, ...]
+    dt: float = 0.01
+    stiffness: float | None = None
+    damping: float = 0.0
+    gravity: np.ndarray = (0.0, 0.0, 0.0)
+    environment: tuple[Element, ...] = ()
+    friction: float | None = None
+    restitution: float | None = None
+    gyroscopic: bool = False
+    integrator: str = "explicit"
+    islands: bool = False
+    stiffness_std: float = 0.0
+    friction_std: float = 0.0
+    restitution_std: float = 0.0
+    gravity_direction_std: float = 0.0
+    sleep: bool = False
+
+    def __post_init__(self):
+        try:
+            bodies = tuple(self.bodies)
+        except TypeError:
+            raise InvalidRequestError("must be a sequence of RigidBody", field="bodies", value=self.bodies) from None
+        if not bodies:
+            raise NoObjectsError("must name at least one body", field="bodies")
+        for k, body in enumerate(bodies):
+            if not isinstance(body, RigidBody):
+                raise InvalidRequestError("must be a RigidBody", field=f"bodies[{k}]", value=body)
+        names = [body.name for body in bodies]
+        for k, name in enumerate(names):
+            if name in names[:k]:
+                raise DuplicateIdError("is the name of two bodies", field=f"bodies[{k}].name", value=name)
+        checked = {
+            "bodies": bodies,
+            "dt": positive(self.dt, "dt", InvalidHorizonError),
+            "stiffness": None if self.stiffness is None else non_negative(self.stiffness, "stiffness"),
+            "damping": non_negative(self.damping, "damping"),
+            "gravity": array(self.gravity, (3,), "gravity"),
+            "environment": _elements(self.environment, names),
+            "gyroscopic": flag(self.gyroscopic, "gyroscopic"),
+            "islands": flag(self.islands, "islands"),
+            "sleep": flag(self.sleep, "sleep"),
+        } | {field: non_negative(getattr(self, field), field) for field in _STDS}
+        check_integrator(self.integrator)
+        explicit = self.integrator == "explicit"
+        if explicit and checked["stiffness"] is None:
+            checked["stiffness"] = STIFFNESS
+        for field, value in checked.items():
+            object.__setattr__(self, field, value)
+        check_surface(self)
+        if explicit:
+            self._refuse_what_needs_implicit()
+        self._check_std("stiffness", self.stiffness, "a stiffness that is given")
+        self._check_std("gravity_direction", math.pi if self.gravity.any() else 0.0, "gravity")
+
+    def _refuse_what_needs_implicit(self):
+        """Raise `InvalidOptionError` if the explicit step is asked for more than it can do."""
+        refuse_with_explicit(self)
+        for kind, things in (("bodies", self.bodies), ("environment", self.environment)):
+            for k, thing in enumerate(things):
+                refuse_with_explicit(thing, f"{kind}[{k}].")
+
+    def _check_std(self, name, most, owner):
+        """Raise `InvalidRequestError` unless a standard deviation is at most that; 0 or None allow none."""
+        field, std = f"{name}_std", getattr(self, f"{name}_std")
+        if std > 0.0 and not most:
+            raise InvalidRequestError(f"needs a scene with {owner}", field=field, value=std)
+        if std > 0.0 and std > most:
+            raise InvalidRequestError(f"must not exceed {most:.6g}", field=field, value=std)
+
+    @classmethod
+    def everyday(cls, bodies, **overrides) -> Scene:
+        """A robot's world: the physics of `presets.PRESETS`, in which things fall, slide and rest.
+
+        Parameters
+        ----------
+        bodies : sequence of RigidBody
+        **overrides
+            Fields of `Scene` in place of the preset's; None takes a law away.
+        """
+        return cls(bodies, **with_changes(PRESETS["everyday"], overrides))
+
+    @cached_property
+    def moving(self) -> np.ndarray:
+        """(M,) int64: indices of the bodies that are not fixed."""
+        return np.array([k for k, body in enumerate(self.bodies) if not body.fixed], np.int64)
+
+    @cached_property
+    def uncertain(self) -> tuple[UncertainParameter, ...]:
+        """The directions in which parameters are uncertain, those of the scene first."""
+        found = [
+            UncertainParameter(field.removesuffix("_std"), -1, axis, getattr(self, field))
+            for field in _STDS if getattr(self, field) for axis in range(2 if field == "gravity_direction_std" else 1)
+        ]
+        for k in self.moving.tolist():
+            body = self.bodies[k]
+            if body.mass_std:
+                found.append(UncertainParameter("mass", k, 0, body.mass_std))
+            found += [UncertainParameter("center_of_mass", k, a, std) for a, std in enumerate(body.center_of_mass_std) if std]
+        for k, surface in enumerate(self.surfaces):
+            stds = {name: getattr(surface, f"{name}_std") for name in Materials._fields}
+            found += [UncertainParameter(name, k, 0, std) for name, std in stds.items() if std]
+        return tuple(found)
+
+    @cached_property
+    def shared_parameters(self) -> bool:
+        """Whether an uncertain parameter is not of one moving body alone, so that it correlates bodies."""
+        alone = set(self.moving.tolist())
+        return any(parameter.body not in alone for parameter in self.uncertain)
+
+    @property
+    def surfaces(self) -> tuple[Surface, ...]:
+        """All that can be touched: the bodies, then the environment's elements."""
+        return (*self.bodies, *self.environment)
+
+    @cached_property
+    def materials(self) -> Materials:
+        """Friction and restitution of the `surfaces`."""
+        return combined(self, self.surfaces, DEFAULT_RESTITUTION[self.integrator])
+
+    @cached_property
+    def world(self) -> World:
+        """The scene as the kernels take it.
+
+        Raises
+        ------
+        InvalidRequestError
+            If the stiffness is yet to be chosen.
+        """
+        if self.stiffness is None:
+            raise InvalidRequestError(
+                "is chosen when a prediction begins; give one, or take stiffness.with_stiffness",
+                field="stiffness")
+        shifted = {parameter.body for parameter in self.uncertain if parameter.name == "center_of_mass"}
+        # bodies of one model share a tree, but for those whose spheres move about the centre of mass
+        owners = [(body.model, k if k in shifted else -1) for k, body in enumerate(self.bodies)]
+        own = list(dict.fromkeys(owners))
+        models = [model for model, _ in own]
+        trees = [tree_of(model) for model in models]
+        nodes = np.cumsum([0, *(len(child) for _, child, _ in trees)])
+        spheres = np.cumsum([0, *(len(model) for model in models)])
+        children = [_shifted(child, nodes[k], spheres[k]) for k, (_, child, _) in enumerate(trees)]
+        depth = sorted((depth for *_, depth in trees), reverse=True)
+        deepest = depth[0] + depth[min(1, len(depth) - 1)]
+        tree = sphere_tree.Tree(
+            np.concatenate([bounds for bounds, *_ in trees]),
+            np.concatenate(children),
+            np.concatenate([model.centers for model in models]),
+            np.concatenate([model.radii for model in models]),
+        )
+        resistance = np.array([math.inf if body.fixed else body.mass for body in self.bodies])
+        inverse = np.array([np.linalg.inv(body.model.inertia) for body in self.bodies])
+        reach = {model: np.max(np.linalg.norm(model.centers, axis=1) + model.radii) for model in models}
+        bodies = Bodies(
+            moving=np.array([not body.fixed for body in self.bodies]),
+            mass=np.array([body.mass for body in self.bodies]),
+            inertia=np.array([body.mass * body.model.inertia for body in self.bodies]),
+            inverse_mass=1.0 / resistance,
+            inverse_inertia=inverse / resistance[:, None, None],
+            radius=np.array([reach[body.model] for body in self.bodies]),
+            root=np.array([nodes[own.index(owner)] for owner in owners]),
+        )
+        stack_size = sphere_tree.WIDTH**2 * deepest + 1
+        # a writable copy: read-only arrays would compile every kernel once more
+        return World(
+            bodies, tree, np.array(self.gravity), self.dt, math.exp(-self.damping * self.dt), self.stiffness, stack_size,
+            surroundings=self._surroundings(),
+            implicit=self._implicit(tree, models, [own.index(owner) for owner in owners], spheres))
+
+    def _surroundings(self) -> Surroundings | None:
+        """Environment and gyroscopic term; None, for which the explicit kernels compile without them, for neither."""
+        elements = self.environment
+        if not (elements or self.gyroscopic or self.integrator == "implicit"):
+            return None
+        return Surroundings(
+            kind=np.array([element.kind for element in elements], np.int64),
+            position=np.array([element.position for element in elements]).reshape(-1, 3),
+            R=np.array([element.rotation for element in elements]).reshape(-1, 3, 3),
+            size=np.array([element.size_row for element in elements]).reshape(-1, 3),
+            gyroscopic=bool(self.gyroscopic),
+        )
+
+    def _implicit(self, tree, models, model_of, first_sphere) -> Implicit | None:
+        """What the implicit step knows besides; None for the explicit one.
+
+        ``models`` are those of the tree, ``model_of`` the number of each body's, ``first_sphere`` where its spheres begin.
+        """
+        if self.integrator != "implicit":
+            return None
+        hulls = [hull_of(model) for model in models]
+        ends = np.cumsum([0, *map(len, hulls)])
+        some = np.concatenate([hull + first for hull, first in zip(hulls, first_sphere[:-1], strict=True)])
+        boxes = np.array([[model.centers.min(axis=0), model.centers.max(axis=0)] for model in models])
+        extents = np.concatenate([boxes.mean(axis=1), 0.5 * (boxes[:, 1] - boxes[:, 0])], axis=1)
+        return Implicit(
+            friction=self.materials.friction.copy(),
+            restitution=self.materials.restitution.copy(),
+            hull=np.column_stack([tree.centers[some], tree.radii[some]]),
+            hull_sphere=some,
+            hull_range=np.column_stack([ends[:-1], ends[1:]])[model_of],
+            extent=extents[model_of],
+            sleep=self.sleep,
+        )
+
+
+def tree_of(model: SpherePacking):
+    """Sphere tree of a packing (`physics.sphere_tree.build`), built at its first use and kept as long as the packing."""
+    if model not in _trees:
+        _trees[model] = sphere_tree.build(np.array(model.centers), np.array(model.radii))
+    return _trees[model]
+
+
+def hull_of(model: SpherePacking) -> np.ndarray:
+    """Spheres of a packing that can touch a plane (`physics.hull.hull_spheres`), kept as long as the packing."""
+    if model not in _hulls:
+        _hulls[model] = hull_spheres(np.array(model.centers), np.array(model.radii))
+    return _hulls[model]
+
+
+def _elements(environment, names):
+    """The environment as a tuple; its names and the bodies' must differ."""
+    try:
+        elements = tuple(environment)
+    except TypeError:
+        raise InvalidEnvironmentError("must be a sequence of elements", field="environment", value=environment) from None
+    for k, element in enumerate(elements):
+        check_element(element, f"environment[{k}]")
+    taken = set(names)
+    for k, name in enumerate(element_names(elements)):
+        if name in taken:
+            raise DuplicateIdError("is the name of two things", field=f"environment[{k}].name", value=name)
+        taken.add(name)
+    return elements
+
+
+def check_integrator(name) -> None:
+    """Raise `InvalidOptionError` unless there is an integrator of that name."""
+    if name in INTEGRATORS:
+        return
+    successor = _SUCCESSORS.get(name) if isinstance(name, str) else None
+    if successor:
+        raise InvalidOptionError(
+            f"must be '{successor}' now, which has taken the place of '{name}'", field="integrator", value=name)
+    raise InvalidOptionError(f"must be one of {', '.join(INTEGRATORS)}", field="integrator", value=name)
+
+
+def _shifted(child, first_node, first_sphere):
+    """Children of one tree as entries of several trees that stand one behind the other."""
+    shifted = np.where(child < 0, child - first_sphere, child + first_node)
+    return np.where(child == sphere_tree.EMPTY, child, shifted).astype(np.int32)

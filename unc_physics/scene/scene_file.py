@@ -1,0 +1,351 @@
+"""Scene files: YAML that names bodies, their uncertain states, and the physics."""
+
+from __future__ import annotations
+
+import dataclasses
+import difflib
+import functools
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import yaml
+
+from ..checks.errors import (
+    InvalidEnvironmentError,
+    InvalidHorizonError,
+    InvalidMassError,
+    InvalidModelError,
+    InvalidOptionError,
+    InvalidRequestError,
+    NoObjectsError,
+    NotFiniteError,
+    UncPhysicsError,
+)
+from ..checks.validation import array, covariance, flag, integer, non_negative, number, positive, quaternion
+from ..geometry.library import find_model
+from ..geometry.packing_file import load_packing
+from ..physics.layout import (
+    ANGULAR_VELOCITY,
+    ERR_ANGULAR_VELOCITY,
+    ERR_POSITION,
+    ERR_ROTATION,
+    ERR_VELOCITY,
+    ERROR,
+    POSITION,
+    QUATERNION,
+    STATE,
+    VELOCITY,
+)
+from .belief import Belief
+from .environment import ELEMENTS
+from .materials import Surface, check_surface
+from .presets import PRESETS, with_changes
+from .scene import RigidBody, Scene
+from .stiffness import AUTO, auto_stiffness
+
+_NUMBERS = (
+    "dt", "stiffness", "damping", "friction", "restitution",
+    "stiffness_std", "friction_std", "restitution_std", "gravity_direction_std",
+)
+_FLAGS = ("gyroscopic", "islands", "sleep")
+#: Keys of a scene file that set the physics, and the one that names what they change.
+PHYSICS_KEYS = (*_NUMBERS, *_FLAGS, "gravity", "integrator")
+PRESET = "physics"
+_SCENE_KEYS = (PRESET, *PHYSICS_KEYS, "horizon", "bodies", "environment")
+_VECTORS = {"position": POSITION, "linear_velocity": VELOCITY, "angular_velocity": ANGULAR_VELOCITY}
+_STDS = {
+    "position_std": ERR_POSITION,
+    "linear_velocity_std": ERR_VELOCITY,
+    "orientation_std": ERR_ROTATION,
+    "angular_velocity_std": ERR_ANGULAR_VELOCITY,
+}
+_STD_LIMIT = 1e150
+#: Entries of each kind of element: those that must be given, and all.
+_ELEMENTS = {
+    "plane": (("normal",), ("normal", "offset")),
+    "box": (("size",), ("size", "position", "orientation")),
+    "sphere": (("radius",), ("radius", "position")),
+    "cylinder": (("radius", "length"), ("radius", "length", "position", "orientation")),
+    "capsule": (("radius", "length"), ("radius", "length", "position", "orientation")),
+}
+_SCALARS = ("offset", "radius", "length")
+_SURFACE_KEYS = tuple(field.name for field in dataclasses.fields(Surface))
+_BODY_KEYS = (
+    "name", "model", "spheres", "scale", "mass", "mass_std", "center_of_mass_std", *_VECTORS, "orientation", *_STDS,
+    "covariance", "fixed", *_SURFACE_KEYS,
+)
+
+
+class LoadedScene(NamedTuple):
+    """What a scene file holds: the scene, the belief about it at time 0, and the horizon [s] or None."""
+
+    scene: Scene
+    belief: Belief
+    horizon: float | None
+
+
+class _UniqueKeyLoader(yaml.SafeLoader):
+    """Refuses a key that is given twice, of which YAML would silently take the last."""
+
+    def construct_mapping(self, node, deep=False):
+        keys = [key.value for key, _ in node.value if isinstance(key, yaml.ScalarNode)]
+        for k, key in enumerate(keys):
+            if key in keys[:k]:
+                raise yaml.constructor.ConstructorError(None, None, f"the key '{key}' is given twice", node.start_mark)
+        return super().construct_mapping(node, deep)
+
+
+def load_scene(path, models_dir=None) -> LoadedScene:
+    """Read a scene file.
+
+    Parameters
+    ----------
+    path : str or path-like
+        YAML file; paths of models in it are relative to its folder.
+    models_dir : str or path-like, optional
+        Folder in which models are looked up by name, in place of the model library.
+
+    Raises
+    ------
+    UncPhysicsError
+        One of its kinds, naming the field and the value, for anything in the file that makes no scene.
+    """
+    path = Path(path)
+    try:
+        text = path.read_text(encoding="utf-8")
+    except (OSError, ValueError) as error:  # ValueError: no UTF-8, or a path that can be none
+        reason = getattr(error, "strerror", None) or "it is not UTF-8 text"
+        raise InvalidRequestError(f"cannot be read: {reason}", field=f"scene file {path}") from None
+    try:
+        content = yaml.load(text, _UniqueKeyLoader)
+    except (yaml.YAMLError, ValueError, RecursionError) as error:
+        mark = getattr(error, "problem_mark", None)
+        place = f" in line {mark.line + 1}" if mark else ""
+        reason = f": {error.problem}" if isinstance(error, yaml.constructor.ConstructorError) else ""
+        raise InvalidRequestError(f"is not valid YAML{place}{reason}", field=f"scene file {path}") from None
+    return scene_from_dict(content, models_dir, folder=path.parent)
+
+
+def scene_from_dict(content, models_dir=None, folder=None) -> LoadedScene:
+    """The scene that the content of a scene file describes (`load_scene`)."""
+    _check_keys(content, _SCENE_KEYS, "scene")
+    bodies = content.get("bodies")
+    if bodies is None or bodies == []:
+        raise NoObjectsError("must name at least one body", field="bodies")
+    if not isinstance(bodies, list):
+        raise InvalidRequestError("must be a list", field="bodies", value=bodies)
+    read = [_body(body, f"bodies[{k}]", models_dir, folder) for k, body in enumerate(bodies)]
+    rigid, mean = [body for body, _, _ in read], np.array([state for _, state, _ in read])
+    options = with_chosen_stiffness(physics_options(content), rigid, mean)
+    scene = Scene(rigid, environment=_environment(content.get("environment")), **options)
+    blocks = [P for body, _, P in read if not body.fixed]
+    belief = Belief(mean, np.array(blocks).reshape(-1, ERROR, ERROR), scene.moving)
+    horizon = content.get("horizon")
+    return LoadedScene(scene, belief, None if horizon is None else positive(horizon, "horizon", InvalidHorizonError))
+
+
+def physics_options(content) -> dict:
+    """The physics among the entries of a scene file, as arguments of `Scene`; the stiffness may be `AUTO`.
+
+    What the key `PRESET` names holds where nothing else is said. Null takes a law away; of what is no law it
+    means that nothing is said.
+    """
+    given = {key: physics_value(key, content[key]) for key in PHYSICS_KEYS if key in content}
+    return with_changes(preset(content.get(PRESET)), given)
+
+
+def preset(name) -> dict:
+    """The preset of that name, which is the value of the key `PRESET`; None stands for the paper's."""
+    name = "paper" if name is None else name
+    if not isinstance(name, str) or name not in PRESETS:
+        raise InvalidOptionError(f"must be one of {', '.join(PRESETS)}", field=PRESET, value=name)
+    return PRESETS[name]
+
+
+def physics_value(key, value):
+    """The value of another entry that sets the physics; None for null."""
+    if value is None or (key == "stiffness" and value == AUTO):
+        return value
+    if key in _NUMBERS:
+        return number(value, key)
+    if key in _FLAGS:
+        return flag(value, key)
+    if key == "gravity":
+        return _numbers(value, (3,), key)
+    if not isinstance(value, str):
+        raise InvalidOptionError("must be a text", field=key, value=value)
+    return value
+
+
+def with_chosen_stiffness(options, bodies, mean) -> dict:
+    """Arguments of `Scene` in which no stiffness is `AUTO`.
+
+    With the implicit integrator it is left out, for the prediction to choose it; the explicit one, for which
+    nothing else limits how deep bodies press into each other, takes that of `auto_stiffness`.
+    """
+    if options.get("stiffness") != AUTO:
+        return options
+    explicit = options.get("integrator", "explicit") == "explicit"
+    kappa = auto_stiffness(bodies, mean, options.get("gravity", (0.0, 0.0, 0.0))) if explicit else None
+    return options | {"stiffness": kappa}
+
+
+def _environment(content):
+    """The elements that a list of mappings describes."""
+    if content is None:
+        return ()
+    if not isinstance(content, list):
+        raise InvalidEnvironmentError("must be a list", field="environment", value=content)
+    return tuple(_element(element, f"environment[{k}]") for k, element in enumerate(content))
+
+
+def _element(content, field):
+    """An element; errors name the entry as it stands in the file."""
+    error = InvalidEnvironmentError
+    _check_keys(content, ("name", *_ELEMENTS, *_SURFACE_KEYS), field, error)
+    kinds = [kind for kind in _ELEMENTS if kind in content]
+    if len(kinds) != 1:
+        raise error(f"must be exactly one of {', '.join(_ELEMENTS)}", field=field, value=content)
+    kind, name = kinds[0], content.get("name", "")
+    if not isinstance(name, str):
+        raise error("must be a text", field=f"{field}.name", value=name)
+    entries, place = content[kind], f"{field}.{kind}"
+    needed, known = _ELEMENTS[kind]
+    _check_keys(entries, known, place, error)
+    for key in needed:
+        if entries.get(key) is None:
+            raise error("must be given", field=f"{place}.{key}")
+    given = {}
+    for key, value in entries.items():
+        if value is None:
+            continue
+        if key in _SCALARS:
+            given[key] = number(value, f"{place}.{key}", error)
+        else:
+            given[key] = _numbers(value, (4 if key == "orientation" else 3,), f"{place}.{key}", error)
+    surface = _surface(content, field, error)
+    return _at_field(place, ELEMENTS[kind], **given, name=name, **surface)
+
+
+def _surface(content, field, error=InvalidRequestError):
+    """The entries of a body or an element that say what its surface is like, checked."""
+    given = {key: content[key] for key in _SURFACE_KEYS if content.get(key) is not None}
+    _at_field(field, check_surface, Surface(**given), error=error)
+    return given
+
+
+def _body(content, field, models_dir, folder):
+    """A body, its state (13,) and its covariance (12, 12)."""
+    _check_keys(content, _BODY_KEYS, field)
+    for key in ("name", "model"):
+        if not isinstance(content.get(key), str) or not content[key]:
+            raise InvalidRequestError("must be a non-empty text", field=f"{field}.{key}", value=content.get(key))
+    fixed = content.get("fixed", False)
+    if not isinstance(fixed, bool):
+        raise InvalidRequestError("must be true or false", field=f"{field}.fixed", value=fixed)
+    mass = content.get("mass")
+    if mass is None and not fixed:
+        raise InvalidMassError("must be given", field=f"{field}.mass")
+    mass = 1.0 if mass is None else positive(mass, f"{field}.mass", InvalidMassError)
+    state = np.zeros(STATE)
+    for key, place in _VECTORS.items():
+        if content.get(key) is not None:
+            state[place] = _numbers(content[key], (3,), f"{field}.{key}")
+    orientation = content.get("orientation", (0.0, 0.0, 0.0, 1.0))
+    state[QUATERNION] = quaternion(_numbers(orientation, (4,), f"{field}.orientation"), f"{field}.orientation")
+    P = _covariance(content, field)
+    mass_std, com_std = (0.0 if content.get(key) is None else content[key] for key in ("mass_std", "center_of_mass_std"))
+    mass_std, com_std = non_negative(mass_std, f"{field}.mass_std"), _std(com_std, f"{field}.center_of_mass_std")
+    if fixed:
+        for key, values in (
+            ("velocity", state[VELOCITY]), ("velocity", state[ANGULAR_VELOCITY]), ("covariance", P), ("mass_std", mass_std),
+            ("center_of_mass_std", com_std),
+        ):
+            if np.any(values):
+                raise InvalidRequestError(f"is fixed, so its {key} must be zero or absent", field=field)
+    model = _at_field(field, load_shape, content["model"], content.get("spheres"), content.get("scale"), models_dir, folder)
+    surface = _surface(content, field)
+    body = _at_field(field, RigidBody, content["name"], model, mass, fixed, mass_std, com_std, **surface)
+    return body, state, P
+
+
+def _at_field(field, function, *arguments, **options):
+    """Call a function and put the place in the file before the field that its error names."""
+    try:
+        return function(*arguments, **options)
+    except UncPhysicsError as error:
+        raise type(error)(error.problem, field=f"{field}.{error.field}" if error.field else field, value=error.value) from error
+
+
+def load_shape(model, spheres=None, scale=None, models_dir=None, folder=None):
+    """A packing from the library or a file, cut to its first ``spheres`` and scaled.
+
+    The same arguments give the same object while the file is unchanged, so that its sphere tree is built once.
+
+    Raises
+    ------
+    UnknownModelError, InvalidModelError
+    """
+    if folder is not None and model.endswith(".npz") and not model.startswith("~"):
+        model = str(Path(folder) / model)
+    path = find_model(model, models_dir)
+    if spheres is not None:
+        spheres = integer(spheres, "spheres", low=1, error=InvalidModelError)
+    scale = 1.0 if scale is None else positive(scale, "scale", InvalidModelError)
+    return _load_shape(path, path.stat().st_mtime_ns, spheres, scale)
+
+
+@functools.lru_cache(maxsize=256)
+def _load_shape(path, changed, spheres, scale):
+    packing = _load_packing(path, changed)
+    if spheres is not None:
+        packing = packing.prefix(spheres)
+    return packing.scaled(scale)
+
+
+@functools.lru_cache(maxsize=64)
+def _load_packing(path, changed):
+    return load_packing(path)
+
+
+def _covariance(content, field):
+    given = [key for key in _STDS if content.get(key) is not None]
+    if content.get("covariance") is not None:
+        if given:
+            raise InvalidRequestError(f"must not be given beside {given[0]}", field=f"{field}.covariance")
+        return covariance(_numbers(content["covariance"], (ERROR, ERROR), f"{field}.covariance"), ERROR, f"{field}.covariance")
+    std = np.zeros(ERROR)
+    for key in given:
+        std[_STDS[key]] = _std(content[key], f"{field}.{key}")
+    return np.diag(std**2)
+
+
+def _std(value, field):
+    """Standard deviations (3,) from three numbers, or from one that stands for all."""
+    std = _numbers(value, (3,), field) if isinstance(value, list) else np.full(3, non_negative(value, field))
+    non_negative(std.min(), field)
+    if std.max() > _STD_LIMIT:
+        raise NotFiniteError("is too large for its square to be finite", field=field, value=value)
+    return std
+
+
+def _numbers(value, shape, field, error=InvalidRequestError):
+    """Nested lists of numbers as an array; every entry may be a string in any Python float form."""
+    if not isinstance(value, (list, tuple)) or len(value) != shape[0]:
+        raise error(f"must be a list of {shape[0]} {'numbers' if len(shape) == 1 else 'rows'}", field=field, value=value)
+    if len(shape) > 1:
+        return np.array([_numbers(row, shape[1:], f"{field}[{k}]", error) for k, row in enumerate(value)])
+    return array([number(entry, f"{field}[{k}]", error) for k, entry in enumerate(value)], shape, field)
+
+
+def _check_keys(content, known, field, error=InvalidRequestError):
+    if not isinstance(content, dict):
+        raise error("must be a mapping of keys to values", field=field, value=content)
+    for key in content:
+        if not isinstance(key, str):
+            raise error("has a key that is no text", field=field, value=key)
+        if key not in known:
+            close = difflib.get_close_matches(key[:50], known, n=1)
+            hint = f"; did you mean '{close[0]}'?" if close else ""
+            raise error(f"has no key {key[:50]!r}{hint}", field=field)
