@@ -75,6 +75,17 @@ def in_round(kind, **entries):
     return in_environment({kind: {"radius": 0.1} | ({} if kind == "sphere" else {"length": 0.2}) | entries})
 
 
+def at_rest(gravity=(0, 0, -9.81), **entries):
+    """A scene whose second body is at rest."""
+    content = CONTENTS["everyday"]() | {"gravity": gravity and list(gravity)}
+    content["bodies"][1] |= {"at_rest": True, "linear_velocity": [0, 0, 0]} | entries
+    return content
+
+
+def common_error(**entries):
+    return CONTENTS["two_bodies"]() | {"common_pose_std": [0.01] * 6, "common_pose_origin": [0, 0, 1]} | entries
+
+
 FINITE = []  # each number of a scene file, as the place that a message must name
 for place, name in [
     (("dt",), "dt"),
@@ -261,6 +272,26 @@ CASES = FINITE + [
     (in_body("center_of_mass_std", [0, 0, -1]), "INVALID_REQUEST", r"bodies\[1\].center_of_mass_std", "-1.0"),
     (in_body("center_of_mass_std", [0, 0]), "INVALID_REQUEST", r"bodies\[1\].center_of_mass_std", r"\[0, 0\]"),
     (with_entry(("bodies", 1, "mass_std"), 0.1, "three_bodies"), "INVALID_REQUEST", r"bodies\[1\]", "mass_std"),
+    (with_entry(("overlap",), "push"), "INVALID_OPTION", "overlap", "project, reject, keep.*push"),
+    (with_entry(("overlap",), True), "INVALID_OPTION", "overlap", "True"),
+    (with_entry(("overlap",), "project"), "INVALID_OPTION", "overlap", "'integrator: implicit'.*keep.*project"),
+    (with_entry(("overlap",), "reject"), "INVALID_OPTION", "overlap", "implicit.*reject"),
+    (in_body("at_rest", "yes"), "INVALID_REQUEST", r"bodies\[1\].at_rest", "yes"),
+    (in_body("at_rest", 1), "INVALID_REQUEST", r"bodies\[1\].at_rest", "1"),
+    (in_body("at_rest", True), "INVALID_OPTION", r"bodies\[1\].at_rest", "implicit.*True"),
+    (with_entry(("bodies", 1, "at_rest"), True, "three_bodies"), "INVALID_REQUEST", r"bodies\[1\].at_rest", "fixed"),
+    (at_rest(gravity=None), "INVALID_REQUEST", r"bodies\[1\].at_rest", "gravity"),
+    (at_rest(linear_velocity=[0, 0, 0.1]), "INVALID_REQUEST", "linear_velocity of body 'right'", "at_rest.*0.1"),
+    (at_rest(angular_velocity=[0.2, 0, 0]), "INVALID_REQUEST", "angular_velocity of body 'right'", "at_rest.*0.2"),
+    (with_entry(("common_pose_std",), 0.01), "INVALID_REQUEST", "common_pose_std", "6 numbers.*0.01"),
+    (with_entry(("common_pose_std",), [0.01] * 3), "INVALID_REQUEST", "common_pose_std", "6 numbers"),
+    (with_entry(("common_pose_std",), [0] * 5 + ["far"]), "INVALID_REQUEST", r"common_pose_std\[5\]", "far"),
+    (with_entry(("common_pose_std",), [0] * 5 + [-0.1]), "INVALID_COVARIANCE", r"common_pose_std\[5\]", "-0.1"),
+    (with_entry(("common_pose_std",), [0] * 5 + [NAN]), "NOT_FINITE", r"common_pose_std\[5\]", "nan"),
+    (with_entry(("common_pose_std",), [1e200] * 6), "NOT_FINITE", "common_pose_std", "1e\\+200"),
+    (common_error(common_pose_origin=[0, 0]), "INVALID_REQUEST", "common_pose_origin", r"\[0, 0\]"),
+    (common_error(common_pose_origin=[0, 0, INF]), "NOT_FINITE", r"common_pose_origin\[2\]", "inf"),
+    (common_error(common_pose_std=None), "INVALID_REQUEST", "common_pose_origin", r"common_pose_std.*\[0, 0, 1\]"),
     (in_environment("floor"), "INVALID_ENVIRONMENT", r"environment\[0\]", "floor"),
     (in_environment({}), "INVALID_ENVIRONMENT", r"environment\[0\]", "exactly one of plane, box, sphere"),
     (in_environment({"plane": {}, "box": {}}), "INVALID_ENVIRONMENT", r"environment\[0\]", "exactly one"),

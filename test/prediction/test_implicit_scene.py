@@ -10,10 +10,13 @@ from example_scenes import CONTENTS
 
 from unc_physics import Plane, RigidBody, Scene, assess, contact_probabilities, make_propagator, predict
 from unc_physics.__main__ import main
+from unc_physics.checks.errors import NotSupportedError
 from unc_physics.geometry.packing_file import SpherePacking
+from unc_physics.prediction.predict import check_supported
 from unc_physics.prediction.probabilities import rest_probabilities
 from unc_physics.scene.belief import Belief
 from unc_physics.scene.parameters import vary
+from unc_physics.scene.physics_summary import physics_as_text, physics_of
 from unc_physics.scene.stiffness import rest_stiffness
 
 R = 0.03  # m, the ball's radius
@@ -182,6 +185,48 @@ def test_the_command_says_which_physics(tmp_path, capsys):
     physics = answer["physics"]
     assert physics["integrator"] == "implicit" and physics["dt"] == 1.0 / 240.0 and physics["stiffness"] > 1e4
     assert physics["friction"] == 0.5 and physics["restitution"] == 0.1 and physics["gyroscopic"]
+    assert physics["overlap"] == "project"
     assert np.shape(answer["bodies"][0]["samples"]) == (2, 13)
     assert main(["predict", str(path), "--horizon", "0.1"]) == 0
     assert capsys.readouterr().out.startswith("sigma_points; implicit, dt 0.0041667 s, stiffness ")
+
+
+def test_the_command_says_where_the_prediction_began(tmp_path, capsys):
+    body = {"model": "brick", "spheres": 60, "position_std": [0.01, 0.01, 0.0]}
+    content = {
+        "physics": "everyday",
+        "horizon": 0.02,
+        "common_pose_std": [0.02, 0, 0, 0, 0, 0],
+        "environment": [{"plane": {"normal": [0, 0, 1]}}],
+        "bodies": [
+            body | {"name": "standing", "mass": 0.5, "position": [0, 0, 0.04], "at_rest": True},
+            body | {"name": "flying", "mass": 0.5, "position": [0, 0, 1], "linear_velocity": [0, 1, 0]},
+            {"name": "post", "model": "brick", "spheres": 60, "position": [1, 0, 0.1], "fixed": True},
+        ],
+    }
+    path = tmp_path / "scene.yaml"
+    path.write_text(yaml.safe_dump(content))
+    assert main(["predict", str(path), "--json"]) == 0
+    standing, flying, post = json.loads(capsys.readouterr().out)["bodies"]
+    assert [body["at_rest"] for body in (standing, flying, post)] == [True, False, False]
+    for key in ("position", "orientation", "linear_velocity", "angular_velocity"):
+        assert len(standing["start"][key]) == len(standing[key])
+    assert np.allclose(flying["start"]["position"], [0, 0, 1])
+    assert np.allclose(flying["start"]["linear_velocity"], [0, 1, 0])
+    assert flying["start"]["covariance"][0][0] == pytest.approx(0.01**2 + 0.02**2)
+    assert post["start"]["covariance"] is None
+    assert not np.any(standing["start"]["linear_velocity"])
+
+
+@pytest.mark.parametrize("overlap", ["reject", "keep"])
+def test_answers_name_what_becomes_of_overlap(overlap):
+    scene = on_floor(RigidBody("ball", BALL), overlap=overlap)
+    assert physics_of(scene)["overlap"] == overlap
+    assert f"overlap {overlap}" in physics_as_text(scene)
+
+
+def test_monte_carlo_alone_rejects():
+    scene = on_floor(RigidBody("ball", BALL), overlap="reject")
+    with pytest.raises(NotSupportedError, match="^overlap .*monte_carlo.*sigma_points.*'reject'"):
+        predict(scene, Belief.exact([state(0, 0, 1)]), "sigma_points", 0.1)
+    check_supported(scene, make_propagator("monte_carlo"))

@@ -73,6 +73,17 @@ def with_regions(*ids):
     return request
 
 
+def at_rest(spin=0.0, fixed=False):
+    """A request in whose world there is gravity, and an object at rest; one that moves, unless it spins."""
+    request = good_request()
+    request.scene_options.clear()
+    standing = request.objects[1]
+    standing.at_rest, standing.fixed, standing.twist.twist.angular.x = True, fixed, spin
+    if spin:
+        standing.twist.twist.linear.x = 0.0
+    return request
+
+
 def duplicate():
     return request_of(moving_object("twin"), moving_object("twin"))
 
@@ -133,6 +144,17 @@ BAD = {
     "negative deviation of the mass": (changed("object.mass_std", -0.1), "INVALID_COVARIANCE", "objects[1].mass_std"),
     "NaN deviation of the centre of mass": (
         changed("object.center_of_mass_std.z", NAN), "NOT_FINITE", "objects[1].center_of_mass_std.z"),
+    "negative shared error": (changed("common_pose_std", [0.0] * 5 + [-0.1]), "INVALID_COVARIANCE", "common_pose_std[5]"),
+    "NaN shared error": (changed("common_pose_std", [NAN] + [0.0] * 5), "NOT_FINITE", "common_pose_std"),
+    "NaN origin of a shared error": (changed("common_pose_origin.z", NAN), "NOT_FINITE", "common_pose_origin"),
+    "at rest without gravity": (changed("object.at_rest", True), "INVALID_OPTION", "objects[1].at_rest needs"),
+    "at rest and moving": (at_rest(), "INVALID_REQUEST", "linear_velocity of body 'right'"),
+    "at rest and turning": (at_rest(spin=0.1), "INVALID_REQUEST", "angular_velocity of body 'right'"),
+    "at rest and fixed": (at_rest(fixed=True), "INVALID_REQUEST", "objects[1].at_rest"),
+    "no way with overlap": (with_option("scene_options", "overlap", "push"), "INVALID_OPTION", "overlap"),
+    "overlap rejected by sigma points": (with_option("scene_options", "overlap", "reject"), "NOT_SUPPORTED", "overlap"),
+    "overlap projected with the explicit step": (
+        explicit(with_option("scene_options", "overlap", "project")), "INVALID_OPTION", "scene_options 'overlap'"),
     "negative friction": (with_option("scene_options", "friction", "-0.5"), "INVALID_OPTION", "friction"),
     "restitution above 1": (with_option("scene_options", "restitution", "1.5"), "INVALID_OPTION", "restitution"),
     "no integrator": (with_option("scene_options", "integrator", "magic"), "INVALID_OPTION", "integrator"),

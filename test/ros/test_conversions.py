@@ -24,10 +24,12 @@ from unc_physics.ros.conversions import (
     read_scene,
     seconds,
     write_prediction,
+    write_start,
 )
 from unc_physics.ros.models import ModelLibrary
 from unc_physics.ros.origin import error_map, inverse_error_map
 from unc_physics.scene.belief import Belief
+from unc_physics.scene.presets import PRESETS
 from unc_physics_msgs.msg import Environment
 
 DRAWS = 40_000
@@ -258,6 +260,41 @@ def test_uncertain_mass_and_centre_of_mass():
     assert scene.bodies[0].center_of_mass_std.tolist() == [0.0, 0.01, 0.0]
     message.fixed = True
     assert read(message, moving_object("other")).scene.uncertain == ()
+
+
+def test_at_rest():
+    message = moving_object(velocity=(0.0, 0.0, 0.0))
+    message.at_rest = True
+    bodies = read_scene([message, moving_object("other")], Environment(), LIBRARY, PRESETS["everyday"]).scene.bodies
+    assert [body.at_rest for body in bodies] == [True, False]
+
+
+@pytest.mark.parametrize(("fixed", "physics", "error", "words"), [
+    (True, PRESETS["everyday"], errors.InvalidRequestError, "fixed"),
+    (False, PHYSICS, errors.InvalidOptionError, "'integrator: implicit'"),
+    (False, PRESETS["everyday"] | {"gravity": (0.0, 0.0, 0.0)}, errors.InvalidOptionError, "gravity"),
+])
+def test_what_cannot_be_at_rest_is_named(fixed, physics, error, words):
+    message = moving_object("standing", velocity=(0.0, 0.0, 0.0))
+    message.at_rest, message.fixed = True, fixed
+    with pytest.raises(error, match=r"^candidates\[3\].objects\[0\].at_rest.*" + words):
+        read_scene(
+            [moving_object(), message], Environment(), LIBRARY, physics, fields=["objects[0]", "candidates[3].objects[0]"])
+
+
+def test_where_a_prediction_began():
+    message = spinning_object()
+    message.pose.covariance = random_covariance(8, 6).ravel()
+    fixed = moving_object("fixed one")
+    fixed.fixed = True
+    scene, belief, models, _ = read(message, fixed)
+    objects, _ = write_prediction(scene, models, [0.0], [belief])
+    write_start(objects, scene, belief)
+    for written, sent in zip(objects, (message, fixed), strict=True):
+        assert np.allclose(position_of(written.start.pose), position_of(sent.pose.pose), rtol=0.0, atol=ROUND_OFF)
+        assert np.array_equal(written.start.covariance, written.states[0].pose.covariance)
+    assert np.allclose(objects[0].start.covariance, message.pose.covariance, rtol=0.0, atol=ROUND_OFF)
+    assert not np.any(objects[1].start.covariance)
 
 
 def test_plain_integers_are_numbers():

@@ -5,14 +5,17 @@ import types
 
 import numpy as np
 import pytest
-from geometry_msgs.msg import Pose, TransformStamped
-from scenes import moving_object, orientation_of, position_of
+from geometry_msgs.msg import Point, Pose, TransformStamped
+from scenes import good_request, moving_object, orientation_of, position_of
 from scipy.spatial.transform import Rotation
 from shape_msgs.msg import Plane, SolidPrimitive
 from std_msgs.msg import Header
 
 from unc_physics.checks.errors import UnknownFrameError
 from unc_physics.ros.frames import Frames
+from unc_physics.ros.models import ModelLibrary
+from unc_physics.ros.parameters import Settings
+from unc_physics.ros.requests import read_request
 from unc_physics_msgs.msg import BoxRegion, Environment
 
 TURN = Rotation.from_rotvec([0.3, 1.2, -0.4])
@@ -106,3 +109,19 @@ def test_the_world_frame_and_no_frame_are_the_same(frames):
 def test_a_frame_without_transform(frames):
     with pytest.raises(UnknownFrameError, match="nowhere"):
         frames.to_world(Header(frame_id="nowhere"))
+
+
+@pytest.mark.parametrize("frame_id", ["", "camera"])
+def test_a_shared_error_turns_with_its_frame(frames, frame_id):
+    def belief_of(**shared):
+        request = good_request(**shared)
+        request.header.frame_id = frame_id
+        return read_request(request, Settings(zero_covariance="exact"), ModelLibrary(), frames).belief
+
+    std, origin = np.array([0.01, 0.02, 0.0, 0.0, 0.0, 0.03]), Point(x=0.1, y=-0.2, z=0.3)
+    rotation, shift = (TURN, SHIFT) if frame_id else (Rotation.identity(), np.zeros(3))
+    place = rotation.apply([origin.x, origin.y, origin.z]) + shift
+    expected = belief_of().with_common_pose_std(std, place, rotation.as_matrix())
+    found = belief_of(common_pose_std=std, common_pose_origin=origin)
+    assert np.allclose(found.covariance, expected.covariance, rtol=1e-12, atol=1e-15)
+    assert not np.allclose(found.covariance, belief_of().joint, atol=1e-6)

@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 from diagnostic_msgs.msg import KeyValue
 from scenes import (
+    POSITION_STD,
     assert_answered,
+    diagonal,
     explicit,
     good_request,
     moving_object,
@@ -13,6 +15,7 @@ from scenes import (
     position_of,
     request_of,
 )
+from shape_msgs.msg import Plane
 
 from unc_physics import PROPAGATORS
 from unc_physics import predict as predict_in_core
@@ -226,3 +229,32 @@ def test_statuses_name_an_overlap_at_the_start_and_are_fine_without(predict):
         assert (predicted.status, predicted.status_msg) == (PredictedObject.STATUS_FINE, "")
         assert predicted.status_values
         assert all(state.status == PredictedObject.STATUS_FINE for state in predicted.states)
+
+
+def test_an_error_that_all_objects_share(predict):
+    request = good_request(common_pose_std=[0.0, 0.1, 0.0, 0.0, 0.0, 0.0], return_joint_covariance=True, horizon=0.1)
+    response = predict(request)
+    assert_answered(response)
+    for predicted, sent in zip(response.objects, request.objects, strict=True):
+        assert np.allclose(position_of(predicted.start.pose), position_of(sent.pose.pose), atol=1e-3)
+        assert predicted.start.covariance[7] == pytest.approx(POSITION_STD**2 + 0.1**2, rel=0.05)
+        assert predicted.start.covariance[0] == pytest.approx(POSITION_STD**2, rel=0.05)
+    joint = np.reshape(response.joint_covariances[-1].data, (24, 24))
+    assert joint[1, 13] == pytest.approx(0.1**2, rel=0.05)
+
+
+def test_an_object_at_rest_stands_where_it_is_put(predict):
+    request = request_of(moving_object("standing", "brick", (0.0, 0.0, 0.05), (0.0, 0.0, 0.0), 60), horizon=0.5)
+    request.scene_options.clear()  # with gravity
+    request.environment.planes.append(Plane(coef=[0.0, 0.0, 1.0, 0.0]))
+    request.objects[0].at_rest = True
+    request.objects[0].pose.covariance = diagonal(0.02, 0.02, 0.005, 0.03, 0.03, 0.05)
+    response = predict(request)
+    assert_answered(response)
+    (standing,) = response.objects
+    assert standing.start.covariance[14] < 1e-6 < standing.start.covariance[0]
+    assert np.allclose(position_of(standing.states[-1].pose.pose), position_of(standing.start.pose), atol=1e-3)
+    assert np.allclose(standing.states[-1].pose.covariance, standing.start.covariance, atol=1e-4)
+    assert standing.overlap_share > 0.0 == standing.overlap_kept
+    values = {pair.key: float(pair.value) for pair in standing.status_values}
+    assert values["overlap_share"] == pytest.approx(standing.overlap_share, rel=1e-4)

@@ -10,7 +10,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseWithCovariance, PoseWithCovarianceStamped
 from rclpy.qos import qos_profile_sensor_data
 from running import Client, Inbox, NodeProcess, wait_until
-from scenes import good_request, numbers_of, position_of
+from scenes import POSITION_STD, good_request, numbers_of, position_of
 from std_msgs.msg import Header
 from visualization_msgs.msg import Marker, MarkerArray
 
@@ -73,6 +73,17 @@ def test_a_scene_is_predicted_for_all_horizons(publish, listener):
     xs = [position_of(state.pose.pose)[0] for state in message.objects[0].states]
     way = np.array(xs) - sent.objects[0].pose.pose.position.x
     assert np.allclose(way, 0.5 * np.array(HORIZONS), atol=1e-3)  # a few sigma points may touch at the end
+
+
+def test_an_error_that_a_scene_s_objects_share(publish, listener):
+    with Inbox(listener, Prediction, "/stream/predictions") as inbox:
+        time.sleep(0.3)
+        sent = scene(listener)
+        sent.common_pose_std[1] = 0.1
+        publish(sent)
+        message = inbox.next()
+    for predicted in message.objects:
+        assert predicted.start.covariance[7] == pytest.approx(POSITION_STD**2 + 0.1**2, rel=0.05)
 
 
 def test_an_overlap_at_the_start_is_named(publish, listener):

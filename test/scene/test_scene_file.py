@@ -45,17 +45,19 @@ def test_elements_arrive_in_order_with_their_names(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "entries", [{}, dict.fromkeys((PRESET, *PHYSICS_KEYS, "environment")), {"environment": []}])
+    "entries", [{}, dict.fromkeys((PRESET, *PHYSICS_KEYS, "environment", "common_pose_std", "common_pose_origin")), {"environment": []}])
 def test_what_a_file_does_not_name_is_not_there(entries):
     content = CONTENTS["two_bodies"]() | entries
     scene = scene_from_dict(content).scene
     assert scene.environment == () and scene.friction is None and scene.restitution is None
     assert not scene.gyroscopic and not scene.islands and scene.integrator == "explicit"
+    assert scene.overlap == "keep" and not any(body.at_rest for body in scene.bodies)
     assert scene.uncertain == () and scene.world.surroundings is None
 
 
 @pytest.mark.parametrize("key, value", [
     ("friction", 0.5), ("restitution", 0.3), ("gyroscopic", True), ("islands", True), ("sleep", True),
+    ("overlap", "reject"), ("overlap", "keep"),
 ])
 def test_each_law_is_on_when_it_is_named(key, value):
     assert getattr(scene_with(**{"integrator": "implicit", key: value}), key) == value
@@ -75,3 +77,28 @@ def test_uncertain_parameters():
         ("gravity_direction", -1, 0): 0.02, ("gravity_direction", -1, 1): 0.02, ("mass", 1, 0): 0.05,
         ("center_of_mass", 1, 1): 0.01, ("center_of_mass", 1, 2): 0.02,
     }
+
+
+def test_overlap_is_projected_away_by_the_implicit_step_alone():
+    assert scene_with(integrator="implicit").overlap == scene_with(integrator="implicit", overlap=None).overlap == "project"
+    assert scene_with().overlap == scene_with(overlap="keep").overlap == "keep"
+
+
+def test_bodies_at_rest():
+    content = CONTENTS["everyday"]()
+    content["bodies"][0]["at_rest"] = True
+    content["bodies"][1]["at_rest"] = None
+    scene = scene_from_dict(content).scene
+    assert [body.at_rest for body in scene.bodies] == [True, False]
+
+
+@pytest.mark.parametrize("origin", [None, [0.2, "1e-1", -3]])
+def test_an_error_that_all_bodies_share(origin):
+    std = [0.01, 0.02, 0, "3e-3", 0, 0.01]
+    plain = scene_from_dict(CONTENTS["everyday"]())
+    shared = scene_from_dict(CONTENTS["everyday"]() | {"common_pose_std": std, "common_pose_origin": origin})
+    expected = plain.belief.with_common_pose_std(
+        [0.01, 0.02, 0, 3e-3, 0, 0.01], (0, 0, 0) if origin is None else (0.2, 0.1, -3.0))
+    np.testing.assert_array_equal(shared.belief.mean, plain.belief.mean)
+    np.testing.assert_array_equal(shared.belief.joint, expected.joint)
+    assert not np.allclose(shared.belief.joint, plain.belief.joint)

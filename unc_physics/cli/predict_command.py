@@ -187,7 +187,10 @@ def _predict_with_progress(scene, belief, propagator, horizon, period):
 
 
 def as_dict(scene, prediction, seed=None, samples=None) -> dict:
-    """The prediction as plain Python values, bodies in the scene's order, with samples (N, B, 13) of it."""
+    """The prediction as plain Python values, bodies in the scene's order, with samples (N, B, 13) of it.
+
+    Each body's ``start`` is its belief at time 0 that was really used (`Prediction.start`).
+    """
     from ..scene.physics_summary import physics_of
 
     result = {
@@ -198,6 +201,8 @@ def as_dict(scene, prediction, seed=None, samples=None) -> dict:
         "wall_time": prediction.wall_time,
         "bodies": _bodies(scene, prediction.belief),
     }
+    for own, body, start in zip(result["bodies"], scene.bodies, _bodies(scene, prediction.start), strict=True):
+        own |= {"at_rest": body.at_rest, "start": {key: value for key, value in start.items() if key != "name"}}
     if samples is not None:
         for k, body in enumerate(result["bodies"]):
             body["samples"] = samples[:, k].tolist()

@@ -252,7 +252,6 @@ def leave_out_freed(x, i, j, count, world, work):
             a, b = ids[k, 0], ids[k, 1]
             if j < 0:
                 e = -1 - j
-                R_e = world.surroundings.R[e]
                 mx, my, mz = rotate(
                     work.R[i], centers[a, 0] + depth * nx, centers[a, 1] + depth * ny, centers[a, 2] + depth * nz
                 )

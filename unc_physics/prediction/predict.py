@@ -149,8 +149,8 @@ def predict(
     DivergedError
         If the simulation left the range of numbers.
     NotSupportedError
-        If parameters of the scene are uncertain, or its integrator is the implicit one, and the propagator is
-        not one of those that take it.
+        If parameters of the scene are uncertain, or its integrator is the implicit one, or overlap is to be
+        rejected, and the propagator is not one of those that take it.
     InvalidRequestError, LimitExceededError, UnknownPropagatorError
     """
     started = clock()
@@ -211,12 +211,15 @@ def periodic_times(period: float, horizon: float) -> list[float]:
 
 
 def check_supported(scene: Scene, propagator: Propagator) -> None:
-    """Raise `NotSupportedError` if the propagator does not take the integrator, or uncertain parameters."""
+    """Raise `NotSupportedError` if the propagator does not take the integrator, ``overlap``, or uncertain parameters."""
     if scene.integrator not in propagator.integrators:
         able = [name for name, cls in PROPAGATORS.items() if scene.integrator in cls.integrators]
         raise NotSupportedError(
             f"does not run on the {scene.integrator} integrator; {' and '.join(able)} do", field="propagator",
             value=propagator.name)
+    if scene.overlap == "reject" and propagator.name != "monte_carlo":
+        raise NotSupportedError(
+            f"is for monte_carlo alone, not for {propagator.name}; 'project' is for both", field="overlap", value="reject")
     if scene.uncertain and not propagator.varies_parameters:
         first = scene.uncertain[0]
         owners = [f" of body '{body.name}'" for body in scene.bodies]

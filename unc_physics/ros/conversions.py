@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import functools
 import math
+import re
 from array import array as packed_array
 from typing import NamedTuple
 
@@ -49,7 +50,7 @@ from ..physics.rotation import rotation_matrix
 from ..scene.belief import Belief
 from ..scene.presets import with_changes
 from ..scene.scene import RigidBody, Scene
-from ..scene.scene_file import PHYSICS_KEYS, PRESET, physics_value, preset, with_chosen_stiffness
+from ..scene.scene_file import PHYSICS_KEYS, PRESET, at_field, physics_value, preset, with_chosen_stiffness
 from .origin import at_origin, congruent, covariance_at_com, error_map, moved
 from .surroundings import read_environment
 
@@ -148,18 +149,24 @@ def read_scene(
     taken = {element.name: k for k, element in enumerate(elements)}
     for name in names & taken.keys():
         raise DuplicateIdError("is the id of an object, too", field=f"environment.ids[{taken[name]}]", value=name)
-    bodies = tuple(_rigid_body(*body) for body, *_ in read)
+    bodies = tuple(at_field(field, _rigid_body, *body) for field, (body, *_) in zip(fields, read, strict=True))
     mean = np.array([state for _, state, _, _ in read])
     physics = with_chosen_stiffness(physics, bodies, mean)
     constants = tuple((key, _hashable(physics[key])) for key in sorted(physics))
     try:
         scene = _scene(bodies, elements, constants)
     except (InvalidRequestError, InvalidOptionError) as error:  # the node's own parameters go together
-        raise InvalidOptionError(error.problem, field=f"scene_options '{error.field}'", value=error.value) from None
+        raise InvalidOptionError(error.problem, field=_in_message(error.field, fields), value=error.value) from None
     blocks = np.array([P for body, (_, _, P, _) in zip(bodies, read, strict=True) if not body.fixed]).reshape(-1, ERROR, ERROR)
     belief = Belief.trusted(mean, blocks, scene.moving.copy())
     models = tuple(message.model for message in objects)
     return ReadScene(scene, belief, models, any(zeros for *_, zeros in read))
+
+
+def _in_message(field, fields):
+    """What a message calls a field of the scene that is made from it: one of an object's, or else an option."""
+    found = re.fullmatch(r"bodies\[(\d+)\]\.(\w+)", field)
+    return f"{fields[int(found[1])]}.{found[2]}" if found else f"scene_options '{field}'"
 
 
 @functools.lru_cache(maxsize=1024)
@@ -232,7 +239,7 @@ def _body(message, field, library, doubts, max_spheres):
         place = f"{field}.{error.field}" if error.field in ("model", "spheres", "scale") else f"{field}.model: {error.field}"
         raise type(error)(error.problem, field=place, value=error.value) from error
     mass = _mass(message, field, model)
-    body = message.id, model, mass, bool(message.fixed), *_stds(message, field, mass)
+    body = message.id, model, mass, bool(message.fixed), *_stds(message, field, mass), bool(message.at_rest)
     at_origin, origin = _state(message, field), _writable(model.origin)
     if message.fixed:
         return body, moved(at_origin, origin, -1.0), np.zeros((ERROR, ERROR)), False
@@ -395,6 +402,15 @@ def write_prediction(scene, models, times, beliefs, samples=None, wanted=MARGINA
         if wanted.joint_covariance:
             joints.append(_joint_covariance(scene, time, belief, [error_map(*pair) for pair in zip(means, origins, strict=True)]))
     return objects, joints
+
+
+def write_start(objects, scene, belief) -> None:
+    """Write into each PredictedObject where the prediction really began: ``belief`` is that at time 0."""
+    for k, (message, body) in enumerate(zip(objects, scene.bodies, strict=True)):
+        P, state = belief.marginal(k), PredictedState()
+        P = np.zeros((ERROR, ERROR)) if P is None else _writable(P)
+        _write_state(state, _writable(belief.mean[k]), P, _writable(body.model.origin))
+        message.start = state.pose
 
 
 def _joint_covariance(scene, time, belief, maps):

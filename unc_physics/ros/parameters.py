@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import math
 from dataclasses import Field, dataclass, field, fields
+from types import SimpleNamespace
 
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor, SetParametersResult
 
@@ -13,12 +14,13 @@ from ..checks.validation import non_negative
 from ..propagators.registry import PROPAGATORS
 from ..scene.materials import refuse_with_explicit
 from ..scene.presets import PRESETS
-from ..scene.scene import INTEGRATORS, check_integrator
+from ..scene.scene import INTEGRATORS, OVERLAPS, check_integrator
 from ..scene.scene_file import PHYSICS_KEYS
 from ..scene.stiffness import AUTO
 from .conversions import Doubts
 
 _EVERYDAY = PRESETS["everyday"]
+_AUTO_OVERLAP = "auto"
 
 
 def parameter(default, description, *, low=None, high=None, choices=(), read_only=False):
@@ -73,6 +75,10 @@ class Settings:
         "solved for, with friction and rest ('implicit').", choices=INTEGRATORS)
     sleep: bool = parameter(
         False, "Whether what rests is not computed until something pushes it; not with 'explicit'.")
+    overlap: str = parameter(
+        _AUTO_OVERLAP, "What becomes of the share of a belief in which objects overlap at the start: moved to the nearest "
+        "poses without overlap ('project'), left out ('reject', by monte_carlo alone), or left in ('keep'); 'auto': "
+        "'project' with 'implicit', and 'keep' with 'explicit', which has no other.", choices=(_AUTO_OVERLAP, *OVERLAPS))
     islands: bool = parameter(
         True, "Whether bodies that cannot touch each other are predicted by themselves, by propagators that keep "
         "correlations between bodies (the others treat bodies one by one anyway); otherwise all of a scene together.")
@@ -155,7 +161,7 @@ class Settings:
                 raise InvalidOptionError(f"must be one of {', '.join(choices)}", field=spec.name, value=value)
         object.__setattr__(self, "stiffness", _stiffness(self.stiffness))
         if self.integrator == "explicit":
-            refuse_with_explicit(self)
+            refuse_with_explicit(SimpleNamespace(**self.physics))
         if len(self.gravity) != 3:
             raise InvalidOptionError("must have 3 numbers", field="gravity", value=list(self.gravity))
         if not self.horizons or min(self.horizons) <= 0.0 or max(self.horizons) > self.max_horizon:
@@ -179,7 +185,8 @@ class Settings:
     @functools.cached_property
     def physics(self) -> dict:
         """The physics of the scenes, as arguments of `Scene`."""
-        return {key: getattr(self, key) for key in PHYSICS_KEYS if hasattr(self, key)}
+        overlap = None if self.overlap == _AUTO_OVERLAP else self.overlap
+        return {key: getattr(self, key) for key in PHYSICS_KEYS if hasattr(self, key)} | {"overlap": overlap}
 
 
 def _stiffness(value):

@@ -16,7 +16,7 @@ from ..checks.errors import (
     NotSupportedError,
     UncPhysicsError,
 )
-from ..checks.validation import non_negative, positive
+from ..checks.validation import array, non_negative, positive
 from ..physics.layout import ERROR
 from ..prediction.predict import Prediction, check_supported, periodic_times, predict
 from ..prediction.probabilities import BoxRegion
@@ -26,7 +26,7 @@ from ..propagators.registry import propagator_from_texts
 from ..scene.belief import Belief
 from ..scene.physics_summary import physics_as_text
 from ..scene.scene import Scene
-from .conversions import Wanted, read_options, read_physics, read_scene, write_prediction
+from .conversions import Wanted, read_options, read_physics, read_scene, write_prediction, write_start
 from .frames import Frames
 from .models import ModelLibrary
 from .parameters import Settings
@@ -35,6 +35,7 @@ from .statuses import write_statuses
 from .surroundings import read_regions
 
 _STATE_BYTES = 800  # of a PredictedState without its optional parts
+_START_BYTES = 350  # of where an object began
 _POSE_BYTES = 56
 _PROBABILITY_BYTES = 100
 _NUMBER_BYTES = 8
@@ -127,9 +128,10 @@ def read_request(
         settings.max_objects, settings.max_spheres, settings.max_elements, fields,
     )
     check_supported(read.scene, propagator)
+    belief = _with_common_error(read.belief, request, transform)
     times = _times(request.trajectory_period, horizon, read.scene.dt, settings)
     job = Job(
-        read.scene, read.belief, _regions(regions, settings), read.models, propagator, horizon, times,
+        read.scene, belief, _regions(regions, settings), read.models, propagator, horizon, times,
         _computation_time(request.max_computation_time, time_limit), getattr(propagator, "seed", seed),
         request.return_samples,
         Wanted(request.return_covariance, request.return_joint_covariance, request.return_probabilities),
@@ -175,6 +177,7 @@ def write_answer(message, header, settings: Settings, job: Job, outcome: Outcome
     prediction = outcome.prediction
     objects, joints = write_prediction(
         job.scene, job.models, prediction.times, prediction.beliefs, outcome.samples, job.wanted)
+    write_start(objects, job.scene, prediction.start)
     message.header.stamp = header.stamp
     message.header.frame_id = settings.world_frame
     message.propagator = job.propagator.name
@@ -204,6 +207,15 @@ def _regions(messages, settings):
     if len(messages) > settings.max_regions:
         raise LimitExceededError(f"must be at most {settings.max_regions}", field="regions", value=len(messages))
     return read_regions(messages)
+
+
+def _with_common_error(belief, request, transform):
+    """The belief with the error that all moving objects share, whose axes and origin are the header's frame's."""
+    origin, axes = request.common_pose_origin, None
+    origin = array((origin.x, origin.y, origin.z), (3,), "common_pose_origin")
+    if transform is not None:
+        origin, axes = transform.R @ origin + transform.translation, transform.R
+    return belief.with_common_pose_std(request.common_pose_std, origin, axes)
 
 
 def _horizon(value, settings):
@@ -272,7 +284,8 @@ def answer_bytes(job: Job) -> int:
     moving = len(job.scene.moving)
     joint = _NUMBER_BYTES * (ERROR * moving) ** 2 * job.wanted.joint_covariance
     pairs = moving * (len(job.scene.bodies) + len(job.scene.environment) + 1) * job.wanted.probabilities
-    return states * (len(job.scene.bodies) * one + joint) + _PROBABILITY_BYTES * (pairs + moving * len(job.regions))
+    starts = _START_BYTES * len(job.scene.bodies)
+    return starts + states * (len(job.scene.bodies) * one + joint) + _PROBABILITY_BYTES * (pairs + moving * len(job.regions))
 
 
 @dataclass(frozen=True)

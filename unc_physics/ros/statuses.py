@@ -8,6 +8,8 @@ from diagnostic_msgs.msg import KeyValue
 
 from ..prediction.status import assess_all
 
+#: Measures that have fields of their own in the message.
+_OF_OVERLAP = ("overlap_share", "overlap_moved", "overlap_kept")
 #: States of one object that are judged one by one; the message says so, too.
 JUDGED = 16
 
@@ -46,3 +48,5 @@ def write_statuses(message, scene, initial, prediction, rollouts) -> None:
     for predicted, status in zip(message.objects, statuses, strict=True):  # those of the last time
         predicted.status, predicted.status_msg = int(status.flags), status.message
         predicted.status_values = [KeyValue(key=key, value=f"{value:.6g}") for key, value in status.measures.items()]
+        for name in _OF_OVERLAP:
+            setattr(predicted, name, status.measures.get(name, 0.0))

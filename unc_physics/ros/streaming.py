@@ -68,6 +68,7 @@ class Stream:
             times = sorted(set(settings.horizons))
             request = Predict.Request(
                 header=scene.header, objects=scene.objects, environment=scene.environment, horizon=times[-1],
+                common_pose_std=scene.common_pose_std, common_pose_origin=scene.common_pose_origin,
                 propagator=settings.stream_propagator, return_probabilities=settings.stream_probabilities)
             job = read_request(request, settings, server.library, server.frames, time_limit=settings.max_computation_time)
             job = job._replace(times=times[:-1])

@@ -21,7 +21,7 @@ from .requests import Job, run, write_answer
 
 _STEPS = 3
 _STIFFNESS = 1e5  # N/m^3
-_EXPLICIT = {"integrator": "explicit", "friction": None, "restitution": None, "sleep": None}
+_EXPLICIT = {"integrator": "explicit", "friction": None, "restitution": None, "sleep": None, "overlap": "keep"}
 
 
 def warm_up(settings: Settings) -> None:

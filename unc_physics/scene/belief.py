@@ -7,10 +7,22 @@ from functools import cached_property
 
 import numpy as np
 
-from ..checks.errors import InvalidCovarianceError, InvalidRequestError
-from ..checks.validation import array, covariance, numbers, quaternion
-from ..physics.layout import ERROR, QUATERNION, STATE
+from ..checks.errors import InvalidCovarianceError, InvalidRequestError, NotFiniteError
+from ..checks.validation import array, covariance, non_negative, numbers, quaternion
+from ..physics.layout import (
+    ANGULAR_VELOCITY,
+    ERR_ANGULAR_VELOCITY,
+    ERR_POSITION,
+    ERR_ROTATION,
+    ERR_VELOCITY,
+    ERROR,
+    POSITION,
+    QUATERNION,
+    STATE,
+    VELOCITY,
+)
 from ..physics.moments import pivoted_cholesky, spread_states
+from ..physics.rotation import rotation_matrix
 
 #: Variance, relative to the largest, below which a direction counts as certain.
 RANK_TOLERANCE = 1e-14
@@ -75,6 +87,55 @@ class Belief:
         count = len(mean) if moving is None else len(moving)
         return cls(mean, np.zeros((count, ERROR, ERROR)), moving)
 
+    def with_common_pose_std(self, std, origin=(0.0, 0.0, 0.0), axes=None) -> Belief:
+        """The belief with an error added that all moving bodies share, as when the camera or the table is off.
+
+        It moves and turns them together, so that they keep their places relative to each other; velocities turn
+        with them.
+
+        Parameters
+        ----------
+        std : (6,) array_like
+            Standard deviations of the shared translation along three axes [m] and of the rotation about them [rad].
+        origin : (3,) array_like
+            Point about which the rotation turns, world frame [m].
+        axes : (3, 3) array_like, optional
+            The axes, as columns in the world frame; by default the world's own.
+
+        Returns
+        -------
+        Belief
+            With a joint covariance (12 M, 12 M); the same belief if all of ``std`` is zero.
+
+        Raises
+        ------
+        InvalidCovarianceError
+            If ``std`` is not six numbers, or one is negative.
+        InvalidRequestError, NotFiniteError
+        """
+        field = "common_pose_std"
+        std = array(std, (6,), field, InvalidCovarianceError)
+        for k, value in enumerate(std.tolist()):
+            non_negative(value, f"{field}[{k}]", InvalidCovarianceError)
+        origin = array(origin, (3,), "common_pose_origin")
+        axes = np.eye(3) if axes is None else array(axes, (3, 3), "axes")
+        if not std.any():
+            return self
+        roots = np.zeros((len(self.moving), ERROR, 6))  # the errors of one standard deviation along each direction
+        shifts, turns = axes * std[:3], axes * std[3:]
+        with np.errstate(over="ignore", invalid="ignore"):
+            for root, state in zip(roots, self.mean[self.moving], strict=True):
+                root[ERR_POSITION, :3] = shifts
+                root[ERR_POSITION, 3:] = np.cross(turns.T, state[POSITION] - origin).T
+                root[ERR_VELOCITY, 3:] = np.cross(turns.T, state[VELOCITY]).T
+                root[ERR_ROTATION, 3:] = rotation_matrix(state[QUATERNION]).T @ turns
+                root[ERR_ANGULAR_VELOCITY, 3:] = np.cross(turns.T, state[ANGULAR_VELOCITY]).T
+            roots = roots.reshape(-1, 6)
+            P = self.joint + roots @ roots.T
+        if not np.isfinite(P).all():
+            raise NotFiniteError("is too large for a finite covariance", field=field, value=std.tolist())
+        return Belief.trusted(self.mean, P, self.moving)
+
     @property
     def independent(self) -> bool:
         """Whether the covariance is stored as one block for each body."""
@@ -115,13 +176,18 @@ class Belief:
         return spread_states(self.mean.copy(), self.moving.copy(), errors)
 
     def check_fits(self, scene) -> None:
-        """Raise `InvalidRequestError` unless the belief is about the bodies of ``scene``."""
+        """Raise `InvalidRequestError` unless the belief is about the bodies of ``scene``, and has those at rest stand still."""
         if len(self.mean) != len(scene.bodies):
             raise InvalidRequestError(f"must describe {len(scene.bodies)} bodies, not {len(self.mean)}", field="belief")
         if not np.array_equal(self.moving, scene.moving):
             raise InvalidRequestError(
                 f"must have covariance for the moving bodies {scene.moving.tolist()}", field="belief", value=self.moving.tolist()
             )
+        for body, state in zip(scene.bodies, self.mean, strict=True):
+            for name, place in (("angular_velocity", ANGULAR_VELOCITY), ("linear_velocity", VELOCITY)):
+                if body.at_rest and state[place].any():
+                    raise InvalidRequestError(
+                        "must be zero, as the body is at_rest", field=f"{name} of body '{body.name}'", value=state[place].tolist())
 
 
 def _ascending_indices(values, count):

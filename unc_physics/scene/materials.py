@@ -10,8 +10,11 @@ import numpy as np
 from ..checks.errors import InvalidOptionError, InvalidRequestError
 from ..checks.validation import non_negative, share
 
-#: What the explicit step does of itself, so that it may be said: without friction, elastic.
-_EXPLICIT = {"friction": 0.0, "restitution": 1.0, "friction_std": 0.0, "restitution_std": 0.0, "sleep": False}
+#: What the explicit step does of itself, so that it may be said: without friction, elastic, with overlap as it is.
+_EXPLICIT = {
+    "friction": 0.0, "restitution": 1.0, "friction_std": 0.0, "restitution_std": 0.0, "sleep": False, "at_rest": False,
+    "overlap": "keep",
+}
 #: Restitution of each integrator where none is named.
 DEFAULT_RESTITUTION = {"explicit": 1.0, "implicit": 0.0}
 
@@ -92,14 +95,14 @@ def refuse_with_explicit(thing, place="") -> None:
     Parameters
     ----------
     thing : object
-        Its fields friction, restitution, their standard deviations, and sleep count, as far as it has them.
+        Those of its fields count that are named here, as far as it has them.
     place : str
         What errors write before the field's name.
     """
     for name, own in _EXPLICIT.items():
         value = getattr(thing, name, None)
         if value is not None and value != own:
-            only = "false" if own is False else f"{own:g}"
+            only = f"{own:g}" if isinstance(own, float) else str(own).lower()
             raise InvalidOptionError(
                 f"needs 'integrator: implicit'; with 'explicit' it must be {only} or absent",
                 field=f"{place}{name}",

@@ -28,6 +28,7 @@ def physics_of(scene: Scene) -> dict:
         "restitution": restitution,
         "islands": scene.islands,
         "sleep": scene.sleep,
+        "overlap": scene.overlap,
     }
     names = [body.name for body in scene.bodies] + element_names(scene.environment)
     for key in Materials._fields:
@@ -55,4 +56,6 @@ def physics_as_text(scene: Scene) -> str:
             f"{key} {physics[key]:g}" + (" (some surfaces have their own)" if f"{key}_of" in physics else "")
             for key in Materials._fields
         ]
+    if scene.integrator == "implicit" and scene.overlap != "project":
+        parts.append(f"overlap {scene.overlap}")
     return ", ".join(parts + [key for key in ("gyroscopic", "islands", "sleep") if physics[key]])

@@ -35,6 +35,9 @@ _STDS = ("stiffness_std", "friction_std", "restitution_std", "gravity_direction_
 #: How steps are taken: as in the paper, or with contacts that are solved for, which friction and rest need.
 INTEGRATORS = ("explicit", "implicit")
 _SUCCESSORS = {"robust": "implicit"}
+#: What becomes of overlap at the start.
+OVERLAPS = ("project", "reject", "keep")
+_OVERLAP = {"implicit": "project", "explicit": "keep"}
 #: kappa where an explicit scene names none [N/m^3].
 STIFFNESS = 1e4
 
@@ -82,6 +85,10 @@ class RigidBody(Surface):
     center_of_mass_std : (3,) array
         Standard deviations of the COM's place in the body, about the model's, body axes [m]; one number stands for three.
         States and beliefs stay those of the model's COM; the inertia about the COM stays the model's.
+    at_rest : bool
+        Whether the body stands still at time 0, on what is below it: before a prediction begins, it is settled there,
+        so that its height and tilt come from contact, whatever the belief says of them. Its mean velocities must be
+        zero, and their covariance counts as zero. Needs the implicit integrator and gravity; not for a fixed body.
 
     Raises
     ------
@@ -97,6 +104,7 @@ class RigidBody(Surface):
     fixed: bool = False
     mass_std: float = 0.0
     center_of_mass_std: np.ndarray = 0.0
+    at_rest: bool = False
 
     def __post_init__(self):
         if not isinstance(self.name, str) or not self.name:
@@ -113,9 +121,12 @@ class RigidBody(Surface):
             "mass": positive(self.mass, f"mass of body '{self.name}'", InvalidMassError),
             "mass_std": non_negative(self.mass_std, f"mass_std of body '{self.name}'", InvalidMassError),
             "center_of_mass_std": std,
+            "at_rest": flag(self.at_rest, f"at_rest of body '{self.name}'"),
         }
         if checked["mass_std"] > checked["mass"]:
             raise InvalidMassError("must not exceed the mass", field=f"mass_std of body '{self.name}'", value=self.mass_std)
+        if checked["at_rest"] and checked["fixed"]:
+            raise InvalidRequestError("must be false for a fixed body", field=f"at_rest of body '{self.name}'", value=True)
         for name, value in checked.items():
             object.__setattr__(self, name, value)
 
@@ -161,6 +172,11 @@ class Scene:
         Of gravity's tilts about each of two axes across it [rad]; its size stays.
     sleep : bool
         Whether what rests is not computed until something pushes it. Needs the implicit integrator.
+    overlap : {'project', 'reject', 'keep'}
+        What becomes of the share of the belief in which bodies overlap, each other or the environment, at time 0:
+        ``project`` moves it to the nearest poses without overlap, in the belief's own metric; ``reject`` leaves it
+        out, with Monte Carlo only; ``keep`` leaves it in. By default, or None, ``project`` with the implicit
+        integrator and ``keep`` with the explicit one, which has no other.
 
     Raises
     ------
@@ -186,6 +202,7 @@ class Scene:
     restitution_std: float = 0.0
     gravity_direction_std: float = 0.0
     sleep: bool = False
+    overlap: str | None = None
 
     def __post_init__(self):
         try:
@@ -216,11 +233,15 @@ class Scene:
         explicit = self.integrator == "explicit"
         if explicit and checked["stiffness"] is None:
             checked["stiffness"] = STIFFNESS
+        checked["overlap"] = _OVERLAP[self.integrator] if self.overlap is None else self.overlap
+        if checked["overlap"] not in OVERLAPS:
+            raise InvalidOptionError(f"must be one of {', '.join(OVERLAPS)}", field="overlap", value=self.overlap)
         for field, value in checked.items():
             object.__setattr__(self, field, value)
         check_surface(self)
         if explicit:
             self._refuse_what_needs_implicit()
+        self._check_at_rest()
         self._check_std("stiffness", self.stiffness, "a stiffness that is given")
         self._check_std("gravity_direction", math.pi if self.gravity.any() else 0.0, "gravity")
 
@@ -230,6 +251,12 @@ class Scene:
         for kind, things in (("bodies", self.bodies), ("environment", self.environment)):
             for k, thing in enumerate(things):
                 refuse_with_explicit(thing, f"{kind}[{k}].")
+
+    def _check_at_rest(self):
+        """Raise `InvalidRequestError` if a body stands on something without gravity to hold it there."""
+        for k, body in enumerate(self.bodies):
+            if body.at_rest and not self.gravity.any():
+                raise InvalidRequestError("needs a scene with gravity", field=f"bodies[{k}].at_rest", value=True)
 
     def _check_std(self, name, most, owner):
         """Raise `InvalidRequestError` unless a standard deviation is at most that; 0 or None allow none."""

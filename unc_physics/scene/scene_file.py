@@ -50,9 +50,10 @@ _NUMBERS = (
 )
 _FLAGS = ("gyroscopic", "islands", "sleep")
 #: Keys of a scene file that set the physics, and the one that names what they change.
-PHYSICS_KEYS = (*_NUMBERS, *_FLAGS, "gravity", "integrator")
+PHYSICS_KEYS = (*_NUMBERS, *_FLAGS, "gravity", "integrator", "overlap")
 PRESET = "physics"
-_SCENE_KEYS = (PRESET, *PHYSICS_KEYS, "horizon", "bodies", "environment")
+_COMMON_STD, _COMMON_ORIGIN = "common_pose_std", "common_pose_origin"
+_SCENE_KEYS = (PRESET, *PHYSICS_KEYS, "horizon", "bodies", "environment", _COMMON_STD, _COMMON_ORIGIN)
 _VECTORS = {"position": POSITION, "linear_velocity": VELOCITY, "angular_velocity": ANGULAR_VELOCITY}
 _STDS = {
     "position_std": ERR_POSITION,
@@ -73,7 +74,7 @@ _SCALARS = ("offset", "radius", "length")
 _SURFACE_KEYS = tuple(field.name for field in dataclasses.fields(Surface))
 _BODY_KEYS = (
     "name", "model", "spheres", "scale", "mass", "mass_std", "center_of_mass_std", *_VECTORS, "orientation", *_STDS,
-    "covariance", "fixed", *_SURFACE_KEYS,
+    "covariance", "fixed", "at_rest", *_SURFACE_KEYS,
 )
 
 
@@ -140,9 +141,21 @@ def scene_from_dict(content, models_dir=None, folder=None) -> LoadedScene:
     options = with_chosen_stiffness(physics_options(content), rigid, mean)
     scene = Scene(rigid, environment=_environment(content.get("environment")), **options)
     blocks = [P for body, _, P in read if not body.fixed]
-    belief = Belief(mean, np.array(blocks).reshape(-1, ERROR, ERROR), scene.moving)
+    belief = _with_common_error(Belief(mean, np.array(blocks).reshape(-1, ERROR, ERROR), scene.moving), content)
+    belief.check_fits(scene)
     horizon = content.get("horizon")
     return LoadedScene(scene, belief, None if horizon is None else positive(horizon, "horizon", InvalidHorizonError))
+
+
+def _with_common_error(belief, content):
+    """The belief with the error that all moving bodies share, if the file names one."""
+    std, origin = content.get(_COMMON_STD), content.get(_COMMON_ORIGIN)
+    if std is None:
+        if origin is not None:
+            raise InvalidRequestError(f"needs {_COMMON_STD} beside it", field=_COMMON_ORIGIN, value=origin)
+        return belief
+    origin = (0.0, 0.0, 0.0) if origin is None else _numbers(origin, (3,), _COMMON_ORIGIN)
+    return belief.with_common_pose_std(_numbers(std, (6,), _COMMON_STD), origin)
 
 
 def physics_options(content) -> dict:
@@ -225,13 +238,13 @@ def _element(content, field):
         else:
             given[key] = _numbers(value, (4 if key == "orientation" else 3,), f"{place}.{key}", error)
     surface = _surface(content, field, error)
-    return _at_field(place, ELEMENTS[kind], **given, name=name, **surface)
+    return at_field(place, ELEMENTS[kind], **given, name=name, **surface)
 
 
 def _surface(content, field, error=InvalidRequestError):
     """The entries of a body or an element that say what its surface is like, checked."""
     given = {key: content[key] for key in _SURFACE_KEYS if content.get(key) is not None}
-    _at_field(field, check_surface, Surface(**given), error=error)
+    at_field(field, check_surface, Surface(**given), error=error)
     return given
 
 
@@ -264,13 +277,14 @@ def _body(content, field, models_dir, folder):
         ):
             if np.any(values):
                 raise InvalidRequestError(f"is fixed, so its {key} must be zero or absent", field=field)
-    model = _at_field(field, load_shape, content["model"], content.get("spheres"), content.get("scale"), models_dir, folder)
+    model = at_field(field, load_shape, content["model"], content.get("spheres"), content.get("scale"), models_dir, folder)
     surface = _surface(content, field)
-    body = _at_field(field, RigidBody, content["name"], model, mass, fixed, mass_std, com_std, **surface)
+    at_rest = False if content.get("at_rest") is None else content["at_rest"]
+    body = at_field(field, RigidBody, content["name"], model, mass, fixed, mass_std, com_std, at_rest, **surface)
     return body, state, P
 
 
-def _at_field(field, function, *arguments, **options):
+def at_field(field, function, *arguments, **options):
     """Call a function and put the place in the file before the field that its error names."""
     try:
         return function(*arguments, **options)
