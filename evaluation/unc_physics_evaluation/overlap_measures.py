@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
 from unc_physics.physics.layout import ERR_POSITION, ERR_ROTATION, POSITION, QUATERNION
 from unc_physics.physics.rotation import rotation_matrix
-from unc_physics.prediction.predict import Prediction
+from unc_physics.prediction.predict import Prediction, predict
 from unc_physics.prediction.status import _overlaps as deepest_overlaps
 from unc_physics.propagators.monte_carlo import MonteCarlo
-from unc_physics.propagators.registry import make_propagator
 from unc_physics.scene.belief import Belief
 from unc_physics.scene.scene import Scene
 from unc_physics.scene.stiffness import with_stiffness
@@ -47,29 +48,45 @@ class Watched(NamedTuple):
     prediction: Prediction
 
 
+@dataclass(frozen=True)
+class _WatchedMonteCarlo(MonteCarlo):
+    """Monte Carlo that shows its samples every few steps; they may begin at given ``states`` instead."""
+
+    look: Callable[[np.ndarray], None] = None
+    states_at_start: np.ndarray | None = None
+
+    def init(self, scene, belief):
+        carry = super().init(scene, belief)
+        if self.states_at_start is not None:
+            carry = carry._replace(states=self.states_at_start)
+        self.look(carry.states)
+        return carry
+
+    def advance(self, carry, scene, steps):
+        end, piece = carry.step + steps, max(1, round(LOOK / scene.dt))
+        while carry.step < end:
+            carry = super().advance(carry, scene, min(piece, end - carry.step))
+            self.look(carry.states)
+        return carry
+
+
 def watch(
     scene: Scene, belief: Belief, samples: int, seed: int, horizon: float, states: np.ndarray | None = None
 ) -> Watched:
-    """Run Monte Carlo and look at its samples on the way; they may begin at ``states`` (N, B, 13) instead."""
-    scene = with_stiffness(scene, belief.mean)
-    propagator = make_propagator("monte_carlo", samples=samples, seed=seed)
-    carry = propagator.init(scene, belief)
-    if states is not None:
-        carry = carry._replace(states=states)
-    start = carry.states.copy()
-    moving, g = scene.moving, np.linalg.norm(scene.gravity)
-    weight = g * np.array([scene.bodies[k].mass for k in moving])
-    height, energy = _heights(scene, start), height_energy(scene, start) + kinetic_energy(scene, start)
-    lift = kinetic_energy(scene, start)[:, None] / weight
-    rise, gain = np.zeros(len(start)), np.zeros(len(start))
-    steps, piece = round(horizon / scene.dt), max(1, round(LOOK / scene.dt))
-    while carry.step < steps:
-        carry = propagator.advance(carry, scene, min(piece, steps - carry.step))
-        rise = np.maximum(rise, (_heights(scene, carry.states) - height - lift).max(axis=1))
-        gain = np.maximum(gain, height_energy(scene, carry.states) + kinetic_energy(scene, carry.states) - energy)
-    end = propagator.belief(carry, scene)
-    prediction = Prediction(scene, propagator, (steps * scene.dt,), (end,), carry, 0.0)
-    return Watched(start, carry.states, rise, gain, prediction)
+    """Predict by Monte Carlo and look at its samples on the way; they may begin at ``states`` (N, B, 13) instead."""
+    weight = np.linalg.norm(scene.gravity) * np.array([scene.bodies[k].mass for k in scene.moving])
+    seen = []
+
+    def look(states):
+        kinetic = kinetic_energy(scene, states)
+        seen.append((states.copy() if not seen else None, _heights(scene, states), kinetic, height_energy(scene, states)))
+
+    prediction = predict(scene, belief, _WatchedMonteCarlo(samples, seed, look, states), horizon)
+    _, heights, kinetic, potential = (np.array(values) for values in zip(*seen[1:], strict=True))
+    start, height, moving, above = seen[0]
+    rise = (heights - height - moving[:, None] / weight).max(axis=(0, 2))
+    gain = (kinetic + potential - moving - above).max(axis=0)
+    return Watched(start, prediction.carry.states, np.maximum(rise, 0.0), np.maximum(gain, 0.0), prediction)
 
 
 def toppled(scene: Scene, belief: Belief, states: np.ndarray) -> np.ndarray:
