@@ -83,7 +83,8 @@ def at_rest(gravity=(0, 0, -9.81), **entries):
 
 
 def common_error(**entries):
-    return CONTENTS["two_bodies"]() | {"common_pose_std": [0.01] * 6, "common_pose_origin": [0, 0, 1]} | entries
+    shared = {"common_pose_std": [0.01] * 6, "common_pose_origin": [0, 0, 1]}
+    return CONTENTS["two_bodies"]() | shared | entries
 
 
 FINITE = []  # each number of a scene file, as the place that a message must name

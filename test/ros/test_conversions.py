@@ -265,8 +265,8 @@ def test_uncertain_mass_and_centre_of_mass():
 def test_at_rest():
     message = moving_object(velocity=(0.0, 0.0, 0.0))
     message.at_rest = True
-    bodies = read_scene([message, moving_object("other")], Environment(), LIBRARY, PRESETS["everyday"]).scene.bodies
-    assert [body.at_rest for body in bodies] == [True, False]
+    read = read_scene([message, moving_object("other")], Environment(), LIBRARY, PRESETS["everyday"])
+    assert [body.at_rest for body in read.scene.bodies] == [True, False]
 
 
 @pytest.mark.parametrize(("fixed", "physics", "error", "words"), [
@@ -279,7 +279,8 @@ def test_what_cannot_be_at_rest_is_named(fixed, physics, error, words):
     message.at_rest, message.fixed = True, fixed
     with pytest.raises(error, match=r"^candidates\[3\].objects\[0\].at_rest.*" + words):
         read_scene(
-            [moving_object(), message], Environment(), LIBRARY, physics, fields=["objects[0]", "candidates[3].objects[0]"])
+            [moving_object(), message], Environment(), LIBRARY, physics,
+            fields=["objects[0]", "candidates[3].objects[0]"])
 
 
 def test_where_a_prediction_began():

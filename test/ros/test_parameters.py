@@ -42,7 +42,8 @@ def test_every_parameter_is_described(node, client):
 @pytest.mark.parametrize(("name", "value", "reason"), [
     ("dt", -1.0, "range"), ("damping", float("nan"), "range"), ("stiffness", float("nan"), "finite"), ("stiffness", -1.0, "negative"),
     ("stiffness", "hard", "auto"), ("models_dir", "/tmp", "read-only"),
-    ("default_propagator", "crystal_ball", "one of"), ("gravity", [1.0], "3 numbers"), ("horizons", [0.0], "above 0"),
+    ("overlap", "push", "one of"), ("default_propagator", "crystal_ball", "one of"),
+    ("gravity", [1.0], "3 numbers"), ("horizons", [0.0], "above 0"),
     ("gravity", [0.0, 0.0, float("inf")], "finite"), ("dt", "fast", "type"), ("max_samples", 0, "range"),
 ])
 def test_a_rejected_change_says_why(change, name, value, reason):

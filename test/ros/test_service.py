@@ -232,7 +232,8 @@ def test_statuses_name_an_overlap_at_the_start_and_are_fine_without(predict):
 
 
 def test_an_error_that_all_objects_share(predict):
-    request = good_request(common_pose_std=[0.0, 0.1, 0.0, 0.0, 0.0, 0.0], return_joint_covariance=True, horizon=0.1)
+    request = good_request(
+        common_pose_std=[0.0, 0.1, 0.0, 0.0, 0.0, 0.0], return_joint_covariance=True, horizon=0.1)
     response = predict(request)
     assert_answered(response)
     for predicted, sent in zip(response.objects, request.objects, strict=True):
@@ -244,7 +245,8 @@ def test_an_error_that_all_objects_share(predict):
 
 
 def test_an_object_at_rest_stands_where_it_is_put(predict):
-    request = request_of(moving_object("standing", "brick", (0.0, 0.0, 0.05), (0.0, 0.0, 0.0), 60), horizon=0.5)
+    standing = moving_object("standing", "brick", (0.0, 0.0, 0.001), (0.0, 0.0, 0.0), 60)  # its origin is its underside
+    request = request_of(standing, horizon=0.5)
     request.scene_options.clear()  # with gravity
     request.environment.planes.append(Plane(coef=[0.0, 0.0, 1.0, 0.0]))
     request.objects[0].at_rest = True

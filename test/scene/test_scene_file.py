@@ -44,8 +44,10 @@ def test_elements_arrive_in_order_with_their_names(tmp_path):
     np.testing.assert_array_equal(rail.position, 0.0)
 
 
-@pytest.mark.parametrize(
-    "entries", [{}, dict.fromkeys((PRESET, *PHYSICS_KEYS, "environment", "common_pose_std", "common_pose_origin")), {"environment": []}])
+@pytest.mark.parametrize("entries", [
+    {}, dict.fromkeys((PRESET, *PHYSICS_KEYS, "environment", "common_pose_std", "common_pose_origin")),
+    {"environment": []},
+])
 def test_what_a_file_does_not_name_is_not_there(entries):
     content = CONTENTS["two_bodies"]() | entries
     scene = scene_from_dict(content).scene
@@ -80,8 +82,10 @@ def test_uncertain_parameters():
 
 
 def test_overlap_is_projected_away_by_the_implicit_step_alone():
-    assert scene_with(integrator="implicit").overlap == scene_with(integrator="implicit", overlap=None).overlap == "project"
-    assert scene_with().overlap == scene_with(overlap="keep").overlap == "keep"
+    for said in ({}, {"overlap": None}):
+        assert scene_with(integrator="implicit", **said).overlap == "project"
+        assert scene_with(**said).overlap == "keep"
+    assert scene_with(overlap="keep").overlap == "keep"
 
 
 def test_bodies_at_rest():

@@ -201,8 +201,10 @@ def as_dict(scene, prediction, seed=None, samples=None) -> dict:
         "wall_time": prediction.wall_time,
         "bodies": _bodies(scene, prediction.belief),
     }
-    for own, body, start in zip(result["bodies"], scene.bodies, _bodies(scene, prediction.start), strict=True):
-        own |= {"at_rest": body.at_rest, "start": {key: value for key, value in start.items() if key != "name"}}
+    starts = _bodies(scene, prediction.start)
+    for found, body, start in zip(result["bodies"], scene.bodies, starts, strict=True):
+        del start["name"]
+        found |= {"at_rest": body.at_rest, "start": start}
     if samples is not None:
         for k, body in enumerate(result["bodies"]):
             body["samples"] = samples[:, k].tolist()

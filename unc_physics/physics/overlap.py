@@ -45,7 +45,8 @@ from .shapes import surface
 #: Overlap that is none: about what a load makes [m].
 TOUCHING = 5e-5
 _SOLVED = 1e-5  # overlap at which the search ends [m]
-_REACH, _PAIR_REACH, _DEPTHS = 2e-3, 3e-3, 2.0  # of gaps that count [m], and how many times the deepest overlap more
+#: Gaps that count [m]: at first and at least, and how many times the deepest overlap more, of pairs at most.
+_REACH, _LEAST_REACH, _DEPTHS, _PAIR_REACH = 2e-3, 2e-4, 2.0, 3e-3
 _ROUNDS, _SWEEPS = 10, 200
 _TOLERANCE = 1e-7  # of a gap, in a sweep [m]
 _SOFTNESS = 1e-4  # relative, so that rows that say the same do no harm
@@ -58,6 +59,7 @@ _MARCHES = 16  # to the surface
 _ATTEMPTS = 4  # to free what can be freed, each without the pairs that could not be
 _EXPECTED = 5.0  # standard deviations up to which a speed of approach may be none
 _DROP, _PAIR_DROP, _LOWERINGS = 0.01, 2e-3, 200  # of a round, alone and near others [m]; rounds
+_CALMER = 0.6  # share of a round's drop that the next one has
 _SIDE_REACH, _PAIR_SIDE_REACH = 0.05, 5e-3  # how far the mean looks for its sides [m]
 _STILL = 2e-6  # motion of a round that is none [m]
 _LEFT_OUT, _KEPT = 3, 0  # marks of candidates
@@ -213,10 +215,10 @@ def face_way_out(x, i, j, count, sides, world, work):
 
 @inner(forceinline=True)
 def leave_out_freed(x, i, j, count, world, work):
-    """Leave out candidates of body i that the way out of deeper ones frees, and whose normals point
-    elsewhere; returns how many stay.
+    """Leave out candidates of body i whose normals point elsewhere than the way out of the deepest, and that
+    do not overlap at its end; returns how many stay.
 
-    Deep inside each other, small spheres have normals that say nothing about the way out.
+    Deep inside each other, spheres have normals that say nothing about the way out.
     """
     candidates, ids, centers, radii = (
         work.candidates,
@@ -244,7 +246,7 @@ def leave_out_freed(x, i, j, count, world, work):
         nx, ny, nz = sx / size, sy / size, sz / size
         for k in range(count):
             c = candidates[k]
-            if ids[k, 2] != _KEPT or c[CANDIDATE_GAP] >= -TOUCHING:
+            if ids[k, 2] != _KEPT:
                 continue
             if c[0] * nx + c[1] * ny + c[2] * nz > _CONE:
                 ids[k, 2] = 1
@@ -416,13 +418,13 @@ def project_group(x, start, count, local, coupled, deepest, metric, sides, world
     members = work.members
     for k in range(ERROR * count):
         rows.now[k] = 0.0
-    extra = _DEPTHS * deepest
-    m = 0
+    left, reach = deepest, _REACH
     for round in range(_ROUNDS + 1):
-        left = find_rows(x, count, _REACH + extra, _PAIR_REACH + extra, sides, world, work)
+        extra = _DEPTHS * left
+        left = find_rows(x, count, reach + extra, reach + min(extra, _PAIR_REACH), sides, world, work)
         if work.counts[OVERFLOW] != NO_OVERFLOW or (round > 0 and left <= _SOLVED) or round == _ROUNDS:
             break
-        extra = 0.0 if left < _REACH else _DEPTHS * left
+        reach = max(0.5 * reach, _LEAST_REACH)  # what is nearly right is not to jump between far supports
         m = work.counts[CONTACTS]
         write_jacobians(count, local, metric.place, world, work, rows)
         write_images(m, count, members, metric, EP, ER, rows)
@@ -714,6 +716,7 @@ def lower_group(x, start, count, local, metric, sides, world, work, rows):
     members, radius, gravity = work.members, world.bodies.radius, world.gravity
     size = math.sqrt(gravity[0] ** 2 + gravity[1] ** 2 + gravity[2] ** 2)
     down = (gravity[0] / size, gravity[1] / size, gravity[2] / size)
+    most = _DROP
     for _ in range(_LOWERINGS):
         alone = count == 1
         for a in range(count):
@@ -724,7 +727,7 @@ def lower_group(x, start, count, local, metric, sides, world, work, rows):
                     for k in range(3):
                         square += (x[i, P + k] - x[j, P + k]) ** 2
                     alone = square >= near * near
-        drop = _DROP if alone else _PAIR_DROP
+        drop = min(most, _DROP if alone else _PAIR_DROP)
         find_rows(x, count, 2.5 * drop, 2.5 * drop, sides, world, work)
         if work.counts[OVERFLOW] != NO_OVERFLOW:
             return False
@@ -741,7 +744,17 @@ def lower_group(x, start, count, local, metric, sides, world, work, rows):
         write_jacobians(count, local, metric.place, world, work, rows)
         write_images(m, count, members, metric, EP, ER, rows)
         solve_rows(m, count, False, EP, ER, _TOLERANCE, rows)
-        if move_group(x, start, count, members, drop / _FARTHEST, rows, work) < _STILL:
+        step = move_group(x, start, count, members, drop / _FARTHEST, rows, work)
+        sunk = 0.0
+        for a in range(count):
+            i = members[a]
+            way = 0.0
+            for k in range(3):
+                way += down[k] * (x[i, P + k] - start[i, P + k])
+            sunk = max(sunk, way)
+        if sunk < 0.5 * drop:  # what something holds is not to rock between its supports
+            most = min(2.0 * step, _CALMER * drop)
+        if most < _STILL:
             return True
     return False
 

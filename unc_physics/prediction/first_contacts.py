@@ -10,7 +10,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..physics import contact_history as histories
 from ..physics.compiled import inner, kernel
 from ..physics.explicit_step import integrate
 from ..physics.implicit_step import integrate as integrate_implicit
@@ -18,6 +17,7 @@ from ..physics.implicit_workspace import implicit_workspace
 from ..physics.implicit_world import fresh_solver_memory
 from ..physics.workspace import workspace
 from ..physics.world import Bodies, World
+from ..propagators.start import begin, draw, known
 from ..scene.belief import Belief
 from ..scene.scene import Scene
 
@@ -47,13 +47,15 @@ class FirstContacts(NamedTuple):
 
 def first_contacts(scene: Scene, initial: Belief, steps: int, samples: int, seed: int = 0) -> FirstContacts:
     """Let samples of a belief fly until they touch something, for at most ``steps`` time steps."""
-    states, world = initial.sample(samples, np.random.default_rng(seed)), scene.world
-    first = histories.fresh(samples, world).first_time
+    initial, world = known(scene, initial), scene.world
+    states, history = begin(scene, initial, draw(scene, initial, samples, seed))
+    first = history.first_time
     stopped = np.full(states.shape[:2], np.inf, first.dtype)
     if world.implicit is None:
         _fly(states, first, stopped, world, world.surroundings, steps)
     else:
-        _fly_implicit(states, first, stopped, world, fresh_solver_memory(1, states.shape[1]), steps)
+        memory = fresh_solver_memory(1, states.shape[1])
+        _fly_implicit(states, first, stopped, world, memory, history.solver.kept_overlap, steps)
     return FirstContacts(states, stopped, first)
 
 
@@ -83,8 +85,10 @@ def _fly(states, first, stopped, world, surroundings, steps):
 
 
 @kernel
-def _fly_implicit(states, first, stopped, world, memory, steps):
-    """As `_fly`, by implicit steps; ``memory`` is that of one rollout, which begins anew."""
+def _fly_implicit(states, first, stopped, world, memory, kept_overlap, steps):
+    """As `_fly`, by implicit steps; ``memory`` is that of one rollout, which begins anew, and ``kept_overlap``
+    that of all (`SolverMemory`).
+    """
     b = world.bodies
     for n in range(len(states)):
         moving, inverse_mass, inverse_inertia = b.moving.copy(), b.inverse_mass.copy(), b.inverse_inertia.copy()
@@ -102,7 +106,7 @@ def _fly_implicit(states, first, stopped, world, memory, steps):
         )
         memory.count[:], memory.quiet[:] = 0, 0
         room = 1
-        work = implicit_workspace(states[n], own, _CONTACTS, _CANDIDATES, _LISTED)
+        work = implicit_workspace(states[n], kept_overlap[n], own, _CONTACTS, _CANDIDATES, _LISTED)
         step, left = 0, b.moving.sum()
         while left > 0 and step < steps:
             done = integrate_implicit(
@@ -117,7 +121,8 @@ def _fly_implicit(states, first, stopped, world, memory, steps):
                     inverse_mass[i] = 0.0
                     inverse_inertia[i] = 0.0
             if done == 0 or left < before:  # more room; or without what it knows of bodies that move
-                work = implicit_workspace(states[n], own, room * _CONTACTS, room * _CANDIDATES, room * _LISTED)
+                work = implicit_workspace(
+                    states[n], kept_overlap[n], own, room * _CONTACTS, room * _CANDIDATES, room * _LISTED)
 
 
 @inner

@@ -24,7 +24,7 @@ from ..checks.errors import NotSupportedError
 from ..physics import contact_history as histories
 from ..physics.compiled import kernel
 from ..physics.contact_search import NEAR
-from ..physics.layout import ANGULAR_VELOCITY, ERROR, POSITION, VELOCITY
+from ..physics.layout import ANGULAR_VELOCITY, ERR_POSITION, ERROR, POSITION, VELOCITY
 from ..physics.moments import boxminus, spread_states
 from ..physics.shapes import bounds
 from ..physics.world import Bodies, World
@@ -40,6 +40,7 @@ from .free_flight import course, fly, transition
 
 #: Standard deviations that bodies are kept apart by, and that uncertain parameters are thought to reach.
 SIGMAS = 5.0
+_NEAR_AT_START = 0.03  # how near bodies begin together, whose overlap is projected away [m]
 _SHORTEST = 8  # steps in the shortest slice
 _LONGEST = 65536  # and in the longest
 _ROUND_OFF = 1e-9  # relative growth of energy that is no surprise
@@ -122,9 +123,12 @@ class Islands:
     def init(self, scene: Scene, belief: Belief) -> IslandsCarry:
         """The islands at time 0: bodies that touch, or whose beliefs are correlated, are together."""
         moving = scene.moving
-        labels = merged(np.arange(len(scene.bodies)), _correlated(belief))
-        groups = [np.flatnonzero((labels == label) & self._moving) for label in np.unique(labels[moving])]
         self._mean = belief.mean
+        near = self._near(belief)
+        both = near[self._moving[near].all(axis=1)]
+        labels = merged(np.arange(len(scene.bodies)), np.concatenate([_correlated(belief), both]))
+        groups = [np.flatnonzero((labels == label) & self._moving) for label in np.unique(labels[moving])]
+        groups = [np.union1d(group, near[np.isin(near, group).any(axis=1)]) for group in groups]
         if self._shared_draws:  # those of all bodies together
             whole = self._propagator.init(scene, belief)
             carries = [self._columns(whole, group) for group in groups]
@@ -132,6 +136,16 @@ class Islands:
             carries = [self._propagator.init(self._part(group), _restricted(belief, group)) for group in groups]
         islands = tuple(Island(group, self._part(group), carry, 0.0, False) for group, carry in zip(groups, carries, strict=True))
         return IslandsCarry(islands, tuple(carries), 0, 0, 0)
+
+    def _near(self, belief):
+        """(n, 2): pairs of bodies whose beliefs may overlap at time 0, where it matters what overlaps."""
+        scene = self._scene
+        if self._shared_draws or scene.integrator == "explicit":
+            return np.empty((0, 2), np.int64)
+        half = np.repeat(self._radius[:, None] + 0.5 * _NEAR_AT_START, 3, axis=1)
+        half[scene.moving] += SIGMAS * np.sqrt(np.maximum(np.diagonal(belief.blocks, axis1=1, axis2=2)[:, ERR_POSITION], 0.0))
+        pairs = _overlapping(belief.mean[:, POSITION] - half, belief.mean[:, POSITION] + half)
+        return pairs[self._moving[pairs].any(axis=1)]
 
     def advance(self, carry: IslandsCarry, scene: Scene, steps: int) -> IslandsCarry:
         """The carry after some steps; no result depends on how these are divided into calls."""
@@ -559,21 +573,22 @@ def _widened(states, factor):
 
 
 def _restricted(belief, bodies):
-    """The belief about some moving bodies."""
-    place = np.searchsorted(belief.moving, bodies)
+    """The belief about some bodies."""
+    moving = np.flatnonzero(np.isin(bodies, belief.moving))
+    place = np.searchsorted(belief.moving, bodies[moving])
     if belief.independent:
         P = belief.covariance[place]
     else:
         count = len(belief.moving)
         P = belief.covariance.reshape(count, ERROR, count, ERROR)[np.ix_(place, range(ERROR), place, range(ERROR))]
-        P = P.reshape(ERROR * len(bodies), ERROR * len(bodies))
-    return Belief.trusted(belief.mean[bodies], P, np.arange(len(bodies)))
+        P = P.reshape(ERROR * len(moving), ERROR * len(moving))
+    return Belief.trusted(belief.mean[bodies], P, moving)
 
 
 def _correlated(belief):
     """Pairs of bodies whose beliefs are correlated."""
     if belief.independent:
-        return []
+        return np.empty((0, 2), np.int64)
     count = len(belief.moving)
     some = np.any(belief.covariance.reshape(count, ERROR, count, ERROR) != 0.0, axis=(1, 3))
     return belief.moving[np.argwhere(np.triu(some, 1))]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property, partial
 
 import numpy as np
 
@@ -21,6 +22,7 @@ from ..checks.validation import integer, positive
 from ..physics.compile_time import clock
 from ..propagators.base import Propagator
 from ..propagators.registry import PROPAGATORS, make_propagator
+from ..propagators.start import known
 from ..scene.belief import Belief
 from ..scene.environment import element_names
 from ..scene.scene import Scene
@@ -48,6 +50,8 @@ class Prediction:
         The propagator's persistent state at the end; Monte Carlo's holds the samples.
     wall_time : float
         What the prediction took, the time to compile or load kernels left out [s].
+    initial : Belief
+        What was given.
     """
 
     scene: Scene
@@ -56,6 +60,18 @@ class Prediction:
     beliefs: tuple[Belief, ...]
     carry: tuple
     wall_time: float
+    initial: Belief
+    _began: Callable[[], Belief]
+
+    @cached_property
+    def start(self) -> Belief:
+        """The belief at time 0 that was really used: without overlap, and at rest where bodies are said to be.
+
+        Of points or samples it has the moments; where none was moved, it is what was given.
+        """
+        start = self.carry.contact_history.start
+        moved = start is not None and (start.moved.any() or any(body.at_rest for body in self.scene.bodies))
+        return self._began() if moved or self.scene.overlap == "reject" else self.initial
 
     @property
     def belief(self) -> Belief:
@@ -159,6 +175,7 @@ def predict(
     belief.check_fits(scene)
     check_supported(scene, propagator)
     scene = with_stiffness(scene, belief.mean)
+    given, belief = belief, known(scene, belief)
     marks = _steps(scene, horizon, times)
     allowed = None if max_computation_time is None else positive(max_computation_time, "max_computation_time")
     in_one_go = allowed is None and progress is None
@@ -166,12 +183,13 @@ def predict(
     in_islands = scene.islands and not scene.shared_parameters  # which tie all bodies together for ever
     runner = Islands(propagator, scene, marks) if in_islands else propagator
     carry = runner.init(scene, belief)
+    began = partial(runner.belief, carry, scene)
     done, reached, beliefs = 0, [], []
 
     def made(carry):
         whole = runner.whole(carry) if in_islands else carry
         took = clock() - started
-        return Prediction(scene, propagator, tuple(reached), tuple(beliefs), whole, took)
+        return Prediction(scene, propagator, tuple(reached), tuple(beliefs), whole, took, given, began)
 
     for mark in marks:
         while done < mark:
@@ -211,7 +229,7 @@ def periodic_times(period: float, horizon: float) -> list[float]:
 
 
 def check_supported(scene: Scene, propagator: Propagator) -> None:
-    """Raise `NotSupportedError` if the propagator does not take the integrator, ``overlap``, or uncertain parameters."""
+    """Raise `NotSupportedError` unless the propagator takes integrator, overlap and uncertain parameters."""
     if scene.integrator not in propagator.integrators:
         able = [name for name, cls in PROPAGATORS.items() if scene.integrator in cls.integrators]
         raise NotSupportedError(
@@ -219,7 +237,8 @@ def check_supported(scene: Scene, propagator: Propagator) -> None:
             value=propagator.name)
     if scene.overlap == "reject" and propagator.name != "monte_carlo":
         raise NotSupportedError(
-            f"is for monte_carlo alone, not for {propagator.name}; 'project' is for both", field="overlap", value="reject")
+            f"is for monte_carlo alone, not for {propagator.name}; 'project' is for both", field="overlap",
+            value="reject")
     if scene.uncertain and not propagator.varies_parameters:
         first = scene.uncertain[0]
         owners = [f" of body '{body.name}'" for body in scene.bodies]

@@ -9,13 +9,13 @@ import numpy as np
 
 from ..checks.errors import InvalidOptionError
 from ..checks.validation import integer
-from ..physics import contact_history as histories
 from ..physics.contact_history import ContactHistory
 from ..physics.moments import mean_and_errors, second_moment
 from ..scene.belief import Belief
 from ..scene.parameters import center_offsets, draw_parameters, moved_along
 from ..scene.scene import INTEGRATORS
 from .base import Propagator, Traits, rolled
+from .start import begin, draw
 
 
 class MonteCarloCarry(NamedTuple):
@@ -60,10 +60,10 @@ class MonteCarlo(Propagator):
         integer(self.seed, "seed", low=0, error=InvalidOptionError)
 
     def init(self, scene, belief):
-        states = belief.sample(self.samples, np.random.default_rng(self.seed))
+        states, history = begin(scene, belief, draw(scene, belief, self.samples, self.seed))
         z = draw_parameters(scene, self.samples, self.seed)
         states = moved_along(states, center_offsets(scene, z))
-        return MonteCarloCarry(states, histories.fresh(len(states), scene.world), 0, z)
+        return MonteCarloCarry(states, history, 0, z)
 
     def advance(self, carry, scene, steps):
         return rolled(carry, scene, steps)

@@ -8,13 +8,13 @@ from typing import NamedTuple
 import numpy as np
 
 from ..checks.errors import InvalidOptionError
-from ..physics import contact_history as histories
 from ..physics.contact_history import ContactHistory
 from ..physics.moments import mean_and_errors, second_moment, spread_states
 from ..scene.belief import Belief
 from ..scene.parameters import center_offsets, moved_along
 from ..scene.scene import INTEGRATORS
 from .base import Propagator, Traits, rolled, symmetric_root
+from .start import begin
 
 
 class SigmaPointCarry(NamedTuple):
@@ -69,8 +69,9 @@ class SigmaPoints(Propagator):
             errors[first : first + rank] = side * root.T
             z[first + rank : first + count] = side * np.eye(extra)
         states = spread_states(belief.mean.copy(), scene.moving.copy(), errors)
+        states, history = begin(scene, belief, states)
         states = moved_along(states, center_offsets(scene, z))
-        return SigmaPointCarry(states, histories.fresh(len(states), scene.world), 0, z)
+        return SigmaPointCarry(states, history, 0, z)
 
     def advance(self, carry, scene, steps):
         return rolled(carry, scene, steps)

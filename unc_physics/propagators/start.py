@@ -25,6 +25,7 @@ from ..scene.belief import Belief
 from ..scene.scene import Scene
 
 _HOLDING = 1e3  # friction of contacts that do not slip
+_STEP = 1.0 / 60.0  # of bodies that come to rest [s]
 _QUIET_TIME, _LONGEST = 0.15, 3.0  # for which bodies settle at first, and at most [s]
 _TRIED, _ACCEPTANCE = 400, 0.05  # samples drawn at once, and the least share of them that must do
 _ASLEEP = 0.1  # how long what has settled has not moved [s]
@@ -180,7 +181,7 @@ def _settle(scene, belief, drawn, states, sides, history, kept, resting):
 
     in_threads(len(still), run)
     implicit = world.implicit._replace(friction=np.full_like(world.implicit.friction, _HOLDING), sleep=True)
-    creeping = world._replace(decay=0.0, implicit=implicit)
+    creeping = world._replace(dt=_STEP, decay=0.0, implicit=implicit)
     memory = histories.fresh(len(still), world)
     if kept.any():
         memory = memory._replace(solver=memory.solver._replace(kept_overlap=kept.copy()))
@@ -188,11 +189,11 @@ def _settle(scene, belief, drawn, states, sides, history, kept, resting):
     time = _QUIET_TIME
     while len(restless) and time <= _LONGEST:
         some, own = still[restless], histories.samples(memory, restless)
-        rollout(some, own, creeping, 0, max(1, math.ceil(time / world.dt)))
+        rollout(some, own, creeping, 0, math.ceil(time / _STEP))
         still[restless] = some
         for values, others in zip(memory.solver, own.solver, strict=True):
             values[restless] = others
-        quiet = (own.solver.quiet[:, resting] * world.dt >= _ASLEEP).all(axis=1)
+        quiet = (own.solver.quiet[:, resting] * _STEP >= _ASLEEP).all(axis=1)
         restless, time = restless[~quiet], 2.0 * time
     start.unsettled[np.ix_(restless, np.flatnonzero(resting))] = 1.0
     states[:, resting] = still[:, resting]

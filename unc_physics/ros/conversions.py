@@ -149,14 +149,16 @@ def read_scene(
     taken = {element.name: k for k, element in enumerate(elements)}
     for name in names & taken.keys():
         raise DuplicateIdError("is the id of an object, too", field=f"environment.ids[{taken[name]}]", value=name)
-    bodies = tuple(at_field(field, _rigid_body, *body) for field, (body, *_) in zip(fields, read, strict=True))
+    made = zip(fields, read, strict=True)
+    bodies = tuple(at_field(field, _rigid_body, *body) for field, (body, *_) in made)
     mean = np.array([state for _, state, _, _ in read])
     physics = with_chosen_stiffness(physics, bodies, mean)
     constants = tuple((key, _hashable(physics[key])) for key in sorted(physics))
     try:
         scene = _scene(bodies, elements, constants)
     except (InvalidRequestError, InvalidOptionError) as error:  # the node's own parameters go together
-        raise InvalidOptionError(error.problem, field=_in_message(error.field, fields), value=error.value) from None
+        field = _in_message(error.field, fields)
+        raise InvalidOptionError(error.problem, field=field, value=error.value) from None
     blocks = np.array([P for body, (_, _, P, _) in zip(bodies, read, strict=True) if not body.fixed]).reshape(-1, ERROR, ERROR)
     belief = Belief.trusted(mean, blocks, scene.moving.copy())
     models = tuple(message.model for message in objects)
@@ -164,7 +166,7 @@ def read_scene(
 
 
 def _in_message(field, fields):
-    """What a message calls a field of the scene that is made from it: one of an object's, or else an option."""
+    """What a message calls a field of the scene made from it: one of an object's, or else an option."""
     found = re.fullmatch(r"bodies\[(\d+)\]\.(\w+)", field)
     return f"{fields[int(found[1])]}.{found[2]}" if found else f"scene_options '{field}'"
 

@@ -76,9 +76,11 @@ class Settings:
     sleep: bool = parameter(
         False, "Whether what rests is not computed until something pushes it; not with 'explicit'.")
     overlap: str = parameter(
-        _AUTO_OVERLAP, "What becomes of the share of a belief in which objects overlap at the start: moved to the nearest "
-        "poses without overlap ('project'), left out ('reject', by monte_carlo alone), or left in ('keep'); 'auto': "
-        "'project' with 'implicit', and 'keep' with 'explicit', which has no other.", choices=(_AUTO_OVERLAP, *OVERLAPS))
+        _AUTO_OVERLAP,
+        "What becomes of the share of a belief in which objects overlap at the start: moved to the nearest "
+        "poses without overlap ('project'), left out ('reject', by monte_carlo alone), or left in ('keep'); "
+        "'auto': 'project' with 'implicit', and 'keep' with 'explicit', which has no other.",
+        choices=(_AUTO_OVERLAP, *OVERLAPS))
     islands: bool = parameter(
         True, "Whether bodies that cannot touch each other are predicted by themselves, by propagators that keep "
         "correlations between bodies (the others treat bodies one by one anyway); otherwise all of a scene together.")

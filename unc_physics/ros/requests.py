@@ -166,7 +166,7 @@ def _outcome(job, propagator, prediction):
     """The prediction by the job's propagator, and the states that are wanted with it."""
     samples = None
     if isinstance(propagator, _Keeping):
-        samples = propagator.kept
+        samples = list(propagator.kept)  # as it is now: the prediction's start, asked for later, is a belief, too
     elif job.return_samples:  # the same normal numbers at every time, so that an entry belongs together over time
         samples = [belief.sample(job.return_samples, np.random.default_rng(job.seed)) for belief in prediction.beliefs]
     return Outcome(replace(prediction, propagator=job.propagator), samples)
@@ -210,7 +210,7 @@ def _regions(messages, settings):
 
 
 def _with_common_error(belief, request, transform):
-    """The belief with the error that all moving objects share, whose axes and origin are the header's frame's."""
+    """The belief with the error that all moving objects share, given in the header's frame."""
     origin, axes = request.common_pose_origin, None
     origin = array((origin.x, origin.y, origin.z), (3,), "common_pose_origin")
     if transform is not None:
@@ -285,7 +285,8 @@ def answer_bytes(job: Job) -> int:
     joint = _NUMBER_BYTES * (ERROR * moving) ** 2 * job.wanted.joint_covariance
     pairs = moving * (len(job.scene.bodies) + len(job.scene.environment) + 1) * job.wanted.probabilities
     starts = _START_BYTES * len(job.scene.bodies)
-    return starts + states * (len(job.scene.bodies) * one + joint) + _PROBABILITY_BYTES * (pairs + moving * len(job.regions))
+    probabilities = _PROBABILITY_BYTES * (pairs + moving * len(job.regions))
+    return starts + states * (len(job.scene.bodies) * one + joint) + probabilities
 
 
 @dataclass(frozen=True)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from unc_physics_msgs.srv import Predict
@@ -21,7 +23,7 @@ from .requests import Job, run, write_answer
 
 _STEPS = 3
 _STIFFNESS = 1e5  # N/m^3
-_EXPLICIT = {"integrator": "explicit", "friction": None, "restitution": None, "sleep": None, "overlap": "keep"}
+_EXPLICIT = {"integrator": "explicit", "friction": None, "restitution": None, "sleep": None}
 
 
 def warm_up(settings: Settings) -> None:
@@ -34,9 +36,10 @@ def warm_up(settings: Settings) -> None:
     model = SpherePacking(
         "rod", centers, np.full(20, 0.01), np.diag([1e-3, 1e-2, 1e-2]), 1e-4, np.zeros(3), bounding_radius=0.5)
     bodies = [RigidBody("a", model), RigidBody("b", model), RigidBody("floor", model, fixed=True)]
+    resting = [replace(bodies[0], at_rest=settings.integrator == "implicit" and any(settings.gravity)), *bodies[1:]]
     stiffness = _STIFFNESS if settings.stiffness == AUTO else settings.stiffness
-    physics = settings.physics | {"stiffness": stiffness}
-    own = Scene(bodies, **physics)
+    physics = settings.physics | {"stiffness": stiffness, "overlap": None}  # which all propagators take
+    own = Scene(resting, **physics)
     explicit = Scene(bodies, **with_changes(physics, _EXPLICIT))
     mean = np.zeros((3, STATE))
     mean[:, QUATERNION] = 0.0, 0.0, 0.0, 1.0

@@ -88,15 +88,16 @@ class Belief:
         return cls(mean, np.zeros((count, ERROR, ERROR)), moving)
 
     def with_common_pose_std(self, std, origin=(0.0, 0.0, 0.0), axes=None) -> Belief:
-        """The belief with an error added that all moving bodies share, as when the camera or the table is off.
+        """The belief with an error added that all moving bodies share, as when camera or table are off.
 
-        It moves and turns them together, so that they keep their places relative to each other; velocities turn
-        with them.
+        It moves and turns them together, so that they keep their places relative to each other; velocities
+        turn with them.
 
         Parameters
         ----------
         std : (6,) array_like
-            Standard deviations of the shared translation along three axes [m] and of the rotation about them [rad].
+            Standard deviations of the shared translation along three axes [m] and of the rotation about them
+            [rad].
         origin : (3,) array_like
             Point about which the rotation turns, world frame [m].
         axes : (3, 3) array_like, optional
@@ -121,7 +122,7 @@ class Belief:
         axes = np.eye(3) if axes is None else array(axes, (3, 3), "axes")
         if not std.any():
             return self
-        roots = np.zeros((len(self.moving), ERROR, 6))  # the errors of one standard deviation along each direction
+        roots = np.zeros((len(self.moving), ERROR, 6))  # errors of one standard deviation each
         shifts, turns = axes * std[:3], axes * std[3:]
         with np.errstate(over="ignore", invalid="ignore"):
             for root, state in zip(roots, self.mean[self.moving], strict=True):
@@ -176,7 +177,10 @@ class Belief:
         return spread_states(self.mean.copy(), self.moving.copy(), errors)
 
     def check_fits(self, scene) -> None:
-        """Raise `InvalidRequestError` unless the belief is about the bodies of ``scene``, and has those at rest stand still."""
+        """Raise `InvalidRequestError` unless the belief is about the bodies of ``scene``.
+
+        That means also that those at rest stand still.
+        """
         if len(self.mean) != len(scene.bodies):
             raise InvalidRequestError(f"must describe {len(scene.bodies)} bodies, not {len(self.mean)}", field="belief")
         if not np.array_equal(self.moving, scene.moving):
@@ -187,7 +191,8 @@ class Belief:
             for name, place in (("angular_velocity", ANGULAR_VELOCITY), ("linear_velocity", VELOCITY)):
                 if body.at_rest and state[place].any():
                     raise InvalidRequestError(
-                        "must be zero, as the body is at_rest", field=f"{name} of body '{body.name}'", value=state[place].tolist())
+                        "must be zero, as the body is at_rest", field=f"{name} of body '{body.name}'",
+                        value=state[place].tolist())
 
 
 def _ascending_indices(values, count):

@@ -10,10 +10,10 @@ import numpy as np
 from ..checks.errors import InvalidOptionError, InvalidRequestError
 from ..checks.validation import non_negative, share
 
-#: What the explicit step does of itself, so that it may be said: without friction, elastic, with overlap as it is.
+#: What the explicit step does of itself, so that it may be said: elastic, overlap as it is, none of the rest.
 _EXPLICIT = {
-    "friction": 0.0, "restitution": 1.0, "friction_std": 0.0, "restitution_std": 0.0, "sleep": False, "at_rest": False,
-    "overlap": "keep",
+    "friction": 0.0, "restitution": 1.0, "friction_std": 0.0, "restitution_std": 0.0, "sleep": False,
+    "at_rest": False, "overlap": "keep",
 }
 #: Restitution of each integrator where none is named.
 DEFAULT_RESTITUTION = {"explicit": 1.0, "implicit": 0.0}

@@ -86,9 +86,10 @@ class RigidBody(Surface):
         Standard deviations of the COM's place in the body, about the model's, body axes [m]; one number stands for three.
         States and beliefs stay those of the model's COM; the inertia about the COM stays the model's.
     at_rest : bool
-        Whether the body stands still at time 0, on what is below it: before a prediction begins, it is settled there,
-        so that its height and tilt come from contact, whatever the belief says of them. Its mean velocities must be
-        zero, and their covariance counts as zero. Needs the implicit integrator and gravity; not for a fixed body.
+        Whether the body stands still at time 0, on what is below it: before a prediction begins, it is settled
+        there, so that its height and tilt come from contact, whatever the belief says of them. Its mean
+        velocities must be zero, and their covariance counts as zero. Needs the implicit integrator and
+        gravity; not for a fixed body.
 
     Raises
     ------
@@ -126,7 +127,8 @@ class RigidBody(Surface):
         if checked["mass_std"] > checked["mass"]:
             raise InvalidMassError("must not exceed the mass", field=f"mass_std of body '{self.name}'", value=self.mass_std)
         if checked["at_rest"] and checked["fixed"]:
-            raise InvalidRequestError("must be false for a fixed body", field=f"at_rest of body '{self.name}'", value=True)
+            raise InvalidRequestError(
+                "must be false for a fixed body", field=f"at_rest of body '{self.name}'", value=True)
         for name, value in checked.items():
             object.__setattr__(self, name, value)
 
@@ -173,10 +175,10 @@ class Scene:
     sleep : bool
         Whether what rests is not computed until something pushes it. Needs the implicit integrator.
     overlap : {'project', 'reject', 'keep'}
-        What becomes of the share of the belief in which bodies overlap, each other or the environment, at time 0:
-        ``project`` moves it to the nearest poses without overlap, in the belief's own metric; ``reject`` leaves it
-        out, with Monte Carlo only; ``keep`` leaves it in. By default, or None, ``project`` with the implicit
-        integrator and ``keep`` with the explicit one, which has no other.
+        What becomes of the share of the belief in which bodies overlap, each other or the environment, at
+        time 0: ``project`` moves it to the nearest poses without overlap, in the belief's own metric;
+        ``reject`` leaves it out, with Monte Carlo only; ``keep`` leaves it in. By default, or None,
+        ``project`` with the implicit integrator and ``keep`` with the explicit one, which has no other.
 
     Raises
     ------
@@ -235,7 +237,8 @@ class Scene:
             checked["stiffness"] = STIFFNESS
         checked["overlap"] = _OVERLAP[self.integrator] if self.overlap is None else self.overlap
         if checked["overlap"] not in OVERLAPS:
-            raise InvalidOptionError(f"must be one of {', '.join(OVERLAPS)}", field="overlap", value=self.overlap)
+            raise InvalidOptionError(
+                f"must be one of {', '.join(OVERLAPS)}", field="overlap", value=self.overlap)
         for field, value in checked.items():
             object.__setattr__(self, field, value)
         check_surface(self)
@@ -256,7 +259,8 @@ class Scene:
         """Raise `InvalidRequestError` if a body stands on something without gravity to hold it there."""
         for k, body in enumerate(self.bodies):
             if body.at_rest and not self.gravity.any():
-                raise InvalidRequestError("needs a scene with gravity", field=f"bodies[{k}].at_rest", value=True)
+                raise InvalidRequestError(
+                    "needs a scene with gravity", field=f"bodies[{k}].at_rest", value=True)
 
     def _check_std(self, name, most, owner):
         """Raise `InvalidRequestError` unless a standard deviation is at most that; 0 or None allow none."""

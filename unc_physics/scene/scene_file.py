@@ -141,7 +141,8 @@ def scene_from_dict(content, models_dir=None, folder=None) -> LoadedScene:
     options = with_chosen_stiffness(physics_options(content), rigid, mean)
     scene = Scene(rigid, environment=_environment(content.get("environment")), **options)
     blocks = [P for body, _, P in read if not body.fixed]
-    belief = _with_common_error(Belief(mean, np.array(blocks).reshape(-1, ERROR, ERROR), scene.moving), content)
+    belief = Belief(mean, np.array(blocks).reshape(-1, ERROR, ERROR), scene.moving)
+    belief = _with_common_error(belief, content)
     belief.check_fits(scene)
     horizon = content.get("horizon")
     return LoadedScene(scene, belief, None if horizon is None else positive(horizon, "horizon", InvalidHorizonError))
@@ -280,7 +281,8 @@ def _body(content, field, models_dir, folder):
     model = at_field(field, load_shape, content["model"], content.get("spheres"), content.get("scale"), models_dir, folder)
     surface = _surface(content, field)
     at_rest = False if content.get("at_rest") is None else content["at_rest"]
-    body = at_field(field, RigidBody, content["name"], model, mass, fixed, mass_std, com_std, at_rest, **surface)
+    body = at_field(
+        field, RigidBody, content["name"], model, mass, fixed, mass_std, com_std, at_rest, **surface)
     return body, state, P
 
 
