@@ -83,7 +83,7 @@ def draw_starts(path: Path, model: str, states: Mapping[str, np.ndarray]) -> Non
             ax.tick_params(labelsize=8)
             ax.spines[["top", "right"]].set_visible(False)
     axes[0, 0].set_ylabel("z [m]", fontsize=9)
-    axes[1, 0].set_ylabel(f"% of {len(samples)}", fontsize=9)
+    axes[1, 0].set_ylabel("% of samples", fontsize=9)
     figure.savefig(path, dpi=DPI)
 
 
