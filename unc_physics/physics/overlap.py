@@ -48,13 +48,16 @@ _SOLVED = 1e-5  # overlap at which the search ends [m]
 #: Gaps that count [m]: at first and at least, and how many times the deepest overlap more, of pairs at most.
 _REACH, _LEAST_REACH, _DEPTHS, _PAIR_REACH = 2e-3, 2e-4, 2.0, 3e-3
 _ROUNDS, _SWEEPS = 10, 200
+_NEAREST = 5e-4  # last step of what is nearest enough [m or rad]
 _TOLERANCE = 1e-7  # of a gap, in a sweep [m]
 _SOFTNESS = 1e-4  # relative, so that rows that say the same do no harm
 _FARTHEST, _WIDEST = 0.02, 0.2  # of a round [m], [rad]
 _LEFT_OVER, _TOO_FAR = 2e-4, 8.0  # overlap [m], and standard deviations moved, of what cannot come free
 _CERTAIN = 1e-18  # variance of a gap that cannot move [m^2]
 _LEAST_TILT, _MOST_TILT = 0.02, 0.3  # of a patch, in search of its supports [rad]
-_CONE = 0.5  # cosine of the widest angle between the normals of overlap that one way out frees
+_CONE = 0.5  # cosine of the widest angle between normals that say the same of the way out
+_WAYS = 4  # out, at most
+_SHALLOW = 5e-4  # overlap whose own normal is the way out [m]
 _MARCHES = 16  # to the surface
 _ATTEMPTS = 4  # to free what can be freed, each without the pairs that could not be
 _EXPECTED = 5.0  # standard deviations up to which a speed of approach may be none
@@ -62,7 +65,7 @@ _DROP, _PAIR_DROP, _LOWERINGS = 0.01, 2e-3, 200  # of a round, alone and near ot
 _CALMER = 0.6  # share of a round's drop that the next one has
 _SIDE_REACH, _PAIR_SIDE_REACH = 0.05, 5e-3  # how far the mean looks for its sides [m]
 _STILL = 2e-6  # motion of a round that is none [m]
-_LEFT_OUT, _KEPT = 3, 0  # marks of candidates
+_OPEN, _CHOSEN, _LEFT_OUT = 0, 1, 3  # marks of candidates
 
 
 class Metric(NamedTuple):
@@ -96,8 +99,8 @@ class Rows(NamedTuple):
         Gap without any motion, change of it with the multiplier, the multiplier, what the mean state says.
     first, second : (C,) int64
         Places of the bodies in the group; -1 for what stays.
-    delta, now : (12 G,) float64
-        The group's motion: solved, and done.
+    delta, now, best : (12 G,) float64
+        The group's motion: solved, done, and done when nothing overlapped.
     """
 
     jacobian: np.ndarray
@@ -110,6 +113,7 @@ class Rows(NamedTuple):
     second: np.ndarray
     delta: np.ndarray
     now: np.ndarray
+    best: np.ndarray
 
 
 @inner
@@ -130,8 +134,7 @@ def find_rows(x, count, reach, pair_reach, sides, world, work):
             distance = surface(world.surroundings.kind, world.surroundings.size, e, px, py, pz)[0]
             if distance < radius[i] + reach:
                 found = element_candidates(x, i, e, reach, 0.0, world, work)
-                face_way_out(x, i, -1 - e, found, sides, world, work)
-                found = leave_out_freed(x, i, -1 - e, found, world, work)
+                found = choose_ways_out(x, i, -1 - e, found, sides, world, work)
                 if found > 0:
                     add_contacts(x, i, -1 - e, found, tilt, world, work)
         tilt = min(max(3.0 * pair_reach / radius[i], _LEAST_TILT), _MOST_TILT)
@@ -144,8 +147,7 @@ def find_rows(x, count, reach, pair_reach, sides, world, work):
                 square += (x[i, P + k] - x[j, P + k]) ** 2
             if square < near * near:
                 found = pair_candidates(x, i, j, pair_reach, 0.0, world, work)
-                face_way_out(x, i, j, found, sides, world, work)
-                found = leave_out_freed(x, i, j, found, world, work)
+                found = choose_ways_out(x, i, j, found, sides, world, work)
                 if found > 0:
                     add_contacts(x, i, j, found, tilt, world, work)
     deepest = 0.0
@@ -155,120 +157,113 @@ def find_rows(x, count, reach, pair_reach, sides, world, work):
 
 
 @inner(forceinline=True)
-def face_way_out(x, i, j, count, sides, world, work):
-    """Let overlapping candidates of body i whose normals point back into its partner lead out where the mean
-    lies: what is deeper than half a thin board is not to come out below.
+def way_out(x, i, j, a, b, gap, normal, way, world, work):
+    """How far body i has to go along ``way`` until its sphere a leaves sphere b of body j, or element
+    ``-1 - j`` [m].
+
+    ``gap`` and ``normal`` are the present ones; directions are in body i's frame.
     """
-    candidates, ids, centers, radii = (
-        work.candidates,
-        work.candidate_ids,
-        world.tree.centers,
-        world.tree.radii,
+    radii, distance = world.tree.radii, 0.0
+    if j >= 0:
+        reach = radii[a] + radii[b]
+        d = gap + reach
+        along = d * (normal[0] * way[0] + normal[1] * way[1] + normal[2] * way[2])
+        return -along + math.sqrt(max(along * along - d * d + reach * reach, 0.0))
+    for _ in range(_MARCHES):
+        left = _moved_gap(x, i, j, a, distance, way, world, work)
+        if left >= -_SOLVED:
+            break
+        distance -= left
+    return distance
+
+
+@inner
+def _moved_gap(x, i, j, a, distance, way, world, work):
+    """Gap of sphere a of body i from element ``-1 - j`` after the body went some distance [m]."""
+    e, centers = -1 - j, world.tree.centers
+    mx, my, mz = rotate(
+        work.R[i],
+        centers[a, 0] + distance * way[0],
+        centers[a, 1] + distance * way[1],
+        centers[a, 2] + distance * way[2],
     )
-    surroundings, column = world.surroundings, j
-    if j < 0:
-        column = len(x) - 1 - j
-    side = sides[i, column]
-    if side[0] == 0.0 and side[1] == 0.0 and side[2] == 0.0:
-        return
-    if j < 0:
-        wx, wy, wz = rotate(surroundings.R[-1 - j], side[0], side[1], side[2])
-    else:
-        wx, wy, wz = rotate(work.R[j], side[0], side[1], side[2])
-    nx, ny, nz = rotate_back(work.R[i], wx, wy, wz)
-    for k in range(count):
-        c = candidates[k]
-        if c[0] * nx + c[1] * ny + c[2] * nz > -_CONE:
-            continue
-        if c[CANDIDATE_GAP] >= -TOUCHING:
-            if j < 0:  # beyond a thin board: in the way of nothing
-                ids[k, 2] = _LEFT_OUT
-            continue
-        a, b = ids[k, 0], ids[k, 1]
-        way = 0.0
-        if j < 0:
-            e = -1 - j
-            mx, my, mz = rotate(work.R[i], centers[a, 0], centers[a, 1], centers[a, 2])
-            for _ in range(_MARCHES):
-                px, py, pz = in_element(
-                    surroundings.position,
-                    surroundings.R,
-                    e,
-                    x[i, P] + mx + way * wx,
-                    x[i, P + 1] + my + way * wy,
-                    x[i, P + 2] + mz + way * wz,
-                )
-                gap = surface(surroundings.kind, surroundings.size, e, px, py, pz)[0] - radii[a]
-                if gap >= -_SOLVED:
-                    break
-                way -= gap
-        else:
-            reach = radii[a] + radii[b]
-            d = c[CANDIDATE_GAP] + reach
-            along = d * (c[0] * nx + c[1] * ny + c[2] * nz)
-            way = -along + math.sqrt(max(along * along - d * d + reach * reach, 0.0))
-        c[0], c[1], c[2] = nx, ny, nz
-        for d in range(3):
-            c[CANDIDATE_POINT + d] = centers[a, d] - radii[a] * c[d]
-        c[CANDIDATE_GAP] = c[CANDIDATE_SCORE] = -way
+    px, py, pz = in_element(
+        world.surroundings.position, world.surroundings.R, e, x[i, P] + mx, x[i, P + 1] + my, x[i, P + 2] + mz
+    )
+    return surface(world.surroundings.kind, world.surroundings.size, e, px, py, pz)[0] - world.tree.radii[a]
 
 
 @inner(forceinline=True)
-def leave_out_freed(x, i, j, count, world, work):
-    """Leave out candidates of body i whose normals point elsewhere than the way out of the deepest, and that
-    do not overlap at its end; returns how many stay.
+def choose_ways_out(x, i, j, count, sides, world, work):
+    """Let overlapping candidates of body i lead out the same way; returns how many candidates stay.
 
-    Deep inside each other, spheres have normals that say nothing about the way out.
+    Deep inside each other, spheres have normals that say little about the way out. It is that of the deepest
+    and of all whose normals are similar, by their depths; where normals point back into what the mean lies
+    on, that of the mean, so that what is deeper than half a thin board does not come out below. Candidates
+    whose normals point elsewhere are left out where they do not overlap at its end.
     """
-    candidates, ids, centers, radii = (
-        work.candidates,
-        work.candidate_ids,
-        world.tree.centers,
-        world.tree.radii,
-    )
-    dropped = 0
-    for _ in range(4):
+    candidates, ids, radii = work.candidates, work.candidate_ids, world.tree.radii
+    column = j
+    if j < 0:
+        column = len(x) - 1 - j
+    side = sides[i, column]
+    R = work.R[j]
+    if j < 0:
+        R = world.surroundings.R[-1 - j]
+    wx, wy, wz = rotate(R, side[0], side[1], side[2])
+    sx, sy, sz = rotate_back(work.R[i], wx, wy, wz)
+    for k in range(count):
+        c = candidates[k]
+        if c[0] * sx + c[1] * sy + c[2] * sz >= -_CONE:
+            continue
+        if c[CANDIDATE_GAP] < -TOUCHING:
+            way = way_out(
+                x, i, j, ids[k, 0], ids[k, 1], c[CANDIDATE_GAP], (c[0], c[1], c[2]), (sx, sy, sz), world, work
+            )
+            _turn_candidate(c, ids[k, 0], (sx, sy, sz), way, world)
+        elif j < 0:  # beyond a thin board: in the way of nothing
+            ids[k, 2] = _LEFT_OUT
+    for _ in range(_WAYS):
         seed = -1
         for k in range(count):
-            if ids[k, 2] == _KEPT and candidates[k, CANDIDATE_GAP] < -TOUCHING:
+            if ids[k, 2] == _OPEN and candidates[k, CANDIDATE_GAP] < -TOUCHING:
                 if seed < 0 or candidates[k, CANDIDATE_GAP] < candidates[seed, CANDIDATE_GAP]:
                     seed = k
         if seed < 0:
             break
         nx, ny, nz = candidates[seed, 0], candidates[seed, 1], candidates[seed, 2]
-        depth = -candidates[seed, CANDIDATE_GAP]
-        sx = sy = sz = 0.0
+        vx = vy = vz = 0.0
         for k in range(count):
             c = candidates[k]
-            if c[CANDIDATE_GAP] < -TOUCHING and c[0] * nx + c[1] * ny + c[2] * nz > _CONE:
-                sx, sy, sz = sx - c[CANDIDATE_GAP] * c[0], sy - c[CANDIDATE_GAP] * c[1], sz - c[CANDIDATE_GAP] * c[2]
-        size = math.sqrt(sx * sx + sy * sy + sz * sz)
-        nx, ny, nz = sx / size, sy / size, sz / size
+            if ids[k, 2] == _OPEN and c[CANDIDATE_GAP] < -TOUCHING and c[0] * nx + c[1] * ny + c[2] * nz > _CONE:
+                vx, vy, vz = vx - c[CANDIDATE_GAP] * c[0], vy - c[CANDIDATE_GAP] * c[1], vz - c[CANDIDATE_GAP] * c[2]
+        size = math.sqrt(vx * vx + vy * vy + vz * vz)
+        nx, ny, nz = vx / size, vy / size, vz / size
+        farthest = 0.0
         for k in range(count):
             c = candidates[k]
-            if ids[k, 2] != _KEPT:
+            if ids[k, 2] == _OPEN and c[0] * nx + c[1] * ny + c[2] * nz > _CONE:
+                ids[k, 2] = _CHOSEN
+                if c[CANDIDATE_GAP] < -_SHALLOW:
+                    way = way_out(
+                        x, i, j, ids[k, 0], ids[k, 1], c[CANDIDATE_GAP], (c[0], c[1], c[2]), (nx, ny, nz), world, work
+                    )
+                    _turn_candidate(c, ids[k, 0], (nx, ny, nz), way, world)
+                farthest = max(farthest, -c[CANDIDATE_GAP])
+        for k in range(count):
+            c = candidates[k]
+            if ids[k, 2] != _OPEN:
                 continue
-            if c[0] * nx + c[1] * ny + c[2] * nz > _CONE:
-                ids[k, 2] = 1
-                continue
-            a, b = ids[k, 0], ids[k, 1]
             if j < 0:
-                e = -1 - j
-                mx, my, mz = rotate(
-                    work.R[i], centers[a, 0] + depth * nx, centers[a, 1] + depth * ny, centers[a, 2] + depth * nz
-                )
-                px, py, pz = in_element(
-                    world.surroundings.position, world.surroundings.R, e, x[i, P] + mx, x[i, P + 1] + my, x[i, P + 2] + mz
-                )
-                gap = surface(world.surroundings.kind, world.surroundings.size, e, px, py, pz)[0] - radii[a]
+                gap = _moved_gap(x, i, j, ids[k, 0], farthest, (nx, ny, nz), world, work)
             else:
-                d = c[CANDIDATE_GAP] + radii[a] + radii[b]
-                mx, my, mz = d * c[0] + depth * nx, d * c[1] + depth * ny, d * c[2] + depth * nz
-                gap = math.sqrt(mx * mx + my * my + mz * mz) - radii[a] - radii[b]
+                reach = radii[ids[k, 0]] + radii[ids[k, 1]]
+                d = c[CANDIDATE_GAP] + reach
+                mx, my, mz = d * c[0] + farthest * nx, d * c[1] + farthest * ny, d * c[2] + farthest * nz
+                gap = math.sqrt(mx * mx + my * my + mz * mz) - reach
             if gap >= -TOUCHING:
                 ids[k, 2] = _LEFT_OUT
-                dropped += 1
-        ids[seed, 2] = 1
+        ids[seed, 2] = _CHOSEN
     left = 0
     for k in range(count):
         if ids[k, 2] == _LEFT_OUT:
@@ -277,9 +272,18 @@ def leave_out_freed(x, i, j, count, world, work):
             for d in range(8):
                 candidates[left, d] = candidates[k, d]
             ids[left, 0], ids[left, 1] = ids[k, 0], ids[k, 1]
-        ids[left, 2] = _KEPT
+        ids[left, 2] = _OPEN
         left += 1
     return left
+
+
+@inner(forceinline=True)
+def _turn_candidate(c, a, normal, way, world):
+    """Let a candidate of sphere a lead out along another normal, ``way`` [m] far."""
+    for d in range(3):
+        c[d] = normal[d]
+        c[CANDIDATE_POINT + d] = world.tree.centers[a, d] - world.tree.radii[a] * normal[d]
+    c[CANDIDATE_GAP] = c[CANDIDATE_SCORE] = -way
 
 
 @inner
@@ -409,6 +413,23 @@ def restore(x, start, count, work):
 
 
 @inner
+def note_motion(m, count, members, rows, moved):
+    """Write how many standard deviations the motion solved moves each body, as if all were independent."""
+    for a in range(count):
+        moved[members[a]] = 0.0
+    for c in range(m):
+        first, second = rows.first[c], rows.second[c]
+        if first >= 0:
+            way = _along(rows.jacobian[c], rows.delta, first, -1, EP, ER)
+            moved[members[first]] += rows.multiplier[c] * way
+        if second >= 0:
+            way = _along(rows.jacobian[c], rows.delta, -1, second, EP, ER)
+            moved[members[second]] += rows.multiplier[c] * way
+    for a in range(count):
+        moved[members[a]] = math.sqrt(max(moved[members[a]], 0.0))
+
+
+@inner
 def project_group(x, start, count, local, coupled, deepest, metric, sides, world, work, rows, moved):
     """Move the group at hand to the nearest poses without overlap; returns the overlap that is left [m].
 
@@ -418,13 +439,19 @@ def project_group(x, start, count, local, coupled, deepest, metric, sides, world
     members = work.members
     for k in range(ERROR * count):
         rows.now[k] = 0.0
-    left, reach = deepest, _REACH
+    left, reach, step, any_free = deepest, _REACH, math.inf, False
     for round in range(_ROUNDS + 1):
         extra = _DEPTHS * left
         left = find_rows(x, count, reach + extra, reach + min(extra, _PAIR_REACH), sides, world, work)
-        if work.counts[OVERFLOW] != NO_OVERFLOW or (round > 0 and left <= _SOLVED) or round == _ROUNDS:
+        if work.counts[OVERFLOW] != NO_OVERFLOW:
             break
-        reach = max(0.5 * reach, _LEAST_REACH)  # what is nearly right is not to jump between far supports
+        free = round > 0 and left <= _SOLVED
+        if free:
+            any_free = True
+            for k in range(ERROR * count):
+                rows.best[k] = rows.now[k]
+        if (free and step <= _NEAREST) or round == _ROUNDS:
+            break
         m = work.counts[CONTACTS]
         write_jacobians(count, local, metric.place, world, work, rows)
         write_images(m, count, members, metric, EP, ER, rows)
@@ -433,19 +460,16 @@ def project_group(x, start, count, local, coupled, deepest, metric, sides, world
         for k in range(ERROR * count):
             rows.delta[k] = 0.0
         solve_rows(m, count, coupled, EP, ER, _TOLERANCE, rows)
-        for a in range(count):
-            moved[members[a]] = 0.0
-        for c in range(m):
-            for side in range(2):
-                a = rows.first[c] if side == 0 else rows.second[c]
-                if a >= 0:
-                    own = _along(
-                        rows.jacobian[c], rows.delta, a if side == 0 else -1, a if side == 1 else -1, EP, ER
-                    )
-                    moved[members[a]] += rows.multiplier[c] * own
-        for a in range(count):
-            moved[members[a]] = math.sqrt(max(moved[members[a]], 0.0))
-        move_group(x, start, count, members, 1.0, rows, work)
+        note_motion(m, count, members, rows, moved)
+        # back from where nothing overlaps, no farther than the rows know; and what is nearly right is not to
+        # jump between far supports
+        step = move_group(x, start, count, members, reach / _FARTHEST if free else 1.0, rows, work)
+        reach = max(0.5 * reach, _LEAST_REACH)
+    if left > _LEFT_OVER and any_free and work.counts[OVERFLOW] == NO_OVERFLOW:
+        for k in range(ERROR * count):
+            rows.delta[k] = rows.best[k]
+        move_group(x, start, count, members, math.inf, rows, work)
+        left = find_rows(x, count, _LEAST_REACH, _LEAST_REACH, sides, world, work)
     return left
 
 
@@ -888,6 +912,7 @@ def _room(contacts, bodies):
         np.zeros(contacts),
         np.zeros(contacts, np.int64),
         np.zeros(contacts, np.int64),
+        np.zeros(size),
         np.zeros(size),
         np.zeros(size),
     )
