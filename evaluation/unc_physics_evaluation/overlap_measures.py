@@ -35,7 +35,7 @@ class Watched(NamedTuple):
         As they really began, and at the end.
     rise : (N,) array
         Highest of any body's centre of mass above where it began [m], less what the sample's kinetic energy at
-        the start could lift that body by.
+        the start, and the fall of its other bodies, could lift that body by.
     gain : (N,) array
         Most energy above that at the start [J].
     prediction : Prediction
@@ -84,7 +84,9 @@ def watch(
     prediction = predict(scene, belief, _WatchedMonteCarlo(samples, seed, look, states), horizon)
     _, heights, kinetic, potential = (np.array(values) for values in zip(*seen[1:], strict=True))
     start, height, moving, above = seen[0]
-    rise = (heights - height - moving[:, None] / weight).max(axis=(0, 2))
+    fallen = weight * np.maximum(height - heights, 0.0)
+    others = fallen.sum(axis=-1, keepdims=True) - fallen
+    rise = (heights - height - (moving[:, None] + others) / weight).max(axis=(0, 2))
     gain = (kinetic + potential - moving - above).max(axis=0)
     return Watched(start, prediction.carry.states, np.maximum(rise, 0.0), np.maximum(gain, 0.0), prediction)
 
