@@ -47,7 +47,8 @@ TOUCHING = 5e-5
 _SOLVED = 1e-5  # overlap at which the search ends [m]
 #: Gaps that count [m]: at first and at least, and how many times the deepest overlap more, of pairs at most.
 _REACH, _LEAST_REACH, _DEPTHS, _PAIR_REACH = 2e-3, 2e-4, 2.0, 3e-3
-_ROUNDS, _SWEEPS = 10, 200
+_ROUNDS, _CAREFUL_ROUNDS, _SWEEPS = 10, 24, 200
+_CAREFUL = 0.5  # share of a step that a careful round takes
 _NEAREST = 5e-4  # last step of what is nearest enough [m or rad]
 _TOLERANCE = 1e-7  # of a gap, in a sweep [m]
 _SOFTNESS = 1e-4  # relative, so that rows that say the same do no harm
@@ -59,7 +60,7 @@ _CONE = 0.5  # cosine of the widest angle between normals that say the same of t
 _WAYS = 4  # out, at most
 _SHALLOW = 5e-4  # overlap whose own normal is the way out [m]
 _MARCHES = 16  # to the surface
-_ATTEMPTS = 4  # to free what can be freed, each without the pairs that could not be
+_ATTEMPTS = 5  # to free what can be freed, those after the second without the pairs that could not be
 _EXPECTED = 5.0  # standard deviations up to which a speed of approach may be none
 _DROP, _PAIR_DROP, _LOWERINGS = 0.01, 2e-3, 200  # of a round, alone and near others [m]; rounds
 _CALMER = 0.6  # share of a round's drop that the next one has
@@ -380,11 +381,11 @@ def solve_rows(m, count, coupled, linear, angular, tolerance, rows):
 
 
 @inner
-def move_group(x, start, count, members, limit, rows, work):
-    """Bring the motion done nearer to the one solved, from the states ``start``; returns the largest step
-    [m or rad].
+def move_group(x, start, count, members, limit, share, rows, work):
+    """Bring the motion done by a share, or up to a limit, to the one solved, from the states ``start``;
+    returns the largest step [m or rad].
     """
-    share, largest = 1.0, 0.0
+    largest = 0.0
     for a in range(count):
         way = turn = 0.0
         for k in range(3):
@@ -430,7 +431,7 @@ def note_motion(m, count, members, rows, moved):
 
 
 @inner
-def project_group(x, start, count, local, coupled, deepest, metric, sides, world, work, rows, moved):
+def project_group(x, start, count, local, coupled, careful, deepest, metric, sides, world, work, rows, moved):
     """Move the group at hand to the nearest poses without overlap; returns the overlap that is left [m].
 
     ``moved`` (B,) is told how many standard deviations each body went; the contacts at hand are those of the
@@ -440,7 +441,8 @@ def project_group(x, start, count, local, coupled, deepest, metric, sides, world
     for k in range(ERROR * count):
         rows.now[k] = 0.0
     left, reach, step, any_free = deepest, _REACH, math.inf, False
-    for round in range(_ROUNDS + 1):
+    rounds, share = (_CAREFUL_ROUNDS, _CAREFUL) if careful else (_ROUNDS, 1.0)
+    for round in range(rounds + 1):
         extra = _DEPTHS * left
         left = find_rows(x, count, reach + extra, reach + min(extra, _PAIR_REACH), sides, world, work)
         if work.counts[OVERFLOW] != NO_OVERFLOW:
@@ -450,7 +452,7 @@ def project_group(x, start, count, local, coupled, deepest, metric, sides, world
             any_free = True
             for k in range(ERROR * count):
                 rows.best[k] = rows.now[k]
-        if (free and step <= _NEAREST) or round == _ROUNDS:
+        if (free and step <= _NEAREST) or round == rounds:
             break
         m = work.counts[CONTACTS]
         write_jacobians(count, local, metric.place, world, work, rows)
@@ -463,12 +465,12 @@ def project_group(x, start, count, local, coupled, deepest, metric, sides, world
         note_motion(m, count, members, rows, moved)
         # back from where nothing overlaps, no farther than the rows know; and what is nearly right is not to
         # jump between far supports
-        step = move_group(x, start, count, members, reach / _FARTHEST if free else 1.0, rows, work)
+        step = move_group(x, start, count, members, reach / _FARTHEST if free else 1.0, share, rows, work)
         reach = max(0.5 * reach, _LEAST_REACH)
     if left > _LEFT_OVER and any_free and work.counts[OVERFLOW] == NO_OVERFLOW:
         for k in range(ERROR * count):
             rows.delta[k] = rows.best[k]
-        move_group(x, start, count, members, math.inf, rows, work)
+        move_group(x, start, count, members, math.inf, 1.0, rows, work)
         left = find_rows(x, count, _LEAST_REACH, _LEAST_REACH, sides, world, work)
     return left
 
@@ -621,7 +623,7 @@ def project_sample(
                     coupled = coupled or (k >= 0 and m >= 0 and metric.linked[k, m])
             for attempt in range(_ATTEMPTS):
                 left = project_group(
-                    x, start, count, local, coupled, deepest, metric, sides, world, work, rows, moved
+                    x, start, count, local, coupled, attempt > 0, deepest, metric, sides, world, work, rows, moved
                 )
                 if work.counts[OVERFLOW] != NO_OVERFLOW:
                     return False
@@ -631,7 +633,8 @@ def project_sample(
                 if left <= _LEFT_OVER and farthest <= _TOO_FAR:
                     stop_approach(x, mean, count, local, coupled, metric, world, work, rows)
                     break
-                keep_overlap(count, depth, attempt >= _ATTEMPTS - 2, moved, work)
+                if attempt > 0:
+                    keep_overlap(count, depth, attempt >= _ATTEMPTS - 2, moved, work)
                 restore(x, start, count, work)
                 for a in range(count):
                     moved[work.members[a]] = 0.0
@@ -768,7 +771,7 @@ def lower_group(x, start, count, local, metric, sides, world, work, rows):
         write_jacobians(count, local, metric.place, world, work, rows)
         write_images(m, count, members, metric, EP, ER, rows)
         solve_rows(m, count, False, EP, ER, _TOLERANCE, rows)
-        step = move_group(x, start, count, members, drop / _FARTHEST, rows, work)
+        step = move_group(x, start, count, members, drop / _FARTHEST, 1.0, rows, work)
         sunk = 0.0
         for a in range(count):
             i = members[a]
