@@ -31,7 +31,7 @@ STARTS = {KEEP: "as the belief is", PROJECT: "projected", AT_REST: "at rest"}
 OPTIONS = {KEEP: {"overlap": "keep"}, PROJECT: {}, AT_REST: {"at_rest": True}, REJECT: {"overlap": "keep"}}
 PICTURE = "on a plane: mug", 10, 5  # whose samples are drawn
 SAMPLES = {KEEP: 100}  # of what is slow, and shown beside the others only; 400 of all else
-DRAWS = 20_000  # at most, of a sample without overlap
+DRAWS = 60_000  # at most, of a sample without overlap
 TIMED, ROUNDS = 100, 5  # samples whose start is timed at once, and how often
 
 RISE, GAIN, TOPPLED, THROUGH = "rise", "energy_gain", "toppled", "fallen_through"
