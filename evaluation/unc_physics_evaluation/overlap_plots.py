@@ -62,7 +62,7 @@ def draw_starts(path: Path, model: str, states: Mapping[str, np.ndarray]) -> Non
         At time 0, by title.
     """
     packing = load_model(model)
-    figure = Figure(figsize=(10.0, 5.2), layout="constrained")
+    figure = Figure(figsize=(10.0, 4.7), layout="constrained")
     FigureCanvasAgg(figure)
     axes = figure.subplots(2, len(states), sharex="row", height_ratios=(3.2, 1.0))
     half, top, bottom = 1.4 * packing.bounding_radius, 2.0 * packing.bounding_radius, 0.04

@@ -20,7 +20,7 @@ from ..overlap_measures import (
 )
 from ..overlap_scenes import GROUPS, MOVING, SLOTS, arrangements, scene_and_belief, slots
 from ..results import Results, Rows
-from ..tables import table
+from ..tables import number, table
 
 TITLE = "Overlap"
 HORIZON = 1.0  # s
@@ -174,7 +174,7 @@ def _worst_table(rows, references):
         most = {name: max(here.where(quantity=name).values()) for name in (RISE, GAIN, THROUGH, CPU_TIME)}
         bodies = 1 + max(" and " in row["arrangement"] for row in here)
         low = _most(here.where(quantity=TOPPLED, angle=ANGLES[0]))
-        high, reference, margin = _beside_rejection(here, references)
+        high, reference, beyond = _beside_rejection(here, references)
         begin, end = (_farthest(here.where(quantity=name)) for name in (BEGIN, END))
         on_table = group in ("on a plane", "on a board")
         lines.append([
@@ -182,26 +182,31 @@ def _worst_table(rows, references):
             _cell(1e3 * most[RISE], not no_room and most[RISE] > GOALS[RISE]),
             _cell(1e3 * most[GAIN], most[GAIN] > (NO_ROOM_GAIN if no_room else GOALS[GAIN])),
             _cell(100.0 * low, not no_room and low > GOALS[TOPPLED]),
-            _cell(100.0 * high, not no_room and high > max(GOALS[TOPPLED], reference + margin)),
-            "" if np.isnan(reference) else f"{100.0 * reference:.2g}",
+            _cell(100.0 * high, not no_room and beyond),
+            number(100.0 * reference),
             _cell(100.0 * most[THROUGH], most[THROUGH] > 0.0),
-            _cell(begin, on_table and abs(begin - 1.0) > SPREAD, 3),
-            _cell(end, on_table and start == AT_REST and abs(end - 1.0) > SPREAD, 3),
-            _cell(1e6 * most[CPU_TIME], start == PROJECT and most[CPU_TIME] > CPU_GOALS[bodies], 3),
+            _cell(begin, on_table and abs(begin - 1.0) > SPREAD),
+            _cell(end, on_table and start == AT_REST and abs(end - 1.0) > SPREAD),
+            _cell(1e6 * most[CPU_TIME], start == PROJECT and most[CPU_TIME] > CPU_GOALS[bodies]),
             f"{100.0 * here.where(quantity=FLAGGED).mean():.0f}",
         ])
     return table(head, [goals, *lines])
 
 
 def _beside_rejection(rows, references):
-    """Share toppled at the largest angle where it exceeds that by rejection most; that one, and 2 standard errors."""
-    found = []
+    """Largest share toppled at the largest angle, that by rejection there, and whether any is beyond its goal.
+
+    The goal is the share by rejection, give and take two standard errors, where that is known.
+    """
+    found, misses = [(0.0, np.nan)], False
     for row in rows.where(quantity=TOPPLED, angle=ANGLES[-1]):
         same = {name: row[name] for name in ("arrangement", "position", "angle")}
-        shares = row["value"], references.where(quantity=TOPPLED, **same).mean()
-        variance = sum(share * (1.0 - share) for share in np.nan_to_num(shares)) / row["samples"]
-        found.append((*shares, 2.0 * np.sqrt(variance)))
-    return max(found, key=lambda shares: shares[0] - np.nan_to_num(shares[1]), default=(0.0, np.nan, 0.0))
+        share, reference = row["value"], references.where(quantity=TOPPLED, **same).mean()
+        found.append((share, reference))
+        known = np.nan_to_num(reference)
+        error = np.sqrt((share * (1.0 - share) + known * (1.0 - known)) / row["samples"])
+        misses |= share > max(GOALS[TOPPLED], known + 2.0 * error)
+    return *max(found[1:] or found, key=lambda shares: shares[0]), misses
 
 
 def _sigma_table(rows):
@@ -222,8 +227,7 @@ def _sigma_table(rows):
 
 def _groups(rows):
     found = dict.fromkeys(name.partition(":")[0] for name in rows.unique("arrangement"))
-    order = [next(k for k, group in enumerate(GROUPS) if name.startswith(group)) for name in found]
-    return [name for _, name in sorted(zip(order, found, strict=True))]
+    return sorted(found, key=lambda name: next(k for k, group in enumerate(GROUPS) if name.startswith(group)))
 
 
 def _most(rows):
@@ -235,9 +239,8 @@ def _farthest(rows):
     return max(rows.values(), key=lambda ratio: abs(np.log(max(ratio, 1e-12))), default=np.nan)
 
 
-def _cell(value, misses, digits=2):
-    text = f"{value:.{digits}g}" if abs(value) < 1e4 else f"{value:.1e}"
-    return f"**{text}**" if misses else text
+def _cell(value, misses):
+    return f"**{number(value)}**" if misses else number(value)
 
 
 def _pictured(results, rows):
