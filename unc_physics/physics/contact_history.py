@@ -10,7 +10,7 @@ from .implicit_world import fresh_solver_memory
 
 
 class Start(NamedTuple):
-    """What N rollouts of the implicit step learned of their own beginning, about each body (`overlap`).
+    """What N rollouts of the implicit step learned of their own beginning, about each body (`projection`).
 
     Attributes
     ----------

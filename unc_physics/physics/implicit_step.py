@@ -33,9 +33,9 @@ from .implicit_workspace import (
     START_POSITION,
     START_QUATERNION,
     TOO_LONG_LISTS,
-    TOO_MANY_CANDIDATES,
     TRAVEL,
     implicit_workspace,
+    more_room,
 )
 from .implicit_world import REMEMBERED_CONTACTS
 from .layout import P, Q, V, W
@@ -525,10 +525,5 @@ def advance_implicit(states, first_time, memory, world, begin, steps):
                 work,
             )
             if done < steps:
-                if work.counts[OVERFLOW] == TOO_MANY_CANDIDATES:
-                    candidates *= 2
-                elif work.counts[OVERFLOW] == TOO_LONG_LISTS:
-                    pool *= 2
-                else:
-                    contacts *= 2
+                contacts, candidates, pool = more_room(work.counts, contacts, candidates, pool)
                 work = implicit_workspace(states[n], memory.kept_overlap[n], world, contacts, candidates, pool)

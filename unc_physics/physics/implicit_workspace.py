@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .compiled import kernel
+from .compiled import inner, kernel
 from .implicit_world import REMEMBERED_CONTACTS
 from .layout import Q
 from .narrow_phase import RECORD
@@ -148,6 +148,16 @@ class ImplicitWorkspace(NamedTuple):
     state: np.ndarray
     quiet: np.ndarray
     kept_overlap: np.ndarray
+
+
+@inner
+def more_room(counts, contacts, candidates, pool):
+    """Twice the room of what overflowed: for contacts, candidates and pairs in lists."""
+    if counts[OVERFLOW] == TOO_MANY_CANDIDATES:
+        return contacts, 2 * candidates, pool
+    if counts[OVERFLOW] == TOO_LONG_LISTS:
+        return contacts, candidates, 2 * pool
+    return 2 * contacts, candidates, pool
 
 
 @kernel

@@ -26,7 +26,7 @@ from ..physics.layout import (
     VELOCITY,
 )
 from ..physics.narrow_phase import DISTANCE, VOLUME, next_contacts, open_pair
-from ..physics.overlap import TOUCHING
+from ..physics.overlap_search import TOUCHING
 from ..physics.rotation import rotation_matrix
 from ..physics.workspace import workspace
 from ..propagators.monte_carlo import MonteCarlo

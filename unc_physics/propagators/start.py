@@ -20,7 +20,10 @@ from ..physics.layout import (
     QUATERNION,
     VELOCITY,
 )
-from ..physics.overlap import TOUCHING, Metric, lower, project, sides_of
+from ..physics.lowering import lower
+from ..physics.overlap_rows import Metric
+from ..physics.overlap_search import TOUCHING, sides_of
+from ..physics.projection import project
 from ..physics.rollout import rollout
 from ..physics.rotation import rotation_matrix
 from ..physics.threads import in_threads
@@ -80,7 +83,7 @@ def begin(scene: Scene, belief: Belief, states: np.ndarray) -> tuple[np.ndarray,
     Parameters
     ----------
     scene : Scene
-        Its ``overlap`` says whether what overlaps is projected away (`physics.overlap`); bodies ``at_rest``
+        Its ``overlap`` says whether what overlaps is projected away (`physics.projection`); bodies ``at_rest``
         then settle on what is below them.
     belief : Belief
         As `known` gives it.
@@ -129,7 +132,7 @@ def _look(scene, belief, states):
 
 
 def _sides(scene, belief):
-    """On which sides of each other the mean has the bodies (`overlap.sides_of`), once it does not overlap."""
+    """On which sides of each other the mean has the bodies (`overlap_search.sides_of`), once it does not overlap."""
     mean = belief.mean[None].copy()
     history = histories.fresh(1, scene.world)
     kept = np.zeros(history.first_time.shape, np.float32)
@@ -170,7 +173,7 @@ def _without(world, held):
 def _settle(scene, belief, drawn, states, sides, history, kept, resting):
     """Let bodies come to rest in states (N, B, 13), in place; the others stay where they are.
 
-    They sink first (`overlap.lower`), so that what lies across keeps its spread; then steps without
+    They sink first (`lowering.lower`), so that what lies across keeps its spread; then steps without
     velocities and without slip find out what holds. Returns the history.
     """
     world = _without(scene.world, ~resting)
