@@ -34,8 +34,8 @@ class Watched(NamedTuple):
     start, end : (N, B, 13) array
         As they really began, and at the end.
     rise : (N,) array
-        Highest of any body's centre of mass above where it began [m], less what the sample's kinetic energy at
-        the start, and the fall of its other bodies, could lift that body by.
+        Highest of any body's centre of mass above where it began [m], less what the sample's kinetic energy
+        at the start, and the fall of its other bodies, could lift that body by.
     gain : (N,) array
         Most energy above that at the start [J].
     prediction : Prediction
@@ -73,13 +73,23 @@ class _WatchedMonteCarlo(MonteCarlo):
 def watch(
     scene: Scene, belief: Belief, samples: int, seed: int, horizon: float, states: np.ndarray | None = None
 ) -> Watched:
-    """Predict by Monte Carlo and look at its samples on the way; they may begin at ``states`` (N, B, 13) instead."""
+    """Predict by Monte Carlo and look at its samples on the way.
+
+    They may begin at ``states`` (N, B, 13) instead of the belief's.
+    """
     weight = np.linalg.norm(scene.gravity) * np.array([scene.bodies[k].mass for k in scene.moving])
     seen = []
 
     def look(states):
         kinetic = kinetic_energy(scene, states)
-        seen.append((states.copy() if not seen else None, _heights(scene, states), kinetic, height_energy(scene, states)))
+        seen.append(
+            (
+                states.copy() if not seen else None,
+                _heights(scene, states),
+                kinetic,
+                height_energy(scene, states),
+            )
+        )
 
     prediction = predict(scene, belief, _WatchedMonteCarlo(samples, seed, look, states), horizon)
     _, heights, kinetic, potential = (np.array(values) for values in zip(*seen[1:], strict=True))
@@ -112,26 +122,30 @@ def off_by(ratios) -> float:
 
 
 def spread_ratio(states: np.ndarray, drawn: np.ndarray) -> float:
-    """Standard deviation of x or y over that as drawn from the belief, of the body and axis farthest from 1."""
+    """Standard deviation of x or y over that as drawn, of the body and axis farthest from 1."""
     return off_by(states[..., :2].std(axis=0) / drawn[..., :2].std(axis=0))
 
 
 def spreads(belief: Belief) -> np.ndarray:
-    """(M, 3): standard deviations of position, of tilt and of yaw [m, rad, rad], over all axes of each."""
+    """(M, 3): standard deviations of position, tilt and yaw [m, rad, rad], over all axes of each."""
     P = belief.blocks
     R = np.array([rotation_matrix(belief.mean[k, QUATERNION]) for k in belief.moving])
     world = np.einsum("mij,mjk,mlk->mil", R, P[:, ERR_ROTATION, ERR_ROTATION], R)
     position = np.trace(P[:, ERR_POSITION, ERR_POSITION], axis1=1, axis2=2)
-    return np.sqrt(np.maximum(np.column_stack([position, world[:, 0, 0] + world[:, 1, 1], world[:, 2, 2]]), 0.0))
+    return np.sqrt(
+        np.maximum(np.column_stack([position, world[:, 0, 0] + world[:, 1, 1], world[:, 2, 2]]), 0.0)
+    )
 
 
 def spread_ratios(predicted: Belief, truth: Belief) -> np.ndarray:
-    """(3,): predicted spreads over true ones, of the body that is farthest from 1; 1 where both are nothing."""
+    """(3,): predicted spreads over true ones, of the body farthest from 1; 1 where both are nothing."""
     a, b = (np.maximum(spreads(belief), NOTHING) for belief in (predicted, truth))
     return np.array([off_by(column) for column in (a / b).T])
 
 
-def without_overlap(scene: Scene, belief: Belief, wanted: int, seed: int, most: int) -> tuple[np.ndarray, int]:
+def without_overlap(
+    scene: Scene, belief: Belief, wanted: int, seed: int, most: int
+) -> tuple[np.ndarray, int]:
     """Samples of a belief whose bodies do not overlap, by rejection, and of how many draws they are the rest.
 
     Parameters

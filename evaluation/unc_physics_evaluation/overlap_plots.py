@@ -30,25 +30,48 @@ _LEAST = {"rise": 1e-6, "energy_gain": 1e-6}
 
 
 def draw_goals(
-    path: Path, rows: Rows, groups: Sequence[str], starts: Mapping[str, str], quantities: Sequence[str],
+    path: Path,
+    rows: Rows,
+    groups: Sequence[str],
+    starts: Mapping[str, str],
+    quantities: Sequence[str],
     goals: Mapping[str, float],
 ) -> None:
     """The most of some quantities for each arrangement and uncertainty, by start, with their goals."""
     figure = Figure(figsize=(9.5, 2.6 * len(quantities) + 0.8), layout="constrained")
     FigureCanvasAgg(figure)
-    for ax, quantity in zip(np.atleast_1d(figure.subplots(len(quantities), 1, sharex=True)), quantities, strict=True):
+    for ax, quantity in zip(
+        np.atleast_1d(figure.subplots(len(quantities), 1, sharex=True)), quantities, strict=True
+    ):
         for k, (start, title) in enumerate(starts.items()):
             found = rows.where(quantity=quantity, start=start)
-            place = [next(g for g, group in enumerate(groups) if row["arrangement"].startswith(group)) for row in found]
+            place = [
+                next(g for g, group in enumerate(groups) if row["arrangement"].startswith(group))
+                for row in found
+            ]
             values = np.maximum(found.values(), _LEAST[quantity])
-            ax.plot(np.array(place) + 0.22 * (k - 1), values, "o", color=_TINTS[k], markersize=4, alpha=0.5,
-                    markeredgewidth=0, label=title)
+            ax.plot(
+                np.array(place) + 0.22 * (k - 1),
+                values,
+                "o",
+                color=_TINTS[k],
+                markersize=4,
+                alpha=0.5,
+                markeredgewidth=0,
+                label=title,
+            )
         ax.axhline(goals[quantity], color="0.3", linestyle=":", linewidth=1.0)
         ax.set(yscale="log", ylabel=_TITLES[quantity])
         ax.grid(True, axis="y", color="0.92", linewidth=0.6)
         ax.tick_params(labelsize=8)
     ax.set_xticks(range(len(groups)), [group.replace(", ", ",\n") for group in groups], fontsize=7.5)
-    figure.legend(*ax.get_legend_handles_labels(), loc="outside upper left", ncols=len(starts), fontsize=9, frameon=False)
+    figure.legend(
+        *ax.get_legend_handles_labels(),
+        loc="outside upper left",
+        ncols=len(starts),
+        fontsize=9,
+        frameon=False,
+    )
     figure.savefig(path, dpi=DPI)
 
 
@@ -68,9 +91,13 @@ def draw_starts(path: Path, model: str, states: Mapping[str, np.ndarray]) -> Non
     half, top, bottom = 1.4 * packing.bounding_radius, 2.0 * packing.bounding_radius, 0.04
     for (above, below), (title, samples) in zip(axes.T, states.items(), strict=True):
         low = np.array([_lowest(packing, state[0]) for state in samples])
-        above.add_patch(Rectangle((-half, -bottom), 2.0 * half, bottom, facecolor="0.9", edgecolor="0.55", linewidth=0.8))
+        above.add_patch(
+            Rectangle((-half, -bottom), 2.0 * half, bottom, facecolor="0.9", edgecolor="0.55", linewidth=0.8)
+        )
         for state, height in zip(samples[:_SHOWN, 0], low, strict=False):
-            _draw_outline(above, packing, state, half, (-bottom, top), _OVERLAPPING if height < -OVERLAP else _APART)
+            _draw_outline(
+                above, packing, state, half, (-bottom, top), _OVERLAPPING if height < -OVERLAP else _APART
+            )
         above.set(xlim=(-half, half), ylim=(-bottom, top), aspect="equal", title=title)
         above.set_xticks(np.arange(-0.05, 0.06, 0.05))
         for some, tint in ((low < -OVERLAP, _OVERLAPPING), (low >= -OVERLAP, _APART)):

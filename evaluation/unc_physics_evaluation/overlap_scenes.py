@@ -32,12 +32,23 @@ INTO = 0.05  # m/s, speed of a mean into the contact
 SPEED_STD, SPIN_STD = 0.05, 0.5  # m/s, rad/s
 OWN_STD = 0.001, 0.5  # m, degrees: what bodies do not share where they share an error
 NARROWER = (0.002, 0.010)  # m, by how much slots are too narrow
-STILL = ("on a plane", "on a board", "side by side, 5 mm", "side by side, touching", "stacked", "in a corner", "in a wall")
+STILL = (
+    "on a plane",
+    "on a board",
+    "side by side, 5 mm",
+    "side by side, touching",
+    "stacked",
+    "in a corner",
+    "in a wall",
+)
 SHARED, MOVING, SLOTS = "common error", "moving", "no room"
 GROUPS = (*STILL, SHARED, MOVING, SLOTS)
 
 _FLOOR = Plane((0.0, 0.0, 1.0), 0.0, name="table")
-_BOARD = (Box((0.8, 0.6, 0.018), (0.0, 0.0, -0.009), name="board"), Plane((0.0, 0.0, 1.0), -0.3, name="floor"))
+_BOARD = (
+    Box((0.8, 0.6, 0.018), (0.0, 0.0, -0.009), name="board"),
+    Plane((0.0, 0.0, 1.0), -0.3, name="floor"),
+)
 _THICK = 0.02  # m, of walls
 
 
@@ -93,13 +104,17 @@ def slots() -> Iterator[Arrangement]:
         low, high = load_model("salt_box").bounds
         walls = _walls("salt_box", (1,), 0.5 * less)
         other = replace(walls[0], position=walls[0].position * [1.0, -1.0, 1.0], name="right")
-        yield Arrangement(f"{SLOTS}, {1e3 * less:g} mm", ("salt_box",), _standing("salt_box"), (_FLOOR, *walls, other))
+        yield Arrangement(
+            f"{SLOTS}, {1e3 * less:g} mm", ("salt_box",), _standing("salt_box"), (_FLOOR, *walls, other)
+        )
     mug, (low, high) = _standing("mug"), load_model("mug").bounds
     inside = np.array([low[0] + high[1], 0.0, 0.015 + _height("can")])  # the mug's axis: its handle is at +x
     yield Arrangement(SLOTS, ("mug", "can"), np.vstack([mug, inside]))
 
 
-def scene_and_belief(arrangement: Arrangement, position_std: float, angle_std: float, **options) -> tuple[Scene, Belief]:
+def scene_and_belief(
+    arrangement: Arrangement, position_std: float, angle_std: float, **options
+) -> tuple[Scene, Belief]:
     """An everyday scene and what is known of it.
 
     Parameters

@@ -147,7 +147,7 @@ def test_x_and_y_keep_their_spread():
 
 
 def test_a_body_goes_the_nearest_way_in_the_metric_of_its_belief():
-    """Of a belief without rotation the way out of a plane is known: Sigma n / (n' Sigma n) times the depth."""
+    """Without rotation the way out of a plane is known: Sigma n / (n' Sigma n) times the depth."""
     root = np.array([[3.0, 0.0, 0.0], [1.0, 2.0, 0.0], [2.0, -1.0, 1.5]]) * 1e-3
     P = np.zeros((1, 12, 12))
     P[0, :3, :3] = root @ root.T
@@ -304,8 +304,7 @@ def test_height_and_tilt_come_from_contact_and_the_rest_from_the_belief():
     assert np.ptp(states[:, 0, 2]) < 2e-4
     up = Rotation.from_quat(states[:, 0, 6:10]).as_matrix()[:, 2, 2]
     assert np.degrees(np.arccos(up.min())) < 0.3
-    np.testing.assert_allclose(
-        states[:, 0, :2].std(axis=0), drawn[:, 0, :2].std(axis=0), rtol=0.05)
+    np.testing.assert_allclose(states[:, 0, :2].std(axis=0), drawn[:, 0, :2].std(axis=0), rtol=0.05)
 
 
 # -- what can be asked, and what is told ----------------------------------------------------------------
@@ -331,7 +330,8 @@ def test_the_belief_that_was_used_can_be_had(propagator):
 
 def test_kept_overlap_is_as_drawn():
     np.testing.assert_array_equal(
-        begun(alone(overlap="keep"), ALONE), ALONE.sample(40, np.random.default_rng(0)))
+        begun(alone(overlap="keep"), ALONE), ALONE.sample(40, np.random.default_rng(0))
+    )
 
 
 def test_rejection_leaves_samples_without_overlap():

@@ -1,4 +1,4 @@
-"""Beliefs that reach into tables, walls and neighbours: what becomes of them, as they are, projected and at rest."""
+"""Beliefs that reach into tables, walls and neighbours: as they are, projected and at rest."""
 
 from __future__ import annotations
 
@@ -54,7 +54,12 @@ def jobs(settings: Settings) -> list[Job]:
                 for start in _starts(arrangement, position, angle):
                     count = 50 if settings.quick else SAMPLES.get(start, 400)
                     parameters = settings.parameters(
-                        arrangement=arrangement.name, position=position, angle=angle, start=start, samples_each=count)
+                        arrangement=arrangement.name,
+                        position=position,
+                        angle=angle,
+                        start=start,
+                        samples_each=count,
+                    )
                     made.append(Job("overlap", parameters, cost=0.002 * count * len(arrangement.models) ** 2))
     return made
 
@@ -64,7 +69,9 @@ def run(job: Job) -> Outcome:
     p = job.parameters
     start, count = p["start"], p["samples_each"]
     arrangement = next(some for some in (*arrangements(), *slots()) if some.name == p["arrangement"])
-    scene, belief = scene_and_belief(arrangement, 1e-3 * p["position"], np.radians(p["angle"]), **OPTIONS[start])
+    scene, belief = scene_and_belief(
+        arrangement, 1e-3 * p["position"], np.radians(p["angle"]), **OPTIONS[start]
+    )
     # the same draws for every start, of which some take only the first
     seed = Job("overlap", {**p, "start": "any", "samples_each": "any"}).seed("samples")
     if start == REJECT:
@@ -72,10 +79,12 @@ def run(job: Job) -> Outcome:
         if len(states) < count:
             return Outcome([Row(REJECT, ACCEPTED, "1", len(states) / drawn, drawn, 0, seed)])
         watched = watch(scene, belief, count, seed, HORIZON, states)
-        return Outcome([
-            Row(REJECT, ACCEPTED, "1", len(states) / drawn, drawn, 0, seed),
-            Row(REJECT, TOPPLED, "1", _share(toppled(scene, belief, watched.end)), count, 0, seed),
-        ])
+        return Outcome(
+            [
+                Row(REJECT, ACCEPTED, "1", len(states) / drawn, drawn, 0, seed),
+                Row(REJECT, TOPPLED, "1", _share(toppled(scene, belief, watched.end)), count, 0, seed),
+            ]
+        )
     watched = watch(scene, belief, count, seed, HORIZON)
     drawn = belief.sample(count, np.random.default_rng(seed))
     found = {
@@ -94,7 +103,9 @@ def run(job: Job) -> Outcome:
         points = predict(scene, belief, "sigma_points", HORIZON).belief
         ratios = spread_ratios(points, watched.prediction.belief)
         found |= {quantity: ("1", ratio) for quantity, ratio in zip(SIGMA, ratios, strict=True)}
-    rows = [Row(MONTE_CARLO, name, unit, float(value), count, 0, seed) for name, (unit, value) in found.items()]
+    rows = [
+        Row(MONTE_CARLO, name, unit, float(value), count, 0, seed) for name, (unit, value) in found.items()
+    ]
     drawn_here = (p["arrangement"], p["position"], p["angle"]) == PICTURE
     return Outcome(rows, {"states": watched.start} if drawn_here else {})
 
@@ -106,12 +117,14 @@ def report(results: Results) -> str:
     rows = results.rows("overlap")
     counts = rows.unique("samples_each")
     about = (
-        "Bodies on tables, beside each other, stacked and in walls, known to 1, 3 and 10 mm and to 1 and 5 degrees, as "
-        f"the belief is for 10 mm and 5 degrees alone. Each line is the worst over its models, uncertainties and "
-        f"{max(counts)} samples ({min(counts)} as the belief is) within {HORIZON:g} s; bold is what misses its goal. "
-        "Rise: of a centre of mass above where it began, less what the sample's own speed and the fall of its other "
-        "bodies explain. Toppled: by more than 45 degrees. Spread: standard deviation of x or y over that of the belief, farthest from 1. CPU time: of "
-        "what is done before time 0, for a sample.\n")
+        "Bodies on tables, beside each other, stacked and in walls, known to 1, 3 and 10 mm and to 1 and 5 "
+        "degrees, as the belief is for 10 mm and 5 degrees alone. Each line is the worst over its models, "
+        f"uncertainties and {max(counts)} samples ({min(counts)} as the belief is) within {HORIZON:g} s; "
+        "bold is what misses its goal. Rise: of a centre of mass above where it began, less what the sample's own "
+        "speed and the fall of its other bodies explain. Toppled: by more than 45 degrees. Spread: standard "
+        "deviation of x or y over that of the belief, farthest from 1. CPU time: of what is done before time "
+        "0, for a sample.\n"
+    )
     figure = results.figure("overlap_goals")
     draw_goals(figure, rows.where(method=MONTE_CARLO), GROUPS, STARTS, (RISE, GAIN), GOALS)
     parts = [about, f"![Rise and energy gained](figures/{figure.name})\n"]
@@ -121,8 +134,9 @@ def report(results: Results) -> str:
             parts += [f"### {title.capitalize()}\n", _worst_table(found, rows.where(start=REJECT))]
     goal = f"goal {1 - SIGMA_SPREAD:g} to {1 + SIGMA_SPREAD:g}"
     parts.append(
-        "### Sigma points\n\nTheir spreads at the end over Monte Carlo's, of the body farthest from 1, and how many reach "
-        f"the {goal}:\n")
+        "### Sigma points\n\nTheir spreads at the end over Monte Carlo's, of the body farthest from 1, "
+        f"and how many reach the {goal}:\n"
+    )
     parts.append(_sigma_table(rows))
     states = _pictured(results, rows)
     if len(states) == len(STARTS):
@@ -145,8 +159,8 @@ def _chosen(quick):
 
 
 def _starts(arrangement, position, angle):
-    """What is compared: as it is, which is slow, for the most uncertain belief; what moves is not at rest; and what
-    has no room has no sample without overlap.
+    """What is compared: as it is, which is slow, for the most uncertain belief; what moves is not at rest;
+    what has no room has no sample without overlap.
     """
     starts = [PROJECT]
     if (position, angle) == (POSITIONS[-1], ANGLES[-1]):
@@ -164,9 +178,32 @@ def _share(hits):
 
 def _worst_table(rows, references):
     """A line for each group."""
-    head = ["", "rise [mm]", "energy [mJ]", "toppled, 1° [%]", "5° [%]", "by rejection [%]", "fell through [%]",
-            "x, y at the start", "at 1 s", "CPU time [us]", "flagged [%]"]
-    goals = ["goal", "1", "5", "0.5", "by rejection", "", "0", "±5 % on tables", "±5 % at rest", "30, pairs 600", ""]
+    head = [
+        "",
+        "rise [mm]",
+        "energy [mJ]",
+        "toppled, 1° [%]",
+        "5° [%]",
+        "by rejection [%]",
+        "fell through [%]",
+        "x, y at the start",
+        "at 1 s",
+        "CPU time [us]",
+        "flagged [%]",
+    ]
+    goals = [
+        "goal",
+        "1",
+        "5",
+        "0.5",
+        "by rejection",
+        "",
+        "0",
+        "±5 % on tables",
+        "±5 % at rest",
+        "30, pairs 600",
+        "",
+    ]
     start, lines = rows[0]["start"], []
     for group in _groups(rows):
         here = Rows(row for row in rows if row["arrangement"].partition(":")[0] == group)
@@ -177,24 +214,26 @@ def _worst_table(rows, references):
         high, reference, beyond = _beside_rejection(here, references)
         begin, end = (_farthest(here.where(quantity=name)) for name in (BEGIN, END))
         on_table = group in ("on a plane", "on a board")
-        lines.append([
-            group,
-            _cell(1e3 * most[RISE], not no_room and most[RISE] > GOALS[RISE]),
-            _cell(1e3 * most[GAIN], most[GAIN] > (NO_ROOM_GAIN if no_room else GOALS[GAIN])),
-            _cell(100.0 * low, not no_room and low > GOALS[TOPPLED]),
-            _cell(100.0 * high, not no_room and beyond),
-            number(100.0 * reference),
-            _cell(100.0 * most[THROUGH], most[THROUGH] > 0.0),
-            _cell(begin, on_table and abs(begin - 1.0) > SPREAD),
-            _cell(end, on_table and start == AT_REST and abs(end - 1.0) > SPREAD),
-            _cell(1e6 * most[CPU_TIME], start == PROJECT and most[CPU_TIME] > CPU_GOALS[bodies]),
-            f"{100.0 * here.where(quantity=FLAGGED).mean():.0f}",
-        ])
+        lines.append(
+            [
+                group,
+                _cell(1e3 * most[RISE], not no_room and most[RISE] > GOALS[RISE]),
+                _cell(1e3 * most[GAIN], most[GAIN] > (NO_ROOM_GAIN if no_room else GOALS[GAIN])),
+                _cell(100.0 * low, not no_room and low > GOALS[TOPPLED]),
+                _cell(100.0 * high, not no_room and beyond),
+                number(100.0 * reference),
+                _cell(100.0 * most[THROUGH], most[THROUGH] > 0.0),
+                _cell(begin, on_table and abs(begin - 1.0) > SPREAD),
+                _cell(end, on_table and start == AT_REST and abs(end - 1.0) > SPREAD),
+                _cell(1e6 * most[CPU_TIME], start == PROJECT and most[CPU_TIME] > CPU_GOALS[bodies]),
+                f"{100.0 * here.where(quantity=FLAGGED).mean():.0f}",
+            ]
+        )
     return table(head, [goals, *lines])
 
 
 def _beside_rejection(rows, references):
-    """Largest share toppled at the largest angle, that by rejection there, and whether any is beyond its goal.
+    """Largest share toppled at the largest angle, that by rejection, and whether any is beyond its goal.
 
     The goal is the share by rejection, give and take two standard errors, where that is known.
     """
@@ -214,14 +253,18 @@ def _sigma_table(rows):
     for group in _groups(rows):
         cells = [group]
         for start in (PROJECT, AT_REST):
-            here = Rows(row for row in rows.where(start=start) if row["arrangement"].partition(":")[0] == group)
+            here = Rows(
+                row for row in rows.where(start=start) if row["arrangement"].partition(":")[0] == group
+            )
             for quantity in SIGMA:
                 found = here.where(quantity=quantity)
                 ratios = found.values()
                 near = np.abs(ratios - 1.0) <= SIGMA_SPREAD
                 cells.append(f"{_farthest(found):.2f} ({near.sum()} of {len(near)})" if found else "")
         lines.append(cells)
-    titles = [f"{STARTS[start]}: {name}" for start in (PROJECT, AT_REST) for name in ("position", "tilt", "yaw")]
+    titles = [
+        f"{STARTS[start]}: {name}" for start in (PROJECT, AT_REST) for name in ("position", "tilt", "yaw")
+    ]
     return table(["farthest from 1 (within the goal)", *titles], lines)
 
 
