@@ -43,7 +43,8 @@ class CapabilitiesService:
         for name in response.get_fields_and_field_types():
             if name.startswith("max_"):
                 setattr(response, name, getattr(settings, name))
-        physics = {key: list(value) if isinstance(value, tuple) else value for key, value in settings.physics.items()}
+        physics = {key: list(value) if isinstance(value, tuple) else value for key, value in settings.physics.items()
+                   if value is not None}
         response.scene_options = [KeyValue(key=key, value=str(value)) for key, value in physics.items()]
         versions = {
             "unc_physics": __version__, "python": platform.python_version(), "numpy": np.__version__,
