@@ -20,7 +20,6 @@ from ..physics.layout import (
     ERR_POSITION,
     ERR_ROTATION,
     ERR_VELOCITY,
-    ERROR,
     POSITION,
     QUATERNION,
     VELOCITY,

@@ -31,7 +31,7 @@ def draw(path, objects, answers) -> None:
     answers : dict of Predict.Response
         Of two propagators, by their labels: the first with a trajectory, the second with pose samples.
     """
-    (name, gaussian), (reference, drawn) = answers.items()
+    gaussian, drawn = answers.values()
     figure = Figure(figsize=(9.6, 6.4))
     FigureCanvasAgg(figure)
     axes = figure.add_axes([0.075, 0.08, 0.915, 0.81])
@@ -45,7 +45,7 @@ def draw(path, objects, answers) -> None:
         _draw_path(axes, message, states, 0.5 * color)
         samples = np.array([_seen(pose.position) for pose in drawn.objects[k].states[-1].pose_samples])
         axes.plot(*samples.T, ".", color=0.3 * color, markersize=3.0, zorder=6)
-    _label(axes, objects, gaussian, drawn)
+    _label(axes, objects, gaussian, drawn, *answers)
     figure.savefig(path, dpi=120)
 
 
@@ -100,7 +100,7 @@ def _placed(model, pose, spheres):
     return centers[:, [0, 2, 1]] * [1.0, 1.0, -1.0], model.radii[:spheres]
 
 
-def _label(axes, objects, gaussian, drawn):
+def _label(axes, objects, gaussian, drawn, name, reference):
     horizon = seconds(gaussian.objects[0].states[-1].time_from_start)
     samples = len(drawn.objects[0].states[-1].pose_samples)
     axes.set_title(
