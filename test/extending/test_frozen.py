@@ -11,6 +11,14 @@ from example_extensions import ROOT, environment, install
 from example_scenes import two_bodies
 
 HERE = Path(__file__).parent
+HALF = """
+from unc_physics.propagators.base import Propagator, Traits
+
+
+class Half(Propagator):
+    name = "half"
+    traits = Traits("nominal", "none", False, False, "none")
+"""
 
 
 @pytest.fixture(scope="module")
@@ -63,11 +71,14 @@ def test_what_cannot_be_loaded_is_left_out(installed, tmp_path):
     package = tmp_path / "broken-1.0.dist-info"
     package.mkdir()
     (package / "METADATA").write_text("Metadata-Version: 2.1\nName: broken\nVersion: 1.0\n")
-    points = "[unc_physics.propagators]\nbroken = not_there:Broken\nsurrogate = not_there:Other\n"
-    (package / "entry_points.txt").write_text(points)
+    (tmp_path / "halves.py").write_text(HALF)
+    points = "broken = not_there:Broken\nhalf = halves:Half\nother = halves:Half\nsurrogate = halves:Half\n"
+    (package / "entry_points.txt").write_text(f"[unc_physics.propagators]\n{points}")
     done = subprocess.run(
         [sys.executable, "-c", "from unc_physics import PROPAGATORS; print(*PROPAGATORS)"],
         env=environment(tmp_path, installed), capture_output=True, text=True, check=True)
     names = "linearization surrogate sigma_points local_sampling monte_carlo frozen"
     assert done.stdout.split() == names.split()
     assert "the propagator 'broken' is left out: No module named 'not_there'" in done.stderr
+    assert "the propagator 'half' is left out: Can't instantiate abstract class Half" in done.stderr
+    assert "the propagator 'other' is left out: halves:Half is no subclass of Propagator whose name is 'other'" in done.stderr

@@ -29,6 +29,6 @@ def test_a_bounce_keeps_its_share_of_the_speed(tmp_path):
     bounce = runpy.run_path(str(path))["bounce"]
     g, height, speed = 10.0, np.array([0.05]), np.array([0.0])  # which lands after 0.1 s, at 1 m/s
     falling = bounce(height, speed, g, 0.05, 0.5)
-    assert [float(part[0]) for part in falling] == pytest.approx([0.05 - 0.5 * g * 0.05**2, -g * 0.05, False])
+    assert [float(part[0]) for part in falling] == pytest.approx([0.05 - 0.5 * g * 0.05**2, -g * 0.05, 0.0])
     rising = bounce(height, speed, g, 0.15, 0.5)
-    assert [float(part[0]) for part in rising] == pytest.approx([0.5 * 0.05 - 0.5 * g * 0.05**2, 0.5 - g * 0.05, True])
+    assert [float(part[0]) for part in rising] == pytest.approx([0.5 * 0.05 - 0.5 * g * 0.05**2, 0.5 - g * 0.05, 1.0])

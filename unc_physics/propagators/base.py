@@ -56,7 +56,7 @@ class Propagator(ABC):
     """Carries a belief through a scene's dynamics.
 
     A concrete propagator is a frozen dataclass whose fields are its options, each made by `options.option` and
-    checked when the propagator is made; ``samples`` and ``seed`` are also what command line and messages call by these
+    checked when the propagator is made (a ``__post_init__`` of its own calls this one's); ``samples`` and ``seed`` are also what command line and messages call by these
     names. Its carry is a NamedTuple of exactly the persistent state, so that advancing in pieces equals advancing at
     once. The first line of its docstring says what it is.
 

@@ -19,6 +19,7 @@ def _load() -> dict[str, type[Propagator]]:
             cls = entry.load()
             if not (isinstance(cls, type) and issubclass(cls, Propagator) and cls.name == name):
                 raise TypeError(f"{entry.value} is no subclass of Propagator whose name is '{name}'")
+            cls()  # with its default options; refuses one that lacks a method
         except Exception as error:
             if name in BUILT_IN:
                 raise
