@@ -10,6 +10,7 @@ from .checks.errors import UncPhysicsError
 from .cli.geometry_commands import add_models_command, add_pack_command, add_show_command
 from .cli.plugins import add_plugin_commands
 from .cli.predict_command import add_predict_command
+from .cli.propagators_command import add_propagators_command
 
 
 class OneSentenceParser(argparse.ArgumentParser):
@@ -29,6 +30,7 @@ def build_parser() -> argparse.ArgumentParser:
     parser.add_argument("--version", action="version", version=f"unc_physics {__version__}")
     commands = parser.add_subparsers(metavar="COMMAND", required=True)
     add_predict_command(commands)
+    add_propagators_command(commands)
     add_pack_command(commands)
     add_models_command(commands)
     add_show_command(commands)

@@ -9,6 +9,7 @@ import numpy as np
 
 from unc_physics.prediction.predict import predict
 from unc_physics.propagators.base import Propagator
+from unc_physics.propagators.names import REFERENCE as MONTE_CARLO
 from unc_physics.propagators.registry import PROPAGATORS, make_propagator
 from unc_physics.scene.belief import Belief
 
@@ -16,7 +17,6 @@ from .jobs import Job, Row
 from .timing import paired
 from .wasserstein import sinkhorn_divergence, state_distance, wasserstein
 
-MONTE_CARLO = "monte_carlo"
 FLOOR = "floor"
 GAUSSIAN = "gaussian"
 REPLICATES = 10  # of Monte Carlo with few samples
@@ -66,7 +66,7 @@ class Samples(NamedTuple):
 def monte_carlo(scene, belief, horizon, samples, seed) -> Samples:
     """Monte Carlo's prediction."""
     prediction = predict(scene, belief, make_propagator(MONTE_CARLO, samples=samples, seed=seed), horizon)
-    return Samples(prediction.carry.states, prediction.belief, seed)
+    return Samples(prediction.samples(), prediction.belief, seed)
 
 
 def error_rows(

@@ -18,6 +18,7 @@ from unc_physics.cli.scene_picture import outline
 from unc_physics.geometry.packing_file import SpherePacking
 from unc_physics.geometry.picture import box_corners, shaded_balls, view_axes
 from unc_physics.physics.layout import POSITION, QUATERNION
+from unc_physics.propagators.registry import PROPAGATORS
 from unc_physics.scene.environment import Element
 
 from .comparison import CPU_TIME, FLOOR, GAUSSIAN, MONTE_CARLO, POSITION_ERROR, ROTATION_ERROR
@@ -26,24 +27,13 @@ from .results import Rows
 from .rollouts import ENGINES
 from .tables import label
 
-# Okabe and Ito's colours, which colour-blind readers can tell apart; Monte Carlo in greys
-COLORS = {
-    "linearization": "#0072B2",
-    "surrogate": "#E69F00",
-    "sigma_points": "#009E73",
-    "sigma_points_full": "#56B4E9",
-    "local_sampling": "#CC79A7",
-    MONTE_CARLO: "#000000",
-    GAUSSIAN: "#D55E00",
-    FLOOR: "#999999",
-    "pybullet": "#8C6D31",
-    "mujoco": "#7F3C8D",
+# Okabe and Ito's colours, which colour-blind readers can tell apart, as the propagators'; Monte Carlo in greys
+COLORS = {name: cls.color for name, cls in PROPAGATORS.items()} | {
+    "sigma_points_full": "#56B4E9", GAUSSIAN: "#D55E00", FLOOR: "#999999", "pybullet": "#8C6D31", "mujoco": "#7F3C8D",
 }
-MARKERS = {
-    "linearization": "s", "surrogate": "^", "sigma_points": "D", "sigma_points_full": "d", "local_sampling": "v",
-    MONTE_CARLO: "o", "pybullet": "P", "mujoco": "X",
+MARKERS = {name: cls.marker for name, cls in PROPAGATORS.items()} | {
+    "sigma_points_full": "d", "pybullet": "P", "mujoco": "X",
 }
-SPARE = ("#F0E442", "#A6761D", "#66A61E")  # for propagators that come later
 DPI = 130
 _GREYS = {5: "#BDBDBD", 10: "#8C8C8C", 50: "#5A5A5A", 100: "#2B2B2B"}
 _LIMITS = {GAUSSIAN: "--", FLOOR: ":"}
@@ -53,7 +43,7 @@ def color(method: str, samples: int | None = None) -> str:
     """A method's colour; Monte Carlo with more samples is darker."""
     if method == MONTE_CARLO and samples in _GREYS:
         return _GREYS[samples]
-    return COLORS.get(method) or SPARE[sum(map(ord, method)) % len(SPARE)]
+    return COLORS[method]
 
 
 def draw_over_sigma(path: Path, lines: Sequence[tuple[str, str, Rows]], title: str) -> None:

@@ -5,21 +5,19 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-LABELS = {
-    "linearization": "linearization",
-    "surrogate": "surrogate",
-    "local_sampling": "local sampling",
-    "sigma_points": "sigma points",
-    "sigma_points_full": "sigma points, full",
-    "gaussian": "best Gaussian",
-    "floor": "floor",
-}
+from unc_physics.propagators.names import REFERENCE
+from unc_physics.propagators.registry import PROPAGATORS
+
+#: What is compared beside the propagators.
+LABELS = {"sigma_points_full": "sigma points, full", "gaussian": "best Gaussian", "floor": "floor"}
 
 
 def label(method: str, samples: int | None = None) -> str:
     """A method's name for people."""
-    if method == "monte_carlo":
-        return "Monte Carlo" if samples is None else f"MC-{samples}"
+    if method == REFERENCE and samples is not None:
+        return f"MC-{samples}"
+    if method in PROPAGATORS:
+        return PROPAGATORS[method].label
     return LABELS.get(method, method.replace("_", " "))
 
 

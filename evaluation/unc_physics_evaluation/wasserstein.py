@@ -14,7 +14,6 @@ from unc_physics.checks.errors import InvalidRequestError, UncPhysicsError
 from unc_physics.checks.validation import positive
 from unc_physics.physics.layout import POSITION, QUATERNION
 from unc_physics.prediction.predict import Prediction
-from unc_physics.propagators.monte_carlo import MonteCarloCarry
 
 _PIVOTS = 10_000_000  # of the network simplex; a thousand points take some ten thousand
 _SWEEPS = 10_000  # of Sinkhorn's iteration
@@ -126,11 +125,10 @@ def state_distance(x: np.ndarray, y: np.ndarray, measure: Callable = wasserstein
 def representatives(prediction: Prediction, count: int, rng: np.random.Generator) -> np.ndarray:
     """States (n, B, 13) that stand for a prediction's last belief.
 
-    Monte Carlo is what its samples are, however few; from any other belief ``count`` are drawn.
+    A propagator with samples is what these are, however few; from any other's belief ``count`` are drawn.
     """
-    if isinstance(prediction.carry, MonteCarloCarry):
-        return prediction.carry.states
-    return prediction.belief.sample(count, rng)
+    own = prediction.propagator.own_samples(prediction.carry, prediction.scene)
+    return prediction.belief.sample(count, rng) if own is None else own
 
 
 def _entropic(M, eps):

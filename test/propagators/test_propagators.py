@@ -36,6 +36,23 @@ def test_the_registry_has_the_paper_s_methods():
         assert make_propagator(name) == cls()
 
 
+@every_propagator
+def test_what_others_ask_of_a_propagator_fits_together(loaded, propagator):
+    scene, belief, _ = loaded("two_bodies")
+    carry = propagator.init(scene, belief)
+    first = propagator.contact_history(carry).first_time
+    assert first.shape[1:] == (2, 2) and np.isinf(first).all()
+    own = propagator.own_samples(carry, scene)
+    assert propagator.own_sample_count == (None if own is None else len(own))
+    assert own is None or len(first) == len(own)
+    directions = propagator.directions(belief)
+    assert directions is None or directions.shape == (2,)
+    described = propagator.described_options()
+    assert [option.name for option in described] == list(propagator.options())
+    assert all(option.description and option.name in propagator.options() for option in described)
+    assert propagator.label and propagator.description().endswith(".")
+
+
 def arrays(carry):
     """The arrays of a carry that hold the distribution: floating-point ones, but what is remembered of contacts."""
     parts = [np.asarray(part) for name, part in carry._asdict().items() if name != "contact_history"]

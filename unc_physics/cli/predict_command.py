@@ -10,6 +10,8 @@ from dataclasses import asdict
 from importlib.util import find_spec
 from pathlib import Path
 
+from ..propagators.names import DEFAULT, entries
+
 PROGRESS_AFTER = 2.0  # s
 _UNKNOWN = 20  # probabilities that cannot be told are only counted if they are more
 
@@ -22,14 +24,14 @@ def add_predict_command(commands) -> None:
     )
     parser.add_argument("scene", metavar="SCENE.yaml", help="scene file")
     parser.add_argument(
-        "--propagator", default="sigma_points", metavar="NAME",
-        help="how uncertainty is propagated: linearization, surrogate, sigma_points (default), local_sampling or monte_carlo",
+        "--propagator", default=DEFAULT, metavar="NAME",
+        help=f"how uncertainty is propagated, by default {DEFAULT}: one of {', '.join(entries())}",
     )
     parser.add_argument("--samples", type=int, metavar="N", help="number of samples, for a propagator that draws them")
     parser.add_argument("--seed", type=int, metavar="S", help="seed of the draws (default 0)")
     parser.add_argument(
         "--option", action="append", default=[], type=_key_and_value, metavar="KEY=VALUE",
-        help="an option of the propagator, for example points=full; may be repeated",
+        help="an option of the propagator, which the command 'propagators' tells; may be repeated",
     )
     parser.add_argument("--horizon", metavar="T", help="time to predict for [s], instead of the scene file's")
     parser.add_argument("--period", metavar="T", help="also report the states every T seconds on the way there")
@@ -151,8 +153,15 @@ def answers_as_table(answers) -> str:
         f"{what:<{width}}  {f'{answer.probability:5.3f}' if answer.available else '    -'}{when}" for what, answer, when in lines]
     if unknown:
         which = f"{unknown} more are" if unknown > _UNKNOWN else "-:"
-        rows.append(f"{which} not known to a tenth; monte_carlo with enough samples tells")
+        rows.append(f"{which} not known to a tenth; {_sampled()} with enough samples tells")
     return "\n".join(rows)
+
+
+def _sampled():
+    """The propagators whose answers are samples, in a text."""
+    from ..propagators.registry import names_where
+
+    return names_where(lambda propagator: propagator.own_sample_count is not None, " or ")
 
 
 def _check_picture(path):

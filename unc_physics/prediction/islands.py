@@ -2,7 +2,7 @@
 
 Time is divided into slices, at each of whose beginnings the bodies are divided into islands: bodies of different
 islands stay apart for the whole slice. For that, each body has a box that it stays in, from what is known of it at the
-slice's beginning, `SIGMAS` standard deviations wide (Monte Carlo: as wide as its samples). A body that nothing can
+slice's beginning, `SIGMAS` standard deviations wide (of a propagator with samples of its own: as wide as these). A body that nothing can
 reach flies freely; one that may touch something is at most as fast as the energy of its island makes it. Where boxes
 of different islands overlap, the slice is halved; where they still do in the shortest slice, the islands become one, as
 they do where a slice's end shows more energy than was thought: then the slice is done again. Islands never part.
@@ -15,28 +15,19 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
-from functools import singledispatch
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..checks.errors import NotSupportedError
-from ..physics import contact_history as histories
-from ..physics.compiled import kernel
 from ..physics.contact_search import NEAR
 from ..physics.layout import ANGULAR_VELOCITY, ERR_POSITION, ERROR, POSITION, VELOCITY
-from ..physics.moments import boxminus, spread_states
 from ..physics.shapes import bounds
-from ..physics.world import Bodies, World
+from ..physics.world import Bodies
 from ..propagators.base import Propagator
-from ..propagators.linearization import LinearizationCarry
-from ..propagators.local_sampling import LocalSamplingCarry
-from ..propagators.monte_carlo import MonteCarlo, MonteCarloCarry
-from ..propagators.sigma_points import SigmaPointCarry
-from ..propagators.surrogate import SurrogateCarry
+from ..propagators.free_flight import Flight, course
+from ..propagators.joining import Frame, Part
 from ..scene.belief import Belief
 from ..scene.scene import Scene
-from .free_flight import course, fly, transition
 
 #: Standard deviations that bodies are kept apart by, and that uncertain parameters are thought to reach.
 SIGMAS = 5.0
@@ -117,21 +108,25 @@ class Islands:
         self._radius = world.bodies.radius + 2.0 * SIGMAS * np.array([np.linalg.norm(b.center_of_mass_std) for b in bodies])
         self._moving = world.bodies.moving
         self._gravity = float(np.linalg.norm(scene.gravity))
-        self._shared_draws = isinstance(propagator, MonteCarlo)
+        self._can_fly = propagator.flies and not scene.gyroscopic
         self._parts = {}
 
     def init(self, scene: Scene, belief: Belief) -> IslandsCarry:
         """The islands at time 0: bodies that touch, or whose beliefs are correlated, are together."""
         moving = scene.moving
         self._mean = belief.mean
-        whole = self._propagator.init(scene, belief) if self._shared_draws else None  # those of all bodies together
-        near = self._near(belief) if whole is None else _in_contact(whole.contact_history.solver)
+        whole = None
+        if self._propagator.draws_together:
+            whole = self._propagator.init(scene, belief)
+            near = _in_contact(self._propagator.contact_history(whole).solver)
+        else:
+            near = self._near(belief)
         both = near[self._moving[near].all(axis=1)]
         labels = merged(np.arange(len(scene.bodies)), np.concatenate([_correlated(belief), both]))
         groups = [np.flatnonzero((labels == label) & self._moving) for label in np.unique(labels[moving])]
         groups = [np.union1d(group, near[np.isin(near, group).any(axis=1)]) for group in groups]
         if whole is not None:
-            carries = [self._columns(whole, group) for group in groups]
+            carries = [self._propagator.part(whole, group, self._parameters(group)) for group in groups]
         else:
             carries = [self._propagator.init(self._part(group), _restricted(belief, group)) for group in groups]
         islands = tuple(Island(group, self._part(group), carry, 0.0, False) for group, carry in zip(groups, carries, strict=True))
@@ -166,9 +161,9 @@ class Islands:
     def belief(self, carry: IslandsCarry, scene: Scene) -> Belief:
         """The belief about all bodies: blocks, or the joint covariance with zeros between islands.
 
-        That of Monte Carlo is what all its samples say, as it is without islands.
+        Of what is drawn together it is what all samples say, as it is without islands.
         """
-        if self._shared_draws:
+        if self._propagator.draws_together:
             return self._propagator.belief(self.whole(carry), scene)
         moving, mean = scene.moving, self._mean.copy()
         islands, carries = carry.islands, self._present(carry)
@@ -189,6 +184,10 @@ class Islands:
             P = P.reshape(ERROR * len(moving), ERROR * len(moving))
         return Belief.trusted(mean, P, moving)
 
+    def own_samples(self, carry: IslandsCarry, scene: Scene) -> np.ndarray | None:
+        """(N, B, 13): the states that the answer consists of; None where it is a Gaussian."""
+        return self._propagator.own_samples(self.whole(carry), scene)
+
     def whole(self, carry: IslandsCarry) -> Any:
         """The propagator's carry for all bodies of the scene."""
         islands = [island._replace(carry=now) for island, now in zip(carry.islands, self._present(carry), strict=True)]
@@ -205,7 +204,7 @@ class Islands:
     def _flown(self, island, steps):
         world = island.scene.world
         along = course(world.dt, world.decay, steps, world.implicit is not None)
-        return flown(island.carry, world.gravity, along, steps)
+        return self._propagator.fly(island.carry, Flight(world.gravity, along, steps))
 
     def _part(self, bodies):
         """The scene of some bodies; made once, and sharing the sphere trees."""
@@ -218,14 +217,6 @@ class Islands:
                 implicit=None if world.implicit is None else world.implicit.of_bodies(bodies))
             self._parts[key] = part
         return self._parts[key]
-
-    def _columns(self, whole, bodies):
-        """The part of Monte Carlo's carry that is about some bodies."""
-        return whole._replace(
-            states=np.ascontiguousarray(whole.states[:, bodies]),
-            contact_history=histories.of_bodies(whole.contact_history, bodies),
-            parameters=np.ascontiguousarray(whole.parameters[:, self._parameters(bodies)]),
-        )
 
     def _parameters(self, bodies):
         """Which of the scene's uncertain parameters are about some bodies."""
@@ -244,7 +235,7 @@ class Islands:
             for island in islands
         ]
         frame = Frame(self._mean[bodies], len(scene.moving), scene.world, len(scene.uncertain))
-        return joined(islands[0].carry, [island.carry for island in islands], parts, frame)
+        return self._propagator.join([island.carry for island in islands], parts, frame)
 
     def _bounds(self, islands, present):
         """Where the bodies of some islands are, whose present carries are given, and how they move."""
@@ -253,8 +244,9 @@ class Islands:
         for island, now in zip(islands, present, strict=True):
             some = self._moving[island.bodies]
             bodies = island.bodies[some]
-            if isinstance(now, MonteCarloCarry):
-                states = self._propagator.states(now, island.scene)[:, some]
+            samples = self._propagator.own_samples(now, island.scene)
+            if samples is not None:
+                states = samples[:, some]
                 least, most = states.min(axis=0), states.max(axis=0)
                 low[bodies], high[bodies] = least[:, POSITION], most[:, POSITION]
                 slowest[bodies], fastest[bodies] = least[:, VELOCITY], most[:, VELOCITY]
@@ -343,7 +335,7 @@ class Islands:
             else:
                 now = self._joined(joining, bodies)
             energy = sum(max(island.energy, energies[island.bodies].sum()) for island in joining)
-            alone = len(bodies) == 1 and not contact[own[0]] and self._can_fly(now)
+            alone = len(bodies) == 1 and not contact[own[0]] and self._can_fly
             islands.append(Island(bodies, self._part(bodies), now, energy, alone))
         return IslandsCarry(tuple(islands), tuple(island.carry for island in islands), carry.step, carry.step + steps, carry.step)
 
@@ -401,10 +393,6 @@ class Islands:
             found |= np.all((middle - reach < highest) & (middle + reach > lowest), axis=1)
         return found
 
-    def _can_fly(self, carry):
-        """Whether there is a closed form of the carry's free flight."""
-        return not self._scene.gyroscopic and flown.dispatch(type(carry)) is not flown.dispatch(object)
-
     def _close(self, carry):
         """End a slice; or begin it again where more energy turned up than the bounds were made for."""
         present = self._present(carry)
@@ -429,147 +417,6 @@ class Islands:
                     return again
         islands = tuple(island._replace(carry=now, alone=False) for island, now in zip(carry.islands, present, strict=True))
         return IslandsCarry(islands, present, carry.end, carry.end, carry.end)
-
-
-class Part(NamedTuple):
-    """Where an island's bodies, its moving bodies and its uncertain parameters stand among those of a larger one."""
-
-    bodies: np.ndarray
-    moving: np.ndarray
-    parameters: np.ndarray
-
-
-class Frame(NamedTuple):
-    """Of an island to be joined: all states at time 0 (b, 13), how many bodies move and parameters are uncertain, its world."""
-
-    mean: np.ndarray
-    moving: int
-    world: World
-    parameters: int
-
-
-@singledispatch
-def joined(like: Any, carries: Sequence, parts: Sequence[Part], frame: Frame) -> Any:
-    """One carry for the bodies of several, which are independent of each other; ``like`` is one of them."""
-    raise NotSupportedError(f"are not supported for {type(like).__name__}", field="islands")
-
-
-@joined.register
-def _(like: LinearizationCarry, carries, parts, frame):
-    root = np.zeros((frame.moving, ERROR, sum(carry.root.shape[1] for carry in carries)))
-    column = 0
-    for carry, part in zip(carries, parts, strict=True):
-        rank = carry.root.shape[1]
-        root[part.moving, :, column : column + rank] = carry.root.reshape(len(part.moving), ERROR, rank)
-        column += rank
-    return like._replace(
-        mean=_joined_states(carries, parts, frame), root=root.reshape(ERROR * frame.moving, -1),
-        contact_history=_joined_history(carries, parts, frame))
-
-
-@joined.register(SurrogateCarry)
-@joined.register(LocalSamplingCarry)
-def _(like, carries, parts, frame):
-    name = "roots" if isinstance(like, SurrogateCarry) else "covariance"
-    P = np.empty((frame.moving, ERROR, ERROR))
-    for carry, part in zip(carries, parts, strict=True):
-        P[part.moving] = getattr(carry, name)
-    return like._replace(
-        mean=_joined_states(carries, parts, frame), contact_history=_joined_history(carries, parts, frame), **{name: P})
-
-
-@joined.register
-def _(like: MonteCarloCarry, carries, parts, frame):
-    count = len(like.states)
-    states, z = np.tile(frame.mean, (count, 1, 1)), np.zeros((count, frame.parameters))
-    for carry, part in zip(carries, parts, strict=True):
-        states[:, part.bodies] = carry.states
-        z[:, part.parameters] = carry.parameters
-    return like._replace(states=states, contact_history=_joined_history(carries, parts, frame), parameters=z)
-
-
-@joined.register
-def _(like: SigmaPointCarry, carries, parts, frame):
-    """More directions take points farther out: what is odd in a direction grows along, what is even by the square."""
-    counts = [len(carry.states) // 2 for carry in carries]
-    total = sum(counts)
-    states = np.tile(frame.mean, (2 * total + 1, 1, 1))
-    z = np.zeros((2 * total + 1, frame.parameters))
-    rows, first = [], 1
-    for carry, part, count in zip(carries, parts, counts, strict=True):
-        plus = np.arange(first, first + count)
-        first += count
-        own = np.concatenate([[0], plus, plus + total])
-        wide = _widened(carry.states, np.sqrt((total + 0.5) / (count + 0.5))) if count < total else carry.states
-        states[:, part.bodies] = wide[0]
-        states[np.ix_(own, part.bodies)] = wide
-        z[np.ix_(own, part.parameters)] = carry.parameters * np.sqrt((total + 0.5) / (count + 0.5))
-        rows.append(own)
-    return like._replace(states=states, contact_history=_joined_history(carries, parts, frame, rows), parameters=z)
-
-
-@singledispatch
-def flown(carry: Any, gravity: np.ndarray, along: Any, steps: int) -> Any:
-    """The carry of a single body after free flight; where there is none, such a body goes step by step as any other."""
-    raise NotSupportedError(f"are not supported for {type(carry).__name__}", field="islands")
-
-
-@flown.register
-def _(carry: LinearizationCarry, gravity, along, steps):
-    A = transition(carry.mean[0], along, True)
-    return carry._replace(mean=fly(carry.mean, gravity, along), root=A @ carry.root, step=carry.step + steps)
-
-
-@flown.register
-def _(carry: SurrogateCarry, gravity, along, steps):
-    A = transition(carry.mean[0], along, False)
-    return carry._replace(mean=fly(carry.mean, gravity, along), roots=A @ carry.roots, step=carry.step + steps)
-
-
-@flown.register
-def _(carry: LocalSamplingCarry, gravity, along, steps):
-    A = transition(carry.mean[0], along, False)
-    return carry._replace(mean=fly(carry.mean, gravity, along), covariance=A @ carry.covariance @ A.T, step=carry.step + steps)
-
-
-@flown.register
-def _(carry: SigmaPointCarry, gravity, along, steps):
-    return carry._replace(states=fly(carry.states, gravity, along), step=carry.step + steps)
-
-
-def _joined_states(carries, parts, frame):
-    mean = frame.mean.copy()
-    for carry, part in zip(carries, parts, strict=True):
-        mean[part.bodies] = carry.mean
-    return mean
-
-
-def _joined_history(carries, parts, frame, rows=None):
-    """What the joint rollouts remember; ``rows`` says which of them are each carry's, all where it is None."""
-    found = [carry.contact_history for carry in carries]
-    if rows is None:
-        rows = [np.arange(len(history.first_time)) for history in found]
-    return histories.joined(found, rows, [part.bodies for part in parts], frame.world)
-
-
-@kernel
-def _errors_about_first(states):
-    """(N, 12 B): errors of all states (N, B, 13) about the first."""
-    count, bodies = states.shape[0], states.shape[1]
-    errors = np.empty((count, ERROR * bodies))
-    for n in range(count):
-        for i in range(bodies):
-            boxminus(states[n, i], states[0, i], errors[n, ERROR * i : ERROR * (i + 1)])
-    return errors
-
-
-def _widened(states, factor):
-    """Sigma points (2 n + 1, B, 13) that lie farther out by a factor, and so weigh less."""
-    errors = _errors_about_first(states)
-    count = len(states) // 2
-    plus, minus = errors[1 : count + 1], errors[count + 1 :]
-    odd, even = 0.5 * factor * (plus - minus), 0.5 * factor**2 * (plus + minus)
-    return spread_states(states[0].copy(), np.arange(states.shape[1]), np.concatenate([errors[:1], even + odd, even - odd]))
 
 
 def _restricted(belief, bodies):

@@ -20,9 +20,10 @@ from ..checks.errors import (
 )
 from ..checks.validation import integer, positive
 from ..physics.compile_time import clock
+from ..physics.contact_history import ContactHistory
 from ..propagators.base import Propagator
-from ..propagators.registry import PROPAGATORS, make_propagator
-from ..propagators.sigma_points import SigmaPoints
+from ..propagators.names import DEFAULT
+from ..propagators.registry import make_propagator, names_where
 from ..propagators.start import known
 from ..scene.belief import Belief
 from ..scene.environment import element_names
@@ -48,11 +49,13 @@ class Prediction:
         Simulated time of each belief from the start [s], ascending; the last is the horizon.
     beliefs : tuple of Belief
     carry : NamedTuple
-        The propagator's persistent state at the end; Monte Carlo's holds the samples.
+        The propagator's persistent state at the end.
     wall_time : float
         What the prediction took, the time to compile or load kernels left out [s].
     initial : Belief
         What was given.
+    kept : tuple of (n, B, 13) arrays, or None
+        States at each of the times, of a propagator with samples of its own; None where none were to be kept.
     """
 
     scene: Scene
@@ -63,6 +66,7 @@ class Prediction:
     wall_time: float
     initial: Belief
     _began: Callable[[], Belief]
+    kept: tuple[np.ndarray, ...] | None = None
 
     @cached_property
     def start(self) -> Belief:
@@ -70,7 +74,7 @@ class Prediction:
 
         Of points or samples it has the moments; where none was moved, it is what was given.
         """
-        start = self.carry.contact_history.start
+        start = self.contact_history.start
         moved = start is not None and (start.moved.any() or any(body.at_rest for body in self.scene.bodies))
         return self._began() if moved or self.scene.overlap == "reject" else self.initial
 
@@ -83,6 +87,11 @@ class Prediction:
     def time(self) -> float:
         """Simulated time of the last belief [s]."""
         return self.times[-1]
+
+    @property
+    def contact_history(self) -> ContactHistory:
+        """What the propagator's rollouts remember of their contacts."""
+        return self.propagator.contact_history(self.carry)
 
     @property
     def seed(self) -> int | None:
@@ -127,12 +136,13 @@ class Prediction:
 def predict(
     scene: Scene,
     belief: Belief,
-    propagator: str | Propagator = "sigma_points",
+    propagator: str | Propagator = DEFAULT,
     horizon: float | None = None,
     *,
     times: Sequence[float] | None = None,
     max_computation_time: float | None = None,
     progress: Callable[[int, int], object] | None = None,
+    keep_samples: int = 0,
 ) -> Prediction:
     """Predict where the bodies of a scene will be, and how surely.
 
@@ -152,6 +162,8 @@ def predict(
     progress : callable, optional
         Called every few hundredths of a second with the number of steps done and of all steps. What it raises
         ends the prediction; an `UncPhysicsError` then has a ``prediction`` that ends at the time reached.
+    keep_samples : int, optional
+        How many of its own samples a propagator that has some is to keep at each of the times (`Prediction.kept`).
 
     Returns
     -------
@@ -187,12 +199,20 @@ def predict(
     runner = Islands(propagator, scene, marks) if in_islands else propagator
     carry = runner.init(scene, belief)
     began = partial(runner.belief, carry, scene)
-    done, reached, beliefs = 0, [], []
+    keep_samples = 0 if propagator.own_sample_count is None else keep_samples
+    done, reached, beliefs, kept = 0, [], [], []
 
     def made(carry):
         whole = runner.whole(carry) if in_islands else carry
         took = clock() - started
-        return Prediction(scene, propagator, tuple(reached), tuple(beliefs), whole, took, given, began)
+        states = tuple(kept) if keep_samples else None
+        return Prediction(scene, propagator, tuple(reached), tuple(beliefs), whole, took, given, began, states)
+
+    def reach(carry):
+        reached.append(done * scene.dt)
+        beliefs.append(_finite(runner.belief(carry, scene), reached[-1]))
+        if keep_samples:
+            kept.append(runner.own_samples(carry, scene)[:keep_samples].copy())
 
     for mark in marks:
         while done < mark:
@@ -213,17 +233,15 @@ def predict(
                         field="max_computation_time", value=max_computation_time,
                     )
             except UncPhysicsError as error:
-                reached.append(done * scene.dt)
-                beliefs.append(_finite(runner.belief(carry, scene), reached[-1]))
+                reach(carry)
                 error.prediction = made(carry)
                 raise
-        reached.append(done * scene.dt)
-        beliefs.append(_finite(runner.belief(carry, scene), reached[-1]))
+        reach(carry)
     return made(carry)
 
 
 def start_belief(scene: Scene, belief: Belief) -> Belief:
-    """The belief at time 0 that predictions begin with, without a prediction: the moments of sigma points.
+    """The belief at time 0 that predictions begin with, without a prediction: as the default propagator has it.
 
     Overlap is projected away from each, and what is at rest settles, as `predict` does it; nothing changes with
     the explicit integrator. It is what a propagator with a single nominal rollout begins with.
@@ -247,7 +265,7 @@ def start_belief(scene: Scene, belief: Belief) -> Belief:
     if scene.integrator == "explicit":
         return belief
     scene = with_stiffness(scene, belief.mean)
-    points = SigmaPoints()
+    points = make_propagator(DEFAULT)
     return points.belief(points.init(scene, known(scene, belief)), scene)
 
 
@@ -263,14 +281,14 @@ def periodic_times(period: float, horizon: float) -> list[float]:
 def check_supported(scene: Scene, propagator: Propagator) -> None:
     """Raise `NotSupportedError` unless the propagator takes integrator, overlap and uncertain parameters."""
     if scene.integrator not in propagator.integrators:
-        able = [name for name, cls in PROPAGATORS.items() if scene.integrator in cls.integrators]
+        able = names_where(lambda other: scene.integrator in other.integrators)
         raise NotSupportedError(
-            f"does not run on the {scene.integrator} integrator; {' and '.join(able)} do", field="propagator",
+            f"does not run on the {scene.integrator} integrator; {able} do", field="propagator",
             value=propagator.name)
-    if scene.overlap == "reject" and propagator.name != "monte_carlo":
+    if scene.overlap == "reject" and not propagator.rejects_overlap:
+        able = names_where(lambda other: other.rejects_overlap)
         raise NotSupportedError(
-            f"is for monte_carlo alone, not for {propagator.name}; 'project' is for both", field="overlap",
-            value="reject")
+            f"is for {able} alone, not for {propagator.name}; 'project' is for all", field="overlap", value="reject")
     if scene.uncertain and not propagator.varies_parameters:
         first = scene.uncertain[0]
         owners = [f" of body '{body.name}'" for body in scene.bodies]

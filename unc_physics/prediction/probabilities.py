@@ -1,7 +1,7 @@
 """Answers that a robot asks a prediction for: will they touch, and when; where will it be; will it be at rest?
 
 Every answer is a probability within `TOLERANCE` of the truth, or says that it is not available: it is where the
-interval that its outcomes leave for the truth reaches farther. Monte Carlo counts its samples. The other propagators have no samples, and the Gaussian that they end with is no good for probabilities once
+interval that its outcomes leave for the truth reaches farther. A propagator with samples of its own counts these. The others have none, and the Gaussian that they end with is no good for probabilities once
 bodies have touched (``python -m unc_physics_evaluation.benchmarks.calibration`` shows how far off it is). What they can tell is what is decided
 by the first contacts, before which all bodies fly freely: flights drawn from the initial belief say for each question
 how often it is answered yes, no, or not yet. "Not yet" counts half, and widens the interval by as much.
@@ -283,11 +283,11 @@ def _outcomes(scene, prediction, initial):
 
 
 def _sampled(scene, prediction):
-    """The outcomes that a prediction holds: Monte Carlo's samples, or the only one there is."""
+    """The outcomes that a prediction holds: the propagator's samples, or the only one there is."""
     certain = not (prediction.belief.covariance.any() or scene.uncertain)
-    first = prediction.carry.contact_history.first_time
-    if prediction.propagator.name == "monte_carlo":
-        states = prediction.propagator.states(prediction.carry, scene)
+    first = prediction.contact_history.first_time
+    states = prediction.propagator.own_samples(prediction.carry, scene)
+    if states is not None:
         certain = certain or (len(states) > 1 and bool((states == states[0]).all()))
     elif certain:
         states, first = prediction.belief.mean[None], first[:1]
@@ -298,7 +298,7 @@ def _sampled(scene, prediction):
 
 def _flown(scene, prediction, initial):
     """Outcomes as far as first contacts decide them."""
-    if initial is None or scene.uncertain or prediction.propagator.name == "monte_carlo":
+    if initial is None or scene.uncertain or prediction.propagator.own_sample_count is not None:
         return None
     initial.check_fits(scene)
     return _Outcomes(*first_contacts(scene, initial, round(prediction.time / scene.dt), FLIGHTS))

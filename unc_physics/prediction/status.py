@@ -20,7 +20,6 @@ from ..physics.layout import (
     ERR_POSITION,
     ERR_ROTATION,
     ERR_VELOCITY,
-    ERROR,
     POSITION,
     QUATERNION,
     VELOCITY,
@@ -29,7 +28,8 @@ from ..physics.narrow_phase import DISTANCE, VOLUME, next_contacts, open_pair
 from ..physics.overlap_search import TOUCHING
 from ..physics.rotation import rotation_matrix
 from ..physics.workspace import workspace
-from ..propagators.monte_carlo import MonteCarlo
+from ..propagators.names import REFERENCE
+from ..propagators.registry import make_propagator, names_where
 from ..scene.belief import Belief
 from ..scene.scene import Scene
 from .islands import merged
@@ -45,6 +45,10 @@ _NUDGE = 1e-9  # of the body's radius: coincident spheres have no normal
 _shapes = WeakKeyDictionary()
 _NOISE = 4.0  # standard deviations of a sample's mean energy that are no gain
 _USUAL = 0.95  # share of the rollouts that a residual must be small in
+
+
+_SAMPLED = names_where(lambda propagator: propagator.own_sample_count is not None, " or ")
+_ESTIMATED = names_where(lambda propagator: propagator.traits.mean_update == "estimated", " or ")
 
 
 class Status(IntFlag):
@@ -69,9 +73,9 @@ RULES = {
     "contact_residual": (Status.NOT_CONVERGED, 5e-3, "contact forces were not found well enough; a smaller dt, or masses that differ less, help"),
     "step_times_frequency": (Status.NOT_CONVERGED, 1.3, "the step is too long for the stiffness of the contacts"),
     "impact_over_capacity": (Status.NOT_CONVERGED, 1.0, "hits harder than the stiffness can stop"),
-    "directions": (Status.OUTSIDE_VALIDITY, 30.0, "too many uncertain directions for sigma points; islands or monte_carlo helps"),
+    "directions": (Status.OUTSIDE_VALIDITY, 30.0, f"too many uncertain directions for as few points; islands or {_SAMPLED} helps"),
     "rotation_std": (Status.OUTSIDE_VALIDITY, 2.2, "the rotation is too uncertain for a Gaussian"),
-    "spread_disagreement": (Status.OUTSIDE_VALIDITY, 2.3, "rollouts spread differently; sigma_points or monte_carlo helps"),
+    "spread_disagreement": (Status.OUTSIDE_VALIDITY, 2.3, f"rollouts spread differently; {_ESTIMATED} helps"),
     "unchecked": (Status.OUTSIDE_VALIDITY, 0.5, "its spread after a contact was not compared with rollouts"),
 }
 
@@ -112,8 +116,7 @@ def assess(scene: Scene, initial: Belief, prediction: Prediction, rollouts: int 
         The belief that the prediction began with.
     prediction : Prediction
     rollouts : int
-        How many to compare with, for a propagator whose spread rests on a single nominal rollout (``mean_update`` is
-        ``nominal``); it costs as many rollouts, where there is something to touch, or a gyroscopic term. With 0, what touched is flagged
+        How many to compare with, for a propagator that asks for it (`Propagator.compared_with_rollouts`); it costs as many rollouts, where there is something to touch, or a gyroscopic term. With 0, what touched is flagged
         as unchecked.
 
     Returns
@@ -156,11 +159,12 @@ def assess(scene: Scene, initial: Belief, prediction: Prediction, rollouts: int 
         With the explicit integrator: kinetic energy at that speed over what two spheres as large as the body's largest take
         up before they pass through each other (`contact_model.capacity`).
     ``directions``
-        Of sigma points, for a body that touched something: in how many directions the bodies that they are spread for
-        together are uncertain. Points lie farther out the more there are, and most of them move a single body.
+        Of points that are spread along directions, for a body that touched something: in how many directions the bodies
+        that they are spread for together are uncertain. Points lie farther out the more there are, and most of them move
+        a single body.
     ``rotation_std``
         Largest standard deviation of the rotation about any axis that the body would have at the end without contact [rad];
-        not of Monte Carlo.
+        not of a propagator with samples of its own.
     ``spread_disagreement``
         The factor by which predicted spreads and those of a few rollouts differ, of position or rotation, whichever is
         worse. Over twelve rollouts it is uncertain by about a sixth.
@@ -176,10 +180,9 @@ def assess_all(
 ) -> tuple[tuple[BodyStatus, ...], ...]:
     """As `assess`, at each of the prediction's times."""
     scene = prediction.scene  # with the stiffness that was chosen
-    nominal = prediction.propagator.traits.mean_update == "nominal"
     meets = len(scene.bodies) + len(scene.environment) > 1 or scene.gyroscopic  # else flight is exact
     spreads = [None] * len(prediction.times)
-    if nominal and meets and rollouts > 0:
+    if prediction.propagator.compared_with_rollouts and meets and rollouts > 0:
         spreads = _spreads(scene, initial, prediction.times, rollouts)
     start = _start(scene, initial, prediction)
     return tuple(
@@ -198,12 +201,13 @@ class _Start(NamedTuple):
     overlap: np.ndarray  # (B,) [m]
     energy: np.ndarray  # (B,), from above [J]
     samples: float | None  # that a belief is the mean of: infinite where they are chosen instead of drawn; None for one
+    directions: np.ndarray | None  # (M,), that points are spread along; None without such points
 
 
 def _start(scene, initial, prediction):
-    samples = None
-    if prediction.propagator.traits.mean_update != "nominal":
-        samples = prediction.propagator.samples if prediction.propagator.name == "monte_carlo" else math.inf
+    samples, propagator = None, prediction.propagator
+    if propagator.traits.mean_update != "nominal":
+        samples = math.inf if propagator.own_sample_count is None else propagator.own_sample_count
     if scene.integrator == "implicit":
         initial = prediction.start
     mass = np.array([0.0 if body.fixed else body.mass for body in scene.bodies])
@@ -212,7 +216,7 @@ def _start(scene, initial, prediction):
     if scene.overlap == "keep" and len(scene.moving):
         drawn = [_overlaps(scene, x)[0] for x in initial.sample(_DRAWN, np.random.default_rng(_SEED))]
         overlap = np.maximum(overlap, np.quantile(drawn, _USUAL, axis=0))
-    start = _Start(initial.mean, initial.blocks, mass, shapes, overlap, held, samples)
+    start = _Start(initial.mean, initial.blocks, mass, shapes, overlap, held, samples, propagator.directions(initial))
     energy, noise = _kinetic(scene, start, initial, 1)
     if samples is not None and math.isfinite(samples):
         energy += _NOISE * noise / math.sqrt(samples)
@@ -229,28 +233,28 @@ def _shape(model):
 
 def _assess(scene, start, prediction, time, belief, spreads):
     """The statuses at one of the prediction's times."""
-    name, bodies = prediction.propagator.name, len(scene.bodies)
-    touched = prediction.carry.contact_history.first_time.min(axis=0) <= time
+    propagator, history, bodies = prediction.propagator, prediction.contact_history, len(scene.bodies)
+    touched = history.first_time.min(axis=0) <= time
     pairs = np.argwhere(touched[:, :bodies])
     touches = touched.any(axis=1) | touched[:, :bodies].any(axis=0)
     group = merged(np.arange(bodies), pairs) if len(pairs) else np.arange(bodies)
     per_body = {"initial_overlap": start.overlap / start.shapes[:, 3]} if scene.overlap == "keep" else {}
-    per_body |= _beginning(scene, start, prediction.carry.contact_history.start)
-    if name != "monte_carlo":
+    per_body |= _beginning(scene, start, history.start)
+    if propagator.own_sample_count is None:
         per_body["rotation_std"] = _free_rotation_std(scene, start, time)
     if spreads is not None:
         per_body["spread_disagreement"] = _disagreement(scene, start, belief.blocks, spreads)
     in_contact = {}
     if touches.any():
-        if start.samples is None and spreads is None:
+        if propagator.compared_with_rollouts and spreads is None:
             in_contact["unchecked"] = np.ones(bodies)
-        if name == "sigma_points":
-            in_contact["directions"] = _directions(scene, start, prediction, group)
+        if start.directions is not None:
+            in_contact["directions"] = _directions(scene, start, group)
         speed, in_contact["energy_gain"] = _energies(scene, start, belief, group)
         if scene.integrator == "explicit":
             in_contact |= _explicit_measures(scene, start, speed)
         else:
-            in_contact["contact_residual"] = np.quantile(prediction.carry.contact_history.solver.residual, _USUAL, axis=0)
+            in_contact["contact_residual"] = np.quantile(history.solver.residual, _USUAL, axis=0)
     return tuple(
         _judged(body.name, {} if body.fixed else {
             key: float(value[k]) for key, value in (per_body | in_contact if touches[k] else per_body).items()})
@@ -297,11 +301,10 @@ def _judged(name, measures):
     return BodyStatus(name, flags, measures, tuple(reasons))
 
 
-def _directions(scene, start, prediction, group):
-    """(B,): how many uncertain directions each body shares its sigma points with."""
-    values = np.linalg.eigvalsh(start.blocks)
+def _directions(scene, start, group):
+    """(B,): how many uncertain directions each body shares its points with."""
     own = np.zeros(len(scene.bodies))
-    own[scene.moving] = ERROR if prediction.propagator.points == "full" else (values > 1e-14 * values[:, -1:]).sum(axis=1)
+    own[scene.moving] = start.directions
     apart = scene.islands and not scene.shared_parameters
     shared = np.bincount(group, own, len(own))[group] if apart else np.full(len(own), own.sum())
     return shared + len(scene.uncertain)
@@ -311,7 +314,7 @@ def _spreads(scene, initial, times, count):
     """(T, M, 2): standard deviations of position [m] and rotation [rad] of some rollouts, at each time."""
     if len(scene.bodies) > 2 and not scene.islands:
         scene = replace(scene, islands=True)  # changes rollouts by nothing that counts here
-    sampled = predict(scene, initial, MonteCarlo(samples=count, seed=_SEED), None, times=times)
+    sampled = predict(scene, initial, make_propagator(REFERENCE, samples=count, seed=_SEED), None, times=times)
     return math.sqrt(count / max(count - 1, 1)) * np.array([_stds(belief.blocks) for belief in sampled.beliefs])
 
 

@@ -1,20 +1,27 @@
-"""What every propagator is: a carry that holds its persistent state, and three functions on it."""
+"""What every propagator is: a carry that holds its persistent state, and what all other modules need to know of it.
+
+``docs/extending.md`` walks through one.
+"""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from typing import Any, ClassVar
 
 import numpy as np
 
-from ..checks.errors import InvalidOptionError, LimitExceededError
-from ..checks.validation import integer
+from ..checks.errors import NotSupportedError
 from ..physics import contact_history as histories
+from ..physics.contact_history import ContactHistory
 from ..physics.rollout import rollout
 from ..scene.belief import Belief
 from ..scene.parameters import rollout_varied
 from ..scene.scene import Scene
+from .free_flight import Flight
+from .joining import Frame, Part
+from .options import Option
 
 SAMPLES_LIMIT = 10_000_000
 
@@ -48,17 +55,51 @@ class Traits:
 class Propagator(ABC):
     """Carries a belief through a scene's dynamics.
 
-    Class attributes: ``name``; ``traits``; ``varies_parameters``, whether uncertain parameters of the scene
-    count; ``integrators``, those that it runs on.
+    A concrete propagator is a frozen dataclass whose fields are its options, each made by `options.option` and
+    checked when the propagator is made (a ``__post_init__`` of its own calls this one's); ``samples`` and ``seed`` are also what command line and messages call by these
+    names. Its carry is a NamedTuple of exactly the persistent state, so that advancing in pieces equals advancing at
+    once. The first line of its docstring says what it is.
 
-    A concrete propagator is a frozen dataclass whose fields are its options, checked when it is made. Its carry
-    is a NamedTuple of exactly the persistent state, so that advancing in pieces equals advancing at once.
+    Attributes
+    ----------
+    name : str
+        By which it is asked for.
+    traits : Traits
+    label : str
+        What people read; by default the name with spaces.
+    color, marker : str
+        Of its lines and points in figures, as Matplotlib has them.
+    integrators : tuple of str
+        Those of `Scene` that it runs on.
+    varies_parameters : bool
+        Whether uncertain parameters of the scene count.
+    rejects_overlap : bool
+        Whether it can leave out the share of a belief in which bodies overlap (``Scene.overlap`` ``'reject'``).
+    draws_together : bool
+        Whether the spread of all bodies is drawn together, so that islands take their parts of it (`part`).
+    flies : bool
+        Whether a body that nothing can reach may go many steps at once (`fly`).
     """
 
     name: ClassVar[str]
     traits: ClassVar[Traits]
-    varies_parameters: ClassVar[bool] = False
+    label: ClassVar[str]
+    color: ClassVar[str] = "#A6761D"
+    marker: ClassVar[str] = "p"
     integrators: ClassVar[tuple[str, ...]] = ("explicit",)
+    varies_parameters: ClassVar[bool] = False
+    rejects_overlap: ClassVar[bool] = False
+    draws_together: ClassVar[bool] = False
+    flies: ClassVar[bool] = False
+
+    def __init_subclass__(cls, **keywords):
+        super().__init_subclass__(**keywords)
+        if "label" not in vars(cls) and "name" in vars(cls):
+            cls.label = cls.name.replace("_", " ")
+
+    def __post_init__(self):
+        for option in self.described_options():
+            object.__setattr__(self, option.name, option.checked(getattr(self, option.name)))
 
     @abstractmethod
     def init(self, scene: Scene, belief: Belief) -> Any:
@@ -72,19 +113,79 @@ class Propagator(ABC):
     def belief(self, carry: Any, scene: Scene) -> Belief:
         """The belief that the carry stands for."""
 
+    @abstractmethod
+    def join(self, carries: Sequence[Any], parts: Sequence[Part], frame: Frame) -> Any:
+        """One carry for the bodies of several islands, which are independent of each other until now.
+
+        Parameters
+        ----------
+        carries : sequence
+            Of the islands, after as many steps each.
+        parts : sequence of Part
+            Where each island's bodies are among the joint ones (`joining.joined_means`, `joining.joined_history`).
+        frame : Frame
+            The joint bodies.
+        """
+
+    def contact_history(self, carry: Any) -> ContactHistory:
+        """What its N rollouts remember of their contacts: N is that of `own_samples`, where it has any.
+
+        By default the carry's field of that name.
+        """
+        return carry.contact_history
+
     def own_samples(self, carry: Any, scene: Scene) -> np.ndarray | None:
         """(N, B, 13): the states that the answer consists of; None where it is a Gaussian."""
         return None
 
+    @property
+    def own_sample_count(self) -> int | None:
+        """How many `own_samples` an answer has; None where it is a Gaussian."""
+        return None
+
+    @property
+    def compared_with_rollouts(self) -> bool:
+        """Whether a status has to compare its spread with that of rollouts.
+
+        By default where that rests on a single nominal one.
+        """
+        return self.traits.mean_update == "nominal"
+
+    def directions(self, initial: Belief) -> np.ndarray | None:
+        """(M,): along how many directions points are spread for each moving body; None without such points."""
+        return None
+
+    def part(self, carry: Any, bodies: np.ndarray, parameters: Sequence[int]) -> Any:
+        """An island's carry, from that of all bodies; for those that draw together.
+
+        Parameters
+        ----------
+        carry : NamedTuple
+        bodies : (b,) int array
+            The island's, ascending.
+        parameters : sequence of int
+            Which of the scene's uncertain parameters are about them.
+        """
+        raise NotSupportedError(f"have no part in what {self.name} draws for all bodies", field="islands")
+
+    def fly(self, carry: Any, flight: Flight) -> Any:
+        """The carry of a single body after a free flight; for those that fly."""
+        raise NotSupportedError(f"have no closed form of a free flight by {self.name}", field="islands")
+
+    @classmethod
+    def described_options(cls) -> tuple[Option, ...]:
+        """The options, with their types, limits and meaning."""
+        return tuple(Option.of(member) for member in fields(cls) if "description" in member.metadata)
+
     @classmethod
     def options(cls) -> dict[str, Any]:
         """Names and defaults of the options."""
-        return {field.name: field.default for field in fields(cls)}
+        return {option.name: option.default for option in cls.described_options()}
 
-    def _check_count(self, option: str, low: int = 1, high: int = SAMPLES_LIMIT) -> None:
-        value = integer(getattr(self, option), option, low=low, error=InvalidOptionError)
-        if value > high:
-            raise LimitExceededError(f"must be at most {high}", field=option, value=value)
+    @classmethod
+    def description(cls) -> str:
+        """What it is, in a sentence: its docstring's first line."""
+        return cls.__doc__.strip().splitlines()[0]
 
 
 def rolled(carry, scene, steps):

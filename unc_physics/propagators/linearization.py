@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..checks.errors import InvalidOptionError, NotSupportedError
+from ..checks.errors import NotSupportedError
 from ..physics import contact_history as histories
 from ..physics.compiled import inner, kernel
 from ..physics.contact_history import ContactHistory
@@ -32,8 +32,10 @@ from ..physics.transition import apply_drift_jacobian, write_exact_rotation
 from ..physics.workspace import Workspace, workspace
 from ..scene.belief import Belief
 from .base import Propagator, Traits
+from .free_flight import flown, transition
+from .joining import joined_history, joined_means
+from .options import option
 
-_JACOBIANS = ("analytic", "finite_difference")
 _STEP = 1e-6  # of the finite differences, in units of the error state
 
 
@@ -77,14 +79,12 @@ class Linearization(Propagator):
 
     name = "linearization"
     traits = Traits("nominal", "full covariance", True, False, "linearized")
+    color, marker = "#0072B2", "s"
+    flies = True
 
-    jacobian: str = "analytic"
-
-    def __post_init__(self):
-        if self.jacobian not in _JACOBIANS:
-            raise InvalidOptionError(
-                f"must be one of {', '.join(_JACOBIANS)}", field="jacobian", value=self.jacobian
-            )
+    jacobian: str = option(
+        "analytic", "how the step's derivative is applied", choices=("analytic", "finite_difference")
+    )
 
     def init(self, scene, belief):
         if self.jacobian != "analytic" and scene.world.surroundings is not None:
@@ -104,6 +104,25 @@ class Linearization(Propagator):
 
     def belief(self, carry, scene):
         return Belief.trusted(carry.mean.copy(), _outer(carry.root), scene.moving)
+
+    def join(self, carries, parts, frame):
+        root = np.zeros((frame.moving, ERROR, sum(carry.root.shape[1] for carry in carries)))
+        column = 0
+        for carry, part in zip(carries, parts, strict=True):
+            rank = carry.root.shape[1]
+            root[part.moving, :, column : column + rank] = carry.root.reshape(len(part.moving), ERROR, rank)
+            column += rank
+        return carries[0]._replace(
+            mean=joined_means(carries, parts, frame),
+            root=root.reshape(ERROR * frame.moving, -1),
+            contact_history=joined_history(carries, parts, frame),
+        )
+
+    def fly(self, carry, flight):
+        A = transition(carry.mean[0], flight.course, True)
+        return carry._replace(
+            mean=flown(carry.mean, flight), root=A @ carry.root, step=carry.step + flight.steps
+        )
 
 
 class DominantContacts(NamedTuple):

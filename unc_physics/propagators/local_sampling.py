@@ -8,8 +8,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..checks.errors import InvalidOptionError
-from ..checks.validation import integer
 from ..physics import contact_history as histories
 from ..physics.compiled import inner, kernel
 from ..physics.contact_history import ContactHistory
@@ -30,6 +28,9 @@ from ..physics.transition import apply_drift_jacobian, write_printed_rotation
 from ..physics.workspace import workspace
 from ..scene.belief import Belief
 from .base import Propagator, Traits
+from .free_flight import flown, transition
+from .joining import joined_blocks, joined_history, joined_means
+from .options import option
 
 _SAMPLES_LIMIT = 100_000
 _ROUND_OFF = 1e-6  # of a spread's trace: what single precision may lose
@@ -89,13 +90,11 @@ class LocalSampling(Propagator):
 
     name = "local_sampling"
     traits = Traits("nominal", "covariance, per body", False, True, "sampled")
+    color, marker = "#CC79A7", "v"
+    flies = True
 
-    samples: int = 32
-    seed: int = 0
-
-    def __post_init__(self):
-        self._check_count("samples", high=_SAMPLES_LIMIT)
-        integer(self.seed, "seed", low=0, error=InvalidOptionError)
+    samples: int = option(32, "perturbed copies of each contact", low=1, high=_SAMPLES_LIMIT)
+    seed: int = option(0, "seed of the draws", low=0)
 
     def init(self, scene, belief):
         return LocalSamplingCarry(
@@ -116,6 +115,19 @@ class LocalSampling(Propagator):
     def belief(self, carry, scene):
         P = 0.5 * (carry.covariance + carry.covariance.transpose(0, 2, 1))
         return Belief.trusted(carry.mean.copy(), P, scene.moving)
+
+    def join(self, carries, parts, frame):
+        return carries[0]._replace(
+            mean=joined_means(carries, parts, frame),
+            covariance=joined_blocks([carry.covariance for carry in carries], parts, frame),
+            contact_history=joined_history(carries, parts, frame),
+        )
+
+    def fly(self, carry, flight):
+        A = transition(carry.mean[0], flight.course, False)
+        return carry._replace(
+            mean=flown(carry.mean, flight), covariance=A @ carry.covariance @ A.T, step=carry.step + flight.steps
+        )
 
 
 class Cloud(NamedTuple):

@@ -7,14 +7,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..checks.errors import InvalidOptionError
-from ..checks.validation import integer
+from ..physics import contact_history as histories
 from ..physics.contact_history import ContactHistory
 from ..physics.moments import mean_and_errors, second_moment
 from ..scene.belief import Belief
 from ..scene.parameters import center_offsets, draw_parameters, moved_along
 from ..scene.scene import INTEGRATORS
-from .base import Propagator, Traits, rolled
+from .base import SAMPLES_LIMIT, Propagator, Traits, rolled
+from .joining import joined_history
+from .options import option
 from .start import begin, draw
 
 
@@ -48,16 +49,13 @@ class MonteCarlo(Propagator):
     """
 
     name = "monte_carlo"
-    varies_parameters = True
-    integrators = INTEGRATORS
     traits = Traits("estimated", "samples", True, False, "simulated")
+    label, color, marker = "Monte Carlo", "#000000", "o"
+    integrators = INTEGRATORS
+    varies_parameters = rejects_overlap = draws_together = True
 
-    samples: int = 1000
-    seed: int = 0
-
-    def __post_init__(self):
-        self._check_count("samples")
-        integer(self.seed, "seed", low=0, error=InvalidOptionError)
+    samples: int = option(1000, "number of rollouts", low=1, high=SAMPLES_LIMIT)
+    seed: int = option(0, "seed of the draws", low=0)
 
     def init(self, scene, belief):
         states, history = begin(scene, belief, draw(scene, belief, self.samples, self.seed))
@@ -69,12 +67,29 @@ class MonteCarlo(Propagator):
         return rolled(carry, scene, steps)
 
     def belief(self, carry, scene):
-        mean, errors = mean_and_errors(self.states(carry, scene), scene.moving.copy())
+        mean, errors = mean_and_errors(self.own_samples(carry, scene), scene.moving.copy())
         return Belief.trusted(mean, second_moment(errors), scene.moving)
 
-    def own_samples(self, carry, scene):
-        return self.states(carry, scene)
+    def join(self, carries, parts, frame):
+        count = len(carries[0].states)
+        states, z = np.tile(frame.mean, (count, 1, 1)), np.zeros((count, frame.parameters))
+        for carry, part in zip(carries, parts, strict=True):
+            states[:, part.bodies] = carry.states
+            z[:, part.parameters] = carry.parameters
+        return carries[0]._replace(
+            states=states, contact_history=joined_history(carries, parts, frame), parameters=z)
 
-    def states(self, carry, scene):
+    def part(self, carry, bodies, parameters):
+        return carry._replace(
+            states=np.ascontiguousarray(carry.states[:, bodies]),
+            contact_history=histories.of_bodies(carry.contact_history, bodies),
+            parameters=np.ascontiguousarray(carry.parameters[:, parameters]),
+        )
+
+    @property
+    def own_sample_count(self):
+        return self.samples
+
+    def own_samples(self, carry, scene):
         """(N, B, 13): the samples' states of the models' centres of mass, as beliefs have them."""
         return moved_along(carry.states, -center_offsets(scene, carry.parameters))

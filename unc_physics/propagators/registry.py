@@ -1,20 +1,40 @@
-"""The propagators by name; a new one is a new file and a line here."""
+"""The propagators by name, those of other packages included (`names`)."""
 
 from __future__ import annotations
 
+import warnings
+from collections.abc import Callable
 from typing import Any
 
 from ..checks.errors import InvalidOptionError, UnknownPropagatorError
 from .base import Propagator
-from .linearization import Linearization
-from .local_sampling import LocalSampling
-from .monte_carlo import MonteCarlo
-from .sigma_points import SigmaPoints
-from .surrogate import Surrogate
+from .names import BUILT_IN, entries
 
-PROPAGATORS: dict[str, type[Propagator]] = {cls.name: cls for cls in (Linearization, Surrogate, SigmaPoints, LocalSampling, MonteCarlo)}
 
-_KINDS = {int: "an integer", float: "a number"}
+def _load() -> dict[str, type[Propagator]]:
+    """Import all; one of another package that cannot be is left out, with a warning."""
+    found = {}
+    for name, entry in entries().items():
+        try:
+            cls = entry.load()
+            if not (isinstance(cls, type) and issubclass(cls, Propagator) and cls.name == name):
+                raise TypeError(f"{entry.value} is no subclass of Propagator whose name is '{name}'")
+            cls()  # with its default options; refuses one that lacks a method
+        except Exception as error:
+            if name in BUILT_IN:
+                raise
+            warnings.warn(f"the propagator '{name}' is left out: {error}", RuntimeWarning, stacklevel=2)
+        else:
+            found[name] = cls
+    return found
+
+
+PROPAGATORS: dict[str, type[Propagator]] = _load()
+
+
+def names_where(holds: Callable[[Propagator], bool], between: str = " and ") -> str:
+    """The names of the propagators of which, with their default options, something holds, in one text."""
+    return between.join(name for name, cls in PROPAGATORS.items() if holds(cls()))
 
 
 def make_propagator(name: str, **options: Any) -> Propagator:
@@ -26,6 +46,8 @@ def make_propagator(name: str, **options: Any) -> Propagator:
         If there is none of that name.
     InvalidOptionError
         If it has no such option, or the option cannot take the value.
+    LimitExceededError
+        If an option's value is above its limit.
     """
     if name not in PROPAGATORS:
         raise UnknownPropagatorError(f"must be one of {', '.join(PROPAGATORS)}", field="propagator", value=name)
@@ -38,7 +60,9 @@ def make_propagator(name: str, **options: Any) -> Propagator:
     return cls(**options)
 
 
-def propagator_from_texts(name: str, options: dict[str, Any], samples: int | None = None, seed: int | None = None) -> Propagator:
+def propagator_from_texts(
+    name: str, options: dict[str, Any], samples: int | None = None, seed: int | None = None
+) -> Propagator:
     """A propagator from options whose values may be texts; samples and seed are left out where it takes none.
 
     Raises
@@ -46,15 +70,11 @@ def propagator_from_texts(name: str, options: dict[str, Any], samples: int | Non
     UnknownPropagatorError, InvalidOptionError, LimitExceededError
     """
     options = dict(options)
-    known = PROPAGATORS[name].options() if name in PROPAGATORS else {}
+    known = {} if name not in PROPAGATORS else {option.name: option for option in PROPAGATORS[name].described_options()}
     for key, value in (("samples", samples), ("seed", seed)):
         if value is not None and key in known:
             options.setdefault(key, value)
     for key, value in options.items():
-        kind = type(known.get(key))
-        if kind in (int, float) and isinstance(value, str):
-            try:
-                options[key] = kind(value)
-            except ValueError:
-                raise InvalidOptionError(f"must be {_KINDS[kind]}", field=key, value=value) from None
+        if key in known and isinstance(value, str):
+            options[key] = known[key].from_text(value)
     return make_propagator(name, **options)

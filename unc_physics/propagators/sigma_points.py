@@ -7,13 +7,17 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..checks.errors import InvalidOptionError
+from ..physics.compiled import kernel
 from ..physics.contact_history import ContactHistory
-from ..physics.moments import mean_and_errors, second_moment, spread_states
+from ..physics.layout import ERROR
+from ..physics.moments import boxminus, mean_and_errors, second_moment, spread_states
 from ..scene.belief import Belief
 from ..scene.parameters import center_offsets, moved_along
 from ..scene.scene import INTEGRATORS
 from .base import Propagator, Traits, rolled, symmetric_root
+from .free_flight import flown
+from .joining import joined_history
+from .options import option
 from .start import begin
 
 
@@ -49,15 +53,13 @@ class SigmaPoints(Propagator):
     """
 
     name = "sigma_points"
-    varies_parameters = True
-    integrators = INTEGRATORS
     traits = Traits("estimated", "full covariance", True, False, "simulated")
+    color, marker = "#009E73", "D"
+    integrators = INTEGRATORS
+    varies_parameters = flies = True
 
-    points: str = "minimal"
-
-    def __post_init__(self):
-        if self.points not in ("minimal", "full"):
-            raise InvalidOptionError("must be 'minimal' or 'full'", field="points", value=self.points)
+    points: str = option(
+        "minimal", "directions that points are spread along: the uncertain ones, or all", choices=("minimal", "full"))
 
     def init(self, scene, belief):
         root = belief.root() if self.points == "minimal" else symmetric_root(belief.joint)
@@ -80,3 +82,53 @@ class SigmaPoints(Propagator):
         states = moved_along(carry.states, -center_offsets(scene, carry.parameters))
         mean, errors = mean_and_errors(states, scene.moving.copy())
         return Belief.trusted(mean, second_moment(errors), scene.moving)
+
+    def join(self, carries, parts, frame):
+        """More directions take points farther out: what is odd in a direction grows along, what is even by the square."""
+        counts = [len(carry.states) // 2 for carry in carries]
+        total = sum(counts)
+        states = np.tile(frame.mean, (2 * total + 1, 1, 1))
+        z = np.zeros((2 * total + 1, frame.parameters))
+        rows, first = [], 1
+        for carry, part, count in zip(carries, parts, counts, strict=True):
+            plus = np.arange(first, first + count)
+            first += count
+            own = np.concatenate([[0], plus, plus + total])
+            far = np.sqrt((total + 0.5) / (count + 0.5))
+            wide = _widened(carry.states, far) if count < total else carry.states
+            states[:, part.bodies] = wide[0]
+            states[np.ix_(own, part.bodies)] = wide
+            z[np.ix_(own, part.parameters)] = carry.parameters * far
+            rows.append(own)
+        return carries[0]._replace(
+            states=states, contact_history=joined_history(carries, parts, frame, rows), parameters=z)
+
+    def fly(self, carry, flight):
+        return carry._replace(states=flown(carry.states, flight), step=carry.step + flight.steps)
+
+    def directions(self, initial):
+        if self.points == "full":
+            return np.full(len(initial.moving), ERROR)
+        values = np.linalg.eigvalsh(initial.blocks)
+        return (values > 1e-14 * values[:, -1:]).sum(axis=1)
+
+
+@kernel
+def _errors_about_first(states):
+    """(N, 12 B): errors of all states (N, B, 13) about the first."""
+    count, bodies = states.shape[0], states.shape[1]
+    errors = np.empty((count, ERROR * bodies))
+    for n in range(count):
+        for i in range(bodies):
+            boxminus(states[n, i], states[0, i], errors[n, ERROR * i : ERROR * (i + 1)])
+    return errors
+
+
+def _widened(states, factor):
+    """Sigma points (2 n + 1, B, 13) that lie farther out by a factor, and so weigh less."""
+    errors = _errors_about_first(states)
+    count = len(states) // 2
+    plus, minus = errors[1 : count + 1], errors[count + 1 :]
+    odd, even = 0.5 * factor * (plus - minus), 0.5 * factor**2 * (plus + minus)
+    return spread_states(
+        states[0].copy(), np.arange(states.shape[1]), np.concatenate([errors[:1], even + odd, even - odd]))

@@ -8,8 +8,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..checks.errors import InvalidOptionError
-from ..checks.validation import positive
 from ..physics import contact_history as histories
 from ..physics.compiled import inner, kernel
 from ..physics.contact_history import ContactHistory
@@ -21,6 +19,9 @@ from ..physics.transition import apply_drift_jacobian, write_printed_rotation
 from ..physics.workspace import workspace
 from ..scene.belief import Belief
 from .base import Propagator, Traits, symmetric_root
+from .free_flight import flown, transition
+from .joining import joined_blocks, joined_history, joined_means
+from .options import option
 
 
 class SurrogateCarry(NamedTuple):
@@ -53,11 +54,10 @@ class Surrogate(Propagator):
 
     name = "surrogate"
     traits = Traits("nominal", "square-root, per body", False, True, "surrogate")
+    color, marker = "#E69F00", "^"
+    flies = True
 
-    k_sigma: float = 3.0
-
-    def __post_init__(self):
-        object.__setattr__(self, "k_sigma", positive(self.k_sigma, "k_sigma", InvalidOptionError))
+    k_sigma: float = option(3.0, "standard deviations of a contact's position that tilt its normal", positive=True)
 
     def init(self, scene, belief):
         return SurrogateCarry(
@@ -75,6 +75,19 @@ class Surrogate(Propagator):
     def belief(self, carry, scene):
         P = carry.roots @ carry.roots.transpose(0, 2, 1)
         return Belief.trusted(carry.mean.copy(), 0.5 * (P + P.transpose(0, 2, 1)), scene.moving)
+
+    def join(self, carries, parts, frame):
+        return carries[0]._replace(
+            mean=joined_means(carries, parts, frame),
+            roots=joined_blocks([carry.roots for carry in carries], parts, frame),
+            contact_history=joined_history(carries, parts, frame),
+        )
+
+    def fly(self, carry, flight):
+        A = transition(carry.mean[0], flight.course, False)
+        return carry._replace(
+            mean=flown(carry.mean, flight), roots=A @ carry.roots, step=carry.step + flight.steps
+        )
 
 
 class Spread(NamedTuple):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import inspect
 import os
 import platform
 
@@ -44,7 +43,8 @@ class CapabilitiesService:
         for name in response.get_fields_and_field_types():
             if name.startswith("max_"):
                 setattr(response, name, getattr(settings, name))
-        physics = {key: list(value) if isinstance(value, tuple) else value for key, value in settings.physics.items()}
+        physics = {key: list(value) if isinstance(value, tuple) else value for key, value in settings.physics.items()
+                   if value is not None}
         response.scene_options = [KeyValue(key=key, value=str(value)) for key, value in physics.items()]
         versions = {
             "unc_physics": __version__, "python": platform.python_version(), "numpy": np.__version__,
@@ -60,7 +60,7 @@ def propagator_info(cls) -> PropagatorInfo:
     traits, options = cls.traits, cls.options()
     return PropagatorInfo(
         name=cls.name,
-        description=inspect.getdoc(cls).splitlines()[0],
+        description=_description(cls),
         mean_update=_MEAN[traits.mean_update],
         uncertainty=traits.uncertainty,
         cross_body_correlations=traits.cross_body,
@@ -70,3 +70,9 @@ def propagator_info(cls) -> PropagatorInfo:
         default_samples=options.get("samples", 0),
         options=[KeyValue(key=key, value=str(value)) for key, value in options.items()],
     )
+
+
+def _description(cls):
+    """What a propagator is, and what its options are."""
+    options = "; ".join(f"{option.name}: {option.as_text()}" for option in cls.described_options())
+    return f"{cls.description()} Options: {options}." if options else cls.description()

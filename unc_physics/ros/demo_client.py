@@ -13,6 +13,9 @@ import rclpy
 from unc_physics_msgs.msg import ObjectState
 from unc_physics_msgs.srv import Predict
 
+from ..propagators.names import DEFAULT, REFERENCE
+from ..propagators.registry import PROPAGATORS
+
 NODE = "unc_physics_demo"
 HORIZON = 5.0  # s
 PERIOD = 0.1  # s
@@ -45,12 +48,12 @@ def _bunny(name, position, velocity, orientation):
 
 
 def requests() -> dict[str, Predict.Request]:
-    """The same question to two propagators: sigma points with the path there, Monte Carlo with poses drawn."""
+    """The same question to two propagators: the default one with the path there, the reference with poses drawn."""
     common = {"objects": scene(), "horizon": HORIZON, "seed": SEED}
     return {
-        "sigma points": Predict.Request(propagator="sigma_points", trajectory_period=PERIOD, **common),
-        "Monte Carlo": Predict.Request(
-            propagator="monte_carlo", samples=SAMPLES, return_samples=SHOWN_SAMPLES, **common),
+        PROPAGATORS[DEFAULT].label: Predict.Request(propagator=DEFAULT, trajectory_period=PERIOD, **common),
+        PROPAGATORS[REFERENCE].label: Predict.Request(
+            propagator=REFERENCE, samples=SAMPLES, return_samples=SHOWN_SAMPLES, **common),
     }
 
 

@@ -29,9 +29,9 @@ def draw(path, objects, answers) -> None:
     objects : list of ObjectState
         As they were sent.
     answers : dict of Predict.Response
-        By "sigma points" (with a trajectory) and by "Monte Carlo" (with pose samples).
+        Of two propagators, by their labels: the first with a trajectory, the second with pose samples.
     """
-    gaussian, drawn = answers["sigma points"], answers["Monte Carlo"]
+    gaussian, drawn = answers.values()
     figure = Figure(figsize=(9.6, 6.4))
     FigureCanvasAgg(figure)
     axes = figure.add_axes([0.075, 0.08, 0.915, 0.81])
@@ -45,7 +45,7 @@ def draw(path, objects, answers) -> None:
         _draw_path(axes, message, states, 0.5 * color)
         samples = np.array([_seen(pose.position) for pose in drawn.objects[k].states[-1].pose_samples])
         axes.plot(*samples.T, ".", color=0.3 * color, markersize=3.0, zorder=6)
-    _label(axes, objects, gaussian, drawn)
+    _label(axes, objects, gaussian, drawn, *answers)
     figure.savefig(path, dpi=120)
 
 
@@ -100,13 +100,13 @@ def _placed(model, pose, spheres):
     return centers[:, [0, 2, 1]] * [1.0, 1.0, -1.0], model.radii[:spheres]
 
 
-def _label(axes, objects, gaussian, drawn):
+def _label(axes, objects, gaussian, drawn, name, reference):
     horizon = seconds(gaussian.objects[0].states[-1].time_from_start)
     samples = len(drawn.objects[0].states[-1].pose_samples)
     axes.set_title(
         f"Two bunnies collide: where will they be after {horizon:g} s?\n"
-        f"Pale: known now. Solid: predicted mean pose, with 2-sigma ellipses of its path (sigma points).\n"
-        f"Behind: {samples} Monte Carlo samples (dots: their origins).", fontsize=10)
+        f"Pale: known now. Solid: predicted mean pose, with 2-sigma ellipses of its path ({name}).\n"
+        f"Behind: {samples} {reference} samples (dots: their origins).", fontsize=10)
     axes.set_xlabel("x [m]")
     axes.set_ylabel("z [m]")
     axes.set_aspect("equal")

@@ -11,7 +11,8 @@ from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescri
 
 from ..checks.errors import InvalidOptionError, UncPhysicsError
 from ..checks.validation import non_negative
-from ..propagators.registry import PROPAGATORS
+from ..propagators.names import DEFAULT, REFERENCE
+from ..propagators.registry import PROPAGATORS, names_where
 from ..scene.materials import refuse_with_explicit
 from ..scene.presets import PRESETS
 from ..scene.scene import INTEGRATORS, OVERLAPS, check_integrator
@@ -21,6 +22,7 @@ from .conversions import Doubts
 
 _EVERYDAY = PRESETS["everyday"]
 _AUTO_OVERLAP = "auto"
+_REJECTING = names_where(lambda propagator: propagator.rejects_overlap)
 
 
 def parameter(default, description, *, low=None, high=None, choices=(), read_only=False):
@@ -47,7 +49,7 @@ class Settings:
         "world", "Frame that predictions are made in; gravity is given in it.", read_only=True)
 
     default_propagator: str = parameter(
-        "sigma_points", "Propagator of requests that name none.", choices=tuple(PROPAGATORS))
+        DEFAULT, "Propagator of requests that name none.", choices=tuple(PROPAGATORS))
     dt: float = parameter(_EVERYDAY["dt"], "Time step [s].", low=1e-6, high=1.0)
     stiffness: float | str = parameter(
         AUTO, "Stiffness of contacts, force per overlap volume [N/m^3], at least 0; 'auto': at which no body "
@@ -78,14 +80,14 @@ class Settings:
     overlap: str = parameter(
         _AUTO_OVERLAP,
         "What becomes of the share of a belief in which objects overlap at the start: moved to the nearest "
-        "poses without overlap ('project'), left out ('reject', by monte_carlo alone), or left in ('keep'); "
+        f"poses without overlap ('project'), left out ('reject', by {_REJECTING} alone), or left in ('keep'); "
         "'auto': 'project' with 'implicit', and 'keep' with 'explicit', which has no other.",
         choices=(_AUTO_OVERLAP, *OVERLAPS))
     islands: bool = parameter(
         True, "Whether bodies that cannot touch each other are predicted by themselves, by propagators that keep "
         "correlations between bodies (the others treat bodies one by one anyway); otherwise all of a scene together.")
     warm_up: tuple[str, ...] = parameter(
-        ("sigma_points", "monte_carlo"), "Propagators whose kernels are compiled, or loaded, before the node "
+        (DEFAULT, REFERENCE), "Propagators whose kernels are compiled, or loaded, before the node "
         "is ready; others' are when they are first asked for. Those that do not run on the integrator are "
         "made ready for the paper's step.",
         choices=tuple(PROPAGATORS), read_only=True)
@@ -102,9 +104,8 @@ class Settings:
         0.1, "Standard deviation of an unknown angular velocity [rad/s].", low=0.0, high=1e3)
 
     status_rollouts: int = parameter(
-        0, "Rollouts with which the status compares the spread of propagators that have a single nominal one, as the "
-        "surrogate; 0: none, and a spread after a contact is flagged as unchecked. They take as long as a Monte Carlo prediction "
-        "with as many samples.", low=0, high=1000)
+        0, "Rollouts with which the status compares the spread of propagators that have a single nominal one; "
+        "0: none, and a spread after a contact is flagged as unchecked. They take as long as a prediction from as many samples.", low=0, high=1000)
 
     max_horizon: float = parameter(60.0, "Longest horizon of a request [s].", low=0.0, high=1e6)
     max_steps: int = parameter(100_000, "Most time steps of a prediction.", low=1, high=100_000_000)
@@ -130,7 +131,7 @@ class Settings:
     horizons: tuple[float, ...] = parameter(
         (0.2, 0.5, 1.0, 2.0), "Times for which streamed scenes are predicted [s].")
     stream_propagator: str = parameter(
-        "sigma_points", "Propagator for streamed scenes.", choices=tuple(PROPAGATORS))
+        DEFAULT, "Propagator for streamed scenes.", choices=tuple(PROPAGATORS))
     stream_probabilities: bool = parameter(
         False, "Whether predictions of streamed scenes tell probabilities of contact and rest, too.")
     max_input_age: float = parameter(

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import secrets
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -21,7 +20,6 @@ from ..physics.layout import ERROR
 from ..prediction.predict import Prediction, check_supported, periodic_times, predict
 from ..prediction.probabilities import BoxRegion
 from ..propagators.base import Propagator
-from ..propagators.monte_carlo import MonteCarlo
 from ..propagators.registry import propagator_from_texts
 from ..scene.belief import Belief
 from ..scene.physics_summary import physics_as_text
@@ -148,28 +146,26 @@ def run(job: Job, progress: Callable[[int, int], object] | None = None) -> Outco
     ------
     UncPhysicsError
     """
-    keeps = job.return_samples and isinstance(job.propagator, MonteCarlo)
-    propagator = _Keeping.of(job.propagator, job.return_samples) if keeps else job.propagator
     try:
         prediction = predict(
-            job.scene, job.belief, propagator, job.horizon, times=job.times,
-            max_computation_time=job.max_computation_time, progress=progress,
+            job.scene, job.belief, job.propagator, job.horizon, times=job.times,
+            max_computation_time=job.max_computation_time, progress=progress, keep_samples=job.return_samples,
         )
     except UncPhysicsError as error:
         if hasattr(error, "prediction"):
-            error.outcome = _outcome(job, propagator, error.prediction)
+            error.outcome = _outcome(job, error.prediction)
         raise
-    return _outcome(job, propagator, prediction)
+    return _outcome(job, prediction)
 
 
-def _outcome(job, propagator, prediction):
-    """The prediction by the job's propagator, and the states that are wanted with it."""
+def _outcome(job, prediction):
+    """The prediction, and the states that are wanted with it."""
     samples = None
-    if isinstance(propagator, _Keeping):
-        samples = list(propagator.kept)  # as it is now: the prediction's start, asked for later, is a belief, too
+    if prediction.kept is not None:
+        samples = list(prediction.kept)
     elif job.return_samples:  # the same normal numbers at every time, so that an entry belongs together over time
         samples = [belief.sample(job.return_samples, np.random.default_rng(job.seed)) for belief in prediction.beliefs]
-    return Outcome(replace(prediction, propagator=job.propagator), samples)
+    return Outcome(prediction, samples)
 
 
 def write_answer(message, header, settings: Settings, job: Job, outcome: Outcome) -> None:
@@ -264,9 +260,10 @@ def _check_answer(job, settings):
     if job.return_samples > settings.max_return_samples:
         raise LimitExceededError(
             f"must be at most {settings.max_return_samples}", field="return_samples", value=job.return_samples)
-    if isinstance(job.propagator, MonteCarlo) and job.return_samples > job.propagator.samples:
+    own = job.propagator.own_sample_count
+    if own is not None and job.return_samples > own:
         raise LimitExceededError(
-            f"must be at most the {job.propagator.samples} samples of the prediction", field="return_samples",
+            f"must be at most the {own} samples of the prediction", field="return_samples",
             value=job.return_samples,
         )
     size = answer_bytes(job)
@@ -287,19 +284,3 @@ def answer_bytes(job: Job) -> int:
     starts = _START_BYTES * len(job.scene.bodies)
     probabilities = _PROBABILITY_BYTES * (pairs + moving * len(job.regions))
     return starts + states * (len(job.scene.bodies) * one + joint) + probabilities
-
-
-@dataclass(frozen=True)
-class _Keeping(MonteCarlo):
-    """Monte Carlo that also keeps some of its states wherever a belief is wanted."""
-
-    count: int = 0
-    kept: list = field(default_factory=list)
-
-    @classmethod
-    def of(cls, propagator, count):
-        return cls(propagator.samples, propagator.seed, count)
-
-    def belief(self, carry, scene):
-        self.kept.append(self.states(carry, scene)[: self.count].copy())
-        return super().belief(carry, scene)

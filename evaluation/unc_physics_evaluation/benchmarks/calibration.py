@@ -18,7 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from unc_physics import Belief, RigidBody, Scene, load_model, make_propagator, predict
+from unc_physics import PROPAGATORS, Belief, RigidBody, Scene, load_model, make_propagator, predict
 from unc_physics.physics.layout import (
     ERR_ANGULAR_VELOCITY,
     ERR_POSITION,
@@ -31,18 +31,14 @@ from unc_physics.physics.layout import (
     VELOCITY,
 )
 from unc_physics.prediction import probabilities as answers
+from unc_physics.propagators.names import REFERENCE
 from unc_physics.scene.environment import Box, Plane
 from unc_physics_evaluation.scenarios import unit_model
 
 TRUTH = 10_000
 SEED_OF_TRUTH = 1
-PROPAGATORS = {
-    "monte_carlo, 1000": ("monte_carlo", {"samples": 1000}),
-    "monte_carlo, 200": ("monte_carlo", {"samples": 200}),
-    "sigma_points": ("sigma_points", {}),
-    "linearization": ("linearization", {}),
-    "surrogate": ("surrogate", {}),
-    "local_sampling": ("local_sampling", {}),
+METHODS = {name: (name, {}) for name in PROPAGATORS if name != REFERENCE} | {
+    f"{REFERENCE}, {count}": (REFERENCE, {"samples": count}) for count in (1000, 200)
 }
 CONTACT, REGION, REST = KINDS = ("contact", "region", "rest")
 
@@ -207,12 +203,12 @@ def all_answers(case, prediction, boxes):
 
 def calibrate(case: Case, truth_samples: int = TRUTH) -> list[Row]:
     """All propagators' answers in one scene beside the truth."""
-    truth = make_propagator("monte_carlo", samples=truth_samples, seed=SEED_OF_TRUTH)
+    truth = make_propagator(REFERENCE, samples=truth_samples, seed=SEED_OF_TRUTH)
     prediction = predict(case.scene, case.belief, truth, case.horizon)
     boxes = regions(prediction.carry.states, seed=0)
     truths = all_answers(case, prediction, boxes)
     rows = []
-    for label, (name, options) in PROPAGATORS.items():
+    for label, (name, options) in METHODS.items():
         propagator = make_propagator(name, **options)
         if case.scene.integrator not in propagator.integrators:
             continue
@@ -227,7 +223,7 @@ def calibrate(case: Case, truth_samples: int = TRUTH) -> list[Row]:
 def summarize(rows: list[Row]) -> list[str]:
     """A table in Markdown: for each propagator and kind, how often it answers, and how far off it is at most."""
     lines = ["| propagator | " + " | ".join(KINDS) + " |", "|---" * (1 + len(KINDS)) + "|"]
-    for label in PROPAGATORS:
+    for label in METHODS:
         cells = []
         for kind in KINDS:
             own = [row for row in rows if row.propagator == label and row.kind == kind]

@@ -14,9 +14,10 @@ import numba
 import numpy as np
 from numba import types
 
-from unc_physics import Belief, RigidBody, Scene, load_model, make_propagator, predict
+from unc_physics import PROPAGATORS, Belief, RigidBody, Scene, load_model, make_propagator, predict
 from unc_physics.physics.layout import POSITION, QUATERNION
 from unc_physics.physics.rollout import advance_explicit, simulate
+from unc_physics.propagators.names import REFERENCE
 from unc_physics.scene.environment import Plane
 from unc_physics.scene.materials import DEFAULT_RESTITUTION
 from unc_physics.scene.stiffness import with_stiffness
@@ -163,8 +164,8 @@ def measure_islands(report, rounds, count=64):
         "one": scattered(1), "many": scattered(count), "two touch": scattered(count, True),
         "a pair": scattered(2, True), "joint": scattered(count, islands=False),
     }
-    for name in ("linearization", "surrogate", "sigma_points", "monte_carlo"):
-        propagator = make_propagator(name, **({"samples": 100} if name == "monte_carlo" else {}))
+    for name in PROPAGATORS:
+        propagator = make_propagator(name, **({"samples": 100} if name == REFERENCE else {}))
 
         def run(case, propagator=propagator):
             return lambda k: predict(*case, propagator, 1.0)

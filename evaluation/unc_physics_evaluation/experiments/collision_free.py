@@ -51,8 +51,8 @@ def run(job: Job) -> Outcome:
 def report(results: Results) -> str:
     """Table 2, with mean and scatter over the truths."""
     rows = results.rows("collision_free")
-    shown = [(MONTE_CARLO, count) for count in reversed(COUNTS)]
-    shown += [(name, None) for name in rows.unique("method") if name not in (MONTE_CARLO, FLOOR, GAUSSIAN)]
+    shown = [(name, None) for name in rows.unique("method") if name not in (MONTE_CARLO, FLOOR, GAUSSIAN)]
+    shown += [(MONTE_CARLO, count) for count in reversed(COUNTS)]
     shown += [(GAUSSIAN, None), (FLOOR, None)]
     lines = []
     for method, samples in shown:

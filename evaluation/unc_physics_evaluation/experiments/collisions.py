@@ -114,7 +114,7 @@ def _shown(rows):
     """(method, samples) in the order of a table."""
     names = [name for name in rows.unique("method") if name not in (MONTE_CARLO, FLOOR, GAUSSIAN)]
     counts = sorted(rows.where(method=MONTE_CARLO, quantity=POSITION_ERROR).unique("samples"))
-    return [(MONTE_CARLO, count) for count in counts] + [(name, None) for name in names] + [(GAUSSIAN, None), (FLOOR, None)]
+    return [(name, None) for name in names] + [(MONTE_CARLO, count) for count in counts] + [(GAUSSIAN, None), (FLOOR, None)]
 
 
 def _error_table(rows):
@@ -140,7 +140,8 @@ def _error_table(rows):
 def _time_table(rows):
     cases = [(model, spheres) for model in rows.unique("model") for spheres in rows.where(model=model).unique("spheres")]
     lines = []
-    for method, samples in [(MONTE_CARLO, 10)] + [shown for shown in _shown(rows) if shown[0] not in (MONTE_CARLO, FLOOR, GAUSSIAN)]:
+    shown = [(method, samples) for method, samples in _shown(rows) if method not in (MONTE_CARLO, FLOOR, GAUSSIAN)]
+    for method, samples in [*shown, (MONTE_CARLO, 10)]:
         cells = [label(method, samples)]
         for model, spheres in cases:
             found = rows.where(model=model, spheres=spheres, method=method, samples=samples)

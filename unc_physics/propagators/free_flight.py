@@ -66,8 +66,17 @@ def course(dt: float, decay: float, steps: int, implicit: bool = False) -> Cours
     return Course(float(powers[-1]), float(falls[-1]), reach, sink, turn, weights, ends - weights)
 
 
-def fly(states: np.ndarray, gravity: np.ndarray, along: Course) -> np.ndarray:
-    """States (..., 13) after a course of free flight."""
+class Flight(NamedTuple):
+    """A free flight of a single body: its gravity (3,) [m/s^2], its course, and in how many time steps."""
+
+    gravity: np.ndarray
+    course: Course
+    steps: int
+
+
+def flown(states: np.ndarray, flight: Flight) -> np.ndarray:
+    """States (..., 13) after a free flight."""
+    gravity, along = flight.gravity, flight.course
     ended = states.copy()
     v, w, q = states[..., VELOCITY], states[..., ANGULAR_VELOCITY], states[..., QUATERNION]
     ended[..., POSITION] += along.reach * v + along.sink * gravity

@@ -1,0 +1,34 @@
+"""Run where the cone of docs/extending.md is among the shapes."""
+
+import numpy as np
+
+from unc_physics import Belief, RigidBody, Scene, contact_probabilities, load_model, load_scene, predict
+from unc_physics.scene.environment import Cone
+
+cone = Cone(0.3, 0.8, position=(0.1, 0.0, 0.0))
+points = np.random.default_rng(0).uniform(-1.0, 1.0, (2000, 3)) + cone.position
+distance, normal = cone.surface(points)
+np.testing.assert_allclose(np.linalg.norm(normal, axis=1), 1.0)
+# the nearest of many points on the base's and the side's surface
+rho, z = np.concatenate([
+    np.column_stack([np.linspace(0.0, 0.3, 4000), np.full(4000, -0.4)]),
+    np.column_stack([np.linspace(0.0, 0.3, 4000), np.linspace(0.4, -0.4, 4000)])]).T
+local = points - cone.position
+away = np.hypot(local[:, 0], local[:, 1])
+nearest = np.hypot(away[:, None] - rho, local[:, 2:] - z).min(axis=1)
+inside = (local[:, 2] > -0.4) & (away < 0.3 * (0.4 - local[:, 2]) / 0.8)
+np.testing.assert_allclose(distance, np.where(inside, -nearest, nearest), atol=2e-4)
+foot, _ = cone.surface(points - distance[:, None] * normal)
+np.testing.assert_allclose(foot, 0.0, atol=1e-12)
+
+scene, belief, _ = load_scene("cone.yaml")
+assert scene.environment[0].size_row.tolist() == [0.3, 0.4, 0.0]
+ball = RigidBody("ball", load_model("pin").prefix(10))
+scene = Scene([ball], environment=[cone], stiffness=1e5, dt=0.01, damping=0.0)
+mean = np.zeros((1, 13))
+mean[0, [2, 5, 9]] = 0.6, -1.0, 1.0
+belief = Belief(mean, 1e-8 * np.eye(12)[None])
+prediction = predict(scene, belief, "linearization", 1.0)
+assert prediction.belief.mean[0, 5] > -0.999  # the tip has turned it
+assert contact_probabilities(scene, prediction, belief)[0].probability > 0.9
+print("kept")

@@ -1,0 +1,34 @@
+"""A new shape of the environment, from the documentation's page, in a copy of the package."""
+
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+from example_extensions import PAGE, ROOT, code, edited, environment
+
+HERE = Path(__file__).parent
+SCENE = """\
+dt: 0.01
+stiffness: 1.0e+4
+bodies: [{name: pin, model: pin, spheres: 10, mass: 1.0, position: [0, 0, 1]}]
+environment: [{cone: {radius: 0.3, height: 0.8}}]
+"""
+
+
+def test_a_cone_is_a_file_and_a_few_lines(tmp_path):
+    ignored = shutil.ignore_patterns("__pycache__", "ros")
+    shutil.copytree(ROOT / "unc_physics", tmp_path / "unc_physics", ignore=ignored)
+    (tmp_path / "models").symlink_to(ROOT / "models")
+    path = "unc_physics/physics/shapes/cone.py"
+    (tmp_path / path).write_text(code()[path])
+    difference = re.search(r"^```diff\n(.*?)^```$", PAGE.read_text(), re.DOTALL | re.MULTILINE)[1]
+    parts = re.split(r"^# (\S+)\n", difference, flags=re.MULTILINE)[1:]
+    for file, lines in zip(parts[::2], parts[1::2], strict=True):
+        (tmp_path / file).write_text(edited((tmp_path / file).read_text(), lines))
+    (tmp_path / "cone.yaml").write_text(SCENE)
+    done = subprocess.run(
+        [sys.executable, str(HERE / "cone_contract.py")], cwd=tmp_path, env=environment(tmp_path), capture_output=True, text=True,
+        check=False)
+    assert (done.returncode, done.stdout.splitlines()[-1:]) == (0, ["kept"]), done.stderr

@@ -1,0 +1,74 @@
+"""How the carries of islands become one: where each island's bodies are among the joint ones."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ..physics import contact_history as histories
+from ..physics.contact_history import ContactHistory
+from ..physics.world import World
+
+
+class Part(NamedTuple):
+    """Where an island's bodies are among those of a larger one.
+
+    Attributes
+    ----------
+    bodies : (b,) int array
+        Indices of its bodies.
+    moving : (m,) int array
+        Of its moving bodies among the moving ones.
+    parameters : (k,) int array
+        Of its uncertain parameters.
+    """
+
+    bodies: np.ndarray
+    moving: np.ndarray
+    parameters: np.ndarray
+
+
+class Frame(NamedTuple):
+    """The island that is to be.
+
+    Attributes
+    ----------
+    mean : (B, 13) array
+        States of its bodies at time 0, which the fixed ones keep.
+    moving, parameters : int
+        How many bodies move, and how many parameters are uncertain.
+    world : World
+    """
+
+    mean: np.ndarray
+    moving: int
+    world: World
+    parameters: int
+
+
+def joined_means(carries: Sequence[Any], parts: Sequence[Part], frame: Frame) -> np.ndarray:
+    """(B, 13): the joint ``mean`` of carries that have one."""
+    mean = frame.mean.copy()
+    for carry, part in zip(carries, parts, strict=True):
+        mean[part.bodies] = carry.mean
+    return mean
+
+
+def joined_blocks(blocks: Sequence[np.ndarray], parts: Sequence[Part], frame: Frame) -> np.ndarray:
+    """(M, ...): what each moving body has, from the islands' (m, ...)."""
+    joint = np.empty((frame.moving, *blocks[0].shape[1:]))
+    for own, part in zip(blocks, parts, strict=True):
+        joint[part.moving] = own
+    return joint
+
+
+def joined_history(
+    carries: Sequence[Any], parts: Sequence[Part], frame: Frame, rows: Sequence[np.ndarray] | None = None
+) -> ContactHistory:
+    """What the joint rollouts remember; ``rows`` says which of them are each carry's, all where it is None."""
+    found = [carry.contact_history for carry in carries]
+    if rows is None:
+        rows = [np.arange(len(history.first_time)) for history in found]
+    return histories.joined(found, rows, [part.bodies for part in parts], frame.world)
