@@ -95,8 +95,7 @@ $(MADE)/interfaces: requirements/ros.txt $(INTERFACES) cmake/ros_wheels.cmake | 
 
 # What the demo's node asks of the kernels, for numba to find in its cache. The node would compile it too, alone.
 define COMPILE
-from unc_physics import load_scene, predict
-from unc_physics.prediction.probabilities import contact_probabilities
+from unc_physics import contact_probabilities, load_scene, predict
 scene, belief, _ = load_scene("examples/scenes/two_bunnies.yaml")
 for propagator in ("sigma_points", "monte_carlo"):
     contact_probabilities(scene, predict(scene, belief, propagator, 1.0), belief)
