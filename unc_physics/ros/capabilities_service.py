@@ -60,7 +60,7 @@ def propagator_info(cls) -> PropagatorInfo:
     traits, options = cls.traits, cls.options()
     return PropagatorInfo(
         name=cls.name,
-        description=inspect.getdoc(cls).splitlines()[0],
+        description=(inspect.getdoc(cls) or "").splitlines()[0],
         mean_update=_MEAN[traits.mean_update],
         uncertainty=traits.uncertainty,
         cross_body_correlations=traits.cross_body,

@@ -142,7 +142,7 @@ def read_request(
 
 
 def run(job: Job, progress: Callable[[int, int], object] | None = None) -> Outcome:
-    """Predict; an error that ends the prediction early has the ``outcome`` until then.
+    """Predict; an error that ends the prediction early has the outcome until then as its ``prediction``.
 
     Raises
     ------
@@ -156,8 +156,8 @@ def run(job: Job, progress: Callable[[int, int], object] | None = None) -> Outco
             max_computation_time=job.max_computation_time, progress=progress,
         )
     except UncPhysicsError as error:
-        if hasattr(error, "prediction"):
-            error.outcome = _outcome(job, propagator, error.prediction)
+        if error.prediction is not None:
+            error.prediction = _outcome(job, propagator, error.prediction)
         raise
     return _outcome(job, propagator, prediction)
 
