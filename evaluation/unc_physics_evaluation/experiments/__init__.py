@@ -20,7 +20,7 @@ from unc_physics.checks.errors import InvalidOptionError
 
 NAMES = (
     "collision_free", "collisions", "floors", "speed_against_error", "peers", "plausibility", "work_precision",
-    "tosses", "stability", "storage", "pictures",
+    "tosses", "overlap", "stability", "storage", "pictures",
 )
 
 
