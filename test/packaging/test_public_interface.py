@@ -58,7 +58,7 @@ def elsewhere(tmp_path_factory):
 
 def pyright(folder, env):
     """The lines of each script that pyright calls wrong."""
-    (folder / "pyrightconfig.json").write_text(json.dumps({"extraPaths": [str(ROOT)], "typeCheckingMode": "standard"}))
+    (folder / "pyrightconfig.json").write_text(json.dumps({"extraPaths": [str(ROOT)], "typeCheckingMode": "strict"}))
     command = [sys.executable, "-m", "pyright", "--outputjson", "--pythonpath", sys.executable]
     found = json.loads(run(command, cwd=folder, env=env, check=False).stdout)["generalDiagnostics"]
     return {(os.path.basename(each["file"]), each["range"]["start"]["line"] + 1): each["message"] for each in found}
@@ -67,7 +67,7 @@ def pyright(folder, env):
 def mypy(folder, env):
     """The lines of each script that mypy calls wrong."""
     command = [
-        sys.executable, "-m", "mypy", "--check-untyped-defs", "--follow-imports=silent", "--no-incremental",
+        sys.executable, "-m", "mypy", "--strict", "--follow-imports=silent", "--no-incremental",
         *sorted(path.name for path in folder.glob("*.py")),
     ]
     found = re.findall(r"^(\w+\.py):(\d+): error: (.*)", run(command, cwd=folder, env=env, check=False).stdout, re.MULTILINE)
