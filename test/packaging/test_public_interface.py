@@ -52,6 +52,8 @@ def elsewhere(tmp_path_factory):
     folder = tmp_path_factory.mktemp("user")
     for script in SCRIPTS.glob("*.py"):
         (folder / script.name).write_text(script.read_text())
+    for k, script in enumerate(re.findall(r"```python\n(.*?)```", (ROOT / "README.md").read_text(), re.DOTALL)):
+        (folder / f"readme_{k}.py").write_text(script)
     path = os.pathsep.join(filter(None, [str(ROOT), os.environ.get("PYTHONPATH")]))
     return folder, os.environ | {"PYTHONPATH": path, "MYPYPATH": str(ROOT)}
 

@@ -411,8 +411,7 @@ def write_prediction(scene, models, times, beliefs, samples=None, wanted=MARGINA
 def write_start(objects, scene, belief) -> None:
     """Write into each PredictedObject where the prediction really began: ``belief`` is that at time 0."""
     for k, (message, body) in enumerate(zip(objects, scene.bodies, strict=True)):
-        P, state = belief.marginal(k), PredictedState()
-        P = np.zeros((ERROR, ERROR)) if P is None else _writable(P)
+        state, P = PredictedState(), _writable(belief.marginal(k))
         _write_state(state, _writable(belief.mean[k]), P, _writable(body.model.origin))
         message.start = state.pose
 

@@ -168,10 +168,10 @@ class Belief:
         count = len(self.moving)
         return self.covariance.reshape(count, ERROR, count, ERROR)[np.arange(count), :, np.arange(count), :]
 
-    def marginal(self, body: int) -> np.ndarray | None:
-        """(12, 12): covariance of the body with that index; None for a fixed one."""
+    def marginal(self, body: int) -> np.ndarray:
+        """(12, 12): covariance of the body with that index; zeros for a fixed one."""
         place = np.flatnonzero(self.moving == body)
-        return self.blocks[place[0]] if len(place) else None
+        return self.blocks[place[0]] if len(place) else np.zeros((ERROR, ERROR))
 
     def root(self) -> np.ndarray:
         """(12 M, r): pivoted Cholesky factor of the joint covariance; r counts the directions that are uncertain."""

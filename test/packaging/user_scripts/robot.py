@@ -60,7 +60,7 @@ def drop() -> Prediction:
     mean[0, 2] = 0.2
     belief = Belief(mean, np.zeros((1, 12, 12))).with_common_pose_std([0.01] * 6)
     assert_type(belief.mean, np.ndarray)
-    assert_type(belief.marginal(0), np.ndarray | None)
+    assert_type(belief.marginal(0), np.ndarray)
     assert_type(start_belief(scene, belief), Belief)
     assert_type(auto_stiffness(scene.bodies, mean, gravity=(0, 0, -9.81)), float)
 
