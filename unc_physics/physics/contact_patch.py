@@ -11,7 +11,16 @@ import math
 import numpy as np
 
 from .compiled import inner
-from .contact_search import ACTIVE_GAP, closing_bound, element_list, pair_list, relative_pose, side_of
+from .contact_search import (
+    ACTIVE_GAP,
+    LIST_MARGIN,
+    LIST_STEPS,
+    closing_bound,
+    element_list,
+    pair_list,
+    relative_pose,
+    side_of,
+)
 from .element_contacts import in_element
 from .implicit_workspace import (
     BEND,
@@ -53,6 +62,12 @@ _LOADED_BONUS, _LOADED_SHARE = 2e-5, 0.01
 _SAME_PATCH = 0.9  # cosine of the angle between normals
 _HALF = math.sqrt(0.5)
 _FREE, _IN_PATCH, _CHOSEN = 0, 1, 2  # what a candidate is
+
+
+@inner(forceinline=True)
+def needed_gap(limit):
+    """The gap up to which lists are made, for candidates up to ``limit`` [m]: a step's next searches want more."""
+    return limit if limit <= 0.0 else max(limit, ACTIVE_GAP)
 
 
 @inner(forceinline=True)
@@ -104,7 +119,8 @@ def element_candidates(x, i, e, limit, horizon, world, work):
                 ids[count, 0], ids[count, 1], ids[count, 2] = world.implicit.hull_sphere[k], 0, 0
                 count += 1
     else:
-        element_list(x, i, e, max(limit, ACTIVE_GAP) + horizon * work.numbers[i, PACE], world, work)
+        travel = horizon * work.numbers[i, PACE]
+        element_list(x, i, e, needed_gap(limit) + travel, LIST_MARGIN + LIST_STEPS * travel, world, work)
         R_ei = work.R_ij
         ux, uy, uz = rotate_back(R, vx, vy, vz)
         wx, wy, wz = rotate_back(R, x[i, W], x[i, W + 1], x[i, W + 2])
@@ -140,7 +156,7 @@ def pair_candidates(x, i, j, limit, horizon, world, work):
     centers, radii, pool = world.tree.centers, world.tree.radii, work.pool
     low, high = min(i, j), max(i, j)
     kept = work.kept_overlap[low, high]
-    pair_list(x, low, high, max(limit, ACTIVE_GAP) + horizon * closing_bound(x, i, j, world), world, work)
+    pair_list(x, low, high, needed_gap(limit) + horizon * closing_bound(x, i, j, world), world, work)
     t = relative_pose(x, i, j, work.R, R_ij)
     half = 0.5 * horizon * (np.float64(world.bodies.moving[i]) - np.float64(world.bodies.moving[j]))
     vx, vy, vz = x[i, V] - x[j, V], x[i, V + 1] - x[j, V + 1], x[i, V + 2] - x[j, V + 2]

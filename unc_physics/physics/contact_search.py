@@ -29,10 +29,8 @@ from .sphere_tree import EMPTY, WIDTH, candidates
 ACTIVE_GAP = 5e-4
 #: Bodies are near when they may come closer than this in a step [m].
 NEAR = 1e-3
-_LIST_MARGIN, _LIST_STEPS = (
-    1e-3,
-    2.0,
-)  # how long lists of an element last: a distance [m], and steps at the present pace
+#: How long lists of an element last: a distance [m], and steps at the present pace.
+LIST_MARGIN, LIST_STEPS = 1e-3, 2.0
 _PAIR_MARGIN = 5e-4  # the same of two bodies [m]
 _MARGIN = 12  # column of `list_pose`, behind a rotation and a position: the margin [m]
 _SINGLE_PRECISION = 4e-6  # of the sum of two bodies' radii: what single precision loses in a change of frame
@@ -162,8 +160,9 @@ def side_of(kind, size, e, t, R_e, R, extent):
 
 
 @inner(forceinline=True)
-def element_list(x, i, e, need, world, work):
-    """Bring the list of body i's spheres near element e up to date, ``need`` [m] being how near.
+def element_list(x, i, e, need, spare, world, work):
+    """Bring the list of body i's spheres near element e up to date, ``need`` [m] being how near, and
+    ``spare`` [m] how far the body may move until it is made anew.
 
     Returns
     -------
@@ -182,7 +181,7 @@ def element_list(x, i, e, need, world, work):
     place, radius = work.list_pose[i, column], world.bodies.radius[i]
     if need + _moved(place, R, t, radius) <= place[_MARGIN]:
         return t
-    margin = need + _LIST_MARGIN + _LIST_STEPS * (need - ACTIVE_GAP)
+    margin = need + spare
     start = work.counts[POOL_USED]
     used = start
     stack[0, 0] = world.bodies.root[i]

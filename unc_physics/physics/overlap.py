@@ -45,11 +45,14 @@ from .shapes import surface
 #: Overlap that is none: about what a load makes [m].
 TOUCHING = 5e-5
 _SOLVED = 1e-5  # overlap at which the search ends [m]
-#: Gaps that count [m]: at first and at least, and how many times the deepest overlap more, of pairs at most.
-_REACH, _LEAST_REACH, _DEPTHS, _PAIR_REACH = 2e-3, 2e-4, 2.0, 3e-3
+#: Gaps that count [m]: at first and at least; how many times the deepest overlap more; and of these at most.
+_REACH, _LEAST_REACH, _DEPTHS, _MORE_REACH, _PAIR_MORE_REACH = 2e-3, 2e-4, 2.0, 0.012, 3e-3
+#: Overlap that is deep [m], and what share of the deepest is as good as that.
+_DEEP, _DEEPEST = 3e-3, 0.4
+_NEARER = 0.3  # share of the reach that pairs of bodies have, in which there are so many more spheres
 _ROUNDS, _CAREFUL_ROUNDS, _SWEEPS = 10, 24, 200
 _CAREFUL = 0.5  # share of a step that a careful round takes
-_NEAREST = 5e-4  # last step of what is nearest enough [m or rad]
+_NEAREST = 5e-4  # last step of what is nearest enough [m]
 _TOLERANCE = 1e-7  # of a gap, in a sweep [m]
 _SOFTNESS = 1e-4  # relative, so that rows that say the same do no harm
 _FARTHEST, _WIDEST = 0.02, 0.2  # of a round [m], [rad]
@@ -61,7 +64,8 @@ _CONE = 0.5  # cosine of the widest angle between normals that say the same of t
 _WAYS = 4  # out, at most
 _SHALLOW = 5e-4  # overlap whose own normal is the way out [m]
 _MARCHES = 16  # to the surface
-_ATTEMPTS = 5  # to free what can be freed, those after the second without the pairs that could not be
+#: To free what can be freed: fast, carefully, thoroughly, then without the pairs that could not be.
+_ATTEMPTS = 6
 _EXPECTED = 5.0  # standard deviations up to which a speed of approach may be none
 _DROP, _PAIR_DROP, _LOWERINGS = 0.01, 2e-3, 200  # of a round, alone and near others [m]; rounds
 _CALMER = 0.6  # share of a round's drop that the next one has
@@ -123,9 +127,12 @@ class Rows(NamedTuple):
 
 
 @inner
-def find_rows(x, count, reach, pair_reach, sides, world, work):
+def find_rows(x, count, reach, pair_reach, as_they_are, sides, world, work):
     """Find what is nearer than ``reach`` to the environment, or than ``pair_reach`` to another body, of the
     group at hand; returns the deepest overlap [m].
+
+    With a negative reach, only what overlaps deeper. ``as_they_are`` leaves normals and depths alone
+    (`choose_ways_out`).
     """
     members, group, moving, radius = work.members, work.group, world.bodies.moving, world.bodies.radius
     work.counts[CONTACTS] = 0
@@ -140,7 +147,8 @@ def find_rows(x, count, reach, pair_reach, sides, world, work):
             distance = surface(world.surroundings.kind, world.surroundings.size, e, px, py, pz)[0]
             if distance < radius[i] + reach:
                 found = element_candidates(x, i, e, reach, 0.0, world, work)
-                found = choose_ways_out(x, i, -1 - e, found, sides, world, work)
+                if not as_they_are:
+                    found = choose_ways_out(x, i, -1 - e, found, sides, world, work)
                 if found > 0:
                     add_contacts(x, i, -1 - e, found, tilt, world, work)
         tilt = min(max(3.0 * pair_reach / radius[i], _LEAST_TILT), _MOST_TILT)
@@ -153,7 +161,8 @@ def find_rows(x, count, reach, pair_reach, sides, world, work):
                 square += (x[i, P + k] - x[j, P + k]) ** 2
             if square < near * near:
                 found = pair_candidates(x, i, j, pair_reach, 0.0, world, work)
-                found = choose_ways_out(x, i, j, found, sides, world, work)
+                if not as_they_are:
+                    found = choose_ways_out(x, i, j, found, sides, world, work)
                 if found > 0:
                     add_contacts(x, i, j, found, tilt, world, work)
     deepest = 0.0
@@ -386,9 +395,9 @@ def solve_rows(m, count, coupled, linear, angular, tolerance, rows):
 
 
 @inner
-def move_group(x, start, count, members, limit, share, rows, work):
+def move_group(x, start, count, members, limit, share, radius, rows, work):
     """Bring the motion done by a share, or up to a limit, to the one solved, from the states ``start``;
-    returns the largest step [m or rad].
+    returns how far any point goes at most [m].
     """
     largest = 0.0
     for a in range(count):
@@ -397,7 +406,7 @@ def move_group(x, start, count, members, limit, share, rows, work):
             way += (rows.delta[ERROR * a + EP + k] - rows.now[ERROR * a + EP + k]) ** 2
             turn += (rows.delta[ERROR * a + ER + k] - rows.now[ERROR * a + ER + k]) ** 2
         way, turn = math.sqrt(way), math.sqrt(turn)
-        largest = max(largest, max(way, turn))
+        largest = max(largest, way + radius[members[a]] * turn)
         share = min(share, min(limit * _FARTHEST / max(way, 1e-300), limit * _WIDEST / max(turn, 1e-300)))
     for k in range(ERROR * count):
         rows.now[k] += share * (rows.delta[k] - rows.now[k])
@@ -450,7 +459,7 @@ def note_motion(count, members, metric, rows, moved):
 
 
 @inner
-def project_group(x, start, count, local, coupled, careful, deepest, metric, sides, world, work, rows, moved):
+def project_group(x, start, count, local, coupled, careful, thorough, deepest, metric, sides, world, work, rows, moved):
     """Move the group at hand to the nearest poses without overlap; returns the overlap that is left [m].
 
     ``moved`` (B,) is told how many standard deviations each body went; the contacts at hand are those of the
@@ -459,11 +468,19 @@ def project_group(x, start, count, local, coupled, careful, deepest, metric, sid
     members = work.members
     for k in range(ERROR * count):
         rows.now[k] = 0.0
-    left, reach, step, any_free = deepest, _REACH, math.inf, False
+    pairs = len(x) > 1
+    left, reach, step, any_free, deep = deepest, _REACH, math.inf, False, deepest > _DEEP and not thorough and pairs
     rounds, share = (_CAREFUL_ROUNDS, _CAREFUL) if careful else (_ROUNDS, 1.0)
     for round in range(rounds + 1):
-        extra = _DEPTHS * left
-        left = find_rows(x, count, reach + extra, reach + min(extra, _PAIR_REACH), sides, world, work)
+        if deep:  # of pairs of bodies what is deepest leads out; the rest is looked at when that is done
+            far = reach + min(_DEPTHS * left, _MORE_REACH)
+            left = find_rows(x, count, far, -_DEEPEST * max(left, _DEEP), False, sides, world, work)
+        if not deep or left <= _DEEP:
+            far = reach + min(_DEPTHS * left, _MORE_REACH)
+            pair_far = reach + min(_DEPTHS * left, _PAIR_MORE_REACH)
+            pair_far *= 1.0 if thorough else _NEARER
+            left = find_rows(x, count, far, pair_far, False, sides, world, work)
+        deep = left > _DEEP and not thorough and pairs
         if work.counts[OVERFLOW] != NO_OVERFLOW:
             break
         free = round > 0 and left <= _SOLVED
@@ -483,13 +500,13 @@ def project_group(x, start, count, local, coupled, careful, deepest, metric, sid
         solve_rows(m, count, coupled, EP, ER, _TOLERANCE, rows)
         # back from where nothing overlaps, no farther than the rows know; and what is nearly right is not to
         # jump between far supports
-        step = move_group(x, start, count, members, reach / _FARTHEST if free else 1.0, share, rows, work)
+        step = move_group(x, start, count, members, reach / _FARTHEST if free else 1.0, share, world.bodies.radius, rows, work)
         reach = max(0.5 * reach, _LEAST_REACH)
     if left > _LEFT_OVER and any_free and work.counts[OVERFLOW] == NO_OVERFLOW:
         for k in range(ERROR * count):
             rows.delta[k] = rows.best[k]
-        move_group(x, start, count, members, math.inf, 1.0, rows, work)
-        left = find_rows(x, count, _LEAST_REACH, _LEAST_REACH, sides, world, work)
+        move_group(x, start, count, members, math.inf, 1.0, world.bodies.radius, rows, work)
+        left = find_rows(x, count, _LEAST_REACH, _LEAST_REACH, False, sides, world, work)
     note_motion(count, members, metric, rows, moved)
     return left
 
@@ -619,7 +636,7 @@ def project_sample(
             a, b = metric.place[i], metric.place[j]
             if a >= 0 and b >= 0 and metric.linked[a, b]:
                 join(group, i, j)
-    join_near(x, _PAIR_REACH, world, work)
+    join_near(x, _PAIR_MORE_REACH, world, work)
     for _ in range(len(x)):
         any_moved = False
         for i in range(len(x)):
@@ -628,7 +645,7 @@ def project_sample(
             count = gather(i, moving, work, local)
             for a in range(count):
                 settled[work.members[a]] = True
-            deepest = find_rows(x, count, 0.0, 0.0, sides, world, work)
+            deepest = find_rows(x, count, -TOUCHING, -TOUCHING, True, sides, world, work)
             if work.counts[OVERFLOW] != NO_OVERFLOW:
                 return False
             note_depths(depth, overlap, work)
@@ -642,7 +659,7 @@ def project_sample(
                     coupled = coupled or (k >= 0 and m >= 0 and metric.linked[k, m])
             for attempt in range(_ATTEMPTS):
                 left = project_group(
-                    x, start, count, local, coupled, attempt > 0, deepest, metric, sides, world, work, rows, moved
+                    x, start, count, local, coupled, attempt > 0, attempt > 1, deepest, metric, sides, world, work, rows, moved
                 )
                 if work.counts[OVERFLOW] != NO_OVERFLOW:
                     return False
@@ -652,7 +669,7 @@ def project_sample(
                 if left <= _LEFT_OVER and farthest <= _TOO_FAR:
                     stop_approach(x, mean, count, local, coupled, metric, world, work, rows)
                     break
-                if attempt > 0:
+                if attempt > 1:
                     keep_overlap(count, depth, attempt >= _ATTEMPTS - 2, moved, work)
                 restore(x, start, count, work)
                 for a in range(count):
@@ -774,7 +791,7 @@ def lower_group(x, start, count, local, metric, sides, world, work, rows):
                         square += (x[i, P + k] - x[j, P + k]) ** 2
                     alone = square >= near * near
         drop = min(most, _DROP if alone else _PAIR_DROP)
-        find_rows(x, count, 2.5 * drop, 2.5 * drop, sides, world, work)
+        find_rows(x, count, 2.5 * drop, 2.5 * drop, False, sides, world, work)
         if work.counts[OVERFLOW] != NO_OVERFLOW:
             return False
         for a in range(count):
@@ -790,7 +807,7 @@ def lower_group(x, start, count, local, metric, sides, world, work, rows):
         write_jacobians(count, local, metric.place, world, work, rows)
         write_images(m, count, members, metric, EP, ER, rows)
         solve_rows(m, count, False, EP, ER, _TOLERANCE, rows)
-        step = move_group(x, start, count, members, drop / _FARTHEST, 1.0, rows, work)
+        step = move_group(x, start, count, members, drop / _FARTHEST, 1.0, world.bodies.radius, rows, work)
         sunk = 0.0
         for a in range(count):
             i = members[a]
@@ -891,7 +908,7 @@ def sides_of(mean, world):
             if world.bodies.moving[i]:
                 work.members[count] = i
                 count += 1
-        find_rows(mean, count, _SIDE_REACH, _PAIR_SIDE_REACH, none, world, work)
+        find_rows(mean, count, _SIDE_REACH, _PAIR_SIDE_REACH, False, none, world, work)
         if work.counts[OVERFLOW] == NO_OVERFLOW:
             break
         contacts, candidates, pool = 2 * contacts, 2 * candidates, 2 * pool

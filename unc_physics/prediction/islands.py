@@ -124,13 +124,13 @@ class Islands:
         """The islands at time 0: bodies that touch, or whose beliefs are correlated, are together."""
         moving = scene.moving
         self._mean = belief.mean
-        near = self._near(belief)
+        whole = self._propagator.init(scene, belief) if self._shared_draws else None  # those of all bodies together
+        near = self._near(belief) if whole is None else _in_contact(whole.contact_history.solver)
         both = near[self._moving[near].all(axis=1)]
         labels = merged(np.arange(len(scene.bodies)), np.concatenate([_correlated(belief), both]))
         groups = [np.flatnonzero((labels == label) & self._moving) for label in np.unique(labels[moving])]
         groups = [np.union1d(group, near[np.isin(near, group).any(axis=1)]) for group in groups]
-        if self._shared_draws:  # those of all bodies together
-            whole = self._propagator.init(scene, belief)
+        if whole is not None:
             carries = [self._columns(whole, group) for group in groups]
         else:
             carries = [self._propagator.init(self._part(group), _restricted(belief, group)) for group in groups]
@@ -140,7 +140,7 @@ class Islands:
     def _near(self, belief):
         """(n, 2): pairs of bodies whose beliefs may overlap at time 0, where it matters what overlaps."""
         scene = self._scene
-        if self._shared_draws or scene.integrator == "explicit":
+        if scene.integrator == "explicit":
             return np.empty((0, 2), np.int64)
         half = np.repeat(self._radius[:, None] + 0.5 * _NEAR_AT_START, 3, axis=1)
         half[scene.moving] += SIGMAS * np.sqrt(np.maximum(np.diagonal(belief.blocks, axis1=1, axis2=2)[:, ERR_POSITION], 0.0))
@@ -583,6 +583,15 @@ def _restricted(belief, bodies):
         P = belief.covariance.reshape(count, ERROR, count, ERROR)[np.ix_(place, range(ERROR), place, range(ERROR))]
         P = P.reshape(ERROR * len(moving), ERROR * len(moving))
     return Belief.trusted(belief.mean[bodies], P, moving)
+
+
+def _in_contact(memory):
+    """Pairs of bodies that remember a contact with each other, as what is at rest begins with."""
+    if memory is None:
+        return np.empty((0, 2), np.int64)
+    known = np.arange(memory.contact.shape[1]) < memory.count[:, None]
+    pairs = memory.contact[known][:, :2].astype(np.int64)
+    return np.unique(np.sort(pairs[pairs[:, 1] >= 0], axis=1), axis=0)
 
 
 def _correlated(belief):
