@@ -1,4 +1,4 @@
-"""The interface that users write against: static names, and types that pyright and mypy see in a user's script."""
+"""The public interface: static names, and types that pyright and mypy see in a user's script."""
 
 import ast
 import json
@@ -19,7 +19,11 @@ MISTAKE = "  # mistake"
 
 def imported_for_type_checkers():
     """Where each public name comes from, as type checkers read it."""
-    (block,) = [node for node in ast.parse(FILE.read_text()).body if isinstance(node, ast.If) and isinstance(node.test, ast.Name)]
+    (block,) = [
+        node
+        for node in ast.parse(FILE.read_text()).body
+        if isinstance(node, ast.If) and isinstance(node.test, ast.Name)
+    ]
     return {alias.name: node.module for node in block.body for alias in node.names}
 
 
@@ -52,7 +56,9 @@ def elsewhere(tmp_path_factory):
     folder = tmp_path_factory.mktemp("user")
     for script in SCRIPTS.glob("*.py"):
         (folder / script.name).write_text(script.read_text())
-    for k, script in enumerate(re.findall(r"```python\n(.*?)```", (ROOT / "README.md").read_text(), re.DOTALL)):
+    for k, script in enumerate(
+        re.findall(r"```python\n(.*?)```", (ROOT / "README.md").read_text(), re.DOTALL)
+    ):
         (folder / f"readme_{k}.py").write_text(script)
     path = os.pathsep.join(filter(None, [str(ROOT), os.environ.get("PYTHONPATH")]))
     return folder, os.environ | {"PYTHONPATH": path, "MYPYPATH": str(ROOT)}
@@ -60,19 +66,31 @@ def elsewhere(tmp_path_factory):
 
 def pyright(folder, env):
     """The lines of each script that pyright calls wrong."""
-    (folder / "pyrightconfig.json").write_text(json.dumps({"extraPaths": [str(ROOT)], "typeCheckingMode": "strict"}))
+    (folder / "pyrightconfig.json").write_text(
+        json.dumps({"extraPaths": [str(ROOT)], "typeCheckingMode": "strict"})
+    )
     command = [sys.executable, "-m", "pyright", "--outputjson", "--pythonpath", sys.executable]
     found = json.loads(run(command, cwd=folder, env=env, check=False).stdout)["generalDiagnostics"]
-    return {(os.path.basename(each["file"]), each["range"]["start"]["line"] + 1): each["message"] for each in found}
+    return {
+        (os.path.basename(each["file"]), each["range"]["start"]["line"] + 1): each["message"]
+        for each in found
+    }
 
 
 def mypy(folder, env):
     """The lines of each script that mypy calls wrong."""
     command = [
-        sys.executable, "-m", "mypy", "--strict", "--follow-imports=silent", "--no-incremental",
+        sys.executable,
+        "-m",
+        "mypy",
+        "--strict",
+        "--follow-imports=silent",
+        "--no-incremental",
         *sorted(path.name for path in folder.glob("*.py")),
     ]
-    found = re.findall(r"^(\w+\.py):(\d+): error: (.*)", run(command, cwd=folder, env=env, check=False).stdout, re.MULTILINE)
+    found = re.findall(
+        r"^(\w+\.py):(\d+): error: (.*)", run(command, cwd=folder, env=env, check=False).stdout, re.MULTILINE
+    )
     return {(name, int(line)): message for name, line, message in found}
 
 
@@ -80,8 +98,10 @@ def mypy(folder, env):
 def test_checkers_see_types_and_find_mistakes(checker, elsewhere):
     folder, env = elsewhere
     wrong = {
-        (script.name, k) for script in folder.glob("*.py")
-        for k, line in enumerate(script.read_text().splitlines(), 1) if line.endswith(MISTAKE)
+        (script.name, k)
+        for script in folder.glob("*.py")
+        for k, line in enumerate(script.read_text().splitlines(), 1)
+        if line.endswith(MISTAKE)
     }
     assert wrong
     found = checker(folder, env)

@@ -1,6 +1,6 @@
-"""Random scenes, hard ones among them, end well with every propagator: in numbers, with true covariances or a flag.
+"""Random scenes, hard ones among them, end well with every propagator: in numbers, true covariances or a flag.
 
-Thousands instead of hundreds: ``python -m pytest test/propagators/test_random_scenes.py --hypothesis-profile=thousands``.
+Thousands instead of hundreds: ``--hypothesis-profile=thousands``.
 """
 
 import math
@@ -37,12 +37,19 @@ def scenes(draw):
         mean[k, 3:6], mean[k, 10:13] = rng.normal(0.0, 1.0, 3), rng.normal(0.0, 3.0, 3)
         mean[k, 6:10] = rng.normal(size=4)
         mean[k, 6:10] /= np.linalg.norm(mean[k, 6:10])
-        L = rng.normal(size=(12, draw(st.integers(0, 12)))) * (spread * np.repeat((0.1, 1.0, 1.0, 10.0), 3))[:, None]
+        L = (
+            rng.normal(size=(12, draw(st.integers(0, 12))))
+            * (spread * np.repeat((0.1, 1.0, 1.0, 10.0), 3))[:, None]
+        )
         P[k] = L @ L.T
     environment = (Plane((0, 0, 1), 0.0), Box((0.02, 0.4, 0.2), (0.2, 0.0, 0.1))) if floor else ()
     scene = Scene(
-        bodies, dt=10.0 ** draw(st.floats(-3.0, -1.3)), stiffness=10.0 ** draw(st.floats(3.0, 9.0)), environment=environment,
-        gravity=(0.0, 0.0, -9.81 * gravity), gyroscopic=draw(st.booleans()),
+        bodies,
+        dt=10.0 ** draw(st.floats(-3.0, -1.3)),
+        stiffness=10.0 ** draw(st.floats(3.0, 9.0)),
+        environment=environment,
+        gravity=(0.0, 0.0, -9.81 * gravity),
+        gyroscopic=draw(st.booleans()),
     )
     return scene, Belief(mean, P), scene.dt * draw(st.integers(1, 30))
 
@@ -58,7 +65,9 @@ def test_random_scenes_end_well_and_grossly_wrong_covariances_are_flagged(name):
         prediction = _predicted(name, scene, belief, horizon)
         statuses = assess(scene, belief, prediction)
         for status in statuses:
-            if status.measures.get("energy_gain", 0.0) > 0.02:  # as the explicit step may, where it is too long
+            if (
+                status.measures.get("energy_gain", 0.0) > 0.02
+            ):  # as the explicit step may, where it is too long
                 assert status.flags & Status.NOT_CONVERGED
         wrong = _grossly_wrong(scene, belief, horizon, prediction.belief)
         judged["wrong"] += sum(wrong)
@@ -85,16 +94,20 @@ def _predicted(name, scene, belief, horizon):
 
 
 def _grossly_wrong(scene, belief, horizon, predicted):
-    """Of each body, whether its spread is grossly wrong; by both truths, as one alone may miss a rare event."""
+    """Which bodies' spreads are grossly wrong; by both truths, as one alone may miss a rare event."""
     truths = [
         predict(scene, belief, make_propagator("monte_carlo", samples=TRUTH, seed=seed), horizon).belief
         for seed in (1, 2)
     ]
     return [
         min(
-            max(_factor(predicted.marginal(k), truth.marginal(k), block) for block in (slice(0, 3), slice(6, 9)))
+            max(
+                _factor(predicted.marginal(k), truth.marginal(k), block)
+                for block in (slice(0, 3), slice(6, 9))
+            )
             for truth in truths
-        ) > GROSS
+        )
+        > GROSS
         for k in range(len(scene.bodies))
     ]
 

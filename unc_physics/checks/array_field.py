@@ -13,7 +13,7 @@ Kept_co = TypeVar("Kept_co", covariant=True)
 
 
 class Converted(Protocol[Given_contra, Kept_co]):
-    """Tells type checkers that a field takes one type and then holds another; ``__post_init__`` converts it."""
+    """Tells type checkers that a field is given one type and holds another, made by ``__post_init__``."""
 
     def __get__(self, instance: object, owner: type | None = None, /) -> Kept_co: ...
 

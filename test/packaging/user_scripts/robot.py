@@ -43,7 +43,9 @@ from unc_physics import (
 
 
 def drop() -> Prediction:
-    box = RigidBody("box", load_model("salt_box").prefix(50), mass=0.52, center_of_mass_std=(0.001, 0.001, 0.0))
+    box = RigidBody(
+        "box", load_model("salt_box").prefix(50), mass=0.52, center_of_mass_std=(0.001, 0.001, 0.0)
+    )
     assert_type(box.center_of_mass_std, np.ndarray)
     floor = Plane((0, 0, 1), name="floor")
     wall = Box(size=[0.02, 1.0, 0.3], position=np.array([0.4, 0.0, 0.15]), friction=0.2)
