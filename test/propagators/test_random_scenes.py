@@ -1,4 +1,4 @@
-"""Random scenes, hard ones among them, end well with every propagator: in numbers, true covariances or a flag.
+"""Random scenes, hard ones among them, end well with every propagator: in numbers, covariances or a flag.
 
 Thousands instead of hundreds: ``--hypothesis-profile=thousands``.
 """

@@ -253,8 +253,9 @@ class Islands:
         for island, now in zip(islands, present, strict=True):
             some = self._moving[island.bodies]
             bodies = island.bodies[some]
-            if isinstance(now, MonteCarloCarry):
-                states = self._propagator.states(now, island.scene)[:, some]
+            samples = self._propagator.own_samples(now, island.scene)
+            if samples is not None:
+                states = samples[:, some]
                 least, most = states.min(axis=0), states.max(axis=0)
                 low[bodies], high[bodies] = least[:, POSITION], most[:, POSITION]
                 slowest[bodies], fastest[bodies] = least[:, VELOCITY], most[:, VELOCITY]
