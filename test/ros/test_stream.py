@@ -90,7 +90,7 @@ def test_an_overlap_at_the_start_is_named(publish, listener):
     with Inbox(listener, Prediction, "/stream/predictions") as inbox:
         time.sleep(0.3)
         sent = scene(listener)
-        sent.objects[1].pose.pose.position.x = -0.15
+        sent.objects[1].pose.pose.position.x = -0.199  # farther in each other than their beliefs can be moved
         publish(sent)
         for predicted in inbox.next().objects:
             assert predicted.status & PredictedObject.STATUS_INITIAL_OVERLAP
