@@ -14,6 +14,7 @@ import unc_physics
 FILE = ROOT / "unc_physics" / "__init__.py"
 SCRIPTS = ROOT / "test" / "packaging" / "user_scripts"
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")), *sorted((ROOT / "examples").glob("*.py"))]
+EXTENDING = "extending.md"  # shows how to write a propagator or a shape, for which inner modules are needed
 MISTAKE = "  # mistake"
 
 
@@ -40,7 +41,7 @@ def test_every_public_name_is_there():
         unc_physics.nothing_of_the_kind  # noqa: B018
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+@pytest.mark.parametrize("page", [page for page in PAGES if page.name != EXTENDING], ids=lambda page: page.name)
 def test_pages_import_public_names_only(page):
     text = page.read_text()
     deep = re.findall(r"^(?:from|import) unc_physics\.\S+.*", text, re.MULTILINE)
