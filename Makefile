@@ -1,6 +1,8 @@
 # make demo   a node and a client over real DDS, with a table and a picture
 # make test   all tests
-# make venv   what both need: .venv with the pinned dependencies, the interfaces and this package, editable
+# make lint   what needs no run: likely mistakes by ruff, types by pyright
+# make venv   what all need: .venv with the pinned dependencies, the interfaces and this package, editable
+# make check-all   lint and test, then what takes hours: thousands of random examples of each kind, and soak
 # make soak   random and malformed requests to the node for ten minutes, and its memory
 # make clean  remove .venv and what builds leave behind
 #
@@ -29,7 +31,7 @@ else ifneq ($(shell $(VENV_PYTHON) -c 'import pip; print("works")' 2>/dev/null),
 $(MADE)/python: FORCE
 endif
 
-.PHONY: help venv demo test soak clean FORCE
+.PHONY: help venv demo lint test check-all soak clean FORCE
 
 help:
 	@sed -n 's/^# \?//; /^$$/q; p' Makefile
@@ -44,9 +46,21 @@ demo:
 	@$(MAKE_STEPS) $(MADE)/package $(MADE)/kernels
 	@$(VENV_PYTHON) -m unc_physics.ros.demo
 
+# Without the variable pyright would look for a newer version of itself.
+lint:
+	@$(MAKE_STEPS) $(MADE)/evaluation
+	@$(VENV_PYTHON) -m ruff check -q .
+	@PYRIGHT_PYTHON_IGNORE_WARNINGS=1 $(VENV_PYTHON) -m pyright --pythonpath $(VENV_PYTHON)
+
 test:
 	@$(MAKE_STEPS) $(MADE)/evaluation
 	@$(VENV_PYTHON) -m pytest test
+
+check-all:
+	@$(MAKE) -s --no-print-directory lint
+	@$(MAKE) -s --no-print-directory test
+	@$(VENV_PYTHON) -m pytest test/physics test/geometry test/propagators --hypothesis-profile=thousands
+	@$(MAKE) -s --no-print-directory soak
 
 soak: venv
 	@$(VENV_PYTHON) test/ros/soak.py
@@ -95,8 +109,7 @@ $(MADE)/interfaces: requirements/ros.txt $(INTERFACES) cmake/ros_wheels.cmake | 
 
 # What the demo's node asks of the kernels, for numba to find in its cache. The node would compile it too, alone.
 define COMPILE
-from unc_physics import load_scene, predict
-from unc_physics.prediction.probabilities import contact_probabilities
+from unc_physics import contact_probabilities, load_scene, predict
 scene, belief, _ = load_scene("examples/scenes/two_bunnies.yaml")
 for propagator in ("sigma_points", "monte_carlo"):
     contact_probabilities(scene, predict(scene, belief, propagator, 1.0), belief)

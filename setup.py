@@ -30,6 +30,7 @@ setup(
     maintainer_email="maintainers@unc-physics.invalid",
     python_requires=">=3.10",
     packages=find_packages(include=[NAME, f"{NAME}.*"]),
+    package_data={NAME: ["py.typed"]},
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
         (f"share/{NAME}", ["package.xml"]),
@@ -44,8 +45,8 @@ setup(
     extras_require={
         "geometry": GEOMETRY,
         "test": [
-            *GEOMETRY, "distributed>=2024.1", "hypothesis>=6", "import-linter>=2", "libigl>=2.5", "mujoco>=3", "pot>=0.9",
-            "pytest>=7",
+            *GEOMETRY, "hypothesis>=6", "import-linter>=2", "libigl>=2.5", "mypy>=1.10", "pyright[nodejs]>=1.1.407",
+            "pytest>=7", "ruff",
         ],
     },
     entry_points={"console_scripts": [f"{NAME} = {NAME}.__main__:main"]},

@@ -2,6 +2,7 @@
 
 import json
 import sys
+from pathlib import Path
 
 import pytest
 from building import ROOT, clean_environment, copy_sources, run
@@ -44,6 +45,8 @@ def test_core_installs_and_predicts_without_ros(tmp_path):
     assert installed - {"pip", "setuptools", "wheel"} == {
         "llvmlite", "numba", "numpy", "pyyaml", "tqdm", "unc_physics",
     }, "a core install stays small"
+    location = run([python, "-c", "import unc_physics; print(unc_physics.__file__)"], cwd=tmp_path, env=env).stdout.strip()
+    assert Path(location).with_name("py.typed").is_file(), "without it type checkers take everything for Any"
     assert run([python, "-c", "import rclpy"], cwd=tmp_path, env=env, check=False).returncode
 
     help_text = run([python, "-m", "unc_physics", "--help"], cwd=tmp_path, env=env).stdout

@@ -1,6 +1,6 @@
 """The implicit step gives no energy: random things that fly, fall and lie in piles.
 
-Five thousand instead of a hundred: ``python -m pytest test/core/test_implicit_energy.py --hypothesis-profile=thousands``.
+Five thousand instead of a hundred: ``python -m pytest test/physics/test_implicit_energy.py --hypothesis-profile=thousands``.
 """
 
 from functools import cache

@@ -1,16 +1,15 @@
 """What the library says goes to the node's log."""
 
+from types import SimpleNamespace
+
 from unc_physics.ros.library_log import LIBRARY, LibraryLog
 
 
 def test_messages_of_the_library_are_the_nodes_until_it_ends(capfd):
-    class Log:
-        said = []
-        info = said.append
-
-    passing = LibraryLog(Log())
+    said = []
+    passing = LibraryLog(SimpleNamespace(info=said.append))
     LIBRARY.warning("Compiling %s", "kernels")
-    assert Log.said == ["Compiling kernels"]
+    assert said == ["Compiling kernels"]
     assert capfd.readouterr().err == "", "and not to standard error as well"
     passing.close()
     assert passing not in LIBRARY.handlers

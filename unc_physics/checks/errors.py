@@ -4,7 +4,10 @@ The same numbers serve as ``error_code`` over ROS (the constants of ``unc_physic
 exit status of the command line, so a failure reads the same wherever it shows.
 """
 
+from __future__ import annotations
+
 from enum import IntEnum
+from typing import Any, ClassVar
 
 
 class ErrorCode(IntEnum):
@@ -47,12 +50,18 @@ class UncPhysicsError(Exception):
         The offending field, as the user wrote it, for example ``bodies[1].mass``.
     value : object, optional
         The offending value; shown shortened.
+
+    Attributes
+    ----------
+    prediction : Prediction, optional
+        Of an error that ended a prediction: what was predicted until then.
     """
 
-    code = ErrorCode.INVALID_REQUEST
+    code: ClassVar[ErrorCode] = ErrorCode.INVALID_REQUEST
 
-    def __init__(self, problem, *, field=None, value=None):
+    def __init__(self, problem: str, *, field: str | None = None, value: object = None):
         self.problem, self.field, self.value = problem, field, value
+        self.prediction: Any = None
         text = problem if field is None else f"{field} {problem}"
         if value is not None:
             text += f" (got {_shown(value)})"

@@ -4,7 +4,13 @@ import math
 
 import numpy as np
 
-from .errors import InvalidCovarianceError, InvalidOrientationError, InvalidRequestError, NotFiniteError
+from .errors import (
+    InvalidCovarianceError,
+    InvalidOrientationError,
+    InvalidRequestError,
+    NotFiniteError,
+    UncPhysicsError,
+)
 
 #: How far a quaternion's length may be from 1: perception rounds to single precision or a few decimals.
 _QUATERNION_TOLERANCE = 1e-3
@@ -12,7 +18,7 @@ _QUATERNION_TOLERANCE = 1e-3
 _COVARIANCE_TOLERANCE = 1e-8
 
 
-def number(value, field, error=InvalidRequestError):
+def number(value, field, error: type[UncPhysicsError] = InvalidRequestError) -> float:
     """A finite float; strings in any Python float form count, booleans do not."""
     if isinstance(value, bool):
         raise error("must be a number", field=field, value=value)
@@ -25,7 +31,7 @@ def number(value, field, error=InvalidRequestError):
     return result
 
 
-def positive(value, field, error=InvalidRequestError):
+def positive(value, field, error: type[UncPhysicsError] = InvalidRequestError) -> float:
     """A finite float above zero."""
     result = number(value, field, error)
     if result <= 0.0:
@@ -33,7 +39,7 @@ def positive(value, field, error=InvalidRequestError):
     return result
 
 
-def non_negative(value, field, error=InvalidRequestError):
+def non_negative(value, field, error: type[UncPhysicsError] = InvalidRequestError) -> float:
     """A finite float that is not below zero."""
     result = number(value, field, error)
     if result < 0.0:
@@ -41,7 +47,7 @@ def non_negative(value, field, error=InvalidRequestError):
     return result
 
 
-def share(value, field, error=InvalidRequestError):
+def share(value, field, error: type[UncPhysicsError] = InvalidRequestError) -> float:
     """A float from 0 to 1."""
     result = number(value, field, error)
     if not 0.0 <= result <= 1.0:
@@ -49,14 +55,14 @@ def share(value, field, error=InvalidRequestError):
     return result
 
 
-def flag(value, field, error=InvalidRequestError):
+def flag(value, field, error: type[UncPhysicsError] = InvalidRequestError) -> bool:
     """True or false, and nothing that merely counts as one of them."""
     if not isinstance(value, (bool, np.bool_)):
         raise error("must be true or false", field=field, value=value)
     return bool(value)
 
 
-def integer(value, field, *, low, error=InvalidRequestError):
+def integer(value, field, *, low, error: type[UncPhysicsError] = InvalidRequestError) -> int:
     """An int that is at least ``low``."""
     if isinstance(value, bool) or not isinstance(value, (int, np.integer)):
         raise error("must be an integer", field=field, value=value)
@@ -65,7 +71,7 @@ def integer(value, field, *, low, error=InvalidRequestError):
     return int(value)
 
 
-def numbers(value, field, error=InvalidRequestError):
+def numbers(value, field, error: type[UncPhysicsError] = InvalidRequestError) -> np.ndarray:
     """A float64 array of any shape, independent of the input."""
     try:
         return np.array(value, dtype=float, order="C")
@@ -73,7 +79,7 @@ def numbers(value, field, error=InvalidRequestError):
         raise error("must be an array of numbers", field=field, value=value) from None
 
 
-def array(value, shape, field, error=InvalidRequestError):
+def array(value, shape, field, error: type[UncPhysicsError] = InvalidRequestError) -> np.ndarray:
     """A finite, read-only float64 array of the given shape, independent of the input."""
     result = numbers(value, field, error)
     if result.shape != shape:
@@ -84,7 +90,7 @@ def array(value, shape, field, error=InvalidRequestError):
     return result
 
 
-def quaternion(value, field):
+def quaternion(value, field) -> np.ndarray:
     """A unit quaternion (x, y, z, w); small deviations from unit length are normalized."""
     q = array(value, (4,), field)
     length = float(np.linalg.norm(q))
@@ -95,7 +101,7 @@ def quaternion(value, field):
     return q
 
 
-def covariance(value, size, field):
+def covariance(value, size, field) -> np.ndarray:
     """A symmetric positive semidefinite matrix (size, size), ``size`` a multiple of 3.
 
     Symmetry and eigenvalues are judged relative to the largest variance of each block of three, since blocks

@@ -237,7 +237,7 @@ def _bodies(scene, belief):
             "orientation": state[QUATERNION].tolist(),
             "linear_velocity": state[VELOCITY].tolist(),
             "angular_velocity": state[ANGULAR_VELOCITY].tolist(),
-            "covariance": None if P is None else P.tolist(),
+            "covariance": None if body.fixed else P.tolist(),
         })
     return bodies
 
@@ -258,7 +258,7 @@ def as_table(scene, prediction) -> str:
         for k, body in enumerate(scene.bodies):
             state, P = belief.mean[k], belief.marginal(k)
             row = f"{body.name:<{width}}  {_row(state[POSITION], '8.4f')}  {_row(state[QUATERNION], '7.4f')}  "
-            if P is None:
+            if body.fixed:
                 row += "fixed"
             else:
                 std = np.sqrt(np.maximum(P.diagonal(), 0.0))

@@ -14,8 +14,8 @@ from typing import NamedTuple
 import numpy as np
 
 from ..physics.compiled import kernel
-from .sphere_grid import insert_sphere, nearest_sphere
-from .triangle_tree import nearest_on_mesh
+from .sphere_grid import SphereGrid, insert_sphere, nearest_sphere
+from .triangle_tree import TriangleTree, nearest_on_mesh
 
 MAX_FEATURES = 10
 MAX_STEPS = 40
@@ -28,8 +28,8 @@ UNCHANGED = 0.999  # of f: a candidate that lost less is placed as it is
 class Space(NamedTuple):
     """All that bounds the free distance."""
 
-    tree: tuple  # TriangleTree
-    grid: tuple  # SphereGrid
+    tree: TriangleTree
+    grid: SphereGrid
     spheres: np.ndarray  # (capacity, 4): centre, radius
 
 

@@ -35,7 +35,7 @@ def models_dirs(models_dir=None) -> list[Path]:
     return [folder for folder in dict.fromkeys([*folders, cache_dir()]) if folder.is_dir()]
 
 
-def list_models(models_dir=None) -> dict[str, Path]:
+def list_models(models_dir: str | os.PathLike[str] | None = None) -> dict[str, Path]:
     """Names and files of all models in the library, sorted by name."""
     found: dict[str, Path] = {}
     for folder in models_dirs(models_dir):
@@ -69,7 +69,7 @@ def find_model(name_or_path, models_dir=None) -> Path:
     return models[text]
 
 
-def load_model(name_or_path, models_dir=None) -> SpherePacking:
+def load_model(name_or_path: str | os.PathLike[str], models_dir: str | os.PathLike[str] | None = None) -> SpherePacking:
     """Load a model by its name in the library or by the path of its file.
 
     Raises

@@ -13,6 +13,7 @@ import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 
@@ -38,8 +39,8 @@ SMALLEST = 1e-7  # of the body's size: gaps below are given up
 TIE = 0.995  # spheres are in order of radius up to this ratio
 
 
-def pack_solid(solid: SolidMesh, count: int, *, mass=None, threads=None,
-               progress: Callable[[int, float], None] | None = None, **about) -> SpherePacking:
+def pack_solid(solid: SolidMesh, count: int, *, mass: float | None = None, threads: int | None = None,
+               progress: Callable[[int, float], None] | None = None, **about: Any) -> SpherePacking:
     """Pack a solid with disjoint spheres, the largest first.
 
     Parameters

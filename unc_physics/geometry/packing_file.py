@@ -9,6 +9,7 @@ import zipfile
 import zlib
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -164,7 +165,7 @@ _UNREADABLE = (
 _TEXTS = ("name", "mesh_sha256", "source", "licence")
 
 
-def load_packing(path) -> SpherePacking:
+def load_packing(path: str | os.PathLike[str]) -> SpherePacking:
     """Read and check a model file.
 
     A file without ``inertia`` gets it from its solid spheres (overlaps count twice) and is recentred at their
@@ -188,7 +189,7 @@ def load_packing(path) -> SpherePacking:
             if not isinstance(file, np.lib.npyio.NpzFile):
                 raise zipfile.BadZipFile("a single array")
             known = {field.name for field in fields(SpherePacking)}
-            values = {key: file[key] for key in file.files if key in known}
+            values: dict[str, Any] = {key: file[key] for key in file.files if key in known}
     except _UNREADABLE as error:
         reason = error.strerror if isinstance(error, OSError) and error.strerror else "it is no .npz archive of plain arrays"
         raise InvalidModelError(f"cannot be read: {reason}", field=f"model file {path}") from error
@@ -225,18 +226,18 @@ def _completed(values):
     return values
 
 
-def save_packing(path, packing: SpherePacking) -> Path:
+def save_packing(path: str | os.PathLike[str], packing: SpherePacking) -> Path:
     """Write a model file, compressed, with the same bytes for the same packing.
 
     The file appears whole or not at all: it is written beside its place and then moved there.
     """
     path = Path(path)
     values = {field.name: getattr(packing, field.name) for field in fields(packing)}
-    values = {key: np.asarray(value) for key, value in values.items() if value is not None}
+    given: dict[str, Any] = {key: np.asarray(value) for key, value in values.items() if value is not None}
     handle, partial = tempfile.mkstemp(prefix=f".{path.name}.", suffix=".part", dir=path.parent)
     try:
         with os.fdopen(handle, "wb") as stream:
-            np.savez_compressed(stream, **values)
+            np.savez_compressed(stream, **given)
             stream.flush()
             os.fsync(stream.fileno())
         os.chmod(partial, 0o666 & ~_umask())

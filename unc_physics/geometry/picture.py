@@ -36,7 +36,7 @@ def draw_levels(path, packings, up="z") -> None:
         axes = figure.add_subplot(1, len(packings), k + 1)
         centers = packing.centers @ axes_of_view.T - middle
         image = shaded_balls(centers, packing.radii, half, (sizes.min(), sizes.max()))
-        extent = 1e3 * np.array([-half, half, -half, half])
+        extent = -1e3 * half, 1e3 * half, -1e3 * half, 1e3 * half
         axes.imshow(image, extent=extent, origin="lower", interpolation="bilinear")
         for edge in box_edges(box - middle):
             axes.plot(*(1e3 * edge[:, :2].T), color="0.55", linewidth=0.7)

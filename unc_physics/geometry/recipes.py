@@ -26,7 +26,7 @@ class Recipe:
     mesh: Callable | str
     spheres: int
     mass: float | None = None  # kg
-    density: float | None = None  # kg/m^3, where there is no mass
+    density: float = 0.0  # kg/m^3, where there is no mass
     scale: float = 1.0
 
 

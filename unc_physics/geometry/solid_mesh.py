@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import os
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -56,7 +57,7 @@ class SolidMesh:
                        inertia=self.inertia * s**2)
 
 
-def load_solid(path, repair=False) -> tuple[SolidMesh, list[str]]:
+def load_solid(path: str | os.PathLike[str], repair: bool = False) -> tuple[SolidMesh, list[str]]:
     """Read a mesh file of any format that trimesh reads; its coordinates are taken as metres.
 
     Parameters
@@ -127,7 +128,7 @@ def make_solid(name, vertices, faces, sha256=None) -> SolidMesh:
     check_closed(faces)
     check_outside_out(points, faces)
     properties = trimesh.triangles.mass_properties(points[faces], density=1.0)
-    inertia = properties.inertia / properties.volume
+    inertia = np.asarray(properties.inertia) / properties.volume
     inertia = 0.5 * (inertia + inertia.T)
     try:
         check_inertia(inertia)

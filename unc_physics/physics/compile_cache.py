@@ -4,6 +4,9 @@ numba notices an edit of the file that holds a function, not one of the function
 is compiled from the same sources by the same numba for the same processor has a folder of its own.
 """
 
+# pyright: reportAttributeAccessIssue=false
+# numba makes its settings and the attributes of its caches at run time
+
 import contextlib
 import hashlib
 import os
@@ -110,7 +113,7 @@ class _Locator(caching._CacheLocator):
         return str(FOLDER)
 
     def get_source_stamp(self):
-        return FOLDER.name
+        return Path(self.get_cache_path()).name
 
     def get_disambiguator(self):
         return self._name

@@ -1,5 +1,7 @@
 """How kernels are compiled: once for each combination of types, cached, without the interpreter's lock."""
 
+from typing import Any
+
 from numba import njit
 from numba.extending import overload
 
@@ -7,7 +9,7 @@ from . import compile_time  # noqa: F401  (from the first kernel on)
 from .compile_cache import keep
 
 #: No wrapper for Python, no counted references: both take long to compile.
-_INNER = {"_nrt": False, "no_cpython_wrapper": True}
+_INNER: Any = {"_nrt": False, "no_cpython_wrapper": True}
 
 
 def kernel(function=None, **options):
@@ -20,7 +22,7 @@ def inner(function=None, **options):
     return _compiled(function, _INNER | options)
 
 
-def stage(function):
+def stage(function) -> Any:
     """A stage of a time loop, at which a method does work of its own; unless a method says so, nothing.
 
     The method is the first argument: None, or a NamedTuple of what the method works on. A function decorated
@@ -47,8 +49,10 @@ def stage(function):
     return function
 
 
-def _compiled(function, options):
+def _compiled(function, options) -> Any:  # numba's own types say little about what it compiles
+    settings: Any = {"nogil": True, "no_cfunc_wrapper": True} | options
+
     def decorate(function):
-        return keep(njit(nogil=True, no_cfunc_wrapper=True, **options)(function))
+        return keep(njit(**settings)(function))
 
     return decorate if function is None else decorate(function)

@@ -126,7 +126,7 @@ def joined(histories: Sequence[ContactHistory], rows: Sequence, bodies: Sequence
         if history.solver is not None:
             implicit_world.add_bodies(history.solver, own.solver, some, followed)
             _add_pairs(history.solver.kept_overlap, own.solver.kept_overlap, some, followed)
-            for values, others in zip(history.start, own.start, strict=True):
+            for values, others in zip(history.start or (), own.start or (), strict=True):
                 values[:, some] = others[followed]
     return history
 

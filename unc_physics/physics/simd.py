@@ -5,14 +5,16 @@ slower; one over columns of a matrix stays scalar because its rows might overlap
 vector instructions, LLVM lowers them to whatever the processor has.
 """
 
+from typing import Any
+
 from llvmlite import ir
-from numba import types
+from numba import extending, types
 from numba.core import cgutils
-from numba.extending import intrinsic
 
 from .layout import EP, ER, ERROR, EV, EW
 
 _LANES = 8
+intrinsic: Any = extending.intrinsic  # callers leave out the first argument
 _FLOATS = ir.VectorType(ir.FloatType(), _LANES)
 
 

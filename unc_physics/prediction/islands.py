@@ -180,7 +180,7 @@ class Islands:
             P = np.zeros((len(moving), ERROR, len(moving), ERROR))
             for place, own in zip(places, beliefs, strict=True):
                 count = len(place)
-                P[np.ix_(place, range(ERROR), place, range(ERROR))] = own.joint.reshape(count, ERROR, count, ERROR)
+                P[np.ix_(place, np.arange(ERROR), place, np.arange(ERROR))] = own.joint.reshape(count, ERROR, count, ERROR)
             P = P.reshape(ERROR * len(moving), ERROR * len(moving))
         return Belief.trusted(mean, P, moving)
 

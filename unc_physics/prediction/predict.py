@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
+from typing import Any
 
 import numpy as np
 
@@ -62,7 +63,7 @@ class Prediction:
     propagator: Propagator
     times: tuple[float, ...]
     beliefs: tuple[Belief, ...]
-    carry: tuple
+    carry: Any
     wall_time: float
     initial: Belief
     _began: Callable[[], Belief]
@@ -196,7 +197,7 @@ def predict(
     in_one_go = allowed is None and progress is None
     piece = marks[-1] if in_one_go else 1
     in_islands = scene.islands and not scene.shared_parameters  # which tie all bodies together for ever
-    runner = Islands(propagator, scene, marks) if in_islands else propagator
+    runner: Any = Islands(propagator, scene, marks) if in_islands else propagator
     carry = runner.init(scene, belief)
     began = partial(runner.belief, carry, scene)
     keep_samples = 0 if propagator.own_sample_count is None else keep_samples

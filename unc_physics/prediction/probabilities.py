@@ -12,10 +12,11 @@ from __future__ import annotations
 import math
 import weakref
 from collections.abc import Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
+from ..checks.array_field import Array, array_field
 from ..checks.errors import DuplicateIdError, InvalidEnvironmentError, InvalidRequestError
 from ..checks.validation import array, positive, quaternion
 from ..physics.layout import ANGULAR_VELOCITY, POSITION, VELOCITY
@@ -62,9 +63,9 @@ class BoxRegion:
     """
 
     name: str
-    size: np.ndarray
-    position: np.ndarray = (0.0, 0.0, 0.0)
-    orientation: np.ndarray = field(default=(0.0, 0.0, 0.0, 1.0))
+    size: Array = array_field()
+    position: Array = array_field((0.0, 0.0, 0.0))
+    orientation: Array = array_field((0.0, 0.0, 0.0, 1.0))
 
     def __post_init__(self):
         if not isinstance(self.name, str) or not self.name:
@@ -177,7 +178,7 @@ def contact_probabilities(scene: Scene, prediction: Prediction, initial: Belief 
         the environment, and the environment as a whole under the name `ENVIRONMENT`.
     """
     outcomes = _outcomes(scene, prediction, initial)
-    return tuple(_contact((*names, prediction.time), outcomes, *place) for *names, place in _encounters(scene))
+    return tuple(_contact((one, other, prediction.time), outcomes, *place) for one, other, place in _encounters(scene))
 
 
 def region_probabilities(
@@ -320,7 +321,7 @@ def _encounters(scene):
             yield names[i], ENVIRONMENT, (i, None, slice(B, B + E))
 
 
-def _contact(names, outcomes, body, other, columns):
+def _contact(names: tuple[str, str, float], outcomes, body, other, columns):
     """The answer about one encounter."""
     if outcomes is None:
         return ContactProbability(*names)

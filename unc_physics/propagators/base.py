@@ -185,7 +185,7 @@ class Propagator(ABC):
     @classmethod
     def description(cls) -> str:
         """What it is, in a sentence: its docstring's first line."""
-        return cls.__doc__.strip().splitlines()[0]
+        return (cls.__doc__ or "").strip().splitlines()[0]
 
 
 def rolled(carry, scene, steps):

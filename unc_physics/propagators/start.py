@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 
@@ -127,8 +128,9 @@ def _look(scene, belief, states):
     kept = np.zeros(history.first_time.shape, np.float32)
     nowhere = np.zeros((*kept.shape[1:], 3))
     still = np.ones(len(scene.bodies), bool)
-    _project(scene, belief, states, nowhere, history.start, kept, still & False, look_only=True)
-    return history.start
+    start: Any = history.start  # which histories of the implicit step have
+    _project(scene, belief, states, nowhere, start, kept, still & False, look_only=True)
+    return start
 
 
 def _sides(scene, belief):

@@ -387,30 +387,31 @@ def write_prediction(scene, models, times, beliefs, samples=None, wanted=MARGINA
         )
         for body, model in zip(scene.bodies, models, strict=True)
     ]
-    joints = []
+    joints, states = [], [[] for _ in objects]
     origins = [_writable(body.model.origin) for body in scene.bodies]
     known = {b: row for row, b in enumerate(scene.moving.tolist())}
     certain = np.zeros((ERROR, ERROR))
     for k, (time, belief) in enumerate(zip(times, beliefs, strict=True)):
         means, blocks, since = _writable(belief.mean), _writable(belief.blocks), duration(time)
-        for b, answer in enumerate(objects):
+        for b in range(len(objects)):
             state = PredictedState(time_from_start=since, status=PredictedObject.STATUS_NOT_ASSESSED)
             P = _write_state(state, means[b], blocks[known[b]] if b in known else certain, origins[b])
             if wanted.covariance:
                 state.covariance = packed_array("d", P.tobytes())
             if samples is not None:
                 state.pose_samples = origin_poses(samples[k][:, b], origins[b])
-            answer.states.append(state)
+            states[b].append(state)
         if wanted.joint_covariance:
             joints.append(_joint_covariance(scene, time, belief, [error_map(*pair) for pair in zip(means, origins, strict=True)]))
+    for answer, own in zip(objects, states, strict=True):
+        answer.states = own
     return objects, joints
 
 
 def write_start(objects, scene, belief) -> None:
     """Write into each PredictedObject where the prediction really began: ``belief`` is that at time 0."""
     for k, (message, body) in enumerate(zip(objects, scene.bodies, strict=True)):
-        P, state = belief.marginal(k), PredictedState()
-        P = np.zeros((ERROR, ERROR)) if P is None else _writable(P)
+        state, P = PredictedState(), _writable(belief.marginal(k))
         _write_state(state, _writable(belief.mean[k]), P, _writable(body.model.origin))
         message.start = state.pose
 

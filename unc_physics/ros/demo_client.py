@@ -70,9 +70,10 @@ def ask() -> dict[str, tuple[Predict.Response, float]]:
             started = time.perf_counter()
             future = client.call_async(request)
             rclpy.spin_until_future_complete(node, future, timeout_sec=_WAIT)
-            if not future.done() or future.result().error_code != Predict.Response.NONE:
-                raise RuntimeError(future.result().error_msg if future.done() else "no answer came")
-            answers[name] = future.result(), time.perf_counter() - started
+            answer = future.result()
+            if answer is None or answer.error_code != Predict.Response.NONE:
+                raise RuntimeError(answer.error_msg if answer else "no answer came")
+            answers[name] = answer, time.perf_counter() - started
         return answers
     finally:
         node.destroy_node()

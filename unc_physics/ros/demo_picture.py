@@ -34,7 +34,7 @@ def draw(path, objects, answers) -> None:
     gaussian, drawn = answers.values()
     figure = Figure(figsize=(9.6, 6.4))
     FigureCanvasAgg(figure)
-    axes = figure.add_axes([0.075, 0.08, 0.915, 0.81])
+    axes = figure.add_axes((0.075, 0.08, 0.915, 0.81))
     for k, message in enumerate(objects):
         model = load_model(message.model).scaled(message.scale)
         color = np.array(COLORS[k % len(COLORS)])
@@ -83,7 +83,8 @@ def _draw_body(axes, model, pose, color, alpha, order):
 def _draw_cloud(axes, model, poses, color):
     """Draw how often each place is covered by the model at one of the poses."""
     bodies = [_placed(model, pose, _CLOUD_SPHERES) for pose in poses]
-    window = pixel_window(*(np.concatenate(part) for part in zip(*bodies, strict=True)), _PIXEL)
+    centers, radii = (np.concatenate(part) for part in zip(*bodies, strict=True))
+    window = pixel_window(centers, radii, _PIXEL)
     drawn = [shaded_balls(*body, color, _PIXEL, window) for body in bodies]
     covered = np.mean([image[..., 3] for image, _ in drawn], axis=0)
     image = np.empty((*covered.shape, 4))

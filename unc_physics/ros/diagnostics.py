@@ -6,6 +6,7 @@ import importlib.util
 import threading
 import time
 from collections import deque
+from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 
@@ -25,9 +26,11 @@ class Diagnostics:
         self._last_error = ""
         self._error_time = -_WINDOW
         node = server.node
-        self._publisher = self._timer = self._updater = None
+        self._publisher: Any = None
+        self._timer: Any = None
+        self._updater: Any = None
         if importlib.util.find_spec("diagnostic_updater"):
-            from diagnostic_updater import Updater
+            from diagnostic_updater import Updater  # pyright: ignore[reportMissingImports]  (optional)
 
             self._updater = Updater(node)
             self._updater.setHardwareID("none")

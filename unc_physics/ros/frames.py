@@ -28,7 +28,7 @@ class Frames:
         self._world_frame = world_frame
         self._buffer = None
         if importlib.util.find_spec("tf2_ros"):
-            import tf2_ros
+            import tf2_ros  # pyright: ignore[reportMissingImports]  (optional)
 
             self._buffer = tf2_ros.Buffer()
             self._listener = tf2_ros.TransformListener(self._buffer, node)

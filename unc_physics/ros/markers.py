@@ -60,28 +60,28 @@ def markers(header, job, answer, settings) -> MarkerArray:
     Shapes are made from a model's largest spheres; the ellipsoid holds two standard deviations of the
     position, and each fan shows two standard deviations of the rotation's tilt of one axis of the model.
     """
-    found = MarkerArray(markers=[Marker(action=Marker.DELETEALL)])
+    found = [Marker(action=Marker.DELETEALL)]
     for k, (body, predicted) in enumerate(zip(job.scene.bodies, answer.objects, strict=True)):
         last = predicted.states[-1].pose
         for kind in settings.markers:
             if kind != _OF_ENVIRONMENT and not (body.fixed and kind in _OF_UNCERTAINTY):
                 marker = _marker(kind, job, k, last, _COLORS[k % len(_COLORS)], settings.marker_cells)
                 marker.ns = f"{kind} {body.name}"
-                found.markers.append(marker)
+                found.append(marker)
     if _OF_ENVIRONMENT in settings.markers:
         elements = job.scene.environment
         for element, name in zip(elements, element_names(elements), strict=True):
             solids = _solids(element)
             for k, solid in enumerate(solids):
                 solid.ns, solid.id, solid.color = f"{_OF_ENVIRONMENT} {name}", k, _color(_STONE, 0.5)
-            found.markers += solids
-    for marker in found.markers:
+            found += solids
+    for marker in found:
         marker.header.stamp, marker.header.frame_id = header.stamp, settings.world_frame
-    return found
+    return MarkerArray(markers=found)
 
 
 @functools.singledispatch
-def _solids(element):
+def _solids(element) -> list[Marker]:
     """Markers that together look like an element of the environment."""
     raise NotSupportedError("has no marker", field="environment", value=type(element).__name__)
 
@@ -204,6 +204,7 @@ def _fans(model, pose):
     variances, directions = np.linalg.eigh(P)
     marker = Marker(type=Marker.LINE_LIST)
     marker.scale.x = 0.01 * model.bounding_radius
+    points, colors = [], []
     for axis in range(3):
         arm = 1.2 * model.bounding_radius * R[:, axis]
         ends = [arm]
@@ -213,8 +214,9 @@ def _fans(model, pose):
         for end in ends:
             for point in (position, position + end):
                 x, y, z = point.tolist()
-                marker.points.append(Point(x=x, y=y, z=z))
-                marker.colors.append(_color(_AXES[axis], 0.9))
+                points.append(Point(x=x, y=y, z=z))
+                colors.append(_color(_AXES[axis], 0.9))
+    marker.points, marker.colors = points, colors
     return _placed(marker, np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0]))
 
 

@@ -6,6 +6,7 @@ import functools
 import math
 from dataclasses import Field, dataclass, field, fields
 from types import SimpleNamespace
+from typing import Any
 
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor, SetParametersResult
 
@@ -246,6 +247,6 @@ class ParameterServer:
         self.settings = self._changed(parameters)
 
 
-def _plain(value):
+def _plain(value) -> Any:
     """Arrays of a parameter as a tuple, everything else as it is."""
     return value if isinstance(value, (str, bool, int, float)) else tuple(value)

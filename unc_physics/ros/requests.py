@@ -140,7 +140,7 @@ def read_request(
 
 
 def run(job: Job, progress: Callable[[int, int], object] | None = None) -> Outcome:
-    """Predict; an error that ends the prediction early has the ``outcome`` until then.
+    """Predict; an error that ends the prediction early has the outcome until then as its ``prediction``.
 
     Raises
     ------
@@ -152,8 +152,8 @@ def run(job: Job, progress: Callable[[int, int], object] | None = None) -> Outco
             max_computation_time=job.max_computation_time, progress=progress, keep_samples=job.return_samples,
         )
     except UncPhysicsError as error:
-        if hasattr(error, "prediction"):
-            error.outcome = _outcome(job, error.prediction)
+        if error.prediction is not None:
+            error.prediction = _outcome(job, error.prediction)
         raise
     return _outcome(job, prediction)
 

@@ -9,6 +9,7 @@ import time
 import traceback
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from typing import Any
 
 from ..checks.errors import CanceledError, UncPhysicsError
 from .candidates_service import CandidatesService
@@ -44,10 +45,11 @@ class PredictionServer:
         self.log = node.get_logger()
         self._library_log = LibraryLog(self.log)
         self.parameters = ParameterServer(node)
-        self.library: ModelLibrary | None = None
-        self.frames: Frames | None = None
-        self.diagnostics: Diagnostics | None = None
-        self.markers: MarkerTopic | None = None
+        # a ModelLibrary from `prepare` on, and Frames, Diagnostics and a MarkerTopic from `open` on
+        self.library: Any = None
+        self.frames: Any = None
+        self.diagnostics: Any = None
+        self.markers: Any = None
         self.pool: ThreadPoolExecutor | None = None
         self._stopping = threading.Event()
         self._said_zeros = False
@@ -141,8 +143,8 @@ class PredictionServer:
                 write_answer(message, request.header, settings, job, self.predict(job, progress))
                 return functools.partial(self.markers.publish, request.header, job, message)
             except UncPhysicsError as error:
-                if hasattr(error, "outcome"):
-                    write_answer(message, request.header, settings, job, error.outcome)
+                if error.prediction is not None:
+                    write_answer(message, request.header, settings, job, error.prediction)
                 raise
 
     @contextlib.contextmanager

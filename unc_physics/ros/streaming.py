@@ -41,7 +41,7 @@ class Stream:
                     PoseWithCovarianceStamped, topic,
                     lambda message, topic=topic, model=model: self._track(topic, model, message), _NEWEST))
         try:
-            from vision_msgs.msg import Detection3DArray
+            from vision_msgs.msg import Detection3DArray  # pyright: ignore[reportMissingImports]  (optional)
         except ImportError:
             pass
         else:
@@ -114,11 +114,12 @@ class Stream:
         library, settings = self._server.library, self._server.settings
         state = _at_unknown_velocity(topic, model, message.pose, library, settings.tracked_mass)
         self._tracked[topic] = message.header, state
-        scene = ObjectStateArray(header=message.header)
-        for header, state in self._tracked.values():
-            if header.frame_id == message.header.frame_id and not self._is_old(header.stamp, settings.max_input_age):
-                scene.objects.append(state)
-        self._newest.put(scene, "tracked")
+        frame, age = message.header.frame_id, settings.max_input_age
+        objects = [
+            state for header, state in self._tracked.values()
+            if header.frame_id == frame and not self._is_old(header.stamp, age)
+        ]
+        self._newest.put(ObjectStateArray(header=message.header, objects=objects), "tracked")
 
     def _detect(self, detections):
         """Predict the scene of all detections."""
@@ -129,13 +130,13 @@ class Stream:
 
 def scene_of_detections(detections, library, mass) -> ObjectStateArray:
     """The scene of a Detection3DArray; each detection's best hypothesis names the model, and those without one are left out."""
-    scene = ObjectStateArray(header=detections.header)
+    objects = []
     for k, detection in enumerate(detections.detections):
         if detection.results:
             best = max(detection.results, key=lambda result: result.hypothesis.score)
             name = detection.id or f"{best.hypothesis.class_id}_{k}"
-            scene.objects.append(_at_unknown_velocity(name, best.hypothesis.class_id, best.pose, library, mass))
-    return scene
+            objects.append(_at_unknown_velocity(name, best.hypothesis.class_id, best.pose, library, mass))
+    return ObjectStateArray(header=detections.header, objects=objects)
 
 
 def _at_unknown_velocity(name, model, pose, library, mass):

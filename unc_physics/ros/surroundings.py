@@ -48,7 +48,7 @@ def read_environment(message, max_elements: int | None = None) -> tuple[Element,
             f"must have a pose for each of the {len(primitives)} primitives", field="environment.primitive_poses",
             value=len(poses))
     names = _names(message.ids, len(planes), len(primitives))
-    elements = [
+    elements: list[Element] = [
         _plane(tuple(array(plane.coef, (4,), f"environment.planes[{k}].coef", InvalidEnvironmentError).tolist()), names[k], k)
         for k, plane in enumerate(planes)
     ]

@@ -4,9 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import ArrayLike
 
+from ..checks.array_field import Array, OptionalArray, array_field
 from ..checks.errors import InvalidCovarianceError, InvalidRequestError, NotFiniteError
 from ..checks.validation import array, covariance, non_negative, numbers, quaternion
 from ..physics.layout import (
@@ -23,6 +26,9 @@ from ..physics.layout import (
 )
 from ..physics.moments import pivoted_cholesky, spread_states
 from ..physics.rotation import rotation_matrix
+
+if TYPE_CHECKING:
+    from .scene import Scene
 
 #: Variance, relative to the largest, below which a direction counts as certain.
 RANK_TOLERANCE = 1e-14
@@ -49,9 +55,9 @@ class Belief:
         For wrong shapes, NaN or infinity, quaternions far from unit length, and matrices that are no covariance.
     """
 
-    mean: np.ndarray
-    covariance: np.ndarray
-    moving: np.ndarray = None
+    mean: Array = array_field()
+    covariance: Array = array_field()
+    moving: OptionalArray = array_field(None)
 
     def __post_init__(self):
         mean = numbers(self.mean, "mean")
@@ -82,12 +88,14 @@ class Belief:
         return belief
 
     @classmethod
-    def exact(cls, mean, moving=None) -> Belief:
+    def exact(cls, mean: ArrayLike, moving: ArrayLike | None = None) -> Belief:
         """A belief without uncertainty."""
-        count = len(mean) if moving is None else len(moving)
+        count = len(np.asarray(mean if moving is None else moving))
         return cls(mean, np.zeros((count, ERROR, ERROR)), moving)
 
-    def with_common_pose_std(self, std, origin=(0.0, 0.0, 0.0), axes=None) -> Belief:
+    def with_common_pose_std(
+        self, std: ArrayLike, origin: ArrayLike = (0.0, 0.0, 0.0), axes: ArrayLike | None = None
+    ) -> Belief:
         """The belief with an error added that all moving bodies share, as when camera or table are off.
 
         It moves and turns them together, so that they keep their places relative to each other; velocities
@@ -160,10 +168,10 @@ class Belief:
         count = len(self.moving)
         return self.covariance.reshape(count, ERROR, count, ERROR)[np.arange(count), :, np.arange(count), :]
 
-    def marginal(self, body: int) -> np.ndarray | None:
-        """(12, 12): covariance of the body with that index; None for a fixed one."""
+    def marginal(self, body: int) -> np.ndarray:
+        """(12, 12): covariance of the body with that index; zeros for a fixed one."""
         place = np.flatnonzero(self.moving == body)
-        return self.blocks[place[0]] if len(place) else None
+        return self.blocks[place[0]] if len(place) else np.zeros((ERROR, ERROR))
 
     def root(self) -> np.ndarray:
         """(12 M, r): pivoted Cholesky factor of the joint covariance; r counts the directions that are uncertain."""
@@ -176,7 +184,7 @@ class Belief:
         errors = np.einsum("nr,kr->nk", rng.standard_normal((count, root.shape[1])), root)
         return spread_states(self.mean.copy(), self.moving.copy(), errors)
 
-    def check_fits(self, scene) -> None:
+    def check_fits(self, scene: Scene) -> None:
         """Raise `InvalidRequestError` unless the belief is about the bodies of ``scene``.
 
         That means also that those at rest stand still.

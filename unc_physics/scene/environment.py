@@ -7,6 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from ..checks.array_field import Array, array_field
 from ..checks.errors import InvalidEnvironmentError
 from ..checks.validation import array, number, positive, quaternion
 from ..physics import shapes
@@ -31,6 +32,10 @@ class Element(Surface):
     """
 
     shape: ClassVar[str]
+    name: str
+    position: np.ndarray
+    orientation: np.ndarray
+    size_row: np.ndarray
 
     @property
     def kind(self) -> int:
@@ -93,7 +98,7 @@ class Plane(Element):
     """
 
     shape = "plane"
-    normal: np.ndarray = (0.0, 0.0, 1.0)
+    normal: Array = array_field((0.0, 0.0, 1.0))
     offset: float = 0.0
     name: str = ""
 
@@ -146,9 +151,9 @@ class Box(Element):
     """
 
     shape = "box"
-    size: np.ndarray
-    position: np.ndarray = (0.0, 0.0, 0.0)
-    orientation: np.ndarray = (0.0, 0.0, 0.0, 1.0)
+    size: Array = array_field()
+    position: Array = array_field((0.0, 0.0, 0.0))
+    orientation: Array = array_field((0.0, 0.0, 0.0, 1.0))
     name: str = ""
 
     def __post_init__(self):
@@ -185,7 +190,7 @@ class Sphere(Element):
     shape = "sphere"
     orientation: ClassVar[tuple] = (0.0, 0.0, 0.0, 1.0)
     radius: float
-    position: np.ndarray = (0.0, 0.0, 0.0)
+    position: Array = array_field((0.0, 0.0, 0.0))
     name: str = ""
 
     def __post_init__(self):
@@ -224,8 +229,8 @@ class Cylinder(Element):
     shape = "cylinder"
     radius: float
     length: float
-    position: np.ndarray = (0.0, 0.0, 0.0)
-    orientation: np.ndarray = (0.0, 0.0, 0.0, 1.0)
+    position: Array = array_field((0.0, 0.0, 0.0))
+    orientation: Array = array_field((0.0, 0.0, 0.0, 1.0))
     name: str = ""
 
     def __post_init__(self):
@@ -262,8 +267,8 @@ class Capsule(Element):
     shape = "capsule"
     radius: float
     length: float
-    position: np.ndarray = (0.0, 0.0, 0.0)
-    orientation: np.ndarray = (0.0, 0.0, 0.0, 1.0)
+    position: Array = array_field((0.0, 0.0, 0.0))
+    orientation: Array = array_field((0.0, 0.0, 0.0, 1.0))
     name: str = ""
 
     def __post_init__(self):

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..checks.errors import InvalidOptionError, InvalidRequestError
+from ..checks.errors import InvalidOptionError, InvalidRequestError, UncPhysicsError
 from ..checks.validation import non_negative, share
 
 #: What the explicit step does of itself, so that it may be said: elastic, overlap as it is, none of the rest.
@@ -58,7 +58,7 @@ class Surface:
     restitution_std: float = 0.0
 
 
-def check_surface(thing, of="", error=InvalidRequestError) -> None:
+def check_surface(thing, of="", error: type[UncPhysicsError] = InvalidRequestError) -> None:
     """Check the four numbers of a `Surface`, or of a scene, and make them floats.
 
     Parameters

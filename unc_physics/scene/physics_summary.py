@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from .environment import element_names
 from .materials import DEFAULT_RESTITUTION, Materials
 from .scene import Scene
@@ -9,7 +11,7 @@ from .scene import Scene
 _STDS = ("stiffness_std", "gravity_direction_std", "friction_std", "restitution_std")
 
 
-def physics_of(scene: Scene) -> dict:
+def physics_of(scene: Scene) -> dict[str, Any]:
     """The physics of a scene by name, as plain Python values [SI]; no stiffness where it is yet to be chosen.
 
     ``friction`` and ``restitution`` are those of all surfaces that have none of their own; ``friction_of``

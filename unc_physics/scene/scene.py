@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import math
 import weakref
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from ..checks.array_field import Array, array_field
 from ..checks.errors import (
     DuplicateIdError,
     InvalidEnvironmentError,
@@ -104,7 +106,7 @@ class RigidBody(Surface):
     mass: float = 1.0
     fixed: bool = False
     mass_std: float = 0.0
-    center_of_mass_std: np.ndarray = 0.0
+    center_of_mass_std: Array = array_field(0.0)
     at_rest: bool = False
 
     def __post_init__(self):
@@ -188,12 +190,12 @@ class Scene:
         the integrator does not have.
     """
 
-    bodies: tuple[RigidBody, ...]
+    bodies: Sequence[RigidBody]
     dt: float = 0.01
     stiffness: float | None = None
     damping: float = 0.0
-    gravity: np.ndarray = (0.0, 0.0, 0.0)
-    environment: tuple[Element, ...] = ()
+    gravity: Array = array_field((0.0, 0.0, 0.0))
+    environment: Sequence[Element] = ()
     friction: float | None = None
     restitution: float | None = None
     gyroscopic: bool = False
@@ -271,7 +273,7 @@ class Scene:
             raise InvalidRequestError(f"must not exceed {most:.6g}", field=field, value=std)
 
     @classmethod
-    def everyday(cls, bodies, **overrides) -> Scene:
+    def everyday(cls, bodies: Sequence[RigidBody], **overrides: Any) -> Scene:
         """A robot's world: the physics of `presets.PRESETS`, in which things fall, slide and rest.
 
         Parameters

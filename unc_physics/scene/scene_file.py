@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import difflib
 import functools
+import os
 from pathlib import Path
 from typing import NamedTuple
 
@@ -97,7 +98,7 @@ class _UniqueKeyLoader(yaml.SafeLoader):
         return super().construct_mapping(node, deep)
 
 
-def load_scene(path, models_dir=None) -> LoadedScene:
+def load_scene(path: str | os.PathLike[str], models_dir: str | os.PathLike[str] | None = None) -> LoadedScene:
     """Read a scene file.
 
     Parameters
@@ -242,7 +243,7 @@ def _element(content, field):
     return at_field(place, ELEMENTS[kind], **given, name=name, **surface)
 
 
-def _surface(content, field, error=InvalidRequestError):
+def _surface(content, field, error: type[UncPhysicsError] = InvalidRequestError):
     """The entries of a body or an element that say what its surface is like, checked."""
     given = {key: content[key] for key in _SURFACE_KEYS if content.get(key) is not None}
     at_field(field, check_surface, Surface(**given), error=error)
@@ -346,7 +347,7 @@ def _std(value, field):
     return std
 
 
-def _numbers(value, shape, field, error=InvalidRequestError):
+def _numbers(value, shape, field, error: type[UncPhysicsError] = InvalidRequestError):
     """Nested lists of numbers as an array; every entry may be a string in any Python float form."""
     if not isinstance(value, (list, tuple)) or len(value) != shape[0]:
         raise error(f"must be a list of {shape[0]} {'numbers' if len(shape) == 1 else 'rows'}", field=field, value=value)
@@ -355,7 +356,7 @@ def _numbers(value, shape, field, error=InvalidRequestError):
     return array([number(entry, f"{field}[{k}]", error) for k, entry in enumerate(value)], shape, field)
 
 
-def _check_keys(content, known, field, error=InvalidRequestError):
+def _check_keys(content, known, field, error: type[UncPhysicsError] = InvalidRequestError):
     if not isinstance(content, dict):
         raise error("must be a mapping of keys to values", field=field, value=content)
     for key in content:

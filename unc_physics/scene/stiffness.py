@@ -8,6 +8,7 @@ import weakref
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ..checks.errors import LimitExceededError
 from ..checks.validation import positive
@@ -67,7 +68,7 @@ def rest_stiffness(bodies: Sequence[RigidBody], mean, gravity, depth: float = RE
     return _rounded_up(max(needed))
 
 
-def with_stiffness(scene: Scene, mean) -> Scene:
+def with_stiffness(scene: Scene, mean: np.ndarray) -> Scene:
     """The scene itself; one without a stiffness, with that which is chosen for its states ``mean`` (B, 13).
 
     The same choice gives the same object again.
@@ -80,7 +81,12 @@ def with_stiffness(scene: Scene, mean) -> Scene:
     return _chosen[scene]
 
 
-def auto_stiffness(bodies: Sequence[RigidBody], mean, gravity=(0.0, 0.0, 0.0), penetration: float = PENETRATION) -> float:
+def auto_stiffness(
+    bodies: Sequence[RigidBody],
+    mean: np.ndarray,
+    gravity: ArrayLike = (0.0, 0.0, 0.0),
+    penetration: float = PENETRATION,
+) -> float:
     """A stiffness at which no body presses deeper into another than wanted.
 
     Parameters

@@ -1,0 +1,104 @@
+"""A user's script, with the types that its author may count on."""
+
+from typing import Any, assert_type
+
+import numpy as np
+
+from unc_physics import (
+    PROPAGATORS,
+    Belief,
+    BodyStatus,
+    Box,
+    BoxRegion,
+    Capsule,
+    ContactProbability,
+    Cylinder,
+    ErrorCode,
+    Plane,
+    Prediction,
+    Propagator,
+    RegionProbability,
+    RestProbability,
+    RigidBody,
+    Scene,
+    Sphere,
+    SpherePacking,
+    Status,
+    UncPhysicsError,
+    assess,
+    auto_stiffness,
+    contact_probabilities,
+    load_model,
+    load_scene,
+    load_solid,
+    make_propagator,
+    pack_solid,
+    physics_of,
+    predict,
+    region_probabilities,
+    rest_probabilities,
+    save_packing,
+    start_belief,
+)
+
+
+def drop() -> Prediction:
+    box = RigidBody(
+        "box", load_model("salt_box").prefix(50), mass=0.52, center_of_mass_std=(0.001, 0.001, 0.0)
+    )
+    assert_type(box.center_of_mass_std, np.ndarray)
+    floor = Plane((0, 0, 1), name="floor")
+    wall = Box(size=[0.02, 1.0, 0.3], position=np.array([0.4, 0.0, 0.15]), friction=0.2)
+    post = Cylinder(0.05, 1.0, (0.0, 0.5, 0.5))
+    rail, knob = Capsule(0.01, 0.5, (0.0, -0.5, 0.2)), Sphere(radius=0.02, position=(0.1, 0.1, 0.0))
+    assert_type(wall.position, np.ndarray)
+    scene = Scene.everyday([box], environment=[floor, wall, post, rail, knob], friction=0.4)
+    assert_type(scene.gravity, np.ndarray)
+    assert_type(scene.bodies[0], RigidBody)
+    assert_type(scene.bodies[0].model, SpherePacking)
+
+    mean = np.zeros((1, 13))
+    mean[0, 9] = 1.0
+    mean[0, 2] = 0.2
+    belief = Belief(mean, np.zeros((1, 12, 12))).with_common_pose_std([0.01] * 6)
+    assert_type(belief.mean, np.ndarray)
+    assert_type(belief.marginal(0), np.ndarray)
+    assert_type(start_belief(scene, belief), Belief)
+    assert_type(auto_stiffness(scene.bodies, mean, gravity=(0, 0, -9.81)), float)
+
+    propagator = make_propagator("monte_carlo", samples=100, seed=1)
+    assert_type(propagator, Propagator)
+    assert_type(PROPAGATORS, dict[str, type[Propagator]])
+    try:
+        prediction = predict(scene, belief, propagator, horizon=0.5, times=[0.25])
+    except UncPhysicsError as error:
+        assert_type(error.code, ErrorCode)
+        raise
+    assert_type(prediction.belief.covariance, np.ndarray)
+    assert_type(prediction.times, tuple[float, ...])
+    assert_type(prediction.samples(10), np.ndarray)
+
+    for touch in contact_probabilities(scene, prediction, belief):
+        assert_type(touch, ContactProbability)
+        assert_type(touch.probability, float)
+    region = BoxRegion("bin", size=(0.4, 0.3, 0.2), position=(0, 0, 0.1))
+    assert_type(region_probabilities(scene, prediction, [region], belief), tuple[RegionProbability, ...])
+    assert_type(rest_probabilities(scene, prediction, belief), tuple[RestProbability, ...])
+    for status in assess(scene, belief, prediction):
+        assert_type(status, BodyStatus)
+        assert_type(status.flags, Status)
+    assert_type(physics_of(scene), dict[str, Any])
+    return prediction
+
+
+def from_file() -> Prediction:
+    scene, belief, horizon = load_scene("scene.yaml")
+    assert_type(scene, Scene)
+    assert_type(horizon, float | None)
+    return predict(scene, belief, "sigma_points", horizon)
+
+
+def pack() -> None:
+    solid, notes = load_solid("part.stl")
+    assert_type(notes, list[str])
+    save_packing("part.npz", pack_solid(solid, 5000, mass=0.35))
