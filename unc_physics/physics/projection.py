@@ -55,12 +55,13 @@ _NEAREST = 5e-4  # last step of what is nearest enough [m]
 _LEFT_OVER, _TOO_FAR = 2e-4, 8.0  # overlap [m], and standard deviations moved, of what cannot come free
 _SINGULAR = 1e-10  # share of a variance that is none
 #: To free what can be freed: fast, carefully, thoroughly, then without the pairs that could not be.
-_ATTEMPTS = 6
+_ATTEMPTS = 8
+_WORST = 0.5  # share of the deepest overlap left, at which a pair could not be freed
 _EXPECTED = 5.0  # standard deviations up to which a speed of approach may be none
 
 
 @kernel
-def project(states, mean, metric, sides, world, start, kept_overlap, look_only):
+def project(states, mean, metric, sides, world, start, first_time, kept_overlap, look_only):
     """Move the bodies of states (N, B, 13) in place to the nearest poses without overlap.
 
     Parameters
@@ -75,6 +76,8 @@ def project(states, mean, metric, sides, world, start, kept_overlap, look_only):
         What does not move there, stays.
     start : Start
         Is told what was done.
+    first_time : (N, B, B + E) float32
+        Is told what overlapped: it touches at time 0.
     kept_overlap : (N, B, B + E) float32
         Is told what could not come free [m]; what it holds is kept.
     look_only : bool
@@ -119,6 +122,8 @@ def project(states, mean, metric, sides, world, start, kept_overlap, look_only):
             start.moved[n, i] = max(start.moved[n, i], moved[i])
             for c in range(bodies + elements):
                 kept = work.kept_overlap[i, c]
+                if depth[i, c] > TOUCHING and not look_only:
+                    first_time[n, i, c] = 0.0
                 if kept > 0.0:
                     kept_overlap[n, i, c] = kept
                     start.kept[n, i] = max(start.kept[n, i], kept)
@@ -376,12 +381,14 @@ def stop_approach(x, mean, count, local, coupled, metric, world, work, rows):
 
 @inner
 def keep_overlap(count, depth, everything, moved, work):
-    """Let the pairs of the group at hand that did not come free overlap as they did at the start."""
-    any_kept = False
+    """Let the pairs of the group at hand that came least free overlap as they did at the start."""
+    any_kept, deepest = False, 0.0
+    for c in range(work.counts[CONTACTS]):
+        deepest = max(deepest, -work.rows[c, GAP])
     for c in range(work.counts[CONTACTS]):
         i, j = work.ids[c, 0], work.ids[c, 1]
         far = moved[i] > _TOO_FAR or (j >= 0 and moved[j] > _TOO_FAR)
-        if work.rows[c, GAP] < (2.0 * TOUCHING if far else -SOLVED):
+        if work.rows[c, GAP] < (2.0 * TOUCHING if far else -max(SOLVED, _WORST * deepest)):
             low, column = _pair(i, j, len(depth))
             if depth[low, column] > work.kept_overlap[low, column]:
                 work.kept_overlap[low, column] = depth[low, column]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numpy as np
 
@@ -36,7 +35,8 @@ _STEP = 1.0 / 60.0  # of bodies that come to rest [s]
 _QUIET_TIME, _LONGEST = 0.15, 3.0  # for which bodies settle at first, and at most [s]
 _TRIED, _ACCEPTANCE = 400, 0.05  # samples drawn at once, and the least share of them that must do
 _ASLEEP = 0.1  # how long what has settled has not moved [s]
-_LEAST_STD, _LEAST_TILT = 2e-4, 2e-3  # of a height [m] and a tilt [rad], when motions count in standard deviations
+#: Of the height [m] and tilt [rad] of what is at rest: they come from contact, and no belief is surer of them.
+_LEAST_STD, _LEAST_TILT = 5e-3, 0.03
 
 
 def known(scene: Scene, belief: Belief) -> Belief:
@@ -68,7 +68,7 @@ def draw(scene: Scene, belief: Belief, count: int, seed: int) -> np.ndarray:
     while found < count:
         if drawn >= max(count, _TRIED) and found < _ACCEPTANCE * drawn:
             raise LimitExceededError(
-                f"kept {found} of {drawn} samples, fewer than {_ACCEPTANCE:.0%}; 'project' moves them instead",
+                f"finds no overlap in only {found} of {drawn} samples, fewer than {_ACCEPTANCE:.0%}; take 'project'",
                 field="overlap", value=scene.overlap)
         states = belief.sample(max(count, _TRIED), rng)
         overlap = _look(scene, belief, states).overlap
@@ -107,11 +107,11 @@ def begin(scene: Scene, belief: Belief, states: np.ndarray) -> tuple[np.ndarray,
     kept = np.zeros(history.first_time.shape, np.float32)
     sides = _sides(scene, belief)
     if scene.overlap != "keep":
-        _project(scene, belief, states, sides, history.start, kept, resting & False)
+        _project(scene, belief, states, sides, history, kept, resting & False)
     if resting.any():
         history = _settle(scene, belief, drawn, states, sides, history, kept, resting)
         if scene.overlap != "keep" and not resting[scene.moving].all():
-            _project(scene, belief, states, sides, history.start, kept, resting)
+            _project(scene, belief, states, sides, history, kept, resting)
     if kept.any():
         history = history._replace(solver=history.solver._replace(kept_overlap=kept))
     return states, history
@@ -124,13 +124,11 @@ def _resting(scene):
 
 def _look(scene, belief, states):
     """The `Start` of states that stay as they are."""
-    history = histories.fresh(len(states), scene.world)
+    history: Any = histories.fresh(len(states), scene.world)
     kept = np.zeros(history.first_time.shape, np.float32)
-    nowhere = np.zeros((*kept.shape[1:], 3))
-    still = np.ones(len(scene.bodies), bool)
-    start: Any = history.start  # which histories of the implicit step have
-    _project(scene, belief, states, nowhere, start, kept, still & False, look_only=True)
-    return start
+    nowhere, nobody = np.zeros((*kept.shape[1:], 3)), np.zeros(len(scene.bodies), bool)
+    _project(scene, belief, states, nowhere, history, kept, nobody, look_only=True)
+    return history.start
 
 
 def _sides(scene, belief):
@@ -139,15 +137,16 @@ def _sides(scene, belief):
     history = histories.fresh(1, scene.world)
     kept = np.zeros(history.first_time.shape, np.float32)
     nobody = np.zeros(len(scene.bodies), bool)
-    _project(scene, belief, mean, np.zeros((*kept.shape[1:], 3)), history.start, kept, nobody)
+    _project(scene, belief, mean, np.zeros((*kept.shape[1:], 3)), history, kept, nobody)
     return sides_of(mean[0], scene.world)
 
 
-def _project(scene, belief, states, sides, start, kept, held, look_only=False):
+def _project(scene, belief, states, sides, history, kept, held, look_only=False):
     """Move states (N, B, 13) in place to where nothing overlaps; bodies that are ``held`` (B,) stay."""
     world = _without(scene.world, held)
     count = len(belief.moving)
     P = np.array(belief.joint).reshape(count, ERROR, count, ERROR)
+    _free_resting(scene, belief, P)
     place = np.full(len(scene.bodies), -1)
     place[belief.moving] = np.arange(count)
     place[held] = -1
@@ -155,10 +154,21 @@ def _project(scene, belief, states, sides, start, kept, held, look_only=False):
     mean = belief.mean.copy()
 
     def run(some):
-        own = type(start)(*(values[some] for values in start))
-        project(states[some], mean, metric, sides, world, own, kept[some], look_only)
+        own = histories.samples(history, some)
+        project(states[some], mean, metric, sides, world, own.start, own.first_time, kept[some], look_only)
 
     in_threads(len(states), run)
+
+
+def _free_resting(scene, belief, P):
+    """Let bodies at rest come free upwards and by tilting, however sure the belief is of their height and tilt."""
+    down = scene.gravity / np.linalg.norm(scene.gravity) if scene.gravity.any() else np.zeros(3)
+    up, flat = np.outer(down, down), np.eye(3) - np.outer(down, down)
+    for k, body in enumerate(belief.moving):
+        if scene.bodies[body].at_rest:
+            R = rotation_matrix(belief.mean[body, QUATERNION])
+            P[k, ERR_POSITION, k, ERR_POSITION] += _LEAST_STD**2 * up
+            P[k, ERR_ROTATION, k, ERR_ROTATION] += _LEAST_TILT**2 * R.T @ flat @ R
 
 
 def _without(world, held):
@@ -179,7 +189,7 @@ def _settle(scene, belief, drawn, states, sides, history, kept, resting):
     velocities and without slip find out what holds. Returns the history.
     """
     world = _without(scene.world, ~resting)
-    still = states.copy()
+    still, before = states.copy(), states[:, resting]
     still[..., VELOCITY] = still[..., ANGULAR_VELOCITY] = 0.0
     start = history.start
 
@@ -193,7 +203,8 @@ def _settle(scene, belief, drawn, states, sides, history, kept, resting):
     memory = histories.fresh(len(still), world)
     if kept.any():
         memory = memory._replace(solver=memory.solver._replace(kept_overlap=kept.copy()))
-    restless = np.arange(len(still))
+    nothing_below = start.unsettled.any(axis=1)
+    restless = np.flatnonzero(~nothing_below)
     time = _QUIET_TIME
     while len(restless) and time <= _LONGEST:
         some, own = still[restless], histories.samples(memory, restless)
@@ -201,10 +212,10 @@ def _settle(scene, belief, drawn, states, sides, history, kept, resting):
         still[restless] = some
         for values, others in zip(memory.solver, own.solver, strict=True):
             values[restless] = others
-        quiet = (own.solver.quiet[:, resting] * _STEP >= _ASLEEP).all(axis=1)
-        restless, time = restless[~quiet], 2.0 * time
-    start.unsettled[np.ix_(restless, np.flatnonzero(resting))] = 1.0
-    states[:, resting] = still[:, resting]
+        asleep = own.solver.quiet[:, resting] * _STEP >= _ASLEEP
+        start.unsettled[np.ix_(restless, np.flatnonzero(resting))] = ~asleep
+        restless, time = restless[~asleep.all(axis=1)], 2.0 * time
+    states[:, resting] = np.where(nothing_below[:, None, None], before, still[:, resting])
     states[:, resting, VELOCITY] = states[:, resting, ANGULAR_VELOCITY] = 0.0
     _note_settling(scene, belief, drawn, states, start, resting)
     if not resting[scene.moving].all():
