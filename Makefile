@@ -1,6 +1,6 @@
 # make demo   a node and a client over real DDS, with a table and a picture
 # make test   all tests
-# make lint   what needs no run: likely mistakes by ruff, types by pyright
+# make lint   what needs no run: likely mistakes and layout by ruff, types by pyright
 # make venv   what all need: .venv with the pinned dependencies, the interfaces and this package, editable
 # make check-all   lint and test, then what takes hours: thousands of random examples of each kind, and soak
 # make soak   random and malformed requests to the node for ten minutes, and its memory
@@ -50,6 +50,7 @@ demo:
 lint:
 	@$(MAKE_STEPS) $(MADE)/evaluation
 	@$(VENV_PYTHON) -m ruff check -q .
+	@$(VENV_PYTHON) -m ruff format -q --check .
 	@PYRIGHT_PYTHON_IGNORE_WARNINGS=1 $(VENV_PYTHON) -m pyright --pythonpath $(VENV_PYTHON)
 
 test:

@@ -1,4 +1,6 @@
-"""Build of the package for colcon and for pip; the interfaces are a package of their own, in unc_physics_msgs/."""
+"""Build of the package for colcon and for pip; the interfaces are a package of their own, in
+unc_physics_msgs/.
+"""
 
 from glob import glob
 from pathlib import Path
@@ -11,7 +13,9 @@ README = HERE / "README.md"
 
 
 def shared(folder, *patterns):
-    """The files of a folder that go to the same folder under share/unc_physics; nothing when there are none."""
+    """The files of a folder that go to the same folder under share/unc_physics; nothing when
+    there are none.
+    """
     files = sorted(file for pattern in patterns for file in glob(f"{folder}/{pattern}", root_dir=HERE))
     return [(f"share/{NAME}/{folder}", files)] if files else []
 
@@ -34,8 +38,8 @@ setup(
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
         (f"share/{NAME}", ["package.xml"]),
-        # ros2 run looks here. Scripts of setuptools would not do: they name the Python that built them, which under
-        # colcon is the system's, not that of the active venv.
+        # ros2 run looks here. Scripts of setuptools would not do: they name the Python that built them, which
+        # under colcon is the system's, not that of the active venv.
         (f"lib/{NAME}", sorted(glob("scripts/*", root_dir=HERE))),
         *shared("models", "*.npz", "README.md"),
         *shared("launch", "*.py"),
@@ -45,8 +49,14 @@ setup(
     extras_require={
         "geometry": GEOMETRY,
         "test": [
-            *GEOMETRY, "hypothesis>=6", "import-linter>=2", "libigl>=2.5", "mypy>=1.10", "pyright[nodejs]>=1.1.407",
-            "pytest>=7", "ruff",
+            *GEOMETRY,
+            "hypothesis>=6",
+            "import-linter>=2",
+            "libigl>=2.5",
+            "mypy>=1.10",
+            "pyright[nodejs]>=1.1.407",
+            "pytest>=7",
+            "ruff",
         ],
     },
     entry_points={"console_scripts": [f"{NAME} = {NAME}.__main__:main"]},

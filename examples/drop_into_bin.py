@@ -1,8 +1,8 @@
 """Which of several release poses over a bin keeps a salt box inside? Asks `~/predict_candidates`, and ranks.
 
-Start the node first (`ros2 run unc_physics unc_physics_node`, or `python -m unc_physics.ros.node`), then run this.
-The bin is made of five boxes on a floor. Each release pose is a candidate; all share the draws of the gripper's
-inaccuracy, and the answer tells the probability that the salt box ends inside.
+Start the node first (`ros2 run unc_physics unc_physics_node`, or `python -m unc_physics.ros.node`), then run
+this. The bin is made of five boxes on a floor. Each release pose is a candidate; all share the draws of the
+gripper's inaccuracy, and the answer tells the probability that the salt box ends inside.
 """
 
 import sys
@@ -16,7 +16,14 @@ from shape_msgs.msg import Plane, SolidPrimitive
 from unc_physics_msgs.msg import BoxRegion, Candidate, Environment, ObjectState
 from unc_physics_msgs.srv import PredictCandidates
 
-OFFSETS = (0.0, 0.08, 0.12, 0.14, 0.16, 0.20)  # m, of the release pose from the bin's centre, along its long side
+OFFSETS = (
+    0.0,
+    0.08,
+    0.12,
+    0.14,
+    0.16,
+    0.20,
+)  # m, of the release pose from the bin's centre, along its long side
 HEIGHT = 0.17  # m, of the salt box's bottom above the bin's floor
 LENGTH, WIDTH, RIM, WALL = 0.30, 0.20, 0.147, 0.004  # m, of the bin
 TABLE = -0.5  # m, height of what is below the bin
@@ -71,12 +78,19 @@ def main():
     client = node.create_client(PredictCandidates, "/unc_physics/predict_candidates")
     if not client.wait_for_service(timeout_sec=10.0):
         sys.exit("no node answers on /unc_physics/predict_candidates")
-    future = client.call_async(PredictCandidates.Request(
-        objects=[salt_box(0.0)], environment=bin_of_boxes(), regions=[inside()],
-        candidates=[Candidate(id=f"{offset:.2f} m", objects=[salt_box(offset)]) for offset in OFFSETS],
-        horizon=HORIZON, propagator="monte_carlo", samples=SAMPLES, seed=1,
-        scene_options=[KeyValue(key=key, value=value) for key, value in PHYSICS.items()],
-    ))
+    future = client.call_async(
+        PredictCandidates.Request(
+            objects=[salt_box(0.0)],
+            environment=bin_of_boxes(),
+            regions=[inside()],
+            candidates=[Candidate(id=f"{offset:.2f} m", objects=[salt_box(offset)]) for offset in OFFSETS],
+            horizon=HORIZON,
+            propagator="monte_carlo",
+            samples=SAMPLES,
+            seed=1,
+            scene_options=[KeyValue(key=key, value=value) for key, value in PHYSICS.items()],
+        )
+    )
     rclpy.spin_until_future_complete(node, future)
     response = future.result()
     rclpy.try_shutdown()
@@ -89,8 +103,10 @@ def main():
     for entry in sorted(response.predictions, key=lambda entry: -probability(entry)):
         state = entry.prediction.objects[0].states[-1]
         p, std = state.pose.pose.position, np.sqrt(np.reshape(state.pose.covariance, (6, 6)).diagonal()[:3])
-        print(f"{entry.candidate:14}{probability(entry):8.0%}     ({p.x:6.3f}, {p.y:6.3f}, {p.z:6.3f})"
-              f"     ({std[0]:.3f}, {std[1]:.3f}, {std[2]:.3f})")
+        print(
+            f"{entry.candidate:14}{probability(entry):8.0%}     ({p.x:6.3f}, {p.y:6.3f}, {p.z:6.3f})"
+            f"     ({std[0]:.3f}, {std[1]:.3f}, {std[2]:.3f})"
+        )
     print(f"computed in {response.computation_time:.1f} s, {SAMPLES} samples each")
 
 

@@ -1,6 +1,7 @@
 """Asks the node where a can on its way to a brick will be: the smallest client in Python.
 
-Start the node first (`ros2 run unc_physics unc_physics_node`, or `python -m unc_physics.ros.node`), then run this.
+Start the node first (`ros2 run unc_physics unc_physics_node`, or `python -m unc_physics.ros.node`), then run
+this.
 """
 
 import sys
@@ -16,10 +17,14 @@ def main():
     can = ObjectState(id="can", model="can", spheres=500, use_model_mass=True)
     can.pose.pose.position.x, can.pose.pose.position.z = -0.2, 0.01
     can.twist.twist.linear.x = 0.5
-    can.pose.covariance = np.diag([0.005**2] * 3 + [0.02**2] * 3).ravel()  # 5 mm and 0.02 rad, about fixed axes
+    can.pose.covariance = np.diag(
+        [0.005**2] * 3 + [0.02**2] * 3
+    ).ravel()  # 5 mm and 0.02 rad, about fixed axes
     can.twist.covariance[0] = -1.0  # unknown: the node's default
     brick = ObjectState(id="brick", model="brick", spheres=500, fixed=True)
-    request = Predict.Request(objects=[can, brick], horizon=0.5, trajectory_period=0.1, propagator="sigma_points")
+    request = Predict.Request(
+        objects=[can, brick], horizon=0.5, trajectory_period=0.1, propagator="sigma_points"
+    )
 
     rclpy.init()
     node = rclpy.create_node("predict_client")
@@ -36,8 +41,10 @@ def main():
         time = state.time_from_start.sec + 1e-9 * state.time_from_start.nanosec
         position = state.pose.pose.position
         std = np.sqrt(np.reshape(state.pose.covariance, (6, 6)).diagonal())
-        print(f"{time:.1f} s: ({position.x:.3f}, {position.y:.3f}, {position.z:.3f}) m "
-              f"+- ({std[0]:.3f}, {std[1]:.3f}, {std[2]:.3f}) m")
+        print(
+            f"{time:.1f} s: ({position.x:.3f}, {position.y:.3f}, {position.z:.3f}) m "
+            f"+- ({std[0]:.3f}, {std[1]:.3f}, {std[2]:.3f}) m"
+        )
 
 
 if __name__ == "__main__":

@@ -1,6 +1,6 @@
 """The prediction node and a client that streams two bunnies which approach each other, shown in RViz.
 
-    ros2 launch unc_physics demo.launch.py [rviz:=false]
+ros2 launch unc_physics demo.launch.py [rviz:=false]
 """
 
 from pathlib import Path
@@ -17,13 +17,22 @@ CONFIG = Path(get_package_share_directory("unc_physics")) / "config"
 
 
 def generate_launch_description():
-    return LaunchDescription([
-        DeclareLaunchArgument("rviz", default_value="true", description="show predictions in RViz"),
-        Node(
-            package="unc_physics", executable="unc_physics_node", name="unc_physics", output="screen",
-            parameters=[str(CONFIG / "demo.yaml")]),
-        Node(package="unc_physics", executable="unc_physics_demo_stream", output="screen"),
-        Node(
-            package="rviz2", executable="rviz2", arguments=["-d", str(CONFIG / "predict.rviz")],
-            condition=IfCondition(LaunchConfiguration("rviz"))),
-    ])
+    return LaunchDescription(
+        [
+            DeclareLaunchArgument("rviz", default_value="true", description="show predictions in RViz"),
+            Node(
+                package="unc_physics",
+                executable="unc_physics_node",
+                name="unc_physics",
+                output="screen",
+                parameters=[str(CONFIG / "demo.yaml")],
+            ),
+            Node(package="unc_physics", executable="unc_physics_demo_stream", output="screen"),
+            Node(
+                package="rviz2",
+                executable="rviz2",
+                arguments=["-d", str(CONFIG / "predict.rviz")],
+                condition=IfCondition(LaunchConfiguration("rviz")),
+            ),
+        ]
+    )

@@ -7,7 +7,9 @@ from hypothesis import settings
 
 HERE = Path(__file__).resolve().parent
 ROOT = HERE.parent
-sys.path[:0] = map(str, (HERE, ROOT, ROOT / "evaluation"))  # `twins`, and the packages where they are not installed
+sys.path[:0] = map(
+    str, (HERE, ROOT, ROOT / "evaluation")
+)  # `twins`, and the packages where they are not installed
 
 from example_scenes import content, loaded  # noqa: F401  (fixtures)
 

@@ -15,7 +15,9 @@ def code(language="python"):
 
 
 def install(folder, module, name):
-    """Put a module of the page into a folder as an installed package whose entry point is a propagator of that name."""
+    """Put a module of the page into a folder as an installed package whose entry point is a propagator of
+    that name.
+    """
     (folder / f"{module}.py").write_text(code()[f"{module}.py"])
     toml = re.search(rf'^{name} = "(\w+:\w+)"$', PAGE.read_text(), re.MULTILINE)
     package = folder / f"{module}-1.0.dist-info"
@@ -31,7 +33,9 @@ def environment(*folders):
 
 
 def edited(text, difference):
-    """A file's text after the lines of a difference: those with ``-`` are found, those with ``+`` take their place."""
+    """A file's text after the lines of a difference: those with ``-`` are found, those with ``+`` take their
+    place.
+    """
     for old, new in re.findall(r"^-(.*)\n((?:\+.*\n)+)", difference, re.MULTILINE):
         assert text.count(f"{old}\n") == 1, old
         text = text.replace(f"{old}\n", re.sub(r"^\+", "", new, flags=re.MULTILINE))

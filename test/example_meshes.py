@@ -10,8 +10,10 @@ from unc_physics.geometry.solid_mesh import make_solid
 def joined(*meshes):
     """Several meshes as one, without uniting them."""
     starts = np.cumsum([0] + [len(mesh.vertices) for mesh in meshes])
-    return (np.concatenate([mesh.vertices for mesh in meshes]),
-            np.concatenate([mesh.faces + start for mesh, start in zip(meshes, starts, strict=False)]))
+    return (
+        np.concatenate([mesh.vertices for mesh in meshes]),
+        np.concatenate([mesh.faces + start for mesh, start in zip(meshes, starts, strict=False)]),
+    )
 
 
 def raw(mesh):
@@ -39,9 +41,13 @@ MESHES = {
     "two balls": lambda: joined(ball(1.0), moved(ball(0.5), [2.0, 0.0, 0.0])),
     "hollow ball": lambda: joined(ball(1.0), turned_inside_out(ball(0.6))),
     "ball in a cavity": lambda: joined(ball(1.0), turned_inside_out(ball(0.6)), ball(0.3)),
-    "L": lambda: raw(trimesh.creation.extrude_triangulation(
-        np.array([[0, 0], [2, 0], [2, 1], [1, 1], [1, 2], [0, 2.0]]),
-        np.array([[0, 1, 2], [0, 2, 3], [0, 3, 4], [0, 4, 5]]), height=0.5)),
+    "L": lambda: raw(
+        trimesh.creation.extrude_triangulation(
+            np.array([[0, 0], [2, 0], [2, 1], [1, 1], [1, 2], [0, 2.0]]),
+            np.array([[0, 1, 2], [0, 2, 3], [0, 3, 4], [0, 4, 5]]),
+            height=0.5,
+        )
+    ),
     "needle": lambda: raw(trimesh.creation.cone(radius=0.02, height=2.0, sections=12)),
 }
 

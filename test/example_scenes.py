@@ -93,7 +93,12 @@ def everyday():
     }
 
 
-CONTENTS = {"two_bodies": two_bodies, "three_bodies": three_bodies, "undamped": undamped, "everyday": everyday}
+CONTENTS = {
+    "two_bodies": two_bodies,
+    "three_bodies": three_bodies,
+    "undamped": undamped,
+    "everyday": everyday,
+}
 
 
 @pytest.fixture(params=["two_bodies", "three_bodies"])

@@ -23,7 +23,8 @@ class OneSentenceParser(argparse.ArgumentParser):
 def build_parser() -> argparse.ArgumentParser:
     """The parser of all commands."""
     parser = OneSentenceParser(
-        prog="unc_physics", description="Predict where rigid objects will be, and how surely.",
+        prog="unc_physics",
+        description="Predict where rigid objects will be, and how surely.",
         epilog="Bad input ends with one sentence on standard error and an exit status that tells its kind "
         "(unc_physics.ErrorCode).",
     )

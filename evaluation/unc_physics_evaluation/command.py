@@ -14,20 +14,51 @@ def add_evaluate_command(commands) -> None:
     from .experiments import NAMES
 
     parser = commands.add_parser(
-        "evaluate", help="measure speed and error of all propagators",
-        description="Measure speed and error of all propagators beside Monte Carlo, and write rows (CSV), figures and a report "
-        "(report.md). An interrupted run goes on where it stopped; finished work is never done again.",
+        "evaluate",
+        help="measure speed and error of all propagators",
+        description=(
+            "Measure speed and error of all propagators beside Monte Carlo, and write rows (CSV), figures and"
+            " a report (report.md). An interrupted run goes on where it stopped; finished work is never done"
+            " again."
+        ),
     )
     parser.add_argument(
-        "experiments", nargs="*", metavar="EXPERIMENT", help=f"which to run (default: all): {', '.join(NAMES)}")
-    parser.add_argument("--quick", action="store_true", help="a look in two minutes, once the kernels are compiled, in place of results in an hour")
-    parser.add_argument("-o", "--output", metavar="DIR", help="folder for the results (default: evaluation_results, or evaluation_quick)")
-    parser.add_argument("--scheduler", metavar="ADDRESS", help="a Dask scheduler whose cluster does the work, for example tcp://host:8786")
-    parser.add_argument("--workers", type=int, metavar="N", help="processes on this machine (default: one per processor)")
-    parser.add_argument("--seed", type=int, default=0, metavar="S", help="another one gives an independent sweep (default 0)")
-    parser.add_argument("--distance", choices=("exact", "sinkhorn"), default="exact",
-                        help="how W1 is computed: exactly, or by entropic regularization, debiased, which takes far longer")
-    parser.add_argument("--report", action="store_true", help="run nothing, write the report from the rows that are there")
+        "experiments",
+        nargs="*",
+        metavar="EXPERIMENT",
+        help=f"which to run (default: all): {', '.join(NAMES)}",
+    )
+    parser.add_argument(
+        "--quick",
+        action="store_true",
+        help="a look in two minutes, once the kernels are compiled, in place of results in an hour",
+    )
+    parser.add_argument(
+        "-o",
+        "--output",
+        metavar="DIR",
+        help="folder for the results (default: evaluation_results, or evaluation_quick)",
+    )
+    parser.add_argument(
+        "--scheduler",
+        metavar="ADDRESS",
+        help="a Dask scheduler whose cluster does the work, for example tcp://host:8786",
+    )
+    parser.add_argument(
+        "--workers", type=int, metavar="N", help="processes on this machine (default: one per processor)"
+    )
+    parser.add_argument(
+        "--seed", type=int, default=0, metavar="S", help="another one gives an independent sweep (default 0)"
+    )
+    parser.add_argument(
+        "--distance",
+        choices=("exact", "sinkhorn"),
+        default="exact",
+        help="how W1 is computed: exactly, or by entropic regularization, debiased, which takes far longer",
+    )
+    parser.add_argument(
+        "--report", action="store_true", help="run nothing, write the report from the rows that are there"
+    )
     parser.set_defaults(run=run)
 
 
@@ -61,7 +92,11 @@ def run(arguments: argparse.Namespace) -> int:
             try:
                 failures = run_jobs(jobs, results, arguments.scheduler, arguments.workers)
             except KeyboardInterrupt:
-                print(f"interrupted: what is finished is kept in {results.folder}; the same command goes on there", file=sys.stderr)
+                print(
+                    f"interrupted: what is finished is kept in {results.folder}; the same command goes on"
+                    " there",
+                    file=sys.stderr,
+                )
                 raise
         path = write_report(results, NAMES, gaps, failures)
     for gap in gaps:

@@ -37,11 +37,15 @@ def distance_cost(size: int, distance: str) -> float:
 
 
 def methods(job: Job) -> dict[str, Propagator]:
-    """All propagators but Monte Carlo with their default options, and sigma points in all directions, as the paper's."""
+    """All propagators but Monte Carlo with their default options, and sigma points in all directions, as the
+    paper's.
+    """
     made = {}
     for name, cls in PROPAGATORS.items():
         if name != MONTE_CARLO:
-            made[name] = make_propagator(name, **({"seed": job.seed(name)} if "seed" in cls.options() else {}))
+            made[name] = make_propagator(
+                name, **({"seed": job.seed(name)} if "seed" in cls.options() else {})
+            )
         if name == "sigma_points":
             made["sigma_points_full"] = make_propagator(name, points="full")
     return made
@@ -70,7 +74,12 @@ def monte_carlo(scene, belief, horizon, samples, seed) -> Samples:
 
 
 def error_rows(
-    job: Job, truth: Samples, second: Samples, beliefs: Mapping[str, Belief], counts: Sequence[int], subset: int,
+    job: Job,
+    truth: Samples,
+    second: Samples,
+    beliefs: Mapping[str, Belief],
+    counts: Sequence[int],
+    subset: int,
 ) -> list[Row]:
     """W1 of predictions, of Monte Carlo, of the best single Gaussian and of a second truth, to a truth.
 
@@ -115,13 +124,21 @@ def error_rows(
 
 def predicted_beliefs(scene, belief, horizon, job: Job) -> dict[str, Belief]:
     """Every method's prediction."""
-    return {name: predict(scene, belief, propagator, horizon).belief for name, propagator in methods(job).items()}
+    return {
+        name: predict(scene, belief, propagator, horizon).belief for name, propagator in methods(job).items()
+    }
 
 
-def predictors(scene, belief, horizon, job: Job, counts: Sequence[int]) -> dict[tuple[str, int | None], Callable]:
-    """Every method, and Monte Carlo with ``counts`` samples, as functions of a round; by method and samples."""
+def predictors(
+    scene, belief, horizon, job: Job, counts: Sequence[int]
+) -> dict[tuple[str, int | None], Callable]:
+    """Every method, and Monte Carlo with ``counts`` samples, as functions of a round; by method
+    and samples.
+    """
     functions = {
-        (MONTE_CARLO, count): lambda k, count=count: monte_carlo(scene, belief, horizon, count, job.seed(f"round {k}"))
+        (MONTE_CARLO, count): lambda k, count=count: monte_carlo(
+            scene, belief, horizon, count, job.seed(f"round {k}")
+        )
         for count in counts
     }
     for name, propagator in methods(job).items():
@@ -130,7 +147,9 @@ def predictors(scene, belief, horizon, job: Job, counts: Sequence[int]) -> dict[
 
 
 def time_rows(functions: Mapping[tuple[str, int | None], Callable], rounds: int) -> list[Row]:
-    """CPU time of whole predictions on one thread, and over that of Monte Carlo with ten samples in the same round."""
+    """CPU time of whole predictions on one thread, and over that of Monte Carlo with ten samples in the same
+    round.
+    """
     times = paired(functions, rounds)
     reference = times[MONTE_CARLO, 10]
     return [

@@ -1,4 +1,6 @@
-"""What a rollout, or a prediction on its way, keeps and does not: energy, momentum, places, a covariance's definiteness."""
+"""What a rollout, or a prediction on its way, keeps and does not: energy, momentum, places, a covariance's
+definiteness.
+"""
 
 from __future__ import annotations
 
@@ -24,8 +26,16 @@ from .jobs import Row
 from .passing import passed_through
 
 FINITE, GAIN, CHANGE, MOMENTUM, PASSED, DRIFT, EIGENVALUE = (
-    "finite", "energy_gain", "energy_change", "momentum_error", "passed_through", "drift", "least_eigenvalue")
-LIFT = 1e-3  # of the bodies' radii: with gravity, energies are compared with at least what lifts all of them so far
+    "finite",
+    "energy_gain",
+    "energy_change",
+    "momentum_error",
+    "passed_through",
+    "drift",
+    "least_eigenvalue",
+)
+#: Of the bodies' radii: with gravity, energies are compared with at least what lifts all of them so far.
+LIFT = 1e-3
 
 
 def trajectory(scene: Scene, mean: np.ndarray, steps: int) -> np.ndarray:
@@ -43,10 +53,12 @@ def trajectory(scene: Scene, mean: np.ndarray, steps: int) -> np.ndarray:
 def rollout_rows(method: str, scene: Scene, states: np.ndarray) -> list[Row]:
     """What a rollout, given by its `trajectory`, keeps.
 
-    Energy gained is the largest on the way, over all that there was at the start and that gravity gave; the energy in contacts
-    counts at the start alone, so that it is never taken for a gain. Where nothing should take energy away, without friction
-    and with elastic contacts, ``energy_change`` is that at the end, contacts included. ``momentum_error`` is the largest, over the largest sum of the sizes of all momenta, where
-    momentum is conserved. ``drift`` is the largest mean speed of a body over the last quarter, in scenes with friction.
+    Energy gained is the largest on the way, over all that there was at the start and that gravity gave; the
+    energy in contacts counts at the start alone, so that it is never taken for a gain. Where nothing should
+    take energy away, without friction and with elastic contacts, ``energy_change`` is that at the end,
+    contacts included. ``momentum_error`` is the largest, over the largest sum of the sizes of all momenta,
+    where momentum is conserved. ``drift`` is the largest mean speed of a body over the last quarter, in
+    scenes with friction.
     """
     finite = np.isfinite(states).all(axis=(1, 2))
     rows = [Row(method, FINITE, "1", float(finite.all()))]
@@ -63,15 +75,20 @@ def rollout_rows(method: str, scene: Scene, states: np.ndarray) -> list[Row]:
         rows.append(Row(method, PASSED, "1", float(passed_through(scene, states))))
     last = len(states) // 4
     if scene.materials.friction.any() and last:
-        moved = np.linalg.norm(states[-1, scene.moving, POSITION] - states[-1 - last, scene.moving, POSITION], axis=-1)
+        moved = np.linalg.norm(
+            states[-1, scene.moving, POSITION] - states[-1 - last, scene.moving, POSITION], axis=-1
+        )
         rows.append(Row(method, DRIFT, "m/s", float(moved.max() / (last * scene.dt))))
     return rows
 
 
-def prediction_rows(method: str, scene: Scene, beliefs: Sequence[Belief], times: Sequence[float]) -> list[Row]:
+def prediction_rows(
+    method: str, scene: Scene, beliefs: Sequence[Belief], times: Sequence[float]
+) -> list[Row]:
     """What a prediction keeps, from its beliefs at these times, the first of them at 0.
 
-    Energy is the expected one, the spread's included, and so at least what it would be if all turned about the axes of least
+    Energy is the expected one, the spread's included, and so at least what it would be if all turned about
+    the axes of least
     inertia: where rotations are spread out, means and covariances tell no more.
     """
     means = np.array([belief.mean for belief in beliefs])
@@ -105,7 +122,9 @@ def _gain(scene, total, height, stored):
 def _scale(scene, total, height, stored):
     """Energy that there was at the start, and that gravity gave [J]."""
     bodies = [scene.bodies[k] for k in scene.moving]
-    lifting = LIFT * np.linalg.norm(scene.gravity) * sum(body.mass * body.model.bounding_radius for body in bodies)
+    lifting = (
+        LIFT * np.linalg.norm(scene.gravity) * sum(body.mass * body.model.bounding_radius for body in bodies)
+    )
     return max(total[0] - height[0] + stored + max(height[0] - np.min(height), 0.0), lifting, 1e-300)
 
 
@@ -134,6 +153,8 @@ def _kinetic_at_least(scene, belief):
     for k, P in zip(scene.moving, belief.blocks, strict=True):
         body, x = scene.bodies[k], belief.mean[k]
         moving = x[VELOCITY] @ x[VELOCITY] + P[ERR_VELOCITY, ERR_VELOCITY].trace()
-        turning = x[ANGULAR_VELOCITY] @ x[ANGULAR_VELOCITY] + P[ERR_ANGULAR_VELOCITY, ERR_ANGULAR_VELOCITY].trace()
+        turning = (
+            x[ANGULAR_VELOCITY] @ x[ANGULAR_VELOCITY] + P[ERR_ANGULAR_VELOCITY, ERR_ANGULAR_VELOCITY].trace()
+        )
         energy += 0.5 * body.mass * (moving + np.linalg.eigvalsh(body.model.inertia)[0] * turning)
     return energy

@@ -77,7 +77,12 @@ def _lens_integral(d, R, r):
     inner, outer = np.abs(R - r), R + r
     low = np.clip(d, inner, outer)
     s = low[..., None] + 0.5 * (outer - low)[..., None] * (1.0 + _NODES)
-    lens = np.pi * (outer[..., None] - s) ** 2 * (s**2 + 2.0 * s * outer[..., None] - 3.0 * (inner**2)[..., None]) / (12.0 * s)
+    lens = (
+        np.pi
+        * (outer[..., None] - s) ** 2
+        * (s**2 + 2.0 * s * outer[..., None] - 3.0 * (inner**2)[..., None])
+        / (12.0 * s)
+    )
     whole = 4.0 / 3.0 * np.pi * np.minimum(R, r) ** 3
     return 0.5 * (outer - low) * (lens @ _WEIGHTS) + np.maximum(inner - d, 0.0) * whole
 
@@ -85,4 +90,6 @@ def _lens_integral(d, R, r):
 def _cap_integral(h, r):
     """Integral of the cap's volume over its depth, from 0 to h."""
     cap = np.clip(h, 0.0, 2.0 * r)
-    return np.pi * (r * cap**3 / 3.0 - cap**4 / 12.0) + np.maximum(h - 2.0 * r, 0.0) * 4.0 / 3.0 * np.pi * r**3
+    return (
+        np.pi * (r * cap**3 / 3.0 - cap**4 / 12.0) + np.maximum(h - 2.0 * r, 0.0) * 4.0 / 3.0 * np.pi * r**3
+    )

@@ -1,9 +1,11 @@
-"""Rollouts of a scene in PyBullet and in MuJoCo: the same masses, inertias, states, damping, environment and time step.
+"""Rollouts of a scene in PyBullet and in MuJoCo: the same masses, inertias, states, damping, environment and
+time step.
 
-Shapes are the same spheres, or what people usually give these engines: a few convex pieces, or one box or cylinder. The
-geometry "primitive" is the box or the cylinder that a model is, and convex pieces of a model that is neither. In a scene
-without friction both engines get what is fastest for them among the settings under which bodies collide as ours do: no
-friction, elastic contact. In one with friction they keep their own contact laws, as people run them. Nothing sleeps,
+Shapes are the same spheres, or what people usually give these engines: a few convex pieces, or one box or
+cylinder. The geometry "primitive" is the box or the cylinder that a model is, and convex pieces of a model
+that is neither. In a scene without friction both engines get what is fastest for them among the settings
+under which bodies collide as ours do: no friction, elastic contact. In one with friction they keep their own
+    contact laws, as people run them. Nothing sleeps,
 nothing is drawn. Bodies are given in their principal axes, in which both engines keep the inertia.
 """
 
@@ -47,8 +49,8 @@ class PrincipalBody:
 
     Notes
     -----
-    ``pieces`` cuts the spheres into clusters and takes the convex hull of each, as a convex decomposition of a mesh
-    would; ``box`` is the uniform box of the same mass and inertia.
+    ``pieces`` cuts the spheres into clusters and takes the convex hull of each, as a convex decomposition of
+    a mesh would; ``box`` is the uniform box of the same mass and inertia.
     """
 
     def __init__(self, body):
@@ -71,11 +73,18 @@ class PrincipalBody:
     def primitive(self):
         """Kind, sides [m], middle (3,) [m] and orientation of the box or cylinder that the model is."""
         low, high = self._model.bounds
-        return PRIMITIVES[self._model.name], (high - low).tolist(), self.axes.inv().apply(0.5 * (low + high)), self.axes.inv()
+        return (
+            PRIMITIVES[self._model.name],
+            (high - low).tolist(),
+            self.axes.inv().apply(0.5 * (low + high)),
+            self.axes.inv(),
+        )
 
     def pieces(self):
         """Vertices (k, 3) [m] of each convex piece."""
-        _, cluster = kmeans2(self.centers, min(PIECES, len(self.centers)), minit="++", rng=np.random.default_rng(0))
+        _, cluster = kmeans2(
+            self.centers, min(PIECES, len(self.centers)), minit="++", rng=np.random.default_rng(0)
+        )
         # support points: where the hull of a cluster's spheres touches planes of evenly spread directions
         height = 1.0 - (2.0 * np.arange(_DIRECTIONS) + 1.0) / _DIRECTIONS
         turn = np.pi * (1.0 + math.sqrt(5.0)) * np.arange(_DIRECTIONS)
@@ -103,8 +112,8 @@ class PyBulletRollouts:
     Notes
     -----
     Bodies come from URDF text, because ``createCollisionShapeArray`` keeps 16 spheres and says nothing. As
-    bodies in maximal coordinates they take the solver for free bodies; the other one, for articulated bodies, is no
-    faster and gains energy with elastic contacts.
+    bodies in maximal coordinates they take the solver for free bodies; the other one, for articulated bodies,
+    is no faster and gains energy with elastic contacts.
     """
 
     def __init__(self, scene, geometry="spheres"):
@@ -114,7 +123,9 @@ class PyBulletRollouts:
         self._scene = scene
         self._bodies = [PrincipalBody(body) for body in scene.bodies]
         self._client = client = BulletClient(connection_mode=pybullet.DIRECT)
-        client.setPhysicsEngineParameter(fixedTimeStep=scene.dt, numSubSteps=0, restitutionVelocityThreshold=0.0)
+        client.setPhysicsEngineParameter(
+            fixedTimeStep=scene.dt, numSubSteps=0, restitutionVelocityThreshold=0.0
+        )
         client.setGravity(*scene.gravity.tolist())
         # Bullet keeps the share 1 - d of a velocity in a second, we exp(-damping)
         damping = 1.0 - math.exp(-scene.damping)
@@ -123,13 +134,17 @@ class PyBulletRollouts:
             for body in self._bodies:
                 path = Path(folder) / f"{body.name}.urdf"
                 path.write_text(_urdf(body, geometry, Path(folder)))
-                probe = client.loadURDF(str(path))  # PyBullet tells the shapes of bodies in minimal coordinates only
+                probe = client.loadURDF(
+                    str(path)
+                )  # PyBullet tells the shapes of bodies in minimal coordinates only
                 self._shapes.append(len(client.getCollisionShapeData(probe, -1)))
                 client.removeBody(probe)
                 handle = client.loadURDF(
                     str(path), flags=pybullet.URDF_USE_INERTIA_FROM_FILE, useMaximalCoordinates=True
                 )
-                client.changeDynamics(handle, -1, linearDamping=damping, angularDamping=damping, **_bullet_contact(scene))
+                client.changeDynamics(
+                    handle, -1, linearDamping=damping, angularDamping=damping, **_bullet_contact(scene)
+                )
                 self._handles.append(handle)
         for solid in scene.environment:
             client.changeDynamics(self._fixed(solid), -1, **_bullet_contact(scene))
@@ -149,7 +164,9 @@ class PyBulletRollouts:
     def begin(self, state):
         """Set the state (B, 13)."""
         for body, handle, x in zip(self._bodies, self._handles, state, strict=True):
-            self._client.resetBasePositionAndOrientation(handle, x[POSITION].tolist(), body.orientation(x).as_quat().tolist())
+            self._client.resetBasePositionAndOrientation(
+                handle, x[POSITION].tolist(), body.orientation(x).as_quat().tolist()
+            )
             self._client.resetBaseVelocity(handle, x[VELOCITY].tolist(), x[ANGULAR_VELOCITY].tolist())
 
     def advance(self, steps):
@@ -244,7 +261,11 @@ def _urdf(body, geometry, folder):
             warnings.simplefilter("ignore")  # at gimbal lock any of the equivalent angles will do
             angles = turned.as_euler("xyz").tolist()
         place = 'xyz="{!r} {!r} {!r}" rpy="{!r} {!r} {!r}"'.format(*middle.tolist(), *angles)
-        shape = f'<box size="{x!r} {y!r} {z!r}"/>' if kind == "box" else f'<cylinder radius="{x / 2!r}" length="{z!r}"/>'
+        shape = (
+            f'<box size="{x!r} {y!r} {z!r}"/>'
+            if kind == "box"
+            else f'<cylinder radius="{x / 2!r}" length="{z!r}"/>'
+        )
         shapes = [(place, shape)]
     else:
         shapes = []
@@ -253,13 +274,13 @@ def _urdf(body, geometry, folder):
             path.write_text(_obj(vertices))
             shapes.append(('xyz="0 0 0"', f'<mesh filename="{path}"/>'))
     collisions = "\n".join(  # on lines of their own: PyBullet cuts long lines
-        f'<collision><origin {place}/><geometry>{shape}</geometry></collision>' for place, shape in shapes
+        f"<collision><origin {place}/><geometry>{shape}</geometry></collision>" for place, shape in shapes
     )
     a, b, c = body.inertia.tolist()
     inertia = f'<inertia ixx="{a!r}" iyy="{b!r}" izz="{c!r}" ixy="0" ixz="0" iyz="0"/>'
     return (
-        f'<robot name="{body.name}"><link name="body"><inertial><mass value="{body.mass!r}"/>{inertia}</inertial>'
-        f"\n{collisions}\n</link></robot>\n"
+        f'<robot name="{body.name}"><link name="body"><inertial><mass'
+        f' value="{body.mass!r}"/>{inertia}</inertial>\n{collisions}\n</link></robot>\n'
     )
 
 
@@ -275,9 +296,10 @@ class MuJoCoRollouts:
 
     Notes
     -----
-    Without friction contacts are springs without damper, so they are elastic; its solver shares the mass among the contacts.
-    With friction they are MuJoCo's own, critically damped, in which there is no coefficient of restitution: a cube that falls
-    flat comes back with 0.12 of its speed at steps of 1/240 s. The cone of friction is the elliptic one; the pyramid that
+    Without friction contacts are springs without damper, so they are elastic; its solver shares the mass
+    among the contacts. With friction they are MuJoCo's own, critically damped, in which there is no
+    coefficient of restitution: a cube that falls flat comes back with 0.12 of its speed at steps of 1/240 s.
+        The cone of friction is the elliptic one; the pyramid that
     MuJoCo takes unless told otherwise has 0.7 of the friction halfway between its axes.
     """
 
@@ -354,7 +376,12 @@ def _mjcf(scene, bodies, geometry):
         elif shape == "primitive":
             kind, (x, y, z), middle, turned = body.primitive()
             size = f"{x / 2!r} {y / 2!r} {z / 2!r}" if kind == "box" else f"{x / 2!r} {z / 2!r}"
-            geoms = [f'<geom type="{kind}" size="{size}" pos="{_mujoco_text(middle)}" quat="{_mujoco_quaternion(turned)}"/>']
+            geoms = [
+                (
+                    f'<geom type="{kind}" size="{size}" pos="{_mujoco_text(middle)}"'
+                    f' quat="{_mujoco_quaternion(turned)}"/>'
+                )
+            ]
         else:
             pieces = body.pieces()
             geoms = [f'<geom type="mesh" mesh="{body.name}_{k}"/>' for k in range(len(pieces))]
@@ -369,9 +396,10 @@ def _mjcf(scene, bodies, geometry):
     cone = "" if scene.friction is None else 'cone="elliptic" '
     text += [_mujoco_fixed(solid) for solid in scene.environment]
     return (
-        f'<mujoco><option {cone}timestep="{scene.dt!r}" gravity="{_mujoco_text(scene.gravity)}"/><size memory="256M"/>'
+        f'<mujoco><option {cone}timestep="{scene.dt!r}" gravity="{_mujoco_text(scene.gravity)}"/><size'
+        ' memory="256M"/>'
         f'<default><geom condim="{_CONDIM[scene.friction is not None]}" mass="0" {contact}/></default>'
-        f'<asset>{"".join(assets)}</asset><worldbody>{"".join(text)}</worldbody></mujoco>'
+        f"<asset>{''.join(assets)}</asset><worldbody>{''.join(text)}</worldbody></mujoco>"
     )
 
 

@@ -1,4 +1,6 @@
-"""Jobs: the pieces of a sweep, told apart and seeded by what they compute, so that order and place do not matter."""
+"""Jobs: the pieces of a sweep, told apart and seeded by what they compute, so that order and place do not
+matter.
+"""
 
 from __future__ import annotations
 

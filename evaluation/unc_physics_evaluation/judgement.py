@@ -65,8 +65,11 @@ def any_of(judged) -> Judged:
     """Several bodies as one, which is bad or flagged if any of them is; with their worst ratios."""
     judged = list(judged)
     return Judged(
-        worst(one.position for one in judged), worst(one.rotation for one in judged),
-        any(one.bad for one in judged), any(one.flagged for one in judged))
+        worst(one.position for one in judged),
+        worst(one.rotation for one in judged),
+        any(one.bad for one in judged),
+        any(one.flagged for one in judged),
+    )
 
 
 def rates(judged) -> Rates:

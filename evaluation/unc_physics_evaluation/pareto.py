@@ -41,4 +41,6 @@ def front(choices: Iterable[Choice]) -> list[Choice]:
 
 def in_words(choices: Sequence[Choice]) -> str:
     """A front, from the fastest to the most accurate."""
-    return ", then ".join(f"{label(c.method, c.samples)} ({number(1e3 * c.time)} ms, {number(c.error)})" for c in choices)
+    return ", then ".join(
+        f"{label(c.method, c.samples)} ({number(1e3 * c.time)} ms, {number(c.error)})" for c in choices
+    )

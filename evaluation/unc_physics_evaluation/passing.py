@@ -24,9 +24,9 @@ def passed_through(scene: Scene, states: np.ndarray) -> bool:
 
     Notes
     -----
-    A body's core is its largest spheres. It passed through another body if the centre of one of them came inside a
-    sphere of the other's core or that one's centre inside it; through an element of the environment if such a centre came
-    under its surface. What begins that deep is not counted.
+    A body's core is its largest spheres. It passed through another body if the centre of one of them came
+    inside a sphere of the other's core or that one's centre inside it; through an element of the environment
+    if such a centre came under its surface. What begins that deep is not counted.
     """
     cores = [_core(body, states[:, k]) for k, body in enumerate(scene.bodies)]
     for j, (c_j, r_j) in enumerate(cores):

@@ -27,12 +27,19 @@ from .results import Rows
 from .rollouts import ENGINES
 from .tables import label
 
-# Okabe and Ito's colours, which colour-blind readers can tell apart, as the propagators'; Monte Carlo in greys
+# Okabe and Ito's colours, which colour-blind readers can tell apart, as the propagators'; Monte Carlo in
+# greys
 COLORS = {name: cls.color for name, cls in PROPAGATORS.items()} | {
-    "sigma_points_full": "#56B4E9", GAUSSIAN: "#D55E00", FLOOR: "#999999", "pybullet": "#8C6D31", "mujoco": "#7F3C8D",
+    "sigma_points_full": "#56B4E9",
+    GAUSSIAN: "#D55E00",
+    FLOOR: "#999999",
+    "pybullet": "#8C6D31",
+    "mujoco": "#7F3C8D",
 }
 MARKERS = {name: cls.marker for name, cls in PROPAGATORS.items()} | {
-    "sigma_points_full": "d", "pybullet": "P", "mujoco": "X",
+    "sigma_points_full": "d",
+    "pybullet": "P",
+    "mujoco": "X",
 }
 DPI = 130
 _GREYS = {5: "#BDBDBD", 10: "#8C8C8C", 50: "#5A5A5A", 100: "#2B2B2B"}
@@ -71,7 +78,10 @@ def draw_over_sigma(path: Path, lines: Sequence[tuple[str, str, Rows]], title: s
             if i == len(lines) - 1:
                 ax.set_xlabel("sigma of initial positions [m]", fontsize=8)
         axes[i, 0].set_ylabel(name, fontsize=9)
-    _legend(figure, {text: line for ax in axes.flat for line, text in zip(*ax.get_legend_handles_labels(), strict=True)})
+    _legend(
+        figure,
+        {text: line for ax in axes.flat for line, text in zip(*ax.get_legend_handles_labels(), strict=True)},
+    )
     figure.suptitle(title, fontsize=12)
     _save(figure, path)
 
@@ -83,15 +93,23 @@ def draw_floors(path: Path, rows: Rows) -> None:
     axes = figure.subplots(2, len(models), squeeze=False, sharex=True, sharey="row")
     shades = np.linspace(0.35, 1.0, len(sigmas))
     handles = {}
-    for i, (quantity, title) in enumerate(((POSITION_ERROR, "W1 of positions [m]"), (ROTATION_ERROR, "W1 of rotations [deg]"))):
+    for i, (quantity, title) in enumerate(
+        ((POSITION_ERROR, "W1 of positions [m]"), (ROTATION_ERROR, "W1 of rotations [deg]"))
+    ):
         for j, model in enumerate(models):
             for sigma, shade in zip(sigmas, shades, strict=True):
                 for method, marker in ((GAUSSIAN, "s"), (FLOOR, "o")):
                     found = rows.where(quantity=quantity, model=model, sigma=sigma, method=method)
                     sizes = sorted(found.unique("samples"))
-                    line, = axes[i, j].plot(
-                        sizes, [found.where(samples=n).mean() for n in sizes], _LIMITS[method], marker=marker, markersize=4,
-                        color=color(method), alpha=shade)
+                    (line,) = axes[i, j].plot(
+                        sizes,
+                        [found.where(samples=n).mean() for n in sizes],
+                        _LIMITS[method],
+                        marker=marker,
+                        markersize=4,
+                        color=color(method),
+                        alpha=shade,
+                    )
                     handles[f"{label(method)}, sigma {sigma} m"] = line
             _log_axis(axes[i, j], "x")
             _log_axis(axes[i, j], "y")
@@ -105,7 +123,10 @@ def draw_floors(path: Path, rows: Rows) -> None:
 
 
 def draw_speed_against_error(
-    path: Path, choices: Mapping[tuple[str, str], Sequence[Choice]], limits: Mapping[tuple[str, str], float], time: str,
+    path: Path,
+    choices: Mapping[tuple[str, str], Sequence[Choice]],
+    limits: Mapping[tuple[str, str], float],
+    time: str,
     engines: Mapping[tuple[str, str], Mapping[str, Sequence[Choice]]],
 ) -> None:
     """Error over the floor against time, a column for each model, with the Pareto front.
@@ -129,22 +150,50 @@ def draw_speed_against_error(
         for j, model in enumerate(models):
             ax, found = axes[i, j], choices[model, quantity]
             best = front(found)
-            handles["Pareto front"], = ax.plot(
-                [1e3 * c.time for c in best], [c.error for c in best], color="#F0E442", linewidth=6, alpha=0.8, zorder=1,
-                drawstyle="steps-post")
+            (handles["Pareto front"],) = ax.plot(
+                [1e3 * c.time for c in best],
+                [c.error for c in best],
+                color="#F0E442",
+                linewidth=6,
+                alpha=0.8,
+                zorder=1,
+                drawstyle="steps-post",
+            )
             samples = [c for c in found if c.method == MONTE_CARLO]
             handles["Monte Carlo, N samples"] = _series(ax, samples, MONTE_CARLO)
             for c in samples:
-                ax.annotate(str(c.samples), (1e3 * c.time, c.error), xytext=(4, 4), textcoords="offset points", fontsize=7)
+                ax.annotate(
+                    str(c.samples),
+                    (1e3 * c.time, c.error),
+                    xytext=(4, 4),
+                    textcoords="offset points",
+                    fontsize=7,
+                )
             for c in found:
                 if c.method != MONTE_CARLO:
-                    ax.plot([1e3 * c.time] * 2, c.scatter, color=color(c.method), linewidth=1.2, alpha=0.7, zorder=3)
-                    handles[label(c.method)], = ax.plot(
-                        1e3 * c.time, c.error, MARKERS.get(c.method, "p"), color=color(c.method), markersize=9,
-                        markeredgecolor="white", linestyle="none", zorder=4)
+                    ax.plot(
+                        [1e3 * c.time] * 2,
+                        c.scatter,
+                        color=color(c.method),
+                        linewidth=1.2,
+                        alpha=0.7,
+                        zorder=3,
+                    )
+                    (handles[label(c.method)],) = ax.plot(
+                        1e3 * c.time,
+                        c.error,
+                        MARKERS.get(c.method, "p"),
+                        color=color(c.method),
+                        markersize=9,
+                        markeredgecolor="white",
+                        linestyle="none",
+                        zorder=4,
+                    )
             for name, series in engines.get((model, quantity), {}).items():
                 handles[f"Monte Carlo in {name}"] = _series(ax, series, name.partition(",")[0].lower())
-            handles["limit of any single Gaussian"] = ax.axhline(limits[model, quantity], linestyle="--", color=color(GAUSSIAN))
+            handles["limit of any single Gaussian"] = ax.axhline(
+                limits[model, quantity], linestyle="--", color=color(GAUSSIAN)
+            )
             handles["floor: two truths"] = ax.axhline(1.0, linestyle=":", color=color(FLOOR))
             _log_axis(ax, "x", decades_only=True)
             _log_axis(ax, "y")
@@ -166,8 +215,16 @@ def draw_storage(path: Path, rows: Rows) -> None:
             found = rows.where(method=method, samples=samples)
             shade = {10: "#8C8C8C", 100: "#2B2B2B"}.get(samples, color(method))
             under = method == "surrogate"  # local sampling holds as many
-            ax.plot([row["bodies"] for row in found], found.values(), ":" if samples else "-", marker=MARKERS.get(method, "p"),
-                    markersize=9 if under else 4, linewidth=5 if under else 1.5, color=shade, label=label(method, samples))
+            ax.plot(
+                [row["bodies"] for row in found],
+                found.values(),
+                ":" if samples else "-",
+                marker=MARKERS.get(method, "p"),
+                markersize=9 if under else 4,
+                linewidth=5 if under else 1.5,
+                color=shade,
+                label=label(method, samples),
+            )
     ax.set_xscale("log", base=2)
     _log_axis(ax, "y", decades_only=True)
     bodies = rows.unique("bodies")
@@ -186,7 +243,9 @@ def draw_packings(path: Path, packings: Sequence[SpherePacking]) -> None:
         middle = 0.5 * (box.min(axis=0) + box.max(axis=0))
         half = 0.53 * float(np.ptp(box[:, :2], axis=0).max())
         sizes = np.log(packing.radii)
-        image = shaded_balls(packing.centers @ view.T - middle, packing.radii, half, (sizes.min(), sizes.max()))
+        image = shaded_balls(
+            packing.centers @ view.T - middle, packing.radii, half, (sizes.min(), sizes.max())
+        )
         ax.imshow(image, extent=[-half, half, -half, half], origin="lower", interpolation="bilinear")
         count = f"{len(packing):,}".replace(",", "\u202f")
         ax.set_title(f"{packing.name}, {count} spheres", fontsize=10)
@@ -195,7 +254,9 @@ def draw_packings(path: Path, packings: Sequence[SpherePacking]) -> None:
     _save(figure, path)
 
 
-def draw_samples(path: Path, arrays: Mapping[str, np.ndarray], packing: SpherePacking, method: str, title: str) -> None:
+def draw_samples(
+    path: Path, arrays: Mapping[str, np.ndarray], packing: SpherePacking, method: str, title: str
+) -> None:
     """Bodies of some samples, and the positions of all, before and after; the truth beside the prediction.
 
     Parameters
@@ -205,9 +266,16 @@ def draw_samples(path: Path, arrays: Mapping[str, np.ndarray], packing: SpherePa
     packing : SpherePacking
         Its largest spheres stand for a body.
     """
-    panels = (("before", "before", "0.35"), ("after: truth", "truth", "0.1"), (f"after: {label(method)}", "prediction", color(method)))
+    panels = (
+        ("before", "before", "0.35"),
+        ("after: truth", "truth", "0.1"),
+        (f"after: {label(method)}", "prediction", color(method)),
+    )
     everything = np.concatenate([arrays["before"], arrays["truth"]])[:, :, POSITION].reshape(-1, 3)
-    middle, reach = np.median(everything, axis=0), np.percentile(np.abs(everything - np.median(everything, axis=0)), 99.5, axis=0)
+    middle, reach = (
+        np.median(everything, axis=0),
+        np.percentile(np.abs(everything - np.median(everything, axis=0)), 99.5, axis=0),
+    )
     radius = float(np.max(np.linalg.norm(packing.centers, axis=1)))
     limits = np.stack([middle - reach - radius, middle + reach + radius])
     width, height = limits[1, 0] - limits[0, 0], limits[1, 1] - limits[0, 1]
@@ -218,7 +286,15 @@ def draw_samples(path: Path, arrays: Mapping[str, np.ndarray], packing: SpherePa
         for body in range(states.shape[1]):
             tint = shade if body == 0 or key == "prediction" else "#B2182B"
             _draw_bodies(ax, states[:40, body], packing, tint)
-            ax.plot(*states[:, body, :2].T, ".", markersize=2.0, color=tint, alpha=0.6, zorder=3, markeredgewidth=0)
+            ax.plot(
+                *states[:, body, :2].T,
+                ".",
+                markersize=2.0,
+                color=tint,
+                alpha=0.6,
+                zorder=3,
+                markeredgewidth=0,
+            )
         ax.set(xlim=limits[:, 0], ylim=limits[:, 1], aspect="equal")
         plane = states[:, :, :2]
         beyond = np.mean(np.any((plane < limits[0, :2]) | (plane > limits[1, :2]), axis=-1))
@@ -227,12 +303,14 @@ def draw_samples(path: Path, arrays: Mapping[str, np.ndarray], packing: SpherePa
         ax.grid(True, color="0.93", linewidth=0.6)
         ax.set_axisbelow(True)
     axes[0].set_ylabel("y [m]", fontsize=8)
-    figure.suptitle(f"{title}; dots: centres of {len(arrays['truth'])} samples, bodies: 40 of them", fontsize=10)
+    figure.suptitle(
+        f"{title}; dots: centres of {len(arrays['truth'])} samples, bodies: 40 of them", fontsize=10
+    )
     _save(figure, path)
 
 
 def draw_final_positions(
-    path: Path, ends: Mapping[str, np.ndarray], elements: Sequence[Element], title: str,
+    path: Path, ends: Mapping[str, np.ndarray], elements: Sequence[Element], title: str
 ) -> None:
     """Where a body's centre ends up, in each engine: from above and from the side.
 
@@ -262,7 +340,9 @@ def draw_final_positions(
                     corners = outline(element, view)
                     ax.add_patch(Polygon(corners, facecolor="#F4EDE0", edgecolor="0.6", linewidth=0.6))
             shade = COLORS.get(name.lower(), COLORS[MONTE_CARLO])
-            ax.plot(states[:, 0], states[:, other], ".", markersize=4, alpha=0.5, color=shade, markeredgewidth=0)
+            ax.plot(
+                states[:, 0], states[:, other], ".", markersize=4, alpha=0.5, color=shade, markeredgewidth=0
+            )
             ax.set(xlim=(low[0], high[0]), ylim=(low[other], high[other]), aspect="equal")
             ax.grid(True, color="0.93", linewidth=0.6)
             ax.set_axisbelow(True)
@@ -282,7 +362,8 @@ def draw_work_precision(path: Path, panels: Mapping[str, Mapping[str, tuple[np.n
     Parameters
     ----------
     panels : mapping of str to (mapping of str to ((n, 3) array, float))
-        For each scene and engine CPU time [s], error of a sample [m] and W1 [m] at each step, and W1's floor [m].
+        For each scene and engine CPU time [s], error of a sample [m] and W1 [m] at each step, and W1's floor
+        [m].
     """
     figure = _figure(3.3 * len(panels) + 1.6, 6.6)
     axes = figure.subplots(2, len(panels), squeeze=False, sharex="col")
@@ -291,8 +372,13 @@ def draw_work_precision(path: Path, panels: Mapping[str, Mapping[str, tuple[np.n
         for i in range(2):
             ax = axes[i, j]
             for engine, (points, floor) in curves.items():
-                shade, marker = COLORS.get(engine, COLORS[MONTE_CARLO]), MARKERS.get(engine, MARKERS[MONTE_CARLO])
-                line, = ax.plot(1e3 * points[:, 0], 1e3 * points[:, 1 + i], marker=marker, markersize=5, color=shade)
+                shade, marker = (
+                    COLORS.get(engine, COLORS[MONTE_CARLO]),
+                    MARKERS.get(engine, MARKERS[MONTE_CARLO]),
+                )
+                (line,) = ax.plot(
+                    1e3 * points[:, 0], 1e3 * points[:, 1 + i], marker=marker, markersize=5, color=shade
+                )
                 handles[ENGINES[engine]] = line
                 if i == 1:
                     limit = ax.axhline(1e3 * floor, color=shade, linestyle=":", linewidth=1.0)
@@ -304,24 +390,41 @@ def draw_work_precision(path: Path, panels: Mapping[str, Mapping[str, tuple[np.n
     axes[0, 0].set_ylabel("error of a sample's position, median [mm]", fontsize=9)
     axes[1, 0].set_ylabel("W1 of positions [mm]", fontsize=9)
     _legend(figure, dict(sorted(handles.items(), key=lambda entry: entry[0].startswith("floor"))))
-    figure.suptitle("Each engine against itself at the smallest steps; from left to right 60 to 2000 steps in a second", fontsize=10)
+    figure.suptitle(
+        "Each engine against itself at the smallest steps; from left to right 60 to 2000 steps in a second",
+        fontsize=10,
+    )
     _save(figure, path)
 
 
 def _draw_bodies(ax, states, packing, tint, spheres=60):
     """Translucent discs of each body's largest spheres, seen along z."""
     for state in states:
-        centers = Rotation.from_quat(state[QUATERNION]).apply(packing.centers[:spheres].copy()) + state[POSITION]
+        centers = (
+            Rotation.from_quat(state[QUATERNION]).apply(packing.centers[:spheres].copy()) + state[POSITION]
+        )
         diameters = 2.0 * packing.radii[:spheres]
-        ax.add_collection(EllipseCollection(
-            diameters, diameters, np.zeros(len(diameters)), units="xy", offsets=centers[:, :2], offset_transform=ax.transData,
-            facecolors=tint, alpha=0.015, edgecolors="none", rasterized=True))
+        ax.add_collection(
+            EllipseCollection(
+                diameters,
+                diameters,
+                np.zeros(len(diameters)),
+                units="xy",
+                offsets=centers[:, :2],
+                offset_transform=ax.transData,
+                facecolors=tint,
+                alpha=0.015,
+                edgecolors="none",
+                rasterized=True,
+            )
+        )
 
 
 def _curves(rows):
     """(method, samples) of the curves in a panel, limits last."""
     found = [
-        (method, samples) for method in rows.unique("method")
+        (method, samples)
+        for method in rows.unique("method")
         for samples in sorted(rows.where(method=method).unique("samples")) or [None]
     ]
     return sorted(found, key=lambda curve: (curve[0] in _LIMITS, curve[0] != MONTE_CARLO))
@@ -332,11 +435,26 @@ def _over_sigma(ax, rows, method, samples, scale):
     cells = [rows.where(sigma=sigma) for sigma in sigmas]
     middle = scale * np.array([cell.mean() if scale == 1.0 else cell.median() for cell in cells])
     shade = color(method, samples)
-    ax.plot(sigmas, middle, _LIMITS.get(method, "-"), color=shade, label=label(method, samples), linewidth=1.3,
-            marker=MARKERS.get(method), markersize=3.5)
+    ax.plot(
+        sigmas,
+        middle,
+        _LIMITS.get(method, "-"),
+        color=shade,
+        label=label(method, samples),
+        linewidth=1.3,
+        marker=MARKERS.get(method),
+        markersize=3.5,
+    )
     if method == MONTE_CARLO and scale == 1.0 and samples in (10, 100):  # the paper shades these two
         spread = np.array([cell.std() for cell in cells])
-        ax.fill_between(sigmas, np.maximum(middle - spread, 0.3 * middle), middle + spread, color=shade, alpha=0.2, linewidth=0)
+        ax.fill_between(
+            sigmas,
+            np.maximum(middle - spread, 0.3 * middle),
+            middle + spread,
+            color=shade,
+            alpha=0.2,
+            linewidth=0,
+        )
 
 
 def _log_axis(ax, which, decades_only=False):
@@ -351,9 +469,15 @@ def _log_axis(ax, which, decades_only=False):
 
 
 def _series(ax, choices, name):
-    line, = ax.plot(
-        [1e3 * c.time for c in choices], [c.error for c in choices], marker=MARKERS[name], markersize=4, color=color(name),
-        linewidth=1.0, zorder=2)
+    (line,) = ax.plot(
+        [1e3 * c.time for c in choices],
+        [c.error for c in choices],
+        marker=MARKERS[name],
+        markersize=4,
+        color=color(name),
+        linewidth=1.0,
+        zorder=2,
+    )
     return line
 
 
@@ -369,7 +493,10 @@ def _legend(figure, handles):
 
 
 def _style(line):
-    return {name: getattr(line, f"get_{name}")() for name in ("color", "linestyle", "marker", "markersize", "linewidth", "alpha")}
+    return {
+        name: getattr(line, f"get_{name}")()
+        for name in ("color", "linestyle", "marker", "markersize", "linewidth", "alpha")
+    }
 
 
 def _save(figure, path):

@@ -31,7 +31,10 @@ FACES = 6
 CORNER_RADIUS = 1e-4  # m, of the spheres at the corners: the cube's own corners reach out 0.073 mm farther
 
 _FIRST_FRAME = (  # standard deviations: m, rad, m/s, rad/s
-    (ERR_POSITION, 1e-3), (ERR_ROTATION, 0.01), (ERR_VELOCITY, 0.02), (ERR_ANGULAR_VELOCITY, 0.15),
+    (ERR_POSITION, 1e-3),
+    (ERR_ROTATION, 0.01),
+    (ERR_VELOCITY, 0.02),
+    (ERR_ANGULAR_VELOCITY, 0.15),
 )
 
 
@@ -72,17 +75,29 @@ def cube_packing(half_width: float) -> SpherePacking:
     """A solid cube by what can touch a plane: a small sphere in each corner, against its three faces."""
     corners = np.stack(np.meshgrid(*[(-1.0, 1.0)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
     return SpherePacking(
-        "cube", (half_width - CORNER_RADIUS) * corners, np.full(8, CORNER_RADIUS),
-        inertia=2.0 / 3.0 * half_width**2 * np.eye(3), volume=(2.0 * half_width) ** 3,
-        origin=np.zeros(3), bounding_radius=np.sqrt(3.0) * half_width, bounds=corners[[0, -1]] * half_width)
+        "cube",
+        (half_width - CORNER_RADIUS) * corners,
+        np.full(8, CORNER_RADIUS),
+        inertia=2.0 / 3.0 * half_width**2 * np.eye(3),
+        volume=(2.0 * half_width) ** 3,
+        origin=np.zeros(3),
+        bounding_radius=np.sqrt(3.0) * half_width,
+        bounds=corners[[0, -1]] * half_width,
+    )
 
 
 def toss_scene(tosses: Tosses) -> Scene:
     """The cube above the table."""
     scene = Scene(
-        [RigidBody("cube", cube_packing(tosses.half_width), tosses.mass)], dt=DT,
-        gravity=(0.0, 0.0, -GRAVITY), environment=[Plane(offset=FLOOR, name="table")],
-        friction=FRICTION, restitution=RESTITUTION, gyroscopic=True, integrator="implicit")
+        [RigidBody("cube", cube_packing(tosses.half_width), tosses.mass)],
+        dt=DT,
+        gravity=(0.0, 0.0, -GRAVITY),
+        environment=[Plane(offset=FLOOR, name="table")],
+        friction=FRICTION,
+        restitution=RESTITUTION,
+        gyroscopic=True,
+        integrator="implicit",
+    )
     return with_stiffness(scene, tosses.states[0][:1])
 
 

@@ -9,7 +9,9 @@ from .experiments import experiment
 from .results import Results
 
 
-def write_report(results: Results, names: Sequence[str], gaps: Sequence[str], failures: Mapping[str, str]) -> Path:
+def write_report(
+    results: Results, names: Sequence[str], gaps: Sequence[str], failures: Mapping[str, str]
+) -> Path:
     """Write ``report.md`` about those of the named experiments that have rows.
 
     Parameters
@@ -29,8 +31,11 @@ def write_report(results: Results, names: Sequence[str], gaps: Sequence[str], fa
             continue
         for row in rows:
             made[row["versions"], row["machine"]] = made.get((row["versions"], row["machine"]), 0) + 1
-        parts += [f"## {experiment(name).TITLE}\n", f"`python -m unc_physics evaluate {name}`, rows in {name}.csv\n",
-                  experiment(name).report(results)]
+        parts += [
+            f"## {experiment(name).TITLE}\n",
+            f"`python -m unc_physics evaluate {name}`, rows in {name}.csv\n",
+            experiment(name).report(results),
+        ]
     if gaps or failures:
         parts.append("## Left out\n")
         parts += [f"* {gap}" for gap in gaps]

@@ -1,4 +1,6 @@
-"""A folder of results: rows in one CSV file for each experiment, added job by job, and arrays for pictures."""
+"""A folder of results: rows in one CSV file for each experiment, added job by job, and arrays
+for pictures.
+"""
 
 from __future__ import annotations
 
@@ -66,7 +68,9 @@ class Results:
         try:
             self.folder.mkdir(parents=True, exist_ok=True)
         except OSError as error:
-            raise OutputError(f"cannot be made: {error.strerror}", field="--output", value=str(folder)) from None
+            raise OutputError(
+                f"cannot be made: {error.strerror}", field="--output", value=str(folder)
+            ) from None
         if not os.access(self.folder, os.W_OK):
             raise OutputError("cannot be written to", field="--output", value=str(folder))
 
@@ -79,13 +83,19 @@ class Results:
             try:
                 fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
             except OSError:
-                raise OutputError("is in use by another evaluation", field="--output", value=str(self.folder)) from None
+                raise OutputError(
+                    "is in use by another evaluation", field="--output", value=str(self.folder)
+                ) from None
             yield
 
     def rows(self, experiment: str) -> Rows:
-        """All rows of finished jobs, by their parameters: in the same order whichever job was finished first."""
+        """All rows of finished jobs, by their parameters: in the same order whichever job was
+        finished first.
+        """
         lines, whole = self._read(experiment)
-        rows = [{name: _parsed(text) for name, text in line.items()} for line in lines if line["job"] in whole]
+        rows = [
+            {name: _parsed(text) for name, text in line.items()} for line in lines if line["job"] in whole
+        ]
         return Rows(sorted(rows, key=_parameters))
 
     def missing(self, jobs: Sequence[Job]) -> list[Job]:
@@ -97,7 +107,9 @@ class Results:
             If the folder holds results with other columns.
         """
         first = {job.experiment: job for job in reversed(jobs)}
-        finished = {experiment: self._finished(experiment, _columns(job)) for experiment, job in first.items()}
+        finished = {
+            experiment: self._finished(experiment, _columns(job)) for experiment, job in first.items()
+        }
         return [job for job in jobs if job.key not in finished[job.experiment]]
 
     def _finished(self, experiment, columns):
@@ -105,7 +117,10 @@ class Results:
         lines, whole = self._read(experiment)
         path, kept = self._csv(experiment), [line for line in lines if line["job"] in whole]
         if kept and list(kept[0]) != columns:
-            raise OutputError("was written by another version of unc_physics; choose another folder with --output", field=str(path))
+            raise OutputError(
+                "was written by another version of unc_physics; choose another folder with --output",
+                field=str(path),
+            )
         if not kept:
             path.unlink(missing_ok=True)
         elif len(kept) < len(lines) or not path.read_text().endswith("\n"):
@@ -123,7 +138,13 @@ class Results:
                 np.savez_compressed(file, **outcome.arrays)
             path.with_suffix(".tmp").replace(path)
         rows = [
-            {**job.parameters, **row._asdict(), **origin, "job": job.key, "part": f"{k + 1}/{len(outcome.rows)}"}
+            {
+                **job.parameters,
+                **row._asdict(),
+                **origin,
+                "job": job.key,
+                "part": f"{k + 1}/{len(outcome.rows)}",
+            }
             for k, row in enumerate(outcome.rows)
         ]
         path = self._csv(job.experiment)
@@ -164,7 +185,9 @@ def _columns(job):
 
 
 def _parameters(row):
-    """A job's parameters, which are the columns before those of its rows; texts and numbers do not compare."""
+    """A job's parameters, which are the columns before those of its rows; texts and numbers do
+    not compare.
+    """
     names = list(row)
     return [(isinstance(row[name], str), row[name]) for name in names[: names.index(Row._fields[0])]]
 

@@ -32,9 +32,7 @@ def missing_engines(experiment: str) -> list[str]:
 
 @contextmanager
 def rollouts(
-    engine: str,
-    scene: Scene,
-    geometry: str = "primitive",
+    engine: str, scene: Scene, geometry: str = "primitive"
 ) -> Iterator[Callable[[np.ndarray, int], tuple[np.ndarray, float]]]:
     """Function of states (N, B, 13) and a number of steps: the states after them, and their CPU time [s].
 

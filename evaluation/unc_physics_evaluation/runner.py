@@ -1,4 +1,6 @@
-"""Runs jobs on a local pool of processes or on a Dask cluster; results are the same, as jobs carry their seeds."""
+"""Runs jobs on a local pool of processes or on a Dask cluster; results are the same, as jobs carry their
+seeds.
+"""
 
 from __future__ import annotations
 
@@ -42,7 +44,9 @@ def run_job(job: Job) -> tuple[Outcome, dict[str, str]]:
     return outcome, {"versions": made_with, "machine": machine()}
 
 
-def run_jobs(jobs: Sequence[Job], results: Results, scheduler: str | None = None, workers: int | None = None) -> dict[str, str]:
+def run_jobs(
+    jobs: Sequence[Job], results: Results, scheduler: str | None = None, workers: int | None = None
+) -> dict[str, str]:
     """Run those jobs whose results are missing, with a progress bar on a terminal.
 
     Parameters
@@ -67,10 +71,16 @@ def run_jobs(jobs: Sequence[Job], results: Results, scheduler: str | None = None
     failures = {}
     if not missing:
         return failures
-    with tqdm(
-        total=total, initial=total - sum(job.cost for job in missing), disable=None, desc="evaluate",
-        bar_format="{desc}: {percentage:3.0f}%|{bar}| {elapsed} passed, {remaining} left{postfix}",
-    ) as bar, _executor(scheduler, workers) as executor:
+    with (
+        tqdm(
+            total=total,
+            initial=total - sum(job.cost for job in missing),
+            disable=None,
+            desc="evaluate",
+            bar_format="{desc}: {percentage:3.0f}%|{bar}| {elapsed} passed, {remaining} left{postfix}",
+        ) as bar,
+        _executor(scheduler, workers) as executor,
+    ):
         for job, outcome in _finished_jobs(executor, missing, bar.refresh):
             if isinstance(outcome, UncPhysicsError):
                 failures[f"{job.experiment} {job.key}"] = str(outcome)
@@ -82,7 +92,9 @@ def run_jobs(jobs: Sequence[Job], results: Results, scheduler: str | None = None
 
 
 def _finished_jobs(executor: Executor, jobs: Sequence[Job], tick: Callable[[], object]) -> Iterator[tuple]:
-    """Jobs and their outcomes as they come, the longest first; those that must be alone come last, one by one."""
+    """Jobs and their outcomes as they come, the longest first; those that must be alone come last, one by
+    one.
+    """
     together = sorted((job for job in jobs if not job.alone), key=lambda job: -job.cost)
     for batch in (together, *([job] for job in jobs if job.alone)):
         pending = {executor.submit(run_job, job): job for job in batch}
@@ -99,7 +111,9 @@ def _outcome(future):
     except UncPhysicsError as error:
         return error
     except BrokenProcessPool:
-        raise UncPhysicsError("a process of the pool died, perhaps for want of memory; run again with fewer --workers") from None
+        raise UncPhysicsError(
+            "a process of the pool died, perhaps for want of memory; run again with fewer --workers"
+        ) from None
 
 
 @contextmanager
@@ -109,7 +123,8 @@ def _executor(scheduler, workers) -> Iterator[Executor]:
             yield executor
         return
     executor = ProcessPoolExecutor(
-        workers or threads(), mp_context=multiprocessing.get_context("spawn"), initializer=_prepare_process)
+        workers or threads(), mp_context=multiprocessing.get_context("spawn"), initializer=_prepare_process
+    )
     try:
         yield executor
     except BaseException:

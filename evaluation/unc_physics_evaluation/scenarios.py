@@ -72,7 +72,9 @@ def unit_model(name: str, spheres: int) -> SpherePacking:
     return packing.scaled(EXTENT / float(np.max(packing.bounds[1] - packing.bounds[0]))).prefix(spheres)
 
 
-def collision(model: str, spheres: int = 1000, sigma: float = 0.05, encounter: int = 0) -> tuple[Scene, Belief, float]:
+def collision(
+    model: str, spheres: int = 1000, sigma: float = 0.05, encounter: int = 0
+) -> tuple[Scene, Belief, float]:
     """Two bodies of one model that collide a little off centre (the paper's section 5.2).
 
     The bodies fly towards each other along x, offset along y; no gravity, damped velocities.
@@ -86,13 +88,16 @@ def collision(model: str, spheres: int = 1000, sigma: float = 0.05, encounter: i
     sigma : float
         Standard deviation of the initial positions, the same along all axes [m].
     encounter : int
-        0 has fixed orientations of the bodies; every other number has orientations of its own, drawn at random.
+        0 has fixed orientations of the bodies; every other number has orientations of its own, drawn at
+        random.
     """
     packing = unit_model(model, spheres)
     turned = {name: _orientation(name) for name in _ORIENTATIONS}
     if encounter:
         rng = np.random.default_rng(encounter)
-        turned = {name: q / np.linalg.norm(q) for name, q in zip(turned, rng.standard_normal((2, 4)), strict=True)}
+        turned = {
+            name: q / np.linalg.norm(q) for name, q in zip(turned, rng.standard_normal((2, 4)), strict=True)
+        }
     scene = _scene([RigidBody(name, packing, MASS) for name in ("left", "right")])
     mean = np.zeros((2, STATE))
     for body, (name, side) in enumerate((("left", 1.0), ("right", -1.0))):
@@ -102,7 +107,9 @@ def collision(model: str, spheres: int = 1000, sigma: float = 0.05, encounter: i
     return scene, Belief(mean, _covariance(2, ERR_POSITION, sigma)), COLLISION_HORIZON
 
 
-def many_collisions(pairs: int, model: str = "bunny", spheres: int = 100, sigma: float = 0.05) -> tuple[Scene, Belief, float]:
+def many_collisions(
+    pairs: int, model: str = "bunny", spheres: int = 100, sigma: float = 0.05
+) -> tuple[Scene, Belief, float]:
     """Pairs of bodies as in `collision`, far from each other on a cubic lattice.
 
     Parameters
@@ -114,7 +121,9 @@ def many_collisions(pairs: int, model: str = "bunny", spheres: int = 100, sigma:
     """
     _, pair, horizon = collision(model, spheres, sigma)
     packing = unit_model(model, spheres)
-    scene = _scene([RigidBody(f"{side}{k}", packing, MASS) for k in range(pairs) for side in ("left", "right")])
+    scene = _scene(
+        [RigidBody(f"{side}{k}", packing, MASS) for k in range(pairs) for side in ("left", "right")]
+    )
     edge = math.ceil(pairs ** (1.0 / 3.0) - 1e-9)
     mean = np.tile(pair.mean, (pairs, 1))
     for k in range(pairs):
@@ -122,7 +131,9 @@ def many_collisions(pairs: int, model: str = "bunny", spheres: int = 100, sigma:
     return scene, Belief(mean, np.tile(pair.blocks, (pairs, 1, 1))), horizon
 
 
-def collision_free(uncertain: str, model: str = "pin", spheres: int = 10, sigma: float = 0.1) -> tuple[Scene, Belief, float]:
+def collision_free(
+    uncertain: str, model: str = "pin", spheres: int = 10, sigma: float = 0.1
+) -> tuple[Scene, Belief, float]:
     """One body that moves and spins without a contact (the paper's section 5.1, its Table 2).
 
     Parameters
@@ -137,7 +148,9 @@ def collision_free(uncertain: str, model: str = "pin", spheres: int = 10, sigma:
         Standard deviation of that velocity, the same along all axes [m/s or rad/s].
     """
     if uncertain not in _UNCERTAIN:
-        raise InvalidRequestError(f"must be one of {', '.join(_UNCERTAIN)}", field="uncertain", value=uncertain)
+        raise InvalidRequestError(
+            f"must be one of {', '.join(_UNCERTAIN)}", field="uncertain", value=uncertain
+        )
     scene = _scene([RigidBody("left", unit_model(model, spheres), MASS)])
     mean = np.zeros((1, STATE))
     mean[0, VELOCITY] = SPEED, 0.0, 0.0
@@ -147,14 +160,18 @@ def collision_free(uncertain: str, model: str = "pin", spheres: int = 10, sigma:
 
 
 def salt_box_into_bin() -> tuple[Scene, Belief, float]:
-    """A carton of salt is let go above an open bin on the floor (the paper's Fig. 1): does it end up inside?"""
+    """A carton of salt is let go above an open bin on the floor (the paper's Fig. 1): does it
+    end up inside?
+    """
     mean = _upright([[0.07, 0.02, 0.35]])
     mean[0, QUATERNION] = 0.0, 0.0, math.sin(0.3), math.cos(0.3)
     return _handled(["salt_box"], 2000, _bin(*_BIN), mean, ((ERR_POSITION, 0.04), (ERR_ROTATION, 0.2)))
 
 
 def can_off_shelf() -> tuple[Scene, Belief, float]:
-    """A full can is pushed towards the edge of a shelf, 0.4 m above the floor: does it stay there, or else how does it land?"""
+    """A full can is pushed towards the edge of a shelf, 0.4 m above the floor: does it stay there, or else
+    how does it land?
+    """
     top = 0.4  # m
     environment = (Plane((0.0, 0.0, 1.0), 0.0), Box((0.6, 0.6, 0.03), (-0.3, 0.0, top - 0.015)))
     mean = _upright([[-0.06, 0.0, top + 0.055]])
@@ -164,8 +181,12 @@ def can_off_shelf() -> tuple[Scene, Belief, float]:
 
 
 def five_into_bin() -> tuple[Scene, Belief, float]:
-    """Three cartons and two cans fall one after the other into a bin that does not hold them all lying side by side."""
-    mean = _upright([[0.05, 0.02, 0.15], [-0.05, -0.02, 0.3], [0.03, -0.03, 0.45], [0.0, 0.03, 0.6], [-0.06, 0.0, 0.75]])
+    """Three cartons and two cans fall one after the other into a bin that does not hold them all lying side
+    by side.
+    """
+    mean = _upright(
+        [[0.05, 0.02, 0.15], [-0.05, -0.02, 0.3], [0.03, -0.03, 0.45], [0.0, 0.03, 0.6], [-0.06, 0.0, 0.75]]
+    )
     mean[:, ANGULAR_VELOCITY] = 0.5, 1.0, 0.0
     models = ["salt_box", "can", "salt_box", "can", "salt_box"]
     return _handled(models, 1000, _bin(*_BIN), mean, _TUMBLED)
@@ -173,8 +194,16 @@ def five_into_bin() -> tuple[Scene, Belief, float]:
 
 def tableware_into_box() -> tuple[Scene, Belief, float]:
     """Six different things, of which four are no box and no cylinder, fall one after the other into a box."""
-    mean = _upright([[0.05, 0.02, 0.22], [-0.05, -0.02, 0.38], [0.03, -0.03, 0.53],
-                     [0.0, 0.03, 0.67], [-0.06, 0.0, 0.82], [0.06, 0.02, 1.02]])
+    mean = _upright(
+        [
+            [0.05, 0.02, 0.22],
+            [-0.05, -0.02, 0.38],
+            [0.03, -0.03, 0.53],
+            [0.0, 0.03, 0.67],
+            [-0.06, 0.0, 0.82],
+            [0.06, 0.02, 1.02],
+        ]
+    )
     mean[:, ANGULAR_VELOCITY] = 0.5, 1.0, 0.0
     models = ["plate", "bowl", "mug", "salt_box", "can", "bottle"]
     return _handled(models, 1000, _bin(*_LARGE_BIN), mean, _TUMBLED)
@@ -186,7 +215,9 @@ def in_bin(states: np.ndarray) -> np.ndarray:
 
 
 def in_box(states: np.ndarray) -> np.ndarray:
-    """Whether a body's centre is between the walls of the box of `tableware_into_box`, of states (..., 13)."""
+    """Whether a body's centre is between the walls of the box of `tableware_into_box`, of states
+    (..., 13).
+    """
     return _between(states, _LARGE_BIN)
 
 

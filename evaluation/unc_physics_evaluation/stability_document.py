@@ -1,4 +1,6 @@
-"""The document on stability: what every propagator makes of the hard cases, from the rows of the experiment."""
+"""The document on stability: what every propagator makes of the hard cases, from the rows of the
+experiment.
+"""
 
 from __future__ import annotations
 
@@ -17,12 +19,29 @@ from .tables import label, number, table
 COMMAND = "python -m unc_physics evaluate stability"
 #: What the rows' methods and quantities are called, beside those of `conservation`.
 MEAN, TRUE, HALF, OTHER_HALF, COARSE = "mean", "truth", "first_half", "second_half", "coarser"
-POSITION_STD, ROTATION_STD, EXTENT, FLAGS, MEASURE = "position_std", "rotation_std", "extent", "flags", "measure_"
+POSITION_STD, ROTATION_STD, EXTENT, FLAGS, MEASURE = (
+    "position_std",
+    "rotation_std",
+    "extent",
+    "flags",
+    "measure_",
+)
 GAIN_LIMIT, GAIN_GOAL, LOSS_LIMIT = 0.01, 0.001, 0.02
 FOUND_GOAL, FALSE_GOAL = 0.8, 0.05
 AT_REST = (
-    "body_in_bin", "hundred_metres_rest", "mass_ratio_stack", "millimetres_rest", "overlap_in_floor", "rest_in_corner",
-    "rest_on_fixed_body", "rest_on_floor", "rest_plate_settling", "rest_rocking", "rest_sliding", "stack_of_three")
+    "body_in_bin",
+    "hundred_metres_rest",
+    "mass_ratio_stack",
+    "millimetres_rest",
+    "overlap_in_floor",
+    "rest_in_corner",
+    "rest_on_fixed_body",
+    "rest_on_floor",
+    "rest_plate_settling",
+    "rest_rocking",
+    "rest_sliding",
+    "stack_of_three",
+)
 DRIFT_LIMIT = 1e-3  # of a body's extent in a second: 0.1 mm/s for 10 cm
 
 
@@ -37,9 +56,15 @@ class Found:
     def __init__(self, rows: Rows):
         self._by_place = {}
         for row in rows:
-            self._by_place.setdefault((row["case"], row["method"], row["quantity"]), {})[row["replicate"]] = row["value"]
+            self._by_place.setdefault((row["case"], row["method"], row["quantity"]), {})[row["replicate"]] = (
+                row["value"]
+            )
         hard = set(names())
-        complete = [name for name in rows.unique("case") if self.of(name, TRUE, EXTENT) and self.of(name, MEAN, FINITE)]
+        complete = [
+            name
+            for name in rows.unique("case")
+            if self.of(name, TRUE, EXTENT) and self.of(name, MEAN, FINITE)
+        ]
         self.hard = [name for name in complete if name in hard]
         self.paper = [name for name in complete if name not in hard]
 
@@ -64,10 +89,18 @@ class Found:
         extents = self.of(case, TRUE, EXTENT)
         if not self.one(case, method, FINITE):
             return [Judged(math.nan, math.nan, True, True)] * len(extents)
-        spread = {name: [self.of(case, name, quantity) for quantity in (POSITION_STD, ROTATION_STD)] for name in (method, TRUE)}
+        spread = {
+            name: [self.of(case, name, quantity) for quantity in (POSITION_STD, ROTATION_STD)]
+            for name in (method, TRUE)
+        }
         flags = self.of(case, method, FLAGS)
         return [
-            judge([s[k] for s in spread[method]], [s[k] for s in spread[TRUE]], extent, bool(int(flags[k]) & ~Status.INITIAL_OVERLAP))
+            judge(
+                [s[k] for s in spread[method]],
+                [s[k] for s in spread[TRUE]],
+                extent,
+                bool(int(flags[k]) & ~Status.INITIAL_OVERLAP),
+            )
             for k, extent in extents.items()
         ]
 
@@ -78,8 +111,14 @@ class Found:
     def ratio(self, case: str, method: str, reference: str) -> tuple[float, float]:
         """Spreads of position and rotation over those of another method, of the worst body of each."""
         found = [
-            judge(*([self.of(case, name, quantity)[k] for quantity in (POSITION_STD, ROTATION_STD)] for name in (method, reference)),
-                  extent, False)
+            judge(
+                *(
+                    [self.of(case, name, quantity)[k] for quantity in (POSITION_STD, ROTATION_STD)]
+                    for name in (method, reference)
+                ),
+                extent,
+                False,
+            )
             for k, extent in self.of(case, TRUE, EXTENT).items()
         ]
         return worst(one.position for one in found), worst(one.rotation for one in found)
@@ -93,7 +132,10 @@ def runs_on(integrator: str) -> list[str]:
 def document(rows: Rows) -> str:
     """The whole document."""
     body = sections(rows).replace("\n### ", "\n## ")
-    made = "".join(f"* {versions}; {machine}\n" for versions, machine in dict.fromkeys((row["versions"], row["machine"]) for row in rows))
+    made = "".join(
+        f"* {versions}; {machine}\n"
+        for versions, machine in dict.fromkeys((row["versions"], row["machine"]) for row in rows)
+    )
     return f"# Stability on hard cases\n\n{INTRODUCTION}\n{SHOWN}{body}\n## Made by\n\n{made}"
 
 
@@ -104,7 +146,11 @@ def sections(rows: Rows) -> str:
     if found.hard:
         parts.append(_means(found))
         for integrator in ("implicit", "explicit"):
-            parts.append(_propagators(found, found.by(integrator), runs_on(integrator), f"Propagators on the {integrator} step"))
+            parts.append(
+                _propagators(
+                    found, found.by(integrator), runs_on(integrator), f"Propagators on the {integrator} step"
+                )
+            )
         parts.append(_cases(found))
     if found.paper:
         parts.append(_propagators(found, found.paper, PROPAGATORS, "The paper's scenes"))
@@ -119,14 +165,38 @@ def _goals(found):
         ("ends without NaN, mean and all propagators", found.hard, _diverges),
         ("lets nothing pass through, or is flagged", found.hard, _passes_silently),
         ("keeps momentum, to 1e-9, where it is conserved", found.hard, _loses_momentum),
-        ("keeps covariances positive semidefinite, to 1e-12 of the largest eigenvalue", found.hard + found.paper, _is_indefinite),
-        (f"implicit: gains at most {100.0 * GAIN_LIMIT:.0f} % energy", implicit, _gains_more_than(GAIN_LIMIT)),
+        (
+            "keeps covariances positive semidefinite, to 1e-12 of the largest eigenvalue",
+            found.hard + found.paper,
+            _is_indefinite,
+        ),
+        (
+            f"implicit: gains at most {100.0 * GAIN_LIMIT:.0f} % energy",
+            implicit,
+            _gains_more_than(GAIN_LIMIT),
+        ),
         (f"implicit: gains at most {100.0 * GAIN_GOAL:.1f} % energy", implicit, _gains_more_than(GAIN_GOAL)),
-        (f"implicit: loses at most {100.0 * LOSS_LIMIT:.0f} % energy over the run, where nothing should take any",
-         [case for case in implicit if found.of(case, MEAN, CHANGE)], _loses),
-        ("implicit: lets lie what came to rest (drift in a second: a thousandth of the extent, 0.1 mm for 10 cm)",
-         [case for case in implicit if case in AT_REST], _drifts),
-        (f"explicit: gains at most {100.0 * GAIN_LIMIT:.0f} % energy, or is flagged", found.by("explicit"), _gains_silently),
+        (
+            (
+                f"implicit: loses at most {100.0 * LOSS_LIMIT:.0f} % energy over the run, where nothing"
+                " should take any"
+            ),
+            [case for case in implicit if found.of(case, MEAN, CHANGE)],
+            _loses,
+        ),
+        (
+            (
+                "implicit: lets lie what came to rest (drift in a second: a thousandth of the extent, 0.1 mm"
+                " for 10 cm)"
+            ),
+            [case for case in implicit if case in AT_REST],
+            _drifts,
+        ),
+        (
+            f"explicit: gains at most {100.0 * GAIN_LIMIT:.0f} % energy, or is flagged",
+            found.by("explicit"),
+            _gains_silently,
+        ),
     ):
         misses = [case for case in cases if missed(found, case)]
         lines.append([words, f"{len(cases) - len(misses)} of {len(cases)}", ", ".join(misses)])
@@ -181,14 +251,23 @@ def _rates(found):
             for cases in (found.hard, found.paper, every)
         ]
         cells = ["all" if method is None else label(method)]
-        for of in (*(rates(one for bodies in scenes for one in bodies) for scenes in by_scene), rates(map(any_of, by_scene[-1]))):
+        for of in (
+            *(rates(one for bodies in scenes for one in bodies) for scenes in by_scene),
+            rates(map(any_of, by_scene[-1])),
+        ):
             cells += [_share(of.found, of.bad), _share(of.false, of.good)]
         lines.append(cells)
-    head = [f"{where}: {words}" for where in ("catalogue", "paper", "both", "by scene") for words in ("bad, flagged", "good, flagged")]
+    head = [
+        f"{where}: {words}"
+        for where in ("catalogue", "paper", "both", "by scene")
+        for words in ("bad, flagged", "good, flagged")
+    ]
     return (
-        "### Flags\n\nOf the predictions of a body that are bad, how many are flagged; of those that are good, how many are flagged as "
-        f"well. Wanted: at least {100 * FOUND_GOAL:.0f} %, and at most {100 * FALSE_GOAL:.0f} %. By scene: all bodies of a scene count as "
-        "one, which is bad or flagged if any of them is.\n\n" + table(["", *head], lines))
+        "### Flags\n\nOf the predictions of a body that are bad, how many are flagged; of those that are"
+        f" good, how many are flagged as well. Wanted: at least {100 * FOUND_GOAL:.0f} %, and at most"
+        f" {100 * FALSE_GOAL:.0f} %. By scene: all bodies of a scene count as one, which is bad or flagged if"
+        " any of them is.\n\n" + table(["", *head], lines)
+    )
 
 
 def _means(found):
@@ -196,16 +275,33 @@ def _means(found):
     lines = []
     for integrator in ("implicit", "explicit"):
         for case in found.by(integrator):
-            lines.append([case, integrator, _gained(found, case, MEAN), _percent(found.one(case, MEAN, CHANGE)), *(
-                ["", ""] if not found.one(case, MEAN, FINITE) else
-                [_small(found.one(case, MEAN, MOMENTUM)), "yes" if found.one(case, MEAN, PASSED) else ""]),
-                _drift(found.one(case, MEAN, DRIFT))])
+            lines.append(
+                [
+                    case,
+                    integrator,
+                    _gained(found, case, MEAN),
+                    _percent(found.one(case, MEAN, CHANGE)),
+                    *(
+                        ["", ""]
+                        if not found.one(case, MEAN, FINITE)
+                        else [
+                            _small(found.one(case, MEAN, MOMENTUM)),
+                            "yes" if found.one(case, MEAN, PASSED) else "",
+                        ]
+                    ),
+                    _drift(found.one(case, MEAN, DRIFT)),
+                ]
+            )
     return (
-        "### One rollout of the mean\n\nEnergy gained is the largest on the way, over what there was and what gravity gave; contacts' own "
-        "energy counts at the start alone. The change at the end counts it there as well, where nothing should take energy away. Momentum: "
-        "the largest error over the sum of all sizes, where it is conserved. Drift: the fastest body's mean speed over the last quarter, in "
-        "scenes with friction.\n\n"
-        + table(["", "step", "energy gained", "change at the end", "momentum", "passes", "drift [mm/s]"], lines))
+        "### One rollout of the mean\n\nEnergy gained is the largest on the way, over what there was and what"
+        " gravity gave; contacts' own energy counts at the start alone. The change at the end counts it there"
+        " as well, where nothing should take energy away. Momentum: the largest error over the sum of all"
+        " sizes, where it is conserved. Drift: the fastest body's mean speed over the last quarter, in scenes"
+        " with friction.\n\n"
+        + table(
+            ["", "step", "energy gained", "change at the end", "momentum", "passes", "drift [mm/s]"], lines
+        )
+    )
 
 
 def _propagators(found, cases, propagators, title):
@@ -213,13 +309,17 @@ def _propagators(found, cases, propagators, title):
     lines = []
     for case in cases:
         floor, step = (found.ratio(case, *pair) for pair in ((HALF, OTHER_HALF), (COARSE, HALF)))
-        lines.append([case, *(_cell(found, case, method) for method in propagators), _ratios(floor), _ratios(step)])
+        lines.append(
+            [case, *(_cell(found, case, method) for method in propagators), _ratios(floor), _ratios(step)]
+        )
     return (
-        f"### {title}\n\nEach cell: energy gained by the expected motion, spread included; spread of position / of rotation at the end over the "
-        "truth's, of the body where it is farthest off; and the bodies' flags: `fine` (right and not flagged), `flagged` (wrong and "
-        "flagged), `false` (right but flagged), `MISSING` (wrong and not flagged). Floor: the same ratio between two halves of the truth. "
-        "Step: between a truth with twice as long steps and this one, from the same samples.\n\n"
-        + table(["", *map(label, propagators), "floor", "step"], lines))
+        f"### {title}\n\nEach cell: energy gained by the expected motion, spread included; spread of position"
+        " / of rotation at the end over the truth's, of the body where it is farthest off; and the bodies'"
+        " flags: `fine` (right and not flagged), `flagged` (wrong and flagged), `false` (right but flagged),"
+        " `MISSING` (wrong and not flagged). Floor: the same ratio between two halves of the truth. Step:"
+        " between a truth with twice as long steps and this one, from the same samples.\n\n"
+        + table(["", *map(label, propagators), "floor", "step"], lines)
+    )
 
 
 def _cases(found):
@@ -235,9 +335,13 @@ def _cell(found, case, method):
     judged = found.judged(case, method)
     counts = {}
     for one in judged:
-        word = {RIGHT: "flagged" if one.flagged else "fine", FALSE: "false", MISSING: "**MISSING**"}[one.verdict]
+        word = {RIGHT: "flagged" if one.flagged else "fine", FALSE: "false", MISSING: "**MISSING**"}[
+            one.verdict
+        ]
         counts[word] = counts.get(word, 0) + 1
-    said = ", ".join(word if len(judged) == 1 or len(counts) == 1 else f"{count} {word}" for word, count in counts.items())
+    said = ", ".join(
+        word if len(judged) == 1 or len(counts) == 1 else f"{count} {word}" for word, count in counts.items()
+    )
     ratios = worst(one.position for one in judged), worst(one.rotation for one in judged)
     return f"{_gained(found, case, method)}; {_ratios(ratios)}; {said}"
 
@@ -255,7 +359,13 @@ def _ratios(pair):
 def _ratio(ratio):
     if ratio == 0.0:
         return "0"
-    return f"{ratio:.2f}" if 0.05 <= ratio < 9.95 else f"{ratio:.0f}" if 9.95 <= ratio < 999.5 else f"{ratio:.0e}"
+    return (
+        f"{ratio:.2f}"
+        if 0.05 <= ratio < 9.95
+        else f"{ratio:.0f}"
+        if 9.95 <= ratio < 999.5
+        else f"{ratio:.0e}"
+    )
 
 
 def _percent(share):
@@ -264,7 +374,13 @@ def _percent(share):
         return ""
     if abs(share) < 1e-5:
         return "0 %"
-    return f"{100.0 * share:.2g} %" if abs(share) < 0.995 else f"{100.0 * share:.0f} %" if share < 10.0 else f"{1.0 + share:.0e} x"
+    return (
+        f"{100.0 * share:.2g} %"
+        if abs(share) < 0.995
+        else f"{100.0 * share:.0f} %"
+        if share < 10.0
+        else f"{1.0 + share:.0e} x"
+    )
 
 
 def _drift(speed):
@@ -280,33 +396,38 @@ def _share(part, whole):
     return f"{part} of {whole} ({100.0 * part / whole:.0f} %)" if whole else "0 of 0"
 
 
-INTRODUCTION = f"""`{COMMAND}` predicts each scene of `evaluation/unc_physics_evaluation/hard_cases/` with every propagator that can, and writes
-this document, `stability.md`, into its output folder. Every case is a scene file of its own and can be tried by hand:
-`python -m unc_physics predict evaluation/unc_physics_evaluation/hard_cases/grazing.yaml`.
+INTRODUCTION = f"""\
+`{COMMAND}` predicts each scene of `evaluation/unc_physics_evaluation/hard_cases/` with every propagator that
+can, and writes this document, `stability.md`, into its output folder. Every case is a scene file of its own
+and can be tried by hand: `python -m unc_physics predict
+evaluation/unc_physics_evaluation/hard_cases/grazing.yaml`.
 
-* **Implicit** cases are about what the implicit step is for: blows, friction, rest, stacks. Those in which nothing should
-  take energy away say `restitution: 1` and have no friction; most leave the stiffness to the package. Sigma points and Monte Carlo predict them.
-* **Explicit** cases are about the paper's step: what it makes of a stiffness and a time step, and what all five
-  propagators make of extreme covariances.
-* The **truth** is Monte Carlo with up to 1000 samples (fewer where rollouts take long) and steps a quarter as long, or
-  shorter where an explicit step needs that. Beside it stand what two halves of it differ by (floor), and what twice as long steps change (step).
-* A prediction of a body is **bad** if its spread in position or in rotation (square root of the trace of the covariance) is
-  off by more than a factor of 2; two spreads of next to nothing are the same. A **flag** is `NOT_CONVERGED` or
-  `OUTSIDE_VALIDITY` (`INITIAL_OVERLAP` is a fact about the question); it is false where the prediction is good, and missing
-  where it is bad.
+* **Implicit** cases are about what the implicit step is for: blows, friction, rest, stacks. Those in which
+  nothing should take energy away say `restitution: 1` and have no friction; most leave the stiffness to the
+  package. Sigma points and Monte Carlo predict them.
+* **Explicit** cases are about the paper's step: what it makes of a stiffness and a time step, and what all
+  five propagators make of extreme covariances.
+* The **truth** is Monte Carlo with up to 1000 samples (fewer where rollouts take long) and steps a quarter as
+  long, or shorter where an explicit step needs that. Beside it stand what two halves of it differ by (floor),
+  and what twice as long steps change (step).
+* A prediction of a body is **bad** if its spread in position or in rotation (square root of the trace of the
+  covariance) is off by more than a factor of 2; two spreads of next to nothing are the same. A **flag** is
+  `NOT_CONVERGED` or `OUTSIDE_VALIDITY` (`INITIAL_OVERLAP` is a fact about the question); it is false where
+  the prediction is good, and missing where it is bad.
 """
 SHOWN = """
 ## What it shows
 
-* The implicit step meets every goal in every case. Where nothing should take energy away, the mean loses less than 0.1 % in its run: a ball
-  that bounces for 60 s as little as one that is struck 68 times within 10 ms between two others. None gains as much as 0.1 %.
-* What lies, lies. Bricks of a few centimetres with a mass ratio of 100 creep by a micrometre in a second: the light ones feel
-  what is left of the solver's residual.
-* The explicit step gains energy where the stiffness or the time step ask too much of it, and all predictions say so. So do
-  they where the stiffness cannot stop the ball (`fast_ball_too_soft`).
-* Monte Carlo is right wherever its step is. Sigma points are right with few bodies, and far too sure of themselves in piles
-  with one joint covariance, which the status says. What rests on one nominal rollout is wrong more often than not after a
-  contact: the status compares it with twelve rollouts.
+* The implicit step meets every goal in every case. Where nothing should take energy away, the mean loses less
+  than 0.1 % in its run: a ball that bounces for 60 s as little as one that is struck 68 times within 10 ms
+  between two others. None gains as much as 0.1 %.
+* What lies, lies. Bricks of a few centimetres with a mass ratio of 100 creep by a micrometre in a second: the
+  light ones feel what is left of the solver's residual.
+* The explicit step gains energy where the stiffness or the time step ask too much of it, and all predictions
+  say so. So do they where the stiffness cannot stop the ball (`fast_ball_too_soft`).
+* Monte Carlo is right wherever its step is. Sigma points are right with few bodies, and far too sure of
+  themselves in piles with one joint covariance, which the status says. What rests on one nominal rollout is
+  wrong more often than not after a contact: the status compares it with twelve rollouts.
 * Missing flags are those of sigma points, for which there is no such check: where rotations wrap around
   (`rest_ball_rolling`), and where samples take several ways (`simultaneous_flat`).
 * False flags are mostly those of bodies in a pile whose neighbours are predicted badly.

@@ -8,7 +8,9 @@ from collections.abc import Callable, Mapping
 import numpy as np
 
 
-def paired(functions: Mapping[str, Callable[[int], object]], repeats: int, clock=time.process_time) -> dict[str, np.ndarray]:
+def paired(
+    functions: Mapping[str, Callable[[int], object]], repeats: int, clock=time.process_time
+) -> dict[str, np.ndarray]:
     """Time several functions in turns: A B C, A B C, ...
 
     Parameters
@@ -18,7 +20,8 @@ def paired(functions: Mapping[str, Callable[[int], object]], repeats: int, clock
     repeats : int
         Number of rounds.
     clock : callable
-        `time.process_time` (CPU time, which other processes do not add to) or `time.perf_counter` (wall time).
+        `time.process_time` (CPU time, which other processes do not add to) or `time.perf_counter` (wall
+        time).
 
     Returns
     -------

@@ -44,15 +44,17 @@ def geodesic(x: np.ndarray, y: np.ndarray) -> np.ndarray:
 
     Notes
     -----
-    From the chord between the quaternions, the shorter to y or -y, which are one rotation: exact for small angles
-    too, where the arc cosine of the scalar product loses half of the digits.
+    From the chord between the quaternions, the shorter to y or -y, which are one rotation: exact for small
+    angles too, where the arc cosine of the scalar product loses half of the digits.
     """
     chord = np.minimum(cdist(x, y), cdist(x, -np.asarray(y)))
     return np.degrees(4.0 * np.arcsin(np.minimum(0.5 * chord, 1.0)))
 
 
 def geodesic_of_pairs(x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Angles (...) [degrees] of the rotations that lead from each of ``x`` (..., 4) to the same of ``y``, unit quaternions."""
+    """Angles (...) [degrees] of the rotations that lead from each of ``x`` (..., 4) to the same of ``y``,
+    unit quaternions.
+    """
     chord = np.minimum(np.linalg.norm(x - y, axis=-1), np.linalg.norm(x + y, axis=-1))
     return np.degrees(4.0 * np.arcsin(np.minimum(0.5 * chord, 1.0)))
 
@@ -79,10 +81,13 @@ def wasserstein(x: np.ndarray, y: np.ndarray, distance: Callable = euclidean) ->
     return float(value)
 
 
-def sinkhorn_divergence(x: np.ndarray, y: np.ndarray, distance: Callable = euclidean, regularization: float = 0.05) -> float:
+def sinkhorn_divergence(
+    x: np.ndarray, y: np.ndarray, distance: Callable = euclidean, regularization: float = 0.05
+) -> float:
     """Debiased entropic approximation of W1: ``S(x, y) - S(x, x) / 2 - S(y, y) / 2``.
 
-    Only for comparison with results obtained by regularization: it takes longer than `wasserstein`, and reads less
+    Only for comparison with results obtained by regularization: it takes longer than `wasserstein`, and reads
+        less
     because it forgives differences below the regularization's scale.
 
     Parameters

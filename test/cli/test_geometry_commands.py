@@ -41,17 +41,34 @@ def test_pack_without_a_file_name_makes_a_model_known_by_name(torus, tmp_path, m
     assert "my_ring" in capsys.readouterr().out
 
 
-@pytest.mark.parametrize(("arguments", "code", "message"), [
-    (["missing.off", "-n", "10"], ErrorCode.INVALID_MESH, "missing.off cannot be read: No such file"),
-    (["text.off", "-n", "10"], ErrorCode.INVALID_MESH, "text.off is no mesh"),
-    (["open.off", "-n", "10"], ErrorCode.INVALID_MESH, "open.off is open.*--repair"),
-    (["torus.off", "-n", "0"], ErrorCode.INVALID_OPTION, r"-n must be at least 1 \(got 0\)"),
-    (["torus.off", "-n", "10", "--scale", "-1"], ErrorCode.INVALID_OPTION, "--scale must be a positive number"),
-    (["torus.off", "-n", "10", "--scale", "nan"], ErrorCode.INVALID_OPTION, "--scale must be a positive number"),
-    (["torus.off", "-n", "10", "-o", "nowhere/out.npz"], ErrorCode.OUTPUT_FAILED, "folder that does not exist"),
-    (["torus.off", "-n", "10", "-o", "out.zip"], ErrorCode.OUTPUT_FAILED, "must end in .npz"),
-])
-def test_bad_input_gets_a_sentence_and_a_status(torus, tmp_path, monkeypatch, capsys, arguments, code, message):
+@pytest.mark.parametrize(
+    ("arguments", "code", "message"),
+    [
+        (["missing.off", "-n", "10"], ErrorCode.INVALID_MESH, "missing.off cannot be read: No such file"),
+        (["text.off", "-n", "10"], ErrorCode.INVALID_MESH, "text.off is no mesh"),
+        (["open.off", "-n", "10"], ErrorCode.INVALID_MESH, "open.off is open.*--repair"),
+        (["torus.off", "-n", "0"], ErrorCode.INVALID_OPTION, r"-n must be at least 1 \(got 0\)"),
+        (
+            ["torus.off", "-n", "10", "--scale", "-1"],
+            ErrorCode.INVALID_OPTION,
+            "--scale must be a positive number",
+        ),
+        (
+            ["torus.off", "-n", "10", "--scale", "nan"],
+            ErrorCode.INVALID_OPTION,
+            "--scale must be a positive number",
+        ),
+        (
+            ["torus.off", "-n", "10", "-o", "nowhere/out.npz"],
+            ErrorCode.OUTPUT_FAILED,
+            "folder that does not exist",
+        ),
+        (["torus.off", "-n", "10", "-o", "out.zip"], ErrorCode.OUTPUT_FAILED, "must end in .npz"),
+    ],
+)
+def test_bad_input_gets_a_sentence_and_a_status(
+    torus, tmp_path, monkeypatch, capsys, arguments, code, message
+):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "text.off").write_text("hello")
     vertices, faces = raw(trimesh.creation.box())
@@ -63,6 +80,7 @@ def test_bad_input_gets_a_sentence_and_a_status(torus, tmp_path, monkeypatch, ca
     error = capsys.readouterr().err
     assert len(error.strip().splitlines()) == 1
     import re
+
     assert re.search(message, error), error
     assert sorted(tmp_path.iterdir()) == before
 
@@ -70,7 +88,10 @@ def test_bad_input_gets_a_sentence_and_a_status(torus, tmp_path, monkeypatch, ca
 def test_repair_says_what_it_did(tmp_path, capsys):
     vertices, faces = raw(trimesh.creation.box())
     trimesh.Trimesh(vertices, faces[1:], process=False).export(tmp_path / "open.off")
-    assert main(["pack", str(tmp_path / "open.off"), "-n", "9", "-o", str(tmp_path / "box.npz"), "--repair"]) == 0
+    assert (
+        main(["pack", str(tmp_path / "open.off"), "-n", "9", "-o", str(tmp_path / "box.npz"), "--repair"])
+        == 0
+    )
     assert "repair: closed holes with 1 triangles" in capsys.readouterr().out
 
 
@@ -125,7 +146,9 @@ def test_show_draws_a_model_without_a_mesh(tmp_path, capsys):
 
 
 def test_listing_needs_no_mesh_library_and_no_compiler():
-    code = ("import sys, json; from unc_physics.__main__ import main; main(['models']);"
-            "print(json.dumps([m for m in ('trimesh', 'scipy', 'matplotlib', 'numba') if m in sys.modules]))")
+    code = (
+        "import sys, json; from unc_physics.__main__ import main; main(['models']);"
+        "print(json.dumps([m for m in ('trimesh', 'scipy', 'matplotlib', 'numba') if m in sys.modules]))"
+    )
     result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert json.loads(result.stdout.splitlines()[-1]) == []

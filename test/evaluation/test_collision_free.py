@@ -16,7 +16,9 @@ STATISTICS = 1.25  # a mean of four floors against another: they scatter by some
 
 @pytest.fixture(scope="module", params=["linear_velocity", "angular_velocity"])
 def table(request):
-    """(uncertain, W1 of every method and of the floor): position [m] or rotation [degrees], averaged over seeds."""
+    """(uncertain, W1 of every method and of the floor): position [m] or rotation [degrees], averaged over
+    seeds.
+    """
     scene, belief, horizon = collision_free(request.param)
     part, measure = (POSITION, euclidean) if request.param == "linear_velocity" else (QUATERNION, geodesic)
 
@@ -39,7 +41,9 @@ def table(request):
 
 @pytest.mark.parametrize("method", METHODS)
 def test_methods_reach_the_floor(table, method):
-    """No Gaussian method does worse than a second truth; 0.1 rad/s leaves rotations Gaussian within the floor."""
+    """No Gaussian method does worse than a second truth; 0.1 rad/s leaves rotations Gaussian within the
+    floor.
+    """
     _, w1 = table
     assert w1[method] <= STATISTICS * w1["floor"]
     assert w1[method] >= w1["floor"] / STATISTICS
@@ -58,8 +62,12 @@ def test_methods_beat_a_hundred_samples(table, method):
 
 
 def test_floor_has_the_size_of_the_spread(table):
-    """An isotropic Gaussian in three dimensions, 1000 samples: the floor is a quarter to a half of its deviation."""
+    """An isotropic Gaussian in three dimensions, 1000 samples: the floor is a quarter to a half of its
+    deviation.
+    """
     uncertain, w1 = table
-    travelled = 0.01 * (1.0 - 0.99**400) / (1.0 - 0.99)  # s: what 4 s of damped motion make of a unit velocity
+    travelled = (
+        0.01 * (1.0 - 0.99**400) / (1.0 - 0.99)
+    )  # s: what 4 s of damped motion make of a unit velocity
     deviation = 0.1 * travelled * (1.0 if uncertain == "linear_velocity" else np.degrees(1.0))
     assert 0.25 * deviation < w1["floor"] < 0.5 * deviation

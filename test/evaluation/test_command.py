@@ -12,7 +12,12 @@ def test_an_experiment_named_alone(tmp_path, capsys):
     assert capsys.readouterr().out.endswith(f"wrote {folder}/report.md\n")
     report = (folder / "report.md").read_text()
     # the paper's Table 3 for two bodies
-    for line in ("| MC-1000 | 26000 |", "| the paper's, dense | 602 |", "| surrogate | 314 |", "| sigma points, full | 1274 |"):
+    for line in (
+        "| MC-1000 | 26000 |",
+        "| the paper's, dense | 602 |",
+        "| surrogate | 314 |",
+        "| sigma points, full | 1274 |",
+    ):
         assert line in report
     assert (folder / "figures" / "storage.png").stat().st_size > 10_000
     before = (folder / "storage.csv").read_bytes()
@@ -28,17 +33,26 @@ def test_an_interruption_says_where_the_results_are(tmp_path, capsys, monkeypatc
     with monkeypatch.context() as patch:
         patch.setattr("tqdm.tqdm.refresh", interrupted)
         assert main(arguments) == 130
-    assert capsys.readouterr().err.endswith(f"interrupted: what is finished is kept in {tmp_path}; the same command goes on there\n")
+    assert capsys.readouterr().err.endswith(
+        f"interrupted: what is finished is kept in {tmp_path}; the same command goes on there\n"
+    )
     assert main(arguments) == 0
     assert (tmp_path / "report.md").exists()
 
 
-@pytest.mark.parametrize(("arguments", "code", "sentence"), [
-    (["colisions"], ErrorCode.INVALID_OPTION, "experiment must be one of collision_free"),
-    (["--workers", "0"], ErrorCode.INVALID_OPTION, "--workers must be at least 1 (got 0)"),
-    (["--seed", "-1"], ErrorCode.INVALID_OPTION, "--seed must not be negative (got -1)"),
-    (["--workers", "2", "--scheduler", "tcp://127.0.0.1:1"], ErrorCode.INVALID_OPTION, "--workers does not go with --scheduler"),
-])
+@pytest.mark.parametrize(
+    ("arguments", "code", "sentence"),
+    [
+        (["colisions"], ErrorCode.INVALID_OPTION, "experiment must be one of collision_free"),
+        (["--workers", "0"], ErrorCode.INVALID_OPTION, "--workers must be at least 1 (got 0)"),
+        (["--seed", "-1"], ErrorCode.INVALID_OPTION, "--seed must not be negative (got -1)"),
+        (
+            ["--workers", "2", "--scheduler", "tcp://127.0.0.1:1"],
+            ErrorCode.INVALID_OPTION,
+            "--workers does not go with --scheduler",
+        ),
+    ],
+)
 def test_bad_input_is_one_sentence(arguments, code, sentence, tmp_path, capsys):
     assert main(["evaluate", *arguments, "-o", str(tmp_path)]) == code
     assert capsys.readouterr().err.startswith(f"unc_physics: {sentence}")
@@ -47,5 +61,8 @@ def test_bad_input_is_one_sentence(arguments, code, sentence, tmp_path, capsys):
 def test_a_scheduler_that_is_not_there(tmp_path, capsys, monkeypatch):
     pytest.importorskip("distributed")
     monkeypatch.setattr("unc_physics_evaluation.runner.CONNECT_TIMEOUT", 0.5)
-    assert main(["evaluate", "storage", "--scheduler", "tcp://127.0.0.1:1", "-o", str(tmp_path)]) == ErrorCode.INVALID_OPTION
+    assert (
+        main(["evaluate", "storage", "--scheduler", "tcp://127.0.0.1:1", "-o", str(tmp_path)])
+        == ErrorCode.INVALID_OPTION
+    )
     assert capsys.readouterr().err.startswith("unc_physics: --scheduler cannot be reached")

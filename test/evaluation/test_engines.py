@@ -30,7 +30,9 @@ def test_the_box_has_the_inertia(case):
 
 
 def test_pieces_cover_the_spheres(case):
-    """In every direction the pieces reach as far as the spheres, but for the gaps between the directions of the outline."""
+    """In every direction the pieces reach as far as the spheres, but for the gaps between the directions of
+    the outline.
+    """
     body = PrincipalBody(case[0].bodies[0])
     vertices = np.concatenate(body.pieces())
     directions = np.random.default_rng(0).standard_normal((200, 3))
@@ -42,11 +44,19 @@ def test_pieces_cover_the_spheres(case):
 
 
 @pytest.mark.parametrize("name", PEERS)
-@pytest.mark.parametrize("element, side", [
-    (Plane((0.0, 0.6, 0.8), 1.0), (0.0, 0.0, 0.0)), (Box((0.2, 0.4, 0.6)), (0.1, 0.0, 0.0)),
-    (Sphere(0.3), (0.0, 0.3, 0.0)), (Cylinder(0.2, 0.6), (0.0, -0.2, 0.0)), (Cylinder(0.2, 0.6), (0.0, 0.0, 0.3)),
-    (Capsule(0.2, 0.6), (0.2, 0.0, 0.0)), (Capsule(0.2, 0.6), (0.0, 0.0, -0.5)),
-], ids=lambda value: getattr(value, "shape", None))
+@pytest.mark.parametrize(
+    "element, side",
+    [
+        (Plane((0.0, 0.6, 0.8), 1.0), (0.0, 0.0, 0.0)),
+        (Box((0.2, 0.4, 0.6)), (0.1, 0.0, 0.0)),
+        (Sphere(0.3), (0.0, 0.3, 0.0)),
+        (Cylinder(0.2, 0.6), (0.0, -0.2, 0.0)),
+        (Cylinder(0.2, 0.6), (0.0, 0.0, 0.3)),
+        (Capsule(0.2, 0.6), (0.2, 0.0, 0.0)),
+        (Capsule(0.2, 0.6), (0.0, 0.0, -0.5)),
+    ],
+    ids=lambda value: getattr(value, "shape", None),
+)
 def test_a_ball_bounces_off_the_elements_surface(name, element, side):
     """It comes back from where it touches our element, moved and turned."""
     pytest.importorskip(name)

@@ -7,13 +7,7 @@ from unc_physics.__main__ import main
 from unc_physics.scene.belief import Belief
 from unc_physics_evaluation.experiments import overlap as experiment
 from unc_physics_evaluation.jobs import Settings
-from unc_physics_evaluation.overlap_measures import (
-    off_by,
-    spread_ratios,
-    toppled,
-    watch,
-    without_overlap,
-)
+from unc_physics_evaluation.overlap_measures import off_by, spread_ratios, toppled, watch, without_overlap
 from unc_physics_evaluation.overlap_scenes import GROUPS, arrangements, scene_and_belief, slots
 from unc_physics_evaluation.results import Results
 

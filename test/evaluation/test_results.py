@@ -1,4 +1,6 @@
-"""The folder of results: what was written is read back, and what an interruption left half written is done again."""
+"""The folder of results: what was written is read back, and what an interruption left half written is done
+again.
+"""
 
 import pytest
 
@@ -19,10 +21,18 @@ def outcome(count, value=0.1):
 
 def test_rows_are_read_back(tmp_path):
     results = Results(tmp_path)
-    results.add(job(0.05), Outcome([Row("monte_carlo", "w1_position", "m", 1.0 / 3.0, 10, 2, 4_000_000_000)]), ORIGIN)
+    results.add(
+        job(0.05), Outcome([Row("monte_carlo", "w1_position", "m", 1.0 / 3.0, 10, 2, 4_000_000_000)]), ORIGIN
+    )
     (row,) = results.rows("collisions")
     assert row["value"] == 1.0 / 3.0
-    assert (row["model"], row["sigma"], row["samples"], row["replicate"], row["seed"]) == ("bunny", 0.05, 10, 2, 4_000_000_000)
+    assert (row["model"], row["sigma"], row["samples"], row["replicate"], row["seed"]) == (
+        "bunny",
+        0.05,
+        10,
+        2,
+        4_000_000_000,
+    )
     assert row["versions"] == ORIGIN["versions"] and row["machine"] == ORIGIN["machine"]
 
 
@@ -32,7 +42,9 @@ def test_rows_are_in_one_order(tmp_path):
     for sigma in (0.05, 1, 0.1, 10):
         results.add(job(sigma), outcome(2), ORIGIN)
     rows = results.rows("collisions")
-    assert [(row["sigma"], row["replicate"]) for row in rows] == [(s, k) for s in (0.05, 0.1, 1, 10) for k in (0, 1)]
+    assert [(row["sigma"], row["replicate"]) for row in rows] == [
+        (s, k) for s in (0.05, 0.1, 1, 10) for k in (0, 1)
+    ]
 
 
 def test_only_missing_jobs_are_left(tmp_path):
@@ -71,13 +83,20 @@ def test_arrays_are_kept(tmp_path):
 def test_other_columns_are_refused_before_any_work(tmp_path):
     results = Results(tmp_path)
     results.add(job(0.05), outcome(1), ORIGIN)
-    with pytest.raises(OutputError, match="collisions.csv was written by another version of unc_physics; choose another folder with --output"):
+    with pytest.raises(
+        OutputError,
+        match=(
+            "collisions.csv was written by another version of unc_physics; choose another folder with"
+            " --output"
+        ),
+    ):
         results.missing([Job("collisions", {"model": "bunny"})])
 
 
 def test_one_evaluation_at_a_time(tmp_path):
     with (
-        Results(tmp_path).locked(), pytest.raises(OutputError, match="is in use by another evaluation"),
+        Results(tmp_path).locked(),
+        pytest.raises(OutputError, match="is in use by another evaluation"),
         Results(tmp_path).locked(),
     ):
         pass

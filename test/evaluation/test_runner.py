@@ -12,7 +12,14 @@ SHARED = Settings().parameters()
 
 def tiny_jobs():
     """Every kind of job, small."""
-    free = {"uncertain": "linear_velocity", "model": "pin", "spheres": 10, "sigma": 0.1, "truth": 100, "repeat": 0}
+    free = {
+        "uncertain": "linear_velocity",
+        "model": "pin",
+        "spheres": 10,
+        "sigma": 0.1,
+        "truth": 100,
+        "repeat": 0,
+    }
     case = {"model": "bunny", "spheres": 10, "sigma": 0.05}
     collision = {**case, "truth": 100, "subset": 50, "rounds": 1}
     speed = {"measured": "time", **case, "truth": 10, "encounter": 0, "encounters": 2}
@@ -28,9 +35,17 @@ def tiny_jobs():
 def figures(results):
     """All that does not depend on the clock, by job and place in it."""
     return {
-        (name, row["job"], row["part"]): (row["method"], row["quantity"], row["samples"], row["replicate"], row["seed"], row["value"])
+        (name, row["job"], row["part"]): (
+            row["method"],
+            row["quantity"],
+            row["samples"],
+            row["replicate"],
+            row["seed"],
+            row["value"],
+        )
         for name in ("collision_free", "collisions", "speed_against_error", "storage")
-        for row in results.rows(name) if row["quantity"] not in TIMES
+        for row in results.rows(name)
+        if row["quantity"] not in TIMES
     }
 
 
@@ -59,7 +74,12 @@ def test_dask_gives_the_same(in_this_process, tmp_path):
     distributed = pytest.importorskip("distributed")
     results = Results(tmp_path)
     with distributed.LocalCluster(
-        n_workers=1, threads_per_worker=2, processes=False, dashboard_address=None, protocol="tcp://", host="127.0.0.1",
+        n_workers=1,
+        threads_per_worker=2,
+        processes=False,
+        dashboard_address=None,
+        protocol="tcp://",
+        host="127.0.0.1",
     ) as cluster:
         assert run_jobs(tiny_jobs(), results, scheduler=cluster.scheduler_address) == {}
     assert figures(results) == figures(in_this_process)

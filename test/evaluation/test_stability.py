@@ -67,7 +67,9 @@ def test_the_implicit_step_keeps_what_it_should(name):
     assert found[GAIN] < 1e-3
     assert found.get(CHANGE, 0.0) > -1e-3 and found.get(MOMENTUM, 0.0) < 1e-12
     if name in AT_REST:
-        assert found[DRIFT] < DRIFT_LIMIT * min(2.0 * body.model.bounding_radius for body in scene.bodies if not body.fixed)
+        assert found[DRIFT] < DRIFT_LIMIT * min(
+            2.0 * body.model.bounding_radius for body in scene.bodies if not body.fixed
+        )
 
 
 @pytest.mark.parametrize("name", ["coarse_step_collision", "mass_ratio_squeezed", "rod_on_rod"])
@@ -100,7 +102,13 @@ def test_a_spread_within_a_factor_of_two_is_right():
 
 
 def test_verdicts_and_rates():
-    cases = [(1.0, False, RIGHT), (1.0, True, FALSE), (3.0, True, RIGHT), (3.0, False, MISSING), (0.1, True, RIGHT)]
+    cases = [
+        (1.0, False, RIGHT),
+        (1.0, True, FALSE),
+        (3.0, True, RIGHT),
+        (3.0, False, MISSING),
+        (0.1, True, RIGHT),
+    ]
     judged = [judge((ratio, 1.0), (1.0, 1.0), 1.0, flagged) for ratio, flagged, _ in cases]
     assert [one.verdict for one in judged] == [verdict for *_, verdict in cases]
     found = rates(judged)
@@ -111,11 +119,17 @@ def test_verdicts_and_rates():
     assert worst([1.5, 0.5, 1.9]) == 0.5 and worst([1.0, 0.0]) == 0.0 and math.isnan(worst([3.0, math.nan]))
 
 
-@pytest.mark.parametrize("environment", [
-    (), (Plane(offset=-0.08),), (Box((1.0, 0.2, 0.1), (0.0, 0.0, -0.13)),), (Sphere(0.3, (0.0, 0.05, -0.38)),),
-    (Cylinder(0.2, 1.0, (0.05, 0.0, -0.27), (np.sqrt(0.5), 0.0, 0.0, np.sqrt(0.5))),),
-    (Capsule(0.1, 0.2, (0.0, 0.05, -0.27)),),
-])
+@pytest.mark.parametrize(
+    "environment",
+    [
+        (),
+        (Plane(offset=-0.08),),
+        (Box((1.0, 0.2, 0.1), (0.0, 0.0, -0.13)),),
+        (Sphere(0.3, (0.0, 0.05, -0.38)),),
+        (Cylinder(0.2, 1.0, (0.05, 0.0, -0.27), (np.sqrt(0.5), 0.0, 0.0, np.sqrt(0.5))),),
+        (Capsule(0.1, 0.2, (0.0, 0.05, -0.27)),),
+    ],
+)
 def test_contact_energy_is_what_the_force_works_against(environment):
     other = [RigidBody("b", BALL.scaled(0.6))] if not environment else []
     scene = Scene([RigidBody("a", BALL, 2.0), *other], dt=1e-9, stiffness=1e6, environment=environment)
@@ -158,7 +172,10 @@ def test_passing_through_is_told_from_bouncing():
     assert passed_through(pair, path(0.5, 0.19, 0.05))
     assert not passed_through(pair, path(0.5, 0.18, 0.5)) and not passed_through(pair, path(0.05, 0.3))
     for element in (
-        Plane((1.0, 0.0, 0.0), 0.0), Box((0.01, 1.0, 1.0)), Sphere(0.02), Cylinder(0.012, 0.5),
+        Plane((1.0, 0.0, 0.0), 0.0),
+        Box((0.01, 1.0, 1.0)),
+        Sphere(0.02),
+        Cylinder(0.012, 0.5),
         Capsule(0.012, 0.5, (0.0, 0.0, 0.1)),
     ):
         scene = Scene([RigidBody("b", BALL)], environment=(element,))
@@ -174,17 +191,29 @@ def test_command_judges_a_case_and_writes_the_document(tmp_path, monkeypatch):
     assert main(["evaluate", "stability", "--quick", "--workers", "1", "-o", str(tmp_path)]) == 0
     document = (tmp_path / "stability.md").read_text()
     assert COMMAND in document
-    lines = {line.split(" | ")[0].strip("| "): line for line in document.splitlines() if line.startswith("| ")}
+    lines = {
+        line.split(" | ")[0].strip("| "): line for line in document.splitlines() if line.startswith("| ")
+    }
     assert "| 3 of 3 |" in lines["lets nothing pass through, or is flagged"]
     assert "| 3 of 3 |" in lines["ends without NaN, mean and all propagators"]
-    assert "| 1 of 1 |" in lines["implicit: loses at most 2 % energy over the run, where nothing should take any"]
+    assert (
+        "| 1 of 1 |"
+        in lines["implicit: loses at most 2 % energy over the run, where nothing should take any"]
+    )
     assert "| 2 of 2 |" in lines["explicit: gains at most 1 % energy, or is flagged"]
     assert len(lines["slow_approach"].split(" | ")) == 5, "sigma points and Monte Carlo alone"
     rows = Results(tmp_path).rows("stability").where(case="overlap_coincident")
     # a single trajectory stays where no direction is, and every sample flies off in its own
-    spread = {method: rows.where(method=method, quantity="position_std").mean() for method in ("truth", "linearization", "monte_carlo")}
+    spread = {
+        method: rows.where(method=method, quantity="position_std").mean()
+        for method in ("truth", "linearization", "monte_carlo")
+    }
     assert spread["linearization"] < 0.5 * spread["truth"]
     assert spread["monte_carlo"] == pytest.approx(spread["truth"], rel=0.4), "statistics of 100 samples"
     cells = lines["overlap_coincident"].split(" | ")
-    assert len(cells) == 8 and cells[1].endswith(("flagged", "MISSING**")) and cells[3].endswith(("fine", "false"))
+    assert (
+        len(cells) == 8
+        and cells[1].endswith(("flagged", "MISSING**"))
+        and cells[3].endswith(("fine", "false"))
+    )
     assert "stability.md" in (tmp_path / "report.md").read_text()

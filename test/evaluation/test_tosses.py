@@ -126,6 +126,7 @@ def rollouts(request):
     if request.param != OURS:
         pytest.importorskip(request.param)
     with rollouts_in(request.param, toss_scene(TOSSES)) as run_all:
+
         def function(states, steps):
             return run_all(states, steps)[0]
 

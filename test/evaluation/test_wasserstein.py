@@ -34,22 +34,32 @@ def test_of_a_set_and_itself_is_zero(rng):
 
 
 def test_is_symmetric_and_obeys_the_triangle_inequality(rng):
-    x, y, z = rng.standard_normal((80, 3)), 2.0 * rng.standard_normal((120, 3)), rng.standard_normal((60, 3)) + 1.0
+    x, y, z = (
+        rng.standard_normal((80, 3)),
+        2.0 * rng.standard_normal((120, 3)),
+        rng.standard_normal((60, 3)) + 1.0,
+    )
     assert wasserstein(x, y) == pytest.approx(wasserstein(y, x), rel=ROUND_OFF)
     assert wasserstein(x, z) <= wasserstein(x, y) + wasserstein(y, z) + ROUND_OFF
 
 
 def test_of_gaussians_on_a_line():
-    """In one dimension W1 is the distance of the quantiles: of N(0, 1) and N(0, s^2) it is |s - 1| sqrt(2 / pi)."""
+    """In one dimension W1 is the distance of the quantiles: of N(0, 1) and N(0, s^2) it is |s - 1| sqrt(2 /
+    pi).
+    """
     from scipy.stats import norm
 
     quantiles = norm.ppf((np.arange(400) + 0.5) / 400)[:, None]
     end_of_the_tails = 5e-3
-    assert wasserstein(quantiles, 3.0 * quantiles) == pytest.approx(2.0 * np.sqrt(2.0 / np.pi), rel=end_of_the_tails)
+    assert wasserstein(quantiles, 3.0 * quantiles) == pytest.approx(
+        2.0 * np.sqrt(2.0 / np.pi), rel=end_of_the_tails
+    )
 
 
 def test_of_samples_of_distant_gaussians(rng):
-    """Two Gaussians of one covariance are a translation apart; samples say so up to the error of their means."""
+    """Two Gaussians of one covariance are a translation apart; samples say so up to the error of
+    their means.
+    """
     scales, t = np.array([0.1, 0.2, 0.3]), np.array([3.0, 0.0, 4.0])
     x, y = scales * rng.standard_normal((1000, 3)), scales * rng.standard_normal((1000, 3)) + t
     statistics = 5.0 * np.linalg.norm(scales) * np.sqrt(2.0 / 1000)
@@ -83,7 +93,9 @@ def test_geodesic_w1_of_a_common_rotation():
     cloud = Rotation.from_rotvec(1e-3 * np.random.default_rng(5).standard_normal((200, 3)))
     turned = cloud * Rotation.from_rotvec(np.radians([0.0, 40.0, 0.0]))
     spread_of_the_cloud = 0.05
-    assert wasserstein(cloud.as_quat(), turned.as_quat(), geodesic) == pytest.approx(40.0, abs=spread_of_the_cloud)
+    assert wasserstein(cloud.as_quat(), turned.as_quat(), geodesic) == pytest.approx(
+        40.0, abs=spread_of_the_cloud
+    )
 
 
 def test_states_are_compared_body_by_body(rng):
@@ -106,7 +118,9 @@ def test_divergence_is_symmetric_and_scales_with_the_unit(rng):
     x, y = rng.standard_normal((60, 3)), rng.standard_normal((90, 3)) + 0.5
     iteration = 1e-5
     assert sinkhorn_divergence(x, y) == pytest.approx(sinkhorn_divergence(y, x), rel=iteration)
-    assert sinkhorn_divergence(1000.0 * x, 1000.0 * y) == pytest.approx(1000.0 * sinkhorn_divergence(x, y), rel=iteration)
+    assert sinkhorn_divergence(1000.0 * x, 1000.0 * y) == pytest.approx(
+        1000.0 * sinkhorn_divergence(x, y), rel=iteration
+    )
 
 
 def test_bias_of_the_divergence_shrinks_with_the_regularization(rng):
@@ -142,7 +156,9 @@ def test_of_a_distribution_and_its_enlargement(factor, rng):
 
 
 def test_of_distinct_gaussians(rng):
-    """Between centred isotropic Gaussians W1 is the difference of their mean norms; samples add at most their floor."""
+    """Between centred isotropic Gaussians W1 is the difference of their mean norms; samples add at most their
+    floor.
+    """
     x, y = rng.standard_normal((1000, 3)), 4.0 * rng.standard_normal((1000, 3))
     expected = 3.0 * 2.0 * np.sqrt(2.0 / np.pi)
     floor = 0.3 * 4.0

@@ -10,9 +10,12 @@ points = np.random.default_rng(0).uniform(-1.0, 1.0, (2000, 3)) + cone.position
 distance, normal = cone.surface(points)
 np.testing.assert_allclose(np.linalg.norm(normal, axis=1), 1.0)
 # the nearest of many points on the base's and the side's surface
-rho, z = np.concatenate([
-    np.column_stack([np.linspace(0.0, 0.3, 4000), np.full(4000, -0.4)]),
-    np.column_stack([np.linspace(0.0, 0.3, 4000), np.linspace(0.4, -0.4, 4000)])]).T
+rho, z = np.concatenate(
+    [
+        np.column_stack([np.linspace(0.0, 0.3, 4000), np.full(4000, -0.4)]),
+        np.column_stack([np.linspace(0.0, 0.3, 4000), np.linspace(0.4, -0.4, 4000)]),
+    ]
+).T
 local = points - cone.position
 away = np.hypot(local[:, 0], local[:, 1])
 nearest = np.hypot(away[:, None] - rho, local[:, 2:] - z).min(axis=1)

@@ -19,7 +19,11 @@ from unc_physics_evaluation.wasserstein import representatives
 def arrays(carry):
     """All numbers of a carry."""
     parts = carry if isinstance(carry, tuple) else (carry,)
-    return [np.asarray(carry)] if not isinstance(carry, tuple) else [a for p in parts if p is not None for a in arrays(p)]
+    return (
+        [np.asarray(carry)]
+        if not isinstance(carry, tuple)
+        else [a for p in parts if p is not None for a in arrays(p)]
+    )
 
 
 # listed: the paper's four methods, what they are measured by, then those of other packages

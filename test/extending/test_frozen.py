@@ -34,8 +34,13 @@ def installed(tmp_path_factory):
 def run(installed, *command):
     """A process's exit status, output and errors, where `frozen` is installed."""
     done = subprocess.run(
-        [sys.executable, *command], env=environment(installed, HERE.parent), cwd=ROOT, capture_output=True, text=True,
-        check=False)
+        [sys.executable, *command],
+        env=environment(installed, HERE.parent),
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
     return done.returncode, done.stdout, done.stderr
 
 
@@ -47,7 +52,9 @@ def test_the_whole_contract(installed):
 def test_on_the_command_line(installed):
     scene = str(installed / "scene.yaml")
     command = ["-m", "unc_physics", "predict", scene, "--propagator", "frozen", "--option"]
-    status, output, errors = run(installed, *command, "scale=4.0", "--json", "--probabilities", "--samples-out", "3")
+    status, output, errors = run(
+        installed, *command, "scale=4.0", "--json", "--probabilities", "--samples-out", "3"
+    )
     assert status == 0, errors
     found = json.loads(output)
     assert found["propagator"] == "frozen"
@@ -64,7 +71,10 @@ def test_it_is_listed(installed):
     assert status == 0 and "local_sampling, monte_carlo, frozen" in " ".join(output.split())
     status, output, _ = run(installed, "-m", "unc_physics", "propagators")
     assert status == 0
-    assert "frozen: Mean and covariance stay as they are.\n    scale: factor on the covariance; default 1.0\n" in output
+    assert (
+        "frozen: Mean and covariance stay as they are.\n    scale: factor on the covariance; default 1.0\n"
+        in output
+    )
 
 
 def test_what_cannot_be_loaded_is_left_out(installed, tmp_path):
@@ -76,9 +86,16 @@ def test_what_cannot_be_loaded_is_left_out(installed, tmp_path):
     (package / "entry_points.txt").write_text(f"[unc_physics.propagators]\n{points}")
     done = subprocess.run(
         [sys.executable, "-c", "from unc_physics import PROPAGATORS; print(*PROPAGATORS)"],
-        env=environment(tmp_path, installed), capture_output=True, text=True, check=True)
+        env=environment(tmp_path, installed),
+        capture_output=True,
+        text=True,
+        check=True,
+    )
     names = "linearization surrogate sigma_points local_sampling monte_carlo frozen"
     assert done.stdout.split() == names.split()
     assert "the propagator 'broken' is left out: No module named 'not_there'" in done.stderr
     assert "the propagator 'half' is left out: Can't instantiate abstract class Half" in done.stderr
-    assert "the propagator 'other' is left out: halves:Half is no subclass of Propagator whose name is 'other'" in done.stderr
+    assert (
+        "the propagator 'other' is left out: halves:Half is no subclass of Propagator whose name is 'other'"
+        in done.stderr
+    )

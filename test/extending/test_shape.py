@@ -29,6 +29,11 @@ def test_a_cone_is_a_file_and_a_few_lines(tmp_path):
         (tmp_path / file).write_text(edited((tmp_path / file).read_text(), lines))
     (tmp_path / "cone.yaml").write_text(SCENE)
     done = subprocess.run(
-        [sys.executable, str(HERE / "cone_contract.py")], cwd=tmp_path, env=environment(tmp_path), capture_output=True, text=True,
-        check=False)
+        [sys.executable, str(HERE / "cone_contract.py")],
+        cwd=tmp_path,
+        env=environment(tmp_path),
+        capture_output=True,
+        text=True,
+        check=False,
+    )
     assert (done.returncode, done.stdout.splitlines()[-1:]) == (0, ["kept"]), done.stderr

@@ -13,11 +13,17 @@ def test_it_answers_as_any_other(tmp_path):
     for name in ("bouncing_balls.py", "use_bouncing_balls.py"):
         (tmp_path / name).write_text(code()[name])
     done = subprocess.run(
-        [sys.executable, "use_bouncing_balls.py"], cwd=tmp_path, env=environment(tmp_path), capture_output=True, text=True,
-        check=False)
+        [sys.executable, "use_bouncing_balls.py"],
+        cwd=tmp_path,
+        env=environment(tmp_path),
+        capture_output=True,
+        text=True,
+        check=False,
+    )
     assert done.returncode == 0, done.stderr
     belief, probability = done.stdout.splitlines()
-    # after 0.45 s without bounce: x from the velocity, and about half of those that begin 1 m high have bounced
+    # after 0.45 s without bounce: x from the velocity, and about half of those that begin 1 m high have
+    # bounced
     assert float(belief.strip("[ ").split()[0]) == pytest.approx(0.225, abs=0.02)
     assert belief.endswith("(500, 1, 13)")
     assert 0.4 < float(probability) < 0.6
@@ -31,4 +37,6 @@ def test_a_bounce_keeps_its_share_of_the_speed(tmp_path):
     falling = bounce(height, speed, g, 0.05, 0.5)
     assert [float(part[0]) for part in falling] == pytest.approx([0.05 - 0.5 * g * 0.05**2, -g * 0.05, 0.0])
     rising = bounce(height, speed, g, 0.15, 0.5)
-    assert [float(part[0]) for part in rising] == pytest.approx([0.5 * 0.05 - 0.5 * g * 0.05**2, 0.5 - g * 0.05, 1.0])
+    assert [float(part[0]) for part in rising] == pytest.approx(
+        [0.5 * 0.05 - 0.5 * g * 0.05**2, 0.5 - g * 0.05, 1.0]
+    )

@@ -63,7 +63,8 @@ def test_distance_to_spheres(seed, reach, width):
             if index >= 0:
                 others = np.delete(distances, index)
                 assert nearest_sphere(grid, spheres, *point, index)[0] == pytest.approx(
-                    min(others.min(), reach), abs=ROUND_OFF)
+                    min(others.min(), reach), abs=ROUND_OFF
+                )
 
 
 def test_climbing_ends_at_local_maxima_inside():
@@ -96,8 +97,10 @@ def test_climbing_ends_at_local_maxima_inside():
     points = solid.corners.mean(axis=1)
     cross = np.cross(solid.corners[:, 1] - solid.corners[:, 0], solid.corners[:, 2] - solid.corners[:, 0])
     inward = -cross / np.linalg.norm(cross, axis=1, keepdims=True)
-    for starts in (starts_at_surface(space, points, inward, 0.5),
-                   starts_around(space, np.arange(2), np.concatenate([np.eye(3), -np.eye(3)]))):
+    for starts in (
+        starts_at_surface(space, points, inward, 0.5),
+        starts_around(space, np.arange(2), np.concatenate([np.eye(3), -np.eye(3)])),
+    ):
         assert len(starts) > 0
         assert np.all(free_distance(starts) > 0.0)
         assert np.all(winding_number(solid.corners, starts) > 0.99)

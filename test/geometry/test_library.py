@@ -33,7 +33,8 @@ def test_shipped_models_are_packings(name):
     assert np.all((size > 0.015) & (size < 0.5))
     smallest_before = np.minimum.accumulate(packing.radii)[:-1]
     assert np.mean(packing.radii[1:] > 1.01 * smallest_before) <= 0.001
-    # A sphere can only overlap those whose centres lie within its own and the largest radius; take these by size.
+    # A sphere can only overlap those whose centres lie within its own and the largest radius; take these by
+    # size.
     touch = 1e-12 * packing.bounding_radius
     tree = cKDTree(packing.centers)
     order = np.argsort(packing.radii)[::-1]

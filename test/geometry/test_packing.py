@@ -57,8 +57,17 @@ def test_the_first_spheres_of_a_cube_are_the_known_ones():
     np.testing.assert_allclose(np.abs(packing.centers[1:9]), 0.5 - corner, atol=1e-4)
 
 
-@pytest.mark.parametrize(("name", "least"), [("two balls", 0.98), ("box", 0.74), ("torus", 0.755),
-                                             ("hollow ball", 0.655), ("L", 0.715), ("needle", 0.71)])
+@pytest.mark.parametrize(
+    ("name", "least"),
+    [
+        ("two balls", 0.98),
+        ("box", 0.74),
+        ("torus", 0.755),
+        ("hollow ball", 0.655),
+        ("L", 0.715),
+        ("needle", 0.71),
+    ],
+)
 def test_fill_is_what_greedy_packing_reaches(name, least):
     """Starting from many times as many points gains no more than one percentage point."""
     assert pack_solid(make_solid(name, *MESHES[name]()), 400).fill > least

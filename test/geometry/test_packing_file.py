@@ -12,10 +12,20 @@ ROUND_OFF = 1e-13
 
 def example():
     return SpherePacking(
-        name="example", centers=np.array([[0.1, 0.0, 0.0], [-0.3, 0.0, 0.2], [0.0, 0.4, 0.0]]),
-        radii=np.array([0.2, 0.1, 0.05]), inertia=np.diag([0.02, 0.03, 0.04]), volume=0.1,
-        origin=np.array([0.0, 0.1, -0.2]), bounding_radius=0.6, mesh_sha256="ab" * 32, mass=0.5,
-        bounds=np.array([[-0.4, -0.1, -0.2], [0.3, 0.5, 0.3]]), surface_gap=0.01, source="here", licence="free")
+        name="example",
+        centers=np.array([[0.1, 0.0, 0.0], [-0.3, 0.0, 0.2], [0.0, 0.4, 0.0]]),
+        radii=np.array([0.2, 0.1, 0.05]),
+        inertia=np.diag([0.02, 0.03, 0.04]),
+        volume=0.1,
+        origin=np.array([0.0, 0.1, -0.2]),
+        bounding_radius=0.6,
+        mesh_sha256="ab" * 32,
+        mass=0.5,
+        bounds=np.array([[-0.4, -0.1, -0.2], [0.3, 0.5, 0.3]]),
+        surface_gap=0.01,
+        source="here",
+        licence="free",
+    )
 
 
 def arrays(packing):
@@ -30,7 +40,16 @@ def test_round_trip_and_equal_bytes(tmp_path):
     loaded = load_packing(first)
     for field, array in arrays(example()).items():
         np.testing.assert_array_equal(getattr(loaded, field), array)
-    for field in ("name", "volume", "bounding_radius", "mesh_sha256", "mass", "surface_gap", "source", "licence"):
+    for field in (
+        "name",
+        "volume",
+        "bounding_radius",
+        "mesh_sha256",
+        "mass",
+        "surface_gap",
+        "source",
+        "licence",
+    ):
         assert getattr(loaded, field) == getattr(example(), field)
     for array in arrays(loaded).values():
         assert array.flags.c_contiguous and not array.flags.writeable and array.dtype == np.float64
@@ -54,18 +73,26 @@ def test_inertia_of_solid_spheres_against_samples():
     rng = np.random.default_rng(0)
     centers, radii = rng.normal(size=(4, 3)), rng.uniform(0.3, 0.6, 4)
     points = rng.uniform(-4.0, 4.0, (400_000, 3))
-    covered = np.sum(np.linalg.norm(points[:, None] - centers, axis=2) < radii, axis=1)  # overlaps count twice
+    covered = np.sum(
+        np.linalg.norm(points[:, None] - centers, axis=2) < radii, axis=1
+    )  # overlaps count twice
     arm = points - np.average(points, axis=0, weights=covered)
     second = (arm.T * covered) @ arm / covered.sum()
     _, inertia = solid_spheres_inertia(centers, radii)
-    np.testing.assert_allclose(inertia, np.trace(second) * np.eye(3) - second, rtol=0.05, atol=0.05)  # sampling
+    np.testing.assert_allclose(
+        inertia, np.trace(second) * np.eye(3) - second, rtol=0.05, atol=0.05
+    )  # sampling
 
 
 def test_prefix_keeps_the_body():
     packing, part = example(), example().prefix(2)
     np.testing.assert_array_equal(part.centers, packing.centers[:2])
     np.testing.assert_array_equal(part.inertia, packing.inertia)
-    assert (part.volume, part.mass, part.bounding_radius) == (packing.volume, packing.mass, packing.bounding_radius)
+    assert (part.volume, part.mass, part.bounding_radius) == (
+        packing.volume,
+        packing.mass,
+        packing.bounding_radius,
+    )
     assert part.fill == pytest.approx(4.0 / 3.0 * np.pi * 0.009 / 0.1)
     assert part.surface_gap is None
     for k in (0, -1, 1.5, True):
@@ -88,25 +115,28 @@ def test_scale():
             packing.scaled(s)
 
 
-@pytest.mark.parametrize(("change", "message"), [
-    ({"centers": None}, "has no 'centers'"),
-    ({"radii": None}, "has no 'radii'"),
-    ({"centers": np.zeros((3, 2))}, r"centers must have shape \(n, 3\) \(got \(3, 2\)\)"),
-    ({"centers": np.zeros((2, 3))}, "as many rows as radii has entries, 3"),
-    ({"radii": np.array([0.2, -0.1, 0.05])}, r"radii\[1\] must be positive \(got -0.1\)"),
-    ({"radii": np.zeros(0), "centers": np.zeros((0, 3))}, "radii is empty"),
-    ({"radii": np.array([0.2, np.nan, 0.05])}, r"radii\[1\] is not a finite number"),
-    ({"centers": np.full((3, 3), np.inf)}, r"centers\[0\]\[0\] is not a finite number"),
-    ({"radii": np.array(["a", "b", "c"])}, "radii must hold real numbers"),
-    ({"inertia": np.array([[1.0, 0.1, 0], [0, 1, 0], [0, 0, 1]])}, "inertia is not symmetric"),
-    ({"inertia": np.diag([1.0, 1.0, -1.0])}, "principal moment that is not positive"),
-    ({"inertia": np.diag([1.0, 1.0, 2.1])}, "belongs to no solid"),
-    ({"inertia": np.eye(2)}, r"inertia must have shape \(3, 3\)"),
-    ({"volume": -1.0}, "volume must be positive"),
-    ({"bounding_radius": 0.1}, "bounding_radius is less than the spheres' reach"),
-    ({"origin": np.zeros(2)}, r"origin must have shape \(3,\)"),
-    ({"mass": 0.0}, "mass must be positive"),
-])
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"centers": None}, "has no 'centers'"),
+        ({"radii": None}, "has no 'radii'"),
+        ({"centers": np.zeros((3, 2))}, r"centers must have shape \(n, 3\) \(got \(3, 2\)\)"),
+        ({"centers": np.zeros((2, 3))}, "as many rows as radii has entries, 3"),
+        ({"radii": np.array([0.2, -0.1, 0.05])}, r"radii\[1\] must be positive \(got -0.1\)"),
+        ({"radii": np.zeros(0), "centers": np.zeros((0, 3))}, "radii is empty"),
+        ({"radii": np.array([0.2, np.nan, 0.05])}, r"radii\[1\] is not a finite number"),
+        ({"centers": np.full((3, 3), np.inf)}, r"centers\[0\]\[0\] is not a finite number"),
+        ({"radii": np.array(["a", "b", "c"])}, "radii must hold real numbers"),
+        ({"inertia": np.array([[1.0, 0.1, 0], [0, 1, 0], [0, 0, 1]])}, "inertia is not symmetric"),
+        ({"inertia": np.diag([1.0, 1.0, -1.0])}, "principal moment that is not positive"),
+        ({"inertia": np.diag([1.0, 1.0, 2.1])}, "belongs to no solid"),
+        ({"inertia": np.eye(2)}, r"inertia must have shape \(3, 3\)"),
+        ({"volume": -1.0}, "volume must be positive"),
+        ({"bounding_radius": 0.1}, "bounding_radius is less than the spheres' reach"),
+        ({"origin": np.zeros(2)}, r"origin must have shape \(3,\)"),
+        ({"mass": 0.0}, "mass must be positive"),
+    ],
+)
 def test_inconsistent_files_are_refused_by_name_field_and_value(tmp_path, change, message):
     path = tmp_path / "bad.npz"
     values = {**arrays(example()), "volume": 0.1, "bounding_radius": 0.6, **change}
@@ -116,7 +146,9 @@ def test_inconsistent_files_are_refused_by_name_field_and_value(tmp_path, change
     assert str(path) in str(caught.value)
 
 
-@pytest.mark.parametrize("kind", ["missing", "empty", "text", "truncated", "single array", "objects", "folder"])
+@pytest.mark.parametrize(
+    "kind", ["missing", "empty", "text", "truncated", "single array", "objects", "folder"]
+)
 def test_unreadable_files_are_refused(tmp_path, kind):
     path = tmp_path / "bad.npz"
     if kind == "empty":

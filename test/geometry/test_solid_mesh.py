@@ -28,8 +28,11 @@ def test_components_and_cavities_add_up():
     inner = make_solid("inner", *raw(ball(0.6)))
     hollow = make_solid("hollow", *MESHES["hollow ball"]())
     assert hollow.volume == pytest.approx(one.volume - inner.volume, rel=ROUND_OFF)
-    np.testing.assert_allclose(hollow.inertia * hollow.volume,
-                               one.inertia * one.volume - inner.inertia * inner.volume, atol=ROUND_OFF)
+    np.testing.assert_allclose(
+        hollow.inertia * hollow.volume,
+        one.inertia * one.volume - inner.inertia * inner.volume,
+        atol=ROUND_OFF,
+    )
 
 
 @pytest.mark.parametrize("scale", [1e-6, 1.0, 1e3])
@@ -63,7 +66,9 @@ BAD = {
     "is open: 3 of its 18 edges": open_box,
     "is wound inconsistently: at 3 of its 18 edges": one_face_turned,
     "is inside out": inside_out,
-    "a component .* that is inside out": lambda: joined(ball(1.0), turned_inside_out(moved(ball(0.5), [3.0, 0, 0]))),
+    "a component .* that is inside out": lambda: joined(
+        ball(1.0), turned_inside_out(moved(ball(0.5), [3.0, 0, 0]))
+    ),
     "a component .* inside another": lambda: joined(ball(1.0), ball(0.5)),
     "encloses no volume": lambda: (np.eye(3), np.array([[0, 1, 2], [0, 2, 1]])),
     "has no triangles": lambda: (np.zeros((3, 3)), np.zeros((0, 3), dtype=int)),
@@ -79,11 +84,14 @@ def test_what_is_no_solid_is_refused_with_its_reason(reason):
         make_solid("bad", *BAD[reason]())
 
 
-@pytest.mark.parametrize(("mesh", "deed"), [
-    (open_box, "closed holes with 1 triangles"),
-    (one_face_turned, "turned 1 triangles"),
-    (inside_out, "turned 320 triangles"),
-])
+@pytest.mark.parametrize(
+    ("mesh", "deed"),
+    [
+        (open_box, "closed holes with 1 triangles"),
+        (one_face_turned, "turned 1 triangles"),
+        (inside_out, "turned 320 triangles"),
+    ],
+)
 def test_repair_makes_a_solid_and_says_how(tmp_path, mesh, deed):
     path = tmp_path / "mesh.off"
     trimesh.Trimesh(*mesh(), process=False).export(path)
@@ -102,7 +110,9 @@ def test_formats(tmp_path, suffix):
     trimesh.Trimesh(vertices, faces, process=False).export(path)
     solid, repairs = load_solid(path)
     assert repairs == []
-    assert solid.volume == pytest.approx(make_solid("same", vertices, faces).volume, rel=1e-6)  # STL holds float32
+    assert solid.volume == pytest.approx(
+        make_solid("same", vertices, faces).volume, rel=1e-6
+    )  # STL holds float32
     assert solid.name == "mesh" and len(solid.sha256) == 64
 
 

@@ -1,4 +1,6 @@
-"""What the tests of builds share: a copy of the sources, and an environment that knows no other installation."""
+"""What the tests of builds share: a copy of the sources, and an environment that knows no other
+installation.
+"""
 
 import os
 import shutil
@@ -10,7 +12,15 @@ ROOT = Path(__file__).resolve().parents[2]
 NOT_SOURCES = shutil.ignore_patterns(
     ".git", "*venv", "build", "install", "log", "*.egg-info", "__pycache__", ".*_cache", ".hypothesis"
 )
-FOREIGN = ("AMENT_", "COLCON_", "CMAKE_PREFIX_PATH", "LD_LIBRARY_PATH", "PYTHONPATH", "_ROS_WHEELS", "UNC_PHYSICS")
+FOREIGN = (
+    "AMENT_",
+    "COLCON_",
+    "CMAKE_PREFIX_PATH",
+    "LD_LIBRARY_PATH",
+    "PYTHONPATH",
+    "_ROS_WHEELS",
+    "UNC_PHYSICS",
+)
 
 
 def copy_sources(target):
@@ -28,16 +38,26 @@ def wheels_environment():
     """The environment in which colcon and CMake find the ROS wheels of the running Python."""
     binaries = os.path.join(sys.prefix, "bin")
     return clean_environment(
-        PATH=f"{binaries}{os.pathsep}{os.environ['PATH']}", AMENT_PREFIX_PATH=sys.prefix, CMAKE_PREFIX_PATH=sys.prefix
+        PATH=f"{binaries}{os.pathsep}{os.environ['PATH']}",
+        AMENT_PREFIX_PATH=sys.prefix,
+        CMAKE_PREFIX_PATH=sys.prefix,
     )
 
 
 def run(command, *, cwd, env, check=True, timeout=600):
     """Run a command; a failure shows the end of all that it printed."""
     done = subprocess.run(
-        [str(part) for part in command], cwd=cwd, env=env, text=True, stdin=subprocess.DEVNULL,
-        capture_output=True, check=False, timeout=timeout,
+        [str(part) for part in command],
+        cwd=cwd,
+        env=env,
+        text=True,
+        stdin=subprocess.DEVNULL,
+        capture_output=True,
+        check=False,
+        timeout=timeout,
     )
     if check and done.returncode:
-        raise AssertionError(f"{command} ended with {done.returncode}:\n{(done.stdout + done.stderr)[-6000:]}")
+        raise AssertionError(
+            f"{command} ended with {done.returncode}:\n{(done.stdout + done.stderr)[-6000:]}"
+        )
     return done

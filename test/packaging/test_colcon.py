@@ -23,7 +23,8 @@ print(json.dumps({
 }))
 """
 
-# starts the installed node as ros2 run does, asks it for its models, which takes no kernels to compile, and ends it
+# starts the installed node as ros2 run does, asks it for its models, which takes no kernels to compile, and
+# ends it
 ASK = """
 import os, signal, subprocess, sys
 import rclpy
@@ -55,7 +56,9 @@ BUILDS = {
     "repository": (".", ["--base-paths", ".", "unc_physics_msgs"], []),
     # without the C++ interfaces, which the other build covers, to spare a minute
     "workspace": (
-        "src/unc_physics", ["--base-paths", "src", "src/unc_physics/unc_physics_msgs"], ["-DCPP_INTERFACES=OFF"],
+        "src/unc_physics",
+        ["--base-paths", "src", "src/unc_physics/unc_physics_msgs"],
+        ["-DCPP_INTERFACES=OFF"],
     ),
 }
 
@@ -74,28 +77,42 @@ def test_colcon_builds_and_result_can_be_used(kind, tmp_path):
     workspace = tmp_path / "workspace"
     copy_sources(workspace / sources)
     env = wheels_environment() | {
-        "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST", "ROS_DOMAIN_ID": str(os.getpid() % 100),
-        "NUMBA_CACHE_DIR": str(tmp_path / "numba"), "XDG_CACHE_HOME": str(tmp_path / "no models of the user"),
+        "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
+        "ROS_DOMAIN_ID": str(os.getpid() % 100),
+        "NUMBA_CACHE_DIR": str(tmp_path / "numba"),
+        "XDG_CACHE_HOME": str(tmp_path / "no models of the user"),
     }
     names = run(["colcon", "list", "--names-only", *base_paths], cwd=workspace, env=env).stdout.split()
     assert sorted(names) == ["unc_physics", "unc_physics_msgs"]
 
     include = ROOT / "cmake" / "ros_wheels.cmake"
     run(
-        ["colcon", "build", *base_paths, "--cmake-args", f"-DCMAKE_PROJECT_INCLUDE={include}", *cmake_arguments],
-        cwd=workspace, env=env,
+        [
+            "colcon",
+            "build",
+            *base_paths,
+            "--cmake-args",
+            f"-DCMAKE_PROJECT_INCLUDE={include}",
+            *cmake_arguments,
+        ],
+        cwd=workspace,
+        env=env,
     )
 
     installed = workspace / "install"
     for file in (
-        "lib/unc_physics/unc_physics", "share/unc_physics/models/bunny.npz", "share/unc_physics/package.xml",
+        "lib/unc_physics/unc_physics",
+        "share/unc_physics/models/bunny.npz",
+        "share/unc_physics/package.xml",
         "share/ament_index/resource_index/packages/unc_physics",
     ):
         assert (installed / "unc_physics" / file).is_file(), file
     for script in (ROOT / "scripts").iterdir():
         executable = installed / "unc_physics" / "lib" / "unc_physics" / script.name
         assert executable.stat().st_mode & 0o111, f"{executable}: ros2 run finds executables only"
-    has_cpp = (installed / "unc_physics_msgs/include/unc_physics_msgs/unc_physics_msgs/srv/predict.hpp").is_file()
+    has_cpp = (
+        installed / "unc_physics_msgs/include/unc_physics_msgs/unc_physics_msgs/srv/predict.hpp"
+    ).is_file()
     assert has_cpp == (kind == "repository")
 
     found = json.loads(run_sourced(USE, installed, tmp_path, env).stdout)

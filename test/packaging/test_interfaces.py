@@ -48,12 +48,22 @@ def test_candidates_add_to_the_request_only():
 
 
 def test_published_predictions_hold_what_answers_do():
-    assert {"error_code": "uint16", "error_msg": "string", **msg.Prediction.get_fields_and_field_types()} == ANSWER
+    assert {
+        "error_code": "uint16",
+        "error_msg": "string",
+        **msg.Prediction.get_fields_and_field_types(),
+    } == ANSWER
 
 
-@pytest.mark.parametrize("file", sorted(
-    path.relative_to(ROOT) for kind in ("msg", "srv", "action") for path in (ROOT / "unc_physics_msgs").glob(f"{kind}/*")
-), ids=lambda path: path.stem)
+@pytest.mark.parametrize(
+    "file",
+    sorted(
+        path.relative_to(ROOT)
+        for kind in ("msg", "srv", "action")
+        for path in (ROOT / "unc_physics_msgs").glob(f"{kind}/*")
+    ),
+    ids=lambda path: path.stem,
+)
 def test_interface_is_listed_and_explained(file):
     text = (ROOT / file).read_text()
     assert text.startswith("# ")

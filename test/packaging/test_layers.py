@@ -11,7 +11,11 @@ from unc_physics import __version__
 def test_imports_keep_to_the_layers():
     command = os.path.join(sys.prefix, "bin", "lint-imports")
     path = os.pathsep.join([str(ROOT), str(ROOT / "evaluation")])
-    run([command, "--config", "pyproject.toml", "--no-cache"], cwd=ROOT, env={**os.environ, "PYTHONPATH": path})
+    run(
+        [command, "--config", "pyproject.toml", "--no-cache"],
+        cwd=ROOT,
+        env={**os.environ, "PYTHONPATH": path},
+    )
 
 
 def test_one_version_everywhere():

@@ -1,4 +1,6 @@
-"""The set-up that make does: shielded from other installations, with a Python that fits, and made again when needed."""
+"""The set-up that make does: shielded from other installations, with a Python that fits, and made again when
+needed.
+"""
 
 import os
 import shutil
@@ -9,9 +11,14 @@ from building import ROOT, clean_environment, run
 
 # as a shell has them that sourced another ROS, and as the wheels' own start-up leaves them
 FOREIGN = {
-    "AMENT_PREFIX_PATH": "/opt/ros/other", "CMAKE_PREFIX_PATH": "/opt/ros/other", "COLCON_PREFIX_PATH": "/elsewhere",
-    "LD_LIBRARY_PATH": "/opt/ros/other/lib", "PYTHONPATH": "/opt/ros/other/lib/python3.12/site-packages",
-    "ROS_DISTRO": "other", "RMW_IMPLEMENTATION": "rmw_other_cpp", "_ROS_WHEELS_BOOTSTRAP_COMPLETE": "1",
+    "AMENT_PREFIX_PATH": "/opt/ros/other",
+    "CMAKE_PREFIX_PATH": "/opt/ros/other",
+    "COLCON_PREFIX_PATH": "/elsewhere",
+    "LD_LIBRARY_PATH": "/opt/ros/other/lib",
+    "PYTHONPATH": "/opt/ros/other/lib/python3.12/site-packages",
+    "ROS_DISTRO": "other",
+    "RMW_IMPLEMENTATION": "rmw_other_cpp",
+    "_ROS_WHEELS_BOOTSTRAP_COMPLETE": "1",
 }
 
 
@@ -52,7 +59,11 @@ def test_python_that_does_not_run_is_passed_over_and_moved_venv_is_made_anew(fol
     env = clean_environment(**FOREIGN, PATH=f"{binaries}{os.pathsep}{os.environ['PATH']}")
     step = [".venv/made/python"]
     run(["make", "-s", *step], cwd=folder, env=env)
-    prefix = run([folder / ".venv/bin/python", "-c", "import sys; print(sys.prefix)"], cwd=tmp_path, env=clean_environment())
+    prefix = run(
+        [folder / ".venv/bin/python", "-c", "import sys; print(sys.prefix)"],
+        cwd=tmp_path,
+        env=clean_environment(),
+    )
     assert prefix.stdout.strip() == str(folder / ".venv")
     assert run(["make", "-s", "-n", *step], cwd=folder, env=env).stdout == ""
 

@@ -1,4 +1,6 @@
-"""Propagators are asked by their base class: nothing outside their folder names one, but the default one's name."""
+"""Propagators are asked by their base class: nothing outside their folder names one, but the default one's
+name.
+"""
 
 import ast
 from pathlib import Path
@@ -11,16 +13,27 @@ ROOT = Path(__file__).resolve().parents[2] / "unc_physics"
 PLACES = {name: place.partition(":") for name, place in BUILT_IN.items()}
 #: Of modules, of classes, of their carries, and as users write them.
 NAMES = {
-    *BUILT_IN, *(module for module, _, _ in PLACES.values()), *(cls for _, _, cls in PLACES.values()),
-    *(f"{cls.removesuffix('s')}Carry" for _, _, cls in PLACES.values()), *(name.replace("_", " ") for name in BUILT_IN),
+    *BUILT_IN,
+    *(module for module, _, _ in PLACES.values()),
+    *(cls for _, _, cls in PLACES.values()),
+    *(f"{cls.removesuffix('s')}Carry" for _, _, cls in PLACES.values()),
+    *(name.replace("_", " ") for name in BUILT_IN),
 }
-FILES = [path for folder in ("scene", "physics", "prediction", "cli", "ros") for path in sorted((ROOT / folder).rglob("*.py"))]
+FILES = [
+    path
+    for folder in ("scene", "physics", "prediction", "cli", "ros")
+    for path in sorted((ROOT / folder).rglob("*.py"))
+]
 
 
 def docstrings(tree):
     """The nodes of a module's docstrings."""
     with_docstring = (ast.Module, ast.ClassDef, ast.FunctionDef)
-    return {id(node.body[0].value) for node in ast.walk(tree) if isinstance(node, with_docstring) and ast.get_docstring(node)}
+    return {
+        id(node.body[0].value)
+        for node in ast.walk(tree)
+        if isinstance(node, with_docstring) and ast.get_docstring(node)
+    }
 
 
 def words(tree):
@@ -48,11 +61,16 @@ def named(text):
 
 @pytest.mark.parametrize("path", FILES, ids=[str(path.relative_to(ROOT)) for path in FILES])
 def test_no_propagator_is_named(path):
-    found = [f"line {line}: {name}" for line, text in words(ast.parse(path.read_text())) for name in named(text)]
+    found = [
+        f"line {line}: {name}" for line, text in words(ast.parse(path.read_text())) for name in named(text)
+    ]
     assert not found, f"{path.relative_to(ROOT.parent)} names propagators: {', '.join(found)}"
 
 
 def test_names_are_found():
-    source = '"""Of MonteCarlo."""\nfrom ..propagators.surrogate import SurrogateCarry\nx = "by monte_carlo alone"\ny = "sigma_points"'
+    source = (
+        '"""Of MonteCarlo."""\nfrom ..propagators.surrogate import SurrogateCarry\nx = "by monte_carlo'
+        ' alone"\ny = "sigma_points"'
+    )
     found = [name for _, text in words(ast.parse(source)) for name in named(text)]
     assert sorted(found) == ["SurrogateCarry", "monte_carlo", "surrogate"]

@@ -1,4 +1,6 @@
-"""The core library installs by pip into a plain venv, without ROS, and works from there; its evaluation joins it."""
+"""The core library installs by pip into a plain venv, without ROS, and works from there; its evaluation joins
+it.
+"""
 
 import json
 import sys
@@ -40,12 +42,21 @@ def test_core_installs_and_predicts_without_ros(tmp_path):
 
     installed = {
         package["name"].lower().replace("-", "_")
-        for package in json.loads(run([python, "-m", "pip", "list", "--format", "json"], cwd=tmp_path, env=env).stdout)
+        for package in json.loads(
+            run([python, "-m", "pip", "list", "--format", "json"], cwd=tmp_path, env=env).stdout
+        )
     }
     assert installed - {"pip", "setuptools", "wheel"} == {
-        "llvmlite", "numba", "numpy", "pyyaml", "tqdm", "unc_physics",
+        "llvmlite",
+        "numba",
+        "numpy",
+        "pyyaml",
+        "tqdm",
+        "unc_physics",
     }, "a core install stays small"
-    location = run([python, "-c", "import unc_physics; print(unc_physics.__file__)"], cwd=tmp_path, env=env).stdout.strip()
+    location = run(
+        [python, "-c", "import unc_physics; print(unc_physics.__file__)"], cwd=tmp_path, env=env
+    ).stdout.strip()
     assert Path(location).with_name("py.typed").is_file(), "without it type checkers take everything for Any"
     assert run([python, "-c", "import rclpy"], cwd=tmp_path, env=env, check=False).returncode
 
@@ -65,6 +76,12 @@ def test_core_installs_and_predicts_without_ros(tmp_path):
     assert without.returncode == ErrorCode.NOT_SUPPORTED
     assert without.stderr.endswith("from the repository: pip install ./evaluation\n")
     # its dependencies are large, and neither the command's help nor the data need them
-    run([python, "-m", "pip", "install", "--no-compile", "--no-deps", sources / "evaluation"], cwd=tmp_path, env=env)
-    assert "EXPERIMENT" in run([python, "-m", "unc_physics", "evaluate", "--help"], cwd=tmp_path, env=env).stdout
+    run(
+        [python, "-m", "pip", "install", "--no-compile", "--no-deps", sources / "evaluation"],
+        cwd=tmp_path,
+        env=env,
+    )
+    assert (
+        "EXPERIMENT" in run([python, "-m", "unc_physics", "evaluate", "--help"], cwd=tmp_path, env=env).stdout
+    )
     run([python, "-c", DATA], cwd=tmp_path, env=env)

@@ -41,7 +41,9 @@ def test_every_public_name_is_there():
         unc_physics.nothing_of_the_kind  # noqa: B018
 
 
-@pytest.mark.parametrize("page", [page for page in PAGES if page.name != EXTENDING], ids=lambda page: page.name)
+@pytest.mark.parametrize(
+    "page", [page for page in PAGES if page.name != EXTENDING], ids=lambda page: page.name
+)
 def test_pages_import_public_names_only(page):
     text = page.read_text()
     deep = re.findall(r"^(?:from|import) unc_physics\.\S+.*", text, re.MULTILINE)

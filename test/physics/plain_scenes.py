@@ -1,4 +1,6 @@
-"""Bodies of known shape, their states, and rollouts of one state: for tests of laws, whatever the integrator."""
+"""Bodies of known shape, their states, and rollouts of one state: for tests of laws, whatever
+the integrator.
+"""
 
 import numpy as np
 from scipy.spatial.transform import Rotation

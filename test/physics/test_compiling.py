@@ -42,16 +42,24 @@ def copy(tmp_path):
     package = tmp_path / "unc_physics"
     for folder in ("", "physics"):
         shutil.copytree(
-            compile_cache.PACKAGE / folder, package / folder, dirs_exist_ok=True,
-            ignore=lambda _, names: [name for name in names if not name.endswith(".py")])
+            compile_cache.PACKAGE / folder,
+            package / folder,
+            dirs_exist_ok=True,
+            ignore=lambda _, names: [name for name in names if not name.endswith(".py")],
+        )
     (package / "physics" / "caller.py").write_text(CALLER)
     (package / "physics" / "callee.py").write_text(CALLEE.format("2.0"))
 
     def start(program=CALL, **others):
         env = {name: value for name, value in os.environ.items() if name != "NUMBA_CACHE_DIR"}
         return subprocess.Popen(
-            [sys.executable, "-c", program], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-            cwd=tmp_path, env=env | {"PYTHONPATH": str(tmp_path), "PYTHONDONTWRITEBYTECODE": "1"} | others)
+            [sys.executable, "-c", program],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            cwd=tmp_path,
+            env=env | {"PYTHONPATH": str(tmp_path), "PYTHONDONTWRITEBYTECODE": "1"} | others,
+        )
 
     start.package = package
     return start

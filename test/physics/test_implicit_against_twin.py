@@ -92,7 +92,8 @@ def first_impact(left, world, work):
 def solve_impact(count, work):
     work.impulses[PLASTIC] = 0.0
     return implicit_solver.solve_impact(
-        work.rows, work.ids, work.counts, work.impulses, work.members, count, work.velocity, 0.1)
+        work.rows, work.ids, work.counts, work.impulses, work.members, count, work.velocity, 0.1
+    )
 
 
 @kernel
@@ -122,7 +123,9 @@ class Stage:
         """(spheres, gaps, predicted gaps), by the spheres' numbers in their own bodies."""
         found = candidates_of(self.x, i, j, horizon, self.world, self.work)
         ids, numbers = self.work.candidate_ids[:found], self.work.candidates[:found]
-        return {self.spheres(i, j, a, b): tuple(row) for (a, b, _), row in zip(ids, numbers[:, 6:8], strict=True)}, found
+        return {
+            self.spheres(i, j, a, b): tuple(row) for (a, b, _), row in zip(ids, numbers[:, 6:8], strict=True)
+        }, found
 
     def spheres(self, i, j, a, b):
         """Numbers of two of the trees' spheres in their own bodies."""
@@ -180,14 +183,25 @@ def pile(seed=0):
     """Two bricks, one on a can that is fixed, about to touch each other; on a floor."""
     rng = np.random.default_rng(seed)
     brick, can = load_model("brick").prefix(200), load_model("can").prefix(200)
-    bodies = [RigidBody("a", brick, 0.5, friction=0.8), RigidBody("can", can, fixed=True, friction=0.2), RigidBody("b", brick, 1.5)]
-    x = np.array([state((0, 0, 1), rng.normal(0, 0.1, 3), rng.normal(0, 1, 3), turned(*rng.normal(0, 0.3, 3))) for _ in bodies])
+    bodies = [
+        RigidBody("a", brick, 0.5, friction=0.8),
+        RigidBody("can", can, fixed=True, friction=0.2),
+        RigidBody("b", brick, 1.5),
+    ]
+    x = np.array(
+        [
+            state((0, 0, 1), rng.normal(0, 0.1, 3), rng.normal(0, 1, 3), turned(*rng.normal(0, 0.3, 3)))
+            for _ in bodies
+        ]
+    )
     x[1, 2] = 0.0
     x[1, 3:6] = x[1, 10:] = 0.0
     for k, below in ((0, 1), (2, 0)):
         for _ in range(60):
             away = twin.centers(bodies[k], x[k])[:, None] - twin.centers(bodies[below], x[below])[None]
-            gap = (np.linalg.norm(away, axis=2) - bodies[k].model.radii[:, None] - bodies[below].model.radii).min()
+            gap = (
+                np.linalg.norm(away, axis=2) - bodies[k].model.radii[:, None] - bodies[below].model.radii
+            ).min()
             x[k, 2] -= 0.9 * (gap - 5e-5)
     floor = min((twin.centers(b, s)[:, 2] - b.model.radii).min() for b, s in zip(bodies, x, strict=True))
     return Stage(Scene.everyday(bodies, environment=[Plane((0, 0, 1), floor)]), x)
@@ -201,7 +215,9 @@ def pile(seed=0):
 def test_candidates_at_an_element_are_all_that_come_near(name, horizon):
     stage = on_element(name)
     found, _ = stage.candidates(0, -1, horizon)
-    expected = {(c.a, c.b): (c.gap, c.predicted) for c in twin.candidates(stage.scene, stage.x, 0, -1, horizon)}
+    expected = {
+        (c.a, c.b): (c.gap, c.predicted) for c in twin.candidates(stage.scene, stage.x, 0, -1, horizon)
+    }
     if name in FLAT:
         expected = {spheres: gaps for spheres, gaps in expected.items() if spheres[0] in stage.hull}
     assert found.keys() == expected.keys() and found
@@ -215,7 +231,9 @@ def test_candidates_at_an_element_are_all_that_come_near(name, horizon):
 def test_candidates_of_two_bodies_are_all_pairs_that_come_near(pair, seed, horizon):
     stage = pile(seed)
     found, _ = stage.candidates(*pair, horizon)
-    expected = {(c.a, c.b): (c.gap, c.predicted) for c in twin.candidates(stage.scene, stage.x, *pair, horizon)}
+    expected = {
+        (c.a, c.b): (c.gap, c.predicted) for c in twin.candidates(stage.scene, stage.x, *pair, horizon)
+    }
     assert found.keys() == expected.keys() and found
     for spheres, gaps in found.items():
         np.testing.assert_allclose(gaps, expected[spheres], atol=1e-12)
@@ -247,9 +265,14 @@ def test_rows_have_the_contacts_jacobians(make):
             if c.j >= 0:
                 np.testing.assert_allclose(row[MOMENT_J + 3 * d :][:3], -expected[c.j, 3:], atol=1e-12)
         assert row[GAP] == pytest.approx(c.gap, abs=1e-12) and row[RADIUS] == pytest.approx(c.radius)
-        assert row[COMPLIANCE] == pytest.approx(own[k, 0]) and row[SLIP_COMPLIANCE] == pytest.approx(own[k, 1:].max())
+        assert row[COMPLIANCE] == pytest.approx(own[k, 0]) and row[SLIP_COMPLIANCE] == pytest.approx(
+            own[k, 1:].max()
+        )
         assert row[BEND] == pytest.approx(twin.bend(c, stage.x), abs=1e-9)
-        for column, values in ((FRICTION, stage.world.implicit.friction), (RESTITUTION, stage.world.implicit.restitution)):
+        for column, values in (
+            (FRICTION, stage.world.implicit.friction),
+            (RESTITUTION, stage.world.implicit.restitution),
+        ):
             assert row[column] == pytest.approx(twin.mean_of(values, c, len(stage.x)))
 
 
@@ -261,7 +284,9 @@ def test_the_hull_touches_every_plane_that_the_packing_touches(model):
     directions /= np.linalg.norm(directions, axis=1)[:, None]
     heights = packing.centers @ directions.T + packing.radii[:, None]
     assert 0 < len(kept) < len(packing) and (np.diff(kept) > 0).all()
-    np.testing.assert_allclose(heights[kept].max(axis=0), heights.max(axis=0), atol=1e-7 * packing.bounding_radius)
+    np.testing.assert_allclose(
+        heights[kept].max(axis=0), heights.max(axis=0), atol=1e-7 * packing.bounding_radius
+    )
 
 
 # -- lasting contacts --------------------------------------------------------------------------------
@@ -275,8 +300,17 @@ def lasting_law(stage, rows, contacts, before, h):
     open_after = rows[:, GAP] + h * ((J @ start)[::3] + 0.5 * h * fall) > 0.0
     fast = (rows[:, GAP] > twin.TOUCHING) & (-(J @ free)[::3] > THRESHOLD) & open_after
     return twin.Lasting(
-        J, twin.inverse_mass(stage.scene, before), free, (J @ start)[::3], rows[:, GAP], rows[:, BEND],
-        stage.scene.stiffness * np.pi * rows[:, RADIUS], rows[:, FRICTION], h, np.where(fast, 0.0, stage.scene.dt))
+        J,
+        twin.inverse_mass(stage.scene, before),
+        free,
+        (J @ start)[::3],
+        rows[:, GAP],
+        rows[:, BEND],
+        stage.scene.stiffness * np.pi * rows[:, RADIUS],
+        rows[:, FRICTION],
+        h,
+        np.where(fast, 0.0, stage.scene.dt),
+    )
 
 
 def travel(stage, h=H):
@@ -316,8 +350,17 @@ def test_lasting_contacts_obey_their_law(case):
     assert (np.linalg.norm(impulses[:, 1:], axis=1) <= law.friction * impulses[:, 0] * (1.0 + 1e-9)).all()
 
 
-@pytest.mark.parametrize("case, tolerance", [
-    ("ball", 1e-6), ("rolling", 1e-6), ("block", 1e-3), ("plate", 1e-3), ("sticking", 1e-3), ("sliding", 1e-3)])
+@pytest.mark.parametrize(
+    "case, tolerance",
+    [
+        ("ball", 1e-6),
+        ("rolling", 1e-6),
+        ("block", 1e-3),
+        ("plate", 1e-3),
+        ("sticking", 1e-3),
+        ("sliding", 1e-3),
+    ],
+)
 def test_lasting_contacts_move_bodies_as_a_general_solver_says(case, tolerance):
     """One contact is solved exactly, several to the sweeps' tolerance."""
     stage = CASES[case]()
@@ -350,7 +393,9 @@ def falling(name, e, mu, seed):
     """Something that touches a floor, tilted, and falls, slides and spins."""
     rng = np.random.default_rng(seed)
     body = RigidBody("b", {"ball": BALL, "block": BLOCK, "plate": PLATE}[name], 0.7)
-    x = state((0, 0, 0), (*rng.normal(0, 1, 2), -1.5), rng.normal(0, 3, 3), turned(*rng.normal(0, 1e-4, 2), 0.3))
+    x = state(
+        (0, 0, 0), (*rng.normal(0, 1, 2), -1.5), rng.normal(0, 3, 3), turned(*rng.normal(0, 1e-4, 2), 0.3)
+    )
     x[2] -= (twin.centers(body, x)[:, 2] - body.model.radii).min() - 1e-5
     return Stage(Scene.everyday([body], environment=[Plane()], friction=mu, restitution=e), x)
 
@@ -360,7 +405,17 @@ def meeting(name, e, mu, seed):
     rng = np.random.default_rng(seed)
     model = {"ball": BALL, "block": BLOCK, "plate": PLATE}[name]
     bodies = [RigidBody("a", model, 0.7), RigidBody("b", model, 0.2)]
-    x = np.array([state((0, 0, 2 * k), rng.normal(0, 0.3, 3) - (0, 0, k), rng.normal(0, 2, 3), turned(*rng.normal(0, 0.5, 3))) for k in range(2)])
+    x = np.array(
+        [
+            state(
+                (0, 0, 2 * k),
+                rng.normal(0, 0.3, 3) - (0, 0, k),
+                rng.normal(0, 2, 3),
+                turned(*rng.normal(0, 0.5, 3)),
+            )
+            for k in range(2)
+        ]
+    )
     for _ in range(80):
         away = twin.centers(bodies[1], x[1])[:, None] - twin.centers(bodies[0], x[0])[None]
         x[1, 2] -= 0.9 * ((np.linalg.norm(away, axis=2) - model.radii[:, None] - model.radii).min() - 1e-5)
@@ -379,7 +434,9 @@ def test_an_impact_obeys_its_law_as_a_general_solver_s_does(make, name, e, mu, s
     closing, inverse_mass = -(J @ before)[::3], twin.inverse_mass(stage.scene, stage.x)
     target = np.where(closing > THRESHOLD, rows[:, RESTITUTION] * closing, 0.0)
     elastic, plastic = (
-        twin.Impact(J, inverse_mass, before, goal, rows[:, FRICTION]) for goal in (target, np.zeros_like(target)))
+        twin.Impact(J, inverse_mass, before, goal, rows[:, FRICTION])
+        for goal in (target, np.zeros_like(target))
+    )
     solve_impact(stage.count, stage.work)
     m, after = len(contacts), stage.work.velocity[NOW].ravel()
     own, without = stage.work.impulses[ELASTIC, :m], stage.work.impulses[PLASTIC, :m]

@@ -1,6 +1,7 @@
 """The implicit step gives no energy: random things that fly, fall and lie in piles.
 
-Five thousand instead of a hundred: ``python -m pytest test/physics/test_implicit_energy.py --hypothesis-profile=thousands``.
+Five thousand instead of a hundred: ``python -m pytest test/physics/test_implicit_energy.py
+    --hypothesis-profile=thousands``.
 """
 
 from functools import cache
@@ -17,8 +18,12 @@ MODELS = ("salt_box", "can", "mug", "brick", "bowl", "bottle", "plate", "bunny")
 TIME, FRAME = 1.5, 0.02  # s
 LOWEST = -0.5  # m, a floor below the bin, for what jumps out of it
 BIN = (
-    Box((0.5, 0.5, 0.02), (0, 0, -0.01)), Box((0.02, 0.5, 0.3), (-0.25, 0, 0.15)), Box((0.02, 0.5, 0.3), (0.25, 0, 0.15)),
-    Box((0.5, 0.02, 0.3), (0, -0.25, 0.15)), Box((0.5, 0.02, 0.3), (0, 0.25, 0.15)), Plane((0, 0, 1), LOWEST),
+    Box((0.5, 0.5, 0.02), (0, 0, -0.01)),
+    Box((0.02, 0.5, 0.3), (-0.25, 0, 0.15)),
+    Box((0.02, 0.5, 0.3), (0.25, 0, 0.15)),
+    Box((0.5, 0.02, 0.3), (0, -0.25, 0.15)),
+    Box((0.5, 0.02, 0.3), (0, 0.25, 0.15)),
+    Plane((0, 0, 1), LOWEST),
 )
 
 
@@ -56,9 +61,13 @@ def random_scene(seed):
 
 
 def gain(seed):
-    """Largest energy gained since the start, and since any time before; relative to what there is at the start."""
+    """Largest energy gained since the start, and since any time before; relative to what there is at the
+    start.
+    """
     scene, start, least = random_scene(seed)
-    energies = [energy(scene, x) - least for x in (start, *course(scene, start, np.arange(FRAME, TIME, FRAME)))]
+    energies = [
+        energy(scene, x) - least for x in (start, *course(scene, start, np.arange(FRAME, TIME, FRAME)))
+    ]
     assert np.isfinite(energies).all()
     least_so_far = np.minimum.accumulate(energies)
     return (max(energies) - energies[0]) / energies[0], np.max(energies - least_so_far) / energies[0]

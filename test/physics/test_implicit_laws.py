@@ -1,4 +1,6 @@
-"""Laws of the implicit step: impacts, friction, rest, stacks, the environment's shapes, momentum; at several time steps."""
+"""Laws of the implicit step: impacts, friction, rest, stacks, the environment's shapes, momentum; at several
+time steps.
+"""
 
 import copy
 import math
@@ -68,7 +70,9 @@ def test_a_dropped_ball_rebounds_with_e_times_its_speed(dt, e):
 
 @at_steps
 def test_elastic_bounces_lose_nothing(dt):
-    """A ball's; and, but for 1.5 % each at a tenth of a radian a step, those of a block that tumbles between walls."""
+    """A ball's; and, but for 1.5 % each at a tenth of a radian a step, those of a block that tumbles between
+    walls.
+    """
     scene = world(RigidBody("ball", BALL, 0.3), dt=dt, restitution=1.0, friction=None)
     x = state((0, 0, R + 0.2), (0.1, 0, 0))
     floor = 0.3 * G * R  # of potential energy that the ball cannot give
@@ -154,9 +158,7 @@ def test_a_ball_that_slides_begins_to_roll_with_five_sevenths_of_its_speed(dt):
 def test_what_lies_on_the_floor_stays(dt, model, mass):
     """Within 1 um in 10 s, and no deeper than 0.1 mm at the stiffness that is chosen."""
     body = RigidBody("b", load_model(model).prefix(1000), mass)
-    settled, later = course(
-        world(body, dt=dt), state((0, 0, 0.0002 - lowest(body.model))), (3.0, 13.0)
-    )[:, 0]
+    settled, later = course(world(body, dt=dt), state((0, 0, 0.0002 - lowest(body.model))), (3.0, 13.0))[:, 0]
     assert np.linalg.norm(later[:3] - settled[:3]) < 1e-6
     assert 0.0 < depth_in(FLOOR, body, later) < 1e-4
     apart = Rotation.from_quat(settled[6:10]).inv() * Rotation.from_quat(later[6:10])
@@ -173,12 +175,15 @@ def test_a_stack_stands(dt, masses):
     height = brick.bounds[1][2] - brick.bounds[0][2]
     bodies = [RigidBody(f"b{k}", brick, mass) for k, mass in enumerate(masses)]
     start = np.array(
-        [state((0.003 * (k % 2), 0, 0.5 * height + (height + 0.0002) * k + 0.0001)) for k in range(len(masses))]
+        [
+            state((0.003 * (k % 2), 0, 0.5 * height + (height + 0.0002) * k + 0.0001))
+            for k in range(len(masses))
+        ]
     )
     end = run(world(*bodies, dt=dt), start, 3.0)
     away = np.abs(end[:, :3] - start[:, :3]).max()
-    # the gaps add up to 0.9 mm; heavy on light in long steps, the solver ends at its most sweeps, and what is left
-    # of the forces depends on round-off: it stands, and shifts
+    # the gaps add up to 0.9 mm; heavy on light in long steps, the solver ends at its most sweeps, and what is
+    # left of the forces depends on round-off: it stands, and shifts
     unsolved = max(masses) > 1 and dt > 1.0 / 200.0
     assert away < (0.06 if unsolved else 0.01 if max(masses) > 1 else 0.002)
     assert np.abs(end[:, 2] - start[:, 2]).max() < 0.01
@@ -251,7 +256,10 @@ def test_each_shape_holds_a_ball(shape, dt):
     """Three of them make a hollow, into which it falls."""
     middle, elements = np.array([0.1, -0.2, 0.3]), []
     for angle in 2.0 * np.pi / 3.0 * np.arange(3):
-        out, across = np.array([np.cos(angle), np.sin(angle), 0]), np.array([-np.sin(angle), np.cos(angle), 0])
+        out, across = (
+            np.array([np.cos(angle), np.sin(angle), 0]),
+            np.array([-np.sin(angle), np.cos(angle), 0]),
+        )
         normal = 0.8 * np.array([0, 0, 1]) - 0.6 * out
         elements.append(shape(middle - R * normal, normal, across))
     scene = world(RigidBody("b", BALL, 0.3), dt=dt, environment=elements)
@@ -266,9 +274,7 @@ def test_a_fixed_body_supports():
     """A brick on a brick that is fixed: on its bumps it rocks a little before it lies still."""
     brick = load_model("brick").prefix(1000)
     height = brick.bounds[1][2] - brick.bounds[0][2]
-    scene = world(
-        RigidBody("block", brick, 2.0), RigidBody("table", brick, 0.01, fixed=True), environment=()
-    )
+    scene = world(RigidBody("block", brick, 2.0), RigidBody("table", brick, 0.01, fixed=True), environment=())
     start = np.array([state((0.02, 0.01, height + 0.0001)), state()])
     settled, later = course(scene, start, (1.0, 11.0))
     np.testing.assert_array_equal(later[1], start[1])
@@ -291,9 +297,15 @@ def momenta(scene, x):
 
 @at_steps
 def test_momentum_is_kept(dt):
-    """Linear momentum through impacts and lasting contact; angular too, up to what bodies travel in a step."""
+    """Linear momentum through impacts and lasting contact; angular too, up to what bodies travel
+    in a step.
+    """
     brick, can = load_model("brick").prefix(300), load_model("can").prefix(300)
-    bodies = [RigidBody("a", brick, 0.5, restitution=0.7), RigidBody("b", can, 1.5), RigidBody("c", brick, 0.2)]
+    bodies = [
+        RigidBody("a", brick, 0.5, restitution=0.7),
+        RigidBody("b", can, 1.5),
+        RigidBody("c", brick, 0.2),
+    ]
     scene = world(*bodies, dt=dt, gravity=None, environment=())
     x = np.array(
         [
@@ -334,7 +346,8 @@ def test_damping_slows_what_flies():
 
 
 BIN = [
-    FLOOR, *(Box((0.02, 0.6, 0.3), (x, 0, 0.15)) for x in (-0.25, 0.25)),
+    FLOOR,
+    *(Box((0.02, 0.6, 0.3), (x, 0, 0.15)) for x in (-0.25, 0.25)),
     *(Box((0.6, 0.02, 0.3), (0, y, 0.15)) for y in (-0.25, 0.25)),
 ]
 
@@ -343,12 +356,19 @@ def thrown(**physics):
     """Three things thrown into a bin: (scene, state)."""
     models = [load_model(name).prefix(300).scaled(0.6) for name in ("salt_box", "brick", "mug")]
     scene = world(
-        *(RigidBody(f"b{k}", model, 0.2 + 0.3 * k) for k, model in enumerate(models)), environment=BIN, **physics
+        *(RigidBody(f"b{k}", model, 0.2 + 0.3 * k) for k, model in enumerate(models)),
+        environment=BIN,
+        **physics,
     )
     rng = np.random.default_rng(4)
     return scene, np.array(
         [
-            state((*rng.uniform(-0.05, 0.05, 2), 0.15 + 0.2 * k), rng.normal(0, 0.5, 3), rng.normal(0, 3, 3), turned(k, 1, 0))
+            state(
+                (*rng.uniform(-0.05, 0.05, 2), 0.15 + 0.2 * k),
+                rng.normal(0, 0.5, 3),
+                rng.normal(0, 3, 3),
+                turned(k, 1, 0),
+            )
             for k in range(3)
         ]
     )
@@ -376,7 +396,9 @@ def test_what_slides_slowly_does_not_fall_asleep():
 
 
 def test_what_sleeps_wakes_when_it_is_hit():
-    """A ball rolls at a block that has rested for a second; before, nothing else is near that could keep it awake."""
+    """A ball rolls at a block that has rested for a second; before, nothing else is near that could keep it
+    awake.
+    """
     scene = world(RigidBody("block", BLOCK, 0.1), RigidBody("ball", BALL, 0.5), sleep=True)
     x = [state((0, 0, 0.02)), state((-1.57, 0, R), (1.5, 0, 0), (0, 1.5 / R, 0))]
     times = np.arange(0.5, 2.6, 0.1)

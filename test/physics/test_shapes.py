@@ -20,26 +20,40 @@ from unc_physics.scene.environment import ELEMENTS, Box, Capsule, Cylinder, Elem
 
 ROUND_OFF = 1e-12
 BALL = SpherePacking(
-    name="ball", centers=np.zeros((1, 3)), radii=np.array([0.05]), inertia=0.4 * 0.05**2 * np.eye(3),
-    volume=1e-3, origin=np.zeros(3), bounding_radius=0.05)
+    name="ball",
+    centers=np.zeros((1, 3)),
+    radii=np.array([0.05]),
+    inertia=0.4 * 0.05**2 * np.eye(3),
+    volume=1e-3,
+    origin=np.zeros(3),
+    bounding_radius=0.05,
+)
 HALF = np.array([0.3, 0.2, 0.5])
 #: One element of each kind about the origin, its twin, and points all over its surface.
 KNOWN = {
     "plane": (Plane(), twin.plane, None),
     "box": (Box(2.0 * HALF), lambda p: twin.box(p, HALF), lambda spacing: twin.box_surface(HALF, spacing)),
     "sphere": (
-        Sphere(0.4), lambda p: twin.sphere(p, 0.4), lambda spacing: twin.capsule_surface(0.4, 0.0, spacing)),
+        Sphere(0.4),
+        lambda p: twin.sphere(p, 0.4),
+        lambda spacing: twin.capsule_surface(0.4, 0.0, spacing),
+    ),
     "cylinder": (
-        Cylinder(0.3, 1.0), lambda p: twin.cylinder(p, 0.3, 0.5),
-        lambda spacing: twin.cylinder_surface(0.3, 0.5, spacing)),
+        Cylinder(0.3, 1.0),
+        lambda p: twin.cylinder(p, 0.3, 0.5),
+        lambda spacing: twin.cylinder_surface(0.3, 0.5, spacing),
+    ),
     "capsule": (
-        Capsule(0.3, 0.8), lambda p: twin.capsule(p, 0.3, 0.4),
-        lambda spacing: twin.capsule_surface(0.3, 0.4, spacing)),
+        Capsule(0.3, 0.8),
+        lambda p: twin.capsule(p, 0.3, 0.4),
+        lambda spacing: twin.capsule_surface(0.3, 0.4, spacing),
+    ),
 }
 FINITE = [name for name in KNOWN if name != "plane"]
 coordinates = st.one_of(
     st.floats(-1.0, 1.0).filter(lambda c: abs(c) > 1e-9),
-    st.sampled_from((0.0, -0.0, 0.2, 0.3, 0.4, 0.5, -0.3, 0.7, 1e-9)))
+    st.sampled_from((0.0, -0.0, 0.2, 0.3, 0.4, 0.5, -0.3, 0.7, 1e-9)),
+)
 points = st.tuples(coordinates, coordinates, coordinates)
 
 
@@ -118,31 +132,34 @@ def test_the_normal_is_the_gradient_of_the_distance(name):
     assert compared > 350
 
 
-@pytest.mark.parametrize("element, point, distance, normal", [
-    (Box((2, 4, 6)), (2.0, 0.1, 0.2), 1.0, (1, 0, 0)),
-    (Box((2, 4, 6)), (2.0, 3.0, 0.2), math.hypot(1, 1), (math.sqrt(0.5), math.sqrt(0.5), 0)),
-    (Box((2, 4, 6)), (-2.0, 3.0, 4.0), math.sqrt(3), (-(3**-0.5), 3**-0.5, 3**-0.5)),
-    (Box((2, 4, 6)), (0.9, 0.0, 0.0), -0.1, (1, 0, 0)),
-    (Box((2, 4, 6)), (0.0, -1.8, 0.0), -0.2, (0, -1, 0)),
-    (Box((2, 4, 6)), (0.0, 0.0, 0.0), -1.0, (1, 0, 0)),
-    (Box((2, 2, 2)), (0.5, -0.5, 0.5), -0.5, (1, 0, 0)),
-    (Sphere(0.5), (0.0, 0.0, 0.0), -0.5, (1, 0, 0)),
-    (Sphere(0.5), (0.0, 0.0, -0.7), 0.2, (0, 0, -1)),
-    (Sphere(0.5), (0.3, 0.4, 0.0), 0.0, (0.6, 0.8, 0)),
-    (Cylinder(0.5, 4.0), (0.0, 0.0, 0.0), -0.5, (1, 0, 0)),
-    (Cylinder(0.5, 4.0), (0.0, 0.0, -1.9), -0.1, (0, 0, -1)),
-    (Cylinder(0.5, 4.0), (0.0, 0.0, 1.5), -0.5, (1, 0, 0)),  # the side and the end are equally near
-    (Cylinder(0.5, 4.0), (0.0, 0.0, 3.0), 1.0, (0, 0, 1)),
-    (Cylinder(0.5, 4.0), (0.0, -0.8, 1.0), 0.3, (0, -1, 0)),
-    (Cylinder(0.5, 4.0), (0.0, 0.8, 2.4), 0.5, (0, 0.6, 0.8)),
-    (Capsule(0.5, 4.0), (0.0, 0.0, 0.0), -0.5, (1, 0, 0)),
-    (Capsule(0.5, 4.0), (0.0, 0.0, 2.0), -0.5, (1, 0, 0)),
-    (Capsule(0.5, 4.0), (0.0, 0.0, 2.1), -0.4, (0, 0, 1)),
-    (Capsule(0.5, 4.0), (0.0, 0.0, -3.0), 0.5, (0, 0, -1)),
-    (Capsule(0.5, 4.0), (0.0, -0.8, 1.0), 0.3, (0, -1, 0)),
-    (Capsule(0.5, 4.0), (0.6, 0.0, 2.8), 0.5, (0.6, 0, 0.8)),
-    (Plane(), (3.0, -4.0, -2.0), -2.0, (0, 0, 1)),
-])
+@pytest.mark.parametrize(
+    "element, point, distance, normal",
+    [
+        (Box((2, 4, 6)), (2.0, 0.1, 0.2), 1.0, (1, 0, 0)),
+        (Box((2, 4, 6)), (2.0, 3.0, 0.2), math.hypot(1, 1), (math.sqrt(0.5), math.sqrt(0.5), 0)),
+        (Box((2, 4, 6)), (-2.0, 3.0, 4.0), math.sqrt(3), (-(3**-0.5), 3**-0.5, 3**-0.5)),
+        (Box((2, 4, 6)), (0.9, 0.0, 0.0), -0.1, (1, 0, 0)),
+        (Box((2, 4, 6)), (0.0, -1.8, 0.0), -0.2, (0, -1, 0)),
+        (Box((2, 4, 6)), (0.0, 0.0, 0.0), -1.0, (1, 0, 0)),
+        (Box((2, 2, 2)), (0.5, -0.5, 0.5), -0.5, (1, 0, 0)),
+        (Sphere(0.5), (0.0, 0.0, 0.0), -0.5, (1, 0, 0)),
+        (Sphere(0.5), (0.0, 0.0, -0.7), 0.2, (0, 0, -1)),
+        (Sphere(0.5), (0.3, 0.4, 0.0), 0.0, (0.6, 0.8, 0)),
+        (Cylinder(0.5, 4.0), (0.0, 0.0, 0.0), -0.5, (1, 0, 0)),
+        (Cylinder(0.5, 4.0), (0.0, 0.0, -1.9), -0.1, (0, 0, -1)),
+        (Cylinder(0.5, 4.0), (0.0, 0.0, 1.5), -0.5, (1, 0, 0)),  # the side and the end are equally near
+        (Cylinder(0.5, 4.0), (0.0, 0.0, 3.0), 1.0, (0, 0, 1)),
+        (Cylinder(0.5, 4.0), (0.0, -0.8, 1.0), 0.3, (0, -1, 0)),
+        (Cylinder(0.5, 4.0), (0.0, 0.8, 2.4), 0.5, (0, 0.6, 0.8)),
+        (Capsule(0.5, 4.0), (0.0, 0.0, 0.0), -0.5, (1, 0, 0)),
+        (Capsule(0.5, 4.0), (0.0, 0.0, 2.0), -0.5, (1, 0, 0)),
+        (Capsule(0.5, 4.0), (0.0, 0.0, 2.1), -0.4, (0, 0, 1)),
+        (Capsule(0.5, 4.0), (0.0, 0.0, -3.0), 0.5, (0, 0, -1)),
+        (Capsule(0.5, 4.0), (0.0, -0.8, 1.0), 0.3, (0, -1, 0)),
+        (Capsule(0.5, 4.0), (0.6, 0.0, 2.8), 0.5, (0.6, 0, 0.8)),
+        (Plane(), (3.0, -4.0, -2.0), -2.0, (0, 0, 1)),
+    ],
+)
 def test_on_axes_in_the_middle_and_at_edges(element, point, distance, normal):
     d, n = surface(element, point)
     assert d == pytest.approx(distance, abs=ROUND_OFF)
@@ -242,16 +259,19 @@ def test_a_ball_bounces_off(name):
         np.testing.assert_allclose(end[10:], 0.0, atol=1e-6)
 
 
-@pytest.mark.parametrize("kind, arguments, error, field", [
-    (Sphere, (0.0,), InvalidEnvironmentError, "radius"),
-    (Sphere, (-1.0,), InvalidEnvironmentError, "radius"),
-    (Sphere, ("large",), InvalidEnvironmentError, "radius"),
-    (Sphere, (math.nan,), NotFiniteError, "radius"),
-    (Sphere, (1.0, (0.0, 0.0)), InvalidEnvironmentError, "position"),
-    (Sphere, (1.0, (0.0, math.inf, 0.0)), NotFiniteError, "position"),
-    (Box, ((1.0, 0.0, 1.0),), InvalidEnvironmentError, "size[1]"),
-    (Plane, ((0.0, 0.0, 0.0),), InvalidEnvironmentError, "normal"),
-])
+@pytest.mark.parametrize(
+    "kind, arguments, error, field",
+    [
+        (Sphere, (0.0,), InvalidEnvironmentError, "radius"),
+        (Sphere, (-1.0,), InvalidEnvironmentError, "radius"),
+        (Sphere, ("large",), InvalidEnvironmentError, "radius"),
+        (Sphere, (math.nan,), NotFiniteError, "radius"),
+        (Sphere, (1.0, (0.0, 0.0)), InvalidEnvironmentError, "position"),
+        (Sphere, (1.0, (0.0, math.inf, 0.0)), NotFiniteError, "position"),
+        (Box, ((1.0, 0.0, 1.0),), InvalidEnvironmentError, "size[1]"),
+        (Plane, ((0.0, 0.0, 0.0),), InvalidEnvironmentError, "normal"),
+    ],
+)
 def test_bad_input_is_refused_by_its_field(kind, arguments, error, field):
     with pytest.raises(error) as raised:
         kind(*arguments)
@@ -259,15 +279,18 @@ def test_bad_input_is_refused_by_its_field(kind, arguments, error, field):
 
 
 @pytest.mark.parametrize("kind", [Cylinder, Capsule])
-@pytest.mark.parametrize("arguments, error, field", [
-    ((0.0, 1.0), InvalidEnvironmentError, "radius"),
-    ((math.inf, 1.0), NotFiniteError, "radius"),
-    ((1.0, 0.0), InvalidEnvironmentError, "length"),
-    ((1.0, -2.0), InvalidEnvironmentError, "length"),
-    ((1.0, None), InvalidEnvironmentError, "length"),
-    ((1.0, 1.0, "here"), InvalidEnvironmentError, "position"),
-    ((1.0, 1.0, (0, 0, 0), (0.0, 0.0, 0.0, 2.0)), InvalidOrientationError, "orientation"),
-])
+@pytest.mark.parametrize(
+    "arguments, error, field",
+    [
+        ((0.0, 1.0), InvalidEnvironmentError, "radius"),
+        ((math.inf, 1.0), NotFiniteError, "radius"),
+        ((1.0, 0.0), InvalidEnvironmentError, "length"),
+        ((1.0, -2.0), InvalidEnvironmentError, "length"),
+        ((1.0, None), InvalidEnvironmentError, "length"),
+        ((1.0, 1.0, "here"), InvalidEnvironmentError, "position"),
+        ((1.0, 1.0, (0, 0, 0), (0.0, 0.0, 0.0, 2.0)), InvalidOrientationError, "orientation"),
+    ],
+)
 def test_bad_input_for_what_lies_along_an_axis_is_refused(kind, arguments, error, field):
     test_bad_input_is_refused_by_its_field(kind, arguments, error, field)
 
@@ -278,7 +301,9 @@ def test_an_unknown_shape_is_refused():
         position, orientation, size_row = np.zeros(3), (0.0, 0.0, 0.0, 1.0), np.ones(3)
 
     for stranger in (Cone(), Element(), "floor", None):
-        with pytest.raises(InvalidEnvironmentError, match=r"environment\[1\] must be one of Plane, Box, Sphere, "):
+        with pytest.raises(
+            InvalidEnvironmentError, match=r"environment\[1\] must be one of Plane, Box, Sphere, "
+        ):
             Scene([RigidBody("ball", BALL)], environment=(Plane(), stranger))
 
 

@@ -13,9 +13,14 @@ from unc_physics.prediction.islands import Islands
 TABLE = [Box(name="table", size=(1.2, 1.2, 0.05), position=(0, 0, -0.025)), Plane(name="floor", offset=-0.7)]
 BIN = [Plane(name="floor")] + [
     Box(name=f"wall {k}", size=size, position=position)
-    for k, (size, position) in enumerate([
-        ((0.05, 2.1, 0.6), (1, 0, 0.3)), ((0.05, 2.1, 0.6), (-1, 0, 0.3)),
-        ((2.1, 0.05, 0.6), (0, 1, 0.3)), ((2.1, 0.05, 0.6), (0, -1, 0.3))])
+    for k, (size, position) in enumerate(
+        [
+            ((0.05, 2.1, 0.6), (1, 0, 0.3)),
+            ((0.05, 2.1, 0.6), (-1, 0, 0.3)),
+            ((2.1, 0.05, 0.6), (0, 1, 0.3)),
+            ((2.1, 0.05, 0.6), (0, -1, 0.3)),
+        ]
+    )
 ]
 
 
@@ -27,7 +32,10 @@ def thrown(seed, environment, count=4, **options):
         model = load_model(rng.choice(["salt_box", "can", "mug", "bowl"])).prefix(60)
         bodies.append(RigidBody(f"b{k}", model, rng.uniform(0.1, 1.0), restitution=rng.uniform(0.0, 0.6)))
     mean[:, :3] = rng.uniform([-0.8, -0.8, 0.1], [0.8, 0.8, 0.5], (count + 1, 3))
-    mean[:, 3:6], mean[:, 10:] = rng.uniform(-1.5, 1.5, (count + 1, 3)), rng.uniform(-5.0, 5.0, (count + 1, 3))
+    mean[:, 3:6], mean[:, 10:] = (
+        rng.uniform(-1.5, 1.5, (count + 1, 3)),
+        rng.uniform(-5.0, 5.0, (count + 1, 3)),
+    )
     mean[:, 6:10] = rng.normal(size=(count + 1, 4))
     mean[:, 6:10] /= np.linalg.norm(mean[:, 6:10], axis=1, keepdims=True)
     mean[-1, 3:6] = mean[-1, 10:] = 0.0
@@ -46,12 +54,18 @@ def assert_same(joint, divided):
     """What a carry holds, but for the order in which contacts are remembered."""
     a, b = joint.carry, divided.carry
     np.testing.assert_array_equal(a.states, b.states)
-    for one, other in zip((a.contact_history, a.contact_history.solver), (b.contact_history, b.contact_history.solver), strict=True):
+    for one, other in zip(
+        (a.contact_history, a.contact_history.solver),
+        (b.contact_history, b.contact_history.solver),
+        strict=True,
+    ):
         for name in {"first_time", "count", "quiet", "residual"} & set(one._fields):
             np.testing.assert_array_equal(getattr(one, name), getattr(other, name), name)
     for n, count in enumerate(a.contact_history.solver.count):
         memories = [c.contact_history.solver for c in (a, b)]
-        lists = [sorted(np.column_stack([m.contact[n, :count], m.force[n, :count]]).tolist()) for m in memories]
+        lists = [
+            sorted(np.column_stack([m.contact[n, :count], m.force[n, :count]]).tolist()) for m in memories
+        ]
         assert lists[0] == lists[1]
 
 
@@ -67,7 +81,14 @@ def test_monte_carlo_is_the_joint_run_bit_for_bit(environment, sleep):
 def test_so_it_is_with_uncertain_parameters():
     scene, belief = thrown(2, BIN)
     bodies = [
-        replace(body, mass_std=0.1 * body.mass, center_of_mass_std=0.003, friction=0.4, friction_std=0.05, restitution_std=0.05)
+        replace(
+            body,
+            mass_std=0.1 * body.mass,
+            center_of_mass_std=0.003,
+            friction=0.4,
+            friction_std=0.05,
+            restitution_std=0.05,
+        )
         for body in scene.bodies[:-1]
     ]
     scene = replace(scene, bodies=[*bodies, scene.bodies[-1]])
@@ -110,7 +131,9 @@ def test_a_lone_body_flies_in_closed_form_as_step_by_step(damping):
     mean[:, 3:6], mean[:, 10:] = [[1.0, 2.0, 3.0]], [[3.0, -2.0, 5.0]]
     P = np.tile(np.diag(np.repeat([0.01, 0.05, 0.02, 0.1], 3) ** 2), (2, 1, 1))
     joint, divided = run_both(scene, Belief(mean, P), "sigma_points", 1.0)
-    np.testing.assert_allclose(divided.belief.mean, joint.belief.mean, rtol=0.0, atol=1e-2)  # points lie elsewhere
+    np.testing.assert_allclose(
+        divided.belief.mean, joint.belief.mean, rtol=0.0, atol=1e-2
+    )  # points lie elsewhere
     # a single body's points are the same
     for k in range(2):
         own = replace(scene, bodies=bodies[k : k + 1])

@@ -19,7 +19,10 @@ from unc_physics.prediction.probabilities import (
 def thrown():
     """Two boxes thrown at a table that one of them may miss."""
     box = load_model("salt_box").prefix(60)
-    table = [Box(name="table", size=(0.6, 0.6, 0.05), position=(0, 0, -0.025)), Plane(name="floor", offset=-0.7)]
+    table = [
+        Box(name="table", size=(0.6, 0.6, 0.05), position=(0, 0, -0.025)),
+        Plane(name="floor", offset=-0.7),
+    ]
     scene = Scene.everyday([RigidBody("near", box), RigidBody("edge", box)], environment=table)
     mean = np.zeros((2, 13))
     mean[:, 9] = 1.0
@@ -34,7 +37,9 @@ def thrown():
 def test_flights_and_samples_agree_on_contacts(thrown, horizon):
     scene, belief = thrown
     points, samples = (
-        predict(scene, belief, p, horizon) for p in ("sigma_points", make_propagator("monte_carlo", samples=1000, seed=5)))
+        predict(scene, belief, p, horizon)
+        for p in ("sigma_points", make_propagator("monte_carlo", samples=1000, seed=5))
+    )
     told, right = (contact_probabilities(scene, p, belief) for p in (points, samples))
     assert any(answer.probability not in (0.0, 1.0) for answer in right)
     for one, other in zip(told, right, strict=True):

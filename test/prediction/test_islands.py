@@ -18,9 +18,15 @@ ENDS = [[0, 1, 6], [2], [3], [4, 5]]
 
 
 def crowd(spread=1.0, **physics):
-    """Two bodies that collide, a third that meets them later, one that meets a fixed one, one alone, one certain."""
+    """Two bodies that collide, a third that meets them later, one that meets a fixed one, one alone, one
+    certain.
+    """
     content = two_bodies() | {"gravity": [0.0, 0.0, -1.0]} | physics
-    std = {"position_std": 0.02 * spread, "linear_velocity_std": 0.01 * spread, "orientation_std": 0.02 * spread}
+    std = {
+        "position_std": 0.02 * spread,
+        "linear_velocity_std": 0.01 * spread,
+        "orientation_std": 0.02 * spread,
+    }
     for body in content["bodies"]:
         body |= std
     content["bodies"] += [
@@ -35,12 +41,21 @@ def crowd(spread=1.0, **physics):
 
 
 def shape(name, model, position, scale=8.0, **entries):
-    return {"name": name, "model": model, "spheres": 10, "scale": scale, "mass": 1.0, "position": position} | entries
+    return {
+        "name": name,
+        "model": model,
+        "spheres": 10,
+        "scale": scale,
+        "mass": 1.0,
+        "position": position,
+    } | entries
 
 
 def both(scene, belief, propagator, horizon=HORIZON, **options):
     """The joint prediction, and that by islands."""
-    return tuple(predict(replace(scene, islands=on), belief, propagator, horizon, **options) for on in (False, True))
+    return tuple(
+        predict(replace(scene, islands=on), belief, propagator, horizon, **options) for on in (False, True)
+    )
 
 
 def by_islands(scene, belief, propagator, horizon=HORIZON):
@@ -63,8 +78,12 @@ def test_monte_carlo_is_the_joint_run_bit_for_bit(physics):
     np.testing.assert_array_equal(joint.belief.mean, divided.belief.mean)
     np.testing.assert_array_equal(joint.belief.covariance, divided.belief.covariance)
     np.testing.assert_array_equal(joint.carry.states, divided.carry.states)
-    np.testing.assert_array_equal(joint.carry.contact_history.first_time, divided.carry.contact_history.first_time)
-    assert np.isfinite(joint.carry.contact_history.first_time).any(axis=0).sum() > 2  # of all pairs, more than two touch
+    np.testing.assert_array_equal(
+        joint.carry.contact_history.first_time, divided.carry.contact_history.first_time
+    )
+    assert (
+        np.isfinite(joint.carry.contact_history.first_time).any(axis=0).sum() > 2
+    )  # of all pairs, more than two touch
 
 
 @pytest.mark.parametrize("name", ["linearization", "surrogate"])
@@ -73,12 +92,16 @@ def test_a_nominal_rollout_is_the_same_with_islands(name):
     joint, divided = both(scene, belief, name)
     np.testing.assert_allclose(divided.belief.mean, joint.belief.mean, rtol=0.0, atol=ROUND_OFF)
     np.testing.assert_allclose(divided.belief.joint, joint.belief.joint, rtol=0.0, atol=ROUND_OFF)
-    np.testing.assert_array_equal(joint.carry.contact_history.first_time, divided.carry.contact_history.first_time)
+    np.testing.assert_array_equal(
+        joint.carry.contact_history.first_time, divided.carry.contact_history.first_time
+    )
 
 
 @pytest.mark.parametrize("name", ["sigma_points", "local_sampling"])
 def test_drawn_and_spread_points_agree_to_first_order_in_the_covariance(name):
-    """Ten times smaller standard deviations make the difference a hundred times smaller, relative to the covariance."""
+    """Ten times smaller standard deviations make the difference a hundred times smaller, relative to the
+    covariance.
+    """
     off = []
     for spread in (1e-2, 1e-3):
         joint, divided = both(*crowd(spread), make_propagator(name))
@@ -101,7 +124,9 @@ def test_islands_merge_when_bodies_meet(name):
     begun = Islands(propagator, scene, [200]).init(scene, belief)
     assert [island.bodies.tolist() for island in begun.islands] == [[k] for k in (0, 1, 2, 3, 5, 6)]
     found = [island.bodies.tolist() for island in by_islands(scene, belief, propagator).islands]
-    assert [[k for k in island if k != 4] for island in found] == [[k for k in island if k != 4] for island in ENDS]
+    assert [[k for k in island if k != 4] for island in found] == [
+        [k for k in island if k != 4] for island in ENDS
+    ]
     assert [4, 5] in found  # the fixed body is in the island of whom it may touch
 
 
@@ -111,14 +136,19 @@ def test_bodies_whose_beliefs_are_correlated_are_together():
     P[24, 36] = P[36, 24] = 0.0
     a, b = 12 * 2, 12 * 4  # alone's and visitor's positions
     P[a, b] = P[b, a] = 0.5 * P[a, a]
-    joined = Islands(make_propagator("surrogate"), scene, [1]).init(scene, Belief(belief.mean, P, belief.moving))
+    joined = Islands(make_propagator("surrogate"), scene, [1]).init(
+        scene, Belief(belief.mean, P, belief.moving)
+    )
     assert [island.bodies.tolist() for island in joined.islands] == [[0], [1], [2, 5], [3], [6]]
 
 
 def test_a_certain_body_is_a_single_trajectory():
     scene, belief = crowd()
     carry = by_islands(scene, belief, make_propagator("sigma_points"))
-    points = {tuple(island.bodies.tolist()): len(now.states) for island, now in zip(carry.islands, carry.carries, strict=True)}
+    points = {
+        tuple(island.bodies.tolist()): len(now.states)
+        for island, now in zip(carry.islands, carry.carries, strict=True)
+    }
     assert points[3,] == 1
     assert points[2,] == 2 * 9 + 1  # three positions, velocities and rotations
     linear = by_islands(scene, belief, make_propagator("linearization"))
@@ -137,7 +167,9 @@ def test_the_result_does_not_depend_on_how_it_is_divided_into_calls(name):
     for other in (pieces, again):
         np.testing.assert_array_equal(whole.belief.mean, other.belief.mean)
         np.testing.assert_array_equal(whole.belief.covariance, other.belief.covariance)
-        np.testing.assert_array_equal(whole.carry.contact_history.first_time, other.carry.contact_history.first_time)
+        np.testing.assert_array_equal(
+            whole.carry.contact_history.first_time, other.carry.contact_history.first_time
+        )
 
 
 @pytest.mark.parametrize("name", ["linearization", "surrogate", "sigma_points"])
@@ -147,9 +179,13 @@ def test_a_lone_body_flies_in_closed_form_as_step_by_step(name):
     mean[:, 0] *= 100.0
     joint, divided = both(scene, Belief(mean, belief.covariance), name, times=[0.37, 1.0])
     for a, b in zip(joint.beliefs, divided.beliefs, strict=True):
-        np.testing.assert_allclose(b.mean, a.mean, rtol=0.0, atol=1e3 * ROUND_OFF if name != "sigma_points" else 1e-3)
+        np.testing.assert_allclose(
+            b.mean, a.mean, rtol=0.0, atol=1e3 * ROUND_OFF if name != "sigma_points" else 1e-3
+        )
         scale = np.abs(a.joint).max()
-        np.testing.assert_allclose(b.joint, a.joint, rtol=0.0, atol=(1e-9 if name != "sigma_points" else 0.02) * scale)
+        np.testing.assert_allclose(
+            b.joint, a.joint, rtol=0.0, atol=(1e-9 if name != "sigma_points" else 0.02) * scale
+        )
 
 
 def scattered(count, touching=()):
@@ -174,7 +210,8 @@ def states_of(carry):
 def test_scattered_bodies_cost_as_many_times_one():
     sigma_points = make_propagator("sigma_points")
     one, many, close = (
-        states_of(by_islands(*scattered(*case), sigma_points, 0.1)) for case in ((1,), (64,), (64, [20])))
+        states_of(by_islands(*scattered(*case), sigma_points, 0.1)) for case in ((1,), (64,), (64, [20]))
+    )
     assert one == 2 * 3 + 1
     assert many == 64 * one
     assert close - many == 2 * (2 * 6 + 1) - 2 * one < 2 * one

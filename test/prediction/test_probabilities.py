@@ -1,4 +1,6 @@
-"""Probabilities of contact, of being in a region, and of being at rest; and when a propagator cannot tell them."""
+"""Probabilities of contact, of being in a region, and of being at rest; and when a propagator cannot tell
+them.
+"""
 
 import json
 from dataclasses import replace
@@ -90,7 +92,9 @@ def test_before_any_contact_everything_is_told():
     assert left.available and left.probability == pytest.approx(0.5, abs=TOLERANCE)
     assert contact_probabilities(scene, prediction, belief)[0].probability == 0.0
     assert all(a.available and a.probability == 0.0 for a in rest_probabilities(scene, prediction, belief))
-    slow = Belief(np.where(np.isin(np.arange(13), [3, 4, 5, 10, 11, 12]), 0.0, belief.mean), np.zeros((2, 12, 12)))
+    slow = Belief(
+        np.where(np.isin(np.arange(13), [3, 4, 5, 10, 11, 12]), 0.0, belief.mean), np.zeros((2, 12, 12))
+    )
     prediction = predict(scene, slow, "linearization", 0.5)
     assert [a.probability for a in rest_probabilities(scene, prediction, slow)] == [1.0, 1.0]
 
@@ -106,7 +110,9 @@ def test_a_certain_prediction_is_certain_of_its_answers():
 
 def test_regions_are_boxes_in_any_pose():
     turned = BoxRegion("turned", [2.0, 0.2, 0.2], [1.0, 0.0, 0.0], [0.0, 0.0, np.sqrt(0.5), np.sqrt(0.5)])
-    inside = turned.contains(np.array([[1.0, 0.9, 0.0], [1.9, 0.0, 0.0], [1.05, -0.9, 0.05], [1.0, 1.1, 0.0]]))
+    inside = turned.contains(
+        np.array([[1.0, 0.9, 0.0], [1.9, 0.0, 0.0], [1.05, -0.9, 0.05], [1.0, 1.1, 0.0]])
+    )
     assert inside.tolist() == [True, False, True, False]
     with pytest.raises(InvalidEnvironmentError, match="size"):
         BoxRegion("flat", [1.0, 0.0, 1.0])
@@ -122,7 +128,9 @@ def test_two_regions_of_one_name_are_refused():
 def test_islands_give_the_same_answers():
     scene, belief, _ = grazing(0.7)
     answers = [
-        contact_probabilities(own, predict(own, belief, monte_carlo(), 2.0)) for own in (scene, replace(scene, islands=True))]
+        contact_probabilities(own, predict(own, belief, monte_carlo(), 2.0))
+        for own in (scene, replace(scene, islands=True))
+    ]
     assert answers[0] == answers[1]
 
 
@@ -144,5 +152,9 @@ def test_the_command_says_what_it_does_not_know():
     few = answers_as_table({"contact_probabilities": [known], "rest_probabilities": [unknown]}).splitlines()
     assert few[:2] == ["a and b touch  0.250", "a is at rest       -"]
     assert few[2].startswith("-: not known") and "monte_carlo" in few[2]
-    many = answers_as_table({"contact_probabilities": [known], "rest_probabilities": [unknown] * 50}).splitlines()
-    assert many[0] == "a and b touch  0.250" and many[1].startswith("50 more are not known") and len(many) == 2
+    many = answers_as_table(
+        {"contact_probabilities": [known], "rest_probabilities": [unknown] * 50}
+    ).splitlines()
+    assert (
+        many[0] == "a and b touch  0.250" and many[1].startswith("50 more are not known") and len(many) == 2
+    )

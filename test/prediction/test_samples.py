@@ -114,8 +114,7 @@ def test_the_table_says_which_physics(file, capsys):
     assert main(["predict", file, "--horizon", str(HORIZON)]) == 0
     first = capsys.readouterr().out.splitlines()[0]
     assert (
-        first
-        == "sigma_points; explicit, dt 0.01 s, stiffness 1e+04 N/m^3, gravity (0.3, 0, -5) m/s^2, "
+        first == "sigma_points; explicit, dt 0.01 s, stiffness 1e+04 N/m^3, gravity (0.3, 0, -5) m/s^2, "
         "damping 0.5 1/s"
     )
 

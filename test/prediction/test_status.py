@@ -17,8 +17,14 @@ from unc_physics_evaluation.scenarios import collision
 NAMES = ("linearization", "surrogate", "sigma_points", "local_sampling", "monte_carlo")
 NOMINAL = ("linearization", "surrogate", "local_sampling")
 BALL = SpherePacking(
-    name="ball", centers=np.zeros((1, 3)), radii=np.array([0.05]), inertia=0.4 * 0.05**2 * np.eye(3), volume=5e-4,
-    origin=np.zeros(3), bounding_radius=0.05)
+    name="ball",
+    centers=np.zeros((1, 3)),
+    radii=np.array([0.05]),
+    inertia=0.4 * 0.05**2 * np.eye(3),
+    volume=5e-4,
+    origin=np.zeros(3),
+    bounding_radius=0.05,
+)
 
 
 def balls(*positions, velocity=(0, 0, 0), std=0.001):
@@ -54,9 +60,13 @@ def test_overlap_at_the_start_is_named(name):
 def test_overlap_of_a_share_of_the_belief_is_named():
     scene = Scene([RigidBody("a", BALL), RigidBody("b", BALL)], dt=1e-3, stiffness=1e4)
     apart = balls((0, 0, 0), (0.1005, 0, 0))
-    assert all(status.flags & Status.INITIAL_OVERLAP for status in statuses(scene, apart, "sigma_points", 0.01))
+    assert all(
+        status.flags & Status.INITIAL_OVERLAP for status in statuses(scene, apart, "sigma_points", 0.01)
+    )
     certain = Belief(apart.mean, 0.0 * apart.covariance)
-    assert not any(status.flags & Status.INITIAL_OVERLAP for status in statuses(scene, certain, "sigma_points", 0.01))
+    assert not any(
+        status.flags & Status.INITIAL_OVERLAP for status in statuses(scene, certain, "sigma_points", 0.01)
+    )
 
 
 def test_a_step_too_long_for_the_stiffness_is_not_converged():
@@ -72,7 +82,7 @@ def test_a_step_too_long_for_the_stiffness_is_not_converged():
 
 def test_a_ball_that_the_floor_cannot_stop_is_not_converged():
     scene = Scene([RigidBody("a", BALL)], dt=1e-3, stiffness=1e5, environment=(Plane(),))
-    status, = statuses(scene, balls((0, 0, 0.1), velocity=(0, 0, -30)), "sigma_points", 0.1)
+    (status,) = statuses(scene, balls((0, 0, 0.1), velocity=(0, 0, -30)), "sigma_points", 0.1)
     assert status.flags & Status.NOT_CONVERGED and status.measures["impact_over_capacity"] > 1.0
 
 
@@ -123,8 +133,10 @@ def test_rotation_beyond_a_gaussian_is_outside_validity():
     belief = balls((0, 0, 0))
     P = belief.covariance.copy()
     P[0, range(9, 12), range(9, 12)] = 1.0
-    status, = statuses(Scene([RigidBody("a", BALL)]), Belief(belief.mean, P), "linearization", 3.0)
-    assert status.flags == Status.OUTSIDE_VALIDITY and status.measures["rotation_std"] == pytest.approx(3.0, rel=0.01)
+    (status,) = statuses(Scene([RigidBody("a", BALL)]), Belief(belief.mean, P), "linearization", 3.0)
+    assert status.flags == Status.OUTSIDE_VALIDITY and status.measures["rotation_std"] == pytest.approx(
+        3.0, rel=0.01
+    )
 
 
 def test_fixed_bodies_have_no_measures():
@@ -153,7 +165,9 @@ def stack(*masses):
     """Bricks on a floor, one on the other, from below."""
     brick = load_model("brick").prefix(200)
     low, high = (brick.centers[:, 2] - brick.radii).min(), (brick.centers[:, 2] + brick.radii).max()
-    scene = Scene.everyday([RigidBody(f"brick {k}", brick, m) for k, m in enumerate(masses)], environment=[Plane()])
+    scene = Scene.everyday(
+        [RigidBody(f"brick {k}", brick, m) for k, m in enumerate(masses)], environment=[Plane()]
+    )
     return scene, balls(*((0.0, 0.0, k * (high - low) - low) for k in range(len(masses))), std=1e-6)
 
 
@@ -161,12 +175,18 @@ def stack(*masses):
 def test_a_stack_that_the_solver_finds_no_forces_for_is_not_converged(name):
     found = statuses(*stack(1.0, 1.0, 10.0), name, 0.3)
     assert all(status.flags == Status.FINE and status.measures["contact_residual"] < 1e-3 for status in found)
-    assert not any({"step_times_frequency", "impact_over_capacity"} & set(status.measures) for status in found)
+    assert not any(
+        {"step_times_frequency", "impact_over_capacity"} & set(status.measures) for status in found
+    )
     scene, belief = stack(1.0, 1.0, 1.0, 1.0, 1.0, 1000.0)
-    prediction = predict(scene, belief, make_propagator(name, **({"samples": 50} if name == "monte_carlo" else {})), 0.3)
+    prediction = predict(
+        scene, belief, make_propagator(name, **({"samples": 50} if name == "monte_carlo" else {})), 0.3
+    )
     stands = np.abs(prediction.belief.mean - belief.mean)[:, :3].max() < 1e-3
     found = assess(scene, belief, prediction)
-    assert stands or any(status.flags & Status.NOT_CONVERGED and "smaller dt" in status.message for status in found)
+    assert stands or any(
+        status.flags & Status.NOT_CONVERGED and "smaller dt" in status.message for status in found
+    )
 
 
 def test_a_residual_in_most_rollouts_counts():

@@ -1,4 +1,6 @@
-"""Local sampling's inner loop runs in single precision: how near it stays to double, and where it could break."""
+"""Local sampling's inner loop runs in single precision: how near it stays to double, and where it could
+break.
+"""
 
 import numpy as np
 import pytest
@@ -76,7 +78,13 @@ def test_runs_begin_anywhere_and_independently():
 
 def ball(radius, arm):
     return SpherePacking(
-        "ball", np.array([arm]), np.array([radius]), radius**2 * np.diag([0.3, 0.4, 0.5]), 1.0, np.zeros(3), 2.0 * radius
+        "ball",
+        np.array([arm]),
+        np.array([radius]),
+        radius**2 * np.diag([0.3, 0.4, 0.5]),
+        1.0,
+        np.zeros(3),
+        2.0 * radius,
     )
 
 
@@ -91,7 +99,9 @@ def collided(scale, P, offset=0.5):
     mean[1, 0] = offset * scale
     scene = Scene(bodies, 0.01, 1e4 / scale**2)
     propagator = make_propagator("local_sampling", samples=64)
-    return propagator.belief(propagator.advance(propagator.init(scene, Belief(mean, P)), scene, 1), scene).blocks
+    return propagator.belief(
+        propagator.advance(propagator.init(scene, Belief(mean, P)), scene, 1), scene
+    ).blocks
 
 
 def covariance(position, rotation):
@@ -108,14 +118,18 @@ def test_the_unit_of_length_does_not_matter(scale):
 
 
 def test_small_uncertainty_counts_as_much_as_its_size():
-    """Second moments fall with the variance, down to where the differences have no digits left in single precision."""
+    """Second moments fall with the variance, down to where the differences have no digits left in single
+    precision.
+    """
     one, small = (collided(1.0, covariance(s, s)) for s in (1e-4, 1e-8))
     assert one[0, 4, 4] > 0.0
     block = np.ix_(range(2), range(3, 6), range(3, 6))
     np.testing.assert_allclose(small[block] * 1e8, one[block], atol=1e-3 * np.abs(one[block]).max())
 
 
-@pytest.mark.parametrize("position, rotation", [(0.0, 0.0), (1e12, 0.0), (0.0, 1e3), (1e25, 1e25), (1e-25, 1e-25)])
+@pytest.mark.parametrize(
+    "position, rotation", [(0.0, 0.0), (1e12, 0.0), (0.0, 1e3), (1e25, 1e25), (1e-25, 1e-25)]
+)
 @pytest.mark.parametrize("offset", [0.5, 1e-12, 0.0])
 def test_extreme_uncertainty_and_coincident_centres_stay_finite(position, rotation, offset):
     P = collided(1.0, covariance(position, rotation), offset)

@@ -29,8 +29,16 @@ def test_they_are_described():
     assert (Toy.label, MonteCarlo.label) == ("toy", "Monte Carlo")
 
 
-@pytest.mark.parametrize("text, name, value", [
-    ("0.25", "share", 0.25), ("true", "fast", True), ("False", "fast", False), ("long", "way", "long"), ("7", "samples", 7)])
+@pytest.mark.parametrize(
+    "text, name, value",
+    [
+        ("0.25", "share", 0.25),
+        ("true", "fast", True),
+        ("False", "fast", False),
+        ("long", "way", "long"),
+        ("7", "samples", 7),
+    ],
+)
 def test_they_are_read_from_texts(text, name, value):
     options = {option.name: option for option in Toy.described_options()}
     read = options[name].from_text(text)
@@ -38,25 +46,34 @@ def test_they_are_read_from_texts(text, name, value):
     assert getattr(Toy(**{name: read}), name) == value
 
 
-@pytest.mark.parametrize("given, error, words", [
-    ({"share": -0.1}, InvalidOptionError, "share must be at least 0"),
-    ({"share": 1.5}, LimitExceededError, "share must be at most 1"),
-    ({"share": float("nan")}, NotFiniteError, "share must be finite"),
-    ({"fast": 1}, InvalidOptionError, "fast must be true or false"),
-    ({"way": "far"}, InvalidOptionError, "way must be 'short' or 'long'"),
-    ({"way": 3}, InvalidOptionError, "way must be a text"),
-    ({"samples": 0}, InvalidOptionError, "samples must be at least 1"),
-    ({"samples": 2.0}, InvalidOptionError, "samples must be an integer"),
-    ({"samples": 10**8}, LimitExceededError, "samples must be at most"),
-    ({"seed": -1}, InvalidOptionError, "seed must be at least 0"),
-])
+@pytest.mark.parametrize(
+    "given, error, words",
+    [
+        ({"share": -0.1}, InvalidOptionError, "share must be at least 0"),
+        ({"share": 1.5}, LimitExceededError, "share must be at most 1"),
+        ({"share": float("nan")}, NotFiniteError, "share must be finite"),
+        ({"fast": 1}, InvalidOptionError, "fast must be true or false"),
+        ({"way": "far"}, InvalidOptionError, "way must be 'short' or 'long'"),
+        ({"way": 3}, InvalidOptionError, "way must be a text"),
+        ({"samples": 0}, InvalidOptionError, "samples must be at least 1"),
+        ({"samples": 2.0}, InvalidOptionError, "samples must be an integer"),
+        ({"samples": 10**8}, LimitExceededError, "samples must be at most"),
+        ({"seed": -1}, InvalidOptionError, "seed must be at least 0"),
+    ],
+)
 def test_what_they_cannot_take(given, error, words):
     with pytest.raises(error, match=words):
         Toy(**given)
 
 
-@pytest.mark.parametrize("text, name, words", [
-    ("wide", "share", "must be a number"), ("1.5", "samples", "must be an integer"), ("1", "fast", "must be true or false")])
+@pytest.mark.parametrize(
+    "text, name, words",
+    [
+        ("wide", "share", "must be a number"),
+        ("1.5", "samples", "must be an integer"),
+        ("1", "fast", "must be true or false"),
+    ],
+)
 def test_texts_that_are_none(text, name, words):
     options = {option.name: option for option in Toy.described_options()}
     with pytest.raises(InvalidOptionError, match=words):

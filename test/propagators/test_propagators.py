@@ -54,7 +54,9 @@ def test_what_others_ask_of_a_propagator_fits_together(loaded, propagator):
 
 
 def arrays(carry):
-    """The arrays of a carry that hold the distribution: floating-point ones, but what is remembered of contacts."""
+    """The arrays of a carry that hold the distribution: floating-point ones, but what is remembered of
+    contacts.
+    """
     parts = [np.asarray(part) for name, part in carry._asdict().items() if name != "contact_history"]
     return [part for part in parts if part.dtype.kind == "f"]
 
@@ -135,7 +137,10 @@ def test_advancing_in_pieces_equals_one_call_to_the_last_bit(loaded, propagator)
 def test_pieces_on_the_implicit_step_equal_one_call_to_the_last_bit(loaded, name, options, sleep):
     """With all that is remembered of contacts and rest."""
     scene, belief, _ = loaded("everyday")
-    scene, propagator = dataclasses.replace(with_stiffness(scene, belief.mean), sleep=sleep), make_propagator(name, **options)
+    scene, propagator = (
+        dataclasses.replace(with_stiffness(scene, belief.mean), sleep=sleep),
+        make_propagator(name, **options),
+    )
     begin = propagator.init(scene, belief)
     whole = propagator.advance(begin, scene, 240)
     carry = begin

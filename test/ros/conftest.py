@@ -26,7 +26,10 @@ def pytest_collection_finish(session):
     session.ahead = None
     if others_first and not session.config.option.collectonly:
         session.ahead = subprocess.Popen(
-            [sys.executable, "-m", "unc_physics.ros.warm_up"], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+            [sys.executable, "-m", "unc_physics.ros.warm_up"],
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+        )
 
 
 def pytest_sessionfinish(session):

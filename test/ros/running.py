@@ -26,7 +26,8 @@ class NodeProcess:
 
     def __enter__(self):
         self.process = subprocess.Popen(
-            self.command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, bufsize=1)
+            self.command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, bufsize=1
+        )
         self.lines = []
         self._ready = threading.Event()
         threading.Thread(target=self._read, daemon=True).start()
@@ -99,7 +100,8 @@ class Client:
     def of_action(self, start):
         """The result of what a call to an action's client starts.
 
-        The call is made by the thread that spins: rclpy drops an answer that comes before the call has returned.
+        The call is made by the thread that spins: rclpy drops an answer that comes before the call has
+            returned.
         """
         return result_of(result_of(self.executor.create_task(start)))
 

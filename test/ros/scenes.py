@@ -16,7 +16,9 @@ def diagonal(*stds):
     return np.diag(np.square(stds)).ravel()
 
 
-def moving_object(name="left", model="bunny", position=(-0.2, 0.0, 0.0), velocity=(0.5, 0.0, 0.0), spheres=20):
+def moving_object(
+    name="left", model="bunny", position=(-0.2, 0.0, 0.0), velocity=(0.5, 0.0, 0.0), spheres=20
+):
     """An object with an uncertain pose."""
     message = ObjectState(id=name, model=model, mass=1.0, spheres=spheres)
     pose, twist = message.pose.pose, message.twist.twist
@@ -59,11 +61,22 @@ def assert_answered(response):
 def numbers_of(state):
     """All numbers of a PredictedState but its optional parts."""
     pose, twist = state.pose.pose, state.twist.twist
-    return np.concatenate([
-        position_of(pose), orientation_of(pose),
-        [twist.linear.x, twist.linear.y, twist.linear.z, twist.angular.x, twist.angular.y, twist.angular.z],
-        state.pose.covariance, state.twist.covariance,
-    ])
+    return np.concatenate(
+        [
+            position_of(pose),
+            orientation_of(pose),
+            [
+                twist.linear.x,
+                twist.linear.y,
+                twist.linear.z,
+                twist.angular.x,
+                twist.angular.y,
+                twist.angular.z,
+            ],
+            state.pose.covariance,
+            state.twist.covariance,
+        ]
+    )
 
 
 def assert_same(response, expected):

@@ -1,7 +1,7 @@
 """Random and malformed requests against a running node: ``python test/ros/soak.py`` (``make soak``).
 
-Every request must be answered, nothing that is not finite may come back, the node's memory must stay flat, and a good
-request must be answered at the end as at the beginning.
+Every request must be answered, nothing that is not finite may come back, the node's memory must stay flat,
+and a good request must be answered at the end as at the beginning.
 """
 
 import argparse
@@ -38,16 +38,77 @@ IN_FLIGHT = 4
 WARM_UP_SHARE = 0.25
 GROWTH_LIMIT = 20.0  # MB
 LIMITS = {
-    "max_horizon": 5.0, "max_computation_time": 0.2, "max_samples": 500, "max_spheres": 2000, "max_flight_steps": 200}
+    "max_horizon": 5.0,
+    "max_computation_time": 0.2,
+    "max_samples": 500,
+    "max_spheres": 2000,
+    "max_flight_steps": 200,
+}
 
-NUMBERS = [0.0, -0.0, 1.0, -1.0, 0.5, 1e-3, 1e3, -1e6, 1e-300, 5e-324, 1e154, 1e300, 1.8e308, -1e308,
-           float("nan"), float("inf"), float("-inf")]
-TEXTS = ["", "left", "right", "world", "bunny", "pin", "can", "sigma_points", "monte_carlo", "surrogate", "linearization",
-         "local_sampling", "camera", "Ünïcödé 🐇", "兎" * 50, "a" * 5000, "../../etc/passwd", "/dev/zero", "\n\t", "null",
-         "%s%n{}", "[0, 0, -9.81]", "1e-3", ".nan", "{", "dt", "gravity", "stiffness", "points", "full", "samples", "7"]
+NUMBERS = [
+    0.0,
+    -0.0,
+    1.0,
+    -1.0,
+    0.5,
+    1e-3,
+    1e3,
+    -1e6,
+    1e-300,
+    5e-324,
+    1e154,
+    1e300,
+    1.8e308,
+    -1e308,
+    float("nan"),
+    float("inf"),
+    float("-inf"),
+]
+TEXTS = [
+    "",
+    "left",
+    "right",
+    "world",
+    "bunny",
+    "pin",
+    "can",
+    "sigma_points",
+    "monte_carlo",
+    "surrogate",
+    "linearization",
+    "local_sampling",
+    "camera",
+    "Ünïcödé 🐇",
+    "兎" * 50,
+    "a" * 5000,
+    "../../etc/passwd",
+    "/dev/zero",
+    "\n\t",
+    "null",
+    "%s%n{}",
+    "[0, 0, -9.81]",
+    "1e-3",
+    ".nan",
+    "{",
+    "dt",
+    "gravity",
+    "stiffness",
+    "points",
+    "full",
+    "samples",
+    "7",
+]
 INTEGERS = [0, 1, 2, 7, 20, 100, 2**31 - 1, 2**32 - 1]
-PARTS = [lambda: moving_object("left"), lambda: moving_object("other", "pin"), lambda: BoxRegion(id="bin"), Plane,
-         SolidPrimitive, Pose, lambda: KeyValue(key="points", value="full"), lambda: Candidate(id="c")]
+PARTS = [
+    lambda: moving_object("left"),
+    lambda: moving_object("other", "pin"),
+    lambda: BoxRegion(id="bin"),
+    Plane,
+    SolidPrimitive,
+    Pose,
+    lambda: KeyValue(key="points", value="full"),
+    lambda: Candidate(id="c"),
+]
 
 
 def spoil(message, rng, depth=0):
@@ -97,11 +158,15 @@ def _type_name(message):
 
 def spoiled(rng):
     """A service's type and name, and a request with a few things changed."""
-    base = good_request(horizon=0.3, return_samples=rng.choice([0, 0, 5]), trajectory_period=rng.choice([0.0, 0.1]))
+    base = good_request(
+        horizon=0.3, return_samples=rng.choice([0, 0, 5]), trajectory_period=rng.choice([0.0, 0.1])
+    )
     if rng.random() < 0.1:
         fields = {name: getattr(base, name) for name in base.get_fields_and_field_types()}
         kind, name = PredictCandidates, "predict_candidates"
-        request = PredictCandidates.Request(**fields, candidates=[Candidate(id="a", objects=[moving_object("left")])])
+        request = PredictCandidates.Request(
+            **fields, candidates=[Candidate(id="a", objects=[moving_object("left")])]
+        )
     else:
         kind, name, request = Predict, "predict", base
     for _ in range(rng.choice([0, 1, 1, 2, 3, 10])):
@@ -114,7 +179,11 @@ def check(response):
     code = ErrorCode(response.error_code)
     assert code != ErrorCode.INTERNAL, response.error_msg
     assert bool(code) == bool(response.error_msg)
-    for prediction in [entry.prediction for entry in response.predictions] if hasattr(response, "predictions") else [response]:
+    for prediction in (
+        [entry.prediction for entry in response.predictions]
+        if hasattr(response, "predictions")
+        else [response]
+    ):
         check_numbers(prediction)
     return code.name
 
@@ -138,11 +207,14 @@ def memory(process):
 
 
 def soak(duration, requests, seed, report=lambda text: None):
-    """Send requests until both the duration [s] and their number are reached; memory growth [MB] and counts by code."""
+    """Send requests until both the duration [s] and their number are reached; memory growth [MB] and counts
+    by code.
+    """
     rng = random.Random(seed)
     arguments = [part for name, value in LIMITS.items() for part in ("-p", f"{name}:={value}")]
     arguments += ["-p", "zero_covariance:=exact", "--log-level", "error", "--log-level", f"{NODE}:=info"]
     with NodeProcess(*arguments, name=NODE) as node, Client() as client:
+
         def checked(future):
             try:
                 return check(result_of(future))
@@ -192,14 +264,21 @@ def soak(duration, requests, seed, report=lambda text: None):
 def main():
     """Soak, and print what was found."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--duration", type=float, default=600.0, metavar="S", help="at least so long [s] (default 600)")
+    parser.add_argument(
+        "--duration", type=float, default=600.0, metavar="S", help="at least so long [s] (default 600)"
+    )
     parser.add_argument("--requests", type=int, default=10_000, help="at least so many (default 10000)")
     parser.add_argument("--seed", type=int, default=1)
     options = parser.parse_args()
-    growth, counts = soak(options.duration, options.requests, options.seed, lambda text: print(text, flush=True))
+    growth, counts = soak(
+        options.duration, options.requests, options.seed, lambda text: print(text, flush=True)
+    )
     for code, count in sorted(counts.items(), key=lambda item: -item[1]):
         print(f"{count:8} {code}")
-    print(f"all {sum(counts.values())} answered, nothing but finite numbers; memory grew by {growth:.1f} MB after warm-up")
+    print(
+        f"all {sum(counts.values())} answered, nothing but finite numbers; memory grew by {growth:.1f} MB"
+        " after warm-up"
+    )
     return growth > GROWTH_LIMIT
 
 

@@ -97,21 +97,53 @@ BAD = {
     "too few spheres": (changed("object.spheres", 4_000_000_000), "INVALID_MODEL", "objects[1].spheres"),
     "negative scale": (changed("object.scale", -1.0), "INVALID_MODEL", "objects[1].scale"),
     "unknown propagator": (changed("propagator", "crystal_ball"), "UNKNOWN_PROPAGATOR", "propagator"),
-    "NaN position": (changed("object.pose.pose.position.x", NAN), "NOT_FINITE", "objects[1].pose.pose.position"),
-    "infinite velocity": (changed("object.twist.twist.linear.y", INF), "NOT_FINITE", "objects[1].twist.twist.linear"),
-    "NaN spin": (changed("object.twist.twist.angular.z", NAN), "NOT_FINITE", "objects[1].twist.twist.angular"),
+    "NaN position": (
+        changed("object.pose.pose.position.x", NAN),
+        "NOT_FINITE",
+        "objects[1].pose.pose.position",
+    ),
+    "infinite velocity": (
+        changed("object.twist.twist.linear.y", INF),
+        "NOT_FINITE",
+        "objects[1].twist.twist.linear",
+    ),
+    "NaN spin": (
+        changed("object.twist.twist.angular.z", NAN),
+        "NOT_FINITE",
+        "objects[1].twist.twist.angular",
+    ),
     "NaN orientation": (changed("object.pose.pose.orientation.w", NAN), "NOT_FINITE", "orientation"),
-    "NaN covariance": (changed("object.pose.covariance", np.full(36, NAN)), "NOT_FINITE", "objects[1].pose.covariance"),
+    "NaN covariance": (
+        changed("object.pose.covariance", np.full(36, NAN)),
+        "NOT_FINITE",
+        "objects[1].pose.covariance",
+    ),
     "NaN mass": (changed("object.mass", NAN), "NOT_FINITE", "objects[1].mass"),
     "NaN horizon": (changed("horizon", NAN), "NOT_FINITE", "horizon"),
     "NaN scale": (changed("object.scale", NAN), "NOT_FINITE", "objects[1].scale"),
     "NaN period": (changed("trajectory_period", NAN), "NOT_FINITE", "trajectory_period"),
     "NaN time limit": (changed("max_computation_time", NAN), "NOT_FINITE", "max_computation_time"),
-    "quaternion of zeros": (changed("object.pose.pose.orientation.w", 0.0), "INVALID_ORIENTATION", "orientation"),
+    "quaternion of zeros": (
+        changed("object.pose.pose.orientation.w", 0.0),
+        "INVALID_ORIENTATION",
+        "orientation",
+    ),
     "long quaternion": (changed("object.pose.pose.orientation.x", 0.1), "INVALID_ORIENTATION", "orientation"),
-    "asymmetric": (changed("object.pose.covariance", lopsided()), "INVALID_COVARIANCE", "objects[1].pose.covariance"),
-    "indefinite": (changed("object.twist.covariance", indefinite()), "INVALID_COVARIANCE", "objects[1].twist.covariance"),
-    "negative variance": (changed("object.pose.covariance", -2.0 * diagonal(*[1.0] * 6)), "INVALID_COVARIANCE", "variance"),
+    "asymmetric": (
+        changed("object.pose.covariance", lopsided()),
+        "INVALID_COVARIANCE",
+        "objects[1].pose.covariance",
+    ),
+    "indefinite": (
+        changed("object.twist.covariance", indefinite()),
+        "INVALID_COVARIANCE",
+        "objects[1].twist.covariance",
+    ),
+    "negative variance": (
+        changed("object.pose.covariance", -2.0 * diagonal(*[1.0] * 6)),
+        "INVALID_COVARIANCE",
+        "variance",
+    ),
     "zero horizon": (changed("horizon", 0.0), "INVALID_HORIZON", "horizon"),
     "negative horizon": (changed("horizon", -1.0), "INVALID_HORIZON", "horizon"),
     "horizon below a step": (changed("horizon", 1e-9), "INVALID_HORIZON", "horizon"),
@@ -122,78 +154,183 @@ BAD = {
     "horizon over the limit": (changed("horizon", 1e5), "LIMIT_EXCEEDED", "horizon"),
     "samples over the limit": (changed("samples", 1_000_000), "LIMIT_EXCEEDED", "samples"),
     "samples over the limit, by option": (
-        with_option("propagator_options", "samples", "1000000", propagator="monte_carlo"), "LIMIT_EXCEEDED", "samples"),
-    "returned samples over the limit": (changed("return_samples", 4_000_000_000), "LIMIT_EXCEEDED", "return_samples"),
+        with_option("propagator_options", "samples", "1000000", propagator="monte_carlo"),
+        "LIMIT_EXCEEDED",
+        "samples",
+    ),
+    "returned samples over the limit": (
+        changed("return_samples", 4_000_000_000),
+        "LIMIT_EXCEEDED",
+        "return_samples",
+    ),
     "states over the limit": (changed("trajectory_period", 1e-6), "LIMIT_EXCEEDED", "trajectory_period"),
     "steps over the limit": (with_option("scene_options", "dt", "1e-9"), "LIMIT_EXCEEDED", "horizon"),
     "too many objects": (
-        request_of(*[moving_object(str(k)) for k in range(101)]), "LIMIT_EXCEEDED", "objects"),
+        request_of(*[moving_object(str(k)) for k in range(101)]),
+        "LIMIT_EXCEEDED",
+        "objects",
+    ),
     "too large an answer": (
         request_of(*[moving_object(str(k)) for k in range(100)], return_samples=1000, trajectory_period=0.01),
-        "LIMIT_EXCEEDED", "bytes"),
+        "LIMIT_EXCEEDED",
+        "bytes",
+    ),
     "negative time limit": (changed("max_computation_time", -1.0), "INVALID_REQUEST", "max_computation_time"),
     "unknown option": (with_option("propagator_options", "colour", "red"), "INVALID_OPTION", "colour"),
     "wrong option": (with_option("propagator_options", "points", "many"), "INVALID_OPTION", "points"),
     "unknown scene option": (with_option("scene_options", "weather", "fine"), "INVALID_OPTION", "weather"),
-    "wrong scene option": (with_option("scene_options", "stiffness", "[1, 2]"), "INVALID_OPTION", "stiffness"),
-    "scene option that is no YAML": (with_option("scene_options", "stiffness", "{"), "INVALID_OPTION", "stiffness"),
-    "scene option twice": (with_option("scene_options", "gravity", "[0, 0, 1]"), "INVALID_OPTION", "scene_options[1].key"),
+    "wrong scene option": (
+        with_option("scene_options", "stiffness", "[1, 2]"),
+        "INVALID_OPTION",
+        "stiffness",
+    ),
+    "scene option that is no YAML": (
+        with_option("scene_options", "stiffness", "{"),
+        "INVALID_OPTION",
+        "stiffness",
+    ),
+    "scene option twice": (
+        with_option("scene_options", "gravity", "[0, 0, 1]"),
+        "INVALID_OPTION",
+        "scene_options[1].key",
+    ),
     "zero time step": (with_option("scene_options", "dt", "0"), "INVALID_HORIZON", "dt"),
     "NaN stiffness": (with_option("scene_options", "stiffness", ".nan"), "NOT_FINITE", "stiffness"),
     "unknown frame": (changed("header.frame_id", "camera"), "UNKNOWN_FRAME", "header.frame_id"),
-    "negative deviation of the mass": (changed("object.mass_std", -0.1), "INVALID_COVARIANCE", "objects[1].mass_std"),
+    "negative deviation of the mass": (
+        changed("object.mass_std", -0.1),
+        "INVALID_COVARIANCE",
+        "objects[1].mass_std",
+    ),
     "NaN deviation of the centre of mass": (
-        changed("object.center_of_mass_std.z", NAN), "NOT_FINITE", "objects[1].center_of_mass_std.z"),
-    "negative shared error": (changed("common_pose_std", [0.0] * 5 + [-0.1]), "INVALID_COVARIANCE", "common_pose_std[5]"),
+        changed("object.center_of_mass_std.z", NAN),
+        "NOT_FINITE",
+        "objects[1].center_of_mass_std.z",
+    ),
+    "negative shared error": (
+        changed("common_pose_std", [0.0] * 5 + [-0.1]),
+        "INVALID_COVARIANCE",
+        "common_pose_std[5]",
+    ),
     "NaN shared error": (changed("common_pose_std", [NAN] + [0.0] * 5), "NOT_FINITE", "common_pose_std"),
-    "NaN origin of a shared error": (changed("common_pose_origin.z", NAN), "NOT_FINITE", "common_pose_origin"),
-    "at rest without gravity": (changed("object.at_rest", True), "INVALID_OPTION", "objects[1].at_rest needs"),
+    "NaN origin of a shared error": (
+        changed("common_pose_origin.z", NAN),
+        "NOT_FINITE",
+        "common_pose_origin",
+    ),
+    "at rest without gravity": (
+        changed("object.at_rest", True),
+        "INVALID_OPTION",
+        "objects[1].at_rest needs",
+    ),
     "at rest and moving": (at_rest(), "INVALID_REQUEST", "linear_velocity of body 'right'"),
     "at rest and turning": (at_rest(spin=0.1), "INVALID_REQUEST", "angular_velocity of body 'right'"),
     "at rest and fixed": (at_rest(fixed=True), "INVALID_REQUEST", "objects[1].at_rest"),
     "no way with overlap": (with_option("scene_options", "overlap", "push"), "INVALID_OPTION", "overlap"),
-    "overlap rejected by sigma points": (with_option("scene_options", "overlap", "reject"), "NOT_SUPPORTED", "overlap"),
+    "overlap rejected by sigma points": (
+        with_option("scene_options", "overlap", "reject"),
+        "NOT_SUPPORTED",
+        "overlap",
+    ),
     "overlap projected with the explicit step": (
-        explicit(with_option("scene_options", "overlap", "project")), "INVALID_OPTION", "scene_options 'overlap'"),
+        explicit(with_option("scene_options", "overlap", "project")),
+        "INVALID_OPTION",
+        "scene_options 'overlap'",
+    ),
     "negative friction": (with_option("scene_options", "friction", "-0.5"), "INVALID_OPTION", "friction"),
-    "restitution above 1": (with_option("scene_options", "restitution", "1.5"), "INVALID_OPTION", "restitution"),
+    "restitution above 1": (
+        with_option("scene_options", "restitution", "1.5"),
+        "INVALID_OPTION",
+        "restitution",
+    ),
     "no integrator": (with_option("scene_options", "integrator", "magic"), "INVALID_OPTION", "integrator"),
-    "no text for an integrator": (with_option("scene_options", "integrator", "[[1]]"), "INVALID_OPTION", "integrator"),
+    "no text for an integrator": (
+        with_option("scene_options", "integrator", "[[1]]"),
+        "INVALID_OPTION",
+        "integrator",
+    ),
     "no flag": (with_option("scene_options", "gyroscopic", "[[1]]"), "INVALID_OPTION", "gyroscopic"),
     "an integrator that is no more": (
-        with_option("scene_options", "integrator", "robust"), "INVALID_OPTION", "'implicit'"),
+        with_option("scene_options", "integrator", "robust"),
+        "INVALID_OPTION",
+        "'implicit'",
+    ),
     "friction with the explicit step": (
-        with_option("scene_options", "integrator", "explicit"), "INVALID_OPTION",
-        "scene_options 'friction' needs 'integrator: implicit'"),
+        with_option("scene_options", "integrator", "explicit"),
+        "INVALID_OPTION",
+        "scene_options 'friction' needs 'integrator: implicit'",
+    ),
     "no preset": (with_option("scene_options", "physics", "lunar"), "INVALID_OPTION", "physics"),
     "uncertain friction without friction": (
-        with_option("scene_options", "friction_std", "0.1", without="friction"), "INVALID_OPTION",
-        "friction_std"),
+        with_option("scene_options", "friction_std", "0.1", without="friction"),
+        "INVALID_OPTION",
+        "friction_std",
+    ),
     "friction more uncertain than it is": (
-        with_option("scene_options", "friction_std", "0.9"), "INVALID_OPTION", "friction_std"),
+        with_option("scene_options", "friction_std", "0.9"),
+        "INVALID_OPTION",
+        "friction_std",
+    ),
     "a propagator for another step": (good_request(propagator="surrogate"), "NOT_SUPPORTED", "implicit"),
-    "plane without normal": (with_floor([0.0, 0.0, 0.0, 1.0]), "INVALID_ENVIRONMENT", "environment.planes[0].coef"),
+    "plane without normal": (
+        with_floor([0.0, 0.0, 0.0, 1.0]),
+        "INVALID_ENVIRONMENT",
+        "environment.planes[0].coef",
+    ),
     "NaN plane": (with_floor([0.0, 0.0, NAN, 1.0]), "NOT_FINITE", "environment.planes[0].coef"),
-    "box of no height": (with_box([1.0, 1.0, 0.0]), "INVALID_ENVIRONMENT", "environment.primitives[0].dimensions[2]"),
-    "box of two lengths": (with_box([1.0, 1.0]), "INVALID_ENVIRONMENT", "environment.primitives[0].dimensions"),
+    "box of no height": (
+        with_box([1.0, 1.0, 0.0]),
+        "INVALID_ENVIRONMENT",
+        "environment.primitives[0].dimensions[2]",
+    ),
+    "box of two lengths": (
+        with_box([1.0, 1.0]),
+        "INVALID_ENVIRONMENT",
+        "environment.primitives[0].dimensions",
+    ),
     "infinite box": (with_box([1.0, INF, 1.0]), "NOT_FINITE", "environment.primitives[0].dimensions"),
     "box without pose": (with_box([1.0] * 3, poses=[]), "INVALID_ENVIRONMENT", "environment.primitive_poses"),
     "box without orientation": (
-        with_box([1.0] * 3, poses=[Pose(orientation=Quaternion(w=0.0))]), "INVALID_ORIENTATION",
-        "environment.primitive_poses[0].orientation"),
-    "cone": (with_box([1.0, 0.5], kind=SolidPrimitive.CONE), "NOT_SUPPORTED", "environment.primitives[0].type"),
+        with_box([1.0] * 3, poses=[Pose(orientation=Quaternion(w=0.0))]),
+        "INVALID_ORIENTATION",
+        "environment.primitive_poses[0].orientation",
+    ),
+    "cone": (
+        with_box([1.0, 0.5], kind=SolidPrimitive.CONE),
+        "NOT_SUPPORTED",
+        "environment.primitives[0].type",
+    ),
     "prism": (with_box([1.0], kind=SolidPrimitive.PRISM), "NOT_SUPPORTED", "environment.primitives[0].type"),
     "sphere of three lengths": (
-        with_box([1.0] * 3, kind=SolidPrimitive.SPHERE), "INVALID_ENVIRONMENT", "environment.primitives[0].dimensions"),
+        with_box([1.0] * 3, kind=SolidPrimitive.SPHERE),
+        "INVALID_ENVIRONMENT",
+        "environment.primitives[0].dimensions",
+    ),
     "sphere of no radius": (
-        with_box([0.0], kind=SolidPrimitive.SPHERE), "INVALID_ENVIRONMENT", "environment.primitives[0].dimensions[0]"),
+        with_box([0.0], kind=SolidPrimitive.SPHERE),
+        "INVALID_ENVIRONMENT",
+        "environment.primitives[0].dimensions[0]",
+    ),
     "cylinder of one length": (
-        with_box([1.0], kind=SolidPrimitive.CYLINDER), "INVALID_ENVIRONMENT", "environment.primitives[0].dimensions"),
+        with_box([1.0], kind=SolidPrimitive.CYLINDER),
+        "INVALID_ENVIRONMENT",
+        "environment.primitives[0].dimensions",
+    ),
     "cylinder of negative radius": (
-        with_box([1.0, -0.5], kind=SolidPrimitive.CYLINDER), "INVALID_ENVIRONMENT", "environment.primitives[0].dimensions[1]"),
+        with_box([1.0, -0.5], kind=SolidPrimitive.CYLINDER),
+        "INVALID_ENVIRONMENT",
+        "environment.primitives[0].dimensions[1]",
+    ),
     "infinite cylinder": (
-        with_box([INF, 0.5], kind=SolidPrimitive.CYLINDER), "NOT_FINITE", "environment.primitives[0].dimensions"),
-    "primitive of no kind": (with_box([1.0] * 3, kind=77), "INVALID_ENVIRONMENT", "environment.primitives[0].type"),
+        with_box([INF, 0.5], kind=SolidPrimitive.CYLINDER),
+        "NOT_FINITE",
+        "environment.primitives[0].dimensions",
+    ),
+    "primitive of no kind": (
+        with_box([1.0] * 3, kind=77),
+        "INVALID_ENVIRONMENT",
+        "environment.primitives[0].type",
+    ),
     "too few names": (with_box([1.0] * 3, ids=["a", "b"]), "INVALID_ENVIRONMENT", "environment.ids"),
     "a name of all": (with_box([1.0] * 3, ids=["environment"]), "INVALID_ENVIRONMENT", "environment.ids[0]"),
     "an object's name for a box": (with_box([1.0] * 3, ids=["left"]), "DUPLICATE_ID", "environment.ids[0]"),
@@ -201,12 +338,17 @@ BAD = {
     "too many regions": (with_regions(*map(str, range(101))), "LIMIT_EXCEEDED", "regions"),
     "two regions of one id": (with_regions("bin", "bin"), "DUPLICATE_ID", "regions[1].id"),
     "joint covariance without correlations": (
-        explicit(good_request(propagator="surrogate", return_joint_covariance=True)), "NOT_SUPPORTED",
-        "return_joint_covariance"),
+        explicit(good_request(propagator="surrogate", return_joint_covariance=True)),
+        "NOT_SUPPORTED",
+        "return_joint_covariance",
+    ),
     "unreadable model": (changed("object.model", "text"), "INVALID_MODEL", "objects[1].model"),
     "inconsistent model": (changed("object.model", "contradiction"), "INVALID_MODEL", "objects[1].model"),
     "diverging": (
-        explicit(with_option("scene_options", "stiffness", "1e300", horizon=1.0)), "DIVERGED", "diverged"),
+        explicit(with_option("scene_options", "stiffness", "1e300", horizon=1.0)),
+        "DIVERGED",
+        "diverged",
+    ),
 }
 
 
@@ -223,7 +365,9 @@ def models_dir(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def node(models_dir):
-    with NodeProcess("-p", "zero_covariance:=exact", "-p", f"models_dir:={models_dir}", name="strict") as process:
+    with NodeProcess(
+        "-p", "zero_covariance:=exact", "-p", f"models_dir:={models_dir}", name="strict"
+    ) as process:
         yield process
 
 
@@ -243,7 +387,9 @@ def answer_before(predict):
 def test_a_bad_request_gets_its_code_and_the_next_good_one_its_answer(predict, answer_before, case):
     request, code, named = BAD[case]
     response = predict(request)
-    assert (ErrorCode(response.error_code).name, named in response.error_msg) == (code, True), response.error_msg
+    assert (ErrorCode(response.error_code).name, named in response.error_msg) == (code, True), (
+        response.error_msg
+    )
     assert not response.objects
     assert "\n" not in response.error_msg
     assert_same(predict(good_request(seed=1)), answer_before)
@@ -257,7 +403,11 @@ def test_texts_of_any_script_are_ids(predict):
     assert [predicted.id for predicted in response.objects] == names
 
 
-@pytest.mark.parametrize("interface", [Predict.Response, PredictCandidates.Response, LoadModel.Response, PredictLong.Result])
+@pytest.mark.parametrize(
+    "interface", [Predict.Response, PredictCandidates.Response, LoadModel.Response, PredictLong.Result]
+)
 def test_error_constants_are_those_of_the_core(interface):
     codes = {name: getattr(interface, name) for name in dir(interface) if name.isupper()}
-    assert {name: codes.get(name) for name in ErrorCode.__members__} == {code.name: code.value for code in ErrorCode}
+    assert {name: codes.get(name) for name in ErrorCode.__members__} == {
+        code.name: code.value for code in ErrorCode
+    }

@@ -17,7 +17,9 @@ def alone():
 
 def request_with(candidates, **others):
     base = alone()
-    request = PredictCandidates.Request(objects=base.objects, horizon=0.8, seed=3, candidates=candidates, **others)
+    request = PredictCandidates.Request(
+        objects=base.objects, horizon=0.8, seed=3, candidates=candidates, **others
+    )
     request.scene_options = base.scene_options
     return request
 
@@ -72,7 +74,11 @@ def test_bad_requests(node, client):
 
 def test_the_computation_time_runs_out(node, client):
     request = request_with(
-        [candidate(str(k), 0.0) for k in range(5)], propagator="monte_carlo", samples=20_000, max_computation_time=0.5)
+        [candidate(str(k), 0.0) for k in range(5)],
+        propagator="monte_carlo",
+        samples=20_000,
+        max_computation_time=0.5,
+    )
     request.horizon = 50.0
     response = ask(client, request)
     assert response.error_code == ErrorCode.TIMEOUT

@@ -105,7 +105,9 @@ def test_the_body_side_to_fixed_axes_against_drawn_states():
     draws = np.empty((DRAWS, ERROR))
     draws[:, ERR_POSITION] = drawn[:, POSITION] + r - position_of(state.pose.pose)
     draws[:, ERR_ROTATION] = (rotations * ROTATION.inv()).as_rotvec()
-    draws[:, ERR_VELOCITY] = drawn[:, VELOCITY] + np.cross(drawn[:, ANGULAR_VELOCITY], r) - np.array([v.x, v.y, v.z])
+    draws[:, ERR_VELOCITY] = (
+        drawn[:, VELOCITY] + np.cross(drawn[:, ANGULAR_VELOCITY], r) - np.array([v.x, v.y, v.z])
+    )
     draws[:, ERR_ANGULAR_VELOCITY] = drawn[:, ANGULAR_VELOCITY] - SPIN
     whole = np.reshape(state.covariance, (ERROR, ERROR))
     assert_covariance_of_draws(draws, whole)
@@ -124,7 +126,9 @@ def test_a_scene_that_is_read_and_written_is_the_same():
     (written, _), _ = write_prediction(scene, models, [0.0], [belief])
     state = written.states[0]
     for got, sent in ((state.pose, message.pose), (state.twist, message.twist)):
-        assert np.allclose(got.covariance, sent.covariance, rtol=0.0, atol=ROUND_OFF * np.max(sent.covariance))
+        assert np.allclose(
+            got.covariance, sent.covariance, rtol=0.0, atol=ROUND_OFF * np.max(sent.covariance)
+        )
     assert np.allclose(position_of(state.pose.pose), position_of(message.pose.pose), rtol=0.0, atol=ROUND_OFF)
     v, sent = state.twist.twist.linear, message.twist.twist.linear
     assert np.allclose([v.x, v.y, v.z], [sent.x, sent.y, sent.z], rtol=0.0, atol=ROUND_OFF)
@@ -155,7 +159,9 @@ def test_a_fixed_object_ignores_twist_and_covariances():
     message.pose.covariance = np.full(36, np.nan)
     scene, belief, models, _ = read(message, moving_object("other"))
     assert scene.bodies[0].fixed and not belief.mean[0, VELOCITY].any()
-    (written, _), (joint,) = write_prediction(scene, models, [0.0], [belief], wanted=Wanted(joint_covariance=True))
+    (written, _), (joint,) = write_prediction(
+        scene, models, [0.0], [belief], wanted=Wanted(joint_covariance=True)
+    )
     assert not np.any(written.states[0].pose.covariance)
     assert joint.object_ids == ["other"]
 
@@ -211,44 +217,53 @@ INDEFINITE = np.eye(6)
 INDEFINITE[0, 1] = INDEFINITE[1, 0] = 2.0
 
 
-@pytest.mark.parametrize(("path", "value", "error"), [
-    ("id", "", errors.InvalidRequestError),
-    ("model", "no such model", errors.UnknownModelError),
-    ("model", "", errors.UnknownModelError),
-    ("model", "/etc/passwd", errors.UnknownModelError),
-    ("spheres", 10**9, errors.InvalidModelError),
-    ("scale", -1.0, errors.InvalidModelError),
-    ("scale", NAN, errors.NotFiniteError),
-    ("mass", 0.0, errors.InvalidMassError),
-    ("mass", -1.0, errors.InvalidMassError),
-    ("mass", NAN, errors.NotFiniteError),
-    ("mass", None, errors.InvalidMassError),
-    ("mass_std", -1.0, errors.InvalidCovarianceError),
-    ("mass_std", NAN, errors.NotFiniteError),
-    ("mass_std", 2.0, errors.InvalidCovarianceError),
-    ("center_of_mass_std.y", -0.1, errors.InvalidCovarianceError),
-    ("center_of_mass_std.z", INF, errors.NotFiniteError),
-    ("pose.pose.position.y", INF, errors.NotFiniteError),
-    ("pose.pose.position.y", "far", errors.InvalidRequestError),
-    ("pose.pose.orientation.w", 2.0, errors.InvalidOrientationError),
-    ("pose.pose.orientation.w", 0.0, errors.InvalidOrientationError),
-    ("pose.pose.orientation.x", NAN, errors.NotFiniteError),
-    ("twist.twist.linear.x", NAN, errors.NotFiniteError),
-    ("twist.twist.angular.z", -INF, errors.NotFiniteError),
-    ("pose.covariance", np.zeros(35), errors.InvalidCovarianceError),
-    ("pose.covariance", None, errors.InvalidCovarianceError),
-    ("pose.covariance", np.full(36, NAN), errors.NotFiniteError),
-    ("pose.covariance", LOPSIDED, errors.InvalidCovarianceError),
-    ("pose.covariance", NEGATIVE, errors.InvalidCovarianceError),
-    ("twist.covariance", INDEFINITE.ravel(), errors.InvalidCovarianceError),
-])
+@pytest.mark.parametrize(
+    ("path", "value", "error"),
+    [
+        ("id", "", errors.InvalidRequestError),
+        ("model", "no such model", errors.UnknownModelError),
+        ("model", "", errors.UnknownModelError),
+        ("model", "/etc/passwd", errors.UnknownModelError),
+        ("spheres", 10**9, errors.InvalidModelError),
+        ("scale", -1.0, errors.InvalidModelError),
+        ("scale", NAN, errors.NotFiniteError),
+        ("mass", 0.0, errors.InvalidMassError),
+        ("mass", -1.0, errors.InvalidMassError),
+        ("mass", NAN, errors.NotFiniteError),
+        ("mass", None, errors.InvalidMassError),
+        ("mass_std", -1.0, errors.InvalidCovarianceError),
+        ("mass_std", NAN, errors.NotFiniteError),
+        ("mass_std", 2.0, errors.InvalidCovarianceError),
+        ("center_of_mass_std.y", -0.1, errors.InvalidCovarianceError),
+        ("center_of_mass_std.z", INF, errors.NotFiniteError),
+        ("pose.pose.position.y", INF, errors.NotFiniteError),
+        ("pose.pose.position.y", "far", errors.InvalidRequestError),
+        ("pose.pose.orientation.w", 2.0, errors.InvalidOrientationError),
+        ("pose.pose.orientation.w", 0.0, errors.InvalidOrientationError),
+        ("pose.pose.orientation.x", NAN, errors.NotFiniteError),
+        ("twist.twist.linear.x", NAN, errors.NotFiniteError),
+        ("twist.twist.angular.z", -INF, errors.NotFiniteError),
+        ("pose.covariance", np.zeros(35), errors.InvalidCovarianceError),
+        ("pose.covariance", None, errors.InvalidCovarianceError),
+        ("pose.covariance", np.full(36, NAN), errors.NotFiniteError),
+        ("pose.covariance", LOPSIDED, errors.InvalidCovarianceError),
+        ("pose.covariance", NEGATIVE, errors.InvalidCovarianceError),
+        ("twist.covariance", INDEFINITE.ravel(), errors.InvalidCovarianceError),
+    ],
+)
 def test_a_bad_field_is_named(path, value, error):
     message = Plain(moving_object("bad"))
     put(message, path, value)
     with pytest.raises(error) as raised:
         read(moving_object("good"), message)
     assert type(raised.value) is error
-    named = "pose.pose.orientation" if "orientation" in path else path.rpartition(".")[0] if path[-2:] in (".x", ".y", ".z") else path
+    named = (
+        "pose.pose.orientation"
+        if "orientation" in path
+        else path.rpartition(".")[0]
+        if path[-2:] in (".x", ".y", ".z")
+        else path
+    )
     assert f"objects[1].{named}" in str(raised.value)
 
 
@@ -269,18 +284,25 @@ def test_at_rest():
     assert [body.at_rest for body in read.scene.bodies] == [True, False]
 
 
-@pytest.mark.parametrize(("fixed", "physics", "error", "words"), [
-    (True, PRESETS["everyday"], errors.InvalidRequestError, "fixed"),
-    (False, PHYSICS, errors.InvalidOptionError, "'integrator: implicit'"),
-    (False, PRESETS["everyday"] | {"gravity": (0.0, 0.0, 0.0)}, errors.InvalidOptionError, "gravity"),
-])
+@pytest.mark.parametrize(
+    ("fixed", "physics", "error", "words"),
+    [
+        (True, PRESETS["everyday"], errors.InvalidRequestError, "fixed"),
+        (False, PHYSICS, errors.InvalidOptionError, "'integrator: implicit'"),
+        (False, PRESETS["everyday"] | {"gravity": (0.0, 0.0, 0.0)}, errors.InvalidOptionError, "gravity"),
+    ],
+)
 def test_what_cannot_be_at_rest_is_named(fixed, physics, error, words):
     message = moving_object("standing", velocity=(0.0, 0.0, 0.0))
     message.at_rest, message.fixed = True, fixed
     with pytest.raises(error, match=r"^candidates\[3\].objects\[0\].at_rest.*" + words):
         read_scene(
-            [moving_object(), message], Environment(), LIBRARY, physics,
-            fields=["objects[0]", "candidates[3].objects[0]"])
+            [moving_object(), message],
+            Environment(),
+            LIBRARY,
+            physics,
+            fields=["objects[0]", "candidates[3].objects[0]"],
+        )
 
 
 def test_where_a_prediction_began():
@@ -292,7 +314,9 @@ def test_where_a_prediction_began():
     objects, _ = write_prediction(scene, models, [0.0], [belief])
     write_start(objects, scene, belief)
     for written, sent in zip(objects, (message, fixed), strict=True):
-        assert np.allclose(position_of(written.start.pose), position_of(sent.pose.pose), rtol=0.0, atol=ROUND_OFF)
+        assert np.allclose(
+            position_of(written.start.pose), position_of(sent.pose.pose), rtol=0.0, atol=ROUND_OFF
+        )
         assert np.array_equal(written.start.covariance, written.states[0].pose.covariance)
     assert np.allclose(objects[0].start.covariance, message.pose.covariance, rtol=0.0, atol=ROUND_OFF)
     assert not np.any(objects[1].start.covariance)

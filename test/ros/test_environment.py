@@ -25,7 +25,9 @@ SAMPLES = 200
 
 
 def floor_as(kind):
-    """The same floor as a half-space, whose normal is not of unit length, as a box, or as a cylinder's end."""
+    """The same floor as a half-space, whose normal is not of unit length, as a box, or as a
+    cylinder's end.
+    """
     if kind == "plane":
         return Environment(planes=[Plane(coef=[0.0, 0.0, 2.0, -2.0 * FLOOR])], ids=["floor"])
     pose = Pose()
@@ -49,7 +51,9 @@ EXPLICIT = {"integrator": "explicit", "stiffness": "1e6", "friction": "null", "r
 
 
 def request_with(environment, *objects, horizon=0.6, options=(), **others):
-    request = Predict.Request(environment=environment, objects=list(objects), horizon=horizon, seed=1, **others)
+    request = Predict.Request(
+        environment=environment, objects=list(objects), horizon=horizon, seed=1, **others
+    )
     options = EXPLICIT if others.get("propagator") == "surrogate" else {"restitution": "0.3"} | dict(options)
     request.scene_options = [KeyValue(key=key, value=value) for key, value in options.items()]
     return request
@@ -78,14 +82,25 @@ def test_probabilities_of_contact_region_and_rest(predict):
     away.pose.position.x = 5.0
     away.size.x = away.size.y = away.size.z = 1.0
     request = request_with(
-        floor_as("plane"), falling_brick("near"), falling_brick("far", x=1.0), propagator="monte_carlo", samples=SAMPLES,
-        return_samples=10, regions=[inside, away], return_probabilities=True)
+        floor_as("plane"),
+        falling_brick("near"),
+        falling_brick("far", x=1.0),
+        propagator="monte_carlo",
+        samples=SAMPLES,
+        return_samples=10,
+        regions=[inside, away],
+        return_probabilities=True,
+    )
     response = predict(request)
     assert_answered(response)
     contacts = {(answer.object_a, answer.object_b): answer for answer in response.contact_probabilities}
     assert set(contacts) == {
-        ("near", "far"), ("near", "floor"), ("far", "floor"),
-        ("near", ContactProbability.ENVIRONMENT), ("far", ContactProbability.ENVIRONMENT)}
+        ("near", "far"),
+        ("near", "floor"),
+        ("far", "floor"),
+        ("near", ContactProbability.ENVIRONMENT),
+        ("far", ContactProbability.ENVIRONMENT),
+    }
     assert all(answer.available for answer in contacts.values())
     assert contacts["near", "far"].probability == 0.0
     assert not contacts["near", "far"].first_contact_time_available
@@ -105,7 +120,13 @@ def test_what_is_not_known_well_enough_is_not_available(predict):
     region = BoxRegion(id="bin")
     region.size.x = region.size.y = region.size.z = 1.0
     few = request_with(
-        floor_as("plane"), falling_brick(), propagator="monte_carlo", samples=10, regions=[region], return_probabilities=True)
+        floor_as("plane"),
+        falling_brick(),
+        propagator="monte_carlo",
+        samples=10,
+        regions=[region],
+        return_probabilities=True,
+    )
     response = predict(few)
     assert_answered(response)
     assert response.contact_probabilities and response.region_probabilities
@@ -116,7 +137,12 @@ def test_what_is_not_known_well_enough_is_not_available(predict):
 
 def test_flights_tell_the_contacts_of_a_propagator_without_samples(predict):
     request = request_with(
-        floor_as("plane"), falling_brick("near"), falling_brick("far", x=1.0), propagator="surrogate", return_probabilities=True)
+        floor_as("plane"),
+        falling_brick("near"),
+        falling_brick("far", x=1.0),
+        propagator="surrogate",
+        return_probabilities=True,
+    )
     response = predict(request)
     assert_answered(response)
     contacts = {(answer.object_a, answer.object_b): answer for answer in response.contact_probabilities}
@@ -126,16 +152,25 @@ def test_flights_tell_the_contacts_of_a_propagator_without_samples(predict):
 
 
 def test_probabilities_are_told_when_asked_for(predict):
-    response = predict(request_with(floor_as("plane"), falling_brick(), propagator="monte_carlo", samples=SAMPLES))
+    response = predict(
+        request_with(floor_as("plane"), falling_brick(), propagator="monte_carlo", samples=SAMPLES)
+    )
     assert_answered(response)
     assert not response.contact_probabilities
     assert not response.objects[0].rest_probability_available
 
 
-@pytest.mark.parametrize(("key", "value"), [
-    ("friction", "0.9"), ("restitution", "0.8"), ("gyroscopic", "false"), ("stiffness", "3e8"),
-    ("friction", "null"), ("dt", "0.002"),
-])
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        ("friction", "0.9"),
+        ("restitution", "0.8"),
+        ("gyroscopic", "false"),
+        ("stiffness", "3e8"),
+        ("friction", "null"),
+        ("dt", "0.002"),
+    ],
+)
 def test_each_scene_option_changes_the_prediction(predict, key, value):
     thrown = falling_brick()
     thrown.twist.twist.linear.x, thrown.twist.twist.angular.y, thrown.twist.twist.angular.z = 0.5, 3.0, 2.0
@@ -159,7 +194,8 @@ def test_uncertain_friction_and_mass_widen_the_prediction(predict):
     sliding.twist.twist.linear.x = 1.0
     exact = predict(request_with(floor_as("plane"), sliding, propagator="monte_carlo", samples=SAMPLES))
     request = request_with(
-        floor_as("plane"), sliding, propagator="monte_carlo", samples=SAMPLES, options={"friction_std": "0.2"})
+        floor_as("plane"), sliding, propagator="monte_carlo", samples=SAMPLES, options={"friction_std": "0.2"}
+    )
     uncertain = predict(request)
     for response in (exact, uncertain):
         assert response.error_code == ErrorCode.NONE, response.error_msg
@@ -193,11 +229,16 @@ def test_spheres_and_cylinders_are_read_as_they_are():
 def test_round_markers_are_where_the_solids_are():
     position, turn = np.array([0.5, -1.0, 2.0]), Rotation.from_rotvec([0.4, -0.3, 0.8])
     ball, post, rail, *ends = solids_of(
-        Sphere(0.3, position, "ball"), Cylinder(0.1, 2.0, position, turn.as_quat()),
-        Capsule(0.1, 2.0, position, turn.as_quat(), "rail"))
+        Sphere(0.3, position, "ball"),
+        Cylinder(0.1, 2.0, position, turn.as_quat()),
+        Capsule(0.1, 2.0, position, turn.as_quat(), "rail"),
+    )
     assert (ball.type, post.type, rail.type) == (Marker.SPHERE, Marker.CYLINDER, Marker.CYLINDER)
     assert [(marker.ns, marker.id) for marker in (ball, post, rail, *ends)] == [
-        ("environment ball", 0), ("environment cylinder_1", 0), *(("environment rail", k) for k in range(3))]
+        ("environment ball", 0),
+        ("environment cylinder_1", 0),
+        *(("environment rail", k) for k in range(3)),
+    ]
     for marker, size in ((ball, (0.6, 0.6, 0.6)), (post, (0.2, 0.2, 2.0)), (rail, (0.2, 0.2, 2.0))):
         assert (marker.scale.x, marker.scale.y, marker.scale.z) == size
         assert np.allclose(position_of(marker.pose), position)

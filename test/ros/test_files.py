@@ -48,7 +48,12 @@ def output_of(example):
     """What an example prints beside a running node; the document names it."""
     assert f"examples/{example}" in (ROOT / "docs" / "ros.md").read_text()
     done = subprocess.run(
-        [sys.executable, str(ROOT / "examples" / example)], check=False, capture_output=True, text=True, timeout=200)
+        [sys.executable, str(ROOT / "examples" / example)],
+        check=False,
+        capture_output=True,
+        text=True,
+        timeout=200,
+    )
     assert done.returncode == 0, done.stderr
     return done.stdout
 
@@ -58,15 +63,20 @@ def test_the_smallest_client_runs(node):
 
 
 def test_release_poses_over_the_bin_s_middle_are_better_than_those_beside_it(node):
-    shares = {name: int(share) for name, share in re.findall(r"^([\d.]+) m +(\d+)%", output_of("drop_into_bin.py"), re.MULTILINE)}
+    shares = {
+        name: int(share)
+        for name, share in re.findall(r"^([\d.]+) m +(\d+)%", output_of("drop_into_bin.py"), re.MULTILINE)
+    }
     assert len(shares) == 6
     assert shares["0.00"] == 100 and shares["0.20"] == 0
     assert 5 < shares["0.14"] < 95
 
 
 def test_the_demo_s_stream_is_predicted(client):
-    with NodeProcess("--params-file", str(ROOT / "config" / "demo.yaml")), \
-            Inbox(client, Prediction, "/unc_physics/predictions") as inbox:
+    with (
+        NodeProcess("--params-file", str(ROOT / "config" / "demo.yaml")),
+        Inbox(client, Prediction, "/unc_physics/predictions") as inbox,
+    ):
         stream = subprocess.Popen([sys.executable, "-m", "unc_physics.ros.demo_stream"])
         try:
             message = inbox.next()

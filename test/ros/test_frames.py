@@ -82,7 +82,9 @@ def test_poses_velocities_and_covariances_against_drawn_poses(frames):
 def test_a_plane_and_a_box_stay_where_they_are(frames):
     rng = np.random.default_rng(3)
     environment = Environment(
-        planes=[Plane(coef=rng.normal(size=4))], primitives=[SolidPrimitive(type=SolidPrimitive.BOX, dimensions=[1.0, 2.0, 3.0])])
+        planes=[Plane(coef=rng.normal(size=4))],
+        primitives=[SolidPrimitive(type=SolidPrimitive.BOX, dimensions=[1.0, 2.0, 3.0])],
+    )
     pose = Pose()
     pose.position.x, pose.position.y, pose.position.z = 0.3, -0.2, 0.5
     turned = Rotation.from_rotvec([0.1, -0.7, 0.4])
@@ -94,7 +96,8 @@ def test_a_plane_and_a_box_stay_where_they_are(frames):
     points = rng.normal(size=(20, 3))
     assert np.allclose(
         (TURN.apply(points) + SHIFT) @ seen.planes[0].coef[:3] + seen.planes[0].coef[3],
-        points @ environment.planes[0].coef[:3] + environment.planes[0].coef[3])
+        points @ environment.planes[0].coef[:3] + environment.planes[0].coef[3],
+    )
     for moved in (seen.primitive_poses[0], seen_region.pose):
         assert np.allclose(position_of(moved), TURN.apply([0.3, -0.2, 0.5]) + SHIFT)
         assert (Rotation.from_quat(orientation_of(moved)).inv() * TURN * turned).magnitude() < 1e-12

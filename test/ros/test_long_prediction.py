@@ -34,6 +34,7 @@ def endless():
 @pytest.fixture
 def send(action, client):
     """Send a goal and return its handle."""
+
     def send_goal(message, feedback=None):
         callback = None if feedback is None else (lambda told: feedback.append(told.feedback))
         handle = client.of_action(lambda: action.send_goal_async(message, callback))

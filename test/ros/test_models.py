@@ -60,8 +60,15 @@ def test_a_model_is_loaded_and_used(load, listed, client):
         assert {"Dose", "Kegel", "bunny"} <= {model.name for model in inbox.next().models}
 
 
-@pytest.mark.parametrize(("path", "code"), [
-    ("", "INVALID_REQUEST"), ("/nowhere.npz", "INVALID_REQUEST"), ("/etc/passwd", None), ("{tmp}/text.npz", "INVALID_MODEL")])
+@pytest.mark.parametrize(
+    ("path", "code"),
+    [
+        ("", "INVALID_REQUEST"),
+        ("/nowhere.npz", "INVALID_REQUEST"),
+        ("/etc/passwd", None),
+        ("{tmp}/text.npz", "INVALID_MODEL"),
+    ],
+)
 def test_files_that_are_no_models(load, listed, tmp_path, path, code):
     (tmp_path / "text.npz").write_text("no archive")
     response = load(path=path.format(tmp=tmp_path), name="none")
@@ -80,7 +87,9 @@ def test_a_mesh_is_packed_in_the_background(load, listed, client, tmp_path):
     response = load(path=str(mesh), spheres=30)
     assert (response.error_code, response.model.status) == (ErrorCode.NONE, ModelInfo.STATUS_PACKING)
     wait_until(lambda: listed()["block"].status != ModelInfo.STATUS_PACKING, timeout=200.0)
-    assert (listed()["block"].status, listed()["block"].spheres) == (ModelInfo.STATUS_READY, 30), listed()["block"]
+    assert (listed()["block"].status, listed()["block"].spheres) == (ModelInfo.STATUS_READY, 30), listed()[
+        "block"
+    ]
     assert listed()["block"].volume == pytest.approx(0.006)
     assert_answered(client.predict(request_of(moving_object(model="block")), node="models"))
 
@@ -105,7 +114,9 @@ def advertised(graph):
     own += graph.get_publisher_names_and_types_by_node("models", "/")
     own += graph.get_subscriber_names_and_types_by_node("models", "/")
     names = {name.removeprefix("/models/") for name, _ in own if name.startswith("/models/")}
-    return {name.partition("/_action")[0] for name in names if not re.search(r"parameter|type_description", name)}
+    return {
+        name.partition("/_action")[0] for name in names if not re.search(r"parameter|type_description", name)
+    }
 
 
 def test_every_topic_service_and_action_is_in_the_document(node, client):

@@ -21,7 +21,8 @@ def change(node, client):
         kinds = {float: "double", str: "string", list: "double_array", int: "integer"}
         kind = kinds[type(value)]
         message = ParameterValue(
-            type=getattr(ParameterType, f"PARAMETER_{kind.upper()}"), **{f"{kind}_value": value})
+            type=getattr(ParameterType, f"PARAMETER_{kind.upper()}"), **{f"{kind}_value": value}
+        )
         request = SetParameters.Request(parameters=[Parameter(name=name, value=message)])
         (result,) = client.call(SetParameters, "/parameters/set_parameters", request).results
         return result
@@ -39,13 +40,24 @@ def test_every_parameter_is_described(node, client):
             assert found.floating_point_range or found.integer_range, found.name
 
 
-@pytest.mark.parametrize(("name", "value", "reason"), [
-    ("dt", -1.0, "range"), ("damping", float("nan"), "range"), ("stiffness", float("nan"), "finite"), ("stiffness", -1.0, "negative"),
-    ("stiffness", "hard", "auto"), ("models_dir", "/tmp", "read-only"),
-    ("overlap", "push", "one of"), ("default_propagator", "crystal_ball", "one of"),
-    ("gravity", [1.0], "3 numbers"), ("horizons", [0.0], "above 0"),
-    ("gravity", [0.0, 0.0, float("inf")], "finite"), ("dt", "fast", "type"), ("max_samples", 0, "range"),
-])
+@pytest.mark.parametrize(
+    ("name", "value", "reason"),
+    [
+        ("dt", -1.0, "range"),
+        ("damping", float("nan"), "range"),
+        ("stiffness", float("nan"), "finite"),
+        ("stiffness", -1.0, "negative"),
+        ("stiffness", "hard", "auto"),
+        ("models_dir", "/tmp", "read-only"),
+        ("overlap", "push", "one of"),
+        ("default_propagator", "crystal_ball", "one of"),
+        ("gravity", [1.0], "3 numbers"),
+        ("horizons", [0.0], "above 0"),
+        ("gravity", [0.0, 0.0, float("inf")], "finite"),
+        ("dt", "fast", "type"),
+        ("max_samples", 0, "range"),
+    ],
+)
 def test_a_rejected_change_says_why(change, name, value, reason):
     result = change(name, value)
     assert not result.successful

@@ -1,4 +1,6 @@
-"""A propagator of another package, `frozen` of docs/extending.md: warm, listed and answering as the node's own."""
+"""A propagator of another package, `frozen` of docs/extending.md: warm, listed and answering as the node's
+own.
+"""
 
 import numpy as np
 import pytest
@@ -16,7 +18,9 @@ def node(tmp_path_factory):
     install(folder, "frozen_propagator", "frozen")
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("PYTHONPATH", environment(folder)["PYTHONPATH"])
-        with NodeProcess("-p", "zero_covariance:=exact", "-p", "warm_up:=[frozen]", name="extended") as process:
+        with NodeProcess(
+            "-p", "zero_covariance:=exact", "-p", "warm_up:=[frozen]", name="extended"
+        ) as process:
             yield process
 
 
@@ -26,7 +30,9 @@ def test_it_answers(node, client):
     assert_answered(response)
     assert response.propagator == "frozen"
     for predicted, message in zip(response.objects, request.objects, strict=True):
-        assert np.allclose(position_of(predicted.states[-1].pose.pose), position_of(message.pose.pose), atol=1e-6)
+        assert np.allclose(
+            position_of(predicted.states[-1].pose.pose), position_of(message.pose.pose), atol=1e-6
+        )
         assert len(predicted.states[-1].pose_samples) == 3
 
 
@@ -34,5 +40,8 @@ def test_it_is_listed(node, client):
     response = client.call(GetCapabilities, "/extended/get_capabilities", GetCapabilities.Request())
     info = response.propagators[-1]
     assert (info.name, info.mean_update, info.cross_body_correlations) == ("frozen", info.MEAN_NOMINAL, False)
-    assert info.description == "Mean and covariance stay as they are. Options: scale: factor on the covariance; default 1.0."
+    assert (
+        info.description
+        == "Mean and covariance stay as they are. Options: scale: factor on the covariance; default 1.0."
+    )
     assert [(option.key, option.value) for option in info.options] == [("scale", "1.0")]

@@ -32,7 +32,10 @@ def test_a_signal_while_it_starts_ends_the_node_cleanly(with_signal, delay):
     time.sleep(delay)
     process.send_signal(with_signal)
     output, _ = process.communicate(timeout=200.0)
-    if process.returncode not in (-with_signal, 0):  # before rclpy has its own handlers, Python's default ends it
+    if process.returncode not in (
+        -with_signal,
+        0,
+    ):  # before rclpy has its own handlers, Python's default ends it
         assert "KeyboardInterrupt" in output and delay < 1.0, output
 
 

@@ -41,7 +41,8 @@ def test_every_propagator_answers_as_the_core_does(predict, propagator):
     assert_answered(response)
     assert (response.propagator, response.seed_used, response.time_reached) == (propagator, 7, 0.4)
     assert response.physics == "explicit, dt 0.01 s, stiffness 1e+05 N/m^3, damping 0.5 1/s, gyroscopic" + (
-        ", islands" if PROPAGATORS[propagator].traits.cross_body else "")
+        ", islands" if PROPAGATORS[propagator].traits.cross_body else ""
+    )
     assert response.header.frame_id == "world"
     assert 0.0 < response.computation_time < 60.0
     own = {"gravity": (0.0, 0.0, 0.0), "dt": 0.01, "stiffness": 1e5, "damping": 0.5, "integrator": "explicit"}
@@ -51,7 +52,9 @@ def test_every_propagator_answers_as_the_core_does(predict, propagator):
     options = {"seed": 7} if "seed" in PROPAGATORS[propagator].options() else {}
     core = predict_in_core(scene, belief, PROPAGATORS[propagator](**options), 0.4)
     expected, _ = write_prediction(scene, models, core.times, core.beliefs)
-    assert [predicted.status for predicted in response.objects] == [status.flags for status in assess(scene, belief, core, rollouts=0)]
+    assert [predicted.status for predicted in response.objects] == [
+        status.flags for status in assess(scene, belief, core, rollouts=0)
+    ]
     for got, want in zip(response.objects, expected, strict=True):
         assert (got.id, got.model) == (want.id, want.model)
         assert np.allclose(numbers_of(got.states[-1]), numbers_of(want.states[-1]), rtol=0.0, atol=ROUND_OFF)
@@ -88,7 +91,9 @@ def test_free_flight_in_closed_form(predict):
     request.scene_options[0].value = "[0, 0, -9.81]"
     (falling,) = predict(request).objects
     assert np.allclose(position_of(falling.states[-1].pose.pose), [0.3, 0.0, 3.0 - 0.5 * 9.81])
-    assert np.allclose(falling.states[-1].pose.covariance, request.objects[0].pose.covariance, rtol=1e-6, atol=1e-9)
+    assert np.allclose(
+        falling.states[-1].pose.covariance, request.objects[0].pose.covariance, rtol=1e-6, atol=1e-9
+    )
 
 
 def test_a_trajectory(predict):
@@ -106,7 +111,9 @@ def test_a_trajectory(predict):
 def test_the_same_seed_gives_the_same_answer(predict):
     def answer(seed):
         response = predict(good_request(propagator="monte_carlo", samples=20, seed=seed))
-        return response.seed_used, np.array([numbers_of(predicted.states[-1]) for predicted in response.objects])
+        return response.seed_used, np.array(
+            [numbers_of(predicted.states[-1]) for predicted in response.objects]
+        )
 
     seed, chosen = answer(0)
     assert seed != 0
@@ -118,7 +125,13 @@ def test_the_same_seed_gives_the_same_answer(predict):
 
 def test_samples_of_monte_carlo_are_its_own(predict):
     request = good_request(
-        propagator="monte_carlo", samples=30, seed=5, return_samples=30, trajectory_period=0.1, return_covariance=True)
+        propagator="monte_carlo",
+        samples=30,
+        seed=5,
+        return_samples=30,
+        trajectory_period=0.1,
+        return_covariance=True,
+    )
     response = predict(request)
     assert_answered(response)
     for predicted in response.objects:
@@ -128,7 +141,9 @@ def test_samples_of_monte_carlo_are_its_own(predict):
             assert len(positions) == 30
             # the pose is at the model's origin, the mean that of the centre of mass: equal to the first order
             assert np.allclose(positions.mean(axis=0), position_of(state.pose.pose), atol=1e-3)
-            assert np.allclose(np.cov(positions.T, bias=True), np.reshape(state.pose.covariance, (6, 6))[:3, :3], atol=1e-4)
+            assert np.allclose(
+                np.cov(positions.T, bias=True), np.reshape(state.pose.covariance, (6, 6))[:3, :3], atol=1e-4
+            )
 
 
 def test_samples_of_a_gaussian_are_drawn_from_it(predict):
@@ -139,13 +154,17 @@ def test_samples_of_a_gaussian_are_drawn_from_it(predict):
         positions = np.array([position_of(pose) for pose in state.pose_samples])
         P = np.reshape(state.pose.covariance, (6, 6))
         standard_error = np.sqrt(np.diag(P)[:3] / 1000)
-        assert np.all(np.abs(positions.mean(axis=0) - position_of(state.pose.pose)) < 5.0 * standard_error + 1e-3)
+        assert np.all(
+            np.abs(positions.mean(axis=0) - position_of(state.pose.pose)) < 5.0 * standard_error + 1e-3
+        )
         assert np.allclose(np.var(positions, axis=0), np.diag(P)[:3], rtol=0.25)
         assert all(abs(np.linalg.norm(orientation_of(pose)) - 1.0) < 1e-9 for pose in state.pose_samples)
 
 
 def test_joint_covariance(predict):
-    request = good_request(propagator="sigma_points", horizon=0.8, return_joint_covariance=True, return_covariance=True)
+    request = good_request(
+        propagator="sigma_points", horizon=0.8, return_joint_covariance=True, return_covariance=True
+    )
     request.objects.append(moving_object("floor", "pin", (0.0, 0.0, -3.0)))
     request.objects[2].fixed = True
     response = predict(request)
@@ -202,7 +221,9 @@ def test_a_scaled_model_s_origin(predict):
     message.scale = 2.0
     message.twist.twist.angular.z = 1.0
     request = request_of(message, horizon=1.0)
-    request.scene_options.append(KeyValue(key="gyroscopic", value="false"))  # turns about an axis that is not principal
+    request.scene_options.append(
+        KeyValue(key="gyroscopic", value="false")
+    )  # turns about an axis that is not principal
     (predicted,) = predict(request).objects
     core, *_ = read_scene([message], request_of().environment, ModelLibrary(), {})
     r = core.bodies[0].model.origin.copy()
@@ -219,7 +240,9 @@ def test_statuses_name_an_overlap_at_the_start_and_are_fine_without(predict):
     bad, good = predict(overlapping), predict(apart)
     for response in (bad, good):
         assert_answered(response)
-        assert all(len(predicted.states) == 20 for predicted in response.objects)  # more than are judged one by one
+        assert all(
+            len(predicted.states) == 20 for predicted in response.objects
+        )  # more than are judged one by one
     for predicted in bad.objects:
         assert predicted.status & PredictedObject.STATUS_INITIAL_OVERLAP
         assert "overlap" in predicted.status_msg
@@ -233,7 +256,8 @@ def test_statuses_name_an_overlap_at_the_start_and_are_fine_without(predict):
 
 def test_an_error_that_all_objects_share(predict):
     request = good_request(
-        common_pose_std=[0.0, 0.1, 0.0, 0.0, 0.0, 0.0], return_joint_covariance=True, horizon=0.1)
+        common_pose_std=[0.0, 0.1, 0.0, 0.0, 0.0, 0.0], return_joint_covariance=True, horizon=0.1
+    )
     response = predict(request)
     assert_answered(response)
     for predicted, sent in zip(response.objects, request.objects, strict=True):
@@ -245,7 +269,9 @@ def test_an_error_that_all_objects_share(predict):
 
 
 def test_an_object_at_rest_stands_where_it_is_put(predict):
-    standing = moving_object("standing", "brick", (0.0, 0.0, 0.001), (0.0, 0.0, 0.0), 60)  # its origin is its underside
+    standing = moving_object(
+        "standing", "brick", (0.0, 0.0, 0.001), (0.0, 0.0, 0.0), 60
+    )  # its origin is its underside
     request = request_of(standing, horizon=0.5)
     request.scene_options.clear()  # with gravity
     request.environment.planes.append(Plane(coef=[0.0, 0.0, 1.0, 0.0]))
@@ -255,7 +281,9 @@ def test_an_object_at_rest_stands_where_it_is_put(predict):
     assert_answered(response)
     (standing,) = response.objects
     assert standing.start.covariance[14] < 1e-6 < standing.start.covariance[0]
-    assert np.allclose(position_of(standing.states[-1].pose.pose), position_of(standing.start.pose), atol=1e-3)
+    assert np.allclose(
+        position_of(standing.states[-1].pose.pose), position_of(standing.start.pose), atol=1e-3
+    )
     assert np.allclose(standing.states[-1].pose.covariance, standing.start.covariance, atol=1e-4)
     assert standing.overlap_share > 0.0 == standing.overlap_kept
     values = {pair.key: float(pair.value) for pair in standing.status_values}

@@ -26,11 +26,20 @@ HORIZONS = [0.1, 0.2, 0.25]
 @pytest.fixture(scope="module")
 def node():
     parameters = {
-        "zero_covariance": "exact", "horizons": HORIZONS, "gravity": [0.0, 0.0, 0.0], "pose_objects": ["left/1"],
-        "pose_horizon": 0.2, "max_input_age": 30.0, "tracked_topics": ["/tracker/pose"], "tracked_models": ["can"],
-        "markers": ["initial", "predicted", "ellipsoid", "rotation"], "default_linear_velocity_std": 0.5,
+        "zero_covariance": "exact",
+        "horizons": HORIZONS,
+        "gravity": [0.0, 0.0, 0.0],
+        "pose_objects": ["left/1"],
+        "pose_horizon": 0.2,
+        "max_input_age": 30.0,
+        "tracked_topics": ["/tracker/pose"],
+        "tracked_models": ["can"],
+        "markers": ["initial", "predicted", "ellipsoid", "rotation"],
+        "default_linear_velocity_std": 0.5,
     }
-    arguments = [part for name, value in parameters.items() for part in ("-p", f"{name}:={value}".replace("'", '"'))]
+    arguments = [
+        part for name, value in parameters.items() for part in ("-p", f"{name}:={value}".replace("'", '"'))
+    ]
     with NodeProcess(*arguments, name="stream") as process:
         yield process
 
@@ -116,8 +125,10 @@ def test_old_scenes_are_dropped_and_bad_ones_told(publish, listener):
             if found.name.startswith("stream:"):
                 return found, {pair.key: pair.value for pair in found.values}
 
-    with Inbox(listener, DiagnosticArray, "/diagnostics") as diagnostics, \
-            Inbox(listener, Prediction, "/stream/predictions") as inbox:
+    with (
+        Inbox(listener, DiagnosticArray, "/diagnostics") as diagnostics,
+        Inbox(listener, Prediction, "/stream/predictions") as inbox,
+    ):
         time.sleep(0.3)
         _, before = status(diagnostics)
         publish(scene(listener, age=60.0))
@@ -175,14 +186,27 @@ def detection(make, class_scores, name="", x=0.0):
     for class_id, score in class_scores:
         pose = PoseWithCovariance()
         pose.pose.position.x, pose.covariance = x, 0.01**2 * np.eye(6).ravel()
-        results.append(make("ObjectHypothesisWithPose", hypothesis=make("ObjectHypothesis", class_id=class_id, score=score), pose=pose))
+        results.append(
+            make(
+                "ObjectHypothesisWithPose",
+                hypothesis=make("ObjectHypothesis", class_id=class_id, score=score),
+                pose=pose,
+            )
+        )
     return make("Detection3D", results=results, id=name)
 
 
 def detections(make):
     """Two objects, of which one has an id and two hypotheses, and a third that nothing is known of."""
-    return make("Detection3DArray", header=Header(frame_id="world"), detections=[
-        detection(make, [("bottle", 0.2), ("can", 0.7)], "the can"), detection(make, []), detection(make, [("brick", 0.9)], x=1.0)])
+    return make(
+        "Detection3DArray",
+        header=Header(frame_id="world"),
+        detections=[
+            detection(make, [("bottle", 0.2), ("can", 0.7)], "the can"),
+            detection(make, []),
+            detection(make, [("brick", 0.9)], x=1.0),
+        ],
+    )
 
 
 def test_the_scene_of_detections():
@@ -196,16 +220,23 @@ def test_the_scene_of_detections():
 
 def test_detections_are_predicted(node, listener):
     messages = pytest.importorskip("vision_msgs.msg", reason="needs vision_msgs, which is not on PyPI")
-    publisher = listener.node.create_publisher(messages.Detection3DArray, "/stream/detections", qos_profile_sensor_data)
+    publisher = listener.node.create_publisher(
+        messages.Detection3DArray, "/stream/detections", qos_profile_sensor_data
+    )
     wait_until(lambda: publisher.get_subscription_count() == 1)
     with Inbox(listener, Prediction, "/stream/predictions") as inbox:
         time.sleep(0.3)
         publisher.publish(detections(lambda kind, **parts: getattr(messages, kind)(**parts)))
-        assert [(predicted.id, predicted.model) for predicted in inbox.next().objects] == [("the can", "can"), ("brick_2", "brick")]
+        assert [(predicted.id, predicted.model) for predicted in inbox.next().objects] == [
+            ("the can", "can"),
+            ("brick_2", "brick"),
+        ]
 
 
 def test_a_tracked_object(node, listener):
-    publisher = listener.node.create_publisher(PoseWithCovarianceStamped, "/tracker/pose", qos_profile_sensor_data)
+    publisher = listener.node.create_publisher(
+        PoseWithCovarianceStamped, "/tracker/pose", qos_profile_sensor_data
+    )
     wait_until(lambda: publisher.get_subscription_count() == 1)
     message = PoseWithCovarianceStamped()
     message.pose.pose.position.z = 2.0
@@ -226,7 +257,11 @@ def test_markers(publish, listener):
         first, *others = inbox.next().markers
     assert first.action == Marker.DELETEALL
     kinds = {marker.ns for marker in others}
-    assert kinds == {f"{kind} {name}" for kind in ("initial", "predicted", "ellipsoid", "rotation") for name in ("left/1", "right")}
+    assert kinds == {
+        f"{kind} {name}"
+        for kind in ("initial", "predicted", "ellipsoid", "rotation")
+        for name in ("left/1", "right")
+    }
     for marker in others:
         assert marker.header.frame_id == "world"
         assert min(marker.scale.x, max(marker.scale.y, marker.scale.x)) > 0.0

@@ -41,7 +41,8 @@ def errors(mean, states):
 
 
 @pytest.mark.parametrize(
-    "axes", [np.eye(3), Rotation.from_rotvec([0.4, -1.0, 0.3]).as_matrix()], ids=["world", "camera"])
+    "axes", [np.eye(3), Rotation.from_rotvec([0.4, -1.0, 0.3]).as_matrix()], ids=["world", "camera"]
+)
 def test_it_is_as_if_all_bodies_were_moved_together(belief, axes):
     shared = belief.with_common_pose_std(STD, ORIGIN, axes)
     mean, directions = belief.mean[belief.moving].copy(), np.zeros((24, 6))
@@ -60,7 +61,8 @@ def test_bodies_keep_their_distance(belief):
     assert exact.root().shape == (24, 6)
     states = exact.sample(50, np.random.default_rng(1))
     apart, mean_apart = (
-        np.linalg.norm(x[:, 0, POSITION] - x[:, 2, POSITION], axis=1) for x in (states, belief.mean[None]))
+        np.linalg.norm(x[:, 0, POSITION] - x[:, 2, POSITION], axis=1) for x in (states, belief.mean[None])
+    )
     np.testing.assert_allclose(apart, np.tile(mean_apart, 50), rtol=1e-6)
     assert states[:, 0, POSITION].std(axis=0).min() > 1e-6
     np.testing.assert_array_equal(states[:, 1], np.tile(belief.mean[1], (50, 1)))
@@ -70,15 +72,23 @@ def test_no_error_changes_nothing(belief):
     assert belief.with_common_pose_std(np.zeros(6)) is belief
 
 
-@pytest.mark.parametrize("std, origin, error, words", [
-    ([0.1] * 5, ORIGIN, InvalidCovarianceError, "common_pose_std.*shape"),
-    ([0.1] * 5 + [-0.1], ORIGIN, InvalidCovarianceError, r"common_pose_std\[5\] must not be negative.*-0.1"),
-    ([0.1] * 5 + [np.nan], ORIGIN, NotFiniteError, "common_pose_std.*nan"),
-    ([1e200] * 6, ORIGIN, NotFiniteError, "common_pose_std"),
-    ("far", ORIGIN, InvalidCovarianceError, "common_pose_std.*far"),
-    (STD, [0.0, np.inf, 0.0], NotFiniteError, "common_pose_origin.*inf"),
-    (STD, [0.0, 0.0], InvalidRequestError, "common_pose_origin.*shape"),
-])
+@pytest.mark.parametrize(
+    "std, origin, error, words",
+    [
+        ([0.1] * 5, ORIGIN, InvalidCovarianceError, "common_pose_std.*shape"),
+        (
+            [0.1] * 5 + [-0.1],
+            ORIGIN,
+            InvalidCovarianceError,
+            r"common_pose_std\[5\] must not be negative.*-0.1",
+        ),
+        ([0.1] * 5 + [np.nan], ORIGIN, NotFiniteError, "common_pose_std.*nan"),
+        ([1e200] * 6, ORIGIN, NotFiniteError, "common_pose_std"),
+        ("far", ORIGIN, InvalidCovarianceError, "common_pose_std.*far"),
+        (STD, [0.0, np.inf, 0.0], NotFiniteError, "common_pose_origin.*inf"),
+        (STD, [0.0, 0.0], InvalidRequestError, "common_pose_origin.*shape"),
+    ],
+)
 def test_what_makes_no_error_is_refused(belief, std, origin, error, words):
     with pytest.raises(error, match=words):
         belief.with_common_pose_std(std, origin)

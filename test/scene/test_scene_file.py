@@ -44,10 +44,14 @@ def test_elements_arrive_in_order_with_their_names(tmp_path):
     np.testing.assert_array_equal(rail.position, 0.0)
 
 
-@pytest.mark.parametrize("entries", [
-    {}, dict.fromkeys((PRESET, *PHYSICS_KEYS, "environment", "common_pose_std", "common_pose_origin")),
-    {"environment": []},
-])
+@pytest.mark.parametrize(
+    "entries",
+    [
+        {},
+        dict.fromkeys((PRESET, *PHYSICS_KEYS, "environment", "common_pose_std", "common_pose_origin")),
+        {"environment": []},
+    ],
+)
 def test_what_a_file_does_not_name_is_not_there(entries):
     content = CONTENTS["two_bodies"]() | entries
     scene = scene_from_dict(content).scene
@@ -57,27 +61,45 @@ def test_what_a_file_does_not_name_is_not_there(entries):
     assert scene.uncertain == () and scene.world.surroundings is None
 
 
-@pytest.mark.parametrize("key, value", [
-    ("friction", 0.5), ("restitution", 0.3), ("gyroscopic", True), ("islands", True), ("sleep", True),
-    ("overlap", "reject"), ("overlap", "keep"),
-])
+@pytest.mark.parametrize(
+    "key, value",
+    [
+        ("friction", 0.5),
+        ("restitution", 0.3),
+        ("gyroscopic", True),
+        ("islands", True),
+        ("sleep", True),
+        ("overlap", "reject"),
+        ("overlap", "keep"),
+    ],
+)
 def test_each_law_is_on_when_it_is_named(key, value):
     assert getattr(scene_with(**{"integrator": "implicit", key: value}), key) == value
 
 
 def test_uncertain_parameters():
     content = CONTENTS["two_bodies"]() | {
-        "integrator": "implicit", "friction": 0.4, "friction_std": "5e-2", "restitution": 0.5,
-        "restitution_std": 0.1, "stiffness_std": 100,
-        "gravity": [0, 0, -9.81], "gravity_direction_std": 0.02,
+        "integrator": "implicit",
+        "friction": 0.4,
+        "friction_std": "5e-2",
+        "restitution": 0.5,
+        "restitution_std": 0.1,
+        "stiffness_std": 100,
+        "gravity": [0, 0, -9.81],
+        "gravity_direction_std": 0.02,
     }
     content["bodies"][1] |= {"mass_std": 0.05, "center_of_mass_std": [0.0, 0.01, 0.02]}
     scene = scene_from_dict(content).scene
     found = {(parameter.name, parameter.body, parameter.axis): parameter.std for parameter in scene.uncertain}
     assert found == {
-        ("stiffness", -1, 0): 100.0, ("friction", -1, 0): 0.05, ("restitution", -1, 0): 0.1,
-        ("gravity_direction", -1, 0): 0.02, ("gravity_direction", -1, 1): 0.02, ("mass", 1, 0): 0.05,
-        ("center_of_mass", 1, 1): 0.01, ("center_of_mass", 1, 2): 0.02,
+        ("stiffness", -1, 0): 100.0,
+        ("friction", -1, 0): 0.05,
+        ("restitution", -1, 0): 0.1,
+        ("gravity_direction", -1, 0): 0.02,
+        ("gravity_direction", -1, 1): 0.02,
+        ("mass", 1, 0): 0.05,
+        ("center_of_mass", 1, 1): 0.01,
+        ("center_of_mass", 1, 2): 0.02,
     }
 
 
@@ -102,7 +124,8 @@ def test_an_error_that_all_bodies_share(origin):
     plain = scene_from_dict(CONTENTS["everyday"]())
     shared = scene_from_dict(CONTENTS["everyday"]() | {"common_pose_std": std, "common_pose_origin": origin})
     expected = plain.belief.with_common_pose_std(
-        [0.01, 0.02, 0, 3e-3, 0, 0.01], (0, 0, 0) if origin is None else (0.2, 0.1, -3.0))
+        [0.01, 0.02, 0, 3e-3, 0, 0.01], (0, 0, 0) if origin is None else (0.2, 0.1, -3.0)
+    )
     np.testing.assert_array_equal(shared.belief.mean, plain.belief.mean)
     np.testing.assert_array_equal(shared.belief.joint, expected.joint)
     assert not np.allclose(shared.belief.joint, plain.belief.joint)

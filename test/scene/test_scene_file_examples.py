@@ -14,7 +14,9 @@ HORIZON = 0.2  # s
 
 
 def test_there_are_scenes():
-    assert {"two_bunnies", "salt_box_on_table", "can_off_shelf", "drop_into_bin", "scattered"} <= {path.stem for path in SCENES}
+    assert {"two_bunnies", "salt_box_on_table", "can_off_shelf", "drop_into_bin", "scattered"} <= {
+        path.stem for path in SCENES
+    }
 
 
 @pytest.mark.parametrize("path", SCENES, ids=lambda path: path.stem)

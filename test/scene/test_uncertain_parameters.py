@@ -59,7 +59,9 @@ def test_tilted_gravity_spreads_a_fall_sideways(model):
         P = predict(scene, Belief.exact(at_rest()), propagator, TIME).belief.joint
         assert np.allclose(P[0, 0], (std * fall) ** 2, rtol=relative_error(propagator))
         assert np.allclose(P[1, 1], (std * fall) ** 2, rtol=relative_error(propagator))
-        assert P[2, 2] < (std * std * fall) ** 2 * 3.0  # its size stays: only the second order is left along it
+        assert (
+            P[2, 2] < (std * std * fall) ** 2 * 3.0
+        )  # its size stays: only the second order is left along it
         assert np.allclose(P[0, 3], std**2 * fall * 9.81 * TIME, rtol=relative_error(propagator))
 
 
@@ -68,7 +70,9 @@ def test_mass_spreads_the_velocities_after_an_impact_by_conserved_momentum(loade
     left, right = scene.bodies
     heavy = dataclasses.replace(left, mass_std=0.01 * left.mass)
     scene = dataclasses.replace(scene, bodies=(heavy, right))
-    prediction = predict(scene, Belief.exact(belief.mean), make_propagator("monte_carlo", samples=200, seed=1), 1.0)
+    prediction = predict(
+        scene, Belief.exact(belief.mean), make_propagator("monte_carlo", samples=200, seed=1), 1.0
+    )
     states, z = prediction.carry.states, prediction.carry.parameters
     mass = left.mass * np.exp(0.01 * z)
     momentum = mass * states[:, 0, 3:6] + right.mass * states[:, 1, 3:6]
@@ -76,12 +80,16 @@ def test_mass_spreads_the_velocities_after_an_impact_by_conserved_momentum(loade
     assert np.allclose(momentum, expected, atol=1e-10)
     assert prediction.belief.blocks[1, 3, 3] > 1e-6  # and the other body's velocity has learned of it
     points = predict(scene, Belief.exact(belief.mean), "sigma_points", 1.0).belief
-    assert np.allclose(points.joint, prediction.belief.joint, atol=0.3 * np.diag(prediction.belief.joint).max())
+    assert np.allclose(
+        points.joint, prediction.belief.joint, atol=0.3 * np.diag(prediction.belief.joint).max()
+    )
 
 
 def test_a_shifted_centre_of_mass_leaves_the_belief_about_the_model_s(model):
     std = np.array([0.0, 0.03, 0.0])
-    scene = Scene([RigidBody("a", model, center_of_mass_std=std), RigidBody("b", model, center_of_mass_std=0.01)], DT)
+    scene = Scene(
+        [RigidBody("a", model, center_of_mass_std=std), RigidBody("b", model, center_of_mass_std=0.01)], DT
+    )
     mean = at_rest(2)
     mean[0, 10:13] = [0.0, 0.0, 2.0]
     for propagator in samplers():
@@ -94,7 +102,9 @@ def test_a_shifted_centre_of_mass_leaves_the_belief_about_the_model_s(model):
         angle = 2.0 * (np.pi / 2.0 // DT * DT)
         along, across = std[1] * np.sin(angle), std[1] * (1.0 - np.cos(angle))
         offset = np.array([along, across]) + std[1] * 2.0 * (np.pi / 2.0 // DT * DT) * np.array([-1.0, 0.0])
-        assert np.allclose(half_turn.joint[:2, :2], np.outer(offset, offset), rtol=relative_error(propagator), atol=1e-12)
+        assert np.allclose(
+            half_turn.joint[:2, :2], np.outer(offset, offset), rtol=relative_error(propagator), atol=1e-12
+        )
         assert np.allclose(half_turn.blocks[1], 0.0, atol=1e-14)
 
 
@@ -104,23 +114,34 @@ def test_a_shifted_centre_of_mass_moves_the_spheres_and_what_bounds_them(model):
     shift, count = np.array([0.1, -0.2, 0.05]), len(model)
     assert np.allclose(world.tree.centers[:count], model.centers - shift, atol=ROUND_OFF)
     assert np.array_equal(world.tree.centers[count:], model.centers)
-    assert np.allclose(world.bodies.radius[0], np.max(np.linalg.norm(model.centers - shift, axis=1) + model.radii))
+    assert np.allclose(
+        world.bodies.radius[0], np.max(np.linalg.norm(model.centers - shift, axis=1) + model.radii)
+    )
     bounds, child = world.tree.bounds.astype(float), world.tree.child
     node, k = np.nonzero((child < 0) & (child != EMPTY))
     spheres = ~child[node, k]
-    gap = np.linalg.norm(world.tree.centers[spheres] - bounds[node, :3, k], axis=1) + world.tree.radii[spheres]
+    gap = (
+        np.linalg.norm(world.tree.centers[spheres] - bounds[node, :3, k], axis=1) + world.tree.radii[spheres]
+    )
     assert np.all(gap <= bounds[node, 3, k])
 
 
 def test_an_off_centre_push_turns_by_the_shifted_centre_of_mass(model):
     ball = model.prefix(1)
-    scene = Scene([RigidBody("a", ball, center_of_mass_std=[0.1 * ball.radii[0], 0.0, 0.0])], 0.001, 1e6, environment=[Plane()])
+    scene = Scene(
+        [RigidBody("a", ball, center_of_mass_std=[0.1 * ball.radii[0], 0.0, 0.0])],
+        0.001,
+        1e6,
+        environment=[Plane()],
+    )
     mean = at_rest()
     mean[0, 2], mean[0, 5] = ball.radii[0] - ball.centers[0, 2] + 0.001, -1.0
     prediction = predict(scene, Belief.exact(mean), make_propagator("monte_carlo", samples=50, seed=2), 0.1)
     offset = prediction.carry.parameters[:, 0]
     spin = prediction.carry.states[:, 0, 11]
-    assert np.corrcoef(offset, spin)[0, 1] > 0.98  # support left of the centre of mass turns the body about +y
+    assert (
+        np.corrcoef(offset, spin)[0, 1] > 0.98
+    )  # support left of the centre of mass turns the body about +y
 
 
 def test_draws_of_the_state_stay_the_same(loaded):
@@ -158,7 +179,9 @@ def test_other_propagators_name_the_field(loaded, name):
 
 def test_zero_is_none_and_costs_nothing(loaded):
     scene, belief, _ = loaded("two_bodies")
-    zeros = [dataclasses.replace(body, mass_std=0.0, center_of_mass_std=[0.0, 0.0, 0.0]) for body in scene.bodies]
+    zeros = [
+        dataclasses.replace(body, mass_std=0.0, center_of_mass_std=[0.0, 0.0, 0.0]) for body in scene.bodies
+    ]
     same = dataclasses.replace(scene, bodies=zeros, stiffness_std=0.0)
     assert same.uncertain == () and same.world.surroundings is None
     for propagator in (make_propagator("sigma_points"), make_propagator("monte_carlo", samples=20)):

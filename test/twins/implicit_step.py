@@ -1,7 +1,7 @@
 """Twin of the implicit step's stages: brute force over all spheres, dense matrices, general solvers.
 
-A state is (B, 13); velocities of all bodies are one vector (6 B,), a linear and an angular one for each body. Fixed bodies
-have no inverse mass.
+A state is (B, 13); velocities of all bodies are one vector (6 B,), a linear and an angular one for each body.
+Fixed bodies have no inverse mass.
 """
 
 from typing import NamedTuple
@@ -12,15 +12,20 @@ from scipy.spatial.transform import Rotation
 
 from .states import P, Q, V, W
 
-ACTIVE, IMPACT, TOUCHING, AIM = 5e-4, 2e-4, 2e-5, 1e-5  # m: gaps of what takes part in a step, in an impact; of touch
+ACTIVE, IMPACT, TOUCHING, AIM = (
+    5e-4,
+    2e-4,
+    2e-5,
+    1e-5,
+)  # m: gaps of what takes part in a step, in an impact; of touch
 SAME_PATCH, TILT, BONUS = 0.9, 0.02, 1e-4  # of the reduction: a cosine, an angle, and a depth [m]
 
 
 class Contact(NamedTuple):
     """Spheres ``a`` of body ``i`` and ``b`` of body ``j``, or element ``-1 - j``; world frame.
 
-    ``point`` is on the first sphere's surface, ``normal`` points towards its body, ``center_j`` is the middle of the second
-    sphere, ``predicted`` the gap after the horizon.
+    ``point`` is on the first sphere's surface, ``normal`` points towards its body, ``center_j`` is the middle
+    of the second sphere, ``predicted`` the gap after the horizon.
     """
 
     i: int
@@ -69,15 +74,18 @@ def candidates(scene, x, i, j, horizon):
     for a, b in np.argwhere(np.minimum(gaps, predictions) < limit):
         n = normal[a, b]
         radius = ri[a] * rj[b] / (ri[a] + rj[b])
-        found.append(Contact(
-            i, j, a, b, n, ci[a] - ri[a] * n, gaps[a, b], predictions[a, b], ci[a], cj[b], radius))
+        found.append(
+            Contact(i, j, a, b, n, ci[a] - ri[a] * n, gaps[a, b], predictions[a, b], ci[a], cj[b], radius)
+        )
     return found
 
 
 def reduced(found, s, loaded=()):
-    """Those that stand for all: of each patch the deepest, and the deepest as seen when it is tilted in eight directions.
+    """Those that stand for all: of each patch the deepest, and the deepest as seen when it is tilted in eight
+    directions.
 
-    ``s`` is body i's state; ``loaded`` has pairs of spheres that carried load in the last step, which count as deeper.
+    ``s`` is body i's state; ``loaded`` has pairs of spheres that carried load in the last step, which count
+    as deeper.
     """
     R = Rotation.from_quat(s[Q]).as_matrix()
     score = {(c.a, c.b): c.predicted - (BONUS if (c.a, c.b) in loaded else 0.0) for c in found}
@@ -101,7 +109,9 @@ def frame(n):
     sign = 1.0 if n[2] >= 0.0 else -1.0
     a = -1.0 / (sign + n[2])
     b = n[0] * n[1] * a
-    return np.array([1.0 + sign * n[0] ** 2 * a, sign * b, -sign * n[0]]), np.array([b, sign + n[1] ** 2 * a, -n[1]])
+    return np.array([1.0 + sign * n[0] ** 2 * a, sign * b, -sign * n[0]]), np.array(
+        [b, sign + n[1] ** 2 * a, -n[1]]
+    )
 
 
 def inverse_mass(scene, x):
@@ -110,7 +120,9 @@ def inverse_mass(scene, x):
     for k in scene.moving:
         body, R = scene.bodies[k], Rotation.from_quat(x[k, Q]).as_matrix()
         out[6 * k : 6 * k + 3, 6 * k : 6 * k + 3] = np.eye(3) / body.mass
-        out[6 * k + 3 : 6 * k + 6, 6 * k + 3 : 6 * k + 6] = R @ np.linalg.inv(body.mass * body.model.inertia) @ R.T
+        out[6 * k + 3 : 6 * k + 6, 6 * k + 3 : 6 * k + 6] = (
+            R @ np.linalg.inv(body.mass * body.model.inertia) @ R.T
+        )
     return out
 
 
@@ -120,7 +132,9 @@ def velocities(x):
 
 
 def jacobian(contacts, x):
-    """(3 m, 6 B): velocities at the middles of the gaps along each contact's normal and two directions across."""
+    """(3 m, 6 B): velocities at the middles of the gaps along each contact's normal and two directions
+    across.
+    """
     J = np.zeros((3 * len(contacts), 6 * len(x)))
     for k, c in enumerate(contacts):
         middle = c.point - 0.5 * c.gap * c.normal
@@ -152,7 +166,9 @@ def mean_of(values, c, bodies):
 
 
 class Lasting(NamedTuple):
-    """The law of lasting contacts: depths at an interval's end give normal impulses; impulses change ``free`` (6 B,)."""
+    """The law of lasting contacts: depths at an interval's end give normal impulses; impulses change ``free``
+    (6 B,).
+    """
 
     J: np.ndarray
     inverse_mass: np.ndarray
@@ -177,13 +193,17 @@ class Lasting(NamedTuple):
     def residual(self, impulses):
         """(m, 3) [N s]: 0 where the law holds."""
         speeds = self.speeds(impulses)
-        return np.column_stack([impulses[:, 0] - self.normal_impulses(speeds), slip_residual(self, impulses, speeds)])
-
+        return np.column_stack(
+            [impulses[:, 0] - self.normal_impulses(speeds), slip_residual(self, impulses, speeds)]
+        )
 
     def own_residual(self, impulses):
-        """(m, 3) [N s]: by how much each impulse would have to change for its law to hold, the others held."""
+        """(m, 3) [N s]: by how much each impulse would have to change for its law to hold, the
+        others held.
+        """
         wanted, speeds, own = impulses.copy(), self.speeds(impulses), compliance(self)
         for k in range(len(impulses)):
+
             def miss(impulse, k=k):
                 v = speeds.copy()
                 v[k, 0] += own[k, 0] * (impulse - impulses[k, 0])
@@ -206,7 +226,9 @@ class Impact(NamedTuple):
 
     def residual(self, impulses):
         speeds = self.speeds(impulses)
-        normal = impulses[:, 0] - np.maximum(0.0, impulses[:, 0] - (speeds[:, 0] - self.target) / compliance(self)[:, 0])
+        normal = impulses[:, 0] - np.maximum(
+            0.0, impulses[:, 0] - (speeds[:, 0] - self.target) / compliance(self)[:, 0]
+        )
         return np.column_stack([normal, slip_residual(self, impulses, speeds)])
 
 
@@ -225,7 +247,10 @@ def slip_residual(law, impulses, speeds):
 
 
 def solution(law, scale):
-    """Impulses (m, 3) that obey a law, by least squares of its residual; ``scale`` [N s] is a typical impulse."""
+    """Impulses (m, 3) that obey a law, by least squares of its residual; ``scale`` [N s] is a typical
+    impulse.
+    """
+
     def residual(y):
         return law.residual(scale * y.reshape(-1, 3)).ravel() / scale
 
@@ -233,7 +258,9 @@ def solution(law, scale):
     for start in (0.0, 0.3, 1.0):
         y = np.zeros((len(law.friction), 3))
         y[:, 0] = start
-        found = least_squares(residual, y.ravel(), method="trf", xtol=1e-15, ftol=1e-15, gtol=1e-15, max_nfev=2000)
+        found = least_squares(
+            residual, y.ravel(), method="trf", xtol=1e-15, ftol=1e-15, gtol=1e-15, max_nfev=2000
+        )
         if best is None or found.cost < best.cost:
             best = found
     return scale * best.x.reshape(-1, 3), np.sqrt(2.0 * best.cost)
@@ -251,8 +278,11 @@ def kinetic_energy(scene, x, v):
 
 def blended(scene, x, before, elastic, plastic):
     """Velocities after an impact: as elastic as no energy is gained."""
+
     def gain(share):
-        return kinetic_energy(scene, x, plastic + share * (elastic - plastic)) - kinetic_energy(scene, x, before)
+        return kinetic_energy(scene, x, plastic + share * (elastic - plastic)) - kinetic_energy(
+            scene, x, before
+        )
 
     if gain(1.0) <= 0.0:
         return elastic
@@ -260,13 +290,19 @@ def blended(scene, x, before, elastic, plastic):
 
 
 def time_to_impact(gaps, speeds, accelerations, left, threshold):
-    """When the first gap, a parabola, reaches the aim faster than the threshold; ``left`` [s] if none does before."""
+    """When the first gap, a parabola, reaches the aim faster than the threshold; ``left`` [s] if none does
+    before.
+    """
     first = left
     for gap, speed, acceleration in zip(gaps, speeds, accelerations, strict=True):
         if gap <= AIM:
             continue
         for time in np.roots([0.5 * acceleration, speed, gap - AIM]):
-            if abs(time.imag) == 0.0 and 0.0 < time.real < first and speed + acceleration * time.real < -threshold:
+            if (
+                abs(time.imag) == 0.0
+                and 0.0 < time.real < first
+                and speed + acceleration * time.real < -threshold
+            ):
                 first = time.real
     return first
 

@@ -1,12 +1,17 @@
-"""Twin of the environment's shapes: distance and normal by projection onto the solid; points all over a surface."""
+"""Twin of the environment's shapes: distance and normal by projection onto the solid; points all over a
+surface.
+"""
 
 import numpy as np
 
 
 def box(point, half):
     """Signed distance and normal at a point (3,) of a box of half edge lengths (3,)."""
-    return _convex(point, np.clip(point, -half, half), [
-        (half[k] - abs(point[k]), np.copysign(np.eye(3)[k], point[k])) for k in range(3)])
+    return _convex(
+        point,
+        np.clip(point, -half, half),
+        [(half[k] - abs(point[k]), np.copysign(np.eye(3)[k], point[k])) for k in range(3)],
+    )
 
 
 def sphere(point, radius):
@@ -33,7 +38,9 @@ def plane(point):
 
 
 def _convex(point, nearest, faces):
-    """Outside by the nearest point of the solid; inside by the first of the nearest of some (depth, normal)."""
+    """Outside by the nearest point of the solid; inside by the first of the nearest of some
+    (depth, normal).
+    """
     away = point - nearest
     length = np.linalg.norm(away)
     if length > 0.0:

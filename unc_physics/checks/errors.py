@@ -1,7 +1,7 @@
 """Errors that bad input raises; each kind has its own code.
 
-The same numbers serve as ``error_code`` over ROS (the constants of ``unc_physics_msgs/srv/Predict``) and as the
-exit status of the command line, so a failure reads the same wherever it shows.
+The same numbers serve as ``error_code`` over ROS (the constants of ``unc_physics_msgs/srv/Predict``) and as
+the exit status of the command line, so a failure reads the same wherever it shows.
 """
 
 from __future__ import annotations
@@ -11,7 +11,9 @@ from typing import Any, ClassVar
 
 
 class ErrorCode(IntEnum):
-    """Code of an error: over ROS, and as exit status of the command line (1 and 2 are left to Python and argparse)."""
+    """Code of an error: over ROS, and as exit status of the command line (1 and 2 are left to Python and
+    argparse).
+    """
 
     NONE = 0
     INVALID_REQUEST = 10

@@ -1,4 +1,6 @@
-"""Checks of numbers at the edge: every array and scalar that enters is finite, of its shape, and within its range."""
+"""Checks of numbers at the edge: every array and scalar that enters is finite, of its shape, and within its
+range.
+"""
 
 import math
 
@@ -14,7 +16,8 @@ from .errors import (
 
 #: How far a quaternion's length may be from 1: perception rounds to single precision or a few decimals.
 _QUATERNION_TOLERANCE = 1e-3
-#: What round-off may leave of a covariance's asymmetry and negative eigenvalues, relative to its blocks' sizes.
+#: What round-off may leave of a covariance's asymmetry and negative eigenvalues, relative to its blocks'
+# sizes.
 _COVARIANCE_TOLERANCE = 1e-8
 
 
@@ -95,7 +98,9 @@ def quaternion(value, field) -> np.ndarray:
     q = array(value, (4,), field)
     length = float(np.linalg.norm(q))
     if abs(length - 1.0) > _QUATERNION_TOLERANCE:
-        raise InvalidOrientationError(f"must have unit length, not {length:.6g}", field=field, value=q.tolist())
+        raise InvalidOrientationError(
+            f"must have unit length, not {length:.6g}", field=field, value=q.tolist()
+        )
     q = q / length
     q.flags.writeable = False
     return q
@@ -112,26 +117,38 @@ def covariance(value, size, field) -> np.ndarray:
     P = array(value, (size, size), field, InvalidCovarianceError)
     diagonal = P.diagonal()
     variance = np.repeat(diagonal.reshape(-1, 3).max(axis=1), 3)
-    variance[variance <= 0.0] = max(0.0, variance.max(initial=0.0))  # a certain block has only the others' round-off
+    variance[variance <= 0.0] = max(
+        0.0, variance.max(initial=0.0)
+    )  # a certain block has only the others' round-off
     if (negative := diagonal < -_COVARIANCE_TOLERANCE * variance).any():
         k = int(negative.argmax())
-        raise InvalidCovarianceError(f"has a negative variance at [{k}][{k}]", field=field, value=float(diagonal[k]))
+        raise InvalidCovarianceError(
+            f"has a negative variance at [{k}][{k}]", field=field, value=float(diagonal[k])
+        )
     if not variance.any() and P.any():
-        raise InvalidCovarianceError("has entries beside a diagonal of zeros", field=field, value=float(P.flat[np.abs(P).argmax()]))
+        raise InvalidCovarianceError(
+            "has entries beside a diagonal of zeros", field=field, value=float(P.flat[np.abs(P).argmax()])
+        )
     scale = np.sqrt(np.where(variance > 0.0, variance, 1.0))
     C = P / scale[:, None] / scale
     asymmetry = np.abs(C - C.T)
     if asymmetry.max() > _COVARIANCE_TOLERANCE:
         a, b = np.unravel_index(asymmetry.argmax(), asymmetry.shape)
         raise InvalidCovarianceError(
-            f"must be symmetric, but [{a}][{b}] and [{b}][{a}] differ", field=field, value=(float(P[a, b]), float(P[b, a]))
+            f"must be symmetric, but [{a}][{b}] and [{b}][{a}] differ",
+            field=field,
+            value=(float(P[a, b]), float(P[b, a])),
         )
     C = 0.5 * (C + C.T)
     _, rest = pivoted_cholesky(C, _COVARIANCE_TOLERANCE)
-    if np.abs(rest).max() > 10.0 * _COVARIANCE_TOLERANCE:  # a semidefinite matrix leaves nothing off its diagonal
+    if (
+        np.abs(rest).max() > 10.0 * _COVARIANCE_TOLERANCE
+    ):  # a semidefinite matrix leaves nothing off its diagonal
         low = float(np.linalg.eigvalsh(C)[0])
         if low < -_COVARIANCE_TOLERANCE * size:
-            raise InvalidCovarianceError("must not have negative eigenvalues", field=field, value=float(np.linalg.eigvalsh(P)[0]))
+            raise InvalidCovarianceError(
+                "must not have negative eigenvalues", field=field, value=float(np.linalg.eigvalsh(P)[0])
+            )
     P = 0.5 * (P + P.T)
     P.flags.writeable = False
     return P

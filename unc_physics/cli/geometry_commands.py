@@ -11,23 +11,40 @@ PROGRESS_AFTER = 2.0  # s
 def add_pack_command(commands) -> None:
     """Add the parser of ``pack`` to the command line's subparsers."""
     parser = commands.add_parser(
-        "pack", help="pack a mesh with spheres",
-        description="Fill a closed mesh with disjoint spheres, the largest first, and write them as a model file. Mass "
-        "properties are those of the mesh, at uniform density.",
-        epilog="Any format that trimesh reads will do, at any scale; cavities and several components are fine.",
+        "pack",
+        help="pack a mesh with spheres",
+        description=(
+            "Fill a closed mesh with disjoint spheres, the largest first, and write them as a model file."
+            " Mass properties are those of the mesh, at uniform density."
+        ),
+        epilog=(
+            "Any format that trimesh reads will do, at any scale; cavities and several components are fine."
+        ),
     )
     parser.add_argument("mesh", metavar="MESH", help="mesh file, in metres unless --scale says otherwise")
     parser.add_argument("-n", "--spheres", type=int, required=True, metavar="N", help="number of spheres")
-    parser.add_argument("-o", "--output", metavar="OUT.npz",
-                        help="model file to write (default: NAME.npz in the user's own models, where it is found by name)")
+    parser.add_argument(
+        "-o",
+        "--output",
+        metavar="OUT.npz",
+        help="model file to write (default: NAME.npz in the user's own models, where it is found by name)",
+    )
     parser.add_argument("--name", help="name of the model (default: the name of OUT.npz, or else of MESH)")
-    parser.add_argument("--scale", type=float, default=1.0, metavar="S",
-                        help="length of the mesh's unit in metres, 0.001 for millimetres (default 1)")
+    parser.add_argument(
+        "--scale",
+        type=float,
+        default=1.0,
+        metavar="S",
+        help="length of the mesh's unit in metres, 0.001 for millimetres (default 1)",
+    )
     parser.add_argument("--mass", type=float, metavar="KG", help="mass to note in the file [kg]")
     parser.add_argument("--source", help="where the mesh comes from, to note in the file")
     parser.add_argument("--licence", help="licence of the mesh, to note in the file")
-    parser.add_argument("--repair", action="store_true",
-                        help="try trimesh's repairs on a mesh that is open or wound wrongly, and say what they did")
+    parser.add_argument(
+        "--repair",
+        action="store_true",
+        help="try trimesh's repairs on a mesh that is open or wound wrongly, and say what they did",
+    )
     _add_threads(parser)
     parser.set_defaults(run=run_pack)
 
@@ -35,16 +52,31 @@ def add_pack_command(commands) -> None:
 def add_models_command(commands) -> None:
     """Add the parser of ``models`` to the command line's subparsers."""
     parser = commands.add_parser(
-        "models", help="list the models, or make them",
-        description="List the models of the library, or with --make pack those that ship with the package anew.",
+        "models",
+        help="list the models, or make them",
+        description=(
+            "List the models of the library, or with --make pack those that ship with the package anew."
+        ),
     )
     parser.add_argument("--models", metavar="DIR", help="folder of the models, instead of the model library")
-    parser.add_argument("--make", nargs="*", metavar="NAME", help="make these models (all when none is named)")
-    parser.add_argument("-n", "--spheres", type=int, metavar="N",
-                        help="number of spheres to make, in place of each model's own; the model is then NAME_N")
-    parser.add_argument("--meshes", metavar="DIR",
-                        help="folder with the mesh files of bunny and armadillo (bunny00.off, armadillo.off)")
-    parser.add_argument("-o", "--output", metavar="DIR", help="folder to write to (default: the user's own models)")
+    parser.add_argument(
+        "--make", nargs="*", metavar="NAME", help="make these models (all when none is named)"
+    )
+    parser.add_argument(
+        "-n",
+        "--spheres",
+        type=int,
+        metavar="N",
+        help="number of spheres to make, in place of each model's own; the model is then NAME_N",
+    )
+    parser.add_argument(
+        "--meshes",
+        metavar="DIR",
+        help="folder with the mesh files of bunny and armadillo (bunny00.off, armadillo.off)",
+    )
+    parser.add_argument(
+        "-o", "--output", metavar="DIR", help="folder to write to (default: the user's own models)"
+    )
     _add_threads(parser)
     parser.set_defaults(run=run_models)
 
@@ -52,21 +84,33 @@ def add_models_command(commands) -> None:
 def add_show_command(commands) -> None:
     """Add the parser of ``show`` to the command line's subparsers."""
     parser = commands.add_parser(
-        "show", help="draw a model",
+        "show",
+        help="draw a model",
         description="Draw the bounding box of a model's mesh and its spheres at several levels into a PNG.",
     )
     parser.add_argument("model", metavar="MODEL", help="a model's name, or the path of its file")
     parser.add_argument("-o", "--output", metavar="OUT.png", help="picture to write (default: MODEL.png)")
-    parser.add_argument("--levels", type=int, nargs="+", metavar="K",
-                        help="numbers of spheres to draw (default: powers of ten, and all)")
-    parser.add_argument("--up", choices="xyz", default="z", help="axis that points up in the picture (default z)")
+    parser.add_argument(
+        "--levels",
+        type=int,
+        nargs="+",
+        metavar="K",
+        help="numbers of spheres to draw (default: powers of ten, and all)",
+    )
+    parser.add_argument(
+        "--up", choices="xyz", default="z", help="axis that points up in the picture (default z)"
+    )
     parser.add_argument("--models", metavar="DIR", help="folder of the models, instead of the model library")
     parser.set_defaults(run=run_show)
 
 
 def _add_threads(parser):
-    parser.add_argument("--threads", type=int, metavar="T",
-                        help="threads to use (default: one per processor); the result is the same for any number")
+    parser.add_argument(
+        "--threads",
+        type=int,
+        metavar="T",
+        help="threads to use (default: one per processor); the result is the same for any number",
+    )
 
 
 def run_pack(arguments: argparse.Namespace) -> int:
@@ -91,8 +135,15 @@ def run_pack(arguments: argparse.Namespace) -> int:
     for repair in repairs:
         print(f"repair: {repair}")
     solid = replace(solid.scaled(arguments.scale), name=name)
-    _pack(solid, arguments.spheres, arguments.threads, output, mass=arguments.mass, source=arguments.source,
-          licence=arguments.licence)
+    _pack(
+        solid,
+        arguments.spheres,
+        arguments.threads,
+        output,
+        mass=arguments.mass,
+        source=arguments.source,
+        licence=arguments.licence,
+    )
     return 0
 
 
@@ -106,7 +157,9 @@ def run_models(arguments: argparse.Namespace) -> int:
 
     for option in ("spheres", "meshes", "output", "threads"):
         if getattr(arguments, option) is not None:
-            raise InvalidOptionError("goes with --make only", field=f"--{option}", value=getattr(arguments, option))
+            raise InvalidOptionError(
+                "goes with --make only", field=f"--{option}", value=getattr(arguments, option)
+            )
     models = list_models(arguments.models)
     if not models:
         print(f"no models in {', '.join(map(str, models_dirs(arguments.models))) or 'any folder'}")
@@ -130,8 +183,13 @@ def table(packings, names) -> str:
             mass = f"{packing.mass:.3g}"
         rows.append((name, size, mass, str(len(packing)), f"{100.0 * packing.fill:.1f}", gap))
     widths = [max(len(row[k]) for row in rows) for k in range(len(rows[0]))]
-    return "\n".join("  ".join(f"{cell:<{w}}" if k < 2 else f"{cell:>{w}}"
-                               for k, (cell, w) in enumerate(zip(row, widths, strict=True))) for row in rows)
+    return "\n".join(
+        "  ".join(
+            f"{cell:<{w}}" if k < 2 else f"{cell:>{w}}"
+            for k, (cell, w) in enumerate(zip(row, widths, strict=True))
+        )
+        for row in rows
+    )
 
 
 def run_show(arguments: argparse.Namespace) -> int:
@@ -141,7 +199,9 @@ def run_show(arguments: argparse.Namespace) -> int:
     from ..geometry.picture import draw_levels
 
     packing = load_model(arguments.model, arguments.models)
-    levels = arguments.levels or sorted({k for k in (10, 100, 1000, 10_000) if k < len(packing)} | {len(packing)})
+    levels = arguments.levels or sorted(
+        {k for k in (10, 100, 1000, 10_000) if k < len(packing)} | {len(packing)}
+    )
     parts = [packing.prefix(k) for k in levels]
     output = _output(arguments.output, Path(f"{Path(arguments.model).stem}.png"), ".png")
     draw_levels(output, parts, up=arguments.up)
@@ -161,10 +221,14 @@ def _make(arguments):
         _check_positive("-n", arguments.spheres)
     for name in names:
         if name not in RECIPES:
-            raise UnknownModelError(f"has no recipe; there are: {', '.join(RECIPES)}", field="--make", value=name)
+            raise UnknownModelError(
+                f"has no recipe; there are: {', '.join(RECIPES)}", field="--make", value=name
+            )
     for name in names:
         stem = name if arguments.spheres is None else f"{name}_{arguments.spheres}"
-        output = _output(arguments.output and Path(arguments.output) / f"{stem}.npz", cache_dir() / f"{stem}.npz", ".npz")
+        output = _output(
+            arguments.output and Path(arguments.output) / f"{stem}.npz", cache_dir() / f"{stem}.npz", ".npz"
+        )
         solid, about = recipe_solid(name, arguments.meshes)
         _pack(solid, arguments.spheres or RECIPES[name].spheres, arguments.threads, output, **about)
     return 0
@@ -177,17 +241,24 @@ def _pack(solid, count, threads, output, **about):
     from ..geometry.packing import pack_solid
     from ..geometry.packing_file import save_packing
 
-    with tqdm(total=count, unit="sphere", desc=solid.name, delay=PROGRESS_AFTER, disable=None, leave=False) as bar:
+    with tqdm(
+        total=count, unit="sphere", desc=solid.name, delay=PROGRESS_AFTER, disable=None, leave=False
+    ) as bar:
+
         def progress(placed, fill):
             bar.set_postfix_str(f"fill {100.0 * fill:.1f} %", refresh=False)
             bar.update(placed - bar.n)
 
-        packing = pack_solid(solid, count, threads=threads, progress=None if bar.disable else progress, **about)
+        packing = pack_solid(
+            solid, count, threads=threads, progress=None if bar.disable else progress, **about
+        )
     save_packing(output, packing)
     print(table([packing], [solid.name]))
     if len(packing) < count:
-        print(f"stopped at {len(packing)} of {count} spheres and a fill of {100.0 * packing.fill:.1f} %: no gap was "
-              "left for a ball of 1e-7 of the body's size")
+        print(
+            f"stopped at {len(packing)} of {count} spheres and a fill of {100.0 * packing.fill:.1f} %: no gap"
+            " was left for a ball of 1e-7 of the body's size"
+        )
     print(f"wrote {output}")
 
 
@@ -199,7 +270,9 @@ def _require(*modules):
 
     missing = [module for module in modules if find_spec(module) is None]
     if missing:
-        raise NotSupportedError(f"this command needs {' and '.join(missing)}: pip install {' '.join(missing)}")
+        raise NotSupportedError(
+            f"this command needs {' and '.join(missing)}: pip install {' '.join(missing)}"
+        )
 
 
 def _check_positive(option, value):

@@ -1,4 +1,6 @@
-"""Commands that other packages add to the command line, by entry points in the group ``unc_physics.commands``."""
+"""Commands that other packages add to the command line, by entry points in the group
+``unc_physics.commands``.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +13,8 @@ GROUP = "unc_physics.commands"
 def add_plugin_commands(commands) -> None:
     """Add the parsers of the installed packages' commands to the command line's subparsers.
 
-    An entry point names a function that is given the subparsers and adds one, with ``run`` among its defaults.
+    An entry point names a function that is given the subparsers and adds one, with ``run`` among its
+    defaults.
     """
     found = {point.name: point for point in entry_points(group=GROUP)}
     for point in found.values():
@@ -23,8 +26,10 @@ def add_plugin_commands(commands) -> None:
 def _add_missing_evaluate(commands):
     """The command ``evaluate`` where its package is not installed: it says how to install it."""
     parser = commands.add_parser(
-        "evaluate", help="measure speed and error of all propagators (a package of its own, not installed)",
-        add_help=False, prefix_chars="\0",  # takes options, too, as they come
+        "evaluate",
+        help="measure speed and error of all propagators (a package of its own, not installed)",
+        add_help=False,
+        prefix_chars="\0",  # takes options, too, as they come
     )
     parser.add_argument("arguments", nargs="*", help=argparse.SUPPRESS)
     parser.set_defaults(run=_say_how_to_install)

@@ -19,33 +19,60 @@ _UNKNOWN = 20  # probabilities that cannot be told are only counted if they are 
 def add_predict_command(commands) -> None:
     """Add the parser of ``predict`` to the command line's subparsers."""
     parser = commands.add_parser(
-        "predict", help="predict the bodies of a scene file",
-        description="Simulate a scene with uncertain bodies and report each body's predicted state and covariance.",
+        "predict",
+        help="predict the bodies of a scene file",
+        description=(
+            "Simulate a scene with uncertain bodies and report each body's predicted state and covariance."
+        ),
     )
     parser.add_argument("scene", metavar="SCENE.yaml", help="scene file")
     parser.add_argument(
-        "--propagator", default=DEFAULT, metavar="NAME",
+        "--propagator",
+        default=DEFAULT,
+        metavar="NAME",
         help=f"how uncertainty is propagated, by default {DEFAULT}: one of {', '.join(entries())}",
     )
-    parser.add_argument("--samples", type=int, metavar="N", help="number of samples, for a propagator that draws them")
+    parser.add_argument(
+        "--samples", type=int, metavar="N", help="number of samples, for a propagator that draws them"
+    )
     parser.add_argument("--seed", type=int, metavar="S", help="seed of the draws (default 0)")
     parser.add_argument(
-        "--option", action="append", default=[], type=_key_and_value, metavar="KEY=VALUE",
+        "--option",
+        action="append",
+        default=[],
+        type=_key_and_value,
+        metavar="KEY=VALUE",
         help="an option of the propagator, which the command 'propagators' tells; may be repeated",
     )
     parser.add_argument("--horizon", metavar="T", help="time to predict for [s], instead of the scene file's")
-    parser.add_argument("--period", metavar="T", help="also report the states every T seconds on the way there")
     parser.add_argument(
-        "--probabilities", action="store_true", help="also report how probable contacts are, and that bodies are at rest at the end")
+        "--period", metavar="T", help="also report the states every T seconds on the way there"
+    )
     parser.add_argument(
-        "--status-rollouts", type=int, metavar="N",
-        help="rollouts with which the spread is checked where it rests on a single nominal one (default 12; 0: it counts as unchecked after a contact)")
-    parser.add_argument("--picture", metavar="OUT.png", help="also draw the prediction, from the side and from above")
+        "--probabilities",
+        action="store_true",
+        help="also report how probable contacts are, and that bodies are at rest at the end",
+    )
+    parser.add_argument(
+        "--status-rollouts",
+        type=int,
+        metavar="N",
+        help=(
+            "rollouts with which the spread is checked where it rests on a single nominal one (default 12; 0:"
+            " it counts as unchecked after a contact)"
+        ),
+    )
+    parser.add_argument(
+        "--picture", metavar="OUT.png", help="also draw the prediction, from the side and from above"
+    )
     parser.add_argument("--models", metavar="DIR", help="folder of the models, instead of the model library")
     parser.add_argument("--json", action="store_true", help="print one JSON object instead of a table")
     parser.add_argument(
-        "--samples-out", type=int, metavar="N",
-        help="with --json, also N states of each body that are drawn from the prediction")
+        "--samples-out",
+        type=int,
+        metavar="N",
+        help="with --json, also N states of each body that are drawn from the prediction",
+    )
     parser.set_defaults(run=run)
 
 
@@ -70,9 +97,16 @@ def run(arguments) -> int:
         integer(arguments.samples_out, "--samples-out", low=1)
         if not arguments.json:
             raise InvalidOptionError(
-                "needs --json, which shows the samples", field="--samples-out", value=arguments.samples_out)
-    rollouts = ROLLOUTS if arguments.status_rollouts is None else integer(arguments.status_rollouts, "--status-rollouts", low=0)
-    propagator = propagator_from_texts(arguments.propagator, dict(arguments.option), arguments.samples, arguments.seed)
+                "needs --json, which shows the samples", field="--samples-out", value=arguments.samples_out
+            )
+    rollouts = (
+        ROLLOUTS
+        if arguments.status_rollouts is None
+        else integer(arguments.status_rollouts, "--status-rollouts", low=0)
+    )
+    propagator = propagator_from_texts(
+        arguments.propagator, dict(arguments.option), arguments.samples, arguments.seed
+    )
     scene, belief, horizon = load_scene(arguments.scene, arguments.models)
     horizon = horizon if arguments.horizon is None else arguments.horizon
     prediction = _predict_with_progress(scene, belief, propagator, horizon, arguments.period)
@@ -80,7 +114,11 @@ def run(arguments) -> int:
     answers = _answers(scene, prediction, belief) if arguments.probabilities else None
     statuses = assess(scene, belief, prediction, rollouts)
     if arguments.json:
-        found = {} if answers is None else {key: [asdict(answer) for answer in own] for key, own in answers.items()}
+        found = (
+            {}
+            if answers is None
+            else {key: [asdict(answer) for answer in own] for key, own in answers.items()}
+        )
         result = as_dict(scene, prediction, seed, _samples(prediction, arguments.samples_out))
         print(json.dumps(result | {"statuses": _statuses(statuses)} | found, allow_nan=False))
     else:
@@ -91,7 +129,9 @@ def run(arguments) -> int:
     if arguments.picture is not None:
         from .scene_picture import draw_prediction
 
-        draw_prediction(arguments.picture, scene, belief, prediction, Path(arguments.scene).stem.replace("_", " "))
+        draw_prediction(
+            arguments.picture, scene, belief, prediction, Path(arguments.scene).stem.replace("_", " ")
+        )
     return 0
 
 
@@ -109,8 +149,12 @@ def _statuses(statuses):
     """Statuses as plain Python values; a measure without bounds is None."""
     return [
         {
-            "name": status.body, "flags": [flag.name for flag in status.flags], "message": status.message,
-            "measures": {key: value if math.isfinite(value) else None for key, value in status.measures.items()},
+            "name": status.body,
+            "flags": [flag.name for flag in status.flags],
+            "message": status.message,
+            "measures": {
+                key: value if math.isfinite(value) else None for key, value in status.measures.items()
+            },
         }
         for status in statuses
     ]
@@ -118,7 +162,11 @@ def _statuses(statuses):
 
 def statuses_as_text(statuses) -> str:
     """What speaks against the prediction, a body a line."""
-    lines = [f"{status.body}: {' '.join(flag.name for flag in status.flags)}: {status.message}" for status in statuses if status.flags]
+    lines = [
+        f"{status.body}: {' '.join(flag.name for flag in status.flags)}: {status.message}"
+        for status in statuses
+        if status.flags
+    ]
     return "\n".join(lines) if lines else "status: fine"
 
 
@@ -133,7 +181,8 @@ def _answers(scene, prediction, initial):
 
 
 def answers_as_table(answers) -> str:
-    """Probabilities as text, one a line; '-' where the propagator cannot tell one, which a last line explains.
+    """Probabilities as text, one a line; '-' where the propagator cannot tell one, which a last line
+    explains.
 
     Many that it cannot tell are only counted.
     """
@@ -142,7 +191,10 @@ def answers_as_table(answers) -> str:
         what = f"{answer.object_a} and {answer.object_b} touch"
         when = ""
         if answer.first_contact_time_available:
-            when = f"  first after {answer.first_contact_time_mean:.3f} s, std {answer.first_contact_time_std:.3f} s"
+            when = (
+                f"  first after {answer.first_contact_time_mean:.3f} s, std"
+                f" {answer.first_contact_time_std:.3f} s"
+            )
         lines.append((what, answer, when))
     lines += [(f"{answer.object} is at rest", answer, "") for answer in answers["rest_probabilities"]]
     unknown = sum(not answer.available for _, answer, _ in lines)
@@ -150,7 +202,9 @@ def answers_as_table(answers) -> str:
         lines = [line for line in lines if line[1].available]
     width = max((len(what) for what, *_ in lines), default=0)
     rows = [
-        f"{what:<{width}}  {f'{answer.probability:5.3f}' if answer.available else '    -'}{when}" for what, answer, when in lines]
+        f"{what:<{width}}  {f'{answer.probability:5.3f}' if answer.available else '    -'}{when}"
+        for what, answer, when in lines
+    ]
     if unknown:
         which = f"{unknown} more are" if unknown > _UNKNOWN else "-:"
         rows.append(f"{which} not known to a tenth; {_sampled()} with enough samples tells")
@@ -185,14 +239,17 @@ def _predict_with_progress(scene, belief, propagator, horizon, period):
     from ..prediction.predict import periodic_times, predict
 
     with tqdm(
-        total=None, unit="step", delay=PROGRESS_AFTER, leave=False, disable=None, desc=propagator.name,
+        total=None, unit="step", delay=PROGRESS_AFTER, leave=False, disable=None, desc=propagator.name
     ) as bar:
+
         def show(done, steps):
             bar.total = steps
             bar.update(done - bar.n)
 
         times = None if period is None else periodic_times(period, horizon)
-        return predict(scene, belief, propagator, horizon, times=times, progress=None if bar.disable else show)
+        return predict(
+            scene, belief, propagator, horizon, times=times, progress=None if bar.disable else show
+        )
 
 
 def as_dict(scene, prediction, seed=None, samples=None) -> dict:
@@ -231,14 +288,16 @@ def _bodies(scene, belief):
     bodies = []
     for k, body in enumerate(scene.bodies):
         state, P = belief.mean[k], belief.marginal(k)
-        bodies.append({
-            "name": body.name,
-            "position": state[POSITION].tolist(),
-            "orientation": state[QUATERNION].tolist(),
-            "linear_velocity": state[VELOCITY].tolist(),
-            "angular_velocity": state[ANGULAR_VELOCITY].tolist(),
-            "covariance": None if body.fixed else P.tolist(),
-        })
+        bodies.append(
+            {
+                "name": body.name,
+                "position": state[POSITION].tolist(),
+                "orientation": state[QUATERNION].tolist(),
+                "linear_velocity": state[VELOCITY].tolist(),
+                "angular_velocity": state[ANGULAR_VELOCITY].tolist(),
+                "covariance": None if body.fixed else P.tolist(),
+            }
+        )
     return bodies
 
 
@@ -253,11 +312,15 @@ def as_table(scene, prediction) -> str:
     lines = [f"{prediction.propagator.name}; {physics_as_text(prediction.scene)}"]
     for time, belief in zip(prediction.times, prediction.beliefs, strict=True):
         lines.append(f"t = {time:g} s  ({prediction.propagator.name}, {_duration(prediction.wall_time)})")
-        lines.append(f"{'body':<{width}}  {'position [m]':^26}  {'orientation (x, y, z, w)':^31}  "
-                     f"{'std of position [m]':^26}  std of rotation [deg]")
+        lines.append(
+            f"{'body':<{width}}  {'position [m]':^26}  {'orientation (x, y, z, w)':^31}  "
+            f"{'std of position [m]':^26}  std of rotation [deg]"
+        )
         for k, body in enumerate(scene.bodies):
             state, P = belief.mean[k], belief.marginal(k)
-            row = f"{body.name:<{width}}  {_row(state[POSITION], '8.4f')}  {_row(state[QUATERNION], '7.4f')}  "
+            row = (
+                f"{body.name:<{width}}  {_row(state[POSITION], '8.4f')}  {_row(state[QUATERNION], '7.4f')}  "
+            )
             if body.fixed:
                 row += "fixed"
             else:

@@ -6,7 +6,8 @@ from __future__ import annotations
 def add_propagators_command(commands) -> None:
     """Add the parser of ``propagators`` to the command line's subparsers."""
     parser = commands.add_parser(
-        "propagators", help="list the propagators and their options",
+        "propagators",
+        help="list the propagators and their options",
         description="List the propagators, those of other packages included: what each is, and its options.",
     )
     parser.set_defaults(run=run)

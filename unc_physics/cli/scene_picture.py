@@ -1,4 +1,6 @@
-"""Pictures of a prediction: bodies before and after, from the side and from above, with ellipses of their positions."""
+"""Pictures of a prediction: bodies before and after, from the side and from above, with ellipses of their
+positions.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +16,10 @@ _LIGHT = np.array([-0.40, 0.65, 0.65])  # right, up, towards the eye
 _SPHERES = 2000  # of each body, the largest
 _PIXELS = 900  # along the longer side
 _MARGIN = 0.06  # of the longer side
-_SIDE, _ABOVE = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]]), np.eye(3)  # right, up and towards the eye, as rows
+_SIDE, _ABOVE = (
+    np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]]),
+    np.eye(3),
+)  # right, up and towards the eye, as rows
 _FAR = 1e4  # times an element's size: from there its nearest point is its outermost one in that direction
 _OUTLINE = 180  # directions in which an outline's points are the outermost
 _SOLID = {"facecolor": "0.90", "edgecolor": "0.55", "linewidth": 0.8}
@@ -43,7 +48,9 @@ def draw_prediction(path, scene, initial, prediction, title="") -> None:
     height = 1.3 + min(9.0, 9.2 * (tall + deep) / wide)
     figure = Figure(figsize=(10.0, height))
     FigureCanvasAgg(figure)
-    grid = figure.add_gridspec(2, 1, height_ratios=[tall, deep], hspace=0.12, top=1.0 - 0.6 / height, bottom=0.6 / height)
+    grid = figure.add_gridspec(
+        2, 1, height_ratios=[tall, deep], hspace=0.12, top=1.0 - 0.6 / height, bottom=0.6 / height
+    )
     for row, (view, label) in enumerate(((_SIDE, "z [m]"), (_ABOVE, "y [m]"))):
         axes = figure.add_subplot(grid[row])
         _draw_view(axes, scene, beliefs, view, low, high)
@@ -53,12 +60,16 @@ def draw_prediction(path, scene, initial, prediction, title="") -> None:
         f"From the side and from above. Pale: now; solid: predicted for {prediction.time:g} s "
         f"({prediction.propagator.name.replace('_', ' ')}); ellipses: {SIGMAS:g} sigma of the position."
     )
-    figure.suptitle(f"{title}\n{subtitle}" if title else subtitle, fontsize=10, y=1.0 - 0.1 / height, va="top")
+    figure.suptitle(
+        f"{title}\n{subtitle}" if title else subtitle, fontsize=10, y=1.0 - 0.1 / height, va="top"
+    )
     figure.savefig(path, dpi=110, bbox_inches="tight")
 
 
 def _bounds(scene, beliefs):
-    """Lowest and highest point of what the picture shows: bodies, before and after, and the elements near them."""
+    """Lowest and highest point of what the picture shows: bodies, before and after, and the elements near
+    them.
+    """
     radius = np.array([body.model.bounding_radius for body in scene.bodies])[:, None]
     places = np.concatenate([belief.mean[:, POSITION] for belief in beliefs])
     reach = np.tile(radius, (len(beliefs), 1))
@@ -96,8 +107,16 @@ def _draw_view(axes, scene, beliefs, view, low, high):
             axes.plot(*path.T, color=0.5 * color, linewidth=0.8, zorder=4, path_effects=halo)
             for belief, width in ((beliefs[0], 0.9), (beliefs[-1], 1.8)):
                 P = view[:2] @ belief.marginal(k)[ERR_POSITION, ERR_POSITION] @ view[:2].T
-                axes.add_patch(ellipse(
-                    view[:2] @ belief.mean[k, POSITION], P, edgecolor=0.5 * color, linewidth=width, zorder=5, path_effects=halo))
+                axes.add_patch(
+                    ellipse(
+                        view[:2] @ belief.mean[k, POSITION],
+                        P,
+                        edgecolor=0.5 * color,
+                        linewidth=width,
+                        zorder=5,
+                        path_effects=halo,
+                    )
+                )
     axes.set_xlim(left, right)
     axes.set_ylim(bottom, top)
     axes.set_aspect("equal")
@@ -106,7 +125,9 @@ def _draw_view(axes, scene, beliefs, view, low, high):
 
 
 def _draw_environment(axes, environment, view, window):
-    """Solids as their outlines, far ones first; half-spaces that are seen from their edge as their solid side."""
+    """Solids as their outlines, far ones first; half-spaces that are seen from their edge as their solid
+    side.
+    """
     from matplotlib.patches import Polygon
 
     left, right, bottom, top = window

@@ -1,10 +1,11 @@
 """Climb to the local maxima of the free distance: the largest sphere that fits around there.
 
-The free distance at a point, ``f(x) = min(distance to the mesh, distance to the nearest placed sphere)``, is the
-radius of the largest ball about it that touches nothing. It is climbed by a bundle method: each evaluation yields
-the feature that is nearest there (a sphere, or a plane through the mesh's nearest point), and each step goes to the
-maximum of the smallest of the features known so far, within a trust region. A step is shorter than f, so that a
-path that starts inside the mesh cannot leave it. Four features determine a point, and there the steps are Newton's.
+The free distance at a point, ``f(x) = min(distance to the mesh, distance to the nearest placed sphere)``, is
+the radius of the largest ball about it that touches nothing. It is climbed by a bundle method: each
+evaluation yields the feature that is nearest there (a sphere, or a plane through the mesh's nearest point),
+and each step goes to the maximum of the smallest of the features known so far, within a trust region. A step
+is shorter than f, so that a path that starts inside the mesh cannot leave it. Four features determine a
+point, and there the steps are Newton's.
 """
 
 from __future__ import annotations
@@ -44,8 +45,12 @@ class Bundle(NamedTuple):
 
 @kernel
 def new_bundle():
-    return Bundle(np.empty((MAX_FEATURES + 1, 7)), np.empty(MAX_FEATURES + 1), np.empty((MAX_FEATURES + 1, 3)),
-                  np.empty((2, 4), np.int64))
+    return Bundle(
+        np.empty((MAX_FEATURES + 1, 7)),
+        np.empty(MAX_FEATURES + 1),
+        np.empty((MAX_FEATURES + 1, 3)),
+        np.empty((2, 4), np.int64),
+    )
 
 
 @kernel
@@ -174,7 +179,8 @@ def value_after(bundle, i, step):
 def best_step(bundle, count, delta, step):
     """Maximize the smallest of the linearizations over steps of length up to delta; returns that value.
 
-    A working set of at most four features is exchanged, one violated feature at a time, until none is violated.
+    A working set of at most four features is exchanged, one violated feature at a time, until none is
+    violated.
     """
     working, trial = bundle.subsets[0], bundle.subsets[1]
     trial_step = np.empty(3)
@@ -232,7 +238,8 @@ def best_step(bundle, count, delta, step):
 def updated_bundle(bundle, count, feature, f, x, y, z):
     """Linearize at a new point, drop what bounds f no more, add a feature; returns the number of features.
 
-    A plane may cut below f where the mesh bends towards the point. The plane's foot on the mesh, as a sphere of no
+    A plane may cut below f where the mesh bends towards the point. The plane's foot on the mesh, as a sphere
+    of no
     size, never does: a new feature that fails as a plane comes in as a point.
     """
     least = f * (1.0 - 1e-9)
@@ -254,10 +261,12 @@ def updated_bundle(bundle, count, feature, f, x, y, z):
         bundle.features[kept, 3] = 0.0
         linearize(bundle, kept, x, y, z)
     for i in range(kept):  # one known before only crowds the bundle
-        if (abs(bundle.values[i] - bundle.values[kept]) < 1e-9 * f
-                and abs(bundle.gradients[i, 0] - bundle.gradients[kept, 0]) < 1e-6
-                and abs(bundle.gradients[i, 1] - bundle.gradients[kept, 1]) < 1e-6
-                and abs(bundle.gradients[i, 2] - bundle.gradients[kept, 2]) < 1e-6):
+        if (
+            abs(bundle.values[i] - bundle.values[kept]) < 1e-9 * f
+            and abs(bundle.gradients[i, 0] - bundle.gradients[kept, 0]) < 1e-6
+            and abs(bundle.gradients[i, 1] - bundle.gradients[kept, 1]) < 1e-6
+            and abs(bundle.gradients[i, 2] - bundle.gradients[kept, 2]) < 1e-6
+        ):
             return kept
     return kept + 1
 
@@ -311,7 +320,8 @@ def climb_all(space, points):
 
 @kernel
 def touching_ball(space, point, inward, radius, feature):
-    """Radius of the largest free ball, up to a radius, that touches the mesh from inside at a point of its surface.
+    """Radius of the largest free ball, up to a radius, that touches the mesh from inside at a point of its
+    surface.
 
     Shrinks the ball to touch whatever is nearest to its centre, until nothing is within it; 0 if it vanishes.
     """
@@ -353,7 +363,9 @@ def starts_at_surface(space, points, inward, radius):
 
 @kernel
 def starts_around(space, placed, directions):
-    """Points around placed spheres (their indices), half-way across the gap to whatever else is nearest there."""
+    """Points around placed spheres (their indices), half-way across the gap to whatever else is nearest
+    there.
+    """
     centers = np.empty((len(placed) * len(directions), 3))
     count = 0
     for index in placed:

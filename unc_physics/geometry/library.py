@@ -21,8 +21,8 @@ def cache_dir() -> Path:
 def models_dirs(models_dir=None) -> list[Path]:
     """The folders that are searched for models, first come first served.
 
-    ``models_dir``, or else the environment variable ``UNC_PHYSICS_MODELS``, stands alone. Otherwise: the source
-    checkout's ``models``, the share folders of the Python installation and of each ROS prefix
+    ``models_dir``, or else the environment variable ``UNC_PHYSICS_MODELS``, stands alone. Otherwise: the
+    source checkout's ``models``, the share folders of the Python installation and of each ROS prefix
     (``AMENT_PREFIX_PATH``), the user's cache.
     """
     chosen = models_dir or os.environ.get("UNC_PHYSICS_MODELS")
@@ -65,11 +65,15 @@ def find_model(name_or_path, models_dir=None) -> Path:
     if text not in models:
         folders = ", ".join(str(folder) for folder in models_dirs(models_dir)) or "no folder"
         known = ", ".join(models) or "none"
-        raise UnknownModelError(f"is unknown; the models in {folders} are: {known}", field="model", value=text)
+        raise UnknownModelError(
+            f"is unknown; the models in {folders} are: {known}", field="model", value=text
+        )
     return models[text]
 
 
-def load_model(name_or_path: str | os.PathLike[str], models_dir: str | os.PathLike[str] | None = None) -> SpherePacking:
+def load_model(
+    name_or_path: str | os.PathLike[str], models_dir: str | os.PathLike[str] | None = None
+) -> SpherePacking:
     """Load a model by its name in the library or by the path of its file.
 
     Raises

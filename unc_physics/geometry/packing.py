@@ -1,10 +1,12 @@
-"""Greedy sphere packing of a solid, largest sphere first (in the spirit of ProtoSphere, Weller and Zachmann 2010).
+"""Greedy sphere packing of a solid, largest sphere first (in the spirit of ProtoSphere, Weller and Zachmann
+2010).
 
-The centre of the largest free ball is a local maximum of the free distance. Candidates for it are found by climbing
-(see ``ascent``) from points of the surface and from the gaps around placed spheres. They are placed in levels of
-shrinking radius, so that a grid as fine as the level's radius answers which sphere is nearest; within a level in
-batches of about equal radius, between which new candidates are climbed to in parallel. A candidate whose ball is no
-longer free is climbed from again. Radii are the free distance itself, so overlap and protrusion are round-off.
+The centre of the largest free ball is a local maximum of the free distance. Candidates for it are found by
+climbing (see ``ascent``) from points of the surface and from the gaps around placed spheres. They are placed
+in levels of shrinking radius, so that a grid as fine as the level's radius answers which sphere is nearest;
+within a level in batches of about equal radius, between which new candidates are climbed to in parallel. A
+candidate whose ball is no longer free is climbed from again. Radii are the free distance itself, so overlap
+and protrusion are round-off.
 """
 
 from __future__ import annotations
@@ -39,8 +41,15 @@ SMALLEST = 1e-7  # of the body's size: gaps below are given up
 TIE = 0.995  # spheres are in order of radius up to this ratio
 
 
-def pack_solid(solid: SolidMesh, count: int, *, mass: float | None = None, threads: int | None = None,
-               progress: Callable[[int, float], None] | None = None, **about: Any) -> SpherePacking:
+def pack_solid(
+    solid: SolidMesh,
+    count: int,
+    *,
+    mass: float | None = None,
+    threads: int | None = None,
+    progress: Callable[[int, float], None] | None = None,
+    **about: Any,
+) -> SpherePacking:
     """Pack a solid with disjoint spheres, the largest first.
 
     Parameters
@@ -76,9 +85,19 @@ def pack_solid(solid: SolidMesh, count: int, *, mass: float | None = None, threa
         spheres = packer.run(progress, solid.volume / unit**3) * unit
     centers, radii = spheres[:, :3], spheres[:, 3]
     return SpherePacking(
-        name=solid.name, centers=centers, radii=radii, inertia=solid.inertia, volume=solid.volume,
-        origin=solid.origin, bounding_radius=solid.bounding_radius, mesh_sha256=solid.sha256, mass=mass,
-        bounds=solid.bounds, surface_gap=surface_gap(solid.corners, spheres) if len(spheres) else None, **about)
+        name=solid.name,
+        centers=centers,
+        radii=radii,
+        inertia=solid.inertia,
+        volume=solid.volume,
+        origin=solid.origin,
+        bounding_radius=solid.bounding_radius,
+        mesh_sha256=solid.sha256,
+        mass=mass,
+        bounds=solid.bounds,
+        surface_gap=surface_gap(solid.corners, spheres) if len(spheres) else None,
+        **about,
+    )
 
 
 class GreedyPacker:
@@ -129,7 +148,10 @@ class GreedyPacker:
                 small.append(found[~large])
                 candidates = np.concatenate([candidates, found[large]])
                 if progress:
-                    progress(self.placed, float(4.0 / 3.0 * np.pi * np.sum(spheres[: self.placed, 3] ** 3)) / volume)
+                    progress(
+                        self.placed,
+                        float(4.0 / 3.0 * np.pi * np.sum(spheres[: self.placed, 3] ** 3)) / volume,
+                    )
             if self.placed == len(spheres):
                 break
             candidates = np.concatenate(small)
@@ -144,7 +166,9 @@ class GreedyPacker:
         return int(max(MIN_STARTS, min(wanted, MAX_STARTS, STARTS_PER_SPHERE * len(self.space.spheres))))
 
     def place_batch(self, candidates):
-        """Place the largest candidates; returns the new ones that are found thereby, and the rest of the old ones."""
+        """Place the largest candidates; returns the new ones that are found thereby, and the rest of the old
+        ones.
+        """
         batch = candidates[:, 3] >= BATCH * candidates[:, 3].max()
         rest, batch = candidates[~batch], candidates[batch]
         batch = batch[np.argsort(-batch[:, 3], kind="stable")]
@@ -165,7 +189,9 @@ class GreedyPacker:
         width = radius
         while np.prod(np.ceil((self.upper - self.lower) / width)) > MAX_CELLS:
             width *= 1.05
-        self.space = self.space._replace(grid=None)  # makes room: two large grids at once would double the memory
+        self.space = self.space._replace(
+            grid=None
+        )  # makes room: two large grids at once would double the memory
         grid = empty_grid(self.lower, self.upper, width, radius, max(1000, 100 * self.placed))
         inserted = 0
         while True:
@@ -179,7 +205,9 @@ class GreedyPacker:
         """Centres of touching balls at random points of the surface, evenly by area."""
         choice, v, w = np.random.default_rng(seed).random((3, count))
         last = len(self.cumulative_area) - 1
-        index = np.searchsorted(self.cumulative_area, choice * self.cumulative_area[-1], side="right").clip(0, last)
+        index = np.searchsorted(self.cumulative_area, choice * self.cumulative_area[-1], side="right").clip(
+            0, last
+        )
         outside = v + w > 1.0
         v, w = np.where(outside, 1.0 - v, v)[:, None], np.where(outside, 1.0 - w, w)[:, None]
         a, b, c = self.corners[index].transpose(1, 0, 2)
@@ -196,8 +224,10 @@ class GreedyPacker:
         count = len(arrays[0])
         pieces = min(count, 8 * self.threads) if self.threads > 1 else 1
         cuts = np.linspace(0, count, max(pieces, 1) + 1).astype(int)
-        jobs = [self.pool.submit(kernel, self.space, *(array[i:j] for array in arrays), *common)
-                for i, j in pairwise(cuts)]
+        jobs = [
+            self.pool.submit(kernel, self.space, *(array[i:j] for array in arrays), *common)
+            for i, j in pairwise(cuts)
+        ]
         return np.concatenate([job.result() for job in jobs])
 
 
@@ -211,11 +241,12 @@ def even_directions(count):
 
 
 def nested_order(spheres, lower, size):
-    """Spheres by radius, the largest first; those of about equal radius so that any first part spreads evenly.
+    """Spheres by radius, the largest first; those of about equal radius so that any first part spreads
+    evenly.
 
-    A wall takes thousands of spheres of its own half thickness. In order of place, the first hundred would stand in
-    one corner. So ties are taken along a space-filling curve in bit-reversed order: first every 1024th, then those
-    half-way between, and so on.
+    A wall takes thousands of spheres of its own half thickness. In order of place, the first hundred would
+    stand in one corner. So ties are taken along a space-filling curve in bit-reversed order: first every
+    1024th, then those half-way between, and so on.
     """
     spheres = spheres[np.argsort(-spheres[:, 3], kind="stable")]
     tie = np.floor(np.log(spheres[:, 3]) / np.log(TIE))

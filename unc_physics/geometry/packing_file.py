@@ -1,4 +1,6 @@
-"""Sphere packings and the ``.npz`` files that hold them (numpy only: no mesh library is needed to read one)."""
+"""Sphere packings and the ``.npz`` files that hold them (numpy only: no mesh library is needed
+to read one).
+"""
 
 from __future__ import annotations
 
@@ -88,8 +90,11 @@ class SpherePacking:
             raise InvalidModelError("must not be negative", field="surface_gap", value=self.surface_gap)
         reach = spheres_reach(self.centers, self.radii)
         if reach > self.bounding_radius * (1.0 + ROUND_OFF):
-            raise InvalidModelError(f"is less than the spheres' reach from the centre of mass, {reach}",
-                                    field="bounding_radius", value=self.bounding_radius)
+            raise InvalidModelError(
+                f"is less than the spheres' reach from the centre of mass, {reach}",
+                field="bounding_radius",
+                value=self.bounding_radius,
+            )
 
     def _set(self, field, value):
         object.__setattr__(self, field, value)
@@ -107,7 +112,9 @@ class SpherePacking:
 
     @property
     def fill(self) -> float:
-        """The part of the solid's volume that the spheres fill (more than 1 where foreign spheres overlap)."""
+        """The part of the solid's volume that the spheres fill (more than 1 where foreign
+        spheres overlap).
+        """
         return self.sphere_volume / self.volume
 
     def prefix(self, k: int) -> SpherePacking:
@@ -121,8 +128,9 @@ class SpherePacking:
         if isinstance(k, bool) or not isinstance(k, (int, np.integer)) or k < 1:
             raise InvalidModelError("must be a positive integer", field="spheres", value=k)
         if k > len(self):
-            raise InvalidModelError(f"is more than the {len(self)} spheres of model '{self.name}'",
-                                    field="spheres", value=k)
+            raise InvalidModelError(
+                f"is more than the {len(self)} spheres of model '{self.name}'", field="spheres", value=k
+            )
         if k == len(self):
             return self
         return replace(self, centers=self.centers[:k], radii=self.radii[:k], surface_gap=None)
@@ -160,7 +168,16 @@ _ARRAYS = {"centers": (None, 3), "radii": (None,), "inertia": (3, 3), "origin": 
 _SCALARS = ("volume", "bounding_radius", "mass", "surface_gap")
 # what numpy and zipfile raise, between them, on files that are no archives of plain arrays
 _UNREADABLE = (
-    OSError, ValueError, EOFError, KeyError, TypeError, RuntimeError, MemoryError, zipfile.BadZipFile, zlib.error, lzma.LZMAError,
+    OSError,
+    ValueError,
+    EOFError,
+    KeyError,
+    TypeError,
+    RuntimeError,
+    MemoryError,
+    zipfile.BadZipFile,
+    zlib.error,
+    lzma.LZMAError,
 )
 _TEXTS = ("name", "mesh_sha256", "source", "licence")
 
@@ -169,8 +186,8 @@ def load_packing(path: str | os.PathLike[str]) -> SpherePacking:
     """Read and check a model file.
 
     A file without ``inertia`` gets it from its solid spheres (overlaps count twice) and is recentred at their
-    centroid; one without ``volume`` gets the sum of its spheres' volumes, one without ``origin`` the origin of
-    the file's coordinates, one without ``bounding_radius`` the farthest point of its spheres.
+    centroid; one without ``volume`` gets the sum of its spheres' volumes, one without ``origin`` the origin
+    of the file's coordinates, one without ``bounding_radius`` the farthest point of its spheres.
 
     Parameters
     ----------
@@ -191,7 +208,11 @@ def load_packing(path: str | os.PathLike[str]) -> SpherePacking:
             known = {field.name for field in fields(SpherePacking)}
             values: dict[str, Any] = {key: file[key] for key in file.files if key in known}
     except _UNREADABLE as error:
-        reason = error.strerror if isinstance(error, OSError) and error.strerror else "it is no .npz archive of plain arrays"
+        reason = (
+            error.strerror
+            if isinstance(error, OSError) and error.strerror
+            else "it is no .npz archive of plain arrays"
+        )
         raise InvalidModelError(f"cannot be read: {reason}", field=f"model file {path}") from error
     for field in ("centers", "radii"):
         if field not in values:
@@ -203,7 +224,9 @@ def load_packing(path: str | os.PathLike[str]) -> SpherePacking:
     try:
         return SpherePacking(**_completed(values))
     except InvalidModelError as error:
-        raise InvalidModelError(error.problem, field=f"model file {path}: {error.field}", value=error.value) from error
+        raise InvalidModelError(
+            error.problem, field=f"model file {path}: {error.field}", value=error.value
+        ) from error
 
 
 def _completed(values):
@@ -298,19 +321,24 @@ def check_inertia(inertia):
         raise InvalidModelError("is not symmetric", field="inertia", value=inertia.tolist())
     moments = np.linalg.eigvalsh(inertia)
     if not moments[0] > 0.0:
-        raise InvalidModelError("has a principal moment that is not positive", field="inertia",
-                                value=moments.tolist())
+        raise InvalidModelError(
+            "has a principal moment that is not positive", field="inertia", value=moments.tolist()
+        )
     if moments[2] > (moments[0] + moments[1]) * (1.0 + ROUND_OFF):
-        raise InvalidModelError("belongs to no solid, as one principal moment is more than the sum of the others",
-                                field="inertia", value=moments.tolist())
+        raise InvalidModelError(
+            "belongs to no solid, as one principal moment is more than the sum of the others",
+            field="inertia",
+            value=moments.tolist(),
+        )
 
 
 def _check_spheres(centers, radii):
     if len(radii) == 0:
         raise InvalidModelError("is empty: a packing needs at least one sphere", field="radii")
     if len(centers) != len(radii):
-        raise InvalidModelError(f"must have as many rows as radii has entries, {len(radii)}",
-                                field="centers", value=centers.shape)
+        raise InvalidModelError(
+            f"must have as many rows as radii has entries, {len(radii)}", field="centers", value=centers.shape
+        )
     worst = int(np.argmin(radii))
     if not radii[worst] > 0.0:
         raise InvalidModelError("must be positive", field=f"radii[{worst}]", value=float(radii[worst]))
@@ -321,8 +349,15 @@ def _array(field, value, shape):
     raw = np.asarray(value)
     if raw.dtype.kind not in "fiu":
         raise InvalidModelError("must hold real numbers", field=field, value=value)
-    if raw.ndim != len(shape) or any(want not in (None, got) for want, got in zip(shape, raw.shape, strict=True)):
-        wanted = "(" + ", ".join("n" if n is None else str(n) for n in shape) + ("," if len(shape) == 1 else "") + ")"
+    if raw.ndim != len(shape) or any(
+        want not in (None, got) for want, got in zip(shape, raw.shape, strict=True)
+    ):
+        wanted = (
+            "("
+            + ", ".join("n" if n is None else str(n) for n in shape)
+            + ("," if len(shape) == 1 else "")
+            + ")"
+        )
         raise InvalidModelError(f"must have shape {wanted}", field=field, value=raw.shape)
     array = np.array(raw, dtype=np.float64, order="C")
     bad = np.argwhere(~np.isfinite(array))

@@ -41,7 +41,9 @@ def draw_levels(path, packings, up="z") -> None:
         for edge in box_edges(box - middle):
             axes.plot(*(1e3 * edge[:, :2].T), color="0.55", linewidth=0.7)
         count = f"{len(packing):,}".replace(",", "\u202f")
-        axes.set_title(f"{count} sphere{'s' * (len(packing) > 1)}, {100.0 * packing.fill:.1f} % filled", fontsize=10)
+        axes.set_title(
+            f"{count} sphere{'s' * (len(packing) > 1)}, {100.0 * packing.fill:.1f} % filled", fontsize=10
+        )
         axes.set_aspect("equal")
         axes.tick_params(labelsize=7)
         axes.set_xlabel("mm", fontsize=8)

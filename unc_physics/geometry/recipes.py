@@ -10,10 +10,14 @@ from ..checks.errors import InvalidMeshError, UnknownModelError
 from . import shapes
 from .solid_mesh import SolidMesh, load_solid, make_solid
 
-STANFORD = ("Stanford 3D Scanning Repository, Stanford Computer Graphics Laboratory; mesh {} of the data of CGAL's "
-            "demos (Debian package libcgal-demo)")
-STANFORD_TERMS = ("terms of the Stanford 3D Scanning Repository: free for research and for redistribution with credit "
-                  "to the Stanford Computer Graphics Laboratory; no commercial use without its permission")
+STANFORD = (
+    "Stanford 3D Scanning Repository, Stanford Computer Graphics Laboratory; mesh {} of the data of CGAL's "
+    "demos (Debian package libcgal-demo)"
+)
+STANFORD_TERMS = (
+    "terms of the Stanford 3D Scanning Repository: free for research and for redistribution with credit "
+    "to the Stanford Computer Graphics Laboratory; no commercial use without its permission"
+)
 OWN = "parametric mesh, unc_physics/geometry/shapes.py"
 OWN_TERMS = "Apache-2.0"
 STONEWARE, CLAY, POLYPROPYLENE, ABS = 2300.0, 1800.0, 900.0, 1050.0  # kg/m^3
@@ -63,14 +67,18 @@ def recipe_solid(name, meshes=None) -> tuple[SolidMesh, dict]:
         If the model needs a mesh file and ``meshes`` does not hold it.
     """
     if name not in RECIPES:
-        raise UnknownModelError(f"has no recipe; there are recipes for: {', '.join(RECIPES)}", field="model", value=name)
+        raise UnknownModelError(
+            f"has no recipe; there are recipes for: {', '.join(RECIPES)}", field="model", value=name
+        )
     recipe = RECIPES[name]
     if callable(recipe.mesh):
         solid = make_solid(name, *recipe.mesh())
         source, licence = OWN, OWN_TERMS
     else:
         if meshes is None:
-            raise InvalidMeshError(f"needs the file {recipe.mesh}; name its folder with --meshes", field=f"model {name}")
+            raise InvalidMeshError(
+                f"needs the file {recipe.mesh}; name its folder with --meshes", field=f"model {name}"
+            )
         solid = replace(load_solid(Path(meshes) / recipe.mesh)[0].scaled(recipe.scale), name=name)
         source, licence = STANFORD.format(recipe.mesh), STANFORD_TERMS
     mass = recipe.mass if recipe.mass is not None else recipe.density * solid.volume

@@ -11,16 +11,20 @@ INCH = 0.0254
 
 
 def pin():
-    """A tenpin: 15 in high, 4.77 in at the belly, 1.80 in at the neck, 2.55 in at the head, 2.03 in at the base.
+    """A tenpin: 15 in high, 4.77 in at the belly, 1.80 in at the neck, 2.55 in at the head, 2.03 in at the
+    base.
 
-    Diameters between these are the usual gauge points of the tenpin's specification, joined by a cubic spline; the
-    head ends in a ball.
+    Diameters between these are the usual gauge points of the tenpin's specification, joined by a cubic
+    spline; the head ends in a ball.
     """
     from scipy.interpolate import CubicSpline
 
-    height = np.array([0.0, 0.75, 2.25, 3.375, 4.5, 5.875, 7.25, 8.625, 9.375, 10.0, 10.875, 11.75, 12.625, 13.5])
-    diameter = np.array([2.031, 2.828, 3.906, 4.510, 4.766, 4.563, 3.703, 2.472, 1.965, 1.797, 1.870, 2.094, 2.406,
-                         2.547])
+    height = np.array(
+        [0.0, 0.75, 2.25, 3.375, 4.5, 5.875, 7.25, 8.625, 9.375, 10.0, 10.875, 11.75, 12.625, 13.5]
+    )
+    diameter = np.array(
+        [2.031, 2.828, 3.906, 4.510, 4.766, 4.563, 3.703, 2.472, 1.965, 1.797, 1.870, 2.094, 2.406, 2.547]
+    )
     head = 0.5 * diameter[-1]
     ball = 15.0 - head
     z = np.linspace(0.0, 13.5, 96)
@@ -38,17 +42,44 @@ def salt_box():
 def can():
     """A 400 g food can, full, with rims."""
     r, h, rim, deep = 0.0365, 0.110, 0.0015, 0.003
-    end = np.array([[r - 0.002, deep], [r - 0.0015, 0.0], [r + rim - 0.0005, 0.0], [r + rim, 0.0005],
-                    [r + rim, 0.0025], [r, 0.004]])
+    end = np.array(
+        [
+            [r - 0.002, deep],
+            [r - 0.0015, 0.0],
+            [r + rim - 0.0005, 0.0],
+            [r + rim, 0.0005],
+            [r + rim, 0.0025],
+            [r, 0.004],
+        ]
+    )
     return revolved(np.concatenate([end, mirrored(end, h)]), deep, h - deep, segments=96)
 
 
 def bottle():
     """A full half-litre drinks bottle."""
-    profile = np.array([[0.018, 0.003], [0.021, 0.000], [0.026, 0.001], [0.0295, 0.004], [0.0305, 0.010],
-                        [0.0305, 0.095], [0.0285, 0.105], [0.0285, 0.125], [0.0305, 0.135], [0.0305, 0.150],
-                        [0.0290, 0.163], [0.0250, 0.177], [0.0195, 0.189], [0.0150, 0.198], [0.0130, 0.205],
-                        [0.0130, 0.212], [0.0150, 0.213], [0.0150, 0.229], [0.0145, 0.230]])
+    profile = np.array(
+        [
+            [0.018, 0.003],
+            [0.021, 0.000],
+            [0.026, 0.001],
+            [0.0295, 0.004],
+            [0.0305, 0.010],
+            [0.0305, 0.095],
+            [0.0285, 0.105],
+            [0.0285, 0.125],
+            [0.0305, 0.135],
+            [0.0305, 0.150],
+            [0.0290, 0.163],
+            [0.0250, 0.177],
+            [0.0195, 0.189],
+            [0.0150, 0.198],
+            [0.0130, 0.205],
+            [0.0130, 0.212],
+            [0.0150, 0.213],
+            [0.0150, 0.229],
+            [0.0145, 0.230],
+        ]
+    )
     return revolved(profile, 0.006, 0.230, segments=96)
 
 
@@ -67,11 +98,15 @@ def mug():
     out = np.column_stack([0.029 * np.cos(turn), np.zeros(49), 0.030 * np.sin(turn)])
     out /= np.linalg.norm(out, axis=1, keepdims=True)
     around = 2.0 * np.pi * np.arange(32) / 32
-    rings = (middle[:, None] + 0.0045 * np.cos(around)[None, :, None] * out[:, None]
-             + 0.0065 * np.sin(around)[None, :, None] * np.array([0.0, 1.0, 0.0]))
+    rings = (
+        middle[:, None]
+        + 0.0045 * np.cos(around)[None, :, None] * out[:, None]
+        + 0.0065 * np.sin(around)[None, :, None] * np.array([0.0, 1.0, 0.0])
+    )
     handle = lofted(list(rings), middle[0], middle[-1])
-    union = trimesh.boolean.union([trimesh.Trimesh(*body, process=False), trimesh.Trimesh(*handle, process=False)],
-                                  engine="manifold")
+    union = trimesh.boolean.union(
+        [trimesh.Trimesh(*body, process=False), trimesh.Trimesh(*handle, process=False)], engine="manifold"
+    )
     return np.asarray(union.vertices), np.asarray(union.faces, dtype=np.int64)
 
 
@@ -79,7 +114,9 @@ def bowl():
     """A stoneware cereal bowl on a foot ring."""
     wall, foot = 0.005, 0.004
     t = np.linspace(0.0, 1.0, 24)
-    outer = np.column_stack([0.030 + 0.050 * np.sin(0.5 * np.pi * t), foot + 0.058 * (1.0 - np.cos(0.5 * np.pi * t))])
+    outer = np.column_stack(
+        [0.030 + 0.050 * np.sin(0.5 * np.pi * t), foot + 0.058 * (1.0 - np.cos(0.5 * np.pi * t))]
+    )
     slope = np.gradient(outer, axis=0)
     inward = np.column_stack([-slope[:, 1], slope[:, 0]])
     inner = outer + wall * inward / np.linalg.norm(inward, axis=1, keepdims=True)
@@ -90,7 +127,9 @@ def bowl():
 
 def plate():
     """A stoneware dinner plate on a foot ring."""
-    under = np.array([[0.073, 0.003], [0.074, 0.000], [0.078, 0.000], [0.080, 0.003], [0.096, 0.011], [0.127, 0.017]])
+    under = np.array(
+        [[0.073, 0.003], [0.074, 0.000], [0.078, 0.000], [0.080, 0.003], [0.096, 0.011], [0.127, 0.017]]
+    )
     upper = np.array([[0.127, 0.022], [0.095, 0.0162], [0.078, 0.008], [0.073, 0.008]])
     edge = np.array([[0.1290, 0.0178], [0.1298, 0.0195], [0.1290, 0.0212]])
     return revolved(np.concatenate([under, edge, upper]), 0.003, 0.008, segments=160)
@@ -102,23 +141,37 @@ def brick():
 
 
 def bin():
-    """A small load carrier as in bin picking: 300 x 200 x 147 mm with a flange, open at the top, 4 mm walls."""
+    """A small load carrier as in bin picking: 300 x 200 x 147 mm with a flange, open at the top,
+    4 mm walls.
+    """
     x, y, h, wall, flange = 0.300, 0.200, 0.147, 0.004, 0.006
     u, v = x - 2.0 * flange, y - 2.0 * flange
-    return lofted([rectangle(u, v, 0.0), rectangle(u, v, h - wall), rectangle(x, y, h - wall), rectangle(x, y, h),
-                   rectangle(u - 2.0 * wall, v - 2.0 * wall, h), rectangle(u - 2.0 * wall, v - 2.0 * wall, wall)],
-                  0.0, wall)
+    return lofted(
+        [
+            rectangle(u, v, 0.0),
+            rectangle(u, v, h - wall),
+            rectangle(x, y, h - wall),
+            rectangle(x, y, h),
+            rectangle(u - 2.0 * wall, v - 2.0 * wall, h),
+            rectangle(u - 2.0 * wall, v - 2.0 * wall, wall),
+        ],
+        0.0,
+        wall,
+    )
 
 
 def revolved(profile, first, last, segments):
-    """Solid of revolution of a profile (k, 2) of radius and height, closed by cones to two heights on the axis."""
+    """Solid of revolution of a profile (k, 2) of radius and height, closed by cones to two heights on the
+    axis.
+    """
     angle = 2.0 * np.pi * np.arange(segments) / segments
     circle = np.column_stack([np.cos(angle), np.sin(angle)])
     return lofted([np.column_stack([r * circle, np.full(segments, z)]) for r, z in profile], first, last)
 
 
 def lofted(rings, first, last):
-    """Solid through rings (k, 3) of equally many points, counter-clockwise as seen against the way from ring to ring.
+    """Solid through rings (k, 3) of equally many points, counter-clockwise as seen against the way from ring
+    to ring.
 
     The ends are closed by fans to a point each, given whole or by its height on the z axis.
     """

@@ -53,8 +53,13 @@ class SolidMesh:
 
     def scaled(self, s) -> SolidMesh:
         """The solid with all lengths multiplied by s."""
-        return replace(self, corners=self.corners * s, origin=self.origin * s, volume=self.volume * s**3,
-                       inertia=self.inertia * s**2)
+        return replace(
+            self,
+            corners=self.corners * s,
+            origin=self.origin * s,
+            volume=self.volume * s**3,
+            inertia=self.inertia * s**2,
+        )
 
 
 def load_solid(path: str | os.PathLike[str], repair: bool = False) -> tuple[SolidMesh, list[str]]:
@@ -76,7 +81,8 @@ def load_solid(path: str | os.PathLike[str], repair: bool = False) -> tuple[Soli
     Raises
     ------
     InvalidMeshError
-        If the file is no mesh, or the mesh no solid, in which case the message tells whether ``repair`` may help.
+        If the file is no mesh, or the mesh no solid, in which case the message tells whether ``repair`` may
+        help.
     """
     import trimesh
 
@@ -89,7 +95,9 @@ def load_solid(path: str | os.PathLike[str], repair: bool = False) -> tuple[Soli
         raise InvalidMeshError(f"cannot be read: {error.strerror or error}", field=f"mesh {path}") from error
     except Exception as error:  # trimesh's readers raise whatever the file makes them stumble over
         reason = (str(error).splitlines() or [type(error).__name__])[0][:100]
-        raise InvalidMeshError(f"is no mesh of a format that trimesh reads: {reason}", field=f"mesh {path}") from error
+        raise InvalidMeshError(
+            f"is no mesh of a format that trimesh reads: {reason}", field=f"mesh {path}"
+        ) from error
     repairs: list[str] = []
     try:
         if repair:
@@ -133,7 +141,9 @@ def make_solid(name, vertices, faces, sha256=None) -> SolidMesh:
     try:
         check_inertia(inertia)
     except InvalidModelError as error:
-        raise InvalidMeshError(f"is too thin for its size: round-off spoils its inertia, which {error.problem}") from error
+        raise InvalidMeshError(
+            f"is too thin for its size: round-off spoils its inertia, which {error.problem}"
+        ) from error
     center = np.asarray(properties.center_mass)
     if sha256 is None:
         sha256 = hashlib.sha256(vertices.astype("<f8").tobytes() + faces.astype("<i8").tobytes()).hexdigest()
@@ -148,14 +158,18 @@ def make_solid(name, vertices, faces, sha256=None) -> SolidMesh:
 
 
 def normalization(points):
-    """Middle and size of the bounding box, and the power of two below the size (scaling by it rounds nothing)."""
+    """Middle and size of the bounding box, and the power of two below the size (scaling by it rounds
+    nothing).
+    """
     low, high = points.min(axis=0), points.max(axis=0)
     size = float((high - low).max())
     return 0.5 * (low + high), size, float(2.0 ** np.floor(np.log2(size))) if size > 0.0 else 1.0
 
 
 def edge_balance(faces):
-    """Of each undirected edge: how many triangles it has, and how many more run along it one way than the other."""
+    """Of each undirected edge: how many triangles it has, and how many more run along it one way than the
+    other.
+    """
     edges = faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
     forward = edges[:, 0] < edges[:, 1]
     _, index, uses = np.unique(np.sort(edges, axis=1), axis=0, return_inverse=True, return_counts=True)
@@ -175,13 +189,15 @@ def check_closed(faces):
     border = int(np.sum(uses % 2 == 1))
     if border:
         raise InvalidMeshError(
-            f"is open: {border} of its {len(uses)} edges belong to an odd number of triangles, so it has no inside "
-            "(--repair closes small holes with trimesh.repair.fill_holes)")
+            f"is open: {border} of its {len(uses)} edges belong to an odd number of triangles, so it has no"
+            " inside (--repair closes small holes with trimesh.repair.fill_holes)"
+        )
     crossed = int(np.sum(balance != 0))
     if crossed:
         raise InvalidMeshError(
-            f"is wound inconsistently: at {crossed} of its {len(uses)} edges the triangles disagree about which side "
-            "is out (--repair turns them with trimesh.repair.fix_winding)")
+            f"is wound inconsistently: at {crossed} of its {len(uses)} edges the triangles disagree about"
+            " which side is out (--repair turns them with trimesh.repair.fix_winding)"
+        )
 
 
 def check_outside_out(points, faces):
@@ -194,14 +210,18 @@ def check_outside_out(points, faces):
     InvalidMeshError
     """
     label = components(faces, len(points))
-    signed = np.einsum("ij,ij->i", points[faces[:, 0]], np.cross(points[faces[:, 1]], points[faces[:, 2]])) / 6.0
+    signed = (
+        np.einsum("ij,ij->i", points[faces[:, 0]], np.cross(points[faces[:, 1]], points[faces[:, 2]])) / 6.0
+    )
     volumes = np.bincount(label, weights=signed)
     volume = volumes.sum()
     if abs(volume) < FLAT and np.all(np.abs(volumes) < FLAT):
         raise InvalidMeshError("encloses no volume")
     if volume <= 0.0:
-        raise InvalidMeshError("is inside out: its volume is negative, as its triangles are wound clockwise "
-                               "(--repair turns them with trimesh.repair.fix_inversion)")
+        raise InvalidMeshError(
+            "is inside out: its volume is negative, as its triangles are wound clockwise "
+            "(--repair turns them with trimesh.repair.fix_inversion)"
+        )
     if len(volumes) == 1:
         return
     corner = points[faces]
@@ -218,12 +238,16 @@ def check_outside_out(points, faces):
                 inside += winding_number(corner[label == other], probes)
         winding = float(np.median(inside))
         if volumes[k] < 0.0 and winding < 0.75:
-            raise InvalidMeshError(f"has a component ({np.sum(label == k)} of {len(faces)} triangles) that is inside "
-                                   "out and no cavity of another (--repair turns it with trimesh.repair.fix_inversion)")
+            raise InvalidMeshError(
+                f"has a component ({np.sum(label == k)} of {len(faces)} triangles) that is inside "
+                "out and no cavity of another (--repair turns it with trimesh.repair.fix_inversion)"
+            )
         if volumes[k] > 0.0 and winding > 0.75:
-            raise InvalidMeshError(f"has a component ({np.sum(label == k)} of {len(faces)} triangles) inside another, "
-                                   "so that its volume would count twice (unite them first; a cavity is wound the "
-                                   "other way round)")
+            raise InvalidMeshError(
+                f"has a component ({np.sum(label == k)} of {len(faces)} triangles) inside another, "
+                "so that its volume would count twice (unite them first; a cavity is wound the "
+                "other way round)"
+            )
 
 
 def components(faces, count):
@@ -238,14 +262,20 @@ def components(faces, count):
 
 
 def winding_number(corners, probes):
-    """How often a closed surface winds around each of some points, by solid angles (Van Oosterom and Strackee 1983)."""
+    """How often a closed surface winds around each of some points, by solid angles (Van Oosterom and Strackee
+    1983).
+    """
     total = np.empty(len(probes))
     for i, probe in enumerate(probes):
         a, b, c = (corners - probe).transpose(1, 0, 2)
         la, lb, lc = (np.linalg.norm(v, axis=1) for v in (a, b, c))
         numerator = np.einsum("ij,ij->i", a, np.cross(b, c))
-        denominator = (la * lb * lc + np.einsum("ij,ij->i", a, b) * lc + np.einsum("ij,ij->i", b, c) * la
-                       + np.einsum("ij,ij->i", c, a) * lb)
+        denominator = (
+            la * lb * lc
+            + np.einsum("ij,ij->i", a, b) * lc
+            + np.einsum("ij,ij->i", b, c) * la
+            + np.einsum("ij,ij->i", c, a) * lb
+        )
         total[i] = np.sum(np.arctan2(numerator, denominator)) / (2.0 * np.pi)
     return total
 

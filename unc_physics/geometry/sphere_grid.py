@@ -27,7 +27,9 @@ def empty_grid(lower, upper, width, reach, capacity) -> SphereGrid:
     """A grid over the box from ``lower`` to ``upper`` that holds no sphere yet."""
     cells = np.maximum(1, np.ceil((upper - lower) / width)).astype(int)
     heads = np.full(cells, EMPTY, dtype=np.int32)
-    return SphereGrid(lower, 1.0 / width, reach, heads, np.empty((capacity, 2), np.int32), np.zeros(1, np.int64))
+    return SphereGrid(
+        lower, 1.0 / width, reach, heads, np.empty((capacity, 2), np.int32), np.zeros(1, np.int64)
+    )
 
 
 def grown(grid) -> SphereGrid:
@@ -46,7 +48,9 @@ def cell_range(grid, axis, low, high):
 
 @kernel
 def insert_sphere(grid, spheres, index):
-    """List a sphere in all cells with a point outside it but within reach; False, and no change, if short of room."""
+    """List a sphere in all cells with a point outside it but within reach; False, and no change, if short of
+    room.
+    """
     cx, cy, cz, r = spheres[index, 0], spheres[index, 1], spheres[index, 2], spheres[index, 3]
     outer = r + grid.reach
     width = 1.0 / grid.inverse_width

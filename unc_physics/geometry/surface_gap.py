@@ -47,9 +47,9 @@ def surface_gap(corners, spheres) -> float:
 def bounded_gap(grid, spheres, corners):
     """Upper bound of the gap by branch and bound; the grid's reach as soon as a point lies beyond it.
 
-    The distance to the packing changes by no more than the way along the surface, so it is bounded over a triangle
-    by its value at the middle plus the distance to the farthest corner. Triangles that may hold more than the gap
-    found so far are halved.
+    The distance to the packing changes by no more than the way along the surface, so it is bounded over a
+    triangle by its value at the middle plus the distance to the farthest corner. Triangles that may hold more
+    than the gap found so far are halved.
     """
     stack = np.empty((STACK, 3, 3))
     middle = np.empty(3)
@@ -66,8 +66,13 @@ def bounded_gap(grid, spheres, corners):
             if d >= grid.reach:
                 return grid.reach
             gap = max(gap, d)
-            extent = np.sqrt(max(distance_squared(t[0], middle), distance_squared(t[1], middle),
-                                 distance_squared(t[2], middle)))
+            extent = np.sqrt(
+                max(
+                    distance_squared(t[0], middle),
+                    distance_squared(t[1], middle),
+                    distance_squared(t[2], middle),
+                )
+            )
             if d + extent <= gap * (1.0 + ACCURACY) or top == STACK:
                 bound = max(bound, d + extent)
                 top -= 1

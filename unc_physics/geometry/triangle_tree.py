@@ -15,7 +15,9 @@ RECORD = 16
 
 
 class TriangleTree(NamedTuple):
-    """Triangles in the order of a complete binary tree's leaves; node 1 is the root, node i has 2i and 2i + 1."""
+    """Triangles in the order of a complete binary tree's leaves; node 1 is the root, node i has 2i and 2i +
+    1.
+    """
 
     boxes: np.ndarray  # (nodes, 6) lower and upper corner
     triangles: np.ndarray  # (leaves * leaf_size, RECORD); copies fill up the leaves
@@ -76,7 +78,9 @@ def box_distance_squared(boxes, node, x, y, z):
 
 @kernel
 def offset_from_triangle(t, px, py, pz, height):
-    """Vector to a point from a triangle's nearest point; p is taken from the corner, height over the plane."""
+    """Vector to a point from a triangle's nearest point; p is taken from the corner, height over
+    the plane.
+    """
     b1 = t[6] * px + t[7] * py + t[8] * pz
     b2 = t[9] * px + t[10] * py + t[11] * pz
     a11 = t[6] * t[6] + t[7] * t[7] + t[8] * t[8]

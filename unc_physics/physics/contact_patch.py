@@ -66,7 +66,9 @@ _FREE, _IN_PATCH, _CHOSEN = 0, 1, 2  # what a candidate is
 
 @inner(forceinline=True)
 def needed_gap(limit):
-    """The gap up to which lists are made, for candidates up to ``limit`` [m]: a step's next searches want more."""
+    """The gap up to which lists are made, for candidates up to ``limit`` [m]: a step's next searches want
+    more.
+    """
     return limit if limit <= 0.0 else max(limit, ACTIVE_GAP)
 
 

@@ -12,14 +12,7 @@ import numpy as np
 
 from .compiled import inner
 from .element_contacts import in_element
-from .implicit_workspace import (
-    CLEARANCE,
-    OVERFLOW,
-    PACE,
-    POOL_USED,
-    TOO_LONG_LISTS,
-    TRAVEL,
-)
+from .implicit_workspace import CLEARANCE, OVERFLOW, PACE, POOL_USED, TOO_LONG_LISTS, TRAVEL
 from .layout import P, V, W
 from .rotation import rotate, rotate_back
 from .shapes import flat_side, surface

@@ -4,7 +4,6 @@
 into the loop's stages (`compiled.stage`): the functions that begin the file.
 """
 
-
 from .broad_phase import near_pairs, update_separation_bound
 from .compiled import inner, stage
 from .contact_free import contact_free_step

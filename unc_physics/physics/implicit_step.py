@@ -526,4 +526,6 @@ def advance_implicit(states, first_time, memory, world, begin, steps):
             )
             if done < steps:
                 contacts, candidates, pool = more_room(work.counts, contacts, candidates, pool)
-                work = implicit_workspace(states[n], memory.kept_overlap[n], world, contacts, candidates, pool)
+                work = implicit_workspace(
+                    states[n], memory.kept_overlap[n], world, contacts, candidates, pool
+                )

@@ -1,6 +1,7 @@
 """Slices of the state and the error state: the only place where an index has a meaning."""
 
-#: Scalars of one body's state ``[p(3), v(3), q(4, xyzw), omega(3)]``; everything but ``q`` in the world frame.
+#: Scalars of one body's state ``[p(3), v(3), q(4, xyzw), omega(3)]``; everything but ``q`` in the world
+# frame.
 STATE = 13
 POSITION = slice(0, 3)
 VELOCITY = slice(3, 6)

@@ -1,8 +1,8 @@
 """Bodies that are known to be at rest sink until contacts hold them.
 
-Each moves along gravity and turns about horizontal axes alone, so that what lies across keeps what was known of
-it. The rows are those that keep projected bodies apart (`overlap_rows`), and a round's motion is the drop that
-they leave over.
+Each moves along gravity and turns about horizontal axes alone, so that what lies across keeps what was known
+of it. The rows are those that keep projected bodies apart (`overlap_rows`), and a round's motion is the drop
+that they leave over.
 """
 
 import math

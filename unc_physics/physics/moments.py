@@ -16,7 +16,9 @@ _WIDE = math.cos(math.pi / 4.0)  # between quaternions of rotations that are a r
 
 @kernel
 def boxplus(x, d, out):
-    """Perturb one body's state ``x`` (13,) by the error ``d`` (12,), into ``out``; rotations on the body side."""
+    """Perturb one body's state ``x`` (13,) by the error ``d`` (12,), into ``out``; rotations on the body
+    side.
+    """
     for k in range(3):
         out[P + k] = x[P + k] + d[EP + k]
         out[V + k] = x[V + k] + d[EV + k]
@@ -65,8 +67,8 @@ def spread_states(mean, moving, errors):
 def _karcher_mean(states, body):
     """Mean rotation of one body over all samples: the fixed point of averaging in the tangent space.
 
-    Of wide distributions there are several fixed points; there the search begins at the chordal mean. Otherwise it begins
-    at the first sample, so that equal samples have no spread at all.
+    Of wide distributions there are several fixed points; there the search begins at the chordal mean.
+    Otherwise it begins at the first sample, so that equal samples have no spread at all.
     """
     s = states[0, body]
     mean = (s[Q], s[Q + 1], s[Q + 2], s[Q + 3])
@@ -93,7 +95,9 @@ def _karcher_mean(states, body):
 
 @kernel
 def _chordal_mean(states, body):
-    """The quaternion nearest to all samples' and their opposites, nearly: the leading eigenvector of their outer products."""
+    """The quaternion nearest to all samples' and their opposites, nearly: the leading eigenvector of their
+    outer products.
+    """
     A = np.zeros((4, 4))
     for n in range(len(states)):
         q = states[n, body]
@@ -106,12 +110,14 @@ def _chordal_mean(states, body):
             largest = c
     q = (A[0, largest], A[1, largest], A[2, largest], A[3, largest])
     for _ in range(_POWER_ITERATIONS):
-        q = normalized((
-            A[0, 0] * q[0] + A[0, 1] * q[1] + A[0, 2] * q[2] + A[0, 3] * q[3],
-            A[1, 0] * q[0] + A[1, 1] * q[1] + A[1, 2] * q[2] + A[1, 3] * q[3],
-            A[2, 0] * q[0] + A[2, 1] * q[1] + A[2, 2] * q[2] + A[2, 3] * q[3],
-            A[3, 0] * q[0] + A[3, 1] * q[1] + A[3, 2] * q[2] + A[3, 3] * q[3],
-        ))
+        q = normalized(
+            (
+                A[0, 0] * q[0] + A[0, 1] * q[1] + A[0, 2] * q[2] + A[0, 3] * q[3],
+                A[1, 0] * q[0] + A[1, 1] * q[1] + A[1, 2] * q[2] + A[1, 3] * q[3],
+                A[2, 0] * q[0] + A[2, 1] * q[1] + A[2, 2] * q[2] + A[2, 3] * q[3],
+                A[3, 0] * q[0] + A[3, 1] * q[1] + A[3, 2] * q[2] + A[3, 3] * q[3],
+            )
+        )
     return q
 
 
@@ -122,7 +128,8 @@ def mean_and_errors(states, moving):
     Returns
     -------
     mean : (B, 13) array
-        Arithmetic means, and the Karcher mean of the rotations; bodies that do not move as in the first sample.
+        Arithmetic means, and the Karcher mean of the rotations; bodies that do not move as in the first
+        sample.
     errors : (N, 12 M) array
     """
     mean = states[0].copy()

@@ -1,7 +1,7 @@
 """Rows that keep bodies apart, in the metric of their error states, and the motion that solves them.
 
-A motion ``delta = Sigma J^T lambda`` with non-negative lambda is the least one in the metric of Sigma that keeps
-all gaps, ``g + J delta >= 0``; projected Gauss-Seidel finds lambda.
+A motion ``delta = Sigma J^T lambda`` with non-negative lambda is the least one in the metric of Sigma that
+keeps all gaps, ``g + J delta >= 0``; projected Gauss-Seidel finds lambda.
 """
 
 import math

@@ -2,8 +2,8 @@
 
 A sample of a belief about a mug on a table may lie in the table. The nearest pose without overlap minimises
 ``delta^T Sigma^-1 delta`` subject to ``g + J (delta - delta_now) >= 0`` for all gaps g of spheres nearby
-(`overlap_rows`). Gaps are linear near a pose only, so that this is done again at what was found, until nothing
-overlaps.
+(`overlap_rows`). Gaps are linear near a pose only, so that this is done again at what was found, until
+nothing overlaps.
 
 What cannot come free, as in a slot too narrow, keeps its overlap for ever, without a force
 (`SolverMemory.kept_overlap`): any that decays would give energy.

@@ -1,4 +1,6 @@
-"""Standard normal numbers from keys instead of a state: the same key gives the same numbers, in any order of calls."""
+"""Standard normal numbers from keys instead of a state: the same key gives the same numbers, in any order of
+calls.
+"""
 
 from statistics import NormalDist
 
@@ -22,10 +24,12 @@ RUN = 32
 def normal_table():
     """(4096 + RUN,) float32: quantiles of the normal distribution, shuffled; the end repeats the beginning.
 
-    The quantiles are those in the middle of 4096 equally likely parts, scaled to variance 1. Numbers are read in runs
-    from places that a hash gives (`places`): each number is any of the quantiles with the same chance, and independent of
-    those of other runs. In a run no quantile comes twice, which no number of samples that a contact is given can show.
-    Numbers drawn one by one would cost more than all that is done with them.
+    The quantiles are those in the middle of 4096 equally likely parts, scaled to variance 1. Numbers are read
+    in runs
+    from places that a hash gives (`places`): each number is any of the quantiles with the same chance, and
+        independent of
+    those of other runs. In a run no quantile comes twice, which no number of samples that a contact is given
+    can show. Numbers drawn one by one would cost more than all that is done with them.
     """
     count = 2**_INDEX_BITS
     table = np.array([NormalDist().inv_cdf((k + 0.5) / count) for k in range(count)])
@@ -50,9 +54,18 @@ def combine(key, value):
 
 @kernel
 def places(key):
-    """Where nine runs of a key begin in `normal_table`: a tuple of uint64, as which indices need no check of their sign."""
+    """Where nine runs of a key begin in `normal_table`: a tuple of uint64, as which indices need no check of
+    their sign.
+    """
     a, b = mix(key + _GOLDEN), mix(key + _GOLDEN + _GOLDEN)
     return (
-        a & _INDEX, a >> _S12 & _INDEX, a >> _S24 & _INDEX, a >> _S36 & _INDEX, a >> _S48 & _INDEX,
-        b & _INDEX, b >> _S12 & _INDEX, b >> _S24 & _INDEX, b >> _S36 & _INDEX,
+        a & _INDEX,
+        a >> _S12 & _INDEX,
+        a >> _S24 & _INDEX,
+        a >> _S36 & _INDEX,
+        a >> _S48 & _INDEX,
+        b & _INDEX,
+        b >> _S12 & _INDEX,
+        b >> _S24 & _INDEX,
+        b >> _S36 & _INDEX,
     )

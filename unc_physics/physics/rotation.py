@@ -1,4 +1,6 @@
-"""Rotations in the kernels: quaternions ``(x, y, z, w)`` as tuples of four floats, matrices as 3 x 3 arrays."""
+"""Rotations in the kernels: quaternions ``(x, y, z, w)`` as tuples of four floats, matrices as 3
+x 3 arrays.
+"""
 
 import math
 
@@ -7,7 +9,9 @@ import numpy as np
 from .compiled import kernel
 
 _SMALL_ANGLE_SQUARED = 1e-8  # below it two terms of the series are exact to round-off
-_STEP_ANGLE_SQUARED = 0.01  # below it, as in nearly every time step, five are, and cheaper than sine and cosine
+_STEP_ANGLE_SQUARED = (
+    0.01  # below it, as in nearly every time step, five are, and cheaper than sine and cosine
+)
 
 
 @kernel(_nrt=False)
@@ -48,8 +52,12 @@ def exp(x, y, z):
     """Quaternion of the rotation vector ``(x, y, z)`` [rad]."""
     angle2 = x * x + y * y + z * z
     if angle2 < _STEP_ANGLE_SQUARED:
-        s = 0.5 - angle2 * (1.0 / 48.0 - angle2 * (1.0 / 3840.0 - angle2 * (1.0 / 645120.0 - angle2 / 185794560.0)))
-        c = 1.0 - angle2 * (1.0 / 8.0 - angle2 * (1.0 / 384.0 - angle2 * (1.0 / 46080.0 - angle2 / 10321920.0)))
+        s = 0.5 - angle2 * (
+            1.0 / 48.0 - angle2 * (1.0 / 3840.0 - angle2 * (1.0 / 645120.0 - angle2 / 185794560.0))
+        )
+        c = 1.0 - angle2 * (
+            1.0 / 8.0 - angle2 * (1.0 / 384.0 - angle2 * (1.0 / 46080.0 - angle2 / 10321920.0))
+        )
     else:
         angle = math.sqrt(angle2)
         s, c = math.sin(0.5 * angle) / angle, math.cos(0.5 * angle)

@@ -1,8 +1,8 @@
 """Eight comparisons, or two or four columns at once: the one place that asks LLVM for vectors by name.
 
 A plain loop over eight entries is unrolled by LLVM before its vectoriser sees it and stays scalar, five times
-slower; one over columns of a matrix stays scalar because its rows might overlap, for all that LLVM knows. Written as
-vector instructions, LLVM lowers them to whatever the processor has.
+slower; one over columns of a matrix stays scalar because its rows might overlap, for all that LLVM knows.
+Written as vector instructions, LLVM lowers them to whatever the processor has.
 """
 
 from typing import Any
@@ -26,7 +26,9 @@ def _splat(builder, scalar, kind=_FLOATS):
 
 @intrinsic
 def overlap_mask(typingctx, bounds, node, x, y, z, radius):
-    """Bit m is set where entry m of ``bounds[node]`` (4, 8: x, y, z, radius) overlaps the sphere given by four float32."""
+    """Bit m is set where entry m of ``bounds[node]`` (4, 8: x, y, z, radius) overlaps the sphere given by
+    four float32.
+    """
 
     def codegen(context, builder, signature, args):
         array = cgutils.create_struct_proxy(signature.args[0])(context, builder, value=args[0])

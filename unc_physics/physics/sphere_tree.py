@@ -61,7 +61,9 @@ class Tree(NamedTuple):
 
 @kernel
 def _enclosing_sphere(centers, radii, order, start, stop):
-    """Small sphere around the spheres ``order[start:stop]``: a centre pulled towards the farthest, then its exact radius."""
+    """Small sphere around the spheres ``order[start:stop]``: a centre pulled towards the farthest, then its
+    exact radius.
+    """
     x = y = z = 0.0
     n = stop - start
     for k in range(start, stop):
@@ -74,7 +76,10 @@ def _enclosing_sphere(centers, radii, order, start, stop):
         reach, far = -1.0, start
         for k in range(start, stop):
             i = order[k]
-            d = math.sqrt((centers[i, 0] - x) ** 2 + (centers[i, 1] - y) ** 2 + (centers[i, 2] - z) ** 2) + radii[i]
+            d = (
+                math.sqrt((centers[i, 0] - x) ** 2 + (centers[i, 1] - y) ** 2 + (centers[i, 2] - z) ** 2)
+                + radii[i]
+            )
             if d > reach:
                 reach, far = d, i
         d = reach - radii[far]
@@ -87,7 +92,10 @@ def _enclosing_sphere(centers, radii, order, start, stop):
     reach = 0.0
     for k in range(start, stop):
         i = order[k]
-        d = math.sqrt((centers[i, 0] - x) ** 2 + (centers[i, 1] - y) ** 2 + (centers[i, 2] - z) ** 2) + radii[i]
+        d = (
+            math.sqrt((centers[i, 0] - x) ** 2 + (centers[i, 1] - y) ** 2 + (centers[i, 2] - z) ** 2)
+            + radii[i]
+        )
         reach = max(reach, d)
     return x, y, z, reach
 
@@ -230,7 +238,8 @@ def candidates(tree, R_ij, t_ij, slack, scratch, top):
         How far apart candidates may be [m]; at least what single precision loses in a change of frame.
     scratch : Scratch
         Its ``stack`` holds the pairs of children (i's, j's) still to be compared, the two roots when a search
-        begins; its ``pairs`` are filled with candidates (sphere of i, sphere of j), all overlapping ones among them.
+        begins; its ``pairs`` are filled with candidates (sphere of i, sphere of j), all overlapping ones
+        among them.
     top : int
         Height of the stack; 1 when a search begins, 0 when it is over.
 
@@ -282,7 +291,11 @@ def candidates(tree, R_ij, t_ij, slack, scratch, top):
                 px, py, pz, radius = bounds[b, 0, k], bounds[b, 1, k], bounds[b, 2, k], bounds[b, 3, k]
             else:
                 c_j = b
-                px, py, pz = np.float32(tree.centers[~b, 0]), np.float32(tree.centers[~b, 1]), np.float32(tree.centers[~b, 2])
+                px, py, pz = (
+                    np.float32(tree.centers[~b, 0]),
+                    np.float32(tree.centers[~b, 1]),
+                    np.float32(tree.centers[~b, 2]),
+                )
                 radius = np.float32(tree.radii[~b])
             x = xx * px + xy * py + xz * pz + tx
             y = yx * px + yy * py + yz * pz + ty

@@ -86,12 +86,16 @@ def _fly(states, first, stopped, world, surroundings, steps):
 
 @kernel
 def _fly_implicit(states, first, stopped, world, memory, kept_overlap, steps):
-    """As `_fly`, by implicit steps; ``memory`` is that of one rollout, which begins anew, and ``kept_overlap``
-    that of all (`SolverMemory`).
+    """As `_fly`, by implicit steps; ``memory`` is that of one rollout, which begins anew, and
+    ``kept_overlap`` that of all (`SolverMemory`).
     """
     b = world.bodies
     for n in range(len(states)):
-        moving, inverse_mass, inverse_inertia = b.moving.copy(), b.inverse_mass.copy(), b.inverse_inertia.copy()
+        moving, inverse_mass, inverse_inertia = (
+            b.moving.copy(),
+            b.inverse_mass.copy(),
+            b.inverse_inertia.copy(),
+        )
         bodies = Bodies(moving, b.mass, b.inertia, inverse_mass, inverse_inertia, b.radius, b.root)
         own = World(
             bodies,
@@ -110,8 +114,18 @@ def _fly_implicit(states, first, stopped, world, memory, kept_overlap, steps):
         step, left = 0, b.moving.sum()
         while left > 0 and step < steps:
             done = integrate_implicit(
-                states[n], first[n], memory.contact[0], memory.force[0], memory.count, memory.quiet[0], memory.residual[0],
-                own, step, 1, work)
+                states[n],
+                first[n],
+                memory.contact[0],
+                memory.force[0],
+                memory.count,
+                memory.quiet[0],
+                memory.residual[0],
+                own,
+                step,
+                1,
+                work,
+            )
             step += done
             before, left = left, _stop(first[n], moving, stopped[n])
             if done == 0:
@@ -122,7 +136,8 @@ def _fly_implicit(states, first, stopped, world, memory, kept_overlap, steps):
                     inverse_inertia[i] = 0.0
             if done == 0 or left < before:  # more room; or without what it knows of bodies that move
                 work = implicit_workspace(
-                    states[n], kept_overlap[n], own, room * _CONTACTS, room * _CANDIDATES, room * _LISTED)
+                    states[n], kept_overlap[n], own, room * _CONTACTS, room * _CANDIDATES, room * _LISTED
+                )
 
 
 @inner

@@ -1,14 +1,17 @@
 """Groups of bodies that cannot touch each other, each predicted by itself.
 
-Time is divided into slices, at each of whose beginnings the bodies are divided into islands: bodies of different
-islands stay apart for the whole slice. For that, each body has a box that it stays in, from what is known of it at the
-slice's beginning, `SIGMAS` standard deviations wide (of a propagator with samples of its own: as wide as these). A body that nothing can
-reach flies freely; one that may touch something is at most as fast as the energy of its island makes it. Where boxes
-of different islands overlap, the slice is halved; where they still do in the shortest slice, the islands become one, as
-they do where a slice's end shows more energy than was thought: then the slice is done again. Islands never part.
+Time is divided into slices, at each of whose beginnings the bodies are divided into islands: bodies of
+different islands stay apart for the whole slice. For that, each body has a box that it stays in, from what is
+known of it at the slice's beginning, `SIGMAS` standard deviations wide (of a propagator with samples of its
+own: as wide as these). A body that nothing can reach flies freely; one that may touch something is at most as
+    fast as the energy of its island makes it. Where boxes
+of different islands overlap, the slice is halved; where they still do in the shortest slice, the islands
+become one, as they do where a slice's end shows more energy than was thought: then the slice is done again.
+Islands never part.
 
-Whole horizons without slices would need bounds that hold through collisions for seconds, which makes everything one
-island; predictions that are redone from time 0 when islands meet would cost more, and would have to know the same bounds.
+Whole horizons without slices would need bounds that hold through collisions for seconds, which makes
+everything one island; predictions that are redone from time 0 when islands meet would cost more, and would
+have to know the same bounds.
 """
 
 from __future__ import annotations
@@ -62,7 +65,8 @@ class Island(NamedTuple):
 
 
 class IslandsCarry(NamedTuple):
-    """State between steps: the islands, their carries at step ``step``, and the slice from ``begin`` to ``end``.
+    """State between steps: the islands, their carries at step ``step``, and the slice from ``begin`` to
+    ``end``.
 
     The carry of an island that is alone stays that of the slice's beginning.
     """
@@ -75,7 +79,9 @@ class IslandsCarry(NamedTuple):
 
 
 class Bounds(NamedTuple):
-    """Where bodies are and how they move: lowest and highest values, each (B, 3); 0 width for fixed bodies."""
+    """Where bodies are and how they move: lowest and highest values, each (B, 3); 0 width for
+    fixed bodies.
+    """
 
     low: np.ndarray
     high: np.ndarray
@@ -105,7 +111,9 @@ class Islands:
         principal = np.array([np.linalg.eigvalsh(body.model.inertia) for body in bodies])
         self._softest, self._stiffest = principal[:, 0], principal[:, -1]  # [m^2]
         # a shifted centre of mass circles about the model's
-        self._radius = world.bodies.radius + 2.0 * SIGMAS * np.array([np.linalg.norm(b.center_of_mass_std) for b in bodies])
+        self._radius = world.bodies.radius + 2.0 * SIGMAS * np.array(
+            [np.linalg.norm(b.center_of_mass_std) for b in bodies]
+        )
         self._moving = world.bodies.moving
         self._gravity = float(np.linalg.norm(scene.gravity))
         self._can_fly = propagator.flies and not scene.gyroscopic
@@ -128,8 +136,13 @@ class Islands:
         if whole is not None:
             carries = [self._propagator.part(whole, group, self._parameters(group)) for group in groups]
         else:
-            carries = [self._propagator.init(self._part(group), _restricted(belief, group)) for group in groups]
-        islands = tuple(Island(group, self._part(group), carry, 0.0, False) for group, carry in zip(groups, carries, strict=True))
+            carries = [
+                self._propagator.init(self._part(group), _restricted(belief, group)) for group in groups
+            ]
+        islands = tuple(
+            Island(group, self._part(group), carry, 0.0, False)
+            for group, carry in zip(groups, carries, strict=True)
+        )
         return IslandsCarry(islands, tuple(carries), 0, 0, 0)
 
     def _near(self, belief):
@@ -138,7 +151,9 @@ class Islands:
         if scene.integrator == "explicit":
             return np.empty((0, 2), np.int64)
         half = np.repeat(self._radius[:, None] + 0.5 * _NEAR_AT_START, 3, axis=1)
-        half[scene.moving] += SIGMAS * np.sqrt(np.maximum(np.diagonal(belief.blocks, axis1=1, axis2=2)[:, ERR_POSITION], 0.0))
+        half[scene.moving] += SIGMAS * np.sqrt(
+            np.maximum(np.diagonal(belief.blocks, axis1=1, axis2=2)[:, ERR_POSITION], 0.0)
+        )
         pairs = _overlapping(belief.mean[:, POSITION] - half, belief.mean[:, POSITION] + half)
         return pairs[self._moving[pairs].any(axis=1)]
 
@@ -167,7 +182,9 @@ class Islands:
             return self._propagator.belief(self.whole(carry), scene)
         moving, mean = scene.moving, self._mean.copy()
         islands, carries = carry.islands, self._present(carry)
-        beliefs = [self._propagator.belief(now, island.scene) for island, now in zip(islands, carries, strict=True)]
+        beliefs = [
+            self._propagator.belief(now, island.scene) for island, now in zip(islands, carries, strict=True)
+        ]
         for island, own in zip(islands, beliefs, strict=True):
             some = self._moving[island.bodies]
             mean[island.bodies[some]] = own.mean[some]
@@ -180,7 +197,9 @@ class Islands:
             P = np.zeros((len(moving), ERROR, len(moving), ERROR))
             for place, own in zip(places, beliefs, strict=True):
                 count = len(place)
-                P[np.ix_(place, np.arange(ERROR), place, np.arange(ERROR))] = own.joint.reshape(count, ERROR, count, ERROR)
+                P[np.ix_(place, np.arange(ERROR), place, np.arange(ERROR))] = own.joint.reshape(
+                    count, ERROR, count, ERROR
+                )
             P = P.reshape(ERROR * len(moving), ERROR * len(moving))
         return Belief.trusted(mean, P, moving)
 
@@ -190,7 +209,10 @@ class Islands:
 
     def whole(self, carry: IslandsCarry) -> Any:
         """The propagator's carry for all bodies of the scene."""
-        islands = [island._replace(carry=now) for island, now in zip(carry.islands, self._present(carry), strict=True)]
+        islands = [
+            island._replace(carry=now)
+            for island, now in zip(carry.islands, self._present(carry), strict=True)
+        ]
         return self._joined(islands, np.arange(len(self._scene.bodies)))
 
     def _present(self, carry):
@@ -214,7 +236,8 @@ class Islands:
             part = dataclasses.replace(scene, bodies=[scene.bodies[k] for k in key], islands=False)
             part.__dict__["world"] = world._replace(
                 bodies=Bodies(*(constant[bodies] for constant in world.bodies)),
-                implicit=None if world.implicit is None else world.implicit.of_bodies(bodies))
+                implicit=None if world.implicit is None else world.implicit.of_bodies(bodies),
+            )
             self._parts[key] = part
         return self._parts[key]
 
@@ -229,7 +252,9 @@ class Islands:
         parts = [
             Part(
                 np.searchsorted(bodies, island.bodies),
-                np.searchsorted(scene.moving, np.searchsorted(bodies, island.bodies[self._moving[island.bodies]])),
+                np.searchsorted(
+                    scene.moving, np.searchsorted(bodies, island.bodies[self._moving[island.bodies]])
+                ),
                 np.searchsorted(self._parameters(bodies), self._parameters(island.bodies)),
             )
             for island in islands
@@ -256,7 +281,10 @@ class Islands:
                 x = own.mean[some]
                 spread = SIGMAS * np.sqrt(np.maximum(np.diagonal(own.blocks, axis1=1, axis2=2), 0.0))
                 low[bodies], high[bodies] = x[:, POSITION] - spread[:, 0:3], x[:, POSITION] + spread[:, 0:3]
-                slowest[bodies], fastest[bodies] = x[:, VELOCITY] - spread[:, 3:6], x[:, VELOCITY] + spread[:, 3:6]
+                slowest[bodies], fastest[bodies] = (
+                    x[:, VELOCITY] - spread[:, 3:6],
+                    x[:, VELOCITY] + spread[:, 3:6],
+                )
                 spin[bodies] = np.abs(x[:, ANGULAR_VELOCITY]) + spread[:, 9:12]
         return Bounds(low, high, slowest, fastest, spin)
 
@@ -276,7 +304,9 @@ class Islands:
         low = bounds.low + np.minimum(bounds.slowest, 0.0) * time + np.minimum(gravity, 0.0) * fall
         high = bounds.high + np.maximum(bounds.fastest, 0.0) * time + np.maximum(gravity, 0.0) * fall
         mass = np.bincount(labels, np.where(self._moving, self._heaviest, 0.0), len(labels))[labels]
-        travel = (np.sqrt(2.0 * energy) * time + np.sqrt(mass) * self._gravity * fall) / np.sqrt(self._lightest)
+        travel = (np.sqrt(2.0 * energy) * time + np.sqrt(mass) * self._gravity * fall) / np.sqrt(
+            self._lightest
+        )
         travel = travel[:, None]
         contact = contact[:, None]
         low, high = np.where(contact, bounds.low - travel, low), np.where(contact, bounds.high + travel, high)
@@ -293,9 +323,13 @@ class Islands:
         """
         if self._scene.integrator == "explicit":
             return self._radius
-        # all of the energy may be in any motion; a body in flight keeps that of its rotation, and its angular momentum
+        # all of the energy may be in any motion; a body in flight keeps that of its rotation, and its angular
+        # momentum
         grown = np.sqrt(2.0 * energy) + np.sqrt(mass) * self._gravity * time
-        speed = np.linalg.norm(np.maximum(np.abs(bounds.slowest), np.abs(bounds.fastest)), axis=1) + self._gravity * time
+        speed = (
+            np.linalg.norm(np.maximum(np.abs(bounds.slowest), np.abs(bounds.fastest)), axis=1)
+            + self._gravity * time
+        )
         speed = np.where(contact, grown / np.sqrt(self._lightest), speed)
         spin = np.linalg.norm(bounds.spin, axis=1) * np.sqrt(self._stiffest / self._softest)
         spin = np.where(contact, grown / np.sqrt(self._lightest * self._softest), spin)
@@ -303,7 +337,9 @@ class Islands:
         return self._radius + self._scene.dt * pace + NEAR
 
     def _plan(self, carry):
-        """Begin a slice: choose its end, merge the islands that may meet in it, and add what they may reach."""
+        """Begin a slice: choose its end, merge the islands that may meet in it, and add what
+        they may reach.
+        """
         scene = self._scene
         bounds = self._bounds(carry.islands, self._present(carry))
         energies = self._energies(bounds)
@@ -317,7 +353,9 @@ class Islands:
         limit = next(mark for mark in self._marks if mark > carry.step) - carry.step
         steps = min(limit, _LONGEST)
         while True:
-            labels, meeting, pairs, contact = self._meeting(bounds, steps * scene.dt, labels, known, steps <= _SHORTEST)
+            labels, meeting, pairs, contact = self._meeting(
+                bounds, steps * scene.dt, labels, known, steps <= _SHORTEST
+            )
             if not meeting:
                 break
             steps = max(steps // 2, min(_SHORTEST, limit))
@@ -329,7 +367,9 @@ class Islands:
             own = np.flatnonzero((labels == label) & self._moving)
             of_own = labels[pairs] == label
             near = pairs[of_own.any(axis=1) & ~of_own.all(axis=1)]
-            bodies = np.unique(np.concatenate([own, near[labels[near] != label], *(island.bodies for island in joining)]))
+            bodies = np.unique(
+                np.concatenate([own, near[labels[near] != label], *(island.bodies for island in joining)])
+            )
             if len(joining) == 1 and len(bodies) == len(joining[0].bodies):
                 now = joining[0].carry
             else:
@@ -337,7 +377,13 @@ class Islands:
             energy = sum(max(island.energy, energies[island.bodies].sum()) for island in joining)
             alone = len(bodies) == 1 and not contact[own[0]] and self._can_fly
             islands.append(Island(bodies, self._part(bodies), now, energy, alone))
-        return IslandsCarry(tuple(islands), tuple(island.carry for island in islands), carry.step, carry.step + steps, carry.step)
+        return IslandsCarry(
+            tuple(islands),
+            tuple(island.carry for island in islands),
+            carry.step,
+            carry.step + steps,
+            carry.step,
+        )
 
     def _meeting(self, bounds, time, labels, energy, merge):
         """What happens between the bodies within a time.
@@ -389,7 +435,10 @@ class Islands:
         for e in range(len(surroundings.kind)):
             # in the element's frame
             lowest, highest = bounds(surroundings.kind, surroundings.size, e)
-            middle, reach = (center - surroundings.position[e]) @ surroundings.R[e], half @ np.abs(surroundings.R[e])
+            middle, reach = (
+                (center - surroundings.position[e]) @ surroundings.R[e],
+                half @ np.abs(surroundings.R[e]),
+            )
             found |= np.all((middle - reach < highest) & (middle + reach > lowest), axis=1)
         return found
 
@@ -399,7 +448,9 @@ class Islands:
         if len(carry.islands) > 1:
             # what flies freely has the energy that it was thought to have
             met = [k for k, island in enumerate(carry.islands) if not island.alone]
-            energies = self._energies(self._bounds([carry.islands[k] for k in met], [present[k] for k in met]))
+            energies = self._energies(
+                self._bounds([carry.islands[k] for k in met], [present[k] for k in met])
+            )
             time = (carry.end - carry.begin) * self._scene.dt
             known = [island.energy for island in carry.islands]
             for k in met:
@@ -410,12 +461,19 @@ class Islands:
                 if now > most * (1.0 + _ROUND_OFF):
                     known[k] = now
             if any(new > island.energy for new, island in zip(known, carry.islands, strict=True)):
-                islands = tuple(island._replace(energy=e) for island, e in zip(carry.islands, known, strict=True))
-                began = IslandsCarry(islands, tuple(i.carry for i in islands), carry.begin, carry.begin, carry.begin)
+                islands = tuple(
+                    island._replace(energy=e) for island, e in zip(carry.islands, known, strict=True)
+                )
+                began = IslandsCarry(
+                    islands, tuple(i.carry for i in islands), carry.begin, carry.begin, carry.begin
+                )
                 again = self._plan(began)
                 if len(again.islands) < len(islands) or again.end < carry.end:
                     return again
-        islands = tuple(island._replace(carry=now, alone=False) for island, now in zip(carry.islands, present, strict=True))
+        islands = tuple(
+            island._replace(carry=now, alone=False)
+            for island, now in zip(carry.islands, present, strict=True)
+        )
         return IslandsCarry(islands, present, carry.end, carry.end, carry.end)
 
 
@@ -427,7 +485,9 @@ def _restricted(belief, bodies):
         P = belief.covariance[place]
     else:
         count = len(belief.moving)
-        P = belief.covariance.reshape(count, ERROR, count, ERROR)[np.ix_(place, range(ERROR), place, range(ERROR))]
+        P = belief.covariance.reshape(count, ERROR, count, ERROR)[
+            np.ix_(place, range(ERROR), place, range(ERROR))
+        ]
         P = P.reshape(ERROR * len(moving), ERROR * len(moving))
     return Belief.trusted(belief.mean[bodies], P, moving)
 

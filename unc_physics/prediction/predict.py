@@ -71,7 +71,8 @@ class Prediction:
 
     @cached_property
     def start(self) -> Belief:
-        """The belief at time 0 that was really used: without overlap, and at rest where bodies are said to be.
+        """The belief at time 0 that was really used: without overlap, and at rest where bodies are said to
+        be.
 
         Of points or samples it has the moments; where none was moved, it is what was given.
         """
@@ -126,11 +127,13 @@ class Prediction:
         if own is None:
             if count is None:
                 raise InvalidRequestError(
-                    f"must be given: {self.propagator.name} has no samples of its own", field="count")
+                    f"must be given: {self.propagator.name} has no samples of its own", field="count"
+                )
             return self.belief.sample(count, np.random.default_rng(self.seed or 0))
         if count is not None and count > len(own):
             raise LimitExceededError(
-                f"must be at most the {len(own)} samples of the prediction", field="count", value=count)
+                f"must be at most the {len(own)} samples of the prediction", field="count", value=count
+            )
         return own[:count].copy()
 
 
@@ -164,7 +167,8 @@ def predict(
         Called every few hundredths of a second with the number of steps done and of all steps. What it raises
         ends the prediction; an `UncPhysicsError` then has a ``prediction`` that ends at the time reached.
     keep_samples : int, optional
-        How many of its own samples a propagator that has some is to keep at each of the times (`Prediction.kept`).
+        How many of its own samples a propagator that has some is to keep at each of the times
+        (`Prediction.kept`).
 
     Returns
     -------
@@ -207,7 +211,9 @@ def predict(
         whole = runner.whole(carry) if in_islands else carry
         took = clock() - started
         states = tuple(kept) if keep_samples else None
-        return Prediction(scene, propagator, tuple(reached), tuple(beliefs), whole, took, given, began, states)
+        return Prediction(
+            scene, propagator, tuple(reached), tuple(beliefs), whole, took, given, began, states
+        )
 
     def reach(carry):
         reached.append(done * scene.dt)
@@ -231,7 +237,8 @@ def predict(
                 if allowed is not None and done < marks[-1] and now - started > allowed:
                     raise PredictionTimeoutError(
                         f"ran out after {done * scene.dt:.6g} s of {marks[-1] * scene.dt:.6g} s simulated",
-                        field="max_computation_time", value=max_computation_time,
+                        field="max_computation_time",
+                        value=max_computation_time,
                     )
             except UncPhysicsError as error:
                 reach(carry)
@@ -242,10 +249,11 @@ def predict(
 
 
 def start_belief(scene: Scene, belief: Belief) -> Belief:
-    """The belief at time 0 that predictions begin with, without a prediction: as the default propagator has it.
+    """The belief at time 0 that predictions begin with, without a prediction: as the default propagator has
+    it.
 
-    Overlap is projected away from each, and what is at rest settles, as `predict` does it; nothing changes with
-    the explicit integrator. It is what a propagator with a single nominal rollout begins with.
+    Overlap is projected away from each, and what is at rest settles, as `predict` does it; nothing changes
+    with the explicit integrator. It is what a propagator with a single nominal rollout begins with.
 
     Parameters
     ----------
@@ -271,7 +279,9 @@ def start_belief(scene: Scene, belief: Belief) -> Belief:
 
 
 def periodic_times(period: float, horizon: float) -> list[float]:
-    """Multiples of ``period`` before ``horizon`` [s]; raises `InvalidHorizonError` or `LimitExceededError`."""
+    """Multiples of ``period`` before ``horizon`` [s]; raises `InvalidHorizonError` or
+    `LimitExceededError`.
+    """
     period = positive(period, "period", InvalidHorizonError)
     count = positive(horizon, "horizon", InvalidHorizonError) / period
     if count > TIMES_LIMIT:
@@ -284,12 +294,17 @@ def check_supported(scene: Scene, propagator: Propagator) -> None:
     if scene.integrator not in propagator.integrators:
         able = names_where(lambda other: scene.integrator in other.integrators)
         raise NotSupportedError(
-            f"does not run on the {scene.integrator} integrator; {able} do", field="propagator",
-            value=propagator.name)
+            f"does not run on the {scene.integrator} integrator; {able} do",
+            field="propagator",
+            value=propagator.name,
+        )
     if scene.overlap == "reject" and not propagator.rejects_overlap:
         able = names_where(lambda other: other.rejects_overlap)
         raise NotSupportedError(
-            f"is for {able} alone, not for {propagator.name}; 'project' is for all", field="overlap", value="reject")
+            f"is for {able} alone, not for {propagator.name}; 'project' is for all",
+            field="overlap",
+            value="reject",
+        )
     if scene.uncertain and not propagator.varies_parameters:
         first = scene.uncertain[0]
         owners = [f" of body '{body.name}'" for body in scene.bodies]
@@ -300,13 +315,17 @@ def check_supported(scene: Scene, propagator: Propagator) -> None:
 
 
 def _next_piece(steps, took):
-    """Steps that will take about as long as is wanted between looks at the clock, when ``steps`` took ``took`` s."""
+    """Steps that will take about as long as is wanted between looks at the clock, when ``steps`` took
+    ``took`` s.
+    """
     return max(1, min(4 * steps, round(steps * _LOOK_UP_AFTER / max(took, 1e-9))))
 
 
 def _finite(belief, reached):
     if not (np.isfinite(belief.mean).all() and np.isfinite(belief.covariance).all()):
-        raise DivergedError(f"diverged within {reached:.6g} s; a smaller dt or stiffness may help", field="prediction")
+        raise DivergedError(
+            f"diverged within {reached:.6g} s; a smaller dt or stiffness may help", field="prediction"
+        )
     return belief
 
 
@@ -324,10 +343,14 @@ def _steps(scene, horizon, times):
     for name, value in zip(names, wanted, strict=True):
         ratio = positive(value, name, InvalidHorizonError) / scene.dt
         if ratio > STEPS_LIMIT:
-            raise LimitExceededError(f"takes more than {STEPS_LIMIT} steps of dt = {scene.dt} s", field=name, value=value)
+            raise LimitExceededError(
+                f"takes more than {STEPS_LIMIT} steps of dt = {scene.dt} s", field=name, value=value
+            )
         steps = round(ratio)
         if steps < 1:
-            raise InvalidHorizonError(f"is shorter than half a step of dt = {scene.dt} s", field=name, value=value)
+            raise InvalidHorizonError(
+                f"is shorter than half a step of dt = {scene.dt} s", field=name, value=value
+            )
         if marks and steps < marks[-1]:
             raise InvalidHorizonError("must not be earlier than the time before it", field=name, value=value)
         if not marks or steps > marks[-1]:

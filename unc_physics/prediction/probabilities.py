@@ -1,9 +1,13 @@
-"""Answers that a robot asks a prediction for: will they touch, and when; where will it be; will it be at rest?
+"""Answers that a robot asks a prediction for: will they touch, and when; where will it be; will it be at
+rest?
 
-Every answer is a probability within `TOLERANCE` of the truth, or says that it is not available: it is where the
-interval that its outcomes leave for the truth reaches farther. A propagator with samples of its own counts these. The others have none, and the Gaussian that they end with is no good for probabilities once
-bodies have touched (``python -m unc_physics_evaluation.benchmarks.calibration`` shows how far off it is). What they can tell is what is decided
-by the first contacts, before which all bodies fly freely: flights drawn from the initial belief say for each question
+Every answer is a probability within `TOLERANCE` of the truth, or says that it is not available: it is where
+the interval that its outcomes leave for the truth reaches farther. A propagator with samples of its own
+counts these. The others have none, and the Gaussian that they end with is no good for probabilities once
+bodies have touched (``python -m unc_physics_evaluation.benchmarks.calibration`` shows how far off it is).
+What they can tell is what is decided
+by the first contacts, before which all bodies fly freely: flights drawn from the initial belief say for each
+    question
 how often it is answered yes, no, or not yet. "Not yet" counts half, and widens the interval by as much.
 """
 
@@ -75,7 +79,9 @@ class BoxRegion:
         for k in range(3):
             positive(size[k], f"size[{k}] {of}", InvalidEnvironmentError)
         object.__setattr__(self, "size", size)
-        object.__setattr__(self, "position", array(self.position, (3,), f"position {of}", InvalidEnvironmentError))
+        object.__setattr__(
+            self, "position", array(self.position, (3,), f"position {of}", InvalidEnvironmentError)
+        )
         object.__setattr__(self, "orientation", quaternion(self.orientation, f"orientation {of}"))
 
     def contains(self, points: np.ndarray) -> np.ndarray:
@@ -91,8 +97,8 @@ class ContactProbability:
     Attributes
     ----------
     object_a, object_b : str
-        A moving body, and another body, an element of the environment, or `ENVIRONMENT` for any of its elements. Two
-        bodies are in the scene's order, where either may be the fixed one.
+        A moving body, and another body, an element of the environment, or `ENVIRONMENT` for any of its
+        elements. Two bodies are in the scene's order, where either may be the fixed one.
     time_from_start : float
         The contact happens between the start and this time [s].
     available : bool
@@ -101,8 +107,9 @@ class ContactProbability:
         0 where it is not available.
     first_contact_time_available : bool
     first_contact_time_mean, first_contact_time_std : float
-        Time of the first contact from the start, given that there is one: mean and standard deviation [s]. Told by
-        the step, so up to one ``dt`` late. 0 where it is not available, as where a contact is too improbable.
+        Time of the first contact from the start, given that there is one: mean and standard deviation [s].
+        Told by the step, so up to one ``dt`` late. 0 where it is not available, as where a contact is too
+        improbable.
     """
 
     object_a: str
@@ -160,7 +167,9 @@ class RestProbability:
     probability: float = 0.0
 
 
-def contact_probabilities(scene: Scene, prediction: Prediction, initial: Belief | None = None) -> tuple[ContactProbability, ...]:
+def contact_probabilities(
+    scene: Scene, prediction: Prediction, initial: Belief | None = None
+) -> tuple[ContactProbability, ...]:
     """How probable contacts within the horizon are, and when they first happen.
 
     Parameters
@@ -168,17 +177,19 @@ def contact_probabilities(scene: Scene, prediction: Prediction, initial: Belief 
     scene : Scene
     prediction : Prediction
     initial : Belief, optional
-        The belief that the prediction began with. Propagators without samples need it to answer; their first answer to
-        any question about a prediction takes `FLIGHTS` flights up to the first contacts.
+        The belief that the prediction began with. Propagators without samples need it to answer; their first
+        answer to any question about a prediction takes `FLIGHTS` flights up to the first contacts.
 
     Returns
     -------
     tuple of ContactProbability
-        For each pair of bodies of which one moves, in the scene's order; then, for each moving body, each element of
-        the environment, and the environment as a whole under the name `ENVIRONMENT`.
+        For each pair of bodies of which one moves, in the scene's order; then, for each moving body, each
+        element of the environment, and the environment as a whole under the name `ENVIRONMENT`.
     """
     outcomes = _outcomes(scene, prediction, initial)
-    return tuple(_contact((one, other, prediction.time), outcomes, *place) for one, other, place in _encounters(scene))
+    return tuple(
+        _contact((one, other, prediction.time), outcomes, *place) for one, other, place in _encounters(scene)
+    )
 
 
 def region_probabilities(
@@ -214,13 +225,21 @@ def region_probabilities(
     for region in regions:
         for body in scene.moving:
             inside = None if outcomes is None else region.contains(outcomes.states[:, body, POSITION])
-            answers.append(RegionProbability(region.name, scene.bodies[body].name, prediction.time, *_of_body(inside, outcomes, body)))
+            answers.append(
+                RegionProbability(
+                    region.name, scene.bodies[body].name, prediction.time, *_of_body(inside, outcomes, body)
+                )
+            )
     return tuple(answers)
 
 
 def rest_probabilities(
-    scene: Scene, prediction: Prediction, initial: Belief | None = None,
-    *, speed: float = REST_SPEED, angular_speed: float = REST_ANGULAR_SPEED,
+    scene: Scene,
+    prediction: Prediction,
+    initial: Belief | None = None,
+    *,
+    speed: float = REST_SPEED,
+    angular_speed: float = REST_ANGULAR_SPEED,
 ) -> tuple[RestProbability, ...]:
     """How probable it is that a moving body is at rest at the horizon.
 
@@ -246,7 +265,9 @@ def rest_probabilities(
         if outcomes is not None:
             slow = np.linalg.norm(outcomes.states[:, body, VELOCITY], axis=1) < speed
             slow &= np.linalg.norm(outcomes.states[:, body, ANGULAR_VELOCITY], axis=1) < angular_speed
-        answers.append(RestProbability(scene.bodies[body].name, prediction.time, *_of_body(slow, outcomes, body)))
+        answers.append(
+            RestProbability(scene.bodies[body].name, prediction.time, *_of_body(slow, outcomes, body))
+        )
     return tuple(answers)
 
 
@@ -273,7 +294,9 @@ class _Outcomes:
 
 
 def _outcomes(scene, prediction, initial):
-    """What may happen, from a prediction's samples or from flights; None where there is nothing to tell it from."""
+    """What may happen, from a prediction's samples or from flights; None where there is nothing to tell it
+    from.
+    """
     scene = prediction.scene  # with the stiffness that was chosen
     if prediction not in _known:
         found = _sampled(scene, prediction) or _flown(scene, prediction, initial)
@@ -306,7 +329,9 @@ def _flown(scene, prediction, initial):
 
 
 def _encounters(scene):
-    """Who may touch whom: their names, and (body, other body or None, columns) in the table of first contacts."""
+    """Who may touch whom: their names, and (body, other body or None, columns) in the table of first
+    contacts.
+    """
     names = [body.name for body in scene.bodies]
     elements = element_names(scene.environment)
     B, E = len(names), len(elements)
@@ -329,7 +354,9 @@ def _contact(names: tuple[str, str, float], outcomes, body, other, columns):
     known = outcomes.stopped[:, body]
     if other is not None:
         known = np.minimum(known, outcomes.stopped[:, other])
-    yes = np.isfinite(first) & (first <= known)  # later than that, it is contact with a body that is not there any more
+    yes = np.isfinite(first) & (
+        first <= known
+    )  # later than that, it is contact with a body that is not there any more
     available, probability = _share(yes, np.isfinite(known) & ~yes, outcomes.certain)
     if not available or yes.sum() < min(FEWEST_CONTACTS, len(yes)):  # one outcome is enough if it is certain
         return ContactProbability(*names, available, probability)
@@ -338,14 +365,18 @@ def _contact(names: tuple[str, str, float], outcomes, body, other, columns):
 
 
 def _of_body(yes, outcomes, body):
-    """Whether a question about a body at the horizon, with these answers (N,) if it was known to the end, can be answered."""
+    """Whether a question about a body at the horizon, with these answers (N,) if it was known to the end, can
+    be answered.
+    """
     if outcomes is None:
         return False, 0.0
     return _share(yes, np.isfinite(outcomes.stopped[:, body]), outcomes.certain)
 
 
 def _share(yes, unknown, certain):
-    """Availability and probability from outcomes (N,) that say yes, and those that leave it open, which count half."""
+    """Availability and probability from outcomes (N,) that say yes, and those that leave it open, which count
+    half.
+    """
     count = len(yes)
     low, high = np.count_nonzero(yes & ~unknown) / count, np.count_nonzero(yes | unknown) / count
     probability = 0.5 * (low + high)

@@ -62,18 +62,53 @@ class Status(IntFlag):
 
 #: Flag, limit and words of each measure; `assess` explains them.
 RULES = {
-    "initial_overlap": (Status.INITIAL_OVERLAP, 0.02, "overlaps another body or the environment at the start"),
-    "overlap_share": (Status.INITIAL_OVERLAP, math.inf, "overlapped at the start, and was moved to the nearest pose without"),
-    "overlap_moved": (Status.INITIAL_OVERLAP, 0.01, "some of the belief was moved by more than 5 standard deviations, to where it does not overlap or stands"),
-    "overlap_kept": (Status.INITIAL_OVERLAP, 0.02, "cannot come free of what it overlaps at the start, and keeps the overlap"),
+    "initial_overlap": (
+        Status.INITIAL_OVERLAP,
+        0.02,
+        "overlaps another body or the environment at the start",
+    ),
+    "overlap_share": (
+        Status.INITIAL_OVERLAP,
+        math.inf,
+        "overlapped at the start, and was moved to the nearest pose without",
+    ),
+    "overlap_moved": (
+        Status.INITIAL_OVERLAP,
+        0.01,
+        (
+            "some of the belief was moved by more than 5 standard deviations, to where it does not overlap or"
+            " stands"
+        ),
+    ),
+    "overlap_kept": (
+        Status.INITIAL_OVERLAP,
+        0.02,
+        "cannot come free of what it overlaps at the start, and keeps the overlap",
+    ),
     "overlap_certain": (Status.INITIAL_OVERLAP, 0.5, "overlaps at the start for certain"),
-    "settled_tilt": (Status.INITIAL_OVERLAP, math.radians(15.0), "is said to be at rest, and tilted far until something held it"),
+    "settled_tilt": (
+        Status.INITIAL_OVERLAP,
+        math.radians(15.0),
+        "is said to be at rest, and tilted far until something held it",
+    ),
     "unsettled": (Status.INITIAL_OVERLAP, 0.05, "is said to be at rest, and nothing holds it"),
     "energy_gain": (Status.NOT_CONVERGED, 0.02, "energy was gained; a smaller dt helps"),
-    "contact_residual": (Status.NOT_CONVERGED, 5e-3, "contact forces were not found well enough; a smaller dt, or masses that differ less, help"),
-    "step_times_frequency": (Status.NOT_CONVERGED, 1.3, "the step is too long for the stiffness of the contacts"),
+    "contact_residual": (
+        Status.NOT_CONVERGED,
+        5e-3,
+        "contact forces were not found well enough; a smaller dt, or masses that differ less, help",
+    ),
+    "step_times_frequency": (
+        Status.NOT_CONVERGED,
+        1.3,
+        "the step is too long for the stiffness of the contacts",
+    ),
     "impact_over_capacity": (Status.NOT_CONVERGED, 1.0, "hits harder than the stiffness can stop"),
-    "directions": (Status.OUTSIDE_VALIDITY, 30.0, f"too many uncertain directions for as few points; islands or {_SAMPLED} helps"),
+    "directions": (
+        Status.OUTSIDE_VALIDITY,
+        30.0,
+        f"too many uncertain directions for as few points; islands or {_SAMPLED} helps",
+    ),
     "rotation_std": (Status.OUTSIDE_VALIDITY, 2.2, "the rotation is too uncertain for a Gaussian"),
     "spread_disagreement": (Status.OUTSIDE_VALIDITY, 2.3, f"rollouts spread differently; {_ESTIMATED} helps"),
     "unchecked": (Status.OUTSIDE_VALIDITY, 0.5, "its spread after a contact was not compared with rollouts"),
@@ -106,7 +141,9 @@ class BodyStatus:
         return "; ".join(self.reasons)
 
 
-def assess(scene: Scene, initial: Belief, prediction: Prediction, rollouts: int = ROLLOUTS) -> tuple[BodyStatus, ...]:
+def assess(
+    scene: Scene, initial: Belief, prediction: Prediction, rollouts: int = ROLLOUTS
+) -> tuple[BodyStatus, ...]:
     """Check what can be checked of a prediction at its end.
 
     Parameters
@@ -116,8 +153,9 @@ def assess(scene: Scene, initial: Belief, prediction: Prediction, rollouts: int 
         The belief that the prediction began with.
     prediction : Prediction
     rollouts : int
-        How many to compare with, for a propagator that asks for it (`Propagator.compared_with_rollouts`); it costs as many rollouts, where there is something to touch, or a gyroscopic term. With 0, what touched is flagged
-        as unchecked.
+        How many to compare with, for a propagator that asks for it (`Propagator.compared_with_rollouts`); it
+        costs as many rollouts, where there is something to touch, or a gyroscopic term. With 0, what touched
+        is flagged as unchecked.
 
     Returns
     -------
@@ -126,54 +164,63 @@ def assess(scene: Scene, initial: Belief, prediction: Prediction, rollouts: int 
 
     Notes
     -----
-    The measures, each compared with its limit in `RULES`; bodies that touched each other, directly or through others,
-    share their energy:
+    The measures, each compared with its limit in `RULES`; bodies that touched each other, directly or through
+    others, share their energy:
 
     ``initial_overlap``
-        Where overlap at the start is kept: depth of the deepest pair of spheres, over the body's radius, that one in
+        Where overlap at the start is kept: depth of the deepest pair of spheres, over the body's radius, that
+            one in
         twenty states of the belief exceeds, or that of its mean.
     ``overlap_share``
-        Share of the points or samples in which the body overlapped something at the start, before it was moved away. It
-        raises no flag.
+        Share of the points or samples in which the body overlapped something at the start, before it was
+        moved away. It raises no flag.
     ``overlap_moved``
-        Share of them in which it was moved by more than 5 standard deviations of the belief, by that or by settling; of
-        sigma points by one more than they lie from the mean themselves.
+        Share of them in which it was moved by more than 5 standard deviations of the belief, by that or by
+        settling; of sigma points by one more than they lie from the mean themselves.
     ``overlap_kept``
         Deepest overlap that could not come free and stays, in any of them, over the body's radius.
     ``overlap_certain``
         Share of them that keep an overlap.
     ``settled_tilt``
-        Of a body at rest: the angle by which it tilted until contacts held it, as a root mean square over them [rad].
+        Of a body at rest: the angle by which it tilted until contacts held it, as a root mean square over
+            them [rad].
     ``unsettled``
         Share of them in which it did not come to rest.
     ``energy_gain``
-        Of a body that touched something: energy gained, over all that there was, that gravity gave and that overlap at
+        Of a body that touched something: energy gained, over all that there was, that gravity gave and that
+            overlap at
         the start held. For propagators with several rollouts in the mean over these, from below.
     ``contact_residual``
-        Of a body that touched something, with the implicit integrator: by how much of the largest impulse those of its
-        contacts, and of what touched it, still changed when the solver gave up; the most of all steps up to the
-        prediction's end, that only one in twenty rollouts exceeds.
+        Of a body that touched something, with the implicit integrator: by how much of the largest impulse
+        those of its contacts, and of what touched it, still changed when the solver gave up; the most of all
+        steps up to the prediction's end, that only one in twenty rollouts exceeds.
     ``step_times_frequency``
-        Of a body that touched something, with the explicit integrator: what a contact's oscillation turns in a step [rad],
-        at the highest speed that start, end and gravity suggest.
+        Of a body that touched something, with the explicit integrator: what a contact's oscillation turns in
+        a step [rad], at the highest speed that start, end and gravity suggest.
     ``impact_over_capacity``
-        With the explicit integrator: kinetic energy at that speed over what two spheres as large as the body's largest take
+        With the explicit integrator: kinetic energy at that speed over what two spheres as large as the
+            body's largest take
         up before they pass through each other (`contact_model.capacity`).
     ``directions``
-        Of points that are spread along directions, for a body that touched something: in how many directions the bodies
-        that they are spread for together are uncertain. Points lie farther out the more there are, and most of them move
-        a single body.
+        Of points that are spread along directions, for a body that touched something: in how many directions
+        the bodies that they are spread for together are uncertain. Points lie farther out the more there are,
+        and most of them move a single body.
     ``rotation_std``
-        Largest standard deviation of the rotation about any axis that the body would have at the end without contact [rad];
-        not of a propagator with samples of its own.
+        Largest standard deviation of the rotation about any axis that the body would have at the end without
+        contact [rad]; not of a propagator with samples of its own.
     ``spread_disagreement``
-        The factor by which predicted spreads and those of a few rollouts differ, of position or rotation, whichever is
-        worse. Over twelve rollouts it is uncertain by about a sixth.
+        The factor by which predicted spreads and those of a few rollouts differ, of position or rotation,
+        whichever is worse. Over twelve rollouts it is uncertain by about a sixth.
     ``unchecked``
-        1 for a body that touched something where no rollouts were asked for: its spread is wrong by more than a factor of
-        2 more often than not.
+        1 for a body that touched something where no rollouts were asked for: its spread is wrong by more than
+        a factor of 2 more often than not.
     """
-    return assess_all(scene, initial, replace(prediction, times=prediction.times[-1:], beliefs=prediction.beliefs[-1:]), rollouts)[0]
+    return assess_all(
+        scene,
+        initial,
+        replace(prediction, times=prediction.times[-1:], beliefs=prediction.beliefs[-1:]),
+        rollouts,
+    )[0]
 
 
 def assess_all(
@@ -198,10 +245,14 @@ class _Start(NamedTuple):
     mean: np.ndarray  # (B, 13)
     blocks: np.ndarray  # (M, 12, 12)
     mass: np.ndarray  # (B,), 0 of a fixed body [kg]
-    shapes: np.ndarray  # (B, 4): least and largest inertia over mass [m^2], largest sphere's radius, the body's [m]
+    shapes: (
+        np.ndarray
+    )  # (B, 4): least and largest inertia over mass [m^2], largest sphere's radius, the body's [m]
     overlap: np.ndarray  # (B,) [m]
     energy: np.ndarray  # (B,), from above [J]
-    samples: float | None  # that a belief is the mean of: infinite where they are chosen instead of drawn; None for one
+    samples: (
+        float | None
+    )  # that a belief is the mean of: infinite where they are chosen instead of drawn; None for one
     directions: np.ndarray | None  # (M,), that points are spread along; None without such points
 
 
@@ -217,7 +268,9 @@ def _start(scene, initial, prediction):
     if scene.overlap == "keep" and len(scene.moving):
         drawn = [_overlaps(scene, x)[0] for x in initial.sample(_DRAWN, np.random.default_rng(_SEED))]
         overlap = np.maximum(overlap, np.quantile(drawn, _USUAL, axis=0))
-    start = _Start(initial.mean, initial.blocks, mass, shapes, overlap, held, samples, propagator.directions(initial))
+    start = _Start(
+        initial.mean, initial.blocks, mass, shapes, overlap, held, samples, propagator.directions(initial)
+    )
     energy, noise = _kinetic(scene, start, initial, 1)
     if samples is not None and math.isfinite(samples):
         energy += _NOISE * noise / math.sqrt(samples)
@@ -257,14 +310,25 @@ def _assess(scene, start, prediction, time, belief, spreads):
         else:
             in_contact["contact_residual"] = np.quantile(history.solver.residual, _USUAL, axis=0)
     return tuple(
-        _judged(body.name, {} if body.fixed else {
-            key: float(value[k]) for key, value in (per_body | in_contact if touches[k] else per_body).items()})
+        _judged(
+            body.name,
+            (
+                {}
+                if body.fixed
+                else {
+                    key: float(value[k])
+                    for key, value in (per_body | in_contact if touches[k] else per_body).items()
+                }
+            ),
+        )
         for k, body in enumerate(scene.bodies)
     )
 
 
 def _beginning(scene, start, found):
-    """What the rollouts learned of their own beginning: values (B,) by name; none for the explicit integrator."""
+    """What the rollouts learned of their own beginning: values (B,) by name; none for the explicit
+    integrator.
+    """
     if found is None:
         return {}
     keeps = found.kept > TOUCHING
@@ -274,7 +338,11 @@ def _beginning(scene, start, found):
         measures["overlap_certain"] = keeps.mean(axis=0)
     if scene.overlap != "keep" or any(body.at_rest for body in scene.bodies):
         # chosen points lie far out themselves, and may be moved as far
-        far = _FAR if math.isfinite(start.samples or 1.0) else max(_FAR, 1.0 + math.sqrt(0.5 * len(found.moved)))
+        far = (
+            _FAR
+            if math.isfinite(start.samples or 1.0)
+            else max(_FAR, 1.0 + math.sqrt(0.5 * len(found.moved)))
+        )
         measures["overlap_moved"] = (found.moved > far).mean(axis=0)
     if any(body.at_rest for body in scene.bodies):
         measures["settled_tilt"] = np.sqrt((found.tilted**2).mean(axis=0))
@@ -285,7 +353,10 @@ def _beginning(scene, start, found):
 def _explicit_measures(scene, start, speed):
     """What a step can take at the bodies' highest speeds (B,): values (B,) by name."""
     radius = start.shapes[:, 2]
-    frequency = [impact_frequency(speed[k], 1.0 / body.mass, radius[k], scene.stiffness) for k, body in enumerate(scene.bodies)]
+    frequency = [
+        impact_frequency(speed[k], 1.0 / body.mass, radius[k], scene.stiffness)
+        for k, body in enumerate(scene.bodies)
+    ]
     most = np.maximum(capacity(radius, scene.stiffness), 1e-300)
     return {
         "step_times_frequency": scene.dt * np.array(frequency),
@@ -317,14 +388,20 @@ def _spreads(scene, initial, times, count):
     """(T, M, 2): standard deviations of position [m] and rotation [rad] of some rollouts, at each time."""
     if len(scene.bodies) > 2 and not scene.islands:
         scene = replace(scene, islands=True)  # changes rollouts by nothing that counts here
-    sampled = predict(scene, initial, make_propagator(REFERENCE, samples=count, seed=_SEED), None, times=times)
-    return math.sqrt(count / max(count - 1, 1)) * np.array([_stds(belief.blocks) for belief in sampled.beliefs])
+    sampled = predict(
+        scene, initial, make_propagator(REFERENCE, samples=count, seed=_SEED), None, times=times
+    )
+    return math.sqrt(count / max(count - 1, 1)) * np.array(
+        [_stds(belief.blocks) for belief in sampled.beliefs]
+    )
 
 
 def _stds(blocks):
     """(M, 2): standard deviations of position [m] and rotation [rad], over all axes together."""
     variances = np.einsum("mii->mi", blocks)
-    return np.sqrt(np.maximum([variances[:, block].sum(axis=1) for block in (ERR_POSITION, ERR_ROTATION)], 0.0)).T
+    return np.sqrt(
+        np.maximum([variances[:, block].sum(axis=1) for block in (ERR_POSITION, ERR_ROTATION)], 0.0)
+    ).T
 
 
 def _disagreement(scene, start, blocks, spreads):
@@ -344,8 +421,10 @@ def _free_rotation_std(scene, start, time):
     P = start.blocks
     cross = P[:, ERR_ROTATION, ERR_ANGULAR_VELOCITY]
     spread = (
-        P[:, ERR_ROTATION, ERR_ROTATION] + time * (cross + cross.transpose(0, 2, 1))
-        + time**2 * P[:, ERR_ANGULAR_VELOCITY, ERR_ANGULAR_VELOCITY])
+        P[:, ERR_ROTATION, ERR_ROTATION]
+        + time * (cross + cross.transpose(0, 2, 1))
+        + time**2 * P[:, ERR_ANGULAR_VELOCITY, ERR_ANGULAR_VELOCITY]
+    )
     result = np.zeros(len(scene.bodies))
     result[scene.moving] = np.sqrt(np.maximum(np.linalg.eigvalsh(spread)[:, -1], 0.0))
     return result
@@ -358,16 +437,19 @@ def _energies(scene, start, belief, group):
     after, _ = _kinetic(scene, start, belief, 0)
     source, rest = (
         np.bincount(group, value, len(group))[group]
-        for value in (start.energy + np.maximum(work, 0.0), after + np.maximum(-work, 0.0)))
+        for value in (start.energy + np.maximum(work, 0.0), after + np.maximum(-work, 0.0))
+    )
     gain = (rest - source) / np.where(source > 0.0, source, math.inf)
     squares = np.maximum(*((state[:, VELOCITY] ** 2).sum(axis=1) for state in (start.mean, belief.mean)))
     return np.sqrt(squares + 2.0 * math.sqrt(scene.gravity @ scene.gravity) * np.abs(way).max(axis=1)), gain
 
 
 def _kinetic(scene, start, belief, side):
-    """Kinetic energy of each body [J], and of several rollouts the standard deviation of a single one's: each (B,).
+    """Kinetic energy of each body [J], and of several rollouts the standard deviation of a single one's: each
+    (B,).
 
-    The mean over several rollouts has the spread's energy. Its share of rotation depends on how velocities and poses go
+    The mean over several rollouts has the spread's energy. Its share of rotation depends on how velocities
+    and poses go
     together: the least (``side`` 0) or the largest (1) moment of inertia stands for all.
     """
     energy, noise = np.zeros(len(scene.bodies)), np.zeros(len(scene.bodies))
@@ -389,7 +471,9 @@ def _kinetic(scene, start, belief, side):
 
 
 def _overlaps(scene, mean):
-    """How deep each body's spheres reach into others or the environment [m], and no less than the energy there [J]: each (B,)."""
+    """How deep each body's spheres reach into others or the environment [m], and no less than the energy
+    there [J]: each (B,).
+    """
     nudged = mean.copy()
     for k, body in enumerate(scene.bodies):
         nudged[k, POSITION.start] += k * _NUDGE * body.model.bounding_radius
@@ -419,7 +503,9 @@ def _add_overlaps(x, world, surroundings, out):
                 for e in range(len(surroundings.kind)):
                     t, top = open_element(x, i, e, world, surroundings, work)
                     while top > 0:
-                        count, top = next_element_contacts(world.tree, surroundings, e, work.R_ij, t, work.search, top)
+                        count, top = next_element_contacts(
+                            world.tree, surroundings, e, work.R_ij, t, work.search, top
+                        )
                         for c in range(count):
                             depth = radii[pairs[c, 0]] - records[c, DISTANCE]
                             out[0, i] = max(out[0, i], depth)

@@ -1,4 +1,5 @@
-"""What every propagator is: a carry that holds its persistent state, and what all other modules need to know of it.
+"""What every propagator is: a carry that holds its persistent state, and what all other modules need to know
+of it.
 
 ``docs/extending.md`` walks through one.
 """
@@ -55,10 +56,11 @@ class Traits:
 class Propagator(ABC):
     """Carries a belief through a scene's dynamics.
 
-    A concrete propagator is a frozen dataclass whose fields are its options, each made by `options.option` and
-    checked when the propagator is made (a ``__post_init__`` of its own calls this one's); ``samples`` and ``seed`` are also what command line and messages call by these
-    names. Its carry is a NamedTuple of exactly the persistent state, so that advancing in pieces equals advancing at
-    once. The first line of its docstring says what it is.
+    A concrete propagator is a frozen dataclass whose fields are its options, each made by `options.option`
+    and checked when the propagator is made (a ``__post_init__`` of its own calls this one's); ``samples`` and
+    ``seed`` are also what command line and messages call by these names. Its carry is a NamedTuple of exactly
+    the persistent state, so that advancing in pieces equals advancing at once. The first line of its
+    docstring says what it is.
 
     Attributes
     ----------
@@ -74,7 +76,8 @@ class Propagator(ABC):
     varies_parameters : bool
         Whether uncertain parameters of the scene count.
     rejects_overlap : bool
-        Whether it can leave out the share of a belief in which bodies overlap (``Scene.overlap`` ``'reject'``).
+        Whether it can leave out the share of a belief in which bodies overlap (``Scene.overlap``
+        ``'reject'``).
     draws_together : bool
         Whether the spread of all bodies is drawn together, so that islands take their parts of it (`part`).
     flies : bool
@@ -122,7 +125,8 @@ class Propagator(ABC):
         carries : sequence
             Of the islands, after as many steps each.
         parts : sequence of Part
-            Where each island's bodies are among the joint ones (`joining.joined_means`, `joining.joined_history`).
+            Where each island's bodies are among the joint ones (`joining.joined_means`,
+            `joining.joined_history`).
         frame : Frame
             The joint bodies.
         """
@@ -152,7 +156,9 @@ class Propagator(ABC):
         return self.traits.mean_update == "nominal"
 
     def directions(self, initial: Belief) -> np.ndarray | None:
-        """(M,): along how many directions points are spread for each moving body; None without such points."""
+        """(M,): along how many directions points are spread for each moving body; None without
+        such points.
+        """
         return None
 
     def part(self, carry: Any, bodies: np.ndarray, parameters: Sequence[int]) -> Any:
@@ -200,7 +206,9 @@ def rolled(carry, scene, steps):
 
 def symmetric_root(P: np.ndarray) -> np.ndarray:
     """Symmetric square roots of covariances (..., n, n) (Eq. 12); round-off below zero counts as zero."""
-    if np.count_nonzero(P) == np.count_nonzero(np.diagonal(P, axis1=-2, axis2=-1)):  # no need to look for eigenvectors
+    if np.count_nonzero(P) == np.count_nonzero(
+        np.diagonal(P, axis1=-2, axis2=-1)
+    ):  # no need to look for eigenvectors
         return np.sqrt(np.maximum(P, 0.0))
     values, vectors = np.linalg.eigh(P)
     return (vectors * np.sqrt(np.maximum(values, 0.0))[..., None, :]) @ np.swapaxes(vectors, -1, -2)

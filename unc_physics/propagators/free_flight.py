@@ -35,7 +35,8 @@ class Course(NamedTuple):
     turn : float
         Factor on the initial angular velocity in the rotation [s].
     weights, before : (n,) arrays
-        Of each drift: its time, times the decay until then, and the sum of these over the drifts before it [s].
+        Of each drift: its time, times the decay until then, and the sum of these over the drifts before it
+            [s].
     """
 
     decay: float
@@ -51,8 +52,8 @@ class Course(NamedTuple):
 def course(dt: float, decay: float, steps: int, implicit: bool = False) -> Course:
     """The course of ``steps`` time steps of either integrator.
 
-    Both take ``v' = decay v + dt g``. The explicit one travels at v, the implicit one at the mean of v and v', a
-    parabola; both turn at the angular velocity that a step begins with.
+    Both take ``v' = decay v + dt g``. The explicit one travels at v, the implicit one at the mean of v and
+    v', a parabola; both turn at the angular velocity that a step begins with.
     """
     powers = decay ** np.arange(steps + 1)
     falls = dt * np.concatenate([[0.0], np.cumsum(powers[:-1])])
@@ -60,7 +61,10 @@ def course(dt: float, decay: float, steps: int, implicit: bool = False) -> Cours
     ends = np.cumsum(weights)
     turn = float(ends[-1])
     if implicit:
-        reach, sink = 0.5 * dt * float((powers[:-1] + powers[1:]).sum()), 0.5 * dt * float((falls[:-1] + falls[1:]).sum())
+        reach, sink = (
+            0.5 * dt * float((powers[:-1] + powers[1:]).sum()),
+            0.5 * dt * float((falls[:-1] + falls[1:]).sum()),
+        )
     else:
         reach, sink = turn, dt * float(falls[:-1].sum())
     return Course(float(powers[-1]), float(falls[-1]), reach, sink, turn, weights, ends - weights)
@@ -85,8 +89,12 @@ def flown(states: np.ndarray, flight: Flight) -> np.ndarray:
     half = 0.5 * along.turn * np.linalg.norm(w, axis=-1, keepdims=True)
     axis, scalar = 0.5 * along.turn * np.sinc(half / np.pi) * w, np.cos(half)
     turned = np.concatenate(
-        [scalar * q[..., :3] + q[..., 3:] * axis + np.cross(axis, q[..., :3]),
-         scalar * q[..., 3:] - np.sum(axis * q[..., :3], axis=-1, keepdims=True)], axis=-1)
+        [
+            scalar * q[..., :3] + q[..., 3:] * axis + np.cross(axis, q[..., :3]),
+            scalar * q[..., 3:] - np.sum(axis * q[..., :3], axis=-1, keepdims=True),
+        ],
+        axis=-1,
+    )
     ended[..., QUATERNION] = turned / np.linalg.norm(turned, axis=-1, keepdims=True)
     return ended
 
@@ -103,12 +111,19 @@ def transition(state: np.ndarray, along: Course, exact: bool) -> np.ndarray:
     cross = np.array([[0.0, -u[2], u[1]], [u[2], 0.0, -u[0]], [-u[1], u[0], 0.0]])
     if exact:  # the mean of all rotations on the way, turned back: the left Jacobian transposed
         angle = along.reach * speed
-        cosine, sine = along.reach * np.sinc(angle / np.pi), along.reach * 0.5 * angle * np.sinc(0.5 * angle / np.pi) ** 2
+        cosine, sine = (
+            along.reach * np.sinc(angle / np.pi),
+            along.reach * 0.5 * angle * np.sinc(0.5 * angle / np.pi) ** 2,
+        )
     else:
-        cosine, sine = np.sum(along.weights * np.cos(along.before * speed)), np.sum(along.weights * np.sin(along.before * speed))
+        cosine, sine = (
+            np.sum(along.weights * np.cos(along.before * speed)),
+            np.sum(along.weights * np.sin(along.before * speed)),
+        )
     A = np.eye(ERROR)
     A[ERR_POSITION, ERR_VELOCITY] = along.reach * np.eye(3)
     A[ERR_ROTATION, ERR_ANGULAR_VELOCITY] = R_transposed @ (
-        cosine * np.eye(3) + (along.reach - cosine) * np.outer(u, u) - sine * cross)
+        cosine * np.eye(3) + (along.reach - cosine) * np.outer(u, u) - sine * cross
+    )
     A[ERR_VELOCITY, ERR_VELOCITY] = A[ERR_ANGULAR_VELOCITY, ERR_ANGULAR_VELOCITY] = along.decay * np.eye(3)
     return A

@@ -126,7 +126,9 @@ class LocalSampling(Propagator):
     def fly(self, carry, flight):
         A = transition(carry.mean[0], flight.course, False)
         return carry._replace(
-            mean=flown(carry.mean, flight), covariance=A @ carry.covariance @ A.T, step=carry.step + flight.steps
+            mean=flown(carry.mean, flight),
+            covariance=A @ carry.covariance @ A.T,
+            step=carry.step + flight.steps,
         )
 
 
@@ -463,11 +465,7 @@ def _shift(arm, turn, series):
     for k in range(1, len(sine)):
         s, c = sine[k] - t * s, cosine[k] - t * c
     ax, ay, az = y * arm[2] - z * arm[1], z * arm[0] - x * arm[2], x * arm[1] - y * arm[0]
-    return (
-        s * ax + c * (y * az - z * ay),
-        s * ay + c * (z * ax - x * az),
-        s * az + c * (x * ay - y * ax),
-    )
+    return (s * ax + c * (y * az - z * ay), s * ay + c * (z * ax - x * az), s * az + c * (x * ay - y * ax))
 
 
 @inner(forceinline=True)
@@ -512,7 +510,8 @@ def add_spread(table, starts, count, factors, shape, series, weights, spread):
         ai = _shift(arm_i, _times(factors[1], table[o[3] + s], table[o[4] + s], table[o[5] + s]), series)
         aj = _shift(arm_j, _times(factors[2], table[o[6] + s], table[o[7] + s], table[o[8] + s]), series)
         px, py, pz = px + aj[0] - ai[0], py + aj[1] - ai[1], pz + aj[2] - ai[2]
-        # change of the normal from one small quantity to the next: a difference of two normals would lose digits
+        # change of the normal from one small quantity to the next: a difference of two normals would lose
+        # digits
         qx, qy, qz = D[0] + px, D[1] + py, D[2] + pz
         q = max(math.sqrt(qx * qx + qy * qy + qz * qz), _CLOSEST * d)
         both = q + d

@@ -77,7 +77,8 @@ class MonteCarlo(Propagator):
             states[:, part.bodies] = carry.states
             z[:, part.parameters] = carry.parameters
         return carries[0]._replace(
-            states=states, contact_history=joined_history(carries, parts, frame), parameters=z)
+            states=states, contact_history=joined_history(carries, parts, frame), parameters=z
+        )
 
     def part(self, carry, bodies, parameters):
         return carry._replace(

@@ -1,7 +1,8 @@
 """Which propagators there are, by name; a new one is a new file and a line in `BUILT_IN`.
 
-Nothing is imported for it, so that a command line's help can list them at once. Other packages add theirs by entry
-points in the group ``unc_physics.propagators``, each of which names a subclass of `propagators.base.Propagator`.
+Nothing is imported for it, so that a command line's help can list them at once. Other packages add theirs by
+entry points in the group ``unc_physics.propagators``, each of which names a subclass of
+`propagators.base.Propagator`.
 """
 
 from __future__ import annotations
@@ -9,7 +10,8 @@ from __future__ import annotations
 from importlib.metadata import EntryPoint, entry_points
 
 GROUP = "unc_physics.propagators"
-#: Module and class of each propagator of this package: the paper's four methods, then what they are measured by.
+#: Module and class of each propagator of this package: the paper's four methods, then what they are measured
+# by.
 BUILT_IN = {
     "linearization": "linearization:Linearization",
     "surrogate": "surrogate:Surrogate",
@@ -19,14 +21,13 @@ BUILT_IN = {
 }
 #: What takes the place of a propagator that is not named.
 DEFAULT = "sigma_points"
-#: Plain rollouts of drawn states, which a prediction is compared with; has the options ``samples`` and ``seed``.
+#: Plain rollouts of drawn states, which a prediction is compared with; has the options ``samples`` and
+# ``seed``.
 REFERENCE = "monte_carlo"
 
 
 def entries() -> dict[str, EntryPoint]:
     """Where each propagator is found: those of this package first, which none of the others replaces."""
-    own = {
-        name: EntryPoint(name, f"{__package__}.{place}", GROUP) for name, place in BUILT_IN.items()
-    }
+    own = {name: EntryPoint(name, f"{__package__}.{place}", GROUP) for name, place in BUILT_IN.items()}
     others = sorted(entry_points(group=GROUP), key=lambda entry: entry.name)
     return own | {entry.name: entry for entry in others if entry.name not in own}

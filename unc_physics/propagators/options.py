@@ -14,8 +14,13 @@ _TRUTHS = {"true": True, "false": False}
 
 
 def option(
-    default: Any, description: str, *, choices: tuple[str, ...] = (), low: float | None = None,
-    high: float | None = None, positive: bool = False,
+    default: Any,
+    description: str,
+    *,
+    choices: tuple[str, ...] = (),
+    low: float | None = None,
+    high: float | None = None,
+    positive: bool = False,
 ) -> Any:
     """A field of a propagator that is an option.
 

@@ -50,7 +50,9 @@ def make_propagator(name: str, **options: Any) -> Propagator:
         If an option's value is above its limit.
     """
     if name not in PROPAGATORS:
-        raise UnknownPropagatorError(f"must be one of {', '.join(PROPAGATORS)}", field="propagator", value=name)
+        raise UnknownPropagatorError(
+            f"must be one of {', '.join(PROPAGATORS)}", field="propagator", value=name
+        )
     cls = PROPAGATORS[name]
     known = cls.options()
     for option, value in options.items():
@@ -70,7 +72,11 @@ def propagator_from_texts(
     UnknownPropagatorError, InvalidOptionError, LimitExceededError
     """
     options = dict(options)
-    known = {} if name not in PROPAGATORS else {option.name: option for option in PROPAGATORS[name].described_options()}
+    known = (
+        {}
+        if name not in PROPAGATORS
+        else {option.name: option for option in PROPAGATORS[name].described_options()}
+    )
     for key, value in (("samples", samples), ("seed", seed)):
         if value is not None and key in known:
             options.setdefault(key, value)

@@ -59,7 +59,10 @@ class SigmaPoints(Propagator):
     varies_parameters = flies = True
 
     points: str = option(
-        "minimal", "directions that points are spread along: the uncertain ones, or all", choices=("minimal", "full"))
+        "minimal",
+        "directions that points are spread along: the uncertain ones, or all",
+        choices=("minimal", "full"),
+    )
 
     def init(self, scene, belief):
         root = belief.root() if self.points == "minimal" else symmetric_root(belief.joint)
@@ -84,7 +87,9 @@ class SigmaPoints(Propagator):
         return Belief.trusted(mean, second_moment(errors), scene.moving)
 
     def join(self, carries, parts, frame):
-        """More directions take points farther out: what is odd in a direction grows along, what is even by the square."""
+        """More directions take points farther out: what is odd in a direction grows along, what is even by
+        the square.
+        """
         counts = [len(carry.states) // 2 for carry in carries]
         total = sum(counts)
         states = np.tile(frame.mean, (2 * total + 1, 1, 1))
@@ -101,7 +106,8 @@ class SigmaPoints(Propagator):
             z[np.ix_(own, part.parameters)] = carry.parameters * far
             rows.append(own)
         return carries[0]._replace(
-            states=states, contact_history=joined_history(carries, parts, frame, rows), parameters=z)
+            states=states, contact_history=joined_history(carries, parts, frame, rows), parameters=z
+        )
 
     def fly(self, carry, flight):
         return carry._replace(states=flown(carry.states, flight), step=carry.step + flight.steps)
@@ -131,4 +137,5 @@ def _widened(states, factor):
     plus, minus = errors[1 : count + 1], errors[count + 1 :]
     odd, even = 0.5 * factor * (plus - minus), 0.5 * factor**2 * (plus + minus)
     return spread_states(
-        states[0].copy(), np.arange(states.shape[1]), np.concatenate([errors[:1], even + odd, even - odd]))
+        states[0].copy(), np.arange(states.shape[1]), np.concatenate([errors[:1], even + odd, even - odd])
+    )

@@ -1,4 +1,6 @@
-"""What rollouts begin with: states drawn from a belief, without overlap, and at rest where they are said to be."""
+"""What rollouts begin with: states drawn from a belief, without overlap, and at rest where they are said to
+be.
+"""
 
 from __future__ import annotations
 
@@ -36,7 +38,8 @@ _STEP = 1.0 / 60.0  # of bodies that come to rest [s]
 _QUIET_TIME, _LONGEST = 0.15, 3.0  # for which bodies settle at first, and at most [s]
 _TRIED, _ACCEPTANCE = 400, 0.05  # samples drawn at once, and the least share of them that must do
 _ASLEEP = 0.1  # how long what has settled has not moved [s]
-#: Of the height [m] and tilt [rad] of what is at rest: they come from contact, and no belief is surer of them.
+#: Of the height [m] and tilt [rad] of what is at rest: they come from contact, and no belief is surer of
+# them.
 _LEAST_STD, _LEAST_TILT = 5e-3, 0.03
 
 
@@ -58,7 +61,8 @@ def known(scene: Scene, belief: Belief) -> Belief:
 
 
 def draw(scene: Scene, belief: Belief, count: int, seed: int) -> np.ndarray:
-    """(count, B, 13): states drawn from a belief; only such without overlap where the scene rejects the others.
+    """(count, B, 13): states drawn from a belief; only such without overlap where the scene rejects the
+    others.
 
     The first k of them are the same for every larger count.
     """
@@ -69,8 +73,11 @@ def draw(scene: Scene, belief: Belief, count: int, seed: int) -> np.ndarray:
     while found < count:
         if drawn >= max(count, _TRIED) and found < _ACCEPTANCE * drawn:
             raise LimitExceededError(
-                f"finds no overlap in only {found} of {drawn} samples, fewer than {_ACCEPTANCE:.0%}; take 'project'",
-                field="overlap", value=scene.overlap)
+                f"finds no overlap in only {found} of {drawn} samples, fewer than {_ACCEPTANCE:.0%}; take"
+                " 'project'",
+                field="overlap",
+                value=scene.overlap,
+            )
         states = belief.sample(max(count, _TRIED), rng)
         overlap = _look(scene, belief, states).overlap
         some = states[(overlap <= TOUCHING).all(axis=1)]
@@ -85,8 +92,8 @@ def begin(scene: Scene, belief: Belief, states: np.ndarray) -> tuple[np.ndarray,
     Parameters
     ----------
     scene : Scene
-        Its ``overlap`` says whether what overlaps is projected away (`physics.projection`); bodies ``at_rest``
-        then settle on what is below them.
+        Its ``overlap`` says whether what overlaps is projected away (`physics.projection`); bodies
+        ``at_rest`` then settle on what is below them.
     belief : Belief
         As `known` gives it.
     states : (N, B, 13) array
@@ -133,7 +140,9 @@ def _look(scene, belief, states):
 
 
 def _sides(scene, belief):
-    """On which sides of each other the mean has the bodies (`overlap_search.sides_of`), once it does not overlap."""
+    """On which sides of each other the mean has the bodies (`overlap_search.sides_of`), once it does not
+    overlap.
+    """
     mean = belief.mean[None].copy()
     history = histories.fresh(1, scene.world)
     kept = np.zeros(history.first_time.shape, np.float32)
@@ -162,7 +171,9 @@ def _project(scene, belief, states, sides, history, kept, held, look_only=False)
 
 
 def _free_resting(scene, belief, P):
-    """Let bodies at rest come free upwards and by tilting, however sure the belief is of their height and tilt."""
+    """Let bodies at rest come free upwards and by tilting, however sure the belief is of their height and
+    tilt.
+    """
     down = scene.gravity / np.linalg.norm(scene.gravity) if scene.gravity.any() else np.zeros(3)
     up, flat = np.outer(down, down), np.eye(3) - np.outer(down, down)
     for k, body in enumerate(belief.moving):
@@ -258,4 +269,3 @@ def _note_support(first_time, memory):
         i, j = memory.contact[n, :count, 0], memory.contact[n, :count, 1]
         low, high = np.where(j < 0, i, np.minimum(i, j)), np.where(j < 0, bodies - 1 - j, np.maximum(i, j))
         first_time[n, low, high] = 0.0
-

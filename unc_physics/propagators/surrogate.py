@@ -57,7 +57,9 @@ class Surrogate(Propagator):
     color, marker = "#E69F00", "^"
     flies = True
 
-    k_sigma: float = option(3.0, "standard deviations of a contact's position that tilt its normal", positive=True)
+    k_sigma: float = option(
+        3.0, "standard deviations of a contact's position that tilt its normal", positive=True
+    )
 
     def init(self, scene, belief):
         return SurrogateCarry(

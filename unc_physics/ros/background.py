@@ -17,20 +17,25 @@ class BackgroundService:
     service_type : type
     name : str
     answer : callable
-        Takes request and response, and fills the response. Returns what is left to be done when that is on its way:
-        a callable without arguments, or None.
+        Takes request and response, and fills the response. Returns what is left to be done when that is on
+        its way: a callable without arguments, or None.
 
     Notes
     -----
     rclpy's executors hand what a service's callback returns, with the request's header, to the service's
-    ``send_response``. Here that is where the work is handed over, and an executor of one thread is enough: one of
-    several wakes up two or three times in each request, and each time holds up the thread that works on it.
+    ``send_response``. Here that is where the work is handed over, and an executor of one thread is enough:
+    one of several wakes up two or three times in each request, and each time holds up the thread that works
+    on it.
     """
 
     def __init__(self, server, service_type, name, answer):
         self._server, self._answer = server, answer
         self._service = server.node.create_service(
-            service_type, name, lambda request, response: (request, response), callback_group=ReentrantCallbackGroup())
+            service_type,
+            name,
+            lambda request, response: (request, response),
+            callback_group=ReentrantCallbackGroup(),
+        )
         self._send = self._service.send_response
         self._service.send_response = self._hand_over
 

@@ -33,17 +33,26 @@ class CandidatesService:
             settings = self._server.settings
             _check(request, settings)
             base = read_request(
-                request, settings, self._server.library, self._server.frames, time_limit=settings.max_computation_time)
+                request,
+                settings,
+                self._server.library,
+                self._server.frames,
+                time_limit=settings.max_computation_time,
+            )
             size = answer_bytes(base) * len(request.candidates)
             if size > settings.max_response_bytes:
                 raise LimitExceededError(
-                    f"would take {size} bytes, and the limit is {settings.max_response_bytes}; ask for fewer states, "
-                    "samples or candidates", field="the answer",
+                    f"would take {size} bytes, and the limit is {settings.max_response_bytes}; ask for fewer"
+                    " states, samples or candidates",
+                    field="the answer",
                 )
             response.seed_used = request.seed = base.seed
             deadline = None if base.max_computation_time is None else started + base.max_computation_time
-            response.predictions = list(self._pool.map(
-                lambda k: self._candidate(request, k, deadline), range(len(request.candidates))))
+            response.predictions = list(
+                self._pool.map(
+                    lambda k: self._candidate(request, k, deadline), range(len(request.candidates))
+                )
+            )
             late = [entry for entry in response.predictions if entry.error_code == ErrorCode.TIMEOUT]
             if late:
                 response.error_code, response.error_msg = late[0].error_code, late[0].error_msg
@@ -74,12 +83,15 @@ def _check(request, settings):
         raise InvalidRequestError("must name at least one candidate", field="candidates")
     if len(request.candidates) > settings.max_candidates:
         raise LimitExceededError(
-            f"must be at most {settings.max_candidates}", field="candidates", value=len(request.candidates))
+            f"must be at most {settings.max_candidates}", field="candidates", value=len(request.candidates)
+        )
     known = {message.id for message in request.objects}
     ids = set()
     for k, candidate in enumerate(request.candidates):
         if candidate.id in ids:
-            raise DuplicateIdError("is the id of two candidates", field=f"candidates[{k}].id", value=candidate.id)
+            raise DuplicateIdError(
+                "is the id of two candidates", field=f"candidates[{k}].id", value=candidate.id
+            )
         ids.add(candidate.id)
         replaced = set()
         for j, message in enumerate(candidate.objects):
@@ -89,5 +101,3 @@ def _check(request, settings):
             if message.id in replaced:
                 raise DuplicateIdError("is the id of two objects", field=field, value=message.id)
             replaced.add(message.id)
-
-

@@ -17,8 +17,20 @@ from .. import __version__
 from ..propagators.registry import PROPAGATORS
 
 _FEATURES = [
-    "environment", "friction", "restitution", "gyroscopic", "islands", "parameter_uncertainty", "contact_probabilities",
-    "region_probabilities", "rest_probability", "status", "joint_covariance", "pose_samples", "candidates", "mesh_packing",
+    "environment",
+    "friction",
+    "restitution",
+    "gyroscopic",
+    "islands",
+    "parameter_uncertainty",
+    "contact_probabilities",
+    "region_probabilities",
+    "rest_probability",
+    "status",
+    "joint_covariance",
+    "pose_samples",
+    "candidates",
+    "mesh_packing",
 ]
 _MEAN = {"nominal": PropagatorInfo.MEAN_NOMINAL, "estimated": PropagatorInfo.MEAN_ESTIMATED}
 
@@ -43,12 +55,18 @@ class CapabilitiesService:
         for name in response.get_fields_and_field_types():
             if name.startswith("max_"):
                 setattr(response, name, getattr(settings, name))
-        physics = {key: list(value) if isinstance(value, tuple) else value for key, value in settings.physics.items()
-                   if value is not None}
+        physics = {
+            key: list(value) if isinstance(value, tuple) else value
+            for key, value in settings.physics.items()
+            if value is not None
+        }
         response.scene_options = [KeyValue(key=key, value=str(value)) for key, value in physics.items()]
         versions = {
-            "unc_physics": __version__, "python": platform.python_version(), "numpy": np.__version__,
-            "numba": numba.__version__, "ros_distro": os.environ.get("ROS_DISTRO", "jazzy"),
+            "unc_physics": __version__,
+            "python": platform.python_version(),
+            "numpy": np.__version__,
+            "numba": numba.__version__,
+            "ros_distro": os.environ.get("ROS_DISTRO", "jazzy"),
             "rmw": get_rmw_implementation_identifier(),
         }
         response.versions = [KeyValue(key=key, value=value) for key, value in versions.items()]

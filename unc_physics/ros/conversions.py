@@ -1,8 +1,9 @@
 """Between messages and the core: the only place that knows both.
 
-A message gives the pose of a model's own origin ``o`` and rotations about the fixed axes of the frame; a `Belief`
-gives the pose of the centre of mass (COM) and rotations on the body side. With ``r = R_world_body o`` (from the COM
-to the origin, world axes) and ``dphi = R_world_body dtheta``, the errors at the origin are::
+A message gives the pose of a model's own origin ``o`` and rotations about the fixed axes of the frame; a
+`Belief` gives the pose of the centre of mass (COM) and rotations on the body side. With ``r = R_world_body
+o`` (from the COM to the origin, world axes) and ``dphi = R_world_body dtheta``, the errors at the origin
+are::
 
     dp_o = dp - [r]x dphi                              p_o = p + r
     dv_o = dv - [r]x domega - [omega]x [r]x dphi       v_o = v + omega x r
@@ -38,14 +39,7 @@ from ..checks.errors import (
     UncPhysicsError,
 )
 from ..checks.validation import array, covariance, non_negative, number, positive, quaternion
-from ..physics.layout import (
-    ANGULAR_VELOCITY,
-    ERROR,
-    POSITION,
-    QUATERNION,
-    STATE,
-    VELOCITY,
-)
+from ..physics.layout import ANGULAR_VELOCITY, ERROR, POSITION, QUATERNION, STATE, VELOCITY
 from ..physics.rotation import rotation_matrix
 from ..scene.belief import Belief
 from ..scene.presets import with_changes
@@ -107,11 +101,20 @@ class ReadScene(NamedTuple):
     zeros_replaced: bool
 
 
-# --- messages to the core -------------------------------------------------------------------------------------------
+# --- messages to the core
+# -------------------------------------------------------------------------------------------
 
 
 def read_scene(
-    objects, environment, library, physics, doubts=EXACT, max_objects=None, max_spheres=None, max_elements=None, fields=None,
+    objects,
+    environment,
+    library,
+    physics,
+    doubts=EXACT,
+    max_objects=None,
+    max_spheres=None,
+    max_elements=None,
+    fields=None,
 ) -> ReadScene:
     """The scene and the belief about it that messages describe.
 
@@ -135,7 +138,9 @@ def read_scene(
     if len(objects) == 0:
         raise NoObjectsError("must name at least one object", field="objects")
     if max_objects is not None and len(objects) > max_objects:
-        raise LimitExceededError(f"must be at most {max_objects} objects", field="objects", value=len(objects))
+        raise LimitExceededError(
+            f"must be at most {max_objects} objects", field="objects", value=len(objects)
+        )
     elements = read_environment(environment, max_elements)
     fields = [f"objects[{k}]" for k in range(len(objects))] if fields is None else fields
     names = set()
@@ -145,10 +150,15 @@ def read_scene(
         if message.id in names:
             raise DuplicateIdError("is the id of two objects", field=f"{field}.id", value=message.id)
         names.add(message.id)
-    read = [_body(message, field, library, doubts, max_spheres) for message, field in zip(objects, fields, strict=True)]
+    read = [
+        _body(message, field, library, doubts, max_spheres)
+        for message, field in zip(objects, fields, strict=True)
+    ]
     taken = {element.name: k for k, element in enumerate(elements)}
     for name in names & taken.keys():
-        raise DuplicateIdError("is the id of an object, too", field=f"environment.ids[{taken[name]}]", value=name)
+        raise DuplicateIdError(
+            "is the id of an object, too", field=f"environment.ids[{taken[name]}]", value=name
+        )
     made = zip(fields, read, strict=True)
     bodies = tuple(at_field(field, _rigid_body, *body) for field, (body, *_) in made)
     mean = np.array([state for _, state, _, _ in read])
@@ -159,7 +169,9 @@ def read_scene(
     except (InvalidRequestError, InvalidOptionError) as error:  # the node's own parameters go together
         field = _in_message(error.field, fields)
         raise InvalidOptionError(error.problem, field=field, value=error.value) from None
-    blocks = np.array([P for body, (_, _, P, _) in zip(bodies, read, strict=True) if not body.fixed]).reshape(-1, ERROR, ERROR)
+    blocks = np.array([P for body, (_, _, P, _) in zip(bodies, read, strict=True) if not body.fixed]).reshape(
+        -1, ERROR, ERROR
+    )
     belief = Belief.trusted(mean, blocks, scene.moving.copy())
     models = tuple(message.model for message in objects)
     return ReadScene(scene, belief, models, any(zeros for *_, zeros in read))
@@ -238,7 +250,11 @@ def _body(message, field, library, doubts, max_spheres):
     try:
         model = library.shape(message.model, message.spheres, number(message.scale, "scale"), max_spheres)
     except UncPhysicsError as error:
-        place = f"{field}.{error.field}" if error.field in ("model", "spheres", "scale") else f"{field}.model: {error.field}"
+        place = (
+            f"{field}.{error.field}"
+            if error.field in ("model", "spheres", "scale")
+            else f"{field}.model: {error.field}"
+        )
         raise type(error)(error.problem, field=place, value=error.value) from error
     mass = _mass(message, field, model)
     body = message.id, model, mass, bool(message.fixed), *_stds(message, field, mass), bool(message.at_rest)
@@ -246,9 +262,11 @@ def _body(message, field, library, doubts, max_spheres):
     if message.fixed:
         return body, moved(at_origin, origin, -1.0), np.zeros((ERROR, ERROR)), False
     P_pose, zero_pose = _known_covariance(
-        message.pose.covariance, f"{field}.pose.covariance", doubts.pose, doubts.zero_is_exact)
+        message.pose.covariance, f"{field}.pose.covariance", doubts.pose, doubts.zero_is_exact
+    )
     P_twist, zero_twist = _known_covariance(
-        message.twist.covariance, f"{field}.twist.covariance", doubts.twist, doubts.zero_is_exact)
+        message.twist.covariance, f"{field}.twist.covariance", doubts.twist, doubts.zero_is_exact
+    )
     state = moved(at_origin, origin, -1.0)
     P = covariance_at_com(P_pose, P_twist, state, origin)
     if not math.isfinite(state.sum() + P.sum()):
@@ -287,7 +305,9 @@ def _mass(message, field, model):
     if not message.use_model_mass:
         return positive(message.mass, f"{field}.mass", InvalidMassError)
     if model.mass is None:
-        raise InvalidMassError(f"is asked for, but model '{message.model}' gives no mass", field=f"{field}.use_model_mass")
+        raise InvalidMassError(
+            f"is asked for, but model '{message.model}' gives no mass", field=f"{field}.use_model_mass"
+        )
     return model.mass
 
 
@@ -300,9 +320,13 @@ def _stds(message, field, mass):
         return _EXACT
     mass_std = non_negative(message.mass_std, f"{field}.mass_std", InvalidCovarianceError)
     if mass_std > mass:
-        raise InvalidCovarianceError(f"must not exceed the mass of {mass:.6g} kg", field=f"{field}.mass_std", value=mass_std)
+        raise InvalidCovarianceError(
+            f"must not exceed the mass of {mass:.6g} kg", field=f"{field}.mass_std", value=mass_std
+        )
     return mass_std, tuple(
-        non_negative(getattr(of_center, axis), f"{field}.center_of_mass_std.{axis}", InvalidCovarianceError) for axis in "xyz")
+        non_negative(getattr(of_center, axis), f"{field}.center_of_mass_std.{axis}", InvalidCovarianceError)
+        for axis in "xyz"
+    )
 
 
 def _known_covariance(values, field, unknown, zero_is_exact):
@@ -318,7 +342,9 @@ def _known_covariance(values, field, unknown, zero_is_exact):
 
 @functools.lru_cache(maxsize=256)
 def _checked(entries, field):
-    """The covariance (6, 6) of 36 numbers, None if it is unknown; clients send the same ones again and again."""
+    """The covariance (6, 6) of 36 numbers, None if it is unknown; clients send the same ones
+    again and again.
+    """
     P = array(np.frombuffer(entries).reshape(6, 6), (6, 6), field, InvalidCovarianceError)
     return None if P[0, 0] == UNKNOWN else _writable(covariance(P, 6, field))
 
@@ -331,7 +357,8 @@ def _xyzw(q):
     return q.x, q.y, q.z, q.w
 
 
-# --- the core to messages -------------------------------------------------------------------------------------------
+# --- the core to messages
+# -------------------------------------------------------------------------------------------
 
 
 class Wanted(NamedTuple):
@@ -382,7 +409,10 @@ def write_prediction(scene, models, times, beliefs, samples=None, wanted=MARGINA
     """
     objects = [
         PredictedObject(
-            id=body.name, model=model, fixed=body.fixed, status=PredictedObject.STATUS_NOT_ASSESSED,
+            id=body.name,
+            model=model,
+            fixed=body.fixed,
+            status=PredictedObject.STATUS_NOT_ASSESSED,
             status_msg="no check was made",
         )
         for body, model in zip(scene.bodies, models, strict=True)
@@ -402,7 +432,11 @@ def write_prediction(scene, models, times, beliefs, samples=None, wanted=MARGINA
                 state.pose_samples = origin_poses(samples[k][:, b], origins[b])
             states[b].append(state)
         if wanted.joint_covariance:
-            joints.append(_joint_covariance(scene, time, belief, [error_map(*pair) for pair in zip(means, origins, strict=True)]))
+            joints.append(
+                _joint_covariance(
+                    scene, time, belief, [error_map(*pair) for pair in zip(means, origins, strict=True)]
+                )
+            )
     for answer, own in zip(objects, states, strict=True):
         answer.states = own
     return objects, joints
@@ -432,7 +466,11 @@ def _write_state(message, mean, P, origin):
     if not finite:
         raise DivergedError("left the range of numbers", field="prediction")
     numbers, pose, twist = state.tolist(), message.pose.pose, message.twist.twist
-    for part, place in ((pose.position, POSITION), (twist.linear, VELOCITY), (twist.angular, ANGULAR_VELOCITY)):
+    for part, place in (
+        (pose.position, POSITION),
+        (twist.linear, VELOCITY),
+        (twist.angular, ANGULAR_VELOCITY),
+    ):
         part.x, part.y, part.z = numbers[place]
     q = pose.orientation
     q.x, q.y, q.z, q.w = numbers[QUATERNION]

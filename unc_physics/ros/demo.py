@@ -1,4 +1,6 @@
-"""``python -m unc_physics.ros.demo``: a node and a client, each a process of its own, predict two colliding bunnies."""
+"""``python -m unc_physics.ros.demo``: a node and a client, each a process of its own, predict two colliding
+bunnies.
+"""
 
 from __future__ import annotations
 
@@ -16,8 +18,15 @@ from .demo_client import NODE
 
 _END_TIMEOUT = 10.0  # s
 _PHYSICS = {  # the paper's
-    "dt": 0.01, "stiffness": 1e4, "damping": 0.3, "gravity": [0.0, 0.0, 0.0], "integrator": "explicit",
-    "friction": 0.0, "restitution": 1.0, "gyroscopic": "false", "islands": "false",
+    "dt": 0.01,
+    "stiffness": 1e4,
+    "damping": 0.3,
+    "gravity": [0.0, 0.0, 0.0],
+    "integrator": "explicit",
+    "friction": 0.0,
+    "restitution": 1.0,
+    "gyroscopic": "false",
+    "islands": "false",
 }
 
 
@@ -31,7 +40,9 @@ def node_command() -> list[str]:
 def main(arguments=None) -> int:
     """Run the demo; returns the exit status."""
     parser = argparse.ArgumentParser(prog="unc_physics.ros.demo", description=__doc__)
-    parser.add_argument("--output", default="demo.png", metavar="FILE.png", help="picture to write (default demo.png)")
+    parser.add_argument(
+        "--output", default="demo.png", metavar="FILE.png", help="picture to write (default demo.png)"
+    )
     options = parser.parse_args(arguments)
     output = Path(options.output).resolve()
     if not output.parent.is_dir():
@@ -45,7 +56,9 @@ def main(arguments=None) -> int:
         client = None
         try:
             client = subprocess.Popen(
-                [sys.executable, "-m", "unc_physics.ros.demo_client", "--output", str(output)], env=environment)
+                [sys.executable, "-m", "unc_physics.ros.demo_client", "--output", str(output)],
+                env=environment,
+            )
             while (status := _ended(client)) is None:
                 if node.poll() is not None:
                     status = 1

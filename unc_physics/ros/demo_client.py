@@ -1,4 +1,6 @@
-"""The demo's client: asks the node where two bunnies will be, and shows the answer as a table and a picture."""
+"""The demo's client: asks the node where two bunnies will be, and shows the answer as a table
+and a picture.
+"""
 
 from __future__ import annotations
 
@@ -48,12 +50,15 @@ def _bunny(name, position, velocity, orientation):
 
 
 def requests() -> dict[str, Predict.Request]:
-    """The same question to two propagators: the default one with the path there, the reference with poses drawn."""
+    """The same question to two propagators: the default one with the path there, the reference with poses
+    drawn.
+    """
     common = {"objects": scene(), "horizon": HORIZON, "seed": SEED}
     return {
         PROPAGATORS[DEFAULT].label: Predict.Request(propagator=DEFAULT, trajectory_period=PERIOD, **common),
         PROPAGATORS[REFERENCE].label: Predict.Request(
-            propagator=REFERENCE, samples=SAMPLES, return_samples=SHOWN_SAMPLES, **common),
+            propagator=REFERENCE, samples=SAMPLES, return_samples=SHOWN_SAMPLES, **common
+        ),
     }
 
 
@@ -84,7 +89,10 @@ def table(answers) -> str:
     """Predicted pose and standard deviations of each object."""
     lines = [
         f"Predicted after {HORIZON:g} s, poses of the models' origins in the world frame:",
-        f"{'object':8}{'propagator':14}{'position [m]':^26}{'std [m]':^21}{'rotation [deg]':^24}{'std [deg]':^21}",
+        (
+            f"{'object':8}{'propagator':14}{'position [m]':^26}{'std [m]':^21}"
+            f"{'rotation [deg]':^24}{'std [deg]':^21}"
+        ),
     ]
     for k, predicted in enumerate(scene()):
         for name, (answer, _) in answers.items():
@@ -97,7 +105,10 @@ def table(answers) -> str:
                 f"{_row(np.degrees(_rotation_vector(q)), '7.1f')}  {_row(np.degrees(std[3:]), '6.1f')}"
             )
     for name, (answer, wall) in answers.items():
-        lines.append(f"{name}: computed in {1e3 * answer.computation_time:.1f} ms, answered over ROS in {1e3 * wall:.1f} ms")
+        lines.append(
+            f"{name}: computed in {1e3 * answer.computation_time:.1f} ms, answered over ROS in"
+            f" {1e3 * wall:.1f} ms"
+        )
     return "\n".join(lines)
 
 

@@ -1,4 +1,6 @@
-"""The demo's picture: objects as shaded sphere packings before and after, the uncertainty, and samples behind."""
+"""The demo's picture: objects as shaded sphere packings before and after, the uncertainty, and samples
+behind.
+"""
 
 from __future__ import annotations
 
@@ -58,7 +60,9 @@ def _draw_path(axes, message, states, color):
     for time, pose in zip(times, poses, strict=True):
         last = pose is poses[-1]
         if last or abs(time / _ELLIPSE_EVERY - round(time / _ELLIPSE_EVERY)) < 1e-6:
-            axes.add_patch(_ellipse(pose, edgecolor=color, linewidth=2.4 if last else 1.2, zorder=5, path_effects=_HALO))
+            axes.add_patch(
+                _ellipse(pose, edgecolor=color, linewidth=2.4 if last else 1.2, zorder=5, path_effects=_HALO)
+            )
 
 
 def _ellipse(pose, **style):
@@ -94,10 +98,16 @@ def _draw_cloud(axes, model, poses, color):
 
 
 def _placed(model, pose, spheres):
-    """Centres (n, 3) [right, up, towards the eye] and radii (n,) of the largest spheres, at the pose of the origin."""
+    """Centres (n, 3) [right, up, towards the eye] and radii (n,) of the largest spheres, at the pose of the
+    origin.
+    """
     q = pose.orientation
     R = rotation_matrix(np.array([q.x, q.y, q.z, q.w]))
-    centers = (model.centers[:spheres] - model.origin) @ R.T + [pose.position.x, pose.position.y, pose.position.z]
+    centers = (model.centers[:spheres] - model.origin) @ R.T + [
+        pose.position.x,
+        pose.position.y,
+        pose.position.z,
+    ]
     return centers[:, [0, 2, 1]] * [1.0, 1.0, -1.0], model.radii[:spheres]
 
 
@@ -107,7 +117,9 @@ def _label(axes, objects, gaussian, drawn, name, reference):
     axes.set_title(
         f"Two bunnies collide: where will they be after {horizon:g} s?\n"
         f"Pale: known now. Solid: predicted mean pose, with 2-sigma ellipses of its path ({name}).\n"
-        f"Behind: {samples} {reference} samples (dots: their origins).", fontsize=10)
+        f"Behind: {samples} {reference} samples (dots: their origins).",
+        fontsize=10,
+    )
     axes.set_xlabel("x [m]")
     axes.set_ylabel("z [m]")
     axes.set_aspect("equal")

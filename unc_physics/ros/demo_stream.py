@@ -1,4 +1,6 @@
-"""Streams the demo's two bunnies to ``/unc_physics/objects``, as a tracker would: they approach, again and again."""
+"""Streams the demo's two bunnies to ``/unc_physics/objects``, as a tracker would: they approach, again and
+again.
+"""
 
 from __future__ import annotations
 
@@ -23,7 +25,9 @@ class DemoStream(Node):
 
     def __init__(self):
         super().__init__("unc_physics_demo_stream")
-        self._publisher = self.create_publisher(ObjectStateArray, "/unc_physics/objects", qos_profile_sensor_data)
+        self._publisher = self.create_publisher(
+            ObjectStateArray, "/unc_physics/objects", qos_profile_sensor_data
+        )
         self._start = self.get_clock().now()
         self.create_timer(1.0 / RATE, self._publish)
 

@@ -1,4 +1,6 @@
-"""Diagnostics on ``/diagnostics``: how often, how late and how long predictions are, and what went wrong last."""
+"""Diagnostics on ``/diagnostics``: how often, how late and how long predictions are, and what went wrong
+last.
+"""
 
 from __future__ import annotations
 
@@ -103,7 +105,9 @@ class Diagnostics:
         return status
 
     def _publish(self):
-        status = self._fill(DiagnosticStatus(name=f"{self._server.node.get_name()}: predictions", hardware_id="none"))
+        status = self._fill(
+            DiagnosticStatus(name=f"{self._server.node.get_name()}: predictions", hardware_id="none")
+        )
         message = DiagnosticArray(status=[status])
         message.header.stamp = self._server.node.get_clock().now().to_msg()
         self._publisher.publish(message)

@@ -56,12 +56,18 @@ class Frames:
         if self._buffer is None:
             raise UnknownFrameError(
                 f"must be empty or the world frame '{self._world_frame}', as tf2_ros is not installed",
-                field="header.frame_id", value=header.frame_id)
+                field="header.frame_id",
+                value=header.frame_id,
+            )
         try:
-            found = self._buffer.lookup_transform(self._world_frame, header.frame_id, Time.from_msg(header.stamp))
+            found = self._buffer.lookup_transform(
+                self._world_frame, header.frame_id, Time.from_msg(header.stamp)
+            )
         except Exception as error:  # tf2's errors have no common base in Python
             raise UnknownFrameError(
-                f"has no transform to '{self._world_frame}': {error}", field="header.frame_id", value=header.frame_id,
+                f"has no transform to '{self._world_frame}': {error}",
+                field="header.frame_id",
+                value=header.frame_id,
             ) from error
         t, q = found.transform.translation, found.transform.rotation
         R = rotation_matrix(quaternion((q.x, q.y, q.z, q.w), "the transform's rotation"))

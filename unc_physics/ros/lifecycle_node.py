@@ -11,7 +11,9 @@ from .server import PredictionServer
 
 
 class UncPhysicsLifecycleNode(LifecycleNode):
-    """The prediction server on a lifecycle node; what goes wrong in a transition is logged, and the transition fails."""
+    """The prediction server on a lifecycle node; what goes wrong in a transition is logged, and the
+    transition fails.
+    """
 
     def __init__(self):
         super().__init__("unc_physics")

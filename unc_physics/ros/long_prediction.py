@@ -1,4 +1,6 @@
-"""The action ``~/predict_long``: long predictions with feedback, ended at any time with what was done until then."""
+"""The action ``~/predict_long``: long predictions with feedback, ended at any time with what was done until
+then.
+"""
 
 from __future__ import annotations
 
@@ -26,7 +28,9 @@ class _ThreadedActionServer(ActionServer):
 
     def notify_execute(self, goal_handle, execute_callback):
         """Execute a goal that was accepted."""
-        self._pool.submit(asyncio.run, self._execute_goal(execute_callback or self._execute_callback, goal_handle))
+        self._pool.submit(
+            asyncio.run, self._execute_goal(execute_callback or self._execute_callback, goal_handle)
+        )
 
     def destroy(self):
         """Wait for the goals that are being executed, and take the action back."""
@@ -43,7 +47,11 @@ class LongPrediction:
         self._running = threading.Semaphore(limit)
         self._action = _ThreadedActionServer(
             limit + 1,  # one to refuse what is too much
-            server.node, PredictLong, "~/predict_long", self._execute, callback_group=ReentrantCallbackGroup(),
+            server.node,
+            PredictLong,
+            "~/predict_long",
+            self._execute,
+            callback_group=ReentrantCallbackGroup(),
             goal_callback=lambda _: GoalResponse.ACCEPT,
             cancel_callback=lambda _: CancelResponse.ACCEPT,  # rclpy would reject
         )
@@ -61,7 +69,9 @@ class LongPrediction:
                     field="the number of long predictions",
                 )
             try:
-                if (afterwards := self._server.answer(result, goal.request, progress=_Reporter(goal))) is not None:
+                if (
+                    afterwards := self._server.answer(result, goal.request, progress=_Reporter(goal))
+                ) is not None:
                     afterwards()
             finally:
                 self._running.release()
@@ -88,5 +98,8 @@ class _Reporter:
         now = time.perf_counter()
         if now >= self._next:
             self._next = now + _FEEDBACK_PERIOD
-            self._goal.publish_feedback(PredictLong.Feedback(
-                time_reached=done * job.scene.dt, fraction_done=done / steps, elapsed=now - self._started))
+            self._goal.publish_feedback(
+                PredictLong.Feedback(
+                    time_reached=done * job.scene.dt, fraction_done=done / steps, elapsed=now - self._started
+                )
+            )

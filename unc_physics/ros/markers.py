@@ -37,7 +37,9 @@ class MarkerTopic:
         self._server.node.destroy_publisher(self._publisher)
 
     def publish(self, header, job, answer) -> None:
-        """Publish the markers of a prediction; the header's stamp stays, as RViz shows nothing of the future."""
+        """Publish the markers of a prediction; the header's stamp stays, as RViz shows nothing
+        of the future.
+        """
         if self._publisher.get_subscription_count():
             self._publisher.publish(markers(header, job, answer, self._server.settings))
 
@@ -136,7 +138,9 @@ def _marker(kind, job, k, last, color, cells):
 def _initial_pose(job, k):
     """Position and quaternion of the model's origin at the start."""
     state = job.belief.mean[k]
-    return state[POSITION] + rotation_matrix(state[QUATERNION]) @ job.scene.bodies[k].model.origin, state[QUATERNION]
+    return state[POSITION] + rotation_matrix(state[QUATERNION]) @ job.scene.bodies[k].model.origin, state[
+        QUATERNION
+    ]
 
 
 def _pose(pose):
@@ -174,12 +178,18 @@ def _surface_cells(model, cells):
     high = (model.centers + model.radii[:, None]).max(axis=0)
     size = float((high - low).max() / cells)
     shape = np.maximum(np.ceil((high - low) / size).astype(int), 1)
-    centers = np.stack(np.meshgrid(*[np.arange(n) for n in shape], indexing="ij"), axis=-1) * size + low + 0.5 * size
+    centers = (
+        np.stack(np.meshgrid(*[np.arange(n) for n in shape], indexing="ij"), axis=-1) * size
+        + low
+        + 0.5 * size
+    )
     filled = np.zeros(shape, bool)
     for center, radius in zip(model.centers[:_SPHERES], model.radii[:_SPHERES], strict=True):
         filled |= np.sum((centers - center) ** 2, axis=-1) < (radius + 0.5 * size) ** 2
     inner = np.pad(filled, 1)
-    inside = np.all([np.roll(inner, step, axis)[1:-1, 1:-1, 1:-1] for axis in range(3) for step in (-1, 1)], axis=0)
+    inside = np.all(
+        [np.roll(inner, step, axis)[1:-1, 1:-1, 1:-1] for axis in range(3) for step in (-1, 1)], axis=0
+    )
     return centers[filled & ~inside] - model.origin, size
 
 
@@ -228,13 +238,17 @@ def _turned(v, rotation_vector):
 
 
 def _quaternion(R):
-    """Unit quaternion (x, y, z, w) of a rotation matrix: the eigenvector of its largest eigenvalue (Bar-Itzhack)."""
-    K = np.array([
-        [R[0, 0] - R[1, 1] - R[2, 2], R[1, 0] + R[0, 1], R[2, 0] + R[0, 2], R[2, 1] - R[1, 2]],
-        [R[1, 0] + R[0, 1], R[1, 1] - R[0, 0] - R[2, 2], R[2, 1] + R[1, 2], R[0, 2] - R[2, 0]],
-        [R[2, 0] + R[0, 2], R[2, 1] + R[1, 2], R[2, 2] - R[0, 0] - R[1, 1], R[1, 0] - R[0, 1]],
-        [R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1], np.trace(R)],
-    ])
+    """Unit quaternion (x, y, z, w) of a rotation matrix: the eigenvector of its largest eigenvalue
+    (Bar-Itzhack).
+    """
+    K = np.array(
+        [
+            [R[0, 0] - R[1, 1] - R[2, 2], R[1, 0] + R[0, 1], R[2, 0] + R[0, 2], R[2, 1] - R[1, 2]],
+            [R[1, 0] + R[0, 1], R[1, 1] - R[0, 0] - R[2, 2], R[2, 1] + R[1, 2], R[0, 2] - R[2, 0]],
+            [R[2, 0] + R[0, 2], R[2, 1] + R[1, 2], R[2, 2] - R[0, 0] - R[1, 1], R[1, 0] - R[0, 1]],
+            [R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1], np.trace(R)],
+        ]
+    )
     return np.linalg.eigh(K)[1][:, -1]
 
 

@@ -19,7 +19,9 @@ from ..checks.errors import DuplicateIdError, InvalidRequestError, LimitExceeded
 from ..geometry.packing_file import load_packing, save_packing
 from .background import BackgroundService
 
-_LATCHED = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+_LATCHED = QoSProfile(
+    depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL
+)
 _DEFAULT_SPHERES = 1000
 
 
@@ -86,7 +88,9 @@ class ModelTopics:
             raise LimitExceededError(f"must be at most {limit}", field="spheres", value=request.spheres)
         name = request.name or path.stem
         self._refuse_taken(name, request.replace)
-        info = ModelInfo(name=name, status=ModelInfo.STATUS_PACKING, status_msg="is being packed", path=str(path))
+        info = ModelInfo(
+            name=name, status=ModelInfo.STATUS_PACKING, status_msg="is being packed", path=str(path)
+        )
         with self._lock:
             self._packing[name] = info
         self._packer.submit(self._pack, name, path, request.spheres or min(_DEFAULT_SPHERES, limit))
@@ -98,7 +102,9 @@ class ModelTopics:
         if packing is not None and packing.status == ModelInfo.STATUS_PACKING:
             raise DuplicateIdError("is being packed just now", field="name", value=name)
         if not replace and name in self._server.library.paths:
-            raise DuplicateIdError("is the name of a model; set replace to replace it", field="name", value=name)
+            raise DuplicateIdError(
+                "is the name of a model; set replace to replace it", field="name", value=name
+            )
 
     def _pack(self, name, path, spheres):
         """Pack a mesh in the background and publish the list again."""
@@ -121,7 +127,8 @@ class ModelTopics:
             self._server.log.error(f"model '{name}' could not be packed: {reason}")
             with self._lock:
                 self._packing[name] = ModelInfo(
-                    name=name, status=ModelInfo.STATUS_FAILED, status_msg=reason, path=str(path))
+                    name=name, status=ModelInfo.STATUS_FAILED, status_msg=reason, path=str(path)
+                )
         self._publish()
 
 

@@ -59,7 +59,9 @@ class ModelLibrary:
         with self._lock:
             return dict(sorted(self._paths.items()))
 
-    def shape(self, model: str, spheres: int = 0, scale: float = 0.0, max_spheres: int | None = None) -> SpherePacking:
+    def shape(
+        self, model: str, spheres: int = 0, scale: float = 0.0, max_spheres: int | None = None
+    ) -> SpherePacking:
         """The packing of a model: its first ``spheres`` (0: all), its lengths times ``scale`` (0: 1).
 
         Raises
@@ -67,10 +69,14 @@ class ModelLibrary:
         UnknownModelError, InvalidModelError, LimitExceededError
         """
         if scale and not _SCALES[0] <= scale <= _SCALES[1]:
-            raise InvalidModelError(f"must be 0 or between {_SCALES[0]:g} and {_SCALES[1]:g}", field="scale", value=scale)
+            raise InvalidModelError(
+                f"must be 0 or between {_SCALES[0]:g} and {_SCALES[1]:g}", field="scale", value=scale
+            )
         packing = self._shape(str(self._path(model)), spheres or None, scale or None)
         if max_spheres is not None and len(packing) > max_spheres:
-            raise LimitExceededError(f"must be at most {max_spheres}; ask for fewer", field="spheres", value=len(packing))
+            raise LimitExceededError(
+                f"must be at most {max_spheres}; ask for fewer", field="spheres", value=len(packing)
+            )
         return packing
 
     def _path(self, model):

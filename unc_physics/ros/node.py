@@ -85,7 +85,9 @@ def spin_node(node) -> None:
 
 
 def leave(status: int) -> None:
-    """End the process at once: all is closed by now, and the middleware's own clean-up at exit crashes now and then."""
+    """End the process at once: all is closed by now, and the middleware's own clean-up at exit crashes now
+    and then.
+    """
     sys.stdout.flush()
     sys.stderr.flush()
     os._exit(status)

@@ -1,4 +1,6 @@
-"""States and covariances at a model's origin and at the centre of mass: the algebra of `conversions`, compiled."""
+"""States and covariances at a model's origin and at the centre of mass: the algebra of `conversions`,
+compiled.
+"""
 
 from __future__ import annotations
 
@@ -45,7 +47,8 @@ def congruent(A, C):
 
 @kernel
 def error_map(state, origin):
-    """A (12, 12): from the error state (body side, at the COM) to the error about fixed axes at the model's origin.
+    """A (12, 12): from the error state (body side, at the COM) to the error about fixed axes at the model's
+    origin.
 
     Parameters
     ----------
@@ -59,7 +62,10 @@ def error_map(state, origin):
     To first order in the rotation error, as every covariance of a pose.
     """
     R = _rotation(state[Q : Q + 4])
-    lever, spin = _skew(*rotate(R, origin[0], origin[1], origin[2])), _skew(state[W], state[W + 1], state[W + 2])
+    lever, spin = (
+        _skew(*rotate(R, origin[0], origin[1], origin[2])),
+        _skew(state[W], state[W + 1], state[W + 2]),
+    )
     A = np.eye(ERROR)
     A[ER : ER + 3, ER : ER + 3] = R
     A[EP : EP + 3, ER : ER + 3] = -_product(lever, R)
@@ -72,7 +78,10 @@ def error_map(state, origin):
 def inverse_error_map(state, origin):
     """Inverse of `error_map`."""
     R = _rotation(state[Q : Q + 4])
-    lever, spin = _skew(*rotate(R, origin[0], origin[1], origin[2])), _skew(state[W], state[W + 1], state[W + 2])
+    lever, spin = (
+        _skew(*rotate(R, origin[0], origin[1], origin[2])),
+        _skew(state[W], state[W + 1], state[W + 2]),
+    )
     A = np.eye(ERROR)
     A[ER : ER + 3, ER : ER + 3] = R.T
     A[EP : EP + 3, ER : ER + 3] = lever
@@ -122,7 +131,9 @@ def covariance_at_com(pose, twist, state, origin):
 
 @kernel
 def split(C):
-    """Covariances (36,) of pose and of twist, as messages order them, from the covariance (12, 12) at the origin."""
+    """Covariances (36,) of pose and of twist, as messages order them, from the covariance (12, 12) at the
+    origin.
+    """
     pose, twist = np.empty((6, 6)), np.empty((6, 6))
     for a, first in enumerate((EP, ER)):
         for b, second in enumerate((EP, ER)):

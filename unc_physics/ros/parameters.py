@@ -1,4 +1,6 @@
-"""The node's parameters: one table with defaults, ranges and descriptions, and the settings that it yields."""
+"""The node's parameters: one table with defaults, ranges and descriptions, and the settings that
+it yields.
+"""
 
 from __future__ import annotations
 
@@ -43,70 +45,105 @@ class Settings:
     """
 
     models_dir: str = parameter(
-        "", "Folder of the models; empty takes the library that comes with the package.", read_only=True)
+        "", "Folder of the models; empty takes the library that comes with the package.", read_only=True
+    )
     allow_model_paths: bool = parameter(
-        False, "Whether requests may name model files by their path.", read_only=True)
+        False, "Whether requests may name model files by their path.", read_only=True
+    )
     world_frame: str = parameter(
-        "world", "Frame that predictions are made in; gravity is given in it.", read_only=True)
+        "world", "Frame that predictions are made in; gravity is given in it.", read_only=True
+    )
 
     default_propagator: str = parameter(
-        DEFAULT, "Propagator of requests that name none.", choices=tuple(PROPAGATORS))
+        DEFAULT, "Propagator of requests that name none.", choices=tuple(PROPAGATORS)
+    )
     dt: float = parameter(_EVERYDAY["dt"], "Time step [s].", low=1e-6, high=1.0)
     stiffness: float | str = parameter(
-        AUTO, "Stiffness of contacts, force per overlap volume [N/m^3], at least 0; 'auto': at which no body "
-        "sinks in by more than 0.1 mm where it rests ('implicit'), or presses deeper into another than 5 % of "
-        "its largest sphere's radius ('explicit').")
+        AUTO,
+        "Stiffness of contacts, force per overlap volume [N/m^3], at least 0; 'auto': at which no body sinks"
+        " in by more than 0.1 mm where it rests ('implicit'), or presses deeper into another than 5 % of its"
+        " largest sphere's radius ('explicit').",
+    )
     damping: float = parameter(0.0, "Decay rate of all velocities [1/s].", low=0.0, high=1e3)
     gravity: tuple[float, ...] = parameter(
-        _EVERYDAY["gravity"], "Gravity in the world frame, 3 numbers [m/s^2].")
+        _EVERYDAY["gravity"], "Gravity in the world frame, 3 numbers [m/s^2]."
+    )
 
     friction: float = parameter(
         _EVERYDAY["friction"],
         "Coefficient of Coulomb friction of all contacts; 0: none, as 'explicit' needs.",
-        low=0.0, high=100.0)
+        low=0.0,
+        high=100.0,
+    )
     restitution: float = parameter(
         _EVERYDAY["restitution"],
         "Coefficient of restitution of all contacts; 1: elastic, as 'explicit' needs.",
-        low=0.0, high=1.0)
+        low=0.0,
+        high=1.0,
+    )
     gyroscopic: bool = parameter(
         _EVERYDAY["gyroscopic"],
         "Whether turning bodies keep their angular momentum; otherwise their angular velocity, as in the "
-        "paper.")
+        "paper.",
+    )
     integrator: str = parameter(
         _EVERYDAY["integrator"],
         "How steps are taken: as in the paper ('explicit'), or with contacts that are "
-        "solved for, with friction and rest ('implicit').", choices=INTEGRATORS)
+        "solved for, with friction and rest ('implicit').",
+        choices=INTEGRATORS,
+    )
     sleep: bool = parameter(
-        False, "Whether what rests is not computed until something pushes it; not with 'explicit'.")
+        False, "Whether what rests is not computed until something pushes it; not with 'explicit'."
+    )
     overlap: str = parameter(
         _AUTO_OVERLAP,
-        "What becomes of the share of a belief in which objects overlap at the start: moved to the nearest "
-        f"poses without overlap ('project'), left out ('reject', by {_REJECTING} alone), or left in ('keep'); "
-        "'auto': 'project' with 'implicit', and 'keep' with 'explicit', which has no other.",
-        choices=(_AUTO_OVERLAP, *OVERLAPS))
+        "What becomes of the share of a belief in which objects overlap at the start: moved to the nearest"
+        f" poses without overlap ('project'), left out ('reject', by {_REJECTING} alone), or left in"
+        " ('keep'); 'auto': 'project' with 'implicit', and 'keep' with 'explicit', which has no other.",
+        choices=(_AUTO_OVERLAP, *OVERLAPS),
+    )
     islands: bool = parameter(
-        True, "Whether bodies that cannot touch each other are predicted by themselves, by propagators that keep "
-        "correlations between bodies (the others treat bodies one by one anyway); otherwise all of a scene together.")
+        True,
+        "Whether bodies that cannot touch each other are predicted by themselves, by propagators that keep"
+        " correlations between bodies (the others treat bodies one by one anyway); otherwise all of a scene"
+        " together.",
+    )
     warm_up: tuple[str, ...] = parameter(
-        (DEFAULT, REFERENCE), "Propagators whose kernels are compiled, or loaded, before the node "
+        (DEFAULT, REFERENCE),
+        "Propagators whose kernels are compiled, or loaded, before the node "
         "is ready; others' are when they are first asked for. Those that do not run on the integrator are "
         "made ready for the paper's step.",
-        choices=tuple(PROPAGATORS), read_only=True)
+        choices=tuple(PROPAGATORS),
+        read_only=True,
+    )
 
     zero_covariance: str = parameter(
-        "default", "What a pose or twist covariance of zeros means: unknown, so that the default takes its place "
-        "('default'), or exactly known ('exact').", choices=("default", "exact"))
-    default_position_std: float = parameter(0.01, "Standard deviation of an unknown position [m].", low=0.0, high=1e3)
+        "default",
+        "What a pose or twist covariance of zeros means: unknown, so that the default takes its place "
+        "('default'), or exactly known ('exact').",
+        choices=("default", "exact"),
+    )
+    default_position_std: float = parameter(
+        0.01, "Standard deviation of an unknown position [m].", low=0.0, high=1e3
+    )
     default_orientation_std: float = parameter(
-        0.05, "Standard deviation of an unknown orientation [rad].", low=0.0, high=10.0)
+        0.05, "Standard deviation of an unknown orientation [rad].", low=0.0, high=10.0
+    )
     default_linear_velocity_std: float = parameter(
-        0.05, "Standard deviation of an unknown velocity [m/s].", low=0.0, high=1e3)
+        0.05, "Standard deviation of an unknown velocity [m/s].", low=0.0, high=1e3
+    )
     default_angular_velocity_std: float = parameter(
-        0.1, "Standard deviation of an unknown angular velocity [rad/s].", low=0.0, high=1e3)
+        0.1, "Standard deviation of an unknown angular velocity [rad/s].", low=0.0, high=1e3
+    )
 
     status_rollouts: int = parameter(
-        0, "Rollouts with which the status compares the spread of propagators that have a single nominal one; "
-        "0: none, and a spread after a contact is flagged as unchecked. They take as long as a prediction from as many samples.", low=0, high=1000)
+        0,
+        "Rollouts with which the status compares the spread of propagators that have a single nominal one; 0:"
+        " none, and a spread after a contact is flagged as unchecked. They take as long as a prediction from"
+        " as many samples.",
+        low=0,
+        high=1000,
+    )
 
     max_horizon: float = parameter(60.0, "Longest horizon of a request [s].", low=0.0, high=1e6)
     max_steps: int = parameter(100_000, "Most time steps of a prediction.", low=1, high=100_000_000)
@@ -115,41 +152,68 @@ class Settings:
     max_elements: int = parameter(200, "Most planes and primitives of an environment.", low=0, high=10_000)
     max_regions: int = parameter(100, "Most regions of a request.", low=0, high=10_000)
     max_flight_steps: int = parameter(
-        4_000, "Most time steps, times the moving objects, for which probabilities are told by propagators without samples; "
-        "beyond, they are not available.", low=0, high=100_000_000)
+        4_000,
+        "Most time steps, times the moving objects, for which probabilities are told by propagators without"
+        " samples; beyond, they are not available.",
+        low=0,
+        high=100_000_000,
+    )
     max_samples: int = parameter(20_000, "Most samples of a sampled propagator.", low=1, high=10_000_000)
     max_states: int = parameter(1_000, "Most states in the trajectory of one object.", low=1, high=100_000)
-    max_return_samples: int = parameter(1_000, "Most pose samples for each object and time.", low=0, high=1_000_000)
+    max_return_samples: int = parameter(
+        1_000, "Most pose samples for each object and time.", low=0, high=1_000_000
+    )
     max_response_bytes: int = parameter(
-        16_000_000, "Most bytes of one answer, as far as states, samples and covariances go.", low=10_000, high=2**31)
+        16_000_000,
+        "Most bytes of one answer, as far as states, samples and covariances go.",
+        low=10_000,
+        high=2**31,
+    )
     max_computation_time: float = parameter(
-        30.0, "Longest wall time of a prediction by service [s]; requests may ask for less.", low=1e-3, high=1e6)
+        30.0,
+        "Longest wall time of a prediction by service [s]; requests may ask for less.",
+        low=1e-3,
+        high=1e6,
+    )
 
     max_candidates: int = parameter(100, "Most candidates of a request.", low=1, high=10_000)
     max_long_predictions: int = parameter(
-        2, "Most goals of the action that are computed at a time.", low=1, high=4, read_only=True)
+        2, "Most goals of the action that are computed at a time.", low=1, high=4, read_only=True
+    )
 
     horizons: tuple[float, ...] = parameter(
-        (0.2, 0.5, 1.0, 2.0), "Times for which streamed scenes are predicted [s].")
-    stream_propagator: str = parameter(
-        DEFAULT, "Propagator for streamed scenes.", choices=tuple(PROPAGATORS))
+        (0.2, 0.5, 1.0, 2.0), "Times for which streamed scenes are predicted [s]."
+    )
+    stream_propagator: str = parameter(DEFAULT, "Propagator for streamed scenes.", choices=tuple(PROPAGATORS))
     stream_probabilities: bool = parameter(
-        False, "Whether predictions of streamed scenes tell probabilities of contact and rest, too.")
+        False, "Whether predictions of streamed scenes tell probabilities of contact and rest, too."
+    )
     max_input_age: float = parameter(
-        0.5, "Streamed scenes whose stamp is older are dropped [s]; 0 takes all.", low=0.0, high=1e6)
+        0.5, "Streamed scenes whose stamp is older are dropped [s]; 0 takes all.", low=0.0, high=1e6
+    )
     pose_objects: tuple[str, ...] = parameter(
-        ("",), "Ids of streamed objects whose predicted pose is also published on a topic of its own, "
-        "~/predicted_pose/ID, with _ in place of what a topic's name cannot hold.")
-    pose_horizon: float = parameter(1.0, "Which of the horizons those poses are predicted for [s].", low=0.0, high=1e6)
+        ("",),
+        "Ids of streamed objects whose predicted pose is also published on a topic of its own, "
+        "~/predicted_pose/ID, with _ in place of what a topic's name cannot hold.",
+    )
+    pose_horizon: float = parameter(
+        1.0, "Which of the horizons those poses are predicted for [s].", low=0.0, high=1e6
+    )
     tracked_topics: tuple[str, ...] = parameter(
-        ("",), "Topics of PoseWithCovarianceStamped, each of a single tracked object.", read_only=True)
-    tracked_models: tuple[str, ...] = parameter(("",), "Model of the object of each tracked topic.", read_only=True)
+        ("",), "Topics of PoseWithCovarianceStamped, each of a single tracked object.", read_only=True
+    )
+    tracked_models: tuple[str, ...] = parameter(
+        ("",), "Model of the object of each tracked topic.", read_only=True
+    )
     tracked_mass: float = parameter(
-        1.0, "Mass of tracked and detected objects whose model gives none [kg].", low=1e-9, high=1e9)
+        1.0, "Mass of tracked and detected objects whose model gives none [kg].", low=1e-9, high=1e9
+    )
 
     markers: tuple[str, ...] = parameter(
-        ("predicted", "environment"), "What ~/markers shows of each object, and whether it shows the environment.",
-        choices=("predicted", "initial", "ellipsoid", "rotation", "environment"))
+        ("predicted", "environment"),
+        "What ~/markers shows of each object, and whether it shows the environment.",
+        choices=("predicted", "initial", "ellipsoid", "rotation", "environment"),
+    )
     marker_cells: int = parameter(12, "Cells along the longest side of a shape in ~/markers.", low=2, high=40)
 
     def __post_init__(self):
@@ -170,11 +234,16 @@ class Settings:
             raise InvalidOptionError("must have 3 numbers", field="gravity", value=list(self.gravity))
         if not self.horizons or min(self.horizons) <= 0.0 or max(self.horizons) > self.max_horizon:
             raise InvalidOptionError(
-                f"must be above 0 and at most {self.max_horizon} s", field="horizons", value=list(self.horizons))
+                f"must be above 0 and at most {self.max_horizon} s",
+                field="horizons",
+                value=list(self.horizons),
+            )
         if len(self.tracked_topics) != len(self.tracked_models):
             raise InvalidOptionError(
-                f"must name a model for each of the {len(self.tracked_topics)} tracked_topics", field="tracked_models",
-                value=list(self.tracked_models))
+                f"must name a model for each of the {len(self.tracked_topics)} tracked_topics",
+                field="tracked_models",
+                value=list(self.tracked_models),
+            )
         if not self.world_frame:
             raise InvalidOptionError("must not be empty", field="world_frame")
 
@@ -182,8 +251,11 @@ class Settings:
     def doubts(self) -> Doubts:
         """What unknown covariances and covariances of zeros stand for."""
         return Doubts.from_stds(
-            self.default_position_std, self.default_orientation_std, self.default_linear_velocity_std,
-            self.default_angular_velocity_std, self.zero_covariance == "exact",
+            self.default_position_std,
+            self.default_orientation_std,
+            self.default_linear_velocity_std,
+            self.default_angular_velocity_std,
+            self.zero_covariance == "exact",
         )
 
     @functools.cached_property
@@ -212,7 +284,9 @@ def descriptor(spec: Field) -> ParameterDescriptor:
     )
     if meta["low"] is not None:
         if isinstance(spec.default, float):
-            result.floating_point_range = [FloatingPointRange(from_value=float(meta["low"]), to_value=float(meta["high"]))]
+            result.floating_point_range = [
+                FloatingPointRange(from_value=float(meta["low"]), to_value=float(meta["high"]))
+            ]
         else:
             result.integer_range = [IntegerRange(from_value=meta["low"], to_value=meta["high"])]
     return result

@@ -9,6 +9,7 @@ from .background import BackgroundService
 
 def prediction_service(server) -> BackgroundService:
     """Answers each request on its own; requests do not wait for each other."""
+
     def answer(request, response):
         return server.answer(response, request, time_limit=server.settings.max_computation_time)
 

@@ -1,4 +1,6 @@
-"""Answers of a prediction as messages: probabilities of contact, of being in a region, and of being at rest."""
+"""Answers of a prediction as messages: probabilities of contact, of being in a region, and of
+being at rest.
+"""
 
 from __future__ import annotations
 
@@ -28,18 +30,27 @@ def write_probabilities(message, scene, prediction, initial, regions, wanted) ->
     if regions:
         message.region_probabilities = [
             RegionProbability(
-                region=answer.region, object=answer.object, time_from_start=time, available=bool(answer.available),
-                probability=float(answer.probability))
+                region=answer.region,
+                object=answer.object,
+                time_from_start=time,
+                available=bool(answer.available),
+                probability=float(answer.probability),
+            )
             for answer in region_probabilities(scene, prediction, regions, initial)
         ]
     if not wanted:
         return
     message.contact_probabilities = [
         ContactProbability(
-            object_a=answer.object_a, object_b=answer.object_b, time_from_start=time, available=bool(answer.available),
-            probability=float(answer.probability), first_contact_time_available=bool(answer.first_contact_time_available),
+            object_a=answer.object_a,
+            object_b=answer.object_b,
+            time_from_start=time,
+            available=bool(answer.available),
+            probability=float(answer.probability),
+            first_contact_time_available=bool(answer.first_contact_time_available),
             first_contact_time_mean=float(answer.first_contact_time_mean),
-            first_contact_time_std=float(answer.first_contact_time_std))
+            first_contact_time_std=float(answer.first_contact_time_std),
+        )
         for answer in contact_probabilities(scene, prediction, initial)
     ]
     at_rest = {answer.object: answer for answer in rest_probabilities(scene, prediction, initial)}

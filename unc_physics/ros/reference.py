@@ -1,4 +1,6 @@
-"""Prints what `docs/ros.md` and `config/unc_physics.yaml` say about parameters: ``python -m unc_physics.ros.reference``."""
+"""Prints what `docs/ros.md` and `config/unc_physics.yaml` say about parameters: ``python -m
+unc_physics.ros.reference``.
+"""
 
 from __future__ import annotations
 

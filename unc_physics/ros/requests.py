@@ -86,7 +86,13 @@ class Outcome(NamedTuple):
 
 
 def read_request(
-    request, settings: Settings, library: ModelLibrary, frames: Frames, *, time_limit: float | None = None, objects=None,
+    request,
+    settings: Settings,
+    library: ModelLibrary,
+    frames: Frames,
+    *,
+    time_limit: float | None = None,
+    objects=None,
     fields=None,
 ) -> Job:
     """Check a request of `Predict`, `PredictCandidates` or `PredictLong`.
@@ -114,23 +120,42 @@ def read_request(
     transform = frames.to_world(request.header)
     if transform is not None:
         objects = [transform.object(message) for message in objects]
-        environment, regions = transform.environment(environment), [transform.region(region) for region in regions]
+        environment, regions = (
+            transform.environment(environment),
+            [transform.region(region) for region in regions],
+        )
     horizon = _horizon(request.horizon, settings)
     seed = request.seed or 1 + secrets.randbelow(2**_SEED_BITS - 1)
     options = read_options(request.propagator_options, "propagator_options")
     propagator = _propagator(request.propagator, options, request.samples, seed, settings)
-    islands = settings.islands and propagator.traits.cross_body  # the others' work is that of single bodies anyway
+    islands = (
+        settings.islands and propagator.traits.cross_body
+    )  # the others' work is that of single bodies anyway
     physics = read_physics(request.scene_options, settings.physics | {"islands": islands})
     read = read_scene(
-        objects, environment, library, physics, settings.doubts,
-        settings.max_objects, settings.max_spheres, settings.max_elements, fields,
+        objects,
+        environment,
+        library,
+        physics,
+        settings.doubts,
+        settings.max_objects,
+        settings.max_spheres,
+        settings.max_elements,
+        fields,
     )
     check_supported(read.scene, propagator)
     belief = _with_common_error(read.belief, request, transform)
     times = _times(request.trajectory_period, horizon, read.scene.dt, settings)
     job = Job(
-        read.scene, belief, _regions(regions, settings), read.models, propagator, horizon, times,
-        _computation_time(request.max_computation_time, time_limit), getattr(propagator, "seed", seed),
+        read.scene,
+        belief,
+        _regions(regions, settings),
+        read.models,
+        propagator,
+        horizon,
+        times,
+        _computation_time(request.max_computation_time, time_limit),
+        getattr(propagator, "seed", seed),
         request.return_samples,
         Wanted(request.return_covariance, request.return_joint_covariance, request.return_probabilities),
         read.zeros_replaced,
@@ -148,8 +173,14 @@ def run(job: Job, progress: Callable[[int, int], object] | None = None) -> Outco
     """
     try:
         prediction = predict(
-            job.scene, job.belief, job.propagator, job.horizon, times=job.times,
-            max_computation_time=job.max_computation_time, progress=progress, keep_samples=job.return_samples,
+            job.scene,
+            job.belief,
+            job.propagator,
+            job.horizon,
+            times=job.times,
+            max_computation_time=job.max_computation_time,
+            progress=progress,
+            keep_samples=job.return_samples,
         )
     except UncPhysicsError as error:
         if error.prediction is not None:
@@ -163,8 +194,13 @@ def _outcome(job, prediction):
     samples = None
     if prediction.kept is not None:
         samples = list(prediction.kept)
-    elif job.return_samples:  # the same normal numbers at every time, so that an entry belongs together over time
-        samples = [belief.sample(job.return_samples, np.random.default_rng(job.seed)) for belief in prediction.beliefs]
+    elif (
+        job.return_samples
+    ):  # the same normal numbers at every time, so that an entry belongs together over time
+        samples = [
+            belief.sample(job.return_samples, np.random.default_rng(job.seed))
+            for belief in prediction.beliefs
+        ]
     return Outcome(prediction, samples)
 
 
@@ -172,7 +208,8 @@ def write_answer(message, header, settings: Settings, job: Job, outcome: Outcome
     """Write a prediction into a response, a result or a `Prediction` message."""
     prediction = outcome.prediction
     objects, joints = write_prediction(
-        job.scene, job.models, prediction.times, prediction.beliefs, outcome.samples, job.wanted)
+        job.scene, job.models, prediction.times, prediction.beliefs, outcome.samples, job.wanted
+    )
     write_start(objects, job.scene, prediction.start)
     message.header.stamp = header.stamp
     message.header.frame_id = settings.world_frame
@@ -191,7 +228,9 @@ def write_answer(message, header, settings: Settings, job: Job, outcome: Outcome
 
 
 def write_error(message, error: Exception) -> None:
-    """Write an error into a response or result; what is no `UncPhysicsError` is a fault of the node itself."""
+    """Write an error into a response or result; what is no `UncPhysicsError` is a fault of the
+    node itself.
+    """
     if isinstance(error, UncPhysicsError):
         message.error_code, message.error_msg = int(error.code), str(error)
     else:
@@ -201,7 +240,9 @@ def write_error(message, error: Exception) -> None:
 
 def _regions(messages, settings):
     if len(messages) > settings.max_regions:
-        raise LimitExceededError(f"must be at most {settings.max_regions}", field="regions", value=len(messages))
+        raise LimitExceededError(
+            f"must be at most {settings.max_regions}", field="regions", value=len(messages)
+        )
     return read_regions(messages)
 
 
@@ -225,14 +266,20 @@ def _times(period, horizon, dt, settings):
     steps = horizon / dt
     if steps > settings.max_steps:
         raise LimitExceededError(
-            f"takes {steps:.0f} steps of {dt} s, and the limit is {settings.max_steps}", field="horizon", value=horizon)
+            f"takes {steps:.0f} steps of {dt} s, and the limit is {settings.max_steps}",
+            field="horizon",
+            value=horizon,
+        )
     if non_negative(period, "trajectory_period", InvalidHorizonError) == 0.0:
         return None
     if horizon / period > settings.max_states:
         raise LimitExceededError(
-            f"gives more than {settings.max_states} states", field="trajectory_period", value=period)
+            f"gives more than {settings.max_states} states", field="trajectory_period", value=period
+        )
     if period < 0.5 * dt:
-        raise InvalidHorizonError(f"is shorter than half a step of dt = {dt} s", field="trajectory_period", value=period)
+        raise InvalidHorizonError(
+            f"is shorter than half a step of dt = {dt} s", field="trajectory_period", value=period
+        )
     return periodic_times(period, horizon)
 
 
@@ -241,7 +288,9 @@ def _propagator(name, options, samples, seed, settings):
         raise LimitExceededError(f"must be at most {settings.max_samples}", field="samples", value=samples)
     propagator = propagator_from_texts(name or settings.default_propagator, options, samples or None, seed)
     if (drawn := getattr(propagator, "samples", 0)) > settings.max_samples:
-        raise LimitExceededError(f"must be at most {settings.max_samples}", field="propagator_options 'samples'", value=drawn)
+        raise LimitExceededError(
+            f"must be at most {settings.max_samples}", field="propagator_options 'samples'", value=drawn
+        )
     return propagator
 
 
@@ -259,17 +308,20 @@ def _check_answer(job, settings):
         )
     if job.return_samples > settings.max_return_samples:
         raise LimitExceededError(
-            f"must be at most {settings.max_return_samples}", field="return_samples", value=job.return_samples)
+            f"must be at most {settings.max_return_samples}", field="return_samples", value=job.return_samples
+        )
     own = job.propagator.own_sample_count
     if own is not None and job.return_samples > own:
         raise LimitExceededError(
-            f"must be at most the {own} samples of the prediction", field="return_samples",
+            f"must be at most the {own} samples of the prediction",
+            field="return_samples",
             value=job.return_samples,
         )
     size = answer_bytes(job)
     if size > settings.max_response_bytes:
         raise LimitExceededError(
-            f"would take {size} bytes, and the limit is {settings.max_response_bytes}; ask for fewer states or samples",
+            f"would take {size} bytes, and the limit is {settings.max_response_bytes}; ask for fewer states"
+            " or samples",
             field="the answer",
         )
 

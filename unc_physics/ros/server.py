@@ -28,7 +28,8 @@ from .streaming import Stream
 from .warm_up import warm_up
 
 _OFFERS = (ModelTopics, CapabilitiesService, CandidatesService, LongPrediction, Stream, prediction_service)
-# predictions compute outside Python's global lock; what counts is that none keeps the others waiting for a thread
+# predictions compute outside Python's global lock; what counts is that none keeps the others waiting for a
+# thread
 _THREADS = 8
 
 
@@ -66,7 +67,9 @@ class PredictionServer:
         self.library = ModelLibrary(self.settings.models_dir, self.settings.allow_model_paths)
         warm_up(self.settings)
         self.log.info(
-            f"warmed up in {time.perf_counter() - started:.1f} s; models: {', '.join(self.library.paths) or 'none'}")
+            f"warmed up in {time.perf_counter() - started:.1f} s; models:"
+            f" {', '.join(self.library.paths) or 'none'}"
+        )
 
     def open(self) -> None:
         """Advertise everything."""
@@ -80,7 +83,9 @@ class PredictionServer:
         self.log.info("ready")
 
     def close(self) -> None:
-        """Take everything back; predictions that are being made end with the error CANCELED, and are answered so."""
+        """Take everything back; predictions that are being made end with the error CANCELED, and are answered
+        so.
+        """
         self._stopping.set()
         if self.pool is not None:
             self.pool.shutdown()
@@ -100,12 +105,14 @@ class PredictionServer:
         ----------
         job : Job
         progress : callable, optional
-            Called now and then with the job, the steps done and all steps; what it raises ends the prediction.
+            Called now and then with the job, the steps done and all steps; what it raises ends the
+            prediction.
 
         Raises
         ------
         UncPhysicsError
         """
+
         def look(done, steps):
             if self._stopping.is_set():
                 raise CanceledError("is shutting down", field="the node")
@@ -149,7 +156,9 @@ class PredictionServer:
 
     @contextlib.contextmanager
     def errors_into(self, message):
-        """Write what is raised inside into a response or result: whatever a request holds, the node lives on."""
+        """Write what is raised inside into a response or result: whatever a request holds, the
+        node lives on.
+        """
         try:
             yield
         except UncPhysicsError as error:

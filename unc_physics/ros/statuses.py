@@ -15,7 +15,8 @@ JUDGED = 16
 
 
 def write_statuses(message, scene, initial, prediction, rollouts) -> None:
-    """Write the status of each object, and of each of its states, into a response, a result or a `Prediction` message.
+    """Write the status of each object, and of each of its states, into a response, a result or a `Prediction`
+    message.
 
     Parameters
     ----------
@@ -30,15 +31,17 @@ def write_statuses(message, scene, initial, prediction, rollouts) -> None:
 
     Notes
     -----
-    In a trajectory of more than `JUDGED` states so many are judged, evenly spread and the last among them; those
-    before one of them share its flags.
+    In a trajectory of more than `JUDGED` states so many are judged, evenly spread and the last among them;
+    those before one of them share its flags.
     """
     count = len(prediction.times)
     parts = min(count, JUDGED)
     ends = [count * (part + 1) // parts for part in range(parts)]
     judged = replace(
-        prediction, times=tuple(prediction.times[end - 1] for end in ends),
-        beliefs=tuple(prediction.beliefs[end - 1] for end in ends))
+        prediction,
+        times=tuple(prediction.times[end - 1] for end in ends),
+        beliefs=tuple(prediction.beliefs[end - 1] for end in ends),
+    )
     begin = 0
     for end, statuses in zip(ends, assess_all(scene, initial, judged, rollouts), strict=True):
         for predicted, status in zip(message.objects, statuses, strict=True):
@@ -47,6 +50,8 @@ def write_statuses(message, scene, initial, prediction, rollouts) -> None:
         begin = end
     for predicted, status in zip(message.objects, statuses, strict=True):  # those of the last time
         predicted.status, predicted.status_msg = int(status.flags), status.message
-        predicted.status_values = [KeyValue(key=key, value=f"{value:.6g}") for key, value in status.measures.items()]
+        predicted.status_values = [
+            KeyValue(key=key, value=f"{value:.6g}") for key, value in status.measures.items()
+        ]
         for name in _OF_OVERLAP:
             setattr(predicted, name, status.measures.get(name, 0.0))

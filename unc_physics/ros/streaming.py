@@ -33,20 +33,27 @@ class Stream:
         self._poses = {}
         self._tracked = {}  # topic: (stamp, state) of its newest pose
         self._subscriptions = [
-            node.create_subscription(ObjectStateArray, "~/objects", self._newest.put, _NEWEST)]
+            node.create_subscription(ObjectStateArray, "~/objects", self._newest.put, _NEWEST)
+        ]
         settings = server.settings
         for topic, model in zip(settings.tracked_topics, settings.tracked_models, strict=True):
             if topic:
-                self._subscriptions.append(node.create_subscription(
-                    PoseWithCovarianceStamped, topic,
-                    lambda message, topic=topic, model=model: self._track(topic, model, message), _NEWEST))
+                self._subscriptions.append(
+                    node.create_subscription(
+                        PoseWithCovarianceStamped,
+                        topic,
+                        lambda message, topic=topic, model=model: self._track(topic, model, message),
+                        _NEWEST,
+                    )
+                )
         try:
             from vision_msgs.msg import Detection3DArray  # pyright: ignore[reportMissingImports]  (optional)
         except ImportError:
             pass
         else:
-            self._subscriptions.append(node.create_subscription(
-                Detection3DArray, "~/detections", self._detect, _NEWEST))
+            self._subscriptions.append(
+                node.create_subscription(Detection3DArray, "~/detections", self._detect, _NEWEST)
+            )
 
     def close(self):
         """Take the topics back."""
@@ -67,10 +74,18 @@ class Stream:
         with server.errors_into(answer):
             times = sorted(set(settings.horizons))
             request = Predict.Request(
-                header=scene.header, objects=scene.objects, environment=scene.environment, horizon=times[-1],
-                common_pose_std=scene.common_pose_std, common_pose_origin=scene.common_pose_origin,
-                propagator=settings.stream_propagator, return_probabilities=settings.stream_probabilities)
-            job = read_request(request, settings, server.library, server.frames, time_limit=settings.max_computation_time)
+                header=scene.header,
+                objects=scene.objects,
+                environment=scene.environment,
+                horizon=times[-1],
+                common_pose_std=scene.common_pose_std,
+                common_pose_origin=scene.common_pose_origin,
+                propagator=settings.stream_propagator,
+                return_probabilities=settings.stream_probabilities,
+            )
+            job = read_request(
+                request, settings, server.library, server.frames, time_limit=settings.max_computation_time
+            )
             job = job._replace(times=times[:-1])
             message = Prediction()
             write_answer(message, scene.header, settings, job, server.predict(job))
@@ -81,7 +96,8 @@ class Stream:
                 server.diagnostics.delayed(delay)
         if answer.error_code:
             server.log.warning(
-                f"a scene was not predicted: {answer.error_msg}", throttle_duration_sec=_REPORT_PERIOD)
+                f"a scene was not predicted: {answer.error_msg}", throttle_duration_sec=_REPORT_PERIOD
+            )
 
     def _age(self, stamp):
         """Time since a stamp [s], None without a stamp."""
@@ -101,7 +117,8 @@ class Stream:
             for state in predicted.states:
                 if abs(seconds(state.time_from_start) - settings.pose_horizon) < _SAME_TIME:
                     self._pose_publisher(predicted.id).publish(
-                        PoseWithCovarianceStamped(header=message.header, pose=state.pose))
+                        PoseWithCovarianceStamped(header=message.header, pose=state.pose)
+                    )
 
     def _pose_publisher(self, name):
         if name not in self._poses:
@@ -116,7 +133,8 @@ class Stream:
         self._tracked[topic] = message.header, state
         frame, age = message.header.frame_id, settings.max_input_age
         objects = [
-            state for header, state in self._tracked.values()
+            state
+            for header, state in self._tracked.values()
             if header.frame_id == frame and not self._is_old(header.stamp, age)
         ]
         self._newest.put(ObjectStateArray(header=message.header, objects=objects), "tracked")
@@ -129,7 +147,9 @@ class Stream:
 
 
 def scene_of_detections(detections, library, mass) -> ObjectStateArray:
-    """The scene of a Detection3DArray; each detection's best hypothesis names the model, and those without one are left out."""
+    """The scene of a Detection3DArray; each detection's best hypothesis names the model, and those without
+    one are left out.
+    """
     objects = []
     for k, detection in enumerate(detections.detections):
         if detection.results:

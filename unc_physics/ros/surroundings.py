@@ -42,14 +42,22 @@ def read_environment(message, max_elements: int | None = None) -> tuple[Element,
     planes, primitives, poses = message.planes, message.primitives, message.primitive_poses
     count = len(planes) + len(primitives)
     if max_elements is not None and count > max_elements:
-        raise LimitExceededError(f"must be at most {max_elements} planes and primitives", field="environment", value=count)
+        raise LimitExceededError(
+            f"must be at most {max_elements} planes and primitives", field="environment", value=count
+        )
     if len(poses) != len(primitives):
         raise InvalidEnvironmentError(
-            f"must have a pose for each of the {len(primitives)} primitives", field="environment.primitive_poses",
-            value=len(poses))
+            f"must have a pose for each of the {len(primitives)} primitives",
+            field="environment.primitive_poses",
+            value=len(poses),
+        )
     names = _names(message.ids, len(planes), len(primitives))
     elements: list[Element] = [
-        _plane(tuple(array(plane.coef, (4,), f"environment.planes[{k}].coef", InvalidEnvironmentError).tolist()), names[k], k)
+        _plane(
+            tuple(array(plane.coef, (4,), f"environment.planes[{k}].coef", InvalidEnvironmentError).tolist()),
+            names[k],
+            k,
+        )
         for k, plane in enumerate(planes)
     ]
     for k, (primitive, pose) in enumerate(zip(primitives, poses, strict=True)):
@@ -78,7 +86,10 @@ def read_regions(messages) -> tuple[BoxRegion, ...]:
         if message.id in ids:
             raise DuplicateIdError("is the id of two regions", field=f"{field}.id", value=message.id)
         ids.add(message.id)
-        size = [positive(getattr(message.size, axis), f"{field}.size.{axis}", InvalidEnvironmentError) for axis in "xyz"]
+        size = [
+            positive(getattr(message.size, axis), f"{field}.size.{axis}", InvalidEnvironmentError)
+            for axis in "xyz"
+        ]
         regions.append(BoxRegion(message.id, size, *_place(message.pose, f"{field}.pose")))
     return tuple(regions)
 
@@ -88,10 +99,15 @@ def _names(ids, planes, primitives):
     names = [f"plane_{k}" for k in range(planes)] + [f"primitive_{k}" for k in range(primitives)]
     if ids and len(ids) != len(names):
         raise InvalidEnvironmentError(
-            f"must be empty, or a name for each of the {len(names)} elements", field="environment.ids", value=len(ids))
+            f"must be empty, or a name for each of the {len(names)} elements",
+            field="environment.ids",
+            value=len(ids),
+        )
     for k, name in enumerate(ids):
         if name == ENVIRONMENT:
-            raise InvalidEnvironmentError("is what all elements together are called", field=f"environment.ids[{k}]", value=name)
+            raise InvalidEnvironmentError(
+                "is what all elements together are called", field=f"environment.ids[{k}]", value=name
+            )
         names[k] = name or names[k]
     for k, name in enumerate(names):
         if name in names[:k]:
@@ -102,8 +118,10 @@ def _names(ids, planes, primitives):
 def _dimensions(primitive, field):
     if primitive.type in _NOT_SERVED:
         raise NotSupportedError(
-            "must be BOX, SPHERE or CYLINDER; a fixed object with a model may have any shape", field=f"{field}.type",
-            value=_NOT_SERVED[primitive.type])
+            "must be BOX, SPHERE or CYLINDER; a fixed object with a model may have any shape",
+            field=f"{field}.type",
+            value=_NOT_SERVED[primitive.type],
+        )
     if primitive.type not in _DIMENSIONS:
         raise InvalidEnvironmentError("is no kind of primitive", field=f"{field}.type", value=primitive.type)
     shape, field = (_DIMENSIONS[primitive.type],), f"{field}.dimensions"

@@ -1,4 +1,6 @@
-"""Compiles or loads kernels before the first request: ``python -m unc_physics.ros.warm_up`` fills numba's cache."""
+"""Compiles or loads kernels before the first request: ``python -m unc_physics.ros.warm_up`` fills numba's
+cache.
+"""
 
 from __future__ import annotations
 
@@ -34,9 +36,13 @@ def warm_up(settings: Settings) -> None:
     row = np.arange(20) * 0.02
     centers = np.stack([row - row.mean(), np.zeros(20), np.zeros(20)], axis=1)
     model = SpherePacking(
-        "rod", centers, np.full(20, 0.01), np.diag([1e-3, 1e-2, 1e-2]), 1e-4, np.zeros(3), bounding_radius=0.5)
+        "rod", centers, np.full(20, 0.01), np.diag([1e-3, 1e-2, 1e-2]), 1e-4, np.zeros(3), bounding_radius=0.5
+    )
     bodies = [RigidBody("a", model), RigidBody("b", model), RigidBody("floor", model, fixed=True)]
-    resting = [replace(bodies[0], at_rest=settings.integrator == "implicit" and any(settings.gravity)), *bodies[1:]]
+    resting = [
+        replace(bodies[0], at_rest=settings.integrator == "implicit" and any(settings.gravity)),
+        *bodies[1:],
+    ]
     stiffness = _STIFFNESS if settings.stiffness == AUTO else settings.stiffness
     physics = settings.physics | {"stiffness": stiffness, "overlap": None}  # which all propagators take
     own = Scene(resting, **physics)
@@ -52,7 +58,9 @@ def warm_up(settings: Settings) -> None:
         few = {"samples": 4} if "samples" in PROPAGATORS[name].options() else {}
         propagator = make_propagator(name, **few)
         wanted = Wanted(covariance=True, joint_covariance=propagator.traits.cross_body, probabilities=True)
-        job = Job(scene, belief, (), ("rod",) * 3, propagator, _STEPS * scene.dt, None, None, 1, 2, wanted, False)
+        job = Job(
+            scene, belief, (), ("rod",) * 3, propagator, _STEPS * scene.dt, None, None, 1, 2, wanted, False
+        )
         message = Predict.Response()
         write_answer(message, message.header, settings, job, run(job))
 

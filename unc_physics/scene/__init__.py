@@ -1,1 +1,3 @@
-"""What is predicted: bodies, environment, materials, uncertain parameters, what is believed of them, and scene files."""
+"""What is predicted: bodies, environment, materials, uncertain parameters, what is believed of them, and
+scene files.
+"""

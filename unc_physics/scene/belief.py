@@ -41,7 +41,8 @@ class Belief:
     Attributes
     ----------
     mean : (B, 13) array
-        State of each body, ``[p, v, q, omega]``: position of the centre of mass [m], velocity [m/s], quaternion
+        State of each body, ``[p, v, q, omega]``: position of the centre of mass [m], velocity [m/s],
+            quaternion
         (x, y, z, w) of ``R_world_body`` and angular velocity [rad/s]; all but q in the world frame.
     covariance : (M, 12, 12) or (12 M, 12 M) array
         Over the error state ``[dp, dv, dtheta, domega]`` of the M moving bodies, ``R = R_mean Exp(dtheta)``:
@@ -52,7 +53,8 @@ class Belief:
     Raises
     ------
     InvalidRequestError, NotFiniteError, InvalidOrientationError, InvalidCovarianceError
-        For wrong shapes, NaN or infinity, quaternions far from unit length, and matrices that are no covariance.
+        For wrong shapes, NaN or infinity, quaternions far from unit length, and matrices that are no
+        covariance.
     """
 
     mean: Array = array_field()
@@ -68,8 +70,12 @@ class Belief:
         P = numbers(self.covariance, "covariance", InvalidCovarianceError)
         if P.ndim == 3:
             if len(P) != len(moving):
-                raise InvalidCovarianceError(f"must have {len(moving)} blocks, not {len(P)}", field="covariance")
-            blocks = [covariance(block, ERROR, f"covariance of body {moving[k]}") for k, block in enumerate(P)]
+                raise InvalidCovarianceError(
+                    f"must have {len(moving)} blocks, not {len(P)}", field="covariance"
+                )
+            blocks = [
+                covariance(block, ERROR, f"covariance of body {moving[k]}") for k, block in enumerate(P)
+            ]
             P = np.array(blocks).reshape(-1, ERROR, ERROR)
         else:
             P = covariance(P, ERROR * len(moving), "covariance")
@@ -174,11 +180,15 @@ class Belief:
         return self.blocks[place[0]] if len(place) else np.zeros((ERROR, ERROR))
 
     def root(self) -> np.ndarray:
-        """(12 M, r): pivoted Cholesky factor of the joint covariance; r counts the directions that are uncertain."""
+        """(12 M, r): pivoted Cholesky factor of the joint covariance; r counts the directions that are
+        uncertain.
+        """
         return pivoted_cholesky(self.joint.copy(), RANK_TOLERANCE)[0]
 
     def sample(self, count: int, rng: np.random.Generator) -> np.ndarray:
-        """(count, B, 13): states drawn from the belief; the first k of them are the same for every larger count."""
+        """(count, B, 13): states drawn from the belief; the first k of them are the same for every larger
+        count.
+        """
         root = self.root()
         # einsum, not BLAS: each row in one order of summation, whatever the count and the number of threads
         errors = np.einsum("nr,kr->nk", rng.standard_normal((count, root.shape[1])), root)
@@ -190,24 +200,34 @@ class Belief:
         That means also that those at rest stand still.
         """
         if len(self.mean) != len(scene.bodies):
-            raise InvalidRequestError(f"must describe {len(scene.bodies)} bodies, not {len(self.mean)}", field="belief")
+            raise InvalidRequestError(
+                f"must describe {len(scene.bodies)} bodies, not {len(self.mean)}", field="belief"
+            )
         if not np.array_equal(self.moving, scene.moving):
             raise InvalidRequestError(
-                f"must have covariance for the moving bodies {scene.moving.tolist()}", field="belief", value=self.moving.tolist()
+                f"must have covariance for the moving bodies {scene.moving.tolist()}",
+                field="belief",
+                value=self.moving.tolist(),
             )
         for body, state in zip(scene.bodies, self.mean, strict=True):
             for name, place in (("angular_velocity", ANGULAR_VELOCITY), ("linear_velocity", VELOCITY)):
                 if body.at_rest and state[place].any():
                     raise InvalidRequestError(
-                        "must be zero, as the body is at_rest", field=f"{name} of body '{body.name}'",
-                        value=state[place].tolist())
+                        "must be zero, as the body is at_rest",
+                        field=f"{name} of body '{body.name}'",
+                        value=state[place].tolist(),
+                    )
 
 
 def _ascending_indices(values, count):
     """Indices of some of ``count`` bodies; the kernels rely on their range and order."""
     indices = numbers(values, "moving")
     if indices.ndim != 1 or np.any(indices != np.floor(indices)) or np.any(np.diff(indices) <= 0):
-        raise InvalidRequestError("must be ascending indices of bodies", field="moving", value=indices.tolist())
+        raise InvalidRequestError(
+            "must be ascending indices of bodies", field="moving", value=indices.tolist()
+        )
     if len(indices) and not (indices[0] >= 0 and indices[-1] < count):
-        raise InvalidRequestError(f"must be indices of {count} bodies", field="moving", value=indices.tolist())
+        raise InvalidRequestError(
+            f"must be indices of {count} bodies", field="moving", value=indices.tolist()
+        )
     return indices.astype(np.int64)

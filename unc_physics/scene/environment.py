@@ -285,7 +285,9 @@ ELEMENTS = {element.shape: element for element in (Plane, Box, Sphere, Cylinder,
 
 
 def element_names(environment) -> list[str]:
-    """What each element is called: its name, or its shape and its number among all elements, as ``plane_0``."""
+    """What each element is called: its name, or its shape and its number among all elements, as
+    ``plane_0``.
+    """
     return [element.name or f"{element.shape}_{k}" for k, element in enumerate(environment)]
 
 

@@ -12,8 +12,13 @@ from ..checks.validation import non_negative, share
 
 #: What the explicit step does of itself, so that it may be said: elastic, overlap as it is, none of the rest.
 _EXPLICIT = {
-    "friction": 0.0, "restitution": 1.0, "friction_std": 0.0, "restitution_std": 0.0, "sleep": False,
-    "at_rest": False, "overlap": "keep",
+    "friction": 0.0,
+    "restitution": 1.0,
+    "friction_std": 0.0,
+    "restitution_std": 0.0,
+    "sleep": False,
+    "at_rest": False,
+    "overlap": "keep",
 }
 #: Restitution of each integrator where none is named.
 DEFAULT_RESTITUTION = {"explicit": 1.0, "implicit": 0.0}

@@ -17,7 +17,8 @@ _SINGLE = 4.0 * np.finfo(np.float32).eps  # more than a shift rounds, relative t
 
 
 def draw_parameters(scene: Scene, count: int, seed: int) -> np.ndarray:
-    """(count, K): standard normal numbers for the scene's K uncertain parameters, independent of the draws of states.
+    """(count, K): standard normal numbers for the scene's K uncertain parameters, independent of the draws of
+    states.
 
     The first k rows are the same for every larger count.
     """
@@ -30,12 +31,14 @@ def draw_parameters(scene: Scene, count: int, seed: int) -> np.ndarray:
 def vary(scene: Scene, z: np.ndarray) -> World:
     """The scene as the kernels take it, with its parameters ``z`` (K,) standard deviations from their values.
 
-    Mass and inertia share a factor. A shifted centre of mass moves the spheres the other way in the body frame.
+    Mass and inertia share a factor. A shifted centre of mass moves the spheres the other way in the body
+    frame.
     """
     world = scene.world
     b, bodies = world.bodies, scene.bodies
     mass, inertia, inverse_mass, inverse_inertia = (
-        constant.copy() for constant in (b.mass, b.inertia, b.inverse_mass, b.inverse_inertia))
+        constant.copy() for constant in (b.mass, b.inertia, b.inverse_mass, b.inverse_inertia)
+    )
     radius, tree, gravity, stiffness, tilt = b.radius, world.tree, world.gravity, world.stiffness, np.zeros(2)
     for parameter, value in zip(scene.uncertain, z, strict=True):
         name, k = parameter.name, parameter.body
@@ -54,7 +57,9 @@ def vary(scene: Scene, z: np.ndarray) -> World:
     offsets = center_offsets(scene, z[None])[0]
     if len(offsets):
         tree, radius = _shifted_trees(scene, offsets)
-    own = b._replace(mass=mass, inertia=inertia, inverse_mass=inverse_mass, inverse_inertia=inverse_inertia, radius=radius)
+    own = b._replace(
+        mass=mass, inertia=inertia, inverse_mass=inverse_mass, inverse_inertia=inverse_inertia, radius=radius
+    )
     implicit = world.implicit
     if implicit is not None:
         friction, restitution = vary_materials(scene, z)
@@ -101,7 +106,9 @@ def rollout_varied(
 
 def center_offsets(scene: Scene, z: np.ndarray) -> np.ndarray:
     """(N, B, 3): the bodies' centres of mass in their models' frames [m]; (N, 0, 3) where all are certain."""
-    shifts = [(c, parameter) for c, parameter in enumerate(scene.uncertain) if parameter.name == "center_of_mass"]
+    shifts = [
+        (c, parameter) for c, parameter in enumerate(scene.uncertain) if parameter.name == "center_of_mass"
+    ]
     offsets = np.zeros((len(z), len(scene.bodies) if shifts else 0, 3))
     for c, parameter in shifts:
         offsets[:, parameter.body, parameter.axis] = parameter.std * z[:, c]
@@ -109,7 +116,9 @@ def center_offsets(scene: Scene, z: np.ndarray) -> np.ndarray:
 
 
 def moved_along(states: np.ndarray, offsets: np.ndarray) -> np.ndarray:
-    """States (N, B, 13) of the bodies' points that lie at ``offsets`` (N, B, 3) from those given, body axes [m]."""
+    """States (N, B, 13) of the bodies' points that lie at ``offsets`` (N, B, 3) from those given, body axes
+    [m].
+    """
     if offsets.shape[1] == 0:
         return states
     moved = states.copy()
@@ -133,7 +142,9 @@ def _tilted(gravity, tilt):
 
 
 def _shifted_trees(scene, offsets):
-    """The sphere trees, and the radii of balls about the centres of mass that hold them, for shifted centres of mass."""
+    """The sphere trees, and the radii of balls about the centres of mass that hold them, for shifted centres
+    of mass.
+    """
     world = scene.world
     bounds, child, centers, radii = world.tree
     bounds, centers, radius = bounds.copy(), centers.copy(), world.bodies.radius.copy()

@@ -82,13 +82,15 @@ class RigidBody(Surface):
     fixed : bool
         Whether the body never moves.
     mass_std : float
-        Standard deviation of the mass [kg]; the inertia follows the mass. It varies as ``mass exp(z mass_std / mass)``
-        with a standard normal z, so that it stays positive.
+        Standard deviation of the mass [kg]; the inertia follows the mass. It varies as ``mass exp(z mass_std
+        / mass)`` with a standard normal z, so that it stays positive.
     center_of_mass_std : (3,) array
-        Standard deviations of the COM's place in the body, about the model's, body axes [m]; one number stands for three.
-        States and beliefs stay those of the model's COM; the inertia about the COM stays the model's.
+        Standard deviations of the COM's place in the body, about the model's, body axes [m]; one number
+        stands for three. States and beliefs stay those of the model's COM; the inertia about the COM stays
+        the model's.
     at_rest : bool
-        Whether the body stands still at time 0, on what is below it: before a prediction begins, it is settled
+        Whether the body stands still at time 0, on what is below it: before a prediction begins, it is
+            settled
         there, so that its height and tilt come from contact, whatever the belief says of them. Its mean
         velocities must be zero, and their covariance counts as zero. Needs the implicit integrator and
         gravity; not for a fixed body.
@@ -113,7 +115,9 @@ class RigidBody(Surface):
         if not isinstance(self.name, str) or not self.name:
             raise InvalidRequestError("must be a non-empty text", field="name", value=self.name)
         if not isinstance(self.model, SpherePacking):
-            raise InvalidRequestError("must be a SpherePacking", field=f"model of body '{self.name}'", value=self.model)
+            raise InvalidRequestError(
+                "must be a SpherePacking", field=f"model of body '{self.name}'", value=self.model
+            )
         check_surface(self, f" of body '{self.name}'")
         field = f"center_of_mass_std of body '{self.name}'"
         std = numbers(self.center_of_mass_std, field)
@@ -127,10 +131,13 @@ class RigidBody(Surface):
             "at_rest": flag(self.at_rest, f"at_rest of body '{self.name}'"),
         }
         if checked["mass_std"] > checked["mass"]:
-            raise InvalidMassError("must not exceed the mass", field=f"mass_std of body '{self.name}'", value=self.mass_std)
+            raise InvalidMassError(
+                "must not exceed the mass", field=f"mass_std of body '{self.name}'", value=self.mass_std
+            )
         if checked["at_rest"] and checked["fixed"]:
             raise InvalidRequestError(
-                "must be false for a fixed body", field=f"at_rest of body '{self.name}'", value=True)
+                "must be false for a fixed body", field=f"at_rest of body '{self.name}'", value=True
+            )
         for name, value in checked.items():
             object.__setattr__(self, name, value)
 
@@ -167,8 +174,8 @@ class Scene:
     islands : bool
         Whether groups of bodies that cannot touch within the horizon are predicted each by itself.
     stiffness_std, friction_std : float
-        Standard deviations, in the units of what they belong to, which then varies as ``m exp(z std / m)`` with a
-        standard normal z; only what is positive can be uncertain.
+        Standard deviations, in the units of what they belong to, which then varies as ``m exp(z std / m)``
+        with a standard normal z; only what is positive can be uncertain.
     restitution_std : float
         Standard deviation; the coefficient varies as ``restitution + z std``, cut off at 0 and 1. As
         friction's, it is shared by all who have no value of their own.
@@ -212,7 +219,9 @@ class Scene:
         try:
             bodies = tuple(self.bodies)
         except TypeError:
-            raise InvalidRequestError("must be a sequence of RigidBody", field="bodies", value=self.bodies) from None
+            raise InvalidRequestError(
+                "must be a sequence of RigidBody", field="bodies", value=self.bodies
+            ) from None
         if not bodies:
             raise NoObjectsError("must name at least one body", field="bodies")
         for k, body in enumerate(bodies):
@@ -240,7 +249,8 @@ class Scene:
         checked["overlap"] = _OVERLAP[self.integrator] if self.overlap is None else self.overlap
         if checked["overlap"] not in OVERLAPS:
             raise InvalidOptionError(
-                f"must be one of {', '.join(OVERLAPS)}", field="overlap", value=self.overlap)
+                f"must be one of {', '.join(OVERLAPS)}", field="overlap", value=self.overlap
+            )
         for field, value in checked.items():
             object.__setattr__(self, field, value)
         check_surface(self)
@@ -262,7 +272,8 @@ class Scene:
         for k, body in enumerate(self.bodies):
             if body.at_rest and not self.gravity.any():
                 raise InvalidRequestError(
-                    "needs a scene with gravity", field=f"bodies[{k}].at_rest", value=True)
+                    "needs a scene with gravity", field=f"bodies[{k}].at_rest", value=True
+                )
 
     def _check_std(self, name, most, owner):
         """Raise `InvalidRequestError` unless a standard deviation is at most that; 0 or None allow none."""
@@ -294,13 +305,19 @@ class Scene:
         """The directions in which parameters are uncertain, those of the scene first."""
         found = [
             UncertainParameter(field.removesuffix("_std"), -1, axis, getattr(self, field))
-            for field in _STDS if getattr(self, field) for axis in range(2 if field == "gravity_direction_std" else 1)
+            for field in _STDS
+            if getattr(self, field)
+            for axis in range(2 if field == "gravity_direction_std" else 1)
         ]
         for k in self.moving.tolist():
             body = self.bodies[k]
             if body.mass_std:
                 found.append(UncertainParameter("mass", k, 0, body.mass_std))
-            found += [UncertainParameter("center_of_mass", k, a, std) for a, std in enumerate(body.center_of_mass_std) if std]
+            found += [
+                UncertainParameter("center_of_mass", k, a, std)
+                for a, std in enumerate(body.center_of_mass_std)
+                if std
+            ]
         for k, surface in enumerate(self.surfaces):
             stds = {name: getattr(surface, f"{name}_std") for name in Materials._fields}
             found += [UncertainParameter(name, k, 0, std) for name, std in stds.items() if std]
@@ -334,7 +351,8 @@ class Scene:
         if self.stiffness is None:
             raise InvalidRequestError(
                 "is chosen when a prediction begins; give one, or take stiffness.with_stiffness",
-                field="stiffness")
+                field="stiffness",
+            )
         shifted = {parameter.body for parameter in self.uncertain if parameter.name == "center_of_mass"}
         # bodies of one model share a tree, but for those whose spheres move about the centre of mass
         owners = [(body.model, k if k in shifted else -1) for k, body in enumerate(self.bodies)]
@@ -367,12 +385,21 @@ class Scene:
         stack_size = sphere_tree.WIDTH**2 * deepest + 1
         # a writable copy: read-only arrays would compile every kernel once more
         return World(
-            bodies, tree, np.array(self.gravity), self.dt, math.exp(-self.damping * self.dt), self.stiffness, stack_size,
+            bodies,
+            tree,
+            np.array(self.gravity),
+            self.dt,
+            math.exp(-self.damping * self.dt),
+            self.stiffness,
+            stack_size,
             surroundings=self._surroundings(),
-            implicit=self._implicit(tree, models, [own.index(owner) for owner in owners], spheres))
+            implicit=self._implicit(tree, models, [own.index(owner) for owner in owners], spheres),
+        )
 
     def _surroundings(self) -> Surroundings | None:
-        """Environment and gyroscopic term; None, for which the explicit kernels compile without them, for neither."""
+        """Environment and gyroscopic term; None, for which the explicit kernels compile without them, for
+        neither.
+        """
         elements = self.environment
         if not (elements or self.gyroscopic or self.integrator == "implicit"):
             return None
@@ -387,7 +414,8 @@ class Scene:
     def _implicit(self, tree, models, model_of, first_sphere) -> Implicit | None:
         """What the implicit step knows besides; None for the explicit one.
 
-        ``models`` are those of the tree, ``model_of`` the number of each body's, ``first_sphere`` where its spheres begin.
+        ``models`` are those of the tree, ``model_of`` the number of each body's, ``first_sphere`` where its
+        spheres begin.
         """
         if self.integrator != "implicit":
             return None
@@ -408,14 +436,18 @@ class Scene:
 
 
 def tree_of(model: SpherePacking):
-    """Sphere tree of a packing (`physics.sphere_tree.build`), built at its first use and kept as long as the packing."""
+    """Sphere tree of a packing (`physics.sphere_tree.build`), built at its first use and kept as long as the
+    packing.
+    """
     if model not in _trees:
         _trees[model] = sphere_tree.build(np.array(model.centers), np.array(model.radii))
     return _trees[model]
 
 
 def hull_of(model: SpherePacking) -> np.ndarray:
-    """Spheres of a packing that can touch a plane (`physics.hull.hull_spheres`), kept as long as the packing."""
+    """Spheres of a packing that can touch a plane (`physics.hull.hull_spheres`), kept as long as
+    the packing.
+    """
     if model not in _hulls:
         _hulls[model] = hull_spheres(np.array(model.centers), np.array(model.radii))
     return _hulls[model]
@@ -426,7 +458,9 @@ def _elements(environment, names):
     try:
         elements = tuple(environment)
     except TypeError:
-        raise InvalidEnvironmentError("must be a sequence of elements", field="environment", value=environment) from None
+        raise InvalidEnvironmentError(
+            "must be a sequence of elements", field="environment", value=environment
+        ) from None
     for k, element in enumerate(elements):
         check_element(element, f"environment[{k}]")
     taken = set(names)
@@ -444,7 +478,10 @@ def check_integrator(name) -> None:
     successor = _SUCCESSORS.get(name) if isinstance(name, str) else None
     if successor:
         raise InvalidOptionError(
-            f"must be '{successor}' now, which has taken the place of '{name}'", field="integrator", value=name)
+            f"must be '{successor}' now, which has taken the place of '{name}'",
+            field="integrator",
+            value=name,
+        )
     raise InvalidOptionError(f"must be one of {', '.join(INTEGRATORS)}", field="integrator", value=name)
 
 

@@ -46,8 +46,15 @@ from .scene import RigidBody, Scene
 from .stiffness import AUTO, auto_stiffness
 
 _NUMBERS = (
-    "dt", "stiffness", "damping", "friction", "restitution",
-    "stiffness_std", "friction_std", "restitution_std", "gravity_direction_std",
+    "dt",
+    "stiffness",
+    "damping",
+    "friction",
+    "restitution",
+    "stiffness_std",
+    "friction_std",
+    "restitution_std",
+    "gravity_direction_std",
 )
 _FLAGS = ("gyroscopic", "islands", "sleep")
 #: Keys of a scene file that set the physics, and the one that names what they change.
@@ -74,8 +81,20 @@ _ELEMENTS = {
 _SCALARS = ("offset", "radius", "length")
 _SURFACE_KEYS = tuple(field.name for field in dataclasses.fields(Surface))
 _BODY_KEYS = (
-    "name", "model", "spheres", "scale", "mass", "mass_std", "center_of_mass_std", *_VECTORS, "orientation", *_STDS,
-    "covariance", "fixed", "at_rest", *_SURFACE_KEYS,
+    "name",
+    "model",
+    "spheres",
+    "scale",
+    "mass",
+    "mass_std",
+    "center_of_mass_std",
+    *_VECTORS,
+    "orientation",
+    *_STDS,
+    "covariance",
+    "fixed",
+    "at_rest",
+    *_SURFACE_KEYS,
 )
 
 
@@ -94,7 +113,9 @@ class _UniqueKeyLoader(yaml.SafeLoader):
         keys = [key.value for key, _ in node.value if isinstance(key, yaml.ScalarNode)]
         for k, key in enumerate(keys):
             if key in keys[:k]:
-                raise yaml.constructor.ConstructorError(None, None, f"the key '{key}' is given twice", node.start_mark)
+                raise yaml.constructor.ConstructorError(
+                    None, None, f"the key '{key}' is given twice", node.start_mark
+                )
         return super().construct_mapping(node, deep)
 
 
@@ -146,7 +167,9 @@ def scene_from_dict(content, models_dir=None, folder=None) -> LoadedScene:
     belief = _with_common_error(belief, content)
     belief.check_fits(scene)
     horizon = content.get("horizon")
-    return LoadedScene(scene, belief, None if horizon is None else positive(horizon, "horizon", InvalidHorizonError))
+    return LoadedScene(
+        scene, belief, None if horizon is None else positive(horizon, "horizon", InvalidHorizonError)
+    )
 
 
 def _with_common_error(belief, content):
@@ -255,7 +278,9 @@ def _body(content, field, models_dir, folder):
     _check_keys(content, _BODY_KEYS, field)
     for key in ("name", "model"):
         if not isinstance(content.get(key), str) or not content[key]:
-            raise InvalidRequestError("must be a non-empty text", field=f"{field}.{key}", value=content.get(key))
+            raise InvalidRequestError(
+                "must be a non-empty text", field=f"{field}.{key}", value=content.get(key)
+            )
     fixed = content.get("fixed", False)
     if not isinstance(fixed, bool):
         raise InvalidRequestError("must be true or false", field=f"{field}.fixed", value=fixed)
@@ -268,22 +293,35 @@ def _body(content, field, models_dir, folder):
         if content.get(key) is not None:
             state[place] = _numbers(content[key], (3,), f"{field}.{key}")
     orientation = content.get("orientation", (0.0, 0.0, 0.0, 1.0))
-    state[QUATERNION] = quaternion(_numbers(orientation, (4,), f"{field}.orientation"), f"{field}.orientation")
+    state[QUATERNION] = quaternion(
+        _numbers(orientation, (4,), f"{field}.orientation"), f"{field}.orientation"
+    )
     P = _covariance(content, field)
-    mass_std, com_std = (0.0 if content.get(key) is None else content[key] for key in ("mass_std", "center_of_mass_std"))
-    mass_std, com_std = non_negative(mass_std, f"{field}.mass_std"), _std(com_std, f"{field}.center_of_mass_std")
+    mass_std, com_std = (
+        0.0 if content.get(key) is None else content[key] for key in ("mass_std", "center_of_mass_std")
+    )
+    mass_std, com_std = (
+        non_negative(mass_std, f"{field}.mass_std"),
+        _std(com_std, f"{field}.center_of_mass_std"),
+    )
     if fixed:
         for key, values in (
-            ("velocity", state[VELOCITY]), ("velocity", state[ANGULAR_VELOCITY]), ("covariance", P), ("mass_std", mass_std),
+            ("velocity", state[VELOCITY]),
+            ("velocity", state[ANGULAR_VELOCITY]),
+            ("covariance", P),
+            ("mass_std", mass_std),
             ("center_of_mass_std", com_std),
         ):
             if np.any(values):
                 raise InvalidRequestError(f"is fixed, so its {key} must be zero or absent", field=field)
-    model = at_field(field, load_shape, content["model"], content.get("spheres"), content.get("scale"), models_dir, folder)
+    model = at_field(
+        field, load_shape, content["model"], content.get("spheres"), content.get("scale"), models_dir, folder
+    )
     surface = _surface(content, field)
     at_rest = False if content.get("at_rest") is None else content["at_rest"]
     body = at_field(
-        field, RigidBody, content["name"], model, mass, fixed, mass_std, com_std, at_rest, **surface)
+        field, RigidBody, content["name"], model, mass, fixed, mass_std, com_std, at_rest, **surface
+    )
     return body, state, P
 
 
@@ -292,13 +330,16 @@ def at_field(field, function, *arguments, **options):
     try:
         return function(*arguments, **options)
     except UncPhysicsError as error:
-        raise type(error)(error.problem, field=f"{field}.{error.field}" if error.field else field, value=error.value) from error
+        raise type(error)(
+            error.problem, field=f"{field}.{error.field}" if error.field else field, value=error.value
+        ) from error
 
 
 def load_shape(model, spheres=None, scale=None, models_dir=None, folder=None):
     """A packing from the library or a file, cut to its first ``spheres`` and scaled.
 
-    The same arguments give the same object while the file is unchanged, so that its sphere tree is built once.
+    The same arguments give the same object while the file is unchanged, so that its sphere tree is built
+    once.
 
     Raises
     ------
@@ -331,7 +372,11 @@ def _covariance(content, field):
     if content.get("covariance") is not None:
         if given:
             raise InvalidRequestError(f"must not be given beside {given[0]}", field=f"{field}.covariance")
-        return covariance(_numbers(content["covariance"], (ERROR, ERROR), f"{field}.covariance"), ERROR, f"{field}.covariance")
+        return covariance(
+            _numbers(content["covariance"], (ERROR, ERROR), f"{field}.covariance"),
+            ERROR,
+            f"{field}.covariance",
+        )
     std = np.zeros(ERROR)
     for key in given:
         std[_STDS[key]] = _std(content[key], f"{field}.{key}")
@@ -350,7 +395,11 @@ def _std(value, field):
 def _numbers(value, shape, field, error: type[UncPhysicsError] = InvalidRequestError):
     """Nested lists of numbers as an array; every entry may be a string in any Python float form."""
     if not isinstance(value, (list, tuple)) or len(value) != shape[0]:
-        raise error(f"must be a list of {shape[0]} {'numbers' if len(shape) == 1 else 'rows'}", field=field, value=value)
+        raise error(
+            f"must be a list of {shape[0]} {'numbers' if len(shape) == 1 else 'rows'}",
+            field=field,
+            value=value,
+        )
     if len(shape) > 1:
         return np.array([_numbers(row, shape[1:], f"{field}[{k}]", error) for k, row in enumerate(value)])
     return array([number(entry, f"{field}[{k}]", error) for k, entry in enumerate(value)], shape, field)

@@ -106,10 +106,11 @@ def auto_stiffness(
 
     Notes
     -----
-    A sphere of reduced radius R at depth d overlaps by about ``pi R d^2``. The stiffness is the larger of what takes up
-    the energy of an impact, ``kappa pi R d^3 / 3 = m v^2 / 2``, v being the sum of the two highest speeds with what the
-    body gains by falling its own size, and what carries its weight twice, ``kappa pi R d^2 = 2 m g``. It is rounded up to
-    two digits, so that it does not follow every change of the speeds.
+    A sphere of reduced radius R at depth d overlaps by about ``pi R d^2``. The stiffness is the larger of
+    what takes up the energy of an impact, ``kappa pi R d^3 / 3 = m v^2 / 2``, v being the sum of the two
+    highest speeds with what the body gains by falling its own size, and what carries its weight twice,
+    ``kappa pi R d^2 = 2 m g``. It is rounded up to two digits, so that it does not follow every change of the
+    speeds.
 
     Raises
     ------
@@ -122,14 +123,19 @@ def auto_stiffness(
         spins = [bodies[k].model.bounding_radius * np.linalg.norm(mean[k, ANGULAR_VELOCITY]) for k in moving]
         speeds = sorted(
             (np.linalg.norm(mean[k, VELOCITY]) + spin for k, spin in zip(moving, spins, strict=True)),
-            reverse=True)
+            reverse=True,
+        )
     meeting = float(sum(speeds[:2]))
     kappa = 0.0
     for k in moving:
         radius, mass = float(bodies[k].model.radii.max()), bodies[k].mass
         depth = penetration * radius
         v2 = meeting * meeting + 2.0 * gravity * 2.0 * bodies[k].model.bounding_radius
-        kappa = max(kappa, 1.5 * mass * v2 / (math.pi * radius * depth**3), 2.0 * mass * gravity / (math.pi * radius * depth**2))
+        kappa = max(
+            kappa,
+            1.5 * mass * v2 / (math.pi * radius * depth**3),
+            2.0 * mass * gravity / (math.pi * radius * depth**2),
+        )
     return _rounded_up(kappa)
 
 

@@ -1,9 +1,11 @@
-"""Probabilities that predictions answer with, against Monte Carlo: ``python -m unc_physics_evaluation.benchmarks.calibration``.
+"""Probabilities that predictions answer with, against Monte Carlo: ``python -m
+unc_physics_evaluation.benchmarks.calibration``.
 
-Scenes: two bodies that may collide, drops onto a floor and into a bin, a box that slides to rest, a can near a shelf's
-edge, each with several spreads of the initial state. In each, every propagator that takes the scene's integrator answers
-whether bodies touch within the horizon, where their centres of mass end, and whether they come to rest. The truth is the
-share of 10 000 samples.
+Scenes: two bodies that may collide, drops onto a floor and into a bin, a box that slides to rest, a can near
+    a shelf's
+edge, each with several spreads of the initial state. In each, every propagator that takes the scene's
+integrator answers whether bodies touch within the horizon, where their centres of mass end, and whether they
+come to rest. The truth is the share of 10 000 samples.
 """
 
 from __future__ import annotations
@@ -73,7 +75,9 @@ def collisions(quick: bool) -> Iterator[Case]:
     for model, sigma in itertools.product(models, (0.1,) if quick else (0.03, 0.1, 0.25)):
         packing = unit_model(model, 100 if model == "bunny" else 10)
         for offset in (0.3, 0.6, 0.8) if model == "bunny" else (0.5,):
-            scene = Scene([RigidBody(name, packing) for name in ("left", "right")], stiffness=2e4, damping=0.5)
+            scene = Scene(
+                [RigidBody(name, packing) for name in ("left", "right")], stiffness=2e4, damping=0.5
+            )
             mean = resting([[-0.75, 0.5 * offset, 0.0], [0.75, -0.5 * offset, 0.0]])
             mean[:, VELOCITY] = [[1.0, 0.0, 0.0], [-1.0, 0.0, 0.0]]
             mean[1, QUATERNION] = 0.0, 0.6, 0.0, 0.8
@@ -84,7 +88,9 @@ def collisions(quick: bool) -> Iterator[Case]:
 def drops(quick: bool) -> Iterator[Case]:
     """A can and a salt box that may have reached the floor, or have bounced off it, at the horizon."""
     heights = ((0.0, 0.3),) if quick else ((0.0, 0.3), (0.15, 1.0), (0.3, 0.3), (0.45, 1.0))
-    for (height, velocity), model in itertools.product(heights, ("salt_box",) if quick else ("can", "salt_box")):
+    for (height, velocity), model in itertools.product(
+        heights, ("salt_box",) if quick else ("can", "salt_box")
+    ):
         scene = on_earth([model], [Plane(name="floor")], dt=0.005)
         mean = resting([[0.0, 0.0, 0.1 + height]])
         mean[0, QUATERNION] = 0.2, 0.3, 0.1, math.sqrt(0.86)
@@ -116,7 +122,9 @@ def shelves(quick: bool) -> Iterator[Case]:
         if lying:
             mean[0, QUATERNION] = math.sqrt(0.5), 0.0, 0.0, math.sqrt(0.5)
         P = spread(1, position=[0.03, 0.03, 0.0], velocity=[0.1, 0.05, 0.0], rotation=[0.0, 0.02, 0.0])
-        yield Case(f"shelf, {'lying' if lying else 'standing'}, {x} m, {speed} m/s", scene, Belief(mean, P), 0.8)
+        yield Case(
+            f"shelf, {'lying' if lying else 'standing'}, {x} m, {speed} m/s", scene, Belief(mean, P), 0.8
+        )
 
 
 def slides(quick: bool) -> Iterator[Case]:
@@ -133,11 +141,21 @@ def scatters(quick: bool) -> Iterator[Case]:
     """Four cans that fly about without gravity, and a wall."""
     for sigma in (0.1,) if quick else (0.03, 0.1):
         packing = load_model("can").prefix(10)
-        scene = Scene([RigidBody(f"can{k}", packing, 0.4) for k in range(4)], dt=0.005, restitution=1.0,
-                      environment=[Plane([1.0, 0.0, 0.0], -0.3, "wall")], integrator="implicit")
+        scene = Scene(
+            [RigidBody(f"can{k}", packing, 0.4) for k in range(4)],
+            dt=0.005,
+            restitution=1.0,
+            environment=[Plane([1.0, 0.0, 0.0], -0.3, "wall")],
+            integrator="implicit",
+        )
         mean = resting([[-0.1, 0.0, 0.0], [0.2, 0.05, 0.0], [0.0, 0.4, 0.0], [0.3, 0.4, 0.1]])
         mean[:, VELOCITY] = [[0.1, 0.0, 0.0], [-0.1, 0.0, 0.0], [0.0, -0.2, 0.0], [-0.3, 0.0, 0.0]]
-        yield Case(f"scatter, sigma {sigma}", scene, Belief(mean, spread(4, position=0.03, velocity=sigma, spin=0.5)), 1.0)
+        yield Case(
+            f"scatter, sigma {sigma}",
+            scene,
+            Belief(mean, spread(4, position=0.03, velocity=sigma, spin=0.5)),
+            1.0,
+        )
 
 
 def on_earth(models, environment, dt=0.01, friction=0.5):
@@ -157,7 +175,12 @@ def resting(positions):
 def spread(bodies, position=0.0, velocity=0.0, rotation=0.0, spin=0.0):
     """Covariances (B, 12, 12) from standard deviations, a number or three each."""
     std = np.zeros(ERROR)
-    for part, value in ((ERR_POSITION, position), (ERR_VELOCITY, velocity), (ERR_ROTATION, rotation), (ERR_ANGULAR_VELOCITY, spin)):
+    for part, value in (
+        (ERR_POSITION, position),
+        (ERR_VELOCITY, velocity),
+        (ERR_ROTATION, rotation),
+        (ERR_ANGULAR_VELOCITY, spin),
+    ):
         std[part] = value
     return np.tile(np.diag(std**2), (bodies, 1, 1))
 
@@ -166,7 +189,8 @@ FAMILIES = (collisions, drops, bins, shelves, slides, scatters)
 
 
 def regions(states: np.ndarray, seed: int) -> list[answers.BoxRegion]:
-    """Boxes about where bodies end, in about half of which they do: of several sizes, places and orientations.
+    """Boxes about where bodies end, in about half of which they do: of several sizes, places and
+    orientations.
 
     Parameters
     ----------
@@ -181,7 +205,11 @@ def regions(states: np.ndarray, seed: int) -> list[answers.BoxRegion]:
         for k, size in enumerate((1.0, 2.5, 5.0, 20.0)):
             q = rng.standard_normal(4) if k % 2 else np.array([0.0, 0.0, 0.0, 1.0])
             shift = rng.uniform(-1.0, 1.0, 3) * scale * (0.5 * size if size == 20.0 else 1.0)
-            boxes.append(answers.BoxRegion(f"box_{body}_{k}", 2.0 * size * scale, where.mean(axis=0) + shift, q / np.linalg.norm(q)))
+            boxes.append(
+                answers.BoxRegion(
+                    f"box_{body}_{k}", 2.0 * size * scale, where.mean(axis=0) + shift, q / np.linalg.norm(q)
+                )
+            )
     return boxes
 
 
@@ -213,7 +241,10 @@ def calibrate(case: Case, truth_samples: int = TRUTH) -> list[Row]:
         if case.scene.integrator not in propagator.integrators:
             continue
         found = all_answers(case, predict(case.scene, case.belief, propagator, case.horizon), boxes)
-        rows += [Row(kind, case.name, what, label, truths[kind, what][1], *answer) for (kind, what), answer in found.items()]
+        rows += [
+            Row(kind, case.name, what, label, truths[kind, what][1], *answer)
+            for (kind, what), answer in found.items()
+        ]
     return rows
 
 
@@ -221,16 +252,24 @@ def calibrate(case: Case, truth_samples: int = TRUTH) -> list[Row]:
 
 
 def summarize(rows: list[Row]) -> list[str]:
-    """A table in Markdown: for each propagator and kind, how often it answers, and how far off it is at most."""
+    """A table in Markdown: for each propagator and kind, how often it answers, and how far off
+    it is at most.
+    """
     lines = ["| propagator | " + " | ".join(KINDS) + " |", "|---" * (1 + len(KINDS)) + "|"]
     for label in METHODS:
         cells = []
         for kind in KINDS:
             own = [row for row in rows if row.propagator == label and row.kind == kind]
             errors = np.array([abs(row.answer - row.truth) for row in own if row.available])
-            cells.append(f"answers {len(errors)} of {len(own)}" + (
-                f", off by {errors.mean():.3f} on average, {np.quantile(errors, 0.95):.3f} at 95 %, {errors.max():.3f} at most"
-                if len(errors) else ""))
+            cells.append(
+                f"answers {len(errors)} of {len(own)}"
+                + (
+                    f", off by {errors.mean():.3f} on average, {np.quantile(errors, 0.95):.3f} at 95 %,"
+                    f" {errors.max():.3f} at most"
+                    if len(errors)
+                    else ""
+                )
+            )
         lines.append(f"| {label} | " + " | ".join(cells) + " |")
     return lines
 
@@ -242,7 +281,9 @@ def draw(rows: list[Row], path: str) -> None:
     matplotlib.use("Agg")
     import matplotlib.pyplot as plt
 
-    figure, axes = plt.subplots(2, len(KINDS), figsize=(11.0, 7.6), sharex=True, sharey=True, constrained_layout=True)
+    figure, axes = plt.subplots(
+        2, len(KINDS), figsize=(11.0, 7.6), sharex=True, sharey=True, constrained_layout=True
+    )
     groups = {
         "Monte Carlo, 1000 samples": ["monte_carlo, 1000"],
         "from flights up to the first contacts\n(all propagators without samples)": ["sigma_points"],
@@ -251,11 +292,29 @@ def draw(rows: list[Row], path: str) -> None:
         for axis, kind in zip(line, KINDS, strict=True):
             own = [row for row in rows if row.kind == kind and row.propagator in labels]
             shown = [row for row in own if row.available]
-            axis.fill_between([0.0, 1.0], [-answers.TOLERANCE, 1.0 - answers.TOLERANCE], [answers.TOLERANCE, 1.0 + answers.TOLERANCE],
-                              color="0.9", lw=0.0)
+            axis.fill_between(
+                [0.0, 1.0],
+                [-answers.TOLERANCE, 1.0 - answers.TOLERANCE],
+                [answers.TOLERANCE, 1.0 + answers.TOLERANCE],
+                color="0.9",
+                lw=0.0,
+            )
             axis.plot([0.0, 1.0], [0.0, 1.0], color="0.6", lw=1.0)
-            axis.plot([row.truth for row in shown], [row.answer for row in shown], "o", ms=4.0, mew=0.0, alpha=0.6, color="tab:blue")
-            axis.set(aspect="equal", xlim=(-0.03, 1.03), ylim=(-0.03, 1.03), title=f"{kind}: {len(shown)} of {len(own)} available")
+            axis.plot(
+                [row.truth for row in shown],
+                [row.answer for row in shown],
+                "o",
+                ms=4.0,
+                mew=0.0,
+                alpha=0.6,
+                color="tab:blue",
+            )
+            axis.set(
+                aspect="equal",
+                xlim=(-0.03, 1.03),
+                ylim=(-0.03, 1.03),
+                title=f"{kind}: {len(shown)} of {len(own)} available",
+            )
         line[0].set_ylabel(f"{title}\nprobability answered")
     for axis in axes[-1]:
         axis.set_xlabel(f"truth: share of {TRUTH} samples")
@@ -265,9 +324,16 @@ def draw(rows: list[Row], path: str) -> None:
 
 def main():
     """Calibrate in all scenes, print the table and draw the plot."""
-    parser = argparse.ArgumentParser(prog="python -m unc_physics_evaluation.benchmarks.calibration", description=__doc__.partition(":")[0] + ".")
-    parser.add_argument("--quick", action="store_true", help="few scenes, 2000 samples as truth: a look, not a result")
-    parser.add_argument("--plot", metavar="FILE", default="docs/images/calibration.png", help="default: %(default)s")
+    parser = argparse.ArgumentParser(
+        prog="python -m unc_physics_evaluation.benchmarks.calibration",
+        description=__doc__.partition(":")[0] + ".",
+    )
+    parser.add_argument(
+        "--quick", action="store_true", help="few scenes, 2000 samples as truth: a look, not a result"
+    )
+    parser.add_argument(
+        "--plot", metavar="FILE", default="docs/images/calibration.png", help="default: %(default)s"
+    )
     parser.add_argument("--json", metavar="FILE", help="also write every probability")
     arguments = parser.parse_args()
     started, rows = time.perf_counter(), []
@@ -278,7 +344,11 @@ def main():
             rows += found
             worst = max((abs(row.answer - row.truth) for row in found if row.available), default=0.0)
             print(f"{case.name}: off by {worst:.3f} at most, {time.perf_counter() - begun:.1f} s", flush=True)
-    print("\n".join(["", *summarize(rows), "", f"{len(rows)} probabilities in {time.perf_counter() - started:.0f} s"]))
+    print(
+        "\n".join(
+            ["", *summarize(rows), "", f"{len(rows)} probabilities in {time.perf_counter() - started:.0f} s"]
+        )
+    )
     draw(rows, arguments.plot)
     if arguments.json:
         with open(arguments.json, "w", encoding="utf-8") as file:

@@ -68,7 +68,9 @@ def course(scene, state, steps):
 
 
 def phase_times(scene, followed, repeats):
-    """Wall time of each phase of a followed rollout (3,) [s]: the least of ``repeats`` runs of each stretch."""
+    """Wall time of each phase of a followed rollout (3,) [s]: the least of ``repeats`` runs of
+    each stretch.
+    """
     borders = np.flatnonzero(np.diff(followed.phase, prepend=-1, append=-1))
     times = np.zeros(len(PHASES))
     for start, stop in pairwise(borders):

@@ -1,13 +1,15 @@
 """Sphere packing: fill, time and memory beside the goals, and the packings checked by code that is not ours.
 
-    python -m unc_physics_evaluation.benchmarks.packing --meshes DIR              up to 10 000 spheres, about two minutes
-    python -m unc_physics_evaluation.benchmarks.packing --meshes DIR --large      100 000 as well
-    python -m unc_physics_evaluation.benchmarks.packing                           the pin alone, which needs no mesh file
+    python -m unc_physics_evaluation.benchmarks.packing --meshes DIR              up to 10 000 spheres, about
+    two minutes python -m unc_physics_evaluation.benchmarks.packing --meshes DIR --large      100 000 as well
+    python -m unc_physics_evaluation.benchmarks.packing                           the pin alone, which needs
+    no mesh file
 
-DIR holds bunny00.off and armadillo.off of CGAL's data (Debian package libcgal-demo). Times are those of packing with
-warm kernels, without reading the mesh. Up to 10 000 spheres it is CPU time of one thread, the median of three runs;
-for 100 000 it is wall time of two threads, and one run. Overlap is checked with SciPy's k-d tree, protrusion with
-libigl's exact distances, and that the centres are inside with libigl's winding numbers.
+DIR holds bunny00.off and armadillo.off of CGAL's data (Debian package libcgal-demo). Times are those of
+packing with warm kernels, without reading the mesh. Up to 10 000 spheres it is CPU time of one thread, the
+median of three runs; for 100 000 it is wall time of two threads, and one run. Overlap is checked with SciPy's
+k-d tree, protrusion with libigl's exact distances, and that the centres are inside with libigl's winding
+numbers.
 """
 
 from __future__ import annotations
@@ -54,8 +56,13 @@ def measure(name, count, meshes):
     memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
     volume = 4.0 / 3.0 * np.pi * np.sum(spheres[:, 3] ** 3) * unit**3
     return {
-        "triangles": len(solid.corners), "placed": len(spheres), "fill": 100.0 * volume / solid.volume,
-        "time": float(np.median(times)), "cpu_time": float(np.median(cpu_times)), "memory": memory, **checks(solid.corners / unit, spheres),
+        "triangles": len(solid.corners),
+        "placed": len(spheres),
+        "fill": 100.0 * volume / solid.volume,
+        "time": float(np.median(times)),
+        "cpu_time": float(np.median(cpu_times)),
+        "memory": memory,
+        **checks(solid.corners / unit, spheres),
     }
 
 
@@ -78,7 +85,9 @@ def checks(corners, spheres):
 
 
 def deepest_overlap(centers, radii):
-    """Largest r_i + r_j - d_ij; pairs are sought by size, as a sphere meets smaller ones within twice its radius."""
+    """Largest r_i + r_j - d_ij; pairs are sought by size, as a sphere meets smaller ones within twice its
+    radius.
+    """
     from scipy.spatial import cKDTree
 
     order = np.argsort(-radii)
@@ -94,21 +103,31 @@ def deepest_overlap(centers, radii):
 
 
 def time_of_compiling(name, meshes):
-    """CPU time of a process that packs 10 spheres, with an empty cache of compiled code, and with a full one [s]."""
-    code = ("import time\n"
-            "from unc_physics.geometry.packing import pack_solid\n"
-            "from unc_physics.geometry.recipes import recipe_solid\n"
-            f"solid, _ = recipe_solid({name!r}, {meshes!r})\npack_solid(solid, 10)\n"
-            "print(time.process_time())")
+    """CPU time of a process that packs 10 spheres, with an empty cache of compiled code, and with a full one
+    [s].
+    """
+    code = (
+        "import time\n"
+        "from unc_physics.geometry.packing import pack_solid\n"
+        "from unc_physics.geometry.recipes import recipe_solid\n"
+        f"solid, _ = recipe_solid({name!r}, {meshes!r})\npack_solid(solid, 10)\n"
+        "print(time.process_time())"
+    )
     with tempfile.TemporaryDirectory() as cache:
         environment = {**os.environ, "NUMBA_CACHE_DIR": cache}
-        runs = [subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True)
-                for _ in range(2)]
+        runs = [
+            subprocess.run(
+                [sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True
+            )
+            for _ in range(2)
+        ]
     return [float(run.stdout) for run in runs]
 
 
 def distance_ratio(name, meshes):
-    """How many times longer libigl takes than our tree for the distance to the mesh, from near its medial axis."""
+    """How many times longer libigl takes than our tree for the distance to the mesh, from near its medial
+    axis.
+    """
     import igl
     from numba import njit
 
@@ -130,13 +149,25 @@ def distance_ratio(name, meshes):
     low, high = solid.bounds
     points = np.random.default_rng(0).uniform(low, high, (3000, 3))
     exact = np.sqrt(igl.point_mesh_squared_distance(points, vertices, faces)[0])
-    assert np.abs(distances(tree, points, np.full(len(points), np.inf)) - exact).max() < 1e-12 * solid.bounding_radius
-    near = np.full(len(points), 0.02 * solid.bounding_radius)  # the packer knows such a bound from the spheres
+    assert (
+        np.abs(distances(tree, points, np.full(len(points), np.inf)) - exact).max()
+        < 1e-12 * solid.bounding_radius
+    )
+    near = np.full(
+        len(points), 0.02 * solid.bounding_radius
+    )  # the packer knows such a bound from the spheres
     far = np.full(len(points), np.inf)
-    times = paired({"libigl": lambda _: igl.point_mesh_squared_distance(points, vertices, faces),
-                    "tree": lambda _: distances(tree, points, far),
-                    "bounded tree": lambda _: distances(tree, points, near)}, 5)
-    return {kind: (1e6 * np.median(times[kind]) / len(points), ratio(times, "libigl", kind)) for kind in times}
+    times = paired(
+        {
+            "libigl": lambda _: igl.point_mesh_squared_distance(points, vertices, faces),
+            "tree": lambda _: distances(tree, points, far),
+            "bounded tree": lambda _: distances(tree, points, near),
+        },
+        5,
+    )
+    return {
+        kind: (1e6 * np.median(times[kind]) / len(points), ratio(times, "libigl", kind)) for kind in times
+    }
 
 
 def inertia_of_spheres_alone(name, count):
@@ -151,7 +182,9 @@ def inertia_of_spheres_alone(name, count):
 
 
 def main():
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--meshes", metavar="DIR", help="folder with bunny00.off and armadillo.off")
     parser.add_argument("--large", action="store_true", help="100 000 spheres as well")
     parser.add_argument("--measure", nargs=2, metavar=("MODEL", "N"), help=argparse.SUPPRESS)
@@ -160,30 +193,54 @@ def main():
         print(json.dumps(measure(options.measure[0], int(options.measure[1]), options.meshes)))
         return
     models = list(GOALS) if options.meshes else ["pin"]
-    print("| model | triangles | spheres | fill % (goal) | time s (goal) | CPU time s | memory MiB | overlap | protrusion | outside "
-          "| out of order |\n|---|---|---|---|---|---|---|---|---|---|---|")
+    print(
+        "| model | triangles | spheres | fill % (goal) | time s (goal) | CPU time s | memory MiB | overlap |"
+        " protrusion | outside | out of order |\n|---|---|---|---|---|---|---|---|---|---|---|"
+    )
     for count in (10, 100, 1000, 10_000, *([LARGE] if options.large else [])):
         for name in models:
-            command = [sys.executable, "-m", "unc_physics_evaluation.benchmarks.packing", "--measure", name, str(count)]
+            command = [
+                sys.executable,
+                "-m",
+                "unc_physics_evaluation.benchmarks.packing",
+                "--measure",
+                name,
+                str(count),
+            ]
             command += ["--meshes", options.meshes] if options.meshes else []
             got = json.loads(subprocess.run(command, stdout=subprocess.PIPE, text=True, check=True).stdout)
-            fill, seconds = (f" ({goal:g})" for goal in GOALS[name][count]) if count in GOALS[name] else ("", "")
+            fill, seconds = (
+                (f" ({goal:g})" for goal in GOALS[name][count]) if count in GOALS[name] else ("", "")
+            )
             memory = f"{got['memory']:.0f}" + (f" ({MEMORY_GOAL})" if count >= LARGE else "")
-            print(f"| {name} | {got['triangles']} | {got['placed']} | {got['fill']:.2f}{fill} | "
-                  f"{got['time']:.1f}{seconds} | {got['cpu_time']:.1f} | {memory} | {got['overlap']:.0e} | {got['protrusion']:.0e} | "
-                  f"{got['outside']} | {100.0 * got['larger_later']:.2f} % |", flush=True)
-    print("\nOverlap and protrusion are in bounding radii; out of order is the share of spheres more than 1 % larger "
-          "than the smallest before them.")
+            print(
+                f"| {name} | {got['triangles']} | {got['placed']} | {got['fill']:.2f}{fill} |"
+                f" {got['time']:.1f}{seconds} | {got['cpu_time']:.1f} | {memory} | {got['overlap']:.0e} |"
+                f" {got['protrusion']:.0e} | {got['outside']} | {100.0 * got['larger_later']:.2f} % |",
+                flush=True,
+            )
+    print(
+        "\nOverlap and protrusion are in bounding radii; out of order is the share of spheres more than 1 %"
+        " larger than the smallest before them."
+    )
     print("\nError of the principal moments, if they were those of the spheres alone:")
     for name in GOALS:
-        errors = ", ".join(f"{100.0 * inertia_of_spheres_alone(name, k):.0f} % with {k}" for k in (100, 1000, 10_000))
+        errors = ", ".join(
+            f"{100.0 * inertia_of_spheres_alone(name, k):.0f} % with {k}" for k in (100, 1000, 10_000)
+        )
         print(f"- {name}: {errors}")
     cold, warm = time_of_compiling("pin", None)
-    print(f"\nCompiling takes {cold - warm:.1f} s of CPU time (goal {COMPILE_GOAL:.0f} s): a fresh process packs 10 spheres "
-          f"in {cold:.1f} s with nothing compiled yet, in {warm:.1f} s with the compiled code in the cache.")
+    print(
+        f"\nCompiling takes {cold - warm:.1f} s of CPU time (goal {COMPILE_GOAL:.0f} s): a fresh process"
+        f" packs 10 spheres in {cold:.1f} s with nothing compiled yet, in {warm:.1f} s with the compiled code"
+        " in the cache."
+    )
     print(f"\nDistance from a random point to the mesh of the {models[0]}, one query, CPU time:")
     for kind, (microseconds, faster) in distance_ratio(models[0], options.meshes).items():
-        print(f"- {kind}: {microseconds:.2f} us" + (f", {faster:.0f} times less than libigl" if kind != "libigl" else ""))
+        print(
+            f"- {kind}: {microseconds:.2f} us"
+            + (f", {faster:.0f} times less than libigl" if kind != "libigl" else "")
+        )
 
 
 if __name__ == "__main__":

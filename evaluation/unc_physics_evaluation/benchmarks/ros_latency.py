@@ -1,9 +1,13 @@
-"""Latency of the node beside an empty service's in the same run: ``python -m unc_physics_evaluation.benchmarks.ros_latency``.
+"""Latency of the node beside an empty service's in the same run: ``python -m
+unc_physics_evaluation.benchmarks.ros_latency``.
 
-Two processes on this machine, over Fast DDS: the node in one, this client in the other. Prints round trips of empty
-services (each in a process of its own: on the executor of ``rclpy.spin``, as most nodes are, and on the one that the node
-uses), of ``~/predict`` for two objects for each propagator beside the core's own time, whether a stream of ten objects
-at 30 Hz is predicted without a drop, the time to cancel a long prediction, and the time from start to ready. Every
+Two processes on this machine, over Fast DDS: the node in one, this client in the other. Prints round trips of
+    empty
+services (each in a process of its own: on the executor of ``rclpy.spin``, as most nodes are, and on the one
+    that the node
+uses), of ``~/predict`` for two objects for each propagator beside the core's own time, whether a stream of
+ten objects at 30 Hz is predicted without a drop, the time to cancel a long prediction, and the time from
+start to ready. Every
 request is another one: poses and covariances change a little.
 """
 
@@ -43,18 +47,44 @@ EMPTY = "spin", "own"  # empty services: on the executor of rclpy.spin, and on t
 
 def main(arguments=None) -> int:
     """Measure and print."""
-    parser = argparse.ArgumentParser(prog="unc_physics_evaluation.benchmarks.ros_latency", description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(
+        prog="unc_physics_evaluation.benchmarks.ros_latency", description=__doc__.splitlines()[0]
+    )
     parser.add_argument("--calls", type=int, default=300, help="calls of each service (default 300)")
-    parser.add_argument("--stream", type=float, default=10.0, metavar="S", help="length of the stream [s] (default 10)")
+    parser.add_argument(
+        "--stream", type=float, default=10.0, metavar="S", help="length of the stream [s] (default 10)"
+    )
     parser.add_argument("--serve-empty", choices=EMPTY, help=argparse.SUPPRESS)
     options = parser.parse_args(arguments)
     if options.serve_empty:
         return serve_empty(options.serve_empty)
     started = time.perf_counter()
     node = subprocess.Popen(
-        [sys.executable, "-m", "unc_physics.ros.node", "--ros-args", "--log-level", "warn", "-p", "zero_covariance:=exact",
-         "-p", "gravity:=[0.0, 0.0, 0.0]", "-p", "dt:=0.01", "-p", "stiffness:=1e5", "-p", "horizons:=[0.2, 0.5, 1.0, 2.0]"])
-    empty = [subprocess.Popen([sys.executable, "-m", "unc_physics_evaluation.benchmarks.ros_latency", "--serve-empty", kind]) for kind in EMPTY]
+        [
+            sys.executable,
+            "-m",
+            "unc_physics.ros.node",
+            "--ros-args",
+            "--log-level",
+            "warn",
+            "-p",
+            "zero_covariance:=exact",
+            "-p",
+            "gravity:=[0.0, 0.0, 0.0]",
+            "-p",
+            "dt:=0.01",
+            "-p",
+            "stiffness:=1e5",
+            "-p",
+            "horizons:=[0.2, 0.5, 1.0, 2.0]",
+        ]
+    )
+    empty = [
+        subprocess.Popen(
+            [sys.executable, "-m", "unc_physics_evaluation.benchmarks.ros_latency", "--serve-empty", kind]
+        )
+        for kind in EMPTY
+    ]
     rclpy.init()
     client = rclpy.create_node("latency_client")
     executor = SingleThreadedExecutor()
@@ -107,7 +137,9 @@ def serve_empty(kind):
 
 def canned_answer(request):
     """An answer to a request that nothing was calculated for."""
-    return Predict.Response(objects=[PredictedObject(id=message.id, states=[PredictedState()]) for message in request.objects])
+    return Predict.Response(
+        objects=[PredictedObject(id=message.id, states=[PredictedState()]) for message in request.objects]
+    )
 
 
 def moving(name, x, speed, spheres):
@@ -123,7 +155,11 @@ def moving(name, x, speed, spheres):
 def request_of(propagator):
     """Two objects of 100 spheres that collide within a second."""
     request = Predict.Request(
-        objects=[moving("left", -0.2, 0.5, 100), moving("right", 0.2, -0.5, 100)], horizon=1.0, propagator=propagator, seed=1)
+        objects=[moving("left", -0.2, 0.5, 100), moving("right", 0.2, -0.5, 100)],
+        horizon=1.0,
+        propagator=propagator,
+        seed=1,
+    )
     if propagator == "monte_carlo":
         request.samples = 100
     return request
@@ -142,7 +178,11 @@ def services(client, predict, calls):
     for service in empty:
         service.wait_for_service(READY_TIMEOUT)
     rng = np.random.default_rng(1)
-    print(f"{'':16}{'p50':>9}{'p99':>9}{'core p50':>10}{'over core':>11}{'empty: spin':>13}{'ratio':>7}{'own':>7}{'ratio':>7}   [ms]")
+    print(
+        f"{'':16}{'p50':>9}{'p99':>9}{'core p50':>10}{'over core':>11}{'empty: spin':>13}{'ratio':>7}"
+        f"{'own':>7}{'ratio':>7}"
+        "   [ms]"
+    )
     for propagator in PROPAGATORS:
         request = request_of(propagator)
         trips, cores, empties = [], [], []
@@ -157,17 +197,27 @@ def services(client, predict, calls):
         p50, p99 = 1e3 * np.percentile(trips[WARM_UP:], [50, 99])
         core, (spin, own) = 1e3 * np.median(cores[WARM_UP:]), 1e3 * np.median(empties[WARM_UP:], axis=0)
         over = 1e3 * np.median(np.subtract(trips, cores)[WARM_UP:])
-        print(f"{propagator:16}{p50:9.2f}{p99:9.2f}{core:10.2f}{over:11.2f}{spin:13.2f}{over / spin:7.2f}{own:7.2f}{over / own:7.2f}")
+        print(
+            f"{propagator:16}{p50:9.2f}{p99:9.2f}{core:10.2f}{over:11.2f}{spin:13.2f}{over / spin:7.2f}"
+            f"{own:7.2f}{over / own:7.2f}"
+        )
 
 
 def messages(client, calls):
-    """Round trips of services with the messages of ``~/predict`` that calculate nothing: what the messages alone take."""
+    """Round trips of services with the messages of ``~/predict`` that calculate nothing: what the messages
+    alone take.
+    """
     request, medians = request_of("surrogate"), []
     for kind in EMPTY:
         service = client.create_client(Predict, f"/empty_{kind}/canned")
         service.wait_for_service(READY_TIMEOUT)
-        medians.append(1e3 * np.median([round_trip(service, request)[0] for _ in range(WARM_UP + calls)][WARM_UP:]))
-    print(f"a service with the same messages that calculates nothing: spin {medians[0]:.2f}, own {medians[1]:.2f} ms (p50)")
+        medians.append(
+            1e3 * np.median([round_trip(service, request)[0] for _ in range(WARM_UP + calls)][WARM_UP:])
+        )
+    print(
+        f"a service with the same messages that calculates nothing: spin {medians[0]:.2f}, own"
+        f" {medians[1]:.2f} ms (p50)"
+    )
 
 
 def round_trip(service, request):
@@ -181,12 +231,17 @@ def cancel(client, executor, repeats=5):
     """Time until a cancel request of a long Monte Carlo run is answered, and until its result is there."""
     action = ActionClient(client, PredictLong, "/unc_physics/predict_long")
     action.wait_for_server(READY_TIMEOUT)
-    fields = {name: getattr(request_of("monte_carlo"), name) for name in PredictLong.Goal.get_fields_and_field_types()}
+    fields = {
+        name: getattr(request_of("monte_carlo"), name)
+        for name in PredictLong.Goal.get_fields_and_field_types()
+    }
     fields |= {"samples": 20_000, "horizon": 60.0}
     answers, results = [], []
     for _ in range(repeats):
         # by the thread that spins: rclpy drops an answer that comes before the call has returned
-        handle = wait_for(wait_for(executor.create_task(lambda: action.send_goal_async(PredictLong.Goal(**fields)))))
+        handle = wait_for(
+            wait_for(executor.create_task(lambda: action.send_goal_async(PredictLong.Goal(**fields))))
+        )
         result = wait_for(executor.create_task(handle.get_result_async))
         time.sleep(0.5)
         started = time.perf_counter()
@@ -194,8 +249,11 @@ def cancel(client, executor, repeats=5):
         answers.append(time.perf_counter() - started)
         wait_for(result)
         results.append(time.perf_counter() - started)
-    print(f"cancel of a run with 20 000 samples: answered after {1e3 * np.median(answers):.0f} ms (at most "
-          f"{1e3 * max(answers):.0f}), result after {1e3 * np.median(results):.0f} ms (at most {1e3 * max(results):.0f})")
+    print(
+        f"cancel of a run with 20 000 samples: answered after {1e3 * np.median(answers):.0f} ms (at most"
+        f" {1e3 * max(answers):.0f}), result after {1e3 * np.median(results):.0f} ms (at most"
+        f" {1e3 * max(results):.0f})"
+    )
     action.destroy()
 
 
@@ -208,7 +266,9 @@ def wait_for(future):
 
 
 def stream(client, length):
-    """Ten objects of 100 spheres, two of them in contact, at 30 Hz: predictions received, and their delays."""
+    """Ten objects of 100 spheres, two of them in contact, at 30 Hz: predictions received, and
+    their delays.
+    """
     scene = ObjectStateArray(objects=[moving(str(k), 0.5 * k, 0.0, 100) for k in range(10)])
     scene.objects[1].pose.pose.position.x = 0.12
     delays, counts = [], {}
@@ -246,8 +306,10 @@ def stream(client, length):
         publish()
     time.sleep(1.5)  # the diagnostics come once a second
     p50, p99 = 1e3 * np.percentile(delays, [50, 99])
-    print(f"stream of ten objects, four horizons, surrogate, {STREAM_RATE:g} Hz: {len(delays)} of {count} predicted, "
-          f"delay p50 {p50:.1f} ms, p99 {p99:.1f} ms; of all inputs, the node counts {counts}")
+    print(
+        f"stream of ten objects, four horizons, surrogate, {STREAM_RATE:g} Hz: {len(delays)} of {count}"
+        f" predicted, delay p50 {p50:.1f} ms, p99 {p99:.1f} ms; of all inputs, the node counts {counts}"
+    )
 
 
 if __name__ == "__main__":

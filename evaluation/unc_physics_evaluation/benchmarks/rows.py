@@ -48,7 +48,10 @@ class Row:
     def __str__(self):
         goal = "" if self.goal is None else f"{'<=' if self.at_most else '>='} {self.goal:g}"
         verdict = {None: "", True: "met", False: "MISSED"}[self.met]
-        return f"  {self.what:34} {self.case:18} {self.value:9.3g} {self.unit:3} {goal:>8} {verdict:7} {self.note}".rstrip()
+        return (
+            f"  {self.what:34} {self.case:18} {self.value:9.3g} {self.unit:3} {goal:>8} {verdict:7}"
+            f" {self.note}".rstrip()
+        )
 
 
 class Report:

@@ -1,4 +1,5 @@
-"""The explicit step against an earlier revision of it: ``python -m unc_physics_evaluation.benchmarks.same_bits REVISION``.
+"""The explicit step against an earlier revision of it: ``python -m
+unc_physics_evaluation.benchmarks.same_bits REVISION``.
 
 Each tree runs in a process of its own, with a compile cache of its own. Both predict the same scenes with the
 same propagators; every array that comes out is compared to the last bit. Then the two are timed in turns, so
@@ -285,7 +286,8 @@ def compare(before, after, rounds, seconds, only) -> bool:
 def main():
     """Compare the working tree with a revision."""
     parser = argparse.ArgumentParser(
-        prog="python -m unc_physics_evaluation.benchmarks.same_bits", description=__doc__.partition(":")[0] + "."
+        prog="python -m unc_physics_evaluation.benchmarks.same_bits",
+        description=__doc__.partition(":")[0] + ".",
     )
     parser.add_argument("revision", nargs="?", default=PAPER, help=f"to compare with (default: {PAPER})")
     parser.add_argument(

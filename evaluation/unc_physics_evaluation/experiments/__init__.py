@@ -19,8 +19,18 @@ from types import ModuleType
 from unc_physics.checks.errors import InvalidOptionError
 
 NAMES = (
-    "collision_free", "collisions", "floors", "speed_against_error", "peers", "plausibility", "work_precision",
-    "tosses", "overlap", "stability", "storage", "pictures",
+    "collision_free",
+    "collisions",
+    "floors",
+    "speed_against_error",
+    "peers",
+    "plausibility",
+    "work_precision",
+    "tosses",
+    "overlap",
+    "stability",
+    "storage",
+    "pictures",
 )
 
 

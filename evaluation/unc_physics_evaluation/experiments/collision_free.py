@@ -22,9 +22,13 @@ TITLE = "Collision-free motion"
 COUNTS = (10, 50, 100)
 #: W1 [m] and [degrees] in the paper's Table 2.
 PAPER = {
-    (MONTE_CARLO, 100): (0.0094, 1.065), (MONTE_CARLO, 50): (0.0147, 1.919), (MONTE_CARLO, 10): (0.0873, 3.537),
-    ("surrogate", None): (0.0021, 0.792), ("local_sampling", None): (0.0021, 0.792),
-    ("linearization", None): (0.0021, 0.781), ("sigma_points_full", None): (0.0021, 1.861),
+    (MONTE_CARLO, 100): (0.0094, 1.065),
+    (MONTE_CARLO, 50): (0.0147, 1.919),
+    (MONTE_CARLO, 10): (0.0873, 3.537),
+    ("surrogate", None): (0.0021, 0.792),
+    ("local_sampling", None): (0.0021, 0.792),
+    ("linearization", None): (0.0021, 0.781),
+    ("sigma_points_full", None): (0.0021, 1.861),
 }
 COLUMNS = (("linear_velocity", POSITION_ERROR, "m"), ("angular_velocity", ROTATION_ERROR, "deg"))
 
@@ -33,9 +37,15 @@ def jobs(settings: Settings) -> list[Job]:
     """For each uncertain velocity, several independent truths."""
     size, repeats = (200, 2) if settings.quick else (1000, 10)
     return [
-        Job("collision_free", settings.parameters(uncertain=uncertain, model="pin", spheres=10, sigma=0.1, truth=size, repeat=k),
-            cost=0.2 + 5 * distance_cost(size, settings.distance))
-        for uncertain, *_ in COLUMNS for k in range(repeats)
+        Job(
+            "collision_free",
+            settings.parameters(
+                uncertain=uncertain, model="pin", spheres=10, sigma=0.1, truth=size, repeat=k
+            ),
+            cost=0.2 + 5 * distance_cost(size, settings.distance),
+        )
+        for uncertain, *_ in COLUMNS
+        for k in range(repeats)
     ]
 
 
@@ -43,7 +53,9 @@ def run(job: Job) -> Outcome:
     """W1 of every method after 4 s."""
     p = job.parameters
     scene, belief, horizon = collision_free(p["uncertain"], p["model"], p["spheres"], p["sigma"])
-    truth, second = (monte_carlo(scene, belief, horizon, p["truth"], job.seed(name)) for name in ("truth", "second"))
+    truth, second = (
+        monte_carlo(scene, belief, horizon, p["truth"], job.seed(name)) for name in ("truth", "second")
+    )
     beliefs = predicted_beliefs(scene, belief, horizon, job)
     return Outcome(error_rows(job, truth, second, beliefs, COUNTS, p["truth"]))
 
@@ -66,8 +78,9 @@ def report(results: Results) -> str:
         lines.append(cells)
     size, repeats = rows[0]["truth"], len(rows.unique("repeat"))
     return (
-        f"W1 to Monte Carlo with {size} samples after 4 s: the position where the linear velocity is uncertain (0.1 m/s), the "
-        f"rotation where the angular velocity is (0.1 rad/s). Mean and standard deviation over {repeats} independent truths; "
-        "beside it the ratio to the floor, which is W1 between two truths, and the paper's figure.\n\n"
+        f"W1 to Monte Carlo with {size} samples after 4 s: the position where the linear velocity is"
+        " uncertain (0.1 m/s), the rotation where the angular velocity is (0.1 rad/s). Mean and standard"
+        f" deviation over {repeats} independent truths; beside it the ratio to the floor, which is W1 between"
+        " two truths, and the paper's figure.\n\n"
         + table(["", "position [m]", "/ floor", "paper", "rotation [deg]", "/ floor", "paper"], lines)
     )

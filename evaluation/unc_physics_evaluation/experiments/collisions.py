@@ -38,9 +38,13 @@ TRUTH, CONVERGED = 1000, 8000
 
 
 def jobs(settings: Settings) -> list[Job]:
-    """Every model, number of spheres and sigma; those with 1000 spheres and three sigmas against a converged truth as well."""
+    """Every model, number of spheres and sigma; those with 1000 spheres and three sigmas against a converged
+    truth as well.
+    """
     if settings.quick:
-        cases = [(model, spheres, sigma, 200) for model in MODELS for spheres in (10, 1000) for sigma in FEW_SIGMAS]
+        cases = [
+            (model, spheres, sigma, 200) for model in MODELS for spheres in (10, 1000) for sigma in FEW_SIGMAS
+        ]
         return [_job(settings, *case, subset=200) for case in cases]
     cases = [(model, spheres, sigma, TRUTH) for model in MODELS for spheres in SPHERES for sigma in SIGMAS]
     cases += [(model, LARGE, sigma, TRUTH) for model in MODELS if _has(model, LARGE) for sigma in FEW_SIGMAS]
@@ -53,8 +57,10 @@ def missing(settings: Settings) -> list[str]:
     if settings.quick:
         return []
     return [
-        f"{model} with {LARGE} spheres: no packing; python -m unc_physics models --make {model} -n {LARGE} makes it"
-        for model in MODELS if not _has(model, LARGE)
+        f"{model} with {LARGE} spheres: no packing; python -m unc_physics models --make {model} -n {LARGE}"
+        " makes it"
+        for model in MODELS
+        if not _has(model, LARGE)
     ]
 
 
@@ -62,7 +68,9 @@ def run(job: Job) -> Outcome:
     """W1 of every method after 5 s, and CPU times of whole predictions."""
     p = job.parameters
     scene, belief, horizon = collision(p["model"], p["spheres"], p["sigma"])
-    truth, second = (monte_carlo(scene, belief, horizon, p["truth"], job.seed(name)) for name in ("truth", "second"))
+    truth, second = (
+        monte_carlo(scene, belief, horizon, p["truth"], job.seed(name)) for name in ("truth", "second")
+    )
     beliefs = predicted_beliefs(scene, belief, horizon, job)
     rows = error_rows(job, truth, second, beliefs, COUNTS, p["subset"])
     timed = [count for count in TIMED if count <= p["truth"]]
@@ -79,7 +87,10 @@ def report(results: Results) -> str:
     parts = ["### Error (as Fig. 7)\n"]
     for model in models:
         figure, here = results.figure(f"collisions_error_{model}"), ordinary.where(model=model)
-        lines = ((POSITION_ERROR, "W1 of positions [m]", here), (ROTATION_ERROR, "W1 of rotations [deg]", here))
+        lines = (
+            (POSITION_ERROR, "W1 of positions [m]", here),
+            (ROTATION_ERROR, "W1 of rotations [deg]", here),
+        )
         draw_over_sigma(figure, lines, model)
         parts.append(f"![Error over sigma, {model}](figures/{figure.name})\n")
     figure = results.figure("collisions_time")
@@ -97,7 +108,9 @@ def _job(settings, model, spheres, sigma, truth, subset):
     distances = (truth // subset) * 7 + 3
     return Job(
         "collisions",
-        settings.parameters(model=model, spheres=spheres, sigma=sigma, truth=truth, subset=subset, rounds=rounds),
+        settings.parameters(
+            model=model, spheres=spheres, sigma=sigma, truth=truth, subset=subset, rounds=rounds
+        ),
         cost=rollouts * rollout_cost(spheres) + distances * distance_cost(subset, settings.distance),
     )
 
@@ -114,7 +127,11 @@ def _shown(rows):
     """(method, samples) in the order of a table."""
     names = [name for name in rows.unique("method") if name not in (MONTE_CARLO, FLOOR, GAUSSIAN)]
     counts = sorted(rows.where(method=MONTE_CARLO, quantity=POSITION_ERROR).unique("samples"))
-    return [(name, None) for name in names] + [(MONTE_CARLO, count) for count in counts] + [(GAUSSIAN, None), (FLOOR, None)]
+    return (
+        [(name, None) for name in names]
+        + [(MONTE_CARLO, count) for count in counts]
+        + [(GAUSSIAN, None), (FLOOR, None)]
+    )
 
 
 def _error_table(rows):
@@ -132,23 +149,34 @@ def _error_table(rows):
         lines.append(cells)
     size, subset = best[0]["truth"], best[0]["subset"]
     return (
-        f"W1 of positions [m] / rotations [deg] at 1000 spheres, by model and sigma [m]; truths of {size} samples in subsets of "
-        f"{subset}, means over the subsets:\n\n" + table(head, lines)
+        f"W1 of positions [m] / rotations [deg] at 1000 spheres, by model and sigma [m]; truths of {size}"
+        f" samples in subsets of {subset}, means over the subsets:\n\n" + table(head, lines)
     )
 
 
 def _time_table(rows):
-    cases = [(model, spheres) for model in rows.unique("model") for spheres in rows.where(model=model).unique("spheres")]
+    cases = [
+        (model, spheres)
+        for model in rows.unique("model")
+        for spheres in rows.where(model=model).unique("spheres")
+    ]
     lines = []
-    shown = [(method, samples) for method, samples in _shown(rows) if method not in (MONTE_CARLO, FLOOR, GAUSSIAN)]
+    shown = [
+        (method, samples) for method, samples in _shown(rows) if method not in (MONTE_CARLO, FLOOR, GAUSSIAN)
+    ]
     for method, samples in [*shown, (MONTE_CARLO, 10)]:
         cells = [label(method, samples)]
         for model, spheres in cases:
             found = rows.where(model=model, spheres=spheres, method=method, samples=samples)
             times, ratios = found.where(quantity=CPU_TIME), found.where(quantity=TIME_RATIO)
-            cells.append(f"{number(1e3 * times.median())} ({number(1.0 / np.median(ratios.values()))}x)" if times else "")
+            cells.append(
+                f"{number(1e3 * times.median())} ({number(1.0 / np.median(ratios.values()))}x)"
+                if times
+                else ""
+            )
         lines.append(cells)
     return (
-        "CPU time of a prediction on one thread [ms], and how many times faster it is than MC-10 in the same round; medians "
-        "over sigmas and rounds:\n\n" + table(["", *(f"{model} {spheres}" for model, spheres in cases)], lines)
+        "CPU time of a prediction on one thread [ms], and how many times faster it is than MC-10 in the same"
+        " round; medians over sigmas and rounds:\n\n"
+        + table(["", *(f"{model} {spheres}" for model, spheres in cases)], lines)
     )

@@ -28,18 +28,29 @@ SUBSETS = 8  # of each size, at most
 def jobs(settings: Settings) -> list[Job]:
     """Every model and three sigmas; two truths each."""
     truth, sizes = (400, SIZES[:3]) if settings.quick else (8000, SIZES)
-    cost = 2 * truth * rollout_cost(1000) + sum(2 * min(truth // n, SUBSETS) * distance_cost(n, settings.distance) for n in sizes)
+    cost = 2 * truth * rollout_cost(1000) + sum(
+        2 * min(truth // n, SUBSETS) * distance_cost(n, settings.distance) for n in sizes
+    )
     return [
-        Job("floors", settings.parameters(model=model, spheres=1000, sigma=sigma, truth=truth, largest=sizes[-1]), cost=cost)
-        for model in MODELS for sigma in SIGMAS
+        Job(
+            "floors",
+            settings.parameters(model=model, spheres=1000, sigma=sigma, truth=truth, largest=sizes[-1]),
+            cost=cost,
+        )
+        for model in MODELS
+        for sigma in SIGMAS
     ]
 
 
 def run(job: Job) -> Outcome:
-    """W1 between the two truths' subsets, and of the Gaussian with all of a truth's moments, by the size of the subsets."""
+    """W1 between the two truths' subsets, and of the Gaussian with all of a truth's moments, by the size of
+    the subsets.
+    """
     p = job.parameters
     scene, belief, horizon = collision(p["model"], p["spheres"], p["sigma"])
-    truth, second = (monte_carlo(scene, belief, horizon, p["truth"], job.seed(name)) for name in ("truth", "second"))
+    truth, second = (
+        monte_carlo(scene, belief, horizon, p["truth"], job.seed(name)) for name in ("truth", "second")
+    )
     rows = []
     for size in SIZES[: SIZES.index(p["largest"]) + 1]:
         some = slice(0, SUBSETS * size)
@@ -67,10 +78,21 @@ def report(results: Results) -> str:
                 cells.append(f"{np.divide(gaussian.mean(), floor.mean()):.2f}")
             lines.append(cells)
     return (
-        "W1 between two finite samples of one distribution is not zero: that is the floor below which no method can be told from the "
-        "truth. A single Gaussian has a floor of its own, W1 between the truth and the Gaussian with the truth's moments; no "
-        "Gaussian method can do better but by chance.\n\n"
-        f"![Floors over the number of samples](figures/{figure.name})\n\n"
-        f"With {size} samples (± standard deviation over subsets):\n\n"
-        + table(["", "floor, position [m]", "best Gaussian [m]", "ratio", "floor, rotation [deg]", "best Gaussian [deg]", "ratio"], lines)
+        "W1 between two finite samples of one distribution is not zero: that is the floor below which no"
+        " method can be told from the truth. A single Gaussian has a floor of its own, W1 between the truth"
+        " and the Gaussian with the truth's moments; no Gaussian method can do better but by"
+        f" chance.\n\n![Floors over the number of samples](figures/{figure.name})\n\nWith {size} samples (±"
+        " standard deviation over subsets):\n\n"
+        + table(
+            [
+                "",
+                "floor, position [m]",
+                "best Gaussian [m]",
+                "ratio",
+                "floor, rotation [deg]",
+                "best Gaussian [deg]",
+                "ratio",
+            ],
+            lines,
+        )
     )

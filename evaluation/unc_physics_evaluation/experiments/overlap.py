@@ -117,13 +117,13 @@ def report(results: Results) -> str:
     rows = results.rows("overlap")
     counts = rows.unique("samples_each")
     about = (
-        "Bodies on tables, beside each other, stacked and in walls, known to 1, 3 and 10 mm and to 1 and 5 "
-        "degrees, as the belief is for 10 mm and 5 degrees alone. Each line is the worst over its models, "
-        f"uncertainties and {max(counts)} samples ({min(counts)} as the belief is) within {HORIZON:g} s; "
-        "bold is what misses its goal. Rise: of a centre of mass above where it began, less what the sample's own "
-        "speed and the fall of its other bodies explain. Toppled: by more than 45 degrees. Spread: standard "
-        "deviation of x or y over that of the belief, farthest from 1. CPU time: of what is done before time "
-        "0, for a sample.\n"
+        "Bodies on tables, beside each other, stacked and in walls, known to 1, 3 and 10 mm and to 1 and 5"
+        " degrees, as the belief is for 10 mm and 5 degrees alone. Each line is the worst over its models,"
+        f" uncertainties and {max(counts)} samples ({min(counts)} as the belief is) within {HORIZON:g} s;"
+        " bold is what misses its goal. Rise: of a centre of mass above where it began, less what the"
+        " sample's own speed and the fall of its other bodies explain. Toppled: by more than 45 degrees."
+        " Spread: standard deviation of x or y over that of the belief, farthest from 1. CPU time: of what"
+        " is done before time 0, for a sample.\n"
     )
     figure = results.figure("overlap_goals")
     draw_goals(figure, rows.where(method=MONTE_CARLO), GROUPS, STARTS, (RISE, GAIN), GOALS)

@@ -47,10 +47,21 @@ def jobs(settings: Settings) -> list[Job]:
                 if settings.quick and engine == "mujoco" and geometry == "spheres":
                     continue
                 each = _MUJOCO_SPHERES_COST if (engine, geometry) == ("mujoco", "spheres") else _COSTS[engine]
-                made.append(Job(
-                    "peers", settings.parameters(engine=engine, geometry=geometry, model=model, spheres=1000, sigma=0.05,
-                                                 truth=truth, rounds=rounds),
-                    cost=(2 * truth + 4 * rounds) * each + 10 * distance_cost(truth, settings.distance)))
+                made.append(
+                    Job(
+                        "peers",
+                        settings.parameters(
+                            engine=engine,
+                            geometry=geometry,
+                            model=model,
+                            spheres=1000,
+                            sigma=0.05,
+                            truth=truth,
+                            rounds=rounds,
+                        ),
+                        cost=(2 * truth + 4 * rounds) * each + 10 * distance_cost(truth, settings.distance),
+                    )
+                )
     return made
 
 
@@ -83,7 +94,9 @@ def run(job: Job) -> Outcome:
     truth, second = samples("truth"), samples("second")
     beliefs = predicted_beliefs(scene, belief, horizon, job) if engine is None else {}
     rows = error_rows(job, truth, second, beliefs, [n for n in COUNTS if n <= p["truth"]], p["truth"])
-    states = belief.sample(4 * p["rounds"], np.random.default_rng(job.seed("timed"))).reshape(p["rounds"], 4, *belief.mean.shape)
+    states = belief.sample(4 * p["rounds"], np.random.default_rng(job.seed("timed"))).reshape(
+        p["rounds"], 4, *belief.mean.shape
+    )
 
     def four_of(run):
         return lambda k: [run(state) for state in states[k]]
@@ -112,33 +125,47 @@ def report(results: Results) -> str:
     """Time of a rollout, and of predictions as accurate as each of our propagators."""
     rows = results.rows("peers")
     models = rows.unique("model")
-    cases = [(engine, geometry) for engine in ENGINES for geometry in SHAPES if rows.where(engine=engine, geometry=geometry)]
+    cases = [
+        (engine, geometry)
+        for engine in ENGINES
+        for geometry in SHAPES
+        if rows.where(engine=engine, geometry=geometry)
+    ]
     lines = []
     for engine, geometry in cases:
         cells = [_name(engine, geometry)]
         for model in models:
             found = rows.where(engine=engine, geometry=geometry, model=model, method=MONTE_CARLO)
-            cells += [number(1e3 * found.where(quantity=ROLLOUT).median()),
-                      number(found.where(quantity=ROLLOUT_RATIO, samples=None).median())]
+            cells += [
+                number(1e3 * found.where(quantity=ROLLOUT).median()),
+                number(found.where(quantity=ROLLOUT_RATIO, samples=None).median()),
+            ]
         lines.append(cells)
     head = [""]
     for model in models:
         head += [f"{model} [ms]", "over ours"]
     parts = [
-        "One rollout of 5 s, CPU time on one thread, and its ratio to ours in the same job (median of the rounds' ratios):\n",
+        (
+            "One rollout of 5 s, CPU time on one thread, and its ratio to ours in the same job (median of the"
+            " rounds' ratios):\n"
+        ),
         table(head, lines),
     ]
     for quantity, what in ((POSITION_ERROR, "positions"), (ROTATION_ERROR, "rotations")):
         parts.append(
-            f"Monte Carlo in each engine at the error of each of our propagators ({what}; error over the floor, to the engine's own "
-            "truth): the number of rollouts that it takes, and how many times longer it runs than our propagator. Nothing where "
-            "even two rollouts come nearer to the truth than our propagator.\n")
+            f"Monte Carlo in each engine at the error of each of our propagators ({what}; error over the"
+            " floor, to the engine's own truth): the number of rollouts that it takes, and how many times"
+            " longer it runs than our propagator. Nothing where even two rollouts come nearer to the truth"
+            " than our propagator.\n"
+        )
         parts.append(_equal_error(rows, quantity, cases))
     return "\n".join(parts)
 
 
 def engine_choices(rows: Rows, quantity: str) -> dict[str, dict[str, list[Choice]]]:
-    """For each model and each other engine with the spheres or its pieces, Monte Carlo's time and error over the floor."""
+    """For each model and each other engine with the spheres or its pieces, Monte Carlo's time and error over
+    the floor.
+    """
     made: dict[str, dict[str, list[Choice]]] = {}
     for model in rows.unique("model"):
         for engine in rows.unique("engine"):
@@ -149,7 +176,8 @@ def engine_choices(rows: Rows, quantity: str) -> dict[str, dict[str, list[Choice
             if found:
                 each = found.where(quantity=ROLLOUT).median()
                 made.setdefault(model, {})[_name(engine, geometry)] = [
-                    Choice(MONTE_CARLO, n, n * each, error) for n, error in _curve(found, quantity)]
+                    Choice(MONTE_CARLO, n, n * each, error) for n, error in _curve(found, quantity)
+                ]
     return made
 
 
@@ -165,7 +193,9 @@ def _curve(rows, quantity):
 
 
 def _samples_for(error, curve):
-    """Number of samples that have that error, between the measured ones on logarithmic scales; NaN beyond them."""
+    """Number of samples that have that error, between the measured ones on logarithmic scales; NaN beyond
+    them.
+    """
     counts, errors = np.log([n for n, _ in curve]), np.minimum.accumulate([e for _, e in curve])
     if not errors[-1] <= error <= errors[0]:
         return float("nan")

@@ -17,7 +17,9 @@ TITLE = "Pictures"
 PACKINGS = (("pin", 100), ("bunny", 1000), ("armadillo", 100_000))  # Fig. 2
 FREE = ("linear_velocity", "angular_velocity")  # Fig. 4
 COLLISIONS = (  # Fig. 5
-    ("bunny", 1000, "local_sampling"), ("bunny", 1000, "sigma_points"), ("pin", 100, "linearization"),
+    ("bunny", 1000, "local_sampling"),
+    ("bunny", 1000, "sigma_points"),
+    ("pin", 100, "linearization"),
     ("armadillo", 10_000, "surrogate"),
 )
 
@@ -26,12 +28,23 @@ def jobs(settings: Settings) -> list[Job]:
     """One for each picture of samples."""
     count = 200 if settings.quick else 1000
     free = [
-        Job("pictures", settings.parameters(scene=uncertain, model="pin", spheres=100, propagator="linearization", count=count), cost=0.5)
+        Job(
+            "pictures",
+            settings.parameters(
+                scene=uncertain, model="pin", spheres=100, propagator="linearization", count=count
+            ),
+            cost=0.5,
+        )
         for uncertain in FREE
     ]
     return free + [
-        Job("pictures", settings.parameters(scene="collision", model=model, spheres=spheres, propagator=propagator, count=count),
-            cost=1.2 * count * rollout_cost(spheres))
+        Job(
+            "pictures",
+            settings.parameters(
+                scene="collision", model=model, spheres=spheres, propagator=propagator, count=count
+            ),
+            cost=1.2 * count * rollout_cost(spheres),
+        )
         for model, spheres, propagator in COLLISIONS
     ]
 
@@ -63,9 +76,14 @@ def report(results: Results) -> str:
     figure = results.figure("pictures_packings")
     draw_packings(figure, packings)
     parts.append(f"![Packings (as Fig. 2)](figures/{figure.name})\n")
-    shown = {(row["scene"], row["model"], row["spheres"], row["method"]): row for row in results.rows("pictures")}
+    shown = {
+        (row["scene"], row["model"], row["spheres"], row["method"]): row for row in results.rows("pictures")
+    }
     for (scene, model, spheres, method), row in shown.items():
-        parameters = {name: row[name] for name in ("scene", "model", "spheres", "propagator", "count", "distance", "base_seed")}
+        parameters = {
+            name: row[name]
+            for name in ("scene", "model", "spheres", "propagator", "count", "distance", "base_seed")
+        }
         arrays = results.arrays(Job("pictures", parameters))
         if arrays is None:
             continue

@@ -21,8 +21,13 @@ def jobs(settings: Settings) -> list[Job]:
     """Both scenes in every engine that is there."""
     count = 50 if settings.quick else 500
     return [
-        Job("plausibility", settings.parameters(scene=scene, engine=engine, samples_each=count), cost=0.01 * count)
-        for scene in MANIPULATION for engine in available()
+        Job(
+            "plausibility",
+            settings.parameters(scene=scene, engine=engine, samples_each=count),
+            cost=0.01 * count,
+        )
+        for scene in MANIPULATION
+        for engine in available()
     ]
 
 
@@ -69,16 +74,31 @@ def report(results: Results) -> str:
         elements = MANIPULATION[scene][0]()[0].environment
         last = {ENGINES[engine]: ends[engine][:, 0] for engine in order}
         draw_final_positions(figure, last, elements, scene.replace("_", " "))
-        head = ["", PLACES[scene], "upright", "W1 / floor, positions [m]", "rotations [deg]", "a rollout [ms]"]
+        head = [
+            "",
+            PLACES[scene],
+            "upright",
+            "W1 / floor, positions [m]",
+            "rotations [deg]",
+            "a rollout [ms]",
+        ]
         lines = []
         for engine in order:
             found = here.where(engine=engine)
             cells = [ENGINES[engine]]
             for quantity in (PLACE, STANDING):
-                chance, count = found.where(quantity=quantity).mean(), found.where(quantity=quantity)[0]["samples"]
-                cells.append(f"{100.0 * chance:.1f} ± {100.0 * np.sqrt(chance * (1.0 - chance) / count):.1f} %")
+                chance, count = (
+                    found.where(quantity=quantity).mean(),
+                    found.where(quantity=quantity)[0]["samples"],
+                )
+                cells.append(
+                    f"{100.0 * chance:.1f} ± {100.0 * np.sqrt(chance * (1.0 - chance) / count):.1f} %"
+                )
             distance = state_distance(ends[engine], ends[order[0]])
-            for quantity, value in ((POSITION_ERROR, distance.position[0]), (ROTATION_ERROR, distance.rotation[0])):
+            for quantity, value in (
+                (POSITION_ERROR, distance.position[0]),
+                (ROTATION_ERROR, distance.rotation[0]),
+            ):
                 floor = found.where(method=FLOOR, quantity=quantity).mean()
                 cells.append(f"{number(float(value))} / {number(floor)}")
             cells.append(number(1e3 * found.where(quantity=CPU_TIME).mean()))
@@ -86,14 +106,17 @@ def report(results: Results) -> str:
         title = scene.replace("_", " ")
         parts.append(f"### {title.capitalize()}\n\n![{title}](figures/{figure.name})\n")
         parts.append(
-            f"Shares of {here.where(quantity=PLACE)[0]['samples']} samples (± standard error); W1 between the final poses in "
-            f"{ENGINES[order[0]]} and in each engine, from the same initial states, beside the engine's own floor:\n")
+            f"Shares of {here.where(quantity=PLACE)[0]['samples']} samples (± standard error); W1 between the"
+            f" final poses in {ENGINES[order[0]]} and in each engine, from the same initial states, beside"
+            " the engine's own floor:\n"
+        )
         parts.append(table(head, lines))
         if len(order) == 3:
             between = state_distance(ends[order[1]], ends[order[2]])
             parts.append(
-                f"Between {ENGINES[order[1]]} and {ENGINES[order[2]]}: {number(float(between.position[0]))} m, "
-                f"{number(float(between.rotation[0]))} deg.\n")
+                f"Between {ENGINES[order[1]]} and {ENGINES[order[2]]}: {number(float(between.position[0]))}"
+                f" m, {number(float(between.rotation[0]))} deg.\n"
+            )
     return "\n".join(parts)
 
 

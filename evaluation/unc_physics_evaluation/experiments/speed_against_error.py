@@ -43,13 +43,21 @@ def jobs(settings: Settings) -> list[Job]:
     for model in MODELS:
         case = {"model": model, "spheres": 1000, "sigma": 0.05, "truth": truth}
         made += [
-            Job("speed_against_error", settings.parameters(measured="error", **case, encounter=k, encounters=1),
-                cost=2 * truth * rollout_cost(1000) + 12 * distance_cost(truth, settings.distance))
+            Job(
+                "speed_against_error",
+                settings.parameters(measured="error", **case, encounter=k, encounters=1),
+                cost=2 * truth * rollout_cost(1000) + 12 * distance_cost(truth, settings.distance),
+            )
             for k in range(encounters)
         ]
-        made.append(Job(
-            "speed_against_error", settings.parameters(measured="time", **case, encounter=0, encounters=encounters),
-            cost=2 * sum(_counts(truth)) * (encounters + 1) * rollout_cost(1000), alone=True))
+        made.append(
+            Job(
+                "speed_against_error",
+                settings.parameters(measured="time", **case, encounter=0, encounters=encounters),
+                cost=2 * sum(_counts(truth)) * (encounters + 1) * rollout_cost(1000),
+                alone=True,
+            )
+        )
     return made
 
 
@@ -57,7 +65,9 @@ def run(job: Job) -> Outcome:
     """Errors in one encounter, or times on one thread and on all, each round in another encounter."""
     p = job.parameters
     counts = _counts(p["truth"])
-    cases = [collision(p["model"], p["spheres"], p["sigma"], p["encounter"] + k) for k in range(p["encounters"])]
+    cases = [
+        collision(p["model"], p["spheres"], p["sigma"], p["encounter"] + k) for k in range(p["encounters"])
+    ]
     if p["measured"] == "error":
         truth, second = (monte_carlo(*cases[0], p["truth"], job.seed(name)) for name in ("truth", "second"))
         return Outcome(error_rows(job, truth, second, predicted_beliefs(*cases[0], job), counts, p["truth"]))
@@ -78,23 +88,29 @@ def report(results: Results) -> str:
 
     rows, peers = results.rows("speed_against_error"), results.rows("peers")
     engines = {
-        (model, quantity): found for quantity, _ in QUANTITIES for model, found in engine_choices(peers, quantity).items()
+        (model, quantity): found
+        for quantity, _ in QUANTITIES
+        for model, found in engine_choices(peers, quantity).items()
     }
     encounters = len(rows.where(measured="error").unique("encounter"))
     parts = [
-        f"Errors are W1 over the floor, geometric means over {encounters} encounters with orientations of their own (whiskers: "
-        + "quartiles); times are medians over the same encounters. The curves of other engines are Monte Carlo in them, against "
-        + "their own truth.\n"
+        f"Errors are W1 over the floor, geometric means over {encounters} encounters with orientations of"
+        " their own (whiskers: "
+        + "quartiles); times are medians over the same encounters. The curves of other engines are Monte"
+        " Carlo in them, against " + "their own truth.\n"
     ]
     for time_quantity, title in TIMES:
         choices = {
             (model, quantity): _choices(rows.where(model=model), quantity, time_quantity)
-            for model in rows.unique("model") for quantity, _ in QUANTITIES
+            for model in rows.unique("model")
+            for quantity, _ in QUANTITIES
         }
         if not any(choices.values()):
             continue
         figure = results.figure(f"speed_against_error_{time_quantity}")
-        draw_speed_against_error(figure, choices, _limits(rows), title, engines if time_quantity == CPU_TIME else {})
+        draw_speed_against_error(
+            figure, choices, _limits(rows), title, engines if time_quantity == CPU_TIME else {}
+        )
         parts.append(f"![Error over {title}](figures/{figure.name})\n")
         parts.append(f"Pareto fronts, by {title}: what nothing else beats in both time and error.\n")
         for (model, quantity), found in choices.items():
@@ -117,7 +133,15 @@ def _choices(rows, quantity, time_quantity) -> list[Choice]:
             times, errors = found.where(quantity=time_quantity), _over_floor(rows, method, samples, quantity)
             if times and len(errors):
                 low, high = np.quantile(errors, [0.25, 0.75])
-                made.append(Choice(method, samples, times.median(), float(np.exp(np.mean(np.log(errors)))), (float(low), float(high))))
+                made.append(
+                    Choice(
+                        method,
+                        samples,
+                        times.median(),
+                        float(np.exp(np.mean(np.log(errors)))),
+                        (float(low), float(high)),
+                    )
+                )
     return made
 
 
@@ -125,14 +149,19 @@ def _over_floor(rows, method, samples, quantity):
     """Error over the floor in each encounter."""
     found = rows.where(method=method, samples=samples, quantity=quantity)
     floor = rows.where(method=FLOOR, quantity=quantity)
-    return np.array([found.where(encounter=k).mean() / floor.where(encounter=k).mean() for k in found.unique("encounter")])
+    return np.array(
+        [found.where(encounter=k).mean() / floor.where(encounter=k).mean() for k in found.unique("encounter")]
+    )
 
 
 def _limits(rows):
     """For each model and quantity, the best Gaussian's error over the floor."""
     return {
-        (model, quantity): float(np.exp(np.mean(np.log(_over_floor(rows.where(model=model), GAUSSIAN, None, quantity)))))
-        for model in rows.unique("model") for quantity, _ in QUANTITIES
+        (model, quantity): float(
+            np.exp(np.mean(np.log(_over_floor(rows.where(model=model), GAUSSIAN, None, quantity))))
+        )
+        for model in rows.unique("model")
+        for quantity, _ in QUANTITIES
     }
 
 
@@ -144,7 +173,9 @@ def _table(rows):
             for c, d, w in zip(
                 _choices(rows.where(model=model), POSITION_ERROR, CPU_TIME),
                 _choices(rows.where(model=model), ROTATION_ERROR, CPU_TIME),
-                _choices(rows.where(model=model), POSITION_ERROR, WALL_TIME), strict=True)
+                _choices(rows.where(model=model), POSITION_ERROR, WALL_TIME),
+                strict=True,
+            )
         }
         for model in models
     }

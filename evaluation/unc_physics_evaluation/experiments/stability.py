@@ -1,4 +1,6 @@
-"""Hard cases: energy, momentum, covariance and flags of every propagator, by the step that each case asks for."""
+"""Hard cases: energy, momentum, covariance and flags of every propagator, by the step that each case asks
+for.
+"""
 
 from __future__ import annotations
 
@@ -41,14 +43,28 @@ TITLE = "Stability"
 DOCUMENT = "stability.md"
 TRUTH, REFINED = 1000, 4  # samples of the truth, and how many times shorter its steps are
 FEWER = {  # samples, also of Monte Carlo's prediction, where rollouts take long
-    "long_in_a_box": 300, "mass_ratio_stack": 100, "pile_of_ten": 300, "rest_plate_settling": 300, "sixty_four_cans": 100,
-    "sixty_four_pairs": 100, "stack_of_three": 100,
+    "long_in_a_box": 300,
+    "mass_ratio_stack": 100,
+    "pile_of_ten": 300,
+    "rest_plate_settling": 300,
+    "sixty_four_cans": 100,
+    "sixty_four_pairs": 100,
+    "stack_of_three": 100,
 }
 FINER = {  # where that is not short enough
-    "spin_free": 32, "step_10ms": 64, "step_20ms": 128, "step_50ms": 256, "stiffness_1e7": 16, "stiffness_1e8": 64,
+    "spin_free": 32,
+    "step_10ms": 64,
+    "step_20ms": 128,
+    "step_50ms": 256,
+    "stiffness_1e7": 16,
+    "stiffness_1e8": 64,
 }
 COARSER = 2  # the truth's first half is taken again with steps so many times longer
-LOOKS, FEW_LOOKS, MANY = 50, 8, 20  # at the belief on the way; where there are more than so many bodies, as eigenvalues take long
+LOOKS, FEW_LOOKS, MANY = (
+    50,
+    8,
+    20,
+)  # at the belief on the way; where there are more than so many bodies, as eigenvalues take long
 QUICK = ("covariance_zero", "fast_ball_at_wall", "overlap_in_floor", "rotation_std_near_pi", "stiffness_1e7")
 SPHERES = 100  # of the paper's bodies
 SIGMAS, ENCOUNTERS = (0.01, 0.05, 0.1), 4
@@ -64,7 +80,9 @@ class Case(NamedTuple):
 
 def paper_cases() -> list[str]:
     """Names of the paper's scenes."""
-    found = [f"collision {model} {sigma} {k}" for model in MODELS for sigma in SIGMAS for k in range(ENCOUNTERS)]
+    found = [
+        f"collision {model} {sigma} {k}" for model in MODELS for sigma in SIGMAS for k in range(ENCOUNTERS)
+    ]
     return [*found, "collision_free linear_velocity", "collision_free angular_velocity", *MANIPULATION]
 
 
@@ -96,11 +114,15 @@ def jobs(settings: Settings) -> list[Job]:
 
 
 def run(job: Job) -> Outcome:
-    """Spreads of the truth; or a rollout of the mean, and the predictions of all propagators that can make one."""
+    """Spreads of the truth; or a rollout of the mean, and the predictions of all propagators that can make
+    one.
+    """
     given = case(job.parameters["case"])
     if job.parameters["work"] == "truth":
         return Outcome(_truth(given, job))
-    rows = rollout_rows(MEAN, given.scene, trajectory(given.scene, given.belief.mean, round(given.horizon / given.scene.dt)))
+    rows = rollout_rows(
+        MEAN, given.scene, trajectory(given.scene, given.belief.mean, round(given.horizon / given.scene.dt))
+    )
     for name in runs_on(given.scene.integrator):
         rows += _prediction(given, name, job)
     return Outcome(rows)
@@ -114,7 +136,9 @@ def report(results: Results) -> str:
 
 
 def _truth(given, job):
-    """Spreads of samples with short steps, of both of their halves, and of the first half with longer steps."""
+    """Spreads of samples with short steps, of both of their halves, and of the first half with
+    longer steps.
+    """
     p, seed = job.parameters, job.seed("truth")
     half = p["draws"] // 2
     rows = []
@@ -126,7 +150,9 @@ def _truth(given, job):
         propagator = make_propagator(MONTE_CARLO, samples=samples, seed=seed)
         carry = predict(fine, given.belief, propagator, given.horizon).carry
         for method, part in parts.items():
-            own = carry._replace(states=carry.states[part], contact_history=histories.samples(carry.contact_history, part))
+            own = carry._replace(
+                states=carry.states[part], contact_history=histories.samples(carry.contact_history, part)
+            )
             belief = propagator.belief(own, fine)
             rows += _spread_rows(method, fine, belief, samples, seed)
     for k in given.scene.moving.tolist():
@@ -137,7 +163,9 @@ def _truth(given, job):
 def _prediction(given, name, job):
     """What a propagator keeps on the way, its spreads at the end, and its flags with their measures."""
     scene, belief, horizon = given
-    times = periodic_times(max(horizon / (LOOKS if len(scene.bodies) <= MANY else FEW_LOOKS), scene.dt), horizon)
+    times = periodic_times(
+        max(horizon / (LOOKS if len(scene.bodies) <= MANY else FEW_LOOKS), scene.dt), horizon
+    )
     options = {"seed": job.seed(name)} if "seed" in PROPAGATORS[name].options() else {}
     samples = job.parameters["draws"] if name == MONTE_CARLO else None
     if samples is not None:
@@ -154,7 +182,10 @@ def _prediction(given, name, job):
     statuses = assess(scene, belief, prediction)
     for k in scene.moving.tolist():
         rows.append(Row(name, FLAGS, "1", int(statuses[k].flags), samples, k))
-        rows += [Row(name, MEASURE + measure, "1", value, samples, k) for measure, value in statuses[k].measures.items()]
+        rows += [
+            Row(name, MEASURE + measure, "1", value, samples, k)
+            for measure, value in statuses[k].measures.items()
+        ]
     return rows
 
 
@@ -163,5 +194,7 @@ def _spread_rows(method, scene, belief, samples, seed):
     rows = []
     for k, P in zip(scene.moving.tolist(), belief.blocks, strict=True):
         for quantity, unit, block in ((POSITION_STD, "m", ERR_POSITION), (ROTATION_STD, "rad", ERR_ROTATION)):
-            rows.append(Row(method, quantity, unit, float(max(P[block, block].trace(), 0.0) ** 0.5), samples, k, seed))
+            rows.append(
+                Row(method, quantity, unit, float(max(P[block, block].trace(), 0.0) ** 0.5), samples, k, seed)
+            )
     return rows

@@ -36,7 +36,13 @@ def run(job: Job) -> Outcome:
     scene, belief, _ = many_collisions(job.parameters["bodies"] // 2, spheres=10)
     rows = [Row(name, SCALARS, "1", _scalars(made, scene, belief)) for name, made in methods(job).items()]
     rows += [
-        Row(MONTE_CARLO, SCALARS, "1", _scalars(make_propagator(MONTE_CARLO, samples=count), scene, belief), count)
+        Row(
+            MONTE_CARLO,
+            SCALARS,
+            "1",
+            _scalars(make_propagator(MONTE_CARLO, samples=count), scene, belief),
+            count,
+        )
         for count in SAMPLES
     ]
     return Outcome(rows)
@@ -54,17 +60,27 @@ def report(results: Results) -> str:
     for method in rows.unique("method"):
         for samples in rows.where(method=method).unique("samples") or [None]:
             found = rows.where(method=method, samples=samples)
-            lines.append([label(method, samples), *(f"{int(found.where(bodies=b).values()[0])}" for b in bodies)])
+            lines.append(
+                [label(method, samples), *(f"{int(found.where(bodies=b).values()[0])}" for b in bodies)]
+            )
             if method in PAPER:
                 lines.append(["the paper's, dense", *(str(PAPER[method](b)) for b in bodies)])
     return (
-        "Scalars in each method's carry, where the positions alone are uncertain (3 of 12 directions of a body). Linearization's "
-        "root and the minimal sigma points have as many columns and points as that takes.\n\n"
-        + table(["", *(f"{b} bodies" for b in bodies)], lines) + f"\n![Scalars over the number of bodies](figures/{figure.name})\n"
+        "Scalars in each method's carry, where the positions alone are uncertain (3 of 12 directions of a"
+        " body). Linearization's root and the minimal sigma points have as many columns and points as that"
+        " takes.\n\n"
+        + table(["", *(f"{b} bodies" for b in bodies)], lines)
+        + f"\n![Scalars over the number of bodies](figures/{figure.name})\n"
     )
 
 
 def _scalars(propagator, scene, belief):
-    """Numbers in a carry that stand for the distribution: not counters, nor what is remembered of contacts."""
+    """Numbers in a carry that stand for the distribution: not counters, nor what is remembered
+    of contacts.
+    """
     parts = propagator.init(scene, belief)._asdict()
-    return sum(part.size for name, part in parts.items() if name != "contact_history" and isinstance(part, np.ndarray))
+    return sum(
+        part.size
+        for name, part in parts.items()
+        if name != "contact_history" and isinstance(part, np.ndarray)
+    )

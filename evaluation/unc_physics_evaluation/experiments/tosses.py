@@ -34,8 +34,11 @@ def jobs(settings: Settings) -> list[Job]:
     """All tosses in every engine that is there."""
     count = QUICK if settings.quick else len(recorded_tosses().states)
     return [
-        Job("tosses", settings.parameters(engine=engine, tosses=count, samples_each=SAMPLES),
-            cost=count * SAMPLES * 0.0015)
+        Job(
+            "tosses",
+            settings.parameters(engine=engine, tosses=count, samples_each=SAMPLES),
+            cost=count * SAMPLES * 0.0015,
+        )
         for engine in available()
     ]
 
@@ -84,11 +87,12 @@ def report(results: Results) -> str:
         cells = [_mean(_scores(here, quantity)) for quantity in SCORES]
         lines.append([ENGINES[engine], *cells, number(1e3 * here.where(quantity=COST).mean())])
     about = (
-        f"{count} real tosses of a cube (ContactNets, see the README beside the data), each predicted from its "
-        f"first frame to its last by {samples} samples, with the friction ({FRICTION}) and restitution "
-        f"({RESTITUTION}) that the authors of the recordings give; the same initial states in every engine. Mean "
-        "scores over tosses ± standard error, the lower the better. Of the face on top a uniform guess scores "
-        "0.833 and 1.792; a face that no sample shows counts as half a sample.\n")
+        f"{count} real tosses of a cube (ContactNets, see the README beside the data), each predicted from"
+        f" its first frame to its last by {samples} samples, with the friction ({FRICTION}) and restitution"
+        f" ({RESTITUTION}) that the authors of the recordings give; the same initial states in every engine."
+        " Mean scores over tosses ± standard error, the lower the better. Of the face on top a uniform guess"
+        " scores 0.833 and 1.792; a face that no sample shows counts as half a sample.\n"
+    )
     parts = [about, table(["", *SCORES.values(), "CPU for a simulated second [ms]"], lines)]
     if OURS in engines and len(engines) > 1:
         ours = rows.where(engine=OURS)

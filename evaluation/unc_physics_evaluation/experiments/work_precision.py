@@ -20,8 +20,8 @@ TITLE = "Work and precision"
 SCENES = MANIPULATION | PILES
 RATES = (60, 120, 240, 500, 1000, 2000)  # steps in a second
 UNIT = 240  # times are told beside those of ours at this rate
-#: Steps in a second that count as converged. PyBullet has no limit: from 2000 on a can that slides hops, and falls
-#: off a shelf on which it stays at 120 to 1000.
+#: Steps in a second that count as converged. PyBullet has no limit: from 2000 on a can that slides hops, and
+# falls : off a shelf on which it stays at 120 to 1000.
 CONVERGED = {OURS: 8000, "pybullet": 1000, "mujoco": 8000}
 #: For each scene the number of samples, and about the cost of a rollout at `UNIT` [s].
 SIZES = {
@@ -99,15 +99,18 @@ def report(results: Results) -> str:
 
     rows, panels = results.rows("work_precision"), {}
     parts = [
-        ("The same initial states, friction .5 and restitution .1 in every engine, at 60 to 2000 steps in a second; "
-        "each is compared with itself at far smaller steps (the table's first line of each engine). Error of a "
-        "sample: distance of final poses, median over samples and bodies. Same fate: in place or not, and upright "
-        "or not, as with the smallest steps. W1: between the final distributions, beside the floor, which is W1 "
-        "between two sets of samples at the smallest steps. CPU time of a rollout's steps on one thread, without "
-        f"compiling, and over that of ours at {UNIT} steps in a second, run in turns with it. MuJoCo takes all "
-        "steps in one call of mj_step, PyBullet's are called from Python, one by one. Solver settings are the "
-        "engines' own; bodies are boxes and cylinders in other engines, or 16 convex pieces where they are "
-        "neither.\n")
+        (
+            "The same initial states, friction .5 and restitution .1 in every engine, at 60 to 2000 "
+            "steps in a second; each is compared with itself at far smaller steps (the table's first "
+            "line of each engine). Error of a sample: distance of final poses, median over samples and "
+            "bodies. Same fate: in place or not, and upright or not, as with the smallest steps. W1: "
+            "between the final distributions, beside the floor, which is W1 between two sets of samples "
+            "at the smallest steps. CPU time of a rollout's steps on one thread, without compiling, and "
+            f"over that of ours at {UNIT} steps in a second, run in turns with it. MuJoCo takes all "
+            "steps in one call of mj_step, PyBullet's are called from Python, one by one. Solver "
+            "settings are the engines' own; bodies are boxes and cylinders in other engines, or 16 "
+            "convex pieces where they are neither.\n"
+        )
     ]
     lines_of = {}
     for scene in SCENES:
@@ -188,7 +191,10 @@ def _errors(results, scene, rows):
                     number(1e3 * float(np.median(moved))),
                     number(float(np.median(turned))),
                     f"{100.0 * np.mean(same):.1f} %",
-                    f"{number(1e3 * float(np.mean(distance.position)))} / {number(1e3 * float(np.mean(floor.position)))}",
+                    (
+                        f"{number(1e3 * float(np.mean(distance.position)))} /"
+                        f" {number(1e3 * float(np.mean(floor.position)))}"
+                    ),
                     f"{number(float(np.mean(distance.rotation)))} / {number(float(np.mean(floor.rotation)))}",
                 ]
             )

@@ -1,4 +1,5 @@
-"""The catalogue of hard cases: scene files at which a predictor is likely to fail, one folder of package data.
+"""The catalogue of hard cases: scene files at which a predictor is likely to fail, one folder of package
+data.
 
 Each file begins with a comment that says what is hard about it and what should come out.
 """

@@ -30,10 +30,18 @@ def rod() -> SpherePacking:
 def _spheres(name, centers, radius):
     """Equal spheres, homogeneous and disjoint, about their centre of mass."""
     count = len(centers)
-    inertia = 0.4 * radius**2 * np.eye(3) + np.mean(np.sum(centers**2, 1)) * np.eye(3) - centers.T @ centers / count
+    inertia = (
+        0.4 * radius**2 * np.eye(3) + np.mean(np.sum(centers**2, 1)) * np.eye(3) - centers.T @ centers / count
+    )
     return SpherePacking(
-        name=name, centers=centers, radii=np.full(count, radius), inertia=inertia, volume=count * 4.0 / 3.0 * np.pi * radius**3,
-        origin=np.zeros(3), bounding_radius=float(np.linalg.norm(centers, axis=1).max()) + radius)
+        name=name,
+        centers=centers,
+        radii=np.full(count, radius),
+        inertia=inertia,
+        volume=count * 4.0 / 3.0 * np.pi * radius**3,
+        origin=np.zeros(3),
+        bounding_radius=float(np.linalg.norm(centers, axis=1).max()) + radius,
+    )
 
 
 SHAPES = (ball, rod)

@@ -12,7 +12,8 @@ NAME = "cylinder"
 def surface(size, e, x, y, z):
     """Distance and normal by the nearest point outside, by the nearest face inside (`shapes.surface`).
 
-    On the axis the side's normal is the x axis. Where the side and a flat end are equally near, the side counts.
+    On the axis the side's normal is the x axis. Where the side and a flat end are equally near, the side
+    counts.
     """
     length, out = unit(x, y, 0.0)
     radial, axial = length - size[e, 0], abs(z) - size[e, 1]

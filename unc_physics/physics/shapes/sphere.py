@@ -8,7 +8,9 @@ NAME = "sphere"
 
 @inner(error_model="numpy", forceinline=True)
 def surface(size, e, x, y, z):
-    """Distance and normal along the ray from the centre; there the normal is the x axis (`shapes.surface`)."""
+    """Distance and normal along the ray from the centre; there the normal is the x axis
+    (`shapes.surface`).
+    """
     length, normal = unit(x, y, z)
     return length - size[e, 0], normal
 
