@@ -5,8 +5,8 @@ Shapes are the same spheres, or what people usually give these engines: a few co
 cylinder. The geometry "primitive" is the box or the cylinder that a model is, and convex pieces of a model
 that is neither. In a scene without friction both engines get what is fastest for them among the settings
 under which bodies collide as ours do: no friction, elastic contact. In one with friction they keep their own
-    contact laws, as people run them. Nothing sleeps,
-nothing is drawn. Bodies are given in their principal axes, in which both engines keep the inertia.
+contact laws, as people run them. Nothing sleeps, nothing is drawn. Bodies are given in their principal axes,
+in which both engines keep the inertia.
 """
 
 from __future__ import annotations
@@ -299,8 +299,8 @@ class MuJoCoRollouts:
     Without friction contacts are springs without damper, so they are elastic; its solver shares the mass
     among the contacts. With friction they are MuJoCo's own, critically damped, in which there is no
     coefficient of restitution: a cube that falls flat comes back with 0.12 of its speed at steps of 1/240 s.
-        The cone of friction is the elliptic one; the pyramid that
-    MuJoCo takes unless told otherwise has 0.7 of the friction halfway between its axes.
+    The cone of friction is the elliptic one; the pyramid that MuJoCo takes unless told otherwise has 0.7 of
+    the friction halfway between its axes.
     """
 
     def __init__(self, scene, geometry="spheres"):

@@ -87,8 +87,7 @@ def sinkhorn_divergence(
     """Debiased entropic approximation of W1: ``S(x, y) - S(x, x) / 2 - S(y, y) / 2``.
 
     Only for comparison with results obtained by regularization: it takes longer than `wasserstein`, and reads
-        less
-    because it forgives differences below the regularization's scale.
+    less because it forgives differences below the regularization's scale.
 
     Parameters
     ----------

@@ -101,7 +101,7 @@ class Client:
         """The result of what a call to an action's client starts.
 
         The call is made by the thread that spins: rclpy drops an answer that comes before the call has
-            returned.
+        returned.
         """
         return result_of(result_of(self.executor.create_task(start)))
 

@@ -27,9 +27,8 @@ def normal_table():
     The quantiles are those in the middle of 4096 equally likely parts, scaled to variance 1. Numbers are read
     in runs
     from places that a hash gives (`places`): each number is any of the quantiles with the same chance, and
-        independent of
-    those of other runs. In a run no quantile comes twice, which no number of samples that a contact is given
-    can show. Numbers drawn one by one would cost more than all that is done with them.
+    independent of those of other runs. In a run no quantile comes twice, which no number of samples that a
+    contact is given can show. Numbers drawn one by one would cost more than all that is done with them.
     """
     count = 2**_INDEX_BITS
     table = np.array([NormalDist().inv_cdf((k + 0.5) / count) for k in range(count)])

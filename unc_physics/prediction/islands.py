@@ -4,10 +4,9 @@ Time is divided into slices, at each of whose beginnings the bodies are divided 
 different islands stay apart for the whole slice. For that, each body has a box that it stays in, from what is
 known of it at the slice's beginning, `SIGMAS` standard deviations wide (of a propagator with samples of its
 own: as wide as these). A body that nothing can reach flies freely; one that may touch something is at most as
-    fast as the energy of its island makes it. Where boxes
-of different islands overlap, the slice is halved; where they still do in the shortest slice, the islands
-become one, as they do where a slice's end shows more energy than was thought: then the slice is done again.
-Islands never part.
+fast as the energy of its island makes it. Where boxes of different islands overlap, the slice is halved;
+where they still do in the shortest slice, the islands become one, as they do where a slice's end shows more
+energy than was thought: then the slice is done again. Islands never part.
 
 Whole horizons without slices would need bounds that hold through collisions for seconds, which makes
 everything one island; predictions that are redone from time 0 when islands meet would cost more, and would

@@ -7,8 +7,8 @@ counts these. The others have none, and the Gaussian that they end with is no go
 bodies have touched (``python -m unc_physics_evaluation.benchmarks.calibration`` shows how far off it is).
 What they can tell is what is decided
 by the first contacts, before which all bodies fly freely: flights drawn from the initial belief say for each
-    question
-how often it is answered yes, no, or not yet. "Not yet" counts half, and widens the interval by as much.
+question how often it is answered yes, no, or not yet. "Not yet" counts half, and widens the interval by as
+much.
 """
 
 from __future__ import annotations

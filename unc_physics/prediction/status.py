@@ -169,8 +169,7 @@ def assess(
 
     ``initial_overlap``
         Where overlap at the start is kept: depth of the deepest pair of spheres, over the body's radius, that
-            one in
-        twenty states of the belief exceeds, or that of its mean.
+        one in twenty states of the belief exceeds, or that of its mean.
     ``overlap_share``
         Share of the points or samples in which the body overlapped something at the start, before it was
         moved away. It raises no flag.
@@ -183,13 +182,12 @@ def assess(
         Share of them that keep an overlap.
     ``settled_tilt``
         Of a body at rest: the angle by which it tilted until contacts held it, as a root mean square over
-            them [rad].
+        them [rad].
     ``unsettled``
         Share of them in which it did not come to rest.
     ``energy_gain``
         Of a body that touched something: energy gained, over all that there was, that gravity gave and that
-            overlap at
-        the start held. For propagators with several rollouts in the mean over these, from below.
+        overlap at the start held. For propagators with several rollouts in the mean over these, from below.
     ``contact_residual``
         Of a body that touched something, with the implicit integrator: by how much of the largest impulse
         those of its contacts, and of what touched it, still changed when the solver gave up; the most of all
@@ -199,8 +197,7 @@ def assess(
         a step [rad], at the highest speed that start, end and gravity suggest.
     ``impact_over_capacity``
         With the explicit integrator: kinetic energy at that speed over what two spheres as large as the
-            body's largest take
-        up before they pass through each other (`contact_model.capacity`).
+        body's largest take up before they pass through each other (`contact_model.capacity`).
     ``directions``
         Of points that are spread along directions, for a body that touched something: in how many directions
         the bodies that they are spread for together are uncertain. Points lie farther out the more there are,

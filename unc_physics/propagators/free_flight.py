@@ -36,7 +36,7 @@ class Course(NamedTuple):
         Factor on the initial angular velocity in the rotation [s].
     weights, before : (n,) arrays
         Of each drift: its time, times the decay until then, and the sum of these over the drifts before it
-            [s].
+        [s].
     """
 
     decay: float

@@ -42,8 +42,8 @@ class Belief:
     ----------
     mean : (B, 13) array
         State of each body, ``[p, v, q, omega]``: position of the centre of mass [m], velocity [m/s],
-            quaternion
-        (x, y, z, w) of ``R_world_body`` and angular velocity [rad/s]; all but q in the world frame.
+        quaternion (x, y, z, w) of ``R_world_body`` and angular velocity [rad/s]; all but q in the world
+        frame.
     covariance : (M, 12, 12) or (12 M, 12 M) array
         Over the error state ``[dp, dv, dtheta, domega]`` of the M moving bodies, ``R = R_mean Exp(dtheta)``:
         one block for each body where bodies are independent, or the joint matrix.

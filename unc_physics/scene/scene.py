@@ -90,9 +90,8 @@ class RigidBody(Surface):
         the model's.
     at_rest : bool
         Whether the body stands still at time 0, on what is below it: before a prediction begins, it is
-            settled
-        there, so that its height and tilt come from contact, whatever the belief says of them. Its mean
-        velocities must be zero, and their covariance counts as zero. Needs the implicit integrator and
+        settled there, so that its height and tilt come from contact, whatever the belief says of them. Its
+        mean velocities must be zero, and their covariance counts as zero. Needs the implicit integrator and
         gravity; not for a fixed body.
 
     Raises

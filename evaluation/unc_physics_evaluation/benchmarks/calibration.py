@@ -2,10 +2,9 @@
 unc_physics_evaluation.benchmarks.calibration``.
 
 Scenes: two bodies that may collide, drops onto a floor and into a bin, a box that slides to rest, a can near
-    a shelf's
-edge, each with several spreads of the initial state. In each, every propagator that takes the scene's
-integrator answers whether bodies touch within the horizon, where their centres of mass end, and whether they
-come to rest. The truth is the share of 10 000 samples.
+a shelf's edge, each with several spreads of the initial state. In each, every propagator that takes the
+scene's integrator answers whether bodies touch within the horizon, where their centres of mass end, and
+whether they come to rest. The truth is the share of 10 000 samples.
 """
 
 from __future__ import annotations

@@ -135,8 +135,7 @@ def _predictions(scene, belief, horizon, rounds):
     """What is compared in a scene, each as a function of the round, which serves as seed.
 
     Each round has another mean, drawn from the belief: one nominal rollout may have far more or less contact
-        than
-    those about it, and would say more of the scene than of the method.
+    than those about it, and would say more of the scene than of the method.
     """
     steps = round(horizon / scene.dt)
     means = belief.sample(rounds, np.random.default_rng(3))

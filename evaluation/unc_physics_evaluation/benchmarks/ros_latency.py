@@ -2,13 +2,10 @@
 unc_physics_evaluation.benchmarks.ros_latency``.
 
 Two processes on this machine, over Fast DDS: the node in one, this client in the other. Prints round trips of
-    empty
-services (each in a process of its own: on the executor of ``rclpy.spin``, as most nodes are, and on the one
-    that the node
-uses), of ``~/predict`` for two objects for each propagator beside the core's own time, whether a stream of
-ten objects at 30 Hz is predicted without a drop, the time to cancel a long prediction, and the time from
-start to ready. Every
-request is another one: poses and covariances change a little.
+empty services (each in a process of its own: on the executor of ``rclpy.spin``, as most nodes are, and on the
+one that the node uses), of ``~/predict`` for two objects for each propagator beside the core's own time,
+whether a stream of ten objects at 30 Hz is predicted without a drop, the time to cancel a long prediction,
+and the time from start to ready. Every request is another one: poses and covariances change a little.
 """
 
 from __future__ import annotations
