@@ -111,8 +111,8 @@ def run(arguments) -> int:
     horizon = horizon if arguments.horizon is None else arguments.horizon
     prediction = _predict_with_progress(scene, belief, propagator, horizon, arguments.period)
     seed = prediction.seed if prediction.seed is not None else arguments.seed
-    answers = _answers(scene, prediction, belief) if arguments.probabilities else None
-    statuses = assess(scene, belief, prediction, rollouts)
+    answers = _answers(prediction) if arguments.probabilities else None
+    statuses = assess(prediction, rollouts=rollouts)
     if arguments.json:
         found = (
             {}
@@ -170,13 +170,13 @@ def statuses_as_text(statuses) -> str:
     return "\n".join(lines) if lines else "status: fine"
 
 
-def _answers(scene, prediction, initial):
+def _answers(prediction):
     """Probabilities by their names in the JSON."""
     from ..prediction.probabilities import contact_probabilities, rest_probabilities
 
     return {
-        "contact_probabilities": contact_probabilities(scene, prediction, initial),
-        "rest_probabilities": rest_probabilities(scene, prediction, initial),
+        "contact_probabilities": contact_probabilities(prediction),
+        "rest_probabilities": rest_probabilities(prediction),
     }
 
 

@@ -19,7 +19,7 @@ from ..checks.errors import (
     PredictionTimeoutError,
     UncPhysicsError,
 )
-from ..checks.validation import integer, positive
+from ..checks.validation import instance, integer, positive
 from ..physics.compile_time import clock
 from ..physics.contact_history import ContactHistory
 from ..propagators.base import Propagator
@@ -186,8 +186,12 @@ def predict(
         If parameters of the scene are uncertain, or its integrator is the implicit one, or overlap is to be
         rejected, and the propagator is not one of those that take it.
     InvalidRequestError, LimitExceededError, UnknownPropagatorError
+        For arguments of a wrong type, a belief about other bodies, too many steps, and an unknown name.
     """
     started = clock()
+    instance(scene, Scene, "scene")
+    instance(belief, Belief, "belief")
+    instance(propagator, (str, Propagator), "propagator")
     if isinstance(propagator, str):
         propagator = make_propagator(propagator)
     belief.check_fits(scene)
@@ -270,6 +274,8 @@ def start_belief(scene: Scene, belief: Belief) -> Belief:
     InvalidRequestError
         If the belief is not about the scene's bodies.
     """
+    instance(scene, Scene, "scene")
+    instance(belief, Belief, "belief")
     belief.check_fits(scene)
     if scene.integrator == "explicit":
         return belief

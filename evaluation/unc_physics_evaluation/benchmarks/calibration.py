@@ -215,15 +215,14 @@ def regions(states: np.ndarray, seed: int) -> list[answers.BoxRegion]:
 # -- answers ---------------------------------------------------------------------------------------
 
 
-def all_answers(case, prediction, boxes):
+def all_answers(prediction, boxes):
     """Every probability of a prediction, as {(kind, what): (available, probability)}."""
-    scene, initial = case.scene, case.belief
     found = {}
-    for a in answers.contact_probabilities(scene, prediction, initial):
+    for a in answers.contact_probabilities(prediction):
         found[CONTACT, f"{a.object_a} and {a.object_b}"] = a.available, a.probability
-    for a in answers.region_probabilities(scene, prediction, boxes, initial):
+    for a in answers.region_probabilities(prediction, boxes):
         found[REGION, f"{a.object} in {a.region}"] = a.available, a.probability
-    for a in answers.rest_probabilities(scene, prediction, initial):
+    for a in answers.rest_probabilities(prediction):
         found[REST, a.object] = a.available, a.probability
     return found
 
@@ -233,13 +232,13 @@ def calibrate(case: Case, truth_samples: int = TRUTH) -> list[Row]:
     truth = make_propagator(REFERENCE, samples=truth_samples, seed=SEED_OF_TRUTH)
     prediction = predict(case.scene, case.belief, truth, case.horizon)
     boxes = regions(prediction.carry.states, seed=0)
-    truths = all_answers(case, prediction, boxes)
+    truths = all_answers(prediction, boxes)
     rows = []
     for label, (name, options) in METHODS.items():
         propagator = make_propagator(name, **options)
         if case.scene.integrator not in propagator.integrators:
             continue
-        found = all_answers(case, predict(case.scene, case.belief, propagator, case.horizon), boxes)
+        found = all_answers(predict(case.scene, case.belief, propagator, case.horizon), boxes)
         rows += [
             Row(kind, case.name, what, label, truths[kind, what][1], *answer)
             for (kind, what), answer in found.items()

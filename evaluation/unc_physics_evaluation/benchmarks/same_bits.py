@@ -151,8 +151,8 @@ def results(scene, belief, horizon, label):
             arrays["first contacts"] = part[..., 0]
         elif isinstance(part, np.ndarray):
             arrays[field] = part
-    arrays["flags"] = np.array([int(status.flags) for status in assess(scene, belief, prediction)])
-    for k, answer in enumerate(contact_probabilities(scene, prediction, belief)):
+    arrays["flags"] = np.array([int(status.flags) for status in assess(prediction)])
+    for k, answer in enumerate(contact_probabilities(prediction)):
         arrays[f"contact {k}"] = np.array(
             [answer.probability, answer.first_contact_time_mean, answer.first_contact_time_std]
         )

@@ -78,13 +78,13 @@ def drop() -> Prediction:
     assert_type(prediction.times, tuple[float, ...])
     assert_type(prediction.samples(10), np.ndarray)
 
-    for touch in contact_probabilities(scene, prediction, belief):
+    for touch in contact_probabilities(prediction):
         assert_type(touch, ContactProbability)
         assert_type(touch.probability, float)
     region = BoxRegion("bin", size=(0.4, 0.3, 0.2), position=(0, 0, 0.1))
-    assert_type(region_probabilities(scene, prediction, [region], belief), tuple[RegionProbability, ...])
-    assert_type(rest_probabilities(scene, prediction, belief), tuple[RestProbability, ...])
-    for status in assess(scene, belief, prediction):
+    assert_type(region_probabilities(prediction, [region]), tuple[RegionProbability, ...])
+    assert_type(rest_probabilities(prediction), tuple[RestProbability, ...])
+    for status in assess(prediction):
         assert_type(status, BodyStatus)
         assert_type(status.flags, Status)
     assert_type(physics_of(scene), dict[str, Any])
