@@ -4,6 +4,15 @@ import numpy as np
 import pytest
 from scenes import diagonal, moving_object, position_of
 from scipy.spatial.transform import Rotation
+from unc_physics.ros.conversions import (
+    Doubts,
+    Wanted,
+    duration,
+    read_scene,
+    seconds,
+    write_prediction,
+    write_start,
+)
 
 from unc_physics.checks import errors
 from unc_physics.physics.layout import (
@@ -16,15 +25,6 @@ from unc_physics.physics.layout import (
     POSITION,
     QUATERNION,
     VELOCITY,
-)
-from unc_physics.ros.conversions import (
-    Doubts,
-    Wanted,
-    duration,
-    read_scene,
-    seconds,
-    write_prediction,
-    write_start,
 )
 from unc_physics.ros.models import ModelLibrary
 from unc_physics.ros.origin import error_map, inverse_error_map

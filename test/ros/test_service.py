@@ -16,6 +16,7 @@ from scenes import (
     request_of,
 )
 from shape_msgs.msg import Plane
+from unc_physics.ros.conversions import read_scene, seconds, write_prediction
 
 from unc_physics import PROPAGATORS
 from unc_physics import predict as predict_in_core
@@ -23,7 +24,6 @@ from unc_physics.checks.errors import ErrorCode
 from unc_physics.geometry.library import list_models
 from unc_physics.physics.rotation import rotation_matrix
 from unc_physics.prediction.status import assess
-from unc_physics.ros.conversions import read_scene, seconds, write_prediction
 from unc_physics.ros.models import ModelLibrary
 from unc_physics.ros.parameters import Settings
 from unc_physics_msgs.msg import ModelInfo, PredictedObject

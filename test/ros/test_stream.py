@@ -12,10 +12,10 @@ from rclpy.qos import qos_profile_sensor_data
 from running import Client, Inbox, NodeProcess, wait_until
 from scenes import POSITION_STD, good_request, numbers_of, position_of
 from std_msgs.msg import Header
+from unc_physics.ros.conversions import seconds
 from visualization_msgs.msg import Marker, MarkerArray
 
 from unc_physics.ros.background import Newest
-from unc_physics.ros.conversions import seconds
 from unc_physics.ros.models import ModelLibrary
 from unc_physics.ros.streaming import scene_of_detections, topic_name
 from unc_physics_msgs.msg import ObjectStateArray, PredictedObject, Prediction

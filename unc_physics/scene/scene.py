@@ -39,7 +39,7 @@ INTEGRATORS = ("explicit", "implicit")
 _SUCCESSORS = {"robust": "implicit"}
 #: What becomes of overlap at the start.
 OVERLAPS = ("project", "reject", "keep")
-_OVERLAP = {"implicit": "project", "explicit": "keep"}
+DEFAULT_OVERLAP = {"implicit": "project", "explicit": "keep"}
 #: kappa where an explicit scene names none [N/m^3].
 STIFFNESS = 1e4
 
@@ -245,7 +245,7 @@ class Scene:
         explicit = self.integrator == "explicit"
         if explicit and checked["stiffness"] is None:
             checked["stiffness"] = STIFFNESS
-        checked["overlap"] = _OVERLAP[self.integrator] if self.overlap is None else self.overlap
+        checked["overlap"] = DEFAULT_OVERLAP[self.integrator] if self.overlap is None else self.overlap
         if checked["overlap"] not in OVERLAPS:
             raise InvalidOptionError(
                 f"must be one of {', '.join(OVERLAPS)}", field="overlap", value=self.overlap
