@@ -1,5 +1,7 @@
 """Requests that tests begin from."""
 
+from array import array
+
 import numpy as np
 from geometry_msgs.msg import Vector3
 
@@ -9,6 +11,11 @@ from unc_physics_msgs.msg import ObjectState, PredictionRequest, Scene
 
 POSITION_STD = 0.02  # m
 ROTATION_STD = 0.05  # rad
+
+
+def packed(values):
+    """Numbers for a field of any length; where it checks, it takes no NumPy array and no NaN."""
+    return array("d", np.ravel(values))
 
 
 def diagonal(*stds):
@@ -45,8 +52,13 @@ def with_physics(request, **values):
     for name, value in values.items():
         if name == "gravity" and value is not None:
             value = Vector3(**dict(zip("xyz", value, strict=True)))
-        texts = isinstance(getattr(request.physics, name), str)
-        setattr(request.physics, name, value if texts else [] if value is None else [value])
+        if value is None:
+            value = []
+        elif isinstance(value, float):
+            value = packed([value])
+        elif not isinstance(value, str):
+            value = [value]
+        setattr(request.physics, name, value)
     return request
 
 

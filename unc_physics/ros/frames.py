@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import copy
 import importlib.util
+from array import array as packed_array
 from typing import NamedTuple
 
 import numpy as np
 from rclpy.time import Time
 
-from unc_physics_msgs.msg import Scene
+from unc_physics_msgs.msg import Environment, Scene
 
 from ..checks.errors import UnknownFrameError
 from ..checks.validation import array, quaternion
@@ -120,13 +121,13 @@ class Transform(NamedTuple):
         for part in (result.pose, result.twist):
             if part.covariance[0] != UNKNOWN:
                 part.covariance = self._turned(part.covariance, 2)
-        result.covariance = self._turned(result.covariance, 4)
+        result.covariance = packed_array("d", self._turned(result.covariance, 4))
         return result
 
     def joint_covariance(self, message):
         """A JointCovariance as the other frame sees it."""
         result = copy.deepcopy(message)
-        result.data = self._turned(result.data, 4 * len(message.object_ids))
+        result.data = packed_array("d", self._turned(result.data, 4 * len(message.object_ids)))
         return result
 
     def _turned(self, entries, count):
@@ -139,10 +140,12 @@ class Transform(NamedTuple):
 
     def environment(self, message):
         """An Environment as the other frame sees it."""
-        result = copy.deepcopy(message)
-        for element in result.elements:
+        elements = [
+            copy.deepcopy(element) for element in message.elements
+        ]  # one by one: they may share a pose
+        for element in elements:
             self._move(element.pose)
-        return result
+        return Environment(elements=elements)
 
     def region(self, message):
         """A BoxRegion as the other frame sees it."""
