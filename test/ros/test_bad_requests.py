@@ -110,12 +110,20 @@ def with_regions(*ids):
     return request
 
 
-def at_rest(spin=0.0, fixed=False):
-    """A request in whose world there is gravity, and an object at rest; one that moves, unless it spins."""
+def massless():
+    """An object without mass, of a model without mass."""
+    request = changed("object.model", "massless")
+    request.scene.objects[1].mass, request.scene.objects[1].spheres = 0.0, 0
+    return request
+
+
+def at_rest(speed=0.1, spin=0.0, fixed=False):
+    """A request in whose world there is gravity, and an object at rest that moves, or turns."""
     request = good_request()
     with_physics(request, gravity=None)
     standing = request.scene.objects[1]
     standing.at_rest, standing.twist.twist.angular.x = True, spin
+    standing.twist.twist.linear.x = speed
     standing.kind = ObjectState.FIXED if fixed else ObjectState.DYNAMIC
     if spin:
         standing.twist.twist.linear.x = 0.0
@@ -280,12 +288,12 @@ BAD = {
         "scene.common_pose_origin",
     ),
     "at rest without gravity": (
-        changed("object.at_rest", True),
+        with_physics(at_rest(speed=0.0), gravity=(0.0, 0.0, 0.0)),
         "INVALID_OPTION",
         "scene.objects[1].at_rest needs",
     ),
     "at rest and moving": (at_rest(), "INVALID_REQUEST", "scene.objects[1].twist.twist.linear"),
-    "at rest and turning": (at_rest(spin=0.1), "INVALID_REQUEST", "scene.objects[1].twist.twist.angular"),
+    "at rest and turning": (at_rest(speed=0.0, spin=0.1), "INVALID_REQUEST", "scene.objects[1].twist.twist.angular"),
     "at rest and fixed": (at_rest(fixed=True), "INVALID_REQUEST", "scene.objects[1].at_rest"),
     "no way with overlap": (physics(overlap="push"), "INVALID_OPTION", "physics.overlap"),
     "overlap rejected by sigma points": (physics(overlap="reject"), "NOT_SUPPORTED", "overlap"),
@@ -350,7 +358,7 @@ BAD = {
         "scene.environment.elements[0].material.friction[0]",
     ),
     "no kind of object": (changed("object.kind", 9), "INVALID_REQUEST", "scene.objects[1].kind"),
-    "a model without mass": (changed("object.model", "massless"), "INVALID_MASS", "scene.objects[1].mass"),
+    "a model without mass": (massless(), "INVALID_MASS", "scene.objects[1].mass"),
     "a whole covariance of another size": (
         changed("object.covariance", packed(np.eye(6))),
         "INVALID_COVARIANCE",
