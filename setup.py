@@ -52,6 +52,7 @@ setup(
             *GEOMETRY,
             "hypothesis>=6",
             "import-linter>=2",
+            "jsonschema>=4.18",
             "libigl>=2.5",
             "mypy>=1.10",
             "pyright[nodejs]>=1.1.407",

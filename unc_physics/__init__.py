@@ -25,7 +25,7 @@ def _homes():
 
 
 _HOMES = _homes()
-__all__ = list(_HOMES)  # noqa: PLE0605  # pyright: ignore[reportUnsupportedDunderAll]
+__all__ = list(_HOMES)  # pyright: ignore[reportUnsupportedDunderAll]
 
 
 def __dir__() -> list[str]:

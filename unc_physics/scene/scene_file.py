@@ -31,7 +31,7 @@ from .body_belief import MEANS, STDS, BodyBelief, three_stds
 from .environment import ELEMENTS
 from .materials import Surface, check_surface
 from .presets import PRESETS, with_changes
-from .scene import RigidBody, Scene
+from .scene import OVERLAPS, RigidBody, Scene
 from .stiffness import AUTO, auto_stiffness
 
 _NUMBERS = (
@@ -91,12 +91,13 @@ class _UniqueKeyLoader(yaml.SafeLoader):
     """Refuses a key that is given twice, of which YAML would silently take the last."""
 
     def construct_mapping(self, node, deep=False):
-        keys = [key.value for key, _ in node.value if isinstance(key, yaml.ScalarNode)]
-        for k, key in enumerate(keys):
-            if key in keys[:k]:
-                raise yaml.constructor.ConstructorError(
-                    None, None, f"the key '{key}' is given twice", node.start_mark
-                )
+        lines = {}
+        for key, _ in node.value:
+            if isinstance(key, yaml.ScalarNode):
+                if key.value in lines:
+                    problem = f"the key '{key.value}' is given twice, first in line {lines[key.value]}"
+                    raise yaml.constructor.ConstructorError(None, None, problem, key.start_mark)
+                lines[key.value] = key.start_mark.line + 1
         return super().construct_mapping(node, deep)
 
 
@@ -184,6 +185,12 @@ def preset(name) -> dict:
 
 def physics_value(key, value):
     """The value of another entry that sets the physics; None for null."""
+    if value is None and key == "overlap":
+        raise InvalidOptionError(
+            f"must be one of {', '.join(OVERLAPS)}; leave it out for the integrator's own",
+            field=key,
+            value="null",
+        )
     if value is None or (key == "stiffness" and value == AUTO):
         return value
     if key in _NUMBERS:
@@ -222,10 +229,15 @@ def _environment(content):
 def _element(content, field):
     """An element; errors name the entry as it stands in the file."""
     error = InvalidEnvironmentError
+    shapes = ", ".join(_ELEMENTS)
+    if isinstance(content, dict) and not any(kind in content for kind in _ELEMENTS):
+        other = [key for key in content if key not in ("name", *_SURFACE_KEYS)]
+        said = f"has no shape '{str(other[0])[:50]}'" if other else "names no shape"
+        raise error(f"{said}; the shapes are {shapes}", field=field)
     _check_keys(content, ("name", *_ELEMENTS, *_SURFACE_KEYS), field, error)
     kinds = [kind for kind in _ELEMENTS if kind in content]
-    if len(kinds) != 1:
-        raise error(f"must be exactly one of {', '.join(_ELEMENTS)}", field=field, value=content)
+    if len(kinds) > 1:
+        raise error(f"must be exactly one shape, not {' and '.join(kinds)}", field=field)
     kind, name = kinds[0], content.get("name", "")
     if not isinstance(name, str):
         raise error("must be a text", field=f"{field}.name", value=name)
