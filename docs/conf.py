@@ -1,4 +1,4 @@
-"""Settings of Sphinx, for `make docs`: the pages of this folder, and the Python interface from its docstrings."""
+"""Settings of Sphinx, for `make docs`: the pages of this folder, and the interface from its docstrings."""
 
 from unc_physics import __version__
 
