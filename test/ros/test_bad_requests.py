@@ -293,7 +293,11 @@ BAD = {
         "scene.objects[1].at_rest needs",
     ),
     "at rest and moving": (at_rest(), "INVALID_REQUEST", "scene.objects[1].twist.twist.linear"),
-    "at rest and turning": (at_rest(speed=0.0, spin=0.1), "INVALID_REQUEST", "scene.objects[1].twist.twist.angular"),
+    "at rest and turning": (
+        at_rest(speed=0.0, spin=0.1),
+        "INVALID_REQUEST",
+        "scene.objects[1].twist.twist.angular",
+    ),
     "at rest and fixed": (at_rest(fixed=True), "INVALID_REQUEST", "scene.objects[1].at_rest"),
     "no way with overlap": (physics(overlap="push"), "INVALID_OPTION", "physics.overlap"),
     "overlap rejected by sigma points": (physics(overlap="reject"), "NOT_SUPPORTED", "overlap"),

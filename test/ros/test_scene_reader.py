@@ -18,9 +18,9 @@ from unc_physics.physics.layout import (
     QUATERNION,
     VELOCITY,
 )
+from unc_physics.physics.origin import error_map, inverse_error_map
 from unc_physics.ros.durations import duration, read_duration, seconds
 from unc_physics.ros.models import ModelLibrary
-from unc_physics.ros.origin import error_map, inverse_error_map
 from unc_physics.ros.prediction_writer import Wanted, write_prediction, write_start
 from unc_physics.ros.scene_reader import Doubts, read_scene
 from unc_physics.scene.belief import Belief

@@ -27,7 +27,7 @@ from ..physics.layout import ANGULAR_VELOCITY, POSITION, VELOCITY
 from ..physics.rotation import rotation_matrix
 from ..scene.environment import element_names
 from .first_contacts import first_contacts
-from .predict import Prediction
+from .prediction import Prediction
 
 #: What an answer is called with that is about any element of the environment.
 ENVIRONMENT = "environment"

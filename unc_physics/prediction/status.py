@@ -32,7 +32,8 @@ from ..physics.workspace import workspace
 from ..propagators.names import REFERENCE
 from ..propagators.registry import make_propagator, names_where
 from .islands import merged
-from .predict import Prediction, predict
+from .predict import predict
+from .prediction import Prediction
 
 #: Rollouts with which `assess` compares what rests on a single nominal one.
 ROLLOUTS = 12

@@ -1,7 +1,7 @@
 """From the core's answers to messages.
 
 A `Belief` is about centres of mass, with rotations on the body side; messages are about models' own origins,
-with rotations about the fixed axes of the frame (`origin`).
+with rotations about the fixed axes of the frame (`physics.origin`).
 """
 
 from __future__ import annotations
@@ -16,11 +16,10 @@ from unc_physics_msgs.msg import JointCovariance, Mode, ObjectState, PredictedOb
 
 from ..checks.errors import DivergedError
 from ..physics.layout import ANGULAR_VELOCITY, ERROR, POSITION, QUATERNION, VELOCITY
+from ..physics.origin import at_origin, congruent, error_map
 from ..physics.rotation import rotation_matrix
-from ..prediction.modes import modes
-from ..prediction.predict import Prediction
+from ..prediction.prediction import Prediction
 from .durations import duration
-from .origin import at_origin, congruent, error_map
 
 
 class Wanted(NamedTuple):
@@ -108,14 +107,14 @@ def write_prediction(scene, models, times, beliefs, samples=None, wanted=MARGINA
 
 
 def write_modes(objects, prediction: Prediction) -> None:
-    """Write into each state of each PredictedObject the modes that it has."""
-    for b, (message, body) in enumerate(zip(objects, prediction.scene.bodies, strict=True)):
+    """Write into the last state of each PredictedObject the modes that it splits into."""
+    propagator, scene = prediction.propagator, prediction.scene
+    for b, (message, body) in enumerate(zip(objects, scene.bodies, strict=True)):
         origin = _writable(body.model.origin)
-        for k, state in enumerate(message.states):
-            state.modes = [
-                Mode(weight=mode.weight, pose=_pose(mode.mean, mode.covariance, origin))
-                for mode in modes(prediction, k, b)
-            ]
+        message.states[-1].modes = [
+            Mode(weight=mode.weight, pose=_pose(mode.mean, mode.covariance, origin))
+            for mode in propagator.modes(prediction.carry, scene, b)
+        ]
 
 
 def write_start(objects, scene, belief) -> None:

@@ -23,7 +23,8 @@ from ..checks.errors import (
 )
 from ..checks.validation import array, positive
 from ..physics.layout import ERROR
-from ..prediction.predict import Prediction, check_supported, periodic_times, predict
+from ..prediction.predict import check_supported, periodic_times, predict
+from ..prediction.prediction import Prediction
 from ..prediction.probabilities import BoxRegion
 from ..propagators.base import Propagator
 from ..propagators.registry import propagator_from_texts

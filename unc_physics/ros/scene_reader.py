@@ -1,14 +1,7 @@
 """From messages to the core: a scene, and the belief about it.
 
-A message gives the pose of a model's own origin ``o`` and rotations about the fixed axes of the frame; a
-`Belief` gives the pose of the centre of mass (COM) and rotations on the body side. With ``r = R_world_body
-o`` (from the COM to the origin, world axes) and ``dphi = R_world_body dtheta``, the errors at the origin
-are::
-
-    dp_o = dp - [r]x dphi                              p_o = p + r
-    dv_o = dv - [r]x domega - [omega]x [r]x dphi       v_o = v + omega x r
-
-which is linear in the error state: ``e_o = A e`` (`origin.error_map`), so ``P_o = A P A^T``.
+A message gives the pose of a model's own origin and rotations about the fixed axes of the frame; a `Belief`
+gives the pose of the centre of mass and rotations on the body side. `physics.origin` has the algebra.
 """
 
 from __future__ import annotations
@@ -36,12 +29,12 @@ from ..checks.errors import (
 )
 from ..checks.validation import array, covariance, non_negative, number, positive, quaternion
 from ..physics.layout import ANGULAR_VELOCITY, ERROR, POSITION, QUATERNION, STATE, VELOCITY
+from ..physics.origin import at_com, congruent, covariance_at_com, inverse_error_map, moved
 from ..scene.belief import Belief
 from ..scene.scene import RigidBody, Scene
 from ..scene.scene_file import PHYSICS_KEYS, at_field, with_chosen_stiffness
 from .not_served import refuse_not_served
 from .optional import optional
-from .origin import at_com, congruent, covariance_at_com, inverse_error_map, moved
 from .physics_message import physics_field
 from .surroundings import MATERIAL_FIELDS, read_environment, read_material
 

@@ -13,12 +13,12 @@ from unc_physics_msgs.msg import Prediction
 from ..checks.validation import covariance
 from ..geometry.packing_file import SpherePacking
 from ..physics.layout import ERROR, QUATERNION, STATE
+from ..physics.origin import at_com, covariance_at_com, inverse_error_map
 from ..propagators.registry import PROPAGATORS, make_propagator
 from ..scene.belief import Belief
 from ..scene.presets import with_changes
 from ..scene.scene import RigidBody, Scene
 from ..scene.stiffness import AUTO
-from .origin import at_com, covariance_at_com, inverse_error_map
 from .parameters import Settings
 from .prediction_writer import Wanted
 from .requests import Job, run, write_answer
