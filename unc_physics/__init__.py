@@ -32,10 +32,11 @@ if TYPE_CHECKING:  # what `__getattr__` below imports at run time
     from .propagators.base import Propagator
     from .propagators.registry import PROPAGATORS, make_propagator
     from .scene.belief import Belief
+    from .scene.body import RigidBody
     from .scene.environment import Box, Capsule, Cylinder, Element, Plane, Sphere
     from .scene.physics_summary import physics_of
     from .scene.presets import PRESETS
-    from .scene.scene import RigidBody, Scene
+    from .scene.scene import Scene
     from .scene.scene_file import LoadedScene, load_scene
     from .scene.stiffness import auto_stiffness, with_stiffness
 
@@ -103,7 +104,7 @@ _HOMES = {
     "Propagator": "propagators.base",
     "RegionProbability": "prediction.probabilities",
     "RestProbability": "prediction.probabilities",
-    "RigidBody": "scene.scene",
+    "RigidBody": "scene.body",
     "Scene": "scene.scene",
     "SolidMesh": "geometry.solid_mesh",
     "Sphere": "scene.environment",

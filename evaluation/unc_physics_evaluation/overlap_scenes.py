@@ -20,8 +20,9 @@ from unc_physics.physics.layout import (
     VELOCITY,
 )
 from unc_physics.scene.belief import Belief
+from unc_physics.scene.body import RigidBody
 from unc_physics.scene.environment import Box, Plane
-from unc_physics.scene.scene import RigidBody, Scene
+from unc_physics.scene.scene import Scene
 
 OBJECTS = ("salt_box", "mug", "can", "brick")
 PAIRS = (("salt_box", "mug"), ("can", "brick"))  # side by side
@@ -131,7 +132,7 @@ def scene_and_belief(
     bodies = []
     for k, model in enumerate(map(load_model, arrangement.models)):
         name = model.name if arrangement.models.count(model.name) == 1 else f"{model.name}_{k}"
-        bodies.append(RigidBody(name, model, model.mass, **fields))
+        bodies.append(RigidBody(name, model, **fields))
     scene = Scene.everyday(bodies, environment=arrangement.environment, **options)
     mean = np.zeros((len(bodies), STATE))
     mean[:, POSITION], mean[:, 9] = arrangement.positions, 1.0

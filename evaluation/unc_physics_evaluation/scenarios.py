@@ -23,8 +23,9 @@ from unc_physics.physics.layout import (
     VELOCITY,
 )
 from unc_physics.scene.belief import Belief
+from unc_physics.scene.body import RigidBody
 from unc_physics.scene.environment import Box, Plane
-from unc_physics.scene.scene import RigidBody, Scene
+from unc_physics.scene.scene import Scene
 from unc_physics.scene.stiffness import with_stiffness
 
 #: The models that the paper drops on each other; all ship with the package.
@@ -267,8 +268,7 @@ def _upright(positions):
 def _handled(models, spheres, environment, mean, deviations):
     packings = [load_model(model) for model in models]
     bodies = [
-        RigidBody(f"{packing.name}{k or ''}", packing.prefix(spheres), packing.mass)
-        for k, packing in enumerate(packings)
+        RigidBody(f"{packing.name}{k or ''}", packing.prefix(spheres)) for k, packing in enumerate(packings)
     ]
     scene = with_stiffness(Scene.everyday(bodies, environment=environment), mean)
     P = np.zeros((len(bodies), ERROR, ERROR))

@@ -196,7 +196,6 @@ CASES = FINITE + [
     (in_body("mass", 0), "INVALID_MASS", r"bodies\[1\].mass", "0"),
     (in_body("mass", -2.0), "INVALID_MASS", r"bodies\[1\].mass", "-2.0"),
     (in_body("mass", "heavy"), "INVALID_MASS", r"bodies\[1\].mass", "heavy"),
-    (without(("bodies", 1, "mass")), "INVALID_MASS", r"bodies\[1\].mass", ""),
     (in_body("spheres", 0), "INVALID_MODEL", r"bodies\[1\].spheres", "0"),
     (in_body("spheres", 2.5), "INVALID_MODEL", r"bodies\[1\].spheres", "2.5"),
     (in_body("spheres", 10**9), "INVALID_MODEL", r"bodies\[1\].spheres", "1000000000"),

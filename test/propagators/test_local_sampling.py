@@ -91,8 +91,8 @@ def ball(radius, arm):
 def collided(scale, P, offset=0.5):
     """Covariances (2, 12, 12) after one step of two overlapping balls of the size ``scale``."""
     bodies = [
-        RigidBody("left", ball(scale, [0.3 * scale, 0.1 * scale, 0.0])),
-        RigidBody("right", ball(0.7 * scale, [0.3 * scale, 0.1 * scale, 0.0])),
+        RigidBody("left", ball(scale, [0.3 * scale, 0.1 * scale, 0.0]), 1.0),
+        RigidBody("right", ball(0.7 * scale, [0.3 * scale, 0.1 * scale, 0.0]), 1.0),
     ]
     mean = np.zeros((2, 13))
     mean[:, 9] = 1.0

@@ -30,7 +30,6 @@ from ..checks.errors import (
     DivergedError,
     DuplicateIdError,
     InvalidCovarianceError,
-    InvalidMassError,
     InvalidOptionError,
     InvalidRequestError,
     LimitExceededError,
@@ -38,12 +37,13 @@ from ..checks.errors import (
     NotFiniteError,
     UncPhysicsError,
 )
-from ..checks.validation import array, covariance, non_negative, number, positive, quaternion
+from ..checks.validation import array, covariance, non_negative, number, quaternion
 from ..physics.layout import ANGULAR_VELOCITY, ERROR, POSITION, QUATERNION, STATE, VELOCITY
 from ..physics.rotation import rotation_matrix
 from ..scene.belief import Belief
+from ..scene.body import RigidBody, known_mass
 from ..scene.presets import with_changes
-from ..scene.scene import RigidBody, Scene
+from ..scene.scene import Scene
 from ..scene.scene_file import PHYSICS_KEYS, PRESET, at_field, physics_value, preset, with_chosen_stiffness
 from .origin import at_origin, congruent, covariance_at_com, error_map, moved
 from .surroundings import read_environment
@@ -256,7 +256,8 @@ def _body(message, field, library, doubts, max_spheres):
             else f"{field}.model: {error.field}"
         )
         raise type(error)(error.problem, field=place, value=error.value) from error
-    mass = _mass(message, field, model)
+    mass = None if message.fixed or message.use_model_mass else message.mass
+    mass = known_mass(mass, model, message.fixed, f"{field}.mass")
     body = message.id, model, mass, bool(message.fixed), *_stds(message, field, mass), bool(message.at_rest)
     at_origin, origin = _state(message, field), _writable(model.origin)
     if message.fixed:
@@ -297,18 +298,6 @@ def _state(message, field):
 def _writable(a):
     """A copy: read-only arrays would compile every kernel once more."""
     return np.array(a)
-
-
-def _mass(message, field, model):
-    if message.fixed:
-        return 1.0
-    if not message.use_model_mass:
-        return positive(message.mass, f"{field}.mass", InvalidMassError)
-    if model.mass is None:
-        raise InvalidMassError(
-            f"is asked for, but model '{message.model}' gives no mass", field=f"{field}.use_model_mass"
-        )
-    return model.mass
 
 
 def _stds(message, field, mass):

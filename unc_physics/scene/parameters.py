@@ -10,8 +10,9 @@ from ..physics.layout import ANGULAR_VELOCITY, POSITION, QUATERNION, VELOCITY
 from ..physics.rollout import advance
 from ..physics.threads import in_threads
 from ..physics.world import World
+from .body import tree_of
 from .materials import Materials, varied
-from .scene import Scene, tree_of
+from .scene import Scene
 
 _SINGLE = 4.0 * np.finfo(np.float32).eps  # more than a shift rounds, relative to the body's size
 

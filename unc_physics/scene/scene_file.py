@@ -15,7 +15,6 @@ import yaml
 from ..checks.errors import (
     InvalidEnvironmentError,
     InvalidHorizonError,
-    InvalidMassError,
     InvalidModelError,
     InvalidOptionError,
     InvalidRequestError,
@@ -39,10 +38,11 @@ from ..physics.layout import (
     VELOCITY,
 )
 from .belief import Belief
+from .body import RigidBody, known_mass
 from .environment import ELEMENTS
 from .materials import Surface, check_surface
 from .presets import PRESETS, with_changes
-from .scene import RigidBody, Scene
+from .scene import Scene
 from .stiffness import AUTO, auto_stiffness
 
 _NUMBERS = (
@@ -284,10 +284,6 @@ def _body(content, field, models_dir, folder):
     fixed = content.get("fixed", False)
     if not isinstance(fixed, bool):
         raise InvalidRequestError("must be true or false", field=f"{field}.fixed", value=fixed)
-    mass = content.get("mass")
-    if mass is None and not fixed:
-        raise InvalidMassError("must be given", field=f"{field}.mass")
-    mass = 1.0 if mass is None else positive(mass, f"{field}.mass", InvalidMassError)
     state = np.zeros(STATE)
     for key, place in _VECTORS.items():
         if content.get(key) is not None:
@@ -317,6 +313,7 @@ def _body(content, field, models_dir, folder):
     model = at_field(
         field, load_shape, content["model"], content.get("spheres"), content.get("scale"), models_dir, folder
     )
+    mass = known_mass(content.get("mass"), model, fixed, f"{field}.mass")
     surface = _surface(content, field)
     at_rest = False if content.get("at_rest") is None else content["at_rest"]
     body = at_field(

@@ -13,7 +13,8 @@ from numpy.typing import ArrayLike
 from ..checks.errors import LimitExceededError
 from ..checks.validation import positive
 from ..physics.layout import ANGULAR_VELOCITY, VELOCITY
-from .scene import RigidBody, Scene
+from .body import RigidBody
+from .scene import Scene
 
 #: What stands for a stiffness that is to be chosen, in scene files and over ROS.
 AUTO = "auto"

@@ -75,7 +75,7 @@ def collisions(quick: bool) -> Iterator[Case]:
         packing = unit_model(model, 100 if model == "bunny" else 10)
         for offset in (0.3, 0.6, 0.8) if model == "bunny" else (0.5,):
             scene = Scene(
-                [RigidBody(name, packing) for name in ("left", "right")], stiffness=2e4, damping=0.5
+                [RigidBody(name, packing, 1.0) for name in ("left", "right")], stiffness=2e4, damping=0.5
             )
             mean = resting([[-0.75, 0.5 * offset, 0.0], [0.75, -0.5 * offset, 0.0]])
             mean[:, VELOCITY] = [[1.0, 0.0, 0.0], [-1.0, 0.0, 0.0]]

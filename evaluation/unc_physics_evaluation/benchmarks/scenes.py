@@ -208,7 +208,7 @@ def measure_parameters(report, rounds):
 def scattered(count, touching=False, islands=True):
     """So many pins that drift two metres apart from each other; two of them so close that they touch."""
     pin = load_model("pin").prefix(100)
-    scene = Scene([RigidBody(f"pin{k}", pin) for k in range(count)], stiffness=1e6, islands=islands)
+    scene = Scene([RigidBody(f"pin{k}", pin, 1.0) for k in range(count)], stiffness=1e6, islands=islands)
     mean = np.zeros((count, 13))
     mean[:, QUATERNION] = 0.0, 0.0, 0.0, 1.0
     side = int(np.ceil(np.sqrt(count)))
