@@ -10,7 +10,7 @@ from unc_physics.__main__ import main
 from unc_physics.geometry.packing_file import load_packing
 from unc_physics.physics.rollout import simulate
 from unc_physics.scene.environment import Box, Capsule, Cylinder, Plane, Sphere
-from unc_physics.scene.scene import INTEGRATORS
+from unc_physics.scene.physics_keys import INTEGRATORS
 from unc_physics_evaluation.conservation import (
     CHANGE,
     DRIFT,

@@ -42,9 +42,10 @@ from ..physics.layout import ANGULAR_VELOCITY, ERROR, POSITION, QUATERNION, STAT
 from ..physics.rotation import rotation_matrix
 from ..scene.belief import Belief
 from ..scene.body import RigidBody, known_mass
+from ..scene.physics_keys import PHYSICS_KEYS
 from ..scene.presets import with_changes
 from ..scene.scene import Scene
-from ..scene.scene_file import PHYSICS_KEYS, PRESET, at_field, physics_value, preset, with_chosen_stiffness
+from ..scene.scene_file import PRESET, at_field, physics_value, preset, with_chosen_stiffness
 from .origin import at_origin, congruent, covariance_at_com, error_map, moved
 from .surroundings import read_environment
 

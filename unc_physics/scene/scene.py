@@ -4,38 +4,27 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from ..checks.array_field import Array, array_field
-from ..checks.errors import (
-    DuplicateIdError,
-    InvalidEnvironmentError,
-    InvalidHorizonError,
-    InvalidOptionError,
-    InvalidRequestError,
-    NoObjectsError,
-)
-from ..checks.validation import array, flag, non_negative, positive
+from ..checks.errors import DuplicateIdError, InvalidEnvironmentError, InvalidRequestError, NoObjectsError
 from ..physics import sphere_tree
 from ..physics.implicit_world import Implicit
 from ..physics.world import Bodies, Surroundings, World
 from .body import RigidBody, hull_of, tree_of
 from .environment import Element, check_element, element_names
 from .materials import DEFAULT_RESTITUTION, Materials, Surface, check_surface, combined, refuse_with_explicit
+from .physics_keys import PHYSICS_KEYS, check_integrator
 from .presets import PRESETS, with_changes
 
 #: Standard deviations of the scene's own parameters.
 _STDS = ("stiffness_std", "friction_std", "restitution_std", "gravity_direction_std")
 
-#: How steps are taken: as in the paper, or with contacts that are solved for, which friction and rest need.
-INTEGRATORS = ("explicit", "implicit")
-_SUCCESSORS = {"robust": "implicit"}
-#: What becomes of overlap at the start.
-OVERLAPS = ("project", "reject", "keep")
+#: What becomes of overlap where a scene does not say.
 _OVERLAP = {"implicit": "project", "explicit": "keep"}
 #: kappa where an explicit scene names none [N/m^3].
 STIFFNESS = 1e4
@@ -151,28 +140,19 @@ class Scene:
         for k, name in enumerate(names):
             if name in names[:k]:
                 raise DuplicateIdError("is the name of two bodies", field=f"bodies[{k}].name", value=name)
-        checked = {
-            "bodies": bodies,
-            "dt": positive(self.dt, "dt", InvalidHorizonError),
-            "stiffness": None if self.stiffness is None else non_negative(self.stiffness, "stiffness"),
-            "damping": non_negative(self.damping, "damping"),
-            "gravity": array(self.gravity, (3,), "gravity"),
-            "environment": _elements(self.environment, names),
-            "gyroscopic": flag(self.gyroscopic, "gyroscopic"),
-            "islands": flag(self.islands, "islands"),
-            "sleep": flag(self.sleep, "sleep"),
-        } | {field: non_negative(getattr(self, field), field) for field in _STDS}
+        object.__setattr__(self, "bodies", bodies)
+        object.__setattr__(self, "environment", _elements(self.environment, names))
         check_integrator(self.integrator)
         explicit = self.integrator == "explicit"
-        if explicit and checked["stiffness"] is None:
-            checked["stiffness"] = STIFFNESS
-        checked["overlap"] = _OVERLAP[self.integrator] if self.overlap is None else self.overlap
-        if checked["overlap"] not in OVERLAPS:
-            raise InvalidOptionError(
-                f"must be one of {', '.join(OVERLAPS)}", field="overlap", value=self.overlap
-            )
-        for field, value in checked.items():
-            object.__setattr__(self, field, value)
+        chosen = {"overlap": _OVERLAP[self.integrator], "stiffness": STIFFNESS if explicit else None}
+        for spec in fields(self):
+            if spec.name in PHYSICS_KEYS:
+                value = getattr(self, spec.name)
+                if value is None and spec.default is None:
+                    value = chosen.get(spec.name)
+                else:
+                    value = PHYSICS_KEYS[spec.name].check(value, spec.name)
+                object.__setattr__(self, spec.name, value)
         check_surface(self)
         if explicit:
             self._refuse_what_needs_implicit()
@@ -371,20 +351,6 @@ def _elements(environment, names):
             raise DuplicateIdError("is the name of two things", field=f"environment[{k}].name", value=name)
         taken.add(name)
     return elements
-
-
-def check_integrator(name) -> None:
-    """Raise `InvalidOptionError` unless there is an integrator of that name."""
-    if name in INTEGRATORS:
-        return
-    successor = _SUCCESSORS.get(name) if isinstance(name, str) else None
-    if successor:
-        raise InvalidOptionError(
-            f"must be '{successor}' now, which has taken the place of '{name}'",
-            field="integrator",
-            value=name,
-        )
-    raise InvalidOptionError(f"must be one of {', '.join(INTEGRATORS)}", field="integrator", value=name)
 
 
 def _shifted(child, first_node, first_sphere):
