@@ -9,8 +9,18 @@ the step is one solution of the lasting contacts. Nothing that happens in a grou
 import math
 
 from .compiled import inner, kernel
+from .contact_model import shallow_factor
 from .contact_patch import IMPACT_GAP, TILT, add_contacts, element_candidates, pair_candidates
-from .contact_search import ACTIVE_GAP, clearance, find_groups, forget_lists, join, lowest, update_pace
+from .contact_search import (
+    ACTIVE_GAP,
+    clearance,
+    find_groups,
+    forget_lists,
+    join,
+    lowest,
+    pair_of,
+    update_pace,
+)
 from .element_contacts import in_element
 from .free_motion import integrate_gyroscopic, integrate_rotation
 from .implicit_solver import contact_speed, solve_impact, solve_lasting
@@ -225,9 +235,7 @@ def collide(x, count, time, first_time, residual, world, threshold, work):
 @inner(forceinline=True)
 def note_contact(first_time, i, j, time):
     """Record that body i touches body j, or element ``-1 - j``."""
-    low, high = i, len(first_time) - 1 - j
-    if j >= 0:
-        low, high = min(i, j), max(i, j)
+    low, high = pair_of(i, j, len(first_time))
     first_time[low, high] = min(first_time[low, high], time)
 
 
@@ -258,7 +266,7 @@ def travel_in_contact(x, count, h, time, first_time, residual, world, threshold,
             work.counts,
             work.impulses,
             velocity,
-            math.pi * world.stiffness,
+            shallow_factor(world.stiffness),
             h,
             world.dt,
             threshold,

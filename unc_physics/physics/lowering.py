@@ -10,6 +10,7 @@ import math
 import numpy as np
 
 from .compiled import inner, kernel
+from .contact_search import balls_within
 from .implicit_workspace import CONTACTS, NO_OVERFLOW, OVERFLOW, implicit_workspace, more_room
 from .layout import EP, ER, ERROR, P
 from .overlap_rows import (
@@ -98,10 +99,7 @@ def lower_group(x, start, count, local, metric, sides, world, work, rows):
             i = members[a]
             for j in range(len(x)):
                 if j != i and alone:
-                    square, near = 0.0, radius[i] + radius[j] + 3.0 * _DROP
-                    for k in range(3):
-                        square += (x[i, P + k] - x[j, P + k]) ** 2
-                    alone = square >= near * near
+                    alone = not balls_within(x, i, j, 3.0 * _DROP, radius)
         drop = min(most, _DROP if alone else _PAIR_DROP)
         find_rows(x, count, 2.5 * drop, 2.5 * drop, False, sides, world, work)
         if work.counts[OVERFLOW] != NO_OVERFLOW:
