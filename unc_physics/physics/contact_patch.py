@@ -68,9 +68,7 @@ _FREE, _IN_PATCH, _CHOSEN = 0, 1, 2  # what a candidate is
 
 @inner(forceinline=True)
 def needed_gap(limit):
-    """The gap up to which lists are made, for candidates up to ``limit`` [m]: a step's next searches want
-    more.
-    """
+    """Gap up to which lists hold what is needed up to ``limit`` [m]; a step's next searches want more."""
     return limit if limit <= 0.0 else max(limit, ACTIVE_GAP)
 
 
@@ -187,8 +185,7 @@ def pair_candidates(x, i, j, limit, horizon, world, work):
 
 @inner(forceinline=True)
 def _keep_candidate(count, normal, center, r, gap, score, a, b, work):
-    """Keep spheres a and b as a candidate behind ``count`` others; returns how many there are then, 0 without
-    room.
+    """Keep spheres a and b as candidate number ``count``; returns how many there are then, 0 without room.
 
     ``center`` and ``r`` are sphere a's.
     """
@@ -248,9 +245,7 @@ def add_contacts(x, i, j, count, tilt, world, work):
 
 @inner(forceinline=True)
 def _deeper(ids, k, score, other, other_score):
-    """Whether candidate ``k`` comes before ``other``; ties go by the spheres' numbers, whatever the lists'
-    order.
-    """
+    """Whether candidate ``k`` comes before ``other``; ties go by the spheres' numbers."""
     if score != other_score:
         return score < other_score
     return ids[k, 0] < ids[other, 0] or (ids[k, 0] == ids[other, 0] and ids[k, 1] < ids[other, 1])
@@ -258,9 +253,7 @@ def _deeper(ids, k, score, other, other_score):
 
 @inner
 def _favour_loaded(i, j, count, bonus, head, link, contact, candidates, ids):
-    """What carried load in the last step counts as deeper by ``bonus``, so that contacts do not come and
-    go.
-    """
+    """Let what carried load in the last step count as deeper by ``bonus``, so that contacts stay."""
     entry = head[i]
     while entry >= 0:
         if contact[entry, 1] == j:

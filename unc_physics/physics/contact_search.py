@@ -1,5 +1,4 @@
-"""Which spheres may touch in a step of the implicit integrator: bodies near each other, then lists of their
-spheres.
+"""Which spheres may touch in an implicit step: bodies near each other, then lists of their spheres.
 
 A list holds all spheres, or pairs of them, of two things that come closer than a margin, and is used until
 their relative motion has used the margin up. It only leaves out what cannot touch, so no result depends on
@@ -53,9 +52,7 @@ def closing_bound(x, i, j, world):
 
 @inner(forceinline=True)
 def find_groups(x, world, work):
-    """Mark the pairs of bodies that are near, and join moving ones to groups; returns whether any pair is
-    near.
-    """
+    """Mark pairs of bodies that are near, and join moving ones to groups; returns whether any are near."""
     numbers, order, near, group = work.numbers, work.order, work.near, work.group
     radius, moving, dt = world.bodies.radius, world.bodies.moving, world.dt
     count, found = len(x), False
@@ -141,9 +138,7 @@ def join(group, a, b):
 
 @inner
 def clearance(x, i, world, work):
-    """Distance of body i's bounding ball from the environment, from below [m]; asked again when travel
-    used it up.
-    """
+    """Lower bound of body i's distance from the environment [m], kept until the body has travelled so far."""
     numbers, radius = work.numbers, world.bodies.radius
     if numbers[i, CLEARANCE] > numbers[i, TRAVEL]:
         return numbers[i, CLEARANCE] - numbers[i, TRAVEL]
@@ -210,9 +205,7 @@ def element_list(x, i, e, need, spare, world, work):
 
 @inner(forceinline=True)
 def pair_list(x, i, j, need, world, work):
-    """Bring the list of the pairs of spheres of bodies i and j that are near up to date, as
-    `element_list`.
-    """
+    """Bring the list of near pairs of spheres of bodies i and j up to date, as `element_list`."""
     tree, search, pool, R_ij = world.tree, work.search, work.pool, work.R_ij
     t_ij = relative_pose(x, i, j, work.R, R_ij)
     place = work.list_pose[i, j]
@@ -237,9 +230,7 @@ def pair_list(x, i, j, need, world, work):
 
 @inner(forceinline=True)
 def _moved(place, R, t, radius):
-    """No point of a body of that radius moved farther since its pose was ``place`` [m]; now it is ``R``,
-    ``t``.
-    """
+    """How far a body of that radius moved at most since it was at ``place`` [m]; now it is ``R``, ``t``."""
     way = turn = 0.0
     for a in range(3):
         way += (t[a] - place[9 + a]) ** 2
@@ -263,9 +254,7 @@ def _keep_list(i, column, start, used, R, t, margin, work):
 
 @inner(forceinline=True)
 def relative_pose(x, i, j, R, R_ij):
-    """Rotation from body j's to body i's axes into ``R_ij``; returns body j's centre of mass in body i's
-    frame [m].
-    """
+    """Rotation from body j's to i's axes into ``R_ij``; returns j's centre of mass in i's frame [m]."""
     for a in range(3):
         for b in range(3):
             R_ij[a, b] = R[i, 0, a] * R[j, 0, b] + R[i, 1, a] * R[j, 1, b] + R[i, 2, a] * R[j, 2, b]

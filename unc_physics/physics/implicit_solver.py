@@ -105,9 +105,7 @@ def apply_impulse(row, d, impulse, v, i, j):
 
 @inner(forceinline=True, fastmath=FAST)
 def _solve_friction(row, own, limit, v, i, j):
-    """Bring both tangential impulses among a contact's ``own`` to no slip or to the cone; returns the
-    largest change.
-    """
+    """Change both tangential impulses of a contact to no slip, or to the cone; returns the largest change."""
     slip, old1, old2 = row[SLIP_COMPLIANCE], own[1], own[2]
     if limit <= 0.0:
         if old1 == 0.0 and old2 == 0.0:
@@ -127,9 +125,7 @@ def _solve_friction(row, own, limit, v, i, j):
 
 @inner(forceinline=True, fastmath=FAST, error_model="numpy")
 def _normal_impulse(row, old, speed, law, h, factor):
-    """The impulse at which a contact obeys its law, all others held; ``speed`` is its normal speed with
-    ``old``.
-    """
+    """Impulse that obeys a contact's law, all others held; with ``old``, its normal speed is ``speed``."""
     w = row[COMPLIANCE]
     others = speed - w * old
     if law == LASTING:
@@ -143,8 +139,7 @@ def _normal_impulse(row, old, speed, law, h, factor):
 
 @inner(fastmath=FAST, error_model="numpy")
 def solve(rows, ids, m, law, all_impulses, v, h, factor, fastest):
-    """Find the impulses of the first ``m`` contacts by a law, `LASTING`, `ELASTIC` or `PLASTIC`, from those
-    on record.
+    """Find the impulses of ``m`` contacts by `LASTING`, `ELASTIC` or `PLASTIC`, from those on record.
 
     After some plain sweeps each is followed by a step along what the sweeps have changed so far, as in
     conjugate gradients (Silcowitz, Niebe and Erleben 2010): sweeps alone take as many as the mass ratio,
@@ -228,8 +223,7 @@ def _change_impulses(rows, ids, m, own, new, v):
 
 @inner(fastmath=FAST, error_model="numpy")
 def solve_lasting(rows, ids, counts, all_impulses, velocity, factor, h, dt, threshold):
-    """Find the impulses of all contacts at hand over an interval ``h`` [s], and the velocities ``NOW`` at
-    its end.
+    """Find all contacts' impulses over an interval ``h`` [s], and the velocities ``NOW`` at its end.
 
     ``factor`` is the stiffness's (`contact_model.shallow_factor`). Contacts that close faster than
     ``threshold`` [m/s] and stay open are not damped. Returns the residual (`solve`).
@@ -262,9 +256,7 @@ def solve_lasting(rows, ids, counts, all_impulses, velocity, factor, h, dt, thre
 
 @inner
 def work_done(rows, ids, m, impulses, before, after):
-    """Kinetic energy that impulses add [J], and the size of its terms: impulses times the mean velocities
-    of contacts.
-    """
+    """Kinetic energy that impulses add [J], and the sum of its terms' sizes: impulses times mean speeds."""
     total = size = 0.0
     for c in range(m):
         for d in range(3):

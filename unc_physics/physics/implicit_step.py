@@ -1,5 +1,4 @@
-"""One step of the implicit integrator, group by group: search, impacts at their own times, lasting contacts,
-travel.
+"""One implicit step, group by group: search, impacts at their own times, lasting contacts, travel.
 
 A group is what may touch in the step. It goes from impact to impact: it travels to the first, in which
 impulses change the velocities at once, and so on, at most `_IMPACTS` times, or `_LIVELY_IMPACTS`; the rest of
@@ -145,8 +144,7 @@ def _impact_now(rows, ids, counts, velocity, threshold, rebound):
 
 @inner(error_model="numpy")
 def _time_to_impact(left, rows, ids, counts, velocity, threshold, rebound):
-    """Time until the first impact within ``left`` seconds, of contacts as in `_impact_now`; ``left`` without
-    one.
+    """Time until the first impact (as in `_impact_now`) within ``left`` seconds; ``left`` without one.
 
     The gap is a parabola, with gravity and the centripetal acceleration of the sphere's centre.
     """
@@ -460,8 +458,7 @@ def advance_step(x, time, first_time, quiet, residual, world, threshold, work):
 
 @inner
 def integrate(x, first_time, contact, force, remembered, quiet, residual, world, begin, steps, work):
-    """Advance the state ``x`` (B, 13) of one rollout in place, until room overflows; returns the number of
-    steps done.
+    """Advance one rollout's state ``x`` (B, 13) in place until room overflows; returns the steps done.
 
     ``contact``, ``force``, ``quiet`` and ``residual`` are those of `SolverMemory`, and ``remembered`` (1,)
     its count.

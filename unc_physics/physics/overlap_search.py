@@ -76,8 +76,7 @@ def find_rows(x, count, reach, pair_reach, as_they_are, sides, world, work):
 
 @inner(forceinline=True)
 def way_out(x, i, j, a, b, gap, normal, way, world, work):
-    """How far body i has to go along ``way`` until its sphere a leaves sphere b of body j, or element
-    ``-1 - j`` [m].
+    """How far body i goes along ``way`` until sphere a leaves body j's sphere b, or element ``-1 - j`` [m].
 
     ``gap`` and ``normal`` are the present ones; directions are in body i's frame.
     """

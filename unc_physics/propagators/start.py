@@ -1,6 +1,4 @@
-"""What rollouts begin with: states drawn from a belief, without overlap, and at rest where they are said to
-be.
-"""
+"""What rollouts begin with: states drawn from a belief, without overlap, at rest where they should be."""
 
 from __future__ import annotations
 
@@ -61,8 +59,7 @@ def known(scene: Scene, belief: Belief) -> Belief:
 
 
 def draw(scene: Scene, belief: Belief, count: int, seed: int) -> np.ndarray:
-    """(count, B, 13): states drawn from a belief; only such without overlap where the scene rejects the
-    others.
+    """(count, B, 13): states drawn from a belief; without overlap where the scene rejects it.
 
     The first k of them are the same for every larger count.
     """
@@ -141,9 +138,7 @@ def _look(scene, belief, states):
 
 
 def _sides(scene, belief, metric):
-    """On which sides of each other the mean has the bodies (`overlap_search.sides_of`), once it does not
-    overlap.
-    """
+    """On which sides of each other the mean, without overlap, has the bodies (`overlap_search.sides_of`)."""
     mean = belief.mean[None].copy()
     history = histories.fresh(1, scene.world)
     kept = np.zeros(history.first_time.shape, np.float32)
@@ -176,9 +171,7 @@ def _project(scene, belief, metric, states, sides, history, kept, held=None, loo
 
 
 def _free_resting(scene, belief, P):
-    """Let bodies at rest come free upwards and by tilting, however sure the belief is of their height and
-    tilt.
-    """
+    """Let bodies at rest move up and tilt, however sure the belief is of their height and tilt."""
     for k, body in enumerate(belief.moving):
         if scene.bodies[body].at_rest:
             down, flat = _down(scene)

@@ -112,18 +112,14 @@ class RigidBody(Surface):
 
 
 def tree_of(model: SpherePacking):
-    """Sphere tree of a packing (`physics.sphere_tree.build`), built at its first use and kept as long as the
-    packing.
-    """
+    """Sphere tree of a packing (`physics.sphere_tree.build`), built once and kept as long as the packing."""
     if model not in _trees:
         _trees[model] = sphere_tree.build(np.array(model.centers), np.array(model.radii))
     return _trees[model]
 
 
 def hull_of(model: SpherePacking) -> np.ndarray:
-    """Spheres of a packing that can touch a plane (`physics.hull.hull_spheres`), kept as long as
-    the packing.
-    """
+    """Spheres of a packing that can touch a plane (`physics.hull.hull_spheres`), kept as long as it."""
     if model not in _hulls:
         _hulls[model] = hull_spheres(np.array(model.centers), np.array(model.radii))
     return _hulls[model]

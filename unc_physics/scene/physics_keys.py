@@ -1,6 +1,4 @@
-"""The physics of a scene, key by key: what `Scene`, scene files and requests to the node may set, and how
-each is checked.
-"""
+"""The keys of a scene's physics, and their checks: for `Scene`, scene files, and the node."""
 
 from __future__ import annotations
 

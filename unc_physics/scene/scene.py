@@ -297,9 +297,7 @@ class Scene:
         )
 
     def _surroundings(self) -> Surroundings | None:
-        """Environment and gyroscopic term; None, for which the explicit kernels compile without them, for
-        neither.
-        """
+        """Environment and gyroscopic term; None for neither, so that the explicit kernels compile without."""
         elements = self.environment
         if not (elements or self.gyroscopic or self.integrator == "implicit"):
             return None
