@@ -80,11 +80,8 @@ def element_candidates(x, i, e, limit, horizon, world, work):
     kind, size, R_e, R = world.surroundings.kind, world.surroundings.size, world.surroundings.R[e], work.R[i]
     t = in_element(world.surroundings.position, world.surroundings.R, e, x[i, P], x[i, P + 1], x[i, P + 2])
     half = 0.5 * horizon
-    vx, vy, vz = (
-        x[i, V] + half * world.gravity[0],
-        x[i, V + 1] + half * world.gravity[1],
-        x[i, V + 2] + half * world.gravity[2],
-    )
+    vx, vy = x[i, V] + half * world.gravity[0], x[i, V + 1] + half * world.gravity[1]
+    vz = x[i, V + 2] + half * world.gravity[2]
     kept = work.kept_overlap[i, len(x) + e]
     axis, sign, offset = side_of(kind, size, e, t, R_e, R, world.implicit.extent[i])
     count = 0
@@ -93,19 +90,13 @@ def element_candidates(x, i, e, limit, horizon, world, work):
         height = sign * t[axis] - offset + kept
         nx, ny, nz = sign * R_e[0, axis], sign * R_e[1, axis], sign * R_e[2, axis]
         bx, by, bz = rotate_back(R, nx, ny, nz)
-        cx, cy, cz = (
-            ny * x[i, W + 2] - nz * x[i, W + 1],
-            nz * x[i, W] - nx * x[i, W + 2],
-            nx * x[i, W + 1] - ny * x[i, W],
-        )
+        cx, cy = ny * x[i, W + 2] - nz * x[i, W + 1], nz * x[i, W] - nx * x[i, W + 2]
+        cz = nx * x[i, W + 1] - ny * x[i, W]
         qx, qy, qz = rotate_back(R, cx, cy, cz)  # n . (omega x c) = c . (n x omega)
         qx, qy, qz = bx + horizon * qx, by + horizon * qy, bz + horizon * qz
         later = height + horizon * (nx * vx + ny * vy + nz * vz)
-        hull, first, last = (
-            world.implicit.hull,
-            world.implicit.hull_range[i, 0],
-            world.implicit.hull_range[i, 1],
-        )
+        hull, first = world.implicit.hull, world.implicit.hull_range[i, 0]
+        last = world.implicit.hull_range[i, 1]
         for k in range(first, last):
             ux, uy, uz, r = hull[k, 0], hull[k, 1], hull[k, 2], hull[k, 3]
             gap = height + bx * ux + by * uy + bz * uz - r

@@ -151,12 +151,8 @@ def solve(rows, ids, m, law, all_impulses, v, h, factor, fastest):
         Largest change of an impulse in the last sweep, which is by how much the law was missed, relative to
         the largest normal impulse.
     """
-    own, previous, search, best = (
-        all_impulses[law],
-        all_impulses[PREVIOUS],
-        all_impulses[SEARCH],
-        all_impulses[BEST],
-    )
+    own, previous, search = all_impulses[law], all_impulses[PREVIOUS], all_impulses[SEARCH]
+    best = all_impulses[BEST]
     residual = found = last = 0.0
     least = math.inf
     for sweep in range(_SWEEPS):

@@ -89,13 +89,8 @@ def travel_freely(x, i, h, decay, world, R):
 def find_contacts(x, count, horizon, world, work):
     """Find the contacts of the group at hand, of ``count`` members, for the next ``horizon`` seconds."""
     work.counts[CONTACTS] = 0
-    members, numbers, near, moving, radius = (
-        work.members,
-        work.numbers,
-        work.near,
-        world.bodies.moving,
-        world.bodies.radius,
-    )
+    members, numbers, near, moving = work.members, work.numbers, work.near, world.bodies.moving
+    radius = world.bodies.radius
     limit = IMPACT_GAP if horizon == 0.0 else ACTIVE_GAP
     for a in range(count):
         i = members[a]
@@ -178,14 +173,8 @@ def _read_velocities(x, count, members, velocity):
 @inner(forceinline=True)
 def collide(x, count, time, first_time, residual, world, threshold, work):
     """Let the contacts at hand that an impact reaches act as impulses."""
-    members, rows, ids, counts, part, velocity = (
-        work.members,
-        work.rows,
-        work.ids,
-        work.counts,
-        work.part,
-        work.velocity,
-    )
+    members, rows, ids, counts, part = work.members, work.rows, work.ids, work.counts, work.part
+    velocity = work.velocity
     for i in range(len(x)):
         part[i] = i
     for c in range(counts[CONTACTS]):
@@ -401,13 +390,8 @@ def _keep_memory(i, work):
 @inner(forceinline=True)
 def advance_step(x, time, first_time, quiet, residual, world, threshold, work):
     """One step of all groups; ends early where room overflows (`OVERFLOW`)."""
-    numbers, group, members, near, moving = (
-        work.numbers,
-        work.group,
-        work.members,
-        work.near,
-        world.bodies.moving,
-    )
+    numbers, group, members, near = work.numbers, work.group, work.members, work.near
+    moving = world.bodies.moving
     bodies, dt = world.bodies, world.dt
     for i in range(len(x)):
         if moving[i]:
@@ -467,14 +451,8 @@ def integrate(x, first_time, contact, force, remembered, quiet, residual, world,
     threshold = max(
         _SLOWEST_IMPACT, math.sqrt(2.0 * gravity * _LOWEST_FALL), _IMPACT_STEPS * gravity * world.dt
     )
-    counts, old_contact, old_force, head, link, state = (
-        work.counts,
-        work.old_contact,
-        work.old_force,
-        work.head,
-        work.link,
-        work.state,
-    )
+    counts, old_contact, old_force, head = work.counts, work.old_contact, work.old_force, work.head
+    link, state = work.link, work.state
     for n in range(remembered[0]):
         for k in range(4):
             old_contact[n, k], old_force[n, k] = contact[n, k], force[n, k]

@@ -42,12 +42,8 @@ def lower(states, sides, world, start, kept_overlap):
     """
     bodies = states.shape[1]
     contacts, candidates, pool = 128, 1024, 8192
-    local, moving, before, begin = (
-        np.zeros(bodies, np.int64),
-        world.bodies.moving,
-        states[0].copy(),
-        states[0].copy(),
-    )
+    local, moving, before = np.zeros(bodies, np.int64), world.bodies.moving, states[0].copy()
+    begin = states[0].copy()
     place, count = np.full(bodies, -1), 0
     for i in range(bodies):
         if moving[i]:

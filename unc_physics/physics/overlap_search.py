@@ -152,11 +152,8 @@ def choose_ways_out(x, i, j, count, sides, world, work):
                 and c[CANDIDATE_GAP] < -TOUCHING
                 and c[0] * nx + c[1] * ny + c[2] * nz > _CONE
             ):
-                vx, vy, vz = (
-                    vx - c[CANDIDATE_GAP] * c[0],
-                    vy - c[CANDIDATE_GAP] * c[1],
-                    vz - c[CANDIDATE_GAP] * c[2],
-                )
+                vx, vy = vx - c[CANDIDATE_GAP] * c[0], vy - c[CANDIDATE_GAP] * c[1]
+                vz = vz - c[CANDIDATE_GAP] * c[2]
         size = math.sqrt(vx * vx + vy * vy + vz * vz)
         nx, ny, nz = vx / size, vy / size, vz / size
         farthest = 0.0

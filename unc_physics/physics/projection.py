@@ -247,13 +247,8 @@ def project_group(
     for k in range(ERROR * count):
         rows.now[k] = 0.0
     pairs = len(x) > 1
-    left, reach, step, any_free, deep = (
-        deepest,
-        _REACH,
-        math.inf,
-        False,
-        deepest > _DEEP and not thorough and pairs,
-    )
+    left, reach, step, any_free = deepest, _REACH, math.inf, False
+    deep = deepest > _DEEP and not thorough and pairs
     rounds, share = (_CAREFUL_ROUNDS, _CAREFUL) if careful else (_ROUNDS, 1.0)
     for round in range(rounds + 1):
         if deep:  # of pairs of bodies what is deepest leads out; the rest is looked at when that is done

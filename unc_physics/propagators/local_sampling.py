@@ -83,11 +83,8 @@ class LocalSampling(Propagator):
         )
 
     def advance(self, carry, scene, steps):
-        mean, covariance, history = (
-            carry.mean.copy(),
-            carry.covariance.copy(),
-            histories.copy(carry.contact_history),
-        )
+        mean, covariance = carry.mean.copy(), carry.covariance.copy()
+        history = histories.copy(carry.contact_history)
         world = scene.world
         draws = TABLE, self.samples, self.seed % 2**63
         _advance(mean, covariance, history.first_time[0], world, world.surroundings, carry.step, steps, draws)

@@ -46,18 +46,11 @@ def frobenius_norm(A):
 def sample_contacts(bodies, found, pair_key, tree, work, cloud):
     """Add the spread of forces and torques of the first ``found`` contacts on record (Eqs. 31 to 33)."""
     i, j = bodies
-    pairs, records, centers, R_i, R_j = (
-        work.search.pairs,
-        work.search.records,
-        tree.centers,
-        work.R[i],
-        work.R[j],
-    )
+    pairs, records, centers, R_i = work.search.pairs, work.search.records, tree.centers, work.R[i]
+    R_j = work.R[j]
     position, table, samples, spread = cloud.position, cloud.table, cloud.samples, cloud.spread
-    apart, turning = (
-        frobenius_norm(position),
-        max(frobenius_norm(cloud.rotation[i]), frobenius_norm(cloud.rotation[j])),
-    )
+    apart = frobenius_norm(position)
+    turning = max(frobenius_norm(cloud.rotation[i]), frobenius_norm(cloud.rotation[j]))
     if apart == 0.0 and turning == 0.0:
         return
     turn_i, turn_j = _single(cloud.rotation[i], 1.0), _single(cloud.rotation[j], 1.0)
@@ -160,11 +153,8 @@ def add_spread(table, starts, count, factors, shape, series, weights, spread):
         both = q + d
         inverse = _ONE / (q * both)
         stretch = px * (D[0] + qx) + py * (D[1] + qy) + pz * (D[2] + qz)
-        ex, ey, ez = (
-            (both * px - stretch * n[0]) * inverse,
-            (both * py - stretch * n[1]) * inverse,
-            (both * pz - stretch * n[2]) * inverse,
-        )
+        ex, ey = (both * px - stretch * n[0]) * inverse, (both * py - stretch * n[1]) * inverse
+        ez = (both * pz - stretch * n[2]) * inverse
         nx, ny, nz = n[0] + ex, n[1] + ey, n[2] + ez
         # the contact point lies on the line of centres, so each sphere's centre serves for its lever arm
         tix = ai[1] * nz - ai[2] * ny + arm_i[1] * ez - arm_i[2] * ey

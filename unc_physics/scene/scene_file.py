@@ -267,10 +267,8 @@ def _body(content, field, models_dir, folder):
     mass_std, com_std = (
         0.0 if content.get(key) is None else content[key] for key in ("mass_std", "center_of_mass_std")
     )
-    mass_std, com_std = (
-        non_negative(mass_std, f"{field}.mass_std"),
-        _std(com_std, f"{field}.center_of_mass_std"),
-    )
+    mass_std = non_negative(mass_std, f"{field}.mass_std")
+    com_std = _std(com_std, f"{field}.center_of_mass_std")
     if fixed:
         for key, values in (
             ("velocity", state[VELOCITY]),
