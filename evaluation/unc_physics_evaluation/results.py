@@ -32,6 +32,14 @@ class Rows(list):
         """The different values of a column, in order of appearance."""
         return list(dict.fromkeys(row[column] for row in self if row.get(column) is not None))
 
+    def curves(self) -> list[tuple[str, int | None]]:
+        """(method, samples) of all rows: methods in order of appearance, samples ascending."""
+        return [
+            (method, samples)
+            for method in self.unique("method")
+            for samples in sorted(self.where(method=method).unique("samples")) or [None]
+        ]
+
     def values(self) -> np.ndarray:
         """The figures."""
         return np.array([row["value"] for row in self], float)
@@ -132,7 +140,7 @@ class Results:
     def add(self, job: Job, outcome: Outcome, origin: dict) -> None:
         """Add a finished job; ``origin`` holds the versions and the machine that made it."""
         if outcome.arrays:
-            path = self._npz(job)
+            path = self._npz(job.experiment, job.key)
             path.parent.mkdir(exist_ok=True)
             with open(path.with_suffix(".tmp"), "wb") as file:
                 np.savez_compressed(file, **outcome.arrays)
@@ -152,11 +160,11 @@ class Results:
         with open(path, "a", newline="") as file:
             file.write(_csv_text(_columns(job), rows, header))
 
-    def arrays(self, job: Job) -> dict[str, np.ndarray] | None:
-        """The arrays of a finished job; None where there are none."""
-        path = self._npz(job)
+    def arrays(self, experiment: str, key: str) -> dict[str, np.ndarray]:
+        """The arrays of a finished job, known by what its rows have as ``job``; empty without any."""
+        path = self._npz(experiment, key)
         if not path.is_file():
-            return None
+            return {}
         with np.load(path) as file:
             return dict(file)
 
@@ -176,8 +184,8 @@ class Results:
     def _csv(self, experiment):
         return self.folder / f"{experiment}.csv"
 
-    def _npz(self, job):
-        return self.folder / "samples" / f"{job.experiment} {job.key}.npz".replace(" ", "_")
+    def _npz(self, experiment, key):
+        return self.folder / "samples" / f"{experiment} {key}.npz".replace(" ", "_")
 
 
 def _columns(job):

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from unc_physics.checks.errors import InvalidModelError, InvalidRequestError
+from unc_physics.checks.errors import InvalidModelError, InvalidRequestError, UnknownModelError
 from unc_physics.checks.validation import non_negative
 from unc_physics.geometry.library import find_model, load_model
 from unc_physics.geometry.packing_file import SpherePacking
@@ -29,6 +29,7 @@ from unc_physics.scene.stiffness import with_stiffness
 
 #: The models that the paper drops on each other; all ship with the package.
 MODELS = ("bunny", "armadillo", "pin")
+LARGE = 100_000  # spheres, of packings that do not ship
 
 EXTENT = 1.0  # longest side of a model's bounding box [m]
 MASS = 1.0  # kg
@@ -70,6 +71,25 @@ def unit_model(name: str, spheres: int) -> SpherePacking:
     if packing.bounds is None:
         raise InvalidModelError("are needed to scale it", field=f"bounds of model '{name}'")
     return packing.scaled(EXTENT / float(np.max(packing.bounds[1] - packing.bounds[0]))).prefix(spheres)
+
+
+def has_packing(model: str, spheres: int) -> bool:
+    """Whether there is a packing of a model with so many spheres."""
+    try:
+        unit_model(model, spheres)
+    except UnknownModelError:
+        return False
+    return True
+
+
+def missing_packings() -> list[str]:
+    """Models without a packing of `LARGE` spheres, and how to make one."""
+    return [
+        f"{model} with {LARGE} spheres: no packing; python -m unc_physics models --make {model} -n {LARGE}"
+        " makes it"
+        for model in MODELS
+        if not has_packing(model, LARGE)
+    ]
 
 
 def collision(

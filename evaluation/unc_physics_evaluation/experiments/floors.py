@@ -4,17 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..comparison import (
-    FLOOR,
-    GAUSSIAN,
-    POSITION_ERROR,
-    ROTATION_ERROR,
-    distance_cost,
-    error_rows,
-    monte_carlo,
-    rollout_cost,
-)
+from ..comparison import POSITION_ERROR, ROTATION_ERROR, distance_cost, error_rows, rollout_cost, two_truths
 from ..jobs import Job, Outcome, Settings
+from ..methods import FLOOR, GAUSSIAN
 from ..results import Results
 from ..scenarios import MODELS, collision
 from ..tables import number, table
@@ -48,9 +40,7 @@ def run(job: Job) -> Outcome:
     """
     p = job.parameters
     scene, belief, horizon = collision(p["model"], p["spheres"], p["sigma"])
-    truth, second = (
-        monte_carlo(scene, belief, horizon, p["truth"], job.seed(name)) for name in ("truth", "second")
-    )
+    truth, second = two_truths(scene, belief, horizon, job)
     rows = []
     for size in SIZES[: SIZES.index(p["largest"]) + 1]:
         some = slice(0, SUBSETS * size)

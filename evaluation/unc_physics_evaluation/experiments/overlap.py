@@ -7,8 +7,9 @@ import numpy as np
 from unc_physics.prediction.predict import predict
 from unc_physics.prediction.status import Status, assess
 
-from ..comparison import CPU_TIME, MONTE_CARLO
+from ..comparison import CPU_TIME
 from ..jobs import Job, Outcome, Row, Settings
+from ..methods import MONTE_CARLO
 from ..overlap_measures import (
     fallen_through,
     spread_ratio,
@@ -293,8 +294,7 @@ def _pictured(results, rows):
     for start, title in STARTS.items():
         some = rows.where(arrangement=name, position=position, angle=angle, start=start)
         if some:
-            names = ("arrangement", "position", "angle", "start", "samples_each", "distance", "base_seed")
-            arrays = results.arrays(Job("overlap", {key: some[0][key] for key in names}))
-            if arrays is not None:
+            arrays = results.arrays("overlap", some[0]["job"])
+            if arrays:
                 found[title] = arrays["states"]
     return found

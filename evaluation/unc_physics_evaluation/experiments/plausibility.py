@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..comparison import CPU_TIME, FLOOR, MONTE_CARLO, POSITION_ERROR, ROTATION_ERROR
+from ..comparison import CPU_TIME, POSITION_ERROR, ROTATION_ERROR
 from ..jobs import Job, Outcome, Row, Settings
+from ..methods import FLOOR, MONTE_CARLO
 from ..results import Results
 from ..rollouts import ENGINES, available, missing_engines, rollouts
 from ..scenarios import MANIPULATION, is_upright
@@ -68,11 +69,12 @@ def report(results: Results) -> str:
     parts = []
     for scene in rows.unique("scene"):
         here = rows.where(scene=scene)
-        ends = {engine: _arrays(results, here.where(engine=engine)[0]) for engine in here.unique("engine")}
+        jobs_of = {engine: here.where(engine=engine)[0]["job"] for engine in here.unique("engine")}
+        ends = {engine: results.arrays("plausibility", job)["states"] for engine, job in jobs_of.items()}
         order = [engine for engine in ENGINES if engine in ends]
         figure = results.figure(f"plausibility_{scene}")
         elements = MANIPULATION[scene][0]()[0].environment
-        last = {ENGINES[engine]: ends[engine][:, 0] for engine in order}
+        last = {engine: ends[engine][:, 0] for engine in order}
         draw_final_positions(figure, last, elements, scene.replace("_", " "))
         head = [
             "",
@@ -118,8 +120,3 @@ def report(results: Results) -> str:
                 f" m, {number(float(between.rotation[0]))} deg.\n"
             )
     return "\n".join(parts)
-
-
-def _arrays(results, row):
-    parameters = {name: row[name] for name in ("scene", "engine", "samples_each", "distance", "base_seed")}
-    return results.arrays(Job("plausibility", parameters))["states"]

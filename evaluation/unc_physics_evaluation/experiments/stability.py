@@ -17,10 +17,10 @@ from unc_physics.scene.belief import Belief
 from unc_physics.scene.scene import Scene
 from unc_physics.scene.stiffness import with_stiffness
 
-from ..comparison import MONTE_CARLO
 from ..conservation import FINITE, prediction_rows, rollout_rows, trajectory
 from ..hard_cases import digest, load, names
 from ..jobs import Job, Outcome, Row, Settings
+from ..methods import MONTE_CARLO
 from ..results import Results
 from ..scenarios import MANIPULATION, MODELS, collision, collision_free
 from ..stability_document import (

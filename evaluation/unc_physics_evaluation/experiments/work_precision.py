@@ -8,8 +8,9 @@ import numpy as np
 
 from unc_physics.physics.layout import POSITION, QUATERNION
 
-from ..comparison import CPU_TIME, MONTE_CARLO
+from ..comparison import CPU_TIME
 from ..jobs import Job, Outcome, Row, Settings
+from ..methods import MONTE_CARLO
 from ..results import Results
 from ..rollouts import ENGINES, OURS, available, missing_engines, rollouts
 from ..scenarios import MANIPULATION, PILES, is_upright
@@ -153,7 +154,7 @@ def _errors(results, scene, rows):
     for engine in (name for name in ENGINES if rows.where(engine=name)):
         own = rows.where(engine=engine)
         converged = own[0]["converged"]
-        truth = _arrays(results, own.where(rate=converged)[0])
+        truth = results.arrays("work_precision", own.where(rate=converged)[0]["job"])
         floor = state_distance(truth["states"], truth["second"])
         points = []
         for rate in sorted(own.unique("rate"), key=lambda rate: (rate != converged, rate)):
@@ -179,7 +180,7 @@ def _errors(results, scene, rows):
                     ]
                 )
                 continue
-            ends, exact = _arrays(results, found[0])["states"], truth["states"]
+            ends, exact = results.arrays("work_precision", found[0]["job"])["states"], truth["states"]
             moved = np.linalg.norm(ends[..., POSITION] - exact[..., POSITION], axis=-1)
             turned = geodesic_of_pairs(ends[..., QUATERNION], exact[..., QUATERNION])
             same = np.all(_fate(scene, ends) == _fate(scene, exact), axis=0)
@@ -205,8 +206,3 @@ def _errors(results, scene, rows):
 def _fate(scene, states):
     """Whether bodies are in place, and whether they are upright (2, N, B), of states (N, B, 13)."""
     return np.array([SCENES[scene][1](states), is_upright(states)])
-
-
-def _arrays(results, row):
-    names = ("scene", "engine", "rate", "converged", "samples_each", "distance", "base_seed")
-    return results.arrays(Job("work_precision", {name: row[name] for name in names}))
