@@ -123,9 +123,7 @@ def predicted_beliefs(scene, belief, horizon, job: Job) -> dict[str, Belief]:
 def predictors(
     scene, belief, horizon, job: Job, counts: Sequence[int]
 ) -> dict[tuple[str, int | None], Callable]:
-    """Every method, and Monte Carlo with ``counts`` samples, as functions of a round; by method
-    and samples.
-    """
+    """Every method, and Monte Carlo with each of ``counts``, as functions of a round."""
     functions = {
         (MONTE_CARLO, count): lambda k, count=count: monte_carlo(
             scene, belief, horizon, count, job.seed(f"round {k}")
@@ -138,9 +136,7 @@ def predictors(
 
 
 def time_rows(functions: Mapping[tuple[str, int | None], Callable], rounds: int) -> list[Row]:
-    """CPU time of whole predictions on one thread, and over that of Monte Carlo with ten samples in the same
-    round.
-    """
+    """CPU times of whole predictions on one thread, and over Monte Carlo's with ten samples."""
     times = paired(functions, rounds)
     reference = times[MONTE_CARLO, 10]
     return [

@@ -1,6 +1,4 @@
-"""Jobs: the pieces of a sweep, told apart and seeded by what they compute, so that order and place do not
-matter.
-"""
+"""Jobs: the pieces of a sweep, known and seeded by what they compute, wherever they run."""
 
 from __future__ import annotations
 

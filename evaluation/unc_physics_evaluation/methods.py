@@ -17,9 +17,7 @@ VARIANTS = {"sigma_points_full": ("sigma_points", {"points": "full"})}
 
 
 class Look(NamedTuple):
-    """How a method is written and drawn; colours are Okabe and Ito's, which colour-blind readers can tell
-    apart.
-    """
+    """How a method is written and drawn, in Okabe and Ito's colours for colour-blind readers."""
 
     label: str
     color: str

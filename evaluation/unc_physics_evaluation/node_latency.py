@@ -29,17 +29,17 @@ from std_srvs.srv import Empty
 
 from unc_physics.propagators.names import REFERENCE
 from unc_physics.propagators.registry import PROPAGATORS
+from unc_physics.ros.node import leave, spin_node
+from unc_physics_evaluation.jobs import Row
 from unc_physics_msgs.action import PredictLong
-from unc_physics_msgs.msg import ObjectState, ObjectStateArray, Prediction
+from unc_physics_msgs.msg import ObjectState, ObjectStateArray, PredictedObject, PredictedState, Prediction
 from unc_physics_msgs.srv import Predict
-
-from .empty_service import KINDS
-from .jobs import Row
 
 WARM_UP = 30
 READY_TIMEOUT = 300.0  # s
 STREAM_RATE = 30.0  # Hz
 CANCELS = 5
+KINDS = ("spin", "own")  # empty services: on the executor of rclpy.spin, as most nodes are, and on the node's
 NODE = (
     "zero_covariance:=exact",
     "gravity:=[0.0, 0.0, 0.0]",
@@ -60,7 +60,7 @@ def measure(calls: int, seconds: float) -> list[Row]:
     started = time.perf_counter()
     parameters = [part for parameter in NODE for part in ("-p", parameter)]
     node = ["unc_physics.ros.node", "--ros-args", "--log-level", "warn", *parameters]
-    empty = [["unc_physics_evaluation.empty_service", kind] for kind in KINDS]
+    empty = [["unc_physics_evaluation.node_latency", kind] for kind in KINDS]
     with processes([node, *empty]), spinning_client() as (client, executor):
         predict = client.create_client(Predict, "/unc_physics/predict")
         if not predict.wait_for_service(READY_TIMEOUT):
@@ -76,9 +76,7 @@ def measure(calls: int, seconds: float) -> list[Row]:
 
 @contextmanager
 def processes(commands) -> Iterator[None]:
-    """Python modules that run in processes of their own until the end, also where that is a signal to this
-    one.
-    """
+    """Run Python modules in processes of their own until the end, or a signal to this one."""
     before = signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))
     running = [subprocess.Popen([sys.executable, "-m", *command]) for command in commands]
     try:
@@ -114,6 +112,29 @@ def spin(executor):
         executor.spin()
     except ExternalShutdownException:
         pass
+
+
+def serve_empty(kind: str) -> None:
+    """A node with nothing but an empty service, and one that answers without calculating, until SIGTERM."""
+    rclpy.init()
+    node = rclpy.create_node(f"empty_{kind}")
+    node.create_service(Empty, "~/call", lambda _, response: response)
+    node.create_service(Predict, "~/canned", lambda request, _: canned_answer(request))
+    try:
+        if kind == "own":
+            spin_node(node)
+        else:
+            rclpy.spin(node)
+    except (KeyboardInterrupt, ExternalShutdownException):
+        pass
+    leave(0)
+
+
+def canned_answer(request):
+    """An answer to a request that nothing was calculated for."""
+    return Predict.Response(
+        objects=[PredictedObject(id=message.id, states=[PredictedState()]) for message in request.objects]
+    )
 
 
 def moving(name, x, speed, spheres):
@@ -176,9 +197,7 @@ def services(client, predict, calls) -> list[Row]:
 
 
 def messages(client, calls) -> list[Row]:
-    """Round trips of services with the messages of ``~/predict`` that calculate nothing: what the messages
-    alone take.
-    """
+    """Round trips of the messages of ``~/predict`` to services that calculate nothing."""
     request, rows = request_of("surrogate"), []
     for kind in KINDS:
         service = client.create_client(Predict, f"/empty_{kind}/canned")
@@ -233,9 +252,7 @@ def wait_for(future):
 
 
 def stream(client, seconds) -> list[Row]:
-    """Ten objects of 100 spheres, two of them in contact, at 30 Hz: predictions received, and
-    their delays.
-    """
+    """Predictions of ten objects at 30 Hz, two of them in contact, and their delays."""
     scene = ObjectStateArray(objects=[moving(str(k), 0.5 * k, 0.0, 100) for k in range(10)])
     scene.objects[1].pose.pose.position.x = 0.12
     delays, counts = [], {}
@@ -279,3 +296,7 @@ def stream(client, seconds) -> list[Row]:
     }
     found |= {"delay": ("s", np.median(delays)), "delay_p99": ("s", np.percentile(delays, 99))}
     return [Row("stream", quantity, unit, float(value)) for quantity, (unit, value) in found.items()]
+
+
+if __name__ == "__main__":
+    serve_empty(sys.argv[1])

@@ -9,7 +9,6 @@ import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import EllipseCollection
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 from matplotlib.patches import Polygon
 from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 from scipy.spatial.transform import Rotation
@@ -37,7 +36,7 @@ def draw_over_sigma(path: Path, lines: Sequence[tuple[str, str, Rows]], title: s
         For each line of panels the quantity, what it is called, and the rows.
     """
     spheres = sorted({count for *_, rows in lines for count in rows.unique("spheres")})
-    figure = _figure(2.7 * len(spheres) + 1.6, 2.7 * len(lines) + 0.6)
+    figure = new_figure(2.7 * len(spheres) + 1.6, 2.7 * len(lines) + 0.6)
     axes = figure.subplots(len(lines), len(spheres), squeeze=False, sharey="row", sharex=True)
     for i, (quantity, name, rows) in enumerate(lines):
         scale = 1e3 if quantity == CPU_TIME else 1.0
@@ -58,13 +57,13 @@ def draw_over_sigma(path: Path, lines: Sequence[tuple[str, str, Rows]], title: s
         {text: line for ax in axes.flat for line, text in zip(*ax.get_legend_handles_labels(), strict=True)},
     )
     figure.suptitle(title, fontsize=12)
-    _save(figure, path)
+    save(figure, path)
 
 
 def draw_floors(path: Path, rows: Rows) -> None:
     """Both floors over the number of samples, a column for each model."""
     models, sigmas = rows.unique("model"), rows.unique("sigma")
-    figure = _figure(3.3 * len(models) + 1.6, 6.6)
+    figure = new_figure(3.3 * len(models) + 1.6, 6.6)
     axes = figure.subplots(2, len(models), squeeze=False, sharex=True, sharey="row")
     shades = np.linspace(0.35, 1.0, len(sigmas))
     handles = {}
@@ -94,7 +93,7 @@ def draw_floors(path: Path, rows: Rows) -> None:
                 axes[i, j].set_xlabel("samples of the truth and of the other", fontsize=8)
         axes[i, 0].set_ylabel(title, fontsize=9)
     _legend(figure, dict(sorted(handles.items())))
-    _save(figure, path)
+    save(figure, path)
 
 
 def draw_speed_against_error(
@@ -118,7 +117,7 @@ def draw_speed_against_error(
     """
     models = list(dict.fromkeys(model for model, _ in choices))
     titles = {POSITION_ERROR: "positions: W1 / floor", ROTATION_ERROR: "rotations: W1 / floor"}
-    figure = _figure(3.9 * len(models) + 1.6, 7.6)
+    figure = new_figure(3.9 * len(models) + 1.6, 7.6)
     axes = figure.subplots(2, len(models), squeeze=False, sharex=True, sharey="row")
     handles = {}
     for i, (quantity, title) in enumerate(titles.items()):
@@ -178,12 +177,12 @@ def draw_speed_against_error(
                 ax.set_xlabel(f"{time} [ms]", fontsize=8)
         axes[i, 0].set_ylabel(title, fontsize=9)
     _legend(figure, handles)
-    _save(figure, path)
+    save(figure, path)
 
 
 def draw_storage(path: Path, rows: Rows) -> None:
     """Scalars over the number of bodies."""
-    figure = _figure(7.6, 4.2)
+    figure = new_figure(7.6, 4.2)
     ax = figure.subplots()
     for k, (method, samples) in enumerate(rows.curves()):
         found = rows.where(method=method, samples=samples)
@@ -203,12 +202,12 @@ def draw_storage(path: Path, rows: Rows) -> None:
     ax.set_xticks(bodies, labels=[str(b) for b in bodies], fontsize=8)
     ax.set(xlabel="bodies", ylabel="scalars that stand for the distribution")
     _legend(figure, {text: line for line, text in zip(*ax.get_legend_handles_labels(), strict=True)})
-    _save(figure, path)
+    save(figure, path)
 
 
 def draw_packings(path: Path, packings: Sequence[SpherePacking]) -> None:
     """Shaded balls of several packings side by side."""
-    figure = _figure(3.8 * len(packings), 4.2)
+    figure = new_figure(3.8 * len(packings), 4.2)
     for ax, packing in zip(np.atleast_1d(figure.subplots(1, len(packings))), packings, strict=True):
         view = view_axes("z" if packing.name == "pin" else "y")  # the scans stand along y
         box = box_corners(packing) @ view.T
@@ -223,7 +222,7 @@ def draw_packings(path: Path, packings: Sequence[SpherePacking]) -> None:
         ax.set_title(f"{packing.name}, {count} spheres", fontsize=10)
         ax.set_xlabel("m", fontsize=8)
         ax.tick_params(labelsize=7)
-    _save(figure, path)
+    save(figure, path)
 
 
 def draw_samples(
@@ -251,7 +250,7 @@ def draw_samples(
     radius = float(np.max(np.linalg.norm(packing.centers, axis=1)))
     limits = np.stack([middle - reach - radius, middle + reach + radius])
     width, height = limits[1, 0] - limits[0, 0], limits[1, 1] - limits[0, 1]
-    figure = _figure(4.2 * len(panels) + 0.4, 4.2 * height / width + 1.2)
+    figure = new_figure(4.2 * len(panels) + 0.4, 4.2 * height / width + 1.2)
     axes = figure.subplots(1, len(panels), sharex=True, sharey=True)
     for ax, (name, key, shade) in zip(axes, panels, strict=True):
         states = arrays[key]
@@ -278,7 +277,7 @@ def draw_samples(
     figure.suptitle(
         f"{title}; dots: centres of {len(arrays['truth'])} samples, bodies: 40 of them", fontsize=10
     )
-    _save(figure, path)
+    save(figure, path)
 
 
 def draw_final_positions(
@@ -301,7 +300,7 @@ def draw_final_positions(
     ranges = high - low
     width = 3.6
     heights = width * ranges[1:] / ranges[0]
-    figure = _figure(width * len(ends) + 1.0, float(heights.sum()) + 1.3)
+    figure = new_figure(width * len(ends) + 1.0, float(heights.sum()) + 1.3)
     axes = figure.subplots(2, len(ends), squeeze=False, sharex=True, sharey="row", height_ratios=heights)
     for j, (name, states) in enumerate(ends.items()):
         for i, other in enumerate((1, 2)):
@@ -325,7 +324,7 @@ def draw_final_positions(
     axes[1, 0].set_ylabel("from the side: z [m]", fontsize=8)
     count = len(next(iter(ends.values())))
     figure.suptitle(f"{title}: where the body's centre ends up, {count} samples", fontsize=10)
-    _save(figure, path)
+    save(figure, path)
 
 
 def draw_work_precision(path: Path, panels: Mapping[str, Mapping[str, tuple[np.ndarray, float]]]) -> None:
@@ -337,7 +336,7 @@ def draw_work_precision(path: Path, panels: Mapping[str, Mapping[str, tuple[np.n
         For each scene and engine CPU time [s], error of a sample [m] and W1 [m] at each step, and W1's floor
         [m].
     """
-    figure = _figure(3.3 * len(panels) + 1.6, 6.6)
+    figure = new_figure(3.3 * len(panels) + 1.6, 6.6)
     axes = figure.subplots(2, len(panels), squeeze=False, sharex="col")
     handles = {}
     for j, (scene, curves) in enumerate(panels.items()):
@@ -367,7 +366,7 @@ def draw_work_precision(path: Path, panels: Mapping[str, Mapping[str, tuple[np.n
         "Each engine against itself at the smallest steps; from left to right 60 to 2000 steps in a second",
         fontsize=10,
     )
-    _save(figure, path)
+    save(figure, path)
 
 
 def _draw_bodies(ax, states, packing, tint, spheres=60):
@@ -449,25 +448,19 @@ def _series(ax, choices, name):
     return line
 
 
-def _figure(width, height):
+def new_figure(width: float, height: float) -> Figure:
+    """An empty figure of so many inches."""
     figure = Figure(figsize=(width, height), layout="constrained")
     FigureCanvasAgg(figure)
     return figure
 
 
 def _legend(figure, handles):
-    lines = [Line2D([], [], **_style(line)) for line in handles.values()]
-    figure.legend(lines, handles, loc="outside right upper", fontsize=8, frameon=False)
+    figure.legend(list(handles.values()), list(handles), loc="outside right upper", fontsize=8, frameon=False)
 
 
-def _style(line):
-    return {
-        name: getattr(line, f"get_{name}")()
-        for name in ("color", "linestyle", "marker", "markersize", "linewidth", "alpha")
-    }
-
-
-def _save(figure, path):
+def save(figure: Figure, path: Path) -> None:
+    """Write a figure."""
     figure.savefig(path, dpi=DPI)
 
 
@@ -483,7 +476,7 @@ def draw_calibration(path: Path, groups: Mapping[str, Rows], kinds: Sequence[str
     tolerance : float
         Is shaded.
     """
-    figure = _figure(11.0, 3.8 * len(groups))
+    figure = new_figure(11.0, 3.8 * len(groups))
     axes = figure.subplots(len(groups), len(kinds), squeeze=False, sharex=True, sharey=True)
     ends = np.array([0.0, 1.0])
     for line, (title, rows) in zip(axes, groups.items(), strict=True):
@@ -500,4 +493,4 @@ def draw_calibration(path: Path, groups: Mapping[str, Rows], kinds: Sequence[str
     for ax in axes[-1]:
         ax.set_xlabel("truth", fontsize=9)
     figure.suptitle(f"Answered probabilities against the truth; shaded: within {tolerance}", fontsize=12)
-    _save(figure, path)
+    save(figure, path)

@@ -1,6 +1,4 @@
-"""A folder of results: rows in one CSV file for each experiment, added job by job, and arrays
-for pictures.
-"""
+"""A folder of results: rows in a CSV file for each experiment, and arrays for pictures."""
 
 from __future__ import annotations
 
@@ -97,9 +95,7 @@ class Results:
             yield
 
     def rows(self, experiment: str) -> Rows:
-        """All rows of finished jobs, by their parameters: in the same order whichever job was
-        finished first.
-        """
+        """All rows of finished jobs, ordered by their parameters."""
         lines, whole = self._read(experiment)
         rows = [
             {name: _parsed(text) for name, text in line.items()} for line in lines if line["job"] in whole
@@ -193,9 +189,7 @@ def _columns(job):
 
 
 def _parameters(row):
-    """A job's parameters, which are the columns before those of its rows; texts and numbers do
-    not compare.
-    """
+    """A job's parameters, the columns before its rows'; texts and numbers do not compare."""
     names = list(row)
     return [(isinstance(row[name], str), row[name]) for name in names[: names.index(Row._fields[0])]]
 

@@ -1,6 +1,4 @@
-"""The document on stability: what every propagator makes of the hard cases, from the rows of the
-experiment.
-"""
+"""The document on stability, from the rows of the experiment."""
 
 from __future__ import annotations
 

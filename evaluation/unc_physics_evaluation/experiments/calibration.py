@@ -16,17 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from unc_physics.geometry.library import load_model
-from unc_physics.physics.layout import (
-    ERR_ANGULAR_VELOCITY,
-    ERR_POSITION,
-    ERR_ROTATION,
-    ERR_VELOCITY,
-    ERROR,
-    POSITION,
-    QUATERNION,
-    STATE,
-    VELOCITY,
-)
+from unc_physics.physics.layout import POSITION, QUATERNION, VELOCITY
 from unc_physics.prediction import probabilities as answers
 from unc_physics.prediction.predict import predict
 from unc_physics.propagators.names import DEFAULT
@@ -38,7 +28,7 @@ from unc_physics.scene.scene import RigidBody, Scene
 from ..jobs import Job, Outcome, Row, Settings
 from ..methods import MONTE_CARLO, label
 from ..results import Results, Rows
-from ..scenarios import MODELS, unit_model
+from ..scenarios import MODELS, resting, spread, unit_model
 from ..tables import table
 
 TITLE = "Calibration of probabilities"
@@ -108,7 +98,7 @@ def report(results: Results) -> str:
             label(method, samples),
             *(_errors(of_kind(asked.where(method=method, samples=samples), kind)) for kind in KINDS),
         ]
-        for method, samples in asked.curves()
+        for method, samples in sorted(asked.curves(), key=lambda curve: list(PROPAGATORS).index(curve[0]))
     ]
     return (
         f"{len(truths)} questions about {len(rows.unique('case'))} scenes; the truth is the share of"
@@ -237,27 +227,6 @@ def on_earth(models, environment, dt=0.01, friction=0.5):
     """A scene of everyday things of 0.4 kg, 100 spheres each, with everything that a robot's scene needs."""
     bodies = [RigidBody(name, load_model(name).prefix(100), 0.4) for name in models]
     return Scene.everyday(bodies, dt=dt, environment=environment, friction=friction, restitution=0.3)
-
-
-def resting(positions):
-    """States (B, 13) of bodies at rest, not turned."""
-    mean = np.zeros((len(positions), STATE))
-    mean[:, POSITION] = positions
-    mean[:, QUATERNION] = 0.0, 0.0, 0.0, 1.0
-    return mean
-
-
-def spread(bodies, position=0.0, velocity=0.0, rotation=0.0, spin=0.0):
-    """Covariances (B, 12, 12) from standard deviations, a number or three each."""
-    std = np.zeros(ERROR)
-    for part, value in (
-        (ERR_POSITION, position),
-        (ERR_VELOCITY, velocity),
-        (ERR_ROTATION, rotation),
-        (ERR_ANGULAR_VELOCITY, spin),
-    ):
-        std[part] = value
-    return np.tile(np.diag(std**2), (bodies, 1, 1))
 
 
 FAMILIES = (collisions, drops, bins, shelves, slides, scatters)

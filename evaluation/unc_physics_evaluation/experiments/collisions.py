@@ -33,9 +33,7 @@ TRUTH, CONVERGED = 1000, 8000
 
 
 def jobs(settings: Settings) -> list[Job]:
-    """Every model, number of spheres and sigma; those with 1000 spheres and three sigmas against a converged
-    truth as well.
-    """
+    """Every model, size and sigma; some of 1000 spheres against a converged truth as well."""
     if settings.quick:
         cases = [
             (model, spheres, sigma, 200) for model in MODELS for spheres in (10, 1000) for sigma in FEW_SIGMAS

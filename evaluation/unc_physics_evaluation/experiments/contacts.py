@@ -70,13 +70,14 @@ def report(results: Results) -> str:
     """A table."""
     rows = results.rows("contacts")
     lines = []
-    for model in rows.unique("model"):
+    for model in MODELS:
         for spheres in rows.unique("spheres"):
             here = rows.where(model=model, spheres=spheres)
             if not here:
                 continue
             cells = [f"{model} {spheres}"]
-            cells += [number(here.where(quantity=name).mean()) for name in (CONTACTS, MOST_CONTACTS)]
+            mean, most = (here.where(quantity=name).mean() for name in (CONTACTS, MOST_CONTACTS))
+            cells += [number(mean), f"{most:.0f}"]
             whole = here.where(quantity=WALL_TIME).values().sum()
             cells.append(number(1e3 * whole))
             for phase in PHASES:
@@ -147,9 +148,7 @@ def course(scene, state, steps):
 
 
 def phase_times(scene, followed, repeats):
-    """Wall time of each phase of a followed rollout (3,) [s]: the least of ``repeats`` runs of
-    each stretch.
-    """
+    """Wall times of the phases (3,) [s]: the least of ``repeats`` runs of each stretch."""
     borders = np.flatnonzero(np.diff(followed.phase, prepend=-1, append=-1))
     times = np.zeros(len(PHASES))
     for start, stop in pairwise(borders):

@@ -42,47 +42,43 @@ def run(job: Job) -> Outcome:
 def report(results: Results) -> str:
     """Round trips of each propagator, then the rest."""
     rows = results.rows("latency")
-    propagators = rows.where(quantity="core").unique("method")
     columns = ("round_trip", "round_trip_p99", "core", "over_core", "spin", "own")
     lines = [
-        [label(name), *(number(1e3 * _of(rows, name, column)) for column in columns)] for name in propagators
+        [label(name), *(number(1e3 * _of(rows, name, column)) for column in columns)]
+        for name in rows.where(quantity="core").unique("method")
     ]
-    stream = {row["quantity"]: row["value"] for row in rows.where(method="stream")}
-    answer, result = (rows.where(method="cancel", quantity=name) for name in ("answer", "result"))
-    spin, own = (number(1e3 * _of(rows, "messages", kind)) for kind in ("spin", "own"))
     return (
         "Two objects of 100 spheres that collide, over Fast DDS on one machine; medians of"
         f" {rows[0]['calls']} calls [ms]. Core is the time of the prediction itself, over core what the node"
         " adds. One empty service is on the executor of `rclpy.spin`, the other one on the node's own.\n\n"
         + table(["", "round trip", "p99", "core", "over core", "empty: spin", "own"], lines)
-        + f"\n{goal_tables(_figures(results))}\n"
-        + f"* A service with the same messages that calculates nothing: {spin} ms (spin), {own} ms (own).\n"
-        f"* Ten objects, two in contact, streamed at 30 Hz to the surrogate and four horizons:"
-        f" {stream['predicted']:.0f} of {stream['sent']:.0f} predicted, {stream['dropped']:.0f} dropped,"
-        f" {number(1e3 * stream['delay'])} ms after their stamp, p99 {number(1e3 * stream['delay_p99'])}.\n"
-        f"* A cancelled run of 20 000 samples: answered after {number(1e3 * answer.median())} ms, at most"
-        f" {number(1e3 * answer.values().max())}; its result was there after"
-        f" {number(1e3 * result.median())} ms, at most {number(1e3 * result.values().max())}.\n"
-        f"* From start to ready: {number(_of(rows, 'node', 'start'))} s.\n"
+        + f"\n{goal_tables(_figures(results))}"
     )
 
 
 def _figures(results) -> dict[str, list[Figure]]:
     rows = results.rows("latency")
-    return {
-        "What the node adds, over an empty service's round trip": [
-            Figure(
-                label(name),
-                kind,
-                _of(rows, name, "over_core") / _of(rows, name, kind),
-                "x",
-                goal,
-                at_most=True,
-            )
-            for name in rows.where(quantity="core").unique("method")
-            for kind, goal in (("spin", OVER_EMPTY), ("own", None))
-        ]
-    }
+    added = [
+        Figure(
+            label(name), kind, _of(rows, name, "over_core") / _of(rows, name, kind), "x", goal, at_most=True
+        )
+        for name in rows.where(quantity="core").unique("method")
+        for kind, goal in (("spin", OVER_EMPTY), ("own", None))
+    ]
+    stream = {row["quantity"]: row["value"] for row in rows.where(method="stream")}
+    note = f"p99 {number(1e3 * stream['delay_p99'])} ms; {stream['dropped']:.0f} dropped"
+    note += f", {stream['predicted']:.0f} of {stream['sent']:.0f} predicted"
+    rest = [
+        Figure("same messages, nothing calculated", kind, 1e3 * _of(rows, "messages", kind), "ms")
+        for kind in ("spin", "own")
+    ]
+    rest.append(Figure("prediction of a stream", "10 objects, 30 Hz", 1e3 * stream["delay"], "ms", note=note))
+    for quantity in ("answer", "result"):
+        found = rows.where(method="cancel", quantity=quantity)
+        note = f"at most {number(1e3 * found.values().max())} ms"
+        rest.append(Figure(f"cancel: {quantity}", "20 000 samples", 1e3 * found.median(), "ms", note=note))
+    rest.append(Figure("start to ready", "the node", _of(rows, "node", "start"), "s"))
+    return {"What the node adds, over an empty service's round trip": added, "Other times": rest}
 
 
 def _of(rows, method, quantity):

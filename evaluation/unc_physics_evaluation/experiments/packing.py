@@ -168,9 +168,7 @@ def checks(corners, spheres):
 
 
 def deepest_overlap(centers, radii):
-    """Largest r_i + r_j - d_ij; pairs are sought by size, as a sphere meets smaller ones within twice its
-    radius.
-    """
+    """Largest r_i + r_j - d_ij; a sphere meets smaller ones within twice its radius."""
     from scipy.spatial import cKDTree
 
     order = np.argsort(-radii)
@@ -186,9 +184,7 @@ def deepest_overlap(centers, radii):
 
 
 def _compiling(model, spheres, meshes) -> list[Row]:
-    """CPU time of a process that packs a few spheres, with an empty cache of compiled code, and with a full
-    one.
-    """
+    """CPU time of a process that packs a few spheres, with nothing compiled and with all."""
     code = (
         "import time\n"
         "from unc_physics.geometry.packing import pack_solid\n"
@@ -207,9 +203,7 @@ def _compiling(model, spheres, meshes) -> list[Row]:
 
 
 def _distance(model, spheres, meshes) -> list[Row]:
-    """Distances to the mesh from random points, by libigl and by our tree; from near its medial axis the
-    packer knows a bound.
-    """
+    """Distances to the mesh by libigl and by our tree, without and with the packer's bound."""
     import igl
     from numba import njit
 

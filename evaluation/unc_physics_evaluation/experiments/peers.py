@@ -179,9 +179,7 @@ def report(results: Results) -> str:
 
 
 def engine_choices(rows: Rows, quantity: str) -> dict[str, dict[str, list[Choice]]]:
-    """For each model and each other engine with the spheres or its pieces, Monte Carlo's time and error over
-    the floor.
-    """
+    """For each model and other engine, Monte Carlo's time and error over the floor."""
     made: dict[str, dict[str, list[Choice]]] = {}
     for model in rows.unique("model"):
         for engine in rows.unique("engine"):
@@ -226,9 +224,7 @@ def _curve(rows, quantity):
 
 
 def _samples_for(error, curve):
-    """Number of samples that have that error, between the measured ones on logarithmic scales; NaN beyond
-    them.
-    """
+    """Number of samples that have that error, by the measured ones; NaN beyond them."""
     counts, errors = np.log([n for n, _ in curve]), np.minimum.accumulate([e for _, e in curve])
     if not errors[-1] <= error <= errors[0]:
         return float("nan")

@@ -15,6 +15,7 @@ from ..wasserstein import state_distance
 
 TITLE = "Plausibility"
 PLACE, STANDING = "in_place", "upright"
+HEAD = ("W1 / floor, positions [m]", "rotations [deg]", "a rollout [ms]")
 PLACES = {"salt_box_into_bin": "in the bin", "can_off_shelf": "on the shelf"}
 
 
@@ -76,33 +77,19 @@ def report(results: Results) -> str:
         elements = MANIPULATION[scene][0]()[0].environment
         last = {engine: ends[engine][:, 0] for engine in order}
         draw_final_positions(figure, last, elements, scene.replace("_", " "))
-        head = [
-            "",
-            PLACES[scene],
-            "upright",
-            "W1 / floor, positions [m]",
-            "rotations [deg]",
-            "a rollout [ms]",
-        ]
+        head = ["", PLACES[scene], "upright", *HEAD]
         lines = []
         for engine in order:
             found = here.where(engine=engine)
             cells = [ENGINES[engine]]
             for quantity in (PLACE, STANDING):
-                chance, count = (
-                    found.where(quantity=quantity).mean(),
-                    found.where(quantity=quantity)[0]["samples"],
-                )
-                cells.append(
-                    f"{100.0 * chance:.1f} ± {100.0 * np.sqrt(chance * (1.0 - chance) / count):.1f} %"
-                )
+                (row,) = found.where(quantity=quantity)
+                error = np.sqrt(row["value"] * (1.0 - row["value"]) / row["samples"])
+                cells.append(f"{100.0 * row['value']:.1f} ± {100.0 * error:.1f} %")
             distance = state_distance(ends[engine], ends[order[0]])
-            for quantity, value in (
-                (POSITION_ERROR, distance.position[0]),
-                (ROTATION_ERROR, distance.rotation[0]),
-            ):
+            for quantity, value in zip((POSITION_ERROR, ROTATION_ERROR), distance, strict=True):
                 floor = found.where(method=FLOOR, quantity=quantity).mean()
-                cells.append(f"{number(float(value))} / {number(floor)}")
+                cells.append(f"{number(value[0])} / {number(floor)}")
             cells.append(number(1e3 * found.where(quantity=CPU_TIME).mean()))
             lines.append(cells)
         title = scene.replace("_", " ")

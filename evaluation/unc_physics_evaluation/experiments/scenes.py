@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from unc_physics.geometry.library import load_model
-from unc_physics.physics.layout import POSITION, QUATERNION
+from unc_physics.physics.layout import ANGULAR_VELOCITY, POSITION, QUATERNION
 from unc_physics.physics.rollout import advance_explicit, simulate
 from unc_physics.prediction.predict import predict
 from unc_physics.propagators.registry import PROPAGATORS, make_propagator
@@ -23,7 +23,7 @@ from ..goals import Figure, goal_tables, goals_met_by, milliseconds, ratio
 from ..jobs import Job, Outcome, Row, Settings
 from ..methods import MONTE_CARLO, label
 from ..results import Results
-from ..scenarios import collision
+from ..scenarios import collision, resting, spread
 from ..tables import number
 from ..timing import timed
 
@@ -221,17 +221,14 @@ def _scattered(count, touching=False, islands=True):
     """So many pins that drift two metres apart from each other; two of them so close that they touch."""
     pin = load_model("pin").prefix(100)
     scene = Scene([RigidBody(f"pin{k}", pin) for k in range(count)], stiffness=1e6, islands=islands)
-    mean = np.zeros((count, 13))
-    mean[:, QUATERNION] = 0.0, 0.0, 0.0, 1.0
     side = int(np.ceil(np.sqrt(count)))
-    mean[:, 0], mean[:, 1] = 2.0 * (np.arange(count) % side), 2.0 * (np.arange(count) // side)
-    mean[:, 10:] = 0.5
+    places = np.arange(count)
+    mean = resting(2.0 * np.stack([places % side, places // side, np.zeros(count)], axis=1))
+    mean[:, ANGULAR_VELOCITY] = 0.5
     if touching:
         mean[1, POSITION] = mean[0, POSITION] + [1.5 * pin.bounding_radius, 0.0, 0.0]
         mean[1, 3] = -0.2
-    P = np.zeros((count, 12, 12))
-    P[:, range(3), range(3)] = 0.005**2
-    return scene, Belief(mean, P)
+    return scene, Belief(mean, spread(count, position=0.005))
 
 
 SECTIONS = {

@@ -68,9 +68,7 @@ def report(results: Results) -> str:
 
 
 def _scalars(propagator, scene, belief):
-    """Numbers in a carry that stand for the distribution: not counters, nor what is remembered
-    of contacts.
-    """
+    """Numbers in a carry that stand for the distribution, without counters and contact history."""
     parts = propagator.init(scene, belief)._asdict()
     return sum(
         part.size
