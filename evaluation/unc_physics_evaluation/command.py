@@ -22,15 +22,10 @@ def add_evaluate_command(commands) -> None:
             " a report (report.md). An interrupted run goes on where it stopped; finished work is never done"
             " again."
         ),
+        epilog=f"Only where named, as they take long or need more than this package: {', '.join(BY_NAME)}.",
     )
     parser.add_argument(
-        "experiments",
-        nargs="*",
-        metavar="EXPERIMENT",
-        help=(
-            f"which to run, by default {', '.join(DEFAULT)}; only where named, as they take long or need more"
-            f" than this package: {', '.join(BY_NAME)}"
-        ),
+        "experiments", nargs="*", metavar="EXPERIMENT", help=f"which to run (default: {', '.join(DEFAULT)})"
     )
     parser.add_argument(
         "--quick",

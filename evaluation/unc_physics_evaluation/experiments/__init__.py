@@ -33,11 +33,12 @@ DEFAULT = (
     "overlap",
     "stability",
     "calibration",
+    "contacts",
     "storage",
     "pictures",
 )
 #: Those that take long alone on the machine, or need more than this package.
-BY_NAME = ("propagators", "contacts", "scenes", "packing", "latency", "same_bits")
+BY_NAME = ("propagators", "scenes", "packing", "latency", "same_bits")
 NAMES = DEFAULT + BY_NAME
 
 
