@@ -37,18 +37,13 @@ _GREYS = {5: "#BDBDBD", 10: "#8C8C8C", 50: "#5A5A5A", 100: "#2B2B2B"}
 
 
 def methods(job: Job) -> dict[str, Propagator]:
-    """All propagators but Monte Carlo with their own options, and the variants after what they vary."""
-    made = {}
-    for name, cls in PROPAGATORS.items():
-        if name != MONTE_CARLO:
-            seed = {"seed": job.seed(name)} if "seed" in cls.options() else {}
-            made[name] = make_propagator(name, **seed)
-        made |= {
-            variant: make_propagator(name, **options)
-            for variant, (of, options) in VARIANTS.items()
-            if of == name
-        }
-    return made
+    """All propagators but Monte Carlo with their own options, then the variants."""
+    made = {
+        name: make_propagator(name, **({"seed": job.seed(name)} if "seed" in cls.options() else {}))
+        for name, cls in PROPAGATORS.items()
+        if name != MONTE_CARLO
+    }
+    return made | {name: make_propagator(of, **options) for name, (of, options) in VARIANTS.items()}
 
 
 def label(method: str, samples: int | None = None) -> str:

@@ -27,6 +27,7 @@ from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.qos import qos_profile_sensor_data
 from std_srvs.srv import Empty
 
+from unc_physics.checks.errors import UncPhysicsError
 from unc_physics.propagators.names import REFERENCE
 from unc_physics.propagators.registry import PROPAGATORS
 from unc_physics.ros.node import leave, spin_node
@@ -54,7 +55,7 @@ def measure(calls: int, seconds: float) -> list[Row]:
 
     Raises
     ------
-    RuntimeError
+    UncPhysicsError
         If the node is not ready in time, or answers with an error.
     """
     started = time.perf_counter()
@@ -64,7 +65,7 @@ def measure(calls: int, seconds: float) -> list[Row]:
     with processes([node, *empty]), spinning_client() as (client, executor):
         predict = client.create_client(Predict, "/unc_physics/predict")
         if not predict.wait_for_service(READY_TIMEOUT):
-            raise RuntimeError(f"the node was not ready after {READY_TIMEOUT:g} s")
+            raise UncPhysicsError(f"the node was not ready after {READY_TIMEOUT:g} s")
         return [
             Row("node", "start", "s", time.perf_counter() - started),
             *services(client, predict, calls),
@@ -77,7 +78,8 @@ def measure(calls: int, seconds: float) -> list[Row]:
 @contextmanager
 def processes(commands) -> Iterator[None]:
     """Run Python modules in processes of their own until the end, or a signal to this one."""
-    before = signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))
+    if threading.current_thread() is threading.main_thread():  # in others Python takes no signals
+        signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))
     running = [subprocess.Popen([sys.executable, "-m", *command]) for command in commands]
     try:
         yield
@@ -86,7 +88,6 @@ def processes(commands) -> Iterator[None]:
             process.terminate()
         for process in running:
             process.wait()
-        signal.signal(signal.SIGTERM, before)
 
 
 @contextmanager
@@ -184,7 +185,7 @@ def services(client, predict, calls) -> list[Row]:
             trips.append(took)
             cores.append(answer.computation_time)
             if answer.error_code:
-                raise RuntimeError(answer.error_msg)
+                raise UncPhysicsError(answer.error_msg)
         found = {
             "round_trip": np.median(trips[WARM_UP:]),
             "round_trip_p99": np.percentile(trips[WARM_UP:], 99),

@@ -78,7 +78,8 @@ def report(results: Results) -> str:
 def _everyone(job, samples) -> Mapping[tuple[str, int | None], Propagator]:
     """All propagators by method and samples."""
     made = {(name, None): propagator for name, propagator in methods(job).items()}
-    return {(MONTE_CARLO, samples): make_propagator(MONTE_CARLO, samples=samples), **made}
+    rollouts = make_propagator(MONTE_CARLO, samples=samples, seed=job.seed(MONTE_CARLO))
+    return {(MONTE_CARLO, samples): rollouts, **made}
 
 
 def _methods(job) -> list[Row]:
