@@ -50,8 +50,8 @@ NODE = (
 )
 
 
-def measure(calls: int, seconds: float) -> list[Row]:
-    """Round trips of so many calls of each service, cancels, and a stream of so many seconds.
+def measure(calls: int, length: float) -> list[Row]:
+    """Round trips of so many calls of each service, cancels, and a stream of that length [s].
 
     Raises
     ------
@@ -71,7 +71,7 @@ def measure(calls: int, seconds: float) -> list[Row]:
             *services(client, predict, calls),
             *messages(client, calls),
             *cancel(client, executor),
-            *stream(client, seconds),
+            *stream(client, length),
         ]
 
 
@@ -252,7 +252,7 @@ def wait_for(future):
     return future.result()
 
 
-def stream(client, seconds) -> list[Row]:
+def stream(client, length) -> list[Row]:
     """Predictions of ten objects at 30 Hz, two of them in contact, and their delays."""
     scene = ObjectStateArray(objects=[moving(str(k), 0.5 * k, 0.0, 100) for k in range(10)])
     scene.objects[1].pose.pose.position.x = 0.12
@@ -284,7 +284,7 @@ def stream(client, seconds) -> list[Row]:
         received.acquire(timeout=2.0)
     time.sleep(1.0)
     delays.clear()
-    count = round(seconds * STREAM_RATE)
+    count = round(length * STREAM_RATE)
     started = time.perf_counter()
     for k in range(count):
         time.sleep(max(0.0, started + k / STREAM_RATE - time.perf_counter()))

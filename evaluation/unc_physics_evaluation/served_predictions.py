@@ -140,8 +140,11 @@ def results(scene, belief, horizon, label):
             arrays["first contacts"] = part[..., 0]
         elif isinstance(part, np.ndarray):
             arrays[field] = part
-    arrays["flags"] = np.array([int(status.flags) for status in assess(scene, belief, prediction)])
-    for k, answer in enumerate(contact_probabilities(scene, prediction, belief)):
+    whole = hasattr(prediction, "scene")  # and what else older trees ask for
+    statuses = assess(prediction) if whole else assess(scene, belief, prediction)
+    arrays["flags"] = np.array([int(status.flags) for status in statuses])
+    touching = contact_probabilities(*([prediction] if whole else [scene, prediction, belief]))
+    for k, answer in enumerate(touching):
         arrays[f"contact {k}"] = np.array(
             [answer.probability, answer.first_contact_time_mean, answer.first_contact_time_std]
         )

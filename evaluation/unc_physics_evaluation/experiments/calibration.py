@@ -15,15 +15,20 @@ from typing import NamedTuple
 
 import numpy as np
 
-from unc_physics.geometry.library import load_model
+from unc_physics import (
+    PROPAGATORS,
+    Belief,
+    Box,
+    Plane,
+    RigidBody,
+    Scene,
+    load_model,
+    make_propagator,
+    predict,
+)
 from unc_physics.physics.layout import POSITION, QUATERNION, VELOCITY
 from unc_physics.prediction import probabilities as answers
-from unc_physics.prediction.predict import predict
 from unc_physics.propagators.names import DEFAULT
-from unc_physics.propagators.registry import PROPAGATORS, make_propagator
-from unc_physics.scene.belief import Belief
-from unc_physics.scene.environment import Box, Plane
-from unc_physics.scene.scene import RigidBody, Scene
 
 from ..jobs import Job, Outcome, Row, Settings
 from ..methods import MONTE_CARLO, label
@@ -144,7 +149,7 @@ def collisions() -> Iterator[Case]:
         packing = unit_model(model, 100 if model == "bunny" else 10)
         for offset in (0.3, 0.6, 0.8) if model == "bunny" else (0.5,):
             scene = Scene(
-                [RigidBody(name, packing) for name in ("left", "right")], stiffness=2e4, damping=0.5
+                [RigidBody(name, packing, 1.0) for name in ("left", "right")], stiffness=2e4, damping=0.5
             )
             mean = resting([[-0.75, 0.5 * offset, 0.0], [0.75, -0.5 * offset, 0.0]])
             mean[:, VELOCITY] = [[1.0, 0.0, 0.0], [-1.0, 0.0, 0.0]]

@@ -9,11 +9,9 @@ from itertools import pairwise
 import numba
 import numpy as np
 
+from unc_physics import Belief, make_propagator, predict
 from unc_physics.physics.rollout import simulate
-from unc_physics.prediction.predict import predict
 from unc_physics.propagators.base import Propagator
-from unc_physics.propagators.registry import make_propagator
-from unc_physics.scene.belief import Belief
 
 from ..comparison import CPU_TIME, TIME_RATIO, rollout_cost, time_rows
 from ..goals import Figure, goal_tables, goals_met_by, milliseconds, ratio

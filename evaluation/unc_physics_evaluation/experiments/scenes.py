@@ -7,15 +7,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from unc_physics.geometry.library import load_model
+from unc_physics import PROPAGATORS, Belief, Plane, RigidBody, Scene, load_model, make_propagator, predict
 from unc_physics.physics.layout import ANGULAR_VELOCITY, POSITION, QUATERNION
 from unc_physics.physics.rollout import advance_explicit, simulate
-from unc_physics.prediction.predict import predict
-from unc_physics.propagators.registry import PROPAGATORS, make_propagator
-from unc_physics.scene.belief import Belief
-from unc_physics.scene.environment import Plane
 from unc_physics.scene.materials import DEFAULT_RESTITUTION
-from unc_physics.scene.scene import RigidBody, Scene
 from unc_physics.scene.stiffness import with_stiffness
 
 from ..comparison import CPU_TIME, rollout_cost
@@ -220,7 +215,7 @@ def _everyone():
 def _scattered(count, touching=False, islands=True):
     """So many pins that drift two metres apart from each other; two of them so close that they touch."""
     pin = load_model("pin").prefix(100)
-    scene = Scene([RigidBody(f"pin{k}", pin) for k in range(count)], stiffness=1e6, islands=islands)
+    scene = Scene([RigidBody(f"pin{k}", pin, 1.0) for k in range(count)], stiffness=1e6, islands=islands)
     side = int(np.ceil(np.sqrt(count)))
     places = np.arange(count)
     mean = resting(2.0 * np.stack([places % side, places // side, np.zeros(count)], axis=1))
