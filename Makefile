@@ -113,7 +113,7 @@ define COMPILE
 from unc_physics import contact_probabilities, load_scene, predict
 scene, belief, _ = load_scene("examples/scenes/two_bunnies.yaml")
 for propagator in ("sigma_points", "monte_carlo"):
-    contact_probabilities(scene, predict(scene, belief, propagator, 1.0), belief)
+    contact_probabilities(predict(scene, belief, propagator, 1.0))
 endef
 export COMPILE
 

@@ -34,7 +34,7 @@ setup(
     maintainer_email="maintainers@unc-physics.invalid",
     python_requires=">=3.10",
     packages=find_packages(include=[NAME, f"{NAME}.*"]),
-    package_data={NAME: ["py.typed"]},
+    package_data={NAME: ["__init__.pyi", "py.typed", "schemas/*.schema.json"]},
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
         (f"share/{NAME}", ["package.xml"]),
@@ -52,6 +52,7 @@ setup(
             *GEOMETRY,
             "hypothesis>=6",
             "import-linter>=2",
+            "jsonschema>=4.18",
             "libigl>=2.5",
             "mypy>=1.10",
             "pyright[nodejs]>=1.1.407",

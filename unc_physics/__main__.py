@@ -11,6 +11,7 @@ from .cli.geometry_commands import add_models_command, add_pack_command, add_sho
 from .cli.plugins import add_plugin_commands
 from .cli.predict_command import add_predict_command
 from .cli.propagators_command import add_propagators_command
+from .cli.schema_command import add_schema_command
 
 
 class OneSentenceParser(argparse.ArgumentParser):
@@ -32,6 +33,7 @@ def build_parser() -> argparse.ArgumentParser:
     commands = parser.add_subparsers(metavar="COMMAND", required=True)
     add_predict_command(commands)
     add_propagators_command(commands)
+    add_schema_command(commands)
     add_pack_command(commands)
     add_models_command(commands)
     add_show_command(commands)

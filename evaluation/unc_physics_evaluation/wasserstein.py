@@ -13,7 +13,7 @@ from scipy.special import rel_entr
 from unc_physics.checks.errors import InvalidRequestError, UncPhysicsError
 from unc_physics.checks.validation import positive
 from unc_physics.physics.layout import POSITION, QUATERNION
-from unc_physics.prediction.predict import Prediction
+from unc_physics.prediction.prediction import Prediction
 
 _PIVOTS = 10_000_000  # of the network simplex; a thousand points take some ten thousand
 _SWEEPS = 10_000  # of Sinkhorn's iteration

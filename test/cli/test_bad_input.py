@@ -206,26 +206,26 @@ CASES = FINITE + [
     (
         with_entry(("bodies", 1, "linear_velocity"), [0, 0, 1], "three_bodies"),
         "INVALID_REQUEST",
-        r"bodies\[1\]",
-        "velocity",
+        r"bodies\[1\].linear_velocity",
+        "zero or absent: the body is fixed",
     ),
     (
         with_entry(("bodies", 1, "angular_velocity"), [0, 1, 0], "three_bodies"),
         "INVALID_REQUEST",
-        r"bodies\[1\]",
-        "velocity",
+        r"bodies\[1\].angular_velocity",
+        "zero or absent: the body is fixed",
     ),
     (
         with_entry(("bodies", 1, "position_std"), 0.1, "three_bodies"),
         "INVALID_REQUEST",
-        r"bodies\[1\]",
-        "covariance",
+        r"bodies\[1\].position_std",
+        "zero or absent: the body is fixed",
     ),
     (
         with_entry(("bodies", 1, "covariance"), matrix(), "three_bodies"),
         "INVALID_REQUEST",
-        r"bodies\[1\]",
-        "covariance",
+        r"bodies\[1\].covariance",
+        "zero or absent: the body is fixed",
     ),
     (in_body("name", ""), "INVALID_REQUEST", r"bodies\[1\].name", "''"),
     (in_body("name", 5), "INVALID_REQUEST", r"bodies\[1\].name", "5"),
@@ -279,10 +279,11 @@ CASES = FINITE + [
     (
         with_entry(("bodies", 1, "mass_std"), 0.1, "three_bodies"),
         "INVALID_REQUEST",
-        r"bodies\[1\]",
-        "mass_std",
+        r"bodies\[1\].mass_std",
+        "zero or absent: the body is fixed",
     ),
     (with_entry(("overlap",), "push"), "INVALID_OPTION", "overlap", "project, reject, keep.*push"),
+    (with_entry(("overlap",), None), "INVALID_OPTION", "overlap", "reject, keep; leave it out.*null"),
     (with_entry(("overlap",), True), "INVALID_OPTION", "overlap", "True"),
     (
         with_entry(("overlap",), "project"),
@@ -333,9 +334,14 @@ CASES = FINITE + [
         r"common_pose_std.*\[0, 0, 1\]",
     ),
     (in_environment("floor"), "INVALID_ENVIRONMENT", r"environment\[0\]", "floor"),
-    (in_environment({}), "INVALID_ENVIRONMENT", r"environment\[0\]", "exactly one of plane, box, sphere"),
+    (in_environment({}), "INVALID_ENVIRONMENT", r"environment\[0\]", "shapes are plane, box, sphere"),
     (in_environment({"plane": {}, "box": {}}), "INVALID_ENVIRONMENT", r"environment\[0\]", "exactly one"),
-    (in_environment({"cone": {}}), "INVALID_ENVIRONMENT", r"environment\[0\]", "cone"),
+    (
+        in_environment({"cone": {}}),
+        "INVALID_ENVIRONMENT",
+        r"environment\[0\]",
+        "no shape 'cone'; the shapes are",
+    ),
     (in_environment({"plane": [0, 0, 1]}), "INVALID_ENVIRONMENT", r"environment\[0\].plane", r"\[0, 0, 1\]"),
     (
         in_plane(normal=[0, 0, 0]),
@@ -511,6 +517,22 @@ def test_bad_text(tmp_path, capsys, name):
     path.write_bytes(TEXTS[name])
     code = main(["predict", str(path)])
     assert_refused(code, *capsys.readouterr(), "INVALID_REQUEST|NO_OBJECTS|INVALID_MASS|INVALID_HORIZON")
+
+
+def test_a_repeated_key_is_found_by_its_line(tmp_path, capsys):
+    path = tmp_path / "scene.yaml"
+    path.write_text("dt: 0.01\nhorizon: 1.0\nbodies:\n  - name: a\n    mass: 1\n    name: b\n")
+    code = main(["predict", str(path)])
+    words = "in line 6: the key 'name' is given twice, first in line 4"
+    assert_refused(code, *capsys.readouterr(), "INVALID_REQUEST", words)
+
+
+def test_samples_for_a_propagator_without_any_are_refused(tmp_path, capsys):
+    path = tmp_path / "scene.yaml"
+    path.write_text(yaml.safe_dump(CONTENTS["two_bodies"]()))
+    code = main(["predict", str(path), "--propagator", "sigma_points", "--samples", "5"])
+    words = "--samples is for a propagator that draws samples, .*monte_carlo; sigma_points draws none"
+    assert_refused(code, *capsys.readouterr(), "INVALID_OPTION", words)
 
 
 def test_no_such_file_and_a_folder(tmp_path, capsys):

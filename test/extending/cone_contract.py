@@ -33,5 +33,5 @@ mean[0, [2, 5, 9]] = 0.6, -1.0, 1.0
 belief = Belief(mean, 1e-8 * np.eye(12)[None])
 prediction = predict(scene, belief, "linearization", 1.0)
 assert prediction.belief.mean[0, 5] > -0.999  # the tip has turned it
-assert contact_probabilities(scene, prediction, belief)[0].probability > 0.9
+assert contact_probabilities(prediction)[0].probability > 0.9
 print("kept")

@@ -46,20 +46,20 @@ assert predictions[0].samples(7).shape == (7, len(scene.bodies), 13)
 assert predictions[0].kept is None and predictions[0].seed is None
 
 # statuses: bodies that move away from where they are said to stay do so in the rollouts
-statuses = assess(scene, belief, predictions[0])
+statuses = assess(predictions[0])
 assert any(status.measures.get("spread_disagreement", 0.0) > 1.0 for status in statuses)
 
 # probabilities
-contact_probabilities(scene, predictions[0], belief)
-rest_probabilities(scene, predictions[0], belief)
-region_probabilities(scene, predictions[0], [BoxRegion("here", (1.0, 1.0, 1.0))], belief)
+contact_probabilities(predictions[0])
+rest_probabilities(predictions[0])
+region_probabilities(predictions[0], [BoxRegion("here", (1.0, 1.0, 1.0))])
 
 # the implicit step's beginning
 everyday = replace(scene, integrator="implicit", friction=0.5, islands=True, gravity=(0.0, 0.0, -9.81))
 found = predict(everyday, belief, "frozen", 0.1)
 began = start_belief(everyday, belief)
 np.testing.assert_allclose(found.belief.mean, began.mean, atol=1e-12)
-assess(everyday, belief, found, 2)
+assess(found, rollouts=2)
 
 # the evaluation's comparison
 job = Job("collisions", {"distance": "exact"})

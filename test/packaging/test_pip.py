@@ -57,7 +57,13 @@ def test_core_installs_and_predicts_without_ros(tmp_path):
     location = run(
         [python, "-c", "import unc_physics; print(unc_physics.__file__)"], cwd=tmp_path, env=env
     ).stdout.strip()
-    assert Path(location).with_name("py.typed").is_file(), "without it type checkers take everything for Any"
+    folder = Path(location).parent
+    assert (folder / "py.typed").is_file(), "without it type checkers take everything for Any"
+    assert (folder / "__init__.pyi").is_file(), "without it nothing is public"
+    assert sorted(path.name for path in (folder / "schemas").iterdir()) == [
+        "prediction.schema.json",
+        "scene.schema.json",
+    ]
     assert run([python, "-c", "import rclpy"], cwd=tmp_path, env=env, check=False).returncode
 
     help_text = run([python, "-m", "unc_physics", "--help"], cwd=tmp_path, env=env).stdout

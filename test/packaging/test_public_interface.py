@@ -11,27 +11,25 @@ from building import ROOT, run
 
 import unc_physics
 
-FILE = ROOT / "unc_physics" / "__init__.py"
+STUB = ROOT / "unc_physics" / "__init__.pyi"
 SCRIPTS = ROOT / "test" / "packaging" / "user_scripts"
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")), *sorted((ROOT / "examples").glob("*.py"))]
 EXTENDING = "extending.md"  # shows how to write a propagator or a shape, for which inner modules are needed
 MISTAKE = "  # mistake"
 
 
-def imported_for_type_checkers():
-    """Where each public name comes from, as type checkers read it."""
-    (block,) = [
-        node
-        for node in ast.parse(FILE.read_text()).body
-        if isinstance(node, ast.If) and isinstance(node.test, ast.Name)
-    ]
-    return {alias.name: node.module for node in block.body for alias in node.names}
-
-
-def test_what_checkers_read_is_what_is_imported():
-    assert imported_for_type_checkers() == unc_physics._HOMES
-    assert sorted(unc_physics.__all__) == sorted(unc_physics._HOMES)
+def test_the_stub_names_each_once_where_it_is_defined():
+    imports = [node for node in ast.parse(STUB.read_text()).body if isinstance(node, ast.ImportFrom)]
+    names = [alias.name for node in imports for alias in node.names]
+    assert all(alias.asname == alias.name for node in imports for alias in node.names), (
+        "else it stays private"
+    )
+    assert len(set(names)) == len(names) and names == unc_physics.__all__
     assert set(unc_physics.__all__) <= set(dir(unc_physics))
+    for name in names:
+        value = getattr(unc_physics, name)
+        if hasattr(value, "__module__"):
+            assert value.__module__ == f"unc_physics{unc_physics._HOMES[name]}"
 
 
 def test_every_public_name_is_there():

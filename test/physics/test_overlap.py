@@ -211,7 +211,7 @@ def test_directions_without_covariance_do_not_move_and_are_told():
     np.testing.assert_array_equal(states[0, :, 0, 2], belief.mean[0, 2])
     assert np.ptp(states[..., 2]) < 1e-3, "nor is it pushed out later"
     prediction = predict(scene, belief, make_propagator("monte_carlo", samples=10), 0.1)
-    (status,) = assess(scene, belief, prediction)
+    (status,) = assess(prediction)
     assert status.measures["overlap_certain"] == 1.0 and status.flags
 
 
@@ -279,7 +279,7 @@ def test_a_slot_too_narrow_does_not_explode(less):
     found = np.array([[energy(scene, x) for x in some] for some in states.swapaxes(0, 1)])
     assert np.max(found - found[:, :1]) < 1e-3
     prediction = predict(scene, ALONE, make_propagator("monte_carlo", samples=20), 0.1)
-    (status,) = assess(scene, ALONE, prediction)
+    (status,) = assess(prediction)
     assert status.measures["overlap_kept"] > 0.0 and status.flags
 
 
@@ -312,7 +312,7 @@ def test_height_and_tilt_come_from_contact_and_the_rest_from_the_belief():
 def test_the_status_tells_how_much_overlapped():
     scene = alone()
     prediction = predict(scene, ALONE, make_propagator("monte_carlo", samples=60), 0.1)
-    (status,) = assess(scene, ALONE, prediction)
+    (status,) = assess(prediction)
     drawn = ALONE.sample(60, np.random.default_rng(0))
     share = np.mean([deepest(scene, state) > FLAT for state in drawn])
     assert status.measures["overlap_share"] == pytest.approx(share, abs=0.02)

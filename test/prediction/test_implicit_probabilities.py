@@ -40,7 +40,7 @@ def test_flights_and_samples_agree_on_contacts(thrown, horizon):
         predict(scene, belief, p, horizon)
         for p in ("sigma_points", make_propagator("monte_carlo", samples=1000, seed=5))
     )
-    told, right = (contact_probabilities(scene, p, belief) for p in (points, samples))
+    told, right = (contact_probabilities(p) for p in (points, samples))
     assert any(answer.probability not in (0.0, 1.0) for answer in right)
     for one, other in zip(told, right, strict=True):
         assert (one.object_a, one.object_b) == (other.object_a, other.object_b) and other.available
@@ -84,12 +84,12 @@ def test_what_lies_on_a_table_stays_there(thrown):
     scene, belief = thrown
     lying = Belief(belief.mean, 1e-8 * np.tile(np.eye(12), (2, 1, 1)))
     prediction = predict(scene, lying, make_propagator("monte_carlo", samples=300), 3.0)
-    rests = rest_probabilities(scene, prediction)
+    rests = rest_probabilities(prediction)
     assert all(rest.available and rest.probability > 0.95 for rest in rests)
     on_table = BoxRegion("on the table", (0.6, 0.6, 0.4), (0, 0, 0.2))
     on_floor = BoxRegion("on the floor", (9.0, 9.0, 0.4), (0, 0, -0.5))
-    near, _, other, edge = region_probabilities(scene, prediction, [on_table, on_floor])
+    near, _, other, edge = region_probabilities(prediction, [on_table, on_floor])
     assert near.object == "near" and near.probability > 0.95 and other.probability < 0.05
     assert edge.object == "edge" and edge.available
     points = predict(scene, lying, "sigma_points", 3.0)  # which can't tell what comes after a contact
-    assert not any(answer.available for answer in rest_probabilities(scene, points, lying))
+    assert not any(answer.available for answer in rest_probabilities(points))

@@ -136,10 +136,10 @@ def test_statuses_and_probabilities_take_the_scene_as_it_was_given():
     belief = Belief(np.array([state(0, 0, R + 0.02)]), 1e-6 * np.eye(12)[None], scene.moving)
     for propagator in ("sigma_points", make_propagator("monte_carlo", samples=300)):
         prediction = predict(scene, belief, propagator, 0.5)
-        assert len(assess(scene, belief, prediction)) == 1
-        (touch, _) = contact_probabilities(scene, prediction, belief)
+        assert len(assess(prediction)) == 1
+        (touch, _) = contact_probabilities(prediction)
         assert touch.available and touch.probability > 0.99
-    (still,) = rest_probabilities(scene, prediction, belief)
+    (still,) = rest_probabilities(prediction)
     assert still.available
 
 

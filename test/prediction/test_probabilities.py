@@ -43,7 +43,7 @@ def monte_carlo(samples=400, seed=1):
 def test_monte_carlo_counts_its_samples():
     scene, belief, _ = grazing(0.7)
     prediction = predict(scene, belief, monte_carlo(), 2.0)
-    (answer,) = contact_probabilities(scene, prediction)
+    (answer,) = contact_probabilities(prediction)
     first = prediction.carry.contact_history.first_time[:, 0, 1]
     touch = np.isfinite(first)
     assert 0.1 < touch.mean() < 0.9, "the case must leave it open"
@@ -62,7 +62,7 @@ def test_few_samples_tell_only_what_is_clear():
     open_case, clear_case = grazing(0.7), grazing(FAR)
     for samples, tells_open, tells_clear in ((10, False, False), (100, False, True), (400, True, True)):
         for (scene, belief, _), tells in ((open_case, tells_open), (clear_case, tells_clear)):
-            (answer,) = contact_probabilities(scene, predict(scene, belief, monte_carlo(samples), 2.0))
+            (answer,) = contact_probabilities(predict(scene, belief, monte_carlo(samples), 2.0))
             assert answer.available == tells
             assert tells or answer.probability == 0.0
 
@@ -72,14 +72,15 @@ def test_first_contacts_answer_for_propagators_without_samples():
     scene, belief, _ = grazing(0.7)
     truth = predict(scene, belief, monte_carlo(4000), 2.0)
     prediction = predict(scene, belief, "linearization", 2.0)
-    (told,), (right,) = contact_probabilities(scene, prediction, belief), contact_probabilities(scene, truth)
+    (told,), (right,) = contact_probabilities(prediction), contact_probabilities(truth)
     assert told.available and abs(told.probability - right.probability) < TOLERANCE
     assert told.first_contact_time_mean == pytest.approx(right.first_contact_time_mean, abs=0.02)
     region = BoxRegion("here", [1.0, 1.0, 1.0], prediction.belief.mean[0, :3])
-    assert not any(answer.available for answer in region_probabilities(scene, prediction, [region], belief))
-    assert not any(answer.available for answer in rest_probabilities(scene, prediction, belief))
-    # without the initial belief there is nothing to tell it from
-    assert not contact_probabilities(scene, predict(scene, belief, "linearization", 2.0))[0].available
+    assert not any(answer.available for answer in region_probabilities(prediction, [region]))
+    assert not any(answer.available for answer in rest_probabilities(prediction))
+    # without flights there is nothing to tell it from
+    assert not contact_probabilities(prediction, flights=0)[0].available
+    assert contact_probabilities(prediction)[0] == told
 
 
 def test_before_any_contact_everything_is_told():
@@ -87,23 +88,23 @@ def test_before_any_contact_everything_is_told():
     prediction = predict(scene, belief, "linearization", 0.5)
     x = prediction.belief.mean[0, :3]
     half = BoxRegion("half", [100.0, 100.0, 100.0], x + [50.0, 0.0, 0.0])
-    left, right = region_probabilities(scene, prediction, [half], belief)
+    left, right = region_probabilities(prediction, [half])
     assert (left.object, right.object) == ("left", "right")
     assert left.available and left.probability == pytest.approx(0.5, abs=TOLERANCE)
-    assert contact_probabilities(scene, prediction, belief)[0].probability == 0.0
-    assert all(a.available and a.probability == 0.0 for a in rest_probabilities(scene, prediction, belief))
+    assert contact_probabilities(prediction)[0].probability == 0.0
+    assert all(a.available and a.probability == 0.0 for a in rest_probabilities(prediction))
     slow = Belief(
         np.where(np.isin(np.arange(13), [3, 4, 5, 10, 11, 12]), 0.0, belief.mean), np.zeros((2, 12, 12))
     )
     prediction = predict(scene, slow, "linearization", 0.5)
-    assert [a.probability for a in rest_probabilities(scene, prediction, slow)] == [1.0, 1.0]
+    assert [a.probability for a in rest_probabilities(prediction)] == [1.0, 1.0]
 
 
 def test_a_certain_prediction_is_certain_of_its_answers():
     scene, belief, _ = grazing(0.0)
     sure = Belief(belief.mean, np.zeros((2, 12, 12)))
     prediction = predict(scene, sure, "sigma_points", 2.0)
-    (answer,) = contact_probabilities(scene, prediction)
+    (answer,) = contact_probabilities(prediction)
     assert answer.available and answer.probability == 1.0
     assert answer.first_contact_time_available and answer.first_contact_time_std == 0.0
 
@@ -122,13 +123,13 @@ def test_two_regions_of_one_name_are_refused():
     scene, belief, _ = grazing(FAR)
     prediction = predict(scene, belief, monte_carlo(100), 0.1)
     with pytest.raises(DuplicateIdError, match="bin"):
-        region_probabilities(scene, prediction, [BoxRegion("bin", [1, 1, 1]), BoxRegion("bin", [1, 1, 1])])
+        region_probabilities(prediction, [BoxRegion("bin", [1, 1, 1]), BoxRegion("bin", [1, 1, 1])])
 
 
 def test_islands_give_the_same_answers():
     scene, belief, _ = grazing(0.7)
     answers = [
-        contact_probabilities(own, predict(own, belief, monte_carlo(), 2.0))
+        contact_probabilities(predict(own, belief, monte_carlo(), 2.0))
         for own in (scene, replace(scene, islands=True))
     ]
     assert answers[0] == answers[1]

@@ -38,7 +38,7 @@ def balls(*positions, velocity=(0, 0, 0), std=0.001):
 
 def statuses(scene, belief, name, horizon):
     propagator = make_propagator(name, **({"samples": 50} if name == "monte_carlo" else {}))
-    return assess(scene, belief, predict(scene, belief, propagator, horizon))
+    return assess(predict(scene, belief, propagator, horizon))
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -122,15 +122,15 @@ def test_a_contact_that_the_nominal_rollout_misses_is_not_missed(name):
 def test_without_rollouts_a_spread_after_contact_is_unchecked(name):
     scene, belief, _ = collision("pin", 100)
     prediction = predict(scene, belief, name, 2.0, times=[0.1, 1.0])
-    for status in assess(scene, belief, prediction, rollouts=0):
+    for status in assess(prediction, rollouts=0):
         assert "spread_disagreement" not in status.measures and status.measures["unchecked"] == 1.0
         assert status.flags == Status.OUTSIDE_VALIDITY
     before = predict(scene, belief, name, 0.1)
-    assert all(status.flags == Status.FINE for status in assess(scene, belief, before, rollouts=0))
-    along = assess_all(scene, belief, prediction)
+    assert all(status.flags == Status.FINE for status in assess(before, rollouts=0))
+    along = assess_all(prediction)
     assert [status.flags for status in along[0]] == [Status.FINE, Status.FINE]  # before the bodies meet
     assert "energy_gain" not in along[0][0].measures and "energy_gain" in along[2][0].measures
-    assert along[2] == assess(scene, belief, prediction)
+    assert along[2] == assess(prediction)
 
 
 def test_rotation_beyond_a_gaussian_is_outside_validity():
@@ -187,7 +187,7 @@ def test_a_stack_that_the_solver_finds_no_forces_for_is_not_converged(name):
         scene, belief, make_propagator(name, **({"samples": 50} if name == "monte_carlo" else {})), 0.3
     )
     stands = np.abs(prediction.belief.mean - belief.mean)[:, :3].max() < 1e-3
-    found = assess(scene, belief, prediction)
+    found = assess(prediction)
     assert stands or any(
         status.flags & Status.NOT_CONVERGED and "smaller dt" in status.message for status in found
     )
@@ -199,19 +199,19 @@ def test_a_residual_in_most_rollouts_counts():
     residual = prediction.carry.contact_history.solver.residual
     for share, flagged in ((2, False), (20, True)):
         residual[:share] = 0.1
-        (status,) = assess(scene, belief, prediction)
+        (status,) = assess(prediction)
         assert bool(status.flags & Status.NOT_CONVERGED) == flagged
 
 
 def test_energy_gained_on_the_implicit_step_is_named():
     scene, belief = stack(1.0)
     prediction = predict(scene, belief, "sigma_points", 0.1)
-    (status,) = assess(scene, belief, prediction)
+    (status,) = assess(prediction)
     assert status.flags == Status.FINE
     mean = prediction.belief.mean.copy()
     mean[0, 5] = 1.0  # from nowhere
     jumping = replace(prediction, beliefs=(Belief(mean, prediction.belief.covariance),))
-    (status,) = assess(scene, belief, jumping)
+    (status,) = assess(jumping)
     assert status.flags == Status.NOT_CONVERGED and "energy was gained" in status.message
     assert "integrator" not in status.message
 

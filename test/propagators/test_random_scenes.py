@@ -63,7 +63,7 @@ def test_random_scenes_end_well_and_grossly_wrong_covariances_are_flagged(name):
     def every_scene(case):
         scene, belief, horizon = case
         prediction = _predicted(name, scene, belief, horizon)
-        statuses = assess(scene, belief, prediction)
+        statuses = assess(prediction)
         for status in statuses:
             if (
                 status.measures.get("energy_gain", 0.0) > 0.02

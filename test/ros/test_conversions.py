@@ -17,6 +17,7 @@ from unc_physics.physics.layout import (
     QUATERNION,
     VELOCITY,
 )
+from unc_physics.physics.origin import error_map, inverse_error_map
 from unc_physics.ros.conversions import (
     Doubts,
     Wanted,
@@ -27,7 +28,6 @@ from unc_physics.ros.conversions import (
     write_start,
 )
 from unc_physics.ros.models import ModelLibrary
-from unc_physics.ros.origin import error_map, inverse_error_map
 from unc_physics.scene.belief import Belief
 from unc_physics.scene.presets import PRESETS
 from unc_physics_msgs.msg import Environment

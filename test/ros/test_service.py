@@ -53,7 +53,7 @@ def test_every_propagator_answers_as_the_core_does(predict, propagator):
     core = predict_in_core(scene, belief, PROPAGATORS[propagator](**options), 0.4)
     expected, _ = write_prediction(scene, models, core.times, core.beliefs)
     assert [predicted.status for predicted in response.objects] == [
-        status.flags for status in assess(scene, belief, core, rollouts=0)
+        status.flags for status in assess(core, rollouts=0)
     ]
     for got, want in zip(response.objects, expected, strict=True):
         assert (got.id, got.model) == (want.id, want.model)

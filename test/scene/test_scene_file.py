@@ -105,9 +105,8 @@ def test_uncertain_parameters():
 
 
 def test_overlap_is_projected_away_by_the_implicit_step_alone():
-    for said in ({}, {"overlap": None}):
-        assert scene_with(integrator="implicit", **said).overlap == "project"
-        assert scene_with(**said).overlap == "keep"
+    assert scene_with(integrator="implicit").overlap == "project"
+    assert scene_with().overlap == "keep"
     assert scene_with(overlap="keep").overlap == "keep"
 
 

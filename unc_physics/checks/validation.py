@@ -34,6 +34,22 @@ def number(value, field, error: type[UncPhysicsError] = InvalidRequestError) -> 
     return result
 
 
+def instance(value, kinds, field) -> None:
+    """Raise `InvalidRequestError` unless a value is of one class, or of one of several.
+
+    The value itself stays out of the message: as a rule it is another argument, with all its arrays.
+    """
+    kinds = kinds if isinstance(kinds, tuple) else (kinds,)
+    if not isinstance(value, kinds):
+        names = [_with_article(kind.__name__) for kind in kinds]
+        given = "None" if value is None else _with_article(type(value).__name__)
+        raise InvalidRequestError(f"must be {' or '.join(names)}, not {given}", field=field)
+
+
+def _with_article(name):
+    return f"{'an' if name[0].lower() in 'aeio' else 'a'} {name}"
+
+
 def positive(value, field, error: type[UncPhysicsError] = InvalidRequestError) -> float:
     """A finite float above zero."""
     result = number(value, field, error)

@@ -88,7 +88,7 @@ def run(arguments) -> int:
     from ..checks.errors import InvalidOptionError
     from ..checks.validation import integer
     from ..prediction.status import ROLLOUTS, assess
-    from ..propagators.registry import propagator_from_texts
+    from ..propagators.registry import PROPAGATORS, names_where, propagator_from_texts
     from ..scene.scene_file import load_scene
 
     if arguments.picture is not None:
@@ -107,17 +107,24 @@ def run(arguments) -> int:
     propagator = propagator_from_texts(
         arguments.propagator, dict(arguments.option), arguments.samples, arguments.seed
     )
+    if arguments.samples is not None and "samples" not in PROPAGATORS[propagator.name].options():
+        draws = names_where(lambda other: "samples" in other.options(), " or ")
+        raise InvalidOptionError(
+            f"is for a propagator that draws samples, {draws}; {propagator.name} draws none",
+            field="--samples",
+            value=arguments.samples,
+        )
     scene, belief, horizon = load_scene(arguments.scene, arguments.models)
     horizon = horizon if arguments.horizon is None else arguments.horizon
     prediction = _predict_with_progress(scene, belief, propagator, horizon, arguments.period)
     seed = prediction.seed if prediction.seed is not None else arguments.seed
-    answers = _answers(scene, prediction, belief) if arguments.probabilities else None
-    statuses = assess(scene, belief, prediction, rollouts)
+    answers = _answers(prediction) if arguments.probabilities else None
+    statuses = assess(prediction, rollouts=rollouts)
     if arguments.json:
         found = (
             {}
             if answers is None
-            else {key: [asdict(answer) for answer in own] for key, own in answers.items()}
+            else {key: [_answer(answer) for answer in own] for key, own in answers.items()}
         )
         result = as_dict(scene, prediction, seed, _samples(prediction, arguments.samples_out))
         print(json.dumps(result | {"statuses": _statuses(statuses)} | found, allow_nan=False))
@@ -149,15 +156,26 @@ def _statuses(statuses):
     """Statuses as plain Python values; a measure without bounds is None."""
     return [
         {
-            "name": status.body,
+            "body": status.body,
             "flags": [flag.name for flag in status.flags],
             "message": status.message,
+            "reasons": list(status.reasons),
             "measures": {
                 key: value if math.isfinite(value) else None for key, value in status.measures.items()
             },
         }
         for status in statuses
     ]
+
+
+def _answer(answer):
+    """A probability as plain Python values; what is not available is None."""
+    found = asdict(answer)
+    if not answer.available:
+        found["probability"] = None
+    if not found.get("first_contact_time_available", True):
+        found["first_contact_time_mean"] = found["first_contact_time_std"] = None
+    return found
 
 
 def statuses_as_text(statuses) -> str:
@@ -170,13 +188,13 @@ def statuses_as_text(statuses) -> str:
     return "\n".join(lines) if lines else "status: fine"
 
 
-def _answers(scene, prediction, initial):
+def _answers(prediction):
     """Probabilities by their names in the JSON."""
     from ..prediction.probabilities import contact_probabilities, rest_probabilities
 
     return {
-        "contact_probabilities": contact_probabilities(scene, prediction, initial),
-        "rest_probabilities": rest_probabilities(scene, prediction, initial),
+        "contact_probabilities": contact_probabilities(prediction),
+        "rest_probabilities": rest_probabilities(prediction),
     }
 
 

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -13,15 +12,13 @@ import numpy as np
 from ..checks.errors import (
     DivergedError,
     InvalidHorizonError,
-    InvalidRequestError,
     LimitExceededError,
     NotSupportedError,
     PredictionTimeoutError,
     UncPhysicsError,
 )
-from ..checks.validation import integer, positive
+from ..checks.validation import instance, positive
 from ..physics.compile_time import clock
-from ..physics.contact_history import ContactHistory
 from ..propagators.base import Propagator
 from ..propagators.names import DEFAULT
 from ..propagators.registry import make_propagator, names_where
@@ -31,110 +28,11 @@ from ..scene.environment import element_names
 from ..scene.scene import Scene
 from ..scene.stiffness import with_stiffness
 from .islands import Islands
+from .prediction import Prediction
 
 STEPS_LIMIT = 100_000_000
 TIMES_LIMIT = 100_000
 _LOOK_UP_AFTER = 0.02  # s, wall time between looks at the clock and reports of progress
-
-
-@dataclass(frozen=True, eq=False)
-class Prediction:
-    """Beliefs at one or more times.
-
-    Attributes
-    ----------
-    scene : Scene
-        As it was simulated, with the stiffness that was chosen for it.
-    propagator : Propagator
-    times : tuple of float
-        Simulated time of each belief from the start [s], ascending; the last is the horizon.
-    beliefs : tuple of Belief
-    carry : NamedTuple
-        The propagator's persistent state at the end.
-    wall_time : float
-        What the prediction took, the time to compile or load kernels left out [s].
-    initial : Belief
-        What was given.
-    kept : tuple of (n, B, 13) arrays, or None
-        States at each of the times, of a propagator with samples of its own; None where none were to be kept.
-    """
-
-    scene: Scene
-    propagator: Propagator
-    times: tuple[float, ...]
-    beliefs: tuple[Belief, ...]
-    carry: Any
-    wall_time: float
-    initial: Belief
-    _began: Callable[[], Belief]
-    kept: tuple[np.ndarray, ...] | None = None
-
-    @cached_property
-    def start(self) -> Belief:
-        """The belief at time 0 that was really used: without overlap, and at rest where bodies are said to
-        be.
-
-        Of points or samples it has the moments; where none was moved, it is what was given.
-        """
-        start = self.contact_history.start
-        moved = start is not None and (start.moved.any() or any(body.at_rest for body in self.scene.bodies))
-        return self._began() if moved or self.scene.overlap == "reject" else self.initial
-
-    @property
-    def belief(self) -> Belief:
-        """The last belief."""
-        return self.beliefs[-1]
-
-    @property
-    def time(self) -> float:
-        """Simulated time of the last belief [s]."""
-        return self.times[-1]
-
-    @property
-    def contact_history(self) -> ContactHistory:
-        """What the propagator's rollouts remember of their contacts."""
-        return self.propagator.contact_history(self.carry)
-
-    @property
-    def seed(self) -> int | None:
-        """The seed that was used; None for a propagator that draws nothing."""
-        return getattr(self.propagator, "seed", None)
-
-    def samples(self, count: int | None = None) -> np.ndarray:
-        """States at the horizon that are drawn from the answer, the same at each call.
-
-        Parameters
-        ----------
-        count : int, optional
-            How many; the first ones of a larger number. A propagator that has samples gives its own, by
-            default all of them; otherwise the last belief is drawn from, with the prediction's seed or 0.
-
-        Returns
-        -------
-        (count, B, 13) array
-            As in `Belief.mean`; a fixed body's are all alike.
-
-        Raises
-        ------
-        InvalidRequestError
-            If ``count`` is no number of samples, or is needed and not given.
-        LimitExceededError
-            If the propagator has samples of its own, and fewer.
-        """
-        if count is not None:
-            count = integer(count, "count", low=1)
-        own = self.propagator.own_samples(self.carry, self.scene)
-        if own is None:
-            if count is None:
-                raise InvalidRequestError(
-                    f"must be given: {self.propagator.name} has no samples of its own", field="count"
-                )
-            return self.belief.sample(count, np.random.default_rng(self.seed or 0))
-        if count is not None and count > len(own):
-            raise LimitExceededError(
-                f"must be at most the {len(own)} samples of the prediction", field="count", value=count
-            )
-        return own[:count].copy()
 
 
 def predict(
@@ -186,8 +84,12 @@ def predict(
         If parameters of the scene are uncertain, or its integrator is the implicit one, or overlap is to be
         rejected, and the propagator is not one of those that take it.
     InvalidRequestError, LimitExceededError, UnknownPropagatorError
+        For arguments of a wrong type, a belief about other bodies, too many steps, and an unknown name.
     """
     started = clock()
+    instance(scene, Scene, "scene")
+    instance(belief, Belief, "belief")
+    instance(propagator, (str, Propagator), "propagator")
     if isinstance(propagator, str):
         propagator = make_propagator(propagator)
     belief.check_fits(scene)
@@ -270,6 +172,8 @@ def start_belief(scene: Scene, belief: Belief) -> Belief:
     InvalidRequestError
         If the belief is not about the scene's bodies.
     """
+    instance(scene, Scene, "scene")
+    instance(belief, Belief, "belief")
     belief.check_fits(scene)
     if scene.integrator == "explicit":
         return belief

@@ -22,14 +22,12 @@ import numpy as np
 
 from ..checks.array_field import Array, array_field
 from ..checks.errors import DuplicateIdError, InvalidEnvironmentError, InvalidRequestError
-from ..checks.validation import array, positive, quaternion
+from ..checks.validation import array, instance, integer, positive, quaternion
 from ..physics.layout import ANGULAR_VELOCITY, POSITION, VELOCITY
 from ..physics.rotation import rotation_matrix
-from ..scene.belief import Belief
 from ..scene.environment import element_names
-from ..scene.scene import Scene
 from .first_contacts import first_contacts
-from .predict import Prediction
+from .prediction import Prediction
 
 #: What an answer is called with that is about any element of the environment.
 ENVIRONMENT = "environment"
@@ -44,7 +42,8 @@ FEWEST_CONTACTS = 10
 #: Speeds below which a body counts as at rest [m/s], [rad/s].
 REST_SPEED, REST_ANGULAR_SPEED = 0.01, math.radians(5.0)
 
-_known = weakref.WeakKeyDictionary()  # outcomes of predictions whose answers were asked for
+#: Outcomes of predictions whose answers were asked for, by the number of flights.
+_known: weakref.WeakKeyDictionary = weakref.WeakKeyDictionary()
 
 
 @dataclass(frozen=True, eq=False)
@@ -168,17 +167,16 @@ class RestProbability:
 
 
 def contact_probabilities(
-    scene: Scene, prediction: Prediction, initial: Belief | None = None
+    prediction: Prediction, *, flights: int = FLIGHTS
 ) -> tuple[ContactProbability, ...]:
     """How probable contacts within the horizon are, and when they first happen.
 
     Parameters
     ----------
-    scene : Scene
     prediction : Prediction
-    initial : Belief, optional
-        The belief that the prediction began with. Propagators without samples need it to answer; their first
-        answer to any question about a prediction takes `FLIGHTS` flights up to the first contacts.
+    flights : int, optional
+        How many flights up to the first contacts answer for a propagator without samples; the first question
+        about a prediction takes them. With 0 only what is certain is answered.
 
     Returns
     -------
@@ -186,23 +184,23 @@ def contact_probabilities(
         For each pair of bodies of which one moves, in the scene's order; then, for each moving body, each
         element of the environment, and the environment as a whole under the name `ENVIRONMENT`.
     """
-    outcomes = _outcomes(scene, prediction, initial)
+    outcomes = _outcomes(prediction, flights)
     return tuple(
-        _contact((one, other, prediction.time), outcomes, *place) for one, other, place in _encounters(scene)
+        _contact((one, other, prediction.time), outcomes, *place)
+        for one, other, place in _encounters(prediction.scene)
     )
 
 
 def region_probabilities(
-    scene: Scene, prediction: Prediction, regions: Iterable[BoxRegion], initial: Belief | None = None
+    prediction: Prediction, regions: BoxRegion | Iterable[BoxRegion], *, flights: int = FLIGHTS
 ) -> tuple[RegionProbability, ...]:
     """How probable it is that a moving body's centre of mass lies in a region at the horizon.
 
     Parameters
     ----------
-    scene : Scene
     prediction : Prediction
-    regions : iterable of BoxRegion
-    initial : Belief, optional
+    regions : iterable of BoxRegion, or BoxRegion
+    flights : int, optional
         As for `contact_probabilities`.
 
     Returns
@@ -215,13 +213,9 @@ def region_probabilities(
     DuplicateIdError
         If two regions have one name.
     """
-    regions = tuple(regions)
-    names = [region.name for region in regions]
-    for k, name in enumerate(names):
-        if name in names[:k]:
-            raise DuplicateIdError("is the name of two regions", field=f"regions[{k}].name", value=name)
-    outcomes = _outcomes(scene, prediction, initial)
-    answers = []
+    outcomes = _outcomes(prediction, flights)
+    regions = _checked_regions(regions)
+    scene, answers = prediction.scene, []
     for region in regions:
         for body in scene.moving:
             inside = None if outcomes is None else region.contains(outcomes.states[:, body, POSITION])
@@ -234,23 +228,21 @@ def region_probabilities(
 
 
 def rest_probabilities(
-    scene: Scene,
     prediction: Prediction,
-    initial: Belief | None = None,
     *,
     speed: float = REST_SPEED,
     angular_speed: float = REST_ANGULAR_SPEED,
+    flights: int = FLIGHTS,
 ) -> tuple[RestProbability, ...]:
     """How probable it is that a moving body is at rest at the horizon.
 
     Parameters
     ----------
-    scene : Scene
     prediction : Prediction
-    initial : Belief, optional
-        As for `contact_probabilities`.
     speed, angular_speed : float
         A body is at rest when its centre of mass is slower [m/s], and it turns slower [rad/s].
+    flights : int, optional
+        As for `contact_probabilities`.
 
     Returns
     -------
@@ -258,8 +250,8 @@ def rest_probabilities(
         One for each moving body, in the scene's order.
     """
     speed, angular_speed = positive(speed, "speed"), positive(angular_speed, "angular_speed")
-    outcomes = _outcomes(scene, prediction, initial)
-    answers = []
+    outcomes = _outcomes(prediction, flights)
+    scene, answers = prediction.scene, []
     for body in scene.moving:
         slow = None
         if outcomes is not None:
@@ -293,21 +285,38 @@ class _Outcomes:
     certain: bool = False
 
 
-def _outcomes(scene, prediction, initial):
+def _checked_regions(regions):
+    """Regions as a tuple; their names must differ."""
+    try:
+        regions = (regions,) if isinstance(regions, BoxRegion) else tuple(regions)
+    except TypeError:
+        raise InvalidRequestError("must be a sequence of BoxRegion", field="regions", value=regions) from None
+    names = []
+    for k, region in enumerate(regions):
+        instance(region, BoxRegion, f"regions[{k}]")
+        if region.name in names:
+            raise DuplicateIdError(
+                "is the name of two regions", field=f"regions[{k}].name", value=region.name
+            )
+        names.append(region.name)
+    return regions
+
+
+def _outcomes(prediction, flights):
     """What may happen, from a prediction's samples or from flights; None where there is nothing to tell it
     from.
     """
-    scene = prediction.scene  # with the stiffness that was chosen
-    if prediction not in _known:
-        found = _sampled(scene, prediction) or _flown(scene, prediction, initial)
-        if found is None:
-            return None
-        _known[prediction] = found
-    return _known[prediction]
+    instance(prediction, Prediction, "prediction")
+    flights = integer(flights, "flights", low=0)
+    known = _known.setdefault(prediction, {})
+    if flights not in known:
+        known[flights] = _sampled(prediction) or _flown(prediction, flights)
+    return known[flights]
 
 
-def _sampled(scene, prediction):
+def _sampled(prediction):
     """The outcomes that a prediction holds: the propagator's samples, or the only one there is."""
+    scene = prediction.scene
     certain = not (prediction.belief.covariance.any() or scene.uncertain)
     first = prediction.contact_history.first_time
     states = prediction.propagator.own_samples(prediction.carry, scene)
@@ -320,12 +329,13 @@ def _sampled(scene, prediction):
     return _Outcomes(states, np.full(states.shape[:2], np.inf), first, certain)
 
 
-def _flown(scene, prediction, initial):
+def _flown(prediction, flights):
     """Outcomes as far as first contacts decide them."""
-    if initial is None or scene.uncertain or prediction.propagator.own_sample_count is not None:
+    scene = prediction.scene
+    if flights == 0 or scene.uncertain or prediction.propagator.own_sample_count is not None:
         return None
-    initial.check_fits(scene)
-    return _Outcomes(*first_contacts(scene, initial, round(prediction.time / scene.dt), FLIGHTS))
+    steps = round(prediction.time / scene.dt)
+    return _Outcomes(*first_contacts(scene, prediction.initial, steps, flights))
 
 
 def _encounters(scene):

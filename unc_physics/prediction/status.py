@@ -10,6 +10,7 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
+from ..checks.validation import instance, integer
 from ..physics.broad_phase import near_pairs
 from ..physics.compiled import kernel
 from ..physics.contact_model import capacity, impact_frequency
@@ -30,10 +31,9 @@ from ..physics.rotation import rotation_matrix
 from ..physics.workspace import workspace
 from ..propagators.names import REFERENCE
 from ..propagators.registry import make_propagator, names_where
-from ..scene.belief import Belief
-from ..scene.scene import Scene
 from .islands import merged
-from .predict import Prediction, predict
+from .predict import predict
+from .prediction import Prediction
 
 #: Rollouts with which `assess` compares what rests on a single nominal one.
 ROLLOUTS = 12
@@ -141,18 +141,13 @@ class BodyStatus:
         return "; ".join(self.reasons)
 
 
-def assess(
-    scene: Scene, initial: Belief, prediction: Prediction, rollouts: int = ROLLOUTS
-) -> tuple[BodyStatus, ...]:
+def assess(prediction: Prediction, *, rollouts: int = ROLLOUTS) -> tuple[BodyStatus, ...]:
     """Check what can be checked of a prediction at its end.
 
     Parameters
     ----------
-    scene : Scene
-    initial : Belief
-        The belief that the prediction began with.
     prediction : Prediction
-    rollouts : int
+    rollouts : int, optional
         How many to compare with, for a propagator that asks for it (`Propagator.compared_with_rollouts`); it
         costs as many rollouts, where there is something to touch, or a gyroscopic term. With 0, what touched
         is flagged as unchecked.
@@ -212,24 +207,20 @@ def assess(
         1 for a body that touched something where no rollouts were asked for: its spread is wrong by more than
         a factor of 2 more often than not.
     """
-    return assess_all(
-        scene,
-        initial,
-        replace(prediction, times=prediction.times[-1:], beliefs=prediction.beliefs[-1:]),
-        rollouts,
-    )[0]
+    instance(prediction, Prediction, "prediction")
+    last = replace(prediction, times=prediction.times[-1:], beliefs=prediction.beliefs[-1:])
+    return assess_all(last, rollouts=rollouts)[0]
 
 
-def assess_all(
-    scene: Scene, initial: Belief, prediction: Prediction, rollouts: int = ROLLOUTS
-) -> tuple[tuple[BodyStatus, ...], ...]:
+def assess_all(prediction: Prediction, *, rollouts: int = ROLLOUTS) -> tuple[tuple[BodyStatus, ...], ...]:
     """As `assess`, at each of the prediction's times."""
-    scene = prediction.scene  # with the stiffness that was chosen
+    instance(prediction, Prediction, "prediction")
+    scene, initial, rollouts = prediction.scene, prediction.initial, integer(rollouts, "rollouts", low=0)
     meets = len(scene.bodies) + len(scene.environment) > 1 or scene.gyroscopic  # else flight is exact
     spreads = [None] * len(prediction.times)
     if prediction.propagator.compared_with_rollouts and meets and rollouts > 0:
         spreads = _spreads(scene, initial, prediction.times, rollouts)
-    start = _start(scene, initial, prediction)
+    start = _start(prediction)
     return tuple(
         _assess(scene, start, prediction, time, belief, spread)
         for time, belief, spread in zip(prediction.times, prediction.beliefs, spreads, strict=True)
@@ -253,8 +244,9 @@ class _Start(NamedTuple):
     directions: np.ndarray | None  # (M,), that points are spread along; None without such points
 
 
-def _start(scene, initial, prediction):
-    samples, propagator = None, prediction.propagator
+def _start(prediction):
+    scene, initial, propagator = prediction.scene, prediction.initial, prediction.propagator
+    samples = None
     if propagator.traits.mean_update != "nominal":
         samples = math.inf if propagator.own_sample_count is None else propagator.own_sample_count
     if scene.integrator == "implicit":

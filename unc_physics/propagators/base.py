@@ -8,7 +8,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -49,6 +49,24 @@ class Traits:
     cross_body: bool
     separate_collisions: bool
     collisions: str
+
+
+class Mode(NamedTuple):
+    """One of the outcomes that a body's state splits into.
+
+    Attributes
+    ----------
+    weight : float
+        Its probability.
+    mean : (13,) array
+        State ``[p, v, q, omega]``, as in `Belief`.
+    covariance : (12, 12) array
+        Of the error state about it, as in `Belief`.
+    """
+
+    weight: float
+    mean: np.ndarray
+    covariance: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -145,6 +163,11 @@ class Propagator(ABC):
     def own_sample_count(self) -> int | None:
         """How many `own_samples` an answer has; None where it is a Gaussian."""
         return None
+
+    def modes(self, carry: Any, scene: Scene, body: int) -> tuple[Mode, ...]:
+        """What one body's state splits into, most probable first; by default a single Gaussian."""
+        belief = self.belief(carry, scene)
+        return (Mode(1.0, belief.mean[body].copy(), belief.marginal(body).copy()),)
 
     @property
     def compared_with_rollouts(self) -> bool:

@@ -1,14 +1,7 @@
 """Between messages and the core: the only place that knows both.
 
-A message gives the pose of a model's own origin ``o`` and rotations about the fixed axes of the frame; a
-`Belief` gives the pose of the centre of mass (COM) and rotations on the body side. With ``r = R_world_body
-o`` (from the COM to the origin, world axes) and ``dphi = R_world_body dtheta``, the errors at the origin
-are::
-
-    dp_o = dp - [r]x dphi                              p_o = p + r
-    dv_o = dv - [r]x domega - [omega]x [r]x dphi       v_o = v + omega x r
-
-which is linear in the error state: ``e_o = A e`` (`origin.error_map`), so ``P_o = A P A^T``.
+A message gives the pose of a model's own origin and rotations about the fixed axes of the frame; a `Belief`
+gives the pose of the centre of mass and rotations on the body side. `physics.origin` has the algebra.
 """
 
 from __future__ import annotations
@@ -39,6 +32,7 @@ from ..checks.errors import (
 )
 from ..checks.validation import array, covariance, non_negative, number, quaternion
 from ..physics.layout import ANGULAR_VELOCITY, ERROR, POSITION, QUATERNION, STATE, VELOCITY
+from ..physics.origin import at_origin, congruent, covariance_at_com, error_map, moved
 from ..physics.rotation import rotation_matrix
 from ..scene.belief import Belief
 from ..scene.body import RigidBody, known_mass
@@ -46,7 +40,6 @@ from ..scene.physics_keys import PHYSICS_KEYS
 from ..scene.presets import with_changes
 from ..scene.scene import Scene
 from ..scene.scene_file import PRESET, at_field, physics_value, preset, with_chosen_stiffness
-from .origin import at_origin, congruent, covariance_at_com, error_map, moved
 from .surroundings import read_environment
 
 #: First entry of a covariance that is not known, as in sensor_msgs/Imu.

@@ -6,26 +6,31 @@ from __future__ import annotations
 
 from unc_physics_msgs.msg import ContactProbability, RegionProbability
 
-from ..prediction.probabilities import contact_probabilities, region_probabilities, rest_probabilities
+from ..prediction.probabilities import (
+    FLIGHTS,
+    contact_probabilities,
+    region_probabilities,
+    rest_probabilities,
+)
 from .conversions import duration
 
 
-def write_probabilities(message, scene, prediction, initial, regions, wanted) -> None:
+def write_probabilities(message, prediction, regions, wanted, flies) -> None:
     """Write probabilities into a response, a result or a `Prediction` message.
 
     Parameters
     ----------
     message : message
         Its objects are there already.
-    scene : Scene
     prediction : Prediction
-    initial : Belief or None
-        What the prediction began with; None spares the flights of propagators that have no samples.
     regions : tuple of BoxRegion
         Answered in any case.
     wanted : bool
         Whether contacts and rest are, too.
+    flies : bool
+        Whether propagators that have no samples may take flights for their answers.
     """
+    flights = FLIGHTS if flies else 0
     time = duration(prediction.time)
     if regions:
         message.region_probabilities = [
@@ -36,7 +41,7 @@ def write_probabilities(message, scene, prediction, initial, regions, wanted) ->
                 available=bool(answer.available),
                 probability=float(answer.probability),
             )
-            for answer in region_probabilities(scene, prediction, regions, initial)
+            for answer in region_probabilities(prediction, regions, flights=flights)
         ]
     if not wanted:
         return
@@ -51,9 +56,9 @@ def write_probabilities(message, scene, prediction, initial, regions, wanted) ->
             first_contact_time_mean=float(answer.first_contact_time_mean),
             first_contact_time_std=float(answer.first_contact_time_std),
         )
-        for answer in contact_probabilities(scene, prediction, initial)
+        for answer in contact_probabilities(prediction, flights=flights)
     ]
-    at_rest = {answer.object: answer for answer in rest_probabilities(scene, prediction, initial)}
+    at_rest = {answer.object: answer for answer in rest_probabilities(prediction, flights=flights)}
     for predicted in message.objects:
         if (answer := at_rest.get(predicted.id)) is not None:
             predicted.rest_probability_available = bool(answer.available)

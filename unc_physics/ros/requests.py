@@ -17,7 +17,8 @@ from ..checks.errors import (
 )
 from ..checks.validation import array, non_negative, positive
 from ..physics.layout import ERROR
-from ..prediction.predict import Prediction, check_supported, periodic_times, predict
+from ..prediction.predict import check_supported, periodic_times, predict
+from ..prediction.prediction import Prediction
 from ..prediction.probabilities import BoxRegion
 from ..propagators.base import Propagator
 from ..propagators.registry import propagator_from_texts
@@ -218,10 +219,9 @@ def write_answer(message, header, settings: Settings, job: Job, outcome: Outcome
     message.objects = objects
     message.joint_covariances = joints
     complete = prediction.time > job.horizon - job.scene.dt
-    write_statuses(message, job.scene, job.belief, prediction, settings.status_rollouts if complete else 0)
+    write_statuses(message, prediction, settings.status_rollouts if complete else 0)
     flies = len(job.scene.moving) * prediction.time / job.scene.dt <= settings.max_flight_steps
-    initial = job.belief if complete and flies else None
-    write_probabilities(message, job.scene, prediction, initial, job.regions, job.wanted.probabilities)
+    write_probabilities(message, prediction, job.regions, job.wanted.probabilities, complete and flies)
     message.seed_used = job.seed
     message.time_reached = float(prediction.time)
     message.computation_time = float(prediction.wall_time)

@@ -14,7 +14,7 @@ _OF_OVERLAP = ("overlap_share", "overlap_moved", "overlap_kept")
 JUDGED = 16
 
 
-def write_statuses(message, scene, initial, prediction, rollouts) -> None:
+def write_statuses(message, prediction, rollouts) -> None:
     """Write the status of each object, and of each of its states, into a response, a result or a `Prediction`
     message.
 
@@ -22,9 +22,6 @@ def write_statuses(message, scene, initial, prediction, rollouts) -> None:
     ----------
     message : message
         Its objects and their states are there already.
-    scene : Scene
-    initial : Belief
-        What the prediction began with.
     prediction : Prediction
     rollouts : int
         With which the spreads of propagators with a single nominal rollout are compared.
@@ -43,7 +40,7 @@ def write_statuses(message, scene, initial, prediction, rollouts) -> None:
         beliefs=tuple(prediction.beliefs[end - 1] for end in ends),
     )
     begin = 0
-    for end, statuses in zip(ends, assess_all(scene, initial, judged, rollouts), strict=True):
+    for end, statuses in zip(ends, assess_all(judged, rollouts=rollouts), strict=True):
         for predicted, status in zip(message.objects, statuses, strict=True):
             for state in predicted.states[begin:end]:
                 state.status = int(status.flags)

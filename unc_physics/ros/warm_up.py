@@ -13,6 +13,7 @@ from unc_physics_msgs.srv import Predict
 from ..checks.validation import covariance
 from ..geometry.packing_file import SpherePacking
 from ..physics.layout import ERROR, QUATERNION, STATE
+from ..physics.origin import covariance_at_com
 from ..propagators.registry import PROPAGATORS, make_propagator
 from ..scene.belief import Belief
 from ..scene.body import RigidBody
@@ -20,7 +21,6 @@ from ..scene.presets import with_changes
 from ..scene.scene import Scene
 from ..scene.stiffness import AUTO
 from .conversions import Wanted
-from .origin import covariance_at_com
 from .parameters import Settings
 from .requests import Job, run, write_answer
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -11,7 +12,8 @@ from numpy.typing import ArrayLike
 
 from ..checks.array_field import Array, OptionalArray, array_field
 from ..checks.errors import InvalidCovarianceError, InvalidRequestError, NotFiniteError
-from ..checks.validation import array, covariance, non_negative, numbers, quaternion
+from ..checks.names import hint
+from ..checks.validation import array, covariance, instance, non_negative, numbers, quaternion
 from ..physics.layout import (
     ANGULAR_VELOCITY,
     ERR_ANGULAR_VELOCITY,
@@ -26,6 +28,7 @@ from ..physics.layout import (
 )
 from ..physics.moments import pivoted_cholesky, spread_states
 from ..physics.rotation import rotation_matrix
+from .body_belief import BodyBelief
 
 if TYPE_CHECKING:
     from .scene import Scene
@@ -99,6 +102,43 @@ class Belief:
         count = len(np.asarray(mean if moving is None else moving))
         return cls(mean, np.zeros((count, ERROR, ERROR)), moving)
 
+    @classmethod
+    def of(cls, scene: Scene, bodies: Mapping[str, BodyBelief]) -> Belief:
+        """A belief about the bodies of a scene by their names, each known independently of the others.
+
+        Parameters
+        ----------
+        scene : Scene
+        bodies : mapping of str to BodyBelief
+            One for each body of the scene, the fixed ones included, in any order.
+
+        Raises
+        ------
+        InvalidRequestError
+            If a name is missing or not in the scene, or a fixed body moves or is uncertain.
+        """
+        names = [body.name for body in scene.bodies]
+        for name, given in bodies.items():
+            if name not in names:
+                raise InvalidRequestError(
+                    f"is no body of the scene{hint(str(name), names)}", field="bodies", value=name
+                )
+            instance(given, BodyBelief, f"bodies[{name!r}]")
+        for body in scene.bodies:
+            if body.name not in bodies:
+                raise InvalidRequestError(f"must have an entry for '{body.name}'", field="bodies")
+            if body.fixed:
+                try:
+                    bodies[body.name].check_fixed()
+                except InvalidRequestError as error:
+                    field = f"{error.field} of body '{body.name}'"
+                    raise InvalidRequestError(error.problem, field=field, value=error.value) from None
+        mean = np.array([bodies[name].state for name in names])
+        blocks = [bodies[body.name].covariance for body in scene.bodies if not body.fixed]
+        belief = cls(mean, np.array(blocks).reshape(-1, ERROR, ERROR), scene.moving)
+        belief.check_fits(scene)
+        return belief
+
     def with_common_pose_std(
         self, std: ArrayLike, origin: ArrayLike = (0.0, 0.0, 0.0), axes: ArrayLike | None = None
     ) -> Belief:
@@ -129,6 +169,12 @@ class Belief:
         InvalidRequestError, NotFiniteError
         """
         field = "common_pose_std"
+        if np.shape(std) != (6,):
+            raise InvalidCovarianceError(
+                "must be six numbers: three of the translation [m], three of the rotation [rad]",
+                field=field,
+                value=std,
+            )
         std = array(std, (6,), field, InvalidCovarianceError)
         for k, value in enumerate(std.tolist()):
             non_negative(value, f"{field}[{k}]", InvalidCovarianceError)
@@ -201,9 +247,9 @@ class Belief:
             )
         if not np.array_equal(self.moving, scene.moving):
             raise InvalidRequestError(
-                f"must have covariance for the moving bodies {scene.moving.tolist()}",
+                f"must have covariance for the scene's moving bodies, moving={scene.moving.tolist()}, not"
+                f" for {self.moving.tolist()}; pass moving=scene.moving, or take Belief.of",
                 field="belief",
-                value=self.moving.tolist(),
             )
         for body, state in zip(scene.bodies, self.mean, strict=True):
             for name, place in (("angular_velocity", ANGULAR_VELOCITY), ("linear_velocity", VELOCITY)):

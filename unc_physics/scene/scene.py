@@ -172,7 +172,7 @@ class Scene:
         for k, body in enumerate(self.bodies):
             if body.at_rest and not self.gravity.any():
                 raise InvalidRequestError(
-                    "needs a scene with gravity", field=f"bodies[{k}].at_rest", value=True
+                    "needs gravity, which the scene does not have", field=f"bodies[{k}].at_rest"
                 )
 
     def _check_std(self, name, most, owner):

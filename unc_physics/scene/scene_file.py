@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import difflib
 import functools
 import os
 from pathlib import Path
@@ -19,29 +18,19 @@ from ..checks.errors import (
     InvalidOptionError,
     InvalidRequestError,
     NoObjectsError,
-    NotFiniteError,
     UncPhysicsError,
 )
-from ..checks.validation import array, covariance, integer, non_negative, number, positive, quaternion
+from ..checks.names import hint
+from ..checks.validation import array, integer, non_negative, number, positive
 from ..geometry.library import find_model
 from ..geometry.packing_file import load_packing
-from ..physics.layout import (
-    ANGULAR_VELOCITY,
-    ERR_ANGULAR_VELOCITY,
-    ERR_POSITION,
-    ERR_ROTATION,
-    ERR_VELOCITY,
-    ERROR,
-    POSITION,
-    QUATERNION,
-    STATE,
-    VELOCITY,
-)
+from ..physics.layout import ERROR
 from .belief import Belief
 from .body import RigidBody, known_mass
+from .body_belief import MEANS, STDS, BodyBelief, three_stds
 from .environment import ELEMENTS, quantities
 from .materials import Surface, check_surface
-from .physics_keys import PHYSICS_KEYS
+from .physics_keys import OVERLAPS, PHYSICS_KEYS
 from .presets import PRESETS, with_changes
 from .scene import Scene
 from .stiffness import AUTO, auto_stiffness
@@ -50,14 +39,6 @@ from .stiffness import AUTO, auto_stiffness
 PRESET = "physics"
 _COMMON_STD, _COMMON_ORIGIN = "common_pose_std", "common_pose_origin"
 _SCENE_KEYS = (PRESET, *PHYSICS_KEYS, "horizon", "bodies", "environment", _COMMON_STD, _COMMON_ORIGIN)
-_VECTORS = {"position": POSITION, "linear_velocity": VELOCITY, "angular_velocity": ANGULAR_VELOCITY}
-_STDS = {
-    "position_std": ERR_POSITION,
-    "linear_velocity_std": ERR_VELOCITY,
-    "orientation_std": ERR_ROTATION,
-    "angular_velocity_std": ERR_ANGULAR_VELOCITY,
-}
-_STD_LIMIT = 1e150
 _SURFACE_KEYS = tuple(field.name for field in dataclasses.fields(Surface))
 _BODY_KEYS = (
     "name",
@@ -67,9 +48,9 @@ _BODY_KEYS = (
     "mass",
     "mass_std",
     "center_of_mass_std",
-    *_VECTORS,
+    *MEANS,
     "orientation",
-    *_STDS,
+    *STDS,
     "covariance",
     "fixed",
     "at_rest",
@@ -89,12 +70,13 @@ class _UniqueKeyLoader(yaml.SafeLoader):
     """Refuses a key that is given twice, of which YAML would silently take the last."""
 
     def construct_mapping(self, node, deep=False):
-        keys = [key.value for key, _ in node.value if isinstance(key, yaml.ScalarNode)]
-        for k, key in enumerate(keys):
-            if key in keys[:k]:
-                raise yaml.constructor.ConstructorError(
-                    None, None, f"the key '{key}' is given twice", node.start_mark
-                )
+        lines = {}
+        for key, _ in node.value:
+            if isinstance(key, yaml.ScalarNode):
+                if key.value in lines:
+                    problem = f"the key '{key.value}' is given twice, first in line {lines[key.value]}"
+                    raise yaml.constructor.ConstructorError(None, None, problem, key.start_mark)
+                lines[key.value] = key.start_mark.line + 1
         return super().construct_mapping(node, deep)
 
 
@@ -182,6 +164,12 @@ def preset(name) -> dict:
 
 def physics_value(key, value):
     """The value of another entry that sets the physics, checked; None for null."""
+    if value is None and key == "overlap":
+        raise InvalidOptionError(
+            f"must be one of {', '.join(OVERLAPS)}; leave it out for the integrator's own",
+            field=key,
+            value="null",
+        )
     if value is None or (key == "stiffness" and value == AUTO):
         return value
     spec = PHYSICS_KEYS[key]
@@ -215,10 +203,15 @@ def _environment(content):
 def _element(content, field):
     """An element; errors name the entry as it stands in the file."""
     error = InvalidEnvironmentError
+    shapes = ", ".join(ELEMENTS)
+    if isinstance(content, dict) and not any(kind in content for kind in ELEMENTS):
+        other = [key for key in content if key not in ("name", *_SURFACE_KEYS)]
+        said = f"has no shape '{str(other[0])[:50]}'" if other else "names no shape"
+        raise error(f"{said}; the shapes are {shapes}", field=field)
     _check_keys(content, ("name", *ELEMENTS, *_SURFACE_KEYS), field, error)
     kinds = [kind for kind in ELEMENTS if kind in content]
-    if len(kinds) != 1:
-        raise error(f"must be exactly one of {', '.join(ELEMENTS)}", field=field, value=content)
+    if len(kinds) > 1:
+        raise error(f"must be exactly one shape, not {' and '.join(kinds)}", field=field)
     kind, name = kinds[0], content.get("name", "")
     if not isinstance(name, str):
         raise error("must be a text", field=f"{field}.name", value=name)
@@ -255,30 +248,26 @@ def _body(content, field, models_dir, folder):
     fixed = content.get("fixed", False)
     if not isinstance(fixed, bool):
         raise InvalidRequestError("must be true or false", field=f"{field}.fixed", value=fixed)
-    state = np.zeros(STATE)
-    for key, place in _VECTORS.items():
-        if content.get(key) is not None:
-            state[place] = _numbers(content[key], (3,), f"{field}.{key}")
-    orientation = content.get("orientation", (0.0, 0.0, 0.0, 1.0))
-    state[QUATERNION] = quaternion(
-        _numbers(orientation, (4,), f"{field}.orientation"), f"{field}.orientation"
-    )
-    P = _covariance(content, field)
+    belief = _body_belief(content, field)
     mass_std, com_std = (
         0.0 if content.get(key) is None else content[key] for key in ("mass_std", "center_of_mass_std")
     )
     mass_std = non_negative(mass_std, f"{field}.mass_std")
     com_std = _std(com_std, f"{field}.center_of_mass_std")
     if fixed:
-        for key, values in (
-            ("velocity", state[VELOCITY]),
-            ("velocity", state[ANGULAR_VELOCITY]),
-            ("covariance", P),
-            ("mass_std", mass_std),
-            ("center_of_mass_std", com_std),
-        ):
+        try:
+            at_field(field, belief.check_fixed)
+        except InvalidRequestError as error:
+            if content.get("covariance") is None:
+                raise
+            raise InvalidRequestError(
+                "must be zero or absent: the body is fixed", field=f"{field}.covariance"
+            ) from error
+        for key, values in (("mass_std", mass_std), ("center_of_mass_std", com_std)):
             if np.any(values):
-                raise InvalidRequestError(f"is fixed, so its {key} must be zero or absent", field=field)
+                raise InvalidRequestError(
+                    "must be zero or absent: the body is fixed", field=f"{field}.{key}", value=content[key]
+                )
     model = at_field(
         field, load_shape, content["model"], content.get("spheres"), content.get("scale"), models_dir, folder
     )
@@ -288,7 +277,24 @@ def _body(content, field, models_dir, folder):
     body = at_field(
         field, RigidBody, content["name"], model, mass, fixed, mass_std, com_std, at_rest, **surface
     )
-    return body, state, P
+    return body, belief.state, belief.covariance
+
+
+def _body_belief(content, field):
+    """What the entries of a body say of its state."""
+    given = {}
+    for key in (*MEANS, "orientation"):
+        if content.get(key) is not None:
+            given[key] = _numbers(content[key], (4 if key == "orientation" else 3,), f"{field}.{key}")
+    for key in STDS:
+        if content.get(key) is not None:
+            given[key] = _std(content[key], f"{field}.{key}")
+    if content.get("covariance") is not None:
+        stds = [key for key in STDS if key in given]
+        if stds:
+            raise InvalidRequestError(f"must not be given beside {stds[0]}", field=f"{field}.covariance")
+        given["covariance"] = _numbers(content["covariance"], (ERROR, ERROR), f"{field}.covariance")
+    return at_field(field, BodyBelief, **given)
 
 
 def at_field(field, function, *arguments, **options):
@@ -333,29 +339,10 @@ def _load_packing(path, changed):
     return load_packing(path)
 
 
-def _covariance(content, field):
-    given = [key for key in _STDS if content.get(key) is not None]
-    if content.get("covariance") is not None:
-        if given:
-            raise InvalidRequestError(f"must not be given beside {given[0]}", field=f"{field}.covariance")
-        return covariance(
-            _numbers(content["covariance"], (ERROR, ERROR), f"{field}.covariance"),
-            ERROR,
-            f"{field}.covariance",
-        )
-    std = np.zeros(ERROR)
-    for key in given:
-        std[_STDS[key]] = _std(content[key], f"{field}.{key}")
-    return np.diag(std**2)
-
-
 def _std(value, field):
     """Standard deviations (3,) from three numbers, or from one that stands for all."""
-    std = _numbers(value, (3,), field) if isinstance(value, list) else np.full(3, non_negative(value, field))
-    non_negative(std.min(), field)
-    if std.max() > _STD_LIMIT:
-        raise NotFiniteError("is too large for its square to be finite", field=field, value=value)
-    return std
+    value = _numbers(value, (3,), field) if isinstance(value, list) else number(value, field)
+    return three_stds(value, field)
 
 
 def _numbers(value, shape, field, error: type[UncPhysicsError] = InvalidRequestError) -> Any:
@@ -380,6 +367,4 @@ def _check_keys(content, known, field, error: type[UncPhysicsError] = InvalidReq
         if not isinstance(key, str):
             raise error("has a key that is no text", field=field, value=key)
         if key not in known:
-            close = difflib.get_close_matches(key[:50], known, n=1)
-            hint = f"; did you mean '{close[0]}'?" if close else ""
-            raise error(f"has no key {key[:50]!r}{hint}", field=field)
+            raise error(f"has no key {key[:50]!r}{hint(key, known)}", field=field)

@@ -71,14 +71,14 @@ def run(job: Job) -> Outcome:
     made |= {(MONTE_CARLO, count): make_propagator(MONTE_CARLO, samples=count) for count in COUNTS}
     rows = [
         Row(TRUTH, question, "1", probability, count, 0, seed)
-        for question, probability in all_answers(case, prediction, boxes).items()
+        for question, probability in all_answers(prediction, boxes).items()
     ]
     for (name, samples), propagator in made.items():
         if case.scene.integrator in propagator.integrators:
             found = predict(case.scene, case.belief, propagator, case.horizon)
             rows += [
                 Row(name, question, "1", probability, samples, 0, found.seed)
-                for question, probability in all_answers(case, found, boxes).items()
+                for question, probability in all_answers(found, boxes).items()
             ]
     return Outcome(rows)
 
@@ -127,15 +127,14 @@ def _errors(rows):
     return f"{said}, off by {errors.mean():.3f} on average, {errors.max():.3f} at most"
 
 
-def all_answers(case, prediction, boxes) -> dict[str, float]:
+def all_answers(prediction, boxes) -> dict[str, float]:
     """Every probability of a prediction by its question, NaN where it is not available."""
-    scene, initial = case.scene, case.belief
     found = {}
-    for a in answers.contact_probabilities(scene, prediction, initial):
+    for a in answers.contact_probabilities(prediction):
         found[f"{CONTACT} {a.object_a} and {a.object_b}"] = a
-    for a in answers.region_probabilities(scene, prediction, boxes, initial):
+    for a in answers.region_probabilities(prediction, boxes):
         found[f"{REGION} {a.object} in {a.region}"] = a
-    for a in answers.rest_probabilities(scene, prediction, initial):
+    for a in answers.rest_probabilities(prediction):
         found[f"{REST} {a.object}"] = a
     return {question: a.probability if a.available else math.nan for question, a in found.items()}
 

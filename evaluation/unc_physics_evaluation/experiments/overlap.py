@@ -102,7 +102,7 @@ def run(job: Job) -> Outcome:
         END: ("1", spread_ratio(watched.end, drawn)),
         CPU_TIME: ("s", start_time(scene, belief, min(count, TIMED), ROUNDS)),
     }
-    statuses = assess(scene, belief, watched.prediction)
+    statuses = assess(watched.prediction)
     found[FLAGGED] = "1", _share([status.flags != Status.FINE for status in statuses])
     found[OVERLAPS] = "1", max(status.measures.get(OVERLAPS, 0.0) for status in statuses)
     if start != KEEP:

@@ -170,7 +170,7 @@ def _prediction(given, name, job):
     start = propagator.belief(propagator.init(scene, belief), scene)  # of Monte Carlo, the samples' own mean
     rows += prediction_rows(name, scene, (start, *prediction.beliefs), (0.0, *prediction.times))
     rows += _spread_rows(name, scene, prediction.belief, samples, prediction.seed)
-    statuses = assess(scene, belief, prediction)
+    statuses = assess(prediction)
     for k in scene.moving.tolist():
         rows.append(Row(name, FLAGS, "1", int(statuses[k].flags), samples, k))
         rows += [

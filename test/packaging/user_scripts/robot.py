@@ -7,6 +7,7 @@ import numpy as np
 from unc_physics import (
     PROPAGATORS,
     Belief,
+    BodyBelief,
     BodyStatus,
     Box,
     BoxRegion,
@@ -14,7 +15,9 @@ from unc_physics import (
     ContactProbability,
     Cylinder,
     ErrorCode,
+    Mode,
     Plane,
+    PredictedBody,
     Prediction,
     Propagator,
     RegionProbability,
@@ -24,6 +27,7 @@ from unc_physics import (
     Sphere,
     SpherePacking,
     Status,
+    Trajectory,
     UncPhysicsError,
     assess,
     auto_stiffness,
@@ -57,14 +61,13 @@ def drop() -> Prediction:
     assert_type(scene.bodies[0], RigidBody)
     assert_type(scene.bodies[0].model, SpherePacking)
 
-    mean = np.zeros((1, 13))
-    mean[0, 9] = 1.0
-    mean[0, 2] = 0.2
-    belief = Belief(mean, np.zeros((1, 12, 12))).with_common_pose_std([0.01] * 6)
+    about = BodyBelief(position=(0, 0, 0.2), position_std=0.01, orientation_std=[0.1, 0.1, 0.3])
+    assert_type(about.position_std, np.ndarray)
+    belief = Belief.of(scene, {"box": about}).with_common_pose_std([0.01] * 6)
     assert_type(belief.mean, np.ndarray)
     assert_type(belief.marginal(0), np.ndarray)
     assert_type(start_belief(scene, belief), Belief)
-    assert_type(auto_stiffness(scene.bodies, mean, gravity=(0, 0, -9.81)), float)
+    assert_type(auto_stiffness(scene.bodies, belief.mean, gravity=(0, 0, -9.81)), float)
 
     propagator = make_propagator("monte_carlo", samples=100, seed=1)
     assert_type(propagator, Propagator)
@@ -77,18 +80,36 @@ def drop() -> Prediction:
     assert_type(prediction.belief.covariance, np.ndarray)
     assert_type(prediction.times, tuple[float, ...])
     assert_type(prediction.samples(10), np.ndarray)
+    print_body(prediction, prediction["box"])
 
-    for touch in contact_probabilities(scene, prediction, belief):
+    for touch in contact_probabilities(prediction):
         assert_type(touch, ContactProbability)
         assert_type(touch.probability, float)
     region = BoxRegion("bin", size=(0.4, 0.3, 0.2), position=(0, 0, 0.1))
-    assert_type(region_probabilities(scene, prediction, [region], belief), tuple[RegionProbability, ...])
-    assert_type(rest_probabilities(scene, prediction, belief), tuple[RestProbability, ...])
-    for status in assess(scene, belief, prediction):
+    assert_type(region_probabilities(prediction, [region]), tuple[RegionProbability, ...])
+    assert_type(rest_probabilities(prediction), tuple[RestProbability, ...])
+    for status in assess(prediction):
         assert_type(status, BodyStatus)
         assert_type(status.flags, Status)
     assert_type(physics_of(scene), dict[str, Any])
     return prediction
+
+
+def print_body(prediction: Prediction, body: PredictedBody) -> None:
+    assert_type(body.position, np.ndarray)
+    assert_type(body.rotation_std, np.ndarray)
+    assert_type(body.covariance("ros"), np.ndarray)
+    assert_type(prediction.body("box", time=0.25, origin="model").covariance("error_state"), np.ndarray)
+    assert_type(body.samples(10), np.ndarray)
+    assert_type(body.modes, tuple[Mode, ...])
+    assert_type(body.modes[0].weight, float)
+    assert_type(body.contact_with("floor").first_contact_time_mean, float)
+    assert_type(body.probability_in(BoxRegion("bin", size=(0.4, 0.3, 0.2))).probability, float)
+    assert_type(body.rest_probability(), RestProbability)
+    assert_type(body.status(rollouts=0), BodyStatus)
+    assert_type(prediction.bodies, tuple[PredictedBody, ...])
+    assert_type(prediction.trajectory("box"), Trajectory)
+    assert_type(prediction.trajectory("box").covariances, np.ndarray)
 
 
 def from_file() -> Prediction:

@@ -1,14 +1,22 @@
-"""States and covariances at a model's origin and at the centre of mass: the algebra of `conversions`,
-compiled.
+"""States and covariances at a model's origin and at the centre of mass (COM), about fixed axes.
+
+Messages give the pose of a model's own origin ``o`` and rotations about fixed axes; the error state is
+that of the COM, with rotations on the body side. With ``r = R_world_body o`` (from the COM to the
+origin, world axes) and ``dphi = R_world_body dtheta``, the errors at the origin are::
+
+    dp_o = dp - [r]x dphi                              p_o = p + r
+    dv_o = dv - [r]x domega - [omega]x [r]x dphi       v_o = v + omega x r
+
+which is linear in the error state: ``e_o = A e`` (`error_map`), so ``P_o = A P A^T``.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-from ..physics.compiled import kernel
-from ..physics.layout import EP, ER, ERROR, EV, EW, P, Q, V, W
-from ..physics.rotation import rotate, write_matrix
+from .compiled import kernel
+from .layout import EP, ER, ERROR, EV, EW, P, Q, V, W
+from .rotation import rotate, write_matrix
 
 
 @kernel

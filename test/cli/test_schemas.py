@@ -1,0 +1,161 @@
+"""The JSON schemas say what scene files and predictions are."""
+
+import json
+from pathlib import Path
+
+import jsonschema
+import pytest
+import yaml
+from example_scenes import two_bodies
+
+from unc_physics import PROPAGATORS, UncPhysicsError
+from unc_physics.__main__ import main
+from unc_physics.cli.schema_command import SCHEMAS, schema_text
+from unc_physics.scene import scene_file
+
+ROOT = Path(__file__).resolve().parents[2]
+SCENE_FILES = [
+    *sorted((ROOT / "examples" / "scenes").glob("*.yaml")),
+    *sorted((ROOT / "evaluation" / "unc_physics_evaluation" / "hard_cases").glob("*.yaml")),
+]
+
+
+def schema(what):
+    return json.loads(schema_text(what))
+
+
+def validator(what):
+    return jsonschema.Draft202012Validator(schema(what))
+
+
+def problems(what, content):
+    return [error.message for error in validator(what).iter_errors(content)]
+
+
+def properties(node):
+    """All properties anywhere in a schema, each with its name."""
+    if isinstance(node, dict):
+        for name, value in node.get("properties", {}).items():
+            yield name, value
+        for value in node.values():
+            yield from properties(value)
+    elif isinstance(node, list):
+        for value in node:
+            yield from properties(value)
+
+
+@pytest.mark.parametrize("what", SCHEMAS)
+def test_a_schema_is_one_and_describes_every_key(what, capsys):
+    jsonschema.Draft202012Validator.check_schema(schema(what))
+    bare = [name for name, value in properties(schema(what)) if not value.get("description")]
+    assert not bare
+    assert main(["schema", what]) == 0
+    assert json.loads(capsys.readouterr().out) == schema(what)
+
+
+def test_the_scene_schema_has_the_reader_s_keys():
+    found = schema("scene")
+    assert set(found["properties"]) == set(scene_file._SCENE_KEYS)
+    parts = found["$defs"]
+    assert set(parts["body"]["properties"]) == set(scene_file._BODY_KEYS)
+    element = parts["element"]["properties"]
+    assert set(element) == {"name", *scene_file._ELEMENTS, *scene_file._SURFACE_KEYS}
+    for kind, (needed, known) in scene_file._ELEMENTS.items():
+        assert set(element[kind]["properties"]) == set(known)
+        assert set(element[kind]["required"]) == set(needed)
+
+
+@pytest.mark.parametrize("path", SCENE_FILES, ids=lambda path: path.stem)
+def test_scene_files_fit_the_schema(path):
+    assert not problems("scene", yaml.safe_load(path.read_text()))
+
+
+def in_body(**entries):
+    content = two_bodies()
+    content["bodies"][0] |= entries
+    return content
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        two_bodies() | {"gravty": [0, 0, 0]},
+        two_bodies() | {"gravity": [0, 0]},
+        two_bodies() | {"dt": "short"},
+        two_bodies() | {"overlap": None},
+        two_bodies() | {"common_pose_origin": [0, 0, 0]},
+        two_bodies() | {"bodies": []},
+        two_bodies() | {"environment": [{"cone": {"radius": 1}}]},
+        two_bodies() | {"environment": [{"plane": {"normal": [0, 0, 1]}, "sphere": {"radius": 1}}]},
+        two_bodies() | {"environment": [{"box": {"position": [0, 0, 1]}}]},
+        two_bodies() | {"environment": [{"sphere": {"radius": -1}}]},
+        in_body(mass=-1),
+        in_body(name=""),
+        in_body(fixed=None),
+        in_body(model=None),
+        in_body(position_std=[0.1, 0.1]),
+        in_body(covariance=[[1.0]]),
+        in_body(colour="red"),
+    ],
+)
+def test_schema_and_reader_refuse_alike(content):
+    assert problems("scene", content)
+    with pytest.raises(UncPhysicsError):
+        scene_file.scene_from_dict(content)
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        two_bodies() | {"dt": "1e-2", "gravity": None, "physics": "everyday", "stiffness": "auto"},
+        two_bodies() | {"environment": [{"plane": {"normal": ["0", 0, "1e0"]}, "friction": None}]},
+        in_body(spheres=None, scale=None, orientation=None, at_rest=None),
+    ],
+)
+def test_schema_and_reader_take_alike(content):
+    assert not problems("scene", content)
+    scene_file.scene_from_dict(content)
+
+
+@pytest.mark.parametrize("name", sorted(PROPAGATORS))
+def test_predictions_fit_the_schema(name, tmp_path, capsys):
+    content = two_bodies()
+    content["bodies"].append(
+        {"name": "post", "model": "bunny", "spheres": 10, "fixed": True, "position": [9, 9, 9]}
+    )
+    path = tmp_path / "scene.yaml"
+    path.write_text(yaml.safe_dump(content))
+    few = ["--samples", "5"] if "samples" in PROPAGATORS[name].options() else []
+    for more in ([], ["--probabilities", "--period", "0.5", "--samples-out", "3", "--status-rollouts", "0"]):
+        assert main(["predict", str(path), "--json", "--propagator", name, *few, *more]) == 0
+        result = json.loads(capsys.readouterr().out)
+        assert not problems("prediction", result)
+        assert set(result) == {
+            key
+            for key in schema("prediction")["properties"]
+            if more or key not in ("trajectory", "contact_probabilities", "rest_probabilities")
+        }
+    fixed = result["bodies"][-1]
+    assert fixed["covariance"] is None and len(fixed["samples"]) == 3
+
+
+def test_the_schema_knows_all_that_physics_may_say(tmp_path, capsys):
+    content = two_bodies() | {"physics": "everyday", "stiffness_std": 10.0, "gravity_direction_std": 0.01}
+    content |= {"friction_std": 0.1, "restitution_std": 0.01, "horizon": 0.1}
+    content["bodies"][0] |= {"friction": 0.3, "restitution": 0.2}
+    path = tmp_path / "scene.yaml"
+    path.write_text(yaml.safe_dump(content))
+    assert main(["predict", str(path), "--json", "--propagator", "monte_carlo", "--samples", "3"]) == 0
+    result = json.loads(capsys.readouterr().out)
+    assert not problems("prediction", result)
+    assert set(result["physics"]) == set(schema("prediction")["$defs"]["physics"]["properties"])
+
+
+def test_what_is_not_available_is_null(tmp_path, capsys):
+    path = tmp_path / "scene.yaml"
+    path.write_text(yaml.safe_dump(two_bodies()))
+    arguments = ["predict", str(path), "--json", "--probabilities", "--propagator", "monte_carlo"]
+    assert main([*arguments, "--samples", "3"]) == 0
+    result = json.loads(capsys.readouterr().out)
+    unknown = [answer for answer in result["rest_probabilities"] if not answer["available"]]
+    assert unknown and all(answer["probability"] is None for answer in unknown)

@@ -1,0 +1,152 @@
+"""A prediction's bodies by name: where they are, how surely, and what they touch."""
+
+import numpy as np
+import pytest
+from example_scenes import two_bodies
+
+from unc_physics import (
+    Belief,
+    BodyBelief,
+    BoxRegion,
+    Plane,
+    RigidBody,
+    Scene,
+    UncPhysicsError,
+    assess,
+    contact_probabilities,
+    load_model,
+    make_propagator,
+    predict,
+    region_probabilities,
+    rest_probabilities,
+)
+from unc_physics.physics.rotation import rotation_matrix
+from unc_physics.scene.scene_file import scene_from_dict
+
+ROUND_OFF = 1e-12
+REGION = BoxRegion("here", (1.0, 1.0, 1.0))
+
+
+@pytest.fixture(scope="module")
+def tumbling():
+    """A mug in free flight, and a fixed one; its model's own origin is off the centre of mass."""
+    mug = load_model("mug").prefix(20)
+    assert np.abs(mug.origin).max() > 1e-3, "the case must tell the origins apart"
+    scene = Scene(
+        [RigidBody("mug", mug), RigidBody("post", mug, fixed=True)], environment=[Plane(offset=-9.0)]
+    )
+    rng = np.random.default_rng(3)
+    A = 0.01 * rng.standard_normal((12, 12))
+    belief = Belief.of(
+        scene,
+        {
+            "mug": BodyBelief(
+                position=(0, 0, 2),
+                orientation=(0.5, 0.5, 0.5, 0.5),
+                linear_velocity=(0.1, 0.2, 0.3),
+                angular_velocity=(0.4, -0.5, 0.6),
+                covariance=A @ A.T,
+            ),
+            "post": BodyBelief(position=(0, 0, -5)),
+        },
+    )
+    return predict(
+        scene, belief, make_propagator("monte_carlo", samples=4000, seed=2), 0.2, times=[0.1], keep_samples=5
+    )
+
+
+def test_a_body_s_numbers_are_those_of_the_belief(tumbling):
+    mug, belief = tumbling["mug"], tumbling.belief
+    x, P = belief.mean[0], belief.marginal(0)
+    assert (mug.name, mug.time, mug.fixed) == ("mug", tumbling.time, False)
+    together = [mug.position, mug.linear_velocity, mug.orientation, mug.angular_velocity]
+    np.testing.assert_array_equal(np.concatenate(together), x)
+    np.testing.assert_array_equal(mug.covariance("error_state"), P)
+    R = rotation_matrix(x[6:10])
+    np.testing.assert_allclose(mug.rotation_std, np.sqrt((R @ P[6:9, 6:9] @ R.T).diagonal()), rtol=1e-12)
+    np.testing.assert_allclose(mug.position_std, np.sqrt(P.diagonal()[:3]), rtol=1e-12)
+    np.testing.assert_allclose(mug.linear_velocity_std, np.sqrt(P.diagonal()[3:6]), rtol=1e-12)
+    np.testing.assert_allclose(mug.angular_velocity_std, np.sqrt(P.diagonal()[9:]), rtol=1e-12)
+    T = np.zeros((6, 12))
+    T[:3, :3], T[3:, 6:9] = np.eye(3), R
+    np.testing.assert_allclose(mug.covariance("ros"), T @ P @ T.T, atol=ROUND_OFF)
+    mug.position[:] = 7.0  # a copy
+    np.testing.assert_array_equal(mug.position, x[:3])
+
+
+def test_at_the_model_s_origin_samples_and_moments_agree(tumbling):
+    """Positions and velocities of the origin in samples, against mean and covariance to first order."""
+    mug = tumbling.body("mug", origin="model")
+    samples = mug.samples()
+    np.testing.assert_allclose(samples[:, :3].mean(axis=0), mug.position, atol=1e-4)
+    np.testing.assert_allclose(samples[:, 3:6].mean(axis=0), mug.linear_velocity, atol=1e-4)
+    np.testing.assert_allclose(samples[:, :3].std(axis=0), mug.position_std, rtol=2e-3)
+    np.testing.assert_allclose(samples[:, 3:6].std(axis=0), mug.linear_velocity_std, rtol=2e-3)
+    P = mug.covariance("error_state")
+    np.testing.assert_allclose(np.cov(samples[:, :6].T, bias=True), P[:6, :6], atol=2e-3 * P.diagonal().max())
+    centre = tumbling["mug"]
+    np.testing.assert_allclose(P[6:, 6:], centre.covariance("error_state")[6:, 6:], atol=ROUND_OFF)
+    offset = rotation_matrix(centre.orientation) @ tumbling.scene.bodies[0].model.origin
+    np.testing.assert_allclose(mug.position, centre.position + offset, atol=ROUND_OFF)
+    np.testing.assert_array_equal(mug.samples(3), samples[:3])
+
+
+def test_a_fixed_body_is_certain(tumbling):
+    post = tumbling["post"]
+    assert post.fixed and not post.covariance().any() and not post.position_std.any()
+    assert post.rest_probability().probability == 1.0
+    assert post.probability_in(BoxRegion("low", (1, 1, 1), (0, 0, -5))).probability == 1.0
+    assert post.probability_in(REGION).probability == 0.0
+    assert [mode.weight for mode in post.modes] == [1.0]
+
+
+def test_trajectories_hold_each_time(tumbling):
+    way = tumbling.trajectory("mug")
+    np.testing.assert_array_equal(way.times, tumbling.times)
+    for k, (time, belief) in enumerate(zip(tumbling.times, tumbling.beliefs, strict=True)):
+        np.testing.assert_array_equal(way.positions[k], belief.mean[0, :3])
+        np.testing.assert_array_equal(way.orientations[k], belief.mean[0, 6:10])
+        np.testing.assert_array_equal(way.covariances[k], belief.marginal(0))
+        body = tumbling.body("mug", time=time)
+        np.testing.assert_array_equal(way.position_stds[k], body.position_std)
+        np.testing.assert_array_equal(way.rotation_stds[k], body.rotation_std)
+    assert way.covariances.shape == (2, 12, 12)
+
+
+def test_answers_are_those_of_the_whole_prediction():
+    scene, belief, _ = scene_from_dict(two_bodies())
+    prediction = predict(scene, belief, make_propagator("monte_carlo", samples=300, seed=1), 2.0)
+    left, right = prediction.bodies
+    assert (left.name, right.name) == ("left", "right")
+    (touch,) = contact_probabilities(prediction)
+    assert left.contact_with("right") == right.contact_with("left") == touch
+    assert right.probability_in(REGION) == region_probabilities(prediction, REGION)[1]
+    assert right.rest_probability() == rest_probabilities(prediction)[1]
+    assert (left.status(), right.status()) == assess(prediction)
+    (mode,) = left.modes
+    np.testing.assert_array_equal(mode.mean, prediction.belief.mean[0])
+    np.testing.assert_array_equal(mode.covariance, prediction.belief.marginal(0))
+
+
+@pytest.mark.parametrize(
+    "ask, words",
+    [
+        (lambda p: p["mgu"], "is no body of the scene; did you mean 'mug'"),
+        (lambda p: p["x"], "there is mug, post"),
+        (lambda p: list(p), r"must be the name of a body; prediction.bodies has them all \(got 0\)"),
+        (
+            lambda p: p.body("mug", time=0.05),
+            r"time must be one of the 2 times .* nearest is 0.1 s \(got 0.05\)",
+        ),
+        (lambda p: p.body("mug", origin="com"), "origin must be one of center_of_mass, model"),
+        (lambda p: p["mug"].covariance("body"), "convention must be one of ros, error_state"),
+        (lambda p: p["mug"].contact_with("pots"), "'mug' can touch; did you mean 'post'"),
+        (lambda p: p["mug"].probability_in("bin"), "region must be a BoxRegion, not a str"),
+        (lambda p: p.body("mug", time=0.1).samples(3), "samples is known at the horizon only"),
+        (lambda p: p.body("mug", time=0.1).modes, "modes is known at the horizon only"),
+        (lambda p: p.body("mug", time=0.1).contact_with("post"), "contact_with is known at the horizon only"),
+    ],
+)
+def test_what_cannot_be_answered_is_named(tumbling, ask, words):
+    with pytest.raises(UncPhysicsError, match=words):
+        ask(tumbling)

@@ -1,0 +1,50 @@
+# The public interface: `__init__.py` imports from here what is asked for, type checkers read it as it stands.
+
+from .checks.errors import ErrorCode as ErrorCode
+from .checks.errors import UncPhysicsError as UncPhysicsError
+from .geometry.library import list_models as list_models
+from .geometry.library import load_model as load_model
+from .geometry.packing import pack_solid as pack_solid
+from .geometry.packing_file import SpherePacking as SpherePacking
+from .geometry.packing_file import load_packing as load_packing
+from .geometry.packing_file import save_packing as save_packing
+from .geometry.solid_mesh import SolidMesh as SolidMesh
+from .geometry.solid_mesh import load_solid as load_solid
+from .prediction.predict import predict as predict
+from .prediction.predict import start_belief as start_belief
+from .prediction.predicted_body import PredictedBody as PredictedBody
+from .prediction.predicted_body import Trajectory as Trajectory
+from .prediction.prediction import Prediction as Prediction
+from .prediction.probabilities import BoxRegion as BoxRegion
+from .prediction.probabilities import ContactProbability as ContactProbability
+from .prediction.probabilities import RegionProbability as RegionProbability
+from .prediction.probabilities import RestProbability as RestProbability
+from .prediction.probabilities import contact_probabilities as contact_probabilities
+from .prediction.probabilities import region_probabilities as region_probabilities
+from .prediction.probabilities import rest_probabilities as rest_probabilities
+from .prediction.status import BodyStatus as BodyStatus
+from .prediction.status import Status as Status
+from .prediction.status import assess as assess
+from .prediction.status import assess_all as assess_all
+from .propagators.base import Mode as Mode
+from .propagators.base import Propagator as Propagator
+from .propagators.registry import PROPAGATORS as PROPAGATORS
+from .propagators.registry import make_propagator as make_propagator
+from .scene.belief import Belief as Belief
+from .scene.body import RigidBody as RigidBody
+from .scene.body_belief import BodyBelief as BodyBelief
+from .scene.environment import Box as Box
+from .scene.environment import Capsule as Capsule
+from .scene.environment import Cylinder as Cylinder
+from .scene.environment import Element as Element
+from .scene.environment import Plane as Plane
+from .scene.environment import Sphere as Sphere
+from .scene.physics_summary import physics_of as physics_of
+from .scene.presets import PRESETS as PRESETS
+from .scene.scene import Scene as Scene
+from .scene.scene_file import LoadedScene as LoadedScene
+from .scene.scene_file import load_scene as load_scene
+from .scene.stiffness import auto_stiffness as auto_stiffness
+from .scene.stiffness import with_stiffness as with_stiffness
+
+__version__: str

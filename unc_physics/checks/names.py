@@ -1,0 +1,16 @@
+"""Names that do not exist: what close ones there are."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable
+
+
+def hint(name: str, known: Iterable[str]) -> str:
+    """The end of a sentence about an unknown name: the closest of the known ones, or all if they are few."""
+    known = list(known)
+    close = difflib.get_close_matches(name[:50], known, n=1)
+    if close:
+        return f"; did you mean '{close[0]}'?"
+    shown = known[:10] + ["..."] * (len(known) > 10)
+    return f"; there is {', '.join(shown)}" if known else "; there is none"

@@ -1,0 +1,323 @@
+"""One body of a prediction, by its name: where it will be, how surely, and what it will touch."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..checks.errors import InvalidOptionError, InvalidRequestError, NotSupportedError
+from ..checks.names import hint
+from ..checks.validation import instance, number
+from ..physics.layout import (
+    ANGULAR_VELOCITY,
+    ERR_ANGULAR_VELOCITY,
+    ERR_POSITION,
+    ERR_ROTATION,
+    ERR_VELOCITY,
+    POSITION,
+    QUATERNION,
+    VELOCITY,
+)
+from ..physics.origin import at_origin
+from ..physics.rotation import rotation_matrix
+from ..propagators.base import Mode
+from .prediction import Prediction
+from .probabilities import (
+    FLIGHTS,
+    REST_ANGULAR_SPEED,
+    REST_SPEED,
+    BoxRegion,
+    ContactProbability,
+    RegionProbability,
+    RestProbability,
+    contact_probabilities,
+    region_probabilities,
+    rest_probabilities,
+)
+from .status import ROLLOUTS, BodyStatus, assess_all
+
+ORIGINS = ("center_of_mass", "model")
+CONVENTIONS = ("ros", "error_state")
+
+
+class PredictedBody:
+    """What is predicted of one body at one time; `Prediction.body` makes it.
+
+    Position and linear velocity are those of ``origin``: the centre of mass, or the model's own origin.
+    Everything is computed when it is asked for. Samples, modes and probabilities are known at the
+    prediction's horizon only.
+
+    Attributes
+    ----------
+    name : str
+    time : float
+        Simulated time from the start [s].
+    origin : {'center_of_mass', 'model'}
+    fixed : bool
+        Whether it never moves; then all its standard deviations are 0.
+    """
+
+    def __init__(self, prediction: Prediction, name: str, time: float, origin: str = "center_of_mass"):
+        scene = prediction.scene
+        names = [body.name for body in scene.bodies]
+        if not isinstance(name, str):
+            raise InvalidRequestError(
+                "must be the name of a body; prediction.bodies has them all", field="name", value=name
+            )
+        if name not in names:
+            raise InvalidRequestError(f"is no body of the scene{hint(name, names)}", field="name", value=name)
+        if origin not in ORIGINS:
+            raise InvalidOptionError(f"must be one of {', '.join(ORIGINS)}", field="origin", value=origin)
+        self._prediction, self._body = prediction, names.index(name)
+        self._index = _index(number(time, "time"), prediction)
+        self.name, self.time, self.origin = name, prediction.times[self._index], origin
+        self.fixed = scene.bodies[self._body].fixed
+
+    def __repr__(self):
+        return f"<PredictedBody '{self.name}' at {self.time:g} s, position {self.position.tolist()} m>"
+
+    @property
+    def position(self) -> np.ndarray:
+        """(3,): mean position of the origin, world frame [m]."""
+        return self._state()[POSITION]
+
+    @property
+    def orientation(self) -> np.ndarray:
+        """(4,): mean orientation, the quaternion (x, y, z, w) of ``R_world_body``."""
+        return self._state()[QUATERNION]
+
+    @property
+    def linear_velocity(self) -> np.ndarray:
+        """(3,): mean velocity of the origin, world frame [m/s]."""
+        return self._state()[VELOCITY]
+
+    @property
+    def angular_velocity(self) -> np.ndarray:
+        """(3,): mean angular velocity, world frame [rad/s]."""
+        return self._state()[ANGULAR_VELOCITY]
+
+    @property
+    def position_std(self) -> np.ndarray:
+        """(3,): standard deviations of the position along the world's axes [m]."""
+        return self._std(ERR_POSITION)
+
+    @property
+    def rotation_std(self) -> np.ndarray:
+        """(3,): standard deviations of the rotation about the world's axes [rad]."""
+        return self._std(ERR_ROTATION)
+
+    @property
+    def linear_velocity_std(self) -> np.ndarray:
+        """(3,): standard deviations of the linear velocity along the world's axes [m/s]."""
+        return self._std(ERR_VELOCITY)
+
+    @property
+    def angular_velocity_std(self) -> np.ndarray:
+        """(3,): standard deviations of the angular velocity about the world's axes [rad/s]."""
+        return self._std(ERR_ANGULAR_VELOCITY)
+
+    def covariance(self, convention: str = "ros") -> np.ndarray:
+        """Covariance of the body at the origin.
+
+        Parameters
+        ----------
+        convention : {'ros', 'error_state'}
+            ``ros``: (6, 6), of ``[x, y, z, rotation about x, y, z]``, all about the world's fixed axes, as in
+            ``geometry_msgs/PoseWithCovariance``. ``error_state``: (12, 12), of position, linear velocity,
+            rotation and angular velocity, as in `Belief`; the rotation is about the body's axes.
+
+        Returns
+        -------
+        (6, 6) or (12, 12) array
+            In m, m/s, rad and rad/s; zeros for a fixed body.
+
+        Raises
+        ------
+        InvalidOptionError
+            If there is no such convention.
+        """
+        if convention not in CONVENTIONS:
+            raise InvalidOptionError(
+                f"must be one of {', '.join(CONVENTIONS)}", field="convention", value=convention
+            )
+        if convention == "ros":
+            return self._at_origin()[2].reshape(6, 6)
+        if self.origin == "center_of_mass":
+            return self._covariance()
+        C, R = self._at_origin()[1], rotation_matrix(self.orientation)
+        C[ERR_ROTATION] = R.T @ C[ERR_ROTATION]
+        C[:, ERR_ROTATION] = C[:, ERR_ROTATION] @ R
+        return C
+
+    def samples(self, count: int | None = None) -> np.ndarray:
+        """(count, 13): states ``[p, v, q, omega]`` of the body, drawn as `Prediction.samples` draws them."""
+        self._only_at_the_horizon("samples")
+        states = self._prediction.samples(count)[:, self._body].copy()
+        if self.origin == "model":
+            arm = _rotated(states[:, QUATERNION], self._model_origin())
+            states[:, POSITION] += arm
+            states[:, VELOCITY] += np.cross(states[:, ANGULAR_VELOCITY], arm)
+        return states
+
+    @property
+    def modes(self) -> tuple[Mode, ...]:
+        """The outcomes that the body's state splits into, most probable first, at the centre of mass.
+
+        A single Gaussian unless the propagator tells them apart.
+        """
+        self._only_at_the_horizon("modes")
+        prediction = self._prediction
+        return prediction.propagator.modes(prediction.carry, prediction.scene, self._body)
+
+    def probability_in(self, region: BoxRegion, *, flights: int = FLIGHTS) -> RegionProbability:
+        """How probable it is that the body's centre of mass lies in a region (`region_probabilities`)."""
+        self._only_at_the_horizon("probability_in")
+        instance(region, BoxRegion, "region")
+        if self.fixed:
+            inside = bool(region.contains(self._mean()[POSITION]))
+            return RegionProbability(region.name, self.name, self.time, True, float(inside))
+        answers = region_probabilities(self._prediction, [region], flights=flights)
+        return next(answer for answer in answers if answer.object == self.name)
+
+    def contact_with(self, other: str, *, flights: int = FLIGHTS) -> ContactProbability:
+        """How probable it is that the body touches another thing, and when (`contact_probabilities`).
+
+        Parameters
+        ----------
+        other : str
+            Another body, an element of the environment, or ``environment`` for any of its elements.
+        flights : int, optional
+            As for `contact_probabilities`.
+
+        Raises
+        ------
+        InvalidRequestError
+            If there is no such thing, or neither of them moves.
+        """
+        self._only_at_the_horizon("contact_with")
+        found: dict[str, ContactProbability] = {}
+        for answer in contact_probabilities(self._prediction, flights=flights):
+            if answer.object_a == self.name:
+                found[answer.object_b] = answer
+            elif answer.object_b == self.name:
+                found[answer.object_a] = answer
+        if other not in found:
+            raise InvalidRequestError(
+                f"is nothing that '{self.name}' can touch{hint(str(other), found)}",
+                field="other",
+                value=other,
+            )
+        return found[other]
+
+    def rest_probability(
+        self, *, speed: float = REST_SPEED, angular_speed: float = REST_ANGULAR_SPEED, flights: int = FLIGHTS
+    ) -> RestProbability:
+        """How probable it is that the body is at rest (`rest_probabilities`)."""
+        self._only_at_the_horizon("rest_probability")
+        if self.fixed:
+            return RestProbability(self.name, self.time, True, 1.0)
+        answers = rest_probabilities(
+            self._prediction, speed=speed, angular_speed=angular_speed, flights=flights
+        )
+        return next(answer for answer in answers if answer.object == self.name)
+
+    def status(self, *, rollouts: int = ROLLOUTS) -> BodyStatus:
+        """How far the body's prediction can be trusted (`assess`)."""
+        k, prediction = self._index, self._prediction
+        then = replace(prediction, times=prediction.times[k : k + 1], beliefs=prediction.beliefs[k : k + 1])
+        return assess_all(then, rollouts=rollouts)[0][self._body]
+
+    def _mean(self):
+        return self._prediction.beliefs[self._index].mean[self._body].copy()
+
+    def _covariance(self):
+        return self._prediction.beliefs[self._index].marginal(self._body).copy()
+
+    def _model_origin(self):
+        """(3,): the model's origin in the body frame [m]."""
+        return np.array(self._prediction.scene.bodies[self._body].model.origin)
+
+    def _at_origin(self):
+        """State (13,), covariance (12, 12) about fixed axes, and the pose's share (36,) of it."""
+        offset = self._model_origin() if self.origin == "model" else np.zeros(3)
+        return at_origin(self._mean(), self._covariance(), offset)[:3]
+
+    def _state(self):
+        return self._mean() if self.origin == "center_of_mass" else self._at_origin()[0]
+
+    def _std(self, block):
+        return np.sqrt(np.maximum(self._at_origin()[1].diagonal()[block], 0.0))
+
+    def _only_at_the_horizon(self, what):
+        if self._index != len(self._prediction.times) - 1:
+            raise NotSupportedError(
+                f"is known at the horizon only; predict for {self.time:g} s to have it then", field=what
+            )
+
+
+@dataclass(frozen=True, eq=False)
+class Trajectory:
+    """One body at T times, ascending; `Prediction.trajectory` makes it.
+
+    Attributes
+    ----------
+    times : (T,) array
+        From the start [s].
+    positions, linear_velocities, angular_velocities : (T, 3) array
+        Means, world frame [m], [m/s], [rad/s].
+    orientations : (T, 4) array
+        Means, quaternions (x, y, z, w) of ``R_world_body``.
+    position_stds, rotation_stds, linear_velocity_stds, angular_velocity_stds : (T, 3) array
+        Standard deviations along and about the world's axes [m], [rad], [m/s], [rad/s].
+    covariances : (T, 12, 12) array
+        Of the error state, as in `Belief`.
+    """
+
+    times: np.ndarray
+    positions: np.ndarray
+    orientations: np.ndarray
+    linear_velocities: np.ndarray
+    angular_velocities: np.ndarray
+    position_stds: np.ndarray
+    rotation_stds: np.ndarray
+    linear_velocity_stds: np.ndarray
+    angular_velocity_stds: np.ndarray
+    covariances: np.ndarray
+
+    @classmethod
+    def of(cls, bodies: Sequence[PredictedBody]) -> Trajectory:
+        """From one body at each of the times."""
+        return cls(
+            times=np.array([body.time for body in bodies]),
+            positions=np.array([body.position for body in bodies]),
+            orientations=np.array([body.orientation for body in bodies]),
+            linear_velocities=np.array([body.linear_velocity for body in bodies]),
+            angular_velocities=np.array([body.angular_velocity for body in bodies]),
+            position_stds=np.array([body.position_std for body in bodies]),
+            rotation_stds=np.array([body.rotation_std for body in bodies]),
+            linear_velocity_stds=np.array([body.linear_velocity_std for body in bodies]),
+            angular_velocity_stds=np.array([body.angular_velocity_std for body in bodies]),
+            covariances=np.array([body.covariance("error_state") for body in bodies]),
+        )
+
+
+def _index(time, prediction):
+    """Which of the prediction's times that is; it may be off by half a step."""
+    times = np.array(prediction.times)
+    k = int(np.abs(times - time).argmin())
+    if abs(times[k] - time) > 0.5 * prediction.scene.dt * (1.0 + 1e-9):
+        raise InvalidRequestError(
+            f"must be one of the {len(times)} times of the prediction; the nearest is {times[k]:g} s",
+            field="time",
+            value=time,
+        )
+    return k
+
+
+def _rotated(q, vector):
+    """(N, 3): a vector (3,) turned by each of the quaternions (N, 4)."""
+    u, w = q[:, :3], q[:, 3:]
+    twice = 2.0 * np.cross(u, vector)
+    return vector + w * twice + np.cross(u, twice)

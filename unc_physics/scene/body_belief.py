@@ -1,0 +1,127 @@
+"""What is known of one body, by the names of scene files."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..checks.array_field import Array, OptionalArray, array_field
+from ..checks.errors import InvalidRequestError, NotFiniteError
+from ..checks.validation import array, covariance, non_negative, numbers, quaternion
+from ..physics.layout import (
+    ANGULAR_VELOCITY,
+    ERR_ANGULAR_VELOCITY,
+    ERR_POSITION,
+    ERR_ROTATION,
+    ERR_VELOCITY,
+    ERROR,
+    POSITION,
+    QUATERNION,
+    STATE,
+    VELOCITY,
+)
+
+#: Fields of a mean, and of standard deviations, by their places in state and error state.
+MEANS = {"position": POSITION, "linear_velocity": VELOCITY, "angular_velocity": ANGULAR_VELOCITY}
+STDS = {
+    "position_std": ERR_POSITION,
+    "linear_velocity_std": ERR_VELOCITY,
+    "orientation_std": ERR_ROTATION,
+    "angular_velocity_std": ERR_ANGULAR_VELOCITY,
+}
+_STD_LIMIT = 1e150
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class BodyBelief:
+    """What is known of one body at time 0: the fields are the keys of scene files.
+
+    Each standard deviation is three numbers, or one that stands for three.
+
+    Attributes
+    ----------
+    position : (3,) array
+        Of the centre of mass, world frame [m].
+    orientation : (4,) array
+        Quaternion (x, y, z, w) of ``R_world_body``.
+    linear_velocity : (3,) array
+        Of the centre of mass, world frame [m/s].
+    angular_velocity : (3,) array
+        World frame [rad/s].
+    position_std : (3,) array
+        Along the world's axes [m].
+    orientation_std : (3,) array
+        About the body's axes [rad].
+    linear_velocity_std : (3,) array
+        Along the world's axes [m/s].
+    angular_velocity_std : (3,) array
+        About the world's axes [rad/s].
+    covariance : (12, 12) array
+        In place of the standard deviations: of the error state, position, linear velocity, rotation about
+        the body's axes, and angular velocity, as in `Belief`. Where these are given, made from them.
+
+    Raises
+    ------
+    InvalidRequestError, NotFiniteError, InvalidOrientationError, InvalidCovarianceError
+        For wrong shapes, NaN or infinity, a quaternion far from unit length, negative standard deviations,
+        what is no covariance, and a covariance beside standard deviations.
+    """
+
+    position: Array = array_field((0.0, 0.0, 0.0))
+    orientation: Array = array_field((0.0, 0.0, 0.0, 1.0))
+    linear_velocity: Array = array_field((0.0, 0.0, 0.0))
+    angular_velocity: Array = array_field((0.0, 0.0, 0.0))
+    position_std: Array = array_field(0.0)
+    orientation_std: Array = array_field(0.0)
+    linear_velocity_std: Array = array_field(0.0)
+    angular_velocity_std: Array = array_field(0.0)
+    covariance: OptionalArray = array_field(None)
+
+    def __post_init__(self):
+        checked = {name: array(getattr(self, name), (3,), name) for name in MEANS}
+        checked["orientation"] = quaternion(self.orientation, "orientation")
+        checked |= {name: three_stds(getattr(self, name), name) for name in STDS}
+        if self.covariance is None:
+            std = np.zeros(ERROR)
+            for name, place in STDS.items():
+                std[place] = checked[name]
+            P = np.diag(std**2)
+            P.flags.writeable = False
+        else:
+            for name in STDS:
+                if checked[name].any():
+                    raise InvalidRequestError(f"must not be given beside {name}", field="covariance")
+            P = covariance(self.covariance, ERROR, "covariance")
+            std = np.sqrt(np.maximum(P.diagonal(), 0.0))
+            checked |= {name: std[place] for name, place in STDS.items()}
+        for name, value in (checked | {"covariance": P}).items():
+            object.__setattr__(self, name, value)
+
+    @property
+    def state(self) -> np.ndarray:
+        """(13,): the mean as in `Belief`."""
+        state = np.empty(STATE)
+        state[QUATERNION] = self.orientation
+        for name, place in MEANS.items():
+            state[place] = getattr(self, name)
+        return state
+
+    def check_fixed(self) -> None:
+        """Raise `InvalidRequestError` if this cannot be a fixed body: one that moves, or is uncertain."""
+        for name in ("linear_velocity", "angular_velocity", *STDS):
+            value = getattr(self, name)
+            if value.any():
+                raise InvalidRequestError(
+                    "must be zero or absent: the body is fixed", field=name, value=value.tolist()
+                )
+
+
+def three_stds(value, field) -> np.ndarray:
+    """Standard deviations (3,) from three numbers, or from one that stands for all."""
+    std = numbers(value, field)
+    std = array(np.full(3, std) if std.ndim == 0 else std, (3,), field)
+    non_negative(std.min(), field)
+    if std.max() > _STD_LIMIT:
+        raise NotFiniteError("is too large for its square to be finite", field=field, value=value)
+    return std
