@@ -3,6 +3,7 @@
 # make lint   what needs no run: likely mistakes and layout by ruff, types by pyright
 # make venv   what all need: .venv with the pinned dependencies, the interfaces and this package, editable
 # make check-all   lint and test, then what takes hours: thousands of random examples of each kind, and soak
+# make docs   the reference of the Python interface and all pages, in docs/_build/index.html
 # make soak   random and malformed requests to the node for ten minutes, and its memory
 # make clean  remove .venv and what builds leave behind
 #
@@ -31,7 +32,7 @@ else ifneq ($(shell $(VENV_PYTHON) -c 'import pip; print("works")' 2>/dev/null),
 $(MADE)/python: FORCE
 endif
 
-.PHONY: help venv demo lint test check-all soak clean FORCE
+.PHONY: help venv demo lint test check-all docs soak clean FORCE
 
 help:
 	@sed -n 's/^# \?//; /^$$/q; p' Makefile
@@ -63,11 +64,16 @@ check-all:
 	@$(VENV_PYTHON) -m pytest test/physics test/geometry test/propagators --hypothesis-profile=thousands
 	@$(MAKE) -s --no-print-directory soak
 
+docs:
+	@$(MAKE_STEPS) $(MADE)/docs
+	@PYTHONPATH=$(VENV)/docs $(VENV_PYTHON) -m sphinx -q -W --keep-going docs docs/_build
+	@echo "docs/_build/index.html"
+
 soak: venv
 	@$(VENV_PYTHON) test/ros/soak.py
 
 clean:
-	rm -rf .venv {.,evaluation}/{build,*.egg-info} install log unc_physics/__pycache__/kernels-* .pytest_cache .hypothesis .ruff_cache .import_linter_cache
+	rm -rf .venv {.,evaluation}/{build,*.egg-info} docs/_build install log unc_physics/__pycache__/kernels-* .pytest_cache .hypothesis .ruff_cache .import_linter_cache
 
 # A Python fits if it runs at all (a shim may not), can make a venv, and has the headers to compile against.
 define FITS
@@ -129,6 +135,13 @@ $(MADE)/package: $(MADE)/run $(MADE)/interfaces setup.py setup.cfg package.xml
 $(MADE)/test: $(MADE)/package requirements/test.txt
 	@echo "Installing what the tests need ..."
 	@$(PIP) -r requirements/test.txt
+	@touch $@
+
+# In a folder of its own, as Sphinx and colcon want different docutils.
+$(MADE)/docs: $(MADE)/run requirements/docs.txt
+	@echo "Installing Sphinx ..."
+	@rm -rf $(VENV)/docs
+	@$(filter-out -c requirements/constraints.txt, $(PIP)) --no-deps --target $(VENV)/docs -r requirements/docs.txt
 	@touch $@
 
 $(MADE)/evaluation: $(MADE)/test evaluation/pyproject.toml

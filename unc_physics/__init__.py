@@ -1,5 +1,7 @@
 """Predicts where rigid objects will be, and how surely: rigid-body dynamics with uncertainty.
 
+For example::
+
     from unc_physics import load_scene, predict
     scene, belief, horizon = load_scene("scene.yaml")
     prediction = predict(scene, belief, "sigma_points", horizon)
