@@ -31,6 +31,7 @@ from .propagators.base import Propagator as Propagator
 from .propagators.registry import PROPAGATORS as PROPAGATORS
 from .propagators.registry import make_propagator as make_propagator
 from .scene.belief import Belief as Belief
+from .scene.body import RigidBody as RigidBody
 from .scene.body_belief import BodyBelief as BodyBelief
 from .scene.environment import Box as Box
 from .scene.environment import Capsule as Capsule
@@ -40,7 +41,6 @@ from .scene.environment import Plane as Plane
 from .scene.environment import Sphere as Sphere
 from .scene.physics_summary import physics_of as physics_of
 from .scene.presets import PRESETS as PRESETS
-from .scene.scene import RigidBody as RigidBody
 from .scene.scene import Scene as Scene
 from .scene.scene_file import LoadedScene as LoadedScene
 from .scene.scene_file import load_scene as load_scene

@@ -5,13 +5,14 @@ from __future__ import annotations
 import argparse
 import sys
 from importlib.util import find_spec
+from pathlib import Path
 
 NEEDS = {"ot": "pot", "scipy": "scipy", "matplotlib": "matplotlib"}
 
 
 def add_evaluate_command(commands) -> None:
     """Add the parser of ``evaluate`` to the command line's subparsers."""
-    from .experiments import NAMES
+    from .experiments import BY_NAME, DEFAULT
 
     parser = commands.add_parser(
         "evaluate",
@@ -21,12 +22,10 @@ def add_evaluate_command(commands) -> None:
             " a report (report.md). An interrupted run goes on where it stopped; finished work is never done"
             " again."
         ),
+        epilog=f"Only where named, as they take long or need more than this package: {', '.join(BY_NAME)}.",
     )
     parser.add_argument(
-        "experiments",
-        nargs="*",
-        metavar="EXPERIMENT",
-        help=f"which to run (default: all): {', '.join(NAMES)}",
+        "experiments", nargs="*", metavar="EXPERIMENT", help=f"which to run (default: {', '.join(DEFAULT)})"
     )
     parser.add_argument(
         "--quick",
@@ -57,6 +56,11 @@ def add_evaluate_command(commands) -> None:
         help="how W1 is computed: exactly, or by entropic regularization, debiased, which takes far longer",
     )
     parser.add_argument(
+        "--meshes",
+        metavar="DIR",
+        help="folder of the meshes that packing needs: bunny00.off and armadillo.off",
+    )
+    parser.add_argument(
         "--report", action="store_true", help="run nothing, write the report from the rows that are there"
     )
     parser.set_defaults(run=run)
@@ -66,9 +70,9 @@ def run(arguments: argparse.Namespace) -> int:
     """Run the jobs that are missing, and write the report."""
     from unc_physics.checks.errors import ErrorCode, InvalidOptionError, NotSupportedError
 
-    from .experiments import NAMES, experiment
+    from .experiments import DEFAULT, NAMES, experiment
     from .jobs import Settings
-    from .report import write_report
+    from .report import verdicts, write_report
     from .results import Results
     from .runner import run_jobs
 
@@ -81,10 +85,12 @@ def run(arguments: argparse.Namespace) -> int:
     lacks = [package for module, package in NEEDS.items() if find_spec(module) is None]
     if lacks:
         raise NotSupportedError(f"evaluate needs {' and '.join(lacks)}: pip install {' '.join(lacks)}")
-    chosen = [experiment(name) for name in dict.fromkeys(arguments.experiments or NAMES)]
-    settings = Settings(arguments.quick, arguments.seed, arguments.distance)
+    chosen = [experiment(name) for name in dict.fromkeys(arguments.experiments or DEFAULT)]
+    meshes = arguments.meshes and str(Path(arguments.meshes).resolve())
+    settings = Settings(arguments.quick, arguments.seed, arguments.distance, meshes)
     jobs = [job for module in chosen for job in module.jobs(settings)]
     gaps = [gap for module in chosen if hasattr(module, "missing") for gap in module.missing(settings)]
+    gaps = list(dict.fromkeys(gaps))
     results = Results(arguments.output or ("evaluation_quick" if settings.quick else "evaluation_results"))
     failures = {}
     with results.locked():
@@ -103,5 +109,7 @@ def run(arguments: argparse.Namespace) -> int:
         print(f"left out: {gap}")
     for job, why in failures.items():
         print(f"failed: {job}: {why}")
+    for name, sentence in verdicts(results, chosen):
+        print(f"{name}: {sentence}")
     print(f"wrote {path}")
     return int(ErrorCode.INTERNAL) if failures else 0

@@ -8,17 +8,14 @@ from typing import NamedTuple
 import numpy as np
 
 from unc_physics.prediction.predict import predict
-from unc_physics.propagators.base import Propagator
-from unc_physics.propagators.names import REFERENCE as MONTE_CARLO
-from unc_physics.propagators.registry import PROPAGATORS, make_propagator
+from unc_physics.propagators.registry import make_propagator
 from unc_physics.scene.belief import Belief
 
 from .jobs import Job, Row
+from .methods import FLOOR, GAUSSIAN, MONTE_CARLO, methods
 from .timing import paired
 from .wasserstein import sinkhorn_divergence, state_distance, wasserstein
 
-FLOOR = "floor"
-GAUSSIAN = "gaussian"
 REPLICATES = 10  # of Monte Carlo with few samples
 
 MEASURES = {"exact": wasserstein, "sinkhorn": sinkhorn_divergence}
@@ -34,21 +31,6 @@ def rollout_cost(spheres: int) -> float:
 def distance_cost(size: int, distance: str) -> float:
     """About how long W1 of positions and rotations of two bodies takes, between ``size`` samples each [s]."""
     return 0.65 * (size / 1000) ** 2.3 * (40.0 if distance == "sinkhorn" else 1.0)
-
-
-def methods(job: Job) -> dict[str, Propagator]:
-    """All propagators but Monte Carlo with their default options, and sigma points in all directions, as the
-    paper's.
-    """
-    made = {}
-    for name, cls in PROPAGATORS.items():
-        if name != MONTE_CARLO:
-            made[name] = make_propagator(
-                name, **({"seed": job.seed(name)} if "seed" in cls.options() else {})
-            )
-        if name == "sigma_points":
-            made["sigma_points_full"] = make_propagator(name, points="full")
-    return made
 
 
 class Samples(NamedTuple):
@@ -71,6 +53,15 @@ def monte_carlo(scene, belief, horizon, samples, seed) -> Samples:
     """Monte Carlo's prediction."""
     prediction = predict(scene, belief, make_propagator(MONTE_CARLO, samples=samples, seed=seed), horizon)
     return Samples(prediction.samples(), prediction.belief, seed)
+
+
+def two_truths(scene, belief, horizon, job: Job) -> tuple[Samples, Samples]:
+    """Independent predictions by Monte Carlo, with as many samples as the job asks of a truth."""
+    first, second = (
+        monte_carlo(scene, belief, horizon, job.parameters["truth"], job.seed(name))
+        for name in ("truth", "second")
+    )
+    return first, second
 
 
 def error_rows(
@@ -132,9 +123,7 @@ def predicted_beliefs(scene, belief, horizon, job: Job) -> dict[str, Belief]:
 def predictors(
     scene, belief, horizon, job: Job, counts: Sequence[int]
 ) -> dict[tuple[str, int | None], Callable]:
-    """Every method, and Monte Carlo with ``counts`` samples, as functions of a round; by method
-    and samples.
-    """
+    """Every method, and Monte Carlo with each of ``counts``, as functions of a round."""
     functions = {
         (MONTE_CARLO, count): lambda k, count=count: monte_carlo(
             scene, belief, horizon, count, job.seed(f"round {k}")
@@ -147,9 +136,7 @@ def predictors(
 
 
 def time_rows(functions: Mapping[tuple[str, int | None], Callable], rounds: int) -> list[Row]:
-    """CPU time of whole predictions on one thread, and over that of Monte Carlo with ten samples in the same
-    round.
-    """
+    """CPU times of whole predictions on one thread, and over Monte Carlo's with ten samples."""
     times = paired(functions, rounds)
     reference = times[MONTE_CARLO, 10]
     return [

@@ -1,6 +1,4 @@
-"""What a rollout, or a prediction on its way, keeps and does not: energy, momentum, places, a covariance's
-definiteness.
-"""
+"""What a rollout or a prediction keeps: energy, momentum, places, a definite covariance."""
 
 from __future__ import annotations
 

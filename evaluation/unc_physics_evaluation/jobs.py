@@ -1,6 +1,4 @@
-"""Jobs: the pieces of a sweep, told apart and seeded by what they compute, so that order and place do not
-matter.
-"""
+"""Jobs: the pieces of a sweep, known and seeded by what they compute, wherever they run."""
 
 from __future__ import annotations
 
@@ -50,7 +48,7 @@ class Row(NamedTuple):
     Attributes
     ----------
     method : str
-        Name of a propagator, ``sigma_points_full``, ``gaussian`` (the best single Gaussian) or ``floor``.
+        Name of a propagator or of what is compared with it (`methods`).
     quantity, unit : str
     value : float
     samples : int or None
@@ -90,11 +88,14 @@ class Settings:
         A sweep with another one is independent.
     distance : {'exact', 'sinkhorn'}
         How W1 is computed.
+    meshes : str, optional
+        Folder of the meshes that are no part of the repository.
     """
 
     quick: bool = False
     seed: int = 0
     distance: str = "exact"
+    meshes: str | None = None
 
     def parameters(self, **parameters) -> dict:
         """A job's parameters, those that all jobs share included."""

@@ -6,8 +6,6 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 from scipy.ndimage import binary_closing, gaussian_filter
 
@@ -16,7 +14,7 @@ from unc_physics.physics.layout import POSITION, QUATERNION
 from unc_physics.physics.rotation import rotation_matrix
 
 from .overlap_measures import OVERLAP
-from .plots import DPI
+from .plots import new_figure, save
 from .results import Rows
 
 _TINTS = ("#D55E00", "#0072B2", "#009E73")  # of the starts
@@ -38,8 +36,7 @@ def draw_goals(
     goals: Mapping[str, float],
 ) -> None:
     """The most of some quantities for each arrangement and uncertainty, by start, with their goals."""
-    figure = Figure(figsize=(9.5, 2.6 * len(quantities) + 0.8), layout="constrained")
-    FigureCanvasAgg(figure)
+    figure = new_figure(9.5, 2.6 * len(quantities) + 0.8)
     for ax, quantity in zip(
         np.atleast_1d(figure.subplots(len(quantities), 1, sharex=True)), quantities, strict=True
     ):
@@ -72,7 +69,7 @@ def draw_goals(
         fontsize=9,
         frameon=False,
     )
-    figure.savefig(path, dpi=DPI)
+    save(figure, path)
 
 
 def draw_starts(path: Path, model: str, states: Mapping[str, np.ndarray]) -> None:
@@ -85,8 +82,7 @@ def draw_starts(path: Path, model: str, states: Mapping[str, np.ndarray]) -> Non
         At time 0, by title.
     """
     packing = load_model(model)
-    figure = Figure(figsize=(10.0, 4.7), layout="constrained")
-    FigureCanvasAgg(figure)
+    figure = new_figure(10.0, 4.7)
     axes = figure.subplots(2, len(states), sharex="row", height_ratios=(3.2, 1.0))
     half, top, bottom = 1.4 * packing.bounding_radius, 2.0 * packing.bounding_radius, 0.04
     for (above, below), (title, samples) in zip(axes.T, states.items(), strict=True):
@@ -111,7 +107,7 @@ def draw_starts(path: Path, model: str, states: Mapping[str, np.ndarray]) -> Non
             ax.spines[["top", "right"]].set_visible(False)
     axes[0, 0].set_ylabel("z [m]", fontsize=9)
     axes[1, 0].set_ylabel("% of samples", fontsize=9)
-    figure.savefig(path, dpi=DPI)
+    save(figure, path)
 
 
 def _placed(packing, state):

@@ -9,19 +9,13 @@ from typing import NamedTuple
 import numpy as np
 
 from unc_physics.geometry.library import load_model
-from unc_physics.physics.layout import (
-    ERR_ANGULAR_VELOCITY,
-    ERR_POSITION,
-    ERR_ROTATION,
-    ERR_VELOCITY,
-    ERROR,
-    POSITION,
-    STATE,
-    VELOCITY,
-)
+from unc_physics.physics.layout import VELOCITY
 from unc_physics.scene.belief import Belief
+from unc_physics.scene.body import RigidBody
 from unc_physics.scene.environment import Box, Plane
-from unc_physics.scene.scene import RigidBody, Scene
+from unc_physics.scene.scene import Scene
+
+from .scenarios import resting, spread
 
 OBJECTS = ("salt_box", "mug", "can", "brick")
 PAIRS = (("salt_box", "mug"), ("can", "brick"))  # side by side
@@ -131,20 +125,16 @@ def scene_and_belief(
     bodies = []
     for k, model in enumerate(map(load_model, arrangement.models)):
         name = model.name if arrangement.models.count(model.name) == 1 else f"{model.name}_{k}"
-        bodies.append(RigidBody(name, model, model.mass, **fields))
+        bodies.append(RigidBody(name, model, **fields))
     scene = Scene.everyday(bodies, environment=arrangement.environment, **options)
-    mean = np.zeros((len(bodies), STATE))
-    mean[:, POSITION], mean[:, 9] = arrangement.positions, 1.0
+    mean = resting(arrangement.positions)
     shared = arrangement.group == SHARED
     own = (OWN_STD[0], np.radians(OWN_STD[1])) if shared else (position_std, angle_std)
-    stds = [(ERR_POSITION, own[0]), (ERR_ROTATION, own[1])]
+    deviations = {"position": own[0], "rotation": own[1]}
     if arrangement.group == MOVING:
-        stds += [(ERR_VELOCITY, SPEED_STD), (ERR_ANGULAR_VELOCITY, SPIN_STD)]
+        deviations |= {"velocity": SPEED_STD, "spin": SPIN_STD}
         mean[:, VELOCITY] = [[0.0, 0.0, -INTO]] if len(bodies) == 1 else [[INTO, 0.0, 0.0], [-INTO, 0.0, 0.0]]
-    P = np.zeros((len(bodies), ERROR, ERROR))
-    for block, std in stds:
-        P[:, range(*block.indices(ERROR)), range(*block.indices(ERROR))] = std**2
-    belief = Belief(mean, P)
+    belief = Belief(mean, spread(len(bodies), **deviations))
     if shared:
         belief = belief.with_common_pose_std([position_std] * 3 + [angle_std] * 3)
     return scene, belief

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
-from .tables import label, number
+from .methods import label
+from .tables import number
 
 
 class Choice(NamedTuple):

@@ -9,7 +9,6 @@ import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import EllipseCollection
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 from matplotlib.patches import Polygon
 from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 from scipy.spatial.transform import Rotation
@@ -18,39 +17,14 @@ from unc_physics.cli.scene_picture import outline
 from unc_physics.geometry.packing_file import SpherePacking
 from unc_physics.geometry.picture import box_corners, shaded_balls, view_axes
 from unc_physics.physics.layout import POSITION, QUATERNION
-from unc_physics.propagators.registry import PROPAGATORS
 from unc_physics.scene.environment import Element
 
-from .comparison import CPU_TIME, FLOOR, GAUSSIAN, MONTE_CARLO, POSITION_ERROR, ROTATION_ERROR
+from .comparison import CPU_TIME, POSITION_ERROR, ROTATION_ERROR
+from .methods import FLOOR, GAUSSIAN, LOOKS, MONTE_CARLO, color, label
 from .pareto import Choice, front
 from .results import Rows
-from .rollouts import ENGINES
-from .tables import label
 
-# Okabe and Ito's colours, which colour-blind readers can tell apart, as the propagators'; Monte Carlo in
-# greys
-COLORS = {name: cls.color for name, cls in PROPAGATORS.items()} | {
-    "sigma_points_full": "#56B4E9",
-    GAUSSIAN: "#D55E00",
-    FLOOR: "#999999",
-    "pybullet": "#8C6D31",
-    "mujoco": "#7F3C8D",
-}
-MARKERS = {name: cls.marker for name, cls in PROPAGATORS.items()} | {
-    "sigma_points_full": "d",
-    "pybullet": "P",
-    "mujoco": "X",
-}
 DPI = 130
-_GREYS = {5: "#BDBDBD", 10: "#8C8C8C", 50: "#5A5A5A", 100: "#2B2B2B"}
-_LIMITS = {GAUSSIAN: "--", FLOOR: ":"}
-
-
-def color(method: str, samples: int | None = None) -> str:
-    """A method's colour; Monte Carlo with more samples is darker."""
-    if method == MONTE_CARLO and samples in _GREYS:
-        return _GREYS[samples]
-    return COLORS[method]
 
 
 def draw_over_sigma(path: Path, lines: Sequence[tuple[str, str, Rows]], title: str) -> None:
@@ -62,7 +36,7 @@ def draw_over_sigma(path: Path, lines: Sequence[tuple[str, str, Rows]], title: s
         For each line of panels the quantity, what it is called, and the rows.
     """
     spheres = sorted({count for *_, rows in lines for count in rows.unique("spheres")})
-    figure = _figure(2.7 * len(spheres) + 1.6, 2.7 * len(lines) + 0.6)
+    figure = new_figure(2.7 * len(spheres) + 1.6, 2.7 * len(lines) + 0.6)
     axes = figure.subplots(len(lines), len(spheres), squeeze=False, sharey="row", sharex=True)
     for i, (quantity, name, rows) in enumerate(lines):
         scale = 1e3 if quantity == CPU_TIME else 1.0
@@ -83,13 +57,13 @@ def draw_over_sigma(path: Path, lines: Sequence[tuple[str, str, Rows]], title: s
         {text: line for ax in axes.flat for line, text in zip(*ax.get_legend_handles_labels(), strict=True)},
     )
     figure.suptitle(title, fontsize=12)
-    _save(figure, path)
+    save(figure, path)
 
 
 def draw_floors(path: Path, rows: Rows) -> None:
     """Both floors over the number of samples, a column for each model."""
     models, sigmas = rows.unique("model"), rows.unique("sigma")
-    figure = _figure(3.3 * len(models) + 1.6, 6.6)
+    figure = new_figure(3.3 * len(models) + 1.6, 6.6)
     axes = figure.subplots(2, len(models), squeeze=False, sharex=True, sharey="row")
     shades = np.linspace(0.35, 1.0, len(sigmas))
     handles = {}
@@ -104,7 +78,7 @@ def draw_floors(path: Path, rows: Rows) -> None:
                     (line,) = axes[i, j].plot(
                         sizes,
                         [found.where(samples=n).mean() for n in sizes],
-                        _LIMITS[method],
+                        LOOKS[method].line,
                         marker=marker,
                         markersize=4,
                         color=color(method),
@@ -119,7 +93,7 @@ def draw_floors(path: Path, rows: Rows) -> None:
                 axes[i, j].set_xlabel("samples of the truth and of the other", fontsize=8)
         axes[i, 0].set_ylabel(title, fontsize=9)
     _legend(figure, dict(sorted(handles.items())))
-    _save(figure, path)
+    save(figure, path)
 
 
 def draw_speed_against_error(
@@ -143,7 +117,7 @@ def draw_speed_against_error(
     """
     models = list(dict.fromkeys(model for model, _ in choices))
     titles = {POSITION_ERROR: "positions: W1 / floor", ROTATION_ERROR: "rotations: W1 / floor"}
-    figure = _figure(3.9 * len(models) + 1.6, 7.6)
+    figure = new_figure(3.9 * len(models) + 1.6, 7.6)
     axes = figure.subplots(2, len(models), squeeze=False, sharex=True, sharey="row")
     handles = {}
     for i, (quantity, title) in enumerate(titles.items()):
@@ -182,7 +156,7 @@ def draw_speed_against_error(
                     (handles[label(c.method)],) = ax.plot(
                         1e3 * c.time,
                         c.error,
-                        MARKERS.get(c.method, "p"),
+                        LOOKS[c.method].marker,
                         color=color(c.method),
                         markersize=9,
                         markeredgecolor="white",
@@ -203,40 +177,37 @@ def draw_speed_against_error(
                 ax.set_xlabel(f"{time} [ms]", fontsize=8)
         axes[i, 0].set_ylabel(title, fontsize=9)
     _legend(figure, handles)
-    _save(figure, path)
+    save(figure, path)
 
 
 def draw_storage(path: Path, rows: Rows) -> None:
     """Scalars over the number of bodies."""
-    figure = _figure(7.6, 4.2)
+    figure = new_figure(7.6, 4.2)
     ax = figure.subplots()
-    for method in rows.unique("method"):
-        for samples in rows.where(method=method).unique("samples") or [None]:
-            found = rows.where(method=method, samples=samples)
-            shade = {10: "#8C8C8C", 100: "#2B2B2B"}.get(samples, color(method))
-            under = method == "surrogate"  # local sampling holds as many
-            ax.plot(
-                [row["bodies"] for row in found],
-                found.values(),
-                ":" if samples else "-",
-                marker=MARKERS.get(method, "p"),
-                markersize=9 if under else 4,
-                linewidth=5 if under else 1.5,
-                color=shade,
-                label=label(method, samples),
-            )
+    for k, (method, samples) in enumerate(rows.curves()):
+        found = rows.where(method=method, samples=samples)
+        ax.plot(
+            [row["bodies"] for row in found],
+            found.values(),
+            ":" if samples else "-",
+            marker=LOOKS[method].marker,
+            markersize=max(9 - k, 4),  # what lies below others shows beside them
+            linewidth=max(5 - 0.6 * k, 1.5),
+            color=color(method, samples),
+            label=label(method, samples),
+        )
     ax.set_xscale("log", base=2)
     _log_axis(ax, "y", decades_only=True)
     bodies = rows.unique("bodies")
     ax.set_xticks(bodies, labels=[str(b) for b in bodies], fontsize=8)
     ax.set(xlabel="bodies", ylabel="scalars that stand for the distribution")
     _legend(figure, {text: line for line, text in zip(*ax.get_legend_handles_labels(), strict=True)})
-    _save(figure, path)
+    save(figure, path)
 
 
 def draw_packings(path: Path, packings: Sequence[SpherePacking]) -> None:
     """Shaded balls of several packings side by side."""
-    figure = _figure(3.8 * len(packings), 4.2)
+    figure = new_figure(3.8 * len(packings), 4.2)
     for ax, packing in zip(np.atleast_1d(figure.subplots(1, len(packings))), packings, strict=True):
         view = view_axes("z" if packing.name == "pin" else "y")  # the scans stand along y
         box = box_corners(packing) @ view.T
@@ -251,7 +222,7 @@ def draw_packings(path: Path, packings: Sequence[SpherePacking]) -> None:
         ax.set_title(f"{packing.name}, {count} spheres", fontsize=10)
         ax.set_xlabel("m", fontsize=8)
         ax.tick_params(labelsize=7)
-    _save(figure, path)
+    save(figure, path)
 
 
 def draw_samples(
@@ -279,7 +250,7 @@ def draw_samples(
     radius = float(np.max(np.linalg.norm(packing.centers, axis=1)))
     limits = np.stack([middle - reach - radius, middle + reach + radius])
     width, height = limits[1, 0] - limits[0, 0], limits[1, 1] - limits[0, 1]
-    figure = _figure(4.2 * len(panels) + 0.4, 4.2 * height / width + 1.2)
+    figure = new_figure(4.2 * len(panels) + 0.4, 4.2 * height / width + 1.2)
     axes = figure.subplots(1, len(panels), sharex=True, sharey=True)
     for ax, (name, key, shade) in zip(axes, panels, strict=True):
         states = arrays[key]
@@ -306,7 +277,7 @@ def draw_samples(
     figure.suptitle(
         f"{title}; dots: centres of {len(arrays['truth'])} samples, bodies: 40 of them", fontsize=10
     )
-    _save(figure, path)
+    save(figure, path)
 
 
 def draw_final_positions(
@@ -317,7 +288,7 @@ def draw_final_positions(
     Parameters
     ----------
     ends : mapping of str to (N, 13) array
-        By the engine's name.
+        By engine.
     elements : sequence of Element
         Of the environment; those that are finite are drawn.
     title : str
@@ -329,7 +300,7 @@ def draw_final_positions(
     ranges = high - low
     width = 3.6
     heights = width * ranges[1:] / ranges[0]
-    figure = _figure(width * len(ends) + 1.0, float(heights.sum()) + 1.3)
+    figure = new_figure(width * len(ends) + 1.0, float(heights.sum()) + 1.3)
     axes = figure.subplots(2, len(ends), squeeze=False, sharex=True, sharey="row", height_ratios=heights)
     for j, (name, states) in enumerate(ends.items()):
         for i, other in enumerate((1, 2)):
@@ -339,7 +310,7 @@ def draw_final_positions(
                 if element.finite:
                     corners = outline(element, view)
                     ax.add_patch(Polygon(corners, facecolor="#F4EDE0", edgecolor="0.6", linewidth=0.6))
-            shade = COLORS.get(name.lower(), COLORS[MONTE_CARLO])
+            shade = color(name)
             ax.plot(
                 states[:, 0], states[:, other], ".", markersize=4, alpha=0.5, color=shade, markeredgewidth=0
             )
@@ -347,13 +318,13 @@ def draw_final_positions(
             ax.grid(True, color="0.93", linewidth=0.6)
             ax.set_axisbelow(True)
             ax.tick_params(labelsize=8)
-        axes[0, j].set_title(name, fontsize=10)
+        axes[0, j].set_title(label(name), fontsize=10)
         axes[1, j].set_xlabel("x [m]", fontsize=8)
     axes[0, 0].set_ylabel("from above: y [m]", fontsize=8)
     axes[1, 0].set_ylabel("from the side: z [m]", fontsize=8)
     count = len(next(iter(ends.values())))
     figure.suptitle(f"{title}: where the body's centre ends up, {count} samples", fontsize=10)
-    _save(figure, path)
+    save(figure, path)
 
 
 def draw_work_precision(path: Path, panels: Mapping[str, Mapping[str, tuple[np.ndarray, float]]]) -> None:
@@ -365,24 +336,25 @@ def draw_work_precision(path: Path, panels: Mapping[str, Mapping[str, tuple[np.n
         For each scene and engine CPU time [s], error of a sample [m] and W1 [m] at each step, and W1's floor
         [m].
     """
-    figure = _figure(3.3 * len(panels) + 1.6, 6.6)
+    figure = new_figure(3.3 * len(panels) + 1.6, 6.6)
     axes = figure.subplots(2, len(panels), squeeze=False, sharex="col")
     handles = {}
     for j, (scene, curves) in enumerate(panels.items()):
         for i in range(2):
             ax = axes[i, j]
             for engine, (points, floor) in curves.items():
-                shade, marker = (
-                    COLORS.get(engine, COLORS[MONTE_CARLO]),
-                    MARKERS.get(engine, MARKERS[MONTE_CARLO]),
-                )
+                look = LOOKS[engine]
                 (line,) = ax.plot(
-                    1e3 * points[:, 0], 1e3 * points[:, 1 + i], marker=marker, markersize=5, color=shade
+                    1e3 * points[:, 0],
+                    1e3 * points[:, 1 + i],
+                    marker=look.marker,
+                    markersize=5,
+                    color=look.color,
                 )
-                handles[ENGINES[engine]] = line
+                handles[look.label] = line
                 if i == 1:
-                    limit = ax.axhline(1e3 * floor, color=shade, linestyle=":", linewidth=1.0)
-                    handles[f"floor of {ENGINES[engine]}"] = limit
+                    limit = ax.axhline(1e3 * floor, color=look.color, linestyle=":", linewidth=1.0)
+                    handles[f"floor of {look.label}"] = limit
             _log_axis(ax, "x")
             _log_axis(ax, "y", decades_only=i == 0)
         axes[0, j].set_title(scene.replace("_", " "), fontsize=10)
@@ -394,7 +366,7 @@ def draw_work_precision(path: Path, panels: Mapping[str, Mapping[str, tuple[np.n
         "Each engine against itself at the smallest steps; from left to right 60 to 2000 steps in a second",
         fontsize=10,
     )
-    _save(figure, path)
+    save(figure, path)
 
 
 def _draw_bodies(ax, states, packing, tint, spheres=60):
@@ -422,12 +394,7 @@ def _draw_bodies(ax, states, packing, tint, spheres=60):
 
 def _curves(rows):
     """(method, samples) of the curves in a panel, limits last."""
-    found = [
-        (method, samples)
-        for method in rows.unique("method")
-        for samples in sorted(rows.where(method=method).unique("samples")) or [None]
-    ]
-    return sorted(found, key=lambda curve: (curve[0] in _LIMITS, curve[0] != MONTE_CARLO))
+    return sorted(rows.curves(), key=lambda curve: (curve[0] in (GAUSSIAN, FLOOR), curve[0] != MONTE_CARLO))
 
 
 def _over_sigma(ax, rows, method, samples, scale):
@@ -438,11 +405,11 @@ def _over_sigma(ax, rows, method, samples, scale):
     ax.plot(
         sigmas,
         middle,
-        _LIMITS.get(method, "-"),
+        LOOKS[method].line,
         color=shade,
         label=label(method, samples),
         linewidth=1.3,
-        marker=MARKERS.get(method),
+        marker=LOOKS[method].marker,
         markersize=3.5,
     )
     if method == MONTE_CARLO and scale == 1.0 and samples in (10, 100):  # the paper shades these two
@@ -472,7 +439,7 @@ def _series(ax, choices, name):
     (line,) = ax.plot(
         [1e3 * c.time for c in choices],
         [c.error for c in choices],
-        marker=MARKERS[name],
+        marker=LOOKS[name].marker,
         markersize=4,
         color=color(name),
         linewidth=1.0,
@@ -481,23 +448,49 @@ def _series(ax, choices, name):
     return line
 
 
-def _figure(width, height):
+def new_figure(width: float, height: float) -> Figure:
+    """An empty figure of so many inches."""
     figure = Figure(figsize=(width, height), layout="constrained")
     FigureCanvasAgg(figure)
     return figure
 
 
 def _legend(figure, handles):
-    lines = [Line2D([], [], **_style(line)) for line in handles.values()]
-    figure.legend(lines, handles, loc="outside right upper", fontsize=8, frameon=False)
+    figure.legend(list(handles.values()), list(handles), loc="outside right upper", fontsize=8, frameon=False)
 
 
-def _style(line):
-    return {
-        name: getattr(line, f"get_{name}")()
-        for name in ("color", "linestyle", "marker", "markersize", "linewidth", "alpha")
-    }
-
-
-def _save(figure, path):
+def save(figure: Figure, path: Path) -> None:
+    """Write a figure."""
     figure.savefig(path, dpi=DPI)
+
+
+def draw_calibration(path: Path, groups: Mapping[str, Rows], kinds: Sequence[str], tolerance: float) -> None:
+    """Answered probabilities against the truth: a line of panels for each group, one for each kind.
+
+    Parameters
+    ----------
+    groups : mapping of str to Rows
+        Of answers, each with what is ``expected`` beside its value.
+    kinds : sequence of str
+        First words of the rows' quantities.
+    tolerance : float
+        Is shaded.
+    """
+    figure = new_figure(11.0, 3.8 * len(groups))
+    axes = figure.subplots(len(groups), len(kinds), squeeze=False, sharex=True, sharey=True)
+    ends = np.array([0.0, 1.0])
+    for line, (title, rows) in zip(axes, groups.items(), strict=True):
+        for ax, kind in zip(line, kinds, strict=True):
+            asked = [row for row in rows if row["quantity"].startswith(kind)]
+            shown = [(row["expected"], row["value"]) for row in asked if np.isfinite(row["value"])]
+            ax.fill_between(ends, ends - tolerance, ends + tolerance, color="0.9", linewidth=0)
+            ax.plot(ends, ends, color="0.6", linewidth=1.0)
+            ax.plot(*np.array(shown).reshape(-1, 2).T, "o", markersize=4, alpha=0.6, markeredgewidth=0)
+            limits = (-0.03, 1.03)
+            ax.set(aspect="equal", xlim=limits, ylim=limits)
+            ax.set_title(f"{kind}: {len(shown)} of {len(asked)} available", fontsize=10)
+        line[0].set_ylabel(f"{title}\nprobability answered", fontsize=9)
+    for ax in axes[-1]:
+        ax.set_xlabel("truth", fontsize=9)
+    figure.suptitle(f"Answered probabilities against the truth; shaded: within {tolerance}", fontsize=12)
+    save(figure, path)

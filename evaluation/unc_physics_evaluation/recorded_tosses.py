@@ -18,8 +18,9 @@ from unc_physics.physics.layout import (
     QUATERNION,
 )
 from unc_physics.scene.belief import Belief
+from unc_physics.scene.body import RigidBody
 from unc_physics.scene.environment import Plane
-from unc_physics.scene.scene import RigidBody, Scene
+from unc_physics.scene.scene import Scene
 from unc_physics.scene.stiffness import with_stiffness
 
 FOLDER = Path(__file__).parent / "data" / "tosses"

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
+from types import ModuleType
 
 from .experiments import experiment
 from .results import Results
@@ -34,6 +35,7 @@ def write_report(
         parts += [
             f"## {experiment(name).TITLE}\n",
             f"`python -m unc_physics evaluate {name}`, rows in {name}.csv\n",
+            *(f"**{sentence}**\n" for _, sentence in verdicts(results, [experiment(name)])),
             experiment(name).report(results),
         ]
     if gaps or failures:
@@ -46,3 +48,11 @@ def write_report(
     path = results.folder / "report.md"
     path.write_text("\n".join(parts) + "\n")
     return path
+
+
+def verdicts(results: Results, experiments: Iterable[ModuleType]) -> Iterator[tuple[str, str]]:
+    """Names of the experiments that have rows and something to reach, and the sentence on it."""
+    for module in experiments:
+        name = module.__name__.rpartition(".")[2]
+        if hasattr(module, "verdict") and results.rows(name):
+            yield name, module.verdict(results)

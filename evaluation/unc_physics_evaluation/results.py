@@ -1,6 +1,4 @@
-"""A folder of results: rows in one CSV file for each experiment, added job by job, and arrays
-for pictures.
-"""
+"""A folder of results: rows in a CSV file for each experiment, and arrays for pictures."""
 
 from __future__ import annotations
 
@@ -31,6 +29,14 @@ class Rows(list):
     def unique(self, column: str) -> list:
         """The different values of a column, in order of appearance."""
         return list(dict.fromkeys(row[column] for row in self if row.get(column) is not None))
+
+    def curves(self) -> list[tuple[str, int | None]]:
+        """(method, samples) of all rows: methods in order of appearance, samples ascending."""
+        return [
+            (method, samples)
+            for method in self.unique("method")
+            for samples in sorted(self.where(method=method).unique("samples")) or [None]
+        ]
 
     def values(self) -> np.ndarray:
         """The figures."""
@@ -89,9 +95,7 @@ class Results:
             yield
 
     def rows(self, experiment: str) -> Rows:
-        """All rows of finished jobs, by their parameters: in the same order whichever job was
-        finished first.
-        """
+        """All rows of finished jobs, ordered by their parameters."""
         lines, whole = self._read(experiment)
         rows = [
             {name: _parsed(text) for name, text in line.items()} for line in lines if line["job"] in whole
@@ -132,7 +136,7 @@ class Results:
     def add(self, job: Job, outcome: Outcome, origin: dict) -> None:
         """Add a finished job; ``origin`` holds the versions and the machine that made it."""
         if outcome.arrays:
-            path = self._npz(job)
+            path = self._npz(job.experiment, job.key)
             path.parent.mkdir(exist_ok=True)
             with open(path.with_suffix(".tmp"), "wb") as file:
                 np.savez_compressed(file, **outcome.arrays)
@@ -152,11 +156,11 @@ class Results:
         with open(path, "a", newline="") as file:
             file.write(_csv_text(_columns(job), rows, header))
 
-    def arrays(self, job: Job) -> dict[str, np.ndarray] | None:
-        """The arrays of a finished job; None where there are none."""
-        path = self._npz(job)
+    def arrays(self, experiment: str, key: str) -> dict[str, np.ndarray]:
+        """The arrays of a finished job, known by what its rows have as ``job``; empty without any."""
+        path = self._npz(experiment, key)
         if not path.is_file():
-            return None
+            return {}
         with np.load(path) as file:
             return dict(file)
 
@@ -176,8 +180,8 @@ class Results:
     def _csv(self, experiment):
         return self.folder / f"{experiment}.csv"
 
-    def _npz(self, job):
-        return self.folder / "samples" / f"{job.experiment} {job.key}.npz".replace(" ", "_")
+    def _npz(self, experiment, key):
+        return self.folder / "samples" / f"{experiment} {key}.npz".replace(" ", "_")
 
 
 def _columns(job):
@@ -185,9 +189,7 @@ def _columns(job):
 
 
 def _parameters(row):
-    """A job's parameters, which are the columns before those of its rows; texts and numbers do
-    not compare.
-    """
+    """A job's parameters, the columns before its rows'; texts and numbers do not compare."""
     names = list(row)
     return [(isinstance(row[name], str), row[name]) for name in names[: names.index(Row._fields[0])]]
 

@@ -13,10 +13,10 @@ from unc_physics.physics.rollout import simulate
 from unc_physics.scene.scene import Scene
 
 from .engines import PEERS
+from .methods import OURS, label
 
-OURS = "ours"
 #: Names of the engines, and how they are written.
-ENGINES = {OURS: "unc_physics", "pybullet": "PyBullet", "mujoco": "MuJoCo"}
+ENGINES = {name: label(name) for name in (OURS, *PEERS)}
 
 
 def available() -> list[str]:

@@ -1,6 +1,4 @@
-"""Runs jobs on a local pool of processes or on a Dask cluster; results are the same, as jobs carry their
-seeds.
-"""
+"""Runs jobs on local processes or on a Dask cluster; results are the same, as jobs carry seeds."""
 
 from __future__ import annotations
 
@@ -92,9 +90,7 @@ def run_jobs(
 
 
 def _finished_jobs(executor: Executor, jobs: Sequence[Job], tick: Callable[[], object]) -> Iterator[tuple]:
-    """Jobs and their outcomes as they come, the longest first; those that must be alone come last, one by
-    one.
-    """
+    """Jobs and their outcomes as they come: the longest first, those that must be alone last."""
     together = sorted((job for job in jobs if not job.alone), key=lambda job: -job.cost)
     for batch in (together, *([job] for job in jobs if job.alone)):
         pending = {executor.submit(run_job, job): job for job in batch}

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from unc_physics.checks.errors import InvalidModelError, InvalidRequestError
+from unc_physics.checks.errors import InvalidModelError, InvalidRequestError, UnknownModelError
 from unc_physics.checks.validation import non_negative
 from unc_physics.geometry.library import find_model, load_model
 from unc_physics.geometry.packing_file import SpherePacking
@@ -23,12 +23,14 @@ from unc_physics.physics.layout import (
     VELOCITY,
 )
 from unc_physics.scene.belief import Belief
+from unc_physics.scene.body import RigidBody
 from unc_physics.scene.environment import Box, Plane
-from unc_physics.scene.scene import RigidBody, Scene
+from unc_physics.scene.scene import Scene
 from unc_physics.scene.stiffness import with_stiffness
 
 #: The models that the paper drops on each other; all ship with the package.
 MODELS = ("bunny", "armadillo", "pin")
+LARGE = 100_000  # spheres, of packings that do not ship
 
 EXTENT = 1.0  # longest side of a model's bounding box [m]
 MASS = 1.0  # kg
@@ -45,12 +47,28 @@ FREE_HORIZON = 4.0  # s
 # general: along no symmetry of a model; unit quaternions (x, y, z, w) after normalisation
 _ORIENTATIONS = {"left": (0.36, -0.24, 0.54, 0.72), "right": (-0.52, 0.61, 0.20, 0.56)}
 _SPIN = (0.3, -0.5, 0.4)  # rad/s
-_UNCERTAIN = {"linear_velocity": ERR_VELOCITY, "angular_velocity": ERR_ANGULAR_VELOCITY}
+_UNCERTAIN = {"linear_velocity": "velocity", "angular_velocity": "spin"}
 
 _LEANING = math.cos(math.radians(15.0))  # the least vertical part of an upright body's axis
 _WALL = 0.02  # thickness of a bin [m]
 _BIN, _LARGE_BIN = (0.292, 0.192, 0.143), (0.4, 0.4, 0.25)  # inside: length, width, depth [m]
-_TUMBLED = ((ERR_POSITION, 0.01), (ERR_ROTATION, 0.3))  # what is let go in no particular order
+_TUMBLED = {"position": 0.01, "rotation": 0.3}  # what is let go in no particular order
+
+
+def resting(positions) -> np.ndarray:
+    """States (B, 13) of bodies at rest, not turned."""
+    mean = np.zeros((len(positions), STATE))
+    mean[:, POSITION] = positions
+    mean[:, QUATERNION] = 0.0, 0.0, 0.0, 1.0
+    return mean
+
+
+def spread(bodies: int, position=0.0, velocity=0.0, rotation=0.0, spin=0.0) -> np.ndarray:
+    """Covariances (B, 12, 12) from standard deviations, a number or three of each."""
+    std = np.zeros(ERROR)
+    std[ERR_POSITION], std[ERR_VELOCITY] = position, velocity
+    std[ERR_ROTATION], std[ERR_ANGULAR_VELOCITY] = rotation, spin
+    return np.tile(np.diag(std**2), (bodies, 1, 1))
 
 
 def unit_model(name: str, spheres: int) -> SpherePacking:
@@ -70,6 +88,25 @@ def unit_model(name: str, spheres: int) -> SpherePacking:
     if packing.bounds is None:
         raise InvalidModelError("are needed to scale it", field=f"bounds of model '{name}'")
     return packing.scaled(EXTENT / float(np.max(packing.bounds[1] - packing.bounds[0]))).prefix(spheres)
+
+
+def has_packing(model: str, spheres: int) -> bool:
+    """Whether there is a packing of a model with so many spheres."""
+    try:
+        unit_model(model, spheres)
+    except UnknownModelError:
+        return False
+    return True
+
+
+def missing_packings() -> list[str]:
+    """Models without a packing of `LARGE` spheres, and how to make one."""
+    return [
+        f"{model} with {LARGE} spheres: no packing; python -m unc_physics models --make {model} -n {LARGE}"
+        " makes it"
+        for model in MODELS
+        if not has_packing(model, LARGE)
+    ]
 
 
 def collision(
@@ -104,7 +141,7 @@ def collision(
         mean[body, POSITION] = -side * GAP / 2, side * OFFSET / 2, 0.0
         mean[body, VELOCITY] = side * SPEED, 0.0, 0.0
         mean[body, QUATERNION] = turned[name]
-    return scene, Belief(mean, _covariance(2, ERR_POSITION, sigma)), COLLISION_HORIZON
+    return scene, Belief(mean, spread(2, position=non_negative(sigma, "sigma"))), COLLISION_HORIZON
 
 
 def many_collisions(
@@ -156,35 +193,30 @@ def collision_free(
     mean[0, VELOCITY] = SPEED, 0.0, 0.0
     mean[0, QUATERNION] = _orientation("left")
     mean[0, ANGULAR_VELOCITY] = _SPIN
-    return scene, Belief(mean, _covariance(1, _UNCERTAIN[uncertain], sigma)), FREE_HORIZON
+    deviations = {_UNCERTAIN[uncertain]: non_negative(sigma, "sigma")}
+    return scene, Belief(mean, spread(1, **deviations)), FREE_HORIZON
 
 
 def salt_box_into_bin() -> tuple[Scene, Belief, float]:
-    """A carton of salt is let go above an open bin on the floor (the paper's Fig. 1): does it
-    end up inside?
-    """
-    mean = _upright([[0.07, 0.02, 0.35]])
+    """A carton of salt falls towards an open bin (the paper's Fig. 1): does it end up inside?"""
+    mean = resting([[0.07, 0.02, 0.35]])
     mean[0, QUATERNION] = 0.0, 0.0, math.sin(0.3), math.cos(0.3)
-    return _handled(["salt_box"], 2000, _bin(*_BIN), mean, ((ERR_POSITION, 0.04), (ERR_ROTATION, 0.2)))
+    return _handled(["salt_box"], 2000, _bin(*_BIN), mean, {"position": 0.04, "rotation": 0.2})
 
 
 def can_off_shelf() -> tuple[Scene, Belief, float]:
-    """A full can is pushed towards the edge of a shelf, 0.4 m above the floor: does it stay there, or else
-    how does it land?
-    """
+    """A full can slides towards the edge of a shelf at 0.4 m: does it stay, how does it land?"""
     top = 0.4  # m
     environment = (Plane((0.0, 0.0, 1.0), 0.0), Box((0.6, 0.6, 0.03), (-0.3, 0.0, top - 0.015)))
-    mean = _upright([[-0.06, 0.0, top + 0.055]])
+    mean = resting([[-0.06, 0.0, top + 0.055]])
     mean[0, VELOCITY] = 0.7, 0.0, 0.0
-    spread = (ERR_POSITION, (0.02, 0.02, 0.0)), (ERR_VELOCITY, (0.2, 0.05, 0.0))
-    return _handled(["can"], 2000, environment, mean, spread)
+    deviations = {"position": (0.02, 0.02, 0.0), "velocity": (0.2, 0.05, 0.0)}
+    return _handled(["can"], 2000, environment, mean, deviations)
 
 
 def five_into_bin() -> tuple[Scene, Belief, float]:
-    """Three cartons and two cans fall one after the other into a bin that does not hold them all lying side
-    by side.
-    """
-    mean = _upright(
+    """Three cartons and two cans fall into a bin that has no room for all side by side."""
+    mean = resting(
         [[0.05, 0.02, 0.15], [-0.05, -0.02, 0.3], [0.03, -0.03, 0.45], [0.0, 0.03, 0.6], [-0.06, 0.0, 0.75]]
     )
     mean[:, ANGULAR_VELOCITY] = 0.5, 1.0, 0.0
@@ -194,7 +226,7 @@ def five_into_bin() -> tuple[Scene, Belief, float]:
 
 def tableware_into_box() -> tuple[Scene, Belief, float]:
     """Six different things, of which four are no box and no cylinder, fall one after the other into a box."""
-    mean = _upright(
+    mean = resting(
         [
             [0.05, 0.02, 0.22],
             [-0.05, -0.02, 0.38],
@@ -215,9 +247,7 @@ def in_bin(states: np.ndarray) -> np.ndarray:
 
 
 def in_box(states: np.ndarray) -> np.ndarray:
-    """Whether a body's centre is between the walls of the box of `tableware_into_box`, of states
-    (..., 13).
-    """
+    """Whether a body's centre is in the box of `tableware_into_box`, of states (..., 13)."""
     return _between(states, _LARGE_BIN)
 
 
@@ -256,25 +286,13 @@ def _between(states, sides):
     return inside.all(axis=-1) & (position[..., 2] < sides[2] + _WALL)
 
 
-def _upright(positions):
-    """States (B, 13) of bodies at rest, not turned."""
-    mean = np.zeros((len(positions), STATE))
-    mean[:, POSITION] = positions
-    mean[:, QUATERNION] = 0.0, 0.0, 0.0, 1.0
-    return mean
-
-
 def _handled(models, spheres, environment, mean, deviations):
     packings = [load_model(model) for model in models]
     bodies = [
-        RigidBody(f"{packing.name}{k or ''}", packing.prefix(spheres), packing.mass)
-        for k, packing in enumerate(packings)
+        RigidBody(f"{packing.name}{k or ''}", packing.prefix(spheres)) for k, packing in enumerate(packings)
     ]
     scene = with_stiffness(Scene.everyday(bodies, environment=environment), mean)
-    P = np.zeros((len(bodies), ERROR, ERROR))
-    for block, sigma in deviations:
-        P[:, range(*block.indices(ERROR)), range(*block.indices(ERROR))] = np.asarray(sigma) ** 2
-    return scene, Belief(mean, P), 1.5
+    return scene, Belief(mean, spread(len(bodies), **deviations)), 1.5
 
 
 def _scene(bodies):
@@ -284,9 +302,3 @@ def _scene(bodies):
 def _orientation(name):
     q = np.array(_ORIENTATIONS[name])
     return q / np.linalg.norm(q)
-
-
-def _covariance(bodies, block, sigma):
-    P = np.zeros((bodies, ERROR, ERROR))
-    P[:, range(*block.indices(ERROR)), range(*block.indices(ERROR))] = non_negative(sigma, "sigma") ** 2
-    return P

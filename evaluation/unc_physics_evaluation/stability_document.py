@@ -1,6 +1,4 @@
-"""The document on stability: what every propagator makes of the hard cases, from the rows of the
-experiment.
-"""
+"""The document on stability, from the rows of the experiment."""
 
 from __future__ import annotations
 
@@ -13,8 +11,9 @@ from unc_physics.propagators.registry import PROPAGATORS
 from .conservation import CHANGE, DRIFT, EIGENVALUE, FINITE, GAIN, MOMENTUM, PASSED
 from .hard_cases import load, names
 from .judgement import FALSE, MISSING, RIGHT, Judged, any_of, judge, rates, worst
+from .methods import label
 from .results import Rows
-from .tables import label, number, table
+from .tables import number, table
 
 COMMAND = "python -m unc_physics evaluate stability"
 #: What the rows' methods and quantities are called, beside those of `conservation`.

@@ -1,24 +1,9 @@
-"""Markdown tables, and how methods and figures are written in them."""
+"""Markdown tables, and how figures are written in them."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-
-from unc_physics.propagators.names import REFERENCE
-from unc_physics.propagators.registry import PROPAGATORS
-
-#: What is compared beside the propagators.
-LABELS = {"sigma_points_full": "sigma points, full", "gaussian": "best Gaussian", "floor": "floor"}
-
-
-def label(method: str, samples: int | None = None) -> str:
-    """A method's name for people."""
-    if method == REFERENCE and samples is not None:
-        return f"MC-{samples}"
-    if method in PROPAGATORS:
-        return PROPAGATORS[method].label
-    return LABELS.get(method, method.replace("_", " "))
 
 
 def number(value: float) -> str:

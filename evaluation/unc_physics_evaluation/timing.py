@@ -3,19 +3,24 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Hashable, Mapping
+from typing import TypeVar
 
 import numpy as np
 
+from .jobs import Row
+
+Key = TypeVar("Key", bound=Hashable)
+
 
 def paired(
-    functions: Mapping[str, Callable[[int], object]], repeats: int, clock=time.process_time
-) -> dict[str, np.ndarray]:
+    functions: Mapping[Key, Callable[[int], object]], repeats: int, clock=time.process_time
+) -> dict[Key, np.ndarray]:
     """Time several functions in turns: A B C, A B C, ...
 
     Parameters
     ----------
-    functions : mapping of str to callable
+    functions : mapping to callable
         Each is called with the number of the round. One call of each comes first and is not counted.
     repeats : int
         Number of rounds.
@@ -25,7 +30,7 @@ def paired(
 
     Returns
     -------
-    dict of str to (repeats,) array
+    dict to (repeats,) array
         [s]
     """
     for function in functions.values():
@@ -39,6 +44,14 @@ def paired(
     return times
 
 
-def ratio(times: Mapping[str, np.ndarray], slow: str, fast: str) -> float:
-    """Median over the rounds of how many times longer ``slow`` took than ``fast``."""
-    return float(np.median(times[slow] / times[fast]))
+def timed(
+    functions: Mapping[tuple[str, int | None, str], Callable[[int], object]],
+    rounds: int,
+    clock=time.process_time,
+) -> list[Row]:
+    """Rows of the times of functions, each known by method, samples and quantity."""
+    return [
+        Row(method, quantity, "s", float(seconds), samples, k)
+        for (method, samples, quantity), taken in paired(functions, rounds, clock).items()
+        for k, seconds in enumerate(taken)
+    ]

@@ -52,9 +52,7 @@ def geodesic(x: np.ndarray, y: np.ndarray) -> np.ndarray:
 
 
 def geodesic_of_pairs(x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Angles (...) [degrees] of the rotations that lead from each of ``x`` (..., 4) to the same of ``y``,
-    unit quaternions.
-    """
+    """Angles (...) [degrees] between unit quaternions ``x`` (..., 4) and ``y``, each with its own."""
     chord = np.minimum(np.linalg.norm(x - y, axis=-1), np.linalg.norm(x + y, axis=-1))
     return np.degrees(4.0 * np.arcsin(np.minimum(0.5 * chord, 1.0)))
 

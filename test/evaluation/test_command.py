@@ -58,6 +58,31 @@ def test_bad_input_is_one_sentence(arguments, code, sentence, tmp_path, capsys):
     assert capsys.readouterr().err.startswith(f"unc_physics: {sentence}")
 
 
+@pytest.mark.parametrize(
+    ("name", "place", "value", "sentence"),
+    [
+        ("same_bits", "same_bits.PAPER", "0" * 40, "is no git checkout that has the commit 000"),
+        ("latency", "latency.NEEDS", ("no_such_module",), "no_such_module not found; source ROS 2"),
+        ("packing", "packing.find_spec", lambda name: None, "is not installed; pip install libigl"),
+    ],
+)
+def test_what_is_not_there_is_said(name, place, value, sentence, tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(f"unc_physics_evaluation.experiments.{place}", value)
+    assert main(["evaluate", name, "-o", str(tmp_path)]) == 0
+    (said, wrote) = capsys.readouterr().out.splitlines()
+    assert said.startswith(f"left out: {name}: ") and sentence in said
+    assert f"* {name}: " in (tmp_path / "report.md").read_text()
+    assert wrote.startswith("wrote ")
+
+
+def test_help_tells_apart_what_runs_only_where_named(capsys):
+    with pytest.raises(SystemExit):
+        main(["evaluate", "--help"])
+    listed, _, by_name = " ".join(capsys.readouterr().out.split()).partition("Only where named")
+    assert "collisions" in listed and "same_bits" not in listed
+    assert by_name.endswith("propagators, scenes, packing, latency, same_bits.")
+
+
 def test_a_scheduler_that_is_not_there(tmp_path, capsys, monkeypatch):
     pytest.importorskip("distributed")
     monkeypatch.setattr("unc_physics_evaluation.runner.CONNECT_TIMEOUT", 0.5)

@@ -67,7 +67,7 @@ def test_a_ball_bounces_off_the_elements_surface(name, element, side):
     edge = element.position + element.rotation @ side
     out = element.surface(edge + element.rotation @ side)[1]
     radius, dt = 0.05, 1e-3
-    scene = Scene([RigidBody("ball", ball().scaled(radius))], dt=dt, environment=(element,))
+    scene = Scene([RigidBody("ball", ball().scaled(radius), 1.0)], dt=dt, environment=(element,))
     start = np.zeros((1, 13))
     start[0, POSITION], start[0, VELOCITY], start[0, 9] = edge + 0.2 * out, -out, 1.0
     engine = PEERS[name](scene)
@@ -82,7 +82,7 @@ def test_a_ball_bounces_off_the_elements_surface(name, element, side):
 @pytest.mark.parametrize("name", PEERS)
 def test_what_is_no_box_and_no_cylinder_is_convex_pieces(name):
     pytest.importorskip(name)
-    bodies = [RigidBody(model, load_model(model).prefix(100)) for model in ("can", "mug")]
+    bodies = [RigidBody(model, load_model(model).prefix(100), 1.0) for model in ("can", "mug")]
     engine = PEERS[name](Scene(bodies), "primitive")
     assert engine.shapes() == [1, 16]
     engine.close()

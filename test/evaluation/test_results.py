@@ -75,9 +75,9 @@ def test_arrays_are_kept(tmp_path):
     import numpy as np
 
     results, states = Results(tmp_path), np.arange(6.0).reshape(2, 3)
-    assert results.arrays(job(0.05)) is None
+    assert results.arrays("collisions", job(0.05).key) == {}
     results.add(job(0.05), Outcome(outcome(1).rows, {"states": states}), ORIGIN)
-    assert np.array_equal(results.arrays(job(0.05))["states"], states)
+    assert np.array_equal(results.arrays("collisions", job(0.05).key)["states"], states)
 
 
 def test_other_columns_are_refused_before_any_work(tmp_path):

@@ -10,7 +10,7 @@ from unc_physics.__main__ import main
 from unc_physics.geometry.packing_file import load_packing
 from unc_physics.physics.rollout import simulate
 from unc_physics.scene.environment import Box, Capsule, Cylinder, Plane, Sphere
-from unc_physics.scene.scene import INTEGRATORS
+from unc_physics.scene.physics_keys import INTEGRATORS
 from unc_physics_evaluation.conservation import (
     CHANGE,
     DRIFT,
@@ -131,7 +131,7 @@ def test_verdicts_and_rates():
     ],
 )
 def test_contact_energy_is_what_the_force_works_against(environment):
-    other = [RigidBody("b", BALL.scaled(0.6))] if not environment else []
+    other = [RigidBody("b", BALL.scaled(0.6), 1.0)] if not environment else []
     scene = Scene([RigidBody("a", BALL, 2.0), *other], dt=1e-9, stiffness=1e6, environment=environment)
     state = states((0.0, 0.0, 0.0), (0.02, 0.05, 0.09))[: len(scene.bodies)]
     after = state[None].copy()
@@ -167,7 +167,7 @@ def test_passing_through_is_told_from_bouncing():
     def path(*x):
         return np.array([states((0.0, 0.0, 0.0), (at, 0.01, 0.0)) for at in x])
 
-    pair = Scene([RigidBody("a", BALL), RigidBody("b", BALL)])
+    pair = Scene([RigidBody("a", BALL, 1.0), RigidBody("b", BALL, 1.0)])
     assert passed_through(pair, path(0.5, 0.21, -0.3)), "at once, from one step to the next"
     assert passed_through(pair, path(0.5, 0.19, 0.05))
     assert not passed_through(pair, path(0.5, 0.18, 0.5)) and not passed_through(pair, path(0.05, 0.3))
@@ -178,7 +178,7 @@ def test_passing_through_is_told_from_bouncing():
         Cylinder(0.012, 0.5),
         Capsule(0.012, 0.5, (0.0, 0.0, 0.1)),
     ):
-        scene = Scene([RigidBody("b", BALL)], environment=(element,))
+        scene = Scene([RigidBody("b", BALL, 1.0)], environment=(element,))
         assert passed_through(scene, path(0.5, -0.4)[:, 1:])
         assert not passed_through(scene, path(0.5, 0.09, 0.5)[:, 1:])
         if element.finite:

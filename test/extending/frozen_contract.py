@@ -9,10 +9,9 @@ from unc_physics import PROPAGATORS, assess, contact_probabilities, make_propaga
 from unc_physics.prediction.probabilities import BoxRegion, region_probabilities, rest_probabilities
 from unc_physics.propagators.names import BUILT_IN
 from unc_physics.scene.scene_file import scene_from_dict
-from unc_physics_evaluation.comparison import error_rows, methods, monte_carlo
+from unc_physics_evaluation.comparison import error_rows, monte_carlo
 from unc_physics_evaluation.jobs import Job
-from unc_physics_evaluation.plots import color
-from unc_physics_evaluation.tables import label
+from unc_physics_evaluation.methods import color, label, methods
 from unc_physics_evaluation.wasserstein import representatives
 
 

@@ -77,6 +77,14 @@ def test_it_is_listed(installed):
     )
 
 
+def test_it_is_evaluated(installed, tmp_path):
+    command = ["-m", "unc_physics", "evaluate", "storage", "--quick", "--workers", "1", "-o", str(tmp_path)]
+    status, _, errors = run(installed, *command)
+    assert status == 0, errors
+    assert "\n| frozen | " in (tmp_path / "report.md").read_text()
+    assert (tmp_path / "figures" / "storage.png").exists()
+
+
 def test_what_cannot_be_loaded_is_left_out(installed, tmp_path):
     package = tmp_path / "broken-1.0.dist-info"
     package.mkdir()

@@ -155,7 +155,7 @@ def test_compiling_is_no_predictions_time():
 
     mean = np.zeros((1, 13))
     mean[:, 9] = 1.0
-    scene = Scene([RigidBody("pin", load_model("pin").prefix(10))], dt=0.01, stiffness=1e4)
+    scene = Scene([RigidBody("pin", load_model("pin").prefix(10), 1.0)], dt=0.01, stiffness=1e4)
     belief = Belief.exact(mean)
     predict(scene, belief, MonteCarlo(samples=2), 0.5)
     began = time.perf_counter()

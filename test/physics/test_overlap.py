@@ -28,7 +28,7 @@ SPHERES = 400
 
 def body(name, model, **fields):
     packing = load_model(model)
-    return RigidBody(name, packing.prefix(SPHERES), packing.mass, **fields)
+    return RigidBody(name, packing.prefix(SPHERES), **fields)
 
 
 def standing(model, x=0.0, below=0.0):

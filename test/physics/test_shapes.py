@@ -304,7 +304,7 @@ def test_an_unknown_shape_is_refused():
         with pytest.raises(
             InvalidEnvironmentError, match=r"environment\[1\] must be one of Plane, Box, Sphere, "
         ):
-            Scene([RigidBody("ball", BALL)], environment=(Plane(), stranger))
+            Scene([RigidBody("ball", BALL, 1.0)], environment=(Plane(), stranger))
 
 
 def test_a_kernel_finds_nothing_in_an_unknown_kind():

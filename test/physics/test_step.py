@@ -187,7 +187,7 @@ def test_a_whole_collision_in_another_frame(loaded):
 def test_free_flight_is_the_closed_form(seed, steps, damping):
     rng = np.random.default_rng(seed)
     g = rng.normal(size=3)
-    scene = Scene([RigidBody("ball", packing([[0, 0, 0]], [0.1]))], 0.01, KAPPA, damping, g)
+    scene = Scene([RigidBody("ball", packing([[0, 0, 0]], [0.1]), 1.0)], 0.01, KAPPA, damping, g)
     x = state(*rng.standard_normal((4, 3)))
     after = stepped(scene, x[None], steps)[0]
     k, decay = np.arange(steps), np.exp(-0.01 * damping)
@@ -204,7 +204,9 @@ def test_free_flight_is_the_closed_form(seed, steps, damping):
 
 
 def test_drift_uses_the_velocity_before_damping_and_gravity():
-    scene = Scene([RigidBody("ball", packing([[0, 0, 0]], [0.1]))], dt=0.5, damping=1.0, gravity=[0, 0, -2.0])
+    scene = Scene(
+        [RigidBody("ball", packing([[0, 0, 0]], [0.1]), 1.0)], dt=0.5, damping=1.0, gravity=[0, 0, -2.0]
+    )
     after = stepped(scene, state(velocity=(1, 0, 0))[None])[0]
     np.testing.assert_allclose(after[:3], [0.5, 0, 0])
     np.testing.assert_allclose(after[3:6], [np.exp(-0.5), 0, -1.0])
@@ -213,7 +215,10 @@ def test_drift_uses_the_velocity_before_damping_and_gravity():
 @pytest.mark.parametrize("radius", [0.5, 0.2])
 def test_coincident_centres_give_no_force(radius):
     scene = Scene(
-        [RigidBody("a", packing([[0, 0, 0]], [0.5])), RigidBody("b", packing([[0, 0, 0]], [radius]))],
+        [
+            RigidBody("a", packing([[0, 0, 0]], [0.5]), 1.0),
+            RigidBody("b", packing([[0, 0, 0]], [radius]), 1.0),
+        ],
         DT,
         KAPPA,
     )
@@ -224,7 +229,9 @@ def test_coincident_centres_give_no_force(radius):
 @pytest.mark.parametrize("d", [1e-300, 1e-160, 1e-12, 0.1, 0.3])
 def test_a_sphere_inside_another_is_pushed_with_its_whole_volume(d):
     scene = Scene(
-        [RigidBody("a", packing([[0, 0, 0]], [0.5])), RigidBody("b", packing([[0, 0, 0]], [0.2]))], DT, KAPPA
+        [RigidBody("a", packing([[0, 0, 0]], [0.5]), 1.0), RigidBody("b", packing([[0, 0, 0]], [0.2]), 1.0)],
+        DT,
+        KAPPA,
     )
     after = stepped(scene, np.array([state(), state((d, 0, 0))]))
     push = DT * KAPPA * 4.0 / 3.0 * np.pi * 0.2**3
@@ -237,7 +244,9 @@ def test_a_pure_couple_turns_the_body():
     """Two equal and opposite contact forces cancel, and their torque does not."""
     bar = packing([[1, 0, 0], [-1, 0, 0]], [0.1, 0.1])
     scene = Scene(
-        [RigidBody("a", bar), RigidBody("b", packing([[1, 0.15, 0], [-1, -0.15, 0]], [0.1, 0.1]))], DT, KAPPA
+        [RigidBody("a", bar, 1.0), RigidBody("b", packing([[1, 0.15, 0], [-1, -0.15, 0]], [0.1, 0.1]), 1.0)],
+        DT,
+        KAPPA,
     )
     x = np.array([state(), state()])
     after = stepped(scene, x)
@@ -248,7 +257,7 @@ def test_a_pure_couple_turns_the_body():
 
 def test_touching_spheres_do_not_push():
     ball = packing([[0, 0, 0]], [0.5])
-    scene = Scene([RigidBody("a", ball), RigidBody("b", ball)], DT, KAPPA)
+    scene = Scene([RigidBody("a", ball, 1.0), RigidBody("b", ball, 1.0)], DT, KAPPA)
     x = np.array([state(), state((1.0, 0, 0))])
     np.testing.assert_array_equal(stepped(scene, x), x)
 
@@ -267,7 +276,9 @@ def test_two_fixed_bodies_that_overlap_stay(shapes):
 def test_a_body_bounces_back_from_a_fixed_one_with_its_energy():
     """Head-on, without damping: the speed comes back, up to what the explicit step gains or loses."""
     ball = packing([[0, 0, 0]], [0.5])
-    scene = Scene([RigidBody("wall", ball, fixed=True), RigidBody("ball", ball)], dt=1e-4, stiffness=KAPPA)
+    scene = Scene(
+        [RigidBody("wall", ball, fixed=True), RigidBody("ball", ball, 1.0)], dt=1e-4, stiffness=KAPPA
+    )
     after = stepped(scene, np.array([state(), state((1.05, 0, 0), (-1.0, 0, 0))]), 4000)
     TIME_STEP = 1e-3
     np.testing.assert_allclose(after[1, 3:6], [1.0, 0, 0], atol=TIME_STEP)
@@ -279,7 +290,7 @@ def test_the_step_is_of_first_order():
     x = np.array([state(velocity=(0.5, 0, 0)), state((1.1, 0.1, 0.0), (-1.0, 0, 0))])
 
     def end(dt):
-        scene = Scene([RigidBody("a", ball), RigidBody("b", ball, 2.0)], dt, 1e3, damping=0.3)
+        scene = Scene([RigidBody("a", ball, 1.0), RigidBody("b", ball, 2.0)], dt, 1e3, damping=0.3)
         return stepped(scene, x, round(0.4 / dt))
 
     truth = end(1e-5)
@@ -336,7 +347,9 @@ def test_one_call_equals_many_single_steps_to_the_last_bit(shapes, seed):
 def test_a_body_that_flies_straight_at_another_meets_it_in_the_same_step(speed):
     """No bound on how far bodies travel is loose here, so one that is too low shows."""
     far_side = packing([[-1.0, 0.0, 0.0]], [0.1])
-    scene = Scene([RigidBody("still", far_side), RigidBody("flies", packing([[0.0, 0, 0]], [0.1]))], DT, 1e6)
+    scene = Scene(
+        [RigidBody("still", far_side, 1.0), RigidBody("flies", packing([[0.0, 0, 0]], [0.1]), 1.0)], DT, 1e6
+    )
     x = np.array([state(), state((1.05, 0, 0), (-speed, 0, 0))])
     steps = int(2.4 / (DT * speed))
     singly = x

@@ -10,7 +10,7 @@ from unc_physics import RigidBody, Scene, SpherePacking, load_model
 from unc_physics.physics import sphere_tree
 from unc_physics.physics.broad_phase import SINGLE_PRECISION
 from unc_physics.physics.workspace import workspace
-from unc_physics.scene.scene import tree_of
+from unc_physics.scene.body import tree_of
 
 seeds = st.integers(0, 2**32 - 1)
 
@@ -52,7 +52,7 @@ def brute_force(ci, ri, cj, rj, R, t, offset):
 
 def check(ci, ri, cj, rj, R, t, pairs_at_once=None):
     """Candidates and exact test against brute force; returns the number of overlapping pairs."""
-    world = Scene([RigidBody("i", packing(ci, ri)), RigidBody("j", packing(cj, rj))]).world
+    world = Scene([RigidBody("i", packing(ci, ri), 1.0), RigidBody("j", packing(cj, rj), 1.0)]).world
     expected = brute_force(ci, ri, cj, rj, R, t, len(ri))
     assert found_pairs(world, (0, 1), R, t, pairs_at_once) == expected
     swapped = found_pairs(world, (1, 0), np.ascontiguousarray(R.T), -R.T @ t, pairs_at_once)

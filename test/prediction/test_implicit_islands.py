@@ -100,7 +100,7 @@ def test_so_it_is_with_uncertain_parameters():
 def sliding(gap, speed=0.0):
     """Two bricks beside each other on the floor."""
     brick = load_model("brick").prefix(60)
-    scene = Scene.everyday([RigidBody("a", brick), RigidBody("b", brick)], environment=[Plane()])
+    scene = Scene.everyday([RigidBody("a", brick, 1.0), RigidBody("b", brick, 1.0)], environment=[Plane()])
     mean = np.zeros((2, 13))
     mean[:, 9] = 1.0
     mean[:, 2] = 1e-4 - (brick.centers[:, 2] - brick.radii).min()
@@ -123,7 +123,7 @@ def test_what_the_step_computes_together_is_one_island(gap, together):
 @pytest.mark.parametrize("damping", [0.0, 0.7])
 def test_a_lone_body_flies_in_closed_form_as_step_by_step(damping):
     can = load_model("can").prefix(60)
-    bodies = [RigidBody("a", can), RigidBody("b", can)]
+    bodies = [RigidBody("a", can, 1.0), RigidBody("b", can, 1.0)]
     scene = Scene.everyday(bodies, gyroscopic=False, damping=damping, environment=[Plane(offset=-50.0)])
     mean = np.zeros((2, 13))
     mean[:, 9] = 1.0

@@ -87,9 +87,9 @@ def test_restitution_is_the_geometric_mean_of_the_partners(own, floor, expected)
 def test_uncertain_friction_spreads_a_slide_s_deceleration():
     mu, std, speed, time = 0.4, 0.02, 2.0, 0.05  # a time in which a ball does not yet roll
     for scene in (
-        on_floor(RigidBody("ball", BALL), friction=mu, friction_std=std),
+        on_floor(RigidBody("ball", BALL, 1.0), friction=mu, friction_std=std),
         on_floor(
-            RigidBody("ball", BALL, friction=mu, friction_std=2.0 * std),
+            RigidBody("ball", BALL, 1.0, friction=mu, friction_std=2.0 * std),
             friction=None,
             floor=Plane(friction=mu),
         ),
@@ -104,14 +104,14 @@ def test_uncertain_friction_spreads_a_slide_s_deceleration():
 
 
 def test_uncertain_restitution_is_what_an_impact_gives_back():
-    scene = on_floor(RigidBody("ball", BALL), gravity=None, restitution=0.6, restitution_std=0.1)
+    scene = on_floor(RigidBody("ball", BALL, 1.0), gravity=None, restitution=0.6, restitution_std=0.1)
     prediction = sampled(scene, state(0, 0, R + 0.01, velocity=(0, 0, -1)), 0.1)
     expected = np.clip(0.6 + 0.1 * prediction.carry.parameters[:, 0], 0.0, 1.0)
     np.testing.assert_allclose(prediction.carry.states[:, 0, 5], expected, rtol=0.02)
 
 
 def test_the_kernels_get_the_varied_materials():
-    bodies = [RigidBody("a", BALL, friction=0.4, friction_std=0.05), RigidBody("b", BALL)]
+    bodies = [RigidBody("a", BALL, 1.0, friction=0.4, friction_std=0.05), RigidBody("b", BALL, 1.0)]
     scene = replace(on_floor(*bodies, restitution_std=0.05), stiffness=1e9)
     np.testing.assert_array_equal(scene.world.implicit.friction, scene.materials.friction)
     np.testing.assert_array_equal(scene.world.implicit.restitution, scene.materials.restitution)
@@ -132,7 +132,7 @@ def test_what_rests_sinks_in_by_less_than_a_tenth_of_a_millimetre(mass):
 
 
 def test_statuses_and_probabilities_take_the_scene_as_it_was_given():
-    scene = on_floor(RigidBody("ball", BALL))
+    scene = on_floor(RigidBody("ball", BALL, 1.0))
     belief = Belief(np.array([state(0, 0, R + 0.02)]), 1e-6 * np.eye(12)[None], scene.moving)
     for propagator in ("sigma_points", make_propagator("monte_carlo", samples=300)):
         prediction = predict(scene, belief, propagator, 0.5)
@@ -147,7 +147,7 @@ def test_statuses_and_probabilities_take_the_scene_as_it_was_given():
 
 
 def two_apart(**options):
-    bodies = [RigidBody("left", BALL, friction=0.3), RigidBody("right", BALL, restitution=0.7)]
+    bodies = [RigidBody("left", BALL, 1.0, friction=0.3), RigidBody("right", BALL, 1.0, restitution=0.7)]
     scene = on_floor(*bodies, RigidBody("post", BALL, fixed=True, **options), islands=True)
     mean = np.array(
         [
@@ -220,13 +220,13 @@ def test_the_command_says_where_the_prediction_began(tmp_path, capsys):
 
 @pytest.mark.parametrize("overlap", ["reject", "keep"])
 def test_answers_name_what_becomes_of_overlap(overlap):
-    scene = on_floor(RigidBody("ball", BALL), overlap=overlap)
+    scene = on_floor(RigidBody("ball", BALL, 1.0), overlap=overlap)
     assert physics_of(scene)["overlap"] == overlap
     assert f"overlap {overlap}" in physics_as_text(scene)
 
 
 def test_monte_carlo_alone_rejects():
-    scene = on_floor(RigidBody("ball", BALL), overlap="reject")
+    scene = on_floor(RigidBody("ball", BALL, 1.0), overlap="reject")
     with pytest.raises(NotSupportedError, match="^overlap .*monte_carlo.*sigma_points.*'reject'"):
         predict(scene, Belief.exact([state(0, 0, 1)]), "sigma_points", 0.1)
     check_supported(scene, make_propagator("monte_carlo"))

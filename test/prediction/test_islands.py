@@ -66,7 +66,7 @@ def by_islands(scene, belief, propagator, horizon=HORIZON):
 
 
 def test_islands_are_off_unless_asked_for():
-    assert not Scene([RigidBody("pin", load_model("pin").prefix(10))]).islands
+    assert not Scene([RigidBody("pin", load_model("pin").prefix(10), 1.0)]).islands
     assert not scene_from_dict(two_bodies()).scene.islands
     assert scene_from_dict(two_bodies() | {"islands": True}).scene.islands
 
@@ -191,7 +191,7 @@ def test_a_lone_body_flies_in_closed_form_as_step_by_step(name):
 def scattered(count, touching=()):
     """Bodies far from each other, but for those that follow one ahead of them closely."""
     pin = load_model("pin").prefix(10)
-    scene = Scene([RigidBody(f"pin{k}", pin) for k in range(count)], islands=True)
+    scene = Scene([RigidBody(f"pin{k}", pin, 1.0) for k in range(count)], islands=True)
     mean = np.zeros((count, 13))
     mean[:, 9] = 1.0
     mean[:, 0] = 10.0 * np.arange(count)

@@ -338,7 +338,7 @@ def test_joint_blocks_and_marginals_agree(scene_and_belief):
 
 def test_a_refused_scene():
     model = load_model("pin").prefix(1)
-    body = RigidBody("a", model)
+    body = RigidBody("a", model, 1.0)
     for arguments, words in [
         ({"bodies": []}, "bodies"),
         ({"bodies": [body, body]}, "'a'"),

@@ -43,7 +43,7 @@ def statuses(scene, belief, name, horizon):
 
 @pytest.mark.parametrize("name", NAMES)
 def test_free_flight_is_fine(name):
-    scene = Scene([RigidBody("a", BALL), RigidBody("b", BALL)], gravity=(0, 0, -9.81))
+    scene = Scene([RigidBody("a", BALL, 1.0), RigidBody("b", BALL, 1.0)], gravity=(0, 0, -9.81))
     found = statuses(scene, balls((0, 0, 0), (1, 0, 0), velocity=(0, 1, 2)), name, 1.0)
     assert [status.flags for status in found] == [Status.FINE, Status.FINE]
     assert all(status.message == "" for status in found)
@@ -51,14 +51,18 @@ def test_free_flight_is_fine(name):
 
 @pytest.mark.parametrize("name", NAMES)
 def test_overlap_at_the_start_is_named(name):
-    scene = Scene([RigidBody("a", BALL), RigidBody("b", BALL), RigidBody("c", BALL)], dt=1e-3, stiffness=1e4)
+    scene = Scene(
+        [RigidBody("a", BALL, 1.0), RigidBody("b", BALL, 1.0), RigidBody("c", BALL, 1.0)],
+        dt=1e-3,
+        stiffness=1e4,
+    )
     found = statuses(scene, balls((0, 0, 0), (0.09, 0, 0), (1, 0, 0)), name, 0.01)
     assert [bool(status.flags & Status.INITIAL_OVERLAP) for status in found] == [True, True, False]
     assert 0.2 < found[0].measures["initial_overlap"] < 0.3, "0.2 at the mean, and deeper in one of twenty"
 
 
 def test_overlap_of_a_share_of_the_belief_is_named():
-    scene = Scene([RigidBody("a", BALL), RigidBody("b", BALL)], dt=1e-3, stiffness=1e4)
+    scene = Scene([RigidBody("a", BALL, 1.0), RigidBody("b", BALL, 1.0)], dt=1e-3, stiffness=1e4)
     apart = balls((0, 0, 0), (0.1005, 0, 0))
     assert all(
         status.flags & Status.INITIAL_OVERLAP for status in statuses(scene, apart, "sigma_points", 0.01)
@@ -81,21 +85,21 @@ def test_a_step_too_long_for_the_stiffness_is_not_converged():
 
 
 def test_a_ball_that_the_floor_cannot_stop_is_not_converged():
-    scene = Scene([RigidBody("a", BALL)], dt=1e-3, stiffness=1e5, environment=(Plane(),))
+    scene = Scene([RigidBody("a", BALL, 1.0)], dt=1e-3, stiffness=1e5, environment=(Plane(),))
     (status,) = statuses(scene, balls((0, 0, 0.1), velocity=(0, 0, -30)), "sigma_points", 0.1)
     assert status.flags & Status.NOT_CONVERGED and status.measures["impact_over_capacity"] > 1.0
 
 
 @pytest.mark.parametrize("name", NAMES)
 def test_coincident_centres_overlap(name):
-    scene = Scene([RigidBody("a", BALL), RigidBody("b", BALL)], dt=1e-3, stiffness=1e4)
+    scene = Scene([RigidBody("a", BALL, 1.0), RigidBody("b", BALL, 1.0)], dt=1e-3, stiffness=1e4)
     found = statuses(scene, balls((0, 0, 0), (0, 0, 0)), name, 0.01)
     assert all(status.measures["initial_overlap"] == pytest.approx(2.0) for status in found)
     assert all(status.measures["energy_gain"] < 0.02 for status in found if "energy_gain" in status.measures)
 
 
 def test_energy_that_a_long_step_gains_is_named():
-    scene = Scene([RigidBody("a", BALL), RigidBody("b", BALL)], dt=0.01, stiffness=1e8)
+    scene = Scene([RigidBody("a", BALL, 1.0), RigidBody("b", BALL, 1.0)], dt=0.01, stiffness=1e8)
     belief = balls((0, 0, 0), (0.15, 0, 0), velocity=(1, 0, 0), std=0.0)
     found = statuses(scene, belief, "linearization", 0.2)
     end = predict(scene, belief, "linearization", 0.2).belief.mean
@@ -108,7 +112,7 @@ def test_energy_that_a_long_step_gains_is_named():
 
 @pytest.mark.parametrize("name", NAMES)
 def test_a_contact_that_the_nominal_rollout_misses_is_not_missed(name):
-    scene = Scene([RigidBody("a", BALL), RigidBody("b", BALL)], dt=1e-3, stiffness=1e6)
+    scene = Scene([RigidBody("a", BALL, 1.0), RigidBody("b", BALL, 1.0)], dt=1e-3, stiffness=1e6)
     found = statuses(scene, balls((0, 0, 0), (0.3, 0.11, 0), velocity=(1, 0, 0), std=0.02), name, 1.0)
     assert [bool(status.flags & Status.OUTSIDE_VALIDITY) for status in found] == [name in NOMINAL] * 2
     assert ("spread_disagreement" in found[0].measures) == (name in NOMINAL)
@@ -133,14 +137,14 @@ def test_rotation_beyond_a_gaussian_is_outside_validity():
     belief = balls((0, 0, 0))
     P = belief.covariance.copy()
     P[0, range(9, 12), range(9, 12)] = 1.0
-    (status,) = statuses(Scene([RigidBody("a", BALL)]), Belief(belief.mean, P), "linearization", 3.0)
+    (status,) = statuses(Scene([RigidBody("a", BALL, 1.0)]), Belief(belief.mean, P), "linearization", 3.0)
     assert status.flags == Status.OUTSIDE_VALIDITY and status.measures["rotation_std"] == pytest.approx(
         3.0, rel=0.01
     )
 
 
 def test_fixed_bodies_have_no_measures():
-    scene = Scene([RigidBody("a", BALL), RigidBody("b", BALL, fixed=True)])
+    scene = Scene([RigidBody("a", BALL, 1.0), RigidBody("b", BALL, fixed=True)])
     belief = balls((0, 0, 0), (1, 0, 0))
     found = statuses(scene, Belief(belief.mean, belief.covariance[:1], [0]), "linearization", 0.1)
     assert found[1].measures == {} and found[1].flags == Status.FINE

@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from unc_physics import Belief, RigidBody, Scene, SpherePacking, make_propagator
 from unc_physics.physics.random import RUN, normal_table, places
-from unc_physics.propagators import local_sampling
+from unc_physics.propagators import sampled_contacts
 
 SINGLE_PRECISION = 1e-5  # of second moments, relative to the largest
 TABLE = normal_table()
@@ -39,15 +39,15 @@ def test_moments_equal_those_in_double_precision(angle, distance, count):
     starts = tuple(np.uint64(start) for start in places(np.uint64(3)))
     single = [tuple(np.float32(x) for x in factor.flat) for factor in factors]
     shape = tuple(tuple(np.float32(x) for x in v) for v in (n, *arms))
-    largest = local_sampling._LARGEST * max(np.linalg.norm(factors[1]), np.linalg.norm(factors[2]))
-    series = [local_sampling._SERIES]
-    if largest < local_sampling._SMALL:
-        series.append(local_sampling._SMALL_SERIES)
+    largest = sampled_contacts._LARGEST * max(np.linalg.norm(factors[1]), np.linalg.norm(factors[2]))
+    series = [sampled_contacts._SERIES]
+    if largest < sampled_contacts._SMALL:
+        series.append(sampled_contacts._SMALL_SERIES)
     draws = np.array([TABLE[int(start) : int(start) + count] for start in starts], float).T
     expected = moments(draws, factors, n, arms, d)
     for terms in series:
         spread = np.zeros((3, 6))
-        local_sampling.add_spread(
+        sampled_contacts.add_spread(
             TABLE, starts, np.uint64(count), tuple(single), (*shape, np.float32(d)), terms, (1.0, 1.0), spread
         )
         xx, yy, zz, xy, xz, yz = spread.T
@@ -91,8 +91,8 @@ def ball(radius, arm):
 def collided(scale, P, offset=0.5):
     """Covariances (2, 12, 12) after one step of two overlapping balls of the size ``scale``."""
     bodies = [
-        RigidBody("left", ball(scale, [0.3 * scale, 0.1 * scale, 0.0])),
-        RigidBody("right", ball(0.7 * scale, [0.3 * scale, 0.1 * scale, 0.0])),
+        RigidBody("left", ball(scale, [0.3 * scale, 0.1 * scale, 0.0]), 1.0),
+        RigidBody("right", ball(0.7 * scale, [0.3 * scale, 0.1 * scale, 0.0]), 1.0),
     ]
     mean = np.zeros((2, 13))
     mean[:, 9] = 1.0

@@ -70,7 +70,7 @@ def test_friction_decides_how_far_a_brick_slides(owner):
     brick = load_model("brick").prefix(200)
     own = {"friction": mu, "friction_std": std}
     scene = Scene.everyday(
-        [RigidBody("a", brick, **(own if owner == "body" else {}))],
+        [RigidBody("a", brick, 1.0, **(own if owner == "body" else {}))],
         environment=[Plane(**(own if owner == "element" else {}))],
         friction=mu,
         friction_std=std if owner == "scene" else 0.0,
@@ -87,7 +87,7 @@ def test_restitution_decides_how_fast_a_ball_comes_back(owner):
     e, std = 0.5, 0.1
     own = {"restitution": e, "restitution_std": std}
     scene = Scene.everyday(
-        [RigidBody("a", BALL, **(own if owner == "body" else {}))],
+        [RigidBody("a", BALL, 1.0, **(own if owner == "body" else {}))],
         environment=[Plane(**(own if owner == "element" else {}))],
         gravity=None,
         restitution=e,
@@ -99,7 +99,7 @@ def test_restitution_decides_how_fast_a_ball_comes_back(owner):
 
 
 def test_the_direction_of_gravity_decides_where_a_ball_rolls():
-    scene = Scene.everyday([RigidBody("a", BALL)], environment=[FLOOR], gravity_direction_std=0.02)
+    scene = Scene.everyday([RigidBody("a", BALL, 1.0)], environment=[FLOOR], gravity_direction_std=0.02)
     prediction = predict(
         scene, Belief.exact([state(0, 0, R)]), make_propagator("monte_carlo", samples=60, seed=3), 0.5
     )
@@ -114,7 +114,7 @@ def test_a_shifted_centre_of_mass_decides_who_falls_off_a_table():
     low, end = (brick.centers[:, 2] - brick.radii).min(), (brick.centers[:, 0] + brick.radii).max()
     std = 0.2 * end
     scene = Scene.everyday(
-        [RigidBody("a", brick, center_of_mass_std=(std, 0.0, 0.0))],
+        [RigidBody("a", brick, 1.0, center_of_mass_std=(std, 0.0, 0.0))],
         stiffness=1e10,
         environment=[Box(name="table", size=(1.0, 1.0, 0.1), position=(-0.5, 0, -0.05)), Plane(offset=-1.0)],
     )
@@ -126,7 +126,7 @@ def test_a_shifted_centre_of_mass_decides_who_falls_off_a_table():
 def test_the_hull_and_the_box_about_the_spheres_move_with_the_centre_of_mass():
     brick = load_model("brick").prefix(200)
     scene = Scene.everyday(
-        [RigidBody("a", brick, center_of_mass_std=0.01), RigidBody("b", brick)], stiffness=1e9
+        [RigidBody("a", brick, 1.0, center_of_mass_std=0.01), RigidBody("b", brick, 1.0)], stiffness=1e9
     )
     world, plain = vary(scene, np.array([1.0, -2.0, 0.5])), scene.world.implicit
     shift, found = 0.01 * np.array([1.0, -2.0, 0.5]), world.implicit
@@ -145,8 +145,8 @@ def test_the_hull_and_the_box_about_the_spheres_move_with_the_centre_of_mass():
 def test_each_state_runs_in_the_world_of_its_parameters(name):
     brick = load_model("brick").prefix(60)
     bodies = [
-        RigidBody("a", brick, mass_std=0.1, center_of_mass_std=0.002, friction=0.4, friction_std=0.1),
-        RigidBody("b", brick, restitution=0.3, restitution_std=0.1),
+        RigidBody("a", brick, 1.0, mass_std=0.1, center_of_mass_std=0.002, friction=0.4, friction_std=0.1),
+        RigidBody("b", brick, 1.0, restitution=0.3, restitution_std=0.1),
     ]
     scene = Scene.everyday(
         bodies,

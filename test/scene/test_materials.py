@@ -32,8 +32,8 @@ def implicit(bodies, environment=(), **options):
 
 def test_a_surface_has_its_own_values_or_else_the_scene_s(model):
     bodies = [
-        RigidBody("a", model, friction=0.2),
-        RigidBody("b", model, restitution=0.9),
+        RigidBody("a", model, 1.0, friction=0.2),
+        RigidBody("b", model, 1.0, restitution=0.9),
         RigidBody("c", model, fixed=True),
     ]
     surroundings = [Plane(friction=0.0), Box((1, 1, 1), friction=1.5, restitution=0.3)]
@@ -44,18 +44,18 @@ def test_a_surface_has_its_own_values_or_else_the_scene_s(model):
 
 
 def test_where_nothing_is_said_implicit_is_plastic_and_explicit_elastic(model):
-    bodies = [RigidBody("a", model, friction=0.2)]
+    bodies = [RigidBody("a", model, 1.0, friction=0.2)]
     scene = implicit(bodies, [Plane()])
     np.testing.assert_array_equal(scene.materials.friction, [0.2, 0.0])
     np.testing.assert_array_equal(scene.materials.restitution, [0.0, 0.0])
-    scene = Scene([RigidBody("a", model)], environment=[Plane()])
+    scene = Scene([RigidBody("a", model, 1.0)], environment=[Plane()])
     np.testing.assert_array_equal(scene.materials.friction, [0.0, 0.0])
     np.testing.assert_array_equal(scene.materials.restitution, [1.0, 1.0])
 
 
 def test_each_material_that_is_uncertain_is_a_direction(model):
     bodies = [
-        RigidBody("a", model, mass_std=0.1, friction=0.4, friction_std=0.05),
+        RigidBody("a", model, 1.0, mass_std=0.1, friction=0.4, friction_std=0.05),
         RigidBody("b", model, fixed=True, restitution=0.5, restitution_std=0.2),
     ]
     scene = implicit(bodies, [Plane(friction=0.8, friction_std=0.1)], friction=0.3, friction_std=0.02)
@@ -73,8 +73,8 @@ def test_each_material_that_is_uncertain_is_a_direction(model):
 
 def test_uncertain_materials_vary_by_their_laws(model):
     bodies = [
-        RigidBody("a", model, friction=0.4, friction_std=0.05),
-        RigidBody("b", model, restitution=0.5, restitution_std=0.2),
+        RigidBody("a", model, 1.0, friction=0.4, friction_std=0.05),
+        RigidBody("b", model, 1.0, restitution=0.5, restitution_std=0.2),
     ]
     scene = implicit(
         bodies, [Plane(friction=0.8)], friction=0.3, friction_std=0.02, restitution=0.9, restitution_std=0.1
@@ -125,12 +125,12 @@ BAD = [
 @pytest.mark.parametrize("options, field", BAD)
 def test_bad_materials_are_named(model, options, field):
     with pytest.raises((InvalidRequestError, NotFiniteError), match=f"{field} of body 'a'"):
-        RigidBody("a", model, **options)
+        RigidBody("a", model, 1.0, **options)
     for element, size in ((Plane, {}), (Box, {"size": (1, 1, 1)}), (Sphere, {"radius": 1}), *ROUND):
         with pytest.raises((InvalidEnvironmentError, NotFiniteError), match=field):
             element(**size, **options)
     with pytest.raises(UncPhysicsError, match=field):
-        implicit([RigidBody("a", model)], **options)
+        implicit([RigidBody("a", model, 1.0)], **options)
 
 
 @pytest.mark.parametrize("options, field", BAD)
@@ -154,7 +154,7 @@ NEEDS_IMPLICIT = [
 @pytest.mark.parametrize("options, field", [*NEEDS_IMPLICIT, ({"sleep": True}, "sleep")])
 def test_a_scene_with_the_explicit_step_has_none(model, options, field):
     with pytest.raises(InvalidOptionError, match=rf"^{field} .*implicit"):
-        Scene([RigidBody("a", model)], **options)
+        Scene([RigidBody("a", model, 1.0)], **options)
     with pytest.raises(InvalidOptionError, match=rf"^{field} .*implicit"):
         scene_from_dict(CONTENTS["two_bodies"]() | options)
 
@@ -162,9 +162,9 @@ def test_a_scene_with_the_explicit_step_has_none(model, options, field):
 @pytest.mark.parametrize("options, field", NEEDS_IMPLICIT)
 def test_bodies_and_elements_with_the_explicit_step_have_none(model, options, field):
     with pytest.raises(InvalidOptionError, match=rf"bodies\[1\]\.{field} .*implicit"):
-        Scene([RigidBody("a", model), RigidBody("b", model, **options)])
+        Scene([RigidBody("a", model, 1.0), RigidBody("b", model, 1.0, **options)])
     with pytest.raises(InvalidOptionError, match=rf"environment\[0\]\.{field} .*implicit"):
-        Scene([RigidBody("a", model)], environment=[Plane(**options)])
+        Scene([RigidBody("a", model, 1.0)], environment=[Plane(**options)])
 
 
 @pytest.mark.parametrize(
@@ -177,7 +177,7 @@ def test_bodies_and_elements_with_the_explicit_step_have_none(model, options, fi
     ],
 )
 def test_what_the_explicit_step_does_of_itself_may_be_said(model, options):
-    scene = Scene([RigidBody("a", model, **options)], environment=[Plane(**options)], **options)
+    scene = Scene([RigidBody("a", model, 1.0, **options)], environment=[Plane(**options)], **options)
     assert not scene.materials.friction.any() and (scene.materials.restitution == 1.0).all()
     plain = scene_from_dict(CONTENTS["two_bodies"]() | options).scene
     assert plain.world.surroundings is None  # the paper's kernels, as without

@@ -63,7 +63,7 @@ def assert_everyday(scene):
 
 def test_everyday_is_a_robot_s_world(model):
     assert_everyday(read(physics="everyday"))
-    assert_everyday(Scene.everyday([RigidBody("a", model)]))
+    assert_everyday(Scene.everyday([RigidBody("a", model, 1.0)]))
 
 
 @pytest.mark.parametrize("entries", [{}, {"physics": "paper"}, {"physics": None}])
@@ -93,7 +93,7 @@ def test_the_paper_s_is_what_holds_otherwise(entries):
 def test_a_key_overrides_the_preset(model, key, value):
     for scene in (
         read(physics="everyday", **{key: value}),
-        Scene.everyday([RigidBody("a", model)], **{key: value}),
+        Scene.everyday([RigidBody("a", model, 1.0)], **{key: value}),
     ):
         assert np.array_equal(getattr(scene, key), value)
         others = {"friction": 0.5, "restitution": 0.1, "integrator": "implicit"}
@@ -102,7 +102,10 @@ def test_a_key_overrides_the_preset(model, key, value):
 
 def test_null_takes_a_law_away(model):
     nothing = dict.fromkeys(("gravity", "gyroscopic", "friction", "restitution"))
-    for scene in (read(physics="everyday", **nothing), Scene.everyday([RigidBody("a", model)], **nothing)):
+    for scene in (
+        read(physics="everyday", **nothing),
+        Scene.everyday([RigidBody("a", model, 1.0)], **nothing),
+    ):
         assert (
             not scene.gravity.any()
             and not scene.gyroscopic
@@ -135,7 +138,7 @@ def test_an_unknown_preset_is_refused(value):
 
 def test_presets_are_arguments_of_scene(model):
     for name, options in PRESETS.items():
-        scene = Scene([RigidBody("a", model)], **options)
+        scene = Scene([RigidBody("a", model, 1.0)], **options)
         assert scene.integrator == ("implicit" if name == "everyday" else "explicit")
 
 
@@ -145,7 +148,7 @@ def test_presets_are_arguments_of_scene(model):
 def test_robust_names_its_successor(model):
     for make in (
         lambda: read(integrator="robust"),
-        lambda: Scene([RigidBody("a", model)], integrator="robust"),
+        lambda: Scene([RigidBody("a", model, 1.0)], integrator="robust"),
     ):
         with pytest.raises(InvalidOptionError, match="integrator .*'implicit'.*robust"):
             make()
@@ -153,7 +156,7 @@ def test_robust_names_its_successor(model):
 
 @pytest.mark.parametrize("name", ["linearization", "surrogate", "local_sampling"])
 def test_propagators_that_do_not_run_on_implicit_say_which_do(loaded, model, name):
-    scene = Scene.everyday([RigidBody("a", model), RigidBody("b", model)])
+    scene = Scene.everyday([RigidBody("a", model, 1.0), RigidBody("b", model, 1.0)])
     with pytest.raises(NotSupportedError, match=f"implicit.*sigma_points and monte_carlo.*{name}"):
         predict(scene, loaded("two_bodies").belief, name, 0.1)
 
@@ -181,7 +184,7 @@ def test_what_is_tiny_sinks_in_by_a_small_share_of_its_size(model):
 
 
 def test_without_gravity_it_takes_up_impacts(model):
-    bodies, mean = [RigidBody("a", model), RigidBody("b", model)], at_rest(2)
+    bodies, mean = [RigidBody("a", model, 1.0), RigidBody("b", model, 1.0)], at_rest(2)
     mean[0, 3] = 2.0
     assert rest_stiffness(bodies, mean, (0.0, 0.0, 0.0)) == auto_stiffness(bodies, mean)
     assert rest_stiffness(bodies, at_rest(2), (0.0, 0.0, 0.0)) > 0.0
@@ -194,12 +197,12 @@ def test_too_much_for_any_stiffness_is_refused(model, recwarn):
     mean = at_rest()
     mean[0, 3] = 1e200
     with pytest.raises(LimitExceededError):
-        auto_stiffness([RigidBody("a", model)], mean)
+        auto_stiffness([RigidBody("a", model, 1.0)], mean)
     assert not recwarn.list
 
 
 def test_a_stiffness_is_chosen_once(model):
-    scene = Scene.everyday([RigidBody("a", model)], environment=[Plane()])
+    scene = Scene.everyday([RigidBody("a", model, 1.0)], environment=[Plane()])
     chosen = with_stiffness(scene, at_rest())
     assert (
         chosen.stiffness == rest_stiffness(scene.bodies, at_rest(), scene.gravity)
@@ -226,7 +229,9 @@ def test_auto_in_a_file():
 
 def test_the_physics_of_a_scene_in_words(model):
     everyday = Scene.everyday(
-        [RigidBody("a", model, friction=0.2)], environment=[Box((1, 1, 1), name="table")], friction_std=0.1
+        [RigidBody("a", model, 1.0, friction=0.2)],
+        environment=[Box((1, 1, 1), name="table")],
+        friction_std=0.1,
     )
     physics = physics_of(everyday)
     assert (
@@ -241,7 +246,7 @@ def test_the_physics_of_a_scene_in_words(model):
     text = physics_as_text(with_stiffness(everyday, at_rest()))
     assert text.startswith("implicit, dt 0.0041667 s, stiffness ") and "gravity (0, 0, -9.81) m/s^2" in text
     assert "friction 0.5 (some surfaces have their own), restitution 0.1, gyroscopic" in text
-    paper = Scene([RigidBody("a", model)])
+    paper = Scene([RigidBody("a", model, 1.0)])
     assert physics_of(paper)["friction"] == 0.0 and physics_of(paper)["restitution"] == 1.0
     assert physics_as_text(paper) == "explicit, dt 0.01 s, stiffness 1e+04 N/m^3"
 

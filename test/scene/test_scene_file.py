@@ -7,7 +7,8 @@ from example_scenes import CONTENTS
 
 from unc_physics import load_scene
 from unc_physics.scene.environment import Box, Capsule, Cylinder, Plane, Sphere, element_names
-from unc_physics.scene.scene_file import PHYSICS_KEYS, PRESET, scene_from_dict
+from unc_physics.scene.physics_keys import PHYSICS_KEYS
+from unc_physics.scene.scene_file import PRESET, scene_from_dict
 
 TURNED = [0.0, 0.0, 0.6, 0.8]
 SURROUNDINGS = [

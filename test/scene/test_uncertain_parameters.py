@@ -14,9 +14,10 @@ from unc_physics.checks.errors import (
 )
 from unc_physics.physics.sphere_tree import EMPTY
 from unc_physics.scene.belief import Belief
+from unc_physics.scene.body import RigidBody
 from unc_physics.scene.environment import Plane
 from unc_physics.scene.parameters import vary
-from unc_physics.scene.scene import RigidBody, Scene
+from unc_physics.scene.scene import Scene
 
 ROUND_OFF = 1e-12
 TIME, DT = 0.5, 0.01
@@ -53,7 +54,7 @@ def relative_error(propagator):
 
 def test_tilted_gravity_spreads_a_fall_sideways(model):
     std = 0.02
-    scene = Scene([RigidBody("a", model)], DT, gravity=[0.0, 0.0, -9.81], gravity_direction_std=std)
+    scene = Scene([RigidBody("a", model, 1.0)], DT, gravity=[0.0, 0.0, -9.81], gravity_direction_std=std)
     fall = 9.81 * DT**2 * (TIME / DT) * (TIME / DT - 1.0) / 2.0
     for propagator in samplers():
         P = predict(scene, Belief.exact(at_rest()), propagator, TIME).belief.joint
@@ -88,7 +89,11 @@ def test_mass_spreads_the_velocities_after_an_impact_by_conserved_momentum(loade
 def test_a_shifted_centre_of_mass_leaves_the_belief_about_the_model_s(model):
     std = np.array([0.0, 0.03, 0.0])
     scene = Scene(
-        [RigidBody("a", model, center_of_mass_std=std), RigidBody("b", model, center_of_mass_std=0.01)], DT
+        [
+            RigidBody("a", model, 1.0, center_of_mass_std=std),
+            RigidBody("b", model, 1.0, center_of_mass_std=0.01),
+        ],
+        DT,
     )
     mean = at_rest(2)
     mean[0, 10:13] = [0.0, 0.0, 2.0]
@@ -109,7 +114,7 @@ def test_a_shifted_centre_of_mass_leaves_the_belief_about_the_model_s(model):
 
 
 def test_a_shifted_centre_of_mass_moves_the_spheres_and_what_bounds_them(model):
-    scene = Scene([RigidBody("a", model, center_of_mass_std=0.1), RigidBody("b", model)])
+    scene = Scene([RigidBody("a", model, 1.0, center_of_mass_std=0.1), RigidBody("b", model, 1.0)])
     world = vary(scene, np.array([1.0, -2.0, 0.5]))
     shift, count = np.array([0.1, -0.2, 0.05]), len(model)
     assert np.allclose(world.tree.centers[:count], model.centers - shift, atol=ROUND_OFF)
@@ -129,7 +134,7 @@ def test_a_shifted_centre_of_mass_moves_the_spheres_and_what_bounds_them(model):
 def test_an_off_centre_push_turns_by_the_shifted_centre_of_mass(model):
     ball = model.prefix(1)
     scene = Scene(
-        [RigidBody("a", ball, center_of_mass_std=[0.1 * ball.radii[0], 0.0, 0.0])],
+        [RigidBody("a", ball, 1.0, center_of_mass_std=[0.1 * ball.radii[0], 0.0, 0.0])],
         0.001,
         1e6,
         environment=[Plane()],
@@ -203,7 +208,7 @@ def test_zero_is_none_and_costs_nothing(loaded):
 )
 def test_bad_standard_deviations_of_scenes_are_named(model, options, field):
     with pytest.raises(UncPhysicsError, match=field):
-        Scene([RigidBody("a", model)], **options)
+        Scene([RigidBody("a", model, 1.0)], **options)
 
 
 @pytest.mark.parametrize(
@@ -217,4 +222,4 @@ def test_bad_standard_deviations_of_scenes_are_named(model, options, field):
 )
 def test_bad_standard_deviations_of_bodies_are_named(model, options, error, field):
     with pytest.raises(error, match=field):
-        RigidBody("a", model, **options)
+        RigidBody("a", model, 1.0, **options)

@@ -1,4 +1,4 @@
-"""Fields of dataclasses that are given anything like an array, and hold an array."""
+"""Fields of dataclasses that are given one type and hold another: anything like an array becomes an array."""
 
 from __future__ import annotations
 
@@ -23,8 +23,10 @@ class Converted(Protocol[Given_contra, Kept_co]):
 Array = Converted[ArrayLike, np.ndarray]
 #: As `Array`; without one, the class chooses.
 OptionalArray = Converted[ArrayLike | None, np.ndarray]
+#: A number; without one, the class chooses.
+OptionalNumber = Converted[float | None, float]
 
 
 def array_field(default: Any = MISSING) -> Any:
-    """A dataclass's field of type `Array`; required where no default is given."""
+    """A dataclass's field of one of these types; required where no default is given."""
     return field(default=default)

@@ -132,9 +132,7 @@ def joined(histories: Sequence[ContactHistory], rows: Sequence, bodies: Sequence
 
 
 def _add_pairs(values, own, some, followed):
-    """Write what one history says of pairs of some bodies, and of these and all elements, into the joint
-    one's.
-    """
+    """Write what one history says of pairs of bodies, and of these and elements, into the joint one's."""
     if own.shape[1] == 0:
         return
     columns = np.concatenate([some, np.arange(values.shape[1], values.shape[2])])

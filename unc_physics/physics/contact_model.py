@@ -2,12 +2,16 @@
 
 The force is ``kappa V``, V being the volume of the overlap (the paper's Eq. 4). Two spheres that overlap
 little, of reduced radius ``R = ri rj / (ri + rj)``, or a sphere and a flat surface, R being the sphere's
-radius, share a volume of about ``pi R d^2`` at depth d: the ``shallow`` functions.
+radius, share a volume of about ``pi R d^2`` at depth d. That is the law of lasting contacts and of the chosen
+stiffness; all that follows from it is here.
 """
 
 import math
 
 from .compiled import inner, kernel
+
+#: What the implicit solver's arithmetic may do.
+FAST = {"contract", "nsz"}
 
 
 @kernel(_nrt=False, error_model="numpy")
@@ -54,10 +58,9 @@ def cap(distance, r):
     return math.pi * depth * depth * (3.0 * r - depth) / 3.0, depth
 
 
-@kernel(_nrt=False)
 def shallow_volume(R, d):
     """Volume of a shallow overlap [m^3]: times the stiffness, the force."""
-    return math.pi * R * d * d
+    return math.pi * R * d**2
 
 
 @kernel(_nrt=False)
@@ -70,6 +73,41 @@ def shallow_slope(R, d):
 def shallow_energy(R, d):
     """A shallow overlap's volume, integrated over depth [m^4]: times the stiffness, its energy."""
     return math.pi * R * d**3 / 3.0
+
+
+@inner(forceinline=True, error_model="numpy")
+def reduced_radius(ri, rj):
+    """Radius of the sphere that overlaps a flat surface as two spheres overlap each other [m]."""
+    return ri * rj / (ri + rj)
+
+
+@inner(forceinline=True)
+def shallow_factor(stiffness):
+    """What the functions below take for the stiffness: what is the same for all contacts, once."""
+    return math.pi * stiffness
+
+
+@inner(forceinline=True, fastmath=FAST, error_model="numpy")
+def shallow_depth(force, R, factor):
+    """Depth at which a contact pushes with a force [m]."""
+    return math.sqrt(force / (factor * R))
+
+
+@inner(forceinline=True, fastmath=FAST, error_model="numpy")
+def balanced_depth(free, way, R, factor):
+    """Depth d of a contact that is pushed back ``way`` metres by each newton: ``d + way force(d) = free``."""
+    q = way * factor * R
+    return 2.0 * free / (1.0 + math.sqrt(1.0 + 4.0 * q * free))
+
+
+def carrying_stiffness(force, R, d):
+    """Stiffness at which a contact carries a force at depth ``d`` [N/m^3]."""
+    return force / shallow_volume(R, d)
+
+
+def stopping_stiffness(mass, v2, R, d):
+    """Stiffness at which a contact takes up ``mass v2 / 2`` until depth ``d`` [N/m^3] (`shallow_energy`)."""
+    return 1.5 * mass * v2 / (math.pi * R * d**3)
 
 
 @kernel(_nrt=False)

@@ -11,11 +11,13 @@ import math
 import numpy as np
 
 from .compiled import inner
+from .contact_model import reduced_radius
 from .contact_search import (
     ACTIVE_GAP,
     LIST_MARGIN,
     LIST_STEPS,
     closing_bound,
+    column_of,
     element_list,
     pair_list,
     relative_pose,
@@ -66,9 +68,7 @@ _FREE, _IN_PATCH, _CHOSEN = 0, 1, 2  # what a candidate is
 
 @inner(forceinline=True)
 def needed_gap(limit):
-    """The gap up to which lists are made, for candidates up to ``limit`` [m]: a step's next searches want
-    more.
-    """
+    """Gap up to which lists hold what is needed up to ``limit`` [m]; a step's next searches want more."""
     return limit if limit <= 0.0 else max(limit, ACTIVE_GAP)
 
 
@@ -78,14 +78,10 @@ def element_candidates(x, i, e, limit, horizon, world, work):
     seconds; returns how many there are.
     """
     kind, size, R_e, R = world.surroundings.kind, world.surroundings.size, world.surroundings.R[e], work.R[i]
-    candidates, ids = work.candidates, work.candidate_ids
     t = in_element(world.surroundings.position, world.surroundings.R, e, x[i, P], x[i, P + 1], x[i, P + 2])
     half = 0.5 * horizon
-    vx, vy, vz = (
-        x[i, V] + half * world.gravity[0],
-        x[i, V + 1] + half * world.gravity[1],
-        x[i, V + 2] + half * world.gravity[2],
-    )
+    vx, vy = x[i, V] + half * world.gravity[0], x[i, V + 1] + half * world.gravity[1]
+    vz = x[i, V + 2] + half * world.gravity[2]
     kept = work.kept_overlap[i, len(x) + e]
     axis, sign, offset = side_of(kind, size, e, t, R_e, R, world.implicit.extent[i])
     count = 0
@@ -94,32 +90,22 @@ def element_candidates(x, i, e, limit, horizon, world, work):
         height = sign * t[axis] - offset + kept
         nx, ny, nz = sign * R_e[0, axis], sign * R_e[1, axis], sign * R_e[2, axis]
         bx, by, bz = rotate_back(R, nx, ny, nz)
-        cx, cy, cz = (
-            ny * x[i, W + 2] - nz * x[i, W + 1],
-            nz * x[i, W] - nx * x[i, W + 2],
-            nx * x[i, W + 1] - ny * x[i, W],
-        )
+        cx, cy = ny * x[i, W + 2] - nz * x[i, W + 1], nz * x[i, W] - nx * x[i, W + 2]
+        cz = nx * x[i, W + 1] - ny * x[i, W]
         qx, qy, qz = rotate_back(R, cx, cy, cz)  # n . (omega x c) = c . (n x omega)
         qx, qy, qz = bx + horizon * qx, by + horizon * qy, bz + horizon * qz
         later = height + horizon * (nx * vx + ny * vy + nz * vz)
-        hull, first, last = (
-            world.implicit.hull,
-            world.implicit.hull_range[i, 0],
-            world.implicit.hull_range[i, 1],
-        )
+        hull, first = world.implicit.hull, world.implicit.hull_range[i, 0]
+        last = world.implicit.hull_range[i, 1]
         for k in range(first, last):
             ux, uy, uz, r = hull[k, 0], hull[k, 1], hull[k, 2], hull[k, 3]
             gap = height + bx * ux + by * uy + bz * uz - r
             predicted = later + qx * ux + qy * uy + qz * uz - r
             if min(gap, predicted) < limit:
-                if count >= len(candidates):
-                    work.counts[OVERFLOW] = TOO_MANY_CANDIDATES
+                s = world.implicit.hull_sphere[k]
+                count = _keep_candidate(count, (bx, by, bz), (ux, uy, uz), r, gap, predicted, s, 0, work)
+                if count == 0:
                     return 0
-                _write_candidate(
-                    candidates[count], (bx, by, bz), (ux - r * bx, uy - r * by, uz - r * bz), gap, predicted
-                )
-                ids[count, 0], ids[count, 1], ids[count, 2] = world.implicit.hull_sphere[k], 0, 0
-                count += 1
     else:
         travel = horizon * work.numbers[i, PACE]
         element_list(x, i, e, needed_gap(limit) + travel, LIST_MARGIN + LIST_STEPS * travel, world, work)
@@ -138,14 +124,9 @@ def element_candidates(x, i, e, limit, horizon, world, work):
             mx, my, mz = ux + wy * cz - wz * cy, uy + wz * cx - wx * cz, uz + wx * cy - wy * cx
             predicted = gap + horizon * (bx * mx + by * my + bz * mz)
             if min(gap, predicted) < limit:
-                if count >= len(candidates):
-                    work.counts[OVERFLOW] = TOO_MANY_CANDIDATES
+                count = _keep_candidate(count, (bx, by, bz), (cx, cy, cz), r, gap, predicted, s, 0, work)
+                if count == 0:
                     return 0
-                _write_candidate(
-                    candidates[count], (bx, by, bz), (cx - r * bx, cy - r * by, cz - r * bz), gap, predicted
-                )
-                ids[count, 0], ids[count, 1], ids[count, 2] = s, 0, 0
-                count += 1
     return count
 
 
@@ -154,7 +135,7 @@ def pair_candidates(x, i, j, limit, horizon, world, work):
     """Find the pairs of spheres of bodies i and j whose gap is below ``limit`` [m], or will be after
     ``horizon`` seconds; returns how many there are.
     """
-    candidates, ids, R_ij, R = work.candidates, work.candidate_ids, work.R_ij, work.R[i]
+    R_ij, R = work.R_ij, work.R[i]
     centers, radii, pool = world.tree.centers, world.tree.radii, work.pool
     low, high = min(i, j), max(i, j)
     kept = work.kept_overlap[low, high]
@@ -187,22 +168,27 @@ def pair_candidates(x, i, j, limit, horizon, world, work):
         mz = uz + wx * cy - wy * cx - (ox * py - oy * px)
         predicted = gap + horizon * (nx * mx + ny * my + nz * mz)
         if min(gap, predicted) < limit:
-            if count >= len(candidates):
-                work.counts[OVERFLOW] = TOO_MANY_CANDIDATES
+            count = _keep_candidate(count, (nx, ny, nz), (cx, cy, cz), r, gap, predicted, a, b, work)
+            if count == 0:
                 return 0
-            _write_candidate(
-                candidates[count], (nx, ny, nz), (cx - r * nx, cy - r * ny, cz - r * nz), gap, predicted
-            )
-            ids[count, 0], ids[count, 1], ids[count, 2] = a, b, 0
-            count += 1
     return count
 
 
 @inner(forceinline=True)
-def _write_candidate(out, normal, point, gap, score):
+def _keep_candidate(count, normal, center, r, gap, score, a, b, work):
+    """Keep spheres a and b as candidate number ``count``; returns how many there are then, 0 without room.
+
+    ``center`` and ``r`` are sphere a's.
+    """
+    if count >= len(work.candidates):
+        work.counts[OVERFLOW] = TOO_MANY_CANDIDATES
+        return 0
+    out, ids = work.candidates[count], work.candidate_ids[count]
     for k in range(3):
-        out[CANDIDATE_NORMAL + k], out[CANDIDATE_POINT + k] = normal[k], point[k]
+        out[CANDIDATE_NORMAL + k], out[CANDIDATE_POINT + k] = normal[k], center[k] - r * normal[k]
     out[CANDIDATE_GAP], out[CANDIDATE_SCORE] = gap, score
+    ids[0], ids[1], ids[2] = a, b, _FREE
+    return count + 1
 
 
 @inner(forceinline=True)
@@ -250,9 +236,7 @@ def add_contacts(x, i, j, count, tilt, world, work):
 
 @inner(forceinline=True)
 def _deeper(ids, k, score, other, other_score):
-    """Whether candidate ``k`` comes before ``other``; ties go by the spheres' numbers, whatever the lists'
-    order.
-    """
+    """Whether candidate ``k`` comes before ``other``; ties go by the spheres' numbers."""
     if score != other_score:
         return score < other_score
     return ids[k, 0] < ids[other, 0] or (ids[k, 0] == ids[other, 0] and ids[k, 1] < ids[other, 1])
@@ -260,9 +244,7 @@ def _deeper(ids, k, score, other, other_score):
 
 @inner
 def _favour_loaded(i, j, count, bonus, head, link, contact, candidates, ids):
-    """What carried load in the last step counts as deeper by ``bonus``, so that contacts do not come and
-    go.
-    """
+    """Let what carried load in the last step count as deeper by ``bonus``, so that contacts stay."""
     entry = head[i]
     while entry >= 0:
         if contact[entry, 1] == j:
@@ -294,10 +276,9 @@ def write_contact(x, i, j, k, world, work):
     h = rotate(R, c[3] + r * c[0], c[4] + r * c[1], c[5] + r * c[2])
     bend = _centripetal(n, omega, h)
     other = (0.0, 0.0, 0.0)
-    partner = len(x) - 1 - j
+    partner = column_of(j, len(x))
     row[INVERSE_MASS_I], row[INVERSE_MASS_J] = bodies.inverse_mass[i], 0.0
     if j >= 0:
-        partner = j
         rj = world.tree.radii[b]
         other = (
             arm[0] + x[i, P] - x[j, P],
@@ -311,7 +292,7 @@ def write_contact(x, i, j, k, world, work):
             (x[j, W], x[j, W + 1], x[j, W + 2]),
             (other[0] - g * n[0], other[1] - g * n[1], other[2] - g * n[2]),
         )
-        r = r * rj / (r + rj)
+        r = reduced_radius(r, rj)
     for d, axis in ((0, n), (1, first), (2, second)):
         _write_direction(row, DIRECTION + 3 * d, axis)
         moment = _cross(arm, axis)

@@ -1,5 +1,4 @@
-"""Which spheres may touch in a step of the implicit integrator: bodies near each other, then lists of their
-spheres.
+"""Which spheres may touch in an implicit step: bodies near each other, then lists of their spheres.
 
 A list holds all spheres, or pairs of them, of two things that come closer than a margin, and is used until
 their relative motion has used the margin up. It only leaves out what cannot touch, so no result depends on
@@ -11,12 +10,12 @@ import math
 import numpy as np
 
 from .compiled import inner
-from .element_contacts import in_element
+from .element_contacts import element_distance, in_element, spheres_near, write_element_rotation
 from .implicit_workspace import CLEARANCE, OVERFLOW, PACE, POOL_USED, TOO_LONG_LISTS, TRAVEL
 from .layout import P, V, W
-from .rotation import rotate, rotate_back
-from .shapes import flat_side, surface
-from .sphere_tree import EMPTY, WIDTH, candidates
+from .rotation import rotate_back
+from .shapes import flat_side
+from .sphere_tree import candidates
 
 #: Gap up to which contacts take part in a step [m].
 ACTIVE_GAP = 5e-4
@@ -53,9 +52,7 @@ def closing_bound(x, i, j, world):
 
 @inner(forceinline=True)
 def find_groups(x, world, work):
-    """Mark the pairs of bodies that are near, and join moving ones to groups; returns whether any pair is
-    near.
-    """
+    """Mark pairs of bodies that are near, and join moving ones to groups; returns whether any are near."""
     numbers, order, near, group = work.numbers, work.order, work.near, work.group
     radius, moving, dt = world.bodies.radius, world.bodies.moving, world.dt
     count, found = len(x), False
@@ -99,6 +96,31 @@ def find_groups(x, world, work):
 
 
 @inner(forceinline=True)
+def balls_within(x, i, j, gap, radius):
+    """Whether the bounding balls of bodies i and j are nearer to each other than a gap [m]."""
+    square, near = 0.0, radius[i] + radius[j] + gap
+    for k in range(3):
+        square += (x[i, P + k] - x[j, P + k]) ** 2
+    return square < near * near
+
+
+@inner(forceinline=True)
+def column_of(j, bodies):
+    """Column of a contact's partner in an array (B, B + E): of body j, or of element ``-1 - j``."""
+    if j < 0:
+        return bodies - 1 - j
+    return j
+
+
+@inner(forceinline=True)
+def pair_of(i, j, bodies):
+    """Row and column of bodies i and j, or of body i and element ``-1 - j``."""
+    if j < 0:
+        return i, column_of(j, bodies)
+    return min(i, j), max(i, j)
+
+
+@inner(forceinline=True)
 def lowest(group, i):
     """The lowest member of the group of ``i``."""
     while group[i] != i:
@@ -116,19 +138,14 @@ def join(group, a, b):
 
 @inner
 def clearance(x, i, world, work):
-    """Distance of body i's bounding ball from the environment, from below [m]; asked again when travel
-    used it up.
-    """
+    """Lower bound of body i's distance from the environment [m], kept until the body has travelled so far."""
     numbers, radius = work.numbers, world.bodies.radius
     if numbers[i, CLEARANCE] > numbers[i, TRAVEL]:
         return numbers[i, CLEARANCE] - numbers[i, TRAVEL]
     least = np.inf
     for e in range(len(world.surroundings.kind)):
-        px, py, pz = in_element(
-            world.surroundings.position, world.surroundings.R, e, x[i, P], x[i, P + 1], x[i, P + 2]
-        )
         least = min(
-            least, surface(world.surroundings.kind, world.surroundings.size, e, px, py, pz)[0] - radius[i]
+            least, element_distance(world.surroundings, e, x[i, P], x[i, P + 1], x[i, P + 2]) - radius[i]
         )
     numbers[i, CLEARANCE] = numbers[i, TRAVEL] + max(least, 0.0)
     return least
@@ -163,52 +180,32 @@ def element_list(x, i, e, need, spare, world, work):
         The body's centre of mass in the element's frame [m]; ``work.R_ij`` has the rotation from the body's
         axes.
     """
-    surroundings, tree = world.surroundings, world.tree
-    kind, size, R_e = surroundings.kind, surroundings.size, surroundings.R[e]
-    bounds, child, centers, radii = tree.bounds, tree.child, tree.centers, tree.radii
-    R, stack, pool, column = work.R_ij, work.search.stack, work.pool, len(x) + e
-    t = in_element(surroundings.position, surroundings.R, e, x[i, P], x[i, P + 1], x[i, P + 2])
-    for a in range(3):
-        for b in range(3):
-            R[a, b] = R_e[0, a] * work.R[i, 0, b] + R_e[1, a] * work.R[i, 1, b] + R_e[2, a] * work.R[i, 2, b]
+    surroundings, search, pool, column = world.surroundings, work.search, work.pool, len(x) + e
+    t, R = in_element(surroundings.position, surroundings.R, e, x[i, P], x[i, P + 1], x[i, P + 2]), work.R_ij
+    write_element_rotation(work.R[i], surroundings.R[e], R)
     place, radius = work.list_pose[i, column], world.bodies.radius[i]
     if need + _moved(place, R, t, radius) <= place[_MARGIN]:
         return t
     margin = need + spare
     start = work.counts[POOL_USED]
     used = start
-    stack[0, 0] = world.bodies.root[i]
-    top = 1
+    search.stack[0, 0] = world.bodies.root[i]
+    top = np.int64(1)
     while top > 0:
-        if used + WIDTH > len(pool):
+        found, top = spheres_near(world.tree, surroundings, e, R, t, margin, search, top)
+        if used + found > len(pool):
             work.counts[OVERFLOW] = TOO_LONG_LISTS
             return t
-        top -= 1
-        node = stack[top, 0]
-        for k in range(WIDTH):
-            c = child[node, k]
-            if c == EMPTY:
-                break
-            if c >= 0:
-                px, py, pz = rotate(R, bounds[node, 0, k], bounds[node, 1, k], bounds[node, 2, k])
-                if surface(kind, size, e, px + t[0], py + t[1], pz + t[2])[0] < bounds[node, 3, k] + margin:
-                    stack[top, 0] = c
-                    top += 1
-                continue
-            s = ~c
-            px, py, pz = rotate(R, centers[s, 0], centers[s, 1], centers[s, 2])
-            if surface(kind, size, e, px + t[0], py + t[1], pz + t[2])[0] < radii[s] + margin:
-                pool[used, 0], pool[used, 1] = s, 0
-                used += 1
+        for k in range(found):
+            pool[used, 0], pool[used, 1] = search.pairs[k, 0], 0
+            used += 1
     _keep_list(i, column, start, used, R, t, margin, work)
     return t
 
 
 @inner(forceinline=True)
 def pair_list(x, i, j, need, world, work):
-    """Bring the list of the pairs of spheres of bodies i and j that are near up to date, as
-    `element_list`.
-    """
+    """Bring the list of near pairs of spheres of bodies i and j up to date, as `element_list`."""
     tree, search, pool, R_ij = world.tree, work.search, work.pool, work.R_ij
     t_ij = relative_pose(x, i, j, work.R, R_ij)
     place = work.list_pose[i, j]
@@ -233,9 +230,7 @@ def pair_list(x, i, j, need, world, work):
 
 @inner(forceinline=True)
 def _moved(place, R, t, radius):
-    """No point of a body of that radius moved farther since its pose was ``place`` [m]; now it is ``R``,
-    ``t``.
-    """
+    """How far a body of that radius moved at most since it was at ``place`` [m]; now it is ``R``, ``t``."""
     way = turn = 0.0
     for a in range(3):
         way += (t[a] - place[9 + a]) ** 2
@@ -259,9 +254,7 @@ def _keep_list(i, column, start, used, R, t, margin, work):
 
 @inner(forceinline=True)
 def relative_pose(x, i, j, R, R_ij):
-    """Rotation from body j's to body i's axes into ``R_ij``; returns body j's centre of mass in body i's
-    frame [m].
-    """
+    """Rotation from body j's to i's axes into ``R_ij``; returns j's centre of mass in i's frame [m]."""
     for a in range(3):
         for b in range(3):
             R_ij[a, b] = R[i, 0, a] * R[j, 0, b] + R[i, 1, a] * R[j, 1, b] + R[i, 2, a] * R[j, 2, b]

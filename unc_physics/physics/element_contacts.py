@@ -37,9 +37,8 @@ def write_element_rotation(R_i, R_e, out):
 
 
 @inner(error_model="numpy", forceinline=True)
-def next_element_contacts(tree, surroundings, e, R, t, search, top):
-    """Continue the search for the contacts of one body with element e, in the way of
-    `narrow_phase.next_contacts`.
+def spheres_near(tree, surroundings, e, R, t, margin, search, top):
+    """Continue the search for the spheres of one body that are nearer to element e than a margin [m].
 
     Parameters
     ----------
@@ -50,24 +49,23 @@ def next_element_contacts(tree, surroundings, e, R, t, search, top):
         Rotation from the body's to the element's axes.
     t : tuple of 3 floats
         The body's centre of mass in the element's frame [m].
+    margin : float
     search : Scratch
         Its ``stack`` holds the nodes still to be searched in its first column, the body's root when a search
-        begins. Its ``pairs`` are filled with (sphere, e) and its ``records`` with the contacts, the body as
-        body i and the element as body j: the normal points into the solid, the distance is that of the
-        sphere's centre from the surface, signed.
+        begins. Its ``pairs`` are filled with (sphere, e).
     top : int
         Height of the stack.
 
     Returns
     -------
     count : int
-        Number of contacts found in this call.
+        Number of spheres found in this call.
     top : int
-        Call again, after using the contacts, while it is positive.
+        Call again, after using the spheres, while it is positive.
     """
     kind, size = surroundings.kind, surroundings.size
     bounds, child, centers, radii = tree.bounds, tree.child, tree.centers, tree.radii
-    stack, pairs, records = search.stack, search.pairs, search.records
+    stack, pairs = search.stack, search.pairs
     count = 0
     while top > 0 and count + WIDTH <= len(pairs):
         top -= 1
@@ -78,25 +76,40 @@ def next_element_contacts(tree, surroundings, e, R, t, search, top):
                 break
             if c >= 0:
                 x, y, z = rotate(R, bounds[node, 0, k], bounds[node, 1, k], bounds[node, 2, k])
-                if surface(kind, size, e, x + t[0], y + t[1], z + t[2])[0] < bounds[node, 3, k]:
+                if surface(kind, size, e, x + t[0], y + t[1], z + t[2])[0] < bounds[node, 3, k] + margin:
                     stack[top, 0] = c
                     top += 1
                 continue
             s = ~c
             x, y, z = rotate(R, centers[s, 0], centers[s, 1], centers[s, 2])
-            distance, normal = surface(kind, size, e, x + t[0], y + t[1], z + t[2])
-            if distance >= radii[s]:
-                continue
-            volume, depth = cap(distance, radii[s])
-            nx, ny, nz = rotate_back(R, normal[0], normal[1], normal[2])
-            lever = radii[s] - 0.5 * depth
-            pairs[count, 0], pairs[count, 1] = s, e
-            records[count, NORMAL], records[count, NORMAL + 1], records[count, NORMAL + 2] = -nx, -ny, -nz
-            records[count, DISTANCE], records[count, VOLUME] = distance, volume
-            records[count, POINT] = centers[s, 0] - lever * nx
-            records[count, POINT + 1] = centers[s, 1] - lever * ny
-            records[count, POINT + 2] = centers[s, 2] - lever * nz
-            count += 1
+            if surface(kind, size, e, x + t[0], y + t[1], z + t[2])[0] < radii[s] + margin:
+                pairs[count, 0], pairs[count, 1] = s, e
+                count += 1
+    return count, top
+
+
+@inner(error_model="numpy", forceinline=True)
+def next_element_contacts(tree, surroundings, e, R, t, search, top):
+    """Continue the search for the contacts of one body with element e, as `spheres_near` without a margin.
+
+    ``search.records`` are filled with the contacts, in the way of `narrow_phase.next_contacts`, the body as
+    body i and the element as body j: the normal points into the solid, the distance is that of the sphere's
+    centre from the surface, signed.
+    """
+    centers, radii, records = tree.centers, tree.radii, search.records
+    count, top = spheres_near(tree, surroundings, e, R, t, 0.0, search, top)
+    for m in range(count):
+        s = search.pairs[m, 0]
+        x, y, z = rotate(R, centers[s, 0], centers[s, 1], centers[s, 2])
+        distance, normal = surface(surroundings.kind, surroundings.size, e, x + t[0], y + t[1], z + t[2])
+        volume, depth = cap(distance, radii[s])
+        nx, ny, nz = rotate_back(R, normal[0], normal[1], normal[2])
+        lever = radii[s] - 0.5 * depth
+        records[m, NORMAL], records[m, NORMAL + 1], records[m, NORMAL + 2] = -nx, -ny, -nz
+        records[m, DISTANCE], records[m, VOLUME] = distance, volume
+        records[m, POINT] = centers[s, 0] - lever * nx
+        records[m, POINT + 1] = centers[s, 1] - lever * ny
+        records[m, POINT + 2] = centers[s, 2] - lever * nz
     return count, top
 
 

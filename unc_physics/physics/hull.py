@@ -74,11 +74,8 @@ def hull_spheres(centers, radii):
                 kept[s] = True
                 break
             # towards the sphere and away from the support that hides it
-            gx, gy, gz = (
-                centers[s, 0] - centers[support, 0],
-                centers[s, 1] - centers[support, 1],
-                centers[s, 2] - centers[support, 2],
-            )
+            gx, gy = centers[s, 0] - centers[support, 0], centers[s, 1] - centers[support, 1]
+            gz = centers[s, 2] - centers[support, 2]
             along = gx * x + gy * y + gz * z
             gx, gy, gz = gx - along * x, gy - along * y, gz - along * z
             length = math.sqrt(gx * gx + gy * gy + gz * gz)

@@ -1,7 +1,8 @@
 """The contact problem of a group of bodies: lasting contacts implicit in velocity, impacts as rigid impulses.
 
-Lasting contact, over an interval h (`solve_lasting`): the paper's penalty force to leading order in depth, at
-the depth of the interval's end, plus the damping time tau times the closing speed::
+Lasting contact, over an interval h (`solve_lasting`): the paper's penalty force to leading order in depth
+(`contact_model.shallow_volume`), at the depth of the interval's end, plus the damping time tau times the
+closing speed::
 
     lambda_n = h kappa pi R d^2,   d = max(0, -g - h (v_n + v_n') / 2 - tau v_n')
     |lambda_t| <= mu lambda_n, opposite to slip; no slip inside
@@ -20,6 +21,7 @@ back to the cone.
 import math
 
 from .compiled import inner
+from .contact_model import FAST, balanced_depth, shallow_depth
 from .implicit_workspace import (
     BEND,
     BEST,
@@ -61,10 +63,8 @@ _SLACK, _RECOVERY = 2e-5, 0.05
 _DIVERGED = 100.0  # growth of the square of a sweep's change, at which the solver goes back
 _GAIN = 1e-9  # of an impact's work, relative to its terms: round-off
 
-_FAST = {"contract", "nsz"}
 
-
-@inner(forceinline=True, fastmath=_FAST)
+@inner(forceinline=True, fastmath=FAST)
 def contact_speed(row, d, v, i, j):
     """Velocity of body i relative to its partner at a contact, along direction ``d`` of its row [m/s]."""
     k = 3 * d
@@ -88,7 +88,7 @@ def contact_speed(row, d, v, i, j):
     return s
 
 
-@inner(forceinline=True, fastmath=_FAST)
+@inner(forceinline=True, fastmath=FAST)
 def apply_impulse(row, d, impulse, v, i, j):
     """Change the bodies' velocities by an impulse along direction ``d`` of a contact's row [N s]."""
     k = 3 * d
@@ -103,11 +103,9 @@ def apply_impulse(row, d, impulse, v, i, j):
             v[j, 3 + c] -= impulse * row[TURN_J + k + c]
 
 
-@inner(forceinline=True, fastmath=_FAST)
+@inner(forceinline=True, fastmath=FAST)
 def _solve_friction(row, own, limit, v, i, j):
-    """Bring both tangential impulses among a contact's ``own`` to no slip or to the cone; returns the
-    largest change.
-    """
+    """Change both tangential impulses of a contact to no slip, or to the cone; returns the largest change."""
     slip, old1, old2 = row[SLIP_COMPLIANCE], own[1], own[2]
     if limit <= 0.0:
         if old1 == 0.0 and old2 == 0.0:
@@ -125,11 +123,9 @@ def _solve_friction(row, own, limit, v, i, j):
     return max(abs(new1 - old1), abs(new2 - old2))
 
 
-@inner(forceinline=True, fastmath=_FAST, error_model="numpy")
-def _normal_impulse(row, old, speed, law, h, kappa):
-    """The impulse at which a contact obeys its law, all others held; ``speed`` is its normal speed with
-    ``old``.
-    """
+@inner(forceinline=True, fastmath=FAST, error_model="numpy")
+def _normal_impulse(row, old, speed, law, h, factor):
+    """Impulse that obeys a contact's law, all others held; with ``old``, its normal speed is ``speed``."""
     w = row[COMPLIANCE]
     others = speed - w * old
     if law == LASTING:
@@ -137,15 +133,13 @@ def _normal_impulse(row, old, speed, law, h, kappa):
         depth = -row[GAP] - 0.5 * h * (row[START_SPEED] + h * row[BEND]) - way * others
         if depth <= 0.0:
             return 0.0
-        q = h * way * w * kappa * row[RADIUS]
-        return (depth - 2.0 * depth / (1.0 + math.sqrt(1.0 + 4.0 * q * depth))) / (way * w)
+        return (depth - balanced_depth(depth, h * way * w, row[RADIUS], factor)) / (way * w)
     return max(0.0, ((row[TARGET] if law == ELASTIC else 0.0) - others) / w)
 
 
-@inner(fastmath=_FAST, error_model="numpy")
-def solve(rows, ids, m, law, all_impulses, v, h, kappa, fastest):
-    """Find the impulses of the first ``m`` contacts by a law, `LASTING`, `ELASTIC` or `PLASTIC`, from those
-    on record.
+@inner(fastmath=FAST, error_model="numpy")
+def solve(rows, ids, m, law, all_impulses, v, h, factor, fastest):
+    """Find the impulses of ``m`` contacts by `LASTING`, `ELASTIC` or `PLASTIC`, from those on record.
 
     After some plain sweeps each is followed by a step along what the sweeps have changed so far, as in
     conjugate gradients (Silcowitz, Niebe and Erleben 2010): sweeps alone take as many as the mass ratio,
@@ -157,12 +151,8 @@ def solve(rows, ids, m, law, all_impulses, v, h, kappa, fastest):
         Largest change of an impulse in the last sweep, which is by how much the law was missed, relative to
         the largest normal impulse.
     """
-    own, previous, search, best = (
-        all_impulses[law],
-        all_impulses[PREVIOUS],
-        all_impulses[SEARCH],
-        all_impulses[BEST],
-    )
+    own, previous, search = all_impulses[law], all_impulses[PREVIOUS], all_impulses[SEARCH]
+    best = all_impulses[BEST]
     residual = found = last = 0.0
     least = math.inf
     for sweep in range(_SWEEPS):
@@ -174,7 +164,7 @@ def solve(rows, ids, m, law, all_impulses, v, h, kappa, fastest):
             if accelerated:
                 for d in range(3):
                     previous[c, d] = own[c, d]
-            new = _normal_impulse(row, old, contact_speed(row, 0, v, i, j), law, h, kappa)
+            new = _normal_impulse(row, old, contact_speed(row, 0, v, i, j), law, h, factor)
             if new != old:
                 own[c, 0] = new
                 apply_impulse(row, 0, new - old, v, i, j)
@@ -218,7 +208,7 @@ def solve(rows, ids, m, law, all_impulses, v, h, kappa, fastest):
     return found
 
 
-@inner(fastmath=_FAST, error_model="numpy")
+@inner(fastmath=FAST, error_model="numpy")
 def _change_impulses(rows, ids, m, own, new, v):
     """Put ``new`` impulses in place of ``own``; the velocities follow."""
     for c in range(m):
@@ -227,13 +217,12 @@ def _change_impulses(rows, ids, m, own, new, v):
             own[c, d] = new[c, d]
 
 
-@inner(fastmath=_FAST, error_model="numpy")
-def solve_lasting(rows, ids, counts, all_impulses, velocity, kappa, h, dt, threshold):
-    """Find the impulses of all contacts at hand over an interval ``h`` [s], and the velocities ``NOW`` at
-    its end.
+@inner(fastmath=FAST, error_model="numpy")
+def solve_lasting(rows, ids, counts, all_impulses, velocity, factor, h, dt, threshold):
+    """Find all contacts' impulses over an interval ``h`` [s], and the velocities ``NOW`` at its end.
 
-    ``kappa`` is pi times the stiffness; contacts that close faster than ``threshold`` [m/s] and stay open are
-    not damped. Returns the residual (`solve`).
+    ``factor`` is the stiffness's (`contact_model.shallow_factor`). Contacts that close faster than
+    ``threshold`` [m/s] and stay open are not damped. Returns the residual (`solve`).
     """
     m, start, free, v = counts[CONTACTS], velocity[START], velocity[FREE], velocity[NOW]
     impulses = all_impulses[LASTING]
@@ -241,7 +230,8 @@ def solve_lasting(rows, ids, counts, all_impulses, velocity, kappa, h, dt, thres
     for c in range(m):
         row, i, j = rows[c], ids[c, 0], ids[c, 1]
         # overlap beyond what the last force explains has no energy to give back: it goes slowly
-        explained = math.sqrt(row[FORCE] / (kappa * row[RADIUS])) if row[FORCE] > 0.0 and kappa > 0.0 else 0.0
+        loaded = row[FORCE] > 0.0 and factor > 0.0
+        explained = shallow_depth(row[FORCE], row[RADIUS], factor) if loaded else 0.0
         row[GAP] = max(row[GAP], -explained - _SLACK - _RECOVERY * h)
         speed, end = contact_speed(row, 0, start, i, j), contact_speed(row, 0, free, i, j)
         row[START_SPEED] = speed
@@ -257,14 +247,12 @@ def solve_lasting(rows, ids, counts, all_impulses, velocity, kappa, h, dt, thres
             impulses[c, d] = h * row[FORCE + d]
             if impulses[c, d] != 0.0:
                 apply_impulse(row, d, impulses[c, d], v, i, j)
-    return solve(rows, ids, m, LASTING, all_impulses, v, h, kappa, fastest)
+    return solve(rows, ids, m, LASTING, all_impulses, v, h, factor, fastest)
 
 
 @inner
 def work_done(rows, ids, m, impulses, before, after):
-    """Kinetic energy that impulses add [J], and the size of its terms: impulses times the mean velocities
-    of contacts.
-    """
+    """Kinetic energy that impulses add [J], and the sum of its terms' sizes: impulses times mean speeds."""
     total = size = 0.0
     for c in range(m):
         for d in range(3):

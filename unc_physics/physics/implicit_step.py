@@ -1,5 +1,4 @@
-"""One step of the implicit integrator, group by group: search, impacts at their own times, lasting contacts,
-travel.
+"""One implicit step, group by group: search, impacts at their own times, lasting contacts, travel.
 
 A group is what may touch in the step. It goes from impact to impact: it travels to the first, in which
 impulses change the velocities at once, and so on, at most `_IMPACTS` times, or `_LIVELY_IMPACTS`; the rest of
@@ -9,8 +8,18 @@ the step is one solution of the lasting contacts. Nothing that happens in a grou
 import math
 
 from .compiled import inner, kernel
+from .contact_model import shallow_factor
 from .contact_patch import IMPACT_GAP, TILT, add_contacts, element_candidates, pair_candidates
-from .contact_search import ACTIVE_GAP, clearance, find_groups, forget_lists, join, lowest, update_pace
+from .contact_search import (
+    ACTIVE_GAP,
+    clearance,
+    find_groups,
+    forget_lists,
+    join,
+    lowest,
+    pair_of,
+    update_pace,
+)
 from .element_contacts import in_element
 from .free_motion import integrate_gyroscopic, integrate_rotation
 from .implicit_solver import contact_speed, solve_impact, solve_lasting
@@ -80,13 +89,8 @@ def travel_freely(x, i, h, decay, world, R):
 def find_contacts(x, count, horizon, world, work):
     """Find the contacts of the group at hand, of ``count`` members, for the next ``horizon`` seconds."""
     work.counts[CONTACTS] = 0
-    members, numbers, near, moving, radius = (
-        work.members,
-        work.numbers,
-        work.near,
-        world.bodies.moving,
-        world.bodies.radius,
-    )
+    members, numbers, near, moving = work.members, work.numbers, work.near, world.bodies.moving
+    radius = world.bodies.radius
     limit = IMPACT_GAP if horizon == 0.0 else ACTIVE_GAP
     for a in range(count):
         i = members[a]
@@ -135,8 +139,7 @@ def _impact_now(rows, ids, counts, velocity, threshold, rebound):
 
 @inner(error_model="numpy")
 def _time_to_impact(left, rows, ids, counts, velocity, threshold, rebound):
-    """Time until the first impact within ``left`` seconds, of contacts as in `_impact_now`; ``left`` without
-    one.
+    """Time until the first impact (as in `_impact_now`) within ``left`` seconds; ``left`` without one.
 
     The gap is a parabola, with gravity and the centripetal acceleration of the sphere's centre.
     """
@@ -170,14 +173,8 @@ def _read_velocities(x, count, members, velocity):
 @inner(forceinline=True)
 def collide(x, count, time, first_time, residual, world, threshold, work):
     """Let the contacts at hand that an impact reaches act as impulses."""
-    members, rows, ids, counts, part, velocity = (
-        work.members,
-        work.rows,
-        work.ids,
-        work.counts,
-        work.part,
-        work.velocity,
-    )
+    members, rows, ids, counts, part = work.members, work.rows, work.ids, work.counts, work.part
+    velocity = work.velocity
     for i in range(len(x)):
         part[i] = i
     for c in range(counts[CONTACTS]):
@@ -225,9 +222,7 @@ def collide(x, count, time, first_time, residual, world, threshold, work):
 @inner(forceinline=True)
 def note_contact(first_time, i, j, time):
     """Record that body i touches body j, or element ``-1 - j``."""
-    low, high = i, len(first_time) - 1 - j
-    if j >= 0:
-        low, high = min(i, j), max(i, j)
+    low, high = pair_of(i, j, len(first_time))
     first_time[low, high] = min(first_time[low, high], time)
 
 
@@ -258,7 +253,7 @@ def travel_in_contact(x, count, h, time, first_time, residual, world, threshold,
             work.counts,
             work.impulses,
             velocity,
-            math.pi * world.stiffness,
+            shallow_factor(world.stiffness),
             h,
             world.dt,
             threshold,
@@ -395,13 +390,8 @@ def _keep_memory(i, work):
 @inner(forceinline=True)
 def advance_step(x, time, first_time, quiet, residual, world, threshold, work):
     """One step of all groups; ends early where room overflows (`OVERFLOW`)."""
-    numbers, group, members, near, moving = (
-        work.numbers,
-        work.group,
-        work.members,
-        work.near,
-        world.bodies.moving,
-    )
+    numbers, group, members, near = work.numbers, work.group, work.members, work.near
+    moving = world.bodies.moving
     bodies, dt = world.bodies, world.dt
     for i in range(len(x)):
         if moving[i]:
@@ -452,8 +442,7 @@ def advance_step(x, time, first_time, quiet, residual, world, threshold, work):
 
 @inner
 def integrate(x, first_time, contact, force, remembered, quiet, residual, world, begin, steps, work):
-    """Advance the state ``x`` (B, 13) of one rollout in place, until room overflows; returns the number of
-    steps done.
+    """Advance one rollout's state ``x`` (B, 13) in place until room overflows; returns the steps done.
 
     ``contact``, ``force``, ``quiet`` and ``residual`` are those of `SolverMemory`, and ``remembered`` (1,)
     its count.
@@ -462,14 +451,8 @@ def integrate(x, first_time, contact, force, remembered, quiet, residual, world,
     threshold = max(
         _SLOWEST_IMPACT, math.sqrt(2.0 * gravity * _LOWEST_FALL), _IMPACT_STEPS * gravity * world.dt
     )
-    counts, old_contact, old_force, head, link, state = (
-        work.counts,
-        work.old_contact,
-        work.old_force,
-        work.head,
-        work.link,
-        work.state,
-    )
+    counts, old_contact, old_force, head = work.counts, work.old_contact, work.old_force, work.head
+    link, state = work.link, work.state
     for n in range(remembered[0]):
         for k in range(4):
             old_contact[n, k], old_force[n, k] = contact[n, k], force[n, k]

@@ -30,22 +30,8 @@ DIRECTION, MOMENT_I, TURN_I, MOMENT_J, TURN_J = 0, 9, 18, 27, 36
 #: velocities', the gap's acceleration in free fall, reduced radius, friction, restitution, the force of the
 #: last step (normal, two tangents), normal speed at the start, damping time, normal speed that an impact
 #: shall leave.
-(
-    INVERSE_MASS_I,
-    INVERSE_MASS_J,
-    COMPLIANCE,
-    SLIP_COMPLIANCE,
-    GAP,
-    BEND,
-    FALL,
-    RADIUS,
-    FRICTION,
-    RESTITUTION,
-    FORCE,
-    START_SPEED,
-    DAMPING_TIME,
-    TARGET,
-) = 45, 46, 47, 48, 49, 50, 51, 52, 53, 54, 55, 58, 59, 60
+INVERSE_MASS_I, INVERSE_MASS_J, COMPLIANCE, SLIP_COMPLIANCE, GAP, BEND, FALL = 45, 46, 47, 48, 49, 50, 51
+RADIUS, FRICTION, RESTITUTION, FORCE, START_SPEED, DAMPING_TIME, TARGET = 52, 53, 54, 55, 58, 59, 60
 ROW = 61
 _PAIRS_AT_ONCE = 1024
 

@@ -10,6 +10,7 @@ import math
 import numpy as np
 
 from .compiled import inner, kernel
+from .contact_search import balls_within
 from .implicit_workspace import CONTACTS, NO_OVERFLOW, OVERFLOW, implicit_workspace, more_room
 from .layout import EP, ER, ERROR, P
 from .overlap_rows import (
@@ -41,12 +42,8 @@ def lower(states, sides, world, start, kept_overlap):
     """
     bodies = states.shape[1]
     contacts, candidates, pool = 128, 1024, 8192
-    local, moving, before, begin = (
-        np.zeros(bodies, np.int64),
-        world.bodies.moving,
-        states[0].copy(),
-        states[0].copy(),
-    )
+    local, moving, before = np.zeros(bodies, np.int64), world.bodies.moving, states[0].copy()
+    begin = states[0].copy()
     place, count = np.full(bodies, -1), 0
     for i in range(bodies):
         if moving[i]:
@@ -98,10 +95,7 @@ def lower_group(x, start, count, local, metric, sides, world, work, rows):
             i = members[a]
             for j in range(len(x)):
                 if j != i and alone:
-                    square, near = 0.0, radius[i] + radius[j] + 3.0 * _DROP
-                    for k in range(3):
-                        square += (x[i, P + k] - x[j, P + k]) ** 2
-                    alone = square >= near * near
+                    alone = not balls_within(x, i, j, 3.0 * _DROP, radius)
         drop = min(most, _DROP if alone else _PAIR_DROP)
         find_rows(x, count, 2.5 * drop, 2.5 * drop, False, sides, world, work)
         if work.counts[OVERFLOW] != NO_OVERFLOW:

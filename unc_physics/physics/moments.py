@@ -16,9 +16,7 @@ _WIDE = math.cos(math.pi / 4.0)  # between quaternions of rotations that are a r
 
 @kernel
 def boxplus(x, d, out):
-    """Perturb one body's state ``x`` (13,) by the error ``d`` (12,), into ``out``; rotations on the body
-    side.
-    """
+    """Perturb a state ``x`` (13,) by the error ``d`` (12,), rotation on the body side, into ``out``."""
     for k in range(3):
         out[P + k] = x[P + k] + d[EP + k]
         out[V + k] = x[V + k] + d[EV + k]

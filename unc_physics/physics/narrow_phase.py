@@ -85,11 +85,8 @@ def contact_sums(records, count):
     fx = fy = fz = mx = my = mz = 0.0
     for k in range(count):
         volume = records[k, VOLUME]
-        x, y, z = (
-            volume * records[k, NORMAL],
-            volume * records[k, NORMAL + 1],
-            volume * records[k, NORMAL + 2],
-        )
+        x, y = volume * records[k, NORMAL], volume * records[k, NORMAL + 1]
+        z = volume * records[k, NORMAL + 2]
         fx += x
         fy += y
         fz += z

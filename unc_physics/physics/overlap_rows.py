@@ -10,9 +10,9 @@ from typing import NamedTuple
 import numpy as np
 
 from .compiled import inner, kernel
-from .contact_search import forget_lists, join, lowest
+from .contact_search import balls_within, forget_lists, join, lowest
 from .implicit_workspace import CONTACTS, DIRECTION, GAP, MOMENT_I, MOMENT_J, NO_OVERFLOW, OVERFLOW
-from .layout import EP, ER, ERROR, P, Q
+from .layout import EP, ER, ERROR, Q
 from .moments import boxplus
 from .rotation import rotate_back, write_matrix
 
@@ -115,12 +115,8 @@ def join_near(x, margin, world, work):
     moving, radius, group = world.bodies.moving, world.bodies.radius, work.group
     for i in range(len(x)):
         for j in range(i + 1, len(x)):
-            if moving[i] and moving[j]:
-                square, near = 0.0, radius[i] + radius[j] + margin
-                for k in range(3):
-                    square += (x[i, P + k] - x[j, P + k]) ** 2
-                if square < near * near:
-                    join(group, i, j)
+            if moving[i] and moving[j] and balls_within(x, i, j, margin, radius):
+                join(group, i, j)
     for i in range(len(x)):
         group[i] = lowest(group, i)
 

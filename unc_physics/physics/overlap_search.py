@@ -6,7 +6,8 @@ import numpy as np
 
 from .compiled import inner, kernel
 from .contact_patch import add_contacts, element_candidates, pair_candidates
-from .element_contacts import in_element
+from .contact_search import balls_within, column_of
+from .element_contacts import element_distance
 from .implicit_step import prepare_members
 from .implicit_workspace import (
     CANDIDATE_GAP,
@@ -18,10 +19,10 @@ from .implicit_workspace import (
     NO_OVERFLOW,
     OVERFLOW,
     implicit_workspace,
+    more_room,
 )
 from .layout import P
 from .rotation import rotate, rotate_back
-from .shapes import surface
 
 #: Overlap that is none: about what a load makes [m].
 TOUCHING = 5e-5
@@ -51,11 +52,7 @@ def find_rows(x, count, reach, pair_reach, as_they_are, sides, world, work):
         i = members[a]
         tilt = min(max(3.0 * reach / radius[i], _LEAST_TILT), _MOST_TILT)
         for e in range(len(world.surroundings.kind)):
-            px, py, pz = in_element(
-                world.surroundings.position, world.surroundings.R, e, x[i, P], x[i, P + 1], x[i, P + 2]
-            )
-            distance = surface(world.surroundings.kind, world.surroundings.size, e, px, py, pz)[0]
-            if distance < radius[i] + reach:
+            if element_distance(world.surroundings, e, x[i, P], x[i, P + 1], x[i, P + 2]) < radius[i] + reach:
                 found = element_candidates(x, i, e, reach, 0.0, world, work)
                 if not as_they_are:
                     found = choose_ways_out(x, i, -1 - e, found, sides, world, work)
@@ -65,11 +62,7 @@ def find_rows(x, count, reach, pair_reach, as_they_are, sides, world, work):
         for j in range(len(x)):
             if j == i or (moving[j] and (j < i or group[j] != group[i])):
                 continue
-            near = radius[i] + radius[j] + pair_reach
-            square = 0.0
-            for k in range(3):
-                square += (x[i, P + k] - x[j, P + k]) ** 2
-            if square < near * near:
+            if balls_within(x, i, j, pair_reach, radius):
                 found = pair_candidates(x, i, j, pair_reach, 0.0, world, work)
                 if not as_they_are:
                     found = choose_ways_out(x, i, j, found, sides, world, work)
@@ -83,8 +76,7 @@ def find_rows(x, count, reach, pair_reach, as_they_are, sides, world, work):
 
 @inner(forceinline=True)
 def way_out(x, i, j, a, b, gap, normal, way, world, work):
-    """How far body i has to go along ``way`` until its sphere a leaves sphere b of body j, or element
-    ``-1 - j`` [m].
+    """How far body i goes along ``way`` until sphere a leaves body j's sphere b, or element ``-1 - j`` [m].
 
     ``gap`` and ``normal`` are the present ones; directions are in body i's frame.
     """
@@ -112,10 +104,8 @@ def _moved_gap(x, i, j, a, distance, way, world, work):
         centers[a, 1] + distance * way[1],
         centers[a, 2] + distance * way[2],
     )
-    px, py, pz = in_element(
-        world.surroundings.position, world.surroundings.R, e, x[i, P] + mx, x[i, P + 1] + my, x[i, P + 2] + mz
-    )
-    return surface(world.surroundings.kind, world.surroundings.size, e, px, py, pz)[0] - world.tree.radii[a]
+    px, py, pz = x[i, P] + mx, x[i, P + 1] + my, x[i, P + 2] + mz
+    return element_distance(world.surroundings, e, px, py, pz) - world.tree.radii[a]
 
 
 @inner(forceinline=True)
@@ -128,10 +118,7 @@ def choose_ways_out(x, i, j, count, sides, world, work):
     whose normals point elsewhere are left out where they do not overlap at its end.
     """
     candidates, ids, radii = work.candidates, work.candidate_ids, world.tree.radii
-    column = j
-    if j < 0:
-        column = len(x) - 1 - j
-    side = sides[i, column]
+    side = sides[i, column_of(j, len(x))]
     R = work.R[j]
     if j < 0:
         R = world.surroundings.R[-1 - j]
@@ -165,11 +152,8 @@ def choose_ways_out(x, i, j, count, sides, world, work):
                 and c[CANDIDATE_GAP] < -TOUCHING
                 and c[0] * nx + c[1] * ny + c[2] * nz > _CONE
             ):
-                vx, vy, vz = (
-                    vx - c[CANDIDATE_GAP] * c[0],
-                    vy - c[CANDIDATE_GAP] * c[1],
-                    vz - c[CANDIDATE_GAP] * c[2],
-                )
+                vx, vy = vx - c[CANDIDATE_GAP] * c[0], vy - c[CANDIDATE_GAP] * c[1]
+                vz = vz - c[CANDIDATE_GAP] * c[2]
         size = math.sqrt(vx * vx + vy * vy + vz * vz)
         nx, ny, nz = vx / size, vy / size, vz / size
         farthest = 0.0
@@ -254,12 +238,10 @@ def sides_of(mean, world):
         find_rows(mean, count, _SIDE_REACH, _PAIR_SIDE_REACH, False, none, world, work)
         if work.counts[OVERFLOW] == NO_OVERFLOW:
             break
-        contacts, candidates, pool = 2 * contacts, 2 * candidates, 2 * pool
+        contacts, candidates, pool = more_room(work.counts, contacts, candidates, pool)
     for c in range(work.counts[CONTACTS]):
         row, i, j = work.rows[c], work.ids[c, 0], work.ids[c, 1]
-        column = j
-        if j < 0:
-            column = bodies - 1 - j
+        column = column_of(j, bodies)
         if row[GAP] >= least[i, column]:
             continue
         least[i, column] = row[GAP]

@@ -15,7 +15,7 @@ import numpy as np
 
 from .compiled import inner, kernel
 from .contact_patch import pair_candidates
-from .contact_search import join, lowest
+from .contact_search import balls_within, join, lowest, pair_of
 from .implicit_workspace import (
     CONTACTS,
     DIRECTION,
@@ -27,7 +27,7 @@ from .implicit_workspace import (
     implicit_workspace,
     more_room,
 )
-from .layout import EP, ER, ERROR, EV, EW, P, Q, V, W
+from .layout import EP, ER, ERROR, EV, EW, Q, V, W
 from .overlap_rows import (
     FARTHEST,
     along,
@@ -225,10 +225,8 @@ def _join_overlapping(x, world, work):
         for j in range(i + 1, len(x)):
             if not (moving[i] and moving[j]) or work.part[i] == work.part[j]:
                 continue
-            square, near = 0.0, radius[i] + radius[j]
-            for k in range(3):
-                square += (x[i, P + k] - x[j, P + k]) ** 2
-            if square < near * near and pair_candidates(x, i, j, -TOUCHING, 0.0, world, work) > 0:
+            near = balls_within(x, i, j, 0.0, radius)
+            if near and pair_candidates(x, i, j, -TOUCHING, 0.0, world, work) > 0:
                 join(group, i, j)
                 found = True
     for i in range(len(x)):
@@ -249,13 +247,8 @@ def project_group(
     for k in range(ERROR * count):
         rows.now[k] = 0.0
     pairs = len(x) > 1
-    left, reach, step, any_free, deep = (
-        deepest,
-        _REACH,
-        math.inf,
-        False,
-        deepest > _DEEP and not thorough and pairs,
-    )
+    left, reach, step, any_free = deepest, _REACH, math.inf, False
+    deep = deepest > _DEEP and not thorough and pairs
     rounds, share = (_CAREFUL_ROUNDS, _CAREFUL) if careful else (_ROUNDS, 1.0)
     for round in range(rounds + 1):
         if deep:  # of pairs of bodies what is deepest leads out; the rest is looked at when that is done
@@ -389,7 +382,7 @@ def keep_overlap(count, depth, everything, moved, work):
         i, j = work.ids[c, 0], work.ids[c, 1]
         far = moved[i] > _TOO_FAR or (j >= 0 and moved[j] > _TOO_FAR)
         if work.rows[c, GAP] < (2.0 * TOUCHING if far else -max(SOLVED, _WORST * deepest)):
-            low, column = _pair(i, j, len(depth))
+            low, column = pair_of(i, j, len(depth))
             if depth[low, column] > work.kept_overlap[low, column]:
                 work.kept_overlap[low, column] = depth[low, column]
                 any_kept = True
@@ -409,16 +402,8 @@ def note_depths(depth, overlap, work):
     """Note the overlaps of the contacts at hand, of pairs and of bodies [m]."""
     for c in range(work.counts[CONTACTS]):
         i, j, deep = work.ids[c, 0], work.ids[c, 1], -work.rows[c, GAP]
-        low, column = _pair(i, j, len(depth))
+        low, column = pair_of(i, j, len(depth))
         depth[low, column] = max(depth[low, column], deep)
         overlap[i] = max(overlap[i], deep)
         if j >= 0:
             overlap[j] = max(overlap[j], deep)
-
-
-@inner(forceinline=True)
-def _pair(i, j, bodies):
-    """Row and column of bodies i and j, or of body i and element ``-1 - j``."""
-    if j < 0:
-        return i, bodies - 1 - j
-    return min(i, j), max(i, j)

@@ -1,6 +1,4 @@
-"""Standard normal numbers from keys instead of a state: the same key gives the same numbers, in any order of
-calls.
-"""
+"""Standard normal numbers from keys, not from a state: a key gives the same numbers in any order of calls."""
 
 from statistics import NormalDist
 

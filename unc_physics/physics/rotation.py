@@ -1,6 +1,4 @@
-"""Rotations in the kernels: quaternions ``(x, y, z, w)`` as tuples of four floats, matrices as 3
-x 3 arrays.
-"""
+"""Rotations in the kernels: quaternions ``(x, y, z, w)`` are tuples of floats, matrices 3 x 3 arrays."""
 
 import math
 

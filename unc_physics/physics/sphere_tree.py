@@ -291,11 +291,8 @@ def candidates(tree, R_ij, t_ij, slack, scratch, top):
                 px, py, pz, radius = bounds[b, 0, k], bounds[b, 1, k], bounds[b, 2, k], bounds[b, 3, k]
             else:
                 c_j = b
-                px, py, pz = (
-                    np.float32(tree.centers[~b, 0]),
-                    np.float32(tree.centers[~b, 1]),
-                    np.float32(tree.centers[~b, 2]),
-                )
+                px, py = np.float32(tree.centers[~b, 0]), np.float32(tree.centers[~b, 1])
+                pz = np.float32(tree.centers[~b, 2])
                 radius = np.float32(tree.radii[~b])
             x = xx * px + xy * py + xz * pz + tx
             y = yx * px + yy * py + yz * pz + ty

@@ -12,9 +12,7 @@ _MOST_PARTS_PER_THREAD, _FEWEST_IN_A_PART = 8, 4
 
 
 def in_threads(count, run):
-    """Call ``run(slice)`` for parts of ``range(count)``, on as many threads as `numba.set_num_threads`
-    allows.
-    """
+    """Call ``run(slice)`` for parts of ``range(count)``, on as many threads as numba is set to."""
     threads = numba.get_num_threads() if count > 1 else 1
     if threads == 1:
         run(slice(0, count))

@@ -60,27 +60,42 @@ def first_contacts(scene: Scene, initial: Belief, steps: int, samples: int, seed
 
 
 @kernel
+def _own_world(world, surroundings, implicit):
+    """A world in which bodies can be stopped without stopping them in the one given.
+
+    ``surroundings`` and ``implicit`` are the world's, or None to compile without them.
+    """
+    b = world.bodies
+    return World(
+        Bodies(
+            b.moving.copy(),
+            b.mass,
+            b.inertia,
+            b.inverse_mass.copy(),
+            b.inverse_inertia.copy(),
+            b.radius,
+            b.root,
+        ),
+        world.tree,
+        world.gravity,
+        world.dt,
+        world.decay,
+        world.stiffness,
+        world.stack_size,
+        surroundings,
+        implicit,
+    )
+
+
+@kernel
 def _fly(states, first, stopped, world, surroundings, steps):
     """Advance the states in place; a body counts as fixed from the step on in which it touches something."""
     for n in range(len(states)):
-        b = world.bodies
-        moving = b.moving.copy()
-        bodies = Bodies(moving, b.mass, b.inertia, b.inverse_mass, b.inverse_inertia, b.radius, b.root)
-        own = World(
-            bodies,
-            world.tree,
-            world.gravity,
-            world.dt,
-            world.decay,
-            world.stiffness,
-            world.stack_size,
-            surroundings,
-            None,
-        )
+        own = _own_world(world, surroundings, None)
         work = workspace(states[n], own)
         for step in range(steps):
             integrate(states[n], first[n], own, surroundings, None, step, 1, work)
-            if _stop(first[n], moving, stopped[n]) == 0:
+            if _stop(first[n], own.bodies.moving, stopped[n]) == 0:
                 break
 
 
@@ -89,29 +104,13 @@ def _fly_implicit(states, first, stopped, world, memory, kept_overlap, steps):
     """As `_fly`, by implicit steps; ``memory`` is that of one rollout, which begins anew, and
     ``kept_overlap`` that of all (`SolverMemory`).
     """
-    b = world.bodies
     for n in range(len(states)):
-        moving, inverse_mass, inverse_inertia = (
-            b.moving.copy(),
-            b.inverse_mass.copy(),
-            b.inverse_inertia.copy(),
-        )
-        bodies = Bodies(moving, b.mass, b.inertia, inverse_mass, inverse_inertia, b.radius, b.root)
-        own = World(
-            bodies,
-            world.tree,
-            world.gravity,
-            world.dt,
-            world.decay,
-            world.stiffness,
-            world.stack_size,
-            world.surroundings,
-            world.implicit,
-        )
+        own = _own_world(world, world.surroundings, world.implicit)
+        bodies = own.bodies
         memory.count[:], memory.quiet[:] = 0, 0
         room = 1
         work = implicit_workspace(states[n], kept_overlap[n], own, _CONTACTS, _CANDIDATES, _LISTED)
-        step, left = 0, b.moving.sum()
+        step, left = 0, bodies.moving.sum()
         while left > 0 and step < steps:
             done = integrate_implicit(
                 states[n],
@@ -127,13 +126,13 @@ def _fly_implicit(states, first, stopped, world, memory, kept_overlap, steps):
                 work,
             )
             step += done
-            before, left = left, _stop(first[n], moving, stopped[n])
+            before, left = left, _stop(first[n], bodies.moving, stopped[n])
             if done == 0:
                 room *= 2
-            for i in range(len(moving)):
-                if not moving[i]:
-                    inverse_mass[i] = 0.0
-                    inverse_inertia[i] = 0.0
+            for i in range(len(bodies.moving)):
+                if not bodies.moving[i]:
+                    bodies.inverse_mass[i] = 0.0
+                    bodies.inverse_inertia[i] = 0.0
             if done == 0 or left < before:  # more room; or without what it knows of bodies that move
                 work = implicit_workspace(
                     states[n], kept_overlap[n], own, room * _CONTACTS, room * _CANDIDATES, room * _LISTED

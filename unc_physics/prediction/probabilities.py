@@ -4,7 +4,7 @@ rest?
 Every answer is a probability within `TOLERANCE` of the truth, or says that it is not available: it is where
 the interval that its outcomes leave for the truth reaches farther. A propagator with samples of its own
 counts these. The others have none, and the Gaussian that they end with is no good for probabilities once
-bodies have touched (``python -m unc_physics_evaluation.benchmarks.calibration`` shows how far off it is).
+bodies have touched (``python -m unc_physics evaluate calibration`` shows how far off it is).
 What they can tell is what is decided
 by the first contacts, before which all bodies fly freely: flights drawn from the initial belief say for each
 question how often it is answered yes, no, or not yet. "Not yet" counts half, and widens the interval by as

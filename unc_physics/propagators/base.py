@@ -1,5 +1,4 @@
-"""What every propagator is: a carry that holds its persistent state, and what all other modules need to know
-of it.
+"""What every propagator is: a carry with its persistent state, and what other modules need to know of it.
 
 ``docs/extending.md`` walks through one.
 """
@@ -186,9 +185,7 @@ class Propagator(ABC):
         return self.traits.mean_update == "nominal"
 
     def directions(self, initial: Belief) -> np.ndarray | None:
-        """(M,): along how many directions points are spread for each moving body; None without
-        such points.
-        """
+        """(M,): number of directions in which each moving body's points are spread; None without points."""
         return None
 
     def part(self, carry: Any, bodies: np.ndarray, parameters: Sequence[int]) -> Any:

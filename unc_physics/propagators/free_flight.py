@@ -61,10 +61,8 @@ def course(dt: float, decay: float, steps: int, implicit: bool = False) -> Cours
     ends = np.cumsum(weights)
     turn = float(ends[-1])
     if implicit:
-        reach, sink = (
-            0.5 * dt * float((powers[:-1] + powers[1:]).sum()),
-            0.5 * dt * float((falls[:-1] + falls[1:]).sum()),
-        )
+        reach = 0.5 * dt * float((powers[:-1] + powers[1:]).sum())
+        sink = 0.5 * dt * float((falls[:-1] + falls[1:]).sum())
     else:
         reach, sink = turn, dt * float(falls[:-1].sum())
     return Course(float(powers[-1]), float(falls[-1]), reach, sink, turn, weights, ends - weights)
@@ -111,15 +109,11 @@ def transition(state: np.ndarray, along: Course, exact: bool) -> np.ndarray:
     cross = np.array([[0.0, -u[2], u[1]], [u[2], 0.0, -u[0]], [-u[1], u[0], 0.0]])
     if exact:  # the mean of all rotations on the way, turned back: the left Jacobian transposed
         angle = along.reach * speed
-        cosine, sine = (
-            along.reach * np.sinc(angle / np.pi),
-            along.reach * 0.5 * angle * np.sinc(0.5 * angle / np.pi) ** 2,
-        )
+        cosine = along.reach * np.sinc(angle / np.pi)
+        sine = along.reach * 0.5 * angle * np.sinc(0.5 * angle / np.pi) ** 2
     else:
-        cosine, sine = (
-            np.sum(along.weights * np.cos(along.before * speed)),
-            np.sum(along.weights * np.sin(along.before * speed)),
-        )
+        cosine = np.sum(along.weights * np.cos(along.before * speed))
+        sine = np.sum(along.weights * np.sin(along.before * speed))
     A = np.eye(ERROR)
     A[ERR_POSITION, ERR_VELOCITY] = along.reach * np.eye(3)
     A[ERR_ROTATION, ERR_ANGULAR_VELOCITY] = R_transposed @ (

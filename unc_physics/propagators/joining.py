@@ -67,9 +67,7 @@ def joined_blocks(blocks: Sequence[np.ndarray], parts: Sequence[Part], frame: Fr
 def joined_history(
     carries: Sequence[Any], parts: Sequence[Part], frame: Frame, rows: Sequence[np.ndarray] | None = None
 ) -> ContactHistory:
-    """What the joint rollouts remember; ``rows`` says which of them are each carry's, all where
-    it is None.
-    """
+    """What the joint rollouts remember; ``rows`` (None for all) says which of them are each carry's."""
     found = [carry.contact_history for carry in carries]
     if rows is None:
         rows = [np.arange(len(history.first_time)) for history in found]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -12,31 +11,27 @@ from ..checks.errors import NotSupportedError
 from ..physics import contact_history as histories
 from ..physics.compiled import inner, kernel
 from ..physics.contact_history import ContactHistory
-from ..physics.contact_model import lens_lever
 from ..physics.explicit_step import (
     after_element,
     after_pair,
     after_pairs,
     before_drift,
-    drift,
     integrate,
-    kick,
     on_contacts,
     on_element_contacts,
 )
-from ..physics.layout import EP, ER, ERROR, EV, EW, STATE, P, Q
-from ..physics.moments import boxminus, boxplus
+from ..physics.layout import ERROR, STATE
 from ..physics.narrow_phase import NORMAL, POINT, VOLUME
-from ..physics.rotation import cross, rotate, rotate_back, write_matrix
+from ..physics.rotation import cross, rotate
 from ..physics.transition import apply_drift_jacobian, write_exact_rotation
-from ..physics.workspace import Workspace, workspace
+from ..physics.workspace import workspace
 from ..scene.belief import Belief
 from .base import Propagator, Traits
+from .contact_derivative import contact_root, kick_column, moved_by_column
 from .free_flight import flown, transition
 from .joining import joined_history, joined_means
 from .options import option
-
-_STEP = 1e-6  # of the finite differences, in units of the error state
+from .step_differences import Differences, difference_root
 
 
 class LinearizationCarry(NamedTuple):
@@ -163,16 +158,6 @@ class DominantElementContact(NamedTuple):
     point: np.ndarray
 
 
-class Differences(NamedTuple):
-    """Room for finite differences: states before a step and perturbed, an error, and for the steps."""
-
-    before: np.ndarray
-    forth: np.ndarray
-    back: np.ndarray
-    error: np.ndarray
-    work: Workspace
-
-
 class Linearized(NamedTuple):
     """What linearization works on in a rollout.
 
@@ -286,7 +271,7 @@ def _kick_or_difference(differences, method, x, world, work):
         for k in range(method.dominant.count[0]):
             contact_root(x, method.root, method.error_block, world, work.R, method.dominant, k)
     else:
-        _difference(differences, method, world)
+        difference_root(differences, method, world)
 
 
 @on_element_contacts.of(Linearized)
@@ -319,186 +304,8 @@ def _kick_root_by_element(method, x, i, e, world, work):
     torque = cross(point, force)
     for c in range(root.shape[1]):
         # the force is constant, and what moves the point along the normal leaves the torque alone
-        _, turn, d_lever = _moved(root, row, c, R[i], point)
+        _, turn, d_lever = moved_by_column(root, row, c, R[i], point)
         kick_column(root, row, c, (0.0, 0.0, 0.0), (torque, cross(d_lever, force), turn), world, R, i)
-
-
-@inner
-def contact_geometry(x, R, tree, dominant, k):
-    """The sphere pair of dominant contact ``k`` in the world frame.
-
-    Returns
-    -------
-    arm_i, arm_j : tuples of 3 floats
-        Sphere centres from their bodies' centres of mass [m].
-    D : tuple of 3 floats
-        From sphere i's centre to sphere j's [m].
-    r_i, r_j : float
-    """
-    i, j = dominant.bodies[k]
-    a, b = dominant.spheres[k]
-    arm_i = rotate(R[i], tree.centers[a, 0], tree.centers[a, 1], tree.centers[a, 2])
-    arm_j = rotate(R[j], tree.centers[b, 0], tree.centers[b, 1], tree.centers[b, 2])
-    D = (
-        x[j, P] + arm_j[0] - x[i, P] - arm_i[0],
-        x[j, P + 1] + arm_j[1] - x[i, P + 1] - arm_i[1],
-        x[j, P + 2] + arm_j[2] - x[i, P + 2] - arm_i[2],
-    )
-    return arm_i, arm_j, D, tree.radii[a], tree.radii[b]
-
-
-@inner(error_model="numpy")
-def contact_root(x, root, error_block, world, R, dominant, k):
-    """Add to the root what the kick of dominant contact ``k`` adds, to first order in each column's error.
-
-    With s = r_i + r_j and the volume V held, the force on body j is f = kappa V D / (d + s) (Eq. 10), at the
-    point c = c_i + lever(d) D / d.
-    """
-    i, j = dominant.bodies[k]
-    row_i, row_j = ERROR * error_block[i], ERROR * error_block[j]
-    arm_i, arm_j, D, ri, rj = contact_geometry(x, R, world.tree, dominant, k)
-    d = math.sqrt(D[0] * D[0] + D[1] * D[1] + D[2] * D[2])
-    n = (D[0] / d, D[1] / d, D[2] / d)
-    scale = world.stiffness * dominant.volume[k] / (d + ri + rj)
-    f = (scale * D[0], scale * D[1], scale * D[2])
-    lever, slope = lens_lever(d, ri, rj)
-    point = (lever * n[0], lever * n[1], lever * n[2])
-    lever_i = (arm_i[0] + point[0], arm_i[1] + point[1], arm_i[2] + point[2])
-    lever_j = (arm_j[0] + point[0] - D[0], arm_j[1] + point[1] - D[1], arm_j[2] + point[2] - D[2])
-    torque_i, torque_j = cross(f, lever_i), cross(lever_j, f)
-    for c in range(root.shape[1]):
-        dp_i, turn_i, d_arm_i = _moved(root, row_i, c, R[i], arm_i)
-        dp_j, turn_j, d_arm_j = _moved(root, row_j, c, R[j], arm_j)
-        dD = (
-            dp_j[0] + d_arm_j[0] - dp_i[0] - d_arm_i[0],
-            dp_j[1] + d_arm_j[1] - dp_i[1] - d_arm_i[1],
-            dp_j[2] + d_arm_j[2] - dp_i[2] - d_arm_i[2],
-        )
-        stretch = n[0] * dD[0] + n[1] * dD[1] + n[2] * dD[2]
-        shrink = stretch / (d + ri + rj)
-        df = (
-            scale * (dD[0] - shrink * D[0]),
-            scale * (dD[1] - shrink * D[1]),
-            scale * (dD[2] - shrink * D[2]),
-        )
-        along = slope * stretch - lever * stretch / d
-        d_point = (
-            lever / d * dD[0] + along * n[0],
-            lever / d * dD[1] + along * n[1],
-            lever / d * dD[2] + along * n[2],
-        )
-        if row_i >= 0:
-            d_lever = (d_arm_i[0] + d_point[0], d_arm_i[1] + d_point[1], d_arm_i[2] + d_point[2])
-            a, b = cross(df, lever_i), cross(f, d_lever)
-            dtau = (a[0] + b[0], a[1] + b[1], a[2] + b[2])
-            kick_column(root, row_i, c, (-df[0], -df[1], -df[2]), (torque_i, dtau, turn_i), world, R, i)
-        if row_j >= 0:
-            d_lever = (
-                d_arm_j[0] + d_point[0] - dD[0],
-                d_arm_j[1] + d_point[1] - dD[1],
-                d_arm_j[2] + d_point[2] - dD[2],
-            )
-            a, b = cross(d_lever, f), cross(lever_j, df)
-            dtau = (a[0] + b[0], a[1] + b[1], a[2] + b[2])
-            kick_column(root, row_j, c, df, (torque_j, dtau, turn_j), world, R, j)
-
-
-@inner
-def _moved(root, row, c, R, arm):
-    """How column ``c`` moves a body: displacement, rotation in world axes, and change of ``arm``."""
-    if row < 0:
-        zero = (0.0, 0.0, 0.0)
-        return zero, zero, zero
-    dp = (root[row + EP, c], root[row + EP + 1, c], root[row + EP + 2, c])
-    turn = rotate(R, root[row + ER, c], root[row + ER + 1, c], root[row + ER + 2, c])
-    return dp, turn, cross(turn, arm)
-
-
-@inner
-def kick_column(root, row, c, df, torques, world, R, body):
-    """Add the change of one body's velocities by a changed force and torque, and by a turned inertia.
-
-    ``torques`` holds the nominal torque, its change, and the body's rotation, all in world axes: with
-    ``w = I_world^-1 tau`` and a rotation ``t``, ``dw = t x w + I_world^-1 (dtau - t x tau)``.
-    """
-    tau, dtau, turn = torques
-    dt = world.dt
-    a = dt * world.bodies.inverse_mass[body]
-    for k in range(3):
-        root[row + EV + k, c] += a * df[k]
-    w = _inverse_inertia(world, R[body], body, tau)
-    twist = cross(turn, tau)
-    dw = _inverse_inertia(world, R[body], body, (dtau[0] - twist[0], dtau[1] - twist[1], dtau[2] - twist[2]))
-    turned = cross(turn, w)
-    for k in range(3):
-        root[row + EW + k, c] += dt * (turned[k] + dw[k])
-
-
-@inner
-def _inverse_inertia(world, R, body, tau):
-    """``I_world^-1 tau``."""
-    x, y, z = rotate_back(R, tau[0], tau[1], tau[2])
-    x, y, z = rotate(world.bodies.inverse_inertia[body], x, y, z)
-    return rotate(R, x, y, z)
-
-
-@inner
-def regularized_step(x, world, work, dominant):
-    """The step that ``F_t`` differentiates: dominant contacts, held volumes, Eq. 10's normals."""
-    drift(x, world, None, work)
-    for k in range(dominant.count[0]):
-        i, j = dominant.bodies[k]
-        arm_i, arm_j, D, ri, rj = contact_geometry(x, work.R, world.tree, dominant, k)
-        d = math.sqrt(D[0] * D[0] + D[1] * D[1] + D[2] * D[2])
-        scale = world.stiffness * dominant.volume[k] / (d + ri + rj)
-        share = lens_lever(d, ri, rj)[0] / d
-        f = (scale * D[0], scale * D[1], scale * D[2])
-        tau_i = cross(f, (arm_i[0] + share * D[0], arm_i[1] + share * D[1], arm_i[2] + share * D[2]))
-        share -= 1.0
-        tau_j = cross((arm_j[0] + share * D[0], arm_j[1] + share * D[1], arm_j[2] + share * D[2]), f)
-        for c in range(3):
-            work.wrench[i, c] -= f[c]
-            work.wrench[i, 3 + c] += tau_i[c]
-            work.wrench[j, c] += f[c]
-            work.wrench[j, 3 + c] += tau_j[c]
-        work.touched[i] = work.touched[j] = True
-    kick(x, world, work)
-
-
-@inner
-def _difference(room, method, world):
-    """Replace each column of the root by the central difference of the regularized step along it."""
-    root, error_block = method.root, method.error_block
-    for c in range(root.shape[1]):
-        length = 0.0
-        for row in range(len(root)):
-            length += root[row, c] * root[row, c]
-        if length == 0.0:
-            continue
-        h = _STEP / math.sqrt(length)
-        for side, state in ((h, room.forth), (-h, room.back)):
-            _perturb(room.before, root, c, side, error_block, room.error, state)
-            for i in range(len(state)):
-                write_matrix((state[i, Q], state[i, Q + 1], state[i, Q + 2], state[i, Q + 3]), room.work.R, i)
-            regularized_step(state, world, room.work, method.dominant)
-        for i in range(len(error_block)):
-            if error_block[i] >= 0:
-                boxminus(room.forth[i], room.back[i], room.error)
-                for k in range(ERROR):
-                    root[ERROR * error_block[i] + k, c] = room.error[k] / (2.0 * h)
-
-
-@inner
-def _perturb(x, root, c, h, error_block, error, out):
-    """``x`` boxplus ``h`` times column ``c`` of the root, into ``out``; ``error`` (12,) is room."""
-    for i in range(len(x)):
-        if error_block[i] >= 0:
-            for k in range(ERROR):
-                error[k] = h * root[ERROR * error_block[i] + k, c]
-            boxplus(x[i], error, out[i])
-        else:
-            for k in range(STATE):
-                out[i, k] = x[i, k]
 
 
 @kernel

@@ -12,7 +12,7 @@ from ..physics.contact_history import ContactHistory
 from ..physics.moments import mean_and_errors, second_moment
 from ..scene.belief import Belief
 from ..scene.parameters import center_offsets, draw_parameters, moved_along
-from ..scene.scene import INTEGRATORS
+from ..scene.physics_keys import INTEGRATORS
 from .base import SAMPLES_LIMIT, Propagator, Traits, rolled
 from .joining import joined_history
 from .options import option

@@ -13,7 +13,7 @@ from ..physics.layout import ERROR
 from ..physics.moments import boxminus, mean_and_errors, second_moment, spread_states
 from ..scene.belief import Belief
 from ..scene.parameters import center_offsets, moved_along
-from ..scene.scene import INTEGRATORS
+from ..scene.physics_keys import INTEGRATORS
 from .base import Propagator, Traits, rolled, symmetric_root
 from .free_flight import flown
 from .joining import joined_history

@@ -1,6 +1,4 @@
-"""What rollouts begin with: states drawn from a belief, without overlap, and at rest where they are said to
-be.
-"""
+"""What rollouts begin with: states drawn from a belief, without overlap, at rest where they should be."""
 
 from __future__ import annotations
 
@@ -61,8 +59,7 @@ def known(scene: Scene, belief: Belief) -> Belief:
 
 
 def draw(scene: Scene, belief: Belief, count: int, seed: int) -> np.ndarray:
-    """(count, B, 13): states drawn from a belief; only such without overlap where the scene rejects the
-    others.
+    """(count, B, 13): states drawn from a belief; without overlap where the scene rejects it.
 
     The first k of them are the same for every larger count.
     """
@@ -113,13 +110,14 @@ def begin(scene: Scene, belief: Belief, states: np.ndarray) -> tuple[np.ndarray,
         return states, history._replace(start=_look(scene, belief, states))
     states, drawn = states.copy(), states
     kept = np.zeros(history.first_time.shape, np.float32)
-    sides = _sides(scene, belief)
+    metric = _metric(scene, belief)
+    sides = _sides(scene, belief, metric)
     if scene.overlap != "keep":
-        _project(scene, belief, states, sides, history, kept, resting & False)
+        _project(scene, belief, metric, states, sides, history, kept)
     if resting.any():
         history = _settle(scene, belief, drawn, states, sides, history, kept, resting)
         if scene.overlap != "keep" and not resting[scene.moving].all():
-            _project(scene, belief, states, sides, history, kept, resting)
+            _project(scene, belief, metric, states, sides, history, kept, resting)
     if kept.any():
         history = history._replace(solver=history.solver._replace(kept_overlap=kept))
     return states, history
@@ -134,34 +132,36 @@ def _look(scene, belief, states):
     """The `Start` of states that stay as they are."""
     history: Any = histories.fresh(len(states), scene.world)
     kept = np.zeros(history.first_time.shape, np.float32)
-    nowhere, nobody = np.zeros((*kept.shape[1:], 3)), np.zeros(len(scene.bodies), bool)
-    _project(scene, belief, states, nowhere, history, kept, nobody, look_only=True)
+    nowhere, metric = np.zeros((*kept.shape[1:], 3)), _metric(scene, belief)
+    _project(scene, belief, metric, states, nowhere, history, kept, look_only=True)
     return history.start
 
 
-def _sides(scene, belief):
-    """On which sides of each other the mean has the bodies (`overlap_search.sides_of`), once it does not
-    overlap.
-    """
+def _sides(scene, belief, metric):
+    """On which sides of each other the mean, without overlap, has the bodies (`overlap_search.sides_of`)."""
     mean = belief.mean[None].copy()
     history = histories.fresh(1, scene.world)
     kept = np.zeros(history.first_time.shape, np.float32)
-    nobody = np.zeros(len(scene.bodies), bool)
-    _project(scene, belief, mean, np.zeros((*kept.shape[1:], 3)), history, kept, nobody)
+    _project(scene, belief, metric, mean, np.zeros((*kept.shape[1:], 3)), history, kept)
     return sides_of(mean[0], scene.world)
 
 
-def _project(scene, belief, states, sides, history, kept, held, look_only=False):
-    """Move states (N, B, 13) in place to where nothing overlaps; bodies that are ``held`` (B,) stay."""
-    world = _without(scene.world, held)
+def _metric(scene, belief):
+    """Where bodies may be elsewhere: the belief's covariance, in which bodies at rest come free."""
     count = len(belief.moving)
     P = np.array(belief.joint).reshape(count, ERROR, count, ERROR)
     _free_resting(scene, belief, P)
     place = np.full(len(scene.bodies), -1)
     place[belief.moving] = np.arange(count)
-    place[held] = -1
-    metric = Metric(P, np.abs(P).max(axis=(1, 3)) > 0.0, place)
-    mean = belief.mean.copy()
+    return Metric(P, np.abs(P).max(axis=(1, 3)) > 0.0, place)
+
+
+def _project(scene, belief, metric, states, sides, history, kept, held=None, look_only=False):
+    """Move states (N, B, 13) in place to where nothing overlaps; bodies that are ``held`` (B,) stay."""
+    world, mean = scene.world, belief.mean.copy()
+    if held is not None:
+        world = _without(world, held)
+        metric = metric._replace(place=np.where(held, -1, metric.place))
 
     def run(some):
         own = histories.samples(history, some)
@@ -171,22 +171,24 @@ def _project(scene, belief, states, sides, history, kept, held, look_only=False)
 
 
 def _free_resting(scene, belief, P):
-    """Let bodies at rest come free upwards and by tilting, however sure the belief is of their height and
-    tilt.
-    """
-    down = scene.gravity / np.linalg.norm(scene.gravity) if scene.gravity.any() else np.zeros(3)
-    up, flat = np.outer(down, down), np.eye(3) - np.outer(down, down)
+    """Let bodies at rest move up and tilt, however sure the belief is of their height and tilt."""
     for k, body in enumerate(belief.moving):
         if scene.bodies[body].at_rest:
+            down, flat = _down(scene)
+            up = np.outer(down, down)
             R = rotation_matrix(belief.mean[body, QUATERNION])
             P[k, ERR_POSITION, k, ERR_POSITION] += _LEAST_STD**2 * up
             P[k, ERR_ROTATION, k, ERR_ROTATION] += _LEAST_TILT**2 * R.T @ flat @ R
 
 
+def _down(scene):
+    """Direction of gravity (3,), and the projection (3, 3) on what is across it."""
+    down = scene.gravity / np.linalg.norm(scene.gravity)
+    return down, np.eye(3) - np.outer(down, down)
+
+
 def _without(world, held):
     """The world in which some bodies (B,) do not move."""
-    if not held.any():
-        return world
     b = world.bodies
     inverse_mass, inverse_inertia = b.inverse_mass.copy(), b.inverse_inertia.copy()
     inverse_mass[held], inverse_inertia[held] = 0.0, 0.0
@@ -206,8 +208,7 @@ def _settle(scene, belief, drawn, states, sides, history, kept, resting):
     start = history.start
 
     def run(some):
-        own = type(start)(*(values[some] for values in start))
-        lower(still[some], sides, world, own, kept[some])
+        lower(still[some], sides, world, histories.samples(history, some).start, kept[some])
 
     in_threads(len(still), run)
     implicit = world.implicit._replace(friction=np.full_like(world.implicit.friction, _HOLDING), sleep=True)
@@ -239,7 +240,7 @@ def _settle(scene, belief, drawn, states, sides, history, kept, resting):
 
 def _note_settling(scene, belief, drawn, states, start, resting):
     """Tell ``start`` how far settling moved and tilted the bodies."""
-    down = scene.gravity / np.linalg.norm(scene.gravity)
+    down, flat = _down(scene)
     bodies = np.flatnonzero(resting)
     before, after = (_seen_from(x[:, bodies, QUATERNION], down) for x in (drawn, states))
     cross = np.linalg.norm(np.cross(before, after), axis=-1)
@@ -247,7 +248,6 @@ def _note_settling(scene, belief, drawn, states, start, resting):
     blocks = belief.blocks[np.searchsorted(belief.moving, bodies)]
     std = np.sqrt(np.maximum(np.einsum("i,bij,j->b", down, blocks[:, ERR_POSITION, ERR_POSITION], down), 0.0))
     sunk = np.abs((states[:, bodies, POSITION] - drawn[:, bodies, POSITION]) @ down)
-    flat = np.eye(3) - np.outer(down, down)
     turned = [rotation_matrix(belief.mean[k, QUATERNION]) for k in bodies]
     spreads = [R @ P[ERR_ROTATION, ERR_ROTATION] @ R.T for R, P in zip(turned, blocks, strict=True)]
     tilts = np.sqrt([np.trace(flat @ spread @ flat) / 2.0 for spread in spreads])

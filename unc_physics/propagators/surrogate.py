@@ -218,17 +218,11 @@ def _symmetric(A):
 @inner(forceinline=True)
 def _forms(A, u, w):
     """``u^T A u``, ``u^T A w`` and ``w^T A w`` of a symmetric matrix, as `_symmetric` gives it."""
-    x, y, z = (
-        A[0] * u[0] + A[3] * u[1] + A[4] * u[2],
-        A[3] * u[0] + A[1] * u[1] + A[5] * u[2],
-        A[4] * u[0] + A[5] * u[1] + A[2] * u[2],
-    )
+    x, y = A[0] * u[0] + A[3] * u[1] + A[4] * u[2], A[3] * u[0] + A[1] * u[1] + A[5] * u[2]
+    z = A[4] * u[0] + A[5] * u[1] + A[2] * u[2]
     uu, uw = u[0] * x + u[1] * y + u[2] * z, w[0] * x + w[1] * y + w[2] * z
-    x, y, z = (
-        A[0] * w[0] + A[3] * w[1] + A[4] * w[2],
-        A[3] * w[0] + A[1] * w[1] + A[5] * w[2],
-        A[4] * w[0] + A[5] * w[1] + A[2] * w[2],
-    )
+    x, y = A[0] * w[0] + A[3] * w[1] + A[4] * w[2], A[3] * w[0] + A[1] * w[1] + A[5] * w[2]
+    z = A[4] * w[0] + A[5] * w[1] + A[2] * w[2]
     return uu, uw, w[0] * x + w[1] * y + w[2] * z
 
 
@@ -261,11 +255,8 @@ def add_tilts(bodies, found, k_sigma, tree, work, spread):
         q = rotate(R_j, centers[b, 0], centers[b, 1], centers[b, 2])
         u, w = tangents(n)
         # J Sigma J^T with J = -R [r]x is [arm]x (R Sigma R^T) [arm]x^T in world axes
-        one, two, three = (
-            _forms(position, u, w),
-            _forms(rotation_i, cross(u, p), cross(w, p)),
-            _forms(rotation_j, cross(u, q), cross(w, q)),
-        )
+        one, two = _forms(position, u, w), _forms(rotation_i, cross(u, p), cross(w, p))
+        three = _forms(rotation_j, cross(u, q), cross(w, q))
         uu, uw, ww = one[0] + two[0] + three[0], one[1] + two[1] + three[1], one[2] + two[2] + three[2]
         # Eq. 21 is a function of the 2 x 2 matrix: alpha I + beta Sigma_T takes its eigenvalues to the sigmas
         half, mean = math.sqrt(0.25 * (uu - ww) ** 2 + uw * uw), 0.5 * (uu + ww)

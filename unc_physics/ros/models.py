@@ -11,7 +11,7 @@ from pathlib import Path
 from ..checks.errors import InvalidModelError, LimitExceededError, UnknownModelError
 from ..geometry.library import list_models
 from ..geometry.packing_file import SpherePacking
-from ..scene.scene import tree_of
+from ..scene.body import tree_of
 from ..scene.scene_file import load_shape
 
 _SCALES = 1e-6, 1e6

@@ -17,9 +17,8 @@ from ..checks.validation import non_negative
 from ..propagators.names import DEFAULT, REFERENCE
 from ..propagators.registry import PROPAGATORS, names_where
 from ..scene.materials import refuse_with_explicit
+from ..scene.physics_keys import INTEGRATORS, OVERLAPS, PHYSICS_KEYS, check_integrator
 from ..scene.presets import PRESETS
-from ..scene.scene import INTEGRATORS, OVERLAPS, check_integrator
-from ..scene.scene_file import PHYSICS_KEYS
 from ..scene.stiffness import AUTO
 from .scene_reader import Doubts
 
@@ -32,6 +31,12 @@ def parameter(default, description, *, low=None, high=None, choices=(), read_onl
     """A field of `Settings` that is a ROS parameter; a range includes its ends."""
     meta = {"description": description, "low": low, "high": high, "choices": choices, "read_only": read_only}
     return field(default=default, metadata=meta)
+
+
+def physics_key(key, default: Any = None, **limits) -> Any:
+    """A parameter that is a key of the physics; by default it has the everyday preset's value."""
+    default = _EVERYDAY[key] if default is None else default
+    return parameter(default, PHYSICS_KEYS[key].meaning, **limits)
 
 
 @dataclass(frozen=True)
@@ -57,44 +62,16 @@ class Settings:
     default_propagator: str = parameter(
         DEFAULT, "Propagator of requests that name none.", choices=tuple(PROPAGATORS)
     )
-    dt: float = parameter(_EVERYDAY["dt"], "Time step [s].", low=1e-6, high=1.0)
-    stiffness: float | str = parameter(
-        AUTO,
-        "Stiffness of contacts, force per overlap volume [N/m^3], at least 0; 'auto': at which no body sinks"
-        " in by more than 0.1 mm where it rests ('implicit'), or presses deeper into another than 5 % of its"
-        " largest sphere's radius ('explicit').",
-    )
-    damping: float = parameter(0.0, "Decay rate of all velocities [1/s].", low=0.0, high=1e3)
-    gravity: tuple[float, ...] = parameter(
-        _EVERYDAY["gravity"], "Gravity in the world frame, 3 numbers [m/s^2]."
-    )
+    dt: float = physics_key("dt", low=1e-6, high=1.0)
+    stiffness: float | str = physics_key("stiffness", AUTO)
+    damping: float = physics_key("damping", 0.0, low=0.0, high=1e3)
+    gravity: tuple[float, ...] = physics_key("gravity")
 
-    friction: float = parameter(
-        _EVERYDAY["friction"],
-        "Coefficient of Coulomb friction of all contacts; 0: none, as 'explicit' needs.",
-        low=0.0,
-        high=100.0,
-    )
-    restitution: float = parameter(
-        _EVERYDAY["restitution"],
-        "Coefficient of restitution of all contacts; 1: elastic, as 'explicit' needs.",
-        low=0.0,
-        high=1.0,
-    )
-    gyroscopic: bool = parameter(
-        _EVERYDAY["gyroscopic"],
-        "Whether turning bodies keep their angular momentum; otherwise their angular velocity, as in the "
-        "paper.",
-    )
-    integrator: str = parameter(
-        _EVERYDAY["integrator"],
-        "How steps are taken: as in the paper ('explicit'), or with contacts that are "
-        "solved for, with friction and rest ('implicit').",
-        choices=INTEGRATORS,
-    )
-    sleep: bool = parameter(
-        False, "Whether what rests is not computed until something pushes it; not with 'explicit'."
-    )
+    friction: float = physics_key("friction", low=0.0, high=100.0)
+    restitution: float = physics_key("restitution", low=0.0, high=1.0)
+    gyroscopic: bool = physics_key("gyroscopic")
+    integrator: str = physics_key("integrator", choices=INTEGRATORS)
+    sleep: bool = physics_key("sleep", False)
     overlap: str = parameter(
         _AUTO_OVERLAP,
         "What becomes of the share of a belief in which objects overlap at the start: moved to the nearest"
@@ -102,12 +79,7 @@ class Settings:
         " ('keep'); 'auto': 'project' with 'implicit', and 'keep' with 'explicit', which has no other.",
         choices=(_AUTO_OVERLAP, *OVERLAPS),
     )
-    islands: bool = parameter(
-        True,
-        "Whether bodies that cannot touch each other are predicted by themselves, by propagators that keep"
-        " correlations between bodies (the others treat bodies one by one anyway); otherwise all of a scene"
-        " together.",
-    )
+    islands: bool = physics_key("islands", True)
     warm_up: tuple[str, ...] = parameter(
         (DEFAULT, REFERENCE),
         "Propagators whose kernels are compiled, or loaded, before the node "

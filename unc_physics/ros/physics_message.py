@@ -10,9 +10,10 @@ from unc_physics_msgs.msg import Physics
 
 from ..checks.errors import InvalidOptionError, InvalidRequestError, UncPhysicsError
 from ..scene.materials import DEFAULT_RESTITUTION
+from ..scene.physics_keys import PHYSICS_KEYS
 from ..scene.presets import with_changes
 from ..scene.scene import DEFAULT_OVERLAP
-from ..scene.scene_file import PHYSICS_KEYS, physics_value, preset
+from ..scene.scene_file import physics_value, preset
 from ..scene.stiffness import AUTO
 from .not_served import NOT_SERVED, refuse_not_served
 from .optional import optional

@@ -29,9 +29,10 @@ from ..prediction.probabilities import BoxRegion
 from ..propagators.base import Propagator
 from ..propagators.registry import propagator_from_texts
 from ..scene.belief import Belief
+from ..scene.physics_keys import PHYSICS_KEYS
 from ..scene.physics_summary import physics_as_text
 from ..scene.scene import Scene
-from ..scene.scene_file import PHYSICS_KEYS, at_field
+from ..scene.scene_file import at_field
 from .durations import duration, read_duration
 from .frames import Frames
 from .models import ModelLibrary

@@ -18,7 +18,6 @@ from unc_physics_msgs.msg import ObjectState
 from ..checks.errors import (
     DuplicateIdError,
     InvalidCovarianceError,
-    InvalidMassError,
     InvalidOptionError,
     InvalidRequestError,
     LimitExceededError,
@@ -27,12 +26,14 @@ from ..checks.errors import (
     UncPhysicsError,
     UnknownModelError,
 )
-from ..checks.validation import array, covariance, non_negative, number, positive, quaternion
+from ..checks.validation import array, covariance, non_negative, number, quaternion
 from ..physics.layout import ANGULAR_VELOCITY, ERROR, POSITION, QUATERNION, STATE, VELOCITY
 from ..physics.origin import at_com, congruent, covariance_at_com, inverse_error_map, moved
 from ..scene.belief import Belief
-from ..scene.scene import RigidBody, Scene
-from ..scene.scene_file import PHYSICS_KEYS, at_field, with_chosen_stiffness
+from ..scene.body import RigidBody, known_mass
+from ..scene.physics_keys import PHYSICS_KEYS
+from ..scene.scene import Scene
+from ..scene.scene_file import at_field, with_chosen_stiffness
 from .not_served import refuse_not_served
 from .optional import optional
 from .physics_message import physics_field
@@ -233,7 +234,7 @@ def _body(message, field, library, doubts, max_spheres):
             else f"{field}.model: {error.field}"
         )
         raise type(error)(error.problem, field=place, value=error.value) from error
-    mass = _mass(message, field, model, fixed)
+    mass = known_mass(message.mass or None, model, fixed, f"{field}.mass")
     stds = _EXACT if fixed else _stds(message, field, mass)
     material = read_material(message.material, f"{field}.material")
     body = message.id, model, mass, fixed, *stds, bool(message.at_rest), material
@@ -344,19 +345,6 @@ def _state(message, field, fixed):
 def _writable(a):
     """A copy: read-only arrays would compile every kernel once more."""
     return np.array(a)
-
-
-def _mass(message, field, model, fixed):
-    """Mass [kg]: the message's, or else the model's; a fixed object's has no effect."""
-    if fixed:
-        return 1.0
-    if message.mass != 0.0:
-        return positive(message.mass, f"{field}.mass", InvalidMassError)
-    if model.mass is None:
-        raise InvalidMassError(
-            f"must be given, as model '{message.model}' has none of its own", field=f"{field}.mass"
-        )
-    return model.mass
 
 
 def _stds(message, field, mass):

@@ -16,8 +16,9 @@ from ..physics.layout import ERROR, QUATERNION, STATE
 from ..physics.origin import at_com, covariance_at_com, inverse_error_map
 from ..propagators.registry import PROPAGATORS, make_propagator
 from ..scene.belief import Belief
+from ..scene.body import RigidBody
 from ..scene.presets import with_changes
-from ..scene.scene import RigidBody, Scene
+from ..scene.scene import Scene
 from ..scene.stiffness import AUTO
 from .parameters import Settings
 from .prediction_writer import Wanted
@@ -38,7 +39,7 @@ def warm_up(settings: Settings) -> None:
     model = SpherePacking(
         "rod", centers, np.full(20, 0.01), np.diag([1e-3, 1e-2, 1e-2]), 1e-4, np.zeros(3), bounding_radius=0.5
     )
-    bodies = [RigidBody("a", model), RigidBody("b", model), RigidBody("floor", model, fixed=True)]
+    bodies = [RigidBody("a", model, 1.0), RigidBody("b", model, 1.0), RigidBody("floor", model, fixed=True)]
     resting = [
         replace(bodies[0], at_rest=settings.integrator == "implicit" and any(settings.gravity)),
         *bodies[1:],

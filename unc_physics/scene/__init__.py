@@ -1,3 +1,1 @@
-"""What is predicted: bodies, environment, materials, uncertain parameters, what is believed of them, and
-scene files.
-"""
+"""What is predicted: bodies, environment, materials, uncertain parameters, beliefs, and scene files."""

@@ -226,15 +226,11 @@ class Belief:
         return self.blocks[place[0]] if len(place) else np.zeros((ERROR, ERROR))
 
     def root(self) -> np.ndarray:
-        """(12 M, r): pivoted Cholesky factor of the joint covariance; r counts the directions that are
-        uncertain.
-        """
+        """(12 M, r): pivoted Cholesky factor of the joint covariance, a column per uncertain direction."""
         return pivoted_cholesky(self.joint.copy(), RANK_TOLERANCE)[0]
 
     def sample(self, count: int, rng: np.random.Generator) -> np.ndarray:
-        """(count, B, 13): states drawn from the belief; the first k of them are the same for every larger
-        count.
-        """
+        """(count, B, 13): states drawn from the belief; the first k are the same for every larger count."""
         root = self.root()
         # einsum, not BLAS: each row in one order of summation, whatever the count and the number of threads
         errors = np.einsum("nr,kr->nk", rng.standard_normal((count, root.shape[1])), root)

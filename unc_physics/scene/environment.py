@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import ClassVar
+import functools
+from collections.abc import Callable
+from dataclasses import dataclass, fields
+from typing import Annotated, Any, ClassVar, NamedTuple, get_type_hints
 
 import numpy as np
 
@@ -15,20 +17,80 @@ from ..physics.rotation import rotation_matrix
 from .materials import Surface, check_surface
 
 
+class Quantity(NamedTuple):
+    """What a field of an element is: its shape, () for a single number, and its check.
+
+    The check takes a value and the field's name, and returns the value to keep, or raises
+    `InvalidEnvironmentError`.
+    """
+
+    shape: tuple[int, ...]
+    check: Callable[[Any, str], Any]
+
+
+def _number(value, field):
+    return number(value, field, InvalidEnvironmentError)
+
+
+def _length(value, field):
+    return positive(value, field, InvalidEnvironmentError)
+
+
+def _point(value, field):
+    return array(value, (3,), field, InvalidEnvironmentError)
+
+
+def _lengths(value, field):
+    found = _point(value, field)
+    for k, length in enumerate(found.tolist()):
+        _length(length, f"{field}[{k}]")
+    return found
+
+
+def _direction(value, field):
+    found = _point(value, field)
+    length = np.linalg.norm(found)
+    if not 1e-12 < length < np.inf:
+        raise InvalidEnvironmentError("must have a direction", field=field, value=found.tolist())
+    return found / length
+
+
+#: Types of an element's fields; scene files and the checks know from them what may be given.
+Number = Annotated[float, Quantity((), _number)]
+Length = Annotated[float, Quantity((), _length)]
+Lengths = Annotated[Array, Quantity((3,), _lengths)]
+Point = Annotated[Array, Quantity((3,), _point)]
+Direction = Annotated[Array, Quantity((3,), _direction)]
+Orientation = Annotated[Array, Quantity((4,), quaternion)]
+
+_ORIGIN, _UNTURNED = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)
+
+#: Class of each kind of element, by the name of its shape; each `Element` adds itself.
+ELEMENTS: dict[str, type[Element]] = {}
+
+
 class Element(Surface):
-    """What all elements of the environment have beside their `Surface`; each kind is a class of its own.
+    """What all elements of the environment have beside their `Surface`; each kind is a dataclass of its own.
+
+    A field whose type is a `Quantity`'s is checked when an element is made, and is a key in scene files.
 
     Attributes
     ----------
     shape : str
         Name of the shape, one of `physics.shapes.KINDS`.
     name : str
+        By default the element's number in the scene says which it is.
     position : (3,) array
         Origin of the element's frame, world frame [m].
     rotation : (3, 3) array
         ``R_world_element``.
     size_row : (3,) array
         What the shape's file takes for its size [m].
+
+    Raises
+    ------
+    InvalidEnvironmentError, NotFiniteError, InvalidOrientationError
+        For a field that is not as its type says.
     """
 
     shape: ClassVar[str]
@@ -36,6 +98,15 @@ class Element(Surface):
     position: np.ndarray
     orientation: np.ndarray
     size_row: np.ndarray
+
+    def __init_subclass__(cls):
+        if "shape" in vars(cls) and cls.shape in shapes.KINDS:
+            ELEMENTS[cls.shape] = cls
+
+    def __post_init__(self):
+        for name, quantity in quantities(type(self)).items():
+            object.__setattr__(self, name, quantity.check(getattr(self, name), name))
+        check_surface(self, error=InvalidEnvironmentError)
 
     @property
     def kind(self) -> int:
@@ -79,6 +150,14 @@ class Element(Surface):
         return np.array([self.kind]), np.array([self.size_row], float)
 
 
+@functools.cache
+def quantities(kind: type[Element]) -> dict[str, Quantity]:
+    """The fields of a kind of element that are numbers, and what each is."""
+    hints = get_type_hints(kind, include_extras=True)
+    types = {spec.name: hints[spec.name] for spec in fields(kind)}
+    return {name: hint.__metadata__[0] for name, hint in types.items() if hasattr(hint, "__metadata__")}
+
+
 @dataclass(frozen=True, eq=False)
 class Plane(Element):
     """A half-space: floor, table top, wall.
@@ -90,26 +169,12 @@ class Plane(Element):
     offset : float
         The solid is where ``normal . x <= offset`` [m], with the normalised normal.
     name : str
-        By default the element's number in the scene says which it is.
-
-    Raises
-    ------
-    InvalidEnvironmentError, NotFiniteError
     """
 
     shape = "plane"
-    normal: Array = array_field((0.0, 0.0, 1.0))
-    offset: float = 0.0
+    normal: Direction = array_field((0.0, 0.0, 1.0))
+    offset: Number = 0.0
     name: str = ""
-
-    def __post_init__(self):
-        normal = array(self.normal, (3,), "normal", InvalidEnvironmentError)
-        length = np.linalg.norm(normal)
-        if not 1e-12 < length < np.inf:
-            raise InvalidEnvironmentError("must have a direction", field="normal", value=normal.tolist())
-        object.__setattr__(self, "normal", normal / length)
-        object.__setattr__(self, "offset", number(self.offset, "offset", InvalidEnvironmentError))
-        check_surface(self, error=InvalidEnvironmentError)
 
     @property
     def position(self) -> np.ndarray:
@@ -143,25 +208,13 @@ class Box(Element):
     orientation : (4,) array
         Quaternion (x, y, z, w) of ``R_world_box``.
     name : str
-        By default the element's number in the scene says which it is.
-
-    Raises
-    ------
-    InvalidEnvironmentError, NotFiniteError, InvalidOrientationError
     """
 
     shape = "box"
-    size: Array = array_field()
-    position: Array = array_field((0.0, 0.0, 0.0))
-    orientation: Array = array_field((0.0, 0.0, 0.0, 1.0))
+    size: Lengths = array_field()
+    position: Point = array_field(_ORIGIN)
+    orientation: Orientation = array_field(_UNTURNED)
     name: str = ""
-
-    def __post_init__(self):
-        size = array(self.size, (3,), "size", InvalidEnvironmentError)
-        for k in range(3):
-            positive(float(size[k]), f"size[{k}]", InvalidEnvironmentError)
-        object.__setattr__(self, "size", size)
-        _check_pose(self)
 
     @property
     def size_row(self) -> np.ndarray:
@@ -180,23 +233,13 @@ class Sphere(Element):
     position : (3,) array
         Of its centre, world frame [m].
     name : str
-        By default the element's number in the scene says which it is.
-
-    Raises
-    ------
-    InvalidEnvironmentError, NotFiniteError
     """
 
     shape = "sphere"
-    orientation: ClassVar[tuple] = (0.0, 0.0, 0.0, 1.0)
-    radius: float
-    position: Array = array_field((0.0, 0.0, 0.0))
+    orientation: ClassVar[tuple] = _UNTURNED
+    radius: Length
+    position: Point = array_field(_ORIGIN)
     name: str = ""
-
-    def __post_init__(self):
-        object.__setattr__(self, "radius", positive(self.radius, "radius", InvalidEnvironmentError))
-        object.__setattr__(self, "position", array(self.position, (3,), "position", InvalidEnvironmentError))
-        check_surface(self, error=InvalidEnvironmentError)
 
     @property
     def size_row(self) -> np.ndarray:
@@ -205,7 +248,22 @@ class Sphere(Element):
 
 
 @dataclass(frozen=True, eq=False)
-class Cylinder(Element):
+class _AlongAxis(Element):
+    """What is round about its z axis, with a straight part of ``length`` along it."""
+
+    radius: Length
+    length: Length
+    position: Point = array_field(_ORIGIN)
+    orientation: Orientation = array_field(_UNTURNED)
+    name: str = ""
+
+    @property
+    def size_row(self) -> np.ndarray:
+        """(3,): radius and half the length [m]."""
+        return np.array([self.radius, 0.5 * self.length, 0.0])
+
+
+class Cylinder(_AlongAxis):
     """A solid cylinder: a post, a pipe, a pot.
 
     Attributes
@@ -219,31 +277,12 @@ class Cylinder(Element):
     orientation : (4,) array
         Quaternion (x, y, z, w) of ``R_world_cylinder``.
     name : str
-        By default the element's number in the scene says which it is.
-
-    Raises
-    ------
-    InvalidEnvironmentError, NotFiniteError, InvalidOrientationError
     """
 
     shape = "cylinder"
-    radius: float
-    length: float
-    position: Array = array_field((0.0, 0.0, 0.0))
-    orientation: Array = array_field((0.0, 0.0, 0.0, 1.0))
-    name: str = ""
-
-    def __post_init__(self):
-        _check_round(self)
-
-    @property
-    def size_row(self) -> np.ndarray:
-        """(3,): radius and half the length [m]."""
-        return np.array([self.radius, 0.5 * self.length, 0.0])
 
 
-@dataclass(frozen=True, eq=False)
-class Capsule(Element):
+class Capsule(_AlongAxis):
     """A cylinder with half a ball on each end: a rail, a robot's arm.
 
     Attributes
@@ -257,37 +296,13 @@ class Capsule(Element):
     orientation : (4,) array
         Quaternion (x, y, z, w) of ``R_world_capsule``.
     name : str
-        By default the element's number in the scene says which it is.
-
-    Raises
-    ------
-    InvalidEnvironmentError, NotFiniteError, InvalidOrientationError
     """
 
     shape = "capsule"
-    radius: float
-    length: float
-    position: Array = array_field((0.0, 0.0, 0.0))
-    orientation: Array = array_field((0.0, 0.0, 0.0, 1.0))
-    name: str = ""
-
-    def __post_init__(self):
-        _check_round(self)
-
-    @property
-    def size_row(self) -> np.ndarray:
-        """(3,): radius and half the straight part's length [m]."""
-        return np.array([self.radius, 0.5 * self.length, 0.0])
-
-
-#: Class of each kind of element, by the name of its shape.
-ELEMENTS = {element.shape: element for element in (Plane, Box, Sphere, Cylinder, Capsule)}
 
 
 def element_names(environment) -> list[str]:
-    """What each element is called: its name, or its shape and its number among all elements, as
-    ``plane_0``.
-    """
+    """What each element is called: its name, or its shape and its number, as ``plane_0``."""
     return [element.name or f"{element.shape}_{k}" for k, element in enumerate(environment)]
 
 
@@ -296,16 +311,3 @@ def check_element(element, field) -> None:
     if not isinstance(element, Element) or getattr(element, "shape", None) not in shapes.KINDS:
         known = ", ".join(kind.__name__ for kind in ELEMENTS.values())
         raise InvalidEnvironmentError(f"must be one of {known}", field=field, value=element)
-
-
-def _check_pose(element):
-    position = array(element.position, (3,), "position", InvalidEnvironmentError)
-    object.__setattr__(element, "position", position)
-    object.__setattr__(element, "orientation", quaternion(element.orientation, "orientation"))
-    check_surface(element, error=InvalidEnvironmentError)
-
-
-def _check_round(element):
-    for name in ("radius", "length"):
-        object.__setattr__(element, name, positive(getattr(element, name), name, InvalidEnvironmentError))
-    _check_pose(element)

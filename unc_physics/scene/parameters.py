@@ -10,15 +10,15 @@ from ..physics.layout import ANGULAR_VELOCITY, POSITION, QUATERNION, VELOCITY
 from ..physics.rollout import advance
 from ..physics.threads import in_threads
 from ..physics.world import World
+from .body import tree_of
 from .materials import Materials, varied
-from .scene import Scene, tree_of
+from .scene import Scene
 
 _SINGLE = 4.0 * np.finfo(np.float32).eps  # more than a shift rounds, relative to the body's size
 
 
 def draw_parameters(scene: Scene, count: int, seed: int) -> np.ndarray:
-    """(count, K): standard normal numbers for the scene's K uncertain parameters, independent of the draws of
-    states.
+    """(count, K): standard normal numbers for the scene's K uncertain parameters, independent of the states'.
 
     The first k rows are the same for every larger count.
     """
@@ -116,9 +116,7 @@ def center_offsets(scene: Scene, z: np.ndarray) -> np.ndarray:
 
 
 def moved_along(states: np.ndarray, offsets: np.ndarray) -> np.ndarray:
-    """States (N, B, 13) of the bodies' points that lie at ``offsets`` (N, B, 3) from those given, body axes
-    [m].
-    """
+    """States (N, B, 13) of the points at ``offsets`` (N, B, 3) from the bodies', body axes [m]."""
     if offsets.shape[1] == 0:
         return states
     moved = states.copy()
@@ -142,9 +140,7 @@ def _tilted(gravity, tilt):
 
 
 def _shifted_trees(scene, offsets):
-    """The sphere trees, and the radii of balls about the centres of mass that hold them, for shifted centres
-    of mass.
-    """
+    """Sphere trees for shifted centres of mass, and the radii of balls about these that hold them."""
     world = scene.world
     bounds, child, centers, radii = world.tree
     bounds, centers, radius = bounds.copy(), centers.copy(), world.bodies.radius.copy()

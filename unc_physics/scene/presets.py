@@ -1,5 +1,7 @@
 """Physics by name: what a scene is simulated with where it says nothing else."""
 
+from .physics_keys import PHYSICS_KEYS
+
 #: Arguments of `Scene` for each value of a scene file's key ``physics``: the paper's, and a robot's world.
 PRESETS = {
     "paper": {},
@@ -13,11 +15,9 @@ PRESETS = {
     },
 }
 
-#: What None takes away. Of anything else, as of the time step, it means that nothing is said.
-_LAWS = ("gravity", "gyroscopic", "friction", "restitution", "damping", "sleep", "islands")
-
 
 def with_changes(physics: dict, given: dict) -> dict:
     """Arguments of `Scene`: those given, and ``physics`` where nothing is said; None takes a law away."""
-    said = {key: value for key, value in given.items() if value is not None or key in _LAWS}
+    laws = {key for key, spec in PHYSICS_KEYS.items() if spec.law}
+    said = {key: value for key, value in given.items() if value is not None or key in laws}
     return {key: value for key, value in (physics | said).items() if value is not None}

@@ -1,49 +1,33 @@
-"""What is simulated: rigid bodies, their models, and the physics between them; validated and frozen."""
+"""What is simulated: rigid bodies and the physics between them; validated and frozen."""
 
 from __future__ import annotations
 
 import math
-import weakref
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from ..checks.array_field import Array, array_field
-from ..checks.errors import (
-    DuplicateIdError,
-    InvalidEnvironmentError,
-    InvalidHorizonError,
-    InvalidMassError,
-    InvalidOptionError,
-    InvalidRequestError,
-    NoObjectsError,
-)
-from ..checks.validation import array, flag, non_negative, numbers, positive
-from ..geometry.packing_file import SpherePacking
+from ..checks.errors import DuplicateIdError, InvalidEnvironmentError, InvalidRequestError, NoObjectsError
 from ..physics import sphere_tree
-from ..physics.hull import hull_spheres
 from ..physics.implicit_world import Implicit
 from ..physics.world import Bodies, Surroundings, World
+from .body import RigidBody, hull_of, tree_of
 from .environment import Element, check_element, element_names
 from .materials import DEFAULT_RESTITUTION, Materials, Surface, check_surface, combined, refuse_with_explicit
+from .physics_keys import PHYSICS_KEYS, check_integrator
 from .presets import PRESETS, with_changes
 
 #: Standard deviations of the scene's own parameters.
 _STDS = ("stiffness_std", "friction_std", "restitution_std", "gravity_direction_std")
 
-#: How steps are taken: as in the paper, or with contacts that are solved for, which friction and rest need.
-INTEGRATORS = ("explicit", "implicit")
-_SUCCESSORS = {"robust": "implicit"}
-#: What becomes of overlap at the start.
-OVERLAPS = ("project", "reject", "keep")
+#: What becomes of overlap where a scene does not say.
 DEFAULT_OVERLAP = {"implicit": "project", "explicit": "keep"}
 #: kappa where an explicit scene names none [N/m^3].
 STIFFNESS = 1e4
-
-_trees, _hulls = weakref.WeakKeyDictionary(), weakref.WeakKeyDictionary()
 
 
 class UncertainParameter(NamedTuple):
@@ -65,80 +49,6 @@ class UncertainParameter(NamedTuple):
     body: int
     axis: int
     std: float
-
-
-@dataclass(frozen=True, eq=False)
-class RigidBody(Surface):
-    """A rigid body: a sphere-packed shape with a mass; friction and restitution are those of a `Surface`.
-
-    Attributes
-    ----------
-    name : str
-        Unique in its scene.
-    model : SpherePacking
-        Shape and inertia per unit mass; body frame with the centre of mass (COM) at the origin.
-    mass : float
-        [kg], positive; has no effect on a fixed body.
-    fixed : bool
-        Whether the body never moves.
-    mass_std : float
-        Standard deviation of the mass [kg]; the inertia follows the mass. It varies as ``mass exp(z mass_std
-        / mass)`` with a standard normal z, so that it stays positive.
-    center_of_mass_std : (3,) array
-        Standard deviations of the COM's place in the body, about the model's, body axes [m]; one number
-        stands for three. States and beliefs stay those of the model's COM; the inertia about the COM stays
-        the model's.
-    at_rest : bool
-        Whether the body stands still at time 0, on what is below it: before a prediction begins, it is
-        settled there, so that its height and tilt come from contact, whatever the belief says of them. Its
-        mean velocities must be zero, and their covariance counts as zero. Needs the implicit integrator and
-        gravity; not for a fixed body.
-
-    Raises
-    ------
-    InvalidMassError
-        If the mass is not a positive finite number.
-    InvalidRequestError, NotFiniteError
-        For anything else out of range.
-    """
-
-    name: str
-    model: SpherePacking
-    mass: float = 1.0
-    fixed: bool = False
-    mass_std: float = 0.0
-    center_of_mass_std: Array = array_field(0.0)
-    at_rest: bool = False
-
-    def __post_init__(self):
-        if not isinstance(self.name, str) or not self.name:
-            raise InvalidRequestError("must be a non-empty text", field="name", value=self.name)
-        if not isinstance(self.model, SpherePacking):
-            raise InvalidRequestError(
-                "must be a SpherePacking", field=f"model of body '{self.name}'", value=self.model
-            )
-        check_surface(self, f" of body '{self.name}'")
-        field = f"center_of_mass_std of body '{self.name}'"
-        std = numbers(self.center_of_mass_std, field)
-        std = array(np.full(3, std) if std.ndim == 0 else std, (3,), field)
-        non_negative(std.min(), field)
-        checked = {
-            "fixed": flag(self.fixed, f"fixed of body '{self.name}'"),
-            "mass": positive(self.mass, f"mass of body '{self.name}'", InvalidMassError),
-            "mass_std": non_negative(self.mass_std, f"mass_std of body '{self.name}'", InvalidMassError),
-            "center_of_mass_std": std,
-            "at_rest": flag(self.at_rest, f"at_rest of body '{self.name}'"),
-        }
-        if checked["mass_std"] > checked["mass"]:
-            raise InvalidMassError(
-                "must not exceed the mass", field=f"mass_std of body '{self.name}'", value=self.mass_std
-            )
-        if checked["at_rest"] and checked["fixed"]:
-            raise InvalidRequestError(
-                "must be false for a fixed body", field=f"at_rest of body '{self.name}'", value=True
-            )
-        for name, value in checked.items():
-            object.__setattr__(self, name, value)
 
 
 @dataclass(frozen=True, eq=False)
@@ -230,28 +140,19 @@ class Scene:
         for k, name in enumerate(names):
             if name in names[:k]:
                 raise DuplicateIdError("is the name of two bodies", field=f"bodies[{k}].name", value=name)
-        checked = {
-            "bodies": bodies,
-            "dt": positive(self.dt, "dt", InvalidHorizonError),
-            "stiffness": None if self.stiffness is None else non_negative(self.stiffness, "stiffness"),
-            "damping": non_negative(self.damping, "damping"),
-            "gravity": array(self.gravity, (3,), "gravity"),
-            "environment": _elements(self.environment, names),
-            "gyroscopic": flag(self.gyroscopic, "gyroscopic"),
-            "islands": flag(self.islands, "islands"),
-            "sleep": flag(self.sleep, "sleep"),
-        } | {field: non_negative(getattr(self, field), field) for field in _STDS}
+        object.__setattr__(self, "bodies", bodies)
+        object.__setattr__(self, "environment", _elements(self.environment, names))
         check_integrator(self.integrator)
         explicit = self.integrator == "explicit"
-        if explicit and checked["stiffness"] is None:
-            checked["stiffness"] = STIFFNESS
-        checked["overlap"] = DEFAULT_OVERLAP[self.integrator] if self.overlap is None else self.overlap
-        if checked["overlap"] not in OVERLAPS:
-            raise InvalidOptionError(
-                f"must be one of {', '.join(OVERLAPS)}", field="overlap", value=self.overlap
-            )
-        for field, value in checked.items():
-            object.__setattr__(self, field, value)
+        chosen = {"overlap": DEFAULT_OVERLAP[self.integrator], "stiffness": STIFFNESS if explicit else None}
+        for spec in fields(self):
+            if spec.name in PHYSICS_KEYS:
+                value = getattr(self, spec.name)
+                if value is None and spec.default is None:
+                    value = chosen.get(spec.name)
+                else:
+                    value = PHYSICS_KEYS[spec.name].check(value, spec.name)
+                object.__setattr__(self, spec.name, value)
         check_surface(self)
         if explicit:
             self._refuse_what_needs_implicit()
@@ -396,9 +297,7 @@ class Scene:
         )
 
     def _surroundings(self) -> Surroundings | None:
-        """Environment and gyroscopic term; None, for which the explicit kernels compile without them, for
-        neither.
-        """
+        """Environment and gyroscopic term; None for neither, so that the explicit kernels compile without."""
         elements = self.environment
         if not (elements or self.gyroscopic or self.integrator == "implicit"):
             return None
@@ -434,24 +333,6 @@ class Scene:
         )
 
 
-def tree_of(model: SpherePacking):
-    """Sphere tree of a packing (`physics.sphere_tree.build`), built at its first use and kept as long as the
-    packing.
-    """
-    if model not in _trees:
-        _trees[model] = sphere_tree.build(np.array(model.centers), np.array(model.radii))
-    return _trees[model]
-
-
-def hull_of(model: SpherePacking) -> np.ndarray:
-    """Spheres of a packing that can touch a plane (`physics.hull.hull_spheres`), kept as long as
-    the packing.
-    """
-    if model not in _hulls:
-        _hulls[model] = hull_spheres(np.array(model.centers), np.array(model.radii))
-    return _hulls[model]
-
-
 def _elements(environment, names):
     """The environment as a tuple; its names and the bodies' must differ."""
     try:
@@ -468,20 +349,6 @@ def _elements(environment, names):
             raise DuplicateIdError("is the name of two things", field=f"environment[{k}].name", value=name)
         taken.add(name)
     return elements
-
-
-def check_integrator(name) -> None:
-    """Raise `InvalidOptionError` unless there is an integrator of that name."""
-    if name in INTEGRATORS:
-        return
-    successor = _SUCCESSORS.get(name) if isinstance(name, str) else None
-    if successor:
-        raise InvalidOptionError(
-            f"must be '{successor}' now, which has taken the place of '{name}'",
-            field="integrator",
-            value=name,
-        )
-    raise InvalidOptionError(f"must be one of {', '.join(INTEGRATORS)}", field="integrator", value=name)
 
 
 def _shifted(child, first_node, first_sphere):

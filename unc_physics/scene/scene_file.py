@@ -6,7 +6,7 @@ import dataclasses
 import functools
 import os
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import yaml
@@ -14,7 +14,6 @@ import yaml
 from ..checks.errors import (
     InvalidEnvironmentError,
     InvalidHorizonError,
-    InvalidMassError,
     InvalidModelError,
     InvalidOptionError,
     InvalidRequestError,
@@ -22,44 +21,24 @@ from ..checks.errors import (
     UncPhysicsError,
 )
 from ..checks.names import hint
-from ..checks.validation import array, flag, integer, non_negative, number, positive
+from ..checks.validation import array, integer, non_negative, number, positive
 from ..geometry.library import find_model
 from ..geometry.packing_file import load_packing
 from ..physics.layout import ERROR
 from .belief import Belief
+from .body import RigidBody, known_mass
 from .body_belief import MEANS, STDS, BodyBelief, three_stds
-from .environment import ELEMENTS
+from .environment import ELEMENTS, quantities
 from .materials import Surface, check_surface
+from .physics_keys import OVERLAPS, PHYSICS_KEYS
 from .presets import PRESETS, with_changes
-from .scene import OVERLAPS, RigidBody, Scene
+from .scene import Scene
 from .stiffness import AUTO, auto_stiffness
 
-_NUMBERS = (
-    "dt",
-    "stiffness",
-    "damping",
-    "friction",
-    "restitution",
-    "stiffness_std",
-    "friction_std",
-    "restitution_std",
-    "gravity_direction_std",
-)
-_FLAGS = ("gyroscopic", "islands", "sleep")
-#: Keys of a scene file that set the physics, and the one that names what they change.
-PHYSICS_KEYS = (*_NUMBERS, *_FLAGS, "gravity", "integrator", "overlap")
+#: Key of a scene file that names a preset, which the keys of the physics change.
 PRESET = "physics"
 _COMMON_STD, _COMMON_ORIGIN = "common_pose_std", "common_pose_origin"
 _SCENE_KEYS = (PRESET, *PHYSICS_KEYS, "horizon", "bodies", "environment", _COMMON_STD, _COMMON_ORIGIN)
-#: Entries of each kind of element: those that must be given, and all.
-_ELEMENTS = {
-    "plane": (("normal",), ("normal", "offset")),
-    "box": (("size",), ("size", "position", "orientation")),
-    "sphere": (("radius",), ("radius", "position")),
-    "cylinder": (("radius", "length"), ("radius", "length", "position", "orientation")),
-    "capsule": (("radius", "length"), ("radius", "length", "position", "orientation")),
-}
-_SCALARS = ("offset", "radius", "length")
 _SURFACE_KEYS = tuple(field.name for field in dataclasses.fields(Surface))
 _BODY_KEYS = (
     "name",
@@ -184,7 +163,7 @@ def preset(name) -> dict:
 
 
 def physics_value(key, value):
-    """The value of another entry that sets the physics; None for null."""
+    """The value of another entry that sets the physics, checked; None for null."""
     if value is None and key == "overlap":
         raise InvalidOptionError(
             f"must be one of {', '.join(OVERLAPS)}; leave it out for the integrator's own",
@@ -193,15 +172,10 @@ def physics_value(key, value):
         )
     if value is None or (key == "stiffness" and value == AUTO):
         return value
-    if key in _NUMBERS:
-        return number(value, key)
-    if key in _FLAGS:
-        return flag(value, key)
-    if key == "gravity":
-        return _numbers(value, (3,), key)
-    if not isinstance(value, str):
-        raise InvalidOptionError("must be a text", field=key, value=value)
-    return value
+    spec = PHYSICS_KEYS[key]
+    if spec.size > 1:
+        value = _numbers(value, (spec.size,), key)
+    return spec.check(value, key)
 
 
 def with_chosen_stiffness(options, bodies, mean) -> dict:
@@ -229,32 +203,29 @@ def _environment(content):
 def _element(content, field):
     """An element; errors name the entry as it stands in the file."""
     error = InvalidEnvironmentError
-    shapes = ", ".join(_ELEMENTS)
-    if isinstance(content, dict) and not any(kind in content for kind in _ELEMENTS):
+    shapes = ", ".join(ELEMENTS)
+    if isinstance(content, dict) and not any(kind in content for kind in ELEMENTS):
         other = [key for key in content if key not in ("name", *_SURFACE_KEYS)]
         said = f"has no shape '{str(other[0])[:50]}'" if other else "names no shape"
         raise error(f"{said}; the shapes are {shapes}", field=field)
-    _check_keys(content, ("name", *_ELEMENTS, *_SURFACE_KEYS), field, error)
-    kinds = [kind for kind in _ELEMENTS if kind in content]
+    _check_keys(content, ("name", *ELEMENTS, *_SURFACE_KEYS), field, error)
+    kinds = [kind for kind in ELEMENTS if kind in content]
     if len(kinds) > 1:
         raise error(f"must be exactly one shape, not {' and '.join(kinds)}", field=field)
     kind, name = kinds[0], content.get("name", "")
     if not isinstance(name, str):
         raise error("must be a text", field=f"{field}.name", value=name)
     entries, place = content[kind], f"{field}.{kind}"
-    needed, known = _ELEMENTS[kind]
+    known = quantities(ELEMENTS[kind])
     _check_keys(entries, known, place, error)
-    for key in needed:
-        if entries.get(key) is None:
-            raise error("must be given", field=f"{place}.{key}")
-    given = {}
-    for key, value in entries.items():
-        if value is None:
-            continue
-        if key in _SCALARS:
-            given[key] = number(value, f"{place}.{key}", error)
-        else:
-            given[key] = _numbers(value, (4 if key == "orientation" else 3,), f"{place}.{key}", error)
+    for spec in dataclasses.fields(ELEMENTS[kind]):
+        if spec.name in known and spec.default is dataclasses.MISSING and entries.get(spec.name) is None:
+            raise error("must be given", field=f"{place}.{spec.name}")
+    given = {
+        key: _numbers(value, known[key].shape, f"{place}.{key}", error)
+        for key, value in entries.items()
+        if value is not None
+    }
     surface = _surface(content, field, error)
     return at_field(place, ELEMENTS[kind], **given, name=name, **surface)
 
@@ -277,18 +248,12 @@ def _body(content, field, models_dir, folder):
     fixed = content.get("fixed", False)
     if not isinstance(fixed, bool):
         raise InvalidRequestError("must be true or false", field=f"{field}.fixed", value=fixed)
-    mass = content.get("mass")
-    if mass is None and not fixed:
-        raise InvalidMassError("must be given", field=f"{field}.mass")
-    mass = 1.0 if mass is None else positive(mass, f"{field}.mass", InvalidMassError)
     belief = _body_belief(content, field)
     mass_std, com_std = (
         0.0 if content.get(key) is None else content[key] for key in ("mass_std", "center_of_mass_std")
     )
-    mass_std, com_std = (
-        non_negative(mass_std, f"{field}.mass_std"),
-        _std(com_std, f"{field}.center_of_mass_std"),
-    )
+    mass_std = non_negative(mass_std, f"{field}.mass_std")
+    com_std = _std(com_std, f"{field}.center_of_mass_std")
     if fixed:
         try:
             at_field(field, belief.check_fixed)
@@ -306,6 +271,7 @@ def _body(content, field, models_dir, folder):
     model = at_field(
         field, load_shape, content["model"], content.get("spheres"), content.get("scale"), models_dir, folder
     )
+    mass = known_mass(content.get("mass"), model, fixed, f"{field}.mass")
     surface = _surface(content, field)
     at_rest = False if content.get("at_rest") is None else content["at_rest"]
     body = at_field(
@@ -379,8 +345,10 @@ def _std(value, field):
     return three_stds(value, field)
 
 
-def _numbers(value, shape, field, error: type[UncPhysicsError] = InvalidRequestError):
-    """Nested lists of numbers as an array; every entry may be a string in any Python float form."""
+def _numbers(value, shape, field, error: type[UncPhysicsError] = InvalidRequestError) -> Any:
+    """A number, or nested lists of them as an array; each may be a string in any Python float form."""
+    if not shape:
+        return number(value, field, error)
     if not isinstance(value, (list, tuple)) or len(value) != shape[0]:
         raise error(
             f"must be a list of {shape[0]} {'numbers' if len(shape) == 1 else 'rows'}",

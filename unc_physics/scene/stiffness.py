@@ -12,8 +12,10 @@ from numpy.typing import ArrayLike
 
 from ..checks.errors import LimitExceededError
 from ..checks.validation import positive
+from ..physics.contact_model import carrying_stiffness, stopping_stiffness
 from ..physics.layout import ANGULAR_VELOCITY, VELOCITY
-from .scene import RigidBody, Scene
+from .body import RigidBody
+from .scene import Scene
 
 #: What stands for a stiffness that is to be chosen, in scene files and over ROS.
 AUTO = "auto"
@@ -46,10 +48,10 @@ def rest_stiffness(bodies: Sequence[RigidBody], mean, gravity, depth: float = RE
 
     Notes
     -----
-    For the implicit integrator, in which a sphere of radius R at depth d is pushed with ``kappa pi R d^2``. A
-    body's smallest sphere is to carry its weight; tiny spheres no deeper than `PENETRATION` of their radius.
-    Of two spheres that meet the reduced radius counts, which is down to half of that: the depth is then 1.4
-    times as large. Where nothing weighs, nothing rests, and `auto_stiffness` tells what takes up impacts.
+    For the implicit integrator, whose law is `contact_model.shallow_volume`. A body's smallest sphere is to
+    carry its weight; tiny spheres no deeper than `PENETRATION` of their radius. Of two spheres that meet the
+    reduced radius counts, which is down to half of that: the depth is then 1.4 times as large. Where nothing
+    weighs, nothing rests, and `auto_stiffness` tells what takes up impacts.
 
     Raises
     ------
@@ -64,7 +66,7 @@ def rest_stiffness(bodies: Sequence[RigidBody], mean, gravity, depth: float = RE
     for body in bodies:
         if not body.fixed:
             radius = float(body.model.radii.min())
-            needed.append(body.mass * g / (math.pi * radius * min(depth, PENETRATION * radius) ** 2))
+            needed.append(carrying_stiffness(body.mass * g, radius, min(depth, PENETRATION * radius)))
     return _rounded_up(max(needed))
 
 
@@ -106,10 +108,9 @@ def auto_stiffness(
 
     Notes
     -----
-    A sphere of reduced radius R at depth d overlaps by about ``pi R d^2``. The stiffness is the larger of
-    what takes up the energy of an impact, ``kappa pi R d^3 / 3 = m v^2 / 2``, v being the sum of the two
-    highest speeds with what the body gains by falling its own size, and what carries its weight twice,
-    ``kappa pi R d^2 = 2 m g``. It is rounded up to two digits, so that it does not follow every change of the
+    The stiffness is the larger of what takes up the energy of an impact, ``m v^2 / 2``, v being the sum of
+    the two highest speeds with what the body gains by falling its own size, and what carries its weight
+    twice. It is rounded up to two digits, so that it does not follow every change of the
     speeds.
 
     Raises
@@ -133,8 +134,8 @@ def auto_stiffness(
         v2 = meeting * meeting + 2.0 * gravity * 2.0 * bodies[k].model.bounding_radius
         kappa = max(
             kappa,
-            1.5 * mass * v2 / (math.pi * radius * depth**3),
-            2.0 * mass * gravity / (math.pi * radius * depth**2),
+            stopping_stiffness(mass, v2, radius, depth),
+            carrying_stiffness(2.0 * mass * gravity, radius, depth),
         )
     return _rounded_up(kappa)
 

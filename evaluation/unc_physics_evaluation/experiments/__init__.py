@@ -9,6 +9,8 @@ A module defines
 ``run(job)`` : Outcome
 ``report(results)`` : str
     Markdown, from the rows of the finished jobs; draws the figures that it shows.
+``verdict(results)`` : str, optional
+    A sentence on what was to be reached.
 """
 
 from __future__ import annotations
@@ -18,7 +20,8 @@ from types import ModuleType
 
 from unc_physics.checks.errors import InvalidOptionError
 
-NAMES = (
+#: Those that run where none is named.
+DEFAULT = (
     "collision_free",
     "collisions",
     "floors",
@@ -29,9 +32,14 @@ NAMES = (
     "tosses",
     "overlap",
     "stability",
+    "calibration",
+    "contacts",
     "storage",
     "pictures",
 )
+#: Those that take long alone on the machine, or need more than this package.
+BY_NAME = ("propagators", "scenes", "packing", "latency", "same_bits")
+NAMES = DEFAULT + BY_NAME
 
 
 def experiment(name: str) -> ModuleType:

@@ -3,20 +3,18 @@
 from __future__ import annotations
 
 from ..comparison import (
-    FLOOR,
-    GAUSSIAN,
-    MONTE_CARLO,
     POSITION_ERROR,
     ROTATION_ERROR,
     distance_cost,
     error_rows,
-    monte_carlo,
     predicted_beliefs,
+    two_truths,
 )
 from ..jobs import Job, Outcome, Settings
+from ..methods import FLOOR, GAUSSIAN, MONTE_CARLO, label
 from ..results import Results
 from ..scenarios import collision_free
-from ..tables import label, number, table
+from ..tables import number, table
 
 TITLE = "Collision-free motion"
 COUNTS = (10, 50, 100)
@@ -53,9 +51,7 @@ def run(job: Job) -> Outcome:
     """W1 of every method after 4 s."""
     p = job.parameters
     scene, belief, horizon = collision_free(p["uncertain"], p["model"], p["spheres"], p["sigma"])
-    truth, second = (
-        monte_carlo(scene, belief, horizon, p["truth"], job.seed(name)) for name in ("truth", "second")
-    )
+    truth, second = two_truths(scene, belief, horizon, job)
     beliefs = predicted_beliefs(scene, belief, horizon, job)
     return Outcome(error_rows(job, truth, second, beliefs, COUNTS, p["truth"]))
 

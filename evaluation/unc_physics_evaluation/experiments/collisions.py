@@ -4,28 +4,24 @@ from __future__ import annotations
 
 import numpy as np
 
-from unc_physics.checks.errors import UnknownModelError
-
 from ..comparison import (
     CPU_TIME,
-    FLOOR,
-    GAUSSIAN,
-    MONTE_CARLO,
     POSITION_ERROR,
     ROTATION_ERROR,
     TIME_RATIO,
     distance_cost,
     error_rows,
-    monte_carlo,
     predicted_beliefs,
     predictors,
     rollout_cost,
     time_rows,
+    two_truths,
 )
 from ..jobs import Job, Outcome, Settings
+from ..methods import FLOOR, GAUSSIAN, MONTE_CARLO, label
 from ..results import Results
-from ..scenarios import MODELS, collision, unit_model
-from ..tables import label, number, table
+from ..scenarios import LARGE, MODELS, collision, has_packing, missing_packings
+from ..tables import number, table
 
 TITLE = "Collisions"
 COUNTS = (5, 10, 50, 100)
@@ -33,21 +29,20 @@ TIMED = (10, 100)
 SIGMAS = tuple(round(0.01 * k, 2) for k in range(1, 11))  # m
 FEW_SIGMAS = (0.01, 0.05, 0.1)
 SPHERES = (10, 100, 1000, 10_000)
-LARGE = 100_000
 TRUTH, CONVERGED = 1000, 8000
 
 
 def jobs(settings: Settings) -> list[Job]:
-    """Every model, number of spheres and sigma; those with 1000 spheres and three sigmas against a converged
-    truth as well.
-    """
+    """Every model, size and sigma; some of 1000 spheres against a converged truth as well."""
     if settings.quick:
         cases = [
             (model, spheres, sigma, 200) for model in MODELS for spheres in (10, 1000) for sigma in FEW_SIGMAS
         ]
         return [_job(settings, *case, subset=200) for case in cases]
     cases = [(model, spheres, sigma, TRUTH) for model in MODELS for spheres in SPHERES for sigma in SIGMAS]
-    cases += [(model, LARGE, sigma, TRUTH) for model in MODELS if _has(model, LARGE) for sigma in FEW_SIGMAS]
+    cases += [
+        (model, LARGE, sigma, TRUTH) for model in MODELS if has_packing(model, LARGE) for sigma in FEW_SIGMAS
+    ]
     cases += [(model, 1000, sigma, CONVERGED) for model in MODELS for sigma in FEW_SIGMAS]
     return [_job(settings, *case, subset=TRUTH) for case in cases]
 
@@ -56,21 +51,14 @@ def missing(settings: Settings) -> list[str]:
     """What cannot run for want of a packing, and how to make it."""
     if settings.quick:
         return []
-    return [
-        f"{model} with {LARGE} spheres: no packing; python -m unc_physics models --make {model} -n {LARGE}"
-        " makes it"
-        for model in MODELS
-        if not _has(model, LARGE)
-    ]
+    return missing_packings()
 
 
 def run(job: Job) -> Outcome:
     """W1 of every method after 5 s, and CPU times of whole predictions."""
     p = job.parameters
     scene, belief, horizon = collision(p["model"], p["spheres"], p["sigma"])
-    truth, second = (
-        monte_carlo(scene, belief, horizon, p["truth"], job.seed(name)) for name in ("truth", "second")
-    )
+    truth, second = two_truths(scene, belief, horizon, job)
     beliefs = predicted_beliefs(scene, belief, horizon, job)
     rows = error_rows(job, truth, second, beliefs, COUNTS, p["subset"])
     timed = [count for count in TIMED if count <= p["truth"]]
@@ -115,23 +103,11 @@ def _job(settings, model, spheres, sigma, truth, subset):
     )
 
 
-def _has(model, spheres):
-    try:
-        unit_model(model, spheres)
-    except UnknownModelError:
-        return False
-    return True
-
-
 def _shown(rows):
     """(method, samples) in the order of a table."""
-    names = [name for name in rows.unique("method") if name not in (MONTE_CARLO, FLOOR, GAUSSIAN)]
-    counts = sorted(rows.where(method=MONTE_CARLO, quantity=POSITION_ERROR).unique("samples"))
-    return (
-        [(name, None) for name in names]
-        + [(MONTE_CARLO, count) for count in counts]
-        + [(GAUSSIAN, None), (FLOOR, None)]
-    )
+    last = (MONTE_CARLO, GAUSSIAN, FLOOR)
+    curves = rows.where(quantity=POSITION_ERROR).curves()
+    return sorted(curves, key=lambda curve: last.index(curve[0]) if curve[0] in last else -1)
 
 
 def _error_table(rows):

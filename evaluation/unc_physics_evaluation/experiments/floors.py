@@ -4,17 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..comparison import (
-    FLOOR,
-    GAUSSIAN,
-    POSITION_ERROR,
-    ROTATION_ERROR,
-    distance_cost,
-    error_rows,
-    monte_carlo,
-    rollout_cost,
-)
+from ..comparison import POSITION_ERROR, ROTATION_ERROR, distance_cost, error_rows, rollout_cost, two_truths
 from ..jobs import Job, Outcome, Settings
+from ..methods import FLOOR, GAUSSIAN
 from ..results import Results
 from ..scenarios import MODELS, collision
 from ..tables import number, table
@@ -23,6 +15,7 @@ TITLE = "Floors"
 SIGMAS = (0.01, 0.05, 0.1)  # m
 SIZES = (50, 100, 200, 500, 1000)
 SUBSETS = 8  # of each size, at most
+HEAD = "|floor, position [m]|best Gaussian [m]|ratio|floor, rotation [deg]|best Gaussian [deg]|ratio"
 
 
 def jobs(settings: Settings) -> list[Job]:
@@ -43,14 +36,10 @@ def jobs(settings: Settings) -> list[Job]:
 
 
 def run(job: Job) -> Outcome:
-    """W1 between the two truths' subsets, and of the Gaussian with all of a truth's moments, by the size of
-    the subsets.
-    """
+    """W1 between subsets of two truths, and of a truth's Gaussian, by the size of the subsets."""
     p = job.parameters
     scene, belief, horizon = collision(p["model"], p["spheres"], p["sigma"])
-    truth, second = (
-        monte_carlo(scene, belief, horizon, p["truth"], job.seed(name)) for name in ("truth", "second")
-    )
+    truth, second = two_truths(scene, belief, horizon, job)
     rows = []
     for size in SIZES[: SIZES.index(p["largest"]) + 1]:
         some = slice(0, SUBSETS * size)
@@ -82,17 +71,5 @@ def report(results: Results) -> str:
         " method can be told from the truth. A single Gaussian has a floor of its own, W1 between the truth"
         " and the Gaussian with the truth's moments; no Gaussian method can do better but by"
         f" chance.\n\n![Floors over the number of samples](figures/{figure.name})\n\nWith {size} samples (±"
-        " standard deviation over subsets):\n\n"
-        + table(
-            [
-                "",
-                "floor, position [m]",
-                "best Gaussian [m]",
-                "ratio",
-                "floor, rotation [deg]",
-                "best Gaussian [deg]",
-                "ratio",
-            ],
-            lines,
-        )
+        " standard deviation over subsets):\n\n" + table(HEAD.split("|"), lines)
     )

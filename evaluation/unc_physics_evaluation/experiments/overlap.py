@@ -7,8 +7,9 @@ import numpy as np
 from unc_physics.prediction.predict import predict
 from unc_physics.prediction.status import Status, assess
 
-from ..comparison import CPU_TIME, MONTE_CARLO
+from ..comparison import CPU_TIME
 from ..jobs import Job, Outcome, Row, Settings
+from ..methods import MONTE_CARLO
 from ..overlap_measures import (
     fallen_through,
     spread_ratio,
@@ -43,6 +44,11 @@ GOALS = {RISE: 1e-3, GAIN: 5e-3, TOPPLED: 0.005, THROUGH: 0.0}
 NO_ROOM_GAIN = 1e-3  # J, where there is no room
 SPREAD, SIGMA_SPREAD = 0.05, 0.10  # of x and y; of sigma points against Monte Carlo
 CPU_GOALS = {1: 30e-6, 2: 600e-6}  # s for a sample's projection, by the number of bodies
+HEAD = (
+    "|rise [mm]|energy [mJ]|toppled, 1° [%]|5° [%]|by rejection [%]|fell through [%]|x, y at the start|at 1 s"
+    "|CPU time [us]|flagged [%]"
+)
+GOAL_LINE = "goal|1|5|0.5|by rejection||0|±5 % on tables|±5 % at rest|30, pairs 600|"
 
 
 def jobs(settings: Settings) -> list[Job]:
@@ -159,9 +165,7 @@ def _chosen(quick):
 
 
 def _starts(arrangement, position, angle):
-    """What is compared: as it is, which is slow, for the most uncertain belief; what moves is not at rest;
-    what has no room has no sample without overlap.
-    """
+    """What is compared; the slow ``keep`` for the most uncertain belief only."""
     starts = [PROJECT]
     if (position, angle) == (POSITIONS[-1], ANGLES[-1]):
         starts.append(KEEP)
@@ -178,32 +182,6 @@ def _share(hits):
 
 def _worst_table(rows, references):
     """A line for each group."""
-    head = [
-        "",
-        "rise [mm]",
-        "energy [mJ]",
-        "toppled, 1° [%]",
-        "5° [%]",
-        "by rejection [%]",
-        "fell through [%]",
-        "x, y at the start",
-        "at 1 s",
-        "CPU time [us]",
-        "flagged [%]",
-    ]
-    goals = [
-        "goal",
-        "1",
-        "5",
-        "0.5",
-        "by rejection",
-        "",
-        "0",
-        "±5 % on tables",
-        "±5 % at rest",
-        "30, pairs 600",
-        "",
-    ]
     start, lines = rows[0]["start"], []
     for group in _groups(rows):
         here = Rows(row for row in rows if row["arrangement"].partition(":")[0] == group)
@@ -229,7 +207,7 @@ def _worst_table(rows, references):
                 f"{100.0 * here.where(quantity=FLAGGED).mean():.0f}",
             ]
         )
-    return table(head, [goals, *lines])
+    return table(HEAD.split("|"), [GOAL_LINE.split("|"), *lines])
 
 
 def _beside_rejection(rows, references):
@@ -293,8 +271,7 @@ def _pictured(results, rows):
     for start, title in STARTS.items():
         some = rows.where(arrangement=name, position=position, angle=angle, start=start)
         if some:
-            names = ("arrangement", "position", "angle", "start", "samples_each", "distance", "base_seed")
-            arrays = results.arrays(Job("overlap", {key: some[0][key] for key in names}))
-            if arrays is not None:
+            arrays = results.arrays("overlap", some[0]["job"])
+            if arrays:
                 found[title] = arrays["states"]
     return found

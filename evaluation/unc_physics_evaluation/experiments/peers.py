@@ -9,8 +9,6 @@ from unc_physics.propagators.registry import make_propagator
 
 from ..comparison import (
     CPU_TIME,
-    FLOOR,
-    MONTE_CARLO,
     POSITION_ERROR,
     ROTATION_ERROR,
     Samples,
@@ -20,18 +18,23 @@ from ..comparison import (
     predictors,
 )
 from ..engines import GEOMETRIES, PEERS
+from ..goals import Figure, goal_tables, goals_met_by
 from ..jobs import Job, Outcome, Row, Settings
+from ..methods import FLOOR, MONTE_CARLO, label
 from ..pareto import Choice
 from ..results import Results, Rows
 from ..rollouts import ENGINES, OURS, available, missing_engines
 from ..scenarios import MODELS, collision
-from ..tables import label, number, table
+from ..tables import number, table
 from ..timing import paired
+from .contacts import course
 
 TITLE = "Peers"
 SHAPES = {"spheres": "1000 spheres", "pieces": "convex pieces", "box": "a box"}
 COUNTS = (2, 5, 10, 20, 50, 100, 200, 500, 1000)
-ROLLOUT, ROLLOUT_RATIO = "rollout_time", "rollout_time_over_ours"
+ROLLOUT, ROLLOUT_RATIO, CONTACT_STEPS = "rollout_time", "rollout_time_over_ours", "contact_steps"
+#: How many times longer a rollout with the same spheres is to take than ours: of the armadillo, of others.
+GOALS = {"pybullet": (3.0, 5.0), "mujoco": (25.0, 40.0)}
 _COSTS = {"ours": 1e-3, "pybullet": 4e-3, "mujoco": 8e-3}  # s
 _MUJOCO_SPHERES_COST = 0.08  # s
 
@@ -101,6 +104,9 @@ def run(job: Job) -> Outcome:
     def four_of(run):
         return lambda k: [run(state) for state in states[k]]
 
+    if p["geometry"] == "spheres":
+        rows += _contact_rows(engine, scene, states[0], steps)
+
     # each prediction beside the same rollout, so that ratios to it carry over from job to job
     functions = {(OURS, None): four_of(ours)}
     if engine is None:
@@ -119,6 +125,15 @@ def run(job: Job) -> Outcome:
     if engine is not None:
         engine.close()
     return Outcome(rows, {"states": truth.states})
+
+
+def _contact_rows(engine, scene, states, steps):
+    """In how many steps of a rollout there is contact, on average."""
+    count = engine.contacts if engine is not None else lambda x, n: course(scene, x, n).contacts
+    return [
+        Row(MONTE_CARLO, CONTACT_STEPS, "1", np.count_nonzero(count(state, steps)), None, k)
+        for k, state in enumerate(states)
+    ]
 
 
 def report(results: Results) -> str:
@@ -150,6 +165,7 @@ def report(results: Results) -> str:
             " rounds' ratios):\n"
         ),
         table(head, lines),
+        goal_tables(_figures(results)),
     ]
     for quantity, what in ((POSITION_ERROR, "positions"), (ROTATION_ERROR, "rotations")):
         parts.append(
@@ -163,9 +179,7 @@ def report(results: Results) -> str:
 
 
 def engine_choices(rows: Rows, quantity: str) -> dict[str, dict[str, list[Choice]]]:
-    """For each model and each other engine with the spheres or its pieces, Monte Carlo's time and error over
-    the floor.
-    """
+    """For each model and other engine, Monte Carlo's time and error over the floor."""
     made: dict[str, dict[str, list[Choice]]] = {}
     for model in rows.unique("model"):
         for engine in rows.unique("engine"):
@@ -181,6 +195,23 @@ def engine_choices(rows: Rows, quantity: str) -> dict[str, dict[str, list[Choice
     return made
 
 
+def _figures(results) -> dict[str, list[Figure]]:
+    rows = results.rows("peers")
+    found = []
+    for engine in (name for name in GOALS if rows.where(engine=name)):
+        for model in rows.unique("model"):
+            here = rows.where(engine=engine, geometry="spheres", model=model)
+            if not here:
+                continue
+            ours = rows.where(engine=OURS, model=model, quantity=CONTACT_STEPS).mean()
+            theirs = here.where(quantity=CONTACT_STEPS).mean()
+            note = f"contact in {number(theirs)} steps, in {number(ours)} of ours"
+            slower = here.where(quantity=ROLLOUT_RATIO, samples=None).median()
+            goal = GOALS[engine][model != "armadillo"]
+            found.append(Figure(f"{label(engine)} / ours", model, slower, "x", goal, note=note))
+    return {"One rollout with the same spheres, CPU time over ours": found}
+
+
 def _name(engine, geometry):
     return f"{ENGINES[engine]}, {SHAPES[geometry]}"
 
@@ -193,9 +224,7 @@ def _curve(rows, quantity):
 
 
 def _samples_for(error, curve):
-    """Number of samples that have that error, between the measured ones on logarithmic scales; NaN beyond
-    them.
-    """
+    """Number of samples that have that error, by the measured ones; NaN beyond them."""
     counts, errors = np.log([n for n, _ in curve]), np.minimum.accumulate([e for _, e in curve])
     if not errors[-1] <= error <= errors[0]:
         return float("nan")
@@ -220,3 +249,6 @@ def _equal_error(rows, quantity, cases):
                 cells.append(f"{n:.0f}: {number(n * each / cost)}x" if np.isfinite(n) else "")
             lines.append(cells)
     return table(["", "error / floor", *(_name(*case) for case in cases)], lines)
+
+
+verdict = goals_met_by(_figures)

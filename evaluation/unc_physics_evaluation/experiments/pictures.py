@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from unc_physics.checks.errors import UnknownModelError
 from unc_physics.prediction.predict import predict
 
-from ..comparison import methods, monte_carlo, rollout_cost
+from ..comparison import monte_carlo, rollout_cost
 from ..jobs import Job, Outcome, Row, Settings
+from ..methods import label, methods
 from ..results import Results
-from ..scenarios import collision, collision_free, unit_model
-from ..tables import label
+from ..scenarios import collision, collision_free, has_packing, unit_model
 
 TITLE = "Pictures"
 PACKINGS = (("pin", 100), ("bunny", 1000), ("armadillo", 100_000))  # Fig. 2
@@ -72,7 +71,7 @@ def report(results: Results) -> str:
     from ..plots import draw_packings, draw_samples
 
     parts = []
-    packings = [packing for packing in (_packing(*case) for case in PACKINGS) if packing is not None]
+    packings = [unit_model(*case) for case in PACKINGS if has_packing(*case)]
     figure = results.figure("pictures_packings")
     draw_packings(figure, packings)
     parts.append(f"![Packings (as Fig. 2)](figures/{figure.name})\n")
@@ -80,12 +79,8 @@ def report(results: Results) -> str:
         (row["scene"], row["model"], row["spheres"], row["method"]): row for row in results.rows("pictures")
     }
     for (scene, model, spheres, method), row in shown.items():
-        parameters = {
-            name: row[name]
-            for name in ("scene", "model", "spheres", "propagator", "count", "distance", "base_seed")
-        }
-        arrays = results.arrays(Job("pictures", parameters))
-        if arrays is None:
+        arrays = results.arrays("pictures", row["job"])
+        if not arrays:
             continue
         figure = results.figure(f"pictures_{scene}_{model}_{spheres}_{method}")
         what = f"{model}, {spheres} spheres, {label(method)}"
@@ -93,10 +88,3 @@ def report(results: Results) -> str:
         draw_samples(figure, arrays, unit_model(model, min(spheres, 1000)), method, what)
         parts.append(f"![{what}](figures/{figure.name})\n")
     return "\n".join(parts)
-
-
-def _packing(model, spheres):
-    try:
-        return unit_model(model, spheres)
-    except UnknownModelError:
-        return None

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..comparison import CPU_TIME, FLOOR, MONTE_CARLO, POSITION_ERROR, ROTATION_ERROR
+from ..comparison import CPU_TIME, POSITION_ERROR, ROTATION_ERROR
 from ..jobs import Job, Outcome, Row, Settings
+from ..methods import FLOOR, MONTE_CARLO
 from ..results import Results
 from ..rollouts import ENGINES, available, missing_engines, rollouts
 from ..scenarios import MANIPULATION, is_upright
@@ -14,6 +15,7 @@ from ..wasserstein import state_distance
 
 TITLE = "Plausibility"
 PLACE, STANDING = "in_place", "upright"
+HEAD = ("W1 / floor, positions [m]", "rotations [deg]", "a rollout [ms]")
 PLACES = {"salt_box_into_bin": "in the bin", "can_off_shelf": "on the shelf"}
 
 
@@ -68,39 +70,26 @@ def report(results: Results) -> str:
     parts = []
     for scene in rows.unique("scene"):
         here = rows.where(scene=scene)
-        ends = {engine: _arrays(results, here.where(engine=engine)[0]) for engine in here.unique("engine")}
+        jobs_of = {engine: here.where(engine=engine)[0]["job"] for engine in here.unique("engine")}
+        ends = {engine: results.arrays("plausibility", job)["states"] for engine, job in jobs_of.items()}
         order = [engine for engine in ENGINES if engine in ends]
         figure = results.figure(f"plausibility_{scene}")
         elements = MANIPULATION[scene][0]()[0].environment
-        last = {ENGINES[engine]: ends[engine][:, 0] for engine in order}
+        last = {engine: ends[engine][:, 0] for engine in order}
         draw_final_positions(figure, last, elements, scene.replace("_", " "))
-        head = [
-            "",
-            PLACES[scene],
-            "upright",
-            "W1 / floor, positions [m]",
-            "rotations [deg]",
-            "a rollout [ms]",
-        ]
+        head = ["", PLACES[scene], "upright", *HEAD]
         lines = []
         for engine in order:
             found = here.where(engine=engine)
             cells = [ENGINES[engine]]
             for quantity in (PLACE, STANDING):
-                chance, count = (
-                    found.where(quantity=quantity).mean(),
-                    found.where(quantity=quantity)[0]["samples"],
-                )
-                cells.append(
-                    f"{100.0 * chance:.1f} ± {100.0 * np.sqrt(chance * (1.0 - chance) / count):.1f} %"
-                )
+                (row,) = found.where(quantity=quantity)
+                error = np.sqrt(row["value"] * (1.0 - row["value"]) / row["samples"])
+                cells.append(f"{100.0 * row['value']:.1f} ± {100.0 * error:.1f} %")
             distance = state_distance(ends[engine], ends[order[0]])
-            for quantity, value in (
-                (POSITION_ERROR, distance.position[0]),
-                (ROTATION_ERROR, distance.rotation[0]),
-            ):
+            for quantity, value in zip((POSITION_ERROR, ROTATION_ERROR), distance, strict=True):
                 floor = found.where(method=FLOOR, quantity=quantity).mean()
-                cells.append(f"{number(float(value))} / {number(floor)}")
+                cells.append(f"{number(value[0])} / {number(floor)}")
             cells.append(number(1e3 * found.where(quantity=CPU_TIME).mean()))
             lines.append(cells)
         title = scene.replace("_", " ")
@@ -118,8 +107,3 @@ def report(results: Results) -> str:
                 f" m, {number(float(between.rotation[0]))} deg.\n"
             )
     return "\n".join(parts)
-
-
-def _arrays(results, row):
-    parameters = {name: row[name] for name in ("scene", "engine", "samples_each", "distance", "base_seed")}
-    return results.arrays(Job("plausibility", parameters))["states"]

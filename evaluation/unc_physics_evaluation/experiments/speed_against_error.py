@@ -9,25 +9,24 @@ import numpy as np
 
 from ..comparison import (
     CPU_TIME,
-    FLOOR,
-    GAUSSIAN,
     POSITION_ERROR,
     ROTATION_ERROR,
     WALL_TIME,
     distance_cost,
     error_rows,
-    monte_carlo,
     predicted_beliefs,
     predictors,
     rollout_cost,
     time_rows,
+    two_truths,
 )
-from ..jobs import Job, Outcome, Row, Settings
+from ..jobs import Job, Outcome, Settings
+from ..methods import FLOOR, GAUSSIAN, label
 from ..pareto import Choice, front, in_words
 from ..results import Results
 from ..scenarios import MODELS, collision
-from ..tables import label, number, table
-from ..timing import paired
+from ..tables import number, table
+from ..timing import timed
 from .peers import engine_choices
 
 TITLE = "Speed against error"
@@ -69,17 +68,16 @@ def run(job: Job) -> Outcome:
         collision(p["model"], p["spheres"], p["sigma"], p["encounter"] + k) for k in range(p["encounters"])
     ]
     if p["measured"] == "error":
-        truth, second = (monte_carlo(*cases[0], p["truth"], job.seed(name)) for name in ("truth", "second"))
-        return Outcome(error_rows(job, truth, second, predicted_beliefs(*cases[0], job), counts, p["truth"]))
+        beliefs = predicted_beliefs(*cases[0], job)
+        return Outcome(error_rows(job, *two_truths(*cases[0], job), beliefs, counts, p["truth"]))
     for scene, *_ in cases:
         _ = scene.world  # is built at its first use, which no method shall pay for
     each = [predictors(*case, job, counts) for case in cases]
     functions = {key: lambda k, key=key: each[k][key](k) for key in each[0]}
     rows = time_rows(functions, len(cases))
     numba.set_num_threads(numba.config.NUMBA_NUM_THREADS)
-    for (method, samples), taken in paired(functions, len(cases), time.perf_counter).items():
-        rows += [Row(method, WALL_TIME, "s", float(seconds), samples, k) for k, seconds in enumerate(taken)]
-    return Outcome(rows)
+    deployed = {(*key, WALL_TIME): function for key, function in functions.items()}
+    return Outcome(rows + timed(deployed, len(cases), time.perf_counter))
 
 
 def report(results: Results) -> str:
@@ -127,21 +125,13 @@ def _counts(most):
 def _choices(rows, quantity, time_quantity) -> list[Choice]:
     """Time and error over the floor of every method: median over rounds, geometric mean over encounters."""
     made = []
-    for method in rows.unique("method"):
-        for samples in sorted(rows.where(method=method).unique("samples")) or [None]:
-            found = rows.where(method=method, samples=samples)
-            times, errors = found.where(quantity=time_quantity), _over_floor(rows, method, samples, quantity)
-            if times and len(errors):
-                low, high = np.quantile(errors, [0.25, 0.75])
-                made.append(
-                    Choice(
-                        method,
-                        samples,
-                        times.median(),
-                        float(np.exp(np.mean(np.log(errors)))),
-                        (float(low), float(high)),
-                    )
-                )
+    for method, samples in rows.curves():
+        times = rows.where(method=method, samples=samples, quantity=time_quantity)
+        errors = _over_floor(rows, method, samples, quantity)
+        if times and len(errors):
+            low, high = np.quantile(errors, [0.25, 0.75]).tolist()
+            middle = float(np.exp(np.mean(np.log(errors))))
+            made.append(Choice(method, samples, times.median(), middle, (low, high)))
     return made
 
 

@@ -1,6 +1,4 @@
-"""Hard cases: energy, momentum, covariance and flags of every propagator, by the step that each case asks
-for.
-"""
+"""Hard cases: energy, momentum, covariance and flags of every propagator."""
 
 from __future__ import annotations
 
@@ -17,10 +15,10 @@ from unc_physics.scene.belief import Belief
 from unc_physics.scene.scene import Scene
 from unc_physics.scene.stiffness import with_stiffness
 
-from ..comparison import MONTE_CARLO
 from ..conservation import FINITE, prediction_rows, rollout_rows, trajectory
 from ..hard_cases import digest, load, names
 from ..jobs import Job, Outcome, Row, Settings
+from ..methods import MONTE_CARLO
 from ..results import Results
 from ..scenarios import MANIPULATION, MODELS, collision, collision_free
 from ..stability_document import (
@@ -60,11 +58,8 @@ FINER = {  # where that is not short enough
     "stiffness_1e8": 64,
 }
 COARSER = 2  # the truth's first half is taken again with steps so many times longer
-LOOKS, FEW_LOOKS, MANY = (
-    50,
-    8,
-    20,
-)  # at the belief on the way; where there are more than so many bodies, as eigenvalues take long
+# at the belief on the way; few with more than ``MANY`` bodies, as eigenvalues take long
+LOOKS, FEW_LOOKS, MANY = 50, 8, 20
 QUICK = ("covariance_zero", "fast_ball_at_wall", "overlap_in_floor", "rotation_std_near_pi", "stiffness_1e7")
 SPHERES = 100  # of the paper's bodies
 SIGMAS, ENCOUNTERS = (0.01, 0.05, 0.1), 4
@@ -114,9 +109,7 @@ def jobs(settings: Settings) -> list[Job]:
 
 
 def run(job: Job) -> Outcome:
-    """Spreads of the truth; or a rollout of the mean, and the predictions of all propagators that can make
-    one.
-    """
+    """Spreads of the truth; or the mean's rollout and all propagators' predictions."""
     given = case(job.parameters["case"])
     if job.parameters["work"] == "truth":
         return Outcome(_truth(given, job))
@@ -136,9 +129,7 @@ def report(results: Results) -> str:
 
 
 def _truth(given, job):
-    """Spreads of samples with short steps, of both of their halves, and of the first half with
-    longer steps.
-    """
+    """Spreads of samples with short steps, of both halves, and of one half with longer steps."""
     p, seed = job.parameters, job.seed("truth")
     half = p["draws"] // 2
     rows = []

@@ -7,11 +7,11 @@ import numpy as np
 from unc_physics.physics.layout import ERROR, STATE
 from unc_physics.propagators.registry import make_propagator
 
-from ..comparison import MONTE_CARLO, methods
 from ..jobs import Job, Outcome, Row, Settings
+from ..methods import MONTE_CARLO, label, methods
 from ..results import Results
 from ..scenarios import many_collisions
-from ..tables import label, table
+from ..tables import table
 
 TITLE = "Storage"
 BODIES = (2, 4, 8, 16, 32, 64)
@@ -34,18 +34,14 @@ def jobs(settings: Settings) -> list[Job]:
 def run(job: Job) -> Outcome:
     """Count the scalars of every method's carry, at the start of colliding pairs."""
     scene, belief, _ = many_collisions(job.parameters["bodies"] // 2, spheres=10)
-    rows = [Row(name, SCALARS, "1", _scalars(made, scene, belief)) for name, made in methods(job).items()]
-    rows += [
-        Row(
-            MONTE_CARLO,
-            SCALARS,
-            "1",
-            _scalars(make_propagator(MONTE_CARLO, samples=count), scene, belief),
-            count,
-        )
-        for count in SAMPLES
-    ]
-    return Outcome(rows)
+    made = {(name, None): propagator for name, propagator in methods(job).items()}
+    made |= {(MONTE_CARLO, count): make_propagator(MONTE_CARLO, samples=count) for count in SAMPLES}
+    return Outcome(
+        [
+            Row(name, SCALARS, "1", _scalars(propagator, scene, belief), samples)
+            for (name, samples), propagator in made.items()
+        ]
+    )
 
 
 def report(results: Results) -> str:
@@ -57,14 +53,11 @@ def report(results: Results) -> str:
     draw_storage(figure, rows)
     bodies = rows.unique("bodies")
     lines = []
-    for method in rows.unique("method"):
-        for samples in rows.where(method=method).unique("samples") or [None]:
-            found = rows.where(method=method, samples=samples)
-            lines.append(
-                [label(method, samples), *(f"{int(found.where(bodies=b).values()[0])}" for b in bodies)]
-            )
-            if method in PAPER:
-                lines.append(["the paper's, dense", *(str(PAPER[method](b)) for b in bodies)])
+    for method, samples in rows.curves():
+        found = rows.where(method=method, samples=samples)
+        lines.append([label(method, samples), *(f"{found.where(bodies=b).mean():.0f}" for b in bodies)])
+        if method in PAPER:
+            lines.append(["the paper's, dense", *(str(PAPER[method](b)) for b in bodies)])
     return (
         "Scalars in each method's carry, where the positions alone are uncertain (3 of 12 directions of a"
         " body). Linearization's root and the minimal sigma points have as many columns and points as that"
@@ -75,9 +68,7 @@ def report(results: Results) -> str:
 
 
 def _scalars(propagator, scene, belief):
-    """Numbers in a carry that stand for the distribution: not counters, nor what is remembered
-    of contacts.
-    """
+    """Numbers in a carry that stand for the distribution, without counters and contact history."""
     parts = propagator.init(scene, belief)._asdict()
     return sum(
         part.size

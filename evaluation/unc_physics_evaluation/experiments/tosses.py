@@ -6,8 +6,8 @@ import numpy as np
 
 from unc_physics.physics.layout import POSITION
 
-from ..comparison import MONTE_CARLO
 from ..jobs import Job, Outcome, Row, Settings
+from ..methods import MONTE_CARLO
 from ..recorded_tosses import (
     FACES,
     FRICTION,

@@ -8,8 +8,9 @@ import numpy as np
 
 from unc_physics.physics.layout import POSITION, QUATERNION
 
-from ..comparison import CPU_TIME, MONTE_CARLO
+from ..comparison import CPU_TIME
 from ..jobs import Job, Outcome, Row, Settings
+from ..methods import MONTE_CARLO
 from ..results import Results
 from ..rollouts import ENGINES, OURS, available, missing_engines, rollouts
 from ..scenarios import MANIPULATION, PILES, is_upright
@@ -20,8 +21,8 @@ TITLE = "Work and precision"
 SCENES = MANIPULATION | PILES
 RATES = (60, 120, 240, 500, 1000, 2000)  # steps in a second
 UNIT = 240  # times are told beside those of ours at this rate
-#: Steps in a second that count as converged. PyBullet has no limit: from 2000 on a can that slides hops, and
-# falls : off a shelf on which it stays at 120 to 1000.
+#: Steps in a second that count as converged. PyBullet does not converge: from 2000 on a sliding can hops, and
+#: falls off a shelf on which it stays at 120 to 1000.
 CONVERGED = {OURS: 8000, "pybullet": 1000, "mujoco": 8000}
 #: For each scene the number of samples, and about the cost of a rollout at `UNIT` [s].
 SIZES = {
@@ -34,6 +35,10 @@ QUICK_SIZES = {"salt_box_into_bin": (20, 0.002), "five_into_bin": (5, 0.02)}
 QUICK_RATES, QUICK_CONVERGED = (60, 240), 1000
 CHUNK = 5  # samples that run in turns with ours, so that a busy machine slows both alike
 OVER_UNIT = "cpu_time_over_ours"
+HEAD = (
+    "|steps in 1 s|a rollout [ms]|over ours|error, position [mm]|rotation [deg]|same fate"
+    "|W1 / floor, position [mm]|rotation [deg]"
+)
 
 
 def jobs(settings: Settings) -> list[Job]:
@@ -44,13 +49,9 @@ def jobs(settings: Settings) -> list[Job]:
             converged = QUICK_CONVERGED if settings.quick else CONVERGED[engine]
             for rate in dict.fromkeys((*(QUICK_RATES if settings.quick else RATES), converged)):
                 parameters = {"scene": scene, "engine": engine, "rate": rate, "converged": converged}
-                found.append(
-                    Job(
-                        "work_precision",
-                        settings.parameters(**parameters, samples_each=count),
-                        cost=count * cost * rate / UNIT * (1 + (rate == converged)),
-                    )
-                )
+                parameters = settings.parameters(**parameters, samples_each=count)
+                seconds = count * cost * rate / UNIT * (1 + (rate == converged))
+                found.append(Job("work_precision", parameters, seconds))
     return found
 
 
@@ -123,22 +124,7 @@ def report(results: Results) -> str:
     for scene, lines in lines_of.items():
         count = rows.where(scene=scene)[0]["samples_each"]
         parts.append(f"### {scene.replace('_', ' ').capitalize()}, {count} samples\n")
-        parts.append(
-            table(
-                [
-                    "",
-                    "steps in 1 s",
-                    "a rollout [ms]",
-                    "over ours",
-                    "error, position [mm]",
-                    "rotation [deg]",
-                    "same fate",
-                    "W1 / floor, position [mm]",
-                    "rotation [deg]",
-                ],
-                lines,
-            )
-        )
+        parts.append(table(HEAD.split("|"), lines))
     return "\n".join(parts)
 
 
@@ -153,51 +139,31 @@ def _errors(results, scene, rows):
     for engine in (name for name in ENGINES if rows.where(engine=name)):
         own = rows.where(engine=engine)
         converged = own[0]["converged"]
-        truth = _arrays(results, own.where(rate=converged)[0])
+        truth = results.arrays("work_precision", own.where(rate=converged)[0]["job"])
         floor = state_distance(truth["states"], truth["second"])
+        limits = number(1e3 * np.mean(floor.position)), number(np.mean(floor.rotation))
         points = []
         for rate in sorted(own.unique("rate"), key=lambda rate: (rate != converged, rate)):
             found = own.where(rate=rate)
             share = found.where(quantity=OVER_UNIT).mean()
-            cells = [
-                ENGINES[engine],
-                str(rate),
-                number(1e3 * found.where(quantity=CPU_TIME).mean()),
-                number(share),
-            ]
+            cells = [ENGINES[engine], str(rate), number(1e3 * found.where(quantity=CPU_TIME).mean())]
+            cells.append(number(share))
             if rate == converged:
-                lines.append(
-                    [
-                        *cells,
-                        "",
-                        "",
-                        "",
-                        *(
-                            number(value)
-                            for value in (1e3 * np.mean(floor.position), np.mean(floor.rotation))
-                        ),
-                    ]
-                )
+                lines.append([*cells, "", "", "", *limits])
                 continue
-            ends, exact = _arrays(results, found[0])["states"], truth["states"]
+            ends, exact = results.arrays("work_precision", found[0]["job"])["states"], truth["states"]
             moved = np.linalg.norm(ends[..., POSITION] - exact[..., POSITION], axis=-1)
             turned = geodesic_of_pairs(ends[..., QUATERNION], exact[..., QUATERNION])
             same = np.all(_fate(scene, ends) == _fate(scene, exact), axis=0)
             distance = state_distance(ends, exact)
             points.append((unit * share, float(np.median(moved)), float(np.mean(distance.position))))
-            lines.append(
-                [
-                    *cells,
-                    number(1e3 * float(np.median(moved))),
-                    number(float(np.median(turned))),
-                    f"{100.0 * np.mean(same):.1f} %",
-                    (
-                        f"{number(1e3 * float(np.mean(distance.position)))} /"
-                        f" {number(1e3 * float(np.mean(floor.position)))}"
-                    ),
-                    f"{number(float(np.mean(distance.rotation)))} / {number(float(np.mean(floor.rotation)))}",
-                ]
-            )
+            cells += [
+                number(1e3 * np.median(moved)),
+                number(np.median(turned)),
+                f"{100.0 * np.mean(same):.1f} %",
+            ]
+            means = number(1e3 * np.mean(distance.position)), number(np.mean(distance.rotation))
+            lines.append(cells + [f"{mean} / {limit}" for mean, limit in zip(means, limits, strict=True)])
         curves[engine] = np.array(points), float(np.mean(floor.position))
     return curves, lines
 
@@ -205,8 +171,3 @@ def _errors(results, scene, rows):
 def _fate(scene, states):
     """Whether bodies are in place, and whether they are upright (2, N, B), of states (N, B, 13)."""
     return np.array([SCENES[scene][1](states), is_upright(states)])
-
-
-def _arrays(results, row):
-    names = ("scene", "engine", "rate", "converged", "samples_each", "distance", "base_seed")
-    return results.arrays(Job("work_precision", {name: row[name] for name in names}))

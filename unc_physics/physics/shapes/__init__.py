@@ -81,9 +81,7 @@ def bounds(kind, size, e):
 
 @kernel(_nrt=False, forceinline=True)
 def thickness(kind, size, e):
-    """How far the inside of element e is from its surface at most [m]: what goes deeper comes out
-    elsewhere.
-    """
+    """Largest distance from the surface inside element e [m]: what goes deeper comes out elsewhere."""
     return _thickness(kind, size, e)
 
 

@@ -8,9 +8,7 @@ NAME = "sphere"
 
 @inner(error_model="numpy", forceinline=True)
 def surface(size, e, x, y, z):
-    """Distance and normal along the ray from the centre; there the normal is the x axis
-    (`shapes.surface`).
-    """
+    """Distance, and normal away from the centre, in which it is the x axis (`shapes.surface`)."""
     length, normal = unit(x, y, z)
     return length - size[e, 0], normal
 

@@ -1,22 +1,19 @@
-"""Latency of the node beside an empty service's in the same run: ``python -m
-unc_physics_evaluation.benchmarks.ros_latency``.
+"""Latency of the node beside an empty service's: two processes on this machine, over Fast DDS.
 
-Two processes on this machine, over Fast DDS: the node in one, this client in the other. Prints round trips of
-empty services (each in a process of its own: on the executor of ``rclpy.spin``, as most nodes are, and on the
-one that the node uses), of ``~/predict`` for two objects for each propagator beside the core's own time,
-whether a stream of ten objects at 30 Hz is predicted without a drop, the time to cancel a long prediction,
-and the time from start to ready. Every request is another one: poses and covariances change a little.
+The node is in one process, the client in this one, and each empty service in one of its own. Every request is
+another one: poses and covariances change a little.
 """
 
 from __future__ import annotations
 
-import argparse
 import os
 import signal
 import subprocess
 import sys
 import threading
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 import numpy as np
 
@@ -30,9 +27,12 @@ from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.qos import qos_profile_sensor_data
 from std_srvs.srv import Empty
 
-from unc_physics import PROPAGATORS
+from unc_physics.checks.errors import UncPhysicsError
+from unc_physics.propagators.names import REFERENCE
+from unc_physics.propagators.registry import PROPAGATORS
 from unc_physics.ros.durations import duration, seconds
 from unc_physics.ros.node import leave, spin_node
+from unc_physics_evaluation.jobs import Row
 from unc_physics_msgs.action import PredictLong
 from unc_physics_msgs.msg import (
     ObjectState,
@@ -47,73 +47,72 @@ from unc_physics_msgs.srv import Predict
 WARM_UP = 30
 READY_TIMEOUT = 300.0  # s
 STREAM_RATE = 30.0  # Hz
-EMPTY = "spin", "own"  # empty services: on the executor of rclpy.spin, and on the node's own
+CANCELS = 5
+KINDS = ("spin", "own")  # empty services: on the executor of rclpy.spin, as most nodes are, and on the node's
+NODE = (
+    "zero_covariance:=exact",
+    "gravity:=[0.0, 0.0, 0.0]",
+    "dt:=0.01",
+    "stiffness:=1e5",
+    "horizons:=[0.2, 0.5, 1.0, 2.0]",
+)
 
 
-def main(arguments=None) -> int:
-    """Measure and print."""
-    parser = argparse.ArgumentParser(
-        prog="unc_physics_evaluation.benchmarks.ros_latency", description=__doc__.splitlines()[0]
-    )
-    parser.add_argument("--calls", type=int, default=300, help="calls of each service (default 300)")
-    parser.add_argument(
-        "--stream", type=float, default=10.0, metavar="S", help="length of the stream [s] (default 10)"
-    )
-    parser.add_argument("--serve-empty", choices=EMPTY, help=argparse.SUPPRESS)
-    options = parser.parse_args(arguments)
-    if options.serve_empty:
-        return serve_empty(options.serve_empty)
+def measure(calls: int, length: float) -> list[Row]:
+    """Round trips of so many calls of each service, cancels, and a stream of that length [s].
+
+    Raises
+    ------
+    UncPhysicsError
+        If the node is not ready in time, or answers with an error.
+    """
     started = time.perf_counter()
-    node = subprocess.Popen(
-        [
-            sys.executable,
-            "-m",
-            "unc_physics.ros.node",
-            "--ros-args",
-            "--log-level",
-            "warn",
-            "-p",
-            "zero_covariance:=exact",
-            "-p",
-            "gravity:=[0.0, 0.0, 0.0]",
-            "-p",
-            "dt:=0.01",
-            "-p",
-            "stiffness:=1e5",
-            "-p",
-            "horizons:=[0.2, 0.5, 1.0, 2.0]",
+    parameters = [part for parameter in NODE for part in ("-p", parameter)]
+    node = ["unc_physics.ros.node", "--ros-args", "--log-level", "warn", *parameters]
+    empty = [["unc_physics_evaluation.node_latency", kind] for kind in KINDS]
+    with processes([node, *empty]), spinning_client() as (client, executor):
+        predict = client.create_client(Predict, "/unc_physics/predict")
+        if not predict.wait_for_service(READY_TIMEOUT):
+            raise UncPhysicsError(f"the node was not ready after {READY_TIMEOUT:g} s")
+        return [
+            Row("node", "start", "s", time.perf_counter() - started),
+            *services(client, predict, calls),
+            *messages(client, calls),
+            *cancel(client, executor),
+            *stream(client, length),
         ]
-    )
-    empty = [
-        subprocess.Popen(
-            [sys.executable, "-m", "unc_physics_evaluation.benchmarks.ros_latency", "--serve-empty", kind]
-        )
-        for kind in EMPTY
-    ]
-    rclpy.init()
+
+
+@contextmanager
+def processes(commands) -> Iterator[None]:
+    """Run Python modules in processes of their own until the end, or a signal to this one."""
+    if threading.current_thread() is threading.main_thread():  # in others Python takes no signals
+        signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))
+    running = [subprocess.Popen([sys.executable, "-m", *command]) for command in commands]
+    try:
+        yield
+    finally:
+        for process in running:
+            process.terminate()
+        for process in running:
+            process.wait()
+
+
+@contextmanager
+def spinning_client() -> Iterator[tuple]:
+    """A node and its executor, which spins in a thread."""
+    rclpy.init(signal_handler_options=rclpy.SignalHandlerOptions.NO)
     client = rclpy.create_node("latency_client")
     executor = SingleThreadedExecutor()
     executor.add_node(client)
     thread = threading.Thread(target=spin, args=(executor,), daemon=True)
     thread.start()
     try:
-        predict = client.create_client(Predict, "/unc_physics/predict")
-        ready = predict.wait_for_service(READY_TIMEOUT)
-        print(f"start to ready: {time.perf_counter() - started:.1f} s")
-        if not ready:
-            return 1
-        services(client, predict, options.calls)
-        messages(client, options.calls)
-        cancel(client, executor)
-        stream(client, options.stream)
+        yield client, executor
     finally:
-        for process in (node, *empty):
-            process.send_signal(signal.SIGINT)
-            process.wait()
         executor.shutdown()
         rclpy.try_shutdown()
         thread.join()
-    return 0
 
 
 def spin(executor):
@@ -124,8 +123,8 @@ def spin(executor):
         pass
 
 
-def serve_empty(kind):
-    """A node with nothing but an empty service, until SIGINT."""
+def serve_empty(kind: str) -> None:
+    """A node with nothing but an empty service, and one that answers without calculating, until SIGTERM."""
     rclpy.init()
     node = rclpy.create_node(f"empty_{kind}")
     node.create_service(Empty, "~/call", lambda _, response: response)
@@ -167,7 +166,7 @@ def request_of(propagator):
         propagator=propagator,
         seed=1,
     )
-    if propagator == "monte_carlo":
+    if propagator == REFERENCE:
         request.samples = 100
     return request
 
@@ -179,17 +178,13 @@ def another(request, rng):
         message.pose.covariance = np.diag([1e-4 * rng.uniform(0.9, 1.1)] * 3 + [0.0] * 3).ravel()
 
 
-def services(client, predict, calls):
+def services(client, predict, calls) -> list[Row]:
     """Round trips of empty services and, alternating with them, of each propagator's prediction."""
-    empty = [client.create_client(Empty, f"/empty_{kind}/call") for kind in EMPTY]
+    empty = [client.create_client(Empty, f"/empty_{kind}/call") for kind in KINDS]
     for service in empty:
         service.wait_for_service(READY_TIMEOUT)
     rng = np.random.default_rng(1)
-    print(
-        f"{'':16}{'p50':>9}{'p99':>9}{'core p50':>10}{'over core':>11}{'empty: spin':>13}{'ratio':>7}"
-        f"{'own':>7}{'ratio':>7}"
-        "   [ms]"
-    )
+    rows = []
     for propagator in PROPAGATORS:
         request = request_of(propagator)
         trips, cores, empties = [], [], []
@@ -200,31 +195,27 @@ def services(client, predict, calls):
             trips.append(took)
             cores.append(seconds(answer.prediction.computation_time))
             if answer.result.error_code:
-                raise RuntimeError(answer.result.error_msg)
-        p50, p99 = 1e3 * np.percentile(trips[WARM_UP:], [50, 99])
-        core, (spin, own) = 1e3 * np.median(cores[WARM_UP:]), 1e3 * np.median(empties[WARM_UP:], axis=0)
-        over = 1e3 * np.median(np.subtract(trips, cores)[WARM_UP:])
-        print(
-            f"{propagator:16}{p50:9.2f}{p99:9.2f}{core:10.2f}{over:11.2f}{spin:13.2f}{over / spin:7.2f}"
-            f"{own:7.2f}{over / own:7.2f}"
-        )
+                raise UncPhysicsError(answer.result.error_msg)
+        found = {
+            "round_trip": np.median(trips[WARM_UP:]),
+            "round_trip_p99": np.percentile(trips[WARM_UP:], 99),
+            "core": np.median(cores[WARM_UP:]),
+            "over_core": np.median(np.subtract(trips, cores)[WARM_UP:]),
+            **dict(zip(KINDS, np.median(empties[WARM_UP:], axis=0), strict=True)),
+        }
+        rows += [Row(propagator, quantity, "s", float(value)) for quantity, value in found.items()]
+    return rows
 
 
-def messages(client, calls):
-    """Round trips of services with the messages of ``~/predict`` that calculate nothing: what the messages
-    alone take.
-    """
-    request, medians = Predict.Request(request=request_of("surrogate")), []
-    for kind in EMPTY:
+def messages(client, calls) -> list[Row]:
+    """Round trips of the messages of ``~/predict`` to services that calculate nothing."""
+    request, rows = Predict.Request(request=request_of("surrogate")), []
+    for kind in KINDS:
         service = client.create_client(Predict, f"/empty_{kind}/canned")
         service.wait_for_service(READY_TIMEOUT)
-        medians.append(
-            1e3 * np.median([round_trip(service, request)[0] for _ in range(WARM_UP + calls)][WARM_UP:])
-        )
-    print(
-        f"a service with the same messages that calculates nothing: spin {medians[0]:.2f}, own"
-        f" {medians[1]:.2f} ms (p50)"
-    )
+        trips = [round_trip(service, request)[0] for _ in range(WARM_UP + calls)]
+        rows.append(Row("messages", kind, "s", float(np.median(trips[WARM_UP:]))))
+    return rows
 
 
 def round_trip(service, request):
@@ -234,14 +225,14 @@ def round_trip(service, request):
     return time.perf_counter() - started, answer
 
 
-def cancel(client, executor, repeats=5):
+def cancel(client, executor) -> list[Row]:
     """Time until a cancel request of a long Monte Carlo run is answered, and until its result is there."""
     action = ActionClient(client, PredictLong, "/unc_physics/predict_long")
     action.wait_for_server(READY_TIMEOUT)
-    goal = PredictLong.Goal(request=request_of("monte_carlo"))
+    goal = PredictLong.Goal(request=request_of(REFERENCE))
     goal.request.samples, goal.request.horizon = 20_000, duration(60.0)
     answers, results = [], []
-    for _ in range(repeats):
+    for _ in range(CANCELS):
         # by the thread that spins: rclpy drops an answer that comes before the call has returned
         handle = wait_for(wait_for(executor.create_task(lambda: action.send_goal_async(goal))))
         result = wait_for(executor.create_task(handle.get_result_async))
@@ -251,12 +242,12 @@ def cancel(client, executor, repeats=5):
         answers.append(time.perf_counter() - started)
         wait_for(result)
         results.append(time.perf_counter() - started)
-    print(
-        f"cancel of a run with 20 000 samples: answered after {1e3 * np.median(answers):.0f} ms (at most"
-        f" {1e3 * max(answers):.0f}), result after {1e3 * np.median(results):.0f} ms (at most"
-        f" {1e3 * max(results):.0f})"
-    )
     action.destroy()
+    return [
+        Row("cancel", quantity, "s", took, None, k)
+        for quantity, times in (("answer", answers), ("result", results))
+        for k, took in enumerate(times)
+    ]
 
 
 def wait_for(future):
@@ -267,10 +258,8 @@ def wait_for(future):
     return future.result()
 
 
-def stream(client, length):
-    """Ten objects of 100 spheres, two of them in contact, at 30 Hz: predictions received, and
-    their delays.
-    """
+def stream(client, length) -> list[Row]:
+    """Predictions of ten objects at 30 Hz, two of them in contact, and their delays."""
     scene = Scene(objects=[moving(str(k), 0.5 * k, 0.0, 100) for k in range(10)])
     scene.objects[1].pose.pose.position.x = 0.12
     delays, counts = [], {}
@@ -307,12 +296,14 @@ def stream(client, length):
         time.sleep(max(0.0, started + k / STREAM_RATE - time.perf_counter()))
         publish()
     time.sleep(1.5)  # the diagnostics come once a second
-    p50, p99 = 1e3 * np.percentile(delays, [50, 99])
-    print(
-        f"stream of ten objects, four horizons, surrogate, {STREAM_RATE:g} Hz: {len(delays)} of {count}"
-        f" predicted, delay p50 {p50:.1f} ms, p99 {p99:.1f} ms; of all inputs, the node counts {counts}"
-    )
+    found = {
+        "sent": ("1", count),
+        "predicted": ("1", len(delays)),
+        "dropped": ("1", int(counts["dropped inputs"])),
+    }
+    found |= {"delay": ("s", np.median(delays)), "delay_p99": ("s", np.percentile(delays, 99))}
+    return [Row("stream", quantity, unit, float(value)) for quantity, (unit, value) in found.items()]
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    serve_empty(sys.argv[1])

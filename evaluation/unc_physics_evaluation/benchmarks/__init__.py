@@ -1,3 +1,0 @@
-"""Measurements: run from the repository's root, for example ``python -m
-unc_physics_evaluation.benchmarks.propagators``.
-"""

@@ -1,0 +1,186 @@
+"""The explicit step against the revision that the paper is held to: the same results, to the last bit?"""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import json
+import os
+import subprocess
+import sys
+import tarfile
+import tempfile
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+
+import unc_physics
+from unc_physics.checks.errors import UncPhysicsError
+
+from .. import served_predictions
+from ..comparison import CPU_TIME
+from ..goals import milliseconds, ratio
+from ..jobs import Job, Outcome, Row, Settings
+from ..results import Results
+from ..tables import table
+
+TITLE = "Same bits"
+ROOT = Path(unc_physics.__file__).resolve().parents[1]
+PAPER = "e2c9ee2"
+ROUNDS, SECONDS = 7, 0.2  # of the timing, and CPU time of each side in a round
+SAME = "same_bits_as_before"
+BEFORE, AFTER = f"{CPU_TIME}_before", f"{CPU_TIME}_after"
+
+
+def jobs(settings: Settings) -> list[Job]:
+    """One, alone on the machine; another one for other sources."""
+    if missing(settings):
+        return []
+    rounds = 0 if settings.quick else ROUNDS
+    parameters = settings.parameters(before=PAPER, after=fingerprint(ROOT), rounds=rounds)
+    return [Job("same_bits", parameters, cost=600.0, alone=True)]
+
+
+def missing(settings: Settings) -> list[str]:
+    """The revision, where there is no checkout that knows it."""
+    command = ["git", "-C", str(ROOT), "cat-file", "-e", f"{PAPER}^{{commit}}"]
+    try:
+        known = subprocess.run(command, capture_output=True, check=False).returncode == 0
+    except OSError:
+        known = False
+    return [] if known else [f"same_bits: {ROOT} is no git checkout that has the commit {PAPER}"]
+
+
+def run(job: Job) -> Outcome:
+    """Every array that both trees predict, compared; then CPU times in turns, so that a busy machine slows
+    both alike.
+
+    Each tree runs in a process of its own, with a compile cache of its own.
+    """
+    rows = []
+    with tempfile.TemporaryDirectory() as folder:
+        _extract(job.parameters["before"], Path(folder) / "tree")
+        with _served(Path(folder) / "tree") as before, _served(ROOT) as after:
+            for scene, name in before.cases:
+                if (scene, name) not in after.cases:
+                    continue
+                request = {"scene": scene, "propagator": name}
+                found, expected = (
+                    tree.arrays(Path(folder) / "arrays.npz", request) for tree in (after, before)
+                )
+                for array in dict.fromkeys((*expected, *found)):
+                    same = array in found and array in expected and _same(found[array], expected[array])
+                    rows.append(Row(name, f"{SAME}, {scene}, {array}", "1", int(same)))
+                if name in served_predictions.VARIANTS:
+                    continue  # takes too long to be timed
+                for k in range(job.parameters["rounds"]):
+                    for quantity, tree in ((BEFORE, before), (AFTER, after)):
+                        seconds = float(tree.ask(**request, seconds=SECONDS))
+                        rows.append(Row(name, f"{quantity}, {scene}", "s", seconds, None, k))
+    return Outcome(rows)
+
+
+def report(results: Results) -> str:
+    """A line for each prediction."""
+    rows = _latest(results)
+    lines = []
+    for scene, name, arrays in _predictions(rows):
+        times = [rows.where(method=name, quantity=f"{side}, {scene}") for side in (AFTER, BEFORE)]
+        timing = [f"{ratio(*times):.3f}", milliseconds(*times)] if times[0] else ["", ""]
+        different = [array for array, same in arrays.items() if not same]
+        verdict = f"**different: {', '.join(different)}**" if different else "same bits"
+        lines.append([scene, name.replace("_", " "), str(len(arrays)), verdict, *timing])
+    return (
+        f"Predictions of the present tree beside those of the commit {rows[0]['before']}, array by array; CPU"
+        f" times over the former's, medians of rounds in turns.\n\n"
+        + table(["", "", "arrays", "", "CPU time", ""], lines)
+    )
+
+
+def verdict(results: Results) -> str:
+    """Whether all is the same."""
+    found = list(_predictions(_latest(results)))
+    different = [f"{scene} by {name}" for scene, name, arrays in found if not all(arrays.values())]
+    if different:
+        return f"NOT THE SAME: {'; '.join(different)}"
+    return f"all the same: {sum(len(arrays) for *_, arrays in found)} arrays of {len(found)} predictions"
+
+
+def fingerprint(folder: Path) -> str:
+    """A hash of the sources of a tree's package."""
+    digest = hashlib.sha256()
+    for path in sorted((folder / "unc_physics").rglob("*.py")):
+        digest.update(path.read_bytes())
+    return digest.hexdigest()[:16]
+
+
+def _latest(results):
+    """Rows of the present tree, or of any other where there are none."""
+    rows = results.rows("same_bits")
+    return rows.where(after=fingerprint(ROOT)) or rows
+
+
+def _predictions(rows) -> Iterator[tuple[str, str, Mapping[str, bool]]]:
+    """Scene, propagator, and whether each array is the same."""
+    found = {}
+    for row in rows:
+        if row["quantity"].startswith(SAME):
+            _, scene, array = row["quantity"].split(", ", 2)
+            found.setdefault((scene, row["method"]), {})[array] = bool(row["value"])
+    for (scene, name), arrays in found.items():
+        yield scene, name, arrays
+
+
+class _Tree:
+    """A process that serves one tree."""
+
+    def __init__(self, process):
+        self._process = process
+        self.cases = [tuple(case) for case in json.loads(self._answer())]
+
+    def arrays(self, file, request) -> dict[str, np.ndarray]:
+        """All arrays of a prediction, by name."""
+        self.ask(**request, file=str(file))
+        with np.load(file) as content:
+            return dict(content)
+
+    def ask(self, **request) -> str:
+        """The answer to a request."""
+        self._process.stdin.write(json.dumps(request) + "\n")
+        self._process.stdin.flush()
+        return self._answer()
+
+    def _answer(self):
+        line = self._process.stdout.readline()
+        if not line:
+            raise UncPhysicsError(f"a process that predicts ended with status {self._process.wait()}")
+        return line
+
+
+@contextmanager
+def _served(folder) -> Iterator[_Tree]:
+    cache = ROOT / ".pytest_cache" / "same_bits" / fingerprint(folder)
+    process = subprocess.Popen(
+        [sys.executable, served_predictions.__file__],
+        cwd=folder,
+        env=os.environ | {"PYTHONPATH": str(folder), "NUMBA_CACHE_DIR": str(cache)},
+        text=True,
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+    )
+    with process:
+        yield _Tree(process)
+
+
+def _extract(revision, folder):
+    """Put a revision's files into a folder."""
+    command = ["git", "-C", str(ROOT), "archive", revision]
+    archive = subprocess.run(command, capture_output=True, check=True).stdout
+    with tarfile.open(fileobj=io.BytesIO(archive)) as files:
+        files.extractall(folder, filter="data")
+
+
+def _same(found, expected):
+    return found.shape == expected.shape and found.tobytes() == expected.tobytes()

@@ -1,0 +1,179 @@
+"""Predictions of one tree of the package, on request, for `experiments.same_bits`.
+
+A process runs this file by its path, in a tree that may be older than the file: it uses only what all of them
+offer.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+import time
+from dataclasses import replace
+
+import numpy as np
+
+#: Propagators with other options than their own.
+OPTIONS = {"monte_carlo": {"samples": 12}}
+VARIANTS = {"finite_difference": ("linearization", {"jacobian": "finite_difference"})}
+
+
+def scenes():
+    """Scenes by name: (scene, belief, horizon [s])."""
+    from unc_physics import Belief, RigidBody, Scene, load_model, load_scene
+
+    try:
+        from unc_physics import Box, Plane
+    except ImportError:  # the root exports them since the implicit step
+        from unc_physics.environment import Box, Plane
+
+    def belief(mean, position=0.01, rotation=0.02):
+        P = np.zeros((len(mean), 12, 12))
+        P[:, [0, 1, 2], [0, 1, 2]] = position**2
+        P[:, [6, 7, 8], [6, 7, 8]] = rotation**2
+        return Belief(mean, P)
+
+    def states(*bodies):
+        rows = np.zeros((len(bodies), 13))
+        for row, (position, velocity, spin) in zip(rows, bodies, strict=True):
+            row[0:3], row[3:6], row[10:13], row[9] = position, velocity, spin, 1.0
+        return rows
+
+    found = {}
+    bunnies, bunnies_belief, horizon = load_scene("examples/scenes/two_bunnies.yaml")
+    found["two bunnies"] = bunnies, bunnies_belief, horizon
+    pin = load_model("pin").prefix(100)
+    size = 0.5 / pin.bounding_radius
+    pin = pin.scaled(size)
+    pair = states(
+        ((-0.6, 0.05, 0.0), (1.0, 0.0, 0.0), (0.5, 1.0, -2.0)),
+        ((0.6, 0.0, 0.1), (-1.0, 0.0, 0.0), (0.0, -1.0, 1.0)),
+    )
+    pins = Scene([RigidBody("a", pin, 1.0), RigidBody("b", pin, 2.0)], dt=0.01, stiffness=2e4, damping=0.5)
+    found["two pins"] = pins, belief(pair, 0.05, 0.05), 3.0
+    third = np.concatenate([pair, states(((0.0, 0.1, -1.2), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)))])
+    fixed = [*pins.bodies, RigidBody("fixed", pin, fixed=True)]
+    P = np.array(belief(pair, 0.03).covariance)
+    onto = replace(pins, bodies=fixed, gravity=(0.2, 0.0, -3.0))
+    found["onto a fixed body"] = onto, Belief(third, P, [0, 1]), 1.5
+    floor = (Plane((0.0, 0.1, 1.0), -0.5), Box((1.0, 1.0, 0.2), (0.3, 0.0, -0.6)))
+    ground = replace(pins, gravity=(0.0, 0.0, -5.0), environment=floor, stiffness=2e5, dt=0.005)
+    found["plane and box"] = ground, belief(pair), 2.0
+    found["gyroscopic"] = replace(pins, gyroscopic=True), belief(pair, 0.03), 2.0
+    found["all together"] = replace(ground, bodies=fixed, gyroscopic=True), Belief(third, P, [0, 1]), 2.0
+    found["a long flight"] = (
+        replace(pins, environment=(Plane(offset=-100.0),)),
+        belief(pair + 3.0 * np.eye(2, 13, 1)),
+        3.0,
+    )
+    can = load_model("can").prefix(100)
+    many = states(
+        *(
+            ((0.09 * (k % 2), 0.01 * k, 0.1 + 0.15 * k), (0.0, 0.0, -0.3), (0.0, 1.0, 0.2 * k))
+            for k in range(5)
+        )
+    )
+    walls = (Plane(), Box((0.02, 1.0, 1.0), (-0.2, 0.0, 0.5)), Box((0.02, 1.0, 1.0), (0.25, 0.0, 0.5)))
+    pile = Scene(
+        [RigidBody(f"can{k}", can, 0.3) for k in range(5)],
+        dt=0.004,
+        stiffness=2e6,
+        damping=0.3,
+        gravity=(0.0, 0.0, -9.81),
+        environment=walls,
+    )
+    found["a pile"] = pile, belief(many, 0.004), 0.8
+    apart = np.concatenate([pair, pair + 8.0 * np.eye(1, 13, 1)])
+    islands = [RigidBody(f"p{k}", pin, 1.0 + k) for k in range(4)]
+    found["islands"] = replace(pins, bodies=islands, islands=True), belief(apart, 0.02), 2.0
+    uncertain = [replace(pins.bodies[0], mass_std=0.2), replace(pins.bodies[1], center_of_mass_std=0.02)]
+    found["uncertain parameters"] = (
+        replace(
+            pins, bodies=uncertain, stiffness_std=1e3, gravity=(0.0, 0.0, -0.1), gravity_direction_std=0.05
+        ),
+        belief(pair, 0.03),
+        1.5,
+    )
+    return found
+
+
+def propagators():
+    """Names and options of all propagators and variants."""
+    from unc_physics import PROPAGATORS
+
+    return {name: (name, OPTIONS.get(name, {})) for name in PROPAGATORS} | VARIANTS
+
+
+def cases(found):
+    """Pairs of a scene's and a propagator's name that go together."""
+    from unc_physics import PROPAGATORS
+
+    return [
+        (scene_name, label)
+        for scene_name, (scene, *_) in found.items()
+        for label, (name, _) in propagators().items()
+        # older trees do not say which can; those that cannot are not among the present tree's cases
+        if not (scene.uncertain and not getattr(PROPAGATORS[name], "varies_parameters", True))
+        and not (label in VARIANTS and (scene.environment or scene.gyroscopic))
+    ]
+
+
+def results(scene, belief, horizon, label):
+    """Every array that a prediction gives, its statuses' flags and its answers, by name."""
+    from unc_physics import make_propagator, predict
+
+    try:
+        from unc_physics import assess, contact_probabilities
+    except ImportError:  # likewise
+        from unc_physics.propagation.answers import contact_probabilities
+        from unc_physics.propagation.status import assess
+
+    name, options = propagators()[label]
+    prediction = predict(scene, belief, make_propagator(name, **options), horizon, times=(0.5 * horizon,))
+    arrays = {}
+    for k, found in enumerate(prediction.beliefs):
+        arrays[f"mean {k}"], arrays[f"covariance {k}"] = found.mean, found.covariance
+    for field, part in prediction.carry._asdict().items():
+        if field == "contact_history":
+            arrays["first contacts"] = part.first_time
+        elif field == "memory":  # its former name and layout
+            arrays["first contacts"] = part[..., 0]
+        elif isinstance(part, np.ndarray):
+            arrays[field] = part
+    whole = hasattr(prediction, "scene")  # and what else older trees ask for
+    statuses = assess(prediction) if whole else assess(scene, belief, prediction)
+    arrays["flags"] = np.array([int(status.flags) for status in statuses])
+    touching = contact_probabilities(*([prediction] if whole else [scene, prediction, belief]))
+    for k, answer in enumerate(touching):
+        arrays[f"contact {k}"] = np.array(
+            [answer.probability, answer.first_contact_time_mean, answer.first_contact_time_std]
+        )
+    return arrays
+
+
+def serve():
+    """Answer requests, one JSON object a line: a case to compare, with a file for its arrays, or to time."""
+    import numba
+
+    from unc_physics import make_propagator, predict
+
+    numba.set_num_threads(1)
+    found = scenes()
+    print(json.dumps(cases(found)), flush=True)
+    for line in sys.stdin:
+        request = json.loads(line)
+        scene, belief, horizon = found[request["scene"]]
+        if "file" in request:
+            np.savez(request["file"], **results(scene, belief, horizon, request["propagator"]))
+            print("0", flush=True)
+            continue
+        name, options = propagators()[request["propagator"]]
+        propagator, start, runs = make_propagator(name, **options), time.process_time(), 0
+        while time.process_time() - start < request["seconds"]:
+            predict(scene, belief, propagator, horizon)
+            runs += 1
+        print((time.process_time() - start) / runs, flush=True)
+
+
+if __name__ == "__main__":
+    serve()

@@ -1,0 +1,115 @@
+"""The keys of a scene's physics, and their checks: for `Scene`, scene files, and the node."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+from ..checks.errors import InvalidHorizonError, InvalidOptionError
+from ..checks.validation import array, flag, non_negative, positive, share
+
+#: How steps are taken: as in the paper, or with contacts that are solved for, which friction and rest need.
+INTEGRATORS = ("explicit", "implicit")
+_SUCCESSORS = {"robust": "implicit"}
+#: What becomes of overlap at the start.
+OVERLAPS = ("project", "reject", "keep")
+
+
+class PhysicsKey(NamedTuple):
+    """One key of the physics; `Scene` has a field of its name, whose default holds where nothing is said.
+
+    Attributes
+    ----------
+    check : callable
+        Takes a value and the field's name; returns the value to keep, or raises an `UncPhysicsError`.
+    meaning : str
+        For those who set it, with its unit.
+    law : bool
+        Whether null takes it away; otherwise null says nothing.
+    size : int
+        How many numbers it is, where it is several.
+    """
+
+    check: Callable[[Any, str], Any]
+    meaning: str
+    law: bool = False
+    size: int = 1
+
+
+def check_integrator(name: Any, field: str = "integrator") -> str:
+    """The name itself; raises `InvalidOptionError` unless there is an integrator of that name."""
+    if isinstance(name, str) and name in _SUCCESSORS:
+        raise InvalidOptionError(
+            f"must be '{_SUCCESSORS[name]}' now, which has taken the place of '{name}'",
+            field=field,
+            value=name,
+        )
+    return _one_of(INTEGRATORS, name, field)
+
+
+def _check_overlap(name, field):
+    return _one_of(OVERLAPS, name, field)
+
+
+def _one_of(choices, name, field):
+    if not isinstance(name, str) or name not in choices:
+        raise InvalidOptionError(f"must be one of {', '.join(choices)}", field=field, value=name)
+    return name
+
+
+def _time_step(value, field):
+    return positive(value, field, InvalidHorizonError)
+
+
+def _vector(value, field):
+    return array(value, (3,), field)
+
+
+#: All keys of the physics.
+PHYSICS_KEYS = {
+    "dt": PhysicsKey(_time_step, "Time step [s]."),
+    "stiffness": PhysicsKey(
+        non_negative,
+        "Stiffness of contacts, force per overlap volume [N/m^3], at least 0; 'auto': at which no body sinks"
+        " in by more than 0.1 mm where it rests ('implicit'), or presses deeper into another than 5 % of its"
+        " largest sphere's radius ('explicit').",
+    ),
+    "damping": PhysicsKey(non_negative, "Decay rate of all velocities [1/s].", law=True),
+    "friction": PhysicsKey(
+        non_negative,
+        "Coefficient of Coulomb friction of all contacts; 0: none, as 'explicit' needs.",
+        law=True,
+    ),
+    "restitution": PhysicsKey(
+        share, "Coefficient of restitution of all contacts; 1: elastic, as 'explicit' needs.", law=True
+    ),
+    "stiffness_std": PhysicsKey(non_negative, "Standard deviation of the stiffness [N/m^3]."),
+    "friction_std": PhysicsKey(non_negative, "Standard deviation of the friction."),
+    "restitution_std": PhysicsKey(non_negative, "Standard deviation of the restitution."),
+    "gravity_direction_std": PhysicsKey(
+        non_negative, "Standard deviation of gravity's tilts about each of two axes across it [rad]."
+    ),
+    "gyroscopic": PhysicsKey(
+        flag,
+        "Whether turning bodies keep their angular momentum; otherwise their angular velocity, as in the"
+        " paper.",
+        law=True,
+    ),
+    "islands": PhysicsKey(
+        flag,
+        "Whether bodies that cannot touch each other are predicted by themselves, by propagators that keep"
+        " correlations between bodies (the others treat bodies one by one anyway); otherwise all of a scene"
+        " together.",
+        law=True,
+    ),
+    "sleep": PhysicsKey(
+        flag, "Whether what rests is not computed until something pushes it; not with 'explicit'.", law=True
+    ),
+    "gravity": PhysicsKey(_vector, "Gravity in the world frame, 3 numbers [m/s^2].", law=True, size=3),
+    "integrator": PhysicsKey(
+        check_integrator,
+        "How steps are taken: as in the paper ('explicit'), or with contacts that are solved for, with"
+        " friction and rest ('implicit').",
+    ),
+    "overlap": PhysicsKey(_check_overlap, f"What becomes of overlap at the start: {', '.join(OVERLAPS)}."),
+}
