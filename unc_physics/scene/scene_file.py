@@ -22,7 +22,7 @@ from ..checks.errors import (
     UncPhysicsError,
 )
 from ..checks.names import hint
-from ..checks.validation import array, flag, integer, non_negative, number, positive
+from ..checks.validation import array, flag, instance, integer, non_negative, number, positive
 from ..geometry.library import find_model
 from ..geometry.packing_file import load_packing
 from ..physics.layout import ERROR
@@ -116,6 +116,7 @@ def load_scene(path: str | os.PathLike[str], models_dir: str | os.PathLike[str] 
     UncPhysicsError
         One of its kinds, naming the field and the value, for anything in the file that makes no scene.
     """
+    instance(path, (str, os.PathLike), "path")
     path = Path(path)
     try:
         text = path.read_text(encoding="utf-8")
