@@ -4,8 +4,8 @@ rest?
 An answer is available if its probability is within `TOLERANCE` of the truth, as far as the interval tells
 that its outcomes leave for the truth. A propagator with samples of its own counts these. The others have
 none, and the Gaussian that they end with is no good for probabilities once bodies have touched
-(``python -m unc_physics evaluate calibration`` shows how far off it is). They can tell what the first contacts
-decide, before which all bodies fly freely: flights drawn from the initial belief answer each
+(``python -m unc_physics evaluate calibration`` shows how far off it is). They can tell what the first
+contacts decide, before which all bodies fly freely: flights drawn from the initial belief answer each
 question with yes, no, or not yet. "Not yet" counts half, and widens the interval by as much.
 """
 
