@@ -230,7 +230,7 @@ INDEFINITE[0, 1] = INDEFINITE[1, 0] = 2.0
         ("mass", 0.0, errors.InvalidMassError),
         ("mass", -1.0, errors.InvalidMassError),
         ("mass", NAN, errors.NotFiniteError),
-        ("mass", None, errors.InvalidMassError),
+        ("mass", "heavy", errors.InvalidMassError),
         ("mass_std", -1.0, errors.InvalidCovarianceError),
         ("mass_std", NAN, errors.NotFiniteError),
         ("mass_std", 2.0, errors.InvalidCovarianceError),
