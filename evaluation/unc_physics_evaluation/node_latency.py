@@ -83,7 +83,7 @@ def measure(calls: int, length: float) -> list[Row]:
 @contextmanager
 def processes(commands) -> Iterator[list[subprocess.Popen]]:
     """Run this file in processes of their own, which end when this one does."""
-    module = [sys.executable, "-m", "unc_physics_evaluation.node_latency"]
+    module = [sys.executable, "-m", "unc_physics_evaluation.node_latency", str(os.getpid())]
     running = [subprocess.Popen([*module, *command]) for command in commands]
     try:
         yield running
@@ -304,9 +304,12 @@ def stream(client, length) -> list[Row]:
 
 
 if __name__ == "__main__":
+    parent, kind = sys.argv[1:3]
     if sys.platform == "linux":
         ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGTERM)
-    if sys.argv[1] == "node":
-        main(sys.argv[1:])
+    if os.getppid() != int(parent):
+        sys.exit("the process that measures has ended")
+    if kind == "node":
+        main(sys.argv[2:])
     else:
-        serve_empty(sys.argv[1])
+        serve_empty(kind)
