@@ -7,7 +7,8 @@ from example_scenes import CONTENTS
 
 from unc_physics import load_scene
 from unc_physics.scene.environment import Box, Capsule, Cylinder, Plane, Sphere, element_names
-from unc_physics.scene.scene_file import PHYSICS_KEYS, PRESET, scene_from_dict
+from unc_physics.scene.physics_keys import PHYSICS_KEYS
+from unc_physics.scene.scene_file import PRESET, scene_from_dict
 
 TURNED = [0.0, 0.0, 0.6, 0.8]
 SURROUNDINGS = [
@@ -44,7 +45,7 @@ def test_elements_arrive_in_order_with_their_names(tmp_path):
     np.testing.assert_array_equal(rail.position, 0.0)
 
 
-NULLABLE = [key for key in PHYSICS_KEYS if key != "overlap"]  # whose null could mean project or keep
+NULLABLE = [key for key in PHYSICS_KEYS if key != "overlap"]  # whose null would be read in two ways
 
 
 @pytest.mark.parametrize(
