@@ -305,7 +305,7 @@ INDEFINITE[0, 1] = INDEFINITE[1, 0] = 2.0
         ("scale", NAN, errors.NotFiniteError),
         ("mass", -1.0, errors.InvalidMassError),
         ("mass", NAN, errors.NotFiniteError),
-        ("mass", None, errors.InvalidMassError),
+        ("mass", "heavy", errors.InvalidMassError),
         ("kind", 3, errors.InvalidRequestError),
         ("covariance", np.zeros(143), errors.InvalidCovarianceError),
         ("covariance", -np.eye(12).ravel(), errors.InvalidCovarianceError),
