@@ -370,8 +370,9 @@ def rich_requests():
         message.pose.covariance = diagonal(*[1e-3] * 6)
     sunk = base()  # deeper in the floor than its belief says, so that it is moved out
     sunk.scene.objects.pop()
-    sunk.scene.objects[0].pose.pose.position.z = -0.02
-    sunk.scene.objects[0].pose.covariance = diagonal(*[1e-3] * 6)
+    sunk.scene.objects[0].pose.pose.position.z = -0.013
+    sunk.scene.objects[0].pose.covariance = diagonal(*[2e-3] * 6)
+    sunk.propagator, sunk.samples = "monte_carlo", 50
     return asked, overlapping, sunk
 
 
