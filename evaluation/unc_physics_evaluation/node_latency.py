@@ -31,10 +31,18 @@ from std_srvs.srv import Empty
 from unc_physics.checks.errors import UncPhysicsError
 from unc_physics.propagators.names import REFERENCE
 from unc_physics.propagators.registry import PROPAGATORS
+from unc_physics.ros.durations import duration, seconds
 from unc_physics.ros.node import leave, main, spin_node
 from unc_physics_evaluation.jobs import Row
 from unc_physics_msgs.action import PredictLong
-from unc_physics_msgs.msg import ObjectState, ObjectStateArray, PredictedObject, PredictedState, Prediction
+from unc_physics_msgs.msg import (
+    ObjectState,
+    PredictedObject,
+    PredictedState,
+    Prediction,
+    PredictionRequest,
+    Scene,
+)
 from unc_physics_msgs.srv import Predict
 
 WARM_UP = 30
@@ -137,9 +145,11 @@ def serve_empty(kind: str) -> None:
 
 def canned_answer(request):
     """An answer to a request that nothing was calculated for."""
-    return Predict.Response(
-        objects=[PredictedObject(id=message.id, states=[PredictedState()]) for message in request.objects]
-    )
+    response = Predict.Response()
+    response.prediction.objects = [
+        PredictedObject(id=message.id, states=[PredictedState()]) for message in request.request.scene.objects
+    ]
+    return response
 
 
 def moving(name, x, speed, spheres):
@@ -154,9 +164,9 @@ def moving(name, x, speed, spheres):
 
 def request_of(propagator):
     """Two objects of 100 spheres that collide within a second."""
-    request = Predict.Request(
-        objects=[moving("left", -0.2, 0.5, 100), moving("right", 0.2, -0.5, 100)],
-        horizon=1.0,
+    request = PredictionRequest(
+        scene=Scene(objects=[moving("left", -0.2, 0.5, 100), moving("right", 0.2, -0.5, 100)]),
+        horizon=duration(1.0),
         propagator=propagator,
         seed=1,
     )
@@ -167,7 +177,7 @@ def request_of(propagator):
 
 def another(request, rng):
     """Change the poses and covariances of a request a little, as a tracker does."""
-    for message in request.objects:
+    for message in request.scene.objects:
         message.pose.pose.position.y = 1e-4 * rng.standard_normal()
         message.pose.covariance = np.diag([1e-4 * rng.uniform(0.9, 1.1)] * 3 + [0.0] * 3).ravel()
 
@@ -185,11 +195,11 @@ def services(client, predict, calls) -> list[Row]:
         for _ in range(WARM_UP + calls):
             another(request, rng)
             empties.append([round_trip(service, Empty.Request())[0] for service in empty])
-            took, answer = round_trip(predict, request)
+            took, answer = round_trip(predict, Predict.Request(request=request))
             trips.append(took)
-            cores.append(answer.computation_time)
-            if answer.error_code:
-                raise UncPhysicsError(answer.error_msg)
+            cores.append(seconds(answer.prediction.computation_time))
+            if answer.result.error_code:
+                raise UncPhysicsError(answer.result.error_msg)
         found = {
             "round_trip": np.median(trips[WARM_UP:]),
             "round_trip_p99": np.percentile(trips[WARM_UP:], 99),
@@ -203,7 +213,7 @@ def services(client, predict, calls) -> list[Row]:
 
 def messages(client, calls) -> list[Row]:
     """Round trips of the messages of ``~/predict`` to services that calculate nothing."""
-    request, rows = request_of("surrogate"), []
+    request, rows = Predict.Request(request=request_of("surrogate")), []
     for kind in KINDS:
         service = client.create_client(Predict, f"/empty_{kind}/canned")
         service.wait_for_service(READY_TIMEOUT)
@@ -223,16 +233,12 @@ def cancel(client, executor) -> list[Row]:
     """Time until a cancel request of a long Monte Carlo run is answered, and until its result is there."""
     action = ActionClient(client, PredictLong, "/unc_physics/predict_long")
     action.wait_for_server(READY_TIMEOUT)
-    fields = {
-        name: getattr(request_of(REFERENCE), name) for name in PredictLong.Goal.get_fields_and_field_types()
-    }
-    fields |= {"samples": 20_000, "horizon": 60.0}
+    goal = PredictLong.Goal(request=request_of(REFERENCE))
+    goal.request.samples, goal.request.horizon = 20_000, duration(60.0)
     answers, results = [], []
     for _ in range(CANCELS):
         # by the thread that spins: rclpy drops an answer that comes before the call has returned
-        handle = wait_for(
-            wait_for(executor.create_task(lambda: action.send_goal_async(PredictLong.Goal(**fields))))
-        )
+        handle = wait_for(wait_for(executor.create_task(lambda: action.send_goal_async(goal))))
         result = wait_for(executor.create_task(handle.get_result_async))
         time.sleep(0.5)
         started = time.perf_counter()
@@ -242,9 +248,9 @@ def cancel(client, executor) -> list[Row]:
         results.append(time.perf_counter() - started)
     action.destroy()
     return [
-        Row("cancel", quantity, "s", seconds, None, k)
+        Row("cancel", quantity, "s", took, None, k)
         for quantity, times in (("answer", answers), ("result", results))
-        for k, seconds in enumerate(times)
+        for k, took in enumerate(times)
     ]
 
 
@@ -258,7 +264,7 @@ def wait_for(future):
 
 def stream(client, length) -> list[Row]:
     """Predictions of ten objects at 30 Hz, two of them in contact, and their delays."""
-    scene = ObjectStateArray(objects=[moving(str(k), 0.5 * k, 0.0, 100) for k in range(10)])
+    scene = Scene(objects=[moving(str(k), 0.5 * k, 0.0, 100) for k in range(10)])
     scene.objects[1].pose.pose.position.x = 0.12
     delays, counts = [], {}
     received = threading.Semaphore(0)
@@ -274,7 +280,7 @@ def stream(client, length) -> list[Row]:
 
     client.create_subscription(DiagnosticArray, "/diagnostics", count_inputs, 1)
     client.create_subscription(Prediction, "/unc_physics/predictions", receive, 10)
-    publisher = client.create_publisher(ObjectStateArray, "/unc_physics/objects", qos_profile_sensor_data)
+    publisher = client.create_publisher(Scene, "/unc_physics/scene", qos_profile_sensor_data)
     while not publisher.get_subscription_count():
         time.sleep(0.05)
 

@@ -14,7 +14,8 @@ from ament_index_python.packages import get_package_prefix, get_package_share_di
 from rclpy.serialization import deserialize_message, serialize_message
 from unc_physics.geometry.library import list_models
 
-request = unc_physics_msgs.srv.Predict.Request(horizon=2.5, propagator="ünï")
+request = unc_physics_msgs.srv.Predict.Request()
+request.request.horizon.sec, request.request.propagator = 2, "ünï"
 assert deserialize_message(serialize_message(request), type(request)) == request
 print(json.dumps({
     "modules": [unc_physics.__file__, unc_physics_msgs.srv.__file__],

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from example_scenes import two_bodies
+from scipy.stats import binomtest
 
 from unc_physics import Belief, make_propagator, predict
 from unc_physics.__main__ import main
@@ -58,6 +59,16 @@ def test_monte_carlo_counts_its_samples():
     np.testing.assert_array_equal(deflected, touch)
 
 
+def test_an_answer_comes_with_the_interval_of_its_draws():
+    prediction = predict(*grazing(0.7)[:2], monte_carlo(), 2.0)
+    (answer,) = contact_probabilities(prediction)
+    touch = np.isfinite(prediction.carry.contact_history.first_time[:, 0, 1])
+    expected = binomtest(int(touch.sum()), len(touch)).proportion_ci(0.999, "wilson")
+    assert (answer.low, answer.high) == pytest.approx((expected.low, expected.high), abs=1e-4)
+    for unknown in contact_probabilities(predict(*grazing(0.7)[:2], monte_carlo(10), 2.0)):
+        assert (unknown.available, unknown.low, unknown.high) == (False, 0.0, 0.0)
+
+
 def test_few_samples_tell_only_what_is_clear():
     open_case, clear_case = grazing(0.7), grazing(FAR)
     for samples, tells_open, tells_clear in ((10, False, False), (100, False, True), (400, True, True)):
@@ -105,7 +116,7 @@ def test_a_certain_prediction_is_certain_of_its_answers():
     sure = Belief(belief.mean, np.zeros((2, 12, 12)))
     prediction = predict(scene, sure, "sigma_points", 2.0)
     (answer,) = contact_probabilities(prediction)
-    assert answer.available and answer.probability == 1.0
+    assert answer.available and answer.low == answer.probability == answer.high == 1.0
     assert answer.first_contact_time_available and answer.first_contact_time_std == 0.0
 
 

@@ -106,8 +106,8 @@ class Client:
         return result_of(result_of(self.executor.create_task(start)))
 
     def predict(self, request, node="unc_physics", **others):
-        """Call `~/predict`."""
-        return self.call(Predict, f"/{node}/predict", request, **others)
+        """Call `~/predict` with a PredictionRequest."""
+        return self.call(Predict, f"/{node}/predict", Predict.Request(request=request), **others)
 
 
 class Inbox:

@@ -1,14 +1,21 @@
 """Requests that tests begin from."""
 
+from array import array
+
 import numpy as np
-from diagnostic_msgs.msg import KeyValue
+from geometry_msgs.msg import Vector3
 
 from unc_physics.checks.errors import ErrorCode
-from unc_physics_msgs.msg import ObjectState
-from unc_physics_msgs.srv import Predict
+from unc_physics.ros.durations import duration
+from unc_physics_msgs.msg import ObjectState, PredictionRequest, Scene
 
 POSITION_STD = 0.02  # m
 ROTATION_STD = 0.05  # rad
+
+
+def packed(values):
+    """Numbers for a field of any length; where it checks, it takes no NumPy array and no NaN."""
+    return array("d", np.ravel(values))
 
 
 def diagonal(*stds):
@@ -28,18 +35,36 @@ def moving_object(
     return message
 
 
+#: Fields that are Durations, for which tests give seconds.
+_TIMES = "horizon", "trajectory_period", "max_computation_time"
+
+
 def request_of(*objects, horizon=0.2, **others):
-    """A request for `~/predict` without gravity."""
-    request = Predict.Request(objects=list(objects), horizon=horizon, **others)
-    request.scene_options.append(KeyValue(key="gravity", value="[0, 0, 0]"))
+    """A request without gravity; times in seconds."""
+    others |= {"horizon": horizon}
+    others |= {name: duration(others[name]) for name in _TIMES if name in others}
+    request = PredictionRequest(scene=Scene(objects=list(objects)), **others)
+    return with_physics(request, gravity=(0.0, 0.0, 0.0))
+
+
+def with_physics(request, **values):
+    """The same request, with fields of its physics replaced; None empties one."""
+    for name, value in values.items():
+        if name == "gravity" and value is not None:
+            value = Vector3(**dict(zip("xyz", value, strict=True)))
+        if value is None:
+            value = []
+        elif isinstance(value, float):
+            value = packed([value])
+        elif not isinstance(value, str):
+            value = [value]
+        setattr(request.physics, name, value)
     return request
 
 
 def explicit(request):
     """The same request, for the paper's step, which all propagators run on."""
-    for key, value in (("integrator", "explicit"), ("friction", "null"), ("restitution", "null")):
-        request.scene_options.append(KeyValue(key=key, value=value))
-    return request
+    return with_physics(request, integrator="explicit", friction=0.0, restitution=1.0)
 
 
 def good_request(**others):
@@ -50,9 +75,9 @@ def good_request(**others):
 
 def assert_answered(response):
     """The answer is no error, and holds finite numbers only."""
-    assert response.error_code == ErrorCode.NONE, response.error_msg
-    assert response.objects
-    for predicted in response.objects:
+    assert response.result.error_code == ErrorCode.NONE, response.result.error_msg
+    assert response.prediction.objects
+    for predicted in response.prediction.objects:
         assert predicted.states
         for state in predicted.states:
             assert np.isfinite(numbers_of(state)).all()
@@ -82,7 +107,7 @@ def numbers_of(state):
 def assert_same(response, expected):
     """Both answer the same; to round-off, as steps are grouped by the clock."""
     assert_answered(response)
-    for got, want in zip(response.objects, expected.objects, strict=True):
+    for got, want in zip(response.prediction.objects, expected.prediction.objects, strict=True):
         assert np.allclose(numbers_of(got.states[-1]), numbers_of(want.states[-1]), rtol=0.0, atol=1e-9)
         assert (got.status, got.status_msg) == (want.status, want.status_msg)
 

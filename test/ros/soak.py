@@ -9,13 +9,15 @@ import os
 import random
 import sys
 import time
+from array import array
 
 os.environ.setdefault("ROS_DOMAIN_ID", str(1 + os.getpid() % 100))
 os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
 
 import numpy as np
+from builtin_interfaces.msg import Duration
 from diagnostic_msgs.msg import KeyValue
-from geometry_msgs.msg import Pose
+from geometry_msgs.msg import Vector3
 from rclpy.qos import qos_profile_sensor_data
 from running import Client, Inbox, NodeProcess, result_of
 from scenes import (
@@ -25,12 +27,22 @@ from scenes import (
     moving_object,
     numbers_of,
     orientation_of,
+    packed,
     position_of,
 )
-from shape_msgs.msg import Plane, SolidPrimitive
+from shape_msgs.msg import Mesh, Plane, SolidPrimitive
 
 from unc_physics.checks.errors import ErrorCode
-from unc_physics_msgs.msg import BoxRegion, Candidate, ObjectStateArray, Prediction
+from unc_physics_msgs.msg import (
+    AppliedWrench,
+    BoxRegion,
+    Candidate,
+    EnvironmentElement,
+    JointCovariance,
+    Prediction,
+    Scene,
+    Score,
+)
 from unc_physics_msgs.srv import Predict, PredictCandidates
 
 NODE = "soaked"
@@ -103,9 +115,15 @@ PARTS = [
     lambda: moving_object("left"),
     lambda: moving_object("other", "pin"),
     lambda: BoxRegion(id="bin"),
+    lambda: EnvironmentElement(plane=[Plane(coef=[0.0, 0.0, 1.0, 2.0])]),
+    lambda: JointCovariance(object_ids=["left"], data=packed(np.eye(12))),
+    AppliedWrench,
+    Mesh,
+    Vector3,
+    Duration,
+    Score,
     Plane,
     SolidPrimitive,
-    Pose,
     lambda: KeyValue(key="points", value="full"),
     lambda: Candidate(id="c"),
 ]
@@ -121,7 +139,7 @@ def spoil(message, rng, depth=0):
         value = value.copy()
         value[rng.randrange(len(value))] = rng.choice(NUMBERS)
         setattr(message, name, value)
-    elif isinstance(value, list):
+    elif isinstance(value, (list, array)):
         spoil_list(value, kind, rng, depth)
     elif isinstance(value, bool):
         setattr(message, name, not value)
@@ -135,20 +153,32 @@ def spoil(message, rng, depth=0):
 
 
 def spoil_list(values, kind, rng, depth):
-    """Change an entry of a list, or add, double or remove one."""
-    if kind == "sequence<string>":
-        values.append(rng.choice(TEXTS))
+    """Change an entry of a list, or add, double or remove one; optional fields keep at most one."""
+    element, _, bound = kind.removeprefix("sequence<").removesuffix(">").partition(", ")
+    full = bool(bound) and len(values) >= int(bound)
+    if element in _PLAIN:
+        if full:
+            values.pop()
+        else:
+            values.append(_PLAIN[element](rng))
         return
     if values and rng.random() < 0.7 and hasattr(values[0], "get_fields_and_field_types"):
         spoil(rng.choice(values), rng, depth + 1)
         return
-    fitting = [part for part in (make() for make in PARTS) if kind == f"sequence<{_type_name(part)}>"]
+    fitting = [part for part in (make() for make in PARTS) if element == _type_name(part) and not full]
     if fitting and rng.random() < 0.5:
         values.append(fitting[0])
-    elif values and rng.random() < 0.3:
+    elif values and not full and rng.random() < 0.3:
         values.append(values[0])
     elif values:
         values.pop(rng.randrange(len(values)))
+
+
+_PLAIN = {
+    "string": lambda rng: rng.choice(TEXTS),
+    "double": lambda rng: rng.choice(NUMBERS),
+    "boolean": lambda rng: rng.random() < 0.5,
+}
 
 
 def _type_name(message):
@@ -162,13 +192,11 @@ def spoiled(rng):
         horizon=0.3, return_samples=rng.choice([0, 0, 5]), trajectory_period=rng.choice([0.0, 0.1])
     )
     if rng.random() < 0.1:
-        fields = {name: getattr(base, name) for name in base.get_fields_and_field_types()}
         kind, name = PredictCandidates, "predict_candidates"
-        request = PredictCandidates.Request(
-            **fields, candidates=[Candidate(id="a", objects=[moving_object("left")])]
-        )
+        candidates = [Candidate(id="a", objects=[moving_object("left")])]
+        request = PredictCandidates.Request(request=base, candidates=candidates)
     else:
-        kind, name, request = Predict, "predict", base
+        kind, name, request = Predict, "predict", Predict.Request(request=base)
     for _ in range(rng.choice([0, 1, 1, 2, 3, 10])):
         spoil(request, rng)
     return kind, f"/{NODE}/{name}", request
@@ -176,15 +204,11 @@ def spoiled(rng):
 
 def check(response):
     """An answer has a known code, a reason where it is an error, and finite numbers only."""
-    code = ErrorCode(response.error_code)
-    assert code != ErrorCode.INTERNAL, response.error_msg
-    assert bool(code) == bool(response.error_msg)
-    for prediction in (
-        [entry.prediction for entry in response.predictions]
-        if hasattr(response, "predictions")
-        else [response]
-    ):
-        check_numbers(prediction)
+    code, reason = ErrorCode(response.result.error_code), response.result.error_msg
+    assert code != ErrorCode.INTERNAL, reason
+    assert bool(code) == bool(reason)
+    for entry in getattr(response, "predictions", [response]):
+        check_numbers(entry.prediction)
     return code.name
 
 
@@ -228,7 +252,7 @@ def soak(duration, requests, seed, report=lambda text: None):
             return response
 
         before = good_answer()
-        stream = client.node.create_publisher(ObjectStateArray, f"/{NODE}/objects", qos_profile_sensor_data)
+        stream = client.node.create_publisher(Scene, f"/{NODE}/scene", qos_profile_sensor_data)
         started = reported = time.monotonic()
         sent, counts, warm = 0, {}, None
         waiting = []
@@ -237,7 +261,7 @@ def soak(duration, requests, seed, report=lambda text: None):
                 waiting.append(client.start(*spoiled(rng)))
                 sent += 1
                 if sent % 10 == 0:
-                    scene = ObjectStateArray(objects=good_request().objects)
+                    scene = Scene(objects=good_request().scene.objects)
                     spoil(scene, rng)
                     stream.publish(scene)
                 if len(waiting) >= IN_FLIGHT:

@@ -4,21 +4,29 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from diagnostic_msgs.msg import KeyValue
 from geometry_msgs.msg import Pose
-from scenes import assert_answered, diagonal, moving_object, orientation_of, position_of
+from scenes import (
+    assert_answered,
+    diagonal,
+    explicit,
+    moving_object,
+    orientation_of,
+    position_of,
+    request_of,
+    with_physics,
+)
 from scipy.spatial.transform import Rotation
 from shape_msgs.msg import Plane, SolidPrimitive
 from std_msgs.msg import Header
 from visualization_msgs.msg import Marker
 
 from unc_physics.checks.errors import ErrorCode, NotSupportedError
+from unc_physics.ros.durations import seconds
 from unc_physics.ros.markers import markers
 from unc_physics.ros.parameters import Settings
 from unc_physics.ros.surroundings import read_environment
 from unc_physics.scene.environment import Capsule, Cylinder, Sphere
-from unc_physics_msgs.msg import BoxRegion, ContactProbability, Environment
-from unc_physics_msgs.srv import Predict
+from unc_physics_msgs.msg import BoxRegion, ContactProbability, Environment, EnvironmentElement, Probability
 
 FLOOR = 0.2  # m, height
 SAMPLES = 200
@@ -29,14 +37,15 @@ def floor_as(kind):
     cylinder's end.
     """
     if kind == "plane":
-        return Environment(planes=[Plane(coef=[0.0, 0.0, 2.0, -2.0 * FLOOR])], ids=["floor"])
+        plane = Plane(coef=[0.0, 0.0, 2.0, -2.0 * FLOOR])
+        return Environment(elements=[EnvironmentElement(id="floor", plane=[plane])])
     pose = Pose()
     pose.position.z = FLOOR - 0.5
     primitive = {
         "box": SolidPrimitive(type=SolidPrimitive.BOX, dimensions=[4.0, 4.0, 1.0]),
         "cylinder": SolidPrimitive(type=SolidPrimitive.CYLINDER, dimensions=[1.0, 2.0]),
     }[kind]
-    return Environment(primitives=[primitive], primitive_poses=[pose], ids=["floor"])
+    return Environment(elements=[EnvironmentElement(id="floor", primitive=[primitive], pose=pose)])
 
 
 def falling_brick(name="brick", height=0.15, x=0.0):
@@ -46,21 +55,17 @@ def falling_brick(name="brick", height=0.15, x=0.0):
     return message
 
 
-#: The paper's step, which all propagators run on.
-EXPLICIT = {"integrator": "explicit", "stiffness": "1e6", "friction": "null", "restitution": "null"}
-
-
-def request_with(environment, *objects, horizon=0.6, options=(), **others):
-    request = Predict.Request(
-        environment=environment, objects=list(objects), horizon=horizon, seed=1, **others
-    )
-    options = EXPLICIT if others.get("propagator") == "surrogate" else {"restitution": "0.3"} | dict(options)
-    request.scene_options = [KeyValue(key=key, value=value) for key, value in options.items()]
-    return request
+def request_with(environment, *objects, horizon=0.6, physics=(), **others):
+    request = request_of(*objects, horizon=horizon, seed=1, **others)
+    request.scene.environment = environment
+    with_physics(request, gravity=None)
+    if others.get("propagator") == "surrogate":
+        return with_physics(explicit(request), stiffness=1e6)
+    return with_physics(request, **({"restitution": 0.3} | dict(physics)))
 
 
 def height_of(response, k=0):
-    return response.objects[k].states[-1].pose.pose.position.z
+    return response.prediction.objects[k].states[-1].pose.pose.position.z
 
 
 @pytest.mark.parametrize("kind", ["plane", "box", "cylinder"])
@@ -93,7 +98,9 @@ def test_probabilities_of_contact_region_and_rest(predict):
     )
     response = predict(request)
     assert_answered(response)
-    contacts = {(answer.object_a, answer.object_b): answer for answer in response.contact_probabilities}
+    contacts = {
+        (answer.object_a, answer.object_b): answer for answer in response.prediction.contact_probabilities
+    }
     assert set(contacts) == {
         ("near", "far"),
         ("near", "floor"),
@@ -101,19 +108,27 @@ def test_probabilities_of_contact_region_and_rest(predict):
         ("near", ContactProbability.ENVIRONMENT),
         ("far", ContactProbability.ENVIRONMENT),
     }
-    assert all(answer.available for answer in contacts.values())
-    assert contacts["near", "far"].probability == 0.0
+    assert all(answer.probability.available for answer in contacts.values())
+    never = contacts["near", "far"].probability
+    assert never.probability == never.low == 0.0 < never.high < 0.1
     assert not contacts["near", "far"].first_contact_time_available
     for pair in (("near", "floor"), ("near", ContactProbability.ENVIRONMENT)):
-        assert contacts[pair].probability == 1.0
+        always = contacts[pair].probability
+        assert 0.9 < always.low < always.probability == always.high == 1.0
         assert contacts[pair].first_contact_time_available
-        assert 0.0 < contacts[pair].first_contact_time_mean < 0.3
-    regions = {(answer.region, answer.object): answer for answer in response.region_probabilities}
+        assert 0.0 < seconds(contacts[pair].first_contact_time_mean) < 0.3
+        assert 0.0 < seconds(contacts[pair].first_contact_time_std) < 0.1
+    regions = {(answer.region, answer.object): answer for answer in response.prediction.region_probabilities}
     assert set(regions) == {(region, name) for region in ("inside", "away") for name in ("near", "far")}
-    assert regions["inside", "near"].probability == 1.0
-    assert all(answer.available for answer in regions.values())
-    assert regions["inside", "far"].probability == regions["away", "near"].probability == 0.0
-    assert all(predicted.rest_probability_available for predicted in response.objects)
+    assert regions["inside", "near"].probability.probability == 1.0
+    assert all(answer.probability.available for answer in regions.values())
+    for pair in (("inside", "far"), ("away", "near")):
+        assert regions[pair].probability.probability == 0.0
+    for answer in (*contacts.values(), *regions.values()):
+        assert seconds(answer.time_from_start) == pytest.approx(0.6)
+    for predicted in response.prediction.objects:
+        assert predicted.at_rest.available
+        assert not predicted.upright.available
 
 
 def test_what_is_not_known_well_enough_is_not_available(predict):
@@ -129,10 +144,11 @@ def test_what_is_not_known_well_enough_is_not_available(predict):
     )
     response = predict(few)
     assert_answered(response)
-    assert response.contact_probabilities and response.region_probabilities
-    for answer in (*response.contact_probabilities, *response.region_probabilities):
-        assert not answer.available and answer.probability == 0.0
-    assert not response.objects[0].rest_probability_available
+    prediction = response.prediction
+    assert prediction.contact_probabilities and prediction.region_probabilities
+    for answer in (*prediction.contact_probabilities, *prediction.region_probabilities):
+        assert answer.probability == Probability()
+    assert prediction.objects[0].at_rest == Probability()
 
 
 def test_flights_tell_the_contacts_of_a_propagator_without_samples(predict):
@@ -145,10 +161,12 @@ def test_flights_tell_the_contacts_of_a_propagator_without_samples(predict):
     )
     response = predict(request)
     assert_answered(response)
-    contacts = {(answer.object_a, answer.object_b): answer for answer in response.contact_probabilities}
-    assert contacts["near", "floor"].available and contacts["near", "floor"].probability == 1.0
-    assert 0.0 < contacts["near", "floor"].first_contact_time_mean < 0.3
-    assert not response.objects[0].rest_probability_available  # decided after the first contact
+    contacts = {
+        (answer.object_a, answer.object_b): answer for answer in response.prediction.contact_probabilities
+    }
+    assert contacts["near", "floor"].probability.probability == 1.0
+    assert 0.0 < seconds(contacts["near", "floor"].first_contact_time_mean) < 0.3
+    assert not response.prediction.objects[0].at_rest.available  # decided after the first contact
 
 
 def test_probabilities_are_told_when_asked_for(predict):
@@ -156,26 +174,28 @@ def test_probabilities_are_told_when_asked_for(predict):
         request_with(floor_as("plane"), falling_brick(), propagator="monte_carlo", samples=SAMPLES)
     )
     assert_answered(response)
-    assert not response.contact_probabilities
-    assert not response.objects[0].rest_probability_available
+    assert not response.prediction.contact_probabilities
+    assert not response.prediction.objects[0].at_rest.available
 
 
 @pytest.mark.parametrize(
     ("key", "value"),
     [
-        ("friction", "0.9"),
-        ("restitution", "0.8"),
-        ("gyroscopic", "false"),
-        ("stiffness", "3e8"),
-        ("friction", "null"),
-        ("dt", "0.002"),
+        ("friction", 0.9),
+        ("restitution", 0.8),
+        ("gyroscopic", False),
+        ("stiffness", 3e8),
+        ("friction", 0.0),
+        ("dt", 0.002),
+        ("damping", 1.0),
+        ("gravity", (0.0, 1.0, -9.0)),
     ],
 )
-def test_each_scene_option_changes_the_prediction(predict, key, value):
+def test_each_law_changes_the_prediction(predict, key, value):
     thrown = falling_brick()
     thrown.twist.twist.linear.x, thrown.twist.twist.angular.y, thrown.twist.twist.angular.z = 0.5, 3.0, 2.0
     request = request_with(floor_as("plane"), thrown, propagator="sigma_points")
-    other = request_with(floor_as("plane"), thrown, propagator="sigma_points", options={key: value})
+    other = request_with(floor_as("plane"), thrown, propagator="sigma_points", physics={key: value})
     first, again, changed = predict(request), predict(request), predict(other)
     for response in (first, again, changed):
         assert_answered(response)
@@ -184,7 +204,7 @@ def test_each_scene_option_changes_the_prediction(predict, key, value):
 
 
 def pose_numbers(response):
-    pose = response.objects[0].states[-1].pose.pose
+    pose = response.prediction.objects[0].states[-1].pose.pose
     return [pose.position.x, pose.position.y, pose.position.z, pose.orientation.x, pose.orientation.w]
 
 
@@ -194,12 +214,14 @@ def test_uncertain_friction_and_mass_widen_the_prediction(predict):
     sliding.twist.twist.linear.x = 1.0
     exact = predict(request_with(floor_as("plane"), sliding, propagator="monte_carlo", samples=SAMPLES))
     request = request_with(
-        floor_as("plane"), sliding, propagator="monte_carlo", samples=SAMPLES, options={"friction_std": "0.2"}
+        floor_as("plane"), sliding, propagator="monte_carlo", samples=SAMPLES, physics={"friction_std": 0.2}
     )
     uncertain = predict(request)
     for response in (exact, uncertain):
-        assert response.error_code == ErrorCode.NONE, response.error_msg
-    variances = [response.objects[0].states[-1].pose.covariance[0] for response in (exact, uncertain)]
+        assert response.result.error_code == ErrorCode.NONE, response.result.error_msg
+    variances = [
+        response.prediction.objects[0].states[-1].pose.covariance[0] for response in (exact, uncertain)
+    ]
     assert variances[1] > 2.0 * variances[0]
 
 
@@ -217,10 +239,13 @@ def test_spheres_and_cylinders_are_read_as_they_are():
         SolidPrimitive(type=SolidPrimitive.SPHERE, dimensions=[0.3]),
         SolidPrimitive(type=SolidPrimitive.CYLINDER, dimensions=[2.0, 0.1]),
     ]
-    message = Environment(primitives=primitives, primitive_poses=[pose, pose], ids=["ball", ""])
-    ball, post = read_environment(message)
+    elements = [
+        EnvironmentElement(id=name, primitive=[primitive], pose=pose)
+        for name, primitive in zip(("ball", ""), primitives, strict=True)
+    ]
+    ball, post = read_environment(Environment(elements=elements))
     assert (type(ball), ball.radius, ball.name) == (Sphere, 0.3, "ball")
-    assert (type(post), post.radius, post.length, post.name) == (Cylinder, 0.1, 2.0, "primitive_1")
+    assert (type(post), post.radius, post.length, post.name) == (Cylinder, 0.1, 2.0, "element_1")
     for element in (ball, post):
         assert element.position.tolist() == [0.5, 0.0, 1.0]
     assert np.allclose(post.orientation, [0.6, 0.0, 0.0, 0.8])
@@ -259,7 +284,7 @@ def test_an_element_that_has_no_marker_is_refused():
 def test_markers_of_planes_and_boxes():
     tilted = Plane(coef=[0.0, -0.6, 0.8, -1.0])
     environment = floor_as("box")
-    environment.planes, environment.ids = [tilted], ["ramp", "floor"]
+    environment.elements.insert(0, EnvironmentElement(id="ramp", plane=[tilted]))
     ramp, floor = solids_of(*read_environment(environment))
     assert (ramp.ns, floor.ns) == ("environment ramp", "environment floor")
     assert (floor.scale.x, floor.scale.z, floor.pose.position.z) == (4.0, 1.0, FLOOR - 0.5)

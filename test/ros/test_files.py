@@ -7,11 +7,16 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 import yaml
+from message_fields import element_type, message_type
 from running import Inbox, NodeProcess
+from scenes import assert_answered
 
+from unc_physics.ros.not_served import NOT_SERVED
 from unc_physics.ros.reference import parameter_file, parameter_table
+from unc_physics_msgs import srv
 from unc_physics_msgs.msg import Prediction
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -20,6 +25,13 @@ ROOT = Path(__file__).resolve().parents[2]
 def test_the_parameter_file_and_the_document_are_up_to_date():
     assert (ROOT / "config" / "unc_physics.yaml").read_text() == parameter_file() + "\n"
     assert parameter_table() in (ROOT / "docs" / "ros.md").read_text()
+
+
+def test_the_document_names_what_is_not_served():
+    text = (ROOT / "docs" / "ros.md").read_text()
+    for message, fields in NOT_SERVED.items():
+        (row,) = re.findall(rf"^\| `{message}` \| (.*) \|$", text, re.MULTILINE)
+        assert [name for name in fields if f"`{name}`" not in row] == []
 
 
 def test_a_node_starts_with_the_parameter_file_and_without_models_or_kernels():
@@ -42,6 +54,38 @@ def test_a_launch_file_loads(path):
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     assert module.generate_launch_description().entities
+
+
+def calls(document):
+    """Each ``ros2 service call`` of a document: the service's type, and its request in YAML."""
+    text = (ROOT / document).read_text()
+    return re.findall(r'ros2 service call \S+ unc_physics_msgs/srv/(\w+) "(.*?)"', text, re.DOTALL)
+
+
+def fill(message, content):
+    """Set fields of a message as the command line does from YAML."""
+    for name, value in content.items():
+        element, count = element_type(message.get_fields_and_field_types()[name])
+        if isinstance(value, dict):
+            fill(getattr(message, name), value)
+        elif count is not None and "/" in element:
+            made = [message_type(element)() for _ in value]
+            for entry, own in zip(made, value, strict=True):
+                fill(entry, own)
+            setattr(message, name, made)
+        elif count is not None and element == "double":
+            setattr(message, name, np.array(value, float))
+        else:
+            setattr(message, name, float(value) if element == "double" else value)
+
+
+@pytest.mark.parametrize("document", ["README.md", "docs/ros.md"])
+def test_the_calls_of_the_documents_are_answered(node, client, document):
+    (found,) = calls(document)
+    kind = getattr(srv, found[0])
+    request = kind.Request()
+    fill(request, yaml.safe_load(found[1]))
+    assert_answered(client.call(kind, "/unc_physics/predict", request))
 
 
 def output_of(example):

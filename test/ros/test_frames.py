@@ -6,7 +6,7 @@ import types
 import numpy as np
 import pytest
 from geometry_msgs.msg import Point, Pose, TransformStamped
-from scenes import good_request, moving_object, orientation_of, position_of
+from scenes import good_request, moving_object, orientation_of, packed, position_of
 from scipy.spatial.transform import Rotation
 from shape_msgs.msg import Plane, SolidPrimitive
 from std_msgs.msg import Header
@@ -16,7 +16,8 @@ from unc_physics.ros.frames import Frames
 from unc_physics.ros.models import ModelLibrary
 from unc_physics.ros.parameters import Settings
 from unc_physics.ros.requests import read_request
-from unc_physics_msgs.msg import BoxRegion, Environment
+from unc_physics.ros.surroundings import read_environment
+from unc_physics_msgs.msg import BoxRegion, Environment, EnvironmentElement, JointCovariance
 
 TURN = Rotation.from_rotvec([0.3, 1.2, -0.4])
 SHIFT = np.array([0.5, -2.0, 1.0])
@@ -81,27 +82,32 @@ def test_poses_velocities_and_covariances_against_drawn_poses(frames):
 
 def test_a_plane_and_a_box_stay_where_they_are(frames):
     rng = np.random.default_rng(3)
-    environment = Environment(
-        planes=[Plane(coef=rng.normal(size=4))],
-        primitives=[SolidPrimitive(type=SolidPrimitive.BOX, dimensions=[1.0, 2.0, 3.0])],
-    )
     pose = Pose()
     pose.position.x, pose.position.y, pose.position.z = 0.3, -0.2, 0.5
     turned = Rotation.from_rotvec([0.1, -0.7, 0.4])
     pose.orientation.x, pose.orientation.y, pose.orientation.z, pose.orientation.w = turned.as_quat()
-    environment.primitive_poses.append(pose)
+    environment = Environment(
+        elements=[
+            EnvironmentElement(plane=[Plane(coef=rng.normal(size=4))], pose=pose),
+            EnvironmentElement(
+                primitive=[SolidPrimitive(type=SolidPrimitive.BOX, dimensions=[1.0, 2.0, 3.0])], pose=pose
+            ),
+        ]
+    )
     region = BoxRegion(id="bin", pose=pose)
     transform = frames.to_world(Header(frame_id="camera"))
     seen, seen_region = transform.environment(environment), transform.region(region)
     points = rng.normal(size=(20, 3))
-    assert np.allclose(
-        (TURN.apply(points) + SHIFT) @ seen.planes[0].coef[:3] + seen.planes[0].coef[3],
-        points @ environment.planes[0].coef[:3] + environment.planes[0].coef[3],
-    )
-    for moved in (seen.primitive_poses[0], seen_region.pose):
+    (plane, _), (there, _) = read_environment(environment), read_environment(seen)
+    coef = environment.elements[0].plane[0].coef
+    local = turned.inv().apply(points - [0.3, -0.2, 0.5])
+    heights = (local @ coef[:3] + coef[3]) / np.linalg.norm(coef[:3])
+    assert np.allclose(plane.surface(points)[0], heights)
+    assert np.allclose(there.surface(TURN.apply(points) + SHIFT)[0], heights)
+    for moved in (seen.elements[1].pose, seen_region.pose):
         assert np.allclose(position_of(moved), TURN.apply([0.3, -0.2, 0.5]) + SHIFT)
         assert (Rotation.from_quat(orientation_of(moved)).inv() * TURN * turned).magnitude() < 1e-12
-    assert position_of(environment.primitive_poses[0]).tolist() == [0.3, -0.2, 0.5]
+    assert position_of(environment.elements[1].pose).tolist() == [0.3, -0.2, 0.5]
 
 
 def test_the_world_frame_and_no_frame_are_the_same(frames):
@@ -117,8 +123,10 @@ def test_a_frame_without_transform(frames):
 @pytest.mark.parametrize("frame_id", ["", "camera"])
 def test_a_shared_error_turns_with_its_frame(frames, frame_id):
     def belief_of(**shared):
-        request = good_request(**shared)
-        request.header.frame_id = frame_id
+        request = good_request()
+        request.scene.header.frame_id = frame_id
+        for name, value in shared.items():
+            setattr(request.scene, name, value)
         return read_request(request, Settings(zero_covariance="exact"), ModelLibrary(), frames).belief
 
     std, origin = np.array([0.01, 0.02, 0.0, 0.0, 0.0, 0.03]), Point(x=0.1, y=-0.2, z=0.3)
@@ -128,3 +136,23 @@ def test_a_shared_error_turns_with_its_frame(frames, frame_id):
     found = belief_of(common_pose_std=std, common_pose_origin=origin)
     assert np.allclose(found.covariance, expected.covariance, rtol=1e-12, atol=1e-15)
     assert not np.allclose(found.covariance, belief_of().joint, atol=1e-6)
+
+
+def test_whole_and_joint_covariances_turn_with_their_frame(frames):
+    rng = np.random.default_rng(4)
+    factor = SMALL * rng.normal(size=(24, 24))
+    C = factor @ factor.T
+    message = moving_object()
+    message.covariance = packed(C[:12, :12])
+    joint = JointCovariance(object_ids=["left", "right"], data=packed(C))
+    transform = frames.to_world(Header(frame_id="camera"))
+    A = np.kron(np.eye(8), TURN.as_matrix())
+    expected = A @ C @ A.T
+    assert np.allclose(
+        np.reshape(transform.joint_covariance(joint).data, (24, 24)), expected, rtol=1e-12, atol=1e-18
+    )
+    assert np.allclose(
+        np.reshape(transform.object(message).covariance, (12, 12)), expected[:12, :12], rtol=1e-12, atol=1e-18
+    )
+    message.covariance = packed(np.ones(7))  # which the reader refuses
+    assert len(transform.object(message).covariance) == 7

@@ -10,6 +10,7 @@ from running import READY_TIMEOUT
 from scenes import assert_answered, assert_same, good_request, numbers_of
 
 from unc_physics.checks.errors import ErrorCode
+from unc_physics.ros.durations import seconds
 from unc_physics_msgs.action import PredictLong
 
 
@@ -22,9 +23,7 @@ def action(node, client):
 
 
 def goal(**others):
-    request = good_request(**others)
-    fields = {name: getattr(request, name) for name in PredictLong.Goal.get_fields_and_field_types()}
-    return PredictLong.Goal(**fields)
+    return PredictLong.Goal(request=good_request(**others))
 
 
 def endless():
@@ -61,21 +60,30 @@ def test_cancel_keeps_what_was_done_and_the_service_answers_meanwhile(send, clie
     answered = time.monotonic() - started
     answer = client.of_action(handle.get_result_async)
     assert answered < 2.0  # the figure is measured by `python -m unc_physics evaluate latency`
-    assert (answer.status, answer.result.error_code) == (GoalStatus.STATUS_CANCELED, ErrorCode.CANCELED)
-    assert 0.0 < answer.result.time_reached < 60.0
-    assert np.isfinite(numbers_of(answer.result.objects[0].states[-1])).all()
+    assert (answer.status, answer.result.result.error_code) == (
+        GoalStatus.STATUS_CANCELED,
+        ErrorCode.CANCELED,
+    )
+    assert 0.0 < seconds(answer.result.prediction.time_reached) < 60.0
+    assert np.isfinite(numbers_of(answer.result.prediction.objects[0].states[-1])).all()
     shares = [told.fraction_done for told in feedback]
     assert len(shares) > 2 and shares == sorted(shares) and 0.0 < shares[-1] < 1.0
-    assert feedback[-1].time_reached == pytest.approx(60.0 * shares[-1])
-    assert feedback[-1].elapsed > 0.0
+    assert seconds(feedback[-1].time_reached) == pytest.approx(60.0 * shares[-1])
+    assert seconds(feedback[-1].elapsed) > 0.0
 
 
 def test_bad_goals_and_too_many_are_aborted_with_a_reason(send, client):
     bad = client.of_action(send(goal(propagator="none")).get_result_async)
-    assert (bad.status, bad.result.error_code) == (GoalStatus.STATUS_ABORTED, ErrorCode.UNKNOWN_PROPAGATOR)
+    assert (bad.status, bad.result.result.error_code) == (
+        GoalStatus.STATUS_ABORTED,
+        ErrorCode.UNKNOWN_PROPAGATOR,
+    )
     running = [send(endless()) for _ in range(2)]
     third = client.of_action(send(goal()).get_result_async)
-    assert (third.status, third.result.error_code) == (GoalStatus.STATUS_ABORTED, ErrorCode.LIMIT_EXCEEDED)
+    assert (third.status, third.result.result.error_code) == (
+        GoalStatus.STATUS_ABORTED,
+        ErrorCode.LIMIT_EXCEEDED,
+    )
     for handle in running:
         client.of_action(handle.cancel_goal_async)
         client.of_action(handle.get_result_async)

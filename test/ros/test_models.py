@@ -13,7 +13,7 @@ from unc_physics import PROPAGATORS
 from unc_physics.checks.errors import ErrorCode
 from unc_physics.geometry.library import find_model
 from unc_physics_msgs.msg import ModelInfo, ModelList
-from unc_physics_msgs.srv import GetCapabilities, ListModels, LoadModel, Predict
+from unc_physics_msgs.srv import GetCapabilities, ListModels, LoadModel
 
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
@@ -49,12 +49,12 @@ def test_the_list_of_models(listed):
 
 def test_a_model_is_loaded_and_used(load, listed, client):
     loaded = load(path=str(find_model("can")), name="Dose")
-    assert loaded.error_code == ErrorCode.NONE, loaded.error_msg
+    assert loaded.result.error_code == ErrorCode.NONE, loaded.result.error_msg
     assert loaded.model.name == "Dose" and "Dose" in listed()
     assert_answered(client.predict(request_of(moving_object(model="Dose")), node="models"))
     again = load(path=str(find_model("pin")), name="Dose")
-    assert again.error_code == ErrorCode.DUPLICATE_ID
-    assert load(path=str(find_model("pin")), name="Dose", replace=True).error_code == ErrorCode.NONE
+    assert again.result.error_code == ErrorCode.DUPLICATE_ID
+    assert load(path=str(find_model("pin")), name="Dose", replace=True).result.error_code == ErrorCode.NONE
     assert listed()["Dose"].spheres == load(path=str(find_model("pin")), name="Kegel").model.spheres
     with Inbox(client, ModelList, "/models/models", LATCHED) as inbox:
         assert {"Dose", "Kegel", "bunny"} <= {model.name for model in inbox.next().models}
@@ -77,7 +77,7 @@ def test_files_that_are_no_models(load, listed, tmp_path, path, code):
         wait_until(lambda: listed()["none"].status == ModelInfo.STATUS_FAILED)
         assert "mesh" in listed()["none"].status_msg
     else:
-        assert ErrorCode(response.error_code).name == code, response.error_msg
+        assert ErrorCode(response.result.error_code).name == code, response.result.error_msg
 
 
 def test_a_mesh_is_packed_in_the_background(load, listed, client, tmp_path):
@@ -85,7 +85,7 @@ def test_a_mesh_is_packed_in_the_background(load, listed, client, tmp_path):
     mesh = tmp_path / "block.stl"
     trimesh.creation.box((0.1, 0.2, 0.3)).export(mesh)
     response = load(path=str(mesh), spheres=30)
-    assert (response.error_code, response.model.status) == (ErrorCode.NONE, ModelInfo.STATUS_PACKING)
+    assert (response.result.error_code, response.model.status) == (ErrorCode.NONE, ModelInfo.STATUS_PACKING)
     wait_until(lambda: listed()["block"].status != ModelInfo.STATUS_PACKING, timeout=200.0)
     assert (listed()["block"].status, listed()["block"].spheres) == (ModelInfo.STATUS_READY, 30), listed()[
         "block"
@@ -99,13 +99,23 @@ def test_capabilities(node, client):
     assert [info.name for info in response.propagators] == list(PROPAGATORS)
     for info in response.propagators:
         assert info.description and info.uncertainty
-        assert {option.key for option in info.options} == set(PROPAGATORS[info.name].options())
+        options = PROPAGATORS[info.name].options()
+        assert {option.name: option.default_value for option in info.options} == {
+            name: str(default) for name, default in options.items()
+        }
+        assert all(option.type and option.description for option in info.options)
+        assert set(info.integrators) <= {"explicit", "implicit"} and "explicit" in info.integrators
     assert response.default_propagator in PROPAGATORS
     assert (response.world_frame, response.max_objects) == ("world", 100)
-    assert {pair.key: pair.value for pair in response.scene_options}["gravity"] == "[0.0, 0.0, -9.81]"
-    request = request_of(moving_object(), scene_options=[])
-    request.scene_options = response.scene_options  # what it tells may be sent back as it is
-    assert_answered(client.call(Predict, "/models/predict", request))
+    assert (response.max_horizon.sec, response.max_computation_time.sec) == (60, 30)
+    assert response.physics.gravity[0].z == -9.81
+    assert response.physics.stiffness[0] == response.physics.STIFFNESS_AUTO
+    request = request_of(moving_object())
+    request.physics = response.physics  # what it tells may be sent back as it is
+    answer = client.predict(request, node="models")
+    assert_answered(answer)
+    assert answer.prediction.physics.stiffness[0] > 0.0
+    assert answer.prediction.physics.friction == response.physics.friction
 
 
 def advertised(graph):
@@ -122,6 +132,6 @@ def advertised(graph):
 def test_every_topic_service_and_action_is_in_the_document(node, client):
     text = (Path(__file__).resolve().parents[2] / "docs" / "ros.md").read_text()
     wait_until(lambda: "models" in client.node.get_node_names())
-    expected = {"predict", "predict_long", "objects", "predictions", "models"}
+    expected = {"predict", "predict_long", "scene", "predictions", "models"}
     wait_until(lambda: expected <= advertised(client.node))  # the parts of a node are discovered one by one
     assert not [name for name in advertised(client.node) if f"`~/{name}`" not in text]

@@ -4,7 +4,7 @@ import pytest
 from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
 from rcl_interfaces.srv import DescribeParameters, ListParameters, SetParameters
 from running import NodeProcess
-from scenes import assert_answered, moving_object, position_of, request_of
+from scenes import assert_answered, moving_object, position_of, request_of, with_physics
 
 from unc_physics.ros.parameters import Settings
 
@@ -67,10 +67,10 @@ def test_a_rejected_change_says_why(change, name, value, reason):
 def test_physics_change_between_predictions(change, client):
     def fall():
         request = request_of(moving_object(position=(0.0, 0.0, 0.0), velocity=(0.0, 0.0, 0.0)), horizon=1.0)
-        request.scene_options.clear()
+        with_physics(request, gravity=None)
         response = client.predict(request, node="parameters")
         assert_answered(response)
-        return position_of(response.objects[0].states[-1].pose.pose)
+        return position_of(response.prediction.objects[0].states[-1].pose.pose)
 
     assert fall()[2] == pytest.approx(-9.81 / 2, rel=0.02)
     assert change("gravity", [1.0, 0.0, 0.0]).successful
@@ -80,4 +80,4 @@ def test_physics_change_between_predictions(change, client):
         fall()
     assert change("default_propagator", "monte_carlo").successful
     request = request_of(moving_object())
-    assert client.predict(request, node="parameters").propagator == "monte_carlo"
+    assert client.predict(request, node="parameters").prediction.propagator == "monte_carlo"

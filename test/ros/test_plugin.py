@@ -28,8 +28,8 @@ def test_it_answers(node, client):
     request = good_request(propagator="frozen", horizon=0.4, return_samples=3, return_probabilities=True)
     response = client.predict(request, node="extended")
     assert_answered(response)
-    assert response.propagator == "frozen"
-    for predicted, message in zip(response.objects, request.objects, strict=True):
+    assert response.prediction.propagator == "frozen"
+    for predicted, message in zip(response.prediction.objects, request.scene.objects, strict=True):
         assert np.allclose(
             position_of(predicted.states[-1].pose.pose), position_of(message.pose.pose), atol=1e-6
         )
@@ -38,10 +38,9 @@ def test_it_answers(node, client):
 
 def test_it_is_listed(node, client):
     response = client.call(GetCapabilities, "/extended/get_capabilities", GetCapabilities.Request())
-    info = response.propagators[-1]
+    info = response.prediction.propagators[-1]
     assert (info.name, info.mean_update, info.cross_body_correlations) == ("frozen", info.MEAN_NOMINAL, False)
-    assert (
-        info.description
-        == "Mean and covariance stay as they are. Options: scale: factor on the covariance; default 1.0."
-    )
-    assert [(option.key, option.value) for option in info.options] == [("scale", "1.0")]
+    assert info.description == "Mean and covariance stay as they are."
+    (option,) = info.options
+    assert (option.name, option.type, option.default_value) == ("scale", "float", "1.0")
+    assert option.description == "factor on the covariance"

@@ -17,7 +17,7 @@ def test_a_signal_ends_the_node_cleanly(with_signal, busy):
         assert_answered(client.predict(good_request(), node="ending"))
         if busy:
             endless = good_request(propagator="monte_carlo", samples=20_000, horizon=50.0)
-            client.start(Predict, "/ending/predict", endless)
+            client.start(Predict, "/ending/predict", Predict.Request(request=endless))
             time.sleep(0.5)
         started = time.monotonic()
         assert process.end(with_signal) == 0
@@ -43,7 +43,7 @@ def test_two_clients_do_not_wait_for_each_other(node, client):
     long = good_request(propagator="monte_carlo", samples=5000, horizon=50.0, max_computation_time=2.0)
     with Client() as other:
         assert_answered(other.predict(good_request()))
-        slow = client.start(Predict, "/unc_physics/predict", long)
+        slow = client.start(Predict, "/unc_physics/predict", Predict.Request(request=long))
         time.sleep(0.3)
         started = time.monotonic()
         assert_answered(other.predict(good_request()))

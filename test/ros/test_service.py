@@ -14,6 +14,7 @@ from scenes import (
     orientation_of,
     position_of,
     request_of,
+    with_physics,
 )
 from shape_msgs.msg import Plane
 
@@ -23,10 +24,12 @@ from unc_physics.checks.errors import ErrorCode
 from unc_physics.geometry.library import list_models
 from unc_physics.physics.rotation import rotation_matrix
 from unc_physics.prediction.status import assess
-from unc_physics.ros.conversions import read_scene, seconds, write_prediction
+from unc_physics.ros.durations import seconds
 from unc_physics.ros.models import ModelLibrary
 from unc_physics.ros.parameters import Settings
-from unc_physics_msgs.msg import ModelInfo, PredictedObject
+from unc_physics.ros.prediction_writer import write_prediction
+from unc_physics.ros.scene_reader import read_scene
+from unc_physics_msgs.msg import EnvironmentElement, ModelInfo, ObjectState, PredictedObject
 from unc_physics_msgs.srv import ListModels
 
 ROUND_OFF = 1e-9
@@ -35,85 +38,80 @@ ROUND_OFF = 1e-9
 @pytest.mark.parametrize("propagator", PROPAGATORS)
 def test_every_propagator_answers_as_the_core_does(predict, propagator):
     request = explicit(good_request(propagator=propagator, seed=7, horizon=0.4))
-    for key, value in (("dt", "0.01"), ("stiffness", "1e5"), ("damping", "0.5")):
-        request.scene_options.append(KeyValue(key=key, value=value))
-    response = predict(request)
+    own = {"dt": 0.01, "stiffness": 1e5, "damping": 0.5}
+    response = predict(with_physics(request, **own))
     assert_answered(response)
-    assert (response.propagator, response.seed_used, response.time_reached) == (propagator, 7, 0.4)
-    assert response.physics == "explicit, dt 0.01 s, stiffness 1e+05 N/m^3, damping 0.5 1/s, gyroscopic" + (
-        ", islands" if PROPAGATORS[propagator].traits.cross_body else ""
-    )
-    assert response.header.frame_id == "world"
-    assert 0.0 < response.computation_time < 60.0
-    own = {"gravity": (0.0, 0.0, 0.0), "dt": 0.01, "stiffness": 1e5, "damping": 0.5, "integrator": "explicit"}
-    own |= {"friction": None, "restitution": None}
-    physics = Settings().physics | own
-    scene, belief, models, _ = read_scene(request.objects, request.environment, ModelLibrary(), physics)
+    answer = response.prediction
+    assert (answer.propagator, answer.seed, seconds(answer.time_reached)) == (propagator, 7, 0.4)
+    islands = ", islands" if PROPAGATORS[propagator].traits.cross_body else ""
+    summary = "explicit, dt 0.01 s, stiffness 1e+05 N/m^3, damping 0.5 1/s, gyroscopic"
+    assert answer.physics_summary == summary + islands
+    assert answer.header.frame_id == "world"
+    assert 0.0 < seconds(answer.computation_time) < 60.0
+    own |= {"gravity": (0.0, 0.0, 0.0), "integrator": "explicit", "friction": None, "restitution": None}
+    scene, belief, models, *_ = read_scene(request.scene, ModelLibrary(), Settings().physics | own)
     options = {"seed": 7} if "seed" in PROPAGATORS[propagator].options() else {}
     core = predict_in_core(scene, belief, PROPAGATORS[propagator](**options), 0.4)
     expected, _ = write_prediction(scene, models, core.times, core.beliefs)
-    assert [predicted.status for predicted in response.objects] == [
+    assert [predicted.status for predicted in answer.objects] == [
         status.flags for status in assess(core, rollouts=0)
     ]
-    for got, want in zip(response.objects, expected, strict=True):
+    for got, want in zip(answer.objects, expected, strict=True):
         assert (got.id, got.model) == (want.id, want.model)
         assert np.allclose(numbers_of(got.states[-1]), numbers_of(want.states[-1]), rtol=0.0, atol=ROUND_OFF)
-    moved = position_of(response.objects[0].states[-1].pose.pose)[0] - request.objects[0].pose.pose.position.x
+    end, begin = answer.objects[0].states[-1].pose.pose, request.scene.objects[0].pose.pose
+    moved = position_of(end)[0] - begin.position.x
     assert moved > 0.05
 
 
 def test_the_node_s_own_physics_is_a_robot_s_world(predict):
     response = predict(good_request())
     assert_answered(response)
-    assert response.propagator == "sigma_points"
-    assert response.physics.startswith("implicit, dt 0.0041667 s, stiffness ")
-    assert "friction 0.5, restitution 0.1, gyroscopic" in response.physics
+    assert response.prediction.propagator == "sigma_points"
+    summary = response.prediction.physics_summary
+    assert summary.startswith("implicit, dt 0.0041667 s, stiffness ")
+    assert "friction 0.5, restitution 0.1, gyroscopic" in summary
 
 
 @pytest.mark.parametrize("propagator", ["linearization", "surrogate", "local_sampling"])
 def test_a_propagator_that_does_not_run_on_it_says_so(predict, propagator):
     response = predict(good_request(propagator=propagator))
-    assert response.error_code == ErrorCode.NOT_SUPPORTED
+    assert response.result.error_code == ErrorCode.NOT_SUPPORTED
     for word in ("implicit", propagator, "sigma_points and monte_carlo"):
-        assert word in response.error_msg
+        assert word in response.result.error_msg
 
 
 def test_a_preset_takes_the_place_of_the_node_s_physics(predict):
-    request = good_request(propagator="surrogate")
-    request.scene_options.append(KeyValue(key="physics", value="paper"))
-    response = predict(request)
+    response = predict(with_physics(good_request(propagator="surrogate"), preset="paper"))
     assert_answered(response)
-    assert response.physics == "explicit, dt 0.01 s, stiffness 1e+04 N/m^3"
+    assert response.prediction.physics_summary == "explicit, dt 0.01 s, stiffness 1e+04 N/m^3"
 
 
 def test_free_flight_in_closed_form(predict):
     request = request_of(moving_object(position=(0.0, 0.0, 1.0), velocity=(0.3, 0.0, 2.0)), horizon=1.0)
-    request.scene_options[0].value = "[0, 0, -9.81]"
-    (falling,) = predict(request).objects
+    (falling,) = predict(with_physics(request, gravity=(0.0, 0.0, -9.81))).prediction.objects
     assert np.allclose(position_of(falling.states[-1].pose.pose), [0.3, 0.0, 3.0 - 0.5 * 9.81])
     assert np.allclose(
-        falling.states[-1].pose.covariance, request.objects[0].pose.covariance, rtol=1e-6, atol=1e-9
+        falling.states[-1].pose.covariance, request.scene.objects[0].pose.covariance, rtol=1e-6, atol=1e-9
     )
 
 
 def test_a_trajectory(predict):
     request = explicit(good_request(trajectory_period=0.06, propagator="linearization"))
-    request.scene_options.append(KeyValue(key="dt", value="0.005"))
-    request.header.stamp.sec = 123
-    response = predict(request)
+    request.scene.header.stamp.sec = 123
+    response = predict(with_physics(request, dt=0.005))
     assert_answered(response)
-    for predicted in response.objects:
+    for predicted in response.prediction.objects:
         times = [seconds(state.time_from_start) for state in predicted.states]
         assert np.allclose(times, [0.06, 0.12, 0.18, 0.2])
-    assert response.header.stamp.sec == 123
+    assert response.prediction.header.stamp.sec == 123
 
 
 def test_the_same_seed_gives_the_same_answer(predict):
     def answer(seed):
         response = predict(good_request(propagator="monte_carlo", samples=20, seed=seed))
-        return response.seed_used, np.array(
-            [numbers_of(predicted.states[-1]) for predicted in response.objects]
-        )
+        states = [predicted.states[-1] for predicted in response.prediction.objects]
+        return response.prediction.seed, np.array([numbers_of(state) for state in states])
 
     seed, chosen = answer(0)
     assert seed != 0
@@ -134,7 +132,7 @@ def test_samples_of_monte_carlo_are_its_own(predict):
     )
     response = predict(request)
     assert_answered(response)
-    for predicted in response.objects:
+    for predicted in response.prediction.objects:
         assert len(predicted.states) == 2
         for state in predicted.states:
             positions = np.array([position_of(pose) for pose in state.pose_samples])
@@ -149,7 +147,7 @@ def test_samples_of_monte_carlo_are_its_own(predict):
 def test_samples_of_a_gaussian_are_drawn_from_it(predict):
     response = predict(explicit(good_request(propagator="linearization", seed=5, return_samples=1000)))
     assert_answered(response)
-    for predicted in response.objects:
+    for predicted in response.prediction.objects:
         (state,) = predicted.states
         positions = np.array([position_of(pose) for pose in state.pose_samples])
         P = np.reshape(state.pose.covariance, (6, 6))
@@ -165,21 +163,21 @@ def test_joint_covariance(predict):
     request = good_request(
         propagator="sigma_points", horizon=0.8, return_joint_covariance=True, return_covariance=True
     )
-    request.objects.append(moving_object("floor", "pin", (0.0, 0.0, -3.0)))
-    request.objects[2].fixed = True
+    request.scene.objects.append(moving_object("floor", "pin", (0.0, 0.0, -3.0)))
+    request.scene.objects[2].kind = ObjectState.FIXED
     response = predict(request)
     assert_answered(response)
-    (joint,) = response.joint_covariances
+    (joint,) = response.prediction.joint_covariances
     assert joint.object_ids == ["left", "right"]
     P = np.reshape(joint.data, (24, 24))
     assert np.array_equal(P, P.T)
     assert np.linalg.eigvalsh(P)[0] > -1e-9 * np.max(P)
     assert np.any(P[:12, 12:] != 0.0)  # they have touched
-    for k, predicted in enumerate(response.objects[:2]):
+    for k, predicted in enumerate(response.prediction.objects[:2]):
         own = np.reshape(predicted.states[-1].covariance, (12, 12))
         assert np.allclose(P[12 * k : 12 * k + 12, 12 * k : 12 * k + 12], own, rtol=1e-9, atol=1e-15)
-    floor = response.objects[2]
-    assert floor.fixed and not np.any(floor.states[-1].pose.covariance)
+    floor = response.prediction.objects[2]
+    assert floor.kind == ObjectState.FIXED and not np.any(floor.states[-1].pose.covariance)
 
 
 def test_options_of_a_propagator(predict):
@@ -189,18 +187,19 @@ def test_options_of_a_propagator(predict):
         request.propagator_options.append(KeyValue(key="points", value=points))
         responses.append(predict(request))
         assert_answered(responses[-1])
-    minimal, full = (numbers_of(response.objects[0].states[-1]) for response in responses)
+    minimal, full = (numbers_of(response.prediction.objects[0].states[-1]) for response in responses)
     assert not np.array_equal(minimal, full)
 
 
 def test_the_computation_time_runs_out(predict):
     request = good_request(propagator="monte_carlo", samples=5000, horizon=20.0, max_computation_time=0.3)
     response = predict(request)
-    assert response.error_code == ErrorCode.TIMEOUT
-    assert "max_computation_time" in response.error_msg
-    assert 0.0 < response.time_reached < 20.0
-    for predicted in response.objects:
-        assert seconds(predicted.states[-1].time_from_start) == pytest.approx(response.time_reached)
+    assert response.result.error_code == ErrorCode.TIMEOUT
+    assert "max_computation_time" in response.result.error_msg
+    reached = seconds(response.prediction.time_reached)
+    assert 0.0 < reached < 20.0
+    for predicted in response.prediction.objects:
+        assert seconds(predicted.states[-1].time_from_start) == pytest.approx(reached)
         assert np.isfinite(numbers_of(predicted.states[-1])).all()
 
 
@@ -212,7 +211,7 @@ def test_the_shipped_models_are_all_ready(node, client):
 
 def test_the_world_frame_may_be_named(predict):
     request = good_request()
-    request.header.frame_id = "world"
+    request.scene.header.frame_id = "world"
     assert_answered(predict(request))
 
 
@@ -221,11 +220,9 @@ def test_a_scaled_model_s_origin(predict):
     message.scale = 2.0
     message.twist.twist.angular.z = 1.0
     request = request_of(message, horizon=1.0)
-    request.scene_options.append(
-        KeyValue(key="gyroscopic", value="false")
-    )  # turns about an axis that is not principal
-    (predicted,) = predict(request).objects
-    core, *_ = read_scene([message], request_of().environment, ModelLibrary(), {})
+    with_physics(request, gyroscopic=False)  # turns about an axis that is not principal
+    (predicted,) = predict(request).prediction.objects
+    core, *_ = read_scene(request.scene, ModelLibrary(), {})
     r = core.bodies[0].model.origin.copy()
     com_velocity = -np.cross([0.0, 0.0, 1.0], r)  # the origin is at rest at first
     turned = rotation_matrix(np.array([0.0, 0.0, np.sin(0.5), np.cos(0.5)])) @ r
@@ -235,37 +232,47 @@ def test_a_scaled_model_s_origin(predict):
 
 def test_statuses_name_an_overlap_at_the_start_and_are_fine_without(predict):
     overlapping = explicit(good_request(propagator="surrogate", trajectory_period=0.01))
-    overlapping.objects[1].pose.pose.position.x = -0.15
+    overlapping.scene.objects[1].pose.pose.position.x = -0.15
     apart = explicit(good_request(propagator="surrogate", trajectory_period=0.01))
     bad, good = predict(overlapping), predict(apart)
     for response in (bad, good):
         assert_answered(response)
         assert all(
-            len(predicted.states) == 20 for predicted in response.objects
+            len(predicted.states) == 20 for predicted in response.prediction.objects
         )  # more than are judged one by one
-    for predicted in bad.objects:
+    for predicted in bad.prediction.objects:
         assert predicted.status & PredictedObject.STATUS_INITIAL_OVERLAP
         assert "overlap" in predicted.status_msg
         assert float({pair.key: pair.value for pair in predicted.status_values}["initial_overlap"]) > 0.02
         assert all(state.status & PredictedObject.STATUS_INITIAL_OVERLAP for state in predicted.states)
-    for predicted in good.objects:
+    for predicted in good.prediction.objects:
         assert (predicted.status, predicted.status_msg) == (PredictedObject.STATUS_FINE, "")
         assert predicted.status_values
         assert all(state.status == PredictedObject.STATUS_FINE for state in predicted.states)
 
 
 def test_an_error_that_all_objects_share(predict):
-    request = good_request(
-        common_pose_std=[0.0, 0.1, 0.0, 0.0, 0.0, 0.0], return_joint_covariance=True, horizon=0.1
-    )
+    request = good_request(return_joint_covariance=True, horizon=0.1)
+    request.scene.common_pose_std[1] = 0.1
     response = predict(request)
     assert_answered(response)
-    for predicted, sent in zip(response.objects, request.objects, strict=True):
+    for predicted, sent in zip(response.prediction.objects, request.scene.objects, strict=True):
         assert np.allclose(position_of(predicted.start.pose), position_of(sent.pose.pose), atol=1e-3)
         assert predicted.start.covariance[7] == pytest.approx(POSITION_STD**2 + 0.1**2, rel=0.05)
         assert predicted.start.covariance[0] == pytest.approx(POSITION_STD**2, rel=0.05)
-    joint = np.reshape(response.joint_covariances[-1].data, (24, 24))
+    joint = np.reshape(response.prediction.joint_covariances[-1].data, (24, 24))
     assert joint[1, 13] == pytest.approx(0.1**2, rel=0.05)
+
+
+def test_a_scene_in_which_nothing_moves(predict):
+    request = good_request(return_joint_covariance=True, return_probabilities=True, return_samples=2)
+    for message in request.scene.objects:
+        message.kind = ObjectState.FIXED
+    response = predict(request)
+    assert_answered(response)
+    for predicted, sent in zip(response.prediction.objects, request.scene.objects, strict=True):
+        assert np.allclose(position_of(predicted.states[-1].pose.pose), position_of(sent.pose.pose))
+        assert not np.any(predicted.states[-1].pose.covariance)
 
 
 def test_an_object_at_rest_stands_where_it_is_put(predict):
@@ -273,13 +280,14 @@ def test_an_object_at_rest_stands_where_it_is_put(predict):
         "standing", "brick", (0.0, 0.0, 0.001), (0.0, 0.0, 0.0), 60
     )  # its origin is its underside
     request = request_of(standing, horizon=0.5)
-    request.scene_options.clear()  # with gravity
-    request.environment.planes.append(Plane(coef=[0.0, 0.0, 1.0, 0.0]))
-    request.objects[0].at_rest = True
-    request.objects[0].pose.covariance = diagonal(0.02, 0.02, 0.005, 0.03, 0.03, 0.05)
+    with_physics(request, gravity=None)  # the node's
+    table = EnvironmentElement(plane=[Plane(coef=[0.0, 0.0, 1.0, 0.0])])
+    request.scene.environment.elements.append(table)
+    request.scene.objects[0].at_rest = True
+    request.scene.objects[0].pose.covariance = diagonal(0.02, 0.02, 0.005, 0.03, 0.03, 0.05)
     response = predict(request)
     assert_answered(response)
-    (standing,) = response.objects
+    (standing,) = response.prediction.objects
     assert standing.start.covariance[14] < 1e-6 < standing.start.covariance[0]
     assert np.allclose(
         position_of(standing.states[-1].pose.pose), position_of(standing.start.pose), atol=1e-3

@@ -15,10 +15,10 @@ from std_msgs.msg import Header
 from visualization_msgs.msg import Marker, MarkerArray
 
 from unc_physics.ros.background import Newest
-from unc_physics.ros.conversions import seconds
+from unc_physics.ros.durations import seconds
 from unc_physics.ros.models import ModelLibrary
 from unc_physics.ros.streaming import scene_of_detections, topic_name
-from unc_physics_msgs.msg import ObjectStateArray, PredictedObject, Prediction
+from unc_physics_msgs.msg import PredictedObject, Prediction, Scene
 
 HORIZONS = [0.1, 0.2, 0.25]
 
@@ -51,7 +51,7 @@ def listener():
 
 
 def scene(listener, age=0.0):
-    message = ObjectStateArray(objects=good_request().objects)
+    message = Scene(objects=good_request().scene.objects)
     message.objects[0].id = "left/1"
     now = listener.node.get_clock().now().nanoseconds - int(age * 1e9)
     message.header.stamp.sec, message.header.stamp.nanosec = divmod(now, 1_000_000_000)
@@ -60,7 +60,7 @@ def scene(listener, age=0.0):
 
 @pytest.fixture(scope="module")
 def publish(node, listener):
-    publisher = listener.node.create_publisher(ObjectStateArray, "/stream/objects", qos_profile_sensor_data)
+    publisher = listener.node.create_publisher(Scene, "/stream/scene", qos_profile_sensor_data)
     wait_until(lambda: publisher.get_subscription_count() == 1)
     return publisher.publish
 
@@ -104,6 +104,18 @@ def test_an_overlap_at_the_start_is_named(publish, listener):
         for predicted in inbox.next().objects:
             assert predicted.status & PredictedObject.STATUS_INITIAL_OVERLAP
             assert all(state.status & PredictedObject.STATUS_INITIAL_OVERLAP for state in predicted.states)
+
+
+def test_an_object_of_unknown_model_is_left_out(publish, listener):
+    with Inbox(listener, Prediction, "/stream/predictions") as inbox:
+        time.sleep(0.3)
+        sent = scene(listener)
+        sent.objects[1].model = "teapot"
+        publish(sent)
+        message = inbox.next()
+    assert [predicted.id for predicted in message.objects] == ["left/1"]
+    (skipped,) = message.skipped
+    assert skipped.key == "right" and "teapot" in skipped.value
 
 
 def test_a_pose_of_one_object_at_one_horizon(publish, listener):
@@ -216,6 +228,7 @@ def test_the_scene_of_detections():
     assert [(state.id, state.model) for state in found.objects] == [("the can", "can"), ("brick_2", "brick")]
     assert found.objects[1].pose.pose.position.x == 1.0
     assert all(state.twist.covariance[0] == -1.0 for state in found.objects)
+    assert all(state.mass == 0.0 for state in found.objects)  # the models'
 
 
 def test_detections_are_predicted(node, listener):

@@ -1,6 +1,6 @@
 """Errors that bad input raises; each kind has its own code.
 
-The same numbers serve as ``error_code`` over ROS (the constants of ``unc_physics_msgs/srv/Predict``) and as
+The same numbers serve as ``error_code`` over ROS (the constants of ``unc_physics_msgs/msg/Result``) and as
 the exit status of the command line, so a failure reads the same wherever it shows.
 """
 

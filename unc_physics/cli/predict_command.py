@@ -170,7 +170,7 @@ def _answer(answer):
     """A probability as plain Python values; what is not available is None."""
     found = asdict(answer)
     if not answer.available:
-        found["probability"] = None
+        found["probability"] = found["low"] = found["high"] = None
     if not found.get("first_contact_time_available", True):
         found["first_contact_time_mean"] = found["first_contact_time_std"] = None
     return found

@@ -115,6 +115,21 @@ def moved(state, origin, sign):
 
 
 @kernel
+def at_com(C, state, origin):
+    """Covariance (12, 12) of the error state at the COM from that at the model's origin, about fixed axes.
+
+    Parameters
+    ----------
+    C : (12, 12) array
+    state : (13,) array
+        At the COM.
+    origin : (3,) array
+        Body frame [m].
+    """
+    return congruent(inverse_error_map(state, origin), C)
+
+
+@kernel
 def covariance_at_com(pose, twist, state, origin):
     """Covariance (12, 12) of the error state at the COM from those of a message.
 
@@ -134,7 +149,7 @@ def covariance_at_com(pose, twist, state, origin):
     for a, first in enumerate((EV, EW)):
         for b, second in enumerate((EV, EW)):
             C[first : first + 3, second : second + 3] = twist[3 * a : 3 * a + 3, 3 * b : 3 * b + 3]
-    return congruent(inverse_error_map(state, origin), C)
+    return at_com(C, state, origin)
 
 
 @kernel

@@ -102,6 +102,8 @@ class ContactProbability:
         Whether the propagator can give the probability well enough.
     probability : float
         0 where it is not available.
+    low, high : float
+        An interval that holds the truth but in one of a thousand answers; 0 where it is not available.
     first_contact_time_available : bool
     first_contact_time_mean, first_contact_time_std : float
         Time of the first contact from the start, given that there is one: mean and standard deviation [s].
@@ -114,6 +116,8 @@ class ContactProbability:
     time_from_start: float
     available: bool = False
     probability: float = 0.0
+    low: float = 0.0
+    high: float = 0.0
     first_contact_time_available: bool = False
     first_contact_time_mean: float = 0.0
     first_contact_time_std: float = 0.0
@@ -133,6 +137,8 @@ class RegionProbability:
         Whether the propagator can give the probability well enough.
     probability : float
         0 where it is not available.
+    low, high : float
+        An interval that holds the truth but in one of a thousand answers; 0 where it is not available.
     """
 
     region: str
@@ -140,6 +146,8 @@ class RegionProbability:
     time_from_start: float
     available: bool = False
     probability: float = 0.0
+    low: float = 0.0
+    high: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -156,12 +164,16 @@ class RestProbability:
         Whether the propagator can give the probability well enough.
     probability : float
         0 where it is not available.
+    low, high : float
+        An interval that holds the truth but in one of a thousand answers; 0 where it is not available.
     """
 
     object: str
     time_from_start: float
     available: bool = False
     probability: float = 0.0
+    low: float = 0.0
+    high: float = 0.0
 
 
 def contact_probabilities(
@@ -365,11 +377,11 @@ def _contact(names: tuple[str, str, float], outcomes, body, other, columns):
     yes = np.isfinite(first) & (
         first <= known
     )  # later than that, it is contact with a body that is not there any more
-    available, probability = _share(yes, np.isfinite(known) & ~yes, outcomes.certain)
-    if not available or yes.sum() < min(FEWEST_CONTACTS, len(yes)):  # one outcome is enough if it is certain
-        return ContactProbability(*names, available, probability)
+    share = _share(yes, np.isfinite(known) & ~yes, outcomes.certain)
+    if not share[0] or yes.sum() < min(FEWEST_CONTACTS, len(yes)):  # one outcome is enough if it is certain
+        return ContactProbability(*names, *share)
     times = first[yes].astype(float)
-    return ContactProbability(*names, available, probability, True, float(times.mean()), float(times.std()))
+    return ContactProbability(*names, *share, True, float(times.mean()), float(times.std()))
 
 
 def _of_body(yes, outcomes, body):
@@ -377,21 +389,24 @@ def _of_body(yes, outcomes, body):
     be answered.
     """
     if outcomes is None:
-        return False, 0.0
+        return False, 0.0, 0.0, 0.0
     return _share(yes, np.isfinite(outcomes.stopped[:, body]), outcomes.certain)
 
 
 def _share(yes, unknown, certain):
-    """Availability and probability from outcomes (N,) that say yes, and those that leave it open, which count
-    half.
+    """Availability, probability, and its lowest and highest value, from outcomes (N,) that say yes, and those
+    that leave it open, which count half.
     """
     count = len(yes)
     low, high = np.count_nonzero(yes & ~unknown) / count, np.count_nonzero(yes | unknown) / count
     probability = 0.5 * (low + high)
     if not certain:
         low, high = _interval(low, count)[0], _interval(high, count)[1]
-    available = bool(max(probability - low, high - probability) <= TOLERANCE)
-    return available, float(probability) if available else 0.0
+    if max(probability - low, high - probability) > TOLERANCE:
+        return False, 0.0, 0.0, 0.0
+    # round-off must not leave the probability outside
+    low, high = min(max(low, 0.0), probability), max(min(high, 1.0), probability)
+    return True, float(probability), float(low), float(high)
 
 
 def _interval(share, count):

@@ -155,6 +155,10 @@ class Propagator(ABC):
         """
         return carry.contact_history
 
+    def rollouts(self, carry: Any) -> int:
+        """How many rollouts an answer consists of; by default as many as its contact history knows of."""
+        return len(self.contact_history(carry).first_time)
+
     def own_samples(self, carry: Any, scene: Scene) -> np.ndarray | None:
         """(N, B, 13): the states that the answer consists of; None where it is a Gaussian."""
         return None

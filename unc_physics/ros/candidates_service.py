@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import copy
 import os
 import time
 from concurrent.futures import ThreadPoolExecutor
 
 from unc_physics_msgs.msg import CandidatePrediction
-from unc_physics_msgs.srv import Predict, PredictCandidates
+from unc_physics_msgs.srv import PredictCandidates
 
 from ..checks.errors import DuplicateIdError, ErrorCode, InvalidRequestError, LimitExceededError
 from .background import BackgroundService
+from .durations import duration
+from .not_served import refuse_not_served
 from .requests import answer_bytes, read_request
 
 
@@ -29,11 +32,11 @@ class CandidatesService:
 
     def _predict(self, request, response):
         started = time.perf_counter()
-        with self._server.errors_into(response):
+        with self._server.errors_into(response.result):
             settings = self._server.settings
             _check(request, settings)
             base = read_request(
-                request,
+                request.request,
                 settings,
                 self._server.library,
                 self._server.frames,
@@ -46,46 +49,54 @@ class CandidatesService:
                     " states, samples or candidates",
                     field="the answer",
                 )
-            response.seed_used = request.seed = base.seed
+            response.seed = base.seed
             deadline = None if base.max_computation_time is None else started + base.max_computation_time
             response.predictions = list(
                 self._pool.map(
-                    lambda k: self._candidate(request, k, deadline), range(len(request.candidates))
+                    lambda k: self._candidate(request, k, base.seed, deadline), range(len(request.candidates))
                 )
             )
-            late = [entry for entry in response.predictions if entry.error_code == ErrorCode.TIMEOUT]
+            late = [entry for entry in response.predictions if entry.result.error_code == ErrorCode.TIMEOUT]
             if late:
-                response.error_code, response.error_msg = late[0].error_code, late[0].error_msg
-        response.computation_time = time.perf_counter() - started
+                response.result = late[0].result
+        response.computation_time = duration(time.perf_counter() - started)
 
-    def _candidate(self, request, k, deadline):
+    def _candidate(self, request, k, seed, deadline):
         """The entry of candidate k, which ends at the deadline."""
         candidate = request.candidates[k]
         entry = CandidatePrediction(candidate=candidate.id)
-        answer = Predict.Response()
         left = None if deadline is None else max(deadline - time.perf_counter(), 1e-3)
-        replaced = {message.id: j for j, message in enumerate(candidate.objects)}
-        objects, fields = [], []
-        for i, message in enumerate(request.objects):
-            j = replaced.get(message.id)
-            objects.append(message if j is None else candidate.objects[j])
-            fields.append(f"objects[{i}]" if j is None else f"candidates[{k}].objects[{j}]")
-        self._server.answer(answer, request, time_limit=left, objects=objects, fields=fields)
-        entry.error_code, entry.error_msg = answer.error_code, answer.error_msg
-        for name in entry.prediction.get_fields_and_field_types():
-            setattr(entry.prediction, name, getattr(answer, name))
+        own, fields = _with_candidate(request, k)
+        own.seed = seed
+        self._server.answer(entry, own, time_limit=left, fields=fields)
         return entry
+
+
+def _with_candidate(request, k):
+    """The request for the scene of candidate k, and what errors call its objects; all else is shared."""
+    candidate = request.candidates[k]
+    replaced = {message.id: j for j, message in enumerate(candidate.objects)}
+    own = copy.copy(request.request)
+    own.scene = copy.copy(own.scene)
+    objects, fields = [], []
+    for i, message in enumerate(own.scene.objects):
+        j = replaced.get(message.id)
+        objects.append(message if j is None else candidate.objects[j])
+        fields.append(f"scene.objects[{i}]" if j is None else f"candidates[{k}].objects[{j}]")
+    own.scene.objects = objects
+    return own, fields
 
 
 def _check(request, settings):
     """Refuse candidates that are none, too many, or do not belong to the scene."""
+    refuse_not_served("PredictCandidates", request, "")
     if not request.candidates:
         raise InvalidRequestError("must name at least one candidate", field="candidates")
     if len(request.candidates) > settings.max_candidates:
         raise LimitExceededError(
             f"must be at most {settings.max_candidates}", field="candidates", value=len(request.candidates)
         )
-    known = {message.id for message in request.objects}
+    known = {message.id for message in request.request.scene.objects}
     ids = set()
     for k, candidate in enumerate(request.candidates):
         if candidate.id in ids:

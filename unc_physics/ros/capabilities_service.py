@@ -7,14 +7,17 @@ import platform
 
 import numba
 import numpy as np
+from builtin_interfaces.msg import Duration
 from diagnostic_msgs.msg import KeyValue
 from rclpy.utilities import get_rmw_implementation_identifier
 
-from unc_physics_msgs.msg import PropagatorInfo
+from unc_physics_msgs.msg import OptionInfo, PropagatorInfo
 from unc_physics_msgs.srv import GetCapabilities
 
 from .. import __version__
 from ..propagators.registry import PROPAGATORS
+from .durations import duration
+from .physics_message import physics_message
 
 _FEATURES = [
     "environment",
@@ -28,6 +31,7 @@ _FEATURES = [
     "rest_probability",
     "status",
     "joint_covariance",
+    "modes",
     "pose_samples",
     "candidates",
     "mesh_packing",
@@ -54,13 +58,10 @@ class CapabilitiesService:
         response.features = [*_FEATURES, *(["transforms"] if self._server.frames.available else [])]
         for name in response.get_fields_and_field_types():
             if name.startswith("max_"):
-                setattr(response, name, getattr(settings, name))
-        physics = {
-            key: list(value) if isinstance(value, tuple) else value
-            for key, value in settings.physics.items()
-            if value is not None
-        }
-        response.scene_options = [KeyValue(key=key, value=str(value)) for key, value in physics.items()]
+                limit = getattr(settings, name)
+                is_time = isinstance(getattr(response, name), Duration)
+                setattr(response, name, duration(limit) if is_time else limit)
+        response.physics = physics_message(settings.physics)
         versions = {
             "unc_physics": __version__,
             "python": platform.python_version(),
@@ -78,7 +79,7 @@ def propagator_info(cls) -> PropagatorInfo:
     traits, options = cls.traits, cls.options()
     return PropagatorInfo(
         name=cls.name,
-        description=_description(cls),
+        description=cls.description(),
         mean_update=_MEAN[traits.mean_update],
         uncertainty=traits.uncertainty,
         cross_body_correlations=traits.cross_body,
@@ -86,11 +87,21 @@ def propagator_info(cls) -> PropagatorInfo:
         collision_treatment=traits.collisions,
         sampled="samples" in options,
         default_samples=options.get("samples", 0),
-        options=[KeyValue(key=key, value=str(value)) for key, value in options.items()],
+        integrators=list(cls.integrators),
+        parameter_uncertainty=cls.varies_parameters,
+        rejects_overlap=cls.rejects_overlap,
+        options=[
+            OptionInfo(
+                name=option.name,
+                type=_option_type(option),
+                default_value=str(option.default),
+                description=option.description,
+            )
+            for option in cls.described_options()
+        ],
     )
 
 
-def _description(cls):
-    """What a propagator is, and what its options are."""
-    options = "; ".join(f"{option.name}: {option.as_text()}" for option in cls.described_options())
-    return f"{cls.description()} Options: {options}." if options else cls.description()
+def _option_type(option):
+    """Type of an option's value, or all values where these are few."""
+    return f"one of {', '.join(option.choices)}" if option.choices else option.kind.__name__

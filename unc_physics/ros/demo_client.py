@@ -12,11 +12,12 @@ import time
 import numpy as np
 import rclpy
 
-from unc_physics_msgs.msg import ObjectState
+from unc_physics_msgs.msg import ObjectState, Prediction, PredictionRequest, Result, Scene
 from unc_physics_msgs.srv import Predict
 
 from ..propagators.names import DEFAULT, REFERENCE
 from ..propagators.registry import PROPAGATORS
+from .durations import duration, seconds
 
 NODE = "unc_physics_demo"
 HORIZON = 5.0  # s
@@ -49,20 +50,22 @@ def _bunny(name, position, velocity, orientation):
     return message
 
 
-def requests() -> dict[str, Predict.Request]:
+def requests() -> dict[str, PredictionRequest]:
     """The same question to two propagators: the default one with the path there, the reference with poses
     drawn.
     """
-    common = {"objects": scene(), "horizon": HORIZON, "seed": SEED}
+    common = {"scene": Scene(objects=scene()), "horizon": duration(HORIZON), "seed": SEED}
     return {
-        PROPAGATORS[DEFAULT].label: Predict.Request(propagator=DEFAULT, trajectory_period=PERIOD, **common),
-        PROPAGATORS[REFERENCE].label: Predict.Request(
+        PROPAGATORS[DEFAULT].label: PredictionRequest(
+            propagator=DEFAULT, trajectory_period=duration(PERIOD), **common
+        ),
+        PROPAGATORS[REFERENCE].label: PredictionRequest(
             propagator=REFERENCE, samples=SAMPLES, return_samples=SHOWN_SAMPLES, **common
         ),
     }
 
 
-def ask() -> dict[str, tuple[Predict.Response, float]]:
+def ask() -> dict[str, tuple[Prediction, float]]:
     """Each propagator's answer and the time that it took over ROS [s]."""
     rclpy.init()
     node = rclpy.create_node("demo_client")
@@ -73,12 +76,12 @@ def ask() -> dict[str, tuple[Predict.Response, float]]:
         answers = {}
         for name, request in requests().items():
             started = time.perf_counter()
-            future = client.call_async(request)
+            future = client.call_async(Predict.Request(request=request))
             rclpy.spin_until_future_complete(node, future, timeout_sec=_WAIT)
             answer = future.result()
-            if answer is None or answer.error_code != Predict.Response.NONE:
-                raise RuntimeError(answer.error_msg if answer else "no answer came")
-            answers[name] = answer, time.perf_counter() - started
+            if answer is None or answer.result.error_code != Result.NONE:
+                raise RuntimeError(answer.result.error_msg if answer else "no answer came")
+            answers[name] = answer.prediction, time.perf_counter() - started
         return answers
     finally:
         node.destroy_node()
@@ -106,7 +109,7 @@ def table(answers) -> str:
             )
     for name, (answer, wall) in answers.items():
         lines.append(
-            f"{name}: computed in {1e3 * answer.computation_time:.1f} ms, answered over ROS in"
+            f"{name}: computed in {1e3 * seconds(answer.computation_time):.1f} ms, answered over ROS in"
             f" {1e3 * wall:.1f} ms"
         )
     return "\n".join(lines)

@@ -12,7 +12,7 @@ from matplotlib.patheffects import withStroke
 from ..cli.scene_picture import COLORS, ellipse, pixel_window, shaded_balls
 from ..geometry.library import load_model
 from ..physics.rotation import rotation_matrix
-from .conversions import seconds
+from .durations import seconds
 
 _PIXEL = 0.005  # m
 _CLOUD_SPHERES = 200
@@ -30,7 +30,7 @@ def draw(path, objects, answers) -> None:
         PNG to write.
     objects : list of ObjectState
         As they were sent.
-    answers : dict of Predict.Response
+    answers : dict of Prediction
         Of two propagators, by their labels: the first with a trajectory, the second with pose samples.
     """
     gaussian, drawn = answers.values()

@@ -1,4 +1,4 @@
-"""Streams the demo's two bunnies to ``/unc_physics/objects``, as a tracker would: they approach, again and
+"""Streams the demo's two bunnies to ``/unc_physics/scene``, as a tracker would: they approach, again and
 again.
 """
 
@@ -12,7 +12,7 @@ from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 from rclpy.qos import qos_profile_sensor_data
 
-from unc_physics_msgs.msg import ObjectStateArray
+from unc_physics_msgs.msg import Scene
 
 from .demo_client import scene
 
@@ -25,16 +25,14 @@ class DemoStream(Node):
 
     def __init__(self):
         super().__init__("unc_physics_demo_stream")
-        self._publisher = self.create_publisher(
-            ObjectStateArray, "/unc_physics/objects", qos_profile_sensor_data
-        )
+        self._publisher = self.create_publisher(Scene, "/unc_physics/scene", qos_profile_sensor_data)
         self._start = self.get_clock().now()
         self.create_timer(1.0 / RATE, self._publish)
 
     def _publish(self):
         now = self.get_clock().now()
         elapsed = (1e-9 * (now - self._start).nanoseconds) % ROUND
-        message = ObjectStateArray(objects=copy.deepcopy(scene()))
+        message = Scene(objects=copy.deepcopy(scene()))
         message.header.stamp = now.to_msg()
         for state in message.objects:
             for axis in "xyz":

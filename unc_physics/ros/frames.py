@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import copy
 import importlib.util
+from array import array as packed_array
 from typing import NamedTuple
 
 import numpy as np
 from rclpy.time import Time
 
+from unc_physics_msgs.msg import Environment, Scene
+
 from ..checks.errors import UnknownFrameError
 from ..checks.validation import array, quaternion
 from ..physics.rotation import rotation_matrix
-from .conversions import UNKNOWN
+from .scene_reader import UNKNOWN
 
 
 class Frames:
@@ -56,7 +59,7 @@ class Frames:
         if self._buffer is None:
             raise UnknownFrameError(
                 f"must be empty or the world frame '{self._world_frame}', as tf2_ros is not installed",
-                field="header.frame_id",
+                field="scene.header.frame_id",
                 value=header.frame_id,
             )
         try:
@@ -66,7 +69,7 @@ class Frames:
         except Exception as error:  # tf2's errors have no common base in Python
             raise UnknownFrameError(
                 f"has no transform to '{self._world_frame}': {error}",
-                field="header.frame_id",
+                field="scene.header.frame_id",
                 value=header.frame_id,
             ) from error
         t, q = found.transform.translation, found.transform.rotation
@@ -92,34 +95,57 @@ class Transform(NamedTuple):
     translation: np.ndarray
     q: tuple[float, float, float, float]
 
+    def scene(self, message):
+        """A Scene as the other frame sees it, but for its header and for the error that all objects share."""
+        return Scene(
+            header=message.header,
+            objects=[self.object(state) for state in message.objects],
+            environment=self.environment(message.environment),
+            common_pose_std=message.common_pose_std,
+            common_pose_origin=message.common_pose_origin,
+            joint_covariance=[self.joint_covariance(joint) for joint in message.joint_covariance],
+        )
+
     def object(self, message):
         """An ObjectState as the other frame sees it.
 
         Notes
         -----
-        Covariances are about fixed axes, so both halves of pose and twist turn alike:
+        Covariances are about fixed axes, so all parts of pose and twist turn alike:
         ``diag(R, R) C diag(R, R)^T``. Those that mean unknown stay so.
         """
         result = copy.deepcopy(message)
         self._move(result.pose.pose)
         _turn(result.twist.twist.linear, self.R)
         _turn(result.twist.twist.angular, self.R)
-        A = np.kron(np.eye(2), self.R)
         for part in (result.pose, result.twist):
-            C = np.array(part.covariance, float)
-            if C[0] != UNKNOWN:
-                part.covariance = (A @ C.reshape(6, 6) @ A.T).ravel()
+            if part.covariance[0] != UNKNOWN:
+                part.covariance = self._turned(part.covariance, 2)
+        result.covariance = packed_array("d", self._turned(result.covariance, 4))
         return result
+
+    def joint_covariance(self, message):
+        """A JointCovariance as the other frame sees it."""
+        result = copy.deepcopy(message)
+        result.data = packed_array("d", self._turned(result.data, 4 * len(message.object_ids)))
+        return result
+
+    def _turned(self, entries, count):
+        """Entries of a covariance of ``count`` vectors, turned; as they are if that is not their number."""
+        size = 3 * count
+        if len(entries) != size**2:
+            return entries
+        C = np.reshape(entries, (count, 3, count, 3))
+        return np.einsum("ab,ibjc,dc->iajd", self.R, C, self.R, optimize=True).ravel()
 
     def environment(self, message):
         """An Environment as the other frame sees it."""
-        result = copy.deepcopy(message)
-        for plane in result.planes:
-            normal = self.R @ plane.coef[:3]
-            plane.coef = np.append(normal, plane.coef[3] - normal @ self.translation)
-        for pose in result.primitive_poses:
-            self._move(pose)
-        return result
+        elements = [
+            copy.deepcopy(element) for element in message.elements
+        ]  # one by one: they may share a pose
+        for element in elements:
+            self._move(element.pose)
+        return Environment(elements=elements)
 
     def region(self, message):
         """A BoxRegion as the other frame sees it."""

@@ -15,6 +15,7 @@ from rclpy.callback_groups import ReentrantCallbackGroup
 from unc_physics_msgs.action import PredictLong
 
 from ..checks.errors import CanceledError, ErrorCode, LimitExceededError
+from .durations import duration
 
 _FEEDBACK_PERIOD = 0.1  # s
 
@@ -62,7 +63,7 @@ class LongPrediction:
 
     def _execute(self, goal):
         result = PredictLong.Result()
-        with self._server.errors_into(result):
+        with self._server.errors_into(result.result):
             if not self._running.acquire(blocking=False):
                 raise LimitExceededError(
                     f"must be at most {self._server.settings.max_long_predictions} at a time",
@@ -70,14 +71,15 @@ class LongPrediction:
                 )
             try:
                 if (
-                    afterwards := self._server.answer(result, goal.request, progress=_Reporter(goal))
+                    afterwards := self._server.answer(result, goal.request.request, progress=_Reporter(goal))
                 ) is not None:
                     afterwards()
             finally:
                 self._running.release()
-        if result.error_code == ErrorCode.NONE:
+        code = result.result.error_code
+        if code == ErrorCode.NONE:
             goal.succeed()
-        elif result.error_code == ErrorCode.CANCELED and goal.is_cancel_requested:
+        elif code == ErrorCode.CANCELED and goal.is_cancel_requested:
             goal.canceled()
         else:
             goal.abort()
@@ -100,6 +102,8 @@ class _Reporter:
             self._next = now + _FEEDBACK_PERIOD
             self._goal.publish_feedback(
                 PredictLong.Feedback(
-                    time_reached=done * job.scene.dt, fraction_done=done / steps, elapsed=now - self._started
+                    time_reached=duration(done * job.scene.dt),
+                    fraction_done=done / steps,
+                    elapsed=duration(now - self._started),
                 )
             )

@@ -52,8 +52,7 @@ def markers(header, job, answer, settings) -> MarkerArray:
     header : Header
         Its stamp is taken.
     job : Job
-    answer : message
-        With the predicted objects.
+    answer : unc_physics_msgs/Prediction
     settings : Settings
         ``markers`` names what is drawn of each object, and of the environment.
 

@@ -66,7 +66,7 @@ class ModelTopics:
         response.models = self._infos()
 
     def _load(self, request, response):
-        with self._server.errors_into(response), self._loading:
+        with self._server.errors_into(response.result), self._loading:
             response.model = self._read(request)
             self._publish()
 

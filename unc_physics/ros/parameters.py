@@ -20,7 +20,7 @@ from ..scene.materials import refuse_with_explicit
 from ..scene.physics_keys import INTEGRATORS, OVERLAPS, PHYSICS_KEYS, check_integrator
 from ..scene.presets import PRESETS
 from ..scene.stiffness import AUTO
-from .conversions import Doubts
+from .scene_reader import Doubts
 
 _EVERYDAY = PRESETS["everyday"]
 _AUTO_OVERLAP = "auto"
@@ -121,7 +121,7 @@ class Settings:
     max_steps: int = parameter(100_000, "Most time steps of a prediction.", low=1, high=100_000_000)
     max_objects: int = parameter(100, "Most objects of a request.", low=1, high=10_000)
     max_spheres: int = parameter(100_000, "Most spheres of one object.", low=1, high=10_000_000)
-    max_elements: int = parameter(200, "Most planes and primitives of an environment.", low=0, high=10_000)
+    max_elements: int = parameter(200, "Most elements of an environment.", low=0, high=10_000)
     max_regions: int = parameter(100, "Most regions of a request.", low=0, high=10_000)
     max_flight_steps: int = parameter(
         4_000,

@@ -11,6 +11,6 @@ def prediction_service(server) -> BackgroundService:
     """Answers each request on its own; requests do not wait for each other."""
 
     def answer(request, response):
-        return server.answer(response, request, time_limit=server.settings.max_computation_time)
+        return server.answer(response, request.request, time_limit=server.settings.max_computation_time)
 
     return BackgroundService(server, Predict, "~/predict", answer)

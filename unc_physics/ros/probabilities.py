@@ -4,7 +4,7 @@ being at rest.
 
 from __future__ import annotations
 
-from unc_physics_msgs.msg import ContactProbability, RegionProbability
+from unc_physics_msgs.msg import ContactProbability, Probability, RegionProbability
 
 from ..prediction.probabilities import (
     FLIGHTS,
@@ -12,15 +12,15 @@ from ..prediction.probabilities import (
     region_probabilities,
     rest_probabilities,
 )
-from .conversions import duration
+from .durations import duration
 
 
 def write_probabilities(message, prediction, regions, wanted, flies) -> None:
-    """Write probabilities into a response, a result or a `Prediction` message.
+    """Write probabilities into a `Prediction` message.
 
     Parameters
     ----------
-    message : message
+    message : unc_physics_msgs/Prediction
         Its objects are there already.
     prediction : Prediction
     regions : tuple of BoxRegion
@@ -38,8 +38,7 @@ def write_probabilities(message, prediction, regions, wanted, flies) -> None:
                 region=answer.region,
                 object=answer.object,
                 time_from_start=time,
-                available=bool(answer.available),
-                probability=float(answer.probability),
+                probability=_probability(answer),
             )
             for answer in region_probabilities(prediction, regions, flights=flights)
         ]
@@ -50,16 +49,24 @@ def write_probabilities(message, prediction, regions, wanted, flies) -> None:
             object_a=answer.object_a,
             object_b=answer.object_b,
             time_from_start=time,
-            available=bool(answer.available),
-            probability=float(answer.probability),
+            probability=_probability(answer),
             first_contact_time_available=bool(answer.first_contact_time_available),
-            first_contact_time_mean=float(answer.first_contact_time_mean),
-            first_contact_time_std=float(answer.first_contact_time_std),
+            first_contact_time_mean=duration(answer.first_contact_time_mean),
+            first_contact_time_std=duration(answer.first_contact_time_std),
         )
         for answer in contact_probabilities(prediction, flights=flights)
     ]
     at_rest = {answer.object: answer for answer in rest_probabilities(prediction, flights=flights)}
     for predicted in message.objects:
         if (answer := at_rest.get(predicted.id)) is not None:
-            predicted.rest_probability_available = bool(answer.available)
-            predicted.rest_probability = float(answer.probability)
+            predicted.at_rest = _probability(answer)
+
+
+def _probability(answer):
+    """The message of a probability and its interval."""
+    return Probability(
+        available=bool(answer.available),
+        probability=float(answer.probability),
+        low=float(answer.low),
+        high=float(answer.high),
+    )

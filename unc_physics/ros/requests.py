@@ -3,19 +3,25 @@
 from __future__ import annotations
 
 import secrets
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
+from diagnostic_msgs.msg import KeyValue
+from std_msgs.msg import Header
+
+from unc_physics_msgs.msg import Prediction as PredictionMessage
+from unc_physics_msgs.msg import PredictionRequest, Result
 
 from ..checks.errors import (
     ErrorCode,
     InvalidHorizonError,
+    InvalidOptionError,
     LimitExceededError,
     NotSupportedError,
     UncPhysicsError,
 )
-from ..checks.validation import array, non_negative, positive
+from ..checks.validation import array, positive
 from ..physics.layout import ERROR
 from ..prediction.predict import check_supported, periodic_times, predict
 from ..prediction.prediction import Prediction
@@ -23,13 +29,19 @@ from ..prediction.probabilities import BoxRegion
 from ..propagators.base import Propagator
 from ..propagators.registry import propagator_from_texts
 from ..scene.belief import Belief
+from ..scene.physics_keys import PHYSICS_KEYS
 from ..scene.physics_summary import physics_as_text
 from ..scene.scene import Scene
-from .conversions import Wanted, read_options, read_physics, read_scene, write_prediction, write_start
+from ..scene.scene_file import at_field
+from .durations import duration, read_duration
 from .frames import Frames
 from .models import ModelLibrary
+from .not_served import refuse_not_served
 from .parameters import Settings
+from .physics_message import physics_message, read_physics
+from .prediction_writer import Wanted, write_modes, write_prediction, write_start
 from .probabilities import write_probabilities
+from .scene_reader import Limits, read_scene
 from .statuses import write_statuses
 from .surroundings import read_regions
 
@@ -63,6 +75,8 @@ class Job(NamedTuple):
     wanted : Wanted
     zeros_replaced : bool
         Whether a covariance of zeros was read as unknown.
+    skipped : dict of str
+        Ids of objects that were left out, and why.
     """
 
     scene: Scene
@@ -77,6 +91,7 @@ class Job(NamedTuple):
     return_samples: int
     wanted: Wanted
     zeros_replaced: bool
+    skipped: dict[str, str]
 
 
 class Outcome(NamedTuple):
@@ -87,65 +102,55 @@ class Outcome(NamedTuple):
 
 
 def read_request(
-    request,
+    request: PredictionRequest,
     settings: Settings,
     library: ModelLibrary,
     frames: Frames,
     *,
     time_limit: float | None = None,
-    objects=None,
-    fields=None,
+    fields: Sequence[str] | None = None,
 ) -> Job:
-    """Check a request of `Predict`, `PredictCandidates` or `PredictLong`.
+    """Check a request.
 
     Parameters
     ----------
-    request : message
+    request : PredictionRequest
     settings : Settings
     library : ModelLibrary
     frames : Frames
     time_limit : float, optional
         Longest wall time, whatever the request allows [s].
-    objects : list of ObjectState, optional
-        In place of the request's.
-    fields : list of str, optional
-        What errors call each of them; by default ``objects[0]`` and so on.
+    fields : sequence of str, optional
+        What errors call each object; by default ``scene.objects[0]`` and so on.
 
     Raises
     ------
     UncPhysicsError
         One of its kinds, naming the field and the value.
     """
-    objects = request.objects if objects is None else objects
-    environment, regions = request.environment, request.regions
-    transform = frames.to_world(request.header)
+    refuse_not_served("PredictionRequest", request, "")
+    message, regions = request.scene, request.regions
+    transform = frames.to_world(message.header)
     if transform is not None:
-        objects = [transform.object(message) for message in objects]
-        environment, regions = (
-            transform.environment(environment),
-            [transform.region(region) for region in regions],
-        )
+        message, regions = transform.scene(message), [transform.region(region) for region in regions]
     horizon = _horizon(request.horizon, settings)
     seed = request.seed or 1 + secrets.randbelow(2**_SEED_BITS - 1)
-    options = read_options(request.propagator_options, "propagator_options")
+    options = _options(request.propagator_options)
     propagator = _propagator(request.propagator, options, request.samples, seed, settings)
     islands = (
         settings.islands and propagator.traits.cross_body
     )  # the others' work is that of single bodies anyway
-    physics = read_physics(request.scene_options, settings.physics | {"islands": islands})
     read = read_scene(
-        objects,
-        environment,
+        message,
         library,
-        physics,
+        read_physics(request.physics, settings.physics | {"islands": islands}),
         settings.doubts,
-        settings.max_objects,
-        settings.max_spheres,
-        settings.max_elements,
-        fields,
+        Limits(settings.max_objects, settings.max_spheres, settings.max_elements),
+        fields=fields,
+        skip_unknown_models=request.skip_unknown_models,
     )
     check_supported(read.scene, propagator)
-    belief = _with_common_error(read.belief, request, transform)
+    belief = at_field("scene", _with_common_error, read.belief, message, transform)
     times = _times(request.trajectory_period, horizon, read.scene.dt, settings)
     job = Job(
         read.scene,
@@ -158,8 +163,14 @@ def read_request(
         _computation_time(request.max_computation_time, time_limit),
         getattr(propagator, "seed", seed),
         request.return_samples,
-        Wanted(request.return_covariance, request.return_joint_covariance, request.return_probabilities),
+        Wanted(
+            request.return_covariance,
+            request.return_joint_covariance,
+            request.return_probabilities,
+            request.return_modes,
+        ),
         read.zeros_replaced,
+        read.skipped,
     )
     _check_answer(job, settings)
     return job
@@ -205,37 +216,51 @@ def _outcome(job, prediction):
     return Outcome(prediction, samples)
 
 
-def write_answer(message, header, settings: Settings, job: Job, outcome: Outcome) -> None:
-    """Write a prediction into a response, a result or a `Prediction` message."""
+def write_answer(message: PredictionMessage, header: Header, settings: Settings, job: Job, outcome: Outcome):
+    """Write a prediction into its message, whose header becomes that of the request's scene."""
     prediction = outcome.prediction
     objects, joints = write_prediction(
         job.scene, job.models, prediction.times, prediction.beliefs, outcome.samples, job.wanted
     )
     write_start(objects, job.scene, prediction.start)
+    if job.wanted.modes:
+        write_modes(objects, prediction)
     message.header.stamp = header.stamp
     message.header.frame_id = settings.world_frame
     message.propagator = job.propagator.name
-    message.physics = physics_as_text(prediction.scene)
+    used = prediction.scene
+    message.physics = physics_message({key: getattr(used, key) for key in PHYSICS_KEYS})
+    message.physics_summary = physics_as_text(used)
+    message.rollouts = job.propagator.rollouts(prediction.carry)
     message.objects = objects
+    message.skipped = [KeyValue(key=name, value=reason) for name, reason in job.skipped.items()]
     message.joint_covariances = joints
     complete = prediction.time > job.horizon - job.scene.dt
     write_statuses(message, prediction, settings.status_rollouts if complete else 0)
     flies = len(job.scene.moving) * prediction.time / job.scene.dt <= settings.max_flight_steps
     write_probabilities(message, prediction, job.regions, job.wanted.probabilities, complete and flies)
-    message.seed_used = job.seed
-    message.time_reached = float(prediction.time)
-    message.computation_time = float(prediction.wall_time)
+    message.seed = job.seed
+    message.time_reached = duration(prediction.time)
+    message.computation_time = duration(prediction.wall_time)
 
 
-def write_error(message, error: Exception) -> None:
-    """Write an error into a response or result; what is no `UncPhysicsError` is a fault of the
-    node itself.
-    """
+def write_error(result: Result, error: Exception) -> None:
+    """Write an error as a request's result; what is no `UncPhysicsError` is a fault of the node itself."""
     if isinstance(error, UncPhysicsError):
-        message.error_code, message.error_msg = int(error.code), str(error)
+        result.error_code, result.error_msg = int(error.code), str(error)
     else:
-        message.error_code = int(ErrorCode.INTERNAL)
-        message.error_msg = f"a fault of the node: {type(error).__name__}: {error}"
+        result.error_code = int(ErrorCode.INTERNAL)
+        result.error_msg = f"a fault of the node: {type(error).__name__}: {error}"
+
+
+def _options(pairs):
+    """Texts by key."""
+    options = {}
+    for k, pair in enumerate(pairs):
+        if pair.key in options:
+            raise InvalidOptionError("is given twice", field=f"propagator_options[{k}].key", value=pair.key)
+        options[pair.key] = pair.value
+    return options
 
 
 def _regions(messages, settings):
@@ -246,17 +271,17 @@ def _regions(messages, settings):
     return read_regions(messages)
 
 
-def _with_common_error(belief, request, transform):
+def _with_common_error(belief, message, transform):
     """The belief with the error that all moving objects share, given in the header's frame."""
-    origin, axes = request.common_pose_origin, None
+    origin, axes = message.common_pose_origin, None
     origin = array((origin.x, origin.y, origin.z), (3,), "common_pose_origin")
     if transform is not None:
         origin, axes = transform.R @ origin + transform.translation, transform.R
-    return belief.with_common_pose_std(request.common_pose_std, origin, axes)
+    return belief.with_common_pose_std(message.common_pose_std, origin, axes)
 
 
-def _horizon(value, settings):
-    horizon = positive(value, "horizon", InvalidHorizonError)
+def _horizon(message, settings):
+    horizon = positive(read_duration(message, "horizon", InvalidHorizonError), "horizon", InvalidHorizonError)
     if horizon > settings.max_horizon:
         raise LimitExceededError(f"must be at most {settings.max_horizon} s", field="horizon", value=horizon)
     return horizon
@@ -270,7 +295,7 @@ def _times(period, horizon, dt, settings):
             field="horizon",
             value=horizon,
         )
-    if non_negative(period, "trajectory_period", InvalidHorizonError) == 0.0:
+    if (period := read_duration(period, "trajectory_period", InvalidHorizonError)) == 0.0:
         return None
     if horizon / period > settings.max_states:
         raise LimitExceededError(
@@ -295,7 +320,7 @@ def _propagator(name, options, samples, seed, settings):
 
 
 def _computation_time(value, limit):
-    asked = non_negative(value, "max_computation_time") or None
+    asked = read_duration(value, "max_computation_time") or None
     return min((time for time in (asked, limit) if time is not None), default=None)
 
 
@@ -330,6 +355,7 @@ def answer_bytes(job: Job) -> int:
     """About how many bytes the answer takes."""
     states = 1 + len(job.times or ())
     one = _STATE_BYTES + _POSE_BYTES * job.return_samples + _NUMBER_BYTES * ERROR**2 * job.wanted.covariance
+    one += _START_BYTES * job.wanted.modes
     moving = len(job.scene.moving)
     joint = _NUMBER_BYTES * (ERROR * moving) ** 2 * job.wanted.joint_covariance
     pairs = moving * (len(job.scene.bodies) + len(job.scene.environment) + 1) * job.wanted.probabilities

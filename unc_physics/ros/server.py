@@ -11,6 +11,8 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
+from unc_physics_msgs.msg import Result
+
 from ..checks.errors import CanceledError, UncPhysicsError
 from .candidates_service import CandidatesService
 from .capabilities_service import CapabilitiesService
@@ -136,35 +138,34 @@ class PredictionServer:
 
         Parameters
         ----------
-        message : response or result
-        request : message
+        message : message
+            With a ``result`` and a ``prediction``.
+        request : PredictionRequest
         progress : callable, optional
             As for `predict`.
         **how
             As for `read_request`.
         """
-        with self.errors_into(message):
-            settings = self.settings
+        with self.errors_into(message.result):
+            settings, header = self.settings, request.scene.header
             job = read_request(request, settings, self.library, self.frames, **how)
             try:
-                write_answer(message, request.header, settings, job, self.predict(job, progress))
-                return functools.partial(self.markers.publish, request.header, job, message)
+                write_answer(message.prediction, header, settings, job, self.predict(job, progress))
+                return functools.partial(self.markers.publish, header, job, message.prediction)
             except UncPhysicsError as error:
                 if error.prediction is not None:
-                    write_answer(message, request.header, settings, job, error.prediction)
+                    write_answer(message.prediction, header, settings, job, error.prediction)
                 raise
 
     @contextlib.contextmanager
-    def errors_into(self, message):
-        """Write what is raised inside into a response or result: whatever a request holds, the
-        node lives on.
-        """
+    def errors_into(self, result: Result):
+        """Write what is raised inside into a request's result: whatever that holds, the node lives on."""
         try:
             yield
         except UncPhysicsError as error:
-            write_error(message, error)
+            write_error(result, error)
         except Exception as error:  # noqa: BLE001
             self.log.error(f"a fault of the node:\n{traceback.format_exc()}")
-            write_error(message, error)
-        if message.error_code:
-            self.diagnostics.failed(message.error_msg)
+            write_error(result, error)
+        if result.error_code:
+            self.diagnostics.failed(result.error_msg)

@@ -15,12 +15,11 @@ JUDGED = 16
 
 
 def write_statuses(message, prediction, rollouts) -> None:
-    """Write the status of each object, and of each of its states, into a response, a result or a `Prediction`
-    message.
+    """Write the status of each object, and of each of its states, into a `Prediction` message.
 
     Parameters
     ----------
-    message : message
+    message : unc_physics_msgs/Prediction
         Its objects and their states are there already.
     prediction : Prediction
     rollouts : int

@@ -8,13 +8,13 @@ from geometry_msgs.msg import PoseWithCovarianceStamped
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.time import Time
 
-from unc_physics_msgs.msg import ObjectState, ObjectStateArray, Prediction
-from unc_physics_msgs.srv import Predict
+from unc_physics_msgs.msg import ObjectState, Prediction, PredictionRequest, Result, Scene
 
 from ..checks.errors import UncPhysicsError
 from .background import Newest
-from .conversions import UNKNOWN, seconds
+from .durations import duration, seconds
 from .requests import read_request, write_answer
+from .scene_reader import UNKNOWN
 
 # newest wins: while one scene is predicted, only the last of those that come is kept
 _NEWEST = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
@@ -23,7 +23,7 @@ _REPORT_PERIOD = 5.0  # s, between warnings in the log
 
 
 class Stream:
-    """Predicts each scene that comes on ``~/objects``, from trackers, or from detectors."""
+    """Predicts each scene that comes on ``~/scene``, from trackers, or from detectors."""
 
     def __init__(self, server):
         self._server = server
@@ -32,9 +32,7 @@ class Stream:
         self._predictions = node.create_publisher(Prediction, "~/predictions", 1)
         self._poses = {}
         self._tracked = {}  # topic: (stamp, state) of its newest pose
-        self._subscriptions = [
-            node.create_subscription(ObjectStateArray, "~/objects", self._newest.put, _NEWEST)
-        ]
+        self._subscriptions = [node.create_subscription(Scene, "~/scene", self._newest.put, _NEWEST)]
         settings = server.settings
         for topic, model in zip(settings.tracked_topics, settings.tracked_models, strict=True):
             if topic:
@@ -70,18 +68,15 @@ class Stream:
         if self._is_old(scene.header.stamp, settings.max_input_age):
             server.diagnostics.dropped()
             return
-        answer = Predict.Response()
-        with server.errors_into(answer):
+        result = Result()
+        with server.errors_into(result):
             times = sorted(set(settings.horizons))
-            request = Predict.Request(
-                header=scene.header,
-                objects=scene.objects,
-                environment=scene.environment,
-                horizon=times[-1],
-                common_pose_std=scene.common_pose_std,
-                common_pose_origin=scene.common_pose_origin,
+            request = PredictionRequest(
+                scene=scene,
+                horizon=duration(times[-1]),
                 propagator=settings.stream_propagator,
                 return_probabilities=settings.stream_probabilities,
+                skip_unknown_models=True,
             )
             job = read_request(
                 request, settings, server.library, server.frames, time_limit=settings.max_computation_time
@@ -92,12 +87,15 @@ class Stream:
             self._predictions.publish(message)
             self._publish_poses(message, settings)
             server.markers.publish(scene.header, job, message)
+            for skipped in message.skipped:
+                self._warn(f"an object was left out: {skipped.value}")
             if (delay := self._age(scene.header.stamp)) is not None:
                 server.diagnostics.delayed(delay)
-        if answer.error_code:
-            server.log.warning(
-                f"a scene was not predicted: {answer.error_msg}", throttle_duration_sec=_REPORT_PERIOD
-            )
+        if result.error_code:
+            self._warn(f"a scene was not predicted: {result.error_msg}")
+
+    def _warn(self, text):
+        self._server.log.warning(text, throttle_duration_sec=_REPORT_PERIOD)
 
     def _age(self, stamp):
         """Time since a stamp [s], None without a stamp."""
@@ -137,7 +135,7 @@ class Stream:
             for header, state in self._tracked.values()
             if header.frame_id == frame and not self._is_old(header.stamp, age)
         ]
-        self._newest.put(ObjectStateArray(header=message.header, objects=objects), "tracked")
+        self._newest.put(Scene(header=message.header, objects=objects), "tracked")
 
     def _detect(self, detections):
         """Predict the scene of all detections."""
@@ -146,7 +144,7 @@ class Stream:
             self._newest.put(scene, "detected")
 
 
-def scene_of_detections(detections, library, mass) -> ObjectStateArray:
+def scene_of_detections(detections, library, mass) -> Scene:
     """The scene of a Detection3DArray; each detection's best hypothesis names the model, and those without
     one are left out.
     """
@@ -156,15 +154,15 @@ def scene_of_detections(detections, library, mass) -> ObjectStateArray:
             best = max(detection.results, key=lambda result: result.hypothesis.score)
             name = detection.id or f"{best.hypothesis.class_id}_{k}"
             objects.append(_at_unknown_velocity(name, best.hypothesis.class_id, best.pose, library, mass))
-    return ObjectStateArray(header=detections.header, objects=objects)
+    return Scene(header=detections.header, objects=objects)
 
 
 def _at_unknown_velocity(name, model, pose, library, mass):
-    """An object whose velocity is not known, with its model's mass if that gives one."""
-    state = ObjectState(id=name, model=model, pose=pose, mass=mass)
+    """An object whose velocity is not known, with the given mass [kg] if its model has none."""
+    state = ObjectState(id=name, model=model, pose=pose)
     state.twist.covariance[0] = UNKNOWN
     try:
-        state.use_model_mass = library.shape(model).mass is not None
+        state.mass = mass if library.shape(model).mass is None else 0.0
     except UncPhysicsError:
         pass  # reported when the scene is read
     return state

@@ -1,30 +1,36 @@
-"""The environment and the regions of a request, from their messages."""
+"""The environment, materials and regions of a request, from their messages."""
 
 from __future__ import annotations
 
 import functools
-import math
 
+import numpy as np
 from shape_msgs.msg import SolidPrimitive
 
 from ..checks.errors import (
     DuplicateIdError,
     InvalidEnvironmentError,
+    InvalidRequestError,
     LimitExceededError,
-    NotSupportedError,
     UncPhysicsError,
 )
 from ..checks.validation import array, positive, quaternion
+from ..physics.rotation import rotation_matrix
 from ..prediction.probabilities import ENVIRONMENT, BoxRegion
 from ..scene.environment import Box, Cylinder, Element, Plane, Sphere
+from ..scene.materials import Surface, check_surface
+from ..scene.scene_file import at_field
+from .not_served import refuse_not_served
+from .optional import optional
 
-#: Number of dimensions of each kind of primitive that is served, and the names of the others.
+#: Fields of a material that are served; they are those of a `Surface`.
+MATERIAL_FIELDS = ("friction", "friction_std", "restitution", "restitution_std")
+#: Number of dimensions of each kind of primitive that is served.
 _DIMENSIONS = {SolidPrimitive.BOX: 3, SolidPrimitive.SPHERE: 1, SolidPrimitive.CYLINDER: 2}
-_NOT_SERVED = {SolidPrimitive.CONE: "CONE", SolidPrimitive.PRISM: "PRISM"}
 
 
 def read_environment(message, max_elements: int | None = None) -> tuple[Element, ...]:
-    """Planes and primitives, in this order.
+    """The elements of an environment.
 
     The same numbers give the same objects, so that a scene that comes again is known by them.
 
@@ -37,34 +43,43 @@ def read_environment(message, max_elements: int | None = None) -> tuple[Element,
     ------
     InvalidEnvironmentError, InvalidOrientationError, NotFiniteError, DuplicateIdError, LimitExceededError,
     NotSupportedError
-        The last for a cone or a prism.
     """
-    planes, primitives, poses = message.planes, message.primitives, message.primitive_poses
-    count = len(planes) + len(primitives)
+    place, count = "scene.environment.elements", len(message.elements)
     if max_elements is not None and count > max_elements:
-        raise LimitExceededError(
-            f"must be at most {max_elements} planes and primitives", field="environment", value=count
-        )
-    if len(poses) != len(primitives):
-        raise InvalidEnvironmentError(
-            f"must have a pose for each of the {len(primitives)} primitives",
-            field="environment.primitive_poses",
-            value=len(poses),
-        )
-    names = _names(message.ids, len(planes), len(primitives))
-    elements: list[Element] = [
-        _plane(
-            tuple(array(plane.coef, (4,), f"environment.planes[{k}].coef", InvalidEnvironmentError).tolist()),
-            names[k],
-            k,
-        )
-        for k, plane in enumerate(planes)
-    ]
-    for k, (primitive, pose) in enumerate(zip(primitives, poses, strict=True)):
-        size = _dimensions(primitive, f"environment.primitives[{k}]")
-        place = _place(pose, f"environment.primitive_poses[{k}]")
-        elements.append(_solid(primitive.type, size, *place, names[len(planes) + k]))
+        raise LimitExceededError(f"must be at most {max_elements} elements", field=place, value=count)
+    elements, names = [], set()
+    for k, element in enumerate(message.elements):
+        field, name = f"{place}[{k}]", element.id or f"element_{k}"
+        if name == ENVIRONMENT:
+            raise InvalidEnvironmentError(
+                "is what all elements together are called", field=f"{field}.id", value=name
+            )
+        if name in names:
+            raise DuplicateIdError("is the id of two elements", field=f"{field}.id", value=name)
+        names.add(name)
+        elements.append(_element(element, name, field))
     return tuple(elements)
+
+
+def read_material(message, field: str, error: type[UncPhysicsError] = InvalidRequestError) -> tuple:
+    """The friction and restitution that a message gives, as pairs of a `Surface`'s keyword and its value.
+
+    Raises
+    ------
+    UncPhysicsError
+        Of the given type, `NotFiniteError` or `NotSupportedError`.
+    """
+    refuse_not_served("Material", message, f"{field}.")
+    given = {}
+    for name in MATERIAL_FIELDS:
+        if (value := optional(getattr(message, name), f"{field}.{name}")) is not None:
+            given[name] = value
+    if given:
+        try:
+            check_surface(Surface(**given), error=error)
+        except UncPhysicsError as bad:
+            raise type(bad)(bad.problem, field=f"{field}.{bad.field}[0]", value=bad.value) from None
+    return tuple(given.items())
 
 
 def read_regions(messages) -> tuple[BoxRegion, ...]:
@@ -94,34 +109,29 @@ def read_regions(messages) -> tuple[BoxRegion, ...]:
     return tuple(regions)
 
 
-def _names(ids, planes, primitives):
-    """A name for each element."""
-    names = [f"plane_{k}" for k in range(planes)] + [f"primitive_{k}" for k in range(primitives)]
-    if ids and len(ids) != len(names):
-        raise InvalidEnvironmentError(
-            f"must be empty, or a name for each of the {len(names)} elements",
-            field="environment.ids",
-            value=len(ids),
-        )
-    for k, name in enumerate(ids):
-        if name == ENVIRONMENT:
-            raise InvalidEnvironmentError(
-                "is what all elements together are called", field=f"environment.ids[{k}]", value=name
-            )
-        names[k] = name or names[k]
-    for k, name in enumerate(names):
-        if name in names[:k]:
-            raise DuplicateIdError("is the id of two elements", field=f"environment.ids[{k}]", value=name)
-    return names
+def _element(message, name, field):
+    """One element, from its message."""
+    refuse_not_served("EnvironmentElement", message, f"{field}.")
+    plane = optional(message.plane, f"{field}.plane")
+    primitive = optional(message.primitive, f"{field}.primitive")
+    position, orientation = _place(message.pose, f"{field}.pose")
+    material = read_material(message.material, f"{field}.material", InvalidEnvironmentError)
+    if primitive is not None and plane is None:
+        place = f"{field}.primitive[0]"
+        size = _dimensions(primitive, place)
+        return at_field(place, _solid, primitive.type, size, position, orientation, name, material)
+    if plane is None or primitive is not None:
+        raise InvalidEnvironmentError("must have exactly one of plane, primitive and mesh", field=field)
+    place = f"{field}.plane[0].coef"
+    coef = tuple(array(plane.coef, (4,), place, InvalidEnvironmentError).tolist())
+    try:
+        return _plane(coef, position, orientation, name, material)
+    except UncPhysicsError as error:
+        raise type(error)(error.problem, field=place, value=coef) from None
 
 
 def _dimensions(primitive, field):
-    if primitive.type in _NOT_SERVED:
-        raise NotSupportedError(
-            "must be BOX, SPHERE or CYLINDER; a fixed object with a model may have any shape",
-            field=f"{field}.type",
-            value=_NOT_SERVED[primitive.type],
-        )
+    refuse_not_served("SolidPrimitive", primitive, f"{field}.")
     if primitive.type not in _DIMENSIONS:
         raise InvalidEnvironmentError("is no kind of primitive", field=f"{field}.type", value=primitive.type)
     shape, field = (_DIMENSIONS[primitive.type],), f"{field}.dimensions"
@@ -137,21 +147,21 @@ def _place(pose, field):
 
 
 @functools.lru_cache(maxsize=1024)
-def _plane(coef, name, k):
-    """The solid is where ``a x + b y + c z + d <= 0``."""
-    length = math.hypot(*coef[:3])
-    try:
-        return Plane(coef[:3], -coef[3] / length if length else 0.0, name)
-    except UncPhysicsError as error:
-        raise type(error)(error.problem, field=f"environment.planes[{k}].coef", value=coef) from None
+def _plane(coef, position, orientation, name, material):
+    """The solid is where ``a x + b y + c z + d <= 0`` in the frame of the pose."""
+    unit = Plane(coef[:3]).normal  # which refuses one without direction
+    normal = rotation_matrix(np.array(orientation)) @ unit
+    offset = normal @ np.array(position) - coef[3] / np.linalg.norm(coef[:3])
+    return Plane(normal, offset, name, **dict(material))
 
 
 @functools.lru_cache(maxsize=1024)
-def _solid(kind, size, position, orientation, name):
+def _solid(kind, size, position, orientation, name, material):
     """An element of a kind that `_dimensions` lets pass."""
+    material = dict(material)
     if kind == SolidPrimitive.BOX:
-        return Box(size, position, orientation, name)
+        return Box(size, position, orientation, name, **material)
     if kind == SolidPrimitive.SPHERE:
-        return Sphere(size[SolidPrimitive.SPHERE_RADIUS], position, name)
+        return Sphere(size[SolidPrimitive.SPHERE_RADIUS], position, name, **material)
     radius, height = size[SolidPrimitive.CYLINDER_RADIUS], size[SolidPrimitive.CYLINDER_HEIGHT]
-    return Cylinder(radius, height, position, orientation, name)
+    return Cylinder(radius, height, position, orientation, name, **material)

@@ -8,20 +8,20 @@ from dataclasses import replace
 
 import numpy as np
 
-from unc_physics_msgs.srv import Predict
+from unc_physics_msgs.msg import Prediction
 
 from ..checks.validation import covariance
 from ..geometry.packing_file import SpherePacking
 from ..physics.layout import ERROR, QUATERNION, STATE
-from ..physics.origin import covariance_at_com
+from ..physics.origin import at_com, covariance_at_com, inverse_error_map
 from ..propagators.registry import PROPAGATORS, make_propagator
 from ..scene.belief import Belief
 from ..scene.body import RigidBody
 from ..scene.presets import with_changes
 from ..scene.scene import Scene
 from ..scene.stiffness import AUTO
-from .conversions import Wanted
 from .parameters import Settings
+from .prediction_writer import Wanted
 from .requests import Job, run, write_answer
 
 _STEPS = 3
@@ -54,15 +54,16 @@ def warm_up(settings: Settings) -> None:
     P = covariance(1e-6 * np.eye(ERROR), ERROR, "covariance")
     belief = Belief(mean, np.stack([P, P]), own.moving)
     covariance_at_com(np.eye(6), np.eye(6), mean[0], np.zeros(3))  # of each object that is read
+    at_com(np.eye(ERROR), mean[0], np.zeros(3))
+    inverse_error_map(mean[0], np.zeros(3))
     for name in filter(None, settings.warm_up):
         scene = own if own.integrator in PROPAGATORS[name].integrators else explicit
         few = {"samples": 4} if "samples" in PROPAGATORS[name].options() else {}
         propagator = make_propagator(name, **few)
-        wanted = Wanted(covariance=True, joint_covariance=propagator.traits.cross_body, probabilities=True)
-        job = Job(
-            scene, belief, (), ("rod",) * 3, propagator, _STEPS * scene.dt, None, None, 1, 2, wanted, False
-        )
-        message = Predict.Response()
+        wanted = Wanted(True, propagator.traits.cross_body, True, True)
+        horizon = _STEPS * scene.dt
+        job = Job(scene, belief, (), ("rod",) * 3, propagator, horizon, None, None, 1, 2, wanted, False, {})
+        message = Prediction()
         write_answer(message, message.header, settings, job, run(job))
 
 

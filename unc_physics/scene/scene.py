@@ -25,7 +25,7 @@ from .presets import PRESETS, with_changes
 _STDS = ("stiffness_std", "friction_std", "restitution_std", "gravity_direction_std")
 
 #: What becomes of overlap where a scene does not say.
-_OVERLAP = {"implicit": "project", "explicit": "keep"}
+DEFAULT_OVERLAP = {"implicit": "project", "explicit": "keep"}
 #: kappa where an explicit scene names none [N/m^3].
 STIFFNESS = 1e4
 
@@ -144,7 +144,7 @@ class Scene:
         object.__setattr__(self, "environment", _elements(self.environment, names))
         check_integrator(self.integrator)
         explicit = self.integrator == "explicit"
-        chosen = {"overlap": _OVERLAP[self.integrator], "stiffness": STIFFNESS if explicit else None}
+        chosen = {"overlap": DEFAULT_OVERLAP[self.integrator], "stiffness": STIFFNESS if explicit else None}
         for spec in fields(self):
             if spec.name in PHYSICS_KEYS:
                 value = getattr(self, spec.name)

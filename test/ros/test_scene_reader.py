@@ -1,8 +1,9 @@
-"""Messages to beliefs and back, against poses drawn one by one."""
+"""Messages to scenes and beliefs, and back, against poses drawn one by one."""
 
 import numpy as np
 import pytest
-from scenes import diagonal, moving_object, position_of
+from builtin_interfaces.msg import Duration
+from scenes import diagonal, moving_object, packed, position_of
 from scipy.spatial.transform import Rotation
 
 from unc_physics.checks import errors
@@ -18,19 +19,14 @@ from unc_physics.physics.layout import (
     VELOCITY,
 )
 from unc_physics.physics.origin import error_map, inverse_error_map
-from unc_physics.ros.conversions import (
-    Doubts,
-    Wanted,
-    duration,
-    read_scene,
-    seconds,
-    write_prediction,
-    write_start,
-)
+from unc_physics.ros.durations import duration, read_duration, seconds
 from unc_physics.ros.models import ModelLibrary
+from unc_physics.ros.optional import optional
+from unc_physics.ros.prediction_writer import Wanted, write_prediction, write_start
+from unc_physics.ros.scene_reader import Doubts, read_scene
 from unc_physics.scene.belief import Belief
 from unc_physics.scene.presets import PRESETS
-from unc_physics_msgs.msg import Environment
+from unc_physics_msgs.msg import JointCovariance, ObjectState, Scene
 
 DRAWS = 40_000
 SIGMAS = 5.5  # statistics: so many standard errors may a covariance from draws be off
@@ -53,8 +49,10 @@ def spinning_object():
     return message
 
 
-def read(*messages, **others):
-    return read_scene(messages, Environment(), LIBRARY, PHYSICS, **others)
+def read(*messages, joint=(), physics=PHYSICS, **others):
+    scene = Plain(Scene())  # which takes plain objects
+    scene.objects, scene.joint_covariance = list(messages), list(joint)
+    return read_scene(scene, LIBRARY, physics, **others)
 
 
 def random_covariance(seed, size):
@@ -92,7 +90,7 @@ def test_fixed_axes_to_the_body_side_against_drawn_poses():
 
 
 def test_the_body_side_to_fixed_axes_against_drawn_states():
-    scene, belief, models, _ = read(spinning_object())
+    scene, belief, models, *_ = read(spinning_object())
     P = random_covariance(4, ERROR)
     belief = Belief(belief.mean, P[None])
     objects, (joint,) = write_prediction(scene, models, [0.5], [belief], wanted=Wanted(True, True))
@@ -122,7 +120,7 @@ def test_a_scene_that_is_read_and_written_is_the_same():
     message = spinning_object()
     message.pose.covariance = random_covariance(6, 6).ravel()
     message.twist.covariance = random_covariance(7, 6).ravel()
-    scene, belief, models, _ = read(message, moving_object("fixed one"))
+    scene, belief, models, *_ = read(message, moving_object("fixed one"))
     (written, _), _ = write_prediction(scene, models, [0.0], [belief])
     state = written.states[0]
     for got, sent in ((state.pose, message.pose), (state.twist, message.twist)):
@@ -132,7 +130,7 @@ def test_a_scene_that_is_read_and_written_is_the_same():
     assert np.allclose(position_of(state.pose.pose), position_of(message.pose.pose), rtol=0.0, atol=ROUND_OFF)
     v, sent = state.twist.twist.linear, message.twist.twist.linear
     assert np.allclose([v.x, v.y, v.z], [sent.x, sent.y, sent.z], rtol=0.0, atol=ROUND_OFF)
-    assert (written.id, written.model, written.fixed) == ("left", "bunny", False)
+    assert (written.id, written.model, written.kind) == ("left", "bunny", ObjectState.DYNAMIC)
 
 
 def test_the_error_map_and_its_inverse():
@@ -154,10 +152,10 @@ def test_a_spinning_body_s_origin_moves_about_its_centre_of_mass():
 
 def test_a_fixed_object_ignores_twist_and_covariances():
     message = moving_object()
-    message.fixed, message.mass = True, 0.0
+    message.kind, message.mass = ObjectState.FIXED, 0.0
     message.twist.twist.linear.x = float("nan")
     message.pose.covariance = np.full(36, np.nan)
-    scene, belief, models, _ = read(message, moving_object("other"))
+    scene, belief, models, *_ = read(message, moving_object("other"))
     assert scene.bodies[0].fixed and not belief.mean[0, VELOCITY].any()
     (written, _), (joint,) = write_prediction(
         scene, models, [0.0], [belief], wanted=Wanted(joint_covariance=True)
@@ -176,7 +174,7 @@ def test_unknown_covariances_take_the_defaults():
     known = moving_object("known")
     known.twist.covariance = diagonal(*[0.5] * 6)
     for message, replaced in ((unknown, False), (zeros, True), (known, False)):
-        scene, belief, models, zeros_replaced = read(message, doubts=doubts)
+        scene, belief, models, zeros_replaced, _ = read(message, doubts=doubts)
         (written,), _ = write_prediction(scene, models, [0.0], [belief])
         assert zeros_replaced == replaced
         if message is not known:
@@ -184,6 +182,83 @@ def test_unknown_covariances_take_the_defaults():
             assert np.allclose(written.states[0].twist.covariance, diagonal(0.3, 0.3, 0.3, 0.4, 0.4, 0.4))
     exact = read(zeros, doubts=doubts._replace(zero_is_exact=True))
     assert not exact.belief.covariance.any() and not exact.zeros_replaced
+
+
+@pytest.mark.parametrize("what", ["pose and twist", "whole", "joint"])
+def test_what_was_written_is_read_as_it_was(what):
+    """A prediction can begin where another one ended."""
+    scene, belief, models, *_ = read(spinning_object(), moving_object("other", "can", (1.0, 0.0, 0.0)))
+    P = random_covariance(9, 2 * ERROR)
+    if what == "pose and twist":  # whose errors at the origin must then be independent
+        at_origin = [random_covariance(10 + k, 6) for k in range(4)]
+    belief = Belief(belief.mean, P)
+    wanted = Wanted(covariance=True, joint_covariance=True)
+    objects, joints = write_prediction(scene, models, [0.5], [belief], wanted=wanted)
+    messages = []
+    for k, written in enumerate(objects):
+        state = written.states[0]
+        message = ObjectState(id=written.id, model=written.model, spheres=20, scale=(3.0, 0.0)[k])
+        message.pose, message.twist = state.pose, state.twist
+        if what == "whole":
+            message.covariance = state.covariance
+        elif what == "pose and twist":
+            message.pose.covariance, message.twist.covariance = map(np.ravel, at_origin[2 * k : 2 * k + 2])
+        messages.append(message)
+    again = read(*messages, joint=joints if what == "joint" else ()).belief
+    assert np.allclose(again.mean, belief.mean, rtol=0.0, atol=ROUND_OFF)
+    if what == "joint":
+        assert_close(again.joint, belief.joint)
+    elif what == "whole":
+        assert_close(again.blocks, belief.blocks)
+    else:
+        rewritten, _ = write_prediction(scene, models, [0.0], [again])
+        for sent, got in zip(messages, rewritten, strict=True):
+            assert_close(got.states[0].pose.covariance, sent.pose.covariance)
+            assert_close(got.states[0].twist.covariance, sent.twist.covariance)
+
+
+def assert_close(found, expected):
+    """Equal to 1e-12 of the largest entry."""
+    assert np.allclose(found, expected, rtol=0.0, atol=ROUND_OFF * np.max(np.abs(expected)))
+
+
+def test_a_joint_covariance_may_name_its_objects_in_any_order():
+    messages = moving_object("a"), moving_object("b", "can", (1.0, 0.0, 0.0))
+    C = random_covariance(11, 2 * ERROR)
+    turned = np.roll(C, (ERROR, ERROR), (0, 1))
+    one = read(*messages, joint=[JointCovariance(object_ids=["a", "b"], data=packed(C))])
+    other = read(*messages, joint=[JointCovariance(object_ids=["b", "a"], data=packed(turned))])
+    assert np.array_equal(one.belief.joint, other.belief.joint)
+
+
+def test_the_model_s_mass_stands_in():
+    message = moving_object()
+    message.mass, message.scale = 0.0, 2.0
+    (body,) = read(message).scene.bodies
+    assert body.mass == pytest.approx(8.0 * LIBRARY.shape("bunny").mass)
+
+
+def test_objects_of_unknown_model_may_be_left_out():
+    known, unknown = moving_object("a"), moving_object("b", "teapot")
+    found = read(known, unknown, skip_unknown_models=True)
+    assert [body.name for body in found.scene.bodies] == ["a"]
+    assert list(found.skipped) == ["b"] and "teapot" in found.skipped["b"]
+    C = random_covariance(12, 2 * ERROR)
+    joint = [JointCovariance(object_ids=["b", "a"], data=packed(C))]
+    own = read(known, unknown, joint=joint, skip_unknown_models=True).belief
+    known.covariance = packed(C[ERROR:, ERROR:])
+    assert_close(own.joint, read(known).belief.joint)
+    with pytest.raises(errors.NoObjectsError, match="teapot"):
+        read(unknown, skip_unknown_models=True)
+
+
+@pytest.mark.parametrize(
+    ("sec", "nanosec", "field"),
+    [(-1, 0, "horizon"), (-1, 999_999_999, "horizon"), (0, 10**9, "horizon.nanosec")],
+)
+def test_a_duration_that_is_none_is_named(sec, nanosec, field):
+    with pytest.raises(errors.InvalidHorizonError, match=f"^{field} must"):
+        read_duration(Duration(sec=sec, nanosec=nanosec), "horizon", errors.InvalidHorizonError)
 
 
 @pytest.mark.parametrize("time", [0.0, 1e-9, 0.1, 0.999_999_999_9, 7.25, 1e6])
@@ -197,6 +272,7 @@ class Plain:
     """What a message is when its fields are not checked: it takes anything."""
 
     def __init__(self, message):
+        self.get_fields_and_field_types = message.get_fields_and_field_types
         for name in message.get_fields_and_field_types():
             value = getattr(message, name)
             setattr(self, name, Plain(value) if hasattr(value, "get_fields_and_field_types") else value)
@@ -227,10 +303,12 @@ INDEFINITE[0, 1] = INDEFINITE[1, 0] = 2.0
         ("spheres", 10**9, errors.InvalidModelError),
         ("scale", -1.0, errors.InvalidModelError),
         ("scale", NAN, errors.NotFiniteError),
-        ("mass", 0.0, errors.InvalidMassError),
         ("mass", -1.0, errors.InvalidMassError),
         ("mass", NAN, errors.NotFiniteError),
         ("mass", "heavy", errors.InvalidMassError),
+        ("kind", 3, errors.InvalidRequestError),
+        ("covariance", np.zeros(143), errors.InvalidCovarianceError),
+        ("covariance", -np.eye(12).ravel(), errors.InvalidCovarianceError),
         ("mass_std", -1.0, errors.InvalidCovarianceError),
         ("mass_std", NAN, errors.NotFiniteError),
         ("mass_std", 2.0, errors.InvalidCovarianceError),
@@ -264,7 +342,7 @@ def test_a_bad_field_is_named(path, value, error):
         if path[-2:] in (".x", ".y", ".z")
         else path
     )
-    assert f"objects[1].{named}" in str(raised.value)
+    assert f"scene.objects[1].{named}" in str(raised.value)
 
 
 def test_uncertain_mass_and_centre_of_mass():
@@ -273,15 +351,15 @@ def test_uncertain_mass_and_centre_of_mass():
     scene, *_ = read(message)
     assert scene.bodies[0].mass_std == 0.25
     assert scene.bodies[0].center_of_mass_std.tolist() == [0.0, 0.01, 0.0]
-    message.fixed = True
+    message.kind = ObjectState.FIXED
     assert read(message, moving_object("other")).scene.uncertain == ()
 
 
 def test_at_rest():
     message = moving_object(velocity=(0.0, 0.0, 0.0))
     message.at_rest = True
-    read = read_scene([message, moving_object("other")], Environment(), LIBRARY, PRESETS["everyday"])
-    assert [body.at_rest for body in read.scene.bodies] == [True, False]
+    found = read(message, moving_object("other"), physics=PRESETS["everyday"])
+    assert [body.at_rest for body in found.scene.bodies] == [True, False]
 
 
 @pytest.mark.parametrize(
@@ -294,14 +372,10 @@ def test_at_rest():
 )
 def test_what_cannot_be_at_rest_is_named(fixed, physics, error, words):
     message = moving_object("standing", velocity=(0.0, 0.0, 0.0))
-    message.at_rest, message.fixed = True, fixed
+    message.at_rest, message.kind = True, ObjectState.FIXED if fixed else ObjectState.DYNAMIC
     with pytest.raises(error, match=r"^candidates\[3\].objects\[0\].at_rest.*" + words):
-        read_scene(
-            [moving_object(), message],
-            Environment(),
-            LIBRARY,
-            physics,
-            fields=["objects[0]", "candidates[3].objects[0]"],
+        read(
+            moving_object(), message, physics=physics, fields=["scene.objects[0]", "candidates[3].objects[0]"]
         )
 
 
@@ -309,8 +383,8 @@ def test_where_a_prediction_began():
     message = spinning_object()
     message.pose.covariance = random_covariance(8, 6).ravel()
     fixed = moving_object("fixed one")
-    fixed.fixed = True
-    scene, belief, models, _ = read(message, fixed)
+    fixed.kind = ObjectState.FIXED
+    scene, belief, models, *_ = read(message, fixed)
     objects, _ = write_prediction(scene, models, [0.0], [belief])
     write_start(objects, scene, belief)
     for written, sent in zip(objects, (message, fixed), strict=True):
@@ -320,6 +394,13 @@ def test_where_a_prediction_began():
         assert np.array_equal(written.start.covariance, written.states[0].pose.covariance)
     assert np.allclose(objects[0].start.covariance, message.pose.covariance, rtol=0.0, atol=ROUND_OFF)
     assert not np.any(objects[1].start.covariance)
+
+
+def test_a_second_entry_of_what_may_be_left_out_is_named():
+    """Fast DDS does not send one; what does not come over it may have one."""
+    assert optional([], "physics.dt") is None and optional([0.1], "physics.dt") == 0.1
+    with pytest.raises(errors.InvalidRequestError, match=r"^physics.dt must hold at most one entry"):
+        optional([0.1, 0.2], "physics.dt")
 
 
 def test_plain_integers_are_numbers():

@@ -1,0 +1,437 @@
+"""Every field of a request has its effect, and every field of an answer is filled, over real DDS.
+
+What is not served is in `test_not_served.py`.
+"""
+
+import numpy as np
+import pytest
+from builtin_interfaces.msg import Duration
+from diagnostic_msgs.msg import KeyValue
+from geometry_msgs.msg import Point, Pose, Vector3
+from message_fields import paths, values_at
+from scenes import assert_answered, diagonal, moving_object, packed, request_of, with_physics
+from shape_msgs.msg import Plane, SolidPrimitive
+
+from unc_physics.checks.errors import ErrorCode
+from unc_physics.ros.not_served import NOT_SERVED
+from unc_physics_msgs.msg import (
+    BoxRegion,
+    EnvironmentElement,
+    JointCovariance,
+    Material,
+    ObjectState,
+    Prediction,
+    PredictionRequest,
+)
+
+FLOOR = "scene.environment.elements[]"
+OBJECT = "scene.objects[]"
+#: Documented as ignored.
+IGNORED = {"scene.joint_covariance[].time_from_start"}
+
+
+def base():
+    """A brick that falls on a floor and slides, and a can that falls onto it."""
+    brick = moving_object("brick", "brick", (0.0, 0.0, 0.05), (0.4, 0.0, 0.0), spheres=40)
+    can = moving_object("can", "can", (0.0, 0.0, 0.2), (0.0, 0.0, -0.5), spheres=40)
+    for message in (brick, can):
+        message.pose.covariance = diagonal(*[0.005] * 3, *[0.02] * 3)
+        message.twist.twist.angular.z = 0.5
+    request = request_of(brick, can, horizon=0.4, seed=5, return_probabilities=True)
+    floor = EnvironmentElement(id="floor", plane=[Plane(coef=[0.0, 0.0, 1.0, 0.0])])
+    request.scene.environment.elements = [floor]
+    return with_physics(request, gravity=None)
+
+
+def first(request):
+    return request.scene.objects[0]
+
+
+def floor(request):
+    return request.scene.environment.elements[0]
+
+
+def region(request):
+    return request.regions[0]
+
+
+def with_region(request):
+    box = BoxRegion(id="bin", size=Vector3(x=1.0, y=1.0, z=1.0))
+    request.regions, request.propagator, request.samples = [box], "monte_carlo", 300
+
+
+def with_joint(request):
+    joint = JointCovariance(object_ids=["brick", "can"], data=packed(1e-6 * np.eye(24)))
+    request.scene.joint_covariance = [joint]
+
+
+def as_box(request):
+    floor(request).plane = []
+    floor(request).primitive = [SolidPrimitive(type=SolidPrimitive.BOX, dimensions=[2.0, 2.0, 0.1])]
+
+
+def set_to(find, **fields):
+    """A change that sets fields of what ``find`` finds in a request."""
+
+    def change(request):
+        for name, value in fields.items():
+            setattr(find(request), name, value)
+
+    return change
+
+
+def physics(**values):
+    return lambda request: with_physics(request, **values)
+
+
+def at_rest(request):
+    first(request).twist.twist.linear.x = first(request).twist.twist.angular.z = 0.0
+    first(request).pose.pose.position.z = 0.001
+    request.scene.objects.pop()
+
+
+def material(find, **values):
+    return lambda request: setattr(find(request), "material", Material(**{k: [v] for k, v in values.items()}))
+
+
+def itself(request):
+    return request
+
+
+def scene(request):
+    return request.scene
+
+
+ROTATED = Pose()
+ROTATED.orientation.x, ROTATED.orientation.w = 0.1, float(np.sqrt(0.99))
+
+#: For each field of a request: a change of it, what of the answer must change with it, and what comes before.
+EFFECTS = {
+    "scene.header": (lambda request: setattr(request.scene.header.stamp, "sec", 7), "header", None),
+    f"{OBJECT}.id": (set_to(first, id="block"), "objects[].id", None),
+    f"{OBJECT}.kind": (set_to(first, kind=ObjectState.FIXED), "objects[].kind", None),
+    f"{OBJECT}.model": (set_to(first, model="salt_box"), "objects[].model", None),
+    f"{OBJECT}.scale": (set_to(first, scale=1.2), "objects[].states[].pose", None),
+    f"{OBJECT}.spheres": (set_to(first, spheres=20), "objects[].states[].pose", None),
+    f"{OBJECT}.mass": (set_to(first, mass=5.0), "objects[].states[].pose", None),
+    f"{OBJECT}.mass_std": (set_to(first, mass_std=0.3), "rollouts", None),
+    f"{OBJECT}.center_of_mass_std": (
+        set_to(first, center_of_mass_std=Vector3(x=0.01)),
+        "objects[].states[].pose",
+        None,
+    ),
+    f"{OBJECT}.material.friction": (material(first, friction=0.05), "objects[].states[].pose", None),
+    f"{OBJECT}.material.friction_std": (
+        material(first, friction=0.5, friction_std=0.2),
+        "rollouts",
+        material(first, friction=0.5),
+    ),
+    f"{OBJECT}.material.restitution": (material(first, restitution=0.9), "objects[].states[].twist", None),
+    f"{OBJECT}.material.restitution_std": (
+        material(first, restitution=0.5, restitution_std=0.2),
+        "rollouts",
+        material(first, restitution=0.5),
+    ),
+    f"{OBJECT}.pose": (
+        lambda request: setattr(first(request).pose.pose.position, "y", 0.3),
+        "objects[].start",
+        None,
+    ),
+    f"{OBJECT}.twist": (
+        lambda request: setattr(first(request).twist.twist.linear, "y", 0.3),
+        "objects[].states[].pose",
+        None,
+    ),
+    f"{OBJECT}.covariance": (set_to(first, covariance=packed(4e-6 * np.eye(12))), "objects[].start", None),
+    f"{OBJECT}.at_rest": (set_to(first, at_rest=True), "objects[].start", at_rest),
+    f"{FLOOR}.id": (set_to(floor, id="table"), "contact_probabilities[].object_b", None),
+    f"{FLOOR}.pose": (set_to(floor, pose=ROTATED), "objects[].states[].pose", None),
+    f"{FLOOR}.plane": (
+        set_to(floor, plane=[Plane(coef=[0.0, 0.0, 1.0, 0.02])]),
+        "objects[].states[].pose",
+        None,
+    ),
+    f"{FLOOR}.primitive": (as_box, "objects[].states[].pose", None),
+    f"{FLOOR}.material.friction": (material(floor, friction=0.05), "objects[].states[].pose", None),
+    f"{FLOOR}.material.friction_std": (
+        material(floor, friction=0.5, friction_std=0.2),
+        "rollouts",
+        material(floor, friction=0.5),
+    ),
+    f"{FLOOR}.material.restitution": (material(floor, restitution=0.9), "objects[].states[].twist", None),
+    f"{FLOOR}.material.restitution_std": (
+        material(floor, restitution=0.5, restitution_std=0.2),
+        "rollouts",
+        material(floor, restitution=0.5),
+    ),
+    "scene.common_pose_std": (
+        set_to(scene, common_pose_std=np.array([0.0, 0.02, 0.0, 0.0, 0.0, 0.0])),
+        "objects[].start",
+        None,
+    ),
+    "scene.common_pose_origin": (
+        set_to(scene, common_pose_origin=Point(x=2.0)),
+        "objects[].start",
+        set_to(scene, common_pose_std=np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.02])),
+    ),
+    "scene.joint_covariance[].object_ids": (
+        lambda request: setattr(request.scene.joint_covariance[0], "object_ids", ["can", "brick"]),
+        "objects[].start",
+        lambda request: (with_joint(request), request.scene.joint_covariance[0].data.__setitem__(0, 9e-6)),
+    ),
+    "scene.joint_covariance[].data": (
+        lambda request: setattr(request.scene.joint_covariance[0], "data", packed(4e-6 * np.eye(24))),
+        "objects[].start",
+        with_joint,
+    ),
+    "horizon": (set_to(itself, horizon=Duration(nanosec=300_000_000)), "time_reached", None),
+    "trajectory_period": (
+        set_to(itself, trajectory_period=Duration(nanosec=100_000_000)),
+        "objects[].states[].time_from_start",
+        None,
+    ),
+    "physics.preset": (physics(preset="paper"), "physics.integrator", None),
+    "physics.integrator": (
+        physics(integrator="explicit"),
+        "physics.integrator",
+        physics(friction=0.0, restitution=1.0),
+    ),
+    "physics.dt": (physics(dt=0.005), "physics.dt", None),
+    "physics.stiffness": (physics(stiffness=1e9), "physics.stiffness", None),
+    "physics.damping": (physics(damping=0.5), "physics.damping", None),
+    "physics.gravity": (physics(gravity=(0.1, 0.0, -9.0)), "physics.gravity", None),
+    "physics.friction": (physics(friction=0.9), "physics.friction", None),
+    "physics.restitution": (physics(restitution=0.7), "physics.restitution", None),
+    "physics.gyroscopic": (physics(gyroscopic=False), "physics.gyroscopic", None),
+    "physics.sleep": (physics(sleep=True), "physics.sleep", None),
+    "physics.islands": (physics(islands=False), "physics.islands", None),
+    "physics.overlap": (physics(overlap="keep"), "physics.overlap", None),
+    "physics.stiffness_std": (
+        physics(stiffness=1e9, stiffness_std=1e8),
+        "physics.stiffness_std",
+        physics(stiffness=1e9),
+    ),
+    "physics.friction_std": (physics(friction_std=0.1), "physics.friction_std", None),
+    "physics.restitution_std": (physics(restitution_std=0.1), "physics.restitution_std", None),
+    "physics.gravity_direction_std": (
+        physics(gravity_direction_std=0.02),
+        "physics.gravity_direction_std",
+        None,
+    ),
+    "propagator": (set_to(itself, propagator="monte_carlo"), "propagator", None),
+    "propagator_options": (
+        set_to(itself, propagator_options=[KeyValue(key="points", value="full")]),
+        "rollouts",
+        None,
+    ),
+    "samples": (set_to(itself, samples=30), "rollouts", set_to(itself, propagator="monte_carlo")),
+    "seed": (set_to(itself, seed=6), "seed", set_to(itself, propagator="monte_carlo", samples=20)),
+    "max_computation_time": (
+        set_to(itself, max_computation_time=Duration(nanosec=100_000_000)),
+        "time_reached",
+        set_to(itself, propagator="monte_carlo", samples=5000),
+    ),
+    "skip_unknown_models": (
+        set_to(itself, skip_unknown_models=True),
+        "skipped",
+        lambda request: request.scene.objects.append(moving_object("x", "teapot", (5.0, 0.0, 0.0))),
+    ),
+    "regions[].id": (set_to(region, id="shelf"), "region_probabilities[].region", with_region),
+    "regions[].pose": (
+        lambda request: setattr(region(request).pose.position, "x", 9.0),
+        "region_probabilities[].probability.probability",
+        with_region,
+    ),
+    "regions[].size": (
+        set_to(region, size=Vector3(x=0.001, y=0.001, z=0.001)),
+        "region_probabilities[].probability.probability",
+        with_region,
+    ),
+    "return_probabilities": (
+        set_to(itself, return_probabilities=False),
+        "contact_probabilities[].object_a",
+        None,
+    ),
+    "return_covariance": (set_to(itself, return_covariance=True), "objects[].states[].covariance", None),
+    "return_joint_covariance": (
+        set_to(itself, return_joint_covariance=True),
+        "joint_covariances[].data",
+        None,
+    ),
+    "return_modes": (set_to(itself, return_modes=True), "objects[].states[].modes[].weight", None),
+    "return_samples": (set_to(itself, return_samples=3), "objects[].states[].pose_samples", None),
+}
+
+
+def not_served():
+    """Paths of a request that are refused."""
+    places = {
+        "ObjectState": (OBJECT,),
+        "Material": (f"{OBJECT}.material", f"{FLOOR}.material"),
+        "EnvironmentElement": (FLOOR,),
+        "Physics": ("physics",),
+        "PredictionRequest": ("",),
+    }
+    owners = {
+        f"{place}.{name}".lstrip(".")
+        for part, where in places.items()
+        for place in where
+        for name in NOT_SERVED[part]
+    }
+    return {path for path in paths(PredictionRequest) if below(path, owners)}
+
+
+def below(path, owners):
+    """Whether a path is one of these fields, or a part of one."""
+    return any(path == owner or path.startswith((f"{owner}.", f"{owner}[].")) for owner in owners)
+
+
+def test_every_field_of_a_request_is_accounted_for():
+    found = set(paths(PredictionRequest))
+    refused = not_served()
+    assert found == set(EFFECTS) | refused | IGNORED
+    assert not set(EFFECTS) & refused
+
+
+@pytest.fixture(scope="module")
+def plain(node, client):
+    """The answer to the request that all but a few changes begin from."""
+    response = client.predict(base())
+    assert_answered(response)
+    return response
+
+
+@pytest.mark.parametrize("path", EFFECTS)
+def test_a_field_of_a_request_has_its_effect(predict, plain, path):
+    change, where, prepare = EFFECTS[path]
+    request, before = base(), plain
+    if prepare is not None:
+        prepare(request)
+        before = predict(request)
+    change(request)
+    after = predict(request)
+    if path != "max_computation_time":
+        assert after.result.error_code == ErrorCode.NONE, after.result.error_msg
+    assert not same(values_at(before.prediction, where), values_at(after.prediction, where))
+
+
+def same(one, other):
+    """Whether values of a field are the same, to round-off."""
+    one, other = ([number for value in values for number in flat(value)] for values in (one, other))
+    if len(one) != len(other):
+        return False
+    if all(isinstance(value, float) for value in (*one, *other)):
+        return np.allclose(one, other, rtol=1e-7, atol=1e-10)
+    return one == other
+
+
+def flat(value):
+    """Numbers and texts of a value; a Duration as one number."""
+    if hasattr(value, "get_fields_and_field_types"):
+        return [part for name in value.get_fields_and_field_types() for part in flat(getattr(value, name))]
+    if isinstance(value, (str, bool)):
+        return [value]
+    if np.ndim(value) or isinstance(value, (list, tuple)):
+        return [part for entry in value for part in flat(entry)]
+    return [float(value)]
+
+
+#: Fields of an answer that stay empty or zero in this version.
+NOT_FILLED = {
+    "objects[].upright.available",
+    "objects[].upright.probability",
+    "objects[].upright.low",
+    "objects[].upright.high",
+    "position_error",
+    "rotation_error",
+    "probability_error",
+    "physics.preset",
+    *(f"physics.{name}" for name in NOT_SERVED["Physics"]),
+}
+
+
+def rich_requests():
+    """Requests whose answers together fill all fields."""
+    asked = base()
+    with_region(asked)
+    with_physics(asked, stiffness=1e9, stiffness_std=1e7, friction_std=0.1, restitution_std=0.05, damping=0.1)
+    with_physics(asked, gravity_direction_std=0.01, sleep=True)
+    asked.scene.header.stamp.sec = 3
+    asked.scene.objects.append(moving_object("x", "teapot", (5.0, 0.0, 0.0)))
+    asked.scene.objects[1].kind = ObjectState.FIXED
+    asked.trajectory_period, asked.horizon = Duration(nanosec=200_000_000), Duration(sec=1)
+    asked.skip_unknown_models = asked.return_covariance = asked.return_joint_covariance = True
+    asked.return_modes, asked.return_samples = True, 2
+    overlapping = base()
+    overlapping.scene.objects[0].pose.pose.position.z = -0.03
+    overlapping.scene.objects[1].pose.pose.position.z = -0.02
+    overlapping.scene.objects[1].kind = ObjectState.FIXED
+    for message in overlapping.scene.objects:
+        message.pose.covariance = diagonal(*[1e-3] * 6)
+    sunk = base()  # deeper in the floor than its belief says, so that it is moved out
+    sunk.scene.objects.pop()
+    sunk.scene.objects[0].pose.pose.position.z = -0.013
+    sunk.scene.objects[0].pose.covariance = diagonal(*[2e-3] * 6)
+    sunk.propagator, sunk.samples = "monte_carlo", 50
+    return asked, overlapping, sunk
+
+
+def test_every_field_of_an_answer_is_filled(predict):
+    answers = [predict(request) for request in rich_requests()]
+    for answer in answers:
+        assert_answered(answer)
+    empty = {
+        path
+        for path in paths(Prediction)
+        if not any(any(flat(value)) for answer in answers for value in values_at(answer.prediction, path))
+    }
+    assert empty == NOT_FILLED
+
+
+def test_an_answer_s_physics_may_be_sent_back(predict, plain):
+    request = base()
+    request.physics = plain.prediction.physics
+    again = predict(request)
+    assert_answered(again)
+    assert again.prediction.physics == plain.prediction.physics
+    states = [answer.prediction.objects[0].states[-1] for answer in (again, plain)]
+    assert same(*([state.pose] for state in states))
+
+
+@pytest.mark.parametrize("whole", ["covariance", "joint_covariance"])
+def test_a_prediction_begins_where_another_one_ended(predict, whole):
+    request = flight()
+    request.scene.common_pose_std = np.full(6, 0.01)
+    end = predict(request).prediction
+    following = flight()
+    for message, predicted in zip(following.scene.objects, end.objects, strict=True):
+        state = predicted.states[-1]
+        message.pose, message.twist = state.pose, state.twist
+        if whole == "covariance":
+            message.covariance = state.covariance
+    if whole == "joint_covariance":
+        following.scene.joint_covariance = end.joint_covariances
+    with_physics(following, dt=1e-9)  # nothing happens in one such step
+    following.horizon = Duration(nanosec=1)
+    again = predict(following)
+    assert_answered(again)
+    for predicted, expected in zip(again.prediction.objects, end.objects, strict=True):
+        assert_close(predicted.states[-1].covariance, expected.states[-1].covariance)
+    if whole == "joint_covariance":
+        assert_close(again.prediction.joint_covariances[-1].data, end.joint_covariances[-1].data)
+        assert np.abs(np.reshape(end.joint_covariances[-1].data, (24, 24))[:12, 12:]).max() > 1e-5
+
+
+def flight():
+    """A brick and a can that fly far from each other, and all that is known of them at the end."""
+    request = base()
+    request.scene.environment.elements.clear()
+    request.scene.objects[1].pose.pose.position.x = 2.0
+    request.return_covariance = request.return_joint_covariance = True
+    return with_physics(request, gravity=(0.0, 0.0, 0.0))
+
+
+def assert_close(found, expected):
+    """The same to a millionth of the largest entry."""
+    limit = 1e-6 * np.abs(expected).max()
+    assert np.allclose(found, expected, rtol=0.0, atol=limit)

@@ -1,0 +1,90 @@
+"""What the messages have room for and this version does not serve: asked for, it is an error, and never
+ignored.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from shape_msgs.msg import SolidPrimitive
+
+from unc_physics_msgs.msg import ObjectState
+
+from ..checks.errors import NotSupportedError
+
+_MODEL = "name a model; ~/load_model packs meshes"
+_UNTOUCHED = "predict up to where it is used, and begin anew from there"
+_SAMPLES = "set samples and max_computation_time"
+_FIXED_OBJECT = "a fixed object with a model may have any shape"
+
+#: Fields of each message that must be empty or zero, and what to do instead.
+NOT_SERVED = {
+    "ObjectState": {
+        "primitive": _MODEL,
+        "mesh": _MODEL,
+        "inertia": "load a model that has it",
+        "trajectory": _UNTOUCHED,
+        "trajectory_std": _UNTOUCHED,
+        "attached_to": _UNTOUCHED,
+        "attached_at": _UNTOUCHED,
+        "released_at": _UNTOUCHED,
+        "released_at_std": _UNTOUCHED,
+        "wrenches": _UNTOUCHED,
+    },
+    "Material": {"torsional_friction": "leave it empty"},
+    "EnvironmentElement": {
+        "mesh": _FIXED_OBJECT,
+        "surface_velocity": "leave it zero",
+        "surface_tilt_std": "set friction_std and restitution_std of its material",
+    },
+    "Physics": {
+        "impact_direction_std": "set friction_std and restitution_std",
+        "impact_point_std": "set friction_std and restitution_std",
+        "impact_friction_std": "set friction_std",
+    },
+    "PredictionRequest": {
+        "wanted_position_error": _SAMPLES,
+        "wanted_rotation_error": _SAMPLES,
+        "wanted_probability_error": _SAMPLES,
+        "time_budget": _SAMPLES,
+    },
+    "PredictCandidates": {"score": "leave it empty, and rank the answers"},
+}
+
+#: Values of other fields, their names, and what to do instead.
+NOT_SERVED_VALUES = {
+    "ObjectState": {"kind": {ObjectState.PRESCRIBED: ("PRESCRIBED", "take DYNAMIC or FIXED")}},
+    "SolidPrimitive": {
+        "type": {SolidPrimitive.CONE: ("CONE", _FIXED_OBJECT), SolidPrimitive.PRISM: ("PRISM", _FIXED_OBJECT)}
+    },
+}
+
+
+def refuse_not_served(kind: str, message, place: str) -> None:
+    """Raise `NotSupportedError` if a message asks for what is not served.
+
+    Parameters
+    ----------
+    kind : str
+        The message's type, as in `NOT_SERVED`.
+    message : message
+    place : str
+        What errors write before the field's name: empty, or a path that ends with a dot.
+    """
+    for name, instead in NOT_SERVED.get(kind, {}).items():
+        if _asks(getattr(message, name)):
+            raise NotSupportedError(f"is not supported; {instead}", field=f"{place}{name}")
+    for name, values in NOT_SERVED_VALUES.get(kind, {}).items():
+        if (value := getattr(message, name)) in values:
+            shown, instead = values[value]
+            raise NotSupportedError(f"{shown} is not supported; {instead}", field=f"{place}{name}")
+
+
+def _asks(value) -> bool:
+    """Whether a field is neither empty nor zero."""
+    if isinstance(value, (bool, int, float, str)):
+        return bool(value)
+    if hasattr(value, "get_fields_and_field_types"):
+        return any(_asks(getattr(value, name)) for name in value.get_fields_and_field_types())
+    if isinstance(value, np.ndarray):
+        return bool(value.any())
+    return any(hasattr(entry, "get_fields_and_field_types") or bool(entry) for entry in value)

@@ -1,0 +1,174 @@
+"""From the core's answers to messages.
+
+A `Belief` is about centres of mass, with rotations on the body side; messages are about models' own origins,
+with rotations about the fixed axes of the frame (`physics.origin`).
+"""
+
+from __future__ import annotations
+
+from array import array as packed_array
+from typing import NamedTuple
+
+import numpy as np
+from geometry_msgs.msg import Point, Pose, Quaternion
+
+from unc_physics_msgs.msg import JointCovariance, Mode, ObjectState, PredictedObject, PredictedState
+
+from ..checks.errors import DivergedError
+from ..physics.layout import ANGULAR_VELOCITY, ERROR, POSITION, QUATERNION, VELOCITY
+from ..physics.origin import at_origin, congruent, error_map
+from ..physics.rotation import rotation_matrix
+from ..prediction.prediction import Prediction
+from .durations import duration
+
+
+class Wanted(NamedTuple):
+    """What an answer holds besides means and marginal covariances.
+
+    Attributes
+    ----------
+    covariance, joint_covariance : bool
+        Each object's whole covariance; that of all moving objects together.
+    probabilities : bool
+        Those of contacts and of rest.
+    modes : bool
+        Outcomes that split, as weighted Gaussians.
+    """
+
+    covariance: bool = False
+    joint_covariance: bool = False
+    probabilities: bool = False
+    modes: bool = False
+
+
+MARGINALS_ONLY = Wanted()
+
+
+def write_prediction(scene, models, times, beliefs, samples=None, wanted=MARGINALS_ONLY):
+    """A prediction as messages.
+
+    Parameters
+    ----------
+    scene : Scene
+    models : sequence of str
+        Names of the bodies' models.
+    times : sequence of float
+        Times of the beliefs from the start [s].
+    beliefs : sequence of Belief
+    samples : sequence of (N, B, 13) arrays, optional
+        States drawn from each belief.
+    wanted : Wanted
+
+    Returns
+    -------
+    objects : list of PredictedObject
+        In the scene's order.
+    joint_covariances : list of JointCovariance
+        One for each time, if wanted.
+
+    Raises
+    ------
+    DivergedError
+        If a number is not finite.
+    """
+    objects = [
+        PredictedObject(
+            id=body.name,
+            model=model,
+            kind=ObjectState.FIXED if body.fixed else ObjectState.DYNAMIC,
+            status=PredictedObject.STATUS_NOT_ASSESSED,
+            status_msg="no check was made",
+        )
+        for body, model in zip(scene.bodies, models, strict=True)
+    ]
+    joints, states = [], [[] for _ in objects]
+    origins = [_writable(body.model.origin) for body in scene.bodies]
+    known = {b: row for row, b in enumerate(scene.moving.tolist())}
+    certain = np.zeros((ERROR, ERROR))
+    for k, (time, belief) in enumerate(zip(times, beliefs, strict=True)):
+        means, blocks, since = _writable(belief.mean), _writable(belief.blocks), duration(time)
+        for b in range(len(objects)):
+            state = PredictedState(time_from_start=since, status=PredictedObject.STATUS_NOT_ASSESSED)
+            P = _write_state(state, means[b], blocks[known[b]] if b in known else certain, origins[b])
+            if wanted.covariance:
+                state.covariance = packed_array("d", P.tobytes())
+            if samples is not None:
+                state.pose_samples = origin_poses(samples[k][:, b], origins[b])
+            states[b].append(state)
+        if wanted.joint_covariance:
+            joints.append(
+                _joint_covariance(
+                    scene, time, belief, [error_map(*pair) for pair in zip(means, origins, strict=True)]
+                )
+            )
+    for answer, own in zip(objects, states, strict=True):
+        answer.states = own
+    return objects, joints
+
+
+def write_modes(objects, prediction: Prediction) -> None:
+    """Write into the last state of each PredictedObject the modes that it splits into."""
+    propagator, scene = prediction.propagator, prediction.scene
+    for b, (message, body) in enumerate(zip(objects, scene.bodies, strict=True)):
+        origin = _writable(body.model.origin)
+        message.states[-1].modes = [
+            Mode(weight=mode.weight, pose=_pose(mode.mean, mode.covariance, origin))
+            for mode in propagator.modes(prediction.carry, scene, b)
+        ]
+
+
+def write_start(objects, scene, belief) -> None:
+    """Write into each PredictedObject where the prediction really began: ``belief`` is that at time 0."""
+    for k, (message, body) in enumerate(zip(objects, scene.bodies, strict=True)):
+        message.start = _pose(belief.mean[k], belief.marginal(k), _writable(body.model.origin))
+
+
+def _pose(mean, P, origin):
+    """PoseWithCovariance of a model's origin, from a body's mean (13,) and covariance (12, 12)."""
+    state = PredictedState()
+    _write_state(state, _writable(mean), _writable(P), origin)
+    return state.pose
+
+
+def _joint_covariance(scene, time, belief, maps):
+    A = np.zeros((len(scene.moving), ERROR, len(scene.moving), ERROR))
+    for k, b in enumerate(scene.moving):
+        A[k, :, k, :] = maps[b]
+    A = A.reshape(belief.joint.shape)
+    data = packed_array("d", congruent(A, _writable(belief.joint)).tobytes())
+    ids = [scene.bodies[b].name for b in scene.moving]
+    return JointCovariance(time_from_start=duration(time), object_ids=ids, data=data)
+
+
+def _write_state(message, mean, P, origin):
+    """Write a body's mean (13,) and covariance (12, 12); the covariance (12, 12) at the model's origin."""
+    state, P, message.pose.covariance, message.twist.covariance, finite = at_origin(mean, P, origin)
+    if not finite:
+        raise DivergedError("left the range of numbers", field="prediction")
+    numbers, pose, twist = state.tolist(), message.pose.pose, message.twist.twist
+    for part, place in (
+        (pose.position, POSITION),
+        (twist.linear, VELOCITY),
+        (twist.angular, ANGULAR_VELOCITY),
+    ):
+        part.x, part.y, part.z = numbers[place]
+    q = pose.orientation
+    q.x, q.y, q.z, q.w = numbers[QUATERNION]
+    return P
+
+
+def origin_poses(states, origin) -> list[Pose]:
+    """Poses of a model's origin for the states (N, 13) of its body."""
+    if not np.isfinite(states).all():
+        raise DivergedError("left the range of numbers", field="pose_samples")
+    poses = []
+    for state in states:
+        x, y, z = (state[POSITION] + rotation_matrix(state[QUATERNION]) @ origin).tolist()
+        qx, qy, qz, qw = state[QUATERNION].tolist()
+        poses.append(Pose(position=Point(x=x, y=y, z=z), orientation=Quaternion(x=qx, y=qy, z=qz, w=qw)))
+    return poses
+
+
+def _writable(a):
+    """A copy: read-only arrays would compile every kernel once more."""
+    return np.array(a)
