@@ -164,7 +164,7 @@ def read_scene(
     try:
         scene = _scene(bodies, elements, constants)
     except UncPhysicsError as error:  # the node's own parameters go together
-        field = _in_message(error.field or "", fields)
+        field = _in_message(error.field or "scene", fields)
         problem = error.problem
         if field.startswith("physics."):  # which is the node's parameter where it is absent
             problem = problem.removesuffix(" or absent")
