@@ -136,7 +136,7 @@ def test_answers_are_those_of_the_whole_prediction():
         (lambda p: list(p), r"must be the name of a body; prediction.bodies has them all \(got 0\)"),
         (
             lambda p: p.body("mug", time=0.05),
-            r"time must be one of the 2 times .* nearest is 0.1 s \(got 0.05\)",
+            r"time is no time of the prediction, of which 0.1 s is the nearest; .* \(got 0.05\)",
         ),
         (lambda p: p.body("mug", origin="com"), "origin must be one of center_of_mass, model"),
         (lambda p: p["mug"].covariance("body"), "convention must be one of ros, error_state"),

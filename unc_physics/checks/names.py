@@ -13,4 +13,4 @@ def hint(name: str, known: Iterable[str]) -> str:
     if close:
         return f"; did you mean '{close[0]}'?"
     shown = known[:10] + ["..."] * (len(known) > 10)
-    return f"; there is {', '.join(shown)}" if known else "; there is none"
+    return f"; there {'is' if len(known) == 1 else 'are'} {', '.join(shown)}" if known else "; there is none"

@@ -58,8 +58,8 @@ def add_predict_command(commands) -> None:
         type=int,
         metavar="N",
         help=(
-            "rollouts with which the spread is checked where it rests on a single nominal one (default 12; 0:"
-            " it counts as unchecked after a contact)"
+            "check the spread of what rests on a single nominal rollout against N others (default 12; 0: do"
+            " not, and flag what touched something as unchecked)"
         ),
     )
     parser.add_argument(

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from ..checks.errors import InvalidModelError
+from ..checks.validation import instance
 
 ROUND_OFF = 1e-9  # relative; what a file written in decimal or by another program may lose
 
@@ -254,6 +255,8 @@ def save_packing(path: str | os.PathLike[str], packing: SpherePacking) -> Path:
 
     The file appears whole or not at all: it is written beside its place and then moved there.
     """
+    instance(path, (str, os.PathLike), "path")
+    instance(packing, SpherePacking, "packing")
     path = Path(path)
     values = {field.name: getattr(packing, field.name) for field in fields(packing)}
     given: dict[str, Any] = {key: np.asarray(value) for key, value in values.items() if value is not None}

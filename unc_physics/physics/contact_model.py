@@ -1,9 +1,9 @@
 """The contact model: how much two shapes overlap at a depth, and what the penalty force makes of it.
 
-The force is ``kappa V``, V being the volume of the overlap (the paper's Eq. 4). Two spheres that overlap
-little, of reduced radius ``R = ri rj / (ri + rj)``, or a sphere and a flat surface, R being the sphere's
-radius, share a volume of about ``pi R d^2`` at depth d. That is the law of lasting contacts and of the chosen
-stiffness; all that follows from it is here.
+The force is ``kappa V``, V being the volume of the overlap (the paper's Eq. 4): the explicit step's law is
+what `lens` and `cap` return. Two spheres that overlap little, of reduced radius ``R = ri rj / (ri + rj)``, or
+a sphere and a flat surface, R being the sphere's radius, share a volume of about ``pi R d^2`` at depth d.
+That is the law of lasting contacts and of the chosen stiffness; all that follows from it is here.
 """
 
 import math

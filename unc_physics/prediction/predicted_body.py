@@ -311,7 +311,7 @@ def _index(time, prediction):
     k = int(np.abs(times - time).argmin())
     if abs(times[k] - time) > 0.5 * prediction.scene.dt * (1.0 + 1e-9):
         raise InvalidRequestError(
-            f"must be one of the {len(times)} times of the prediction; the nearest is {times[k]:g} s",
+            f"is no time of the prediction, of which {times[k]:g} s is the nearest; predict with times=[...]",
             field="time",
             value=time,
         )

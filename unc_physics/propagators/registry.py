@@ -12,6 +12,9 @@ from .base import Propagator
 from .names import BUILT_IN, entries
 
 
+_left_out: dict[str, str] = {}  # propagators of other packages that cannot be imported, and why
+
+
 def _load() -> dict[str, type[Propagator]]:
     """Import all; one of another package that cannot be is left out, with a warning."""
     found = {}
@@ -24,6 +27,7 @@ def _load() -> dict[str, type[Propagator]]:
         except Exception as error:
             if name in BUILT_IN:
                 raise
+            _left_out[name] = str(error)
             warnings.warn(f"the propagator '{name}' is left out: {error}", RuntimeWarning, stacklevel=2)
         else:
             found[name] = cls
@@ -52,8 +56,9 @@ def make_propagator(name: str, **options: Any) -> Propagator:
     """
     instance(name, str, "name")
     if name not in PROPAGATORS:
+        why = f"; it was left out, since {_left_out[name]}" if name in _left_out else ""
         raise UnknownPropagatorError(
-            f"must be one of {', '.join(PROPAGATORS)}", field="propagator", value=name
+            f"must be one of {', '.join(PROPAGATORS)}{why}", field="propagator", value=name
         )
     cls = PROPAGATORS[name]
     known = cls.options()

@@ -247,7 +247,8 @@ class Belief:
         """
         if len(self.mean) != len(scene.bodies):
             raise InvalidRequestError(
-                f"must describe {len(scene.bodies)} bodies, not {len(self.mean)}", field="belief"
+                f"must describe as many bodies as the scene has, {len(scene.bodies)}, not {len(self.mean)}",
+                field="belief",
             )
         if not np.array_equal(self.moving, scene.moving):
             raise InvalidRequestError(

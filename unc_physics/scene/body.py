@@ -91,7 +91,7 @@ class RigidBody(Surface):
         field = f"center_of_mass_std of body '{self.name}'"
         std = numbers(self.center_of_mass_std, field)
         std = array(np.full(3, std) if std.ndim == 0 else std, (3,), field)
-        non_negative(std.min(), field)
+        non_negative(float(std.min()), field)
         checked = {
             "fixed": flag(self.fixed, f"fixed of body '{self.name}'"),
             "mass": known_mass(self.mass, self.model, self.fixed, f"mass of body '{self.name}'"),

@@ -121,7 +121,7 @@ def three_stds(value, field) -> np.ndarray:
     """Standard deviations (3,) from three numbers, or from one that stands for all."""
     std = numbers(value, field)
     std = array(np.full(3, std) if std.ndim == 0 else std, (3,), field)
-    non_negative(std.min(), field)
+    non_negative(float(std.min()), field)
     if std.max() > _STD_LIMIT:
         raise NotFiniteError("is too large for its square to be finite", field=field, value=value)
     return std
