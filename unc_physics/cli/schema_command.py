@@ -14,9 +14,7 @@ def add_schema_command(commands) -> None:
         help="print the JSON schema of scene files or of predictions",
         description="JSON schema (draft 2020-12) of scene files, or of what 'predict --json' prints.",
     )
-    parser.add_argument(
-        "what", choices=SCHEMAS, metavar=f"{{{','.join(SCHEMAS)}}}", help="of which format"
-    )
+    parser.add_argument("what", choices=SCHEMAS, metavar=f"{{{','.join(SCHEMAS)}}}", help="of which format")
     parser.set_defaults(run=run)
 
 

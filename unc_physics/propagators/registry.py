@@ -11,7 +11,6 @@ from ..checks.validation import instance
 from .base import Propagator
 from .names import BUILT_IN, entries
 
-
 _left_out: dict[str, str] = {}  # propagators of other packages that cannot be imported, and why
 
 
