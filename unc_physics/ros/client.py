@@ -45,7 +45,7 @@ from .prediction_reader import read_answer
 from .request_writer import Question, write_object, write_request
 
 if TYPE_CHECKING:
-    from typing_extensions import Unpack
+    from typing_extensions import Self, Unpack
 
 _LATCHED = QoSProfile(
     depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL
@@ -123,7 +123,7 @@ class Client:
             ModelList, f"{self._server}/models", self._keep_models, _LATCHED
         )
 
-    def __enter__(self) -> Client:
+    def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -191,8 +191,8 @@ class Client:
         max_computation_time : float, optional
             Wall time after which the prediction ends with an error [s].
         keep_samples : int, optional
-            How many samples to return at each of the times (`Prediction.kept`, and `Prediction.samples` at the
-            horizon), of any propagator. Messages hold their poses; their velocities are NaN.
+            How many samples to return at each of the times (`Prediction.kept`, and `Prediction.samples` at
+            the horizon), of any propagator. Messages hold their poses; their velocities are NaN.
         regions : BoxRegion or sequence of BoxRegion, optional
             That `PredictedBody.probability_in` will be asked for.
         probabilities : bool
@@ -329,8 +329,8 @@ class Client:
             As for `predict`.
         progress : callable, optional
             As for `unc_physics.predict`: called now and then with the number of steps done and of all steps.
-            What it raises ends the prediction; an `UncPhysicsError` then has a ``prediction`` that ends at the
-            time reached.
+            What it raises ends the prediction; an `UncPhysicsError` then has a ``prediction`` that ends at
+            the time reached.
         cancel : threading.Event, optional
             Ends the prediction when another thread sets it.
 

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from unc_physics_msgs.msg import PredictedObject, PredictedState, Probability, Result
+from unc_physics_msgs.msg import PredictedState, Probability, Result
 from unc_physics_msgs.msg import Prediction as PredictionMessage
 
 from ..checks.errors import LimitExceededError, NotSupportedError, error_of
@@ -111,7 +111,8 @@ class Told(Answers):
         places: dict[float, int],
         kept: tuple[np.ndarray, ...] | None,
     ):
-        self._message, self._question, self._places, self._kept = message, question, places, kept
+        self._message: Any = message  # its arrays have types that let nobody take an entry
+        self._question, self._places, self._kept = question, places, kept
 
     @property
     def carry(self) -> Any:
@@ -216,13 +217,15 @@ class Told(Answers):
         )
 
     def statuses(self, prediction: Prediction, rollouts: int) -> tuple[tuple[BodyStatus, ...], ...]:
-        """As the node judged, by its own parameter ``status_rollouts``; before the last time without words."""
+        """As the node judged, by its own parameter ``status_rollouts``; without words before the last
+        time.
+        """
         return tuple(
             tuple(self._status(told, self._places[time]) for told in self._message.objects)
             for time in prediction.times
         )
 
-    def _status(self, told: PredictedObject, place: int):
+    def _status(self, told: Any, place: int):
         if place < len(told.states) - 1:
             return BodyStatus(told.id, Status(told.states[place].status), {}, ())
         measures = {pair.key: float(pair.value) for pair in told.status_values}

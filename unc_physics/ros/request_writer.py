@@ -206,7 +206,7 @@ def scale_of(packing: SpherePacking, info: ModelInfo, field: str) -> float:
         differs.append("number of spheres")
     if differs:
         raise InvalidModelError(
-            f"is another one than the node's ({', '.join(differs)} {'differs' if len(differs) == 1 else 'differ'});"
+            f"is another one than the node's: it differs in {' and '.join(differs)};"
             " client.load_model(path, replace=True) gives the node its file",
             field=field,
             value=packing.name,
