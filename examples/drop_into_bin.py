@@ -1,21 +1,16 @@
-"""Which of several release poses over a bin keeps a salt box inside? Asks the node for all of them, and ranks.
+"""Which of several release poses over a bin keeps a salt box inside? Asks the node about all, and ranks.
 
 Start the node first (`ros2 run unc_physics unc_physics_node`, or `python -m unc_physics.ros.node`), then run
 this. The bin is made of five boxes on a floor. Each release pose is a candidate; all share the draws of the
 gripper's inaccuracy, and each prediction tells the probability that the salt box ends inside.
 """
 
+import numpy as np
+
 from unc_physics import Belief, BodyBelief, Box, BoxRegion, Plane, RigidBody, Scene, load_model
 from unc_physics.ros import Client
 
-OFFSETS = (
-    0.0,
-    0.08,
-    0.12,
-    0.14,
-    0.16,
-    0.20,
-)  # m, of the release pose from the bin's centre, along its long side
+OFFSETS = 0.0, 0.08, 0.12, 0.14, 0.16, 0.20  # m, of the release pose from the bin's centre, along it
 HEIGHT = 0.17  # m, of the salt box's bottom above the bin's floor
 LENGTH, WIDTH, RIM, WALL = 0.30, 0.20, 0.147, 0.004  # m, of the bin
 TABLE = -0.5  # m, height of what is below the bin
@@ -52,13 +47,17 @@ def main() -> None:
         answers = client.predict_candidates(
             scene, candidates, "monte_carlo", HORIZON, samples=SAMPLES, seed=1, regions=INSIDE
         )
-    found = {
-        name: (answer["salt_box"].probability_in(INSIDE), answer["salt_box"])
-        for name, answer in answers.items()
-    }
-    print(f"{'release pose':14}{'inside':>8}   position after {HORIZON} s [m]      std [m]")
-    for name, (inside, end) in sorted(found.items(), key=lambda each: -each[1][0].probability):
-        print(f"{name:14}{inside.probability:8.0%}   {end.position.round(3)}   {end.position_std.round(3)}")
+    ends = {name: answer["salt_box"] for name, answer in answers.items()}
+    shares = {name: end.probability_in(INSIDE).probability for name, end in ends.items()}
+    print(f"{'release pose':14}{'inside':>8}{f'centre after {HORIZON} s [m]':>28}{'std [m]':>24}")
+    for name in sorted(ends, key=lambda name: -shares[name]):
+        position, std = row(ends[name].position), row(ends[name].position_std)
+        print(f"{name:14}{shares[name]:8.0%}{position:>28}{std:>24}")
+
+
+def row(vector: np.ndarray) -> str:
+    """Three numbers to the millimetre."""
+    return f"({', '.join(f'{value:.3f}' for value in vector)})"
 
 
 if __name__ == "__main__":

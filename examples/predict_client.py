@@ -4,6 +4,8 @@ Start the node first (`ros2 run unc_physics unc_physics_node`, or `python -m unc
 this. The same scene, belief and arguments make `unc_physics.predict` answer without a node.
 """
 
+import numpy as np
+
 from unc_physics import Belief, BodyBelief, RigidBody, Scene, load_model
 from unc_physics.ros import Client
 
@@ -25,7 +27,12 @@ def main() -> None:
         prediction = client.predict(scene, belief, "sigma_points", times=[0.1, 0.2, 0.3, 0.4, 0.5])
     path = prediction.trajectory("can")
     for time, position, std in zip(path.times, path.positions, path.position_stds, strict=True):
-        print(f"{time:.1f} s: {position.round(3)} m +- {std.round(3)} m")
+        print(f"{time:.1f} s: {row(position)} m +- {row(std)} m")
+
+
+def row(vector: np.ndarray) -> str:
+    """Three numbers to the millimetre."""
+    return f"({', '.join(f'{value:.3f}' for value in vector)})"
 
 
 if __name__ == "__main__":
