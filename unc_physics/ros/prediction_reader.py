@@ -7,6 +7,7 @@ centres of mass, with rotations on the body side (`physics.origin`).
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
@@ -229,7 +230,7 @@ class Told(Answers):
         if place < len(told.states) - 1:
             return BodyStatus(told.id, Status(told.states[place].status), {}, ())
         measures = {pair.key: float(pair.value) for pair in told.status_values}
-        reasons = tuple(told.status_msg.split("; ")) if told.status_msg else ()
+        reasons = tuple(re.split(r"(?<=\)); ", told.status_msg)) if told.status_msg else ()
         return BodyStatus(told.id, Status(told.status), measures, reasons)
 
 
