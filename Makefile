@@ -56,7 +56,7 @@ lint:
 
 test:
 	@$(MAKE_STEPS) $(MADE)/evaluation
-	@$(VENV_PYTHON) -m pytest test
+	@$(VENV_PYTHON) -m pytest test -n 2 --dist loadgroup
 
 check-all:
 	@$(MAKE) -s --no-print-directory lint

@@ -6,6 +6,7 @@ another one: poses and covariances change a little.
 
 from __future__ import annotations
 
+import ctypes
 import os
 import signal
 import subprocess
@@ -31,7 +32,7 @@ from unc_physics.checks.errors import UncPhysicsError
 from unc_physics.propagators.names import REFERENCE
 from unc_physics.propagators.registry import PROPAGATORS
 from unc_physics.ros.durations import duration, seconds
-from unc_physics.ros.node import leave, spin_node
+from unc_physics.ros.node import leave, main, spin_node
 from unc_physics_evaluation.jobs import Row
 from unc_physics_msgs.action import PredictLong
 from unc_physics_msgs.msg import (
@@ -45,11 +46,15 @@ from unc_physics_msgs.msg import (
 from unc_physics_msgs.srv import Predict
 
 WARM_UP = 30
-READY_TIMEOUT = 300.0  # s
+READY_TIMEOUT = 900.0  # s, kernels are compiled first
 STREAM_RATE = 30.0  # Hz
+PR_SET_PDEATHSIG = 1
 CANCELS = 5
 KINDS = ("spin", "own")  # empty services: on the executor of rclpy.spin, as most nodes are, and on the node's
 NODE = (
+    "integrator:=explicit",  # which all propagators run on
+    "friction:=0.0",
+    "restitution:=1.0",
     "zero_covariance:=exact",
     "gravity:=[0.0, 0.0, 0.0]",
     "dt:=0.01",
@@ -68,12 +73,12 @@ def measure(calls: int, length: float) -> list[Row]:
     """
     started = time.perf_counter()
     parameters = [part for parameter in NODE for part in ("-p", parameter)]
-    node = ["unc_physics.ros.node", "--ros-args", "--log-level", "warn", *parameters]
-    empty = [["unc_physics_evaluation.node_latency", kind] for kind in KINDS]
-    with processes([node, *empty]), spinning_client() as (client, executor):
+    node = ["node", "--ros-args", "--log-level", "warn", *parameters]
+    with processes([node, *([kind] for kind in KINDS)]) as running, spinning_client() as (client, executor):
         predict = client.create_client(Predict, "/unc_physics/predict")
-        if not predict.wait_for_service(READY_TIMEOUT):
-            raise UncPhysicsError(f"the node was not ready after {READY_TIMEOUT:g} s")
+        while not predict.wait_for_service(1.0):
+            if running[0].poll() is not None or time.perf_counter() - started > READY_TIMEOUT:
+                raise UncPhysicsError("the node ended, or was not ready in time")
         return [
             Row("node", "start", "s", time.perf_counter() - started),
             *services(client, predict, calls),
@@ -84,13 +89,12 @@ def measure(calls: int, length: float) -> list[Row]:
 
 
 @contextmanager
-def processes(commands) -> Iterator[None]:
-    """Run Python modules in processes of their own until the end, or a signal to this one."""
-    if threading.current_thread() is threading.main_thread():  # in others Python takes no signals
-        signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))
-    running = [subprocess.Popen([sys.executable, "-m", *command]) for command in commands]
+def processes(commands) -> Iterator[list[subprocess.Popen]]:
+    """Run this file in processes of their own, which end when this one does."""
+    module = [sys.executable, "-m", "unc_physics_evaluation.node_latency", str(os.getpid())]
+    running = [subprocess.Popen([*module, *command]) for command in commands]
     try:
-        yield
+        yield running
     finally:
         for process in running:
             process.terminate()
@@ -306,4 +310,12 @@ def stream(client, length) -> list[Row]:
 
 
 if __name__ == "__main__":
-    serve_empty(sys.argv[1])
+    parent, kind = sys.argv[1:3]
+    if sys.platform == "linux":
+        ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGTERM)
+    if os.getppid() != int(parent):
+        sys.exit("the process that measures has ended")
+    if kind == "node":
+        main(sys.argv[2:])
+    else:
+        serve_empty(kind)

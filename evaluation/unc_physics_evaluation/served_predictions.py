@@ -10,6 +10,7 @@ import json
 import sys
 import time
 from dataclasses import replace
+from inspect import signature
 
 import numpy as np
 
@@ -140,7 +141,7 @@ def results(scene, belief, horizon, label):
             arrays["first contacts"] = part[..., 0]
         elif isinstance(part, np.ndarray):
             arrays[field] = part
-    whole = hasattr(prediction, "scene")  # and what else older trees ask for
+    whole = next(iter(signature(assess).parameters)) == "prediction"  # older trees ask for scene and belief
     statuses = assess(prediction) if whole else assess(scene, belief, prediction)
     arrays["flags"] = np.array([int(status.flags) for status in statuses])
     touching = contact_probabilities(*([prediction] if whole else [scene, prediction, belief]))

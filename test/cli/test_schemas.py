@@ -1,5 +1,6 @@
 """The JSON schemas say what scene files and predictions are."""
 
+import dataclasses
 import json
 from pathlib import Path
 
@@ -12,6 +13,7 @@ from unc_physics import PROPAGATORS, UncPhysicsError
 from unc_physics.__main__ import main
 from unc_physics.cli.schema_command import SCHEMAS, schema_text
 from unc_physics.scene import scene_file
+from unc_physics.scene.environment import ELEMENTS, quantities
 
 ROOT = Path(__file__).resolve().parents[2]
 SCENE_FILES = [
@@ -59,10 +61,13 @@ def test_the_scene_schema_has_the_reader_s_keys():
     parts = found["$defs"]
     assert set(parts["body"]["properties"]) == set(scene_file._BODY_KEYS)
     element = parts["element"]["properties"]
-    assert set(element) == {"name", *scene_file._ELEMENTS, *scene_file._SURFACE_KEYS}
-    for kind, (needed, known) in scene_file._ELEMENTS.items():
-        assert set(element[kind]["properties"]) == set(known)
-        assert set(element[kind]["required"]) == set(needed)
+    assert set(element) == {"name", *ELEMENTS, *scene_file._SURFACE_KEYS}
+    for name, kind in ELEMENTS.items():
+        defaults = {spec.name: spec.default for spec in dataclasses.fields(kind)}
+        known = quantities(kind)
+        assert set(element[name]["properties"]) == set(known)
+        needed = {key for key in known if defaults[key] is dataclasses.MISSING}
+        assert set(element[name].get("required", ())) == needed
 
 
 @pytest.mark.parametrize("path", SCENE_FILES, ids=lambda path: path.stem)

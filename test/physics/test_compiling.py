@@ -45,7 +45,7 @@ def copy(tmp_path):
             compile_cache.PACKAGE / folder,
             package / folder,
             dirs_exist_ok=True,
-            ignore=lambda _, names: [name for name in names if not name.endswith(".py")],
+            ignore=lambda _, names: [name for name in names if not name.endswith((".py", ".pyi"))],
         )
     (package / "physics" / "caller.py").write_text(CALLER)
     (package / "physics" / "callee.py").write_text(CALLEE.format("2.0"))

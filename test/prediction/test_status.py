@@ -159,7 +159,7 @@ def test_the_command_line_tells_the_status(tmp_path, capsys, content):
     assert "INITIAL_OVERLAP: overlaps another body" in capsys.readouterr().out
     assert main([*command, "--json", "--status-rollouts", "0"]) == 0
     status = json.loads(capsys.readouterr().out)["statuses"][0]
-    assert status["name"] == content["bodies"][0]["name"] and "INITIAL_OVERLAP" in status["flags"]
+    assert status["body"] == content["bodies"][0]["name"] and "INITIAL_OVERLAP" in status["flags"]
     assert status["measures"]["initial_overlap"] > 0.02 and "spread_disagreement" not in status["measures"]
     assert main([*command, "--status-rollouts", "-1"]) != 0
     assert "--status-rollouts" in capsys.readouterr().err

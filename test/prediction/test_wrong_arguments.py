@@ -5,10 +5,15 @@ import pytest
 from example_scenes import two_bodies
 
 from unc_physics import (
+    Belief,
     BoxRegion,
     UncPhysicsError,
     assess,
     contact_probabilities,
+    load_model,
+    load_scene,
+    make_propagator,
+    physics_of,
     predict,
     region_probabilities,
     rest_probabilities,
@@ -30,6 +35,12 @@ REGION = BoxRegion("bin", (1.0, 1.0, 1.0))
         (lambda: predict(SCENE, BELIEF, 1.0), "propagator must be a str or a Propagator, not a float"),
         (lambda: start_belief(BELIEF, SCENE), "scene must be a Scene, not a Belief"),
         (lambda: start_belief(SCENE, ARRAY), "belief must be a Belief, not a ndarray"),
+        (lambda: make_propagator(["surrogate"]), "name must be a str, not a list"),
+        (lambda: load_scene(3), "path must be a str or a PathLike, not an int"),
+        (lambda: load_model(3), "name_or_path must be a str or a PathLike, not an int"),
+        (lambda: physics_of(BELIEF), "scene must be a Scene, not a Belief"),
+        (lambda: Belief.of(BELIEF, {}), "scene must be a Scene, not a Belief"),
+        (lambda: Belief.of(SCENE, ARRAY), "bodies must be a Mapping, not a ndarray"),
         (lambda: assess(SCENE), "prediction must be a Prediction, not a Scene"),
         (lambda: contact_probabilities(SCENE), "prediction must be a Prediction, not a Scene"),
         (lambda: rest_probabilities(BELIEF), "prediction must be a Prediction, not a Belief"),

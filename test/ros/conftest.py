@@ -23,8 +23,9 @@ from unc_physics import PROPAGATORS
 def pytest_collection_finish(session):
     """Compile what the nodes will need while the tests of other folders run."""
     others_first = session.items and Path(__file__).parent not in session.items[0].path.parents
+    first_process = os.environ.get("PYTEST_XDIST_WORKER", "gw0") == "gw0"
     session.ahead = None
-    if others_first and not session.config.option.collectonly:
+    if others_first and first_process and not session.config.option.collectonly:
         session.ahead = subprocess.Popen(
             [sys.executable, "-m", "unc_physics.ros.warm_up"],
             stdout=subprocess.DEVNULL,

@@ -368,7 +368,12 @@ def rich_requests():
     overlapping.scene.objects[1].kind = ObjectState.FIXED
     for message in overlapping.scene.objects:
         message.pose.covariance = diagonal(*[1e-3] * 6)
-    return asked, overlapping
+    sunk = base()  # deeper in the floor than its belief says, so that it is moved out
+    sunk.scene.objects.pop()
+    sunk.scene.objects[0].pose.pose.position.z = -0.013
+    sunk.scene.objects[0].pose.covariance = diagonal(*[2e-3] * 6)
+    sunk.propagator, sunk.samples = "monte_carlo", 50
+    return asked, overlapping, sunk
 
 
 def test_every_field_of_an_answer_is_filled(predict):
@@ -395,12 +400,10 @@ def test_an_answer_s_physics_may_be_sent_back(predict, plain):
 
 @pytest.mark.parametrize("whole", ["covariance", "joint_covariance"])
 def test_a_prediction_begins_where_another_one_ended(predict, whole):
-    request = base()
-    request.horizon = Duration(nanosec=50_000_000)  # before anything touches
+    request = flight()
     request.scene.common_pose_std = np.full(6, 0.01)
-    request.return_covariance = request.return_joint_covariance = True
     end = predict(request).prediction
-    following = base()
+    following = flight()
     for message, predicted in zip(following.scene.objects, end.objects, strict=True):
         state = predicted.states[-1]
         message.pose, message.twist = state.pose, state.twist
@@ -408,14 +411,27 @@ def test_a_prediction_begins_where_another_one_ended(predict, whole):
             message.covariance = state.covariance
     if whole == "joint_covariance":
         following.scene.joint_covariance = end.joint_covariances
-    with_physics(following, gravity=(0.0, 0.0, 0.0), overlap="keep", dt=1e-9)  # nothing happens in one step
-    following.horizon, following.return_covariance = Duration(nanosec=1), True
-    following.return_joint_covariance = True
+    with_physics(following, dt=1e-9)  # nothing happens in one such step
+    following.horizon = Duration(nanosec=1)
     again = predict(following)
     assert_answered(again)
     for predicted, expected in zip(again.prediction.objects, end.objects, strict=True):
-        got, want = (np.asarray(answer.states[-1].covariance) for answer in (predicted, expected))
-        assert np.allclose(got, want, rtol=0.0, atol=1e-6 * np.abs(want).max())
+        assert_close(predicted.states[-1].covariance, expected.states[-1].covariance)
     if whole == "joint_covariance":
-        got, want = (np.asarray(answer.joint_covariances[-1].data) for answer in (again.prediction, end))
-        assert np.allclose(got, want, rtol=0.0, atol=1e-6 * np.abs(want).max())
+        assert_close(again.prediction.joint_covariances[-1].data, end.joint_covariances[-1].data)
+        assert np.abs(np.reshape(end.joint_covariances[-1].data, (24, 24))[:12, 12:]).max() > 1e-5
+
+
+def flight():
+    """A brick and a can that fly far from each other, and all that is known of them at the end."""
+    request = base()
+    request.scene.environment.elements.clear()
+    request.scene.objects[1].pose.pose.position.x = 2.0
+    request.return_covariance = request.return_joint_covariance = True
+    return with_physics(request, gravity=(0.0, 0.0, 0.0))
+
+
+def assert_close(found, expected):
+    """The same to a millionth of the largest entry."""
+    limit = 1e-6 * np.abs(expected).max()
+    assert np.allclose(found, expected, rtol=0.0, atol=limit)

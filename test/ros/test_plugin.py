@@ -38,7 +38,7 @@ def test_it_answers(node, client):
 
 def test_it_is_listed(node, client):
     response = client.call(GetCapabilities, "/extended/get_capabilities", GetCapabilities.Request())
-    info = response.prediction.propagators[-1]
+    info = response.propagators[-1]
     assert (info.name, info.mean_update, info.cross_body_correlations) == ("frozen", info.MEAN_NOMINAL, False)
     assert info.description == "Mean and covariance stay as they are."
     (option,) = info.options

@@ -21,6 +21,7 @@ from unc_physics.physics.layout import (
 from unc_physics.physics.origin import error_map, inverse_error_map
 from unc_physics.ros.durations import duration, read_duration, seconds
 from unc_physics.ros.models import ModelLibrary
+from unc_physics.ros.optional import optional
 from unc_physics.ros.prediction_writer import Wanted, write_prediction, write_start
 from unc_physics.ros.scene_reader import Doubts, read_scene
 from unc_physics.scene.belief import Belief
@@ -304,7 +305,7 @@ INDEFINITE[0, 1] = INDEFINITE[1, 0] = 2.0
         ("scale", NAN, errors.NotFiniteError),
         ("mass", -1.0, errors.InvalidMassError),
         ("mass", NAN, errors.NotFiniteError),
-        ("mass", None, errors.InvalidMassError),
+        ("mass", "heavy", errors.InvalidMassError),
         ("kind", 3, errors.InvalidRequestError),
         ("covariance", np.zeros(143), errors.InvalidCovarianceError),
         ("covariance", -np.eye(12).ravel(), errors.InvalidCovarianceError),
@@ -393,6 +394,13 @@ def test_where_a_prediction_began():
         assert np.array_equal(written.start.covariance, written.states[0].pose.covariance)
     assert np.allclose(objects[0].start.covariance, message.pose.covariance, rtol=0.0, atol=ROUND_OFF)
     assert not np.any(objects[1].start.covariance)
+
+
+def test_a_second_entry_of_what_may_be_left_out_is_named():
+    """Fast DDS does not send one; what does not come over it may have one."""
+    assert optional([], "physics.dt") is None and optional([0.1], "physics.dt") == 0.1
+    with pytest.raises(errors.InvalidRequestError, match=r"^physics.dt must hold at most one entry"):
+        optional([0.1, 0.2], "physics.dt")
 
 
 def test_plain_integers_are_numbers():

@@ -264,6 +264,17 @@ def test_an_error_that_all_objects_share(predict):
     assert joint[1, 13] == pytest.approx(0.1**2, rel=0.05)
 
 
+def test_a_scene_in_which_nothing_moves(predict):
+    request = good_request(return_joint_covariance=True, return_probabilities=True, return_samples=2)
+    for message in request.scene.objects:
+        message.kind = ObjectState.FIXED
+    response = predict(request)
+    assert_answered(response)
+    for predicted, sent in zip(response.prediction.objects, request.scene.objects, strict=True):
+        assert np.allclose(position_of(predicted.states[-1].pose.pose), position_of(sent.pose.pose))
+        assert not np.any(predicted.states[-1].pose.covariance)
+
+
 def test_an_object_at_rest_stands_where_it_is_put(predict):
     standing = moving_object(
         "standing", "brick", (0.0, 0.0, 0.001), (0.0, 0.0, 0.0), 60

@@ -126,19 +126,17 @@ def run(arguments) -> int:
             if answers is None
             else {key: [_answer(answer) for answer in own] for key, own in answers.items()}
         )
-        result = as_dict(scene, prediction, seed, _samples(prediction, arguments.samples_out))
+        result = as_dict(prediction, seed, _samples(prediction, arguments.samples_out))
         print(json.dumps(result | {"statuses": _statuses(statuses)} | found, allow_nan=False))
     else:
-        print(as_table(scene, prediction))
+        print(as_table(prediction))
         print(statuses_as_text(statuses))
         if answers is not None:
             print(answers_as_table(answers))
     if arguments.picture is not None:
         from .scene_picture import draw_prediction
 
-        draw_prediction(
-            arguments.picture, scene, belief, prediction, Path(arguments.scene).stem.replace("_", " ")
-        )
+        draw_prediction(arguments.picture, prediction, Path(arguments.scene).stem.replace("_", " "))
     return 0
 
 
@@ -270,13 +268,14 @@ def _predict_with_progress(scene, belief, propagator, horizon, period):
         )
 
 
-def as_dict(scene, prediction, seed=None, samples=None) -> dict:
+def as_dict(prediction, seed=None, samples=None) -> dict:
     """The prediction as plain Python values, bodies in the scene's order, with samples (N, B, 13) of it.
 
     Each body's ``start`` is its belief at time 0 that was really used (`Prediction.start`).
     """
     from ..scene.physics_summary import physics_of
 
+    scene = prediction.scene
     result = {
         "propagator": prediction.propagator.name,
         "physics": physics_of(prediction.scene),
@@ -319,13 +318,14 @@ def _bodies(scene, belief):
     return bodies
 
 
-def as_table(scene, prediction) -> str:
+def as_table(prediction) -> str:
     """The physics, and the prediction as a table of poses and standard deviations."""
     import numpy as np
 
     from ..physics.layout import ERR_POSITION, ERR_ROTATION, POSITION, QUATERNION
     from ..scene.physics_summary import physics_as_text
 
+    scene = prediction.scene
     width = max(4, *(len(body.name) for body in scene.bodies))
     lines = [f"{prediction.propagator.name}; {physics_as_text(prediction.scene)}"]
     for time, belief in zip(prediction.times, prediction.beliefs, strict=True):

@@ -25,23 +25,22 @@ _OUTLINE = 180  # directions in which an outline's points are the outermost
 _SOLID = {"facecolor": "0.90", "edgecolor": "0.55", "linewidth": 0.8}
 
 
-def draw_prediction(path, scene, initial, prediction, title="") -> None:
+def draw_prediction(path, prediction, title="") -> None:
     """Draw a scene and what is predicted of it into a PNG.
 
     Parameters
     ----------
     path : path-like
         File to write.
-    scene : Scene
-    initial : Belief
-        At time 0: drawn pale.
     prediction : Prediction
-        Its last belief is drawn solid; the positions of all its times make the paths.
+        What it was given about time 0 is drawn pale, its last belief solid; the positions of all its times
+        make the paths.
     title : str
     """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
+    scene, initial = prediction.scene, prediction.initial
     beliefs = (initial, *prediction.beliefs)
     low, high = _bounds(scene, beliefs)
     wide, deep, tall = high - low

@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 
 from ..checks.errors import UnknownModelError
+from ..checks.validation import instance
 from .packing_file import SpherePacking, load_packing
 
 SHARE = Path("share") / "unc_physics" / "models"
@@ -52,6 +53,7 @@ def find_model(name_or_path, models_dir=None) -> Path:
     UnknownModelError
         If there is none; the message lists the known models and the folders searched.
     """
+    instance(name_or_path, (str, os.PathLike), "name_or_path")
     text = os.fspath(name_or_path)
     if text.endswith(".npz") or os.sep in text:
         try:

@@ -1,7 +1,6 @@
-"""Samples of an initial belief, each body of which runs until it first touches something.
+"""Samples of an initial belief that fly until their bodies first touch something.
 
-What happens before that is the same for every propagator: free flight, in closed form but for the search for
-contacts.
+Until then all propagators agree: bodies fly freely, and contacts are searched for, no more.
 """
 
 from __future__ import annotations
@@ -36,8 +35,7 @@ class FirstContacts(NamedTuple):
         fixed.
     first : (N, B, B + E) array
         Time of the first contact of bodies i < j, or of body i and element j - B [s]; infinite without one.
-        Later than either body's time in ``stopped``, it is with one that stands where it touched something
-        before.
+        A body that was stopped can still be touched: such a contact is later than its time in ``stopped``.
     """
 
     states: np.ndarray

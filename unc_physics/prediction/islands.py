@@ -2,8 +2,8 @@
 
 Time is divided into slices, at each of whose beginnings the bodies are divided into islands: bodies of
 different islands stay apart for the whole slice. For that, each body has a box that it stays in, from what is
-known of it at the slice's beginning, `SIGMAS` standard deviations wide (of a propagator with samples of its
-own: as wide as these). A body that nothing can reach flies freely; one that may touch something is at most as
+known of it at the slice's beginning: `SIGMAS` standard deviations wide, or as wide as the propagator's own
+samples lie. A body that nothing can reach flies freely; one that may touch something is at most as
 fast as the energy of its island makes it. Where boxes of different islands overlap, the slice is halved;
 where they still do in the shortest slice, the islands become one, as they do where a slice's end shows more
 energy than was thought: then the slice is done again. Islands never part.
@@ -175,7 +175,7 @@ class Islands:
     def belief(self, carry: IslandsCarry, scene: Scene) -> Belief:
         """The belief about all bodies: blocks, or the joint covariance with zeros between islands.
 
-        Of what is drawn together it is what all samples say, as it is without islands.
+        A propagator that draws all bodies together says it of all its samples, as without islands.
         """
         if self._propagator.draws_together:
             return self._propagator.belief(self.whole(carry), scene)

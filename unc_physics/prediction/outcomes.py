@@ -189,7 +189,9 @@ def _share(yes, unknown, certain):
         low, high = _interval(low, count)[0], _interval(high, count)[1]
     if max(probability - low, high - probability) > TOLERANCE:
         return False, 0.0, 0.0, 0.0
-    return True, float(probability), max(float(low), 0.0), min(float(high), 1.0)  # but for round-off
+    # round-off must not leave the probability outside
+    low, high = min(max(low, 0.0), probability), max(min(high, 1.0), probability)
+    return True, float(probability), float(low), float(high)
 
 
 def _interval(share, count):

@@ -103,7 +103,8 @@ def predict(
     allowed = None if max_computation_time is None else positive(max_computation_time, "max_computation_time")
     in_one_go = allowed is None and progress is None
     piece = marks[-1] if in_one_go else 1
-    in_islands = scene.islands and not scene.shared_parameters  # which tie all bodies together for ever
+    # shared parameters tie all bodies together for ever, and what is fixed makes no island
+    in_islands = scene.islands and len(scene.moving) > 0 and not scene.shared_parameters
     runner: Any = Islands(propagator, scene, marks) if in_islands else propagator
     carry = runner.init(scene, belief)
     began = partial(runner.belief, carry, scene)

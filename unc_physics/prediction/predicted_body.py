@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Literal, get_args
 
 import numpy as np
 
@@ -23,7 +24,7 @@ from ..physics.layout import (
 from ..physics.origin import at_origin
 from ..physics.rotation import rotation_matrix
 from ..propagators.base import Mode
-from .prediction import Prediction
+from .prediction import Origin, Prediction
 from .probabilities import (
     FLIGHTS,
     REST_ANGULAR_SPEED,
@@ -38,8 +39,7 @@ from .probabilities import (
 )
 from .status import ROLLOUTS, BodyStatus, assess_all
 
-ORIGINS = ("center_of_mass", "model")
-CONVENTIONS = ("ros", "error_state")
+Convention = Literal["ros", "error_state"]
 
 
 class PredictedBody:
@@ -59,7 +59,7 @@ class PredictedBody:
         Whether it never moves; then all its standard deviations are 0.
     """
 
-    def __init__(self, prediction: Prediction, name: str, time: float, origin: str = "center_of_mass"):
+    def __init__(self, prediction: Prediction, name: str, time: float, origin: Origin = "center_of_mass"):
         scene = prediction.scene
         names = [body.name for body in scene.bodies]
         if not isinstance(name, str):
@@ -68,8 +68,10 @@ class PredictedBody:
             )
         if name not in names:
             raise InvalidRequestError(f"is no body of the scene{hint(name, names)}", field="name", value=name)
-        if origin not in ORIGINS:
-            raise InvalidOptionError(f"must be one of {', '.join(ORIGINS)}", field="origin", value=origin)
+        if origin not in get_args(Origin):
+            raise InvalidOptionError(
+                f"must be one of {', '.join(get_args(Origin))}", field="origin", value=origin
+            )
         self._prediction, self._body = prediction, names.index(name)
         self._index = _index(number(time, "time"), prediction)
         self.name, self.time, self.origin = name, prediction.times[self._index], origin
@@ -118,7 +120,7 @@ class PredictedBody:
         """(3,): standard deviations of the angular velocity about the world's axes [rad/s]."""
         return self._std(ERR_ANGULAR_VELOCITY)
 
-    def covariance(self, convention: str = "ros") -> np.ndarray:
+    def covariance(self, convention: Convention = "ros") -> np.ndarray:
         """Covariance of the body at the origin.
 
         Parameters
@@ -138,9 +140,9 @@ class PredictedBody:
         InvalidOptionError
             If there is no such convention.
         """
-        if convention not in CONVENTIONS:
+        if convention not in get_args(Convention):
             raise InvalidOptionError(
-                f"must be one of {', '.join(CONVENTIONS)}", field="convention", value=convention
+                f"must be one of {', '.join(get_args(Convention))}", field="convention", value=convention
             )
         if convention == "ros":
             return self._at_origin()[2].reshape(6, 6)

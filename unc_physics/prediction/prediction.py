@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
@@ -17,6 +17,9 @@ from .answers import Answers
 
 if TYPE_CHECKING:
     from .predicted_body import PredictedBody, Trajectory
+
+#: The point whose position and velocity are told.
+Origin = Literal["center_of_mass", "model"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,7 +66,9 @@ class Prediction:
         """The body of that name at the horizon, as `body` gives it."""
         return self.body(name)
 
-    def body(self, name: str, *, time: float | None = None, origin: str = "center_of_mass") -> PredictedBody:
+    def body(
+        self, name: str, *, time: float | None = None, origin: Origin = "center_of_mass"
+    ) -> PredictedBody:
         """What is predicted of one body.
 
         Parameters
@@ -91,7 +96,7 @@ class Prediction:
         """All bodies at the horizon, in the scene's order."""
         return tuple(self.body(body.name) for body in self.scene.bodies)
 
-    def trajectory(self, name: str, *, origin: str = "center_of_mass") -> Trajectory:
+    def trajectory(self, name: str, *, origin: Origin = "center_of_mass") -> Trajectory:
         """One body at all of the prediction's times, as arrays; the arguments are those of `body`."""
         from .predicted_body import Trajectory
 

@@ -1,14 +1,12 @@
 """Answers that a robot asks a prediction for: will they touch, and when; where will it be; will it be at
 rest?
 
-Every answer is a probability within `TOLERANCE` of the truth, or says that it is not available: it is where
-the interval that its outcomes leave for the truth reaches farther. A propagator with samples of its own
-counts these. The others have none, and the Gaussian that they end with is no good for probabilities once
-bodies have touched (``python -m unc_physics evaluate calibration`` shows how far off it is).
-What they can tell is what is decided
-by the first contacts, before which all bodies fly freely: flights drawn from the initial belief say for each
-question how often it is answered yes, no, or not yet. "Not yet" counts half, and widens the interval by as
-much.
+An answer is available if its probability is within `TOLERANCE` of the truth, as far as the interval tells
+that its outcomes leave for the truth. A propagator with samples of its own counts these. The others have
+none, and the Gaussian that they end with is no good for probabilities once bodies have touched
+(``python -m unc_physics evaluate calibration`` shows how far off it is). They can tell what the first
+contacts decide, before which all bodies fly freely: flights drawn from the initial belief answer each
+question with yes, no, or not yet. "Not yet" counts half, and widens the interval by as much.
 """
 
 from __future__ import annotations

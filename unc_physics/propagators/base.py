@@ -156,10 +156,7 @@ class Propagator(ABC):
         return carry.contact_history
 
     def rollouts(self, carry: Any) -> int:
-        """How many rollouts were simulated for an answer; by default as many as its contact history knows of.
-
-        Of islands, which have numbers of their own, it is the largest.
-        """
+        """How many rollouts an answer consists of; by default as many as its contact history knows of."""
         return len(self.contact_history(carry).first_time)
 
     def own_samples(self, carry: Any, scene: Scene) -> np.ndarray | None:

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from typing import Any
 
 from ..checks.errors import InvalidOptionError, UnknownPropagatorError
+from ..checks.validation import instance
 from .base import Propagator
 from .names import BUILT_IN, entries
 
@@ -49,6 +50,7 @@ def make_propagator(name: str, **options: Any) -> Propagator:
     LimitExceededError
         If an option's value is above its limit.
     """
+    instance(name, str, "name")
     if name not in PROPAGATORS:
         raise UnknownPropagatorError(
             f"must be one of {', '.join(PROPAGATORS)}", field="propagator", value=name

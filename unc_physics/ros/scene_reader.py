@@ -164,8 +164,12 @@ def read_scene(
     try:
         scene = _scene(bodies, elements, constants)
     except UncPhysicsError as error:  # the node's own parameters go together
+        field = _in_message(error.field or "scene", fields)
+        problem = error.problem
+        if field.startswith("physics."):  # which is the node's parameter where it is absent
+            problem = problem.removesuffix(" or absent")
         kind = InvalidOptionError if isinstance(error, InvalidRequestError) else type(error)
-        raise kind(error.problem, field=_in_message(error.field, fields), value=error.value) from None
+        raise kind(problem, field=field, value=error.value) from None
     moving = scene.moving.copy()
     if (joint := optional(message.joint_covariance, "scene.joint_covariance")) is not None:
         P = _joint_covariance(joint, scene, mean, names)

@@ -117,6 +117,10 @@ class Belief:
         InvalidRequestError
             If a name is missing or not in the scene, or a fixed body moves or is uncertain.
         """
+        from .scene import Scene
+
+        instance(scene, Scene, "scene")
+        instance(bodies, Mapping, "bodies")
         names = [body.name for body in scene.bodies]
         for name, given in bodies.items():
             if name not in names:

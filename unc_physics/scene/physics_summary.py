@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from ..checks.validation import instance
 from .environment import element_names
 from .materials import DEFAULT_RESTITUTION, Materials
 from .scene import Scene
@@ -18,6 +19,7 @@ def physics_of(scene: Scene) -> dict[str, Any]:
     and ``restitution_of``, by the surfaces' names, those of the others, where there are any. Uncertain
     parameters of the scene have their standard deviations.
     """
+    instance(scene, Scene, "scene")
     restitution = DEFAULT_RESTITUTION[scene.integrator] if scene.restitution is None else scene.restitution
     found = {
         "integrator": scene.integrator,

@@ -21,7 +21,7 @@ from ..checks.errors import (
     UncPhysicsError,
 )
 from ..checks.names import hint
-from ..checks.validation import array, integer, non_negative, number, positive
+from ..checks.validation import array, instance, integer, non_negative, number, positive
 from ..geometry.library import find_model
 from ..geometry.packing_file import load_packing
 from ..physics.layout import ERROR
@@ -95,6 +95,7 @@ def load_scene(path: str | os.PathLike[str], models_dir: str | os.PathLike[str] 
     UncPhysicsError
         One of its kinds, naming the field and the value, for anything in the file that makes no scene.
     """
+    instance(path, (str, os.PathLike), "path")
     path = Path(path)
     try:
         text = path.read_text(encoding="utf-8")

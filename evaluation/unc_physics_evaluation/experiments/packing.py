@@ -41,6 +41,7 @@ NO_MESHES = "none"
 PACKER, SPHERES_ALONE = "packer", "spheres_alone"
 FILL, MEMORY, TRIANGLES, PLACED = "fill", "memory", "triangles", "placed"
 OVERLAP, PROTRUSION, OUTSIDE, LATER = "overlap", "protrusion", "outside", "larger_later"
+NAMES = {CPU_TIME: "CPU time", WALL_TIME: "wall time"}
 COLD, WARM = "nothing compiled", "compiled"
 LIBIGL, TREE, BOUNDED = "libigl", "our tree", "our tree, bounded"
 
@@ -267,7 +268,7 @@ def _figures(results) -> dict[str, list[Figure]]:
         clock = WALL_TIME if spheres >= LARGE else CPU_TIME
         taken = here.where(quantity=clock).median()
         goals.append(Figure("fill", case, here.where(quantity=FILL).mean(), "%", fill))
-        goals.append(Figure(clock.replace("_", " "), case, taken, "s", seconds, at_most=True))
+        goals.append(Figure(NAMES[clock], case, taken, "s", seconds, at_most=True))
         if spheres >= LARGE:
             memory = here.where(quantity=MEMORY).mean()
             goals.append(Figure("memory", case, memory, "MiB", MEMORY_GOAL, at_most=True))

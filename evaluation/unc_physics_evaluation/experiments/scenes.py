@@ -266,7 +266,7 @@ def _figures(results) -> dict[str, list[Figure]]:
         ],
         "Uncertain parameters, a prediction with them over one without": [
             Figure(
-                f"{label(method, samples)}, {quantity.removeprefix(CPU_TIME)}",
+                f"{label(method, samples)}, {quantity.removeprefix(CPU_TIME).strip()}",
                 "bunny 1000",
                 ratio(here.where(quantity=quantity), here.where(quantity=f"{CPU_TIME} {PLAIN}")),
                 note=milliseconds(here.where(quantity=quantity), here.where(quantity=f"{CPU_TIME} {PLAIN}")),

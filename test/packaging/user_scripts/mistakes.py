@@ -10,6 +10,8 @@ print(prediction.belief.means)  # mistake
 print(prediction["mug"].postion)  # mistake
 prediction["mug"].contact_with(3)  # mistake
 prediction[0]  # mistake
+prediction.body("mug", origin="com")  # mistake
+prediction["mug"].covariance("body")  # mistake
 BodyBelief(position=(0, 0, 1), positon_std=0.1)  # mistake
 print(unc_physics.Scenes)  # mistake
 load_scene(3)  # mistake
