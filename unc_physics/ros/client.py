@@ -26,6 +26,7 @@ from unc_physics_msgs.srv import GetCapabilities, ListModels, LoadModel, Predict
 from ..checks.errors import (
     InvalidModelError,
     InvalidRequestError,
+    LimitExceededError,
     NotActiveError,
     NotSupportedError,
     UncPhysicsError,
@@ -348,18 +349,19 @@ class Client:
         if not action.wait_for_server(self._timeout):
             raise self._nobody(name)
         events: queue.SimpleQueue = queue.SimpleQueue()
-        handle = self._of_action(
+        goal_sent = self._begin(
             lambda: action.send_goal_async(goal, feedback_callback=lambda m: events.put(m.feedback)), name
         )
+        handle = self._wait(goal_sent, name, action.server_is_ready)
         if not handle.accepted:
             raise NotActiveError("refused the goal", field=name)
-        result = self._task(handle.get_result_async)
+        result = self._begin(handle.get_result_async, name)
         result.add_done_callback(lambda _: events.put(_DONE))
         stopped = None
         try:
             stopped = self._follow(events, name, handle, question.steps[-1], progress, cancel)
         except BaseException:
-            self._task(handle.cancel_goal_async)
+            self._check_spun().create_task(handle.cancel_goal_async)
             raise
         answer = result.result()
         if answer.status == GoalStatus.STATUS_UNKNOWN:
@@ -474,10 +476,10 @@ class Client:
             scene,
             belief,
             propagator,
-            None if seed is None else integer(seed, "seed", low=0),
+            None if seed is None else _whole(seed, "seed", 64),
             steps_of(scene, horizon, times),
             None if allowed is None else positive(allowed, "max_computation_time"),
-            integer(keep_samples, "keep_samples", low=0),
+            _whole(keep_samples, "keep_samples", 32),
             checked_regions(regions),
             bool(probabilities),
             bool(modes),
@@ -528,23 +530,12 @@ class Client:
         self._check_spun()
         return self._wait(client.call_async(request), name, client.service_is_ready)
 
-    def _of_action(self, start: Callable[[], Any], name: str) -> Any:
-        """The result of what a call to an action's client starts."""
-        ready = self._clients[name].server_is_ready
-        return self._wait(self._wait(self._task(start, chained=False), name, ready), name, ready)
+    def _begin(self, start: Callable[[], Any], name: str) -> Any:
+        """The rclpy future that a call to an action's client gives.
 
-    def _task(self, start: Callable[[], Any], chained: bool = True) -> Any:
-        """A future of what the thread that spins calls: rclpy drops an action's answer that comes before the
-        call has returned.
+        The thread that spins makes the call: rclpy drops an answer that comes before the call has returned.
         """
-        executor = self._check_spun()
-        if not chained:
-            return executor.create_task(start)
-
-        async def whole():
-            return await start()
-
-        return executor.create_task(whole)
+        return self._wait(self._check_spun().create_task(start), name, self._clients[name].server_is_ready)
 
     def _check_spun(self):
         if self._node.executor is None:
@@ -568,7 +559,7 @@ class Client:
         while True:
             if cancel is not None and cancel.is_set() and not canceled:
                 canceled = True
-                self._task(handle.cancel_goal_async)
+                self._check_spun().create_task(handle.cancel_goal_async)
             try:
                 event = events.get(timeout=_LOOK if cancel is None or canceled else _LOOK_FOR_CANCEL)
             except queue.Empty:
@@ -580,7 +571,7 @@ class Client:
                     progress(min(round(event.fraction_done * steps), steps), steps)
                 except UncPhysicsError as error:
                     stopped, canceled = error, True
-                    self._task(handle.cancel_goal_async)
+                    self._check_spun().create_task(handle.cancel_goal_async)
             if time.monotonic() - looked > _LOOK:
                 looked = time.monotonic()
                 if self._closed.is_set() or not self._clients[name].server_is_ready():
@@ -595,3 +586,11 @@ class Client:
 
     def _gone(self, name: str) -> NotActiveError:
         return NotActiveError("went away before it answered", field=name)
+
+
+def _whole(value, field, bits):
+    """A number that a message's field of so many bits can hold."""
+    value = integer(value, field, low=0)
+    if value >= 2**bits:
+        raise LimitExceededError(f"must be below 2^{bits}", field=field, value=value)
+    return value
