@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 import rclpy
 from rclpy.executors import SingleThreadedExecutor
+from running import wait_until
 
 from unc_physics import (
     PROPAGATORS,
@@ -42,6 +43,7 @@ from unc_physics.checks.errors import (
 )
 from unc_physics.ros import Client
 from unc_physics_msgs.msg import ModelInfo
+from unc_physics_msgs.srv import ListModels
 
 ROUND_OFF = 1e-9  # of the way to the models' origins and back, grown by contacts
 READY = 100.0  # s
@@ -349,6 +351,41 @@ def test_a_node_that_does_not_answer_is_named(space):
             client.predict_async(*space, "surrogate", 0.1).result(READY)
     with pytest.raises(NotActiveError, match="closed"):
         client.models()
+    client.close()  # once more does nothing
+
+
+def test_a_node_that_goes_away_is_waited_for_no_longer():
+    context = rclpy.Context()
+    rclpy.init(context=context)
+    leaving = rclpy.create_node("leaving", context=context)  # which nobody spins
+    leaving.create_service(ListModels, "~/list_models", lambda _, response: response)
+    with Client(server="/leaving", timeout=READY) as client:
+        asking = threading.Timer(0.5, leaving.destroy_node)
+        asking.start()
+        with pytest.raises(NotActiveError, match="/leaving/list_models went away"):
+            client.models()
+    asking.join()
+    context.try_shutdown()
+
+
+def test_closing_a_client_ends_what_it_waits_for(asked, space):
+    for _ in range(2):  # as many as the node computes at a time
+        with Client(timeout=READY) as client:
+            begun = threading.Event()
+            future = client.predict_long_async(
+                *space, "monte_carlo", 59.0, samples=5000, progress=lambda *_: begun.set()
+            )
+            assert begun.wait(READY)
+        with pytest.raises(NotActiveError, match="closed"):
+            future.result(0.0)
+
+    def takes_another():
+        try:
+            return asked.predict_long(*space, "surrogate", 0.1)
+        except LimitExceededError:
+            return None
+
+    wait_until(takes_another, timeout=10.0)
 
 
 def test_a_node_of_one_s_own(node, space):

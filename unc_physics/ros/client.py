@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import queue
 import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -12,10 +11,6 @@ from os import PathLike
 from typing import TYPE_CHECKING, Any, TypedDict
 
 import numpy as np
-import rclpy
-from action_msgs.msg import GoalStatus
-from rclpy.action import ActionClient
-from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
@@ -27,7 +22,6 @@ from ..checks.errors import (
     InvalidModelError,
     InvalidRequestError,
     LimitExceededError,
-    NotActiveError,
     NotSupportedError,
     UncPhysicsError,
     UnknownModelError,
@@ -42,6 +36,7 @@ from ..propagators.names import DEFAULT
 from ..propagators.registry import make_propagator
 from ..scene.belief import Belief
 from ..scene.scene import Scene
+from .connection import Connection
 from .prediction_reader import read_answer
 from .request_writer import Question, write_object, write_request
 
@@ -52,10 +47,7 @@ _LATCHED = QoSProfile(
     depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL
 )
 _THREADS = 8  # as the node's own: so many of its answers are waited for side by side
-_LOOK = 1.0  # s, between looks whether the node is still there
-_LOOK_FOR_CANCEL = 0.05  # s
 _LOOK_AT_PACKING = 0.2  # s
-_DONE = object()
 
 
 class Options(TypedDict, total=False):
@@ -105,22 +97,11 @@ class Client:
     def __init__(self, node: Node | None = None, *, server: str = "/unc_physics", timeout: float = 10.0):
         if not isinstance(server, str) or not server.strip("/"):
             raise InvalidRequestError("must be the name of a node", field="server", value=server)
-        self._server, self._timeout = server.rstrip("/"), positive(timeout, "timeout")
-        self._lock, self._closed = threading.Lock(), threading.Event()
-        self._clients: dict[str, Any] = {}
+        self._server = server.rstrip("/")
+        self._connection = Connection(node, self._server, positive(timeout, "timeout"))
         self._models: dict[str, ModelInfo] = {}
         self._pool = ThreadPoolExecutor(_THREADS, "unc_physics client")
-        self._context = self._executor = self._thread = None
-        if node is None:
-            self._context = rclpy.Context()
-            rclpy.init(context=self._context)
-            node = rclpy.create_node("unc_physics_client", context=self._context)
-            self._executor = SingleThreadedExecutor(context=self._context)
-            self._executor.add_node(node)
-            self._thread = threading.Thread(target=self._spin, name="unc_physics client", daemon=True)
-            self._thread.start()
-        self._node = node
-        self._subscription = node.create_subscription(
+        self._subscription = self._connection.node.create_subscription(
             ModelList, f"{self._server}/models", self._keep_models, _LATCHED
         )
 
@@ -132,25 +113,11 @@ class Client:
 
     def close(self) -> None:
         """Wait no longer for answers, and take everything back; a node that was given stays as it was."""
-        if self._closed.is_set():
+        if not self._connection.end():
             return
-        self._closed.set()
         self._pool.shutdown(cancel_futures=True)
-        if self._executor is not None and self._context is not None and self._thread is not None:
-            self._executor.shutdown()
-            self._thread.join(5.0)
-        for client in self._clients.values():
-            client.destroy()
-        self._node.destroy_subscription(self._subscription)
-        if self._context is not None:
-            self._node.destroy_node()
-            self._context.try_shutdown()
-
-    def _spin(self):
-        try:
-            self._executor.spin()  # pyright: ignore[reportOptionalMemberAccess]
-        except ExternalShutdownException:
-            pass
+        self._connection.node.destroy_subscription(self._subscription)
+        self._connection.close()
 
     def predict(
         self,
@@ -236,7 +203,7 @@ class Client:
             joint_covariance=joint_covariance,
         )
         request = self._request(question)
-        answer = self._call(Predict, "predict", Predict.Request(request=request))
+        answer = self._connection.call(Predict, "predict", Predict.Request(request=request))
         return read_answer(answer.result, answer.prediction, question)
 
     def predict_async(
@@ -298,7 +265,7 @@ class Client:
                 for name, belief in candidates.items()
             ],
         )
-        answer = self._call(PredictCandidates, "predict_candidates", request)
+        answer = self._connection.call(PredictCandidates, "predict_candidates", request)
         if not answer.predictions:
             raise error_of(answer.result.error_code or Result.INTERNAL, answer.result.error_msg)
         found = {}
@@ -344,30 +311,15 @@ class Client:
         """
         question = self._question(scene, belief, propagator, horizon, **options)
         goal = PredictLong.Goal(request=self._request(question))
-        name = f"{self._server}/predict_long"
-        action = self._client(name, lambda: ActionClient(self._node, PredictLong, name))
-        if not action.wait_for_server(self._timeout):
-            raise self._nobody(name)
-        events: queue.SimpleQueue = queue.SimpleQueue()
-        goal_sent = self._begin(
-            lambda: action.send_goal_async(goal, feedback_callback=lambda m: events.put(m.feedback)), name
-        )
-        handle = self._wait(goal_sent, name, action.server_is_ready)
-        if not handle.accepted:
-            raise NotActiveError("refused the goal", field=name)
-        result = self._begin(handle.get_result_async, name)
-        result.add_done_callback(lambda _: events.put(_DONE))
-        stopped = None
+        steps = question.steps[-1]
+
+        def look(feedback):
+            if progress is not None:
+                progress(min(round(feedback.fraction_done * steps), steps), steps)
+
+        answer, stopped = self._connection.run(PredictLong, "predict_long", goal, look, cancel)
         try:
-            stopped = self._follow(events, name, handle, question.steps[-1], progress, cancel)
-        except BaseException:
-            self._check_spun().create_task(handle.cancel_goal_async)
-            raise
-        answer = result.result()
-        if answer.status == GoalStatus.STATUS_UNKNOWN:
-            raise self._gone(name)
-        try:
-            prediction = read_answer(answer.result.result, answer.result.prediction, question)
+            prediction = read_answer(answer.result, answer.prediction, question)
         except UncPhysicsError as error:
             if stopped is None:
                 raise
@@ -396,11 +348,11 @@ class Client:
 
     def capabilities(self) -> GetCapabilities.Response:
         """Propagators with their traits and options, features, limits, physics and versions of the node."""
-        return self._call(GetCapabilities, "get_capabilities", GetCapabilities.Request())
+        return self._connection.call(GetCapabilities, "get_capabilities", GetCapabilities.Request())
 
     def models(self) -> dict[str, ModelInfo]:
         """The models that the node knows, by name."""
-        answer = self._call(ListModels, "list_models", ListModels.Request())
+        answer = self._connection.call(ListModels, "list_models", ListModels.Request())
         self._keep_models(answer)
         return dict(self._models)
 
@@ -426,7 +378,7 @@ class Client:
             For a file that is no model, or a name that is taken.
         """
         request = LoadModel.Request(path=str(path), name=name, replace=replace, spheres=spheres)
-        answer = self._call(LoadModel, "load_model", request)
+        answer = self._connection.call(LoadModel, "load_model", request)
         if answer.result.error_code:
             raise error_of(answer.result.error_code, answer.result.error_msg)
         info = answer.model
@@ -512,80 +464,6 @@ class Client:
 
     def _keep_models(self, message: Any) -> None:
         self._models = {info.name: info for info in message.models}
-
-    def _client(self, name: str, make: Callable[[], Any]) -> Any:
-        with self._lock:
-            if self._closed.is_set():
-                raise NotActiveError("is closed", field="the client")
-            if name not in self._clients:
-                self._clients[name] = make()
-            return self._clients[name]
-
-    def _call(self, service_type: Any, name: str, request: Any) -> Any:
-        """The answer to a service's request."""
-        name = f"{self._server}/{name}"
-        client = self._client(name, lambda: self._node.create_client(service_type, name))
-        if not client.wait_for_service(self._timeout):
-            raise self._nobody(name)
-        self._check_spun()
-        return self._wait(client.call_async(request), name, client.service_is_ready)
-
-    def _begin(self, start: Callable[[], Any], name: str) -> Any:
-        """The rclpy future that a call to an action's client gives.
-
-        The thread that spins makes the call: rclpy drops an answer that comes before the call has returned.
-        """
-        return self._wait(self._check_spun().create_task(start), name, self._clients[name].server_is_ready)
-
-    def _check_spun(self):
-        if self._node.executor is None:
-            raise InvalidRequestError(
-                "is not spun; add it to an executor that spins in another thread", field="node"
-            )
-        return self._node.executor
-
-    def _wait(self, future: Any, name: str, ready: Callable[[], bool]) -> Any:
-        """The result of an rclpy future that the spinning thread completes."""
-        done = threading.Event()
-        future.add_done_callback(lambda _: done.set())
-        while not done.wait(_LOOK):
-            if self._closed.is_set() or not ready():
-                raise self._gone(name)
-        return future.result()
-
-    def _follow(self, events, name, handle, steps, progress, cancel) -> UncPhysicsError | None:
-        """Tell progress until the action is done; what of the library's errors progress raised."""
-        stopped, canceled, looked = None, False, time.monotonic()
-        while True:
-            if cancel is not None and cancel.is_set() and not canceled:
-                canceled = True
-                self._check_spun().create_task(handle.cancel_goal_async)
-            try:
-                event = events.get(timeout=_LOOK if cancel is None or canceled else _LOOK_FOR_CANCEL)
-            except queue.Empty:
-                event = None
-            if event is _DONE:
-                return stopped
-            if event is not None and progress is not None and stopped is None:
-                try:
-                    progress(min(round(event.fraction_done * steps), steps), steps)
-                except UncPhysicsError as error:
-                    stopped, canceled = error, True
-                    self._check_spun().create_task(handle.cancel_goal_async)
-            if time.monotonic() - looked > _LOOK:
-                looked = time.monotonic()
-                if self._closed.is_set() or not self._clients[name].server_is_ready():
-                    raise self._gone(name)
-
-    def _nobody(self, name: str) -> NotActiveError:
-        return NotActiveError(
-            f"is not offered by any node within {self._timeout:g} s; start one (`ros2 run unc_physics"
-            " unc_physics_node`), or name another with server=, and see that ROS_DOMAIN_ID is the same",
-            field=name,
-        )
-
-    def _gone(self, name: str) -> NotActiveError:
-        return NotActiveError("went away before it answered", field=name)
 
 
 def _whole(value, field, bits):
