@@ -42,6 +42,7 @@ from unc_physics.checks.errors import (
     UnknownModelError,
 )
 from unc_physics.ros import Client
+from unc_physics_msgs.msg import Mode as ModeMessage
 from unc_physics_msgs.msg import ModelInfo
 from unc_physics_msgs.srv import ListModels
 
@@ -190,6 +191,22 @@ def test_where_it_began_is_told(asked):
     for place in (slice(0, 3), slice(6, 9)):
         one, other = (p.start.blocks[0][place, place] for p in (found, expected))
         np.testing.assert_allclose(one, other, rtol=0.0, atol=ROUND_OFF)
+
+
+def test_outcomes_that_split_are_told_by_their_poses(asked, space):
+    found: Any = asked.predict(*space, "surrogate", 0.1, modes=True)
+    state = found.answers._message.objects[0].states[-1]
+    state.modes = [
+        ModeMessage(weight=weight, pose=state.pose) for weight in (0.75, 0.25)
+    ]  # as a node may say
+    first, second = found["left"].modes
+    assert (first.weight, second.weight) == (0.75, 0.25)
+    np.testing.assert_allclose(first.mean[:3], found["left"].position, rtol=0.0, atol=ROUND_OFF)
+    np.testing.assert_allclose(first.mean[6:10], found["left"].orientation, rtol=0.0, atol=ROUND_OFF)
+    poses = np.ix_([0, 1, 2, 6, 7, 8], [0, 1, 2, 6, 7, 8])
+    known = found.belief.marginal(0)[poses]
+    np.testing.assert_allclose(first.covariance[poses], known, rtol=0.0, atol=ROUND_OFF)
+    assert np.isnan(first.mean[3:6]).all() and np.isnan(first.covariance[3, 0])
 
 
 def test_a_covariance_of_each_body_instead_of_all_together(asked, space):
@@ -373,7 +390,7 @@ def test_closing_a_client_ends_what_it_waits_for(asked, space):
         with Client(timeout=READY) as client:
             begun = threading.Event()
             future = client.predict_long_async(
-                *space, "monte_carlo", 59.0, samples=5000, progress=lambda *_: begun.set()
+                *space, "monte_carlo", 59.0, samples=5000, progress=lambda *_, begun=begun: begun.set()
             )
             assert begun.wait(READY)
         with pytest.raises(NotActiveError, match="closed"):
