@@ -9,6 +9,15 @@ exclude_patterns = ["_build"]
 html_theme = "alabaster"
 html_theme_options = {"page_width": "1100px"}
 
+autodoc_mock_imports = [  # of the node's client; documents are made without ROS, too
+    "action_msgs",
+    "builtin_interfaces",
+    "diagnostic_msgs",
+    "geometry_msgs",
+    "rclpy",
+    "shape_msgs",
+    "unc_physics_msgs",
+]
 autodoc_typehints = "none"  # the docstrings say more: shapes, units, frames
 autodoc_member_order = "bysource"
 default_role = "literal"

@@ -29,6 +29,10 @@ def test_importing_the_package_loads_nothing_heavy():
     assert loaded_modules("import unc_physics") == []
 
 
+def test_the_client_of_the_node_waits_until_it_is_asked_for():
+    assert loaded_modules("import unc_physics.ros") == []
+
+
 @pytest.mark.parametrize("arguments", [["--help"], ["predict", "--help"], ["--version"]])
 def test_help_waits_for_nothing(arguments):
     code = f"""

@@ -196,7 +196,26 @@ class OutputError(UncPhysicsError):
     code = ErrorCode.OUTPUT_FAILED
 
 
+class NotActiveError(UncPhysicsError):
+    """A node that does not answer, or is not active."""
+
+    code = ErrorCode.NOT_ACTIVE
+
+
+class InternalError(UncPhysicsError):
+    """A fault of the node itself."""
+
+    code = ErrorCode.INTERNAL
+
+
 class DivergedError(UncPhysicsError):
     """The simulation left the range of numbers."""
 
     code = ErrorCode.DIVERGED
+
+
+def error_of(code: int, sentence: str) -> UncPhysicsError:
+    """The error that a code and its sentence stand for, as of a node's answer or a command's exit status."""
+    known = reversed(UncPhysicsError.__subclasses__())  # of several with one code, the first
+    kinds: dict[int, type[UncPhysicsError]] = {kind.code: kind for kind in known}
+    return kinds.get(code, InternalError)(sentence)

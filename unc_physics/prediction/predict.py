@@ -27,6 +27,7 @@ from ..scene.belief import Belief
 from ..scene.environment import element_names
 from ..scene.scene import Scene
 from ..scene.stiffness import with_stiffness
+from .computed import Computed
 from .islands import Islands
 from .prediction import Prediction
 
@@ -98,7 +99,7 @@ def predict(
     given, belief = belief, known(scene, belief)
     if propagator.traits.mean_update == "nominal" and scene.integrator == "implicit":
         belief = start_belief(scene, belief)  # a single rollout cannot begin in several ways
-    marks = _steps(scene, horizon, times)
+    marks = steps_of(scene, horizon, times)
     allowed = None if max_computation_time is None else positive(max_computation_time, "max_computation_time")
     in_one_go = allowed is None and progress is None
     piece = marks[-1] if in_one_go else 1
@@ -114,9 +115,8 @@ def predict(
         whole = runner.whole(carry) if in_islands else carry
         took = clock() - started
         states = tuple(kept) if keep_samples else None
-        return Prediction(
-            scene, propagator, tuple(reached), tuple(beliefs), whole, took, given, began, states
-        )
+        answers = Computed(whole, began)
+        return Prediction(scene, propagator, tuple(reached), tuple(beliefs), took, given, answers, states)
 
     def reach(carry):
         reached.append(done * scene.dt)
@@ -234,8 +234,8 @@ def _finite(belief, reached):
     return belief
 
 
-def _steps(scene, horizon, times):
-    """Numbers of steps after which a belief is wanted, ascending."""
+def steps_of(scene: Scene, horizon: float | None, times: Sequence[float] | None) -> list[int]:
+    """Numbers of steps after which a belief is wanted, ascending; the arguments are those of `predict`."""
     wanted = [] if times is None else list(times)
     if horizon is not None:
         wanted.append(horizon)

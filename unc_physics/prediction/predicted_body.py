@@ -170,8 +170,7 @@ class PredictedBody:
         A single Gaussian unless the propagator tells them apart.
         """
         self._only_at_the_horizon("modes")
-        prediction = self._prediction
-        return prediction.propagator.modes(prediction.carry, prediction.scene, self._body)
+        return self._prediction.answers.modes(self._prediction, self._body)
 
     def probability_in(self, region: BoxRegion, *, flights: int = FLIGHTS) -> RegionProbability:
         """How probable it is that the body's centre of mass lies in a region (`region_probabilities`)."""

@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from ..checks.errors import InvalidRequestError, LimitExceededError
 from ..checks.validation import integer
 from ..physics.contact_history import ContactHistory
 from ..propagators.base import Propagator
 from ..scene.belief import Belief
 from ..scene.scene import Scene
+from .answers import Answers
 
 if TYPE_CHECKING:
     from .predicted_body import PredictedBody, Trajectory
@@ -35,12 +34,12 @@ class Prediction:
     times : tuple of float
         Simulated time of each belief from the start [s], ascending; the last is the horizon.
     beliefs : tuple of Belief
-    carry : NamedTuple
-        The propagator's persistent state at the end.
     wall_time : float
         What the prediction took, the time to compile or load kernels left out [s].
     initial : Belief
         What was given.
+    answers : Answers
+        What tells everything else.
     kept : tuple of (n, B, 13) arrays, or None
         States at each of the times, of a propagator with samples of its own; None where none were to be kept.
     """
@@ -49,10 +48,9 @@ class Prediction:
     propagator: Propagator
     times: tuple[float, ...]
     beliefs: tuple[Belief, ...]
-    carry: Any
     wall_time: float
     initial: Belief
-    _began: Callable[[], Belief]
+    answers: Answers
     kept: tuple[np.ndarray, ...] | None = None
 
     @cached_property
@@ -62,9 +60,7 @@ class Prediction:
 
         Of points or samples it has the moments; where none was moved, it is what was given.
         """
-        start = self.contact_history.start
-        moved = start is not None and (start.moved.any() or any(body.at_rest for body in self.scene.bodies))
-        return self._began() if moved or self.scene.overlap == "reject" else self.initial
+        return self.answers.start(self)
 
     def __getitem__(self, name: str) -> PredictedBody:
         """The body of that name at the horizon, as `body` gives it."""
@@ -117,6 +113,11 @@ class Prediction:
         return self.times[-1]
 
     @property
+    def carry(self) -> Any:
+        """The propagator's persistent state at the end, a NamedTuple."""
+        return self.answers.carry
+
+    @property
     def contact_history(self) -> ContactHistory:
         """What the propagator's rollouts remember of their contacts."""
         return self.propagator.contact_history(self.carry)
@@ -149,15 +150,4 @@ class Prediction:
         """
         if count is not None:
             count = integer(count, "count", low=1)
-        own = self.propagator.own_samples(self.carry, self.scene)
-        if own is None:
-            if count is None:
-                raise InvalidRequestError(
-                    f"must be given: {self.propagator.name} has no samples of its own", field="count"
-                )
-            return self.belief.sample(count, np.random.default_rng(self.seed or 0))
-        if count is not None and count > len(own):
-            raise LimitExceededError(
-                f"must be at most the {len(own)} samples of the prediction", field="count", value=count
-            )
-        return own[:count].copy()
+        return self.answers.samples(self, count)

@@ -215,7 +215,12 @@ def assess(prediction: Prediction, *, rollouts: int = ROLLOUTS) -> tuple[BodySta
 def assess_all(prediction: Prediction, *, rollouts: int = ROLLOUTS) -> tuple[tuple[BodyStatus, ...], ...]:
     """As `assess`, at each of the prediction's times."""
     instance(prediction, Prediction, "prediction")
-    scene, initial, rollouts = prediction.scene, prediction.initial, integer(rollouts, "rollouts", low=0)
+    return prediction.answers.statuses(prediction, integer(rollouts, "rollouts", low=0))
+
+
+def judge(prediction: Prediction, rollouts: int) -> tuple[tuple[BodyStatus, ...], ...]:
+    """The statuses of a prediction that was made here."""
+    scene, initial = prediction.scene, prediction.initial
     meets = len(scene.bodies) + len(scene.environment) > 1 or scene.gyroscopic  # else flight is exact
     spreads = [None] * len(prediction.times)
     if prediction.propagator.compared_with_rollouts and meets and rollouts > 0:

@@ -108,12 +108,11 @@ def write_prediction(scene, models, times, beliefs, samples=None, wanted=MARGINA
 
 def write_modes(objects, prediction: Prediction) -> None:
     """Write into the last state of each PredictedObject the modes that it splits into."""
-    propagator, scene = prediction.propagator, prediction.scene
-    for b, (message, body) in enumerate(zip(objects, scene.bodies, strict=True)):
+    for b, (message, body) in enumerate(zip(objects, prediction.scene.bodies, strict=True)):
         origin = _writable(body.model.origin)
         message.states[-1].modes = [
             Mode(weight=mode.weight, pose=_pose(mode.mean, mode.covariance, origin))
-            for mode in propagator.modes(prediction.carry, scene, b)
+            for mode in prediction.answers.modes(prediction, b)
         ]
 
 

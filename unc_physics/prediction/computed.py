@@ -1,0 +1,84 @@
+"""Answers about a prediction that was made here, computed from what the propagator left."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..checks.errors import InvalidRequestError, LimitExceededError
+from ..propagators.base import Mode
+from ..scene.belief import Belief
+from .answers import Answers
+
+if TYPE_CHECKING:
+    from .prediction import Prediction
+    from .probabilities import BoxRegion, ContactProbability, RegionProbability, RestProbability
+    from .status import BodyStatus
+
+
+class Computed(Answers):
+    """Computes when asked; what for is imported then, as most predictions are asked little.
+
+    Parameters
+    ----------
+    carry : NamedTuple
+        The propagator's persistent state at the end.
+    began : callable
+        Gives the belief of the points or samples that it began with.
+    """
+
+    def __init__(self, carry: Any, began: Callable[[], Belief]):
+        self._carry, self._began = carry, began
+
+    @property
+    def carry(self) -> Any:
+        return self._carry
+
+    def start(self, prediction: Prediction) -> Belief:
+        scene, start = prediction.scene, prediction.contact_history.start
+        moved = start is not None and (start.moved.any() or any(body.at_rest for body in scene.bodies))
+        return self._began() if moved or scene.overlap == "reject" else prediction.initial
+
+    def samples(self, prediction: Prediction, count: int | None) -> np.ndarray:
+        propagator = prediction.propagator
+        own = propagator.own_samples(self.carry, prediction.scene)
+        if own is None:
+            if count is None:
+                raise InvalidRequestError(
+                    f"must be given: {propagator.name} has no samples of its own", field="count"
+                )
+            return prediction.belief.sample(count, np.random.default_rng(prediction.seed or 0))
+        if count is not None and count > len(own):
+            raise LimitExceededError(
+                f"must be at most the {len(own)} samples of the prediction", field="count", value=count
+            )
+        return own[:count].copy()
+
+    def modes(self, prediction: Prediction, body: int) -> tuple[Mode, ...]:
+        return prediction.propagator.modes(self.carry, prediction.scene, body)
+
+    def contacts(self, prediction: Prediction, flights: int) -> tuple[ContactProbability, ...]:
+        from .outcomes import share_of_contacts
+
+        return share_of_contacts(prediction, flights)
+
+    def regions(
+        self, prediction: Prediction, regions: Sequence[BoxRegion], flights: int
+    ) -> tuple[RegionProbability, ...]:
+        from .outcomes import share_inside
+
+        return share_inside(prediction, regions, flights)
+
+    def rest(
+        self, prediction: Prediction, speed: float, angular_speed: float, flights: int
+    ) -> tuple[RestProbability, ...]:
+        from .outcomes import share_at_rest
+
+        return share_at_rest(prediction, speed, angular_speed, flights)
+
+    def statuses(self, prediction: Prediction, rollouts: int) -> tuple[tuple[BodyStatus, ...], ...]:
+        from .status import judge
+
+        return judge(prediction, rollouts)

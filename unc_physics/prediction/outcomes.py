@@ -1,0 +1,202 @@
+"""What may happen in a prediction, as equally probable outcomes; shares of them answer questions.
+
+A propagator with samples of its own has them; for the others, samples fly up to their first contacts.
+"""
+
+from __future__ import annotations
+
+import math
+import weakref
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..physics.layout import ANGULAR_VELOCITY, POSITION, VELOCITY
+from ..scene.environment import element_names
+from .first_contacts import first_contacts
+from .prediction import Prediction
+from .probabilities import (
+    ENVIRONMENT,
+    TOLERANCE,
+    BoxRegion,
+    ContactProbability,
+    RegionProbability,
+    RestProbability,
+)
+
+#: Half width of the interval of a share, in standard deviations: one share in a thousand lies outside.
+CONFIDENCE = 3.29
+#: Contacts below which too little is known of when they begin.
+FEWEST_CONTACTS = 10
+
+#: Outcomes of predictions whose answers were asked for, by the number of flights.
+_known: weakref.WeakKeyDictionary = weakref.WeakKeyDictionary()
+
+
+def share_of_contacts(prediction: Prediction, flights: int) -> tuple[ContactProbability, ...]:
+    """As `probabilities.contact_probabilities`."""
+    outcomes = _outcomes(prediction, flights)
+    return tuple(
+        _contact((one, other, prediction.time), outcomes, *place)
+        for one, other, place in _encounters(prediction.scene)
+    )
+
+
+def share_inside(
+    prediction: Prediction, regions: Sequence[BoxRegion], flights: int
+) -> tuple[RegionProbability, ...]:
+    """As `probabilities.region_probabilities`."""
+    outcomes = _outcomes(prediction, flights)
+    scene, answers = prediction.scene, []
+    for region in regions:
+        for body in scene.moving:
+            inside = None if outcomes is None else region.contains(outcomes.states[:, body, POSITION])
+            answers.append(
+                RegionProbability(
+                    region.name, scene.bodies[body].name, prediction.time, *_of_body(inside, outcomes, body)
+                )
+            )
+    return tuple(answers)
+
+
+def share_at_rest(
+    prediction: Prediction, speed: float, angular_speed: float, flights: int
+) -> tuple[RestProbability, ...]:
+    """As `probabilities.rest_probabilities`."""
+    outcomes = _outcomes(prediction, flights)
+    scene, answers = prediction.scene, []
+    for body in scene.moving:
+        slow = None
+        if outcomes is not None:
+            slow = np.linalg.norm(outcomes.states[:, body, VELOCITY], axis=1) < speed
+            slow &= np.linalg.norm(outcomes.states[:, body, ANGULAR_VELOCITY], axis=1) < angular_speed
+        answers.append(
+            RestProbability(scene.bodies[body].name, prediction.time, *_of_body(slow, outcomes, body))
+        )
+    return tuple(answers)
+
+
+@dataclass(frozen=True, eq=False)
+class _Outcomes:
+    """Equally probable outcomes.
+
+    Attributes
+    ----------
+    states : (N, B, 13) array
+        At the horizon, or when the body stopped.
+    stopped : (N, B) array
+        Time from which on nothing is known of a body [s]; infinite for one that is known to the end.
+    first : (N, B, B + E) array
+        Time of the first contact of bodies i < j, or of body i and element j - B [s]; infinite without one.
+    certain : bool
+        Whether nothing else may happen, instead of these being draws.
+    """
+
+    states: np.ndarray
+    stopped: np.ndarray
+    first: np.ndarray
+    certain: bool = False
+
+
+def _outcomes(prediction, flights):
+    """What may happen, from a prediction's samples or from flights; None where there is nothing to tell it
+    from.
+    """
+    known = _known.setdefault(prediction, {})
+    if flights not in known:
+        known[flights] = _sampled(prediction) or _flown(prediction, flights)
+    return known[flights]
+
+
+def _sampled(prediction):
+    """The outcomes that a prediction holds: the propagator's samples, or the only one there is."""
+    scene = prediction.scene
+    certain = not (prediction.belief.covariance.any() or scene.uncertain)
+    first = prediction.contact_history.first_time
+    states = prediction.propagator.own_samples(prediction.carry, scene)
+    if states is not None:
+        certain = certain or (len(states) > 1 and bool((states == states[0]).all()))
+    elif certain:
+        states, first = prediction.belief.mean[None], first[:1]
+    else:
+        return None
+    return _Outcomes(states, np.full(states.shape[:2], np.inf), first, certain)
+
+
+def _flown(prediction, flights):
+    """Outcomes as far as first contacts decide them."""
+    scene = prediction.scene
+    if flights == 0 or scene.uncertain or prediction.propagator.own_sample_count is not None:
+        return None
+    steps = round(prediction.time / scene.dt)
+    return _Outcomes(*first_contacts(scene, prediction.initial, steps, flights))
+
+
+def _encounters(scene):
+    """Who may touch whom: their names, and (body, other body or None, columns) in the table of first
+    contacts.
+    """
+    names = [body.name for body in scene.bodies]
+    elements = element_names(scene.environment)
+    B, E = len(names), len(elements)
+    for i in range(B):
+        for j in range(i + 1, B):
+            if not (scene.bodies[i].fixed and scene.bodies[j].fixed):
+                yield names[i], names[j], (i, j, slice(j, j + 1))
+    for i in scene.moving:
+        for e in range(E):
+            yield names[i], elements[e], (i, None, slice(B + e, B + e + 1))
+        if E:
+            yield names[i], ENVIRONMENT, (i, None, slice(B, B + E))
+
+
+def _contact(names: tuple[str, str, float], outcomes, body, other, columns):
+    """The answer about one encounter."""
+    if outcomes is None:
+        return ContactProbability(*names)
+    first = outcomes.first[:, body, columns].min(axis=1)
+    known = outcomes.stopped[:, body]
+    if other is not None:
+        known = np.minimum(known, outcomes.stopped[:, other])
+    yes = np.isfinite(first) & (
+        first <= known
+    )  # later than that, it is contact with a body that is not there any more
+    share = _share(yes, np.isfinite(known) & ~yes, outcomes.certain)
+    if not share[0] or yes.sum() < min(FEWEST_CONTACTS, len(yes)):  # one outcome is enough if it is certain
+        return ContactProbability(*names, *share)
+    times = first[yes].astype(float)
+    return ContactProbability(*names, *share, True, float(times.mean()), float(times.std()))
+
+
+def _of_body(yes, outcomes, body):
+    """Whether a question about a body at the horizon, with these answers (N,) if it was known to the end, can
+    be answered.
+    """
+    if outcomes is None:
+        return False, 0.0, 0.0, 0.0
+    return _share(yes, np.isfinite(outcomes.stopped[:, body]), outcomes.certain)
+
+
+def _share(yes, unknown, certain):
+    """Availability, probability, and its lowest and highest value, from outcomes (N,) that say yes, and those
+    that leave it open, which count half.
+    """
+    count = len(yes)
+    low, high = np.count_nonzero(yes & ~unknown) / count, np.count_nonzero(yes | unknown) / count
+    probability = 0.5 * (low + high)
+    if not certain:
+        low, high = _interval(low, count)[0], _interval(high, count)[1]
+    if max(probability - low, high - probability) > TOLERANCE:
+        return False, 0.0, 0.0, 0.0
+    # round-off must not leave the probability outside
+    low, high = min(max(low, 0.0), probability), max(min(high, 1.0), probability)
+    return True, float(probability), float(low), float(high)
+
+
+def _interval(share, count):
+    """Lowest and highest probability that may have given a share of ``count`` draws (Wilson 1927)."""
+    square = CONFIDENCE**2 / count
+    middle = (share + 0.5 * square) / (1.0 + square)
+    half = CONFIDENCE * math.sqrt(share * (1.0 - share) / count + 0.25 * square / count) / (1.0 + square)
+    return middle - half, middle + half
