@@ -48,7 +48,9 @@ def main() -> None:
             scene, candidates, "monte_carlo", HORIZON, samples=SAMPLES, seed=1, regions=INSIDE
         )
     ends = {name: answer["salt_box"] for name, answer in answers.items()}
-    shares = {name: end.probability_in(INSIDE).probability for name, end in ends.items()}
+    shares = {
+        name: end.probability_in(INSIDE).probability or 0.0 for name, end in ends.items()
+    }  # 0 if unknown
     print(f"{'release pose':14}{'inside':>8}{f'centre after {HORIZON} s [m]':>28}{'std [m]':>24}")
     for name in sorted(ends, key=lambda name: -shares[name]):
         position, std = row(ends[name].position), row(ends[name].position_std)

@@ -146,9 +146,8 @@ def results(scene, belief, horizon, label):
     arrays["flags"] = np.array([int(status.flags) for status in statuses])
     touching = contact_probabilities(*([prediction] if whole else [scene, prediction, belief]))
     for k, answer in enumerate(touching):
-        arrays[f"contact {k}"] = np.array(
-            [answer.probability, answer.first_contact_time_mean, answer.first_contact_time_std]
-        )
+        told = answer.probability, answer.first_contact_time_mean, answer.first_contact_time_std
+        arrays[f"contact {k}"] = np.array([value or 0.0 for value in told])  # older trees say 0 for unknown
     return arrays
 
 

@@ -16,6 +16,7 @@ from unc_physics.checks.errors import DuplicateIdError, InvalidEnvironmentError
 from unc_physics.cli.predict_command import answers_as_table
 from unc_physics.prediction.probabilities import (
     TOLERANCE,
+    UNKNOWN,
     BoxRegion,
     ContactProbability,
     RestProbability,
@@ -66,7 +67,7 @@ def test_an_answer_comes_with_the_interval_of_its_draws():
     expected = binomtest(int(touch.sum()), len(touch)).proportion_ci(0.999, "wilson")
     assert (answer.low, answer.high) == pytest.approx((expected.low, expected.high), abs=1e-4)
     for unknown in contact_probabilities(predict(*grazing(0.7)[:2], monte_carlo(10), 2.0)):
-        assert (unknown.available, unknown.low, unknown.high) == (False, 0.0, 0.0)
+        assert (unknown.available, unknown.probability, unknown.low, unknown.high) == UNKNOWN
 
 
 def test_few_samples_tell_only_what_is_clear():

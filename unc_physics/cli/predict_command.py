@@ -124,7 +124,7 @@ def run(arguments) -> int:
         found = (
             {}
             if answers is None
-            else {key: [_answer(answer) for answer in own] for key, own in answers.items()}
+            else {key: [asdict(answer) for answer in own] for key, own in answers.items()}
         )
         result = as_dict(prediction, seed, _samples(prediction, arguments.samples_out))
         print(json.dumps(result | {"statuses": _statuses(statuses)} | found, allow_nan=False))
@@ -164,16 +164,6 @@ def _statuses(statuses):
         }
         for status in statuses
     ]
-
-
-def _answer(answer):
-    """A probability as plain Python values; what is not available is None."""
-    found = asdict(answer)
-    if not answer.available:
-        found["probability"] = found["low"] = found["high"] = None
-    if not found.get("first_contact_time_available", True):
-        found["first_contact_time_mean"] = found["first_contact_time_std"] = None
-    return found
 
 
 def statuses_as_text(statuses) -> str:

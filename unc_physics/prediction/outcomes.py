@@ -19,6 +19,7 @@ from .prediction import Prediction
 from .probabilities import (
     ENVIRONMENT,
     TOLERANCE,
+    UNKNOWN,
     BoxRegion,
     ContactProbability,
     RegionProbability,
@@ -174,7 +175,7 @@ def _of_body(yes, outcomes, body):
     be answered.
     """
     if outcomes is None:
-        return False, 0.0, 0.0, 0.0
+        return UNKNOWN
     return _share(yes, np.isfinite(outcomes.stopped[:, body]), outcomes.certain)
 
 
@@ -188,7 +189,7 @@ def _share(yes, unknown, certain):
     if not certain:
         low, high = _interval(low, count)[0], _interval(high, count)[1]
     if max(probability - low, high - probability) > TOLERANCE:
-        return False, 0.0, 0.0, 0.0
+        return UNKNOWN
     # round-off must not leave the probability outside
     low, high = min(max(low, 0.0), probability), max(min(high, 1.0), probability)
     return True, float(probability), float(low), float(high)

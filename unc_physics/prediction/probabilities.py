@@ -25,6 +25,8 @@ from .prediction import Prediction
 
 #: What an answer is called with that is about any element of the environment.
 ENVIRONMENT = "environment"
+#: Whether a probability is available, itself, its lowest and highest value: where it cannot be told.
+UNKNOWN = (False, None, None, None)
 #: How far an available probability may be from the truth.
 TOLERANCE = 0.1
 #: Flights of a propagator without samples.
@@ -89,14 +91,14 @@ class ContactProbability:
         The contact happens between the start and this time [s].
     available : bool
         Whether the propagator can give the probability well enough.
-    probability : float
-        0 where it is not available.
-    low, high : float
-        An interval that holds the truth but in one of a thousand answers; 0 where it is not available.
+    probability : float or None
+        None where it is not available.
+    low, high : float or None
+        An interval that holds the truth but in one of a thousand answers; None where it is not available.
     first_contact_time_available : bool
-    first_contact_time_mean, first_contact_time_std : float
+    first_contact_time_mean, first_contact_time_std : float or None
         Time of the first contact from the start, given that there is one: mean and standard deviation [s].
-        Told by the step, so up to one ``dt`` late. 0 where it is not available, as where a contact is too
+        Told by the step, so up to one ``dt`` late. None where it is not available, as where a contact is too
         improbable.
     """
 
@@ -104,12 +106,12 @@ class ContactProbability:
     object_b: str
     time_from_start: float
     available: bool = False
-    probability: float = 0.0
-    low: float = 0.0
-    high: float = 0.0
+    probability: float | None = None
+    low: float | None = None
+    high: float | None = None
     first_contact_time_available: bool = False
-    first_contact_time_mean: float = 0.0
-    first_contact_time_std: float = 0.0
+    first_contact_time_mean: float | None = None
+    first_contact_time_std: float | None = None
 
 
 @dataclass(frozen=True)
@@ -124,19 +126,19 @@ class RegionProbability:
         The horizon [s].
     available : bool
         Whether the propagator can give the probability well enough.
-    probability : float
-        0 where it is not available.
-    low, high : float
-        An interval that holds the truth but in one of a thousand answers; 0 where it is not available.
+    probability : float or None
+        None where it is not available.
+    low, high : float or None
+        An interval that holds the truth but in one of a thousand answers; None where it is not available.
     """
 
     region: str
     object: str
     time_from_start: float
     available: bool = False
-    probability: float = 0.0
-    low: float = 0.0
-    high: float = 0.0
+    probability: float | None = None
+    low: float | None = None
+    high: float | None = None
 
 
 @dataclass(frozen=True)
@@ -151,18 +153,18 @@ class RestProbability:
         The horizon [s].
     available : bool
         Whether the propagator can give the probability well enough.
-    probability : float
-        0 where it is not available.
-    low, high : float
-        An interval that holds the truth but in one of a thousand answers; 0 where it is not available.
+    probability : float or None
+        None where it is not available.
+    low, high : float or None
+        An interval that holds the truth but in one of a thousand answers; None where it is not available.
     """
 
     object: str
     time_from_start: float
     available: bool = False
-    probability: float = 0.0
-    low: float = 0.0
-    high: float = 0.0
+    probability: float | None = None
+    low: float | None = None
+    high: float | None = None
 
 
 def contact_probabilities(

@@ -34,6 +34,7 @@ from ..prediction.prediction import Prediction
 from ..prediction.probabilities import (
     REST_ANGULAR_SPEED,
     REST_SPEED,
+    UNKNOWN,
     BoxRegion,
     ContactProbability,
     RegionProbability,
@@ -176,9 +177,7 @@ class Told(Answers):
                 told.object_b,
                 prediction.time,
                 *_probability(told.probability),
-                told.first_contact_time_available,
-                seconds(told.first_contact_time_mean),
-                seconds(told.first_contact_time_std),
+                *_first_contact(told),
             )
             for told in self._message.contact_probabilities
         )
@@ -244,8 +243,16 @@ def _same_region(one, other):
     )
 
 
+def _first_contact(told):
+    if not told.first_contact_time_available:
+        return UNKNOWN[:3]
+    return True, seconds(told.first_contact_time_mean), seconds(told.first_contact_time_std)
+
+
 def _probability(told: Probability):
-    return told.available, told.probability, told.low, told.high
+    if not told.available:
+        return UNKNOWN
+    return True, told.probability, told.low, told.high
 
 
 def _belief(message, scene, k):

@@ -51,8 +51,8 @@ def write_probabilities(message, prediction, regions, wanted, flies) -> None:
             time_from_start=time,
             probability=_probability(answer),
             first_contact_time_available=bool(answer.first_contact_time_available),
-            first_contact_time_mean=duration(answer.first_contact_time_mean),
-            first_contact_time_std=duration(answer.first_contact_time_std),
+            first_contact_time_mean=duration(answer.first_contact_time_mean or 0.0),
+            first_contact_time_std=duration(answer.first_contact_time_std or 0.0),
         )
         for answer in contact_probabilities(prediction, flights=flights)
     ]
@@ -66,7 +66,7 @@ def _probability(answer):
     """The message of a probability and its interval."""
     return Probability(
         available=bool(answer.available),
-        probability=float(answer.probability),
-        low=float(answer.low),
-        high=float(answer.high),
+        probability=float(answer.probability or 0.0),
+        low=float(answer.low or 0.0),
+        high=float(answer.high or 0.0),
     )

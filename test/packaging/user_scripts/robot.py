@@ -84,7 +84,7 @@ def drop() -> Prediction:
 
     for touch in contact_probabilities(prediction):
         assert_type(touch, ContactProbability)
-        assert_type(touch.probability, float)
+        assert_type(touch.probability, float | None)
     region = BoxRegion("bin", size=(0.4, 0.3, 0.2), position=(0, 0, 0.1))
     assert_type(region_probabilities(prediction, [region]), tuple[RegionProbability, ...])
     assert_type(rest_probabilities(prediction), tuple[RestProbability, ...])
@@ -103,8 +103,8 @@ def print_body(prediction: Prediction, body: PredictedBody) -> None:
     assert_type(body.samples(10), np.ndarray)
     assert_type(body.modes, tuple[Mode, ...])
     assert_type(body.modes[0].weight, float)
-    assert_type(body.contact_with("floor").first_contact_time_mean, float)
-    assert_type(body.probability_in(BoxRegion("bin", size=(0.4, 0.3, 0.2))).probability, float)
+    assert_type(body.contact_with("floor").first_contact_time_mean, float | None)
+    assert_type(body.probability_in(BoxRegion("bin", size=(0.4, 0.3, 0.2))).probability, float | None)
     assert_type(body.rest_probability(), RestProbability)
     assert_type(body.status(rollouts=0), BodyStatus)
     assert_type(prediction.bodies, tuple[PredictedBody, ...])
