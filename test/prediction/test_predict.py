@@ -221,7 +221,7 @@ def test_a_simulation_that_diverges_says_so(scene_and_belief):
 def test_a_belief_for_other_bodies_is_refused(scene_and_belief, loaded):
     scene, belief = scene_and_belief
     three = loaded("three_bodies").scene
-    with pytest.raises(InvalidRequestError, match="3 bodies, not 2"):
+    with pytest.raises(InvalidRequestError, match="as many bodies as the scene has, 3, not 2"):
         predict(three, belief, horizon=1.0)
     with pytest.raises(InvalidRequestError, match="moving"):
         predict(scene, Belief(belief.mean, belief.blocks[:1], [0]), horizon=1.0)

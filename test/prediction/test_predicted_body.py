@@ -132,7 +132,7 @@ def test_answers_are_those_of_the_whole_prediction():
     "ask, words",
     [
         (lambda p: p["mgu"], "is no body of the scene; did you mean 'mug'"),
-        (lambda p: p["x"], "there is mug, post"),
+        (lambda p: p["x"], "there are mug, post"),
         (lambda p: list(p), r"must be the name of a body; prediction.bodies has them all \(got 0\)"),
         (
             lambda p: p.body("mug", time=0.05),
