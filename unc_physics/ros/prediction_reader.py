@@ -44,8 +44,9 @@ from ..prediction.status import BodyStatus, Status
 from ..propagators.base import Mode
 from ..scene.belief import Belief
 from ..scene.parameters import moved_along
+from .arrays import block_diagonal, xyz, xyzw
 from .durations import seconds
-from .request_writer import Question, block_diagonal
+from .request_writer import Question
 
 _SAME = 1e-9  # a start that differs by less from what was given, in m, rad and their squares, is that
 
@@ -128,8 +129,8 @@ class Told(Answers):
             origin = np.array(scene.bodies[b].model.origin)
             state = np.array(given.mean[b])
             pose = told.start.pose
-            state[QUATERNION] = _xyzw(pose.orientation)
-            state[POSITION] = _xyz(pose.position)
+            state[QUATERNION] = xyzw(pose.orientation)
+            state[POSITION] = xyz(pose.position)
             state[POSITION] = moved(state, origin, -1.0)[POSITION]
             mean[b] = state
         for row, b in enumerate(scene.moving.tolist()):
@@ -277,8 +278,8 @@ def _mean(message: PredictedState, origin):
     """State (13,) at the centre of mass."""
     pose, twist = message.pose.pose, message.twist.twist
     state = np.empty(STATE)
-    state[POSITION], state[QUATERNION] = _xyz(pose.position), _xyzw(pose.orientation)
-    state[VELOCITY], state[ANGULAR_VELOCITY] = _xyz(twist.linear), _xyz(twist.angular)
+    state[POSITION], state[QUATERNION] = xyz(pose.position), xyzw(pose.orientation)
+    state[VELOCITY], state[ANGULAR_VELOCITY] = xyz(twist.linear), xyz(twist.angular)
     return moved(state, origin, -1.0)
 
 
@@ -286,7 +287,7 @@ def _mode(message, origin):
     """One of several modes, NaN where the message does not tell."""
     pose = message.pose.pose
     state, C = np.zeros(STATE), np.full((ERROR, ERROR), math.nan)
-    state[POSITION], state[QUATERNION] = _xyz(pose.position), _xyzw(pose.orientation)
+    state[POSITION], state[QUATERNION] = xyz(pose.position), xyzw(pose.orientation)
     state = moved(state, origin, -1.0)
     told = covariance_at_com(
         np.array(message.pose.covariance).reshape(6, 6), np.zeros((6, 6)), state, np.array(origin)
@@ -307,14 +308,6 @@ def _samples(objects, scene, k):
         if scene.bodies[b].fixed:
             states[:, b] = 0.0
         for row, pose in zip(states[:, b], told.states[k].pose_samples, strict=True):
-            row[POSITION], row[QUATERNION] = _xyz(pose.position), _xyzw(pose.orientation)
+            row[POSITION], row[QUATERNION] = xyz(pose.position), xyzw(pose.orientation)
     origins = np.array([body.model.origin for body in scene.bodies])
     return moved_along(states, np.broadcast_to(-origins, (len(states), *origins.shape)))
-
-
-def _xyz(v):
-    return v.x, v.y, v.z
-
-
-def _xyzw(q):
-    return q.x, q.y, q.z, q.w

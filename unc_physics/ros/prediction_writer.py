@@ -6,7 +6,6 @@ with rotations about the fixed axes of the frame (`physics.origin`).
 
 from __future__ import annotations
 
-from array import array as packed_array
 from typing import NamedTuple
 
 import numpy as np
@@ -19,6 +18,7 @@ from ..physics.layout import ANGULAR_VELOCITY, ERROR, POSITION, QUATERNION, VELO
 from ..physics.origin import at_origin, congruent, error_map
 from ..physics.rotation import rotation_matrix
 from ..prediction.prediction import Prediction
+from .arrays import block_diagonal, packed, writable
 from .durations import duration
 
 
@@ -82,16 +82,16 @@ def write_prediction(scene, models, times, beliefs, samples=None, wanted=MARGINA
         for body, model in zip(scene.bodies, models, strict=True)
     ]
     joints, states = [], [[] for _ in objects]
-    origins = [_writable(body.model.origin) for body in scene.bodies]
+    origins = [writable(body.model.origin) for body in scene.bodies]
     known = {b: row for row, b in enumerate(scene.moving.tolist())}
     certain = np.zeros((ERROR, ERROR))
     for k, (time, belief) in enumerate(zip(times, beliefs, strict=True)):
-        means, blocks, since = _writable(belief.mean), _writable(belief.blocks), duration(time)
+        means, blocks, since = writable(belief.mean), writable(belief.blocks), duration(time)
         for b in range(len(objects)):
             state = PredictedState(time_from_start=since, status=PredictedObject.STATUS_NOT_ASSESSED)
             P = _write_state(state, means[b], blocks[known[b]] if b in known else certain, origins[b])
             if wanted.covariance:
-                state.covariance = packed_array("d", P.tobytes())
+                state.covariance = packed(P)
             if samples is not None:
                 state.pose_samples = origin_poses(samples[k][:, b], origins[b])
             states[b].append(state)
@@ -109,7 +109,7 @@ def write_prediction(scene, models, times, beliefs, samples=None, wanted=MARGINA
 def write_modes(objects, prediction: Prediction) -> None:
     """Write into the last state of each PredictedObject the modes that it splits into."""
     for b, (message, body) in enumerate(zip(objects, prediction.scene.bodies, strict=True)):
-        origin = _writable(body.model.origin)
+        origin = writable(body.model.origin)
         message.states[-1].modes = [
             Mode(weight=mode.weight, pose=_pose(mode.mean, mode.covariance, origin))
             for mode in prediction.answers.modes(prediction, b)
@@ -119,24 +119,20 @@ def write_modes(objects, prediction: Prediction) -> None:
 def write_start(objects, scene, belief) -> None:
     """Write into each PredictedObject where the prediction really began: ``belief`` is that at time 0."""
     for k, (message, body) in enumerate(zip(objects, scene.bodies, strict=True)):
-        message.start = _pose(belief.mean[k], belief.marginal(k), _writable(body.model.origin))
+        message.start = _pose(belief.mean[k], belief.marginal(k), writable(body.model.origin))
 
 
 def _pose(mean, P, origin):
     """PoseWithCovariance of a model's origin, from a body's mean (13,) and covariance (12, 12)."""
     state = PredictedState()
-    _write_state(state, _writable(mean), _writable(P), origin)
+    _write_state(state, writable(mean), writable(P), origin)
     return state.pose
 
 
 def _joint_covariance(scene, time, belief, maps):
-    A = np.zeros((len(scene.moving), ERROR, len(scene.moving), ERROR))
-    for k, b in enumerate(scene.moving):
-        A[k, :, k, :] = maps[b]
-    A = A.reshape(belief.joint.shape)
-    data = packed_array("d", congruent(A, _writable(belief.joint)).tobytes())
+    C = congruent(block_diagonal([maps[b] for b in scene.moving]), writable(belief.joint))
     ids = [scene.bodies[b].name for b in scene.moving]
-    return JointCovariance(time_from_start=duration(time), object_ids=ids, data=data)
+    return JointCovariance(time_from_start=duration(time), object_ids=ids, data=packed(C))
 
 
 def _write_state(message, mean, P, origin):
@@ -166,8 +162,3 @@ def origin_poses(states, origin) -> list[Pose]:
         qx, qy, qz, qw = state[QUATERNION].tolist()
         poses.append(Pose(position=Point(x=x, y=y, z=z), orientation=Quaternion(x=qx, y=qy, z=qz, w=qw)))
     return poses
-
-
-def _writable(a):
-    """A copy: read-only arrays would compile every kernel once more."""
-    return np.array(a)

@@ -6,8 +6,7 @@ What the node reads from it (`scene_reader`) is that scene and that belief again
 from __future__ import annotations
 
 import math
-from array import array as packed_array
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -29,7 +28,7 @@ from unc_physics_msgs.msg import Scene as SceneMessage
 
 from ..checks.errors import InvalidModelError, NotSupportedError
 from ..geometry.packing_file import ROUND_OFF, SpherePacking
-from ..physics.layout import ANGULAR_VELOCITY, ERROR, POSITION, QUATERNION, VELOCITY
+from ..physics.layout import ANGULAR_VELOCITY, POSITION, QUATERNION, VELOCITY
 from ..physics.origin import at_origin, congruent, error_map
 from ..prediction.probabilities import BoxRegion
 from ..propagators.base import Propagator
@@ -39,6 +38,7 @@ from ..scene.environment import Box, Cylinder, Element, Plane, Sphere, element_n
 from ..scene.materials import Surface
 from ..scene.physics_keys import PHYSICS_KEYS
 from ..scene.scene import Scene
+from .arrays import block_diagonal, packed
 from .durations import duration
 from .physics_message import physics_message
 from .surroundings import MATERIAL_FIELDS
@@ -212,20 +212,6 @@ def scale_of(packing: SpherePacking, info: ModelInfo, field: str) -> float:
             value=packing.name,
         )
     return float(scale)
-
-
-def block_diagonal(blocks: Sequence[np.ndarray]) -> np.ndarray:
-    """(12 M, 12 M) from M blocks (12, 12)."""
-    count = len(blocks)
-    whole = np.zeros((count, ERROR, count, ERROR))
-    for k, block in enumerate(blocks):
-        whole[k, :, k, :] = block
-    return whole.reshape(count * ERROR, count * ERROR)
-
-
-def packed(numbers) -> packed_array:
-    """Numbers for a field of any length, which takes no NumPy array."""
-    return packed_array("d", np.ascontiguousarray(numbers, float).tobytes())
 
 
 def _element(element: Element, name: str, field: str) -> EnvironmentElement:

@@ -34,6 +34,7 @@ from ..scene.body import RigidBody, known_mass
 from ..scene.physics_keys import PHYSICS_KEYS
 from ..scene.scene import Scene
 from ..scene.scene_file import at_field, with_chosen_stiffness
+from .arrays import block_diagonal, writable, xyz, xyzw
 from .not_served import refuse_not_served
 from .optional import optional
 from .physics_message import physics_field
@@ -242,7 +243,7 @@ def _body(message, field, library, doubts, max_spheres):
     stds = _EXACT if fixed else _stds(message, field, mass)
     material = read_material(message.material, f"{field}.material")
     body = message.id, model, mass, fixed, *stds, bool(message.at_rest), material
-    at_origin, origin = _state(message, field, fixed), _writable(model.origin)
+    at_origin, origin = _state(message, field, fixed), writable(model.origin)
     state = moved(at_origin, origin, -1.0)
     if fixed:
         return body, state, np.zeros((ERROR, ERROR)), False
@@ -309,10 +310,8 @@ def _joint_covariance(message, scene, mean, known):
         if name in fixed:
             raise InvalidCovarianceError("is fixed", field=f"{place}.object_ids[{k}]", value=name)
     rows = np.concatenate(rows) if rows else np.zeros(0, int)
-    A = np.zeros((len(moving), ERROR, len(moving), ERROR))
-    for k, b in enumerate(moving):
-        A[k, :, k, :] = inverse_error_map(mean[b], _writable(scene.bodies[b].model.origin))
-    P = congruent(A.reshape(len(rows), len(rows)), np.ascontiguousarray(C[np.ix_(rows, rows)]))
+    maps = [inverse_error_map(mean[b], writable(scene.bodies[b].model.origin)) for b in moving]
+    P = congruent(block_diagonal(maps), np.ascontiguousarray(C[np.ix_(rows, rows)]))
     if not np.isfinite(P).all():
         raise NotFiniteError("is too large to be moved to the centres of mass", field=f"{place}.data")
     return P
@@ -321,8 +320,8 @@ def _joint_covariance(message, scene, mean, known):
 def _state(message, field, fixed):
     """State (13,) at the model's origin; a fixed object is at rest."""
     pose, twist = message.pose.pose, message.twist.twist
-    position, q = _xyz(pose.position), _xyzw(pose.orientation)
-    v, w = (_AT_REST, _AT_REST) if fixed else (_xyz(twist.linear), _xyz(twist.angular))
+    position, q = xyz(pose.position), xyzw(pose.orientation)
+    v, w = (_AT_REST, _AT_REST) if fixed else (xyz(twist.linear), xyz(twist.angular))
     try:
         length, fine = math.hypot(*q), math.isfinite(sum((*position, *v, *w)))
     except TypeError:
@@ -344,11 +343,6 @@ def _state(message, field, fixed):
     state = np.empty(STATE)
     state[POSITION], state[VELOCITY], state[QUATERNION], state[ANGULAR_VELOCITY] = position, v, q, w
     return state
-
-
-def _writable(a):
-    """A copy: read-only arrays would compile every kernel once more."""
-    return np.array(a)
 
 
 def _stds(message, field, mass):
@@ -388,12 +382,4 @@ def _checked(entries, field):
     P = array(flat.reshape(size, size), (size, size), field, InvalidCovarianceError)
     if size < ERROR and P[0, 0] == UNKNOWN:
         return None
-    return _writable(covariance(P, size, field))
-
-
-def _xyz(v):
-    return v.x, v.y, v.z
-
-
-def _xyzw(q):
-    return q.x, q.y, q.z, q.w
+    return writable(covariance(P, size, field))
