@@ -24,6 +24,7 @@ from ..physics.layout import (
 from ..physics.origin import at_origin
 from ..physics.rotation import rotation_matrix
 from ..propagators.base import Mode
+from ..scene.parameters import moved_along
 from .prediction import Origin, Prediction
 from .probabilities import (
     FLIGHTS,
@@ -156,12 +157,10 @@ class PredictedBody:
     def samples(self, count: int | None = None) -> np.ndarray:
         """(count, 13): states ``[p, v, q, omega]`` of the body, drawn as `Prediction.samples` draws them."""
         self._only_at_the_horizon("samples")
-        states = self._prediction.samples(count)[:, self._body].copy()
+        states = self._prediction.samples(count)[:, [self._body]]
         if self.origin == "model":
-            arm = _rotated(states[:, QUATERNION], self._model_origin())
-            states[:, POSITION] += arm
-            states[:, VELOCITY] += np.cross(states[:, ANGULAR_VELOCITY], arm)
-        return states
+            states = moved_along(states, self._model_origin()[None, None])
+        return states[:, 0]
 
     @property
     def modes(self) -> tuple[Mode, ...]:
@@ -315,10 +314,3 @@ def _index(time, prediction):
             value=time,
         )
     return k
-
-
-def _rotated(q, vector):
-    """(N, 3): a vector (3,) turned by each of the quaternions (N, 4)."""
-    u, w = q[:, :3], q[:, 3:]
-    twice = 2.0 * np.cross(u, vector)
-    return vector + w * twice + np.cross(u, twice)
