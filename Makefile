@@ -3,6 +3,7 @@
 # make lint   what needs no run: likely mistakes and layout by ruff, types by pyright
 # make venv   what all need: .venv with the pinned dependencies, the interfaces and this package, editable
 # make check-all   lint and test, then what takes hours: thousands of random examples of each kind, and soak
+# make pictures   the docs' pictures whose sources changed; hours, where experiments of the evaluation are among them
 # make docs   the reference of the Python interface and all pages, in docs/_build/index.html
 # make soak   random and malformed requests to the node for ten minutes, and its memory
 # make clean  remove .venv and what builds leave behind
@@ -32,7 +33,7 @@ else ifneq ($(shell $(VENV_PYTHON) -c 'import pip; print("works")' 2>/dev/null),
 $(MADE)/python: FORCE
 endif
 
-.PHONY: help venv demo lint test check-all docs soak clean FORCE
+.PHONY: help venv demo lint test check-all pictures docs soak clean FORCE
 
 help:
 	@sed -n 's/^# \?//; /^$$/q; p' Makefile
@@ -61,8 +62,14 @@ test:
 check-all:
 	@$(MAKE) -s --no-print-directory lint
 	@$(MAKE) -s --no-print-directory test
-	@$(VENV_PYTHON) -m pytest test/physics test/geometry test/propagators --hypothesis-profile=thousands
+	@$(VENV_PYTHON) -m pytest test/checks test/physics test/geometry test/propagators --hypothesis-profile=thousands
+	@$(VENV_PYTHON) -m pytest test/cli/test_anything.py test/cli/test_bad_input.py test/ros/test_any_request.py \
+	    --hypothesis-profile=thousands
 	@$(MAKE) -s --no-print-directory soak
+
+pictures:
+	@$(MAKE_STEPS) $(MADE)/evaluation
+	@$(VENV_PYTHON) docs/pictures.py
 
 docs:
 	@$(MAKE_STEPS) $(MADE)/docs

@@ -47,6 +47,7 @@ setup(
     ],
     install_requires=["numba>=0.60", "numpy>=1.26", "pyyaml>=6", "tqdm>=4.60"],
     extras_require={
+        "calibration": ["matplotlib>=3.7", "scipy>=1.14"],
         "geometry": GEOMETRY,
         "test": [
             *GEOMETRY,

@@ -4,6 +4,7 @@ import copy
 
 import numpy as np
 import pytest
+from hypothesis import settings
 
 from unc_physics import load_scene  # noqa: F401  (fails early, with a clear traceback, where the package is broken)
 from unc_physics.scene.scene_file import scene_from_dict
@@ -51,6 +52,11 @@ FLOOR = {
     "orientation": [0.6, 0.0, 0.0, 0.8],
     "fixed": True,
 }
+
+
+def examples(count):
+    """So many random examples in the gate, and more where more are asked for (``--hypothesis-profile``)."""
+    return count * settings().max_examples // settings.get_profile("tests").max_examples
 
 
 def two_bodies():

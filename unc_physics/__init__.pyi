@@ -1,5 +1,10 @@
 # The public interface: `__init__.py` imports from here what is asked for, type checkers read it as it stands.
 
+from .calibration.calibrate import Calibration as Calibration
+from .calibration.calibrate import Fitted as Fitted
+from .calibration.calibrate import calibrate as calibrate
+from .calibration.motions import Motion as Motion
+from .calibration.motions import read_motions as read_motions
 from .checks.errors import ErrorCode as ErrorCode
 from .checks.errors import UncPhysicsError as UncPhysicsError
 from .geometry.library import list_models as list_models
@@ -8,6 +13,7 @@ from .geometry.packing import pack_solid as pack_solid
 from .geometry.packing_file import SpherePacking as SpherePacking
 from .geometry.packing_file import load_packing as load_packing
 from .geometry.packing_file import save_packing as save_packing
+from .geometry.rounded_box import rounded_box as rounded_box
 from .geometry.solid_mesh import SolidMesh as SolidMesh
 from .geometry.solid_mesh import load_solid as load_solid
 from .prediction.predict import predict as predict

@@ -2,55 +2,58 @@
 
 from __future__ import annotations
 
-import argparse
+import os
 import sys
+import warnings
 
-from . import __version__
-from .checks.errors import UncPhysicsError
-from .cli.geometry_commands import add_models_command, add_pack_command, add_show_command
-from .cli.plugins import add_plugin_commands
-from .cli.predict_command import add_predict_command
-from .cli.propagators_command import add_propagators_command
-from .cli.schema_command import add_schema_command
+from .cli.interrupts import dying_at_interrupt
 
-
-class OneSentenceParser(argparse.ArgumentParser):
-    """A parser that says what is wrong with the arguments in one sentence, without repeating the usage."""
-
-    def error(self, message):
-        self.exit(2, f"{self.prog}: {message}; see {self.prog} --help\n")
-
-
-def build_parser() -> argparse.ArgumentParser:
-    """The parser of all commands."""
-    parser = OneSentenceParser(
-        prog="unc_physics",
-        description="Predict where rigid objects will be, and how surely.",
-        epilog="Bad input ends with one sentence on standard error and an exit status that tells its kind "
-        "(unc_physics.ErrorCode).",
-    )
-    parser.add_argument("--version", action="version", version=f"unc_physics {__version__}")
-    commands = parser.add_subparsers(metavar="COMMAND", required=True)
-    add_predict_command(commands)
-    add_propagators_command(commands)
-    add_schema_command(commands)
-    add_pack_command(commands)
-    add_models_command(commands)
-    add_show_command(commands)
-    add_plugin_commands(commands)
-    return parser
+INTERRUPTED, PIPE_CLOSED = 130, 141  # what a shell tells of a process that SIGINT or SIGPIPE ended
 
 
 def main(arguments=None) -> int:
     """Run the command line; returns the exit status."""
-    options = build_parser().parse_args(arguments)
+    with dying_at_interrupt():
+        from .checks.errors import OutputError, UncPhysicsError
+        from .cli.parser import build_parser
+
+        options = build_parser().parse_args(arguments)
+    with warnings.catch_warnings():
+        warnings.showwarning = _show_warning
+        try:
+            try:
+                status = options.run(options) or 0
+                sys.stdout.flush()
+                return status
+            except BrokenPipeError:  # whoever read the output has seen enough
+                _drop_output()
+                return PIPE_CLOSED
+            except OSError as error:
+                _drop_output()
+                raise OutputError(
+                    f"cannot be written: {error.strerror or error}", field=error.filename or "standard output"
+                ) from error
+        except UncPhysicsError as error:
+            print(f"unc_physics: {error}", file=sys.stderr)
+            return int(error.code)
+        except KeyboardInterrupt:
+            return INTERRUPTED
+
+
+def _show_warning(message, category, filename, lineno, file=None, line=None):
+    """A warning in one sentence, without the place in the sources."""
+    from .checks.shown import printable
+
+    text = " ".join(str(message).split())
+    print(f"unc_physics: warning: {printable(text)}", file=file or sys.stderr)
+
+
+def _drop_output():
+    """Let what is still to be written go nowhere, so that the interpreter's end does not try it again."""
     try:
-        return options.run(options) or 0
-    except UncPhysicsError as error:
-        print(f"unc_physics: {error}", file=sys.stderr)
-        return int(error.code)
-    except KeyboardInterrupt:
-        return 130
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    except (OSError, ValueError):  # it is no real file
+        pass
 
 
 if __name__ == "__main__":

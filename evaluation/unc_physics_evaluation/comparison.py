@@ -68,7 +68,7 @@ def error_rows(
     job: Job,
     truth: Samples,
     second: Samples,
-    beliefs: Mapping[str, Belief],
+    predictions: Mapping[tuple[str, int | None], Belief | np.ndarray],
     counts: Sequence[int],
     subset: int,
 ) -> list[Row]:
@@ -80,8 +80,8 @@ def error_rows(
         Gives the measure and the seeds.
     truth, second : Samples
         Two independent ones.
-    beliefs : mapping of str to Belief
-        Predicted, by the method's name.
+    predictions : mapping of (str, int or None) to Belief or (n, B, 13) array
+        By the method's name and number of rollouts: a belief is drawn from; samples are taken as they are.
     counts : sequence of int
         Numbers of samples of Monte Carlo; they are taken from ``second``.
     subset : int
@@ -103,9 +103,12 @@ def error_rows(
 
     for k in range(len(truths)):
         compare(FLOOR, seconds[k], k, seed=second.seed)
-        for method, belief in {GAUSSIAN: truth.belief, **beliefs}.items():
+        for (method, runs), predicted in {(GAUSSIAN, None): truth.belief, **predictions}.items():
             seed = job.seed(f"draws {method} {k}")
-            compare(method, belief.sample(subset, np.random.default_rng(seed)), k, seed=seed)
+            states = predicted
+            if isinstance(predicted, Belief):
+                states = predicted.sample(subset, np.random.default_rng(seed))
+            compare(method, states, k, runs, seed=seed)
     pool = second.states
     for count in counts:
         for k in range(min(REPLICATES, len(pool) // count)):
@@ -113,11 +116,14 @@ def error_rows(
     return rows
 
 
-def predicted_beliefs(scene, belief, horizon, job: Job) -> dict[str, Belief]:
-    """Every method's prediction."""
-    return {
-        name: predict(scene, belief, propagator, horizon).belief for name, propagator in methods(job).items()
-    }
+def predicted(scene, belief, horizon, job: Job) -> dict[tuple[str, int | None], Belief | np.ndarray]:
+    """Every method's prediction: its samples, or its belief where it has none."""
+    answers = {}
+    for key, propagator in methods(job).items():
+        prediction = predict(scene, belief, propagator, horizon)
+        own = propagator.own_sample_count
+        answers[key] = prediction.belief if own is None else prediction.samples()
+    return answers
 
 
 def predictors(
@@ -130,8 +136,8 @@ def predictors(
         )
         for count in counts
     }
-    for name, propagator in methods(job).items():
-        functions[name, None] = lambda k, propagator=propagator: predict(scene, belief, propagator, horizon)
+    for key, propagator in methods(job).items():
+        functions[key] = lambda k, propagator=propagator: predict(scene, belief, propagator, horizon)
     return functions
 
 

@@ -5,7 +5,8 @@ Shapes are the same spheres, or what people usually give these engines: a few co
 cylinder. The geometry "primitive" is the box or the cylinder that a model is, and convex pieces of a model
 that is neither. In a scene without friction both engines get what is fastest for them among the settings
 under which bodies collide as ours do: no friction, elastic contact. In one with friction they keep their own
-contact laws, as people run them. Nothing sleeps, nothing is drawn. Bodies are given in their principal axes,
+contact laws, as people run them. Things sleep where the scene's may, nothing is drawn. Steps are taken in
+one call, without Python between them. Bodies are given in their principal axes,
 in which both engines keep the inertia.
 """
 
@@ -54,7 +55,7 @@ class PrincipalBody:
     """
 
     def __init__(self, body):
-        moments, axes = np.linalg.eigh(body.model.inertia)
+        moments, axes = np.linalg.eigh(body.unit_inertia)
         axes[:, 2] *= np.linalg.det(axes)
         self.mass, self.name, self._model = body.mass, body.name, body.model
         self.inertia = body.mass * moments
@@ -109,6 +110,8 @@ class PrincipalBody:
 class PyBulletRollouts:
     """Rollouts in PyBullet.
 
+    ``effort`` is the number of its solver's iterations; by default the engine's own, 50.
+
     Notes
     -----
     Bodies come from URDF text, because ``createCollisionShapeArray`` keeps 16 spheres and says nothing. As
@@ -116,16 +119,16 @@ class PyBulletRollouts:
     is no faster and gains energy with elastic contacts.
     """
 
-    def __init__(self, scene, geometry="spheres"):
+    def __init__(self, scene, geometry="spheres", effort=None):
         import pybullet
         from pybullet_utils.bullet_client import BulletClient
 
         self._scene = scene
         self._bodies = [PrincipalBody(body) for body in scene.bodies]
         self._client = client = BulletClient(connection_mode=pybullet.DIRECT)
-        client.setPhysicsEngineParameter(
-            fixedTimeStep=scene.dt, numSubSteps=0, restitutionVelocityThreshold=0.0
-        )
+        client.setPhysicsEngineParameter(restitutionVelocityThreshold=0.0)
+        if effort is not None:
+            client.setPhysicsEngineParameter(numSolverIterations=effort)
         client.setGravity(*scene.gravity.tolist())
         # Bullet keeps the share 1 - d of a velocity in a second, we exp(-damping)
         damping = 1.0 - math.exp(-scene.damping)
@@ -139,9 +142,10 @@ class PyBulletRollouts:
                 )  # PyBullet tells the shapes of bodies in minimal coordinates only
                 self._shapes.append(len(client.getCollisionShapeData(probe, -1)))
                 client.removeBody(probe)
-                handle = client.loadURDF(
-                    str(path), flags=pybullet.URDF_USE_INERTIA_FROM_FILE, useMaximalCoordinates=True
-                )
+                flags = pybullet.URDF_USE_INERTIA_FROM_FILE
+                if scene.sleep:
+                    flags |= pybullet.URDF_ENABLE_SLEEPING
+                handle = client.loadURDF(str(path), flags=flags, useMaximalCoordinates=True)
                 client.changeDynamics(
                     handle, -1, linearDamping=damping, angularDamping=damping, **_bullet_contact(scene)
                 )
@@ -170,10 +174,9 @@ class PyBulletRollouts:
             self._client.resetBaseVelocity(handle, x[VELOCITY].tolist(), x[ANGULAR_VELOCITY].tolist())
 
     def advance(self, steps):
-        """Take so many steps; PyBullet knows one at a time, so each is called from Python."""
-        step = self._client.stepSimulation
-        for _ in range(steps):
-            step()
+        """Take so many steps, in one call: as steps within a longer one."""
+        self._client.setPhysicsEngineParameter(fixedTimeStep=steps * self._scene.dt, numSubSteps=steps)
+        self._client.stepSimulation()
 
     def state(self):
         """The state (B, 13)."""
@@ -195,7 +198,7 @@ class PyBulletRollouts:
         self.begin(state)
         counts = np.zeros(steps, int)
         for k in range(steps):
-            self._client.stepSimulation()
+            self.advance(1)
             counts[k] = sum(point[8] < 0.0 for point in self._client.getContactPoints())
         return counts
 
@@ -294,6 +297,8 @@ def _obj(vertices):
 class MuJoCoRollouts:
     """Rollouts in MuJoCo: free bodies of sphere geoms, all steps in one call.
 
+    ``effort`` is the largest number of its solver's iterations; by default the engine's own, 100.
+
     Notes
     -----
     Without friction contacts are springs without damper, so they are elastic; its solver shares the mass
@@ -303,7 +308,7 @@ class MuJoCoRollouts:
     the friction halfway between its axes.
     """
 
-    def __init__(self, scene, geometry="spheres"):
+    def __init__(self, scene, geometry="spheres", effort=None):
         import mujoco
 
         self._mujoco = mujoco
@@ -312,6 +317,10 @@ class MuJoCoRollouts:
         for k, body in enumerate(self._bodies):
             model.dof_damping[6 * k : 6 * k + 3] = scene.damping * body.mass
             model.dof_damping[6 * k + 3 : 6 * k + 6] = scene.damping * body.inertia
+        if scene.sleep:
+            model.opt.enableflags |= mujoco.mjtEnableBit.mjENBL_SLEEP
+        if effort is not None:
+            model.opt.iterations = effort
         self._model, self._data = model, mujoco.MjData(model)
 
     def shapes(self):

@@ -10,10 +10,16 @@ from unc_physics.propagators.registry import PROPAGATORS, make_propagator
 
 from .jobs import Job
 
-FLOOR, GAUSSIAN = "floor", "gaussian"
+FLOOR, GAUSSIAN, MARGINAL = "floor", "gaussian", "marginal"
 OURS = "ours"
 #: Propagators with other options than their own: the paper's sigma points go in all directions.
-VARIANTS = {"sigma_points_full": ("sigma_points", {"points": "full"})}
+VARIANTS = {
+    "sigma_points_full": ("sigma_points", {"points": "full"}),
+    "reduced_monte_carlo": ("cloud", {"points": "random", "surface": "none"}),
+    "reduced_sobol": ("cloud", {"surface": "none"}),
+}
+#: Those that take a number of rollouts, and with which they are compared.
+RUNS = {"cloud": (16, 32, 64)}
 
 
 class Look(NamedTuple):
@@ -27,8 +33,11 @@ class Look(NamedTuple):
 
 LOOKS = {name: Look(cls.label, cls.color, cls.marker) for name, cls in PROPAGATORS.items()} | {
     "sigma_points_full": Look("sigma points, full", "#56B4E9", "d"),
+    "reduced_monte_carlo": Look("cloud-32, random, no surface", "#EE99AA", "1"),
+    "reduced_sobol": Look("cloud-32, no surface", "#EE7733", "2"),
     GAUSSIAN: Look("best Gaussian", "#D55E00", line="--"),
     FLOOR: Look("floor", "#999999", line=":"),
+    MARGINAL: Look("outcomes of others", "#E69F00", line=":"),
     OURS: Look("unc_physics", PROPAGATORS[MONTE_CARLO].color, PROPAGATORS[MONTE_CARLO].marker),
     "pybullet": Look("PyBullet", "#8C6D31", "P"),
     "mujoco": Look("MuJoCo", "#7F3C8D", "X"),
@@ -36,20 +45,23 @@ LOOKS = {name: Look(cls.label, cls.color, cls.marker) for name, cls in PROPAGATO
 _GREYS = {5: "#BDBDBD", 10: "#8C8C8C", 50: "#5A5A5A", 100: "#2B2B2B"}
 
 
-def methods(job: Job) -> dict[str, Propagator]:
-    """All propagators but Monte Carlo with their own options, then the variants."""
-    made = {
-        name: make_propagator(name, **({"seed": job.seed(name)} if "seed" in cls.options() else {}))
-        for name, cls in PROPAGATORS.items()
-        if name != MONTE_CARLO
-    }
-    return made | {name: make_propagator(of, **options) for name, (of, options) in VARIANTS.items()}
+def methods(job: Job) -> dict[tuple[str, int | None], Propagator]:
+    """All propagators but Monte Carlo, with their own options and each of `RUNS`, then the variants."""
+    made = {}
+    for name, cls in PROPAGATORS.items():
+        options = {"seed": job.seed(name)} if "seed" in cls.options() else {}
+        for runs in RUNS.get(name, (None,)):
+            if name != MONTE_CARLO:
+                made[name, runs] = make_propagator(name, **options, **({"runs": runs} if runs else {}))
+    return made | {(name, None): make_propagator(of, **options) for name, (of, options) in VARIANTS.items()}
 
 
 def label(method: str, samples: int | None = None) -> str:
     """A method's name for people."""
     if method == MONTE_CARLO and samples is not None:
         return f"MC-{samples}"
+    if samples is not None and method in RUNS:
+        return f"{LOOKS[method].label}-{samples}"
     return LOOKS[method].label if method in LOOKS else method.replace("_", " ")
 
 

@@ -32,7 +32,7 @@ from unc_physics.checks.errors import UncPhysicsError
 from unc_physics.propagators.names import REFERENCE
 from unc_physics.propagators.registry import PROPAGATORS
 from unc_physics.ros.durations import duration, seconds
-from unc_physics.ros.node import leave, main, spin_node
+from unc_physics.ros.node import Spinning, leave, main
 from unc_physics_evaluation.jobs import Row
 from unc_physics_msgs.action import PredictLong
 from unc_physics_msgs.msg import (
@@ -48,6 +48,7 @@ from unc_physics_msgs.srv import Predict
 WARM_UP = 30
 READY_TIMEOUT = 900.0  # s, kernels are compiled first
 STREAM_RATE = 30.0  # Hz
+LOOK = 0.5  # s
 PR_SET_PDEATHSIG = 1
 CANCELS = 5
 KINDS = ("spin", "own")  # empty services: on the executor of rclpy.spin, as most nodes are, and on the node's
@@ -135,7 +136,10 @@ def serve_empty(kind: str) -> None:
     node.create_service(Predict, "~/canned", lambda request, _: canned_answer(request))
     try:
         if kind == "own":
-            spin_node(node)
+            spinning = Spinning(node)
+            while rclpy.ok():
+                time.sleep(LOOK)
+            spinning.end()
         else:
             rclpy.spin(node)
     except (KeyboardInterrupt, ExternalShutdownException):

@@ -92,7 +92,9 @@ def watch(
             )
         )
 
-    prediction = predict(scene, belief, _WatchedMonteCarlo(samples, seed, look, states), horizon)
+    prediction = predict(
+        scene, belief, _WatchedMonteCarlo(samples, seed, look=look, states_at_start=states), horizon
+    )
     _, heights, kinetic, potential = (np.array(values) for values in zip(*seen[1:], strict=True))
     start, height, moving, above = seen[0]
     fallen = weight * np.maximum(height - heights, 0.0)

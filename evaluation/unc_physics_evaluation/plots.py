@@ -135,7 +135,7 @@ def draw_speed_against_error(
             )
             samples = [c for c in found if c.method == MONTE_CARLO]
             handles["Monte Carlo, N samples"] = _series(ax, samples, MONTE_CARLO)
-            for c in samples:
+            for c in [c for c in found if c.samples is not None]:
                 ax.annotate(
                     str(c.samples),
                     (1e3 * c.time, c.error),

@@ -2,22 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
-from unc_physics.geometry.packing_file import SpherePacking
-from unc_physics.physics.layout import (
-    ERR_ANGULAR_VELOCITY,
-    ERR_POSITION,
-    ERR_ROTATION,
-    ERR_VELOCITY,
-    ERROR,
-    QUATERNION,
-)
-from unc_physics.scene.belief import Belief
+from unc_physics.calibration.motions import Motion
+from unc_physics.geometry.rounded_box import rounded_box
+from unc_physics.physics.layout import POSITION, QUATERNION
 from unc_physics.scene.body import RigidBody
 from unc_physics.scene.environment import Plane
 from unc_physics.scene.scene import Scene
@@ -27,16 +21,9 @@ FOLDER = Path(__file__).parent / "data" / "tosses"
 FRICTION, RESTITUTION = 0.18, 0.125  # as the authors of the recordings give them
 FLOOR = -0.0018  # m, where the lowest corners rest
 GRAVITY = 9.81  # m/s^2
-DT = 1.0 / 240.0  # s
+STEPS_A_FRAME = 2
 FACES = 6
-CORNER_RADIUS = 1e-4  # m, of the spheres at the corners: the cube's own corners reach out 0.073 mm farther
-
-_FIRST_FRAME = (  # standard deviations: m, rad, m/s, rad/s
-    (ERR_POSITION, 1e-3),
-    (ERR_ROTATION, 0.01),
-    (ERR_VELOCITY, 0.02),
-    (ERR_ANGULAR_VELOCITY, 0.15),
-)
+CORNER_RADIUS = 1e-4  # m, of a cube whose corners are sharp
 
 
 class Tosses(NamedTuple):
@@ -63,6 +50,16 @@ class Tosses(NamedTuple):
         """Time from the first frame of toss k to its last [s]."""
         return (len(self.states[k]) - 1) * self.dt
 
+    def motion(self, k: int) -> Motion:
+        """Poses of toss k."""
+        states = self.states[k]
+        poses = np.concatenate([states[:, POSITION], states[:, QUATERNION]], axis=1)
+        return Motion(f"toss {k}", np.arange(len(states)) * self.dt, poses)
+
+    def rest_height(self, chosen: Sequence[int]) -> float:
+        """Median height of the centre at the end of some tosses [m]."""
+        return float(np.median([self.states[k][-1, 2] for k in chosen]))
+
 
 @cache
 def recorded_tosses() -> Tosses:
@@ -72,42 +69,26 @@ def recorded_tosses() -> Tosses:
         return Tosses(tuple(states), float(file["dt"]), float(file["half_width"]), float(file["mass"]))
 
 
-def cube_packing(half_width: float) -> SpherePacking:
-    """A solid cube by what can touch a plane: a small sphere in each corner, against its three faces."""
-    corners = np.stack(np.meshgrid(*[(-1.0, 1.0)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
-    return SpherePacking(
-        "cube",
-        (half_width - CORNER_RADIUS) * corners,
-        np.full(8, CORNER_RADIUS),
-        inertia=2.0 / 3.0 * half_width**2 * np.eye(3),
-        volume=(2.0 * half_width) ** 3,
-        origin=np.zeros(3),
-        bounding_radius=np.sqrt(3.0) * half_width,
-        bounds=corners[[0, -1]] * half_width,
-    )
+def cube(half_width: float, corner_radius: float, inertia: float = 1.0) -> RigidBody:
+    """The cube of such a size, with rounded corners, whose inertia is so many times a solid cube's."""
+    model = rounded_box(2.0 * half_width, corner_radius, "cube")
+    solid = 2.0 / 3.0 * half_width**2
+    return RigidBody("cube", model, recorded_tosses().mass, inertia=np.full(3, inertia * solid))
 
 
-def toss_scene(tosses: Tosses) -> Scene:
-    """The cube above the table."""
-    scene = Scene(
-        [RigidBody("cube", cube_packing(tosses.half_width), tosses.mass)],
-        dt=DT,
-        gravity=(0.0, 0.0, -GRAVITY),
-        environment=[Plane(offset=FLOOR, name="table")],
-        friction=FRICTION,
-        restitution=RESTITUTION,
-        gyroscopic=True,
-        integrator="implicit",
-    )
-    return with_stiffness(scene, tosses.states[0][:1])
-
-
-def first_belief(tosses: Tosses, k: int) -> Belief:
-    """What the first frame of toss k tells."""
-    std = np.empty(ERROR)
-    for part, value in _FIRST_FRAME:
-        std[part] = value
-    return Belief(tosses.states[k][:1], np.diag(std**2)[None])
+def toss_scene(tosses: Tosses, **changes) -> Scene:
+    """The cube above the table, with the numbers that the authors of the recordings give; some changed."""
+    given = {
+        "bodies": [cube(tosses.half_width, CORNER_RADIUS)],
+        "dt": tosses.dt / STEPS_A_FRAME,
+        "gravity": (0.0, 0.0, -GRAVITY),
+        "environment": [Plane(offset=FLOOR, name="table")],
+        "friction": FRICTION,
+        "restitution": RESTITUTION,
+        "gyroscopic": True,
+        "integrator": "implicit",
+    }
+    return with_stiffness(Scene(**(given | changes)), tosses.states[0][:1])
 
 
 def top_face(states: np.ndarray) -> np.ndarray:

@@ -32,7 +32,7 @@ def missing_engines(experiment: str) -> list[str]:
 
 @contextmanager
 def rollouts(
-    engine: str, scene: Scene, geometry: str = "primitive"
+    engine: str, scene: Scene, geometry: str = "primitive", effort: int | None = None
 ) -> Iterator[Callable[[np.ndarray, int], tuple[np.ndarray, float]]]:
     """Function of states (N, B, 13) and a number of steps: the states after them, and their CPU time [s].
 
@@ -43,6 +43,8 @@ def rollouts(
     scene : Scene
     geometry : str
         What bodies are in other engines; ours has spheres.
+    effort : int, optional
+        Iterations of another engine's solver, where not its own number of them.
 
     Notes
     -----
@@ -59,7 +61,7 @@ def rollouts(
     if engine == OURS:
         yield ours
         return
-    peer = PEERS[engine](scene, geometry)
+    peer = PEERS[engine](scene, geometry, effort)
 
     def theirs(states, steps):
         ends, spent = np.empty_like(states), 0.0

@@ -52,6 +52,7 @@ _UNCERTAIN = {"linear_velocity": "velocity", "angular_velocity": "spin"}
 _LEANING = math.cos(math.radians(15.0))  # the least vertical part of an upright body's axis
 _WALL = 0.02  # thickness of a bin [m]
 _BIN, _LARGE_BIN = (0.292, 0.192, 0.143), (0.4, 0.4, 0.25)  # inside: length, width, depth [m]
+_PITCH = 0.19  # between bodies that are let go from a lattice [m]
 _TUMBLED = {"position": 0.01, "rotation": 0.3}  # what is let go in no particular order
 
 
@@ -239,6 +240,26 @@ def tableware_into_box() -> tuple[Scene, Belief, float]:
     mean[:, ANGULAR_VELOCITY] = 0.5, 1.0, 0.0
     models = ["plate", "bowl", "mug", "salt_box", "can", "bottle"]
     return _handled(models, 1000, _bin(*_LARGE_BIN), mean, _TUMBLED)
+
+
+def boxes_and_cans(count: int, spheres: int = 1000) -> tuple[Scene, Belief, float]:
+    """Cartons and cans by turns fall from a lattice, four layers at most, into a bin that is as wide.
+
+    Parameters
+    ----------
+    count : int
+        Number of bodies.
+    spheres : int
+        Of each.
+    """
+    side = math.ceil(math.sqrt(count / 4.0))
+    inside = (side * _PITCH, side * _PITCH, 0.5 * side * _PITCH)
+    place = np.arange(count)
+    across = np.stack([place % side, place // side % side], axis=1) - 0.5 * (side - 1)
+    mean = resting(_PITCH * np.column_stack([across, place // side**2 + 0.7]))
+    mean[:, ANGULAR_VELOCITY] = 0.5, 1.0, 0.0
+    models = [("salt_box", "can")[k % 2] for k in range(count)]
+    return _handled(models, spheres, _bin(*inside), mean, _TUMBLED)
 
 
 def in_bin(states: np.ndarray) -> np.ndarray:

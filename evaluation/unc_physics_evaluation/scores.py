@@ -1,4 +1,4 @@
-"""Proper scores of predictions by samples against what really came: the lower the better."""
+"""Scores of faces, and intervals of mean scores; the other proper scores are `unc_physics.calibration`'s."""
 
 from __future__ import annotations
 
@@ -20,17 +20,6 @@ def brier_score(classes: np.ndarray, observed: int, count: int) -> float:
     shares = np.bincount(classes, minlength=count) / len(classes)
     shares[observed] -= 1.0
     return float(shares @ shares)
-
-
-def log_score(classes: np.ndarray, observed: int) -> float:
-    """Negative logarithm of the share of samples of the class that came, half a sample at least."""
-    return float(-np.log(max(np.mean(classes == observed), 0.5 / len(classes))))
-
-
-def energy_score(samples: np.ndarray, observed: np.ndarray) -> float:
-    """Mean distance from samples (n, d) to what came (d,), less half of that between two samples."""
-    between = np.linalg.norm(samples[:, None] - samples[None], axis=-1)
-    return float(np.mean(np.linalg.norm(samples - observed, axis=-1)) - 0.5 * np.mean(between))
 
 
 def bootstrap(values: np.ndarray, rng: np.random.Generator, resamples: int = 2000) -> tuple[float, float]:

@@ -120,14 +120,13 @@ def cases(found):
 
 
 def results(scene, belief, horizon, label):
-    """Every array that a prediction gives, its statuses' flags and its answers, by name."""
+    """Every array that a prediction gives, and its answers, by name; statuses are judged by `stability`."""
     from unc_physics import make_propagator, predict
 
     try:
-        from unc_physics import assess, contact_probabilities
+        from unc_physics import contact_probabilities
     except ImportError:  # likewise
         from unc_physics.propagation.answers import contact_probabilities
-        from unc_physics.propagation.status import assess
 
     name, options = propagators()[label]
     prediction = predict(scene, belief, make_propagator(name, **options), horizon, times=(0.5 * horizon,))
@@ -141,9 +140,8 @@ def results(scene, belief, horizon, label):
             arrays["first contacts"] = part[..., 0]
         elif isinstance(part, np.ndarray):
             arrays[field] = part
-    whole = next(iter(signature(assess).parameters)) == "prediction"  # older trees ask for scene and belief
-    statuses = assess(prediction) if whole else assess(scene, belief, prediction)
-    arrays["flags"] = np.array([int(status.flags) for status in statuses])
+    # older trees ask for scene and belief
+    whole = next(iter(signature(contact_probabilities).parameters)) == "prediction"
     touching = contact_probabilities(*([prediction] if whole else [scene, prediction, belief]))
     for k, answer in enumerate(touching):
         told = answer.probability, answer.first_contact_time_mean, answer.first_contact_time_std

@@ -152,7 +152,7 @@ def sections(rows: Rows) -> str:
             )
         parts.append(_cases(found))
     if found.paper:
-        parts.append(_propagators(found, found.paper, PROPAGATORS, "The paper's scenes"))
+        parts.append(_propagators(found, found.paper, PROPAGATORS, "The paper's scenes and everyday ones"))
     return "\n".join(parts)
 
 
@@ -258,7 +258,7 @@ def _rates(found):
         lines.append(cells)
     head = [
         f"{where}: {words}"
-        for where in ("catalogue", "paper", "both", "by scene")
+        for where in ("catalogue", "paper, everyday", "all", "by scene")
         for words in ("bad, flagged", "good, flagged")
     ]
     return (
@@ -403,7 +403,7 @@ evaluation/unc_physics_evaluation/hard_cases/grazing.yaml`.
 
 * **Implicit** cases are about what the implicit step is for: blows, friction, rest, stacks. Those in which
   nothing should take energy away say `restitution: 1` and have no friction; most leave the stiffness to the
-  package. Sigma points and Monte Carlo predict them.
+  package. All propagators predict them.
 * **Explicit** cases are about the paper's step: what it makes of a stiffness and a time step, and what all
   five propagators make of extreme covariances.
 * The **truth** is Monte Carlo with up to 1000 samples (fewer where rollouts take long) and steps a quarter as

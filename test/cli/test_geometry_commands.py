@@ -1,6 +1,8 @@
 """The commands pack, models and show, as a user calls them."""
 
 import json
+import os
+import re
 import subprocess
 import sys
 
@@ -10,9 +12,10 @@ import trimesh
 from example_meshes import MESHES, raw
 
 from unc_physics.__main__ import main
-from unc_physics.checks.errors import ErrorCode
+from unc_physics.checks.errors import ErrorCode, InvalidMeshError
 from unc_physics.geometry import packing as packing_module
 from unc_physics.geometry.packing_file import load_packing, save_packing
+from unc_physics.geometry.solid_mesh import make_solid
 
 
 @pytest.fixture
@@ -93,6 +96,61 @@ def test_repair_says_what_it_did(tmp_path, capsys):
         == 0
     )
     assert "repair: closed holes with 1 triangles" in capsys.readouterr().out
+
+
+def test_a_hole_that_no_repair_closes(tmp_path, capsys):
+    """Filled by a fan, its edges have two triangles each, and yet there is no inside."""
+    half = trimesh.creation.torus(1.0, 0.3, major_sections=12, minor_sections=8)
+    faces = half.faces[half.triangles_center[:, 0] < 0.4]
+    trimesh.Trimesh(half.vertices, faces, process=False).export(tmp_path / "half.off")
+    out = tmp_path / "half.npz"
+    code = main(["pack", str(tmp_path / "half.off"), "-n", "9", "-o", str(out), "--repair"])
+    assert code == ErrorCode.INVALID_MESH and not out.exists()
+    (line,) = capsys.readouterr().err.splitlines()
+    assert re.search("no inside that holds spheres.*mesh editor|the repair could not mend it", line), line
+
+
+def test_spheres_that_leave_the_body_are_the_meshs_fault(tmp_path, monkeypatch):
+    solid = make_solid("box", *MESHES["box"]())
+    far = np.array([[5.0, 0.0, 0.0, 0.1]])
+    monkeypatch.setattr(packing_module.GreedyPacker, "run", lambda *_: far)
+    with pytest.raises(InvalidMeshError, match="mesh box has no inside that holds spheres"):
+        packing_module.pack_solid(solid, 1)
+
+
+def test_a_model_that_would_not_be_found_by_its_name_is_refused(torus, tmp_path, monkeypatch, capsys):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    monkeypatch.delenv("UNC_PHYSICS_MODELS", raising=False)
+    assert main(["pack", str(torus), "-n", "9", "--name", "bunny"]) == ErrorCode.INVALID_OPTION
+    assert re.search("bunny.npz, which would be found in place of the new one.*-o", capsys.readouterr().err)
+    monkeypatch.setenv("UNC_PHYSICS_MODELS", str(tmp_path))
+    assert main(["pack", str(torus), "-n", "9", "--name", "bunny"]) == 0
+    assert f"models are looked for in {tmp_path} alone" in capsys.readouterr().err
+
+
+def test_a_mesh_in_millimetres_is_noticed(torus, tmp_path, capsys):
+    out = str(tmp_path / "ring.npz")
+    assert main(["pack", str(torus), "-n", "9", "-o", out, "--scale", "100"]) == 0
+    out, err = capsys.readouterr()
+    assert "260000 x " in out and "e+0" not in out
+    assert "millimetres" in err and "--scale 0.1 makes it 260 mm" in err
+
+
+@pytest.mark.parametrize("name", ["/etc/passwd", "/dev/zero", "mesh.zip", "folder.off", "pipe.off"])
+def test_what_is_no_mesh_is_not_opened(tmp_path, capsys, monkeypatch, name):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "folder.off").mkdir()
+    os.mkfifo(tmp_path / "pipe.off")  # which nobody writes to
+    assert main(["pack", name, "-n", "9", "-o", "out.npz"]) == ErrorCode.INVALID_MESH
+    assert re.search(f"mesh {name} (must end in one of .*stl|is no file)", capsys.readouterr().err)
+
+
+@pytest.mark.parametrize("level", ["0", "-3", "99999"])
+def test_an_error_names_the_option_that_was_given(capsys, level):
+    assert main(["show", "pin", "--levels", level]) == ErrorCode.INVALID_MODEL
+    assert f"--levels must be between 1 and the 10000 spheres of the model (got {level})" in (
+        capsys.readouterr().err
+    )
 
 
 def test_interruption_leaves_no_file(torus, tmp_path, monkeypatch):

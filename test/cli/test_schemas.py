@@ -61,7 +61,7 @@ def test_the_scene_schema_has_the_reader_s_keys():
     parts = found["$defs"]
     assert set(parts["body"]["properties"]) == set(scene_file._BODY_KEYS)
     element = parts["element"]["properties"]
-    assert set(element) == {"name", *ELEMENTS, *scene_file._SURFACE_KEYS}
+    assert set(element) == {*ELEMENTS, *scene_file._ELEMENT_KEYS}
     for name, kind in ELEMENTS.items():
         defaults = {spec.name: spec.default for spec in dataclasses.fields(kind)}
         known = quantities(kind)
@@ -147,6 +147,7 @@ def test_predictions_fit_the_schema(name, tmp_path, capsys):
 def test_the_schema_knows_all_that_physics_may_say(tmp_path, capsys):
     content = two_bodies() | {"physics": "everyday", "stiffness_std": 10.0, "gravity_direction_std": 0.01}
     content |= {"friction_std": 0.1, "restitution_std": 0.01, "horizon": 0.1}
+    content |= {"impact_direction_std": 0.01, "impact_point_std": 1e-3, "impact_friction_std": 0.1}
     content["bodies"][0] |= {"friction": 0.3, "restitution": 0.2}
     path = tmp_path / "scene.yaml"
     path.write_text(yaml.safe_dump(content))

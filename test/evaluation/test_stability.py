@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from unc_physics import RigidBody, Scene
+from unc_physics import PROPAGATORS, RigidBody, Scene
 from unc_physics.__main__ import main
 from unc_physics.geometry.packing_file import load_packing
 from unc_physics.physics.rollout import simulate
@@ -65,7 +65,8 @@ def test_the_implicit_step_keeps_what_it_should(name):
     found = {row.quantity: row.value for row in rollout_rows("mean", scene, states)}
     assert found[FINITE] == 1.0 and found[PASSED] == 0.0
     assert found[GAIN] < 1e-3
-    assert found.get(CHANGE, 0.0) > -1e-3 and found.get(MOMENTUM, 0.0) < 1e-12
+    assert found.get(CHANGE, 0.0) > -2e-3, "what the solver's tolerance leaves in an impact of a row"
+    assert found.get(MOMENTUM, 0.0) < 1e-12
     if name in AT_REST:
         assert found[DRIFT] < DRIFT_LIMIT * min(
             2.0 * body.model.bounding_radius for body in scene.bodies if not body.fixed
@@ -201,7 +202,7 @@ def test_command_judges_a_case_and_writes_the_document(tmp_path, monkeypatch):
         in lines["implicit: loses at most 2 % energy over the run, where nothing should take any"]
     )
     assert "| 2 of 2 |" in lines["explicit: gains at most 1 % energy, or is flagged"]
-    assert len(lines["slow_approach"].split(" | ")) == 5, "sigma points and Monte Carlo alone"
+    assert len(lines["slow_approach"].split(" | ")) == 3 + len(PROPAGATORS), "all propagators"
     rows = Results(tmp_path).rows("stability").where(case="overlap_coincident")
     # a single trajectory stays where no direction is, and every sample flies off in its own
     spread = {
@@ -212,7 +213,7 @@ def test_command_judges_a_case_and_writes_the_document(tmp_path, monkeypatch):
     assert spread["monte_carlo"] == pytest.approx(spread["truth"], rel=0.4), "statistics of 100 samples"
     cells = lines["overlap_coincident"].split(" | ")
     assert (
-        len(cells) == 8
+        len(cells) == 3 + len(PROPAGATORS)
         and cells[1].endswith(("flagged", "MISSING**"))
         and cells[3].endswith(("fine", "false"))
     )

@@ -1,21 +1,23 @@
 """Real tosses: the data, the scores, and that every engine is given the same cube on the same table."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from unc_physics import PROPAGATORS, Belief, Plane
+from unc_physics.calibration.objective import recorded
 from unc_physics.physics.layout import ANGULAR_VELOCITY, POSITION, QUATERNION, VELOCITY
+from unc_physics_evaluation.engines import PEERS
 from unc_physics_evaluation.experiments import tosses as experiment
 from unc_physics_evaluation.jobs import Settings
 from unc_physics_evaluation.recorded_tosses import (
-    DT,
     FLOOR,
     FOLDER,
     FRICTION,
     GRAVITY,
     RESTITUTION,
-    cube_packing,
-    first_belief,
     recorded_tosses,
     top_face,
     toss_scene,
@@ -23,9 +25,14 @@ from unc_physics_evaluation.recorded_tosses import (
 from unc_physics_evaluation.results import Results
 from unc_physics_evaluation.rollouts import ENGINES, OURS
 from unc_physics_evaluation.rollouts import rollouts as rollouts_in
-from unc_physics_evaluation.scores import bootstrap, brier_score, energy_score, log_score
+from unc_physics_evaluation.scores import bootstrap, brier_score
+from unc_physics_evaluation.toss_engines import TossEngine
+from unc_physics_evaluation.toss_marginal import marginal_predictions
+from unc_physics_evaluation.toss_methods import toss_methods
+from unc_physics_evaluation.toss_models import tuned_parameters, untuned
 
 TOSSES = recorded_tosses()
+DT = toss_scene(TOSSES).dt
 
 
 def lowest_corner(states):
@@ -69,16 +76,6 @@ def test_velocities_are_those_of_the_positions():
         assert np.median(np.abs(turned.as_rotvec() / TOSSES.dt - flight[1:, ANGULAR_VELOCITY])) < 0.2
 
 
-def test_the_packing_reaches_as_far_as_the_cube():
-    packing = cube_packing(TOSSES.half_width)
-    directions = np.random.default_rng(0).standard_normal((500, 3))
-    directions /= np.linalg.norm(directions, axis=1)[:, None]
-    spheres = np.max(packing.centers @ directions.T + packing.radii[:, None], axis=0)
-    cube = TOSSES.half_width * np.abs(directions).sum(axis=1)
-    assert np.all(spheres <= cube + 1e-12)
-    assert np.all(spheres > cube - 1e-4)
-
-
 def test_the_face_on_top():
     for face in range(6):
         axis = np.zeros(3)
@@ -95,22 +92,6 @@ def test_scores_of_certain_and_of_uniform_predictions():
     assert brier_score(right, 2, 6) == 0.0
     assert brier_score(right, 3, 6) == 2.0
     assert brier_score(uniform, 3, 6) == pytest.approx(5.0 / 6.0)
-    assert log_score(right, 2) == 0.0
-    assert log_score(right, 3) == pytest.approx(np.log(120.0)), "half a sample"
-    assert log_score(uniform, 3) == pytest.approx(np.log(6.0))
-
-
-def test_energy_score():
-    x = np.array([1.0, -2.0, 0.5])
-    assert energy_score(np.tile(x, (20, 1)), x) == 0.0
-    assert energy_score(np.tile(x, (20, 1)), x + [3.0, 0.0, 4.0]) == pytest.approx(5.0)
-    rng = np.random.default_rng(0)
-    observed = rng.standard_normal((200, 3))
-    means = [
-        np.mean([energy_score(shift + spread * rng.standard_normal((50, 3)), y) for y in observed])
-        for shift, spread in ((0.0, 1.0), (1.0, 1.0), (0.0, 0.3), (0.0, 3.0))
-    ]
-    assert min(means) == means[0], "proper: the truth scores best"
 
 
 def test_the_bootstraps_interval():
@@ -181,20 +162,100 @@ def test_flight_is_a_parabola(rollouts):
     assert end[ANGULAR_VELOCITY] == pytest.approx(spin, abs=1e-6)
 
 
-def test_a_belief_is_of_the_first_frame():
-    belief = first_belief(TOSSES, 7)
-    np.testing.assert_array_equal(belief.mean[0, POSITION], TOSSES.states[7][0, POSITION])
-    np.testing.assert_allclose(np.sqrt(belief.joint.diagonal()), np.repeat([1e-3, 0.02, 0.01, 0.15], 3))
+def test_what_is_tuned_is_what_the_cube_has():
+    """Every value that is put is got, and the cube rests as high as the tosses do."""
+    model = untuned(TOSSES, 9.6)
+    some = range(40)
+    for one in tuned_parameters(TOSSES, some):
+        value = one.low + 0.4 * (one.high - one.low)
+        model = one.put(model, value)
+        assert one.get(model) == pytest.approx(value), one.name
+    body, table = model.scene.bodies[0], model.scene.environment[0]
+    assert table.offset + body.model.bounds[1, 2] == pytest.approx(TOSSES.rest_height(some))
+    assert body.model.radii[0] == pytest.approx(dict_of(model)["corner_radius"])
+
+
+def dict_of(model):
+    return {one.name: one.get(model) for one in tuned_parameters(TOSSES, range(40))}
+
+
+@pytest.mark.parametrize("name", PEERS)
+def test_errors_of_impacts_in_other_engines(name):
+    """They spread what is otherwise certain, the same for the same seed, and add no energy."""
+    pytest.importorskip(name)
+    engine = TossEngine(name)
+    state = at_rest(0.05, velocity=[0.5, 0.0, -1.0], spin=[1.0, 2.0, 0.5])[0]
+    belief = Belief.exact(state)
+    scene = toss_scene(TOSSES)
+    certain = engine(scene, belief, [0.2], 4, 0)[0]
+    assert np.ptp(certain, axis=0).max() < 1e-9
+    rough = replace(scene, impact_direction_std=0.05, impact_point_std=5e-3, impact_friction_std=0.2)
+    found = [engine(rough, belief, [0.2], 6, seed)[0] for seed in (1, 1, 2)]
+    engine.close()
+    np.testing.assert_array_equal(found[0], found[1])
+    assert not np.array_equal(found[0], found[2])
+    assert np.std(found[0], axis=0).max() > 0.02
+    inertia = scene.bodies[0].unit_inertia[0, 0]
+
+    def energy(x):
+        speeds = (x[..., 3:6] ** 2).sum(-1) + inertia * (x[..., 10:] ** 2).sum(-1)
+        return 0.5 * speeds + GRAVITY * x[..., 2]
+
+    assert np.all(energy(found[0]) <= energy(state[0]) * 1.001)
+
+
+def test_spreads_of_friction_and_tilt_in_other_engines():
+    pytest.importorskip("mujoco")
+    engine = TossEngine("mujoco")
+    table = Plane(offset=FLOOR, surface_tilt_std=0.02)
+    scene = toss_scene(TOSSES, friction_std=0.03, environment=[table])
+    ends = engine(scene, Belief.exact(at_rest(velocity=[1.0, 0.0, 0.0])[0]), [0.3], 30, 0)[0]
+    engine.close()
+    # v t - 0.5 mu g t^2 with friction's spread, and across by gravity's tilt
+    assert np.std(ends[:, 0]) == pytest.approx(0.5 * 0.09 * GRAVITY * np.hypot(0.03, 0.02), rel=0.4)
+    assert np.std(ends[:, 1]) > 1e-3
+
+
+def test_methods_are_those_of_the_registry_that_take_the_scene():
+    scene = replace(toss_scene(TOSSES), impact_point_std=5e-3, friction_std=0.02)
+    found = toss_methods(scene, 8, 16)
+    able = {name for name, cls in PROPAGATORS.items() if "implicit" in cls.integrators}
+    assert {name for name, _ in found} == able
+    belief = Belief(at_rest(0.03)[0], 1e-6 * np.eye(12)[None])
+    for (name, samples), predict in found.items():
+        first, second = predict(scene, belief, [0.05, 0.1], samples or 8, 0)
+        assert first.shape[1:] == second.shape[1:] == (13,), name
+        assert np.isfinite(second).all()
+
+
+def test_outcomes_of_others_start_where_the_toss_does():
+    rec = recorded([TOSSES.motion(k) for k in range(6)], toss_scene(TOSSES))
+    (own,) = marginal_predictions(rec[:1], rec[:1])
+    for states, pose in zip(own, rec[0].poses, strict=True):
+        np.testing.assert_allclose(states[0, :3], pose[:3])
+        assert abs(states[0, 6:10] @ pose[3:]) == pytest.approx(1.0)
 
 
 def test_rows_and_report(tmp_path, monkeypatch):
-    monkeypatch.setattr(experiment, "QUICK", 6)
+    """With what is quickest: few tosses, two engines, and hardly a search."""
+    small = {"tosses": 8, "folds": 2, "tuning_tosses": 3, "tuning_samples": 4, "evaluations": 15}
+    monkeypatch.setattr(experiment, "QUICK", small)
+    monkeypatch.setattr(experiment, "TRUTH", 20)
+    monkeypatch.setattr(experiment, "SAMPLES", 10)
+    monkeypatch.setattr(experiment, "available", lambda: [OURS, "mujoco"])
+    pytest.importorskip("mujoco")
     results = Results(tmp_path)
-    for job in experiment.jobs(Settings(quick=True)):
+    jobs = experiment.jobs(Settings(quick=True))
+    assert len(jobs) == 8
+    for job in jobs:
         outcome = experiment.run(job)
-        assert len(outcome.rows) == 6 * 3 + 1
         assert all(np.isfinite(row.value) for row in outcome.rows)
-        assert outcome.rows == experiment.run(job).rows[:-1] + outcome.rows[-1:], "seeded; the cost is not"
         results.add(job, outcome, {"versions": "", "machine": ""})
+    rows = results.rows("tosses")
+    assert sorted(rows.where(engine="mujoco", quantity="face").unique("replicate")) == sorted(
+        rows.where(engine=OURS, given=experiment.ERRORS, quantity="face").unique("replicate")
+    )
     report = experiment.report(results)
-    assert "6 real tosses" in report and "| unc_physics |" in report
+    assert "8 real tosses" in report and "MuJoCo, tuned" in report and "sigma points, tuned" in report
+    assert "goals met" in experiment.verdict(results)
+    assert results.figure("tosses_reliability").stat().st_size > 10_000

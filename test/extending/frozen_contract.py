@@ -64,8 +64,9 @@ assess(found, rollouts=2)
 # the evaluation's comparison
 job = Job("collisions", {"distance": "exact"})
 truth, second = (monte_carlo(scene, belief, 0.5, 20, seed) for seed in (1, 2))
-beliefs = {"frozen": predict(scene, belief, methods(job)["frozen"], 0.5).belief}
-rows = error_rows(job, truth, second, beliefs, [5], 20)
+frozen = "frozen", None
+answers = {frozen: predict(scene, belief, methods(job)[frozen], 0.5).belief}
+rows = error_rows(job, truth, second, answers, [5], 20)
 assert any(row.method == "frozen" and row.value > 0.0 for row in rows)
 assert representatives(predictions[0], 9, np.random.default_rng(0)).shape == (9, len(scene.bodies), 13)
 assert (label("frozen"), color("frozen")) == ("frozen", "#66A61E")

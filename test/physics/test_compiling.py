@@ -17,9 +17,34 @@ from unc_physics.physics.threads import in_threads
 from unc_physics.propagators.monte_carlo import MonteCarlo
 
 NOTICE = "Compiling the simulation's kernels"
-CALLEE = "from .compiled import inner\n\n\n@inner\ndef twice(x):\n    return {} * x\n"
+CALLEE = """
+from typing import NamedTuple
+
+from .compiled import inner, stage
+
+FACTOR = 2.0
+
+
+class Method(NamedTuple):
+    x: float
+
+
+@inner
+def twice(x):
+    return FACTOR * x
+
+
+@stage
+def start(method):
+    return 0.0
+
+
+@start.of(Method)
+def work(method):
+    return method.x + 1.0
+"""
 CALLER = """
-from .callee import twice
+from .callee import Method, start, twice
 from .compiled import kernel
 
 
@@ -29,10 +54,14 @@ def called(x):
 
 
 @kernel
-def also_called(x):
-    return twice(x) + 1.0
+def staged(method):
+    return start(method)
+
+
+def both():
+    print(called(1.0), staged(Method(2.0)))
 """
-CALL = "from unc_physics.physics.caller import also_called, called; print(called(1.0), also_called(1.0))"
+CALL = "from unc_physics.physics.caller import both; both()"
 NOWHERE = "/dev/null/nothing"
 
 
@@ -48,7 +77,7 @@ def copy(tmp_path):
             ignore=lambda _, names: [name for name in names if not name.endswith((".py", ".pyi"))],
         )
     (package / "physics" / "caller.py").write_text(CALLER)
-    (package / "physics" / "callee.py").write_text(CALLEE.format("2.0"))
+    (package / "physics" / "callee.py").write_text(CALLEE)
 
     def start(program=CALL, **others):
         env = {name: value for name, value in os.environ.items() if name != "NUMBA_CACHE_DIR"}
@@ -72,25 +101,59 @@ def ended(process):
     return out.strip(), err
 
 
-def test_an_edit_of_a_callee_counts_and_all_else_is_loaded(copy):
+@pytest.mark.parametrize(
+    "edit, answer, compiled",
+    [
+        pytest.param(("FACTOR * x", "x * FACTOR + FACTOR"), "4.0 3.0", 1, id="a callee"),
+        pytest.param(("FACTOR = 2.0", "FACTOR = 5.0"), "5.0 3.0", 1, id="a constant"),
+        pytest.param(("+ 1.0", "+ 2.0"), "2.0 4.0", 1, id="what a stage does for a method"),
+        pytest.param(("@stage", "# a comment\n@stage"), "2.0 3.0", 0, id="a comment"),
+    ],
+)
+def test_an_edit_compiles_what_depends_on_it(copy, edit, answer, compiled):
     out, err = ended(copy())
     assert out == "2.0 3.0"
     assert err.count("\n") == 1 and err.startswith(NOTICE), "one line for all kernels"
     assert ended(copy()) == ("2.0 3.0", ""), "loaded"
-    (copy.package / "physics" / "callee.py").write_text(CALLEE.format("5.0"))
-    assert ended(copy())[0] == "5.0 6.0"
-    kept = list((copy.package / "__pycache__").glob("kernels-*"))
-    assert len(kept) == 2
-    for path in kept:
-        for file in path.iterdir():
-            file.write_bytes(b"")
-    assert ended(copy())[0] == "5.0 6.0", "a damaged cache is compiled anew"
+    kept = copy.package / "__pycache__"
+    before = set(kept.glob("kernels-*/*caller.*.nbi"))
+    (copy.package / "physics" / "callee.py").write_text(CALLEE.replace(*edit))
+    assert ended(copy())[0] == answer
+    assert len(set(kept.glob("kernels-*/*caller.*.nbi")) - before) == compiled
+
+
+def test_a_damaged_cache_is_compiled_anew(copy):
+    ended(copy())
+    for file in (copy.package / "__pycache__").glob("kernels-*/*"):
+        file.write_bytes(b"")
+    assert ended(copy())[0] == "2.0 3.0"
 
 
 def test_first_starts_at_once(copy):
     for process in [copy(), copy()]:
         assert ended(process)[0] == "2.0 3.0"
     assert ended(copy()) == ("2.0 3.0", "")
+    assert not list(copy.package.glob("__pycache__/kernels-*/*.lock"))
+
+
+def test_a_process_waits_for_what_another_one_compiles(copy):
+    """And for no longer than that one lives."""
+    hold = """
+import time
+from unc_physics.physics import caller, compile_cache
+compile_cache._KernelCache._save_overload = lambda *_: time.sleep(1000.0)
+caller.both()
+"""
+    first = copy(hold)
+    kernels = copy.package / "__pycache__"
+    while not list(kernels.glob("kernels-*/*.lock")):
+        time.sleep(0.05)
+    second = copy()
+    with pytest.raises(subprocess.TimeoutExpired):
+        second.communicate(timeout=6.0)
+    first.kill()
+    first.communicate()
+    assert ended(second)[0] == "2.0 3.0"
 
 
 def test_places_where_nothing_can_be_written(copy, tmp_path):
@@ -114,22 +177,37 @@ def test_a_folder_of_the_users_choice(copy, tmp_path):
     """Also where numba was imported before, and its setting made at run time."""
     program = f"import numba; numba.config.CACHE_DIR = {str(tmp_path / 'own')!r}; {CALL}"
     assert ended(copy(program))[0] == "2.0 3.0"
-    assert len(list((tmp_path / "own").glob("kernels-*/caller.*.nbc"))) == 2
+    assert len(list((tmp_path / "own").glob("kernels-*/*caller.*.nbc"))) == 2
     assert not (copy.package / "__pycache__").exists()
+
+
+def test_what_was_compiled_ahead_loads_where_nothing_can_be_written(copy, tmp_path):
+    """The package's own folder, of a user who may not write there."""
+    ended(copy())
+    program = f"""
+import tempfile
+write = tempfile.TemporaryFile
+def refuse(dir, **others):
+    if str(dir).startswith({str(copy.package)!r}):
+        raise PermissionError("read-only")
+    return write(dir=dir, **others)
+tempfile.TemporaryFile = refuse
+{CALL}"""
+    assert ended(copy(program, HOME=str(tmp_path / "home"), XDG_CACHE_HOME="")) == ("2.0 3.0", "")
 
 
 def test_what_is_long_unused_is_removed(tmp_path):
     now = time.time()
-    for k in range(8):
-        folder = tmp_path / f"kernels-{k:016x}"
-        (folder / "inside").mkdir(parents=True)
-        os.utime(folder, (now - k * 10 * 3600.0,) * 2)
-    others = tmp_path / "kernels-of-mine"
-    others.mkdir()
-    os.utime(others, (0.0, 0.0))
+    for kernel in ("a.step", "a-b.step"):
+        for k in range(3):
+            for end in ("nbi", "1.nbc", "2.nbc"):
+                path = tmp_path / f"{kernel}-{k:016x}.{end}"
+                path.touch()
+                os.utime(path, (now - k * 20 * 3600.0,) * 2)
     compile_cache._clean(tmp_path)
-    left = sorted(path.name for path in tmp_path.iterdir())
-    assert left == [*(f"kernels-{k:016x}" for k in range(3)), "kernels-of-mine"]
+    left = sorted(path.name for path in tmp_path.glob("*.nbi"))
+    assert left == [f"{kernel}-{k:016x}.nbi" for kernel in ("a-b.step", "a.step") for k in range(2)]
+    assert len(list(tmp_path.glob("*.nbc"))) == 8
 
 
 def fresh():

@@ -98,7 +98,7 @@ def solve_impact(count, work):
 
 @kernel
 def travel_in_contact(x, count, h, first_time, residual, world, work):
-    implicit_step.travel_in_contact(x, count, h, 0.0, first_time, residual, world, 0.1, work)
+    implicit_step.travel_in_contact(x, count, h, 0.0, first_time, residual, world, 0.1, None, work)
 
 
 @kernel
@@ -124,7 +124,8 @@ class Stage:
         found = candidates_of(self.x, i, j, horizon, self.world, self.work)
         ids, numbers = self.work.candidate_ids[:found], self.work.candidates[:found]
         return {
-            self.spheres(i, j, a, b): tuple(row) for (a, b, _), row in zip(ids, numbers[:, 6:8], strict=True)
+            self.spheres(i, j, a, b): tuple(row)
+            for (a, b, _, _), row in zip(ids, numbers[:, 6:8], strict=True)
         }, found
 
     def spheres(self, i, j, a, b):

@@ -65,7 +65,7 @@ def test_the_horizon_is_rounded_to_whole_steps(scene_and_belief):
     assert predict(scene, belief, horizon=0.3).time == pytest.approx(0.3)  # 0.3 / 0.01 is below 30 in floats
 
 
-@pytest.mark.parametrize("name", PROPAGATORS)
+@pytest.mark.parametrize("name", [name for name, kind in PROPAGATORS.items() if not kind.grows])
 def test_a_trajectory_holds_what_shorter_predictions_give(scene_and_belief, name):
     scene, belief = scene_and_belief
     propagator = make_propagator(
@@ -120,6 +120,13 @@ def test_the_computation_time_that_ran_out_leaves_what_was_reached(scene_and_bel
     assert 0.0 < reached.time < 10.0
     same(reached.belief, predict(*scene_and_belief, horizon=reached.time).belief)
     assert caught.value.code == ErrorCode.TIMEOUT
+
+
+def test_a_limit_ends_a_step_of_many_samples(scene_and_belief):
+    many = make_propagator("monte_carlo", samples=2000)
+    with pytest.raises(PredictionTimeoutError, match="before the first step") as caught:
+        predict(*scene_and_belief, many, 10.0, max_computation_time=1e-6)
+    assert caught.value.prediction is None
 
 
 @pytest.mark.parametrize("seconds", [0.0, -1.0, np.nan, np.inf, "soon"])

@@ -11,7 +11,7 @@ from unc_physics import Belief, RigidBody, Scene, load_model, make_propagator, p
 from unc_physics.__main__ import main
 from unc_physics.geometry.packing_file import SpherePacking
 from unc_physics.prediction.status import Status, assess, assess_all
-from unc_physics.scene.environment import Plane
+from unc_physics.scene.environment import Box, Plane
 from unc_physics_evaluation.scenarios import collision
 
 NAMES = ("linearization", "surrogate", "sigma_points", "local_sampling", "monte_carlo")
@@ -59,6 +59,30 @@ def test_overlap_at_the_start_is_named(name):
     found = statuses(scene, balls((0, 0, 0), (0.09, 0, 0), (1, 0, 0)), name, 0.01)
     assert [bool(status.flags & Status.INITIAL_OVERLAP) for status in found] == [True, True, False]
     assert 0.2 < found[0].measures["initial_overlap"] < 0.3, "0.2 at the mean, and deeper in one of twenty"
+
+
+def test_samples_too_few_to_tell_a_spread_are_not_fine():
+    """The spread of one is zero, whatever the belief."""
+    scene = Scene([RigidBody("a", BALL, 1.0)])
+    for samples, fine in ((1, False), (2, False), (20, True)):
+        propagator = make_propagator("monte_carlo", samples=samples)
+        (status,) = assess(predict(scene, balls((0, 0, 0)), propagator, 0.1))
+        assert (status.flags == Status.FINE) == fine
+        assert fine or "too few samples" in status.message
+        assert 0.0 < status.measures["few_samples"] <= 1.0
+
+
+def test_points_whose_mean_lies_inside_something_are_not_fine():
+    """A ball that falls to either side of a wall's top is in the wall on average."""
+    wall = Box((0.02, 1.0, 1.0), (0.0, 0.0, -0.5), name="wall")
+    scene = Scene.everyday([RigidBody("a", BALL, 1.0)], environment=[wall], restitution=0.0)
+    mean = np.zeros((1, 13))
+    mean[0, 2], mean[0, 9] = 0.055, 1.0
+    P = np.zeros((1, 12, 12))
+    P[0, 0, 0] = 0.02**2
+    (status,) = assess(predict(scene, Belief(mean, P), "sigma_points", 0.5))
+    assert status.measures["mean_overlap"] > 0.5
+    assert status.flags & Status.OUTSIDE_VALIDITY
 
 
 def test_overlap_of_a_share_of_the_belief_is_named():

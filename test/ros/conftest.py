@@ -27,7 +27,7 @@ def pytest_collection_finish(session):
     session.ahead = None
     if others_first and first_process and not session.config.option.collectonly:
         session.ahead = subprocess.Popen(
-            [sys.executable, "-m", "unc_physics.ros.warm_up"],
+            [sys.executable, "-m", "unc_physics", "warm-up"],
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,
         )

@@ -48,7 +48,7 @@ from unc_physics_msgs.srv import Predict, PredictCandidates
 NODE = "soaked"
 IN_FLIGHT = 4
 WARM_UP_SHARE = 0.25
-GROWTH_LIMIT = 20.0  # MB
+GROWTH_LIMIT = 40.0  # MB, of which each kind of request that comes first has a few
 LIMITS = {
     "max_horizon": 5.0,
     "max_computation_time": 0.2,

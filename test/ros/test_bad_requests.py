@@ -403,7 +403,6 @@ BAD = {
         "INVALID_COVARIANCE",
         "scene.joint_covariance[0].data",
     ),
-    "a propagator for another step": (good_request(propagator="surrogate"), "NOT_SUPPORTED", "implicit"),
     "plane without normal": (
         with_elements(floor([0.0, 0.0, 0.0, 1.0])),
         "INVALID_ENVIRONMENT",

@@ -109,15 +109,15 @@ def table():
     return on_table()
 
 
-def assert_same(found, expected):
+def assert_same(found, expected, tolerance=ROUND_OFF):
     """Both tell the same, whoever computed it."""
     assert found.times == expected.times
     assert found.seed == expected.seed and found.propagator == expected.propagator
     assert found.scene.stiffness == pytest.approx(expected.scene.stiffness, rel=ROUND_OFF)
     for one, other in zip(found.beliefs, expected.beliefs, strict=True):
         np.testing.assert_array_equal(one.moving, other.moving)
-        np.testing.assert_allclose(one.mean, other.mean, rtol=0.0, atol=ROUND_OFF)
-        np.testing.assert_allclose(one.covariance, other.covariance, rtol=0.0, atol=ROUND_OFF)
+        np.testing.assert_allclose(one.mean, other.mean, rtol=0.0, atol=tolerance)
+        np.testing.assert_allclose(one.covariance, other.covariance, rtol=0.0, atol=tolerance)
     np.testing.assert_allclose(found.start.mean, expected.start.mean, rtol=0.0, atol=ROUND_OFF)
 
 
@@ -129,7 +129,8 @@ def test_a_node_answers_what_the_library_does(asked, space, name):
     found = asked.predict(scene, belief, name, 0.4, times=[0.1, 0.25], samples=30, seed=7)
     expected = predict(scene, belief, make_propagator(name, **options), 0.4, times=[0.1, 0.25])
     assert np.linalg.norm(expected["left"].linear_velocity - belief.mean[0, 3:6]) > 0.01, "they must touch"
-    assert_same(found, expected)
+    # which direction comes first, among equal ones, round-off decides, and points follow
+    assert_same(found, expected, 2e-3 if name in ("cloud", "auto") else ROUND_OFF)
     assert [status.body for status in assess(found)] == ["left", "right"]
 
 
@@ -296,14 +297,14 @@ def test_what_progress_raises_ends_a_long_prediction(asked, space):
         raise Stop("have seen enough", field="I")
 
     with pytest.raises(Stop) as caught:
-        asked.predict_long(*space, "monte_carlo", 59.0, samples=5000, progress=stop)
+        asked.predict_long(*space, "monte_carlo", 59.0, samples=20_000, progress=stop)
     assert 0.0 < caught.value.prediction.time < 59.0
 
 
 def test_a_long_prediction_is_canceled_from_elsewhere(asked, space):
     cancel, begun = threading.Event(), threading.Event()
     future = asked.predict_long_async(
-        *space, "monte_carlo", 59.0, samples=5000, cancel=cancel, progress=lambda *_: begun.set()
+        *space, "monte_carlo", 59.0, samples=20_000, cancel=cancel, progress=lambda *_: begun.set()
     )
     assert begun.wait(READY) and not future.done()
     cancel.set()
@@ -348,7 +349,7 @@ def test_what_messages_have_no_room_for(asked, space):
 
 
 def test_arguments_are_checked_before_anything_is_sent(asked, space, table):
-    with pytest.raises(NotSupportedError, match="implicit"):
+    with pytest.raises(NotSupportedError, match="friction_std is not supported by surrogate"):
         asked.predict(*table, "surrogate", 0.1)
     with pytest.raises(LimitExceededError, match="seed must be below 2.64"):
         asked.predict(*space, "monte_carlo", 0.1, seed=2**64)
@@ -390,7 +391,7 @@ def test_closing_a_client_ends_what_it_waits_for(asked, space):
         with Client(timeout=READY) as client:
             begun = threading.Event()
             future = client.predict_long_async(
-                *space, "monte_carlo", 59.0, samples=5000, progress=lambda *_, begun=begun: begun.set()
+                *space, "monte_carlo", 59.0, samples=20_000, progress=lambda *_, begun=begun: begun.set()
             )
             assert begun.wait(READY)
         with pytest.raises(NotActiveError, match="closed"):

@@ -94,8 +94,23 @@ def material(find, **values):
     return lambda request: setattr(find(request), "material", Material(**{k: [v] for k, v in values.items()}))
 
 
+def sampled(request):
+    request.propagator, request.samples = "monte_carlo", 100
+
+
 def itself(request):
     return request
+
+
+def anytime(request, error="1000"):
+    """Rollouts until the error is so small, 32 at most, but for other wishes."""
+    options = {"runs": "32", "samples": "50", "error": error}
+    request.propagator = "auto"
+    request.propagator_options = [KeyValue(key=key, value=value) for key, value in options.items()]
+
+
+def going_on(request):
+    anytime(request, "1e-9")
 
 
 def scene(request):
@@ -120,6 +135,7 @@ EFFECTS = {
         "objects[].states[].pose",
         None,
     ),
+    f"{OBJECT}.inertia": (set_to(first, inertia=packed(1e-2 * np.eye(3))), "objects[].states[].pose", None),
     f"{OBJECT}.material.friction": (material(first, friction=0.05), "objects[].states[].pose", None),
     f"{OBJECT}.material.friction_std": (
         material(first, friction=0.5, friction_std=0.2),
@@ -231,6 +247,10 @@ EFFECTS = {
         "time_reached",
         set_to(itself, propagator="monte_carlo", samples=5000),
     ),
+    "wanted_position_error": (set_to(itself, wanted_position_error=1e-9), "rollouts", anytime),
+    "wanted_rotation_error": (set_to(itself, wanted_rotation_error=1e-9), "rollouts", anytime),
+    "wanted_probability_error": (set_to(itself, wanted_probability_error=0.04), "rollouts", anytime),
+    "time_budget": (set_to(itself, time_budget=Duration(nanosec=1)), "rollouts", going_on),
     "skip_unknown_models": (
         set_to(itself, skip_unknown_models=True),
         "skipped",
@@ -252,6 +272,10 @@ EFFECTS = {
         "contact_probabilities[].object_a",
         None,
     ),
+    f"{FLOOR}.surface_tilt_std": (set_to(floor, surface_tilt_std=0.02), "rollouts", None),
+    "physics.impact_direction_std": (physics(impact_direction_std=0.05), "objects[].states[].pose", sampled),
+    "physics.impact_point_std": (physics(impact_point_std=0.003), "objects[].states[].pose", sampled),
+    "physics.impact_friction_std": (physics(impact_friction_std=0.2), "objects[].states[].pose", sampled),
     "return_covariance": (set_to(itself, return_covariance=True), "objects[].states[].covariance", None),
     "return_joint_covariance": (
         set_to(itself, return_joint_covariance=True),
@@ -269,8 +293,6 @@ def not_served():
         "ObjectState": (OBJECT,),
         "Material": (f"{OBJECT}.material", f"{FLOOR}.material"),
         "EnvironmentElement": (FLOOR,),
-        "Physics": ("physics",),
-        "PredictionRequest": ("",),
     }
     owners = {
         f"{place}.{name}".lstrip(".")
@@ -342,11 +364,7 @@ NOT_FILLED = {
     "objects[].upright.probability",
     "objects[].upright.low",
     "objects[].upright.high",
-    "position_error",
-    "rotation_error",
-    "probability_error",
     "physics.preset",
-    *(f"physics.{name}" for name in NOT_SERVED["Physics"]),
 }
 
 
@@ -356,6 +374,7 @@ def rich_requests():
     with_region(asked)
     with_physics(asked, stiffness=1e9, stiffness_std=1e7, friction_std=0.1, restitution_std=0.05, damping=0.1)
     with_physics(asked, gravity_direction_std=0.01, sleep=True)
+    with_physics(asked, impact_direction_std=0.01, impact_point_std=1e-3, impact_friction_std=0.1)
     asked.scene.header.stamp.sec = 3
     asked.scene.objects.append(moving_object("x", "teapot", (5.0, 0.0, 0.0)))
     asked.scene.objects[1].kind = ObjectState.FIXED
@@ -372,7 +391,7 @@ def rich_requests():
     sunk.scene.objects.pop()
     sunk.scene.objects[0].pose.pose.position.z = -0.013
     sunk.scene.objects[0].pose.covariance = diagonal(*[2e-3] * 6)
-    sunk.propagator, sunk.samples = "monte_carlo", 50
+    sunk.propagator, sunk.samples = "cloud", 50
     return asked, overlapping, sunk
 
 

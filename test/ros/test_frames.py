@@ -30,7 +30,7 @@ class Tf2:
     """What the node uses of tf2_ros, which is not on PyPI: a buffer that knows one transform."""
 
     class Buffer:
-        def lookup_transform(self, target, source, time):
+        def lookup_transform(self, target, source, time, timeout):
             if (target, source) != ("world", "camera"):
                 raise LookupError(f'"{source}" passed to lookupTransform does not exist')
             found = TransformStamped()

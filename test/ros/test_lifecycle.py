@@ -1,10 +1,13 @@
 """The node with a lifecycle."""
 
+import time
+
 from lifecycle_msgs.msg import State, Transition
 from lifecycle_msgs.srv import ChangeState, GetState
-from running import NodeProcess
+from running import NodeProcess, result_of
 from scenes import assert_answered, good_request
 
+from unc_physics.checks.errors import ErrorCode
 from unc_physics_msgs.srv import Predict
 
 
@@ -39,5 +42,13 @@ def test_the_node_goes_through_its_life(client):
             assert change(Transition.TRANSITION_DEACTIVATE)
         assert change(Transition.TRANSITION_CLEANUP)
         assert state() == State.PRIMARY_STATE_UNCONFIGURED
+        assert change(Transition.TRANSITION_CONFIGURE) and change(Transition.TRANSITION_ACTIVATE)
+        endless = good_request(propagator="monte_carlo", samples=5000, horizon=50.0)
+        waiting = client.start(Predict, "/cycle/predict", Predict.Request(request=endless))
+        time.sleep(0.5)
+        assert change(Transition.TRANSITION_DEACTIVATE)
+        result = result_of(waiting).result
+        assert result.error_code == ErrorCode.CANCELED
+        assert "is being deactivated" in result.error_msg
         assert process.end() == 0
         assert "Traceback" not in process.output

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from action_msgs.msg import GoalStatus
 from rclpy.action import ActionClient
-from running import READY_TIMEOUT
+from running import READY_TIMEOUT, Client, NodeProcess, wait_until
 from scenes import assert_answered, assert_same, good_request, numbers_of
 
 from unc_physics.checks.errors import ErrorCode
@@ -70,6 +70,28 @@ def test_cancel_keeps_what_was_done_and_the_service_answers_meanwhile(send, clie
     assert len(shares) > 2 and shares == sorted(shares) and 0.0 < shares[-1] < 1.0
     assert seconds(feedback[-1].time_reached) == pytest.approx(60.0 * shares[-1])
     assert seconds(feedback[-1].elapsed) > 0.0
+
+
+def test_a_goal_ends_at_the_node_s_limit_and_when_its_client_is_gone():
+    def begin(client):
+        action = ActionClient(client.node, PredictLong, "/limited/predict_long")
+        assert action.wait_for_server(READY_TIMEOUT)
+        handle = client.of_action(lambda: action.send_goal_async(endless()))
+        assert handle.accepted
+        return action, handle
+
+    with NodeProcess("-p", "max_long_computation_time:=4.0", name="limited") as node:
+        with Client() as staying:
+            action, handle = begin(staying)
+            answer = staying.of_action(handle.get_result_async)
+            action.destroy()
+            assert answer.result.result.error_code == ErrorCode.TIMEOUT
+            assert 0.0 < seconds(answer.result.prediction.time_reached) < 60.0
+        with Client() as leaving:
+            action, _ = begin(leaving)
+            time.sleep(0.5)
+            action.destroy()  # as the middleware sees one that was killed, after a while
+        wait_until(lambda: "the client is gone" in node.output)
 
 
 def test_bad_goals_and_too_many_are_aborted_with_a_reason(send, client):

@@ -65,19 +65,16 @@ def test_a_model_is_loaded_and_used(load, listed, client):
     [
         ("", "INVALID_REQUEST"),
         ("/nowhere.npz", "INVALID_REQUEST"),
-        ("/etc/passwd", None),
+        ("/etc/passwd", "INVALID_MESH"),
+        ("/dev/zero", "INVALID_REQUEST"),
         ("{tmp}/text.npz", "INVALID_MODEL"),
     ],
 )
 def test_files_that_are_no_models(load, listed, tmp_path, path, code):
     (tmp_path / "text.npz").write_text("no archive")
     response = load(path=path.format(tmp=tmp_path), name="none")
-    if code is None:  # might be a mesh: that is found out in the background
-        assert response.model.status == ModelInfo.STATUS_PACKING
-        wait_until(lambda: listed()["none"].status == ModelInfo.STATUS_FAILED)
-        assert "mesh" in listed()["none"].status_msg
-    else:
-        assert ErrorCode(response.result.error_code).name == code, response.result.error_msg
+    assert ErrorCode(response.result.error_code).name == code, response.result.error_msg
+    assert "none" not in listed()
 
 
 def test_a_mesh_is_packed_in_the_background(load, listed, client, tmp_path):

@@ -29,8 +29,6 @@ def parts(request):
         "ObjectState": (request.scene.objects[1], "scene.objects[1]."),
         "Material": (request.scene.objects[1].material, "scene.objects[1].material."),
         "EnvironmentElement": (request.scene.environment.elements[0], f"{ELEMENT}."),
-        "Physics": (request.physics, "physics."),
-        "PredictionRequest": (request, ""),
     }
 
 

@@ -5,9 +5,13 @@ import subprocess
 import time
 
 import pytest
+from rcl_interfaces.srv import ListParameters
+from rclpy.action import ActionClient
 from running import Client, NodeProcess, result_of
 from scenes import assert_answered, good_request
 
+from unc_physics.checks.errors import ErrorCode
+from unc_physics_msgs.action import PredictLong
 from unc_physics_msgs.srv import Predict
 
 
@@ -50,6 +54,47 @@ def test_two_clients_do_not_wait_for_each_other(node, client):
         assert time.monotonic() - started < 1.5
         assert not slow.done()
         result_of(slow)
+
+
+@pytest.mark.parametrize("value", ["0.0", "fast"])
+def test_a_value_that_rclpy_refuses_ends_the_node_with_a_sentence(value):
+    wrong = NodeProcess("-p", f"dt:={value}", name="wrong")
+    ended = subprocess.run(wrong.command, check=False, capture_output=True, text=True, timeout=60.0)
+    assert ended.returncode == ErrorCode.INVALID_OPTION
+    assert ended.stderr.startswith("unc_physics_node: ") and "Traceback" not in ended.stderr
+
+
+def test_with_an_empty_cache_it_says_what_it_does_and_answers(client, tmp_path, monkeypatch):
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
+    first = NodeProcess(name="first")
+    process = subprocess.Popen(first.command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+    said = next(line for line in process.stdout if "[first]: " in line)
+    names = client.call(ListParameters, "/first/list_parameters", ListParameters.Request()).result.names
+    process.send_signal(signal.SIGINT)
+    output, _ = process.communicate(timeout=60.0)
+    assert "dt" in names
+    assert process.returncode == 0
+    assert "warming up sigma_points" in said and "ready" not in output
+    assert "Traceback" not in output
+
+
+def test_a_misspelt_parameter_is_told():
+    with NodeProcess("-p", "frction:=0.3", "-p", "warm_up:=['']", name="misspelt") as process:
+        assert "'frction' is unknown and has no effect; is 'friction' meant?" in process.output
+
+
+def test_a_goal_that_runs_when_the_node_ends_is_answered(client):
+    with NodeProcess("-p", "warm_up:=['monte_carlo']", name="ending") as process:
+        action = ActionClient(client.node, PredictLong, "/ending/predict_long")
+        assert action.wait_for_server(10.0)
+        goal = PredictLong.Goal(request=good_request(propagator="monte_carlo", samples=2000, horizon=60.0))
+        handle = client.of_action(lambda: action.send_goal_async(goal))
+        answer = result_of(client.executor.create_task(handle.get_result_async))
+        time.sleep(0.3)
+        assert process.end() == 0
+        assert result_of(answer).result.result.error_code == ErrorCode.CANCELED
+        assert "Traceback" not in process.output
+        action.destroy()
 
 
 def test_a_wrong_parameter_ends_the_node_with_a_sentence():

@@ -43,7 +43,8 @@ def test_every_propagator_answers_as_the_core_does(predict, propagator):
     assert_answered(response)
     answer = response.prediction
     assert (answer.propagator, answer.seed, seconds(answer.time_reached)) == (propagator, 7, 0.4)
-    islands = ", islands" if PROPAGATORS[propagator].traits.cross_body else ""
+    kind = PROPAGATORS[propagator]
+    islands = ", islands" if kind.traits.cross_body and not kind.grows else ""
     summary = "explicit, dt 0.01 s, stiffness 1e+05 N/m^3, damping 0.5 1/s, gyroscopic"
     assert answer.physics_summary == summary + islands
     assert answer.header.frame_id == "world"
@@ -74,11 +75,11 @@ def test_the_node_s_own_physics_is_a_robot_s_world(predict):
 
 
 @pytest.mark.parametrize("propagator", ["linearization", "surrogate", "local_sampling"])
-def test_a_propagator_that_does_not_run_on_it_says_so(predict, propagator):
+def test_propagators_with_a_nominal_rollout_run_in_it(predict, propagator):
     response = predict(good_request(propagator=propagator))
-    assert response.result.error_code == ErrorCode.NOT_SUPPORTED
-    for word in ("implicit", propagator, "sigma_points and monte_carlo"):
-        assert word in response.result.error_msg
+    assert_answered(response)
+    assert response.prediction.propagator == propagator
+    assert response.prediction.physics_summary.startswith("implicit, ")
 
 
 def test_a_preset_takes_the_place_of_the_node_s_physics(predict):
@@ -192,12 +193,12 @@ def test_options_of_a_propagator(predict):
 
 
 def test_the_computation_time_runs_out(predict):
-    request = good_request(propagator="monte_carlo", samples=5000, horizon=20.0, max_computation_time=0.3)
+    request = good_request(propagator="monte_carlo", samples=2000, horizon=50.0, max_computation_time=1.0)
     response = predict(request)
     assert response.result.error_code == ErrorCode.TIMEOUT
     assert "max_computation_time" in response.result.error_msg
     reached = seconds(response.prediction.time_reached)
-    assert 0.0 < reached < 20.0
+    assert 0.0 < reached < 50.0
     for predicted in response.prediction.objects:
         assert seconds(predicted.states[-1].time_from_start) == pytest.approx(reached)
         assert np.isfinite(numbers_of(predicted.states[-1])).all()

@@ -2,10 +2,11 @@
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 from example_scenes import CONTENTS
 
-from unc_physics import RigidBody, UncPhysicsError, load_model, save_packing
+from unc_physics import RigidBody, Scene, UncPhysicsError, load_model, save_packing
 from unc_physics.scene.scene_file import scene_from_dict
 
 PIN = load_model("pin").prefix(10)
@@ -40,3 +41,31 @@ def test_a_scene_file_needs_no_mass_where_the_model_has_one(tmp_path):
     body["model"] = "pebble.npz"
     with pytest.raises(UncPhysicsError, match=r"bodies\[1\]\.mass must be given, since model 'pebble'"):
         scene_from_dict(content, folder=tmp_path)
+
+
+def test_a_bodys_inertia_in_place_of_its_models():
+    assert (RigidBody("a", PIN).unit_inertia == PIN.inertia).all()
+    tensor = np.array([[2e-3, 1e-4, 0.0], [1e-4, 3e-3, 0.0], [0.0, 0.0, 2.5e-3]])
+    moments = [1e-3, 2e-3, 2.5e-3]
+    for given, expected in ((2e-3, 2e-3 * np.eye(3)), (moments, np.diag(moments)), (tensor, tensor)):
+        body = RigidBody("a", PIN, 2.0, inertia=given)
+        np.testing.assert_array_equal(body.unit_inertia, expected)
+        np.testing.assert_array_equal(Scene([body]).world.bodies.inertia[0], 2.0 * expected)
+    content = CONTENTS["two_bodies"]()
+    content["bodies"][0]["inertia"] = ["1e-3", 2e-3, 2.5e-3]
+    body = scene_from_dict(content).scene.bodies[0]
+    np.testing.assert_array_equal(body.unit_inertia, np.diag([1e-3, 2e-3, 2.5e-3]))
+
+
+@pytest.mark.parametrize(
+    "inertia, problem",
+    [
+        (-1.0, "has a principal moment that is not positive"),
+        ([1.0, 1.0, 3.0], "belongs to no solid"),
+        ([1.0, 2.0], "must have shape"),
+        (np.nan, "finite"),
+    ],
+)
+def test_what_is_no_inertia_is_refused(inertia, problem):
+    with pytest.raises(UncPhysicsError, match=f"inertia of body 'a'.*{problem}"):
+        RigidBody("a", PIN, inertia=inertia)

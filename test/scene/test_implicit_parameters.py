@@ -131,14 +131,14 @@ def test_the_hull_and_the_box_about_the_spheres_move_with_the_centre_of_mass():
     world, plain = vary(scene, np.array([1.0, -2.0, 0.5])), scene.world.implicit
     shift, found = 0.01 * np.array([1.0, -2.0, 0.5]), world.implicit
     (first, last), other = plain.hull_range[0], slice(*plain.hull_range[1])
-    np.testing.assert_allclose(found.hull[first:last, :3], plain.hull[first:last, :3] - shift, atol=1e-15)
-    np.testing.assert_array_equal(found.hull[:, 3], plain.hull[:, 3])
-    np.testing.assert_array_equal(found.hull[other], plain.hull[other])
+    np.testing.assert_allclose(found.hull[:3, first:last].T, plain.hull[:3, first:last].T - shift, atol=1e-15)
+    np.testing.assert_array_equal(found.hull[3], plain.hull[3])
+    np.testing.assert_array_equal(found.hull[:, other], plain.hull[:, other])
     np.testing.assert_allclose(
         found.extent[0], [*(plain.extent[0, :3] - shift), *plain.extent[0, 3:]], atol=1e-15
     )
     np.testing.assert_array_equal(found.extent[1], plain.extent[1])
-    np.testing.assert_array_equal(world.tree.centers[found.hull_sphere], found.hull[:, :3])
+    np.testing.assert_array_equal(world.tree.centers[found.hull_sphere], found.hull[:3].T)
 
 
 @pytest.mark.parametrize("name", ["sigma_points", "monte_carlo"])

@@ -5,12 +5,7 @@ import pytest
 from example_scenes import CONTENTS
 
 from unc_physics import Box, Plane, RigidBody, Scene, auto_stiffness, predict
-from unc_physics.checks.errors import (
-    InvalidOptionError,
-    InvalidRequestError,
-    LimitExceededError,
-    NotSupportedError,
-)
+from unc_physics.checks.errors import InvalidOptionError, InvalidRequestError, LimitExceededError
 from unc_physics.geometry.packing_file import SpherePacking
 from unc_physics.scene.physics_summary import physics_as_text, physics_of
 from unc_physics.scene.presets import PRESETS
@@ -154,13 +149,6 @@ def test_robust_names_its_successor(model):
             make()
 
 
-@pytest.mark.parametrize("name", ["linearization", "surrogate", "local_sampling"])
-def test_propagators_that_do_not_run_on_implicit_say_which_do(loaded, model, name):
-    scene = Scene.everyday([RigidBody("a", model, 1.0), RigidBody("b", model, 1.0)])
-    with pytest.raises(NotSupportedError, match=f"implicit.*sigma_points and monte_carlo.*{name}"):
-        predict(scene, loaded("two_bodies").belief, name, 0.1)
-
-
 # -- stiffness ---------------------------------------------------------------------------------------
 
 
@@ -193,7 +181,7 @@ def test_without_gravity_it_takes_up_impacts(model):
 
 def test_too_much_for_any_stiffness_is_refused(model, recwarn):
     with pytest.raises(LimitExceededError):
-        rest_stiffness([RigidBody("a", model, 1e300)], at_rest(), (0.0, 0.0, -1e200))
+        rest_stiffness([RigidBody("a", model, 1e50)], at_rest(), (0.0, 0.0, -1e300))
     mean = at_rest()
     mean[0, 3] = 1e200
     with pytest.raises(LimitExceededError):

@@ -21,6 +21,8 @@ class Converted(Protocol[Given_contra, Kept_co]):
 
 
 Array = Converted[ArrayLike, np.ndarray]
+#: As `Array`, or None.
+MaybeArray = Converted[ArrayLike | None, np.ndarray | None]
 #: As `Array`; without one, the class chooses.
 OptionalArray = Converted[ArrayLike | None, np.ndarray]
 #: A number; without one, the class chooses.

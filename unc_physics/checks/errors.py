@@ -9,6 +9,8 @@ from __future__ import annotations
 from enum import IntEnum
 from typing import Any, ClassVar
 
+from .shown import printable, shown
+
 
 class ErrorCode(IntEnum):
     """Code of an error: over ROS, and as exit status of the command line (1 and 2 are left to Python and
@@ -66,16 +68,8 @@ class UncPhysicsError(Exception):
         self.prediction: Any = None
         text = problem if field is None else f"{field} {problem}"
         if value is not None:
-            text += f" (got {_shown(value)})"
-        super().__init__(text)
-
-
-def _shown(value):
-    try:
-        text = repr(value)
-    except ValueError:  # Python refuses to write integers of thousands of digits
-        text = "too large a number to show"
-    return text if len(text) <= 120 else text[:117] + "..."
+            text += f" (got {shown(value)})"
+        super().__init__(printable(text))
 
 
 class InvalidRequestError(UncPhysicsError):

@@ -10,10 +10,13 @@ from .errors import (
     InvalidCovarianceError,
     InvalidOrientationError,
     InvalidRequestError,
+    LimitExceededError,
     NotFiniteError,
     UncPhysicsError,
 )
 
+#: How far from the origin anything may be [m].
+FARTHEST = 1e12
 #: How far a quaternion's length may be from 1: perception rounds to single precision or a few decimals.
 _QUATERNION_TOLERANCE = 1e-3
 #: What round-off may leave of a covariance's asymmetry and negative eigenvalues, relative to its blocks'
@@ -107,6 +110,16 @@ def array(value, shape, field, error: type[UncPhysicsError] = InvalidRequestErro
         raise NotFiniteError("must be finite", field=field, value=result[~np.isfinite(result)][0].item())
     result.flags.writeable = False
     return result
+
+
+def point(value, field, error: type[UncPhysicsError] = InvalidRequestError) -> np.ndarray:
+    """A place (3,) in the world [m]; beyond `FARTHEST` the steps between numbers are no longer small."""
+    place = array(value, (3,), field, error)
+    if np.abs(place).max() > FARTHEST:
+        raise LimitExceededError(
+            f"must be within {FARTHEST:g} m of the origin", field=field, value=place.tolist()
+        )
+    return place
 
 
 def quaternion(value, field) -> np.ndarray:

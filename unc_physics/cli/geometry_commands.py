@@ -5,6 +5,11 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from ..checks.shown import plain_digits, printable
+from .interrupts import dying_at_interrupt
+from .output import check_output, note, writing
+
+_LARGE = 1e4  # of a body [mm]: from there its mesh may have been in millimetres
 PROGRESS_AFTER = 2.0  # s
 
 
@@ -119,7 +124,6 @@ def run_pack(arguments: argparse.Namespace) -> int:
     from dataclasses import replace
 
     from ..checks.errors import InvalidOptionError
-    from ..geometry.library import cache_dir
     from ..geometry.solid_mesh import load_solid
 
     _check_positive("-n", arguments.spheres)
@@ -130,10 +134,10 @@ def run_pack(arguments: argparse.Namespace) -> int:
     name = arguments.name or Path(arguments.output or arguments.mesh).stem
     if Path(name).name != name:
         raise InvalidOptionError("must be a plain file name", field="--name", value=name)
-    output = _output(arguments.output, cache_dir() / f"{name}.npz", ".npz")
+    output = _model_output(arguments.output, name)
     solid, repairs = load_solid(arguments.mesh, repair=arguments.repair)
     for repair in repairs:
-        print(f"repair: {repair}")
+        print(f"repair: {printable(repair)}")
     solid = replace(solid.scaled(arguments.scale), name=name)
     _pack(
         solid,
@@ -144,6 +148,13 @@ def run_pack(arguments: argparse.Namespace) -> int:
         source=arguments.source,
         licence=arguments.licence,
     )
+    size = 1e3 * float((solid.bounds[1] - solid.bounds[0]).max())
+    if size > _LARGE:
+        meant = size * 1e-3
+        note(
+            f"the body is {plain_digits(size)} mm long: is the mesh in millimetres, and not in metres?"
+            f" --scale {plain_digits(1e-3 * arguments.scale)} makes it {plain_digits(meant)} mm"
+        )
     return 0
 
 
@@ -176,12 +187,12 @@ def table(packings, names) -> str:
     for packing, name in zip(packings, names, strict=True):
         size = gap = mass = "-"
         if packing.bounds is not None:
-            size = " x ".join(f"{1e3 * side:.4g}" for side in packing.bounds[1] - packing.bounds[0])
+            size = " x ".join(plain_digits(1e3 * side) for side in packing.bounds[1] - packing.bounds[0])
         if packing.surface_gap is not None:
             gap = f"{1e3 * packing.surface_gap:.2f}"
         if packing.mass is not None:
-            mass = f"{packing.mass:.3g}"
-        rows.append((name, size, mass, str(len(packing)), f"{100.0 * packing.fill:.1f}", gap))
+            mass = plain_digits(packing.mass, 3)
+        rows.append((printable(name), size, mass, str(len(packing)), f"{100.0 * packing.fill:.1f}", gap))
     widths = [max(len(row[k]) for row in rows) for k in range(len(rows[0]))]
     return "\n".join(
         "  ".join(
@@ -195,6 +206,7 @@ def table(packings, names) -> str:
 def run_show(arguments: argparse.Namespace) -> int:
     """Draw a model."""
     _require("matplotlib")
+    from ..checks.errors import InvalidModelError
     from ..geometry.library import load_model
     from ..geometry.picture import draw_levels
 
@@ -202,16 +214,23 @@ def run_show(arguments: argparse.Namespace) -> int:
     levels = arguments.levels or sorted(
         {k for k in (10, 100, 1000, 10_000) if k < len(packing)} | {len(packing)}
     )
+    for level in levels:
+        if not 1 <= level <= len(packing):
+            raise InvalidModelError(
+                f"must be between 1 and the {len(packing)} spheres of the model",
+                field="--levels",
+                value=level,
+            )
     parts = [packing.prefix(k) for k in levels]
-    output = _output(arguments.output, Path(f"{Path(arguments.model).stem}.png"), ".png")
-    draw_levels(output, parts, up=arguments.up)
-    print(f"wrote {output}")
+    output = check_output(arguments.output or f"{Path(arguments.model).stem}.png", ".png", "--output")
+    with writing(output, "--output"):
+        draw_levels(output, parts, up=arguments.up)
+    print(f"wrote {printable(str(output))}")
     return 0
 
 
 def _make(arguments):
     from ..checks.errors import UnknownModelError
-    from ..geometry.library import cache_dir
     from ..geometry.recipes import RECIPES, recipe_solid
 
     names = arguments.make or list(RECIPES)
@@ -226,9 +245,7 @@ def _make(arguments):
             )
     for name in names:
         stem = name if arguments.spheres is None else f"{name}_{arguments.spheres}"
-        output = _output(
-            arguments.output and Path(arguments.output) / f"{stem}.npz", cache_dir() / f"{stem}.npz", ".npz"
-        )
+        output = _model_output(arguments.output and Path(arguments.output) / f"{stem}.npz", stem)
         solid, about = recipe_solid(name, arguments.meshes)
         _pack(solid, arguments.spheres or RECIPES[name].spheres, arguments.threads, output, **about)
     return 0
@@ -252,18 +269,20 @@ def _pack(solid, count, threads, output, **about):
         packing = pack_solid(
             solid, count, threads=threads, progress=None if bar.disable else progress, **about
         )
-    save_packing(output, packing)
+    with writing(output, "--output"):
+        save_packing(output, packing)
     print(table([packing], [solid.name]))
     if len(packing) < count:
         print(
             f"stopped at {len(packing)} of {count} spheres and a fill of {100.0 * packing.fill:.1f} %: no gap"
             " was left for a ball of 1e-7 of the body's size"
         )
-    print(f"wrote {output}")
+    print(f"wrote {printable(str(output))}")
 
 
 def _require(*modules):
-    """Refuse politely where an optional dependency is missing."""
+    """Import optional dependencies; refuse politely where one is missing."""
+    from importlib import import_module
     from importlib.util import find_spec
 
     from ..checks.errors import NotSupportedError
@@ -273,6 +292,9 @@ def _require(*modules):
         raise NotSupportedError(
             f"this command needs {' and '.join(missing)}: pip install {' '.join(missing)}"
         )
+    with dying_at_interrupt():
+        for module in modules:
+            import_module(module)
 
 
 def _check_positive(option, value):
@@ -282,20 +304,29 @@ def _check_positive(option, value):
         raise InvalidOptionError("must be at least 1", field=option, value=value)
 
 
-def _output(path, default, suffix):
-    """The file to write, in a folder that can be written to, checked before any work is done."""
-    import os
+def _model_output(path, name):
+    """The file of a model to write: by default one of the user's own, which must be found by its name."""
+    from ..checks.errors import InvalidOptionError, OutputError
+    from ..geometry.library import cache_dir, list_models, models_dirs
 
-    from ..checks.errors import OutputError
-
-    if path is None:
-        default.parent.mkdir(parents=True, exist_ok=True)
-        path = default
-    path = Path(path)
-    if path.suffix != suffix:
-        raise OutputError(f"must end in {suffix}", field="--output", value=str(path))
-    if not path.parent.is_dir():
-        raise OutputError("is in a folder that does not exist", field="--output", value=str(path))
-    if path.is_dir() or not os.access(path.parent, os.W_OK):
-        raise OutputError("cannot be written", field="--output", value=str(path))
-    return path
+    if path is not None:
+        return check_output(path, ".npz", "--output")
+    output = cache_dir() / f"{name}.npz"
+    try:
+        output.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise OutputError(
+            f"cannot be made: {error.strerror}; name a file with -o", field="folder", value=str(output.parent)
+        ) from error
+    output = check_output(output, ".npz", "--output")
+    found = list_models().get(name, output)
+    if output.parent in models_dirs() and found.resolve() != output.resolve():
+        raise InvalidOptionError(
+            f"is the name of {found}, which would be found in place of the new one; choose another name, or a"
+            " file with -o",
+            field="the model's name",
+            value=name,
+        )
+    if output.parent not in models_dirs():
+        note(f"models are looked for in {models_dirs()[0]} alone, so this one is found by its path only")
+    return output

@@ -5,13 +5,15 @@ from __future__ import annotations
 import argparse
 import json
 import math
-import os
 from dataclasses import asdict
 from importlib.util import find_spec
 from pathlib import Path
 
+from ..checks.shown import printable
 from ..propagators.names import DEFAULT, entries
+from .output import check_output, note, writing
 
+_ROUNDED = 0.01  # of a horizon, from which on its rounding is worth a note
 PROGRESS_AFTER = 2.0  # s
 _UNKNOWN = 20  # probabilities that cannot be told are only counted if they are more
 
@@ -47,6 +49,9 @@ def add_predict_command(commands) -> None:
     parser.add_argument("--horizon", metavar="T", help="time to predict for [s], instead of the scene file's")
     parser.add_argument(
         "--period", metavar="T", help="also report the states every T seconds on the way there"
+    )
+    parser.add_argument(
+        "--time-limit", metavar="T", help="give up after computing for T seconds; compiling does not count"
     )
     parser.add_argument(
         "--probabilities",
@@ -92,7 +97,7 @@ def run(arguments) -> int:
     from ..scene.scene_file import load_scene
 
     if arguments.picture is not None:
-        _check_picture(arguments.picture)
+        check_picture(arguments.picture)
     if arguments.samples_out is not None:
         integer(arguments.samples_out, "--samples-out", low=1)
         if not arguments.json:
@@ -116,7 +121,10 @@ def run(arguments) -> int:
         )
     scene, belief, horizon = load_scene(arguments.scene, arguments.models)
     horizon = horizon if arguments.horizon is None else arguments.horizon
-    prediction = _predict_with_progress(scene, belief, propagator, horizon, arguments.period)
+    prediction = _predict_with_progress(
+        scene, belief, propagator, horizon, arguments.period, arguments.time_limit
+    )
+    _note_what_is_left_out(arguments, scene, propagator, horizon)
     seed = prediction.seed if prediction.seed is not None else arguments.seed
     answers = _answers(prediction) if arguments.probabilities else None
     statuses = assess(prediction, rollouts=rollouts)
@@ -136,7 +144,8 @@ def run(arguments) -> int:
     if arguments.picture is not None:
         from .scene_picture import draw_prediction
 
-        draw_prediction(arguments.picture, prediction, Path(arguments.scene).stem.replace("_", " "))
+        with writing(Path(arguments.picture), "--picture"):
+            draw_prediction(arguments.picture, prediction, Path(arguments.scene).stem.replace("_", " "))
     return 0
 
 
@@ -169,7 +178,7 @@ def _statuses(statuses):
 def statuses_as_text(statuses) -> str:
     """What speaks against the prediction, a body a line."""
     lines = [
-        f"{status.body}: {' '.join(flag.name for flag in status.flags)}: {status.message}"
+        f"{printable(status.body)}: {' '.join(flag.name for flag in status.flags)}: {status.message}"
         for status in statuses
         if status.flags
     ]
@@ -194,7 +203,7 @@ def answers_as_table(answers) -> str:
     """
     lines = []
     for answer in answers["contact_probabilities"]:
-        what = f"{answer.object_a} and {answer.object_b} touch"
+        what = printable(f"{answer.object_a} and {answer.object_b} touch")
         when = ""
         if answer.first_contact_time_available:
             when = (
@@ -202,7 +211,9 @@ def answers_as_table(answers) -> str:
                 f" {answer.first_contact_time_std:.3f} s"
             )
         lines.append((what, answer, when))
-    lines += [(f"{answer.object} is at rest", answer, "") for answer in answers["rest_probabilities"]]
+    lines += [
+        (printable(f"{answer.object} is at rest"), answer, "") for answer in answers["rest_probabilities"]
+    ]
     unknown = sum(not answer.available for _, answer, _ in lines)
     if unknown > _UNKNOWN:
         lines = [line for line in lines if line[1].available]
@@ -224,26 +235,46 @@ def _sampled():
     return names_where(lambda propagator: propagator.own_sample_count is not None, " or ")
 
 
-def _check_picture(path):
+def check_picture(path):
     """Refuse a picture that cannot be drawn or written, before any work is done."""
-    from ..checks.errors import NotSupportedError, OutputError
+    from ..checks.errors import NotSupportedError
 
     missing = [name for name in ("matplotlib", "scipy") if find_spec(name) is None]
     if missing:
         raise NotSupportedError(f"--picture needs {' and '.join(missing)}: pip install {' '.join(missing)}")
-    if Path(path).suffix != ".png":
-        raise OutputError("must end in .png", field="--picture", value=path)
-    folder = Path(path).resolve().parent
-    if not folder.is_dir() or not os.access(folder, os.W_OK) or Path(path).is_dir():
-        raise OutputError("cannot be written", field="--picture", value=path)
+    check_output(path, ".png", "--picture")
 
 
-def _predict_with_progress(scene, belief, propagator, horizon, period):
+def _note_what_is_left_out(arguments, scene, propagator, horizon):
+    """Say what of the arguments has no effect, or another than may be meant."""
+    if arguments.seed is not None and not hasattr(propagator, "seed"):
+        note(f"--seed {arguments.seed} has no effect, as {propagator.name} draws nothing")
+    if horizon is None:
+        return
+    horizon = float(horizon)
+    steps = round(horizon / scene.dt)
+    if abs(steps * scene.dt - horizon) > _ROUNDED * horizon:
+        note(
+            f"the horizon of {horizon:g} s is rounded to {steps} step{'s' * (steps != 1)} of dt ="
+            f" {scene.dt:.6g} s, {steps * scene.dt:.6g} s"
+        )
+    if arguments.period is not None and float(arguments.period) >= horizon:
+        note(
+            f"--period {float(arguments.period):g} s is not below the horizon of {horizon:g} s, which alone"
+            " is reported"
+        )
+
+
+def _predict_with_progress(scene, belief, propagator, horizon, period, time_limit):
     """Predict; on a terminal, with a progress bar on work that takes long."""
     from tqdm import tqdm
 
+    from ..checks.errors import PredictionTimeoutError
+    from ..checks.validation import positive
     from ..prediction.predict import periodic_times, predict
 
+    if time_limit is not None:
+        time_limit = positive(time_limit, "--time-limit")
     with tqdm(
         total=None, unit="step", delay=PROGRESS_AFTER, leave=False, disable=None, desc=propagator.name
     ) as bar:
@@ -253,9 +284,18 @@ def _predict_with_progress(scene, belief, propagator, horizon, period):
             bar.update(done - bar.n)
 
         times = None if period is None else periodic_times(period, horizon)
-        return predict(
-            scene, belief, propagator, horizon, times=times, progress=None if bar.disable else show
-        )
+        try:
+            return predict(
+                scene,
+                belief,
+                propagator,
+                horizon,
+                times=times,
+                max_computation_time=time_limit,
+                progress=None if bar.disable else show,
+            )
+        except PredictionTimeoutError as error:
+            raise PredictionTimeoutError(error.problem, field="--time-limit", value=time_limit) from None
 
 
 def as_dict(prediction, seed=None, samples=None) -> dict:
@@ -316,7 +356,8 @@ def as_table(prediction) -> str:
     from ..scene.physics_summary import physics_as_text
 
     scene = prediction.scene
-    width = max(4, *(len(body.name) for body in scene.bodies))
+    names = [printable(body.name) for body in scene.bodies]
+    width = max(4, *map(len, names))
     lines = [f"{prediction.propagator.name}; {physics_as_text(prediction.scene)}"]
     for time, belief in zip(prediction.times, prediction.beliefs, strict=True):
         lines.append(f"t = {time:g} s  ({prediction.propagator.name}, {_duration(prediction.wall_time)})")
@@ -326,9 +367,7 @@ def as_table(prediction) -> str:
         )
         for k, body in enumerate(scene.bodies):
             state, P = belief.mean[k], belief.marginal(k)
-            row = (
-                f"{body.name:<{width}}  {_row(state[POSITION], '8.4f')}  {_row(state[QUATERNION], '7.4f')}  "
-            )
+            row = f"{names[k]:<{width}}  {_row(state[POSITION], '8.4f')}  {_row(state[QUATERNION], '7.4f')}  "
             if body.fixed:
                 row += "fixed"
             else:

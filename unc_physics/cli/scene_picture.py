@@ -6,8 +6,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..checks.shown import drawn_text
 from ..physics.layout import ERR_POSITION, POSITION, QUATERNION
 from ..physics.rotation import rotation_matrix
+from ..propagators.base import Mode
 from ..scene.environment import Plane
 
 COLORS = ((0.16, 0.45, 0.72), (0.85, 0.42, 0.14), (0.24, 0.60, 0.30), (0.58, 0.40, 0.74), (0.75, 0.22, 0.25))
@@ -22,6 +24,7 @@ _SIDE, _ABOVE = (
 )  # right, up and towards the eye, as rows
 _FAR = 1e4  # times an element's size: from there its nearest point is its outermost one in that direction
 _OUTLINE = 180  # directions in which an outline's points are the outermost
+_NAMED = 12  # bodies that are called by their names: more would hide each other
 _SOLID = {"facecolor": "0.90", "edgecolor": "0.55", "linewidth": 0.8}
 
 
@@ -33,8 +36,8 @@ def draw_prediction(path, prediction, title="") -> None:
     path : path-like
         File to write.
     prediction : Prediction
-        What it was given about time 0 is drawn pale, its last belief solid; the positions of all its times
-        make the paths.
+        What it was given about time 0 is drawn pale, its last belief solid, with an ellipse for each of a
+        body's modes; the positions of all its times make the paths.
     title : str
     """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -52,17 +55,66 @@ def draw_prediction(path, prediction, title="") -> None:
     )
     for row, (view, label) in enumerate(((_SIDE, "z [m]"), (_ABOVE, "y [m]"))):
         axes = figure.add_subplot(grid[row])
-        _draw_view(axes, scene, beliefs, view, low, high)
+        _draw_view(axes, prediction, beliefs, view, low, high)
         axes.set_ylabel(label)
     axes.set_xlabel("x [m]")
-    subtitle = (
-        f"From the side and from above. Pale: now; solid: predicted for {prediction.time:g} s "
-        f"({prediction.propagator.name.replace('_', ' ')}); ellipses: {SIGMAS:g} sigma of the position."
-    )
+    method = prediction.propagator.name.replace("_", " ")
+    subtitle = f"From the side and from above, predicted for {prediction.time:g} s ({method})"
     figure.suptitle(
-        f"{title}\n{subtitle}" if title else subtitle, fontsize=10, y=1.0 - 0.1 / height, va="top"
+        f"{drawn_text(title)}\n{subtitle}" if title else subtitle, fontsize=10, y=1.0 - 0.1 / height, va="top"
     )
+    _draw_legend(figure, scene, 0.1 / height)
     figure.savefig(path, dpi=110, bbox_inches="tight")
+
+
+def _draw_legend(figure, scene, top):
+    """What each color and each line is, below the views."""
+    from matplotlib.lines import Line2D
+    from matplotlib.patches import Patch
+
+    gray = (0.4, 0.4, 0.4)
+    entries = []
+    if len(scene.bodies) <= _NAMED:
+        for k, body in enumerate(scene.bodies):
+            name = drawn_text(body.name) + " (fixed)" * body.fixed
+            entries.append(Patch(color=tuple(_color(body, k).tolist()), label=name))
+    entries += [
+        Patch(color=gray, alpha=0.35, label="pale: now"),
+        Patch(color=gray, label="solid: predicted mean pose"),
+        Line2D([], [], color=gray, linewidth=0.8, label="path of the mean"),
+        _round_line(color=gray, linewidth=0.9, label=f"{SIGMAS:g} sigma of the position, now"),
+        _round_line(color=gray, linewidth=1.8, label="and predicted"),
+    ]
+    figure.legend(
+        handles=entries,
+        loc="upper center",
+        bbox_to_anchor=(0.5, top),
+        ncol=3,
+        fontsize=8,
+        frameon=False,
+        handlelength=1.6,
+    )
+
+
+def _round_line(color, linewidth, label):
+    """The legend's sign for an ellipse."""
+    from matplotlib.lines import Line2D
+
+    return Line2D(
+        [],
+        [],
+        linestyle="none",
+        marker="o",
+        markersize=8,
+        markerfacecolor="none",
+        markeredgecolor=color,
+        markeredgewidth=linewidth,
+        label=label,
+    )
+
+
+def _color(body, k):
+    return np.array((0.55, 0.55, 0.55) if body.fixed else COLORS[k % len(COLORS)])
 
 
 def _bounds(scene, beliefs):
@@ -83,16 +135,17 @@ def _bounds(scene, beliefs):
     return low - margin, high + margin
 
 
-def _draw_view(axes, scene, beliefs, view, low, high):
+def _draw_view(axes, prediction, beliefs, view, low, high):
     from matplotlib.patheffects import withStroke
 
+    scene = prediction.scene
     left, bottom = view[:2] @ low
     right, top = view[:2] @ high
     halo = [withStroke(linewidth=3.0, foreground=(1.0, 1.0, 1.0, 0.6))]
     _draw_environment(axes, scene.environment, view, (left, right, bottom, top))
     pixel = max(right - left, top - bottom) / _PIXELS
     for k, body in enumerate(scene.bodies):
-        color = np.array((0.55, 0.55, 0.55) if body.fixed else COLORS[k % len(COLORS)])
+        color = _color(body, k)
         for belief, alpha in ((beliefs[0], 0.35), (beliefs[-1], 0.95)):
             if body.fixed and belief is beliefs[0]:
                 continue
@@ -104,11 +157,13 @@ def _draw_view(axes, scene, beliefs, view, low, high):
         if not body.fixed:
             path = np.array([belief.mean[k, POSITION] for belief in beliefs]) @ view[:2].T
             axes.plot(*path.T, color=0.5 * color, linewidth=0.8, zorder=4, path_effects=halo)
-            for belief, width in ((beliefs[0], 0.9), (beliefs[-1], 1.8)):
-                P = view[:2] @ belief.marginal(k)[ERR_POSITION, ERR_POSITION] @ view[:2].T
+            now = Mode(1.0, beliefs[0].mean[k], beliefs[0].marginal(k))
+            outcomes = prediction.answers.modes(prediction, k)
+            for mode, width in ((now, 0.9), *((mode, 1.8) for mode in outcomes)):
+                P = view[:2] @ mode.covariance[ERR_POSITION, ERR_POSITION] @ view[:2].T
                 axes.add_patch(
                     ellipse(
-                        view[:2] @ belief.mean[k, POSITION],
+                        view[:2] @ mode.mean[POSITION],
                         P,
                         edgecolor=0.5 * color,
                         linewidth=width,
@@ -116,11 +171,31 @@ def _draw_view(axes, scene, beliefs, view, low, high):
                         path_effects=halo,
                     )
                 )
+    if len(scene.bodies) <= _NAMED:
+        _write_names(axes, scene, beliefs[-1], view, halo)
     axes.set_xlim(left, right)
     axes.set_ylim(bottom, top)
     axes.set_aspect("equal")
     axes.tick_params(labelsize=8)
     axes.spines[["top", "right"]].set_visible(False)
+
+
+def _write_names(axes, scene, belief, view, halo):
+    """Each body's name, beside its last pose."""
+    for k, body in enumerate(scene.bodies):
+        right, up = view[:2] @ belief.mean[k, POSITION]
+        axes.text(
+            right,
+            up + 0.3 * body.model.bounding_radius,
+            drawn_text(body.name),
+            color=tuple((0.4 * _color(body, k)).tolist()),
+            fontsize=8,
+            ha="center",
+            va="bottom",
+            zorder=6,
+            clip_on=True,
+            path_effects=halo,
+        )
 
 
 def _draw_environment(axes, environment, view, window):

@@ -56,6 +56,10 @@ def find_model(name_or_path, models_dir=None) -> Path:
     instance(name_or_path, (str, os.PathLike), "name_or_path")
     text = os.fspath(name_or_path)
     if text.endswith(".npz") or os.sep in text:
+        if not text.endswith(".npz"):
+            raise UnknownModelError(
+                "must be a model's name, or the path of a file that ends in .npz", field="model", value=text
+            )
         try:
             path = Path(text).expanduser()
             if path.is_file():

@@ -19,9 +19,10 @@ from typing import Any
 
 import numpy as np
 
-from ..checks.errors import InvalidOptionError
+from ..checks.errors import InvalidMeshError, InvalidOptionError
+from ..checks.memory import require_memory
 from .ascent import Space, climb_all, place, starts_around, starts_at_surface
-from .packing_file import SpherePacking
+from .packing_file import ROUND_OFF, SpherePacking, spheres_reach
 from .solid_mesh import SolidMesh
 from .sphere_grid import empty_grid, grown, insert_spheres
 from .surface_gap import surface_gap
@@ -38,6 +39,7 @@ FEW_SPHERES = 500
 MAX_CELLS = 60_000_000  # of the grid: 240 MB
 MAX_LEVELS = 100
 SMALLEST = 1e-7  # of the body's size: gaps below are given up
+_BYTES_PER_SPHERE = 1_000  # of those asked for, with the candidates for their places
 TIE = 0.995  # spheres are in order of radius up to this ratio
 
 
@@ -76,14 +78,26 @@ def pack_solid(
     ------
     InvalidOptionError
         If ``count`` is not a positive integer.
+    InvalidMeshError
+        If the surface has no inside that holds the spheres, as of a mesh with large holes.
+    LimitExceededError
+        If there is not memory enough.
     """
     if isinstance(count, bool) or not isinstance(count, (int, np.integer)) or count < 1:
         raise InvalidOptionError("must be a positive integer", field="number of spheres", value=count)
+    require_memory(_BYTES_PER_SPHERE * count, f"packing {count} spheres", "number of spheres", count)
     # A power of two near the size: scaling by it rounds nothing.
     unit = 2.0 ** np.floor(np.log2(solid.bounding_radius))
     with GreedyPacker(solid.corners / unit, count, threads or os.cpu_count() or 1) as packer:
         spheres = packer.run(progress, solid.volume / unit**3) * unit
     centers, radii = spheres[:, :3], spheres[:, 3]
+    reach = spheres_reach(centers, radii) if len(radii) else 0.0
+    if len(radii) == 0 or reach > solid.bounding_radius * (1.0 + ROUND_OFF):
+        raise InvalidMeshError(
+            "has no inside that holds spheres, though each of its edges has two triangles; where a hole was"
+            " filled, close it in a mesh editor",
+            field=f"mesh {solid.name}",
+        )
     return SpherePacking(
         name=solid.name,
         centers=centers,

@@ -4,19 +4,17 @@ to read one).
 
 from __future__ import annotations
 
-import lzma
 import os
 import tempfile
 import zipfile
-import zlib
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from ..checks.errors import InvalidModelError
-from ..checks.validation import instance
+from ..checks.errors import InvalidModelError, LimitExceededError, UncPhysicsError
+from ..checks.validation import FARTHEST, instance
 
 ROUND_OFF = 1e-9  # relative; what a file written in decimal or by another program may lose
 
@@ -167,20 +165,10 @@ class SpherePacking:
 
 _ARRAYS = {"centers": (None, 3), "radii": (None,), "inertia": (3, 3), "origin": (3,), "bounds": (2, 3)}
 _SCALARS = ("volume", "bounding_radius", "mass", "surface_gap")
-# what numpy and zipfile raise, between them, on files that are no archives of plain arrays
-_UNREADABLE = (
-    OSError,
-    ValueError,
-    EOFError,
-    KeyError,
-    TypeError,
-    RuntimeError,
-    MemoryError,
-    zipfile.BadZipFile,
-    zlib.error,
-    lzma.LZMAError,
-)
 _TEXTS = ("name", "mesh_sha256", "source", "licence")
+#: Most spheres of a file, and most characters of a text in it: a small file may say that it holds terabytes.
+SPHERES_LIMIT, _TEXT_LIMIT = 10_000_000, 100_000
+_HEADER = 10_000  # bytes, of an array; more than NumPy reads
 
 
 def load_packing(path: str | os.PathLike[str]) -> SpherePacking:
@@ -203,12 +191,15 @@ def load_packing(path: str | os.PathLike[str]) -> SpherePacking:
     """
     path = Path(path)
     try:
-        with np.load(path, allow_pickle=False) as file:
-            if not isinstance(file, np.lib.npyio.NpzFile):
-                raise zipfile.BadZipFile("a single array")
-            known = {field.name for field in fields(SpherePacking)}
-            values: dict[str, Any] = {key: file[key] for key in file.files if key in known}
-    except _UNREADABLE as error:
+        with path.open("rb") as stream:
+            _check_sizes(zipfile.ZipFile(stream), path)
+            stream.seek(0)
+            with np.load(stream, allow_pickle=False) as file:
+                known = {field.name for field in fields(SpherePacking)}
+                values: dict[str, Any] = {key: file[key] for key in file.files if key in known}
+    except UncPhysicsError:
+        raise
+    except Exception as error:
         reason = (
             error.strerror
             if isinstance(error, OSError) and error.strerror
@@ -220,6 +211,8 @@ def load_packing(path: str | os.PathLike[str]) -> SpherePacking:
             raise InvalidModelError(f"has no '{field}'", field=f"model file {path}")
     for field in _TEXTS:
         if field in values:
+            if values[field].shape != () or values[field].dtype.kind not in "US":
+                raise InvalidModelError("must be a text", field=f"model file {path}: {field}")
             values[field] = str(values[field][()])
     values.setdefault("name", path.stem)
     try:
@@ -228,6 +221,20 @@ def load_packing(path: str | os.PathLike[str]) -> SpherePacking:
         raise InvalidModelError(
             error.problem, field=f"model file {path}: {error.field}", value=error.value
         ) from error
+
+
+def _check_sizes(archive, path):
+    """Refuse arrays that are too large, by what the archive says of them before they are unpacked."""
+    numbers = {"centers": 3 * SPHERES_LIMIT, "radii": SPHERES_LIMIT} | dict.fromkeys(_TEXTS, _TEXT_LIMIT)
+    for entry in archive.infolist():
+        field = entry.filename.removesuffix(".npy")
+        most = 8 * numbers.get(field, 100) + _HEADER
+        if entry.file_size > most:
+            raise LimitExceededError(
+                f"must be at most {most}, and {field} is larger ({SPHERES_LIMIT} spheres are the limit)",
+                field=f"model file {path}: bytes",
+                value=entry.file_size,
+            )
 
 
 def _completed(values):
@@ -342,6 +349,9 @@ def _check_spheres(centers, radii):
         raise InvalidModelError(
             f"must have as many rows as radii has entries, {len(radii)}", field="centers", value=centers.shape
         )
+    largest = float(max(np.abs(centers).max(), radii.max()))
+    if largest > FARTHEST:
+        raise InvalidModelError(f"must be at most {FARTHEST:g} m", field="centers and radii", value=largest)
     worst = int(np.argmin(radii))
     if not radii[worst] > 0.0:
         raise InvalidModelError("must be positive", field=f"radii[{worst}]", value=float(radii[worst]))

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..checks.shown import drawn_text, plain_digits
+
 PIXELS = 640
 VIEW = np.array([0.62, -0.70, 0.36])  # towards the eye, z up
 LIGHT = np.array([-0.35, 0.55, 0.76])  # right, up, towards the eye
@@ -51,8 +53,8 @@ def draw_levels(path, packings, up="z") -> None:
         if k:
             axes.set_yticks([])
             axes.spines["left"].set_visible(False)
-    sides = " x ".join(f"{1e3 * side:.4g}" for side in np.ptp(box_corners(packings[0]), axis=0))
-    figure.suptitle(f"{packings[0].name}: {sides} mm", fontsize=11)
+    sides = " x ".join(plain_digits(1e3 * side) for side in np.ptp(box_corners(packings[0]), axis=0))
+    figure.suptitle(f"{drawn_text(packings[0].name)}: {sides} mm", fontsize=11)
     figure.savefig(path, dpi=130, bbox_inches="tight")
 
 

@@ -45,6 +45,7 @@ RECIPES = {
     "mug": Recipe(shapes.mug, 4000, density=STONEWARE),
     "pin": Recipe(shapes.pin, 10_000, mass=1.58),
     "plate": Recipe(shapes.plate, 5000, density=STONEWARE),
+    "rounded_box": Recipe(shapes.rounded_box, 4000, mass=0.37),
     "salt_box": Recipe(shapes.salt_box, 4000, mass=0.52),
 }
 

@@ -160,6 +160,26 @@ def bin():
     )
 
 
+def rounded_box(size=(0.1048, 0.1048, 0.1048), radius=0.005, segments=6):
+    """A box whose edges and corners are worn; by default the cube of the recorded tosses."""
+    core = 0.5 * np.asarray(size, float) - radius
+    around = 0.5 * np.pi * (np.arange(segments + 1) / segments + np.arange(4)[:, None])
+    signs = np.array([[1.0, 1.0], [-1.0, 1.0], [-1.0, -1.0], [1.0, -1.0]])
+    corners = np.repeat(signs * core[:2], segments + 1, axis=0)
+    circle = np.stack([np.cos(around), np.sin(around)], axis=-1).reshape(-1, 2)
+    # from just off the flat ends, where the rings' corners would be points
+    up = np.radians(np.concatenate([[89.0], np.linspace(90.0, 0.0, segments + 1)[1:]]))
+    below = radius * (1.0 - np.sin(up))
+    below[0] = 0.0
+    heights = np.concatenate([below, size[2] - below[::-1]])
+    reach = radius * np.concatenate([np.cos(up), np.cos(up[::-1])])
+    rings = [
+        np.column_stack([corners + r * circle, np.full(len(corners), z)])
+        for r, z in zip(reach, heights, strict=True)
+    ]
+    return lofted(rings, heights[0], heights[-1])
+
+
 def revolved(profile, first, last, segments):
     """Solid of revolution of a profile (k, 2) of radius and height, closed by cones to two heights on the
     axis.

@@ -9,9 +9,12 @@ from pathlib import Path
 
 import numpy as np
 
-from ..checks.errors import InvalidMeshError, InvalidModelError
+from ..checks.errors import InvalidMeshError, InvalidModelError, UncPhysicsError
+from ..checks.memory import require_memory
 from .packing_file import check_inertia
 
+_BYTES_PER_BYTE = 30.0  # of memory, for each of a mesh's file
+_ARCHIVES = {"bz2", "gz", "tar.bz2", "tar.gz", "zip"}  # that trimesh unpacks, however much is in them
 FLAT = 1e-12  # of the cube of the size: less volume than this is none
 
 
@@ -87,10 +90,19 @@ def load_solid(path: str | os.PathLike[str], repair: bool = False) -> tuple[Soli
     import trimesh
 
     path = Path(path)
+    formats = sorted(set(trimesh.available_formats()) - _ARCHIVES)
+    if path.suffix.lower().removeprefix(".") not in formats:
+        raise InvalidMeshError(f"must end in one of {', '.join(formats)}", field=f"mesh {path}")
     try:
+        if path.exists() and not path.is_file():
+            raise InvalidMeshError("is no file", field=f"mesh {path}")
+        size = path.stat().st_size
+        require_memory(_BYTES_PER_BYTE * size, "reading it", f"mesh {path}: bytes", size)
         data = path.read_bytes()
         mesh = trimesh.load_mesh(path, process=False)
         vertices, faces = np.asarray(mesh.vertices, dtype=float), np.asarray(mesh.faces, dtype=np.int64)
+    except UncPhysicsError:
+        raise
     except OSError as error:
         raise InvalidMeshError(f"cannot be read: {error.strerror or error}", field=f"mesh {path}") from error
     except Exception as error:  # trimesh's readers raise whatever the file makes them stumble over
@@ -104,7 +116,10 @@ def load_solid(path: str | os.PathLike[str], repair: bool = False) -> tuple[Soli
             vertices, faces, repairs = repaired(vertices, faces)
         solid = make_solid(path.stem, vertices, faces, sha256=hashlib.sha256(data).hexdigest())
     except InvalidMeshError as error:
-        raise InvalidMeshError(error.problem, field=f"mesh {path}", value=error.value) from error
+        problem, hint, _ = error.problem.partition(" (--repair")
+        if hint:
+            problem = f"{problem}; the repair could not mend it" if repair else error.problem
+        raise InvalidMeshError(problem, field=f"mesh {path}", value=error.value) from error
     return solid, repairs
 
 

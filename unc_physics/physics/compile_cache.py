@@ -1,19 +1,20 @@
-"""Where compiled kernels are kept: a folder for each state of the sources, where something can be written.
+"""Where compiled kernels are kept: a folder for each compiler and processor, where something can be written.
 
-numba notices an edit of the file that holds a function, not one of the functions that it calls. So all that
-is compiled from the same sources by the same numba for the same processor has a folder of its own.
+Each kernel's file is named by its stamp (`kernel_stamp`), so an edit compiles anew what depends on it, and
+nothing else. Kernels that were compiled ahead load also from where this user cannot write.
 """
 
 # pyright: reportAttributeAccessIssue=false
 # numba makes its settings and the attributes of its caches at run time
 
 import contextlib
+import fcntl
+import glob
 import hashlib
 import os
 import pickle
-import re
-import shutil
 import stat
+import sys
 import tempfile
 import time
 from pathlib import Path
@@ -24,21 +25,18 @@ import numpy
 from numba.core import caching
 from numba.core.dispatcher import Dispatcher
 
+from .kernel_stamp import stamp
+
 PACKAGE = Path(__file__).resolve().parent.parent
-_NO_KERNELS = ("ros", "cli")  # an edit there compiles nothing anew, but of a file that has kernels
-_KEPT, _UNUSED = 3, 24.0 * 3600.0  # a folder goes that is not among the newest, and unused for so long [s]
+_UNUSED = 24.0 * 3600.0  # what has a newer state goes when it was unused for so long [s]
+_LOOK, _PATIENCE = 0.05, 300.0  # how often, and how long, to see whether another process has compiled it [s]
 
 
 def fingerprint():
-    """Text that changes with the kernels' sources, the versions of what compiles them, and the processor."""
-    processor = llvmlite.binding.get_host_cpu_name()
+    """Text that changes with the versions of what compiles the kernels, and with the processor."""
+    python, processor = sys.implementation.cache_tag, llvmlite.binding.get_host_cpu_name()
     compilers = [module.__version__ for module in (numba, llvmlite, numpy)]
-    digest = hashlib.sha256("\0".join([*compilers, processor]).encode())
-    for path in sorted(PACKAGE.rglob("*.py")):
-        name, source = path.relative_to(PACKAGE), path.read_bytes()
-        if name.parts[0] not in _NO_KERNELS or b"physics.compiled import" in source:
-            digest.update(b"\0" + str(name).encode() + b"\0" + source)
-    return digest.hexdigest()[:16]
+    return hashlib.sha256("\0".join([*compilers, python, processor]).encode()).hexdigest()[:16]
 
 
 def _places():
@@ -57,66 +55,78 @@ def _places():
         yield own
 
 
-def find_folder():
-    """The folder of these sources, made where it does not exist; None where nothing can be written."""
+def find_folders():
+    """The folder to write to, made where it does not exist (None where nothing can be written), and those to
+    read from.
+    """
     name = f"kernels-{fingerprint()}"
+    readable = []
     with contextlib.suppress(OSError):
         for place in _places():
+            folder = place / name
             with contextlib.suppress(OSError):
-                folder = place / name
                 folder.mkdir(parents=True, exist_ok=True)
                 tempfile.TemporaryFile(dir=folder).close()
-                os.utime(folder)
-                _clean(place)
-                return folder
-    return None
+                _clean(folder)
+                return folder, [folder, *readable]
+            if folder.is_dir():
+                readable.append(folder)
+    return None, readable
 
 
-def _clean(place):
-    """Remove what other sources left in a place long ago; a process that still uses it makes it anew."""
-    folders = [path for path in place.glob("kernels-*") if re.fullmatch("kernels-[0-9a-f]{16}", path.name)]
-    for path in sorted(folders, key=_last_use)[:-_KEPT]:
-        if time.time() - _last_use(path) > _UNUSED:
-            shutil.rmtree(path, ignore_errors=True)
+def _clean(folder):
+    """Remove what was compiled from other sources than the newest of its kernel, and unused for long."""
+    states = {}
+    for index in folder.glob("*.nbi"):
+        states.setdefault(_kernel(index), []).append((_last_use(index), index))
+    for of_kernel in states.values():
+        for used, index in sorted(of_kernel)[:-1]:
+            if time.time() - used > _UNUSED:
+                for path in [index, *folder.glob(glob.escape(index.stem) + ".*.nbc")]:
+                    path.unlink(missing_ok=True)
 
 
-def _last_use(folder):
-    """Time of the last start of a process that uses the folder; now, if another is just removing it."""
+def _kernel(index):
+    """Name of a kernel, of the name of its file: NAME-STAMP.nbi."""
+    return index.name.rpartition("-")[0]
+
+
+def _last_use(path):
+    """Time when a file was made or loaded; now, if another process is just removing it."""
     try:
-        return folder.stat().st_mtime
+        return path.stat().st_mtime
     except OSError:
         return time.time()
 
 
-FOLDER = find_folder()
+FOLDER, _FOLDERS = find_folders()
 
 
 def keep(compiled):
-    """Load a function's compiled code from the folder, and save there what is missing."""
-    if FOLDER is not None and isinstance(compiled, Dispatcher):  # a plain function with NUMBA_DISABLE_JIT
+    """Load a function's compiled code from a folder, and save what is missing."""
+    if _FOLDERS and isinstance(compiled, Dispatcher):  # a plain function with NUMBA_DISABLE_JIT
         compiled._cache = _KernelCache(compiled.py_func)
     return compiled
 
 
 class _Locator(caching._CacheLocator):
-    """Tells numba the folder, and names of files that no two functions share."""
+    """Tells numba where: it asks before the functions that a kernel calls exist."""
 
     def __init__(self, function, file):
         self._py_file = file  # numba's warnings name it
-        self._name = f"{function.__module__}-{function.__code__.co_firstlineno}"
 
     @classmethod
     def from_function(cls, function, file):
         return cls(function, file)
 
     def get_cache_path(self):
-        return str(FOLDER)
+        return str(_FOLDERS[0])
 
     def get_source_stamp(self):
-        return Path(self.get_cache_path()).name
+        return ""
 
     def get_disambiguator(self):
-        return self._name
+        return None
 
 
 class _CompiledFunctions(caching.CompileResultCacheImpl):
@@ -124,9 +134,83 @@ class _CompiledFunctions(caching.CompileResultCacheImpl):
 
 
 class _KernelCache(caching.FunctionCache):
-    """numba's cache of a function, but for trouble: a full disk, a damaged file, a folder that is gone."""
+    """numba's cache of a function, but for its place and for trouble: a full disk, a damaged file.
+
+    What one process compiles others wait for, since they would not have it any sooner. Kernels call each
+    other in one direction only, so no two processes wait for each other.
+    """
 
     _impl_class = _CompiledFunctions
+    _lock = None
+
+    def _load_overload(self, sig, target_context):
+        loaded = self._loaded(sig, target_context)
+        began = time.monotonic()
+        while loaded is None and self._enabled and not self._locks(sig):
+            if time.monotonic() - began > _PATIENCE:
+                return None
+            time.sleep(_LOOK)
+            loaded = self._loaded(sig, target_context)
+        if loaded is None and self._enabled:
+            loaded = self._loaded(sig, target_context)  # saved just before the lock was free
+        if loaded is not None:
+            self._unlock()
+        return loaded
+
+    def _locks(self, sig):
+        """Whether this process may compile: no other one is just doing so, as far as can be told."""
+        if FOLDER is None or self._lock is not None:
+            return True
+        try:
+            lock = open(FOLDER / f"{self._file_name(sig)}.lock", "wb")  # noqa: SIM115  (until it is saved)
+        except OSError:
+            return True
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            lock.close()
+            return False
+        except OSError:
+            lock.close()
+            return True
+        self._lock = lock
+        return True
+
+    def _unlock(self):
+        if self._lock is not None:
+            with contextlib.suppress(OSError):
+                os.unlink(self._lock.name)
+            self._lock.close()
+            self._lock = None
+
+    def _loaded(self, sig, target_context):
+        key = self._index_key(sig, target_context.codegen())
+        for folder in _FOLDERS if self._enabled else ():
+            with self._guard_against_spurious_io_errors():
+                file = self._file(folder, sig)
+                data = file.load(key)
+                if data is not None:
+                    loaded = self._impl.rebuild(target_context, data)
+                    with contextlib.suppress(OSError):
+                        os.utime(file._index_path)
+                    return loaded
+        return None
+
+    def _save_overload(self, sig, data):
+        try:
+            if self._enabled and FOLDER is not None and self._impl.check_cachable(data):
+                self._file(FOLDER, sig).save(self._index_key(sig, data.codegen), self._impl.reduce(data))
+        finally:
+            self._unlock()
+
+    def _file_name(self, sig):
+        return f"{self._py_func.__module__}.{self._py_func.__qualname__}-{stamp(self._py_func, sig)}"
+
+    def _file(self, folder, sig):
+        return caching.IndexDataCacheFile(str(folder), self._file_name(sig), "")
+
+    def _index_key(self, sig, codegen):
+        return sig, codegen.magic_tuple()
 
     def _guard_against_spurious_io_errors(self):
         return contextlib.suppress(OSError, EOFError, pickle.UnpicklingError)

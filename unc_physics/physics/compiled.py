@@ -2,11 +2,13 @@
 
 from typing import Any
 
-from numba import njit
+from numba import njit, types
+from numba.core.dispatcher import Dispatcher
 from numba.extending import overload
 
 from . import compile_time  # noqa: F401  (from the first kernel on)
 from .compile_cache import keep
+from .kernel_stamp import WORK
 
 #: No wrapper for Python, no counted references: both take long to compile.
 _INNER: Any = {"_nrt": False, "no_cpython_wrapper": True}
@@ -38,6 +40,7 @@ def stage(function) -> Any:
     def of(method):
         def register(work):
             work_of[method] = work
+            WORK.setdefault(method, []).append(work)
             return work
 
         return register
@@ -53,6 +56,25 @@ def _compiled(function, options) -> Any:  # numba's own types say little about w
     settings: Any = {"nogil": True, "no_cfunc_wrapper": True} | options
 
     def decorate(function):
-        return keep(njit(**settings)(function))
+        return keep(_for_values(njit(**settings)(function)))
 
     return decorate if function is None else decorate(function)
+
+
+def _for_values(compiled):
+    """A compiled function that its callers do not compile again for a number that they write out.
+
+    To numba each such number is a type of its own, and so are all functions to which it is passed on: a
+    counter that begins at 0 would compile all that is below a loop twice.
+    """
+    if isinstance(compiled, Dispatcher):  # a plain function with NUMBA_DISABLE_JIT
+        template_of = compiled.get_call_template
+
+        def get_call_template(args, kws):
+            return template_of(
+                [types.unliteral(kind) for kind in args],
+                {name: types.unliteral(kind) for name, kind in kws.items()},
+            )
+
+        compiled.get_call_template = get_call_template
+    return compiled

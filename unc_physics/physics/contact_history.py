@@ -7,6 +7,7 @@ import numpy as np
 
 from . import implicit_world
 from .implicit_world import fresh_solver_memory
+from .random import combine
 
 
 class Start(NamedTuple):
@@ -75,6 +76,16 @@ def samples(history, some):
     return _each(history, lambda array: array[some])
 
 
+def with_keys(history, seed, first=0):
+    """The history of implicit rollouts, from the ``first`` on, that draw the errors of their impacts.
+
+    Rollout n always draws the same.
+    """
+    numbers = range(first, first + len(history.first_time))
+    keys = np.array([combine(np.uint64(seed), n) for n in numbers], np.uint64)
+    return history._replace(solver=history.solver._replace(key=keys))
+
+
 def _each(history, function):
     """A history with all of its arrays changed alike."""
     if history.solver is None:
@@ -137,3 +148,23 @@ def _add_pairs(values, own, some, followed):
         return
     columns = np.concatenate([some, np.arange(values.shape[1], values.shape[2])])
     values[np.ix_(np.arange(len(values)), some, columns)] = own[followed]
+
+
+def stacked(history, others):
+    """The history of some rollouts and, after them, of others of the same bodies."""
+    if history.solver is None:
+        return ContactHistory(one_after_the_other(history.first_time, others.first_time), None, None)
+    solver, start = (
+        type(part)(*map(one_after_the_other, part, other))
+        for part, other in ((history.solver, others.solver), (history.start, others.start))
+    )
+    return ContactHistory(one_after_the_other(history.first_time, others.first_time), solver, start)
+
+
+def one_after_the_other(some, others):
+    """Arrays of some rollouts and of others in one; what has room for less gets more, empty."""
+    shape = np.maximum(some.shape[1:], others.shape[1:])
+    out = np.zeros((len(some) + len(others), *shape), some.dtype)
+    out[(slice(0, len(some)), *(slice(0, n) for n in some.shape[1:]))] = some
+    out[(slice(len(some), None), *(slice(0, n) for n in others.shape[1:]))] = others
+    return out

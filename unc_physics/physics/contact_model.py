@@ -93,11 +93,22 @@ def shallow_depth(force, R, factor):
     return math.sqrt(force / (factor * R))
 
 
+@inner(forceinline=True)
+def balance(h, way, R, factor):
+    """What `balanced_impulse` takes, of a contact that an impulse of 1 N s pushes back ``way`` metres, over
+    an interval ``h`` [s].
+    """
+    strength = 4.0 * h * factor * R
+    return way * strength, strength
+
+
 @inner(forceinline=True, fastmath=FAST, error_model="numpy")
-def balanced_depth(free, way, R, factor):
-    """Depth d of a contact that is pushed back ``way`` metres by each newton: ``d + way force(d) = free``."""
-    q = way * factor * R
-    return 2.0 * free / (1.0 + math.sqrt(1.0 + 4.0 * q * free))
+def balanced_impulse(free, growth, strength):
+    """Impulse of a contact whose depth would be ``free`` > 0 without it: ``lambda = h force(d)`` at depth
+    ``d = free - way lambda`` [N s].
+    """
+    share = free / (1.0 + math.sqrt(1.0 + growth * free))
+    return strength * share * share
 
 
 def carrying_stiffness(force, R, d):

@@ -16,7 +16,9 @@ from .contact_search import (
     ACTIVE_GAP,
     LIST_MARGIN,
     LIST_STEPS,
-    closing_bound,
+    PAIR_MARGIN,
+    box_distance,
+    closing_now,
     column_of,
     element_list,
     pair_list,
@@ -95,15 +97,27 @@ def element_candidates(x, i, e, limit, horizon, world, work):
         qx, qy, qz = rotate_back(R, cx, cy, cz)  # n . (omega x c) = c . (n x omega)
         qx, qy, qz = bx + horizon * qx, by + horizon * qy, bz + horizon * qz
         later = height + horizon * (nx * vx + ny * vy + nz * vz)
-        hull, first = world.implicit.hull, world.implicit.hull_range[i, 0]
-        last = world.implicit.hull_range[i, 1]
-        for k in range(first, last):
-            ux, uy, uz, r = hull[k, 0], hull[k, 1], hull[k, 2], hull[k, 3]
-            gap = height + bx * ux + by * uy + bz * uz - r
-            predicted = later + qx * ux + qy * uy + qz * uz - r
-            if min(gap, predicted) < limit:
-                s = world.implicit.hull_sphere[k]
-                count = _keep_candidate(count, (bx, by, bz), (ux, uy, uz), r, gap, predicted, s, 0, work)
+        box = world.implicit.box[i]
+        least = height + bx * box[0] + by * box[1] + bz * box[2]
+        least -= abs(bx) * box[3] + abs(by) * box[4] + abs(bz) * box[5]
+        soon = later + qx * box[0] + qy * box[1] + qz * box[2]
+        soon -= abs(qx) * box[3] + abs(qy) * box[4] + abs(qz) * box[5]
+        if min(least, soon) >= limit:
+            return 0
+        first, last = world.implicit.hull_range[i, 0], world.implicit.hull_range[i, 1]
+        hull, low = world.implicit.hull, work.low
+        ux, uy, uz, r = hull[0, first:last], hull[1, first:last], hull[2, first:last], hull[3, first:last]
+        for k in range(last - first):
+            gap = height + bx * ux[k] + by * uy[k] + bz * uz[k] - r[k]
+            predicted = later + qx * ux[k] + qy * uy[k] + qz * uz[k] - r[k]
+            low[k] = min(gap, predicted)
+        for k in range(last - first):
+            if low[k] < limit:
+                gap = height + bx * ux[k] + by * uy[k] + bz * uz[k] - r[k]
+                predicted = later + qx * ux[k] + qy * uy[k] + qz * uz[k] - r[k]
+                s = world.implicit.hull_sphere[first + k]
+                c = ux[k], uy[k], uz[k]
+                count = _keep_candidate(count, (bx, by, bz), c, r[k], gap, predicted, s, 0, work)
                 if count == 0:
                     return 0
     else:
@@ -135,43 +149,73 @@ def pair_candidates(x, i, j, limit, horizon, world, work):
     """Find the pairs of spheres of bodies i and j whose gap is below ``limit`` [m], or will be after
     ``horizon`` seconds; returns how many there are.
     """
-    R_ij, R = work.R_ij, work.R[i]
-    centers, radii, pool = world.tree.centers, world.tree.radii, work.pool
     low, high = min(i, j), max(i, j)
     kept = work.kept_overlap[low, high]
-    pair_list(x, low, high, needed_gap(limit) + horizon * closing_bound(x, i, j, world), world, work)
+    travel = horizon * closing_now(x, i, j, world)
+    if box_distance(x, i, j, world.implicit.box, work.R) + kept >= limit + travel:
+        return 0
+    pair_list(x, low, high, needed_gap(limit) + travel, PAIR_MARGIN, world, work)
+    R_ij, R_i, pool = work.R_ij, work.R[i], work.pool
     t = relative_pose(x, i, j, work.R, R_ij)
     half = 0.5 * horizon * (np.float64(world.bodies.moving[i]) - np.float64(world.bodies.moving[j]))
     vx, vy, vz = x[i, V] - x[j, V], x[i, V + 1] - x[j, V + 1], x[i, V + 2] - x[j, V + 2]
-    ux, uy, uz = rotate_back(
-        R, vx + half * world.gravity[0], vy + half * world.gravity[1], vz + half * world.gravity[2]
+    u = rotate_back(
+        R_i, vx + half * world.gravity[0], vy + half * world.gravity[1], vz + half * world.gravity[2]
     )
-    wx, wy, wz = rotate_back(R, x[i, W], x[i, W + 1], x[i, W + 2])
-    ox, oy, oz = rotate_back(R, x[j, W], x[j, W + 1], x[j, W + 2])
+    w = rotate_back(R_i, x[i, W], x[i, W + 1], x[i, W + 2])
+    o = rotate_back(R_i, x[j, W], x[j, W + 1], x[j, W + 2])
+    R = (
+        (R_ij[0, 0], R_ij[0, 1], R_ij[0, 2]),
+        (R_ij[1, 0], R_ij[1, 1], R_ij[1, 2]),
+        (R_ij[2, 0], R_ij[2, 1], R_ij[2, 2]),
+    )
     start = work.lists[low, high, 0]
+    stop = start + work.lists[low, high, 1]
+    own, other = (0, 4) if i < j else (4, 0)
+    spheres, least = work.pool_spheres, work.low
+    cx, cy, cz = spheres[own, start:stop], spheres[own + 1, start:stop], spheres[own + 2, start:stop]
+    ex, ey, ez = spheres[other, start:stop], spheres[other + 1, start:stop], spheres[other + 2, start:stop]
+    cr, er = spheres[own + 3, start:stop], spheres[other + 3, start:stop]
+    for k in range(stop - start):
+        gap, predicted, _ = _pair_gap(
+            (cx[k], cy[k], cz[k]), cr[k], (ex[k], ey[k], ez[k]), er[k], R, t, u, w, o, horizon, kept
+        )
+        least[k] = min(gap, predicted)
     count = 0
-    for k in range(start, start + work.lists[low, high, 1]):
-        a, b = pool[k, 0], pool[k, 1]
-        if i > j:
-            a, b = b, a
-        px, py, pz = rotate(R_ij, centers[b, 0], centers[b, 1], centers[b, 2])
-        cx, cy, cz, r = centers[a, 0], centers[a, 1], centers[a, 2], radii[a]
-        dx, dy, dz = cx - px - t[0], cy - py - t[1], cz - pz - t[2]
-        d2 = dx * dx + dy * dy + dz * dz
-        if d2 == 0.0:  # coincident centres have no normal
-            continue
-        d = math.sqrt(d2)
-        gap = d - r - radii[b] + kept
-        nx, ny, nz = dx / d, dy / d, dz / d
-        mx = ux + wy * cz - wz * cy - (oy * pz - oz * py)
-        my = uy + wz * cx - wx * cz - (oz * px - ox * pz)
-        mz = uz + wx * cy - wy * cx - (ox * py - oy * px)
-        predicted = gap + horizon * (nx * mx + ny * my + nz * mz)
-        if min(gap, predicted) < limit:
-            count = _keep_candidate(count, (nx, ny, nz), (cx, cy, cz), r, gap, predicted, a, b, work)
+    for k in range(stop - start):
+        if least[k] < limit:
+            c, r = (cx[k], cy[k], cz[k]), cr[k]
+            gap, predicted, n = _pair_gap(c, r, (ex[k], ey[k], ez[k]), er[k], R, t, u, w, o, horizon, kept)
+            if math.isnan(predicted):
+                continue
+            a, b = pool[start + k, 0], pool[start + k, 1]
+            if i > j:
+                a, b = b, a
+            count = _keep_candidate(count, n, c, r, gap, predicted, a, b, work)
             if count == 0:
                 return 0
     return count
+
+
+@inner(forceinline=True, error_model="numpy")
+def _pair_gap(c, r, e, s, R, t, u, w, o, horizon, kept):
+    """Gap of a sphere of body i and one of body j [m], the one after ``horizon`` seconds, and the normal
+    towards i; NaN for spheres with the same centre, which have no normal.
+
+    All in body i's frame but ``e``, which ``R``, by rows, and ``t`` bring there; ``u`` is the relative
+    velocity of the bodies, ``w`` and ``o`` are their angular velocities.
+    """
+    px = R[0][0] * e[0] + R[0][1] * e[1] + R[0][2] * e[2]
+    py = R[1][0] * e[0] + R[1][1] * e[1] + R[1][2] * e[2]
+    pz = R[2][0] * e[0] + R[2][1] * e[1] + R[2][2] * e[2]
+    dx, dy, dz = c[0] - px - t[0], c[1] - py - t[1], c[2] - pz - t[2]
+    d = math.sqrt(dx * dx + dy * dy + dz * dz)
+    gap = d - r - s + kept
+    nx, ny, nz = dx / d, dy / d, dz / d
+    mx = u[0] + w[1] * c[2] - w[2] * c[1] - (o[1] * pz - o[2] * py)
+    my = u[1] + w[2] * c[0] - w[0] * c[2] - (o[2] * px - o[0] * pz)
+    mz = u[2] + w[0] * c[1] - w[1] * c[0] - (o[0] * py - o[1] * px)
+    return gap, gap + horizon * (nx * mx + ny * my + nz * mz), (nx, ny, nz)
 
 
 @inner(forceinline=True)
@@ -187,20 +231,22 @@ def _keep_candidate(count, normal, center, r, gap, score, a, b, work):
     for k in range(3):
         out[CANDIDATE_NORMAL + k], out[CANDIDATE_POINT + k] = normal[k], center[k] - r * normal[k]
     out[CANDIDATE_GAP], out[CANDIDATE_SCORE] = gap, score
-    ids[0], ids[1], ids[2] = a, b, _FREE
+    ids[0], ids[1], ids[2], ids[3] = a, b, _FREE, -1
     return count + 1
 
 
-@inner(forceinline=True)
+@inner
 def add_contacts(x, i, j, count, tilt, world, work):
     """Choose contacts among the first ``count`` candidates of body i with body j, or element ``-1 - j``.
 
     The supports of a patch are those of it tilted by ``tilt`` [rad].
     """
     candidates, ids, best, score = work.candidates, work.candidate_ids, work.best, work.best_score
-    if count > 1:
-        bonus = min(_LOADED_BONUS, _LOADED_SHARE * world.bodies.radius[i])
-        _favour_loaded(i, j, count, bonus, work.head, work.link, work.old_contact, candidates, ids)
+    bonus = min(_LOADED_BONUS, _LOADED_SHARE * world.bodies.radius[i])
+    _favour_loaded(i, j, count, bonus, work.head, work.link, work.old_contact, candidates, ids)
+    if count == 1:
+        write_contact(x, i, j, 0, world, work)
+        return
     left = count
     while left > 0:
         seed = -1
@@ -214,7 +260,7 @@ def add_contacts(x, i, j, count, tilt, world, work):
         first, second = tangents((nx, ny, nz))
         best[8] = seed
         for d in range(8):
-            best[d] = -1
+            best[d], score[d] = -1, np.inf
         for k in range(count):
             c = candidates[k]
             if ids[k, 2] != _FREE or c[0] * nx + c[1] * ny + c[2] * nz < _SAME_PATCH:
@@ -224,9 +270,12 @@ def add_contacts(x, i, j, count, tilt, world, work):
             u = tilt * (first[0] * c[3] + first[1] * c[4] + first[2] * c[5])
             w = tilt * (second[0] * c[3] + second[1] * c[4] + second[2] * c[5])
             plus, minus, base = _HALF * (u + w), _HALF * (u - w), c[CANDIDATE_SCORE]
-            for d, more in ((0, u), (1, -u), (2, w), (3, -w), (4, plus), (5, -plus), (6, minus), (7, -minus)):
-                if best[d] < 0 or _deeper(ids, k, base + more, best[d], score[d]):
-                    best[d], score[d] = k, base + more
+            for d, more in ((0, u), (2, w), (4, plus), (6, minus)):
+                for side in range(2):
+                    value = base + (more if side == 0 else -more)
+                    at = d + side
+                    if value < score[at] or (value == score[at] and _deeper(ids, k, value, best[at], value)):
+                        best[at], score[at] = k, value
         for d in range(8, -1, -1):
             k = best[d]
             if ids[k, 2] == _IN_PATCH:
@@ -251,11 +300,12 @@ def _favour_loaded(i, j, count, bonus, head, link, contact, candidates, ids):
             for k in range(count):
                 if ids[k, 0] == contact[entry, 2] and ids[k, 1] == contact[entry, 3]:
                     candidates[k, CANDIDATE_SCORE] -= bonus
+                    ids[k, 3] = entry
                     break
         entry = link[entry]
 
 
-@inner(error_model="numpy", forceinline=True)
+@inner(error_model="numpy")
 def write_contact(x, i, j, k, world, work):
     """Make candidate ``k`` of body i with body j, or element ``-1 - j``, a contact."""
     m = work.counts[CONTACTS]
@@ -317,24 +367,18 @@ def write_contact(x, i, j, k, world, work):
         row[FALL] += n[0] * world.gravity[0] + n[1] * world.gravity[1] + n[2] * world.gravity[2]
     row[FRICTION] = math.sqrt(world.implicit.friction[i] * world.implicit.friction[partner])
     row[RESTITUTION] = math.sqrt(world.implicit.restitution[i] * world.implicit.restitution[partner])
-    _recall_force(
-        i, j, m, row, first, second, work.head, work.link, work.old_contact, work.old_force, work.ids
-    )
+    _recall_force(work.candidate_ids[k, 3], row, first, second, work.old_force)
 
 
 @inner(forceinline=True)
-def _recall_force(i, j, m, row, first, second, head, link, contact, force, ids):
+def _recall_force(entry, row, first, second, force):
     """Write the force that a contact carried in the last step in place of impulses [N]; 0 where it is new."""
     row[FORCE] = row[FORCE + 1] = row[FORCE + 2] = 0.0
-    entry = head[i]
-    while entry >= 0:
-        if contact[entry, 1] == j and contact[entry, 2] == ids[m, 2] and contact[entry, 3] == ids[m, 3]:
-            row[FORCE] = force[entry, 0]
-            fx, fy, fz = force[entry, 1], force[entry, 2], force[entry, 3]
-            row[FORCE + 1] = first[0] * fx + first[1] * fy + first[2] * fz
-            row[FORCE + 2] = second[0] * fx + second[1] * fy + second[2] * fz
-            return
-        entry = link[entry]
+    if entry >= 0:
+        row[FORCE] = force[entry, 0]
+        fx, fy, fz = force[entry, 1], force[entry, 2], force[entry, 3]
+        row[FORCE + 1] = first[0] * fx + first[1] * fy + first[2] * fz
+        row[FORCE + 2] = second[0] * fx + second[1] * fy + second[2] * fz
 
 
 @inner(forceinline=True)

@@ -13,7 +13,7 @@ from .compiled import inner
 from .element_contacts import element_distance, in_element, spheres_near, write_element_rotation
 from .implicit_workspace import CLEARANCE, OVERFLOW, PACE, POOL_USED, TOO_LONG_LISTS, TRAVEL
 from .layout import P, V, W
-from .rotation import rotate_back
+from .rotation import rotate, rotate_back
 from .shapes import flat_side
 from .sphere_tree import candidates
 
@@ -22,8 +22,9 @@ ACTIVE_GAP = 5e-4
 #: Bodies are near when they may come closer than this in a step [m].
 NEAR = 1e-3
 #: How long lists of an element last: a distance [m], and steps at the present pace.
-LIST_MARGIN, LIST_STEPS = 1e-3, 2.0
-_PAIR_MARGIN = 5e-4  # the same of two bodies [m]
+LIST_MARGIN, LIST_STEPS = 5e-4, 2.0
+#: How far two bodies may move until their list is made anew [m].
+PAIR_MARGIN = 5e-4
 _MARGIN = 12  # column of `list_pose`, behind a rotation and a position: the margin [m]
 _SINGLE_PRECISION = 4e-6  # of the sum of two bodies' radii: what single precision loses in a change of frame
 
@@ -39,15 +40,42 @@ def update_pace(x, i, radius, gravity, dt, numbers):
 @inner
 def closing_bound(x, i, j, world):
     """No two points of bodies i and j approach each other faster in this step [m/s]."""
-    radius, moving, fall = world.bodies.radius, world.bodies.moving, 0.0
-    if not (moving[i] and moving[j]):
-        fall = world.dt * math.sqrt(world.gravity[0] ** 2 + world.gravity[1] ** 2 + world.gravity[2] ** 2)
+    radius = world.bodies.radius
     v = w = u = 0.0
     for k in range(3):
         v += (x[i, V + k] - x[j, V + k]) ** 2
         w += x[i, W + k] ** 2
         u += x[j, W + k] ** 2
-    return math.sqrt(v) + radius[i] * math.sqrt(w) + radius[j] * math.sqrt(u) + fall
+    return math.sqrt(v) + radius[i] * math.sqrt(w) + radius[j] * math.sqrt(u) + _fall(i, j, world)
+
+
+@inner
+def closing_now(x, i, j, world):
+    """No two spheres of bodies i and j approach each other faster at their present velocities [m/s].
+
+    Along their normal spheres approach as the bodies' velocity fields do at either's centre. The fields'
+    difference changes with the difference of the angular velocities, from its value at a centre of mass.
+    """
+    radius = world.bodies.radius
+    turn = near_i = near_j = 0.0
+    for k in range(3):
+        a, b = (k + 1) % 3, (k + 2) % 3
+        da, db = x[j, P + a] - x[i, P + a], x[j, P + b] - x[i, P + b]
+        v = x[i, V + k] - x[j, V + k]
+        turn += (x[i, W + k] - x[j, W + k]) ** 2
+        near_j += (v + x[i, W + a] * db - x[i, W + b] * da) ** 2
+        near_i += (v + x[j, W + a] * db - x[j, W + b] * da) ** 2
+    spin = math.sqrt(turn)
+    most = min(math.sqrt(near_i) + radius[i] * spin, math.sqrt(near_j) + radius[j] * spin)
+    return min(most + _fall(i, j, world), closing_bound(x, i, j, world))
+
+
+@inner
+def _fall(i, j, world):
+    """What gravity adds in a step to the speed at which two bodies approach each other [m/s]."""
+    if world.bodies.moving[i] and world.bodies.moving[j]:
+        return 0.0
+    return world.dt * math.sqrt(world.gravity[0] ** 2 + world.gravity[1] ** 2 + world.gravity[2] ** 2)
 
 
 @inner(forceinline=True)
@@ -92,7 +120,61 @@ def find_groups(x, world, work):
                         join(group, a, b)
     for i in range(count):
         group[i] = lowest(group, i)
+    return found and _boxes_near(x, world, work)
+
+
+@inner
+def _boxes_near(x, world, work):
+    """Leave only pairs whose boxes are near, too, however the fastest of a group throws another; returns
+    whether any are left.
+    """
+    near, group, numbers, fastest = work.near, work.group, work.numbers, work.part_pace
+    count, found, moving = len(x), False, world.bodies.moving
+    for i in range(count):
+        fastest[i] = 0.0
+    for i in range(count):
+        if moving[i]:
+            fastest[group[i]] = max(fastest[group[i]], numbers[i, PACE])
+    for i in range(count):
+        for j in range(i + 1, count):
+            if near[i, j]:
+                pace = fastest[group[i] if moving[i] else group[j]]
+                reach = NEAR + world.dt * (closing_bound(x, i, j, world) + pace)
+                near[i, j] = near[j, i] = box_distance(x, i, j, world.implicit.box, work.R) < reach
+    for i in range(count):
+        group[i] = i
+    for i in range(count):
+        for j in range(i + 1, count):
+            if near[i, j]:
+                found = True
+                if moving[i] and moving[j]:
+                    join(group, i, j)
+    for i in range(count):
+        group[i] = lowest(group, i)
     return found
+
+
+@inner
+def box_distance(x, i, j, box, R):
+    """Lower bound of the distance of two bodies' boxes [m], along the axes of either; negative without one.
+
+    ``box`` is `Implicit.box`.
+    """
+    a, b, Ri, Rj = box[i], box[j], R[i], R[j]
+    d = (
+        x[j, P] - x[i, P] + rotate(Rj, b[0], b[1], b[2])[0] - rotate(Ri, a[0], a[1], a[2])[0],
+        x[j, P + 1] - x[i, P + 1] + rotate(Rj, b[0], b[1], b[2])[1] - rotate(Ri, a[0], a[1], a[2])[1],
+        x[j, P + 2] - x[i, P + 2] + rotate(Rj, b[0], b[1], b[2])[2] - rotate(Ri, a[0], a[1], a[2])[2],
+    )
+    best = -np.inf
+    for k in range(3):
+        own = abs(Ri[0, k] * d[0] + Ri[1, k] * d[1] + Ri[2, k] * d[2]) - a[3 + k]
+        other = abs(Rj[0, k] * d[0] + Rj[1, k] * d[1] + Rj[2, k] * d[2]) - b[3 + k]
+        for m in range(3):
+            own -= b[3 + m] * abs(Ri[0, k] * Rj[0, m] + Ri[1, k] * Rj[1, m] + Ri[2, k] * Rj[2, m])
+            other -= a[3 + m] * abs(Rj[0, k] * Ri[0, m] + Rj[1, k] * Ri[1, m] + Rj[2, k] * Ri[2, m])
+        best = max(best, max(own, other))
+    return best
 
 
 @inner(forceinline=True)
@@ -204,14 +286,14 @@ def element_list(x, i, e, need, spare, world, work):
 
 
 @inner(forceinline=True)
-def pair_list(x, i, j, need, world, work):
+def pair_list(x, i, j, need, spare, world, work):
     """Bring the list of near pairs of spheres of bodies i and j up to date, as `element_list`."""
     tree, search, pool, R_ij = world.tree, work.search, work.pool, work.R_ij
     t_ij = relative_pose(x, i, j, work.R, R_ij)
     place = work.list_pose[i, j]
     if need + _moved(place, R_ij, t_ij, world.bodies.radius[j]) <= place[_MARGIN]:
         return
-    margin = need + _PAIR_MARGIN
+    margin = need + spare
     slack = _SINGLE_PRECISION * (world.bodies.radius[i] + world.bodies.radius[j]) + margin
     start = work.counts[POOL_USED]
     used = start
@@ -223,7 +305,14 @@ def pair_list(x, i, j, need, world, work):
             work.counts[OVERFLOW] = TOO_LONG_LISTS
             return
         for k in range(found):
-            pool[used, 0], pool[used, 1] = search.pairs[k, 0], search.pairs[k, 1]
+            a, b = search.pairs[k, 0], search.pairs[k, 1]
+            pool[used, 0], pool[used, 1] = a, b
+            for c in range(3):
+                work.pool_spheres[c, used], work.pool_spheres[4 + c, used] = (
+                    tree.centers[a, c],
+                    tree.centers[b, c],
+                )
+            work.pool_spheres[3, used], work.pool_spheres[7, used] = tree.radii[a], tree.radii[b]
             used += 1
     _keep_list(i, j, start, used, R_ij, t_ij, margin, work)
 

@@ -45,10 +45,9 @@ def integrate_gyroscopic(x, i, dt, bodies, R):
     a, b, c = rotate_back(Ri, x[i, W], x[i, W + 1], x[i, W + 2])
     a, b, c = rotate(bodies.inertia[i], a, b, c)
     momentum = rotate(Ri, a, b, c)
-    angle = dt * math.sqrt(x[i, W] ** 2 + x[i, W + 1] ** 2 + x[i, W + 2] ** 2)
-    count = min(math.ceil(angle / _TURN), _MOST_TURNS)
-    dt, rounds, pace = dt / max(count, 1), 1 if angle < _SMALL_TURN else 3, 0.0
-    for _ in range(max(count, 1)):
+    count, rounds = turns_of(dt, (x[i, W], x[i, W + 1], x[i, W + 2]))
+    dt, pace = dt / count, 0.0
+    for _ in range(count):
         q = (x[i, Q], x[i, Q + 1], x[i, Q + 2], x[i, Q + 3])
         for _ in range(rounds):
             half = exp(0.5 * dt * x[i, W], 0.5 * dt * x[i, W + 1], 0.5 * dt * x[i, W + 2])
@@ -57,6 +56,13 @@ def integrate_gyroscopic(x, i, dt, bodies, R):
         pace = max(pace, integrate_rotation(x, i, dt, bodies.radius, R))
         _write_velocity(x, i, momentum, bodies.inverse_inertia[i], Ri)
     return pace
+
+
+@inner(forceinline=True)
+def turns_of(dt, w):
+    """In how many parts a turn for ``dt`` seconds is made, and how often each finds its middle."""
+    angle = dt * math.sqrt(w[0] ** 2 + w[1] ** 2 + w[2] ** 2)
+    return max(min(math.ceil(angle / _TURN), _MOST_TURNS), 1), 1 if angle < _SMALL_TURN else 3
 
 
 @inner(forceinline=True)

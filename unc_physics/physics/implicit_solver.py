@@ -21,19 +21,24 @@ back to the cone.
 import math
 
 from .compiled import inner
-from .contact_model import FAST, balanced_depth, shallow_depth
+from .contact_model import FAST, balance, balanced_impulse, shallow_depth
 from .implicit_workspace import (
+    ALONG,
+    BEFORE,
     BEND,
     BEST,
     COMPLIANCE,
     CONTACTS,
+    COUPLING,
     DAMPING_TIME,
+    DEPTH,
     ELASTIC,
     FALL,
     FORCE,
     FREE,
     FRICTION,
     GAP,
+    GROWTH,
     INVERSE_MASS_I,
     INVERSE_MASS_J,
     LASTING,
@@ -48,16 +53,21 @@ from .implicit_workspace import (
     SLIP_COMPLIANCE,
     START,
     START_SPEED,
+    STRENGTH,
     TARGET,
     TURN_I,
     TURN_J,
+    WAY,
 )
 
 #: A solution is found when a sweep changes no impulse by more than this share of the largest normal one, and
-#: no contact's velocity by more than the other share of the fastest contact's: light bodies under heavy ones
-#: lie still too.
-TOLERANCE, _STILL = 1e-3, 1e-4
-_PLAIN_SWEEPS, _SWEEPS = 8, 200
+#: no contact's velocity by more than the second share of the fastest contact's, and the third of what that is
+#: above the slowest impact's: light bodies under heavy ones lie still too, and what flies needs no such care.
+TOLERANCE, _STILL, _MOVING = 1e-3, 2e-4, 1e-3
+_PLAIN_SWEEPS, _SWEEPS = 4, 200
+#: Contacts that are solved one after the other are so many parts of the list apart: mostly of other bodies,
+#: so that the processor need not wait for one to begin the next.
+_APART = 4
 #: Overlap that contacts always push out [m], and how fast they push out what the load does not explain [m/s].
 _SLACK, _RECOVERY = 2e-5, 0.05
 _DIVERGED = 100.0  # growth of the square of a sweep's change, at which the solver goes back
@@ -89,57 +99,107 @@ def contact_speed(row, d, v, i, j):
 
 
 @inner(forceinline=True, fastmath=FAST)
-def apply_impulse(row, d, impulse, v, i, j):
-    """Change the bodies' velocities by an impulse along direction ``d`` of a contact's row [N s]."""
-    k = 3 * d
-    a = impulse * row[INVERSE_MASS_I]
-    for c in range(3):
-        v[i, c] += a * row[k + c]
-        v[i, 3 + c] += impulse * row[TURN_I + k + c]
+def apply_impulses(row, normal, first, second, v, i, j):
+    """Change the bodies' velocities by impulses along a contact's normal and both tangents [N s]."""
+    p0 = normal * row[0] + first * row[3] + second * row[6]
+    p1 = normal * row[1] + first * row[4] + second * row[7]
+    p2 = normal * row[2] + first * row[5] + second * row[8]
+    w0 = normal * row[TURN_I] + first * row[TURN_I + 3] + second * row[TURN_I + 6]
+    w1 = normal * row[TURN_I + 1] + first * row[TURN_I + 4] + second * row[TURN_I + 7]
+    w2 = normal * row[TURN_I + 2] + first * row[TURN_I + 5] + second * row[TURN_I + 8]
+    a = row[INVERSE_MASS_I]
     if j >= 0:
-        a = impulse * row[INVERSE_MASS_J]
-        for c in range(3):
-            v[j, c] -= a * row[k + c]
-            v[j, 3 + c] -= impulse * row[TURN_J + k + c]
+        b = row[INVERSE_MASS_J]
+        o0 = normal * row[TURN_J] + first * row[TURN_J + 3] + second * row[TURN_J + 6]
+        o1 = normal * row[TURN_J + 1] + first * row[TURN_J + 4] + second * row[TURN_J + 7]
+        o2 = normal * row[TURN_J + 2] + first * row[TURN_J + 5] + second * row[TURN_J + 8]
+        _add(v, j, -b * p0, -b * p1, -b * p2, -o0, -o1, -o2)
+    _add(v, i, a * p0, a * p1, a * p2, w0, w1, w2)
 
 
-@inner(forceinline=True, fastmath=FAST)
-def _solve_friction(row, own, limit, v, i, j):
-    """Change both tangential impulses of a contact to no slip, or to the cone; returns the largest change."""
-    slip, old1, old2 = row[SLIP_COMPLIANCE], own[1], own[2]
-    if limit <= 0.0:
-        if old1 == 0.0 and old2 == 0.0:
-            return 0.0
-        new1 = new2 = 0.0
-    else:
-        new1 = old1 - contact_speed(row, 1, v, i, j) / slip
-        new2 = old2 - contact_speed(row, 2, v, i, j) / slip
-        size = math.sqrt(new1 * new1 + new2 * new2)
-        if size > limit:
-            new1, new2 = new1 * limit / size, new2 * limit / size
-    own[1], own[2] = new1, new2
-    apply_impulse(row, 1, new1 - old1, v, i, j)
-    apply_impulse(row, 2, new2 - old2, v, i, j)
-    return max(abs(new1 - old1), abs(new2 - old2))
+@inner(forceinline=True)
+def _add(v, i, x, y, z, a, b, c):
+    v0, v1, v2, v3, v4, v5 = v[i, 0], v[i, 1], v[i, 2], v[i, 3], v[i, 4], v[i, 5]
+    v[i, 0], v[i, 1], v[i, 2], v[i, 3], v[i, 4], v[i, 5] = v0 + x, v1 + y, v2 + z, v3 + a, v4 + b, v5 + c
+
+
+@inner(forceinline=True, error_model="numpy")
+def _couple(row, j):
+    """Write what a normal impulse asks of both tangential ones; only turning couples them."""
+    for d in range(2):
+        k = 3 + 3 * d
+        own = row[MOMENT_I + k] * row[TURN_I] + row[MOMENT_I + k + 1] * row[TURN_I + 1]
+        own += row[MOMENT_I + k + 2] * row[TURN_I + 2]
+        if j >= 0:
+            own += row[MOMENT_J + k] * row[TURN_J] + row[MOMENT_J + k + 1] * row[TURN_J + 1]
+            own += row[MOMENT_J + k + 2] * row[TURN_J + 2]
+        row[COUPLING + d] = own / row[SLIP_COMPLIANCE]
 
 
 @inner(forceinline=True, fastmath=FAST, error_model="numpy")
-def _normal_impulse(row, old, speed, law, h, factor):
-    """Impulse that obeys a contact's law, all others held; with ``old``, its normal speed is ``speed``."""
-    w = row[COMPLIANCE]
-    others = speed - w * old
+def _solve_contact(row, own, law, v, i, j):
+    """Give a contact the impulses that obey its law, all others held: the normal one, then both tangential
+    ones, to no slip or to the cone.
+
+    Returns
+    -------
+    normal : float
+        Its normal impulse [N s].
+    change, jump : float
+        Largest change of an impulse [N s], and of the contact's velocity [m/s].
+    """
+    old, old1, old2 = own[0], own[1], own[2]
+    v0, v1, v2, w0, w1, w2 = v[i, 0], v[i, 1], v[i, 2], v[i, 3], v[i, 4], v[i, 5]
+    u0, u1, u2, o0, o1, o2 = v0, v1, v2, 0.0, 0.0, 0.0
+    if j >= 0:
+        u0, u1, u2 = v0 - v[j, 0], v1 - v[j, 1], v2 - v[j, 2]
+        o0, o1, o2 = v[j, 3], v[j, 4], v[j, 5]
+    # sums in parts that do not wait for each other
+    linear = row[0] * u0 + row[1] * u1 + row[2] * u2
+    turning = row[MOMENT_I] * w0 + row[MOMENT_I + 1] * w1 + row[MOMENT_I + 2] * w2
+    if j >= 0:
+        turning -= row[MOMENT_J] * o0 + row[MOMENT_J + 1] * o1 + row[MOMENT_J + 2] * o2
+    speed = linear + turning
+    new = 0.0
     if law == LASTING:
-        way = 0.5 * h + row[DAMPING_TIME]
-        depth = -row[GAP] - 0.5 * h * (row[START_SPEED] + h * row[BEND]) - way * others
-        if depth <= 0.0:
-            return 0.0
-        return (depth - balanced_depth(depth, h * way * w, row[RADIUS], factor)) / (way * w)
-    return max(0.0, ((row[TARGET] if law == ELASTIC else 0.0) - others) / w)
+        depth = row[DEPTH] - row[WAY] * (speed - row[COMPLIANCE] * old)
+        if depth > 0.0:
+            new = balanced_impulse(depth, row[GROWTH], row[STRENGTH])
+    else:
+        new = max(0.0, old + ((row[TARGET] if law == ELASTIC else 0.0) - speed) / row[COMPLIANCE])
+    limit = row[FRICTION] * new
+    if new == 0.0 and old == 0.0 and old1 == 0.0 and old2 == 0.0:
+        return 0.0, 0.0, 0.0
+    more = new - old
+    more1, more2 = -old1, -old2
+    slip = row[SLIP_COMPLIANCE]
+    if limit > 0.0:
+        linear = row[3] * u0 + row[4] * u1 + row[5] * u2
+        turning = row[MOMENT_I + 3] * w0 + row[MOMENT_I + 4] * w1 + row[MOMENT_I + 5] * w2
+        across = row[6] * u0 + row[7] * u1 + row[8] * u2
+        bending = row[MOMENT_I + 6] * w0 + row[MOMENT_I + 7] * w1 + row[MOMENT_I + 8] * w2
+        if j >= 0:
+            turning -= row[MOMENT_J + 3] * o0 + row[MOMENT_J + 4] * o1 + row[MOMENT_J + 5] * o2
+            bending -= row[MOMENT_J + 6] * o0 + row[MOMENT_J + 7] * o1 + row[MOMENT_J + 8] * o2
+        new1 = (old1 - (linear + turning) / slip) - more * row[COUPLING]
+        new2 = (old2 - (across + bending) / slip) - more * row[COUPLING + 1]
+        square = new1 * new1 + new2 * new2
+        if square > limit * limit:
+            share = limit / math.sqrt(square)
+            new1, new2 = new1 * share, new2 * share
+        more1, more2 = new1 - old1, new2 - old2
+    own[0], own[1], own[2] = new, old1 + more1, old2 + more2
+    apply_impulses(row, more, more1, more2, v, i, j)
+    across = max(abs(more1), abs(more2))
+    return new, max(abs(more), across), max(abs(more) * row[COMPLIANCE], across * slip)
 
 
 @inner(fastmath=FAST, error_model="numpy")
-def solve(rows, ids, m, law, all_impulses, v, h, factor, fastest):
-    """Find the impulses of ``m`` contacts by `LASTING`, `ELASTIC` or `PLASTIC`, from those on record.
+def solve(rows, ids, m, law, all_impulses, members, count, velocity, still):
+    """Find the impulses of ``m`` contacts by `LASTING`, `ELASTIC` or `PLASTIC`, from those on record, and the
+    velocities ``NOW`` with them, of ``count`` members.
+
+    A sweep shall change no contact's velocity by more than ``still`` [m/s].
 
     After some plain sweeps each is followed by a step along what the sweeps have changed so far, as in
     conjugate gradients (Silcowitz, Niebe and Erleben 2010): sweeps alone take as many as the mass ratio,
@@ -152,30 +212,26 @@ def solve(rows, ids, m, law, all_impulses, v, h, factor, fastest):
         the largest normal impulse.
     """
     own, previous, search = all_impulses[law], all_impulses[PREVIOUS], all_impulses[SEARCH]
-    best = all_impulses[BEST]
+    best, v, before, along = all_impulses[BEST], velocity[NOW], velocity[BEFORE], velocity[ALONG]
     residual = found = last = 0.0
     least = math.inf
+    apart = max(m // _APART, 1)
     for sweep in range(_SWEEPS):
         accelerated = sweep >= _PLAIN_SWEEPS
-        change = load = jump = 0.0
-        for c in range(m):
-            row, i, j = rows[c], ids[c, 0], ids[c, 1]
-            old = own[c, 0]
-            if accelerated:
+        if accelerated:
+            for c in range(m):
                 for d in range(3):
                     previous[c, d] = own[c, d]
-            new = _normal_impulse(row, old, contact_speed(row, 0, v, i, j), law, h, factor)
-            if new != old:
-                own[c, 0] = new
-                apply_impulse(row, 0, new - old, v, i, j)
-                change = max(change, abs(new - old))
-                jump = max(jump, abs(new - old) * row[COMPLIANCE])
-            load = max(load, new)
-            if row[FRICTION] > 0.0:
-                slip = _solve_friction(row, own[c], row[FRICTION] * new, v, i, j)
-                change, jump = max(change, slip), max(jump, slip * row[SLIP_COMPLIANCE])
+            for a in range(count):
+                for k in range(6):
+                    before[members[a], k] = v[members[a], k]
+        change = load = jump = 0.0
+        for k in range(apart):
+            for c in range(k, m, apart):
+                normal, changed, moved = _solve_contact(rows[c], own[c], law, v, ids[c, 0], ids[c, 1])
+                load, change, jump = max(load, normal), max(change, changed), max(jump, moved)
         residual = change / load if load > 0.0 else (0.0 if change == 0.0 else 1.0)
-        if residual <= TOLERANCE and jump <= _STILL * fastest:
+        if residual <= TOLERANCE and jump <= still:
             return residual
         if not accelerated:
             continue
@@ -193,17 +249,19 @@ def solve(rows, ids, m, law, all_impulses, v, h, factor, fastest):
             last = 0.0
             continue
         share = square / last if last > 0.0 else math.inf
+        if share > 1.0:  # begin anew
+            share = 0.0
         for c in range(m):
             for d in range(3):
-                changed = own[c, d] - previous[c, d]
-                if share > 1.0:  # begin anew
-                    search[c, d] = changed
-                    continue
-                more = share * search[c, d]
-                search[c, d] = changed + more
-                if more != 0.0:
-                    own[c, d] += more
-                    apply_impulse(rows[c], d, more, v, ids[c, 0], ids[c, 1])
+                more = share * search[c, d] if share > 0.0 else 0.0
+                search[c, d] = own[c, d] - previous[c, d] + more
+                own[c, d] += more
+        for a in range(count):
+            i = members[a]
+            for k in range(6):
+                more = share * along[i, k] if share > 0.0 else 0.0
+                along[i, k] = v[i, k] - before[i, k] + more
+                v[i, k] += more
         last = square
     return found
 
@@ -212,13 +270,14 @@ def solve(rows, ids, m, law, all_impulses, v, h, factor, fastest):
 def _change_impulses(rows, ids, m, own, new, v):
     """Put ``new`` impulses in place of ``own``; the velocities follow."""
     for c in range(m):
+        more, more1, more2 = new[c, 0] - own[c, 0], new[c, 1] - own[c, 1], new[c, 2] - own[c, 2]
+        apply_impulses(rows[c], more, more1, more2, v, ids[c, 0], ids[c, 1])
         for d in range(3):
-            apply_impulse(rows[c], d, new[c, d] - own[c, d], v, ids[c, 0], ids[c, 1])
             own[c, d] = new[c, d]
 
 
 @inner(fastmath=FAST, error_model="numpy")
-def solve_lasting(rows, ids, counts, all_impulses, velocity, factor, h, dt, threshold):
+def solve_lasting(rows, ids, counts, all_impulses, members, count, velocity, factor, h, dt, threshold):
     """Find all contacts' impulses over an interval ``h`` [s], and the velocities ``NOW`` at its end.
 
     ``factor`` is the stiffness's (`contact_model.shallow_factor`). Contacts that close faster than
@@ -230,8 +289,8 @@ def solve_lasting(rows, ids, counts, all_impulses, velocity, factor, h, dt, thre
     for c in range(m):
         row, i, j = rows[c], ids[c, 0], ids[c, 1]
         # overlap beyond what the last force explains has no energy to give back: it goes slowly
-        loaded = row[FORCE] > 0.0 and factor > 0.0
-        explained = shallow_depth(row[FORCE], row[RADIUS], factor) if loaded else 0.0
+        loaded = row[FORCE] > 0.0
+        explained = shallow_depth(row[FORCE], row[RADIUS], factor) if loaded and factor > 0.0 else 0.0
         row[GAP] = max(row[GAP], -explained - _SLACK - _RECOVERY * h)
         speed, end = contact_speed(row, 0, start, i, j), contact_speed(row, 0, free, i, j)
         row[START_SPEED] = speed
@@ -243,11 +302,16 @@ def solve_lasting(rows, ids, counts, all_impulses, velocity, factor, h, dt, thre
         if fast and row[GAP] + 0.5 * h * (speed + end + h * row[BEND]) <= 0.0:
             # an impact to come, which the gyroscopic term brings nearer than a fall: no lasting contact
             row[RADIUS] = 0.0
+        _couple(row, j)
+        row[WAY] = 0.5 * h + row[DAMPING_TIME]
+        row[DEPTH] = -row[GAP] - 0.5 * h * (speed + h * row[BEND])
+        row[GROWTH], row[STRENGTH] = balance(h, row[WAY] * row[COMPLIANCE], row[RADIUS], factor)
         for d in range(3):
             impulses[c, d] = h * row[FORCE + d]
-            if impulses[c, d] != 0.0:
-                apply_impulse(row, d, impulses[c, d], v, i, j)
-    return solve(rows, ids, m, LASTING, all_impulses, v, h, factor, fastest)
+        if loaded:
+            apply_impulses(row, impulses[c, 0], impulses[c, 1], impulses[c, 2], v, i, j)
+    still = _STILL * fastest + _MOVING * max(fastest - threshold, 0.0)
+    return solve(rows, ids, m, LASTING, all_impulses, members, count, velocity, still)
 
 
 @inner
@@ -277,19 +341,21 @@ def solve_impact(rows, ids, counts, all_impulses, members, count, velocity, thre
     fastest = 0.0
     for c in range(m):
         row = rows[c]
+        _couple(row, ids[c, 1])
         speed = contact_speed(row, 0, start, ids[c, 0], ids[c, 1])
         fastest = max(fastest, abs(speed))
         row[TARGET] = -row[RESTITUTION] * speed if -speed > threshold else 0.0
         for d in range(3):
             elastic[c, d] = plastic[c, d] = 0.0
-    residual = solve(rows, ids, m, ELASTIC, all_impulses, v, 0.0, 0.0, fastest)
+    still = _STILL * fastest + _MOVING * max(fastest - threshold, 0.0)
+    residual = solve(rows, ids, m, ELASTIC, all_impulses, members, count, velocity, still)
     gain, size = work_done(rows, ids, m, elastic, start, v)
     if gain <= _GAIN * size:
         return residual
     for a in range(count):
         for k in range(6):
             v[members[a], k] = start[members[a], k]
-    residual = max(residual, solve(rows, ids, m, PLASTIC, all_impulses, v, 0.0, 0.0, fastest))
+    residual = max(residual, solve(rows, ids, m, PLASTIC, all_impulses, members, count, velocity, still))
     base, _ = work_done(rows, ids, m, plastic, start, v)
     slope = 0.0
     for c in range(m):
@@ -301,8 +367,9 @@ def solve_impact(rows, ids, counts, all_impulses, members, count, velocity, thre
         share = 2.0 * -base / (slope + math.sqrt(max(slope * slope - 4.0 * curve * base, 0.0)))
         share = min(max(share, 0.0), 1.0)
     for c in range(m):
-        for d in range(3):
-            more = share * (elastic[c, d] - plastic[c, d])
-            elastic[c, d] = plastic[c, d] + more
-            apply_impulse(rows[c], d, more, v, ids[c, 0], ids[c, 1])
+        normal = share * (elastic[c, 0] - plastic[c, 0])
+        first, second = share * (elastic[c, 1] - plastic[c, 1]), share * (elastic[c, 2] - plastic[c, 2])
+        apply_impulses(rows[c], normal, first, second, v, ids[c, 0], ids[c, 1])
+        elastic[c, 0], elastic[c, 1] = plastic[c, 0] + normal, plastic[c, 1] + first
+        elastic[c, 2] = plastic[c, 2] + second
     return residual

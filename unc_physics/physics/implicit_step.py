@@ -22,7 +22,19 @@ from .contact_search import (
 )
 from .element_contacts import in_element
 from .free_motion import integrate_gyroscopic, integrate_rotation
+from .impact_error import disturb, is_drawn
 from .implicit_solver import contact_speed, solve_impact, solve_lasting
+from .implicit_stages import (
+    after_flight,
+    after_impact,
+    after_travel,
+    before_flight,
+    before_group,
+    before_step,
+    before_travel,
+    on_sleep,
+    undo_step,
+)
 from .implicit_workspace import (
     CONTACTS,
     DIRECTION,
@@ -137,6 +149,17 @@ def _impact_now(rows, ids, counts, velocity, threshold, rebound):
     return False
 
 
+@inner(error_model="numpy", forceinline=True)
+def time_to_close(row, speed, threshold):
+    """Time until an open contact of that normal speed closes faster than a threshold; infinite if never."""
+    way = row[GAP] - _AIM
+    square = speed * speed - 2.0 * row[FALL] * way
+    if way <= 0.0 or square <= threshold * threshold:
+        return math.inf
+    root = math.sqrt(square)
+    return 2.0 * way / (root - speed) if root - speed > 0.0 else math.inf
+
+
 @inner(error_model="numpy")
 def _time_to_impact(left, rows, ids, counts, velocity, threshold, rebound):
     """Time until the first impact (as in `_impact_now`) within ``left`` seconds; ``left`` without one.
@@ -145,18 +168,10 @@ def _time_to_impact(left, rows, ids, counts, velocity, threshold, rebound):
     """
     first = left
     for c in range(counts[CONTACTS]):
-        row, i, j = rows[c], ids[c, 0], ids[c, 1]
-        way = row[GAP] - _AIM
-        if way <= 0.0 or row[RESTITUTION] < rebound:
-            continue
-        speed = contact_speed(row, 0, velocity[START], i, j)
-        square = speed * speed - 2.0 * row[FALL] * way
-        if square <= threshold * threshold:
-            continue
-        root = math.sqrt(square)
-        if root - speed > 0.0:
-            time = 2.0 * way / (root - speed)
-            first = min(first, time)
+        row = rows[c]
+        if row[RESTITUTION] >= rebound:
+            speed = contact_speed(row, 0, velocity[START], ids[c, 0], ids[c, 1])
+            first = min(first, time_to_close(row, speed, threshold))
     return first
 
 
@@ -171,8 +186,11 @@ def _read_velocities(x, count, members, velocity):
 
 
 @inner(forceinline=True)
-def collide(x, count, time, first_time, residual, world, threshold, work):
-    """Let the contacts at hand that an impact reaches act as impulses."""
+def collide(x, count, time, impact, first_time, residual, world, threshold, key, method, work):
+    """Let the contacts at hand that an impact reaches act as impulses.
+
+    ``impact`` is its number among those of the group in the step.
+    """
     members, rows, ids, counts, part = work.members, work.rows, work.ids, work.counts, work.part
     velocity = work.velocity
     for i in range(len(x)):
@@ -189,7 +207,7 @@ def collide(x, count, time, first_time, residual, world, threshold, work):
         i = ids[c, 0]
         if (
             part[i] < 0
-            and rows[c, GAP] <= TOUCHING
+            and rows[c, GAP] <= IMPACT_GAP
             and contact_speed(rows[c], 0, velocity[START], i, ids[c, 1]) < -threshold
         ):
             label = part[i]
@@ -206,7 +224,10 @@ def collide(x, count, time, first_time, residual, world, threshold, work):
                     ids[kept, k] = ids[c, k]
             kept += 1
     counts[CONTACTS] = kept
+    if is_drawn(world.implicit.impact_error):
+        disturb(round(time / world.dt), impact, len(x), key, world.implicit.impact_error, work)
     worst = solve_impact(rows, ids, counts, work.impulses, members, count, velocity, threshold)
+    after_impact(method, x, count, threshold, world, work)
     for c in range(kept):
         if work.impulses[ELASTIC, c, 0] > 0.0:
             note_contact(first_time, ids[c, 0], ids[c, 1], time)
@@ -227,7 +248,7 @@ def note_contact(first_time, i, j, time):
 
 
 @inner(forceinline=True)
-def travel_in_contact(x, count, h, time, first_time, residual, world, threshold, work):
+def travel_in_contact(x, count, h, time, first_time, residual, world, threshold, method, work):
     """Move the group at hand for ``h`` seconds under its lasting contacts."""
     members, velocity, numbers, loaded = work.members, work.velocity, work.numbers, work.loaded
     decay = world.decay if h == world.dt else world.decay ** (h / world.dt)
@@ -252,6 +273,8 @@ def travel_in_contact(x, count, h, time, first_time, residual, world, threshold,
             work.ids,
             work.counts,
             work.impulses,
+            members,
+            count,
             velocity,
             shallow_factor(world.stiffness),
             h,
@@ -286,6 +309,7 @@ def travel_in_contact(x, count, h, time, first_time, residual, world, threshold,
             for k in range(3):
                 x[i, W + k] = velocity[NOW, i, 3 + k]
         _add_travel(x, i, h, velocity[START], numbers, world.bodies.radius[i])
+    after_travel(method, x, count, h, world, work)
 
 
 @inner(forceinline=True)
@@ -302,17 +326,18 @@ def _add_travel(x, i, h, start, numbers, radius):
 
 
 @inner(forceinline=True)
-def advance_group(x, count, time, first_time, residual, world, threshold, work):
+def advance_group(x, count, time, first_time, residual, world, threshold, key, method, work):
     """One step of the group at hand: from impact to impact, then to the step's end.
 
     With ``horizon`` 0 contacts are chosen by their gaps alone, for an impact.
     """
     left = horizon = world.dt
     impacts = cuts = 0
+    before_group(method, count, world, work)
     looked = (
         False  # whether contacts of this very pose were chosen by their gaps alone, and none was an impact
     )
-    while left > 0.0:
+    while left > 0.0 and world.implicit.stop[0] == 0:
         prepare_members(x, count, world, work)
         find_contacts(x, count, horizon, world, work)
         if work.counts[OVERFLOW] != NO_OVERFLOW:
@@ -323,7 +348,7 @@ def advance_group(x, count, time, first_time, residual, world, threshold, work):
             _read_velocities(x, count, work.members, work.velocity)
             now = _impact_now(work.rows, work.ids, work.counts, work.velocity, threshold, rebound)
             if now and (horizon == 0.0 or looked):  # a deeper contact that opens can hide one that closes
-                collide(x, count, time, first_time, residual, world, threshold, work)
+                collide(x, count, time, impacts, first_time, residual, world, threshold, key, method, work)
                 impacts += 1
                 looked = False
                 horizon = left
@@ -340,7 +365,8 @@ def advance_group(x, count, time, first_time, residual, world, threshold, work):
         elif horizon == 0.0:
             horizon = left
             continue
-        travel_in_contact(x, count, until, time, first_time, residual, world, threshold, work)
+        before_travel(method, x, count, until, left, threshold, world, work)
+        travel_in_contact(x, count, until, time, first_time, residual, world, threshold, method, work)
         if until >= left:
             _remember(left, work)
             break
@@ -388,7 +414,7 @@ def _keep_memory(i, work):
 
 
 @inner(forceinline=True)
-def advance_step(x, time, first_time, quiet, residual, world, threshold, work):
+def advance_step(x, time, first_time, quiet, residual, world, threshold, key, method, work):
     """One step of all groups; ends early where room overflows (`OVERFLOW`)."""
     numbers, group, members, near = work.numbers, work.group, work.members, work.near
     moving = world.bodies.moving
@@ -411,6 +437,7 @@ def advance_step(x, time, first_time, quiet, residual, world, threshold, work):
         if asleep:
             for a in range(count):
                 _keep_memory(members[a], work)
+                on_sleep(method, members[a], work)
                 for k in range(3):
                     x[members[a], V + k] = x[members[a], W + k] = 0.0
             continue
@@ -425,9 +452,11 @@ def advance_step(x, time, first_time, quiet, residual, world, threshold, work):
             if alone:
                 numbers[i, TRAVEL] += dt * numbers[i, PACE]
                 quiet[i] = 0
+                before_flight(method, x, i, world, work)
                 travel_freely(x, i, dt, world.decay, world, work.R)
+                after_flight(method, x, i, world, work)
                 continue
-        advance_group(x, count, time, first_time, residual, world, threshold, work)
+        advance_group(x, count, time, first_time, residual, world, threshold, key, method, work)
         if work.counts[OVERFLOW] != NO_OVERFLOW:
             return
         if world.implicit.sleep:
@@ -441,11 +470,13 @@ def advance_step(x, time, first_time, quiet, residual, world, threshold, work):
 
 
 @inner
-def integrate(x, first_time, contact, force, remembered, quiet, residual, world, begin, steps, work):
+def integrate(
+    x, first_time, contact, force, remembered, quiet, residual, key, world, method, begin, steps, work
+):
     """Advance one rollout's state ``x`` (B, 13) in place until room overflows; returns the steps done.
 
-    ``contact``, ``force``, ``quiet`` and ``residual`` are those of `SolverMemory`, and ``remembered`` (1,)
-    its count.
+    ``contact``, ``force``, ``quiet``, ``residual`` and ``key`` are those of `SolverMemory`,
+    and ``remembered`` (1,) its count. ``method`` is what a propagator works on in the stages, or None.
     """
     gravity = math.sqrt(world.gravity[0] ** 2 + world.gravity[1] ** 2 + world.gravity[2] ** 2)
     threshold = max(
@@ -457,6 +488,8 @@ def integrate(x, first_time, contact, force, remembered, quiet, residual, world,
         for k in range(4):
             old_contact[n, k], old_force[n, k] = contact[n, k], force[n, k]
     for step in range(begin, begin + steps):
+        if world.implicit.stop[0] != 0:
+            return steps
         for i in range(len(x)):
             head[i] = -1
             work.quiet[i] = quiet[i]
@@ -467,9 +500,12 @@ def integrate(x, first_time, contact, force, remembered, quiet, residual, world,
             head[old_contact[n, 0]] = n
         for attempt in range(2):
             counts[OVERFLOW] = NO_OVERFLOW
-            advance_step(x, (step + 1) * world.dt, first_time, quiet, residual, world, threshold, work)
+            before_step(method, x, step, world, work)
+            time = (step + 1) * world.dt
+            advance_step(x, time, first_time, quiet, residual, world, threshold, key, method, work)
             if counts[OVERFLOW] == NO_OVERFLOW:
                 break
+            undo_step(method, work)
             for i in range(len(x)):
                 quiet[i] = work.quiet[i]
                 for k in range(13):
@@ -502,7 +538,9 @@ def advance_implicit(states, first_time, memory, world, begin, steps):
                 memory.count[n : n + 1],
                 memory.quiet[n],
                 memory.residual[n],
+                memory.key[n],
                 world,
+                None,
                 begin + done,
                 steps - done,
                 work,

@@ -11,8 +11,9 @@ from .narrow_phase import RECORD
 from .rotation import write_matrix
 from .sphere_tree import Scratch
 
-#: Velocities of the bodies, each (B, 6): at the interval's start, at its end without contacts, and as solved.
-START, FREE, NOW = 0, 1, 2
+#: Velocities of the bodies, each (B, 6): at the interval's start, at its end without contacts, as solved,
+#: before a sweep, and what a direction of search changes.
+START, FREE, NOW, BEFORE, ALONG = 0, 1, 2, 3, 4
 #: Impulses of lasting contacts, of an impact, of one without rebound; those before a sweep, a
 #: direction of search, and the best so far.
 LASTING, ELASTIC, PLASTIC, PREVIOUS, SEARCH, BEST = 0, 1, 2, 3, 4, 5
@@ -29,10 +30,12 @@ DIRECTION, MOMENT_I, TURN_I, MOMENT_J, TURN_J = 0, 9, 18, 27, 36
 #: Inverse masses, own compliances along the normal and across, gap, predicted change of the gap beyond the
 #: velocities', the gap's acceleration in free fall, reduced radius, friction, restitution, the force of the
 #: last step (normal, two tangents), normal speed at the start, damping time, normal speed that an impact
-#: shall leave.
+#: shall leave, what a normal impulse asks of both tangential ones. Then what the solver makes of these: the
+#: depth that a contact at rest would have, the time that a speed adds to it, two factors of the law.
 INVERSE_MASS_I, INVERSE_MASS_J, COMPLIANCE, SLIP_COMPLIANCE, GAP, BEND, FALL = 45, 46, 47, 48, 49, 50, 51
 RADIUS, FRICTION, RESTITUTION, FORCE, START_SPEED, DAMPING_TIME, TARGET = 52, 53, 54, 55, 58, 59, 60
-ROW = 61
+COUPLING, DEPTH, WAY, GROWTH, STRENGTH = 61, 63, 64, 65, 66
+ROW = 67
 _PAIRS_AT_ONCE = 1024
 
 #: Integers of a step: contacts at hand, entries of the new memory, used part of the lists' room, and what
@@ -51,8 +54,8 @@ class ImplicitWorkspace(NamedTuple):
         ``R_world_body``.
     inverse_inertia : (B, 3, 3) float64
         World axes [1/(kg m^2)].
-    velocity : (3, B, 6) float64
-        By `START`, `FREE` and `NOW`: linear [m/s] and angular [rad/s].
+    velocity : (5, B, 6) float64
+        By `START` to `ALONG`: linear [m/s] and angular [rad/s].
     numbers : (B, 10) float64
         By `PACE`, `TRAVEL`, `CLEARANCE`, `START_POSITION`, `START_QUATERNION`.
     loaded : (B,) int64
@@ -74,13 +77,20 @@ class ImplicitWorkspace(NamedTuple):
         Normal and tangential ones by `LASTING` to `BEST` [N s].
     part : (B,) int64
         Labels of bodies that touch in an impact; positive for those that take part.
+    part_pace : (B,) float64
+        Of each group, by its lowest body, the largest `PACE` [m/s].
     candidates : (D, 8) float64
-    candidate_ids : (D, 3) int64
-        Spheres, and what became of the candidate.
+    candidate_ids : (D, 4) int64
+        Spheres, what became of the candidate, and its place in the last step's memory, -1 without one.
     best, best_score : (9,) int64 and float64
         Supports of a patch, and its deepest candidate.
     pool : (P, 2) int32
         Lists of spheres, or pairs of them, that may touch; one for each pair of bodies, or body and element.
+    pool_spheres : (8, P) float64
+        Of each pair of spheres in the pool the centres, body frames, and radii, the second's behind the
+        first's [m].
+    low : (max(P, hull),) float64
+        Gaps, or predicted ones if less, of what is asked at once [m].
     lists : (B, B + E, 2) int64
         Beginning and length of each list in the pool.
     list_pose : (B, B + E, 13) float64
@@ -115,11 +125,14 @@ class ImplicitWorkspace(NamedTuple):
     ids: np.ndarray
     impulses: np.ndarray
     part: np.ndarray
+    part_pace: np.ndarray
     candidates: np.ndarray
     candidate_ids: np.ndarray
     best: np.ndarray
     best_score: np.ndarray
     pool: np.ndarray
+    pool_spheres: np.ndarray
+    low: np.ndarray
     lists: np.ndarray
     list_pose: np.ndarray
     search: Scratch
@@ -166,7 +179,7 @@ def implicit_workspace(x, kept_overlap, world, contacts, candidates, pool):
     return ImplicitWorkspace(
         R,
         np.zeros((count, 3, 3)),
-        np.zeros((3, count, 6)),
+        np.zeros((5, count, 6)),
         np.zeros((count, 10)),
         np.zeros(count, np.int64),
         np.zeros(count, np.bool_),
@@ -178,11 +191,14 @@ def implicit_workspace(x, kept_overlap, world, contacts, candidates, pool):
         np.empty((contacts, 4), np.int64),
         np.empty((6, contacts, 3)),
         np.empty(count, np.int64),
+        np.empty(count),
         np.empty((candidates, 8)),
-        np.empty((candidates, 3), np.int64),
+        np.empty((candidates, 4), np.int64),
         np.empty(9, np.int64),
         np.empty(9),
         np.empty((pool, 2), np.int32),
+        np.empty((8, pool)),
+        np.empty(max(pool, world.implicit.hull.shape[1])),
         np.zeros((count, count + elements, 2), np.int64),
         np.full((count, count + elements, 13), -np.inf),
         search,

@@ -4,9 +4,32 @@ from typing import NamedTuple
 
 import numpy as np
 
+#: Of worlds that nothing stops.
+NEVER = np.zeros(1, np.int64)
 #: Contacts that are remembered of each body, of those that name it first: a limit of its own, so that no
 #: body's memory depends on what else there is.
 REMEMBERED_CONTACTS = 48
+
+
+class ImpactError(NamedTuple):
+    """Standard deviations of what is drawn at each impact; all zero where nothing is.
+
+    Attributes
+    ----------
+    direction : float
+        Of the turn of the impulse about each axis [rad].
+    point : float
+        Of the shift of where it acts, along each axis of the surface [m].
+    friction : float
+        Of the logarithm of the factor of friction.
+    identity : (B + E,) int64
+        Numbers of the bodies and elements that stay the same in a part of the scene.
+    """
+
+    direction: float
+    point: float
+    friction: float
+    identity: np.ndarray
 
 
 class Implicit(NamedTuple):
@@ -16,16 +39,21 @@ class Implicit(NamedTuple):
     ----------
     friction, restitution : (B + E,) float64
         Each body's, then each element's; those of a contact are the geometric means of its two partners'.
-    hull : (H, 4) float64
+    hull : (4, H) float64
         Centres (body frame) and radii of the spheres that can touch a plane, model after model [m].
     hull_sphere : (H,) int64
         Which spheres of the scene's trees they are.
     hull_range : (B, 2) int64
-        First and last (exclusive) row of each body's hull.
+        First and last (exclusive) column of each body's hull.
     extent : (B, 6) float64
         Middle and half the sides of the box around each body's spheres' centres, body frame [m].
+    box : (B, 6) float64
+        The same of the box around the spheres themselves.
     sleep : bool
         Whether what rests is not computed until something pushes it.
+    impact_error : ImpactError
+    stop : (1,) int64
+        Kernels end early when this is no longer 0, with states that mean nothing (`time_limit`).
     """
 
     friction: np.ndarray
@@ -34,7 +62,10 @@ class Implicit(NamedTuple):
     hull_sphere: np.ndarray
     hull_range: np.ndarray
     extent: np.ndarray
+    box: np.ndarray
     sleep: bool
+    impact_error: ImpactError
+    stop: np.ndarray = NEVER
 
     def of_bodies(self, bodies):
         """The same of some bodies, whose indices ascend, and of all elements."""
@@ -44,6 +75,8 @@ class Implicit(NamedTuple):
             restitution=self.restitution[some],
             hull_range=self.hull_range[bodies],
             extent=self.extent[bodies],
+            box=self.box[bodies],
+            impact_error=self.impact_error._replace(identity=self.impact_error.identity[some]),
         )
 
 
@@ -67,6 +100,8 @@ class SolverMemory(NamedTuple):
     kept_overlap : (N, B, B + E) or (N, 0, 0) float32
         By how much bodies i < j, or body i and element j - B, overlap for ever, without a force [m]: what
         could not come free at the start; empty where nothing does.
+    key : (N,) uint64
+        What the rollouts' own errors of impacts are drawn from (`ImpactError`).
     """
 
     contact: np.ndarray
@@ -75,6 +110,7 @@ class SolverMemory(NamedTuple):
     quiet: np.ndarray
     residual: np.ndarray
     kept_overlap: np.ndarray
+    key: np.ndarray
 
 
 def fresh_solver_memory(count, bodies):
@@ -87,6 +123,7 @@ def fresh_solver_memory(count, bodies):
         np.zeros((count, bodies), np.int64),
         np.zeros((count, bodies), np.float32),
         np.zeros((count, 0, 0), np.float32),
+        np.zeros(count, np.uint64),
     )
 
 
@@ -95,7 +132,7 @@ def of_bodies(memory, bodies, kept_overlap):
     count = len(memory.count)
     place = np.full(memory.quiet.shape[1], -1)
     place[bodies] = np.arange(len(bodies))
-    own = fresh_solver_memory(count, len(bodies))._replace(kept_overlap=kept_overlap)
+    own = fresh_solver_memory(count, len(bodies))._replace(kept_overlap=kept_overlap, key=memory.key)
     own.quiet[:], own.residual[:] = memory.quiet[:, bodies], memory.residual[:, bodies]
     for n in range(count):
         contact = memory.contact[n, : memory.count[n]]
@@ -109,6 +146,7 @@ def add_bodies(memory, own, bodies, followed):
     ``followed[n]`` of theirs.
     """
     memory.quiet[:, bodies], memory.residual[:, bodies] = own.quiet[followed], own.residual[followed]
+    memory.key[:] = own.key[followed]
     for n, k in enumerate(followed):
         _append(memory, n, _renumbered(own.contact[k, : own.count[k]], bodies), own.force[k, : own.count[k]])
 

@@ -90,6 +90,8 @@ def lower_group(x, start, count, local, metric, sides, world, work, rows):
     down = (gravity[0] / size, gravity[1] / size, gravity[2] / size)
     most = _DROP
     for _ in range(_LOWERINGS):
+        if world.implicit.stop[0] != 0:
+            return False
         alone = count == 1
         for a in range(count):
             i = members[a]

@@ -48,9 +48,14 @@ def _product(A, B):
 
 @kernel
 def congruent(A, C):
-    """``A C A^T``, symmetric to the last bit."""
+    """``A C A^T``, symmetric to the last bit; round-off leaves no variance below zero."""
     mapped = _product(_product(A, C), A.T)
-    return 0.5 * (mapped + mapped.T)
+    result = 0.5 * (mapped + mapped.T)
+    for k in range(len(result)):
+        if result[k, k] < 0.0:
+            result[k, :] = 0.0
+            result[:, k] = 0.0
+    return result
 
 
 @kernel

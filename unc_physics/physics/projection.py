@@ -88,9 +88,11 @@ def project(states, mean, metric, sides, world, start, first_time, kept_overlap,
     local, settled = np.zeros(bodies, np.int64), np.zeros(bodies, np.bool_)
     depth, overlap, moved = np.zeros((bodies, bodies + elements)), np.zeros(bodies), np.zeros(bodies)
     begin = np.empty((bodies, 13))
-    work = implicit_workspace(mean, kept_overlap[0, :0, :0], world, contacts, candidates, pool)
+    work = implicit_workspace(mean, np.empty((0, 0), np.float32), world, contacts, candidates, pool)
     rows = rows_room(contacts, bodies)
     for n in range(len(states)):
+        if world.implicit.stop[0] != 0:
+            return
         x = states[n]
         begin[:] = x
         while True:
@@ -115,7 +117,7 @@ def project(states, mean, metric, sides, world, start, first_time, kept_overlap,
             ):
                 break
             contacts, candidates, pool = more_room(work.counts, contacts, candidates, pool)
-            work = implicit_workspace(mean, kept_overlap[0, :0, :0], world, contacts, candidates, pool)
+            work = implicit_workspace(mean, np.empty((0, 0), np.float32), world, contacts, candidates, pool)
             rows = rows_room(contacts, bodies)
         for i in range(bodies):
             start.overlap[n, i] = max(start.overlap[n, i], overlap[i])
@@ -167,6 +169,8 @@ def project_sample(
                     k, m = metric.place[work.members[a]], metric.place[work.members[b]]
                     coupled = coupled or (k >= 0 and m >= 0 and metric.linked[k, m])
             for attempt in range(_ATTEMPTS):
+                if world.implicit.stop[0] != 0:
+                    return True
                 left = project_group(
                     x,
                     start,
@@ -251,6 +255,8 @@ def project_group(
     deep = deepest > _DEEP and not thorough and pairs
     rounds, share = (_CAREFUL_ROUNDS, _CAREFUL) if careful else (_ROUNDS, 1.0)
     for round in range(rounds + 1):
+        if world.implicit.stop[0] != 0:
+            break
         if deep:  # of pairs of bodies what is deepest leads out; the rest is looked at when that is done
             far = reach + min(_DEPTHS * left, _MORE_REACH)
             left = find_rows(x, count, far, -_DEEPEST * max(left, _DEEP), False, sides, world, work)

@@ -5,6 +5,7 @@ from .compiled import kernel
 from .explicit_step import integrate
 from .implicit_step import advance_implicit
 from .threads import in_threads
+from .time_limit import limited
 from .workspace import workspace
 
 
@@ -25,6 +26,7 @@ def rollout(states, contact_history, world, begin, steps):
         Number of steps before.
     steps : int
     """
+    world = limited(world)
     in_threads(
         len(states),
         lambda some: advance(states[some], histories.samples(contact_history, some), world, begin, steps),

@@ -1,6 +1,9 @@
 """Work on several threads at once: kernels run without the interpreter's lock."""
 
-from concurrent.futures import ThreadPoolExecutor
+import contextlib
+import threading
+import time
+from concurrent.futures import ThreadPoolExecutor, wait
 from functools import cache
 
 import numba
@@ -9,23 +12,77 @@ from .compile_time import count_compiling, seconds_compiling
 
 # samples differ in what they cost, and each part costs as much as a short rollout of its own
 _MOST_PARTS_PER_THREAD, _FEWEST_IN_A_PART = 8, 4
+_FIRST_PART = 64  # samples, of work that is watched and may be slow
+_PART_TIME = 0.01  # s, of one of its parts
+
+
+class _Watch(threading.local):
+    """What looks after the work of this thread."""
+
+    look = None
+
+
+_watch = _Watch()
+
+
+@contextlib.contextmanager
+def watched(look):
+    """Have ``look()`` called between parts of the work that this thread does with `in_threads` in here.
+
+    What it raises ends the work, whose results are then incomplete. Results do not depend on it otherwise.
+    """
+    before, _watch.look = _watch.look, look
+    try:
+        yield
+    finally:
+        _watch.look = before
 
 
 def in_threads(count, run):
     """Call ``run(slice)`` for parts of ``range(count)``, on as many threads as numba is set to."""
     threads = numba.get_num_threads() if count > 1 else 1
-    if threads == 1:
-        run(slice(0, count))
-        return
     parts = threads * min(max(count // (_FEWEST_IN_A_PART * threads), 1), _MOST_PARTS_PER_THREAD)
-    ends = [count * part // parts for part in range(parts + 1)]
+    size = -(-count // parts)
+    if _watch.look is not None and size > _FIRST_PART:
+        _in_watched_parts(count, run, threads, size, _watch.look)
+    elif threads == 1:
+        run(slice(0, count))
+    else:
+        ends = [count * part // parts for part in range(parts + 1)]
+        count_compiling(
+            max(_pool(threads).map(lambda some: _timed(run, some)[1], map(slice, ends[:-1], ends[1:])))
+        )
 
-    def timed(part):
-        before = seconds_compiling()
-        run(part)
-        return seconds_compiling() - before
 
-    count_compiling(max(_pool(threads).map(timed, map(slice, ends[:-1], ends[1:]))))
+def _in_watched_parts(count, run, threads, most, look):
+    """As `in_threads`, in parts of a few milliseconds, with only as many at a time as there are threads:
+    whoever else works in the meantime gets a turn soon.
+    """
+    waiting, begun, size = set(), 0, _FIRST_PART
+    compiling = 0.0
+    try:
+        while begun < count or waiting:
+            while begun < count and len(waiting) < threads:
+                some = slice(begun, min(begun + size, count))
+                begun = some.stop
+                waiting.add(_pool(threads).submit(_timed, run, some))
+            done, waiting = wait(waiting, return_when="FIRST_COMPLETED")
+            for part in done:
+                samples, compiled, took = part.result()
+                count_compiling(max(compiled - compiling, 0.0))  # before anybody looks at the clock
+                compiling = max(compiling, compiled)
+                size = max(1, min(most, 4 * samples, round(samples * _PART_TIME / max(took, 1e-9))))
+            look()
+    finally:
+        wait(waiting)  # they write where nobody would expect it any more
+
+
+def _timed(run, some):
+    """Run a part: its number of samples, the seconds spent compiling, and those that it took besides."""
+    before, started = seconds_compiling(), time.perf_counter()
+    run(some)
+    compiled = seconds_compiling() - before
+    return some.stop - some.start, compiled, time.perf_counter() - started - compiled
 
 
 @cache

@@ -30,6 +30,12 @@ class Answers(ABC):
     def carry(self) -> Any:
         """The propagator's persistent state at the end."""
 
+    def carries(self, last: int) -> Sequence[Any]:
+        """The propagator's persistent states at the last of the prediction's times; None where they are not
+        kept.
+        """
+        return [None] * last
+
     @abstractmethod
     def start(self, prediction: Prediction) -> Belief:
         """As `Prediction.start`."""

@@ -27,14 +27,19 @@ class Computed(Answers):
         The propagator's persistent state at the end.
     began : callable
         Gives the belief of the points or samples that it began with.
+    reached : sequence of callables
+        Each gives the state at one of the prediction's times, None where it was not kept.
     """
 
-    def __init__(self, carry: Any, began: Callable[[], Belief]):
-        self._carry, self._began = carry, began
+    def __init__(self, carry: Any, began: Callable[[], Belief], reached: Sequence[Callable[[], Any]]):
+        self._carry, self._began, self._reached = carry, began, reached
 
     @property
     def carry(self) -> Any:
         return self._carry
+
+    def carries(self, last: int) -> Sequence[Any]:
+        return [carry() for carry in self._reached[-last:]]
 
     def start(self, prediction: Prediction) -> Belief:
         scene, start = prediction.scene, prediction.contact_history.start

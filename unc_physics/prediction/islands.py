@@ -26,7 +26,7 @@ from ..physics.layout import ANGULAR_VELOCITY, ERR_POSITION, ERROR, POSITION, VE
 from ..physics.shapes import bounds
 from ..physics.world import Bodies
 from ..propagators.base import Propagator
-from ..propagators.free_flight import Flight, course
+from ..propagators.free_flight import Flight, course_of
 from ..propagators.joining import Frame, Part
 from ..scene.belief import Belief
 from ..scene.scene import Scene
@@ -107,7 +107,7 @@ class Islands:
         mass = np.array([body.mass for body in bodies])
         factor = np.exp(SIGMAS * np.array([body.mass_std for body in bodies]) / mass)
         self._lightest, self._heaviest = mass / factor, mass * factor
-        principal = np.array([np.linalg.eigvalsh(body.model.inertia) for body in bodies])
+        principal = np.array([np.linalg.eigvalsh(body.unit_inertia) for body in bodies])
         self._softest, self._stiffest = principal[:, 0], principal[:, -1]  # [m^2]
         # a shifted centre of mass circles about the model's
         self._radius = world.bodies.radius + 2.0 * SIGMAS * np.array(
@@ -224,8 +224,7 @@ class Islands:
 
     def _flown(self, island, steps):
         world = island.scene.world
-        along = course(world.dt, world.decay, steps, world.implicit is not None)
-        return self._propagator.fly(island.carry, Flight(world.gravity, along, steps))
+        return self._propagator.fly(island.carry, Flight(world.gravity, course_of(world, steps), steps))
 
     def _part(self, bodies):
         """The scene of some bodies; made once, and sharing the sphere trees."""
@@ -268,7 +267,7 @@ class Islands:
         for island, now in zip(islands, present, strict=True):
             some = self._moving[island.bodies]
             bodies = island.bodies[some]
-            samples = self._propagator.own_samples(now, island.scene)
+            samples = self._propagator.rollout_states(now, island.scene)
             if samples is not None:
                 states = samples[:, some]
                 least, most = states.min(axis=0), states.max(axis=0)

@@ -1,6 +1,7 @@
 """What may happen in a prediction, as equally probable outcomes; shares of them answer questions.
 
-A propagator with samples of its own has them; for the others, samples fly up to their first contacts.
+A propagator with samples of its own has them; for the others, samples fly up to their first contacts. So
+they do where samples rest on too few rollouts to tell: an interval counts rollouts, not what is made of them.
 """
 
 from __future__ import annotations
@@ -52,10 +53,10 @@ def share_inside(
     scene, answers = prediction.scene, []
     for region in regions:
         for body in scene.moving:
-            inside = None if outcomes is None else region.contains(outcomes.states[:, body, POSITION])
+            shares = (_of_body(region.contains(own.states[:, body, POSITION]), own, body) for own in outcomes)
             answers.append(
                 RegionProbability(
-                    region.name, scene.bodies[body].name, prediction.time, *_of_body(inside, outcomes, body)
+                    region.name, scene.bodies[body].name, prediction.time, *_first_available(shares)
                 )
             )
     return tuple(answers)
@@ -68,14 +69,16 @@ def share_at_rest(
     outcomes = _outcomes(prediction, flights)
     scene, answers = prediction.scene, []
     for body in scene.moving:
-        slow = None
-        if outcomes is not None:
-            slow = np.linalg.norm(outcomes.states[:, body, VELOCITY], axis=1) < speed
-            slow &= np.linalg.norm(outcomes.states[:, body, ANGULAR_VELOCITY], axis=1) < angular_speed
-        answers.append(
-            RestProbability(scene.bodies[body].name, prediction.time, *_of_body(slow, outcomes, body))
-        )
+        shares = (_of_body(_slow(own.states[:, body], speed, angular_speed), own, body) for own in outcomes)
+        name = scene.bodies[body].name
+        answers.append(RestProbability(name, prediction.time, *_first_available(shares)))
     return tuple(answers)
+
+
+def _slow(states, speed, angular_speed):
+    """(N,): which states (N, 13) are of a body at rest."""
+    slow = np.linalg.norm(states[:, VELOCITY], axis=1) < speed
+    return slow & (np.linalg.norm(states[:, ANGULAR_VELOCITY], axis=1) < angular_speed)
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,10 +89,11 @@ class _Outcomes:
     ----------
     states : (N, B, 13) array
         At the horizon, or when the body stopped.
-    stopped : (N, B) array
+    stopped : (R, B) array
         Time from which on nothing is known of a body [s]; infinite for one that is known to the end.
-    first : (N, B, B + E) array
+    first : (R, B, B + E) array
         Time of the first contact of bodies i < j, or of body i and element j - B [s]; infinite without one.
+        Of the R rollouts that the outcomes rest on, mostly their own.
     certain : bool
         Whether nothing else may happen, instead of these being draws.
     """
@@ -101,13 +105,21 @@ class _Outcomes:
 
 
 def _outcomes(prediction, flights):
-    """What may happen, from a prediction's samples or from flights; None where there is nothing to tell it
-    from.
+    """What may happen, each of which may answer where those before it do not: a prediction's samples, and
+    flights.
     """
     known = _known.setdefault(prediction, {})
     if flights not in known:
-        known[flights] = _sampled(prediction) or _flown(prediction, flights)
+        sampled = _sampled(prediction)
+        few = sampled is None or len(sampled.first) < len(sampled.states)
+        found = (sampled, _flown(prediction, flights) if few and not (sampled and sampled.certain) else None)
+        known[flights] = tuple(outcomes for outcomes in found if outcomes is not None)
     return known[flights]
+
+
+def _first_available(shares):
+    """The first of some shares, each computed only if needed, that is available."""
+    return next((share for share in shares if share[0]), UNKNOWN)
 
 
 def _sampled(prediction):
@@ -122,13 +134,13 @@ def _sampled(prediction):
         states, first = prediction.belief.mean[None], first[:1]
     else:
         return None
-    return _Outcomes(states, np.full(states.shape[:2], np.inf), first, certain)
+    return _Outcomes(states, np.full(first.shape[:2], np.inf), first, certain)
 
 
 def _flown(prediction, flights):
     """Outcomes as far as first contacts decide them."""
     scene = prediction.scene
-    if flights == 0 or scene.uncertain or prediction.propagator.own_sample_count is not None:
+    if flights == 0 or scene.uncertain:
         return None
     steps = round(prediction.time / scene.dt)
     return _Outcomes(*first_contacts(scene, prediction.initial, steps, flights))
@@ -154,8 +166,12 @@ def _encounters(scene):
 
 def _contact(names: tuple[str, str, float], outcomes, body, other, columns):
     """The answer about one encounter."""
-    if outcomes is None:
-        return ContactProbability(*names)
+    answers = (_contact_of(names, own, body, other, columns) for own in outcomes)
+    return next((answer for answer in answers if answer.available), ContactProbability(*names))
+
+
+def _contact_of(names: tuple[str, str, float], outcomes, body, other, columns):
+    """The answer from some outcomes."""
     first = outcomes.first[:, body, columns].min(axis=1)
     known = outcomes.stopped[:, body]
     if other is not None:
@@ -163,7 +179,7 @@ def _contact(names: tuple[str, str, float], outcomes, body, other, columns):
     yes = np.isfinite(first) & (
         first <= known
     )  # later than that, it is contact with a body that is not there any more
-    share = _share(yes, np.isfinite(known) & ~yes, outcomes.certain)
+    share = _share(yes, np.isfinite(known) & ~yes, outcomes.certain, len(yes))
     if not share[0] or yes.sum() < min(FEWEST_CONTACTS, len(yes)):  # one outcome is enough if it is certain
         return ContactProbability(*names, *share)
     times = first[yes].astype(float)
@@ -174,20 +190,20 @@ def _of_body(yes, outcomes, body):
     """Whether a question about a body at the horizon, with these answers (N,) if it was known to the end, can
     be answered.
     """
-    if outcomes is None:
-        return UNKNOWN
-    return _share(yes, np.isfinite(outcomes.stopped[:, body]), outcomes.certain)
+    rollouts = len(outcomes.first)
+    unknown = np.isfinite(outcomes.stopped[:, body]) if rollouts == len(yes) else np.zeros(len(yes), bool)
+    return _share(yes, unknown, outcomes.certain, min(rollouts, len(yes)))
 
 
-def _share(yes, unknown, certain):
+def _share(yes, unknown, certain, rollouts):
     """Availability, probability, and its lowest and highest value, from outcomes (N,) that say yes, and those
-    that leave it open, which count half.
+    that leave it open, which count half; they rest on so many ``rollouts``.
     """
     count = len(yes)
     low, high = np.count_nonzero(yes & ~unknown) / count, np.count_nonzero(yes | unknown) / count
     probability = 0.5 * (low + high)
     if not certain:
-        low, high = _interval(low, count)[0], _interval(high, count)[1]
+        low, high = _interval(low, rollouts)[0], _interval(high, rollouts)[1]
     if max(probability - low, high - probability) > TOLERANCE:
         return UNKNOWN
     # round-off must not leave the probability outside

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -19,23 +20,28 @@ from ..checks.errors import (
 )
 from ..checks.validation import instance, positive
 from ..physics.compile_time import clock
+from ..physics.threads import watched
+from ..physics.time_limit import TimeLimit, time_limit
 from ..propagators.base import Propagator
 from ..propagators.names import DEFAULT
 from ..propagators.registry import make_propagator, names_where
 from ..propagators.start import known
 from ..scene.belief import Belief
 from ..scene.environment import element_names
-from ..scene.scene import Scene
+from ..scene.scene import IMPACT_STDS, Scene
 from ..scene.stiffness import with_stiffness
 from .computed import Computed
 from .islands import Islands
+from .memory import check_memory
 from .prediction import Prediction
 
 STEPS_LIMIT = 100_000_000
 TIMES_LIMIT = 100_000
+_LEAST = 0.05  # s, wall time that kernels always have, so that most answers have a first step
 _LOOK_UP_AFTER = 0.02  # s, wall time between looks at the clock and reports of progress
 
 
+@np.errstate(all="ignore")  # what overflows is found by `_finite`
 def predict(
     scene: Scene,
     belief: Belief,
@@ -61,10 +67,12 @@ def predict(
     times : sequence of float, optional
         Times at which a belief is wanted [s], ascending; by default the horizon alone. The horizon is added.
     max_computation_time : float, optional
-        Wall time after which the prediction ends with an error [s]; compiling kernels does not count.
+        Wall time after which the prediction ends with an error [s], also within a step of many samples;
+        compiling kernels does not count.
     progress : callable, optional
         Called every few hundredths of a second with the number of steps done and of all steps. What it raises
-        ends the prediction; an `UncPhysicsError` then has a ``prediction`` that ends at the time reached.
+        ends the prediction; an `UncPhysicsError` then has a ``prediction`` that ends at the time reached, or
+        None where not even a step was done.
     keep_samples : int, optional
         How many of its own samples a propagator that has some is to keep at each of the times
         (`Prediction.kept`).
@@ -78,7 +86,8 @@ def predict(
     InvalidHorizonError
         If a time is not positive or shorter than half a step, or times do not ascend.
     PredictionTimeoutError
-        If ``max_computation_time`` ran out; its ``prediction`` ends at the time reached.
+        If ``max_computation_time`` ran out; its ``prediction`` ends at the time reached, and is None where
+        not even a step was done.
     DivergedError
         If the simulation left the range of numbers.
     NotSupportedError
@@ -95,60 +104,150 @@ def predict(
         propagator = make_propagator(propagator)
     belief.check_fits(scene)
     check_supported(scene, propagator)
+    marks = steps_of(scene, horizon, times)
+    check_memory(scene, belief, propagator, len(marks), keep_samples)
     scene = with_stiffness(scene, belief.mean)
+    allowed = None if max_computation_time is None else positive(max_computation_time, "max_computation_time")
+    with time_limit() as limit:
+        ends_early = scene.integrator == "implicit"  # the explicit step's kernels do not
+        within = _Within(allowed, started, limit if ends_early else None)
+        return _predicted(scene, belief, propagator, marks, within, progress, keep_samples)
+
+
+class _Within(NamedTuple):
+    """The computation time that is allowed [s], if any, since when [s], and what ends kernels by then, if
+    anything does.
+    """
+
+    allowed: float | None
+    started: float
+    limit: TimeLimit | None
+
+    @property
+    def over(self):
+        """Whether it ran out."""
+        return self.allowed is not None and clock() - self.started > self.allowed
+
+    def complete(self, compute: Callable[..., Any], *arguments) -> Any:
+        """What a function computes; None if its kernels were ended early.
+
+        What was ended while kernels were still compiled, which does not count, is computed again.
+        """
+        while self.allowed is not None and self.limit is not None:
+            self.limit.within(max(self.allowed - (clock() - self.started), _LEAST))
+            result = compute(*arguments)
+            if not self.limit.passed:
+                return result
+            if self.over:
+                return None
+        return compute(*arguments)
+
+    def error(self, reached, horizon):
+        """That it ran out."""
+        where = f"after {reached:.6g} s of {horizon:.6g} s simulated" if reached else "before the first step"
+        return PredictionTimeoutError(f"ran out {where}", field="max_computation_time", value=self.allowed)
+
+
+def _predicted(scene, belief, propagator, marks, within, progress, keep_samples):
+    """The prediction of what `predict` has checked."""
+    horizon = marks[-1] * scene.dt
     given, belief = belief, known(scene, belief)
     if propagator.traits.mean_update == "nominal" and scene.integrator == "implicit":
-        belief = start_belief(scene, belief)  # a single rollout cannot begin in several ways
-    marks = steps_of(scene, horizon, times)
-    allowed = None if max_computation_time is None else positive(max_computation_time, "max_computation_time")
-    in_one_go = allowed is None and progress is None
+        # a single rollout cannot begin in several ways
+        belief = within.complete(start_belief, scene, belief)
+        if belief is None:
+            raise within.error(0.0, horizon)
+    in_one_go = within.allowed is None and progress is None
     piece = marks[-1] if in_one_go else 1
     # shared parameters tie all bodies together for ever, and what is fixed makes no island
     in_islands = scene.islands and len(scene.moving) > 0 and not scene.shared_parameters
     runner: Any = Islands(propagator, scene, marks) if in_islands else propagator
-    carry = runner.init(scene, belief)
-    began = partial(runner.belief, carry, scene)
     keep_samples = 0 if propagator.own_sample_count is None else keep_samples
-    done, reached, beliefs, kept = 0, [], [], []
+    done, reached, beliefs, kept, carries = 0, [], [], [], []
+    told = within.started
+
+    def tell():
+        nonlocal told
+        told = clock()
+        if progress is not None:
+            progress(done, marks[-1])
+        if done < marks[-1] and within.over:
+            raise within.error(done * scene.dt, horizon)
+
+    def look():  # between the parts of a step that takes long
+        if clock() - told > _LOOK_UP_AFTER or within.over:
+            tell()
+
+    with contextlib.nullcontext() if in_one_go else watched(look):
+        carry = within.complete(runner.init, scene, belief)
+    if carry is None:
+        raise within.error(0.0, horizon)
+    began = partial(runner.belief, carry, scene)
+    grows, waiting = propagator.grows and not in_islands, []
 
     def made(carry):
         whole = runner.whole(carry) if in_islands else carry
-        took = clock() - started
+        took = clock() - within.started
         states = tuple(kept) if keep_samples else None
-        answers = Computed(whole, began)
+        answers = Computed(whole, began, tuple(carries))
         return Prediction(scene, propagator, tuple(reached), tuple(beliefs), took, given, answers, states)
 
-    def reach(carry):
-        reached.append(done * scene.dt)
+    def reach(carry, steps):
+        reached.append(steps * scene.dt)
         beliefs.append(_finite(runner.belief(carry, scene), reached[-1]))
+        if propagator.points_in_pairs:  # few, where samples may be many
+            carries.append(partial(runner.whole if in_islands else _itself, carry))
+        else:
+            carries.append(_nothing)
         if keep_samples:
             kept.append(runner.own_samples(carry, scene)[:keep_samples].copy())
 
     for mark in marks:
         while done < mark:
             steps = min(piece, mark - done)
-            piece_started = clock()
-            carry = runner.advance(carry, scene, steps)
-            done += steps
             if in_one_go:
+                carry, done = runner.advance(carry, scene, steps), done + steps
                 continue
-            now = clock()
-            piece = _next_piece(steps, now - piece_started)
+            piece_started = clock()
             try:
-                if progress is not None:
-                    progress(done, marks[-1])
-                if allowed is not None and done < marks[-1] and now - started > allowed:
-                    raise PredictionTimeoutError(
-                        f"ran out after {done * scene.dt:.6g} s of {marks[-1] * scene.dt:.6g} s simulated",
-                        field="max_computation_time",
-                        value=max_computation_time,
-                    )
+                with watched(look):
+                    later = within.complete(runner.advance, carry, scene, steps)
+                if later is None:
+                    raise within.error(done * scene.dt, horizon)
+                carry, done = later, done + steps
+                piece = _next_piece(steps, clock() - piece_started)
+                tell()
             except UncPhysicsError as error:
-                reach(carry)
+                if done == 0:
+                    raise
+                last = [(carry, done)] if not reached or reached[-1] < done * scene.dt else []
+                for state, steps in [*waiting, *last]:
+                    reach(state, steps)
                 error.prediction = made(carry)
                 raise
-        reach(carry)
+        if grows:
+            waiting.append((carry, done))
+        else:
+            reach(carry, done)
+    if grows:
+        for carry, steps in _grown(propagator, scene, belief, waiting, within.started, within.allowed):
+            reach(carry, steps)
     return made(carry)
+
+
+def _grown(propagator, scene, belief, waiting, started, allowed):
+    """The carries at each number of steps, with as many more rollouts as the propagator wants."""
+    while True:
+        count, spent = propagator.rollouts(waiting[-1][0]), clock() - started
+        more = propagator.further(waiting[-1][0], scene, spent)
+        if more <= 0 or (allowed is not None and spent * (1.0 + more / count) > allowed):
+            return waiting
+        further, grown, done = propagator.begun(scene, belief, count, count + more), [], 0
+        for carry, steps in waiting:
+            further = propagator.advance(further, scene, steps - done)
+            done = steps
+            grown.append((propagator.together(carry, further), steps))
+        waiting = grown
 
 
 def start_belief(scene: Scene, belief: Belief) -> Belief:
@@ -195,7 +294,9 @@ def periodic_times(period: float, horizon: float) -> list[float]:
 
 
 def check_supported(scene: Scene, propagator: Propagator) -> None:
-    """Raise `NotSupportedError` unless the propagator takes integrator, overlap and uncertain parameters."""
+    """Raise `NotSupportedError` unless the propagator takes integrator, overlap, impacts' errors and
+    uncertain parameters.
+    """
     if scene.integrator not in propagator.integrators:
         able = names_where(lambda other: scene.integrator in other.integrators)
         raise NotSupportedError(
@@ -210,6 +311,18 @@ def check_supported(scene: Scene, propagator: Propagator) -> None:
             field="overlap",
             value="reject",
         )
+    if scene.islands and getattr(propagator, "reduce", False):
+        raise NotSupportedError(
+            "does not go with islands, which have no common motion; leave out either", field="reduce"
+        )
+    if scene.draws_impacts and not propagator.draws_impacts:
+        field = next(name for name in IMPACT_STDS if getattr(scene, name) > 0.0)
+        able = names_where(lambda other: other.draws_impacts)
+        raise NotSupportedError(
+            f"is for propagators that draw samples ({able}), not for {propagator.name}",
+            field=field,
+            value=getattr(scene, field),
+        )
     if scene.uncertain and not propagator.varies_parameters:
         first = scene.uncertain[0]
         owners = [f" of body '{body.name}'" for body in scene.bodies]
@@ -217,6 +330,14 @@ def check_supported(scene: Scene, propagator: Propagator) -> None:
         owner = "" if first.body < 0 else owners[first.body]
         field = f"{first.name}_std{owner}"
         raise NotSupportedError(f"is not supported by {propagator.name}", field=field, value=float(first.std))
+
+
+def _itself(carry):
+    return carry
+
+
+def _nothing():
+    return None
 
 
 def _next_piece(steps, took):

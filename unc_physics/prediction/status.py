@@ -60,12 +60,15 @@ class Status(IntFlag):
     INITIAL_OVERLAP = 4
 
 
-#: Flag, limit and words of each measure; `assess` explains them.
+#: Flag, limit and words of each measure, with what to do; `assess` explains them.
 RULES = {
     "initial_overlap": (
         Status.INITIAL_OVERLAP,
         0.02,
-        "overlaps another body or the environment at the start",
+        (
+            "overlaps another body or the environment at the start; give poses without overlap, or take the"
+            " implicit integrator with 'overlap: project'"
+        ),
     ),
     "overlap_share": (
         Status.INITIAL_OVERLAP,
@@ -77,41 +80,86 @@ RULES = {
         0.01,
         (
             "some of the belief was moved by more than 5 standard deviations, to where it does not overlap or"
-            " stands"
+            " stands; check its pose, or give it a larger covariance"
         ),
     ),
     "overlap_kept": (
         Status.INITIAL_OVERLAP,
         0.02,
-        "cannot come free of what it overlaps at the start, and keeps the overlap",
+        (
+            "cannot come free of what it overlaps at the start, and keeps the overlap; check its pose, or"
+            " give it a larger covariance"
+        ),
     ),
-    "overlap_certain": (Status.INITIAL_OVERLAP, 0.5, "overlaps at the start for certain"),
+    "overlap_certain": (Status.INITIAL_OVERLAP, 0.5, "overlaps at the start for certain; check its pose"),
     "settled_tilt": (
         Status.INITIAL_OVERLAP,
         math.radians(15.0),
-        "is said to be at rest, and tilted far until something held it",
+        (
+            "is said to be at rest, and tilted far until something held it; check its orientation, and"
+            " what is below it"
+        ),
     ),
-    "unsettled": (Status.INITIAL_OVERLAP, 0.05, "is said to be at rest, and nothing holds it"),
-    "energy_gain": (Status.NOT_CONVERGED, 0.02, "energy was gained; a smaller dt helps"),
+    "unsettled": (
+        Status.INITIAL_OVERLAP,
+        0.05,
+        "is said to be at rest, and nothing holds it; put something below it, or take at_rest away",
+    ),
+    "energy_gain": (Status.NOT_CONVERGED, 0.02, "energy was gained; a smaller dt, now {dt:.3g} s, helps"),
     "contact_residual": (
         Status.NOT_CONVERGED,
         5e-3,
-        "contact forces were not found well enough; a smaller dt, or masses that differ less, help",
+        (
+            "contact forces were not found well enough; a smaller dt, now {dt:.3g} s, or masses that differ"
+            " less, help"
+        ),
     ),
     "step_times_frequency": (
         Status.NOT_CONVERGED,
         1.3,
-        "the step is too long for the stiffness of the contacts",
+        "the step is too long for the stiffness of contacts; lower dt, now {dt:.3g} s, to {shorter:.2g} s",
     ),
-    "impact_over_capacity": (Status.NOT_CONVERGED, 1.0, "hits harder than the stiffness can stop"),
+    "impact_over_capacity": (
+        Status.NOT_CONVERGED,
+        1.0,
+        (
+            "hits harder than the stiffness can stop; raise stiffness, now {stiffness:.3g}, above"
+            " {stiffer:.2g} N/m^3, and lower dt with its root"
+        ),
+    ),
     "directions": (
         Status.OUTSIDE_VALIDITY,
         30.0,
         f"too many uncertain directions for as few points; islands or {_SAMPLED} helps",
     ),
-    "rotation_std": (Status.OUTSIDE_VALIDITY, 2.2, "the rotation is too uncertain for a Gaussian"),
+    "rotation_std": (
+        Status.OUTSIDE_VALIDITY,
+        2.2,
+        f"the rotation is too uncertain for a Gaussian; samples of {REFERENCE} are not",
+    ),
     "spread_disagreement": (Status.OUTSIDE_VALIDITY, 2.3, f"rollouts spread differently; {_ESTIMATED} helps"),
-    "unchecked": (Status.OUTSIDE_VALIDITY, 0.5, "its spread after a contact was not compared with rollouts"),
+    "doubtful_contacts": (
+        Status.OUTSIDE_VALIDITY,
+        1.7,
+        (
+            "contacts may open, close or coincide otherwise within a standard deviation, and rollouts spread"
+            f" differently; {_ESTIMATED} helps"
+        ),
+    ),
+    "few_samples": (Status.OUTSIDE_VALIDITY, 0.3, "too few samples to tell a spread"),
+    "unevenness": (Status.OUTSIDE_VALIDITY, 2.0, f"opposite points do not move oppositely; {_SAMPLED} helps"),
+    "mean_overlap": (
+        Status.OUTSIDE_VALIDITY,
+        0.2,
+        f"the mean of its points lies inside another body or the environment; {_SAMPLED} helps",
+    ),
+    "surface_error": (Status.OUTSIDE_VALIDITY, math.inf, "rollouts do not tell what is between them"),
+    "mean_error": (Status.OUTSIDE_VALIDITY, 0.35, "rests on too few rollouts; more of them help"),
+    "unchecked": (
+        Status.OUTSIDE_VALIDITY,
+        0.5,
+        (f"its spread after a contact was not compared with rollouts; ask for some, or take {_ESTIMATED}"),
+    ),
 }
 
 
@@ -203,6 +251,25 @@ def assess(prediction: Prediction, *, rollouts: int = ROLLOUTS) -> tuple[BodySta
     ``spread_disagreement``
         The factor by which predicted spreads and those of a few rollouts differ, of position or rotation,
         whichever is worse. Over twelve rollouts it is uncertain by about a sixth.
+    ``doubtful_contacts``
+        The same of a body for which contacts, or their order in an impact, would have been others within a
+        standard deviation (`Propagator.doubtful_since`): there a smaller factor is enough.
+    ``few_samples``
+        Of a propagator with samples of its own: by which share of itself a spread is uncertain for their
+        number alone, which one sample leaves unknown (1).
+    ``unevenness``
+        Of points in opposite pairs: spread of position or rotation, over that of what is opposite in the
+        pairs, whichever is larger. What is not comes from curvature, by which points far out tell too much.
+    ``mean_overlap``
+        Of such points, for a body that touched something: depth of the deepest pair of spheres in their mean,
+        over the body's radius.
+    ``surface_error``
+        Of a response surface: mean square of what each rollout differs from a surface through the others,
+        over the variance; from 1 on the surface tells nothing, and the rollouts alone are the answer. It
+        raises no flag.
+    ``mean_error``
+        Of the same: standard error of the mean position or rotation over the standard deviation, whichever is
+        larger.
     ``unchecked``
         1 for a body that touched something where no rollouts were asked for: its spread is wrong by more than
         a factor of 2 more often than not.
@@ -218,6 +285,7 @@ def assess_all(prediction: Prediction, *, rollouts: int = ROLLOUTS) -> tuple[tup
     return prediction.answers.statuses(prediction, integer(rollouts, "rollouts", low=0))
 
 
+@np.errstate(all="ignore")
 def judge(prediction: Prediction, rollouts: int) -> tuple[tuple[BodyStatus, ...], ...]:
     """The statuses of a prediction that was made here."""
     scene, initial = prediction.scene, prediction.initial
@@ -226,9 +294,12 @@ def judge(prediction: Prediction, rollouts: int) -> tuple[tuple[BodyStatus, ...]
     if prediction.propagator.compared_with_rollouts and meets and rollouts > 0:
         spreads = _spreads(scene, initial, prediction.times, rollouts)
     start = _start(prediction)
+    carries = prediction.answers.carries(len(prediction.times))
     return tuple(
-        _assess(scene, start, prediction, time, belief, spread)
-        for time, belief, spread in zip(prediction.times, prediction.beliefs, spreads, strict=True)
+        _assess(scene, start, prediction, time, belief, spread, carry)
+        for time, belief, spread, carry in zip(
+            prediction.times, prediction.beliefs, spreads, carries, strict=True
+        )
     )
 
 
@@ -247,13 +318,14 @@ class _Start(NamedTuple):
         float | None
     )  # that a belief is the mean of: infinite where they are chosen instead of drawn; None for one
     directions: np.ndarray | None  # (M,), that points are spread along; None without such points
+    own: dict  # measures (B,) by name that the propagator gives of its answer at the end
 
 
 def _start(prediction):
     scene, initial, propagator = prediction.scene, prediction.initial, prediction.propagator
     samples = None
     if propagator.traits.mean_update != "nominal":
-        samples = math.inf if propagator.own_sample_count is None else propagator.own_sample_count
+        samples = math.inf if propagator.own_sample_count is None else propagator.rollouts(prediction.carry)
     if scene.integrator == "implicit":
         initial = prediction.start
     mass = np.array([0.0 if body.fixed else body.mass for body in scene.bodies])
@@ -263,7 +335,15 @@ def _start(prediction):
         drawn = [_overlaps(scene, x)[0] for x in initial.sample(_DRAWN, np.random.default_rng(_SEED))]
         overlap = np.maximum(overlap, np.quantile(drawn, _USUAL, axis=0))
     start = _Start(
-        initial.mean, initial.blocks, mass, shapes, overlap, held, samples, propagator.directions(initial)
+        initial.mean,
+        initial.blocks,
+        mass,
+        shapes,
+        overlap,
+        held,
+        samples,
+        propagator.directions(initial),
+        propagator.measures(prediction.carry, scene),
     )
     energy, noise = _kinetic(scene, start, initial, 1)
     if samples is not None and math.isfinite(samples):
@@ -279,7 +359,7 @@ def _shape(model):
     return _shapes[model]
 
 
-def _assess(scene, start, prediction, time, belief, spreads):
+def _assess(scene, start, prediction, time, belief, spreads, carry):
     """The statuses at one of the prediction's times."""
     propagator, history, bodies = prediction.propagator, prediction.contact_history, len(scene.bodies)
     touched = history.first_time.min(axis=0) <= time
@@ -292,12 +372,22 @@ def _assess(scene, start, prediction, time, belief, spreads):
         per_body["rotation_std"] = _free_rotation_std(scene, start, time)
     if spreads is not None:
         per_body["spread_disagreement"] = _disagreement(scene, start, belief.blocks, spreads)
-    in_contact = {}
+        since = propagator.doubtful_since(prediction.carry)
+        if since is not None:
+            per_body["doubtful_contacts"] = np.where(since <= time, per_body["spread_disagreement"], 1.0)
+    if propagator.own_sample_count is not None:
+        others = propagator.rollouts(prediction.carry) - 1
+        per_body["few_samples"] = np.full(bodies, min(1.0, 1.0 / math.sqrt(2.0 * max(others, 0.5))))
+    in_contact = dict(start.own)
     if touches.any():
         if propagator.compared_with_rollouts and spreads is None:
             in_contact["unchecked"] = np.ones(bodies)
         if start.directions is not None:
             in_contact["directions"] = _directions(scene, start, group)
+            if carry is not None:
+                points = propagator.opposite_points(carry, scene)
+                in_contact["unevenness"] = _unevenness(scene, start, points)
+            in_contact["mean_overlap"] = _overlaps(scene, belief.mean)[0] / start.shapes[:, 3]
         speed, in_contact["energy_gain"] = _energies(scene, start, belief, group)
         if scene.integrator == "explicit":
             in_contact |= _explicit_measures(scene, start, speed)
@@ -305,6 +395,7 @@ def _assess(scene, start, prediction, time, belief, spreads):
             in_contact["contact_residual"] = np.quantile(history.solver.residual, _USUAL, axis=0)
     return tuple(
         _judged(
+            scene,
             body.name,
             (
                 {}
@@ -358,13 +449,19 @@ def _explicit_measures(scene, start, speed):
     }
 
 
-def _judged(name, measures):
+def _judged(scene, name, measures):
     """The status that measures make."""
     flags, reasons = Status.FINE, []
     for key, value in measures.items():
         flag, limit, words = RULES[key]
-        if value > limit:
+        if not value <= limit:  # also what is no number
             flags |= flag
+            words = words.format(
+                dt=scene.dt,
+                stiffness=scene.stiffness,
+                shorter=scene.dt * limit / value,
+                stiffer=scene.stiffness * value,
+            )
             reasons.append(f"{words} ({key} {value:.3g} above {limit:.3g})")
     return BodyStatus(name, flags, measures, tuple(reasons))
 
@@ -376,6 +473,23 @@ def _directions(scene, start, group):
     apart = scene.islands and not scene.shared_parameters
     shared = np.bincount(group, own, len(own))[group] if apart else np.full(len(own), own.sum())
     return shared + len(scene.uncertain)
+
+
+def _unevenness(scene, start, points):
+    """(B,): spread of points in opposite pairs, over that of what is opposite in them (`RULES`)."""
+    result = np.ones(len(scene.bodies))
+    forth, back = points
+    for k, body in enumerate(scene.moving):
+        nothing = _NOTHING * start.shapes[body, 3], _NOTHING
+        for block, floor in zip((ERR_POSITION, ERR_ROTATION), nothing, strict=True):
+            odd = 0.5 * (forth[:, k, block] - back[:, k, block])
+            even = 0.5 * (forth[:, k, block] + back[:, k, block])
+            shift = even.sum(axis=0) / (len(even) + 0.5)
+            straight = np.sum(odd**2) / (len(odd) + 0.5)
+            bent = np.sum(even**2) / (len(even) + 0.5) - shift @ shift
+            ratio = math.sqrt((straight + max(bent, 0.0) + floor**2) / (straight + floor**2))
+            result[body] = max(result[body], ratio)
+    return result
 
 
 def _spreads(scene, initial, times, count):
@@ -451,7 +565,7 @@ def _kinetic(scene, start, belief, side):
     v, w = belief.mean[some, VELOCITY], belief.mean[some, ANGULAR_VELOCITY]
     if start.samples is None:
         for k in some:
-            x, inertia = belief.mean[k], scene.bodies[k].model.inertia
+            x, inertia = belief.mean[k], scene.bodies[k].unit_inertia
             spin = x[ANGULAR_VELOCITY] @ rotation_matrix(x[QUATERNION])
             energy[k] = 0.5 * start.mass[k] * (x[VELOCITY] @ x[VELOCITY] + spin @ inertia @ spin)
         return energy, noise

@@ -21,6 +21,7 @@ from ..scene.parameters import rollout_varied
 from ..scene.scene import Scene
 from .free_flight import Flight
 from .joining import Frame, Part
+from .modes import split
 from .options import Option
 
 SAMPLES_LIMIT = 10_000_000
@@ -49,6 +50,22 @@ class Traits:
     cross_body: bool
     separate_collisions: bool
     collisions: str
+
+
+class Errors(NamedTuple):
+    """How far each body's mean may be off: standard errors, all axes together.
+
+    Attributes
+    ----------
+    position, rotation : (B,) array
+        [m], [rad].
+    relative : (B,) array
+        The larger of both, over the standard deviation.
+    """
+
+    position: np.ndarray
+    rotation: np.ndarray
+    relative: np.ndarray
 
 
 class Mode(NamedTuple):
@@ -92,6 +109,8 @@ class Propagator(ABC):
         Those of `Scene` that it runs on.
     varies_parameters : bool
         Whether uncertain parameters of the scene count.
+    draws_impacts : bool
+        Whether it draws the errors of impacts (``Scene.draws_impacts``).
     rejects_overlap : bool
         Whether it can leave out the share of a belief in which bodies overlap (``Scene.overlap``
         ``'reject'``).
@@ -99,6 +118,10 @@ class Propagator(ABC):
         Whether the spread of all bodies is drawn together, so that islands take their parts of it (`part`).
     flies : bool
         Whether a body that nothing can reach may go many steps at once (`fly`).
+    points_in_pairs : bool
+        Whether its state is points in opposite pairs (`opposite_points`).
+    grows : bool
+        Whether rollouts are added until the answer is sure enough (`further`, `begun`, `together`).
     """
 
     name: ClassVar[str]
@@ -108,9 +131,12 @@ class Propagator(ABC):
     marker: ClassVar[str] = "p"
     integrators: ClassVar[tuple[str, ...]] = ("explicit",)
     varies_parameters: ClassVar[bool] = False
+    draws_impacts: ClassVar[bool] = False
     rejects_overlap: ClassVar[bool] = False
     draws_together: ClassVar[bool] = False
     flies: ClassVar[bool] = False
+    points_in_pairs: ClassVar[bool] = False
+    grows: ClassVar[bool] = False
 
     def __init_subclass__(cls, **keywords):
         super().__init_subclass__(**keywords)
@@ -149,7 +175,7 @@ class Propagator(ABC):
         """
 
     def contact_history(self, carry: Any) -> ContactHistory:
-        """What its N rollouts remember of their contacts: N is that of `own_samples`, where it has any.
+        """What its N rollouts remember of their contacts: those of `own_samples`, where it has as many.
 
         By default the carry's field of that name.
         """
@@ -158,6 +184,10 @@ class Propagator(ABC):
     def rollouts(self, carry: Any) -> int:
         """How many rollouts an answer consists of; by default as many as its contact history knows of."""
         return len(self.contact_history(carry).first_time)
+
+    def rollouts_for(self, scene: Scene, belief: Belief) -> int:
+        """How many rollouts a prediction takes, at most; by default those of `own_sample_count`, or one."""
+        return self.own_sample_count or 1
 
     def own_samples(self, carry: Any, scene: Scene) -> np.ndarray | None:
         """(N, B, 13): the states that the answer consists of; None where it is a Gaussian."""
@@ -168,10 +198,47 @@ class Propagator(ABC):
         """How many `own_samples` an answer has; None where it is a Gaussian."""
         return None
 
+    def rollout_states(self, carry: Any, scene: Scene) -> np.ndarray | None:
+        """(N, B, 13): the states that were simulated, which islands keep apart; None where those of a
+        Gaussian are.
+
+        By default the `own_samples`.
+        """
+        return self.own_samples(carry, scene)
+
+    def standard_errors(self, carry: Any, scene: Scene) -> Errors | None:
+        """How far each body's mean may be off; None where the propagator does not know."""
+        return None
+
+    def measures(self, carry: Any, scene: Scene) -> dict[str, np.ndarray]:
+        """What the propagator itself knows of its answer's quality: values (B,) by the names in
+        `prediction.status.RULES`.
+        """
+        return {}
+
     def modes(self, carry: Any, scene: Scene, body: int) -> tuple[Mode, ...]:
-        """What one body's state splits into, most probable first; by default a single Gaussian."""
+        """What one body's state splits into, most probable first.
+
+        By default as its `own_samples` do; a single Gaussian where there are none.
+        """
+        states = self.own_samples(carry, scene)
+        if states is not None and not scene.bodies[body].fixed:
+            found = split(states[:, body], self.rollouts(carry), scene.bodies[body].model.bounding_radius)
+            return tuple(Mode(*mode) for mode in found)
         belief = self.belief(carry, scene)
         return (Mode(1.0, belief.mean[body].copy(), belief.marginal(body).copy()),)
+
+    def further(self, carry: Any, scene: Scene, spent: float) -> int:
+        """How many rollouts more the answer is to rest on, after ``spent`` s; for those that grow."""
+        return 0
+
+    def begun(self, scene: Scene, belief: Belief, first: int, last: int) -> Any:
+        """The carry at time 0 of some of the rollouts, from the ``first`` to before the ``last``."""
+        raise NotSupportedError(f"has no part in {self.name}", field="rollouts")
+
+    def together(self, carry: Any, further: Any) -> Any:
+        """One carry of some rollouts and those that follow them, after as many steps."""
+        raise NotSupportedError(f"has no part in {self.name}", field="rollouts")
 
     @property
     def compared_with_rollouts(self) -> bool:
@@ -183,6 +250,16 @@ class Propagator(ABC):
 
     def directions(self, initial: Belief) -> np.ndarray | None:
         """(M,): number of directions in which each moving body's points are spread; None without points."""
+        return None
+
+    def opposite_points(self, carry: Any, scene: Scene) -> tuple[np.ndarray, np.ndarray]:
+        """Errors (n, M, 12) of points about a middle one, and those of the points opposite to them."""
+        raise NotSupportedError(f"have no opposites by {self.name}", field="points")
+
+    def doubtful_since(self, carry: Any) -> np.ndarray | None:
+        """(B,): when contacts of each body first would have done something else within a standard deviation
+        [s], infinite if never; None where that does not matter.
+        """
         return None
 
     def part(self, carry: Any, bodies: np.ndarray, parameters: Sequence[int]) -> Any:

@@ -55,6 +55,9 @@ def course(dt: float, decay: float, steps: int, implicit: bool = False) -> Cours
     Both take ``v' = decay v + dt g``. The explicit one travels at v, the implicit one at the mean of v and
     v', a parabola; both turn at the angular velocity that a step begins with.
     """
+    if steps == 0:
+        nothing = np.zeros(0)
+        return Course(1.0, 0.0, 0.0, 0.0, 0.0, nothing, nothing)
     powers = decay ** np.arange(steps + 1)
     falls = dt * np.concatenate([[0.0], np.cumsum(powers[:-1])])
     weights = dt * powers[:-1]
@@ -66,6 +69,11 @@ def course(dt: float, decay: float, steps: int, implicit: bool = False) -> Cours
     else:
         reach, sink = turn, dt * float(falls[:-1].sum())
     return Course(float(powers[-1]), float(falls[-1]), reach, sink, turn, weights, ends - weights)
+
+
+def course_of(world, steps: int) -> Course:
+    """The course of ``steps`` time steps in a `physics.world.World`."""
+    return course(world.dt, world.decay, steps, world.implicit is not None)
 
 
 class Flight(NamedTuple):
@@ -98,7 +106,7 @@ def flown(states: np.ndarray, flight: Flight) -> np.ndarray:
 
 
 def transition(state: np.ndarray, along: Course, exact: bool) -> np.ndarray:
-    """(12, 12): what a course of explicit steps makes of errors of a state (13,).
+    """(12, 12): what a course makes of errors of a state (13,).
 
     The product of the steps' transitions: with the exact derivative of the drift, or as Eq. 14 has it.
     """
@@ -108,16 +116,16 @@ def transition(state: np.ndarray, along: Course, exact: bool) -> np.ndarray:
     u = omega / speed if speed > 0.0 else omega
     cross = np.array([[0.0, -u[2], u[1]], [u[2], 0.0, -u[0]], [-u[1], u[0], 0.0]])
     if exact:  # the mean of all rotations on the way, turned back: the left Jacobian transposed
-        angle = along.reach * speed
-        cosine = along.reach * np.sinc(angle / np.pi)
-        sine = along.reach * 0.5 * angle * np.sinc(0.5 * angle / np.pi) ** 2
+        angle = along.turn * speed
+        cosine = along.turn * np.sinc(angle / np.pi)
+        sine = along.turn * 0.5 * angle * np.sinc(0.5 * angle / np.pi) ** 2
     else:
         cosine = np.sum(along.weights * np.cos(along.before * speed))
         sine = np.sum(along.weights * np.sin(along.before * speed))
     A = np.eye(ERROR)
     A[ERR_POSITION, ERR_VELOCITY] = along.reach * np.eye(3)
     A[ERR_ROTATION, ERR_ANGULAR_VELOCITY] = R_transposed @ (
-        cosine * np.eye(3) + (along.reach - cosine) * np.outer(u, u) - sine * cross
+        cosine * np.eye(3) + (along.turn - cosine) * np.outer(u, u) - sine * cross
     )
     A[ERR_VELOCITY, ERR_VELOCITY] = A[ERR_ANGULAR_VELOCITY, ERR_ANGULAR_VELOCITY] = along.decay * np.eye(3)
     return A

@@ -10,6 +10,7 @@ import numpy as np
 from ..checks.errors import NotSupportedError
 from ..physics import contact_history as histories
 from ..physics.compiled import inner, kernel
+from ..physics.contact_change import TILTS
 from ..physics.contact_history import ContactHistory
 from ..physics.explicit_step import (
     after_element,
@@ -26,11 +27,14 @@ from ..physics.rotation import cross, rotate
 from ..physics.transition import apply_drift_jacobian, write_exact_rotation
 from ..physics.workspace import workspace
 from ..scene.belief import Belief
+from ..scene.physics_keys import INTEGRATORS
 from .base import Propagator, Traits
 from .contact_derivative import contact_root, kick_column, moved_by_column
 from .free_flight import flown, transition
+from .implicit_linearization import advance_root
 from .joining import joined_history, joined_means
 from .options import option
+from .start import begin
 from .step_differences import Differences, difference_root
 
 
@@ -45,6 +49,9 @@ class LinearizationCarry(NamedTuple):
         ``root @ root.T`` is the joint covariance; r is the rank of the initial one, which no step raises.
     contact_history : ContactHistory
         What the rollout remembers of its contacts.
+    doubtful_since : (B,) array
+        First time at which contacts of each body would have done something else within a standard deviation
+        [s]; infinite if never, and with the explicit integrator.
     step : int
         Counts the steps done.
     """
@@ -52,6 +59,7 @@ class LinearizationCarry(NamedTuple):
     mean: np.ndarray
     root: np.ndarray
     contact_history: ContactHistory
+    doubtful_since: np.ndarray
     step: int
 
 
@@ -75,6 +83,7 @@ class Linearization(Propagator):
     name = "linearization"
     traits = Traits("nominal", "full covariance", True, False, "linearized")
     color, marker = "#0072B2", "s"
+    integrators = INTEGRATORS
     flies = True
 
     jacobian: str = option(
@@ -84,18 +93,24 @@ class Linearization(Propagator):
     def init(self, scene, belief):
         if self.jacobian != "analytic" and scene.world.surroundings is not None:
             raise NotSupportedError(
-                "takes scenes without environment and gyroscopic term only",
+                "takes the explicit integrator, without environment and gyroscopic term, only",
                 field="jacobian",
                 value=self.jacobian,
             )
-        return LinearizationCarry(belief.mean.copy(), belief.root(), histories.fresh(1, scene.world), 0)
+        mean, history = begin(scene, belief, belief.mean[None].copy())
+        judged = len(scene.bodies) if scene.integrator == "implicit" else 0
+        return LinearizationCarry(mean[0], belief.root(), history, np.full(judged, np.inf), 0)
 
     def advance(self, carry, scene, steps):
         mean, root, history = carry.mean.copy(), carry.root.copy(), histories.copy(carry.contact_history)
         world = scene.world
+        first, begun, doubtful = history.first_time[0], carry.step, carry.doubtful_since.copy()
+        if world.implicit is not None:
+            advance_root(mean, root, doubtful, first, history.solver, world, begun, steps, TILTS)
+            return LinearizationCarry(mean, root, history, doubtful, begun + steps)
         before = None if self.jacobian == "analytic" else np.empty_like(mean)
-        _advance(mean, root, history.first_time[0], world, world.surroundings, carry.step, steps, before)
-        return LinearizationCarry(mean, root, history, carry.step + steps)
+        _advance(mean, root, first, world, world.surroundings, begun, steps, before)
+        return LinearizationCarry(mean, root, history, doubtful, begun + steps)
 
     def belief(self, carry, scene):
         return Belief.trusted(carry.mean.copy(), _outer(carry.root), scene.moving)
@@ -107,11 +122,19 @@ class Linearization(Propagator):
             rank = carry.root.shape[1]
             root[part.moving, :, column : column + rank] = carry.root.reshape(len(part.moving), ERROR, rank)
             column += rank
+        judged = len(carries[0].doubtful_since) > 0
+        doubtful = np.full(len(frame.mean) if judged else 0, np.inf)
+        for carry, part in zip(carries, parts, strict=True) if judged else ():
+            doubtful[part.bodies] = np.minimum(doubtful[part.bodies], carry.doubtful_since)
         return carries[0]._replace(
             mean=joined_means(carries, parts, frame),
             root=root.reshape(ERROR * frame.moving, -1),
             contact_history=joined_history(carries, parts, frame),
+            doubtful_since=doubtful,
         )
+
+    def doubtful_since(self, carry):
+        return carry.doubtful_since if len(carry.doubtful_since) else None
 
     def fly(self, carry, flight):
         A = transition(carry.mean[0], flight.course, True)

@@ -9,13 +9,15 @@ import numpy as np
 
 from ..physics import contact_history as histories
 from ..physics.contact_history import ContactHistory
-from ..physics.moments import mean_and_errors, second_moment
+from ..physics.moments import mean_and_errors, second_moment, spread_states
 from ..scene.belief import Belief
 from ..scene.parameters import center_offsets, draw_parameters, moved_along
 from ..scene.physics_keys import INTEGRATORS
 from .base import SAMPLES_LIMIT, Propagator, Traits, rolled
+from .free_flight import course_of
 from .joining import joined_history
 from .options import option
+from .reduction import common_covariance, moved_in_common, reduction, symmetric
 from .start import begin, draw
 
 
@@ -24,12 +26,16 @@ class MonteCarloCarry(NamedTuple):
 
     ``parameters`` (N, K) are the samples' K uncertain parameters, in standard deviations from their values;
     ``step`` counts the steps done; ``contact_history`` is what the rollouts remember of their contacts.
+    ``common`` (N, 6) are the samples' common translation and velocity at time 0 that were not simulated,
+    and ``motion`` (6, c) what they were drawn by; both are empty without reduction.
     """
 
     states: np.ndarray
     contact_history: ContactHistory
     step: int
     parameters: np.ndarray
+    common: np.ndarray
+    motion: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -42,33 +48,58 @@ class MonteCarlo(Propagator):
         Number of rollouts.
     seed : int
         Of the initial draws. A run with fewer samples has the first ones of a run with more.
+    reduce : bool
+        Whether the common motion of bodies that can meet nothing but each other is left to a closed form
+        (`reduction`). It does nothing where there is something else to meet.
 
     Notes
     -----
     Mean and covariance are the samples' own, with weights 1/N; rotations are averaged by the Karcher mean.
+    Those of a common motion are exact where it is left to a closed form.
     """
 
     name = "monte_carlo"
     traits = Traits("estimated", "samples", True, False, "simulated")
     label, color, marker = "Monte Carlo", "#000000", "o"
     integrators = INTEGRATORS
-    varies_parameters = rejects_overlap = draws_together = True
+    varies_parameters = rejects_overlap = draws_together = draws_impacts = True
 
     samples: int = option(1000, "number of rollouts", low=1, high=SAMPLES_LIMIT)
     seed: int = option(0, "seed of the draws", low=0)
+    reduce: bool = option(False, "whether common motion is left to a closed form")
 
     def init(self, scene, belief):
-        states, history = begin(scene, belief, draw(scene, belief, self.samples, self.seed))
+        common, motion = np.zeros((self.samples, 0)), np.zeros((6, 0))
+        if self.reduce and symmetric(scene) and scene.overlap != "reject":
+            drawn, common, motion = self._reduced(scene, belief)
+        else:
+            drawn = draw(scene, belief, self.samples, self.seed)
+        states, history = begin(scene, belief, drawn)
+        if scene.draws_impacts:
+            history = histories.with_keys(history, self.seed)
         z = draw_parameters(scene, self.samples, self.seed)
         states = moved_along(states, center_offsets(scene, z))
-        return MonteCarloCarry(states, history, 0, z)
+        return MonteCarloCarry(states, history, 0, z, common, motion)
+
+    def _reduced(self, scene, belief):
+        """States (N, B, 13), common motions (N, 6), and their root."""
+        root = belief.root()
+        reduced = reduction(root)
+        z = np.random.default_rng(self.seed).standard_normal((self.samples, root.shape[1]))
+        errors = np.einsum("nr,kr->nk", z[:, : reduced.relative.shape[1]], root @ reduced.relative)
+        states = spread_states(belief.mean.copy(), scene.moving.copy(), errors)
+        common = np.einsum("nc,kc->nk", z[:, reduced.relative.shape[1] :], reduced.motion)
+        return states, common, reduced.motion
 
     def advance(self, carry, scene, steps):
         return rolled(carry, scene, steps)
 
     def belief(self, carry, scene):
-        mean, errors = mean_and_errors(self.own_samples(carry, scene), scene.moving.copy())
-        return Belief.trusted(mean, second_moment(errors), scene.moving)
+        mean, errors = mean_and_errors(self._model_centers(carry, scene), scene.moving.copy())
+        P = second_moment(errors)
+        if carry.motion.size:
+            P += common_covariance(carry.motion, course_of(scene.world, carry.step), len(scene.moving))
+        return Belief.trusted(mean, P, scene.moving)
 
     def join(self, carries, parts, frame):
         count = len(carries[0].states)
@@ -93,4 +124,11 @@ class MonteCarlo(Propagator):
 
     def own_samples(self, carry, scene):
         """(N, B, 13): the samples' states of the models' centres of mass, as beliefs have them."""
+        states = self._model_centers(carry, scene)
+        if carry.common.size:
+            states = states.copy()
+            moved_in_common(states, carry.common, course_of(scene.world, carry.step))
+        return states
+
+    def _model_centers(self, carry, scene):
         return moved_along(carry.states, -center_offsets(scene, carry.parameters))

@@ -10,20 +10,26 @@ from __future__ import annotations
 from importlib.metadata import EntryPoint, entry_points
 
 GROUP = "unc_physics.propagators"
-#: Module and class of each propagator of this package: the paper's four methods, then what they are measured
-# by.
+#: Module and class of each propagator of this package: the paper's four methods, what they are measured by,
+# and what goes past them.
 BUILT_IN = {
     "linearization": "linearization:Linearization",
     "surrogate": "surrogate:Surrogate",
     "sigma_points": "sigma_points:SigmaPoints",
     "local_sampling": "local_sampling:LocalSampling",
     "monte_carlo": "monte_carlo:MonteCarlo",
+    "cloud": "cloud:Cloud",
+    "auto": "auto:Auto",
 }
 #: What takes the place of a propagator that is not named.
 DEFAULT = "sigma_points"
 #: Plain rollouts of drawn states, which a prediction is compared with; has the options ``samples`` and
 # ``seed``.
 REFERENCE = "monte_carlo"
+
+#: Goes on until an error is small enough or a time is used up; has the options ``error``, ``position_error``,
+# ``rotation_error``, ``probability_error`` and ``time``.
+ANYTIME = "auto"
 
 
 def entries() -> dict[str, EntryPoint]:

@@ -15,9 +15,10 @@ from ..scene.belief import Belief
 from ..scene.parameters import center_offsets, moved_along
 from ..scene.physics_keys import INTEGRATORS
 from .base import Propagator, Traits, rolled, symmetric_root
-from .free_flight import flown
+from .free_flight import course_of, flown
 from .joining import joined_history
 from .options import option
+from .reduction import common_covariance, reduction, symmetric
 from .start import begin
 
 
@@ -25,13 +26,16 @@ class SigmaPointCarry(NamedTuple):
     """Persistent state: ``states`` (2 n + 1, B, 13) of the centres of mass; point 0 began at the mean.
 
     ``parameters`` (2 n + 1, K) are the points' K uncertain parameters, in standard deviations; ``step``
-    counts the steps done; ``contact_history`` is what the rollouts remember of their contacts.
+    counts the steps done; ``contact_history`` is what the rollouts remember of their contacts. ``motion``
+    (6, c) are the common translations and velocities at time 0 that no point was spread along: empty without
+    reduction.
     """
 
     states: np.ndarray
     contact_history: ContactHistory
     step: int
     parameters: np.ndarray
+    motion: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -44,6 +48,9 @@ class SigmaPoints(Propagator):
         ``full`` spreads points along all 12 B directions of the moving bodies, as the paper; ``minimal`` only
         along the r directions in which the initial belief is uncertain, which needs fewer points, less far
         out. Each uncertain parameter of the scene is one direction more.
+    reduce : bool
+        Whether ``minimal`` leaves the common motion of bodies that can meet nothing but each other to a
+        closed form (`reduction`). It does nothing where there is something else to meet.
 
     Notes
     -----
@@ -56,16 +63,21 @@ class SigmaPoints(Propagator):
     traits = Traits("estimated", "full covariance", True, False, "simulated")
     color, marker = "#009E73", "D"
     integrators = INTEGRATORS
-    varies_parameters = flies = True
+    varies_parameters = flies = points_in_pairs = True
 
     points: str = option(
         "minimal",
         "directions that points are spread along: the uncertain ones, or all",
         choices=("minimal", "full"),
     )
+    reduce: bool = option(False, "whether minimal points leave common motion to a closed form")
 
     def init(self, scene, belief):
         root = belief.root() if self.points == "minimal" else symmetric_root(belief.joint)
+        motion = np.zeros((6, 0))
+        if self.reduce and self.points == "minimal" and symmetric(scene):
+            reduced = reduction(root)
+            root, motion = root @ reduced.relative, reduced.motion
         rank, extra = root.shape[1], len(scene.uncertain)
         count = rank + extra
         far = np.sqrt(count + 0.5)
@@ -76,7 +88,7 @@ class SigmaPoints(Propagator):
         states = spread_states(belief.mean.copy(), scene.moving.copy(), errors)
         states, history = begin(scene, belief, states)
         states = moved_along(states, center_offsets(scene, z))
-        return SigmaPointCarry(states, history, 0, z)
+        return SigmaPointCarry(states, history, 0, z, motion)
 
     def advance(self, carry, scene, steps):
         return rolled(carry, scene, steps)
@@ -84,7 +96,10 @@ class SigmaPoints(Propagator):
     def belief(self, carry, scene):
         states = moved_along(carry.states, -center_offsets(scene, carry.parameters))
         mean, errors = mean_and_errors(states, scene.moving.copy())
-        return Belief.trusted(mean, second_moment(errors), scene.moving)
+        P = second_moment(errors)
+        if carry.motion.size:
+            P += common_covariance(carry.motion, course_of(scene.world, carry.step), len(scene.moving))
+        return Belief.trusted(mean, P, scene.moving)
 
     def join(self, carries, parts, frame):
         """More directions take points farther out: what is odd in a direction grows along, what is even by
@@ -111,6 +126,18 @@ class SigmaPoints(Propagator):
 
     def fly(self, carry, flight):
         return carry._replace(states=flown(carry.states, flight), step=carry.step + flight.steps)
+
+    def rollouts_for(self, scene, belief):
+        rank = ERROR * len(belief.moving)
+        if self.points == "minimal":  # a direction without variance is none
+            rank = np.count_nonzero(np.einsum("mii->mi", belief.blocks))
+        return 2 * (rank + len(scene.uncertain)) + 1
+
+    def opposite_points(self, carry, scene):
+        states = moved_along(carry.states, -center_offsets(scene, carry.parameters))
+        errors = _errors_about_first(states).reshape(len(states), -1, ERROR)[:, scene.moving]
+        count = len(states) // 2
+        return errors[1 : count + 1], errors[count + 1 :]
 
     def directions(self, initial):
         if self.points == "full":

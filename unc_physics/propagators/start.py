@@ -28,6 +28,7 @@ from ..physics.projection import project
 from ..physics.rollout import rollout
 from ..physics.rotation import rotation_matrix
 from ..physics.threads import in_threads
+from ..physics.time_limit import limited
 from ..scene.belief import Belief
 from ..scene.scene import Scene
 
@@ -158,7 +159,7 @@ def _metric(scene, belief):
 
 def _project(scene, belief, metric, states, sides, history, kept, held=None, look_only=False):
     """Move states (N, B, 13) in place to where nothing overlaps; bodies that are ``held`` (B,) stay."""
-    world, mean = scene.world, belief.mean.copy()
+    world, mean = limited(scene.world), belief.mean.copy()
     if held is not None:
         world = _without(world, held)
         metric = metric._replace(place=np.where(held, -1, metric.place))
@@ -202,7 +203,7 @@ def _settle(scene, belief, drawn, states, sides, history, kept, resting):
     They sink first (`lowering.lower`), so that what lies across keeps its spread; then steps without
     velocities and without slip find out what holds. Returns the history.
     """
-    world = _without(scene.world, ~resting)
+    world = _without(limited(scene.world), ~resting)
     still, before = states.copy(), states[:, resting]
     still[..., VELOCITY] = still[..., ANGULAR_VELOCITY] = 0.0
     start = history.start

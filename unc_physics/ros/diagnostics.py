@@ -1,53 +1,41 @@
 """Diagnostics on ``/diagnostics``: how often, how late and how long predictions are, and what went wrong
 last.
+
+The messages are made here, and not by diagnostic_updater: that declares parameters on the node, which it can
+do once only, and which a node that the server is put on may have declared itself.
 """
 
 from __future__ import annotations
 
-import importlib.util
 import threading
 import time
 from collections import deque
-from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rclpy.clock import Clock, ClockType
 
 _PERIOD = 1.0  # s
 _WINDOW = 10.0  # s
 
 
 class Diagnostics:
-    """Counts, and publishes once a second: by diagnostic_updater where there is one, else by itself."""
+    """Counts, and publishes once a second of real time, also where simulated time stands still."""
 
     def __init__(self, server):
-        self._server = server
+        self._node = node = server.node
         self._lock = threading.Lock()
         self._finished = deque()
-        self._predictions = self._errors = self._dropped = self._replaced = 0
+        self._predictions = self._errors = self._dropped = self._replaced = self._skipped = 0
         self._computation_time = self._delay = 0.0
         self._last_error = ""
         self._error_time = -_WINDOW
-        node = server.node
-        self._publisher: Any = None
-        self._timer: Any = None
-        self._updater: Any = None
-        if importlib.util.find_spec("diagnostic_updater"):
-            from diagnostic_updater import Updater  # pyright: ignore[reportMissingImports]  (optional)
-
-            self._updater = Updater(node)
-            self._updater.setHardwareID("none")
-            self._updater.add("predictions", self._fill)
-        else:
-            self._publisher = node.create_publisher(DiagnosticArray, "/diagnostics", 1)
-            self._timer = node.create_timer(_PERIOD, self._publish)
+        self._publisher = node.create_publisher(DiagnosticArray, "/diagnostics", 1)
+        self._timer = node.create_timer(_PERIOD, self._publish, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def close(self):
         """Stop publishing."""
-        if self._timer is not None:
-            self._server.node.destroy_timer(self._timer)
-            self._server.node.destroy_publisher(self._publisher)
-        else:
-            self._server.node.destroy_timer(self._updater.timer)
+        self._node.destroy_timer(self._timer)
+        self._node.destroy_publisher(self._publisher)
 
     def predicted(self, prediction) -> None:
         """Count a prediction."""
@@ -61,7 +49,7 @@ class Diagnostics:
         self._delay = seconds
 
     def dropped(self) -> None:
-        """Count a streamed input that was too old."""
+        """Count a streamed input whose stamp was too old, or in the future."""
         with self._lock:
             self._dropped += 1
 
@@ -69,6 +57,11 @@ class Diagnostics:
         """Count a streamed input in whose place a newer one was predicted."""
         with self._lock:
             self._replaced += 1
+
+    def skipped(self, count: int) -> None:
+        """Count streamed objects that were left out."""
+        with self._lock:
+            self._skipped += count
 
     def failed(self, reason: str) -> None:
         """Count a request or input that ended in an error."""
@@ -88,26 +81,28 @@ class Diagnostics:
                 "last delay of the stream [s]": self._delay,
                 "dropped inputs": self._dropped,
                 "replaced inputs": self._replaced,
+                "skipped objects": self._skipped,
                 "errors": self._errors,
                 "last error": self._last_error,
             }
             return values, now - self._error_time < _WINDOW
 
-    def _fill(self, status):
-        """Fill a status; a warning while the last error is recent."""
-        values, recent_error = self._values()
-        status.level = DiagnosticStatus.WARN if recent_error else DiagnosticStatus.OK
-        status.message = f"error: {values['last error']}" if recent_error else "predicting"
-        status.values = [
-            KeyValue(key=key, value=f"{value:.6g}" if isinstance(value, float) else str(value))
-            for key, value in values.items()
-        ]
-        return status
-
     def _publish(self):
-        status = self._fill(
-            DiagnosticStatus(name=f"{self._server.node.get_name()}: predictions", hardware_id="none")
+        """Publish a status; a warning while the last error is recent."""
+        values, recent_error = self._values()
+        node = self._node
+        # by its name alone, as diagnostic_updater does, unless others in other namespaces are called so, too
+        name = node.get_name() if node.get_namespace() == "/" else node.get_fully_qualified_name()
+        status = DiagnosticStatus(
+            name=f"{name}: predictions",
+            hardware_id="none",
+            level=DiagnosticStatus.WARN if recent_error else DiagnosticStatus.OK,
+            message=f"error: {values['last error']}" if recent_error else "predicting",
+            values=[
+                KeyValue(key=key, value=f"{value:.6g}" if isinstance(value, float) else str(value))
+                for key, value in values.items()
+            ],
         )
         message = DiagnosticArray(status=[status])
-        message.header.stamp = self._server.node.get_clock().now().to_msg()
+        message.header.stamp = node.get_clock().now().to_msg()
         self._publisher.publish(message)

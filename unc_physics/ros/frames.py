@@ -5,9 +5,11 @@ from __future__ import annotations
 import copy
 import importlib.util
 from array import array as packed_array
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
+from rclpy.duration import Duration
 from rclpy.time import Time
 
 from unc_physics_msgs.msg import Environment, Scene
@@ -25,10 +27,13 @@ class Frames:
     ----------
     node : rclpy Node
     world_frame : str
+    timeout : callable
+        Tells how long to wait for a transform that is not known yet [s]: perception is often a few
+        milliseconds ahead of what publishes transforms.
     """
 
-    def __init__(self, node, world_frame: str):
-        self._world_frame = world_frame
+    def __init__(self, node, world_frame: str, timeout: Callable[[], float] = lambda: 0.0):
+        self._world_frame, self._timeout = world_frame, timeout
         self._buffer = None
         if importlib.util.find_spec("tf2_ros"):
             import tf2_ros  # pyright: ignore[reportMissingImports]  (optional)
@@ -44,6 +49,8 @@ class Frames:
     def to_world(self, header) -> Transform | None:
         """How things in a header's frame are seen from the world frame; None where that is the same.
 
+        The calling thread waits for a transform that is not known yet; it must not be the executor's.
+
         Parameters
         ----------
         header : Header
@@ -52,7 +59,7 @@ class Frames:
         Raises
         ------
         UnknownFrameError
-            If no transform is known.
+            If no transform is known in time.
         """
         if header.frame_id in ("", self._world_frame):
             return None
@@ -62,13 +69,18 @@ class Frames:
                 field="scene.header.frame_id",
                 value=header.frame_id,
             )
+        timeout = self._timeout()
         try:
             found = self._buffer.lookup_transform(
-                self._world_frame, header.frame_id, Time.from_msg(header.stamp)
+                self._world_frame,
+                header.frame_id,
+                Time.from_msg(header.stamp),
+                timeout=Duration(seconds=timeout),
             )
         except Exception as error:  # tf2's errors have no common base in Python
+            waited = f" within {timeout:g} s" if timeout else ""
             raise UnknownFrameError(
-                f"has no transform to '{self._world_frame}': {error}",
+                f"has no transform to '{self._world_frame}'{waited}: {error}",
                 field="scene.header.frame_id",
                 value=header.frame_id,
             ) from error

@@ -18,6 +18,7 @@ from ..checks.errors import CanceledError, ErrorCode, LimitExceededError
 from .durations import duration
 
 _FEEDBACK_PERIOD = 0.1  # s
+_CLIENTS_PERIOD = 1.0  # s, between looks whether a goal's client is still there
 
 
 class _ThreadedActionServer(ActionServer):
@@ -70,9 +71,13 @@ class LongPrediction:
                     field="the number of long predictions",
                 )
             try:
-                if (
-                    afterwards := self._server.answer(result, goal.request.request, progress=_Reporter(goal))
-                ) is not None:
+                afterwards = self._server.answer(
+                    result,
+                    goal.request.request,
+                    progress=_Reporter(goal, self._clients),
+                    time_limit=self._server.settings.max_long_computation_time,
+                )
+                if afterwards is not None:
                     afterwards()
             finally:
                 self._running.release()
@@ -83,21 +88,37 @@ class LongPrediction:
             goal.canceled()
         else:
             goal.abort()
+        if code == ErrorCode.CANCELED and not goal.is_cancel_requested:
+            self._server.log.info(f"a long prediction was ended: {result.result.error_msg}")
         return result
+
+    def _clients(self):
+        """Who listens to the action's feedback, as every client of an action does: the ids of their ends."""
+        node = self._server.node
+        topic = f"{node.get_fully_qualified_name()}/predict_long/_action/feedback"
+        return {bytes(info.endpoint_gid) for info in node.get_subscriptions_info_by_topic(topic)}
 
 
 class _Reporter:
-    """Publishes feedback now and then, and ends the prediction when the client has canceled."""
+    """Publishes feedback now and then, and ends the prediction when the client has canceled, or is gone.
 
-    def __init__(self, goal):
-        self._goal = goal
+    A goal does not say whose it is: it ends when all are gone who listened when it began.
+    """
+
+    def __init__(self, goal, clients):
+        self._goal, self._clients = goal, clients
         self._started = time.perf_counter()
         self._next = self._started
+        self._first, self._next_look = clients(), self._started + _CLIENTS_PERIOD
 
     def __call__(self, job, done, steps):
         if self._goal.is_cancel_requested:
             raise CanceledError("canceled", field="the client")
         now = time.perf_counter()
+        if now >= self._next_look:
+            self._next_look = now + _CLIENTS_PERIOD
+            if self._first and not self._first & self._clients():
+                raise CanceledError("is gone", field="the client")
         if now >= self._next:
             self._next = now + _FEEDBACK_PERIOD
             self._goal.publish_feedback(

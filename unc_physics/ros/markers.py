@@ -1,4 +1,4 @@
-"""``~/markers``: what RViz draws of a prediction."""
+"""What RViz draws of a prediction: ``~/markers`` of requests, ``~/stream_markers`` of streamed scenes."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from ..checks.errors import NotSupportedError
 from ..physics.layout import POSITION, QUATERNION
 from ..physics.rotation import rotation_matrix
 from ..scene.environment import Box, Capsule, Cylinder, Plane, Sphere, element_names
+from .durations import duration
 
 _COLORS = ((0.16, 0.45, 0.72), (0.85, 0.42, 0.14), (0.24, 0.60, 0.30), (0.58, 0.40, 0.74), (0.75, 0.22, 0.25))
 _SIGMAS = 2.0  # half axes of ellipsoids and fans
@@ -26,11 +27,11 @@ _SLAB = 4.0, 0.01  # m, sides and thickness of what stands for a half-space
 
 
 class MarkerTopic:
-    """Publishes the markers of each prediction, if anyone listens."""
+    """Publishes markers of each prediction, if anyone listens; they replace those before on its topic."""
 
-    def __init__(self, server):
+    def __init__(self, server, topic: str):
         self._server = server
-        self._publisher = server.node.create_publisher(MarkerArray, "~/markers", 1)
+        self._publisher = server.node.create_publisher(MarkerArray, topic, 1)
 
     def close(self):
         """Take the topic back."""
@@ -54,7 +55,8 @@ def markers(header, job, answer, settings) -> MarkerArray:
     job : Job
     answer : unc_physics_msgs/Prediction
     settings : Settings
-        ``markers`` names what is drawn of each object, and of the environment.
+        ``markers`` names what is drawn of each object, and of the environment; ``marker_lifetime`` says for
+        how long.
 
     Notes
     -----
@@ -62,6 +64,7 @@ def markers(header, job, answer, settings) -> MarkerArray:
     position, and each fan shows two standard deviations of the rotation's tilt of one axis of the model.
     """
     found = [Marker(action=Marker.DELETEALL)]
+    lifetime = duration(settings.marker_lifetime)
     for k, (body, predicted) in enumerate(zip(job.scene.bodies, answer.objects, strict=True)):
         last = predicted.states[-1].pose
         for kind in settings.markers:
@@ -78,6 +81,7 @@ def markers(header, job, answer, settings) -> MarkerArray:
             found += solids
     for marker in found:
         marker.header.stamp, marker.header.frame_id = header.stamp, settings.world_frame
+        marker.lifetime = lifetime
     return MarkerArray(markers=found)
 
 

@@ -15,7 +15,14 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from unc_physics_msgs.msg import ModelInfo, ModelList
 from unc_physics_msgs.srv import ListModels, LoadModel
 
-from ..checks.errors import DuplicateIdError, InvalidRequestError, LimitExceededError, UncPhysicsError
+from ..checks.errors import (
+    DuplicateIdError,
+    InvalidRequestError,
+    LimitExceededError,
+    NotSupportedError,
+    UncPhysicsError,
+)
+from ..checks.shown import printable
 from ..geometry.packing_file import load_packing, save_packing
 from .background import BackgroundService
 
@@ -72,9 +79,13 @@ class ModelTopics:
 
     def _read(self, request):
         """Read a model file, or start to pack a mesh; the model's entry."""
+        if not self._server.settings.allow_model_paths:
+            raise NotSupportedError(
+                "is not taken, as the parameter allow_model_paths is false", field="path", value=request.path
+            )
         path = Path(request.path).expanduser()
-        if not request.path or "\0" in request.path or not path.is_file():
-            raise InvalidRequestError("is no file", field="path", value=request.path)
+        if not request.path or not os.path.isfile(path):
+            raise InvalidRequestError("is no file on the node's machine", field="path", value=request.path)
         library = self._server.library
         if path.suffix == ".npz":
             packing = load_packing(path)
@@ -88,12 +99,13 @@ class ModelTopics:
             raise LimitExceededError(f"must be at most {limit}", field="spheres", value=request.spheres)
         name = request.name or path.stem
         self._refuse_taken(name, request.replace)
+        solid = _solid(path)
         info = ModelInfo(
             name=name, status=ModelInfo.STATUS_PACKING, status_msg="is being packed", path=str(path)
         )
         with self._lock:
             self._packing[name] = info
-        self._packer.submit(self._pack, name, path, request.spheres or min(_DEFAULT_SPHERES, limit))
+        self._packer.submit(self._pack, name, path, solid, request.spheres or min(_DEFAULT_SPHERES, limit))
         return info
 
     def _refuse_taken(self, name, replace):
@@ -106,13 +118,11 @@ class ModelTopics:
                 "is the name of a model; set replace to replace it", field="name", value=name
             )
 
-    def _pack(self, name, path, spheres):
+    def _pack(self, name, path, solid, spheres):
         """Pack a mesh in the background and publish the list again."""
         try:
             from ..geometry.packing import pack_solid
-            from ..geometry.solid_mesh import load_solid
 
-            solid, _ = load_solid(path)
             # one thread: packing may take its time, predictions may not
             packing = pack_solid(solid, spheres, threads=1)
             handle, file = tempfile.mkstemp(suffix=".npz", dir=self._server.library.packed.name)
@@ -124,12 +134,27 @@ class ModelTopics:
                 del self._packing[name]
         except Exception as error:  # noqa: BLE001  (whatever a mesh holds, the node lives on)
             reason = str(error) if isinstance(error, UncPhysicsError) else f"{type(error).__name__}: {error}"
-            self._server.log.error(f"model '{name}' could not be packed: {reason}")
+            self._server.log.error(printable(f"model '{name}' could not be packed: {reason}"))
             with self._lock:
                 self._packing[name] = ModelInfo(
                     name=name, status=ModelInfo.STATUS_FAILED, status_msg=reason, path=str(path)
                 )
         self._publish()
+
+
+def _solid(path):
+    """What a mesh encloses; whoever asks for what is none should know at once."""
+    try:
+        from ..geometry.solid_mesh import load_solid
+
+        solid, _ = load_solid(path)
+    except ImportError as error:
+        raise NotSupportedError(
+            f"is no model (.npz), and to read a mesh the node lacks {error.name}",
+            field="path",
+            value=str(path),
+        ) from None
+    return solid
 
 
 def _info(library, name, path):

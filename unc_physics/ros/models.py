@@ -27,7 +27,7 @@ class ModelLibrary:
     models_dir : str
         Folder of the models; empty takes the package's library.
     allow_paths : bool
-        Whether a model may also be named by the path of its file.
+        Whether a model may also be named by the path of its file (``.npz``).
     """
 
     def __init__(self, models_dir: str = "", allow_paths: bool = False):
@@ -80,7 +80,8 @@ class ModelLibrary:
         return packing
 
     def _path(self, model):
-        if model not in self._paths and self._allow_paths and (model.endswith(".npz") or os.sep in model):
+        by_path = self._allow_paths and model.endswith(".npz") and model not in self._paths
+        if by_path and os.path.isfile(model):
             return model
         if model not in self._paths:
             self._scan()

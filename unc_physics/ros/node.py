@@ -4,84 +4,162 @@ from __future__ import annotations
 
 import gc
 import os
+import signal
 import sys
+import threading
 import traceback
 
+if __name__ == "__main__":  # until rclpy takes over, a signal just ends the process
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+
 import rclpy
-from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.exceptions import ParameterException
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
 
 try:  # takes less than half the time from message to callback
     from rclpy.experimental.events_executor import EventsExecutor
 except ImportError:  # an older rclpy
     EventsExecutor = SingleThreadedExecutor
 
-from ..checks.errors import UncPhysicsError
+from ..checks.errors import ErrorCode, UncPhysicsError
 from .server import PredictionServer
 
 # Python's 5 ms would let other threads' bookkeeping hold up a prediction that is nearly done
 _SWITCH_INTERVAL = 5e-4  # s
+_LOOK = 0.5  # s, between looks whether the node is ready, or cannot be
 
 
 class UncPhysicsNode(Node):
-    """The prediction server on a plain node, ready once made."""
+    """The prediction server on a plain node, for any executor.
 
-    def __init__(self):
-        super().__init__("unc_physics")
+    It warms up in a thread of its own, and advertises its services when it is ready: meanwhile its executor
+    spins, and its parameters answer. `destroy_node` ends what it computes.
+
+    Parameters
+    ----------
+    node_name : str
+    **others
+        As for rclpy's `Node`.
+
+    Attributes
+    ----------
+    server : PredictionServer
+    failed : Exception or None
+        What kept it from getting ready.
+    """
+
+    def __init__(self, node_name: str = "unc_physics", **others):
+        super().__init__(node_name, **others)
         self.server = PredictionServer(self)
-        self.server.prepare()
-        self.server.open()
+        self.failed: Exception | None = None
+        self._ended = threading.Event()
+        threading.Thread(target=self._prepare, name="warm-up", daemon=True).start()
+
+    def _prepare(self):
+        try:
+            self.server.prepare()
+        except Exception as error:  # noqa: BLE001  (told by the thread that spins)
+            self.failed = error
+        while not self._ended.wait(0.01):  # it may not be in an executor yet
+            if (executor := self.executor) is not None:
+                executor.create_task(self._open)
+                return
+
+    def _open(self):
+        if self._ended.is_set():
+            return
+        try:
+            if self.failed is None:
+                self.server.open()
+                return
+        except Exception as error:  # noqa: BLE001
+            self.failed = error
+        self.get_logger().fatal(f"the node does not get ready: {self.failed}")
+
+    def destroy_node(self):
+        """End what is computed, answer it, and destroy the node."""
+        self._ended.set()
+        self.server.close()
+        self.server.discard()
+        super().destroy_node()
 
 
 def run(make_node, arguments=None) -> int:
     """Spin a node until SIGINT, SIGTERM or the end of its context; returns the exit status.
 
+    The node is closed while it still spins, so that all who wait are answered.
+
     Parameters
     ----------
     make_node : callable
-        Makes the node, which has a `PredictionServer` as ``server``.
+        Makes the node, which has a `PredictionServer` as ``server``, and as ``failed`` what keeps it from
+        getting ready.
     arguments : list of str, optional
         Command line with ROS arguments.
     """
-    node = None
+    stop, node, spinning = threading.Event(), None, None
     try:
-        rclpy.init(args=arguments)
+        # rclpy's handlers would take the middleware away from under what runs
+        rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, lambda *_: stop.set())
         sys.setswitchinterval(_SWITCH_INTERVAL)
         node = make_node()
-        spin_node(node)
-    except (KeyboardInterrupt, ExternalShutdownException):
-        pass
+        spinning = Spinning(node)
+        frozen = False
+        while rclpy.ok() and node.failed is None and not stop.wait(_LOOK):
+            if node.server.is_open and not frozen:
+                frozen = True
+                gc.collect()
+                gc.freeze()  # what is there by now stays: collections need not look at it again
+        if node.failed is not None:
+            raise node.failed
     except UncPhysicsError as error:
         print(f"unc_physics_node: {error}", file=sys.stderr)
         return int(error.code)
-    except Exception:
-        if rclpy.ok():
-            raise
-        # a signal during the start: nothing can be made any more, which is no fault
+    except ParameterException as error:  # rclpy's, of a range or a type
+        print(f"unc_physics_node: {error}", file=sys.stderr)
+        return int(ErrorCode.INVALID_OPTION)
     finally:
         if node is not None:
             node.server.close()
-            node.server.discard()
+            if spinning is not None:
+                spinning.end()
             node.destroy_node()
         rclpy.try_shutdown()
     return 0
 
 
-def spin_node(node) -> None:
-    """Spin a node until its context ends, whatever callbacks raise."""
-    executor = EventsExecutor()
-    executor.add_node(node)
-    gc.collect()
-    gc.freeze()  # what is there by now stays: collections need not look at it again
-    try:
-        while rclpy.ok():
+class Spinning:
+    """A thread that spins a node, whatever callbacks raise.
+
+    Parameters
+    ----------
+    node : rclpy Node
+    """
+
+    def __init__(self, node):
+        self._node, self._executor, self._ended = node, EventsExecutor(), threading.Event()
+        self._executor.add_node(node)
+        self._thread = threading.Thread(target=self._run, name="executor", daemon=True)
+        self._thread.start()
+
+    def _run(self):
+        while rclpy.ok() and not self._ended.is_set():
             try:
-                executor.spin_once(timeout_sec=1.0)  # spin() of the events executor is never idle
+                self._executor.spin_once(timeout_sec=1.0)  # spin() of the events executor is never idle
             except Exception:  # noqa: BLE001  (rclpy's own: a client that goes away while an action answers it, say)
-                if rclpy.ok():
-                    node.get_logger().error(f"a callback failed:\n{traceback.format_exc()}")
-    finally:
-        executor.shutdown()
+                if self._ended.is_set() or not rclpy.ok():
+                    return
+                self._node.get_logger().error(f"a callback failed:\n{traceback.format_exc()}")
+
+    def end(self):
+        """Return when the thread has ended."""
+        self._ended.set()
+        self._executor.shutdown()
+        self._thread.join()
 
 
 def leave(status: int) -> None:

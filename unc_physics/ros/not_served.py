@@ -13,7 +13,6 @@ from ..checks.errors import NotSupportedError
 
 _MODEL = "name a model; ~/load_model packs meshes"
 _UNTOUCHED = "predict up to where it is used, and begin anew from there"
-_SAMPLES = "set samples and max_computation_time"
 _FIXED_OBJECT = "a fixed object with a model may have any shape"
 
 #: Fields of each message that must be empty or zero, and what to do instead.
@@ -21,7 +20,6 @@ NOT_SERVED = {
     "ObjectState": {
         "primitive": _MODEL,
         "mesh": _MODEL,
-        "inertia": "load a model that has it",
         "trajectory": _UNTOUCHED,
         "trajectory_std": _UNTOUCHED,
         "attached_to": _UNTOUCHED,
@@ -31,22 +29,7 @@ NOT_SERVED = {
         "wrenches": _UNTOUCHED,
     },
     "Material": {"torsional_friction": "leave it empty"},
-    "EnvironmentElement": {
-        "mesh": _FIXED_OBJECT,
-        "surface_velocity": "leave it zero",
-        "surface_tilt_std": "set friction_std and restitution_std of its material",
-    },
-    "Physics": {
-        "impact_direction_std": "set friction_std and restitution_std",
-        "impact_point_std": "set friction_std and restitution_std",
-        "impact_friction_std": "set friction_std",
-    },
-    "PredictionRequest": {
-        "wanted_position_error": _SAMPLES,
-        "wanted_rotation_error": _SAMPLES,
-        "wanted_probability_error": _SAMPLES,
-        "time_budget": _SAMPLES,
-    },
+    "EnvironmentElement": {"mesh": _FIXED_OBJECT, "surface_velocity": "leave it zero"},
     "PredictCandidates": {"score": "leave it empty, and rank the answers"},
 }
 

@@ -4,6 +4,7 @@ it yields.
 
 from __future__ import annotations
 
+import difflib
 import functools
 import math
 from dataclasses import Field, dataclass, field, fields
@@ -53,10 +54,19 @@ class Settings:
         "", "Folder of the models; empty takes the library that comes with the package.", read_only=True
     )
     allow_model_paths: bool = parameter(
-        False, "Whether requests may name model files by their path.", read_only=True
+        True,
+        "Whether ~/load_model takes files, and objects may name model files by their path.",
+        read_only=True,
     )
     world_frame: str = parameter(
         "world", "Frame that predictions are made in; gravity is given in it.", read_only=True
+    )
+
+    transform_timeout: float = parameter(
+        0.2,
+        "How long a scene waits for a transform that is not known yet [s]; it holds up no other.",
+        low=0.0,
+        high=60.0,
     )
 
     default_propagator: str = parameter(
@@ -83,8 +93,8 @@ class Settings:
     warm_up: tuple[str, ...] = parameter(
         (DEFAULT, REFERENCE),
         "Propagators whose kernels are compiled, or loaded, before the node "
-        "is ready; others' are when they are first asked for. Those that do not run on the integrator are "
-        "made ready for the paper's step.",
+        "is ready; others' are when they are first asked for. Those of other packages that do not run "
+        "on the integrator are left out.",
         choices=tuple(PROPAGATORS),
         read_only=True,
     )
@@ -148,6 +158,10 @@ class Settings:
         high=1e6,
     )
 
+    max_long_computation_time: float = parameter(
+        600.0, "Longest wall time of a goal of the action [s]; goals may ask for less.", low=1e-3, high=1e6
+    )
+
     max_candidates: int = parameter(100, "Most candidates of a request.", low=1, high=10_000)
     max_long_predictions: int = parameter(
         2, "Most goals of the action that are computed at a time.", low=1, high=4, read_only=True
@@ -162,6 +176,12 @@ class Settings:
     )
     max_input_age: float = parameter(
         0.5, "Streamed scenes whose stamp is older are dropped [s]; 0 takes all.", low=0.0, high=1e6
+    )
+    max_input_lead: float = parameter(
+        0.1,
+        "Streamed scenes whose stamp is farther in the future are dropped [s]; 0 takes all.",
+        low=0.0,
+        high=1e6,
     )
     pose_objects: tuple[str, ...] = parameter(
         ("",),
@@ -183,10 +203,13 @@ class Settings:
 
     markers: tuple[str, ...] = parameter(
         ("predicted", "environment"),
-        "What ~/markers shows of each object, and whether it shows the environment.",
+        "What ~/markers and ~/stream_markers show of each object, and whether they show the environment.",
         choices=("predicted", "initial", "ellipsoid", "rotation", "environment"),
     )
-    marker_cells: int = parameter(12, "Cells along the longest side of a shape in ~/markers.", low=2, high=40)
+    marker_cells: int = parameter(12, "Cells along the longest side of a drawn shape.", low=2, high=40)
+    marker_lifetime: float = parameter(
+        10.0, "How long markers are shown [s]; 0: until others take their place.", low=0.0, high=1e6
+    )
 
     def __post_init__(self):
         check_integrator(self.integrator)
@@ -238,8 +261,13 @@ class Settings:
 
 
 def _stiffness(value):
+    """A number or 'auto'; YAML, and so `ros2 param set`, reads 1e6 as a text."""
     if value == AUTO:
         return value
+    try:
+        value = float(value) if isinstance(value, str) else value
+    except ValueError:
+        pass
     if isinstance(value, str | bool | tuple):
         raise InvalidOptionError(f"must be a number or '{AUTO}'", field="stiffness", value=value)
     return non_negative(value, "stiffness", InvalidOptionError)
@@ -273,8 +301,20 @@ class ParameterServer:
             default = list(spec.default) if isinstance(spec.default, tuple) else spec.default
             values[spec.name] = _plain(node.declare_parameter(spec.name, default, descriptor(spec)).value)
         self.settings = Settings(**values)
+        self._node = node
         node.add_on_set_parameters_callback(self._check)
         node.add_post_set_parameters_callback(self._take_over)
+
+    def misspelt(self) -> dict[str, str]:
+        """Parameters that the node was started with and nobody has declared, and which may be meant."""
+        # rclpy has no public name for what a node was started with; without it none is found
+        given = getattr(self._node, "_parameter_overrides", {})
+        known = [spec.name for spec in fields(Settings)]
+        return {
+            name: next(iter(difflib.get_close_matches(name, known, 1)), "")
+            for name in given
+            if not self._node.has_parameter(name) and not name.startswith("qos_overrides.")
+        }
 
     def _changed(self, parameters):
         known = {spec.name for spec in fields(Settings)}

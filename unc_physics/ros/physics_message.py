@@ -15,11 +15,10 @@ from ..scene.presets import with_changes
 from ..scene.scene import DEFAULT_OVERLAP
 from ..scene.scene_file import physics_value, preset
 from ..scene.stiffness import AUTO
-from .not_served import NOT_SERVED, refuse_not_served
 from .optional import optional
 
 #: What fields of the message are where the core's are None or absent.
-_ABSENT = {key: 0.0 for key in (*PHYSICS_KEYS, *NOT_SERVED["Physics"]) if key.endswith("_std")}
+_ABSENT = {key: 0.0 for key in PHYSICS_KEYS if key.endswith("_std")}
 _ABSENT |= {"damping": 0.0, "friction": 0.0, "gravity": (0.0, 0.0, 0.0)}
 _ABSENT |= {"gyroscopic": False, "islands": False, "sleep": False, "stiffness": AUTO}
 
@@ -29,10 +28,9 @@ def read_physics(message: Physics, physics: dict) -> dict:
 
     Raises
     ------
-    InvalidOptionError, NotFiniteError, InvalidRequestError, NotSupportedError
+    InvalidOptionError, NotFiniteError, InvalidRequestError
         Limits of the values are checked by `Scene`; `physics_field` says what the message calls its fields.
     """
-    refuse_not_served("Physics", message, "physics.")
     if message.preset:
         physics = _at("preset", preset, message.preset)
     given = {}

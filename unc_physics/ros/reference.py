@@ -32,7 +32,7 @@ def parameter_file() -> str:
     lines = [
         "# All parameters of the node with their defaults; docs/ros.md tells their ranges.",
         "# Made by: python -m unc_physics.ros.reference --yaml > config/unc_physics.yaml",
-        "unc_physics:",
+        "/**:",
         "  ros__parameters:",
     ]
     for spec in fields(Settings):

@@ -161,6 +161,7 @@ def write_object(scene: Scene, belief: Belief, b: int, model_info: Callable[[str
         center_of_mass_std=_vector(body.center_of_mass_std),
         material=_material(body),
         at_rest=body.at_rest,
+        inertia=[] if body.inertia is None else packed(body.inertia.ravel()),
     )
     message.pose.pose = _pose(state[POSITION], state[QUATERNION])
     message.twist.twist.linear, message.twist.twist.angular = (
@@ -215,7 +216,9 @@ def scale_of(packing: SpherePacking, info: ModelInfo, field: str) -> float:
 
 
 def _element(element: Element, name: str, field: str) -> EnvironmentElement:
-    message = EnvironmentElement(id=name, material=_material(element))
+    message = EnvironmentElement(
+        id=name, material=_material(element), surface_tilt_std=element.surface_tilt_std
+    )
     if isinstance(element, Plane):
         message.plane = [PlaneMessage(coef=np.array([*element.normal, -element.offset]))]
         return message

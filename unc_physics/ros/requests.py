@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import secrets
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
@@ -21,13 +22,15 @@ from ..checks.errors import (
     NotSupportedError,
     UncPhysicsError,
 )
-from ..checks.validation import array, positive
+from ..checks.shown import printable
+from ..checks.validation import array, non_negative, positive
 from ..physics.layout import ERROR
 from ..prediction.predict import check_supported, periodic_times, predict
 from ..prediction.prediction import Prediction
 from ..prediction.probabilities import BoxRegion
 from ..propagators.base import Propagator
-from ..propagators.registry import propagator_from_texts
+from ..propagators.names import ANYTIME
+from ..propagators.registry import PROPAGATORS, propagator_from_texts
 from ..scene.belief import Belief
 from ..scene.physics_keys import PHYSICS_KEYS
 from ..scene.physics_summary import physics_as_text
@@ -50,6 +53,12 @@ _START_BYTES = 350  # of where an object began
 _POSE_BYTES = 56
 _PROBABILITY_BYTES = 100
 _NUMBER_BYTES = 8
+#: Errors that a request may want, and the option that each is.
+_WISHES = {
+    "wanted_position_error": "position_error",
+    "wanted_rotation_error": "rotation_error",
+    "wanted_probability_error": "probability_error",
+}
 _SEED_BITS = 53  # whole numbers that JavaScript and MATLAB clients keep, too
 
 
@@ -136,10 +145,10 @@ def read_request(
     horizon = _horizon(request.horizon, settings)
     seed = request.seed or 1 + secrets.randbelow(2**_SEED_BITS - 1)
     options = _options(request.propagator_options)
-    propagator = _propagator(request.propagator, options, request.samples, seed, settings)
-    islands = (
-        settings.islands and propagator.traits.cross_body
-    )  # the others' work is that of single bodies anyway
+    name = _add_wishes(options, request)
+    propagator = _propagator(name, options, request.samples, seed, settings)
+    # of others the work is that of single bodies anyway, and what grows does so for all bodies
+    islands = settings.islands and propagator.traits.cross_body and not propagator.grows
     read = read_scene(
         message,
         library,
@@ -232,6 +241,11 @@ def write_answer(message: PredictionMessage, header: Header, settings: Settings,
     message.physics = physics_message({key: getattr(used, key) for key in PHYSICS_KEYS})
     message.physics_summary = physics_as_text(used)
     message.rollouts = job.propagator.rollouts(prediction.carry)
+    errors = job.propagator.standard_errors(prediction.carry, used)
+    if errors is not None:
+        message.position_error = [float(errors.position.max(initial=0.0))]
+        message.rotation_error = [float(errors.rotation.max(initial=0.0))]
+        message.probability_error = [0.5 / math.sqrt(message.rollouts) if errors.relative.any() else 0.0]
     message.objects = objects
     message.skipped = [KeyValue(key=name, value=reason) for name, reason in job.skipped.items()]
     message.joint_covariances = joints
@@ -250,7 +264,7 @@ def write_error(result: Result, error: Exception) -> None:
         result.error_code, result.error_msg = int(error.code), str(error)
     else:
         result.error_code = int(ErrorCode.INTERNAL)
-        result.error_msg = f"a fault of the node: {type(error).__name__}: {error}"
+        result.error_msg = printable(f"a fault of the node: {type(error).__name__}: {error}")
 
 
 def _options(pairs):
@@ -261,6 +275,25 @@ def _options(pairs):
             raise InvalidOptionError("is given twice", field=f"propagator_options[{k}].key", value=pair.key)
         options[pair.key] = pair.value
     return options
+
+
+def _add_wishes(options, request):
+    """Add the wanted errors and the time budget to the options; returns the propagator's name."""
+    wishes = {option: getattr(request, field) for field, option in _WISHES.items()}
+    for field, option in _WISHES.items():
+        non_negative(wishes[option], field)
+    wishes["time"] = read_duration(request.time_budget, "time_budget")
+    if not any(wishes.values()):
+        return request.propagator
+    name = request.propagator or ANYTIME
+    if name in PROPAGATORS and not PROPAGATORS[name].grows:
+        field = next((f for f, option in _WISHES.items() if wishes[option]), "time_budget")
+        raise NotSupportedError(f"is not for {name}; {ANYTIME} takes it", field=field)
+    options.setdefault("error", 0.0)
+    for option, wish in wishes.items():
+        if wish:
+            options.setdefault(option, wish)
+    return name
 
 
 def _regions(messages, settings):
@@ -312,10 +345,11 @@ def _propagator(name, options, samples, seed, settings):
     if samples > settings.max_samples:
         raise LimitExceededError(f"must be at most {settings.max_samples}", field="samples", value=samples)
     propagator = propagator_from_texts(name or settings.default_propagator, options, samples or None, seed)
-    if (drawn := getattr(propagator, "samples", 0)) > settings.max_samples:
-        raise LimitExceededError(
-            f"must be at most {settings.max_samples}", field="propagator_options 'samples'", value=drawn
-        )
+    for option in ("samples", "runs"):
+        if (drawn := getattr(propagator, option, 0)) > settings.max_samples:
+            raise LimitExceededError(
+                f"must be at most {settings.max_samples}", field=f"propagator_options '{option}'", value=drawn
+            )
     return propagator
 
 

@@ -26,7 +26,7 @@ from ..checks.errors import (
     UncPhysicsError,
     UnknownModelError,
 )
-from ..checks.validation import array, covariance, non_negative, number, quaternion
+from ..checks.validation import FARTHEST, array, covariance, non_negative, number, point, quaternion
 from ..physics.layout import ANGULAR_VELOCITY, ERROR, POSITION, QUATERNION, STATE, VELOCITY
 from ..physics.origin import at_com, congruent, covariance_at_com, inverse_error_map, moved
 from ..scene.belief import Belief
@@ -242,7 +242,8 @@ def _body(message, field, library, doubts, max_spheres):
     mass = known_mass(message.mass or None, model, fixed, f"{field}.mass")
     stds = _EXACT if fixed else _stds(message, field, mass)
     material = read_material(message.material, f"{field}.material")
-    body = message.id, model, mass, fixed, *stds, bool(message.at_rest), material
+    inertia = _inertia(message, f"{field}.inertia")
+    body = message.id, model, mass, fixed, *stds, bool(message.at_rest), inertia, material
     at_origin, origin = _state(message, field, fixed), writable(model.origin)
     state = moved(at_origin, origin, -1.0)
     if fixed:
@@ -251,6 +252,14 @@ def _body(message, field, library, doubts, max_spheres):
     if not math.isfinite(state.sum() + P.sum()):
         raise NotFiniteError("is too large to be moved to the centre of mass", field=field)
     return body, state, P, zeros
+
+
+def _inertia(message, field):
+    """Inertia per unit mass, as rows of tuples; None for the model's, where it is empty or zeros."""
+    if not any(message.inertia):
+        return None
+    rows = array(message.inertia, (9,), field).reshape(3, 3).tolist()
+    return tuple(map(tuple, rows))
 
 
 def _is_fixed(message, field):
@@ -297,7 +306,7 @@ def _joint_covariance(message, scene, mean, known):
             raise DuplicateIdError("comes twice", field=f"{place}.object_ids[{k}]", value=name)
     size = ERROR * len(ids)
     C = array(message.data, (size**2,), f"{place}.data", InvalidCovarianceError).reshape(size, size)
-    C = covariance(C, size, f"{place}.data")
+    C = covariance(C, size, f"{place}.data") if size else C
     moving = scene.moving.tolist()
     rows = []
     for b in moving:
@@ -324,13 +333,14 @@ def _state(message, field, fixed):
     v, w = (_AT_REST, _AT_REST) if fixed else (xyz(twist.linear), xyz(twist.angular))
     try:
         length, fine = math.hypot(*q), math.isfinite(sum((*position, *v, *w)))
+        fine = fine and max(map(abs, position)) <= FARTHEST
     except TypeError:
         length, fine = 0.0, False
     if fine and abs(length - 1.0) < _ROUND_OFF:
         q = [component / length for component in q]
     else:  # one by one, to say what is wrong
         q = quaternion(q, f"{field}.pose.pose.orientation")
-        position = array(position, (3,), f"{field}.pose.pose.position")
+        position = point(position, f"{field}.pose.pose.position")
         v, w = array(v, (3,), f"{field}.twist.twist.linear"), array(w, (3,), f"{field}.twist.twist.angular")
     if message.at_rest:
         for velocity, name in ((v, "linear"), (w, "angular")):

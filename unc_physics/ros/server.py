@@ -12,8 +12,10 @@ from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 from unc_physics_msgs.msg import Result
+from unc_physics_msgs.srv import ListModels
 
-from ..checks.errors import CanceledError, UncPhysicsError
+from ..checks.errors import CanceledError, ErrorCode, UncPhysicsError
+from .background import HandOver
 from .candidates_service import CandidatesService
 from .capabilities_service import CapabilitiesService
 from .diagnostics import Diagnostics
@@ -30,9 +32,10 @@ from .streaming import Stream
 from .warm_up import warm_up
 
 _OFFERS = (ModelTopics, CapabilitiesService, CandidatesService, LongPrediction, Stream, prediction_service)
-# predictions compute outside Python's global lock; what counts is that none keeps the others waiting for a
-# thread
-_THREADS = 8
+# at most: they begin when they are needed. Predictions compute outside Python's global lock, in other
+# threads; what counts is that none that waits for a transform, say, keeps others waiting
+_THREADS = 64
+_LONG_WARM_UP = 5.0  # s, of one propagator: worth a line in the log
 
 
 class PredictionServer:
@@ -54,8 +57,10 @@ class PredictionServer:
         self.diagnostics: Any = None
         self.markers: Any = None
         self.pool: ThreadPoolExecutor | None = None
-        self._stopping = threading.Event()
-        self._said_zeros = False
+        self.hand_over: Any = None
+        self._ending: str | None = None  # why predictions end
+        self._said_zeros = self._said_misspelt = False
+        self._opened = threading.Lock()
         self._open = []
 
     @property
@@ -63,36 +68,69 @@ class PredictionServer:
         """Values of the parameters at this time."""
         return self.parameters.settings
 
+    @property
+    def is_open(self) -> bool:
+        """Whether everything is advertised."""
+        return bool(self._open)
+
     def prepare(self) -> None:
-        """Find the models and warm up the kernels; takes seconds when nothing is in the cache yet."""
+        """Find the models and warm up the kernels; takes minutes when nothing is in the cache yet."""
         started = time.perf_counter()
         self.library = ModelLibrary(self.settings.models_dir, self.settings.allow_model_paths)
-        warm_up(self.settings)
+        names = [name for name in self.settings.warm_up if name]
+        self.log.info(
+            f"warming up {', '.join(names) or 'nothing'}: seconds where its kernels are compiled, minutes at"
+            " the very first start; services are advertised after that"
+        )
+        warm_up(self.settings, self._said_warm)
         self.log.info(
             f"warmed up in {time.perf_counter() - started:.1f} s; models:"
             f" {', '.join(self.library.paths) or 'none'}"
         )
 
+    def _said_warm(self, name, seconds):
+        if seconds > _LONG_WARM_UP:
+            self.log.info(f"{name} is warm after {seconds:.0f} s")
+
     def open(self) -> None:
         """Advertise everything."""
-        self._stopping.clear()
-        self.frames = self.frames or Frames(self.node, self.settings.world_frame)
-        self.diagnostics, self.markers = Diagnostics(self), MarkerTopic(self)
-        self.pool = ThreadPoolExecutor(_THREADS)
-        self._open = [self.diagnostics, self.markers]
-        for offer in _OFFERS:
-            self._open.append(offer(self))
+        with self._opened:
+            self._ending = None
+            self.frames = self.frames or Frames(
+                self.node, self.settings.world_frame, lambda: self.settings.transform_timeout
+            )
+            self.diagnostics, self.markers = Diagnostics(self), MarkerTopic(self, "~/markers")
+            self.pool = ThreadPoolExecutor(_THREADS, thread_name_prefix="requests")
+            self.hand_over = HandOver(self, ListModels, "~/list_models")
+            self._open = [self.hand_over, self.diagnostics, self.markers]
+            for offer in _OFFERS:
+                self._open.append(offer(self))
+        self._tell_misspelt()
         self.log.info("ready")
 
-    def close(self) -> None:
+    def _tell_misspelt(self):
+        """Warn of parameters that the node was started with and does not know; once."""
+        if not self._said_misspelt:
+            self._said_misspelt = True
+            for name, meant in self.parameters.misspelt().items():
+                hint = f"; is '{meant}' meant?" if meant else ""
+                self.log.warning(f"parameter '{name}' is unknown and has no effect{hint}")
+
+    def close(self, why: str = "is shutting down") -> None:
         """Take everything back; predictions that are being made end with the error CANCELED, and are answered
         so.
+
+        Parameters
+        ----------
+        why : str
+            What those errors say of the node.
         """
-        self._stopping.set()
-        if self.pool is not None:
-            self.pool.shutdown()
-        while self._open:
-            self._open.pop().close()
+        self._ending = why
+        with self._opened:
+            if self.pool is not None:
+                self.pool.shutdown()
+            while self._open:
+                self._open.pop().close()
 
     def discard(self) -> None:
         """Delete what was written to disk, and leave the library's log; the last thing to do."""
@@ -116,8 +154,8 @@ class PredictionServer:
         """
 
         def look(done, steps):
-            if self._stopping.is_set():
-                raise CanceledError("is shutting down", field="the node")
+            if self._ending is not None:
+                raise CanceledError(self._ending, field="the node")
             if progress is not None:
                 progress(job, done, steps)
 
@@ -167,5 +205,5 @@ class PredictionServer:
         except Exception as error:  # noqa: BLE001
             self.log.error(f"a fault of the node:\n{traceback.format_exc()}")
             write_error(result, error)
-        if result.error_code:
+        if result.error_code not in (ErrorCode.NONE, ErrorCode.CANCELED):
             self.diagnostics.failed(result.error_msg)

@@ -10,63 +10,80 @@ from rclpy.time import Time
 
 from unc_physics_msgs.msg import ObjectState, Prediction, PredictionRequest, Result, Scene
 
-from ..checks.errors import UncPhysicsError
+from ..checks.errors import ErrorCode, UncPhysicsError
 from .background import Newest
 from .durations import duration, seconds
+from .markers import MarkerTopic
 from .requests import read_request, write_answer
 from .scene_reader import UNKNOWN
 
-# newest wins: while one scene is predicted, only the last of those that come is kept
+# as sensors and detectors send: best effort matches every publisher, and of what comes only the last counts
 _NEWEST = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 _SAME_TIME = 1e-6  # s
 _REPORT_PERIOD = 5.0  # s, between warnings in the log
 
 
 class Stream:
-    """Predicts each scene that comes on ``~/scene``, from trackers, or from detectors."""
+    """Predicts each scene that comes on ``~/scene``, from trackers, or from detectors.
+
+    Each of these sources has a thread of its own, so that one that waits for a transform holds up no other.
+    """
 
     def __init__(self, server):
         self._server = server
+        self._sources = []
         node = server.node
-        self._newest = Newest(self._predict, server.diagnostics.replaced)
         self._predictions = node.create_publisher(Prediction, "~/predictions", 1)
+        self._markers = MarkerTopic(server, "~/stream_markers")
         self._poses = {}
-        self._tracked = {}  # topic: (stamp, state) of its newest pose
-        self._subscriptions = [node.create_subscription(Scene, "~/scene", self._newest.put, _NEWEST)]
+        self._tracked = {}  # topic: (header, state) of its newest pose
+        self._subscriptions = [node.create_subscription(Scene, "~/scene", self._source().put, _NEWEST)]
         settings = server.settings
-        for topic, model in zip(settings.tracked_topics, settings.tracked_models, strict=True):
-            if topic:
-                self._subscriptions.append(
-                    node.create_subscription(
-                        PoseWithCovarianceStamped,
-                        topic,
-                        lambda message, topic=topic, model=model: self._track(topic, model, message),
-                        _NEWEST,
-                    )
+        topics = [
+            pair for pair in zip(settings.tracked_topics, settings.tracked_models, strict=True) if pair[0]
+        ]
+        if topics:
+            self._of_trackers = self._source()
+        for topic, model in topics:
+            self._subscriptions.append(
+                node.create_subscription(
+                    PoseWithCovarianceStamped,
+                    topic,
+                    lambda message, topic=topic, model=model: self._track(topic, model, message),
+                    _NEWEST,
                 )
+            )
         try:
             from vision_msgs.msg import Detection3DArray  # pyright: ignore[reportMissingImports]  (optional)
         except ImportError:
             pass
         else:
+            self._of_detectors = self._source()
             self._subscriptions.append(
                 node.create_subscription(Detection3DArray, "~/detections", self._detect, _NEWEST)
             )
 
+    def _source(self):
+        self._sources.append(Newest(self._predict, self._server.diagnostics.replaced))
+        return self._sources[-1]
+
     def close(self):
         """Take the topics back."""
-        self._newest.close()
         node = self._server.node
         for subscription in self._subscriptions:
             node.destroy_subscription(subscription)
+        for source in self._sources:
+            source.close()
         for publisher in (self._predictions, *self._poses.values()):
             node.destroy_publisher(publisher)
+        self._markers.close()
 
     def _predict(self, scene):
         """Predict a scene and publish; a bad scene is told in the log and the diagnostics."""
         server, settings = self._server, self._server.settings
-        if self._is_old(scene.header.stamp, settings.max_input_age):
+        if (reason := self._out_of_time(scene.header.stamp, settings)) is not None:
             server.diagnostics.dropped()
+            self._warn(f"a scene was dropped: {reason}")
             return
         result = Result()
         with server.errors_into(result):
@@ -86,12 +103,13 @@ class Stream:
             write_answer(message, scene.header, settings, job, server.predict(job))
             self._predictions.publish(message)
             self._publish_poses(message, settings)
-            server.markers.publish(scene.header, job, message)
+            self._markers.publish(scene.header, job, message)
+            server.diagnostics.skipped(len(message.skipped))
             for skipped in message.skipped:
-                self._warn(f"an object was left out: {skipped.value}")
-            if (delay := self._age(scene.header.stamp)) is not None:
-                server.diagnostics.delayed(delay)
-        if result.error_code:
+                self._warn(f"object '{skipped.key}' was left out: {skipped.value}")
+            if (age := self._age(scene.header.stamp)) is not None:
+                server.diagnostics.delayed(age)
+        if result.error_code not in (ErrorCode.NONE, ErrorCode.CANCELED):
             self._warn(f"a scene was not predicted: {result.error_msg}")
 
     def _warn(self, text):
@@ -104,9 +122,17 @@ class Stream:
         clock = self._server.node.get_clock()
         return 1e-9 * (clock.now() - Time.from_msg(stamp, clock_type=clock.clock_type)).nanoseconds
 
-    def _is_old(self, stamp, limit):
-        age = self._age(stamp)
-        return bool(limit) and age is not None and age > limit
+    def _out_of_time(self, stamp, settings):
+        """What is wrong with the stamp of an input, None if nothing is."""
+        if (age := self._age(stamp)) is None:
+            return None
+        if settings.max_input_age and age > settings.max_input_age:
+            what = f"{age:.3g} s old, and max_input_age is {settings.max_input_age:g} s"
+        elif settings.max_input_lead and -age > settings.max_input_lead:
+            what = f"{-age:.3g} s in the future, and max_input_lead is {settings.max_input_lead:g} s"
+        else:
+            return None
+        return f"its stamp is {what}; do all clocks agree, and all nodes have the same use_sim_time?"
 
     def _publish_poses(self, message, settings):
         for predicted in message.objects:
@@ -129,30 +155,34 @@ class Stream:
         library, settings = self._server.library, self._server.settings
         state = _at_unknown_velocity(topic, model, message.pose, library, settings.tracked_mass)
         self._tracked[topic] = message.header, state
-        frame, age = message.header.frame_id, settings.max_input_age
+        frame = message.header.frame_id
         objects = [
             state
             for header, state in self._tracked.values()
-            if header.frame_id == frame and not self._is_old(header.stamp, age)
+            if header is message.header
+            or (header.frame_id == frame and self._out_of_time(header.stamp, settings) is None)
         ]
-        self._newest.put(Scene(header=message.header, objects=objects), "tracked")
+        self._of_trackers.put(Scene(header=message.header, objects=objects))
 
     def _detect(self, detections):
         """Predict the scene of all detections."""
         settings, library = self._server.settings, self._server.library
         if (scene := scene_of_detections(detections, library, settings.tracked_mass)).objects:
-            self._newest.put(scene, "detected")
+            self._of_detectors.put(scene)
 
 
 def scene_of_detections(detections, library, mass) -> Scene:
     """The scene of a Detection3DArray; each detection's best hypothesis names the model, and those without
     one are left out.
     """
-    objects = []
+    objects, names = [], set()
     for k, detection in enumerate(detections.detections):
         if detection.results:
             best = max(detection.results, key=lambda result: result.hypothesis.score)
             name = detection.id or f"{best.hypothesis.class_id}_{k}"
+            if name in names:  # some detectors write the class there
+                name = f"{name}_{k}"
+            names.add(name)
             objects.append(_at_unknown_velocity(name, best.hypothesis.class_id, best.pose, library, mass))
     return Scene(header=detections.header, objects=objects)
 

@@ -17,7 +17,7 @@ from ..checks.errors import (
 from ..checks.validation import array, positive, quaternion
 from ..physics.rotation import rotation_matrix
 from ..prediction.probabilities import ENVIRONMENT, BoxRegion
-from ..scene.environment import Box, Cylinder, Element, Plane, Sphere
+from ..scene.environment import Box, Cylinder, Element, Plane, Sphere, surface_tilt_std
 from ..scene.materials import Surface, check_surface
 from ..scene.scene_file import at_field
 from .not_served import refuse_not_served
@@ -116,6 +116,8 @@ def _element(message, name, field):
     primitive = optional(message.primitive, f"{field}.primitive")
     position, orientation = _place(message.pose, f"{field}.pose")
     material = read_material(message.material, f"{field}.material", InvalidEnvironmentError)
+    tilt = surface_tilt_std(message.surface_tilt_std, f"{field}.surface_tilt_std")
+    material += (("surface_tilt_std", tilt),) if tilt else ()
     if primitive is not None and plane is None:
         place = f"{field}.primitive[0]"
         size = _dimensions(primitive, place)

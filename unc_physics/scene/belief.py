@@ -12,8 +12,9 @@ from numpy.typing import ArrayLike
 
 from ..checks.array_field import Array, OptionalArray, array_field
 from ..checks.errors import InvalidCovarianceError, InvalidRequestError, NotFiniteError
+from ..checks.memory import require_memory
 from ..checks.names import hint
-from ..checks.validation import array, covariance, instance, non_negative, numbers, quaternion
+from ..checks.validation import array, covariance, instance, non_negative, numbers, point, quaternion
 from ..physics.layout import (
     ANGULAR_VELOCITY,
     ERR_ANGULAR_VELOCITY,
@@ -69,6 +70,7 @@ class Belief:
         mean = array(mean, (len(mean) if mean.ndim else 0, STATE), "mean").copy()
         for k in range(len(mean)):
             mean[k, QUATERNION] = quaternion(mean[k, QUATERNION], f"orientation of body {k}")
+            point(mean[k, POSITION], f"position of body {k}")
         moving = np.arange(len(mean)) if self.moving is None else _ascending_indices(self.moving, len(mean))
         P = numbers(self.covariance, "covariance", InvalidCovarianceError)
         if P.ndim == 3:
@@ -212,6 +214,9 @@ class Belief:
         if not self.independent:
             return self.covariance
         count = len(self.covariance)
+        require_memory(
+            8.0 * (ERROR * count) ** 2, "a joint covariance of all", "the number of moving bodies", count
+        )
         joint = np.zeros((count, ERROR, count, ERROR))
         joint[np.arange(count), :, np.arange(count), :] = self.covariance
         return joint.reshape(count * ERROR, count * ERROR)

@@ -7,14 +7,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..checks.array_field import Array, OptionalNumber, array_field
-from ..checks.errors import InvalidMassError, InvalidRequestError
+from ..checks.array_field import Array, MaybeArray, OptionalNumber, array_field
+from ..checks.errors import InvalidMassError, InvalidModelError, InvalidRequestError
 from ..checks.validation import array, flag, non_negative, numbers, positive
-from ..geometry.packing_file import SpherePacking
+from ..geometry.packing_file import SpherePacking, check_inertia
 from ..physics import sphere_tree
 from ..physics.hull import hull_spheres
 from .materials import Surface, check_surface
 
+#: Lightest and heaviest mass [kg]: beyond, numbers run out.
+MASSES = 1e-50, 1e50
 _trees, _hulls = weakref.WeakKeyDictionary(), weakref.WeakKeyDictionary()
 
 
@@ -29,7 +31,12 @@ def known_mass(mass: float | None, model: SpherePacking, fixed: bool, field: str
         If the mass is not a positive finite number, or is not given where the model has none.
     """
     if mass is not None:
-        return positive(mass, field, InvalidMassError)
+        mass = positive(mass, field, InvalidMassError)
+        if not MASSES[0] <= mass <= MASSES[1]:
+            raise InvalidMassError(
+                f"must be between {MASSES[0]:g} and {MASSES[1]:g} kg", field=field, value=mass
+            )
+        return mass
     if model.mass is not None:
         return model.mass
     if fixed:
@@ -64,6 +71,10 @@ class RigidBody(Surface):
         mean velocities must be zero, and their covariance counts as zero. Needs the implicit integrator and
         gravity; not for a fixed body.
 
+    inertia : (3, 3) array, optional
+        Inertia about the COM per unit mass, body axes [m^2]; by default the model's. Three numbers are the
+        principal moments along the body's axes, one number stands for three equal ones.
+
     Raises
     ------
     InvalidMassError
@@ -79,6 +90,7 @@ class RigidBody(Surface):
     mass_std: float = 0.0
     center_of_mass_std: Array = array_field(0.0)
     at_rest: bool = False
+    inertia: MaybeArray = array_field(None)
 
     def __post_init__(self):
         if not isinstance(self.name, str) or not self.name:
@@ -99,6 +111,8 @@ class RigidBody(Surface):
             "center_of_mass_std": std,
             "at_rest": flag(self.at_rest, f"at_rest of body '{self.name}'"),
         }
+        if self.inertia is not None:
+            checked["inertia"] = _checked_inertia(self.inertia, f"inertia of body '{self.name}'")
         if checked["mass_std"] > checked["mass"]:
             raise InvalidMassError(
                 "must not exceed the mass", field=f"mass_std of body '{self.name}'", value=self.mass_std
@@ -109,6 +123,24 @@ class RigidBody(Surface):
             )
         for name, value in checked.items():
             object.__setattr__(self, name, value)
+
+    @property
+    def unit_inertia(self) -> np.ndarray:
+        """(3, 3): inertia about the COM per unit mass, body axes [m^2]: the one given, or the model's."""
+        return self.model.inertia if self.inertia is None else self.inertia
+
+
+def _checked_inertia(value, field):
+    """An inertia tensor (3, 3) from itself, its three diagonal entries, or one number for these."""
+    found = numbers(value, field)
+    if found.ndim < 2:
+        found = np.diag(array(np.full(3, found) if found.ndim == 0 else found, (3,), field))
+    found = array(found, (3, 3), field)
+    try:
+        check_inertia(found)
+    except InvalidModelError as error:
+        raise InvalidRequestError(error.problem, field=field, value=error.value) from None
+    return found
 
 
 def tree_of(model: SpherePacking):

@@ -8,7 +8,7 @@ import numpy as np
 
 from ..checks.array_field import Array, OptionalArray, array_field
 from ..checks.errors import InvalidRequestError, NotFiniteError
-from ..checks.validation import array, covariance, non_negative, numbers, quaternion
+from ..checks.validation import array, covariance, non_negative, numbers, point, quaternion
 from ..physics.layout import (
     ANGULAR_VELOCITY,
     ERR_ANGULAR_VELOCITY,
@@ -80,6 +80,7 @@ class BodyBelief:
 
     def __post_init__(self):
         checked = {name: array(getattr(self, name), (3,), name) for name in MEANS}
+        checked["position"] = point(self.position, "position")
         checked["orientation"] = quaternion(self.orientation, "orientation")
         checked |= {name: three_stds(getattr(self, name), name) for name in STDS}
         if self.covariance is None:

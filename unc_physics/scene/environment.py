@@ -10,8 +10,8 @@ from typing import Annotated, Any, ClassVar, NamedTuple, get_type_hints
 import numpy as np
 
 from ..checks.array_field import Array, array_field
-from ..checks.errors import InvalidEnvironmentError
-from ..checks.validation import array, number, positive, quaternion
+from ..checks.errors import InvalidEnvironmentError, LimitExceededError
+from ..checks.validation import FARTHEST, array, non_negative, number, point, positive, quaternion
 from ..physics import shapes
 from ..physics.rotation import rotation_matrix
 from .materials import Surface, check_surface
@@ -33,22 +33,25 @@ def _number(value, field):
 
 
 def _length(value, field):
-    return positive(value, field, InvalidEnvironmentError)
+    length = positive(value, field, InvalidEnvironmentError)
+    if length > FARTHEST:
+        raise LimitExceededError(f"must be at most {FARTHEST:g} m", field=field, value=length)
+    return length
 
 
 def _point(value, field):
-    return array(value, (3,), field, InvalidEnvironmentError)
+    return point(value, field, InvalidEnvironmentError)
 
 
 def _lengths(value, field):
-    found = _point(value, field)
+    found = array(value, (3,), field, InvalidEnvironmentError)
     for k, length in enumerate(found.tolist()):
         _length(length, f"{field}[{k}]")
     return found
 
 
 def _direction(value, field):
-    found = _point(value, field)
+    found = array(value, (3,), field, InvalidEnvironmentError)
     length = np.linalg.norm(found)
     if not 1e-12 < length < np.inf:
         raise InvalidEnvironmentError("must have a direction", field=field, value=found.tolist())
@@ -63,13 +66,24 @@ Point = Annotated[Array, Quantity((3,), _point)]
 Direction = Annotated[Array, Quantity((3,), _direction)]
 Orientation = Annotated[Array, Quantity((4,), quaternion)]
 
+_MOST_TILT = 0.5  # rad
 _ORIGIN, _UNTURNED = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)
 
 #: Class of each kind of element, by the name of its shape; each `Element` adds itself.
 ELEMENTS: dict[str, type[Element]] = {}
 
 
-class Element(Surface):
+class _Placed:
+    """What each kind of element has, as a field or as a property."""
+
+    name: str
+    position: np.ndarray
+    orientation: np.ndarray
+    size_row: np.ndarray
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Element(_Placed, Surface):
     """What all elements of the environment have beside their `Surface`; each kind is a dataclass of its own.
 
     A field whose type is a `Quantity`'s is checked when an element is made, and is a key in scene files.
@@ -86,6 +100,9 @@ class Element(Surface):
         ``R_world_element``.
     size_row : (3,) array
         What the shape's file takes for its size [m].
+    surface_tilt_std : float
+        Standard deviation of its tilts about each of two axes across its z axis, or its normal [rad], with
+        its position held. Needs the implicit integrator.
 
     Raises
     ------
@@ -94,10 +111,7 @@ class Element(Surface):
     """
 
     shape: ClassVar[str]
-    name: str
-    position: np.ndarray
-    orientation: np.ndarray
-    size_row: np.ndarray
+    surface_tilt_std: float = 0.0
 
     def __init_subclass__(cls):
         if "shape" in vars(cls) and cls.shape in shapes.KINDS:
@@ -107,6 +121,8 @@ class Element(Surface):
         for name, quantity in quantities(type(self)).items():
             object.__setattr__(self, name, quantity.check(getattr(self, name), name))
         check_surface(self, error=InvalidEnvironmentError)
+        tilt = surface_tilt_std(self.surface_tilt_std, "surface_tilt_std")
+        object.__setattr__(self, "surface_tilt_std", tilt)
 
     @property
     def kind(self) -> int:
@@ -148,6 +164,14 @@ class Element(Surface):
 
     def _row(self):
         return np.array([self.kind]), np.array([self.size_row], float)
+
+
+def surface_tilt_std(value, field) -> float:
+    """The number itself [rad]; raises `InvalidEnvironmentError` or `NotFiniteError` unless it can be one."""
+    std = non_negative(value, field, InvalidEnvironmentError)
+    if std > _MOST_TILT:
+        raise InvalidEnvironmentError(f"must not exceed {_MOST_TILT:g} rad", field=field, value=std)
+    return std
 
 
 @functools.cache

@@ -18,6 +18,10 @@ _EXPLICIT = {
     "restitution_std": 0.0,
     "sleep": False,
     "at_rest": False,
+    "impact_direction_std": 0.0,
+    "impact_point_std": 0.0,
+    "impact_friction_std": 0.0,
+    "surface_tilt_std": 0.0,
     "overlap": "keep",
 }
 #: Restitution of each integrator where none is named.

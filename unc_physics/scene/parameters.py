@@ -8,7 +8,9 @@ from ..physics import contact_history as histories
 from ..physics.contact_history import ContactHistory
 from ..physics.layout import ANGULAR_VELOCITY, POSITION, QUATERNION, VELOCITY
 from ..physics.rollout import advance
+from ..physics.rotation import exp, rotation_matrix
 from ..physics.threads import in_threads
+from ..physics.time_limit import limit_here, limited
 from ..physics.world import World
 from .body import tree_of
 from .materials import Materials, varied
@@ -35,7 +37,7 @@ def vary(scene: Scene, z: np.ndarray) -> World:
     frame.
     """
     world = scene.world
-    b, bodies = world.bodies, scene.bodies
+    b, bodies, tilts = world.bodies, scene.bodies, {}
     mass, inertia, inverse_mass, inverse_inertia = (
         constant.copy() for constant in (b.mass, b.inertia, b.inverse_mass, b.inverse_inertia)
     )
@@ -52,6 +54,8 @@ def vary(scene: Scene, z: np.ndarray) -> World:
             stiffness = float(stiffness * np.exp(value * parameter.std / stiffness))
         elif name == "gravity_direction":
             tilt[parameter.axis] = value * parameter.std
+        elif name == "surface_tilt":
+            tilts.setdefault(k - len(bodies), np.zeros(3))[parameter.axis] = value * parameter.std
     if tilt.any():
         gravity = _tilted(gravity, tilt)
     offsets = center_offsets(scene, z[None])[0]
@@ -65,11 +69,23 @@ def vary(scene: Scene, z: np.ndarray) -> World:
         friction, restitution = vary_materials(scene, z)
         implicit = implicit._replace(friction=friction, restitution=restitution)
         if len(offsets):
-            some, extent = implicit.hull_sphere, implicit.extent.copy()
-            extent[:, :3] -= offsets
-            hull = np.column_stack([tree.centers[some], tree.radii[some]])
-            implicit = implicit._replace(hull=hull, extent=extent)
-    return world._replace(bodies=own, tree=tree, gravity=gravity, stiffness=stiffness, implicit=implicit)
+            some, shift = implicit.hull_sphere, np.concatenate([offsets, np.zeros_like(offsets)], axis=1)
+            hull = np.ascontiguousarray(np.vstack([tree.centers[some].T, tree.radii[some]]))
+            implicit = implicit._replace(hull=hull, extent=implicit.extent - shift, box=implicit.box - shift)
+    surroundings = world.surroundings
+    if tilts and surroundings is not None:
+        R = surroundings.R.copy()
+        for e, turn in tilts.items():
+            R[e] = R[e] @ rotation_matrix(np.array(exp(*turn)))
+        surroundings = surroundings._replace(R=R)
+    return world._replace(
+        bodies=own,
+        tree=tree,
+        gravity=gravity,
+        stiffness=stiffness,
+        surroundings=surroundings,
+        implicit=implicit,
+    )
 
 
 def vary_materials(scene: Scene, z: np.ndarray) -> Materials:
@@ -96,10 +112,12 @@ def rollout_varied(
 ) -> None:
     """Advance a batch as `physics.rollout.rollout`, state n in the world of parameters ``z[n]``."""
 
+    limit = limit_here()
+
     def run(some):
         for n in range(some.start, some.stop):
-            own = slice(n, n + 1)
-            advance(states[own], histories.samples(contact_history, own), vary(scene, z[n]), begin, steps)
+            own, world = slice(n, n + 1), limited(vary(scene, z[n]), limit)
+            advance(states[own], histories.samples(contact_history, own), world, begin, steps)
 
     in_threads(len(states), run)
 

@@ -89,6 +89,19 @@ PHYSICS_KEYS = {
     "gravity_direction_std": PhysicsKey(
         non_negative, "Standard deviation of gravity's tilts about each of two axes across it [rad]."
     ),
+    "impact_direction_std": PhysicsKey(
+        non_negative,
+        "Standard deviation of the turn of an impact's impulse about each axis [rad], drawn anew at each"
+        " impact, by propagators that draw samples.",
+    ),
+    "impact_point_std": PhysicsKey(
+        non_negative,
+        "Standard deviation of the shift along the surface of where an impact acts [m], drawn likewise.",
+    ),
+    "impact_friction_std": PhysicsKey(
+        non_negative,
+        "Standard deviation of the factor of friction in an impact (of its logarithm), drawn likewise.",
+    ),
     "gyroscopic": PhysicsKey(
         flag,
         "Whether turning bodies keep their angular momentum; otherwise their angular velocity, as in the"

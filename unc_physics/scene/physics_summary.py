@@ -7,9 +7,9 @@ from typing import Any
 from ..checks.validation import instance
 from .environment import element_names
 from .materials import DEFAULT_RESTITUTION, Materials
-from .scene import Scene
+from .scene import IMPACT_STDS, Scene
 
-_STDS = ("stiffness_std", "gravity_direction_std", "friction_std", "restitution_std")
+_STDS = ("stiffness_std", "gravity_direction_std", "friction_std", "restitution_std", *IMPACT_STDS)
 
 
 def physics_of(scene: Scene) -> dict[str, Any]:

@@ -13,7 +13,7 @@ import numpy as np
 from ..checks.array_field import Array, array_field
 from ..checks.errors import DuplicateIdError, InvalidEnvironmentError, InvalidRequestError, NoObjectsError
 from ..physics import sphere_tree
-from ..physics.implicit_world import Implicit
+from ..physics.implicit_world import ImpactError, Implicit
 from ..physics.world import Bodies, Surroundings, World
 from .body import RigidBody, hull_of, tree_of
 from .environment import Element, check_element, element_names
@@ -23,6 +23,8 @@ from .presets import PRESETS, with_changes
 
 #: Standard deviations of the scene's own parameters.
 _STDS = ("stiffness_std", "friction_std", "restitution_std", "gravity_direction_std")
+#: What is drawn at each impact.
+IMPACT_STDS = ("impact_direction_std", "impact_point_std", "impact_friction_std")
 
 #: What becomes of overlap where a scene does not say.
 DEFAULT_OVERLAP = {"implicit": "project", "explicit": "keep"}
@@ -90,6 +92,11 @@ class Scene:
         friction's, it is shared by all who have no value of their own.
     gravity_direction_std : float
         Of gravity's tilts about each of two axes across it [rad]; its size stays.
+    impact_direction_std, impact_point_std, impact_friction_std : float
+        What no model knows of an impact, drawn anew at each impact of two partners, by propagators that draw
+        samples: how far its impulse turns about each axis [rad], how far along the surface it acts elsewhere
+        [m], and the standard deviation of the logarithm of a factor of friction. Need the implicit
+        integrator.
     sleep : bool
         Whether what rests is not computed until something pushes it. Needs the implicit integrator.
     overlap : {'project', 'reject', 'keep'}
@@ -121,6 +128,9 @@ class Scene:
     friction_std: float = 0.0
     restitution_std: float = 0.0
     gravity_direction_std: float = 0.0
+    impact_direction_std: float = 0.0
+    impact_point_std: float = 0.0
+    impact_friction_std: float = 0.0
     sleep: bool = False
     overlap: str | None = None
 
@@ -221,6 +231,8 @@ class Scene:
         for k, surface in enumerate(self.surfaces):
             stds = {name: getattr(surface, f"{name}_std") for name in Materials._fields}
             found += [UncertainParameter(name, k, 0, std) for name, std in stds.items() if std]
+            tilt = getattr(surface, "surface_tilt_std", 0.0)
+            found += [UncertainParameter("surface_tilt", k, axis, tilt) for axis in range(2) if tilt]
         return tuple(found)
 
     @cached_property
@@ -228,6 +240,11 @@ class Scene:
         """Whether an uncertain parameter is not of one moving body alone, so that it correlates bodies."""
         alone = set(self.moving.tolist())
         return any(parameter.body not in alone for parameter in self.uncertain)
+
+    @property
+    def draws_impacts(self) -> bool:
+        """Whether each impact has an error of its own."""
+        return any(getattr(self, name) > 0.0 for name in IMPACT_STDS)
 
     @property
     def surfaces(self) -> tuple[Surface, ...]:
@@ -271,12 +288,12 @@ class Scene:
             np.concatenate([model.radii for model in models]),
         )
         resistance = np.array([math.inf if body.fixed else body.mass for body in self.bodies])
-        inverse = np.array([np.linalg.inv(body.model.inertia) for body in self.bodies])
+        inverse = np.array([np.linalg.inv(body.unit_inertia) for body in self.bodies])
         reach = {model: np.max(np.linalg.norm(model.centers, axis=1) + model.radii) for model in models}
         bodies = Bodies(
             moving=np.array([not body.fixed for body in self.bodies]),
             mass=np.array([body.mass for body in self.bodies]),
-            inertia=np.array([body.mass * body.model.inertia for body in self.bodies]),
+            inertia=np.array([body.mass * body.unit_inertia for body in self.bodies]),
             inverse_mass=1.0 / resistance,
             inverse_inertia=inverse / resistance[:, None, None],
             radius=np.array([reach[body.model] for body in self.bodies]),
@@ -320,17 +337,28 @@ class Scene:
         hulls = [hull_of(model) for model in models]
         ends = np.cumsum([0, *map(len, hulls)])
         some = np.concatenate([hull + first for hull, first in zip(hulls, first_sphere[:-1], strict=True)])
-        boxes = np.array([[model.centers.min(axis=0), model.centers.max(axis=0)] for model in models])
-        extents = np.concatenate([boxes.mean(axis=1), 0.5 * (boxes[:, 1] - boxes[:, 0])], axis=1)
+        reach = [model.radii[:, None] for model in models]
         return Implicit(
             friction=self.materials.friction.copy(),
             restitution=self.materials.restitution.copy(),
-            hull=np.column_stack([tree.centers[some], tree.radii[some]]),
+            hull=np.ascontiguousarray(np.vstack([tree.centers[some].T, tree.radii[some]])),  # one type
             hull_sphere=some,
             hull_range=np.column_stack([ends[:-1], ends[1:]])[model_of],
-            extent=extents[model_of],
+            extent=np.array([_box(model.centers, model.centers) for model in models])[model_of],
+            box=np.array([_box(m.centers - r, m.centers + r) for m, r in zip(models, reach, strict=True)])[
+                model_of
+            ],
             sleep=self.sleep,
+            impact_error=ImpactError(
+                *(getattr(self, name) for name in IMPACT_STDS), identity=np.arange(len(self.surfaces))
+            ),
         )
+
+
+def _box(low, high):
+    """Middle and half the sides (6,) of the box from the least of ``low`` to the largest of ``high``."""
+    low, high = low.min(axis=0), high.max(axis=0)
+    return np.concatenate([0.5 * (low + high), 0.5 * (high - low)])
 
 
 def _elements(environment, names):

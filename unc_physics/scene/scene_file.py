@@ -17,6 +17,7 @@ from ..checks.errors import (
     InvalidModelError,
     InvalidOptionError,
     InvalidRequestError,
+    LimitExceededError,
     NoObjectsError,
     UncPhysicsError,
 )
@@ -28,7 +29,7 @@ from ..physics.layout import ERROR
 from .belief import Belief
 from .body import RigidBody, known_mass
 from .body_belief import MEANS, STDS, BodyBelief, three_stds
-from .environment import ELEMENTS, quantities
+from .environment import ELEMENTS, quantities, surface_tilt_std
 from .materials import Surface, check_surface
 from .physics_keys import OVERLAPS, PHYSICS_KEYS
 from .presets import PRESETS, with_changes
@@ -40,6 +41,7 @@ PRESET = "physics"
 _COMMON_STD, _COMMON_ORIGIN = "common_pose_std", "common_pose_origin"
 _SCENE_KEYS = (PRESET, *PHYSICS_KEYS, "horizon", "bodies", "environment", _COMMON_STD, _COMMON_ORIGIN)
 _SURFACE_KEYS = tuple(field.name for field in dataclasses.fields(Surface))
+_ELEMENT_KEYS = ("name", *_SURFACE_KEYS, "surface_tilt_std")
 _BODY_KEYS = (
     "name",
     "model",
@@ -48,6 +50,7 @@ _BODY_KEYS = (
     "mass",
     "mass_std",
     "center_of_mass_std",
+    "inertia",
     *MEANS,
     "orientation",
     *STDS,
@@ -58,6 +61,12 @@ _BODY_KEYS = (
 )
 
 
+#: Most entries of a file, and levels of nesting in it: a thousand bodies with whole covariances have 200 000.
+_ENTRIES, _LEVELS = 300_000, 50
+_CHARACTERS = 20_000_000  # most of a file
+_INT, _FLOAT = "tag:yaml.org,2002:int", "tag:yaml.org,2002:float"
+
+
 class LoadedScene(NamedTuple):
     """What a scene file holds: the scene, the belief about it at time 0, and the horizon [s] or None."""
 
@@ -66,8 +75,41 @@ class LoadedScene(NamedTuple):
     horizon: float | None
 
 
-class _UniqueKeyLoader(yaml.SafeLoader):
-    """Refuses a key that is given twice, of which YAML would silently take the last."""
+class _Loader(yaml.SafeLoader):
+    """Refuses a key that is given twice, of which YAML would silently take the last; numbers of base 60,
+    which nobody means; and what a few lines of aliases make as large as the memory.
+    """
+
+    def __init__(self, stream):
+        super().__init__(stream)
+        self._entries, self._levels, self._sizes = 0, 0, {}
+
+    def compose_node(self, parent, index):
+        event: Any = self.peek_event()
+        before, self._entries = self._entries, self._entries + 1
+        self._levels += 1
+        if isinstance(event, yaml.AliasEvent):
+            self._entries += self._sizes.get(event.anchor, 0)
+        if self._entries > _ENTRIES or self._levels > _LEVELS:
+            problem = (
+                f"it is nested more than {_LEVELS} levels deep"
+                if self._levels > _LEVELS
+                else f"it has more than {_ENTRIES} entries, those of aliases counted each time"
+            )
+            raise yaml.constructor.ConstructorError(None, None, problem, event.start_mark)
+        node = super().compose_node(parent, index)
+        if event.anchor is not None and not isinstance(event, yaml.AliasEvent):
+            self._sizes[event.anchor] = self._entries - before
+        self._levels -= 1
+        return node
+
+    def construct_scalar(self, node):
+        if node.tag in (_INT, _FLOAT) and ":" in node.value:
+            problem = (
+                f"{node.value} is a number of base 60 to YAML; write it out, or in quotes if it is a text"
+            )
+            raise yaml.constructor.ConstructorError(None, None, problem, node.start_mark)
+        return super().construct_scalar(node)
 
     def construct_mapping(self, node, deep=False):
         lines = {}
@@ -98,17 +140,21 @@ def load_scene(path: str | os.PathLike[str], models_dir: str | os.PathLike[str] 
     instance(path, (str, os.PathLike), "path")
     path = Path(path)
     try:
-        text = path.read_text(encoding="utf-8")
+        with path.open(encoding="utf-8") as stream:
+            text = stream.read(_CHARACTERS + 1)
     except (OSError, ValueError) as error:  # ValueError: no UTF-8, or a path that can be none
         reason = getattr(error, "strerror", None) or "it is not UTF-8 text"
         raise InvalidRequestError(f"cannot be read: {reason}", field=f"scene file {path}") from None
+    if len(text) > _CHARACTERS:
+        raise LimitExceededError(f"must have at most {_CHARACTERS} characters", field=f"scene file {path}")
     try:
-        content = yaml.load(text, _UniqueKeyLoader)
+        content = yaml.load(text, _Loader)
     except (yaml.YAMLError, ValueError, RecursionError) as error:
         mark = getattr(error, "problem_mark", None)
         place = f" in line {mark.line + 1}" if mark else ""
         reason = f": {error.problem}" if isinstance(error, yaml.constructor.ConstructorError) else ""
-        raise InvalidRequestError(f"is not valid YAML{place}{reason}", field=f"scene file {path}") from None
+        said = "cannot be read" if reason else "is not valid YAML"
+        raise InvalidRequestError(f"{said}{place}{reason}", field=f"scene file {path}") from None
     return scene_from_dict(content, models_dir, folder=path.parent)
 
 
@@ -206,10 +252,10 @@ def _element(content, field):
     error = InvalidEnvironmentError
     shapes = ", ".join(ELEMENTS)
     if isinstance(content, dict) and not any(kind in content for kind in ELEMENTS):
-        other = [key for key in content if key not in ("name", *_SURFACE_KEYS)]
+        other = [key for key in content if key not in _ELEMENT_KEYS]
         said = f"has no shape '{str(other[0])[:50]}'" if other else "names no shape"
         raise error(f"{said}; the shapes are {shapes}", field=field)
-    _check_keys(content, ("name", *ELEMENTS, *_SURFACE_KEYS), field, error)
+    _check_keys(content, ("name", *ELEMENTS, *_ELEMENT_KEYS[1:]), field, error)
     kinds = [kind for kind in ELEMENTS if kind in content]
     if len(kinds) > 1:
         raise error(f"must be exactly one shape, not {' and '.join(kinds)}", field=field)
@@ -228,6 +274,10 @@ def _element(content, field):
         if value is not None
     }
     surface = _surface(content, field, error)
+    if content.get("surface_tilt_std") is not None:
+        surface["surface_tilt_std"] = surface_tilt_std(
+            content["surface_tilt_std"], f"{field}.surface_tilt_std"
+        )
     return at_field(place, ELEMENTS[kind], **given, name=name, **surface)
 
 
@@ -275,8 +325,9 @@ def _body(content, field, models_dir, folder):
     mass = known_mass(content.get("mass"), model, fixed, f"{field}.mass")
     surface = _surface(content, field)
     at_rest = False if content.get("at_rest") is None else content["at_rest"]
+    inertia = None if content.get("inertia") is None else _inertia(content["inertia"], f"{field}.inertia")
     body = at_field(
-        field, RigidBody, content["name"], model, mass, fixed, mass_std, com_std, at_rest, **surface
+        field, RigidBody, content["name"], model, mass, fixed, mass_std, com_std, at_rest, inertia, **surface
     )
     return body, belief.state, belief.covariance
 
@@ -338,6 +389,14 @@ def _load_shape(path, changed, spheres, scale):
 @functools.lru_cache(maxsize=64)
 def _load_packing(path, changed):
     return load_packing(path)
+
+
+def _inertia(value, field):
+    """Inertia per unit mass: a number, three principal moments along the body's axes, or a matrix."""
+    if not isinstance(value, list):
+        return number(value, field)
+    rows = bool(value) and isinstance(value[0], list)
+    return _numbers(value, (3, 3) if rows else (3,), field)
 
 
 def _std(value, field):

@@ -28,7 +28,6 @@ from unc_physics import (
 )
 from unc_physics.physics.layout import POSITION, QUATERNION, VELOCITY
 from unc_physics.prediction import probabilities as answers
-from unc_physics.propagators.names import DEFAULT
 
 from ..jobs import Job, Outcome, Row, Settings
 from ..methods import MONTE_CARLO, label
@@ -94,7 +93,9 @@ def report(results: Results) -> str:
     )
     groups = {
         f"Monte Carlo, {COUNTS[0]} samples": asked.where(method=MONTE_CARLO, samples=COUNTS[0]),
-        "flights up to the first contacts\n(all propagators without samples)": asked.where(method=DEFAULT),
+        "flights up to the first contacts\n(all propagators without samples)": asked.where(
+            method="sigma_points"
+        ),
     }
     figure = results.figure("calibration")
     draw_calibration(figure, groups, KINDS, answers.TOLERANCE)

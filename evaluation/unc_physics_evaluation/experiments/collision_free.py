@@ -2,14 +2,7 @@
 
 from __future__ import annotations
 
-from ..comparison import (
-    POSITION_ERROR,
-    ROTATION_ERROR,
-    distance_cost,
-    error_rows,
-    predicted_beliefs,
-    two_truths,
-)
+from ..comparison import POSITION_ERROR, ROTATION_ERROR, distance_cost, error_rows, predicted, two_truths
 from ..jobs import Job, Outcome, Settings
 from ..methods import FLOOR, GAUSSIAN, MONTE_CARLO, label
 from ..results import Results
@@ -52,8 +45,8 @@ def run(job: Job) -> Outcome:
     p = job.parameters
     scene, belief, horizon = collision_free(p["uncertain"], p["model"], p["spheres"], p["sigma"])
     truth, second = two_truths(scene, belief, horizon, job)
-    beliefs = predicted_beliefs(scene, belief, horizon, job)
-    return Outcome(error_rows(job, truth, second, beliefs, COUNTS, p["truth"]))
+    answers = predicted(scene, belief, horizon, job)
+    return Outcome(error_rows(job, truth, second, answers, COUNTS, p["truth"]))
 
 
 def report(results: Results) -> str:

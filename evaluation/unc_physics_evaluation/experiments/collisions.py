@@ -11,7 +11,7 @@ from ..comparison import (
     TIME_RATIO,
     distance_cost,
     error_rows,
-    predicted_beliefs,
+    predicted,
     predictors,
     rollout_cost,
     time_rows,
@@ -59,8 +59,8 @@ def run(job: Job) -> Outcome:
     p = job.parameters
     scene, belief, horizon = collision(p["model"], p["spheres"], p["sigma"])
     truth, second = two_truths(scene, belief, horizon, job)
-    beliefs = predicted_beliefs(scene, belief, horizon, job)
-    rows = error_rows(job, truth, second, beliefs, COUNTS, p["subset"])
+    answers = predicted(scene, belief, horizon, job)
+    rows = error_rows(job, truth, second, answers, COUNTS, p["subset"])
     timed = [count for count in TIMED if count <= p["truth"]]
     return Outcome(rows + time_rows(predictors(scene, belief, horizon, job, timed), p["rounds"]))
 

@@ -14,7 +14,7 @@ from ..comparison import (
     Samples,
     distance_cost,
     error_rows,
-    predicted_beliefs,
+    predicted,
     predictors,
 )
 from ..engines import GEOMETRIES, PEERS
@@ -95,8 +95,8 @@ def run(job: Job) -> Outcome:
         return Samples(states, simulator.belief(carry, scene), seed)
 
     truth, second = samples("truth"), samples("second")
-    beliefs = predicted_beliefs(scene, belief, horizon, job) if engine is None else {}
-    rows = error_rows(job, truth, second, beliefs, [n for n in COUNTS if n <= p["truth"]], p["truth"])
+    answers = predicted(scene, belief, horizon, job) if engine is None else {}
+    rows = error_rows(job, truth, second, answers, [n for n in COUNTS if n <= p["truth"]], p["truth"])
     states = belief.sample(4 * p["rounds"], np.random.default_rng(job.seed("timed"))).reshape(
         p["rounds"], 4, *belief.mean.shape
     )

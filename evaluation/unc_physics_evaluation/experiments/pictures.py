@@ -56,7 +56,7 @@ def run(job: Job) -> Outcome:
     else:
         scene, belief, horizon = collision_free(p["scene"], p["model"], p["spheres"])
     truth = monte_carlo(scene, belief, horizon, p["count"], job.seed("truth"))
-    prediction = predict(scene, belief, methods(job)[p["propagator"]], horizon)
+    prediction = predict(scene, belief, methods(job)[p["propagator"], None], horizon)
     seed = job.seed("draws")
     arrays = {
         "before": belief.sample(p["count"], np.random.default_rng(job.seed("truth"))),

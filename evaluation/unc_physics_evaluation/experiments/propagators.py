@@ -75,7 +75,7 @@ def report(results: Results) -> str:
 
 def _everyone(job, samples) -> Mapping[tuple[str, int | None], Propagator]:
     """All propagators by method and samples."""
-    made = {(name, None): propagator for name, propagator in methods(job).items()}
+    made = methods(job)
     rollouts = make_propagator(MONTE_CARLO, samples=samples, seed=job.seed(MONTE_CARLO))
     return {(MONTE_CARLO, samples): rollouts, **made}
 
@@ -164,8 +164,8 @@ def _bodies(job) -> list[Row]:
         return lambda k: predict(scene, belief, propagator, horizon)
 
     functions = {
-        (name, None, _of(count)): predicts(propagator, *case)
-        for name, propagator in methods(job).items()
+        (*key, _of(count)): predicts(propagator, *case)
+        for key, propagator in methods(job).items()
         if not propagator.traits.cross_body
         for count, case in scenes.items()
     }

@@ -70,8 +70,8 @@ def run(job: Job) -> Outcome:
                 found, expected = (
                     tree.arrays(Path(folder) / "arrays.npz", request) for tree in (after, before)
                 )
-                for array in dict.fromkeys((*expected, *found)):
-                    same = array in found and array in expected and _same(found[array], expected[array])
+                for array in expected:  # what a carry has besides by now has nothing to be compared with
+                    same = array in found and _same(found[array], expected[array])
                     rows.append(Row(name, f"{SAME}, {scene}, {array}", "1", int(same)))
                 if name in served_predictions.VARIANTS:
                     continue  # takes too long to be timed

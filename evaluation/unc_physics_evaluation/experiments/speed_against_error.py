@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import time
 
 import numba
@@ -14,14 +15,15 @@ from ..comparison import (
     WALL_TIME,
     distance_cost,
     error_rows,
-    predicted_beliefs,
+    predicted,
     predictors,
     rollout_cost,
     time_rows,
     two_truths,
 )
+from ..goals import Figure, goal_tables, goals_met_by
 from ..jobs import Job, Outcome, Settings
-from ..methods import FLOOR, GAUSSIAN, label
+from ..methods import FLOOR, GAUSSIAN, MONTE_CARLO, label
 from ..pareto import Choice, front, in_words
 from ..results import Results
 from ..scenarios import MODELS, collision
@@ -30,29 +32,42 @@ from ..timing import timed
 from .peers import engine_choices
 
 TITLE = "Speed against error"
-COUNTS = (2, 5, 10, 20, 50, 100, 200, 500, 1000)
+COUNTS = (2, 5, 10, 16, 32, 64, 100, 200, 500, 1000)
+SIGMAS = (0.01, 0.05, 0.1)
+TIMED_SIGMA = 0.05
+#: W1 over the floor of clouds by their runs, positions and rotations, over all models and sigmas.
+GOALS = {16: (1.28, 1.87), 32: (1.15, 1.55), 64: (1.05, 1.30)}
+#: Share of the cases in which a cloud may be worse than Monte Carlo with as many rollouts.
+WORSE = 0.01
+#: What makes a case.
+CASE = ("model", "encounter", "sigma")
 QUANTITIES = ((POSITION_ERROR, "positions"), (ROTATION_ERROR, "rotations"))
 TIMES = ((CPU_TIME, "CPU time on one thread"), (WALL_TIME, "wall time as deployed, on all threads"))
 
 
 def jobs(settings: Settings) -> list[Job]:
-    """For each model, a job for the errors of each encounter, and one for the times, alone on the machine."""
+    """For each model, a job for the errors of each encounter and sigma, and one for the times, alone on the
+    machine.
+    """
     truth, encounters = (200, 3) if settings.quick else (1000, 12)
     made = []
     for model in MODELS:
-        case = {"model": model, "spheres": 1000, "sigma": 0.05, "truth": truth}
+        case = {"model": model, "spheres": 1000, "truth": truth}
         made += [
             Job(
                 "speed_against_error",
-                settings.parameters(measured="error", **case, encounter=k, encounters=1),
+                settings.parameters(measured="error", **case, sigma=sigma, encounter=k, encounters=1),
                 cost=2 * truth * rollout_cost(1000) + 12 * distance_cost(truth, settings.distance),
             )
             for k in range(encounters)
+            for sigma in (SIGMAS[1:2] if settings.quick else SIGMAS)
         ]
         made.append(
             Job(
                 "speed_against_error",
-                settings.parameters(measured="time", **case, encounter=0, encounters=encounters),
+                settings.parameters(
+                    measured="time", **case, sigma=TIMED_SIGMA, encounter=0, encounters=encounters
+                ),
                 cost=2 * sum(_counts(truth)) * (encounters + 1) * rollout_cost(1000),
                 alone=True,
             )
@@ -68,8 +83,8 @@ def run(job: Job) -> Outcome:
         collision(p["model"], p["spheres"], p["sigma"], p["encounter"] + k) for k in range(p["encounters"])
     ]
     if p["measured"] == "error":
-        beliefs = predicted_beliefs(*cases[0], job)
-        return Outcome(error_rows(job, *two_truths(*cases[0], job), beliefs, counts, p["truth"]))
+        answers = predicted(*cases[0], job)
+        return Outcome(error_rows(job, *two_truths(*cases[0], job), answers, counts, p["truth"]))
     for scene, *_ in cases:
         _ = scene.world  # is built at its first use, which no method shall pay for
     each = [predictors(*case, job, counts) for case in cases]
@@ -90,10 +105,11 @@ def report(results: Results) -> str:
         for quantity, _ in QUANTITIES
         for model, found in engine_choices(peers, quantity).items()
     }
-    encounters = len(rows.where(measured="error").unique("encounter"))
+    errors = rows.where(measured="error")
+    encounters, sigmas = len(errors.unique("encounter")), len(errors.unique("sigma"))
     parts = [
         f"Errors are W1 over the floor, geometric means over {encounters} encounters with orientations of"
-        " their own (whiskers: "
+        f" their own, each with {sigmas} uncertainties of the positions (whiskers: "
         + "quartiles); times are medians over the same encounters. The curves of other engines are Monte"
         " Carlo in them, against " + "their own truth.\n"
     ]
@@ -115,6 +131,7 @@ def report(results: Results) -> str:
             parts.append(f"* {model}, {dict(QUANTITIES)[quantity]}: {in_words(front(found))}")
         parts.append("")
     parts.append(_table(rows))
+    parts.append("\n" + goal_tables(_goals(results)))
     return "\n".join(parts)
 
 
@@ -136,12 +153,39 @@ def _choices(rows, quantity, time_quantity) -> list[Choice]:
 
 
 def _over_floor(rows, method, samples, quantity):
-    """Error over the floor in each encounter."""
+    """Error over the floor in each encounter, with each sigma, of each model."""
     found = rows.where(method=method, samples=samples, quantity=quantity)
     floor = rows.where(method=FLOOR, quantity=quantity)
-    return np.array(
-        [found.where(encounter=k).mean() / floor.where(encounter=k).mean() for k in found.unique("encounter")]
-    )
+    cases = itertools.product(*(found.unique(name) for name in CASE))
+    ratios = []
+    for case in cases:
+        own = dict(zip(CASE, case, strict=True))
+        ratios.append(found.where(**own).mean() / floor.where(**own).mean())
+    return np.array(ratios)
+
+
+def _goals(results):
+    """The clouds' errors beside their goals."""
+    rows = results.rows("speed_against_error").where(measured="error")
+    figures = []
+    for runs, goals in GOALS.items():
+        worse = []
+        for (quantity, name), goal in zip(QUANTITIES, goals, strict=True):
+            errors = _over_floor(rows, "cloud", runs, quantity)
+            if not len(errors):
+                continue
+            value = float(np.exp(np.mean(np.log(errors))))
+            figures.append(Figure(f"cloud-{runs}", name, value, "floors", goal, at_most=True))
+            worse.append(errors > _over_floor(rows, MONTE_CARLO, runs, quantity))
+        if worse:
+            share = float(np.mean(worse))
+            figures.append(
+                Figure(f"cloud-{runs} worse than MC-{runs}", "cases", share, "", WORSE, at_most=True)
+            )
+    return {"Errors over the floor, geometric means over all models, encounters and sigmas": figures}
+
+
+verdict = goals_met_by(_goals)
 
 
 def _limits(rows):

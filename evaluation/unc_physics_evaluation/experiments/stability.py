@@ -15,6 +15,7 @@ from unc_physics.scene.belief import Belief
 from unc_physics.scene.scene import Scene
 from unc_physics.scene.stiffness import with_stiffness
 
+from .. import everyday_cases
 from ..conservation import FINITE, prediction_rows, rollout_rows, trajectory
 from ..hard_cases import digest, load, names
 from ..jobs import Job, Outcome, Row, Settings
@@ -66,7 +67,7 @@ SIGMAS, ENCOUNTERS = (0.01, 0.05, 0.1), 4
 
 
 class Case(NamedTuple):
-    """A scene to predict: one of the catalogue, or of the paper's."""
+    """A scene to predict: one of the catalogue, of the paper's, or an everyday one."""
 
     scene: Scene
     belief: Belief
@@ -81,8 +82,16 @@ def paper_cases() -> list[str]:
     return [*found, "collision_free linear_velocity", "collision_free angular_velocity", *MANIPULATION]
 
 
+def everyday_names() -> list[str]:
+    """Names of the everyday motions, with each belief."""
+    return [f"{motion}, {belief}" for motion in everyday_cases.CASES for belief in everyday_cases.BELIEFS]
+
+
 def case(name: str) -> Case:
     """A case by its name."""
+    if name in everyday_names():
+        motion, _, belief = name.rpartition(", ")
+        return Case(*everyday_cases.case(motion, belief))
     kind, *rest = name.split()
     if kind == "collision":
         return Case(*collision(rest[0], SPHERES, float(rest[1]), int(rest[2])))
@@ -100,8 +109,9 @@ def jobs(settings: Settings) -> list[Job]:
     """For each case the truth, and what all propagators make of it."""
     hard, paper = (QUICK, ()) if settings.quick else (names(), paper_cases())
     found = []
-    for name in (*hard, *paper):
-        same = settings.parameters(case=name, file="none" if name in paper else digest(name))
+    others = (*paper, *([] if settings.quick else everyday_names()))
+    for name in (*hard, *others):
+        same = settings.parameters(case=name, file="none" if name in others else digest(name))
         for work, refined in (("truth", FINER.get(name, REFINED)), ("methods", 1)):
             parameters = {"work": work, **same, "draws": FEWER.get(name, TRUTH), "refined": refined}
             found.append(Job("stability", parameters, cost=40.0 if name in FEWER else 3.0))

@@ -34,7 +34,7 @@ def jobs(settings: Settings) -> list[Job]:
 def run(job: Job) -> Outcome:
     """Count the scalars of every method's carry, at the start of colliding pairs."""
     scene, belief, _ = many_collisions(job.parameters["bodies"] // 2, spheres=10)
-    made = {(name, None): propagator for name, propagator in methods(job).items()}
+    made = methods(job)
     made |= {(MONTE_CARLO, count): make_propagator(MONTE_CARLO, samples=count) for count in SAMPLES}
     return Outcome(
         [

@@ -1,46 +1,80 @@
-"""Reality: recorded tosses of a cube, predicted with the same parameters and draws in every engine."""
+"""Reality: recorded tosses of a cube, predicted by every method and engine, tuned on other tosses."""
 
 from __future__ import annotations
 
+import time
+from collections.abc import Callable, Sequence
+
 import numpy as np
 
-from unc_physics.physics.layout import POSITION
+from unc_physics.calibration.adjustable import Model, with_values
+from unc_physics.calibration.calibrate import Search
+from unc_physics.calibration.flight import flight_gravity
+from unc_physics.calibration.objective import (
+    Objective,
+    Recorded,
+    Simulator,
+    as_recorded,
+    recorded,
+    seed_of,
+    simulated,
+)
+from unc_physics.calibration.scores import (
+    angle,
+    energy_score,
+    log_score,
+    mahalanobis_rank,
+    pose_errors,
+    rotation_energy_score,
+)
+from unc_physics.physics.layout import POSITION, QUATERNION
+from unc_physics.scene.stiffness import with_stiffness
 
 from ..jobs import Job, Outcome, Row, Settings
-from ..methods import MONTE_CARLO
-from ..recorded_tosses import (
-    FACES,
-    FRICTION,
-    RESTITUTION,
-    first_belief,
-    recorded_tosses,
-    top_face,
-    toss_scene,
-)
+from ..methods import MARGINAL, MONTE_CARLO, OURS
+from ..recorded_tosses import FACES, recorded_tosses, top_face
 from ..results import Results
-from ..rollouts import ENGINES, OURS, available, missing_engines, rollouts
-from ..scores import bootstrap, brier_score, energy_score, log_score
-from ..tables import number, table
+from ..rollouts import available, missing_engines
+from ..scores import brier_score
+from ..toss_engines import TossEngine
+from ..toss_marginal import marginal_predictions
+from ..toss_methods import toss_methods
+from ..toss_models import FIRST, PLAIN, TUNED, tuned_parameters, untuned
 
 TITLE = "Tosses"
-SAMPLES = 50
-QUICK = 60  # tosses
-BRIER, LOG, ENERGY, COST = "brier_score", "log_score", "energy_score", "cpu_time_per_simulated_time"
-SCORES = {BRIER: "Brier score, face", LOG: "log score, face", ENERGY: "energy score, position [mm]"}
-_UNITS = {BRIER: 1.0, LOG: 1.0, ENERGY: 1e3}  # as the report shows them
+LABELS = ("0.1 s", "0.2 s", "0.4 s", "rest")
+FOLDS = 5
+#: Tosses, folds, and what tuning may cost: tosses, samples of each, and models tried.
+FULL = {"tosses": 285, "folds": FOLDS, "tuning_tosses": 48, "tuning_samples": 16, "evaluations": 90}
+QUICK = {"tosses": 24, "folds": 2, "tuning_tosses": 10, "tuning_samples": 8, "evaluations": 28}
+SAMPLES, TRUTH = 100, 1000
+#: What a scene is given: nothing tuned; tuned but for the errors of the model; all.
+AS_GIVEN, NO_ERRORS, ERRORS = "as given", "no model errors", "model errors"
+BRIER, LOG = "brier_score", "log_score"
+POSITION_SCORE, ROTATION_SCORE = "energy_score_position", "energy_score_rotation"
+POSITION_RANK, ROTATION_RANK = "rank_position", "rank_rotation"
+SHARE, FACE, COST, TUNED_VALUE = "share_of_face", "face", "cpu_time", "tuned"
 
 
 def jobs(settings: Settings) -> list[Job]:
-    """All tosses in every engine that is there."""
-    count = QUICK if settings.quick else len(recorded_tosses().states)
-    return [
-        Job(
-            "tosses",
-            settings.parameters(engine=engine, tosses=count, samples_each=SAMPLES),
-            cost=count * SAMPLES * 0.0015,
-        )
-        for engine in available()
-    ]
+    """Each fold in every engine that is there; ours also as it is given, and without errors of the model."""
+    size = QUICK if settings.quick else FULL
+    found = []
+    for engine in available():
+        for given in (ERRORS, NO_ERRORS, AS_GIVEN) if engine == OURS else (ERRORS,):
+            for fold in range(size["folds"]):
+                parameters = settings.parameters(
+                    engine=engine, given=given, fold=fold, **size, samples_each=SAMPLES
+                )
+                found.append(Job("tosses", parameters, cost=_cost(parameters)))
+    return found
+
+
+def _cost(p):
+    a_sample = {OURS: 4e-4, "pybullet": 3e-3, "mujoco": 6e-3}[p["engine"]]
+    tuning = 0 if p["given"] == AS_GIVEN else p["evaluations"] * p["tuning_tosses"] * p["tuning_samples"]
+    scoring = p["tosses"] / p["folds"] * (1500 if p["engine"] == OURS else p["samples_each"])
+    return a_sample * (tuning + scoring)
 
 
 def missing(settings: Settings) -> list[str]:
@@ -49,74 +83,117 @@ def missing(settings: Settings) -> list[str]:
 
 
 def run(job: Job) -> Outcome:
-    """Scores of each toss, predicted until its last frame, and what that cost."""
-    p = job.parameters
-    tosses = recorded_tosses()
-    scene = toss_scene(tosses)
-    # the same initial states in every engine, and of a toss whatever the number of tosses
-    draws = Job("tosses", {"samples_each": p["samples_each"], "base_seed": p["base_seed"]})
-    rows, spent, simulated = [], 0.0, 0.0
-    with rollouts(p["engine"], scene) as run_all:
-        run_all(tosses.states[0][:1, None], 1)  # compiles, or loads what is compiled
-        for k in range(p["tosses"]):
-            seed, last = draws.seed(f"toss {k}"), tosses.states[k][-1]
-            starts = first_belief(tosses, k).sample(p["samples_each"], np.random.default_rng(seed))
-            steps = round(tosses.duration(k) / scene.dt)
-            ends, taken = run_all(starts, steps)
-            ends, spent = ends[:, 0], spent + taken
-            simulated += len(starts) * steps * scene.dt
-            faces, face = top_face(ends), int(top_face(last))
-            for quantity, unit, value in (
-                (BRIER, "1", brier_score(faces, face, FACES)),
-                (LOG, "1", log_score(faces, face)),
-                (ENERGY, "m", energy_score(ends[:, POSITION], last[POSITION])),
-            ):
-                rows.append(Row(MONTE_CARLO, quantity, unit, value, p["samples_each"], k, seed))
-    rows.append(Row(MONTE_CARLO, COST, "s/s", spent / simulated, p["samples_each"]))
+    """Tune on the tosses of other folds, and score those of this one."""
+    p, tosses = job.parameters, recorded_tosses()
+    # the same folds and draws in every engine
+    seed = Job("tosses", {"base_seed": p["base_seed"]}).seed("folds")
+    order = np.random.default_rng(seed).permutation(len(tosses.states))[: p["tosses"]]
+    scored_here = order[p["fold"] :: p["folds"]]
+    others = np.setdiff1d(order, scored_here, assume_unique=True)
+    motions = {int(k): tosses.motion(k) for k in order}
+    model = untuned(tosses, 9.81)
+    gravity = flight_gravity([motions[int(k)] for k in others], model.scene)
+    rows, engine = [], None
+    simulate: Simulator = simulated
+    if p["engine"] != OURS:
+        simulate = engine = TossEngine(p["engine"])
+    if p["given"] != AS_GIVEN:
+        model = untuned(tosses, gravity or 9.81)
+        names = TUNED if p["given"] == ERRORS else PLAIN
+        adjusted = [one for one in tuned_parameters(tosses, others) if one.name in names]
+        some = recorded([motions[int(k)] for k in others[: p["tuning_tosses"]]], model.scene)
+        begin = {one.name: FIRST.get(one.name, one.begin(model)) for one in adjusted}
+        first = with_values(model, adjusted, begin)
+        search = Search(
+            Objective(some, p["tuning_samples"], seed, simulate), first, adjusted, p["evaluations"]
+        )
+        values = search.run(p["evaluations"])
+        model = with_values(first, adjusted, values)
+        found = [(one.name, one.unit or "1", values[one.name]) for one in adjusted]
+        found.append(("gravity", "m/s^2", float(-model.scene.gravity[2])))
+        rows += [
+            Row(MONTE_CARLO, f"{TUNED_VALUE} {name}", unit, value, replicate=p["fold"])
+            for name, unit, value in found
+        ]
+    model = model._replace(scene=with_stiffness(model.scene, tosses.states[0][:1]))
+    tests = recorded([motions[int(k)] for k in scored_here], model.scene)
+    if engine is None and p["given"] == ERRORS:
+        methods = toss_methods(model.scene, p["samples_each"], TRUTH)
+    elif engine is None:
+        methods = toss_methods(model.scene, p["samples_each"], names=(MONTE_CARLO,))
+    else:
+        methods = {(MONTE_CARLO, p["samples_each"]): engine}
+    for (method, samples), predict in methods.items():
+        rows += _scores(tests, model, predict, method, samples, p["samples_each"], seed)
+    if engine is not None:
+        engine.close()
+    elif p["given"] == AS_GIVEN:
+        predictions = marginal_predictions(tests, recorded([motions[int(k)] for k in others], model.scene))
+        for one, states in zip(tests, predictions, strict=True):
+            rows += _rows_of(one, states, MARGINAL, None, None)
     return Outcome(rows)
 
 
+def _scores(
+    tests: Sequence[Recorded],
+    model: Model,
+    predict: Simulator | Callable,
+    method: str,
+    samples: int | None,
+    drawn: int,
+    seed: int,
+) -> list[Row]:
+    """Rows of every toss by one method."""
+    rows = []
+    for one in tests:
+        own = seed_of(seed, _number(one))
+        belief = one.start.belief(model.position_noise, model.rotation_noise)
+        started = time.process_time()
+        states = predict(model.scene, belief, one.times, samples or drawn, own)
+        spent = time.process_time() - started
+        rows += _rows_of(one, as_recorded(states, model, own), method, samples, own)
+        rows.append(Row(method, COST, "s", spent, samples, _number(one), own))
+    return rows
+
+
+def _number(one):
+    return int(one.motion.name.split()[-1])
+
+
+def _rows_of(one, states, method, samples, seed):
+    """Rows of one toss from states (n, 13) at its times; a short toss has no longer times than its end."""
+    k, rows = _number(one), []
+    labels = (*LABELS[: len(one.times) - 1], LABELS[-1])
+
+    def add(quantity, unit, value):
+        rows.append(Row(method, quantity, unit, float(value), samples, k, seed))
+
+    for label, x, pose in zip(labels, states, one.poses, strict=True):
+        errors = pose_errors(x, pose)
+        add(f"{POSITION_SCORE} {label}", "m", energy_score(x[:, POSITION], pose[:3]))
+        add(f"{ROTATION_SCORE} {label}", "rad", rotation_energy_score(x[:, QUATERNION], pose[3:], angle))
+        add(f"{POSITION_RANK} {label}", "1", mahalanobis_rank(errors.position, errors.seen_position))
+        add(f"{ROTATION_RANK} {label}", "1", mahalanobis_rank(errors.rotation, errors.seen_rotation))
+    last = np.zeros(13)
+    last[QUATERNION] = one.poses[-1][3:]
+    faces, face = top_face(states[-1]), int(top_face(last))
+    add(BRIER, "1", brier_score(faces, face, FACES))
+    add(LOG, "1", log_score(faces == face))
+    add(FACE, "1", face)
+    for f in range(FACES):
+        add(f"{SHARE} {f}", "1", np.mean(faces == f))
+    return rows
+
+
 def report(results: Results) -> str:
-    """Mean scores of each engine, and how much better we are."""
-    rows = results.rows("tosses")
-    engines = [engine for engine in ENGINES if rows.where(engine=engine)]
-    count, samples = rows[0]["tosses"], rows[0]["samples_each"]
-    lines = []
-    for engine in engines:
-        here = rows.where(engine=engine)
-        cells = [_mean(_scores(here, quantity)) for quantity in SCORES]
-        lines.append([ENGINES[engine], *cells, number(1e3 * here.where(quantity=COST).mean())])
-    about = (
-        f"{count} real tosses of a cube (ContactNets, see the README beside the data), each predicted from"
-        f" its first frame to its last by {samples} samples, with the friction ({FRICTION}) and restitution"
-        f" ({RESTITUTION}) that the authors of the recordings give; the same initial states in every engine."
-        " Mean scores over tosses ± standard error, the lower the better. Of the face on top a uniform guess"
-        " scores 0.833 and 1.792; a face that no sample shows counts as half a sample.\n"
-    )
-    parts = [about, table(["", *SCORES.values(), "CPU for a simulated second [ms]"], lines)]
-    if OURS in engines and len(engines) > 1:
-        ours = rows.where(engine=OURS)
-        lines = []
-        for engine in engines:
-            if engine != OURS:
-                theirs = rows.where(engine=engine)
-                cells = [_difference(_scores(ours, name), _scores(theirs, name)) for name in SCORES]
-                lines.append([ENGINES[engine], *cells])
-        parts.append("Our mean score less theirs, with the middle 95 % of a paired bootstrap over tosses:\n")
-        parts.append(table(["", *SCORES.values()], lines))
-    return "\n".join(parts)
+    """Scores, coverage, differences, tuned values and reliability."""
+    from ..toss_report import toss_report
+
+    return toss_report(results)
 
 
-def _scores(rows, quantity):
-    """Scores in the report's unit, ordered by toss."""
-    found = sorted(rows.where(quantity=quantity), key=lambda row: row["replicate"])
-    return _UNITS[quantity] * np.array([row["value"] for row in found])
+def verdict(results: Results) -> str:
+    """How many of the goals are met."""
+    from ..toss_report import goals
 
-
-def _mean(values):
-    return f"{number(values.mean())} ± {number(values.std(ddof=1) / np.sqrt(len(values)))}"
-
-
-def _difference(ours, theirs):
-    low, high = bootstrap(ours - theirs, np.random.default_rng(0))
-    return f"{np.mean(ours - theirs):+.3g} ({low:+.3g} to {high:+.3g})"
+    return goals(results)

@@ -8,18 +8,20 @@ import numpy as np
 
 from unc_physics.physics.layout import POSITION, QUATERNION
 
-from ..comparison import CPU_TIME
-from ..jobs import Job, Outcome, Row, Settings
-from ..methods import MONTE_CARLO
-from ..results import Results
-from ..rollouts import ENGINES, OURS, available, missing_engines, rollouts
-from ..scenarios import MANIPULATION, PILES, is_upright
-from ..tables import number, table
-from ..wasserstein import geodesic_of_pairs, state_distance
+from .comparison import CPU_TIME
+from .jobs import Job, Outcome, Row, Settings
+from .methods import MONTE_CARLO
+from .results import Results, Rows
+from .rollouts import ENGINES, OURS, available, rollouts
+from .scenarios import MANIPULATION, PILES, is_upright
+from .tables import number, table
+from .wasserstein import geodesic_of_pairs, state_distance
 
-TITLE = "Work and precision"
 SCENES = MANIPULATION | PILES
 RATES = (60, 120, 240, 500, 1000, 2000)  # steps in a second
+#: Solver settings besides the engines' own: iterations, at `UNIT`.
+EFFORTS = {"pybullet": (10, 200), "mujoco": (2, 5)}
+OWN = 0  # stands for an engine's own number of iterations
 UNIT = 240  # times are told beside those of ours at this rate
 #: Steps in a second that count as converged. PyBullet does not converge: from 2000 on a sliding can hops, and
 #: falls off a shelf on which it stays at 120 to 1000.
@@ -41,23 +43,34 @@ HEAD = (
 )
 
 
-def jobs(settings: Settings) -> list[Job]:
-    """Every scene in every engine that is there, at every rate."""
+def parameters(settings, section, scene, engine, rate, converged, count, effort=OWN) -> dict:
+    """Those of a job, the same for all of an experiment."""
+    return settings.parameters(
+        section=section,
+        scene=scene,
+        engine=engine,
+        rate=rate,
+        converged=converged,
+        samples_each=count,
+        effort=effort,
+    )
+
+
+def jobs(settings: Settings, experiment: str, section: str) -> list[Job]:
+    """Every scene in every engine that is there, at every rate, and with other solver settings at one."""
     found = []
     for scene, (count, cost) in (QUICK_SIZES if settings.quick else SIZES).items():
         for engine in available():
             converged = QUICK_CONVERGED if settings.quick else CONVERGED[engine]
-            for rate in dict.fromkeys((*(QUICK_RATES if settings.quick else RATES), converged)):
-                parameters = {"scene": scene, "engine": engine, "rate": rate, "converged": converged}
-                parameters = settings.parameters(**parameters, samples_each=count)
+            rates = dict.fromkeys((*(QUICK_RATES if settings.quick else RATES), converged))
+            cases = [(rate, OWN) for rate in rates]
+            if not settings.quick:
+                cases += [(UNIT, effort) for effort in EFFORTS.get(engine, ())]
+            for rate, effort in cases:
+                own = parameters(settings, section, scene, engine, rate, converged, count, effort)
                 seconds = count * cost * rate / UNIT * (1 + (rate == converged))
-                found.append(Job("work_precision", parameters, seconds))
+                found.append(Job(experiment, own, seconds))
     return found
-
-
-def missing(settings: Settings) -> list[str]:
-    """Engines that are not installed."""
-    return missing_engines("work_precision")
 
 
 def run(job: Job) -> Outcome:
@@ -68,11 +81,14 @@ def run(job: Job) -> Outcome:
     at_rate, steps = replace(scene, dt=1.0 / p["rate"]), round(horizon * p["rate"])
     unit, unit_steps = replace(scene, dt=1.0 / UNIT), round(horizon * UNIT)
     # the same initial states in every engine at every rate
-    draws = Job("work_precision", {name: p[name] for name in ("scene", "samples_each", "base_seed")})
+    draws = Job("engines", {name: p[name] for name in ("scene", "samples_each", "base_seed")})
     seed = draws.seed("starts")
     starts = belief.sample(p["samples_each"], np.random.default_rng(seed))
     ends, spent, beside = np.empty_like(starts), [], []
-    with rollouts(p["engine"], at_rate) as run_all, rollouts(OURS, unit) as run_unit:
+    with (
+        rollouts(p["engine"], at_rate, effort=p["effort"] or None) as run_all,
+        rollouts(OURS, unit) as run_unit,
+    ):
         run_all(starts[:1], 1)  # compile, or load what is compiled
         run_unit(starts[:1], 1)
         for k in range(0, len(starts), CHUNK):
@@ -94,11 +110,11 @@ def run(job: Job) -> Outcome:
     )
 
 
-def report(results: Results) -> str:
+def report(results: Results, rows: Rows) -> str:
     """A table for each scene, and a picture of all."""
-    from ..plots import draw_work_precision
+    from .plots import draw_work_precision
 
-    rows, panels = results.rows("work_precision"), {}
+    panels = {}
     parts = [
         (
             "The same initial states, friction .5 and restitution .1 in every engine, at 60 to 2000 "
@@ -107,10 +123,9 @@ def report(results: Results) -> str:
             "bodies. Same fate: in place or not, and upright or not, as with the smallest steps. W1: "
             "between the final distributions, beside the floor, which is W1 between two sets of samples "
             "at the smallest steps. CPU time of a rollout's steps on one thread, without compiling, and "
-            f"over that of ours at {UNIT} steps in a second, run in turns with it. MuJoCo takes all "
-            "steps in one call of mj_step, PyBullet's are called from Python, one by one. Solver "
-            "settings are the engines' own; bodies are boxes and cylinders in other engines, or 16 "
-            "convex pieces where they are neither.\n"
+            f"over that of ours at {UNIT} steps in a second, run in turns with it. Solver settings "
+            "are the engines' own but where a number of iterations is told; bodies are boxes and "
+            "cylinders in other engines, or 16 convex pieces where they are neither.\n"
         )
     ]
     lines_of = {}
@@ -137,26 +152,32 @@ def _errors(results, scene, rows):
     curves, lines = {}, []
     unit = rows.where(engine=OURS, rate=UNIT, quantity=CPU_TIME).mean()
     for engine in (name for name in ENGINES if rows.where(engine=name)):
-        own = rows.where(engine=engine)
+        own = rows.where(engine=engine, effort=OWN)
         converged = own[0]["converged"]
-        truth = results.arrays("work_precision", own.where(rate=converged)[0]["job"])
+        truth = results.arrays("engines", own.where(rate=converged)[0]["job"])
         floor = state_distance(truth["states"], truth["second"])
         limits = number(1e3 * np.mean(floor.position)), number(np.mean(floor.rotation))
         points = []
-        for rate in sorted(own.unique("rate"), key=lambda rate: (rate != converged, rate)):
-            found = own.where(rate=rate)
+        cases = [
+            (rate, OWN) for rate in sorted(own.unique("rate"), key=lambda rate: (rate != converged, rate))
+        ]
+        cases += [(UNIT, effort) for effort in rows.where(engine=engine).unique("effort") if effort != OWN]
+        for rate, effort in cases:
+            found = rows.where(engine=engine, rate=rate, effort=effort)
             share = found.where(quantity=OVER_UNIT).mean()
-            cells = [ENGINES[engine], str(rate), number(1e3 * found.where(quantity=CPU_TIME).mean())]
+            told = f", {effort} iterations" if effort else ""
+            cells = [ENGINES[engine] + told, str(rate), number(1e3 * found.where(quantity=CPU_TIME).mean())]
             cells.append(number(share))
             if rate == converged:
                 lines.append([*cells, "", "", "", *limits])
                 continue
-            ends, exact = results.arrays("work_precision", found[0]["job"])["states"], truth["states"]
+            ends, exact = results.arrays("engines", found[0]["job"])["states"], truth["states"]
             moved = np.linalg.norm(ends[..., POSITION] - exact[..., POSITION], axis=-1)
             turned = geodesic_of_pairs(ends[..., QUATERNION], exact[..., QUATERNION])
             same = np.all(_fate(scene, ends) == _fate(scene, exact), axis=0)
             distance = state_distance(ends, exact)
-            points.append((unit * share, float(np.median(moved)), float(np.mean(distance.position))))
+            if effort == OWN:
+                points.append((unit * share, float(np.median(moved)), float(np.mean(distance.position))))
             cells += [
                 number(1e3 * np.median(moved)),
                 number(np.median(turned)),

@@ -1,10 +1,11 @@
-"""Work and precision: every engine is compared with itself, from the same draws."""
+"""Engines: in turns, and each compared with itself, from the same draws."""
 
 import numpy as np
 import pytest
 
 from unc_physics.physics.layout import POSITION, QUATERNION
-from unc_physics_evaluation.experiments import work_precision as experiment
+from unc_physics_evaluation import work_precision
+from unc_physics_evaluation.experiments import engines as experiment
 from unc_physics_evaluation.jobs import Settings
 from unc_physics_evaluation.results import Results
 from unc_physics_evaluation.rollouts import OURS, available
@@ -12,25 +13,34 @@ from unc_physics_evaluation.scenarios import PILES, five_into_bin, in_bin, is_up
 
 
 def test_rows_and_report(tmp_path, monkeypatch):
-    monkeypatch.setattr(experiment, "QUICK_SIZES", {"salt_box_into_bin": (4, 0.002)})
+    monkeypatch.setattr(work_precision, "QUICK_SIZES", {"salt_box_into_bin": (4, 0.002)})
+    box = experiment.SCENES["salt_box_into_bin"][0]
+    monkeypatch.setattr(experiment, "SCENES", {"salt_box_into_bin": (box, 2, 0.002)})
     results, jobs = Results(tmp_path), experiment.jobs(Settings(quick=True))
-    assert len(jobs) == 3 * len(available())
+    assert len(jobs) == 1 + 3 * len(available())
     for job in jobs:
         outcome = experiment.run(job)
         assert all(row.value > 0.0 for row in outcome.rows)
+        results.add(job, outcome, {"versions": "", "machine": ""})
+        if job.parameters["section"] == experiment.SPEED:
+            assert len(outcome.rows) == 2 * 2 * 3 * len(available())
+            continue
         assert ("second" in outcome.arrays) == (job.parameters["rate"] == job.parameters["converged"])
         if job.parameters["engine"] == OURS:
             np.testing.assert_array_equal(outcome.arrays["states"], experiment.run(job).arrays["states"])
-        results.add(job, outcome, {"versions": "", "machine": ""})
     report = experiment.report(results)
-    assert "| unc_physics | 240 |" in report
+    assert "| unc_physics | 240 |" in report and "with sleep" in report
     assert (tmp_path / "figures" / "work_precision.png").stat().st_size > 10_000
 
 
 def test_a_full_run_has_every_scene_and_rate():
-    jobs = [job.parameters for job in experiment.jobs(Settings()) if job.parameters["engine"] == OURS]
-    assert {p["scene"] for p in jobs} == set(experiment.SCENES)
-    assert {p["rate"] for p in jobs} == {*experiment.RATES, experiment.CONVERGED[OURS]}
+    jobs = [job.parameters for job in experiment.jobs(Settings())]
+    assert {p["scene"] for p in jobs if p["section"] == experiment.SPEED} == set(experiment.GOALS)
+    ours = [p for p in jobs if p["engine"] == OURS]
+    assert {p["scene"] for p in ours} == set(work_precision.SCENES)
+    assert {p["rate"] for p in ours} == {*work_precision.RATES, work_precision.CONVERGED[OURS]}
+    efforts = {p["effort"] for p in jobs if p["engine"] == "mujoco"}
+    assert efforts == ({work_precision.OWN, *work_precision.EFFORTS["mujoco"]} if efforts else set())
 
 
 def test_bodies_in_place_and_upright():

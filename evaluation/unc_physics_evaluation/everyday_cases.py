@@ -1,0 +1,122 @@
+"""Everyday motions of single bodies, with tight and wide beliefs: rest, sliding, bounces, rolling."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from unc_physics import Belief, Plane, RigidBody, Scene, load_model
+from unc_physics.geometry.packing_file import SpherePacking
+from unc_physics.physics.layout import ANGULAR_VELOCITY, POSITION, QUATERNION, VELOCITY
+
+from .scenarios import resting, spread
+
+MASS = 0.4  # kg
+BALL_RADIUS = 0.05  # m
+SLOPE = math.radians(20.0)  # of the incline; friction 0.5 holds up to 26.6 degrees
+SPEED = 0.3  # of what is pushed or rolls [m/s]
+#: Standard deviations of position [m], rotation [rad] and velocity [m/s] of each belief.
+BELIEFS = {"tight": (1e-3, 1e-2, 1e-2), "wide": (1e-2, 5e-2, 5e-2), "very wide": (3e-2, 0.3, 0.2)}
+
+
+class Case(NamedTuple):
+    """A scene to predict."""
+
+    scene: Scene
+    belief: Belief
+    horizon: float
+
+
+def case(name: str, belief: str) -> Case:
+    """A case by its name, with one of the beliefs."""
+    scene, mean, horizon = CASES[name]()
+    position, rotation, velocity = BELIEFS[belief]
+    P = spread(1, position=position, rotation=rotation, velocity=velocity)
+    return Case(scene, Belief(mean, P), horizon)
+
+
+def _everyday(model, floor=None, at_rest=False, **physics):
+    """One body of a model on a plane."""
+    body = RigidBody("body", model, MASS, at_rest=at_rest)
+    return Scene.everyday([body], environment=[floor or Plane(name="floor")], **physics)
+
+
+def _lowest(model, q=(0.0, 0.0, 0.0, 1.0)):
+    """How far a model's lowest point is below its centre of mass [m]."""
+    x, y, z, w = q
+    down = np.array([2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)])
+    return float(np.max(model.radii - model.centers @ down))
+
+
+def _state(height, velocity=(0.0, 0.0, 0.0), spin=(0.0, 0.0, 0.0), q=(0.0, 0.0, 0.0, 1.0)):
+    """A state (1, 13) that high above the origin."""
+    mean = resting([[0.0, 0.0, height]])
+    mean[0, VELOCITY], mean[0, ANGULAR_VELOCITY], mean[0, QUATERNION] = velocity, spin, q
+    return mean
+
+
+def _brick():
+    return load_model("brick").prefix(500)
+
+
+def _lying():
+    model = _brick()
+    return _everyday(model, at_rest=True), _state(_lowest(model)), 0.5
+
+
+def _pushed():
+    model = _brick()
+    return _everyday(model), _state(_lowest(model), (SPEED, 0.0, 0.0)), 0.03
+
+
+def _sliding_to_rest():
+    scene, mean, _ = _pushed()
+    return scene, mean, 0.5
+
+
+def _on_incline():
+    model = _brick()
+    normal = np.array([-math.sin(SLOPE), 0.0, math.cos(SLOPE)])
+    mean = _state(0.0, q=(0.0, -math.sin(0.5 * SLOPE), 0.0, math.cos(0.5 * SLOPE)))
+    mean[0, POSITION] = _lowest(model) * normal
+    return _everyday(model, Plane(normal, name="incline"), at_rest=True), mean, 0.5
+
+
+def _ball(restitution, horizon):
+    model = SpherePacking(
+        "ball",
+        np.zeros((1, 3)),
+        np.array([BALL_RADIUS]),
+        0.4 * BALL_RADIUS**2 * np.eye(3),
+        4.0 / 3.0 * math.pi * BALL_RADIUS**3,
+        np.zeros(3),
+        bounding_radius=BALL_RADIUS,
+    )
+    mean = _state(BALL_RADIUS + 0.2, (0.5, 0.0, 0.0), (1.0, 0.0, 0.0))
+    return _everyday(model, restitution=restitution), mean, horizon
+
+
+def _box_bounces():
+    model = _brick()
+    return _everyday(model, restitution=0.5), _state(_lowest(model) + 0.1), 0.25
+
+
+def _can_rolls():
+    model, q = load_model("can").prefix(1000), (math.sqrt(0.5), 0.0, 0.0, math.sqrt(0.5))
+    height = _lowest(model, q)
+    return _everyday(model), _state(height, (SPEED, 0.0, 0.0), (0.0, SPEED / height, 0.0), q), 0.5
+
+
+#: What makes each case: scene, mean state and horizon.
+CASES = {
+    "box lying": _lying,
+    "box pushed at 0.3 m/s": _pushed,
+    "box sliding to rest": _sliding_to_rest,
+    "box on an incline": _on_incline,
+    "ball after one bounce": lambda: _ball(0.7, 0.3),
+    "ball after three bounces": lambda: _ball(0.8, 1.1),
+    "box after a bounce on a face": _box_bounces,
+    "can rolling": _can_rolls,
+}

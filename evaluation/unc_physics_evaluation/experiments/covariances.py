@@ -1,0 +1,141 @@
+"""Covariances where things lie, slide, bounce and roll: linearization and the others against many samples."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from unc_physics import make_propagator, predict
+from unc_physics.physics.layout import ERR_POSITION, ERR_ROTATION, QUATERNION
+from unc_physics.physics.rotation import rotation_matrix
+from unc_physics.prediction.status import Status, assess
+from unc_physics.propagators.registry import PROPAGATORS
+
+from ..everyday_cases import BELIEFS, CASES, case
+from ..goals import Figure, goal_tables, goals_met_by
+from ..jobs import Job, Outcome, Row, Settings
+from ..judgement import judge, rates
+from ..methods import MONTE_CARLO, label
+from ..results import Results
+
+TITLE = "Covariances at rest, sliding, bouncing and rolling"
+SAMPLES, QUICK = 10_000, 2000
+TRUTH, HALVES, FLAGGED, TIGHT = "truth", ("first half", "second half"), "flagged", "tight"
+AXES = ("x", "y", "z", "rot x", "rot y", "rot z")
+WITHIN, FOUND, FALSE = 0.05, 0.95, 0.03
+#: Spreads below count as nothing [m], [rad]: a contact's own compliance, not the belief's.
+NOTHING = (5e-5, 1e-3)
+METHODS = [name for name in PROPAGATORS if name != MONTE_CARLO]
+
+
+def jobs(settings: Settings) -> list[Job]:
+    """One for each case and belief."""
+    samples = QUICK if settings.quick else SAMPLES
+    return [
+        Job("covariances", settings.parameters(case=name, belief=belief, truth=samples), cost=samples * 2e-3)
+        for name in CASES
+        for belief in ([TIGHT] if settings.quick else BELIEFS)
+    ]
+
+
+def run(job: Job) -> Outcome:
+    """Standard deviations of pose along the world's axes: the truth's, its halves', and the methods'."""
+    p = job.parameters
+    given, seed = case(p["case"], p["belief"]), job.seed(TRUTH)
+    truth = make_propagator(MONTE_CARLO, samples=p["truth"], seed=seed)
+    carry = predict(given.scene, given.belief, truth, given.horizon).carry
+    half = p["truth"] // 2
+    rows = []
+    for name, part in zip((TRUTH, *HALVES), (slice(None), slice(half), slice(half, None)), strict=True):
+        own = carry._replace(states=carry.states[part], parameters=carry.parameters[part])
+        rows += _rows(name, truth.belief(own, given.scene), p["truth"], seed)
+    for name in METHODS:
+        prediction = predict(given.scene, given.belief, name, given.horizon)
+        rows += _rows(name, prediction.belief, None, prediction.seed)
+        flags = assess(prediction)[0].flags & ~Status.INITIAL_OVERLAP
+        rows.append(Row(name, FLAGGED, "1", float(bool(flags))))
+    return Outcome(rows)
+
+
+def _rows(method, belief, samples, seed):
+    """Standard deviations along x, y and z, and of the rotation about them."""
+    R, P = rotation_matrix(belief.mean[0, QUATERNION]), belief.blocks[0]
+    variances = np.concatenate(
+        [np.diag(P[ERR_POSITION, ERR_POSITION]), np.diag(R @ P[ERR_ROTATION, ERR_ROTATION] @ R.T)]
+    )
+    return [
+        Row(method, axis, "m" if k < 3 else "rad", math.sqrt(max(variances[k], 0.0)), samples, 0, seed)
+        for k, axis in enumerate(AXES)
+    ]
+
+
+def sections(results: Results) -> dict[str, list[Figure]]:
+    """Linearization's worst error with tight beliefs, and how its flags do with the others."""
+    rows = results.rows("covariances")
+    tight = []
+    for name in rows.unique("case"):
+        here = _stds(rows.where(case=name, belief=TIGHT))
+        far, axis = max((_off(here["linearization"], here[TRUTH], k), AXES[k]) for k in range(6))
+        floor = max(_off(here[HALVES[0]], here[HALVES[1]], k) for k in range(6)) / 2.0
+        others = ", ".join(
+            f"{label(m, None)} {100.0 * max(_off(here[m], here[TRUTH], k) for k in range(6)):.1f} %"
+            for m in METHODS
+            if m != "linearization"
+        )
+        note = f"{axis}; sampling floor {100.0 * floor:.1f} %; {others}"
+        tight.append(
+            Figure("linearization, worst axis", name, 100.0 * far, "% off", 100.0 * WITHIN, True, note)
+        )
+    flags = []
+    for method in METHODS:
+        judged = []
+        for name in rows.unique("case"):
+            for belief in rows.unique("belief"):
+                some = rows.where(case=name, belief=belief)
+                here = _stds(some)
+                flagged = bool(some.where(method=method, quantity=FLAGGED)[0]["value"])
+                judged.append(judge(_pose(here[method]), _pose(here[TRUTH]), 0.1, flagged))
+        found = rates(judged)
+        note = f"{found.bad} bad, {found.good} good"
+        flags.append(
+            Figure("bad ones flagged", label(method, None), found.found_share, "", FOUND, False, note)
+        )
+        flags.append(Figure("good ones flagged", label(method, None), found.false_share, "", FALSE, True))
+    return {"Tight beliefs": tight, "Flags, all beliefs": [one for one in flags if one.value == one.value]}
+
+
+def _stds(rows):
+    """(6,) by method."""
+    return {
+        method: np.array([rows.where(method=method, quantity=axis)[0]["value"] for axis in AXES])
+        for method in (TRUTH, *HALVES, *METHODS)
+    }
+
+
+def _off(found, truth, k):
+    """Share by which a standard deviation is off; 0 where both are nothing."""
+    nothing = NOTHING[k // 3]
+    if found[k] < nothing and truth[k] < nothing:
+        return 0.0
+    return abs(found[k] / max(truth[k], 1e-12) - 1.0)
+
+
+def _pose(stds):
+    """Spreads of position and rotation over all axes together, those of a contact's compliance being 0."""
+    whole = math.sqrt(float(np.sum(stds[:3] ** 2))), math.sqrt(float(np.sum(stds[3:] ** 2)))
+    return [value if value > nothing else 0.0 for value, nothing in zip(whole, NOTHING, strict=True)]
+
+
+verdict = goals_met_by(sections)
+
+
+def report(results: Results) -> str:
+    """Both tables."""
+    rows = results.rows("covariances")
+    about = (
+        f"Everyday bodies on a plane; the truth is {rows[0]['truth']} samples. A spread of pose counts along"
+        " each axis of the world; below 0.05 mm or 1 mrad it is nothing. The floor is half of what the two"
+        " halves of the samples differ by.\n\n"
+    )
+    return about + goal_tables(sections(results))

@@ -1,0 +1,149 @@
+"""Everyday scenes beside other engines: time of a rollout, and error over time against a converged run."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+
+from .. import work_precision
+from ..goals import Figure, goal_tables, goals_met_by
+from ..jobs import Job, Outcome, Row, Settings
+from ..methods import OURS
+from ..provenance import versions
+from ..results import Results
+from ..rollouts import ENGINES, available, missing_engines, rollouts
+from ..scenarios import boxes_and_cans, can_off_shelf, five_into_bin, salt_box_into_bin, tableware_into_box
+from ..tables import number, table
+
+TITLE = "Engines"
+SPEED, PRECISION = "speed", "precision"
+ALL = "all"  # engines, in one job
+#: For each scene its maker, rollouts of a round, and about the cost of one [s].
+SCENES = {
+    "salt_box_into_bin": (salt_box_into_bin, 20, 0.002),
+    "can_off_shelf": (can_off_shelf, 20, 0.002),
+    "five_into_bin": (five_into_bin, 8, 0.015),
+    "ten_into_bin": (partial(boxes_and_cans, 10), 4, 0.03),
+    "tableware_into_box": (tableware_into_box, 4, 0.07),
+    "64_into_bin": (partial(boxes_and_cans, 64), 1, 0.5),
+}
+RATE = 240  # steps in a second
+#: How many times longer than ours a rollout in MuJoCo, and one in PyBullet, is to take.
+GOALS = {
+    "salt_box_into_bin": (3.0, 4.0),
+    "can_off_shelf": (2.5, 3.0),
+    "five_into_bin": (2.0, 3.0),
+    "ten_into_bin": (2.0, 3.0),
+    "tableware_into_box": (4.0, 11.0),
+    "64_into_bin": (1.0, 2.0),
+}
+TIME, RATIO = "rollout_time", "rollout_time_over_ours"
+_SLEEP = {False: "", True: " with sleep"}
+_SETTINGS = (
+    "MuJoCo: elliptic cone, Newton's method with at most 100 iterations, mj_step with all steps in one call."
+    " PyBullet: 50 iterations of its sequential impulses, bodies in maximal coordinates, all steps within one"
+    " stepSimulation. Both have boxes and cylinders as such, and 16 convex pieces of what is neither. Ours"
+    " has 1000 spheres of each, or 2000 where one is alone. Friction .5; restitution .1 where the engine"
+    " knows it."
+)
+
+
+def jobs(settings: Settings) -> list[Job]:
+    """Each scene's times, all engines in turns, then what `work_precision` needs."""
+    rounds, found = 3 if settings.quick else 11, []
+    for scene, (_, count, cost) in SCENES.items():
+        parameters = work_precision.parameters(settings, SPEED, scene, ALL, RATE, 0, rounds * count)
+        found.append(Job("engines", parameters, 20.0 + 8 * rounds * count * cost))
+    return found + work_precision.jobs(settings, "engines", PRECISION)
+
+
+def missing(settings: Settings) -> list[str]:
+    """Engines that are not installed."""
+    return missing_engines("engines")
+
+
+def run(job: Job) -> Outcome:
+    """Times of one scene, or an engine's final states at one rate."""
+    return work_precision.run(job) if job.parameters["section"] == PRECISION else _times(job)
+
+
+def _times(job):
+    """CPU times of a rollout in each engine, without and with sleep, in turns."""
+    p = job.parameters
+    make, count, _ = SCENES[p["scene"]]
+    scene, belief, horizon = make()
+    scene, steps = replace(scene, dt=1.0 / p["rate"]), round(horizon * p["rate"])
+    rounds = p["samples_each"] // count
+    starts = belief.sample(rounds * count, np.random.default_rng(job.seed("starts")))
+    starts = starts.reshape(rounds, count, *belief.mean.shape)
+    opened, times = {}, {}
+    for engine in available():
+        for sleep in (False, True):
+            opened[engine, sleep] = rollouts(engine, replace(scene, sleep=sleep))
+            times[engine, sleep] = np.empty(rounds)
+    runs = {key: context.__enter__() for key, context in opened.items()}
+    try:
+        for run_all in runs.values():
+            run_all(starts[0, :1], 1)  # compiles, or loads what is compiled
+        for k in range(rounds):
+            for key, run_all in runs.items():
+                times[key][k] = run_all(starts[k], steps)[1] / count
+    finally:
+        for context in opened.values():
+            context.__exit__(None, None, None)
+    rows = []
+    for (engine, sleep), taken in times.items():
+        name = engine + _SLEEP[sleep]
+        for k, seconds in enumerate(taken):
+            rows.append(Row(name, TIME, "s", float(seconds), None, k))
+            # like against like: with sleep both, or neither
+            rows.append(Row(name, RATIO, "1", float(seconds / times[OURS, sleep][k]), None, k))
+    return Outcome(rows)
+
+
+def report(results: Results) -> str:
+    """Times beside the goals, then errors over time."""
+    rows, used = results.rows("engines").where(section=SPEED), versions(("numba", "pybullet", "mujoco"))
+    head = ["", *(f"{ENGINES[engine]}{sleep}" for engine in ENGINES for sleep in _SLEEP.values())]
+    lines = []
+    for scene in rows.unique("scene"):
+        cells = [scene.replace("_", " ")]
+        for engine in ENGINES:
+            for sleep in _SLEEP.values():
+                found = rows.where(scene=scene, method=engine + sleep)
+                taken, share = found.where(quantity=TIME), found.where(quantity=RATIO)
+                if not found:
+                    cells.append("")
+                else:
+                    more = "" if engine == OURS else f" ({number(share.median())}x)"
+                    cells.append(f"{number(1e3 * taken.median())}{more}")
+        lines.append(cells)
+    parts = [
+        (
+            f"CPU time of a rollout of 1.5 s at {RATE} steps in a second [ms], and how many times ours it is,"
+            " both with sleep or both without: one thread, medians of rounds, the engines in turns."
+            f" {_SETTINGS} Versions: {', '.join(' '.join(pair) for pair in used.items())}.\n"
+        ),
+        table(head, lines),
+        goal_tables(_figures(results)),
+    ]
+    precision = results.rows("engines").where(section=PRECISION)
+    if precision:
+        parts += ["## Error over time\n", work_precision.report(results, precision)]
+    return "\n".join(parts)
+
+
+def _figures(results) -> dict[str, list[Figure]]:
+    rows, found = results.rows("engines").where(section=SPEED), []
+    for scene in rows.unique("scene"):
+        for engine, goal in zip(("mujoco", "pybullet"), GOALS[scene], strict=True):
+            share = rows.where(scene=scene, method=engine, quantity=RATIO)
+            if share:
+                title = scene.replace("_", " ")
+                found.append(Figure(f"{ENGINES[engine]} / ours", title, share.median(), "x", goal))
+    return {"A rollout's CPU time over ours, without sleep": found}
+
+
+verdict = goals_met_by(_figures)

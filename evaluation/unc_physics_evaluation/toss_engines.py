@@ -1,0 +1,226 @@
+"""The cube in other engines, with what ours has: uncertain friction, a tilted table, and errors of impacts.
+
+Engines have no errors of impacts, so what a step's contacts gave to the momentum is changed after it: turned,
+made to act elsewhere, and its part along the table multiplied, by the laws of `physics.impact_error`; less,
+where energy would be gained. MuJoCo's contacts are soft and share an impact among steps, each of which is
+changed by itself.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from unc_physics.scene.belief import Belief
+from unc_physics.scene.scene import Scene
+
+from .engines import MuJoCoRollouts, PyBulletRollouts
+
+IMPACT = 0.1  # m/s in one step; what is slower is no impact, as in ours
+_HALVINGS = 5  # of an error that would add energy
+_TIME_CONSTANT = 0.02  # s, MuJoCo's own
+
+
+class _PyBullet(PyBulletRollouts):
+    """One cube in PyBullet; what each step calls is looked up once."""
+
+    def __init__(self, scene, geometry):
+        super().__init__(scene, geometry)
+        self._step, self._velocity = self._client.stepSimulation, self._client.getBaseVelocity
+
+    def begin(self, state):
+        super().begin(state)
+        self._client.setPhysicsEngineParameter(fixedTimeStep=self._scene.dt, numSubSteps=0)
+
+    def friction(self, value):
+        for handle in range(self._client.getNumBodies()):
+            self._client.changeDynamics(handle, -1, lateralFriction=math.sqrt(value))
+
+    def gravity(self, value):
+        self._client.setGravity(*value)
+
+    def step(self):
+        """Take a step; returns whether anything may touch."""
+        self._step()
+        return True
+
+    def velocity(self):
+        """Six numbers: velocity in the world's axes, and angular velocity in any."""
+        velocity, spin = self._velocity(self._handles[0])
+        return *velocity, *spin
+
+    def middle(self):
+        return self._client.getBasePositionAndOrientation(self._handles[0])[0]
+
+    def own_axes(self, vector):
+        """A vector of the world in the axes of `velocity`'s angular part."""
+        return vector
+
+    def set_velocity(self, six):
+        self._client.resetBaseVelocity(self._handles[0], six[:3], six[3:])
+
+    def contact(self):
+        """Mean place of the contacts (3,), by their forces; None without any."""
+        points = self._client.getContactPoints(self._handles[0])
+        force = np.array([point[9] for point in points])
+        if not force.sum() > 0.0:
+            return None
+        return (force @ np.array([point[5] for point in points]) / force.sum()).tolist()
+
+
+class _MuJoCo(MuJoCoRollouts):
+    """One cube in MuJoCo; restitution is the damping of its contacts, as of a linear spring."""
+
+    def __init__(self, scene, geometry):
+        super().__init__(scene, geometry)
+        log = math.log(max(scene.restitution or 0.0, 1e-3))
+        self._model.geom_solref[:] = _TIME_CONSTANT, -log / math.hypot(math.pi, log)
+
+    def friction(self, value):
+        self._model.geom_friction[:, 0] = value
+
+    def gravity(self, value):
+        self._model.opt.gravity[:] = value
+
+    def step(self):
+        self._mujoco.mj_step(self._model, self._data)
+        return self._data.ncon > 0
+
+    def velocity(self):
+        return self._data.qvel.tolist()
+
+    def middle(self):
+        return self._data.qpos[:3].tolist()
+
+    def own_axes(self, vector):
+        w, *axis = self._data.qpos[3:7].tolist()
+        return _turned(vector, [-value for value in axis], w)
+
+    def set_velocity(self, six):
+        self._data.qvel[:] = six
+
+    def contact(self):
+        """Mean place of the contacts (3,), by their depths; None without any."""
+        depth = np.maximum(-self._data.contact.dist, 0.0)
+        return (depth @ self._data.contact.pos / depth.sum()).tolist() if depth.any() else None
+
+
+class TossEngine:
+    """Predicts tosses in another engine, as `calibration.objective.simulated` does in ours.
+
+    Parameters
+    ----------
+    name : {'pybullet', 'mujoco'}
+
+    Notes
+    -----
+    The cube is the same eight spheres. Draws are seeded alike; those of starts are ours.
+    """
+
+    def __init__(self, name: str):
+        self._make = {"pybullet": _PyBullet, "mujoco": _MuJoCo}[name]
+        self._scene, self._engine = None, None
+
+    def __call__(
+        self, scene: Scene, belief: Belief, times: Sequence[float], samples: int, seed: int
+    ) -> list[np.ndarray]:
+        """States (n, 13) at each of the times."""
+        engine = self._of(scene)
+        starts = belief.sample(samples, np.random.default_rng(seed))
+        marks = [round(time / scene.dt) for time in times]
+        found = np.empty((len(marks), samples, 13))
+        friction, table = scene.friction or 0.0, scene.environment[0]
+        for n, start in enumerate(starts):
+            rng = np.random.default_rng([seed, n, 2])
+            spread, *tilt = rng.standard_normal(3)
+            if scene.friction_std:
+                engine.friction(friction * math.exp(spread * scene.friction_std / friction))
+            gravity = np.array(scene.gravity)  # SciPy takes none that is read-only
+            if table.surface_tilt_std:  # to tilt gravity is the same but for where things lie by a sine
+                turn = [*(table.surface_tilt_std * np.array(tilt)), 0.0]
+                gravity = Rotation.from_rotvec(turn).apply(gravity)
+                engine.gravity(gravity.tolist())
+            engine.begin(start)
+            done = 0
+            for k, mark in enumerate(marks):
+                if scene.draws_impacts:
+                    self._disturbed(engine, scene, gravity, mark - done, rng)
+                else:
+                    engine.advance(mark - done)
+                done = mark
+                found[k, n] = engine.state()[0]
+        return list(found)
+
+    def close(self) -> None:
+        """Leave the engine."""
+        if self._engine is not None:
+            self._engine.close()
+        self._scene = self._engine = None
+
+    def _of(self, scene):
+        if self._scene is not scene:
+            self.close()
+            self._scene, self._engine = scene, self._make(scene, "spheres")
+        return self._engine
+
+    def _disturbed(self, engine, scene, gravity, steps, rng):
+        """Steps with errors of impacts."""
+        gx, gy, gz = (gravity * scene.dt).tolist()
+        before = engine.velocity()
+        for _ in range(steps):
+            touches = engine.step()
+            after = engine.velocity()
+            u, v, w = after[0] - before[0] - gx, after[1] - before[1] - gy, after[2] - before[2] - gz
+            if touches and abs(u) + abs(v) + abs(w) > IMPACT and math.sqrt(u * u + v * v + w * w) > IMPACT:
+                after = self._changed(engine, scene, before, after, [u, v, w], rng)
+            before = after
+
+    def _changed(self, engine, scene, before, after, given, rng):
+        """The velocities, six numbers, after an impact with an error; they are set.
+
+        ``before`` and ``after`` are those around the impact, ``given`` is what it added to the velocity. In
+        plain numbers: it is called some twenty times for each sample.
+        """
+        point = engine.contact()
+        if point is None:
+            return after
+        arm = [p - q for p, q in zip(point, engine.middle(), strict=True)]
+        inertia = scene.bodies[0].unit_inertia[0, 0]  # a cube's, the same in all axes
+        x, y, z, u, v, f = rng.standard_normal(6).tolist()
+        d, s = scene.impact_direction_std, scene.impact_point_std
+        energy = _energy(before, inertia)
+        was = _cross(arm, given)
+        for k in range(_HALVINGS):
+            part = 0.5**k
+            a, b, c = part * d * x, part * d * y, part * d * z
+            angle = math.sqrt(a * a + b * b + c * c)
+            half = 0.5 * math.sin(0.5 * angle) / (0.5 * angle) if angle > 0.0 else 0.5
+            other = _turned(given, [half * a, half * b, half * c], math.cos(0.5 * angle))
+            factor = math.exp(part * scene.impact_friction_std * f)
+            other = [factor * other[0], factor * other[1], other[2]]
+            twist = _cross([arm[0] + part * s * u, arm[1] + part * s * v, arm[2]], other)
+            spun = engine.own_axes([(p - q) / inertia for p, q in zip(twist, was, strict=True)])
+            change = [*(p - q for p, q in zip(other, given, strict=True)), *spun]
+            six = [p + q for p, q in zip(after, change, strict=True)]
+            if _energy(six, inertia) <= energy:
+                engine.set_velocity(six)
+                return six
+        return after
+
+
+def _energy(six, inertia):
+    return sum(value * value for value in six[:3]) + inertia * sum(value * value for value in six[3:])
+
+
+def _cross(a, b):
+    return [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+
+
+def _turned(vector, axis, w):
+    """A vector turned by the quaternion of that vector part and scalar part."""
+    turned = [2.0 * value for value in _cross(axis, vector)]
+    more = _cross(axis, turned)
+    return [p + w * q + r for p, q, r in zip(vector, turned, more, strict=True)]

@@ -1,0 +1,123 @@
+"""Calibration: known parameters come back, coverage is right, a wrong model is noticed."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import yaml
+from throws import scene, throws
+
+from unc_physics import Plane, UncPhysicsError, calibrate, load_scene, save_packing
+from unc_physics.__main__ import main
+from unc_physics.calibration.adjustable import Model, adjustables, chosen, with_values
+from unc_physics.calibration.snippet import as_scene_file, as_table
+
+TRUE = scene(friction=0.3, restitution=0.3, impact_direction_std=0.05)
+FIT = ("friction", "restitution", "impact_direction_std", "position_noise", "rotation_noise")
+
+
+@pytest.fixture(scope="module")
+def motions():
+    return throws(TRUE, 30)
+
+
+@pytest.fixture(scope="module")
+def found(motions):
+    return calibrate(motions, scene(), FIT, samples=16, evaluations=45)
+
+
+def test_parameters_come_back(found):
+    fitted = {one.name: one for one in found.fitted}
+    for name, true in (("friction", 0.3), ("restitution", 0.3)):
+        one = fitted[name]
+        assert abs(one.value - true) < 4.0 * one.std, name
+        assert one.std < 0.05, name
+        assert abs(one.value - true) < 0.4 * abs(one.before - true), name
+    assert 0.015 < fitted["impact_direction_std"].value < 0.12
+    assert found.objective[1] < found.objective[0]
+    assert 10 < found.evaluations <= 48
+
+
+def test_coverage_is_right_after_and_not_before(found):
+    for quantity in ("position_rank", "rotation_rank"):
+        before, after = (
+            np.mean(np.concatenate([getattr(one, quantity) for one in own]) <= 0.9)
+            for own in (found.scores_before, found.scores_after)
+        )
+        assert before < 0.6 and 0.75 < after, quantity
+    assert found.doubts == ()
+
+
+def test_a_wrong_model_is_noticed(motions):
+    """A table 8 mm too low, and nothing fitted that could make up for it."""
+    low = replace(TRUE, environment=[Plane(offset=-0.008)], impact_direction_std=0.0)
+    wrong = calibrate(motions[:15], low, ("restitution",), samples=8, evaluations=8)
+    assert any("holds only" in doubt for doubt in wrong.doubts)
+    assert "holds only" in as_table(wrong)
+
+
+def test_what_is_put_is_got():
+    given = scene(friction=0.4, inertia=1e-3, environment=[Plane(offset=0.1, friction=0.2)])
+    model = Model(given, 1e-3, 1e-2)
+    for name, one in adjustables(given).items():
+        value = one.low + 0.3 * (one.high - one.low)
+        assert one.get(one.put(model, value)) == pytest.approx(value), name
+        assert one.unscaled(one.scaled(value)) == pytest.approx(value), name
+    raised = adjustables(given)["height"].put(model, 0.005).scene
+    assert raised.environment[0].offset == pytest.approx(0.105)
+
+
+def test_the_lines_to_paste_are_a_scene_file(found, tmp_path):
+    save_packing(tmp_path / "box.npz", found.scene.bodies[0].model)
+    changed = with_values(
+        found.after, chosen(found.scene, ["inertia", "height"]), {"inertia": 1.5, "height": 0.002}
+    )
+    content = yaml.safe_load(as_scene_file(changed.scene))
+    content["physics"] = "everyday"
+    content["bodies"][0] |= {"model": str(tmp_path / "box.npz"), "mass": 0.3, "position": [0, 0, 1]}
+    (tmp_path / "scene.yaml").write_text(yaml.safe_dump(content))
+    loaded = load_scene(tmp_path / "scene.yaml").scene
+    assert loaded.friction == pytest.approx(found.scene.friction, rel=1e-3)
+    assert loaded.environment[0].offset == pytest.approx(0.002)
+    assert loaded.bodies[0].unit_inertia == pytest.approx(changed.scene.bodies[0].unit_inertia, rel=1e-3)
+
+
+def test_the_command(motions, tmp_path, capsys):
+    save_packing(tmp_path / "box.npz", TRUE.bodies[0].model)
+    body = {"name": "box", "model": "box.npz", "mass": 0.3, "position": [0, 0, 1]}
+    content = {"physics": "everyday", "environment": [{"plane": {}}], "bodies": [body]}
+    (tmp_path / "scene.yaml").write_text(yaml.safe_dump(content))
+    lines = ["motion,time,x,y,z,qx,qy,qz,qw"]
+    for motion in motions[:6]:
+        for time, pose in zip(motion.times, motion.poses, strict=True):
+            lines.append(",".join(map(str, [motion.name, time, *pose])))
+    (tmp_path / "m.csv").write_text("\n".join(lines))
+    options = ["--fit", "friction", "--samples", "4", "--evaluations", "6"]
+    picture = str(tmp_path / "c.png")
+    arguments = ["calibrate", str(tmp_path / "m.csv"), str(tmp_path / "scene.yaml"), *options]
+    assert main([*arguments, "--picture", picture]) == 0
+    out = capsys.readouterr().out
+    assert "friction" in out and "environment:" in out
+    assert (tmp_path / "c.png").stat().st_size > 10_000
+
+
+@pytest.mark.parametrize(
+    "changes, message",
+    [
+        ({"fit": ["fricton"]}, "did you mean 'friction'"),
+        ({"evaluations": 3}, "evaluations"),
+        ({"samples": 1}, "samples"),
+    ],
+)
+def test_refused(motions, changes, message):
+    with pytest.raises(UncPhysicsError, match=message):
+        calibrate(motions, scene(), **({"fit": ["friction"]} | changes))
+
+
+def test_refused_scenes(motions):
+    with pytest.raises(UncPhysicsError, match="touch something"):
+        calibrate(motions, scene(environment=[Plane(offset=1.0)]), ["friction"])
+    two = scene()
+    two = replace(two, bodies=[*two.bodies, replace(two.bodies[0], name="other")])
+    with pytest.raises(UncPhysicsError, match="one that moves"):
+        calibrate(motions, two, ["friction"])

@@ -1,0 +1,117 @@
+"""Recorded motions from files: what is read, and what is refused."""
+
+from importlib.util import find_spec
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from unc_physics import Motion, UncPhysicsError, read_motions
+from unc_physics.calibration.rosbag import POSES, pose_in
+
+HEAD = "time,x,y,z,qx,qy,qz,qw"
+
+
+def poses(count=5):
+    """Positions and quaternions (count, 7)."""
+    turned = Rotation.from_rotvec(np.outer(np.arange(count), [0.0, 0.0, 0.1])).as_quat()
+    return np.concatenate([np.arange(3.0 * count).reshape(count, 3), turned], axis=1)
+
+
+def written(path, text):
+    path.write_text(text)
+    return path
+
+
+def csv_text(columns, rows):
+    return "\n".join([columns, *(",".join(map(str, row)) for row in rows)]) + "\n"
+
+
+def test_csv_of_several_motions(tmp_path):
+    rows = [[name, 10.0 + 0.1 * k, *pose] for name in "ab" for k, pose in enumerate(poses())]
+    path = written(tmp_path / "m.csv", csv_text(f"motion,{HEAD}", rows))
+    first, second = read_motions(path)
+    assert (first.name, second.name) == ("a", "b")
+    np.testing.assert_allclose(first.times, 0.1 * np.arange(5))
+    np.testing.assert_allclose(second.poses, poses())
+    assert first.duration == pytest.approx(0.4)
+
+
+def test_a_folder_of_files(tmp_path):
+    written(tmp_path / "one.csv", csv_text(HEAD, [[0.1 * k, *pose] for k, pose in enumerate(poses())]))
+    states = np.zeros((7, 13))
+    states[:, 9] = 1.0
+    np.savez(tmp_path / "two.npz", states=states, offsets=[0, 3, 7], dt=0.01)
+    assert [len(motion.times) for motion in read_motions(tmp_path)] == [5, 3, 4]
+
+
+def test_positions_of_the_models_origin(tmp_path):
+    path = written(tmp_path / "m.csv", csv_text(HEAD, [[k, *pose] for k, pose in enumerate(poses())]))
+    origin = np.array([0.0, 0.1, 0.0])  # seen from the centre of mass
+    (motion,) = read_motions(path, origin=origin)
+    turned = Rotation.from_quat(poses()[:, 3:]).apply(origin)
+    np.testing.assert_allclose(motion.poses[:, :3] + turned, poses()[:, :3])
+
+
+def test_a_pose_between_two():
+    motion = Motion("m", [0.0, 1.0, 3.0], poses(3) * [1, 1, 1, *[-1] * 4])
+    np.testing.assert_allclose(motion.pose(2.0)[:3], [4.5, 5.5, 6.5])
+    turn = Rotation.from_quat(motion.pose(2.0)[3:]) * Rotation.from_euler("z", -0.15)
+    assert turn.magnitude() < 1e-6
+    assert motion.nearest(0.6) == 1.0
+
+
+@pytest.mark.parametrize(
+    "text, message",
+    [
+        ("time,x,y,z\n", "has no column 'qx'"),
+        (csv_text(HEAD, [[0.0, "a", *poses()[0][1:]]]), "must hold numbers"),
+        (csv_text(HEAD, [[0.0, *poses()[0]]] * 3), "must ascend"),
+        (csv_text(HEAD, [[0.0, *poses()[0]]]), "at least three poses"),
+        (csv_text(HEAD, [[k, *[0.0] * 7] for k in range(3)]), "orientation of pose 0"),
+        (HEAD + "\n", "holds no motion"),
+    ],
+)
+def test_refused_files(tmp_path, text, message):
+    with pytest.raises(UncPhysicsError, match=message):
+        read_motions(written(tmp_path / "m.csv", text))
+
+
+def test_refused_paths(tmp_path):
+    with pytest.raises(UncPhysicsError, match="does not exist"):
+        read_motions(tmp_path / "nothing.csv")
+    with pytest.raises(UncPhysicsError, match="holds no .csv"):
+        read_motions(tmp_path)
+    with pytest.raises(UncPhysicsError, match="must be an .npz"):
+        read_motions(written(tmp_path / "m.txt", ""))
+    with pytest.raises(UncPhysicsError, match="is no .npz archive"):
+        read_motions(written(tmp_path / "m.npz", "text"))
+    np.savez(tmp_path / "a.npz", states=np.zeros((3, 13)))
+    with pytest.raises(UncPhysicsError, match="has no 'offsets'"):
+        read_motions(tmp_path / "a.npz")
+
+
+def test_a_rosbag_needs_its_reader(tmp_path):
+    (tmp_path / "metadata.yaml").write_text("")
+    if find_spec("rosbag2_py") is not None:
+        pytest.skip("it is there")
+    with pytest.raises(UncPhysicsError, match="write a CSV file"):
+        read_motions(tmp_path)
+
+
+@pytest.mark.parametrize("kind", POSES)
+@pytest.mark.parametrize("frame", ["", "map", "a_longer_frame"])
+def test_poses_in_messages(kind, frame):
+    """What ROS' own serialization writes."""
+    serialization = pytest.importorskip("rclpy.serialization")
+    package, _, name = kind.split("/")
+    message = getattr(pytest.importorskip(f"{package}.msg"), name)()
+    message.header.frame_id = frame
+    message.header.stamp.sec, message.header.stamp.nanosec = 12, 250_000_000
+    if name == "Odometry":
+        message.child_frame_id = "box"
+    pose = message.pose if name == "PoseStamped" else message.pose.pose
+    pose.position.x, pose.position.y, pose.position.z = 1.0, 2.0, 3.0
+    pose.orientation.x, pose.orientation.w = 0.6, 0.8
+    found = pose_in(serialization.serialize_message(message), kind)
+    assert found == [12.25, 1.0, 2.0, 3.0, 0.6, 0.0, 0.0, 0.8]

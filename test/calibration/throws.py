@@ -1,0 +1,34 @@
+"""Recorded motions that are made up: throws of a box by a known scene, seen with known errors."""
+
+import numpy as np
+
+from unc_physics import Belief, Motion, Plane, RigidBody, Scene, make_propagator, predict, rounded_box
+from unc_physics.calibration.quaternions import of_vectors, product
+
+BOX = rounded_box((0.1, 0.1, 0.06), 0.004, "box")
+NOISE = 2e-4, 2e-3  # m, rad
+
+
+def scene(inertia=None, **physics):
+    """A box over a table."""
+    body = RigidBody("box", BOX, 0.3, inertia=inertia)
+    return Scene.everyday([body], **({"environment": [Plane(name="table")]} | physics))
+
+
+def throws(of, count, seed=0, dt=1 / 100, poses=70, noise=NOISE):
+    """Motions of a scene's box, thrown at random."""
+    rng, found = np.random.default_rng(seed), []
+    for k in range(count):
+        state = np.zeros((1, 13))
+        state[0, :6] = [0.0, 0.0, 0.14, 1.0, 0.0, -0.3]
+        q = rng.standard_normal(4)
+        state[0, 6:10] = q / np.linalg.norm(q)
+        state[0, 10:] = 4.0 * rng.standard_normal(3)
+        times = dt * np.arange(1, poses)
+        one = make_propagator("monte_carlo", samples=1, seed=int(rng.integers(1 << 30)))
+        kept = predict(of, Belief.exact(state), one, times=times.tolist(), keep_samples=1).kept
+        states = np.concatenate([state, *[x[0] for x in kept]])
+        positions = states[:, :3] + noise[0] * rng.standard_normal((poses, 3))
+        turned = product(states[:, 6:10], of_vectors(noise[1] * rng.standard_normal((poses, 3))))
+        found.append(Motion(str(k), [0.0, *times], np.concatenate([positions, turned], axis=1)))
+    return found

@@ -1,0 +1,46 @@
+"""Memory is asked for before it is taken."""
+
+import numpy as np
+import pytest
+
+from unc_physics import Belief, RigidBody, Scene, load_model, make_propagator, predict
+from unc_physics.checks import memory
+from unc_physics.checks.errors import InvalidOptionError, LimitExceededError
+from unc_physics.checks.memory import available_memory, require_memory
+
+
+def test_what_is_there_is_granted_and_what_is_not_is_refused_with_both_numbers(monkeypatch):
+    assert 1e8 < available_memory() < 1e14
+    require_memory(0.5 * available_memory(), "a half", "samples")
+    monkeypatch.setenv(memory.LIMIT, "5e9")
+    with pytest.raises(LimitExceededError, match=r"samples must be less: a lot takes about 60 GB.* 5 000 MB"):
+        require_memory(6e10, "a lot", "samples", 7)
+    monkeypatch.setenv(memory.LIMIT, "1e15")
+    require_memory(6e10, "a lot", "samples", 7)
+    monkeypatch.setenv(memory.LIMIT, "much")
+    with pytest.raises(InvalidOptionError, match="UNC_PHYSICS_MEMORY.*much"):
+        require_memory(6e10, "a lot", "samples", 7)
+
+
+def many(count, **physics):
+    """So many pins beside each other."""
+    pin = load_model("pin").prefix(10)
+    scene = Scene([RigidBody(f"pin{k}", pin, 1.0) for k in range(count)], **physics)
+    mean = np.zeros((count, 13))
+    mean[:, 0], mean[:, 9] = 2.0 * np.arange(count), 1.0
+    return scene, Belief(mean, np.tile(1e-4 * np.eye(12), (count, 1, 1)))
+
+
+@pytest.mark.parametrize("integrator", ["explicit", "implicit"])
+def test_predictions_that_do_not_fit_are_refused_at_once(monkeypatch, integrator):
+    monkeypatch.setenv(memory.LIMIT, "1e10")
+    scene, belief = many(200, integrator=integrator)
+    with pytest.raises(LimitExceededError, match="samples must be less: 200 bodies in 10000000 rollouts"):
+        predict(scene, belief, make_propagator("monte_carlo", samples=10_000_000), 1.0)
+    scene, belief = many(1000, integrator=integrator)
+    with pytest.raises(LimitExceededError, match="number of bodies must be less: 1000 bodies in 24001 "):
+        predict(scene, belief, "sigma_points", 1.0)
+    with pytest.raises(LimitExceededError, match="number of times must be less"):
+        predict(scene, belief, make_propagator("monte_carlo", samples=1), 1.0, times=np.arange(1, 99) * 0.01)
+    with pytest.raises(LimitExceededError, match="moving bodies must be less"):
+        many(3000)[1].with_common_pose_std([0.01] * 6)

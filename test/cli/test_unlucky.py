@@ -1,0 +1,212 @@
+"""What goes wrong around a command: no room, nobody who reads, Ctrl-C, and options without effect."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+import yaml
+from example_scenes import CONTENTS
+
+from unc_physics import ErrorCode
+from unc_physics.__main__ import main
+from unc_physics.checks.errors import OutputError
+from unc_physics.cli.interrupts import dying_at_interrupt
+from unc_physics.cli.output import writing
+
+COMMAND = [sys.executable, "-m", "unc_physics"]
+
+
+@pytest.fixture
+def scene(tmp_path):
+    """A file with a scene whose prediction takes no time."""
+    path = tmp_path / "scene.yaml"
+    path.write_text(yaml.safe_dump(CONTENTS["two_bodies"]() | {"horizon": 0.02}))
+    return path
+
+
+def text_of(capsys):
+    """Lines of output and of errors."""
+    out, err = capsys.readouterr()
+    assert "Traceback" not in err
+    return out.splitlines(), err.splitlines()
+
+
+# -- output that goes nowhere ----------------------------------------------------------------------
+
+
+@pytest.mark.skipif(not os.path.exists("/dev/full"), reason="needs a device that is always full")
+def test_a_full_disk_gets_a_sentence():
+    with open("/dev/full", "w") as full:
+        run = subprocess.run(
+            [*COMMAND, "schema", "scene"], stdout=full, stderr=subprocess.PIPE, text=True, check=False
+        )
+    assert run.returncode == ErrorCode.OUTPUT_FAILED
+    assert run.stderr == "unc_physics: standard output cannot be written: No space left on device\n"
+
+
+def test_a_reader_that_has_seen_enough_is_no_error():
+    run = subprocess.Popen(
+        [*COMMAND, "schema", "scene"], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+    assert run.stdout is not None and run.stderr is not None
+    run.stdout.close()
+    assert (run.stderr.read(), run.wait()) == ("", 141)
+
+
+def test_a_file_that_cannot_be_finished_leaves_nothing_behind(tmp_path):
+    path = tmp_path / "picture.png"
+    words = r"--output cannot be written: No space left.*picture.png"
+    with pytest.raises(OutputError, match=words), writing(path, "--output"):
+        path.write_text("half")
+        raise OSError(28, "No space left on device")
+    assert not path.exists()
+
+
+@pytest.mark.parametrize("command", ["show", "predict"])
+def test_a_picture_that_cannot_be_written(scene, tmp_path, capsys, monkeypatch, command):
+    from matplotlib.figure import Figure
+
+    def no_room(*_, **__):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(Figure, "savefig", no_room)
+    picture = str(tmp_path / "picture.png")
+    arguments = (
+        ["show", "pin", "--levels", "5", "-o"] if command == "show" else ["predict", str(scene), "--picture"]
+    )
+    assert main([*arguments, picture]) == ErrorCode.OUTPUT_FAILED
+    (line,) = text_of(capsys)[1]
+    assert "cannot be written: No space left on device" in line and "picture.png" in line
+
+
+# -- Ctrl-C ----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("delay", [0.05, 0.1, 0.2, 0.4])
+def test_an_early_interrupt_says_nothing_but_that(scene, delay):
+    """Of what is imported before the package's own first line nothing can be said."""
+    code = (
+        "import sys, os, unc_physics.__main__ as m; print('begun', flush=True);"
+        f"sys.exit(m.main(['predict', {str(scene)!r}]))"
+    )
+    run = subprocess.Popen(
+        [sys.executable, "-c", code], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+    assert run.stdout is not None
+    assert run.stdout.readline() == "begun\n"
+    time.sleep(delay)
+    run.send_signal(signal.SIGINT)
+    _, err = run.communicate(timeout=60)
+    assert run.returncode in (-signal.SIGINT, 130, 0)  # a fast machine may be done
+    assert "Traceback" not in err and "KeyboardInterrupt" not in err
+
+
+def test_imports_that_swallow_an_interrupt_do_not_get_it():
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    try:
+        with dying_at_interrupt():
+            assert signal.getsignal(signal.SIGINT) == signal.SIG_DFL
+        assert signal.getsignal(signal.SIGINT) == signal.default_int_handler
+        signal.signal(signal.SIGINT, signal.SIG_IGN)  # as of a job in the background
+        with dying_at_interrupt():
+            assert signal.getsignal(signal.SIGINT) == signal.SIG_IGN
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
+# -- what has no effect ----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "options, words",
+    [
+        (["--seed", "3"], "--seed 3 has no effect, as sigma_points draws nothing"),
+        (["--period", "5"], "--period 5 s is not below the horizon of 0.02 s"),
+        (["--horizon", "0.012"], "horizon of 0.012 s is rounded to 1 step of dt = 0.01 s, 0.01 s"),
+    ],
+)
+def test_what_has_no_effect_is_noted(scene, capsys, options, words):
+    assert main(["predict", str(scene), *options]) == 0
+    out, (line,) = text_of(capsys)
+    assert line.startswith("unc_physics: note: ") and words in line
+    assert out[-1] == "status: fine"
+
+
+def test_what_is_as_asked_for_gets_no_note(scene, capsys):
+    assert main(["predict", str(scene), "--period", "0.01"]) == 0
+    assert text_of(capsys)[1] == []
+
+
+def test_a_file_that_is_replaced_is_noted(tmp_path, capsys):
+    picture = str(tmp_path / "pin.png")
+    for notes in (0, 1):
+        assert main(["show", "pin", "--levels", "5", "-o", picture]) == 0
+        err = text_of(capsys)[1]
+        assert len(err) == notes and all("was there already, and is replaced" in line for line in err)
+
+
+def test_a_time_limit(tmp_path, capsys):
+    content = CONTENTS["everyday"]() | {"horizon": 400.0}
+    (tmp_path / "long.yaml").write_text(yaml.safe_dump(content))
+    assert main(["predict", str(tmp_path / "long.yaml"), "--time-limit", "0.2"]) == ErrorCode.TIMEOUT
+    (line,) = text_of(capsys)[1]
+    assert main(["predict", str(tmp_path / "long.yaml"), "--time-limit", "0"]) != 0
+    assert "--time-limit must be positive (got '0')" in text_of(capsys)[1][0]
+    assert "--time-limit ran out" in line
+
+
+# -- names that are more than names ----------------------------------------------------------------
+
+
+def test_a_name_forges_no_line(tmp_path, capsys):
+    content = CONTENTS["two_bodies"]() | {"horizon": 0.02}
+    content["bodies"][0]["name"] = "left\nstatus: fine\n\x1b[2Jgone"
+    path, picture = tmp_path / "scene.yaml", tmp_path / "picture.png"
+    path.write_text(yaml.safe_dump(content))
+    assert main(["predict", str(path), "--probabilities", "--picture", str(picture)]) == 0
+    out, err = text_of(capsys)
+    assert err == [] and all(line.isprintable() for line in out)
+    assert sum(line == "status: fine" for line in out) == 1
+    content["bodies"][0]["mass"] = -1.0
+    content["bodies"][1]["name"] = content["bodies"][0]["name"]
+    path.write_text(yaml.safe_dump(content))
+    assert main(["predict", str(path)]) == ErrorCode.INVALID_MASS
+    assert len(text_of(capsys)[1]) == 1
+
+
+def test_a_name_that_is_a_formula_is_drawn(tmp_path, capsys):
+    content = CONTENTS["two_bodies"]() | {"horizon": 0.02}
+    content["bodies"][0]["name"] = r"$\frac{1$"
+    path, picture = tmp_path / "scene.yaml", tmp_path / "picture.png"
+    path.write_text(yaml.safe_dump(content))
+    assert main(["predict", str(path), "--picture", str(picture)]) == 0
+    assert picture.stat().st_size > 1000
+
+
+def test_arguments_with_line_ends_make_one_line(capsys):
+    with pytest.raises(SystemExit):
+        main(["fly\nstatus: fine"])
+    assert len(text_of(capsys)[1]) == 1
+
+
+def test_numbers_at_the_edge_are_refused_without_a_warning_from_inside(tmp_path, capsys):
+    for key, value in (("mass", 1e-320), ("position", [1e308, 0, 0]), ("angular_velocity", [1e200, 0, 0])):
+        content = CONTENTS["everyday"]()
+        content["bodies"][1][key] = value
+        (tmp_path / "scene.yaml").write_text(yaml.safe_dump(content))
+        assert main(["predict", str(tmp_path / "scene.yaml"), "--horizon", "0.02", "--time-limit", "2"]) != 0
+        (line,) = text_of(capsys)[1]
+        assert line.startswith("unc_physics: ") and ".py" not in line
+
+
+def test_the_status_says_what_to_do(tmp_path, capsys):
+    content = CONTENTS["two_bodies"]() | {"stiffness": 10.0}
+    (tmp_path / "soft.yaml").write_text(yaml.safe_dump(content))
+    assert main(["predict", str(tmp_path / "soft.yaml"), "--json"]) == 0
+    out, _ = text_of(capsys)
+    assert "raise stiffness, now 10, above" in out[0]
+    assert np.isfinite(float(out[0].split("now 10, above ")[1].split()[0]))

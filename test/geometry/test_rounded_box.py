@@ -1,0 +1,46 @@
+"""A rounded box: its mass properties and its reach are the solid's."""
+
+import numpy as np
+import pytest
+
+from unc_physics import UncPhysicsError, rounded_box
+
+
+def test_a_sharp_box_and_a_ball_are_its_limits():
+    a, b, c = 0.2, 0.3, 0.5
+    box = rounded_box((a, b, c), 1e-9)
+    assert box.volume == pytest.approx(a * b * c)
+    np.testing.assert_allclose(
+        box.inertia, np.diag([b * b + c * c, a * a + c * c, a * a + b * b]) / 12.0, atol=1e-9
+    )
+    ball = rounded_box(0.2, 0.1)
+    assert ball.volume == pytest.approx(4.0 / 3.0 * np.pi * 1e-3)
+    np.testing.assert_allclose(ball.inertia, 0.4 * 0.01 * np.eye(3), rtol=1e-12, atol=1e-15)
+
+
+def test_between_them_by_counting_points():
+    size, radius = np.array([0.2, 0.3, 0.4]), 0.06
+    box = rounded_box(size, radius, "b", mass=2.0)
+    points = (np.random.default_rng(0).random((400_000, 3)) - 0.5) * size
+    beyond = np.maximum(np.abs(points) - (0.5 * size - radius), 0.0)
+    inside = points[np.linalg.norm(beyond, axis=1) <= radius]
+    assert box.volume == pytest.approx(len(inside) / 400_000 * size.prod(), rel=3e-3)
+    squares = np.mean(inside**2, axis=0)
+    np.testing.assert_allclose(np.diagonal(box.inertia), squares.sum() - squares, rtol=5e-3)
+    assert (box.name, box.mass, len(box)) == ("b", 2.0, 8)
+
+
+def test_it_reaches_as_far_as_the_solid():
+    size, radius = np.array([0.2, 0.3, 0.4]), 0.05
+    box = rounded_box(size, radius)
+    directions = np.random.default_rng(1).standard_normal((200, 3))
+    directions /= np.linalg.norm(directions, axis=1)[:, None]
+    reach = np.max(box.centers @ directions.T + box.radii[:, None], axis=0)
+    np.testing.assert_allclose(reach, np.abs(directions) @ (0.5 * size - radius) + radius)
+    np.testing.assert_allclose(box.bounds, [-0.5 * size, 0.5 * size])
+
+
+@pytest.mark.parametrize("size, radius", [((1, 1, 0), 0.1), (1.0, 0.6), (1.0, 0.0), ((1, 1), 0.1)])
+def test_refused(size, radius):
+    with pytest.raises(UncPhysicsError):
+        rounded_box(size, radius)

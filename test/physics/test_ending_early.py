@@ -1,0 +1,57 @@
+"""What ends kernels early."""
+
+import threading
+import time
+
+from unc_physics.physics.implicit_world import NEVER
+from unc_physics.physics.time_limit import TimeLimit, limit_here, limited, time_limit
+
+
+def wait_for(limit, seconds=5.0):
+    end = time.monotonic() + seconds
+    while not limit.passed and time.monotonic() < end:
+        time.sleep(0.005)
+    return limit.passed
+
+
+def test_flags_are_raised_when_their_times_are_up_in_any_order():
+    late, soon = TimeLimit(), TimeLimit()
+    late.within(60.0)
+    started = time.monotonic()
+    soon.within(0.05)
+    assert not soon.passed
+    assert wait_for(soon) and time.monotonic() - started > 0.04
+    assert not late.passed
+    late.within(0.0)  # a new time takes the place of the old one
+    assert wait_for(late)
+
+
+def test_a_time_that_was_set_anew_or_taken_back_raises_no_flag():
+    limit = TimeLimit()
+    limit.within(0.02)
+    limit.within(60.0)
+    time.sleep(0.1)
+    assert not limit.passed
+
+
+def test_each_thread_has_its_own_limit_and_its_end_stops_what_still_runs():
+    assert limit_here() is None
+    with time_limit() as outer:
+        with time_limit() as inner:
+            assert limit_here() is inner
+            seen = []
+            thread = threading.Thread(target=lambda: seen.append(limit_here()))
+            thread.start()
+            thread.join()
+            assert seen == [None]
+        assert inner.passed and limit_here() is outer and not outer.passed
+    assert outer.passed
+
+
+def test_worlds_share_the_flag_that_nothing_raises(loaded):
+    world = loaded("everyday").scene.__class__.everyday(loaded("everyday").scene.bodies, stiffness=1e9).world
+    assert world.implicit.stop is NEVER and limited(world) is world
+    with time_limit() as limit:
+        assert limited(world).implicit.stop is limit.flag
+        assert world.implicit.stop is NEVER
+    assert not NEVER.any()

@@ -1,0 +1,53 @@
+"""A time limit holds within a step, and before the first one."""
+
+import time
+
+import numpy as np
+import pytest
+
+from unc_physics import Belief, Plane, RigidBody, Scene, load_model, make_propagator, predict
+from unc_physics.checks.errors import PredictionTimeoutError
+
+ALLOWED = 0.3  # s
+
+
+def bricks(count, spheres, apart, speed=0.0, **physics):
+    """Bricks one in another, whose steps take as long as their spheres are many."""
+    brick = load_model("brick").prefix(spheres)
+    bodies = [RigidBody(f"brick{k}", brick, 0.5) for k in range(count)]
+    mean = np.zeros((count, 13))
+    mean[:, 0], mean[:, 2], mean[:, 9] = apart * np.arange(count), 0.2, 1.0
+    mean[:, 5] = speed
+    scene = Scene.everyday(bodies, environment=[Plane()], **physics)
+    return scene, Belief(mean, np.tile(1e-4 * np.eye(12), (count, 1, 1)))
+
+
+@pytest.mark.parametrize("overlap", ["project", "keep"])
+def test_a_prediction_is_given_up_in_time_whatever_a_step_takes(overlap):
+    scene, belief = bricks(6, 3000, 0.001, overlap=overlap)
+    predict(*bricks(1, 10, 0.0, overlap=overlap), "sigma_points", 0.01)  # compiles
+    started = time.perf_counter()
+    with pytest.raises(PredictionTimeoutError, match="before the first step") as caught:
+        predict(scene, belief, "sigma_points", 0.5, max_computation_time=ALLOWED)
+    assert time.perf_counter() - started < 8.0  # minutes without a limit
+    assert caught.value.prediction is None
+
+
+def test_what_was_done_until_then_is_kept_and_as_without_a_limit():
+    scene, belief = bricks(2, 60, 0.15)
+    propagator = make_propagator("monte_carlo", samples=10)
+    with pytest.raises(PredictionTimeoutError) as caught:
+        predict(scene, belief, propagator, 60.0, max_computation_time=ALLOWED)
+    found = caught.value.prediction
+    assert found is not None and 0.0 < found.time < 60.0
+    again = predict(scene, belief, propagator, found.time)
+    np.testing.assert_array_equal(found.belief.mean, again.belief.mean)
+    np.testing.assert_array_equal(found.belief.covariance, again.belief.covariance)
+
+
+def test_a_limit_that_is_not_reached_changes_nothing():
+    scene, belief = bricks(2, 100, 0.12)
+    free = predict(scene, belief, "sigma_points", 0.3)
+    within = predict(scene, belief, "sigma_points", 0.3, max_computation_time=1e3)
+    np.testing.assert_array_equal(free.belief.mean, within.belief.mean)
+    np.testing.assert_array_equal(free.belief.covariance, within.belief.covariance)

@@ -1,0 +1,85 @@
+"""The anytime answer: rollouts until it is sure enough, and how sure it is."""
+
+import time
+
+import numpy as np
+import pytest
+
+from unc_physics import Belief, make_propagator, predict
+from unc_physics.physics import contact_history as histories
+from unc_physics.propagators.auto import Auto
+from unc_physics.scene.stiffness import with_stiffness
+
+
+def answered(scene, belief, horizon=1.5, **options):
+    return predict(scene, belief, make_propagator("auto", **options), horizon, times=[0.5])
+
+
+def test_it_is_the_cloud_of_as_many_rollouts(loaded):
+    """Batches that are simulated one after the other are the same rollouts as all at once, at all times."""
+    scene, belief, _ = loaded("two_bodies")
+    found = answered(scene, belief, error=0.0, runs=50, seed=3)
+    cloud = predict(scene, belief, make_propagator("cloud", runs=50, seed=3), 1.5, times=[0.5])
+    assert len(found.contact_history.first_time) == 50
+    np.testing.assert_array_equal(found.samples(), cloud.samples())
+    for one, other in zip(found.beliefs, cloud.beliefs, strict=True):
+        np.testing.assert_array_equal(one.joint, other.joint)
+
+
+def test_a_smaller_error_takes_more_rollouts_and_is_reached(loaded):
+    scene, belief, _ = loaded("two_bodies")
+    counts = []
+    for wanted in (0.2, 0.06):
+        found = answered(scene, belief, error=wanted)
+        errors = found.propagator.standard_errors(found.carry, scene)
+        assert (errors.relative <= wanted).all()
+        counts.append(len(found.contact_history.first_time))
+    assert counts[0] < counts[1] < 1024
+    assert len(answered(scene, belief, error=0.0, probability_error=0.08).contact_history.first_time) == 64
+
+
+def test_standard_errors_are_about_what_other_seeds_give(loaded):
+    """The mean position over twelve scramblings, against the error that each claims."""
+    scene, belief, _ = loaded("two_bodies")
+    found = [predict(scene, belief, make_propagator("cloud", seed=k), 1.5) for k in range(12)]
+    means = np.array([f.belief.mean[:, :3] for f in found])
+    scatter = np.sqrt(means.var(axis=0, ddof=1).sum(axis=1))
+    claimed = np.median([f.propagator.standard_errors(f.carry, scene).position for f in found], axis=0)
+    assert ((0.3 * claimed < scatter) & (scatter < 2.0 * claimed)).all()
+
+
+def test_free_flight_needs_no_more_than_the_first_rollouts(loaded):
+    scene, belief, _ = loaded("two_bodies")
+    far = Belief(belief.mean + 100.0 * np.eye(2, 13), belief.covariance)
+    found = answered(scene, far, error=0.0)
+    assert len(found.contact_history.first_time) == 16
+    assert not found.propagator.standard_errors(found.carry, scene).relative.any()
+
+
+def test_time_is_kept_count(loaded, monkeypatch):
+    """By a clock that says 10 ms for each rollout and none for all else: batches fit into what is left."""
+    scene, belief, _ = loaded("two_bodies")
+    auto = Auto(error=0.0, time=1.0)
+    carry = auto.init(scene, belief)
+    carry = auto.advance(carry, scene, 150)
+    monkeypatch.setattr("unc_physics.propagators.auto.clock", lambda: 0.0)
+    assert auto.further(carry, scene, 0.16) == 16
+    assert auto.further(carry, scene, 0.95) == 0
+    assert auto.further(carry, scene, 0.93) == 1
+    began = time.perf_counter()
+    predict(scene, belief, Auto(error=0.0, time=0.001), 1.5)
+    assert time.perf_counter() - began < 5.0
+
+
+@pytest.mark.parametrize("scene_name", ["two_bodies", "everyday"])
+def test_histories_of_batches_are_those_of_all(loaded, scene_name):
+    scene, belief, _ = loaded(scene_name)
+    scene = with_stiffness(scene, belief.mean)
+    cloud = make_propagator("cloud", runs=20)
+    carries = [cloud.begun(scene, belief, *part) for part in ((0, 12), (12, 20), (0, 20))]
+    first, second, whole = (cloud.advance(carry, scene, 20).contact_history for carry in carries)
+    both = histories.stacked(first, second)
+    np.testing.assert_array_equal(both.first_time, whole.first_time)
+    for part, other in zip(both[1:], whole[1:], strict=True):
+        for one, two in zip(part or (), other or (), strict=True):
+            np.testing.assert_array_equal(one, two)

@@ -1,0 +1,261 @@
+"""Quasi-random rollouts with a response surface: the parts against plain NumPy, and the answers."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from scipy.spatial.distance import cdist
+from scipy.special import ndtri
+from scipy.stats import norm, qmc
+
+from unc_physics import Belief, Plane, Scene, make_propagator, predict
+from unc_physics.checks.errors import InvalidOptionError
+from unc_physics.prediction.probabilities import contact_probabilities
+from unc_physics.prediction.status import assess
+from unc_physics.propagators import response_surface, sobol
+from unc_physics.propagators.reduction import common_covariance, reduction
+
+# -- points ------------------------------------------------------------------------------------------
+
+
+def test_quantile_is_that_of_the_normal_distribution():
+    p = np.array([1e-12, 1e-5, 0.02, 0.3, 0.5, 0.77, 0.999, 1.0 - 1e-9])
+    np.testing.assert_allclose([sobol.quantile(x) for x in p], ndtri(p), rtol=1e-12, atol=1e-14)
+
+
+def test_direction_numbers_are_those_of_joe_and_kuo():
+    directions, expected = sobol._directions(), qmc.Sobol(32, scramble=False, bits=32).random(64)
+    for n in range(64):
+        gray, point = n ^ (n >> 1), np.zeros(32, np.uint64)
+        for bit in range(6):
+            if gray >> bit & 1:
+                point ^= directions[:, bit]
+        np.testing.assert_array_equal(point / 2.0**32, expected[n])
+
+
+@pytest.mark.parametrize("dimensions", [3, 40])
+def test_points_are_stratified_and_nested(dimensions):
+    """Each 64 of them have one in each 64th, in every dimension, and 8 x 8 boxes hold one each."""
+    z = sobol.normal_points(128, dimensions, 3)
+    np.testing.assert_array_equal(sobol.normal_points(64, dimensions, 3), z[:64])
+    np.testing.assert_array_equal(sobol.normal_points(128, 2, 3), z[:, :2])
+    u = norm.cdf(z[:64])
+    assert all(len(set((64 * column).astype(int))) == 64 for column in u.T)
+    assert len(set(map(tuple, (8 * u[:, :2]).astype(int)))) == 64
+    assert np.abs(sobol.normal_points(64, dimensions, 4) - z[:64]).min(axis=0).max() > 1e-3
+    assert np.abs(np.corrcoef(sobol.normal_points(1024, dimensions, 5).T) - np.eye(dimensions)).max() < 0.15
+
+
+# -- reduction ---------------------------------------------------------------------------------------
+
+
+def test_reduction_splits_a_belief_into_what_matters_and_what_all_share():
+    rng = np.random.default_rng(0)
+    root = np.zeros((24, 8))
+    root[[0, 1, 2, 12, 13, 14], range(6)] = 0.1, 0.2, 0.3, 0.2, 0.2, 0.5
+    root[3:6, 6:8] = root[15:18, 6:8] = rng.standard_normal((3, 2))  # a velocity that both have
+    found = reduction(root, parameters=1)
+    assert found.relative.shape == (9, 4) and found.common.shape == (9, 5)
+    both = np.concatenate([found.relative, found.common], axis=1)
+    np.testing.assert_allclose(both.T @ both, np.eye(9), atol=1e-12)
+    common = root @ found.common[:8]
+    np.testing.assert_allclose(common[:12], common[12:], atol=1e-12)
+    np.testing.assert_allclose(common[:6], found.motion, atol=1e-12)
+    np.testing.assert_allclose(common[6:12], 0.0, atol=1e-12)
+    assert found.relative[8].any() and not found.common[8].any(), "a parameter is no motion"
+
+
+@pytest.mark.parametrize("name, options", [("sigma_points", {}), ("monte_carlo", {"samples": 4000})])
+def test_reduced_methods_answer_the_same(loaded, name, options):
+    scene, belief, _ = loaded("two_bodies")
+    plain, reduced = (
+        predict(scene, belief, make_propagator(name, **options, reduce=reduce), 1.2).belief
+        for reduce in (False, True)
+    )
+    std = np.sqrt(np.diagonal(plain.joint))
+    tolerance = 0.15 if name == "monte_carlo" else 0.6  # points lie elsewhere
+    assert np.abs((reduced.mean - plain.mean)[:, :6]).max() < tolerance * std.max()
+    ratio = np.sqrt(np.diagonal(reduced.joint)) / np.maximum(std, 1e-9)
+    assert (np.abs(np.log(ratio)) < tolerance).all()
+
+
+def test_reduced_points_are_fewer_and_exact_in_free_flight(loaded):
+    scene, belief, _ = loaded("two_bodies")
+    points = make_propagator("sigma_points", reduce=True)
+    carry = points.init(scene, belief)
+    assert len(carry.states) < len(make_propagator("sigma_points").init(scene, belief).states)
+    np.testing.assert_allclose(points.belief(carry, scene).joint, belief.joint, atol=1e-12)
+    far = Belief(belief.mean + 100.0 * np.eye(2, 13), belief.covariance)
+    after, exact = (predict(scene, far, method, 1.0).belief.joint for method in (points, "linearization"))
+    np.testing.assert_allclose(after, exact, atol=1e-3 * exact.max())
+
+
+def test_what_all_share_is_seen_by_every_pair(loaded):
+    scene, _, _ = loaded("two_bodies")
+    motion = np.diag([0.1, 0.2, 0.3, 0.1, 0.1, 0.1])
+    from unc_physics.propagators.free_flight import course_of
+
+    P = common_covariance(motion, course_of(scene.world, 0), 2).reshape(2, 12, 2, 12)
+    np.testing.assert_allclose(P[0, :6, 1, :6], motion**2)
+    np.testing.assert_array_equal(P[0, :, 0], P[1, :, 1])
+
+
+# -- the surface -------------------------------------------------------------------------------------
+
+
+def surface_twin(x, y, length, nugget, linear, at):
+    """Universal kriging in plain NumPy, and what leaving each point out gives, one by one."""
+
+    def through(x, y, at):
+        K = np.exp(-0.5 * (cdist(x, x) / length) ** 2) + nugget * np.eye(len(x))
+        H, h = (np.column_stack([np.ones(len(p)), p]) if linear else np.ones((len(p), 1)) for p in (x, at))
+        Ki = np.linalg.inv(K)
+        trend = np.linalg.solve(H.T @ Ki @ H, H.T @ Ki @ y)
+        k = np.exp(-0.5 * (cdist(at, x) / length) ** 2)
+        return h @ trend + k @ Ki @ (y - H @ trend)
+
+    left_out = [
+        y[n] - through(np.delete(x, n, 0), np.delete(y, n, 0), x[n : n + 1])[0] for n in range(len(x))
+    ]
+    return through(x, y, at), np.array(left_out)
+
+
+@pytest.mark.parametrize("count, linear", [(14, True), (10, False)])
+def test_the_surface_is_that_of_its_twin(count, linear):
+    x = sobol.normal_points(count, 3, 0)
+    y = np.column_stack([np.sin(2.0 * x[:, 0]), x[:, 1] * x[:, 2], x[:, 0] ** 2])
+    at = sobol.normal_points(5, 3, 1)
+    found = response_surface.fit(x, y)
+    assert (len(found.trend) == 4) == linear
+    best = np.inf
+    for length in response_surface._LENGTHS * max(1.0, np.linalg.norm(x.std(axis=0)) / np.sqrt(3.0)):
+        for nugget in response_surface._NUGGETS:
+            values, left_out = surface_twin(x, y, length, nugget, linear, at)
+            if (left_out**2).sum() < best:
+                best, expected, errors = (left_out**2).sum(), values, left_out
+    made = response_surface.predicted(found.points, found.weights, found.trend, found.length, at)
+    np.testing.assert_allclose(made, expected, atol=1e-6)
+    np.testing.assert_allclose(found.left_out, errors, atol=1e-6)
+
+
+def test_noise_has_no_surface_and_a_plane_is_one():
+    x, rng = sobol.normal_points(32, 4, 0), np.random.default_rng(0)
+    assert response_surface.fit(x, rng.standard_normal((32, 6))).error > 0.9
+    assert response_surface.fit(x, x @ rng.standard_normal((4, 6)) + 1.0).error < 1e-9
+    assert response_surface.fit(x, np.ones((32, 6))).error == 0.0
+
+
+def test_active_directions_are_those_in_which_the_surface_changes():
+    x = sobol.normal_points(32, 3, 0)
+    a = np.array([0.6, 0.0, 0.8])
+    surface = response_surface.fit(x, np.sin(x @ a)[:, None])
+    found = response_surface.active_directions(surface, x)
+    np.testing.assert_allclose(np.abs(found[:, 0]), np.abs(a), atol=0.15)
+    assert np.linalg.norm(found[:, 0]) == pytest.approx(1.0) and np.linalg.norm(found[:, 2]) < 0.7
+    flat = response_surface.fit(x, np.ones((32, 1)))
+    np.testing.assert_array_equal(response_surface.active_directions(flat, x), np.eye(3))
+
+
+def test_displacements_reach_no_further_than_the_third_nearest_outcome():
+    y = np.array([[0.0, 5.0], [1.0, 5.0], [3.0, 5.0], [7.0, 5.0]])
+    np.testing.assert_array_equal(response_surface.reach(y, 0, 1), [7.0, 6.0, 4.0, 7.0])
+    moves = np.array([[3.0, 4.0, 1.0, 1.0], [0.3, 0.4, 1.0, 1.0]])
+    response_surface.clip(moves, 0, 2, 2, np.array([1.0, 1.0]))
+    np.testing.assert_allclose(moves, [[0.6, 0.8, 0.2, 0.2], [0.3, 0.4, 1.0, 1.0]])
+
+
+# -- the propagator ----------------------------------------------------------------------------------
+
+
+def test_free_flight_is_exact_however_many_directions(loaded):
+    """24 uncertain directions and 12 rollouts: the closed form, not the surface."""
+    scene, belief, _ = loaded("two_bodies")
+    root = 0.01 * np.random.default_rng(0).standard_normal((24, 24))
+    far = Belief(belief.mean + 100.0 * np.eye(2, 13), root @ root.T)
+    found = predict(scene, far, make_propagator("cloud", runs=12), 1.0)
+    exact = predict(scene, far, "linearization", 1.0).belief
+    np.testing.assert_allclose(found.belief.joint, exact.joint, atol=5e-3 * exact.joint.max())
+    assert "surface_error" not in assess(found)[0].measures
+
+
+def test_few_rollouts_are_nearer_to_the_truth_than_as_many_samples(loaded):
+    """Errors of means over their standard deviations, after a collision; 32 against 32, over seeds."""
+    scene, belief, _ = loaded("two_bodies")
+    truth = predict(scene, belief, make_propagator("monte_carlo", samples=4000, seed=9), 1.5).belief
+    std = np.sqrt(np.diagonal(truth.blocks, axis1=1, axis2=2))[:, :3]
+
+    def error(name, **options):
+        found = [predict(scene, belief, make_propagator(name, seed=k, **options), 1.5) for k in range(6)]
+        return np.sqrt(np.mean([((f.belief.mean - truth.mean)[:, :3] / std) ** 2 for f in found]))
+
+    assert error("cloud", runs=32) < 0.5 * error("monte_carlo", samples=32)
+
+
+def test_answers_of_its_samples(loaded):
+    scene, belief, _ = loaded("two_bodies")
+    prediction = predict(scene, belief, make_propagator("cloud", samples=200, seed=2), 1.5)
+    own = prediction.samples()
+    assert own.shape == (200, 2, 13) and np.isfinite(own).all()
+    np.testing.assert_array_equal(prediction.samples(30), own[:30])
+    np.testing.assert_allclose(np.linalg.norm(own[..., 6:10], axis=-1), 1.0, atol=1e-12)
+    np.testing.assert_allclose(prediction.belief.mean[:, :3], own[..., :3].mean(axis=0), atol=1e-12)
+    assert prediction.contact_history.first_time.shape[0] == 32
+    status = assess(prediction)
+    assert 0.0 < status[0].measures["surface_error"] < 1.0
+    (answer,) = contact_probabilities(prediction)
+    assert answer.available and answer.low <= answer.probability <= answer.high
+
+
+def test_an_interval_counts_rollouts(loaded):
+    """All of 32 rollouts touch, which leaves less sure than all of 1 000 samples would."""
+    scene, belief, _ = loaded("two_bodies")
+    prediction = predict(scene, belief, make_propagator("cloud"), 1.5)
+    assert not contact_probabilities(prediction, flights=0)[0].available
+    many = predict(scene, belief, make_propagator("cloud", runs=400), 1.5)
+    answer = contact_probabilities(many, flights=0)[0]
+    assert answer.available and answer.low < 0.99
+
+
+def test_islands_give_what_the_whole_scene_gives(loaded):
+    """Two pairs far apart: the same rollouts, and each pair's surface in its own directions."""
+    scene, belief, _ = loaded("two_bodies")
+    left, right = scene.bodies
+    bodies = [dataclasses.replace(body, name=f"{body.name}{k}") for k in range(2) for body in (left, right)]
+    mean = np.concatenate([belief.mean, belief.mean + 30.0 * np.eye(1, 13)])
+    blocks = np.concatenate([belief.blocks, belief.blocks])
+    answers = []
+    for islands in (False, True):
+        both = Scene(bodies, scene.dt, scene.stiffness, scene.damping, islands=islands)
+        answers.append(predict(both, Belief(mean, blocks), make_propagator("cloud", runs=64), 1.5).belief)
+    std = np.sqrt(np.diagonal(answers[0].blocks, axis1=1, axis2=2))[:, :3]
+    assert (np.abs(answers[0].mean - answers[1].mean)[:, :3] < 0.2 * std).all()
+    one, other = answers[1].blocks[0], answers[1].blocks[2]
+    np.testing.assert_allclose(np.sqrt(np.diagonal(one)), np.sqrt(np.diagonal(other)), rtol=0.35)
+
+
+def test_uncertain_parameters_are_directions_like_others(loaded):
+    """A body of uncertain restitution falls onto a floor: how high it is then is spread by that alone."""
+    body = dataclasses.replace(loaded("two_bodies").scene.bodies[0], restitution=0.5, restitution_std=0.1)
+    scene = Scene(
+        [body],
+        0.005,
+        1e5,
+        gravity=[0, 0, -9.81],
+        environment=[Plane((0, 0, 1), -2.0)],
+        integrator="implicit",
+        restitution=0.5,
+    )
+    mean = np.zeros((1, 13))
+    mean[0, 9] = 1.0
+    heights = [
+        predict(scene, Belief.exact(mean), make_propagator(name, **options), 0.8).samples()[:, 0, 2]
+        for name, options in (("cloud", {"runs": 16}), ("monte_carlo", {"samples": 300}))
+    ]
+    assert heights[1].std() > 0.01
+    np.testing.assert_allclose(heights[0].mean(), heights[1].mean(), atol=0.3 * heights[1].std())
+    np.testing.assert_allclose(heights[0].std(), heights[1].std(), rtol=0.3)
+
+
+def test_too_few_runs_are_refused():
+    with pytest.raises(InvalidOptionError, match="at least 12"):
+        make_propagator("cloud", runs=11)

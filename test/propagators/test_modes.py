@@ -1,0 +1,58 @@
+"""Outcomes that split: as many modes as there are, one where one suffices."""
+
+import numpy as np
+import pytest
+
+from unc_physics import Belief, make_propagator, predict
+from unc_physics.propagators.modes import split
+
+
+def states(count, centers, shares, std=0.02, seed=0):
+    """(count, 13): poses about some centres (k, 3), of which each has a share."""
+    rng = np.random.default_rng(seed)
+    which = rng.choice(len(centers), count, p=shares)
+    out = np.zeros((count, 13))
+    out[:, :3] = np.asarray(centers)[which] + std * rng.standard_normal((count, 3))
+    out[:, 3:6] = rng.standard_normal((count, 3))
+    tilt = 0.1 * rng.standard_normal((count, 3))
+    out[:, 6:9], out[:, 9] = np.sin(0.5 * tilt), 1.0
+    out[:, 6:10] /= np.linalg.norm(out[:, 6:10], axis=1, keepdims=True)
+    return out
+
+
+@pytest.mark.parametrize("rollouts", [32, 1000])
+def test_two_groups_are_two_modes(rollouts):
+    found = split(states(1000, [[0, 0, 0.4], [0.2, 0, 0.05]], [0.7, 0.3]), rollouts, 0.06)
+    assert [round(mode[0], 1) for mode in found] == [0.7, 0.3]
+    assert sum(mode[0] for mode in found) == pytest.approx(1.0)
+    np.testing.assert_allclose([mode[1][:3] for mode in found], [[0, 0, 0.4], [0.2, 0, 0.05]], atol=0.01)
+    for _, _, P in found:
+        np.testing.assert_allclose(np.diagonal(P)[:3], 0.02**2, rtol=0.3)
+        assert np.linalg.eigvalsh(P)[0] > -1e-15
+
+
+@pytest.mark.parametrize("rollouts", [32, 1000])
+def test_one_group_is_one_mode(rollouts):
+    """Also a skewed one, and one that is flat between its ends."""
+    rng = np.random.default_rng(1)
+    normal = states(1000, [[0.0, 0.0, 0.0]], [1.0])
+    skewed, flat = normal.copy(), normal.copy()
+    skewed[:, 0] = rng.exponential(0.05, 1000)
+    flat[:, 1] = rng.uniform(-0.1, 0.1, 1000)
+    for case in (normal, skewed, flat):
+        assert len(split(case, rollouts, 0.06)) == 1
+
+
+def test_equal_samples_are_one_mode_without_spread():
+    (mode,) = split(np.tile(states(1, [[1.0, 2.0, 3.0]], [1.0]), (20, 1)), 20, 0.06)
+    assert mode[0] == 1.0
+    np.testing.assert_allclose(mode[2], 0.0, atol=1e-20)
+
+
+def test_a_prediction_s_modes_are_those_of_its_samples(loaded):
+    """A body that falls on one side of a fixed one or the other; a Gaussian has one mode."""
+    scene, belief, _ = loaded("two_bodies")
+    far = Belief(belief.mean + 100.0 * np.eye(2, 13), belief.covariance)
+    for name in ("sigma_points", "cloud"):
+        (mode,) = predict(scene, far, make_propagator(name), 0.2)["left"].modes
+        assert mode.weight == 1.0 and mode.mean.shape == (13,) and mode.covariance.shape == (12, 12)

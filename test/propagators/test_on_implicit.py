@@ -1,0 +1,132 @@
+"""Linearization, surrogate and local sampling on the implicit step: impacts by hand, rest, and its flags."""
+
+import numpy as np
+import pytest
+
+from unc_physics import Belief, RigidBody, Scene, make_propagator, predict
+from unc_physics.geometry.packing_file import SpherePacking
+from unc_physics.physics.layout import ERR_POSITION, ERR_ROTATION, ERR_VELOCITY, POSITION, VELOCITY
+from unc_physics.prediction.status import Status, assess
+from unc_physics.scene.environment import Plane
+from unc_physics.scene.stiffness import with_stiffness
+
+NOMINAL = ("linearization", "surrogate", "local_sampling")
+BALL = SpherePacking(
+    name="ball",
+    centers=np.zeros((1, 3)),
+    radii=np.array([0.05]),
+    inertia=0.4 * 0.05**2 * np.eye(3),
+    volume=5e-4,
+    origin=np.zeros(3),
+    bounding_radius=0.05,
+)
+_X, _Y = np.meshgrid(np.linspace(-0.04, 0.04, 3), np.linspace(-0.03, 0.03, 3))
+SLAB = SpherePacking(
+    name="slab",
+    centers=np.stack([_X.ravel(), _Y.ravel(), np.zeros(9)], axis=1),
+    radii=np.full(9, 0.015),
+    inertia=np.diag([0.06**2 + 0.03**2, 0.08**2 + 0.03**2, 0.1**2]) / 12.0,
+    volume=3e-4,
+    origin=np.zeros(3),
+    bounding_radius=0.07,
+)
+
+
+def belief(states, position=0.002, velocity=0.0, rotation=0.0):
+    mean = np.zeros((len(states), 13))
+    mean[:, 9] = 1.0
+    for k, (p, v) in enumerate(states):
+        mean[k, POSITION], mean[k, VELOCITY] = p, v
+    std = np.repeat([position, velocity, rotation, 0.0], 3)
+    return Belief(mean, np.tile(np.diag(std**2), (len(states), 1, 1)))
+
+
+def spreads(prediction):
+    P = prediction.belief.blocks
+    return [np.sqrt(np.einsum("mii->m", P[:, block, block])) for block in (ERR_POSITION, ERR_ROTATION)]
+
+
+@pytest.fixture(scope="module")
+def impact():
+    """Two balls that hit each other, the belief, and the steps until just before."""
+    bodies = [RigidBody(name, BALL, 0.3) for name in "ab"]
+    start = belief([((0, 0, 0), (1.0, 0, 0)), ((0.1101, 0.03, 0), (0.0, 0, 0))])
+    scene = Scene.everyday(bodies, gravity=None, restitution=0.8, friction=None)
+    return with_stiffness(scene, start.mean), start
+
+
+def until_impact(propagator, scene, start):
+    """Carries before and after the step of the impact, and its impulse on the second ball [N s]."""
+    before = propagator.init(scene, start)
+    for _ in range(20):
+        after = propagator.advance(before, scene, 1)
+        impulse = 0.3 * after.mean[1, VELOCITY]
+        if impulse.any():
+            return before, after, impulse
+        before = after
+    raise AssertionError("no impact")
+
+
+def test_an_impact_s_impulse_tilts_as_the_surrogate_s_equations_say(impact):
+    """With equal variances along all axes, Eq. 21 is a multiple of the projection across the normal."""
+    scene, start = impact
+    propagator = make_propagator("surrogate")
+    before, after, impulse = until_impact(propagator, scene, start)
+    size = np.linalg.norm(impulse)
+    n = impulse / size
+    alpha = np.arctan(propagator.k_sigma * np.sqrt(2.0) * 0.002 / 0.1)
+    increment = size * np.sin(alpha) / 3.0 / 0.3 * (np.eye(3) - np.outer(n, n))
+    for k in range(2):
+        grown = after.roots[k][ERR_VELOCITY, ERR_VELOCITY] - before.roots[k][ERR_VELOCITY, ERR_VELOCITY]
+        np.testing.assert_allclose(grown, increment, atol=1e-3 * np.abs(increment).max())
+
+
+def test_an_impact_s_impulse_spreads_as_its_perturbed_normals_do(impact):
+    scene, start = impact
+    propagator = make_propagator("local_sampling", samples=20_000)
+    before, after, impulse = until_impact(propagator, scene, start)
+    size = np.linalg.norm(impulse)
+    D = 0.1 * impulse / size + np.random.default_rng(0).normal(0.0, np.sqrt(2.0) * 0.002, (100_000, 3))
+    deviation = size * (D / np.linalg.norm(D, axis=1)[:, None] - impulse / size) / 0.3
+    expected = deviation.T @ deviation / len(D)
+    grown = after.covariance[1] - before.covariance[1]
+    np.testing.assert_allclose(
+        grown[ERR_VELOCITY, ERR_VELOCITY], expected, atol=0.03 * np.abs(expected).max()
+    )
+
+
+def test_an_impact_s_derivative_turns_with_the_normal(impact):
+    """Across the normal, the relative velocity's change goes with the displacement over the distance."""
+    scene, start = impact
+    propagator = make_propagator("linearization")
+    ends = predict(scene, start, propagator, 0.1)
+    truth = predict(scene, start, make_propagator("monte_carlo", samples=2000), 0.1)
+    np.testing.assert_allclose(spreads(ends)[0], spreads(truth)[0], rtol=0.06)
+
+
+@pytest.mark.parametrize("name", NOMINAL)
+def test_what_lies_on_another_has_finite_spreads_that_are_right_or_flagged(name):
+    bodies = [RigidBody("low", SLAB, 0.4), RigidBody("high", SLAB, 0.4)]
+    scene = Scene.everyday(bodies, environment=[Plane(name="table")])
+    start = belief([((0, 0, 0.015), (0, 0, 0)), ((0.001, 0, 0.045), (0, 0, 0))], 1e-3, 1e-2, 1e-2)
+    prediction = predict(scene, start, name, 1.0)
+    position, rotation = spreads(prediction)
+    assert (position < 0.1).all() and (rotation < 1.0).all()
+    assert (position > 5e-4).all(), "where it is does not get surer by lying there"
+    truth = spreads(predict(scene, start, make_propagator("monte_carlo", samples=200), 1.0))
+    for k, status in enumerate(assess(prediction)):
+        off = max(max(a[k] / b[k], b[k] / a[k]) for a, b in zip((position, rotation), truth, strict=True))
+        assert off < 2.0 or status.flags & Status.OUTSIDE_VALIDITY
+
+
+@pytest.mark.parametrize("name", NOMINAL)
+def test_pieces_equal_the_whole_to_the_last_bit(name, impact):
+    scene, start = impact
+    propagator = make_propagator(name)
+    begun = propagator.init(scene, start)
+    whole, parts = propagator.advance(begun, scene, 40), begun
+    for steps in (3, 20, 17):
+        parts = propagator.advance(parts, scene, steps)
+    ends = [propagator.belief(carry, scene) for carry in (whole, parts)]
+    np.testing.assert_array_equal(ends[0].mean, ends[1].mean)
+    np.testing.assert_array_equal(ends[0].covariance, ends[1].covariance)

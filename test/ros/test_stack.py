@@ -1,0 +1,221 @@
+"""The node among what runs on a robot: tf2, launch, other nodes in its process, simulated time.
+
+What is not on PyPI is used where a machine has it; the other tests run anywhere.
+"""
+
+import sys
+import threading
+import time
+from pathlib import Path
+
+import pytest
+import rclpy
+from geometry_msgs.msg import TransformStamped
+from lifecycle_msgs.srv import GetState
+from rclpy.duration import Duration
+from rclpy.executors import ExternalShutdownException, MultiThreadedExecutor
+from rclpy.parameter import Parameter
+from rclpy.qos import qos_profile_sensor_data
+from rosgraph_msgs.msg import Clock
+from running import READY_TIMEOUT, Client, Inbox, NodeProcess, result_of, wait_until
+from scenes import assert_answered, good_request, moving_object, position_of, request_of
+from std_srvs.srv import Empty
+
+from unc_physics.checks.errors import ErrorCode
+from unc_physics.ros import UncPhysicsNode
+from unc_physics_msgs.msg import JointCovariance, Prediction, Scene
+from unc_physics_msgs.srv import Predict
+
+LAUNCH = Path(__file__).resolve().parents[2] / "launch"
+AHEAD = 0.05  # s, of a scene's stamp before the newest transform's
+
+
+def test_a_scene_of_fixed_objects_alone(predict):
+    request = good_request()
+    for message in request.scene.objects:
+        message.kind = message.FIXED
+    assert_answered(predict(request))
+    request.scene.joint_covariance = [JointCovariance()]
+    assert_answered(predict(request))
+
+
+def test_no_variance_is_negative(predict):
+    request = request_of(moving_object(), horizon=0.2, return_covariance=True)
+    message = request.scene.objects[0]
+    message.pose.covariance[:] = 0.0
+    message.pose.covariance[35] = 0.01  # it turns about a line that is not one of its axes
+    q = message.pose.pose.orientation
+    q.x, q.y, q.z, q.w = 0.1, 0.7, -0.1, 0.7
+    (predicted,) = predict(request).prediction.objects
+    state = predicted.states[-1]
+    for C in (state.pose.covariance, state.twist.covariance):
+        assert min(C[::7]) >= 0.0
+    assert min(state.covariance[::13]) >= 0.0
+
+
+@pytest.fixture
+def robot():
+    """The node and a service of somebody else in one executor of this process, in a robot's namespace."""
+    context = rclpy.Context()
+    rclpy.init(context=context)
+    start = [Parameter("warm_up", value=[""]), Parameter("zero_covariance", value="exact")]
+    node = UncPhysicsNode(
+        namespace="robot_1", context=context, parameter_overrides=start, use_global_arguments=False
+    )
+    other = rclpy.create_node("other", context=context)
+    other.create_service(Empty, "/other/call", lambda _, response: response)
+    executor = MultiThreadedExecutor(2, context=context)
+    executor.add_node(node)
+    executor.add_node(other)
+
+    def spin():
+        try:
+            executor.spin()
+        except ExternalShutdownException:
+            pass
+
+    thread = threading.Thread(target=spin, daemon=True)
+    thread.start()
+    wait_until(lambda: node.server.is_open and node.server.hand_over.works)
+    yield node
+    node.destroy_node()
+    executor.shutdown()
+    context.try_shutdown()
+    thread.join(5.0)
+
+
+def test_in_the_executor_of_others(robot, client):
+    name = "robot_1/unc_physics"
+    assert_answered(client.predict(good_request(), node=name))
+    endless = good_request(propagator="monte_carlo", samples=2000, horizon=50.0, max_computation_time=2.0)
+    waiting = client.start(Predict, f"/{name}/predict", Predict.Request(request=endless))
+    client.call(Empty, "/other/call", Empty.Request())
+    assert_answered(client.predict(good_request(), node=name))
+    assert not waiting.done()
+    assert result_of(waiting).result.error_code == ErrorCode.TIMEOUT
+
+
+def test_where_rclpy_does_not_hand_over_the_callback_answers(robot, client):
+    class Otherwise:
+        """As an rclpy that would not ask the service's object to send."""
+
+        works = property(lambda _: False, lambda *_: None)
+
+        def close(self):
+            pass
+
+    robot.server.hand_over.close()
+    robot.server.hand_over = robot.server._open[0] = Otherwise()
+    assert_answered(client.predict(good_request(), node="robot_1/unc_physics"))
+
+
+def test_simulated_time(robot, client):
+    robot.set_parameters([Parameter("use_sim_time", value=True)])
+    clock = client.node.create_publisher(Clock, "/clock", 1)
+    scenes = client.node.create_publisher(Scene, "/robot_1/unc_physics/scene", qos_profile_sensor_data)
+    wait_until(lambda: clock.get_subscription_count() and scenes.get_subscription_count())
+    now = Clock()
+    now.clock.sec = 1000
+    scene = Scene(objects=good_request().scene.objects)
+
+    def tick():
+        clock.publish(now)
+        return robot.get_clock().now().nanoseconds == 1000 * 10**9
+
+    with Inbox(client, Prediction, "/robot_1/unc_physics/predictions") as inbox:
+        wait_until(tick)
+        time.sleep(0.3)
+        scene.header.stamp = client.node.get_clock().now().to_msg()  # of real time: far in the future
+        scenes.publish(scene)
+        time.sleep(0.5)
+        assert not inbox.all()
+        scene.header.stamp.sec, scene.header.stamp.nanosec = 1000, 0
+        scenes.publish(scene)
+        assert inbox.next().header.stamp.sec == 1000
+    client.node.destroy_publisher(clock)
+    client.node.destroy_publisher(scenes)
+
+
+def test_a_scene_ahead_of_its_transform_waits_and_holds_up_nobody():
+    tf2_ros = pytest.importorskip("tf2_ros", reason="needs tf2_ros, which is not on PyPI")
+    with (
+        NodeProcess("-p", "transform_timeout:=3.0", "-p", "zero_covariance:=exact", name="seeing") as _,
+        Client() as client,
+    ):
+        broadcaster = tf2_ros.TransformBroadcaster(client.node)
+        wait_until(lambda: broadcaster.pub_tf.get_subscription_count() == 1)
+
+        def send(stamp):
+            found = TransformStamped(child_frame_id="camera")
+            found.header.frame_id, found.header.stamp = "world", stamp
+            found.transform.translation.x, found.transform.rotation.w = 1.0, 1.0
+            broadcaster.sendTransform(found)
+
+        first = client.node.get_clock().now()
+        request = good_request()
+        request.scene.header.frame_id, request.scene.header.stamp = "camera", first.to_msg()
+        for _ in range(5):  # until it has arrived
+            send(first.to_msg())
+            if client.predict(request, node="seeing").result.error_code == ErrorCode.NONE:
+                break
+        request.scene.header.stamp = (first + Duration(seconds=AHEAD)).to_msg()
+        lost = good_request()
+        lost.scene.header.frame_id = "nowhere"
+        waiting = [
+            client.start(Predict, "/seeing/predict", Predict.Request(request=one))
+            for one in [request, *[lost] * 6]
+        ]
+        assert_answered(client.predict(good_request(), node="seeing"))
+        assert not any(one.done() for one in waiting)
+        send((first + Duration(seconds=2.0 * AHEAD)).to_msg())
+        answer = result_of(waiting[0])
+        assert_answered(answer)
+        assert position_of(answer.prediction.objects[0].states[0].pose.pose)[0] > 0.5
+        for one in waiting[1:]:
+            error = result_of(one).result
+            assert error.error_code == ErrorCode.UNKNOWN_FRAME and "within 3 s" in error.error_msg
+
+
+def test_it_goes_with_an_updater_of_the_user_s(client):
+    updater = pytest.importorskip("diagnostic_updater", reason="diagnostic_updater is not on PyPI")
+    context = rclpy.Context()
+    rclpy.init(context=context)
+    node = UncPhysicsNode(context=context, parameter_overrides=[Parameter("warm_up", value=[""])])
+    own = updater.Updater(node)
+    own.setHardwareID("arm")
+    node.server.prepare()
+    for _ in range(2):
+        node.server.open()
+        node.server.close()
+    node.destroy_node()
+    context.try_shutdown()
+
+
+@pytest.mark.parametrize(
+    ("file", "arguments", "name"),
+    [
+        ("predict.launch.py", ["lifecycle:=true", "namespace:=arm"], "/arm/unc_physics"),
+        ("robots.launch.py", ["robots:=left,right"], "/right/unc_physics"),
+    ],
+)
+def test_launch_files(client, tmp_path, file, arguments, name):
+    pytest.importorskip("launch_ros", reason="needs launch_ros, which is not on PyPI")
+    from subprocess import PIPE, STDOUT, Popen
+
+    from launching import prefix_with_the_package
+
+    environment = prefix_with_the_package(tmp_path)
+    starter = Path(__file__).with_name("launching.py")
+    command = [sys.executable, str(starter), str(LAUNCH / file), *arguments]
+    with Popen(command, env=environment, stdout=PIPE, stderr=STDOUT, text=True) as process:
+        service = client.node.create_client(Predict, f"{name}/predict")
+        found = service.wait_for_service(READY_TIMEOUT)
+        if "lifecycle:=true" in arguments:
+            state = client.call(GetState, f"{name}/get_state", GetState.Request()).current_state
+            assert state.label == "active"
+        answer = client.predict(good_request(), node=name.removeprefix("/"))
+        process.terminate()
+        output, _ = process.communicate(timeout=60.0)
+    assert found, output
+    assert_answered(answer)
+    assert "Traceback" not in output

@@ -1,0 +1,1 @@
+"""What recorded motions say about a scene: friction, restitution, inertia, and what its model leaves out."""

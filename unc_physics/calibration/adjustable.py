@@ -1,0 +1,251 @@
+"""What calibration may change: parameters of a scene, and the noise of recorded poses, by their names."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from ..checks.errors import InvalidOptionError
+from ..checks.names import hint
+from ..scene.environment import Plane
+from ..scene.scene import Scene
+from .flight import moving_body
+
+
+class Model(NamedTuple):
+    """What predictions of recorded motions are made with.
+
+    Attributes
+    ----------
+    scene : Scene
+        Of one body.
+    position_noise : float
+        By how much the poses that a start is fitted to err, each independently, along each axis [m].
+    rotation_noise : float
+        Likewise of their rotations [rad].
+    """
+
+    scene: Scene
+    position_noise: float
+    rotation_noise: float
+
+
+@dataclass(frozen=True)
+class Adjustable:
+    """A number that calibration can fit.
+
+    Attributes
+    ----------
+    name, unit, about : str
+    low, high : float
+        Between which it is sought.
+    step : float
+        By which it changes noticeably; of the logarithm where ``relative``.
+    get : callable
+        Its value in a `Model`.
+    put : callable
+        The `Model` with another value.
+    relative : bool
+        Whether it is sought on a logarithmic scale.
+    spread : bool
+        Whether it is a standard deviation, which is sought from half a ``step`` on where it is 0.
+    """
+
+    name: str
+    unit: str
+    about: str
+    low: float
+    high: float
+    step: float
+    get: Callable[[Model], float]
+    put: Callable[[Model, float], Model]
+    relative: bool = False
+    spread: bool = False
+
+    def begin(self, model: Model) -> float:
+        """The value from which it is sought."""
+        value = self.get(model)
+        if self.spread:
+            value = max(value, 0.5 * self.step)
+        return float(np.clip(value, self.low, self.high))
+
+    def scaled(self, value: float) -> float:
+        """The value in steps."""
+        return (math.log(value) if self.relative else value) / self.step
+
+    def unscaled(self, steps: float) -> float:
+        """The value from steps."""
+        value = math.exp(steps * self.step) if self.relative else steps * self.step
+        return float(np.clip(value, self.low, self.high))
+
+
+def _of_scene(name, unit, about, low, high, step, relative=False):
+    """An adjustable that is a field of the scene."""
+
+    def put(model, value):
+        return model._replace(scene=replace(model.scene, **{name: value}))
+
+    return Adjustable(
+        name,
+        unit,
+        about,
+        low,
+        high,
+        step,
+        get=lambda model: getattr(model.scene, name) or 0.0,
+        put=put,
+        relative=relative,
+        spread=name.endswith("_std"),
+    )
+
+
+def _material(name, about, low, high, step, relative=False):
+    """Friction or restitution between the body and all else: none keeps one of its own."""
+
+    def get(model):
+        values = getattr(model.scene.materials, name)
+        others = values[1:] if len(values) > 1 else values
+        return float(np.sqrt(values[0] * np.mean(others)))
+
+    def put(model, value):
+        own: dict = {name: None, f"{name}_std": 0.0}
+        scene = model.scene
+        bodies = [replace(body, **own) for body in scene.bodies]
+        elements = [replace(element, **own) for element in scene.environment]
+        return model._replace(scene=replace(scene, bodies=bodies, environment=elements, **{name: value}))
+
+    return Adjustable(name, "", about, low, high, step, get, put, relative)
+
+
+def _inertia_factor(model):
+    body = moving_body(model.scene)
+    return float(np.trace(body.unit_inertia) / np.trace(body.model.inertia))
+
+
+def _with_inertia(model, factor):
+    body = moving_body(model.scene)
+    changed = replace(body, inertia=body.unit_inertia * (factor / _inertia_factor(model)))
+    return model._replace(scene=replace(model.scene, bodies=[changed]))
+
+
+def _raised(reference):
+    """Get and put of how far the environment lies higher than in a reference scene."""
+    up = -reference.gravity / max(np.linalg.norm(reference.gravity), 1e-300)
+
+    def height(scene):
+        return float(scene.environment[0].position @ up) if scene.environment else 0.0
+
+    def get(model):
+        return height(model.scene) - height(reference)
+
+    def put(model, value):
+        by = (value - get(model)) * up
+        elements = [
+            replace(element, offset=element.offset + float(by @ element.normal))
+            if isinstance(element, Plane)
+            else replace(element, position=element.position + by)
+            for element in model.scene.environment
+        ]
+        return model._replace(scene=replace(model.scene, environment=elements))
+
+    return get, put
+
+
+def _tilt(model):
+    return max((element.surface_tilt_std for element in model.scene.environment), default=0.0)
+
+
+def _with_tilt(model, value):
+    elements = [replace(element, surface_tilt_std=value) for element in model.scene.environment]
+    return model._replace(scene=replace(model.scene, environment=elements))
+
+
+def _noise(name, unit, about, low, high):
+    return Adjustable(
+        name,
+        unit,
+        about,
+        low,
+        high,
+        0.7,
+        get=lambda model: getattr(model, name),
+        put=lambda model, value: model._replace(**{name: value}),
+        relative=True,
+    )
+
+
+def adjustables(scene: Scene) -> dict[str, Adjustable]:
+    """All that can be fitted about a scene, by name; heights count from those of this scene."""
+    known = (
+        _material("friction", "coefficient of friction between body and surroundings", 0.005, 3.0, 0.3, True),
+        _material("restitution", "coefficient of restitution, likewise", 0.0, 1.0, 0.12),
+        Adjustable(
+            "inertia",
+            "",
+            "inertia over that of the model",
+            0.3,
+            3.0,
+            0.2,
+            _inertia_factor,
+            _with_inertia,
+            relative=True,
+        ),
+        Adjustable(
+            "height", "m", "by how much the surroundings lie higher", -0.02, 0.02, 1e-3, *_raised(scene)
+        ),
+        _of_scene("impact_direction_std", "rad", "turn of an impact's impulse", 0.0, 0.3, 0.03),
+        _of_scene("impact_point_std", "m", "shift of where it acts", 0.0, 0.05, 3e-3),
+        _of_scene("impact_friction_std", "", "of the logarithm of its friction", 0.0, 1.5, 0.15),
+        _of_scene("friction_std", "", "spread of friction from motion to motion", 0.0, 0.5, 0.02),
+        Adjustable(
+            "surface_tilt_std",
+            "rad",
+            "tilt of the surroundings, from motion to motion",
+            0.0,
+            0.2,
+            0.01,
+            _tilt,
+            _with_tilt,
+            spread=True,
+        ),
+        _noise("position_noise", "m", "error of a recorded position", 1e-6, 0.05),
+        _noise("rotation_noise", "rad", "error of a recorded rotation", 1e-5, 0.5),
+    )
+    return {one.name: one for one in known}
+
+
+#: What is fitted where nothing is said.
+DEFAULT = (
+    "friction",
+    "restitution",
+    "inertia",
+    "height",
+    "impact_direction_std",
+    "impact_point_std",
+    "impact_friction_std",
+    "surface_tilt_std",
+    "position_noise",
+    "rotation_noise",
+)
+
+
+def chosen(scene: Scene, names: Sequence[str] = DEFAULT) -> list[Adjustable]:
+    """The adjustables of these names; raises `InvalidOptionError` for an unknown one."""
+    known = adjustables(scene)
+    for name in names:
+        if name not in known:
+            raise InvalidOptionError(
+                f"must be one of {', '.join(known)}{hint(name, list(known))}", field="fit", value=name
+            )
+    return [known[name] for name in dict.fromkeys(names)]
+
+
+def with_values(model: Model, adjusted: Sequence[Adjustable], values: Mapping[str, float]) -> Model:
+    """The model with some of its numbers changed."""
+    for one in adjusted:
+        model = one.put(model, values[one.name])
+    return model

@@ -1,0 +1,198 @@
+"""The state that a motion begins with, from its first poses: before it touches anything it flies freely."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from ..checks.errors import InvalidRequestError
+from ..physics.layout import (
+    ANGULAR_VELOCITY,
+    ERR_ANGULAR_VELOCITY,
+    ERR_POSITION,
+    ERR_ROTATION,
+    ERR_VELOCITY,
+    ERROR,
+    POSITION,
+    QUATERNION,
+    STATE,
+    VELOCITY,
+)
+from ..physics.rotation import rotation_matrix
+from ..scene.belief import Belief
+from ..scene.body import RigidBody, hull_of
+from ..scene.scene import Scene
+from .motions import Motion
+from .quaternions import inverse as inverse_of
+from .quaternions import of_vectors, product, rotation_vectors
+
+FRAMES = 8  # of the first poses, at most, that the start is fitted to
+MARGIN = 2e-3  # to what a flying body must keep [m]
+_FEWEST = 3
+_LONG_FLIGHT = 10  # poses that tell gravity
+_ROUNDS = 20  # at most, of the fit, which is linear but for the turning
+_ROUND = 1e-9  # relative difference of principal moments that are one
+_SETTLED = 1e-9  # rad, rad/s
+_STEP = 5e-3  # of free turning [s]
+
+
+class Start(NamedTuple):
+    """What a motion's first poses tell of its state at time 0.
+
+    Attributes
+    ----------
+    state : (13,) array
+        As in `Belief`.
+    position_factor, rotation_factor : (12, 12) arrays
+        Covariance of the error state for positions that err by 1 m, and for rotations by 1 rad, each pose
+        independently.
+    frames : int
+        Number of the poses.
+    position_squares, rotation_squares : float
+        Sums of the squared residuals [m^2], [rad^2].
+    freedom : int
+        Their degrees of freedom.
+    """
+
+    state: np.ndarray
+    position_factor: np.ndarray
+    rotation_factor: np.ndarray
+    frames: int
+    position_squares: float
+    rotation_squares: float
+    freedom: int
+
+    def belief(self, position_noise: float, rotation_noise: float) -> Belief:
+        """The belief at time 0, of poses that err by so much [m], [rad]."""
+        P = position_noise**2 * self.position_factor + rotation_noise**2 * self.rotation_factor
+        return Belief(self.state[None], P[None])
+
+
+def moving_body(scene: Scene) -> RigidBody:
+    """The one body of a scene; raises `InvalidRequestError` if there are several, or it is fixed."""
+    if len(scene.bodies) != 1 or not len(scene.moving):
+        names = [body.name for body in scene.bodies]
+        raise InvalidRequestError(
+            "must be one that moves, as the motions are of one body", field="bodies", value=names
+        )
+    return scene.bodies[0]
+
+
+def flight_frames(motion: Motion, scene: Scene) -> int:
+    """How many of a motion's first poses keep the `MARGIN` to all elements of the environment."""
+    body = moving_body(scene)
+    hull = hull_of(body.model)
+    centers, radii = body.model.centers[hull], body.model.radii[hull]
+    for k, pose in enumerate(motion.poses):
+        points = pose[:3] + centers @ rotation_matrix(pose[3:]).T
+        for element in scene.environment:
+            if np.min(element.surface(points)[0] - radii) < MARGIN:
+                return k
+    return len(motion.poses)
+
+
+def fit_start(motion: Motion, scene: Scene, frames: int = FRAMES) -> Start | None:
+    """Fit a free flight to the first poses before contact; velocities need no differences of poses.
+
+    Parameters
+    ----------
+    motion : Motion
+    scene : Scene
+        Gives gravity, inertia, and what there is to touch.
+    frames : int
+        How many poses at most.
+
+    Returns
+    -------
+    Start or None
+        None where fewer than three poses come before the first contact.
+    """
+    count = min(flight_frames(motion, scene), frames)
+    if count < _FEWEST:
+        return None
+    t = motion.times[:count]
+    design = np.stack([np.ones(count), t], axis=1)
+    inverse = np.linalg.inv(design.T @ design)
+    falls = motion.poses[:count, :3] - 0.5 * t[:, None] ** 2 * scene.gravity
+    line = inverse @ design.T @ falls
+    seen, first, spin = motion.poses[:count, 3:], motion.poses[0, 3:], np.zeros(3)
+    inertia = moving_body(scene).unit_inertia if scene.gyroscopic else np.eye(3)
+    for _ in range(_ROUNDS):
+        free = _free_turning(first, spin, t, inertia)
+        turns = rotation_vectors(product(seen, inverse_of(free)))
+        change = inverse @ design.T @ turns
+        first, spin = product(of_vectors(change[0]), first), spin + change[1]
+        if np.abs(change).max() < _SETTLED:
+            break
+    turns = turns - design @ change
+    state = np.zeros(STATE)
+    state[POSITION], state[VELOCITY] = line
+    state[QUATERNION] = first / np.linalg.norm(first)
+    state[ANGULAR_VELOCITY] = spin
+    position, rotation = np.zeros((ERROR, ERROR)), np.zeros((ERROR, ERROR))
+    own = rotation_matrix(state[QUATERNION]).T  # errors of rotation are on the body's side
+    position[ERR_POSITION, ERR_POSITION] = inverse[0, 0] * np.eye(3)
+    position[ERR_VELOCITY, ERR_VELOCITY] = inverse[1, 1] * np.eye(3)
+    position[ERR_POSITION, ERR_VELOCITY] = position[ERR_VELOCITY, ERR_POSITION] = inverse[0, 1] * np.eye(3)
+    rotation[ERR_ROTATION, ERR_ROTATION] = inverse[0, 0] * np.eye(3)
+    rotation[ERR_ANGULAR_VELOCITY, ERR_ANGULAR_VELOCITY] = inverse[1, 1] * np.eye(3)
+    rotation[ERR_ROTATION, ERR_ANGULAR_VELOCITY] = inverse[0, 1] * own
+    rotation[ERR_ANGULAR_VELOCITY, ERR_ROTATION] = inverse[0, 1] * own.T
+    return Start(
+        state,
+        position,
+        rotation,
+        count,
+        float(np.sum((falls - design @ line) ** 2)),
+        float(np.sum(turns**2)),
+        3 * (count - 2),
+    )
+
+
+def _free_turning(quaternion, spin, times, inertia):
+    """(n, 4): orientations at times from 0 on, without torque; ``inertia`` (3, 3) is in body axes."""
+    if np.ptp(np.linalg.eigvalsh(inertia)) < _ROUND * inertia[0, 0]:
+        return product(of_vectors(times[:, None] * spin), quaternion)
+    R = rotation_matrix(quaternion)
+    momentum, inverse = R @ inertia @ R.T @ spin, np.linalg.inv(inertia)
+
+    def rate(q):
+        R = rotation_matrix(q)
+        return R @ (inverse @ (R.T @ momentum))
+
+    found, now = [], quaternion
+    for wait in np.diff(times, prepend=times[0]):
+        steps = math.ceil(wait / _STEP)
+        for _ in range(steps):
+            half = product(of_vectors(0.5 * wait / steps * rate(now)), now)
+            now = product(of_vectors(wait / steps * rate(half)), now)
+        found.append(now)
+    return np.array(found)
+
+
+def pose_noise(starts: Sequence[Start]) -> tuple[float, float]:
+    """Standard deviations of positions [m] and rotations [rad] about free flights, along each axis.
+
+    Trackers filter, so their errors last from pose to pose and show here in part only.
+    """
+    freedom = sum(start.freedom for start in starts)
+    squares = [sum(getattr(start, name) for start in starts) for name in Start._fields[4:6]]
+    position, rotation = (float(np.sqrt(value / max(freedom, 1))) for value in squares)
+    return position, rotation
+
+
+def flight_gravity(motions: Sequence[Motion], scene: Scene) -> float | None:
+    """Median acceleration of the flights along the scene's gravity [m/s^2]; None where all are short."""
+    size = float(np.linalg.norm(scene.gravity))
+    if not size:
+        return None
+    found = []
+    for motion in motions:
+        count = flight_frames(motion, scene)
+        if count >= _LONG_FLIGHT:
+            along = motion.poses[:count, :3] @ scene.gravity / size
+            found.append(2.0 * np.polyfit(motion.times[:count], along, 2)[0])
+    return float(np.median(found)) if found else None

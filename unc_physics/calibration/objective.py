@@ -1,0 +1,209 @@
+"""How well a model predicts recorded motions: proper scores with the same random numbers for every model."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+
+from ..checks.errors import DivergedError, InvalidRequestError
+from ..physics.layout import POSITION, QUATERNION
+from ..prediction.predict import predict
+from ..propagators.names import REFERENCE
+from ..propagators.registry import make_propagator
+from ..scene.belief import Belief
+from ..scene.scene import Scene
+from ..scene.stiffness import with_stiffness
+from . import scores
+from .adjustable import Model
+from .flight import Start, fit_start
+from .motions import Motion
+from .quaternions import of_vectors, product
+
+TIMES = (0.1, 0.2, 0.4)  # after the start at which predictions are scored, beside the end [s]
+SAMPLES = 32
+WEIGHTS = 0.3, 0.5  # of the logarithmic scores of poses, and of how a body lies at the end
+_WIDE = 0.2, 1.5  # of what no sample showed [m], [rad]
+_LOST = 1e3  # m, from which a sample counts as thrown away
+
+#: Function of a scene, a belief, ascending times [s], a number of samples and a seed: states (n, 13) at each.
+Simulator = Callable[[Scene, Belief, Sequence[float], int, int], Sequence[np.ndarray]]
+
+
+def simulated(
+    scene: Scene, belief: Belief, times: Sequence[float], samples: int, seed: int
+) -> list[np.ndarray]:
+    """States (n, 13) of the one body at each of the times, by Monte Carlo."""
+    propagator = make_propagator(REFERENCE, samples=samples, seed=seed)
+    prediction = predict(scene, belief, propagator, times=times, keep_samples=samples)
+    return [states[:, 0] for states in prediction.kept or ()]
+
+
+class Recorded(NamedTuple):
+    """A motion as it is scored.
+
+    Attributes
+    ----------
+    motion : Motion
+    start : Start
+    times : tuple of float
+        At which predictions are compared with it [s]; the last is its end.
+    poses : tuple of (7,) arrays
+        At these times.
+    """
+
+    motion: Motion
+    start: Start
+    times: tuple[float, ...]
+    poses: tuple[np.ndarray, ...]
+
+
+def recorded(motions: Sequence[Motion], scene: Scene, times: Sequence[float] = TIMES) -> list[Recorded]:
+    """Motions with their starts; those that touch something within their first poses are left out.
+
+    Raises
+    ------
+    InvalidRequestError
+        If none is left.
+    """
+    found = []
+    for motion in motions:
+        start = fit_start(motion, scene)
+        if start is None:
+            continue
+        steps = {round(motion.nearest(time) / scene.dt) for time in times if time < motion.duration}
+        steps |= {round(motion.duration / scene.dt)}
+        own = tuple(step * scene.dt for step in sorted(steps) if step > 0)
+        found.append(Recorded(motion, start, own, tuple(motion.pose(time) for time in own)))
+    if not found:
+        raise InvalidRequestError(
+            "touch something within their first three poses, all of them; let recordings begin in flight, and"
+            " check the height of the surroundings",
+            field="motions",
+        )
+    return found
+
+
+def as_recorded(states: Sequence[np.ndarray], model: Model, seed: int) -> list[np.ndarray]:
+    """States (n, 13) as recordings would show them: with errors of their own in position and rotation."""
+    rng, found = np.random.default_rng([seed, 1]), []
+    for x in states:
+        noise, shown = rng.standard_normal((len(x), 6)), x.copy()
+        shown[:, POSITION] += model.position_noise * noise[:, :3]
+        shown[:, QUATERNION] = product(x[:, QUATERNION], of_vectors(model.rotation_noise * noise[:, 3:]))
+        found.append(shown)
+    return found
+
+
+class Scores(NamedTuple):
+    """Of one motion.
+
+    Attributes
+    ----------
+    position, rotation : (T,) arrays
+        Energy scores at its times [m], [rad].
+    density : float
+        Mean logarithmic score of positions and rotations at all times (`scores.gaussian_log_score`).
+    lies : float
+        Logarithmic score of which side is up at the end.
+    position_rank, rotation_rank : (T,) arrays
+        Mahalanobis ranks (`scores.mahalanobis_rank`).
+    """
+
+    position: np.ndarray
+    rotation: np.ndarray
+    density: float
+    lies: float
+    position_rank: np.ndarray
+    rotation_rank: np.ndarray
+
+
+def scored(states: Sequence[np.ndarray], poses: Sequence[np.ndarray]) -> Scores:
+    """Scores of states (n, 13) at each time against poses (7,)."""
+    rows = []
+    for x, pose in zip(states, poses, strict=True):
+        errors = scores.pose_errors(x, pose)
+        pairs = (errors.position, errors.seen_position), (errors.rotation, errors.seen_rotation)
+        densities = [scores.gaussian_log_score(*pair, wide) for pair, wide in zip(pairs, _WIDE, strict=True)]
+        rows.append(
+            (
+                scores.energy_score(x[:, POSITION], pose[:3]),
+                scores.rotation_energy_score(x[:, QUATERNION], pose[3:]),
+                np.mean(densities),
+                *(scores.mahalanobis_rank(*pair) for pair in pairs),
+            )
+        )
+    position, rotation, density, position_rank, rotation_rank = np.array(rows).T
+    lies = scores.log_score(scores.lies_alike(states[-1][:, QUATERNION], poses[-1][3:]))
+    return Scores(position, rotation, float(density.mean()), lies, position_rank, rotation_rank)
+
+
+@dataclass
+class Objective:
+    """One number for a model, the lower the better; and one for each motion.
+
+    Attributes
+    ----------
+    recorded : sequence of Recorded
+    samples : int
+        Of each motion.
+    seed : int
+        Motion k has the same draws, whatever the model.
+    simulate : callable
+        Makes the predictions.
+    weights : (float, float)
+        Of `Scores.density` and of `Scores.lies`, beside the energy scores, each over what it is under the
+        first model that is asked for.
+    """
+
+    recorded: Sequence[Recorded]
+    samples: int = SAMPLES
+    seed: int = 0
+    simulate: Simulator = simulated
+    weights: tuple[float, float] = WEIGHTS
+    _unit: list[np.ndarray] = field(default_factory=list)
+
+    def scores(self, model: Model) -> list[Scores]:
+        """Of every motion under a model."""
+        scene = with_stiffness(model.scene, self.recorded[0].start.state[None])
+        found = []
+        for k, one in enumerate(self.recorded):
+            belief = one.start.belief(model.position_noise, model.rotation_noise)
+            states = self.simulate(scene, belief, one.times, self.samples, seed_of(self.seed, k))
+            if not all(np.abs(x).max() < _LOST for x in states):
+                raise DivergedError("threw a sample away", field=f"motion '{one.motion.name}'")
+            found.append(scored(as_recorded(states, model, seed_of(self.seed, k)), one.poses))
+        return found
+
+    def per_motion(self, model: Model) -> np.ndarray:
+        """(M,): a number for each motion."""
+        found = self.scores(model)
+        if not self._unit:
+            self._unit = [np.maximum(_means(found, name), 1e-9) for name in ("position", "rotation")]
+        return np.array(
+            [
+                np.mean([_over(one.position, self._unit[0]), _over(one.rotation, self._unit[1])])
+                + self.weights[0] * one.density
+                + self.weights[1] * one.lies
+                for one in found
+            ]
+        )
+
+
+def seed_of(seed: int, k: int) -> int:
+    """The seed of motion k's draws."""
+    return int(np.random.SeedSequence([seed, k]).generate_state(1)[0])
+
+
+def _means(found, name):
+    """Mean over motions at each time, counted from the last, as some motions are shorter."""
+    own = [getattr(one, name) for one in found]
+    length = max(map(len, own))
+    rows = [np.concatenate([np.full(length - len(values), np.nan), values]) for values in own]
+    return np.nanmean(rows, axis=0)
+
+
+def _over(values, unit):
+    return float(np.mean(values / unit[-len(values) :]))

@@ -1,0 +1,42 @@
+"""Many rotations at once: quaternions (..., 4) in the order x, y, z, w, in plain NumPy."""
+
+from __future__ import annotations
+
+import numpy as np
+
+
+def product(p: np.ndarray, q: np.ndarray) -> np.ndarray:
+    """The rotations q followed by p."""
+    u, w, v, s = p[..., :3], p[..., 3:], q[..., :3], q[..., 3:]
+    return np.concatenate([w * v + s * u + np.cross(u, v), w * s - np.sum(u * v, -1, keepdims=True)], -1)
+
+
+def inverse(q: np.ndarray) -> np.ndarray:
+    """The rotations back."""
+    return q * [-1.0, -1.0, -1.0, 1.0]
+
+
+def rotation_vectors(q: np.ndarray) -> np.ndarray:
+    """(..., 3): rotation vectors, no longer than half a turn [rad]."""
+    q = np.where(q[..., 3:] < 0.0, -q, q)
+    size = np.linalg.norm(q[..., :3], axis=-1, keepdims=True)
+    small = size < 1e-12
+    factor = np.where(small, 2.0, 2.0 * np.arctan2(size, q[..., 3:]) / np.where(small, 1.0, size))
+    return factor * q[..., :3]
+
+
+def of_vectors(turns: np.ndarray) -> np.ndarray:
+    """Quaternions of rotation vectors (..., 3)."""
+    angle = np.linalg.norm(turns, axis=-1, keepdims=True)
+    return np.concatenate([0.5 * np.sinc(0.5 * angle / np.pi) * turns, np.cos(0.5 * angle)], axis=-1)
+
+
+def mean(q: np.ndarray, rounds: int = 10) -> np.ndarray:
+    """(4,): the Karcher mean of quaternions (n, 4)."""
+    middle = np.linalg.eigh(q.T @ q)[1][:, -1]
+    for _ in range(rounds):
+        turn = rotation_vectors(product(inverse(middle), q)).mean(axis=0)
+        middle = product(middle, of_vectors(turn))
+        if turn @ turn < 1e-20:
+            break
+    return middle / np.linalg.norm(middle)

@@ -1,0 +1,126 @@
+"""Proper scores of predictions by samples against what really came: the lower the better."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+
+from ..physics.layout import POSITION, QUATERNION
+from .quaternions import inverse, mean, product, rotation_vectors
+
+UP_ANGLE = 0.5  # rad, within which a body lies as another does
+OUTSIDE = 0.05  # of what the samples' Gaussian does not know
+
+
+def energy_score(samples: np.ndarray, observed: np.ndarray) -> float:
+    """Mean distance from samples (n, d) to what came (d,), less half of that between two samples.
+
+    Source: T. Gneiting and A. E. Raftery, Strictly Proper Scoring Rules, Prediction, and Estimation, 2007.
+    """
+    square = np.sum(samples**2, axis=1)
+    between = np.sqrt(np.maximum(square[:, None] + square - 2.0 * samples @ samples.T, 0.0))
+    np.fill_diagonal(between, 0.0)
+    return float(np.mean(np.linalg.norm(samples - observed, axis=-1)) - 0.5 * np.mean(between))
+
+
+def chord(cosine: np.ndarray) -> np.ndarray:
+    """2 sin(angle / 2) of two rotations from the product of their quaternions: a distance of matrices."""
+    return 2.0 * np.sqrt(np.maximum(1.0 - np.minimum(cosine**2, 1.0), 0.0))
+
+
+def angle(cosine: np.ndarray) -> np.ndarray:
+    """The angle between two rotations from the product of their quaternions [rad]."""
+    return 2.0 * np.arccos(np.minimum(np.abs(cosine), 1.0))
+
+
+def rotation_energy_score(
+    quaternions: np.ndarray, observed: np.ndarray, distance: Callable[[np.ndarray], np.ndarray] = chord
+) -> float:
+    """Energy score of rotations [rad], of quaternions (n, 4) against one (4,).
+
+    With `chord` it is strictly proper, as that of matrices is; `angle` is easier to read, and the same where
+    angles are small.
+    """
+    between = distance(quaternions @ quaternions.T)
+    np.fill_diagonal(between, 0.0)
+    return float(np.mean(distance(quaternions @ observed)) - 0.5 * np.mean(between))
+
+
+def log_score(hits: np.ndarray) -> float:
+    """Negative logarithm of the share of samples that did what really came, half a sample at least."""
+    return float(-np.log(max(np.mean(hits), 0.5 / len(hits))))
+
+
+def lies_alike(quaternions: np.ndarray, observed: np.ndarray) -> np.ndarray:
+    """(n,) bool: whether bodies with quaternions (n, 4) have the same side up as one with (4,)."""
+    return up(quaternions) @ up(observed) > np.cos(UP_ANGLE)
+
+
+def up(quaternions: np.ndarray) -> np.ndarray:
+    """(..., 3): the world's z axis in the axes of bodies with quaternions (..., 4)."""
+    x, y, z, w = np.moveaxis(np.asarray(quaternions), -1, 0)
+    return np.stack([2.0 * (x * z - y * w), 2.0 * (y * z + x * w), 1.0 - 2.0 * (x * x + y * y)], axis=-1)
+
+
+class PoseErrors(NamedTuple):
+    """Samples of a pose, and what came, as errors from the samples' mean.
+
+    Attributes
+    ----------
+    position, rotation : (n, 3) arrays
+        Of the samples, world axes [m] and body axes [rad].
+    seen_position, seen_rotation : (3,) arrays
+        Of what came.
+    """
+
+    position: np.ndarray
+    rotation: np.ndarray
+    seen_position: np.ndarray
+    seen_rotation: np.ndarray
+
+
+def pose_errors(states: np.ndarray, observed: np.ndarray) -> PoseErrors:
+    """Errors of states (n, 13) and of a pose (7,)."""
+    middle, back = states[:, POSITION].mean(axis=0), inverse(mean(states[:, QUATERNION]))
+    return PoseErrors(
+        states[:, POSITION] - middle,
+        rotation_vectors(product(back, states[:, QUATERNION])),
+        observed[:3] - middle,
+        rotation_vectors(product(back, observed[3:])),
+    )
+
+
+def mahalanobis_rank(errors: np.ndarray, observed: np.ndarray) -> float:
+    """Share of samples (n, d) that lie nearer to their mean, as their covariance counts, than what came (d,).
+
+    Returns
+    -------
+    float
+        Uniform between 0 and 1 where predictions are right: the region of 90 % holds what has at most 0.9.
+    """
+    samples, seen = _whitened(errors, observed)[:2]
+    return float(np.mean(np.sum(samples**2, axis=1) < seen @ seen))
+
+
+def gaussian_log_score(errors: np.ndarray, observed: np.ndarray, wide: float) -> float:
+    """Negative logarithm of the density of what came (d,), per dimension, of the samples' Gaussian.
+
+    With a share of `OUTSIDE` it counts as a Gaussian that is ``wide`` in each direction, so that what no
+    sample showed costs much, but not all. Samples are errors (n, d) from their mean.
+    """
+    dimensions = errors.shape[1]
+    _, seen, root_determinant = _whitened(errors, observed)
+    inside = np.log1p(-OUTSIDE) - 0.5 * seen @ seen - root_determinant
+    outside = np.log(OUTSIDE) - 0.5 * (observed @ observed) / wide**2 - dimensions * np.log(wide)
+    return float(-np.logaddexp(inside, outside) / dimensions)
+
+
+def _whitened(errors, observed):
+    """Samples (n, d) and what came (d,) in standard deviations, and half the covariance's log determinant."""
+    centered = errors - errors.mean(axis=0)
+    values, vectors = np.linalg.eigh(centered.T @ centered / max(len(errors) - 1, 1))
+    values = np.maximum(values, max(1e-9 * values.max(), 1e-30))
+    axes = vectors / np.sqrt(values)
+    return centered @ axes, (observed - errors.mean(axis=0)) @ axes, 0.5 * float(np.log(values).sum())

@@ -1,0 +1,74 @@
+"""What a calibration found, as text: a table, and the lines of a scene file to paste."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import yaml
+
+from ..scene.environment import quantities
+from ..scene.scene import IMPACT_STDS, Scene
+from .calibrate import Calibration
+
+_PHYSICS = ("friction", "restitution", "friction_std", "restitution_std", *IMPACT_STDS)
+
+
+def as_table(found: Calibration) -> str:
+    """Fitted values with their uncertainty, a line each, and what else the motions say."""
+    rows = [["", "before", "fitted", "std", "unit"]]
+    for one in found.fitted:
+        rows.append([one.name, *(f"{value:.3g}" for value in (one.before, one.value, one.std)), one.unit])
+    widths = [max(len(row[k]) for row in rows) for k in range(5)]
+    lines = ["  ".join(f"{cell:<{w}}" for cell, w in zip(row, widths, strict=True)).rstrip() for row in rows]
+    lines.append(
+        f"score {found.objective[0]:.3f} before, {found.objective[1]:.3f} after, of {len(found.recorded)}"
+        f" motions and {found.evaluations} models; the lower the better"
+    )
+    for what, quantity in (("positions", "position_rank"), ("rotations", "rotation_rank")):
+        shares = [
+            100.0 * float(np.mean(np.concatenate([getattr(one, quantity) for one in own]) <= 0.9))
+            for own in (found.scores_before, found.scores_after)
+        ]
+        lines.append(f"regions of 90 % hold {shares[0]:.0f} % of {what} before, {shares[1]:.0f} % after")
+    size = float(np.linalg.norm(found.before.scene.gravity))
+    if found.gravity is not None and abs(found.gravity / size - 1.0) > 0.01:
+        lines.append(
+            f"free flights fall with {found.gravity:.3f} m/s^2, the scene with {size:.3f}: the recording's"
+            " scale or frame rate may be off; put gravity into the scene as it was recorded"
+        )
+    lines += found.doubts
+    return "\n".join(lines)
+
+
+def as_scene_file(scene: Scene) -> str:
+    """The lines of a scene file that hold what can be fitted, to paste into one's own."""
+    body = scene.bodies[0]
+    content: dict = {key: value for key in _PHYSICS if (value := getattr(scene, key))}
+    content["environment"] = [_element(element) for element in scene.environment]
+    inertia: dict = {"name": body.name}
+    if body.inertia is not None:
+        inertia["inertia"] = [[float(f"{v:.4g}") for v in row] for row in body.inertia]
+    content["bodies"] = [inertia]
+    return yaml.safe_dump(_rounded(content), sort_keys=False, default_flow_style=None)
+
+
+def _element(element):
+    """An element's entry in a scene file."""
+    own = {}
+    for name in quantities(type(element)):
+        if name != "orientation" or not np.allclose(element.orientation, [0, 0, 0, 1]):
+            value = np.asarray(getattr(element, name), float)
+            own[name] = value.tolist() if value.ndim else float(value)
+    entry = ({"name": element.name} if element.name else {}) | {element.shape: own}
+    spreads = ("friction", "friction_std", "restitution", "restitution_std", "surface_tilt_std")
+    known = {field.name for field in dataclasses.fields(element)}
+    return entry | {key: getattr(element, key) for key in spreads if key in known and getattr(element, key)}
+
+
+def _rounded(value):
+    if isinstance(value, dict):
+        return {key: _rounded(own) for key, own in value.items()}
+    if isinstance(value, list):
+        return [_rounded(own) for own in value]
+    return float(f"{value:.4g}") if isinstance(value, float) else value

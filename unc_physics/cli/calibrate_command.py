@@ -1,0 +1,116 @@
+"""The command ``calibrate``: recorded motions and a scene file in, fitted physics out."""
+
+from __future__ import annotations
+
+import argparse
+
+from .predict_command import check_picture
+
+
+def add_calibrate_command(commands) -> None:
+    """Add the parser of ``calibrate`` to the command line's subparsers."""
+    parser = commands.add_parser(
+        "calibrate",
+        help="fit friction, restitution, inertia and errors of the model to recorded motions",
+        description=(
+            "Fit what a scene's model leaves open to recorded motions of its one body: each is predicted from"
+            " the state that its first poses, before contact, give, and compared with what came by proper"
+            " scores. Prints the fitted values with their uncertainty and lines to paste into the scene file."
+        ),
+        epilog=(
+            "A CSV file has columns time [s], x, y, z [m], qx, qy, qz, qw and, for several motions, motion."
+            " Velocities are not read: they come from a fit of free flight. Needs scipy: pip install"
+            " 'unc_physics[calibration]'."
+        ),
+    )
+    parser.add_argument(
+        "motions",
+        metavar="DATA",
+        help=(
+            ".csv or .npz file (states, offsets, dt), a folder of them, or a rosbag where rosbag2_py can be"
+            " imported"
+        ),
+    )
+    parser.add_argument(
+        "scene", metavar="SCENE.yaml", help="scene file with one body; its state and spreads do not count"
+    )
+    parser.add_argument(
+        "--fit",
+        nargs="+",
+        metavar="NAME",
+        help=(
+            "what to fit, of: friction, restitution, inertia, height, impact_direction_std, impact_point_std,"
+            " impact_friction_std, surface_tilt_std, position_noise, rotation_noise (these by default),"
+            " friction_std"
+        ),
+    )
+    parser.add_argument(
+        "--times",
+        type=float,
+        nargs="+",
+        metavar="T",
+        help="times after the start at which predictions are scored, beside the end [s]"
+        " (default 0.1 0.2 0.4)",
+    )
+    parser.add_argument("--samples", type=int, metavar="N", help="samples of each prediction (default 32)")
+    parser.add_argument("--evaluations", type=int, metavar="N", help="models to try (default 150)")
+    parser.add_argument("--seed", type=int, default=0, metavar="S", help="seed of the draws (default 0)")
+    parser.add_argument("--topic", metavar="NAME", help="of a rosbag, where several topics hold poses")
+    parser.add_argument(
+        "--model-origin",
+        action="store_true",
+        help="positions are those of the model's own origin, as in ROS, not of the centre of mass",
+    )
+    parser.add_argument("--picture", metavar="OUT.png", help="also draw reliability before and after")
+    parser.add_argument("--models", metavar="DIR", help="folder of the models, instead of the model library")
+    parser.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Calibrate, and print the result."""
+    from tqdm import tqdm
+
+    from ..calibration.adjustable import DEFAULT
+    from ..calibration.calibrate import EVALUATIONS, calibrate
+    from ..calibration.flight import moving_body
+    from ..calibration.motions import read_motions
+    from ..calibration.objective import SAMPLES, TIMES
+    from ..calibration.snippet import as_scene_file, as_table
+    from ..scene.scene_file import load_scene
+
+    if arguments.picture is not None:
+        check_picture(arguments.picture)
+    scene = load_scene(arguments.scene, arguments.models).scene
+    origin = moving_body(scene).model.origin if arguments.model_origin else None
+    motions = read_motions(arguments.motions, origin=origin, topic=arguments.topic)
+    evaluations = EVALUATIONS if arguments.evaluations is None else arguments.evaluations
+    with tqdm(total=evaluations, unit="model", desc="calibrate", disable=None, leave=False) as bar:
+
+        def progress(done, total, best):
+            bar.total = total
+            bar.set_postfix_str(f"best score {best:.4f}", refresh=False)
+            bar.update(done - bar.n)
+
+        found = calibrate(
+            motions,
+            scene,
+            arguments.fit or DEFAULT,
+            times=arguments.times or TIMES,
+            samples=SAMPLES if arguments.samples is None else arguments.samples,
+            evaluations=evaluations,
+            seed=arguments.seed,
+            progress=progress,
+        )
+    left_out = len(motions) - len(found.recorded)
+    if left_out:
+        print(
+            f"{left_out} of {len(motions)} motions touch something within their first three poses: left out"
+        )
+    print(as_table(found))
+    print(f"\n{as_scene_file(found.scene)}", end="")
+    if arguments.picture is not None:
+        from ..calibration.picture import draw_calibration
+
+        draw_calibration(arguments.picture, found)
+        print(f"wrote {arguments.picture}")
+    return 0

@@ -1,0 +1,99 @@
+"""Lets kernels end early: at a time limit, or when nobody waits for them any more.
+
+A step of thousands of contacts may take minutes, and a thread in a kernel cannot be interrupted. So each
+computation has a flag, which its kernels look at now and then, and which one thread raises when time is up.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import heapq
+import itertools
+import threading
+import time
+
+import numpy as np
+
+
+class TimeLimit:
+    """The flag of one computation.
+
+    Attributes
+    ----------
+    flag : (1,) int64 array
+        Not 0 when kernels are to end.
+    """
+
+    def __init__(self):
+        self.flag = np.zeros(1, np.int64)
+        self._set = 0
+
+    def within(self, seconds: float) -> None:
+        """Stop kernels when so much wall time has passed from now on [s]; until then they run."""
+        self._set += 1
+        self.flag[0] = 0
+        _watch(time.monotonic() + seconds, self, self._set)
+
+    def ring(self, setting):
+        """Stop kernels, unless the time has been set anew."""
+        if setting == self._set:
+            self.flag[0] = 1
+
+    @property
+    def passed(self) -> bool:
+        """Whether kernels may have ended early, so that what they left means nothing."""
+        return bool(self.flag[0])
+
+    def stop(self) -> None:
+        """Stop kernels for good."""
+        self._set += 1
+        self.flag[0] = 1
+
+
+_here = threading.local()
+_order, _alarms, _changed, _watcher = itertools.count(), [], threading.Condition(), None
+
+
+@contextlib.contextmanager
+def time_limit():
+    """The `TimeLimit` of all kernels that this thread calls inside; whatever ends it stops them."""
+    before, _here.limit = limit_here(), TimeLimit()
+    try:
+        yield _here.limit
+    finally:
+        _here.limit.stop()
+        _here.limit = before
+
+
+def limit_here():
+    """The `TimeLimit` of this thread, if it has one."""
+    return getattr(_here, "limit", None)
+
+
+def limited(world, limit=None):
+    """A world whose kernels keep to a time limit: by default that of this thread, if it has one."""
+    limit = limit_here() if limit is None else limit
+    if limit is None or world.implicit is None:
+        return world
+    return world._replace(implicit=world.implicit._replace(stop=limit.flag))
+
+
+def _watch(when, limit, setting):
+    """Let the watching thread, which the first call starts, ring at a time."""
+    global _watcher
+    with _changed:
+        heapq.heappush(_alarms, (when, next(_order), limit, setting))
+        if _watcher is None or not _watcher.is_alive():  # it does not live on in a process that was forked
+            _watcher = threading.Thread(target=_ring_all, name="time limits", daemon=True)
+            _watcher.start()
+        elif _alarms[0][2] is limit:
+            _changed.notify()
+
+
+def _ring_all():
+    with _changed:
+        while True:
+            while _alarms and _alarms[0][0] <= time.monotonic():
+                _, _, limit, setting = heapq.heappop(_alarms)
+                limit.ring(setting)
+            _changed.wait(_alarms[0][0] - time.monotonic() if _alarms else None)

@@ -1,0 +1,268 @@
+"""Quasi-random rollouts, and a surface through their outcomes that is sampled in place of more of them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from ..physics import contact_history as histories
+from ..physics.contact_history import ContactHistory
+from ..physics.layout import ERROR
+from ..physics.moments import mean_and_errors, second_moment, spread_states
+from ..scene.belief import Belief
+from ..scene.parameters import center_offsets, moved_along
+from ..scene.physics_keys import INTEGRATORS
+from .base import SAMPLES_LIMIT, Propagator, Traits, rolled
+from .emission import Runs, emitted, standard_errors, surface_errors
+from .free_flight import flown
+from .joining import joined_history, joined_means
+from .options import option
+from .reduction import reduction, symmetric
+from .sobol import normal_points
+from .start import begin
+
+FEWEST_RUNS = 12
+RUNS_LIMIT = 100_000
+
+
+class CloudCarry(NamedTuple):
+    """Persistent state: the states of N rollouts, and what they stand for.
+
+    Attributes
+    ----------
+    states : (N, B, 13) array
+        Of the bodies' centres of mass, wherever those are uncertain.
+    contact_history : ContactHistory
+    step : int
+        How many are done.
+    parameters : (N, K) array
+        The rollouts' K uncertain parameters, in standard deviations from their values.
+    mean : (B, 13) array
+        At time 0.
+    root : (12 M, r) array
+        Errors at time 0 that each of r independent standard normal numbers makes.
+    moving : (M,) int array
+    columns : (r + K,) int array
+        Which column of the points each of these numbers, and then each parameter, is.
+    simulated : (r + K,) bool array
+        Whether the rollouts differ in it; the others are common motions (`reduction`).
+    dimensions : int
+        How many columns the points have.
+    """
+
+    states: np.ndarray
+    contact_history: ContactHistory
+    step: int
+    parameters: np.ndarray
+    mean: np.ndarray
+    root: np.ndarray
+    moving: np.ndarray
+    columns: np.ndarray
+    simulated: np.ndarray
+    dimensions: int
+
+
+@dataclass(frozen=True)
+class Cloud(Propagator):
+    """Quasi-random rollouts with a response surface.
+
+    Attributes
+    ----------
+    runs : int
+        Number of rollouts. A prediction with fewer has the first ones of one with more.
+    samples : int
+        Number of samples that the answer consists of.
+    seed : int
+        Of the points' scrambling.
+    points : {'sobol', 'random'}
+        ``random`` spreads the rollouts by independent draws, for comparison.
+    surface : {'fitted', 'none'}
+        ``none`` repeats the rollouts as they are, for comparison.
+
+    Notes
+    -----
+    Rollouts begin at scrambled Sobol points of the belief. A Gaussian process through their outcomes says how
+    these change between them; a sample is the nearest rollout's outcome, moved by that change. Bodies that
+    meet nothing fly in closed form; bodies that meet only each other move together in closed form. Where
+    there is no surface (leaving one rollout out is predicted worse than by the mean of the others), the
+    rollouts themselves are the answer, as in Monte Carlo.
+    """
+
+    name = "cloud"
+    traits = Traits("estimated", "rollouts and surface", True, False, "simulated")
+    color, marker = "#CC3311", "*"
+    integrators = INTEGRATORS
+    varies_parameters = draws_impacts = draws_together = flies = True
+
+    runs: int = option(32, "number of rollouts", low=FEWEST_RUNS, high=RUNS_LIMIT)
+    samples: int = option(1000, "number of samples that the answer consists of", low=1, high=SAMPLES_LIMIT)
+    seed: int = option(0, "seed of the points", low=0)
+    points: str = option("sobol", "how rollouts are spread", choices=("sobol", "random"))
+    surface: str = option(
+        "fitted", "what is between rollouts: a fitted surface, or nothing", choices=("fitted", "none")
+    )
+
+    def init(self, scene, belief):
+        return self.begun(scene, belief, 0, self.runs)
+
+    def begun(self, scene, belief, first, last):
+        """The carry of some of the rollouts at time 0, from the ``first`` to before the ``last``."""
+        root, extra = belief.root(), len(scene.uncertain)
+        size = root.shape[1]
+        common = 0
+        if symmetric(scene):
+            reduced = reduction(root)
+            common = reduced.common.shape[1]
+            root = np.concatenate([root @ reduced.relative, root @ reduced.common], axis=1)
+        simulated = np.ones(size + extra, bool)
+        simulated[size - common : size] = False
+        # what is simulated comes first among the points' columns, which are the better the earlier
+        columns = np.empty(size + extra, np.int64)
+        columns[simulated] = np.arange(size + extra - common)
+        columns[~simulated] = np.arange(size + extra - common, size + extra)
+        z = self._points(last, size + extra, columns, simulated)[first:]
+        # einsum, not BLAS: each row in one order of summation, whatever the count and the number of threads
+        errors = np.einsum("nr,kr->nk", z[:, :size], root)
+        states = spread_states(belief.mean.copy(), scene.moving.copy(), errors)
+        states, history = begin(scene, belief, states)
+        if scene.draws_impacts:
+            history = histories.with_keys(history, self.seed, first)
+        parameters = np.ascontiguousarray(z[:, size:])
+        states = moved_along(states, center_offsets(scene, parameters))
+        return CloudCarry(
+            states,
+            history,
+            0,
+            parameters,
+            belief.mean.copy(),
+            root,
+            scene.moving.copy(),
+            columns,
+            simulated,
+            size + extra,
+        )
+
+    def advance(self, carry, scene, steps):
+        return rolled(carry, scene, steps)
+
+    def belief(self, carry, scene):
+        mean, errors = mean_and_errors(self.own_samples(carry, scene), scene.moving.copy())
+        return Belief.trusted(mean, second_moment(errors), scene.moving)
+
+    def join(self, carries, parts, frame):
+        states = np.tile(frame.mean, (len(carries[0].states), 1, 1))
+        moving = np.zeros(frame.moving, np.int64)
+        parameters = np.zeros((len(states), frame.parameters))
+        roots, columns, simulated = [], [], []
+        own_columns, own_simulated = np.zeros(frame.parameters, np.int64), np.zeros(frame.parameters, bool)
+        for carry, part in zip(carries, parts, strict=True):
+            size = carry.root.shape[1]
+            states[:, part.bodies] = carry.states
+            parameters[:, part.parameters] = carry.parameters
+            moving[part.moving] = part.bodies[carry.moving]
+            root = np.zeros((frame.moving, ERROR, size))
+            root[part.moving] = carry.root.reshape(len(carry.moving), ERROR, size)
+            roots.append(root.reshape(ERROR * frame.moving, size))
+            columns.append(carry.columns[:size])
+            simulated.append(carry.simulated[:size])
+            own_columns[part.parameters] = carry.columns[size:]
+            own_simulated[part.parameters] = carry.simulated[size:]
+        return carries[0]._replace(
+            states=states,
+            contact_history=joined_history(carries, parts, frame),
+            parameters=parameters,
+            mean=joined_means(carries, parts, frame),
+            root=np.concatenate(roots, axis=1),
+            moving=moving,
+            columns=np.concatenate([*columns, own_columns]),
+            simulated=np.concatenate([*simulated, own_simulated]),
+        )
+
+    def part(self, carry, bodies, parameters):
+        size = carry.root.shape[1]
+        some = np.isin(carry.moving, bodies)
+        root = carry.root.reshape(len(carry.moving), ERROR, size)[some]
+        used = np.flatnonzero(root.any(axis=(0, 1)))
+        places = np.concatenate([used, size + np.asarray(parameters, np.int64)])
+        return carry._replace(
+            states=np.ascontiguousarray(carry.states[:, bodies]),
+            contact_history=histories.of_bodies(carry.contact_history, bodies),
+            parameters=np.ascontiguousarray(carry.parameters[:, parameters]),
+            mean=carry.mean[bodies],
+            root=np.ascontiguousarray(root[:, :, used].reshape(ERROR * len(root), len(used))),
+            moving=np.searchsorted(bodies, carry.moving[some]),
+            columns=carry.columns[places],
+            simulated=carry.simulated[places],
+        )
+
+    def fly(self, carry, flight):
+        return carry._replace(states=flown(carry.states, flight), step=carry.step + flight.steps)
+
+    @property
+    def own_sample_count(self):
+        return self.samples
+
+    def own_samples(self, carry, scene):
+        """(samples, B, 13): states of the models' centres of mass, emitted from the rollouts."""
+        z = _emitted_points(self.samples, carry.dimensions, self.seed)[:, carry.columns]
+        return emitted(self._runs(carry), scene, z, self.surface == "fitted")
+
+    def rollout_states(self, carry, scene):
+        return moved_along(carry.states, -center_offsets(scene, carry.parameters))
+
+    def measures(self, carry, scene):
+        return {
+            "surface_error": surface_errors(self._runs(carry), scene),
+            "mean_error": self.standard_errors(carry, scene).relative,
+        }
+
+    def standard_errors(self, carry, scene):
+        return standard_errors(self._runs(carry), scene)
+
+    def _points(self, count, dimensions, columns, simulated):
+        """(count, r + K): what the rollouts are spread by."""
+        if self.points == "random":
+            z = np.random.default_rng(self.seed).standard_normal((count, dimensions))
+        else:
+            z = normal_points(count, dimensions, _key(self.seed, 0))
+        return np.where(simulated, z[:, columns], 0.0)
+
+    def _runs(self, carry):
+        z = self._points(len(carry.states), carry.dimensions, carry.columns, carry.simulated)
+        return Runs(
+            carry.states,
+            carry.contact_history,
+            carry.step,
+            carry.mean,
+            carry.root,
+            carry.moving,
+            carry.parameters,
+            z,
+        )
+
+
+def _key(seed, stream):
+    """A seed of 63 bits for one of the two sets of points."""
+    return (2 * seed + stream) % 2**63
+
+
+_whitened: dict[tuple[int, int, int], np.ndarray] = {}
+
+
+def _emitted_points(count: int, dimensions: int, seed: int) -> np.ndarray:
+    """(count, dimensions): what the samples are spread by, with mean 0 and covariance 1 to round-off.
+
+    So means and covariances that a smooth surface keeps are exact.
+    """
+    key = count, dimensions, seed
+    if key not in _whitened:
+        z = normal_points(count, dimensions, _key(seed, 1))
+        if count >= 4 * dimensions > 0:
+            z = z - z.mean(axis=0)
+            z = np.linalg.solve(np.linalg.cholesky(z.T @ z / count), z.T).T
+        if len(_whitened) >= 16:
+            _whitened.clear()
+        _whitened[key] = z
+    return _whitened[key]

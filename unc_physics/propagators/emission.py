@@ -1,0 +1,258 @@
+"""Samples from a few rollouts: each is a rollout's outcome, moved by what a response surface says."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ..physics.contact_history import ContactHistory
+from ..physics.layout import ERR_ANGULAR_VELOCITY, ERR_POSITION, ERR_ROTATION, ERR_VELOCITY, ERROR
+from ..physics.moments import mean_and_errors, spread_states
+from ..scene.parameters import center_offsets, moved_along
+from ..scene.scene import Scene
+from .base import Errors
+from .free_flight import Flight, course_of, flown
+from .impact_metric import impact_metric
+from .reduction import moved_in_common, reduction
+from .response_surface import Surface, active_directions, clip, fit, nearest, predicted, reach
+
+#: Blocks of the outcome that are clipped, each with the block that shares the factor, and what they count.
+_CLIPPED = ((ERR_POSITION.start, ERR_VELOCITY.start), (ERR_ROTATION.start, ERR_ANGULAR_VELOCITY.start))
+_WEIGHTS = ((ERR_POSITION, 1.0), (ERR_VELOCITY, 0.5), (ERR_ROTATION, 1.0), (ERR_ANGULAR_VELOCITY, 0.5))
+#: Standard deviations below which a block of an outcome is constant: of the body's radius, or rad.
+_CONSTANT = 1e-6
+#: Error over variance above which there is no surface.
+NO_SURFACE = 1.0
+
+
+class Runs(NamedTuple):
+    """N rollouts, and what they stand for; the first seven attributes are those of `cloud.CloudCarry`.
+
+    Attributes
+    ----------
+    z : (N, r + K) array
+        The standard normal numbers that each rollout began with.
+    """
+
+    states: np.ndarray
+    contact_history: ContactHistory
+    step: int
+    mean: np.ndarray
+    root: np.ndarray
+    moving: np.ndarray
+    parameters: np.ndarray
+    z: np.ndarray
+
+
+class Group(NamedTuple):
+    """Moving bodies that met, directly or through others, in any of the rollouts.
+
+    Attributes
+    ----------
+    bodies : (m,) int array
+    columns : (d,) int array
+        Which of the numbers z their outcome depends on: first those of the root, then ``parameters`` others.
+    parameters : int
+    root : (12 m, d - parameters) array
+    alone : bool
+        Whether they met nothing besides each other.
+    flew : bool
+        Whether this is a body that met nothing at all, and began as the belief has it.
+    """
+
+    bodies: np.ndarray
+    columns: np.ndarray
+    parameters: int
+    root: np.ndarray
+    alone: bool
+    flew: bool
+
+
+def emitted(runs: Runs, scene: Scene, z: np.ndarray, fitted: bool) -> np.ndarray:
+    """(S, B, 13): states of the models' centres of mass for standard normal numbers ``z`` (S, r + K).
+
+    Parameters
+    ----------
+    runs : Runs
+    scene : Scene
+    z : (S, r + K) array
+    fitted : bool
+        Whether there is to be a surface between the rollouts.
+    """
+    states = np.tile(runs.mean, (len(z), 1, 1))
+    ends = _model_centers(runs, scene)
+    for group in _groups(runs, scene):
+        if group.flew:
+            states[:, group.bodies] = _flown(runs, scene, group, z)
+        elif _spread(runs, scene, group):
+            states[:, group.bodies] = _sampled(runs, scene, group, ends[:, group.bodies], z, fitted)
+        else:
+            states[:, group.bodies] = ends[:1, group.bodies]
+    return states
+
+
+def surface_errors(runs: Runs, scene: Scene) -> np.ndarray:
+    """(B,): error over variance of the surface that each body is of; 0 where none is needed."""
+    result = np.zeros(len(runs.mean))
+    ends = _model_centers(runs, scene)
+    for group in _groups(runs, scene):
+        if not group.flew and _spread(runs, scene, group):
+            result[group.bodies] = _fitted(runs, scene, group, ends[:, group.bodies])[-1].error
+    return result
+
+
+def standard_errors(runs: Runs, scene: Scene) -> Errors:
+    """Standard errors of the means, from what leaving one rollout out shows.
+
+    The mean is that of the surface, known, plus that of what is left besides, of which N rollouts are a
+    sample. Without a surface it is Monte Carlo's.
+    """
+    count = len(runs.mean)
+    errors = Errors(np.zeros(count), np.zeros(count), np.zeros(count))
+    ends = _model_centers(runs, scene)
+    for group in _groups(runs, scene):
+        if group.flew or not _spread(runs, scene, group):
+            continue
+        _, _, x, _, outcomes, weights, surface = _fitted(runs, scene, group, ends[:, group.bodies])
+        left = np.divide(surface.left_out, weights, out=np.zeros_like(surface.left_out), where=weights > 0.0)
+        left, spread = (values.reshape(len(values), -1, ERROR) for values in (left, outcomes))
+        for block, found in ((ERR_POSITION, errors.position), (ERR_ROTATION, errors.rotation)):
+            std = np.sqrt((spread[:, :, block] ** 2).sum(axis=2).mean(axis=0))
+            rest = np.sqrt((left[:, :, block] ** 2).sum(axis=2).mean(axis=0))
+            found[group.bodies] = np.minimum(rest, std) / np.sqrt(len(x))
+            share = np.divide(found[group.bodies], std, out=np.zeros_like(std), where=std > 0.0)
+            errors.relative[group.bodies] = np.maximum(errors.relative[group.bodies], share)
+    return errors
+
+
+def _spread(runs, scene, group):
+    """Whether the rollouts of a group differ."""
+    return bool(runs.z[:, group.columns].any()) or scene.draws_impacts
+
+
+def _model_centers(runs, scene):
+    """States (N, B, 13) of the points that beliefs are about."""
+    return moved_along(runs.states, -center_offsets(scene, runs.parameters))
+
+
+def _groups(runs, scene):
+    """The groups of all moving bodies."""
+    first, start = runs.contact_history.first_time, runs.contact_history.start
+    count, size = len(runs.mean), runs.root.shape[1]
+    met = np.isfinite(first).any(axis=0)
+    movable = np.zeros(count, bool)
+    movable[runs.moving] = True
+    between = (met[:, :count] | met[:, :count].T) & movable & movable[:, None]
+    others = met[:, count:].any(axis=1) | ((met[:, :count] | met[:, :count].T) & ~movable).any(axis=1)
+    moved = np.zeros(count, bool) if start is None else (start.moved > 0.0).any(axis=0)
+    tilted = scene.gyroscopic or any(p.name == "gravity_direction" for p in scene.uncertain)
+    roots = runs.root.reshape(len(runs.moving), ERROR, size)
+    left = set(runs.moving.tolist())
+    while left:
+        found = [min(left)]
+        for k in found:
+            found += [b for b in np.flatnonzero(between[k]).tolist() if b in left and b not in found]
+        left.difference_update(found)
+        bodies = np.array(sorted(found))
+        root = roots[np.isin(runs.moving, bodies)]
+        used = np.flatnonzero(root.any(axis=(0, 1)))
+        known = {*bodies.tolist(), *range(count, count + len(scene.environment)), -1}
+        extra = [size + c for c, parameter in enumerate(scene.uncertain) if parameter.body in known]
+        columns = np.concatenate([used, np.array(extra, np.int64)])
+        alone = not (others | moved)[bodies].any()
+        flew = alone and len(bodies) == 1 and not tilted
+        root = np.ascontiguousarray(root[:, :, used].reshape(ERROR * len(bodies), len(used)))
+        yield Group(bodies, columns, len(extra), root, alone, flew)
+
+
+def _flown(runs, scene, group, z):
+    """States (S, 1, 13) of a body that meets nothing."""
+    own = z[:, group.columns[: group.root.shape[1]]]
+    states = spread_states(runs.mean[group.bodies], np.arange(1), np.einsum("sr,kr->sk", own, group.root))
+    offsets = center_offsets(scene, z[:, runs.root.shape[1] :])
+    offsets = offsets[:, group.bodies] if offsets.shape[1] else offsets
+    flight = Flight(scene.world.gravity, course_of(scene.world, runs.step), runs.step)
+    return moved_along(flown(moved_along(states, offsets), flight), -offsets)
+
+
+def _meetings(runs, group):
+    """Who of a group meets whom, when on average, and in what share of the rollouts (`impact_metric`)."""
+    first, count = runs.contact_history.first_time, len(runs.mean)
+    found, place_of = [], {int(body): place for place, body in enumerate(group.bodies)}
+    for place, i in enumerate(group.bodies.tolist()):
+        for column in range(first.shape[2]):
+            times = first[:, i, column]
+            if column < count:
+                times = np.minimum(times, first[:, column, i])
+            some = np.isfinite(times)
+            if not some.any():
+                continue
+            partner = place_of.get(column, -1)
+            if partner < 0 or partner > place:
+                found.append((place, partner, float(np.median(times[some])), float(some.mean())))
+    return found
+
+
+def _fitted(runs, scene, group, ends):
+    """A group's reduction, the map to its coordinates, those of the runs, their outcomes, and the surface."""
+    d = len(group.columns)
+    reduced = reduction(group.root, group.parameters) if group.alone else None
+    relative = np.eye(d) if reduced is None else reduced.relative
+    ends = ends.copy()
+    own = runs.z[:, group.columns]
+    if reduced is not None and reduced.common.shape[1]:
+        moved_in_common(ends, -(own @ reduced.common) @ reduced.motion.T, course_of(scene.world, runs.step))
+    root = group.root @ relative[: d - group.parameters, : relative.shape[1] - group.parameters]
+    to_metric = impact_metric(scene, runs.mean, root, group.bodies, _meetings(runs, group), group.parameters)
+    transform = relative @ to_metric
+    mean, errors = mean_and_errors(ends, np.arange(len(group.bodies)))
+    scaled, weights = _weighted(errors, scene.world.bodies.radius[group.bodies])
+    x = np.ascontiguousarray(own @ transform)
+    surface = fit(x, scaled)
+    to_slopes = active_directions(surface, x)
+    again = np.ascontiguousarray(x @ to_slopes)
+    other = fit(again, scaled)
+    if other.error < surface.error:
+        transform, x, surface = transform @ to_slopes, again, other
+    return reduced, transform, x, mean, errors, weights, surface
+
+
+def _weighted(errors, radius):
+    """Outcomes (N, 12 m) by their spread, block by block, and these weights (12 m,)."""
+    parts = errors.reshape(len(errors), -1, ERROR)
+    weights = np.zeros(parts.shape[1:])
+    for block, weight in _WEIGHTS:
+        spread = np.sqrt((parts[:, :, block] ** 2).sum(axis=2).mean(axis=0))
+        least = _CONSTANT * (radius if block in (ERR_POSITION, ERR_VELOCITY) else np.ones(len(radius)))
+        weights[:, block] = np.where(spread > least, weight / np.maximum(spread, least), 0.0)[:, None]
+    weights = weights.ravel()
+    return errors * weights, weights
+
+
+def _sampled(runs, scene, group, ends, z, fitted):
+    """States (S, m, 13) of bodies that met something."""
+    reduced, transform, x, mean, errors, weights, surface = _fitted(runs, scene, group, ends)
+    own = np.ascontiguousarray(z[:, group.columns])
+    points = own @ transform
+    if not fitted or surface.error >= NO_SURFACE:  # the rollouts as they are, each as often
+        made = errors[np.arange(len(z)) % len(x)]
+    else:
+        near = nearest(x, points, False)
+        made = errors[near] + _changes(surface, x, errors, weights, near, points)
+    states = spread_states(mean, np.arange(len(group.bodies)), made)
+    if reduced is not None and reduced.common.shape[1]:
+        moved_in_common(states, (own @ reduced.common) @ reduced.motion.T, course_of(scene.world, runs.step))
+    return states
+
+
+def _changes(surface: Surface, x, errors, weights, near, points):
+    """(S, 12 m): changes of outcomes from the nearest rollout to each point, no further than to others."""
+    form = surface.points, surface.weights, surface.trend, surface.length
+    scale = np.where(weights > 0.0, 1.0 / np.where(weights > 0.0, weights, 1.0), 0.0)
+    changes = (predicted(*form, points) - predicted(*form, x)[near]) * scale
+    for first in range(0, errors.shape[1], ERROR):
+        for block, also in _CLIPPED:
+            limit = reach(errors, first + block, 3)
+            clip(changes, first + block, 3, first + also, limit[near])
+    return changes

@@ -1,0 +1,118 @@
+"""Local sampling on the implicit step: the same equations over the contacts that the step solved."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ..physics.compiled import inner, kernel
+from ..physics.implicit_stages import after_impact, after_travel, before_step, on_sleep, undo_step
+from ..physics.implicit_step import integrate
+from ..physics.implicit_workspace import CONTACTS, ELASTIC, LASTING, implicit_workspace, more_room
+from ..physics.layout import ERROR, EV, EW
+from ..physics.narrow_phase import RECORD
+from ..physics.random import combine
+from ..physics.sphere_tree import Scratch
+from .local_clouds import Cloud, cloud_of, drift_covariances, factor_pose_covariance, kick_covariance
+from .sampled_contacts import sample_contacts
+from .solved_contacts import Solved, record_pair
+
+
+class SolvedCloud(NamedTuple):
+    """What local sampling works on in a rollout of the implicit step; ``before`` has the covariances at the
+    step's beginning.
+    """
+
+    cloud: Cloud
+    before: np.ndarray
+    solved: Solved
+
+
+@kernel
+def advance_solved_covariances(mean, covariance, first_time, memory, world, begin, steps, draws):
+    """Advance the nominal state (B, 13), its memory, and the covariances in place, by implicit steps."""
+    contacts, candidates, pool = 64, 256, 2048
+    done = 0
+    while done < steps:
+        work = implicit_workspace(mean, memory.kept_overlap[0], world, contacts, candidates, pool)
+        cloud = cloud_of(covariance, world.bodies.moving, draws)
+        search = Scratch(
+            np.empty((1, 2), np.int32), np.empty((contacts, 2), np.int32), np.empty((contacts, RECORD))
+        )
+        method = SolvedCloud(cloud, np.empty_like(covariance), Solved(work.R, search))
+        done += integrate(
+            mean,
+            first_time,
+            memory.contact[0],
+            memory.force[0],
+            memory.count,
+            memory.quiet[0],
+            memory.residual[0],
+            memory.key[0],
+            world,
+            method,
+            begin + done,
+            steps - done,
+            work,
+        )
+        contacts, candidates, pool = more_room(work.counts, contacts, candidates, pool)
+
+
+@before_step.of(SolvedCloud)
+def _drift(method, x, step, world, work):
+    """Keep the covariances, and take them through the transition of the whole step (Eq. 30)."""
+    for k in range(len(method.before)):
+        for r in range(ERROR):
+            for c in range(ERROR):
+                method.before[k, r, c] = method.cloud.covariance[k, r, c]
+    drift_covariances(method.cloud, x, step, world, work)
+
+
+@undo_step.of(SolvedCloud)
+def _put_back(method, work):
+    """The covariances are those of the step's beginning."""
+    for k in range(len(method.before)):
+        for r in range(ERROR):
+            for c in range(ERROR):
+                method.cloud.covariance[k, r, c] = method.before[k, r, c]
+
+
+@on_sleep.of(SolvedCloud)
+def _rest(method, i, work):
+    """What sleeps keeps its pose, and has no velocities, for certain."""
+    block = method.cloud.error_block[i]
+    P, before = method.cloud.covariance[block], method.before[block]
+    for r in range(ERROR):
+        for c in range(ERROR):
+            still = EV <= r < EV + 3 or r >= EW or EV <= c < EV + 3 or c >= EW
+            P[r, c] = 0.0 if still else before[r, c]
+
+
+@after_travel.of(SolvedCloud)
+def _push(method, x, count, h, world, work):
+    """Let the spread of the lasting contacts' forces act."""
+    _kick(method, LASTING, world, work)
+
+
+@after_impact.of(SolvedCloud)
+def _hit(method, x, count, threshold, world, work):
+    """Let the spread of an impact's impulses act, by draws of its own."""
+    method.cloud.key[0] = combine(method.cloud.key[0], 1)
+    _kick(method, ELASTIC, world, work)
+
+
+@inner
+def _kick(method, law, world, work):
+    """Pair by pair, as `local_clouds` does of the explicit step's contacts."""
+    cloud, solved, c = method.cloud, method.solved, 0
+    while c < work.counts[CONTACTS]:
+        i, j = work.ids[c, 0], work.ids[c, 1]
+        found, c = record_pair(c, law, world, work, solved)
+        if found == 0:
+            continue
+        cloud.spread[:] = 0.0
+        factor_pose_covariance((i, j), solved, cloud)
+        key = combine(combine(cloud.key[0], i), j)
+        sample_contacts((i, j), found, key, world.tree, solved, cloud)
+        for side, body in ((1, i), (2, j)):
+            if world.bodies.moving[body]:
+                kick_covariance(body, side, world, solved.R[body], cloud)

@@ -1,0 +1,117 @@
+"""The surrogate on the implicit step: the same equations over the contacts that the step solved."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ..physics.compiled import inner, kernel
+from ..physics.implicit_stages import after_impact, after_travel, before_step, on_sleep, undo_step
+from ..physics.implicit_step import integrate
+from ..physics.implicit_workspace import CONTACTS, ELASTIC, LASTING, implicit_workspace, more_room
+from ..physics.layout import ERROR, EV, EW
+from ..physics.narrow_phase import RECORD
+from ..physics.sphere_tree import Scratch
+from .solved_contacts import Solved, record_pair
+from .surrogate_contacts import Spread, add_tilts, cache_pose_covariance, drift_roots, kick_root, spread_of
+
+
+class SolvedSpread(NamedTuple):
+    """What the surrogate works on in a rollout of the implicit step; ``before`` has the roots at the step's
+    beginning.
+    """
+
+    spread: Spread
+    before: np.ndarray
+    solved: Solved
+
+
+@kernel
+def advance_solved_roots(mean, roots, first_time, memory, world, begin, steps, k_sigma):
+    """Advance the nominal state (B, 13), its memory, and the roots in place, by implicit steps."""
+    contacts, candidates, pool = 64, 256, 2048
+    done = 0
+    while done < steps:
+        work = implicit_workspace(mean, memory.kept_overlap[0], world, contacts, candidates, pool)
+        spread = spread_of(roots, world.bodies.moving, k_sigma)
+        search = Scratch(
+            np.empty((1, 2), np.int32), np.empty((contacts, 2), np.int32), np.empty((contacts, RECORD))
+        )
+        method = SolvedSpread(spread, np.empty_like(roots), Solved(work.R, search))
+        done += integrate(
+            mean,
+            first_time,
+            memory.contact[0],
+            memory.force[0],
+            memory.count,
+            memory.quiet[0],
+            memory.residual[0],
+            memory.key[0],
+            world,
+            method,
+            begin + done,
+            steps - done,
+            work,
+        )
+        contacts, candidates, pool = more_room(work.counts, contacts, candidates, pool)
+
+
+@before_step.of(SolvedSpread)
+def _drift(method, x, step, world, work):
+    """Keep the roots, and multiply them by the transition of the whole step (Eq. 14)."""
+    for k in range(len(method.before)):
+        for r in range(ERROR):
+            for c in range(ERROR):
+                method.before[k, r, c] = method.spread.roots[k, r, c]
+    drift_roots(method.spread, x, step, world, work)
+
+
+@undo_step.of(SolvedSpread)
+def _put_back(method, work):
+    """The roots are those of the step's beginning."""
+    for k in range(len(method.before)):
+        for r in range(ERROR):
+            for c in range(ERROR):
+                method.spread.roots[k, r, c] = method.before[k, r, c]
+
+
+@on_sleep.of(SolvedSpread)
+def _rest(method, i, work):
+    """What sleeps keeps its pose, and has no velocities, for certain."""
+    S, before = method.spread.roots[method.spread.error_block[i]], method.before[method.spread.error_block[i]]
+    for r in range(ERROR):
+        for c in range(ERROR):
+            S[r, c] = 0.0 if EV <= r < EV + 3 or r >= EW else before[r, c]
+
+
+@after_travel.of(SolvedSpread)
+def _push(method, x, count, h, world, work):
+    """Let the tilts of the lasting contacts' normals act."""
+    _kick(method, LASTING, world, work)
+
+
+@after_impact.of(SolvedSpread)
+def _hit(method, x, count, threshold, world, work):
+    """Let the tilts of an impact's normals act."""
+    _kick(method, ELASTIC, world, work)
+
+
+@inner
+def _kick(method, law, world, work):
+    """Pair by pair, as `surrogate_contacts` does of the explicit step's contacts."""
+    spread, solved, c = method.spread, method.solved, 0
+    while c < work.counts[CONTACTS]:
+        i, j = work.ids[c, 0], work.ids[c, 1]
+        found, c = record_pair(c, law, world, work, solved)
+        if found == 0:
+            continue
+        spread.tilt[:] = 0.0
+        spread.torque[:] = 0.0
+        for body in (i, j):
+            if world.bodies.moving[body] and not spread.known[body]:
+                root = spread.roots[spread.error_block[body]]
+                cache_pose_covariance(root, solved.R[body], body, spread)
+        add_tilts((i, j), found, spread.k_sigma, world.tree, solved, spread)
+        for side, body in ((0, i), (1, j)):
+            if world.bodies.moving[body]:
+                root = spread.roots[spread.error_block[body]]
+                kick_root(root, world, solved.R[body], body, spread, side)
