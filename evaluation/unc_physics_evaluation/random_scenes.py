@@ -16,12 +16,7 @@ from .scenarios import resting, spread
 SPHERES = 300
 MODELS = ("brick", "salt_box", "can", "mug", "bottle", "bowl", "plate", "rounded_box")
 #: Standard deviations of position [m], rotation [rad], velocity [m/s] and spin [rad/s]: from, to.
-_STDS = {
-    "position": (1e-3, 3e-2),
-    "rotation": (1e-2, 0.3),
-    "velocity": (1e-2, 0.2),
-    "spin": (3e-2, 0.5),
-}
+_STDS = {"position": (1e-3, 3e-2), "rotation": (1e-2, 0.3), "velocity": (1e-2, 0.2), "spin": (3e-2, 0.5)}
 _HORIZON = (0.3, 1.0)  # s
 _DROP = (0.01, 0.15)  # m
 _SPEED = (0.1, 0.8)  # of what is pushed or thrown [m/s]
@@ -32,7 +27,9 @@ def random_case(number: int) -> Case:
     """The scene of that number: dropped, pushed on a table, thrown at a wall, or dropped beside another."""
     rng = np.random.default_rng([19, number])
     kind = KINDS[number % len(KINDS)]
-    models = [load_model(name).prefix(SPHERES) for name in rng.choice(MODELS, size=2 if kind is _beside else 1)]
+    models = [
+        load_model(name).prefix(SPHERES) for name in rng.choice(MODELS, size=2 if kind is _beside else 1)
+    ]
     mean, environment = kind(rng, models)
     bodies = [RigidBody(f"body{k}", model) for k, model in enumerate(models)]
     stds = {name: _between(rng, *limits) for name, limits in _STDS.items()}

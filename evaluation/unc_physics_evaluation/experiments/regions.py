@@ -35,7 +35,8 @@ def jobs(settings: Settings) -> list[Job]:
     """One for each scene."""
     scenes, outcomes = (len(KINDS), 200) if settings.quick else (SCENES, OUTCOMES)
     return [
-        Job("regions", settings.parameters(scene=k, truth=outcomes), cost=outcomes * 3e-3) for k in range(scenes)
+        Job("regions", settings.parameters(scene=k, truth=outcomes), cost=outcomes * 3e-3)
+        for k in range(scenes)
     ]
 
 
@@ -96,8 +97,8 @@ def report(results: Results) -> str:
     rows = results.rows("regions")
     about = (
         f"{len(rows.unique('scene'))} scenes at random, {rows[0]['truth']} outcomes of each by Monte Carlo: a"
-        " thing is dropped, pushed on a table, thrown at a wall, or falls on another. The region that holds 90 %"
-        " of a prediction's samples has the smallest Mahalanobis distances, or, where outcomes split into"
-        " modes, the highest density.\n\n"
+        " thing is dropped, pushed on a table, thrown at a wall, or falls on another. The region that holds"
+        " 90 % of a prediction's samples has the smallest Mahalanobis distances, or, where outcomes split"
+        " into modes, the highest density.\n\n"
     )
     return about + goal_tables(sections(results))
