@@ -70,7 +70,7 @@ def test_every_propagator_answers_as_the_core_does(predict, propagator):
 def test_the_node_s_own_physics_is_a_robot_s_world(predict):
     response = predict(good_request())
     assert_answered(response)
-    assert response.prediction.propagator == "sigma_points"
+    assert response.prediction.propagator == "auto"
     summary = response.prediction.physics_summary
     assert summary.startswith("implicit, dt 0.0041667 s, stiffness ")
     assert "friction 0.5, restitution 0.1, gyroscopic" in summary
