@@ -49,7 +49,7 @@ def jobs(settings: Settings) -> list[Job]:
 
 
 def run(job: Job) -> Outcome:
-    """Shares of the outcomes that each method's regions hold, means over the bodies; is it flagged if wrong?"""
+    """Shares of the outcomes that each method's regions hold, and whether its flags are right."""
     scene, belief, horizon = random_case(job.parameters["scene"])
     count, seed = job.parameters["truth"], job.seed("truth")
     outcomes = predict(scene, belief, make_propagator(MONTE_CARLO, samples=count, seed=seed), horizon)
@@ -118,12 +118,8 @@ def sections(results: Results) -> dict[str, list[Figure]]:
         bad, flagged = (own.where(quantity=quantity).values() > 0.5 for quantity in (BAD, FLAGGED))
         judged = rates(Judged(1.0, 1.0, *one) for one in zip(bad, flagged, strict=True))
         note = f"{judged.bad} bad, {judged.good} good"
-        for what, share in (
-            ("bad ones flagged", judged.found_share),
-            ("good ones flagged", judged.false_share),
-        ):
-            if share == share:
-                flags.append(Figure(what, name, share, note=note, unit=""))
+        shares = ("bad ones flagged", judged.found_share), ("good ones flagged", judged.false_share)
+        flags += [Figure(what, name, share, "", note=note) for what, share in shares if not math.isnan(share)]
     return {
         "Regions that hold 90 % of the samples": figures,
         "Others": others,
