@@ -147,7 +147,7 @@ RULES = {
         ),
     ),
     "few_samples": (Status.OUTSIDE_VALIDITY, 0.3, "too few samples to tell a spread"),
-    "unevenness": (Status.OUTSIDE_VALIDITY, 2.0, f"opposite points do not move oppositely; {_SAMPLED} helps"),
+    "unevenness": (Status.OUTSIDE_VALIDITY, 2.5, f"opposite points do not move oppositely; {_SAMPLED} helps"),
     "mean_overlap": (
         Status.OUTSIDE_VALIDITY,
         0.2,
