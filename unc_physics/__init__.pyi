@@ -28,10 +28,10 @@ from .prediction.probabilities import RestProbability as RestProbability
 from .prediction.probabilities import contact_probabilities as contact_probabilities
 from .prediction.probabilities import region_probabilities as region_probabilities
 from .prediction.probabilities import rest_probabilities as rest_probabilities
-from .prediction.status import BodyStatus as BodyStatus
-from .prediction.status import Status as Status
 from .prediction.status import assess as assess
 from .prediction.status import assess_all as assess_all
+from .prediction.status_rules import BodyStatus as BodyStatus
+from .prediction.status_rules import Status as Status
 from .propagators.base import Mode as Mode
 from .propagators.base import Propagator as Propagator
 from .propagators.registry import PROPAGATORS as PROPAGATORS
