@@ -14,8 +14,8 @@ from example_scenes import CONTENTS
 from unc_physics import ErrorCode
 from unc_physics.__main__ import main
 from unc_physics.checks.errors import OutputError
-from unc_physics.cli.interrupts import dying_at_interrupt
 from unc_physics.cli.output import writing
+from unc_physics.interrupts import dying_at_interrupt
 
 COMMAND = [sys.executable, "-m", "unc_physics"]
 
@@ -103,6 +103,33 @@ def test_an_early_interrupt_says_nothing_but_that(scene, delay):
     _, err = run.communicate(timeout=60)
     assert run.returncode in (-signal.SIGINT, 130, 0)  # a fast machine may be done
     assert "Traceback" not in err and "KeyboardInterrupt" not in err
+
+
+@pytest.mark.parametrize("program", ["unc_physics", "unc_physics.ros.node", "unc_physics.ros.lifecycle_node"])
+def test_an_interrupt_before_the_program_s_own_module_says_nothing(tmp_path, program):
+    """The interpreter's own start, before the package's first line, is all that is left."""
+    (tmp_path / "sitecustomize.py").write_text("""
+import os, signal, sys
+class Interrupting:
+    def find_spec(self, name, *_):
+        if name == "ast" or name.startswith("unc_physics.") and name != "unc_physics.interrupts":
+            os.kill(os.getpid(), signal.SIGINT)
+sys.meta_path.insert(0, Interrupting())
+""")
+    path = os.pathsep.join([str(tmp_path), *filter(None, [os.environ.get("PYTHONPATH")])])
+    run = subprocess.run(
+        [sys.executable, "-m", program, "--help"],
+        env=os.environ | {"PYTHONPATH": path},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert (run.returncode, run.stdout, run.stderr) == (-signal.SIGINT, "", "")
+
+
+def test_a_process_that_imports_the_package_keeps_its_interrupts():
+    code = "import signal, unc_physics; assert signal.getsignal(2) is signal.default_int_handler"
+    subprocess.run([sys.executable, "-c", code], check=True)
 
 
 def test_imports_that_swallow_an_interrupt_do_not_get_it():
