@@ -330,9 +330,12 @@ def _start(prediction):
         initial = prediction.start
     mass = np.array([0.0 if body.fixed else body.mass for body in scene.bodies])
     shapes = np.array([_shape(body.model) for body in scene.bodies])
-    overlap, held = _overlaps(scene, initial.mean)
+    states = initial.mean[None]
     if scene.overlap == "keep" and len(scene.moving):
-        drawn = [_overlaps(scene, x)[0] for x in initial.sample(_DRAWN, np.random.default_rng(_SEED))]
+        states = np.concatenate([states, initial.sample(_DRAWN, np.random.default_rng(_SEED))])
+    overlaps, (held, *_) = _overlaps(scene, states)
+    overlap, drawn = overlaps[0], overlaps[1:]
+    if drawn.any():
         overlap = np.maximum(overlap, np.quantile(drawn, _USUAL, axis=0))
     start = _Start(
         initial.mean,
@@ -387,7 +390,7 @@ def _assess(scene, start, prediction, time, belief, spreads, carry):
             if carry is not None:
                 points = propagator.opposite_points(carry, scene)
                 in_contact["unevenness"] = _unevenness(scene, start, points)
-            in_contact["mean_overlap"] = _overlaps(scene, belief.mean)[0] / start.shapes[:, 3]
+            in_contact["mean_overlap"] = _overlaps(scene, belief.mean[None])[0][0] / start.shapes[:, 3]
         speed, in_contact["energy_gain"] = _energies(scene, start, belief, group)
         if scene.integrator == "explicit":
             in_contact |= _explicit_measures(scene, start, speed)
@@ -557,8 +560,7 @@ def _kinetic(scene, start, belief, side):
     (B,).
 
     The mean over several rollouts has the spread's energy. Its share of rotation depends on how velocities
-    and poses go
-    together: the least (``side`` 0) or the largest (1) moment of inertia stands for all.
+    and poses go together: the least (``side`` 0) or the largest (1) moment of inertia stands for all.
     """
     energy, noise = np.zeros(len(scene.bodies)), np.zeros(len(scene.bodies))
     some, P = scene.moving, belief.blocks
@@ -578,43 +580,45 @@ def _kinetic(scene, start, belief, side):
     return energy, noise
 
 
-def _overlaps(scene, mean):
+def _overlaps(scene, states):
     """How deep each body's spheres reach into others or the environment [m], and no less than the energy
-    there [J]: each (B,).
+    there [J]: each (N, B), of states (N, B, 13).
     """
-    nudged = mean.copy()
-    for k, body in enumerate(scene.bodies):
-        nudged[k, POSITION.start] += k * _NUDGE * body.model.bounding_radius
-    result = np.zeros((2, len(mean)))
-    _add_overlaps(nudged, scene.world, scene.world.surroundings, result)
-    return result[0], scene.stiffness * result[1]
+    nudged = states.copy()
+    radii = [body.model.bounding_radius for body in scene.bodies]
+    nudged[:, :, POSITION.start] += _NUDGE * np.arange(len(radii)) * radii
+    depth, work = np.zeros((2, *states.shape[:2]))
+    _add_overlaps(nudged, scene.world, scene.world.surroundings, depth, work)
+    return depth, scene.stiffness * work
 
 
 @kernel
-def _add_overlaps(x, world, surroundings, out):
-    """Depths into ``out[0]``; depth times volume, half for each of two bodies, into ``out[1]``."""
-    work = workspace(x, world)
-    radii, pairs, records = world.tree.radii, work.search.pairs, work.search.records
-    for k in range(near_pairs(x, world.bodies.radius, work.zero_travel, world.bodies.moving, work)):
-        i, j = work.near[k, 0], work.near[k, 1]
-        t_ij, slack, top = open_pair(x, i, j, world, work)
-        while top > 0:
-            count, top = next_contacts(world.tree, work.R_ij, t_ij, slack, work.search, top)
-            for c in range(count):
-                depth = radii[pairs[c, 0]] + radii[pairs[c, 1]] - records[c, DISTANCE]
-                for body in (i, j):
-                    out[0, body] = max(out[0, body], depth)
-                    out[1, body] += 0.5 * depth * records[c, VOLUME]
-    if surroundings is not None:
-        for i in range(len(x)):
-            if world.bodies.moving[i]:
-                for e in range(len(surroundings.kind)):
-                    t, top = open_element(x, i, e, world, surroundings, work)
-                    while top > 0:
-                        count, top = next_element_contacts(
-                            world.tree, surroundings, e, work.R_ij, t, work.search, top
-                        )
-                        for c in range(count):
-                            depth = radii[pairs[c, 0]] - records[c, DISTANCE]
-                            out[0, i] = max(out[0, i], depth)
-                            out[1, i] += depth * records[c, VOLUME]
+def _add_overlaps(states, world, surroundings, depths, works):
+    """Depths, and depth times volume, half for each of two bodies, of states (N, B, 13): each (N, B)."""
+    for n in range(len(states)):
+        x, out, energy = states[n], depths[n], works[n]
+        work = workspace(x, world)
+        radii, pairs, records = world.tree.radii, work.search.pairs, work.search.records
+        for k in range(near_pairs(x, world.bodies.radius, work.zero_travel, world.bodies.moving, work)):
+            i, j = work.near[k, 0], work.near[k, 1]
+            t_ij, slack, top = open_pair(x, i, j, world, work)
+            while top > 0:
+                count, top = next_contacts(world.tree, work.R_ij, t_ij, slack, work.search, top)
+                for c in range(count):
+                    depth = radii[pairs[c, 0]] + radii[pairs[c, 1]] - records[c, DISTANCE]
+                    for body in (i, j):
+                        out[body] = max(out[body], depth)
+                        energy[body] += 0.5 * depth * records[c, VOLUME]
+        if surroundings is not None:
+            for i in range(len(x)):
+                if world.bodies.moving[i]:
+                    for e in range(len(surroundings.kind)):
+                        t, top = open_element(x, i, e, world, surroundings, work)
+                        while top > 0:
+                            count, top = next_element_contacts(
+                                world.tree, surroundings, e, work.R_ij, t, work.search, top
+                            )
+                            for c in range(count):
+                                depth = radii[pairs[c, 0]] - records[c, DISTANCE]
+                                out[i] = max(out[i], depth)
+                                energy[i] += depth * records[c, VOLUME]
