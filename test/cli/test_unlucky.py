@@ -163,6 +163,42 @@ def test_what_has_no_effect_is_noted(scene, capsys, options, words):
     assert out[-1] == "status: fine"
 
 
+@pytest.mark.parametrize(
+    "options, words",
+    [
+        ("--option name=x", "name is no option of sigma_points; its options are points"),
+        ("--option points=full --option points=minimal", "--option is given twice (got 'points')"),
+        (
+            "--propagator monte_carlo --samples 5 --option samples=7",
+            "samples is given twice, once as an option",
+        ),
+        ("--json --samples-out 10000000000", "--samples-out must be less: what is shown of them takes about"),
+        ("--status-rollouts 1", "--status-rollouts must be 0, or at least 2 (got 1)"),
+        ("--propagator surrogate --status-rollouts 1000000000", "--status-rollouts must be at most 10000000"),
+        ("--period 0.0034", "period is shorter than half a step of dt = 0.01 s (got '0.0034')"),
+        ("--models /nonexistent", "bodies[0].model cannot be looked up: /nonexistent is no folder (got"),
+    ],
+)
+def test_options_that_make_no_sense(scene, capsys, options, words):
+    assert main(["predict", str(scene), *options.split()]) > 2
+    (line,) = text_of(capsys)[1]
+    assert line.startswith(f"unc_physics: {words}")
+
+
+def test_models_of_a_folder_that_is_none(capsys):
+    assert main(["models", "--models", "/nonexistent"]) == ErrorCode.UNKNOWN_MODEL
+    (line,) = text_of(capsys)[1]
+    assert line == "unc_physics: folder of models is no folder (got '/nonexistent')"
+
+
+def test_a_limit_of_memory_that_is_no_number_is_told(scene, capsys, monkeypatch):
+    for value in ("nan", "-1", "much"):
+        monkeypatch.setenv("UNC_PHYSICS_MEMORY", value)
+        assert main(["predict", str(scene), "--json", "--samples-out", "1000000"]) == ErrorCode.INVALID_OPTION
+        (line,) = text_of(capsys)[1]
+        assert f"UNC_PHYSICS_MEMORY must be a number of bytes (got '{value}')" in line
+
+
 def test_what_is_as_asked_for_gets_no_note(scene, capsys):
     assert main(["predict", str(scene), "--period", "0.01"]) == 0
     assert text_of(capsys)[1] == []

@@ -10,6 +10,7 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
+from ..checks.errors import InvalidOptionError, LimitExceededError
 from ..checks.validation import instance, integer
 from ..physics.broad_phase import near_pairs
 from ..physics.compiled import kernel
@@ -29,6 +30,7 @@ from ..physics.narrow_phase import DISTANCE, VOLUME, next_contacts, open_pair
 from ..physics.overlap_search import TOUCHING
 from ..physics.rotation import rotation_matrix
 from ..physics.workspace import workspace
+from ..propagators.base import SAMPLES_LIMIT
 from ..propagators.names import REFERENCE
 from ..propagators.registry import make_propagator, names_where
 from .islands import merged
@@ -282,7 +284,16 @@ def assess(prediction: Prediction, *, rollouts: int = ROLLOUTS) -> tuple[BodySta
 def assess_all(prediction: Prediction, *, rollouts: int = ROLLOUTS) -> tuple[tuple[BodyStatus, ...], ...]:
     """As `assess`, at each of the prediction's times."""
     instance(prediction, Prediction, "prediction")
-    return prediction.answers.statuses(prediction, integer(rollouts, "rollouts", low=0))
+    return prediction.answers.statuses(prediction, compared_rollouts(rollouts))
+
+
+def compared_rollouts(rollouts: int, field: str = "rollouts") -> int:
+    """With how many rollouts to compare, checked; one alone has no spread."""
+    if integer(rollouts, field, low=0) == 1:
+        raise InvalidOptionError("must be 0, or at least 2", field=field, value=rollouts)
+    if rollouts > SAMPLES_LIMIT:
+        raise LimitExceededError(f"must be at most {SAMPLES_LIMIT}", field=field, value=rollouts)
+    return rollouts
 
 
 @np.errstate(all="ignore")

@@ -123,9 +123,7 @@ def write_start(objects, scene, belief) -> None:
 
 
 def _write_pose(message, mean, P, body):
-    """Write into a PoseWithCovariance that of a body's model's origin, from its mean (13,) and covariance (12,
-    12).
-    """
+    """Write a body's mean (13,) and covariance (12, 12) into a PoseWithCovariance of its model's origin."""
     state, _, message.covariance, _ = _at_origin(writable(mean), writable(P), writable(body.model.origin))
     _fill_pose(message.pose, state.tolist())
 
