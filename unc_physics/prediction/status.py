@@ -328,7 +328,7 @@ def _start(prediction):
         samples = math.inf if propagator.own_sample_count is None else propagator.rollouts(prediction.carry)
     if scene.integrator == "implicit":
         initial = prediction.start
-    mass = np.array([0.0 if body.fixed else body.mass for body in scene.bodies])
+    mass = np.array([body.mass if body.free else 0.0 for body in scene.bodies])
     shapes = np.array([_shape(body.model) for body in scene.bodies])
     overlap, held = _overlaps(scene, initial.mean)
     if scene.overlap == "keep" and len(scene.moving):
@@ -388,7 +388,9 @@ def _assess(scene, start, prediction, time, belief, spreads, carry):
                 points = propagator.opposite_points(carry, scene)
                 in_contact["unevenness"] = _unevenness(scene, start, points)
             in_contact["mean_overlap"] = _overlaps(scene, belief.mean)[0] / start.shapes[:, 3]
-        speed, in_contact["energy_gain"] = _energies(scene, start, belief, group)
+        speed, gain = _energies(scene, start, belief, group)
+        if not scene.acts:  # which adds energy
+            in_contact["energy_gain"] = gain
         if scene.integrator == "explicit":
             in_contact |= _explicit_measures(scene, start, speed)
         else:
@@ -399,7 +401,7 @@ def _assess(scene, start, prediction, time, belief, spreads, carry):
             body.name,
             (
                 {}
-                if body.fixed
+                if not body.free
                 else {
                     key: float(value[k])
                     for key, value in (per_body | in_contact if touches[k] else per_body).items()
