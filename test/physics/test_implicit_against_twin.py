@@ -92,18 +92,26 @@ def first_impact(left, world, work):
 def solve_impact(count, work):
     work.impulses[PLASTIC] = 0.0
     return implicit_solver.solve_impact(
-        work.rows, work.ids, work.counts, work.impulses, work.members, count, work.velocity, 0.1
+        work.rows,
+        work.twists,
+        work.ids,
+        work.counts,
+        work.impulses,
+        work.members,
+        count,
+        work.velocity,
+        0.1,
     )
 
 
 @kernel
 def travel_in_contact(x, count, h, first_time, residual, world, work):
-    implicit_step.travel_in_contact(x, count, h, 0.0, first_time, residual, world, 0.1, None, work)
+    implicit_step.travel_in_contact(x, count, h, h, 0.0, first_time, residual, world, 0.1, None, work)
 
 
 @kernel
 def travel_freely(x, i, h, world, work):
-    implicit_step.travel_freely(x, i, h, world.decay, world, work.R)
+    implicit_step.travel_freely(x, i, h, h, world.decay, world, work.R)
 
 
 # -- scenes ------------------------------------------------------------------------------------------
