@@ -7,15 +7,7 @@ freely.
 
 import numpy as np
 
-from .actions import (
-    ROUND_OFF,
-    bound_pace,
-    bound_push,
-    follows,
-    write_carried,
-    write_hold,
-    write_on_path,
-)
+from .actions import ROUND_OFF, bound_pace, bound_push, follows, write_carried, write_hold, write_on_path
 from .compiled import inner
 from .implicit_workspace import CLEARANCE, FREE, NOW, PACE, START, SURGE
 from .layout import P, Q, V, W

@@ -236,9 +236,7 @@ def collide(x, count, time, impact, first_time, residual, world, threshold, key,
     counts[CONTACTS] = kept
     if is_drawn(world.implicit.impact_error):
         disturb(round(time / world.dt), impact, len(x), key, world.implicit.impact_error, work)
-    worst = solve_impact(
-        rows, work.twists, ids, counts, work.impulses, members, count, velocity, threshold
-    )
+    worst = solve_impact(rows, work.twists, ids, counts, work.impulses, members, count, velocity, threshold)
     after_impact(method, x, count, threshold, world, work)
     for c in range(kept):
         if work.impulses[ELASTIC, c, 0] > 0.0:

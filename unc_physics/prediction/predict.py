@@ -162,9 +162,7 @@ def _predicted(scene, belief, propagator, marks, within, progress, keep_samples)
     piece = marks[-1] if in_one_go else 1
     # shared parameters tie all bodies together for ever, what is fixed makes no island, and bounds of where
     # bodies get to do not know what a robot does
-    in_islands = (
-        scene.islands and len(scene.moving) > 0 and not scene.shared_parameters and not scene.acts
-    )
+    in_islands = scene.islands and len(scene.moving) > 0 and not scene.shared_parameters and not scene.acts
     runner: Any = Islands(propagator, scene, marks) if in_islands else propagator
     keep_samples = 0 if propagator.own_sample_count is None else keep_samples
     done, reached, beliefs, kept, carries = 0, [], [], [], []

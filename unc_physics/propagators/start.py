@@ -9,6 +9,7 @@ import numpy as np
 
 from ..checks.errors import LimitExceededError
 from ..physics import contact_history as histories
+from ..physics.actions import no_actions
 from ..physics.contact_history import ContactHistory
 from ..physics.layout import (
     ANGULAR_VELOCITY,
@@ -29,7 +30,6 @@ from ..physics.rollout import rollout
 from ..physics.rotation import rotation_matrix
 from ..physics.threads import in_threads
 from ..physics.time_limit import limited
-from ..physics.actions import no_actions
 from ..scene.action_arrays import driven_belief, held_at_start
 from ..scene.belief import Belief
 from ..scene.scene import Scene

@@ -150,7 +150,9 @@ def start_states(scene: Scene, states: np.ndarray, z: np.ndarray) -> np.ndarray:
     for k in np.flatnonzero(held_at_start(scene)):
         carrier = int(nominal.carrier[k])
         at = states[:1, carrier].copy()
-        carry_along(states, k, before.get(carrier, at), after.get(carrier, np.repeat(at, len(states), axis=0)))
+        carry_along(
+            states, k, before.get(carrier, at), after.get(carrier, np.repeat(at, len(states), axis=0))
+        )
     return states
 
 

@@ -162,7 +162,9 @@ class RigidBody(Surface):
             if fixed:
                 raise InvalidRequestError("must be absent: the body is fixed", field=f"trajectory{of}")
             if self.mass_std or np.any(self.center_of_mass_std):
-                raise InvalidRequestError("must be zero or absent: the body is prescribed", field=f"mass_std{of}")
+                raise InvalidRequestError(
+                    "must be zero or absent: the body is prescribed", field=f"mass_std{of}"
+                )
         elif std.any():
             raise InvalidRequestError("needs a trajectory beside it", field=f"trajectory_std{of}")
         wrenches = tuple(self.wrenches)

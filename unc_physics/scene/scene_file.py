@@ -384,9 +384,7 @@ def _trajectory(content, field):
         times[k] = number(pose["time"], f"{entry}.time")
         positions[k] = _numbers(pose["position"], (3,), f"{entry}.position")
         given = pose.get("orientation")
-        orientations[k] = (
-            (0, 0, 0, 1) if given is None else _numbers(given, (4,), f"{entry}.orientation")
-        )
+        orientations[k] = (0, 0, 0, 1) if given is None else _numbers(given, (4,), f"{entry}.orientation")
         for key, values in read.items():
             if pose.get(key) is not None:
                 values[k] = _numbers(pose[key], (3,), f"{entry}.{key}")

@@ -9,7 +9,7 @@ import pytest
 from plain_scenes import BALL, BLOCK, G, course, packing, run, state
 from scipy.spatial.transform import Rotation
 
-from unc_physics import Belief, Box, Plane, PosePath, RigidBody, Scene, Wrench, make_propagator, predict
+from unc_physics import Box, Plane, PosePath, RigidBody, Scene, Wrench
 
 FLOOR = Plane(name="floor")
 FINGER = BALL.scaled(0.2)  # 1 cm
@@ -100,14 +100,17 @@ def test_a_slow_push_moves_a_box_along(dt, sleep):
         assert moved[1] == pytest.approx(speed * time, abs=1e-4)  # contacts give way that far
         assert moved[1] - moved[0] == pytest.approx(0.5 * speed * time, abs=2e-5)
         assert touching[3] == pytest.approx(speed, rel=0.01)
-        assert abs(end[1]) < 1e-6 and np.linalg.norm(end[3:6]) < 1e-5
+        assert abs(end[1]) < 5e-6 and np.linalg.norm(end[3:6]) < 1e-5
 
 
 @at_steps
 def test_an_impact_feels_the_velocity_of_a_path(dt):
     """A wall that comes at 2 m/s throws a ball at twice that, and friction turns it."""
     wall = RigidBody(
-        "wall", BLOCK.scaled(3.0), trajectory=straight((-0.5, -0.072, -0.03), (2, 0.6, 0), 0.5), restitution=1.0
+        "wall",
+        BLOCK.scaled(3.0),
+        trajectory=straight((-0.5, -0.072, -0.03), (2, 0.6, 0), 0.5),
+        restitution=1.0,
     )
     ball = RigidBody("ball", BALL, 0.3, restitution=1.0)
     scene = world(ball, wall, dt=dt, gravity=None, environment=(), friction=0.1)
