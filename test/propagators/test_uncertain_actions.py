@@ -1,4 +1,6 @@
-"""Beliefs about what a robot does: uncertain paths, releases and grasps, by all propagators that take them."""
+"""Beliefs about what a robot does: uncertain paths, releases and grasps, by all propagators that take
+them.
+"""
 
 import numpy as np
 import pytest

@@ -35,10 +35,7 @@ def said(function, *arguments, **options):
         ({"times": [0]}, "times must be at least two; what stands still is fixed"),
         ({"times": [0, 2, 1]}, "times[2] must be later than the time before it, 2 s (got 1.0)"),
         ({"times": [0, 1, 1]}, "times[2] must be later than the time before it, 1 s"),
-        (
-            {"times": [0, 1e-3, 1]},
-            "times[1] jumps: from 0 s to 0.001 s it moves at 2001 m/s, faster than 100",
-        ),
+        ({"times": [0, 1e-3, 1]}, "times[1] jumps: from 0 s to 0.001 s it moves at 2001 m/s, faster"),
         ({"positions": [[0, 0], [1, 0], [2, 0]]}, "positions must have shape (3, 3), not (3, 2)"),
         ({"positions": [[0, 0, np.nan]] * 3}, "positions must be finite"),
         ({"orientations": [[0, 0, 0, 2]] * 3}, "orientations[0] must have unit length, not 2"),
@@ -61,23 +58,14 @@ def test_a_path_that_cannot_be(given, sentence):
     [
         ({"trajectory": LINE, "fixed": True}, "trajectory of body 'a' must be absent: the body is fixed"),
         ({"trajectory_std": [0.1] * 6}, "trajectory_std of body 'a' needs a trajectory beside it"),
-        (
-            {"trajectory": LINE, "trajectory_std": [-1, 0, 0, 0, 0, 0]},
-            "trajectory_std of body 'a'[0] must not be",
-        ),
+        ({"trajectory": LINE, "trajectory_std": [-1, 0, 0, 0, 0, 0]}, "trajectory_std of body 'a'[0] must"),
         ({"trajectory": LINE, "at_rest": True}, "at_rest of body 'a' must be false for a prescribed body"),
-        (
-            {"trajectory": LINE, "attached_to": "b"},
-            "attached_to of body 'a' must be absent: the body is fixed or",
-        ),
+        ({"trajectory": LINE, "attached_to": "b"}, "attached_to of body 'a' must be absent: the body"),
         ({"trajectory": LINE, "wrenches": [Wrench()]}, "wrenches of body 'a' must be absent: no force moves"),
         ({"trajectory": 1.0}, "trajectory of body 'a' must be a PosePath, not a float"),
         ({"attached_to": "a"}, "attached_to of body 'a' must be another body than itself"),
         ({"attached_to": "b", "attached_at": 2.0, "released_at": 1.0}, "must be later than attached_at, 2 s"),
-        (
-            {"attached_to": "b", "released_at_std": 0.1},
-            "released_at_std of body 'a' needs released_at beside it",
-        ),
+        ({"attached_to": "b", "released_at_std": 0.1}, "released_at_std of body 'a' needs released_at"),
         ({"released_at": 1.0}, "released_at of body 'a' needs attached_to beside it"),
         ({"attached_to": "b", "at_rest": True}, "at_rest of body 'a' must be false, as the body is held"),
         ({"torsional_friction": -1.0}, "torsional_friction of body 'a' must not be negative"),
@@ -91,10 +79,7 @@ def test_a_body_that_cannot_be(given, sentence):
     ("to", "sentence"),
     [
         ("nobody", "bodies[0].attached_to is no body of the scene"),
-        (
-            "free",
-            "bodies[0].attached_to must name a body with a trajectory, or a fixed one; this one moves by",
-        ),
+        ("free", "bodies[0].attached_to must name a body with a trajectory, or a fixed one; this one"),
         ("other", "bodies[0].attached_to goes in a circle: a to other to a"),
     ],
 )
@@ -131,9 +116,7 @@ def test_propagators_that_cannot_say_so(name, integrator):
     scene = Scene(bodies, integrator=integrator)
     belief = Belief.of(scene, {"a": BodyBelief(position=(0, 0, 3))})
     sentence = said(predict, scene, belief, name, 0.1)
-    assert sentence.startswith(
-        "propagator does not take prescribed, held or pushed bodies, nor surfaces that"
-    )
+    assert sentence.startswith("propagator does not take prescribed, held or pushed bodies, nor surfaces")
     assert "monte_carlo" in sentence
 
 
@@ -165,14 +148,8 @@ def in_file(body=None, element=None):
         ({"trajectory": 3}, "bodies[1].trajectory must be a list of poses"),
         ({"trajectory": [{"time": 0}] * 2}, "bodies[1].trajectory[0].position must be given"),
         ({"trajectory": [{"when": 0}] * 2}, "bodies[1].trajectory[0] has no key 'when'"),
-        (
-            {"trajectory": POSES, "position": [0, 0, 0]},
-            "bodies[1].position must be absent: the body's trajectory",
-        ),
-        (
-            {"trajectory": POSES, "trajectory_std": 0.1},
-            "bodies[1].trajectory_std must be a list of 6 numbers",
-        ),
+        ({"trajectory": POSES, "position": [0, 0, 0]}, "bodies[1].position must be absent: the body's"),
+        ({"trajectory": POSES, "trajectory_std": 0.1}, "bodies[1].trajectory_std must be a list of 6"),
         ({"mass": 1, "wrenches": {}}, "bodies[1].wrenches must be a list"),
         ({"mass": 1, "wrenches": [{"power": 1}]}, "bodies[1].wrenches[0] has no key 'power'"),
         ({"mass": 1, "wrenches": [{"duration": -1}]}, "bodies[1].wrenches[0].duration must be positive"),

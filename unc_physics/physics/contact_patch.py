@@ -318,7 +318,7 @@ def write_contact(x, i, j, k, world, work):
         work.counts[OVERFLOW] = TOO_MANY_CONTACTS
         return
     work.counts[CONTACTS] = m + 1
-    row, c, R, bodies = work.rows[m], work.candidates[k], work.R[i], world.bodies
+    row, c, R = work.rows[m], work.candidates[k], work.R[i]
     a, b = work.candidate_ids[k, 0], work.candidate_ids[k, 1]
     work.ids[m, 0], work.ids[m, 1], work.ids[m, 2], work.ids[m, 3] = i, j, a, b
     n = rotate(R, c[0], c[1], c[2])

@@ -15,8 +15,8 @@ gives energy.
 Impact (`solve_impact`): impulses to ``v_n' = -e v_n`` where a contact closes, in Coulomb's cone.
 
 Both by block Gauss-Seidel: each contact's normal impulse in closed form, then both tangential ones, scaled
-back to the cone. Where patches oppose spin, a moment about the normal follows, up to a length times the normal
-impulse. Surfaces that move count with their velocities.
+back to the cone. Where patches oppose spin, a moment about the normal follows, up to a length times the
+normal impulse. Surfaces that move count with their velocities.
 """
 
 import math

@@ -39,8 +39,8 @@ class Bodies(NamedTuple):
 
 
 class Surroundings(NamedTuple):
-    """The E elements of the environment, what acts on bodies from outside, and whether free flight goes beyond
-    the paper's.
+    """The E elements of the environment, what acts on bodies from outside, and whether free flight goes
+    beyond the paper's.
 
     Attributes
     ----------

@@ -320,6 +320,14 @@ def check_supported(scene: Scene, propagator: Propagator) -> None:
             field="propagator",
             value=propagator.name,
         )
+    for k, surface in enumerate(scene.surfaces):
+        if surface.torsional_friction and not propagator.takes_actions:
+            names = [body.name for body in scene.bodies] + element_names(scene.environment)
+            raise NotSupportedError(
+                f"is not supported by {propagator.name}",
+                field=f"torsional_friction of '{names[k]}'",
+                value=surface.torsional_friction,
+            )
     if scene.islands and getattr(propagator, "reduce", False):
         raise NotSupportedError(
             "does not go with islands, which have no common motion; leave out either", field="reduce"

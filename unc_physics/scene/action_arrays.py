@@ -1,4 +1,6 @@
-"""A scene's actions as the kernels take them (`physics.actions`), and with other values of what is uncertain."""
+"""A scene's actions as the kernels take them (`physics.actions`), also with other values of what is
+uncertain.
+"""
 
 from __future__ import annotations
 
@@ -113,8 +115,8 @@ def with_driven(scene: Scene, mean: np.ndarray, time: float) -> np.ndarray:
 
 
 def driven_belief(scene: Scene, belief: Belief) -> Belief:
-    """A belief at time 0 as the scene's actions say: where prescribed bodies are, and that held ones move with
-    what holds them.
+    """A belief at time 0 as the scene's actions say: where prescribed bodies are, and that held ones move
+    with what holds them.
     """
     held = held_at_start(scene)
     mean = with_driven(scene, belief.mean, 0.0)
@@ -134,8 +136,8 @@ def driven_belief(scene: Scene, belief: Belief) -> Belief:
 
 
 def start_states(scene: Scene, states: np.ndarray, z: np.ndarray) -> np.ndarray:
-    """States (N, B, 13) at time 0 in which prescribed bodies are where their own paths say, and what they hold
-    moves along: its pose is known in their frames.
+    """States (N, B, 13) at time 0 in which prescribed bodies are where their own paths say, and what they
+    hold moves along: its pose is known in their frames.
     """
     if not scene.acts:
         return states

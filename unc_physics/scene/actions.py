@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from dataclasses import dataclass
 
@@ -13,8 +14,8 @@ from ..checks.validation import FARTHEST, array, flag, non_negative, number, num
 from ..physics.actions import rotation_between
 from ..physics.layout import ANGULAR_VELOCITY, POSITION, QUATERNION, STATE, VELOCITY
 
-#: Most poses of a path; the fastest that one may be, linear [m/s] and angular [rad/s], and how far it may turn
-#: from one pose to the next [rad], beyond which nobody knows about which axis.
+#: Most poses of a path; the fastest that one may be, linear [m/s] and angular [rad/s], and how far it may
+#: turn from one pose to the next [rad], beyond which nobody knows about which axis.
 MOST_POSES = 100_000
 FASTEST, FASTEST_TURN, _MOST_TURN = 100.0, 200.0, 3.0
 
@@ -97,8 +98,8 @@ class PosePath:
         for k, turn in enumerate(turns):
             if (angle := float(np.linalg.norm(turn))) > _MOST_TURN:
                 raise InvalidRequestError(
-                    f"turns by {angle:.4g} rad from the pose before it, so that it is not known which way; add"
-                    " poses between them",
+                    f"turns by {angle:.4g} rad from the pose before it, so that it is not known which way;"
+                    " add poses between them",
                     field=f"orientations[{k + 1}]",
                 )
 
@@ -142,7 +143,7 @@ class PosePath:
             # a velocity is within its Bezier polygon, and so is its rate
             corners = first, 3.0 * way / steps - first - last, last
             result[:-1, k] = np.max([np.linalg.norm(corner, axis=1) for corner in corners], axis=0)
-            rates = [2.0 * (b - a) / steps for a, b in zip(corners[:-1], corners[1:], strict=True)]
+            rates = [2.0 * (b - a) / steps for a, b in itertools.pairwise(corners)]
             result[:-1, 2 + k] = np.max([np.linalg.norm(rate, axis=1) for rate in rates], axis=0)
         return result
 

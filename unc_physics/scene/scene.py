@@ -380,8 +380,8 @@ class Scene:
         )
 
     def _surroundings(self) -> Surroundings | None:
-        """Environment, actions and gyroscopic term; None for none of them, so that the explicit kernels compile
-        without.
+        """Environment, actions and gyroscopic term; None for none of them, so that the explicit kernels
+        compile without.
         """
         elements = self.environment
         if not (elements or self.gyroscopic or self.integrator == "implicit" or self.acts):
