@@ -36,6 +36,8 @@ from .propagators.base import Mode as Mode
 from .propagators.base import Propagator as Propagator
 from .propagators.registry import PROPAGATORS as PROPAGATORS
 from .propagators.registry import make_propagator as make_propagator
+from .scene.actions import PosePath as PosePath
+from .scene.actions import Wrench as Wrench
 from .scene.belief import Belief as Belief
 from .scene.body import RigidBody as RigidBody
 from .scene.body_belief import BodyBelief as BodyBelief

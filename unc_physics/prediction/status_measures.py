@@ -62,7 +62,7 @@ def start_of(prediction):
         samples = math.inf if propagator.own_sample_count is None else propagator.rollouts(prediction.carry)
     if scene.integrator == "implicit":
         initial = prediction.start
-    mass = np.array([0.0 if body.fixed else body.mass for body in scene.bodies])
+    mass = np.array([body.mass if body.free else 0.0 for body in scene.bodies])
     shapes = np.array([_shape(body.model) for body in scene.bodies])
     states = initial.mean[None]
     if scene.overlap == "keep" and len(scene.moving):
@@ -125,14 +125,16 @@ def measures_at(scene, start, prediction, time, belief, spreads, carry):
                 points = propagator.opposite_points(carry, scene)
                 in_contact["unevenness"] = _unevenness(scene, start, points)
             in_contact["mean_overlap"] = overlaps(scene, belief.mean[None])[0][0] / start.shapes[:, 3]
-        speed, in_contact["energy_gain"] = _energies(scene, start, belief, group)
+        speed, gain = _energies(scene, start, belief, group)
+        if not scene.acts:  # which adds energy
+            in_contact["energy_gain"] = gain
         if scene.integrator == "explicit":
             in_contact |= _explicit_measures(scene, start, speed)
         else:
             in_contact["contact_residual"] = np.quantile(history.solver.residual, _USUAL, axis=0)
     return [
         {}
-        if body.fixed
+        if not body.free
         else {
             key: float(value[k]) for key, value in (per_body | in_contact if touches[k] else per_body).items()
         }
