@@ -13,6 +13,7 @@ from .plugins import add_plugin_commands
 from .predict_command import add_predict_command
 from .propagators_command import add_propagators_command
 from .schema_command import add_schema_command
+from .view_command import add_view_command
 from .warm_up_command import add_warm_up_command
 
 
@@ -41,6 +42,7 @@ def build_parser() -> argparse.ArgumentParser:
     add_import_command(commands)
     add_models_command(commands)
     add_show_command(commands)
+    add_view_command(commands)
     add_warm_up_command(commands)
     add_plugin_commands(commands)
     return parser

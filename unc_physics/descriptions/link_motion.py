@@ -135,10 +135,7 @@ def _checked(joint_names, times, positions):
         raise InvalidRequestError("must be a list of times, at least one", field="times", value=times.shape)
     if positions.shape != (len(times), len(joint_names)):
         raise InvalidRequestError(
-            (
-                f"must have {len(times)} rows, one for each time, and {len(joint_names)} columns, one for each"
-                " joint"
-            ),
+            f"must have {len(times)} rows, one for each time, and {len(joint_names)} columns",
             field="positions",
             value=positions.shape,
         )

@@ -12,12 +12,10 @@ from ..checks.names import hint
 from ..checks.validation import instance, positive
 from ..geometry.packing import pack_solid
 from ..geometry.packing_file import SpherePacking, check_inertia
+from ..geometry.primitives import primitive
 from ..geometry.solid_mesh import SolidMesh, make_solid, read_mesh, repaired
 from .parts import SOLIDS, Description, Link, Shape
 from .reading import read_description
-
-_ROUND = 64  # corners around a cylinder
-_SUBDIVISIONS = 3  # of a ball
 
 
 def from_urdf(
@@ -149,8 +147,6 @@ def _with_inertial(solid, link, field):
 
 def _triangles(shape: Shape, repair):
     """Vertices and triangles of a shape, in its own frame."""
-    import trimesh
-
     if shape.kind == "mesh" and shape.file is not None:
         vertices, faces, _ = read_mesh(shape.file)
         if repair:
@@ -159,17 +155,7 @@ def _triangles(shape: Shape, repair):
         return vertices, faces if np.prod(shape.scale) > 0.0 else faces[:, ::-1]
     for length in shape.size:
         positive(length, f"size of a {shape.kind}")
-    create = trimesh.creation
-    if shape.kind == "box":
-        mesh = create.box(shape.size)
-    elif shape.kind == "sphere":
-        mesh = create.icosphere(subdivisions=_SUBDIVISIONS, radius=shape.size[0])
-    elif shape.kind == "cylinder":
-        mesh = create.cylinder(shape.size[0], shape.size[1], sections=_ROUND)
-    else:
-        mesh = create.capsule(height=shape.size[1], radius=shape.size[0], count=[_ROUND, _ROUND])
-        mesh.apply_translation(-mesh.bounds.mean(axis=0))
-    return np.asarray(mesh.vertices, float), np.asarray(mesh.faces, np.int64)
+    return primitive(shape.kind, shape.size)
 
 
 def _moved(triangles, pose):
