@@ -7,6 +7,11 @@ from .calibration.motions import Motion as Motion
 from .calibration.motions import read_motions as read_motions
 from .checks.errors import ErrorCode as ErrorCode
 from .checks.errors import UncPhysicsError as UncPhysicsError
+from .descriptions.link_motion import LinkMotion as LinkMotion
+from .descriptions.link_motion import link_motions as link_motions
+from .descriptions.link_solid import from_urdf as from_urdf
+from .descriptions.world import World as World
+from .descriptions.world import load_world as load_world
 from .geometry.library import list_models as list_models
 from .geometry.library import load_model as load_model
 from .geometry.packing import pack_solid as pack_solid
@@ -28,10 +33,10 @@ from .prediction.probabilities import RestProbability as RestProbability
 from .prediction.probabilities import contact_probabilities as contact_probabilities
 from .prediction.probabilities import region_probabilities as region_probabilities
 from .prediction.probabilities import rest_probabilities as rest_probabilities
-from .prediction.status import BodyStatus as BodyStatus
-from .prediction.status import Status as Status
 from .prediction.status import assess as assess
 from .prediction.status import assess_all as assess_all
+from .prediction.status_rules import BodyStatus as BodyStatus
+from .prediction.status_rules import Status as Status
 from .propagators.base import Mode as Mode
 from .propagators.base import Propagator as Propagator
 from .propagators.registry import PROPAGATORS as PROPAGATORS

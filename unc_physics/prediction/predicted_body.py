@@ -38,7 +38,8 @@ from .probabilities import (
     region_probabilities,
     rest_probabilities,
 )
-from .status import ROLLOUTS, BodyStatus, assess_all
+from .status import ROLLOUTS, assess_all
+from .status_rules import BodyStatus
 
 Convention = Literal["ros", "error_state"]
 

@@ -215,7 +215,7 @@ class Propagator(ABC):
 
     def measures(self, carry: Any, scene: Scene) -> dict[str, np.ndarray]:
         """What the propagator itself knows of its answer's quality: values (B,) by the names in
-        `prediction.status.RULES`.
+        `prediction.status_rules.RULES`.
         """
         return {}
 

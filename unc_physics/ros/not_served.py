@@ -49,10 +49,12 @@ def refuse_not_served(kind: str, message, place: str) -> None:
 
 def _asks(value) -> bool:
     """Whether a field is neither empty nor zero."""
-    if isinstance(value, (bool, int, float, str)):
-        return bool(value)
-    if hasattr(value, "get_fields_and_field_types"):
-        return any(_asks(getattr(value, name)) for name in value.get_fields_and_field_types())
     if isinstance(value, np.ndarray):
         return bool(value.any())
+    if not value:
+        return False
+    if isinstance(value, (bool, int, float, str)):
+        return True
+    if hasattr(value, "get_fields_and_field_types"):
+        return any(_asks(getattr(value, name)) for name in value.get_fields_and_field_types())
     return any(hasattr(entry, "get_fields_and_field_types") or bool(entry) for entry in value)

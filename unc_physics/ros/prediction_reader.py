@@ -40,7 +40,7 @@ from ..prediction.probabilities import (
     RegionProbability,
     RestProbability,
 )
-from ..prediction.status import BodyStatus, Status
+from ..prediction.status_rules import BodyStatus, Status
 from ..propagators.base import Mode
 from ..scene.belief import Belief
 from ..scene.parameters import moved_along

@@ -399,7 +399,8 @@ def _checked(entries, field):
     """
     flat = np.frombuffer(entries)
     size = math.isqrt(len(flat))
-    P = array(flat.reshape(size, size), (size, size), field, InvalidCovarianceError)
-    if size < ERROR and P[0, 0] == UNKNOWN:
+    P = flat.reshape(size, size)
+    if size < ERROR and flat[0] == UNKNOWN:
+        array(P, (size, size), field, InvalidCovarianceError)
         return None
     return writable(covariance(P, size, field))

@@ -252,6 +252,8 @@ class Belief:
     def sample(self, count: int, rng: np.random.Generator) -> np.ndarray:
         """(count, B, 13): states drawn from the belief; the first k are the same for every larger count."""
         root = self.root()
+        entries = sum(root.shape) + 3 * self.mean.size
+        require_memory(8.0 * count * entries, f"{count} draws", "count", count)
         # einsum, not BLAS: each row in one order of summation, whatever the count and the number of threads
         errors = np.einsum("nr,kr->nk", rng.standard_normal((count, root.shape[1])), root)
         return spread_states(self.mean.copy(), self.moving.copy(), errors)

@@ -139,7 +139,9 @@ class RigidBody(Surface):
             "at_rest": flag(self.at_rest, f"at_rest of body '{self.name}'"),
         }
         if self.inertia is not None:
-            checked["inertia"] = _checked_inertia(self.inertia, f"inertia of body '{self.name}'")
+            checked["inertia"] = _checked_inertia(
+                self.inertia, self.model.bounding_radius, f"inertia of body '{self.name}'"
+            )
         if checked["mass_std"] > checked["mass"]:
             raise InvalidMassError(
                 "must not exceed the mass", field=f"mass_std of body '{self.name}'", value=self.mass_std
@@ -219,14 +221,14 @@ class RigidBody(Surface):
         return self.model.inertia if self.inertia is None else self.inertia
 
 
-def _checked_inertia(value, field):
+def _checked_inertia(value, reach, field):
     """An inertia tensor (3, 3) from itself, its three diagonal entries, or one number for these."""
     found = numbers(value, field)
     if found.ndim < 2:
         found = np.diag(array(np.full(3, found) if found.ndim == 0 else found, (3,), field))
     found = array(found, (3, 3), field)
     try:
-        check_inertia(found)
+        check_inertia(found, reach)
     except InvalidModelError as error:
         raise InvalidRequestError(error.problem, field=field, value=error.value) from None
     return found

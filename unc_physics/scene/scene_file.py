@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 import os
+import re
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -22,6 +23,7 @@ from ..checks.errors import (
     UncPhysicsError,
 )
 from ..checks.names import hint
+from ..checks.shown import shown
 from ..checks.validation import array, instance, integer, non_negative, number, positive
 from ..geometry.library import find_model
 from ..geometry.packing_file import load_packing
@@ -76,6 +78,7 @@ _BODY_KEYS = (
 _ENTRIES, _LEVELS = 300_000, 50
 _CHARACTERS = 20_000_000  # most of a file
 _INT, _FLOAT = "tag:yaml.org,2002:int", "tag:yaml.org,2002:float"
+_OCTAL = re.compile(r"[-+]?0[0-7_]+")
 
 
 class LoadedScene(NamedTuple):
@@ -87,8 +90,8 @@ class LoadedScene(NamedTuple):
 
 
 class _Loader(yaml.SafeLoader):
-    """Refuses a key that is given twice, of which YAML would silently take the last; numbers of base 60,
-    which nobody means; and what a few lines of aliases make as large as the memory.
+    """Refuses a key that is given twice, of which YAML would silently take the last; numbers of base 60 and
+    8, which nobody means; and what a few lines of aliases make as large as the memory.
     """
 
     def __init__(self, stream):
@@ -115,12 +118,22 @@ class _Loader(yaml.SafeLoader):
         return node
 
     def construct_scalar(self, node):
-        if node.tag in (_INT, _FLOAT) and ":" in node.value:
+        base = 60 if node.tag in (_INT, _FLOAT) and ":" in node.value else 0
+        if node.tag == _INT and _OCTAL.fullmatch(node.value):
+            base = 8
+        if base:
             problem = (
-                f"{node.value} is a number of base 60 to YAML; write it out, or in quotes if it is a text"
+                f"{node.value} is a number of base {base} to YAML; write it out, or in quotes if it is a text"
             )
             raise yaml.constructor.ConstructorError(None, None, problem, node.start_mark)
         return super().construct_scalar(node)
+
+    def construct_object(self, node, deep=False):
+        try:
+            return super().construct_object(node, deep)
+        except (ValueError, OverflowError):  # a date that is none, an integer of thousands of digits
+            problem = f"{shown(node.value)} has a value that cannot be read"
+            raise yaml.constructor.ConstructorError(None, None, problem, node.start_mark) from None
 
     def construct_mapping(self, node, deep=False):
         lines = {}
@@ -164,6 +177,8 @@ def load_scene(path: str | os.PathLike[str], models_dir: str | os.PathLike[str] 
         mark = getattr(error, "problem_mark", None)
         place = f" in line {mark.line + 1}" if mark else ""
         reason = f": {error.problem}" if isinstance(error, yaml.constructor.ConstructorError) else ""
+        if isinstance(error, yaml.composer.ComposerError):  # a second document, or an alias of nothing
+            reason = f": {', '.join(filter(None, (error.context, error.problem)))}"
         said = "cannot be read" if reason else "is not valid YAML"
         raise InvalidRequestError(f"{said}{place}{reason}", field=f"scene file {path}") from None
     return scene_from_dict(content, models_dir, folder=path.parent)
