@@ -11,9 +11,9 @@ import numpy as np
 
 from unc_physics.physics.layout import ERR_POSITION, ERR_ROTATION, POSITION, QUATERNION
 from unc_physics.physics.rotation import rotation_matrix
+from unc_physics.prediction.overlap_depths import overlaps as deepest_overlaps
 from unc_physics.prediction.predict import predict
 from unc_physics.prediction.prediction import Prediction
-from unc_physics.prediction.status import _overlaps as deepest_overlaps
 from unc_physics.propagators.monte_carlo import MonteCarlo
 from unc_physics.scene.belief import Belief
 from unc_physics.scene.scene import Scene

@@ -362,7 +362,7 @@ def _bodies(scene, belief):
                 "orientation": state[QUATERNION].tolist(),
                 "linear_velocity": state[VELOCITY].tolist(),
                 "angular_velocity": state[ANGULAR_VELOCITY].tolist(),
-                "covariance": None if body.fixed else P.tolist(),
+                "covariance": P.tolist() if body.free else None,
             }
         )
     return bodies
@@ -388,8 +388,8 @@ def as_table(prediction) -> str:
         for k, body in enumerate(scene.bodies):
             state, P = belief.mean[k], belief.marginal(k)
             row = f"{names[k]:<{width}}  {_row(state[POSITION], '8.4f')}  {_row(state[QUATERNION], '7.4f')}  "
-            if body.fixed:
-                row += "fixed"
+            if not body.free:
+                row += "fixed" if body.fixed else "prescribed"
             else:
                 std = np.sqrt(np.maximum(P.diagonal(), 0.0))
                 row += f"{_row(std[ERR_POSITION], '8.4f')}  {_row(np.degrees(std[ERR_ROTATION]), '7.2f')}"

@@ -75,7 +75,7 @@ def write_prediction(scene, models, times, beliefs, samples=None, wanted=MARGINA
         PredictedObject(
             id=body.name,
             model=model,
-            kind=ObjectState.FIXED if body.fixed else ObjectState.DYNAMIC,
+            kind=_kind(body),
             status=PredictedObject.STATUS_NOT_ASSESSED,
             status_msg="no check was made",
         )
@@ -104,6 +104,13 @@ def write_prediction(scene, models, times, beliefs, samples=None, wanted=MARGINA
     for answer, own in zip(objects, states, strict=True):
         answer.states = own
     return objects, joints
+
+
+def _kind(body):
+    """How a body moves, as messages have it."""
+    if body.trajectory is not None:
+        return ObjectState.PRESCRIBED
+    return ObjectState.FIXED if body.fixed else ObjectState.DYNAMIC
 
 
 def write_modes(objects, prediction: Prediction) -> None:
