@@ -153,6 +153,8 @@ def _predicted(scene, belief, propagator, marks, within, progress, keep_samples)
     """The prediction of what `predict` has checked."""
     horizon = marks[-1] * scene.dt
     given, belief = belief, known(scene, belief)
+    if scene.acts:  # where prescribed bodies are is not for a belief to say
+        given = belief
     if propagator.traits.mean_update == "nominal" and scene.integrator == "implicit":
         # a single rollout cannot begin in several ways
         belief = within.complete(start_belief, scene, belief)
