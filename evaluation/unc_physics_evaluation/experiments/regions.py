@@ -8,7 +8,8 @@ import numpy as np
 
 from unc_physics import make_propagator, predict
 from unc_physics.physics.layout import ERR_POSITION, ERR_ROTATION
-from unc_physics.prediction.status import Status, assess
+from unc_physics.prediction.status import assess
+from unc_physics.prediction.status_rules import Status
 
 from ..goals import Figure, goal_tables, goals_met_by
 from ..jobs import Job, Outcome, Row, Settings
