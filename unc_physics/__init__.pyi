@@ -7,6 +7,11 @@ from .calibration.motions import Motion as Motion
 from .calibration.motions import read_motions as read_motions
 from .checks.errors import ErrorCode as ErrorCode
 from .checks.errors import UncPhysicsError as UncPhysicsError
+from .descriptions.link_motion import LinkMotion as LinkMotion
+from .descriptions.link_motion import link_motions as link_motions
+from .descriptions.link_solid import from_urdf as from_urdf
+from .descriptions.world import World as World
+from .descriptions.world import load_world as load_world
 from .geometry.library import list_models as list_models
 from .geometry.library import load_model as load_model
 from .geometry.packing import pack_solid as pack_solid
@@ -36,6 +41,8 @@ from .propagators.base import Mode as Mode
 from .propagators.base import Propagator as Propagator
 from .propagators.registry import PROPAGATORS as PROPAGATORS
 from .propagators.registry import make_propagator as make_propagator
+from .scene.actions import PosePath as PosePath
+from .scene.actions import Wrench as Wrench
 from .scene.belief import Belief as Belief
 from .scene.body import RigidBody as RigidBody
 from .scene.body_belief import BodyBelief as BodyBelief

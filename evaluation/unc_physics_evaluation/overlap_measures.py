@@ -160,9 +160,9 @@ def without_overlap(
     rng, kept, drawn = np.random.default_rng(seed), [], 0
     while len(kept) < wanted and drawn < most:
         states = belief.sample(min(wanted, most - drawn), rng)
-        for n, state in enumerate(states):
+        for state, depths in zip(states, deepest_overlaps(scene, states)[0], strict=True):
             drawn += 1
-            if deepest_overlaps(scene, state)[0].max() <= OVERLAP:
+            if depths.max() <= OVERLAP:
                 kept.append(state)
                 if len(kept) == wanted:
                     break

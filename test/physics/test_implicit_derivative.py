@@ -147,9 +147,9 @@ def converge(x, root, world, work, method, times):
         before_group(method, count, world, work)
         before_travel(method, x, count, world.dt, world.dt, 0.1, world, work)
         implicit_step.travel_in_contact(
-            x, count, world.dt, 0.0, first_time, residual, world, 0.1, method, work
+            x, count, world.dt, world.dt, 0.0, first_time, residual, world, 0.1, method, work
         )
-        force[:] = work.impulses[LASTING] / world.dt
+        force[:] = work.impulses[LASTING, :, :3] / world.dt
     return work.counts[CONTACTS]
 
 

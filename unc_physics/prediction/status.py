@@ -6,7 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from ..checks.errors import InvalidOptionError, LimitExceededError
 from ..checks.validation import instance, integer
+from ..propagators.base import SAMPLES_LIMIT
 from .few_rollouts import rollout_spreads
 from .prediction import Prediction
 from .status_measures import measures_at, needs_rollouts, start_of, unevenness_at_times
@@ -113,7 +115,16 @@ def assess(prediction: Prediction, *, rollouts: int = ROLLOUTS) -> tuple[BodySta
 def assess_all(prediction: Prediction, *, rollouts: int = ROLLOUTS) -> tuple[tuple[BodyStatus, ...], ...]:
     """As `assess`, at each of the prediction's times."""
     instance(prediction, Prediction, "prediction")
-    return prediction.answers.statuses(prediction, integer(rollouts, "rollouts", low=0))
+    return prediction.answers.statuses(prediction, compared_rollouts(rollouts))
+
+
+def compared_rollouts(rollouts: int, field: str = "rollouts") -> int:
+    """With how many rollouts to compare, checked; one alone has no spread."""
+    if integer(rollouts, field, low=0) == 1:
+        raise InvalidOptionError("must be 0, or at least 2", field=field, value=rollouts)
+    if rollouts > SAMPLES_LIMIT:
+        raise LimitExceededError(f"must be at most {SAMPLES_LIMIT}", field=field, value=rollouts)
+    return rollouts
 
 
 @np.errstate(all="ignore")

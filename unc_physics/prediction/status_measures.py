@@ -65,11 +65,14 @@ def start_of(prediction):
         samples = math.inf if propagator.own_sample_count is None else propagator.rollouts(prediction.carry)
     if scene.integrator == "implicit":
         initial = prediction.start
-    mass = np.array([0.0 if body.fixed else body.mass for body in scene.bodies])
+    mass = np.array([body.mass if body.free else 0.0 for body in scene.bodies])
     shapes = np.array([_shape(body.model) for body in scene.bodies])
-    overlap, held = overlaps(scene, initial.mean)
+    states = initial.mean[None]
     if scene.overlap == "keep" and len(scene.moving):
-        drawn = [overlaps(scene, x)[0] for x in initial.sample(_DRAWN, np.random.default_rng(_SEED))]
+        states = np.concatenate([states, initial.sample(_DRAWN, np.random.default_rng(_SEED))])
+    depths, (held, *_) = overlaps(scene, states)
+    overlap, drawn = depths[0], depths[1:]
+    if drawn.any():
         overlap = np.maximum(overlap, np.quantile(drawn, _USUAL, axis=0))
     start = Start(
         initial.mean,
@@ -133,15 +136,17 @@ def measures_at(scene, start, prediction, time, belief, spreads, uneven):
             in_contact["directions"] = _directions(scene, start, group)
             if uneven is not None:
                 in_contact["unevenness"] = uneven
-            in_contact["mean_overlap"] = overlaps(scene, belief.mean)[0] / start.shapes[:, 3]
-        speed, in_contact["energy_gain"] = _energies(scene, start, belief, group)
+            in_contact["mean_overlap"] = overlaps(scene, belief.mean[None])[0][0] / start.shapes[:, 3]
+        speed, gain = _energies(scene, start, belief, group)
+        if not scene.acts:  # which adds energy
+            in_contact["energy_gain"] = gain
         if scene.integrator == "explicit":
             in_contact |= _explicit_measures(scene, start, speed)
         else:
             in_contact["contact_residual"] = np.quantile(history.solver.residual, _USUAL, axis=0)
     return [
         {}
-        if body.fixed
+        if not body.free
         else {
             key: float(value[k]) for key, value in (per_body | in_contact if touches[k] else per_body).items()
         }
@@ -281,8 +286,7 @@ def _kinetic(scene, start, belief, side):
     (B,).
 
     The mean over several rollouts has the spread's energy. Its share of rotation depends on how velocities
-    and poses go
-    together: the least (``side`` 0) or the largest (1) moment of inertia stands for all.
+    and poses go together: the least (``side`` 0) or the largest (1) moment of inertia stands for all.
     """
     energy, noise = np.zeros(len(scene.bodies)), np.zeros(len(scene.bodies))
     some, P = scene.moving, belief.blocks

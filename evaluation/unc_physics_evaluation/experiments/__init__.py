@@ -33,13 +33,14 @@ DEFAULT = (
     "overlap",
     "stability",
     "covariances",
+    "regions",
     "calibration",
     "contacts",
     "storage",
     "pictures",
 )
 #: Those that take long alone on the machine, or need more than this package.
-BY_NAME = ("propagators", "scenes", "packing", "latency", "same_bits")
+BY_NAME = ("pushes", "propagators", "scenes", "packing", "latency", "same_bits")
 NAMES = DEFAULT + BY_NAME
 
 
