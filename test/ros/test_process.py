@@ -105,7 +105,7 @@ def test_with_an_empty_cache_it_says_what_it_does_and_answers(client, tmp_path, 
     output, _ = process.communicate(timeout=60.0)
     assert "dt" in names
     assert process.returncode == 0
-    assert "warming up sigma_points" in said and "ready" not in output
+    assert "warming up auto" in said and "ready" not in output
     assert "Traceback" not in output
 
 
