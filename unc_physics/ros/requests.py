@@ -277,6 +277,8 @@ def _options(pairs):
     """Texts by key."""
     options = {}
     for k, pair in enumerate(pairs):
+        if not pair.key:
+            raise InvalidOptionError("must not be empty", field=f"propagator_options[{k}].key")
         if pair.key in options:
             raise InvalidOptionError("is given twice", field=f"propagator_options[{k}].key", value=pair.key)
         options[pair.key] = pair.value

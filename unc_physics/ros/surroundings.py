@@ -154,6 +154,8 @@ def _place(pose, field):
 @functools.lru_cache(maxsize=1024)
 def _plane(coef, position, orientation, name, material):
     """The solid is where ``a x + b y + c z + d <= 0`` in the frame of the pose."""
+    largest = max(map(abs, coef[:3])) or 1.0  # whose square may be no number
+    coef = tuple(entry / largest for entry in coef)
     unit = Plane(coef[:3]).normal  # which refuses one without direction
     normal = rotation_matrix(np.array(orientation)) @ unit
     offset = normal @ np.array(position) - coef[3] / np.linalg.norm(coef[:3])

@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import yaml
+from yaml.composer import ComposerError
 
 from ..checks.errors import (
     InvalidEnvironmentError,
@@ -176,9 +177,11 @@ def load_scene(path: str | os.PathLike[str], models_dir: str | os.PathLike[str] 
     except (yaml.YAMLError, ValueError, RecursionError) as error:
         mark = getattr(error, "problem_mark", None)
         place = f" in line {mark.line + 1}" if mark else ""
-        reason = f": {error.problem}" if isinstance(error, yaml.constructor.ConstructorError) else ""
-        if isinstance(error, yaml.composer.ComposerError):  # a second document, or an alias of nothing
+        reason = ""
+        if isinstance(error, ComposerError):  # a second document, or an alias of nothing
             reason = f": {', '.join(filter(None, (error.context, error.problem)))}"
+        elif isinstance(error, yaml.constructor.ConstructorError):
+            reason = f": {error.problem}"
         said = "cannot be read" if reason else "is not valid YAML"
         raise InvalidRequestError(f"{said}{place}{reason}", field=f"scene file {path}") from None
     return scene_from_dict(content, models_dir, folder=path.parent)
