@@ -30,7 +30,7 @@ from ..checks.errors import (
 from ..checks.validation import instance, integer, positive
 from ..prediction.predict import check_supported, steps_of
 from ..prediction.prediction import Prediction
-from ..prediction.probabilities import BoxRegion, checked_regions
+from ..prediction.regions import BoxRegion, checked_regions
 from ..propagators.base import Propagator
 from ..propagators.names import DEFAULT
 from ..propagators.registry import make_propagator

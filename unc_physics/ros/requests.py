@@ -27,7 +27,7 @@ from ..checks.validation import array, non_negative, positive
 from ..physics.layout import ERROR
 from ..prediction.predict import check_supported, periodic_times, predict
 from ..prediction.prediction import Prediction
-from ..prediction.probabilities import BoxRegion
+from ..prediction.regions import BoxRegion
 from ..propagators.base import Propagator
 from ..propagators.names import ANYTIME
 from ..propagators.registry import PROPAGATORS, propagator_from_texts

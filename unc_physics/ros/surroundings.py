@@ -16,7 +16,8 @@ from ..checks.errors import (
 )
 from ..checks.validation import array, positive, quaternion
 from ..physics.rotation import rotation_matrix
-from ..prediction.probabilities import ENVIRONMENT, BoxRegion
+from ..prediction.events import ENVIRONMENT
+from ..prediction.regions import BoxRegion
 from ..scene.environment import Box, Cylinder, Element, Plane, Sphere, surface_tilt_std
 from ..scene.materials import Surface, check_surface
 from ..scene.scene_file import at_field
