@@ -9,8 +9,7 @@ from shape_msgs.msg import Plane, SolidPrimitive
 
 from unc_physics.checks.errors import ErrorCode
 from unc_physics.ros.not_served import NOT_SERVED, NOT_SERVED_VALUES
-from unc_physics_msgs.msg import Candidate, EnvironmentElement, Score
-from unc_physics_msgs.srv import PredictCandidates
+from unc_physics_msgs.msg import EnvironmentElement
 
 ELEMENT = "scene.environment.elements[0]"
 
@@ -47,9 +46,7 @@ def asking(kind):
     return special[element]
 
 
-CASES = [
-    (part, name) for part, fields in NOT_SERVED.items() for name in fields if part != "PredictCandidates"
-]
+CASES = [(part, name) for part, fields in NOT_SERVED.items() for name in fields]
 
 
 @pytest.mark.parametrize(("part", "name"), CASES)
@@ -79,14 +76,6 @@ def test_a_primitive_that_is_not_served_is_named(predict, kind):
     result = predict(request).result
     assert result.error_code == ErrorCode.NOT_SUPPORTED
     assert result.error_msg.startswith(f"{ELEMENT}.primitive[0].type {('CONE', 'PRISM')[kind - 4]} is not")
-
-
-def test_a_score_is_not_served(node, client):
-    base = good_request()
-    request = PredictCandidates.Request(request=base, candidates=[Candidate(id="a")], score=[Score()])
-    response = client.call(PredictCandidates, "/unc_physics/predict_candidates", request)
-    assert response.result.error_code == ErrorCode.NOT_SUPPORTED
-    assert response.result.error_msg.startswith("score is not supported; ")
 
 
 def test_zeros_ask_for_nothing(predict):

@@ -21,7 +21,7 @@ from ..scene.belief import Belief
 from ..scene.scene import Scene
 from ..scene.stiffness import with_stiffness
 from .computed import Computed
-from .predict import finite
+from .predict import LOOK_UP_AFTER, finite
 from .prediction import Prediction
 from .racing import Race
 from .within import Within
@@ -72,8 +72,10 @@ class Contest:
         Numbers of steps after which a belief is wanted, ascending.
     success : callable
         Takes a `Prediction`; in which of its rollouts (N,) the action succeeded.
-    rollouts, budget : int
-        As in `racing.Race`.
+    budget : int
+        As in `racing.Race`, whose most rollouts of one entrant are the propagator's samples.
+    keep_samples : int
+        As in `predict`; an entrant with fewer rollouts has as many as these.
 
     Attributes
     ----------
@@ -90,10 +92,11 @@ class Contest:
         propagator: MonteCarlo,
         marks: list[int],
         success: Callable[[Prediction], np.ndarray],
-        rollouts: int,
         budget: int,
+        keep_samples: int = 0,
     ):
-        self.entrants, self.race, self.rounds = entrants, Race(len(entrants), rollouts, budget), 0
+        self.entrants, self.race, self.rounds = entrants, Race(len(entrants), propagator.samples, budget), 0
+        self._keep_samples = keep_samples
         self.predictions: list[Prediction] = []
         self._propagator, self._marks, self._success, self._budget = propagator, marks, success, budget
         self._scenes, self._beliefs = [], []
@@ -112,14 +115,15 @@ class Contest:
         allowed : float or None
             Wall time [s].
         progress : callable, optional
-            Called after each round with the number of rollouts until then, and with the budget.
+            Called every few hundredths of a second, and after each round, with the number of rollouts of the
+            rounds until then, and with the budget. What it raises ends the contest.
         """
         started = clock()
         with time_limit() as limit:
             ends_early = all(scene.integrator == "implicit" for scene in self._scenes)
             within = Within(allowed, started, limit if ends_early else None)
             while (following := self.race.next) is not None:
-                carries = within.complete(self._rolled, following, within)
+                carries = within.complete(self._rolled, following, within, progress)
                 if carries is None or within.over:
                     raise self._late(within)
                 self._keep(following, carries, clock() - started)
@@ -131,15 +135,22 @@ class Contest:
         done = f"after {self.race.spent} rollouts of {self._budget}" if self.rounds else "in the first round"
         return type(error)(f"ran out {done}", field=error.field, value=error.value)
 
-    def _rolled(self, following, within):
+    def _rolled(self, following, within, progress):
         """The carries at time 0 and after the marks of the further rollouts of a round."""
 
+        told = clock()
+
         def look():
+            nonlocal told
+            if progress is not None and clock() - told > LOOK_UP_AFTER:
+                told = clock()
+                progress(self.race.spent, self._budget)
             if within.over:
                 raise self._late(within)
 
         scenes = [self._scenes[k] for k in following.actions]
-        with watched(look) if within.allowed is not None else contextlib.nullcontext():
+        in_one_go = within.allowed is None and progress is None
+        with contextlib.nullcontext() if in_one_go else watched(look):
             carries = [
                 [self._begun(k, len(self.race.outcomes[k]), following.rollouts)] for k in following.actions
             ]
@@ -184,4 +195,7 @@ class Contest:
                 finite(own.belief(carry, scene), time) for carry, time in zip(later, times, strict=True)
             )
         answers = Computed(later[-1], partial(own.belief, first, scene), ())
-        return Prediction(scene, own, times, beliefs, spent, self.entrants[k].belief, answers)
+        kept = None
+        if self._keep_samples:
+            kept = tuple(own.own_samples(carry, scene)[: self._keep_samples].copy() for carry in later)
+        return Prediction(scene, own, times, beliefs, spent, self.entrants[k].belief, answers, kept)

@@ -10,7 +10,6 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -66,9 +65,9 @@ class Event(ABC):
         """Raise `InvalidRequestError` unless it can be told of the scene; the event is called ``field``."""
 
     @property
-    def parts(self) -> tuple[Event, ...]:
-        """The events that it is made of, or itself."""
-        return (self,)
+    def parts(self) -> tuple[tuple[Event, bool], ...]:
+        """The events that happen together, or itself; each with whether it happens, or does not."""
+        return ((self, True),)
 
     def __and__(self, other: Event) -> Event:
         instance(other, Event, "what is combined with &")
@@ -286,7 +285,7 @@ class _Both(Event):
         self.one.check(scene, field)
         self.other.check(scene, field)
 
-    @cached_property
+    @property
     def parts(self):
         return (*self.one.parts, *self.other.parts)
 
@@ -305,6 +304,11 @@ class _Not(Event):
 
     def check(self, scene, field):
         self.event.check(scene, field)
+
+    @property
+    def parts(self):
+        one, *more = self.event.parts
+        return ((self, True),) if more else ((one[0], not one[1]),)
 
     def __str__(self):
         return f"not ({self.event})" if len(self.event.parts) > 1 else f"not {self.event}"

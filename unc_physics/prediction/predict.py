@@ -37,7 +37,7 @@ from .within import Within
 
 STEPS_LIMIT = 100_000_000
 TIMES_LIMIT = 100_000
-_LOOK_UP_AFTER = 0.02  # s, wall time between looks at the clock and reports of progress
+LOOK_UP_AFTER = 0.02  # s, wall time between looks at the clock and reports of progress
 
 
 @np.errstate(all="ignore")  # what overflows is found by `finite`
@@ -140,7 +140,7 @@ def _predicted(scene, belief, propagator, marks, within, progress, keep_samples)
             raise within.error(done * scene.dt, horizon)
 
     def look():  # between the parts of a step that takes long
-        if clock() - told > _LOOK_UP_AFTER or within.over:
+        if clock() - told > LOOK_UP_AFTER or within.over:
             tell()
 
     with contextlib.nullcontext() if in_one_go else watched(look):
@@ -309,7 +309,7 @@ def _next_piece(steps, took):
     """Steps that will take about as long as is wanted between looks at the clock, when ``steps`` took
     ``took`` s.
     """
-    return max(1, min(4 * steps, round(steps * _LOOK_UP_AFTER / max(took, 1e-9))))
+    return max(1, min(4 * steps, round(steps * LOOK_UP_AFTER / max(took, 1e-9))))
 
 
 def finite(belief: Belief, reached: float) -> Belief:

@@ -60,6 +60,8 @@ class RankedAction:
         Of the score from that of the best action, over the draws that both have.
     clearly_worse : bool
         Whether another action is better for certain: a best action is called so in one ranking of a thousand.
+    rollouts : int
+        How many its answers rest on.
     """
 
     name: str
@@ -67,11 +69,7 @@ class RankedAction:
     score: Share
     difference: Difference
     clearly_worse: bool
-
-    @property
-    def rollouts(self) -> int:
-        """How many its answers rest on."""
-        return len(self.prediction.samples())
+    rollouts: int
 
     def probability(self, event: Event) -> Share:
         """How probable an event is by this action.
@@ -182,7 +180,9 @@ def rank(
     max_computation_time : float, optional
         Wall time after which the ranking ends with an error [s]; compiling kernels does not count.
     progress : callable, optional
-        Called after each round with the number of rollouts done, and with the budget.
+        Called every few hundredths of a second with the number of rollouts of the rounds done, and with the
+        budget. What it raises ends the ranking; an `UncPhysicsError` then has a ``prediction`` as that of
+        `PredictionTimeoutError`.
 
     Returns
     -------
@@ -216,20 +216,21 @@ def rank(
         Entrant(name, *apply_action(scene, belief, action, f"actions[{name!r}]"))
         for name, action in actions.items()
     ]
-    race = functools.partial(
-        rank_entrants,
-        score=score,
-        horizon=horizon,
-        times=times,
-        smallest_first=smallest_first,
-        rollouts=rollouts,
-        budget=budget,
-        seed=seed,
-        max_computation_time=max_computation_time,
-        progress=progress,
-    )
+    rollouts = integer(rollouts, "rollouts", low=1)
+    if rollouts > SAMPLES_LIMIT:
+        raise LimitExceededError(f"must be at most {SAMPLES_LIMIT}", field="rollouts", value=rollouts)
     try:
-        return race(entrants)
+        return rank_entrants(
+            entrants,
+            make_propagator(REFERENCE, samples=rollouts, seed=seed),
+            score,
+            horizon,
+            times=times,
+            smallest_first=smallest_first,
+            budget=budget,
+            max_computation_time=max_computation_time,
+            progress=progress,
+        )
     except Failed as failed:
         error = failed.error
         field = f"actions[{entrants[failed.entrant].name!r}]" + (f": {error.field}" if error.field else "")
@@ -238,18 +239,18 @@ def rank(
 
 def rank_entrants(
     entrants: Sequence[Entrant],
-    *,
+    propagator: Any,
     score: Event,
     horizon: float | None = None,
+    *,
     times: Sequence[float] | None = None,
     smallest_first: bool = False,
-    rollouts: int = 1000,
     budget: int | None = None,
-    seed: int = 0,
     max_computation_time: float | None = None,
     progress: Callable[[int, int], object] | None = None,
+    keep_samples: int = 0,
 ) -> Ranking:
-    """As `rank`, of scenes and beliefs by their names.
+    """As `rank`, of scenes and beliefs by their names, with a Monte Carlo propagator.
 
     Raises
     ------
@@ -258,18 +259,13 @@ def rank_entrants(
     UncPhysicsError
         Otherwise.
     """
-    rollouts = integer(rollouts, "rollouts", low=1)
-    if rollouts > SAMPLES_LIMIT:
-        raise LimitExceededError(f"must be at most {SAMPLES_LIMIT}", field="rollouts", value=rollouts)
-    count = len(entrants)
-    if budget is None:
-        budget = max(min(count, 2) * rollouts, round(_BUDGET_SHARE * rollouts * count), count)
-    elif integer(budget, "budget", low=1) < count:
+    count, rollouts = len(entrants), propagator.samples
+    most: int = _budget(count, rollouts) if budget is None else integer(budget, "budget", low=1)
+    if most < count:
         raise InvalidRequestError(
-            f"must be at least one rollout for each of {count} actions", field="budget", value=budget
+            f"must be at least one rollout for each of {count} actions", field="budget", value=most
         )
     allowed = None if max_computation_time is None else positive(max_computation_time, "max_computation_time")
-    propagator: Any = make_propagator(REFERENCE, samples=rollouts, seed=seed)
     marks = None
     for k, entrant in enumerate(entrants):
         with Failed.of(k):
@@ -281,9 +277,10 @@ def rank_entrants(
                     "must be that of the other actions", field="dt", value=entrant.scene.dt
                 )
             marks = own
-            check_memory(entrant.scene, entrant.belief, propagator, len(own))
+            check_memory(entrant.scene, entrant.belief, propagator, len(own), keep_samples)
     assert marks is not None
-    contest = Contest(entrants, propagator, marks, _success(score, smallest_first), rollouts, budget)
+    success = _success(score, smallest_first)
+    contest = Contest(entrants, propagator, marks, success, most, keep_samples)
     make = functools.partial(_ranking, contest, score, smallest_first, propagator.seed)
     try:
         contest.run(allowed, progress)
@@ -291,6 +288,11 @@ def rank_entrants(
         error.prediction = make() if contest.rounds else None
         raise
     return make()
+
+
+def _budget(count, rollouts):
+    """Most rollouts of all of so many actions, where nothing is said."""
+    return max(min(count, 2) * rollouts, round(_BUDGET_SHARE * rollouts * count), count)
 
 
 def _success(score, smallest_first):
@@ -325,6 +327,7 @@ def _ranking(contest, score, smallest_first, seed):
                 _share(_happened(score, prediction)),
                 difference,
                 k in contest.race.losers,
+                len(contest.race.outcomes[k]),
             )
         )
     return Ranking(tuple(actions), score, smallest_first, seed)

@@ -30,7 +30,6 @@ NOT_SERVED = {
     },
     "Material": {"torsional_friction": "leave it empty"},
     "EnvironmentElement": {"mesh": _FIXED_OBJECT, "surface_velocity": "leave it zero"},
-    "PredictCandidates": {"score": "leave it empty, and rank the answers"},
 }
 
 #: Values of other fields, their names, and what to do instead.

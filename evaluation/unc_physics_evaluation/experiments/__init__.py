@@ -35,6 +35,7 @@ DEFAULT = (
     "covariances",
     "calibration",
     "contacts",
+    "choosing",
     "storage",
     "pictures",
 )
