@@ -22,6 +22,7 @@ from unc_physics import (
     Touches,
     UncPhysicsError,
     Upright,
+    assess,
     contact_probabilities,
     fall_probabilities,
     load_model,
@@ -84,6 +85,7 @@ def test_each_answer_is_that_of_predict(ranking):
         np.testing.assert_array_equal(got.samples(), expected.samples())
         np.testing.assert_array_equal(got.belief.covariance, expected.belief.covariance)
         np.testing.assert_array_equal(got.start.mean, expected.start.mean)
+        assert assess(got) == assess(expected)
         asked = (
             (contact_probabilities, ()),
             (rest_probabilities, ()),

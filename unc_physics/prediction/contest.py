@@ -21,7 +21,7 @@ from ..scene.belief import Belief
 from ..scene.scene import Scene
 from ..scene.stiffness import with_stiffness
 from .computed import Computed
-from .predict import LOOK_UP_AFTER, finite
+from .predict import LOOK_UP_AFTER, finite, nothing
 from .prediction import Prediction
 from .racing import Race
 from .within import Within
@@ -194,7 +194,7 @@ class Contest:
             beliefs = tuple(
                 finite(own.belief(carry, scene), time) for carry, time in zip(later, times, strict=True)
             )
-        answers = Computed(later[-1], partial(own.belief, first, scene), ())
+        answers = Computed(later[-1], partial(own.belief, first, scene), [nothing] * len(times))
         kept = None
         if self._keep_samples:
             kept = tuple(own.own_samples(carry, scene)[: self._keep_samples].copy() for carry in later)

@@ -163,7 +163,7 @@ def _predicted(scene, belief, propagator, marks, within, progress, keep_samples)
         if propagator.points_in_pairs:  # few, where samples may be many
             carries.append(partial(runner.whole if in_islands else _itself, carry))
         else:
-            carries.append(_nothing)
+            carries.append(nothing)
         if keep_samples:
             kept.append(runner.own_samples(carry, scene)[:keep_samples].copy())
 
@@ -301,8 +301,8 @@ def _itself(carry):
     return carry
 
 
-def _nothing():
-    return None
+def nothing() -> None:
+    """What is kept of a state that nobody will ask for."""
 
 
 def _next_piece(steps, took):

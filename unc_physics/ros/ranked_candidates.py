@@ -45,10 +45,11 @@ def rank_candidates(server, request, candidates, seed: int, time_limit: float | 
         with server.errors_into(entries[k].result):
             jobs[k] = read_request(own, server.settings, server.library, server.frames, fields=fields)
     order, error = [], None
-    while jobs and not order:
+    while jobs:
         try:
             ranking = _ranking(server, request, [*jobs.values()], time_limit)
-            order = _write(server, request, ranking, [*jobs], [*jobs.values()], entries)
+            order = _write(server, request, ranking, jobs, entries)
+            break
         except Failed as failed:  # the others are ranked without it
             k = [*jobs][failed.entrant]
             jobs.pop(k)
@@ -57,7 +58,7 @@ def rank_candidates(server, request, candidates, seed: int, time_limit: float | 
         except (PredictionTimeoutError, CanceledError) as caught:
             error = caught
             if caught.prediction is not None:
-                order = _write(server, request, caught.prediction, [*jobs], [*jobs.values()], entries)
+                order = _write(server, request, caught.prediction, jobs, entries)
             for k in jobs:
                 write_error(entries[k].result, caught)
             break
@@ -103,12 +104,12 @@ def _ranking(server, request, jobs, time_limit):
     )
 
 
-def _write(server, request, ranking, places, jobs, entries):
+def _write(server, request, ranking, jobs, entries):
     """Write a ranking into the candidates' entries; returns their order."""
-    order = []
+    order, places = [], [*jobs]
     for action in ranking:
-        k, job = places[int(action.name)], jobs[int(action.name)]
-        entry, prediction = entries[k], action.prediction
+        k = places[int(action.name)]
+        entry, prediction, job = entries[k], action.prediction, jobs[k]
         with server.errors_into(entry.result):
             own = job._replace(propagator=prediction.propagator)
             samples = None if prediction.kept is None else list(prediction.kept)
