@@ -31,8 +31,20 @@ def test_the_chance_is_a_bound_of_the_sign_test():
         for wins in range(pairs + 1):
             exact = binom.sf(wins - 1, pairs, 0.5)
             assert exact <= chance(wins, pairs - wins) * (1.0 + 1e-9)
-        assert chance(pairs, 0) == pytest.approx(0.5**pairs)
+        assert chance(pairs, 0) == pytest.approx(min((pairs + 1) * 0.5**pairs, 1.0))
     assert chance(0, 0) == 1.0
+
+
+def test_the_chance_holds_however_often_one_looks():
+    """Of fair pairs, looked at after each: the sign test by itself would find many, this at most its level."""
+    level, runs = 0.1, 1000
+    wins = np.cumsum(np.random.default_rng(0).uniform(size=(runs, 300)) < 0.5, axis=1)
+    found = naive = 0
+    for own in wins.tolist():
+        found += any(chance(w, m - w) <= level for m, w in enumerate(own, 1))
+        naive += any(binom.sf(w - 1, m, 0.5) <= level for m, w in list(enumerate(own, 1))[::20])
+    assert 0 < found <= level * runs + STATISTICS * math.sqrt(level * runs)
+    assert naive > 2 * level * runs
 
 
 @pytest.mark.parametrize("common", [True, False])
@@ -67,7 +79,7 @@ def test_clear_losers_get_few_tosses_and_the_best_ones_most():
 def test_without_a_budget_only_clear_losers_leave():
     outcomes = tosses(np.random.default_rng(2), [0.515, 0.52, 0.512, 0.05])
     race = run(Race(4, ROLLOUTS, 4 * ROLLOUTS), outcomes)
-    assert [len(own) for own in race.outcomes] == [ROLLOUTS] * 3 + [32] and race.losers == {3}
+    assert [len(own) for own in race.outcomes] == [ROLLOUTS] * 3 + [40] and race.losers == {3}
     assert race.order() == [1, 0, 2, 3]
     assert race.difference(1) == (0.0, 0.0, ROLLOUTS)
     expected = outcomes[0].mean() - outcomes[1].mean()

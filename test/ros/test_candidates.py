@@ -149,14 +149,14 @@ def test_candidates_are_ranked_by_a_score(node, client):
     assert (refused.result.error_code, refused.score.available) == (ErrorCode.INVALID_MASS, False)
     assert best.score.probability > 0.9 > edge.score.probability > 0.1 > beside.score.probability
     assert (best.difference, best.difference_std) == (0.0, 0.0) and best.prediction.rollouts == 100
-    assert beside.clearly_worse and beside.prediction.rollouts == 16 and len(response.predictions[2:]) == 2
+    assert beside.clearly_worse and beside.prediction.rollouts == 20 and len(response.predictions[2:]) == 2
     for entry in (edge, beside):
         assert entry.difference < 0.0 < entry.difference_std
         assert entry.score.low <= entry.score.probability <= entry.score.high
     (box,) = best.prediction.objects
     assert (
         len(box.states[-1].pose_samples) == 40
-        and len(beside.prediction.objects[0].states[-1].pose_samples) == 16
+        and len(beside.prediction.objects[0].states[-1].pose_samples) == 20
     )
     assert box.upright.available and box.fell_off == Probability(available=True, high=box.fell_off.high)
     single = copy.copy(request.request)

@@ -2,8 +2,8 @@
 
 Rollout k of every action begins with the same draws, so outcomes are compared in pairs: what counts are the
 rollouts in which two actions differ. An action that wins no more often than another one wins at most half of
-these (the sign test), and the probability that it wins as many as it did is bounded by Chernoff's inequality,
-``2^-m`` where it wins all m of them.
+these (the sign test). How improbable its wins are then is told by a mixture of likelihood ratios, which may be
+looked at as often as wanted, after any number of draws (Robbins 1970, by Ville's inequality).
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ import numpy as np
 #: Probability that the best action is among those that are called clearly worse, at most.
 RISK = 1e-3
 #: Rollouts of each action before any is judged.
-FIRST_ROUND = 16
+FIRST_ROUND = 20
 
 
 class Difference(NamedTuple):
@@ -49,15 +49,17 @@ def difference(one: np.ndarray, other: np.ndarray) -> Difference:
 
 
 def chance(wins: int, losses: int) -> float:
-    """Upper bound of the probability of so many wins or more among so many pairs that differ, each won with
-    probability one half at most.
+    """Upper bound of the probability that wins among pairs that differ, each won with probability one half at
+    most, ever come to be as many as this against the losses.
+
+    It is ``(m + 1) binomial(m, wins) / 2^m`` for m pairs: the inverse of their likelihood, averaged over all
+    probabilities to win, over that of one half.
     """
     pairs = wins + losses
     if wins <= losses:
         return 1.0
-    share = wins / pairs
-    rest = (1.0 - share) * math.log(2.0 * (1.0 - share)) if losses else 0.0
-    return math.exp(-pairs * (share * math.log(2.0 * share) + rest))
+    ways = math.lgamma(pairs + 1) - math.lgamma(wins + 1) - math.lgamma(losses + 1)
+    return min(1.0, math.exp(math.log(pairs + 1) + ways - pairs * math.log(2.0)))
 
 
 def clearly_worse(outcomes: Sequence[np.ndarray], leader: int, limit: float) -> np.ndarray:
@@ -112,8 +114,7 @@ class Race:
         self.outcomes = [np.zeros(0, bool) for _ in range(actions)]
         self.left, self.losers = list(range(actions)), set()
         first = min(FIRST_ROUND, rollouts, budget // actions)
-        looks = 1 + max(math.ceil(math.log2(rollouts / first)), 0)
-        self._limit = risk / (max(actions - 1, 1) * (looks + 1))
+        self._limit = risk / max(actions - 1, 1)  # of each pair with the best action
         self._next: Round | None = Round(tuple(self.left), first)
 
     @property

@@ -29,11 +29,14 @@ _FEATURES = [
     "contact_probabilities",
     "region_probabilities",
     "rest_probability",
+    "upright_probability",
+    "fall_probability",
     "status",
     "joint_covariance",
     "modes",
     "pose_samples",
     "candidates",
+    "candidate_scores",
     "mesh_packing",
 ]
 _MEAN = {"nominal": PropagatorInfo.MEAN_NOMINAL, "estimated": PropagatorInfo.MEAN_ESTIMATED}
