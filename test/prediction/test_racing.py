@@ -36,7 +36,7 @@ def test_the_chance_is_a_bound_of_the_sign_test():
 
 
 def test_the_chance_holds_however_often_one_looks():
-    """Of fair pairs, looked at after each: the sign test by itself would find many, this at most its level."""
+    """Of fair pairs, looked at after each: the sign test alone would find many, this few."""
     level, runs = 0.1, 1000
     wins = np.cumsum(np.random.default_rng(0).uniform(size=(runs, 300)) < 0.5, axis=1)
     found = naive = 0

@@ -158,7 +158,7 @@ def test_candidates_are_ranked_by_a_score(node, client):
         len(box.states[-1].pose_samples) == 40
         and len(beside.prediction.objects[0].states[-1].pose_samples) == 20
     )
-    assert box.upright.available and box.fell_off == Probability(available=True, high=box.fell_off.high)
+    assert box.fell_off == Probability(available=True, high=box.fell_off.high)
     single = copy.copy(request.request)
     single.scene.objects = list(OVER[1].objects)
     single.propagator = "monte_carlo"

@@ -10,7 +10,7 @@ from diagnostic_msgs.msg import KeyValue
 from geometry_msgs.msg import Point, Pose, Vector3
 from message_fields import paths, values_at
 from scenes import assert_answered, diagonal, moving_object, packed, request_of, with_physics
-from shape_msgs.msg import Plane, SolidPrimitive
+from shape_msgs.msg import Mesh, MeshTriangle, Plane, SolidPrimitive
 
 from unc_physics.checks.errors import ErrorCode
 from unc_physics.ros.not_served import NOT_SERVED
@@ -68,6 +68,28 @@ def with_joint(request):
 def as_box(request):
     floor(request).plane = []
     floor(request).primitive = [SolidPrimitive(type=SolidPrimitive.BOX, dimensions=[2.0, 2.0, 0.1])]
+
+
+def as_primitive(request):
+    first(request).model = ""
+    first(request).primitive = [SolidPrimitive(type=SolidPrimitive.BOX, dimensions=[0.2, 0.1, 0.06])]
+
+
+def as_mesh_of(find):
+    """A change that gives what ``find`` finds the shape of a low pyramid, which is an obstacle far away."""
+    corners = [Point(), Point(x=0.1), Point(y=0.1), Point(z=0.05)]
+    faces = [(0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3)]
+    triangles = [MeshTriangle(vertex_indices=np.array(face, np.uint32)) for face in faces]
+
+    def change(request):
+        message = find(request)
+        if isinstance(message, ObjectState):
+            message.model = ""
+        else:
+            message.plane, message.pose.position.x = [], 9.0
+        message.mesh = [Mesh(vertices=corners, triangles=triangles)]
+
+    return change
 
 
 def set_to(find, **fields):
@@ -168,6 +190,9 @@ EFFECTS = {
         None,
     ),
     f"{FLOOR}.primitive": (as_box, "objects[].states[].pose", None),
+    f"{FLOOR}.mesh": (as_mesh_of(floor), "objects[].model", None),
+    f"{OBJECT}.primitive": (as_primitive, "objects[].model", None),
+    f"{OBJECT}.mesh": (as_mesh_of(first), "objects[].model", None),
     f"{FLOOR}.material.friction": (material(floor, friction=0.05), "objects[].states[].pose", None),
     f"{FLOOR}.material.friction_std": (
         material(floor, friction=0.5, friction_std=0.2),
@@ -359,13 +384,7 @@ def flat(value):
 
 
 #: Fields of an answer that stay empty or zero in this version.
-NOT_FILLED = {
-    "objects[].upright.available",
-    "objects[].upright.probability",
-    "objects[].upright.low",
-    "objects[].upright.high",
-    "physics.preset",
-}
+NOT_FILLED = {"physics.preset"}
 
 
 def rich_requests():

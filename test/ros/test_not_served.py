@@ -5,10 +5,10 @@ from builtin_interfaces.msg import Duration
 from geometry_msgs.msg import Twist, Vector3
 from message_fields import element_type, message_type
 from scenes import assert_answered, good_request, packed
-from shape_msgs.msg import Plane, SolidPrimitive
+from shape_msgs.msg import Plane
 
 from unc_physics.checks.errors import ErrorCode
-from unc_physics.ros.not_served import NOT_SERVED, NOT_SERVED_VALUES
+from unc_physics.ros.not_served import NOT_SERVED
 from unc_physics_msgs.msg import EnvironmentElement
 
 ELEMENT = "scene.environment.elements[0]"
@@ -66,16 +66,6 @@ def test_a_kind_that_is_not_served_is_named(predict):
     result = predict(request).result
     assert result.error_code == ErrorCode.NOT_SUPPORTED
     assert result.error_msg == "scene.objects[0].kind PRESCRIBED is not supported; take DYNAMIC or FIXED"
-
-
-@pytest.mark.parametrize("kind", NOT_SERVED_VALUES["SolidPrimitive"]["type"])
-def test_a_primitive_that_is_not_served_is_named(predict, kind):
-    request = request_with_element()
-    (element,) = request.scene.environment.elements
-    element.plane, element.primitive = [], [SolidPrimitive(type=kind, dimensions=[1.0, 1.0])]
-    result = predict(request).result
-    assert result.error_code == ErrorCode.NOT_SUPPORTED
-    assert result.error_msg.startswith(f"{ELEMENT}.primitive[0].type {('CONE', 'PRISM')[kind - 4]} is not")
 
 
 def test_zeros_ask_for_nothing(predict):

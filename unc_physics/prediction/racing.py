@@ -2,8 +2,8 @@
 
 Rollout k of every action begins with the same draws, so outcomes are compared in pairs: what counts are the
 rollouts in which two actions differ. An action that wins no more often than another one wins at most half of
-these (the sign test). How improbable its wins are then is told by a mixture of likelihood ratios, which may be
-looked at as often as wanted, after any number of draws (Robbins 1970, by Ville's inequality).
+these (the sign test). A mixture of likelihood ratios tells how improbable its wins then are; it may be looked
+at as often as wanted, after any number of draws (Robbins 1970, by Ville's inequality).
 """
 
 from __future__ import annotations

@@ -38,6 +38,7 @@ _FEATURES = [
     "candidates",
     "candidate_scores",
     "mesh_packing",
+    "primitives_and_meshes",
 ]
 _MEAN = {"nominal": PropagatorInfo.MEAN_NOMINAL, "estimated": PropagatorInfo.MEAN_ESTIMATED}
 

@@ -5,21 +5,16 @@ ignored.
 from __future__ import annotations
 
 import numpy as np
-from shape_msgs.msg import SolidPrimitive
 
 from unc_physics_msgs.msg import ObjectState
 
 from ..checks.errors import NotSupportedError
 
-_MODEL = "name a model; ~/load_model packs meshes"
 _UNTOUCHED = "predict up to where it is used, and begin anew from there"
-_FIXED_OBJECT = "a fixed object with a model may have any shape"
 
 #: Fields of each message that must be empty or zero, and what to do instead.
 NOT_SERVED = {
     "ObjectState": {
-        "primitive": _MODEL,
-        "mesh": _MODEL,
         "trajectory": _UNTOUCHED,
         "trajectory_std": _UNTOUCHED,
         "attached_to": _UNTOUCHED,
@@ -29,15 +24,12 @@ NOT_SERVED = {
         "wrenches": _UNTOUCHED,
     },
     "Material": {"torsional_friction": "leave it empty"},
-    "EnvironmentElement": {"mesh": _FIXED_OBJECT, "surface_velocity": "leave it zero"},
+    "EnvironmentElement": {"surface_velocity": "leave it zero"},
 }
 
 #: Values of other fields, their names, and what to do instead.
 NOT_SERVED_VALUES = {
-    "ObjectState": {"kind": {ObjectState.PRESCRIBED: ("PRESCRIBED", "take DYNAMIC or FIXED")}},
-    "SolidPrimitive": {
-        "type": {SolidPrimitive.CONE: ("CONE", _FIXED_OBJECT), SolidPrimitive.PRISM: ("PRISM", _FIXED_OBJECT)}
-    },
+    "ObjectState": {"kind": {ObjectState.PRESCRIBED: ("PRESCRIBED", "take DYNAMIC or FIXED")}}
 }
 
 

@@ -56,7 +56,7 @@ _SHARE = 0.2  # of the time
 
 def jobs(settings: Settings) -> list[Job]:
     """Several rankings of each case, which differ in their seeds."""
-    count = 1 if settings.quick else 25
+    count = 1 if settings.quick else 12
     samples = 200 if settings.quick else SAMPLES
     return [
         Job("choosing", settings.parameters(case=case, samples_each=samples, round=k), cost=0.01 * samples)
