@@ -22,6 +22,10 @@ def shared(folder, *patterns):
 
 # manifold3d for the handle of the mug, networkx for repairs, matplotlib for pictures
 GEOMETRY = ["manifold3d>=3", "matplotlib>=3.7", "networkx>=3", "scipy", "trimesh>=4"]
+# yourdfpy for robots and worlds in URDF
+DESCRIPTIONS = [*GEOMETRY, "yourdfpy>=0.0.56"]
+# viser for the page in the browser
+VIEW = ["viser>=1.0"]
 
 setup(
     name=NAME,
@@ -48,14 +52,18 @@ setup(
     install_requires=["numba>=0.60", "numpy>=1.26", "pyyaml>=6", "tqdm>=4.60"],
     extras_require={
         "calibration": ["matplotlib>=3.7", "scipy>=1.14"],
+        "descriptions": DESCRIPTIONS,
         "geometry": GEOMETRY,
+        "view": VIEW,
         "test": [
-            *GEOMETRY,
+            *DESCRIPTIONS,
+            *VIEW,
             "hypothesis>=6",
             "import-linter>=2",
             "jsonschema>=4.18",
             "libigl>=2.5",
             "mypy>=1.10",
+            "playwright>=1.45",
             "pyright[nodejs]>=1.1.407",
             "pytest>=7",
             "ruff",

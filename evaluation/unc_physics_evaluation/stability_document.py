@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 
-from unc_physics.prediction.status import Status
+from unc_physics.prediction.status_rules import Status
 from unc_physics.propagators.registry import PROPAGATORS
 
 from .conservation import CHANGE, DRIFT, EIGENVALUE, FINITE, GAIN, MOMENTUM, PASSED
@@ -26,7 +26,7 @@ POSITION_STD, ROTATION_STD, EXTENT, FLAGS, MEASURE = (
     "measure_",
 )
 GAIN_LIMIT, GAIN_GOAL, LOSS_LIMIT = 0.01, 0.001, 0.02
-FOUND_GOAL, FALSE_GOAL = 0.8, 0.05
+FOUND_GOAL, FALSE_GOAL = 0.95, 0.03
 AT_REST = (
     "body_in_bin",
     "hundred_metres_rest",

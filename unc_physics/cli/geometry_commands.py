@@ -6,10 +6,10 @@ import argparse
 from pathlib import Path
 
 from ..checks.shown import plain_digits, printable
-from .interrupts import dying_at_interrupt
+from ..interrupts import dying_at_interrupt
 from .output import check_output, note, writing
 
-_LARGE = 1e4  # of a body [mm]: from there its mesh may have been in millimetres
+_LARGE, _SMALL = 1e4, 1.0  # of a body [mm]: beyond, its mesh may have been in other units than was thought
 PROGRESS_AFTER = 2.0  # s
 
 
@@ -23,10 +23,15 @@ def add_pack_command(commands) -> None:
             " Mass properties are those of the mesh, at uniform density."
         ),
         epilog=(
-            "Any format that trimesh reads will do, at any scale; cavities and several components are fine."
+            "Any format that trimesh reads will do, at any scale; cavities and several components are fine. A"
+            " link of a robot or world, robot.urdf#LINK, brings its own scale, mass and inertia."
         ),
     )
-    parser.add_argument("mesh", metavar="MESH", help="mesh file, in metres unless --scale says otherwise")
+    parser.add_argument(
+        "mesh",
+        metavar="MESH",
+        help="mesh file, in metres unless --scale says otherwise; or FILE.urdf#LINK, FILE.sdf#MODEL",
+    )
     parser.add_argument("-n", "--spheres", type=int, required=True, metavar="N", help="number of spheres")
     parser.add_argument(
         "-o",
@@ -49,6 +54,11 @@ def add_pack_command(commands) -> None:
         "--repair",
         action="store_true",
         help="try trimesh's repairs on a mesh that is open or wound wrongly, and say what they did",
+    )
+    parser.add_argument(
+        "--uniform",
+        action="store_true",
+        help="of a link: take centre of mass and inertia from its shape, in place of the file's",
     )
     _add_threads(parser)
     parser.set_defaults(run=run_pack)
@@ -124,6 +134,7 @@ def run_pack(arguments: argparse.Namespace) -> int:
     from dataclasses import replace
 
     from ..checks.errors import InvalidOptionError
+    from ..descriptions.reading import is_description
     from ..geometry.solid_mesh import load_solid
 
     _check_positive("-n", arguments.spheres)
@@ -131,31 +142,59 @@ def run_pack(arguments: argparse.Namespace) -> int:
         value = getattr(arguments, option)
         if value is not None and not 0.0 < value < float("inf"):
             raise InvalidOptionError("must be a positive number", field=f"--{option}", value=value)
-    name = arguments.name or Path(arguments.output or arguments.mesh).stem
+    file, _, link = arguments.mesh.partition("#")
+    own = link or arguments.mesh
+    name = arguments.name or Path(arguments.output or own.replace("::", "_")).stem
     if Path(name).name != name:
         raise InvalidOptionError("must be a plain file name", field="--name", value=name)
     output = _model_output(arguments.output, name)
-    solid, repairs = load_solid(arguments.mesh, repair=arguments.repair)
-    for repair in repairs:
-        print(f"repair: {printable(repair)}")
+    about = {key: getattr(arguments, key) for key in ("mass", "source", "licence")}
+    if is_description(file):
+        solid, about = _link_solid(file, link, arguments, about)
+    elif arguments.uniform:
+        raise InvalidOptionError("is for links of a URDF or SDF", field="--uniform", value=True)
+    else:
+        solid, repairs = load_solid(arguments.mesh, repair=arguments.repair)
+        for repair in repairs:
+            print(f"repair: {printable(repair)}")
     solid = replace(solid.scaled(arguments.scale), name=name)
-    _pack(
-        solid,
-        arguments.spheres,
-        arguments.threads,
-        output,
-        mass=arguments.mass,
-        source=arguments.source,
-        licence=arguments.licence,
-    )
+    _pack(solid, arguments.spheres, arguments.threads, output, **about)
+    _note_units(solid, arguments.mesh, arguments.scale)
+    return 0
+
+
+def _link_solid(file, link, arguments, about):
+    """A link's solid, and what is told about it where the arguments do not say."""
+    from ..descriptions.link_solid import find_link, link_solid
+    from ..descriptions.reading import read_description
+
+    description = read_description(file)
+    found = find_link(description, link or None)
+    solid = link_solid(description.path, found, uniform=arguments.uniform, repair=arguments.repair)
+    mass = None if found.inertial is None else found.inertial.mass * arguments.scale**3
+    own = {"mass": mass, "source": f"link {found.name} of {description.path.name}"}
+    return solid, own | {key: value for key, value in about.items() if value is not None}
+
+
+def _note_units(solid, file, scale):
+    """Say where a body's size, or its format, suggests another unit or another axis than was taken."""
     size = 1e3 * float((solid.bounds[1] - solid.bounds[0]).max())
     if size > _LARGE:
         meant = size * 1e-3
         note(
             f"the body is {plain_digits(size)} mm long: is the mesh in millimetres, and not in metres?"
-            f" --scale {plain_digits(1e-3 * arguments.scale)} makes it {plain_digits(meant)} mm"
+            f" --scale {plain_digits(1e-3 * scale)} makes it {plain_digits(meant)} mm"
         )
-    return 0
+    elif size < _SMALL:
+        note(
+            f"the body is {size:.3g} mm long: is the mesh in metres already?"
+            f" --scale {plain_digits(1e3 * scale)} makes it {plain_digits(1e3 * size)} mm"
+        )
+    if Path(file).suffix.lower() in (".gltf", ".glb"):
+        note(
+            "glTF files are in metres, with y up by convention; where z is up, turn the body by orientation:"
+            " [0.7071068, 0, 0, 0.7071068]"
+        )
 
 
 def run_models(arguments: argparse.Namespace) -> int:

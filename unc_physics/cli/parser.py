@@ -8,11 +8,13 @@ from .. import __version__
 from ..checks.shown import printable
 from .calibrate_command import add_calibrate_command
 from .geometry_commands import add_models_command, add_pack_command, add_show_command
+from .import_command import add_import_command
 from .plugins import add_plugin_commands
 from .predict_command import add_predict_command
 from .propagators_command import add_propagators_command
 from .rank_command import add_rank_command
 from .schema_command import add_schema_command
+from .view_command import add_view_command
 from .warm_up_command import add_warm_up_command
 
 
@@ -39,8 +41,10 @@ def build_parser() -> argparse.ArgumentParser:
     add_propagators_command(commands)
     add_schema_command(commands)
     add_pack_command(commands)
+    add_import_command(commands)
     add_models_command(commands)
     add_show_command(commands)
+    add_view_command(commands)
     add_warm_up_command(commands)
     add_plugin_commands(commands)
     return parser

@@ -1,77 +1,41 @@
-"""Meshes of primitives, their middle at the origin: what has no packing of its own is packed from them."""
+"""Triangles of simple shapes, by trimesh: to be packed, or to be drawn."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
-from ..checks.errors import InvalidMeshError
+_AROUND = 64  # corners around what is round
+_SUBDIVISIONS = 3  # of a ball
 
-#: Sides of what is round; the farthest that a side is from the circle is 0.1 % of its radius.
-SEGMENTS = 64
-_FLAT = 1e-9  # of a polygon's size squared: a corner that turns by less is straight
-
-
-def box(size: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Vertices (n, 3) and triangles (m, 3) of a box with edge lengths (3,) along the axes [m]."""
-    x, y, z = np.asarray(size, float)
-    return prism(0.5 * np.array([[-x, -y], [x, -y], [x, y], [-x, y]]), z)
+#: The shapes, and how many numbers their size has.
+PRIMITIVES = {"box": 3, "sphere": 1, "cylinder": 2, "capsule": 2}
 
 
-def cylinder(radius: float, height: float) -> tuple[np.ndarray, np.ndarray]:
-    """Vertices and triangles of a cylinder along z [m]."""
-    return prism(_circle(radius), height)
+def primitive(kind: str, size: Sequence[float], subdivisions: int = _SUBDIVISIONS):
+    """Vertices (n, 3) and triangles (m, 3) of a shape about its middle.
 
-
-def prism(polygon: np.ndarray, height: float) -> tuple[np.ndarray, np.ndarray]:
-    """Vertices and triangles of a convex polygon (n, 2) in the plane z = 0, spread over a height along z [m].
-
-    Raises
-    ------
-    InvalidMeshError
-        If the polygon has fewer than three corners, or is not convex.
+    Parameters
+    ----------
+    kind : str
+        One of `PRIMITIVES`.
+    size : sequence of float
+        Of a box its edges, of a sphere its radius, of a cylinder and a capsule the radius and the length of
+        the straight part, along z [m].
+    subdivisions : int
+        Of a sphere: how fine it is.
     """
-    polygon = _convex(polygon)
-    count, half = len(polygon), 0.5 * height
-    level = np.ones((count, 1))
-    vertices = np.vstack([np.hstack([polygon, -half * level]), np.hstack([polygon, half * level])])
-    k, following = np.arange(count), np.roll(np.arange(count), -1)
-    sides = np.vstack(
-        [
-            np.column_stack([k, following, following + count]),
-            np.column_stack([k, following + count, k + count]),
-        ]
-    )
-    fan = np.column_stack([np.zeros(count - 2, int), k[1:-1], k[2:]])
-    return vertices, np.vstack([sides, fan[:, ::-1], fan + count])
+    import trimesh
 
-
-def cone(radius: float, height: float) -> tuple[np.ndarray, np.ndarray]:
-    """Vertices and triangles of a cone along z, its tip up, its middle halfway between base and tip [m]."""
-    circle, half = _circle(radius), 0.5 * height
-    base = np.hstack([circle, np.full((SEGMENTS, 1), -half)])
-    vertices = np.vstack([base, [[0.0, 0.0, half]]])
-    k = np.arange(SEGMENTS)
-    sides = np.column_stack([k, np.roll(k, -1), np.full(SEGMENTS, SEGMENTS)])
-    return vertices, np.vstack([sides, np.column_stack([np.zeros(SEGMENTS - 2, int), k[2:], k[1:-1]])])
-
-
-def _circle(radius):
-    """(n, 2): corners of a polygon of the circle's area."""
-    angle = 2.0 * np.pi * np.arange(SEGMENTS) / SEGMENTS
-    step = 2.0 * np.pi / SEGMENTS
-    return radius * np.sqrt(step / np.sin(step)) * np.column_stack([np.cos(angle), np.sin(angle)])
-
-
-def _convex(polygon):
-    """The polygon (n, 2), counter-clockwise."""
-    polygon = np.asarray(polygon, float)
-    if polygon.ndim != 2 or len(polygon) < 3:
-        raise InvalidMeshError("must have at least three corners", field="polygon", value=len(polygon))
-    edges = np.roll(polygon, -1, axis=0) - polygon
-    after = np.roll(edges, -1, axis=0)
-    turns = edges[:, 0] * after[:, 1] - edges[:, 1] * after[:, 0]
-    slack = _FLAT * np.ptp(polygon, axis=0).max() ** 2
-    once = np.abs(np.arctan2(turns, (edges * after).sum(axis=1))).sum() < 2.0 * np.pi + 1e-6
-    if not once or not ((turns > -slack).all() or (turns < slack).all()):
-        raise InvalidMeshError("must be convex", field="polygon")
-    return polygon if turns.sum() > 0.0 else polygon[::-1]
+    create = trimesh.creation
+    if kind == "box":
+        mesh = create.box(size)
+    elif kind == "sphere":
+        mesh = create.icosphere(subdivisions=subdivisions, radius=size[0])
+    elif kind == "cylinder":
+        mesh = create.cylinder(size[0], size[1], sections=_AROUND)
+    else:
+        mesh = create.capsule(height=size[1], radius=size[0], count=[_AROUND, _AROUND])
+        mesh.apply_translation(-mesh.bounds.mean(axis=0))
+    return np.asarray(mesh.vertices, float), np.asarray(mesh.faces, np.int64)

@@ -87,9 +87,31 @@ def load_solid(path: str | os.PathLike[str], repair: bool = False) -> tuple[Soli
         If the file is no mesh, or the mesh no solid, in which case the message tells whether ``repair`` may
         help.
     """
+    path = Path(path)
+    vertices, faces, sha256 = read_mesh(path)
+    repairs: list[str] = []
+    try:
+        if repair:
+            vertices, faces, repairs = repaired(vertices, faces)
+        solid = make_solid(path.stem, vertices, faces, sha256=sha256)
+    except InvalidMeshError as error:
+        problem, hint, _ = error.problem.partition(" (--repair")
+        if hint:
+            problem = f"{problem}; the repair could not mend it" if repair else error.problem
+        raise InvalidMeshError(problem, field=f"mesh {path}", value=error.value) from error
+    return solid, repairs
+
+
+def read_mesh(path: Path) -> tuple[np.ndarray, np.ndarray, str]:
+    """Vertices (n, 3) and triangles (m, 3) of a mesh file, and the file's SHA-256.
+
+    Raises
+    ------
+    InvalidMeshError, LimitExceededError
+        If the file is no mesh, or larger than the memory allows.
+    """
     import trimesh
 
-    path = Path(path)
     formats = sorted(set(trimesh.available_formats()) - _ARCHIVES)
     if path.suffix.lower().removeprefix(".") not in formats:
         raise InvalidMeshError(f"must end in one of {', '.join(formats)}", field=f"mesh {path}")
@@ -110,17 +132,7 @@ def load_solid(path: str | os.PathLike[str], repair: bool = False) -> tuple[Soli
         raise InvalidMeshError(
             f"is no mesh of a format that trimesh reads: {reason}", field=f"mesh {path}"
         ) from error
-    repairs: list[str] = []
-    try:
-        if repair:
-            vertices, faces, repairs = repaired(vertices, faces)
-        solid = make_solid(path.stem, vertices, faces, sha256=hashlib.sha256(data).hexdigest())
-    except InvalidMeshError as error:
-        problem, hint, _ = error.problem.partition(" (--repair")
-        if hint:
-            problem = f"{problem}; the repair could not mend it" if repair else error.problem
-        raise InvalidMeshError(problem, field=f"mesh {path}", value=error.value) from error
-    return solid, repairs
+    return vertices, faces, hashlib.sha256(data).hexdigest()
 
 
 def make_solid(name, vertices, faces, sha256=None) -> SolidMesh:

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
         UprightProbability,
     )
     from .regions import BoxRegion
-    from .status import BodyStatus
+    from .status_rules import BodyStatus
 
 
 class Answers(ABC):

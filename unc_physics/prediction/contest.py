@@ -21,7 +21,7 @@ from ..scene.belief import Belief
 from ..scene.scene import Scene
 from ..scene.stiffness import with_stiffness
 from .computed import Computed
-from .predict import LOOK_UP_AFTER, finite, nothing
+from .predict import LOOK_UP_AFTER, as_driven, finite, nothing
 from .prediction import Prediction
 from .racing import Race
 from .within import Within
@@ -103,7 +103,7 @@ class Contest:
         for k, entrant in enumerate(entrants):
             with Failed.of(k):
                 self._scenes.append(with_stiffness(entrant.scene, entrant.belief.mean))
-                self._beliefs.append(known(entrant.scene, entrant.belief))
+                self._beliefs.append(known(self._scenes[k], entrant.belief))
         # of each: the carry at time 0, and those after the marks
         self._carries: list[list[Any]] = [[] for _ in entrants]
 
@@ -192,7 +192,8 @@ class Contest:
         times = tuple(mark * scene.dt for mark in self._marks)
         with Failed.of(k):
             beliefs = tuple(
-                finite(own.belief(carry, scene), time) for carry, time in zip(later, times, strict=True)
+                finite(as_driven(own.belief(carry, scene), scene, time), time)
+                for carry, time in zip(later, times, strict=True)
             )
         answers = Computed(later[-1], partial(own.belief, first, scene), [nothing] * len(times))
         kept = None

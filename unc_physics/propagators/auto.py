@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from ..physics.compile_time import clock
 from .base import one_after_the_other
 from .cloud import FEWEST_RUNS, Cloud
+from .emission import diverged
 from .options import option
 
 _FIRST = 16  # rollouts, before it is known what more of them would be good for
@@ -62,7 +63,7 @@ class Auto(Cloud):
     def further(self, carry, scene, spent):
         count, began = len(carry.states), clock()
         more = min(count, self.runs - count)
-        if more <= 0 or self._sure(carry, scene):
+        if more <= 0 or diverged(carry.states) or self._sure(carry, scene):
             return 0
         if self.time > 0.0:
             fitted = clock() - began

@@ -10,9 +10,11 @@ import numpy as np
 from ..physics import contact_history as histories
 from ..physics.contact_history import ContactHistory
 from ..physics.moments import mean_and_errors, second_moment, spread_states
+from ..scene.action_arrays import start_states
 from ..scene.belief import Belief
 from ..scene.parameters import center_offsets, draw_parameters, moved_along
 from ..scene.physics_keys import INTEGRATORS
+from ..scene.scene import Scene
 from .base import SAMPLES_LIMIT, Propagator, Traits, one_after_the_other, rolled, some_rollouts
 from .free_flight import course_of
 from .joining import joined_history
@@ -62,7 +64,7 @@ class MonteCarlo(Propagator):
     traits = Traits("estimated", "samples", True, False, "simulated")
     label, color, marker = "Monte Carlo", "#000000", "o"
     integrators = INTEGRATORS
-    varies_parameters = rejects_overlap = draws_together = draws_impacts = True
+    varies_parameters = takes_actions = rejects_overlap = draws_together = draws_impacts = True
 
     samples: int = option(1000, "number of rollouts", low=1, high=SAMPLES_LIMIT)
     seed: int = option(0, "seed of the draws", low=0)
@@ -76,13 +78,17 @@ class MonteCarlo(Propagator):
         if self.reduce and symmetric(scene) and scene.overlap != "reject":
             drawn, common, motion = self._reduced(scene, belief, last)
         else:
-            drawn = draw(scene, belief, last, self.seed)
+            drawn = self.drawn(scene, belief, last)
         states, history = begin(scene, belief, drawn[first:])
         if scene.draws_impacts:
             history = histories.with_keys(history, self.seed, first)
         z = draw_parameters(scene, last, self.seed)[first:]
-        states = moved_along(states, center_offsets(scene, z))
+        states = moved_along(start_states(scene, states, z), center_offsets(scene, z))
         return MonteCarloCarry(states, history, 0, z, common[first:], motion)
+
+    def drawn(self, scene: Scene, belief: Belief, count: int) -> np.ndarray:
+        """(count, B, 13): states drawn from a belief; the first ones are the same for every larger count."""
+        return draw(scene, belief, count, self.seed)
 
     def _reduced(self, scene, belief, count):
         """States (N, B, 13), common motions (N, 6), and their root."""

@@ -10,7 +10,6 @@ import functools
 import hashlib
 import threading
 from collections import OrderedDict
-from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 
 import numpy as np
@@ -26,8 +25,9 @@ from ..checks.errors import (
     UnknownModelError,
 )
 from ..checks.validation import array, positive
-from ..geometry import primitives
 from ..geometry.packing_file import SpherePacking
+from ..geometry.primitives import primitive
+from ..geometry.prisms import cone, prism
 from ..scene.body import tree_of
 
 #: Spheres of a shape for which a message names no number.
@@ -105,6 +105,8 @@ class ArrivingShapes:
             vertices, triangles = _mesh(message, size)
         except InvalidMeshError as error:
             raise InvalidMeshError(error.problem, field=f"{field}.{error.field}", value=error.value) from None
+        except ImportError as error:
+            raise NotSupportedError(f"needs {error.name}, which the node lacks", field=field) from None
         return self._packed(vertices, triangles, spheres or SPHERES, field, wait)
 
     def _packed(self, vertices, triangles, spheres, field, wait):
@@ -148,12 +150,16 @@ def read_dimensions(message, field: str) -> tuple[float, ...]:
 def _mesh(message, size):
     """Vertices and triangles of a primitive."""
     if message.type == SolidPrimitive.BOX:
-        return primitives.box(np.array(size))
+        return primitive("box", size)
     if message.type == SolidPrimitive.PRISM:
         polygon = np.array([(point.x, point.y) for point in message.polygon.points], float).reshape(-1, 2)
-        return primitives.prism(polygon, size[SolidPrimitive.PRISM_HEIGHT])
-    make: Callable = primitives.cone if message.type == SolidPrimitive.CONE else primitives.cylinder
-    return make(size[SolidPrimitive.CYLINDER_RADIUS], size[SolidPrimitive.CYLINDER_HEIGHT])
+        return prism(polygon, size[SolidPrimitive.PRISM_HEIGHT])
+    radius, height = size[SolidPrimitive.CYLINDER_RADIUS], size[SolidPrimitive.CYLINDER_HEIGHT]
+    return (
+        cone(radius, height)
+        if message.type == SolidPrimitive.CONE
+        else primitive("cylinder", (radius, height))
+    )
 
 
 @functools.lru_cache(maxsize=_KEPT)

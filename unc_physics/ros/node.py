@@ -9,9 +9,6 @@ import sys
 import threading
 import traceback
 
-if __name__ == "__main__":  # until rclpy takes over, a signal just ends the process
-    signal.signal(signal.SIGINT, signal.SIG_DFL)
-
 import rclpy
 from rclpy.exceptions import ParameterException
 from rclpy.executors import SingleThreadedExecutor
@@ -29,19 +26,19 @@ from .server import PredictionServer
 # Python's 5 ms would let other threads' bookkeeping hold up a prediction that is nearly done
 _SWITCH_INTERVAL = 5e-4  # s
 _LOOK = 0.5  # s, between looks whether the node is ready, or cannot be
+_SETTLED_WITHIN = 2.0  # s
+# until the process ends: an events executor that is freed while it knows callbacks aborts the process
+_ended_executors = []
 
 
-class UncPhysicsNode(Node):
-    """The prediction server on a plain node, for any executor.
-
-    It warms up in a thread of its own, and advertises its services when it is ready: meanwhile its executor
-    spins, and its parameters answer. `destroy_node` ends what it computes.
+class ServingNode(Node):
+    """A node with a prediction server.
 
     Parameters
     ----------
     node_name : str
     **others
-        As for rclpy's `Node`.
+        As for rclpy's node.
 
     Attributes
     ----------
@@ -54,6 +51,23 @@ class UncPhysicsNode(Node):
         super().__init__(node_name, **others)
         self.server = PredictionServer(self)
         self.failed: Exception | None = None
+
+    def destroy_node(self):
+        """End what is computed, answer it, and destroy the node."""
+        self.server.close()
+        self.server.discard()
+        super().destroy_node()
+
+
+class UncPhysicsNode(ServingNode):
+    """The prediction server on a plain node, for any executor.
+
+    It warms up in a thread of its own, and advertises its services when it is ready: meanwhile its executor
+    spins, and its parameters answer. `destroy_node` ends what it computes.
+    """
+
+    def __init__(self, node_name: str = "unc_physics", **others):
+        super().__init__(node_name, **others)
         self._ended = threading.Event()
         threading.Thread(target=self._prepare, name="warm-up", daemon=True).start()
 
@@ -81,8 +95,6 @@ class UncPhysicsNode(Node):
     def destroy_node(self):
         """End what is computed, answer it, and destroy the node."""
         self._ended.set()
-        self.server.close()
-        self.server.discard()
         super().destroy_node()
 
 
@@ -124,6 +136,8 @@ def run(make_node, arguments=None) -> int:
         return int(ErrorCode.INVALID_OPTION)
     finally:
         if node is not None:
+            if spinning is not None:
+                spinning.settle()
             node.server.close()
             if spinning is not None:
                 spinning.end()
@@ -155,9 +169,18 @@ class Spinning:
                     return
                 self._node.get_logger().error(f"a callback failed:\n{traceback.format_exc()}")
 
+    def settle(self):
+        """Wait until the executor has taken up what was advertised just now: it fails where that is gone by
+        then.
+        """
+        done = threading.Event()
+        self._executor.create_task(done.set)
+        done.wait(_SETTLED_WITHIN)
+
     def end(self):
         """Return when the thread has ended."""
         self._ended.set()
+        _ended_executors.append(self._executor)
         self._executor.shutdown()
         self._thread.join()
 

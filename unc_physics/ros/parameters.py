@@ -15,7 +15,8 @@ from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescri
 
 from ..checks.errors import InvalidOptionError, UncPhysicsError
 from ..checks.validation import non_negative
-from ..propagators.names import DEFAULT, REFERENCE
+from ..prediction.status import compared_rollouts
+from ..propagators.names import ANYTIME, DEFAULT, REFERENCE
 from ..propagators.registry import PROPAGATORS, names_where
 from ..scene.materials import refuse_with_explicit
 from ..scene.physics_keys import INTEGRATORS, OVERLAPS, PHYSICS_KEYS, check_integrator
@@ -70,7 +71,7 @@ class Settings:
     )
 
     default_propagator: str = parameter(
-        DEFAULT, "Propagator of requests that name none.", choices=tuple(PROPAGATORS)
+        ANYTIME, "Propagator of requests that name none.", choices=tuple(PROPAGATORS)
     )
     dt: float = physics_key("dt", low=1e-6, high=1.0)
     stiffness: float | str = physics_key("stiffness", AUTO)
@@ -91,7 +92,7 @@ class Settings:
     )
     islands: bool = physics_key("islands", True)
     warm_up: tuple[str, ...] = parameter(
-        (DEFAULT, REFERENCE),
+        (ANYTIME, REFERENCE),
         "Propagators whose kernels are compiled, or loaded, before the node "
         "is ready; others' are when they are first asked for. Those of other packages that do not run "
         "on the integrator are left out.",
@@ -223,6 +224,7 @@ class Settings:
             if choices and not set(chosen) <= {*choices, *([""] if isinstance(value, tuple) else [])}:
                 raise InvalidOptionError(f"must be one of {', '.join(choices)}", field=spec.name, value=value)
         object.__setattr__(self, "stiffness", _stiffness(self.stiffness))
+        compared_rollouts(self.status_rollouts, "status_rollouts")
         if self.integrator == "explicit":
             refuse_with_explicit(SimpleNamespace(**self.physics))
         if len(self.gravity) != 3:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 import secrets
 from collections.abc import Callable, Sequence
@@ -39,7 +40,6 @@ from ..scene.scene_file import at_field
 from .durations import duration, read_duration
 from .frames import Frames
 from .models import ModelLibrary
-from .not_served import refuse_not_served
 from .parameters import Settings
 from .physics_message import physics_message, read_physics
 from .prediction_writer import Wanted, write_modes, write_prediction, write_start
@@ -137,7 +137,6 @@ def read_request(
     UncPhysicsError
         One of its kinds, naming the field and the value.
     """
-    refuse_not_served("PredictionRequest", request, "")
     message, regions = request.scene, request.regions
     transform = frames.to_world(message.header)
     if transform is not None:
@@ -238,8 +237,7 @@ def write_answer(message: PredictionMessage, header: Header, settings: Settings,
     message.header.frame_id = settings.world_frame
     message.propagator = job.propagator.name
     used = prediction.scene
-    message.physics = physics_message({key: getattr(used, key) for key in PHYSICS_KEYS})
-    message.physics_summary = physics_as_text(used)
+    message.physics, message.physics_summary = _told_physics(used)
     message.rollouts = job.propagator.rollouts(prediction.carry)
     errors = job.propagator.standard_errors(prediction.carry, used)
     if errors is not None:
@@ -256,6 +254,12 @@ def write_answer(message: PredictionMessage, header: Header, settings: Settings,
     message.seed = job.seed
     message.time_reached = duration(prediction.time)
     message.computation_time = duration(prediction.wall_time)
+
+
+@functools.lru_cache(maxsize=32)
+def _told_physics(scene):
+    """A scene's physics as a message, which nobody changes, and as text; scenes come again and again."""
+    return physics_message({key: getattr(scene, key) for key in PHYSICS_KEYS}), physics_as_text(scene)
 
 
 def write_error(result: Result, error: Exception) -> None:

@@ -25,12 +25,13 @@ from ..prediction.regions import BoxRegion
 from ..scene.environment import Box, Cylinder, Element, Plane, Sphere, surface_tilt_std
 from ..scene.materials import Surface, check_surface
 from ..scene.scene_file import at_field
+from .action_messages import read_surface_velocity
+from .arrays import xyz
 from .arriving_shapes import ArrivingShapes, read_dimensions
-from .not_served import refuse_not_served
 from .optional import optional
 
 #: Fields of a material that are served; they are those of a `Surface`.
-MATERIAL_FIELDS = ("friction", "friction_std", "restitution", "restitution_std")
+MATERIAL_FIELDS = ("friction", "friction_std", "restitution", "restitution_std", "torsional_friction")
 #: Kinds of primitives that are elements as they are; the others are packed. Unknown ones are refused as such.
 _EXACT = set(range(256)) - {SolidPrimitive.CONE, SolidPrimitive.PRISM}
 _OBSTACLE_SPHERES = 1000  # of a packed element
@@ -114,12 +115,16 @@ def _is_packed(message):
 
 def _packed_element(message, name, field, shapes, wait):
     """A mesh, a cone or a prism."""
-    refuse_not_served("EnvironmentElement", message, f"{field}.")
     if len(message.mesh) + len(message.primitive) + len(message.plane) != 1:
         raise InvalidEnvironmentError("must have exactly one of plane, primitive and mesh", field=field)
     if message.surface_tilt_std:
         raise NotSupportedError(
             "is for planes, boxes, spheres and cylinders", field=f"{field}.surface_tilt_std"
+        )
+    v, w = message.surface_velocity.linear, message.surface_velocity.angular
+    if any((*xyz(v), *xyz(w))):
+        raise NotSupportedError(
+            "is for planes, boxes, spheres and cylinders", field=f"{field}.surface_velocity"
         )
     if message.mesh:
         model = shapes.of_mesh(message.mesh[0], _OBSTACLE_SPHERES, f"{field}.mesh[0]", wait)
@@ -135,9 +140,8 @@ def read_material(message, field: str, error: type[UncPhysicsError] = InvalidReq
     Raises
     ------
     UncPhysicsError
-        Of the given type, `NotFiniteError` or `NotSupportedError`.
+        Of the given type, or `NotFiniteError`.
     """
-    refuse_not_served("Material", message, f"{field}.")
     given = {}
     for name in MATERIAL_FIELDS:
         if (value := optional(getattr(message, name), f"{field}.{name}")) is not None:
@@ -179,13 +183,15 @@ def read_regions(messages) -> tuple[BoxRegion, ...]:
 
 def _element(message, name, field):
     """One element, from its message."""
-    refuse_not_served("EnvironmentElement", message, f"{field}.")
     plane = optional(message.plane, f"{field}.plane")
     primitive = optional(message.primitive, f"{field}.primitive")
     position, orientation = _place(message.pose, f"{field}.pose")
     material = read_material(message.material, f"{field}.material", InvalidEnvironmentError)
     tilt = surface_tilt_std(message.surface_tilt_std, f"{field}.surface_tilt_std")
     material += (("surface_tilt_std", tilt),) if tilt else ()
+    material += read_surface_velocity(
+        message.surface_velocity, position, f"{field}.surface_velocity", InvalidEnvironmentError
+    )
     if primitive is not None and plane is None:
         place = f"{field}.primitive[0]"
         size = read_dimensions(primitive, place)

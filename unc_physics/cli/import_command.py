@@ -1,0 +1,125 @@
+"""The command ``import``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import yaml
+
+from ..checks.shown import printable
+from .output import check_output, note, writing
+
+_HEAD = """\
+# {what}, from {source}.
+# Predict with
+#   python -m unc_physics predict {name}
+"""
+
+
+def add_import_command(commands) -> None:
+    """Add the parser of ``import`` to the command line's subparsers."""
+    parser = commands.add_parser(
+        "import",
+        help="make a scene file of a URDF or SDF world",
+        description=(
+            "Write a scene file with what a URDF or SDF file holds. Planes, boxes, spheres, cylinders and"
+            " capsules that do not move become its environment, and meshes fixed bodies, packed with spheres"
+            " beside the scene file; models that nothing holds become bodies that move. What is left out is"
+            " named."
+        ),
+    )
+    parser.add_argument("world", metavar="WORLD", help="file that ends in .urdf, .sdf or .world")
+    parser.add_argument("-o", "--output", required=True, metavar="SCENE.yaml", help="scene file to write")
+    parser.add_argument(
+        "-n", "--spheres", type=int, default=1000, metavar="N", help="spheres of each packing (default 1000)"
+    )
+    parser.add_argument(
+        "--joint",
+        action="append",
+        default=[],
+        metavar="NAME=VALUE",
+        help="position of a joint of a URDF [rad or m], which fixes all its links; may be repeated",
+    )
+    parser.add_argument(
+        "--repair", action="store_true", help="try trimesh's repairs on meshes that are no solids"
+    )
+    parser.set_defaults(run=run_import)
+
+
+def run_import(arguments) -> int:
+    """Write the scene file, and say what it holds."""
+    from ..descriptions.world import load_world
+    from ..geometry.packing_file import save_packing
+
+    output = check_output(arguments.output, ".yaml", "--output")
+    world = load_world(
+        arguments.world,
+        spheres=arguments.spheres,
+        configuration=dict(map(_joint, arguments.joint)) or None,
+        repair=arguments.repair,
+    )
+    folder = output.parent / f"{output.stem}_models"
+    content = {
+        "physics": "everyday",
+        "horizon": 1.0,
+        "bodies": [],
+        "environment": [_element(element) for element in world.environment],
+    }
+    with writing(output, "--output"):
+        for body in world.bodies:
+            folder.mkdir(exist_ok=True)
+            file = save_packing(folder / f"{body.model.name}.npz", body.model)
+            content["bodies"].append(_body(body, world.beliefs[body.name], file.relative_to(output.parent)))
+        content = {key: value for key, value in content.items() if value != []}
+        moving = sum(not body.fixed for body in world.bodies)
+        what = f"{len(world.environment)} elements of the environment and {len(world.bodies)} bodies"
+        source = printable(Path(arguments.world).name)
+        head = _HEAD.format(what=what, source=source, name=printable(output.name))
+        output.write_text(head + yaml.safe_dump(content, sort_keys=False, default_flow_style=None, width=110))
+    print(f"{what}, {moving} of which move")
+    for line in world.left_out:
+        print(f"left out: {printable(line)}")
+    print(f"wrote {printable(str(output))}")
+    if not moving:
+        note("nothing in it moves: add bodies with their model, pose and standard deviations")
+    return 0
+
+
+def _joint(text):
+    from ..checks.errors import InvalidOptionError
+    from ..checks.validation import number
+
+    name, separator, value = text.partition("=")
+    if not separator:
+        raise InvalidOptionError("must be of the form NAME=VALUE", field="--joint", value=text)
+    return name, number(value, f"--joint {name}")
+
+
+def _element(element):
+    """An element as an entry of a scene file."""
+    from ..scene.environment import quantities
+
+    keys = quantities(type(element))
+    entry = {"name": element.name, element.shape: {key: _plain(getattr(element, key)) for key in keys}}
+    return entry | _surface(element)
+
+
+def _body(body, belief, file):
+    entry = {"name": body.name, "model": file.as_posix(), "mass": float(body.mass)}
+    entry |= {"position": _plain(belief.position), "orientation": _plain(belief.orientation)}
+    if body.fixed:
+        del entry["mass"]
+        entry["fixed"] = True
+    return entry | _surface(body)
+
+
+def _surface(thing):
+    found = {key: getattr(thing, key) for key in ("friction", "restitution")}
+    return {key: value for key, value in found.items() if value is not None}
+
+
+def _plain(value):
+    """A number or an array as plain values, round-off left out."""
+    import numpy as np
+
+    return (np.round(np.asarray(value, float), 9) + 0.0).tolist()

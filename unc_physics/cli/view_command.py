@@ -1,0 +1,118 @@
+"""The command ``view``."""
+
+from __future__ import annotations
+
+from importlib.util import find_spec
+from pathlib import Path
+
+from ..propagators.names import DEFAULT, entries
+from .output import check_output, writing
+from .predict_command import _key_and_value
+
+_HORIZON = 1.0  # s, where neither the file nor the command says
+
+
+def add_view_command(commands) -> None:
+    """Add the parser of ``view`` to the command line's subparsers."""
+    parser = commands.add_parser(
+        "view",
+        help="look at a prediction in the browser",
+        description=(
+            "Open a page in the browser that shows the scene move, with samples, ellipsoids and"
+            " probabilities. Another propagator or another uncertainty predicts anew at once. Ctrl-C ends it."
+        ),
+    )
+    parser.add_argument("scene", metavar="SCENE.yaml", help="scene file")
+    parser.add_argument(
+        "--propagator",
+        default=DEFAULT,
+        metavar="NAME",
+        help=f"with which to begin, by default {DEFAULT}: one of {', '.join(entries())}",
+    )
+    parser.add_argument(
+        "--option",
+        action="append",
+        default=[],
+        type=_key_and_value,
+        metavar="KEY=VALUE",
+        help="an option of that propagator; may be repeated",
+    )
+    parser.add_argument("--horizon", metavar="T", help="time to predict for [s], instead of the scene file's")
+    parser.add_argument("--frames", type=int, default=60, metavar="N", help="how many times are shown (60)")
+    parser.add_argument("--ghosts", type=int, default=30, metavar="N", help="how many samples are drawn (30)")
+    parser.add_argument(
+        "--mesh",
+        action="append",
+        default=[],
+        type=_key_and_value,
+        metavar="BODY=FILE",
+        help="draw a body as the mesh that its model was packed from; may be repeated",
+    )
+    parser.add_argument("--models", metavar="DIR", help="folder of the models, instead of the model library")
+    parser.add_argument("--record", metavar="FILE.html", help="write a page that stands alone, and end")
+    parser.add_argument(
+        "--host",
+        default="127.0.0.1",
+        help="address to listen on (default 127.0.0.1: this machine alone); whoever reaches it can look",
+    )
+    parser.add_argument("--port", type=int, default=8080, help="port to listen on (default 8080)")
+    parser.add_argument("--no-open", action="store_true", help="only print the page's address")
+    parser.set_defaults(run=run)
+
+
+def run(arguments) -> int:
+    """Show the page until it is interrupted, or write it."""
+    session = session_of(arguments)
+    meshes = dict(arguments.mesh)
+    if arguments.record is not None:
+        from ..view.page import record
+
+        output = check_output(arguments.record, ".html", "--record")
+        with writing(output, "--record"):
+            record(session, output, meshes)
+        print(f"wrote {output}")
+        return 0
+    import webbrowser
+
+    from ..view.page import Page
+
+    page = Page(session, arguments.host, arguments.port, Path(arguments.scene).stem, meshes)
+    address = f"http://{arguments.host}:{page.port}"
+    print(f"{address} shows the prediction; Ctrl-C ends it", flush=True)
+    if not arguments.no_open:
+        webbrowser.open(address)
+    try:
+        page.wait()
+    finally:
+        page.close()
+    return 0
+
+
+def session_of(arguments):
+    """What the arguments ask to look at, checked."""
+    from ..checks.errors import InvalidRequestError, NotSupportedError
+    from ..checks.names import hint
+    from ..checks.validation import integer, positive
+    from ..propagators.registry import propagator_from_texts
+    from ..scene.scene_file import load_scene
+    from ..view.session import Session
+
+    missing = [name for name in ("viser", "trimesh") if find_spec(name) is None]
+    if missing:
+        raise NotSupportedError(
+            f"view needs {' and '.join(missing)}: install the extra 'view', or pip install"
+            f" {' '.join(missing)}"
+        )
+    frames = integer(arguments.frames, "--frames", low=2)
+    ghosts = integer(arguments.ghosts, "--ghosts", low=0)
+    integer(arguments.port, "--port", low=0)
+    propagator = propagator_from_texts(arguments.propagator, dict(arguments.option), None, None)
+    scene, belief, horizon = load_scene(arguments.scene, arguments.models)
+    if arguments.horizon is not None:
+        horizon = positive(arguments.horizon, "--horizon")
+    names = [body.name for body in scene.bodies]
+    for name, _ in arguments.mesh:
+        if name not in names:
+            said = f"is no body of the scene{hint(name, names)}"
+            raise InvalidRequestError(said, field="--mesh", value=name)
+    return Session(scene, belief, horizon or _HORIZON, propagator, frames, ghosts)

@@ -1,0 +1,204 @@
+"""A scene in the page: what is drawn once, and what moves with the time line."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from ..checks.shown import printable
+from ..geometry.primitives import primitive
+from ..scene.scene import Scene
+from .frames import Frames
+from .meshes import element_mesh, fitted_mesh, joined_spheres, quaternion_of
+
+COLORS = ((41, 115, 184), (217, 107, 36), (61, 153, 77), (148, 102, 189), (191, 56, 64))
+_FIXED, _ELEMENT = (140, 140, 140), (214, 209, 199)
+_SPHERES = 600  # of each body that are drawn, the largest
+_FINE = ((80, 3), (250, 2), (10**9, 1))  # up to so many spheres, how fine each is drawn
+_THROUGH = 0.6  # opacity of walls, for what is behind them to be seen
+_GHOST_SPHERES = 40
+_GHOST_OPACITY, _ELLIPSOID_OPACITY = 0.12, 0.35
+_WORLD = 1.2  # half the edge of what a plane is drawn as, in sizes of what is seen
+
+
+class Drawing:
+    """What is drawn of a scene on a viser server.
+
+    Parameters
+    ----------
+    server : viser.ViserServer
+    scene : Scene
+    frames : Frames
+        Shown first, and what the camera and planes are chosen by.
+    meshes : mapping of str to path-like
+        Files that bodies are drawn as, in place of their spheres, by their names.
+    """
+
+    def __init__(self, server: Any, scene: Scene, frames: Frames, meshes: Mapping[str, str] | None = None):
+        self._page = server.scene
+        self._scene = scene
+        self.frames = frames
+        self._ghosts_shown = self._ellipsoids_shown = True
+        self._frame = 0
+        low, high = bounds_of(scene, frames)
+        self._page.configure_default_lights(cast_shadow=False)  # much faster where there is no GPU
+        self._draw_environment(low, high)
+        self._bodies = [self._body(k, (meshes or {}).get(body.name)) for k, body in enumerate(scene.bodies)]
+        self._ghosts = [self._ghost(k) for k in range(len(scene.bodies))]
+        self._ellipsoids: list[list[Any]] = [[] for _ in scene.bodies]
+        self._time = self._page.add_label("/time", "", position=_above(low, high), anchor="bottom-center")
+        _look(server, low, high)
+        self.show(0)
+
+    def _draw_environment(self, low, high):
+        extent = _WORLD * float((high - low).max())
+        middle = 0.5 * (low + high)
+        for k, element in enumerate(self._scene.environment):
+            vertices, faces = element_mesh(element, extent)
+            position = np.array(element.position, float)
+            if element.shape == "plane":  # the part of it that is seen
+                normal = element.rotation[:, 2]
+                position = middle - (middle - position) @ normal * normal
+            self._page.add_mesh_simple(
+                f"/environment/{k}",
+                vertices.astype(np.float32),
+                faces.astype(np.uint32),
+                color=_ELEMENT,
+                opacity=_THROUGH if element.finite else None,
+                flat_shading=element.shape in ("box", "plane"),
+                side="double",
+                position=position,
+                wxyz=quaternion_of(element.rotation),
+            )
+
+    def _body(self, k, mesh):
+        """A frame that holds the body's spheres or its mesh, and its name."""
+        body, color = self._scene.bodies[k], self._color(k)
+        frame = self._page.add_frame(f"/bodies/{k}", show_axes=False)
+        if mesh is not None:
+            vertices, faces = fitted_mesh(mesh, body.model)
+            self._page.add_mesh_simple(
+                f"/bodies/{k}/mesh",
+                vertices.astype(np.float32),
+                faces.astype(np.uint32),
+                color=color,
+                flat_shading=True,
+            )
+        else:
+            count = min(len(body.model), _SPHERES)
+            fine = next(fine for most, fine in _FINE if count <= most)
+            vertices, faces = primitive("sphere", (1.0,), fine)
+            self._page.add_batched_meshes_simple(
+                f"/bodies/{k}/spheres",
+                vertices.astype(np.float32),
+                faces.astype(np.uint32),
+                batched_wxyzs=np.tile(np.array([1.0, 0.0, 0.0, 0.0], np.float32), (count, 1)),
+                batched_positions=body.model.centers[:count].astype(np.float32),
+                batched_scales=body.model.radii[:count].astype(np.float32),
+                batched_colors=color,
+            )
+        self._page.add_label(f"/bodies/{k}/name", printable(body.name))
+        return frame
+
+    def _ghost(self, k):
+        """A body's samples: its coarse shape, many times; None where there is nothing to see."""
+        body = self._scene.bodies[k]
+        count = self.frames.ghost_positions.shape[1]
+        if not body.free or count == 0:
+            return None
+        vertices, faces = joined_spheres(body.model, _GHOST_SPHERES, 1)
+        return self._page.add_batched_meshes_simple(
+            f"/ghosts/{k}",
+            vertices.astype(np.float32),
+            faces.astype(np.uint32),
+            batched_wxyzs=self.frames.ghost_orientations[0, :, k].astype(np.float32),
+            batched_positions=self.frames.ghost_positions[0, :, k].astype(np.float32),
+            batched_colors=self._color(k),
+            opacity=_GHOST_OPACITY,
+            cast_shadow=False,
+            receive_shadow=False,
+            visible=self._ghosts_shown,
+        )
+
+    def _color(self, k):
+        return _FIXED if self._scene.bodies[k].fixed else COLORS[k % len(COLORS)]
+
+    def replace(self, frames: Frames) -> None:
+        """Show another prediction of the same bodies."""
+        count = self.frames.ghost_positions.shape[1]
+        self.frames = frames
+        if frames.ghost_positions.shape[1] != count:
+            for ghost in self._ghosts:
+                if ghost is not None:
+                    ghost.remove()
+            self._ghosts = [self._ghost(k) for k in range(len(self._scene.bodies))]
+        self.show(min(self._frame, len(frames.times) - 1))
+
+    def show(self, frame: int) -> None:
+        """Show one of the frames."""
+        self._frame = frame
+        frames = self.frames
+        self._time.text = f"t = {frames.times[frame]:.2f} s"
+        for k, body in enumerate(self._bodies):
+            body.position, body.wxyz = frames.positions[frame, k], frames.orientations[frame, k]
+            ghost = self._ghosts[k]
+            if ghost is not None and self._ghosts_shown:
+                ghost.batched_positions = frames.ghost_positions[frame, :, k].astype(np.float32)
+                ghost.batched_wxyzs = frames.ghost_orientations[frame, :, k].astype(np.float32)
+            self._show_ellipsoids(k, frames.ellipsoids[frame][k] if self._ellipsoids_shown else ())
+
+    def _show_ellipsoids(self, k, wanted):
+        """One for each of a body's modes; what there is more of is hidden."""
+        shown = self._ellipsoids[k]
+        vertices, faces = primitive("sphere", (1.0,), 3)
+        while len(shown) < len(wanted):
+            shown.append(
+                self._page.add_mesh_simple(
+                    f"/ellipsoids/{k}/{len(shown)}",
+                    vertices.astype(np.float32),
+                    faces.astype(np.uint32),
+                    color=self._color(k),
+                    opacity=_ELLIPSOID_OPACITY,
+                    cast_shadow=False,
+                    receive_shadow=False,
+                )
+            )
+        for j, handle in enumerate(shown):
+            handle.visible = j < len(wanted)
+            if j < len(wanted):
+                handle.position, handle.wxyz = wanted[j].position, wanted[j].orientation
+                handle.scale = tuple(wanted[j].half_axes.tolist())
+
+    def show_ghosts(self, shown: bool) -> None:
+        """Whether samples are drawn."""
+        self._ghosts_shown = shown
+        for ghost in self._ghosts:
+            if ghost is not None:
+                ghost.visible = shown
+        self.show(self._frame)
+
+    def show_ellipsoids(self, shown: bool) -> None:
+        """Whether ellipsoids are drawn."""
+        self._ellipsoids_shown = shown
+        self.show(self._frame)
+
+
+def bounds_of(scene: Scene, frames: Frames) -> tuple[np.ndarray, np.ndarray]:
+    """Lowest and highest corner, each (3,), of where bodies are and will be [m]."""
+    radius = np.array([body.model.bounding_radius for body in scene.bodies])[:, None]
+    return (frames.positions - radius).min(axis=(0, 1)), (frames.positions + radius).max(axis=(0, 1))
+
+
+def _above(low, high):
+    middle = 0.5 * (low + high)
+    return middle[0], middle[1], high[2] + 0.1 * (high - low).max()
+
+
+def _look(server, low, high):
+    """Let the camera see all of it, from the front and a little from above."""
+    middle, size = 0.5 * (low + high), float(np.linalg.norm(high - low))
+    server.initial_camera.look_at = tuple(middle.tolist())
+    server.initial_camera.position = tuple((middle + size * np.array([0.3, -0.9, 0.7])).tolist())
+    server.initial_camera.up = (0.0, 0.0, 1.0)

@@ -1,0 +1,118 @@
+"""What is shown of a prediction at each of its times, as plain arrays."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ..physics.layout import ERR_POSITION, ERROR, POSITION, QUATERNION
+from ..physics.moments import spread_states
+from ..prediction.prediction import Prediction
+from ..propagators.base import Mode, symmetric_root
+from .meshes import quaternion_of
+
+#: Half axes of ellipsoids, in standard deviations.
+SIGMAS = 2.0
+_THIN = 2e-4  # m, of an ellipsoid's half axis: thinner ones cannot be seen
+_MOST_JOINT = 8  # bodies whose samples keep their correlations; eigenvalues of more take too long
+_LIKELY = 0.01  # of a mode, to be shown
+
+
+class Ellipsoid(NamedTuple):
+    """Where a body's centre of mass is, with `SIGMAS` standard deviations, in one of its modes.
+
+    Attributes
+    ----------
+    weight : float
+        Probability of the mode.
+    position : (3,) array
+        [m]
+    orientation : (4,) array
+        Quaternion (w, x, y, z), as the page has it.
+    half_axes : (3,) array
+        [m]
+    """
+
+    weight: float
+    position: np.ndarray
+    orientation: np.ndarray
+    half_axes: np.ndarray
+
+
+class Frames(NamedTuple):
+    """A prediction as it is shown; the first frame is its start.
+
+    Attributes
+    ----------
+    times : (T,) array
+        [s]
+    positions : (T, B, 3) array
+        Means of the bodies' centres of mass, world frame [m].
+    orientations : (T, B, 4) array
+        Quaternions (w, x, y, z), as the page has them.
+    ghost_positions, ghost_orientations : (T, N, B, 3) and (T, N, B, 4) arrays
+        Of samples: the propagator's own, or drawn from its Gaussian, alike in all frames.
+    ellipsoids : list of lists of tuples of Ellipsoid
+        For each frame and body; of a fixed body none.
+    """
+
+    times: np.ndarray
+    positions: np.ndarray
+    orientations: np.ndarray
+    ghost_positions: np.ndarray
+    ghost_orientations: np.ndarray
+    ellipsoids: list[list[tuple[Ellipsoid, ...]]]
+
+
+def frames_of(prediction: Prediction, ghosts: int) -> Frames:
+    """The frames of a prediction, with so many samples of each body, or as many as there are."""
+    beliefs = [prediction.start, *prediction.beliefs]
+    means = np.array([belief.mean for belief in beliefs])
+    z = np.random.default_rng(0).standard_normal((ghosts, ERROR * len(beliefs[0].moving)))
+    drawn = [_drawn(belief, z) for belief in beliefs]
+    if prediction.kept is not None:
+        drawn[1:] = [states[:ghosts] for states in prediction.kept]
+        drawn[0] = drawn[0][: len(drawn[1])]
+    states = np.array(drawn).reshape(len(beliefs), -1, *means.shape[1:])
+    bodies = prediction.scene.bodies
+    last = [prediction.answers.modes(prediction, k) if body.free else () for k, body in enumerate(bodies)]
+    shown: list[list[tuple[Ellipsoid, ...]]] = [
+        [(_ellipsoid(_single(belief, k)),) if body.free else () for k, body in enumerate(bodies)]
+        for belief in beliefs
+    ]
+    shown[-1] = [tuple(_ellipsoid(mode) for mode in modes if mode.weight > _LIKELY) for modes in last]
+    return Frames(
+        np.array([0.0, *prediction.times]),
+        means[..., POSITION],
+        np.roll(means[..., QUATERNION], 1, axis=-1),
+        states[..., POSITION],
+        np.roll(states[..., QUATERNION], 1, axis=-1),
+        shown,
+    )
+
+
+def _drawn(belief, z):
+    """States (N, B, 13) that are alike at all times for the same standard normal numbers ``z``.
+
+    Roots are symmetric, as those of Cholesky jump from one time to the next.
+    """
+    if belief.independent or len(belief.moving) > _MOST_JOINT:
+        roots = [symmetric_root(block) for block in belief.blocks]
+        parts = [z[:, ERROR * k : ERROR * (k + 1)] @ root for k, root in enumerate(roots)]
+        errors = np.concatenate(parts, axis=1) if parts else z
+    else:
+        errors = z @ symmetric_root(belief.joint)
+    return spread_states(belief.mean.copy(), belief.moving.copy(), np.ascontiguousarray(errors))
+
+
+def _single(belief, k):
+    return Mode(1.0, belief.mean[k], belief.marginal(k))
+
+
+def _ellipsoid(mode):
+    values, axes = np.linalg.eigh(mode.covariance[ERR_POSITION, ERR_POSITION])
+    if np.linalg.det(axes) < 0.0:
+        axes[:, 0] *= -1.0
+    half_axes = np.maximum(SIGMAS * np.sqrt(np.maximum(values, 0.0)), _THIN)
+    return Ellipsoid(float(mode.weight), mode.mean[POSITION], quaternion_of(axes), half_axes)

@@ -1,0 +1,162 @@
+"""The page in the browser: a time line, what is shown, how it is predicted, and what is uncertain."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import threading
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from ..checks.errors import UncPhysicsError
+from .drawing import Drawing
+from .session import Session
+
+_FASTEST = 0.03  # s between frames that are sent
+_STEPS = 100  # of a slider
+
+
+class Page:
+    """A page that shows a session, until it is closed.
+
+    Parameters
+    ----------
+    session : Session
+    host : str
+        Address to listen on; whoever can reach it can look, and set the sliders.
+    port : int
+    title : str
+    meshes : mapping of str to path-like, optional
+        As `Drawing` takes them.
+    """
+
+    def __init__(
+        self, session: Session, host="127.0.0.1", port=8080, title="", meshes: Mapping[str, str] | None = None
+    ):
+        self._session = session
+        frames = session.predict()
+        self.server = _server(host, port, title)
+        self._drawing = Drawing(self.server, session.scene, frames, meshes)
+        self._wanted, self._closed = threading.Event(), threading.Event()
+        self._add_time_line(frames)
+        self._add_choices()
+        self._add_sliders()
+        self._told = self.server.gui.add_markdown(session.told())
+        for work in (self._play, self._predict):
+            threading.Thread(target=work, daemon=True).start()
+
+    @property
+    def port(self) -> int:
+        """The port that it listens on."""
+        return self.server.get_port()
+
+    def _add_time_line(self, frames):
+        gui = self.server.gui
+        self._line = gui.add_slider("frame", 0, len(frames.times) - 1, 1, 0)
+        self._playing = gui.add_checkbox("play", True)
+        self._speed = gui.add_dropdown("speed", ("1", "1/2", "1/4", "1/10"), initial_value="1")
+
+        @self._line.on_update
+        def _(_event):
+            self._drawing.show(self._line.value)
+
+    def _add_choices(self):
+        gui, drawing, session = self.server.gui, self._drawing, self._session
+        ghosts, ellipsoids = gui.add_checkbox("samples", True), gui.add_checkbox("ellipsoids (2 sigma)", True)
+        ghosts.on_update(lambda _: drawing.show_ghosts(ghosts.value))
+        ellipsoids.on_update(lambda _: drawing.show_ellipsoids(ellipsoids.value))
+        names = tuple(session.propagators)
+        chosen = gui.add_dropdown("propagator", names, initial_value=session.propagator.name)
+
+        @chosen.on_update
+        def _(_event):
+            session.choose(chosen.value)
+            self._wanted.set()
+
+    def _add_sliders(self):
+        sliders: dict[str, Any] = {}
+        with self.server.gui.add_folder("what is uncertain"):
+            for key, value, most, unit in self._session.quantities:
+                label = f"{key} [{unit}]" if unit else key
+                step = most / _STEPS
+                slider = self.server.gui.add_slider(label, 0.0, most, step, min(value, most))
+                slider.on_update(lambda _, key=key, slider=slider: self._adjust(key, slider.value))
+                sliders[key] = slider
+            back = self.server.gui.add_button("as in the file")
+
+        @back.on_click
+        def _(_event):
+            for key, value, most, _ in self._session.quantities:
+                sliders[key].value = min(value, most)
+            self._session.reset()
+            self._wanted.set()
+
+    def _adjust(self, key, value):
+        self._session.adjust(key, value)
+        self._wanted.set()
+
+    def _predict(self):
+        """Predict anew whenever something was changed; of several changes at once only the last counts."""
+        while not self._closed.is_set():
+            if not self._wanted.wait(0.2):
+                continue
+            self._wanted.clear()
+            try:
+                frames = self._session.predict()
+                self._drawing.replace(frames)
+                self._told.content = self._session.told()
+            except UncPhysicsError as error:
+                self._told.content = f"**not predicted**: {error}"
+
+    def _play(self):
+        """Move the time line on as time passes."""
+        while not self._closed.wait(self._pause()):
+            if self._playing.value:
+                self._line.value = (self._line.value + 1) % len(self._drawing.frames.times)
+                self._drawing.show(self._line.value)
+
+    def _pause(self):
+        times = self._drawing.frames.times
+        slower = float(self._speed.value.removeprefix("1/"))
+        last = self._line.value == len(times) - 1
+        return max(slower * float(times[-1]) / max(len(times) - 1, 1), _FASTEST) + (0.7 if last else 0.0)
+
+    def close(self) -> None:
+        """Stop it."""
+        self._closed.set()
+        _stop(self.server)
+
+    def wait(self) -> None:
+        """Wait until it is closed, or interrupted."""
+        while not self._closed.wait(3600.0):
+            pass
+
+
+def _server(host, port, title=""):
+    """A server that prints nothing."""
+    import viser
+
+    with contextlib.redirect_stdout(io.StringIO()):
+        return viser.ViserServer(host=host, port=port, label=title or None, verbose=False)
+
+
+def _stop(server):
+    with contextlib.redirect_stdout(io.StringIO()):
+        server.stop()
+
+
+def record(session: Session, path: Path, meshes: Mapping[str, str] | None = None) -> None:
+    """Write a page that stands alone: the prediction over and over, without the controls."""
+    frames = session.predict()
+    server = _server("127.0.0.1", 0)
+    try:
+        drawing = Drawing(server, session.scene, frames, meshes)
+        writer = server.get_scene_serializer()
+        for k, moment in enumerate(frames.times):
+            drawing.show(k)
+            after = frames.times[k + 1] - moment if k + 1 < len(frames.times) else 1.0
+            writer.insert_sleep(float(after))
+        path.write_text(writer.as_html(), encoding="utf-8")
+    finally:
+        _stop(server)

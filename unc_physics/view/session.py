@@ -1,0 +1,136 @@
+"""A scene that is predicted again and again, with other propagators and other uncertainty."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from ..checks.errors import NotSupportedError, UncPhysicsError
+from ..checks.shown import printable
+from ..prediction.predict import predict
+from ..prediction.prediction import Prediction
+from ..prediction.probabilities import contact_probabilities, rest_probabilities
+from ..prediction.status import assess
+from ..propagators.base import Propagator
+from ..propagators.registry import PROPAGATORS, make_propagator
+from ..scene.belief import Belief
+from ..scene.scene import Scene
+from .adjusting import adjustable, adjusted
+from .frames import Frames, frames_of
+
+_MOST_LINES = 12  # of probabilities
+
+
+class Session:
+    """What is looked at: a scene and a belief, as they are given and as they are adjusted.
+
+    Parameters
+    ----------
+    scene : Scene
+    belief : Belief
+    horizon : float
+        [s]
+    propagator : Propagator
+        With which to begin.
+    frames : int
+        How many times are shown.
+    ghosts : int
+        How many samples are drawn.
+    """
+
+    def __init__(
+        self, scene: Scene, belief: Belief, horizon: float, propagator: Propagator, frames: int, ghosts: int
+    ):
+        self.scene, self._belief, self._horizon = scene, belief, horizon
+        self._frames, self._ghosts = frames, ghosts
+        self._chosen = propagator
+        self._values: dict[str, float] = {}
+        self.propagator = propagator
+        self.quantities = adjustable(scene, belief)
+        self.prediction: Prediction | None = None
+
+    @property
+    def propagators(self) -> list[str]:
+        """Names of those that take the scene's integrator."""
+        names = [name for name, kind in PROPAGATORS.items() if self.scene.integrator in kind.integrators]
+        return names if self.propagator.name in names else [self.propagator.name, *names]
+
+    def choose(self, name: str) -> None:
+        """Predict with another propagator from now on; that of the beginning keeps its options."""
+        self.propagator = self._chosen if name == self._chosen.name else make_propagator(name)
+
+    def adjust(self, key: str, value: float) -> None:
+        """Give a quantity another value from now on."""
+        self._values[key] = value
+
+    def reset(self) -> None:
+        """Take back all that was adjusted."""
+        self._values = {}
+
+    def predict(self) -> Frames:
+        """Predict with what was chosen and adjusted.
+
+        Raises
+        ------
+        UncPhysicsError
+        """
+        scene, belief = adjusted(self.scene, self._belief, self._values)
+        steps = max(round(self._horizon / scene.dt), 1)
+        marks = np.unique(np.linspace(0, steps, self._frames).round().astype(int))[1:]
+        times = (marks * scene.dt).tolist()
+        self.prediction = predict(
+            scene, belief, self.propagator, times[-1], times=times, keep_samples=self._ghosts
+        )
+        return frames_of(self.prediction, self._ghosts)
+
+    def told(self) -> str:
+        """The last prediction in words, as Markdown: each body, probabilities, and what speaks against it."""
+        prediction = self.prediction
+        if prediction is None:
+            return ""
+        lines = [f"**{prediction.propagator.name}**, {_duration(prediction.wall_time)}", ""]
+        for body in prediction.bodies:
+            if not (body.fixed or body.prescribed):
+                std = ", ".join(f"{1e3 * value:.2g}" for value in body.position_std)
+                lines.append(f"- **{_plain(body.name)}**: ± {std} mm")
+        lines += ["", *self._probabilities(prediction), ""]
+        try:
+            statuses = [status for status in assess(prediction, rollouts=0) if status.flags]
+        except UncPhysicsError as error:
+            return "\n".join([*lines, _plain(str(error))])
+        for status in statuses:
+            flags = " ".join(flag.name or "" for flag in status.flags)
+            lines.append(f"- {_plain(status.body)}: *{flags}*: {_plain(status.message)}")
+        return "\n".join(lines)
+
+    def _probabilities(self, prediction):
+        rows: list[tuple[str, Any]] = []
+        try:
+            for answer in contact_probabilities(prediction):
+                rows.append((f"{answer.object_a} touches {answer.object_b}", answer))
+            rows += [(f"{answer.object} is at rest", answer) for answer in rest_probabilities(prediction)]
+        except NotSupportedError:
+            pass
+        known = [(what, answer) for what, answer in rows if answer.available and answer.probability > 0.0]
+        lines = [f"- {_plain(what)}: **{answer.probability:.2f}**" for what, answer in known[:_MOST_LINES]]
+        for body, modes in self._modes(prediction):
+            lines.append(f"- {_plain(body)}: outcomes of {modes}")
+        return lines or ["- probabilities: ask a propagator with samples"]
+
+    def _modes(self, prediction):
+        """Bodies whose outcomes split, and how probable each outcome is."""
+        for body in prediction.bodies:
+            certain = body.fixed or body.prescribed
+            weights = [] if certain else [mode.weight for mode in body.modes]
+            if len(weights) > 1:
+                yield body.name, ", ".join(f"**{weight:.2f}**" for weight in weights)
+
+
+def _duration(seconds):
+    return f"{1e3 * seconds:.3g} ms" if seconds < 1.0 else f"{seconds:.3g} s"
+
+
+def _plain(text):
+    """A text in which no character is Markdown."""
+    return "".join(f"\\{mark}" if mark in "\\`*_{}[]<>#|!" else mark for mark in printable(text))
