@@ -12,15 +12,18 @@ What ``__init__.pyi`` names is the public interface; modules below are not.
 
 from __future__ import annotations
 
-import ast
-from importlib import import_module
-from pathlib import Path
+from .interrupts import let_programs_die
+
+let_programs_die()
 
 __version__ = "0.1.0"
 
 
 def _homes():
     """The public names, each with its module."""
+    import ast
+    from pathlib import Path
+
     stub = ast.parse(Path(__file__).with_name("__init__.pyi").read_text(encoding="utf-8"))
     imports = [statement for statement in stub.body if isinstance(statement, ast.ImportFrom)]
     return {name.name: f".{statement.module}" for statement in imports for name in statement.names}
@@ -37,6 +40,8 @@ def __dir__() -> list[str]:
 
 def __getattr__(name):
     """Import a public name at its first use: numba takes a second, and `--help` need not wait for it."""
+    from importlib import import_module
+
     if name not in _HOMES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     value = getattr(import_module(_HOMES[name], __name__), name)

@@ -6,7 +6,7 @@ import os
 import sys
 import warnings
 
-from .cli.interrupts import dying_at_interrupt
+from .interrupts import dying_at_interrupt
 
 INTERRUPTED, PIPE_CLOSED = 130, 141  # what a shell tells of a process that SIGINT or SIGPIPE ended
 

@@ -116,10 +116,12 @@ def error_rows(
     return rows
 
 
-def predicted(scene, belief, horizon, job: Job) -> dict[tuple[str, int | None], Belief | np.ndarray]:
-    """Every method's prediction: its samples, or its belief where it has none."""
+def predicted(
+    scene, belief, horizon, job: Job, grown: Sequence[int] = ()
+) -> dict[tuple[str, int | None], Belief | np.ndarray]:
+    """The prediction of every method (`methods`): its samples, or its belief where it has none."""
     answers = {}
-    for key, propagator in methods(job).items():
+    for key, propagator in methods(job, grown).items():
         prediction = predict(scene, belief, propagator, horizon)
         own = propagator.own_sample_count
         answers[key] = prediction.belief if own is None else prediction.samples()
@@ -127,16 +129,16 @@ def predicted(scene, belief, horizon, job: Job) -> dict[tuple[str, int | None], 
 
 
 def predictors(
-    scene, belief, horizon, job: Job, counts: Sequence[int]
+    scene, belief, horizon, job: Job, counts: Sequence[int], grown: Sequence[int] = ()
 ) -> dict[tuple[str, int | None], Callable]:
-    """Every method, and Monte Carlo with each of ``counts``, as functions of a round."""
+    """Every method (`methods`), and Monte Carlo with each of ``counts``, as functions of a round."""
     functions = {
         (MONTE_CARLO, count): lambda k, count=count: monte_carlo(
             scene, belief, horizon, count, job.seed(f"round {k}")
         )
         for count in counts
     }
-    for key, propagator in methods(job).items():
+    for key, propagator in methods(job, grown).items():
         functions[key] = lambda k, propagator=propagator: predict(scene, belief, propagator, horizon)
     return functions
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 from unc_physics.propagators.base import Propagator
@@ -45,12 +46,18 @@ LOOKS = {name: Look(cls.label, cls.color, cls.marker) for name, cls in PROPAGATO
 _GREYS = {5: "#BDBDBD", 10: "#8C8C8C", 50: "#5A5A5A", 100: "#2B2B2B"}
 
 
-def methods(job: Job) -> dict[tuple[str, int | None], Propagator]:
-    """All propagators but Monte Carlo, with their own options and each of `RUNS`, then the variants."""
+def methods(job: Job, grown: Sequence[int] = ()) -> dict[tuple[str, int | None], Propagator]:
+    """All propagators but Monte Carlo, with their own options and each of `RUNS`, then the variants.
+
+    What grows until it is sure does so, or until it has each of the numbers of rollouts in ``grown``.
+    """
     made = {}
     for name, cls in PROPAGATORS.items():
         options = {"seed": job.seed(name)} if "seed" in cls.options() else {}
-        for runs in RUNS.get(name, (None,)):
+        sizes = RUNS.get(name, (None,))
+        if cls.grows and grown:
+            sizes, options = tuple(grown), options | {"error": 0.0}
+        for runs in sizes:
             if name != MONTE_CARLO:
                 made[name, runs] = make_propagator(name, **options, **({"runs": runs} if runs else {}))
     return made | {(name, None): make_propagator(of, **options) for name, (of, options) in VARIANTS.items()}
@@ -60,7 +67,7 @@ def label(method: str, samples: int | None = None) -> str:
     """A method's name for people."""
     if method == MONTE_CARLO and samples is not None:
         return f"MC-{samples}"
-    if samples is not None and method in RUNS:
+    if samples is not None and method in PROPAGATORS:
         return f"{LOOKS[method].label}-{samples}"
     return LOOKS[method].label if method in LOOKS else method.replace("_", " ")
 

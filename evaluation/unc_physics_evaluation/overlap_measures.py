@@ -11,9 +11,9 @@ import numpy as np
 
 from unc_physics.physics.layout import ERR_POSITION, ERR_ROTATION, POSITION, QUATERNION
 from unc_physics.physics.rotation import rotation_matrix
+from unc_physics.prediction.overlap_depths import overlaps as deepest_overlaps
 from unc_physics.prediction.predict import predict
 from unc_physics.prediction.prediction import Prediction
-from unc_physics.prediction.status import _overlaps as deepest_overlaps
 from unc_physics.propagators.monte_carlo import MonteCarlo
 from unc_physics.scene.belief import Belief
 from unc_physics.scene.scene import Scene
@@ -160,9 +160,9 @@ def without_overlap(
     rng, kept, drawn = np.random.default_rng(seed), [], 0
     while len(kept) < wanted and drawn < most:
         states = belief.sample(min(wanted, most - drawn), rng)
-        for n, state in enumerate(states):
+        for state, depths in zip(states, deepest_overlaps(scene, states)[0], strict=True):
             drawn += 1
-            if deepest_overlaps(scene, state)[0].max() <= OVERLAP:
+            if depths.max() <= OVERLAP:
                 kept.append(state)
                 if len(kept) == wanted:
                     break

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 
-from unc_physics.prediction.status import Status
+from unc_physics.prediction.status_rules import Status
 from unc_physics.propagators.registry import PROPAGATORS
 
 from .conservation import CHANGE, DRIFT, EIGENVALUE, FINITE, GAIN, MOMENTUM, PASSED

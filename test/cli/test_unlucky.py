@@ -14,8 +14,8 @@ from example_scenes import CONTENTS
 from unc_physics import ErrorCode
 from unc_physics.__main__ import main
 from unc_physics.checks.errors import OutputError
-from unc_physics.cli.interrupts import dying_at_interrupt
 from unc_physics.cli.output import writing
+from unc_physics.interrupts import dying_at_interrupt
 
 COMMAND = [sys.executable, "-m", "unc_physics"]
 
@@ -105,6 +105,33 @@ def test_an_early_interrupt_says_nothing_but_that(scene, delay):
     assert "Traceback" not in err and "KeyboardInterrupt" not in err
 
 
+@pytest.mark.parametrize("program", ["unc_physics", "unc_physics.ros.node", "unc_physics.ros.lifecycle_node"])
+def test_an_interrupt_before_the_program_s_own_module_says_nothing(tmp_path, program):
+    """The interpreter's own start, before the package's first line, is all that is left."""
+    (tmp_path / "sitecustomize.py").write_text("""
+import os, signal, sys
+class Interrupting:
+    def find_spec(self, name, *_):
+        if name == "ast" or name.startswith("unc_physics.") and name != "unc_physics.interrupts":
+            os.kill(os.getpid(), signal.SIGINT)
+sys.meta_path.insert(0, Interrupting())
+""")
+    path = os.pathsep.join([str(tmp_path), *filter(None, [os.environ.get("PYTHONPATH")])])
+    run = subprocess.run(
+        [sys.executable, "-m", program, "--help"],
+        env=os.environ | {"PYTHONPATH": path},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert (run.returncode, run.stdout, run.stderr) == (-signal.SIGINT, "", "")
+
+
+def test_a_process_that_imports_the_package_keeps_its_interrupts():
+    code = "import signal, unc_physics; assert signal.getsignal(2) is signal.default_int_handler"
+    subprocess.run([sys.executable, "-c", code], check=True)
+
+
 def test_imports_that_swallow_an_interrupt_do_not_get_it():
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
     try:
@@ -134,6 +161,42 @@ def test_what_has_no_effect_is_noted(scene, capsys, options, words):
     out, (line,) = text_of(capsys)
     assert line.startswith("unc_physics: note: ") and words in line
     assert out[-1] == "status: fine"
+
+
+@pytest.mark.parametrize(
+    "options, words",
+    [
+        ("--option name=x", "name is no option of sigma_points; its options are points"),
+        ("--option points=full --option points=minimal", "--option is given twice (got 'points')"),
+        (
+            "--propagator monte_carlo --samples 5 --option samples=7",
+            "samples is given twice, once as an option",
+        ),
+        ("--json --samples-out 10000000000", "--samples-out must be less: what is shown of them takes about"),
+        ("--status-rollouts 1", "--status-rollouts must be 0, or at least 2 (got 1)"),
+        ("--propagator surrogate --status-rollouts 1000000000", "--status-rollouts must be at most 10000000"),
+        ("--period 0.0034", "period is shorter than half a step of dt = 0.01 s (got '0.0034')"),
+        ("--models /nonexistent", "bodies[0].model cannot be looked up: /nonexistent is no folder (got"),
+    ],
+)
+def test_options_that_make_no_sense(scene, capsys, options, words):
+    assert main(["predict", str(scene), *options.split()]) > 2
+    (line,) = text_of(capsys)[1]
+    assert line.startswith(f"unc_physics: {words}")
+
+
+def test_models_of_a_folder_that_is_none(capsys):
+    assert main(["models", "--models", "/nonexistent"]) == ErrorCode.UNKNOWN_MODEL
+    (line,) = text_of(capsys)[1]
+    assert line == "unc_physics: folder of models is no folder (got '/nonexistent')"
+
+
+def test_a_limit_of_memory_that_is_no_number_is_told(scene, capsys, monkeypatch):
+    for value in ("nan", "-1", "much"):
+        monkeypatch.setenv("UNC_PHYSICS_MEMORY", value)
+        assert main(["predict", str(scene), "--json", "--samples-out", "1000000"]) == ErrorCode.INVALID_OPTION
+        (line,) = text_of(capsys)[1]
+        assert f"UNC_PHYSICS_MEMORY must be a number of bytes (got '{value}')" in line
 
 
 def test_what_is_as_asked_for_gets_no_note(scene, capsys):

@@ -130,6 +130,8 @@ def test_scale():
         ({"inertia": np.array([[1.0, 0.1, 0], [0, 1, 0], [0, 0, 1]])}, "inertia is not symmetric"),
         ({"inertia": np.diag([1.0, 1.0, -1.0])}, "principal moment that is not positive"),
         ({"inertia": np.diag([1.0, 1.0, 2.1])}, "belongs to no solid"),
+        ({"inertia": 1e300 * np.eye(3)}, "inertia is out of all proportion"),
+        ({"inertia": 1e-30 * np.eye(3)}, "inertia is out of all proportion"),
         ({"inertia": np.eye(2)}, r"inertia must have shape \(3, 3\)"),
         ({"volume": -1.0}, "volume must be positive"),
         ({"bounding_radius": 0.1}, "bounding_radius is less than the spheres' reach"),

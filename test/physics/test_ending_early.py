@@ -1,7 +1,9 @@
 """What ends kernels early."""
 
+import gc
 import threading
 import time
+import weakref
 
 from unc_physics.physics.implicit_world import NEVER
 from unc_physics.physics.time_limit import TimeLimit, limit_here, limited, time_limit
@@ -32,6 +34,15 @@ def test_a_time_that_was_set_anew_or_taken_back_raises_no_flag():
     limit.within(60.0)
     time.sleep(0.1)
     assert not limit.passed
+
+
+def test_a_computation_that_has_ended_is_not_kept_until_its_time():
+    with time_limit() as limit:
+        limit.within(1e6)
+        kept = weakref.ref(limit)
+    del limit
+    gc.collect()
+    assert kept() is None
 
 
 def test_each_thread_has_its_own_limit_and_its_end_stops_what_still_runs():

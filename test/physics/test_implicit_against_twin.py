@@ -92,18 +92,18 @@ def first_impact(left, world, work):
 def solve_impact(count, work):
     work.impulses[PLASTIC] = 0.0
     return implicit_solver.solve_impact(
-        work.rows, work.ids, work.counts, work.impulses, work.members, count, work.velocity, 0.1
+        work.rows, work.twists, work.ids, work.counts, work.impulses, work.members, count, work.velocity, 0.1
     )
 
 
 @kernel
 def travel_in_contact(x, count, h, first_time, residual, world, work):
-    implicit_step.travel_in_contact(x, count, h, 0.0, first_time, residual, world, 0.1, None, work)
+    implicit_step.travel_in_contact(x, count, h, h, 0.0, first_time, residual, world, 0.1, None, work)
 
 
 @kernel
 def travel_freely(x, i, h, world, work):
-    implicit_step.travel_freely(x, i, h, world.decay, world, work.R)
+    implicit_step.travel_freely(x, i, h, h, world.decay, world, work.R)
 
 
 # -- scenes ------------------------------------------------------------------------------------------
@@ -321,7 +321,7 @@ def travel(stage, h=H):
     first_time = np.full((len(stage.x), len(stage.x) + 1), np.inf)
     travel_in_contact(stage.x, stage.count, h, first_time, residual, stage.world, stage.work)
     m = len(contacts)
-    return lasting_law(stage, rows, contacts, before, h), stage.work.impulses[LASTING, :m].copy(), before
+    return lasting_law(stage, rows, contacts, before, h), stage.work.impulses[LASTING, :m, :3].copy(), before
 
 
 def resting(name, depth=2e-5, velocity=(0.02, 0.01, 0.0), spin=(0, 0, 0.1)):
@@ -440,7 +440,7 @@ def test_an_impact_obeys_its_law_as_a_general_solver_s_does(make, name, e, mu, s
     )
     solve_impact(stage.count, stage.work)
     m, after = len(contacts), stage.work.velocity[NOW].ravel()
-    own, without = stage.work.impulses[ELASTIC, :m], stage.work.impulses[PLASTIC, :m]
+    own, without = stage.work.impulses[ELASTIC, :m, :3], stage.work.impulses[PLASTIC, :m, :3]
     np.testing.assert_allclose(after, before + inverse_mass @ J.T @ own.ravel(), atol=1e-9)
     limit = rows[:, FRICTION] * own[:, 0]
     assert (np.linalg.norm(own[:, 1:], axis=1) <= limit * (1.0 + 1e-6) + 1e-12).all()

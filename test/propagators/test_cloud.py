@@ -12,7 +12,7 @@ from unc_physics import Belief, Plane, Scene, make_propagator, predict
 from unc_physics.checks.errors import InvalidOptionError
 from unc_physics.prediction.probabilities import contact_probabilities
 from unc_physics.prediction.status import assess
-from unc_physics.propagators import response_surface, sobol
+from unc_physics.propagators import emission, response_surface, sobol
 from unc_physics.propagators.reduction import common_covariance, reduction
 
 # -- points ------------------------------------------------------------------------------------------
@@ -162,6 +162,24 @@ def test_displacements_reach_no_further_than_the_third_nearest_outcome():
     moves = np.array([[3.0, 4.0, 1.0, 1.0], [0.3, 0.4, 1.0, 1.0]])
     response_surface.clip(moves, 0, 2, 2, np.array([1.0, 1.0]))
     np.testing.assert_allclose(moves, [[0.6, 0.8, 0.2, 0.2], [0.3, 0.4, 1.0, 1.0]])
+
+
+def test_samples_vary_as_outcomes_do():
+    """Where there is nothing but noise, as the rollouts; on a plane, as the plane, whatever rollouts know."""
+    rng, x = np.random.default_rng(0), sobol.normal_points(32, 3, 0)
+    at = sobol.normal_points(1000, 3, 1)
+    plane, noise = rng.standard_normal((3, 12)), rng.standard_normal((32, 12))
+    for outcomes, expected in ((x @ plane, (at @ plane).var(axis=0)), (noise, noise.var(axis=0, ddof=1))):
+        surface = response_surface.fit(x, outcomes)
+        form = surface.points, surface.weights, surface.trend, surface.length
+        means = response_surface.predicted(*form, at)
+        made = means + 5.0
+        emission._spread_as_outcomes(made, means, outcomes, surface.left_out)
+        wanted = np.clip(
+            expected.reshape(-1, 3).sum(axis=1), None, 4.0 * means.var(axis=0).reshape(-1, 3).sum(axis=1)
+        )
+        np.testing.assert_allclose(made.var(axis=0).reshape(-1, 3).sum(axis=1), wanted, rtol=0.25)
+        np.testing.assert_allclose(made.mean(axis=0), means.mean(axis=0) + 5.0)
 
 
 # -- the propagator ----------------------------------------------------------------------------------

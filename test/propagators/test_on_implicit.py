@@ -6,7 +6,8 @@ import pytest
 from unc_physics import Belief, RigidBody, Scene, make_propagator, predict
 from unc_physics.geometry.packing_file import SpherePacking
 from unc_physics.physics.layout import ERR_POSITION, ERR_ROTATION, ERR_VELOCITY, POSITION, VELOCITY
-from unc_physics.prediction.status import Status, assess
+from unc_physics.prediction.status import assess
+from unc_physics.prediction.status_rules import Status
 from unc_physics.scene.environment import Plane
 from unc_physics.scene.stiffness import with_stiffness
 

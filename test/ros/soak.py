@@ -23,6 +23,7 @@ from running import Client, Inbox, NodeProcess, result_of
 from scenes import (
     assert_answered,
     assert_same,
+    explicit,
     good_request,
     moving_object,
     numbers_of,
@@ -32,6 +33,7 @@ from scenes import (
 )
 from shape_msgs.msg import Mesh, Plane, SolidPrimitive
 
+from unc_physics import PROPAGATORS
 from unc_physics.checks.errors import ErrorCode
 from unc_physics_msgs.msg import (
     AppliedWrench,
@@ -48,7 +50,7 @@ from unc_physics_msgs.srv import Predict, PredictCandidates
 NODE = "soaked"
 IN_FLIGHT = 4
 WARM_UP_SHARE = 0.25
-GROWTH_LIMIT = 40.0  # MB, of which each kind of request that comes first has a few
+GROWTH_LIMIT = 20.0  # MB
 LIMITS = {
     "max_horizon": 5.0,
     "max_computation_time": 0.2,
@@ -186,6 +188,16 @@ def _type_name(message):
     return f"{package}/{type(message).__name__}"
 
 
+def kinds_of_requests():
+    """A request for each propagator, integrator and kind of answer that has kernels of its own."""
+    for propagator in PROPAGATORS:
+        for of_kind in (explicit, lambda request: request):
+            for mass_std in (0.0, 0.1):
+                request = good_request(horizon=0.1, return_probabilities=True, propagator=propagator)
+                request.scene.objects[0].mass_std = mass_std
+                yield of_kind(request)
+
+
 def spoiled(rng):
     """A service's type and name, and a request with a few things changed."""
     base = good_request(
@@ -252,6 +264,8 @@ def soak(duration, requests, seed, report=lambda text: None):
             return response
 
         before = good_answer()
+        for request in kinds_of_requests():  # what is loaded for each stays in memory
+            assert client.predict(request, node=NODE).result.error_code != ErrorCode.INTERNAL
         stream = client.node.create_publisher(Scene, f"/{NODE}/scene", qos_profile_sensor_data)
         started = reported = time.monotonic()
         sent, counts, warm = 0, {}, None

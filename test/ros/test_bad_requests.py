@@ -249,6 +249,12 @@ BAD = {
         "max_computation_time",
     ),
     "unknown option": (with_option(("colour", "red")), "INVALID_OPTION", "colour"),
+    "option called name": (with_option(("name", "x")), "INVALID_OPTION", "name"),
+    "samples twice": (
+        with_option(("samples", "5"), propagator="monte_carlo", samples=7),
+        "INVALID_OPTION",
+        "samples.*twice",
+    ),
     "wrong option": (with_option(("points", "many")), "INVALID_OPTION", "points"),
     "option twice": (
         with_option(("points", "full"), ("points", "minimal")),

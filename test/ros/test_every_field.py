@@ -7,14 +7,16 @@ import numpy as np
 import pytest
 from builtin_interfaces.msg import Duration
 from diagnostic_msgs.msg import KeyValue
-from geometry_msgs.msg import Point, Pose, Vector3
+from geometry_msgs.msg import Point, Pose, Transform, Vector3, Wrench
 from message_fields import paths, values_at
 from scenes import assert_answered, diagonal, moving_object, packed, request_of, with_physics
 from shape_msgs.msg import Plane, SolidPrimitive
+from trajectory_msgs.msg import MultiDOFJointTrajectory, MultiDOFJointTrajectoryPoint
 
 from unc_physics.checks.errors import ErrorCode
 from unc_physics.ros.not_served import NOT_SERVED
 from unc_physics_msgs.msg import (
+    AppliedWrench,
     BoxRegion,
     EnvironmentElement,
     JointCovariance,
@@ -117,6 +119,36 @@ def scene(request):
     return request.scene
 
 
+def prescribed(request, position=(0.0, 0.0, 0.3)):
+    """The can follows a path, down from there."""
+    can = request.scene.objects[1]
+    can.kind = ObjectState.PRESCRIBED
+    points = [
+        MultiDOFJointTrajectoryPoint(
+            transforms=[Transform(translation=Vector3(x=x, y=y, z=z))], time_from_start=Duration(sec=sec)
+        )
+        for sec, (x, y, z) in enumerate([position, (0.0, 0.0, 0.2)])
+    ]
+    can.trajectory = [MultiDOFJointTrajectory(points=points)]
+
+
+def held(request):
+    """The brick is held by the can until it is let go."""
+    prescribed(request)
+    first(request).attached_to = "can"
+    first(request).released_at = [Duration(nanosec=200_000_000)]
+
+
+def pushed(request):
+    force = Wrench(force=Vector3(x=3.0))
+    first(request).wrenches = [AppliedWrench(wrench=force, duration=Duration(nanosec=100_000_000))]
+
+
+def wrench(request):
+    return first(request).wrenches[0]
+
+
+TENTH = Duration(nanosec=100_000_000)
 ROTATED = Pose()
 ROTATED.orientation.x, ROTATED.orientation.w = 0.1, float(np.sqrt(0.99))
 
@@ -160,6 +192,45 @@ EFFECTS = {
     ),
     f"{OBJECT}.covariance": (set_to(first, covariance=packed(4e-6 * np.eye(12))), "objects[].start", None),
     f"{OBJECT}.at_rest": (set_to(first, at_rest=True), "objects[].start", at_rest),
+    f"{OBJECT}.trajectory": (
+        lambda request: prescribed(request, (0.1, 0.0, 0.3)),
+        "objects[].states[].pose",
+        prescribed,
+    ),
+    f"{OBJECT}.trajectory_std": (
+        lambda request: setattr(
+            request.scene.objects[1], "trajectory_std", np.array([0.01, 0, 0, 0, 0, 0.1])
+        ),
+        "rollouts",
+        prescribed,
+    ),
+    f"{OBJECT}.attached_to": (set_to(first, attached_to="can"), "objects[].states[].pose", prescribed),
+    f"{OBJECT}.attached_at": (set_to(first, attached_at=[TENTH]), "objects[].states[].pose", held),
+    f"{OBJECT}.released_at": (set_to(first, released_at=[TENTH]), "objects[].states[].pose", held),
+    f"{OBJECT}.released_at_std": (set_to(first, released_at_std=TENTH), "rollouts", held),
+    f"{OBJECT}.wrenches[].wrench": (
+        lambda request: setattr(wrench(request).wrench.torque, "z", 0.3),
+        "objects[].states[].pose",
+        pushed,
+    ),
+    f"{OBJECT}.wrenches[].body_axes": (set_to(wrench, body_axes=True), "objects[].states[].pose", pushed),
+    f"{OBJECT}.wrenches[].start": (set_to(wrench, start=TENTH), "objects[].states[].pose", pushed),
+    f"{OBJECT}.wrenches[].duration": (set_to(wrench, duration=Duration()), "objects[].states[].pose", pushed),
+    f"{OBJECT}.material.torsional_friction": (
+        material(first, torsional_friction=0.02),
+        "objects[].states[].pose",
+        None,
+    ),
+    f"{FLOOR}.material.torsional_friction": (
+        material(floor, torsional_friction=0.02),
+        "objects[].states[].pose",
+        None,
+    ),
+    f"{FLOOR}.surface_velocity": (
+        lambda request: setattr(floor(request).surface_velocity.linear, "y", 0.3),
+        "objects[].states[].pose",
+        None,
+    ),
     f"{FLOOR}.id": (set_to(floor, id="table"), "contact_probabilities[].object_b", None),
     f"{FLOOR}.pose": (set_to(floor, pose=ROTATED), "objects[].states[].pose", None),
     f"{FLOOR}.plane": (
@@ -298,7 +369,7 @@ def not_served():
         f"{place}.{name}".lstrip(".")
         for part, where in places.items()
         for place in where
-        for name in NOT_SERVED[part]
+        for name in NOT_SERVED.get(part, ())
     }
     return {path for path in paths(PredictionRequest) if below(path, owners)}
 

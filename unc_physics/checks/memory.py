@@ -47,7 +47,8 @@ def available_memory() -> float:
     """Bytes that may be taken: of the machine, of the container, and of the process's own limit."""
     if given := os.environ.get(LIMIT):
         with contextlib.suppress(ValueError):
-            return float(given)
+            if (limit := float(given)) >= 0.0:
+                return limit
         raise InvalidOptionError("must be a number of bytes", field=LIMIT, value=given)
     limits = [float(os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE"))]
     with contextlib.suppress(OSError, ValueError, IndexError):

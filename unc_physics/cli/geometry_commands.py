@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 
 from ..checks.shown import plain_digits, printable
-from .interrupts import dying_at_interrupt
+from ..interrupts import dying_at_interrupt
 from .output import check_output, note, writing
 
 _LARGE, _SMALL = 1e4, 1.0  # of a body [mm]: beyond, its mesh may have been in other units than was thought

@@ -13,6 +13,7 @@ from ..checks.shown import printable
 from ..propagators.names import DEFAULT, entries
 from .output import check_output, note, writing
 
+_SHOWN_STATE = 1000.0  # bytes of a body's state as Python's numbers and as text
 _ROUNDED = 0.01  # of a horizon, from which on its rounding is worth a note
 PROGRESS_AFTER = 2.0  # s
 _UNKNOWN = 20  # probabilities that cannot be told are only counted if they are more
@@ -94,7 +95,7 @@ def run(arguments) -> int:
     """Predict, and print the result."""
     from ..checks.errors import InvalidOptionError
     from ..checks.validation import integer
-    from ..prediction.status import ROLLOUTS, assess
+    from ..prediction.status import ROLLOUTS, assess, compared_rollouts
     from ..propagators.registry import PROPAGATORS, names_where, propagator_from_texts
     from ..scene.scene_file import load_scene
 
@@ -106,13 +107,11 @@ def run(arguments) -> int:
             raise InvalidOptionError(
                 "needs --json, which shows the samples", field="--samples-out", value=arguments.samples_out
             )
-    rollouts = (
-        ROLLOUTS
-        if arguments.status_rollouts is None
-        else integer(arguments.status_rollouts, "--status-rollouts", low=0)
-    )
+    rollouts = ROLLOUTS
+    if arguments.status_rollouts is not None:
+        rollouts = compared_rollouts(arguments.status_rollouts, "--status-rollouts")
     propagator = propagator_from_texts(
-        arguments.propagator, dict(arguments.option), arguments.samples, arguments.seed
+        arguments.propagator, _options(arguments.option), arguments.samples, arguments.seed
     )
     if arguments.samples is not None and "samples" not in PROPAGATORS[propagator.name].options():
         draws = names_where(lambda other: "samples" in other.options(), " or ")
@@ -159,12 +158,29 @@ def run(arguments) -> int:
     return 0
 
 
+def _options(pairs):
+    """Options by their keys."""
+    from ..checks.errors import InvalidOptionError
+
+    options = dict(pairs)
+    if len(options) < len(pairs):
+        keys = [key for key, _ in pairs]
+        twice = next(key for key in keys if keys.count(key) > 1)
+        raise InvalidOptionError("is given twice", field="--option", value=twice)
+    return options
+
+
 def _samples(prediction, count):
     """Some states that are drawn from the prediction; None where none are wanted."""
     from ..checks.errors import LimitExceededError
+    from ..checks.memory import require_memory
 
+    if count is None:
+        return None
+    bodies = len(prediction.scene.bodies)
+    require_memory(count * bodies * _SHOWN_STATE, "what is shown of them", "--samples-out", count)
     try:
-        return None if count is None else prediction.samples(count)
+        return prediction.samples(count)
     except LimitExceededError as error:
         raise LimitExceededError(error.problem, field="--samples-out", value=error.value) from None
 
@@ -286,7 +302,7 @@ def _predict_with_progress(scene, belief, propagator, horizon, period, time_limi
     """Predict; on a terminal, with a progress bar on work that takes long."""
     from tqdm import tqdm
 
-    from ..checks.errors import PredictionTimeoutError
+    from ..checks.errors import InvalidHorizonError, PredictionTimeoutError
     from ..checks.validation import positive
     from ..prediction.predict import periodic_times, predict
 
@@ -301,6 +317,10 @@ def _predict_with_progress(scene, belief, propagator, horizon, period, time_limi
             bar.update(done - bar.n)
 
         times = None if period is None else periodic_times(period, horizon)
+        if times and round(times[0] / scene.dt) < 1:
+            raise InvalidHorizonError(
+                f"is shorter than half a step of dt = {scene.dt} s", field="period", value=period
+            )
         try:
             return predict(
                 scene,
@@ -360,7 +380,7 @@ def _bodies(scene, belief):
                 "orientation": state[QUATERNION].tolist(),
                 "linear_velocity": state[VELOCITY].tolist(),
                 "angular_velocity": state[ANGULAR_VELOCITY].tolist(),
-                "covariance": None if body.fixed else P.tolist(),
+                "covariance": P.tolist() if body.free else None,
             }
         )
     return bodies
@@ -386,8 +406,8 @@ def as_table(prediction) -> str:
         for k, body in enumerate(scene.bodies):
             state, P = belief.mean[k], belief.marginal(k)
             row = f"{names[k]:<{width}}  {_row(state[POSITION], '8.4f')}  {_row(state[QUATERNION], '7.4f')}  "
-            if body.fixed:
-                row += "fixed"
+            if not body.free:
+                row += "fixed" if body.fixed else "prescribed"
             else:
                 std = np.sqrt(np.maximum(P.diagonal(), 0.0))
                 row += f"{_row(std[ERR_POSITION], '8.4f')}  {_row(np.degrees(std[ERR_ROTATION]), '7.2f')}"

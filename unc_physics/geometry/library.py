@@ -37,10 +37,18 @@ def models_dirs(models_dir=None) -> list[Path]:
 
 
 def list_models(models_dir: str | os.PathLike[str] | None = None) -> dict[str, Path]:
-    """Names and files of all models in the library, sorted by name."""
+    """Names and files of all models in the library, sorted by name.
+
+    Raises
+    ------
+    UnknownModelError
+        If the folder that is chosen is none.
+    """
     found: dict[str, Path] = {}
     for folder in models_dirs(models_dir):
-        for path in sorted(folder.glob("*.npz")) if folder.is_dir() else []:
+        if not folder.is_dir():
+            raise UnknownModelError("is no folder", field="folder of models", value=str(folder))
+        for path in sorted(folder.glob("*.npz")):
             found.setdefault(path.stem, path)
     return dict(sorted(found.items()))
 
@@ -67,7 +75,12 @@ def find_model(name_or_path, models_dir=None) -> Path:
         except (OSError, RuntimeError, ValueError):  # no such home, a name too long, a null character
             pass
         raise UnknownModelError("is no file", field="model", value=text)
-    models = list_models(models_dir)
+    try:
+        models = list_models(models_dir)
+    except UnknownModelError as error:
+        raise UnknownModelError(
+            f"cannot be looked up: {error.value} is no folder", field="model", value=text
+        ) from None
     if text not in models:
         folders = ", ".join(str(folder) for folder in models_dirs(models_dir)) or "no folder"
         known = ", ".join(models) or "none"

@@ -16,6 +16,7 @@ import numpy as np
 from ..checks.errors import InvalidModelError, LimitExceededError, UncPhysicsError
 from ..checks.validation import FARTHEST, instance
 
+_PROPORTION = 1e12  # of an inertia and the square of its body's reach, to either side
 ROUND_OFF = 1e-9  # relative; what a file written in decimal or by another program may lose
 
 
@@ -80,7 +81,7 @@ class SpherePacking:
             if getattr(self, field) is not None:
                 self._set(field, float(_array(field, getattr(self, field), ())))
         _check_spheres(self.centers, self.radii)
-        check_inertia(self.inertia)
+        check_inertia(self.inertia, spheres_reach(self.centers, self.radii))
         for field in ("volume", "bounding_radius", "mass"):
             value = getattr(self, field)
             if value is not None and not value > 0.0:
@@ -319,8 +320,16 @@ def spheres_reach(centers, radii) -> float:
     return float(np.max(np.linalg.norm(centers, axis=1) + radii))
 
 
-def check_inertia(inertia):
-    """Refuse what is no inertia tensor: symmetric, positive definite, triangle inequality (to round-off).
+def check_inertia(inertia, reach=None):
+    """Refuse what is no inertia tensor: symmetric, positive definite, triangle inequality (to round-off), and
+    not out of all proportion to the body.
+
+    Parameters
+    ----------
+    inertia : ndarray (3, 3)
+        Per unit mass [m^2].
+    reach : float, optional
+        How far the body reaches from its centre of mass [m].
 
     Raises
     ------
@@ -337,6 +346,13 @@ def check_inertia(inertia):
     if moments[2] > (moments[0] + moments[1]) * (1.0 + ROUND_OFF):
         raise InvalidModelError(
             "belongs to no solid, as one principal moment is more than the sum of the others",
+            field="inertia",
+            value=moments.tolist(),
+        )
+    if reach is not None and not reach**2 / _PROPORTION < moments[0] <= moments[2] < reach**2 * _PROPORTION:
+        raise InvalidModelError(
+            f"is out of all proportion: per unit mass, a body that reaches {reach:.3g} m from its centre of"
+            f" mass has some {0.1 * reach**2:.1g} m^2",
             field="inertia",
             value=moments.tolist(),
         )

@@ -109,7 +109,7 @@ def contact_geometry(row, ids, gap, surface_of, position_i, world, work):
     reach = world.tree.radii[ids[2]] + 0.5 * gap
     arm_i = _arm(row, MOMENT_I, n, first, second)
     center_i = plus(arm_i, times(reach, n))
-    zero, apart = (0.0, 0.0, 0.0), reach
+    zero, radius = (0.0, 0.0, 0.0), 0.0
     if j >= 0:
         arm_j = _arm(row, MOMENT_J, n, first, second)
         radius = world.tree.radii[ids[3]]
@@ -126,7 +126,7 @@ def contact_geometry(row, ids, gap, surface_of, position_i, world, work):
     shift = _to_middle(center_i, first, second, rolls_i, surface_of[3], surface_of[4])
     center_i, arm_i = plus(center_i, shift), plus(arm_i, shift)
     rolls_j = (surface_of[5], surface_of[6], surface_of[7])
-    roll_j = _beyond(rolls_j, apart - reach)
+    roll_j = _beyond(rolls_j, radius)
     if j >= 0:
         shift = _to_middle(center_j, first, second, rolls_j, surface_of[8], surface_of[9])
         center_j, arm_j = plus(center_j, shift), plus(arm_j, shift)

@@ -1,5 +1,6 @@
 """Steps in which nothing can touch, known ahead so that nothing is searched; of scenes with surroundings."""
 
+from .actions import follows
 from .broad_phase import may_touch, near_pairs
 from .compiled import inner
 from .element_contacts import element_distance
@@ -19,6 +20,8 @@ def contact_free_step(x, world, surroundings, work):
     if surroundings is None:
         return False
     else:
+        if len(surroundings.actions.wrench_body) > 0:
+            return False
         if work.contact_free_steps[0] > 0:
             work.contact_free_steps[0] -= 1
             return True
@@ -50,7 +53,7 @@ def _apart_for(x, world, surroundings, steps, work):
 
     The answer for one step depends on the state alone; a yes for many is one for each of them.
     """
-    _write_reach(x, world, steps * world.dt, work)
+    _write_reach(x, world, surroundings.actions, steps * world.dt, work)
     near, moving, reach = work.near, world.bodies.moving, work.reach
     for i in range(len(x)):
         if moving[i]:
@@ -65,7 +68,7 @@ def _apart_for(x, world, surroundings, steps, work):
 
 
 @inner
-def _write_reach(x, world, time, work):
+def _write_reach(x, world, actions, time, work):
     """Balls in which bodies stay for a time without contacts, and how far their points travel."""
     radius, moving, reach, max_travel = world.bodies.radius, world.bodies.moving, work.reach, work.max_travel
     fall = time * (abs(world.gravity[0]) + abs(world.gravity[1]) + abs(world.gravity[2]))
@@ -75,3 +78,8 @@ def _write_reach(x, world, time, work):
             travel = time * (fall + abs(x[i, V]) + abs(x[i, V + 1]) + abs(x[i, V + 2]))
             reach[i] += travel
             max_travel[i] = travel + time * radius[i] * (abs(x[i, W]) + abs(x[i, W + 1]) + abs(x[i, W + 2]))
+        elif follows(i, actions):
+            for k in range(actions.path[i, 0], actions.path[i, 1]):
+                most = time * (actions.pace[k, 0] + radius[i] * actions.pace[k, 1])
+                max_travel[i] = max(max_travel[i], most)
+            reach[i] += max_travel[i]

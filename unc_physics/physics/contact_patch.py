@@ -35,6 +35,7 @@ from .implicit_workspace import (
     COMPLIANCE,
     CONTACTS,
     DIRECTION,
+    DRIFT,
     FALL,
     FORCE,
     FRICTION,
@@ -46,8 +47,12 @@ from .implicit_workspace import (
     OVERFLOW,
     PACE,
     RADIUS,
+    REACH,
     RESTITUTION,
     SLIP_COMPLIANCE,
+    SPIN_COMPLIANCE,
+    SPIN_I,
+    SPIN_J,
     TOO_MANY_CANDIDATES,
     TOO_MANY_CONTACTS,
     TURN_I,
@@ -151,13 +156,13 @@ def pair_candidates(x, i, j, limit, horizon, world, work):
     """
     low, high = min(i, j), max(i, j)
     kept = work.kept_overlap[low, high]
-    travel = horizon * closing_now(x, i, j, world)
+    travel = horizon * closing_now(x, i, j, world, work)
     if box_distance(x, i, j, world.implicit.box, work.R) + kept >= limit + travel:
         return 0
     pair_list(x, low, high, needed_gap(limit) + travel, PAIR_MARGIN, world, work)
     R_ij, R_i, pool = work.R_ij, work.R[i], work.pool
     t = relative_pose(x, i, j, work.R, R_ij)
-    half = 0.5 * horizon * (np.float64(world.bodies.moving[i]) - np.float64(world.bodies.moving[j]))
+    half = 0.5 * horizon * (np.float64(work.moving[i]) - np.float64(work.moving[j]))
     vx, vy, vz = x[i, V] - x[j, V], x[i, V + 1] - x[j, V + 1], x[i, V + 2] - x[j, V + 2]
     u = rotate_back(
         R_i, vx + half * world.gravity[0], vy + half * world.gravity[1], vz + half * world.gravity[2]
@@ -313,7 +318,7 @@ def write_contact(x, i, j, k, world, work):
         work.counts[OVERFLOW] = TOO_MANY_CONTACTS
         return
     work.counts[CONTACTS] = m + 1
-    row, c, R, bodies = work.rows[m], work.candidates[k], work.R[i], world.bodies
+    row, c, R = work.rows[m], work.candidates[k], work.R[i]
     a, b = work.candidate_ids[k, 0], work.candidate_ids[k, 1]
     work.ids[m, 0], work.ids[m, 1], work.ids[m, 2], work.ids[m, 3] = i, j, a, b
     n = rotate(R, c[0], c[1], c[2])
@@ -327,7 +332,7 @@ def write_contact(x, i, j, k, world, work):
     bend = _centripetal(n, omega, h)
     other = (0.0, 0.0, 0.0)
     partner = column_of(j, len(x))
-    row[INVERSE_MASS_I], row[INVERSE_MASS_J] = bodies.inverse_mass[i], 0.0
+    row[INVERSE_MASS_I], row[INVERSE_MASS_J] = work.inverse_mass[i], 0.0
     if j >= 0:
         rj = world.tree.radii[b]
         other = (
@@ -335,7 +340,7 @@ def write_contact(x, i, j, k, world, work):
             arm[1] + x[i, P + 1] - x[j, P + 1],
             arm[2] + x[i, P + 2] - x[j, P + 2],
         )
-        row[INVERSE_MASS_J] = bodies.inverse_mass[j]
+        row[INVERSE_MASS_J] = work.inverse_mass[j]
         g = 0.5 * gap + rj
         bend -= _centripetal(
             n,
@@ -363,11 +368,42 @@ def write_contact(x, i, j, k, world, work):
         else:
             row[SLIP_COMPLIANCE] = max(row[SLIP_COMPLIANCE], own)
     row[GAP], row[BEND], row[FALL], row[RADIUS] = gap, bend, bend, r
-    if j < 0 or not bodies.moving[j]:
+    if j < 0 or not work.moving[j]:
         row[FALL] += n[0] * world.gravity[0] + n[1] * world.gravity[1] + n[2] * world.gravity[2]
     row[FRICTION] = math.sqrt(world.implicit.friction[i] * world.implicit.friction[partner])
     row[RESTITUTION] = math.sqrt(world.implicit.restitution[i] * world.implicit.restitution[partner])
+    row[DRIFT] = row[DRIFT + 1] = 0.0
+    if j < 0 and len(world.surroundings.actions.surface) > 0:
+        at = (x[i, P] + arm[0], x[i, P + 1] + arm[1], x[i, P + 2] + arm[2])
+        _write_drift(row, world.surroundings.actions.surface[-1 - j], at, first, second)
+    if world.implicit.torsional:
+        _write_twist(i, j, partner, n, world, work, work.twists[m])
     _recall_force(work.candidate_ids[k, 3], row, first, second, work.old_force)
+
+
+@inner
+def _write_drift(row, surface, at, first, second):
+    """Write the velocity of a moving surface at a point of it, along both tangents."""
+    turning = _cross((surface[3], surface[4], surface[5]), at)
+    v = (surface[0] + turning[0], surface[1] + turning[1], surface[2] + turning[2])
+    row[DRIFT] = first[0] * v[0] + first[1] * v[1] + first[2] * v[2]
+    row[DRIFT + 1] = second[0] * v[0] + second[1] * v[1] + second[2] * v[2]
+
+
+@inner(error_model="numpy")
+def _write_twist(i, j, partner, n, world, work, twist):
+    """Write what opposes the spin of a contact about its normal."""
+    a, b = world.implicit.torsion[i], world.implicit.torsion[partner]
+    twist[REACH] = math.sqrt(a * b) if a >= 0.0 and b >= 0.0 else max(a, b, 0.0)
+    turn = rotate(work.inverse_inertia[i], n[0], n[1], n[2])
+    own = n[0] * turn[0] + n[1] * turn[1] + n[2] * turn[2]
+    _write_direction(twist, SPIN_I, turn)
+    turn = (0.0, 0.0, 0.0)
+    if j >= 0:
+        turn = rotate(work.inverse_inertia[j], n[0], n[1], n[2])
+        own += n[0] * turn[0] + n[1] * turn[1] + n[2] * turn[2]
+    _write_direction(twist, SPIN_J, turn)
+    twist[SPIN_COMPLIANCE] = own
 
 
 @inner(forceinline=True)

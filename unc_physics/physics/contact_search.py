@@ -11,7 +11,7 @@ import numpy as np
 
 from .compiled import inner
 from .element_contacts import element_distance, in_element, spheres_near, write_element_rotation
-from .implicit_workspace import CLEARANCE, OVERFLOW, PACE, POOL_USED, TOO_LONG_LISTS, TRAVEL
+from .implicit_workspace import CLEARANCE, OVERFLOW, PACE, POOL_USED, SURGE, TOO_LONG_LISTS, TRAVEL
 from .layout import P, V, W
 from .rotation import rotate, rotate_back
 from .shapes import flat_side
@@ -34,11 +34,12 @@ def update_pace(x, i, radius, gravity, dt, numbers):
     """No point of body i travels faster in the next ``dt`` seconds than its `PACE`."""
     v = math.sqrt(x[i, V] ** 2 + x[i, V + 1] ** 2 + x[i, V + 2] ** 2)
     w = math.sqrt(x[i, W] ** 2 + x[i, W + 1] ** 2 + x[i, W + 2] ** 2)
-    numbers[i, PACE] = v + radius * w + dt * math.sqrt(gravity[0] ** 2 + gravity[1] ** 2 + gravity[2] ** 2)
+    fall = dt * math.sqrt(gravity[0] ** 2 + gravity[1] ** 2 + gravity[2] ** 2)
+    numbers[i, PACE] = v + radius * w + fall + numbers[i, SURGE]
 
 
 @inner
-def closing_bound(x, i, j, world):
+def closing_bound(x, i, j, world, work):
     """No two points of bodies i and j approach each other faster in this step [m/s]."""
     radius = world.bodies.radius
     v = w = u = 0.0
@@ -46,11 +47,11 @@ def closing_bound(x, i, j, world):
         v += (x[i, V + k] - x[j, V + k]) ** 2
         w += x[i, W + k] ** 2
         u += x[j, W + k] ** 2
-    return math.sqrt(v) + radius[i] * math.sqrt(w) + radius[j] * math.sqrt(u) + _fall(i, j, world)
+    return math.sqrt(v) + radius[i] * math.sqrt(w) + radius[j] * math.sqrt(u) + _gain(i, j, world, work)
 
 
 @inner
-def closing_now(x, i, j, world):
+def closing_now(x, i, j, world, work):
     """No two spheres of bodies i and j approach each other faster at their present velocities [m/s].
 
     Along their normal spheres approach as the bodies' velocity fields do at either's centre. The fields'
@@ -67,22 +68,23 @@ def closing_now(x, i, j, world):
         near_i += (v + x[j, W + a] * db - x[j, W + b] * da) ** 2
     spin = math.sqrt(turn)
     most = min(math.sqrt(near_i) + radius[i] * spin, math.sqrt(near_j) + radius[j] * spin)
-    return min(most + _fall(i, j, world), closing_bound(x, i, j, world))
+    return min(most + _gain(i, j, world, work), closing_bound(x, i, j, world, work))
 
 
 @inner
-def _fall(i, j, world):
-    """What gravity adds in a step to the speed at which two bodies approach each other [m/s]."""
-    if world.bodies.moving[i] and world.bodies.moving[j]:
-        return 0.0
-    return world.dt * math.sqrt(world.gravity[0] ** 2 + world.gravity[1] ** 2 + world.gravity[2] ** 2)
+def _gain(i, j, world, work):
+    """What a step without contacts adds to the speed at which two bodies approach each other [m/s]."""
+    surge = work.numbers[i, SURGE] + work.numbers[j, SURGE]
+    if work.moving[i] and work.moving[j]:
+        return surge
+    return surge + world.dt * math.sqrt(world.gravity[0] ** 2 + world.gravity[1] ** 2 + world.gravity[2] ** 2)
 
 
 @inner(forceinline=True)
 def find_groups(x, world, work):
     """Mark pairs of bodies that are near, and join moving ones to groups; returns whether any are near."""
     numbers, order, near, group = work.numbers, work.order, work.near, work.group
-    radius, moving, dt = world.bodies.radius, world.bodies.moving, world.dt
+    radius, moving, dt = world.bodies.radius, work.moving, world.dt
     count, found = len(x), False
     for i in range(count):
         group[i] = i
@@ -113,7 +115,7 @@ def find_groups(x, world, work):
             square = dx * dx + dy * dy + dz * dz
             if square < (reach + far) ** 2:
                 # what falls together does not come nearer
-                reached = radius[a] + radius[b] + NEAR + dt * closing_bound(x, a, b, world)
+                reached = radius[a] + radius[b] + NEAR + dt * closing_bound(x, a, b, world, work)
                 if square < reached * reached:
                     near[a, b] = near[b, a] = found = True
                     if moving[a] and moving[b]:
@@ -129,7 +131,7 @@ def _boxes_near(x, world, work):
     whether any are left.
     """
     near, group, numbers, fastest = work.near, work.group, work.numbers, work.part_pace
-    count, found, moving = len(x), False, world.bodies.moving
+    count, found, moving = len(x), False, work.moving
     for i in range(count):
         fastest[i] = 0.0
     for i in range(count):
@@ -139,7 +141,7 @@ def _boxes_near(x, world, work):
         for j in range(i + 1, count):
             if near[i, j]:
                 pace = fastest[group[i] if moving[i] else group[j]]
-                reach = NEAR + world.dt * (closing_bound(x, i, j, world) + pace)
+                reach = NEAR + world.dt * (closing_bound(x, i, j, world, work) + pace)
                 near[i, j] = near[j, i] = box_distance(x, i, j, world.implicit.box, work.R) < reach
     for i in range(count):
         group[i] = i

@@ -4,14 +4,15 @@
 into the loop's stages (`compiled.stage`): the functions that begin the file.
 """
 
+from .actions import bound_pace, follows, push, write_on_path
 from .broad_phase import near_pairs, update_separation_bound
 from .compiled import inner, stage
 from .contact_free import contact_free_step
 from .element_contacts import next_element_contacts, open_element
 from .free_motion import integrate_gyroscopic, integrate_position, integrate_rotation
-from .layout import P, V, W
+from .layout import P, Q, V, W
 from .narrow_phase import contact_sums, next_contacts, open_pair
-from .rotation import rotate, rotate_back
+from .rotation import rotate, rotate_back, write_matrix
 
 
 @stage
@@ -67,6 +68,8 @@ def integrate(x, first_time, world, surroundings, method, begin, steps, work):
         free = contact_free_step(x, world, surroundings, work)
         before_drift(method, x, step, world, work)
         drift(x, world, surroundings, work)
+        if surroundings is not None:
+            act(x, step, world, surroundings.actions, work)
         if free:
             continue
         time = (step + 1) * world.dt
@@ -88,6 +91,24 @@ def drift(x, world, surroundings, work):
             for k in range(3):
                 x[i, V + k] = decay * x[i, V + k] + dt * gravity[k]
                 x[i, W + k] *= decay
+
+
+@inner
+def act(x, step, world, actions, work):
+    """Put prescribed bodies where they are at a step's end, and let wrenches change velocities."""
+    begin, end = step * world.dt, (step + 1) * world.dt
+    for d in range(len(actions.driven)):
+        j = actions.driven[d]
+        if follows(j, actions):
+            write_on_path(x, j, j, end, actions)
+            write_matrix((x[j, Q], x[j, Q + 1], x[j, Q + 2], x[j, Q + 3]), work.R, j)
+            pace, _ = bound_pace(j, begin, end, world.bodies.radius[j], actions)
+            work.speed[j] = world.dt * pace
+            work.travel[j] += work.speed[j]
+    if len(actions.wrench_body) > 0:
+        for i in range(len(x)):
+            if world.bodies.moving[i]:
+                push(x, i, begin, end, 1.0, world.bodies, work.R, actions)
 
 
 @inner(forceinline=True)

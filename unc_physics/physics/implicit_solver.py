@@ -15,7 +15,8 @@ gives energy.
 Impact (`solve_impact`): impulses to ``v_n' = -e v_n`` where a contact closes, in Coulomb's cone.
 
 Both by block Gauss-Seidel: each contact's normal impulse in closed form, then both tangential ones, scaled
-back to the cone.
+back to the cone. Where patches oppose spin, a moment about the normal follows, up to a length times the
+normal impulse. Surfaces that move count with their velocities.
 """
 
 import math
@@ -32,6 +33,7 @@ from .implicit_workspace import (
     COUPLING,
     DAMPING_TIME,
     DEPTH,
+    DRIFT,
     ELASTIC,
     FALL,
     FORCE,
@@ -48,9 +50,13 @@ from .implicit_workspace import (
     PLASTIC,
     PREVIOUS,
     RADIUS,
+    REACH,
     RESTITUTION,
     SEARCH,
     SLIP_COMPLIANCE,
+    SPIN_COMPLIANCE,
+    SPIN_I,
+    SPIN_J,
     START,
     START_SPEED,
     STRENGTH,
@@ -95,7 +101,46 @@ def contact_speed(row, d, v, i, j):
             + row[MOMENT_J + k + 1] * v[j, 4]
             + row[MOMENT_J + k + 2] * v[j, 5]
         )
+    if d > 0:
+        s -= row[DRIFT + d - 1]
     return s
+
+
+@inner(forceinline=True, fastmath=FAST)
+def contact_spin(row, v, i, j):
+    """Angular velocity of body i relative to its partner about a contact's normal [rad/s]."""
+    s = row[0] * v[i, 3] + row[1] * v[i, 4] + row[2] * v[i, 5]
+    if j >= 0:
+        s -= row[0] * v[j, 3] + row[1] * v[j, 4] + row[2] * v[j, 5]
+    return s
+
+
+@inner(forceinline=True, fastmath=FAST)
+def apply_moment(twist, moment, v, i, j):
+    """Change the bodies' angular velocities by a moment about a contact's normal [N m s]."""
+    for k in range(3):
+        v[i, 3 + k] += moment * twist[SPIN_I + k]
+    if j >= 0:
+        for k in range(3):
+            v[j, 3 + k] -= moment * twist[SPIN_J + k]
+
+
+@inner(fastmath=FAST, error_model="numpy")
+def _solve_twist(row, twist, own, v, i, j):
+    """Give a contact the moment that stops its spin, or the most that its normal impulse allows.
+
+    Returns the change, and that of the spin, as impulse [N s] and velocity [m/s] at the moment's reach.
+    """
+    reach = twist[REACH]
+    limit = reach * own[0]
+    if limit == 0.0 and own[3] == 0.0:
+        return 0.0, 0.0
+    new = own[3] - contact_spin(row, v, i, j) / twist[SPIN_COMPLIANCE]
+    new = min(max(new, -limit), limit)
+    more = new - own[3]
+    own[3] = new
+    apply_moment(twist, more, v, i, j)
+    return abs(more) / reach, abs(more) * twist[SPIN_COMPLIANCE] * reach
 
 
 @inner(forceinline=True, fastmath=FAST)
@@ -181,8 +226,8 @@ def _solve_contact(row, own, law, v, i, j):
         if j >= 0:
             turning -= row[MOMENT_J + 3] * o0 + row[MOMENT_J + 4] * o1 + row[MOMENT_J + 5] * o2
             bending -= row[MOMENT_J + 6] * o0 + row[MOMENT_J + 7] * o1 + row[MOMENT_J + 8] * o2
-        new1 = (old1 - (linear + turning) / slip) - more * row[COUPLING]
-        new2 = (old2 - (across + bending) / slip) - more * row[COUPLING + 1]
+        new1 = (old1 - (linear + turning - row[DRIFT]) / slip) - more * row[COUPLING]
+        new2 = (old2 - (across + bending - row[DRIFT + 1]) / slip) - more * row[COUPLING + 1]
         square = new1 * new1 + new2 * new2
         if square > limit * limit:
             share = limit / math.sqrt(square)
@@ -195,7 +240,7 @@ def _solve_contact(row, own, law, v, i, j):
 
 
 @inner(fastmath=FAST, error_model="numpy")
-def solve(rows, ids, m, law, all_impulses, members, count, velocity, still):
+def solve(rows, twists, ids, m, law, all_impulses, members, count, velocity, still):
     """Find the impulses of ``m`` contacts by `LASTING`, `ELASTIC` or `PLASTIC`, from those on record, and the
     velocities ``NOW`` with them, of ``count`` members.
 
@@ -216,12 +261,15 @@ def solve(rows, ids, m, law, all_impulses, members, count, velocity, still):
     residual = found = last = 0.0
     least = math.inf
     apart = max(m // _APART, 1)
+    torsional = len(twists) > 0
     for sweep in range(_SWEEPS):
         accelerated = sweep >= _PLAIN_SWEEPS
         if accelerated:
             for c in range(m):
                 for d in range(3):
                     previous[c, d] = own[c, d]
+                if torsional:
+                    previous[c, 3] = own[c, 3]
             for a in range(count):
                 for k in range(6):
                     before[members[a], k] = v[members[a], k]
@@ -230,6 +278,9 @@ def solve(rows, ids, m, law, all_impulses, members, count, velocity, still):
             for c in range(k, m, apart):
                 normal, changed, moved = _solve_contact(rows[c], own[c], law, v, ids[c, 0], ids[c, 1])
                 load, change, jump = max(load, normal), max(change, changed), max(jump, moved)
+                if torsional:
+                    changed, moved = _solve_twist(rows[c], twists[c], own[c], v, ids[c, 0], ids[c, 1])
+                    change, jump = max(change, changed), max(jump, moved)
         residual = change / load if load > 0.0 else (0.0 if change == 0.0 else 1.0)
         if residual <= TOLERANCE and jump <= still:
             return residual
@@ -244,8 +295,10 @@ def solve(rows, ids, m, law, all_impulses, members, count, velocity, still):
             for c in range(m):
                 for d in range(3):
                     best[c, d] = own[c, d]
+                if torsional:
+                    best[c, 3] = own[c, 3]
         elif square > _DIVERGED * least or sweep == _SWEEPS - 1:  # back to the best so far
-            _change_impulses(rows, ids, m, own, best, v)
+            _change_impulses(rows, twists, ids, m, own, best, v)
             last = 0.0
             continue
         share = square / last if last > 0.0 else math.inf
@@ -256,6 +309,10 @@ def solve(rows, ids, m, law, all_impulses, members, count, velocity, still):
                 more = share * search[c, d] if share > 0.0 else 0.0
                 search[c, d] = own[c, d] - previous[c, d] + more
                 own[c, d] += more
+            if torsional:
+                more = share * search[c, 3] if share > 0.0 else 0.0
+                search[c, 3] = own[c, 3] - previous[c, 3] + more
+                own[c, 3] += more
         for a in range(count):
             i = members[a]
             for k in range(6):
@@ -267,17 +324,22 @@ def solve(rows, ids, m, law, all_impulses, members, count, velocity, still):
 
 
 @inner(fastmath=FAST, error_model="numpy")
-def _change_impulses(rows, ids, m, own, new, v):
+def _change_impulses(rows, twists, ids, m, own, new, v):
     """Put ``new`` impulses in place of ``own``; the velocities follow."""
     for c in range(m):
         more, more1, more2 = new[c, 0] - own[c, 0], new[c, 1] - own[c, 1], new[c, 2] - own[c, 2]
         apply_impulses(rows[c], more, more1, more2, v, ids[c, 0], ids[c, 1])
         for d in range(3):
             own[c, d] = new[c, d]
+        if len(twists) > 0:
+            apply_moment(twists[c], new[c, 3] - own[c, 3], v, ids[c, 0], ids[c, 1])
+            own[c, 3] = new[c, 3]
 
 
 @inner(fastmath=FAST, error_model="numpy")
-def solve_lasting(rows, ids, counts, all_impulses, members, count, velocity, factor, h, dt, threshold):
+def solve_lasting(
+    rows, twists, ids, counts, all_impulses, members, count, velocity, factor, h, dt, threshold
+):
     """Find all contacts' impulses over an interval ``h`` [s], and the velocities ``NOW`` at its end.
 
     ``factor`` is the stiffness's (`contact_model.shallow_factor`). Contacts that close faster than
@@ -308,14 +370,15 @@ def solve_lasting(rows, ids, counts, all_impulses, members, count, velocity, fac
         row[GROWTH], row[STRENGTH] = balance(h, row[WAY] * row[COMPLIANCE], row[RADIUS], factor)
         for d in range(3):
             impulses[c, d] = h * row[FORCE + d]
+        impulses[c, 3] = 0.0
         if loaded:
             apply_impulses(row, impulses[c, 0], impulses[c, 1], impulses[c, 2], v, i, j)
     still = _STILL * fastest + _MOVING * max(fastest - threshold, 0.0)
-    return solve(rows, ids, m, LASTING, all_impulses, members, count, velocity, still)
+    return solve(rows, twists, ids, m, LASTING, all_impulses, members, count, velocity, still)
 
 
 @inner
-def work_done(rows, ids, m, impulses, before, after):
+def work_done(rows, twists, ids, m, impulses, before, after):
     """Kinetic energy that impulses add [J], and the sum of its terms' sizes: impulses times mean speeds."""
     total = size = 0.0
     for c in range(m):
@@ -325,11 +388,16 @@ def work_done(rows, ids, m, impulses, before, after):
                 speed = contact_speed(rows[c], d, before, i, j) + contact_speed(rows[c], d, after, i, j)
                 total += 0.5 * impulses[c, d] * speed
                 size += abs(impulses[c, d] * speed)
+        if len(twists) > 0 and impulses[c, 3] != 0.0:
+            i, j = ids[c, 0], ids[c, 1]
+            spin = contact_spin(rows[c], before, i, j) + contact_spin(rows[c], after, i, j)
+            total += 0.5 * impulses[c, 3] * spin
+            size += abs(impulses[c, 3] * spin)
     return total, size
 
 
 @inner
-def solve_impact(rows, ids, counts, all_impulses, members, count, velocity, threshold):
+def solve_impact(rows, twists, ids, counts, all_impulses, members, count, velocity, threshold):
     """Find the impulses `ELASTIC` of an impact of all contacts at hand, and the velocities ``NOW`` after it.
 
     Newton's restitution with friction can add energy: then the solution is blended with the one without
@@ -345,22 +413,25 @@ def solve_impact(rows, ids, counts, all_impulses, members, count, velocity, thre
         speed = contact_speed(row, 0, start, ids[c, 0], ids[c, 1])
         fastest = max(fastest, abs(speed))
         row[TARGET] = -row[RESTITUTION] * speed if -speed > threshold else 0.0
-        for d in range(3):
+        for d in range(4):
             elastic[c, d] = plastic[c, d] = 0.0
     still = _STILL * fastest + _MOVING * max(fastest - threshold, 0.0)
-    residual = solve(rows, ids, m, ELASTIC, all_impulses, members, count, velocity, still)
-    gain, size = work_done(rows, ids, m, elastic, start, v)
+    residual = solve(rows, twists, ids, m, ELASTIC, all_impulses, members, count, velocity, still)
+    gain, size = work_done(rows, twists, ids, m, elastic, start, v)
     if gain <= _GAIN * size:
         return residual
     for a in range(count):
         for k in range(6):
             v[members[a], k] = start[members[a], k]
-    residual = max(residual, solve(rows, ids, m, PLASTIC, all_impulses, members, count, velocity, still))
-    base, _ = work_done(rows, ids, m, plastic, start, v)
+    plain = solve(rows, twists, ids, m, PLASTIC, all_impulses, members, count, velocity, still)
+    residual = max(residual, plain)
+    base, _ = work_done(rows, twists, ids, m, plastic, start, v)
     slope = 0.0
     for c in range(m):
         for d in range(3):
             slope += (elastic[c, d] - plastic[c, d]) * contact_speed(rows[c], d, v, ids[c, 0], ids[c, 1])
+        if len(twists) > 0:
+            slope += (elastic[c, 3] - plastic[c, 3]) * contact_spin(rows[c], v, ids[c, 0], ids[c, 1])
     share = 0.0
     if base < 0.0:
         curve = gain - base - slope  # energy is base + slope s + curve s^2 of the share s
@@ -372,4 +443,8 @@ def solve_impact(rows, ids, counts, all_impulses, members, count, velocity, thre
         apply_impulses(rows[c], normal, first, second, v, ids[c, 0], ids[c, 1])
         elastic[c, 0], elastic[c, 1] = plastic[c, 0] + normal, plastic[c, 1] + first
         elastic[c, 2] = plastic[c, 2] + second
+        if len(twists) > 0:
+            moment = share * (elastic[c, 3] - plastic[c, 3])
+            apply_moment(twists[c], moment, v, ids[c, 0], ids[c, 1])
+            elastic[c, 3] = plastic[c, 3] + moment
     return residual

@@ -7,6 +7,7 @@ the step is one solution of the lasting contacts. Nothing that happens in a grou
 
 import math
 
+from .actions import push
 from .compiled import inner, kernel
 from .contact_model import shallow_factor
 from .contact_patch import IMPACT_GAP, TILT, add_contacts, element_candidates, pair_candidates
@@ -20,6 +21,7 @@ from .contact_search import (
     pair_of,
     update_pace,
 )
+from .driven_bodies import begin_driven, drive, end_driven, is_driven, place_driven, read_driven
 from .element_contacts import in_element
 from .free_motion import integrate_gyroscopic, integrate_rotation
 from .impact_error import disturb, is_drawn
@@ -55,6 +57,7 @@ from .implicit_workspace import (
     START_QUATERNION,
     TOO_LONG_LISTS,
     TRAVEL,
+    TWIST,
     implicit_workspace,
     more_room,
 )
@@ -79,12 +82,14 @@ _HOLDING = 0.99  # of what friction can hold: what all contacts let slip, howeve
 
 
 @inner
-def travel_freely(x, i, h, decay, world, R):
-    """Move body i for ``h`` seconds without contacts: a parabola, its angular momentum kept.
+def travel_freely(x, i, h, end, decay, world, R):
+    """Move body i for ``h`` seconds, until ``end``, without contacts: a parabola, its angular momentum kept.
 
-    ``R`` (B, 3, 3) follows.
+    ``R`` (B, 3, 3) follows. Half of what wrenches do comes before the motion, half after it.
     """
-    gravity = world.gravity
+    gravity, pushed = world.gravity, len(world.surroundings.actions.wrench_body) > 0
+    if pushed:
+        push(x, i, end - h, end, 0.5, world.bodies, R, world.surroundings.actions)
     for k in range(3):
         v = decay * x[i, V + k] + h * gravity[k]
         x[i, P + k] += 0.5 * h * (x[i, V + k] + v)
@@ -95,13 +100,15 @@ def travel_freely(x, i, h, decay, world, R):
         integrate_rotation(x, i, h, world.bodies.radius, R)
     for k in range(3):
         x[i, W + k] *= decay
+    if pushed:
+        push(x, i, end - h, end, 0.5, world.bodies, R, world.surroundings.actions)
 
 
 @inner(forceinline=True)
 def find_contacts(x, count, horizon, world, work):
     """Find the contacts of the group at hand, of ``count`` members, for the next ``horizon`` seconds."""
     work.counts[CONTACTS] = 0
-    members, numbers, near, moving = work.members, work.numbers, work.near, world.bodies.moving
+    members, numbers, near, moving = work.members, work.numbers, work.near, work.moving
     radius = world.bodies.radius
     limit = IMPACT_GAP if horizon == 0.0 else ACTIVE_GAP
     for a in range(count):
@@ -197,7 +204,7 @@ def collide(x, count, time, impact, first_time, residual, world, threshold, key,
         part[i] = i
     for c in range(counts[CONTACTS]):
         i, j = ids[c, 0], ids[c, 1]
-        if rows[c, GAP] <= IMPACT_GAP and j >= 0 and world.bodies.moving[j]:
+        if rows[c, GAP] <= IMPACT_GAP and j >= 0 and work.moving[j]:
             join(part, i, j)
     for i in range(len(x)):
         part[i] = lowest(part, i)
@@ -222,11 +229,14 @@ def collide(x, count, time, impact, first_time, residual, world, threshold, key,
                     rows[kept, k] = rows[c, k]
                 for k in range(4):
                     ids[kept, k] = ids[c, k]
+                if world.implicit.torsional:
+                    for k in range(TWIST):
+                        work.twists[kept, k] = work.twists[c, k]
             kept += 1
     counts[CONTACTS] = kept
     if is_drawn(world.implicit.impact_error):
         disturb(round(time / world.dt), impact, len(x), key, world.implicit.impact_error, work)
-    worst = solve_impact(rows, ids, counts, work.impulses, members, count, velocity, threshold)
+    worst = solve_impact(rows, work.twists, ids, counts, work.impulses, members, count, velocity, threshold)
     after_impact(method, x, count, threshold, world, work)
     for c in range(kept):
         if work.impulses[ELASTIC, c, 0] > 0.0:
@@ -248,8 +258,8 @@ def note_contact(first_time, i, j, time):
 
 
 @inner(forceinline=True)
-def travel_in_contact(x, count, h, time, first_time, residual, world, threshold, method, work):
-    """Move the group at hand for ``h`` seconds under its lasting contacts."""
+def travel_in_contact(x, count, h, end, time, first_time, residual, world, threshold, method, work):
+    """Move the group at hand for ``h`` seconds, until ``end``, under its lasting contacts."""
     members, velocity, numbers, loaded = work.members, work.velocity, work.numbers, work.loaded
     decay = world.decay if h == world.dt else world.decay ** (h / world.dt)
     for a in range(count):
@@ -261,15 +271,18 @@ def travel_in_contact(x, count, h, time, first_time, residual, world, threshold,
             velocity[START, i, k], velocity[START, i, 3 + k] = x[i, V + k], x[i, W + k]
         for k in range(4):
             numbers[i, START_QUATERNION + k] = x[i, Q + k]
-        travel_freely(x, i, h, decay, world, work.R)
+        travel_freely(x, i, h, end, decay, world, work.R)
         for k in range(3):
             velocity[FREE, i, k] = velocity[NOW, i, k] = x[i, V + k]
             velocity[FREE, i, 3 + k] = velocity[NOW, i, 3 + k] = x[i, W + k]
+    if len(world.surroundings.actions.driven) > 0:
+        drive(x, count, end, h, world, work)
     m = work.counts[CONTACTS]
     if m > 0:
         impulses = work.impulses[LASTING]
         worst = solve_lasting(
             work.rows,
+            work.twists,
             work.ids,
             work.counts,
             work.impulses,
@@ -290,7 +303,7 @@ def travel_in_contact(x, count, h, time, first_time, residual, world, threshold,
                 loaded[i] += 1
                 residual[i] = max(residual[i], worst)
                 work.holds[i] = work.holds[i] or holds
-                if j >= 0 and world.bodies.moving[j]:
+                if j >= 0 and work.moving[j]:
                     loaded[j] += 1
                     residual[j] = max(residual[j], worst)
                     work.holds[j] = work.holds[j] or holds
@@ -333,6 +346,9 @@ def advance_group(x, count, time, first_time, residual, world, threshold, key, m
     """
     left = horizon = world.dt
     impacts = cuts = 0
+    driven = len(world.surroundings.actions.driven) > 0
+    if driven:  # another group may have moved them
+        place_driven(x, count, time - left, world, work)
     before_group(method, count, world, work)
     looked = (
         False  # whether contacts of this very pose were chosen by their gaps alone, and none was an impact
@@ -346,6 +362,8 @@ def advance_group(x, count, time, first_time, residual, world, threshold, key, m
         rebound = 0.0 if impacts < _IMPACTS and cuts < _CUTS else _LIVELY
         if work.counts[CONTACTS] > 0 and impacts < _LIVELY_IMPACTS and cuts < _LIVELY_CUTS:
             _read_velocities(x, count, work.members, work.velocity)
+            if driven:
+                read_driven(x, count, world, work)
             now = _impact_now(work.rows, work.ids, work.counts, work.velocity, threshold, rebound)
             if now and (horizon == 0.0 or looked):  # a deeper contact that opens can hide one that closes
                 collide(x, count, time, impacts, first_time, residual, world, threshold, key, method, work)
@@ -366,7 +384,8 @@ def advance_group(x, count, time, first_time, residual, world, threshold, key, m
             horizon = left
             continue
         before_travel(method, x, count, until, left, threshold, world, work)
-        travel_in_contact(x, count, until, time, first_time, residual, world, threshold, method, work)
+        end = time - left + until
+        travel_in_contact(x, count, until, end, time, first_time, residual, world, threshold, method, work)
         if until >= left:
             _remember(left, work)
             break
@@ -417,8 +436,11 @@ def _keep_memory(i, work):
 def advance_step(x, time, first_time, quiet, residual, world, threshold, key, method, work):
     """One step of all groups; ends early where room overflows (`OVERFLOW`)."""
     numbers, group, members, near = work.numbers, work.group, work.members, work.near
-    moving = world.bodies.moving
-    bodies, dt = world.bodies, world.dt
+    moving, bodies, dt = work.moving, world.bodies, world.dt
+    actions = world.surroundings.actions
+    acted = len(actions.driven) + len(actions.wrench_body) + len(actions.surface) > 0
+    if acted:
+        begin_driven(x, time - dt, quiet, world, work)
     for i in range(len(x)):
         if moving[i]:
             update_pace(x, i, bodies.radius[i], world.gravity, dt, numbers)
@@ -434,6 +456,8 @@ def advance_step(x, time, first_time, quiet, residual, world, threshold, key, me
                 members[count] = j
                 count += 1
                 asleep = asleep and quiet[j] >= long_quiet
+                if acted and asleep:
+                    asleep = not is_driven(j, world, work)
         if asleep:
             for a in range(count):
                 _keep_memory(members[a], work)
@@ -453,7 +477,7 @@ def advance_step(x, time, first_time, quiet, residual, world, threshold, key, me
                 numbers[i, TRAVEL] += dt * numbers[i, PACE]
                 quiet[i] = 0
                 before_flight(method, x, i, world, work)
-                travel_freely(x, i, dt, world.decay, world, work.R)
+                travel_freely(x, i, dt, time, world.decay, world, work.R)
                 after_flight(method, x, i, world, work)
                 continue
         advance_group(x, count, time, first_time, residual, world, threshold, key, method, work)
@@ -467,6 +491,8 @@ def advance_step(x, time, first_time, quiet, residual, world, threshold, key, me
                     numbers[j, PACE] < _QUIET_SPEED and work.loaded[j] >= _QUIET_CONTACTS and work.holds[j]
                 )
                 quiet[j] = quiet[j] + 1 if rests else 0
+    if acted:
+        end_driven(x, time, world, work)
 
 
 @inner

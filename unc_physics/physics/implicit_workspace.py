@@ -18,8 +18,9 @@ START, FREE, NOW, BEFORE, ALONG = 0, 1, 2, 3, 4
 #: direction of search, and the best so far.
 LASTING, ELASTIC, PLASTIC, PREVIOUS, SEARCH, BEST = 0, 1, 2, 3, 4, 5
 #: Columns of a body's numbers: what its points travel in a second [m/s], the sum of that over time [m], how
-#: far the environment is [m], and its pose when an interval began.
-PACE, TRAVEL, CLEARANCE, START_POSITION, START_QUATERNION = 0, 1, 2, 3, 6
+#: far the environment is [m], its pose when an interval began, and the most that its velocity changes in a
+#: step without contacts, beyond what gravity does [m/s].
+PACE, TRAVEL, CLEARANCE, START_POSITION, START_QUATERNION, SURGE = 0, 1, 2, 3, 6, 10
 #: Columns of a candidate: unit normal towards the body, point on its surface (body frame), gap [m], score
 #: [m].
 CANDIDATE_NORMAL, CANDIDATE_POINT, CANDIDATE_GAP, CANDIDATE_SCORE = 0, 3, 6, 7
@@ -31,11 +32,16 @@ DIRECTION, MOMENT_I, TURN_I, MOMENT_J, TURN_J = 0, 9, 18, 27, 36
 #: velocities', the gap's acceleration in free fall, reduced radius, friction, restitution, the force of the
 #: last step (normal, two tangents), normal speed at the start, damping time, normal speed that an impact
 #: shall leave, what a normal impulse asks of both tangential ones. Then what the solver makes of these: the
-#: depth that a contact at rest would have, the time that a speed adds to it, two factors of the law.
+#: depth that a contact at rest would have, the time that a speed adds to it, two factors of the law. At last
+#: the velocity of the partner's surface along both tangents, beyond that of the partner itself.
 INVERSE_MASS_I, INVERSE_MASS_J, COMPLIANCE, SLIP_COMPLIANCE, GAP, BEND, FALL = 45, 46, 47, 48, 49, 50, 51
 RADIUS, FRICTION, RESTITUTION, FORCE, START_SPEED, DAMPING_TIME, TARGET = 52, 53, 54, 55, 58, 59, 60
-COUPLING, DEPTH, WAY, GROWTH, STRENGTH = 61, 63, 64, 65, 66
-ROW = 67
+COUPLING, DEPTH, WAY, GROWTH, STRENGTH, DRIFT = 61, 63, 64, 65, 66, 67
+ROW = 69
+#: Columns of what opposes a contact's spin about its normal: the most moment over the normal force [m], what
+#: it changes the spin by, and the angular velocities that it gives both bodies; each for 1 N m s.
+REACH, SPIN_COMPLIANCE, SPIN_I, SPIN_J = 0, 1, 2, 5
+TWIST = 8
 _PAIRS_AT_ONCE = 1024
 
 #: Integers of a step: contacts at hand, entries of the new memory, used part of the lists' room, and what
@@ -56,8 +62,16 @@ class ImplicitWorkspace(NamedTuple):
         World axes [1/(kg m^2)].
     velocity : (5, B, 6) float64
         By `START` to `ALONG`: linear [m/s] and angular [rad/s].
-    numbers : (B, 10) float64
-        By `PACE`, `TRAVEL`, `CLEARANCE`, `START_POSITION`, `START_QUATERNION`.
+    numbers : (B, 11) float64
+        By `PACE` to `SURGE`.
+    moving : (B,) bool
+        Which bodies move freely in this step.
+    inverse_mass : (B,) float64
+        1/kg; 0 for those that do not.
+    hold : (B, 7) float64
+        Place and quaternion of held bodies in the frames of what holds them.
+    carried : (3, 13) float64
+        Room for states.
     loaded : (B,) int64
         How many contacts carry load on each body.
     holds : (B,) bool
@@ -71,10 +85,12 @@ class ImplicitWorkspace(NamedTuple):
     near : (B, B) bool
         Pairs of bodies that may touch in this step.
     rows : (C, ROW) float64
+    twists : (C, TWIST) float64
+        Written where torsional friction is.
     ids : (C, 4) int64
         Of the contacts at hand, as in `SolverMemory`.
-    impulses : (6, C, 3) float64
-        Normal and tangential ones by `LASTING` to `BEST` [N s].
+    impulses : (6, C, 4) float64
+        Normal and tangential ones by `LASTING` to `BEST` [N s], and moments about the normal [N m s].
     part : (B,) int64
         Labels of bodies that touch in an impact; positive for those that take part.
     part_pace : (B,) float64
@@ -115,6 +131,10 @@ class ImplicitWorkspace(NamedTuple):
     inverse_inertia: np.ndarray
     velocity: np.ndarray
     numbers: np.ndarray
+    moving: np.ndarray
+    inverse_mass: np.ndarray
+    hold: np.ndarray
+    carried: np.ndarray
     loaded: np.ndarray
     holds: np.ndarray
     group: np.ndarray
@@ -122,6 +142,7 @@ class ImplicitWorkspace(NamedTuple):
     order: np.ndarray
     near: np.ndarray
     rows: np.ndarray
+    twists: np.ndarray
     ids: np.ndarray
     impulses: np.ndarray
     part: np.ndarray
@@ -174,13 +195,18 @@ def implicit_workspace(x, kept_overlap, world, contacts, candidates, pool):
     stack = np.empty((world.stack_size, 2), np.int32)
     search = Scratch(stack, np.empty((_PAIRS_AT_ONCE, 2), np.int32), np.empty((1, RECORD)))
     kept = np.zeros((count, count + elements))
+    twists = contacts if world.implicit.torsional else 0
     if len(kept_overlap) > 0:
         kept[:] = kept_overlap
     return ImplicitWorkspace(
         R,
         np.zeros((count, 3, 3)),
         np.zeros((5, count, 6)),
-        np.zeros((count, 10)),
+        np.zeros((count, 11)),
+        world.bodies.moving.copy(),
+        world.bodies.inverse_mass.copy(),
+        np.zeros((count, 7)),
+        np.zeros((3, 13)),
         np.zeros(count, np.int64),
         np.zeros(count, np.bool_),
         np.arange(count),
@@ -188,8 +214,9 @@ def implicit_workspace(x, kept_overlap, world, contacts, candidates, pool):
         np.arange(count),
         np.zeros((count, count), np.bool_),
         np.empty((contacts, ROW)),
+        np.empty((twists, TWIST)),
         np.empty((contacts, 4), np.int64),
-        np.empty((6, contacts, 3)),
+        np.empty((6, contacts, 4)),
         np.empty(count, np.int64),
         np.empty(count),
         np.empty((candidates, 8)),

@@ -39,6 +39,11 @@ class Implicit(NamedTuple):
     ----------
     friction, restitution : (B + E,) float64
         Each body's, then each element's; those of a contact are the geometric means of its two partners'.
+    torsion : (B + E,) float64
+        Likewise the length that, times a contact's normal force, is the most moment against its spin [m];
+        below 0 where nothing is said, so that the partner's counts alone.
+    torsional : bool
+        Whether there is one.
     hull : (4, H) float64
         Centres (body frame) and radii of the spheres that can touch a plane, model after model [m].
     hull_sphere : (H,) int64
@@ -58,6 +63,8 @@ class Implicit(NamedTuple):
 
     friction: np.ndarray
     restitution: np.ndarray
+    torsion: np.ndarray
+    torsional: bool
     hull: np.ndarray
     hull_sphere: np.ndarray
     hull_range: np.ndarray
@@ -73,6 +80,7 @@ class Implicit(NamedTuple):
         return self._replace(
             friction=self.friction[some],
             restitution=self.restitution[some],
+            torsion=self.torsion[some],
             hull_range=self.hull_range[bodies],
             extent=self.extent[bodies],
             box=self.box[bodies],

@@ -7,8 +7,7 @@ computation has a flag, which its kernels look at now and then, and which one th
 from __future__ import annotations
 
 import contextlib
-import heapq
-import itertools
+import math
 import threading
 import time
 
@@ -26,18 +25,10 @@ class TimeLimit:
 
     def __init__(self):
         self.flag = np.zeros(1, np.int64)
-        self._set = 0
 
     def within(self, seconds: float) -> None:
         """Stop kernels when so much wall time has passed from now on [s]; until then they run."""
-        self._set += 1
-        self.flag[0] = 0
-        _watch(time.monotonic() + seconds, self, self._set)
-
-    def ring(self, setting):
-        """Stop kernels, unless the time has been set anew."""
-        if setting == self._set:
-            self.flag[0] = 1
+        _watch(self, time.monotonic() + seconds)
 
     @property
     def passed(self) -> bool:
@@ -46,12 +37,14 @@ class TimeLimit:
 
     def stop(self) -> None:
         """Stop kernels for good."""
-        self._set += 1
+        with _changed:
+            _ends.pop(self, None)
         self.flag[0] = 1
 
 
 _here = threading.local()
-_order, _alarms, _changed, _watcher = itertools.count(), [], threading.Condition(), None
+_ends, _changed = {}, threading.Condition()  # of the limits that are set: when they end
+_watcher, _wakes = None, math.inf  # the watching thread, and when it looks next
 
 
 @contextlib.contextmanager
@@ -78,22 +71,25 @@ def limited(world, limit=None):
     return world._replace(implicit=world.implicit._replace(stop=limit.flag))
 
 
-def _watch(when, limit, setting):
-    """Let the watching thread, which the first call starts, ring at a time."""
+def _watch(limit, when):
+    """Let the watching thread, which the first call starts, stop a limit's kernels at a time."""
     global _watcher
     with _changed:
-        heapq.heappush(_alarms, (when, next(_order), limit, setting))
+        limit.flag[0], _ends[limit] = 0, when
         if _watcher is None or not _watcher.is_alive():  # it does not live on in a process that was forked
-            _watcher = threading.Thread(target=_ring_all, name="time limits", daemon=True)
+            _watcher = threading.Thread(target=_end_all, name="time limits", daemon=True)
             _watcher.start()
-        elif _alarms[0][2] is limit:
+        elif when < _wakes:
             _changed.notify()
 
 
-def _ring_all():
+def _end_all():
+    global _wakes
     with _changed:
         while True:
-            while _alarms and _alarms[0][0] <= time.monotonic():
-                _, _, limit, setting = heapq.heappop(_alarms)
-                limit.ring(setting)
-            _changed.wait(_alarms[0][0] - time.monotonic() if _alarms else None)
+            now = time.monotonic()
+            for limit in [limit for limit, when in _ends.items() if when <= now]:
+                del _ends[limit]
+                limit.flag[0] = 1
+            _wakes = min(_ends.values(), default=math.inf)
+            _changed.wait(None if _wakes == math.inf else min(_wakes - now, threading.TIMEOUT_MAX))

@@ -4,6 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from .actions import Actions
 from .implicit_world import Implicit
 from .sphere_tree import Tree
 
@@ -38,7 +39,8 @@ class Bodies(NamedTuple):
 
 
 class Surroundings(NamedTuple):
-    """The E elements of the environment, and whether free flight goes beyond the paper's.
+    """The E elements of the environment, what acts on bodies from outside, and whether free flight goes
+    beyond the paper's.
 
     Attributes
     ----------
@@ -52,6 +54,7 @@ class Surroundings(NamedTuple):
         What each shape's file takes for its size [m].
     gyroscopic : bool
         Whether a turning body keeps its angular momentum, instead of its angular velocity as in the paper.
+    actions : Actions
     """
 
     kind: np.ndarray
@@ -59,6 +62,7 @@ class Surroundings(NamedTuple):
     R: np.ndarray
     size: np.ndarray
     gyroscopic: bool
+    actions: Actions
 
 
 class World(NamedTuple):

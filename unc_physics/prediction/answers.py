@@ -14,7 +14,7 @@ from ..scene.belief import Belief
 if TYPE_CHECKING:
     from .prediction import Prediction
     from .probabilities import BoxRegion, ContactProbability, RegionProbability, RestProbability
-    from .status import BodyStatus
+    from .status_rules import BodyStatus
 
 
 class Answers(ABC):

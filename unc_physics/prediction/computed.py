@@ -15,7 +15,7 @@ from .answers import Answers
 if TYPE_CHECKING:
     from .prediction import Prediction
     from .probabilities import BoxRegion, ContactProbability, RegionProbability, RestProbability
-    from .status import BodyStatus
+    from .status_rules import BodyStatus
 
 
 class Computed(Answers):

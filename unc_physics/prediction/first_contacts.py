@@ -14,9 +14,11 @@ from ..physics.explicit_step import integrate
 from ..physics.implicit_step import integrate as integrate_implicit
 from ..physics.implicit_workspace import implicit_workspace
 from ..physics.implicit_world import fresh_solver_memory
+from ..physics.rollout import rollout
 from ..physics.workspace import workspace
 from ..physics.world import Bodies, World
 from ..propagators.start import begin, draw, known
+from ..scene.action_arrays import start_states
 from ..scene.belief import Belief
 from ..scene.scene import Scene
 
@@ -44,11 +46,17 @@ class FirstContacts(NamedTuple):
 
 
 def first_contacts(scene: Scene, initial: Belief, steps: int, samples: int, seed: int = 0) -> FirstContacts:
-    """Let samples of a belief fly until they touch something, for at most ``steps`` time steps."""
+    """Let samples of a belief fly until they touch something, for at most ``steps`` time steps; where a robot
+    acts, they go on to the end.
+    """
     initial, world = known(scene, initial), scene.world
     states, history = begin(scene, initial, draw(scene, initial, samples, seed))
     first = history.first_time
     stopped = np.full(states.shape[:2], np.inf, first.dtype)
+    if scene.acts:  # which first contacts do not decide
+        states = start_states(scene, states, np.zeros((samples, 0)))
+        rollout(states, history, world, 0, steps)
+        return FirstContacts(states, stopped, first)
     if world.implicit is None:
         _fly(states, first, stopped, world, world.surroundings, steps)
     else:

@@ -155,7 +155,7 @@ def _encounters(scene):
     B, E = len(names), len(elements)
     for i in range(B):
         for j in range(i + 1, B):
-            if not (scene.bodies[i].fixed and scene.bodies[j].fixed):
+            if scene.bodies[i].free or scene.bodies[j].free:
                 yield names[i], names[j], (i, j, slice(j, j + 1))
     for i in scene.moving:
         for e in range(E):

@@ -26,6 +26,7 @@ from ..propagators.base import Propagator
 from ..propagators.names import DEFAULT
 from ..propagators.registry import make_propagator, names_where
 from ..propagators.start import known
+from ..scene.action_arrays import with_driven
 from ..scene.belief import Belief
 from ..scene.environment import element_names
 from ..scene.scene import IMPACT_STDS, Scene
@@ -159,8 +160,9 @@ def _predicted(scene, belief, propagator, marks, within, progress, keep_samples)
             raise within.error(0.0, horizon)
     in_one_go = within.allowed is None and progress is None
     piece = marks[-1] if in_one_go else 1
-    # shared parameters tie all bodies together for ever, and what is fixed makes no island
-    in_islands = scene.islands and len(scene.moving) > 0 and not scene.shared_parameters
+    # shared parameters tie all bodies together for ever, what is fixed makes no island, and bounds of where
+    # bodies get to do not know what a robot does
+    in_islands = scene.islands and len(scene.moving) > 0 and not scene.shared_parameters and not scene.acts
     runner: Any = Islands(propagator, scene, marks) if in_islands else propagator
     keep_samples = 0 if propagator.own_sample_count is None else keep_samples
     done, reached, beliefs, kept, carries = 0, [], [], [], []
@@ -194,7 +196,7 @@ def _predicted(scene, belief, propagator, marks, within, progress, keep_samples)
 
     def reach(carry, steps):
         reached.append(steps * scene.dt)
-        beliefs.append(_finite(runner.belief(carry, scene), reached[-1]))
+        beliefs.append(_finite(_with_driven(runner.belief(carry, scene), scene, reached[-1]), reached[-1]))
         if propagator.points_in_pairs:  # few, where samples may be many
             carries.append(partial(runner.whole if in_islands else _itself, carry))
         else:
@@ -294,7 +296,7 @@ def periodic_times(period: float, horizon: float) -> list[float]:
 
 
 def check_supported(scene: Scene, propagator: Propagator) -> None:
-    """Raise `NotSupportedError` unless the propagator takes integrator, overlap, impacts' errors and
+    """Raise `NotSupportedError` unless the propagator takes integrator, overlap, actions, impacts' errors and
     uncertain parameters.
     """
     if scene.integrator not in propagator.integrators:
@@ -311,6 +313,21 @@ def check_supported(scene: Scene, propagator: Propagator) -> None:
             field="overlap",
             value="reject",
         )
+    if scene.acts and not propagator.takes_actions:
+        able = names_where(lambda other: other.takes_actions)
+        raise NotSupportedError(
+            f"does not take prescribed, held or pushed bodies, nor surfaces that move; {able} do",
+            field="propagator",
+            value=propagator.name,
+        )
+    for k, surface in enumerate(scene.surfaces):
+        if surface.torsional_friction and not propagator.takes_actions:
+            names = [body.name for body in scene.bodies] + element_names(scene.environment)
+            raise NotSupportedError(
+                f"is not supported by {propagator.name}",
+                field=f"torsional_friction of '{names[k]}'",
+                value=surface.torsional_friction,
+            )
     if scene.islands and getattr(propagator, "reduce", False):
         raise NotSupportedError(
             "does not go with islands, which have no common motion; leave out either", field="reduce"
@@ -330,6 +347,12 @@ def check_supported(scene: Scene, propagator: Propagator) -> None:
         owner = "" if first.body < 0 else owners[first.body]
         field = f"{first.name}_std{owner}"
         raise NotSupportedError(f"is not supported by {propagator.name}", field=field, value=float(first.std))
+
+
+def _with_driven(belief, scene, time):
+    """The belief in which prescribed bodies are where their paths say, not where one sample has them."""
+    mean = with_driven(scene, belief.mean, time)
+    return belief if mean is belief.mean else Belief.trusted(mean, belief.covariance, belief.moving)
 
 
 def _itself(carry):

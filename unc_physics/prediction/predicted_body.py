@@ -38,7 +38,8 @@ from .probabilities import (
     region_probabilities,
     rest_probabilities,
 )
-from .status import ROLLOUTS, BodyStatus, assess_all
+from .status import ROLLOUTS, assess_all
+from .status_rules import BodyStatus
 
 Convention = Literal["ros", "error_state"]
 
@@ -58,6 +59,8 @@ class PredictedBody:
     origin : {'center_of_mass', 'model'}
     fixed : bool
         Whether it never moves; then all its standard deviations are 0.
+    prescribed : bool
+        Whether it follows a path; then they are, too.
     """
 
     def __init__(self, prediction: Prediction, name: str, time: float, origin: Origin = "center_of_mass"):
@@ -76,7 +79,8 @@ class PredictedBody:
         self._prediction, self._body = prediction, names.index(name)
         self._index = _index(number(time, "time"), prediction)
         self.name, self.time, self.origin = name, prediction.times[self._index], origin
-        self.fixed = scene.bodies[self._body].fixed
+        body = scene.bodies[self._body]
+        self.fixed, self.prescribed = body.fixed, body.trajectory is not None
 
     def __repr__(self):
         return f"<PredictedBody '{self.name}' at {self.time:g} s, position {self.position.tolist()} m>"
@@ -175,7 +179,7 @@ class PredictedBody:
         """How probable it is that the body's centre of mass lies in a region (`region_probabilities`)."""
         self._only_at_the_horizon("probability_in")
         instance(region, BoxRegion, "region")
-        if self.fixed:
+        if self.fixed or self.prescribed:
             inside = bool(region.contains(self._mean()[POSITION]))
             return RegionProbability(region.name, self.name, self.time, True, float(inside))
         answers = region_probabilities(self._prediction, [region], flights=flights)
@@ -216,8 +220,11 @@ class PredictedBody:
     ) -> RestProbability:
         """How probable it is that the body is at rest (`rest_probabilities`)."""
         self._only_at_the_horizon("rest_probability")
-        if self.fixed:
-            return RestProbability(self.name, self.time, True, 1.0)
+        if self.fixed or self.prescribed:
+            state = self._mean()
+            slow = np.linalg.norm(state[VELOCITY]) < speed
+            slow = slow and np.linalg.norm(state[ANGULAR_VELOCITY]) < angular_speed
+            return RestProbability(self.name, self.time, True, float(slow))
         answers = rest_probabilities(
             self._prediction, speed=speed, angular_speed=angular_speed, flights=flights
         )

@@ -109,6 +109,8 @@ class Propagator(ABC):
         Those of `Scene` that it runs on.
     varies_parameters : bool
         Whether uncertain parameters of the scene count.
+    takes_actions : bool
+        Whether bodies may be prescribed, held or pushed, and surfaces may move (``Scene.acts``).
     draws_impacts : bool
         Whether it draws the errors of impacts (``Scene.draws_impacts``).
     rejects_overlap : bool
@@ -131,6 +133,7 @@ class Propagator(ABC):
     marker: ClassVar[str] = "p"
     integrators: ClassVar[tuple[str, ...]] = ("explicit",)
     varies_parameters: ClassVar[bool] = False
+    takes_actions: ClassVar[bool] = False
     draws_impacts: ClassVar[bool] = False
     rejects_overlap: ClassVar[bool] = False
     draws_together: ClassVar[bool] = False
@@ -212,7 +215,7 @@ class Propagator(ABC):
 
     def measures(self, carry: Any, scene: Scene) -> dict[str, np.ndarray]:
         """What the propagator itself knows of its answer's quality: values (B,) by the names in
-        `prediction.status.RULES`.
+        `prediction.status_rules.RULES`.
         """
         return {}
 
@@ -222,7 +225,7 @@ class Propagator(ABC):
         By default as its `own_samples` do; a single Gaussian where there are none.
         """
         states = self.own_samples(carry, scene)
-        if states is not None and not scene.bodies[body].fixed:
+        if states is not None and scene.bodies[body].free:
             found = split(states[:, body], self.rollouts(carry), scene.bodies[body].model.bounding_radius)
             return tuple(Mode(*mode) for mode in found)
         belief = self.belief(carry, scene)

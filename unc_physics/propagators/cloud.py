@@ -11,6 +11,7 @@ from ..physics import contact_history as histories
 from ..physics.contact_history import ContactHistory
 from ..physics.layout import ERROR
 from ..physics.moments import mean_and_errors, second_moment, spread_states
+from ..scene.action_arrays import start_states
 from ..scene.belief import Belief
 from ..scene.parameters import center_offsets, moved_along
 from ..scene.physics_keys import INTEGRATORS
@@ -94,7 +95,7 @@ class Cloud(Propagator):
     traits = Traits("estimated", "rollouts and surface", True, False, "simulated")
     color, marker = "#CC3311", "*"
     integrators = INTEGRATORS
-    varies_parameters = draws_impacts = draws_together = flies = True
+    varies_parameters = takes_actions = draws_impacts = draws_together = flies = True
 
     runs: int = option(32, "number of rollouts", low=FEWEST_RUNS, high=RUNS_LIMIT)
     samples: int = option(1000, "number of samples that the answer consists of", low=1, high=SAMPLES_LIMIT)
@@ -130,7 +131,7 @@ class Cloud(Propagator):
         if scene.draws_impacts:
             history = histories.with_keys(history, self.seed, first)
         parameters = np.ascontiguousarray(z[:, size:])
-        states = moved_along(states, center_offsets(scene, parameters))
+        states = moved_along(start_states(scene, states, parameters), center_offsets(scene, parameters))
         return CloudCarry(
             states,
             history,

@@ -15,13 +15,14 @@ from .base import Errors
 from .free_flight import Flight, course_of, flown
 from .impact_metric import impact_metric
 from .reduction import moved_in_common, reduction
-from .response_surface import Surface, active_directions, clip, fit, nearest, predicted, reach
+from .response_surface import active_directions, clip, fit, nearest, predicted, reach
 
 #: Blocks of the outcome that are clipped, each with the block that shares the factor, and what they count.
 _CLIPPED = ((ERR_POSITION.start, ERR_VELOCITY.start), (ERR_ROTATION.start, ERR_ANGULAR_VELOCITY.start))
 _WEIGHTS = ((ERR_POSITION, 1.0), (ERR_VELOCITY, 0.5), (ERR_ROTATION, 1.0), (ERR_ANGULAR_VELOCITY, 0.5))
 #: Standard deviations below which a block of an outcome is constant: of the body's radius, or rad.
 _CONSTANT = 1e-6
+_WIDEST = 2.0  # times, that samples are scaled by at most
 #: Error over variance above which there is no surface.
 NO_SURFACE = 1.0
 
@@ -238,21 +239,46 @@ def _sampled(runs, scene, group, ends, z, fitted):
     if not fitted or surface.error >= NO_SURFACE:  # the rollouts as they are, each as often
         made = errors[np.arange(len(z)) % len(x)]
     else:
-        near = nearest(x, points, False)
-        made = errors[near] + _changes(surface, x, errors, weights, near, points)
+        near, scale = nearest(x, points, False), _unscaled(weights)
+        form = surface.points, surface.weights, surface.trend, surface.length
+        means = predicted(*form, points) * scale
+        made = errors[near] + _changes(means - (predicted(*form, x) * scale)[near], errors, near)
+        _spread_as_outcomes(made, means, errors, surface.left_out * scale)
     states = spread_states(mean, np.arange(len(group.bodies)), made)
     if reduced is not None and reduced.common.shape[1]:
         moved_in_common(states, (own @ reduced.common) @ reduced.motion.T, course_of(scene.world, runs.step))
     return states
 
 
-def _changes(surface: Surface, x, errors, weights, near, points):
-    """(S, 12 m): changes of outcomes from the nearest rollout to each point, no further than to others."""
-    form = surface.points, surface.weights, surface.trend, surface.length
-    scale = np.where(weights > 0.0, 1.0 / np.where(weights > 0.0, weights, 1.0), 0.0)
-    changes = (predicted(*form, points) - predicted(*form, x)[near]) * scale
+def _unscaled(weights):
+    """(12 m,): from outcomes by their spread to outcomes; 0 for what does not vary."""
+    return np.divide(1.0, weights, out=np.zeros_like(weights), where=weights > 0.0)
+
+
+def _changes(changes, errors, near):
+    """The changes (S, 12 m) of outcomes from the nearest rollout, no further than to others."""
     for first in range(0, errors.shape[1], ERROR):
         for block, also in _CLIPPED:
             limit = reach(errors, first + block, 3)
             clip(changes, first + block, 3, first + also, limit[near])
     return changes
+
+
+def _spread_as_outcomes(made, means, errors, left_out):
+    """Scale samples (S, 12 m) about their mean, block by block, so that they vary as outcomes do.
+
+    A surface through few rollouts varies less than outcomes do. The rollouts' variance is no less, but of
+    few; what the surface knows of where they happen to lie is taken from it, as a control variate: plus the
+    variance of the surface's ``means`` at all samples, less that at the rollouts, each without itself.
+    """
+    count = len(left_out)
+    errors = errors[:count]
+    more = (errors.var(axis=0) - (errors - left_out).var(axis=0)) * count / max(count - 1, 1)
+    wanted = (means.var(axis=0) + more).reshape(-1, 3).sum(axis=1)
+    found = made.var(axis=0).reshape(-1, 3).sum(axis=1)
+    share = np.divide(np.maximum(wanted, 0.0), found, out=np.ones_like(found), where=found > 0.0)
+    factors = np.repeat(np.clip(np.sqrt(share), 1.0 / _WIDEST, _WIDEST), 3)
+    middle = made.mean(axis=0)
+    made -= middle
+    made *= factors
+    made += middle

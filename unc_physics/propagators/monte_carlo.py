@@ -10,6 +10,7 @@ import numpy as np
 from ..physics import contact_history as histories
 from ..physics.contact_history import ContactHistory
 from ..physics.moments import mean_and_errors, second_moment, spread_states
+from ..scene.action_arrays import start_states
 from ..scene.belief import Belief
 from ..scene.parameters import center_offsets, draw_parameters, moved_along
 from ..scene.physics_keys import INTEGRATORS
@@ -62,7 +63,7 @@ class MonteCarlo(Propagator):
     traits = Traits("estimated", "samples", True, False, "simulated")
     label, color, marker = "Monte Carlo", "#000000", "o"
     integrators = INTEGRATORS
-    varies_parameters = rejects_overlap = draws_together = draws_impacts = True
+    varies_parameters = takes_actions = rejects_overlap = draws_together = draws_impacts = True
 
     samples: int = option(1000, "number of rollouts", low=1, high=SAMPLES_LIMIT)
     seed: int = option(0, "seed of the draws", low=0)
@@ -78,7 +79,7 @@ class MonteCarlo(Propagator):
         if scene.draws_impacts:
             history = histories.with_keys(history, self.seed)
         z = draw_parameters(scene, self.samples, self.seed)
-        states = moved_along(states, center_offsets(scene, z))
+        states = moved_along(start_states(scene, states, z), center_offsets(scene, z))
         return MonteCarloCarry(states, history, 0, z, common, motion)
 
     def _reduced(self, scene, belief):

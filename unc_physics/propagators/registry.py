@@ -53,6 +53,11 @@ def make_propagator(name: str, **options: Any) -> Propagator:
     LimitExceededError
         If an option's value is above its limit.
     """
+    return _made(name, options)
+
+
+def _made(name, options):
+    """As `make_propagator`; an option of any name is one."""
     instance(name, str, "name")
     if name not in PROPAGATORS:
         why = f"; it was left out, since {_left_out[name]}" if name in _left_out else ""
@@ -85,8 +90,10 @@ def propagator_from_texts(
     )
     for key, value in (("samples", samples), ("seed", seed)):
         if value is not None and key in known:
+            if key == "samples" and key in options:
+                raise InvalidOptionError("is given twice, once as an option", field=key, value=value)
             options.setdefault(key, value)
     for key, value in options.items():
         if key in known and isinstance(value, str):
             options[key] = known[key].from_text(value)
-    return make_propagator(name, **options)
+    return _made(name, options)

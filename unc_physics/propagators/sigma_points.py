@@ -11,6 +11,7 @@ from ..physics.compiled import kernel
 from ..physics.contact_history import ContactHistory
 from ..physics.layout import ERROR
 from ..physics.moments import boxminus, mean_and_errors, second_moment, spread_states
+from ..scene.action_arrays import start_states
 from ..scene.belief import Belief
 from ..scene.parameters import center_offsets, moved_along
 from ..scene.physics_keys import INTEGRATORS
@@ -63,7 +64,7 @@ class SigmaPoints(Propagator):
     traits = Traits("estimated", "full covariance", True, False, "simulated")
     color, marker = "#009E73", "D"
     integrators = INTEGRATORS
-    varies_parameters = flies = points_in_pairs = True
+    varies_parameters = takes_actions = flies = points_in_pairs = True
 
     points: str = option(
         "minimal",
@@ -87,7 +88,7 @@ class SigmaPoints(Propagator):
             z[first + rank : first + count] = side * np.eye(extra)
         states = spread_states(belief.mean.copy(), scene.moving.copy(), errors)
         states, history = begin(scene, belief, states)
-        states = moved_along(states, center_offsets(scene, z))
+        states = moved_along(start_states(scene, states, z), center_offsets(scene, z))
         return SigmaPointCarry(states, history, 0, z, motion)
 
     def advance(self, carry, scene, steps):

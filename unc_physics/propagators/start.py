@@ -9,6 +9,7 @@ import numpy as np
 
 from ..checks.errors import LimitExceededError
 from ..physics import contact_history as histories
+from ..physics.actions import no_actions
 from ..physics.contact_history import ContactHistory
 from ..physics.layout import (
     ANGULAR_VELOCITY,
@@ -29,6 +30,7 @@ from ..physics.rollout import rollout
 from ..physics.rotation import rotation_matrix
 from ..physics.threads import in_threads
 from ..physics.time_limit import limited
+from ..scene.action_arrays import driven_belief, held_at_start
 from ..scene.belief import Belief
 from ..scene.scene import Scene
 
@@ -43,7 +45,11 @@ _LEAST_STD, _LEAST_TILT = 5e-3, 0.03
 
 
 def known(scene: Scene, belief: Belief) -> Belief:
-    """The belief with what ``at_rest`` says: bodies at rest have no velocities, for certain."""
+    """The belief with what is said of its bodies: those at rest have no velocities, for certain; prescribed
+    ones are where their paths begin, and held ones move along.
+    """
+    if scene.acts:
+        belief = driven_belief(scene, belief)
     resting = _resting(scene)
     if not resting.any():
         return belief
@@ -159,8 +165,9 @@ def _metric(scene, belief):
 
 def _project(scene, belief, metric, states, sides, history, kept, held=None, look_only=False):
     """Move states (N, B, 13) in place to where nothing overlaps; bodies that are ``held`` (B,) stay."""
-    world, mean = limited(scene.world), belief.mean.copy()
-    if held is not None:
+    world, mean, own = limited(scene.world), belief.mean.copy(), held_at_start(scene)
+    held = own if held is None else held | own
+    if held.any():
         world = _without(world, held)
         metric = metric._replace(place=np.where(held, -1, metric.place))
 
@@ -213,7 +220,8 @@ def _settle(scene, belief, drawn, states, sides, history, kept, resting):
 
     in_threads(len(still), run)
     implicit = world.implicit._replace(friction=np.full_like(world.implicit.friction, _HOLDING), sleep=True)
-    creeping = world._replace(dt=_STEP, decay=0.0, implicit=implicit)
+    nobody_acts = world.surroundings._replace(actions=no_actions(states.shape[1]))
+    creeping = world._replace(dt=_STEP, decay=0.0, implicit=implicit, surroundings=nobody_acts)
     memory = histories.fresh(len(still), world)
     if kept.any():
         memory = memory._replace(solver=memory.solver._replace(kept_overlap=kept.copy()))

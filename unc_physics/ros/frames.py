@@ -134,7 +134,24 @@ class Transform(NamedTuple):
             if part.covariance[0] != UNKNOWN:
                 part.covariance = self._turned(part.covariance, 2)
         result.covariance = packed_array("d", self._turned(result.covariance, 4))
+        self._move_path(result)
+        for applied in result.wrenches:
+            if not applied.body_axes:
+                _turn(applied.wrench.force, self.R)
+                _turn(applied.wrench.torque, self.R)
         return result
+
+    def _move_path(self, message):
+        """Move the path of a prescribed object, in place."""
+        for path in message.trajectory:
+            for point in path.points:
+                for place in point.transforms:
+                    _turn(place.translation, self.R, self.translation)
+                    q = place.rotation
+                    q.x, q.y, q.z, q.w = _product(self.q, q)
+                for twist in point.velocities:
+                    _turn(twist.linear, self.R)
+                    _turn(twist.angular, self.R)
 
     def joint_covariance(self, message):
         """A JointCovariance as the other frame sees it."""
@@ -157,6 +174,8 @@ class Transform(NamedTuple):
         ]  # one by one: they may share a pose
         for element in elements:
             self._move(element.pose)
+            _turn(element.surface_velocity.linear, self.R)
+            _turn(element.surface_velocity.angular, self.R)
         return Environment(elements=elements)
 
     def region(self, message):

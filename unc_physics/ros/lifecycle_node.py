@@ -2,39 +2,18 @@
 
 from __future__ import annotations
 
-import signal
 import traceback
-
-if __name__ == "__main__":  # until rclpy takes over, a signal just ends the process
-    signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 from rclpy.lifecycle import LifecycleNode, TransitionCallbackReturn
 
 from ..checks.errors import UncPhysicsError
-from .node import leave, run
-from .server import PredictionServer
+from .node import ServingNode, leave, run
 
 
-class UncPhysicsLifecycleNode(LifecycleNode):
+class UncPhysicsLifecycleNode(ServingNode, LifecycleNode):
     """The prediction server on a lifecycle node, for any executor; what goes wrong in a transition is logged,
     and the transition fails.
-
-    Parameters
-    ----------
-    node_name : str
-    **others
-        As for rclpy's `Node`.
-
-    Attributes
-    ----------
-    server : PredictionServer
     """
-
-    failed = None  # what is wrong, a transition says
-
-    def __init__(self, node_name: str = "unc_physics", **others):
-        super().__init__(node_name, **others)
-        self.server = PredictionServer(self)
 
     def on_configure(self, state):
         """Find the models and warm up."""
@@ -55,12 +34,6 @@ class UncPhysicsLifecycleNode(LifecycleNode):
     def on_shutdown(self, state):
         """Take everything back."""
         return self._attempt(self.server.close)
-
-    def destroy_node(self):
-        """End what is computed, answer it, and destroy the node."""
-        self.server.close()
-        self.server.discard()
-        super().destroy_node()
 
     def _attempt(self, step):
         try:

@@ -68,7 +68,7 @@ def markers(header, job, answer, settings) -> MarkerArray:
     for k, (body, predicted) in enumerate(zip(job.scene.bodies, answer.objects, strict=True)):
         last = predicted.states[-1].pose
         for kind in settings.markers:
-            if kind != _OF_ENVIRONMENT and not (body.fixed and kind in _OF_UNCERTAINTY):
+            if kind != _OF_ENVIRONMENT and (body.free or kind not in _OF_UNCERTAINTY):
                 marker = _marker(kind, job, k, last, _COLORS[k % len(_COLORS)], settings.marker_cells)
                 marker.ns = f"{kind} {body.name}"
                 found.append(marker)

@@ -9,9 +9,6 @@ import sys
 import threading
 import traceback
 
-if __name__ == "__main__":  # until rclpy takes over, a signal just ends the process
-    signal.signal(signal.SIGINT, signal.SIG_DFL)
-
 import rclpy
 from rclpy.exceptions import ParameterException
 from rclpy.executors import SingleThreadedExecutor
@@ -31,17 +28,14 @@ _SWITCH_INTERVAL = 5e-4  # s
 _LOOK = 0.5  # s, between looks whether the node is ready, or cannot be
 
 
-class UncPhysicsNode(Node):
-    """The prediction server on a plain node, for any executor.
-
-    It warms up in a thread of its own, and advertises its services when it is ready: meanwhile its executor
-    spins, and its parameters answer. `destroy_node` ends what it computes.
+class ServingNode(Node):
+    """A node with a prediction server.
 
     Parameters
     ----------
     node_name : str
     **others
-        As for rclpy's `Node`.
+        As for rclpy's node.
 
     Attributes
     ----------
@@ -54,6 +48,23 @@ class UncPhysicsNode(Node):
         super().__init__(node_name, **others)
         self.server = PredictionServer(self)
         self.failed: Exception | None = None
+
+    def destroy_node(self):
+        """End what is computed, answer it, and destroy the node."""
+        self.server.close()
+        self.server.discard()
+        super().destroy_node()
+
+
+class UncPhysicsNode(ServingNode):
+    """The prediction server on a plain node, for any executor.
+
+    It warms up in a thread of its own, and advertises its services when it is ready: meanwhile its executor
+    spins, and its parameters answer. `destroy_node` ends what it computes.
+    """
+
+    def __init__(self, node_name: str = "unc_physics", **others):
+        super().__init__(node_name, **others)
         self._ended = threading.Event()
         threading.Thread(target=self._prepare, name="warm-up", daemon=True).start()
 
@@ -81,8 +92,6 @@ class UncPhysicsNode(Node):
     def destroy_node(self):
         """End what is computed, answer it, and destroy the node."""
         self._ended.set()
-        self.server.close()
-        self.server.discard()
         super().destroy_node()
 
 

@@ -7,38 +7,23 @@ from __future__ import annotations
 import numpy as np
 from shape_msgs.msg import SolidPrimitive
 
-from unc_physics_msgs.msg import ObjectState
-
 from ..checks.errors import NotSupportedError
 
 _MODEL = "name a model; ~/load_model packs meshes"
-_UNTOUCHED = "predict up to where it is used, and begin anew from there"
 _FIXED_OBJECT = "a fixed object with a model may have any shape"
 
 #: Fields of each message that must be empty or zero, and what to do instead.
 NOT_SERVED = {
-    "ObjectState": {
-        "primitive": _MODEL,
-        "mesh": _MODEL,
-        "trajectory": _UNTOUCHED,
-        "trajectory_std": _UNTOUCHED,
-        "attached_to": _UNTOUCHED,
-        "attached_at": _UNTOUCHED,
-        "released_at": _UNTOUCHED,
-        "released_at_std": _UNTOUCHED,
-        "wrenches": _UNTOUCHED,
-    },
-    "Material": {"torsional_friction": "leave it empty"},
-    "EnvironmentElement": {"mesh": _FIXED_OBJECT, "surface_velocity": "leave it zero"},
+    "ObjectState": {"primitive": _MODEL, "mesh": _MODEL},
+    "EnvironmentElement": {"mesh": _FIXED_OBJECT},
     "PredictCandidates": {"score": "leave it empty, and rank the answers"},
 }
 
 #: Values of other fields, their names, and what to do instead.
 NOT_SERVED_VALUES = {
-    "ObjectState": {"kind": {ObjectState.PRESCRIBED: ("PRESCRIBED", "take DYNAMIC or FIXED")}},
     "SolidPrimitive": {
         "type": {SolidPrimitive.CONE: ("CONE", _FIXED_OBJECT), SolidPrimitive.PRISM: ("PRISM", _FIXED_OBJECT)}
-    },
+    }
 }
 
 
@@ -64,10 +49,12 @@ def refuse_not_served(kind: str, message, place: str) -> None:
 
 def _asks(value) -> bool:
     """Whether a field is neither empty nor zero."""
-    if isinstance(value, (bool, int, float, str)):
-        return bool(value)
-    if hasattr(value, "get_fields_and_field_types"):
-        return any(_asks(getattr(value, name)) for name in value.get_fields_and_field_types())
     if isinstance(value, np.ndarray):
         return bool(value.any())
+    if not value:
+        return False
+    if isinstance(value, (bool, int, float, str)):
+        return True
+    if hasattr(value, "get_fields_and_field_types"):
+        return any(_asks(getattr(value, name)) for name in value.get_fields_and_field_types())
     return any(hasattr(entry, "get_fields_and_field_types") or bool(entry) for entry in value)

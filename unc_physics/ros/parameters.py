@@ -15,6 +15,7 @@ from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescri
 
 from ..checks.errors import InvalidOptionError, UncPhysicsError
 from ..checks.validation import non_negative
+from ..prediction.status import compared_rollouts
 from ..propagators.names import DEFAULT, REFERENCE
 from ..propagators.registry import PROPAGATORS, names_where
 from ..scene.materials import refuse_with_explicit
@@ -223,6 +224,7 @@ class Settings:
             if choices and not set(chosen) <= {*choices, *([""] if isinstance(value, tuple) else [])}:
                 raise InvalidOptionError(f"must be one of {', '.join(choices)}", field=spec.name, value=value)
         object.__setattr__(self, "stiffness", _stiffness(self.stiffness))
+        compared_rollouts(self.status_rollouts, "status_rollouts")
         if self.integrator == "explicit":
             refuse_with_explicit(SimpleNamespace(**self.physics))
         if len(self.gravity) != 3:

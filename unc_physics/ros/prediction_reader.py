@@ -40,7 +40,7 @@ from ..prediction.probabilities import (
     RegionProbability,
     RestProbability,
 )
-from ..prediction.status import BodyStatus, Status
+from ..prediction.status_rules import BodyStatus, Status
 from ..propagators.base import Mode
 from ..scene.belief import Belief
 from ..scene.parameters import moved_along
@@ -214,7 +214,7 @@ class Told(Answers):
         return tuple(
             RestProbability(told.id, prediction.time, *_probability(told.at_rest))
             for told, body in zip(self._message.objects, prediction.scene.bodies, strict=True)
-            if not body.fixed
+            if body.free
         )
 
     def statuses(self, prediction: Prediction, rollouts: int) -> tuple[tuple[BodyStatus, ...], ...]:
@@ -300,12 +300,12 @@ def _mode(message, origin):
 
 
 def _samples(objects, scene, k):
-    """(n, B, 13): poses drawn at the k-th state, at the centres of mass; velocities are NaN, of a fixed body
-    0.
+    """(n, B, 13): poses drawn at the k-th state, at the centres of mass; velocities are NaN, of one that is
+    not free 0.
     """
     states = np.full((len(objects[0].states[k].pose_samples), len(objects), STATE), math.nan)
     for b, told in enumerate(objects):
-        if scene.bodies[b].fixed:
+        if not scene.bodies[b].free:
             states[:, b] = 0.0
         for row, pose in zip(states[:, b], told.states[k].pose_samples, strict=True):
             row[POSITION], row[QUATERNION] = xyz(pose.position), xyzw(pose.orientation)

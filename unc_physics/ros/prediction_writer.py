@@ -75,7 +75,7 @@ def write_prediction(scene, models, times, beliefs, samples=None, wanted=MARGINA
         PredictedObject(
             id=body.name,
             model=model,
-            kind=ObjectState.FIXED if body.fixed else ObjectState.DYNAMIC,
+            kind=_kind(body),
             status=PredictedObject.STATUS_NOT_ASSESSED,
             status_msg="no check was made",
         )
@@ -106,27 +106,33 @@ def write_prediction(scene, models, times, beliefs, samples=None, wanted=MARGINA
     return objects, joints
 
 
+def _kind(body):
+    """How a body moves, as messages have it."""
+    if body.trajectory is not None:
+        return ObjectState.PRESCRIBED
+    return ObjectState.FIXED if body.fixed else ObjectState.DYNAMIC
+
+
 def write_modes(objects, prediction: Prediction) -> None:
     """Write into the last state of each PredictedObject the modes that it splits into."""
     for b, (message, body) in enumerate(zip(objects, prediction.scene.bodies, strict=True)):
-        origin = writable(body.model.origin)
-        message.states[-1].modes = [
-            Mode(weight=mode.weight, pose=_pose(mode.mean, mode.covariance, origin))
-            for mode in prediction.answers.modes(prediction, b)
-        ]
+        modes = []
+        for mode in prediction.answers.modes(prediction, b):
+            modes.append(Mode(weight=mode.weight))
+            _write_pose(modes[-1].pose, mode.mean, mode.covariance, body)
+        message.states[-1].modes = modes
 
 
 def write_start(objects, scene, belief) -> None:
     """Write into each PredictedObject where the prediction really began: ``belief`` is that at time 0."""
     for k, (message, body) in enumerate(zip(objects, scene.bodies, strict=True)):
-        message.start = _pose(belief.mean[k], belief.marginal(k), writable(body.model.origin))
+        _write_pose(message.start, belief.mean[k], belief.marginal(k), body)
 
 
-def _pose(mean, P, origin):
-    """PoseWithCovariance of a model's origin, from a body's mean (13,) and covariance (12, 12)."""
-    state = PredictedState()
-    _write_state(state, writable(mean), writable(P), origin)
-    return state.pose
+def _write_pose(message, mean, P, body):
+    """Write a body's mean (13,) and covariance (12, 12) into a PoseWithCovariance of its model's origin."""
+    state, _, message.covariance, _ = _at_origin(writable(mean), writable(P), writable(body.model.origin))
+    _fill_pose(message.pose, state.tolist())
 
 
 def _joint_covariance(scene, time, belief, maps):
@@ -137,19 +143,26 @@ def _joint_covariance(scene, time, belief, maps):
 
 def _write_state(message, mean, P, origin):
     """Write a body's mean (13,) and covariance (12, 12); the covariance (12, 12) at the model's origin."""
-    state, P, message.pose.covariance, message.twist.covariance, finite = at_origin(mean, P, origin)
+    state, P, message.pose.covariance, message.twist.covariance = _at_origin(mean, P, origin)
+    numbers, twist = state.tolist(), message.twist.twist
+    _fill_pose(message.pose.pose, numbers)
+    for part, place in ((twist.linear, VELOCITY), (twist.angular, ANGULAR_VELOCITY)):
+        part.x, part.y, part.z = numbers[place]
+    return P
+
+
+def _at_origin(mean, P, origin):
+    """The state (13,), its covariance (12, 12), and those (36,) of pose and twist, at the model's origin."""
+    *found, finite = at_origin(mean, P, origin)
     if not finite:
         raise DivergedError("left the range of numbers", field="prediction")
-    numbers, pose, twist = state.tolist(), message.pose.pose, message.twist.twist
-    for part, place in (
-        (pose.position, POSITION),
-        (twist.linear, VELOCITY),
-        (twist.angular, ANGULAR_VELOCITY),
-    ):
-        part.x, part.y, part.z = numbers[place]
-    q = pose.orientation
+    return found
+
+
+def _fill_pose(pose, numbers):
+    p, q = pose.position, pose.orientation
+    p.x, p.y, p.z = numbers[POSITION]
     q.x, q.y, q.z, q.w = numbers[QUATERNION]
-    return P
 
 
 def origin_poses(states, origin) -> list[Pose]:

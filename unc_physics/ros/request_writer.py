@@ -38,6 +38,7 @@ from ..scene.environment import Box, Cylinder, Element, Plane, Sphere, element_n
 from ..scene.materials import Surface
 from ..scene.physics_keys import PHYSICS_KEYS
 from ..scene.scene import Scene
+from .action_messages import surface_velocity, write_actions
 from .arrays import block_diagonal, packed
 from .durations import duration
 from .physics_message import physics_message
@@ -163,12 +164,13 @@ def write_object(scene: Scene, belief: Belief, b: int, model_info: Callable[[str
         at_rest=body.at_rest,
         inertia=[] if body.inertia is None else packed(body.inertia.ravel()),
     )
+    write_actions(body, message)
     message.pose.pose = _pose(state[POSITION], state[QUATERNION])
     message.twist.twist.linear, message.twist.twist.angular = (
         _vector(state[VELOCITY]),
         _vector(state[ANGULAR_VELOCITY]),
     )
-    if not body.fixed:
+    if body.free:
         message.covariance = packed(C)
     return message
 
@@ -221,6 +223,7 @@ def _element(element: Element, name: str, field: str) -> EnvironmentElement:
     )
     if isinstance(element, Plane):
         message.plane = [PlaneMessage(coef=np.array([*element.normal, -element.offset]))]
+        message.surface_velocity = surface_velocity(element, (0.0, 0.0, 0.0))
         return message
     if isinstance(element, Box):
         kind, size = SolidPrimitive.BOX, element.size
@@ -237,6 +240,7 @@ def _element(element: Element, name: str, field: str) -> EnvironmentElement:
         )
     message.primitive = [SolidPrimitive(type=kind, dimensions=packed(size))]
     message.pose = _pose(element.position, element.orientation)
+    message.surface_velocity = surface_velocity(element, element.position)
     return message
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 import secrets
 from collections.abc import Callable, Sequence
@@ -238,8 +239,7 @@ def write_answer(message: PredictionMessage, header: Header, settings: Settings,
     message.header.frame_id = settings.world_frame
     message.propagator = job.propagator.name
     used = prediction.scene
-    message.physics = physics_message({key: getattr(used, key) for key in PHYSICS_KEYS})
-    message.physics_summary = physics_as_text(used)
+    message.physics, message.physics_summary = _told_physics(used)
     message.rollouts = job.propagator.rollouts(prediction.carry)
     errors = job.propagator.standard_errors(prediction.carry, used)
     if errors is not None:
@@ -256,6 +256,12 @@ def write_answer(message: PredictionMessage, header: Header, settings: Settings,
     message.seed = job.seed
     message.time_reached = duration(prediction.time)
     message.computation_time = duration(prediction.wall_time)
+
+
+@functools.lru_cache(maxsize=32)
+def _told_physics(scene):
+    """A scene's physics as a message, which nobody changes, and as text; scenes come again and again."""
+    return physics_message({key: getattr(scene, key) for key in PHYSICS_KEYS}), physics_as_text(scene)
 
 
 def write_error(result: Result, error: Exception) -> None:

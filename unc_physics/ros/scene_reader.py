@@ -34,6 +34,7 @@ from ..scene.body import RigidBody, known_mass
 from ..scene.physics_keys import PHYSICS_KEYS
 from ..scene.scene import Scene
 from ..scene.scene_file import at_field, with_chosen_stiffness
+from .action_messages import read_actions, read_path
 from .arrays import block_diagonal, writable, xyz, xyzw
 from .not_served import refuse_not_served
 from .optional import optional
@@ -45,7 +46,7 @@ UNKNOWN = -1.0
 
 _AT_REST = 0.0, 0.0, 0.0
 _EXACT = 0.0, (0.0, 0.0, 0.0)  # standard deviations of mass and centre of mass
-_KINDS = ObjectState.DYNAMIC, ObjectState.FIXED
+_KINDS = ObjectState.DYNAMIC, ObjectState.FIXED, ObjectState.PRESCRIBED
 _ROUND_OFF = 1e-6  # of a quaternion's length, from single precision at worst
 
 
@@ -212,8 +213,8 @@ def _in_message(field, fields):
 @functools.lru_cache(maxsize=1024)
 def _rigid_body(*arguments):
     """The same body for the same arguments, so that a scene that comes again is known by its bodies."""
-    *others, material = arguments
-    return RigidBody(*others, **dict(material))
+    *others, named = arguments
+    return RigidBody(*others, **dict(named))
 
 
 @functools.lru_cache(maxsize=32)
@@ -239,13 +240,18 @@ def _body(message, field, library, doubts, max_spheres):
             else f"{field}.model: {error.field}"
         )
         raise type(error)(error.problem, field=place, value=error.value) from error
-    mass = known_mass(message.mass or None, model, fixed, f"{field}.mass")
-    stds = _EXACT if fixed else _stds(message, field, mass)
+    origin = writable(model.origin)
+    path = read_path(message, field, origin)
+    driven = fixed or path is not None
+    mass = known_mass(message.mass or None, model, driven, f"{field}.mass")
+    stds = _EXACT if driven else _stds(message, field, mass)
     material = read_material(message.material, f"{field}.material")
     inertia = _inertia(message, f"{field}.inertia")
-    body = message.id, model, mass, fixed, *stds, bool(message.at_rest), inertia, material
-    at_origin, origin = _state(message, field, fixed), writable(model.origin)
-    state = moved(at_origin, origin, -1.0)
+    surface = material + read_actions(message, field)
+    body = message.id, model, mass, fixed, *stds, bool(message.at_rest), inertia, path, surface
+    if path is not None:
+        return body, path.states[0], np.zeros((ERROR, ERROR)), False
+    state = moved(_state(message, field, fixed), origin, -1.0)
     if fixed:
         return body, state, np.zeros((ERROR, ERROR)), False
     P, zeros = _covariance(message, field, doubts, state, origin)
@@ -263,9 +269,11 @@ def _inertia(message, field):
 
 
 def _is_fixed(message, field):
-    """Whether an object is fixed, and not dynamic."""
+    """Whether an object is fixed."""
     if message.kind not in _KINDS:
-        raise InvalidRequestError("must be DYNAMIC or FIXED", field=f"{field}.kind", value=message.kind)
+        raise InvalidRequestError(
+            "must be DYNAMIC, FIXED or PRESCRIBED", field=f"{field}.kind", value=message.kind
+        )
     return message.kind == ObjectState.FIXED
 
 
@@ -314,10 +322,12 @@ def _joint_covariance(message, scene, mean, known):
         if name not in ids:
             raise InvalidCovarianceError(f"must name '{name}', which moves", field=f"{place}.object_ids")
         rows.append(ERROR * ids.index(name) + np.arange(ERROR))
-    fixed = {body.name for body in scene.bodies if body.fixed}
+    driven = {body.name for body in scene.bodies if not body.free}
     for k, name in enumerate(ids):
-        if name in fixed:
-            raise InvalidCovarianceError("is fixed", field=f"{place}.object_ids[{k}]", value=name)
+        if name in driven:
+            raise InvalidCovarianceError(
+                "is fixed or prescribed", field=f"{place}.object_ids[{k}]", value=name
+            )
     rows = np.concatenate(rows) if rows else np.zeros(0, int)
     maps = [inverse_error_map(mean[b], writable(scene.bodies[b].model.origin)) for b in moving]
     P = congruent(block_diagonal(maps), np.ascontiguousarray(C[np.ix_(rows, rows)]))
@@ -389,7 +399,8 @@ def _checked(entries, field):
     """
     flat = np.frombuffer(entries)
     size = math.isqrt(len(flat))
-    P = array(flat.reshape(size, size), (size, size), field, InvalidCovarianceError)
-    if size < ERROR and P[0, 0] == UNKNOWN:
+    P = flat.reshape(size, size)
+    if size < ERROR and flat[0] == UNKNOWN:
+        array(P, (size, size), field, InvalidCovarianceError)
         return None
     return writable(covariance(P, size, field))

@@ -20,11 +20,12 @@ from ..prediction.probabilities import ENVIRONMENT, BoxRegion
 from ..scene.environment import Box, Cylinder, Element, Plane, Sphere, surface_tilt_std
 from ..scene.materials import Surface, check_surface
 from ..scene.scene_file import at_field
+from .action_messages import read_surface_velocity
 from .not_served import refuse_not_served
 from .optional import optional
 
 #: Fields of a material that are served; they are those of a `Surface`.
-MATERIAL_FIELDS = ("friction", "friction_std", "restitution", "restitution_std")
+MATERIAL_FIELDS = ("friction", "friction_std", "restitution", "restitution_std", "torsional_friction")
 #: Number of dimensions of each kind of primitive that is served.
 _DIMENSIONS = {SolidPrimitive.BOX: 3, SolidPrimitive.SPHERE: 1, SolidPrimitive.CYLINDER: 2}
 
@@ -67,9 +68,8 @@ def read_material(message, field: str, error: type[UncPhysicsError] = InvalidReq
     Raises
     ------
     UncPhysicsError
-        Of the given type, `NotFiniteError` or `NotSupportedError`.
+        Of the given type, or `NotFiniteError`.
     """
-    refuse_not_served("Material", message, f"{field}.")
     given = {}
     for name in MATERIAL_FIELDS:
         if (value := optional(getattr(message, name), f"{field}.{name}")) is not None:
@@ -118,6 +118,9 @@ def _element(message, name, field):
     material = read_material(message.material, f"{field}.material", InvalidEnvironmentError)
     tilt = surface_tilt_std(message.surface_tilt_std, f"{field}.surface_tilt_std")
     material += (("surface_tilt_std", tilt),) if tilt else ()
+    material += read_surface_velocity(
+        message.surface_velocity, position, f"{field}.surface_velocity", InvalidEnvironmentError
+    )
     if primitive is not None and plane is None:
         place = f"{field}.primitive[0]"
         size = _dimensions(primitive, place)

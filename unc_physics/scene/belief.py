@@ -112,7 +112,7 @@ class Belief:
         ----------
         scene : Scene
         bodies : mapping of str to BodyBelief
-            One for each body of the scene, the fixed ones included, in any order.
+            One for each body of the scene, the fixed ones included, in any order; none for prescribed ones.
 
         Raises
         ------
@@ -131,6 +131,12 @@ class Belief:
                 )
             instance(given, BodyBelief, f"bodies[{name!r}]")
         for body in scene.bodies:
+            if body.trajectory is not None:
+                if body.name in bodies:
+                    raise InvalidRequestError(
+                        "must be absent: its trajectory says where it is", field=f"bodies['{body.name}']"
+                    )
+                continue
             if body.name not in bodies:
                 raise InvalidRequestError(f"must have an entry for '{body.name}'", field="bodies")
             if body.fixed:
@@ -139,8 +145,13 @@ class Belief:
                 except InvalidRequestError as error:
                     field = f"{error.field} of body '{body.name}'"
                     raise InvalidRequestError(error.problem, field=field, value=error.value) from None
-        mean = np.array([bodies[name].state for name in names])
-        blocks = [bodies[body.name].covariance for body in scene.bodies if not body.fixed]
+        mean = np.array(
+            [
+                bodies[body.name].state if body.trajectory is None else body.trajectory.states[0]
+                for body in scene.bodies
+            ]
+        )
+        blocks = [bodies[body.name].covariance for body in scene.bodies if body.free]
         belief = cls(mean, np.array(blocks).reshape(-1, ERROR, ERROR), scene.moving)
         belief.check_fits(scene)
         return belief
@@ -241,6 +252,8 @@ class Belief:
     def sample(self, count: int, rng: np.random.Generator) -> np.ndarray:
         """(count, B, 13): states drawn from the belief; the first k are the same for every larger count."""
         root = self.root()
+        entries = sum(root.shape) + 3 * self.mean.size
+        require_memory(8.0 * count * entries, f"{count} draws", "count", count)
         # einsum, not BLAS: each row in one order of summation, whatever the count and the number of threads
         errors = np.einsum("nr,kr->nk", rng.standard_normal((count, root.shape[1])), root)
         return spread_states(self.mean.copy(), self.moving.copy(), errors)

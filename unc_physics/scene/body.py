@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+import math
 import weakref
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from ..checks.array_field import Array, MaybeArray, OptionalNumber, array_field
 from ..checks.errors import InvalidMassError, InvalidModelError, InvalidRequestError
-from ..checks.validation import array, flag, non_negative, numbers, positive
+from ..checks.validation import array, flag, instance, non_negative, number, numbers, positive
 from ..geometry.packing_file import SpherePacking, check_inertia
 from ..physics import sphere_tree
 from ..physics.hull import hull_spheres
+from .actions import PosePath, Wrench, six_stds
 from .materials import Surface, check_surface
 
 #: Lightest and heaviest mass [kg]: beyond, numbers run out.
@@ -74,6 +77,23 @@ class RigidBody(Surface):
     inertia : (3, 3) array, optional
         Inertia about the COM per unit mass, body axes [m^2]; by default the model's. Three numbers are the
         principal moments along the body's axes, one number stands for three equal ones.
+    trajectory : PosePath, optional
+        Makes the body prescribed: it follows the path exactly, whatever it touches, and has no uncertainty
+        and needs no mass. A belief's state of it does not count.
+    trajectory_std : (6,) array
+        Standard deviations of an offset of the whole path: a translation along the body's axes at the first
+        pose [m], and a rotation about them, about its centre of mass there [rad].
+    attached_to : str, optional
+        Name of a prescribed or fixed body that holds this one for a while as if both were one rigid body. Its
+        belief is that of time 0. Needs the implicit integrator.
+    attached_at : float
+        From when [s]; from 0 on, the belief's velocities do not count.
+    released_at : float, optional
+        Until when [s]; None means to the end. From then on it moves freely, with the velocity that it had.
+    released_at_std : float
+        Standard deviation of that time [s].
+    wrenches : tuple of Wrench
+        What acts on the body, beside gravity and contacts, while it moves freely.
 
     Raises
     ------
@@ -91,6 +111,13 @@ class RigidBody(Surface):
     center_of_mass_std: Array = array_field(0.0)
     at_rest: bool = False
     inertia: MaybeArray = array_field(None)
+    trajectory: PosePath | None = None
+    trajectory_std: Array = array_field(0.0)
+    attached_to: str | None = None
+    attached_at: float = 0.0
+    released_at: float | None = None
+    released_at_std: float = 0.0
+    wrenches: Sequence[Wrench] = ()
 
     def __post_init__(self):
         if not isinstance(self.name, str) or not self.name:
@@ -106,23 +133,87 @@ class RigidBody(Surface):
         non_negative(float(std.min()), field)
         checked = {
             "fixed": flag(self.fixed, f"fixed of body '{self.name}'"),
-            "mass": known_mass(self.mass, self.model, self.fixed, f"mass of body '{self.name}'"),
+            "mass": known_mass(self.mass, self.model, not self.free, f"mass of body '{self.name}'"),
             "mass_std": non_negative(self.mass_std, f"mass_std of body '{self.name}'", InvalidMassError),
             "center_of_mass_std": std,
             "at_rest": flag(self.at_rest, f"at_rest of body '{self.name}'"),
         }
         if self.inertia is not None:
-            checked["inertia"] = _checked_inertia(self.inertia, f"inertia of body '{self.name}'")
+            checked["inertia"] = _checked_inertia(
+                self.inertia, self.model.bounding_radius, f"inertia of body '{self.name}'"
+            )
         if checked["mass_std"] > checked["mass"]:
             raise InvalidMassError(
                 "must not exceed the mass", field=f"mass_std of body '{self.name}'", value=self.mass_std
             )
-        if checked["at_rest"] and checked["fixed"]:
+        if checked["at_rest"] and not self.free:
+            kind = "fixed" if checked["fixed"] else "prescribed"
             raise InvalidRequestError(
-                "must be false for a fixed body", field=f"at_rest of body '{self.name}'", value=True
+                f"must be false for a {kind} body", field=f"at_rest of body '{self.name}'", value=True
             )
+        checked |= self._checked_actions(checked["fixed"])
         for name, value in checked.items():
             object.__setattr__(self, name, value)
+
+    def _checked_actions(self, fixed):
+        """The fields that say what a robot does with the body, checked."""
+        of = f" of body '{self.name}'"
+        std = six_stds(self.trajectory_std, f"trajectory_std{of}")
+        if self.trajectory is not None:
+            instance(self.trajectory, PosePath, f"trajectory{of}")
+            if fixed:
+                raise InvalidRequestError("must be absent: the body is fixed", field=f"trajectory{of}")
+            if self.mass_std or np.any(self.center_of_mass_std):
+                raise InvalidRequestError(
+                    "must be zero or absent: the body is prescribed", field=f"mass_std{of}"
+                )
+        elif std.any():
+            raise InvalidRequestError("needs a trajectory beside it", field=f"trajectory_std{of}")
+        wrenches = tuple(self.wrenches)
+        for k, wrench in enumerate(wrenches):
+            instance(wrench, Wrench, f"wrenches[{k}]{of}")
+        if wrenches and not self.free:
+            raise InvalidRequestError("must be absent: no force moves this body", field=f"wrenches{of}")
+        return {"trajectory_std": std, "wrenches": wrenches} | self._checked_attachment(of)
+
+    def _checked_attachment(self, of):
+        start = non_negative(self.attached_at, f"attached_at{of}")
+        stop = None if self.released_at is None else number(self.released_at, f"released_at{of}")
+        std = non_negative(self.released_at_std, f"released_at_std{of}")
+        if self.attached_to is None:
+            for name, value in (("attached_at", start), ("released_at", stop), ("released_at_std", std)):
+                if value:
+                    raise InvalidRequestError("needs attached_to beside it", field=f"{name}{of}", value=value)
+            return {}
+        if not isinstance(self.attached_to, str) or not self.attached_to:
+            raise InvalidRequestError("must be the name of a body", field=f"attached_to{of}")
+        if self.attached_to == self.name:
+            raise InvalidRequestError("must be another body than itself", field=f"attached_to{of}")
+        if not self.free:
+            raise InvalidRequestError(
+                "must be absent: the body is fixed or prescribed", field=f"attached_to{of}"
+            )
+        if self.at_rest and start == 0.0:
+            raise InvalidRequestError(
+                "must be false, as the body is held at time 0", field=f"at_rest{of}", value=True
+            )
+        if stop is not None and stop <= start:
+            raise InvalidRequestError(
+                f"must be later than attached_at, {start:.6g} s", field=f"released_at{of}", value=stop
+            )
+        if std > 0.0 and stop is None:
+            raise InvalidRequestError("needs released_at beside it", field=f"released_at_std{of}", value=std)
+        return {"attached_at": start, "released_at": stop, "released_at_std": std}
+
+    @property
+    def free(self) -> bool:
+        """Whether it moves by the laws of physics: it is neither fixed nor prescribed."""
+        return not self.fixed and self.trajectory is None
+
+    @property
+    def released(self) -> float:
+        """Until when it is held [s]; infinite for ever."""
+        return math.inf if self.released_at is None else self.released_at
 
     @property
     def unit_inertia(self) -> np.ndarray:
@@ -130,14 +221,14 @@ class RigidBody(Surface):
         return self.model.inertia if self.inertia is None else self.inertia
 
 
-def _checked_inertia(value, field):
+def _checked_inertia(value, reach, field):
     """An inertia tensor (3, 3) from itself, its three diagonal entries, or one number for these."""
     found = numbers(value, field)
     if found.ndim < 2:
         found = np.diag(array(np.full(3, found) if found.ndim == 0 else found, (3,), field))
     found = array(found, (3, 3), field)
     try:
-        check_inertia(found)
+        check_inertia(found, reach)
     except InvalidModelError as error:
         raise InvalidRequestError(error.problem, field=field, value=error.value) from None
     return found

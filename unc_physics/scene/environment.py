@@ -9,7 +9,7 @@ from typing import Annotated, Any, ClassVar, NamedTuple, get_type_hints
 
 import numpy as np
 
-from ..checks.array_field import Array, array_field
+from ..checks.array_field import Array, OptionalArray, array_field
 from ..checks.errors import InvalidEnvironmentError, LimitExceededError
 from ..checks.validation import FARTHEST, array, non_negative, number, point, positive, quaternion
 from ..physics import shapes
@@ -103,6 +103,12 @@ class Element(_Placed, Surface):
     surface_tilt_std : float
         Standard deviation of its tilts about each of two axes across its z axis, or its normal [rad], with
         its position held. Needs the implicit integrator.
+    surface_velocity, surface_angular_velocity : (3,) array
+        How its surface moves, as that of a conveyor belt [m/s], or of a turntable [rad/s] about
+        ``surface_center``, world frame. The element itself stays where it is; only the part along the surface
+        counts. Needs the implicit integrator.
+    surface_center : (3,) array
+        World frame [m]; by default the element's own position.
 
     Raises
     ------
@@ -112,6 +118,9 @@ class Element(_Placed, Surface):
 
     shape: ClassVar[str]
     surface_tilt_std: float = 0.0
+    surface_velocity: Array = array_field((0.0, 0.0, 0.0))
+    surface_angular_velocity: Array = array_field((0.0, 0.0, 0.0))
+    surface_center: OptionalArray = array_field(None)
 
     def __init_subclass__(cls):
         if "shape" in vars(cls) and cls.shape in shapes.KINDS:
@@ -123,6 +132,10 @@ class Element(_Placed, Surface):
         check_surface(self, error=InvalidEnvironmentError)
         tilt = surface_tilt_std(self.surface_tilt_std, "surface_tilt_std")
         object.__setattr__(self, "surface_tilt_std", tilt)
+        for name in ("surface_velocity", "surface_angular_velocity", "surface_center"):
+            value = getattr(self, name)
+            value = self.position if name == "surface_center" and value is None else value
+            object.__setattr__(self, name, array(value, (3,), name, InvalidEnvironmentError))
 
     @property
     def kind(self) -> int:
@@ -133,6 +146,12 @@ class Element(_Placed, Surface):
     def rotation(self) -> np.ndarray:
         """(3, 3): ``R_world_element``."""
         return rotation_matrix(self.orientation)
+
+    @property
+    def moving_surface(self) -> np.ndarray:
+        """(6,): velocity of the surface's motion at the world's origin [m/s], and its angular one [rad/s]."""
+        omega = self.surface_angular_velocity
+        return np.concatenate([self.surface_velocity - np.cross(omega, self.surface_center), omega])
 
     @property
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:

@@ -22,6 +22,8 @@ _EXPLICIT = {
     "impact_point_std": 0.0,
     "impact_friction_std": 0.0,
     "surface_tilt_std": 0.0,
+    "torsional_friction": 0.0,
+    "attached_to": None,
     "overlap": "keep",
 }
 #: Restitution of each integrator where none is named.
@@ -59,16 +61,21 @@ class Surface:
         Coefficient of restitution, 0 to 1; None takes the scene's.
     restitution_std : float
         Its standard deviation; it varies as ``restitution + z restitution_std``, cut off at 0 and 1.
+    torsional_friction : float, optional
+        Most moment against a contact's spin about its normal, over the normal force [m]: about two thirds of
+        the radius of the patch that touches, times friction. A contact has the geometric mean of its two
+        partners' values, or the one that there is. Needs the implicit integrator.
     """
 
     friction: float | None = None
     friction_std: float = 0.0
     restitution: float | None = None
     restitution_std: float = 0.0
+    torsional_friction: float | None = None
 
 
 def check_surface(thing, of="", error: type[UncPhysicsError] = InvalidRequestError) -> None:
-    """Check the four numbers of a `Surface`, or of a scene, and make them floats.
+    """Check the numbers of a `Surface`, or of a scene, and make them floats.
 
     Parameters
     ----------
@@ -96,6 +103,9 @@ def check_surface(thing, of="", error: type[UncPhysicsError] = InvalidRequestErr
                 raise error(f"must not exceed {limit:.6g}", field=field, value=std)
         object.__setattr__(thing, name, value)
         object.__setattr__(thing, f"{name}_std", std)
+    if isinstance(thing, Surface) and thing.torsional_friction is not None:
+        value = non_negative(thing.torsional_friction, f"torsional_friction{of}", error)
+        object.__setattr__(thing, "torsional_friction", value)
 
 
 def refuse_with_explicit(thing, place="") -> None:

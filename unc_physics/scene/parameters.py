@@ -12,6 +12,7 @@ from ..physics.rotation import exp, rotation_matrix
 from ..physics.threads import in_threads
 from ..physics.time_limit import limit_here, limited
 from ..physics.world import World
+from .action_arrays import vary_actions
 from .body import tree_of
 from .materials import Materials, varied
 from .scene import Scene
@@ -78,6 +79,8 @@ def vary(scene: Scene, z: np.ndarray) -> World:
         for e, turn in tilts.items():
             R[e] = R[e] @ rotation_matrix(np.array(exp(*turn)))
         surroundings = surroundings._replace(R=R)
+    if surroundings is not None and scene.acts:
+        surroundings = surroundings._replace(actions=vary_actions(scene, surroundings.actions, z))
     return world._replace(
         bodies=own,
         tree=tree,

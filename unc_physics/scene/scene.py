@@ -11,10 +11,19 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..checks.array_field import Array, array_field
-from ..checks.errors import DuplicateIdError, InvalidEnvironmentError, InvalidRequestError, NoObjectsError
+from ..checks.errors import (
+    DuplicateIdError,
+    InvalidEnvironmentError,
+    InvalidOptionError,
+    InvalidRequestError,
+    NoObjectsError,
+)
+from ..checks.names import hint
 from ..physics import sphere_tree
+from ..physics.actions import Actions
 from ..physics.implicit_world import ImpactError, Implicit
 from ..physics.world import Bodies, Surroundings, World
+from .action_arrays import actions_of
 from .body import RigidBody, hull_of, tree_of
 from .environment import Element, check_element, element_names
 from .materials import DEFAULT_RESTITUTION, Materials, Surface, check_surface, combined, refuse_with_explicit
@@ -166,6 +175,8 @@ class Scene:
         check_surface(self)
         if explicit:
             self._refuse_what_needs_implicit()
+            self._refuse_moving_surfaces()
+        self._check_attachments(names)
         self._check_at_rest()
         self._check_std("stiffness", self.stiffness, "a stiffness that is given")
         self._check_std("gravity_direction", math.pi if self.gravity.any() else 0.0, "gravity")
@@ -176,6 +187,42 @@ class Scene:
         for kind, things in (("bodies", self.bodies), ("environment", self.environment)):
             for k, thing in enumerate(things):
                 refuse_with_explicit(thing, f"{kind}[{k}].")
+
+    def _refuse_moving_surfaces(self):
+        for k, element in enumerate(self.environment):
+            if element.moving_surface.any():
+                raise InvalidOptionError(
+                    "needs 'integrator: implicit', since without friction nothing feels it",
+                    field=f"environment[{k}].surface_velocity",
+                )
+
+    def _check_attachments(self, names):
+        """Raise `InvalidRequestError` unless what holds bodies is there, and held by nothing itself."""
+        for k, body in enumerate(self.bodies):
+            if body.attached_to is None:
+                continue
+            field = f"bodies[{k}].attached_to"
+            if body.attached_to not in names:
+                raise InvalidRequestError(
+                    f"is no body of the scene{hint(body.attached_to, names)}",
+                    field=field,
+                    value=body.attached_to,
+                )
+            seen, other = [body.name], self.bodies[names.index(body.attached_to)]
+            while other.attached_to is not None and other.name not in seen:
+                seen.append(other.name)
+                if other.attached_to not in names:
+                    break
+                other = self.bodies[names.index(other.attached_to)]
+            if other.name in seen:
+                circle = " to ".join([*seen, other.name])
+                raise InvalidRequestError(f"goes in a circle: {circle}", field=field, value=body.attached_to)
+            if self.bodies[names.index(body.attached_to)].free:
+                raise InvalidRequestError(
+                    "must name a body with a trajectory, or a fixed one; this one moves by itself",
+                    field=field,
+                    value=body.attached_to,
+                )
 
     def _check_at_rest(self):
         """Raise `InvalidRequestError` if a body stands on something without gravity to hold it there."""
@@ -207,8 +254,19 @@ class Scene:
 
     @cached_property
     def moving(self) -> np.ndarray:
-        """(M,) int64: indices of the bodies that are not fixed."""
-        return np.array([k for k, body in enumerate(self.bodies) if not body.fixed], np.int64)
+        """(M,) int64: indices of the bodies that move freely: neither fixed nor prescribed ones."""
+        return np.array([k for k, body in enumerate(self.bodies) if body.free], np.int64)
+
+    @cached_property
+    def actions(self) -> Actions:
+        """What acts on the bodies from outside, as the kernels take it."""
+        return actions_of(self.bodies, self.environment)
+
+    @cached_property
+    def acts(self) -> bool:
+        """Whether something does: prescribed bodies, attachments, wrenches, or surfaces that move."""
+        a = self.actions
+        return bool(len(a.driven) or len(a.wrench_body) or len(a.surface))
 
     @cached_property
     def uncertain(self) -> tuple[UncertainParameter, ...]:
@@ -226,6 +284,14 @@ class Scene:
             found += [
                 UncertainParameter("center_of_mass", k, a, std)
                 for a, std in enumerate(body.center_of_mass_std)
+                if std
+            ]
+            if body.released_at_std:
+                found.append(UncertainParameter("released_at", k, 0, body.released_at_std))
+        for k, body in enumerate(self.bodies):
+            found += [
+                UncertainParameter("trajectory", k, axis, std)
+                for axis, std in enumerate(body.trajectory_std.tolist())
                 if std
             ]
         for k, surface in enumerate(self.surfaces):
@@ -287,11 +353,11 @@ class Scene:
             np.concatenate([model.centers for model in models]),
             np.concatenate([model.radii for model in models]),
         )
-        resistance = np.array([math.inf if body.fixed else body.mass for body in self.bodies])
+        resistance = np.array([body.mass if body.free else math.inf for body in self.bodies])
         inverse = np.array([np.linalg.inv(body.unit_inertia) for body in self.bodies])
         reach = {model: np.max(np.linalg.norm(model.centers, axis=1) + model.radii) for model in models}
         bodies = Bodies(
-            moving=np.array([not body.fixed for body in self.bodies]),
+            moving=np.array([body.free for body in self.bodies]),
             mass=np.array([body.mass for body in self.bodies]),
             inertia=np.array([body.mass * body.unit_inertia for body in self.bodies]),
             inverse_mass=1.0 / resistance,
@@ -314,9 +380,11 @@ class Scene:
         )
 
     def _surroundings(self) -> Surroundings | None:
-        """Environment and gyroscopic term; None for neither, so that the explicit kernels compile without."""
+        """Environment, actions and gyroscopic term; None for none of them, so that the explicit kernels
+        compile without.
+        """
         elements = self.environment
-        if not (elements or self.gyroscopic or self.integrator == "implicit"):
+        if not (elements or self.gyroscopic or self.integrator == "implicit" or self.acts):
             return None
         return Surroundings(
             kind=np.array([element.kind for element in elements], np.int64),
@@ -324,6 +392,7 @@ class Scene:
             R=np.array([element.rotation for element in elements]).reshape(-1, 3, 3),
             size=np.array([element.size_row for element in elements]).reshape(-1, 3),
             gyroscopic=bool(self.gyroscopic),
+            actions=self.actions,
         )
 
     def _implicit(self, tree, models, model_of, first_sphere) -> Implicit | None:
@@ -338,9 +407,13 @@ class Scene:
         ends = np.cumsum([0, *map(len, hulls)])
         some = np.concatenate([hull + first for hull, first in zip(hulls, first_sphere[:-1], strict=True)])
         reach = [model.radii[:, None] for model in models]
+        given = [surface.torsional_friction for surface in self.surfaces]
+        torsion = np.array([-1.0 if value is None else value for value in given])
         return Implicit(
             friction=self.materials.friction.copy(),
             restitution=self.materials.restitution.copy(),
+            torsion=torsion,
+            torsional=bool((torsion > 0.0).any()),
             hull=np.ascontiguousarray(np.vstack([tree.centers[some].T, tree.radii[some]])),  # one type
             hull_sphere=some,
             hull_range=np.column_stack([ends[:-1], ends[1:]])[model_of],

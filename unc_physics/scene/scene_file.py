@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 import os
+import re
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -22,10 +23,12 @@ from ..checks.errors import (
     UncPhysicsError,
 )
 from ..checks.names import hint
+from ..checks.shown import shown
 from ..checks.validation import array, instance, integer, non_negative, number, positive
 from ..geometry.library import find_model
 from ..geometry.packing_file import load_packing
 from ..physics.layout import ERROR
+from .actions import PosePath, Wrench
 from .belief import Belief
 from .body import RigidBody, known_mass
 from .body_belief import MEANS, STDS, BodyBelief, three_stds
@@ -41,7 +44,10 @@ PRESET = "physics"
 _COMMON_STD, _COMMON_ORIGIN = "common_pose_std", "common_pose_origin"
 _SCENE_KEYS = (PRESET, *PHYSICS_KEYS, "horizon", "bodies", "environment", _COMMON_STD, _COMMON_ORIGIN)
 _SURFACE_KEYS = tuple(field.name for field in dataclasses.fields(Surface))
-_ELEMENT_KEYS = ("name", *_SURFACE_KEYS, "surface_tilt_std")
+_MOTION_KEYS = ("surface_velocity", "surface_angular_velocity", "surface_center")
+_ELEMENT_KEYS = ("name", *_SURFACE_KEYS, "surface_tilt_std", *_MOTION_KEYS)
+_POSE_KEYS = ("time", "position", "orientation", "linear_velocity", "angular_velocity")
+_WRENCH_KEYS = ("force", "torque", "body_axes", "start", "duration")
 _BODY_KEYS = (
     "name",
     "model",
@@ -57,6 +63,13 @@ _BODY_KEYS = (
     "covariance",
     "fixed",
     "at_rest",
+    "trajectory",
+    "trajectory_std",
+    "attached_to",
+    "attached_at",
+    "released_at",
+    "released_at_std",
+    "wrenches",
     *_SURFACE_KEYS,
 )
 
@@ -65,6 +78,7 @@ _BODY_KEYS = (
 _ENTRIES, _LEVELS = 300_000, 50
 _CHARACTERS = 20_000_000  # most of a file
 _INT, _FLOAT = "tag:yaml.org,2002:int", "tag:yaml.org,2002:float"
+_OCTAL = re.compile(r"[-+]?0[0-7_]+")
 
 
 class LoadedScene(NamedTuple):
@@ -76,8 +90,8 @@ class LoadedScene(NamedTuple):
 
 
 class _Loader(yaml.SafeLoader):
-    """Refuses a key that is given twice, of which YAML would silently take the last; numbers of base 60,
-    which nobody means; and what a few lines of aliases make as large as the memory.
+    """Refuses a key that is given twice, of which YAML would silently take the last; numbers of base 60 and
+    8, which nobody means; and what a few lines of aliases make as large as the memory.
     """
 
     def __init__(self, stream):
@@ -104,12 +118,22 @@ class _Loader(yaml.SafeLoader):
         return node
 
     def construct_scalar(self, node):
-        if node.tag in (_INT, _FLOAT) and ":" in node.value:
+        base = 60 if node.tag in (_INT, _FLOAT) and ":" in node.value else 0
+        if node.tag == _INT and _OCTAL.fullmatch(node.value):
+            base = 8
+        if base:
             problem = (
-                f"{node.value} is a number of base 60 to YAML; write it out, or in quotes if it is a text"
+                f"{node.value} is a number of base {base} to YAML; write it out, or in quotes if it is a text"
             )
             raise yaml.constructor.ConstructorError(None, None, problem, node.start_mark)
         return super().construct_scalar(node)
+
+    def construct_object(self, node, deep=False):
+        try:
+            return super().construct_object(node, deep)
+        except (ValueError, OverflowError):  # a date that is none, an integer of thousands of digits
+            problem = f"{shown(node.value)} has a value that cannot be read"
+            raise yaml.constructor.ConstructorError(None, None, problem, node.start_mark) from None
 
     def construct_mapping(self, node, deep=False):
         lines = {}
@@ -153,6 +177,8 @@ def load_scene(path: str | os.PathLike[str], models_dir: str | os.PathLike[str] 
         mark = getattr(error, "problem_mark", None)
         place = f" in line {mark.line + 1}" if mark else ""
         reason = f": {error.problem}" if isinstance(error, yaml.constructor.ConstructorError) else ""
+        if isinstance(error, yaml.composer.ComposerError):  # a second document, or an alias of nothing
+            reason = f": {', '.join(filter(None, (error.context, error.problem)))}"
         said = "cannot be read" if reason else "is not valid YAML"
         raise InvalidRequestError(f"{said}{place}{reason}", field=f"scene file {path}") from None
     return scene_from_dict(content, models_dir, folder=path.parent)
@@ -170,7 +196,7 @@ def scene_from_dict(content, models_dir=None, folder=None) -> LoadedScene:
     rigid, mean = [body for body, _, _ in read], np.array([state for _, state, _ in read])
     options = with_chosen_stiffness(physics_options(content), rigid, mean)
     scene = Scene(rigid, environment=_environment(content.get("environment")), **options)
-    blocks = [P for body, _, P in read if not body.fixed]
+    blocks = [P for body, _, P in read if body.free]
     belief = Belief(mean, np.array(blocks).reshape(-1, ERROR, ERROR), scene.moving)
     belief = _with_common_error(belief, content)
     belief.check_fits(scene)
@@ -278,6 +304,9 @@ def _element(content, field):
         surface["surface_tilt_std"] = surface_tilt_std(
             content["surface_tilt_std"], f"{field}.surface_tilt_std"
         )
+    for key in _MOTION_KEYS:
+        if content.get(key) is not None:
+            surface[key] = _numbers(content[key], (3,), f"{field}.{key}", error)
     return at_field(place, ELEMENTS[kind], **given, name=name, **surface)
 
 
@@ -299,6 +328,7 @@ def _body(content, field, models_dir, folder):
     fixed = content.get("fixed", False)
     if not isinstance(fixed, bool):
         raise InvalidRequestError("must be true or false", field=f"{field}.fixed", value=fixed)
+    trajectory = _trajectory(content, field)
     belief = _body_belief(content, field)
     mass_std, com_std = (
         0.0 if content.get(key) is None else content[key] for key in ("mass_std", "center_of_mass_std")
@@ -322,14 +352,93 @@ def _body(content, field, models_dir, folder):
     model = at_field(
         field, load_shape, content["model"], content.get("spheres"), content.get("scale"), models_dir, folder
     )
-    mass = known_mass(content.get("mass"), model, fixed, f"{field}.mass")
+    mass = known_mass(content.get("mass"), model, fixed or trajectory is not None, f"{field}.mass")
     surface = _surface(content, field)
     at_rest = False if content.get("at_rest") is None else content["at_rest"]
     inertia = None if content.get("inertia") is None else _inertia(content["inertia"], f"{field}.inertia")
     body = at_field(
-        field, RigidBody, content["name"], model, mass, fixed, mass_std, com_std, at_rest, inertia, **surface
+        field,
+        RigidBody,
+        content["name"],
+        model,
+        mass,
+        fixed,
+        mass_std,
+        com_std,
+        at_rest,
+        inertia,
+        trajectory,
+        **_actions(content, field),
+        **surface,
     )
-    return body, belief.state, belief.covariance
+    state = belief.state if trajectory is None else trajectory.states[0]
+    return body, state, belief.covariance
+
+
+def _trajectory(content, field):
+    """The path that the entries of a body give it, or None."""
+    poses, place = content.get("trajectory"), f"{field}.trajectory"
+    if poses is None:
+        return None
+    for key in (*MEANS, "orientation", *STDS, "covariance"):
+        if content.get(key) is not None:
+            raise InvalidRequestError(
+                "must be absent: the body's trajectory says where it is", field=f"{field}.{key}"
+            )
+    if not isinstance(poses, list):
+        raise InvalidRequestError("must be a list of poses", field=place, value=poses)
+    count = len(poses)
+    read = {key: np.full((count, 3), np.nan) for key in _POSE_KEYS[3:]}
+    times, positions, orientations = np.zeros(count), np.zeros((count, 3)), np.zeros((count, 4))
+    for k, pose in enumerate(poses):
+        entry = f"{place}[{k}]"
+        _check_keys(pose, _POSE_KEYS, entry)
+        for key in ("time", "position"):
+            if pose.get(key) is None:
+                raise InvalidRequestError("must be given", field=f"{entry}.{key}")
+        times[k] = number(pose["time"], f"{entry}.time")
+        positions[k] = _numbers(pose["position"], (3,), f"{entry}.position")
+        given = pose.get("orientation")
+        orientations[k] = (0, 0, 0, 1) if given is None else _numbers(given, (4,), f"{entry}.orientation")
+        for key, values in read.items():
+            if pose.get(key) is not None:
+                values[k] = _numbers(pose[key], (3,), f"{entry}.{key}")
+    return at_field(
+        place,
+        PosePath,
+        times=times,
+        positions=positions,
+        orientations=orientations,
+        linear_velocities=read["linear_velocity"],
+        angular_velocities=read["angular_velocity"],
+    )
+
+
+def _actions(content, field):
+    """The entries of a body that say what else a robot does with it, as arguments of `RigidBody`."""
+    given = {}
+    if content.get("trajectory_std") is not None:
+        std = content["trajectory_std"]
+        given["trajectory_std"] = _numbers(std, (6,) if std != 0 else (), f"{field}.trajectory_std")
+    for key in ("attached_to", "attached_at", "released_at", "released_at_std"):
+        if content.get(key) is not None:
+            value = content[key]
+            given[key] = value if key == "attached_to" else number(value, f"{field}.{key}")
+    wrenches = content.get("wrenches")
+    if wrenches is not None:
+        if not isinstance(wrenches, list):
+            raise InvalidRequestError("must be a list", field=f"{field}.wrenches", value=wrenches)
+        given["wrenches"] = [_wrench(entry, f"{field}.wrenches[{k}]") for k, entry in enumerate(wrenches)]
+    return given
+
+
+def _wrench(content, field):
+    _check_keys(content, _WRENCH_KEYS, field)
+    given = {key: value for key, value in content.items() if value is not None}
+    for key in ("force", "torque"):
+        if key in given:
+            given[key] = _numbers(given[key], (3,), f"{field}.{key}")
+    return at_field(field, Wrench, **given)
 
 
 def _body_belief(content, field):

@@ -64,7 +64,7 @@ def rest_stiffness(bodies: Sequence[RigidBody], mean, gravity, depth: float = RE
         return auto_stiffness(bodies, mean, gravity)
     needed = [0.0]
     for body in bodies:
-        if not body.fixed:
+        if body.free:
             radius = float(body.model.radii.min())
             needed.append(carrying_stiffness(body.mass * g, radius, min(depth, PENETRATION * radius)))
     return _rounded_up(max(needed))
@@ -119,7 +119,7 @@ def auto_stiffness(
     """
     penetration = positive(penetration, "penetration")
     mean, gravity = np.asarray(mean, float), float(np.linalg.norm(gravity))
-    moving = [k for k, body in enumerate(bodies) if not body.fixed]
+    moving = [k for k, body in enumerate(bodies) if body.free]
     with np.errstate(over="ignore"):
         spins = [bodies[k].model.bounding_radius * np.linalg.norm(mean[k, ANGULAR_VELOCITY]) for k in moving]
         speeds = sorted(

@@ -33,6 +33,7 @@ DEFAULT = (
     "overlap",
     "stability",
     "covariances",
+    "regions",
     "calibration",
     "contacts",
     "storage",

@@ -9,7 +9,8 @@ import numpy as np
 from unc_physics import make_propagator, predict
 from unc_physics.physics.layout import ERR_POSITION, ERR_ROTATION, QUATERNION
 from unc_physics.physics.rotation import rotation_matrix
-from unc_physics.prediction.status import Status, assess
+from unc_physics.prediction.status import assess
+from unc_physics.prediction.status_rules import Status
 from unc_physics.propagators.registry import PROPAGATORS
 
 from ..everyday_cases import BELIEFS, CASES, case

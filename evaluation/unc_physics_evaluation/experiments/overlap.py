@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from unc_physics.prediction.predict import predict
-from unc_physics.prediction.status import Status, assess
+from unc_physics.prediction.status import assess
+from unc_physics.prediction.status_rules import Status
 
 from ..comparison import CPU_TIME
 from ..jobs import Job, Outcome, Row, Settings

@@ -33,6 +33,8 @@ from .peers import engine_choices
 
 TITLE = "Speed against error"
 COUNTS = (2, 5, 10, 16, 32, 64, 100, 200, 500, 1000)
+#: Rollouts at which the anytime answer is stopped.
+GROWN = (12, 16, 32, 64, 128, 256, 512, 1000)
 SIGMAS = (0.01, 0.05, 0.1)
 TIMED_SIGMA = 0.05
 #: W1 over the floor of clouds by their runs, positions and rotations, over all models and sigmas.
@@ -50,29 +52,29 @@ def jobs(settings: Settings) -> list[Job]:
     machine.
     """
     truth, encounters = (200, 3) if settings.quick else (1000, 12)
-    made = []
-    for model in MODELS:
-        case = {"model": model, "spheres": 1000, "truth": truth}
-        made += [
-            Job(
-                "speed_against_error",
-                settings.parameters(measured="error", **case, sigma=sigma, encounter=k, encounters=1),
-                cost=2 * truth * rollout_cost(1000) + 12 * distance_cost(truth, settings.distance),
-            )
-            for k in range(encounters)
-            for sigma in (SIGMAS[1:2] if settings.quick else SIGMAS)
-        ]
-        made.append(
-            Job(
-                "speed_against_error",
-                settings.parameters(
-                    measured="time", **case, sigma=TIMED_SIGMA, encounter=0, encounters=encounters
-                ),
-                cost=2 * sum(_counts(truth)) * (encounters + 1) * rollout_cost(1000),
-                alone=True,
-            )
+    cases = {model: {"model": model, "spheres": 1000, "truth": truth} for model in MODELS}
+    errors = [
+        Job(
+            "speed_against_error",
+            settings.parameters(measured="error", **case, sigma=sigma, encounter=k, encounters=1),
+            cost=2 * truth * rollout_cost(1000) + 30 * distance_cost(truth, settings.distance),
         )
-    return made
+        for k in range(encounters)  # of every model and sigma, if it is interrupted
+        for case in cases.values()
+        for sigma in (SIGMAS[1:2] if settings.quick else SIGMAS)
+    ]
+    times = [
+        Job(
+            "speed_against_error",
+            settings.parameters(
+                measured="time", **case, sigma=TIMED_SIGMA, encounter=0, encounters=encounters
+            ),
+            cost=2 * (sum(_counts(truth)) + sum(GROWN)) * (encounters + 1) * rollout_cost(1000),
+            alone=True,
+        )
+        for case in cases.values()
+    ]
+    return errors + times
 
 
 def run(job: Job) -> Outcome:
@@ -83,11 +85,11 @@ def run(job: Job) -> Outcome:
         collision(p["model"], p["spheres"], p["sigma"], p["encounter"] + k) for k in range(p["encounters"])
     ]
     if p["measured"] == "error":
-        answers = predicted(*cases[0], job)
+        answers = predicted(*cases[0], job, GROWN)
         return Outcome(error_rows(job, *two_truths(*cases[0], job), answers, counts, p["truth"]))
     for scene, *_ in cases:
         _ = scene.world  # is built at its first use, which no method shall pay for
-    each = [predictors(*case, job, counts) for case in cases]
+    each = [predictors(*case, job, counts, GROWN) for case in cases]
     functions = {key: lambda k, key=key: each[k][key](k) for key in each[0]}
     rows = time_rows(functions, len(cases))
     numba.set_num_threads(numba.config.NUMBA_NUM_THREADS)

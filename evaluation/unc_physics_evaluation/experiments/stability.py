@@ -91,7 +91,8 @@ def case(name: str) -> Case:
     """A case by its name."""
     if name in everyday_names():
         motion, _, belief = name.rpartition(", ")
-        return Case(*everyday_cases.case(motion, belief))
+        found = everyday_cases.case(motion, belief)
+        return Case(with_stiffness(found.scene, found.belief.mean), found.belief, found.horizon)
     kind, *rest = name.split()
     if kind == "collision":
         return Case(*collision(rest[0], SPHERES, float(rest[1]), int(rest[2])))

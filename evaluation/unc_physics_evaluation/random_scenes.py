@@ -1,0 +1,90 @@
+"""Everyday scenes at random: one thing, or two that meet, with beliefs from tight to wide."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from unc_physics import Belief, Box, Plane, RigidBody, Scene, load_model
+from unc_physics.physics.layout import ANGULAR_VELOCITY, POSITION, QUATERNION, VELOCITY
+from unc_physics.physics.rotation import rotation_matrix
+
+from .everyday_cases import Case
+from .scenarios import resting, spread
+
+SPHERES = 300
+MODELS = ("brick", "salt_box", "can", "mug", "bottle", "bowl", "plate", "rounded_box")
+#: Standard deviations of position [m], rotation [rad], velocity [m/s] and spin [rad/s]: from, to.
+_STDS = {"position": (1e-3, 3e-2), "rotation": (1e-2, 0.3), "velocity": (1e-2, 0.2), "spin": (3e-2, 0.5)}
+_HORIZON = (0.3, 1.0)  # s
+_DROP = (0.01, 0.15)  # m
+_SPEED = (0.1, 0.8)  # of what is pushed or thrown [m/s]
+_TABLE, _WALL = 0.4, 0.02  # height of a table, thickness of walls [m]
+
+
+def random_case(number: int) -> Case:
+    """The scene of that number: dropped, pushed on a table, thrown at a wall, or dropped beside another."""
+    rng = np.random.default_rng([19, number])
+    kind = KINDS[number % len(KINDS)]
+    models = [
+        load_model(name).prefix(SPHERES) for name in rng.choice(MODELS, size=2 if kind is _beside else 1)
+    ]
+    mean, environment = kind(rng, models)
+    bodies = [RigidBody(f"body{k}", model) for k, model in enumerate(models)]
+    stds = {name: _between(rng, *limits) for name, limits in _STDS.items()}
+    scene = Scene.everyday(bodies, environment=[Plane(name="floor"), *environment])
+    return Case(scene, Belief(mean, spread(len(bodies), **stds)), _between(rng, *_HORIZON))
+
+
+def _dropped(rng, models):
+    """In any orientation, with a spin."""
+    mean = _state(rng, models[0], _between(rng, *_DROP), upright=False)
+    mean[0, ANGULAR_VELOCITY] = rng.normal(0.0, 1.0, 3)
+    return mean, []
+
+
+def _pushed(rng, models):
+    """Stands near the edge of a table, and is pushed towards it."""
+    mean = _state(rng, models[0], 1e-4, upright=True)
+    mean[0, POSITION] += rng.uniform(-0.15, -0.02), 0.0, _TABLE
+    mean[0, VELOCITY] = _between(rng, *_SPEED), 0.0, 0.0
+    return mean, [Box((0.8, 0.8, _WALL), (-0.4, 0.0, _TABLE - 0.5 * _WALL), name="table")]
+
+
+def _thrown(rng, models):
+    """Towards a wall."""
+    mean = _state(rng, models[0], _between(rng, *_DROP), upright=False)
+    mean[0, VELOCITY] = _between(rng, *_SPEED), rng.normal(0.0, 0.1), 0.0
+    wall = 2.0 * models[0].bounding_radius + rng.uniform(0.0, 0.1)
+    return mean, [Box((_WALL, 1.0, 0.4), (wall, 0.0, 0.2), name="wall")]
+
+
+def _beside(rng, models):
+    """One stands, the other falls beside or on it."""
+    standing = _state(rng, models[0], 1e-4, upright=True)
+    falling = _state(rng, models[1], _between(rng, *_DROP), upright=False)
+    radius = models[0].bounding_radius
+    falling[0, POSITION] += rng.uniform(0.0, radius), rng.uniform(0.0, radius), 2.0 * radius
+    return np.concatenate([standing, falling]), []
+
+
+#: By turns.
+KINDS = (_dropped, _pushed, _thrown, _beside)
+
+
+def _state(rng, model, height, upright):
+    """A state (1, 13) at rest, that high above the floor."""
+    q = rng.standard_normal(4)
+    if upright:
+        q = np.array([0.0, 0.0, math.sin(q[0]), math.cos(q[0])])
+    mean = resting([[0.0, 0.0, 0.0]])
+    mean[0, QUATERNION] = q / np.linalg.norm(q)
+    down = rotation_matrix(mean[0, QUATERNION])[2]
+    mean[0, POSITION] = 0.0, 0.0, height + float(np.max(model.radii - model.centers @ down))
+    return mean
+
+
+def _between(rng, low, high):
+    """Uniform in the logarithm."""
+    return math.exp(rng.uniform(math.log(low), math.log(high)))

@@ -1,0 +1,205 @@
+"""Bad input about what a robot does: a sentence each, from Python and from scene files."""
+
+import numpy as np
+import pytest
+from example_scenes import two_bodies
+
+from unc_physics import (
+    Belief,
+    BodyBelief,
+    Box,
+    PosePath,
+    RigidBody,
+    Scene,
+    UncPhysicsError,
+    Wrench,
+    load_model,
+    predict,
+)
+from unc_physics.scene.scene_file import scene_from_dict
+
+CAN = load_model("can").prefix(20)
+LINE = PosePath(times=[0, 1], positions=[[0, 0, 0], [1, 0, 0]])
+
+
+def said(function, *arguments, **options):
+    """What the error says that a call raises."""
+    with pytest.raises(UncPhysicsError) as error:
+        function(*arguments, **options)
+    return str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("given", "sentence"),
+    [
+        ({"times": [0]}, "times must be at least two; what stands still is fixed"),
+        ({"times": [0, 2, 1]}, "times[2] must be later than the time before it, 2 s (got 1.0)"),
+        ({"times": [0, 1, 1]}, "times[2] must be later than the time before it, 1 s"),
+        ({"times": [0, 1e-3, 1]}, "times[1] jumps: from 0 s to 0.001 s it moves at 2001 m/s, faster"),
+        ({"positions": [[0, 0], [1, 0], [2, 0]]}, "positions must have shape (3, 3), not (3, 2)"),
+        ({"positions": [[0, 0, np.nan]] * 3}, "positions must be finite"),
+        ({"orientations": [[0, 0, 0, 2]] * 3}, "orientations[0] must have unit length, not 2"),
+        (
+            {"orientations": [[0, 0, 0, 1], [0, 0, 1, 0], [0, 0, 0, 1]]},
+            "orientations[1] turns by 3.142 rad from the pose before it, so that it is not known which way",
+        ),
+        ({"linear_velocities": [[1000, 0, 0]] * 3}, "times[1] jumps: from 0 s to 1 s it moves at"),
+        ({"angular_velocities": [[0, 0, 1e4]] * 3}, "rad/s, faster than 200 rad/s"),
+        ({"linear_velocities": [1, 2, 3]}, "linear_velocities must have shape (3, 3)"),
+    ],
+)
+def test_a_path_that_cannot_be(given, sentence):
+    path = {"times": [0, 1, 2], "positions": [[0, 0, 0], [1, 0, 0], [2, 0, 0]]} | given
+    assert sentence in said(PosePath, **path)
+
+
+@pytest.mark.parametrize(
+    ("given", "sentence"),
+    [
+        ({"trajectory": LINE, "fixed": True}, "trajectory of body 'a' must be absent: the body is fixed"),
+        ({"trajectory_std": [0.1] * 6}, "trajectory_std of body 'a' needs a trajectory beside it"),
+        ({"trajectory": LINE, "trajectory_std": [-1, 0, 0, 0, 0, 0]}, "trajectory_std of body 'a'[0] must"),
+        ({"trajectory": LINE, "at_rest": True}, "at_rest of body 'a' must be false for a prescribed body"),
+        ({"trajectory": LINE, "attached_to": "b"}, "attached_to of body 'a' must be absent: the body"),
+        ({"trajectory": LINE, "wrenches": [Wrench()]}, "wrenches of body 'a' must be absent: no force moves"),
+        ({"trajectory": 1.0}, "trajectory of body 'a' must be a PosePath, not a float"),
+        ({"attached_to": "a"}, "attached_to of body 'a' must be another body than itself"),
+        ({"attached_to": "b", "attached_at": 2.0, "released_at": 1.0}, "must be later than attached_at, 2 s"),
+        ({"attached_to": "b", "released_at_std": 0.1}, "released_at_std of body 'a' needs released_at"),
+        ({"released_at": 1.0}, "released_at of body 'a' needs attached_to beside it"),
+        ({"attached_to": "b", "at_rest": True}, "at_rest of body 'a' must be false, as the body is held"),
+        ({"torsional_friction": -1.0}, "torsional_friction of body 'a' must not be negative"),
+    ],
+)
+def test_a_body_that_cannot_be(given, sentence):
+    assert sentence in said(RigidBody, "a", CAN, 1.0, **given)
+
+
+@pytest.mark.parametrize(
+    ("to", "sentence"),
+    [
+        ("nobody", "bodies[0].attached_to is no body of the scene"),
+        ("free", "bodies[0].attached_to must name a body with a trajectory, or a fixed one; this one"),
+        ("other", "bodies[0].attached_to goes in a circle: a to other to a"),
+    ],
+)
+def test_what_holds_a_body_must_be_there(to, sentence):
+    bodies = [
+        RigidBody("a", CAN, 1.0, attached_to=to),
+        RigidBody("free", CAN, 1.0),
+        RigidBody("other", CAN, 1.0, attached_to="a"),
+    ]
+    assert sentence in said(Scene.everyday, bodies)
+
+
+def test_a_wrench_that_cannot_be():
+    assert "duration must be positive" in said(Wrench, duration=0.0)
+    assert "force must have shape (3,)" in said(Wrench, force=[1, 2])
+
+
+def test_the_explicit_step_says_what_it_cannot_do():
+    hand = RigidBody("hand", CAN, trajectory=LINE)
+    belt = Box((1, 1, 1), surface_velocity=(1, 0, 0))
+    held = RigidBody("a", CAN, 1.0, attached_to="hand")
+    soft = RigidBody("a", CAN, 1.0, torsional_friction=0.01)
+    assert "bodies[1].attached_to needs 'integrator: implicit'" in said(Scene, [hand, held])
+    assert "environment[0].surface_velocity needs 'integrator: implicit'" in said(
+        Scene, [soft], environment=[belt]
+    ) or "torsional_friction" in said(Scene, [soft], environment=[belt])
+    assert "bodies[0].torsional_friction needs 'integrator: implicit'" in said(Scene, [soft])
+
+
+@pytest.mark.parametrize("name", ["linearization", "surrogate", "local_sampling"])
+@pytest.mark.parametrize("integrator", ["explicit", "implicit"])
+def test_propagators_that_cannot_say_so(name, integrator):
+    bodies = [RigidBody("a", CAN, 1.0), RigidBody("hand", CAN, trajectory=LINE)]
+    scene = Scene(bodies, integrator=integrator)
+    belief = Belief.of(scene, {"a": BodyBelief(position=(0, 0, 3))})
+    sentence = said(predict, scene, belief, name, 0.1)
+    assert sentence.startswith("propagator does not take prescribed, held or pushed bodies, nor surfaces")
+    assert "monte_carlo" in sentence
+
+
+def test_a_prescribed_body_has_no_belief_of_its_own():
+    scene = Scene.everyday([RigidBody("a", CAN, 1.0), RigidBody("hand", CAN, trajectory=LINE)])
+    beliefs = {"a": BodyBelief(), "hand": BodyBelief()}
+    assert "bodies['hand'] must be absent: its trajectory says where it is" in said(Belief.of, scene, beliefs)
+
+
+POSES = [{"time": 0, "position": [0, 0, 1]}, {"time": 1, "position": [0.1, 0, 1]}]
+
+
+def in_file(body=None, element=None):
+    """The content of a scene file, with entries of the second body and of an element."""
+    content = {"physics": "everyday"} | two_bodies()
+    content.pop("stiffness", None)
+    if body is not None:
+        content["bodies"][1] = {"name": "hand", "model": content["bodies"][1]["model"]} | body
+    if element is not None:
+        content["environment"] = [{"plane": {"normal": [0, 0, 1], "offset": -9}} | element]
+    return content
+
+
+@pytest.mark.parametrize(
+    ("body", "sentence"),
+    [
+        ({"trajectory": POSES[:1]}, "bodies[1].trajectory.times must be at least two"),
+        ({"trajectory": POSES[::-1]}, "bodies[1].trajectory.times[1] must be later than the time before it"),
+        ({"trajectory": 3}, "bodies[1].trajectory must be a list of poses"),
+        ({"trajectory": [{"time": 0}] * 2}, "bodies[1].trajectory[0].position must be given"),
+        ({"trajectory": [{"when": 0}] * 2}, "bodies[1].trajectory[0] has no key 'when'"),
+        ({"trajectory": POSES, "position": [0, 0, 0]}, "bodies[1].position must be absent: the body's"),
+        ({"trajectory": POSES, "trajectory_std": 0.1}, "bodies[1].trajectory_std must be a list of 6"),
+        ({"mass": 1, "wrenches": {}}, "bodies[1].wrenches must be a list"),
+        ({"mass": 1, "wrenches": [{"power": 1}]}, "bodies[1].wrenches[0] has no key 'power'"),
+        ({"mass": 1, "wrenches": [{"duration": -1}]}, "bodies[1].wrenches[0].duration must be positive"),
+        ({"mass": 1, "attached_to": 7}, "attached_to of body 'hand' must be the name of a body"),
+        ({"mass": 1, "released_at": "soon"}, "bodies[1].released_at must be a number"),
+    ],
+)
+def test_a_file_s_body_that_cannot_be(body, sentence):
+    assert sentence in said(scene_from_dict, in_file(body))
+
+
+def test_a_file_says_what_python_says():
+    body = {
+        "trajectory": [
+            *POSES,
+            {
+                "time": "1.5",
+                "position": [0.1, 0, 1.2],
+                "orientation": [0, 0, 1, 0],
+                "linear_velocity": [0, 0, 0.3],
+                "angular_velocity": None,
+            },
+        ],
+        "trajectory_std": [0.01, 0, 0, 0, 0, 0.1],
+    }
+    body["trajectory"][2]["orientation"] = [0, 0, 0.6, 0.8]
+    content = in_file(
+        body,
+        {"surface_velocity": [1, 0, 0], "surface_angular_velocity": [0, 0, 2], "torsional_friction": 0.003},
+    )
+    content["bodies"][0] |= {
+        "attached_to": "hand",
+        "released_at": 0.4,
+        "released_at_std": 0.05,
+        "wrenches": [{"force": [1, 0, 0], "start": 0.5, "duration": 1, "body_axes": True}],
+    }
+    scene, belief, _ = scene_from_dict(content)
+    held, hand = scene.bodies
+    assert (held.attached_to, held.released_at, held.released_at_std) == ("hand", 0.4, 0.05)
+    assert held.wrenches[0].end == 1.5 and held.wrenches[0].body_axes
+    np.testing.assert_allclose(
+        hand.trajectory.linear_velocities, [[0, 0, 0], [0.03333, 0, 0.26667], [0, 0, 0.3]], atol=1e-4
+    )
+    np.testing.assert_array_equal(hand.trajectory.angular_velocities[[0, 2]], 0.0)
+    np.testing.assert_array_equal(belief.mean[1], hand.trajectory.states[0])
+    assert [(p.name, p.body, p.axis) for p in scene.uncertain] == [
+        ("released_at", 0, 0),
+        ("trajectory", 1, 0),
+        ("trajectory", 1, 5),
+    ]
+    assert scene.moving.tolist() == [0] and scene.acts and scene.shared_parameters
+    np.testing.assert_array_equal(scene.environment[0].moving_surface, [1 - 0, 0 - 0, 0, 0, 0, 2])
+    assert scene.environment[0].torsional_friction == 0.003

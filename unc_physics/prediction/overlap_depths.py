@@ -1,0 +1,58 @@
+"""How deep bodies reach into each other and the environment."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..physics.broad_phase import near_pairs
+from ..physics.compiled import kernel
+from ..physics.element_contacts import next_element_contacts, open_element
+from ..physics.layout import POSITION
+from ..physics.narrow_phase import DISTANCE, VOLUME, next_contacts, open_pair
+from ..physics.workspace import workspace
+
+_NUDGE = 1e-9  # of the body's radius: coincident spheres have no normal
+
+
+def overlaps(scene, states):
+    """How deep each body's spheres reach into others or the environment [m], and no less than the energy
+    there [J]: each (N, B), of states (N, B, 13).
+    """
+    nudged = states.copy()
+    radii = [body.model.bounding_radius for body in scene.bodies]
+    nudged[:, :, POSITION.start] += _NUDGE * np.arange(len(radii)) * radii
+    depth, work = np.zeros((2, *states.shape[:2]))
+    _add_overlaps(nudged, scene.world, scene.world.surroundings, depth, work)
+    return depth, scene.stiffness * work
+
+
+@kernel
+def _add_overlaps(states, world, surroundings, depths, works):
+    """Depths, and depth times volume, half for each of two bodies, of states (N, B, 13): each (N, B)."""
+    for n in range(len(states)):
+        x, out, energy = states[n], depths[n], works[n]
+        work = workspace(x, world)
+        radii, pairs, records = world.tree.radii, work.search.pairs, work.search.records
+        for k in range(near_pairs(x, world.bodies.radius, work.zero_travel, world.bodies.moving, work)):
+            i, j = work.near[k, 0], work.near[k, 1]
+            t_ij, slack, top = open_pair(x, i, j, world, work)
+            while top > 0:
+                count, top = next_contacts(world.tree, work.R_ij, t_ij, slack, work.search, top)
+                for c in range(count):
+                    depth = radii[pairs[c, 0]] + radii[pairs[c, 1]] - records[c, DISTANCE]
+                    for body in (i, j):
+                        out[body] = max(out[body], depth)
+                        energy[body] += 0.5 * depth * records[c, VOLUME]
+        if surroundings is not None:
+            for i in range(len(x)):
+                if world.bodies.moving[i]:
+                    for e in range(len(surroundings.kind)):
+                        t, top = open_element(x, i, e, world, surroundings, work)
+                        while top > 0:
+                            count, top = next_element_contacts(
+                                world.tree, surroundings, e, work.R_ij, t, work.search, top
+                            )
+                            for c in range(count):
+                                depth = radii[pairs[c, 0]] - records[c, DISTANCE]
+                                out[i] = max(out[i], depth)
+                                energy[i] += depth * records[c, VOLUME]

@@ -1,0 +1,200 @@
+"""What a robot does, in messages: paths, attachment, wrenches and moving surfaces, both ways."""
+
+from __future__ import annotations
+
+import functools
+import math
+from typing import Any
+
+import numpy as np
+from geometry_msgs.msg import Quaternion, Transform, Twist, Vector3, Wrench
+from trajectory_msgs.msg import MultiDOFJointTrajectory, MultiDOFJointTrajectoryPoint
+
+from unc_physics_msgs.msg import AppliedWrench, ObjectState
+
+from ..checks.errors import InvalidRequestError, LimitExceededError, UncPhysicsError
+from ..checks.validation import array, quaternion
+from ..physics.layout import ANGULAR_VELOCITY, POSITION, QUATERNION, STATE, VELOCITY
+from ..physics.origin import moved
+from ..scene import actions
+from ..scene.actions import MOST_POSES, PosePath
+from ..scene.body import RigidBody
+from ..scene.environment import Element
+from ..scene.scene_file import at_field
+from .arrays import writable, xyz, xyzw
+from .durations import duration, read_duration
+from .optional import optional
+
+
+def read_path(message: ObjectState, field: str, origin) -> PosePath | None:
+    """The path that a prescribed object follows, of its centre of mass; None for another object.
+
+    The same numbers give the same object, so that a scene that comes again is known by it.
+
+    Parameters
+    ----------
+    message : ObjectState
+    field : str
+        What errors call the object.
+    origin : (3,) array
+        Of the model, in its body frame [m].
+
+    Raises
+    ------
+    UncPhysicsError
+    """
+    place = f"{field}.trajectory"
+    path = optional(message.trajectory, place)
+    if message.kind != ObjectState.PRESCRIBED:
+        if path is not None:
+            raise InvalidRequestError("must be empty for an object that is not PRESCRIBED", field=place)
+        return None
+    if path is None:
+        raise InvalidRequestError("must hold an entry, as the object is PRESCRIBED", field=place)
+    if len(path.points) > MOST_POSES:
+        raise LimitExceededError(
+            f"must be at most {MOST_POSES}", field=f"{place}[0].points", value=len(path.points)
+        )
+    times, states = [], []
+    for k, point in enumerate(path.points):
+        entry = f"{place}[0].points[{k}]"
+        if len(point.transforms) != 1 or len(point.velocities) > 1:
+            raise InvalidRequestError("must have one transform, and at most one velocity", field=entry)
+        (transform,) = point.transforms
+        times.append(read_duration(point.time_from_start, f"{entry}.time_from_start"))
+        position = array(xyz(transform.translation), (3,), f"{entry}.transforms[0].translation")
+        q = quaternion(xyzw(transform.rotation), f"{entry}.transforms[0].rotation")
+        v, w = (math.nan,) * 3, (math.nan,) * 3
+        if point.velocities:
+            twist, name = point.velocities[0], f"{entry}.velocities[0]"
+            v = array(xyz(twist.linear), (3,), f"{name}.linear")
+            w = array(xyz(twist.angular), (3,), f"{name}.angular")
+        state = np.empty(STATE)
+        state[POSITION], state[VELOCITY], state[QUATERNION], state[ANGULAR_VELOCITY] = position, v, q, w
+        states.append(moved(state, origin, -1.0))
+    return at_field(f"{place}[0]", _path, tuple(times), np.array(states).tobytes())
+
+
+@functools.lru_cache(maxsize=256)
+def _path(times, states):
+    states = np.frombuffer(states).reshape(len(times), STATE)
+    return PosePath(
+        times=times,
+        positions=states[:, POSITION],
+        orientations=states[:, QUATERNION],
+        linear_velocities=states[:, VELOCITY],
+        angular_velocities=states[:, ANGULAR_VELOCITY],
+    )
+
+
+def read_actions(message: ObjectState, field: str) -> tuple[tuple[str, Any], ...]:
+    """What else a robot does with an object, as pairs of a `RigidBody`'s keyword and its value.
+
+    Raises
+    ------
+    UncPhysicsError
+    """
+    given: dict[str, Any] = {}
+    if np.any(message.trajectory_std):
+        std = array(message.trajectory_std, (6,), f"{field}.trajectory_std")
+        given["trajectory_std"] = tuple(std.tolist())
+    if message.attached_to:
+        given["attached_to"] = message.attached_to
+    for name in ("attached_at", "released_at"):
+        if (value := optional(getattr(message, name), f"{field}.{name}")) is not None:
+            given[name] = read_duration(value, f"{field}.{name}")
+    if std := read_duration(message.released_at_std, f"{field}.released_at_std"):
+        given["released_at_std"] = std
+    if message.wrenches:
+        given["wrenches"] = tuple(
+            _wrench(
+                *_numbers(wrench, f"{field}.wrenches[{k}]"),
+                bool(wrench.body_axes),
+                read_duration(wrench.start, f"{field}.wrenches[{k}].start"),
+                read_duration(wrench.duration, f"{field}.wrenches[{k}].duration"),
+            )
+            for k, wrench in enumerate(message.wrenches)
+        )
+    return tuple(given.items())
+
+
+def _numbers(message, field):
+    force = array(xyz(message.wrench.force), (3,), f"{field}.wrench.force")
+    torque = array(xyz(message.wrench.torque), (3,), f"{field}.wrench.torque")
+    return tuple(force.tolist()), tuple(torque.tolist())
+
+
+@functools.lru_cache(maxsize=256)
+def _wrench(force, torque, body_axes, start, length):
+    return actions.Wrench(
+        force=force, torque=torque, body_axes=body_axes, start=start, duration=length or None
+    )
+
+
+def read_surface_velocity(
+    twist: Twist, position, field: str, error: type[UncPhysicsError]
+) -> tuple[tuple[str, Any], ...]:
+    """How an element's surface moves about the origin of its pose, as pairs of an `Element`'s keyword and its
+    value.
+    """
+    linear = array(xyz(twist.linear), (3,), f"{field}.linear", error)
+    angular = array(xyz(twist.angular), (3,), f"{field}.angular", error)
+    if not (linear.any() or angular.any()):
+        return ()
+    return (
+        ("surface_velocity", tuple(linear.tolist())),
+        ("surface_angular_velocity", tuple(angular.tolist())),
+        ("surface_center", tuple(position)),
+    )
+
+
+def write_actions(body: RigidBody, message: ObjectState) -> None:
+    """Write what a robot does with a body into its message."""
+    if body.trajectory is not None:
+        message.kind = ObjectState.PRESCRIBED
+        message.trajectory = [_trajectory(body)]
+        message.trajectory_std = np.array(body.trajectory_std)
+    if body.attached_to is not None:
+        message.attached_to = body.attached_to
+        message.attached_at = [duration(body.attached_at)]
+        if body.released_at is not None:
+            message.released_at = [duration(body.released_at)]
+        message.released_at_std = duration(body.released_at_std)
+    message.wrenches = [
+        AppliedWrench(
+            wrench=Wrench(force=_vector(wrench.force), torque=_vector(wrench.torque)),
+            body_axes=wrench.body_axes,
+            start=duration(wrench.start),
+            duration=duration(wrench.duration or 0.0),
+        )
+        for wrench in body.wrenches
+    ]
+
+
+def _trajectory(body):
+    """The path of the model's origin."""
+    path, origin = body.trajectory, writable(body.model.origin)
+    result = MultiDOFJointTrajectory(joint_names=[body.name])
+    for time, state in zip(path.times.tolist(), path.states, strict=True):
+        x = moved(state, origin, 1.0)
+        qx, qy, qz, qw = x[QUATERNION].tolist()
+        transform = Transform(translation=_vector(x[POSITION]), rotation=Quaternion(x=qx, y=qy, z=qz, w=qw))
+        twist = Twist(linear=_vector(x[VELOCITY]), angular=_vector(x[ANGULAR_VELOCITY]))
+        result.points.append(
+            MultiDOFJointTrajectoryPoint(
+                transforms=[transform], velocities=[twist], time_from_start=duration(time)
+            )
+        )
+    return result
+
+
+def surface_velocity(element: Element, origin) -> Twist:
+    """How an element's surface moves, about the origin of its pose."""
+    omega = element.surface_angular_velocity
+    linear = element.surface_velocity + np.cross(omega, np.asarray(origin) - element.surface_center)
+    return Twist(linear=_vector(linear), angular=_vector(omega))
+
+
+def _vector(v) -> Vector3:
+    x, y, z = map(float, v)
+    return Vector3(x=x, y=y, z=z)
