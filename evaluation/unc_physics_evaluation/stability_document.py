@@ -26,7 +26,7 @@ POSITION_STD, ROTATION_STD, EXTENT, FLAGS, MEASURE = (
     "measure_",
 )
 GAIN_LIMIT, GAIN_GOAL, LOSS_LIMIT = 0.01, 0.001, 0.02
-FOUND_GOAL, FALSE_GOAL = 0.8, 0.05
+FOUND_GOAL, FALSE_GOAL = 0.95, 0.03
 AT_REST = (
     "body_in_bin",
     "hundred_metres_rest",

@@ -151,7 +151,10 @@ def test_imports_that_swallow_an_interrupt_do_not_get_it():
 @pytest.mark.parametrize(
     "options, words",
     [
-        (["--seed", "3"], "--seed 3 has no effect, as sigma_points draws nothing"),
+        (
+            ["--propagator", "sigma_points", "--seed", "3"],
+            "--seed 3 has no effect, as sigma_points draws nothing",
+        ),
         (["--period", "5"], "--period 5 s is not below the horizon of 0.02 s"),
         (["--horizon", "0.012"], "horizon of 0.012 s is rounded to 1 step of dt = 0.01 s, 0.01 s"),
     ],

@@ -70,7 +70,8 @@ def test_no_propagator_is_named(path):
 def test_names_are_found():
     source = (
         '"""Of MonteCarlo."""\nfrom ..propagators.surrogate import SurrogateCarry\nx = "by monte_carlo'
-        ' alone"\ny = "sigma_points"'
+        ' alone"\ny = "'
+        f'{DEFAULT}"'
     )
     found = [name for _, text in words(ast.parse(source)) for name in named(text)]
     assert sorted(found) == ["SurrogateCarry", "monte_carlo", "surrogate"]

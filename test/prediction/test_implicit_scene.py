@@ -188,7 +188,7 @@ def test_the_command_says_which_physics(tmp_path, capsys):
     assert physics["overlap"] == "project"
     assert np.shape(answer["bodies"][0]["samples"]) == (2, 13)
     assert main(["predict", str(path), "--horizon", "0.1"]) == 0
-    assert capsys.readouterr().out.startswith("sigma_points; implicit, dt 0.0041667 s, stiffness ")
+    assert capsys.readouterr().out.startswith("auto; implicit, dt 0.0041667 s, stiffness ")
 
 
 def test_the_command_says_where_the_prediction_began(tmp_path, capsys):

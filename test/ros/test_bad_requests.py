@@ -253,7 +253,7 @@ BAD = {
     "samples twice": (
         with_option(("samples", "5"), propagator="monte_carlo", samples=7),
         "INVALID_OPTION",
-        "samples.*twice",
+        "samples is given twice",
     ),
     "wrong option": (with_option(("points", "many")), "INVALID_OPTION", "points"),
     "option twice": (

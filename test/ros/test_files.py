@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
+from launching import prefix_with_the_package
 from message_fields import element_type, message_type
 from running import Inbox, NodeProcess
 from scenes import assert_answered
@@ -38,6 +39,7 @@ def test_a_node_starts_with_the_parameter_file_and_without_models_or_kernels():
     others = "-p", "models_dir:=/nowhere", "-p", "warm_up:=['']"
     with NodeProcess("--params-file", str(ROOT / "config" / "unc_physics.yaml"), *others) as process:
         assert process.end() == 0
+        assert "models_dir is no folder: /nowhere" in process.output
 
 
 def test_rviz_shows_covariances_in_the_fixed_frame():
@@ -48,8 +50,9 @@ def test_rviz_shows_covariances_in_the_fixed_frame():
 
 
 @pytest.mark.parametrize("path", sorted((ROOT / "launch").glob("*.py")), ids=lambda path: path.name)
-def test_a_launch_file_loads(path):
+def test_a_launch_file_loads(path, tmp_path, monkeypatch):
     pytest.importorskip("launch_ros", reason="needs launch and launch_ros, which are not on PyPI")
+    monkeypatch.setenv("AMENT_PREFIX_PATH", prefix_with_the_package(tmp_path)["AMENT_PREFIX_PATH"])
     spec = importlib.util.spec_from_file_location("launched", path)
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)

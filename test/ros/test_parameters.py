@@ -66,7 +66,8 @@ def test_a_rejected_change_says_why(change, name, value, reason):
 
 def test_physics_change_between_predictions(change, client):
     def fall():
-        request = request_of(moving_object(position=(0.0, 0.0, 0.0), velocity=(0.0, 0.0, 0.0)), horizon=1.0)
+        falling = moving_object(position=(0.0, 0.0, 0.0), velocity=(0.0, 0.0, 0.0))
+        request = request_of(falling, horizon=1.0, propagator="sigma_points")
         with_physics(request, gravity=None)
         response = client.predict(request, node="parameters")
         assert_answered(response)

@@ -43,6 +43,13 @@ def test_a_signal_while_it_starts_ends_the_node_cleanly(with_signal, delay):
         assert "KeyboardInterrupt" in output and delay < 1.0, output
 
 
+def test_a_signal_as_soon_as_it_is_ready_ends_the_node_cleanly():
+    for _ in range(3):  # its executor takes up services while they are taken back
+        with NodeProcess("-p", "warm_up:=['']", name="hasty") as process:
+            assert process.end() == 0
+            assert "Traceback" not in process.output and "abort" not in process.output
+
+
 def test_two_clients_do_not_wait_for_each_other(node, client):
     long = good_request(propagator="monte_carlo", samples=5000, horizon=50.0, max_computation_time=2.0)
     with Client() as other:
@@ -74,7 +81,7 @@ def test_with_an_empty_cache_it_says_what_it_does_and_answers(client, tmp_path, 
     output, _ = process.communicate(timeout=60.0)
     assert "dt" in names
     assert process.returncode == 0
-    assert "warming up sigma_points" in said and "ready" not in output
+    assert "warming up auto" in said and "ready" not in output
     assert "Traceback" not in output
 
 

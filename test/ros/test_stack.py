@@ -95,6 +95,13 @@ def test_in_the_executor_of_others(robot, client):
     assert result_of(waiting).result.error_code == ErrorCode.TIMEOUT
 
 
+def test_a_request_to_a_node_that_is_closing_is_answered(robot, client):
+    robot.server.ending = "is shutting down"
+    robot.server.pool.shutdown()
+    result = client.predict(good_request(), node="robot_1/unc_physics").result
+    assert result.error_code == ErrorCode.CANCELED and "is shutting down" in result.error_msg
+
+
 def test_where_rclpy_does_not_hand_over_the_callback_answers(robot, client):
     class Otherwise:
         """As an rclpy that would not ask the service's object to send."""

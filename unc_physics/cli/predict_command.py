@@ -10,7 +10,7 @@ from importlib.util import find_spec
 from pathlib import Path
 
 from ..checks.shown import printable
-from ..propagators.names import DEFAULT, entries
+from ..propagators.names import ANYTIME, entries
 from .output import check_output, note, writing
 
 _SHOWN_STATE = 1000.0  # bytes of a body's state as Python's numbers and as text
@@ -31,9 +31,9 @@ def add_predict_command(commands) -> None:
     parser.add_argument("scene", metavar="SCENE.yaml", help="scene file")
     parser.add_argument(
         "--propagator",
-        default=DEFAULT,
+        default=ANYTIME,
         metavar="NAME",
-        help=f"how uncertainty is propagated, by default {DEFAULT}: one of {', '.join(entries())}",
+        help=f"how uncertainty is propagated, by default {ANYTIME}: one of {', '.join(entries())}",
     )
     parser.add_argument(
         "--samples", type=int, metavar="N", help="number of samples, for a propagator that draws them"

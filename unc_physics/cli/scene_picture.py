@@ -158,8 +158,9 @@ def _draw_view(axes, prediction, beliefs, view, low, high):
             path = np.array([belief.mean[k, POSITION] for belief in beliefs]) @ view[:2].T
             axes.plot(*path.T, color=0.5 * color, linewidth=0.8, zorder=4, path_effects=halo)
             now = Mode(1.0, beliefs[0].mean[k], beliefs[0].marginal(k))
-            outcomes = prediction.answers.modes(prediction, k)
-            for mode, width in ((now, 0.9), *((mode, 1.8) for mode in outcomes)):
+            outcomes = prediction.answers.modes(prediction, k) if body.free else ()
+            drawn = ((now, 0.9), *((mode, 1.8) for mode in outcomes)) if body.free else ()
+            for mode, width in drawn:
                 P = view[:2] @ mode.covariance[ERR_POSITION, ERR_POSITION] @ view[:2].T
                 axes.add_patch(
                     ellipse(

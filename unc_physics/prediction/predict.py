@@ -23,7 +23,7 @@ from ..physics.compile_time import clock
 from ..physics.threads import watched
 from ..physics.time_limit import TimeLimit, time_limit
 from ..propagators.base import Propagator
-from ..propagators.names import DEFAULT
+from ..propagators.names import DEFAULT, POINTS
 from ..propagators.registry import make_propagator, names_where
 from ..propagators.start import known
 from ..scene.action_arrays import with_driven
@@ -153,6 +153,8 @@ def _predicted(scene, belief, propagator, marks, within, progress, keep_samples)
     """The prediction of what `predict` has checked."""
     horizon = marks[-1] * scene.dt
     given, belief = belief, known(scene, belief)
+    if scene.acts:  # where prescribed bodies are is not for a belief to say
+        given = belief
     if propagator.traits.mean_update == "nominal" and scene.integrator == "implicit":
         # a single rollout cannot begin in several ways
         belief = within.complete(start_belief, scene, belief)
@@ -253,8 +255,8 @@ def _grown(propagator, scene, belief, waiting, started, allowed):
 
 
 def start_belief(scene: Scene, belief: Belief) -> Belief:
-    """The belief at time 0 that predictions begin with, without a prediction: as the default propagator has
-    it.
+    """The belief at time 0 that predictions begin with, without a prediction: as points of its
+    covariance have it.
 
     Overlap is projected away from each, and what is at rest settles, as `predict` does it; nothing changes
     with the explicit integrator. It is what a propagator with a single nominal rollout begins with.
@@ -280,7 +282,7 @@ def start_belief(scene: Scene, belief: Belief) -> Belief:
     if scene.integrator == "explicit":
         return belief
     scene = with_stiffness(scene, belief.mean)
-    points = make_propagator(DEFAULT)
+    points = make_propagator(POINTS)
     return points.belief(points.init(scene, known(scene, belief)), scene)
 
 

@@ -9,8 +9,9 @@ import numpy as np
 from ..checks.errors import InvalidOptionError, LimitExceededError
 from ..checks.validation import instance, integer
 from ..propagators.base import SAMPLES_LIMIT
+from .few_rollouts import rollout_spreads
 from .prediction import Prediction
-from .status_measures import measures_at, rollout_spreads, start_of
+from .status_measures import measures_at, needs_rollouts, start_of, unevenness_at_times
 from .status_rules import BodyStatus, judged
 
 #: Rollouts with which `assess` compares what rests on a single nominal one.
@@ -25,7 +26,8 @@ def assess(prediction: Prediction, *, rollouts: int = ROLLOUTS) -> tuple[BodySta
     prediction : Prediction
     rollouts : int, optional
         How many to compare with, for a propagator that asks for it (`Propagator.compared_with_rollouts`); it
-        costs as many rollouts, where there is something to touch, or a gyroscopic term. With 0, what touched
+        costs as many rollouts, where there is something to touch, or a gyroscopic term; of points in pairs,
+        where they touched something and are uneven, or many. With 0, what touched by a single nominal rollout
         is flagged as unchecked.
 
     Returns
@@ -72,13 +74,14 @@ def assess(prediction: Prediction, *, rollouts: int = ROLLOUTS) -> tuple[BodySta
     ``directions``
         Of points that are spread along directions, for a body that touched something: in how many directions
         the bodies that they are spread for together are uncertain. Points lie farther out the more there are,
-        and most of them move a single body.
+        and most of them move a single body. It raises no flag where rollouts spread alike.
     ``rotation_std``
         Largest standard deviation of the rotation about any axis that the body would have at the end without
         contact [rad]; not of a propagator with samples of its own.
     ``spread_disagreement``
         The factor by which predicted spreads and those of a few rollouts differ, of position or rotation,
-        whichever is worse. Over twelve rollouts it is uncertain by about a sixth.
+        whichever is worse. The rollouts begin with the belief's own mean and covariance, so that it is 1
+        where all is linear.
     ``doubtful_contacts``
         The same of a body for which contacts, or their order in an impact, would have been others within a
         standard deviation (`Propagator.doubtful_since`): there a smaller factor is enough.
@@ -88,6 +91,8 @@ def assess(prediction: Prediction, *, rollouts: int = ROLLOUTS) -> tuple[BodySta
     ``unevenness``
         Of points in opposite pairs: spread of position or rotation, over that of what is opposite in the
         pairs, whichever is larger. What is not comes from curvature, by which points far out tell too much.
+        Above 1.05 rollouts are asked, and it raises no flag; what bends alike on both sides shows in these
+        alone.
     ``mean_overlap``
         Of such points, for a body that touched something: depth of the deepest pair of spheres in their mean,
         over the body's radius.
@@ -125,21 +130,19 @@ def compared_rollouts(rollouts: int, field: str = "rollouts") -> int:
 @np.errstate(all="ignore")
 def judge(prediction: Prediction, rollouts: int) -> tuple[tuple[BodyStatus, ...], ...]:
     """The statuses of a prediction that was made here."""
-    scene, initial = prediction.scene, prediction.initial
-    meets = len(scene.bodies) + len(scene.environment) > 1 or scene.gyroscopic  # else flight is exact
+    scene, start = prediction.scene, start_of(prediction)
+    uneven = unevenness_at_times(prediction, start)
     spreads = [None] * len(prediction.times)
-    if prediction.propagator.compared_with_rollouts and meets and rollouts > 0:
-        spreads = rollout_spreads(scene, initial, prediction.times, rollouts)
-    start = start_of(prediction)
-    carries = prediction.answers.carries(len(prediction.times))
+    if rollouts > 0 and needs_rollouts(prediction, start, uneven):
+        spreads = rollout_spreads(scene, prediction.initial, prediction.times, rollouts)
     return tuple(
         tuple(
             judged(scene, body.name, measures)
             for body, measures in zip(
-                scene.bodies, measures_at(scene, start, prediction, time, belief, spread, carry), strict=True
+                scene.bodies, measures_at(scene, start, prediction, time, belief, spread, bent), strict=True
             )
         )
-        for time, belief, spread, carry in zip(
-            prediction.times, prediction.beliefs, spreads, carries, strict=True
+        for time, belief, spread, bent in zip(
+            prediction.times, prediction.beliefs, spreads, uneven, strict=True
         )
     )

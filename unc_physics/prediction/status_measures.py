@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -22,11 +21,13 @@ from ..physics.layout import (
 )
 from ..physics.overlap_search import TOUCHING
 from ..physics.rotation import rotation_matrix
-from ..propagators.names import REFERENCE
+from ..propagators.names import DEFAULT
 from ..propagators.registry import make_propagator
+from ..propagators.start import known
+from .few_rollouts import pose_spreads
 from .islands import merged
 from .overlap_depths import overlaps
-from .predict import predict
+from .status_rules import RULES
 
 _DRAWN = 40  # states of a belief whose overlaps are kept
 _FAR = 5.0  # standard deviations that are not to be expected of an honest belief
@@ -34,6 +35,7 @@ _SEED = 0  # of their draws: the same question has the same status
 _NOTHING = 1e-9  # of the body's radius, and in rad: spreads below it agree
 _NOISE = 4.0  # standard deviations of a sample's mean energy that are no gain
 _USUAL = 0.95  # share of the rollouts that a residual must be small in
+_EVEN = 1.05  # unevenness up to which points are right
 _shapes = WeakKeyDictionary()
 
 
@@ -53,6 +55,7 @@ class Start(NamedTuple):
     )  # that a belief is the mean of: infinite where they are chosen instead of drawn; None for one
     directions: np.ndarray | None  # (M,), that points are spread along; None without such points
     own: dict  # measures (B,) by name that the propagator gives of its answer at the end
+    found: Any  # what points or samples learned of their own beginning; None for the explicit integrator
 
 
 def start_of(prediction):
@@ -81,11 +84,21 @@ def start_of(prediction):
         samples,
         propagator.directions(initial),
         propagator.measures(prediction.carry, scene),
+        _found(prediction),
     )
     energy, noise = _kinetic(scene, start, initial, 1)
     if samples is not None and math.isfinite(samples):
         energy += _NOISE * noise / math.sqrt(samples)
     return start._replace(energy=held + energy)
+
+
+def _found(prediction):
+    """What the rollouts learned of their own beginning; a single one begins as points do, which tell more."""
+    scene = prediction.scene
+    if scene.integrator == "implicit" and prediction.propagator.traits.mean_update == "nominal":
+        points = make_propagator(DEFAULT)
+        return points.contact_history(points.init(scene, known(scene, prediction.initial))).start
+    return prediction.contact_history.start
 
 
 def _shape(model):
@@ -96,7 +109,7 @@ def _shape(model):
     return _shapes[model]
 
 
-def measures_at(scene, start, prediction, time, belief, spreads, carry):
+def measures_at(scene, start, prediction, time, belief, spreads, uneven):
     """Measures by name of each body, at one of the prediction's times; a fixed one has none."""
     propagator, history, bodies = prediction.propagator, prediction.contact_history, len(scene.bodies)
     touched = history.first_time.min(axis=0) <= time
@@ -104,7 +117,7 @@ def measures_at(scene, start, prediction, time, belief, spreads, carry):
     touches = touched.any(axis=1) | touched[:, :bodies].any(axis=0)
     group = merged(np.arange(bodies), pairs) if len(pairs) else np.arange(bodies)
     per_body = {"initial_overlap": start.overlap / start.shapes[:, 3]} if scene.overlap == "keep" else {}
-    per_body |= _beginning(scene, start, history.start)
+    per_body |= _beginning(scene, start)
     if propagator.own_sample_count is None:
         per_body["rotation_std"] = _free_rotation_std(scene, start, time)
     if spreads is not None:
@@ -117,13 +130,12 @@ def measures_at(scene, start, prediction, time, belief, spreads, carry):
         per_body["few_samples"] = np.full(bodies, min(1.0, 1.0 / math.sqrt(2.0 * max(others, 0.5))))
     in_contact = dict(start.own)
     if touches.any():
-        if propagator.compared_with_rollouts and spreads is None:
+        if propagator.traits.mean_update == "nominal" and spreads is None:
             in_contact["unchecked"] = np.ones(bodies)
         if start.directions is not None:
             in_contact["directions"] = _directions(scene, start, group)
-            if carry is not None:
-                points = propagator.opposite_points(carry, scene)
-                in_contact["unevenness"] = _unevenness(scene, start, points)
+            if uneven is not None:
+                in_contact["unevenness"] = uneven
             in_contact["mean_overlap"] = overlaps(scene, belief.mean[None])[0][0] / start.shapes[:, 3]
         speed, gain = _energies(scene, start, belief, group)
         if not scene.acts:  # which adds energy
@@ -142,10 +154,35 @@ def measures_at(scene, start, prediction, time, belief, spreads, carry):
     ]
 
 
-def _beginning(scene, start, found):
-    """What the rollouts learned of their own beginning: values (B,) by name; none for the explicit
+def unevenness_at_times(prediction, start):
+    """At each time (B,), `_unevenness` of the points; None without such points."""
+    propagator, scene = prediction.propagator, prediction.scene
+    return [
+        None if carry is None else _unevenness(scene, start, propagator.opposite_points(carry, scene))
+        for carry in prediction.answers.carries(len(prediction.times))
+    ]
+
+
+def needs_rollouts(prediction, start, uneven):
+    """Whether a spread is to be compared with that of rollouts: one that rests on a single rollout, where
+    there is something to meet, or a gyroscopic term; on points, where one touched and they are uneven, or
+    many.
+    """
+    scene, propagator = prediction.scene, prediction.propagator
+    if propagator.traits.mean_update == "nominal" and propagator.compared_with_rollouts:
+        return len(scene.bodies) + len(scene.environment) > 1 or scene.gyroscopic  # else flight is exact
+    if not propagator.compared_with_rollouts or not np.isfinite(prediction.contact_history.first_time).any():
+        return False
+    if start.directions is None or start.directions.sum() > RULES["directions"].limit:
+        return True
+    return any(bent is None or bent.max() > _EVEN for bent in uneven)
+
+
+def _beginning(scene, start):
+    """How rollouts came free of overlap, and to rest: values (B,) by name; none for the explicit
     integrator.
     """
+    found = start.found
     if found is None:
         return {}
     keeps = found.kept > TOUCHING
@@ -155,11 +192,8 @@ def _beginning(scene, start, found):
         measures["overlap_certain"] = keeps.mean(axis=0)
     if scene.overlap != "keep" or any(body.at_rest for body in scene.bodies):
         # chosen points lie far out themselves, and may be moved as far
-        far = (
-            _FAR
-            if math.isfinite(start.samples or 1.0)
-            else max(_FAR, 1.0 + math.sqrt(0.5 * len(found.moved)))
-        )
+        drawn = start.samples is not None and math.isfinite(start.samples)
+        far = _FAR if drawn else max(_FAR, 1.0 + math.sqrt(0.5 * len(found.moved)))
         measures["overlap_moved"] = (found.moved > far).mean(axis=0)
     if any(body.at_rest for body in scene.bodies):
         measures["settled_tilt"] = np.sqrt((found.tilted**2).mean(axis=0))
@@ -207,30 +241,10 @@ def _unevenness(scene, start, points):
     return result
 
 
-def rollout_spreads(scene, initial, times, count):
-    """(T, M, 2): standard deviations of position [m] and rotation [rad] of some rollouts, at each time."""
-    if len(scene.bodies) > 2 and not scene.islands:
-        scene = replace(scene, islands=True)  # changes rollouts by nothing that counts here
-    sampled = predict(
-        scene, initial, make_propagator(REFERENCE, samples=count, seed=_SEED), None, times=times
-    )
-    return math.sqrt(count / max(count - 1, 1)) * np.array(
-        [_stds(belief.blocks) for belief in sampled.beliefs]
-    )
-
-
-def _stds(blocks):
-    """(M, 2): standard deviations of position [m] and rotation [rad], over all axes together."""
-    variances = np.einsum("mii->mi", blocks)
-    return np.sqrt(
-        np.maximum([variances[:, block].sum(axis=1) for block in (ERR_POSITION, ERR_ROTATION)], 0.0)
-    ).T
-
-
 def _disagreement(scene, start, blocks, spreads):
     """(B,): the larger factor between predicted and sampled standard deviations."""
     nothing = np.column_stack([_NOTHING * start.shapes[scene.moving, 3], np.full(len(blocks), _NOTHING)])
-    predicted = np.maximum(_stds(blocks), nothing)
+    predicted = np.maximum(pose_spreads(blocks), nothing)
     found = np.where(np.isfinite(spreads), np.maximum(spreads, nothing), math.inf)
     result = np.ones(len(scene.bodies))
     result[scene.moving] = np.maximum(predicted / found, found / predicted).max(axis=1)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from enum import IntFlag
+from typing import NamedTuple
 
 from ..propagators.names import REFERENCE
 from ..propagators.registry import names_where
@@ -22,9 +23,29 @@ class Status(IntFlag):
     INITIAL_OVERLAP = 4
 
 
-#: Flag, limit and words of each measure, with what to do; `assess` explains them.
+class Rule(NamedTuple):
+    """When a measure raises a flag.
+
+    Attributes
+    ----------
+    flag : Status
+    limit : float
+        Above which it does.
+    words : str
+        What that says, with what to do.
+    unless_compared : bool
+        Whether it does not where the spread was compared with that of rollouts, which tell more.
+    """
+
+    flag: Status
+    limit: float
+    words: str
+    unless_compared: bool = False
+
+
+#: Of each measure; `status.assess` explains them.
 RULES = {
-    "initial_overlap": (
+    "initial_overlap": Rule(
         Status.INITIAL_OVERLAP,
         0.02,
         (
@@ -32,12 +53,10 @@ RULES = {
             " implicit integrator with 'overlap: project'"
         ),
     ),
-    "overlap_share": (
-        Status.INITIAL_OVERLAP,
-        math.inf,
-        "overlapped at the start, and was moved to the nearest pose without",
+    "overlap_share": Rule(
+        Status.INITIAL_OVERLAP, math.inf, "overlapped at the start, and was moved to the nearest pose without"
     ),
-    "overlap_moved": (
+    "overlap_moved": Rule(
         Status.INITIAL_OVERLAP,
         0.01,
         (
@@ -45,7 +64,7 @@ RULES = {
             " stands; check its pose, or give it a larger covariance"
         ),
     ),
-    "overlap_kept": (
+    "overlap_kept": Rule(
         Status.INITIAL_OVERLAP,
         0.02,
         (
@@ -53,8 +72,8 @@ RULES = {
             " give it a larger covariance"
         ),
     ),
-    "overlap_certain": (Status.INITIAL_OVERLAP, 0.5, "overlaps at the start for certain; check its pose"),
-    "settled_tilt": (
+    "overlap_certain": Rule(Status.INITIAL_OVERLAP, 0.5, "overlaps at the start for certain; check its pose"),
+    "settled_tilt": Rule(
         Status.INITIAL_OVERLAP,
         math.radians(15.0),
         (
@@ -62,13 +81,13 @@ RULES = {
             " what is below it"
         ),
     ),
-    "unsettled": (
+    "unsettled": Rule(
         Status.INITIAL_OVERLAP,
         0.05,
         "is said to be at rest, and nothing holds it; put something below it, or take at_rest away",
     ),
-    "energy_gain": (Status.NOT_CONVERGED, 0.02, "energy was gained; a smaller dt, now {dt:.3g} s, helps"),
-    "contact_residual": (
+    "energy_gain": Rule(Status.NOT_CONVERGED, 0.02, "energy was gained; a smaller dt, now {dt:.3g} s, helps"),
+    "contact_residual": Rule(
         Status.NOT_CONVERGED,
         5e-3,
         (
@@ -76,12 +95,12 @@ RULES = {
             " less, help"
         ),
     ),
-    "step_times_frequency": (
+    "step_times_frequency": Rule(
         Status.NOT_CONVERGED,
         1.3,
         "the step is too long for the stiffness of contacts; lower dt, now {dt:.3g} s, to {shorter:.2g} s",
     ),
-    "impact_over_capacity": (
+    "impact_over_capacity": Rule(
         Status.NOT_CONVERGED,
         1.0,
         (
@@ -89,35 +108,40 @@ RULES = {
             " {stiffer:.2g} N/m^3, and lower dt with its root"
         ),
     ),
-    "directions": (
+    "directions": Rule(
         Status.OUTSIDE_VALIDITY,
         30.0,
         f"too many uncertain directions for as few points; islands or {_SAMPLED} helps",
+        True,
     ),
-    "rotation_std": (
+    "rotation_std": Rule(
         Status.OUTSIDE_VALIDITY,
         2.2,
         f"the rotation is too uncertain for a Gaussian; samples of {REFERENCE} are not",
     ),
-    "spread_disagreement": (Status.OUTSIDE_VALIDITY, 2.3, f"rollouts spread differently; {_ESTIMATED} helps"),
-    "doubtful_contacts": (
+    "spread_disagreement": Rule(
+        Status.OUTSIDE_VALIDITY, 2.0, f"rollouts spread differently; {_SAMPLED} helps"
+    ),
+    "doubtful_contacts": Rule(
         Status.OUTSIDE_VALIDITY,
-        1.7,
+        1.75,
         (
             "contacts may open, close or coincide otherwise within a standard deviation, and rollouts spread"
             f" differently; {_ESTIMATED} helps"
         ),
     ),
-    "few_samples": (Status.OUTSIDE_VALIDITY, 0.3, "too few samples to tell a spread"),
-    "unevenness": (Status.OUTSIDE_VALIDITY, 2.5, f"opposite points do not move oppositely; {_SAMPLED} helps"),
-    "mean_overlap": (
+    "few_samples": Rule(Status.OUTSIDE_VALIDITY, 0.3, "too few samples to tell a spread"),
+    "unevenness": Rule(
+        Status.OUTSIDE_VALIDITY, 2.5, f"opposite points do not move oppositely; {_SAMPLED} helps", True
+    ),
+    "mean_overlap": Rule(
         Status.OUTSIDE_VALIDITY,
-        0.2,
+        0.4,
         f"the mean of its points lies inside another body or the environment; {_SAMPLED} helps",
     ),
-    "surface_error": (Status.OUTSIDE_VALIDITY, math.inf, "rollouts do not tell what is between them"),
-    "mean_error": (Status.OUTSIDE_VALIDITY, 0.35, "rests on too few rollouts; more of them help"),
-    "unchecked": (
+    "surface_error": Rule(Status.OUTSIDE_VALIDITY, math.inf, "rollouts do not tell what is between them"),
+    "mean_error": Rule(Status.OUTSIDE_VALIDITY, 0.35, "rests on too few rollouts; more of them help"),
+    "unchecked": Rule(
         Status.OUTSIDE_VALIDITY,
         0.5,
         (f"its spread after a contact was not compared with rollouts; ask for some, or take {_ESTIMATED}"),
@@ -155,7 +179,9 @@ def judged(scene, name, measures):
     """The status that a body's measures make."""
     flags, reasons = Status.FINE, []
     for key, value in measures.items():
-        flag, limit, words = RULES[key]
+        flag, limit, words, unless_compared = RULES[key]
+        if unless_compared and "spread_disagreement" in measures:
+            continue
         if not value <= limit:  # also what is no number
             flags |= flag
             words = words.format(

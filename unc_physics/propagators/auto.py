@@ -10,6 +10,7 @@ import numpy as np
 from ..physics import contact_history as histories
 from ..physics.compile_time import clock
 from .cloud import FEWEST_RUNS, Cloud
+from .emission import diverged
 from .options import option
 
 _FIRST = 16  # rollouts, before it is known what more of them would be good for
@@ -64,7 +65,7 @@ class Auto(Cloud):
     def further(self, carry, scene, spent):
         count, began = len(carry.states), clock()
         more = min(count, self.runs - count)
-        if more <= 0 or self._sure(carry, scene):
+        if more <= 0 or diverged(carry.states) or self._sure(carry, scene):
             return 0
         if self.time > 0.0:
             fitted = clock() - began

@@ -247,9 +247,9 @@ class Propagator(ABC):
     def compared_with_rollouts(self) -> bool:
         """Whether a status has to compare its spread with that of rollouts.
 
-        By default where that rests on a single nominal one.
+        By default where that rests on a single nominal one, or on points in pairs.
         """
-        return self.traits.mean_update == "nominal"
+        return self.traits.mean_update == "nominal" or self.points_in_pairs
 
     def directions(self, initial: Belief) -> np.ndarray | None:
         """(M,): number of directions in which each moving body's points are spread; None without points."""

@@ -22,6 +22,7 @@ _CLIPPED = ((ERR_POSITION.start, ERR_VELOCITY.start), (ERR_ROTATION.start, ERR_A
 _WEIGHTS = ((ERR_POSITION, 1.0), (ERR_VELOCITY, 0.5), (ERR_ROTATION, 1.0), (ERR_ANGULAR_VELOCITY, 0.5))
 #: Standard deviations below which a block of an outcome is constant: of the body's radius, or rad.
 _CONSTANT = 1e-6
+_DIVERGED = 1e100
 _WIDEST = 2.0  # times, that samples are scaled by at most
 #: Error over variance above which there is no surface.
 NO_SURFACE = 1.0
@@ -82,6 +83,8 @@ def emitted(runs: Runs, scene: Scene, z: np.ndarray, fitted: bool) -> np.ndarray
         Whether there is to be a surface between the rollouts.
     """
     states = np.tile(runs.mean, (len(z), 1, 1))
+    if diverged(runs.states):
+        return np.full_like(states, np.nan)
     ends = _model_centers(runs, scene)
     for group in _groups(runs, scene):
         if group.flew:
@@ -91,6 +94,11 @@ def emitted(runs: Runs, scene: Scene, z: np.ndarray, fitted: bool) -> np.ndarray
         else:
             states[:, group.bodies] = ends[:1, group.bodies]
     return states
+
+
+def diverged(states: np.ndarray) -> bool:
+    """Whether states are no numbers, or so large that their squares are none."""
+    return not bool((np.abs(states) < _DIVERGED).all())
 
 
 def surface_errors(runs: Runs, scene: Scene) -> np.ndarray:

@@ -14,6 +14,7 @@ from ..scene.action_arrays import start_states
 from ..scene.belief import Belief
 from ..scene.parameters import center_offsets, draw_parameters, moved_along
 from ..scene.physics_keys import INTEGRATORS
+from ..scene.scene import Scene
 from .base import SAMPLES_LIMIT, Propagator, Traits, rolled
 from .free_flight import course_of
 from .joining import joined_history
@@ -74,13 +75,17 @@ class MonteCarlo(Propagator):
         if self.reduce and symmetric(scene) and scene.overlap != "reject":
             drawn, common, motion = self._reduced(scene, belief)
         else:
-            drawn = draw(scene, belief, self.samples, self.seed)
+            drawn = self.drawn(scene, belief)
         states, history = begin(scene, belief, drawn)
         if scene.draws_impacts:
             history = histories.with_keys(history, self.seed)
         z = draw_parameters(scene, self.samples, self.seed)
         states = moved_along(start_states(scene, states, z), center_offsets(scene, z))
         return MonteCarloCarry(states, history, 0, z, common, motion)
+
+    def drawn(self, scene: Scene, belief: Belief) -> np.ndarray:
+        """(N, B, 13): states drawn from a belief."""
+        return draw(scene, belief, self.samples, self.seed)
 
     def _reduced(self, scene, belief):
         """States (N, B, 13), common motions (N, 6), and their root."""

@@ -21,15 +21,19 @@ BUILT_IN = {
     "cloud": "cloud:Cloud",
     "auto": "auto:Auto",
 }
-#: What takes the place of a propagator that is not named.
-DEFAULT = "sigma_points"
+#: What takes the place of a propagator that is not named, in Python.
+DEFAULT = "cloud"
 #: Plain rollouts of drawn states, which a prediction is compared with; has the options ``samples`` and
 # ``seed``.
 REFERENCE = "monte_carlo"
 
-#: Goes on until an error is small enough or a time is used up; has the options ``error``, ``position_error``,
-# ``rotation_error``, ``probability_error`` and ``time``.
+#: Goes on until an error is small enough or a time is used up, and is what command line and node take where
+# none is named; has the options ``error``, ``position_error``, ``rotation_error``, ``probability_error`` and
+# ``time``.
 ANYTIME = "auto"
+
+#: By whose points the belief is found that a single nominal rollout begins with.
+POINTS = "sigma_points"
 
 
 def entries() -> dict[str, EntryPoint]:

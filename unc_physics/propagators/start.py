@@ -42,6 +42,7 @@ _ASLEEP = 0.1  # how long what has settled has not moved [s]
 #: Of the height [m] and tilt [rad] of what is at rest: they come from contact, and no belief is surer of
 # them.
 _LEAST_STD, _LEAST_TILT = 5e-3, 0.03
+_HONEST_STD = 3e-3  # of the height of what is at rest, of which being off is no news [m]
 
 
 def known(scene: Scene, belief: Belief) -> Belief:
@@ -260,7 +261,7 @@ def _note_settling(scene, belief, drawn, states, start, resting):
     turned = [rotation_matrix(belief.mean[k, QUATERNION]) for k in bodies]
     spreads = [R @ P[ERR_ROTATION, ERR_ROTATION] @ R.T for R, P in zip(turned, blocks, strict=True)]
     tilts = np.sqrt([np.trace(flat @ spread @ flat) / 2.0 for spread in spreads])
-    far = sunk / np.maximum(std, _LEAST_STD), start.tilted[:, bodies] / np.maximum(tilts, _LEAST_TILT)
+    far = sunk / np.maximum(std, _HONEST_STD), start.tilted[:, bodies] / np.maximum(tilts, _LEAST_TILT)
     start.moved[:, bodies] = np.maximum.reduce([start.moved[:, bodies], *far])
 
 

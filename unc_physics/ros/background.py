@@ -12,7 +12,7 @@ from rclpy.qos import QoSProfile
 
 from unc_physics_msgs.msg import Result
 
-from ..checks.errors import NotActiveError
+from ..checks.errors import CanceledError, NotActiveError
 from .requests import write_error
 
 _DISCOVERY = 0.02  # s, between looks whether a service is discovered
@@ -76,7 +76,12 @@ class BackgroundService:
         self._server.hand_over.works = True
         if hasattr(response, "result"):
             response.result = Result()
-        self._server.pool.submit(self._work, request, response, header)
+        try:
+            self._server.pool.submit(self._work, request, response, header)
+        except RuntimeError:  # the pool takes no more: the node is closing
+            if hasattr(response, "result"):
+                write_error(response.result, CanceledError(self._server.ending, field="the node"))
+            self._send(response, header)
 
     def _work(self, request, response, header):
         try:

@@ -13,7 +13,7 @@ import tempfile
 from pathlib import Path
 
 from ..checks.errors import OutputError
-from ..propagators.names import DEFAULT, REFERENCE
+from ..propagators.names import ANYTIME, REFERENCE
 from .demo_client import NODE
 
 _END_TIMEOUT = 10.0  # s
@@ -32,7 +32,7 @@ _PHYSICS = {  # the paper's
 
 def node_command() -> list[str]:
     """Command line of the demo's node: weightless bunnies, and zeros mean exactly known."""
-    parameters = _PHYSICS | {"zero_covariance": "exact", "warm_up": f"[{DEFAULT}, {REFERENCE}]"}
+    parameters = _PHYSICS | {"zero_covariance": "exact", "warm_up": f"[{ANYTIME}, {REFERENCE}]"}
     options = [part for name, value in parameters.items() for part in ("-p", f"{name}:={value}")]
     return [sys.executable, "-m", "unc_physics.ros.node", "--ros-args", "-r", f"__node:={NODE}", *options]
 

@@ -15,7 +15,7 @@ import rclpy
 from unc_physics_msgs.msg import ObjectState, Prediction, PredictionRequest, Result, Scene
 from unc_physics_msgs.srv import Predict
 
-from ..propagators.names import DEFAULT, REFERENCE
+from ..propagators.names import ANYTIME, REFERENCE
 from ..propagators.registry import PROPAGATORS
 from .durations import duration, seconds
 
@@ -51,13 +51,13 @@ def _bunny(name, position, velocity, orientation):
 
 
 def requests() -> dict[str, PredictionRequest]:
-    """The same question to two propagators: the default one with the path there, the reference with poses
+    """The same question to two propagators: the node's own with the path there, the reference with poses
     drawn.
     """
     common = {"scene": Scene(objects=scene()), "horizon": duration(HORIZON), "seed": SEED}
     return {
-        PROPAGATORS[DEFAULT].label: PredictionRequest(
-            propagator=DEFAULT, trajectory_period=duration(PERIOD), **common
+        PROPAGATORS[ANYTIME].label: PredictionRequest(
+            propagator=ANYTIME, trajectory_period=duration(PERIOD), **common
         ),
         PROPAGATORS[REFERENCE].label: PredictionRequest(
             propagator=REFERENCE, samples=SAMPLES, return_samples=SHOWN_SAMPLES, **common

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import os
 import tempfile
@@ -49,8 +50,11 @@ class ModelLibrary:
             self.packed.cleanup()
 
     def _scan(self):
+        found = {}
+        with contextlib.suppress(UnknownModelError):  # a folder may be there later
+            found = list_models(self._models_dir)
         with self._lock:
-            for name, path in list_models(self._models_dir).items():
+            for name, path in found.items():
                 self._paths.setdefault(name, path)
 
     @property

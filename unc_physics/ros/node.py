@@ -26,6 +26,9 @@ from .server import PredictionServer
 # Python's 5 ms would let other threads' bookkeeping hold up a prediction that is nearly done
 _SWITCH_INTERVAL = 5e-4  # s
 _LOOK = 0.5  # s, between looks whether the node is ready, or cannot be
+_SETTLED_WITHIN = 2.0  # s
+# until the process ends: an events executor that is freed while it knows callbacks aborts the process
+_ended_executors = []
 
 
 class ServingNode(Node):
@@ -133,6 +136,8 @@ def run(make_node, arguments=None) -> int:
         return int(ErrorCode.INVALID_OPTION)
     finally:
         if node is not None:
+            if spinning is not None:
+                spinning.settle()
             node.server.close()
             if spinning is not None:
                 spinning.end()
@@ -164,9 +169,18 @@ class Spinning:
                     return
                 self._node.get_logger().error(f"a callback failed:\n{traceback.format_exc()}")
 
+    def settle(self):
+        """Wait until the executor has taken up what was advertised just now: it fails where that is gone by
+        then.
+        """
+        done = threading.Event()
+        self._executor.create_task(done.set)
+        done.wait(_SETTLED_WITHIN)
+
     def end(self):
         """Return when the thread has ended."""
         self._ended.set()
+        _ended_executors.append(self._executor)
         self._executor.shutdown()
         self._thread.join()
 

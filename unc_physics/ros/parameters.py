@@ -16,7 +16,7 @@ from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescri
 from ..checks.errors import InvalidOptionError, UncPhysicsError
 from ..checks.validation import non_negative
 from ..prediction.status import compared_rollouts
-from ..propagators.names import DEFAULT, REFERENCE
+from ..propagators.names import ANYTIME, DEFAULT, REFERENCE
 from ..propagators.registry import PROPAGATORS, names_where
 from ..scene.materials import refuse_with_explicit
 from ..scene.physics_keys import INTEGRATORS, OVERLAPS, PHYSICS_KEYS, check_integrator
@@ -71,7 +71,7 @@ class Settings:
     )
 
     default_propagator: str = parameter(
-        DEFAULT, "Propagator of requests that name none.", choices=tuple(PROPAGATORS)
+        ANYTIME, "Propagator of requests that name none.", choices=tuple(PROPAGATORS)
     )
     dt: float = physics_key("dt", low=1e-6, high=1.0)
     stiffness: float | str = physics_key("stiffness", AUTO)
@@ -92,7 +92,7 @@ class Settings:
     )
     islands: bool = physics_key("islands", True)
     warm_up: tuple[str, ...] = parameter(
-        (DEFAULT, REFERENCE),
+        (ANYTIME, REFERENCE),
         "Propagators whose kernels are compiled, or loaded, before the node "
         "is ready; others' are when they are first asked for. Those of other packages that do not run "
         "on the integrator are left out.",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import functools
+import os
 import threading
 import time
 import traceback
@@ -15,6 +16,7 @@ from unc_physics_msgs.msg import Result
 from unc_physics_msgs.srv import ListModels
 
 from ..checks.errors import CanceledError, ErrorCode, UncPhysicsError
+from ..checks.shown import printable
 from .background import HandOver
 from .candidates_service import CandidatesService
 from .capabilities_service import CapabilitiesService
@@ -58,7 +60,7 @@ class PredictionServer:
         self.markers: Any = None
         self.pool: ThreadPoolExecutor | None = None
         self.hand_over: Any = None
-        self._ending: str | None = None  # why predictions end
+        self.ending: str | None = None  # why predictions end
         self._said_zeros = self._said_misspelt = False
         self._opened = threading.Lock()
         self._open = []
@@ -77,6 +79,8 @@ class PredictionServer:
         """Find the models and warm up the kernels; takes minutes when nothing is in the cache yet."""
         started = time.perf_counter()
         self.library = ModelLibrary(self.settings.models_dir, self.settings.allow_model_paths)
+        if (folder := self.settings.models_dir) and not os.path.isdir(os.path.expanduser(folder)):
+            self.log.warning(f"models_dir is no folder: {printable(folder)}")
         names = [name for name in self.settings.warm_up if name]
         self.log.info(
             f"warming up {', '.join(names) or 'nothing'}: seconds where its kernels are compiled, minutes at"
@@ -95,7 +99,7 @@ class PredictionServer:
     def open(self) -> None:
         """Advertise everything."""
         with self._opened:
-            self._ending = None
+            self.ending = None
             self.frames = self.frames or Frames(
                 self.node, self.settings.world_frame, lambda: self.settings.transform_timeout
             )
@@ -125,7 +129,7 @@ class PredictionServer:
         why : str
             What those errors say of the node.
         """
-        self._ending = why
+        self.ending = why
         with self._opened:
             if self.pool is not None:
                 self.pool.shutdown()
@@ -154,8 +158,8 @@ class PredictionServer:
         """
 
         def look(done, steps):
-            if self._ending is not None:
-                raise CanceledError(self._ending, field="the node")
+            if self.ending is not None:
+                raise CanceledError(self.ending, field="the node")
             if progress is not None:
                 progress(job, done, steps)
 

@@ -106,7 +106,7 @@ class Drawing:
         """A body's samples: its coarse shape, many times; None where there is nothing to see."""
         body = self._scene.bodies[k]
         count = self.frames.ghost_positions.shape[1]
-        if body.fixed or count == 0:
+        if not body.free or count == 0:
             return None
         vertices, faces = joined_spheres(body.model, _GHOST_SPHERES, 1)
         return self._page.add_batched_meshes_simple(

@@ -76,9 +76,9 @@ def frames_of(prediction: Prediction, ghosts: int) -> Frames:
         drawn[0] = drawn[0][: len(drawn[1])]
     states = np.array(drawn).reshape(len(beliefs), -1, *means.shape[1:])
     bodies = prediction.scene.bodies
-    last = [() if not body.free else prediction.answers.modes(prediction, k) for k, body in enumerate(bodies)]
+    last = [prediction.answers.modes(prediction, k) if body.free else () for k, body in enumerate(bodies)]
     shown: list[list[tuple[Ellipsoid, ...]]] = [
-        [() if not body.free else (_ellipsoid(_single(belief, k)),) for k, body in enumerate(bodies)]
+        [(_ellipsoid(_single(belief, k)),) if body.free else () for k, body in enumerate(bodies)]
         for belief in beliefs
     ]
     shown[-1] = [tuple(_ellipsoid(mode) for mode in modes if mode.weight > _LIKELY) for modes in last]

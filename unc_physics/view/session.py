@@ -91,7 +91,7 @@ class Session:
             return ""
         lines = [f"**{prediction.propagator.name}**, {_duration(prediction.wall_time)}", ""]
         for body in prediction.bodies:
-            if body.position_std.any():
+            if not (body.fixed or body.prescribed):
                 std = ", ".join(f"{1e3 * value:.2g}" for value in body.position_std)
                 lines.append(f"- **{_plain(body.name)}**: ± {std} mm")
         lines += ["", *self._probabilities(prediction), ""]
@@ -121,7 +121,8 @@ class Session:
     def _modes(self, prediction):
         """Bodies whose outcomes split, and how probable each outcome is."""
         for body in prediction.bodies:
-            weights = [] if not body.position_std.any() else [mode.weight for mode in body.modes]
+            certain = body.fixed or body.prescribed
+            weights = [] if certain else [mode.weight for mode in body.modes]
             if len(weights) > 1:
                 yield body.name, ", ".join(f"**{weight:.2f}**" for weight in weights)
 

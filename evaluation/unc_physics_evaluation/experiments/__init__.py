@@ -40,7 +40,7 @@ DEFAULT = (
     "pictures",
 )
 #: Those that take long alone on the machine, or need more than this package.
-BY_NAME = ("propagators", "scenes", "packing", "latency", "same_bits")
+BY_NAME = ("pushes", "propagators", "scenes", "packing", "latency", "same_bits")
 NAMES = DEFAULT + BY_NAME
 
 

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from unc_physics import make_propagator, predict
+from unc_physics.physics.layout import ERR_POSITION, ERR_ROTATION
+from unc_physics.prediction.status import Status, assess
 
 from ..goals import Figure, goal_tables, goals_met_by
 from ..jobs import Job, Outcome, Row, Settings
+from ..judgement import Judged, any_of, judge, rates
 from ..methods import MONTE_CARLO
 from ..random_scenes import KINDS, random_case
 from ..regions import PARTS, held
@@ -28,7 +33,10 @@ METHODS = {
 }
 #: Those whose regions are to be right.
 JUDGED = ("cloud-32", "auto")
-SURFACE_ERROR, ROLLOUTS = "surface_error", "rollouts"
+IGNORED = Status.INITIAL_OVERLAP
+ROLLOUTS, BAD, FLAGGED = "rollouts", "bad", "flagged"
+#: Spreads below count as nothing [m], [rad]: a contact's own compliance, not the belief's.
+NOTHING = (5e-5, 1e-3)
 
 
 def jobs(settings: Settings) -> list[Job]:
@@ -41,10 +49,11 @@ def jobs(settings: Settings) -> list[Job]:
 
 
 def run(job: Job) -> Outcome:
-    """Shares of the outcomes that each method's regions hold, means over the bodies."""
+    """Shares of the outcomes that each method's regions hold, and whether its flags are right."""
     scene, belief, horizon = random_case(job.parameters["scene"])
     count, seed = job.parameters["truth"], job.seed("truth")
-    truth = predict(scene, belief, make_propagator(MONTE_CARLO, samples=count, seed=seed), horizon).samples()
+    outcomes = predict(scene, belief, make_propagator(MONTE_CARLO, samples=count, seed=seed), horizon)
+    truth, true = outcomes.samples(), outcomes.belief
     rows = []
     for name, (of, options) in METHODS.items():
         own = make_propagator(of, **options)
@@ -60,10 +69,27 @@ def run(job: Job) -> Outcome:
             held(prediction[body.name].modes, samples[:, k], truth[:, k], LEVEL)
             for k, body in enumerate(scene.bodies)
         ]
-        for part in PARTS:
-            share = float(np.mean([one[part] for one in shares]))
-            rows.append(Row(name, part, "1", share, rollouts, 0, prediction.seed))
+        found = {part: float(np.mean([one[part] for one in shares])) for part in PARTS}
+        judged = any_of(
+            judge(
+                _spread(own_moments),
+                _spread(moments),
+                body.model.bounding_radius,
+                bool(status.flags & ~IGNORED),
+            )
+            for own_moments, moments, body, status in zip(
+                prediction.belief.blocks, true.blocks, scene.bodies, assess(prediction), strict=True
+            )
+        )
+        found |= {BAD: float(judged.bad), FLAGGED: float(judged.flagged)}
+        rows += [Row(name, key, "1", value, rollouts, 0, prediction.seed) for key, value in found.items()]
     return Outcome(rows)
+
+
+def _spread(P):
+    """Standard deviations of position and rotation of a covariance (12, 12), over all axes together."""
+    whole = (math.sqrt(max(np.trace(P[block, block]), 0.0)) for block in (ERR_POSITION, ERR_ROTATION))
+    return [value if value > nothing else 0.0 for value, nothing in zip(whole, NOTHING, strict=True)]
 
 
 def sections(results: Results) -> dict[str, list[Figure]]:
@@ -86,14 +112,26 @@ def sections(results: Results) -> dict[str, list[Figure]]:
                 )
             else:
                 others.append(Figure(f"{name}, {part}", "outcomes held", value, "%", note=note))
-    return {"Regions that hold 90 % of the samples": figures, "Others": others}
+    flags = []
+    for name in METHODS:
+        own = rows.where(method=name)
+        bad, flagged = (own.where(quantity=quantity).values() > 0.5 for quantity in (BAD, FLAGGED))
+        judged = rates(Judged(1.0, 1.0, *one) for one in zip(bad, flagged, strict=True))
+        note = f"{judged.bad} bad, {judged.good} good"
+        shares = ("bad ones flagged", judged.found_share), ("good ones flagged", judged.false_share)
+        flags += [Figure(what, name, share, "", note=note) for what, share in shares if not math.isnan(share)]
+    return {
+        "Regions that hold 90 % of the samples": figures,
+        "Others": others,
+        "Flags where a spread is off by more than a factor of 2": flags,
+    }
 
 
 verdict = goals_met_by(sections)
 
 
 def report(results: Results) -> str:
-    """Both tables."""
+    """All tables."""
     rows = results.rows("regions")
     about = (
         f"{len(rows.unique('scene'))} scenes at random, {rows[0]['truth']} outcomes of each by Monte Carlo: a"

@@ -158,11 +158,11 @@ def _over_floor(rows, method, samples, quantity):
     """Error over the floor in each encounter, with each sigma, of each model."""
     found = rows.where(method=method, samples=samples, quantity=quantity)
     floor = rows.where(method=FLOOR, quantity=quantity)
-    cases = itertools.product(*(found.unique(name) for name in CASE))
     ratios = []
-    for case in cases:
+    for case in itertools.product(*(found.unique(name) for name in CASE)):
         own = dict(zip(CASE, case, strict=True))
-        ratios.append(found.where(**own).mean() / floor.where(**own).mean())
+        if found.where(**own):  # an interrupted run lacks some
+            ratios.append(found.where(**own).mean() / floor.where(**own).mean())
     return np.array(ratios)
 
 

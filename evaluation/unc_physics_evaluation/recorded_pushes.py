@@ -1,0 +1,255 @@
+"""Real pushes of a block over a table, as recorded by others, and the scenes that stand for them."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from unc_physics.geometry.packing_file import SpherePacking
+from unc_physics.physics.layout import POSITION, QUATERNION, STATE
+from unc_physics.scene.actions import PosePath
+from unc_physics.scene.belief import Belief
+from unc_physics.scene.body import RigidBody
+from unc_physics.scene.environment import Plane
+from unc_physics.scene.scene import Scene
+
+FOLDER = Path(__file__).parent / "data" / "pushes"
+KINDS = ("point", "two_point_translation", "two_point_rotation")
+PATCH = 4  # the support by the whole face
+DT = 1.0 / 120.0  # s
+_GRAVITY = 9.81  # m/s^2
+_TIP, _EDGE, _SPACING, _FOOT = 1.5e-4, 3e-3, 1.5e-4, 3e-3  # m: radii of tips, edges and feet; between spheres
+_HEIGHT = 0.0125  # m, of the tips above the block's underside
+_STIFFNESS = 1e11  # N/m^3: at which a tip sinks in by 0.02 mm
+#: What is not known of the pushes: standard deviations of both frictions, of where the load is, as feet rub
+#: unlike each other [m], and of the pusher's frame [m].
+_TABLE_STD, _PUSHER_STD, _LOAD_STD, _FRAME_STD = (0.02, 0.03), 0.1, 4e-3, 8e-4
+
+
+class Pushes(NamedTuple):
+    """Recorded pushes.
+
+    Attributes
+    ----------
+    kind, support, surface : (N,) int arrays
+    before, after : (N, 3) arrays
+        Place of the block's right-angled corner in the table [m], and its yaw [rad].
+    paths : tuple of (n, 5) arrays
+        Times [s], and place [m] and yaw [rad] of each pusher's tip, or of the middle of its two.
+    supports : (4, 3, 2) array
+        Where the block's feet are, from that corner [m].
+    polygon, com : arrays
+        Its corners (3, 2) and its centre of mass (2,) from there [m].
+    height, mass : float
+        [m], [kg]
+    table_friction : (2,) array
+        Of each surface.
+    pusher_friction : float
+    """
+
+    kind: np.ndarray
+    support: np.ndarray
+    surface: np.ndarray
+    before: np.ndarray
+    after: np.ndarray
+    paths: tuple[np.ndarray, ...]
+    supports: np.ndarray
+    polygon: np.ndarray
+    com: np.ndarray
+    height: float
+    mass: float
+    table_friction: np.ndarray
+    pusher_friction: float
+
+
+@cache
+def recorded_pushes() -> Pushes:
+    """The pushes of the package's data, with the correction of the tip that the README beside them gives."""
+    with np.load(FOLDER / "pushes.npz") as file:
+        data = {name: file[name] for name in file.files}
+    shift = data["pusher_tip_correction_point"]
+    paths = []
+    for k, (first, last) in enumerate(
+        zip(data["pusher_offset"][:-1], data["pusher_offset"][1:], strict=True)
+    ):
+        t, pose = data["pusher_t"][first:last], data["pusher_pose"][first:last].astype(float)
+        yaw = np.unwrap(pose[:, 3])
+        place = pose[:, :2].copy()
+        if data["kind"][k] == 0:
+            c, s = np.cos(yaw), np.sin(yaw)
+            place += np.column_stack([c * shift[0] - s * shift[1], s * shift[0] + c * shift[1]])
+        paths.append(_ascending(np.column_stack([t.astype(float), place, yaw])))
+    return Pushes(
+        data["kind"].astype(int),
+        data["support_id"].astype(int),
+        data["surface_id"].astype(int),
+        data["object_planar_before"],
+        data["object_planar_after"],
+        tuple(paths),
+        data["support_points"],
+        data["object_polygon"],
+        data["object_com"],
+        float(data["object_height"]),
+        float(data["object_mass"]),
+        data["friction_surface_estimate"],
+        float(data["friction_pusher_estimate"]),
+    )
+
+
+def _ascending(path):
+    """The rows of a path whose times ascend."""
+    kept = np.concatenate([[True], np.diff(np.maximum.accumulate(path[:, 0])) > 1e-6])
+    return path[kept]
+
+
+@cache
+def block(support: int) -> SpherePacking:
+    """The block on its feet: rows of small spheres along its edges, as high as tips touch, and its feet."""
+    pushes = recorded_pushes()
+    corners, com = pushes.polygon, pushes.com
+    low = -0.5 * pushes.height
+    centers, radii = [], []
+    for a, b in zip(corners, np.roll(corners, -1, axis=0), strict=True):
+        along = (b - a) / np.linalg.norm(b - a)
+        inward = np.array([-along[1], along[0]])
+        length = float(np.linalg.norm(b - a))
+        margin = _EDGE / math.tan(math.radians(22.5))
+        places = np.arange(margin, length - margin, _SPACING)
+        row = a + places[:, None] * along + _EDGE * inward - com
+        centers.append(np.column_stack([row, np.full(len(row), low + _HEIGHT)]))
+        radii.append(np.full(len(row), _EDGE))
+    feet = feet_of(support) - com
+    centers.append(np.column_stack([feet, np.full(len(feet), low + _FOOT)]))
+    radii.append(np.full(len(feet), _FOOT))
+    places, sizes = np.concatenate(centers), np.concatenate(radii)
+    reach = float(np.max(np.linalg.norm(places, axis=1) + sizes))
+    return SpherePacking(
+        name=f"block_{support}",
+        centers=places,
+        radii=sizes,
+        inertia=_inertia(corners, com, pushes.height),
+        volume=pushes.mass / 2700.0,
+        origin=np.zeros(3),
+        bounding_radius=reach,
+    )
+
+
+def feet_of(support: int) -> np.ndarray:
+    """(3, 2): where the block's feet are, from its corner [m].
+
+    For the whole face three points stand in, with the same mean distance from the centre as all of the face.
+    """
+    pushes = recorded_pushes()
+    if support != PATCH:
+        return pushes.supports[support]
+    arms = pushes.polygon - pushes.com
+    u, v = np.meshgrid(*[(np.arange(200) + 0.5) / 200] * 2)
+    inside = (u + v) < 1.0
+    points = (
+        pushes.polygon[0] + np.outer(u[inside], pushes.polygon[1]) + np.outer(v[inside], pushes.polygon[2])
+    )
+    mean = np.linalg.norm(points - pushes.com, axis=1).mean()
+    return pushes.com + arms * mean / np.linalg.norm(arms, axis=1).mean()
+
+
+def _inertia(corners, com, height):
+    """Inertia per unit mass of a right-angled prism about its centre of mass [m^2]."""
+    x, y = corners[:, 0] - com[0], corners[:, 1] - com[1]
+    xx, yy, xy = (x @ x) / 12.0, (y @ y) / 12.0, (x @ y) / 12.0
+    zz = height**2 / 12.0
+    return np.array([[yy + zz, -xy, 0.0], [-xy, xx + zz, 0.0], [0.0, 0.0, xx + yy]])
+
+
+@cache
+def pusher(tips: int) -> SpherePacking:
+    """One tip, or two that are 5 cm apart."""
+    places = np.zeros((1, 3)) if tips == 1 else np.array([[0.0, -0.025, 0.0], [0.0, 0.025, 0.0]])
+    reach = float(np.max(np.linalg.norm(places, axis=1))) + _TIP
+    return SpherePacking(
+        name=f"pusher_{tips}",
+        centers=places,
+        radii=np.full(tips, _TIP),
+        inertia=1e-4 * np.eye(3),
+        volume=1e-6,
+        origin=np.zeros(3),
+        bounding_radius=reach,
+    )
+
+
+@dataclass(frozen=True)
+class Push:
+    """A push as a scene, the belief about it, and how long it takes [s]."""
+
+    scene: Scene
+    belief: Belief
+    horizon: float
+
+
+def push_scene(k: int, uncertain: bool = True) -> Push:
+    """Push ``k``, with what is not known of it, or without."""
+    pushes = recorded_pushes()
+    path, surface = pushes.paths[k], int(pushes.surface[k])
+    model = block(int(pushes.support[k]))
+    times = path[:, 0] - path[0, 0]
+    poses = np.column_stack([path[:, 1:3], np.full(len(path), _HEIGHT)])
+    yaw = 0.5 * path[:, 3]
+    turned = np.column_stack([np.zeros((len(path), 2)), np.sin(yaw), np.cos(yaw)])
+    table, tip = float(pushes.table_friction[surface]), pushes.pusher_friction
+    # a contact has the geometric mean of its partners' frictions; the block's is 1
+    stds = (_TABLE_STD[surface], _PUSHER_STD, _LOAD_STD, _FRAME_STD) if uncertain else (0.0,) * 4
+    bodies = [
+        RigidBody("block", model, pushes.mass, friction=1.0, center_of_mass_std=(stds[2], stds[2], 0.0)),
+        RigidBody(
+            "pusher",
+            pusher(1 if pushes.kind[k] == 0 else 2),
+            trajectory=PosePath(times=times, positions=poses, orientations=turned),
+            trajectory_std=(stds[3], stds[3], 0.0, 0.0, 0.0, 0.0),
+            friction=tip**2,
+            friction_std=2.0 * tip * stds[1],
+        ),
+    ]
+    scene = Scene(
+        bodies,
+        dt=DT,
+        gravity=(0.0, 0.0, -_GRAVITY),
+        environment=[Plane(name="table", friction=table**2, friction_std=2.0 * table * stds[0])],
+        gyroscopic=True,
+        integrator="implicit",
+        stiffness=_STIFFNESS,
+        overlap="keep",
+    )
+    mean = np.zeros((2, STATE))
+    mean[:, QUATERNION] = 0.0, 0.0, 0.0, 1.0
+    mean[0] = _state(pushes.before[k], pushes)
+    return Push(scene, Belief.exact(mean, scene.moving), float(times[-1]) + 0.1)
+
+
+def _state(planar, pushes):
+    """State (13,) of the block whose corner is at a place and yaw (3,) in the table."""
+    x, y, theta = planar
+    c, s = math.cos(theta), math.sin(theta)
+    state = np.zeros(STATE)
+    state[POSITION] = (
+        x + c * pushes.com[0] - s * pushes.com[1],
+        y + s * pushes.com[0] + c * pushes.com[1],
+        0.5 * pushes.height,
+    )
+    state[QUATERNION] = 0.0, 0.0, math.sin(0.5 * theta), math.cos(0.5 * theta)
+    return state
+
+
+def planar(states: np.ndarray) -> np.ndarray:
+    """(..., 3): place of the centre of mass in the table [m] and yaw [rad] of states (..., 13)."""
+    q = states[..., QUATERNION]
+    yaw = 2.0 * np.arctan2(q[..., 2], q[..., 3])
+    return np.concatenate([states[..., :2], yaw[..., None]], axis=-1)
+
+
+def seen(k: int) -> np.ndarray:
+    """(3,): where the block was after push ``k``, as `planar`."""
+    return planar(_state(recorded_pushes().after[k], recorded_pushes()))
