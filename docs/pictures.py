@@ -55,6 +55,12 @@ def scene(name: str, *options: str) -> Picture:
     return Picture(command, (file, *models, "unc_physics/cli/scene_picture.py"))
 
 
+def animation(name: str, *options: str) -> Picture:
+    """A scene that moves."""
+    still = scene(name, *options)
+    return still._replace(sources=(*still.sources, "unc_physics/cli/scene_animation.py"))
+
+
 def model(name: str) -> Picture:
     """A packing at several levels."""
     sources = f"models/{name}.npz", "unc_physics/geometry/picture.py"
@@ -87,6 +93,7 @@ def pictures() -> dict[str, Picture]:
         "scenes/drop_into_bin.png": scene("drop_into_bin", "--period", "0.05", *SAMPLED),
         "scenes/scattered.png": scene("scattered", *SAMPLED),
         "ranking.png": ranking("release_over_bin"),
+        "table.gif": animation("table", "--period", "0.05", *SAMPLED),
         "models_bunny.png": model("bunny"),
         "models_mug.png": model("mug"),
         "demo.png": Picture(

@@ -7,8 +7,8 @@ from .calibration.motions import Motion as Motion
 from .calibration.motions import read_motions as read_motions
 from .checks.errors import ErrorCode as ErrorCode
 from .checks.errors import UncPhysicsError as UncPhysicsError
-from .descriptions.link_motion import LinkMotion as LinkMotion
 from .descriptions.link_motion import link_motions as link_motions
+from .descriptions.link_motion import load_robot_motion as load_robot_motion
 from .descriptions.link_solid import from_urdf as from_urdf
 from .descriptions.world import World as World
 from .descriptions.world import load_world as load_world
