@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+import numpy as np
+
 from ..physics.compile_time import clock
 from .base import one_after_the_other
 from .cloud import FEWEST_RUNS, Cloud
