@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..physics import contact_history as histories
 from ..physics.compile_time import clock
+from .base import one_after_the_other
 from .cloud import FEWEST_RUNS, Cloud
 from .emission import diverged, settled
 from .options import option
@@ -74,11 +74,7 @@ class Auto(Cloud):
         return max(more, 0)
 
     def together(self, carry, further):
-        return carry._replace(
-            states=np.concatenate([carry.states, further.states]),
-            parameters=np.concatenate([carry.parameters, further.parameters]),
-            contact_history=histories.stacked(carry.contact_history, further.contact_history),
-        )
+        return one_after_the_other(carry, further)
 
     def _sure(self, carry, scene):
         """Whether all wishes are met; with none, nothing that rollouts tell is ever sure enough."""
