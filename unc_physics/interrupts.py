@@ -1,4 +1,8 @@
-"""Ctrl-C while modules are imported."""
+"""Ctrl-C while modules are imported.
+
+Before the package's first line the interpreter starts. There it prints a traceback of its own ``site``
+module, which also runs the ``.pth`` files of installed packages; no package can change that.
+"""
 
 from __future__ import annotations
 

@@ -169,7 +169,7 @@ def test_what_has_no_effect_is_noted(scene, capsys, options, words):
 @pytest.mark.parametrize(
     "options, words",
     [
-        ("--option name=x", "name is no option of sigma_points; its options are points"),
+        ("--option name=x", "name is no option of auto; its options are"),
         ("--option points=full --option points=minimal", "--option is given twice (got 'points')"),
         (
             "--propagator monte_carlo --samples 5 --option samples=7",

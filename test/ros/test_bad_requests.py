@@ -249,6 +249,11 @@ BAD = {
         "max_computation_time",
     ),
     "unknown option": (with_option(("colour", "red")), "INVALID_OPTION", "colour"),
+    "option without a name": (
+        with_option(("", "x")),
+        "INVALID_OPTION",
+        "propagator_options[0].key must not be",
+    ),
     "option called name": (with_option(("name", "x")), "INVALID_OPTION", "name"),
     "samples twice": (
         with_option(("samples", "5"), propagator="monte_carlo", samples=7),

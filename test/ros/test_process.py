@@ -1,5 +1,6 @@
 """The node as a process: it ends cleanly, also while it works."""
 
+import re
 import signal
 import subprocess
 import time
@@ -63,12 +64,35 @@ def test_two_clients_do_not_wait_for_each_other(node, client):
         result_of(slow)
 
 
-@pytest.mark.parametrize("value", ["0.0", "fast"])
-def test_a_value_that_rclpy_refuses_ends_the_node_with_a_sentence(value):
+@pytest.mark.parametrize(("value", "words"), [("0.0", "range"), ("1", "write whole numbers with a point")])
+def test_a_value_that_rclpy_refuses_ends_the_node_with_a_sentence(value, words):
     wrong = NodeProcess("-p", f"dt:={value}", name="wrong")
     ended = subprocess.run(wrong.command, check=False, capture_output=True, text=True, timeout=60.0)
     assert ended.returncode == ErrorCode.INVALID_OPTION
     assert ended.stderr.startswith("unc_physics_node: ") and "Traceback" not in ended.stderr
+    assert words in ended.stderr
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (
+            ["--params-file", "/nonexistent.yaml"],
+            "the command line cannot be read: Couldn't parse params file",
+        ),
+        (["-p", "horizons:=[]"], r"horizons must be above 0 .*got \[\]"),
+        (
+            ["-p", "tracked_topics:=['no topic!']", "-p", "tracked_models:=[can]"],
+            "tracked_topics is no name of",
+        ),
+    ],
+)
+def test_arguments_that_make_no_sense_end_the_node_with_a_sentence(arguments, words):
+    wrong = NodeProcess(*arguments, name="wrong")
+    ended = subprocess.run(wrong.command, check=False, capture_output=True, text=True, timeout=60.0)
+    assert ended.returncode == ErrorCode.INVALID_OPTION
+    assert re.search(f"^unc_physics_node: {words}", ended.stderr, re.MULTILINE), ended.stderr
+    assert "Traceback" not in ended.stderr
 
 
 def test_with_an_empty_cache_it_says_what_it_does_and_answers(client, tmp_path, monkeypatch):

@@ -158,13 +158,17 @@ def test_scenes_of_other_times_are_dropped_and_bad_ones_told(publish, listener):
         publish(scene(listener, age=60.0))
         time.sleep(0.3)
         publish(scene(listener, age=-5.0))
+        time.sleep(0.3)
+        before_all_time = scene(listener)
+        before_all_time.header.stamp.sec = -5
+        publish(before_all_time)
         bad = scene(listener)
         bad.objects[1].mass = -1.0
         time.sleep(0.3)
         publish(bad)
         wait_until(lambda: int(status(diagnostics)[1]["errors"]) == int(before["errors"]) + 1)
         found, after = status(diagnostics)
-        assert int(after["dropped inputs"]) == int(before["dropped inputs"]) + 2
+        assert int(after["dropped inputs"]) == int(before["dropped inputs"]) + 3
         assert found.level == DiagnosticStatus.WARN
         assert "objects[1].mass" in after["last error"]
         assert not inbox.all()

@@ -28,7 +28,10 @@ def models_dirs(models_dir=None) -> list[Path]:
     """
     chosen = models_dir or os.environ.get("UNC_PHYSICS_MODELS")
     if chosen:
-        return [Path(chosen).expanduser()]
+        try:
+            return [Path(chosen).expanduser()]
+        except RuntimeError:  # no such home
+            return [Path(chosen)]
     prefixes = [sys.prefix, *filter(None, os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep))]
     checkout = Path(__file__).resolve().parents[2]
     folders = [checkout / "models"] if (checkout / "models" / "bunny.npz").is_file() else []

@@ -10,7 +10,7 @@ import threading
 import traceback
 
 import rclpy
-from rclpy.exceptions import ParameterException
+from rclpy.exceptions import NameValidationException, ParameterException
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
@@ -20,7 +20,7 @@ try:  # takes less than half the time from message to callback
 except ImportError:  # an older rclpy
     EventsExecutor = SingleThreadedExecutor
 
-from ..checks.errors import ErrorCode, UncPhysicsError
+from ..checks.errors import ErrorCode, InvalidOptionError, UncPhysicsError
 from .server import PredictionServer
 
 # Python's 5 ms would let other threads' bookkeeping hold up a prediction that is nearly done
@@ -113,8 +113,7 @@ def run(make_node, arguments=None) -> int:
     """
     stop, node, spinning = threading.Event(), None, None
     try:
-        # rclpy's handlers would take the middleware away from under what runs
-        rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
+        _init(arguments)
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, lambda *_: stop.set())
         sys.setswitchinterval(_SWITCH_INTERVAL)
@@ -131,8 +130,10 @@ def run(make_node, arguments=None) -> int:
     except UncPhysicsError as error:
         print(f"unc_physics_node: {error}", file=sys.stderr)
         return int(error.code)
-    except ParameterException as error:  # rclpy's, of a range or a type
-        print(f"unc_physics_node: {error}", file=sys.stderr)
+    except (ParameterException, NameValidationException) as error:  # rclpy's, of a range, a type or a name
+        whole = "of type 'INTEGER" in str(error) and "expecting type 'DOUBLE" in str(error)
+        hint = "; write whole numbers with a point, as 1.0" if whole else ""
+        print(f"unc_physics_node: {' '.join(str(error).split())}{hint}", file=sys.stderr)
         return int(ErrorCode.INVALID_OPTION)
     finally:
         if node is not None:
@@ -144,6 +145,16 @@ def run(make_node, arguments=None) -> int:
             node.destroy_node()
         rclpy.try_shutdown()
     return 0
+
+
+def _init(arguments):
+    """Begin with rclpy; its exceptions for arguments that cannot be read are not public."""
+    try:
+        # its handlers would take the middleware away from under what runs
+        rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
+    except Exception as error:  # noqa: BLE001
+        reason, *_ = str(error).removeprefix("failed to initialize rcl: ").partition(", at /")
+        raise InvalidOptionError(f"cannot be read: {reason}", field="the command line") from None
 
 
 class Spinning:

@@ -12,6 +12,8 @@ from types import SimpleNamespace
 from typing import Any
 
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor, SetParametersResult
+from rclpy.exceptions import InvalidTopicNameException
+from rclpy.validate_topic_name import validate_topic_name
 
 from ..checks.errors import InvalidOptionError, UncPhysicsError
 from ..checks.validation import non_negative
@@ -121,9 +123,9 @@ class Settings:
 
     status_rollouts: int = parameter(
         0,
-        "Rollouts with which the status compares the spread of propagators that have a single nominal one; 0:"
-        " none, and a spread after a contact is flagged as unchecked. They take as long as a prediction from"
-        " as many samples.",
+        "Rollouts with which the status compares the spread of propagators that have a single nominal one,"
+        " and of sigma points that bend; 0: none, and a nominal one's spread after a contact is flagged as"
+        " unchecked. They take as long as a prediction from as many samples.",
         low=0,
         high=1000,
     )
@@ -241,6 +243,13 @@ class Settings:
                 field="tracked_models",
                 value=list(self.tracked_models),
             )
+        for topic in filter(None, self.tracked_topics):
+            try:
+                validate_topic_name(topic)
+            except InvalidTopicNameException:
+                raise InvalidOptionError(
+                    "is no name of a topic", field="tracked_topics", value=topic
+                ) from None
         if not self.world_frame:
             raise InvalidOptionError("must not be empty", field="world_frame")
 
@@ -336,5 +345,9 @@ class ParameterServer:
 
 
 def _plain(value) -> Any:
-    """Arrays of a parameter as a tuple, everything else as it is."""
+    """Arrays of a parameter as a tuple, also the empty one, which rclpy takes for none; everything else as it
+    is.
+    """
+    if value is None:
+        return ()
     return value if isinstance(value, (str, bool, int, float)) else tuple(value)

@@ -6,7 +6,6 @@ import re
 
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from rclpy.qos import QoSProfile, ReliabilityPolicy
-from rclpy.time import Time
 
 from unc_physics_msgs.msg import ObjectState, Prediction, PredictionRequest, Result, Scene
 
@@ -81,12 +80,12 @@ class Stream:
     def _predict(self, scene):
         """Predict a scene and publish; a bad scene is told in the log and the diagnostics."""
         server, settings = self._server, self._server.settings
-        if (reason := self._out_of_time(scene.header.stamp, settings)) is not None:
-            server.diagnostics.dropped()
-            self._warn(f"a scene was dropped: {reason}")
-            return
         result = Result()
         with server.errors_into(result):
+            if (reason := self._out_of_time(scene.header.stamp, settings)) is not None:
+                server.diagnostics.dropped()
+                self._warn(f"a scene was dropped: {reason}")
+                return
             times = sorted(set(settings.horizons))
             request = PredictionRequest(
                 scene=scene,
@@ -119,8 +118,8 @@ class Stream:
         """Time since a stamp [s], None without a stamp."""
         if stamp.sec == 0 and stamp.nanosec == 0:
             return None
-        clock = self._server.node.get_clock()
-        return 1e-9 * (clock.now() - Time.from_msg(stamp, clock_type=clock.clock_type)).nanoseconds
+        now = self._server.node.get_clock().now().nanoseconds
+        return 1e-9 * (now - stamp.sec * 1_000_000_000 - stamp.nanosec)  # rclpy's Time knows no negative ones
 
     def _out_of_time(self, stamp, settings):
         """What is wrong with the stamp of an input, None if nothing is."""

@@ -52,8 +52,11 @@ def _lengths(value, field):
 
 def _direction(value, field):
     found = array(value, (3,), field, InvalidEnvironmentError)
-    length = np.linalg.norm(found)
-    if not 1e-12 < length < np.inf:
+    with np.errstate(over="ignore"):
+        length = np.linalg.norm(found)
+    if length == np.inf:  # its square is no number
+        return _direction(found / np.abs(found).max(), field)
+    if not length > 1e-12:
         raise InvalidEnvironmentError("must have a direction", field=field, value=found.tolist())
     return found / length
 
