@@ -46,6 +46,8 @@ setup(
         # under colcon is the system's, not that of the active venv.
         (f"lib/{NAME}", sorted(glob("scripts/*", root_dir=HERE))),
         *shared("models", "*.npz", "README.md"),
+        *shared("examples", "*.py"),
+        *shared("examples/scenes", "*.yaml"),
         *shared("launch", "*.py"),
         *shared("config", "*.yaml", "*.rviz"),
     ],

@@ -4,10 +4,13 @@ from unc_physics import __version__
 
 project = "unc_physics"
 release = version = __version__
-extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]
+copyright = "unc_physics maintainers"
+extensions = ["myst_parser", "sphinx.ext.autodoc", "numpydoc"]
 exclude_patterns = ["_build"]
-html_theme = "alabaster"
-html_theme_options = {"page_width": "1100px"}
+html_theme = "furo"
+html_title = f"unc_physics {__version__}"
+html_static_path = ["static"]
+html_css_files = ["wide.css"]
 
 autodoc_mock_imports = [  # of the node's client; documents are made without ROS, too
     "action_msgs",
@@ -21,9 +24,9 @@ autodoc_mock_imports = [  # of the node's client; documents are made without ROS
 autodoc_typehints = "none"  # the docstrings say more: shapes, units, frames
 autodoc_member_order = "bysource"
 default_role = "literal"
-napoleon_google_docstring = False
-napoleon_use_ivar = True
-napoleon_use_rtype = False
+numpydoc_show_class_members = False  # autodoc lists them
+numpydoc_class_members_toctree = False
+numpydoc_xref_param_type = False
 
+myst_enable_extensions = ["dollarmath"]
 myst_heading_anchors = 3
-suppress_warnings = ["myst.xref_missing"]  # pages link to files outside this folder, as GitHub shows them

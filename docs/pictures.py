@@ -55,10 +55,26 @@ def scene(name: str, *options: str) -> Picture:
     return Picture(command, (file, *models, "unc_physics/cli/scene_picture.py"))
 
 
+def animation(name: str, *options: str) -> Picture:
+    """A scene that moves."""
+    still = scene(name, *options)
+    return still._replace(sources=(*still.sources, "unc_physics/cli/scene_animation.py"))
+
+
 def model(name: str) -> Picture:
     """A packing at several levels."""
     sources = f"models/{name}.npz", "unc_physics/geometry/picture.py"
     return Picture(("unc_physics", "show", name, "-o", "OUT"), sources)
+
+
+def ranking(name: str) -> Picture:
+    """Actions by their probability of success."""
+    file = f"examples/actions/{name}.yaml"
+    bodies = yaml.safe_load((ROOT / file).read_text())["scene"]["bodies"]
+    models = sorted({f"models/{body['model']}.npz" for body in bodies})
+    return Picture(
+        ("unc_physics", "rank", file, "--picture", "OUT"), (file, *models, "unc_physics/cli/rank_picture.py")
+    )
 
 
 def experiment(name: str, figure: str, plots: str = "plots") -> Picture:
@@ -76,6 +92,8 @@ def pictures() -> dict[str, Picture]:
         "scenes/can_off_shelf.png": scene("can_off_shelf", "--period", "0.05"),
         "scenes/drop_into_bin.png": scene("drop_into_bin", "--period", "0.05", *SAMPLED),
         "scenes/scattered.png": scene("scattered", *SAMPLED),
+        "ranking.png": ranking("release_over_bin"),
+        "table.gif": animation("table", "--period", "0.05", *SAMPLED),
         "models_bunny.png": model("bunny"),
         "models_mug.png": model("mug"),
         "demo.png": Picture(

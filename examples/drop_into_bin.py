@@ -1,13 +1,13 @@
 """Which of several release poses over a bin keeps a salt box inside? Asks the node about all, and ranks.
 
 Start the node first (`ros2 run unc_physics unc_physics_node`, or `python -m unc_physics.ros.node`), then run
-this. The bin is made of five boxes on a floor. Each release pose is a candidate; all share the draws of the
-gripper's inaccuracy, and each prediction tells the probability that the salt box ends inside.
+this. The bin is made of five boxes on a floor. Each release pose is an action; all share the draws of the
+gripper's inaccuracy, and those that clearly lose get few of them.
 """
 
 import numpy as np
 
-from unc_physics import Belief, BodyBelief, Box, BoxRegion, Plane, RigidBody, Scene, load_model
+from unc_physics import Belief, BodyBelief, Box, BoxRegion, InRegion, Plane, RigidBody, Scene, load_model
 from unc_physics.ros import Client
 
 OFFSETS = 0.0, 0.08, 0.12, 0.14, 0.16, 0.20  # m, of the release pose from the bin's centre, along it
@@ -32,7 +32,7 @@ INSIDE = BoxRegion("inside", (LENGTH, WIDTH, RIM), (0.0, 0.0, 0.5 * RIM))
 def main() -> None:
     box = load_model("salt_box").prefix(100)
     scene = Scene.everyday([RigidBody("salt_box", box)], environment=BIN, restitution=0.2)
-    candidates = {}
+    actions = {}
     for offset in OFFSETS:  # held upright by a gripper that is sure to 1 cm and 0.05 rad
         held = BodyBelief(
             position=(offset, 0.0, HEIGHT) - box.origin,  # beliefs are about centres of mass
@@ -41,20 +41,17 @@ def main() -> None:
             linear_velocity_std=1e-3,
             angular_velocity_std=1e-3,
         )
-        candidates[f"{offset:.2f} m"] = Belief.of(scene, {"salt_box": held})
+        actions[f"{offset:.2f} m"] = {"salt_box": held}
+    belief = Belief.of(scene, actions["0.00 m"])
 
     with Client() as client:
-        answers = client.predict_candidates(
-            scene, candidates, "monte_carlo", HORIZON, samples=SAMPLES, seed=1, regions=INSIDE
-        )
-    ends = {name: answer["salt_box"] for name, answer in answers.items()}
-    shares = {
-        name: end.probability_in(INSIDE).probability or 0.0 for name, end in ends.items()
-    }  # 0 if unknown
-    print(f"{'release pose':14}{'inside':>8}{f'centre after {HORIZON} s [m]':>28}{'std [m]':>24}")
-    for name in sorted(ends, key=lambda name: -shares[name]):
-        position, std = row(ends[name].position), row(ends[name].position_std)
-        print(f"{name:14}{shares[name]:8.0%}{position:>28}{std:>24}")
+        score = InRegion("salt_box", INSIDE)
+        ranking = client.rank(scene, belief, actions, score, HORIZON, rollouts=SAMPLES, seed=1)
+    print(f"{'release pose':14}{'inside':>8}{'interval':>14}{'rollouts':>10}{'std of the centre [m]':>24}")
+    for action in ranking:
+        share, low, high = action.score
+        std = row(action.prediction["salt_box"].position_std)
+        print(f"{action.name:14}{share:8.0%}{low:8.0%} -{high:4.0%}{action.rollouts:10}{std:>24}")
 
 
 def row(vector: np.ndarray) -> str:

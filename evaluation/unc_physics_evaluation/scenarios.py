@@ -202,7 +202,7 @@ def salt_box_into_bin() -> tuple[Scene, Belief, float]:
     """A carton of salt falls towards an open bin (the paper's Fig. 1): does it end up inside?"""
     mean = resting([[0.07, 0.02, 0.35]])
     mean[0, QUATERNION] = 0.0, 0.0, math.sin(0.3), math.cos(0.3)
-    return _handled(["salt_box"], 2000, _bin(*_BIN), mean, {"position": 0.04, "rotation": 0.2})
+    return _handled(["salt_box"], 2000, open_bin(*_BIN), mean, {"position": 0.04, "rotation": 0.2})
 
 
 def can_off_shelf() -> tuple[Scene, Belief, float]:
@@ -222,7 +222,7 @@ def five_into_bin() -> tuple[Scene, Belief, float]:
     )
     mean[:, ANGULAR_VELOCITY] = 0.5, 1.0, 0.0
     models = ["salt_box", "can", "salt_box", "can", "salt_box"]
-    return _handled(models, 1000, _bin(*_BIN), mean, _TUMBLED)
+    return _handled(models, 1000, open_bin(*_BIN), mean, _TUMBLED)
 
 
 def tableware_into_box() -> tuple[Scene, Belief, float]:
@@ -239,7 +239,7 @@ def tableware_into_box() -> tuple[Scene, Belief, float]:
     )
     mean[:, ANGULAR_VELOCITY] = 0.5, 1.0, 0.0
     models = ["plate", "bowl", "mug", "salt_box", "can", "bottle"]
-    return _handled(models, 1000, _bin(*_LARGE_BIN), mean, _TUMBLED)
+    return _handled(models, 1000, open_bin(*_LARGE_BIN), mean, _TUMBLED)
 
 
 def boxes_and_cans(count: int, spheres: int = 1000) -> tuple[Scene, Belief, float]:
@@ -259,7 +259,7 @@ def boxes_and_cans(count: int, spheres: int = 1000) -> tuple[Scene, Belief, floa
     mean = resting(_PITCH * np.column_stack([across, place // side**2 + 0.7]))
     mean[:, ANGULAR_VELOCITY] = 0.5, 1.0, 0.0
     models = [("salt_box", "can")[k % 2] for k in range(count)]
-    return _handled(models, spheres, _bin(*inside), mean, _TUMBLED)
+    return _handled(models, spheres, open_bin(*inside), mean, _TUMBLED)
 
 
 def in_bin(states: np.ndarray) -> np.ndarray:
@@ -289,8 +289,8 @@ MANIPULATION = {"salt_box_into_bin": (salt_box_into_bin, in_bin), "can_off_shelf
 PILES = {"five_into_bin": (five_into_bin, in_bin), "tableware_into_box": (tableware_into_box, in_box)}
 
 
-def _bin(length, width, depth):
-    """A bin on a floor, made of boxes."""
+def open_bin(length: float, width: float, depth: float) -> tuple[Plane | Box, ...]:
+    """A bin on a floor, made of boxes; its inside begins at the wall's thickness over the floor [m]."""
     x, y, height = 0.5 * (length + _WALL), 0.5 * (width + _WALL), depth + _WALL
     return (
         Plane((0.0, 0.0, 1.0), 0.0),

@@ -4,7 +4,18 @@ import numpy as np
 import pytest
 from files import write_descriptions
 
-from unc_physics import UncPhysicsError, link_motions
+from unc_physics import (
+    Belief,
+    BodyBelief,
+    RigidBody,
+    Scene,
+    UncPhysicsError,
+    link_motions,
+    load_model,
+    load_robot_motion,
+    predict,
+)
+from unc_physics.descriptions.link_motion import of_com
 
 pytest.importorskip("yourdfpy")
 
@@ -30,12 +41,10 @@ def test_links_follow_the_joints(robot):
 
 
 def test_of_the_centre_of_mass(robot):
-    hand = link_motions(robot, ["turn"], [0.0, 1.0], [[0.0], [np.pi / 2]], links=["hand"], period=None)[
-        "hand"
-    ]
-    np.testing.assert_allclose(
-        hand.of_com((-0.1, 0, -0.02)).positions, [[0.1, 0, 0.57], [0, 0.1, 0.57]], atol=1e-12
-    )
+    turn = [[0.0], [np.pi / 2]]
+    hand = link_motions(robot, ["turn"], [0.0, 1.0], turn, links=["hand"], period=None)["hand"]
+    moved = of_com(hand, (-0.1, 0, -0.02)).positions
+    np.testing.assert_allclose(moved, [[0.1, 0, 0.57], [0, 0.1, 0.57]], atol=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -50,3 +59,16 @@ def test_of_the_centre_of_mass(robot):
 def test_bad_trajectories_get_one_sentence(robot, names, times, positions, said):
     with pytest.raises(UncPhysicsError, match=said):
         link_motions(robot, names, times, positions)
+
+
+def test_a_robot_pushes_what_is_in_its_way(robot):
+    """Its hand turns by a right angle, and carries a box along that stands where it goes."""
+    found = load_robot_motion(robot, ["turn"], [0.0, 0.6], [[0.0], [0.8]], spheres=40, links=["base", "hand"])
+    base, hand = found.bodies
+    assert base.fixed and hand.trajectory is not None and set(found.beliefs) == {"base"}
+    box = RigidBody("box", load_model("salt_box").prefix(30).scaled(0.3), 0.05)
+    floating = Scene.everyday([base, hand, box], gravity=(0, 0, 0))
+    start = found.beliefs | {"box": BodyBelief(position=(0.1, 0.06, 0.57), position_std=0.001)}
+    pushed = predict(floating, Belief.of(floating, start), "sigma_points", 0.6)
+    np.testing.assert_allclose(pushed["hand"].position, hand.trajectory.positions[-1], atol=1e-6)
+    assert pushed["box"].position[1] > 0.08 and pushed["box"].contact_with("hand").probability > 0.9

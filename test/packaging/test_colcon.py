@@ -53,7 +53,7 @@ finally:
 """
 
 BUILDS = {
-    # exactly as the README says
+    # exactly as docs/install.md says
     "repository": (".", ["--base-paths", ".", "unc_physics_msgs"], []),
     # without the C++ interfaces, which the other build covers, to spare a minute
     "workspace": (

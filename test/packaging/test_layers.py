@@ -21,6 +21,7 @@ def test_imports_keep_to_the_layers():
 def test_one_version_everywhere():
     assert f"<version>{__version__}</version>" in (ROOT / "package.xml").read_text()
     assert f"<version>{__version__}</version>" in (ROOT / "unc_physics_msgs" / "package.xml").read_text()
+    assert f"\nversion: {__version__}\n" in (ROOT / "CITATION.cff").read_text()
     assert f'version="{__version__}"' in (ROOT / "setup.py").read_text()
     evaluation = (ROOT / "evaluation" / "pyproject.toml").read_text()
     assert f'version = "{__version__}"' in evaluation

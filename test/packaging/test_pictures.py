@@ -13,14 +13,16 @@ sys.path.append(str(ROOT / "docs"))
 from pictures import IMAGES, pictures, stamp, stamps
 
 SHOWN = {
-    re.search(r"images/([\w/]+\.png)", line)[1]: line
-    for page in [ROOT / "README.md", *(ROOT / "docs").glob("*.md")]
+    re.search(r"images/([\w/]+\.\w+)", line)[1]: line
+    for page in [ROOT / "README.md", *(ROOT / "docs").rglob("*.md")]
     for line in re.findall(r"!\[[^]]*\]\([^)]*images/[^)]*\)", page.read_text(encoding="utf-8"))
 }
 
 
 def test_each_picture_is_shown_and_known_how_to_make():
-    assert set(SHOWN) == set(pictures()) == {str(path.relative_to(IMAGES)) for path in IMAGES.rglob("*.png")}
+    assert (
+        set(SHOWN) == set(pictures()) == {str(path.relative_to(IMAGES)) for path in IMAGES.rglob("*.*[gf]")}
+    )
 
 
 @pytest.mark.parametrize("name", [name for name, picture in pictures().items() if not picture.figure])

@@ -1,15 +1,18 @@
 """The core library installs by pip into a plain venv, without ROS, and works from there; its evaluation joins
-it.
+it. BASE_PYTHON names another Python to do so with.
 """
 
 import json
+import os
 import sys
+import tarfile
+import zipfile
 from pathlib import Path
 
 import pytest
 from building import ROOT, clean_environment, copy_sources, run
 
-from unc_physics import ErrorCode
+from unc_physics import ErrorCode, __version__
 
 SCENE = """
 dt: 0.01
@@ -30,15 +33,35 @@ recorded_tosses()
 """
 
 
+def built_wheel(sources, folder):
+    """A wheel made of the source distribution, after a look at what both hold."""
+    made = f"unc_physics-{__version__}"
+    run([sys.executable, "setup.py", "-q", "sdist", "-d", folder], cwd=sources, env=clean_environment())
+    with tarfile.open(folder / f"{made}.tar.gz") as archive:
+        held = {name.removeprefix(f"{made}/") for name in archive.getnames()}
+        archive.extractall(folder, filter="data")
+    wanted = {f"models/{path.name}" for path in (ROOT / "models").glob("*.npz")}
+    wanted |= {f"examples/scenes/{path.name}" for path in (ROOT / "examples" / "scenes").glob("*.yaml")}
+    assert wanted | {"LICENSE", "README.md", "CITATION.cff", "CHANGELOG.rst", "package.xml"} <= held
+    assert not any(name.startswith(("test/", "evaluation/", "docs/", ".")) for name in held)
+    options = ["-q", "--no-deps", "--no-build-isolation", "-w", folder, folder / made]
+    run([sys.executable, "-m", "pip", "wheel", *options], cwd=folder, env=clean_environment())
+    (wheel,) = folder.glob("*.whl")
+    shared = {name.partition("/share/unc_physics/")[2] for name in zipfile.ZipFile(wheel).namelist()}
+    assert wanted <= shared
+    return wheel
+
+
 @pytest.mark.slow
 def test_core_installs_and_predicts_without_ros(tmp_path):
     env = clean_environment(PIP_CONSTRAINT=str(ROOT / "requirements" / "constraints.txt"), PIP_NO_INPUT="1")
     env["NUMBA_CACHE_DIR"] = str(tmp_path / "numba")
-    base = getattr(sys, "_base_executable", sys.executable)
+    base = os.environ.get("BASE_PYTHON") or getattr(sys, "_base_executable", sys.executable)
     run([base, "-m", "venv", tmp_path / "venv"], cwd=tmp_path, env=env)
     python = tmp_path / "venv" / "bin" / "python"
     sources = copy_sources(tmp_path / "sources")
-    run([python, "-m", "pip", "install", "--no-compile", sources], cwd=tmp_path, env=env)
+    wheel = built_wheel(sources, tmp_path / "dist")
+    run([python, "-m", "pip", "install", "--no-compile", wheel], cwd=tmp_path, env=env)
 
     installed = {
         package["name"].lower().replace("-", "_")

@@ -1,11 +1,33 @@
 """`~/predict_candidates`: alternatives of one scene."""
 
-import numpy as np
-from scenes import explicit, good_request, moving_object, numbers_of
+import copy
 
-from unc_physics.checks.errors import ErrorCode
+import numpy as np
+import pytest
+from geometry_msgs.msg import Vector3
+from scenes import explicit, good_request, moving_object, numbers_of, request_of, with_physics
+from shape_msgs.msg import Plane as PlaneMessage
+from shape_msgs.msg import SolidPrimitive
+
+from unc_physics import (
+    Belief,
+    BodyBelief,
+    Box,
+    FellOff,
+    InRegion,
+    Plane,
+    RigidBody,
+    Scene,
+    Touches,
+    Upright,
+    load_model,
+    rank,
+)
+from unc_physics import BoxRegion as CoreRegion
+from unc_physics.checks.errors import ErrorCode, NotSupportedError
+from unc_physics.ros import Client as CoreClient
 from unc_physics.ros.durations import duration, seconds
-from unc_physics_msgs.msg import Candidate, PredictedObject
+from unc_physics_msgs.msg import BoxRegion, Candidate, EnvironmentElement, PredictedObject, Probability, Score
 from unc_physics_msgs.srv import PredictCandidates
 
 HEIGHTS = (0.0, 0.05, 0.1)
@@ -86,3 +108,150 @@ def test_the_computation_time_runs_out(node, client):
     assert seconds(response.computation_time) < 5.0
     assert {entry.result.error_code for entry in response.predictions} == {ErrorCode.TIMEOUT}
     assert all(0.0 <= seconds(entry.prediction.time_reached) < 50.0 for entry in response.predictions)
+
+
+def ranked(scores, candidates=None, **others):
+    """A request to rank boxes that are let go over a shelf and beside it."""
+    request = request_of(
+        moving_object("box", "salt_box", (0.0, 0.0, 0.15), (0.0, 0.0, 0.0)), horizon=0.5, samples=100, seed=3
+    )
+    request.scene.environment.elements = [
+        EnvironmentElement(id="floor", plane=[PlaneMessage(coef=[0.0, 0.0, 1.0, 0.5])]),
+        EnvironmentElement(
+            id="shelf", primitive=[SolidPrimitive(type=SolidPrimitive.BOX, dimensions=[0.4, 0.4, 0.02])]
+        ),
+    ]
+    request.regions = [BoxRegion(id="above", size=Vector3(x=0.4, y=0.4, z=0.4))]
+    request.regions[0].pose.position.z = 0.2
+    for name, value in others.items():
+        setattr(request, name, value)
+    return PredictCandidates.Request(
+        request=with_physics(request, gravity=None), candidates=candidates or OVER, score=scores
+    )
+
+
+def over(name, x):
+    return Candidate(id=name, objects=[moving_object("box", "salt_box", (x, 0.0, 0.15), (0.0, 0.0, 0.0))])
+
+
+OVER = [over("beside", 0.4), over("over", 0.0), over("edge", 0.18)]
+ABOVE = Score(quantity=Score.IN_REGION, object="box", other="above")
+
+
+def test_candidates_are_ranked_by_a_score(node, client):
+    bad = over("bad", 0.1)
+    bad.objects[0].mass = -1.0
+    request = ranked([ABOVE], [bad, *OVER], return_probabilities=True, return_samples=40)
+    response = ask(client, request)
+    assert response.result.error_code == ErrorCode.NONE, response.result.error_msg
+    assert [entry.candidate for entry in response.predictions] == ["over", "edge", "beside", "bad"]
+    best, edge, beside, refused = response.predictions
+    assert (refused.result.error_code, refused.score.available) == (ErrorCode.INVALID_MASS, False)
+    assert best.score.probability > 0.9 > edge.score.probability > 0.1 > beside.score.probability
+    assert (best.difference, best.difference_std) == (0.0, 0.0) and best.prediction.rollouts == 100
+    assert beside.clearly_worse and beside.prediction.rollouts == 20 and len(response.predictions[2:]) == 2
+    for entry in (edge, beside):
+        assert entry.difference < 0.0 < entry.difference_std
+        assert entry.score.low <= entry.score.probability <= entry.score.high
+    (box,) = best.prediction.objects
+    assert (
+        len(box.states[-1].pose_samples) == 40
+        and len(beside.prediction.objects[0].states[-1].pose_samples) == 20
+    )
+    assert box.fell_off == Probability(available=True, high=box.fell_off.high)
+    single = copy.copy(request.request)
+    single.scene.objects = list(OVER[1].objects)
+    single.propagator = "monte_carlo"
+    (expected,) = client.predict(single).prediction.objects
+    assert np.array_equal(numbers_of(box.states[-1]), numbers_of(expected.states[-1]))
+    assert (box.upright, box.at_rest, box.fell_off) == (expected.upright, expected.at_rest, expected.fell_off)
+
+
+def test_scores_count_together(node, client):
+    """In the region, and not touching the floor, and not off the shelf: the same order, by what is asked."""
+    floor = Score(quantity=Score.TOUCHES, object="box", other="floor", smallest_first=True)
+    off = Score(quantity=Score.FELL_OFF, object="box", other="shelf", smallest_first=True)
+    together = ask(client, ranked([ABOVE, floor, off])).predictions
+    alone = ask(client, ranked([off])).predictions
+    assert [entry.candidate for entry in together] == [entry.candidate for entry in alone]
+    assert [entry.candidate for entry in together] == ["over", "edge", "beside"]
+    assert together[0].score.probability > 0.9 and alone[0].score.probability < 0.1
+
+
+@pytest.mark.parametrize(
+    ("change", "code", "words"),
+    [
+        ({"scores": [Score(quantity=9, object="box")]}, "INVALID_REQUEST", "score[0].quantity is no kind"),
+        (
+            {"scores": [ABOVE, Score(object="box", other="bin")]},
+            "INVALID_REQUEST",
+            "score[1].other is no region",
+        ),
+        ({"scores": [Score(quantity=3, object="cup")]}, "INVALID_REQUEST", "score[0].object is no body"),
+        (
+            {"scores": [Score(quantity=3, object="box", other="x")]},
+            "INVALID_REQUEST",
+            "score[0].other must be empty",
+        ),
+        (
+            {"scores": [Score(quantity=4, object="box", other="x")]},
+            "INVALID_REQUEST",
+            "score[0].other is neither",
+        ),
+        (
+            {"scores": [ABOVE], "propagator": "cloud"},
+            "NOT_SUPPORTED",
+            "propagator must be monte_carlo or empty",
+        ),
+        (
+            {"scores": [ABOVE], "wanted_position_error": 0.1},
+            "NOT_SUPPORTED",
+            "wanted_position_error is not for",
+        ),
+    ],
+)
+def test_bad_scores(node, client, change, code, words):
+    response = ask(client, ranked(**change))
+    assert response.result.error_code == ErrorCode[code], response.result.error_msg
+    assert words in response.result.error_msg and not response.predictions
+
+
+def test_the_time_of_a_ranking_runs_out(node, client):
+    request = ranked([ABOVE], samples=20_000, max_computation_time=duration(0.3), horizon=duration(50.0))
+    response = ask(client, request)
+    assert response.result.error_code == ErrorCode.TIMEOUT
+    assert {entry.result.error_code for entry in response.predictions} == {ErrorCode.TIMEOUT}
+    assert seconds(response.computation_time) < 5.0
+
+
+def test_a_client_ranks_as_the_library_does(node):
+    """With the same names and the same answer, of a mapping of changes."""
+    model = load_model("salt_box").prefix(20)
+    scene = Scene.everyday(
+        [RigidBody("box", model)],
+        environment=[Box((0.4, 0.4, 0.02), name="shelf"), Plane(offset=-0.5, name="floor")],
+    )
+    held = BodyBelief(position=(0.0, 0.0, 0.15), position_std=0.02, orientation_std=0.05)
+    belief = Belief.of(scene, {"box": held})
+    actions = {
+        "beside": {"box": {"position": (0.4, 0.0, 0.15)}},
+        "over": {"box": held},
+        "rough": {"box": {"position": (0.18, 0.0, 0.15), "friction": 1.0}},
+    }
+    region = CoreRegion("above", (0.4, 0.4, 0.4), (0.0, 0.0, 0.2))
+    with CoreClient() as asked:
+        for score in (InRegion("box", region) & ~Touches("box", "floor"), ~FellOff("box", "shelf")):
+            found = asked.rank(scene, belief, actions, score, 0.5, rollouts=100, seed=3, probabilities=True)
+            expected = rank(scene, belief, actions, score, 0.5, rollouts=100, seed=3)
+            for one, other in zip(found, expected, strict=True):
+                assert (one.name, one.rollouts) == (other.name, other.rollouts)
+                assert one.clearly_worse == other.clearly_worse and one.score == pytest.approx(other.score)
+                assert one.difference == pytest.approx(other.difference)
+                one, other = one.prediction, other.prediction
+                np.testing.assert_allclose(one.belief.mean, other.belief.mean, rtol=0.0, atol=1e-9)
+                assert one["box"].upright_probability() == other["box"].upright_probability()
+                assert one["box"].fall_probability() == other["box"].fall_probability()
+        with pytest.raises(NotSupportedError, match=r"actions\['a'\] changes more than bodies"):
+            asked.rank(scene, belief, {"a": {"shelf": {"friction": 0.1}}}, FellOff("box"), 0.5)
+        with pytest.raises(NotSupportedError, match="angle of 'box upright' is fixed at the node"):
+            asked.rank(scene, belief, actions, Upright("box", angle=0.1), 0.5)

@@ -21,6 +21,7 @@ from std_msgs.msg import Header
 from visualization_msgs.msg import Marker
 
 from unc_physics.checks.errors import ErrorCode, NotSupportedError
+from unc_physics.ros.arriving_shapes import ArrivingShapes
 from unc_physics.ros.durations import seconds
 from unc_physics.ros.markers import markers
 from unc_physics.ros.parameters import Settings
@@ -128,7 +129,8 @@ def test_probabilities_of_contact_region_and_rest(predict):
         assert seconds(answer.time_from_start) == pytest.approx(0.6)
     for predicted in response.prediction.objects:
         assert predicted.at_rest.available
-        assert not predicted.upright.available
+        assert predicted.upright.available and predicted.upright.probability == 1.0
+        assert predicted.fell_off.available
 
 
 def test_what_is_not_known_well_enough_is_not_available(predict):
@@ -243,7 +245,7 @@ def test_spheres_and_cylinders_are_read_as_they_are():
         EnvironmentElement(id=name, primitive=[primitive], pose=pose)
         for name, primitive in zip(("ball", ""), primitives, strict=True)
     ]
-    ball, post = read_environment(Environment(elements=elements))
+    ball, post = read_environment(Environment(elements=elements), ArrivingShapes())[0]
     assert (type(ball), ball.radius, ball.name) == (Sphere, 0.3, "ball")
     assert (type(post), post.radius, post.length, post.name) == (Cylinder, 0.1, 2.0, "element_1")
     for element in (ball, post):
@@ -285,7 +287,7 @@ def test_markers_of_planes_and_boxes():
     tilted = Plane(coef=[0.0, -0.6, 0.8, -1.0])
     environment = floor_as("box")
     environment.elements.insert(0, EnvironmentElement(id="ramp", plane=[tilted]))
-    ramp, floor = solids_of(*read_environment(environment))
+    ramp, floor = solids_of(*read_environment(environment, ArrivingShapes())[0])
     assert (ramp.ns, floor.ns) == ("environment ramp", "environment floor")
     assert (floor.scale.x, floor.scale.z, floor.pose.position.z) == (4.0, 1.0, FLOOR - 0.5)
     turn = Rotation.from_quat(orientation_of(ramp.pose))

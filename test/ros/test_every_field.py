@@ -1,7 +1,4 @@
-"""Every field of a request has its effect, and every field of an answer is filled, over real DDS.
-
-What is not served is in `test_not_served.py`.
-"""
+"""Every field of a request has its effect, and every field of an answer is filled, over real DDS."""
 
 import numpy as np
 import pytest
@@ -10,11 +7,10 @@ from diagnostic_msgs.msg import KeyValue
 from geometry_msgs.msg import Point, Pose, Transform, Vector3, Wrench
 from message_fields import paths, values_at
 from scenes import assert_answered, diagonal, moving_object, packed, request_of, with_physics
-from shape_msgs.msg import Plane, SolidPrimitive
+from shape_msgs.msg import Mesh, MeshTriangle, Plane, SolidPrimitive
 from trajectory_msgs.msg import MultiDOFJointTrajectory, MultiDOFJointTrajectoryPoint
 
 from unc_physics.checks.errors import ErrorCode
-from unc_physics.ros.not_served import NOT_SERVED
 from unc_physics_msgs.msg import (
     AppliedWrench,
     BoxRegion,
@@ -70,6 +66,28 @@ def with_joint(request):
 def as_box(request):
     floor(request).plane = []
     floor(request).primitive = [SolidPrimitive(type=SolidPrimitive.BOX, dimensions=[2.0, 2.0, 0.1])]
+
+
+def as_primitive(request):
+    first(request).model = ""
+    first(request).primitive = [SolidPrimitive(type=SolidPrimitive.BOX, dimensions=[0.2, 0.1, 0.06])]
+
+
+def as_mesh_of(find):
+    """A change that gives what ``find`` finds the shape of a low pyramid, which is an obstacle far away."""
+    corners = [Point(), Point(x=0.1), Point(y=0.1), Point(z=0.05)]
+    faces = [(0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3)]
+    triangles = [MeshTriangle(vertex_indices=np.array(face, np.uint32)) for face in faces]
+
+    def change(request):
+        message = find(request)
+        if isinstance(message, ObjectState):
+            message.model = ""
+        else:
+            message.plane, message.pose.position.x = [], 9.0
+        message.mesh = [Mesh(vertices=corners, triangles=triangles)]
+
+    return change
 
 
 def set_to(find, **fields):
@@ -239,6 +257,9 @@ EFFECTS = {
         None,
     ),
     f"{FLOOR}.primitive": (as_box, "objects[].states[].pose", None),
+    f"{FLOOR}.mesh": (as_mesh_of(floor), "objects[].model", None),
+    f"{OBJECT}.primitive": (as_primitive, "objects[].model", None),
+    f"{OBJECT}.mesh": (as_mesh_of(first), "objects[].model", None),
     f"{FLOOR}.material.friction": (material(floor, friction=0.05), "objects[].states[].pose", None),
     f"{FLOOR}.material.friction_std": (
         material(floor, friction=0.5, friction_std=0.2),
@@ -358,32 +379,16 @@ EFFECTS = {
 }
 
 
-def not_served():
-    """Paths of a request that are refused."""
-    places = {
-        "ObjectState": (OBJECT,),
-        "Material": (f"{OBJECT}.material", f"{FLOOR}.material"),
-        "EnvironmentElement": (FLOOR,),
-    }
-    owners = {
-        f"{place}.{name}".lstrip(".")
-        for part, where in places.items()
-        for place in where
-        for name in NOT_SERVED.get(part, ())
-    }
-    return {path for path in paths(PredictionRequest) if below(path, owners)}
-
-
-def below(path, owners):
-    """Whether a path is one of these fields, or a part of one."""
-    return any(path == owner or path.startswith((f"{owner}.", f"{owner}[].")) for owner in owners)
-
-
 def test_every_field_of_a_request_is_accounted_for():
-    found = set(paths(PredictionRequest))
-    refused = not_served()
-    assert found == set(EFFECTS) | refused | IGNORED
-    assert not set(EFFECTS) & refused
+    assert set(paths(PredictionRequest)) == set(EFFECTS) | IGNORED
+
+
+def test_zeros_ask_for_nothing(predict):
+    request = base()
+    request.scene.objects[0].inertia = packed([0.0] * 9)
+    request.scene.objects[0].material.torsional_friction = [0.0]
+    request.physics.impact_point_std = [0.0]
+    assert_answered(predict(request))
 
 
 @pytest.fixture(scope="module")
@@ -430,13 +435,7 @@ def flat(value):
 
 
 #: Fields of an answer that stay empty or zero in this version.
-NOT_FILLED = {
-    "objects[].upright.available",
-    "objects[].upright.probability",
-    "objects[].upright.low",
-    "objects[].upright.high",
-    "physics.preset",
-}
+NOT_FILLED = {"physics.preset"}
 
 
 def rich_requests():

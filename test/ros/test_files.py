@@ -15,7 +15,6 @@ from message_fields import element_type, message_type
 from running import Inbox, NodeProcess
 from scenes import assert_answered
 
-from unc_physics.ros.not_served import NOT_SERVED
 from unc_physics.ros.reference import parameter_file, parameter_table
 from unc_physics_msgs import srv
 from unc_physics_msgs.msg import Prediction
@@ -26,13 +25,6 @@ ROOT = Path(__file__).resolve().parents[2]
 def test_the_parameter_file_and_the_document_are_up_to_date():
     assert (ROOT / "config" / "unc_physics.yaml").read_text() == parameter_file() + "\n"
     assert parameter_table() in (ROOT / "docs" / "ros.md").read_text()
-
-
-def test_the_document_names_what_is_not_served():
-    text = (ROOT / "docs" / "ros.md").read_text()
-    for message, fields in NOT_SERVED.items():
-        (row,) = re.findall(rf"^\| `{message}` \| (.*) \|$", text, re.MULTILINE)
-        assert [name for name in fields if f"`{name}`" not in row] == []
 
 
 def test_a_node_starts_with_the_parameter_file_and_without_models_or_kernels():

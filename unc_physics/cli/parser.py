@@ -12,6 +12,7 @@ from .import_command import add_import_command
 from .plugins import add_plugin_commands
 from .predict_command import add_predict_command
 from .propagators_command import add_propagators_command
+from .rank_command import add_rank_command
 from .schema_command import add_schema_command
 from .view_command import add_view_command
 from .warm_up_command import add_warm_up_command
@@ -35,6 +36,7 @@ def build_parser() -> argparse.ArgumentParser:
     parser.add_argument("--version", action="version", version=f"unc_physics {__version__}")
     commands = parser.add_subparsers(metavar="COMMAND", required=True)
     add_predict_command(commands)
+    add_rank_command(commands)
     add_calibrate_command(commands)
     add_propagators_command(commands)
     add_schema_command(commands)

@@ -69,7 +69,9 @@ def add_predict_command(commands) -> None:
         ),
     )
     parser.add_argument(
-        "--picture", metavar="OUT.png", help="also draw the prediction, from the side and from above"
+        "--picture",
+        metavar="OUT.png",
+        help="also draw the prediction, from the side and from above; OUT.gif moves, with --period",
     )
     parser.add_argument("--models", metavar="DIR", help="folder of the models, instead of the model library")
     parser.add_argument("--json", action="store_true", help="print one JSON object instead of a table")
@@ -121,7 +123,13 @@ def run(arguments) -> int:
     scene, belief, horizon = load_scene(arguments.scene, arguments.models)
     horizon = horizon if arguments.horizon is None else arguments.horizon
     prediction = _predict_with_progress(
-        scene, belief, propagator, horizon, arguments.period, arguments.time_limit
+        scene,
+        belief,
+        propagator,
+        horizon,
+        arguments.period,
+        arguments.time_limit,
+        keep_samples=_shown_samples(arguments.picture),
     )
     _note_what_is_left_out(arguments, scene, propagator, horizon)
     seed = prediction.seed if prediction.seed is not None else arguments.seed
@@ -141,10 +149,12 @@ def run(arguments) -> int:
         if answers is not None:
             print(answers_as_table(answers))
     if arguments.picture is not None:
+        from .scene_animation import draw_animation
         from .scene_picture import draw_prediction
 
+        draw = draw_animation if Path(arguments.picture).suffix == ".gif" else draw_prediction
         with writing(Path(arguments.picture), "--picture"):
-            draw_prediction(arguments.picture, prediction, Path(arguments.scene).stem.replace("_", " "))
+            draw(arguments.picture, prediction, Path(arguments.scene).stem.replace("_", " "))
     return 0
 
 
@@ -258,7 +268,7 @@ def check_picture(path):
     missing = [name for name in ("matplotlib", "scipy") if find_spec(name) is None]
     if missing:
         raise NotSupportedError(f"--picture needs {' and '.join(missing)}: pip install {' '.join(missing)}")
-    check_output(path, ".png", "--picture")
+    check_output(path, ".gif" if Path(path).suffix == ".gif" else ".png", "--picture")
 
 
 def _note_what_is_left_out(arguments, scene, propagator, horizon):
@@ -281,7 +291,14 @@ def _note_what_is_left_out(arguments, scene, propagator, horizon):
         )
 
 
-def _predict_with_progress(scene, belief, propagator, horizon, period, time_limit):
+def _shown_samples(picture):
+    """How many samples of each time a picture shows."""
+    from .scene_animation import GHOSTS
+
+    return GHOSTS if picture is not None and Path(picture).suffix == ".gif" else 0
+
+
+def _predict_with_progress(scene, belief, propagator, horizon, period, time_limit, keep_samples):
     """Predict; on a terminal, with a progress bar on work that takes long."""
     from tqdm import tqdm
 
@@ -313,6 +330,7 @@ def _predict_with_progress(scene, belief, propagator, horizon, period, time_limi
                 times=times,
                 max_computation_time=time_limit,
                 progress=None if bar.disable else show,
+                keep_samples=keep_samples,
             )
         except PredictionTimeoutError as error:
             raise PredictionTimeoutError(error.problem, field="--time-limit", value=time_limit) from None

@@ -4,53 +4,24 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..checks.errors import InvalidHorizonError, InvalidRequestError
+from ..checks.errors import InvalidHorizonError, InvalidRequestError, UncPhysicsError
 from ..checks.validation import numbers, point, positive, quaternion
+from ..scene.actions import PosePath
+from ..scene.body import RigidBody
+from ..scene.body_belief import BodyBelief
+from .link_solid import packed_link
 from .reading import require_libraries
-from .world import quaternion_of
+from .world import World, quaternion_of
 
-
-@dataclass(frozen=True, eq=False)
-class LinkMotion:
-    """Poses of a link's own origin at some times; between them it moves on the shortest way.
-
-    Attributes
-    ----------
-    times : (n,) array
-        From the trajectory's start [s], ascending.
-    positions : (n, 3) array
-        Of the link's origin, world frame [m].
-    orientations : (n, 4) array
-        Quaternions (x, y, z, w) of ``R_world_link``.
-    """
-
-    times: np.ndarray
-    positions: np.ndarray
-    orientations: np.ndarray
-
-    def of_com(self, origin: ArrayLike) -> LinkMotion:
-        """The same motion, of the centre of mass (COM) of the link's model.
-
-        Parameters
-        ----------
-        origin : (3,) array
-            The link's origin in the body frame [m]: `SpherePacking.origin`.
-        """
-        from scipy.spatial.transform import Rotation
-
-        offset = np.array(point(origin, "origin"))
-        return LinkMotion(
-            self.times,
-            self.positions - Rotation.from_quat(self.orientations).apply(offset),
-            self.orientations,
-        )
+_MOMENT = 1e-3  # s, between the two poses of what stands still
+_STILL = 1e-9  # m and of a quaternion
 
 
 def link_motions(
@@ -63,7 +34,7 @@ def link_motions(
     base_position: ArrayLike = (0.0, 0.0, 0.0),
     base_orientation: ArrayLike = (0.0, 0.0, 0.0, 1.0),
     period: float | None = 0.02,
-) -> dict[str, LinkMotion]:
+) -> dict[str, PosePath]:
     """Move a robot's joints along a trajectory, and tell where its links are on the way.
 
     The fields of a ``trajectory_msgs/JointTrajectory`` are what it takes: ``joint_names``, and the points'
@@ -90,8 +61,8 @@ def link_motions(
 
     Returns
     -------
-    dict of str to LinkMotion
-        By the links' names.
+    dict of str to PosePath
+        Of each link's own origin, by the links' names.
 
     Raises
     ------
@@ -154,8 +125,85 @@ def _refined(times, period):
 
 
 def _motion(when, poses):
+    """The path of a link through its poses (n, 4, 4)."""
     orientations = np.array([quaternion_of(pose) for pose in poses])
-    for k in range(1, len(orientations)):  # q and -q are one rotation; neighbours have the nearer one
-        if orientations[k] @ orientations[k - 1] < 0.0:
-            orientations[k] *= -1.0
-    return LinkMotion(when, poses[:, :3, 3].copy(), orientations)
+    if len(when) == 1:  # it stands still
+        when, poses, orientations = (
+            np.array([when[0], when[0] + _MOMENT]),
+            np.repeat(poses, 2, axis=0),
+            np.repeat(orientations, 2, axis=0),
+        )
+    return PosePath(times=when, positions=poses[:, :3, 3], orientations=orientations)
+
+
+def load_robot_motion(
+    path: str | os.PathLike[str],
+    joint_names: Sequence[str],
+    times: ArrayLike,
+    positions: ArrayLike,
+    *,
+    spheres: int = 500,
+    uniform: bool = True,
+    repair: bool = False,
+    **options: Any,
+) -> World:
+    """A robot that moves along a trajectory of its joints, as bodies of a scene.
+
+    Parameters
+    ----------
+    path, joint_names, times, positions
+        As of `link_motions`, which takes the ``options``: ``links``, ``base_position``,
+        ``base_orientation`` and ``period``.
+    spheres : int
+        Number of spheres of each link.
+    uniform, repair : bool
+        As of `from_urdf`. A link on a trajectory goes its way whatever its mass and inertia are.
+
+    Returns
+    -------
+    World
+        A body for each link, which follows its path, or is fixed where no joint moves it; where fixed ones
+        are; and what was left out.
+
+    Raises
+    ------
+    UncPhysicsError
+        As of `link_motions` and `reading.read_description`.
+    """
+    from .reading import read_description
+
+    motions = link_motions(path, joint_names, times, positions, **options)
+    description = read_description(path, {})
+    bodies, beliefs, left_out = [], {}, list(description.left_out)
+    for link in description.links:
+        if link.name not in motions:
+            continue
+        try:
+            model = packed_link(description.path, link, spheres, uniform=uniform, repair=repair)
+        except UncPhysicsError as error:
+            left_out.append(f"{link.name}: {error}")
+            continue
+        way = of_com(motions[link.name], model.origin)
+        spread = max(np.ptp(way.positions, axis=0).max(), np.ptp(way.orientations, axis=0).max())
+        if spread < _STILL:
+            bodies.append(RigidBody(link.name, model, fixed=True))
+            beliefs[link.name] = BodyBelief(position=way.positions[0], orientation=way.orientations[0])
+        else:
+            bodies.append(RigidBody(link.name, model, trajectory=way))
+    return World((), tuple(bodies), beliefs, tuple(left_out))
+
+
+def of_com(path: PosePath, origin: ArrayLike) -> PosePath:
+    """The path of the centre of mass (COM) of a body whose model's origin follows ``path``.
+
+    Parameters
+    ----------
+    path : PosePath
+    origin : (3,) array
+        The model's origin in the body frame [m]: `SpherePacking.origin`.
+    """
+    from scipy.spatial.transform import Rotation
+
+    offset = np.array(point(origin, "origin"))
+    turned = Rotation.from_quat(np.array(path.orientations)).apply(offset)
+    return PosePath(times=path.times, positions=path.positions - turned, orientations=path.orientations)

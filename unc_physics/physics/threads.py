@@ -38,6 +38,19 @@ def watched(look):
         _watch.look = before
 
 
+@contextlib.contextmanager
+def single_thread():
+    """Have `in_threads` do in this thread what is called in here."""
+    before = numba.get_num_threads()
+    numba.set_num_threads(1)
+    look, _watch.look = _watch.look, None
+    try:
+        yield
+    finally:
+        _watch.look = look
+        numba.set_num_threads(before)
+
+
 def in_threads(count, run):
     """Call ``run(slice)`` for parts of ``range(count)``, on as many threads as numba is set to."""
     threads = numba.get_num_threads() if count > 1 else 1

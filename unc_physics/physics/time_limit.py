@@ -58,6 +58,16 @@ def time_limit():
         _here.limit = before
 
 
+@contextlib.contextmanager
+def under_limit(limit):
+    """Let the kernels that this thread calls inside keep to another thread's `TimeLimit`, or to none."""
+    before, _here.limit = limit_here(), limit
+    try:
+        yield
+    finally:
+        _here.limit = before
+
+
 def limit_here():
     """The `TimeLimit` of this thread, if it has one."""
     return getattr(_here, "limit", None)

@@ -13,7 +13,14 @@ from ..scene.belief import Belief
 
 if TYPE_CHECKING:
     from .prediction import Prediction
-    from .probabilities import BoxRegion, ContactProbability, RegionProbability, RestProbability
+    from .probabilities import (
+        ContactProbability,
+        FallProbability,
+        RegionProbability,
+        RestProbability,
+        UprightProbability,
+    )
+    from .regions import BoxRegion
     from .status_rules import BodyStatus
 
 
@@ -63,6 +70,14 @@ class Answers(ABC):
         self, prediction: Prediction, speed: float, angular_speed: float, flights: int
     ) -> tuple[RestProbability, ...]:
         """As `rest_probabilities`."""
+
+    @abstractmethod
+    def upright(self, prediction: Prediction, angle: float, flights: int) -> tuple[UprightProbability, ...]:
+        """As `upright_probabilities`."""
+
+    @abstractmethod
+    def fallen(self, prediction: Prediction, flights: int) -> tuple[FallProbability, ...]:
+        """As `fall_probabilities`."""
 
     @abstractmethod
     def statuses(self, prediction: Prediction, rollouts: int) -> tuple[tuple[BodyStatus, ...], ...]:

@@ -14,7 +14,14 @@ from .answers import Answers
 
 if TYPE_CHECKING:
     from .prediction import Prediction
-    from .probabilities import BoxRegion, ContactProbability, RegionProbability, RestProbability
+    from .probabilities import (
+        ContactProbability,
+        FallProbability,
+        RegionProbability,
+        RestProbability,
+        UprightProbability,
+    )
+    from .regions import BoxRegion
     from .status_rules import BodyStatus
 
 
@@ -82,6 +89,16 @@ class Computed(Answers):
         from .outcomes import share_at_rest
 
         return share_at_rest(prediction, speed, angular_speed, flights)
+
+    def upright(self, prediction: Prediction, angle: float, flights: int) -> tuple[UprightProbability, ...]:
+        from .outcomes import share_upright
+
+        return share_upright(prediction, angle, flights)
+
+    def fallen(self, prediction: Prediction, flights: int) -> tuple[FallProbability, ...]:
+        from .outcomes import share_fallen
+
+        return share_fallen(prediction, flights)
 
     def statuses(self, prediction: Prediction, rollouts: int) -> tuple[tuple[BodyStatus, ...], ...]:
         from .status import judge

@@ -26,12 +26,14 @@ class BalancedMonteCarlo(MonteCarlo):
     are off by a fifth.
     """
 
-    def drawn(self, scene, belief):
-        """As `MonteCarlo.drawn`; plain draws where overlap is rejected, or of one sample."""
-        if scene.overlap == "reject" or self.samples < 2:
-            return super().drawn(scene, belief)
+    def drawn(self, scene, belief, count):
+        """As `MonteCarlo.drawn`, but for the first ones of a larger number; plain draws where overlap is
+        rejected, or of one sample.
+        """
+        if scene.overlap == "reject" or count < 2:
+            return super().drawn(scene, belief, count)
         root = belief.root()
-        z = _balanced(normal_points(self.samples, root.shape[1], self.seed))
+        z = _balanced(normal_points(count, root.shape[1], self.seed))
         return spread_states(belief.mean.copy(), belief.moving.copy(), np.einsum("nr,kr->nk", z, root))
 
 

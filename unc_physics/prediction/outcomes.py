@@ -6,6 +6,7 @@ they do where samples rest on too few rollouts to tell: an interval counts rollo
 
 from __future__ import annotations
 
+import functools
 import math
 import weakref
 from collections.abc import Sequence
@@ -13,19 +14,20 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..physics.layout import ANGULAR_VELOCITY, POSITION, VELOCITY
 from ..scene.environment import element_names
+from .events import ENVIRONMENT, AtRest, FellOff, InRegion, Seen, Upright
 from .first_contacts import first_contacts
 from .prediction import Prediction
 from .probabilities import (
-    ENVIRONMENT,
     TOLERANCE,
     UNKNOWN,
-    BoxRegion,
     ContactProbability,
+    FallProbability,
     RegionProbability,
     RestProbability,
+    UprightProbability,
 )
+from .regions import BoxRegion
 
 #: Half width of the interval of a share, in standard deviations: one share in a thousand lies outside.
 CONFIDENCE = 3.29
@@ -49,36 +51,58 @@ def share_inside(
     prediction: Prediction, regions: Sequence[BoxRegion], flights: int
 ) -> tuple[RegionProbability, ...]:
     """As `probabilities.region_probabilities`."""
-    outcomes = _outcomes(prediction, flights)
-    scene, answers = prediction.scene, []
-    for region in regions:
-        for body in scene.moving:
-            shares = (_of_body(region.contains(own.states[:, body, POSITION]), own, body) for own in outcomes)
-            answers.append(
-                RegionProbability(
-                    region.name, scene.bodies[body].name, prediction.time, *_first_available(shares)
-                )
-            )
-    return tuple(answers)
+    return tuple(
+        RegionProbability(region.name, name, prediction.time, *share)
+        for region in regions
+        for name, share in _shares(prediction, functools.partial(InRegion, region=region), flights)
+    )
 
 
 def share_at_rest(
     prediction: Prediction, speed: float, angular_speed: float, flights: int
 ) -> tuple[RestProbability, ...]:
     """As `probabilities.rest_probabilities`."""
+    slow = functools.partial(AtRest, speed=speed, angular_speed=angular_speed)
+    return tuple(
+        RestProbability(name, prediction.time, *share) for name, share in _shares(prediction, slow, flights)
+    )
+
+
+def share_upright(prediction: Prediction, angle: float, flights: int) -> tuple[UprightProbability, ...]:
+    """As `probabilities.upright_probabilities`."""
+    upright = functools.partial(Upright, angle=angle)
+    return tuple(
+        UprightProbability(name, prediction.time, *share)
+        for name, share in _shares(prediction, upright, flights)
+    )
+
+
+def share_fallen(prediction: Prediction, flights: int) -> tuple[FallProbability, ...]:
+    """As `probabilities.fall_probabilities`."""
+    return tuple(
+        FallProbability(name, prediction.time, *share)
+        for name, share in _shares(prediction, FellOff, flights)
+    )
+
+
+def _shares(prediction, event, flights):
+    """Each moving body's name, and the share of an event that is made of it."""
     outcomes = _outcomes(prediction, flights)
-    scene, answers = prediction.scene, []
-    for body in scene.moving:
-        shares = (_of_body(_slow(own.states[:, body], speed, angular_speed), own, body) for own in outcomes)
-        name = scene.bodies[body].name
-        answers.append(RestProbability(name, prediction.time, *_first_available(shares)))
-    return tuple(answers)
+    for body in prediction.scene.moving:
+        name = prediction.scene.bodies[body].name
+        happens = event(name)
+        yield (
+            name,
+            _first_available(
+                _of_body(happens.happened(seen(prediction, own.states, own.first)), own, body)
+                for own in outcomes
+            ),
+        )
 
 
-def _slow(states, speed, angular_speed):
-    """(N,): which states (N, 13) are of a body at rest."""
-    slow = np.linalg.norm(states[:, VELOCITY], axis=1) < speed
-    return slow & (np.linalg.norm(states[:, ANGULAR_VELOCITY], axis=1) < angular_speed)
+def seen(prediction: Prediction, states: np.ndarray, first: np.ndarray) -> Seen:
+    """What rollouts showed: their last states (N, B, 13), and first contacts (N, B, B + E)."""
+    return Seen(prediction.scene, prediction.initial.mean, states, first)
 
 
 @dataclass(frozen=True, eq=False)
@@ -203,7 +227,7 @@ def _share(yes, unknown, certain, rollouts):
     low, high = np.count_nonzero(yes & ~unknown) / count, np.count_nonzero(yes | unknown) / count
     probability = 0.5 * (low + high)
     if not certain:
-        low, high = _interval(low, rollouts)[0], _interval(high, rollouts)[1]
+        low, high = interval(low, rollouts)[0], interval(high, rollouts)[1]
     if max(probability - low, high - probability) > TOLERANCE:
         return UNKNOWN
     # round-off must not leave the probability outside
@@ -211,7 +235,7 @@ def _share(yes, unknown, certain, rollouts):
     return True, float(probability), float(low), float(high)
 
 
-def _interval(share, count):
+def interval(share: float, count: int) -> tuple[float, float]:
     """Lowest and highest probability that may have given a share of ``count`` draws (Wilson 1927)."""
     square = CONFIDENCE**2 / count
     middle = (share + 0.5 * square) / (1.0 + square)

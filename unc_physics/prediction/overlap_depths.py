@@ -10,19 +10,21 @@ from ..physics.element_contacts import next_element_contacts, open_element
 from ..physics.layout import POSITION
 from ..physics.narrow_phase import DISTANCE, VOLUME, next_contacts, open_pair
 from ..physics.workspace import workspace
+from ..scene.scene import Scene
 
 _NUDGE = 1e-9  # of the body's radius: coincident spheres have no normal
 
 
-def overlaps(scene, states):
+def overlaps(scene: Scene, states: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """How deep each body's spheres reach into others or the environment [m], and no less than the energy
     there [J]: each (N, B), of states (N, B, 13).
     """
     nudged = states.copy()
     radii = [body.model.bounding_radius for body in scene.bodies]
     nudged[:, :, POSITION.start] += _NUDGE * np.arange(len(radii)) * radii
-    depth, work = np.zeros((2, *states.shape[:2]))
+    depth, work = np.zeros(states.shape[:2]), np.zeros(states.shape[:2])
     _add_overlaps(nudged, scene.world, scene.world.surroundings, depth, work)
+    assert scene.stiffness is not None  # chosen when a prediction begins
     return depth, scene.stiffness * work
 
 

@@ -6,7 +6,7 @@ import contextlib
 import math
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -15,13 +15,12 @@ from ..checks.errors import (
     InvalidHorizonError,
     LimitExceededError,
     NotSupportedError,
-    PredictionTimeoutError,
     UncPhysicsError,
 )
 from ..checks.validation import instance, positive
 from ..physics.compile_time import clock
 from ..physics.threads import watched
-from ..physics.time_limit import TimeLimit, time_limit
+from ..physics.time_limit import time_limit
 from ..propagators.base import Propagator
 from ..propagators.names import DEFAULT, POINTS
 from ..propagators.registry import make_propagator, names_where
@@ -35,14 +34,14 @@ from .computed import Computed
 from .islands import Islands
 from .memory import check_memory
 from .prediction import Prediction
+from .within import Within
 
 STEPS_LIMIT = 100_000_000
 TIMES_LIMIT = 100_000
-_LEAST = 0.05  # s, wall time that kernels always have, so that most answers have a first step
-_LOOK_UP_AFTER = 0.02  # s, wall time between looks at the clock and reports of progress
+LOOK_UP_AFTER = 0.02  # s, wall time between looks at the clock and reports of progress
 
 
-@np.errstate(all="ignore")  # what overflows is found by `_finite`
+@np.errstate(all="ignore")  # what overflows is found by `finite`
 def predict(
     scene: Scene,
     belief: Belief,
@@ -111,42 +110,8 @@ def predict(
     allowed = None if max_computation_time is None else positive(max_computation_time, "max_computation_time")
     with time_limit() as limit:
         ends_early = scene.integrator == "implicit"  # the explicit step's kernels do not
-        within = _Within(allowed, started, limit if ends_early else None)
+        within = Within(allowed, started, limit if ends_early else None)
         return _predicted(scene, belief, propagator, marks, within, progress, keep_samples)
-
-
-class _Within(NamedTuple):
-    """The computation time that is allowed [s], if any, since when [s], and what ends kernels by then, if
-    anything does.
-    """
-
-    allowed: float | None
-    started: float
-    limit: TimeLimit | None
-
-    @property
-    def over(self):
-        """Whether it ran out."""
-        return self.allowed is not None and clock() - self.started > self.allowed
-
-    def complete(self, compute: Callable[..., Any], *arguments) -> Any:
-        """What a function computes; None if its kernels were ended early.
-
-        What was ended while kernels were still compiled, which does not count, is computed again.
-        """
-        while self.allowed is not None and self.limit is not None:
-            self.limit.within(max(self.allowed - (clock() - self.started), _LEAST))
-            result = compute(*arguments)
-            if not self.limit.passed:
-                return result
-            if self.over:
-                return None
-        return compute(*arguments)
-
-    def error(self, reached, horizon):
-        """That it ran out."""
-        where = f"after {reached:.6g} s of {horizon:.6g} s simulated" if reached else "before the first step"
-        return PredictionTimeoutError(f"ran out {where}", field="max_computation_time", value=self.allowed)
 
 
 def _predicted(scene, belief, propagator, marks, within, progress, keep_samples):
@@ -179,7 +144,7 @@ def _predicted(scene, belief, propagator, marks, within, progress, keep_samples)
             raise within.error(done * scene.dt, horizon)
 
     def look():  # between the parts of a step that takes long
-        if clock() - told > _LOOK_UP_AFTER or within.over:
+        if clock() - told > LOOK_UP_AFTER or within.over:
             tell()
 
     with contextlib.nullcontext() if in_one_go else watched(look):
@@ -198,11 +163,11 @@ def _predicted(scene, belief, propagator, marks, within, progress, keep_samples)
 
     def reach(carry, steps):
         reached.append(steps * scene.dt)
-        beliefs.append(_finite(_with_driven(runner.belief(carry, scene), scene, reached[-1]), reached[-1]))
+        beliefs.append(finite(as_driven(runner.belief(carry, scene), scene, reached[-1]), reached[-1]))
         if propagator.points_in_pairs:  # few, where samples may be many
             carries.append(partial(runner.whole if in_islands else _itself, carry))
         else:
-            carries.append(_nothing)
+            carries.append(nothing)
         if keep_samples:
             kept.append(runner.own_samples(carry, scene)[:keep_samples].copy())
 
@@ -351,7 +316,7 @@ def check_supported(scene: Scene, propagator: Propagator) -> None:
         raise NotSupportedError(f"is not supported by {propagator.name}", field=field, value=float(first.std))
 
 
-def _with_driven(belief, scene, time):
+def as_driven(belief: Belief, scene: Scene, time: float) -> Belief:
     """The belief in which prescribed bodies are where their paths say, not where one sample has them."""
     mean = with_driven(scene, belief.mean, time)
     return belief if mean is belief.mean else Belief.trusted(mean, belief.covariance, belief.moving)
@@ -361,18 +326,19 @@ def _itself(carry):
     return carry
 
 
-def _nothing():
-    return None
+def nothing() -> None:
+    """What is kept of a state that nobody will ask for."""
 
 
 def _next_piece(steps, took):
     """Steps that will take about as long as is wanted between looks at the clock, when ``steps`` took
     ``took`` s.
     """
-    return max(1, min(4 * steps, round(steps * _LOOK_UP_AFTER / max(took, 1e-9))))
+    return max(1, min(4 * steps, round(steps * LOOK_UP_AFTER / max(took, 1e-9))))
 
 
-def _finite(belief, reached):
+def finite(belief: Belief, reached: float) -> Belief:
+    """The belief itself, after so many seconds; raises `DivergedError` unless it is finite."""
     if not (np.isfinite(belief.mean).all() and np.isfinite(belief.covariance).all()):
         raise DivergedError(
             f"diverged within {reached:.6g} s; a smaller dt or stiffness may help", field="prediction"

@@ -25,19 +25,22 @@ from ..physics.origin import at_origin
 from ..physics.rotation import rotation_matrix
 from ..propagators.base import Mode
 from ..scene.parameters import moved_along
+from .events import REST_ANGULAR_SPEED, REST_SPEED, UPRIGHT_ANGLE
 from .prediction import Origin, Prediction
 from .probabilities import (
     FLIGHTS,
-    REST_ANGULAR_SPEED,
-    REST_SPEED,
-    BoxRegion,
     ContactProbability,
+    FallProbability,
     RegionProbability,
     RestProbability,
+    UprightProbability,
     contact_probabilities,
+    fall_probabilities,
     region_probabilities,
     rest_probabilities,
+    upright_probabilities,
 )
+from .regions import BoxRegion
 from .status import ROLLOUTS, assess_all
 from .status_rules import BodyStatus
 
@@ -228,6 +231,24 @@ class PredictedBody:
         answers = rest_probabilities(
             self._prediction, speed=speed, angular_speed=angular_speed, flights=flights
         )
+        return next(answer for answer in answers if answer.object == self.name)
+
+    def upright_probability(
+        self, *, angle: float = UPRIGHT_ANGLE, flights: int = FLIGHTS
+    ) -> UprightProbability:
+        """How probable it is that the body stands upright (`upright_probabilities`)."""
+        self._only_at_the_horizon("upright_probability")
+        if self.fixed:
+            return UprightProbability(self.name, self.time, True, 1.0)
+        answers = upright_probabilities(self._prediction, angle=angle, flights=flights)
+        return next(answer for answer in answers if answer.object == self.name)
+
+    def fall_probability(self, *, flights: int = FLIGHTS) -> FallProbability:
+        """How probable it is that the body fell off what carried it (`fall_probabilities`)."""
+        self._only_at_the_horizon("fall_probability")
+        if self.fixed:
+            return FallProbability(self.name, self.time, True, 0.0)
+        answers = fall_probabilities(self._prediction, flights=flights)
         return next(answer for answer in answers if answer.object == self.name)
 
     def status(self, *, rollouts: int = ROLLOUTS) -> BodyStatus:

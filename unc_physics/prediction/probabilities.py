@@ -11,71 +11,20 @@ question with yes, no, or not yet. "Not yet" counts half, and widens the interva
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-import numpy as np
-
-from ..checks.array_field import Array, array_field
-from ..checks.errors import DuplicateIdError, InvalidEnvironmentError, InvalidRequestError
-from ..checks.validation import array, instance, integer, positive, quaternion
-from ..physics.rotation import rotation_matrix
+from ..checks.validation import instance, integer, positive
+from .events import REST_ANGULAR_SPEED, REST_SPEED, UPRIGHT_ANGLE
 from .prediction import Prediction
+from .regions import BoxRegion, checked_regions
 
-#: What an answer is called with that is about any element of the environment.
-ENVIRONMENT = "environment"
 #: Whether a probability is available, itself, its lowest and highest value: where it cannot be told.
 UNKNOWN = (False, None, None, None)
 #: How far an available probability may be from the truth.
 TOLERANCE = 0.1
 #: Flights of a propagator without samples.
 FLIGHTS = 1000
-#: Speeds below which a body counts as at rest [m/s], [rad/s].
-REST_SPEED, REST_ANGULAR_SPEED = 0.01, math.radians(5.0)
-
-
-@dataclass(frozen=True, eq=False)
-class BoxRegion:
-    """A box in space to ask about.
-
-    Attributes
-    ----------
-    name : str
-    size : (3,) array
-        Edge lengths [m].
-    position : (3,) array
-        Of its centre, world frame [m].
-    orientation : (4,) array
-        Quaternion (x, y, z, w) of ``R_world_region``.
-
-    Raises
-    ------
-    InvalidRequestError, InvalidEnvironmentError, NotFiniteError, InvalidOrientationError
-    """
-
-    name: str
-    size: Array = array_field()
-    position: Array = array_field((0.0, 0.0, 0.0))
-    orientation: Array = array_field((0.0, 0.0, 0.0, 1.0))
-
-    def __post_init__(self):
-        if not isinstance(self.name, str) or not self.name:
-            raise InvalidRequestError("must be a non-empty text", field="name of region", value=self.name)
-        of = f"of region '{self.name}'"
-        size = array(self.size, (3,), f"size {of}", InvalidEnvironmentError)
-        for k in range(3):
-            positive(size[k], f"size[{k}] {of}", InvalidEnvironmentError)
-        object.__setattr__(self, "size", size)
-        object.__setattr__(
-            self, "position", array(self.position, (3,), f"position {of}", InvalidEnvironmentError)
-        )
-        object.__setattr__(self, "orientation", quaternion(self.orientation, f"orientation {of}"))
-
-    def contains(self, points: np.ndarray) -> np.ndarray:
-        """(...,) bool: which points (..., 3) [m], world frame, lie in the box or on its surface."""
-        R = rotation_matrix(self.orientation)
-        return (np.abs((points - self.position) @ R) <= 0.5 * self.size).all(axis=-1)
 
 
 @dataclass(frozen=True)
@@ -85,7 +34,7 @@ class ContactProbability:
     Attributes
     ----------
     object_a, object_b : str
-        A moving body, and another body, an element of the environment, or `ENVIRONMENT` for any of its
+        A moving body, and another body, an element of the environment, or ``environment`` for any of its
         elements. Two bodies are in the scene's order, where either may be the fixed one.
     time_from_start : float
         The contact happens between the start and this time [s].
@@ -142,8 +91,8 @@ class RegionProbability:
 
 
 @dataclass(frozen=True)
-class RestProbability:
-    """How probable it is that a body is at rest at the horizon.
+class _AtHorizon:
+    """A probability about a body at the horizon.
 
     Attributes
     ----------
@@ -167,6 +116,18 @@ class RestProbability:
     high: float | None = None
 
 
+class RestProbability(_AtHorizon):
+    """How probable it is that a body is at rest at the horizon (`events.AtRest`)."""
+
+
+class UprightProbability(_AtHorizon):
+    """How probable it is that a body stands upright at the horizon (`events.Upright`)."""
+
+
+class FallProbability(_AtHorizon):
+    """How probable it is that a body fell off what carried it (`events.FellOff`)."""
+
+
 def contact_probabilities(
     prediction: Prediction, *, flights: int = FLIGHTS
 ) -> tuple[ContactProbability, ...]:
@@ -183,7 +144,7 @@ def contact_probabilities(
     -------
     tuple of ContactProbability
         For each pair of bodies of which one moves, in the scene's order; then, for each moving body, each
-        element of the environment, and the environment as a whole under the name `ENVIRONMENT`.
+        element of the environment, and the environment as a whole under the name ``environment``.
     """
     flights = _checked(prediction, flights)
     return prediction.answers.contacts(prediction, flights)
@@ -242,21 +203,50 @@ def rest_probabilities(
     return prediction.answers.rest(prediction, speed, angular_speed, flights)
 
 
-def checked_regions(regions: BoxRegion | Iterable[BoxRegion]) -> tuple[BoxRegion, ...]:
-    """Regions as a tuple; their names must differ."""
-    try:
-        regions = (regions,) if isinstance(regions, BoxRegion) else tuple(regions)
-    except TypeError:
-        raise InvalidRequestError("must be a sequence of BoxRegion", field="regions", value=regions) from None
-    names = []
-    for k, region in enumerate(regions):
-        instance(region, BoxRegion, f"regions[{k}]")
-        if region.name in names:
-            raise DuplicateIdError(
-                "is the name of two regions", field=f"regions[{k}].name", value=region.name
-            )
-        names.append(region.name)
-    return regions
+def upright_probabilities(
+    prediction: Prediction, *, angle: float = UPRIGHT_ANGLE, flights: int = FLIGHTS
+) -> tuple[UprightProbability, ...]:
+    """How probable it is that a moving body stands upright at the horizon.
+
+    That is: the axis of the body that points up in its given pose at time 0 leans from up by less than an
+    angle. Up is against gravity, and along z where there is none.
+
+    Parameters
+    ----------
+    prediction : Prediction
+    angle : float
+        [rad]
+    flights : int, optional
+        As for `contact_probabilities`.
+
+    Returns
+    -------
+    tuple of UprightProbability
+        One for each moving body, in the scene's order.
+    """
+    angle = positive(angle, "angle")
+    flights = _checked(prediction, flights)
+    return prediction.answers.upright(prediction, angle, flights)
+
+
+def fall_probabilities(prediction: Prediction, *, flights: int = FLIGHTS) -> tuple[FallProbability, ...]:
+    """How probable it is that a moving body fell off what carried it.
+
+    That is: at the horizon its centre of mass is lower than in its given pose at time 0 by more than the
+    radius about the centre of mass that encloses it, further than it comes down by toppling.
+
+    Parameters
+    ----------
+    prediction : Prediction
+    flights : int, optional
+        As for `contact_probabilities`.
+
+    Returns
+    -------
+    tuple of FallProbability
+        One for each moving body, in the scene's order.
+    """
+    return prediction.answers.fallen(prediction, _checked(prediction, flights))
 
 
 def _checked(prediction, flights):

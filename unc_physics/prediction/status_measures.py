@@ -21,7 +21,7 @@ from ..physics.layout import (
 )
 from ..physics.overlap_search import TOUCHING
 from ..physics.rotation import rotation_matrix
-from ..propagators.names import DEFAULT
+from ..propagators.names import POINTS
 from ..propagators.registry import make_propagator
 from ..propagators.start import known
 from .few_rollouts import pose_spreads
@@ -96,7 +96,7 @@ def _found(prediction):
     """What the rollouts learned of their own beginning; a single one begins as points do, which tell more."""
     scene = prediction.scene
     if scene.integrator == "implicit" and prediction.propagator.traits.mean_update == "nominal":
-        points = make_propagator(DEFAULT)
+        points = make_propagator(POINTS)
         return points.contact_history(points.init(scene, known(scene, prediction.initial))).start
     return prediction.contact_history.start
 

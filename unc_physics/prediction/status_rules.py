@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import IntFlag
 from typing import NamedTuple
 
 from ..propagators.names import REFERENCE
 from ..propagators.registry import names_where
+from ..scene.scene import Scene
 
 _SAMPLED = names_where(lambda propagator: propagator.own_sample_count is not None, " or ")
 _ESTIMATED = names_where(lambda propagator: propagator.traits.mean_update == "estimated", " or ")
@@ -120,7 +122,7 @@ RULES = {
         f"the rotation is too uncertain for a Gaussian; samples of {REFERENCE} are not",
     ),
     "spread_disagreement": Rule(
-        Status.OUTSIDE_VALIDITY, 2.0, f"rollouts spread differently; {_SAMPLED} helps"
+        Status.OUTSIDE_VALIDITY, 1.9, f"rollouts spread differently; {_SAMPLED} helps"
     ),
     "doubtful_contacts": Rule(
         Status.OUTSIDE_VALIDITY,
@@ -175,20 +177,27 @@ class BodyStatus:
         return "; ".join(self.reasons)
 
 
-def judged(scene, name, measures):
+def raised(measures: Mapping[str, float]) -> list[str]:
+    """Those of a body's measures, by name, that raise their flags; what is no number does."""
+    compared = "spread_disagreement" in measures
+    return [
+        name
+        for name, value in measures.items()
+        if not value <= RULES[name].limit and not (compared and RULES[name].unless_compared)
+    ]
+
+
+def judged(scene: Scene, name: str, measures: dict[str, float]) -> BodyStatus:
     """The status that a body's measures make."""
     flags, reasons = Status.FINE, []
-    for key, value in measures.items():
-        flag, limit, words, unless_compared = RULES[key]
-        if unless_compared and "spread_disagreement" in measures:
-            continue
-        if not value <= limit:  # also what is no number
-            flags |= flag
-            words = words.format(
-                dt=scene.dt,
-                stiffness=scene.stiffness,
-                shorter=scene.dt * limit / value,
-                stiffer=scene.stiffness * value,
-            )
-            reasons.append(f"{words} ({key} {value:.3g} above {limit:.3g})")
+    for key in raised(measures):
+        value, (flag, limit, words, _) = measures[key], RULES[key]
+        flags |= flag
+        words = words.format(
+            dt=scene.dt,
+            stiffness=scene.stiffness,
+            shorter=scene.dt * limit / value,
+            stiffer=(scene.stiffness or 0.0) * value,
+        )
+        reasons.append(f"{words} ({key} {value:.3g} above {limit:.3g})")
     return BodyStatus(name, flags, measures, tuple(reasons))

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..physics import contact_history as histories
 from ..physics.compile_time import clock
+from .base import one_after_the_other
 from .cloud import FEWEST_RUNS, Cloud
-from .emission import diverged
+from .emission import diverged, settled
 from .options import option
 
 _FIRST = 16  # rollouts, before it is known what more of them would be good for
@@ -74,23 +74,16 @@ class Auto(Cloud):
         return max(more, 0)
 
     def together(self, carry, further):
-        return carry._replace(
-            states=np.concatenate([carry.states, further.states]),
-            parameters=np.concatenate([carry.parameters, further.parameters]),
-            contact_history=histories.stacked(carry.contact_history, further.contact_history),
-        )
+        return one_after_the_other(carry, further)
 
     def _sure(self, carry, scene):
-        """Whether all wishes are met; with none, nothing is ever sure enough."""
+        """Whether all wishes are met; with none, nothing that rollouts tell is ever sure enough."""
+        if settled(self._runs(carry), scene):
+            return True
+        wishes = self.error, self.position_error, self.rotation_error, self.probability_error
+        if not any(wishes):
+            return False
         errors = self.standard_errors(carry, scene)
-        met = []
-        for wish, found in (
-            (self.error, errors.relative),
-            (self.position_error, errors.position),
-            (self.rotation_error, errors.rotation),
-        ):
-            if wish > 0.0:
-                met.append(bool((found <= wish).all()))
-        if self.probability_error > 0.0 and errors.relative.any():
-            met.append(0.5 / math.sqrt(len(carry.states)) <= self.probability_error)
-        return not errors.relative.any() or (bool(met) and all(met))
+        probability = np.array([0.5 / math.sqrt(len(carry.states))])
+        found = errors.relative, errors.position, errors.rotation, probability
+        return all(bool((f <= wish).all()) for wish, f in zip(wishes, found, strict=True) if wish > 0.0)

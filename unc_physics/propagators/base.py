@@ -243,6 +243,12 @@ class Propagator(ABC):
         """One carry of some rollouts and those that follow them, after as many steps."""
         raise NotSupportedError(f"has no part in {self.name}", field="rollouts")
 
+    def some(self, carry: Any, rollouts: slice) -> Any:
+        """The carry of some of its rollouts, for those that have `begun` and `together`; it may share
+        arrays.
+        """
+        raise NotSupportedError(f"has no part in {self.name}", field="rollouts")
+
     @property
     def compared_with_rollouts(self) -> bool:
         """Whether a status has to compare its spread with that of rollouts.
@@ -306,6 +312,24 @@ def rolled(carry, scene, steps):
     else:
         rollout(states, history, scene.world, carry.step, steps)
     return carry._replace(states=states, contact_history=history, step=carry.step + steps)
+
+
+def some_rollouts(carry, rollouts):
+    """The carry of some of its rollouts, which shares their arrays."""
+    return carry._replace(
+        states=carry.states[rollouts],
+        parameters=carry.parameters[rollouts],
+        contact_history=histories.samples(carry.contact_history, rollouts),
+    )
+
+
+def one_after_the_other(carry, further):
+    """The carry of some rollouts and of others of the same scene that follow them, after as many steps."""
+    return carry._replace(
+        states=np.concatenate([carry.states, further.states]),
+        parameters=np.concatenate([carry.parameters, further.parameters]),
+        contact_history=histories.stacked(carry.contact_history, further.contact_history),
+    )
 
 
 def symmetric_root(P: np.ndarray) -> np.ndarray:

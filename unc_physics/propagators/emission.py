@@ -135,6 +135,11 @@ def standard_errors(runs: Runs, scene: Scene) -> Errors:
     return errors
 
 
+def settled(runs: Runs, scene: Scene) -> bool:
+    """Whether everything is known in closed form, so that more rollouts would tell nothing."""
+    return all(group.flew or not _spread(runs, scene, group) for group in _groups(runs, scene))
+
+
 def _spread(runs, scene, group):
     """Whether the rollouts of a group differ."""
     return bool(runs.z[:, group.columns].any()) or scene.draws_impacts

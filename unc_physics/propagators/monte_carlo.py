@@ -15,7 +15,7 @@ from ..scene.belief import Belief
 from ..scene.parameters import center_offsets, draw_parameters, moved_along
 from ..scene.physics_keys import INTEGRATORS
 from ..scene.scene import Scene
-from .base import SAMPLES_LIMIT, Propagator, Traits, rolled
+from .base import SAMPLES_LIMIT, Propagator, Traits, one_after_the_other, rolled, some_rollouts
 from .free_flight import course_of
 from .joining import joined_history
 from .options import option
@@ -71,31 +71,41 @@ class MonteCarlo(Propagator):
     reduce: bool = option(False, "whether common motion is left to a closed form")
 
     def init(self, scene, belief):
-        common, motion = np.zeros((self.samples, 0)), np.zeros((6, 0))
+        return self.begun(scene, belief, 0, self.samples)
+
+    def begun(self, scene, belief, first, last):
+        common, motion = np.zeros((last, 0)), np.zeros((6, 0))
         if self.reduce and symmetric(scene) and scene.overlap != "reject":
-            drawn, common, motion = self._reduced(scene, belief)
+            drawn, common, motion = self._reduced(scene, belief, last)
         else:
-            drawn = self.drawn(scene, belief)
-        states, history = begin(scene, belief, drawn)
+            drawn = self.drawn(scene, belief, last)
+        states, history = begin(scene, belief, drawn[first:])
         if scene.draws_impacts:
-            history = histories.with_keys(history, self.seed)
-        z = draw_parameters(scene, self.samples, self.seed)
+            history = histories.with_keys(history, self.seed, first)
+        z = draw_parameters(scene, last, self.seed)[first:]
         states = moved_along(start_states(scene, states, z), center_offsets(scene, z))
-        return MonteCarloCarry(states, history, 0, z, common, motion)
+        return MonteCarloCarry(states, history, 0, z, common[first:], motion)
 
-    def drawn(self, scene: Scene, belief: Belief) -> np.ndarray:
-        """(N, B, 13): states drawn from a belief."""
-        return draw(scene, belief, self.samples, self.seed)
+    def drawn(self, scene: Scene, belief: Belief, count: int) -> np.ndarray:
+        """(count, B, 13): states drawn from a belief; the first ones are the same for every larger count."""
+        return draw(scene, belief, count, self.seed)
 
-    def _reduced(self, scene, belief):
+    def _reduced(self, scene, belief, count):
         """States (N, B, 13), common motions (N, 6), and their root."""
         root = belief.root()
         reduced = reduction(root)
-        z = np.random.default_rng(self.seed).standard_normal((self.samples, root.shape[1]))
+        z = np.random.default_rng(self.seed).standard_normal((count, root.shape[1]))
         errors = np.einsum("nr,kr->nk", z[:, : reduced.relative.shape[1]], root @ reduced.relative)
         states = spread_states(belief.mean.copy(), scene.moving.copy(), errors)
         common = np.einsum("nc,kc->nk", z[:, reduced.relative.shape[1] :], reduced.motion)
         return states, common, reduced.motion
+
+    def some(self, carry, rollouts):
+        return some_rollouts(carry, rollouts)._replace(common=carry.common[rollouts])
+
+    def together(self, carry, further):
+        common = np.concatenate([carry.common, further.common])
+        return one_after_the_other(carry, further)._replace(common=common)
 
     def advance(self, carry, scene, steps):
         return rolled(carry, scene, steps)

@@ -13,8 +13,8 @@ from unc_physics_msgs.srv import PredictCandidates
 from ..checks.errors import DuplicateIdError, ErrorCode, InvalidRequestError, LimitExceededError
 from .background import BackgroundService
 from .durations import duration
-from .not_served import refuse_not_served
-from .requests import answer_bytes, read_request
+from .ranked_candidates import rank_candidates, with_reference
+from .requests import answer_bytes, read_request, write_error
 
 
 class CandidatesService:
@@ -35,6 +35,8 @@ class CandidatesService:
         with self._server.errors_into(response.result):
             settings = self._server.settings
             _check(request, settings)
+            if request.score:
+                request.request = with_reference(request.request)
             base = read_request(
                 request.request,
                 settings,
@@ -50,6 +52,10 @@ class CandidatesService:
                     field="the answer",
                 )
             response.seed = base.seed
+            if request.score:
+                self._rank(request, response, base)
+                response.computation_time = duration(time.perf_counter() - started)
+                return
             deadline = None if base.max_computation_time is None else started + base.max_computation_time
             response.predictions = list(
                 self._pool.map(
@@ -60,6 +66,16 @@ class CandidatesService:
             if late:
                 response.result = late[0].result
         response.computation_time = duration(time.perf_counter() - started)
+
+    def _rank(self, request, response, base):
+        """Write the candidates' entries by their score."""
+        candidates = [_with_candidate(request, k) for k in range(len(request.candidates))]
+        entries, error = rank_candidates(
+            self._server, request, candidates, base.seed, base.max_computation_time
+        )
+        response.predictions = entries
+        if error is not None:
+            write_error(response.result, error)
 
     def _candidate(self, request, k, seed, deadline):
         """The entry of candidate k, which ends at the deadline."""
@@ -89,7 +105,6 @@ def _with_candidate(request, k):
 
 def _check(request, settings):
     """Refuse candidates that are none, too many, or do not belong to the scene."""
-    refuse_not_served("PredictCandidates", request, "")
     if not request.candidates:
         raise InvalidRequestError("must name at least one candidate", field="candidates")
     if len(request.candidates) > settings.max_candidates:

@@ -29,12 +29,16 @@ _FEATURES = [
     "contact_probabilities",
     "region_probabilities",
     "rest_probability",
+    "upright_probability",
+    "fall_probability",
     "status",
     "joint_covariance",
     "modes",
     "pose_samples",
     "candidates",
+    "candidate_scores",
     "mesh_packing",
+    "primitives_and_meshes",
 ]
 _MEAN = {"nominal": PropagatorInfo.MEAN_NOMINAL, "estimated": PropagatorInfo.MEAN_ESTIMATED}
 

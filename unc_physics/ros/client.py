@@ -28,17 +28,22 @@ from ..checks.errors import (
     error_of,
 )
 from ..checks.validation import instance, integer, positive
+from ..prediction.actions import Action, apply_action
+from ..prediction.events import Event
 from ..prediction.predict import check_supported, steps_of
 from ..prediction.prediction import Prediction
-from ..prediction.probabilities import BoxRegion, checked_regions
+from ..prediction.rank import Ranking
+from ..prediction.regions import BoxRegion, checked_regions
 from ..propagators.base import Propagator
-from ..propagators.names import DEFAULT
+from ..propagators.names import DEFAULT, REFERENCE
 from ..propagators.registry import make_propagator
 from ..scene.belief import Belief
 from ..scene.scene import Scene
 from .connection import Connection
 from .prediction_reader import read_answer
+from .ranking_messages import changed_objects, read_ranking
 from .request_writer import Question, write_object, write_request
+from .scores import write_score
 
 if TYPE_CHECKING:
     from typing_extensions import Self, Unpack
@@ -225,7 +230,9 @@ class Client:
         horizon: float | None = None,
         **options: Unpack[Options],
     ) -> dict[str, Prediction]:
-        """Predict alternatives of one scene with the same draws, such as several release poses, to rank them.
+        """Predict alternatives of one scene with the same draws, such as several release poses.
+
+        `rank` orders them by a score, with few rollouts for clear losers.
 
         Parameters
         ----------
@@ -277,6 +284,73 @@ class Client:
                 named.prediction = error.prediction
                 raise named from None
         return found
+
+    def rank(
+        self,
+        scene: Scene,
+        belief: Belief,
+        actions: Mapping[str, Action],
+        score: Event,
+        horizon: float | None = None,
+        *,
+        smallest_first: bool = False,
+        rollouts: int = 1000,
+        budget: int = 0,
+        **options: Unpack[Options],
+    ) -> Ranking:
+        """As `unc_physics.rank`, by the node.
+
+        Parameters
+        ----------
+        scene, belief, actions, score, horizon, smallest_first
+            As for `unc_physics.rank`. Actions change bodies and what is known of them; the environment and
+            the physics are one for all.
+        rollouts : int
+            Most of one action.
+        budget : int
+            Most of all actions together; 0 for that of `unc_physics.rank`.
+        **options
+            As for `predict`, but for ``samples``.
+
+        Returns
+        -------
+        Ranking
+            Its predictions answer what ``options`` ask for.
+
+        Raises
+        ------
+        NotSupportedError
+            If messages have no room for an action or the score.
+        UncPhysicsError
+            As `predict`, and for the first action that has an error, which it names.
+        """
+        instance(actions, Mapping, "actions")
+        instance(score, Event, "score")
+        if not actions:
+            raise InvalidRequestError("must name at least one action", field="actions")
+        messages, asked = write_score(score, smallest_first)
+        regions = checked_regions(options.pop("regions", ()))
+        options["regions"] = [*regions, *(region for region in asked if region not in regions)]
+        options["samples"] = _whole(rollouts, "rollouts", 32)
+        base = self._question(scene, belief, REFERENCE, horizon, **options)
+        fields = {name: f"actions[{name!r}]" for name in actions}
+        questions = {
+            name: self._question(
+                *apply_action(scene, belief, action, fields[name]), REFERENCE, horizon, **options
+            )
+            for name, action in actions.items()
+        }
+        request = PredictCandidates.Request(
+            request=self._request(base),
+            candidates=[
+                Candidate(id=name, objects=changed_objects(base, question, self._model_info, fields[name]))
+                for name, question in questions.items()
+            ],
+            score=messages,
+            budget=_whole(budget, "budget", 32),
+        )
+        answer = self._connection.call(PredictCandidates, "predict_candidates", request)
+        return read_ranking(answer, questions, score, smallest_first)
 
     def predict_long(
         self,

@@ -14,6 +14,7 @@ from ..geometry.library import list_models
 from ..geometry.packing_file import SpherePacking
 from ..scene.body import tree_of
 from ..scene.scene_file import load_shape
+from .arriving_shapes import ArrivingShapes
 
 _SCALES = 1e-6, 1e6
 
@@ -37,6 +38,7 @@ class ModelLibrary:
         self._lock = threading.Lock()
         self._paths: dict[str, Path] = {}
         self._shape = functools.lru_cache(maxsize=256)(load_shape)
+        self.arriving = ArrivingShapes()
         self._scan()
 
     @functools.cached_property
@@ -46,6 +48,7 @@ class ModelLibrary:
 
     def discard(self) -> None:
         """Delete what was packed at run time."""
+        self.arriving.close()
         if "packed" in self.__dict__:
             self.packed.cleanup()
 

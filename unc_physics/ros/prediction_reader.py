@@ -30,16 +30,17 @@ from ..physics.layout import (
 )
 from ..physics.origin import at_com, congruent, covariance_at_com, inverse_error_map, moved
 from ..prediction.answers import Answers
+from ..prediction.events import REST_ANGULAR_SPEED, REST_SPEED, UPRIGHT_ANGLE
 from ..prediction.prediction import Prediction
 from ..prediction.probabilities import (
-    REST_ANGULAR_SPEED,
-    REST_SPEED,
     UNKNOWN,
-    BoxRegion,
     ContactProbability,
+    FallProbability,
     RegionProbability,
     RestProbability,
+    UprightProbability,
 )
+from ..prediction.regions import BoxRegion
 from ..prediction.status_rules import BodyStatus, Status
 from ..propagators.base import Mode
 from ..scene.belief import Belief
@@ -204,15 +205,29 @@ class Told(Answers):
     def rest(
         self, prediction: Prediction, speed: float, angular_speed: float, flights: int
     ) -> tuple[RestProbability, ...]:
-        if not self._question.probabilities:
-            raise _not_asked("rest_probabilities", "probabilities=True")
         if (speed, angular_speed) != (REST_SPEED, REST_ANGULAR_SPEED):
             raise NotSupportedError(
                 f"are fixed at the node, to {REST_SPEED:g} m/s and {REST_ANGULAR_SPEED:.3g} rad/s",
                 field="speed and angular_speed",
             )
+        return self._of_bodies(prediction, RestProbability, "at_rest")
+
+    def upright(self, prediction: Prediction, angle: float, flights: int) -> tuple[UprightProbability, ...]:
+        if angle != UPRIGHT_ANGLE:
+            raise NotSupportedError(
+                f"is fixed at the node, to {UPRIGHT_ANGLE:.3g} rad", field="angle", value=angle
+            )
+        return self._of_bodies(prediction, UprightProbability, "upright")
+
+    def fallen(self, prediction: Prediction, flights: int) -> tuple[FallProbability, ...]:
+        return self._of_bodies(prediction, FallProbability, "fell_off")
+
+    def _of_bodies(self, prediction, kind, field):
+        """A probability of each moving body, from its field in the message."""
+        if not self._question.probabilities:
+            raise _not_asked(f"the probability '{field}'", "probabilities=True")
         return tuple(
-            RestProbability(told.id, prediction.time, *_probability(told.at_rest))
+            kind(told.id, prediction.time, *_probability(getattr(told, field)))
             for told, body in zip(self._message.objects, prediction.scene.bodies, strict=True)
             if body.free
         )

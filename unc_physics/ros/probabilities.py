@@ -1,5 +1,5 @@
-"""Answers of a prediction as messages: probabilities of contact, of being in a region, and of
-being at rest.
+"""Answers of a prediction as messages: probabilities of contact, of being in a region, at rest, upright, and
+of having fallen off.
 """
 
 from __future__ import annotations
@@ -9,10 +9,19 @@ from unc_physics_msgs.msg import ContactProbability, Probability, RegionProbabil
 from ..prediction.probabilities import (
     FLIGHTS,
     contact_probabilities,
+    fall_probabilities,
     region_probabilities,
     rest_probabilities,
+    upright_probabilities,
 )
 from .durations import duration
+
+#: Fields of a `PredictedObject`, and what fills them.
+_OF_OBJECTS = {
+    "at_rest": rest_probabilities,
+    "upright": upright_probabilities,
+    "fell_off": fall_probabilities,
+}
 
 
 def write_probabilities(message, prediction, regions, wanted, flies) -> None:
@@ -38,7 +47,7 @@ def write_probabilities(message, prediction, regions, wanted, flies) -> None:
                 region=answer.region,
                 object=answer.object,
                 time_from_start=time,
-                probability=_probability(answer),
+                probability=write_probability(answer),
             )
             for answer in region_probabilities(prediction, regions, flights=flights)
         ]
@@ -49,20 +58,20 @@ def write_probabilities(message, prediction, regions, wanted, flies) -> None:
             object_a=answer.object_a,
             object_b=answer.object_b,
             time_from_start=time,
-            probability=_probability(answer),
+            probability=write_probability(answer),
             first_contact_time_available=bool(answer.first_contact_time_available),
             first_contact_time_mean=duration(answer.first_contact_time_mean or 0.0),
             first_contact_time_std=duration(answer.first_contact_time_std or 0.0),
         )
         for answer in contact_probabilities(prediction, flights=flights)
     ]
-    at_rest = {answer.object: answer for answer in rest_probabilities(prediction, flights=flights)}
-    for predicted in message.objects:
-        if (answer := at_rest.get(predicted.id)) is not None:
-            predicted.at_rest = _probability(answer)
+    by_id = {predicted.id: predicted for predicted in message.objects}
+    for field, answers in _OF_OBJECTS.items():
+        for answer in answers(prediction, flights=flights):
+            setattr(by_id[answer.object], field, write_probability(answer))
 
 
-def _probability(answer):
+def write_probability(answer) -> Probability:
     """The message of a probability and its interval."""
     return Probability(
         available=bool(answer.available),

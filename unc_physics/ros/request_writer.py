@@ -30,7 +30,7 @@ from ..checks.errors import InvalidModelError, NotSupportedError
 from ..geometry.packing_file import ROUND_OFF, SpherePacking
 from ..physics.layout import ANGULAR_VELOCITY, POSITION, QUATERNION, VELOCITY
 from ..physics.origin import at_origin, congruent, error_map
-from ..prediction.probabilities import BoxRegion
+from ..prediction.regions import BoxRegion
 from ..propagators.base import Propagator
 from ..scene.belief import Belief
 from ..scene.body import RigidBody

@@ -28,7 +28,7 @@ from ..checks.validation import array, non_negative, positive
 from ..physics.layout import ERROR
 from ..prediction.predict import check_supported, periodic_times, predict
 from ..prediction.prediction import Prediction
-from ..prediction.probabilities import BoxRegion
+from ..prediction.regions import BoxRegion
 from ..propagators.base import Propagator
 from ..propagators.names import ANYTIME
 from ..propagators.registry import PROPAGATORS, propagator_from_texts
@@ -40,7 +40,6 @@ from ..scene.scene_file import at_field
 from .durations import duration, read_duration
 from .frames import Frames
 from .models import ModelLibrary
-from .not_served import refuse_not_served
 from .parameters import Settings
 from .physics_message import physics_message, read_physics
 from .prediction_writer import Wanted, write_modes, write_prediction, write_start
@@ -138,7 +137,6 @@ def read_request(
     UncPhysicsError
         One of its kinds, naming the field and the value.
     """
-    refuse_not_served("PredictionRequest", request, "")
     message, regions = request.scene, request.regions
     transform = frames.to_world(message.header)
     if transform is not None:

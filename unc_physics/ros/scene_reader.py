@@ -36,10 +36,9 @@ from ..scene.scene import Scene
 from ..scene.scene_file import at_field, with_chosen_stiffness
 from .action_messages import read_actions, read_path
 from .arrays import block_diagonal, writable, xyz, xyzw
-from .not_served import refuse_not_served
 from .optional import optional
 from .physics_message import physics_field
-from .surroundings import MATERIAL_FIELDS, read_environment, read_material
+from .surroundings import MATERIAL_FIELDS, element_id, read_environment, read_material
 
 #: First entry of a covariance that is not known, as in sensor_msgs/Imu.
 UNKNOWN = -1.0
@@ -142,13 +141,15 @@ def read_scene(
         raise LimitExceededError(
             f"must be at most {limits.objects} objects", field="scene.objects", value=len(objects)
         )
-    elements = read_environment(message.environment, limits.elements)
+    wait = not skip_unknown_models
+    elements, packed = read_environment(message.environment, library.arriving, limits.elements, wait)
     fields = [f"scene.objects[{k}]" for k in range(len(objects))] if fields is None else fields
-    names = _ids(objects, fields, elements)
+    names = _ids(objects, fields, message.environment.elements)
     read, skipped = [], {}
     for own, field in zip(objects, fields, strict=True):
         try:
-            read.append((field, own.model, *_body(own, field, library, doubts, limits.spheres)))
+            body, state, P, zeros = _body(own, field, library, doubts, limits.spheres, wait)
+            read.append((field, own.model or body[1].name, body, state, P, zeros))
         except UnknownModelError as error:
             if not skip_unknown_models:
                 raise
@@ -158,6 +159,7 @@ def read_scene(
             f"must name at least one object whose model is known: {next(iter(skipped.values()))}",
             field="scene.objects",
         )
+    read += [(element.field, element.model.name, *_fixed(element)) for element in packed]
     fields = [field for field, *_ in read]
     bodies = tuple(at_field(field, _rigid_body, *body) for field, _, body, *_ in read)
     mean = np.array([state for *_, state, _, _ in read])
@@ -192,9 +194,10 @@ def _ids(objects, fields, elements):
             raise DuplicateIdError("is the id of two objects", field=f"{field}.id", value=message.id)
         names.add(message.id)
     for k, element in enumerate(elements):
-        if element.name in names:
+        name = element_id(element, k)
+        if name in names:
             raise DuplicateIdError(
-                "is the id of an object, too", field=f"scene.environment.elements[{k}].id", value=element.name
+                "is the id of an object, too", field=f"scene.environment.elements[{k}].id", value=name
             )
     return names
 
@@ -227,16 +230,39 @@ def _hashable(value):
     return value if value is None or isinstance(value, (str, bool, int, float)) else tuple(value)
 
 
-def _body(message, field, library, doubts, max_spheres):
+def _fixed(element):
+    """As `_body`, of an element whose shape is packed."""
+    at_origin = np.zeros(STATE)
+    at_origin[POSITION], at_origin[QUATERNION] = element.position, element.orientation
+    body = element.name, element.model, 1.0, True, *_EXACT, False, None, None, element.material
+    return body, moved(at_origin, writable(element.model.origin), -1.0), np.zeros((ERROR, ERROR)), False
+
+
+def _shape(message, library, max_spheres, wait):
+    """The packing of an object: of a named model, of a primitive, or of a mesh."""
+    given = [name for name in ("model", "primitive", "mesh") if len(getattr(message, name))]
+    if given not in (["primitive"], ["mesh"]):
+        if len(given) > 1:
+            raise InvalidRequestError("must not be given beside a model", field=given[-1])
+        return library.shape(message.model, message.spheres, number(message.scale, "scale"), max_spheres)
+    (name,) = given
+    shape = optional(getattr(message, name), name)
+    if max_spheres is not None and message.spheres > max_spheres:
+        raise LimitExceededError(f"must be at most {max_spheres}", field="spheres", value=message.spheres)
+    pack = library.arriving.of_mesh if name == "mesh" else library.arriving.of_primitive
+    packing = pack(shape, message.spheres, f"{name}[0]", wait)
+    return packing.scaled(number(message.scale, "scale") or 1.0)
+
+
+def _body(message, field, library, doubts, max_spheres, wait=True):
     """What makes a body, its state (13,), its covariance (12, 12), and whether zeros were read as unknown."""
-    refuse_not_served("ObjectState", message, f"{field}.")
     fixed = _is_fixed(message, field)
     try:
-        model = library.shape(message.model, message.spheres, number(message.scale, "scale"), max_spheres)
+        model = _shape(message, library, max_spheres, wait)
     except UncPhysicsError as error:
         place = (
             f"{field}.{error.field}"
-            if error.field in ("model", "spheres", "scale")
+            if (error.field or "").partition("[")[0] in ("model", "spheres", "scale", "primitive", "mesh")
             else f"{field}.model: {error.field}"
         )
         raise type(error)(error.problem, field=place, value=error.value) from error

@@ -142,6 +142,11 @@ class PredictionServer:
         if self.library is not None:
             self.library.discard()
 
+    def check_open(self) -> None:
+        """Raise `CanceledError` if predictions are to end."""
+        if self.ending is not None:
+            raise CanceledError(self.ending, field="the node")
+
     def predict(self, job: Job, progress=None) -> Outcome:
         """Run a job; `stop` ends it.
 
@@ -158,8 +163,7 @@ class PredictionServer:
         """
 
         def look(done, steps):
-            if self.ending is not None:
-                raise CanceledError(self.ending, field="the node")
+            self.check_open()
             if progress is not None:
                 progress(job, done, steps)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+from typing import NamedTuple
 
 import numpy as np
 from shape_msgs.msg import SolidPrimitive
@@ -12,33 +13,67 @@ from ..checks.errors import (
     InvalidEnvironmentError,
     InvalidRequestError,
     LimitExceededError,
+    NotSupportedError,
     UncPhysicsError,
+    UnknownModelError,
 )
 from ..checks.validation import array, positive, quaternion
+from ..geometry.packing_file import SpherePacking
 from ..physics.rotation import rotation_matrix
-from ..prediction.probabilities import ENVIRONMENT, BoxRegion
+from ..prediction.events import ENVIRONMENT
+from ..prediction.regions import BoxRegion
 from ..scene.environment import Box, Cylinder, Element, Plane, Sphere, surface_tilt_std
 from ..scene.materials import Surface, check_surface
 from ..scene.scene_file import at_field
 from .action_messages import read_surface_velocity
-from .not_served import refuse_not_served
+from .arrays import xyz
+from .arriving_shapes import ArrivingShapes, read_dimensions
 from .optional import optional
 
 #: Fields of a material that are served; they are those of a `Surface`.
 MATERIAL_FIELDS = ("friction", "friction_std", "restitution", "restitution_std", "torsional_friction")
-#: Number of dimensions of each kind of primitive that is served.
-_DIMENSIONS = {SolidPrimitive.BOX: 3, SolidPrimitive.SPHERE: 1, SolidPrimitive.CYLINDER: 2}
+#: Kinds of primitives that are elements as they are; the others are packed. Unknown ones are refused as such.
+_EXACT = set(range(256)) - {SolidPrimitive.CONE, SolidPrimitive.PRISM}
+_OBSTACLE_SPHERES = 1000  # of a packed element
 
 
-def read_environment(message, max_elements: int | None = None) -> tuple[Element, ...]:
-    """The elements of an environment.
+class PackedElement(NamedTuple):
+    """An element of a shape that has to be packed, which is a fixed body.
+
+    Attributes
+    ----------
+    name : str
+    field : str
+        What errors call it.
+    model : SpherePacking
+    position, orientation : tuple
+        Of the shape's own origin: world frame [m], quaternion (x, y, z, w).
+    material : tuple
+        As `read_material` gives it.
+    """
+
+    name: str
+    field: str
+    model: SpherePacking
+    position: tuple[float, ...]
+    orientation: tuple[float, ...]
+    material: tuple
+
+
+def read_environment(
+    message, shapes: ArrivingShapes, max_elements: int | None = None, wait: bool = True
+) -> tuple[tuple[Element, ...], tuple[PackedElement, ...]]:
+    """The elements of an environment: exact ones, and those whose shape is packed.
 
     The same numbers give the same objects, so that a scene that comes again is known by them.
 
     Parameters
     ----------
     message : Environment
+    shapes : ArrivingShapes
     max_elements : int, optional
+    wait : bool
+        Whether to wait for what is being packed; otherwise it is left out.
 
     Raises
     ------
@@ -48,9 +83,9 @@ def read_environment(message, max_elements: int | None = None) -> tuple[Element,
     place, count = "scene.environment.elements", len(message.elements)
     if max_elements is not None and count > max_elements:
         raise LimitExceededError(f"must be at most {max_elements} elements", field=place, value=count)
-    elements, names = [], set()
+    elements, packed, names = [], [], set()
     for k, element in enumerate(message.elements):
-        field, name = f"{place}[{k}]", element.id or f"element_{k}"
+        field, name = f"{place}[{k}]", element_id(element, k)
         if name == ENVIRONMENT:
             raise InvalidEnvironmentError(
                 "is what all elements together are called", field=f"{field}.id", value=name
@@ -58,8 +93,45 @@ def read_environment(message, max_elements: int | None = None) -> tuple[Element,
         if name in names:
             raise DuplicateIdError("is the id of two elements", field=f"{field}.id", value=name)
         names.add(name)
-        elements.append(_element(element, name, field))
-    return tuple(elements)
+        if _is_packed(element):
+            try:
+                packed.append(_packed_element(element, name, field, shapes, wait))
+            except UnknownModelError:  # of a stream, which goes on without it until it is there
+                continue
+        else:
+            elements.append(_element(element, name, field))
+    return tuple(elements), tuple(packed)
+
+
+def element_id(message, k: int) -> str:
+    """What the k-th element is called."""
+    return message.id or f"element_{k}"
+
+
+def _is_packed(message):
+    """Whether a message holds a shape that is not among the exact ones."""
+    return bool(message.mesh) or any(primitive.type not in _EXACT for primitive in message.primitive)
+
+
+def _packed_element(message, name, field, shapes, wait):
+    """A mesh, a cone or a prism."""
+    if len(message.mesh) + len(message.primitive) + len(message.plane) != 1:
+        raise InvalidEnvironmentError("must have exactly one of plane, primitive and mesh", field=field)
+    if message.surface_tilt_std:
+        raise NotSupportedError(
+            "is for planes, boxes, spheres and cylinders", field=f"{field}.surface_tilt_std"
+        )
+    v, w = message.surface_velocity.linear, message.surface_velocity.angular
+    if any((*xyz(v), *xyz(w))):
+        raise NotSupportedError(
+            "is for planes, boxes, spheres and cylinders", field=f"{field}.surface_velocity"
+        )
+    if message.mesh:
+        model = shapes.of_mesh(message.mesh[0], _OBSTACLE_SPHERES, f"{field}.mesh[0]", wait)
+    else:
+        model = shapes.of_primitive(message.primitive[0], _OBSTACLE_SPHERES, f"{field}.primitive[0]", wait)
+    material = read_material(message.material, f"{field}.material", InvalidEnvironmentError)
+    return PackedElement(name, field, model, *_place(message.pose, f"{field}.pose"), material)
 
 
 def read_material(message, field: str, error: type[UncPhysicsError] = InvalidRequestError) -> tuple:
@@ -111,7 +183,6 @@ def read_regions(messages) -> tuple[BoxRegion, ...]:
 
 def _element(message, name, field):
     """One element, from its message."""
-    refuse_not_served("EnvironmentElement", message, f"{field}.")
     plane = optional(message.plane, f"{field}.plane")
     primitive = optional(message.primitive, f"{field}.primitive")
     position, orientation = _place(message.pose, f"{field}.pose")
@@ -123,7 +194,7 @@ def _element(message, name, field):
     )
     if primitive is not None and plane is None:
         place = f"{field}.primitive[0]"
-        size = _dimensions(primitive, place)
+        size = read_dimensions(primitive, place)
         return at_field(place, _solid, primitive.type, size, position, orientation, name, material)
     if plane is None or primitive is not None:
         raise InvalidEnvironmentError("must have exactly one of plane, primitive and mesh", field=field)
@@ -133,15 +204,6 @@ def _element(message, name, field):
         return _plane(coef, position, orientation, name, material)
     except UncPhysicsError as error:
         raise type(error)(error.problem, field=place, value=coef) from None
-
-
-def _dimensions(primitive, field):
-    refuse_not_served("SolidPrimitive", primitive, f"{field}.")
-    if primitive.type not in _DIMENSIONS:
-        raise InvalidEnvironmentError("is no kind of primitive", field=f"{field}.type", value=primitive.type)
-    shape, field = (_DIMENSIONS[primitive.type],), f"{field}.dimensions"
-    size = array(primitive.dimensions, shape, field, InvalidEnvironmentError).tolist()
-    return tuple(positive(value, f"{field}[{k}]", InvalidEnvironmentError) for k, value in enumerate(size))
 
 
 def _place(pose, field):
@@ -164,7 +226,7 @@ def _plane(coef, position, orientation, name, material):
 
 @functools.lru_cache(maxsize=1024)
 def _solid(kind, size, position, orientation, name, material):
-    """An element of a kind that `_dimensions` lets pass."""
+    """An element of one of the exact kinds."""
     material = dict(material)
     if kind == SolidPrimitive.BOX:
         return Box(size, position, orientation, name, **material)

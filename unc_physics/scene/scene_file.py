@@ -162,6 +162,18 @@ def load_scene(path: str | os.PathLike[str], models_dir: str | os.PathLike[str] 
     UncPhysicsError
         One of its kinds, naming the field and the value, for anything in the file that makes no scene.
     """
+    content = read_yaml(path, "scene file")
+    return scene_from_dict(content, models_dir, folder=Path(path).parent)
+
+
+def read_yaml(path: str | os.PathLike[str], kind: str) -> Any:
+    """The content of a YAML file, which errors call by its kind.
+
+    Raises
+    ------
+    InvalidRequestError, LimitExceededError
+        For what cannot be read, or is no YAML.
+    """
     instance(path, (str, os.PathLike), "path")
     path = Path(path)
     try:
@@ -169,11 +181,11 @@ def load_scene(path: str | os.PathLike[str], models_dir: str | os.PathLike[str] 
             text = stream.read(_CHARACTERS + 1)
     except (OSError, ValueError) as error:  # ValueError: no UTF-8, or a path that can be none
         reason = getattr(error, "strerror", None) or "it is not UTF-8 text"
-        raise InvalidRequestError(f"cannot be read: {reason}", field=f"scene file {path}") from None
+        raise InvalidRequestError(f"cannot be read: {reason}", field=f"{kind} {path}") from None
     if len(text) > _CHARACTERS:
-        raise LimitExceededError(f"must have at most {_CHARACTERS} characters", field=f"scene file {path}")
+        raise LimitExceededError(f"must have at most {_CHARACTERS} characters", field=f"{kind} {path}")
     try:
-        content = yaml.load(text, _Loader)
+        return yaml.load(text, _Loader)
     except (yaml.YAMLError, ValueError, RecursionError) as error:
         mark = getattr(error, "problem_mark", None)
         place = f" in line {mark.line + 1}" if mark else ""
@@ -183,13 +195,12 @@ def load_scene(path: str | os.PathLike[str], models_dir: str | os.PathLike[str] 
         elif isinstance(error, yaml.constructor.ConstructorError):
             reason = f": {error.problem}"
         said = "cannot be read" if reason else "is not valid YAML"
-        raise InvalidRequestError(f"{said}{place}{reason}", field=f"scene file {path}") from None
-    return scene_from_dict(content, models_dir, folder=path.parent)
+        raise InvalidRequestError(f"{said}{place}{reason}", field=f"{kind} {path}") from None
 
 
 def scene_from_dict(content, models_dir=None, folder=None) -> LoadedScene:
     """The scene that the content of a scene file describes (`load_scene`)."""
-    _check_keys(content, _SCENE_KEYS, "scene")
+    check_keys(content, _SCENE_KEYS, "scene")
     bodies = content.get("bodies")
     if bodies is None or bodies == []:
         raise NoObjectsError("must name at least one body", field="bodies")
@@ -284,7 +295,7 @@ def _element(content, field):
         other = [key for key in content if key not in _ELEMENT_KEYS]
         said = f"has no shape '{str(other[0])[:50]}'" if other else "names no shape"
         raise error(f"{said}; the shapes are {shapes}", field=field)
-    _check_keys(content, ("name", *ELEMENTS, *_ELEMENT_KEYS[1:]), field, error)
+    check_keys(content, ("name", *ELEMENTS, *_ELEMENT_KEYS[1:]), field, error)
     kinds = [kind for kind in ELEMENTS if kind in content]
     if len(kinds) > 1:
         raise error(f"must be exactly one shape, not {' and '.join(kinds)}", field=field)
@@ -293,7 +304,7 @@ def _element(content, field):
         raise error("must be a text", field=f"{field}.name", value=name)
     entries, place = content[kind], f"{field}.{kind}"
     known = quantities(ELEMENTS[kind])
-    _check_keys(entries, known, place, error)
+    check_keys(entries, known, place, error)
     for spec in dataclasses.fields(ELEMENTS[kind]):
         if spec.name in known and spec.default is dataclasses.MISSING and entries.get(spec.name) is None:
             raise error("must be given", field=f"{place}.{spec.name}")
@@ -322,7 +333,7 @@ def _surface(content, field, error: type[UncPhysicsError] = InvalidRequestError)
 
 def _body(content, field, models_dir, folder):
     """A body, its state (13,) and its covariance (12, 12)."""
-    _check_keys(content, _BODY_KEYS, field)
+    check_keys(content, _BODY_KEYS, field)
     for key in ("name", "model"):
         if not isinstance(content.get(key), str) or not content[key]:
             raise InvalidRequestError(
@@ -395,7 +406,7 @@ def _trajectory(content, field):
     times, positions, orientations = np.zeros(count), np.zeros((count, 3)), np.zeros((count, 4))
     for k, pose in enumerate(poses):
         entry = f"{place}[{k}]"
-        _check_keys(pose, _POSE_KEYS, entry)
+        check_keys(pose, _POSE_KEYS, entry)
         for key in ("time", "position"):
             if pose.get(key) is None:
                 raise InvalidRequestError("must be given", field=f"{entry}.{key}")
@@ -436,7 +447,7 @@ def _actions(content, field):
 
 
 def _wrench(content, field):
-    _check_keys(content, _WRENCH_KEYS, field)
+    check_keys(content, _WRENCH_KEYS, field)
     given = {key: value for key, value in content.items() if value is not None}
     for key in ("force", "torque"):
         if key in given:
@@ -532,7 +543,8 @@ def _numbers(value, shape, field, error: type[UncPhysicsError] = InvalidRequestE
     return array([number(entry, f"{field}[{k}]", error) for k, entry in enumerate(value)], shape, field)
 
 
-def _check_keys(content, known, field, error: type[UncPhysicsError] = InvalidRequestError):
+def check_keys(content, known, field, error: type[UncPhysicsError] = InvalidRequestError) -> None:
+    """Raise an error unless the content is a mapping with known keys alone."""
     if not isinstance(content, dict):
         raise error("must be a mapping of keys to values", field=field, value=content)
     for key in content:

@@ -36,6 +36,7 @@ DEFAULT = (
     "regions",
     "calibration",
     "contacts",
+    "choosing",
     "storage",
     "pictures",
 )

@@ -25,7 +25,6 @@ from ..scenarios import MANIPULATION, MODELS, collision, collision_free
 from ..stability_document import (
     COARSE,
     EXTENT,
-    FLAGS,
     HALF,
     MEAN,
     MEASURE,
@@ -183,7 +182,6 @@ def _prediction(given, name, job):
     rows += _spread_rows(name, scene, prediction.belief, samples, prediction.seed)
     statuses = assess(prediction)
     for k in scene.moving.tolist():
-        rows.append(Row(name, FLAGS, "1", int(statuses[k].flags), samples, k))
         rows += [
             Row(name, MEASURE + measure, "1", value, samples, k)
             for measure, value in statuses[k].measures.items()

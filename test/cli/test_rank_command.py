@@ -1,0 +1,112 @@
+"""The command ``rank``, on the example that comes with the package and on files that are wrong."""
+
+import json
+from pathlib import Path
+
+import pytest
+import yaml
+
+from unc_physics import FellOff, InRegion, Touches, Upright, rank
+from unc_physics.__main__ import main
+from unc_physics.checks.errors import ErrorCode
+from unc_physics.prediction.actions_file import load_actions
+
+EXAMPLE = Path(__file__).parents[2] / "examples" / "actions" / "release_over_bin.yaml"
+SHORT = ["--rollouts", "20", "--horizon", "0.05"]
+
+
+def changed(tmp_path, **entries):
+    """The example with other entries; None leaves one out."""
+    content = yaml.safe_load(EXAMPLE.read_text()) | entries
+    path = tmp_path / "actions.yaml"
+    path.write_text(yaml.safe_dump({key: value for key, value in content.items() if value is not None}))
+    return str(path)
+
+
+def test_the_example_is_ranked(tmp_path, capsys):
+    picture = tmp_path / "ranking.png"
+    assert main(["rank", str(EXAMPLE), *SHORT, "--seed", "4", "--json", "--picture", str(picture)]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert picture.read_bytes().startswith(b"\x89PNG")
+    scene, belief, horizon, actions, score, smallest_first, also = load_actions(EXAMPLE)
+    assert (horizon, len(actions), smallest_first) == (0.8, 10, False)
+    expected = rank(scene, belief, actions, score, 0.05, rollouts=20, seed=4)
+    assert [action["name"] for action in told["actions"]] == [action.name for action in expected]
+    for found, action in zip(told["actions"], expected, strict=True):
+        assert (found["probability"], found["low"], found["high"]) == action.score
+        assert (found["rollouts"], found["difference"]) == (action.rollouts, action.difference.value)
+        assert found["also"][str(also[0])] == action.probability(also[0])._asdict()
+    assert told["rollouts"] == expected.rollouts and told["seed"] == 4
+
+
+def test_the_table_names_what_it_tells(capsys):
+    assert main(["rank", str(EXAMPLE), *SHORT]) == 0
+    head, columns, *rows = capsys.readouterr().out.splitlines()
+    assert head.startswith("probability of: salt_box in bin; highest first;") and "[4]" in columns
+    assert len([row for row in rows if " cm " in row]) == 10 and "[1] salt_box upright" in rows
+
+
+def test_scores_of_a_file_are_events(tmp_path):
+    score = [
+        {"in_region": {"object": "salt_box", "region": "bin"}},
+        {"not": {"touches": {"object": "salt_box", "other": "floor"}}},
+        {"upright": {"object": "salt_box", "axis": [0, 0, 1], "angle": 0.5}},
+        {"not": {"fell_off": "salt_box"}},
+    ]
+    (inside, _), (touched, happens), (upright, _), (off, off_happens) = load_actions(
+        changed(tmp_path, score=score)
+    ).score.parts
+    assert isinstance(inside, InRegion) and inside.region.size.tolist() == [0.3, 0.2, 0.147]
+    assert isinstance(touched, Touches) and not happens and touched.other == "floor"
+    assert isinstance(upright, Upright) and upright.angle == 0.5 and upright.axis.tolist() == [0.0, 0.0, 1.0]
+    assert isinstance(off, FellOff) and not off_happens and off.support == ""
+
+
+def test_a_scene_may_be_in_a_file_of_its_own(tmp_path):
+    content = yaml.safe_load(EXAMPLE.read_text())
+    (tmp_path / "scene.yaml").write_text(yaml.safe_dump(content["scene"]))
+    apart = load_actions(changed(tmp_path, scene="scene.yaml", horizon=0.3))
+    assert [body.name for body in apart.scene.bodies] == ["salt_box"] and apart.horizon == 0.3
+
+
+BAD = {
+    "no score": ({"score": None}, "score must be given"),
+    "an unknown key": ({"scores": []}, "actions file has no key 'scores'; did you mean 'score'?"),
+    "no events": ({"score": []}, "score must name at least one event"),
+    "an unknown event": (
+        {"score": {"uprigth": "salt_box"}},
+        "score has no key 'uprigth'; did you mean 'upright'?",
+    ),
+    "no mapping": ({"score": "upright"}, "score must be a mapping with one key of in_region,"),
+    "no such region": (
+        {"score": {"in_region": {"object": "salt_box", "region": "box"}}},
+        "score.in_region.region is none of the file's regions",
+    ),
+    "no such object": ({"score": {"upright": "cup"}}, "score.object is no body of the scene"),
+    "of what is reported": ({"also": [{"upright": "cup"}]}, "also[0].object is no body of the scene"),
+    "no actions": ({"actions": {}}, "actions must be a mapping of names to changes"),
+    "no change": ({"actions": {"a": {"salt_box": 3}}}, "actions['a'].salt_box must be a mapping of fields"),
+    "a bad change": (
+        {"actions": {"a": {"salt_box": {"position": [0, 0]}}}},
+        "actions['a']: 'salt_box'.position must",
+    ),
+    "no region's size": ({"regions": [{"name": "bin"}]}, "regions[0] must have a name and a size"),
+    "a bad scene": ({"scene": {"bodies": []}}, "scene.bodies must name at least one body"),
+    "no scene": ({"scene": 3}, "scene must be the path of a scene file, or its content"),
+}
+
+
+@pytest.mark.parametrize("case", BAD)
+def test_a_wrong_file_is_told_in_a_sentence(case, tmp_path, capsys):
+    entries, sentence = BAD[case]
+    status = main(["rank", changed(tmp_path, **entries), *SHORT])
+    said = capsys.readouterr().err
+    assert status >= ErrorCode.INVALID_REQUEST and said.count("\n") == 1
+    assert said.startswith(f"unc_physics: {sentence}"), said
+
+
+def test_a_wrong_option_is_told_in_a_sentence(tmp_path, capsys):
+    assert main(["rank", str(EXAMPLE), "--rollouts", "0"]) == ErrorCode.INVALID_REQUEST
+    assert "rollouts must be at least 1" in capsys.readouterr().err
+    assert main(["rank", str(tmp_path / "none.yaml")]) == ErrorCode.INVALID_REQUEST
+    assert "actions file" in capsys.readouterr().err

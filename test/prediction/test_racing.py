@@ -1,0 +1,106 @@
+"""Races of coins: a best one is hardly ever called worse, clear losers get few tosses, the budget holds."""
+
+import math
+
+import numpy as np
+import pytest
+from scipy.stats import binom
+
+from unc_physics.prediction.racing import FIRST_ROUND, Race, chance, clearly_worse, difference
+
+ROLLOUTS, BUDGET = 1000, 2000
+STATISTICS = 4.0  # standard errors
+
+
+def tosses(rng, probabilities, common=True):
+    """Outcomes (K, ROLLOUTS) of coins: heads below a number that all share, or that each has of its own."""
+    u = rng.uniform(size=(1 if common else len(probabilities), ROLLOUTS))
+    return u < np.array(probabilities)[:, None]
+
+
+def run(race, outcomes):
+    """The race to its end, with these outcomes (K, ROLLOUTS)."""
+    while race.next is not None:
+        following = race.next
+        race.add([outcomes[k, len(race.outcomes[k]) : following.rollouts] for k in following.actions])
+    return race
+
+
+def test_the_chance_is_a_bound_of_the_sign_test():
+    for pairs in (1, 5, 40, 300):
+        for wins in range(pairs + 1):
+            exact = binom.sf(wins - 1, pairs, 0.5)
+            assert exact <= chance(wins, pairs - wins) * (1.0 + 1e-9)
+        assert chance(pairs, 0) == pytest.approx(min((pairs + 1) * 0.5**pairs, 1.0))
+    assert chance(0, 0) == 1.0
+
+
+def test_the_chance_holds_however_often_one_looks():
+    """Of fair pairs, looked at after each: the sign test alone would find many, this few."""
+    level, runs = 0.1, 1000
+    wins = np.cumsum(np.random.default_rng(0).uniform(size=(runs, 300)) < 0.5, axis=1)
+    found = naive = 0
+    for own in wins.tolist():
+        found += any(chance(w, m - w) <= level for m, w in enumerate(own, 1))
+        naive += any(binom.sf(w - 1, m, 0.5) <= level for m, w in list(enumerate(own, 1))[::20])
+    assert 0 < found <= level * runs + STATISTICS * math.sqrt(level * runs)
+    assert naive > 2 * level * runs
+
+
+@pytest.mark.parametrize("common", [True, False])
+def test_a_best_one_is_rarely_called_worse(common):
+    """Ten looks at equal coins would find a difference often, if each look were tested by itself."""
+    rng, risk, races = np.random.default_rng(0), 0.2, 400
+    probabilities = [0.5] * 6 if not common else [0.5, 0.5, 0.5, 0.49, 0.48, 0.3]
+    called = naive = 0
+    for _ in range(races):
+        outcomes = tosses(rng, probabilities, common)
+        race = run(Race(6, ROLLOUTS, 6 * ROLLOUTS, risk), outcomes)
+        called += 0 in race.losers
+        naive += clearly_worse(list(outcomes[:, :64]), int(outcomes[:, :64].mean(axis=1).argmax()), 0.9)[0]
+    assert called <= risk * races + STATISTICS * math.sqrt(risk * races)
+    assert common or 0 < called < naive, "the case must be one in which errors happen"
+
+
+def test_clear_losers_get_few_tosses_and_the_best_ones_most():
+    rng = np.random.default_rng(1)
+    probabilities = [0.05, 0.9, 0.1, 0.8, 0.0, 0.95, 0.3, 0.2, 0.6, 0.15]
+    regrets = []
+    for _ in range(50):
+        race = run(Race(10, ROLLOUTS, BUDGET), tosses(rng, probabilities, common=False))
+        counts = [len(own) for own in race.outcomes]
+        assert sum(counts) == race.spent <= BUDGET
+        assert max(counts[0], counts[2], counts[4]) <= 4 * FIRST_ROUND and {0, 2, 4} <= race.losers
+        assert len(race.outcomes[race.order()[0]]) == max(counts) > ROLLOUTS / 2
+        regrets.append(max(probabilities) - probabilities[race.order()[0]])
+    assert np.mean(regrets) < 0.01
+
+
+def test_without_a_budget_only_clear_losers_leave():
+    outcomes = tosses(np.random.default_rng(2), [0.515, 0.52, 0.512, 0.05])
+    race = run(Race(4, ROLLOUTS, 4 * ROLLOUTS), outcomes)
+    assert [len(own) for own in race.outcomes] == [ROLLOUTS] * 3 + [40] and race.losers == {3}
+    assert race.order() == [1, 0, 2, 3]
+    assert race.difference(1) == (0.0, 0.0, ROLLOUTS)
+    expected = outcomes[0].mean() - outcomes[1].mean()
+    assert race.difference(0).value == pytest.approx(expected) and expected < 0.0
+
+
+def test_small_budgets_and_single_actions():
+    outcomes = np.ones((5, ROLLOUTS), bool)
+    race = run(Race(5, ROLLOUTS, 5), outcomes)
+    assert [len(own) for own in race.outcomes] == [1] * 5 and race.order() == [0, 1, 2, 3, 4]
+    assert [len(own) for own in run(Race(1, ROLLOUTS, ROLLOUTS), outcomes).outcomes] == [ROLLOUTS]
+
+
+def test_the_error_of_a_difference_is_that_of_pairs():
+    rng = np.random.default_rng(3)
+    one, other = tosses(rng, [0.6, 0.55])
+    found = difference(one, other)
+    pairs = one.astype(float) - other
+    assert found.value == pairs.mean() and found.draws == ROLLOUTS
+    assert found.std == pytest.approx(pairs.std() / math.sqrt(ROLLOUTS), rel=0.02)
+    independent = math.sqrt((one.var() + other.var()) / ROLLOUTS)
+    assert found.std < 0.5 * independent, "common draws must pay"
+    few = difference(one[:16], one[:16] ^ True)
+    assert few.std > 0.0

@@ -1,0 +1,200 @@
+"""MoveIt's planning scenes: with its own messages where they are installed, otherwise with stand-ins that
+have the same fields.
+"""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from geometry_msgs.msg import Point, Pose, Quaternion, TransformStamped
+from scenes import orientation_of, packed, position_of
+from scipy.spatial.transform import Rotation
+from shape_msgs.msg import Mesh, MeshTriangle, Plane, SolidPrimitive
+from std_msgs.msg import Header
+
+from unc_physics.checks.errors import UncPhysicsError
+from unc_physics.ros import scene_of_planning_scene
+from unc_physics.ros.models import ModelLibrary
+from unc_physics.ros.scene_reader import read_scene
+
+try:
+    from moveit_msgs.msg import AttachedCollisionObject, CollisionObject, PlanningScene
+except ImportError:
+
+    def CollisionObject(**fields):
+        """Those fields of moveit_msgs/CollisionObject that tell shapes and places."""
+        shapes = {name: [] for name in ("primitives", "meshes", "planes")}
+        shapes |= {f"{name}_poses": [] for name in ("primitive", "mesh", "plane")}
+        empty = {"header": Header(), "pose": Pose(), "id": "", "operation": b"\x00"}
+        return SimpleNamespace(**shapes | empty | fields)
+
+    def AttachedCollisionObject(**fields):
+        return SimpleNamespace(**{"link_name": "", "object": CollisionObject(), "weight": 0.0} | fields)
+
+    def PlanningScene():
+        octomap = SimpleNamespace(octomap=SimpleNamespace(data=[]))
+        return SimpleNamespace(
+            is_diff=False,
+            fixed_frame_transforms=[],
+            robot_state=SimpleNamespace(attached_collision_objects=[]),
+            world=SimpleNamespace(collision_objects=[], octomap=octomap),
+        )
+
+
+TURN, SHIFT = Rotation.from_euler("xyz", [0.3, -0.5, 1.0]), np.array([0.4, 0.1, 0.9])
+OWN, INNER = Rotation.from_euler("z", 0.7), Rotation.from_euler("x", -0.4)
+
+
+def pose(position, turn):
+    return Pose(
+        position=Point(**dict(zip("xyz", map(float, position), strict=True))),
+        orientation=Quaternion(**dict(zip("xyzw", map(float, turn.as_quat()), strict=True))),
+    )
+
+
+def box(*size):
+    return SolidPrimitive(type=SolidPrimitive.BOX, dimensions=packed(size))
+
+
+def tetrahedron():
+    corners = [Point(), Point(x=0.1), Point(y=0.1), Point(z=0.1)]
+    faces = [(0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3)]
+    return Mesh(
+        vertices=corners, triangles=[MeshTriangle(vertex_indices=np.array(face, np.uint32)) for face in faces]
+    )
+
+
+def planning_scene():
+    """A table in another frame, a bin of two boxes, a mesh, a floor, a box that moves, one in the hand."""
+    scene = PlanningScene()
+    camera = TransformStamped(header=Header(frame_id="base"), child_frame_id="camera")
+    t, q = camera.transform.translation, camera.transform.rotation
+    t.x, t.y, t.z = SHIFT.tolist()
+    q.x, q.y, q.z, q.w = TURN.as_quat().tolist()
+    scene.fixed_frame_transforms = [camera]
+    base = Header(frame_id="base")
+    scene.world.collision_objects = [
+        CollisionObject(
+            header=Header(frame_id="camera"),
+            id="table",
+            pose=pose((0.1, 0.2, 0.3), OWN),
+            primitives=[box(1.0, 0.8, 0.1)],
+            primitive_poses=[pose((0.0, 0.0, 0.5), INNER)],
+        ),
+        CollisionObject(header=base, id="bin", primitives=[box(1.0, 0.1, 0.5), box(0.1, 1.0, 0.5)]),
+        CollisionObject(
+            header=base, id="stone", meshes=[tetrahedron()], mesh_poses=[pose((2.0, 0.0, 0.0), OWN)]
+        ),
+        CollisionObject(
+            header=base, id="floor", planes=[Plane(coef=[0.0, 0.0, 1.0, 0.5])], plane_poses=[Pose()]
+        ),
+        CollisionObject(
+            header=base, id="box", pose=pose((0.0, 0.0, 3.0), OWN), primitives=[box(0.1, 0.1, 0.1)]
+        ),
+    ]
+    held = CollisionObject(
+        header=Header(frame_id="hand"),
+        id="can",
+        primitives=[box(0.05, 0.05, 0.1)],
+        pose=pose((0.0, 0.0, 0.1), OWN),
+    )
+    scene.robot_state.attached_collision_objects = [
+        AttachedCollisionObject(link_name="hand", object=held, weight=0.2)
+    ]
+    return scene
+
+
+HAND = {"hand": pose(SHIFT, TURN)}
+
+
+def test_what_a_planning_scene_holds():
+    scene = scene_of_planning_scene(planning_scene(), objects={"box": 0.7}, frames=HAND)
+    assert scene.header.frame_id == "base"
+    box, can = scene.objects
+    table, first, second, stone, floor = scene.environment.elements
+    assert [element.id for element in (table, first, second, stone, floor)] == [
+        "table",
+        "bin/0",
+        "bin/1",
+        "stone",
+        "floor",
+    ]
+    expected = TURN.apply(OWN.apply([0.0, 0.0, 0.5]) + [0.1, 0.2, 0.3]) + SHIFT
+    np.testing.assert_allclose(position_of(table.pose), expected)
+    turned = Rotation.from_quat(orientation_of(table.pose))
+    assert (turned.inv() * TURN * OWN * INNER).magnitude() < 1e-12
+    assert position_of(stone.pose).tolist() == [2.0, 0.0, 0.0] and len(stone.mesh) == 1
+    assert floor.plane[0].coef.tolist() == [0.0, 0.0, 1.0, 0.5]
+    assert (box.id, box.mass, box.attached_to) == ("box", 0.7, "")
+    assert position_of(box.pose.pose).tolist() == [0.0, 0.0, 3.0] and len(box.primitive) == 1
+    assert (can.id, can.mass, can.attached_to) == ("can", 0.2, "hand")
+    np.testing.assert_allclose(position_of(can.pose.pose), TURN.apply([0.0, 0.0, 0.1]) + SHIFT)
+
+
+def test_the_node_reads_it():
+    """Without what is attached, which it does not serve."""
+    message = planning_scene()
+    message.robot_state.attached_collision_objects = []
+    library = ModelLibrary()
+    scene = scene_of_planning_scene(message, objects={"box": 0.7, "stone": 1.0}, models={"stone": "can"})
+    found = read_scene(scene, library, {"dt": 0.01, "stiffness": 1e4})
+    library.discard()
+    assert [body.name for body in found.scene.bodies] == ["stone", "box"]
+    assert found.models == ("can", found.scene.bodies[1].model.name)
+    assert found.scene.bodies[1].model.volume == pytest.approx(1e-3)
+    assert [element.name for element in found.scene.environment] == ["table", "bin/0", "bin/1", "floor"]
+    assert found.scene.environment[3].offset == pytest.approx(-0.5)
+
+
+def removed(scene):
+    scene.world.collision_objects[0].operation = b"\x01"
+
+
+def with_octomap(scene):
+    scene.world.octomap.octomap.data = [1]
+
+
+def is_diff(scene):
+    scene.is_diff = True
+
+
+def one_pose_too_many(scene):
+    scene.world.collision_objects[1].primitive_poses = [Pose()]
+
+
+def bad_turn(scene):
+    scene.world.collision_objects[0].pose.orientation.w = 3.0
+
+
+def nothing(scene):
+    pass
+
+
+@pytest.mark.parametrize(
+    ("change", "arguments", "words"),
+    [
+        (is_diff, {}, "is_diff must be false; ask for the whole planning scene"),
+        (with_octomap, {}, "world.octomap is not read"),
+        (removed, {}, r"world.collision_objects\[0\].operation must be ADD"),
+        (one_pose_too_many, {}, r"collision_objects\[1\].primitive_poses must be as many as primitives, 2"),
+        (bad_turn, {}, r"collision_objects\[0\].pose.orientation must"),
+        (nothing, {"frames": {}}, r"collision_objects\[0\].object.header.frame_id is no frame .*hand"),
+        (nothing, {"objects": {"cup": 1.0}}, "objects is no object of the planning scene .*cup"),
+        (nothing, {"models": {"cup": "can"}}, "models is no object of the planning scene .*cup"),
+        (nothing, {"objects": {"bin": 1.0}}, r"collision_objects\[1\] moves, and must then be one"),
+        (nothing, {"objects": {"floor": 1.0}}, r"collision_objects\[3\] moves, and must then be one"),
+        (nothing, {"objects": {"box": 0.0}}, "mass of 'box' must be positive"),
+        (nothing, {"objects": {"can": -1.0}}, r"attached_collision_objects\[0\].weight must be positive"),
+    ],
+)
+def test_what_cannot_be_read_is_told_in_a_sentence(change, arguments, words):
+    scene = planning_scene()
+    change(scene)
+    with pytest.raises(UncPhysicsError, match=words):
+        scene_of_planning_scene(scene, **{"frames": HAND} | arguments)
+
+
+def test_an_octomap_may_be_left_out():
+    scene = planning_scene()
+    with_octomap(scene)
+    assert len(scene_of_planning_scene(scene, frames=HAND, ignore_octomap=True).environment.elements) == 6

@@ -1,0 +1,60 @@
+"""Actions by their probability of success, as a picture."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from ..checks.shown import printable
+from ..prediction.events import Event
+from ..prediction.rank import Ranking
+
+_KEPT, _WORSE, _SCORE = "#0072B2", "#999999", "score"
+_OTHERS = ("#E69F00", "#009E73", "#CC79A7", "#D55E00", "#56B4E9")
+
+
+def draw_ranking(path: str, ranking: Ranking, also: Sequence[Event] = (), title: str = "") -> None:
+    """Draw each action's score with its interval, the best one above, and other events' probabilities.
+
+    Parameters
+    ----------
+    path : str
+        PNG file.
+    ranking : Ranking
+    also : sequence of Event
+    title : str
+    """
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    actions = ranking.actions
+    figure = Figure(figsize=(8.2, 1.3 + 0.36 * len(actions)), layout="constrained")
+    FigureCanvasAgg(figure)
+    ax = figure.subplots()
+    for row, action in enumerate(actions):
+        p, low, high = action.score
+        color = _WORSE if action.clearly_worse else _KEPT
+        ax.errorbar(p, row, xerr=[[p - low], [high - p]], fmt="o", color=color, capsize=3, zorder=3)
+        for event, tint in zip(also, _OTHERS, strict=False):
+            ax.plot(
+                action.probability(event).probability, row, "|", color=tint, markersize=11, markeredgewidth=2
+            )
+        ax.annotate(
+            f"{action.rollouts} rollouts",
+            (1.02, row),
+            xycoords=("axes fraction", "data"),
+            fontsize=8,
+            va="center",
+        )
+    ax.plot([], [], "o-", color=_KEPT, label=printable(str(ranking.score)))
+    if any(action.clearly_worse for action in actions):
+        ax.plot([], [], "o-", color=_WORSE, label="the same, of a clear loser")
+    for event, tint in zip(also, _OTHERS, strict=False):
+        ax.plot([], [], "|", color=tint, markeredgewidth=2, label=printable(str(event)))
+    ax.set_yticks(range(len(actions)), [printable(action.name) for action in actions])
+    ax.invert_yaxis()
+    ax.set_xlim(-0.02, 1.02)
+    ax.set_xlabel("probability, and the interval that holds it but in one of a thousand answers", fontsize=9)
+    ax.grid(axis="x", color="#E5E5E5")
+    figure.legend(loc="outside lower center", ncols=3, fontsize=8, frameon=False)
+    ax.set_title(title, fontsize=11)
+    figure.savefig(path, dpi=130)

@@ -1,0 +1,145 @@
+"""What a robot may do, as changes to a scene and to the belief about it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import fields, replace
+from typing import Any
+
+import numpy as np
+
+from ..checks.errors import InvalidRequestError, NotSupportedError, UncPhysicsError
+from ..checks.names import hint
+from ..physics.layout import ERROR, QUATERNION
+from ..scene.belief import Belief
+from ..scene.body_belief import MEANS, STDS, BodyBelief
+from ..scene.environment import element_names
+from ..scene.scene import Scene
+from ..scene.scene_file import at_field
+
+#: An action: another belief; another scene and the belief about it; a function that makes them of those
+#: given; or changes by the names of bodies and elements, each a `BodyBelief` or fields with their values.
+Action = (
+    Belief
+    | tuple[Scene, Belief]
+    | Callable[[Scene, Belief], tuple[Scene, Belief]]
+    | Mapping[str, BodyBelief | Mapping[str, Any]]
+)
+#: Fields of a `BodyBelief`, which change the belief; all other fields change the body or the element itself.
+_PLACES = MEANS | {"orientation": QUATERNION}
+_OF_BELIEF = (*_PLACES, *STDS, "covariance")
+
+
+def apply_action(scene: Scene, belief: Belief, action: Action, field: str) -> tuple[Scene, Belief]:
+    """The scene and the belief about it that an action makes of those given.
+
+    Parameters
+    ----------
+    scene : Scene
+    belief : Belief
+    action : Action
+    field : str
+        What errors call it.
+
+    Raises
+    ------
+    UncPhysicsError
+        If the action is none, names what is not there, or makes no scene or no belief.
+    """
+    try:
+        scene, belief = _applied(scene, belief, action)
+        belief.check_fits(scene)
+    except UncPhysicsError as error:
+        place = f"{field}: {error.field}" if error.field else field
+        raise type(error)(error.problem, field=place, value=error.value) from error
+    return scene, belief
+
+
+def _applied(scene, belief, action):
+    if isinstance(action, Belief):
+        return scene, action
+    if isinstance(action, Mapping):
+        return _with_changes(scene, belief, action)
+    made = action(scene, belief) if callable(action) else action
+    kinds = (Scene, Belief)
+    if not (isinstance(made, tuple) and len(made) == 2 and all(map(isinstance, made, kinds))):
+        if callable(action):
+            raise InvalidRequestError("must return a Scene and a Belief", value=made)
+        raise InvalidRequestError(
+            "must be a Belief, a Scene and a Belief, a function that returns these, or a mapping of names to"
+            " changes",
+            value=made,
+        )
+    return made
+
+
+def _with_changes(scene, belief, changes):
+    """With other fields of some bodies and elements."""
+    bodies, elements = list(scene.bodies), list(scene.environment)
+    names = [body.name for body in bodies] + element_names(elements)
+    beliefs = {}
+    for name, change in changes.items():
+        if name not in names:
+            problem = "is neither a body nor an element of the environment"
+            raise InvalidRequestError(f"{problem}{hint(str(name), names)}", value=name)
+        k = names.index(name)
+        if isinstance(change, BodyBelief):
+            beliefs[k] = change
+            continue
+        if not isinstance(change, Mapping):
+            raise InvalidRequestError("must be a BodyBelief, or fields and their values", field=repr(name))
+        of_belief = {key: value for key, value in change.items() if key in _OF_BELIEF and k < len(bodies)}
+        of_thing = {key: value for key, value in change.items() if key not in of_belief}
+        if of_belief:
+            beliefs[k] = of_belief
+        if of_thing:
+            things, place = (bodies, k) if k < len(bodies) else (elements, k - len(bodies))
+            things[place] = _replaced(things[place], of_thing, name)
+    if bodies != list(scene.bodies) or elements != list(scene.environment):
+        scene = replace(scene, bodies=bodies, environment=elements)
+    return scene, _with_beliefs(scene, belief, beliefs)
+
+
+def _replaced(thing, changes, name):
+    """A body or an element with other fields."""
+    known = [spec.name for spec in fields(thing) if spec.name != "name"]
+    known += [key for key in _OF_BELIEF if key not in known] if hasattr(thing, "model") else []
+    for key in changes:
+        if key not in known:
+            raise InvalidRequestError(f"is no field{hint(str(key), known)}", field=f"'{name}'", value=key)
+    return replace(thing, **changes)
+
+
+def _with_beliefs(scene, belief, changes):
+    """The belief about a scene's bodies, with what a `BodyBelief` or some of its fields say of some."""
+    same = np.array_equal(scene.moving, belief.moving)
+    if not changes and same:
+        return belief
+    mean, moving = belief.mean.copy(), scene.moving.tolist()
+    blocks = {b: belief.marginal(b).copy() for b in moving}
+    spread = not same
+    for b, change in changes.items():
+        whole = isinstance(change, BodyBelief)
+        given: BodyBelief = change if whole else at_field(repr(scene.bodies[b].name), BodyBelief, **change)
+        if b not in blocks:
+            at_field(repr(scene.bodies[b].name), given.check_fixed)
+        named = (*_PLACES, "covariance") if whole else tuple(change)
+        for key in named:
+            if key in _PLACES:
+                mean[b, _PLACES[key]] = getattr(given, key)
+                continue
+            spread = True
+            if b in blocks:
+                own = STDS.get(key, slice(None))
+                blocks[b][own], blocks[b][:, own] = 0.0, 0.0
+                blocks[b][own, own] = given.covariance[own, own]
+    if not spread:
+        return Belief(mean, belief.covariance, belief.moving)
+    if not belief.independent:
+        raise NotSupportedError(
+            "has one covariance for all bodies together, of which no body's own part can be changed; let the"
+            " action be a Belief",
+            field="belief",
+        )
+    P = np.array([blocks[b] for b in moving]).reshape(-1, ERROR, ERROR)
+    return Belief(mean, P, scene.moving)

@@ -1,0 +1,192 @@
+"""Files of actions: YAML that names a scene file, what a robot may do in it, and what counts as
+success.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ..checks.errors import InvalidRequestError
+from ..checks.validation import flag
+from ..scene.belief import Belief
+from ..scene.scene import Scene
+from ..scene.scene_file import at_field, check_keys, load_scene, read_yaml, scene_from_dict
+from .actions import Action
+from .events import AtRest, Event, FellOff, InRegion, Touches, Upright
+from .regions import BoxRegion
+
+_KEYS = ("scene", "horizon", "regions", "score", "smallest_first", "also", "actions")
+_REGION_KEYS = ("name", "size", "position", "orientation")
+#: Events by their keys, each with the keys of its other arguments.
+_EVENTS: dict[str, tuple[Callable[..., Event], tuple[str, ...]]] = {
+    "in_region": (InRegion, ("region",)),
+    "touches": (Touches, ("other",)),
+    "at_rest": (AtRest, ("speed", "angular_speed")),
+    "upright": (Upright, ("axis", "angle")),
+    "fell_off": (FellOff, ("support", "drop")),
+}
+
+
+class LoadedActions(NamedTuple):
+    """What a file of actions holds.
+
+    Attributes
+    ----------
+    scene : Scene
+    belief : Belief
+    horizon : float or None
+        The file's own [s], or else the scene file's.
+    actions : dict of Action
+    score : Event
+    smallest_first : bool
+    also : tuple of Event
+        What else is to be reported of each action.
+    """
+
+    scene: Scene
+    belief: Belief
+    horizon: float | None
+    actions: dict[str, Action]
+    score: Event
+    smallest_first: bool
+    also: tuple[Event, ...]
+
+
+def load_actions(
+    path: str | os.PathLike[str], models_dir: str | os.PathLike[str] | None = None
+) -> LoadedActions:
+    """Read a file of actions; the scene file that it names is relative to its folder.
+
+    Parameters
+    ----------
+    path : str or path-like
+    models_dir : str or path-like, optional
+        As for `load_scene`.
+
+    Raises
+    ------
+    UncPhysicsError
+        One of its kinds, naming the field and the value.
+    """
+    content = read_yaml(path, "actions file")
+    check_keys(content, _KEYS, "actions file")
+    for key in ("scene", "score", "actions"):
+        if content.get(key) is None:
+            raise InvalidRequestError("must be given", field=key)
+    scene, belief, horizon = _scene(content["scene"], Path(path).parent, models_dir)
+    regions = _regions(content.get("regions") or [])
+    actions = content["actions"]
+    if not isinstance(actions, dict) or not actions:
+        raise InvalidRequestError("must be a mapping of names to changes", field="actions", value=actions)
+    return LoadedActions(
+        scene,
+        belief,
+        content.get("horizon", horizon),
+        {str(name): _action(changes, f"actions['{name}']") for name, changes in actions.items()},
+        _events(content["score"], regions, "score"),
+        flag(content.get("smallest_first", False), "smallest_first"),
+        tuple(
+            _event(entry, regions, f"also[{k}]") for k, entry in enumerate(_list(content.get("also"), "also"))
+        ),
+    )
+
+
+def _scene(content, folder, models_dir):
+    """The scene that is written out, or in a file."""
+    if isinstance(content, str):
+        return load_scene(folder / content, models_dir)
+    if not isinstance(content, dict):
+        raise InvalidRequestError("must be the path of a scene file, or its content", field="scene")
+    return at_field("scene", scene_from_dict, content, models_dir, folder)
+
+
+def _regions(entries):
+    """Regions by their names."""
+    found = {}
+    for k, entry in enumerate(_list(entries, "regions")):
+        field = f"regions[{k}]"
+        check_keys(entry, _REGION_KEYS, field)
+        if "name" not in entry or "size" not in entry:
+            raise InvalidRequestError("must have a name and a size", field=field)
+        region = at_field(
+            field, BoxRegion, **{key: value for key, value in entry.items() if value is not None}
+        )
+        if region.name in found:
+            raise InvalidRequestError("is the name of two regions", field=f"{field}.name", value=region.name)
+        found[region.name] = region
+    return found
+
+
+def _list(value, field):
+    if value is None:
+        return []
+    if not isinstance(value, list):
+        raise InvalidRequestError("must be a list", field=field, value=value)
+    return value
+
+
+def _action(changes, field) -> Any:
+    """Changes by the names of bodies and elements, with lists of numbers as arrays."""
+    if not isinstance(changes, dict):
+        problem = "must be a mapping of bodies and elements to fields and their values"
+        raise InvalidRequestError(problem, field=field, value=changes)
+    for name, change in changes.items():
+        if not isinstance(change, dict):
+            raise InvalidRequestError(
+                "must be a mapping of fields to values", field=f"{field}.{name}", value=change
+            )
+    return {
+        str(name): {key: _numbers(value) for key, value in change.items()} for name, change in changes.items()
+    }
+
+
+def _numbers(value):
+    """A list of numbers as an array; anything else as it is."""
+    plain = isinstance(value, list) and all(isinstance(entry, (int, float)) for entry in value)
+    return np.array(value, float) if plain else value
+
+
+def _events(content, regions, field) -> Event:
+    """An event, or a list of events that happen together."""
+    if not isinstance(content, list):
+        return _event(content, regions, field)
+    if not content:
+        raise InvalidRequestError("must name at least one event", field=field)
+    found = _event(content[0], regions, f"{field}[0]")
+    for k, entry in enumerate(content[1:], 1):
+        found = found & _event(entry, regions, f"{field}[{k}]")
+    return found
+
+
+def _event(entry, regions, field):
+    """One event: a mapping of its key to its object, or to its arguments; ``not`` before it says that it does
+    not happen.
+    """
+    if isinstance(entry, dict) and list(entry) == ["not"]:
+        return ~_event(entry["not"], regions, f"{field}.not")
+    if not isinstance(entry, dict) or len(entry) != 1:
+        known = ", ".join([*_EVENTS, "not"])
+        raise InvalidRequestError(f"must be a mapping with one key of {known}", field=field, value=entry)
+    check_keys(entry, _EVENTS, field)
+    ((key, given),) = entry.items()
+    kind, names = _EVENTS[key]
+    place = f"{field}.{key}"
+    given = {"object": given} if isinstance(given, str) else given
+    check_keys(given, ("object", *names), place)
+    if "object" not in given:
+        raise InvalidRequestError("must be given", field=f"{place}.object")
+    arguments = {name: _numbers(value) for name, value in given.items() if value is not None}
+    if key == "in_region":
+        if arguments.get("region") not in regions:
+            raise InvalidRequestError(
+                "is none of the file's regions", field=f"{place}.region", value=arguments.get("region")
+            )
+        arguments["region"] = regions[arguments["region"]]
+    if key == "touches" and "other" not in arguments:
+        raise InvalidRequestError("must be given", field=f"{place}.other")
+    return at_field(place, kind, **arguments)

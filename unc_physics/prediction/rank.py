@@ -1,0 +1,333 @@
+"""Which of several actions is best? Rollouts of all with common draws, few of them for clear losers."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ..checks.errors import InvalidHorizonError, InvalidRequestError, LimitExceededError, UncPhysicsError
+from ..checks.names import hint
+from ..checks.validation import flag, instance, integer, positive
+from ..propagators.base import SAMPLES_LIMIT
+from ..propagators.names import REFERENCE
+from ..propagators.registry import make_propagator
+from ..scene.belief import Belief
+from ..scene.scene import Scene
+from .actions import Action, apply_action
+from .contest import Contest, Entrant, Failed
+from .events import Event
+from .memory import check_memory
+from .outcomes import interval, seen
+from .predict import check_supported, steps_of
+from .prediction import Prediction
+from .racing import Difference
+
+#: Share of `rollouts` for each action that the budget is by default, where that is more than two actions'.
+_BUDGET_SHARE = 0.2
+
+
+class Share(NamedTuple):
+    """A probability, from the rollouts in which an event happened.
+
+    Attributes
+    ----------
+    probability : float
+    low, high : float
+        An interval that holds the truth but in one of a thousand answers.
+    """
+
+    probability: float
+    low: float
+    high: float
+
+
+@dataclass(frozen=True, eq=False)
+class RankedAction:
+    """One of the actions, and how good it is.
+
+    Attributes
+    ----------
+    name : str
+    prediction : Prediction
+        By all of the action's rollouts.
+    score : Share
+        Of the event that actions are ranked by.
+    difference : Difference
+        Of the score from that of the best action, over the draws that both have.
+    clearly_worse : bool
+        Whether another action is better for certain: a best action is called so in one ranking of a thousand.
+    rollouts : int
+        How many its answers rest on.
+    """
+
+    name: str
+    prediction: Prediction
+    score: Share
+    difference: Difference
+    clearly_worse: bool
+    rollouts: int
+
+    def probability(self, event: Event) -> Share:
+        """How probable an event is by this action.
+
+        Raises
+        ------
+        InvalidRequestError
+            If the event is about what is not in the scene.
+        """
+        instance(event, Event, "event")
+        event.check(self.prediction.scene, "event")
+        return _share(_happened(event, self.prediction))
+
+
+@dataclass(frozen=True, eq=False)
+class Ranking:
+    """Actions, the best one first.
+
+    Attributes
+    ----------
+    actions : tuple of RankedAction
+        The others follow the best one by their difference from it.
+    score : Event
+        What they are ranked by.
+    smallest_first : bool
+        Whether the best action is the one by which it is least probable.
+    seed : int
+        The seed that gives the same ranking again.
+    """
+
+    actions: tuple[RankedAction, ...]
+    score: Event
+    smallest_first: bool
+    seed: int
+
+    @property
+    def best(self) -> RankedAction:
+        """The first one."""
+        return self.actions[0]
+
+    @property
+    def rollouts(self) -> int:
+        """Of all actions together."""
+        return sum(action.rollouts for action in self.actions)
+
+    def __len__(self) -> int:
+        return len(self.actions)
+
+    def __iter__(self) -> Iterator[RankedAction]:
+        return iter(self.actions)
+
+    def __getitem__(self, name: str) -> RankedAction:
+        """The action of that name."""
+        names = [action.name for action in self.actions]
+        if name not in names:
+            raise InvalidRequestError(f"is no action{hint(str(name), names)}", field="name", value=name)
+        return self.actions[names.index(name)]
+
+
+@np.errstate(all="ignore")  # what overflows is found when beliefs are made
+def rank(
+    scene: Scene,
+    belief: Belief,
+    actions: Mapping[str, Action],
+    score: Event,
+    horizon: float | None = None,
+    *,
+    times: Sequence[float] | None = None,
+    smallest_first: bool = False,
+    rollouts: int = 1000,
+    budget: int | None = None,
+    seed: int = 0,
+    max_computation_time: float | None = None,
+    progress: Callable[[int, int], object] | None = None,
+) -> Ranking:
+    """Rank what a robot may do by how probable it is that it succeeds.
+
+    All actions begin with the same random draws, in one batch on all threads, round by round. Before each
+    round clear losers leave: by the sign test on the draws in which they and the leader differ, at a level
+    that leaves the best action in the race but in one ranking of a thousand. As long as the budget has no
+    room for all, the last ones leave, too.
+
+    Parameters
+    ----------
+    scene : Scene
+    belief : Belief
+        About the bodies of the scene at time 0.
+    actions : mapping of str to action
+        By names of their own. An action is what changes: another `Belief`; another scene and the belief about
+        it; a function that takes scene and belief and returns these; or a mapping of names to changes, for
+        bodies a `BodyBelief` or fields of `BodyBelief` and `RigidBody` with their values, for elements of the
+        environment fields of their class.
+    score : Event
+        What counts as success, such as ``InRegion("cup", bin) & Upright("cup")``.
+    horizon : float, optional
+        Time to predict for [s], as in `predict`. May be left out when ``times`` is given.
+    times : sequence of float, optional
+        Times at which a belief is wanted [s], ascending, as in `predict`.
+    smallest_first : bool
+        Whether the least probable action comes first, as where the score is a failure.
+    rollouts : int
+        Most of one action.
+    budget : int, optional
+        Most of all actions together; by default a fifth of ``rollouts`` for each, but as many as two of them
+        may take.
+    seed : int
+        Of all draws. The ranking does not depend on the number of threads.
+    max_computation_time : float, optional
+        Wall time after which the ranking ends with an error [s]; compiling kernels does not count.
+    progress : callable, optional
+        Called every few hundredths of a second with the number of rollouts of the rounds done, and with the
+        budget. What it raises ends the ranking; an `UncPhysicsError` then has a ``prediction`` as that of
+        `PredictionTimeoutError`.
+
+    Returns
+    -------
+    Ranking
+
+    Raises
+    ------
+    InvalidRequestError
+        If there is no action, an action changes what is not there, or the score is about it.
+    PredictionTimeoutError
+        If ``max_computation_time`` ran out; its ``prediction`` is the `Ranking` by the rounds until then, and
+        None where not even the first one was done.
+    DivergedError
+        If the simulation of an action left the range of numbers.
+    UncPhysicsError
+        What `predict` raises, with the action that it is about.
+    """
+    for value, kind, name in (
+        (scene, Scene, "scene"),
+        (belief, Belief, "belief"),
+        (actions, Mapping, "actions"),
+        (score, Event, "score"),
+    ):
+        instance(value, kind, name)
+    if not actions:
+        raise InvalidRequestError("must name at least one action", field="actions")
+    belief.check_fits(scene)
+    score.check(scene, "score")
+    flag(smallest_first, "smallest_first")
+    entrants = [
+        Entrant(name, *apply_action(scene, belief, action, f"actions[{name!r}]"))
+        for name, action in actions.items()
+    ]
+    rollouts = integer(rollouts, "rollouts", low=1)
+    if rollouts > SAMPLES_LIMIT:
+        raise LimitExceededError(f"must be at most {SAMPLES_LIMIT}", field="rollouts", value=rollouts)
+    try:
+        return rank_entrants(
+            entrants,
+            make_propagator(REFERENCE, samples=rollouts, seed=seed),
+            score,
+            horizon,
+            times=times,
+            smallest_first=smallest_first,
+            budget=budget,
+            max_computation_time=max_computation_time,
+            progress=progress,
+        )
+    except Failed as failed:
+        error = failed.error
+        field = f"actions[{entrants[failed.entrant].name!r}]" + (f": {error.field}" if error.field else "")
+        raise type(error)(error.problem, field=field, value=error.value) from error
+
+
+def rank_entrants(
+    entrants: Sequence[Entrant],
+    propagator: Any,
+    score: Event,
+    horizon: float | None = None,
+    *,
+    times: Sequence[float] | None = None,
+    smallest_first: bool = False,
+    budget: int | None = None,
+    max_computation_time: float | None = None,
+    progress: Callable[[int, int], object] | None = None,
+    keep_samples: int = 0,
+) -> Ranking:
+    """As `rank`, of scenes and beliefs by their names, with a Monte Carlo propagator.
+
+    Raises
+    ------
+    Failed
+        With what is wrong with one of them.
+    UncPhysicsError
+        Otherwise.
+    """
+    count, rollouts = len(entrants), propagator.samples
+    most: int = _budget(count, rollouts) if budget is None else integer(budget, "budget", low=1)
+    if most < count:
+        raise InvalidRequestError(
+            f"must be at least one rollout for each of {count} actions", field="budget", value=most
+        )
+    allowed = None if max_computation_time is None else positive(max_computation_time, "max_computation_time")
+    marks = None
+    for k, entrant in enumerate(entrants):
+        with Failed.of(k):
+            score.check(entrant.scene, "score")
+            check_supported(entrant.scene, propagator)
+            own = steps_of(entrant.scene, horizon, times)
+            if marks not in (None, own):
+                raise InvalidHorizonError(
+                    "must be that of the other actions", field="dt", value=entrant.scene.dt
+                )
+            marks = own
+            check_memory(entrant.scene, entrant.belief, propagator, len(own), keep_samples)
+    assert marks is not None
+    success = _success(score, smallest_first)
+    contest = Contest(entrants, propagator, marks, success, most, keep_samples)
+    make = functools.partial(_ranking, contest, score, smallest_first, propagator.seed)
+    try:
+        contest.run(allowed, progress)
+    except UncPhysicsError as error:
+        error.prediction = make() if contest.rounds else None
+        raise
+    return make()
+
+
+def _budget(count, rollouts):
+    """Most rollouts of all of so many actions, where nothing is said."""
+    return max(min(count, 2) * rollouts, round(_BUDGET_SHARE * rollouts * count), count)
+
+
+def _success(score, smallest_first):
+    """Whether the rollouts of a prediction count as good, a function of it."""
+    return lambda prediction: _happened(score, prediction) ^ smallest_first
+
+
+def _happened(event, prediction):
+    """(N,) bool: in which rollouts of a prediction an event happened."""
+    return event.happened(seen(prediction, prediction.samples(), prediction.contact_history.first_time))
+
+
+def _share(happened):
+    count = len(happened)
+    share = float(np.count_nonzero(happened) / count)
+    low, high = interval(share, count)
+    return Share(share, min(max(low, 0.0), share), max(min(high, 1.0), share))
+
+
+def _ranking(contest, score, smallest_first, seed):
+    """The ranking by the rounds until now."""
+    actions = []
+    for k in contest.race.order():
+        prediction = contest.predictions[k]
+        difference = contest.race.difference(k)
+        if smallest_first:
+            difference = difference._replace(value=-difference.value)
+        actions.append(
+            RankedAction(
+                contest.entrants[k].name,
+                prediction,
+                _share(_happened(score, prediction)),
+                difference,
+                k in contest.race.losers,
+                len(contest.race.outcomes[k]),
+            )
+        )
+    return Ranking(tuple(actions), score, smallest_first, seed)

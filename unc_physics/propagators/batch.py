@@ -1,0 +1,60 @@
+"""Rollouts of several scenes in one batch: what few of each leave idle, the others' take."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from ..physics.threads import in_threads, single_thread
+from ..physics.time_limit import limit_here, under_limit
+from ..scene.scene import Scene
+from .base import Propagator
+
+
+def advance_together(
+    propagator: Propagator, carries: Sequence[Any], scenes: Sequence[Scene], steps: int
+) -> list[Any]:
+    """The carries of several scenes after ``steps`` time steps, each as `Propagator.advance` has it.
+
+    They are computed in parts on as many threads as numba is set to, whichever scene a part is of.
+
+    Parameters
+    ----------
+    propagator : Propagator
+        With parts that can be taken out and put together (`Propagator.some`, `Propagator.together`).
+    carries : sequence of NamedTuple
+        After as many steps each.
+    scenes : sequence of Scene
+    steps : int
+    """
+    counts = [propagator.rollouts(carry) for carry in carries]
+    ends = np.cumsum(counts)
+    parts: list[list[tuple[int, Any]]] = [[] for _ in carries]
+    limit, lock = limit_here(), threading.Lock()
+
+    def run(batch):
+        for k, end in enumerate(ends.tolist()):
+            begin = end - counts[k]
+            first, last = max(batch.start, begin), min(batch.stop, end)
+            if first >= last:
+                continue
+            some = propagator.some(carries[k], slice(first - begin, last - begin))
+            with under_limit(limit), single_thread():
+                advanced = propagator.advance(some, scenes[k], steps)
+            with lock:
+                parts[k].append((first, advanced))
+
+    in_threads(int(ends[-1]), run)
+    return [_joined(propagator, own) for own in parts]
+
+
+def _joined(propagator, parts):
+    """One carry of parts by their first rollouts; neighbours first, so that each is copied a few times."""
+    carries = [part for _, part in sorted(parts, key=lambda entry: entry[0])]
+    while len(carries) > 1:
+        pairs = [carries[k : k + 2] for k in range(0, len(carries), 2)]
+        carries = [propagator.together(*pair) if len(pair) == 2 else pair[0] for pair in pairs]
+    return carries[0]
