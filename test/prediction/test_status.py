@@ -11,9 +11,9 @@ from twins.states import boxminus
 from unc_physics import Belief, RigidBody, Scene, load_model, make_propagator, predict
 from unc_physics.__main__ import main
 from unc_physics.geometry.packing_file import SpherePacking
-from unc_physics.prediction.few_rollouts import BalancedMonteCarlo
 from unc_physics.prediction.status import assess, assess_all
 from unc_physics.prediction.status_rules import Status
+from unc_physics.propagators.balanced_monte_carlo import BalancedMonteCarlo
 from unc_physics.scene.environment import Box, Plane
 from unc_physics_evaluation import everyday_cases
 from unc_physics_evaluation.scenarios import collision

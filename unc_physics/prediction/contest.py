@@ -14,8 +14,8 @@ from ..checks.errors import PredictionTimeoutError, UncPhysicsError
 from ..physics.compile_time import clock
 from ..physics.threads import watched
 from ..physics.time_limit import time_limit
+from ..propagators.base import Propagator
 from ..propagators.batch import advance_together
-from ..propagators.monte_carlo import MonteCarlo
 from ..propagators.start import known
 from ..scene.belief import Belief
 from ..scene.scene import Scene
@@ -66,7 +66,7 @@ class Contest:
     Parameters
     ----------
     entrants : sequence of Entrant
-    propagator : MonteCarlo
+    propagator : Propagator
         Whose draws all have in common.
     marks : list of int
         Numbers of steps after which a belief is wanted, ascending.
@@ -89,7 +89,7 @@ class Contest:
     def __init__(
         self,
         entrants: Sequence[Entrant],
-        propagator: MonteCarlo,
+        propagator: Propagator,
         marks: list[int],
         success: Callable[[Prediction], np.ndarray],
         budget: int,

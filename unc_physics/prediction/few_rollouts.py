@@ -2,50 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from ..physics.layout import ERR_POSITION, ERR_ROTATION
-from ..physics.moments import spread_states
-from ..propagators.monte_carlo import MonteCarlo
-from ..propagators.sobol import normal_points
+from ..propagators.balanced_monte_carlo import BalancedMonteCarlo
 from .predict import predict
 
 _SEED = 0  # of their draws: the same question has the same status
-
-
-@dataclass(frozen=True)
-class BalancedMonteCarlo(MonteCarlo):
-    """Monte Carlo whose draws have mean and covariance of the belief, so that few of them tell a spread.
-
-    Notes
-    -----
-    Sobol points (N, r), as normal numbers, are made orthogonal to 1 and to each other, N - 1 columns at a
-    time. What responds linearly to so many directions has then exactly its spread, where twelve plain draws
-    are off by a fifth.
-    """
-
-    def drawn(self, scene, belief, count):
-        """As `MonteCarlo.drawn`, but for the first ones of a larger number; plain draws where overlap is
-        rejected, or of one sample.
-        """
-        if scene.overlap == "reject" or count < 2:
-            return super().drawn(scene, belief, count)
-        root = belief.root()
-        z = _balanced(normal_points(count, root.shape[1], self.seed))
-        return spread_states(belief.mean.copy(), belief.moving.copy(), np.einsum("nr,kr->nk", z, root))
-
-
-def _balanced(z):
-    """Numbers (N, r) of mean 0 and variance 1 in each column, no two of them correlated if they can be."""
-    count = len(z)
-    z = z - z.mean(axis=0)
-    for first in range(0, z.shape[1], count - 1):
-        some = slice(first, first + count - 1)
-        q, r = np.linalg.qr(z[:, some])
-        z[:, some] = np.sqrt(count) * q * np.where(np.diag(r) < 0.0, -1.0, 1.0)
-    return z
 
 
 def rollout_spreads(scene, initial, times, count):
