@@ -14,7 +14,6 @@ from ..checks.errors import PredictionTimeoutError, UncPhysicsError
 from ..physics.compile_time import clock
 from ..physics.threads import watched
 from ..physics.time_limit import time_limit
-from ..propagators.base import Propagator
 from ..propagators.batch import advance_together
 from ..propagators.start import known
 from ..scene.belief import Belief
@@ -67,7 +66,7 @@ class Contest:
     ----------
     entrants : sequence of Entrant
     propagator : Propagator
-        Whose draws all have in common.
+        With an option ``samples``, as `REFERENCE` has; all have its draws in common.
     marks : list of int
         Numbers of steps after which a belief is wanted, ascending.
     success : callable
@@ -89,7 +88,7 @@ class Contest:
     def __init__(
         self,
         entrants: Sequence[Entrant],
-        propagator: Propagator,
+        propagator: Any,
         marks: list[int],
         success: Callable[[Prediction], np.ndarray],
         budget: int,

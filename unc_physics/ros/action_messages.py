@@ -174,18 +174,18 @@ def write_actions(body: RigidBody, message: ObjectState) -> None:
 def _trajectory(body):
     """The path of the model's origin."""
     path, origin = body.trajectory, writable(body.model.origin)
-    result = MultiDOFJointTrajectory(joint_names=[body.name])
+    points = []
     for time, state in zip(path.times.tolist(), path.states, strict=True):
         x = moved(state, origin, 1.0)
         qx, qy, qz, qw = x[QUATERNION].tolist()
         transform = Transform(translation=_vector(x[POSITION]), rotation=Quaternion(x=qx, y=qy, z=qz, w=qw))
         twist = Twist(linear=_vector(x[VELOCITY]), angular=_vector(x[ANGULAR_VELOCITY]))
-        result.points.append(
+        points.append(
             MultiDOFJointTrajectoryPoint(
                 transforms=[transform], velocities=[twist], time_from_start=duration(time)
             )
         )
-    return result
+    return MultiDOFJointTrajectory(joint_names=[body.name], points=points)
 
 
 def surface_velocity(element: Element, origin) -> Twist:
