@@ -44,7 +44,11 @@ def test_every_public_name_is_there():
 )
 def test_pages_import_public_names_only(page):
     text = page.read_text()
-    deep = re.findall(r"^(?:from|import) unc_physics\.(?!ros import (?:Client|scene_of_planning_scene)$)\S+.*", text, re.MULTILINE)
+    deep = re.findall(
+        r"^(?:from|import) unc_physics\.(?!ros import (?:Client|scene_of_planning_scene)$)\S+.*",
+        text,
+        re.MULTILINE,
+    )
     assert not deep, "the package itself should export what users need"
     for names in re.findall(r"^from unc_physics import (.*)", text, re.MULTILINE):
         assert set(re.split(r"\W+", names)) <= {*unc_physics.__all__, ""}

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from unc_physics import Belief, Box, Plane, RigidBody, Scene, load_model, make_propagator, predict
+from unc_physics.prediction.events import ENVIRONMENT
 from unc_physics.prediction.first_contacts import first_contacts
 from unc_physics.prediction.probabilities import (
-    ENVIRONMENT,
     TOLERANCE,
     BoxRegion,
     contact_probabilities,
