@@ -89,6 +89,9 @@ def test_too_many_or_too_few_name_the_count(loaded):
 # -- the command -------------------------------------------------------------------------------------
 
 
+POINTS = "--propagator", "sigma_points"
+
+
 @pytest.fixture
 def file(tmp_path):
     path = tmp_path / "scene.yaml"
@@ -97,7 +100,7 @@ def file(tmp_path):
 
 
 def test_the_command_adds_samples_to_each_body(file, capsys, loaded):
-    assert main(["predict", file, "--horizon", str(HORIZON), "--json", "--samples-out", "3"]) == 0
+    assert main(["predict", file, "--horizon", str(HORIZON), "--json", "--samples-out", "3", *POINTS]) == 0
     answer = json.loads(capsys.readouterr().out)
     expected = predicted(loaded).samples(3)
     for k, body in enumerate(answer["bodies"]):
@@ -111,7 +114,7 @@ def test_without_them_there_are_none(file, capsys):
 
 
 def test_the_table_says_which_physics(file, capsys):
-    assert main(["predict", file, "--horizon", str(HORIZON)]) == 0
+    assert main(["predict", file, "--horizon", str(HORIZON), *POINTS]) == 0
     first = capsys.readouterr().out.splitlines()[0]
     assert (
         first == "sigma_points; explicit, dt 0.01 s, stiffness 1e+04 N/m^3, gravity (0.3, 0, -5) m/s^2, "

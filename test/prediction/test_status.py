@@ -120,7 +120,7 @@ def test_few_rollouts_have_the_spread_of_the_belief(directions):
     mean[0, 9] = 1.0
     root = np.random.default_rng(1).normal(0.0, 0.01, (12, directions))
     belief = Belief(mean, (root @ root.T)[None])
-    start = BalancedMonteCarlo(samples=12).drawn(Scene([RigidBody("a", BALL, 1.0)]), belief)
+    start = BalancedMonteCarlo(samples=12).drawn(Scene([RigidBody("a", BALL, 1.0)]), belief, 12)
     errors = np.array([boxminus(x, mean) for x in start])[:, 0]
     np.testing.assert_allclose(errors.mean(axis=0), 0.0, atol=1e-12)
     np.testing.assert_allclose(errors.T @ errors / 12.0, root @ root.T, atol=1e-12)

@@ -137,7 +137,8 @@ class Element(_Placed, Surface):
         object.__setattr__(self, "surface_tilt_std", tilt)
         for name in ("surface_velocity", "surface_angular_velocity", "surface_center"):
             value = getattr(self, name)
-            value = self.position if name == "surface_center" and value is None else value
+            if name == "surface_center" and value is None:
+                value = getattr(self, "position", (0.0, 0.0, 0.0))  # a shape may have none
             object.__setattr__(self, name, array(value, (3,), name, InvalidEnvironmentError))
 
     @property
