@@ -35,7 +35,9 @@ def base():
     for message in (brick, can):
         message.pose.covariance = diagonal(*[0.005] * 3, *[0.02] * 3)
         message.twist.twist.angular.z = 0.5
-    request = request_of(brick, can, horizon=0.4, seed=5, return_probabilities=True)
+    request = request_of(
+        brick, can, horizon=0.4, seed=5, return_probabilities=True, propagator="sigma_points"
+    )
     floor = EnvironmentElement(id="floor", plane=[Plane(coef=[0.0, 0.0, 1.0, 0.0])])
     request.scene.environment.elements = [floor]
     return with_physics(request, gravity=None)
