@@ -434,7 +434,7 @@ def test_a_node_of_one_s_own(node, space):
 
 
 def test_the_document_s_snippet_runs(node):
-    snippet, *_ = re.findall(r"```python\n(.*?)```", DOCUMENT.read_text(), re.DOTALL)
+    _, snippet, *_ = re.findall(r"```python\n(.*?)```", DOCUMENT.read_text(), re.DOTALL)
     found = {}
     exec(snippet, found)  # noqa: S102
     assert found["prediction"]["mug"].position.shape == (3,)
