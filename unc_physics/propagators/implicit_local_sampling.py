@@ -9,12 +9,10 @@ from ..physics.implicit_stages import after_impact, after_travel, before_step, o
 from ..physics.implicit_step import integrate
 from ..physics.implicit_workspace import CONTACTS, ELASTIC, LASTING, implicit_workspace, more_room
 from ..physics.layout import ERROR, EV, EW
-from ..physics.narrow_phase import RECORD
 from ..physics.random import combine
-from ..physics.sphere_tree import Scratch
 from .local_clouds import Cloud, cloud_of, drift_covariances, factor_pose_covariance, kick_covariance
 from .sampled_contacts import sample_contacts
-from .solved_contacts import Solved, record_pair
+from .solved_contacts import Solved, copy_blocks, record_pair, records_room
 
 
 class SolvedCloud(NamedTuple):
@@ -35,10 +33,7 @@ def advance_solved_covariances(mean, covariance, first_time, memory, world, begi
     while done < steps:
         work = implicit_workspace(mean, memory.kept_overlap[0], world, contacts, candidates, pool)
         cloud = cloud_of(covariance, world.bodies.moving, draws)
-        search = Scratch(
-            np.empty((1, 2), np.int32), np.empty((contacts, 2), np.int32), np.empty((contacts, RECORD))
-        )
-        method = SolvedCloud(cloud, np.empty_like(covariance), Solved(work.R, search))
+        method = SolvedCloud(cloud, np.empty_like(covariance), Solved(work.R, records_room(contacts)))
         done += integrate(
             mean,
             first_time,
@@ -60,20 +55,14 @@ def advance_solved_covariances(mean, covariance, first_time, memory, world, begi
 @before_step.of(SolvedCloud)
 def _drift(method, x, step, world, work):
     """Keep the covariances, and take them through the transition of the whole step (Eq. 30)."""
-    for k in range(len(method.before)):
-        for r in range(ERROR):
-            for c in range(ERROR):
-                method.before[k, r, c] = method.cloud.covariance[k, r, c]
+    copy_blocks(method.before, method.cloud.covariance)
     drift_covariances(method.cloud, x, step, world, work)
 
 
 @undo_step.of(SolvedCloud)
 def _put_back(method, work):
     """The covariances are those of the step's beginning."""
-    for k in range(len(method.before)):
-        for r in range(ERROR):
-            for c in range(ERROR):
-                method.cloud.covariance[k, r, c] = method.before[k, r, c]
+    copy_blocks(method.cloud.covariance, method.before)
 
 
 @on_sleep.of(SolvedCloud)

@@ -9,9 +9,7 @@ from ..physics.implicit_stages import after_impact, after_travel, before_step, o
 from ..physics.implicit_step import integrate
 from ..physics.implicit_workspace import CONTACTS, ELASTIC, LASTING, implicit_workspace, more_room
 from ..physics.layout import ERROR, EV, EW
-from ..physics.narrow_phase import RECORD
-from ..physics.sphere_tree import Scratch
-from .solved_contacts import Solved, record_pair
+from .solved_contacts import Solved, copy_blocks, record_pair, records_room
 from .surrogate_contacts import Spread, add_tilts, cache_pose_covariance, drift_roots, kick_root, spread_of
 
 
@@ -33,10 +31,7 @@ def advance_solved_roots(mean, roots, first_time, memory, world, begin, steps, k
     while done < steps:
         work = implicit_workspace(mean, memory.kept_overlap[0], world, contacts, candidates, pool)
         spread = spread_of(roots, world.bodies.moving, k_sigma)
-        search = Scratch(
-            np.empty((1, 2), np.int32), np.empty((contacts, 2), np.int32), np.empty((contacts, RECORD))
-        )
-        method = SolvedSpread(spread, np.empty_like(roots), Solved(work.R, search))
+        method = SolvedSpread(spread, np.empty_like(roots), Solved(work.R, records_room(contacts)))
         done += integrate(
             mean,
             first_time,
@@ -58,20 +53,14 @@ def advance_solved_roots(mean, roots, first_time, memory, world, begin, steps, k
 @before_step.of(SolvedSpread)
 def _drift(method, x, step, world, work):
     """Keep the roots, and multiply them by the transition of the whole step (Eq. 14)."""
-    for k in range(len(method.before)):
-        for r in range(ERROR):
-            for c in range(ERROR):
-                method.before[k, r, c] = method.spread.roots[k, r, c]
+    copy_blocks(method.before, method.spread.roots)
     drift_roots(method.spread, x, step, world, work)
 
 
 @undo_step.of(SolvedSpread)
 def _put_back(method, work):
     """The roots are those of the step's beginning."""
-    for k in range(len(method.before)):
-        for r in range(ERROR):
-            for c in range(ERROR):
-                method.spread.roots[k, r, c] = method.before[k, r, c]
+    copy_blocks(method.spread.roots, method.before)
 
 
 @on_sleep.of(SolvedSpread)

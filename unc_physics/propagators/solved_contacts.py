@@ -10,9 +10,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..physics.compiled import inner
+from ..physics.compiled import inner, kernel
 from ..physics.implicit_workspace import CONTACTS, DIRECTION, FRICTION, GAP, LASTING
-from ..physics.narrow_phase import DISTANCE, NORMAL, VOLUME
+from ..physics.layout import ERROR
+from ..physics.narrow_phase import DISTANCE, NORMAL, RECORD, VOLUME
 from ..physics.rotation import rotate_back
 from ..physics.sphere_tree import Scratch
 
@@ -32,6 +33,23 @@ class Solved(NamedTuple):
 
     R: np.ndarray
     search: Scratch
+
+
+@kernel
+def records_room(contacts):
+    """Room for the records of as many contacts of a pair."""
+    return Scratch(
+        np.empty((1, 2), np.int32), np.empty((contacts, 2), np.int32), np.empty((contacts, RECORD))
+    )
+
+
+@inner(forceinline=True)
+def copy_blocks(into, source):
+    """Copy blocks (K, 12, 12) of one array to another: a step's beginning is kept, or put back."""
+    for k in range(len(source)):
+        for r in range(ERROR):
+            for c in range(ERROR):
+                into[k, r, c] = source[k, r, c]
 
 
 @inner
