@@ -444,7 +444,8 @@ def rich_requests():
     """Requests whose answers together fill all fields."""
     asked = base()
     with_region(asked)
-    asked.samples = 150
+    place = asked.scene.objects[0].pose.pose.position  # beside the can, and high enough to fall
+    place.x, place.z = 0.3, 0.35
     with_physics(asked, stiffness=1e9, stiffness_std=1e7, friction_std=0.1, restitution_std=0.05, damping=0.1)
     with_physics(asked, gravity_direction_std=0.01, sleep=True)
     with_physics(asked, impact_direction_std=0.01, impact_point_std=1e-3, impact_friction_std=0.1)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import weakref
+
 import numpy as np
 
 from ..physics import contact_history as histories
@@ -17,6 +19,8 @@ from .body import tree_of
 from .materials import Materials, varied
 from .scene import Scene
 
+_KEPT = 1024  # worlds that are kept, with a packing each where a centre of mass is uncertain
+_last_worlds = weakref.WeakKeyDictionary()  # of scenes, the parameters and worlds that were asked for last
 _SINGLE = 4.0 * np.finfo(np.float32).eps  # more than a shift rounds, relative to the body's size
 
 
@@ -115,14 +119,31 @@ def rollout_varied(
 ) -> None:
     """Advance a batch as `physics.rollout.rollout`, state n in the world of parameters ``z[n]``."""
 
-    limit = limit_here()
+    limit, worlds = limit_here(), _worlds(scene, z)
 
     def run(some):
         for n in range(some.start, some.stop):
-            own, world = slice(n, n + 1), limited(vary(scene, z[n]), limit)
+            if worlds[n] is None:
+                worlds[n] = vary(scene, z[n])
+            own, world = slice(n, n + 1), limited(worlds[n], limit)
             advance(states[own], histories.samples(contact_history, own), world, begin, steps)
+            if len(worlds) > _KEPT:
+                worlds[n] = None
 
     in_threads(len(states), run)
+
+
+def _worlds(scene, z):
+    """Where the worlds of parameters ``z`` (N, K) are found or left: a prediction whose time is limited comes
+    back after every few steps, and making its worlds would take longer than such steps.
+    """
+    last = _last_worlds.get(scene)
+    if last is not None and np.array_equal(last[0], z):
+        return last[1]
+    worlds: list[World | None] = [None] * len(z)
+    if len(z) <= _KEPT:
+        _last_worlds[scene] = z.copy(), worlds
+    return worlds
 
 
 def center_offsets(scene: Scene, z: np.ndarray) -> np.ndarray:
