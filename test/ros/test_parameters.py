@@ -82,3 +82,14 @@ def test_physics_change_between_predictions(change, client):
     assert change("default_propagator", "monte_carlo").successful
     request = request_of(moving_object())
     assert client.predict(request, node="parameters").prediction.propagator == "monte_carlo"
+
+
+def test_defaults_above_a_limit_are_lowered_to_it(change, client):
+    assert change("max_samples", 100).successful
+    request = request_of(moving_object())
+    for propagator in ("cloud", "monte_carlo", "auto"):
+        request.propagator = propagator
+        assert_answered(client.predict(request, node="parameters"))
+    request.samples = 101
+    assert "at most 100" in client.predict(request, node="parameters").result.error_msg
+    assert change("max_samples", 20_000).successful

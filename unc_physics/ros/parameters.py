@@ -143,7 +143,12 @@ class Settings:
         low=0,
         high=100_000_000,
     )
-    max_samples: int = parameter(20_000, "Most samples of a sampled propagator.", low=1, high=10_000_000)
+    max_samples: int = parameter(
+        20_000,
+        "Most samples of a sampled propagator; a default above it is lowered to it.",
+        low=1,
+        high=10_000_000,
+    )
     max_states: int = parameter(1_000, "Most states in the trajectory of one object.", low=1, high=100_000)
     max_return_samples: int = parameter(
         1_000, "Most pose samples for each object and time.", low=0, high=1_000_000

@@ -6,6 +6,7 @@ import functools
 import math
 import secrets
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -348,14 +349,18 @@ def _times(period, horizon, dt, settings):
 
 
 def _propagator(name, options, samples, seed, settings):
+    """The propagator that is asked for; a default above the node's limit is lowered to it."""
     if samples > settings.max_samples:
         raise LimitExceededError(f"must be at most {settings.max_samples}", field="samples", value=samples)
     propagator = propagator_from_texts(name or settings.default_propagator, options, samples or None, seed)
     for option in ("samples", "runs"):
-        if (drawn := getattr(propagator, option, 0)) > settings.max_samples:
+        if (drawn := getattr(propagator, option, 0)) <= settings.max_samples:
+            continue
+        if option in options:
             raise LimitExceededError(
                 f"must be at most {settings.max_samples}", field=f"propagator_options '{option}'", value=drawn
             )
+        propagator = replace(propagator, **{option: settings.max_samples})
     return propagator
 
 
