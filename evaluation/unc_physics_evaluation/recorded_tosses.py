@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from unc_physics.calibration.motions import Motion
 from unc_physics.geometry.rounded_box import rounded_box
@@ -23,6 +24,7 @@ FLOOR = -0.0018  # m, where the lowest corners rest
 GRAVITY = 9.81  # m/s^2
 STEPS_A_FRAME = 2
 FACES = 6
+_HEADING_FRAMES = 5
 CORNER_RADIUS = 1e-4  # m, of a cube whose corners are sharp
 
 
@@ -50,15 +52,32 @@ class Tosses(NamedTuple):
         """Time from the first frame of toss k to its last [s]."""
         return (len(self.states[k]) - 1) * self.dt
 
-    def motion(self, k: int) -> Motion:
-        """Poses of toss k."""
-        states = self.states[k]
-        poses = np.concatenate([states[:, POSITION], states[:, QUATERNION]], axis=1)
+    def motion(self, k: int, level: Rotation | None = None) -> Motion:
+        """Poses of toss k, in axes of which x is where it heads at first, and turned by ``level``.
+
+        Whoever prepared the recordings turned each about the vertical, at random: in the recordings' axes
+        nothing points anywhere, but from where a toss heads all flights fall aslant alike.
+        """
+        states, flight = self.states[k], self.states[k][:_HEADING_FRAMES]
+        x, y = np.polyfit(np.arange(len(flight)), flight[:, :2], 1)[0]
+        turn = Rotation.from_euler("z", -np.arctan2(y, x))
+        if level is not None:
+            turn = level * turn
+        turned = (turn * Rotation.from_quat(states[:, QUATERNION])).as_quat()
+        poses = np.concatenate([turn.apply(states[:, POSITION]), turned], axis=1)
         return Motion(f"toss {k}", np.arange(len(states)) * self.dt, poses)
 
+    def level(self, chosen: Sequence[int]) -> Rotation:
+        """What turns the table of some tosses, by the heights of where they end, to the horizontal."""
+        ends = np.array([self.motion(k).poses[-1, :3] for k in chosen])
+        design = np.column_stack([ends[:, :2], np.ones(len(ends))])
+        slope = np.linalg.lstsq(design, ends[:, 2], rcond=None)[0][:2]
+        return Rotation.from_rotvec([-slope[1], slope[0], 0.0])
+
     def rest_height(self, chosen: Sequence[int]) -> float:
-        """Median height of the centre at the end of some tosses [m]."""
-        return float(np.median([self.states[k][-1, 2] for k in chosen]))
+        """Median height of the centre at the end of some tosses, over a level table [m]."""
+        level = self.level(chosen)
+        return float(np.median([self.motion(k, level).poses[-1, 2] for k in chosen]))
 
 
 @cache

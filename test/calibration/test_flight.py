@@ -75,6 +75,6 @@ def test_flights_tell_gravity():
     motions, _ = flights(12, NOISE)
     longer = [Motion(m.name, np.arange(16) * 0.01, np.vstack([m.poses, m.poses])) for m in motions]
     for motion in longer:
-        motion.poses[:, :3] = motion.poses[0, :3] - 0.5 * 9.5 * motion.times[:, None] ** 2 * [0.0, 0.0, 1.0]
-    assert flight_gravity(longer, SCENE) == pytest.approx(9.5, rel=1e-6)
+        motion.poses[:, :3] = motion.poses[0, :3] + 0.5 * motion.times[:, None] ** 2 * [0.1, -0.2, -9.5]
+    assert flight_gravity(longer, SCENE) == pytest.approx([0.1, -0.2, -9.5], rel=1e-6)
     assert flight_gravity(motions, SCENE) is None, "too short"

@@ -164,7 +164,7 @@ def test_flight_is_a_parabola(rollouts):
 
 def test_what_is_tuned_is_what_the_cube_has():
     """Every value that is put is got, and the cube rests as high as the tosses do."""
-    model = untuned(TOSSES, 9.6)
+    model = untuned(TOSSES)
     some = range(40)
     for one in tuned_parameters(TOSSES, some):
         value = one.low + 0.4 * (one.high - one.low)

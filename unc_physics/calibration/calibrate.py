@@ -62,8 +62,8 @@ class Calibration:
         Of each motion that was used, by other draws than the fit's.
     recorded : tuple of Recorded
         These motions.
-    gravity : float or None
-        What the free flights say of it [m/s^2]; None without long ones.
+    gravity : (3,) array or None
+        What the free flights say of it, world axes [m/s^2]; None without long ones.
     objective : tuple of 2 floats
         Mean score before and after, the lower the better.
     evaluations : int
@@ -78,7 +78,7 @@ class Calibration:
     scores_before: tuple[Scores, ...]
     scores_after: tuple[Scores, ...]
     recorded: tuple[Recorded, ...]
-    gravity: float | None
+    gravity: np.ndarray | None
     objective: tuple[float, float]
     evaluations: int
     bounds: tuple[tuple[float, float], ...]

@@ -184,15 +184,17 @@ def pose_noise(starts: Sequence[Start]) -> tuple[float, float]:
     return position, rotation
 
 
-def flight_gravity(motions: Sequence[Motion], scene: Scene) -> float | None:
-    """Median acceleration of the flights along the scene's gravity [m/s^2]; None where all are short."""
-    size = float(np.linalg.norm(scene.gravity))
-    if not size:
+def flight_gravity(motions: Sequence[Motion], scene: Scene) -> np.ndarray | None:
+    """Median acceleration of the flights (3,), world axes [m/s^2]; None where all are short.
+
+    It need not point where the scene's gravity does: tables, and the axes that a tracker calls vertical, are
+    off by milliradians. None also where the scene has no gravity.
+    """
+    if not np.any(scene.gravity):
         return None
     found = []
     for motion in motions:
         count = flight_frames(motion, scene)
         if count >= _LONG_FLIGHT:
-            along = motion.poses[:count, :3] @ scene.gravity / size
-            found.append(2.0 * np.polyfit(motion.times[:count], along, 2)[0])
-    return float(np.median(found)) if found else None
+            found.append(2.0 * np.polyfit(motion.times[:count], motion.poses[:count, :3], 2)[0])
+    return np.median(found, axis=0) if found else None

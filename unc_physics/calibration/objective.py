@@ -129,8 +129,8 @@ def scored(states: Sequence[np.ndarray], poses: Sequence[np.ndarray]) -> Scores:
         densities = [scores.gaussian_log_score(*pair, wide) for pair, wide in zip(pairs, _WIDE, strict=True)]
         rows.append(
             (
-                scores.energy_score(x[:, POSITION], pose[:3]),
-                scores.rotation_energy_score(x[:, QUATERNION], pose[3:]),
+                scores.energy_score(x[:, POSITION], pose[:3], fair=True),
+                scores.rotation_energy_score(x[:, QUATERNION], pose[3:], fair=True),
                 np.mean(densities),
                 *(scores.mahalanobis_rank(*pair) for pair in pairs),
             )

@@ -14,15 +14,24 @@ UP_ANGLE = 0.5  # rad, within which a body lies as another does
 OUTSIDE = 0.05  # of what the samples' Gaussian does not know
 
 
-def energy_score(samples: np.ndarray, observed: np.ndarray) -> float:
+def energy_score(samples: np.ndarray, observed: np.ndarray, fair: bool = False) -> float:
     """Mean distance from samples (n, d) to what came (d,), less half of that between two samples.
 
-    Source: T. Gneiting and A. E. Raftery, Strictly Proper Scoring Rules, Prediction, and Estimation, 2007.
+    Where ``fair``, between two different ones: its expectation is then that of endless samples, where few
+    would score better the closer they lie to each other.
+
+    Sources: T. Gneiting and A. E. Raftery, Strictly Proper Scoring Rules, Prediction, and Estimation, 2007;
+    C. A. T. Ferro, Fair scores for ensemble forecasts, 2014.
     """
     square = np.sum(samples**2, axis=1)
     between = np.sqrt(np.maximum(square[:, None] + square - 2.0 * samples @ samples.T, 0.0))
     np.fill_diagonal(between, 0.0)
-    return float(np.mean(np.linalg.norm(samples - observed, axis=-1)) - 0.5 * np.mean(between))
+    return float(np.mean(np.linalg.norm(samples - observed, axis=-1)) - 0.5 * _between(between, fair))
+
+
+def _between(distances, fair):
+    """Mean of the distances (n, n) between samples, where ``fair`` without those to themselves."""
+    return np.sum(distances) / (len(distances) * max(len(distances) - fair, 1))
 
 
 def chord(cosine: np.ndarray) -> np.ndarray:
@@ -36,7 +45,10 @@ def angle(cosine: np.ndarray) -> np.ndarray:
 
 
 def rotation_energy_score(
-    quaternions: np.ndarray, observed: np.ndarray, distance: Callable[[np.ndarray], np.ndarray] = chord
+    quaternions: np.ndarray,
+    observed: np.ndarray,
+    distance: Callable[[np.ndarray], np.ndarray] = chord,
+    fair: bool = False,
 ) -> float:
     """Energy score of rotations [rad], of quaternions (n, 4) against one (4,).
 
@@ -45,7 +57,7 @@ def rotation_energy_score(
     """
     between = distance(quaternions @ quaternions.T)
     np.fill_diagonal(between, 0.0)
-    return float(np.mean(distance(quaternions @ observed)) - 0.5 * np.mean(between))
+    return float(np.mean(distance(quaternions @ observed)) - 0.5 * _between(between, fair))
 
 
 def log_score(hits: np.ndarray) -> float:

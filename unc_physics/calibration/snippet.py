@@ -11,6 +11,8 @@ from ..scene.environment import quantities
 from ..scene.scene import IMPACT_STDS, Scene
 from .calibrate import Calibration
 
+_GRAVITY_OFF = 0.01  # relative, by which gravity may differ from the scene's
+_SLANT = 5e-3  # rad, likewise
 _PHYSICS = ("friction", "restitution", "friction_std", "restitution_std", *IMPACT_STDS)
 
 
@@ -31,14 +33,27 @@ def as_table(found: Calibration) -> str:
             for own in (found.scores_before, found.scores_after)
         ]
         lines.append(f"regions of 90 % hold {shares[0]:.0f} % of {what} before, {shares[1]:.0f} % after")
-    size = float(np.linalg.norm(found.before.scene.gravity))
-    if found.gravity is not None and abs(found.gravity / size - 1.0) > 0.01:
-        lines.append(
-            f"free flights fall with {found.gravity:.3f} m/s^2, the scene with {size:.3f}: the recording's"
-            " scale or frame rate may be off; put gravity into the scene as it was recorded"
-        )
+    lines += _about_gravity(found)
     lines += found.doubts
     return "\n".join(lines)
+
+
+def _about_gravity(found):
+    """A line where free flights do not fall as the scene's gravity says."""
+    own, seen = found.before.scene.gravity, found.gravity
+    if seen is None:
+        return []
+    sizes = np.linalg.norm(own), np.linalg.norm(seen)
+    off = float(np.arccos(np.clip(own @ seen / (sizes[0] * sizes[1]), -1.0, 1.0)))
+    text = f"put gravity: [{', '.join(f'{value:.4g}' for value in seen)}] into the scene as it was recorded"
+    if abs(sizes[1] / sizes[0] - 1.0) > _GRAVITY_OFF:
+        return [
+            f"free flights fall with {sizes[1]:.3f} m/s^2, the scene with {sizes[0]:.3f}: the recording's"
+            f" scale or frame rate may be off; {text}"
+        ]
+    if off > _SLANT:
+        return [f"free flights fall {1e3 * off:.0f} mrad aslant of the scene's gravity: {text}"]
+    return []
 
 
 def as_scene_file(scene: Scene) -> str:

@@ -45,7 +45,7 @@ TITLE = "Tosses"
 LABELS = ("0.1 s", "0.2 s", "0.4 s", "rest")
 FOLDS = 5
 #: Tosses, folds, and what tuning may cost: tosses, samples of each, and models tried.
-FULL = {"tosses": 285, "folds": FOLDS, "tuning_tosses": 48, "tuning_samples": 16, "evaluations": 90}
+FULL = {"tosses": 285, "folds": FOLDS, "tuning_tosses": 40, "tuning_samples": 8, "evaluations": 56}
 QUICK = {"tosses": 24, "folds": 2, "tuning_tosses": 10, "tuning_samples": 8, "evaluations": 28}
 SAMPLES, TRUTH = 100, 1000
 #: What a scene is given: nothing tuned; tuned but for the errors of the model; all.
@@ -54,6 +54,8 @@ BRIER, LOG = "brier_score", "log_score"
 POSITION_SCORE, ROTATION_SCORE = "energy_score_position", "energy_score_rotation"
 POSITION_RANK, ROTATION_RANK = "rank_position", "rank_rotation"
 SHARE, FACE, COST, TUNED_VALUE = "share_of_face", "face", "cpu_time", "tuned"
+
+_AXES = "ahead", "to the left", "upwards"
 
 
 def jobs(settings: Settings) -> list[Job]:
@@ -90,15 +92,15 @@ def run(job: Job) -> Outcome:
     order = np.random.default_rng(seed).permutation(len(tosses.states))[: p["tosses"]]
     scored_here = order[p["fold"] :: p["folds"]]
     others = np.setdiff1d(order, scored_here, assume_unique=True)
-    motions = {int(k): tosses.motion(k) for k in order}
-    model = untuned(tosses, 9.81)
-    gravity = flight_gravity([motions[int(k)] for k in others], model.scene)
+    level = tosses.level(others)
+    motions = {int(k): tosses.motion(k, level) for k in order}
+    model = untuned(tosses)
     rows, engine = [], None
     simulate: Simulator = simulated
     if p["engine"] != OURS:
         simulate = engine = TossEngine(p["engine"])
     if p["given"] != AS_GIVEN:
-        model = untuned(tosses, gravity or 9.81)
+        model = untuned(tosses, flight_gravity([motions[int(k)] for k in others], model.scene))
         names = TUNED if p["given"] == ERRORS else PLAIN
         adjusted = [one for one in tuned_parameters(tosses, others) if one.name in names]
         some = recorded([motions[int(k)] for k in others[: p["tuning_tosses"]]], model.scene)
@@ -110,7 +112,10 @@ def run(job: Job) -> Outcome:
         values = search.run(p["evaluations"])
         model = with_values(first, adjusted, values)
         found = [(one.name, one.unit or "1", values[one.name]) for one in adjusted]
-        found.append(("gravity", "m/s^2", float(-model.scene.gravity[2])))
+        found += [
+            (f"gravity {axis}", "m/s^2", float(value))
+            for axis, value in zip(_AXES, model.scene.gravity, strict=True)
+        ]
         rows += [
             Row(MONTE_CARLO, f"{TUNED_VALUE} {name}", unit, value, replicate=p["fold"])
             for name, unit, value in found
