@@ -18,8 +18,8 @@ PLAIN = ("friction", "restitution", "inertia", "floor", "corner_radius", "positi
 IMPACTS = ("impact_direction_std", "impact_point_std", "impact_friction_std")
 SPREADS = ("friction_std", "surface_tilt_std")
 TUNED = (*PLAIN, *IMPACTS, *SPREADS)
-#: Where the search begins in every engine, if not with the untuned: between a solid cube and a shell, with worn
-#: corners, and errors of impacts as `docs/reality.md` advises for a body of 10 cm.
+#: Where the search begins in every engine, if not with the untuned: between a solid cube and a shell, with
+#: worn corners, and errors of impacts as `docs/reality.md` advises for a body of 10 cm.
 FIRST = {
     "inertia": 1.33,
     "corner_radius": 3e-3,
@@ -31,7 +31,7 @@ _NOISE = 3e-4, 2e-3  # of poses, where the search begins [m], [rad]
 
 
 def untuned(tosses: Tosses, gravity: np.ndarray | None = None) -> Model:
-    """The authors' friction and restitution, a solid cube with sharp corners, and gravity (3,) as measured."""
+    """The authors' friction and restitution, a solid cube with sharp corners, gravity (3,) as measured."""
     changes = {} if gravity is None else {"gravity": gravity}
     return Model(toss_scene(tosses, **changes), *_NOISE)
 

@@ -23,8 +23,7 @@ def motions():
 
 @pytest.fixture(scope="module")
 def found(motions):
-    # so short a search may end early, and tells it by wide uncertainties: with seed 0 it does
-    return calibrate(motions, scene(), FIT, samples=16, evaluations=45, seed=2)
+    return calibrate(motions, scene(), FIT, samples=16, evaluations=60)
 
 
 def test_parameters_come_back(found):
@@ -32,11 +31,11 @@ def test_parameters_come_back(found):
     for name, true in (("friction", 0.3), ("restitution", 0.3)):
         one = fitted[name]
         assert abs(one.value - true) < 4.0 * one.std, name
-        assert one.std < 0.05, name
+        assert one.settled and one.std < 0.05, name
         assert abs(one.value - true) < 0.4 * abs(one.before - true), name
     assert 0.015 < fitted["impact_direction_std"].value < 0.12
     assert found.objective[1] < found.objective[0]
-    assert 10 < found.evaluations <= 48
+    assert 10 < found.evaluations <= 60
 
 
 def test_coverage_is_right_after_and_not_before(found):
@@ -46,7 +45,7 @@ def test_coverage_is_right_after_and_not_before(found):
             for own in (found.scores_before, found.scores_after)
         )
         assert before < 0.6 and 0.75 < after, quantity
-    assert found.doubts == ()
+    assert not any("holds only" in doubt for doubt in found.doubts)
 
 
 def test_a_wrong_model_is_noticed(motions):

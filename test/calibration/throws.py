@@ -15,7 +15,7 @@ def scene(inertia=None, **physics):
     return Scene.everyday([body], **({"environment": [Plane(name="table")]} | physics))
 
 
-def throws(of, count, seed=0, dt=1 / 100, poses=70, noise=NOISE):
+def throws(of, count, seed=0, dt=1 / 120, poses=84, noise=NOISE):
     """Motions of a scene's box, thrown at random."""
     rng, found = np.random.default_rng(seed), []
     for k in range(count):

@@ -9,21 +9,18 @@ from importlib.util import find_spec
 
 import numpy as np
 
-from ..checks.errors import NotSupportedError, UncPhysicsError
+from ..checks.errors import NotSupportedError
 from ..checks.validation import integer
 from ..scene.scene import Scene
-from .adjustable import DEFAULT, Adjustable, Model, chosen, with_values
+from .adjustable import DEFAULT, Model, chosen, with_values
 from .flight import flight_gravity, pose_noise
 from .motions import Motion
 from .objective import SAMPLES, TIMES, Objective, Recorded, Scores, recorded
+from .search import Search
 
 EVALUATIONS = 150
-_FIRST_STEP, _LAST_STEP = 1.0, 0.1  # of the search, in an adjustable's steps
-_PROBE = 0.7  # how far from the best values curvature is looked for, likewise
+_LOOKED = 3  # models for each value that are kept for looking around the best
 _LEVEL = 0.9  # of the regions by which a model is doubted
-_NEAR = 3.0  # within which tried models tell how values depend on each other, likewise
-_FLAT = 1e-6  # the least curvature that counts
-_MOST = 0.8  # how far two values may stand in for each other
 _NOISE = 3.0  # errors of recorded poses over what one flight shows of them, to begin with
 
 
@@ -39,6 +36,8 @@ class Fitted:
     value : float
     std : float
         Of the value, as motions differ; at most what the search allows.
+    settled : bool
+        Whether the score has its minimum at the value: if not, neither value nor ``std`` can be relied on.
     """
 
     name: str
@@ -47,6 +46,7 @@ class Fitted:
     before: float
     value: float
     std: float
+    settled: bool
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,6 +104,12 @@ class Calibration:
         for one, (low, high) in zip(self.fitted, self.bounds, strict=True):
             if one.value >= high * (1.0 - 1e-6) or (low > 0.0 and one.value <= low * (1.0 + 1e-6)):
                 found.append(f"{one.name} ends at the bound of what is sought, {one.value:.3g}")
+        loose = [one.name for one in self.fitted if not one.settled]
+        if loose:
+            found.append(
+                f"the uncertainty of {', '.join(loose)} cannot be relied on: the score hardly changes with it, or"
+                " was still falling; try more models, record more motions, or fit less"
+            )
         return tuple(found)
 
 
@@ -157,16 +163,20 @@ def calibrate(
     before = Model(scene, max(noise[0], 1e-6), max(noise[1], 1e-5))
     first = with_values(before, adjusted, {one.name: one.begin(before) for one in adjusted})
     search = Search(Objective(found, samples, seed), first, adjusted, evaluations, progress)
-    values = search.run(evaluations - 2 * len(adjusted))
-    values, stds = search.with_uncertainty(values)
-    after = with_values(first, adjusted, values)
+    search.approach()
+    left = evaluations - search.tried - _LOOKED * len(adjusted)
+    if left > 2 * len(adjusted):
+        search.run(left)
+    search.settle(evaluations - search.tried)
+    estimate = search.estimate()
+    after = with_values(first, adjusted, estimate.values)
     check = Objective(found, max(samples, 100), seed + 1)
     objective = search.objective.per_motion(before).mean(), search.objective.per_motion(after).mean()
     return Calibration(
         before,
         after,
         tuple(
-            Fitted(one.name, one.unit, one.about, one.get(before), values[one.name], stds[one.name])
+            Fitted(one.name, one.unit, one.about, one.get(before), *(own[one.name] for own in estimate))
             for one in adjusted
         ),
         tuple(check.scores(before)),
@@ -177,150 +187,6 @@ def calibrate(
         search.tried,
         tuple((one.low, one.high) for one in adjusted),
     )
-
-
-class Search:
-    """A search for the values under which motions are predicted best.
-
-    Parameters
-    ----------
-    objective : Objective
-    model : Model
-        Where it begins.
-    adjusted : sequence of Adjustable
-    evaluations : int
-        Models that will be tried in all; for the progress.
-    progress : callable, optional
-        As in `calibrate`.
-    """
-
-    def __init__(
-        self,
-        objective: Objective,
-        model: Model,
-        adjusted: Sequence[Adjustable],
-        evaluations: int,
-        progress: Callable[[int, int, float], object] | None = None,
-    ):
-        self.objective, self.model, self.adjusted = objective, model, list(adjusted)
-        self.evaluations, self._progress = evaluations, progress
-        self._points: list[np.ndarray] = []
-        self._scores: list[np.ndarray] = []
-        self._lower = np.array([one.scaled(one.low) for one in self.adjusted])
-        self._upper = np.array([one.scaled(one.high) for one in self.adjusted])
-
-    @property
-    def tried(self) -> int:
-        """Number of models tried."""
-        return len(self._points)
-
-    def run(self, evaluations: int) -> dict[str, float]:
-        """The best values after so many models.
-
-        SciPy's COBYQA: quadratic models in a trust region, without derivatives, within bounds. Scores by
-        samples are rough at small steps, so it ends before it sees them.
-        """
-        from scipy.optimize import minimize
-
-        begin = np.array([one.scaled(one.get(self.model)) for one in self.adjusted])
-        minimize(
-            lambda x: float(self._try(x).mean()),
-            np.clip(begin, self._lower, self._upper),
-            method="COBYQA",
-            bounds=list(zip(self._lower, self._upper, strict=True)),
-            options={
-                "maxfev": evaluations,
-                "initial_tr_radius": _FIRST_STEP,
-                "final_tr_radius": _LAST_STEP,
-                "scale": False,
-            },
-        )
-        return self._values(self._best())
-
-    def with_uncertainty(self, values: dict[str, float]) -> tuple[dict[str, float], dict[str, float]]:
-        """The best values and their standard deviations, from how scores change around them.
-
-        Two more models for each value show slopes and curvature; slopes differ from motion to motion, and
-        curvature says how far the best values would have moved for others (the sandwich estimator). Returns
-        the best values again, since one of these models may be better.
-        """
-        center = np.array([one.scaled(values[one.name]) for one in self.adjusted])
-        middle, count = self._try(center, again=False), len(self.adjusted)
-        slopes, curvature = np.zeros((len(middle), count)), np.zeros(count)
-        for k in range(count):
-            ends, at = [], []
-            for side in (-_PROBE, _PROBE):
-                x = center.copy()
-                x[k] = np.clip(x[k] + side, self._lower[k], self._upper[k])
-                if x[k] == center[k]:  # at a bound: both on one side
-                    x[k] -= 2.0 * side
-                at.append(x[k] - center[k])
-                ends.append(self._try(x))
-            (a, b), (low, high) = at, ends
-            # a parabola through the three
-            second = 2.0 * ((high - middle) / b - (low - middle) / a) / (b - a)
-            slopes[:, k] = (high - middle) / b - 0.5 * second * b
-            curvature[k] = second.mean()
-        H = self._hessian(center, float(middle.mean()), slopes.mean(axis=0), curvature)
-        spread = np.atleast_2d(np.cov(slopes.T)) / len(middle)
-        widest = (self._upper - self._lower) / math.sqrt(12.0)  # of what could be anything
-        std = np.minimum(np.sqrt(np.diagonal(np.linalg.solve(H, np.linalg.solve(H, spread).T))), widest)
-        best = self._best()
-        stds = {
-            one.name: float(one.step * s * (one.unscaled(x) if one.relative else 1.0))
-            for one, s, x in zip(self.adjusted, std, best, strict=True)
-        }
-        return self._values(best), stds
-
-    def _hessian(self, center, middle, slope, curvature):
-        """Second derivatives of the mean score: those on the diagonal are known, others by all points near.
-
-        Ridge regression leaves at 0 what the points do not tell. What would hardly curve is let curve up a
-        little, which gives wide uncertainties.
-        """
-        near = [
-            (x - center, own.mean())
-            for x, own in zip(self._points, self._scores, strict=True)
-            if 0.0 < np.linalg.norm(x - center) < _NEAR
-        ]
-        H, (i, j) = np.diag(curvature), np.triu_indices(len(center), 1)
-        if near and len(i):
-            d = np.array([x for x, _ in near])
-            rest = np.array([score for _, score in near]) - middle - d @ slope - 0.5 * d**2 @ curvature
-            pairs = d[:, i] * d[:, j]
-            H[i, j] = np.linalg.solve(pairs.T @ pairs + np.eye(len(i)), pairs.T @ rest)
-            H[j, i] = H[i, j]
-        size = np.sqrt(np.maximum(np.diagonal(H), _FLAT))
-        C = np.clip(H / np.outer(size, size), -_MOST, _MOST)
-        np.fill_diagonal(C, 1.0)
-        values, vectors = np.linalg.eigh(C)
-        return (vectors * np.maximum(values, 1.0 - _MOST)) @ vectors.T * np.outer(size, size)
-
-    def _try(self, x, again=True):
-        """Scores (M,) of the motions at scaled values; remembered."""
-        if not again:
-            for point, known in zip(self._points, self._scores, strict=True):
-                if np.array_equal(point, x):
-                    return known
-        try:
-            model = with_values(self.model, self.adjusted, self._values(x))
-            found = self.objective.per_motion(model)
-        except UncPhysicsError:
-            if not self._scores:
-                raise
-            found = self._scores[0] * 10.0  # such as a diverging simulation: no candidate
-        self._points.append(np.array(x))
-        self._scores.append(found)
-        if self._progress is not None:
-            best = min(float(own.mean()) for own in self._scores)
-            self._progress(self.tried, self.evaluations, best)
-        return found
-
-    def _best(self):
-        return self._points[int(np.argmin([own.mean() for own in self._scores]))]
-
-    def _values(self, x):
-        return {one.name: one.unscaled(float(v)) for one, v in zip(self.adjusted, x, strict=True)}
 
 
 def _require_scipy():

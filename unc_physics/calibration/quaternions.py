@@ -7,8 +7,17 @@ import numpy as np
 
 def product(p: np.ndarray, q: np.ndarray) -> np.ndarray:
     """The rotations q followed by p."""
-    u, w, v, s = p[..., :3], p[..., 3:], q[..., :3], q[..., 3:]
-    return np.concatenate([w * v + s * u + np.cross(u, v), w * s - np.sum(u * v, -1, keepdims=True)], -1)
+    a, b, c, d = np.moveaxis(p, -1, 0)
+    x, y, z, w = np.moveaxis(q, -1, 0)  # written out: `np.cross` takes ten times as long for few
+    return np.stack(
+        [
+            d * x + a * w + b * z - c * y,
+            d * y + b * w + c * x - a * z,
+            d * z + c * w + a * y - b * x,
+            d * w - a * x - b * y - c * z,
+        ],
+        axis=-1,
+    )
 
 
 def inverse(q: np.ndarray) -> np.ndarray:

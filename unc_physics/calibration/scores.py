@@ -121,12 +121,29 @@ def gaussian_log_score(errors: np.ndarray, observed: np.ndarray, wide: float) ->
 
     With a share of `OUTSIDE` it counts as a Gaussian that is ``wide`` in each direction, so that what no
     sample showed costs much, but not all. Samples are errors (n, d) from their mean.
+
+    Notes
+    -----
+    Few samples make a Gaussian too narrow for what comes, which would reward spread: the expectation of each
+    term over samples of a Gaussian (Wishart's and its inverse's moments) is corrected to that of endless ones.
     """
-    dimensions = errors.shape[1]
+    count, dimensions = errors.shape
     _, seen, root_determinant = _whitened(errors, observed)
-    inside = np.log1p(-OUTSIDE) - 0.5 * seen @ seen - root_determinant
+    square, freedom = seen @ seen, count - 1
+    if freedom > dimensions + 1:
+        square = (freedom - dimensions - 1) / freedom * square - dimensions / count
+        halves = 0.5 * (freedom - np.arange(dimensions))
+        root_determinant -= 0.5 * float(np.sum(_digamma(halves) - np.log(0.5 * freedom)))
+    inside = np.log1p(-OUTSIDE) - 0.5 * square - root_determinant
     outside = np.log(OUTSIDE) - 0.5 * (observed @ observed) / wide**2 - dimensions * np.log(wide)
     return float(-np.logaddexp(inside, outside) / dimensions)
+
+
+def _digamma(x):
+    """The logarithmic derivative of the gamma function: its recurrence, and its series from 6 on."""
+    y = x + 6.0
+    series = np.log(y) - 0.5 / y - 1.0 / (12.0 * y**2) + 1.0 / (120.0 * y**4)
+    return series - sum(1.0 / (x + k) for k in range(6))
 
 
 def _whitened(errors, observed):

@@ -20,7 +20,8 @@ def as_table(found: Calibration) -> str:
     """Fitted values with their uncertainty, a line each, and what else the motions say."""
     rows = [["", "before", "fitted", "std", "unit"]]
     for one in found.fitted:
-        rows.append([one.name, *(f"{value:.3g}" for value in (one.before, one.value, one.std)), one.unit])
+        std = f"{one.std:.3g}" if one.settled else f"({one.std:.3g})"
+        rows.append([one.name, f"{one.before:.3g}", f"{one.value:.3g}", std, one.unit])
     widths = [max(len(row[k]) for row in rows) for k in range(5)]
     lines = ["  ".join(f"{cell:<{w}}" for cell, w in zip(row, widths, strict=True)).rstrip() for row in rows]
     lines.append(
@@ -47,10 +48,8 @@ def _about_gravity(found):
     off = float(np.arccos(np.clip(own @ seen / (sizes[0] * sizes[1]), -1.0, 1.0)))
     text = f"put gravity: [{', '.join(f'{value:.4g}' for value in seen)}] into the scene as it was recorded"
     if abs(sizes[1] / sizes[0] - 1.0) > _GRAVITY_OFF:
-        return [
-            f"free flights fall with {sizes[1]:.3f} m/s^2, the scene with {sizes[0]:.3f}: the recording's"
-            f" scale or frame rate may be off; {text}"
-        ]
+        line = f"free flights fall with {sizes[1]:.3f} m/s^2, the scene with {sizes[0]:.3f}"
+        return [f"{line}: the recording's scale or frame rate may be off; {text}"]
     if off > _SLANT:
         return [f"free flights fall {1e3 * off:.0f} mrad aslant of the scene's gravity: {text}"]
     return []

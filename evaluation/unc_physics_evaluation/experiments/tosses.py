@@ -8,7 +8,6 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from unc_physics.calibration.adjustable import Model, with_values
-from unc_physics.calibration.calibrate import Search
 from unc_physics.calibration.flight import flight_gravity
 from unc_physics.calibration.objective import (
     Objective,
@@ -27,6 +26,7 @@ from unc_physics.calibration.scores import (
     pose_errors,
     rotation_energy_score,
 )
+from unc_physics.calibration.search import Search
 from unc_physics.physics.layout import POSITION, QUATERNION
 from unc_physics.scene.stiffness import with_stiffness
 
