@@ -43,6 +43,27 @@ def test_energy_scores_are_what_their_definition_says():
     assert rotation_energy_score(q, p, angle) == pytest.approx(plain_energy_score(turn, q, p), rel=1e-6)
 
 
+def test_few_samples_are_scored_as_many_on_average():
+    """Where they were not, a search with few samples would make predictions too narrow, or too wide."""
+    rng = np.random.default_rng(0)
+
+    def means(count, rounds):
+        own = []
+        for _ in range(rounds):
+            x, y = rng.standard_normal((count, 3)), rng.standard_normal(3)
+            plain, fair = energy_score(x, y), energy_score(x, y, fair=True)
+            own.append((plain, fair, gaussian_log_score(x - x.mean(axis=0), y - x.mean(axis=0), 50.0)))
+        return np.mean(own, axis=0), np.std(own, axis=0) / np.sqrt(rounds)
+
+    (few, error), (many, _) = means(8, 1500), means(150, 1500)
+    assert np.all(np.abs(few - many)[1:] < 5.0 * error[1:])
+    assert few[0] - many[0] > 7.0 * error[0]
+    q, p = Rotation.random(5, random_state=1).as_quat(), Rotation.random(random_state=2).as_quat()
+    first = rotation_energy_score(q, p) - rotation_energy_score(q, p, fair=True)
+    between = np.mean([2.0 * np.sqrt(max(1.0 - (a @ b) ** 2, 0.0)) for a in q for b in q])
+    assert first == pytest.approx(0.5 * between / 4.0)
+
+
 def test_the_energy_score_is_best_for_the_truth():
     rng = np.random.default_rng(0)
     observed = rng.standard_normal((200, 3))

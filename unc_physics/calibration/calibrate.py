@@ -90,7 +90,7 @@ class Calibration:
 
     @property
     def doubts(self) -> tuple[str, ...]:
-        """What speaks against the fitted model, in sentences: regions too small, values at a bound."""
+        """What speaks against the fit, in sentences: small regions, values at a bound or not settled."""
         found, count = [], len(self.recorded)
         least = _LEVEL - 3.0 * math.sqrt(_LEVEL * (1.0 - _LEVEL) / count)
         for what, quantity in (("positions", "position_rank"), ("rotations", "rotation_rank")):
@@ -107,8 +107,8 @@ class Calibration:
         loose = [one.name for one in self.fitted if not one.settled]
         if loose:
             found.append(
-                f"the uncertainty of {', '.join(loose)} cannot be relied on: the score hardly changes with it, or"
-                " was still falling; try more models, record more motions, or fit less"
+                f"the uncertainty of {', '.join(loose)} cannot be relied on: the score hardly changes with it,"
+                " or was still falling; try more models, record more motions, or fit less"
             )
         return tuple(found)
 

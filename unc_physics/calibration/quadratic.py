@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-_RIDGE = 1e-3, 1e-2, 1e-1  # of slopes, of curvatures, of mixed curvatures
+_RIDGE = 1e-4, 1e-3, 1e-2  # of slopes, of curvatures, of mixed curvatures
 _SWEEPS = 60  # of the descent within a box
 
 

@@ -124,8 +124,8 @@ def gaussian_log_score(errors: np.ndarray, observed: np.ndarray, wide: float) ->
 
     Notes
     -----
-    Few samples make a Gaussian too narrow for what comes, which would reward spread: the expectation of each
-    term over samples of a Gaussian (Wishart's and its inverse's moments) is corrected to that of endless ones.
+    The Gaussian of few samples is too sure of itself, which would reward spread: both terms are corrected by
+    the moments of Wishart's distribution to what they are on average for endless samples.
     """
     count, dimensions = errors.shape
     _, seen, root_determinant = _whitened(errors, observed)

@@ -18,6 +18,7 @@ _PROBE = 0.7  # how far from the best values the score is looked at along each a
 _NEAR = 2.0  # within which tried models tell slopes and curvature, likewise
 _LEAST_PROBE = 0.1  # likewise
 _FLAT = 1e-6  # the least curvature that counts
+_LEAST_SHARE = 1e-3  # of the largest curvature, likewise
 _MOST = 0.8  # how far two values may stand in for each other
 _SETTLED = 1.0  # how far the best values may lie from where slopes and curvature say, in steps
 _RELIABLE = 1.0  # an uncertainty beyond this is further than the score was looked at, likewise
@@ -125,6 +126,8 @@ class Search:
         to where a quadratic through all models nearby is least, nearer each time that this is no better.
         """
         end, count = self.tried + evaluations, len(self.adjusted)
+        if not self._points:
+            self._try(self._begin())
         for k in range(count):
             center = self._best()
             for side in (-_PROBE, _PROBE):
@@ -161,7 +164,10 @@ class Search:
         std = np.sqrt(np.diagonal(np.linalg.solve(H, np.linalg.solve(H, spread).T)))
         low, high = np.maximum(self._lower - best, -_NEAR), np.minimum(self._upper - best, _NEAR)
         off = least_in_box(slope, H, low, high)
-        settled = (np.diagonal(raw) > _FLAT) & (np.abs(off) < _SETTLED) & (std < _RELIABLE)
+        curvature = np.diagonal(models.hessian, axis1=1, axis2=2)
+        error = curvature.std(axis=0) / math.sqrt(len(curvature))
+        curves = curvature.mean(axis=0) > np.maximum(2.0 * error, _LEAST_SHARE * curvature.mean(axis=0).max())
+        settled = curves & (np.abs(off) < _SETTLED) & (std < _RELIABLE)
         std = np.minimum(std, (self._upper - self._lower) / math.sqrt(12.0))  # of what could be anything
         names = [one.name for one in self.adjusted]
         stds = [
