@@ -7,6 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from unc_physics import PROPAGATORS, Belief, Plane
+from unc_physics.calibration.flight import flight_frames
 from unc_physics.calibration.objective import recorded
 from unc_physics.physics.layout import ANGULAR_VELOCITY, POSITION, QUATERNION, VELOCITY
 from unc_physics_evaluation.engines import PEERS
@@ -160,6 +161,29 @@ def test_flight_is_a_parabola(rollouts):
     turned = Rotation.from_quat(end[QUATERNION]) * Rotation.from_rotvec(spin * passed).inv()
     assert turned.magnitude() < 2e-3
     assert end[ANGULAR_VELOCITY] == pytest.approx(spin, abs=1e-6)
+
+
+def test_flights_fall_aslant_alike():
+    """From where tosses head, that is; in the recordings' axes, turned at random, the slant cancels out."""
+    scene, recorded_axes, ahead = toss_scene(TOSSES), [], []
+    for k, states in enumerate(TOSSES.states):
+        motion = TOSSES.motion(k)
+        count = flight_frames(motion, scene)
+        if count >= 10:
+            times = motion.times[:count]
+            recorded_axes.append(2.0 * np.polyfit(times, states[:count, POSITION], 2)[0])
+            ahead.append(2.0 * np.polyfit(times, motion.poses[:count, :3], 2)[0])
+    assert np.mean(ahead, axis=0)[1] == pytest.approx(0.13, abs=0.01)
+    assert np.std(ahead, axis=0)[1] == pytest.approx(0.05, abs=0.01)
+    assert np.mean(recorded_axes, axis=0)[1] == pytest.approx(0.0, abs=0.02)
+    assert np.std(recorded_axes, axis=0)[1] == pytest.approx(0.13, abs=0.01)
+
+
+def test_the_table_is_turned_to_the_horizontal():
+    level = TOSSES.level(range(285))
+    ends = np.array([TOSSES.motion(k, level).poses[-1, :3] for k in range(285)])
+    slope = np.polyfit(ends[:, 1], ends[:, 2], 1)[0]
+    assert abs(slope) < 3e-4 < 3e-3 < level.magnitude() < 1e-2
 
 
 def test_what_is_tuned_is_what_the_cube_has():

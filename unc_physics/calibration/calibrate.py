@@ -21,6 +21,7 @@ from .search import Search
 EVALUATIONS = 150
 _LOOKED = 3  # models for each value that are kept for looking around the best
 _LEVEL = 0.9  # of the regions by which a model is doubted
+_SURE = 4.0  # standard errors by which it is missed then: it is asked four times, of values that err too
 _NOISE = 3.0  # errors of recorded poses over what one flight shows of them, to begin with
 
 
@@ -92,7 +93,7 @@ class Calibration:
     def doubts(self) -> tuple[str, ...]:
         """What speaks against the fit, in sentences: small regions, values at a bound or not settled."""
         found, count = [], len(self.recorded)
-        least = _LEVEL - 3.0 * math.sqrt(_LEVEL * (1.0 - _LEVEL) / count)
+        least = _LEVEL - _SURE * math.sqrt(_LEVEL * (1.0 - _LEVEL) / count)
         for what, quantity in (("positions", "position_rank"), ("rotations", "rotation_rank")):
             for when, k in (("first time", 0), ("end", -1)):
                 share = np.mean([getattr(one, quantity)[k] <= _LEVEL for one in self.scores_after])
@@ -107,8 +108,8 @@ class Calibration:
         loose = [one.name for one in self.fitted if not one.settled]
         if loose:
             found.append(
-                f"the uncertainty of {', '.join(loose)} cannot be relied on: the score hardly changes with it,"
-                " or was still falling; try more models, record more motions, or fit less"
+                f"the uncertainty of {', '.join(loose)} cannot be relied on: the score hardly changes with"
+                " it, or was still falling; try more models, record more motions, or fit less"
             )
         return tuple(found)
 
