@@ -2,10 +2,10 @@
 
 from typing import NamedTuple
 
+import numba
 import numpy as np
 import pytest
 
-from unc_physics.physics.by_reference import Reference
 from unc_physics.physics.compiled import inner, kernel
 
 
@@ -62,7 +62,12 @@ def test_attributes_are_those_of_the_named_tuple(flag):
     assert found == pytest.approx(rows + rows[0] - 2.0 * table[1] @ weights + 111.0)
 
 
-def test_compiled_functions_take_references():
-    of_all(Outside(0.5, None, Inside(np.ones(3), True), np.ones((2, 3))))
-    (taken,) = of_pair.signatures
-    assert isinstance(taken[0], Reference)
+@inner
+def returned(outside):
+    return outside.inside
+
+
+def test_no_function_returns_a_reference():
+    kind = numba.typeof(Outside(0.5, None, Inside(np.ones(3), True), np.ones((2, 3))))
+    with pytest.raises(TypeError, match="returned returns"):
+        returned.get_call_template((kind,), {})

@@ -63,10 +63,9 @@ def _compiled(function, options) -> Any:  # numba's own types say little about w
 
 
 def _for_values(compiled):
-    """A compiled function that its callers do not compile again for a number that they write out, and to which
-    they hand on NamedTuples by reference.
+    """A compiled function that takes numbers as values, and NamedTuples by reference.
 
-    To numba each such number is a type of its own, and so are all functions to which it is passed on: a
+    Its callers do not compile it again for a number that they write out. To numba each such number is a type of its own, and so are all functions to which it is passed on: a
     counter that begins at 0 would compile all that is below a loop twice.
     """
     if isinstance(compiled, Dispatcher):  # a plain function with NUMBA_DISABLE_JIT
