@@ -65,8 +65,8 @@ def _compiled(function, options) -> Any:  # numba's own types say little about w
 def _for_values(compiled):
     """A compiled function that takes numbers as values, and NamedTuples by reference.
 
-    Its callers do not compile it again for a number that they write out. To numba each such number is a type of its own, and so are all functions to which it is passed on: a
-    counter that begins at 0 would compile all that is below a loop twice.
+    To numba a number that is written out is a type of its own, and so are all functions to which it is passed
+    on: a counter that begins at 0 would compile all that is below a loop twice.
     """
     if isinstance(compiled, Dispatcher):  # a plain function with NUMBA_DISABLE_JIT
         template_of = compiled.get_call_template
