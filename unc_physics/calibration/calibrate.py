@@ -177,7 +177,15 @@ def calibrate(
         before,
         after,
         tuple(
-            Fitted(one.name, one.unit, one.about, one.get(before), *(own[one.name] for own in estimate))
+            Fitted(
+                one.name,
+                one.unit,
+                one.about,
+                one.get(before),
+                estimate.values[one.name],
+                estimate.stds[one.name],
+                estimate.settled[one.name],
+            )
             for one in adjusted
         ),
         tuple(check.scores(before)),
