@@ -7,6 +7,8 @@ import pytest
 
 from unc_physics import Belief, Plane, RigidBody, Scene, load_model, make_propagator, predict
 from unc_physics.checks.errors import PredictionTimeoutError
+from unc_physics.physics.overlap_search import sides_of
+from unc_physics.physics.time_limit import limited, time_limit
 from unc_physics.propagators import base
 
 ALLOWED = 0.3  # s
@@ -32,6 +34,16 @@ def test_a_prediction_is_given_up_in_time_whatever_a_step_takes(overlap):
         predict(scene, belief, "sigma_points", 0.5, max_computation_time=ALLOWED)
     assert time.perf_counter() - started < 8.0  # minutes without a limit
     assert caught.value.prediction is None
+
+
+def test_a_search_for_sides_ends_between_pairs():
+    scene, belief = bricks(2, 60, 0.1, stiffness=1e9)
+    sides = sides_of(belief.mean, limited(scene.world))
+    assert sides[0, 1].any() and not sides[1, 0].any()
+    with time_limit() as limit:
+        limit.stop()
+        ended = sides_of(belief.mean, limited(scene.world))
+    assert not ended[:, :2].any()
 
 
 def test_what_was_done_until_then_is_kept_and_as_without_a_limit():
