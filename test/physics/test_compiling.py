@@ -1,6 +1,7 @@
 """Compiled kernels: kept where something can be written, never stale, said once, and no prediction's time."""
 
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -127,6 +128,18 @@ def test_a_damaged_cache_is_compiled_anew(copy):
     for file in (copy.package / "__pycache__").glob("kernels-*/*"):
         file.write_bytes(b"")
     assert ended(copy())[0] == "2.0 3.0"
+
+
+def test_a_callee_that_stays_apart_is_loaded_before_its_caller(copy):
+    calls = copy.package / "physics" / "calls.py"
+    calls.write_text(re.sub("^LONG = .*$", "LONG = 0", calls.read_text(), flags=re.MULTILINE))
+    assert ended(copy())[0] == "2.0 3.0"
+    assert ended(copy()) == ("2.0 3.0", ""), "loaded"
+    for file in (copy.package / "__pycache__").glob("kernels-*/*callee.*"):
+        file.unlink()
+    out, err = ended(copy())
+    assert out == "2.0 3.0" and NOTICE in err
+    assert ended(copy()) == ("2.0 3.0", "")
 
 
 def test_first_starts_at_once(copy):

@@ -25,6 +25,7 @@ import numpy
 from numba.core import caching
 from numba.core.dispatcher import Dispatcher
 
+from .calls import keep_apart, needed
 from .kernel_stamp import stamp
 
 PACKAGE = Path(__file__).resolve().parent.parent
@@ -190,7 +191,13 @@ class _KernelCache(caching.FunctionCache):
                 file = self._file(folder, sig)
                 data = file.load(key)
                 if data is not None:
+                    needed, apart, data = data
+                    if not all(called.is_loaded() for called in needed):
+                        return None
+                    if apart:
+                        apart.announce(target_context.codegen())
                     loaded = self._impl.rebuild(target_context, data)
+                    loaded.library.needed, loaded.library.apart = needed, apart
                     with contextlib.suppress(OSError):
                         os.utime(file._index_path)
                     return loaded
@@ -199,7 +206,9 @@ class _KernelCache(caching.FunctionCache):
     def _save_overload(self, sig, data):
         try:
             if self._enabled and FOLDER is not None and self._impl.check_cachable(data):
-                self._file(FOLDER, sig).save(self._index_key(sig, data.codegen), self._impl.reduce(data))
+                keep_apart(self._py_func, data)
+                saved = needed(data.library), getattr(data.library, "apart", None), self._impl.reduce(data)
+                self._file(FOLDER, sig).save(self._index_key(sig, data.codegen), saved)
         finally:
             self._unlock()
 

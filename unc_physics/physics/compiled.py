@@ -7,6 +7,7 @@ from numba.core.dispatcher import Dispatcher
 from numba.extending import overload
 
 from . import compile_time  # noqa: F401  (from the first kernel on)
+from .by_reference import referred, refers
 from .compile_cache import keep
 from .kernel_stamp import WORK
 
@@ -62,19 +63,22 @@ def _compiled(function, options) -> Any:  # numba's own types say little about w
 
 
 def _for_values(compiled):
-    """A compiled function that its callers do not compile again for a number that they write out.
+    """A compiled function that takes numbers as values, and NamedTuples by reference.
 
-    To numba each such number is a type of its own, and so are all functions to which it is passed on: a
-    counter that begins at 0 would compile all that is below a loop twice.
+    To numba a number that is written out is a type of its own, and so are all functions to which it is passed
+    on: a counter that begins at 0 would compile all that is below a loop twice.
     """
     if isinstance(compiled, Dispatcher):  # a plain function with NUMBA_DISABLE_JIT
         template_of = compiled.get_call_template
 
         def get_call_template(args, kws):
-            return template_of(
-                [types.unliteral(kind) for kind in args],
-                {name: types.unliteral(kind) for name, kind in kws.items()},
+            found = template_of(
+                [referred(types.unliteral(kind)) for kind in args],
+                {name: referred(types.unliteral(kind)) for name, kind in kws.items()},
             )
+            if any(refers(signature.return_type) for signature in compiled.nopython_signatures):
+                raise TypeError(f"{compiled.py_func.__qualname__} returns what it was given by reference")
+            return found
 
         compiled.get_call_template = get_call_template
     return compiled

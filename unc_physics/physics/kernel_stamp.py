@@ -49,6 +49,7 @@ def stamp(function, signature=()):
 
 def _named_tuples(kind):
     """Classes of the NamedTuples in a numba type."""
+    kind = getattr(kind, "of", kind)  # of a reference
     if isinstance(kind, types.NamedTuple | types.NamedUniTuple):
         yield kind.instance_class
     if isinstance(kind, types.BaseTuple):

@@ -1,0 +1,73 @@
+"""NamedTuples reach compiled functions as one pointer, and read there as what they are."""
+
+from typing import NamedTuple
+
+import numba
+import numpy as np
+import pytest
+
+from unc_physics.physics.compiled import inner, kernel
+
+
+class Inside(NamedTuple):
+    weights: np.ndarray
+    flag: bool
+
+
+class Outside(NamedTuple):
+    offset: float
+    nothing: None
+    inside: Inside
+    table: np.ndarray
+
+
+class Pair(NamedTuple):
+    first: Outside
+    second: Outside
+
+
+@inner
+def weighted(outside, row):
+    total = outside.offset if outside.inside.flag else 0.0
+    for column in range(outside.table.shape[1]):
+        total += outside.inside.weights[column] * outside.table[row, column]
+    return total
+
+
+@inner
+def of_inside(inside):
+    return inside.weights.sum()
+
+
+@inner
+def of_pair(pair):
+    """A NamedTuple that is made of references."""
+    return weighted(pair.first, 0) - weighted(pair.second, 1) + of_inside(pair.first.inside)
+
+
+@kernel
+def of_all(outside):
+    other = Outside(1.0, None, Inside(outside.inside.weights * 2.0, False), outside.table)
+    answers = np.empty(len(outside.table))
+    for row in range(len(outside.table)):
+        answers[row] = weighted(outside, row) + of_pair(Pair(outside, other))
+    return answers
+
+
+@pytest.mark.parametrize("flag", [False, True])
+def test_attributes_are_those_of_the_named_tuple(flag):
+    table, weights = np.arange(6.0).reshape(2, 3), np.array([1.0, 10.0, 100.0])
+    found = of_all(Outside(0.5, None, Inside(weights, flag), table))
+    rows = table @ weights + 0.5 * flag
+    assert found == pytest.approx(rows + rows[0] - 2.0 * table[1] @ weights + 111.0)
+
+
+@inner
+def returned(outside):
+    return outside.inside
+
+
+def test_no_function_returns_a_reference():
+    kind = numba.typeof(Outside(0.5, None, Inside(np.ones(3), True), np.ones((2, 3))))
+    with pytest.raises(TypeError, match="returned returns"):
+        returned.get_call_template((kind,), {})
