@@ -3,6 +3,7 @@
 What is not on PyPI is used where a machine has it; the other tests run anywhere.
 """
 
+import signal
 import sys
 import threading
 import time
@@ -266,8 +267,9 @@ def test_launch_files(client, tmp_path, file, arguments, name):
             state = client.call(GetState, f"{name}/get_state", GetState.Request()).current_state
             assert state.label == "active"
         answer = client.predict(good_request(), node=name.removeprefix("/"))
-        process.terminate()
+        process.send_signal(signal.SIGINT)  # launch leaves its nodes alone at SIGTERM
         output, _ = process.communicate(timeout=60.0)
     assert found, output
+    assert output.count("process has finished cleanly") == output.count("process started with pid")
     assert_answered(answer)
     assert "Traceback" not in output
