@@ -123,6 +123,20 @@ def test_an_edit_compiles_what_depends_on_it(copy, edit, answer, compiled):
     assert len(set(kept.glob("kernels-*/*caller.*.nbi")) - before) == compiled
 
 
+def test_what_was_kept_in_another_way_is_compiled_anew(copy):
+    ended(copy())
+    path = copy.package / "physics" / "compile_cache.py"
+    text = path.read_text()
+    for before, after in (
+        ("needed, apart, data = data", "_, needed, apart, data = data"),
+        ("saved = ", "saved = 0, "),
+    ):
+        assert before in text
+        text = text.replace(before, after)
+    path.write_text(text)
+    assert ended(copy())[0] == "2.0 3.0"
+
+
 def test_a_damaged_cache_is_compiled_anew(copy):
     ended(copy())
     for file in (copy.package / "__pycache__").glob("kernels-*/*"):

@@ -7,6 +7,9 @@ import pytest
 
 from unc_physics import Belief, Plane, RigidBody, Scene, load_model, make_propagator, predict
 from unc_physics.checks.errors import PredictionTimeoutError
+from unc_physics.physics.overlap_search import sides_of
+from unc_physics.physics.time_limit import limited, time_limit
+from unc_physics.propagators import base
 
 ALLOWED = 0.3  # s
 
@@ -33,6 +36,16 @@ def test_a_prediction_is_given_up_in_time_whatever_a_step_takes(overlap):
     assert caught.value.prediction is None
 
 
+def test_a_search_for_sides_ends_between_pairs():
+    scene, belief = bricks(2, 60, 0.1, stiffness=1e9)
+    sides = sides_of(belief.mean, limited(scene.world))
+    assert sides[0, 1].any() and not sides[1, 0].any()
+    with time_limit() as limit:
+        limit.stop()
+        ended = sides_of(belief.mean, limited(scene.world))
+    assert not ended[:, :2].any()
+
+
 def test_what_was_done_until_then_is_kept_and_as_without_a_limit():
     scene, belief = bricks(2, 60, 0.15)
     propagator = make_propagator("monte_carlo", samples=10)
@@ -51,3 +64,44 @@ def test_a_limit_that_is_not_reached_changes_nothing():
     within = predict(scene, belief, "sigma_points", 0.3, max_computation_time=1e3)
     np.testing.assert_array_equal(free.belief.mean, within.belief.mean)
     np.testing.assert_array_equal(free.belief.covariance, within.belief.covariance)
+
+
+def uncertain_bricks():
+    scene, belief = bricks(2, 60, 0.15, friction_std=0.1)
+    return scene, belief, make_propagator("monte_carlo", samples=40)
+
+
+def test_uncertain_parameters_are_predicted_in_few_pieces_that_are_looked_after(monkeypatch):
+    """Each rollout of a piece is a call of its own, which takes as long as dozens of steps."""
+    pieces, looks, whole = [], [], base.rollout_varied
+
+    def counted(states, history, scene, z, begin, steps):
+        pieces.append(steps)
+        whole(states, history, scene, z, begin, steps)
+
+    scene, belief, propagator = uncertain_bricks()
+    free = predict(scene, belief, propagator, 1.0)
+    monkeypatch.setattr(base, "rollout_varied", counted)
+    monkeypatch.setattr("unc_physics.prediction.predict.LOOK_UP_AFTER", 0.0)
+    within = predict(
+        scene,
+        belief,
+        propagator,
+        1.0,
+        max_computation_time=1e3,
+        progress=lambda done, steps: looks.append(done),
+    )
+    assert sum(pieces) == 240 and len(pieces) <= 3
+    assert all(looks.count(done) >= 3 for done in np.cumsum([0, *pieces[:-1]]))
+    np.testing.assert_array_equal(free.belief.mean, within.belief.mean)
+    np.testing.assert_array_equal(free.belief.covariance, within.belief.covariance)
+
+
+def test_what_was_done_is_kept_where_parameters_are_uncertain():
+    scene, belief, propagator = uncertain_bricks()
+    with pytest.raises(PredictionTimeoutError) as caught:
+        predict(scene, belief, propagator, 60.0, max_computation_time=ALLOWED)
+    found = caught.value.prediction
+    assert found is not None and 0.0 < found.time < 60.0
+    again = predict(scene, belief, propagator, found.time)
+    np.testing.assert_array_equal(found.belief.mean, again.belief.mean)

@@ -1,6 +1,7 @@
 """Quasi-random rollouts with a response surface: the parts against plain NumPy, and the answers."""
 
 import dataclasses
+import gc
 
 import numpy as np
 import pytest
@@ -222,6 +223,22 @@ def test_answers_of_its_samples(loaded):
     assert 0.0 < status[0].measures["surface_error"] < 1.0
     (answer,) = contact_probabilities(prediction)
     assert answer.available and answer.low <= answer.probability <= answer.high
+
+
+@pytest.mark.parametrize("islands", [False, True])
+def test_what_is_fitted_is_fitted_once_and_goes_with_its_rollouts(loaded, monkeypatch, islands):
+    scene, belief, _ = loaded("two_bodies")
+    fits, whole = [], emission._fit
+    monkeypatch.setattr(emission, "_fit", lambda *what: fits.append(1) or whole(*what))
+    gc.collect()
+    kept = len(emission._fits)
+    prediction = predict(dataclasses.replace(scene, islands=islands), belief, "cloud", 0.8)
+    assess(prediction)
+    prediction.propagator.standard_errors(prediction.carry, prediction.scene)
+    assert len(fits) == 1 and len(emission._fits) == kept + 1
+    del prediction
+    gc.collect()
+    assert len(emission._fits) == kept
 
 
 def test_an_interval_counts_rollouts(loaded):

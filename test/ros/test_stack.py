@@ -3,11 +3,13 @@
 What is not on PyPI is used where a machine has it; the other tests run anywhere.
 """
 
+import signal
 import sys
 import threading
 import time
 from pathlib import Path
 
+import numba
 import pytest
 import rclpy
 from geometry_msgs.msg import TransformStamped
@@ -18,10 +20,11 @@ from rclpy.parameter import Parameter
 from rclpy.qos import qos_profile_sensor_data
 from rosgraph_msgs.msg import Clock
 from running import READY_TIMEOUT, Client, Inbox, NodeProcess, result_of, wait_until
-from scenes import assert_answered, good_request, moving_object, position_of, request_of
+from scenes import assert_answered, good_request, moving_object, position_of, request_of, with_physics
 from std_srvs.srv import Empty
 
 from unc_physics.checks.errors import ErrorCode
+from unc_physics.physics import rollout
 from unc_physics.ros import UncPhysicsNode
 from unc_physics_msgs.msg import JointCovariance, Prediction, Scene
 from unc_physics_msgs.srv import Predict
@@ -93,6 +96,49 @@ def test_in_the_executor_of_others(robot, client):
     assert_answered(client.predict(good_request(), node=name))
     assert not waiting.done()
     assert result_of(waiting).result.error_code == ErrorCode.TIMEOUT
+
+
+class Processors:
+    """In place of the function that computes a part of a request's rollouts: who is computed at a time.
+
+    ``together`` parts, the first ones or the first of each request, wait for each other. Requests are told by
+    their steps [s].
+    """
+
+    def __init__(self, together, each):
+        self._advance, self._each, self._lock = rollout.advance, each, threading.Lock()
+        self._barrier = threading.Barrier(together, timeout=30.0)
+        self._begun, self._running = [], 0
+        self.most = 0
+
+    def __call__(self, states, history, world, begin, steps):
+        with self._lock:
+            self._running += 1
+            self.most = max(self.most, self._running)
+            first = world.dt not in self._begun if self._each else len(self._begun) < self._barrier.parties
+            self._begun.append(world.dt)
+        if first:
+            self._barrier.wait()
+        self._advance(states, history, world, begin, steps)
+        with self._lock:
+            self._running -= 1
+
+
+@pytest.mark.skipif(numba.config.NUMBA_NUM_THREADS < 2, reason="this machine has one thread")
+def test_a_request_has_two_threads_alone_and_two_requests_have_one_each(robot, client, monkeypatch):
+    requests = [
+        with_physics(good_request(propagator="monte_carlo", samples=64), dt=dt) for dt in (0.004, 0.005)
+    ]
+    for asked in (requests[:1], requests):
+        monkeypatch.setattr(rollout, "advance", processors := Processors(2, each=len(asked) == 2))
+        waiting = [
+            client.start(Predict, "/robot_1/unc_physics/predict", Predict.Request(request=request))
+            for request in asked
+        ]
+        for answer in waiting:
+            assert_answered(result_of(answer))
+        assert 2 <= processors.most <= numba.config.NUMBA_NUM_THREADS
+        monkeypatch.undo()
 
 
 def test_a_request_to_a_node_that_is_closing_is_answered(robot, client):
@@ -221,8 +267,9 @@ def test_launch_files(client, tmp_path, file, arguments, name):
             state = client.call(GetState, f"{name}/get_state", GetState.Request()).current_state
             assert state.label == "active"
         answer = client.predict(good_request(), node=name.removeprefix("/"))
-        process.terminate()
+        process.send_signal(signal.SIGINT)  # launch leaves its nodes alone at SIGTERM
         output, _ = process.communicate(timeout=60.0)
     assert found, output
+    assert output.count("process has finished cleanly") == output.count("process started with pid")
     assert_answered(answer)
     assert "Traceback" not in output

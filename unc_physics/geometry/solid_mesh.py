@@ -97,7 +97,11 @@ def load_solid(path: str | os.PathLike[str], repair: bool = False) -> tuple[Soli
     except InvalidMeshError as error:
         problem, hint, _ = error.problem.partition(" (--repair")
         if hint:
-            problem = f"{problem}; the repair could not mend it" if repair else error.problem
+            problem = (
+                f"{problem}; the repair could not mend it: close it in a mesh editor"
+                if repair
+                else error.problem
+            )
         raise InvalidMeshError(problem, field=f"mesh {path}", value=error.value) from error
     return solid, repairs
 

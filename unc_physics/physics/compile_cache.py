@@ -29,15 +29,25 @@ from .calls import keep_apart, needed
 from .kernel_stamp import stamp
 
 PACKAGE = Path(__file__).resolve().parent.parent
+_COMPILE = (
+    "by_reference",
+    "calls",
+    "compile_cache",
+    "compiled",
+    "kernel_stamp",
+)  # say how, and what a file holds
 _UNUSED = 24.0 * 3600.0  # what has a newer state goes when it was unused for so long [s]
 _LOOK, _PATIENCE = 0.05, 300.0  # how often, and how long, to see whether another process has compiled it [s]
 
 
 def fingerprint():
-    """Text that changes with the versions of what compiles the kernels, and with the processor."""
+    """Text that changes with what compiles the kernels and keeps them, and with the processor."""
     python, processor = sys.implementation.cache_tag, llvmlite.binding.get_host_cpu_name()
     compilers = [module.__version__ for module in (numba, llvmlite, numpy)]
-    return hashlib.sha256("\0".join([*compilers, python, processor]).encode()).hexdigest()[:16]
+    digest = hashlib.sha256("\0".join([*compilers, python, processor]).encode())
+    for name in _COMPILE:
+        digest.update(b"\0" + Path(__file__).with_name(f"{name}.py").read_bytes())
+    return digest.hexdigest()[:16]
 
 
 def _places():

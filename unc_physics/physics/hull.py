@@ -7,6 +7,7 @@ import numpy as np
 from .compiled import kernel
 
 _DIRECTIONS, _ROUNDS = 4096, 700
+_APART = 3.0 / math.sqrt(_DIRECTIONS)  # no direction is farther from all of these [rad]
 # of the packing's radius: what sticks out less is inside, such as spheres that a flat face just touches
 _TOLERANCE = 1e-8
 
@@ -29,16 +30,16 @@ def hull_spheres(centers, radii):
 
     Notes
     -----
-    The supports in many directions are found first. Any other sphere is then compared with these in the
-    direction in which
-    it does best, improved step by step.
+    The supports in many directions are found first. A sphere that lies so far below each that turning to the
+    next direction does not bring it up is hidden: it comes up by its distance to the support times the angle.
+    The others are compared with the supports in the direction in which each does best, improved step by step.
     """
     n = len(radii)
     size = 0.0
     for k in range(n):
         size = max(size, math.sqrt(centers[k, 0] ** 2 + centers[k, 1] ** 2 + centers[k, 2] ** 2) + radii[k])
     kept = np.zeros(n, np.bool_)
-    lead, best = np.full(n, -np.inf), np.zeros((n, 3))
+    lead, most, best = np.full(n, -np.inf), np.full(n, -np.inf), np.zeros((n, 3))
     height = np.empty(n)
     for d in range(_DIRECTIONS):
         z = 1.0 - (2.0 * d + 1.0) / _DIRECTIONS
@@ -55,9 +56,12 @@ def hull_spheres(centers, radii):
             if height[k] - highest > lead[k]:
                 lead[k] = height[k] - highest
                 best[k, 0], best[k, 1], best[k, 2] = x, y, z
+            u, v = centers[k, 0] - centers[support, 0], centers[k, 1] - centers[support, 1]
+            w = centers[k, 2] - centers[support, 2]
+            most[k] = max(most[k], height[k] - highest + _APART * math.sqrt(u * u + v * v + w * w))
     supports = np.flatnonzero(kept)
     for s in range(n):
-        if kept[s]:
+        if kept[s] or most[s] < 0.0:
             continue
         x, y, z = best[s, 0], best[s, 1], best[s, 2]
         step = 0.05

@@ -62,7 +62,7 @@ def find_rows(x, count, reach, pair_reach, as_they_are, sides, world, work):
         for j in range(len(x)):
             if j == i or (moving[j] and (j < i or group[j] != group[i])):
                 continue
-            if balls_within(x, i, j, pair_reach, radius):
+            if balls_within(x, i, j, pair_reach, radius) and world.implicit.stop[0] == 0:
                 found = pair_candidates(x, i, j, pair_reach, 0.0, world, work)
                 if not as_they_are:
                     found = choose_ways_out(x, i, j, found, sides, world, work)

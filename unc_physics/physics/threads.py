@@ -9,11 +9,13 @@ from functools import cache
 import numba
 
 from .compile_time import count_compiling, seconds_compiling
+from .time_limit import limit_here
 
 # samples differ in what they cost, and each part costs as much as a short rollout of its own
 _MOST_PARTS_PER_THREAD, _FEWEST_IN_A_PART = 8, 4
 _FIRST_PART = 64  # samples, of work that is watched and may be slow
 _PART_TIME = 0.01  # s, of one of its parts
+_LOOK_AFTER = 0.02  # s, between looks while parts take longer
 
 
 class _Watch(threading.local):
@@ -27,7 +29,8 @@ _watch = _Watch()
 
 @contextlib.contextmanager
 def watched(look):
-    """Have ``look()`` called between parts of the work that this thread does with `in_threads` in here.
+    """Have ``look()`` called between parts of the work that this thread does with `in_threads` in here, and
+    while these take long.
 
     What it raises ends the work, whose results are then incomplete. Results do not depend on it otherwise.
     """
@@ -51,13 +54,16 @@ def single_thread():
         numba.set_num_threads(before)
 
 
-def in_threads(count, run):
-    """Call ``run(slice)`` for parts of ``range(count)``, on as many threads as numba is set to."""
+def in_threads(count, run, first=_FIRST_PART):
+    """Call ``run(slice)`` for parts of ``range(count)``, on as many threads as numba is set to.
+
+    Work that is `watched` begins with parts of ``first`` samples, unless that is all that a thread gets.
+    """
     threads = numba.get_num_threads() if count > 1 else 1
     parts = threads * min(max(count // (_FEWEST_IN_A_PART * threads), 1), _MOST_PARTS_PER_THREAD)
     size = -(-count // parts)
-    if _watch.look is not None and size > _FIRST_PART:
-        _in_watched_parts(count, run, threads, size, _watch.look)
+    if _watch.look is not None and size > first:
+        _in_watched_parts(count, run, threads, first, size, _watch.look)
     elif threads == 1:
         run(slice(0, count))
     else:
@@ -67,19 +73,20 @@ def in_threads(count, run):
         )
 
 
-def _in_watched_parts(count, run, threads, most, look):
+def _in_watched_parts(count, run, threads, first, most, look):
     """As `in_threads`, in parts of a few milliseconds, with only as many at a time as there are threads:
     whoever else works in the meantime gets a turn soon.
     """
-    waiting, begun, size = set(), 0, _FIRST_PART
-    compiling = 0.0
+    waiting, begun, size = set(), 0, first
+    compiling, patience = 0.0, None  # the first parts may compile, which a look would take for computation
     try:
         while begun < count or waiting:
             while begun < count and len(waiting) < threads:
                 some = slice(begun, min(begun + size, count))
                 begun = some.stop
                 waiting.add(_pool(threads).submit(_timed, run, some))
-            done, waiting = wait(waiting, return_when="FIRST_COMPLETED")
+            done, waiting = wait(waiting, patience, "FIRST_COMPLETED")
+            patience = _LOOK_AFTER
             for part in done:
                 samples, compiled, took = part.result()
                 count_compiling(max(compiled - compiling, 0.0))  # before anybody looks at the clock
@@ -87,6 +94,8 @@ def _in_watched_parts(count, run, threads, most, look):
                 size = max(1, min(most, 4 * samples, round(samples * _PART_TIME / max(took, 1e-9))))
             look()
     finally:
+        if waiting and (limit := limit_here()) is not None:
+            limit.stop()
         wait(waiting)  # they write where nobody would expect it any more
 
 

@@ -20,10 +20,10 @@ from ..scene.belief import Belief
 from ..scene.scene import Scene
 from ..scene.stiffness import with_stiffness
 from .computed import Computed
-from .predict import LOOK_UP_AFTER, as_driven, finite, nothing
+from .predict import as_driven, finite, nothing
 from .prediction import Prediction
 from .racing import Race
-from .within import Within
+from .within import LOOK_UP_AFTER, Within
 
 
 class Entrant(NamedTuple):

@@ -117,6 +117,7 @@ class Islands:
         self._gravity = float(np.linalg.norm(scene.gravity))
         self._can_fly = propagator.flies and not scene.gyroscopic
         self._parts = {}
+        self._joined_last: Any = None, None  # a carry, and what it is as a whole
 
     def init(self, scene: Scene, belief: Belief) -> IslandsCarry:
         """The islands at time 0: bodies that touch, or whose beliefs are correlated, are together."""
@@ -208,11 +209,13 @@ class Islands:
 
     def whole(self, carry: IslandsCarry) -> Any:
         """The propagator's carry for all bodies of the scene."""
-        islands = [
-            island._replace(carry=now)
-            for island, now in zip(carry.islands, self._present(carry), strict=True)
-        ]
-        return self._joined(islands, np.arange(len(self._scene.bodies)))
+        if self._joined_last[0] is not carry:
+            islands = [
+                island._replace(carry=now)
+                for island, now in zip(carry.islands, self._present(carry), strict=True)
+            ]
+            self._joined_last = carry, self._joined(islands, np.arange(len(self._scene.bodies)))
+        return self._joined_last[1]
 
     def _present(self, carry):
         """Each island's carry at the present step."""

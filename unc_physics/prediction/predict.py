@@ -34,11 +34,10 @@ from .computed import Computed
 from .islands import Islands
 from .memory import check_memory
 from .prediction import Prediction
-from .within import Within
+from .within import LOOK_UP_AFTER, Within, first_piece
 
 STEPS_LIMIT = 100_000_000
 TIMES_LIMIT = 100_000
-LOOK_UP_AFTER = 0.02  # s, wall time between looks at the clock and reports of progress
 
 
 @np.errstate(all="ignore")  # what overflows is found by `finite`
@@ -126,7 +125,7 @@ def _predicted(scene, belief, propagator, marks, within, progress, keep_samples)
         if belief is None:
             raise within.error(0.0, horizon)
     in_one_go = within.allowed is None and progress is None
-    piece = marks[-1] if in_one_go else 1
+    piece = marks[-1] if in_one_go else first_piece(scene)
     # shared parameters tie all bodies together for ever, what is fixed makes no island, and bounds of where
     # bodies get to do not know what a robot does
     in_islands = scene.islands and len(scene.moving) > 0 and not scene.shared_parameters and not scene.acts
@@ -184,7 +183,7 @@ def _predicted(scene, belief, propagator, marks, within, progress, keep_samples)
                 if later is None:
                     raise within.error(done * scene.dt, horizon)
                 carry, done = later, done + steps
-                piece = _next_piece(steps, clock() - piece_started)
+                piece = within.next_piece(steps, clock() - piece_started, scene)
                 tell()
             except UncPhysicsError as error:
                 if done == 0:
@@ -328,13 +327,6 @@ def _itself(carry):
 
 def nothing() -> None:
     """What is kept of a state that nobody will ask for."""
-
-
-def _next_piece(steps, took):
-    """Steps that will take about as long as is wanted between looks at the clock, when ``steps`` took
-    ``took`` s.
-    """
-    return max(1, min(4 * steps, round(steps * LOOK_UP_AFTER / max(took, 1e-9))))
 
 
 def finite(belief: Belief, reached: float) -> Belief:

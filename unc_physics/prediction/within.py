@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
 from ..checks.errors import PredictionTimeoutError
 from ..physics.compile_time import clock
 from ..physics.time_limit import TimeLimit
+from ..scene.scene import Scene
 
+LOOK_UP_AFTER = 0.02  # s, wall time between looks at the clock and reports of progress
 _LEAST = 0.05  # s, wall time that kernels always have, so that most answers have a first step
+# what a piece may take that is not looked after from outside: so many times what those before it took, and
+# such a share of the time that is left
+_TIMES_SPENT, _SHARE_OF_REST = 8.0, 0.8
 
 
 class Within(NamedTuple):
@@ -40,7 +46,31 @@ class Within(NamedTuple):
                 return None
         return compute(*arguments)
 
+    def next_piece(self, steps: int, took: float, scene: Scene) -> int:
+        """How many steps the next piece of a prediction is to have, when ``steps`` steps took ``took`` s.
+
+        Where parameters are uncertain each rollout is a call of its own, which takes as long as dozens of
+        steps. These are looked after one by one, so that a piece may take longer: a few times as long as all
+        before it, of which nothing is left if time runs out meanwhile.
+        """
+        if not scene.uncertain:
+            return _fitting(steps, took, LOOK_UP_AFTER, 4)
+        spent = clock() - self.started
+        left = math.inf if self.allowed is None else self.allowed - spent
+        longest = max(LOOK_UP_AFTER, min(_TIMES_SPENT * spent, _SHARE_OF_REST * left))
+        return _fitting(steps, took, longest, 32)
+
     def error(self, reached, horizon):
         """That it ran out."""
         where = f"after {reached:.6g} s of {horizon:.6g} s simulated" if reached else "before the first step"
         return PredictionTimeoutError(f"ran out {where}", field="max_computation_time", value=self.allowed)
+
+
+def first_piece(scene: Scene) -> int:
+    """How many steps the first piece of a prediction is to have."""
+    return 8 if scene.uncertain else 1
+
+
+def _fitting(steps, took, longest, growth):
+    """Steps that fit in a time [s] if one takes as long as before; at most ``growth`` times as many."""
+    return max(1, min(growth * steps, round(steps * longest / max(took, 1e-9))))

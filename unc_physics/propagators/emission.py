@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import weakref
 from typing import NamedTuple
 
 import numpy as np
@@ -26,6 +27,8 @@ _DIVERGED = 1e100
 _WIDEST = 2.0  # times, that samples are scaled by at most
 #: Error over variance above which there is no surface.
 NO_SURFACE = 1.0
+# of rollouts that somebody still has, by the identity of their states: what was fitted to each group
+_fits: dict[int, dict[bytes, tuple]] = {}
 
 
 class Runs(NamedTuple):
@@ -209,6 +212,18 @@ def _meetings(runs, group):
 
 
 def _fitted(runs, scene, group, ends):
+    """As `_fit`, once for the same rollouts: their samples, standard errors and status all ask for it."""
+    place, bodies = id(runs.states), group.bodies.tobytes()
+    if place not in _fits:
+        _fits[place] = {}
+        weakref.finalize(runs.states, _fits.pop, place, None).atexit = False
+    found = _fits[place]
+    if bodies not in found:
+        found[bodies] = _fit(runs, scene, group, ends)
+    return found[bodies]
+
+
+def _fit(runs, scene, group, ends):
     """A group's reduction, the map to its coordinates, those of the runs, their outcomes, and the surface."""
     d = len(group.columns)
     reduced = reduction(group.root, group.parameters) if group.alone else None

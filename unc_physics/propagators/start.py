@@ -151,7 +151,7 @@ def _sides(scene, belief, metric):
     history = histories.fresh(1, scene.world)
     kept = np.zeros(history.first_time.shape, np.float32)
     _project(scene, belief, metric, mean, np.zeros((*kept.shape[1:], 3)), history, kept)
-    return sides_of(mean[0], scene.world)
+    return sides_of(mean[0], limited(scene.world))
 
 
 def _metric(scene, belief):

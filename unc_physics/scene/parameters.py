@@ -19,8 +19,9 @@ from .body import tree_of
 from .materials import Materials, varied
 from .scene import Scene
 
-_KEPT = 1024  # worlds that are kept, with a packing each where a centre of mass is uncertain
-_last_worlds = weakref.WeakKeyDictionary()  # of scenes, the parameters and worlds that were asked for last
+_KEPT, _KEPT_WITH_PACKINGS = 32_768, 1024  # worlds; a centre of mass that is uncertain gives each a packing
+_FIRST_PART = 2  # samples; each is a call of its own, and may go on for many steps
+_worlds_of = weakref.WeakKeyDictionary()  # of each computation: by scenes, the last parameters and worlds
 _SINGLE = 4.0 * np.finfo(np.float32).eps  # more than a shift rounds, relative to the body's size
 
 
@@ -119,31 +120,34 @@ def rollout_varied(
 ) -> None:
     """Advance a batch as `physics.rollout.rollout`, state n in the world of parameters ``z[n]``."""
 
-    limit, worlds = limit_here(), _worlds(scene, z)
+    limit = limit_here()
+    worlds = _worlds(scene, z, limit)
 
     def run(some):
         for n in range(some.start, some.stop):
-            if worlds[n] is None:
-                worlds[n] = vary(scene, z[n])
-            own, world = slice(n, n + 1), limited(worlds[n], limit)
+            own, world = slice(n, n + 1), worlds.get(n)
+            if world is None:
+                world = limited(vary(scene, z[n]), limit)
+                if len(z) <= most:
+                    worlds[n] = world
             advance(states[own], histories.samples(contact_history, own), world, begin, steps)
-            if len(worlds) > _KEPT:
-                worlds[n] = None
 
-    in_threads(len(states), run)
+    most = _KEPT_WITH_PACKINGS if center_offsets(scene, z[:1]).size else _KEPT
+    in_threads(len(states), run, _FIRST_PART)
 
 
-def _worlds(scene, z):
-    """Where the worlds of parameters ``z`` (N, K) are found or left: a prediction whose time is limited comes
-    back after every few steps, and making its worlds would take longer than such steps.
+def _worlds(scene, z, computation) -> dict[int, World]:
+    """Where the worlds of parameters ``z`` (N, K) are found or left as long as a computation goes on.
+
+    It comes back after every few steps if its time is limited, and worlds would take longer than those.
     """
-    last = _last_worlds.get(scene)
-    if last is not None and np.array_equal(last[0], z):
-        return last[1]
-    worlds: list[World | None] = [None] * len(z)
-    if len(z) <= _KEPT:
-        _last_worlds[scene] = z.copy(), worlds
-    return worlds
+    if computation is None:
+        return {}
+    kept = _worlds_of.setdefault(computation, weakref.WeakKeyDictionary())
+    last = kept.get(scene)
+    if last is None or not np.array_equal(last[0], z):
+        last = kept[scene] = z.copy(), {}
+    return last[1]
 
 
 def center_offsets(scene: Scene, z: np.ndarray) -> np.ndarray:
