@@ -29,13 +29,8 @@ from .calls import keep_apart, needed
 from .kernel_stamp import stamp
 
 PACKAGE = Path(__file__).resolve().parent.parent
-_COMPILE = (
-    "by_reference",
-    "calls",
-    "compile_cache",
-    "compiled",
-    "kernel_stamp",
-)  # say how, and what a file holds
+# modules that say how kernels are compiled, and what a kernel's file holds
+_COMPILE = "by_reference", "calls", "compile_cache", "compiled", "kernel_stamp"
 _UNUSED = 24.0 * 3600.0  # what has a newer state goes when it was unused for so long [s]
 _LOOK, _PATIENCE = 0.05, 300.0  # how often, and how long, to see whether another process has compiled it [s]
 
