@@ -2,7 +2,6 @@
 
 from typing import NamedTuple
 
-import numba
 import numpy as np
 import pytest
 
@@ -63,11 +62,20 @@ def test_attributes_are_those_of_the_named_tuple(flag):
 
 
 @inner
-def returned(outside):
-    return outside.inside
+def moved(outside, by):
+    return Outside(outside.offset + by, None, outside.inside, outside.table)
 
 
-def test_no_function_returns_a_reference():
-    kind = numba.typeof(Outside(0.5, None, Inside(np.ones(3), True), np.ones((2, 3))))
-    with pytest.raises(TypeError, match="returned returns"):
-        returned.get_call_template((kind,), {})
+@kernel
+def of_moved(outside):
+    """What is returned outlives each call, also where the next one is given other values."""
+    first = moved(outside, 1.0)
+    second = first
+    for k in range(3):
+        second = moved(second, 10.0 * k)
+    return weighted(first, 0), weighted(second, 0), weighted(moved(first, 0.5), 1)
+
+
+def test_what_a_function_returns_outlives_its_call():
+    found = of_moved(Outside(0.5, None, Inside(np.ones(3), True), np.arange(6.0).reshape(2, 3)))
+    assert found == pytest.approx((3.0 + 1.5, 3.0 + 31.5, 12.0 + 2.0))

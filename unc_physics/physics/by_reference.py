@@ -3,8 +3,8 @@
 numba hands a NamedTuple on as all the numbers of all its arrays, several hundred for a `World`, at each call:
 that takes long to compile, and time at each call that is not inlined. A `Reference` is a pointer to these
 numbers where the outermost function keeps them; its attributes are read as those of the NamedTuple. What it
-points to never changes, and lives until the function returns that made it, so no function may return a
-reference.
+points to never changes, and lives until the function returns that made it, so a function that returns what it
+was given takes it as it is.
 """
 
 # pyright: reportAttributeAccessIssue=false, reportArgumentType=false

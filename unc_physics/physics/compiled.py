@@ -72,12 +72,13 @@ def _for_values(compiled):
         template_of = compiled.get_call_template
 
         def get_call_template(args, kws):
+            args = [types.unliteral(kind) for kind in args]
+            kws = {name: types.unliteral(kind) for name, kind in kws.items()}
             found = template_of(
-                [referred(types.unliteral(kind)) for kind in args],
-                {name: referred(types.unliteral(kind)) for name, kind in kws.items()},
+                [referred(kind) for kind in args], {name: referred(kind) for name, kind in kws.items()}
             )
             if any(refers(signature.return_type) for signature in compiled.nopython_signatures):
-                raise TypeError(f"{compiled.py_func.__qualname__} returns what it was given by reference")
+                return template_of(args, kws)  # what is returned may live longer than the reference
             return found
 
         compiled.get_call_template = get_call_template
