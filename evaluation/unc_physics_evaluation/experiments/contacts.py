@@ -7,8 +7,8 @@ from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from unc_physics.physics.compiled import kernel
 from unc_physics.physics.layout import P
 from unc_physics.physics.narrow_phase import next_contacts, open_pair
 from unc_physics.physics.rollout import simulate
@@ -97,7 +97,7 @@ def report(results: Results) -> str:
     )
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _contacts(x, world):
     """Number of contacts at the state ``x`` (B, 13), and whether any two bodies' balls overlap."""
     work = workspace(x, world)
