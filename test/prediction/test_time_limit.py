@@ -46,9 +46,17 @@ def test_a_search_for_sides_ends_between_pairs():
     assert not ended[:, :2].any()
 
 
-def test_what_was_done_until_then_is_kept_and_as_without_a_limit():
-    scene, belief = bricks(2, 60, 0.15)
-    propagator = make_propagator("monte_carlo", samples=10)
+def certain_bricks():
+    return *bricks(2, 60, 0.15), make_propagator("monte_carlo", samples=10)
+
+
+def uncertain_bricks():
+    return *bricks(2, 60, 0.15, friction_std=0.1), make_propagator("monte_carlo", samples=40)
+
+
+@pytest.mark.parametrize("case", [certain_bricks, uncertain_bricks])
+def test_what_was_done_until_then_is_kept_and_as_without_a_limit(case):
+    scene, belief, propagator = case()
     with pytest.raises(PredictionTimeoutError) as caught:
         predict(scene, belief, propagator, 60.0, max_computation_time=ALLOWED)
     found = caught.value.prediction
@@ -64,11 +72,6 @@ def test_a_limit_that_is_not_reached_changes_nothing():
     within = predict(scene, belief, "sigma_points", 0.3, max_computation_time=1e3)
     np.testing.assert_array_equal(free.belief.mean, within.belief.mean)
     np.testing.assert_array_equal(free.belief.covariance, within.belief.covariance)
-
-
-def uncertain_bricks():
-    scene, belief = bricks(2, 60, 0.15, friction_std=0.1)
-    return scene, belief, make_propagator("monte_carlo", samples=40)
 
 
 def test_uncertain_parameters_are_predicted_in_few_pieces_that_are_looked_after(monkeypatch):
@@ -95,13 +98,3 @@ def test_uncertain_parameters_are_predicted_in_few_pieces_that_are_looked_after(
     assert all(looks.count(done) >= 3 for done in np.cumsum([0, *pieces[:-1]]))
     np.testing.assert_array_equal(free.belief.mean, within.belief.mean)
     np.testing.assert_array_equal(free.belief.covariance, within.belief.covariance)
-
-
-def test_what_was_done_is_kept_where_parameters_are_uncertain():
-    scene, belief, propagator = uncertain_bricks()
-    with pytest.raises(PredictionTimeoutError) as caught:
-        predict(scene, belief, propagator, 60.0, max_computation_time=ALLOWED)
-    found = caught.value.prediction
-    assert found is not None and 0.0 < found.time < 60.0
-    again = predict(scene, belief, propagator, found.time)
-    np.testing.assert_array_equal(found.belief.mean, again.belief.mean)
