@@ -5,10 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from unc_physics.calibration.motions import Motion
 from unc_physics.geometry.rounded_box import rounded_box
@@ -17,6 +16,9 @@ from unc_physics.scene.body import RigidBody
 from unc_physics.scene.environment import Plane
 from unc_physics.scene.scene import Scene
 from unc_physics.scene.stiffness import with_stiffness
+
+if TYPE_CHECKING:
+    from scipy.spatial.transform import Rotation
 
 FOLDER = Path(__file__).parent / "data" / "tosses"
 FRICTION, RESTITUTION = 0.18, 0.125  # as the authors of the recordings give them
@@ -58,6 +60,8 @@ class Tosses(NamedTuple):
         Whoever prepared the recordings turned each about the vertical, at random: in the recordings' axes
         nothing points anywhere, but from where a toss heads all flights fall aslant alike.
         """
+        from scipy.spatial.transform import Rotation  # what only loads the data needs no SciPy
+
         states, flight = self.states[k], self.states[k][:_HEADING_FRAMES]
         x, y = np.polyfit(np.arange(len(flight)), flight[:, :2], 1)[0]
         turn = Rotation.from_euler("z", -np.arctan2(y, x))
@@ -69,6 +73,8 @@ class Tosses(NamedTuple):
 
     def level(self, chosen: Sequence[int]) -> Rotation:
         """What turns the table of some tosses, by the heights of where they end, to the horizontal."""
+        from scipy.spatial.transform import Rotation
+
         ends = np.array([self.motion(k).poses[-1, :3] for k in chosen])
         design = np.column_stack([ends[:, :2], np.ones(len(ends))])
         slope = np.linalg.lstsq(design, ends[:, 2], rcond=None)[0][:2]

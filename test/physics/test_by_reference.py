@@ -61,7 +61,7 @@ def test_attributes_are_those_of_the_named_tuple(flag):
     assert found == pytest.approx(rows + rows[0] - 2.0 * table[1] @ weights + 111.0)
 
 
-@inner
+@kernel
 def moved(outside, by):
     return Outside(outside.offset + by, None, outside.inside, outside.table)
 
@@ -79,3 +79,19 @@ def of_moved(outside):
 def test_what_a_function_returns_outlives_its_call():
     found = of_moved(Outside(0.5, None, Inside(np.ones(3), True), np.arange(6.0).reshape(2, 3)))
     assert found == pytest.approx((3.0 + 1.5, 3.0 + 31.5, 12.0 + 2.0))
+
+
+@inner
+def handed_back(outside):
+    return Outside(0.0, None, outside.inside, outside.table)
+
+
+@kernel
+def of_handed_back(outside):
+    return weighted(handed_back(outside), 0)
+
+
+def test_an_inner_function_that_returns_arrays_is_refused():
+    """It counts no references, so the array would be freed while others still use it."""
+    with pytest.raises(TypeError, match="handed_back is an inner function and returns an array"):
+        of_handed_back(Outside(0.5, None, Inside(np.ones(3), True), np.ones((2, 3))))

@@ -198,7 +198,7 @@ class _KernelCache(caching.FunctionCache):
                 if data is not None:
                     needed, apart, data = data
                     if not all(called.is_loaded() for called in needed):
-                        return None
+                        continue
                     if apart:
                         apart.announce(target_context.codegen())
                     loaded = self._impl.rebuild(target_context, data)

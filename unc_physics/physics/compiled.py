@@ -21,7 +21,7 @@ def kernel(function=None, **options):
 
 
 def inner(function=None, **options):
-    """A function that kernels alone call, and that allocates nothing; called from Python it would crash."""
+    """A function that kernels alone call, and that makes and returns no arrays; Python would crash with it."""
     return _compiled(function, _INNER | options)
 
 
@@ -57,12 +57,12 @@ def _compiled(function, options) -> Any:  # numba's own types say little about w
     settings: Any = {"nogil": True, "no_cfunc_wrapper": True} | options
 
     def decorate(function):
-        return keep(_for_values(njit(**settings)(function)))
+        return keep(_taking_references(njit(**settings)(function)))
 
     return decorate if function is None else decorate(function)
 
 
-def _for_values(compiled):
+def _taking_references(compiled):
     """A compiled function that takes numbers as values, and NamedTuples by reference.
 
     To numba a number that is written out is a type of its own, and so are all functions to which it is passed
@@ -77,9 +77,23 @@ def _for_values(compiled):
             found = template_of(
                 [referred(kind) for kind in args], {name: referred(kind) for name, kind in kws.items()}
             )
-            if any(refers(signature.return_type) for signature in compiled.nopython_signatures):
+            returned = [signature.return_type for signature in compiled.nopython_signatures]
+            if compiled.targetoptions.get("_nrt") is False and any(map(_holds_arrays, returned)):
+                raise TypeError(
+                    f"{compiled.py_func.__qualname__} is an inner function and returns an array, whose"
+                    " references it does not count: make it a kernel"
+                )
+            if any(map(refers, returned)):
                 return template_of(args, kws)  # what is returned may live longer than the reference
             return found
 
         compiled.get_call_template = get_call_template
     return compiled
+
+
+def _holds_arrays(kind):
+    """Whether a value of a type is an array, or a tuple that holds one."""
+    if isinstance(kind, types.BaseTuple):
+        parts: Any = kind
+        return any(map(_holds_arrays, parts))
+    return isinstance(kind, types.Array)
