@@ -21,7 +21,7 @@ def kernel(function=None, **options):
 
 
 def inner(function=None, **options):
-    """A function that kernels alone call, and that makes and returns no arrays; Python would crash with it."""
+    """A function that kernels alone call, that makes and returns no arrays; Python would crash with it."""
     return _compiled(function, _INNER | options)
 
 
