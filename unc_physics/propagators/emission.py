@@ -12,7 +12,7 @@ from ..physics.layout import ERR_ANGULAR_VELOCITY, ERR_POSITION, ERR_ROTATION, E
 from ..physics.moments import mean_and_errors, spread_states
 from ..scene.parameters import center_offsets, moved_along
 from ..scene.scene import Scene
-from .free_flight import Flight, course_of, flown
+from .free_flight import Flight, course_of, fly
 from .impact_metric import impact_metric
 from .reduction import Reduction, moved_in_common, reduction
 from .response_surface import Surface, active_directions, clip, fit, predicted, reach, spread, variances
@@ -190,10 +190,15 @@ def _flown(runs, scene, group, z):
     """States (S, 1, 13) of a body that meets nothing."""
     own = z[:, group.columns[: group.root.shape[1]]]
     states = spread_states(runs.mean[group.bodies], np.arange(1), np.einsum("sr,kr->sk", own, group.root))
-    offsets = center_offsets(scene, z[:, runs.root.shape[1] :])
-    offsets = offsets[:, group.bodies] if offsets.shape[1] else offsets
     flight = Flight(scene.world.gravity, course_of(scene.world, runs.step), runs.step)
-    return moved_along(flown(moved_along(states, offsets), flight), -offsets)
+    offsets = center_offsets(scene, z[:, runs.root.shape[1] :])
+    if not offsets.shape[1]:
+        fly(states, flight)
+        return states
+    offsets = offsets[:, group.bodies]
+    states = moved_along(states, offsets)
+    fly(states, flight)
+    return moved_along(states, -offsets)
 
 
 def _meetings(runs, group):
