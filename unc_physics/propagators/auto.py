@@ -16,7 +16,8 @@ from .options import option
 _FIRST = 16  # rollouts, before it is known what more of them would be good for
 #: What errors are taken to fall by is the root of the number of rollouts: by so much more than that needs, in
 #: portions of so many rollouts, and by no less than such a share, as each look at the errors costs a fit.
-_MARGIN, _PORTION, _LEAST_GROWTH = 1.1, 8, 0.25
+_MARGIN, _PORTION, _LEAST_GROWTH = 1.05, 8, 0.25
+_DEARER = 2.0  # times what they take now, and as much again for as many rollouts more: that answers then take
 _WORTH = 1.0 / 16.0  # share of the rollouts: time that is left for fewer more is left alone
 
 
@@ -73,8 +74,9 @@ class Auto(Cloud):
         more = min(count, self.runs - count, self._wanted(carry, scene))
         if more > 0 and self.time > 0.0:
             self.belief(carry, scene)
-            answers = spent.answers * (clock() - began)  # grows with the rollouts, as the surface goes through them
-            left = self.time - spent.time - (clock() - began) - answers
+            took = clock() - began
+            answers = _DEARER * spent.answers * took
+            left = self.time - spent.time - took - answers
             fit = math.floor(left * count / (spent.rollouts + answers))
             more = min(more, fit) if fit >= _WORTH * count else 0
         return max(more, 0)

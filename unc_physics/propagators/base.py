@@ -60,7 +60,7 @@ class Errors(NamedTuple):
     position, rotation : (B,) array
         [m], [rad].
     relative : (B,) array
-        The larger of both, over the standard deviation.
+        The larger of both, over the standard deviation; as if rotations did not wrap around.
     """
 
     position: np.ndarray

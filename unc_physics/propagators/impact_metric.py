@@ -62,9 +62,9 @@ def impact_metric(
     if parameters:
         largest = np.linalg.eigvalsh(G)[-1]
         G[np.arange(size, size + parameters), np.arange(size, size + parameters)] = _PARAMETER**2 * largest
-    values, vectors = np.linalg.eigh(G) if G.any() else ([0.0], G)
-    if not values[-1] > 0.0:
+    if not G.any():
         return np.eye(size + parameters)
+    values, vectors = np.linalg.eigh(G)
     scales = np.sqrt(np.maximum(values[::-1] / values[-1], 0.0))
     return vectors[:, ::-1] * np.maximum(scales, _LEAST)
 

@@ -81,9 +81,9 @@ def fit(x: np.ndarray, y: np.ndarray, like: Surface | None = None) -> Surface:
 def active_directions(surface: Surface) -> np.ndarray:
     """(d, d): the map to coordinates in which the surface changes more alike in all directions.
 
-    Its slopes at the first of its points have a second moment (d, d), whose eigenvectors become the axes (active
-    subspaces, Constantine 2015). Each is scaled by the root of the slope along it, over the largest, as few
-    rollouts do not tell slopes well; none by less than a fifth.
+    Its slopes at the first of its points have a second moment (d, d), whose eigenvectors become the axes
+    (active subspaces, Constantine 2015). Each is scaled by the root of the slope along it, over the largest,
+    as few rollouts do not tell slopes well; none by less than a fifth.
     """
     size = surface.points.shape[1]
     if size == 0:
@@ -139,9 +139,19 @@ def _decayed(values, factor):
     """
     for i in range(len(values)):
         t = min(factor * values[i], 50.0) * (1.0 / 64.0)
-        p = 1.0 - t * (1.0 / 10.0) * (1.0 - t * (1.0 / 11.0) * (1.0 - t * (1.0 / 12.0) * (1.0 - t * (1.0 / 13.0))))
-        p = 1.0 - t * (1.0 / 6.0) * (1.0 - t * (1.0 / 7.0) * (1.0 - t * (1.0 / 8.0) * (1.0 - t * (1.0 / 9.0) * p)))
-        p = 1.0 - t * (1.0 - t * (1.0 / 2.0) * (1.0 - t * (1.0 / 3.0) * (1.0 - t * (1.0 / 4.0) * (1.0 - t * (1.0 / 5.0) * p))))
+        p = 1.0 - t * (1.0 / 13.0)
+        p = 1.0 - t * (1.0 / 12.0) * p
+        p = 1.0 - t * (1.0 / 11.0) * p
+        p = 1.0 - t * (1.0 / 10.0) * p
+        p = 1.0 - t * (1.0 / 9.0) * p
+        p = 1.0 - t * (1.0 / 8.0) * p
+        p = 1.0 - t * (1.0 / 7.0) * p
+        p = 1.0 - t * (1.0 / 6.0) * p
+        p = 1.0 - t * (1.0 / 5.0) * p
+        p = 1.0 - t * (1.0 / 4.0) * p
+        p = 1.0 - t * (1.0 / 3.0) * p
+        p = 1.0 - t * (1.0 / 2.0) * p
+        p = 1.0 - t * p
         p *= p
         p *= p
         p *= p
