@@ -39,7 +39,7 @@ TRAJECTORY, AT_END = "auto_trajectory", "auto_at_end"
 
 def jobs(settings: Settings) -> list[Job]:
     """One for each scene, alone on the machine."""
-    truth, most = (500, 64) if settings.quick else (4000, BUDGETS[-1])
+    truth, most = (2000, 64) if settings.quick else (4000, BUDGETS[-1])
     return [
         Job("anytime", settings.parameters(scene=name, truth=truth, most=most), cost=60.0, alone=True)
         for name in SCENES
@@ -91,10 +91,8 @@ def report(results: Results) -> str:
     lines = []
     for name in rows.unique("scene"):
         for runs in (None, *sorted(rows.where(scene=name, method="cloud").unique("samples"))):
-            auto, cloud, other = (
-                rows.where(scene=name, samples=runs, method=method)
-                for method in ("auto", "cloud", MONTE_CARLO)
-            )
+            found = rows.where(scene=name, samples=runs)
+            auto, cloud, other = (found.where(method=method) for method in ("auto", "cloud", MONTE_CARLO))
             cpu = auto.where(quantity=CPU).median()
             over = [cpu / method.where(quantity=CPU).median() for method in (other, cloud)]
             judged = auto.where(quantity=ERROR), auto.where(quantity=CLAIMED), other.where(quantity=ERROR)
