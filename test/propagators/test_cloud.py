@@ -12,7 +12,7 @@ from unc_physics import Belief, Plane, Scene, make_propagator, predict
 from unc_physics.checks.errors import InvalidOptionError
 from unc_physics.prediction.probabilities import contact_probabilities
 from unc_physics.prediction.status import assess
-from unc_physics.propagators import emission, response_surface, sobol
+from unc_physics.propagators import displacements, emission, response_surface, sobol
 from unc_physics.propagators.reduction import common_covariance, reduction
 
 # -- points ------------------------------------------------------------------------------------------
@@ -161,9 +161,9 @@ def test_active_directions_are_those_in_which_the_surface_changes():
 
 def test_displacements_reach_no_further_than_the_third_nearest_outcome():
     y = np.array([[0.0, 5.0], [1.0, 5.0], [3.0, 5.0], [7.0, 5.0]])
-    np.testing.assert_array_equal(response_surface.reach(y, 0, 1), [7.0, 6.0, 4.0, 7.0])
+    np.testing.assert_array_equal(displacements.reach(y, 0, 1), [7.0, 6.0, 4.0, 7.0])
     moves = np.array([[3.0, 4.0, 1.0, 1.0], [0.3, 0.4, 1.0, 1.0]])
-    response_surface.clip(moves, 0, 2, 2, np.array([1.0, 1.0]))
+    displacements.clip(moves, 0, 2, 2, np.array([1.0, 1.0]))
     np.testing.assert_allclose(moves, [[0.6, 0.8, 0.2, 0.2], [0.3, 0.4, 1.0, 1.0]])
 
 

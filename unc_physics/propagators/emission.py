@@ -12,10 +12,11 @@ from ..physics.layout import ERR_ANGULAR_VELOCITY, ERR_POSITION, ERR_ROTATION, E
 from ..physics.moments import mean_and_errors, spread_states
 from ..scene.parameters import center_offsets, moved_along
 from ..scene.scene import Scene
+from .displacements import clip, reach, spread, variances
 from .free_flight import Flight, course_of, fly
 from .impact_metric import impact_metric
 from .reduction import Reduction, moved_in_common, reduction
-from .response_surface import Surface, active_directions, clip, fit, predicted, reach, spread, variances
+from .response_surface import Surface, active_directions, fit, predicted
 
 #: Blocks of the outcome that are clipped, each with the block that shares the factor, and what they count.
 _CLIPPED = ((ERR_POSITION.start, ERR_VELOCITY.start), (ERR_ROTATION.start, ERR_ANGULAR_VELOCITY.start))
