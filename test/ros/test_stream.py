@@ -10,7 +10,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseWithCovariance, PoseWithCovarianceStamped
 from rclpy.qos import qos_profile_sensor_data
 from running import Client, Inbox, NodeProcess, wait_until
-from scenes import POSITION_STD, good_request, numbers_of, position_of
+from scenes import POSITION_STD, diagonal, good_request, numbers_of, position_of
 from std_msgs.msg import Header
 from visualization_msgs.msg import Marker, MarkerArray
 
@@ -100,7 +100,9 @@ def test_an_error_that_a_scene_s_objects_share(publish, listener):
 
 def test_an_overlap_at_the_start_is_named(publish, listener):
     sent = scene(listener)
-    sent.objects[1].pose.pose.position.x = -0.199  # farther in each other than their beliefs can be moved
+    for message in sent.objects:  # farther in each other than their beliefs can be moved, whatever is drawn
+        message.pose.pose.position.x = -0.2
+        message.pose.covariance = diagonal(*[1e-3] * 6)
     for predicted in answer_to(sent, publish, listener).objects:
         assert predicted.status & PredictedObject.STATUS_INITIAL_OVERLAP, predicted.status_msg
         assert all(state.status & PredictedObject.STATUS_INITIAL_OVERLAP for state in predicted.states)
