@@ -17,7 +17,7 @@ from .status_rules import BodyStatus, judged
 #: Rollouts with which `assess` compares what rests on a single nominal one.
 ROLLOUTS = 12
 #: With how many at least where that leaves open whether a spread is wrong.
-SURE = 48
+SURE = 64
 
 
 def assess(prediction: Prediction, *, rollouts: int = ROLLOUTS) -> tuple[BodyStatus, ...]:
@@ -30,8 +30,8 @@ def assess(prediction: Prediction, *, rollouts: int = ROLLOUTS) -> tuple[BodySta
         How many to compare with, for a propagator that asks for it (`Propagator.compared_with_rollouts`); it
         costs as many rollouts, where there is something to touch, or a gyroscopic term; of points in pairs,
         where they touched something and are uneven, or many, or may have turned by half a turn since. Where
-        spreads differ by a factor of 1.4 to 2.7, 48 rollouts at least decide. With 0, what touched by a
-        single nominal rollout is flagged as unchecked.
+        spreads differ by a factor of 1.4 to 2.7, or of 1.1 to 2.7 with doubtful contacts, 64 rollouts at
+        least decide. With 0, what touched by a single nominal rollout is flagged as unchecked.
 
     Returns
     -------

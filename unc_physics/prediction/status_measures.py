@@ -37,6 +37,7 @@ _NOISE = 4.0  # standard deviations of a sample's mean energy that are no gain
 _USUAL = 0.95  # share of the rollouts that a residual must be small in
 _EVEN = 1.05  # unevenness up to which points are right
 _OPEN = 1.4, 2.7  # factors between which a dozen rollouts leave open whether spreads differ by two
+_OPEN_IN_DOUBT = 1.1  # the lower one where contacts were doubtful
 _shapes = WeakKeyDictionary()
 
 
@@ -181,12 +182,15 @@ def needs_rollouts(prediction, start, uneven):
 
 def left_open(prediction, start, spreads):
     """Whether a few rollouts' spreads (T, M, 2) leave open, at any time, whether those predicted are wrong."""
-    low, high = _OPEN
-    factors = [
-        _disagreement(prediction.scene, start, belief.blocks, some)
-        for belief, some in zip(prediction.beliefs, spreads, strict=True)
-    ]
-    return any(((low < factor) & (factor < high)).any() for factor in factors)
+    since = prediction.propagator.doubtful_since(prediction.carry)
+    if since is None:
+        since = math.inf
+    for time, belief, some in zip(prediction.times, prediction.beliefs, spreads, strict=True):
+        factor = _disagreement(prediction.scene, start, belief.blocks, some)
+        low = np.where(since <= time, _OPEN_IN_DOUBT, _OPEN[0])
+        if ((low < factor) & (factor < _OPEN[1])).any():
+            return True
+    return False
 
 
 def _half_turned(prediction, start):
