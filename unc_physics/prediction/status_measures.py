@@ -181,7 +181,7 @@ def needs_rollouts(prediction, start, uneven):
 
 
 def left_open(prediction, start, spreads):
-    """Whether a few rollouts' spreads (T, M, 2) leave open, at any time, whether those predicted are wrong."""
+    """Whether a few rollouts' spreads (T, M, 2) leave it open, at any time, if those predicted are wrong."""
     since = prediction.propagator.doubtful_since(prediction.carry)
     if since is None:
         since = math.inf
@@ -194,8 +194,8 @@ def left_open(prediction, start, spreads):
 
 
 def _half_turned(prediction, start):
-    """Whether points may have turned by half a turn since they touched something, from where on rotations look
-    smaller than they are, and opposite ones still opposite.
+    """Whether points may have turned by half a turn since they touched something: from there on rotations
+    look smaller than they are, and opposite ones still opposite.
 
     Of so many points the farthest is that many standard deviations out, and its spin that of the end.
     """
