@@ -1,18 +1,22 @@
-"""The command ``schema``: JSON schemas of scene files and predictions, for editors and programs."""
+"""The command ``schema``: JSON schemas of scene files, files of actions and predictions, for editors and
+programs.
+"""
 
 from __future__ import annotations
 
+import json
 from importlib.resources import files
 
-SCHEMAS = ("scene", "prediction")
+SCHEMAS = ("scene", "actions", "prediction")
 
 
 def add_schema_command(commands) -> None:
     """Add the parser of ``schema`` to the command line's subparsers."""
     parser = commands.add_parser(
         "schema",
-        help="print the JSON schema of scene files or of predictions",
-        description="JSON schema (draft 2020-12) of scene files, or of what 'predict --json' prints.",
+        help="print the JSON schema of scene files, of files of actions or of predictions",
+        description="JSON schema (draft 2020-12) of scene files, of the files of actions that 'rank' reads,"
+        " or of what 'predict --json' prints.",
     )
     parser.add_argument("what", choices=SCHEMAS, metavar=f"{{{','.join(SCHEMAS)}}}", help="of which format")
     parser.set_defaults(run=run)
@@ -25,5 +29,14 @@ def run(arguments) -> int:
 
 
 def schema_text(what: str) -> str:
-    """The schema of that name, as JSON."""
+    """The schema of that name, as JSON; that of actions has the scenes' in it, which it refers to."""
+    text = _read(what)
+    if what != "actions":
+        return text
+    schema = json.loads(text)
+    schema["$defs"]["scene"] = json.loads(_read("scene"))
+    return json.dumps(schema, indent=1) + "\n"
+
+
+def _read(what):
     return (files("unc_physics") / "schemas" / f"{what}.schema.json").read_text(encoding="utf-8")

@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from .arrays import empty
 from .compiled import inner, kernel
 from .layout import P, Q, V, W
 from .rotation import conjugate, cross, exp, log, multiply, normalized, rotate, rotate_back
@@ -277,7 +278,7 @@ def bound_push(i, begin, end, bodies, actions):
 @kernel
 def states_on_path(j, times, actions):
     """(T, 13): states of body j on its path at times [s]."""
-    out = np.empty((len(times), 13))
+    out = empty((len(times), 13))
     for k in range(len(times)):
         write_on_path(out, k, j, times[k], actions)
     return out
@@ -288,7 +289,7 @@ def carry_along(states, i, before, after):
     """Move body i of states (N, B, 13) in place as a rigid part of something that is at ``before`` (1, 13)
     and shall be at ``after`` (N, 13).
     """
-    hold = np.empty(7)
+    hold = empty(7)
     for n in range(len(states)):
         write_hold(states[n], i, before, 0, hold)
         write_carried(states[n], i, after, n, hold)

@@ -88,9 +88,7 @@ def _read(builder, pointer):
     """The value at a pointer, part by part: the optimiser knows each then, and drops what nobody uses."""
     kind = pointer.type.pointee
     if not isinstance(kind, ir.LiteralStructType | ir.ArrayType):
-        value = builder.load(pointer)
-        value.set_metadata("invariant.load", builder.module.add_metadata([]))
-        return value
+        return builder.load(pointer)
     value = ir.Constant(kind, ir.Undefined)
     for place in range(len(kind.elements) if isinstance(kind, ir.LiteralStructType) else kind.count):
         value = builder.insert_value(

@@ -15,6 +15,10 @@ from llvmlite import binding
 LONG = 20_000  # of machine code [bytes]: a call costs such a function little, a copy of it long compiling
 
 
+# functions that are called by their address however short they are
+_apart = set()
+
+
 class Needed(NamedTuple):
     """A compiled function that others call by its address."""
 
@@ -35,10 +39,20 @@ class Needed(NamedTuple):
         return function.overloads[self.signature].fndesc.llvm_func_name == self.symbol
 
 
+def stay_apart(function):
+    """Have a function called by its address, however short it is."""
+    _apart.add(function)
+
+
+def stays_apart(function):
+    """Whether a function is called by its address, however short it is."""
+    return function in _apart
+
+
 def keep_apart(function, result):
-    """Let callers of a long function that was just compiled have its address alone."""
+    """Let callers of a function that was just compiled have its address, if it is long or to stay apart."""
     library = result.library
-    if _is_named(function) and len(library._get_compiled_object()) > LONG:
+    if _is_named(function) and (stays_apart(function) or len(library._get_compiled_object()) > LONG):
         library._shared_module = binding.parse_assembly("")
         library.apart = Needed(
             function.__module__,

@@ -8,6 +8,7 @@ from numba.extending import overload
 
 from . import compile_time  # noqa: F401  (from the first kernel on)
 from .by_reference import referred, refers
+from .calls import stay_apart
 from .compile_cache import keep
 from .kernel_stamp import WORK
 
@@ -15,9 +16,9 @@ from .kernel_stamp import WORK
 _INNER: Any = {"_nrt": False, "no_cpython_wrapper": True}
 
 
-def kernel(function=None, **options):
-    """A function that Python calls."""
-    return _compiled(function, options)
+def kernel(function=None, *, apart=False, **options):
+    """A function that Python calls; with ``apart`` kernels call it by its address, however short it is."""
+    return _compiled(function, options, apart)
 
 
 def inner(function=None, **options):
@@ -53,10 +54,12 @@ def stage(function) -> Any:
     return function
 
 
-def _compiled(function, options) -> Any:  # numba's own types say little about what it compiles
+def _compiled(function, options, apart=False) -> Any:  # numba's own types say little about what it compiles
     settings: Any = {"nogil": True, "no_cfunc_wrapper": True} | options
 
     def decorate(function):
+        if apart:
+            stay_apart(function)
         return keep(_taking_references(njit(**settings)(function)))
 
     return decorate if function is None else decorate(function)

@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 
+from .arrays import booleans, empty, full, zeros
 from .compiled import kernel
 
 _DIRECTIONS, _ROUNDS = 4096, 700
@@ -38,9 +39,9 @@ def hull_spheres(centers, radii):
     size = 0.0
     for k in range(n):
         size = max(size, math.sqrt(centers[k, 0] ** 2 + centers[k, 1] ** 2 + centers[k, 2] ** 2) + radii[k])
-    kept = np.zeros(n, np.bool_)
-    lead, most, best = np.full(n, -np.inf), np.full(n, -np.inf), np.zeros((n, 3))
-    height = np.empty(n)
+    kept = booleans(n)
+    lead, most, best = full(n, -np.inf), full(n, -np.inf), zeros((n, 3))
+    height = empty(n)
     for d in range(_DIRECTIONS):
         z = 1.0 - (2.0 * d + 1.0) / _DIRECTIONS
         angle = math.pi * (1.0 + math.sqrt(5.0)) * d

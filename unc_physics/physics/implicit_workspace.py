@@ -4,6 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from .arrays import assign, booleans, empty, full, integers, singles, small_integers, zeros
 from .compiled import inner, kernel
 from .implicit_world import REMEMBERED_CONTACTS
 from .layout import Q
@@ -180,7 +181,7 @@ def more_room(counts, contacts, candidates, pool):
     return 2 * contacts, candidates, pool
 
 
-@kernel
+@kernel(apart=True)
 def implicit_workspace(x, kept_overlap, world, contacts, candidates, pool):
     """Workspace of one rollout that begins at state ``x`` (B, 13), with room for so many contacts,
     candidates and pairs in lists.
@@ -189,55 +190,55 @@ def implicit_workspace(x, kept_overlap, world, contacts, candidates, pool):
     """
     count, elements = len(x), len(world.surroundings.kind)
     remembered = REMEMBERED_CONTACTS * count
-    R = np.empty((count, 3, 3))
+    R = empty((count, 3, 3))
     for i in range(count):
         write_matrix((x[i, Q], x[i, Q + 1], x[i, Q + 2], x[i, Q + 3]), R, i)
-    stack = np.empty((world.stack_size, 2), np.int32)
-    search = Scratch(stack, np.empty((_PAIRS_AT_ONCE, 2), np.int32), np.empty((1, RECORD)))
-    kept = np.zeros((count, count + elements))
+    stack = small_integers((world.stack_size, 2))
+    search = Scratch(stack, small_integers((_PAIRS_AT_ONCE, 2)), empty((1, RECORD)))
+    kept = zeros((count, count + elements))
     twists = contacts if world.implicit.torsional else 0
     if len(kept_overlap) > 0:
-        kept[:] = kept_overlap
+        assign(kept, kept_overlap)
     return ImplicitWorkspace(
         R,
-        np.zeros((count, 3, 3)),
-        np.zeros((5, count, 6)),
-        np.zeros((count, 11)),
+        zeros((count, 3, 3)),
+        zeros((5, count, 6)),
+        zeros((count, 11)),
         world.bodies.moving.copy(),
         world.bodies.inverse_mass.copy(),
-        np.zeros((count, 7)),
-        np.zeros((3, 13)),
-        np.zeros(count, np.int64),
-        np.zeros(count, np.bool_),
+        zeros((count, 7)),
+        zeros((3, 13)),
+        integers(count),
+        booleans(count),
         np.arange(count),
         np.arange(count),
         np.arange(count),
-        np.zeros((count, count), np.bool_),
-        np.empty((contacts, ROW)),
-        np.empty((twists, TWIST)),
-        np.empty((contacts, 4), np.int64),
-        np.empty((6, contacts, 4)),
-        np.empty(count, np.int64),
-        np.empty(count),
-        np.empty((candidates, 8)),
-        np.empty((candidates, 4), np.int64),
-        np.empty(9, np.int64),
-        np.empty(9),
-        np.empty((pool, 2), np.int32),
-        np.empty((8, pool)),
-        np.empty(max(pool, world.implicit.hull.shape[1])),
-        np.zeros((count, count + elements, 2), np.int64),
-        np.full((count, count + elements, 13), -np.inf),
+        booleans((count, count)),
+        empty((contacts, ROW)),
+        empty((twists, TWIST)),
+        integers((contacts, 4)),
+        empty((6, contacts, 4)),
+        integers(count),
+        empty(count),
+        empty((candidates, 8)),
+        integers((candidates, 4)),
+        integers(9),
+        empty(9),
+        small_integers((pool, 2)),
+        empty((8, pool)),
+        empty(max(pool, world.implicit.hull.shape[1])),
+        integers((count, count + elements, 2)),
+        full((count, count + elements, 13), -np.inf),
         search,
-        np.empty((3, 3)),
-        np.zeros((remembered, 4), np.int32),
-        np.zeros((remembered, 4), np.float32),
-        np.zeros((remembered, 4), np.int32),
-        np.zeros((remembered, 4), np.float32),
-        np.empty(count, np.int64),
-        np.empty(remembered, np.int64),
-        np.zeros(4, np.int64),
-        np.empty((count, 13)),
-        np.empty(count, np.int64),
+        empty((3, 3)),
+        small_integers((remembered, 4)),
+        singles((remembered, 4)),
+        small_integers((remembered, 4)),
+        singles((remembered, 4)),
+        integers(count),
+        integers(remembered),
+        integers(4),
+        empty((count, 13)),
+        integers(count),
         kept,
     )

@@ -16,6 +16,8 @@ from numba.core import types
 from numba.core.dispatcher import Dispatcher
 from numba.extending import _Intrinsic
 
+from .calls import stays_apart
+
 #: What stages do for a method, by the method's class (`compiled.stage`).
 WORK: dict[type, list] = {}
 
@@ -64,7 +66,7 @@ def _meet(value, met):
         return
     if isinstance(value, Dispatcher):
         options = sorted((key, _in_order(option)) for key, option in value.targetoptions.items())
-        met[id(value)] = _digest(_text(value), repr(options))
+        met[id(value)] = _digest(_text(value), repr((options, stays_apart(value.py_func))))
         _meet(value.py_func, met)
     elif isinstance(value, _Intrinsic):
         _meet(value._defn, met)

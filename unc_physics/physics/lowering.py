@@ -9,6 +9,7 @@ import math
 
 import numpy as np
 
+from .arrays import assign, integers, singles, zeros
 from .compiled import inner, kernel
 from .contact_search import balls_within
 from .implicit_workspace import CONTACTS, NO_OVERFLOW, OVERFLOW, implicit_workspace, more_room
@@ -42,19 +43,19 @@ def lower(states, sides, world, start, kept_overlap):
     """
     bodies = states.shape[1]
     contacts, candidates, pool = 128, 1024, 8192
-    local, moving, before = np.zeros(bodies, np.int64), world.bodies.moving, states[0].copy()
+    local, moving, before = integers(bodies), world.bodies.moving, states[0].copy()
     begin = states[0].copy()
     place, count = np.full(bodies, -1), 0
     for i in range(bodies):
         if moving[i]:
             place[i] = count
             count += 1
-    metric = Metric(np.zeros((count, ERROR, count, ERROR)), np.eye(count) > 0.0, place)
-    work = implicit_workspace(before, kept_overlap[0, :0, :0], world, contacts, candidates, pool)
+    metric = Metric(zeros((count, ERROR, count, ERROR)), np.eye(count) > 0.0, place)
+    work = implicit_workspace(before, singles((0, 0)), world, contacts, candidates, pool)
     rows = rows_room(contacts, bodies)
     for n in range(len(states)):
         x = states[n]
-        before[:] = x
+        assign(before, x)
         i = 0
         while i < bodies:
             if i == 0:
@@ -67,11 +68,9 @@ def lower(states, sides, world, start, kept_overlap):
                 held = lower_group(x, begin, count, local, metric, sides, world, work, rows)
                 if work.counts[OVERFLOW] != NO_OVERFLOW:
                     contacts, candidates, pool = more_room(work.counts, contacts, candidates, pool)
-                    work = implicit_workspace(
-                        before, kept_overlap[0, :0, :0], world, contacts, candidates, pool
-                    )
+                    work = implicit_workspace(before, singles((0, 0)), world, contacts, candidates, pool)
                     rows = rows_room(contacts, bodies)
-                    x[:] = before
+                    assign(x, before)
                     i = 0
                     continue
                 for a in range(count):

@@ -2,8 +2,7 @@
 
 import math
 
-import numpy as np
-
+from .arrays import empty, zeros
 from .compiled import kernel
 from .layout import EP, ER, ERROR, EV, EW, STATE, P, Q, V, W
 from .rotation import conjugate, exp, log, multiply, normalized
@@ -51,7 +50,7 @@ def spread_states(mean, moving, errors):
     -------
     (N, B, 13) array
     """
-    states = np.empty((len(errors), len(mean), STATE))
+    states = empty((len(errors), len(mean), STATE))
     for n in range(len(errors)):
         for i in range(len(mean)):
             for c in range(STATE):
@@ -96,7 +95,7 @@ def _chordal_mean(states, body):
     """The quaternion nearest to all samples' and their opposites, nearly: the leading eigenvector of their
     outer products.
     """
-    A = np.zeros((4, 4))
+    A = zeros((4, 4))
     for n in range(len(states)):
         q = states[n, body]
         for r in range(4):
@@ -131,7 +130,7 @@ def mean_and_errors(states, moving):
     errors : (N, 12 M) array
     """
     mean = states[0].copy()
-    errors = np.empty((len(states), ERROR * len(moving)))
+    errors = empty((len(states), ERROR * len(moving)))
     for k in range(len(moving)):
         body = moving[k]
         m = mean[body]
@@ -150,7 +149,7 @@ def mean_and_errors(states, moving):
 def second_moment(errors):
     """``errors.T @ errors / N``, in an order of summation that no thread count changes."""
     size = errors.shape[1]
-    out = np.zeros((size, size))
+    out = zeros((size, size))
     for n in range(len(errors)):
         for a in range(size):
             e = errors[n, a]
@@ -180,7 +179,7 @@ def pivoted_cholesky(A, tolerance):
     """
     n = len(A)
     rest = A.copy()
-    L = np.zeros((n, n))
+    L = zeros((n, n))
     largest = 0.0
     for i in range(n):
         largest = max(largest, A[i, i])

@@ -12,23 +12,27 @@ which is linear in the error state: ``e_o = A e`` (`error_map`), so ``P_o = A P 
 
 from __future__ import annotations
 
-import numpy as np
+import math
 
-from .compiled import kernel
+from .arrays import empty, zeros
+from .compiled import inner, kernel
 from .layout import EP, ER, ERROR, EV, EW, P, Q, V, W
 from .rotation import rotate, write_matrix
 
+_POSE, _TWIST = (EP, ER), (EV, EW)  # as messages order them
+
 
 @kernel
-def _rotation(q):
-    R = np.empty((1, 3, 3))
-    write_matrix((q[0], q[1], q[2], q[3]), R, 0)
+def _rotation(state):
+    R = empty((1, 3, 3))
+    write_matrix((state[Q], state[Q + 1], state[Q + 2], state[Q + 3]), R, 0)
     return R[0]
 
 
 @kernel
-def _skew(x, y, z):
-    K = np.zeros((3, 3))
+def _skew(v):
+    x, y, z = v
+    K = zeros((3, 3))
     K[0, 1], K[0, 2], K[1, 2] = -z, y, -x
     K[1, 0], K[2, 0], K[2, 1] = z, -y, x
     return K
@@ -37,7 +41,7 @@ def _skew(x, y, z):
 @kernel
 def _product(A, B):
     """``A @ B``; numba's own would need SciPy."""
-    C = np.zeros((len(A), B.shape[1]))
+    C = zeros((len(A), B.shape[1]))
     for i in range(len(A)):
         for k in range(len(B)):
             if A[i, k] != 0.0:
@@ -47,14 +51,38 @@ def _product(A, B):
 
 
 @kernel
+def _identity():
+    A = zeros((ERROR, ERROR))
+    for k in range(ERROR):
+        A[k, k] = 1.0
+    return A
+
+
+@inner
+def _copy_block(source, i, j, target, k, l, factor):
+    """``target[k : k + 3, l : l + 3] = factor * source[i : i + 3, j : j + 3]``, which takes numba longer."""
+    for r in range(3):
+        for c in range(3):
+            target[k + r, l + c] = factor * source[i + r, j + c]
+
+
+@kernel
 def congruent(A, C):
     """``A C A^T``, symmetric to the last bit; round-off leaves no variance below zero."""
-    mapped = _product(_product(A, C), A.T)
-    result = 0.5 * (mapped + mapped.T)
-    for k in range(len(result)):
+    n = len(A)
+    left, mapped, result = _product(A, C), zeros((n, n)), empty((n, n))
+    for i in range(n):
+        for k in range(n):
+            if left[i, k] != 0.0:
+                for j in range(n):
+                    mapped[i, j] += left[i, k] * A[j, k]
+    for i in range(n):
+        for j in range(n):
+            result[i, j] = 0.5 * (mapped[i, j] + mapped[j, i])
+    for k in range(n):
         if result[k, k] < 0.0:
-            result[k, :] = 0.0
-            result[:, k] = 0.0
+            for j in range(n):
+                result[k, j] = result[j, k] = 0.0
     return result
 
 
@@ -74,42 +102,42 @@ def error_map(state, origin):
     -----
     To first order in the rotation error, as every covariance of a pose.
     """
-    R = _rotation(state[Q : Q + 4])
-    lever, spin = (
-        _skew(*rotate(R, origin[0], origin[1], origin[2])),
-        _skew(state[W], state[W + 1], state[W + 2]),
-    )
-    A = np.eye(ERROR)
-    A[ER : ER + 3, ER : ER + 3] = R
-    A[EP : EP + 3, ER : ER + 3] = -_product(lever, R)
-    A[EV : EV + 3, ER : ER + 3] = -_product(_product(spin, lever), R)
-    A[EV : EV + 3, EW : EW + 3] = -lever
+    R = _rotation(state)
+    lever = _skew(rotate(R, origin[0], origin[1], origin[2]))
+    spin = _skew((state[W], state[W + 1], state[W + 2]))
+    A = _identity()
+    _copy_block(R, 0, 0, A, ER, ER, 1.0)
+    _copy_block(_product(lever, R), 0, 0, A, EP, ER, -1.0)
+    _copy_block(_product(_product(spin, lever), R), 0, 0, A, EV, ER, -1.0)
+    _copy_block(lever, 0, 0, A, EV, EW, -1.0)
     return A
 
 
 @kernel
 def inverse_error_map(state, origin):
     """Inverse of `error_map`."""
-    R = _rotation(state[Q : Q + 4])
-    lever, spin = (
-        _skew(*rotate(R, origin[0], origin[1], origin[2])),
-        _skew(state[W], state[W + 1], state[W + 2]),
-    )
-    A = np.eye(ERROR)
-    A[ER : ER + 3, ER : ER + 3] = R.T
-    A[EP : EP + 3, ER : ER + 3] = lever
-    A[EV : EV + 3, ER : ER + 3] = _product(spin, lever)
-    A[EV : EV + 3, EW : EW + 3] = lever
+    R = _rotation(state)
+    lever = _skew(rotate(R, origin[0], origin[1], origin[2]))
+    spin = _skew((state[W], state[W + 1], state[W + 2]))
+    A = _identity()
+    for r in range(3):
+        for c in range(3):
+            A[ER + r, ER + c] = R[c, r]
+    _copy_block(lever, 0, 0, A, EP, ER, 1.0)
+    _copy_block(_product(spin, lever), 0, 0, A, EV, ER, 1.0)
+    _copy_block(lever, 0, 0, A, EV, EW, 1.0)
     return A
 
 
 @kernel
 def moved(state, origin, sign):
     """The state (13,) with position and velocity of the point that is ``sign * origin`` away, body frame."""
-    R = _rotation(state[Q : Q + 4])
+    R = _rotation(state)
     x, y, z = rotate(R, sign * origin[0], sign * origin[1], sign * origin[2])
     wx, wy, wz = state[W], state[W + 1], state[W + 2]
-    result = state.copy()
+    result = empty(len(state))
+    for k in range(len(state)):
+        result[k] = state[k]
     result[P] += x
     result[P + 1] += y
     result[P + 2] += z
@@ -147,13 +175,11 @@ def covariance_at_com(pose, twist, state, origin):
     origin : (3,) array
         Body frame [m].
     """
-    C = np.zeros((ERROR, ERROR))
-    for a, first in enumerate((EP, ER)):
-        for b, second in enumerate((EP, ER)):
-            C[first : first + 3, second : second + 3] = pose[3 * a : 3 * a + 3, 3 * b : 3 * b + 3]
-    for a, first in enumerate((EV, EW)):
-        for b, second in enumerate((EV, EW)):
-            C[first : first + 3, second : second + 3] = twist[3 * a : 3 * a + 3, 3 * b : 3 * b + 3]
+    C = zeros((ERROR, ERROR))
+    for a in range(2):
+        for b in range(2):
+            _copy_block(pose, 3 * a, 3 * b, C, _POSE[a], _POSE[b], 1.0)
+            _copy_block(twist, 3 * a, 3 * b, C, _TWIST[a], _TWIST[b], 1.0)
     return at_com(C, state, origin)
 
 
@@ -162,14 +188,12 @@ def split(C):
     """Covariances (36,) of pose and of twist, as messages order them, from the covariance (12, 12) at the
     origin.
     """
-    pose, twist = np.empty((6, 6)), np.empty((6, 6))
-    for a, first in enumerate((EP, ER)):
-        for b, second in enumerate((EP, ER)):
-            pose[3 * a : 3 * a + 3, 3 * b : 3 * b + 3] = C[first : first + 3, second : second + 3]
-    for a, first in enumerate((EV, EW)):
-        for b, second in enumerate((EV, EW)):
-            twist[3 * a : 3 * a + 3, 3 * b : 3 * b + 3] = C[first : first + 3, second : second + 3]
-    return pose.ravel(), twist.ravel()
+    pose, twist = empty((6, 6)), empty((6, 6))
+    for a in range(2):
+        for b in range(2):
+            _copy_block(C, _POSE[a], _POSE[b], pose, 3 * a, 3 * b, 1.0)
+            _copy_block(C, _TWIST[a], _TWIST[b], twist, 3 * a, 3 * b, 1.0)
+    return pose.reshape(36), twist.reshape(36)
 
 
 @kernel
@@ -190,4 +214,10 @@ def at_origin(state, P, origin):
     C = congruent(error_map(state, origin), P)
     result = moved(state, origin, 1.0)
     pose, twist = split(C)
-    return result, C, pose, twist, np.isfinite(result.sum() + C.sum())
+    total = 0.0
+    for k in range(len(result)):
+        total += result[k]
+    for i in range(ERROR):
+        for j in range(ERROR):
+            total += C[i, j]
+    return result, C, pose, twist, math.isfinite(total)

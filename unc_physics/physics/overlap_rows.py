@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from .arrays import integers, zeros
 from .compiled import inner, kernel
 from .contact_search import balls_within, forget_lists, join, lowest
 from .implicit_workspace import CONTACTS, DIRECTION, GAP, MOMENT_I, MOMENT_J, NO_OVERFLOW, OVERFLOW
@@ -77,24 +78,24 @@ class Rows(NamedTuple):
     solved: np.ndarray
 
 
-@kernel
+@kernel(apart=True)
 def rows_room(contacts, bodies):
     """Room for rows."""
     size = ERROR * bodies
     return Rows(
-        np.zeros((contacts, 12)),
-        np.zeros((contacts, size)),
-        np.zeros(contacts),
-        np.zeros(contacts),
-        np.zeros(contacts),
-        np.zeros(contacts),
-        np.zeros(contacts, np.int64),
-        np.zeros(contacts, np.int64),
-        np.zeros(size),
-        np.zeros(size),
-        np.zeros(size),
-        np.zeros((6, 6)),
-        np.zeros(6),
+        zeros((contacts, 12)),
+        zeros((contacts, size)),
+        zeros(contacts),
+        zeros(contacts),
+        zeros(contacts),
+        zeros(contacts),
+        integers(contacts),
+        integers(contacts),
+        zeros(size),
+        zeros(size),
+        zeros(size),
+        zeros((6, 6)),
+        zeros(6),
     )
 
 

@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 
+from .arrays import full, singles, zeros
 from .compiled import inner, kernel
 from .contact_patch import add_contacts, element_candidates, pair_candidates
 from .contact_search import balls_within, column_of
@@ -223,11 +224,11 @@ def sides_of(mean, world):
         far from it.
     """
     bodies, elements = len(mean), len(world.surroundings.kind)
-    sides = np.zeros((bodies, bodies + elements, 3))
-    none, least = np.zeros((bodies, bodies + elements, 3)), np.full((bodies, bodies + elements), np.inf)
+    sides = zeros((bodies, bodies + elements, 3))
+    none, least = zeros((bodies, bodies + elements, 3)), full((bodies, bodies + elements), np.inf)
     contacts, candidates, pool = 1024, 16384, 65536
     while True:
-        work = implicit_workspace(mean, np.zeros((0, 0), np.float32), world, contacts, candidates, pool)
+        work = implicit_workspace(mean, singles((0, 0)), world, contacts, candidates, pool)
         work.head[:] = -1
         work.group[:] = 0
         count = 0

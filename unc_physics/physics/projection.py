@@ -11,8 +11,7 @@ What cannot come free, as in a slot too narrow, keeps its overlap for ever, with
 
 import math
 
-import numpy as np
-
+from .arrays import assign, booleans, empty, integers, singles, zeros
 from .compiled import inner, kernel
 from .contact_patch import pair_candidates
 from .contact_search import balls_within, join, lowest, pair_of
@@ -85,18 +84,18 @@ def project(states, mean, metric, sides, world, start, first_time, kept_overlap,
     """
     bodies, elements = len(mean), len(world.surroundings.kind)
     contacts, candidates, pool = 128, 1024, 8192
-    local, settled = np.zeros(bodies, np.int64), np.zeros(bodies, np.bool_)
-    depth, overlap, moved = np.zeros((bodies, bodies + elements)), np.zeros(bodies), np.zeros(bodies)
-    begin = np.empty((bodies, 13))
-    work = implicit_workspace(mean, np.empty((0, 0), np.float32), world, contacts, candidates, pool)
+    local, settled = integers(bodies), booleans(bodies)
+    depth, overlap, moved = zeros((bodies, bodies + elements)), zeros(bodies), zeros(bodies)
+    begin = empty((bodies, 13))
+    work = implicit_workspace(mean, singles((0, 0)), world, contacts, candidates, pool)
     rows = rows_room(contacts, bodies)
     for n in range(len(states)):
         if world.implicit.stop[0] != 0:
             return
         x = states[n]
-        begin[:] = x
+        assign(begin, x)
         while True:
-            x[:] = begin
+            assign(x, begin)
             depth[:], overlap[:], moved[:] = 0.0, 0.0, 0.0
             reset(x, kept_overlap[n], work)
             if project_sample(
@@ -117,7 +116,7 @@ def project(states, mean, metric, sides, world, start, first_time, kept_overlap,
             ):
                 break
             contacts, candidates, pool = more_room(work.counts, contacts, candidates, pool)
-            work = implicit_workspace(mean, np.empty((0, 0), np.float32), world, contacts, candidates, pool)
+            work = implicit_workspace(mean, singles((0, 0)), world, contacts, candidates, pool)
             rows = rows_room(contacts, bodies)
         for i in range(bodies):
             start.overlap[n, i] = max(start.overlap[n, i], overlap[i])

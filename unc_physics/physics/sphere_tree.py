@@ -13,6 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from .arrays import empty, full, integers, singles, small_integers
 from .compiled import kernel
 from .simd import overlap_mask
 
@@ -115,9 +116,9 @@ def _split(centers, radii, order, start, stop):
     """
     n = stop - start
     best, best_axis, best_at = np.inf, 0, n // 2
-    sorts = np.empty((3, n), np.int64)
-    behind, keys = np.empty(n), np.empty(n)
-    low, high = np.empty(3), np.empty(3)
+    sorts = integers((3, n))
+    behind, keys = empty(n), empty(n)
+    low, high = empty(3), empty(3)
     for axis in range(3):
         for k in range(n):
             keys[k] = centers[order[start + k], axis]
@@ -146,7 +147,7 @@ def _split(centers, radii, order, start, stop):
 
 @kernel
 def _box_area(centers, radii, order, start, stop):
-    low, high = np.full(3, np.inf), np.full(3, -np.inf)
+    low, high = full(3, np.inf), full(3, -np.inf)
     for k in range(start, stop):
         i = order[k]
         for a in range(3):
@@ -179,12 +180,12 @@ def build(centers, radii):
     """
     n = len(radii)
     order = np.arange(n)
-    bounds = np.empty((n + 1, 4, WIDTH), np.float32)
-    child = np.empty((n + 1, WIDTH), np.int32)
+    bounds = singles((n + 1, 4, WIDTH))
+    child = small_integers((n + 1, WIDTH))
     task = [(0, 0, n, 1)]  # node, its range of `order`, its level
     nodes, depth = 1, 1
-    first, last = np.empty(WIDTH, np.int64), np.empty(WIDTH, np.int64)
-    area = np.empty(WIDTH)
+    first, last = integers(WIDTH), integers(WIDTH)
+    area = empty(WIDTH)
     while len(task) > 0:
         node, start, stop, level = task.pop()
         depth = max(depth, level)

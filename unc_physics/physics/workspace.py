@@ -4,6 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from .arrays import booleans, empty, integers, small_integers, zeros
 from .broad_phase import FIRST_STEPS
 from .compiled import kernel
 from .contact_free import UNKNOWN
@@ -73,36 +74,36 @@ class Workspace(NamedTuple):
     overlap_query: Scratch
 
 
-@kernel
+@kernel(apart=True)
 def workspace(x, world):
     """Workspace of one rollout that begins at state ``x`` (B, 13)."""
     count = len(x)
-    R = np.empty((count, 3, 3))
+    R = empty((count, 3, 3))
     for i in range(count):
         write_matrix((x[i, Q], x[i, Q + 1], x[i, Q + 2], x[i, Q + 3]), R, i)
-    stack = np.empty((world.stack_size, 2), np.int32)
-    search = Scratch(stack, np.empty((_PAIRS_AT_ONCE, 2), np.int32), np.empty((_PAIRS_AT_ONCE, RECORD)))
-    overlap_query = Scratch(stack, np.empty((WIDTH * WIDTH, 2), np.int32), search.records)
-    separation_bound = np.zeros((count, count, 2))
+    stack = small_integers((world.stack_size, 2))
+    search = Scratch(stack, small_integers((_PAIRS_AT_ONCE, 2)), empty((_PAIRS_AT_ONCE, RECORD)))
+    overlap_query = Scratch(stack, small_integers((WIDTH * WIDTH, 2)), search.records)
+    separation_bound = zeros((count, count, 2))
     for i in range(count):
         for j in range(i + 1, count):
             separation_bound[i, j, 1] = FIRST_STEPS
     return Workspace(
         R,
-        np.zeros((count, 6)),
-        np.zeros(count, np.bool_),
+        zeros((count, 6)),
+        booleans(count),
         np.arange(count),
-        np.empty(count),
-        np.zeros(count),
-        np.zeros(count),
+        empty(count),
+        zeros(count),
+        zeros(count),
         np.array([UNKNOWN, 1]),
         np.ones(1, np.bool_),
-        np.empty(count),
-        np.empty((count * (count - 1) // 2, 2), np.int64),
-        np.zeros(count),
-        np.zeros(count),
+        empty(count),
+        integers((count * (count - 1) // 2, 2)),
+        zeros(count),
+        zeros(count),
         separation_bound,
-        np.empty((3, 3)),
+        empty((3, 3)),
         search,
         overlap_query,
     )

@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..physics.arrays import booleans, empty, integers, zeros
 from ..physics.compiled import inner, kernel
 from ..physics.contact_change import rolling
 from ..physics.flight_derivative import Errors, fly_errors
@@ -78,24 +79,24 @@ def advance_root(mean, root, doubtful_since, first_time, memory, world, begin, s
         work = implicit_workspace(mean, memory.kept_overlap[0], world, contacts, candidates, pool)
         blocks = len(root) + ERROR
         errors = Errors(
-            np.zeros((blocks, columns)),
-            np.zeros((blocks, columns)),
+            zeros((blocks, columns)),
+            zeros((blocks, columns)),
             np.where(moving, np.cumsum(moving) - 1, len(root) // ERROR),
-            np.zeros(columns),
-            np.zeros(columns),
-            np.empty((3, columns)),
-            np.empty((1, 3, 3)),
+            zeros(columns),
+            zeros(columns),
+            empty((3, columns)),
+            empty((1, 3, 3)),
         )
         room = ContactErrors(
-            np.empty(contacts),
-            np.zeros((contacts, 11)),
+            empty(contacts),
+            zeros((contacts, 11)),
             tilts.copy(),
-            np.empty(count, np.int64),
-            np.empty((6 * count, 6 * count + columns)),
-            np.zeros(count, np.bool_),
-            np.zeros(columns + 1),
+            integers(count),
+            empty((6 * count, 6 * count + columns)),
+            booleans(count),
+            zeros(columns + 1),
         )
-        method = Linearized(root, np.empty_like(root), errors, room, doubtful_since, np.empty(1))
+        method = Linearized(root, np.empty_like(root), errors, room, doubtful_since, empty(1))
         done += integrate(
             mean,
             first_time,

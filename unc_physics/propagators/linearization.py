@@ -9,6 +9,7 @@ import numpy as np
 
 from ..checks.errors import NotSupportedError
 from ..physics import contact_history as histories
+from ..physics.arrays import empty, integers
 from ..physics.compiled import inner, kernel
 from ..physics.contact_change import TILTS
 from ..physics.contact_history import ContactHistory
@@ -210,18 +211,16 @@ def _advance(mean, root, first_time, world, surroundings, begin, steps, before):
     """Advance state and root in place; ``before`` (B, 13) is room for finite differences, or None."""
     work, moving = workspace(mean, world), world.bodies.moving
     pairs = len(work.near)
-    dominant = DominantContacts(
-        np.zeros(1, np.int64), np.empty((pairs, 2), np.int64), np.empty((pairs, 2), np.int64), np.empty(pairs)
-    )
-    element = DominantElementContact(np.empty(1, np.int64), np.empty(1), np.empty(3), np.empty(3))
+    dominant = DominantContacts(integers(1), integers((pairs, 2)), integers((pairs, 2)), empty(pairs))
+    element = DominantElementContact(integers(1), empty(1), empty(3), empty(3))
     if before is None:
         differences = None
     else:
         differences = Differences(
-            before, np.empty_like(before), np.empty_like(before), np.empty(ERROR), workspace(mean, world)
+            before, np.empty_like(before), np.empty_like(before), empty(ERROR), workspace(mean, world)
         )
     method = Linearized(
-        root, np.where(moving, np.cumsum(moving) - 1, -1), np.empty((3, 3)), dominant, element, differences
+        root, np.where(moving, np.cumsum(moving) - 1, -1), empty((3, 3)), dominant, element, differences
     )
     integrate(mean, first_time, world, surroundings, method, begin, steps, work)
 
@@ -335,7 +334,7 @@ def _kick_root_by_element(method, x, i, e, world, work):
 def _outer(root):
     """``root @ root.T``, exactly symmetric."""
     size = len(root)
-    P = np.empty((size, size))
+    P = empty((size, size))
     for a in range(size):
         for b in range(a + 1):
             total = 0.0

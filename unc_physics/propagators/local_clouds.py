@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..physics.arrays import booleans, empty, zeros
 from ..physics.compiled import inner, kernel
 from ..physics.explicit_step import (
     after_element,
@@ -86,17 +87,17 @@ def cloud_of(covariance, moving, draws):
         covariance,
         covariance.reshape(-1, ERROR),
         np.where(moving, np.cumsum(moving) - 1, -1),
-        np.empty((3, 3)),
-        np.zeros((count, 3, 3)),
-        np.zeros(count, np.bool_),
-        np.empty((3, 3)),
-        np.empty((3, 3)),
-        np.empty((3, 3)),
+        empty((3, 3)),
+        zeros((count, 3, 3)),
+        booleans(count),
+        empty((3, 3)),
+        empty((3, 3)),
+        empty((3, 3)),
         table,
         samples,
         seed,
         np.empty(1, np.uint64),
-        np.empty((3, 6)),
+        empty((3, 6)),
     )
 
 

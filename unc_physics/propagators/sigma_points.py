@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..physics.arrays import empty
 from ..physics.compiled import kernel
 from ..physics.contact_history import ContactHistory
 from ..physics.layout import ERROR
@@ -151,7 +152,7 @@ class SigmaPoints(Propagator):
 def _errors_about_first(states):
     """(N, 12 B): errors of all states (N, B, 13) about the first."""
     count, bodies = states.shape[0], states.shape[1]
-    errors = np.empty((count, ERROR * bodies))
+    errors = empty((count, ERROR * bodies))
     for n in range(count):
         for i in range(bodies):
             boxminus(states[n, i], states[0, i], errors[n, ERROR * i : ERROR * (i + 1)])

@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..physics.arrays import empty, small_integers
 from ..physics.compiled import inner, kernel
 from ..physics.implicit_workspace import CONTACTS, DIRECTION, FRICTION, GAP, LASTING
 from ..physics.layout import ERROR
@@ -38,9 +39,7 @@ class Solved(NamedTuple):
 @kernel
 def records_room(contacts):
     """Room for the records of as many contacts of a pair."""
-    return Scratch(
-        np.empty((1, 2), np.int32), np.empty((contacts, 2), np.int32), np.empty((contacts, RECORD))
-    )
+    return Scratch(small_integers((1, 2)), small_integers((contacts, 2)), empty((contacts, RECORD)))
 
 
 @inner(forceinline=True)

@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..physics.arrays import booleans, empty, zeros
 from ..physics.compiled import inner, kernel
 from ..physics.explicit_step import after_pair, before_drift, integrate, on_contacts
 from ..physics.layout import EP, ER, ERROR, EV, EW
@@ -58,13 +59,13 @@ def spread_of(roots, moving, k_sigma):
         roots,
         roots.reshape(-1, ERROR),
         np.where(moving, np.cumsum(moving) - 1, -1),
-        np.empty((3, 3)),
+        empty((3, 3)),
         k_sigma,
-        np.zeros((count, 3, 3)),
-        np.zeros((count, 3, 3)),
-        np.zeros(count, np.bool_),
-        np.empty((3, 3)),
-        np.empty((2, 3, 3)),
+        zeros((count, 3, 3)),
+        zeros((count, 3, 3)),
+        booleans(count),
+        empty((3, 3)),
+        empty((2, 3, 3)),
     )
 
 

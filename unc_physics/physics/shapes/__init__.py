@@ -6,9 +6,9 @@ A new shape is a file with a ``NAME`` and the functions ``surface``, ``bounds``,
 
 import math
 
-import numpy as np
 from numba import njit
 
+from ..arrays import empty
 from ..compiled import kernel
 from . import box, capsule, cylinder, plane, sphere
 
@@ -111,7 +111,7 @@ def flat_side(kind, size, e, mx, my, mz, rx, ry, rz):
 @kernel
 def surfaces(kind, size, e, points):
     """`surface` for points (n, 3): distances (n,) and normals (n, 3)."""
-    distances, normals = np.empty(len(points)), np.empty((len(points), 3))
+    distances, normals = empty(len(points)), empty((len(points), 3))
     for k in range(len(points)):
         distances[k], n = surface(kind, size, e, points[k, 0], points[k, 1], points[k, 2])
         normals[k, 0], normals[k, 1], normals[k, 2] = n

@@ -1,0 +1,59 @@
+"""The arrays that kernels make.
+
+numba compiles its own functions for this anew for each mix of written-out and computed lengths, and makes
+them part of each caller. These are compiled once for each number of dimensions, and stay apart.
+"""
+
+import numpy as np
+
+from .compiled import inner, kernel
+
+
+@kernel(apart=True)
+def empty(shape):
+    """Numbers of no value yet."""
+    return np.empty(shape)
+
+
+@kernel(apart=True)
+def zeros(shape):
+    """Zeros."""
+    return np.zeros(shape)
+
+
+@kernel(apart=True)
+def full(shape, value):
+    """The same number everywhere."""
+    return np.full(shape, value)
+
+
+@kernel(apart=True)
+def integers(shape):
+    """Zeros of 64 bits."""
+    return np.zeros(shape, np.int64)
+
+
+@kernel(apart=True)
+def small_integers(shape):
+    """Zeros of 32 bits."""
+    return np.zeros(shape, np.int32)
+
+
+@kernel(apart=True)
+def singles(shape):
+    """Zeros in single precision."""
+    return np.zeros(shape, np.float32)
+
+
+@kernel(apart=True)
+def booleans(shape):
+    """False everywhere."""
+    return np.zeros(shape, np.bool_)
+
+
+@inner
+def assign(target, source):
+    """``target[:] = source`` of matrices of one shape; numba would compile a message for other ones."""
+    for i in range(len(source)):
+        for j in range(source.shape[1]):
+            target[i, j] = source[i, j]
