@@ -7,7 +7,10 @@ import pytest
 
 from unc_physics import Belief, make_propagator, predict
 from unc_physics.physics import contact_history as histories
+from unc_physics.physics.moments import mean_and_errors, spread_states
 from unc_physics.propagators.auto import Auto
+from unc_physics.propagators.base import Spent
+from unc_physics.propagators.standard_errors import _wrapping
 from unc_physics.scene.stiffness import with_stiffness
 
 
@@ -35,7 +38,7 @@ def test_a_smaller_error_takes_more_rollouts_and_is_reached(loaded):
         assert (errors.relative <= wanted).all()
         counts.append(len(found.contact_history.first_time))
     assert counts[0] < counts[1] < 1024
-    assert len(answered(scene, belief, error=0.0, probability_error=0.08).contact_history.first_time) == 64
+    assert len(answered(scene, belief, error=0.0, probability_error=0.08).contact_history.first_time) == 48
 
 
 def test_standard_errors_are_about_what_other_seeds_give(loaded):
@@ -56,6 +59,13 @@ def test_free_flight_needs_no_more_than_the_first_rollouts(loaded):
     assert not found.propagator.standard_errors(found.carry, scene).relative.any()
 
 
+def test_no_more_rollouts_than_the_errors_ask_for(loaded):
+    """By the root of their number: from 16 to 48 where 40 are wanted, and not to 64."""
+    scene, belief, _ = loaded("two_bodies")
+    found = answered(scene, belief, error=0.0, probability_error=0.5 / np.sqrt(40.0))
+    assert 40 <= found.propagator.rollouts(found.carry) <= 48
+
+
 def test_time_is_kept_count(loaded, monkeypatch):
     """By a clock that says 10 ms for each rollout and none for all else: batches fit into what is left."""
     scene, belief, _ = loaded("two_bodies")
@@ -63,12 +73,47 @@ def test_time_is_kept_count(loaded, monkeypatch):
     carry = auto.init(scene, belief)
     carry = auto.advance(carry, scene, 150)
     monkeypatch.setattr("unc_physics.propagators.auto.clock", lambda: 0.0)
-    assert auto.further(carry, scene, 0.16) == 16
-    assert auto.further(carry, scene, 0.95) == 0
-    assert auto.further(carry, scene, 0.93) == 1
+    assert auto.further(carry, scene, Spent(0.16, 0.16, 1)) == 16
+    assert auto.further(carry, scene, Spent(0.995, 0.16, 1)) == 0
+    assert auto.further(carry, scene, Spent(0.97, 0.16, 1)) == 3
     began = time.perf_counter()
     predict(scene, belief, Auto(error=0.0, time=0.001), 1.5)
     assert time.perf_counter() - began < 5.0
+
+
+def test_time_is_left_for_the_answers(loaded, monkeypatch):
+    """By a clock that says 10 ms for each belief, which may take twice and four times as long later."""
+    scene, belief, _ = loaded("two_bodies")
+    auto = Auto(error=0.0, time=1.0)
+    carry = auto.advance(auto.init(scene, belief), scene, 150)
+    ticks = iter([0.0, 0.01])
+    monkeypatch.setattr("unc_physics.propagators.auto.clock", lambda: next(ticks))
+    # twenty beliefs leave 1 - 0.16 - 0.01 - 2 * 0.2 s, and 16 rollouts take 0.16 + 2 * 0.2 s
+    assert auto.further(carry, scene, Spent(0.16, 0.16, 20)) == int(16 * 0.43 / 0.56)
+
+
+def test_a_mean_of_rotations_in_all_directions_is_less_sure(loaded):
+    """Of samples of Monte Carlo: what leaving out parts tells is about what other samples give."""
+    scene, belief, _ = loaded("two_bodies")
+    found = predict(scene, belief, make_propagator("cloud", runs=64), 1.5)
+    (fitted,) = found.carry.fits.values()
+    count, rng = 64, np.random.default_rng(0)
+    bodies = np.arange(len(fitted.mean))
+
+    def drawn(spread):
+        errors = np.zeros((count, 24))
+        errors[:, 6:9], errors[:, 18:21] = spread * rng.standard_normal((2, count, 3))
+        return mean_and_errors(spread_states(fitted.mean, bodies, errors), bodies)
+
+    for spread, least, most in ((0.2, 1.0, 1.6), (1.4, 1.3, 20.0)):
+        of, means = [], []
+        for _ in range(20):
+            mean, errors = drawn(spread)
+            of.append(_wrapping(fitted._replace(mean=mean, errors=errors)))
+            means.append(2.0 * np.arccos(np.abs((mean[:, 6:10] * fitted.mean[:, 6:10]).sum(axis=1))))
+        actual = np.sqrt(np.mean(np.square(means))) / (np.sqrt(3.0) * spread / np.sqrt(count))
+        assert least <= np.median(of) <= most
+        assert 0.4 * actual < np.median(of) < 2.5 * actual
 
 
 @pytest.mark.parametrize("scene_name", ["two_bodies", "everyday"])

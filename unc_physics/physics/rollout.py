@@ -8,6 +8,9 @@ from .threads import in_threads
 from .time_limit import limited
 from .workspace import workspace
 
+#: Steps of single bodies, in all samples, that take no longer than it takes to wake other threads.
+_FEW_STEPS = 400
+
 
 def rollout(states, contact_history, world, begin, steps):
     """Advance a batch of states in place.
@@ -27,6 +30,9 @@ def rollout(states, contact_history, world, begin, steps):
     steps : int
     """
     world = limited(world)
+    if states.shape[0] * states.shape[1] * steps <= _FEW_STEPS:
+        advance(states, contact_history, world, begin, steps)
+        return
     in_threads(
         len(states),
         lambda some: advance(states[some], histories.samples(contact_history, some), world, begin, steps),

@@ -21,7 +21,7 @@ from ..checks.validation import instance, positive
 from ..physics.compile_time import clock
 from ..physics.threads import watched
 from ..physics.time_limit import time_limit
-from ..propagators.base import Propagator
+from ..propagators.base import Propagator, Spent
 from ..propagators.names import DEFAULT, POINTS
 from ..propagators.registry import make_propagator, names_where
 from ..propagators.start import known
@@ -205,17 +205,20 @@ def _predicted(scene, belief, propagator, marks, within, progress, keep_samples)
 
 def _grown(propagator, scene, belief, waiting, started, allowed):
     """The carries at each number of steps, with as many more rollouts as the propagator wants."""
+    simulated = clock() - started
     while True:
         count, spent = propagator.rollouts(waiting[-1][0]), clock() - started
-        more = propagator.further(waiting[-1][0], scene, spent)
+        more = propagator.further(waiting[-1][0], scene, Spent(spent, simulated, len(waiting)))
         if more <= 0 or (allowed is not None and spent * (1.0 + more / count) > allowed):
             return waiting
+        began = clock()
         further, grown, done = propagator.begun(scene, belief, count, count + more), [], 0
         for carry, steps in waiting:
             further = propagator.advance(further, scene, steps - done)
             done = steps
             grown.append((propagator.together(carry, further), steps))
         waiting = grown
+        simulated += clock() - began
 
 
 def start_belief(scene: Scene, belief: Belief) -> Belief:

@@ -14,7 +14,11 @@ from .emission import diverged, settled
 from .options import option
 
 _FIRST = 16  # rollouts, before it is known what more of them would be good for
-_FITS = 4.0  # times what a look at the errors takes, for which the answer after another batch needs time
+#: What errors are taken to fall by is the root of the number of rollouts: by so much more than that needs, in
+#: portions of so many rollouts, and by no less than such a share, as each look at the errors costs a fit.
+_MARGIN, _PORTION, _LEAST_GROWTH = 1.05, 8, 0.25
+_DEARER = 2.0  # times what they take now, and as much again for as many rollouts more: that answers then take
+_WORTH = 1.0 / 16.0  # share of the rollouts: time that is left for fewer more is left alone
 
 
 @dataclass(frozen=True)
@@ -28,8 +32,8 @@ class Auto(Cloud):
     samples, seed, points, surface
         As of `Cloud`.
     time : float
-        Wall time that the rollouts may take [s]; 0 for any. The last batch is as large as it is thought to
-        leave time for, and no less than one rollout.
+        Wall time for rollouts and beliefs, at all of the prediction's times [s]; 0 for any. The last batch
+        is as large as it is thought to leave time for.
     error : float
         Standard error of each mean that is enough, over the standard deviation; 0 goes on for ever.
     position_error, rotation_error : float
@@ -39,9 +43,10 @@ class Auto(Cloud):
 
     Notes
     -----
-    Every batch doubles the rollouts and simulates only the new ones: the points are nested. Of the wishes for
-    errors all must be met. Without a time limit the answer depends on nothing but the seed; with one, on the
-    number of rollouts, which it reports (`Propagator.rollouts`). Islands keep to 64 rollouts.
+    Every batch has as many rollouts as the errors still ask for, at most as many as there are, and
+    simulates only the new ones: the points are nested. Of the wishes for errors all must be met, or ``runs``
+    reached. Without a time limit the answer depends on nothing but the seed; with one, on the number of
+    rollouts, which it reports (`Propagator.rollouts`). Islands keep to 64 rollouts.
     """
 
     name = "auto"
@@ -49,7 +54,7 @@ class Auto(Cloud):
     grows = True
 
     runs: int = option(1024, "the most rollouts", low=FEWEST_RUNS, high=100_000)
-    time: float = option(0.0, "wall time that rollouts may take [s]; 0 for any", low=0.0)
+    time: float = option(0.0, "wall time for rollouts and beliefs [s]; 0 for any", low=0.0)
     error: float = option(0.1, "standard error of means that is enough, over the standard deviation", low=0.0)
     position_error: float = option(0.0, "standard error of positions that is enough [m]; 0 for any", low=0.0)
     rotation_error: float = option(
@@ -64,26 +69,32 @@ class Auto(Cloud):
 
     def further(self, carry, scene, spent):
         count, began = len(carry.states), clock()
-        more = min(count, self.runs - count)
-        if more <= 0 or diverged(carry.states) or self._sure(carry, scene):
+        if count >= self.runs or diverged(carry.states) or settled(self._runs(carry), scene):
             return 0
-        if self.time > 0.0:
-            fitted = clock() - began
-            left = self.time - spent - fitted - _FITS * fitted
-            more = min(more, math.floor(left * count / spent))
+        more = min(count, self.runs - count, self._wanted(carry, scene))
+        if more > 0 and self.time > 0.0:
+            self.belief(carry, scene)
+            took = clock() - began
+            answers = _DEARER * spent.answers * took
+            left = self.time - spent.time - took - answers
+            fit = math.floor(left * count / (spent.rollouts + answers))
+            more = min(more, fit) if fit >= _WORTH * count else 0
         return max(more, 0)
 
     def together(self, carry, further):
         return one_after_the_other(carry, further)
 
-    def _sure(self, carry, scene):
-        """Whether all wishes are met; with none, nothing that rollouts tell is ever sure enough."""
-        if settled(self._runs(carry), scene):
-            return True
+    def _wanted(self, carry, scene):
+        """How many rollouts more meet all wishes, it seems; with none, as many as there may be."""
         wishes = self.error, self.position_error, self.rotation_error, self.probability_error
         if not any(wishes):
-            return False
+            return self.runs
+        count = len(carry.states)
         errors = self.standard_errors(carry, scene)
-        probability = np.array([0.5 / math.sqrt(len(carry.states))])
+        probability = np.array([0.5 / math.sqrt(count)])
         found = errors.relative, errors.position, errors.rotation, probability
-        return all(bool((f <= wish).all()) for wish, f in zip(wishes, found, strict=True) if wish > 0.0)
+        excess = max(float(f.max()) / wish for wish, f in zip(wishes, found, strict=True) if wish > 0.0)
+        if excess <= 1.0:
+            return 0
+        needed = max(count * ((excess * _MARGIN) ** 2 - 1.0), count * _LEAST_GROWTH)
+        return _PORTION * math.ceil(min(needed, self.runs) / _PORTION)

@@ -60,12 +60,30 @@ class Errors(NamedTuple):
     position, rotation : (B,) array
         [m], [rad].
     relative : (B,) array
-        The larger of both, over the standard deviation.
+        The larger of both, over the standard deviation; as if rotations did not wrap around.
     """
 
     position: np.ndarray
     rotation: np.ndarray
     relative: np.ndarray
+
+
+class Spent(NamedTuple):
+    """What a prediction that may grow has taken, and what is still to come.
+
+    Attributes
+    ----------
+    time : float
+        Wall time since it began [s].
+    rollouts : float
+        What its rollouts took of that [s].
+    answers : int
+        At how many times a belief is to be made of them.
+    """
+
+    time: float
+    rollouts: float
+    answers: int
 
 
 class Mode(NamedTuple):
@@ -231,8 +249,8 @@ class Propagator(ABC):
         belief = self.belief(carry, scene)
         return (Mode(1.0, belief.mean[body].copy(), belief.marginal(body).copy()),)
 
-    def further(self, carry: Any, scene: Scene, spent: float) -> int:
-        """How many rollouts more the answer is to rest on, after ``spent`` s; for those that grow."""
+    def further(self, carry: Any, scene: Scene, spent: Spent) -> int:
+        """How many rollouts more the answer is to rest on; for those that grow."""
         return 0
 
     def begun(self, scene: Scene, belief: Belief, first: int, last: int) -> Any:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -16,19 +17,20 @@ from ..scene.belief import Belief
 from ..scene.parameters import center_offsets, moved_along
 from ..scene.physics_keys import INTEGRATORS
 from .base import SAMPLES_LIMIT, Propagator, Traits, rolled
-from .emission import Runs, emitted, standard_errors, surface_errors
+from .emission import Fit, Runs, emitted
 from .free_flight import flown
 from .joining import joined_history, joined_means
 from .options import option
 from .reduction import reduction, symmetric
 from .sobol import normal_points
+from .standard_errors import standard_errors, surface_errors
 from .start import begin
 
 FEWEST_RUNS = 12
 RUNS_LIMIT = 100_000
 
 
-class CloudCarry(NamedTuple):
+class _Carry(NamedTuple):
     """Persistent state: the states of N rollouts, and what they stand for.
 
     Attributes
@@ -63,6 +65,15 @@ class CloudCarry(NamedTuple):
     columns: np.ndarray
     simulated: np.ndarray
     dimensions: int
+
+
+class CloudCarry(_Carry):
+    """The persistent state, and beside it what was fitted to it: another carry begins without."""
+
+    @cached_property
+    def fits(self) -> dict[bytes, Fit]:
+        """What was fitted to each group of bodies (`emission.Runs`)."""
+        return {}
 
 
 @dataclass(frozen=True)
@@ -241,6 +252,7 @@ class Cloud(Propagator):
             carry.moving,
             carry.parameters,
             z,
+            carry.fits,
         )
 
 

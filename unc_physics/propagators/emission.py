@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import weakref
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -12,11 +12,11 @@ from ..physics.layout import ERR_ANGULAR_VELOCITY, ERR_POSITION, ERR_ROTATION, E
 from ..physics.moments import mean_and_errors, spread_states
 from ..scene.parameters import center_offsets, moved_along
 from ..scene.scene import Scene
-from .base import Errors
-from .free_flight import Flight, course_of, flown
+from .displacements import clip, reach, spread, variances
+from .free_flight import Flight, course_of, fly
 from .impact_metric import impact_metric
-from .reduction import moved_in_common, reduction
-from .response_surface import active_directions, clip, fit, nearest, predicted, reach
+from .reduction import Reduction, moved_in_common, reduction
+from .response_surface import Surface, active_directions, fit, predicted
 
 #: Blocks of the outcome that are clipped, each with the block that shares the factor, and what they count.
 _CLIPPED = ((ERR_POSITION.start, ERR_VELOCITY.start), (ERR_ROTATION.start, ERR_ANGULAR_VELOCITY.start))
@@ -27,8 +27,35 @@ _DIVERGED = 1e100
 _WIDEST = 2.0  # times, that samples are scaled by at most
 #: Error over variance above which there is no surface.
 NO_SURFACE = 1.0
-# of rollouts that somebody still has, by the identity of their states: what was fitted to each group
-_fits: dict[int, dict[bytes, tuple]] = {}
+
+
+class Fit(NamedTuple):
+    """What was fitted to a group's rollouts.
+
+    Attributes
+    ----------
+    reduced : Reduction or None
+        Of a group that is alone.
+    transform : (d, d') array
+        From the group's numbers z to the surface's coordinates.
+    x : (N, d') array
+        The rollouts in these.
+    mean : (m, 13) array
+        Of their outcomes.
+    errors : (N, 12 m) array
+        Outcomes about it.
+    weights : (12 m,) array
+        By which the surface's are multiplied; 0 for what does not vary.
+    surface : Surface
+    """
+
+    reduced: Reduction | None
+    transform: np.ndarray
+    x: np.ndarray
+    mean: np.ndarray
+    errors: np.ndarray
+    weights: np.ndarray
+    surface: Surface
 
 
 class Runs(NamedTuple):
@@ -38,6 +65,8 @@ class Runs(NamedTuple):
     ----------
     z : (N, r + K) array
         The standard normal numbers that each rollout began with.
+    fits : dict
+        What was fitted to each group, by its bodies; `fitted` adds to it.
     """
 
     states: np.ndarray
@@ -48,6 +77,7 @@ class Runs(NamedTuple):
     moving: np.ndarray
     parameters: np.ndarray
     z: np.ndarray
+    fits: dict[bytes, Fit]
 
 
 class Group(NamedTuple):
@@ -104,38 +134,12 @@ def diverged(states: np.ndarray) -> bool:
     return not bool((np.abs(states) < _DIVERGED).all())
 
 
-def surface_errors(runs: Runs, scene: Scene) -> np.ndarray:
-    """(B,): error over variance of the surface that each body is of; 0 where none is needed."""
-    result = np.zeros(len(runs.mean))
+def fits(runs: Runs, scene: Scene) -> Iterator[tuple[Group, Fit]]:
+    """Each group whose rollouts differ, but for what flew in closed form, and what is fitted to it."""
     ends = _model_centers(runs, scene)
     for group in _groups(runs, scene):
         if not group.flew and _spread(runs, scene, group):
-            result[group.bodies] = _fitted(runs, scene, group, ends[:, group.bodies])[-1].error
-    return result
-
-
-def standard_errors(runs: Runs, scene: Scene) -> Errors:
-    """Standard errors of the means, from what leaving one rollout out shows.
-
-    The mean is that of the surface, known, plus that of what is left besides, of which N rollouts are a
-    sample. Without a surface it is Monte Carlo's.
-    """
-    count = len(runs.mean)
-    errors = Errors(np.zeros(count), np.zeros(count), np.zeros(count))
-    ends = _model_centers(runs, scene)
-    for group in _groups(runs, scene):
-        if group.flew or not _spread(runs, scene, group):
-            continue
-        _, _, x, _, outcomes, weights, surface = _fitted(runs, scene, group, ends[:, group.bodies])
-        left = np.divide(surface.left_out, weights, out=np.zeros_like(surface.left_out), where=weights > 0.0)
-        left, spread = (values.reshape(len(values), -1, ERROR) for values in (left, outcomes))
-        for block, found in ((ERR_POSITION, errors.position), (ERR_ROTATION, errors.rotation)):
-            std = np.sqrt((spread[:, :, block] ** 2).sum(axis=2).mean(axis=0))
-            rest = np.sqrt((left[:, :, block] ** 2).sum(axis=2).mean(axis=0))
-            found[group.bodies] = np.minimum(rest, std) / np.sqrt(len(x))
-            share = np.divide(found[group.bodies], std, out=np.zeros_like(std), where=std > 0.0)
-            errors.relative[group.bodies] = np.maximum(errors.relative[group.bodies], share)
-    return errors
+            yield group, _fitted(runs, scene, group, ends[:, group.bodies])
 
 
 def settled(runs: Runs, scene: Scene) -> bool:
@@ -187,10 +191,15 @@ def _flown(runs, scene, group, z):
     """States (S, 1, 13) of a body that meets nothing."""
     own = z[:, group.columns[: group.root.shape[1]]]
     states = spread_states(runs.mean[group.bodies], np.arange(1), np.einsum("sr,kr->sk", own, group.root))
-    offsets = center_offsets(scene, z[:, runs.root.shape[1] :])
-    offsets = offsets[:, group.bodies] if offsets.shape[1] else offsets
     flight = Flight(scene.world.gravity, course_of(scene.world, runs.step), runs.step)
-    return moved_along(flown(moved_along(states, offsets), flight), -offsets)
+    offsets = center_offsets(scene, z[:, runs.root.shape[1] :])
+    if not offsets.shape[1]:
+        fly(states, flight)
+        return states
+    offsets = offsets[:, group.bodies]
+    states = moved_along(states, offsets)
+    fly(states, flight)
+    return moved_along(states, -offsets)
 
 
 def _meetings(runs, group):
@@ -213,18 +222,14 @@ def _meetings(runs, group):
 
 def _fitted(runs, scene, group, ends):
     """As `_fit`, once for the same rollouts: their samples, standard errors and status all ask for it."""
-    place, bodies = id(runs.states), group.bodies.tobytes()
-    if place not in _fits:
-        _fits[place] = {}
-        weakref.finalize(runs.states, _fits.pop, place, None).atexit = False
-    found = _fits[place]
-    if bodies not in found:
-        found[bodies] = _fit(runs, scene, group, ends)
-    return found[bodies]
+    key = group.bodies.tobytes()
+    if key not in runs.fits:
+        runs.fits[key] = _fit(runs, scene, group, ends)
+    return runs.fits[key]
 
 
 def _fit(runs, scene, group, ends):
-    """A group's reduction, the map to its coordinates, those of the runs, their outcomes, and the surface."""
+    """A group's `Fit`, of its outcomes (N, m, 13)."""
     d = len(group.columns)
     reduced = reduction(group.root, group.parameters) if group.alone else None
     relative = np.eye(d) if reduced is None else reduced.relative
@@ -239,12 +244,12 @@ def _fit(runs, scene, group, ends):
     scaled, weights = _weighted(errors, scene.world.bodies.radius[group.bodies])
     x = np.ascontiguousarray(own @ transform)
     surface = fit(x, scaled)
-    to_slopes = active_directions(surface, x)
+    to_slopes = active_directions(surface)
     again = np.ascontiguousarray(x @ to_slopes)
-    other = fit(again, scaled)
+    other = fit(again, scaled, surface)
     if other.error < surface.error:
         transform, x, surface = transform @ to_slopes, again, other
-    return reduced, transform, x, mean, errors, weights, surface
+    return Fit(reduced, transform, x, mean, errors, weights, surface)
 
 
 def _weighted(errors, radius):
@@ -263,15 +268,14 @@ def _sampled(runs, scene, group, ends, z, fitted):
     """States (S, m, 13) of bodies that met something."""
     reduced, transform, x, mean, errors, weights, surface = _fitted(runs, scene, group, ends)
     own = np.ascontiguousarray(z[:, group.columns])
-    points = own @ transform
     if not fitted or surface.error >= NO_SURFACE:  # the rollouts as they are, each as often
         made = errors[np.arange(len(z)) % len(x)]
     else:
-        near, scale = nearest(x, points, False), _unscaled(weights)
-        form = surface.points, surface.weights, surface.trend, surface.length
-        means = predicted(*form, points) * scale
-        made = errors[near] + _changes(means - (predicted(*form, x) * scale)[near], errors, near)
-        _spread_as_outcomes(made, means, errors, surface.left_out * scale)
+        form = surface.weights * _unscaled(weights), surface.trend * _unscaled(weights), surface.length
+        columns = np.ascontiguousarray(x.T)
+        means, near = predicted(*form, columns, own @ transform)
+        made = errors[near] + _changes(means - predicted(*form, columns, x)[0][near], errors, near)
+        _spread_as_outcomes(made, means, errors, surface.left_out * _unscaled(weights))
     states = spread_states(mean, np.arange(len(group.bodies)), made)
     if reduced is not None and reduced.common.shape[1]:
         moved_in_common(states, (own @ reduced.common) @ reduced.motion.T, course_of(scene.world, runs.step))
@@ -300,13 +304,8 @@ def _spread_as_outcomes(made, means, errors, left_out):
     variance of the surface's ``means`` at all samples, less that at the rollouts, each without itself.
     """
     count = len(left_out)
-    errors = errors[:count]
-    more = (errors.var(axis=0) - (errors - left_out).var(axis=0)) * count / max(count - 1, 1)
-    wanted = (means.var(axis=0) + more).reshape(-1, 3).sum(axis=1)
-    found = made.var(axis=0).reshape(-1, 3).sum(axis=1)
+    more = (variances(errors[:count]) - variances(errors[:count] - left_out)) * count / max(count - 1, 1)
+    wanted = (variances(means) + more).reshape(-1, 3).sum(axis=1)
+    found = variances(made).reshape(-1, 3).sum(axis=1)
     share = np.divide(np.maximum(wanted, 0.0), found, out=np.ones_like(found), where=found > 0.0)
-    factors = np.repeat(np.clip(np.sqrt(share), 1.0 / _WIDEST, _WIDEST), 3)
-    middle = made.mean(axis=0)
-    made -= middle
-    made *= factors
-    made += middle
+    spread(made, np.repeat(np.clip(np.sqrt(share), 1.0 / _WIDEST, _WIDEST), 3))

@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..physics.compiled import kernel
 from ..physics.layout import (
     ANGULAR_VELOCITY,
     ERR_ANGULAR_VELOCITY,
@@ -17,8 +18,12 @@ from ..physics.layout import (
     POSITION,
     QUATERNION,
     VELOCITY,
+    P,
+    Q,
+    V,
+    W,
 )
-from ..physics.rotation import rotation_matrix
+from ..physics.rotation import exp, multiply, normalized, rotation_matrix
 
 
 class Course(NamedTuple):
@@ -103,6 +108,26 @@ def flown(states: np.ndarray, flight: Flight) -> np.ndarray:
     )
     ended[..., QUATERNION] = turned / np.linalg.norm(turned, axis=-1, keepdims=True)
     return ended
+
+
+def fly(states: np.ndarray, flight: Flight) -> None:
+    """Move many states (S, B, 13) in place by a free flight; as `flown`, to round-off."""
+    along = flight.course
+    _fly(states, flight.gravity, along.decay, along.fall, along.reach, along.sink, along.turn)
+
+
+@kernel
+def _fly(states, gravity, decay, fall, reach, sink, turn):
+    for n in range(len(states)):
+        for i in range(states.shape[1]):
+            x = states[n, i]
+            turned = exp(turn * x[W], turn * x[W + 1], turn * x[W + 2])
+            q = normalized(multiply(turned, (x[Q], x[Q + 1], x[Q + 2], x[Q + 3])))
+            x[Q], x[Q + 1], x[Q + 2], x[Q + 3] = q
+            for k in range(3):
+                x[P + k] += reach * x[V + k] + sink * gravity[k]
+                x[V + k] = decay * x[V + k] + fall * gravity[k]
+                x[W + k] *= decay
 
 
 def transition(state: np.ndarray, along: Course, exact: bool) -> np.ndarray:

@@ -2,23 +2,16 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
 
-from ..physics.layout import (
-    ANGULAR_VELOCITY,
-    ERR_ANGULAR_VELOCITY,
-    ERR_POSITION,
-    ERR_ROTATION,
-    ERR_VELOCITY,
-    ERROR,
-    QUATERNION,
-    VELOCITY,
-)
-from ..physics.rotation import rotation_matrix
+from ..physics.compiled import kernel
+from ..physics.layout import EP, ER, ERROR, EV, EW, Q, V, W
+from ..physics.rotation import exp, multiply, normalized, rotate_back, write_matrix
 from ..scene.scene import Scene
-from .free_flight import Flight, course_of, flown
+from .free_flight import course_of
 
 _ALONG_FLIGHT = 0.1  # weight of displacements along the flight: they make a contact earlier or later
 _SOON = 0.1  # s, in which a change of velocity shows
@@ -60,32 +53,60 @@ def impact_metric(
     errors = root.reshape(len(bodies), ERROR, size)
     G = np.zeros((size + parameters, size + parameters))
     world = scene.world
+    states, radii = mean[bodies], world.bodies.radius[bodies]
     for i, j, time, share in meetings:
         along = course_of(world, round(time / world.dt))
-        flight = Flight(world.gravity, along, 0)
-        J, v, turns = np.zeros((3, size)), np.zeros(3), []
-        for k, side in ((i, 1.0), (j, -1.0)):
-            if k < 0:
-                continue
-            state, e = flown(mean[bodies[k]], flight), errors[k]
-            J += side * (e[ERR_POSITION] + along.reach * e[ERR_VELOCITY])
-            v += side * state[VELOCITY]
-            R = rotation_matrix(state[QUATERNION])
-            turned = e[ERR_ROTATION] + along.turn * R.T @ e[ERR_ANGULAR_VELOCITY]
-            turns.append((turned, R.T @ state[ANGULAR_VELOCITY], 0.5 * world.bodies.radius[bodies[k]], e))
-        speed = float(np.linalg.norm(v))
-        ahead = (v / speed) @ J if speed > _SLOW else np.zeros(size)
-        delay = -ahead / speed if speed > _SLOW else ahead
-        parts = [J - (1.0 - _ALONG_FLIGHT) * np.outer(v / max(speed, _SLOW), ahead)]
-        for turned, spin, arm, e in turns:
-            parts += [arm * (turned + np.outer(spin, delay))]
-            parts += [_SOON * e[ERR_VELOCITY], _SOON * arm * e[ERR_ANGULAR_VELOCITY]]
-        A = np.concatenate(parts)
-        G[:size, :size] += share * (A.T @ A)
-    largest = np.linalg.eigvalsh(G)[-1] if size else 0.0
-    if not largest > 0.0:
+        who = [i] if j < 0 else [i, j]
+        course = along.decay, along.fall, along.reach, along.turn
+        _add_meeting(G, share, states[who], radii[who], errors[who], world.gravity, course)
+    if parameters:
+        largest = np.linalg.eigvalsh(G)[-1]
+        G[np.arange(size, size + parameters), np.arange(size, size + parameters)] = _PARAMETER**2 * largest
+    if not G.any():
         return np.eye(size + parameters)
-    G[np.arange(size, size + parameters), np.arange(size, size + parameters)] = _PARAMETER**2 * largest
     values, vectors = np.linalg.eigh(G)
     scales = np.sqrt(np.maximum(values[::-1] / values[-1], 0.0))
     return vectors[:, ::-1] * np.maximum(scales, _LEAST)
+
+
+@kernel
+def _add_meeting(G, share, states, radii, errors, gravity, course):
+    """Add to ``G`` what errors (n, 12, r) make of a meeting of n bodies, of one with what is fixed or of two,
+    from their ``states`` (n, 13) at time 0 on; ``course`` is a `Course`'s decay, fall, reach and turn.
+    """
+    decay, fall, reach, turn = course
+    count, size = len(states), errors.shape[2]
+    A = np.zeros((3 + 9 * count, size))
+    ahead, v, R = np.zeros(size), np.zeros(3), np.empty((1, 3, 3))
+    for s in range(count):
+        sign = 1.0 if s == 0 else -1.0
+        for k in range(3):
+            v[k] += sign * (decay * states[s, V + k] + fall * gravity[k])
+            for c in range(size):
+                A[k, c] += sign * (errors[s, EP + k, c] + reach * errors[s, EV + k, c])
+    speed = math.sqrt(v[0] ** 2 + v[1] ** 2 + v[2] ** 2)
+    if speed > _SLOW:
+        for c in range(size):
+            ahead[c] = (v[0] * A[0, c] + v[1] * A[1, c] + v[2] * A[2, c]) / speed
+            for k in range(3):
+                A[k, c] -= (1.0 - _ALONG_FLIGHT) * v[k] / speed * ahead[c]
+    for s in range(count):
+        arm, w, first = 0.5 * radii[s], states[s, W : W + 3], 3 + 9 * s
+        turned = exp(turn * w[0], turn * w[1], turn * w[2])
+        q = states[s, Q], states[s, Q + 1], states[s, Q + 2], states[s, Q + 3]
+        write_matrix(normalized(multiply(turned, q)), R, 0)
+        spin = rotate_back(R[0], decay * w[0], decay * w[1], decay * w[2])
+        for c in range(size):
+            e = errors[s, :, c]
+            more = rotate_back(R[0], turn * e[EW], turn * e[EW + 1], turn * e[EW + 2])
+            delay = -ahead[c] / speed if speed > _SLOW else 0.0
+            for k in range(3):
+                A[first + k, c] = arm * (e[ER + k] + more[k] + spin[k] * delay)
+                A[first + 3 + k, c] = _SOON * e[EV + k]
+                A[first + 6 + k, c] = _SOON * arm * e[EW + k]
+    for a in range(size):
+        for b in range(size):
+            total = 0.0
+            for k in range(len(A)):
+                total += A[k, a] * A[k, b]
+            G[a, b] += share * total

@@ -11,12 +11,11 @@ from ..physics.compiled import kernel
 
 _LENGTHS = np.array([0.7, 1.5, 3.0, 6.0])  # in units of the metric
 _NUGGETS = np.array([1e-6, 0.01, 0.1, 0.4, 1.5])
+_FIRST = 1, 2  # length and nugget that are tried first
 _CHOSEN_BY = 64  # rollouts, the first ones, that length and nugget are chosen by
 _MOST = 256  # that the surface goes through
-_STEP = 1e-3  # of differences that slopes are found by
 _LEAST_SLOPE = 0.2
 _FLAT = 1e-20  # sum of squared differences that round-off makes
-_NEIGHBOUR = 3  # outcome, the third nearest, that a displacement may reach
 
 
 class Surface(NamedTuple):
@@ -34,6 +33,8 @@ class Surface(NamedTuple):
         Mean square of what each rollout differs from a surface through the others, over the variance.
     left_out : (N, K) array
         Those differences.
+    pair : (int, int)
+        Which length and which nugget, of those that are tried.
     """
 
     points: np.ndarray
@@ -42,63 +43,77 @@ class Surface(NamedTuple):
     length: float
     error: float
     left_out: np.ndarray
+    pair: tuple[int, int]
 
 
-def fit(x: np.ndarray, y: np.ndarray) -> Surface:
+def fit(x: np.ndarray, y: np.ndarray, like: Surface | None = None) -> Surface:
     """The surface through outcomes ``y`` (N, K) at ``x`` (N, d).
+
+    Parameters
+    ----------
+    x : (N, d) array
+    y : (N, K) array
+    like : Surface, optional
+        One through the same outcomes in other coordinates, by whose length and nugget the search begins.
 
     Notes
     -----
     Length and nugget, one each for all outputs, are those with the least mean square error of leaving one
-    rollout out, which has a closed form (Rasmussen and Williams 2006, 5.4.2). The trend, whose coefficients
-    are estimated along, is linear from 3 (d + 1) rollouts on.
+    rollout out, which has a closed form (Rasmussen and Williams 2006, 5.4.2): a pair of them none of whose
+    neighbours is better. The trend, whose coefficients are estimated along, is linear from 3 (d + 1)
+    rollouts on.
     """
     x, y = np.ascontiguousarray(x[:_MOST]), np.ascontiguousarray(y[:_MOST])
     count, size = x.shape
     widest = np.linalg.norm(x.std(axis=0)) if count else 1.0
     lengths = _LENGTHS * max(1.0, widest / math.sqrt(3.0))
     linear = count >= 3 * (size + 1)
-    chosen = _choose(x[:_CHOSEN_BY], y[:_CHOSEN_BY], linear, lengths, _NUGGETS)
-    length, nugget = lengths[chosen // len(_NUGGETS)], _NUGGETS[chosen % len(_NUGGETS)]
-    weights, trend, left_out = _solve(x, y, linear, length, nugget)
+    first = _FIRST if like is None else like.pair
+    pair = _choose(x[:_CHOSEN_BY], y[:_CHOSEN_BY], linear, lengths, _NUGGETS, *first)
+    length = lengths[pair[0]]
+    weights, trend, left_out = _solve(x, y, linear, length, _NUGGETS[pair[1]])
     spread = ((y - y.mean(axis=0)) ** 2).sum() * (count / max(count - 1, 1)) ** 2
     error = float((left_out**2).sum() / spread) if spread > 0.0 else 0.0
-    return Surface(x, weights, trend, float(length), error, left_out)
+    return Surface(x, weights, trend, float(length), error, left_out, pair)
 
 
-def active_directions(surface: Surface, x: np.ndarray) -> np.ndarray:
+def active_directions(surface: Surface) -> np.ndarray:
     """(d, d): the map to coordinates in which the surface changes more alike in all directions.
 
-    Its slopes at points ``x`` (N, d) have a second moment (d, d), whose eigenvectors become the axes (active
-    subspaces, Constantine 2015). Each is scaled by the root of the slope along it, over the largest, as few
-    rollouts do not tell slopes well; none by less than a fifth.
+    Its slopes at the first of its points have a second moment (d, d), whose eigenvectors become the axes
+    (active subspaces, Constantine 2015). Each is scaled by the root of the slope along it, over the largest,
+    as few rollouts do not tell slopes well; none by less than a fifth.
     """
-    if x.shape[1] == 0:
+    size = surface.points.shape[1]
+    if size == 0:
         return np.eye(0)
-    form = surface.points, surface.weights, surface.trend, surface.length
-    slopes = np.array([predicted(*form, x + h) - predicted(*form, x - h) for h in _STEP * np.eye(x.shape[1])])
-    values, vectors = np.linalg.eigh(np.einsum("ink,jnk->ij", slopes, slopes))
+    values, vectors = np.linalg.eigh(_slopes(surface.points, surface.weights, surface.trend, surface.length))
     if not values[-1] > _FLAT:
-        return np.eye(x.shape[1])
+        return np.eye(size)
     slopes = np.sqrt(np.maximum(values[::-1] / values[-1], 0.0))
     return vectors[:, ::-1] * np.maximum(np.sqrt(slopes), _LEAST_SLOPE)
 
 
 @kernel
-def _inverse(A):
-    """Inverse of a positive definite matrix, in place (Gauss and Jordan)."""
+def _invert(A, row):
+    """Invert in place a matrix (N, N) whose leading minors are not 0 (Gauss and Jordan); ``row`` (N,) is for
+    work, and lets LLVM see that what is subtracted is no part of the matrix.
+    """
     n = len(A)
     for k in range(n):
-        p = 1.0 / A[k, k]
-        A[k, k] = 1.0
+        pivot = A[k]
+        p = 1.0 / pivot[k]
+        pivot[k] = 1.0
         for j in range(n):
-            A[k, j] *= p
+            row[j] = pivot[j] * p
         for i in range(n):
-            if i != k:
-                f = A[i, k]
-                A[i, k] = 0.0
-                for j in range(n):
-                    A[i, j] -= f * A[k, j]
+            own = A[i]
+            f = own[k]
+            own[k] = 0.0
+            for j in range(n):
+                own[j] -= f * row[j]
+        for j in range(n):
+            pivot[j] = row[j]
 
 
 @kernel
@@ -116,180 +131,211 @@ def _squares(x):
 
 
 @kernel
-def _projected(K, H):
-    """Invert ``K`` (N, N) in place; returns it without what the trend's regressors ``H`` (N, p) explain.
+def _decayed(values, factor):
+    """``exp(-factor values)`` in place, of numbers (N,) that are not negative, to 1e-13; the least is 2e-22.
 
-    That is ``P = K^-1 - K^-1 H (H^T K^-1 H)^-1 H^T K^-1``; also the map (p, N) to the trend's coefficients.
+    As a polynomial of a 64th, squared six times, which LLVM does for several numbers at once.
     """
-    n, p = H.shape
-    _inverse(K)
-    KH = np.zeros((n, p))
-    for i in range(n):
-        for j in range(n):
-            for c in range(p):
-                KH[i, c] += K[i, j] * H[j, c]
-    A = np.zeros((p, p))
-    for i in range(n):
-        for a in range(p):
-            for b in range(p):
-                A[a, b] += H[i, a] * KH[i, b]
-    for a in range(p):
-        A[a, a] *= 1.0 + 1e-12
-    _inverse(A)
-    to_trend = np.zeros((p, n))
-    for a in range(p):
-        for b in range(p):
-            for i in range(n):
-                to_trend[a, i] += A[a, b] * KH[i, b]
-    P = K.copy()
-    for i in range(n):
-        for a in range(p):
-            f = KH[i, a]
-            for j in range(n):
-                P[i, j] -= f * to_trend[a, j]
-    return P, to_trend
+    for i in range(len(values)):
+        t = min(factor * values[i], 50.0) * (1.0 / 64.0)
+        p = 1.0 - t * (1.0 / 13.0)
+        p = 1.0 - t * (1.0 / 12.0) * p
+        p = 1.0 - t * (1.0 / 11.0) * p
+        p = 1.0 - t * (1.0 / 10.0) * p
+        p = 1.0 - t * (1.0 / 9.0) * p
+        p = 1.0 - t * (1.0 / 8.0) * p
+        p = 1.0 - t * (1.0 / 7.0) * p
+        p = 1.0 - t * (1.0 / 6.0) * p
+        p = 1.0 - t * (1.0 / 5.0) * p
+        p = 1.0 - t * (1.0 / 4.0) * p
+        p = 1.0 - t * (1.0 / 3.0) * p
+        p = 1.0 - t * (1.0 / 2.0) * p
+        p = 1.0 - t * p
+        p *= p
+        p *= p
+        p *= p
+        p *= p
+        p *= p
+        values[i] = p * p
 
 
 @kernel
-def _product(A, B):
-    """``A @ B``, in an order of summation that no thread count changes."""
-    out = np.zeros((A.shape[0], B.shape[1]))
-    for i in range(A.shape[0]):
-        for k in range(A.shape[1]):
-            f = A[i, k]
-            for j in range(B.shape[1]):
-                out[i, j] += f * B[k, j]
+def _saddle(near, nugget, x, linear, A):
+    """Fill ``A`` (N + p, N + p) with what its inverse is to be taken of: ``[[K + nugget 1, H], [H^T, 0]]``.
+
+    Of kernels ``near`` (N, N) and the trend's regressors H (N, p), which are ones, and the points (N, d) if
+    it is ``linear``. The inverse is ``[[P, C^T], [C, ...]]``: P = K^-1 without what the trend explains, and
+    C (p, N) is the map to the trend's coefficients.
+    """
+    n, p = len(near), len(A) - len(near)
+    for i in range(n):
+        for j in range(n):
+            A[i, j] = near[i, j]
+        A[i, i] += nugget
+    for a in range(p):
+        total = 0.0
+        for i in range(n):
+            h = x[i, a - 1] if a > 0 else 1.0
+            A[i, n + a] = A[n + a, i] = h
+            total += h * h
+        for b in range(p):
+            A[n + a, n + b] = 0.0
+        A[n + a, n + a] = -1e-12 * total  # where regressors depend on each other
+
+
+@kernel
+def _add_rows(out, factors, rows, count):
+    """Add the first ``count`` rows (N, K), times ``factors`` (N,), to ``out`` (K,): four at once, and in an
+    order of summation that no thread count changes.
+    """
+    whole = count - count % 4
+    for i in range(0, whole, 4):
+        f0, f1, f2, f3 = factors[i], factors[i + 1], factors[i + 2], factors[i + 3]
+        r0, r1, r2, r3 = rows[i], rows[i + 1], rows[i + 2], rows[i + 3]
+        for c in range(len(out)):
+            out[c] += f0 * r0[c] + f1 * r1[c] + f2 * r2[c] + f3 * r3[c]
+    for i in range(whole, count):
+        f, row = factors[i], rows[i]
+        for c in range(len(out)):
+            out[c] += f * row[c]
+
+
+@kernel
+def _product(A, first, count, y):
+    """(count, K): some rows of ``A``, from the ``first`` on, times ``y`` (N, K)."""
+    out = np.zeros((count, y.shape[1]))
+    for i in range(count):
+        _add_rows(out[i], A[first + i], y, len(y))
     return out
 
 
 @kernel
-def _regressors(x, linear):
-    """(N, 1) ones, or (N, 1 + d) with the points."""
-    n, d = x.shape
-    H = np.ones((n, 1 + d if linear else 1))
-    if linear:
-        for i in range(n):
-            for c in range(d):
-                H[i, 1 + c] = x[i, c]
-    return H
+def _left_out_error(A, y, most, work):
+    """Sum of squared errors of leaving out each rollout; or, as soon as that is more than ``most``, this."""
+    total = 0.0
+    for i in range(len(y)):
+        for c in range(len(work)):
+            work[c] = 0.0
+        _add_rows(work, A[i], y, len(y))
+        own = 0.0
+        for c in range(len(work)):
+            own += work[c] ** 2
+        total += own / A[i, i] ** 2
+        if total > most:
+            break
+    return total
 
 
 @kernel
-def _choose(x, y, linear, lengths, nuggets):
-    """Which pair of length and nugget, in their product's order, leaves the least squared errors."""
-    squares, H = _squares(x), _regressors(x, linear)
-    n = len(x)
-    best, least = 0, np.inf
-    K = np.empty((n, n))
-    for a in range(len(lengths)):
-        for b in range(len(nuggets)):
-            for i in range(n):
-                for j in range(n):
-                    K[i, j] = math.exp(-0.5 * squares[i, j] / lengths[a] ** 2)
-                K[i, i] += nuggets[b]
-            P, _ = _projected(K, H)
-            E = _product(P, y)
-            which, total = a * len(nuggets) + b, 0.0
-            for i in range(n):
-                row = 0.0
-                for c in range(y.shape[1]):
-                    row += E[i, c] ** 2
-                total += row / P[i, i] ** 2
+def _choose(x, y, linear, lengths, nuggets, a, b):
+    """Which length and which nugget leave the least squared errors, from the a-th and the b-th on: goes to
+    the best of the neighbours as long as one is better.
+    """
+    squares = _squares(x)
+    n, size = len(x), len(x) + (1 + x.shape[1] if linear else 1)
+    near = np.empty((len(lengths), n, n))
+    begun = np.zeros(len(lengths), np.bool_)
+    known = np.zeros((len(lengths), len(nuggets)), np.bool_)
+    A, row, work = np.empty((size, size)), np.empty(size), np.empty(y.shape[1])
+    least, moved = np.inf, True
+    while moved:
+        moved = False
+        middle_a, middle_b = a, b
+        for step in range(5):
+            i = middle_a + (1 if step == 1 else -1 if step == 2 else 0)
+            j = middle_b + (1 if step == 3 else -1 if step == 4 else 0)
+            if i < 0 or j < 0 or i >= len(lengths) or j >= len(nuggets) or known[i, j]:
+                continue
+            if not begun[i]:
+                begun[i] = True
+                near[i] = squares
+                _decayed(near[i].reshape(n * n), 0.5 / lengths[i] ** 2)
+            known[i, j] = True
+            _saddle(near[i], nuggets[j], x, linear, A)
+            _invert(A, row)
+            total = _left_out_error(A, y, least, work)
             if total < least:
-                best, least = which, total
-    return best
+                least, a, b, moved = total, i, j, True
+    return a, b
 
 
 @kernel
 def _solve(x, y, linear, length, nugget):
     """Weights (N, K), trend and left-out errors (N, K) of one length and nugget."""
-    K = _squares(x)
-    for i in range(len(x)):
-        for j in range(len(x)):
-            K[i, j] = math.exp(-0.5 * K[i, j] / length**2)
-        K[i, i] += nugget
-    P, to_trend = _projected(K, _regressors(x, linear))
-    weights, trend = _product(P, y), _product(to_trend, y)
+    n, p = len(x), 1 + x.shape[1] if linear else 1
+    near = _squares(x)
+    _decayed(near.reshape(n * n), 0.5 / length**2)
+    A = np.empty((n + p, n + p))
+    _saddle(near, nugget, x, linear, A)
+    _invert(A, np.empty(n + p))
+    weights, trend = _product(A, 0, n, y), _product(A, n, p, y)
     left_out = weights.copy()
-    for i in range(len(x)):
+    for i in range(n):
         for c in range(y.shape[1]):
-            left_out[i, c] /= P[i, i]
+            left_out[i, c] /= A[i, i]
     return weights, trend, left_out
 
 
 @kernel
-def predicted(surface_points, weights, trend, length, x):
-    """(S, K): the surface at points ``x`` (S, d)."""
-    n, d = surface_points.shape
-    out = np.zeros((len(x), weights.shape[1]))
-    for s in range(len(x)):
-        row = out[s]
-        for c in range(len(row)):
-            row[c] = trend[0, c]
-        for a in range(1, len(trend)):
-            f = x[s, a - 1]
-            for c in range(len(row)):
-                row[c] += f * trend[a, c]
+def _slopes(points, weights, trend, length):
+    """(d, d): second moment of a surface's slopes at its first points, summed over outputs."""
+    n, d = points.shape
+    out = np.zeros((d, d))
+    slope, near, factors = np.empty((d, weights.shape[1])), np.empty(n), np.empty(n)
+    for s in range(min(n, _CHOSEN_BY)):
         for i in range(n):
-            total = 0.0
+            near[i] = 0.0
             for a in range(d):
-                total += (x[s, a] - surface_points[i, a]) ** 2
-            f = math.exp(-0.5 * total / length**2)
-            for c in range(len(row)):
-                row[c] += f * weights[i, c]
+                near[i] += (points[i, a] - points[s, a]) ** 2
+        _decayed(near, 0.5 / length**2)
+        for a in range(d):
+            own = slope[a]
+            for c in range(len(own)):
+                own[c] = trend[1 + a, c] if len(trend) > 1 else 0.0
+            for i in range(n):
+                factors[i] = near[i] * (points[i, a] - points[s, a]) / length**2
+            _add_rows(own, factors, weights, n)
+        for a in range(d):
+            for b in range(a + 1):
+                total = 0.0
+                for c in range(weights.shape[1]):
+                    total += slope[a, c] * slope[b, c]
+                out[a, b] += total
+    for a in range(d):
+        for b in range(a):
+            out[b, a] = out[a, b]
     return out
 
 
 @kernel
-def nearest(points, x, besides):
-    """(S,): the nearest of the points (N, d) to each of ``x`` (S, d); ``besides`` leaves out its own."""
-    found = np.zeros(len(x), np.int64)
+def predicted(weights, trend, length, columns, x):
+    """The surface at points ``x`` (S, d), (S, K), and the nearest to each of all N rollouts, (S,).
+
+    ``columns`` (d, N) are the rollouts' points, of which the surface goes through the first.
+    """
+    d, n = columns.shape
+    count = len(weights)
+    out = np.empty((len(x), weights.shape[1]))
+    near = np.zeros(len(x), np.int64)
+    square = np.empty(n)
     for s in range(len(x)):
+        for i in range(n):
+            square[i] = 0.0
+        for a in range(d):
+            place, column = x[s, a], columns[a]
+            for i in range(n):
+                square[i] += (place - column[i]) ** 2
         least = np.inf
-        for i in range(len(points)):
-            if besides and i == s:
-                continue
-            total = 0.0
-            for a in range(points.shape[1]):
-                total += (x[s, a] - points[i, a]) ** 2
-            if total < least:
-                least, found[s] = total, i
-    return found
-
-
-@kernel
-def reach(y, first, width):
-    """(N,): distance of each outcome to its third nearest other, by ``width`` columns of ``y`` (N, K) from
-    ``first`` on.
-    """
-    n = len(y)
-    out = np.empty(n)
-    for i in range(n):
-        least = np.full(_NEIGHBOUR, np.inf)
-        for j in range(n):
-            if j == i:
-                continue
-            total = 0.0
-            for c in range(first, first + width):
-                total += (y[i, c] - y[j, c]) ** 2
-            for k in range(_NEIGHBOUR):
-                if total < least[k]:
-                    total, least[k] = least[k], total
-        out[i] = math.sqrt(least[min(_NEIGHBOUR, n - 1) - 1]) if n > 1 else np.inf
-    return out
-
-
-@kernel
-def clip(d, first, width, also, limit):
-    """Shorten columns of displacements ``d`` (S, K) in place, so that ``width`` from ``first`` on are no
-    longer than ``limit`` (S,); as many from ``also`` on share the factor.
-    """
-    for s in range(len(d)):
-        total = 0.0
-        for c in range(first, first + width):
-            total += d[s, c] ** 2
-        if total > limit[s] ** 2:
-            f = limit[s] / math.sqrt(total)
-            for c in range(width):
-                d[s, first + c] *= f
-                d[s, also + c] *= f
+        for i in range(n):
+            if square[i] < least:
+                least, near[s] = square[i], i
+        _decayed(square[:count], 0.5 / length**2)
+        own = out[s]
+        for c in range(len(own)):
+            own[c] = trend[0, c]
+        for a in range(1, len(trend)):
+            f, slope = x[s, a - 1], trend[a]
+            for c in range(len(own)):
+                own[c] += f * slope[c]
+        _add_rows(own, square, weights, count)
+    return out, near

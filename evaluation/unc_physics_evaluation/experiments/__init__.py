@@ -41,7 +41,7 @@ DEFAULT = (
     "pictures",
 )
 #: Those that take long alone on the machine, or need more than this package.
-BY_NAME = ("pushes", "propagators", "scenes", "packing", "latency", "same_bits")
+BY_NAME = ("anytime", "pushes", "propagators", "scenes", "packing", "latency", "same_bits")
 NAMES = DEFAULT + BY_NAME
 
 

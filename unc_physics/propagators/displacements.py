@@ -1,0 +1,79 @@
+"""How far samples are moved from the outcomes of rollouts, and how wide they are spread."""
+
+import math
+
+import numpy as np
+
+from ..physics.compiled import kernel
+
+_NEIGHBOUR = 3  # outcome, the third nearest, that a displacement may reach
+
+
+@kernel
+def reach(y, first, width):
+    """(N,): distance of each outcome to its third nearest other, by ``width`` columns of ``y`` (N, K) from
+    ``first`` on.
+    """
+    n = len(y)
+    out = np.empty(n)
+    for i in range(n):
+        least = np.full(_NEIGHBOUR, np.inf)
+        for j in range(n):
+            if j == i:
+                continue
+            total = 0.0
+            for c in range(first, first + width):
+                total += (y[i, c] - y[j, c]) ** 2
+            for k in range(_NEIGHBOUR):
+                if total < least[k]:
+                    total, least[k] = least[k], total
+        out[i] = math.sqrt(least[min(_NEIGHBOUR, n - 1) - 1]) if n > 1 else np.inf
+    return out
+
+
+@kernel
+def clip(d, first, width, also, limit):
+    """Shorten columns of displacements ``d`` (S, K) in place, so that ``width`` from ``first`` on are no
+    longer than ``limit`` (S,); as many from ``also`` on share the factor.
+    """
+    for s in range(len(d)):
+        total = 0.0
+        for c in range(first, first + width):
+            total += d[s, c] ** 2
+        if total > limit[s] ** 2:
+            f = limit[s] / math.sqrt(total)
+            for c in range(width):
+                d[s, first + c] *= f
+                d[s, also + c] *= f
+
+
+@kernel
+def _means(values):
+    """(K,): of each column of values (S, K)."""
+    out = np.zeros(values.shape[1])
+    for s in range(len(values)):
+        row = values[s]
+        for c in range(len(out)):
+            out[c] += row[c]
+    return out / max(len(values), 1)
+
+
+@kernel
+def variances(values):
+    """(K,): of each column of values (S, K)."""
+    middle, out = _means(values), np.zeros(values.shape[1])
+    for s in range(len(values)):
+        row = values[s]
+        for c in range(len(out)):
+            out[c] += (row[c] - middle[c]) ** 2
+    return out / max(len(values), 1)
+
+
+@kernel
+def spread(values, factors):
+    """Scale each column of values (S, K) about its mean, in place, by ``factors`` (K,)."""
+    middle = _means(values)
+    for s in range(len(values)):
+        row = values[s]
+        for c in range(len(middle)):
+            row[c] = middle[c] + factors[c] * (row[c] - middle[c])
