@@ -428,7 +428,7 @@ SHOWN = """
 * Monte Carlo is right wherever its step is. Sigma points are right with few bodies, and far too sure of
   themselves in piles with one joint covariance, which the status says. What rests on one nominal rollout is
   wrong more often than not after a contact: the status compares it with twelve rollouts.
-* Sigma points are compared with rollouts where they are uneven or many. They are not where a rotation wraps
-  around on both sides alike (`rest_ball_rolling`): that flag is missing.
+* Sigma points are compared with rollouts where they are uneven or many, or turn so far that a rotation wraps
+  around on both sides alike (`rest_ball_rolling`).
 * False flags are mostly those of the surrogate and local sampling where they are off by nearly a factor of 2.
 """

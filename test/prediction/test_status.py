@@ -11,11 +11,12 @@ from twins.states import boxminus
 from unc_physics import Belief, RigidBody, Scene, load_model, make_propagator, predict
 from unc_physics.__main__ import main
 from unc_physics.geometry.packing_file import SpherePacking
-from unc_physics.prediction.status import assess, assess_all
-from unc_physics.prediction.status_rules import Status
+from unc_physics.prediction.few_rollouts import pose_spreads, rollout_spreads
+from unc_physics.prediction.status import SURE, assess, assess_all
+from unc_physics.prediction.status_rules import RULES, Status
 from unc_physics.propagators.balanced_monte_carlo import BalancedMonteCarlo
 from unc_physics.scene.environment import Box, Plane
-from unc_physics_evaluation import everyday_cases
+from unc_physics_evaluation import everyday_cases, hard_cases
 from unc_physics_evaluation.scenarios import collision
 
 NAMES = ("linearization", "surrogate", "sigma_points", "local_sampling", "monte_carlo")
@@ -98,6 +99,29 @@ def test_a_face_that_lands_by_one_of_its_edges_is_compared_with_rollouts(name):
     scene, belief, horizon = everyday_cases.case("box sliding to rest", "tight")
     (status,) = statuses(scene, belief, name, horizon)
     assert status.flags == Status.FINE
+
+
+def test_points_that_turn_by_half_a_turn_are_compared_with_rollouts():
+    """Opposite ones still turn oppositely; what they turn by beyond half a turn nobody sees."""
+    rolling = hard_cases.load("rest_ball_rolling")
+    for horizon, wrong in ((0.5, False), (rolling.horizon, True)):
+        (status,) = statuses(rolling.scene, rolling.belief, "sigma_points", horizon)
+        assert status.measures["unevenness"] < 1.05
+        assert ("spread_disagreement" in status.measures) == wrong
+        assert status.flags == (Status.OUTSIDE_VALIDITY if wrong else Status.FINE)
+
+
+@pytest.mark.parametrize("name", ["linearization", "sigma_points"])
+def test_what_a_dozen_rollouts_leave_open_more_of_them_decide(name):
+    """Rotations spread by half of what they should, or less; twelve rollouts see less, and raise no flag."""
+    scene, belief, horizon = everyday_cases.case("box after a bounce on a face", "wide")
+    prediction = predict(scene, belief, name, horizon)
+    found, same, other = (assess(prediction, rollouts=count)[0] for count in (12, SURE, SURE + 1))
+    assert found.measures == same.measures != other.measures
+    assert found.flags == Status.OUTSIDE_VALIDITY
+    (few,) = rollout_spreads(scene, belief, [horizon], 12)
+    factor = few[0] / pose_spreads(prediction.belief.blocks)[0]
+    assert max(*factor, *(1.0 / factor)) < RULES["doubtful_contacts"].limit
 
 
 @pytest.mark.parametrize("name", ["linearization", "sigma_points", "monte_carlo"])

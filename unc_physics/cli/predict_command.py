@@ -64,8 +64,8 @@ def add_predict_command(commands) -> None:
         type=int,
         metavar="N",
         help=(
-            "check the spread of what rests on a single nominal rollout against N others (default 12; 0: do"
-            " not, and flag what touched something as unchecked)"
+            "check the spread of what rests on a single nominal rollout against N others, or 64 where fewer"
+            " leave it open (default 12; 0: do not, and flag what touched something as unchecked)"
         ),
     )
     parser.add_argument(

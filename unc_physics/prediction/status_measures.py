@@ -36,6 +36,8 @@ _NOTHING = 1e-9  # of the body's radius, and in rad: spreads below it agree
 _NOISE = 4.0  # standard deviations of a sample's mean energy that are no gain
 _USUAL = 0.95  # share of the rollouts that a residual must be small in
 _EVEN = 1.05  # unevenness up to which points are right
+_OPEN = 1.4, 2.7  # factors between which a dozen rollouts leave open whether spreads differ by two
+_OPEN_IN_DOUBT = 1.1  # the lower one where contacts were doubtful
 _shapes = WeakKeyDictionary()
 
 
@@ -166,7 +168,7 @@ def unevenness_at_times(prediction, start):
 def needs_rollouts(prediction, start, uneven):
     """Whether a spread is to be compared with that of rollouts: one that rests on a single rollout, where
     there is something to meet, or a gyroscopic term; on points, where one touched and they are uneven, or
-    many.
+    many, or may have turned too far.
     """
     scene, propagator = prediction.scene, prediction.propagator
     if propagator.traits.mean_update == "nominal" and propagator.compared_with_rollouts:
@@ -175,7 +177,38 @@ def needs_rollouts(prediction, start, uneven):
         return False
     if start.directions is None or start.directions.sum() > RULES["directions"].limit:
         return True
-    return any(bent is None or bent.max() > _EVEN for bent in uneven)
+    return any(bent is None or bent.max() > _EVEN for bent in uneven) or _half_turned(prediction, start)
+
+
+def left_open(prediction, start, spreads):
+    """Whether a few rollouts' spreads (T, M, 2) leave it open, at any time, if those predicted are wrong."""
+    since = prediction.propagator.doubtful_since(prediction.carry)
+    if since is None:
+        since = math.inf
+    for time, belief, some in zip(prediction.times, prediction.beliefs, spreads, strict=True):
+        factor = _disagreement(prediction.scene, start, belief.blocks, some)
+        low = np.where(since <= time, _OPEN_IN_DOUBT, _OPEN[0])
+        if ((low < factor) & (factor < _OPEN[1])).any():
+            return True
+    return False
+
+
+def _half_turned(prediction, start):
+    """Whether points may have turned by half a turn since they touched something: from there on rotations
+    look smaller than they are, and opposite ones still opposite.
+
+    Of so many points the farthest is that many standard deviations out, and its spin that of the end.
+    """
+    scene, bodies = prediction.scene, len(prediction.scene.bodies)
+    first = prediction.contact_history.first_time.min(axis=0)
+    since = np.minimum(first.min(axis=1), first[:, :bodies].min(axis=0))[scene.moving]
+    far = math.sqrt(start.directions.sum() + len(scene.uncertain) + 0.5)
+    for time, belief in zip(prediction.times, prediction.beliefs, strict=True):
+        spin = belief.blocks[:, ERR_ANGULAR_VELOCITY, ERR_ANGULAR_VELOCITY]
+        std = np.sqrt(np.maximum(np.einsum("mii->m", spin), 0.0))
+        if (far * std * np.maximum(time - since, 0.0) > math.pi).any():
+            return True
+    return False
 
 
 def _beginning(scene, start):

@@ -124,8 +124,9 @@ class Settings:
     status_rollouts: int = parameter(
         0,
         "Rollouts with which the status compares the spread of propagators that have a single nominal one,"
-        " and of chosen points whose answer bends; 0: none, and a nominal one's spread after a contact is"
-        " flagged as unchecked. They take as long as a prediction from as many samples.",
+        " and of chosen points whose answer bends or turns far; where they leave it open, 64 at least do; 0:"
+        " none, and a nominal one's spread after a contact is flagged as unchecked. They take as long as a"
+        " prediction from as many samples.",
         low=0,
         high=1000,
     )
