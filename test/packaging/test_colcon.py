@@ -69,8 +69,9 @@ def run_sourced(program, installed, folder, env):
 @pytest.mark.parametrize("layout", LAYOUTS)
 def test_colcon_finds_both_packages(layout, tmp_path):
     sources, base_paths = LAYOUTS[layout]
-    copy_sources(tmp_path / sources)
-    listed = run(["colcon", "list", "--names-only", *base_paths], cwd=tmp_path, env=wheels_environment())
+    workspace = tmp_path / "workspace"
+    copy_sources(workspace / sources)
+    listed = run(["colcon", "list", "--names-only", *base_paths], cwd=workspace, env=wheels_environment())
     assert sorted(listed.stdout.split()) == ["unc_physics", "unc_physics_msgs"]
 
 
