@@ -2,8 +2,8 @@
 # make test   all tests
 # make lint   what needs no run: likely mistakes and layout by ruff, types by pyright
 # make venv   what all need: .venv with the pinned dependencies, the interfaces and this package, editable
-# make check-all   lint and test, then what takes hours: thousands of random examples of each kind, the site with
-#             all commands and snippets of its first pages, and soak
+# make check-all   lint and test, then what takes hours: thousands of random examples of each kind, a build with the
+#             C++ interfaces, the site with all commands and snippets of its first pages, and soak
 # make pictures   the docs' pictures whose sources changed; hours, where experiments of the evaluation are among them
 # make docs   the site: all pages, and the reference of the Python interface, in docs/_build/index.html
 # make soak   random and malformed requests to the node for ten minutes, and its memory
@@ -68,6 +68,7 @@ check-all:
 	@$(VENV_PYTHON) -m pytest test/checks test/physics test/geometry test/propagators --hypothesis-profile=thousands
 	@$(VENV_PYTHON) -m pytest test/cli/test_anything.py test/cli/test_bad_input.py test/ros/test_any_request.py \
 	    --hypothesis-profile=thousands
+	@CPP_INTERFACES=ON $(VENV_PYTHON) -m pytest -q test/packaging/test_colcon.py
 	@$(MAKE) -s --no-print-directory docs
 	@$(VENV_PYTHON) docs/run_pages.py
 	@for python in python3.11 python3.12; do \
