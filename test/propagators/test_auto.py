@@ -41,6 +41,13 @@ def test_a_smaller_error_takes_more_rollouts_and_is_reached(loaded):
     assert len(answered(scene, belief, error=0.0, probability_error=0.08).contact_history.first_time) == 48
 
 
+def test_a_wish_that_nothing_meets_ends_with_the_most_rollouts(loaded):
+    scene, belief, _ = loaded("two_bodies")
+    for wish in (1e-9, 1e-300):
+        found = answered(scene, belief, error=0.0, position_error=wish, runs=24)
+        assert len(found.contact_history.first_time) == 24
+
+
 def test_standard_errors_are_about_what_other_seeds_give(loaded):
     """The mean position over twelve scramblings, against the error that each claims."""
     scene, belief, _ = loaded("two_bodies")

@@ -96,5 +96,6 @@ class Auto(Cloud):
         excess = max(float(f.max()) / wish for wish, f in zip(wishes, found, strict=True) if wish > 0.0)
         if excess <= 1.0:
             return 0
-        needed = max(count * ((excess * _MARGIN) ** 2 - 1.0), count * _LEAST_GROWTH)
+        growth = excess * _MARGIN * excess * _MARGIN - 1.0  # infinite for what no number of rollouts meets
+        needed = count * max(growth, _LEAST_GROWTH)
         return _PORTION * math.ceil(min(needed, self.runs) / _PORTION)
