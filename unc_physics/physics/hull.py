@@ -8,6 +8,8 @@ from .arrays import booleans, empty, full, zeros
 from .compiled import kernel
 
 _DIRECTIONS, _ROUNDS = 4096, 700
+_SHORTER = 0.99  # each step than the one before
+_WAY = 1.0 / (1.0 - _SHORTER)  # of all steps that are left, in units of the next
 _APART = 3.0 / math.sqrt(_DIRECTIONS)  # no direction is farther from all of these [rad]
 # of the packing's radius: what sticks out less is inside, such as spheres that a flat face just touches
 _TOLERANCE = 1e-8
@@ -86,8 +88,11 @@ def hull_spheres(centers, radii):
             length = math.sqrt(gx * gx + gy * gy + gz * gz)
             if length == 0.0:
                 break
+            below = highest - x * centers[s, 0] - y * centers[s, 1] - z * centers[s, 2] - radii[s]
+            if below > _WAY * step * math.sqrt(length * length + along * along):
+                break  # no step that is left brings it up
             x, y, z = x + step * gx / length, y + step * gy / length, z + step * gz / length
             length = math.sqrt(x * x + y * y + z * z)
             x, y, z = x / length, y / length, z / length
-            step *= 0.99
+            step *= _SHORTER
     return np.flatnonzero(kept)

@@ -90,33 +90,10 @@ class LoadedScene(NamedTuple):
     horizon: float | None
 
 
-class _Loader(yaml.SafeLoader):
-    """Refuses a key that is given twice, of which YAML would silently take the last; numbers of base 60 and
-    8, which nobody means; and what a few lines of aliases make as large as the memory.
+class _Loader(getattr(yaml, "CSafeLoader", yaml.SafeLoader)):
+    """Refuses a key that is given twice, of which YAML would silently take the last, and numbers of base 60
+    and 8, which nobody means.
     """
-
-    def __init__(self, stream):
-        super().__init__(stream)
-        self._entries, self._levels, self._sizes = 0, 0, {}
-
-    def compose_node(self, parent, index):
-        event: Any = self.peek_event()
-        before, self._entries = self._entries, self._entries + 1
-        self._levels += 1
-        if isinstance(event, yaml.AliasEvent):
-            self._entries += self._sizes.get(event.anchor, 0)
-        if self._entries > _ENTRIES or self._levels > _LEVELS:
-            problem = (
-                f"it is nested more than {_LEVELS} levels deep"
-                if self._levels > _LEVELS
-                else f"it has more than {_ENTRIES} entries, those of aliases counted each time"
-            )
-            raise yaml.constructor.ConstructorError(None, None, problem, event.start_mark)
-        node = super().compose_node(parent, index)
-        if event.anchor is not None and not isinstance(event, yaml.AliasEvent):
-            self._sizes[event.anchor] = self._entries - before
-        self._levels -= 1
-        return node
 
     def construct_scalar(self, node):
         base = 60 if node.tag in (_INT, _FLOAT) and ":" in node.value else 0
@@ -132,19 +109,51 @@ class _Loader(yaml.SafeLoader):
     def construct_object(self, node, deep=False):
         try:
             return super().construct_object(node, deep)
-        except (ValueError, OverflowError):  # a date that is none, an integer of thousands of digits
-            problem = f"{shown(node.value)} has a value that cannot be read"
+        except (TypeError, ValueError, OverflowError, LookupError, AttributeError):
+            # a date that is none, an integer of thousands of digits, a tag that its value does not fit
+            value = shown(node.value) if isinstance(node, yaml.ScalarNode) else node.tag.split(":")[-1]
+            problem = f"{value} has a value that cannot be read"
             raise yaml.constructor.ConstructorError(None, None, problem, node.start_mark) from None
 
     def construct_mapping(self, node, deep=False):
         lines = {}
-        for key, _ in node.value:
+        for key, _ in node.value if isinstance(node, yaml.MappingNode) else ():
             if isinstance(key, yaml.ScalarNode):
                 if key.value in lines:
                     problem = f"the key '{key.value}' is given twice, first in line {lines[key.value]}"
                     raise yaml.constructor.ConstructorError(None, None, problem, key.start_mark)
                 lines[key.value] = key.start_mark.line + 1
         return super().construct_mapping(node, deep)
+
+
+def _check_size(text):
+    """Refuse what a few lines of aliases make as large as the memory, before anything is made of it."""
+    entries, levels, begun, sizes = 0, 0, [], {}
+    for event in yaml.parse(text, _Loader):
+        if isinstance(event, yaml.CollectionEndEvent):
+            levels -= 1
+            anchor, before = begun.pop()
+            sizes[anchor] = entries - before
+            continue
+        if not isinstance(event, yaml.NodeEvent):
+            continue
+        problem = None
+        entries += 1
+        if isinstance(event, yaml.AliasEvent):
+            if event.anchor not in sizes:
+                problem = f"found undefined alias '{event.anchor}'"
+            entries += sizes.get(event.anchor, 0)
+        else:
+            sizes[event.anchor] = 1
+        if isinstance(event, yaml.CollectionStartEvent):
+            levels += 1
+            begun.append((event.anchor, entries - 1))
+        if levels > _LEVELS:
+            problem = f"it is nested more than {_LEVELS} levels deep"
+        elif entries > _ENTRIES:
+            problem = f"it has more than {_ENTRIES} entries, those of aliases counted each time"
+        if problem:
+            raise yaml.constructor.ConstructorError(None, None, problem, event.start_mark)
 
 
 def load_scene(path: str | os.PathLike[str], models_dir: str | os.PathLike[str] | None = None) -> LoadedScene:
@@ -185,6 +194,7 @@ def read_yaml(path: str | os.PathLike[str], kind: str) -> Any:
     if len(text) > _CHARACTERS:
         raise LimitExceededError(f"must have at most {_CHARACTERS} characters", field=f"{kind} {path}")
     try:
+        _check_size(text)
         return yaml.load(text, _Loader)
     except (yaml.YAMLError, ValueError, RecursionError) as error:
         mark = getattr(error, "problem_mark", None)
