@@ -70,6 +70,11 @@ def test_a_pose_between_two():
         (csv_text(HEAD, [[0.0, *poses()[0]]]), "at least three poses"),
         (csv_text(HEAD, [[k, *[0.0] * 7] for k in range(3)]), "orientation of pose 0"),
         (HEAD + "\n", "holds no motion"),
+        (
+            csv_text(HEAD, [[k, 1e300, *poses()[0][1:]] for k in range(3)]),
+            "position of pose 0 .* must be within",
+        ),
+        (HEAD + "\n" + "1" * 200_000, "cannot be read: it is no table in UTF-8 text"),
     ],
 )
 def test_refused_files(tmp_path, text, message):
@@ -86,6 +91,15 @@ def test_refused_paths(tmp_path):
         read_motions(written(tmp_path / "m.txt", ""))
     with pytest.raises(UncPhysicsError, match="is no .npz archive"):
         read_motions(written(tmp_path / "m.npz", "text"))
+    with pytest.raises(UncPhysicsError, match="is no .npz archive"):
+        read_motions(written(tmp_path / "m.npz", "PK\x03\x04 cut off"))
+    (tmp_path / "m.csv").write_bytes(b"\x8e\xff")
+    with pytest.raises(UncPhysicsError, match="m.csv cannot be read: it is no table in UTF-8 text"):
+        read_motions(tmp_path / "m.csv")
+    for offsets, names in (([], []), ([0.0, 3.0], ["a"]), ([0, 3], ["a", "b"])):
+        np.savez(tmp_path / "a.npz", states=np.zeros((3, 13)), dt=0.1, offsets=offsets, names=names)
+        with pytest.raises(UncPhysicsError, match="whole offsets that end with total"):
+            read_motions(tmp_path / "a.npz")
     np.savez(tmp_path / "a.npz", states=np.zeros((3, 13)))
     with pytest.raises(UncPhysicsError, match="has no 'offsets'"):
         read_motions(tmp_path / "a.npz")

@@ -126,6 +126,23 @@ def test_a_file_that_is_no_mesh_is_refused(tmp_path, content):
         load_solid(tmp_path / "missing.off")
 
 
+@pytest.mark.parametrize(
+    "content, words",
+    [
+        ("", "has no triangles"),
+        (
+            "solid|facet|outer loop|vertex nan 0 0|vertex 1 0 0|vertex 0 1 0|endloop|endfacet|endsolid|",
+            "not finite numbers",
+        ),
+    ],
+)
+def test_a_repair_does_not_begin_without_triangles(tmp_path, content, words):
+    path = tmp_path / "bad.stl"
+    path.write_text(content.replace("|", "\n"))
+    with pytest.raises(InvalidMeshError, match=words):
+        load_solid(path, repair=True)
+
+
 def test_a_needle_too_thin_for_its_inertia_is_refused():
     turned = trimesh.transformations.rotation_matrix(0.7, [1, 2, 3])
     with pytest.raises(InvalidMeshError, match="too thin for its size"):

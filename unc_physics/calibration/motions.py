@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import csv
 import os
+import zipfile
+import zlib
 from collections.abc import Iterator
 from dataclasses import dataclass
 from importlib.util import find_spec
@@ -13,7 +15,7 @@ import numpy as np
 
 from ..checks.array_field import Array, array_field
 from ..checks.errors import InvalidRequestError, NotSupportedError
-from ..checks.validation import array, numbers, quaternion
+from ..checks.validation import array, numbers, point, quaternion
 from ..physics.layout import POSITION, QUATERNION
 from ..physics.rotation import rotation_matrix
 
@@ -50,6 +52,7 @@ class Motion:
             raise InvalidRequestError("must ascend", field=f"times[{at}] of {field}", value=times[at])
         poses = array(self.poses, (len(times), 7), f"poses of {field}").copy()
         for k in range(len(poses)):
+            point(poses[k, :3], f"position of pose {k} of {field}")
             poses[k, 3:] = quaternion(poses[k, 3:], f"orientation of pose {k} of {field}")
         object.__setattr__(self, "times", times - times[0])
         object.__setattr__(self, "poses", poses)
@@ -153,11 +156,19 @@ def _npz(path):
                 raise InvalidRequestError(f"has no '{missing[0]}'", field=f"file {path}")
             states, offsets, dt = file["states"].astype(float), file["offsets"], float(file["dt"])
             names = file["names"] if "names" in file.files else np.arange(len(offsets) - 1)
-    except (OSError, ValueError, TypeError, KeyError) as error:
+    except (OSError, ValueError, TypeError, KeyError, EOFError, zipfile.BadZipFile, zlib.error) as error:
         raise InvalidRequestError("is no .npz archive of motions", field=f"file {path}") from error
-    if states.ndim != 2 or states.shape[1] != 13 or offsets[-1] != len(states) or not dt > 0.0:
+    whole = offsets.ndim == 1 and offsets.dtype.kind in "iu" and len(offsets) and offsets[-1] == len(states)
+    if (
+        states.ndim != 2
+        or states.shape[1] != 13
+        or not whole
+        or len(names) != len(offsets) - 1
+        or not dt > 0.0
+    ):
         raise InvalidRequestError(
-            "must have states (total, 13), offsets that end with total, and a positive dt",
+            "must have states (total, 13), whole offsets that end with total, a name for each motion if any, "
+            "and a positive dt",
             field=f"file {path}",
         )
     for name, k, end in zip(names, offsets[:-1], offsets[1:], strict=True):
@@ -167,7 +178,15 @@ def _npz(path):
 
 
 def _csv(path):
-    with open(path, newline="", encoding="utf-8") as file:
+    try:
+        yield from _rows_of_csv(path)
+    except (OSError, UnicodeError, csv.Error) as error:
+        reason = getattr(error, "strerror", None) or "it is no table in UTF-8 text"
+        raise InvalidRequestError(f"cannot be read: {reason}", field=f"file {path}") from None
+
+
+def _rows_of_csv(path):
+    with open(path, newline="", encoding="utf-8-sig") as file:
         reader = csv.DictReader(file)
         named = [name.strip() for name in reader.fieldnames or ()]
         reader.fieldnames = named

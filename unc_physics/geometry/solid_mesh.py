@@ -153,10 +153,7 @@ def make_solid(name, vertices, faces, sha256=None) -> SolidMesh:
 
     vertices = np.asarray(vertices, dtype=float)
     faces = np.asarray(faces, dtype=np.int64)
-    if len(faces) == 0:
-        raise InvalidMeshError("has no triangles")
-    if not np.isfinite(vertices[faces]).all():
-        raise InvalidMeshError("has vertices that are not finite numbers")
+    _check_triangles(vertices, faces)
     used, faces = np.unique(faces, return_inverse=True)
     middle, size, unit = normalization(vertices[used])
     if not size > 0.0:
@@ -311,10 +308,19 @@ def winding_number(corners, probes):
     return total
 
 
+def _check_triangles(vertices, faces):
+    """Raise `InvalidMeshError` for what no repair mends."""
+    if len(faces) == 0:
+        raise InvalidMeshError("has no triangles")
+    if not np.isfinite(vertices[faces]).all():
+        raise InvalidMeshError("has vertices that are not finite numbers")
+
+
 def repaired(vertices, faces):
     """Vertices and triangles after trimesh's repairs, and what these did, one sentence each."""
     import trimesh
 
+    _check_triangles(vertices, faces)
     middle, _, unit = normalization(vertices)
     mesh = trimesh.Trimesh((vertices - middle) / unit, faces, process=False)
     did = []

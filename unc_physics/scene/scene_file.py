@@ -90,7 +90,11 @@ class LoadedScene(NamedTuple):
     horizon: float | None
 
 
-class _Loader(getattr(yaml, "CSafeLoader", yaml.SafeLoader)):
+# libyaml reads ten times as fast, where PyYAML was built with it
+_SafeLoader: type[yaml.SafeLoader] = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+
+
+class _Loader(_SafeLoader):
     """Refuses a key that is given twice, of which YAML would silently take the last, and numbers of base 60
     and 8, which nobody means.
     """
