@@ -40,6 +40,7 @@ class Computed(Answers):
 
     def __init__(self, carry: Any, began: Callable[[], Belief], reached: Sequence[Callable[[], Any]]):
         self._carry, self._began, self._reached = carry, began, reached
+        self._start: Belief | None = None
 
     @property
     def carry(self) -> Any:
@@ -49,9 +50,12 @@ class Computed(Answers):
         return [carry() for carry in self._reached[-last:]]
 
     def start(self, prediction: Prediction) -> Belief:
-        scene, start = prediction.scene, prediction.contact_history.start
-        moved = start is not None and (start.moved.any() or any(body.at_rest for body in scene.bodies))
-        return self._began() if moved or scene.overlap == "reject" else prediction.initial
+        if self._start is None:  # once for all that is asked of parts of a prediction, too
+            scene, start = prediction.scene, prediction.contact_history.start
+            moved = start is not None and (start.moved.any() or any(body.at_rest for body in scene.bodies))
+            began = moved or scene.overlap == "reject"
+            self._start = self._began() if began else prediction.initial
+        return self._start
 
     def samples(self, prediction: Prediction, count: int | None) -> np.ndarray:
         propagator = prediction.propagator

@@ -16,7 +16,7 @@ from ..scene.action_arrays import start_states
 from ..scene.belief import Belief
 from ..scene.parameters import center_offsets, moved_along
 from ..scene.physics_keys import INTEGRATORS
-from .base import SAMPLES_LIMIT, Propagator, Traits, rolled
+from .base import SAMPLES_LIMIT, Errors, Propagator, Traits, rolled
 from .emission import Fit, Runs, emitted
 from .free_flight import flown
 from .joining import joined_history, joined_means
@@ -74,6 +74,11 @@ class CloudCarry(_Carry):
     def fits(self) -> dict[bytes, Fit]:
         """What was fitted to each group of bodies (`emission.Runs`)."""
         return {}
+
+    @cached_property
+    def errors(self) -> list[Errors]:
+        """Standard errors of the means, once they were asked for."""
+        return []
 
 
 @dataclass(frozen=True)
@@ -231,7 +236,9 @@ class Cloud(Propagator):
         }
 
     def standard_errors(self, carry, scene):
-        return standard_errors(self._runs(carry), scene)
+        if not carry.errors:  # of a new batch, the answer and its status
+            carry.errors.append(standard_errors(self._runs(carry), scene))
+        return carry.errors[0]
 
     def _points(self, count, dimensions, columns, simulated):
         """(count, r + K): what the rollouts are spread by."""

@@ -168,6 +168,7 @@ def _groups(runs, scene):
     others = met[:, count:].any(axis=1) | ((met[:, :count] | met[:, :count].T) & ~movable).any(axis=1)
     moved = np.zeros(count, bool) if start is None else (start.moved > 0.0).any(axis=0)
     tilted = scene.gyroscopic or any(p.name == "gravity_direction" for p in scene.uncertain)
+    tilted = tilted and runs.step > 0
     roots = runs.root.reshape(len(runs.moving), ERROR, size)
     left = set(runs.moving.tolist())
     while left:
