@@ -91,6 +91,15 @@ def test_a_scene_is_predicted_for_all_horizons(publish, listener):
     assert np.allclose(way, 0.5 * np.array(HORIZONS), atol=1e-3)  # a few sigma points may touch at the end
 
 
+def test_the_same_scene_has_the_same_prediction(publish, listener):
+    """What changes from one prediction of a stream to the next is the scene, not what was drawn."""
+    first, second = (answer_to(scene(listener), publish, listener) for _ in range(2))
+    assert first.header.stamp != second.header.stamp and first.seed == second.seed
+    for one, other in zip(first.objects, second.objects, strict=True):
+        for states in zip(one.states, other.states, strict=True):
+            assert np.array_equal(*map(numbers_of, states))
+
+
 def test_an_error_that_a_scene_s_objects_share(publish, listener):
     sent = scene(listener)
     sent.common_pose_std[1] = 0.1

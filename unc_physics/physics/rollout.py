@@ -9,7 +9,7 @@ from .time_limit import limited
 from .workspace import workspace
 
 #: Steps of single bodies, in all samples, that take no longer than it takes to wake another thread.
-_FEW_STEPS = 2000
+_FEW_STEPS = 400
 
 
 def rollout(states, contact_history, world, begin, steps):

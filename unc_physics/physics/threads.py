@@ -79,22 +79,28 @@ def _share(parts, run, threads):
 
     def work():
         compiled = 0.0
-        while parts:
-            try:
-                some = parts.popleft()
-            except IndexError:  # another thread was faster
-                break
-            compiled += _timed(run, some)[1]
+        try:
+            while (some := _next(parts)) is not None:
+                compiled += _timed(run, some)[1]
+        finally:
+            parts.clear()  # where it failed, nobody is to go on
         return compiled
 
     helpers = [_pool(threads).submit(work) for _ in range(threads - 1)]
     try:
         own = work()
     finally:
-        parts.clear()
-        wait([helper for helper in helpers if not helper.cancel()])  # they write in the same arrays
-    others = [helper.result() for helper in helpers if not helper.cancelled()]
-    count_compiling(max([own, *others]) - own)  # its own is counted already
+        begun = [helper for helper in helpers if not helper.cancel()]
+        wait(begun)  # they write in the same arrays
+    count_compiling(max([own, *(helper.result() for helper in begun)]) - own)  # its own is counted already
+
+
+def _next(parts):
+    """The next part, None where others took the last one."""
+    try:
+        return parts.popleft()
+    except IndexError:
+        return None
 
 
 def _in_watched_parts(count, run, threads, first, most, look):
