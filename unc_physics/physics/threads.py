@@ -75,7 +75,7 @@ def in_threads(count, run, first=_FIRST_PART, fewest=_FEWEST_IN_A_PART):
 
 
 def _share(parts, run, threads):
-    """Take parts one after the other, here and in other threads: short work is done before those wake up."""
+    """Let each thread take parts one after the other, so that it is woken up once for all of them."""
 
     def work():
         compiled = 0.0
@@ -86,13 +86,13 @@ def _share(parts, run, threads):
             parts.clear()  # where it failed, nobody is to go on
         return compiled
 
-    helpers = [_pool(threads).submit(work) for _ in range(threads - 1)]
+    workers = [_pool(threads).submit(work) for _ in range(threads)]
     try:
-        own = work()
+        wait(workers)
     finally:
-        begun = [helper for helper in helpers if not helper.cancel()]
-        wait(begun)  # they write in the same arrays
-    count_compiling(max([own, *(helper.result() for helper in begun)]) - own)  # its own is counted already
+        parts.clear()
+        wait(workers)  # they write where nobody would expect it any more
+    count_compiling(max(worker.result() for worker in workers))
 
 
 def _next(parts):
