@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from unc_physics.prediction.status_rules import RULES, Status, raised
 from unc_physics.propagators.registry import PROPAGATORS
 
+from . import everyday_cases
 from .conservation import CHANGE, DRIFT, EIGENVALUE, FINITE, GAIN, MOMENTUM, PASSED
 from .hard_cases import load, names
 from .judgement import FALSE, MISSING, RIGHT, Judged, any_of, judge, rates, worst
@@ -58,8 +59,10 @@ class Found:
             for name in rows.unique("case")
             if self.of(name, TRUE, EXTENT) and self.of(name, MEAN, FINITE)
         ]
+        everyday = set(everyday_cases.names())
         self.hard = [name for name in complete if name in hard]
-        self.paper = [name for name in complete if name not in hard]
+        self.everyday = [name for name in complete if name in everyday]
+        self.paper = [name for name in complete if name not in hard | everyday]
 
     def by(self, integrator: str) -> list[str]:
         """The catalogue's cases that ask for an integrator."""
@@ -152,8 +155,9 @@ def sections(rows: Rows) -> str:
                 )
             )
         parts.append(_cases(found))
-    if found.paper:
-        parts.append(_propagators(found, found.paper, PROPAGATORS, "The paper's scenes and everyday ones"))
+    for cases, title in ((found.paper, "The paper's scenes"), (found.everyday, "Everyday motions")):
+        if cases:
+            parts.append(_propagators(found, cases, PROPAGATORS, title))
     return "\n".join(parts)
 
 
@@ -167,7 +171,7 @@ def _goals(found):
         ("keeps momentum, to 1e-9, where it is conserved", found.hard, _loses_momentum),
         (
             "keeps covariances positive semidefinite, to 1e-12 of the largest eigenvalue",
-            found.hard + found.paper,
+            found.hard + found.paper + found.everyday,
             _is_indefinite,
         ),
         (
@@ -242,13 +246,13 @@ def _is_indefinite(found, case):
 
 def _rates(found):
     """How many predictions were bad, and how the flags did."""
-    every = found.hard + found.paper
+    every = found.hard + found.paper + found.everyday
     lines = []
     for method in (*PROPAGATORS, None):
         some = PROPAGATORS if method is None else [method]
         by_scene = [
             [found.judged(case, m) for case in cases for m in some if m in found.propagators(case)]
-            for cases in (found.hard, found.paper, every)
+            for cases in (found.hard, found.paper, found.everyday, every)
         ]
         cells = ["all" if method is None else label(method)]
         for of in (
@@ -259,7 +263,7 @@ def _rates(found):
         lines.append(cells)
     head = [
         f"{where}: {words}"
-        for where in ("catalogue", "paper, everyday", "all", "by scene")
+        for where in ("catalogue", "paper", "everyday", "all", "by scene")
         for words in ("bad, flagged", "good, flagged")
     ]
     return (
@@ -313,11 +317,12 @@ def _propagators(found, cases, propagators, title):
             [case, *(_cell(found, case, method) for method in propagators), _ratios(floor), _ratios(step)]
         )
     return (
-        f"### {title}\n\nEach cell: energy gained by the expected motion, spread included; spread of position"
-        " / of rotation at the end over the truth's, of the body where it is farthest off; and the bodies'"
-        " flags: `fine` (right and not flagged), `flagged` (wrong and flagged), `false` (right but flagged),"
-        " `MISSING` (wrong and not flagged). Floor: the same ratio between two halves of the truth. Step:"
-        " between a truth with twice as long steps and this one, from the same samples.\n\n"
+        f"### {title}\n\nEach cell: energy gained by the rollouts on average, or by the expected motion where"
+        " there is a single one or points, spread included; spread of position / of rotation at the end over"
+        " the truth's, of the body where it is farthest off; and the bodies' flags: `fine` (right and not"
+        " flagged), `flagged` (wrong and flagged), `false` (right but flagged), `MISSING` (wrong and not"
+        " flagged). Floor: the same ratio between two halves of the truth. Step: between a truth with twice"
+        " as long steps and this one, from the same samples.\n\n"
         + table(["", *map(label, propagators), "floor", "step"], lines)
     )
 
