@@ -95,6 +95,7 @@ class Found:
                 [s[k] for s in spread[TRUE]],
                 extent,
                 bool(self._flags(case, method, k) & ~Status.INITIAL_OVERLAP),
+                self.one(case, MEAN, PASSED) == 1.0,
             )
             for k, extent in extents.items()
         ]
@@ -416,9 +417,9 @@ evaluation/unc_physics_evaluation/hard_cases/grazing.yaml`.
   long, or shorter where an explicit step needs that. Beside it stand what two halves of it differ by (floor),
   and what twice as long steps change (step).
 * A prediction of a body is **bad** if its spread in position or in rotation (square root of the trace of the
-  covariance) is off by more than a factor of 2; two spreads of next to nothing are the same. A **flag** is
-  `NOT_CONVERGED` or `OUTSIDE_VALIDITY` (`INITIAL_OVERLAP` is a fact about the question); it is false where
-  the prediction is good, and missing where it is bad.
+  covariance) is off by more than a factor of 2, or if bodies go through each other; two spreads of next to
+  nothing are the same. A **flag** is `NOT_CONVERGED` or `OUTSIDE_VALIDITY` (`INITIAL_OVERLAP` is a fact about
+  the question); it is false where the prediction is good, and missing where it is bad.
 """
 SHOWN = """
 ## What it shows

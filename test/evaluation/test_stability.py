@@ -98,6 +98,7 @@ def test_a_spread_within_a_factor_of_two_is_right():
     assert judge((1.0, 0.4), (1.0, 1.0), 1.0, False).bad
     assert judge((math.nan, 1.0), (1.0, 1.0), 1.0, False).bad
     assert judge((0.1, 1.0), (0.0, 1.0), 1.0, False).bad, "certain in truth"
+    assert judge((1.0, 1.0), (1.0, 1.0), 1.0, False, impossible=True).bad
     nothing = judge((1e-10, 0.0), (0.0, 5e-10), 1.0, False)
     assert not nothing.bad and (nothing.position, nothing.rotation) == (1.0, 1.0)
 
