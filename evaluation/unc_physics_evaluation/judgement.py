@@ -56,7 +56,8 @@ class Rates(NamedTuple):
 def judge(predicted, truth, extent: float, flagged: bool, impossible: bool = False) -> Judged:
     """Compare spreads (position [m], rotation [rad]) with the true ones, of a body of that extent [m].
 
-    What is ``impossible``, because bodies go through each other, is bad however well the spreads agree.
+    What is ``impossible``, because bodies go through each other or rollouts gain energy, is bad however well
+    the spreads agree.
     """
     position = _ratio(predicted[0], truth[0], POSITION_FLOOR * extent)
     rotation = _ratio(predicted[1], truth[1], ROTATION_FLOOR)

@@ -34,7 +34,8 @@ from unc_physics_evaluation.hard_cases.shapes import SHAPES, ball, rod
 from unc_physics_evaluation.judgement import FALSE, MISSING, RIGHT, any_of, judge, rates, worst
 from unc_physics_evaluation.passing import passed_through
 from unc_physics_evaluation.results import Results
-from unc_physics_evaluation.stability_document import AT_REST, COMMAND, DRIFT_LIMIT
+from unc_physics_evaluation.stability_document import AT_REST, DRIFT_LIMIT
+from unc_physics_evaluation.stability_texts import COMMAND
 
 BALL = ball().scaled(0.1)
 

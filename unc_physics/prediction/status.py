@@ -71,7 +71,7 @@ def assess(prediction: Prediction, *, rollouts: int = ROLLOUTS) -> tuple[BodySta
     ``step_times_frequency``
         Of a body that touched something, with the explicit integrator: what a contact's oscillation turns in
         a step [rad], at the highest speed that start, end and gravity suggest. Up to the limit an impact of
-        two spheres changes their energy by at most 4 %, at 1.6 by 7 %, at 1.8 by 70 %.
+        two spheres changes their energy by at most 4 %, at 1.8 by 70 %, and one of many contacts by more.
     ``impact_over_capacity``
         With the explicit integrator: kinetic energy at that speed over what two spheres as large as the
         body's largest take up before they pass through each other (`contact_model.capacity`).

@@ -99,7 +99,7 @@ RULES = {
     ),
     "step_times_frequency": Rule(
         Status.NOT_CONVERGED,
-        1.5,
+        1.3,
         "the step is too long for the stiffness of contacts; lower dt, now {dt:.3g} s, to {shorter:.2g} s",
     ),
     "impact_over_capacity": Rule(
