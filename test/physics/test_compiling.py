@@ -1,5 +1,6 @@
 """Compiled kernels: kept where something can be written, never stale, said once, and no prediction's time."""
 
+import gc
 import os
 import re
 import shutil
@@ -10,6 +11,7 @@ import time
 import numba
 import numpy as np
 import pytest
+from numba.core import event
 
 from unc_physics import Belief, RigidBody, Scene, load_model, predict
 from unc_physics.physics import compile_cache
@@ -267,3 +269,22 @@ def test_compiling_is_no_predictions_time():
     prediction = predict(scene, belief, Compiling(samples=2), 0.5, max_computation_time=0.5)
     passed = time.perf_counter() - began
     assert prediction.wall_time < 0.5 * passed
+
+
+def test_the_garbage_collector_is_the_users_again_after_compiling():
+    meanwhile, before = [], gc.get_threshold()
+
+    class _Look(event.Listener):
+        def on_start(self, event):
+            meanwhile.append(gc.get_threshold())
+
+        def on_end(self, event):
+            pass
+
+    for often in (before, (0, 10, 10)):  # by default, and off
+        gc.set_threshold(*often)
+        with event.install_listener("numba:compile", _Look()), pytest.raises(numba.TypingError):
+            numba.njit(lambda x: x.no_such_attribute)(1.0)  # compiling that fails, too
+        assert gc.get_threshold() == often
+    gc.set_threshold(*before)
+    assert meanwhile[0][0] > before[0] and meanwhile[1] == (0, 10, 10)
