@@ -17,7 +17,8 @@ from visualization_msgs.msg import Marker, MarkerArray
 from unc_physics.ros.background import Newest
 from unc_physics.ros.durations import seconds
 from unc_physics.ros.models import ModelLibrary
-from unc_physics.ros.streaming import scene_of_detections, topic_name
+from unc_physics.ros.scene_topics import scene_of_detections
+from unc_physics.ros.streaming import topic_name
 from unc_physics_msgs.msg import PredictedObject, Prediction, Scene
 
 HORIZONS = [0.1, 0.2, 0.25]
