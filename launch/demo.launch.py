@@ -1,6 +1,6 @@
 """The prediction node and a client that streams two bunnies which approach each other, shown in RViz.
 
-ros2 launch unc_physics demo.launch.py [rviz:=false]
+ros2 launch unc_physics demo.launch.py [rviz:=false] [view:=true]
 """
 
 from pathlib import Path
@@ -20,6 +20,9 @@ def generate_launch_description():
     return LaunchDescription(
         [
             DeclareLaunchArgument("rviz", default_value="true", description="show predictions in RViz"),
+            DeclareLaunchArgument(
+                "view", default_value="false", description="show the stream on a page in the browser"
+            ),
             Node(
                 package="unc_physics",
                 executable="unc_physics_node",
@@ -28,6 +31,13 @@ def generate_launch_description():
                 parameters=[str(CONFIG / "demo.yaml")],
             ),
             Node(package="unc_physics", executable="unc_physics_demo_stream", output="screen"),
+            Node(
+                package="unc_physics",
+                executable="unc_physics_view",
+                output="screen",
+                parameters=[str(CONFIG / "demo.yaml")],
+                condition=IfCondition(LaunchConfiguration("view")),
+            ),
             Node(
                 package="rviz2",
                 executable="rviz2",

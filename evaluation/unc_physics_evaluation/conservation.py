@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
@@ -83,11 +83,10 @@ def rollout_rows(method: str, scene: Scene, states: np.ndarray) -> list[Row]:
 def prediction_rows(
     method: str, scene: Scene, beliefs: Sequence[Belief], times: Sequence[float]
 ) -> list[Row]:
-    """What a prediction keeps, from its beliefs at these times, the first of them at 0.
+    """What a prediction keeps, from its beliefs at these times, the first of them that which it began with.
 
     Energy is the expected one, the spread's included, and so at least what it would be if all turned about
-    the axes of least
-    inertia: where rotations are spread out, means and covariances tell no more.
+    the axes of least inertia: where rotations are spread out, means and covariances tell no more.
     """
     means = np.array([belief.mean for belief in beliefs])
     height = height_energy(scene, means)
@@ -96,8 +95,39 @@ def prediction_rows(
     return [
         Row(method, GAIN, "1", _gain(scene, total, height, contact_energy(scene, means[0]))),
         *_momentum_rows(method, scene, means, np.asarray(times)),
-        Row(method, EIGENVALUE, "1", min(least_eigenvalue(belief) for belief in beliefs)),
+        _eigenvalue_row(method, beliefs),
     ]
+
+
+def sampled_rows(
+    method: str,
+    scene: Scene,
+    beliefs: Sequence[Belief],
+    rollouts: Iterable[np.ndarray],
+    times: Sequence[float],
+) -> list[Row]:
+    """As `prediction_rows`, of a prediction that rests on rollouts, from their states (N, B, 13) at these
+    times.
+
+    Energy and momentum are the means of their own: moments of an answer that is estimated from them are
+    uncertain by more than what a body at rest has of either.
+    """
+    height, total, means, stored = [], [], [], None
+    for states in rollouts:
+        if stored is None:
+            stored = float(np.mean([contact_energy(scene, state) for state in states]))
+        height.append(height_energy(scene, states).mean())
+        total.append(height[-1] + kinetic_energy(scene, states).mean())
+        means.append(states.mean(axis=0))
+    return [
+        Row(method, GAIN, "1", _gain(scene, np.array(total), np.array(height), stored)),
+        *_momentum_rows(method, scene, np.array(means), np.asarray(times)),
+        _eigenvalue_row(method, beliefs),
+    ]
+
+
+def _eigenvalue_row(method, beliefs):
+    return Row(method, EIGENVALUE, "1", min(least_eigenvalue(belief) for belief in beliefs))
 
 
 def least_eigenvalue(belief: Belief) -> float:

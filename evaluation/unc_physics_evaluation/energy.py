@@ -47,6 +47,9 @@ def contact_energy(scene: Scene, state: np.ndarray) -> float:
         for i, (c_i, r_i) in enumerate(spheres[:j]):
             if scene.bodies[i].fixed and scene.bodies[j].fixed:
                 continue
+            reach = scene.bodies[i].model.bounding_radius + scene.bodies[j].model.bounding_radius
+            if np.linalg.norm(state[i, POSITION] - state[j, POSITION]) > reach:
+                continue
             distance = np.linalg.norm(c_i[:, None] - c_j, axis=-1)
             R, r = np.broadcast_arrays(r_i[:, None], r_j)
             near = distance < R + r

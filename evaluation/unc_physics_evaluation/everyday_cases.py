@@ -29,6 +29,11 @@ class Case(NamedTuple):
     horizon: float
 
 
+def names() -> list[str]:
+    """Names of all motions, each with each belief."""
+    return [f"{motion}, {belief}" for motion in CASES for belief in BELIEFS]
+
+
 def case(name: str, belief: str) -> Case:
     """A case by its name, with one of the beliefs."""
     scene, mean, horizon = CASES[name]()

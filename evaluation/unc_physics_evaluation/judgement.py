@@ -19,7 +19,7 @@ class Judged(NamedTuple):
     position, rotation : float
         Predicted spread over the true one; 1 where both are nothing, infinite where only the true one is.
     bad : bool
-        Whether one of them is off by more than a factor of 2, or no number.
+        Whether one of them is off by more than a factor of 2, or no number, or the truth is none.
     flagged : bool
     """
 
@@ -53,11 +53,15 @@ class Rates(NamedTuple):
         return self.false / self.good if self.good else math.nan
 
 
-def judge(predicted, truth, extent: float, flagged: bool) -> Judged:
-    """Compare spreads (position [m], rotation [rad]) with the true ones, of a body of that extent [m]."""
+def judge(predicted, truth, extent: float, flagged: bool, impossible: bool = False) -> Judged:
+    """Compare spreads (position [m], rotation [rad]) with the true ones, of a body of that extent [m].
+
+    What is ``impossible``, because bodies go through each other or rollouts gain energy, is bad however well
+    the spreads agree.
+    """
     position = _ratio(predicted[0], truth[0], POSITION_FLOOR * extent)
     rotation = _ratio(predicted[1], truth[1], ROTATION_FLOOR)
-    bad = not all(1.0 / FACTOR <= ratio <= FACTOR for ratio in (position, rotation))
+    bad = impossible or not all(1.0 / FACTOR <= ratio <= FACTOR for ratio in (position, rotation))
     return Judged(position, rotation, bad, flagged)
 
 

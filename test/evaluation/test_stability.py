@@ -34,7 +34,8 @@ from unc_physics_evaluation.hard_cases.shapes import SHAPES, ball, rod
 from unc_physics_evaluation.judgement import FALSE, MISSING, RIGHT, any_of, judge, rates, worst
 from unc_physics_evaluation.passing import passed_through
 from unc_physics_evaluation.results import Results
-from unc_physics_evaluation.stability_document import AT_REST, COMMAND, DRIFT_LIMIT
+from unc_physics_evaluation.stability_document import AT_REST, DRIFT_LIMIT
+from unc_physics_evaluation.stability_texts import COMMAND
 
 BALL = ball().scaled(0.1)
 
@@ -98,6 +99,7 @@ def test_a_spread_within_a_factor_of_two_is_right():
     assert judge((1.0, 0.4), (1.0, 1.0), 1.0, False).bad
     assert judge((math.nan, 1.0), (1.0, 1.0), 1.0, False).bad
     assert judge((0.1, 1.0), (0.0, 1.0), 1.0, False).bad, "certain in truth"
+    assert judge((1.0, 1.0), (1.0, 1.0), 1.0, False, impossible=True).bad
     nothing = judge((1e-10, 0.0), (0.0, 5e-10), 1.0, False)
     assert not nothing.bad and (nothing.position, nothing.rotation) == (1.0, 1.0)
 

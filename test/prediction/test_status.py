@@ -305,6 +305,22 @@ def test_energy_gained_on_the_implicit_step_is_named():
     assert "integrator" not in status.message
 
 
+@pytest.mark.parametrize("islands", [False, True])
+def test_samples_made_of_rollouts_gain_no_energy_that_these_do_not(islands):
+    scene, belief, horizon, _ = hard_cases.load("fast_ball_at_ball")
+    scene = replace(scene, islands=islands)
+    prediction = predict(scene, belief, make_propagator("cloud", runs=16, seed=1), horizon, times=[0.1])
+    for found in assess_all(prediction):
+        assert all(status.measures.get("energy_gain", 0.0) <= 0.0 for status in found)
+    if not islands:
+        masses = np.array([body.mass for body in scene.bodies])
+        emitted, simulated = (
+            masses @ (states[..., 3:6] ** 2).sum(axis=2).mean(axis=0)
+            for states in (prediction.samples(), prediction.carry.states)
+        )
+        assert emitted > 1.1 * simulated, "what the samples have by themselves"
+
+
 def test_a_brick_that_begins_in_the_floor_overlaps():
     scene, belief = stack(1.0)
     mean = belief.mean.copy()

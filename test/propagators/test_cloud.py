@@ -235,9 +235,9 @@ def test_what_is_fitted_is_fitted_once_and_goes_with_its_carry(loaded, monkeypat
     prediction = predict(dataclasses.replace(scene, islands=islands), belief, "cloud", 0.8)
     assess(prediction)
     prediction.propagator.standard_errors(prediction.carry, prediction.scene)
-    assert len(fits) == 1 and len(prediction.carry.fits) == 1
+    assert len(fits) == len(prediction.carry.fits) == len(prediction.carry.errors) == 1
     later = prediction.propagator.advance(prediction.carry, prediction.scene, 1)
-    assert not later.fits, "other states begin without"
+    assert not later.fits and not later.errors, "other states begin without"
 
 
 def test_an_interval_counts_rollouts(loaded):

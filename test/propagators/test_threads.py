@@ -4,6 +4,7 @@ import concurrent.futures
 import os
 import subprocess
 import sys
+import time
 
 import numba
 import numpy as np
@@ -12,6 +13,7 @@ import yaml
 from example_scenes import parts_of
 
 from unc_physics import make_propagator, predict
+from unc_physics.physics.threads import in_threads
 
 needs_two_threads = pytest.mark.skipif(
     numba.config.NUMBA_NUM_THREADS < 2, reason="this machine has one thread"
@@ -73,6 +75,22 @@ def test_the_command_prints_the_same_with_one_thread_and_with_two(tmp_path, cont
             {key: value for key, value in yaml.safe_load(run.stdout).items() if key != "wall_time"}
         )
     assert outputs[0] == outputs[1]
+
+
+@needs_two_threads
+def test_what_a_part_raises_ends_the_work_when_nobody_is_at_it_any_more():
+    begun, ended = [], []
+
+    def run(some):
+        begun.append(some)
+        time.sleep(0.01)
+        ended.append(some)
+        if len(ended) == 2:
+            raise ValueError("the second part")
+
+    with pytest.raises(ValueError, match="second"):
+        in_threads(64, run)
+    assert len(ended) == len(begun) < 16
 
 
 def test_fewer_samples_are_the_first_of_more(loaded):

@@ -17,7 +17,8 @@ from visualization_msgs.msg import Marker, MarkerArray
 from unc_physics.ros.background import Newest
 from unc_physics.ros.durations import seconds
 from unc_physics.ros.models import ModelLibrary
-from unc_physics.ros.streaming import scene_of_detections, topic_name
+from unc_physics.ros.scene_topics import scene_of_detections
+from unc_physics.ros.streaming import topic_name
 from unc_physics_msgs.msg import PredictedObject, Prediction, Scene
 
 HORIZONS = [0.1, 0.2, 0.25]
@@ -89,6 +90,15 @@ def test_a_scene_is_predicted_for_all_horizons(publish, listener):
     xs = [position_of(state.pose.pose)[0] for state in message.objects[0].states]
     way = np.array(xs) - sent.objects[0].pose.pose.position.x
     assert np.allclose(way, 0.5 * np.array(HORIZONS), atol=1e-3)  # a few sigma points may touch at the end
+
+
+def test_the_same_scene_has_the_same_prediction(publish, listener):
+    """What changes from one prediction of a stream to the next is the scene, not what was drawn."""
+    first, second = (answer_to(scene(listener), publish, listener) for _ in range(2))
+    assert first.header.stamp != second.header.stamp and first.seed == second.seed
+    for one, other in zip(first.objects, second.objects, strict=True):
+        for states in zip(one.states, other.states, strict=True):
+            assert np.array_equal(*map(numbers_of, states))
 
 
 def test_an_error_that_a_scene_s_objects_share(publish, listener):

@@ -73,7 +73,7 @@ def expected(server, frame):
     """Where the body's middle is in the picture, by the camera that the browser tells of."""
     camera = next(iter(server.server.get_clients().values())).camera
     R = viser.transforms.SO3(np.array(camera.wxyz)).as_matrix()
-    right, down, ahead = R.T @ (server._drawing.frames.positions[frame, 0] - camera.position)
+    right, down, ahead = R.T @ (server.drawn.frames.positions[frame, 0] - camera.position)
     focal = 0.5 * HEIGHT / np.tan(0.5 * camera.fov)
     return np.array([0.5 * WIDTH + focal * right / ahead, 0.5 * HEIGHT + focal * down / ahead])
 
@@ -101,7 +101,7 @@ def test_the_body_is_where_it_should_be_and_the_time_line_moves_it(shown):
     line.press("End")
     wait_for(lambda: at(8))
     assert np.linalg.norm(expected(server, 8) - expected(server, 0)) > 3 * OFF
-    assert server._drawing._time.text == "t = 0.40 s"
+    assert server.drawn._time.text == "t = 0.40 s"
 
 
 def test_a_slider_predicts_anew(shown):

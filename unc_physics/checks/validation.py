@@ -145,6 +145,8 @@ def covariance(value, size, field) -> np.ndarray:
 
     P = array(value, (size, size), field, InvalidCovarianceError)
     diagonal = P.diagonal()
+    if np.count_nonzero(P) == np.count_nonzero(diagonal) and diagonal.min(initial=0.0) >= 0.0:
+        return P  # variances alone
     variance = np.repeat(diagonal.reshape(-1, 3).max(axis=1), 3)
     variance[variance <= 0.0] = max(
         0.0, variance.max(initial=0.0)

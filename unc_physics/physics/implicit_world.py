@@ -142,7 +142,7 @@ def of_bodies(memory, bodies, kept_overlap):
     place[bodies] = np.arange(len(bodies))
     own = fresh_solver_memory(count, len(bodies))._replace(kept_overlap=kept_overlap, key=memory.key)
     own.quiet[:], own.residual[:] = memory.quiet[:, bodies], memory.residual[:, bodies]
-    for n in range(count):
+    for n in np.flatnonzero(memory.count):
         contact = memory.contact[n, : memory.count[n]]
         kept = place[contact[:, 0]] >= 0
         _append(own, n, _renumbered(contact[kept], place), memory.force[n, : memory.count[n]][kept])
@@ -155,7 +155,8 @@ def add_bodies(memory, own, bodies, followed):
     """
     memory.quiet[:, bodies], memory.residual[:, bodies] = own.quiet[followed], own.residual[followed]
     memory.key[:] = own.key[followed]
-    for n, k in enumerate(followed):
+    for n in np.flatnonzero(own.count[followed]):
+        k = followed[n]
         _append(memory, n, _renumbered(own.contact[k, : own.count[k]], bodies), own.force[k, : own.count[k]])
 
 

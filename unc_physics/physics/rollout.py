@@ -8,7 +8,7 @@ from .threads import in_threads
 from .time_limit import limited
 from .workspace import workspace
 
-#: Steps of single bodies, in all samples, that take no longer than it takes to wake other threads.
+#: Steps of single bodies, in all samples, that take no longer than it takes to wake another thread.
 _FEW_STEPS = 400
 
 
@@ -30,12 +30,14 @@ def rollout(states, contact_history, world, begin, steps):
     steps : int
     """
     world = limited(world)
-    if states.shape[0] * states.shape[1] * steps <= _FEW_STEPS:
+    each = max(states.shape[1] * steps, 1)
+    if len(states) * each <= _FEW_STEPS:
         advance(states, contact_history, world, begin, steps)
         return
     in_threads(
         len(states),
         lambda some: advance(states[some], histories.samples(contact_history, some), world, begin, steps),
+        fewest=_FEW_STEPS // each,
     )
 
 

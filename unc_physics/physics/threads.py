@@ -3,6 +3,7 @@
 import contextlib
 import threading
 import time
+from collections import deque
 from concurrent.futures import ThreadPoolExecutor, wait
 from functools import cache
 
@@ -54,13 +55,15 @@ def single_thread():
         numba.set_num_threads(before)
 
 
-def in_threads(count, run, first=_FIRST_PART):
+def in_threads(count, run, first=_FIRST_PART, fewest=_FEWEST_IN_A_PART):
     """Call ``run(slice)`` for parts of ``range(count)``, on as many threads as numba is set to.
 
     Work that is `watched` begins with parts of ``first`` samples, unless that is all that a thread gets.
+    Parts have no less than ``fewest`` samples, as far as there is one for each thread.
     """
     threads = numba.get_num_threads() if count > 1 else 1
-    parts = threads * min(max(count // (_FEWEST_IN_A_PART * threads), 1), _MOST_PARTS_PER_THREAD)
+    fewest = max(fewest, _FEWEST_IN_A_PART)
+    parts = threads * min(max(count // (fewest * threads), 1), _MOST_PARTS_PER_THREAD)
     size = -(-count // parts)
     if _watch.look is not None and size > first:
         _in_watched_parts(count, run, threads, first, size, _watch.look)
@@ -68,9 +71,36 @@ def in_threads(count, run, first=_FIRST_PART):
         run(slice(0, count))
     else:
         ends = [count * part // parts for part in range(parts + 1)]
-        count_compiling(
-            max(_pool(threads).map(lambda some: _timed(run, some)[1], map(slice, ends[:-1], ends[1:])))
-        )
+        _share(deque(map(slice, ends[:-1], ends[1:])), run, threads)
+
+
+def _share(parts, run, threads):
+    """Let each thread take parts one after the other, so that it is woken up once for all of them."""
+
+    def work():
+        compiled = 0.0
+        try:
+            while (some := _next(parts)) is not None:
+                compiled += _timed(run, some)[1]
+        finally:
+            parts.clear()  # where it failed, nobody is to go on
+        return compiled
+
+    workers = [_pool(threads).submit(work) for _ in range(threads)]
+    try:
+        wait(workers)
+    finally:
+        parts.clear()
+        wait(workers)  # they write where nobody would expect it any more
+    count_compiling(max(worker.result() for worker in workers))
+
+
+def _next(parts):
+    """The next part, None where others took the last one."""
+    try:
+        return parts.popleft()
+    except IndexError:
+        return None
 
 
 def _in_watched_parts(count, run, threads, first, most, look):

@@ -12,6 +12,7 @@ from ..propagators.base import Mode
 from ..scene.belief import Belief
 
 if TYPE_CHECKING:
+    from .motion import Motion
     from .prediction import Prediction
     from .probabilities import (
         ContactProbability,
@@ -40,6 +41,12 @@ class Answers(ABC):
     def carries(self, last: int) -> Sequence[Any]:
         """The propagator's persistent states at the last of the prediction's times; None where they are not
         kept.
+        """
+        return [None] * last
+
+    def motions(self, last: int) -> Sequence[Motion | None]:
+        """What the rollouts move with at the last of the prediction's times; None where the belief is of
+        themselves.
         """
         return [None] * last
 

@@ -13,6 +13,7 @@ from ..scene.belief import Belief
 from .answers import Answers
 
 if TYPE_CHECKING:
+    from .motion import Motion
     from .prediction import Prediction
     from .probabilities import (
         ContactProbability,
@@ -36,10 +37,19 @@ class Computed(Answers):
         Gives the belief of the points or samples that it began with.
     reached : sequence of callables
         Each gives the state at one of the prediction's times, None where it was not kept.
+    motions : sequence of Motion or None
+        Of the rollouts at these times, where the answer is made of more samples.
     """
 
-    def __init__(self, carry: Any, began: Callable[[], Belief], reached: Sequence[Callable[[], Any]]):
-        self._carry, self._began, self._reached = carry, began, reached
+    def __init__(
+        self,
+        carry: Any,
+        began: Callable[[], Belief],
+        reached: Sequence[Callable[[], Any]],
+        motions: Sequence[Motion | None],
+    ):
+        self._carry, self._began, self._reached, self._motions = carry, began, reached, motions
+        self._start: Belief | None = None
 
     @property
     def carry(self) -> Any:
@@ -48,10 +58,16 @@ class Computed(Answers):
     def carries(self, last: int) -> Sequence[Any]:
         return [carry() for carry in self._reached[-last:]]
 
+    def motions(self, last: int) -> Sequence[Motion | None]:
+        return self._motions[-last:]
+
     def start(self, prediction: Prediction) -> Belief:
-        scene, start = prediction.scene, prediction.contact_history.start
-        moved = start is not None and (start.moved.any() or any(body.at_rest for body in scene.bodies))
-        return self._began() if moved or scene.overlap == "reject" else prediction.initial
+        if self._start is None:  # once for all that is asked of parts of a prediction, too
+            scene, start = prediction.scene, prediction.contact_history.start
+            moved = start is not None and (start.moved.any() or any(body.at_rest for body in scene.bodies))
+            began = moved or scene.overlap == "reject"
+            self._start = self._began() if began else prediction.initial
+        return self._start
 
     def samples(self, prediction: Prediction, count: int | None) -> np.ndarray:
         propagator = prediction.propagator

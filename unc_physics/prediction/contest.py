@@ -194,7 +194,8 @@ class Contest:
                 finite(as_driven(own.belief(carry, scene), scene, time), time)
                 for carry, time in zip(later, times, strict=True)
             )
-        answers = Computed(later[-1], partial(own.belief, first, scene), [nothing] * len(times))
+        began = partial(own.belief, first, scene)
+        answers = Computed(later[-1], began, [nothing] * len(times), [None] * len(times))
         kept = None
         if self._keep_samples:
             kept = tuple(own.own_samples(carry, scene)[: self._keep_samples].copy() for carry in later)

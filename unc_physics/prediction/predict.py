@@ -33,6 +33,7 @@ from ..scene.stiffness import with_stiffness
 from .computed import Computed
 from .islands import Islands
 from .memory import check_memory
+from .motion import motion_of
 from .prediction import Prediction
 from .within import LOOK_UP_AFTER, Within, first_piece
 
@@ -131,7 +132,7 @@ def _predicted(scene, belief, propagator, marks, within, progress, keep_samples)
     in_islands = scene.islands and len(scene.moving) > 0 and not scene.shared_parameters and not scene.acts
     runner: Any = Islands(propagator, scene, marks) if in_islands else propagator
     keep_samples = 0 if propagator.own_sample_count is None else keep_samples
-    done, reached, beliefs, kept, carries = 0, [], [], [], []
+    done, reached, beliefs, kept, carries, motions = 0, [], [], [], [], []
     told = within.started
 
     def tell():
@@ -157,7 +158,7 @@ def _predicted(scene, belief, propagator, marks, within, progress, keep_samples)
         whole = runner.whole(carry) if in_islands else carry
         took = clock() - within.started
         states = tuple(kept) if keep_samples else None
-        answers = Computed(whole, began, tuple(carries))
+        answers = Computed(whole, began, tuple(carries), tuple(motions))
         return Prediction(scene, propagator, tuple(reached), tuple(beliefs), took, given, answers, states)
 
     def reach(carry, steps):
@@ -167,6 +168,10 @@ def _predicted(scene, belief, propagator, marks, within, progress, keep_samples)
             carries.append(partial(runner.whole if in_islands else _itself, carry))
         else:
             carries.append(nothing)
+        motions.append(None)
+        if propagator.emits:
+            states = propagator.rollout_states(runner.whole(carry) if in_islands else carry, scene)
+            motions[-1] = motion_of(states)
         if keep_samples:
             kept.append(runner.own_samples(carry, scene)[:keep_samples].copy())
 

@@ -70,7 +70,8 @@ def assess(prediction: Prediction, *, rollouts: int = ROLLOUTS) -> tuple[BodySta
         steps up to the prediction's end, that only one in twenty rollouts exceeds.
     ``step_times_frequency``
         Of a body that touched something, with the explicit integrator: what a contact's oscillation turns in
-        a step [rad], at the highest speed that start, end and gravity suggest.
+        a step [rad], at the highest speed that start, end and gravity suggest. Up to the limit an impact of
+        two spheres changes their energy by at most 4 %, at 1.8 by 70 %, and one of many contacts by more.
     ``impact_over_capacity``
         With the explicit integrator: kinetic energy at that speed over what two spheres as large as the
         body's largest take up before they pass through each other (`contact_model.capacity`).
@@ -144,10 +145,17 @@ def judge(prediction: Prediction, rollouts: int) -> tuple[tuple[BodyStatus, ...]
         tuple(
             judged(scene, body.name, measures)
             for body, measures in zip(
-                scene.bodies, measures_at(scene, start, prediction, time, belief, spread, bent), strict=True
+                scene.bodies,
+                measures_at(scene, start, prediction, time, belief, spread, bent, motion),
+                strict=True,
             )
         )
-        for time, belief, spread, bent in zip(
-            prediction.times, prediction.beliefs, spreads, uneven, strict=True
+        for time, belief, spread, bent, motion in zip(
+            prediction.times,
+            prediction.beliefs,
+            spreads,
+            uneven,
+            prediction.answers.motions(len(prediction.times)),
+            strict=True,
         )
     )

@@ -111,7 +111,7 @@ def _shape(model):
     return _shapes[model]
 
 
-def measures_at(scene, start, prediction, time, belief, spreads, uneven):
+def measures_at(scene, start, prediction, time, belief, spreads, uneven, motion):
     """Measures by name of each body, at one of the prediction's times; a fixed one has none."""
     propagator, history, bodies = prediction.propagator, prediction.contact_history, len(scene.bodies)
     touched = history.first_time.min(axis=0) <= time
@@ -139,7 +139,7 @@ def measures_at(scene, start, prediction, time, belief, spreads, uneven):
             if uneven is not None:
                 in_contact["unevenness"] = uneven
             in_contact["mean_overlap"] = overlaps(scene, belief.mean[None])[0][0] / start.shapes[:, 3]
-        speed, gain = _energies(scene, start, belief, group)
+        speed, gain = _energies(scene, start, belief, group, motion)
         if not scene.acts:  # which adds energy
             in_contact["energy_gain"] = gain
         if scene.integrator == "explicit":
@@ -300,16 +300,24 @@ def _free_rotation_std(scene, start, time):
     return result
 
 
-def _energies(scene, start, belief, group):
-    """Highest speed [m/s] of each body, and its group's relative gain of energy: each (B,)."""
-    way = belief.mean[:, POSITION] - start.mean[:, POSITION]
-    work = start.mass * (way @ scene.gravity)
-    after, _ = _kinetic(scene, start, belief, 0)
+def _energies(scene, start, belief, group, motion):
+    """Highest speed [m/s] of each body, and its group's relative gain of energy: each (B,).
+
+    Samples that are made of rollouts have energies that nothing holds them to: then those of the rollouts
+    count.
+    """
+    position = belief.mean[:, POSITION] if motion is None else motion.position
+    work = start.mass * ((position - start.mean[:, POSITION]) @ scene.gravity)
+    if motion is None:
+        after, _ = _kinetic(scene, start, belief, 0)
+    else:
+        after = 0.5 * start.mass * (motion.speed_squares + start.shapes[:, 0] * motion.spin_squares)
     source, rest = (
         np.bincount(group, value, len(group))[group]
         for value in (start.energy + np.maximum(work, 0.0), after + np.maximum(-work, 0.0))
     )
     gain = (rest - source) / np.where(source > 0.0, source, math.inf)
+    way = belief.mean[:, POSITION] - start.mean[:, POSITION]
     squares = np.maximum(*((state[:, VELOCITY] ** 2).sum(axis=1) for state in (start.mean, belief.mean)))
     return np.sqrt(squares + 2.0 * math.sqrt(scene.gravity @ scene.gravity) * np.abs(way).max(axis=1)), gain
 

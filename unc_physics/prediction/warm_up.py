@@ -11,7 +11,7 @@ import numpy as np
 from ..checks.validation import covariance
 from ..geometry.packing_file import SpherePacking
 from ..physics.layout import ERROR, POSITION, QUATERNION, STATE
-from ..physics.origin import at_com, covariance_at_com, inverse_error_map
+from ..physics.origin import at_com, covariance_at_com, inverse_error_map, moved
 from ..propagators.registry import PROPAGATORS, make_propagator
 from ..scene.belief import Belief
 from ..scene.body import RigidBody
@@ -59,6 +59,7 @@ def warm_up(
     mean[:, POSITION][:, 2] = 0.0, 0.015, -0.015
     P = covariance(1e-6 * np.eye(ERROR), ERROR, "covariance")
     belief = Belief(mean, np.stack([P, P]), scene.moving)
+    moved(mean[0], np.zeros(3), -1.0)
     covariance_at_com(np.eye(6), np.eye(6), mean[0], np.zeros(3))  # of what is given at its model's origin
     at_com(np.eye(ERROR), mean[0], np.zeros(3))
     inverse_error_map(mean[0], np.zeros(3))

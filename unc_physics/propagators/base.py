@@ -140,6 +140,8 @@ class Propagator(ABC):
         Whether a body that nothing can reach may go many steps at once (`fly`).
     points_in_pairs : bool
         Whether its state is points in opposite pairs (`opposite_points`).
+    emits : bool
+        Whether its own samples are made of fewer rollouts (`rollout_states`).
     grows : bool
         Whether rollouts are added until the answer is sure enough (`further`, `begun`, `together`).
     """
@@ -157,6 +159,7 @@ class Propagator(ABC):
     draws_together: ClassVar[bool] = False
     flies: ClassVar[bool] = False
     points_in_pairs: ClassVar[bool] = False
+    emits: ClassVar[bool] = False
     grows: ClassVar[bool] = False
 
     def __init_subclass__(cls, **keywords):

@@ -16,7 +16,7 @@ from ..scene.action_arrays import start_states
 from ..scene.belief import Belief
 from ..scene.parameters import center_offsets, moved_along
 from ..scene.physics_keys import INTEGRATORS
-from .base import SAMPLES_LIMIT, Propagator, Traits, rolled
+from .base import SAMPLES_LIMIT, Errors, Propagator, Traits, rolled
 from .emission import Fit, Runs, emitted
 from .free_flight import flown
 from .joining import joined_history, joined_means
@@ -75,6 +75,11 @@ class CloudCarry(_Carry):
         """What was fitted to each group of bodies (`emission.Runs`)."""
         return {}
 
+    @cached_property
+    def errors(self) -> list[Errors]:
+        """Standard errors of the means, once they were asked for."""
+        return []
+
 
 @dataclass(frozen=True)
 class Cloud(Propagator):
@@ -106,7 +111,7 @@ class Cloud(Propagator):
     traits = Traits("estimated", "rollouts and surface", True, False, "simulated")
     color, marker = "#CC3311", "*"
     integrators = INTEGRATORS
-    varies_parameters = takes_actions = draws_impacts = draws_together = flies = True
+    varies_parameters = takes_actions = draws_impacts = draws_together = flies = emits = True
 
     runs: int = option(32, "number of rollouts", low=FEWEST_RUNS, high=RUNS_LIMIT)
     samples: int = option(1000, "number of samples that the answer consists of", low=1, high=SAMPLES_LIMIT)
@@ -231,7 +236,9 @@ class Cloud(Propagator):
         }
 
     def standard_errors(self, carry, scene):
-        return standard_errors(self._runs(carry), scene)
+        if not carry.errors:  # of a new batch, the answer and its status
+            carry.errors.append(standard_errors(self._runs(carry), scene))
+        return carry.errors[0]
 
     def _points(self, count, dimensions, columns, simulated):
         """(count, r + K): what the rollouts are spread by."""

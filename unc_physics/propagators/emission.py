@@ -168,6 +168,7 @@ def _groups(runs, scene):
     others = met[:, count:].any(axis=1) | ((met[:, :count] | met[:, :count].T) & ~movable).any(axis=1)
     moved = np.zeros(count, bool) if start is None else (start.moved > 0.0).any(axis=0)
     tilted = scene.gyroscopic or any(p.name == "gravity_direction" for p in scene.uncertain)
+    tilted = tilted and runs.step > 0
     roots = runs.root.reshape(len(runs.moving), ERROR, size)
     left = set(runs.moving.tolist())
     while left:
@@ -205,15 +206,16 @@ def _flown(runs, scene, group, z):
 def _meetings(runs, group):
     """Who of a group meets whom, when on average, and in what share of the rollouts (`impact_metric`)."""
     first, count = runs.contact_history.first_time, len(runs.mean)
+    met = np.isfinite(first).any(axis=0)
     found, place_of = [], {int(body): place for place, body in enumerate(group.bodies)}
     for place, i in enumerate(group.bodies.tolist()):
-        for column in range(first.shape[2]):
+        either = met[i].copy()
+        either[:count] |= met[:, i]
+        for column in np.flatnonzero(either).tolist():
             times = first[:, i, column]
             if column < count:
                 times = np.minimum(times, first[:, column, i])
             some = np.isfinite(times)
-            if not some.any():
-                continue
             partner = place_of.get(column, -1)
             if partner < 0 or partner > place:
                 found.append((place, partner, float(np.median(times[some])), float(some.mean())))

@@ -52,9 +52,18 @@ class ServingNode(Node):
         self.server = PredictionServer(self)
         self.failed: Exception | None = None
 
+    @property
+    def is_ready(self) -> bool:
+        """Whether everything is advertised."""
+        return self.server.is_open
+
+    def close(self) -> None:
+        """End what is computed, and answer it."""
+        self.server.close()
+
     def destroy_node(self):
         """End what is computed, answer it, and destroy the node."""
-        self.server.close()
+        self.close()
         self.server.discard()
         super().destroy_node()
 
@@ -98,7 +107,7 @@ class UncPhysicsNode(ServingNode):
         super().destroy_node()
 
 
-def run(make_node, arguments=None) -> int:
+def run(make_node, arguments=None, program="unc_physics_node") -> int:
     """Spin a node until SIGINT, SIGTERM or the end of its context; returns the exit status.
 
     The node is closed while it still spins, so that all who wait are answered.
@@ -106,10 +115,12 @@ def run(make_node, arguments=None) -> int:
     Parameters
     ----------
     make_node : callable
-        Makes the node, which has a `PredictionServer` as ``server``, and as ``failed`` what keeps it from
-        getting ready.
+        Makes the node. It says whether it ``is_ready``, has what keeps it from that as ``failed``, and ends
+        what it does when it is told to ``close``.
     arguments : list of str, optional
         Command line with ROS arguments.
+    program : str
+        Begins each error.
     """
     stop, node, spinning = threading.Event(), None, None
     try:
@@ -121,25 +132,25 @@ def run(make_node, arguments=None) -> int:
         spinning = Spinning(node)
         frozen = False
         while rclpy.ok() and node.failed is None and not stop.wait(_LOOK):
-            if node.server.is_open and not frozen:
+            if node.is_ready and not frozen:
                 frozen = True
                 gc.collect()
                 gc.freeze()  # what is there by now stays: collections need not look at it again
         if node.failed is not None:
             raise node.failed
     except UncPhysicsError as error:
-        print(f"unc_physics_node: {error}", file=sys.stderr)
+        print(f"{program}: {error}", file=sys.stderr)
         return int(error.code)
     except (ParameterException, NameValidationException) as error:  # rclpy's, of a range, a type or a name
         whole = "of type 'INTEGER" in str(error) and "expecting type 'DOUBLE" in str(error)
         hint = "; write whole numbers with a point, as 1.0" if whole else ""
-        print(f"unc_physics_node: {' '.join(str(error).split())}{hint}", file=sys.stderr)
+        print(f"{program}: {' '.join(str(error).split())}{hint}", file=sys.stderr)
         return int(ErrorCode.INVALID_OPTION)
     finally:
         if node is not None:
             if spinning is not None:
                 spinning.settle()
-            node.server.close()
+            node.close()
             if spinning is not None:
                 spinning.end()
             node.destroy_node()

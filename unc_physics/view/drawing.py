@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Mapping
 from typing import Any
 
@@ -34,28 +35,38 @@ class Drawing:
         Shown first, and what the camera and planes are chosen by.
     meshes : mapping of str to path-like
         Files that bodies are drawn as, in place of their spheres, by their names.
+
+    Attributes
+    ----------
+    scene : Scene
+    frames : Frames
+        What is drawn now.
     """
 
     def __init__(self, server: Any, scene: Scene, frames: Frames, meshes: Mapping[str, str] | None = None):
-        self._page = server.scene
-        self._scene = scene
-        self.frames = frames
+        self._page, self._meshes = server.scene, meshes or {}
         self._ghosts_shown = self._ellipsoids_shown = True
         self._frame = 0
+        self._drawing = threading.RLock()  # the time line runs while scenes come and sliders move
+        self._draw(scene, frames)
+        _look(server, *bounds_of(scene, frames))
+
+    def _draw(self, scene, frames):
+        """Draw all of it; the page is empty."""
+        self.scene, self.frames = scene, frames
         low, high = bounds_of(scene, frames)
         self._page.configure_default_lights(cast_shadow=False)  # much faster where there is no GPU
         self._draw_environment(low, high)
-        self._bodies = [self._body(k, (meshes or {}).get(body.name)) for k, body in enumerate(scene.bodies)]
+        self._bodies = [self._body(k, self._meshes.get(body.name)) for k, body in enumerate(scene.bodies)]
         self._ghosts = [self._ghost(k) for k in range(len(scene.bodies))]
         self._ellipsoids: list[list[Any]] = [[] for _ in scene.bodies]
         self._time = self._page.add_label("/time", "", position=_above(low, high), anchor="bottom-center")
-        _look(server, low, high)
-        self.show(0)
+        self.show(self._frame)
 
     def _draw_environment(self, low, high):
         extent = _WORLD * float((high - low).max())
         middle = 0.5 * (low + high)
-        for k, element in enumerate(self._scene.environment):
+        for k, element in enumerate(self.scene.environment):
             vertices, faces = element_mesh(element, extent)
             position = np.array(element.position, float)
             if element.shape == "plane":  # the part of it that is seen
@@ -75,7 +86,7 @@ class Drawing:
 
     def _body(self, k, mesh):
         """A frame that holds the body's spheres or its mesh, and its name."""
-        body, color = self._scene.bodies[k], self._color(k)
+        body, color = self.scene.bodies[k], self._color(k)
         frame = self._page.add_frame(f"/bodies/{k}", show_axes=False)
         if mesh is not None:
             vertices, faces = fitted_mesh(mesh, body.model)
@@ -104,7 +115,7 @@ class Drawing:
 
     def _ghost(self, k):
         """A body's samples: its coarse shape, many times; None where there is nothing to see."""
-        body = self._scene.bodies[k]
+        body = self.scene.bodies[k]
         count = self.frames.ghost_positions.shape[1]
         if not body.free or count == 0:
             return None
@@ -123,31 +134,37 @@ class Drawing:
         )
 
     def _color(self, k):
-        return _FIXED if self._scene.bodies[k].fixed else COLORS[k % len(COLORS)]
+        return _FIXED if self.scene.bodies[k].fixed else COLORS[k % len(COLORS)]
 
-    def replace(self, frames: Frames) -> None:
-        """Show another prediction of the same bodies."""
-        count = self.frames.ghost_positions.shape[1]
-        self.frames = frames
-        if frames.ghost_positions.shape[1] != count:
-            for ghost in self._ghosts:
-                if ghost is not None:
-                    ghost.remove()
-            self._ghosts = [self._ghost(k) for k in range(len(self._scene.bodies))]
-        self.show(min(self._frame, len(frames.times) - 1))
+    def replace(self, scene: Scene, frames: Frames) -> None:
+        """Show another prediction, in which things may have come or gone."""
+        with self._drawing:
+            if _things(scene) != _things(self.scene):
+                self._page.reset()
+                self._draw(scene, frames)
+                return
+            count = self.frames.ghost_positions.shape[1]
+            self.frames = frames
+            if frames.ghost_positions.shape[1] != count:
+                for ghost in self._ghosts:
+                    if ghost is not None:
+                        ghost.remove()
+                self._ghosts = [self._ghost(k) for k in range(len(self.scene.bodies))]
+            self.show(self._frame)
 
     def show(self, frame: int) -> None:
-        """Show one of the frames."""
-        self._frame = frame
-        frames = self.frames
-        self._time.text = f"t = {frames.times[frame]:.2f} s"
-        for k, body in enumerate(self._bodies):
-            body.position, body.wxyz = frames.positions[frame, k], frames.orientations[frame, k]
-            ghost = self._ghosts[k]
-            if ghost is not None and self._ghosts_shown:
-                ghost.batched_positions = frames.ghost_positions[frame, :, k].astype(np.float32)
-                ghost.batched_wxyzs = frames.ghost_orientations[frame, :, k].astype(np.float32)
-            self._show_ellipsoids(k, frames.ellipsoids[frame][k] if self._ellipsoids_shown else ())
+        """Show one of the frames, the last one if there are not as many."""
+        with self._drawing:
+            frames = self.frames
+            self._frame = frame = min(frame, len(frames.times) - 1)
+            self._time.text = f"t = {frames.times[frame]:.2f} s"
+            for k, body in enumerate(self._bodies):
+                body.position, body.wxyz = frames.positions[frame, k], frames.orientations[frame, k]
+                ghost = self._ghosts[k]
+                if ghost is not None and self._ghosts_shown:
+                    ghost.batched_positions = frames.ghost_positions[frame, :, k].astype(np.float32)
+                    ghost.batched_wxyzs = frames.ghost_orientations[frame, :, k].astype(np.float32)
+                self._show_ellipsoids(k, frames.ellipsoids[frame][k] if self._ellipsoids_shown else ())
 
     def _show_ellipsoids(self, k, wanted):
         """One for each of a body's modes; what there is more of is hidden."""
@@ -173,16 +190,24 @@ class Drawing:
 
     def show_ghosts(self, shown: bool) -> None:
         """Whether samples are drawn."""
-        self._ghosts_shown = shown
-        for ghost in self._ghosts:
-            if ghost is not None:
-                ghost.visible = shown
-        self.show(self._frame)
+        with self._drawing:
+            self._ghosts_shown = shown
+            for ghost in self._ghosts:
+                if ghost is not None:
+                    ghost.visible = shown
+            self.show(self._frame)
 
     def show_ellipsoids(self, shown: bool) -> None:
         """Whether ellipsoids are drawn."""
-        self._ellipsoids_shown = shown
-        self.show(self._frame)
+        with self._drawing:
+            self._ellipsoids_shown = shown
+            self.show(self._frame)
+
+
+def _things(scene):
+    """What a drawing shows of a scene wherever it is; models are as the library keeps them."""
+    bodies = [(body.name, id(body.model), body.free) for body in scene.bodies]
+    return bodies, [repr(element) for element in scene.environment]
 
 
 def bounds_of(scene: Scene, frames: Frames) -> tuple[np.ndarray, np.ndarray]:

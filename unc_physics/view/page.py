@@ -10,6 +10,8 @@ from pathlib import Path
 from typing import Any
 
 from ..checks.errors import UncPhysicsError
+from ..scene.belief import Belief
+from ..scene.scene import Scene
 from .drawing import Drawing
 from .session import Session
 
@@ -43,8 +45,14 @@ class Page:
         self._add_choices()
         self._add_sliders()
         self._told = self.server.gui.add_markdown(session.told())
-        for work in (self._play, self._predict):
-            threading.Thread(target=work, daemon=True).start()
+        self._playing_on = threading.Thread(target=self._play, daemon=True)
+        self._playing_on.start()
+        threading.Thread(target=self._predict, daemon=True).start()
+
+    @property
+    def drawn(self) -> Drawing:
+        """What it shows."""
+        return self._drawing
 
     @property
     def port(self) -> int:
@@ -62,10 +70,10 @@ class Page:
             self._drawing.show(self._line.value)
 
     def _add_choices(self):
-        gui, drawing, session = self.server.gui, self._drawing, self._session
+        gui, session = self.server.gui, self._session
         ghosts, ellipsoids = gui.add_checkbox("samples", True), gui.add_checkbox("ellipsoids (2 sigma)", True)
-        ghosts.on_update(lambda _: drawing.show_ghosts(ghosts.value))
-        ellipsoids.on_update(lambda _: drawing.show_ellipsoids(ellipsoids.value))
+        ghosts.on_update(lambda _: self._drawing.show_ghosts(ghosts.value))
+        ellipsoids.on_update(lambda _: self._drawing.show_ellipsoids(ellipsoids.value))
         names = tuple(session.propagators)
         chosen = gui.add_dropdown("propagator", names, initial_value=session.propagator.name)
 
@@ -83,7 +91,7 @@ class Page:
                 slider = self.server.gui.add_slider(label, 0.0, most, step, min(value, most))
                 slider.on_update(lambda _, key=key, slider=slider: self._adjust(key, slider.value))
                 sliders[key] = slider
-            back = self.server.gui.add_button("as in the file")
+            back = self.server.gui.add_button("as given")
 
         @back.on_click
         def _(_event):
@@ -104,7 +112,9 @@ class Page:
             self._wanted.clear()
             try:
                 frames = self._session.predict()
-                self._drawing.replace(frames)
+                if self._closed.is_set():
+                    return
+                self._drawing.replace(self._session.scene, frames)
                 self._told.content = self._session.told()
             except UncPhysicsError as error:
                 self._told.content = f"**not predicted**: {error}"
@@ -122,9 +132,15 @@ class Page:
         last = self._line.value == len(times) - 1
         return max(slower * float(times[-1]) / max(len(times) - 1, 1), _FASTEST) + (0.7 if last else 0.0)
 
+    def follow(self, scene: Scene, belief: Belief) -> None:
+        """Show another scene from now on; what was chosen and adjusted stays."""
+        self._session.follow(scene, belief)
+        self._wanted.set()
+
     def close(self) -> None:
         """Stop it."""
         self._closed.set()
+        self._playing_on.join()
         _stop(self.server)
 
     def wait(self) -> None:

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from ..checks.errors import NotSupportedError, UncPhysicsError
-from ..checks.shown import printable
+from ..checks.shown import plain_digits, printable
 from ..prediction.predict import predict
 from ..prediction.prediction import Prediction
 from ..prediction.probabilities import contact_probabilities, rest_probabilities
@@ -42,7 +42,7 @@ class Session:
     def __init__(
         self, scene: Scene, belief: Belief, horizon: float, propagator: Propagator, frames: int, ghosts: int
     ):
-        self.scene, self._belief, self._horizon = scene, belief, horizon
+        self.scene, self._given, self._horizon = scene, (scene, belief), horizon
         self._frames, self._ghosts = frames, ghosts
         self._chosen = propagator
         self._values: dict[str, float] = {}
@@ -55,6 +55,10 @@ class Session:
         """Names of those that take the scene's integrator."""
         names = [name for name, kind in PROPAGATORS.items() if self.scene.integrator in kind.integrators]
         return names if self.propagator.name in names else [self.propagator.name, *names]
+
+    def follow(self, scene: Scene, belief: Belief) -> None:
+        """Predict another scene from now on; what was chosen and adjusted stays."""
+        self._given = scene, belief
 
     def choose(self, name: str) -> None:
         """Predict with another propagator from now on; that of the beginning keeps its options."""
@@ -69,13 +73,14 @@ class Session:
         self._values = {}
 
     def predict(self) -> Frames:
-        """Predict with what was chosen and adjusted.
+        """Predict what is looked at, from now on `scene`, with what was chosen and adjusted.
 
         Raises
         ------
         UncPhysicsError
         """
-        scene, belief = adjusted(self.scene, self._belief, self._values)
+        self.scene, belief = self._given
+        scene, belief = adjusted(self.scene, belief, self._values)
         steps = max(round(self._horizon / scene.dt), 1)
         marks = np.unique(np.linspace(0, steps, self._frames).round().astype(int))[1:]
         times = (marks * scene.dt).tolist()
@@ -92,7 +97,7 @@ class Session:
         lines = [f"**{prediction.propagator.name}**, {_duration(prediction.wall_time)}", ""]
         for body in prediction.bodies:
             if not (body.fixed or body.prescribed):
-                std = ", ".join(f"{1e3 * value:.2g}" for value in body.position_std)
+                std = ", ".join(plain_digits(1e3 * value, 2) for value in body.position_std)
                 lines.append(f"- **{_plain(body.name)}**: ± {std} mm")
         lines += ["", *self._probabilities(prediction), ""]
         try:

@@ -8,15 +8,16 @@ from typing import NamedTuple
 from unc_physics.checks.errors import DivergedError
 from unc_physics.physics import contact_history as histories
 from unc_physics.physics.layout import ERR_POSITION, ERR_ROTATION
-from unc_physics.prediction.predict import periodic_times, predict
+from unc_physics.prediction.predict import periodic_times, predict, start_belief
 from unc_physics.prediction.status import assess
 from unc_physics.propagators.registry import PROPAGATORS, make_propagator
+from unc_physics.propagators.start import known
 from unc_physics.scene.belief import Belief
 from unc_physics.scene.scene import Scene
 from unc_physics.scene.stiffness import with_stiffness
 
 from .. import everyday_cases
-from ..conservation import FINITE, prediction_rows, rollout_rows, trajectory
+from ..conservation import FINITE, prediction_rows, rollout_rows, sampled_rows, trajectory
 from ..hard_cases import digest, load, names
 from ..jobs import Job, Outcome, Row, Settings
 from ..methods import MONTE_CARLO
@@ -81,14 +82,9 @@ def paper_cases() -> list[str]:
     return [*found, "collision_free linear_velocity", "collision_free angular_velocity", *MANIPULATION]
 
 
-def everyday_names() -> list[str]:
-    """Names of the everyday motions, with each belief."""
-    return [f"{motion}, {belief}" for motion in everyday_cases.CASES for belief in everyday_cases.BELIEFS]
-
-
 def case(name: str) -> Case:
     """A case by its name."""
-    if name in everyday_names():
+    if name in everyday_cases.names():
         motion, _, belief = name.rpartition(", ")
         found = everyday_cases.case(motion, belief)
         return Case(with_stiffness(found.scene, found.belief.mean), found.belief, found.horizon)
@@ -109,7 +105,7 @@ def jobs(settings: Settings) -> list[Job]:
     """For each case the truth, and what all propagators make of it."""
     hard, paper = (QUICK, ()) if settings.quick else (names(), paper_cases())
     found = []
-    others = (*paper, *([] if settings.quick else everyday_names()))
+    others = (*paper, *([] if settings.quick else everyday_cases.names()))
     for name in (*hard, *others):
         same = settings.parameters(case=name, file="none" if name in others else digest(name))
         for work, refined in (("truth", FINER.get(name, REFINED)), ("methods", 1)):
@@ -177,8 +173,7 @@ def _prediction(given, name, job):
     except DivergedError:
         return [Row(name, FINITE, "1", 0.0)]
     rows = [Row(name, FINITE, "1", 1.0)]
-    start = propagator.belief(propagator.init(scene, belief), scene)  # of Monte Carlo, the samples' own mean
-    rows += prediction_rows(name, scene, (start, *prediction.beliefs), (0.0, *prediction.times))
+    rows += _kept_rows(name, scene, belief, prediction)
     rows += _spread_rows(name, scene, prediction.belief, samples, prediction.seed)
     statuses = assess(prediction)
     for k in scene.moving.tolist():
@@ -187,6 +182,27 @@ def _prediction(given, name, job):
             for measure, value in statuses[k].measures.items()
         ]
     return rows
+
+
+def _kept_rows(name, scene, belief, prediction):
+    """Energy, momentum and eigenvalues, from what the prediction began with on."""
+    propagator, times = prediction.propagator, (0.0, *prediction.times)
+    nominal = propagator.traits.mean_update == "nominal"
+    carry = propagator.init(scene, start_belief(scene, belief) if nominal else known(scene, belief))
+    beliefs = (propagator.belief(carry, scene), *prediction.beliefs)
+    if propagator.own_sample_count is None:
+        return prediction_rows(name, scene, beliefs, times)
+    return sampled_rows(name, scene, beliefs, _rollouts(propagator, carry, scene, times), times)
+
+
+def _rollouts(propagator, carry, scene, times):
+    """States of the rollouts, from a carry at time 0 on; they are those of the prediction."""
+    done = 0
+    for time in times:
+        steps = round(time / scene.dt)
+        if steps > done:
+            carry, done = propagator.advance(carry, scene, steps - done), steps
+        yield propagator.rollout_states(carry, scene)
 
 
 def _spread_rows(method, scene, belief, samples, seed):

@@ -1,0 +1,112 @@
+"""The executable ``unc_physics_view``: a page in the browser that shows what is streamed to the node."""
+
+from __future__ import annotations
+
+import threading
+import traceback
+from importlib.util import find_spec
+from typing import Any
+
+from rcl_interfaces.msg import ParameterDescriptor
+from rclpy.node import Node
+
+from ..checks.errors import NotSupportedError, UncPhysicsError
+from ..view.page import Page
+from ..view.session import Session
+from .frames import Frames
+from .models import ModelLibrary
+from .node import leave, run
+from .parameters import ParameterServer
+from .requests import read_request
+from .scene_topics import SceneTopics, out_of_time, request_of
+
+_OWN = {
+    "host": ("127.0.0.1", "Address that the page listens on; whoever reaches it can look."),
+    "port": (8080, "Port that the page listens on."),
+    "frames": (40, "How many times the page shows."),
+    "ghosts": (20, "How many samples it draws."),
+}
+_REPORT_PERIOD = 5.0  # s, between warnings in the log
+
+
+class ViewNode(Node):
+    """Predicts the newest streamed scene as the prediction node does, and shows it.
+
+    It has that node's parameters, to be given the same file, and hears the same topics, which are below
+    ``unc_physics``. The page begins with the first scene.
+
+    Attributes
+    ----------
+    page : Page or None
+        None until a scene has come.
+    """
+
+    failed, is_ready = None, True
+
+    def __init__(self, node_name: str = "unc_physics_view", **others):
+        super().__init__(node_name, **others)
+        missing = [name for name in ("viser", "trimesh") if find_spec(name) is None]
+        if missing:
+            raise NotSupportedError(f"needs {' and '.join(missing)}: pip install {' '.join(missing)}")
+        self._own: dict[str, Any] = {
+            name: self.declare_parameter(
+                name, default, ParameterDescriptor(description=description, read_only=True)
+            ).value
+            for name, (default, description) in _OWN.items()
+        }
+        self.page: Page | None = None
+        self._opening = threading.Lock()  # sources have threads of their own
+        self.parameters = ParameterServer(self)
+        settings = self.parameters.settings
+        self.library = ModelLibrary(settings.models_dir, settings.allow_model_paths)
+        self.frames = Frames(self, settings.world_frame, lambda: self.parameters.settings.transform_timeout)
+        self.topics = SceneTopics(
+            self, self.parameters, self.library, self._look_at, lambda: None, "unc_physics"
+        )
+        self.get_logger().info("ready: waits for a scene")
+
+    def _look_at(self, scene):
+        settings = self.parameters.settings
+        try:
+            if (reason := out_of_time(self, scene.header.stamp, settings)) is not None:
+                self._warn(f"a scene was dropped: {reason}")
+                return
+            job = read_request(request_of(scene, settings), settings, self.library, self.frames)
+            with self._opening:
+                if self.page is None:
+                    self._open(job)
+                else:
+                    self.page.follow(job.scene, job.belief)
+        except UncPhysicsError as error:
+            self._warn(f"a scene is not shown: {error}")
+        except Exception:  # noqa: BLE001  (whatever a scene holds, the next one is shown)
+            self.get_logger().error(f"a fault of the node:\n{traceback.format_exc()}")
+
+    def _open(self, job):
+        host, port, frames, ghosts = self._own.values()
+        session = Session(job.scene, job.belief, job.horizon, job.propagator, frames, ghosts)
+        self.page = Page(session, host, port, "unc_physics")
+        self.get_logger().info(f"http://{host}:{self.page.port} shows the scene")
+
+    def _warn(self, text):
+        self.get_logger().warning(text, throttle_duration_sec=_REPORT_PERIOD)
+
+    def close(self) -> None:
+        """Hear no more scenes, and close the page."""
+        self.topics.close()
+        if self.page is not None:
+            self.page.close()
+
+    def destroy_node(self):
+        """Delete what was written to disk, and destroy the node."""
+        self.library.discard()
+        super().destroy_node()
+
+
+def main(arguments=None) -> None:
+    """Show scenes until SIGINT or SIGTERM, and end the process."""
+    leave(run(ViewNode, arguments, "unc_physics_view"))
+
+
+if __name__ == "__main__":
+    main()
