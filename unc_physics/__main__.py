@@ -23,7 +23,8 @@ def main(arguments=None) -> int:
         try:
             try:
                 status = options.run(options) or 0
-                sys.stdout.flush()
+                if sys.stdout is not None:  # it is None where it was closed before the start
+                    sys.stdout.flush()
                 return status
             except BrokenPipeError:  # whoever read the output has seen enough
                 _drop_output()
@@ -52,7 +53,7 @@ def _drop_output():
     """Let what is still to be written go nowhere, so that the interpreter's end does not try it again."""
     try:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-    except (OSError, ValueError):  # it is no real file
+    except (OSError, ValueError, AttributeError):  # it is no real file, or none
         pass
 
 

@@ -57,6 +57,16 @@ def test_a_reader_that_has_seen_enough_is_no_error():
     assert (run.stderr.read(), run.wait()) == ("", 141)
 
 
+def test_a_closed_standard_output_is_no_error():
+    done = subprocess.run(
+        ["sh", "-c", 'exec "$@" >&-', "sh", *COMMAND, "models"],
+        check=False,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    assert (done.returncode, done.stderr) == (0, "")
+
+
 def test_a_file_that_cannot_be_finished_leaves_nothing_behind(tmp_path):
     path = tmp_path / "picture.png"
     words = r"--output cannot be written: No space left.*picture.png"
