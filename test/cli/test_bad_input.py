@@ -194,6 +194,7 @@ CASES = FINITE + [
     (with_entry(("damping",), [0.5]), "INVALID_REQUEST", "damping", r"\[0.5\]"),
     (with_entry(("gravity",), 9.81), "INVALID_REQUEST", "gravity", "9.81"),
     (with_entry(("gravity",), [0, 0, "down"]), "INVALID_REQUEST", r"gravity\[2\]", "down"),
+    (with_entry(("gravity",), [0, 0, -1e20]), "LIMIT_EXCEEDED", "gravity", "at most 1000000 m/s"),
     (in_body("mass", 1e-320), "INVALID_MASS", r"bodies\[1\].mass", "between 1e-50 and 1e\\+50 kg.*1e-320"),
     (in_body("position", [1e13, 0, 0]), "LIMIT_EXCEEDED", r"bodies\[1\].position", "1e\\+12 m.*1000000"),
     (in_box(size=[1e13, 1, 1]), "LIMIT_EXCEEDED", r"environment\[0\].box.size\[0\]", "1e\\+12 m"),

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
-from ..checks.errors import InvalidHorizonError, InvalidOptionError
+from ..checks.errors import InvalidHorizonError, InvalidOptionError, LimitExceededError
 from ..checks.validation import array, flag, non_negative, positive, share
 
 #: How steps are taken: as in the paper, or with contacts that are solved for, which friction and rest need.
@@ -13,6 +13,7 @@ INTEGRATORS = ("explicit", "implicit")
 _SUCCESSORS = {"robust": "implicit"}
 #: What becomes of overlap at the start.
 OVERLAPS = ("project", "reject", "keep")
+_MOST_GRAVITY = 1e6  # m/s^2 along each axis: what centrifuges make
 
 
 class PhysicsKey(NamedTuple):
@@ -61,8 +62,13 @@ def _time_step(value, field):
     return positive(value, field, InvalidHorizonError)
 
 
-def _vector(value, field):
-    return array(value, (3,), field)
+def _gravity(value, field):
+    gravity = array(value, (3,), field)
+    if abs(gravity).max() > _MOST_GRAVITY:
+        raise LimitExceededError(
+            f"must be at most {_MOST_GRAVITY:.0f} m/s^2 along each axis", field=field, value=gravity.tolist()
+        )
+    return gravity
 
 
 #: All keys of the physics.
@@ -118,7 +124,7 @@ PHYSICS_KEYS = {
     "sleep": PhysicsKey(
         flag, "Whether what rests is not computed until something pushes it; not with 'explicit'.", law=True
     ),
-    "gravity": PhysicsKey(_vector, "Gravity in the world frame, 3 numbers [m/s^2].", law=True, size=3),
+    "gravity": PhysicsKey(_gravity, "Gravity in the world frame, 3 numbers [m/s^2].", law=True, size=3),
     "integrator": PhysicsKey(
         check_integrator,
         "How steps are taken: as in the paper ('explicit'), or with contacts that are solved for, with"
