@@ -74,7 +74,7 @@ def test_wrong_arguments_get_one_sentence(capsys, options, code, said):
 
 
 def test_without_the_extra_it_says_so(capsys, monkeypatch):
-    monkeypatch.setattr("unc_physics.cli.view_command.find_spec", lambda name: None)
+    monkeypatch.setattr("unc_physics.view.session.find_spec", lambda name: None)
     assert main(["view", "examples/scenes/salt_box_on_table.yaml"]) == ErrorCode.NOT_SUPPORTED
     assert "install the extra 'view'" in capsys.readouterr().err
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from importlib.util import find_spec
 from pathlib import Path
 
 from ..propagators.names import DEFAULT, entries
@@ -90,19 +89,14 @@ def run(arguments) -> int:
 
 def session_of(arguments):
     """What the arguments ask to look at, checked."""
-    from ..checks.errors import InvalidRequestError, NotSupportedError
+    from ..checks.errors import InvalidRequestError
     from ..checks.names import hint
     from ..checks.validation import integer, positive
     from ..propagators.registry import propagator_from_texts
     from ..scene.scene_file import load_scene
-    from ..view.session import Session
+    from ..view.session import Session, check_installed
 
-    missing = [name for name in ("viser", "trimesh") if find_spec(name) is None]
-    if missing:
-        raise NotSupportedError(
-            f"view needs {' and '.join(missing)}: install the extra 'view', or pip install"
-            f" {' '.join(missing)}"
-        )
+    check_installed("view")
     frames = integer(arguments.frames, "--frames", low=2)
     ghosts = integer(arguments.ghosts, "--ghosts", low=0)
     integer(arguments.port, "--port", low=0)

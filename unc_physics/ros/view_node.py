@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import threading
 import traceback
-from importlib.util import find_spec
 from typing import Any
 
 from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.node import Node
 
-from ..checks.errors import NotSupportedError, UncPhysicsError
+from ..checks.errors import UncPhysicsError
 from ..view.page import Page
-from ..view.session import Session
+from ..view.session import Session, check_installed
 from .frames import Frames
 from .models import ModelLibrary
 from .node import leave, run
@@ -45,9 +44,7 @@ class ViewNode(Node):
 
     def __init__(self, node_name: str = "unc_physics_view", **others):
         super().__init__(node_name, **others)
-        missing = [name for name in ("viser", "trimesh") if find_spec(name) is None]
-        if missing:
-            raise NotSupportedError(f"needs {' and '.join(missing)}: pip install {' '.join(missing)}")
+        check_installed("the page")
         self._own: dict[str, Any] = {
             name: self.declare_parameter(
                 name, default, ParameterDescriptor(description=description, read_only=True)

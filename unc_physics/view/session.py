@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from importlib.util import find_spec
 from typing import Any
 
 import numpy as np
@@ -20,6 +21,16 @@ from .adjusting import adjustable, adjusted
 from .frames import Frames, frames_of
 
 _MOST_LINES = 12  # of probabilities
+
+
+def check_installed(what: str) -> None:
+    """Raise `NotSupportedError`, which says what needs them, unless the libraries of the page are there."""
+    missing = [name for name in ("viser", "trimesh") if find_spec(name) is None]
+    if missing:
+        raise NotSupportedError(
+            f"{what} needs {' and '.join(missing)}: install the extra 'view', or pip install"
+            f" {' '.join(missing)}"
+        )
 
 
 class Session:
