@@ -17,6 +17,7 @@ from .session import Session
 
 _FASTEST = 0.03  # s between frames that are sent
 _STEPS = 100  # of a slider
+_LAST_PREDICTION = 5.0  # s, that closing waits for it
 
 
 class Page:
@@ -45,9 +46,9 @@ class Page:
         self._add_choices()
         self._add_sliders()
         self._told = self.server.gui.add_markdown(session.told())
-        self._playing_on = threading.Thread(target=self._play, daemon=True)
-        self._playing_on.start()
-        threading.Thread(target=self._predict, daemon=True).start()
+        self._threads = [threading.Thread(target=work, daemon=True) for work in (self._play, self._predict)]
+        for thread in self._threads:
+            thread.start()
 
     @property
     def drawn(self) -> Drawing:
@@ -140,7 +141,8 @@ class Page:
     def close(self) -> None:
         """Stop it."""
         self._closed.set()
-        self._playing_on.join()
+        for thread in self._threads:  # what they still sent would be warned of
+            thread.join(_LAST_PREDICTION)
         _stop(self.server)
 
     def wait(self) -> None:
