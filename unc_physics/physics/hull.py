@@ -4,8 +4,8 @@ import math
 
 import numpy as np
 
-from .arrays import booleans, empty, full, zeros
-from .compiled import kernel
+from .arrays import booleans, empty, full, integers
+from .compiled import inner, kernel
 
 _DIRECTIONS, _ROUNDS = 4096, 700
 _SHORTER = 0.99  # each step than the one before
@@ -13,6 +13,73 @@ _WAY = 1.0 / (1.0 - _SHORTER)  # of all steps that are left, in units of the nex
 _APART = 3.0 / math.sqrt(_DIRECTIONS)  # no direction is farther from all of these [rad]
 # of the packing's radius: what sticks out less is inside, such as spheres that a flat face just touches
 _TOLERANCE = 1e-8
+_LANES = {"nnan", "nsz", "contract"}  # loops with these run on several spheres at once
+
+
+@inner(fastmath=_LANES)
+def _write_heights(x, y, z, spheres, height):
+    """Write how far each of ``spheres`` (4, n), centres and radii, reaches that way; returns the most."""
+    highest = -np.inf
+    for k in range(len(height)):
+        up = x * spheres[0, k] + y * spheres[1, k] + z * spheres[2, k] + spheres[3, k]
+        height[k] = up
+        highest = max(highest, up)
+    return highest
+
+
+@inner
+def _first(height, value):
+    """Where a value stands first."""
+    k = 0
+    while height[k] != value:
+        k += 1
+    return k
+
+
+@inner(fastmath=_LANES)
+def _compare(d, highest, support, spheres, height, lead, best, most):
+    """Note direction ``d`` where spheres lag least behind the support, and if they may come up near it."""
+    cx, cy, cz = spheres[0, support], spheres[1, support], spheres[2, support]
+    for k in range(len(height)):
+        up = height[k] - highest
+        best[k] = d if up > lead[k] else best[k]
+        lead[k] = max(lead[k], up)
+        u, v, w = spheres[0, k] - cx, spheres[1, k] - cy, spheres[2, k] - cz
+        most[k] = max(most[k], up + _APART * math.sqrt(u * u + v * v + w * w))
+
+
+@inner
+def _direction(d):
+    """Number ``d`` of `_DIRECTIONS`, evenly spread."""
+    z = 1.0 - (2.0 * d + 1.0) / _DIRECTIONS
+    angle = math.pi * (1.0 + math.sqrt(5.0)) * d
+    across = math.sqrt(1.0 - z * z)
+    return across * math.cos(angle), across * math.sin(angle), z
+
+
+@inner
+def _comes_up(x, y, z, own, supports, height, size):
+    """Whether the sphere ``own`` (4,) reaches farther than all ``supports`` some way near the given one."""
+    step = 0.05
+    for _ in range(_ROUNDS):
+        highest = _write_heights(x, y, z, supports, height)
+        up = x * own[0] + y * own[1] + z * own[2] + own[3]
+        if up - highest > _TOLERANCE * size:
+            return True
+        # towards the sphere and away from the support that hides it
+        support = _first(height, highest)
+        gx, gy = own[0] - supports[0, support], own[1] - supports[1, support]
+        gz = own[2] - supports[2, support]
+        along = gx * x + gy * y + gz * z
+        gx, gy, gz = gx - along * x, gy - along * y, gz - along * z
+        length = math.sqrt(gx * gx + gy * gy + gz * gz)
+        if length == 0.0 or highest - up > _WAY * step * math.sqrt(length * length + along * along):
+            return False  # no step that is left brings it up
+        x, y, z = x + step * gx / length, y + step * gy / length, z + step * gz / length
+        length = math.sqrt(x * x + y * y + z * z)
+        x, y, z = x / length, y / length, z / length
+        step *= _SHORTER
+    return False
 
 
 @kernel
@@ -38,61 +105,25 @@ def hull_spheres(centers, radii):
     The others are compared with the supports in the direction in which each does best, improved step by step.
     """
     n = len(radii)
+    spheres = empty((4, n))
     size = 0.0
     for k in range(n):
+        for a in range(3):
+            spheres[a, k] = centers[k, a]
+        spheres[3, k] = radii[k]
         size = max(size, math.sqrt(centers[k, 0] ** 2 + centers[k, 1] ** 2 + centers[k, 2] ** 2) + radii[k])
     kept = booleans(n)
-    lead, most, best = full(n, -np.inf), full(n, -np.inf), zeros((n, 3))
-    height = empty(n)
+    lead, most, best, height = full(n, -np.inf), full(n, -np.inf), integers(n), empty(n)
     for d in range(_DIRECTIONS):
-        z = 1.0 - (2.0 * d + 1.0) / _DIRECTIONS
-        angle = math.pi * (1.0 + math.sqrt(5.0)) * d
-        across = math.sqrt(1.0 - z * z)
-        x, y = across * math.cos(angle), across * math.sin(angle)
-        highest, support = -np.inf, 0
-        for k in range(n):
-            height[k] = x * centers[k, 0] + y * centers[k, 1] + z * centers[k, 2] + radii[k]
-            if height[k] > highest:
-                highest, support = height[k], k
+        x, y, z = _direction(d)
+        highest = _write_heights(x, y, z, spheres, height)
+        support = _first(height, highest)
         kept[support] = True
-        for k in range(n):
-            if height[k] - highest > lead[k]:
-                lead[k] = height[k] - highest
-                best[k, 0], best[k, 1], best[k, 2] = x, y, z
-            u, v = centers[k, 0] - centers[support, 0], centers[k, 1] - centers[support, 1]
-            w = centers[k, 2] - centers[support, 2]
-            most[k] = max(most[k], height[k] - highest + _APART * math.sqrt(u * u + v * v + w * w))
-    supports = np.flatnonzero(kept)
+        _compare(d, highest, support, spheres, height, lead, best, most)
+    supports = np.ascontiguousarray(spheres[:, np.flatnonzero(kept)])
+    height = empty(supports.shape[1])
     for s in range(n):
-        if kept[s] or most[s] < 0.0:
-            continue
-        x, y, z = best[s, 0], best[s, 1], best[s, 2]
-        step = 0.05
-        for _ in range(_ROUNDS):
-            highest, support = -np.inf, 0
-            for k in supports:
-                up = x * centers[k, 0] + y * centers[k, 1] + z * centers[k, 2] + radii[k]
-                if up > highest:
-                    highest, support = up, k
-            if (
-                x * centers[s, 0] + y * centers[s, 1] + z * centers[s, 2] + radii[s] - highest
-                > _TOLERANCE * size
-            ):
-                kept[s] = True
-                break
-            # towards the sphere and away from the support that hides it
-            gx, gy = centers[s, 0] - centers[support, 0], centers[s, 1] - centers[support, 1]
-            gz = centers[s, 2] - centers[support, 2]
-            along = gx * x + gy * y + gz * z
-            gx, gy, gz = gx - along * x, gy - along * y, gz - along * z
-            length = math.sqrt(gx * gx + gy * gy + gz * gz)
-            if length == 0.0:
-                break
-            below = highest - x * centers[s, 0] - y * centers[s, 1] - z * centers[s, 2] - radii[s]
-            if below > _WAY * step * math.sqrt(length * length + along * along):
-                break  # no step that is left brings it up
-            x, y, z = x + step * gx / length, y + step * gy / length, z + step * gz / length
-            length = math.sqrt(x * x + y * y + z * z)
-            x, y, z = x / length, y / length, z / length
-            step *= _SHORTER
+        if not kept[s] and most[s] >= 0.0:
+            x, y, z = _direction(best[s])
+            kept[s] = _comes_up(x, y, z, spheres[:, s], supports, height, size)
     return np.flatnonzero(kept)
