@@ -53,9 +53,8 @@ def _pushed():
     model = load_model("brick").prefix(500)
     reach = float(np.max(model.radii - model.centers[:, 0])) + 0.02
     height = float(np.max(model.radii - model.centers[:, 2]))
-    line = PosePath(
-        times=[0.0, 0.5], positions=[[-reach - 0.005, 0.01, height], [-reach + 0.02, 0.01, height]]
-    )
+    places = [[-reach - 0.005, 0.01, height], [-reach + 0.02, 0.01, height]]
+    line = PosePath(times=[0.0, 0.5], positions=places)
     finger = RigidBody("finger", _ball("finger", 0.02), trajectory=line)
     scene, mean = _brick_scene(others=[finger])
     return scene, mean, 0.4
@@ -96,17 +95,10 @@ def _swing(time):
 
 def _released():
     """A mug is released at 0.3 s, known to 5 ms, by a hand that swings, whose path is known to 1 mm."""
-    mug = RigidBody(
-        "body",
-        load_model("mug").prefix(500),
-        MASS,
-        attached_to="hand",
-        released_at=0.3,
-        released_at_std=0.005,
-    )
-    hand = RigidBody(
-        "hand", _ball("hand", 0.02), trajectory=_swing(0.4), trajectory_std=[1e-3] * 3 + [0.01] * 3
-    )
+    held = {"attached_to": "hand", "released_at": 0.3, "released_at_std": 0.005}
+    mug = RigidBody("body", load_model("mug").prefix(500), MASS, **held)
+    off = [1e-3] * 3 + [0.01] * 3
+    hand = RigidBody("hand", _ball("hand", 0.02), trajectory=_swing(0.4), trajectory_std=off)
     return Scene.everyday([mug, hand]), resting([[0.05, 0.02, 0.9]]), 0.6
 
 
