@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from .actions import ROUND_OFF, follows
-from .compiled import inner
+from .compiled import inner, kernel
 from .driven_bodies import near_group, write_driven
 from .flight_derivative import turn_coefficients, turned_on
 from .implicit_workspace import NOW, START
@@ -116,7 +116,7 @@ def _turn_back(rows, first, R):
         put(rows, first + ER, c, rotate_back(R, t[0], t[1], t[2]))
 
 
-@inner
+@kernel(apart=True, _nrt=False)
 def begin_held_errors(root, begin, world, work, errors, driven):
     """A step begins: keep the errors of held bodies' places, and let go of those that are released in it.
 
@@ -169,7 +169,7 @@ def _release_errors(root, j, left, begin, world, work, errors, driven):
     _turn_back(root, first, work.R[j])
 
 
-@inner
+@kernel(apart=True, _nrt=False)
 def end_held_errors(root, x, end, world, work, errors, driven):
     """A step ends: errors of held bodies are those of their places, and what they would be thrown with."""
     actions, begin, g = world.surroundings.actions, end - world.dt, world.gravity
@@ -191,7 +191,7 @@ def end_held_errors(root, x, end, world, work, errors, driven):
         _turn_back(root, first, work.R[j])
 
 
-@inner
+@kernel(apart=True, _nrt=False)
 def place_driven_errors(rows, x, count, time, world, work, errors, driven):
     """Write the errors of driven bodies that may touch the group at hand, at a time."""
     actions = world.surroundings.actions
@@ -205,7 +205,7 @@ def place_driven_errors(rows, x, count, time, world, work, errors, driven):
             _write_errors(rows, j, x, j, c, -errors.left[c], acceleration, world, errors, driven)
 
 
-@inner(error_model="numpy")
+@kernel(apart=True, _nrt=False, error_model="numpy")
 def travel_driven_errors(count, h, world, work, errors):
     """An interval of ``h`` seconds ends, and the errors of driven bodies at both ends are known.
 
