@@ -1,34 +1,17 @@
-"""Linearization on the implicit step against central differences of what it is the derivative of.
-
-A single contact of a ball is solved to round-off, so whole rollouts are differentiated. Several are solved to
-a thousandth of the load, which is more than a difference can bear: their steps are solved again and again
-from where the solver stopped, until nothing changes, and then differentiated.
-"""
+"""Linearization on the implicit step against central differences of what it is the derivative of."""
 
 import math
 
 import numpy as np
 import pytest
+from derivatives import CLOSE, assert_derivative_of_steps, derivative, difference
 from plain_scenes import BALL, BLOCK, packing, run, state
 from scipy.spatial.transform import Rotation
-from twins.states import boxminus, boxplus
 
-from unc_physics import Belief, RigidBody, Scene, make_propagator
-from unc_physics.physics import implicit_step
-from unc_physics.physics.compiled import kernel
-from unc_physics.physics.contact_change import TILTS
-from unc_physics.physics.contact_search import find_groups, update_pace
-from unc_physics.physics.flight_derivative import Errors
-from unc_physics.physics.implicit_derivative import ContactErrors
-from unc_physics.physics.implicit_stages import before_group, before_travel
-from unc_physics.physics.implicit_workspace import CONTACTS, FORCE, LASTING, implicit_workspace
-from unc_physics.physics.layout import Q
-from unc_physics.physics.rotation import write_matrix
-from unc_physics.propagators.implicit_linearization import Linearized
+from unc_physics import RigidBody, Scene
 from unc_physics.scene.environment import Plane, Sphere
 from unc_physics.scene.stiffness import with_stiffness
 
-CLOSE = 1e-5  # of the largest entry
 FLOOR = Plane(name="floor")
 CORNERS = packing(
     "corners",
@@ -49,29 +32,6 @@ def turned(*rotation_vector):
 
 def ball(x=0.0, z=0.1, velocity=(1.0, 0.2, -0.5), spin=(3.0, -2.0, 5.0)):
     return state((x, 0, z), velocity, spin)
-
-
-def difference(step, x, moving, length):
-    """(12 M, 12 M): central differences of states (B, 13) by errors."""
-    columns = []
-    for k in range(12 * len(moving)):
-        ends = []
-        for sign in (1.0, -1.0):
-            error = np.zeros((len(x), 12))
-            error[moving[k // 12], k % 12] = sign * length
-            ends.append(step(boxplus(x, error)))
-        columns.append(boxminus(*ends)[moving].ravel() / (2.0 * length))
-    return np.array(columns).T
-
-
-def derivative(scene, x, time):
-    """The same by linearization: a root of the unit covariance goes through it."""
-    propagator = make_propagator("linearization")
-    unit = np.tile(np.eye(12), (len(scene.moving), 1, 1))
-    carry = propagator.init(scene, Belief(x, unit, scene.moving))
-    start = np.linalg.inv(carry.root)
-    np.testing.assert_allclose(carry.mean, x, atol=1e-12, err_msg="nothing to project away")
-    return propagator.advance(carry, scene, round(time / scene.dt)).root @ start
 
 
 @pytest.mark.parametrize(
@@ -120,84 +80,9 @@ def test_a_rollout_s_derivative_is_that_of_differences(bodies, x, time, more):
 
 # -- several contacts --------------------------------------------------------------------------------
 
-
-@kernel
-def converge(x, root, world, work, method, times):
-    """One step of all moving bodies as one group, solved ``times`` times, each from the one before."""
-    begin, columns, count = x.copy(), root.copy(), 0
-    residual = np.zeros(len(x), np.float32)
-    first_time = np.full((len(x), len(x) + len(world.surroundings.kind)), np.inf, np.float32)
-    force = np.zeros((len(work.rows), 3))
-    for k in range(times):
-        x[:], root[:] = begin, columns
-        count = 0
-        for i in range(len(x)):
-            work.head[i] = -1
-            write_matrix((x[i, Q], x[i, Q + 1], x[i, Q + 2], x[i, Q + 3]), work.R, i)
-            if world.bodies.moving[i]:
-                update_pace(x, i, world.bodies.radius[i], world.gravity, world.dt, work.numbers)
-                work.members[count] = i
-                count += 1
-        find_groups(x, world, work)
-        implicit_step.prepare_members(x, count, world, work)
-        implicit_step.find_contacts(x, count, world.dt, world, work)
-        if k > 0:
-            work.rows[:, FORCE : FORCE + 3] = force
-        method.time[0] = 0.0
-        before_group(method, count, world, work)
-        before_travel(method, x, count, world.dt, world.dt, 0.1, world, work)
-        implicit_step.travel_in_contact(
-            x, count, world.dt, world.dt, 0.0, first_time, residual, world, 0.1, method, work
-        )
-        force[:] = work.impulses[LASTING, :, :3] / world.dt
-    return work.counts[CONTACTS]
-
-
-def solved(scene, x, root, steps=1, times=400):
-    """State and root after some converged steps."""
-    x, root, count, columns = x.copy(), root.copy(), len(x), root.shape[1]
-    for _ in range(steps):
-        work = implicit_workspace(x, np.zeros((0, 0), np.float32), scene.world, 256, 4096, 65536)
-        shape = (len(root) + 12, columns)
-        block = np.where(scene.world.bodies.moving, np.cumsum(scene.world.bodies.moving) - 1, len(root) // 12)
-        errors = Errors(
-            np.zeros(shape),
-            np.zeros(shape),
-            block,
-            np.zeros(columns),
-            np.zeros(columns),
-            np.zeros((3, columns)),
-            np.zeros((1, 3, 3)),
-        )
-        contacts = ContactErrors(
-            np.zeros(256),
-            np.zeros((256, 11)),
-            TILTS.copy(),
-            np.zeros(count, np.int64),
-            np.zeros((6 * count, 6 * count + columns)),
-            np.zeros(count, bool),
-            np.zeros(columns + 1),
-        )
-        method = Linearized(root, root.copy(), errors, contacts, np.full(count, np.inf), np.zeros(1))
-        assert converge(x, root, scene.world, work, method, times) > 0
-    return x, root
-
-
 SLOPE = 0.3  # rad
 INCLINE = Plane((-math.sin(SLOPE), 0, math.cos(SLOPE)), name="incline")
 DEPTH = 2.5e-5  # m, about as deep as the block lies
-DIFFERENCE = 1e-9  # m or rad: far below the depth, by whose square the force goes
-
-
-def assert_derivative_of_steps(scene, x, steps):
-    scene = with_stiffness(scene, x)
-    size = 12 * len(x)
-    root = solved(scene, x, np.eye(size), steps)[1]
-    found = difference(lambda s: solved(scene, s, np.zeros((size, 1)), steps)[0], x, scene.moving, DIFFERENCE)
-    ROUND_OFF_OF_DIFFERENCES = 2.0  # they are taken over a nanometre
-    np.testing.assert_allclose(
-        root, found, rtol=0, atol=ROUND_OFF_OF_DIFFERENCES * CLOSE * np.abs(found).max()
-    )
 
 
 @pytest.mark.parametrize(

@@ -19,7 +19,13 @@ from unc_physics import (
     predict,
 )
 
-PROPAGATORS = {"sigma_points": {}, "monte_carlo": {"samples": 4000}, "cloud": {}, "auto": {}}
+PROPAGATORS = {
+    "sigma_points": {},
+    "linearization": {},
+    "monte_carlo": {"samples": 4000},
+    "cloud": {},
+    "auto": {},
+}
 at_propagators = pytest.mark.parametrize("name", PROPAGATORS)
 
 

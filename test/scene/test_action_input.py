@@ -16,6 +16,7 @@ from unc_physics import (
     load_model,
     predict,
 )
+from unc_physics.scene.physics_keys import INTEGRATORS
 from unc_physics.scene.scene_file import scene_from_dict
 
 CAN = load_model("can").prefix(20)
@@ -109,8 +110,13 @@ def test_the_explicit_step_says_what_it_cannot_do():
     assert "bodies[0].torsional_friction needs 'integrator: implicit'" in said(Scene, [soft])
 
 
-@pytest.mark.parametrize("name", ["linearization", "surrogate", "local_sampling"])
-@pytest.mark.parametrize("integrator", ["explicit", "implicit"])
+@pytest.mark.parametrize(
+    "name, integrator",
+    [
+        ("linearization", "explicit"),
+        *((name, integrator) for name in ("surrogate", "local_sampling") for integrator in INTEGRATORS),
+    ],
+)
 def test_propagators_that_cannot_say_so(name, integrator):
     bodies = [RigidBody("a", CAN, 1.0), RigidBody("hand", CAN, trajectory=LINE)]
     scene = Scene(bodies, integrator=integrator)
@@ -118,6 +124,16 @@ def test_propagators_that_cannot_say_so(name, integrator):
     sentence = said(predict, scene, belief, name, 0.1)
     assert sentence.startswith("propagator does not take prescribed, held or pushed bodies, nor surfaces")
     assert "monte_carlo" in sentence
+    if name == "linearization":
+        assert "surfaces that move, but on the implicit integrator; sigma_points" in sentence
+
+
+def test_linearization_takes_actions_and_no_other_uncertain_parameters():
+    hand = RigidBody("hand", CAN, trajectory=LINE, trajectory_std=[0.01, 0, 0, 0, 0, 0])
+    scene = Scene.everyday([RigidBody("a", CAN, 1.0, friction=0.5, friction_std=0.1), hand])
+    belief = Belief.of(scene, {"a": BodyBelief(position=(0, 0, 3))})
+    sentence = said(predict, scene, belief, "linearization", 0.1)
+    assert sentence.startswith("friction_std of body 'a' is not supported by linearization")
 
 
 def test_a_prescribed_body_has_no_belief_of_its_own():

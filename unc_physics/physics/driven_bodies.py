@@ -70,7 +70,7 @@ def _release(x, j, left, begin, world, work):
     which free flight takes it where it is thrown.
     """
     actions, dt, at_release = world.surroundings.actions, world.dt, work.carried
-    _write_driven(at_release, 0, x, j, begin + left, actions, work)
+    write_driven(at_release, 0, x, j, begin + left, actions, work)
     whole, rest = world.decay, world.decay ** ((dt - left) / dt)
     spin = rest / whole
     q = (at_release[0, Q], at_release[0, Q + 1], at_release[0, Q + 2], at_release[0, Q + 3])
@@ -88,7 +88,7 @@ def _release(x, j, left, begin, world, work):
 
 
 @inner
-def _write_driven(out, row, x, j, time, actions, work):
+def write_driven(out, row, x, j, time, actions, work):
     """Write where driven body j is at a time into a row of ``out``, not that of the body itself in ``x``."""
     if follows(j, actions):
         write_on_path(out, row, j, time, actions)
@@ -107,13 +107,14 @@ def place_driven(x, count, time, world, work):
     actions = world.surroundings.actions
     for d in range(len(actions.driven)):
         j = actions.driven[d]
-        if not work.moving[j] and _near_group(j, count, work):
-            _write_driven(x, j, x, j, time, actions, work)
+        if not work.moving[j] and near_group(j, count, work):
+            write_driven(x, j, x, j, time, actions, work)
             write_matrix((x[j, Q], x[j, Q + 1], x[j, Q + 2], x[j, Q + 3]), work.R, j)
 
 
 @inner(forceinline=True)
-def _near_group(j, count, work):
+def near_group(j, count, work):
+    """Whether body j may touch the group at hand, of ``count`` members."""
     found = False
     for a in range(count):
         found = found or work.near[work.members[a], j]
@@ -142,11 +143,11 @@ def drive(x, count, end, h, world, work):
     actions, velocity, before = world.surroundings.actions, work.velocity, work.carried
     for d in range(len(actions.driven)):
         j = actions.driven[d]
-        if work.moving[j] or not _near_group(j, count, work):
+        if work.moving[j] or not near_group(j, count, work):
             continue
         for k in range(13):
             before[2, k] = x[j, k]
-        _write_driven(x, j, x, j, end, actions, work)
+        write_driven(x, j, x, j, end, actions, work)
         write_matrix((x[j, Q], x[j, Q + 1], x[j, Q + 2], x[j, Q + 3]), work.R, j)
         turn = log(
             multiply(
@@ -172,7 +173,7 @@ def end_driven(x, end, world, work):
     for d in range(len(actions.driven)):
         j = actions.driven[d]
         if not work.moving[j]:
-            _write_driven(x, j, x, j, end, actions, work)
+            write_driven(x, j, x, j, end, actions, work)
             write_matrix((x[j, Q], x[j, Q + 1], x[j, Q + 2], x[j, Q + 3]), work.R, j)
 
 

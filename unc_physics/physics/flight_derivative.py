@@ -22,9 +22,10 @@ class Errors(NamedTuple):
 
     Attributes
     ----------
-    begin : (12 M + 12, r) float64
-        At the interval's beginning, about world axes; the last block is zero and stands for all fixed bodies.
-    end : (12 M + 12, r) float64
+    begin : (12 M + 12 P + 12, r) float64
+        At the interval's beginning, about world axes: of M bodies that move by themselves, then of P that
+        follow a path; the last block is zero and stands for all fixed bodies.
+    end : (12 M + 12 P + 12, r) float64
         At its end, if nothing touches.
     block : (B,) int64
         Which of the blocks of 12 rows is each body's.
@@ -34,6 +35,8 @@ class Errors(NamedTuple):
         Changes of what is left of the step, for the group at hand [s].
     momentum : (3, r) float64
         Room for changes of an angular momentum.
+    kept : (6, r) float64
+        Room for changes of a body's velocities.
     R : (1, 3, 3) float64
         Room for a rotation matrix.
     """
@@ -44,6 +47,7 @@ class Errors(NamedTuple):
     length: np.ndarray
     left: np.ndarray
     momentum: np.ndarray
+    kept: np.ndarray
     R: np.ndarray
 
 
@@ -87,7 +91,7 @@ def fly_errors(v, w, q, i, h, decay, world, errors):
     """Take body i's errors from an interval's beginning to its end, ``h`` seconds later, without contact.
 
     ``v``, ``w`` and ``q`` are the velocities and the orientation that it begins with; ``decay`` is the factor
-    on velocities over ``h``.
+    on velocities over ``h``. Returns the orientation at the end.
     """
     begin, end, length = errors.begin, errors.end, errors.length
     first, g = ERROR * errors.block[i], world.gravity
@@ -103,9 +107,10 @@ def fly_errors(v, w, q, i, h, decay, world, errors):
                 begin[first + EP + k, c] + 0.5 * h * (dv[k] + change) + 0.5 * dh * (v[k] + u[k])
             )
     if world.surroundings.gyroscopic:
-        w = _turn_gyroscopically(w, q, i, first, h, world.bodies, errors)
+        w, q = _turn_gyroscopically(w, q, i, first, h, world.bodies, errors)
     else:
         phi = times(h, w)
+        q = renormalized(multiply(exp(phi[0], phi[1], phi[2]), q))
         coefficients = turn_coefficients(phi)
         for c in range(begin.shape[1]):
             dw = vector(begin, first + EW, c)
@@ -115,11 +120,13 @@ def fly_errors(v, w, q, i, h, decay, world, errors):
     for c in range(begin.shape[1]):
         for k in range(3):
             end[first + EW + k, c] = decay * (end[first + EW + k, c] + length[c] * rate * w[k])
+    return q
 
 
 @inner
 def _turn_gyroscopically(w, q, i, first, h, bodies, errors):
-    """As `free_motion.integrate_gyroscopic`, turn by turn; returns the angular velocity at the end."""
+    """As `free_motion.integrate_gyroscopic`, turn by turn; returns angular velocity and orientation at the
+    end."""
     begin, end, dL, length, R = errors.begin, errors.end, errors.momentum, errors.length, errors.R
     inertia, inverse = bodies.inertia[i], bodies.inverse_inertia[i]
     write_matrix(q, R, 0)
@@ -153,4 +160,4 @@ def _turn_gyroscopically(w, q, i, first, h, bodies, errors):
             w = new
             if stage == rounds:
                 q = turned
-    return w
+    return w, q

@@ -34,7 +34,8 @@ from .contact_change import (
 )
 from .contact_model import shallow_factor
 from .contact_patch import IMPACT_GAP
-from .flight_derivative import fly_errors, in_world, turn_coefficients, turned_on
+from .contact_system import add_answer, add_force, eliminate
+from .flight_derivative import in_world, turn_coefficients, turned_on
 from .implicit_workspace import (
     BEND,
     COMPLIANCE,
@@ -55,7 +56,9 @@ from .implicit_workspace import (
 )
 from .layout import EP, ER, ERROR, EV, EW
 from .rotation import cross, write_matrix
+from .twist_derivative import add_twist, no_twist, surface_change, surface_velocity, twist_change, twist_of
 from .vectors import dot, minus, plus, put, times, vector
+from .wrench_derivative import fly_pushed_errors
 
 _YIELDING = 1e-7  # of what a constraint holds
 _AT_LIMIT = 1.0 - 1e-9  # of what friction can hold: contacts at more than this slide
@@ -108,6 +111,11 @@ def _turning(v, i, j, change):
 
 
 @inner(forceinline=True)
+def _spin(v, i):
+    return v[i, 3], v[i, 4], v[i, 5]
+
+
+@inner(forceinline=True)
 def _first(errors, j):
     """Where the block of body j begins, or of an element: that of zeros."""
     return ERROR * errors.block[j] if j >= 0 else errors.begin.shape[0] - ERROR
@@ -132,7 +140,7 @@ def impact_time_errors(x, c, time, world, work, errors, surface_of):
     g = contact_geometry(row, work.ids[c], row[GAP], surface_of, (x[i, 0], x[i, 1], x[i, 2]), world, work)
     first_i, first_j = ERROR * errors.block[i], _first(errors, j)
     u = relative_velocity(v, i, j, g.arm_i, g.arm_j)
-    weighs = j < 0 or not world.bodies.moving[j]
+    weighs = j < 0 or not work.moving[j]
     slope = dot(g.n, u) + row[FALL] * time
     for k in range(begin.shape[1]):
         change = contact_change(g, begin, first_i, first_j, k)
@@ -147,8 +155,9 @@ def impact_time_errors(x, c, time, world, work, errors, surface_of):
 
 
 @inner
-def travel_errors(count, h, world, work, errors, contacts):
-    """Take the errors of the group at hand through an interval that was solved, to `Errors.end`.
+def travel_errors(count, h, time, world, work, errors, contacts):
+    """Take the errors of the group at hand through an interval that was solved, until ``time``, to
+    `Errors.end`.
 
     ``work.R`` is that of the interval's end.
     """
@@ -161,7 +170,7 @@ def travel_errors(count, h, world, work, errors, contacts):
         w = (velocity[START, i, 3], velocity[START, i, 4], velocity[START, i, 5])
         k = START_QUATERNION
         q = (numbers[i, k], numbers[i, k + 1], numbers[i, k + 2], numbers[i, k + 3])
-        fly_errors(v, w, q, i, h, decay, world, errors)
+        fly_pushed_errors(v, w, q, i, h, time, decay, world, errors)
         contacts.slot[i] = -1
         if work.loaded[i] > 0:
             contacts.slot[i] = size
@@ -248,7 +257,7 @@ def solve_errors(count, size, law, h, threshold, world, work, errors, contacts):
     for c in range(work.counts[CONTACTS]):
         if work.impulses[law, c, 0] > 0.0:
             _add_contact(c, size, law, h, threshold, world, work, errors, contacts)
-    _eliminate(A, size, size + columns)
+    eliminate(A, size, size + columns)
 
 
 @inner
@@ -306,7 +315,13 @@ def _add_contact(c, size, law, h, threshold, world, work, errors, contacts):
     mu, limit = row[FRICTION], row[FRICTION] * own[0]
     size_t = math.sqrt(dot(f_t, f_t))
     slides, sticks, hold, along = False, False, 0.0, (0.0, 0.0, 0.0)
-    u_t = minus(u, times(speed, n))
+    moves = j < 0 and len(world.surroundings.actions.surface) > 0
+    drift = (0.0, 0.0, 0.0)
+    if moves:
+        drift = surface_velocity(world.surroundings.actions.surface[-1 - j], position, g.arm_i)
+    u_s = minus(u, drift)  # what friction opposes, but for what of it is along the normal
+    lift = dot(n, u_s)
+    u_t = minus(u_s, times(lift, n))
     if mu > 0.0:
         slides = size_t >= _AT_LIMIT * limit and dot(u_t, u_t) > _NO_SLIP * _NO_SLIP
         sticks = not slides
@@ -318,16 +333,21 @@ def _add_contact(c, size, law, h, threshold, world, work, errors, contacts):
     # direction of the whole impulse's change with lambda
     pushed = minus(n, times(mu, along)) if slides else n
     slot_i = contacts.slot[i]
-    slot_j = contacts.slot[j] if j >= 0 else -1
-    A = contacts.system
+    slot_j = contacts.slot[j] if j >= 0 and work.moving[j] else -1
+    A, twists = contacts.system, len(work.twists) > 0
+    spinning = minus(_spin(after, i), _spin(after, j)) if j >= 0 else _spin(after, i)
+    twist = no_twist()
+    if twists:
+        twist = twist_of(work.twists[c], own, n, spinning, _YIELDING, _AT_LIMIT, _NO_SLIP)
+        add_twist(twist, n, give, g.arm_i, g.arm_j, slot_i, slot_j, A)
     for k in range(3):  # columns of B, one of which is the answer to a unit change of u'
         unit = (1.0 * (k == 0), 1.0 * (k == 1), 1.0 * (k == 2))
         B_i = _answer(unit, n, pushed, along, give, hold)
         turn_i = cross(g.arm_i, unit)  # of u' with w: unit . (w x arm) = w . (arm x unit)
         turn_j = cross(g.arm_j, unit)
-        _add_answer(A, slot_i, slot_i, slot_j, k, -1.0, g.arm_i, B_i, turn_i, turn_j)
+        add_answer(A, slot_i, slot_i, slot_j, k, -1.0, g.arm_i, B_i, turn_i, turn_j)
         if slot_j >= 0:
-            _add_answer(A, slot_j, slot_i, slot_j, k, 1.0, g.arm_j, B_i, turn_i, turn_j)
+            add_answer(A, slot_j, slot_i, slot_j, k, 1.0, g.arm_j, B_i, turn_i, turn_j)
     first_i, first_j = ERROR * errors.block[i], _first(errors, j)
     begins = law != LASTING and contacts.first_gap[0] == math.inf
     graze = 0.0  # variance of the closing speed
@@ -339,7 +359,14 @@ def _add_contact(c, size, law, h, threshold, world, work, errors, contacts):
         if begins:
             contacts.first_gap[k] = change.gap
         wide += (change.gap if law == LASTING else change.gap - contacts.first_gap[k]) ** 2
-        known = _turning(after, i, j, change)
+        known, turned = _turning(after, i, j, change), (0.0, 0.0, 0.0)
+        if j >= 0 and slot_j < 0:  # what is fixed or driven has known errors at the end, too
+            known = minus(known, error_velocity(errors.end, first_j, g.arm_j, k))
+            turned = vector(errors.end, first_j + EW, k)
+        slip = known
+        if moves:
+            at = plus(vector(begin, first_i + EP, k), change.arm_i)
+            slip = minus(known, surface_change(world.surroundings.actions.surface[-1 - j], at))
         # n . du' has dn . u' beside it
         push = -give * dot(dn, u)
         if law == LASTING:
@@ -358,23 +385,24 @@ def _add_contact(c, size, law, h, threshold, world, work, errors, contacts):
             faster = dot(n, du) + dot(dn, u_before)
             push += give * closing * faster
             graze += faster * faster
-        answer = _answer(known, n, (0.0, 0.0, 0.0), along, 0.0, hold)
+        answer = _answer(slip, n, (0.0, 0.0, 0.0), along, 0.0, hold)
         push -= give * dot(n, known)
         b = plus(times(push, pushed), answer)
         b = plus(b, times(own[0], dn))
         # what stays of the friction force turns with the normal
         tilted = dot(f_t, dn)
         if slides:
-            b = plus(b, times(hold, minus(times(speed, dn), times(dot(along, dn) * speed, along))))
+            b = plus(b, times(hold, minus(times(lift, dn), times(dot(along, dn) * lift, along))))
             b = plus(b, times(hold * dot(dn, u_t), n))
         else:
             b = minus(b, times(tilted, n))
-            b = plus(b, times(hold * speed, dn))
-        moment = plus(cross(g.arm_i, b), cross(change.arm_i, f))
-        _add_force(A, slot_i, size + k, 1.0, b, moment)
+            b = plus(b, times(hold * lift, dn))
+        extra = twist_change(twist, n, dn, push, turned) if twists else (0.0, 0.0, 0.0)
+        moment = plus(plus(cross(g.arm_i, b), cross(change.arm_i, f)), extra)
+        add_force(A, slot_i, size + k, 1.0, b, moment)
         if slot_j >= 0:
-            moment = plus(cross(g.arm_j, b), cross(change.arm_j, f))
-            _add_force(A, slot_j, size + k, -1.0, b, moment)
+            moment = plus(plus(cross(g.arm_j, b), cross(change.arm_j, f)), extra)
+            add_force(A, slot_j, size + k, -1.0, b, moment)
     if wide > (depth if law == LASTING else IMPACT_GAP) ** 2 or graze > speed_before * speed_before:
         contacts.doubtful[i] = True
         if slot_j >= 0:
@@ -388,53 +416,3 @@ def _answer(u, n, pushed, along, give, hold):
     across = minus(u, times(s, n))
     across = minus(across, times(dot(along, across), along))
     return minus(times(-give * s, pushed), times(hold, across))
-
-
-@inner(forceinline=True)
-def _add_answer(A, place, slot_i, slot_j, k, sign, arm, answer, turn_i, turn_j):
-    """Add one column of B to the rows of a body at ``place``: to what multiplies both bodies' velocities."""
-    moment = cross(arm, answer)
-    for r in range(3):
-        a, b = sign * answer[r], sign * moment[r]
-        A[place + r, slot_i + k] += a
-        A[place + 3 + r, slot_i + k] += b
-        for m in range(3):
-            A[place + r, slot_i + 3 + m] += a * turn_i[m]
-            A[place + 3 + r, slot_i + 3 + m] += b * turn_i[m]
-        if slot_j >= 0:
-            A[place + r, slot_j + k] -= a
-            A[place + 3 + r, slot_j + k] -= b
-            for m in range(3):
-                A[place + r, slot_j + 3 + m] -= a * turn_j[m]
-                A[place + 3 + r, slot_j + 3 + m] -= b * turn_j[m]
-
-
-@inner(forceinline=True)
-def _add_force(A, place, column, sign, force, moment):
-    for r in range(3):
-        A[place + r, column] += sign * force[r]
-        A[place + 3 + r, column] += sign * moment[r]
-
-
-@inner(error_model="numpy")
-def _eliminate(A, size, width):
-    """Solve a linear system (size, size), the right-hand sides being the columns up to ``width``."""
-    for k in range(size):
-        pivot = k
-        for r in range(k + 1, size):
-            if abs(A[r, k]) > abs(A[pivot, k]):
-                pivot = r
-        if pivot != k:
-            for c in range(k, width):
-                A[k, c], A[pivot, c] = A[pivot, c], A[k, c]
-        for r in range(k + 1, size):
-            factor = A[r, k] / A[k, k]
-            if factor != 0.0:
-                for c in range(k + 1, width):
-                    A[r, c] -= factor * A[k, c]
-    for c in range(size, width):
-        for r in range(size - 1, -1, -1):
-            total = A[r, c]
-            for k in range(r + 1, size):
-                total -= A[r, k] * A[k, c]
-            A[r, c] = total / A[r, r]

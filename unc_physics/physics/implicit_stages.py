@@ -1,9 +1,9 @@
 """Stages of the implicit step, at which a method does work of its own (`compiled.stage`).
 
-In the order of a step: `before_step`; of each group `before_group`, then intervals, each `before_travel` and
-`after_travel`, with an impact, `after_impact`, between two; `before_flight` and `after_flight` of a body
-that nothing can reach, `on_sleep` of one that rests. `undo_step` takes back a step that is done again with
-more room.
+In the order of a step: `before_step`, and `before_groups` where something acts; of each group `before_group`,
+then intervals, each `before_travel` and `after_travel`, with an impact, `after_impact`, between two;
+`before_flight` and `after_flight` of a body that nothing can reach, `on_sleep` of one that rests; at last
+`after_groups`. `undo_step` takes back a step that is done again with more room.
 """
 
 from .compiled import stage
@@ -17,6 +17,16 @@ def before_step(method, x, step, world, work):
 @stage
 def undo_step(method, work):
     """Room overflowed, and the step begins anew: what `before_step` saw holds again."""
+
+
+@stage
+def before_groups(method, x, begin, world, work):
+    """In a scene with actions, driven bodies are where they begin the step, at time ``begin``."""
+
+
+@stage
+def after_groups(method, x, end, world, work):
+    """They are where they end it, at time ``end``."""
 
 
 @stage

@@ -28,10 +28,12 @@ from .impact_error import disturb, is_drawn
 from .implicit_solver import contact_speed, solve_impact, solve_lasting
 from .implicit_stages import (
     after_flight,
+    after_groups,
     after_impact,
     after_travel,
     before_flight,
     before_group,
+    before_groups,
     before_step,
     before_travel,
     on_sleep,
@@ -441,6 +443,7 @@ def advance_step(x, time, first_time, quiet, residual, world, threshold, key, me
     acted = len(actions.driven) + len(actions.wrench_body) + len(actions.surface) > 0
     if acted:
         begin_driven(x, time - dt, quiet, world, work)
+        before_groups(method, x, time - dt, world, work)
     for i in range(len(x)):
         if moving[i]:
             update_pace(x, i, bodies.radius[i], world.gravity, dt, numbers)
@@ -493,6 +496,7 @@ def advance_step(x, time, first_time, quiet, residual, world, threshold, key, me
                 quiet[j] = quiet[j] + 1 if rests else 0
     if acted:
         end_driven(x, time, world, work)
+        after_groups(method, x, time, world, work)
 
 
 @inner

@@ -25,7 +25,7 @@ from ..propagators.base import Propagator, Spent
 from ..propagators.names import DEFAULT, POINTS
 from ..propagators.registry import make_propagator, names_where
 from ..propagators.start import known
-from ..scene.action_arrays import with_driven
+from ..scene.action_arrays import with_certain_actions, with_driven
 from ..scene.belief import Belief
 from ..scene.environment import element_names
 from ..scene.scene import IMPACT_STDS, Scene
@@ -121,8 +121,8 @@ def _predicted(scene, belief, propagator, marks, within, progress, keep_samples)
     if scene.acts:  # where prescribed bodies are is not for a belief to say
         given = belief
     if propagator.traits.mean_update == "nominal" and scene.integrator == "implicit":
-        # a single rollout cannot begin in several ways
-        belief = within.complete(start_belief, scene, belief)
+        # a single rollout cannot begin in several ways; uncertain actions have directions of their own
+        belief = within.complete(start_belief, with_certain_actions(scene), belief)
         if belief is None:
             raise within.error(0.0, horizon)
     in_one_go = within.allowed is None and progress is None
@@ -287,15 +287,19 @@ def check_supported(scene: Scene, propagator: Propagator) -> None:
             field="overlap",
             value="reject",
         )
-    if scene.acts and not propagator.takes_actions:
-        able = names_where(lambda other: other.takes_actions)
+    takes_actions = scene.integrator in propagator.takes_actions
+    if scene.acts and not takes_actions:
+        able = names_where(lambda other: scene.integrator in other.takes_actions)
+        where = ""
+        if propagator.takes_actions:
+            where = f", but on the {' and '.join(propagator.takes_actions)} integrator"
         raise NotSupportedError(
-            f"does not take prescribed, held or pushed bodies, nor surfaces that move; {able} do",
+            f"does not take prescribed, held or pushed bodies, nor surfaces that move{where}; {able} do",
             field="propagator",
             value=propagator.name,
         )
     for k, surface in enumerate(scene.surfaces):
-        if surface.torsional_friction and not propagator.takes_actions:
+        if surface.torsional_friction and not takes_actions:
             names = [body.name for body in scene.bodies] + element_names(scene.environment)
             raise NotSupportedError(
                 f"is not supported by {propagator.name}",
@@ -314,8 +318,9 @@ def check_supported(scene: Scene, propagator: Propagator) -> None:
             field=field,
             value=getattr(scene, field),
         )
-    if scene.uncertain and not propagator.varies_parameters:
-        first = scene.uncertain[0]
+    unknown = [parameter for parameter in scene.uncertain if parameter.name not in propagator.varied]
+    if unknown and not propagator.varies_parameters:
+        first = unknown[0]
         owners = [f" of body '{body.name}'" for body in scene.bodies]
         owners += [f" of element '{name}'" for name in element_names(scene.environment)]
         owner = "" if first.body < 0 else owners[first.body]

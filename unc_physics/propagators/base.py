@@ -127,8 +127,10 @@ class Propagator(ABC):
         Those of `Scene` that it runs on.
     varies_parameters : bool
         Whether uncertain parameters of the scene count.
-    takes_actions : bool
-        Whether bodies may be prescribed, held or pushed, and surfaces may move (``Scene.acts``).
+    varied : tuple of str
+        Names of those that count although others do not.
+    takes_actions : tuple of str
+        Integrators on which bodies may be prescribed, held or pushed, and surfaces may move (``Scene.acts``).
     draws_impacts : bool
         Whether it draws the errors of impacts (``Scene.draws_impacts``).
     rejects_overlap : bool
@@ -153,7 +155,8 @@ class Propagator(ABC):
     marker: ClassVar[str] = "p"
     integrators: ClassVar[tuple[str, ...]] = ("explicit",)
     varies_parameters: ClassVar[bool] = False
-    takes_actions: ClassVar[bool] = False
+    varied: ClassVar[tuple[str, ...]] = ()
+    takes_actions: ClassVar[tuple[str, ...]] = ()
     draws_impacts: ClassVar[bool] = False
     rejects_overlap: ClassVar[bool] = False
     draws_together: ClassVar[bool] = False

@@ -110,8 +110,8 @@ class Cloud(Propagator):
     name = "cloud"
     traits = Traits("estimated", "rollouts and surface", True, False, "simulated")
     color, marker = "#CC3311", "*"
-    integrators = INTEGRATORS
-    varies_parameters = takes_actions = draws_impacts = draws_together = flies = emits = True
+    integrators = takes_actions = INTEGRATORS
+    varies_parameters = draws_impacts = draws_together = flies = emits = True
 
     runs: int = option(32, "number of rollouts", low=FEWEST_RUNS, high=RUNS_LIMIT)
     samples: int = option(1000, "number of samples that the answer consists of", low=1, high=SAMPLES_LIMIT)

@@ -9,18 +9,28 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..physics.actions import follows
 from ..physics.arrays import booleans, empty, integers, zeros
 from ..physics.compiled import inner, kernel
 from ..physics.contact_change import rolling
-from ..physics.flight_derivative import Errors, fly_errors
+from ..physics.driven_derivative import (
+    DrivenErrors,
+    begin_held_errors,
+    end_held_errors,
+    place_driven_errors,
+    travel_driven_errors,
+)
+from ..physics.flight_derivative import Errors
 from ..physics.implicit_derivative import ContactErrors, impact_errors, impact_time_errors, travel_errors
 from ..physics.implicit_solver import contact_speed
 from ..physics.implicit_stages import (
     after_flight,
+    after_groups,
     after_impact,
     after_travel,
     before_flight,
     before_group,
+    before_groups,
     before_step,
     before_travel,
     on_sleep,
@@ -39,6 +49,7 @@ from ..physics.implicit_workspace import (
 from ..physics.layout import ER, ERROR, EV, EW, Q, V, W
 from ..physics.rotation import rotate, rotate_back
 from ..physics.vectors import put, vector
+from ..physics.wrench_derivative import fly_pushed_errors
 
 _SAME_PATCH = 0.9  # cosine of the angle between normals
 _SAME_NORMAL = 1.0 - 1e-9
@@ -55,48 +66,78 @@ class Linearized(NamedTuple):
         Now, and when the step began.
     errors : Errors
     contacts : ContactErrors
+    driven : DrivenErrors
     doubtful_since : (B,) float64
         First time at which what contacts do was doubtful [s]; infinite if never.
-    time : (1,) float64
-        End of the step [s].
+    time : (3,) float64
+        End of the step, the present of the group at hand, and the end of its interval [s].
     """
 
     root: np.ndarray
     before: np.ndarray
     errors: Errors
     contacts: ContactErrors
+    driven: DrivenErrors
     doubtful_since: np.ndarray
     time: np.ndarray
 
 
+class Directions(NamedTuple):
+    """What the r columns of a root change of a scene's actions, as `DrivenErrors` takes it."""
+
+    offset: np.ndarray
+    center: np.ndarray
+    late: np.ndarray
+
+
+@kernel(apart=True)
+def linearized(root, doubtful_since, directions, world, contacts, tilts):
+    """What linearization works on (`Linearized`), with room for so many contacts."""
+    actions, moving, columns = world.surroundings.actions, world.bodies.moving, root.shape[1]
+    count, own = len(moving), len(root) // ERROR
+    paths = 0
+    for j in range(count):
+        if follows(j, actions):
+            paths += 1
+    block = np.where(moving, np.cumsum(moving) - 1, own + paths)
+    place = own
+    for j in range(count):
+        if follows(j, actions):
+            block[j] = place
+            place += 1
+    rows = ERROR * (own + paths + 1)
+    errors = Errors(
+        zeros((rows, columns)),
+        zeros((rows, columns)),
+        block,
+        zeros(columns),
+        zeros(columns),
+        empty((3, columns)),
+        empty((6, columns)),
+        empty((1, 3, 3)),
+    )
+    room = ContactErrors(
+        empty(contacts),
+        zeros((contacts, 11)),
+        tilts.copy(),
+        integers(count),
+        empty((6 * count, 6 * count + columns)),
+        booleans(count),
+        zeros(columns + 1),
+    )
+    held = zeros((len(directions.offset), 6, columns))
+    driven = DrivenErrors(directions.offset, directions.center, directions.late, held)
+    return Linearized(root, empty(root.shape), errors, room, driven, doubtful_since, zeros(3))
+
+
 @kernel
-def advance_root(mean, root, doubtful_since, first_time, memory, world, begin, steps, tilts):
+def advance_root(mean, root, doubtful_since, directions, first_time, memory, world, begin, steps, tilts):
     """Advance the nominal state (B, 13), its memory, and the root in place, by implicit steps."""
     contacts, candidates, pool = 64, 256, 2048
-    count, moving, columns = len(mean), world.bodies.moving, root.shape[1]
     done = 0
     while done < steps:
         work = implicit_workspace(mean, memory.kept_overlap[0], world, contacts, candidates, pool)
-        blocks = len(root) + ERROR
-        errors = Errors(
-            zeros((blocks, columns)),
-            zeros((blocks, columns)),
-            np.where(moving, np.cumsum(moving) - 1, len(root) // ERROR),
-            zeros(columns),
-            zeros(columns),
-            empty((3, columns)),
-            empty((1, 3, 3)),
-        )
-        room = ContactErrors(
-            empty(contacts),
-            zeros((contacts, 11)),
-            tilts.copy(),
-            integers(count),
-            empty((6 * count, 6 * count + columns)),
-            booleans(count),
-            zeros(columns + 1),
-        )
-        method = Linearized(root, np.empty_like(root), errors, room, doubtful_since, empty(1))
+        method = linearized(root, doubtful_since, directions, world, contacts, tilts)
         done += integrate(
             mean,
             first_time,
@@ -113,6 +154,18 @@ def advance_root(mean, root, doubtful_since, first_time, memory, world, begin, s
             work,
         )
         contacts, candidates, pool = more_room(work.counts, contacts, candidates, pool)
+
+
+@before_groups.of(Linearized)
+def _let_go(method, x, begin, world, work):
+    """Held bodies keep their places, and some are released."""
+    begin_held_errors(method.root, begin, world, work, method.errors, method.driven)
+
+
+@after_groups.of(Linearized)
+def _carry_along(method, x, end, world, work):
+    """Held bodies moved with what holds them."""
+    end_held_errors(method.root, x, end, world, work, method.errors, method.driven)
 
 
 @before_step.of(Linearized)
@@ -168,11 +221,11 @@ def _fly(method, x, i, world, work):
     """Take a body's errors through a whole step of free flight."""
     errors = method.errors
     for c in range(len(errors.length)):
-        errors.length[c] = 0.0
+        errors.length[c] = errors.left[c] = 0.0
     _open(method, i, work)
     v, w = (x[i, V], x[i, V + 1], x[i, V + 2]), (x[i, W], x[i, W + 1], x[i, W + 2])
     q = (x[i, Q], x[i, Q + 1], x[i, Q + 2], x[i, Q + 3])
-    fly_errors(v, w, q, i, world.dt, world.decay, world, errors)
+    fly_pushed_errors(v, w, q, i, world.dt, method.time[0], world.decay, world, errors)
 
 
 @after_flight.of(Linearized)
@@ -184,6 +237,7 @@ def _end_flight(method, x, i, world, work):
 @before_group.of(Linearized)
 def _begin_group(method, count, world, work):
     """The whole step is left, whatever the state."""
+    method.time[1] = method.time[0] - world.dt
     for c in range(len(method.errors.left)):
         method.errors.left[c] = 0.0
 
@@ -192,8 +246,10 @@ def _begin_group(method, count, world, work):
 def _begin_travel(method, x, count, until, left, threshold, world, work):
     """Find out how the interval's length changes, and keep what it will be differentiated with."""
     errors, contacts, rows, ids = method.errors, method.contacts, work.rows, work.ids
+    method.time[2] = method.time[0] - left + until
     for a in range(count):
         _open(method, work.members[a], work)
+    _place_driven(method, errors.begin, x, count, world, work)
     first, nearest = -1, np.inf
     for c in range(work.counts[CONTACTS]):
         contacts.gap[c] = rows[c, GAP]
@@ -209,7 +265,14 @@ def _begin_travel(method, x, count, until, left, threshold, world, work):
             errors.left[c] -= errors.length[c]
     else:
         for c in range(len(errors.left)):
-            errors.length[c] = errors.left[c]
+            errors.length[c], errors.left[c] = errors.left[c], 0.0
+
+
+@inner
+def _place_driven(method, rows, x, count, world, work):
+    """Write the errors that driven bodies have at present into ``rows``."""
+    if len(world.surroundings.actions.driven) > 0:
+        place_driven_errors(rows, x, count, method.time[1], world, work, method.errors, method.driven)
 
 
 @inner
@@ -288,7 +351,11 @@ def _same_normal(a, b):
 @after_travel.of(Linearized)
 def _end_travel(method, x, count, h, world, work):
     """Take the group's errors through the interval."""
-    travel_errors(count, h, world, work, method.errors, method.contacts)
+    method.time[1] = method.time[2]
+    _place_driven(method, method.errors.end, x, count, world, work)
+    if len(world.surroundings.actions.driven) > 0:
+        travel_driven_errors(count, h, world, work, method.errors)
+    travel_errors(count, h, method.time[1], world, work, method.errors, method.contacts)
     for a in range(count):
         i = work.members[a]
         _close(method, method.errors.end, i, work.R[i])
@@ -309,6 +376,8 @@ def _end_impact(method, x, count, threshold, world, work):
         look_at_surfaces(c, method.contacts, world, work)
     for a in range(count):
         _open(method, work.members[a], work)
+    for rows in (method.errors.begin, method.errors.end):
+        _place_driven(method, rows, x, count, world, work)
     impact_errors(x, count, threshold, world, work, method.errors, method.contacts)
     for a in range(count):
         i = work.members[a]

@@ -29,6 +29,7 @@ from ..physics.transition import apply_drift_jacobian, write_exact_rotation
 from ..physics.workspace import workspace
 from ..scene.belief import Belief
 from ..scene.physics_keys import INTEGRATORS
+from .action_directions import PARAMETERS, directions, start_root
 from .base import Propagator, Traits
 from .contact_derivative import contact_root, kick_column, moved_by_column
 from .free_flight import flown, transition
@@ -47,7 +48,8 @@ class LinearizationCarry(NamedTuple):
     mean : (B, 13) array
         The nominal rollout.
     root : (12 M, r) array
-        ``root @ root.T`` is the joint covariance; r is the rank of the initial one, which no step raises.
+        ``root @ root.T`` is the joint covariance; r is the rank of the initial one, which no step raises,
+        and the number of uncertain parameters of actions, whose columns come last.
     contact_history : ContactHistory
         What the rollout remembers of its contacts.
     doubtful_since : (B,) array
@@ -85,6 +87,7 @@ class Linearization(Propagator):
     traits = Traits("nominal", "full covariance", True, False, "linearized")
     color, marker = "#0072B2", "s"
     integrators = INTEGRATORS
+    takes_actions, varied = ("implicit",), PARAMETERS
     flies = True
 
     jacobian: str = option(
@@ -100,14 +103,16 @@ class Linearization(Propagator):
             )
         mean, history = begin(scene, belief, belief.mean[None].copy())
         judged = len(scene.bodies) if scene.integrator == "implicit" else 0
-        return LinearizationCarry(mean[0], belief.root(), history, np.full(judged, np.inf), 0)
+        root = start_root(scene, belief, mean[0])
+        return LinearizationCarry(mean[0], root, history, np.full(judged, np.inf), 0)
 
     def advance(self, carry, scene, steps):
         mean, root, history = carry.mean.copy(), carry.root.copy(), histories.copy(carry.contact_history)
         world = scene.world
         first, begun, doubtful = history.first_time[0], carry.step, carry.doubtful_since.copy()
         if world.implicit is not None:
-            advance_root(mean, root, doubtful, first, history.solver, world, begun, steps, TILTS)
+            some = directions(scene, root.shape[1])
+            advance_root(mean, root, doubtful, some, first, history.solver, world, begun, steps, TILTS)
             return LinearizationCarry(mean, root, history, doubtful, begun + steps)
         before = None if self.jacobian == "analytic" else np.empty_like(mean)
         _advance(mean, root, first, world, world.surroundings, begun, steps, before)

@@ -63,8 +63,8 @@ class MonteCarlo(Propagator):
     name = "monte_carlo"
     traits = Traits("estimated", "samples", True, False, "simulated")
     label, color, marker = "Monte Carlo", "#000000", "o"
-    integrators = INTEGRATORS
-    varies_parameters = takes_actions = rejects_overlap = draws_together = draws_impacts = True
+    integrators = takes_actions = INTEGRATORS
+    varies_parameters = rejects_overlap = draws_together = draws_impacts = True
 
     samples: int = option(1000, "number of rollouts", low=1, high=SAMPLES_LIMIT)
     seed: int = option(0, "seed of the draws", low=0)

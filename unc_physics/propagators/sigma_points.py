@@ -64,8 +64,8 @@ class SigmaPoints(Propagator):
     name = "sigma_points"
     traits = Traits("estimated", "full covariance", True, False, "simulated")
     color, marker = "#009E73", "D"
-    integrators = INTEGRATORS
-    varies_parameters = takes_actions = flies = points_in_pairs = True
+    integrators = takes_actions = INTEGRATORS
+    varies_parameters = flies = points_in_pairs = True
 
     points: str = option(
         "minimal",

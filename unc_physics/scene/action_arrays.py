@@ -4,6 +4,7 @@ uncertain.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -112,6 +113,14 @@ def with_driven(scene: Scene, mean: np.ndarray, time: float) -> np.ndarray:
     for k in some:
         mean[k] = path_states(scene, k, [time], actions)[0]
     return mean
+
+
+def with_certain_actions(scene: Scene) -> Scene:
+    """The scene in which paths and times of release are known for sure."""
+    if not any(parameter.name in ("trajectory", "released_at") for parameter in scene.uncertain):
+        return scene
+    certain = {"trajectory_std": 0.0, "released_at_std": 0.0}
+    return replace(scene, bodies=[replace(body, **certain) for body in scene.bodies])
 
 
 def driven_belief(scene: Scene, belief: Belief) -> Belief:

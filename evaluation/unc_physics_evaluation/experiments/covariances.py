@@ -1,4 +1,6 @@
-"""Covariances where things lie, slide, bounce and roll: linearization and the others against many samples."""
+"""Covariances where things lie, slide, bounce and roll, and where a robot acts: linearization and the others
+against many samples.
+"""
 
 from __future__ import annotations
 
@@ -13,6 +15,8 @@ from unc_physics.prediction.status import assess
 from unc_physics.prediction.status_rules import Status
 from unc_physics.propagators.registry import PROPAGATORS
 
+from .. import action_cases
+from ..action_cases import ACTION_CASES
 from ..everyday_cases import BELIEFS, CASES, case
 from ..goals import Figure, goal_tables, goals_met_by
 from ..jobs import Job, Outcome, Row, Settings
@@ -20,7 +24,7 @@ from ..judgement import judge, rates
 from ..methods import MONTE_CARLO, label
 from ..results import Results
 
-TITLE = "Covariances at rest, sliding, bouncing and rolling"
+TITLE = "Covariances at rest, sliding, bouncing and rolling, and where a robot acts"
 SAMPLES, QUICK = 10_000, 2000
 TRUTH, HALVES, FLAGGED, TIGHT = "truth", ("first half", "second half"), "flagged", "tight"
 AXES = ("x", "y", "z", "rot x", "rot y", "rot z")
@@ -28,22 +32,25 @@ WITHIN, FOUND, FALSE = 0.05, 0.95, 0.03
 #: Spreads below count as nothing [m], [rad]: a contact's own compliance, not the belief's.
 NOTHING = (5e-5, 1e-3)
 METHODS = [name for name in PROPAGATORS if name != MONTE_CARLO]
+#: Those that take what a robot does.
+ACTING = [name for name in METHODS if "implicit" in PROPAGATORS[name].takes_actions]
 
 
 def jobs(settings: Settings) -> list[Job]:
-    """One for each case and belief."""
+    """One for each case and belief; only tight ones where a robot acts."""
     samples = QUICK if settings.quick else SAMPLES
+    given = [(name, belief) for name in CASES for belief in ([TIGHT] if settings.quick else BELIEFS)]
     return [
         Job("covariances", settings.parameters(case=name, belief=belief, truth=samples), cost=samples * 2e-3)
-        for name in CASES
-        for belief in ([TIGHT] if settings.quick else BELIEFS)
+        for name, belief in [*given, *((name, TIGHT) for name in ACTION_CASES)]
     ]
 
 
 def run(job: Job) -> Outcome:
     """Standard deviations of pose along the world's axes: the truth's, its halves', and the methods'."""
     p = job.parameters
-    given, seed = case(p["case"], p["belief"]), job.seed(TRUTH)
+    make = action_cases.case if p["case"] in ACTION_CASES else case
+    given, seed = make(p["case"], p["belief"]), job.seed(TRUTH)
     truth = make_propagator(MONTE_CARLO, samples=p["truth"], seed=seed)
     carry = predict(given.scene, given.belief, truth, given.horizon).carry
     half = p["truth"] // 2
@@ -51,12 +58,17 @@ def run(job: Job) -> Outcome:
     for name, part in zip((TRUTH, *HALVES), (slice(None), slice(half), slice(half, None)), strict=True):
         own = carry._replace(states=carry.states[part], parameters=carry.parameters[part])
         rows += _rows(name, truth.belief(own, given.scene), p["truth"], seed)
-    for name in METHODS:
+    for name in _methods(p["case"]):
         prediction = predict(given.scene, given.belief, name, given.horizon)
         rows += _rows(name, prediction.belief, None, prediction.seed)
         flags = assess(prediction)[0].flags & ~Status.INITIAL_OVERLAP
         rows.append(Row(name, FLAGGED, "1", float(bool(flags))))
     return Outcome(rows)
+
+
+def _methods(name):
+    """Those that are compared in a case."""
+    return ACTING if name in ACTION_CASES else METHODS
 
 
 def _rows(method, belief, samples, seed):
@@ -74,27 +86,26 @@ def _rows(method, belief, samples, seed):
 def sections(results: Results) -> dict[str, list[Figure]]:
     """Linearization's worst error with tight beliefs, and how its flags do with the others."""
     rows = results.rows("covariances")
-    tight = []
+    tight, acting = [], []
     for name in rows.unique("case"):
-        here = _stds(rows.where(case=name, belief=TIGHT))
+        here, methods = _stds(rows.where(case=name, belief=TIGHT), name), _methods(name)
         far, axis = max((_off(here["linearization"], here[TRUTH], k), AXES[k]) for k in range(6))
         floor = max(_off(here[HALVES[0]], here[HALVES[1]], k) for k in range(6)) / 2.0
         others = ", ".join(
             f"{label(m, None)} {100.0 * max(_off(here[m], here[TRUTH], k) for k in range(6)):.1f} %"
-            for m in METHODS
+            for m in methods
             if m != "linearization"
         )
         note = f"{axis}; sampling floor {100.0 * floor:.1f} %; {others}"
-        tight.append(
-            Figure("linearization, worst axis", name, 100.0 * far, "% off", 100.0 * WITHIN, True, note)
-        )
+        figure = Figure("linearization, worst axis", name, 100.0 * far, "% off", 100.0 * WITHIN, True, note)
+        (acting if name in ACTION_CASES else tight).append(figure)
     flags = []
     for method in METHODS:
         judged = []
-        for name in rows.unique("case"):
+        for name in CASES:
             for belief in rows.unique("belief"):
                 some = rows.where(case=name, belief=belief)
-                here = _stds(some)
+                here = _stds(some, name)
                 flagged = bool(some.where(method=method, quantity=FLAGGED)[0]["value"])
                 judged.append(judge(_pose(here[method]), _pose(here[TRUTH]), 0.1, flagged))
         found = rates(judged)
@@ -103,14 +114,18 @@ def sections(results: Results) -> dict[str, list[Figure]]:
             Figure("bad ones flagged", label(method, None), found.found_share, "", FOUND, False, note)
         )
         flags.append(Figure("good ones flagged", label(method, None), found.false_share, "", FALSE, True))
-    return {"Tight beliefs": tight, "Flags, all beliefs": [one for one in flags if one.value == one.value]}
+    return {
+        "Tight beliefs": tight,
+        "Tight beliefs, where a robot acts": acting,
+        "Flags, all beliefs": [one for one in flags if one.value == one.value],
+    }
 
 
-def _stds(rows):
+def _stds(rows, name):
     """(6,) by method."""
     return {
         method: np.array([rows.where(method=method, quantity=axis)[0]["value"] for axis in AXES])
-        for method in (TRUTH, *HALVES, *METHODS)
+        for method in (TRUTH, *HALVES, *_methods(name))
     }
 
 
@@ -132,7 +147,7 @@ verdict = goals_met_by(sections)
 
 
 def report(results: Results) -> str:
-    """Both tables."""
+    """The tables."""
     rows = results.rows("covariances")
     about = (
         f"Everyday bodies on a plane; the truth is {rows[0]['truth']} samples. A spread of pose counts along"
