@@ -60,6 +60,7 @@ def test_what_does_not_fit_is_named(bodies, words):
         ({"position_std": -0.1}, "^position_std must not be negative"),
         ({"orientation_std": (0, 0, float("nan"))}, "^orientation_std must be finite"),
         ({"linear_velocity_std": 1e200}, "^linear_velocity_std is too large"),
+        ({"orientation_std": 20.0}, "^orientation_std is more than a full turn; it is in rad"),
         ({"covariance": np.eye(6)}, r"^covariance must have shape \(12, 12\)"),
         (
             {"covariance": np.eye(12), "position_std": 0.1},

@@ -16,6 +16,7 @@ from .output import check_output, note, writing
 _SHOWN_STATE = 1000.0  # bytes of a body's state as Python's numbers and as text
 _ROUNDED = 0.01  # of a horizon, from which on its rounding is worth a note
 PROGRESS_AFTER = 2.0  # s
+_TELLS = "--propagator monte_carlo --samples 300 tells, or --option probability_error=0.05 with auto"
 _UNKNOWN = 20  # probabilities that cannot be told are only counted if they are more
 
 
@@ -249,16 +250,9 @@ def answers_as_table(answers) -> str:
         for what, answer, when in lines
     ]
     if unknown:
-        which = f"{unknown} more are" if unknown > _UNKNOWN else "-:"
-        rows.append(f"{which} not known to a tenth; {_sampled()} with enough samples tells")
+        which = f"{unknown} {'more ' if rows else ''}are" if unknown > _UNKNOWN else "-:"
+        rows.append(f"{which} not known to a tenth; {_TELLS}")
     return "\n".join(rows)
-
-
-def _sampled():
-    """The propagators whose answers are samples, in a text."""
-    from ..propagators.registry import names_where
-
-    return names_where(lambda propagator: propagator.own_sample_count is not None, " or ")
 
 
 def check_picture(path):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -30,7 +31,7 @@ STDS = {
     "orientation_std": ERR_ROTATION,
     "angular_velocity_std": ERR_ANGULAR_VELOCITY,
 }
-_STD_LIMIT = 1e150
+_STD_LIMIT, _FULL_TURN = 1e150, 2.0 * math.pi
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -65,7 +66,8 @@ class BodyBelief:
     ------
     InvalidRequestError, NotFiniteError, InvalidOrientationError, InvalidCovarianceError
         For wrong shapes, NaN or infinity, a quaternion far from unit length, negative standard deviations,
-        what is no covariance, and a covariance beside standard deviations.
+        orientations uncertain by more than a full turn, what is no covariance, and a covariance beside
+        standard deviations.
     """
 
     position: Array = array_field((0.0, 0.0, 0.0))
@@ -83,6 +85,12 @@ class BodyBelief:
         checked["position"] = point(self.position, "position")
         checked["orientation"] = quaternion(self.orientation, "orientation")
         checked |= {name: three_stds(getattr(self, name), name) for name in STDS}
+        if checked["orientation_std"].max() > _FULL_TURN:
+            raise InvalidRequestError(
+                "is more than a full turn; it is in rad, not in degrees",
+                field="orientation_std",
+                value=self.orientation_std,
+            )
         if self.covariance is None:
             std = np.zeros(ERROR)
             for name, place in STDS.items():
