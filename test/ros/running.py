@@ -8,8 +8,9 @@ import threading
 import time
 
 import rclpy
-from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.executors import SingleThreadedExecutor
 
+from unc_physics.ros.connection import spin
 from unc_physics_msgs.srv import Predict
 
 READY_TIMEOUT = 600.0  # s; a cold cache compiles everything
@@ -68,16 +69,10 @@ class Client:
         self.node = rclpy.create_node("test_client", context=self.context)
         self.executor = SingleThreadedExecutor(context=self.context)
         self.executor.add_node(self.node)
-        self._thread = threading.Thread(target=self._spin, daemon=True)
+        self._thread = threading.Thread(target=spin, args=[self.executor], daemon=True)
         self._thread.start()
         self._clients = {}
         return self
-
-    def _spin(self):
-        try:
-            self.executor.spin()
-        except ExternalShutdownException:
-            pass
 
     def __exit__(self, *_):
         self.executor.shutdown()

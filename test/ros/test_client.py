@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 import rclpy
+from rclpy.exceptions import InvalidHandle
 from rclpy.executors import SingleThreadedExecutor
 from running import wait_until
 
@@ -42,6 +43,7 @@ from unc_physics.checks.errors import (
     UnknownModelError,
 )
 from unc_physics.ros import Client
+from unc_physics.ros.connection import spin
 from unc_physics_msgs.msg import Mode as ModeMessage
 from unc_physics_msgs.msg import ModelInfo
 from unc_physics_msgs.srv import ListModels
@@ -411,6 +413,31 @@ def test_closing_a_client_ends_what_it_waits_for(asked, space):
             return None
 
     wait_until(takes_another, timeout=10.0)
+
+
+def test_what_other_threads_destroy_does_not_end_the_thread_that_spins():
+    class Late(SingleThreadedExecutor):
+        """Finds at first what was destroyed since it looked, as rclpy's does now and then."""
+
+        found = False
+
+        def spin_once(self, timeout_sec=None):
+            if not self.found:
+                self.found = True
+                raise InvalidHandle("destruction was requested")
+            super().spin_once(timeout_sec)
+
+    context = rclpy.Context()
+    rclpy.init(context=context)
+    executor = Late(context=context)
+    thread = threading.Thread(target=spin, args=[executor], daemon=True)
+    thread.start()
+    wait_until(executor.create_task(lambda: True).done)
+    assert executor.found
+    executor.shutdown()
+    context.try_shutdown()
+    thread.join(5.0)
+    assert not thread.is_alive()
 
 
 def test_a_node_of_one_s_own(node, space):

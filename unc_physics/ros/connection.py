@@ -11,7 +11,8 @@ from typing import Any
 import rclpy
 from action_msgs.msg import GoalStatus
 from rclpy.action import ActionClient
-from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.exceptions import InvalidHandle
+from rclpy.executors import Executor, ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 
 from ..checks.errors import InvalidRequestError, NotActiveError, UncPhysicsError
@@ -45,7 +46,7 @@ class Connection:
             node = rclpy.create_node("unc_physics_client", context=context)
             executor = SingleThreadedExecutor(context=context)
             executor.add_node(node)
-            thread = threading.Thread(target=_spin, args=[executor], name="unc_physics client", daemon=True)
+            thread = threading.Thread(target=spin, args=[executor], name="unc_physics client", daemon=True)
             thread.start()
             self._own = context, executor, thread
         self.node = node
@@ -226,8 +227,17 @@ def _done(future):
     return event
 
 
-def _spin(executor):
-    try:
-        executor.spin()
-    except ExternalShutdownException:
-        pass
+def spin(executor: Executor) -> None:
+    """Run an executor until it or its context is shut down, whatever other threads destroy meanwhile.
+
+    rclpy passes over a subscription or a client that is gone, but stops at the events of one.
+    """
+    ended = False
+    while not ended:
+        try:
+            executor.spin()
+            ended = True
+        except ExternalShutdownException:
+            ended = True
+        except InvalidHandle:
+            pass
