@@ -28,7 +28,9 @@ _HEIGHT = 0.0125  # m, of the tips above the block's underside
 _STIFFNESS = 1e11  # N/m^3: at which a tip sinks in by 0.02 mm
 #: What is not known of the pushes: standard deviations of both frictions, of where the load is, as feet rub
 #: unlike each other [m], and of the pusher's frame [m].
-_TABLE_STD, _PUSHER_STD, _LOAD_STD, _FRAME_STD = (0.02, 0.03), 0.1, 4e-3, 8e-4
+_TABLE_STD, _PUSHER_STD, _LOAD_STD, _FRAME_STD = (0.02, 0.03), 0.1, 4e-3, 5e-4
+#: By how much pushes of the same command end apart: standard deviations of a place [m] and of the yaw [rad].
+REPEATS_STD = 8.4e-4, 8.4e-4, math.radians(1.3)
 
 
 class Pushes(NamedTuple):
