@@ -7,10 +7,9 @@ import math
 import numpy as np
 
 from unc_physics import Belief, Plane, PosePath, RigidBody, Scene, Wrench, load_model
-from unc_physics.geometry.packing_file import SpherePacking
 from unc_physics.scene.action_arrays import with_driven
 
-from .everyday_cases import BELIEFS, MASS, Case
+from .everyday_cases import BELIEFS, MASS, Case, ball, brick, lowest
 from .scenarios import resting, spread
 
 BELT_SPEED, HAND_SPEED = 0.4, 0.5  # m/s
@@ -26,36 +25,21 @@ def case(name: str, belief: str) -> Case:
     return Case(scene, Belief(mean, P, scene.moving), horizon)
 
 
-def _ball(name, radius, inertia=0.4):
-    """A single sphere; its inertia is per unit mass and squared radius."""
-    return SpherePacking(
-        name,
-        np.zeros((1, 3)),
-        np.array([radius]),
-        inertia * radius**2 * np.eye(3),
-        4.0 / 3.0 * math.pi * radius**3,
-        np.zeros(3),
-        bounding_radius=radius,
-    )
-
-
 def _brick_scene(floor=None, others=(), **body):
-    """A brick at rest on a plane, its mean state, and the lowest point below its centre of mass."""
-    model = load_model("brick").prefix(500)
-    height = float(np.max(model.radii - model.centers[:, 2]))
-    brick = RigidBody("body", model, MASS, at_rest=True, **body)
-    scene = Scene.everyday([brick, *others], environment=[floor or Plane(name="floor")])
-    return scene, resting([[0.0, 0.0, height]])
+    """A brick at rest on a plane, and its mean state."""
+    model = brick()
+    lying = RigidBody("body", model, MASS, at_rest=True, **body)
+    scene = Scene.everyday([lying, *others], environment=[floor or Plane(name="floor")])
+    return scene, resting([[0.0, 0.0, lowest(model)]])
 
 
 def _pushed():
     """A finger comes along x beside the middle, touches after about 0.1 s, and pushes for 2 cm."""
-    model = load_model("brick").prefix(500)
-    reach = float(np.max(model.radii - model.centers[:, 0])) + 0.02
-    height = float(np.max(model.radii - model.centers[:, 2]))
+    model = brick()
+    reach, height = float(np.max(model.radii - model.centers[:, 0])) + 0.02, lowest(model)
     places = [[-reach - 0.005, 0.01, height], [-reach + 0.02, 0.01, height]]
     line = PosePath(times=[0.0, 0.5], positions=places)
-    finger = RigidBody("finger", _ball("finger", 0.02), trajectory=line)
+    finger = RigidBody("finger", ball("finger", 0.02), trajectory=line)
     scene, mean = _brick_scene(others=[finger])
     return scene, mean, 0.4
 
@@ -73,7 +57,7 @@ def _forced():
 
 
 def _disc():
-    disc = RigidBody("body", _ball("disc", 0.05, 0.5), MASS)
+    disc = RigidBody("body", ball("disc", 0.05, 0.5), MASS)
     scene = Scene.everyday([disc], environment=[Plane(name="floor", torsional_friction=0.002)])
     mean = resting([[0.0, 0.0, 0.05]])
     mean[0, 12] = 10.0
@@ -98,7 +82,7 @@ def _released():
     held = {"attached_to": "hand", "released_at": 0.3, "released_at_std": 0.005}
     mug = RigidBody("body", load_model("mug").prefix(500), MASS, **held)
     off = [1e-3] * 3 + [0.01] * 3
-    hand = RigidBody("hand", _ball("hand", 0.02), trajectory=_swing(0.4), trajectory_std=off)
+    hand = RigidBody("hand", ball("hand", 0.02), trajectory=_swing(0.4), trajectory_std=off)
     return Scene.everyday([mug, hand]), resting([[0.05, 0.02, 0.9]]), 0.6
 
 
@@ -109,11 +93,11 @@ def _thrown():
         positions=[[-1.25, 0.0, 0.5], [-0.95, 0.0, 0.5]],
         linear_velocities=[[0.5, 0.0, 0.0], [1.5, 0.0, 0.0]],
     )
-    wall = RigidBody("wall", _ball("wall", 1.0), trajectory=path, trajectory_std=[1e-3, 0, 0, 0, 0, 0])
-    ball = RigidBody("body", _ball("ball", 0.05), MASS)
+    wall = RigidBody("wall", ball("wall", 1.0), trajectory=path, trajectory_std=[1e-3, 0, 0, 0, 0, 0])
+    thrown = RigidBody("body", ball("ball", 0.05), MASS)
     mean = resting([[0.0, 0.0, 0.6]])
     mean[0, 3:6] = -0.5, 0.2, 0.5
-    return Scene.everyday([ball, wall], restitution=0.7, friction=0.2), mean, 0.5
+    return Scene.everyday([thrown, wall], restitution=0.7, friction=0.2), mean, 0.5
 
 
 #: What makes each case: scene, mean state of the body and horizon.

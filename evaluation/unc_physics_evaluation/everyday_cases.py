@@ -48,7 +48,7 @@ def _everyday(model, floor=None, at_rest=False, **physics):
     return Scene.everyday([body], environment=[floor or Plane(name="floor")], **physics)
 
 
-def _lowest(model, q=(0.0, 0.0, 0.0, 1.0)):
+def lowest(model: SpherePacking, q=(0.0, 0.0, 0.0, 1.0)) -> float:
     """How far a model's lowest point is below its centre of mass [m]."""
     x, y, z, w = q
     down = np.array([2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)])
@@ -62,18 +62,19 @@ def _state(height, velocity=(0.0, 0.0, 0.0), spin=(0.0, 0.0, 0.0), q=(0.0, 0.0, 
     return mean
 
 
-def _brick():
+def brick() -> SpherePacking:
+    """The model that lies, slides and lands."""
     return load_model("brick").prefix(500)
 
 
 def _lying():
-    model = _brick()
-    return _everyday(model, at_rest=True), _state(_lowest(model)), 0.5
+    model = brick()
+    return _everyday(model, at_rest=True), _state(lowest(model)), 0.5
 
 
 def _pushed():
-    model = _brick()
-    return _everyday(model), _state(_lowest(model), (SPEED, 0.0, 0.0)), 0.03
+    model = brick()
+    return _everyday(model), _state(lowest(model), (SPEED, 0.0, 0.0)), 0.03
 
 
 def _sliding_to_rest():
@@ -82,35 +83,40 @@ def _sliding_to_rest():
 
 
 def _on_incline():
-    model = _brick()
+    model = brick()
     normal = np.array([-math.sin(SLOPE), 0.0, math.cos(SLOPE)])
     mean = _state(0.0, q=(0.0, -math.sin(0.5 * SLOPE), 0.0, math.cos(0.5 * SLOPE)))
-    mean[0, POSITION] = _lowest(model) * normal
+    mean[0, POSITION] = lowest(model) * normal
     return _everyday(model, Plane(normal, name="incline"), at_rest=True), mean, 0.5
 
 
-def _ball(restitution, horizon):
-    model = SpherePacking(
-        "ball",
+def ball(name: str, radius: float, inertia: float = 0.4) -> SpherePacking:
+    """A single sphere; its inertia is per unit mass and squared radius."""
+    return SpherePacking(
+        name,
         np.zeros((1, 3)),
-        np.array([BALL_RADIUS]),
-        0.4 * BALL_RADIUS**2 * np.eye(3),
-        4.0 / 3.0 * math.pi * BALL_RADIUS**3,
+        np.array([radius]),
+        inertia * radius**2 * np.eye(3),
+        4.0 / 3.0 * math.pi * radius**3,
         np.zeros(3),
-        bounding_radius=BALL_RADIUS,
+        bounding_radius=radius,
     )
+
+
+def _ball_bounces(restitution, horizon):
+    model = ball("ball", BALL_RADIUS)
     mean = _state(BALL_RADIUS + 0.2, (0.5, 0.0, 0.0), (1.0, 0.0, 0.0))
     return _everyday(model, restitution=restitution), mean, horizon
 
 
 def _box_bounces():
-    model = _brick()
-    return _everyday(model, restitution=0.5), _state(_lowest(model) + 0.1), 0.25
+    model = brick()
+    return _everyday(model, restitution=0.5), _state(lowest(model) + 0.1), 0.25
 
 
 def _can_rolls():
     model, q = load_model("can").prefix(1000), (math.sqrt(0.5), 0.0, 0.0, math.sqrt(0.5))
-    height = _lowest(model, q)
+    height = lowest(model, q)
     return _everyday(model), _state(height, (SPEED, 0.0, 0.0), (0.0, SPEED / height, 0.0), q), 0.5
 
 
@@ -120,8 +126,8 @@ CASES = {
     "box pushed at 0.3 m/s": _pushed,
     "box sliding to rest": _sliding_to_rest,
     "box on an incline": _on_incline,
-    "ball after one bounce": lambda: _ball(0.7, 0.3),
-    "ball after three bounces": lambda: _ball(0.8, 1.1),
+    "ball after one bounce": lambda: _ball_bounces(0.7, 0.3),
+    "ball after three bounces": lambda: _ball_bounces(0.8, 1.1),
     "box after a bounce on a face": _box_bounces,
     "can rolling": _can_rolls,
 }

@@ -15,7 +15,7 @@ import rclpy
 from geometry_msgs.msg import TransformStamped
 from lifecycle_msgs.srv import GetState
 from rclpy.duration import Duration
-from rclpy.executors import ExternalShutdownException, MultiThreadedExecutor
+from rclpy.executors import MultiThreadedExecutor
 from rclpy.parameter import Parameter
 from rclpy.qos import qos_profile_sensor_data
 from rosgraph_msgs.msg import Clock
@@ -26,6 +26,7 @@ from std_srvs.srv import Empty
 from unc_physics.checks.errors import ErrorCode
 from unc_physics.physics import rollout
 from unc_physics.ros import UncPhysicsNode
+from unc_physics.ros.connection import spin
 from unc_physics_msgs.msg import JointCovariance, Prediction, Scene
 from unc_physics_msgs.srv import Predict
 
@@ -71,13 +72,7 @@ def robot():
     executor.add_node(node)
     executor.add_node(other)
 
-    def spin():
-        try:
-            executor.spin()
-        except ExternalShutdownException:
-            pass
-
-    thread = threading.Thread(target=spin, daemon=True)
+    thread = threading.Thread(target=spin, args=[executor], daemon=True)
     thread.start()
     wait_until(lambda: node.server.is_open and node.server.hand_over.works)
     yield node

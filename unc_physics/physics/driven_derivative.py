@@ -15,11 +15,11 @@ import numpy as np
 from .actions import ROUND_OFF, follows
 from .compiled import inner, kernel
 from .driven_bodies import near_group, write_driven
-from .flight_derivative import turn_coefficients, turned_on
+from .flight_derivative import mean_spin, turn_coefficients, turned_on
 from .implicit_workspace import NOW, START
 from .layout import EP, ER, ERROR, EV, EW, P, Q, V, W
 from .rotation import cross, rotate, rotate_back, write_matrix
-from .vectors import dot, minus, plus, put, times, vector
+from .vectors import dot, minus, plus, put, three, times, vector
 
 _REACH = 1e-5  # s: over which accelerations on a path are found
 _INSTANT = 1e-9  # s: intervals in which displacements say nothing of velocities
@@ -47,14 +47,9 @@ class DrivenErrors(NamedTuple):
 
 
 @inner(forceinline=True)
-def _three(x, i, k):
-    return x[i, k], x[i, k + 1], x[i, k + 2]
-
-
-@inner(forceinline=True)
 def _offset(driven, k, point, c):
     """What the offset of body k's path moves a point, and by what it turns."""
-    own, center = driven.offset[k], _three(driven.center, k, 0)
+    own, center = driven.offset[k], three(driven.center, k, 0)
     turn = vector(own, 3, c)
     return plus(vector(own, 0, c), cross(turn, minus(point, center))), turn
 
@@ -84,10 +79,10 @@ def _acceleration(x, j, time, world, work):
         return zero, zero
     early, later = max(time - _REACH, first), min(time + _REACH, last)
     write_driven(found, 0, x, j, early, actions, work)
-    v, w = _three(found, 0, V), _three(found, 0, W)
+    v, w = three(found, 0, V), three(found, 0, W)
     write_driven(found, 0, x, j, later, actions, work)
     share = 1.0 / (later - early)
-    return times(share, minus(_three(found, 0, V), v)), times(share, minus(_three(found, 0, W), w))
+    return times(share, minus(three(found, 0, V), v)), times(share, minus(three(found, 0, W), w))
 
 
 @inner(forceinline=True)
@@ -96,7 +91,7 @@ def _write_errors(rows, j, states, row, c, later, acceleration, world, errors, d
 
     The present is ``later`` by so much [s]. ``errors.R`` is its rotation.
     """
-    point, v, w = _three(states, row, P), _three(states, row, V), _three(states, row, W)
+    point, v, w = three(states, row, P), three(states, row, V), three(states, row, W)
     moved, turn = _offset(driven, _mover(j, world.surroundings.actions), point, c)
     own, tilt = vector(driven.held[j], 0, c), vector(driven.held[j], 3, c)
     own = rotate(errors.R[0], own[0], own[1], own[2])
@@ -130,7 +125,7 @@ def begin_held_errors(root, begin, world, work, errors, driven):
         first, k = ERROR * errors.block[j], actions.carrier[j]
         write_matrix((x[j, Q], x[j, Q + 1], x[j, Q + 2], x[j, Q + 3]), R, 0)
         for c in range(root.shape[1]):
-            moved, turn = _offset(driven, k, _three(x, j, P), c)
+            moved, turn = _offset(driven, k, three(x, j, P), c)
             own = minus(vector(root, first + EP, c), moved)
             put(driven.held[j], 0, c, rotate_back(R[0], own[0], own[1], own[2]))
             turn = rotate_back(R[0], turn[0], turn[1], turn[2])
@@ -148,7 +143,7 @@ def _release_errors(root, j, left, begin, world, work, errors, driven):
     acceleration = _acceleration(work.state, j, begin + left, world, work)
     write_driven(state, 0, work.state, j, begin + left, world.surroundings.actions, work)
     write_matrix((state[0, Q], state[0, Q + 1], state[0, Q + 2], state[0, Q + 3]), errors.R, 0)
-    v, w = _three(state, 0, V), _three(state, 0, W)
+    v, w = three(state, 0, V), three(state, 0, W)
     rate, whole, rest = math.log(world.decay) / dt, world.decay, world.decay ** ((dt - left) / dt)
     back, g = times(-left, w), world.gravity
     coefficients = turn_coefficients(back)
@@ -217,11 +212,7 @@ def travel_driven_errors(count, h, world, work, errors):
         if work.moving[j] or not near_group(j, count, work):
             continue
         first = ERROR * errors.block[j]
-        middle = (
-            0.5 * (velocity[START, j, 3] + velocity[NOW, j, 3]),
-            0.5 * (velocity[START, j, 4] + velocity[NOW, j, 4]),
-            0.5 * (velocity[START, j, 5] + velocity[NOW, j, 5]),
-        )
+        middle = mean_spin(j, velocity)
         phi = times(h, middle)
         third = _third_of_inverse(phi)
         for c in range(begin.shape[1]):

@@ -12,9 +12,10 @@ import numpy as np
 
 from .compiled import inner
 from .free_motion import turns_of
+from .implicit_workspace import NOW, START
 from .layout import EP, ER, ERROR, EV, EW
 from .rotation import cross, exp, multiply, renormalized, rotate, rotate_back, write_matrix
-from .vectors import dot, plus, put, times, vector
+from .vectors import dot, plus, put, three, times, vector
 
 
 class Errors(NamedTuple):
@@ -63,6 +64,12 @@ def turn_coefficients(phi):
     angle = math.sqrt(angle2)
     sine = math.sin(angle) / angle
     return sine, (1.0 - math.cos(angle)) / angle2, (1.0 - sine) / angle2
+
+
+@inner(forceinline=True)
+def mean_spin(i, velocity):
+    """Mean angular velocity of body i at the beginning and the end of a solved interval [rad/s]."""
+    return times(0.5, plus(three(velocity[START], i, 3), three(velocity[NOW], i, 3)))
 
 
 @inner(forceinline=True)

@@ -35,7 +35,7 @@ from .contact_change import (
 from .contact_model import shallow_factor
 from .contact_patch import IMPACT_GAP
 from .contact_system import add_answer, add_force, eliminate
-from .flight_derivative import in_world, turn_coefficients, turned_on
+from .flight_derivative import in_world, mean_spin, turn_coefficients, turned_on
 from .implicit_workspace import (
     BEND,
     COMPLIANCE,
@@ -57,7 +57,7 @@ from .implicit_workspace import (
 from .layout import EP, ER, ERROR, EV, EW
 from .rotation import cross, write_matrix
 from .twist_derivative import add_twist, no_twist, surface_change, surface_velocity, twist_change, twist_of
-from .vectors import dot, minus, plus, put, times, vector
+from .vectors import dot, minus, plus, put, three, times, vector
 from .wrench_derivative import fly_pushed_errors
 
 _YIELDING = 1e-7  # of what a constraint holds
@@ -108,11 +108,6 @@ def _turning(v, i, j, change):
     """What changed lever arms do to `relative_velocity`."""
     u = turning(v, i, change.arm_i)
     return minus(u, turning(v, j, change.arm_j)) if j >= 0 else u
-
-
-@inner(forceinline=True)
-def _spin(v, i):
-    return v[i, 3], v[i, 4], v[i, 5]
 
 
 @inner(forceinline=True)
@@ -185,11 +180,7 @@ def travel_errors(count, h, time, world, work, errors, contacts):
         if place < 0:
             continue
         first = ERROR * errors.block[i]
-        middle = (
-            0.5 * (velocity[START, i, 3] + velocity[NOW, i, 3]),
-            0.5 * (velocity[START, i, 4] + velocity[NOW, i, 4]),
-            0.5 * (velocity[START, i, 5] + velocity[NOW, i, 5]),
-        )
+        middle = mean_spin(i, velocity)
         phi = times(h, middle)
         coefficients = turn_coefficients(phi)
         for c in range(begin.shape[1]):
@@ -335,7 +326,7 @@ def _add_contact(c, size, law, h, threshold, world, work, errors, contacts):
     slot_i = contacts.slot[i]
     slot_j = contacts.slot[j] if j >= 0 and work.moving[j] else -1
     A, twists = contacts.system, len(work.twists) > 0
-    spinning = minus(_spin(after, i), _spin(after, j)) if j >= 0 else _spin(after, i)
+    spinning = minus(three(after, i, 3), three(after, j, 3)) if j >= 0 else three(after, i, 3)
     twist = no_twist()
     if twists:
         twist = twist_of(work.twists[c], own, n, spinning, _YIELDING, _AT_LIMIT, _NO_SLIP)

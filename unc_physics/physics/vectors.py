@@ -34,6 +34,12 @@ def vector(array, row, column):
 
 
 @inner(forceinline=True)
+def three(array, row, column):
+    """Three columns of a row, from ``column`` on."""
+    return array[row, column], array[row, column + 1], array[row, column + 2]
+
+
+@inner(forceinline=True)
 def put(array, row, column, a):
     """Write a vector into three rows of a column, from ``row`` on."""
     array[row, column], array[row + 1, column], array[row + 2, column] = a[0], a[1], a[2]

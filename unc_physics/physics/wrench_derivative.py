@@ -7,7 +7,7 @@ from .compiled import inner
 from .flight_derivative import fly_errors, in_world
 from .layout import ER, ERROR, EV, EW
 from .rotation import cross, rotate, write_matrix
-from .vectors import minus, plus, put, times, vector
+from .vectors import minus, plus, put, three, times, vector
 
 
 @inner
@@ -44,8 +44,7 @@ def push_errors(rows, v, w, i, begin, end, world, errors):
         if actions.wrench_body[u] != i or time <= 0.0:
             continue
         local = actions.wrench_local[u]
-        force = (actions.wrench[u, 0], actions.wrench[u, 1], actions.wrench[u, 2])
-        torque = (actions.wrench[u, 3], actions.wrench[u, 4], actions.wrench[u, 5])
+        force, torque = three(actions.wrench, u, 0), three(actions.wrench, u, 3)
         if local:
             force = rotate(errors.R[0], force[0], force[1], force[2])
             torque = rotate(errors.R[0], torque[0], torque[1], torque[2])

@@ -24,9 +24,6 @@ from ..scene.belief import Belief
 from ..scene.scene import Scene
 from .implicit_linearization import Directions
 
-#: Uncertain parameters that are such directions.
-PARAMETERS = ("trajectory", "released_at")
-
 
 def directions(scene: Scene, columns: int) -> Directions:
     """What ``columns`` of a root change of a scene's actions; empty arrays where nothing is driven.

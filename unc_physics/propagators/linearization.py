@@ -27,9 +27,10 @@ from ..physics.narrow_phase import NORMAL, POINT, VOLUME
 from ..physics.rotation import cross, rotate
 from ..physics.transition import apply_drift_jacobian, write_exact_rotation
 from ..physics.workspace import workspace
+from ..scene.action_arrays import UNCERTAIN
 from ..scene.belief import Belief
 from ..scene.physics_keys import INTEGRATORS
-from .action_directions import PARAMETERS, directions, start_root
+from .action_directions import directions, start_root
 from .base import Propagator, Traits
 from .contact_derivative import contact_root, kick_column, moved_by_column
 from .free_flight import flown, transition
@@ -87,7 +88,7 @@ class Linearization(Propagator):
     traits = Traits("nominal", "full covariance", True, False, "linearized")
     color, marker = "#0072B2", "s"
     integrators = INTEGRATORS
-    takes_actions, varied = ("implicit",), PARAMETERS
+    takes_actions, varied = ("implicit",), UNCERTAIN
     flies = True
 
     jacobian: str = option(

@@ -26,6 +26,9 @@ from .belief import Belief
 if TYPE_CHECKING:
     from .scene import Scene
 
+#: Uncertain parameters (`parameters`) that are of actions.
+UNCERTAIN = ("trajectory", "released_at")
+
 
 def actions_of(bodies, environment) -> Actions:
     """What acts on some bodies, among elements of the environment."""
@@ -117,7 +120,7 @@ def with_driven(scene: Scene, mean: np.ndarray, time: float) -> np.ndarray:
 
 def with_certain_actions(scene: Scene) -> Scene:
     """The scene in which paths and times of release are known for sure."""
-    if not any(parameter.name in ("trajectory", "released_at") for parameter in scene.uncertain):
+    if not any(parameter.name in UNCERTAIN for parameter in scene.uncertain):
         return scene
     certain = {"trajectory_std": 0.0, "released_at_std": 0.0}
     return replace(scene, bodies=[replace(body, **certain) for body in scene.bodies])
