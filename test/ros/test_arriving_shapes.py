@@ -127,6 +127,11 @@ def test_a_packing_holds_up_nobody_else(library, monkeypatch):
 
     monkeypatch.setattr(arriving_shapes, "_pack", slow)
     waiting = shaped(mesh=[mesh_message(TORUS)])
+    with monkeypatch.context() as impatient:
+        impatient.setattr(arriving_shapes, "WAIT", 0.01)
+        with pytest.raises(UncPhysicsError, match="is still being packed after 0.01 s; ask again") as caught:
+            read(library, waiting)
+        assert caught.value.code == ErrorCode.TIMEOUT
     waited = []
     threads = [threading.Thread(target=lambda: waited.append(read(library, waiting))) for _ in range(3)]
     for thread in threads:
@@ -139,10 +144,6 @@ def test_a_packing_holds_up_nobody_else(library, monkeypatch):
     ring = EnvironmentElement(mesh=[mesh_message(TORUS)])
     elements = read(library, moving_object(), elements=[ring], skip_unknown_models=True).scene.bodies
     assert [body.name for body in elements] == ["left"] and not waited
-    monkeypatch.setattr(arriving_shapes, "WAIT", 0.01)
-    with pytest.raises(UncPhysicsError, match="is still being packed after 0.01 s; ask again") as caught:
-        read(library, waiting)
-    assert caught.value.code == ErrorCode.TIMEOUT
     go.set()
     for thread in threads:
         thread.join()

@@ -17,7 +17,7 @@ _SHOWN_STATE = 1000.0  # bytes of a body's state as Python's numbers and as text
 _ROUNDED = 0.01  # of a horizon, from which on its rounding is worth a note
 PROGRESS_AFTER = 2.0  # s
 # a tenth is 3.3 standard errors at 99.9 % confidence
-_TELLS = "--propagator monte_carlo --samples 300 tells, or --option probability_error=0.03 with auto"
+_TELLS = f"a propagator that draws --samples 300 tells, or {ANYTIME} with --option probability_error=0.03"
 _UNKNOWN = 20  # probabilities that cannot be told are only counted if they are more
 
 
