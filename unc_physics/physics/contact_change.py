@@ -3,33 +3,16 @@
 import math
 from typing import NamedTuple
 
-import numpy as np
-
 from .compiled import inner
 from .element_contacts import in_element
 from .implicit_workspace import DIRECTION, MOMENT_I, MOMENT_J
 from .layout import EP, ER, EV, EW
-from .rotation import cross, rotate, rotate_back
+from .rotation import cross, rotate
 from .shapes import surface
 from .vectors import dot, minus, plus, times, vector
 
 _REACH = 1e-7  # over which an element's normal is differentiated [m]
-#: Tilts over which a body is thought to roll [rad], and how many to each side.
-_LEAST_TILT, _MOST_TILT, _TILTS = 0.05, 0.8, 24
-_JUMP = 0.15  # of the radius by which something rolls: how far its support may jump
 _ONE_WAY = 1e-6  # of the squared trace: a determinant below is that of rolling in one direction alone
-_ON_HULL = 0.02  # of the body's radius: how far from its hull what rolls may be
-
-
-def _tilts():
-    room = np.zeros((2 * _TILTS, 4))
-    angle = np.linspace(_LEAST_TILT, _MOST_TILT, _TILTS)
-    room[:, 0], room[:, 1] = np.cos(np.tile(angle, 2)), np.concatenate([np.sin(angle), -np.sin(angle)])
-    return room
-
-
-#: Room for `rolling`, with its tilts.
-TILTS = _tilts()
 
 
 class Geometry(NamedTuple):
@@ -51,7 +34,7 @@ class Geometry(NamedTuple):
         Changes of the normal when sphere i's centre moves along these [1/m].
     roll_i, roll_j : tuples
         By how much larger than their spheres' the radii are by which the bodies roll: entries of symmetric
-        matrices over the two directions across the normal, 11, 12 and 22 [m] (`rolling`).
+        matrices over the two directions across the normal, 11, 12 and 22 [m] (`rolling.rolling`).
     flat : bool
         Whether the normal is that of two faces, which turns with the bodies, instead of with where the
         spheres are.
@@ -101,8 +84,8 @@ def _arm(row, at, n, first, second):
 def contact_geometry(row, ids, gap, surface_of, position_i, world, work):
     """The geometry of a contact by its row of numbers; ``gap`` is that at which it was found [m].
 
-    ``surface_of`` (11,) is what is known of the surfaces that the spheres make: `rolling`'s of body i and of
-    body j, and 1 where both are flat.
+    ``surface_of`` (11,) is what is known of the surfaces that the spheres make: what `rolling.rolling` says
+    of body i and of body j, and 1 where both are flat.
     """
     i, j = ids[0], ids[1]
     n, first, second = _triple(row, DIRECTION), _triple(row, DIRECTION + 3), _triple(row, DIRECTION + 6)
@@ -228,96 +211,6 @@ def _rolled(g, roll, tilt):
     """How far a body that rolls by a tilt moves the contact over its surface."""
     a, b = dot(g.first, tilt), dot(g.second, tilt)
     return plus(times(roll[0] * a + roll[1] * b, g.first), times(roll[1] * a + roll[2] * b, g.second))
-
-
-@inner(error_model="numpy")
-def rolling(n, first, second, i, sphere, R, world, room, out):
-    """How the support of body i moves over its surface when it rolls, from its packing's hull.
-
-    A packing is rough: what rolls goes from sphere to sphere, and its derivative between two of them is not
-    that of the shape which they stand for. The support moves on with the tilt where the shape is round, by
-    the difference of its radius and the sphere's; across a flat face it jumps at once and then stays, as at
-    an edge, which are what they look like from nearby. So what counts is the slope of a line through the
-    supports at several tilts, which need not go through zero.
-
-    Parameters
-    ----------
-    n, first, second : tuples of 3 floats
-        Direction away from the contact into the body, and two across it, world frame.
-    i, sphere : int
-        The body, and its sphere that touches; one that is not on the hull's side of the contact does not
-        roll.
-    R : (3, 3) array
-        ``R_world_body``.
-    world : World
-    room : array
-        A copy of `TILTS`.
-    out : (5,) array
-        Entries 11, 12 and 22 of a symmetric matrix, the radii by which it rolls; and where the middle of the
-        supports is, in both directions from the centre of mass [m].
-    """
-    for k in range(5):
-        out[k] = 0.0
-    hull, tree = world.implicit.hull, world.tree
-    low, high = world.implicit.hull_range[i, 0], world.implicit.hull_range[i, 1]
-    m = rotate_back(R, n[0], n[1], n[2])
-    a = rotate_back(R, first[0], first[1], first[2])
-    b = rotate_back(R, second[0], second[1], second[2])
-    own = tree.centers[sphere, 0] * m[0] + tree.centers[sphere, 1] * m[1] + tree.centers[sphere, 2] * m[2]
-    own -= tree.radii[sphere]
-    least = math.inf
-    for k in range(low, high):
-        least = min(least, hull[0, k] * m[0] + hull[1, k] * m[1] + hull[2, k] * m[2] - hull[3, k])
-    if own - least > _ON_HULL * world.bodies.radius[i]:
-        return
-    count = len(room) // 2
-    mean = square = 0.0
-    for k in range(count):
-        mean += room[k, 1] / count
-    for k in range(count):
-        square += (room[k, 1] - mean) ** 2
-    # slopes and means of the supports' way along both directions, for tilts in both
-    s11 = s12 = s21 = s22 = j11 = j12 = j21 = j22 = 0.0
-    for way in range(2):
-        e = a if way == 0 else b
-        for t in range(2 * count):
-            room[t, 2] = math.inf
-        for k in range(low, high):
-            x, y, z, r = hull[0, k], hull[1, k], hull[2, k], hull[3, k]
-            p, q = m[0] * x + m[1] * y + m[2] * z, e[0] * x + e[1] * y + e[2] * z
-            for t in range(2 * count):
-                depth = room[t, 0] * p + room[t, 1] * q - r
-                if depth < room[t, 2]:
-                    room[t, 2], room[t, 3] = depth, float(k)
-        for t in range(count):
-            u = v = 0.0
-            for side in range(2):
-                k = int(room[t + side * count, 3])
-                sign, reach = (0.5 if side else -0.5), hull[3, k] * room[t + side * count, 1]
-                x, y, z = hull[0, k], hull[1, k], hull[2, k]
-                c = a[0] * x + a[1] * y + a[2] * z - (reach if way == 0 else 0.0)
-                d = b[0] * x + b[1] * y + b[2] * z - (reach if way == 1 else 0.0)
-                u, v = u + sign * c, v + sign * d
-                out[3] += 0.25 / count * c
-                out[4] += 0.25 / count * d
-            share = (room[t, 1] - mean) / square
-            if way == 0:
-                s11, s21, j11, j21 = s11 + share * u, s21 + share * v, j11 + u / count, j21 + v / count
-            else:
-                s12, s22, j12, j22 = s12 + share * u, s22 + share * v, j12 + u / count, j22 + v / count
-    # what the lines through them have at no tilt are jumps: along the longest one, and across it
-    j11, j12, j21, j22 = j11 - mean * s11, j12 - mean * s12, j21 - mean * s21, j22 - mean * s22
-    p, q, r = j11 * j11 + j12 * j12, j11 * j21 + j12 * j22, j21 * j21 + j22 * j22
-    half, spread = 0.5 * (p + r), math.sqrt(0.25 * (p - r) ** 2 + q * q)
-    angle = 0.5 * math.atan2(2.0 * q, p - r)
-    for k in range(2):
-        jump = math.sqrt(max(half + spread if k == 0 else half - spread, 0.0))
-        x, y = (math.cos(angle), math.sin(angle)) if k == 0 else (-math.sin(angle), math.cos(angle))
-        slope = s11 * x * x + (s12 + s21) * x * y + s22 * y * y
-        if slope > 0.0 and jump < _JUMP * slope:
-            out[0] += slope * x * x
-            out[1] += slope * x * y
-            out[2] += slope * y * y
 
 
 @inner(forceinline=True)

@@ -75,7 +75,7 @@ class ContactErrors(NamedTuple):
     surface : (C, 11) float64
         What is known of the surfaces at each contact (`contact_change.contact_geometry`).
     tilts : float64 array
-        A copy of `contact_change.TILTS`.
+        A copy of `rolling.TILTS`.
     slot : (B,) int64
         Which six of the system's unknowns are each body's velocities; -1 for none.
     system : (6 B, 6 B + r) float64

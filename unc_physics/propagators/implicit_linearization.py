@@ -12,7 +12,6 @@ import numpy as np
 from ..physics.actions import follows
 from ..physics.arrays import booleans, empty, integers, zeros
 from ..physics.compiled import inner, kernel
-from ..physics.contact_change import rolling
 from ..physics.driven_derivative import (
     DrivenErrors,
     begin_held_errors,
@@ -47,6 +46,7 @@ from ..physics.implicit_workspace import (
     more_room,
 )
 from ..physics.layout import ER, ERROR, EV, EW, Q, V, W
+from ..physics.rolling import rolling
 from ..physics.rotation import rotate, rotate_back
 from ..physics.vectors import put, vector
 from ..physics.wrench_derivative import fly_pushed_errors

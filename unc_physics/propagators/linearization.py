@@ -11,7 +11,6 @@ from ..checks.errors import NotSupportedError
 from ..physics import contact_history as histories
 from ..physics.arrays import empty, integers
 from ..physics.compiled import inner, kernel
-from ..physics.contact_change import TILTS
 from ..physics.contact_history import ContactHistory
 from ..physics.explicit_step import (
     after_element,
@@ -24,6 +23,7 @@ from ..physics.explicit_step import (
 )
 from ..physics.layout import ERROR, STATE
 from ..physics.narrow_phase import NORMAL, POINT, VOLUME
+from ..physics.rolling import TILTS
 from ..physics.rotation import cross, rotate
 from ..physics.transition import apply_drift_jacobian, write_exact_rotation
 from ..physics.workspace import workspace
