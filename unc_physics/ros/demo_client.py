@@ -109,8 +109,8 @@ def table(answers) -> str:
             )
     for name, (answer, wall) in answers.items():
         lines.append(
-            f"{name}: {answer.rollouts} rollouts, computed in {1e3 * seconds(answer.computation_time):.1f} ms, answered over ROS in"
-            f" {1e3 * wall:.1f} ms"
+            f"{name}: {answer.rollouts} rollouts, computed in"
+            f" {1e3 * seconds(answer.computation_time):.1f} ms, answered over ROS in {1e3 * wall:.1f} ms"
         )
     lines.append("These are first calls: later ones find threads, connections and tables ready.")
     return "\n".join(lines)
