@@ -2,6 +2,7 @@
 
 import json
 from pathlib import Path
+from typing import Any
 
 import pytest
 import yaml
@@ -73,7 +74,7 @@ def test_paths_and_wrenches_are_written_as_in_scene_files(tmp_path):
     poses = [{"time": 0.0, "position": [0, 0, 0.3]}, {"time": 0.5, "position": [0.1, 0, 0.3]}]
     changes = {"trajectory": poses}, {"wrenches": [{"force": [1, 0, 0], "duration": 0.2}]}
     actions = {str(k): {"salt_box": change} for k, change in enumerate(changes)}
-    loaded = load_actions(changed(tmp_path, actions=actions)).actions
+    loaded: Any = load_actions(changed(tmp_path, actions=actions)).actions
     assert loaded["0"]["salt_box"]["trajectory"].positions.tolist() == [[0, 0, 0.3], [0.1, 0, 0.3]]
     (wrench,) = loaded["1"]["salt_box"]["wrenches"]
     assert wrench.force.tolist() == [1, 0, 0] and wrench.duration == 0.2

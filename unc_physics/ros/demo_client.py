@@ -112,7 +112,8 @@ def table(answers) -> str:
             f"{name}: {answer.rollouts} rollouts, computed in"
             f" {1e3 * seconds(answer.computation_time):.1f} ms, answered over ROS in {1e3 * wall:.1f} ms"
         )
-    lines.append("These are first calls: later ones find threads, connections and tables ready.")
+    whole, end = answers
+    lines.append(f"{whole} was asked for the path there, a pose every {PERIOD:g} s; {end} for its end alone.")
     return "\n".join(lines)
 
 
