@@ -790,6 +790,25 @@ def test_a_bomb_is_refused_at_once(tmp_path, capsys, text, words):
     assert re.search(words, line), line
 
 
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("a: 1\nb: [1, 2\nc: 3\n", r"in line 3: .*the fault may stand above, where the \[ of line 2"),
+        ("a: {b: 1\nc: 3\n", r"in line 2: .*where the \{ of line 1 is not closed"),
+        ("a: 'b\nc: 1\n", r"where the quote of line 1 is not closed"),
+        ("a:\n  - b\n - c\n", r"in line 3: .*where line 1 begins what goes on here"),
+        ("a:\n\t- 1\n", r"in line 2: it has a tab; indent with spaces"),
+        ("a: b: c\n", r"in line 1: there is a ':' where none can be$"),
+    ],
+)
+def test_bad_yaml_is_told_with_what_is_not_closed(tmp_path, capsys, text, words):
+    path = tmp_path / "scene.yaml"
+    path.write_text(text)
+    assert main(["predict", str(path)]) == ErrorCode.INVALID_REQUEST
+    (line,) = capsys.readouterr().err.splitlines()
+    assert re.search(words, line), line
+
+
 def test_a_scene_file_without_an_end(capsys):
     assert main(["predict", "/dev/zero"]) == ErrorCode.LIMIT_EXCEEDED
     assert "must have at most 20000000 characters" in capsys.readouterr().err

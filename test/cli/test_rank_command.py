@@ -2,6 +2,7 @@
 
 import json
 from pathlib import Path
+from typing import Any
 
 import pytest
 import yaml
@@ -69,6 +70,16 @@ def test_a_scene_may_be_in_a_file_of_its_own(tmp_path):
     assert [body.name for body in apart.scene.bodies] == ["salt_box"] and apart.horizon == 0.3
 
 
+def test_paths_and_wrenches_are_written_as_in_scene_files(tmp_path):
+    poses = [{"time": 0.0, "position": [0, 0, 0.3]}, {"time": 0.5, "position": [0.1, 0, 0.3]}]
+    changes = {"trajectory": poses}, {"wrenches": [{"force": [1, 0, 0], "duration": 0.2}]}
+    actions = {str(k): {"salt_box": change} for k, change in enumerate(changes)}
+    loaded: Any = load_actions(changed(tmp_path, actions=actions)).actions
+    assert loaded["0"]["salt_box"]["trajectory"].positions.tolist() == [[0, 0, 0.3], [0.1, 0, 0.3]]
+    (wrench,) = loaded["1"]["salt_box"]["wrenches"]
+    assert wrench.force.tolist() == [1, 0, 0] and wrench.duration == 0.2
+
+
 BAD = {
     "no score": ({"score": None}, "score must be given"),
     "an unknown key": ({"scores": []}, "actions file has no key 'scores'; did you mean 'score'?"),
@@ -92,6 +103,11 @@ BAD = {
     ),
     "no region's size": ({"regions": [{"name": "bin"}]}, "regions[0] must have a name and a size"),
     "a bad scene": ({"scene": {"bodies": []}}, "scene.bodies must name at least one body"),
+    "a bad pose": (
+        {"actions": {"a": {"salt_box": {"trajectory": [{"time": 0}]}}}},
+        "actions['a'].salt_box.trajectory[0].position must be given",
+    ),
+    "a scene file": ({"bodies": []}, "actions file is a scene file, which 'predict' and 'view' take"),
     "no scene": ({"scene": 3}, "scene must be the path of a scene file, or its content"),
 }
 
@@ -108,5 +124,7 @@ def test_a_wrong_file_is_told_in_a_sentence(case, tmp_path, capsys):
 def test_a_wrong_option_is_told_in_a_sentence(tmp_path, capsys):
     assert main(["rank", str(EXAMPLE), "--rollouts", "0"]) == ErrorCode.INVALID_REQUEST
     assert "rollouts must be at least 1" in capsys.readouterr().err
+    assert main(["predict", str(EXAMPLE)]) == ErrorCode.INVALID_REQUEST
+    assert "is a file of actions, which the command 'rank' takes" in capsys.readouterr().err
     assert main(["rank", str(tmp_path / "none.yaml")]) == ErrorCode.INVALID_REQUEST
     assert "actions file" in capsys.readouterr().err

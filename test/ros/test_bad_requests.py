@@ -324,7 +324,7 @@ BAD = {
     "friction with the explicit step": (
         physics(integrator="explicit"),
         "INVALID_OPTION",
-        "physics.friction[0] needs 'integrator: implicit'; with 'explicit' it must be 0 (got 0.5)",
+        "physics.friction[0] needs 'integrator: implicit', which the preset 'everyday' has",
     ),
     "no preset": (physics(preset="lunar"), "INVALID_OPTION", "physics.preset"),
     "uncertain friction without friction": (

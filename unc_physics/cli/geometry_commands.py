@@ -8,9 +8,9 @@ from pathlib import Path
 from ..checks.shown import plain_digits, printable
 from ..interrupts import dying_at_interrupt
 from .output import check_output, note, writing
+from .progress import PROGRESS_AFTER
 
 _LARGE, _SMALL = 1e4, 1.0  # of a body [mm]: beyond, its mesh may have been in other units than was thought
-PROGRESS_AFTER = 2.0  # s
 
 
 def add_pack_command(commands) -> None:

@@ -72,7 +72,11 @@ def run_import(arguments) -> int:
             content["bodies"].append(_body(body, world.beliefs[body.name], file.relative_to(output.parent)))
         content = {key: value for key, value in content.items() if value != []}
         moving = sum(not body.fixed for body in world.bodies)
-        what = f"{len(world.environment)} elements of the environment and {len(world.bodies)} bodies"
+        elements, bodies = len(world.environment), len(world.bodies)
+        what = (
+            f"{elements} element{'s' * (elements != 1)} of the environment and"
+            f" {bodies} bod{'y' if bodies == 1 else 'ies'}"
+        )
         source = printable(Path(arguments.world).name)
         head = _HEAD.format(what=what, source=source, name=printable(output.name))
         output.write_text(head + yaml.safe_dump(content, sort_keys=False, default_flow_style=None, width=110))

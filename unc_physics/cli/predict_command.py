@@ -12,10 +12,10 @@ from pathlib import Path
 from ..checks.shown import printable
 from ..propagators.names import ANYTIME, entries
 from .output import check_output, note, writing
+from .progress import told_progress
 
 _SHOWN_STATE = 1000.0  # bytes of a body's state as Python's numbers and as text
 _ROUNDED = 0.01  # of a horizon, from which on its rounding is worth a note
-PROGRESS_AFTER = 2.0  # s
 # a tenth is 3.3 standard errors at 99.9 % confidence
 _TELLS = f"a propagator that draws --samples 300 tells, or {ANYTIME} with --option probability_error=0.03"
 _UNKNOWN = 20  # probabilities that cannot be told are only counted if they are more
@@ -294,28 +294,19 @@ def _shown_samples(picture):
 
 
 def _predict_with_progress(scene, belief, propagator, horizon, period, time_limit, keep_samples):
-    """Predict; on a terminal, with a progress bar on work that takes long."""
-    from tqdm import tqdm
-
+    """Predict; what takes long tells how far it is."""
     from ..checks.errors import InvalidHorizonError, PredictionTimeoutError
     from ..checks.validation import positive
     from ..prediction.predict import periodic_times, predict
 
     if time_limit is not None:
         time_limit = positive(time_limit, "--time-limit")
-    with tqdm(
-        total=None, unit="step", delay=PROGRESS_AFTER, leave=False, disable=None, desc=propagator.name
-    ) as bar:
-
-        def show(done, steps):
-            bar.total = steps
-            bar.update(done - bar.n)
-
-        times = None if period is None else periodic_times(period, horizon)
-        if times and round(times[0] / scene.dt) < 1:
-            raise InvalidHorizonError(
-                f"is shorter than half a step of dt = {scene.dt} s", field="period", value=period
-            )
+    times = None if period is None else periodic_times(period, horizon)
+    if times and round(times[0] / scene.dt) < 1:
+        raise InvalidHorizonError(
+            f"is shorter than half a step of dt = {scene.dt} s", field="period", value=period
+        )
+    with told_progress(propagator.name, "step", f"a horizon of {horizon} s") as show:
         try:
             return predict(
                 scene,
@@ -324,7 +315,7 @@ def _predict_with_progress(scene, belief, propagator, horizon, period, time_limi
                 horizon,
                 times=times,
                 max_computation_time=time_limit,
-                progress=None if bar.disable else show,
+                progress=show,
                 keep_samples=keep_samples,
             )
         except PredictionTimeoutError as error:

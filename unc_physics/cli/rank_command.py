@@ -7,7 +7,8 @@ from pathlib import Path
 
 from ..checks.shown import printable
 from .output import writing
-from .predict_command import PROGRESS_AFTER, check_picture
+from .predict_command import check_picture
+from .progress import told_progress
 
 
 def add_rank_command(commands) -> None:
@@ -50,8 +51,6 @@ def add_rank_command(commands) -> None:
 
 def run(arguments) -> int:
     """Rank, and print the result."""
-    from tqdm import tqdm
-
     from ..checks.validation import positive
     from ..prediction.actions_file import load_actions
     from ..prediction.rank import rank
@@ -63,12 +62,7 @@ def run(arguments) -> int:
     for k, event in enumerate(loaded.also):
         event.check(loaded.scene, f"also[{k}]")
     horizon = loaded.horizon if arguments.horizon is None else arguments.horizon
-    with tqdm(unit="rollout", delay=PROGRESS_AFTER, leave=False, disable=None, desc="rank") as bar:
-
-        def show(done, budget):
-            bar.total = budget
-            bar.update(done - bar.n)
-
+    with told_progress("rank", "rollout", f"{len(loaded.actions)} actions") as show:
         ranking = rank(
             loaded.scene,
             loaded.belief,
@@ -80,7 +74,7 @@ def run(arguments) -> int:
             budget=arguments.budget,
             seed=arguments.seed,
             max_computation_time=limit,
-            progress=None if bar.disable else show,
+            progress=show,
         )
     if arguments.json:
         print(json.dumps(as_dict(ranking, loaded.also), allow_nan=False))

@@ -13,9 +13,9 @@ from ..checks.names import hint
 from ..physics.layout import ERROR, QUATERNION
 from ..scene.belief import Belief
 from ..scene.body_belief import MEANS, STDS, BodyBelief
+from ..scene.entries import at_field
 from ..scene.environment import element_names
 from ..scene.scene import Scene
-from ..scene.scene_file import at_field
 
 #: An action: another belief; another scene and the belief about it; a function that makes them of those
 #: given; or changes by the names of bodies and elements, each a `BodyBelief` or fields with their values.

@@ -13,15 +13,20 @@ import numpy as np
 
 from ..checks.errors import InvalidRequestError
 from ..checks.validation import flag
+from ..scene.action_entries import read_path, read_wrenches
 from ..scene.belief import Belief
+from ..scene.entries import at_field, check_keys
 from ..scene.scene import Scene
-from ..scene.scene_file import at_field, check_keys, load_scene, read_yaml, scene_from_dict
+from ..scene.scene_file import load_scene, scene_from_dict
+from ..scene.yaml_file import read_yaml
 from .actions import Action
 from .events import AtRest, Event, FellOff, InRegion, Touches, Upright
 from .regions import BoxRegion
 
 _KEYS = ("scene", "horizon", "regions", "score", "smallest_first", "also", "actions")
 _REGION_KEYS = ("name", "size", "position", "orientation")
+#: Fields that are more than numbers, and what reads them.
+_READ: dict[str, Callable[[Any, str], Any]] = {"trajectory": read_path, "wrenches": read_wrenches}
 #: Events by their keys, each with the keys of its other arguments.
 _EVENTS: dict[str, tuple[Callable[..., Event], tuple[str, ...]]] = {
     "in_region": (InRegion, ("region",)),
@@ -74,6 +79,9 @@ def load_actions(
         One of its kinds, naming the field and the value.
     """
     content = read_yaml(path, "actions file")
+    if isinstance(content, dict) and "bodies" in content:
+        problem = "is a scene file, which 'predict' and 'view' take; name it as 'scene' in a file of actions"
+        raise InvalidRequestError(problem, field="actions file", value=str(path))
     check_keys(content, _KEYS, "actions file")
     for key in ("scene", "score", "actions"):
         if content.get(key) is None:
@@ -141,8 +149,16 @@ def _action(changes, field) -> Any:
                 "must be a mapping of fields to values", field=f"{field}.{name}", value=change
             )
     return {
-        str(name): {key: _numbers(value) for key, value in change.items()} for name, change in changes.items()
+        str(name): {key: _entry(key, value, f"{field}.{name}.{key}") for key, value in change.items()}
+        for name, change in changes.items()
     }
+
+
+def _entry(key, value, field):
+    """The value of a field, which is written as in a scene file."""
+    if value is not None and key in _READ:
+        return _READ[key](value, field)
+    return _numbers(value)
 
 
 def _numbers(value):

@@ -19,8 +19,8 @@ from ..physics.origin import moved
 from ..scene import actions
 from ..scene.actions import MOST_POSES, PosePath
 from ..scene.body import RigidBody
+from ..scene.entries import at_field
 from ..scene.environment import Element
-from ..scene.scene_file import at_field
 from .arrays import writable, xyz, xyzw
 from .durations import duration, read_duration
 from .optional import optional

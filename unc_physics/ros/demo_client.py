@@ -109,9 +109,11 @@ def table(answers) -> str:
             )
     for name, (answer, wall) in answers.items():
         lines.append(
-            f"{name}: computed in {1e3 * seconds(answer.computation_time):.1f} ms, answered over ROS in"
-            f" {1e3 * wall:.1f} ms"
+            f"{name}: {answer.rollouts} rollouts, computed in"
+            f" {1e3 * seconds(answer.computation_time):.1f} ms, answered over ROS in {1e3 * wall:.1f} ms"
         )
+    whole, end = answers
+    lines.append(f"{whole} was asked for the path there, a pose every {PERIOD:g} s; {end} for its end alone.")
     return "\n".join(lines)
 
 

@@ -34,10 +34,10 @@ from ..propagators.base import Propagator
 from ..propagators.names import ANYTIME
 from ..propagators.registry import PROPAGATORS, propagator_from_texts
 from ..scene.belief import Belief
+from ..scene.entries import at_field
 from ..scene.physics_keys import PHYSICS_KEYS
 from ..scene.physics_summary import physics_as_text
 from ..scene.scene import Scene
-from ..scene.scene_file import at_field
 from .durations import duration, read_duration
 from .frames import Frames
 from .models import ModelLibrary

@@ -31,9 +31,10 @@ from ..physics.layout import ANGULAR_VELOCITY, ERROR, POSITION, QUATERNION, STAT
 from ..physics.origin import at_com, congruent, covariance_at_com, inverse_error_map, moved
 from ..scene.belief import Belief
 from ..scene.body import RigidBody, known_mass
+from ..scene.entries import at_field
 from ..scene.physics_keys import PHYSICS_KEYS
 from ..scene.scene import Scene
-from ..scene.scene_file import at_field, with_chosen_stiffness
+from ..scene.scene_file import with_chosen_stiffness
 from .action_messages import read_actions, read_path
 from .arrays import block_diagonal, writable, xyz, xyzw
 from .optional import optional

@@ -22,9 +22,9 @@ from ..geometry.packing_file import SpherePacking
 from ..physics.rotation import rotation_matrix
 from ..prediction.events import ENVIRONMENT
 from ..prediction.regions import BoxRegion
+from ..scene.entries import at_field
 from ..scene.environment import Box, Cylinder, Element, Plane, Sphere, surface_tilt_std
 from ..scene.materials import Surface, check_surface
-from ..scene.scene_file import at_field
 from .action_messages import read_surface_velocity
 from .arrays import xyz
 from .arriving_shapes import ArrivingShapes, read_dimensions

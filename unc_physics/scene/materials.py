@@ -123,7 +123,8 @@ def refuse_with_explicit(thing, place="") -> None:
         if value is not None and value != own:
             only = f"{own:g}" if isinstance(own, float) else str(own).lower()
             raise InvalidOptionError(
-                f"needs 'integrator: implicit'; with 'explicit' it must be {only} or absent",
+                "needs 'integrator: implicit', which the preset 'everyday' has ('physics: everyday' in a"
+                f" file); with 'explicit' it must be {only} or absent",
                 field=f"{place}{name}",
                 value=value,
             )

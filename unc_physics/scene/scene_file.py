@@ -5,13 +5,10 @@ from __future__ import annotations
 import dataclasses
 import functools
 import os
-import re
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-import yaml
-from yaml.composer import ComposerError
 
 from ..checks.errors import (
     InvalidEnvironmentError,
@@ -19,26 +16,25 @@ from ..checks.errors import (
     InvalidModelError,
     InvalidOptionError,
     InvalidRequestError,
-    LimitExceededError,
     NoObjectsError,
     UncPhysicsError,
 )
-from ..checks.names import hint
-from ..checks.shown import shown
-from ..checks.validation import array, instance, integer, non_negative, number, positive
+from ..checks.validation import integer, non_negative, number, positive
 from ..geometry.library import find_model
 from ..geometry.packing_file import load_packing
 from ..physics.layout import ERROR
-from .actions import PosePath, Wrench
+from .action_entries import read_path, read_wrenches
 from .belief import Belief
 from .body import RigidBody, known_mass
-from .body_belief import MEANS, STDS, BodyBelief, three_stds
+from .body_belief import MEANS, STDS, BodyBelief
+from .entries import at_field, check_keys, read_numbers, read_std
 from .environment import ELEMENTS, quantities, surface_tilt_std
 from .materials import Surface, check_surface
 from .physics_keys import OVERLAPS, PHYSICS_KEYS
 from .presets import PRESETS, with_changes
 from .scene import Scene
 from .stiffness import AUTO, auto_stiffness
+from .yaml_file import read_yaml
 
 #: Key of a scene file that names a preset, which the keys of the physics change.
 PRESET = "physics"
@@ -47,8 +43,6 @@ _SCENE_KEYS = (PRESET, *PHYSICS_KEYS, "horizon", "bodies", "environment", _COMMO
 _SURFACE_KEYS = tuple(field.name for field in dataclasses.fields(Surface))
 _MOTION_KEYS = ("surface_velocity", "surface_angular_velocity", "surface_center")
 _ELEMENT_KEYS = ("name", *_SURFACE_KEYS, "surface_tilt_std", *_MOTION_KEYS)
-_POSE_KEYS = ("time", "position", "orientation", "linear_velocity", "angular_velocity")
-_WRENCH_KEYS = ("force", "torque", "body_axes", "start", "duration")
 _BODY_KEYS = (
     "name",
     "model",
@@ -75,89 +69,12 @@ _BODY_KEYS = (
 )
 
 
-#: Most entries of a file, and levels of nesting in it: a thousand bodies with whole covariances have 200 000.
-_ENTRIES, _LEVELS = 300_000, 50
-_CHARACTERS = 20_000_000  # most of a file
-_INT, _FLOAT = "tag:yaml.org,2002:int", "tag:yaml.org,2002:float"
-_OCTAL = re.compile(r"[-+]?0[0-7_]+")
-
-
 class LoadedScene(NamedTuple):
     """What a scene file holds: the scene, the belief about it at time 0, and the horizon [s] or None."""
 
     scene: Scene
     belief: Belief
     horizon: float | None
-
-
-# libyaml reads ten times as fast, where PyYAML was built with it
-_SafeLoader: type[yaml.SafeLoader] = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
-
-
-class _Loader(_SafeLoader):
-    """Refuses a key that is given twice, of which YAML would silently take the last, and numbers of base 60
-    and 8, which nobody means.
-    """
-
-    def construct_scalar(self, node):
-        base = 60 if node.tag in (_INT, _FLOAT) and ":" in node.value else 0
-        if node.tag == _INT and _OCTAL.fullmatch(node.value):
-            base = 8
-        if base:
-            problem = (
-                f"{node.value} is a number of base {base} to YAML; write it out, or in quotes if it is a text"
-            )
-            raise yaml.constructor.ConstructorError(None, None, problem, node.start_mark)
-        return super().construct_scalar(node)
-
-    def construct_object(self, node, deep=False):
-        try:
-            return super().construct_object(node, deep)
-        except (TypeError, ValueError, OverflowError, LookupError, AttributeError):
-            # a date that is none, an integer of thousands of digits, a tag that its value does not fit
-            value = shown(node.value) if isinstance(node, yaml.ScalarNode) else node.tag.split(":")[-1]
-            problem = f"{value} has a value that cannot be read"
-            raise yaml.constructor.ConstructorError(None, None, problem, node.start_mark) from None
-
-    def construct_mapping(self, node, deep=False):
-        lines = {}
-        for key, _ in node.value if isinstance(node, yaml.MappingNode) else ():
-            if isinstance(key, yaml.ScalarNode):
-                if key.value in lines:
-                    problem = f"the key '{key.value}' is given twice, first in line {lines[key.value]}"
-                    raise yaml.constructor.ConstructorError(None, None, problem, key.start_mark)
-                lines[key.value] = key.start_mark.line + 1
-        return super().construct_mapping(node, deep)
-
-
-def _check_size(text):
-    """Refuse what a few lines of aliases make as large as the memory, before anything is made of it."""
-    entries, levels, begun, sizes = 0, 0, [], {}
-    for event in yaml.parse(text, _Loader):
-        if isinstance(event, yaml.CollectionEndEvent):
-            levels -= 1
-            anchor, before = begun.pop()
-            sizes[anchor] = entries - before
-            continue
-        if not isinstance(event, yaml.NodeEvent):
-            continue
-        problem = None
-        entries += 1
-        if isinstance(event, yaml.AliasEvent):
-            if event.anchor not in sizes:
-                problem = f"found undefined alias '{event.anchor}'"
-            entries += sizes.get(event.anchor, 0)
-        else:
-            sizes[event.anchor] = 1
-        if isinstance(event, yaml.CollectionStartEvent):
-            levels += 1
-            begun.append((event.anchor, entries - 1))
-        if levels > _LEVELS:
-            problem = f"it is nested more than {_LEVELS} levels deep"
-        elif entries > _ENTRIES:
-            problem = f"it has more than {_ENTRIES} entries, those of aliases counted each time"
-        if problem:
-            raise yaml.constructor.ConstructorError(None, None, problem, event.start_mark)
 
 
 def load_scene(path: str | os.PathLike[str], models_dir: str | os.PathLike[str] | None = None) -> LoadedScene:
@@ -179,41 +96,10 @@ def load_scene(path: str | os.PathLike[str], models_dir: str | os.PathLike[str] 
     return scene_from_dict(content, models_dir, folder=Path(path).parent)
 
 
-def read_yaml(path: str | os.PathLike[str], kind: str) -> Any:
-    """The content of a YAML file, which errors call by its kind.
-
-    Raises
-    ------
-    InvalidRequestError, LimitExceededError
-        For what cannot be read, or is no YAML.
-    """
-    instance(path, (str, os.PathLike), "path")
-    path = Path(path)
-    try:
-        with path.open(encoding="utf-8") as stream:
-            text = stream.read(_CHARACTERS + 1)
-    except (OSError, ValueError) as error:  # ValueError: no UTF-8, or a path that can be none
-        reason = getattr(error, "strerror", None) or "it is not UTF-8 text"
-        raise InvalidRequestError(f"cannot be read: {reason}", field=f"{kind} {path}") from None
-    if len(text) > _CHARACTERS:
-        raise LimitExceededError(f"must have at most {_CHARACTERS} characters", field=f"{kind} {path}")
-    try:
-        _check_size(text)
-        return yaml.load(text, _Loader)
-    except (yaml.YAMLError, ValueError, RecursionError) as error:
-        mark = getattr(error, "problem_mark", None)
-        place = f" in line {mark.line + 1}" if mark else ""
-        reason = ""
-        if isinstance(error, ComposerError):  # a second document, or an alias of nothing
-            reason = f": {', '.join(filter(None, (error.context, error.problem)))}"
-        elif isinstance(error, yaml.constructor.ConstructorError):
-            reason = f": {error.problem}"
-        said = "cannot be read" if reason else "is not valid YAML"
-        raise InvalidRequestError(f"{said}{place}{reason}", field=f"{kind} {path}") from None
-
-
 def scene_from_dict(content, models_dir=None, folder=None) -> LoadedScene:
     """The scene that the content of a scene file describes (`load_scene`)."""
+    if isinstance(content, dict) and "scene" in content and "actions" in content:
+        raise InvalidRequestError("is a file of actions, which the command 'rank' takes", field="scene file")
     check_keys(content, _SCENE_KEYS, "scene")
     bodies = content.get("bodies")
     if bodies is None or bodies == []:
@@ -241,8 +127,8 @@ def _with_common_error(belief, content):
         if origin is not None:
             raise InvalidRequestError(f"needs {_COMMON_STD} beside it", field=_COMMON_ORIGIN, value=origin)
         return belief
-    origin = (0.0, 0.0, 0.0) if origin is None else _numbers(origin, (3,), _COMMON_ORIGIN)
-    return belief.with_common_pose_std(_numbers(std, (6,), _COMMON_STD), origin)
+    origin = (0.0, 0.0, 0.0) if origin is None else read_numbers(origin, (3,), _COMMON_ORIGIN)
+    return belief.with_common_pose_std(read_numbers(std, (6,), _COMMON_STD), origin)
 
 
 def physics_options(content) -> dict:
@@ -275,7 +161,7 @@ def physics_value(key, value):
         return value
     spec = PHYSICS_KEYS[key]
     if spec.size > 1:
-        value = _numbers(value, (spec.size,), key)
+        value = read_numbers(value, (spec.size,), key)
     return spec.check(value, key)
 
 
@@ -323,7 +209,7 @@ def _element(content, field):
         if spec.name in known and spec.default is dataclasses.MISSING and entries.get(spec.name) is None:
             raise error("must be given", field=f"{place}.{spec.name}")
     given = {
-        key: _numbers(value, known[key].shape, f"{place}.{key}", error)
+        key: read_numbers(value, known[key].shape, f"{place}.{key}", error)
         for key, value in entries.items()
         if value is not None
     }
@@ -334,7 +220,7 @@ def _element(content, field):
         )
     for key in _MOTION_KEYS:
         if content.get(key) is not None:
-            surface[key] = _numbers(content[key], (3,), f"{field}.{key}", error)
+            surface[key] = read_numbers(content[key], (3,), f"{field}.{key}", error)
     return at_field(place, ELEMENTS[kind], **given, name=name, **surface)
 
 
@@ -362,7 +248,7 @@ def _body(content, field, models_dir, folder):
         0.0 if content.get(key) is None else content[key] for key in ("mass_std", "center_of_mass_std")
     )
     mass_std = non_negative(mass_std, f"{field}.mass_std")
-    com_std = _std(com_std, f"{field}.center_of_mass_std")
+    com_std = read_std(com_std, f"{field}.center_of_mass_std")
     if fixed:
         try:
             at_field(field, belief.check_fixed)
@@ -405,41 +291,14 @@ def _body(content, field, models_dir, folder):
 
 def _trajectory(content, field):
     """The path that the entries of a body give it, or None."""
-    poses, place = content.get("trajectory"), f"{field}.trajectory"
-    if poses is None:
+    if content.get("trajectory") is None:
         return None
     for key in (*MEANS, "orientation", *STDS, "covariance"):
         if content.get(key) is not None:
             raise InvalidRequestError(
                 "must be absent: the body's trajectory says where it is", field=f"{field}.{key}"
             )
-    if not isinstance(poses, list):
-        raise InvalidRequestError("must be a list of poses", field=place, value=poses)
-    count = len(poses)
-    read = {key: np.full((count, 3), np.nan) for key in _POSE_KEYS[3:]}
-    times, positions, orientations = np.zeros(count), np.zeros((count, 3)), np.zeros((count, 4))
-    for k, pose in enumerate(poses):
-        entry = f"{place}[{k}]"
-        check_keys(pose, _POSE_KEYS, entry)
-        for key in ("time", "position"):
-            if pose.get(key) is None:
-                raise InvalidRequestError("must be given", field=f"{entry}.{key}")
-        times[k] = number(pose["time"], f"{entry}.time")
-        positions[k] = _numbers(pose["position"], (3,), f"{entry}.position")
-        given = pose.get("orientation")
-        orientations[k] = (0, 0, 0, 1) if given is None else _numbers(given, (4,), f"{entry}.orientation")
-        for key, values in read.items():
-            if pose.get(key) is not None:
-                values[k] = _numbers(pose[key], (3,), f"{entry}.{key}")
-    return at_field(
-        place,
-        PosePath,
-        times=times,
-        positions=positions,
-        orientations=orientations,
-        linear_velocities=read["linear_velocity"],
-        angular_velocities=read["angular_velocity"],
-    )
+    return read_path(content["trajectory"], f"{field}.trajectory")
 
 
 def _actions(content, field):
@@ -447,26 +306,14 @@ def _actions(content, field):
     given = {}
     if content.get("trajectory_std") is not None:
         std = content["trajectory_std"]
-        given["trajectory_std"] = _numbers(std, (6,) if std != 0 else (), f"{field}.trajectory_std")
+        given["trajectory_std"] = read_numbers(std, (6,) if std != 0 else (), f"{field}.trajectory_std")
     for key in ("attached_to", "attached_at", "released_at", "released_at_std"):
         if content.get(key) is not None:
             value = content[key]
             given[key] = value if key == "attached_to" else number(value, f"{field}.{key}")
-    wrenches = content.get("wrenches")
-    if wrenches is not None:
-        if not isinstance(wrenches, list):
-            raise InvalidRequestError("must be a list", field=f"{field}.wrenches", value=wrenches)
-        given["wrenches"] = [_wrench(entry, f"{field}.wrenches[{k}]") for k, entry in enumerate(wrenches)]
+    if content.get("wrenches") is not None:
+        given["wrenches"] = read_wrenches(content["wrenches"], f"{field}.wrenches")
     return given
-
-
-def _wrench(content, field):
-    check_keys(content, _WRENCH_KEYS, field)
-    given = {key: value for key, value in content.items() if value is not None}
-    for key in ("force", "torque"):
-        if key in given:
-            given[key] = _numbers(given[key], (3,), f"{field}.{key}")
-    return at_field(field, Wrench, **given)
 
 
 def _body_belief(content, field):
@@ -474,26 +321,16 @@ def _body_belief(content, field):
     given = {}
     for key in (*MEANS, "orientation"):
         if content.get(key) is not None:
-            given[key] = _numbers(content[key], (4 if key == "orientation" else 3,), f"{field}.{key}")
+            given[key] = read_numbers(content[key], (4 if key == "orientation" else 3,), f"{field}.{key}")
     for key in STDS:
         if content.get(key) is not None:
-            given[key] = _std(content[key], f"{field}.{key}")
+            given[key] = read_std(content[key], f"{field}.{key}")
     if content.get("covariance") is not None:
         stds = [key for key in STDS if key in given]
         if stds:
             raise InvalidRequestError(f"must not be given beside {stds[0]}", field=f"{field}.covariance")
-        given["covariance"] = _numbers(content["covariance"], (ERROR, ERROR), f"{field}.covariance")
+        given["covariance"] = read_numbers(content["covariance"], (ERROR, ERROR), f"{field}.covariance")
     return at_field(field, BodyBelief, **given)
-
-
-def at_field(field, function, *arguments, **options):
-    """Call a function and put the place in the file before the field that its error names."""
-    try:
-        return function(*arguments, **options)
-    except UncPhysicsError as error:
-        raise type(error)(
-            error.problem, field=f"{field}.{error.field}" if error.field else field, value=error.value
-        ) from error
 
 
 def load_shape(model, spheres=None, scale=None, models_dir=None, folder=None):
@@ -533,36 +370,4 @@ def _inertia(value, field):
     if not isinstance(value, list):
         return number(value, field)
     rows = bool(value) and isinstance(value[0], list)
-    return _numbers(value, (3, 3) if rows else (3,), field)
-
-
-def _std(value, field):
-    """Standard deviations (3,) from three numbers, or from one that stands for all."""
-    value = _numbers(value, (3,), field) if isinstance(value, list) else number(value, field)
-    return three_stds(value, field)
-
-
-def _numbers(value, shape, field, error: type[UncPhysicsError] = InvalidRequestError) -> Any:
-    """A number, or nested lists of them as an array; each may be a string in any Python float form."""
-    if not shape:
-        return number(value, field, error)
-    if not isinstance(value, (list, tuple)) or len(value) != shape[0]:
-        raise error(
-            f"must be a list of {shape[0]} {'numbers' if len(shape) == 1 else 'rows'}",
-            field=field,
-            value=value,
-        )
-    if len(shape) > 1:
-        return np.array([_numbers(row, shape[1:], f"{field}[{k}]", error) for k, row in enumerate(value)])
-    return array([number(entry, f"{field}[{k}]", error) for k, entry in enumerate(value)], shape, field)
-
-
-def check_keys(content, known, field, error: type[UncPhysicsError] = InvalidRequestError) -> None:
-    """Raise an error unless the content is a mapping with known keys alone."""
-    if not isinstance(content, dict):
-        raise error("must be a mapping of keys to values", field=field, value=content)
-    for key in content:
-        if not isinstance(key, str):
-            raise error("has a key that is no text", field=field, value=key)
-        if key not in known:
-            raise error(f"has no key {key[:50]!r}{hint(key, known)}", field=field)
+    return read_numbers(value, (3, 3) if rows else (3,), field)

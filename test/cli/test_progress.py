@@ -1,0 +1,19 @@
+"""What is said of work that takes long where no bar shows it."""
+
+import time
+
+from unc_physics.cli import progress
+
+
+def test_notes_say_that_work_goes_on_and_end_with_it(capsys, monkeypatch):
+    monkeypatch.setattr(progress, "NOTE_AFTER", 0.02)
+    with progress.told_progress("cloud", "step", "a horizon of 9 s") as show:
+        assert show is None  # telling costs time
+        time.sleep(0.3)
+    said = capsys.readouterr().err
+    assert said.startswith(
+        "unc_physics: note: cloud: still at work on a horizon of 9 s after 0 s; --time-limit"
+    )
+    assert 2 <= said.count("\n") <= 5  # each after twice the time
+    time.sleep(0.1)
+    assert capsys.readouterr().err == ""

@@ -1,0 +1,60 @@
+"""Entries of YAML files that say what a robot does with a body: its path, and wrenches."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..checks.errors import InvalidRequestError
+from ..checks.validation import number
+from .actions import PosePath, Wrench
+from .entries import at_field, check_keys, read_numbers
+
+_POSE_KEYS = ("time", "position", "orientation", "linear_velocity", "angular_velocity")
+_WRENCH_KEYS = ("force", "torque", "body_axes", "start", "duration")
+
+
+def read_path(poses, place) -> PosePath:
+    """The path that a list of poses describes."""
+    if not isinstance(poses, list):
+        raise InvalidRequestError("must be a list of poses", field=place, value=poses)
+    count = len(poses)
+    read = {key: np.full((count, 3), np.nan) for key in _POSE_KEYS[3:]}
+    times, positions, orientations = np.zeros(count), np.zeros((count, 3)), np.zeros((count, 4))
+    for k, pose in enumerate(poses):
+        entry = f"{place}[{k}]"
+        check_keys(pose, _POSE_KEYS, entry)
+        for key in ("time", "position"):
+            if pose.get(key) is None:
+                raise InvalidRequestError("must be given", field=f"{entry}.{key}")
+        times[k] = number(pose["time"], f"{entry}.time")
+        positions[k] = read_numbers(pose["position"], (3,), f"{entry}.position")
+        given = pose.get("orientation")
+        orientations[k] = (0, 0, 0, 1) if given is None else read_numbers(given, (4,), f"{entry}.orientation")
+        for key, values in read.items():
+            if pose.get(key) is not None:
+                values[k] = read_numbers(pose[key], (3,), f"{entry}.{key}")
+    return at_field(
+        place,
+        PosePath,
+        times=times,
+        positions=positions,
+        orientations=orientations,
+        linear_velocities=read["linear_velocity"],
+        angular_velocities=read["angular_velocity"],
+    )
+
+
+def read_wrenches(entries, place) -> list[Wrench]:
+    """The wrenches that a list describes."""
+    if not isinstance(entries, list):
+        raise InvalidRequestError("must be a list", field=place, value=entries)
+    return [_wrench(entry, f"{place}[{k}]") for k, entry in enumerate(entries)]
+
+
+def _wrench(content, field):
+    check_keys(content, _WRENCH_KEYS, field)
+    given = {key: value for key, value in content.items() if value is not None}
+    for key in ("force", "torque"):
+        if key in given:
+            given[key] = read_numbers(given[key], (3,), f"{field}.{key}")
+    return at_field(field, Wrench, **given)

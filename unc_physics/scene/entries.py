@@ -1,0 +1,54 @@
+"""Entries of YAML files: numbers, their keys, and where errors say they stand."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from ..checks.errors import InvalidRequestError, UncPhysicsError
+from ..checks.names import hint
+from ..checks.validation import array, number
+from .body_belief import three_stds
+
+
+def at_field(field, function, *arguments, **options):
+    """Call a function and put the place in the file before the field that its error names."""
+    try:
+        return function(*arguments, **options)
+    except UncPhysicsError as error:
+        raise type(error)(
+            error.problem, field=f"{field}.{error.field}" if error.field else field, value=error.value
+        ) from error
+
+
+def read_std(value, field):
+    """Standard deviations (3,) from three numbers, or from one that stands for all."""
+    value = read_numbers(value, (3,), field) if isinstance(value, list) else number(value, field)
+    return three_stds(value, field)
+
+
+def read_numbers(value, shape, field, error: type[UncPhysicsError] = InvalidRequestError) -> Any:
+    """A number, or nested lists of them as an array; each may be a string in any Python float form."""
+    if not shape:
+        return number(value, field, error)
+    if not isinstance(value, (list, tuple)) or len(value) != shape[0]:
+        raise error(
+            f"must be a list of {shape[0]} {'numbers' if len(shape) == 1 else 'rows'}",
+            field=field,
+            value=value,
+        )
+    if len(shape) > 1:
+        return np.array([read_numbers(row, shape[1:], f"{field}[{k}]", error) for k, row in enumerate(value)])
+    return array([number(entry, f"{field}[{k}]", error) for k, entry in enumerate(value)], shape, field)
+
+
+def check_keys(content, known, field, error: type[UncPhysicsError] = InvalidRequestError) -> None:
+    """Raise an error unless the content is a mapping with known keys alone."""
+    if not isinstance(content, dict):
+        raise error("must be a mapping of keys to values", field=field, value=content)
+    for key in content:
+        if not isinstance(key, str):
+            raise error("has a key that is no text", field=field, value=key)
+        if key not in known:
+            raise error(f"has no key {key[:50]!r}{hint(key, known)}", field=field)

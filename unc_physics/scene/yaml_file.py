@@ -1,0 +1,147 @@
+"""YAML files, read with errors that say where and what is wrong, and with limits on their size."""
+
+from __future__ import annotations
+
+import os
+import re
+from pathlib import Path
+from typing import Any
+
+import yaml
+from yaml.composer import ComposerError
+
+from ..checks.errors import InvalidRequestError, LimitExceededError
+from ..checks.shown import shown
+from ..checks.validation import instance
+
+#: Most entries of a file, and levels of nesting in it: a thousand bodies with whole covariances have 200 000.
+_ENTRIES, _LEVELS = 300_000, 50
+_CHARACTERS = 20_000_000  # most of a file
+_INT, _FLOAT = "tag:yaml.org,2002:int", "tag:yaml.org,2002:float"
+#: What the parser says otherwise than a reader would.
+_PROBLEMS = {
+    "mapping values are not allowed in this context": "there is a ':' where none can be",
+    "found unexpected end of stream": "the file ends too early",
+}
+#: What opens things that go over several lines, by their names in the parser's errors.
+_OPENED = {"flow sequence": "the [", "flow mapping": "the {", "quoted scalar": "the quote"}
+_OCTAL = re.compile(r"[-+]?0[0-7_]+")
+
+# libyaml reads ten times as fast, where PyYAML was built with it
+_SafeLoader: type[yaml.SafeLoader] = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+
+
+class _Loader(_SafeLoader):
+    """Refuses a key that is given twice, of which YAML would silently take the last, and numbers of base 60
+    and 8, which nobody means.
+    """
+
+    def construct_scalar(self, node):
+        base = 60 if node.tag in (_INT, _FLOAT) and ":" in node.value else 0
+        if node.tag == _INT and _OCTAL.fullmatch(node.value):
+            base = 8
+        if base:
+            problem = (
+                f"{node.value} is a number of base {base} to YAML; write it out, or in quotes if it is a text"
+            )
+            raise yaml.constructor.ConstructorError(None, None, problem, node.start_mark)
+        return super().construct_scalar(node)
+
+    def construct_object(self, node, deep=False):
+        try:
+            return super().construct_object(node, deep)
+        except (TypeError, ValueError, OverflowError, LookupError, AttributeError):
+            # a date that is none, an integer of thousands of digits, a tag that its value does not fit
+            value = shown(node.value) if isinstance(node, yaml.ScalarNode) else node.tag.split(":")[-1]
+            problem = f"{value} has a value that cannot be read"
+            raise yaml.constructor.ConstructorError(None, None, problem, node.start_mark) from None
+
+    def construct_mapping(self, node, deep=False):
+        lines = {}
+        for key, _ in node.value if isinstance(node, yaml.MappingNode) else ():
+            if isinstance(key, yaml.ScalarNode):
+                if key.value in lines:
+                    problem = f"the key '{key.value}' is given twice, first in line {lines[key.value]}"
+                    raise yaml.constructor.ConstructorError(None, None, problem, key.start_mark)
+                lines[key.value] = key.start_mark.line + 1
+        return super().construct_mapping(node, deep)
+
+
+def _check_size(text):
+    """Refuse what a few lines of aliases make as large as the memory, before anything is made of it."""
+    entries, levels, begun, sizes = 0, 0, [], {}
+    for event in yaml.parse(text, _Loader):
+        if isinstance(event, yaml.CollectionEndEvent):
+            levels -= 1
+            anchor, before = begun.pop()
+            sizes[anchor] = entries - before
+            continue
+        if not isinstance(event, yaml.NodeEvent):
+            continue
+        problem = None
+        entries += 1
+        if isinstance(event, yaml.AliasEvent):
+            if event.anchor not in sizes:
+                problem = f"found undefined alias '{event.anchor}'"
+            entries += sizes.get(event.anchor, 0)
+        else:
+            sizes[event.anchor] = 1
+        if isinstance(event, yaml.CollectionStartEvent):
+            levels += 1
+            begun.append((event.anchor, entries - 1))
+        if levels > _LEVELS:
+            problem = f"it is nested more than {_LEVELS} levels deep"
+        elif entries > _ENTRIES:
+            problem = f"it has more than {_ENTRIES} entries, those of aliases counted each time"
+        if problem:
+            raise yaml.constructor.ConstructorError(None, None, problem, event.start_mark)
+
+
+def read_yaml(path: str | os.PathLike[str], kind: str) -> Any:
+    """The content of a YAML file, which errors call by its kind.
+
+    Raises
+    ------
+    InvalidRequestError, LimitExceededError
+        For what cannot be read, or is no YAML.
+    """
+    instance(path, (str, os.PathLike), "path")
+    path = Path(path)
+    try:
+        with path.open(encoding="utf-8") as stream:
+            text = stream.read(_CHARACTERS + 1)
+    except (OSError, ValueError) as error:  # ValueError: no UTF-8, or a path that can be none
+        reason = getattr(error, "strerror", None) or "it is not UTF-8 text"
+        raise InvalidRequestError(f"cannot be read: {reason}", field=f"{kind} {path}") from None
+    if len(text) > _CHARACTERS:
+        raise LimitExceededError(f"must have at most {_CHARACTERS} characters", field=f"{kind} {path}")
+    try:
+        _check_size(text)
+        return yaml.load(text, _Loader)
+    except (yaml.YAMLError, ValueError, RecursionError) as error:
+        mark = getattr(error, "problem_mark", None)
+        place = f" in line {mark.line + 1}" if mark else ""
+        reason, said = "", "is not valid YAML"
+        if isinstance(error, ComposerError):  # a second document, or an alias of nothing
+            reason = f": {', '.join(filter(None, (error.context, error.problem)))}"
+            said = "cannot be read"
+        elif isinstance(error, yaml.constructor.ConstructorError):
+            reason, said = f": {error.problem}", "cannot be read"
+        elif isinstance(error, yaml.MarkedYAMLError) and mark:
+            reason = f": {_syntax(error, text)}"
+        raise InvalidRequestError(f"{said}{place}{reason}", field=f"{kind} {path}") from None
+
+
+def _syntax(error, text) -> str:
+    """What YAML's grammar lacks where its parser stopped, and where what was not finished there began."""
+    mark, began = error.problem_mark, error.context_mark
+    line = next(iter(text.split("\n")[mark.line :]), "")
+    if line[mark.column : mark.column + 1] == "\t":
+        return "it has a tab; indent with spaces"
+    said = _PROBLEMS.get(error.problem, error.problem or "").replace("did not find expected", "there is no")
+    if began is None or began.line >= mark.line:
+        return said
+    what = next((sign for kind, sign in _OPENED.items() if kind in (error.context or "")), None)
+    first = began.line + 1
+    above = f"{what} of line {first} is not closed" if what else f"line {first} begins what goes on here"
+    return f"{said}; the fault may stand above, where {above}"
