@@ -10,11 +10,11 @@ from itertools import combinations
 from pathlib import Path
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from unc_physics.scene.environment import Plane
 
 from .action_engine_base import ActionEngine, belt_velocity, check_solid, text_of
+from .engines import bullet_states
 
 
 class PyBulletActions(ActionEngine):
@@ -93,12 +93,7 @@ class PyBulletActions(ActionEngine):
         self._client.stepSimulation()
 
     def _states(self):
-        states = []
-        for body, handle in zip(self._bodies, self._handles, strict=True):
-            place, q = self._client.getBasePositionAndOrientation(handle)
-            velocity, spin = self._client.getBaseVelocity(handle)
-            states.append(body.state(place, velocity, Rotation.from_quat(q), spin))
-        return np.array(states)
+        return bullet_states(self._client, self._bodies, self._handles)
 
     def close(self) -> None:
         """Leave the engine empty."""

@@ -226,8 +226,16 @@ class Push:
     horizon: float
 
 
-def push_scene(k: int, uncertain: bool = True) -> Push:
-    """Push ``k``, with what is not known of it, or without."""
+def push_scene(k: int, uncertain: bool = True, tip_friction: tuple[float, float] | None = None) -> Push:
+    """Push ``k``, with what is not known of it, or without.
+
+    Parameters
+    ----------
+    k : int
+    uncertain : bool
+    tip_friction : (float, float), optional
+        Friction of the tips and its standard deviation, in place of the README's.
+    """
     pushes = recorded_pushes()
     path, surface = pushes.paths[k], int(pushes.surface[k])
     model = block(int(pushes.support[k]))
@@ -235,9 +243,10 @@ def push_scene(k: int, uncertain: bool = True) -> Push:
     poses = np.column_stack([path[:, 1:3], np.full(len(path), HEIGHT)])
     yaw = 0.5 * path[:, 3]
     turned = np.column_stack([np.zeros((len(path), 2)), np.sin(yaw), np.cos(yaw)])
-    table, tip = float(pushes.table_friction[surface]), pushes.pusher_friction
+    table = float(pushes.table_friction[surface])
+    tip, tip_std = tip_friction or (pushes.pusher_friction, _PUSHER_STD)
     # a contact has the geometric mean of its partners' frictions; the block's is 1
-    stds = (_TABLE_STD[surface], _PUSHER_STD, _LOAD_STD, _FRAME_STD) if uncertain else (0.0,) * 4
+    stds = (_TABLE_STD[surface], tip_std, _LOAD_STD, _FRAME_STD) if uncertain else (0.0,) * 4
     bodies = [
         RigidBody("block", model, pushes.mass, friction=1.0, center_of_mass_std=(stds[2], stds[2], 0.0)),
         RigidBody(

@@ -17,11 +17,12 @@ from ..jobs import Job, Outcome, Row, Settings
 from ..limit_surface import pushed
 from ..methods import MONTE_CARLO, OURS, label
 from ..push_engines import pushed_in
-from ..recorded_pushes import KINDS, REPEATS_STD, planar, push_scene, recorded_pushes, seen
+from ..recorded_pushes import KINDS, REPEATS_STD, planar, planar_before, push_scene, recorded_pushes, seen
 from ..results import Results, Rows
 from ..rollouts import available, missing_engines
 from ..scores import bootstrap, rms, rms_difference
 from ..tables import number, table
+from ..tip_friction import STD, two_tip_friction
 
 TITLE = "Pushes"
 SAMPLES = 50
@@ -30,6 +31,8 @@ _A_JOB = 20  # pushes
 #: A single rollout with nothing uncertain, a block that stays where it is, and an ellipsoidal limit surface.
 NOMINAL, STAYS, LIMIT_SURFACE = "sigma_points", "stays", "limit_surface"
 _FINE = "_fine"
+#: With the friction of two tips that their forces tell, in place of the single tip's.
+MEASURED = "_measured"
 METHODS = {
     NOMINAL: "one rollout",
     MONTE_CARLO: f"mean of {SAMPLES} samples",
@@ -40,8 +43,12 @@ METHODS = {
     for engine in OWN
     for end, settings in (("", OWN), (_FINE, FINE))
 }
+METHODS |= {
+    f"{name}{MEASURED}": f"{METHODS[name]}, friction from the two tips' forces"
+    for name in (NOMINAL, MONTE_CARLO, LIMIT_SURFACE)
+}
 #: By whom, and about how long a push takes each [s].
-_BY = {OURS: 0.05 * SAMPLES, LIMIT_SURFACE: 0.3, "mujoco": 0.6, "pybullet": 0.6}
+_BY = {OURS: 0.05 * SAMPLES, MEASURED: 0.05 * SAMPLES, LIMIT_SURFACE: 0.3, "mujoco": 0.6, "pybullet": 0.6}
 POSITION, ROTATION, RANK, COST = "position_error", "rotation_error", "rank", "cpu_time"
 LEVEL = 0.9
 _GOALS = {"point": (1.7e-3, math.radians(1.8)), "two_point_rotation": (4e-3, None)}
@@ -55,7 +62,7 @@ def jobs(settings: Settings) -> list[Job]:
         count = min(_QUICK, len(own)) if settings.quick else len(own)
         for first in range(0, count, _A_JOB):
             last = min(first + _A_JOB, count)
-            for by in (OURS, LIMIT_SURFACE, *available()[1:]):
+            for by in (OURS, *([MEASURED] if kind else []), LIMIT_SURFACE, *available()[1:]):
                 parameters = settings.parameters(
                     by=by, kind=name, first=first, last=last, of=count, samples_each=SAMPLES
                 )
@@ -73,20 +80,33 @@ def run(job: Job) -> Outcome:
     p, pushes = job.parameters, recorded_pushes()
     own = np.flatnonzero(pushes.kind == KINDS.index(p["kind"]))
     order = np.random.default_rng(p["base_seed"]).permutation(own)[: p["of"]]
-    predicted = {OURS: _ours, LIMIT_SURFACE: _by_limit_surface}.get(p["by"], _in_engine)
+    predicted = {OURS: _ours, MEASURED: _with_measured_friction, LIMIT_SURFACE: _by_limit_surface}.get(
+        p["by"], _in_engine
+    )
     return Outcome([row for k in order[p["first"] : p["last"]].tolist() for row in predicted(job, k)])
 
 
 def _ours(job, k):
     """A single rollout, a block that stays, and samples."""
+    return [*_rollouts(job, k), *_errors(STAYS, planar_before(k), seen(k), None, k)]
+
+
+def _with_measured_friction(job, k):
+    """The same, and a limit surface, with the friction that the two tips' forces tell."""
+    friction = two_tip_friction()
+    rows = _rollouts(job, k, (friction, STD)) + _errors(LIMIT_SURFACE, pushed(k, friction), seen(k), None, k)
+    return [row._replace(method=row.method + MEASURED) for row in rows]
+
+
+def _rollouts(job, k, tip_friction=None):
+    """A single rollout, and samples."""
     p, found, seed = job.parameters, seen(k), job.seed(f"push {k}") % 2**31
-    start = push_scene(k, uncertain=False)
+    start = push_scene(k, False, tip_friction)
     began = time.process_time()
     end = predict(start.scene, start.belief, NOMINAL, start.horizon).belief.mean[0]
     rows = [Row(NOMINAL, COST, "s", time.process_time() - began, None, k)]
     rows += _errors(NOMINAL, planar(end), found, None, k)
-    rows += _errors(STAYS, planar(start.belief.mean[0]), found, None, k)
-    unsure = push_scene(k)
+    unsure = push_scene(k, True, tip_friction)
     propagator = make_propagator(MONTE_CARLO, samples=p["samples_each"], seed=seed)
     began = time.process_time()
     prediction = predict(unsure.scene, unsure.belief, propagator, unsure.horizon)
@@ -139,7 +159,8 @@ def report(results: Results) -> str:
         " those of our single rollout on the same pushes, with 95 % of a paired bootstrap: above zero we are"
         f" nearer. Both frictions, where the load is and the pusher's frame are uncertain in the {SAMPLES}"
         " samples; their regions also count by how much pushes of the same command end apart (0.84 mm, 1.3"
-        " degrees).\n"
+        f" degrees). The friction of two tips is also given by their forces while the block slid along them:"
+        f" {two_tip_friction():.2f}, where the single tip's is {recorded_pushes().pusher_friction:.2f}.\n"
     )
     lines = []
     for kind in rows.unique("kind"):
@@ -167,7 +188,7 @@ def _line(rows, kind, method, title):
             continue
         low, high = rms_difference(*both.T, np.random.default_rng(0))
         cells.append(f"{rms(both[:, 0]) - rms(both[:, 1]):+.2f} ({low:+.2f} to {high:+.2f})")
-    cells.append(f"{100 * _coverage(rows):.0f} %" if method == MONTE_CARLO else "")
+    cells.append(f"{100 * _coverage(rows, method):.0f} %" if method.startswith(MONTE_CARLO) else "")
     cost = _values(rows, method, COST)
     return [*cells, number(1e3 * float(np.median(cost))) if len(cost) else ""]
 
@@ -180,8 +201,8 @@ def _values(rows: Rows, method, quantity):
     return rows.where(method=method, quantity=quantity).values()
 
 
-def _coverage(rows):
-    return float(np.mean(_values(rows, MONTE_CARLO, RANK) <= LEVEL))
+def _coverage(rows, method=MONTE_CARLO):
+    return float(np.mean(_values(rows, method, RANK) <= LEVEL))
 
 
 def _interval(values):
