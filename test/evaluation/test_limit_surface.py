@@ -7,6 +7,7 @@ import pytest
 
 from unc_physics_evaluation.limit_surface import Contact, load_reach, motion_of, point_motion, pushed, step
 from unc_physics_evaluation.recorded_pushes import PATCH, planar_before, recorded_pushes, seen
+from unc_physics_evaluation.tip_friction import force_shares, two_tip_friction
 
 REACH, WAY = 0.05, np.array([1e-4, 0.0])
 RIGHT = np.array([1.0, 0.0])
@@ -75,3 +76,10 @@ def test_the_load_is_where_statics_puts_it():
     even = (math.hypot(0.04, 0.04) + 2.0 * math.hypot(0.08, 0.04)) / 3.0
     assert load_reach(0) == pytest.approx(even) and load_reach(3) == pytest.approx(0.5 * even)
     assert load_reach(3) < load_reach(PATCH) < load_reach(0)
+
+
+def test_forces_tell_the_two_tips_friction():
+    """Most shares of the force along the tips lie close to each other, and oppose the sliding."""
+    shares = force_shares()
+    assert len(shares) > 100 and (shares > 0.0).mean() > 0.7
+    assert two_tip_friction() == pytest.approx(0.34, abs=0.01)

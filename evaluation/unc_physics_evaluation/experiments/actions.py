@@ -22,7 +22,7 @@ from ..wasserstein import state_distance
 
 TITLE = "Actions beside engines"
 SAMPLES, BLOCKS = 100, 4
-_QUICK = 20, 2
+_QUICK = 10, 1
 _FINE = "_fine"
 PROBABILITY = "probability"
 
