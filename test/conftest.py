@@ -3,7 +3,6 @@
 import sys
 from pathlib import Path
 
-import pytest
 from hypothesis import settings
 
 HERE = Path(__file__).resolve().parent
@@ -20,7 +19,7 @@ settings.load_profile("tests")
 
 
 def pytest_collection_modifyitems(items):
-    """Let the tests of a file run in one process, as they share fixtures, and those of the node too."""
-    for item in items:
-        ros = HERE / "ros" in item.path.parents
-        item.add_marker(pytest.mark.xdist_group("ros" if ros else str(item.path)))
+    """Let files with slow tests begin first where there are several processes: none is left to one alone."""
+    if items and hasattr(items[0].config, "workerinput"):
+        slow = {item.path for item in items if item.get_closest_marker("slow")}
+        items.sort(key=lambda item: item.path not in slow)

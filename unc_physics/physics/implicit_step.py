@@ -557,9 +557,9 @@ def advance_implicit(states, first_time, memory, world, begin, steps):
     """Advance states (N, B, 13) in place, and what their rollouts remember (`SolverMemory`) along."""
     contacts, candidates, pool = 64, 256, 2048
     for n in range(len(states)):
-        work = implicit_workspace(states[n], memory.kept_overlap[n], world, contacts, candidates, pool)
         done = 0
         while done < steps:
+            work = implicit_workspace(states[n], memory.kept_overlap[n], world, contacts, candidates, pool)
             done += integrate(
                 states[n],
                 first_time[n],
@@ -577,6 +577,3 @@ def advance_implicit(states, first_time, memory, world, begin, steps):
             )
             if done < steps:
                 contacts, candidates, pool = more_room(work.counts, contacts, candidates, pool)
-                work = implicit_workspace(
-                    states[n], memory.kept_overlap[n], world, contacts, candidates, pool
-                )

@@ -51,34 +51,44 @@ def lower(states, sides, world, start, kept_overlap):
             place[i] = count
             count += 1
     metric = Metric(zeros((count, ERROR, count, ERROR)), np.eye(count) > 0.0, place)
-    work = implicit_workspace(before, singles((0, 0)), world, contacts, candidates, pool)
-    rows = rows_room(contacts, bodies)
-    for n in range(len(states)):
+    n = 0
+    while n < len(states):
+        work = implicit_workspace(before, singles((0, 0)), world, contacts, candidates, pool)
+        rows = rows_room(contacts, bodies)
+        n = _lower_from(
+            n, states, before, begin, local, metric, sides, world, start, kept_overlap, work, rows
+        )
+        contacts, candidates, pool = more_room(work.counts, contacts, candidates, pool)
+
+
+@inner
+def _lower_from(n, states, before, begin, local, metric, sides, world, start, kept_overlap, work, rows):
+    """Lower the bodies of state ``n`` and the following ones as long as there is room; returns the first
+    state that is left.
+    """
+    bodies, moving = states.shape[1], world.bodies.moving
+    while n < len(states):
         x = states[n]
         assign(before, x)
-        i = 0
-        while i < bodies:
-            if i == 0:
-                reset(x, kept_overlap[n], work)
-                for k in range(bodies):
-                    work.group[k] = k
-                join_near(x, 3.0 * _DROP, world, work)
-            if moving[i] and work.group[i] == i:
-                count = gather(i, moving, work, local)
-                held = lower_group(x, begin, count, local, metric, sides, world, work, rows)
-                if work.counts[OVERFLOW] != NO_OVERFLOW:
-                    contacts, candidates, pool = more_room(work.counts, contacts, candidates, pool)
-                    work = implicit_workspace(before, singles((0, 0)), world, contacts, candidates, pool)
-                    rows = rows_room(contacts, bodies)
-                    assign(x, before)
-                    i = 0
-                    continue
-                for a in range(count):
-                    start.unsettled[n, work.members[a]] = not held
-                    if not held:
-                        for k in range(13):
-                            x[work.members[a], k] = before[work.members[a], k]
-            i += 1
+        reset(x, kept_overlap[n], work)
+        for k in range(bodies):
+            work.group[k] = k
+        join_near(x, 3.0 * _DROP, world, work)
+        for i in range(bodies):
+            if not moving[i] or work.group[i] != i:
+                continue
+            count = gather(i, moving, work, local)
+            held = lower_group(x, begin, count, local, metric, sides, world, work, rows)
+            if work.counts[OVERFLOW] != NO_OVERFLOW:
+                assign(x, before)
+                return n
+            for a in range(count):
+                start.unsettled[n, work.members[a]] = not held
+                if not held:
+                    for k in range(13):
+                        x[work.members[a], k] = before[work.members[a], k]
+        n += 1
+    return n
 
 
 @inner

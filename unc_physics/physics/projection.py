@@ -87,41 +87,76 @@ def project(states, mean, metric, sides, world, start, first_time, kept_overlap,
     local, settled = integers(bodies), booleans(bodies)
     depth, overlap, moved = zeros((bodies, bodies + elements)), zeros(bodies), zeros(bodies)
     begin = empty((bodies, 13))
-    work = implicit_workspace(mean, singles((0, 0)), world, contacts, candidates, pool)
-    rows = rows_room(contacts, bodies)
-    for n in range(len(states)):
+    n = 0
+    while n < len(states):
+        work = implicit_workspace(mean, singles((0, 0)), world, contacts, candidates, pool)
+        n = _project_from(
+            n,
+            states,
+            begin,
+            mean,
+            metric,
+            sides,
+            world,
+            start,
+            first_time,
+            kept_overlap,
+            look_only,
+            local,
+            settled,
+            depth,
+            overlap,
+            moved,
+            work,
+            rows_room(contacts, bodies),
+        )
+        contacts, candidates, pool = more_room(work.counts, contacts, candidates, pool)
+
+
+@inner
+def _project_from(
+    n,
+    states,
+    begin,
+    mean,
+    metric,
+    sides,
+    world,
+    start,
+    first_time,
+    kept_overlap,
+    look_only,
+    local,
+    settled,
+    depth,
+    overlap,
+    moved,
+    work,
+    rows,
+):
+    """Move the bodies of state ``n`` and the following ones as long as there is room; returns the first state
+    that is left.
+    """
+    bodies, columns = len(mean), depth.shape[1]
+    while n < len(states):
         if world.implicit.stop[0] != 0:
-            return
+            return len(states)
         x = states[n]
         assign(begin, x)
-        while True:
+        for i in range(bodies):
+            overlap[i] = moved[i] = 0.0
+            for c in range(columns):
+                depth[i, c] = 0.0
+        reset(x, kept_overlap[n], work)
+        if not project_sample(
+            x, begin, mean, metric, sides, world, work, rows, local, settled, depth, overlap, moved, look_only
+        ):
             assign(x, begin)
-            depth[:], overlap[:], moved[:] = 0.0, 0.0, 0.0
-            reset(x, kept_overlap[n], work)
-            if project_sample(
-                x,
-                begin,
-                mean,
-                metric,
-                sides,
-                world,
-                work,
-                rows,
-                local,
-                settled,
-                depth,
-                overlap,
-                moved,
-                look_only,
-            ):
-                break
-            contacts, candidates, pool = more_room(work.counts, contacts, candidates, pool)
-            work = implicit_workspace(mean, singles((0, 0)), world, contacts, candidates, pool)
-            rows = rows_room(contacts, bodies)
+            return n
         for i in range(bodies):
             start.overlap[n, i] = max(start.overlap[n, i], overlap[i])
             start.moved[n, i] = max(start.moved[n, i], moved[i])
-            for c in range(bodies + elements):
+            for c in range(columns):
                 kept = work.kept_overlap[i, c]
                 if depth[i, c] > TOUCHING and not look_only:
                     first_time[n, i, c] = 0.0
@@ -130,6 +165,8 @@ def project(states, mean, metric, sides, world, start, first_time, kept_overlap,
                     start.kept[n, i] = max(start.kept[n, i], kept)
                     if c < bodies:
                         start.kept[n, c] = max(start.kept[n, c], kept)
+        n += 1
+    return n
 
 
 @inner

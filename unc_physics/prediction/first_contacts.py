@@ -114,37 +114,36 @@ def _fly_implicit(states, first, stopped, world, memory, kept_overlap, steps):
         own = _own_world(world, world.surroundings, world.implicit)
         bodies = own.bodies
         memory.count[:], memory.quiet[:] = 0, 0
-        room = 1
-        work = implicit_workspace(states[n], kept_overlap[n], own, _CONTACTS, _CANDIDATES, _LISTED)
-        step, left = 0, bodies.moving.sum()
+        room, step, left = 1, 0, bodies.moving.sum()
         while left > 0 and step < steps:
-            done = integrate_implicit(
-                states[n],
-                first[n],
-                memory.contact[0],
-                memory.force[0],
-                memory.count,
-                memory.quiet[0],
-                memory.residual[0],
-                memory.key[0],
-                own,
-                None,
-                step,
-                1,
-                work,
+            work = implicit_workspace(
+                states[n], kept_overlap[n], own, room * _CONTACTS, room * _CANDIDATES, room * _LISTED
             )
-            step += done
-            before, left = left, _stop(first[n], bodies.moving, stopped[n])
+            before, done = left, 1
+            while left == before and done > 0 and step < steps:
+                done = integrate_implicit(
+                    states[n],
+                    first[n],
+                    memory.contact[0],
+                    memory.force[0],
+                    memory.count,
+                    memory.quiet[0],
+                    memory.residual[0],
+                    memory.key[0],
+                    own,
+                    None,
+                    step,
+                    1,
+                    work,
+                )
+                step += done
+                left = _stop(first[n], bodies.moving, stopped[n])
+                for i in range(len(bodies.moving)):
+                    if not bodies.moving[i]:
+                        bodies.inverse_mass[i] = 0.0
+                        bodies.inverse_inertia[i] = 0.0
             if done == 0:
                 room *= 2
-            for i in range(len(bodies.moving)):
-                if not bodies.moving[i]:
-                    bodies.inverse_mass[i] = 0.0
-                    bodies.inverse_inertia[i] = 0.0
-            if done == 0 or left < before:  # more room; or without what it knows of bodies that move
-                work = implicit_workspace(
-                    states[n], kept_overlap[n], own, room * _CONTACTS, room * _CANDIDATES, room * _LISTED
-                )
 
 
 @inner
