@@ -13,11 +13,14 @@ from unc_physics import Belief, BodyBelief, Box, Plane, PosePath, RigidBody, Sce
 from unc_physics.physics.layout import QUATERNION
 
 from .everyday_cases import ball
+from .limit_surface import Contact, step
 from .scenarios import open_bin
 
 _FRICTION, _FENCE, _SPHERES = 0.3, math.radians(30.0), 1000
 _TURNED = math.radians(20.0)
+_FINGER, _FINGER_RADIUS, _WAY = (-0.06, 0.01), 0.01, 0.1  # m: where it begins, beside the middle
 _BELT = 0.3  # m/s
+_STEPS = 500  # of the limit surface
 _BIN = 0.30, 0.20, 0.147  # m, inside
 _RELEASED, RELEASED_STD = 0.5, 0.02  # s
 
@@ -47,8 +50,9 @@ class ActionScene(NamedTuple):
 def push() -> ActionScene:
     """A ball pushes a salt box that lies on a table by 8 cm, 1 cm beside its middle, so that it turns."""
     box = RigidBody("salt_box", load_model("salt_box").prefix(_SPHERES), 0.52, at_rest=True)
-    path = PosePath(times=[0.2, 2.2], positions=[[-0.06, 0.01, 0.024], [0.04, 0.01, 0.024]])
-    finger = RigidBody("finger", ball("finger", 0.01), trajectory=path)
+    (start, aside), radius, way = _FINGER, _FINGER_RADIUS, _WAY
+    path = PosePath(times=[0.2, 2.2], positions=[[start, aside, 0.024], [start + way, aside, 0.024]])
+    finger = RigidBody("finger", ball("finger", radius), trajectory=path)
     scene = Scene.everyday([box, finger], environment=[Plane()], friction=_FRICTION)
     half = math.sqrt(0.5)
     lying = BodyBelief(
@@ -59,6 +63,25 @@ def push() -> ActionScene:
     )
     belief = Belief.of(scene, {"salt_box": lying})
     return ActionScene(scene, belief, 2.5, "turns by more than 20 degrees", lambda x: _turned(x) > _TURNED)
+
+
+def turn_of_push(even: bool) -> float:
+    """By how much a limit surface turns the box of `push` from its mean place, clockwise from above [rad].
+
+    With an even load, or with one at the corners: which it is, statics does not say.
+    """
+    model, way = load_model("salt_box"), np.array([_WAY / _STEPS, 0.0])
+    x, y = model.bounds[1][0], model.bounds[1][2]  # half sides of the face it lies on
+    share = (np.arange(_STEPS) + 0.5) / _STEPS
+    points = np.stack(np.meshgrid(x * share, y * share), axis=-1)
+    reach = float(np.linalg.norm(points, axis=-1).mean()) if even else math.hypot(x, y)
+    place, tip = np.zeros(3), np.array(_FINGER)
+    for _ in range(_STEPS):
+        normal = np.array([math.cos(place[2]), math.sin(place[2])])
+        gap = float((place[:2] - tip) @ normal) - x - _FINGER_RADIUS
+        contact = Contact(gap, normal, tip + _FINGER_RADIUS * normal - place[:2])
+        place, tip = place + step([contact], way[None], reach, _FRICTION), tip + way
+    return -float(place[2])
 
 
 def belt() -> ActionScene:

@@ -1,13 +1,17 @@
 """Prescribed bodies, belts and releases in other engines do as mechanics says."""
 
+import math
+
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from unc_physics import Belief, Plane, PosePath, RigidBody, Scene, load_model
+from unc_physics.physics.layout import QUATERNION
 from unc_physics.scene.action_arrays import with_driven
 from unc_physics_evaluation.action_engine_base import shapes_of
 from unc_physics_evaluation.action_engines import FINE, opened
-from unc_physics_evaluation.action_scenes import ACTION_SCENES
+from unc_physics_evaluation.action_scenes import ACTION_SCENES, turn_of_push
 from unc_physics_evaluation.experiments import actions as experiment
 from unc_physics_evaluation.jobs import Job, Settings
 from unc_physics_evaluation.push_engines import pushed_in
@@ -76,6 +80,13 @@ def test_an_experiment_compares_final_poses(tmp_path):
     shares = rows.where(quantity=experiment.PROBABILITY).values()
     assert ((shares >= 0.0) & (shares <= 1.0)).all()
     assert "stands in the bin" in experiment.report(results)
+
+
+def test_a_pushed_box_turns_between_loads_at_the_corners_and_even_ones(engine):
+    made = ACTION_SCENES["push"]()
+    box = after(engine, made.scene, made.belief.mean, made.horizon)
+    x, _, _ = Rotation.from_quat(box[0, QUATERNION]).apply([1.0, 0.0, 0.0])
+    assert 0.9 * turn_of_push(even=False) < math.acos(x) < 1.05 * turn_of_push(even=True)
 
 
 def test_beliefs_are_of_the_scenes():

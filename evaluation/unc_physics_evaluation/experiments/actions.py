@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Mapping
 
@@ -11,7 +12,7 @@ from unc_physics import make_propagator, predict
 from unc_physics.scene.action_arrays import with_driven
 
 from ..action_engines import FINE, OWN, opened
-from ..action_scenes import ACTION_SCENES, RELEASED_STD
+from ..action_scenes import ACTION_SCENES, RELEASED_STD, turn_of_push
 from ..comparison import CPU_TIME, POSITION_ERROR, ROTATION_ERROR
 from ..jobs import Job, Outcome, Row, Settings
 from ..methods import FLOOR, MONTE_CARLO, OURS, label
@@ -145,7 +146,10 @@ def report(results: Results) -> str:
         " in other engines of their steps alone. Ours has 1000 spheres of what is moved; theirs a box or a"
         " cylinder as large. In MuJoCo prescribed bodies are mocap bodies whose surface has their velocity,"
         " and belts are its own (surfacevel); in PyBullet both are bodies without mass whose velocity is"
-        " set before each step. What is held is put where the hand is until it is let go.\n"
+        " set before each step. What is held is put where the hand is until it is let go. How the load of the"
+        " pushed box is spread, statics does not say: by a limit surface the mean push turns it by"
+        f" {math.degrees(turn_of_push(even=False)):.0f} degrees with the load at its corners, and by"
+        f" {math.degrees(turn_of_push(even=True)):.0f} with an even one.\n"
     )
     head = ["", "", "W1, position [mm]", "rotation [degrees]", "probability", "CPU time [ms]"]
     return "\n".join([about, table(head, lines)])
