@@ -30,21 +30,21 @@ class ActionScene(NamedTuple):
 
     Attributes
     ----------
-    scene : Scene
-    belief : Belief
-    horizon : float
-        [s]
     asked : str
         What is decided.
     happened : callable
         Whether it came so, of states (n, 13) of the first body at the horizon.
+    scene : Scene
+    belief : Belief
+    horizon : float
+        [s]
     """
 
+    asked: str
+    happened: Callable[[np.ndarray], np.ndarray]
     scene: Scene
     belief: Belief
     horizon: float
-    asked: str
-    happened: Callable[[np.ndarray], np.ndarray]
 
 
 def push() -> ActionScene:
@@ -62,7 +62,7 @@ def push() -> ActionScene:
         orientation_std=(0.0, 0.03, 0.0),
     )
     belief = Belief.of(scene, {"salt_box": lying})
-    return ActionScene(scene, belief, 2.5, "turns by more than 20 degrees", lambda x: _turned(x) > _TURNED)
+    return ActionScene("turns by more than 20 degrees", lambda x: _turned(x) > _TURNED, scene, belief, 2.5)
 
 
 def turn_of_push(even: bool) -> float:
@@ -97,7 +97,7 @@ def belt() -> ActionScene:
         position=(0.0, 0.1, 0.0552), position_std=(0.01, 0.02, 0.0), orientation_std=(0.0, 0.0, 0.1)
     )
     belief = Belief.of(scene, {"can": standing})
-    return ActionScene(scene, belief, 2.5, "comes past 0.59 m", lambda x: x[:, 0] > 0.59)
+    return ActionScene("comes past 0.59 m", lambda x: x[:, 0] > 0.59, scene, belief, 2.5)
 
 
 def release() -> ActionScene:
@@ -109,7 +109,7 @@ def release() -> ActionScene:
     scene = Scene.everyday([box, hand], environment=open_bin(*_BIN), restitution=0.2)
     grasped = BodyBelief(position=(-0.32, 0.0, 0.30), position_std=0.003, orientation_std=0.03)
     belief = Belief.of(scene, {"salt_box": grasped})
-    return ActionScene(scene, belief, 1.5, "stands in the bin", _stands_in_bin)
+    return ActionScene("stands in the bin", _stands_in_bin, scene, belief, 1.5)
 
 
 def _stands_in_bin(x):
