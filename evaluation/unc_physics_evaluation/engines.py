@@ -180,12 +180,7 @@ class PyBulletRollouts:
 
     def state(self):
         """The state (B, 13)."""
-        states = []
-        for body, handle in zip(self._bodies, self._handles, strict=True):
-            position, q = self._client.getBasePositionAndOrientation(handle)
-            velocity, spin = self._client.getBaseVelocity(handle)
-            states.append(body.state(position, velocity, Rotation.from_quat(q), spin))
-        return np.array(states)
+        return bullet_states(self._client, self._bodies, self._handles)
 
     def run(self, state, steps):
         """The state (B, 13) after ``steps`` steps from ``state``."""
@@ -205,6 +200,16 @@ class PyBulletRollouts:
     def close(self):
         """Leave the engine."""
         self._client.disconnect()
+
+
+def bullet_states(client, bodies, handles) -> np.ndarray:
+    """States (B, 13) of principal bodies in PyBullet, by their handles."""
+    states = []
+    for body, handle in zip(bodies, handles, strict=True):
+        position, q = client.getBasePositionAndOrientation(handle)
+        velocity, spin = client.getBaseVelocity(handle)
+        states.append(body.state(position, velocity, Rotation.from_quat(q), spin))
+    return np.array(states)
 
 
 @singledispatch

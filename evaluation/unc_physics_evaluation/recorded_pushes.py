@@ -23,9 +23,11 @@ KINDS = ("point", "two_point_translation", "two_point_rotation")
 PATCH = 4  # the support by the whole face
 DT = 1.0 / 120.0  # s
 _GRAVITY = 9.81  # m/s^2
-_TIP, _EDGE, _SPACING, _FOOT = 1.5e-4, 3e-3, 1.5e-4, 3e-3  # m: radii of tips, edges and feet; between spheres
-_HEIGHT = 0.0125  # m, of the tips above the block's underside
+_TIP, EDGE, _SPACING, FOOT = 1.5e-4, 3e-3, 1.5e-4, 3e-3  # m: radii of tips, edges and feet; between spheres
+HEIGHT = 0.0125  # m, of the tips above the block's underside
 _STIFFNESS = 1e11  # N/m^3: at which a tip sinks in by 0.02 mm
+#: Where the tips of a pusher with one, and of one with two are in its frame [m].
+TIPS = np.zeros((1, 3)), np.array([[0.0, -0.025, 0.0], [0.0, 0.025, 0.0]])
 #: What is not known of the pushes: standard deviations of both frictions, of where the load is, as feet rub
 #: unlike each other [m], and of the pusher's frame [m].
 _TABLE_STD, _PUSHER_STD, _LOAD_STD, _FRAME_STD = (0.02, 0.03), 0.1, 4e-3, 5e-4
@@ -116,18 +118,14 @@ def block(support: int) -> SpherePacking:
     corners, com = pushes.polygon, pushes.com
     low = -0.5 * pushes.height
     centers, radii = [], []
-    for a, b in zip(corners, np.roll(corners, -1, axis=0), strict=True):
-        along = (b - a) / np.linalg.norm(b - a)
-        inward = np.array([-along[1], along[0]])
-        length = float(np.linalg.norm(b - a))
-        margin = _EDGE / math.tan(math.radians(22.5))
+    for a, along, inward, length, margin in edges():
         places = np.arange(margin, length - margin, _SPACING)
-        row = a + places[:, None] * along + _EDGE * inward - com
-        centers.append(np.column_stack([row, np.full(len(row), low + _HEIGHT)]))
-        radii.append(np.full(len(row), _EDGE))
+        row = a + places[:, None] * along + EDGE * inward - com
+        centers.append(np.column_stack([row, np.full(len(row), low + HEIGHT)]))
+        radii.append(np.full(len(row), EDGE))
     feet = feet_of(support) - com
-    centers.append(np.column_stack([feet, np.full(len(feet), low + _FOOT)]))
-    radii.append(np.full(len(feet), _FOOT))
+    centers.append(np.column_stack([feet, np.full(len(feet), low + FOOT)]))
+    radii.append(np.full(len(feet), FOOT))
     places, sizes = np.concatenate(centers), np.concatenate(radii)
     reach = float(np.max(np.linalg.norm(places, axis=1) + sizes))
     return SpherePacking(
@@ -141,6 +139,39 @@ def block(support: int) -> SpherePacking:
     )
 
 
+class Edge(NamedTuple):
+    """An edge of the block.
+
+    Attributes
+    ----------
+    start : (2,) array
+        Where it begins, from the block's corner [m].
+    along, inward : (2,) arrays
+        Directions.
+    length : float
+        [m]
+    margin : float
+        How far from both of its ends it is left out, as spheres reach into no sharp corner [m].
+    """
+
+    start: np.ndarray
+    along: np.ndarray
+    inward: np.ndarray
+    length: float
+    margin: float
+
+
+def edges() -> list[Edge]:
+    """The block's edges."""
+    corners, found = recorded_pushes().polygon, []
+    for a, b in zip(corners, np.roll(corners, -1, axis=0), strict=True):
+        length = float(np.linalg.norm(b - a))
+        along = (b - a) / length
+        inward = np.array([-along[1], along[0]])
+        found.append(Edge(a, along, inward, length, EDGE / math.tan(math.radians(22.5))))
+    return found
+
+
 def feet_of(support: int) -> np.ndarray:
     """(3, 2): where the block's feet are, from its corner [m].
 
@@ -150,13 +181,16 @@ def feet_of(support: int) -> np.ndarray:
     if support != PATCH:
         return pushes.supports[support]
     arms = pushes.polygon - pushes.com
+    mean = np.linalg.norm(face_points() - pushes.com, axis=1).mean()
+    return pushes.com + arms * mean / np.linalg.norm(arms, axis=1).mean()
+
+
+def face_points() -> np.ndarray:
+    """(n, 2): points all over the block's face, evenly, from its corner [m]."""
+    _, one, other = recorded_pushes().polygon  # from the first, the right-angled one
     u, v = np.meshgrid(*[(np.arange(200) + 0.5) / 200] * 2)
     inside = (u + v) < 1.0
-    points = (
-        pushes.polygon[0] + np.outer(u[inside], pushes.polygon[1]) + np.outer(v[inside], pushes.polygon[2])
-    )
-    mean = np.linalg.norm(points - pushes.com, axis=1).mean()
-    return pushes.com + arms * mean / np.linalg.norm(arms, axis=1).mean()
+    return np.outer(u[inside], one) + np.outer(v[inside], other)
 
 
 def _inertia(corners, com, height):
@@ -170,7 +204,7 @@ def _inertia(corners, com, height):
 @cache
 def pusher(tips: int) -> SpherePacking:
     """One tip, or two that are 5 cm apart."""
-    places = np.zeros((1, 3)) if tips == 1 else np.array([[0.0, -0.025, 0.0], [0.0, 0.025, 0.0]])
+    places = TIPS[tips - 1]
     reach = float(np.max(np.linalg.norm(places, axis=1))) + _TIP
     return SpherePacking(
         name=f"pusher_{tips}",
@@ -192,18 +226,27 @@ class Push:
     horizon: float
 
 
-def push_scene(k: int, uncertain: bool = True) -> Push:
-    """Push ``k``, with what is not known of it, or without."""
+def push_scene(k: int, uncertain: bool = True, tip_friction: tuple[float, float] | None = None) -> Push:
+    """Push ``k``, with what is not known of it, or without.
+
+    Parameters
+    ----------
+    k : int
+    uncertain : bool
+    tip_friction : (float, float), optional
+        Friction of the tips and its standard deviation, in place of the README's.
+    """
     pushes = recorded_pushes()
     path, surface = pushes.paths[k], int(pushes.surface[k])
     model = block(int(pushes.support[k]))
     times = path[:, 0] - path[0, 0]
-    poses = np.column_stack([path[:, 1:3], np.full(len(path), _HEIGHT)])
+    poses = np.column_stack([path[:, 1:3], np.full(len(path), HEIGHT)])
     yaw = 0.5 * path[:, 3]
     turned = np.column_stack([np.zeros((len(path), 2)), np.sin(yaw), np.cos(yaw)])
-    table, tip = float(pushes.table_friction[surface]), pushes.pusher_friction
+    table = float(pushes.table_friction[surface])
+    tip, tip_std = tip_friction or (pushes.pusher_friction, _PUSHER_STD)
     # a contact has the geometric mean of its partners' frictions; the block's is 1
-    stds = (_TABLE_STD[surface], _PUSHER_STD, _LOAD_STD, _FRAME_STD) if uncertain else (0.0,) * 4
+    stds = (_TABLE_STD[surface], tip_std, _LOAD_STD, _FRAME_STD) if uncertain else (0.0,) * 4
     bodies = [
         RigidBody("block", model, pushes.mass, friction=1.0, center_of_mass_std=(stds[2], stds[2], 0.0)),
         RigidBody(
@@ -250,6 +293,11 @@ def planar(states: np.ndarray) -> np.ndarray:
     q = states[..., QUATERNION]
     yaw = 2.0 * np.arctan2(q[..., 2], q[..., 3])
     return np.concatenate([states[..., :2], yaw[..., None]], axis=-1)
+
+
+def planar_before(k: int) -> np.ndarray:
+    """(3,): where the block was before push ``k``, as `planar`."""
+    return planar(_state(recorded_pushes().before[k], recorded_pushes()))
 
 
 def seen(k: int) -> np.ndarray:

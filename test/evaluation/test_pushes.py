@@ -41,15 +41,18 @@ def test_the_block_is_the_documented_one():
 
 
 def test_an_experiment_predicts_pushes(tmp_path):
-    parameters = {"kind": "point", "first": 0, "last": 2, "of": 2, "samples_each": 8}
-    job = Job("pushes", Settings().parameters(**parameters))
     results = Results(tmp_path)
-    results.add(job, experiment.run(job), {"versions": "", "machine": ""})
+    for by in ("ours", experiment.LIMIT_SURFACE):
+        parameters = {"by": by, "kind": "point", "first": 0, "last": 2, "of": 2, "samples_each": 8}
+        job = Job("pushes", Settings().parameters(**parameters))
+        results.add(job, experiment.run(job), {"versions": "", "machine": ""})
     rows = results.rows("pushes")
     errors = rows.where(method=experiment.NOMINAL, quantity=experiment.POSITION).values()
     stays = rows.where(method=experiment.STAYS, quantity=experiment.POSITION).values()
     assert (errors < 0.5 * stays).all() and (errors < 5e-3).all()
-    assert "point, 2" in experiment.report(results)
+    report = experiment.report(results)
+    for title in ("one rollout", "ellipsoidal limit surface"):
+        assert f"| point, 2 | {title} |" in report
     assert len(experiment.jobs(Settings())) > len(experiment.jobs(Settings(quick=True)))
 
 

@@ -29,6 +29,7 @@ DEFAULT = (
     "peers",
     "plausibility",
     "engines",
+    "actions",
     "tosses",
     "overlap",
     "stability",

@@ -1,0 +1,34 @@
+"""Recorded pushes in other engines: walls along the block's edges, three feet, and one or two tips."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from .action_engine_base import Settings, Shape
+from .action_engines import opened
+from .recorded_pushes import EDGE, FOOT, HEIGHT, edges, feet_of, planar, push_scene, recorded_pushes
+
+
+def block_shapes(support: int) -> list[Shape]:
+    """The block as ours is: boxes as thick as our spheres' radius along its edges, and its feet."""
+    pushes = recorded_pushes()
+    low, shapes = -0.5 * pushes.height, []
+    for a, along, inward, length, margin in edges():
+        middle = a + 0.5 * length * along + 0.5 * EDGE * inward - pushes.com
+        turned = Rotation.from_rotvec([0.0, 0.0, math.atan2(along[1], along[0])])
+        place = np.array([*middle, low + HEIGHT])
+        shapes.append(Shape("box", (length - 2.0 * margin, EDGE, 2.0 * EDGE), place, turned))
+    feet = feet_of(support) - pushes.com
+    return shapes + [Shape("sphere", (FOOT,), np.array([*foot, low + FOOT])) for foot in feet]
+
+
+def pushed_in(engine: str, settings: Settings, k: int) -> tuple[np.ndarray, float]:
+    """(3,): where an engine says that push ``k`` takes the block, as `planar`; and CPU time [s]."""
+    push = push_scene(k, uncertain=False)
+    shapes = {"block": block_shapes(int(recorded_pushes().support[k]))}
+    with opened(engine, push.scene, settings, shapes) as made:
+        end, spent = made.run(push.belief.mean, push.horizon)
+    return planar(end[0]), spent
