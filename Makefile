@@ -3,7 +3,7 @@
 # make lint   what needs no run: likely mistakes and layout by ruff, types by pyright
 # make venv   what all need: .venv with the pinned dependencies, the interfaces and this package, editable
 # make check-all   lint and test, then what takes hours: thousands of random examples of each kind, a build with the
-#             C++ interfaces, the site with all commands and snippets of its first pages, and soak
+#             C++ interfaces, the site with all commands and snippets of the pages for users, and soak
 # make pictures   the docs' pictures whose sources changed; hours, where experiments of the evaluation are among them
 # make docs   the site: all pages, and the reference of the Python interface, in docs/_build/index.html
 # make soak   random and malformed requests to the node for ten minutes, and its memory

@@ -23,6 +23,9 @@ PAGES = (
     "docs/how_to/bin.md",
     "docs/how_to/push.md",
     "docs/how_to/import.md",
+    "docs/actions.md",
+    "docs/choosing.md",
+    "docs/propagators.md",
     "README.md",
 )
 BLOCK = re.compile(r"^```(bash|python|yaml)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
@@ -32,7 +35,7 @@ SKIPPED, FILE = "# not run here", "# file: "
 def main(arguments=None) -> int:
     """Run the pages; returns the exit status."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("pages", nargs="*", default=PAGES, metavar="PAGE", help="by default a beginner's")
+    parser.add_argument("pages", nargs="*", default=PAGES, metavar="PAGE", help="by default those for users")
     for page in parser.parse_args(arguments).pages:
         if not run_page(page):
             return 1
