@@ -48,6 +48,12 @@ def test_standard_deviations_are_scaled_or_given(scene, belief):
     rms = np.sqrt((0.01**2 + 0.02**2 + 0.001**2) / 3.0)
     assert quantities["position_std"] == pytest.approx(rms)
     assert (quantities["orientation_std"], quantities["friction"]) == (0.0, 0.5)
+    most = {quantity.key: quantity.most for quantity in adjustable(scene, belief)}
+    assert (most["position_std"], most["orientation_std"], most["friction"]) == (
+        pytest.approx(0.05),
+        pytest.approx(0.2),
+        2.0,
+    ), "sliders end at round numbers"
     other, changed = adjusted(
         scene,
         belief,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -36,13 +37,19 @@ def adjustable(scene: Scene, belief: Belief) -> list[Quantity]:
     found = []
     for key, (place, least, unit) in STDS.items():
         value = _spread(belief, place)
-        found.append(Quantity(key, value, max(_RANGE * value, least), unit))
+        found.append(Quantity(key, value, _round(max(_RANGE * value, least)), unit))
     if scene.integrator == "implicit":
         for key in _MATERIALS:
             value = float(getattr(scene, key) or 0.0)
-            most = 1.0 if key.startswith("restitution") else max(1.0, _RANGE * value)
+            most = 1.0 if key.startswith("restitution") else _round(max(1.0, _RANGE * value))
             found.append(Quantity(key, value, 0.3 if key.endswith("_std") else most, ""))
     return found
+
+
+def _round(value):
+    """The next 1, 2 or 5 times a power of ten, for sliders whose ends and steps can be read."""
+    power = 10.0 ** math.floor(math.log10(value))
+    return next(digit * power for digit in (1.0, 2.0, 5.0, 10.0) if value <= digit * power * (1.0 + 1e-9))
 
 
 def adjusted(scene: Scene, belief: Belief, values: dict[str, float]) -> tuple[Scene, Belief]:

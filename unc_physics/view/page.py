@@ -89,7 +89,7 @@ class Page:
             for key, value, most, unit in self._session.quantities:
                 label = f"{key} [{unit}]" if unit else key
                 step = most / _STEPS
-                slider = self.server.gui.add_slider(label, 0.0, most, step, min(value, most))
+                slider = self.server.gui.add_slider(label, 0.0, most, step, _shown(value, most))
                 slider.on_update(lambda _, key=key, slider=slider: self._adjust(key, slider.value))
                 sliders[key] = slider
             back = self.server.gui.add_button("as given")
@@ -97,7 +97,7 @@ class Page:
         @back.on_click
         def _(_event):
             for key, value, most, _ in self._session.quantities:
-                sliders[key].value = min(value, most)
+                sliders[key].value = _shown(value, most)
             self._session.reset()
             self._wanted.set()
 
@@ -121,9 +121,9 @@ class Page:
                 self._told.content = f"**not predicted**: {error}"
 
     def _play(self):
-        """Move the time line on as time passes."""
+        """Move the time line on as time passes, where anybody looks."""
         while not self._closed.wait(self._pause()):
-            if self._playing.value:
+            if self._playing.value and self.server.get_clients():
                 self._line.value = (self._line.value + 1) % len(self._drawing.frames.times)
                 self._drawing.show(self._line.value)
 
@@ -149,6 +149,11 @@ class Page:
         """Wait until it is closed, or interrupted."""
         while not self._closed.wait(3600.0):
             pass
+
+
+def _shown(value, most):
+    """What a slider shows of a value: three digits."""
+    return float(f"{min(value, most):.3g}")
 
 
 def _server(host, port, title=""):
