@@ -164,7 +164,7 @@ def test_the_command_says_what_it_does_not_know():
     known, unknown = ContactProbability("a", "b", 1.0, True, 0.25), RestProbability("a", 1.0)
     few = answers_as_table({"contact_probabilities": [known], "rest_probabilities": [unknown]}).splitlines()
     assert few[:2] == ["a and b touch  0.250", "a is at rest       -"]
-    assert few[2].startswith("-: not known") and "monte_carlo" in few[2]
+    assert few[2].startswith("-: not known") and "--samples 300" in few[2]
     many = answers_as_table(
         {"contact_probabilities": [known], "rest_probabilities": [unknown] * 50}
     ).splitlines()
