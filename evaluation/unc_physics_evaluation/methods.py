@@ -34,8 +34,8 @@ class Look(NamedTuple):
 
 LOOKS = {name: Look(cls.label, cls.color, cls.marker) for name, cls in PROPAGATORS.items()} | {
     "sigma_points_full": Look("sigma points, full", "#56B4E9", "d"),
-    "reduced_monte_carlo": Look("cloud-32, random, no surface", "#EE99AA", "1"),
-    "reduced_sobol": Look("cloud-32, no surface", "#EE7733", "2"),
+    "reduced_monte_carlo": Look("cloud-32, random, no surface", "#EE99AA", "<"),
+    "reduced_sobol": Look("cloud-32, no surface", "#EE7733", ">"),
     GAUSSIAN: Look("best Gaussian", "#D55E00", line="--"),
     FLOOR: Look("floor", "#999999", line=":"),
     MARGINAL: Look("outcomes of others", "#E69F00", line=":"),

@@ -17,6 +17,7 @@ from unc_physics.cli.scene_picture import outline
 from unc_physics.geometry.packing_file import SpherePacking
 from unc_physics.geometry.picture import box_corners, shaded_balls, view_axes
 from unc_physics.physics.layout import POSITION, QUATERNION
+from unc_physics.propagators.registry import PROPAGATORS
 from unc_physics.scene.environment import Element
 
 from .comparison import CPU_TIME, POSITION_ERROR, ROTATION_ERROR
@@ -135,14 +136,24 @@ def draw_speed_against_error(
             )
             samples = [c for c in found if c.method == MONTE_CARLO]
             handles["Monte Carlo, N samples"] = _series(ax, samples, MONTE_CARLO)
-            for c in [c for c in found if c.samples is not None]:
-                ax.annotate(
-                    str(c.samples),
-                    (1e3 * c.time, c.error),
-                    xytext=(4, 4),
-                    textcoords="offset points",
-                    fontsize=7,
-                )
+            growing = [c for c in found if c.method in PROPAGATORS and PROPAGATORS[c.method].grows]
+            ax.plot(
+                [1e3 * c.time for c in growing],
+                [c.error for c in growing],
+                color=color(growing[0].method) if growing else None,
+                linewidth=1.0,
+                zorder=2,
+            )
+            for series, offset, side in ((samples, (4, 4), "left"), (growing, (-5, -10), "right")):
+                for c in series:
+                    ax.annotate(
+                        str(c.samples),
+                        (1e3 * c.time, c.error),
+                        xytext=offset,
+                        textcoords="offset points",
+                        ha=side,
+                        fontsize=7,
+                    )
             for c in found:
                 if c.method != MONTE_CARLO:
                     ax.plot(
