@@ -17,7 +17,7 @@ seeds = st.integers(0, 2**32 - 1)
 
 def packing(centers, radii):
     reach = np.max(np.linalg.norm(centers, axis=1) + radii)
-    return SpherePacking("packing", centers, radii, np.eye(3), 1.0, np.zeros(3), reach)
+    return SpherePacking("packing", centers, radii, 0.4 * reach**2 * np.eye(3), 1.0, np.zeros(3), reach)
 
 
 def found_pairs(world, bodies, R, t, pairs_at_once):

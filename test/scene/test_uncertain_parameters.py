@@ -66,6 +66,13 @@ def test_tilted_gravity_spreads_a_fall_sideways(model):
         assert np.allclose(P[0, 3], std**2 * fall * 9.81 * TIME, rtol=relative_error(propagator))
 
 
+def test_gravity_that_hardly_tilts_falls_straight_down(model):
+    scene = Scene([RigidBody("a", model, 1.0)], DT, gravity=[0.0, 0.0, -9.81], gravity_direction_std=1e-320)
+    sigma_points = samplers()[0]
+    mean = predict(scene, Belief.exact(at_rest()), sigma_points, TIME).belief.mean
+    assert np.isfinite(mean).all() and np.allclose(mean[0, :2], 0.0)
+
+
 def test_mass_spreads_the_velocities_after_an_impact_by_conserved_momentum(loaded):
     scene, belief, _ = loaded("undamped")
     left, right = scene.bodies

@@ -182,7 +182,8 @@ def _tilted(gravity, tilt):
     first /= np.linalg.norm(first)
     turn = tilt[0] * first + tilt[1] * np.cross(down, first)
     angle = np.linalg.norm(turn)
-    return size * (np.cos(angle) * down + np.sin(angle) / angle * np.cross(turn, down))
+    share = np.sin(angle) / angle if angle > 0.0 else 1.0
+    return size * (np.cos(angle) * down + share * np.cross(turn, down))
 
 
 def _shifted_trees(scene, offsets):
