@@ -133,6 +133,7 @@ sys.meta_path.insert(0, Interrupting())
         capture_output=True,
         text=True,
         check=False,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),  # a job in the background ignores it
     )
     assert (run.returncode, run.stdout, run.stderr) == (-signal.SIGINT, "", "")
 
