@@ -115,6 +115,11 @@ def test_an_early_interrupt_says_nothing_but_that(scene, delay):
     assert "Traceback" not in err and "KeyboardInterrupt" not in err
 
 
+def heed_interrupts():
+    """In a process to be: what a shell starts in the background ignores interrupts, as do its children."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+
+
 @pytest.mark.parametrize("program", ["unc_physics", "unc_physics.ros.node", "unc_physics.ros.lifecycle_node"])
 def test_an_interrupt_before_the_program_s_own_module_says_nothing(tmp_path, program):
     """The interpreter's own start, before the package's first line, is all that is left."""
@@ -133,14 +138,14 @@ sys.meta_path.insert(0, Interrupting())
         capture_output=True,
         text=True,
         check=False,
-        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),  # a job in the background ignores it
+        preexec_fn=heed_interrupts,
     )
     assert (run.returncode, run.stdout, run.stderr) == (-signal.SIGINT, "", "")
 
 
 def test_a_process_that_imports_the_package_keeps_its_interrupts():
     code = "import signal, unc_physics; assert signal.getsignal(2) is signal.default_int_handler"
-    subprocess.run([sys.executable, "-c", code], check=True)
+    subprocess.run([sys.executable, "-c", code], check=True, preexec_fn=heed_interrupts)
 
 
 def test_imports_that_swallow_an_interrupt_do_not_get_it():
