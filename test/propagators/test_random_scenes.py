@@ -12,7 +12,6 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from unc_physics import Belief, Box, Plane, RigidBody, Scene, Status, assess, make_propagator, predict
-from unc_physics.checks.errors import DivergedError
 from unc_physics.scene.scene_file import load_shape
 
 NAMES = ("linearization", "surrogate", "sigma_points", "local_sampling", "monte_carlo")
@@ -63,11 +62,7 @@ def test_random_scenes_end_well_and_grossly_wrong_covariances_are_flagged(name):
     @settings(suppress_health_check=[HealthCheck.too_slow])
     def every_scene(case):
         scene, belief, horizon = case
-        try:
-            prediction = _predicted(name, scene, belief, horizon)
-        except DivergedError:  # where an explicit step is far too long, it is told
-            assert scene.integrator == "explicit"
-            return
+        prediction = _predicted(name, scene, belief, horizon)
         statuses = assess(prediction)
         for status in statuses:
             if (
@@ -76,14 +71,12 @@ def test_random_scenes_end_well_and_grossly_wrong_covariances_are_flagged(name):
                 assert status.flags & Status.NOT_CONVERGED
         wrong = _grossly_wrong(scene, belief, horizon, prediction.belief)
         # scenes count, not bodies: what goes wrong in one is wrong of all that it reaches
-        judged["scenes"] += 1
         judged["wrong"] += any(wrong)
         judged["missed"] += any(bad and not status.flags for bad, status in zip(wrong, statuses, strict=True))
 
     every_scene()
-    # twelve rollouts may miss what happens in few of a hundred, so some are let pass: a fifth of what is
-    # wrong, or, where that is rare, one in two hundred of all
-    assert judged["missed"] <= max(1, 0.2 * judged["wrong"], judged["scenes"] / 200), judged
+    # twelve rollouts may miss what happens in few of a hundred, so some are let pass
+    assert judged["missed"] <= max(1, 0.2 * judged["wrong"]), judged
 
 
 def _predicted(name, scene, belief, horizon):
