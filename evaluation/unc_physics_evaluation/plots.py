@@ -137,13 +137,8 @@ def draw_speed_against_error(
             samples = [c for c in found if c.method == MONTE_CARLO]
             handles["Monte Carlo, N samples"] = _series(ax, samples, MONTE_CARLO)
             growing = [c for c in found if c.method in PROPAGATORS and PROPAGATORS[c.method].grows]
-            ax.plot(
-                [1e3 * c.time for c in growing],
-                [c.error for c in growing],
-                color=color(growing[0].method) if growing else None,
-                linewidth=1.0,
-                zorder=2,
-            )
+            if growing:
+                _series(ax, growing, growing[0].method)
             for series, offset, side in ((samples, (4, 4), "left"), (growing, (-5, -10), "right")):
                 for c in series:
                     ax.annotate(
