@@ -50,7 +50,71 @@ def overlap_mask(typingctx, bounds, node, x, y, z, radius):
 
     f = types.float32
     array = types.Array(f, 3, "C", readonly=not bounds.mutable)
-    return types.int64(array, types.int64, f, f, f, f), codegen
+    return types.uint64(array, types.int64, f, f, f, f), codegen
+
+
+@intrinsic
+def overlap_masks(typingctx, bounds, a, b, R, t, slack):
+    """Bit 8 k + m is set where entry m of ``bounds[a]`` overlaps entry k of ``bounds[b]`` grown by ``slack``.
+
+    ``R``, three rows of three, and ``t`` bring points of the second into the first's frame, all float32.
+    Entries beyond 1e29 m hold nothing.
+    """
+
+    def codegen(context, builder, signature, args):
+        array = cgutils.create_struct_proxy(signature.args[0])(context, builder, value=args[0])
+        rows = builder.bitcast(array.data, _FLOATS.as_pointer())
+
+        def load(node, k):
+            at = builder.add(builder.mul(node, ir.Constant(ir.IntType(64), 4)), ir.Constant(ir.IntType(64), k))
+            return builder.load(builder.gep(rows, [at]), align=4)
+
+        matrix = [cgutils.unpack_tuple(builder, row) for row in cgutils.unpack_tuple(builder, args[3])]
+        offset = cgutils.unpack_tuple(builder, args[4])
+        own, other = [load(args[1], k) for k in range(4)], [load(args[2], k) for k in range(4)]
+        far = _splat(builder, ir.Constant(ir.FloatType(), 1e29))
+        moved = []
+        for k in range(3):
+            total = _splat(builder, offset[k])
+            for m in range(3):
+                term = builder.fmul(_splat(builder, matrix[k][m]), other[m], ("contract",))
+                total = builder.fadd(total, term, ("contract",))
+            moved.append(total)
+        grown = builder.fadd(other[3], _splat(builder, args[5]))
+        held = builder.fcmp_ordered("<", other[0], far)
+        found = ir.Constant(ir.IntType(64), 0)
+        for k in range(_LANES):
+            lane = ir.Constant(ir.VectorType(ir.IntType(32), _LANES), [k] * _LANES)
+
+            def all_of(vector, lane=lane):
+                return builder.shuffle_vector(vector, ir.Constant(_FLOATS, ir.Undefined), lane)
+
+            distance2 = None
+            for c in range(3):
+                d = builder.fsub(own[c], all_of(moved[c]))
+                d2 = builder.fmul(d, d, ("contract",))
+                distance2 = d2 if distance2 is None else builder.fadd(distance2, d2, ("contract",))
+            reach = builder.fadd(own[3], all_of(grown))
+            hit = builder.fcmp_ordered("<", distance2, builder.fmul(reach, reach))
+            bits = builder.zext(builder.bitcast(hit, ir.IntType(_LANES)), ir.IntType(64))
+            there = builder.extract_element(held, ir.Constant(ir.IntType(32), k))
+            bits = builder.select(there, bits, ir.Constant(ir.IntType(64), 0))
+            found = builder.or_(found, builder.shl(bits, ir.Constant(ir.IntType(64), _LANES * k)))
+        return found
+
+    f = types.float32
+    array, point = types.Array(f, 3, "C", readonly=not bounds.mutable), types.UniTuple(f, 3)
+    return types.uint64(array, types.int64, types.int64, types.UniTuple(point, 3), point, f), codegen
+
+
+@intrinsic
+def lowest_bit(typingctx, mask):
+    """Place of the lowest bit that is set in a 64-bit mask, which is not 0."""
+
+    def codegen(context, builder, signature, args):
+        return builder.cttz(args[0], ir.Constant(ir.IntType(1), 1))
+
+    return types.int64(types.uint64), codegen
 
 
 def _transition_of(columns):

@@ -15,7 +15,7 @@ import numpy as np
 
 from .arrays import empty, full, integers, singles, small_integers
 from .compiled import kernel
-from .simd import overlap_mask
+from .simd import lowest_bit, overlap_mask, overlap_masks
 
 WIDTH = 8
 EMPTY = np.int32(2**31 - 1)  # no child; a child c >= 0 is a node, c < 0 the sphere ~c
@@ -256,12 +256,13 @@ def candidates(tree, R_ij, t_ij, slack, scratch, top):
     yx, yy, yz = np.float32(R_ij[1, 0]), np.float32(R_ij[1, 1]), np.float32(R_ij[1, 2])
     zx, zy, zz = np.float32(R_ij[2, 0]), np.float32(R_ij[2, 1]), np.float32(R_ij[2, 2])
     tx, ty, tz = np.float32(t_ij[0]), np.float32(t_ij[1]), np.float32(t_ij[2])
+    R, t = ((xx, xy, xz), (yx, yy, yz), (zx, zy, zz)), (tx, ty, tz)
     slack = np.float32(slack)
     stack, pairs = scratch.stack, scratch.pairs
     found = 0
-    while top > 0 and found + WIDTH * WIDTH <= len(pairs):
+    while top > 0 and found + WIDTH * WIDTH < len(pairs):
         top -= 1
-        a, b = stack[top, 0], stack[top, 1]
+        a, b = np.int64(stack[top, 0]), np.int64(stack[top, 1])
         if a < 0:  # a sphere of body i against a node of body j, in body j's frame
             sphere = ~a
             dx = np.float32(tree.centers[sphere, 0]) - tx
@@ -269,46 +270,29 @@ def candidates(tree, R_ij, t_ij, slack, scratch, top):
             dz = np.float32(tree.centers[sphere, 2]) - tz
             x, y, z = xx * dx + yx * dy + zx * dz, xy * dx + yy * dy + zy * dz, xz * dx + yz * dy + zz * dz
             mask = overlap_mask(bounds, b, x, y, z, np.float32(tree.radii[sphere]) + slack)
-            m = 0
-            while mask != 0:
-                if mask & 1:
-                    c = child[b, m]
-                    if c < 0:
-                        pairs[found, 0], pairs[found, 1] = sphere, ~c
-                        found += 1
-                    else:
-                        stack[top, 0], stack[top, 1] = a, c
-                        top += 1
-                mask >>= 1
-                m += 1
-            continue
-        # entries of body j, one by one, against all entries of body i's node, in body i's frame
-        entries = WIDTH if b >= 0 else 1
-        for k in range(entries):
-            if b >= 0:
-                c_j = child[b, k]
-                if c_j == EMPTY:
-                    break
-                px, py, pz, radius = bounds[b, 0, k], bounds[b, 1, k], bounds[b, 2, k], bounds[b, 3, k]
-            else:
-                c_j = b
-                px, py = np.float32(tree.centers[~b, 0]), np.float32(tree.centers[~b, 1])
-                pz = np.float32(tree.centers[~b, 2])
-                radius = np.float32(tree.radii[~b])
+        elif b < 0:
+            sphere = ~b
+            px, py = np.float32(tree.centers[sphere, 0]), np.float32(tree.centers[sphere, 1])
+            pz = np.float32(tree.centers[sphere, 2])
             x = xx * px + xy * py + xz * pz + tx
             y = yx * px + yy * py + yz * pz + ty
             z = zx * px + zy * py + zz * pz + tz
-            mask = overlap_mask(bounds, a, x, y, z, radius + slack)
-            m = 0
-            while mask != 0:
-                if mask & 1:
-                    c_i = child[a, m]
-                    if c_i < 0 and c_j < 0:
-                        pairs[found, 0], pairs[found, 1] = ~c_i, ~c_j
-                        found += 1
-                    else:
-                        stack[top, 0], stack[top, 1] = c_i, c_j
-                        top += 1
-                mask >>= 1
-                m += 1
+            mask = overlap_mask(bounds, a, x, y, z, np.float32(tree.radii[sphere]) + slack)
+        else:
+            mask = overlap_masks(bounds, a, b, R, t, slack)
+        while mask != 0:
+            place = lowest_bit(mask)
+            mask &= mask - np.uint64(1)
+            if a < 0:
+                c_i, c_j = a, np.int64(child[b, place])
+            elif b < 0:
+                c_i, c_j = np.int64(child[a, place]), b
+            else:
+                c_i, c_j = np.int64(child[a, place & (WIDTH - 1)]), np.int64(child[b, place // WIDTH])
+            # written to both, and counted where it belongs: faster than a branch that cannot be foreseen
+            pairs[found, 0], pairs[found, 1] = ~c_i, ~c_j
+            stack[top, 0], stack[top, 1] = c_i, c_j
+            spheres = np.int64(c_i < 0 and c_j < 0)
+            found += spheres
+            top += 1 - spheres
     return found, top
