@@ -17,25 +17,28 @@ from unc_physics.physics.contact_patch import (
     element_candidates,
     pair_candidates,
 )
-from unc_physics.physics.contact_search import ACTIVE_GAP, find_groups, update_pace
-from unc_physics.physics.hull import hull_spheres
-from unc_physics.physics.implicit_workspace import (
+from unc_physics.physics.contact_row import (
+    AXIS,
     BEND,
     COMPLIANCE,
-    CONTACTS,
     DIRECTION,
-    ELASTIC,
-    FREE,
     FRICTION,
     GAP,
-    LASTING,
     MOMENT_I,
     MOMENT_J,
-    NOW,
-    PLASTIC,
     RADIUS,
     RESTITUTION,
     SLIP_COMPLIANCE,
+)
+from unc_physics.physics.contact_search import ACTIVE_GAP, find_groups, update_pace
+from unc_physics.physics.hull import hull_spheres
+from unc_physics.physics.implicit_workspace import (
+    CONTACTS,
+    ELASTIC,
+    FREE,
+    LASTING,
+    NOW,
+    PLASTIC,
     implicit_workspace,
 )
 from unc_physics.scene.environment import Box, Capsule, Cylinder, Plane, Sphere
@@ -261,10 +264,10 @@ def test_rows_have_the_contacts_jacobians(make):
     for k, (row, c) in enumerate(zip(rows, contacts, strict=True)):
         for d in range(3):
             expected = J[3 * k + d].reshape(-1, 6)
-            np.testing.assert_allclose(row[DIRECTION + 3 * d :][:3], expected[c.i, :3], atol=1e-12)
-            np.testing.assert_allclose(row[MOMENT_I + 3 * d :][:3], expected[c.i, 3:], atol=1e-12)
+            np.testing.assert_allclose(row[DIRECTION + AXIS * d :][:3], expected[c.i, :3], atol=1e-12)
+            np.testing.assert_allclose(row[MOMENT_I + AXIS * d :][:3], expected[c.i, 3:], atol=1e-12)
             if c.j >= 0:
-                np.testing.assert_allclose(row[MOMENT_J + 3 * d :][:3], -expected[c.j, 3:], atol=1e-12)
+                np.testing.assert_allclose(row[MOMENT_J + AXIS * d :][:3], -expected[c.j, 3:], atol=1e-12)
         assert row[GAP] == pytest.approx(c.gap, abs=1e-12) and row[RADIUS] == pytest.approx(c.radius)
         assert row[COMPLIANCE] == pytest.approx(own[k, 0]) and row[SLIP_COMPLIANCE] == pytest.approx(
             own[k, 1:].max()

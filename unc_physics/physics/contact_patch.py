@@ -12,6 +12,33 @@ import numpy as np
 
 from .compiled import inner
 from .contact_model import reduced_radius
+from .contact_row import (
+    AXIS,
+    BEND,
+    COMPLIANCE,
+    DIRECTION,
+    DIRECTION_J,
+    DRIFT,
+    FALL,
+    FORCE,
+    FRICTION,
+    GAP,
+    INVERSE_MASS_I,
+    INVERSE_MASS_J,
+    MOMENT_I,
+    MOMENT_J,
+    PUSH_I,
+    PUSH_J,
+    RADIUS,
+    REACH,
+    RESTITUTION,
+    SLIP_COMPLIANCE,
+    SPIN_COMPLIANCE,
+    SPIN_I,
+    SPIN_J,
+    TURN_I,
+    TURN_J,
+)
 from .contact_search import (
     ACTIVE_GAP,
     LIST_MARGIN,
@@ -27,36 +54,15 @@ from .contact_search import (
 )
 from .element_contacts import in_element
 from .implicit_workspace import (
-    BEND,
     CANDIDATE_GAP,
     CANDIDATE_NORMAL,
     CANDIDATE_POINT,
     CANDIDATE_SCORE,
-    COMPLIANCE,
     CONTACTS,
-    DIRECTION,
-    DRIFT,
-    FALL,
-    FORCE,
-    FRICTION,
-    GAP,
-    INVERSE_MASS_I,
-    INVERSE_MASS_J,
-    MOMENT_I,
-    MOMENT_J,
     OVERFLOW,
     PACE,
-    RADIUS,
-    REACH,
-    RESTITUTION,
-    SLIP_COMPLIANCE,
-    SPIN_COMPLIANCE,
-    SPIN_I,
-    SPIN_J,
     TOO_MANY_CANDIDATES,
     TOO_MANY_CONTACTS,
-    TURN_I,
-    TURN_J,
 )
 from .layout import P, V, W
 from .rotation import rotate, rotate_back, tangents
@@ -349,17 +355,21 @@ def write_contact(x, i, j, k, world, work):
         )
         r = reduced_radius(r, rj)
     for d, axis in ((0, n), (1, first), (2, second)):
-        _write_direction(row, DIRECTION + 3 * d, axis)
+        at = AXIS * d
         moment = _cross(arm, axis)
-        _write_direction(row, MOMENT_I + 3 * d, moment)
         turn = rotate(work.inverse_inertia[i], moment[0], moment[1], moment[2])
-        _write_direction(row, TURN_I + 3 * d, turn)
+        _write_direction(row, at + DIRECTION, axis)
+        _write_direction(row, at + MOMENT_I, moment)
+        _write_push(row, at + PUSH_I, row[INVERSE_MASS_I], axis)
+        _write_direction(row, at + TURN_I, turn)
         own = row[INVERSE_MASS_I] + moment[0] * turn[0] + moment[1] * turn[1] + moment[2] * turn[2]
         if j >= 0:
             moment = _cross(other, axis)
-            _write_direction(row, MOMENT_J + 3 * d, moment)
             turn = rotate(work.inverse_inertia[j], moment[0], moment[1], moment[2])
-            _write_direction(row, TURN_J + 3 * d, turn)
+            _write_direction(row, at + DIRECTION_J, axis)
+            _write_direction(row, at + MOMENT_J, moment)
+            _write_push(row, at + PUSH_J, row[INVERSE_MASS_J], axis)
+            _write_direction(row, at + TURN_J, turn)
             own += row[INVERSE_MASS_J] + moment[0] * turn[0] + moment[1] * turn[1] + moment[2] * turn[2]
         if d == 0:
             row[COMPLIANCE] = own
@@ -420,6 +430,11 @@ def _recall_force(entry, row, first, second, force):
 @inner(forceinline=True)
 def _write_direction(row, at, v):
     row[at], row[at + 1], row[at + 2] = v[0], v[1], v[2]
+
+
+@inner(forceinline=True)
+def _write_push(row, at, inverse_mass, v):
+    row[at], row[at + 1], row[at + 2] = inverse_mass * v[0], inverse_mass * v[1], inverse_mass * v[2]
 
 
 @inner(forceinline=True)

@@ -23,41 +23,30 @@ import math
 
 from .compiled import inner
 from .contact_model import FAST, balance, balanced_impulse, shallow_depth
-from .implicit_workspace import (
-    ALONG,
-    BEFORE,
+from .contact_row import (
+    AXIS,
     BEND,
-    BEST,
     COMPLIANCE,
-    CONTACTS,
     COUPLING,
     DAMPING_TIME,
     DEPTH,
+    DIRECTION,
+    DIRECTION_J,
     DRIFT,
-    ELASTIC,
     FALL,
     FORCE,
-    FREE,
     FRICTION,
     GAP,
     GROWTH,
-    INVERSE_MASS_I,
-    INVERSE_MASS_J,
-    LASTING,
     MOMENT_I,
     MOMENT_J,
-    NOW,
-    PLASTIC,
-    PREVIOUS,
     RADIUS,
     REACH,
     RESTITUTION,
-    SEARCH,
     SLIP_COMPLIANCE,
     SPIN_COMPLIANCE,
     SPIN_I,
     SPIN_J,
-    START,
     START_SPEED,
     STRENGTH,
     TARGET,
@@ -65,6 +54,21 @@ from .implicit_workspace import (
     TURN_J,
     WAY,
 )
+from .implicit_workspace import (
+    ALONG,
+    BEFORE,
+    BEST,
+    CONTACTS,
+    ELASTIC,
+    FREE,
+    LASTING,
+    NOW,
+    PLASTIC,
+    PREVIOUS,
+    SEARCH,
+    START,
+)
+from .simd import apply_impulses, contact_speeds, foreseen
 
 #: A solution is found when a sweep changes no impulse by more than this share of the largest normal one, and
 #: no contact's velocity by more than the second share of the fastest contact's, and the third of what that is
@@ -83,24 +87,12 @@ _GAIN = 1e-9  # of an impact's work, relative to its terms: round-off
 @inner(forceinline=True, fastmath=FAST)
 def contact_speed(row, d, v, i, j):
     """Velocity of body i relative to its partner at a contact, along direction ``d`` of its row [m/s]."""
-    k = 3 * d
-    s = (
-        row[k] * v[i, 0]
-        + row[k + 1] * v[i, 1]
-        + row[k + 2] * v[i, 2]
-        + row[MOMENT_I + k] * v[i, 3]
-        + row[MOMENT_I + k + 1] * v[i, 4]
-        + row[MOMENT_I + k + 2] * v[i, 5]
-    )
+    s, at = 0.0, AXIS * d
+    for k in range(6):
+        s += row[at + DIRECTION + k] * v[i, k]
     if j >= 0:
-        s -= (
-            row[k] * v[j, 0]
-            + row[k + 1] * v[j, 1]
-            + row[k + 2] * v[j, 2]
-            + row[MOMENT_J + k] * v[j, 3]
-            + row[MOMENT_J + k + 1] * v[j, 4]
-            + row[MOMENT_J + k + 2] * v[j, 5]
-        )
+        for k in range(6):
+            s -= row[at + DIRECTION_J + k] * v[j, k]
     if d > 0:
         s -= row[DRIFT + d - 1]
     return s
@@ -143,41 +135,16 @@ def _solve_twist(row, twist, own, v, i, j):
     return abs(more) / reach, abs(more) * twist[SPIN_COMPLIANCE] * reach
 
 
-@inner(forceinline=True, fastmath=FAST)
-def apply_impulses(row, normal, first, second, v, i, j):
-    """Change the bodies' velocities by impulses along a contact's normal and both tangents [N s]."""
-    p0 = normal * row[0] + first * row[3] + second * row[6]
-    p1 = normal * row[1] + first * row[4] + second * row[7]
-    p2 = normal * row[2] + first * row[5] + second * row[8]
-    w0 = normal * row[TURN_I] + first * row[TURN_I + 3] + second * row[TURN_I + 6]
-    w1 = normal * row[TURN_I + 1] + first * row[TURN_I + 4] + second * row[TURN_I + 7]
-    w2 = normal * row[TURN_I + 2] + first * row[TURN_I + 5] + second * row[TURN_I + 8]
-    a = row[INVERSE_MASS_I]
-    if j >= 0:
-        b = row[INVERSE_MASS_J]
-        o0 = normal * row[TURN_J] + first * row[TURN_J + 3] + second * row[TURN_J + 6]
-        o1 = normal * row[TURN_J + 1] + first * row[TURN_J + 4] + second * row[TURN_J + 7]
-        o2 = normal * row[TURN_J + 2] + first * row[TURN_J + 5] + second * row[TURN_J + 8]
-        _add(v, j, -b * p0, -b * p1, -b * p2, -o0, -o1, -o2)
-    _add(v, i, a * p0, a * p1, a * p2, w0, w1, w2)
-
-
-@inner(forceinline=True)
-def _add(v, i, x, y, z, a, b, c):
-    v0, v1, v2, v3, v4, v5 = v[i, 0], v[i, 1], v[i, 2], v[i, 3], v[i, 4], v[i, 5]
-    v[i, 0], v[i, 1], v[i, 2], v[i, 3], v[i, 4], v[i, 5] = v0 + x, v1 + y, v2 + z, v3 + a, v4 + b, v5 + c
-
-
 @inner(forceinline=True, error_model="numpy")
 def _couple(row, j):
     """Write what a normal impulse asks of both tangential ones; only turning couples them."""
     for d in range(2):
-        k = 3 + 3 * d
-        own = row[MOMENT_I + k] * row[TURN_I] + row[MOMENT_I + k + 1] * row[TURN_I + 1]
-        own += row[MOMENT_I + k + 2] * row[TURN_I + 2]
+        k = AXIS * (d + 1)
+        own = row[k + MOMENT_I] * row[TURN_I] + row[k + MOMENT_I + 1] * row[TURN_I + 1]
+        own += row[k + MOMENT_I + 2] * row[TURN_I + 2]
         if j >= 0:
-            own += row[MOMENT_J + k] * row[TURN_J] + row[MOMENT_J + k + 1] * row[TURN_J + 1]
-            own += row[MOMENT_J + k + 2] * row[TURN_J + 2]
+            own += row[k + MOMENT_J] * row[TURN_J] + row[k + MOMENT_J + 1] * row[TURN_J + 1]
+            own += row[k + MOMENT_J + 2] * row[TURN_J + 2]
         row[COUPLING + d] = own / row[SLIP_COMPLIANCE]
 
 
@@ -194,17 +161,7 @@ def _solve_contact(row, own, law, v, i, j):
         Largest change of an impulse [N s], and of the contact's velocity [m/s].
     """
     old, old1, old2 = own[0], own[1], own[2]
-    v0, v1, v2, w0, w1, w2 = v[i, 0], v[i, 1], v[i, 2], v[i, 3], v[i, 4], v[i, 5]
-    u0, u1, u2, o0, o1, o2 = v0, v1, v2, 0.0, 0.0, 0.0
-    if j >= 0:
-        u0, u1, u2 = v0 - v[j, 0], v1 - v[j, 1], v2 - v[j, 2]
-        o0, o1, o2 = v[j, 3], v[j, 4], v[j, 5]
-    # sums in parts that do not wait for each other
-    linear = row[0] * u0 + row[1] * u1 + row[2] * u2
-    turning = row[MOMENT_I] * w0 + row[MOMENT_I + 1] * w1 + row[MOMENT_I + 2] * w2
-    if j >= 0:
-        turning -= row[MOMENT_J] * o0 + row[MOMENT_J + 1] * o1 + row[MOMENT_J + 2] * o2
-    speed = linear + turning
+    speed, across, along = contact_speeds(row, v, i, j)
     new = 0.0
     if law == LASTING:
         depth = row[DEPTH] - row[WAY] * (speed - row[COMPLIANCE] * old)
@@ -219,17 +176,11 @@ def _solve_contact(row, own, law, v, i, j):
     more1, more2 = -old1, -old2
     slip = row[SLIP_COMPLIANCE]
     if limit > 0.0:
-        linear = row[3] * u0 + row[4] * u1 + row[5] * u2
-        turning = row[MOMENT_I + 3] * w0 + row[MOMENT_I + 4] * w1 + row[MOMENT_I + 5] * w2
-        across = row[6] * u0 + row[7] * u1 + row[8] * u2
-        bending = row[MOMENT_I + 6] * w0 + row[MOMENT_I + 7] * w1 + row[MOMENT_I + 8] * w2
-        if j >= 0:
-            turning -= row[MOMENT_J + 3] * o0 + row[MOMENT_J + 4] * o1 + row[MOMENT_J + 5] * o2
-            bending -= row[MOMENT_J + 6] * o0 + row[MOMENT_J + 7] * o1 + row[MOMENT_J + 8] * o2
-        new1 = (old1 - (linear + turning - row[DRIFT]) / slip) - more * row[COUPLING]
-        new2 = (old2 - (across + bending - row[DRIFT + 1]) / slip) - more * row[COUPLING + 1]
+        new1 = (old1 - (across - row[DRIFT]) / slip) - more * row[COUPLING]
+        new2 = (old2 - (along - row[DRIFT + 1]) / slip) - more * row[COUPLING + 1]
         square = new1 * new1 + new2 * new2
         if square > limit * limit:
+            foreseen()  # a root and a division, for which what sticks shall not wait
             share = limit / math.sqrt(square)
             new1, new2 = new1 * share, new2 * share
         more1, more2 = new1 - old1, new2 - old2

@@ -11,6 +11,7 @@ from .actions import push
 from .compiled import inner, kernel
 from .contact_model import shallow_factor
 from .contact_patch import IMPACT_GAP, TILT, add_contacts, element_candidates, pair_candidates
+from .contact_row import AXIS, FALL, FRICTION, GAP, RESTITUTION, TWIST
 from .contact_search import (
     ACTIVE_GAP,
     clearance,
@@ -41,25 +42,19 @@ from .implicit_stages import (
 )
 from .implicit_workspace import (
     CONTACTS,
-    DIRECTION,
     ELASTIC,
-    FALL,
     FREE,
-    FRICTION,
-    GAP,
     LASTING,
     NO_OVERFLOW,
     NOW,
     OVERFLOW,
     PACE,
     REMEMBERED,
-    RESTITUTION,
     START,
     START_POSITION,
     START_QUATERNION,
     TOO_LONG_LISTS,
     TRAVEL,
-    TWIST,
     implicit_workspace,
     more_room,
 )
@@ -416,9 +411,7 @@ def _remember(h, work):
             contact[n, k] = work.ids[c, k]
         force[n, 0] = impulses[c, 0] / h
         for k in range(3):
-            force[n, 1 + k] = (
-                impulses[c, 1] * row[DIRECTION + 3 + k] + impulses[c, 2] * row[DIRECTION + 6 + k]
-            ) / h
+            force[n, 1 + k] = (impulses[c, 1] * row[AXIS + k] + impulses[c, 2] * row[2 * AXIS + k]) / h
 
 
 @inner

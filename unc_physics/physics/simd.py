@@ -11,11 +11,12 @@ from llvmlite import ir
 from numba import extending, types
 from numba.core import cgutils
 
+from .contact_row import AXIS, DIRECTION, DIRECTION_J, PUSH_I, PUSH_J
 from .layout import EP, ER, ERROR, EV, EW
 
 _LANES = 8
 intrinsic: Any = extending.intrinsic  # callers leave out the first argument
-_FLOATS = ir.VectorType(ir.FloatType(), _LANES)
+_FLOATS, _DOUBLES = ir.VectorType(ir.FloatType(), _LANES), ir.VectorType(ir.DoubleType(), _LANES)
 
 
 def _splat(builder, scalar, kind=_FLOATS):
@@ -66,7 +67,9 @@ def overlap_masks(typingctx, bounds, a, b, R, t, slack):
         rows = builder.bitcast(array.data, _FLOATS.as_pointer())
 
         def load(node, k):
-            at = builder.add(builder.mul(node, ir.Constant(ir.IntType(64), 4)), ir.Constant(ir.IntType(64), k))
+            at = builder.add(
+                builder.mul(node, ir.Constant(ir.IntType(64), 4)), ir.Constant(ir.IntType(64), k)
+            )
             return builder.load(builder.gep(rows, [at]), align=4)
 
         matrix = [cgutils.unpack_tuple(builder, row) for row in cgutils.unpack_tuple(builder, args[3])]
@@ -115,6 +118,113 @@ def lowest_bit(typingctx, mask):
         return builder.cttz(args[0], ir.Constant(ir.IntType(1), 1))
 
     return types.int64(types.uint64), codegen
+
+
+@intrinsic
+def foreseen(typingctx):
+    """Keep a branch a branch: what follows is not computed ahead and then chosen, however cheap it looks."""
+
+    def codegen(context, builder, signature, args):
+        kind = ir.FunctionType(ir.VoidType(), [])
+        builder.call(ir.InlineAsm(kind, "", "", side_effect=True), [])
+        return context.get_dummy_value()
+
+    return types.void(), codegen
+
+
+def _rows_of(context, builder, signature, args, row, v):
+    """Readers of a contact's row, and of bodies' velocities, eight columns at once."""
+    row = cgutils.create_struct_proxy(signature.args[row])(context, builder, value=args[row]).data
+    v = cgutils.create_struct_proxy(signature.args[v])(context, builder, value=args[v]).data
+
+    def column(k):
+        return builder.bitcast(builder.gep(row, [ir.Constant(ir.IntType(64), k)]), _DOUBLES.as_pointer())
+
+    def body(i):
+        at = builder.gep(v, [builder.mul(i, ir.Constant(ir.IntType(64), _LANES))])
+        return builder.bitcast(at, _DOUBLES.as_pointer())
+
+    return column, body
+
+
+@intrinsic
+def contact_speeds(typingctx, row, v, i, j):
+    """Velocities of body i relative to body j at a contact along its three directions, less those of body j
+    where ``j`` is not negative [m/s].
+
+    ``row`` is of `ImplicitWorkspace.rows`, ``v`` (B, 8) of its velocities.
+    """
+
+    def codegen(context, builder, signature, args):
+        column, body = _rows_of(context, builder, signature, args, 0, 1)
+        v_i = builder.load(body(args[2]), align=8)
+        own = []
+        for d in range(3):
+            own.append(builder.fmul(builder.load(column(AXIS * d + DIRECTION), align=8), v_i, ("contract",)))
+        before = builder.block
+        with builder.if_then(builder.icmp_signed(">=", args[3], ir.Constant(ir.IntType(64), 0))):
+            v_j, less = builder.fneg(builder.load(body(args[3]), align=8)), []
+            for d in range(3):
+                part = builder.fmul(builder.load(column(AXIS * d + DIRECTION_J), align=8), v_j, ("contract",))
+                less.append(builder.fadd(own[d], part, ("contract",)))
+            inside = builder.block
+        speeds = []
+        for d in range(3):
+            total = builder.phi(_DOUBLES)
+            total.add_incoming(own[d], before)
+            total.add_incoming(less[d], inside)
+            speeds.append(total)
+        for d in range(3):
+            total = speeds[d]
+            for width in (4, 2, 1):  # halves are added until one number is left
+                nothing = ir.Constant(total.type, ir.Undefined)
+                low, high = (
+                    builder.shuffle_vector(
+                        total,
+                        nothing,
+                        ir.Constant(ir.VectorType(ir.IntType(32), width), list(range(first, first + width))),
+                    )
+                    for first in (0, width)
+                )
+                total = builder.fadd(low, high)
+            speeds[d] = builder.extract_element(total, ir.Constant(ir.IntType(32), 0))
+        return cgutils.pack_array(builder, speeds)
+
+    d = types.float64
+    numbers, matrix = types.Array(d, 1, "C"), types.Array(d, 2, "C")
+    return types.UniTuple(d, 3)(numbers, matrix, types.int64, types.int64), codegen
+
+
+@intrinsic
+def apply_impulses(typingctx, row, normal, first, second, v, i, j):
+    """Change the bodies' velocities by impulses along a contact's normal and both tangents [N s].
+
+    Arguments as in `contact_speeds`.
+    """
+
+    def codegen(context, builder, signature, args):
+        column, body = _rows_of(context, builder, signature, args, 0, 4)
+        impulses = [_splat(builder, args[1 + d], _DOUBLES) for d in range(3)]
+
+        def push(i, block, sign):
+            change = None
+            for d in range(3):
+                part = builder.fmul(
+                    builder.load(column(AXIS * d + block), align=8), impulses[d], ("contract",)
+                )
+                change = part if change is None else builder.fadd(change, part, ("contract",))
+            place = body(i)
+            combine = builder.fadd if sign > 0 else builder.fsub
+            builder.store(combine(builder.load(place, align=8), change), place, align=8)
+
+        push(args[5], PUSH_I, 1)
+        with builder.if_then(builder.icmp_signed(">=", args[6], ir.Constant(ir.IntType(64), 0))):
+            push(args[6], PUSH_J, -1)
+        return context.get_dummy_value()
+
+    d = types.float64
+    numbers, matrix = types.Array(d, 1, "C"), types.Array(d, 2, "C")
+    return types.void(numbers, d, d, d, matrix, types.int64, types.int64), codegen
 
 
 def _transition_of(columns):

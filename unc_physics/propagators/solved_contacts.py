@@ -12,7 +12,8 @@ import numpy as np
 
 from ..physics.arrays import empty, small_integers
 from ..physics.compiled import inner, kernel
-from ..physics.implicit_workspace import CONTACTS, DIRECTION, FRICTION, GAP, LASTING
+from ..physics.contact_row import DIRECTION, FRICTION, GAP
+from ..physics.implicit_workspace import CONTACTS, LASTING
 from ..physics.layout import ERROR
 from ..physics.narrow_phase import DISTANCE, NORMAL, RECORD, VOLUME
 from ..physics.rotation import rotate_back
