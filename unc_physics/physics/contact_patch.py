@@ -66,7 +66,7 @@ from .implicit_workspace import (
 )
 from .layout import P, V, W
 from .rotation import rotate, rotate_back, tangents
-from .shapes import surface
+from .shapes import bounds, surface
 
 #: Gap up to which contacts take part in an impact [m].
 IMPACT_GAP = 2e-4
@@ -137,11 +137,16 @@ def element_candidates(x, i, e, limit, horizon, world, work):
         R_ei = work.R_ij
         ux, uy, uz = rotate_back(R, vx, vy, vz)
         wx, wy, wz = rotate_back(R, x[i, W], x[i, W + 1], x[i, W + 2])
-        centers, radii, pool = world.tree.centers, world.tree.radii, work.pool
         start = work.lists[i, len(x) + e, 0]
-        for k in range(start, start + work.lists[i, len(x) + e, 1]):
-            s = pool[k, 0]
-            cx, cy, cz, r = centers[s, 0], centers[s, 1], centers[s, 2], radii[s]
+        stop = start + work.lists[i, len(x) + e, 1]
+        spheres, inside = work.pool_spheres, work.low
+        ux_, uy_, uz_, ur = spheres[0, start:stop], spheres[1, start:stop], spheres[2, start:stop], spheres[3, start:stop]
+        _within_box(R_ei, t, bounds(kind, size, e), (ux_, uy_, uz_, ur), limit + travel - kept, inside)
+        for k in range(stop - start):
+            if inside[k] < 0.0:
+                continue
+            s = work.pool[start + k, 0]
+            cx, cy, cz, r = ux_[k], uy_[k], uz_[k], ur[k]
             px, py, pz = rotate(R_ei, cx, cy, cz)
             distance, (nx, ny, nz) = surface(kind, size, e, px + t[0], py + t[1], pz + t[2])
             gap = distance - r + kept
@@ -153,6 +158,26 @@ def element_candidates(x, i, e, limit, horizon, world, work):
                 if count == 0:
                     return 0
     return count
+
+
+@inner(forceinline=True)
+def _within_box(R, t, corners, spheres, reach, inside):
+    """Write for each sphere a number, negative unless a box is nearer to it than ``reach`` [m]; for all at once.
+
+    ``R`` and ``t`` bring the spheres, x, y, z and radii, into the frame of the box, given by its lowest and
+    highest corner.
+    """
+    xx, xy, xz, yx, yy, yz = R[0, 0], R[0, 1], R[0, 2], R[1, 0], R[1, 1], R[1, 2]
+    zx, zy, zz = R[2, 0], R[2, 1], R[2, 2]
+    (ax, ay, az), (bx, by, bz) = corners
+    ux, uy, uz, r = spheres
+    for k in range(len(r)):
+        px = t[0] + xx * ux[k] + xy * uy[k] + xz * uz[k]
+        py = t[1] + yx * ux[k] + yy * uy[k] + yz * uz[k]
+        pz = t[2] + zx * ux[k] + zy * uy[k] + zz * uz[k]
+        dx, dy, dz = max(ax - px, px - bx, 0.0), max(ay - py, py - by, 0.0), max(az - pz, pz - bz, 0.0)
+        near = max(r[k] + reach, 0.0)
+        inside[k] = near * near - (dx * dx + dy * dy + dz * dz)
 
 
 @inner(forceinline=True)

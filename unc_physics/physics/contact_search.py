@@ -281,7 +281,11 @@ def element_list(x, i, e, need, spare, world, work):
             work.counts[OVERFLOW] = TOO_LONG_LISTS
             return t
         for k in range(found):
-            pool[used, 0], pool[used, 1] = search.pairs[k, 0], 0
+            s = search.pairs[k, 0]
+            pool[used, 0], pool[used, 1] = s, 0
+            for c in range(3):
+                work.pool_spheres[c, used] = world.tree.centers[s, c]
+            work.pool_spheres[3, used] = world.tree.radii[s]
             used += 1
     _keep_list(i, column, start, used, R, t, margin, work)
     return t

@@ -88,8 +88,7 @@ class ImplicitWorkspace(NamedTuple):
     pool : (P, 2) int32
         Lists of spheres, or pairs of them, that may touch; one for each pair of bodies, or body and element.
     pool_spheres : (8, P) float64
-        Of each pair of spheres in the pool the centres, body frames, and radii, the second's behind the
-        first's [m].
+        Of each sphere in the pool the centre, body frame, and radius [m]; of a pair the second's behind them.
     low : (max(P, hull),) float64
         Gaps, or predicted ones if less, of what is asked at once [m].
     lists : (B, B + E, 2) int64
