@@ -140,7 +140,12 @@ def element_candidates(x, i, e, limit, horizon, world, work):
         start = work.lists[i, len(x) + e, 0]
         stop = start + work.lists[i, len(x) + e, 1]
         spheres, inside = work.pool_spheres, work.low
-        ux_, uy_, uz_, ur = spheres[0, start:stop], spheres[1, start:stop], spheres[2, start:stop], spheres[3, start:stop]
+        ux_, uy_, uz_, ur = (
+            spheres[0, start:stop],
+            spheres[1, start:stop],
+            spheres[2, start:stop],
+            spheres[3, start:stop],
+        )
         _within_box(R_ei, t, bounds(kind, size, e), (ux_, uy_, uz_, ur), limit + travel - kept, inside)
         for k in range(stop - start):
             if inside[k] < 0.0:

@@ -9,6 +9,7 @@ import math
 
 import numpy as np
 
+from .broad_phase import SINGLE_PRECISION
 from .compiled import inner
 from .element_contacts import element_distance, in_element, spheres_near, write_element_rotation
 from .implicit_workspace import CLEARANCE, OVERFLOW, PACE, POOL_USED, SURGE, TOO_LONG_LISTS, TRAVEL
@@ -26,7 +27,6 @@ LIST_MARGIN, LIST_STEPS = 5e-4, 2.0
 #: How far two bodies may move until their list is made anew [m].
 PAIR_MARGIN = 5e-4
 _MARGIN = 12  # column of `list_pose`, behind a rotation and a position: the margin [m]
-_SINGLE_PRECISION = 4e-6  # of the sum of two bodies' radii: what single precision loses in a change of frame
 
 
 @inner
@@ -276,7 +276,7 @@ def element_list(x, i, e, need, spare, world, work):
     search.stack[0, 0] = world.bodies.root[i]
     top = np.int64(1)
     while top > 0:
-        found, top = spheres_near(world.tree, surroundings, e, R, t, margin, search, top)
+        found, top = spheres_near(world.tree, surroundings, e, R, t, radius, margin, search, top)
         if used + found > len(pool):
             work.counts[OVERFLOW] = TOO_LONG_LISTS
             return t
@@ -300,7 +300,7 @@ def pair_list(x, i, j, need, spare, world, work):
     if need + _moved(place, R_ij, t_ij, world.bodies.radius[j]) <= place[_MARGIN]:
         return
     margin = need + spare
-    slack = _SINGLE_PRECISION * (world.bodies.radius[i] + world.bodies.radius[j]) + margin
+    slack = SINGLE_PRECISION * (world.bodies.radius[i] + world.bodies.radius[j]) + margin
     start = work.counts[POOL_USED]
     used = start
     search.stack[0, 0], search.stack[0, 1] = world.bodies.root[i], world.bodies.root[j]

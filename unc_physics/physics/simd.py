@@ -19,10 +19,34 @@ intrinsic: Any = extending.intrinsic  # callers leave out the first argument
 _FLOATS, _DOUBLES = ir.VectorType(ir.FloatType(), _LANES), ir.VectorType(ir.DoubleType(), _LANES)
 
 
+def _integer(value):
+    return ir.Constant(ir.IntType(64), value)
+
+
 def _splat(builder, scalar, kind=_FLOATS):
     one = builder.insert_element(ir.Constant(kind, ir.Undefined), scalar, ir.Constant(ir.IntType(32), 0))
     zeros = ir.Constant(ir.VectorType(ir.IntType(32), kind.count), [0] * kind.count)
     return builder.shuffle_vector(one, ir.Constant(kind, ir.Undefined), zeros)
+
+
+def _entries(context, builder, signature, args, node):
+    """Centres and radii of eight entries of a tree's node, whose bounds are the first argument."""
+    array = cgutils.create_struct_proxy(signature.args[0])(context, builder, value=args[0])
+    rows, first = builder.bitcast(array.data, _FLOATS.as_pointer()), builder.mul(args[node], _integer(4))
+    return [builder.load(builder.gep(rows, [builder.add(first, _integer(k))]), align=4) for k in range(4)]
+
+
+def _moved(builder, points, R, t):
+    """Eight points, brought into another frame by a rotation's rows and a translation."""
+    matrix = [cgutils.unpack_tuple(builder, row) for row in cgutils.unpack_tuple(builder, R)]
+    moved = []
+    for row, start in zip(matrix, cgutils.unpack_tuple(builder, t), strict=True):
+        total = _splat(builder, start)
+        for entry, coordinate in zip(row, points[:3], strict=True):
+            term = builder.fmul(_splat(builder, entry), coordinate, ("contract",))
+            total = builder.fadd(total, term, ("contract",))
+        moved.append(total)
+    return moved
 
 
 @intrinsic
@@ -32,26 +56,46 @@ def overlap_mask(typingctx, bounds, node, x, y, z, radius):
     """
 
     def codegen(context, builder, signature, args):
-        array = cgutils.create_struct_proxy(signature.args[0])(context, builder, value=args[0])
-        offset = builder.mul(args[1], ir.Constant(ir.IntType(64), 4))
-        rows = builder.bitcast(array.data, _FLOATS.as_pointer())
-
-        def row(k):
-            place = builder.gep(rows, [builder.add(offset, ir.Constant(ir.IntType(64), k))])
-            return builder.load(place, align=4)
-
-        distance2 = None
+        entries, distance2 = _entries(context, builder, signature, args, 1), None
         for k in range(3):
-            d = builder.fsub(row(k), _splat(builder, args[2 + k]))
+            d = builder.fsub(entries[k], _splat(builder, args[2 + k]))
             d2 = builder.fmul(d, d)
             distance2 = d2 if distance2 is None else builder.fadd(distance2, d2)
-        reach = builder.fadd(row(3), _splat(builder, args[5]))
+        reach = builder.fadd(entries[3], _splat(builder, args[5]))
         hit = builder.fcmp_ordered("<", distance2, builder.fmul(reach, reach))
         return builder.zext(builder.bitcast(hit, ir.IntType(_LANES)), ir.IntType(64))
 
     f = types.float32
     array = types.Array(f, 3, "C", readonly=not bounds.mutable)
     return types.uint64(array, types.int64, f, f, f, f), codegen
+
+
+@intrinsic
+def box_mask(typingctx, bounds, node, R, t, low, high, margin):
+    """Bit m is set where entry m of ``bounds[node]`` is nearer than ``margin`` to the box between two corners.
+
+    ``R`` and ``t`` as in `overlap_masks`, into the box's frame; corners may be infinite.
+    """
+
+    def codegen(context, builder, signature, args):
+        entries = _entries(context, builder, signature, args, 1)
+        moved, nothing = _moved(builder, entries, args[2], args[3]), ir.Constant(_FLOATS, [0.0] * _LANES)
+        low, high = cgutils.unpack_tuple(builder, args[4]), cgutils.unpack_tuple(builder, args[5])
+        distance2 = nothing
+        for k in range(3):
+            under = builder.fsub(_splat(builder, low[k]), moved[k])
+            over = builder.fsub(moved[k], _splat(builder, high[k]))
+            most = builder.select(builder.fcmp_ordered(">", under, over), under, over)
+            most = builder.select(builder.fcmp_ordered(">", most, nothing), most, nothing)
+            distance2 = builder.fadd(distance2, builder.fmul(most, most))
+        reach = builder.fadd(entries[3], _splat(builder, args[6]))
+        hit = builder.fcmp_ordered("<=", distance2, builder.fmul(reach, reach))
+        return builder.zext(builder.bitcast(hit, ir.IntType(_LANES)), ir.IntType(64))
+
+    f = types.float32
+    array, point = types.Array(f, 3, "C", readonly=not bounds.mutable), types.UniTuple(f, 3)
+    rotation = types.UniTuple(point, 3)
+    return types.uint64(array, types.int64, rotation, point, point, point, f), codegen
 
 
 @intrinsic
@@ -63,29 +107,12 @@ def overlap_masks(typingctx, bounds, a, b, R, t, slack):
     """
 
     def codegen(context, builder, signature, args):
-        array = cgutils.create_struct_proxy(signature.args[0])(context, builder, value=args[0])
-        rows = builder.bitcast(array.data, _FLOATS.as_pointer())
-
-        def load(node, k):
-            at = builder.add(
-                builder.mul(node, ir.Constant(ir.IntType(64), 4)), ir.Constant(ir.IntType(64), k)
-            )
-            return builder.load(builder.gep(rows, [at]), align=4)
-
-        matrix = [cgutils.unpack_tuple(builder, row) for row in cgutils.unpack_tuple(builder, args[3])]
-        offset = cgutils.unpack_tuple(builder, args[4])
-        own, other = [load(args[1], k) for k in range(4)], [load(args[2], k) for k in range(4)]
+        own, other = (_entries(context, builder, signature, args, node) for node in (1, 2))
         far = _splat(builder, ir.Constant(ir.FloatType(), 1e29))
-        moved = []
-        for k in range(3):
-            total = _splat(builder, offset[k])
-            for m in range(3):
-                term = builder.fmul(_splat(builder, matrix[k][m]), other[m], ("contract",))
-                total = builder.fadd(total, term, ("contract",))
-            moved.append(total)
+        moved = _moved(builder, other, args[3], args[4])
         grown = builder.fadd(other[3], _splat(builder, args[5]))
         held = builder.fcmp_ordered("<", other[0], far)
-        found = ir.Constant(ir.IntType(64), 0)
+        found = _integer(0)
         for k in range(_LANES):
             lane = ir.Constant(ir.VectorType(ir.IntType(32), _LANES), [k] * _LANES)
 
@@ -101,8 +128,8 @@ def overlap_masks(typingctx, bounds, a, b, R, t, slack):
             hit = builder.fcmp_ordered("<", distance2, builder.fmul(reach, reach))
             bits = builder.zext(builder.bitcast(hit, ir.IntType(_LANES)), ir.IntType(64))
             there = builder.extract_element(held, ir.Constant(ir.IntType(32), k))
-            bits = builder.select(there, bits, ir.Constant(ir.IntType(64), 0))
-            found = builder.or_(found, builder.shl(bits, ir.Constant(ir.IntType(64), _LANES * k)))
+            bits = builder.select(there, bits, _integer(0))
+            found = builder.or_(found, builder.shl(bits, _integer(_LANES * k)))
         return found
 
     f = types.float32
@@ -138,10 +165,10 @@ def _rows_of(context, builder, signature, args, row, v):
     v = cgutils.create_struct_proxy(signature.args[v])(context, builder, value=args[v]).data
 
     def column(k):
-        return builder.bitcast(builder.gep(row, [ir.Constant(ir.IntType(64), k)]), _DOUBLES.as_pointer())
+        return builder.bitcast(builder.gep(row, [_integer(k)]), _DOUBLES.as_pointer())
 
     def body(i):
-        at = builder.gep(v, [builder.mul(i, ir.Constant(ir.IntType(64), _LANES))])
+        at = builder.gep(v, [builder.mul(i, _integer(_LANES))])
         return builder.bitcast(at, _DOUBLES.as_pointer())
 
     return column, body
@@ -162,7 +189,7 @@ def contact_speeds(typingctx, row, v, i, j):
         for d in range(3):
             own.append(builder.fmul(builder.load(column(AXIS * d + DIRECTION), align=8), v_i, ("contract",)))
         before = builder.block
-        with builder.if_then(builder.icmp_signed(">=", args[3], ir.Constant(ir.IntType(64), 0))):
+        with builder.if_then(builder.icmp_signed(">=", args[3], _integer(0))):
             v_j, less = builder.fneg(builder.load(body(args[3]), align=8)), []
             for d in range(3):
                 part = builder.fmul(builder.load(column(AXIS * d + DIRECTION_J), align=8), v_j, ("contract",))
@@ -218,7 +245,7 @@ def apply_impulses(typingctx, row, normal, first, second, v, i, j):
             builder.store(combine(builder.load(place, align=8), change), place, align=8)
 
         push(args[5], PUSH_I, 1)
-        with builder.if_then(builder.icmp_signed(">=", args[6], ir.Constant(ir.IntType(64), 0))):
+        with builder.if_then(builder.icmp_signed(">=", args[6], _integer(0))):
             push(args[6], PUSH_J, -1)
         return context.get_dummy_value()
 
@@ -256,7 +283,7 @@ def _transition_of(columns):
                 builder.store(builder.fmul(kept, velocity), places[EV + k], align=8)
                 angle = load(ER + k)
                 for m in range(3):
-                    entry = builder.load(builder.gep(block.data, [ir.Constant(ir.IntType(64), 3 * k + m)]))
+                    entry = builder.load(builder.gep(block.data, [_integer(3 * k + m)]))
                     angle = add(angle, _splat(builder, entry, doubles), spins[m])
                 builder.store(angle, places[ER + k], align=8)
             for k in range(3):
