@@ -11,7 +11,7 @@ from .implicit_world import REMEMBERED_CONTACTS
 from .layout import Q
 from .narrow_phase import RECORD
 from .rotation import write_matrix
-from .sphere_tree import Scratch
+from .sphere_tree import AT_ONCE, Scratch
 
 #: Velocities of the bodies, each (B, 8), of which two columns stay 0: at the interval's start, at its end without contacts, as solved,
 #: before a sweep, and what a direction of search changes.
@@ -177,7 +177,13 @@ def implicit_workspace(x, kept_overlap, world, contacts, candidates, pool):
     for i in range(count):
         write_matrix((x[i, Q], x[i, Q + 1], x[i, Q + 2], x[i, Q + 3]), R, i)
     stack = small_integers((world.stack_size, 2))
-    search = Scratch(stack, small_integers((_PAIRS_AT_ONCE, 2)), empty((1, RECORD)))
+    search = Scratch(
+        stack,
+        small_integers((_PAIRS_AT_ONCE, 2)),
+        small_integers((AT_ONCE, 2)),
+        integers(AT_ONCE),
+        empty((1, RECORD)),
+    )
     kept = zeros((count, count + elements))
     twists = contacts if world.implicit.torsional else 0
     if len(kept_overlap) > 0:

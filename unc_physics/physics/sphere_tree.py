@@ -18,6 +18,10 @@ from .compiled import kernel
 from .simd import lowest_bit, overlap_mask, overlap_masks
 
 WIDTH = 8
+#: Pairs from a search's stack that are tested before any of them is divided.
+AT_ONCE = 8
+#: Candidates for which there must be room to test one of them.
+ROOM = WIDTH * WIDTH + 1
 EMPTY = np.int32(2**31 - 1)  # no child; a child c >= 0 is a node, c < 0 the sphere ~c
 
 _FAR = np.float32(1e30)  # where empty entries sit: overlaps nothing
@@ -30,12 +34,16 @@ class Scratch(NamedTuple):
     ----------
     stack : (depth, 2) int32
     pairs : (capacity, 2) int32
+    tested, masks : (AT_ONCE, 2) int32 and (AT_ONCE,) int64
+        Pairs from the stack, and what `simd.overlap_masks` says of them.
     records : (capacity, 8) float64
         Contacts of the pairs (`physics.narrow_phase`).
     """
 
     stack: np.ndarray
     pairs: np.ndarray
+    tested: np.ndarray
+    masks: np.ndarray
     records: np.ndarray
 
 
@@ -258,41 +266,52 @@ def candidates(tree, R_ij, t_ij, slack, scratch, top):
     tx, ty, tz = np.float32(t_ij[0]), np.float32(t_ij[1]), np.float32(t_ij[2])
     R, t = ((xx, xy, xz), (yx, yy, yz), (zx, zy, zz)), (tx, ty, tz)
     slack = np.float32(slack)
-    stack, pairs = scratch.stack, scratch.pairs
+    stack, pairs, tested, masks = scratch.stack, scratch.pairs, scratch.tested, scratch.masks
     found = 0
-    while top > 0 and found + WIDTH * WIDTH < len(pairs):
-        top -= 1
-        a, b = np.int64(stack[top, 0]), np.int64(stack[top, 1])
-        if a < 0:  # a sphere of body i against a node of body j, in body j's frame
-            sphere = ~a
-            dx = np.float32(tree.centers[sphere, 0]) - tx
-            dy = np.float32(tree.centers[sphere, 1]) - ty
-            dz = np.float32(tree.centers[sphere, 2]) - tz
-            x, y, z = xx * dx + yx * dy + zx * dz, xy * dx + yy * dy + zy * dz, xz * dx + yz * dy + zz * dz
-            mask = overlap_mask(bounds, b, x, y, z, np.float32(tree.radii[sphere]) + slack)
-        elif b < 0:
-            sphere = ~b
-            px, py = np.float32(tree.centers[sphere, 0]), np.float32(tree.centers[sphere, 1])
-            pz = np.float32(tree.centers[sphere, 2])
-            x = xx * px + xy * py + xz * pz + tx
-            y = yx * px + yy * py + yz * pz + ty
-            z = zx * px + zy * py + zz * pz + tz
-            mask = overlap_mask(bounds, a, x, y, z, np.float32(tree.radii[sphere]) + slack)
-        else:
-            mask = overlap_masks(bounds, a, b, R, t, slack)
-        while mask != 0:
-            place = lowest_bit(mask)
-            mask &= mask - np.uint64(1)
-            if a < 0:
-                c_i, c_j = a, np.int64(child[b, place])
+    while top > 0:
+        some = min(top, AT_ONCE, (len(pairs) - found) // ROOM)
+        if some == 0:
+            break
+        top -= some
+        for k in range(some):  # first the tests of some pairs, then what follows from them: neither waits
+            a, b = np.int64(stack[top + k, 0]), np.int64(stack[top + k, 1])
+            tested[k, 0], tested[k, 1] = a, b
+            mask = np.uint64(0)
+            if a < 0:  # a sphere of body i against a node of body j, in body j's frame
+                sphere = ~a
+                dx = np.float32(tree.centers[sphere, 0]) - tx
+                dy = np.float32(tree.centers[sphere, 1]) - ty
+                dz = np.float32(tree.centers[sphere, 2]) - tz
+                x = xx * dx + yx * dy + zx * dz
+                y = xy * dx + yy * dy + zy * dz
+                z = xz * dx + yz * dy + zz * dz
+                mask = overlap_mask(bounds, b, x, y, z, np.float32(tree.radii[sphere]) + slack)
             elif b < 0:
-                c_i, c_j = np.int64(child[a, place]), b
+                sphere = ~b
+                px, py = np.float32(tree.centers[sphere, 0]), np.float32(tree.centers[sphere, 1])
+                pz = np.float32(tree.centers[sphere, 2])
+                x = xx * px + xy * py + xz * pz + tx
+                y = yx * px + yy * py + yz * pz + ty
+                z = zx * px + zy * py + zz * pz + tz
+                mask = overlap_mask(bounds, a, x, y, z, np.float32(tree.radii[sphere]) + slack)
             else:
-                c_i, c_j = np.int64(child[a, place & (WIDTH - 1)]), np.int64(child[b, place // WIDTH])
-            # written to both, and counted where it belongs: faster than a branch that cannot be foreseen
-            pairs[found, 0], pairs[found, 1] = ~c_i, ~c_j
-            stack[top, 0], stack[top, 1] = c_i, c_j
-            spheres = np.int64(c_i < 0 and c_j < 0)
-            found += spheres
-            top += 1 - spheres
+                mask = overlap_masks(bounds, a, b, R, t, slack)
+            masks[k] = mask
+        for k in range(some):
+            a, b, mask = np.int64(tested[k, 0]), np.int64(tested[k, 1]), np.uint64(masks[k])
+            while mask != 0:
+                place = lowest_bit(mask)
+                mask &= mask - np.uint64(1)
+                if a < 0:
+                    c_i, c_j = a, np.int64(child[b, place])
+                elif b < 0:
+                    c_i, c_j = np.int64(child[a, place]), b
+                else:
+                    c_i, c_j = np.int64(child[a, place & (WIDTH - 1)]), np.int64(child[b, place // WIDTH])
+                # written to both, and counted where it belongs: faster than a branch that cannot be foreseen
+                pairs[found, 0], pairs[found, 1] = ~c_i, ~c_j
+                stack[top, 0], stack[top, 1] = c_i, c_j
+                spheres = np.int64(c_i < 0 and c_j < 0)
+                found += spheres
+                top += 1 - spheres
     return found, top

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..physics.arrays import empty, small_integers
+from ..physics.arrays import empty, integers, small_integers
 from ..physics.compiled import inner, kernel
 from ..physics.contact_row import DIRECTION, FRICTION, GAP
 from ..physics.implicit_workspace import CONTACTS, LASTING
@@ -40,7 +40,8 @@ class Solved(NamedTuple):
 @kernel
 def records_room(contacts):
     """Room for the records of as many contacts of a pair."""
-    return Scratch(small_integers((1, 2)), small_integers((contacts, 2)), empty((contacts, RECORD)))
+    nothing = small_integers((1, 2))
+    return Scratch(nothing, small_integers((contacts, 2)), nothing, integers(1), empty((contacts, RECORD)))
 
 
 @inner(forceinline=True)
