@@ -310,17 +310,20 @@ def pair_list(x, i, j, need, spare, world, work):
         if used + found > len(pool):
             work.counts[OVERFLOW] = TOO_LONG_LISTS
             return
-        for k in range(found):
-            a, b = search.pairs[k, 0], search.pairs[k, 1]
-            pool[used, 0], pool[used, 1] = a, b
-            for c in range(3):
-                work.pool_spheres[c, used], work.pool_spheres[4 + c, used] = (
-                    tree.centers[a, c],
-                    tree.centers[b, c],
-                )
-            work.pool_spheres[3, used], work.pool_spheres[7, used] = tree.radii[a], tree.radii[b]
-            used += 1
+        _copy_spheres(found, search.pairs, tree.centers, tree.radii, used, pool, work.pool_spheres)
+        used += found
     _keep_list(i, j, start, used, R_ij, t_ij, margin, work)
+
+
+@inner
+def _copy_spheres(count, pairs, centers, radii, used, pool, spheres):
+    """Write pairs of spheres, and what is asked of them, into the pool behind what is ``used``."""
+    for k in range(count):
+        a, b, at = np.uint64(pairs[k, 0]), np.uint64(pairs[k, 1]), np.uint64(used + k)
+        pool[at, 0], pool[at, 1] = pairs[k, 0], pairs[k, 1]
+        spheres[0, at], spheres[1, at], spheres[2, at] = centers[a, 0], centers[a, 1], centers[a, 2]
+        spheres[4, at], spheres[5, at], spheres[6, at] = centers[b, 0], centers[b, 1], centers[b, 2]
+        spheres[3, at], spheres[7, at] = radii[a], radii[b]
 
 
 @inner(forceinline=True)

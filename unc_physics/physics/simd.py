@@ -111,7 +111,8 @@ def overlap_masks(typingctx, bounds, a, b, R, t, slack):
         far = _splat(builder, ir.Constant(ir.FloatType(), 1e29))
         moved = _moved(builder, other, args[3], args[4])
         grown = builder.fadd(other[3], _splat(builder, args[5]))
-        held = builder.fcmp_ordered("<", other[0], far)
+        # what holds nothing goes to the other end of the world, away from what holds nothing there
+        moved[0] = builder.select(builder.fcmp_ordered("<", other[0], far), moved[0], builder.fneg(far))
         found = _integer(0)
         for k in range(_LANES):
             lane = ir.Constant(ir.VectorType(ir.IntType(32), _LANES), [k] * _LANES)
@@ -127,8 +128,6 @@ def overlap_masks(typingctx, bounds, a, b, R, t, slack):
             reach = builder.fadd(own[3], all_of(grown))
             hit = builder.fcmp_ordered("<", distance2, builder.fmul(reach, reach))
             bits = builder.zext(builder.bitcast(hit, ir.IntType(_LANES)), ir.IntType(64))
-            there = builder.extract_element(held, ir.Constant(ir.IntType(32), k))
-            bits = builder.select(there, bits, _integer(0))
             found = builder.or_(found, builder.shl(bits, _integer(_LANES * k)))
         return found
 

@@ -303,14 +303,15 @@ def candidates(tree, R_ij, t_ij, slack, scratch, top):
                 place = lowest_bit(mask)
                 mask &= mask - np.uint64(1)
                 if a < 0:
-                    c_i, c_j = a, np.int64(child[b, place])
+                    c_i, c_j = np.int32(a), child[b, place]
                 elif b < 0:
-                    c_i, c_j = np.int64(child[a, place]), b
+                    c_i, c_j = child[a, place], np.int32(b)
                 else:
-                    c_i, c_j = np.int64(child[a, place & (WIDTH - 1)]), np.int64(child[b, place // WIDTH])
+                    c_i, c_j = child[a, place & (WIDTH - 1)], child[b, place // WIDTH]
                 # written to both, and counted where it belongs: faster than a branch that cannot be foreseen
-                pairs[found, 0], pairs[found, 1] = ~c_i, ~c_j
-                stack[top, 0], stack[top, 1] = c_i, c_j
+                here, next_up = np.uint64(found), np.uint64(top)
+                pairs[here, 0], pairs[here, 1] = ~c_i, ~c_j
+                stack[next_up, 0], stack[next_up, 1] = c_i, c_j
                 spheres = np.int64(c_i < 0 and c_j < 0)
                 found += spheres
                 top += 1 - spheres
