@@ -43,8 +43,8 @@ def _moved(builder, points, R, t):
     for row, start in zip(matrix, cgutils.unpack_tuple(builder, t), strict=True):
         total = _splat(builder, start)
         for entry, coordinate in zip(row, points[:3], strict=True):
-            term = builder.fmul(_splat(builder, entry), coordinate, ("contract",))
-            total = builder.fadd(total, term, ("contract",))
+            term = builder.fmul(_splat(builder, entry), coordinate, flags=("contract",))
+            total = builder.fadd(total, term, flags=("contract",))
         moved.append(total)
     return moved
 
@@ -123,8 +123,8 @@ def overlap_masks(typingctx, bounds, a, b, R, t, slack):
             distance2 = None
             for c in range(3):
                 d = builder.fsub(own[c], all_of(moved[c]))
-                d2 = builder.fmul(d, d, ("contract",))
-                distance2 = d2 if distance2 is None else builder.fadd(distance2, d2, ("contract",))
+                d2 = builder.fmul(d, d, flags=("contract",))
+                distance2 = d2 if distance2 is None else builder.fadd(distance2, d2, flags=("contract",))
             reach = builder.fadd(own[3], all_of(grown))
             hit = builder.fcmp_ordered("<", distance2, builder.fmul(reach, reach))
             bits = builder.zext(builder.bitcast(hit, ir.IntType(_LANES)), ir.IntType(64))
@@ -186,13 +186,13 @@ def contact_speeds(typingctx, row, v, i, j):
         v_i = builder.load(body(args[2]), align=8)
         own = []
         for d in range(3):
-            own.append(builder.fmul(builder.load(column(AXIS * d + DIRECTION), align=8), v_i, ("contract",)))
+            own.append(builder.fmul(builder.load(column(AXIS * d + DIRECTION), align=8), v_i, flags=("contract",)))
         before = builder.block
         with builder.if_then(builder.icmp_signed(">=", args[3], _integer(0))):
             v_j, less = builder.fneg(builder.load(body(args[3]), align=8)), []
             for d in range(3):
-                part = builder.fmul(builder.load(column(AXIS * d + DIRECTION_J), align=8), v_j, ("contract",))
-                less.append(builder.fadd(own[d], part, ("contract",)))
+                part = builder.fmul(builder.load(column(AXIS * d + DIRECTION_J), align=8), v_j, flags=("contract",))
+                less.append(builder.fadd(own[d], part, flags=("contract",)))
             inside = builder.block
         speeds = []
         for d in range(3):
@@ -238,7 +238,7 @@ def apply_impulses(typingctx, row, normal, first, second, v, i, j):
                 part = builder.fmul(
                     builder.load(column(AXIS * d + block), align=8), impulses[d], ("contract",)
                 )
-                change = part if change is None else builder.fadd(change, part, ("contract",))
+                change = part if change is None else builder.fadd(change, part, flags=("contract",))
             place = body(i)
             combine = builder.fadd if sign > 0 else builder.fsub
             builder.store(combine(builder.load(place, align=8), change), place, align=8)
