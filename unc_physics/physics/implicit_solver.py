@@ -55,9 +55,8 @@ from .contact_row import (
     WAY,
 )
 from .implicit_workspace import (
-    ALONG,
-    BEFORE,
     BEST,
+    CHANGES,
     CONTACTS,
     ELASTIC,
     FREE,
@@ -65,7 +64,8 @@ from .implicit_workspace import (
     NOW,
     PLASTIC,
     PREVIOUS,
-    SEARCH,
+    RESULTS,
+    RESULTS_V,
     START,
 )
 from .simd import apply_impulses, contact_speeds, foreseen
@@ -80,7 +80,8 @@ _PLAIN_SWEEPS, _SWEEPS = 4, 200
 _APART = 4
 #: Overlap that contacts always push out [m], and how fast they push out what the load does not explain [m/s].
 _SLACK, _RECOVERY = 2e-5, 0.05
-_DIVERGED = 100.0  # growth of the square of a sweep's change, at which the solver goes back
+#: Growth of the square of a sweep's change at which acceleration begins anew, and at which the solver goes back.
+_WORSE, _DIVERGED = 4.0, 1e6
 _GAIN = 1e-9  # of an impact's work, relative to its terms: round-off
 
 
@@ -197,9 +198,9 @@ def solve(rows, twists, ids, m, law, all_impulses, members, count, velocity, sti
 
     A sweep shall change no contact's velocity by more than ``still`` [m/s].
 
-    After some plain sweeps each is followed by a step along what the sweeps have changed so far, as in
-    conjugate gradients (Silcowitz, Niebe and Erleben 2010): sweeps alone take as many as the mass ratio,
-    these its root.
+    After some plain sweeps each is followed by a step along the difference of two sweeps' results, as long as
+    leaves the least change if changes are linear in it (Anderson 1965, of depth one): contacts that hold a
+    body in too many places otherwise push each other's impulses to and fro, a little further in each sweep.
 
     Returns
     -------
@@ -207,23 +208,20 @@ def solve(rows, twists, ids, m, law, all_impulses, members, count, velocity, sti
         Largest change of an impulse in the last sweep, which is by how much the law was missed, relative to
         the largest normal impulse.
     """
-    own, previous, search = all_impulses[law], all_impulses[PREVIOUS], all_impulses[SEARCH]
-    best, v, before, along = all_impulses[BEST], velocity[NOW], velocity[BEFORE], velocity[ALONG]
-    residual = found = last = 0.0
-    least = math.inf
+    own, previous, changes = all_impulses[law], all_impulses[PREVIOUS], all_impulses[CHANGES]
+    results, best = all_impulses[RESULTS], all_impulses[BEST]
+    v, results_v = velocity[NOW], velocity[RESULTS_V]
+    residual = found = 0.0
+    least = recent = math.inf
     apart = max(m // _APART, 1)
     torsional = len(twists) > 0
+    numbers = 4 if torsional else 3
     for sweep in range(_SWEEPS):
         accelerated = sweep >= _PLAIN_SWEEPS
         if accelerated:
             for c in range(m):
-                for d in range(3):
+                for d in range(numbers):
                     previous[c, d] = own[c, d]
-                if torsional:
-                    previous[c, 3] = own[c, 3]
-            for a in range(count):
-                for k in range(6):
-                    before[members[a], k] = v[members[a], k]
         change = load = jump = 0.0
         for k in range(apart):
             for c in range(k, m, apart):
@@ -237,40 +235,36 @@ def solve(rows, twists, ids, m, law, all_impulses, members, count, velocity, sti
             return residual
         if not accelerated:
             continue
-        square = 0.0
+        square = along = curve = 0.0
         for c in range(m):
             for d in range(3):
-                square += (own[c, d] - previous[c, d]) ** 2
+                now = own[c, d] - previous[c, d]
+                more = now - changes[c, d]
+                changes[c, d] = now
+                square, along, curve = square + now * now, along + more * now, curve + more * more
         if square < least:
             least, found = square, residual
             for c in range(m):
-                for d in range(3):
+                for d in range(numbers):
                     best[c, d] = own[c, d]
-                if torsional:
-                    best[c, 3] = own[c, 3]
         elif square > _DIVERGED * least or sweep == _SWEEPS - 1:  # back to the best so far
             _change_impulses(rows, twists, ids, m, own, best, v)
-            last = 0.0
+            recent = math.inf
             continue
-        share = square / last if last > 0.0 else math.inf
-        if share > 1.0:  # begin anew
-            share = 0.0
+        begins, worse = recent == math.inf, square > _WORSE * recent
+        share = -along / curve if not begins and not worse and curve > 0.0 else 0.0
+        recent = square if worse else min(recent, square)
         for c in range(m):
-            for d in range(3):
-                more = share * search[c, d] if share > 0.0 else 0.0
-                search[c, d] = own[c, d] - previous[c, d] + more
-                own[c, d] += more
-            if torsional:
-                more = share * search[c, 3] if share > 0.0 else 0.0
-                search[c, 3] = own[c, 3] - previous[c, 3] + more
-                own[c, 3] += more
+            for d in range(numbers):
+                result = own[c, d]
+                own[c, d] += share * (result - results[c, d]) if share != 0.0 else 0.0
+                results[c, d] = result
         for a in range(count):
             i = members[a]
             for k in range(6):
-                more = share * along[i, k] if share > 0.0 else 0.0
-                along[i, k] = v[i, k] - before[i, k] + more
-                v[i, k] += more
-        last = square
+                result = v[i, k]
+                v[i, k] += share * (result - results_v[i, k]) if share != 0.0 else 0.0
+                results_v[i, k] = result
     return found
 
 

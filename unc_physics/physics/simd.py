@@ -186,12 +186,16 @@ def contact_speeds(typingctx, row, v, i, j):
         v_i = builder.load(body(args[2]), align=8)
         own = []
         for d in range(3):
-            own.append(builder.fmul(builder.load(column(AXIS * d + DIRECTION), align=8), v_i, flags=("contract",)))
+            own.append(
+                builder.fmul(builder.load(column(AXIS * d + DIRECTION), align=8), v_i, flags=("contract",))
+            )
         before = builder.block
         with builder.if_then(builder.icmp_signed(">=", args[3], _integer(0))):
             v_j, less = builder.fneg(builder.load(body(args[3]), align=8)), []
             for d in range(3):
-                part = builder.fmul(builder.load(column(AXIS * d + DIRECTION_J), align=8), v_j, flags=("contract",))
+                part = builder.fmul(
+                    builder.load(column(AXIS * d + DIRECTION_J), align=8), v_j, flags=("contract",)
+                )
                 less.append(builder.fadd(own[d], part, flags=("contract",)))
             inside = builder.block
         speeds = []
