@@ -77,6 +77,7 @@ TOLERANCE, _STILL, _MOVING = 1e-3, 2e-4, 1e-3
 _PLAIN_SWEEPS, _SWEEPS = 4, 200
 #: Contacts that are solved one after the other are so many parts of the list apart: mostly of other bodies,
 #: so that the processor need not wait for one to begin the next.
+_PATIENCE = 20.0
 _APART = 4
 #: Overlap that contacts always push out [m], and how fast they push out what the load does not explain [m/s].
 _SLACK, _RECOVERY = 2e-5, 0.05
@@ -231,7 +232,7 @@ def solve(rows, twists, ids, m, law, all_impulses, members, count, velocity, sti
                     changed, moved = _solve_twist(rows[c], twists[c], own[c], v, ids[c, 0], ids[c, 1])
                     change, jump = max(change, changed), max(jump, moved)
         residual = change / load if load > 0.0 else (0.0 if change == 0.0 else 1.0)
-        if residual <= TOLERANCE and jump <= still:
+        if residual <= TOLERANCE and jump <= still * max(1.0, sweep / _PATIENCE):
             return residual
         if not accelerated:
             continue
