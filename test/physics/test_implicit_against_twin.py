@@ -299,7 +299,7 @@ def test_the_hull_touches_every_plane_that_the_packing_touches(model):
 def lasting_law(stage, rows, contacts, before, h):
     """The twin's law for contacts that a kernel found, at the velocities before and without contacts."""
     J = twin.jacobian(contacts, before)
-    start, free = twin.velocities(before), stage.work.velocity[FREE].ravel()
+    start, free = twin.velocities(before), stage.work.velocity[FREE, :, :6].ravel()
     fall = np.array([twin.fall(stage.scene, c, before) for c in contacts])
     open_after = rows[:, GAP] + h * ((J @ start)[::3] + 0.5 * h * fall) > 0.0
     fast = (rows[:, GAP] > twin.TOUCHING) & (-(J @ free)[::3] > THRESHOLD) & open_after
@@ -442,7 +442,7 @@ def test_an_impact_obeys_its_law_as_a_general_solver_s_does(make, name, e, mu, s
         for goal in (target, np.zeros_like(target))
     )
     solve_impact(stage.count, stage.work)
-    m, after = len(contacts), stage.work.velocity[NOW].ravel()
+    m, after = len(contacts), stage.work.velocity[NOW, :, :6].ravel()
     own, without = stage.work.impulses[ELASTIC, :m, :3], stage.work.impulses[PLASTIC, :m, :3]
     np.testing.assert_allclose(after, before + inverse_mass @ J.T @ own.ravel(), atol=1e-9)
     limit = rows[:, FRICTION] * own[:, 0]
