@@ -21,7 +21,7 @@ WIDTH = 8
 #: Pairs from a search's stack that are tested before any of them is divided.
 AT_ONCE = 8
 #: Candidates for which there must be room to test one of them.
-ROOM = WIDTH * WIDTH + 1
+ROOM = WIDTH * WIDTH
 EMPTY = np.int32(2**31 - 1)  # no child; a child c >= 0 is a node, c < 0 the sphere ~c
 
 _FAR = np.float32(1e30)  # where empty entries sit: overlaps nothing
