@@ -67,6 +67,7 @@ from .implicit_workspace import (
 from .layout import P, V, W
 from .rotation import rotate, rotate_back, tangents
 from .shapes import bounds, surface
+from .simd import lower_supports, lowest_bit
 
 #: Gap up to which contacts take part in an impact [m].
 IMPACT_GAP = 2e-4
@@ -310,13 +311,12 @@ def add_contacts(x, i, j, count, tilt, world, work):
             left -= 1
             u = tilt * (first[0] * c[3] + first[1] * c[4] + first[2] * c[5])
             w = tilt * (second[0] * c[3] + second[1] * c[4] + second[2] * c[5])
-            plus, minus, base = _HALF * (u + w), _HALF * (u - w), c[CANDIDATE_SCORE]
-            for d, more in ((0, u), (2, w), (4, plus), (6, minus)):
-                for side in range(2):
-                    value = base + (more if side == 0 else -more)
-                    at = d + side
-                    if value < score[at] or (value == score[at] and _deeper(ids, k, value, best[at], value)):
-                        best[at], score[at] = k, value
+            ties = lower_supports(score, best, k, c[CANDIDATE_SCORE], u, w, _HALF * (u + w), _HALF * (u - w))
+            while ties != 0:
+                d = lowest_bit(ties)
+                ties &= ties - np.uint64(1)
+                if _deeper(ids, k, score[d], best[d], score[d]):
+                    best[d] = k
         for d in range(8, -1, -1):
             k = best[d]
             if ids[k, 2] == _IN_PATCH:

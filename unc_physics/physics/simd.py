@@ -158,6 +158,35 @@ def foreseen(typingctx):
     return types.void(), codegen
 
 
+@intrinsic
+def lower_supports(typingctx, score, best, k, base, *more):
+    """Put ``k`` into ``best`` wherever its score is below the eight of ``score``: ``base`` and each of four
+    numbers, added and taken away by turns. Bit m is set where it is the m-th of them.
+    """
+
+    def codegen(context, builder, signature, args):
+        integers = ir.VectorType(ir.IntType(64), _LANES)
+        score, best = (
+            cgutils.create_struct_proxy(signature.args[n])(context, builder, value=args[n]).data for n in (0, 1)
+        )
+        score = builder.bitcast(score, _DOUBLES.as_pointer())
+        best = builder.bitcast(best, integers.as_pointer())
+        value = ir.Constant(_DOUBLES, ir.Undefined)
+        for n, number in enumerate(cgutils.unpack_tuple(builder, args[4])):
+            for side, combine in enumerate((builder.fadd, builder.fsub)):
+                place = ir.Constant(ir.IntType(32), 2 * n + side)
+                value = builder.insert_element(value, combine(args[3], number), place)
+        before = builder.load(score, align=8)
+        lower, same = (builder.fcmp_ordered(sign, value, before) for sign in ("<", "=="))
+        builder.store(builder.select(lower, value, before), score, align=8)
+        number = _splat(builder, args[2], integers)
+        builder.store(builder.select(lower, number, builder.load(best, align=8)), best, align=8)
+        return builder.zext(builder.bitcast(same, ir.IntType(_LANES)), ir.IntType(64))
+
+    d, i = types.float64, types.int64
+    return types.uint64(types.Array(d, 1, "C"), types.Array(i, 1, "C"), i, d, types.UniTuple(d, 4)), codegen
+
+
 def _rows_of(context, builder, signature, args, row, v):
     """Readers of a contact's row, and of bodies' velocities, eight columns at once."""
     row = cgutils.create_struct_proxy(signature.args[row])(context, builder, value=args[row]).data
