@@ -300,11 +300,11 @@ def solve_lasting(
         loaded = row[FORCE] > 0.0
         explained = shallow_depth(row[FORCE], row[RADIUS], factor) if loaded and factor > 0.0 else 0.0
         row[GAP] = max(row[GAP], -explained - _SLACK - _RECOVERY * h)
-        speed, end = contact_speed(row, 0, start, i, j), contact_speed(row, 0, free, i, j)
+        speed, _, _ = contact_speeds(row, start, i, j)
+        end, across, along = contact_speeds(row, free, i, j)
         row[START_SPEED] = speed
-        fastest = max(fastest, max(abs(speed), abs(end)))
-        for d in range(1, 3):
-            fastest = max(fastest, abs(contact_speed(row, d, free, i, j)))
+        slip = max(abs(across - row[DRIFT]), abs(along - row[DRIFT + 1]))
+        fastest = max(fastest, max(abs(speed), abs(end)), slip)
         fast = row[GAP] > 2e-5 and -end > threshold and row[GAP] + h * (speed + 0.5 * h * row[FALL]) > 0.0
         row[DAMPING_TIME] = 0.0 if fast else dt
         if fast and row[GAP] + 0.5 * h * (speed + end + h * row[BEND]) <= 0.0:
@@ -356,7 +356,7 @@ def solve_impact(rows, twists, ids, counts, all_impulses, members, count, veloci
     for c in range(m):
         row = rows[c]
         _couple(row, ids[c, 1])
-        speed = contact_speed(row, 0, start, ids[c, 0], ids[c, 1])
+        speed, _, _ = contact_speeds(row, start, ids[c, 0], ids[c, 1])
         fastest = max(fastest, abs(speed))
         row[TARGET] = -row[RESTITUTION] * speed if -speed > threshold else 0.0
         for d in range(4):

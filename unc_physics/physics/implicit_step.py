@@ -26,7 +26,7 @@ from .driven_bodies import begin_driven, drive, end_driven, is_driven, place_dri
 from .element_contacts import in_element
 from .free_motion import integrate_gyroscopic, integrate_rotation
 from .impact_error import disturb, is_drawn
-from .implicit_solver import contact_speed, solve_impact, solve_lasting
+from .implicit_solver import solve_impact, solve_lasting
 from .implicit_stages import (
     after_flight,
     after_groups,
@@ -62,6 +62,7 @@ from .implicit_world import REMEMBERED_CONTACTS
 from .layout import P, Q, V, W
 from .rotation import rotate, write_matrix
 from .shapes import surface
+from .simd import contact_speeds
 
 #: Gap up to which bodies touch, and at which an impact is aimed [m].
 TOUCHING, _AIM = 2e-5, 1e-5
@@ -148,7 +149,7 @@ def _impact_now(rows, ids, counts, velocity, threshold, rebound):
     for c in range(counts[CONTACTS]):
         row = rows[c]
         if row[GAP] <= TOUCHING and row[RESTITUTION] >= rebound:
-            if contact_speed(row, 0, velocity[START], ids[c, 0], ids[c, 1]) < -threshold:
+            if contact_speeds(row, velocity[START], ids[c, 0], ids[c, 1])[0] < -threshold:
                 return True
     return False
 
@@ -174,7 +175,7 @@ def _time_to_impact(left, rows, ids, counts, velocity, threshold, rebound):
     for c in range(counts[CONTACTS]):
         row = rows[c]
         if row[RESTITUTION] >= rebound:
-            speed = contact_speed(row, 0, velocity[START], ids[c, 0], ids[c, 1])
+            speed, _, _ = contact_speeds(row, velocity[START], ids[c, 0], ids[c, 1])
             first = min(first, time_to_close(row, speed, threshold))
     return first
 
@@ -212,7 +213,7 @@ def collide(x, count, time, impact, first_time, residual, world, threshold, key,
         if (
             part[i] < 0
             and rows[c, GAP] <= IMPACT_GAP
-            and contact_speed(rows[c], 0, velocity[START], i, ids[c, 1]) < -threshold
+            and contact_speeds(rows[c], velocity[START], i, ids[c, 1])[0] < -threshold
         ):
             label = part[i]
             for k in range(len(x)):
