@@ -29,6 +29,12 @@ def _splat(builder, scalar, kind=_FLOATS):
     return builder.shuffle_vector(one, ir.Constant(kind, ir.Undefined), zeros)
 
 
+def _chosen(builder, vector, lanes):
+    """A vector of some numbers of another one."""
+    places = ir.Constant(ir.VectorType(ir.IntType(32), len(lanes)), lanes)
+    return builder.shuffle_vector(vector, ir.Constant(vector.type, ir.Undefined), places)
+
+
 def _entries(context, builder, signature, args, node):
     """Centres and radii of eight entries of a tree's node, whose bounds are the first argument."""
     array = cgutils.create_struct_proxy(signature.args[0])(context, builder, value=args[0])
@@ -114,18 +120,13 @@ def overlap_masks(typingctx, bounds, a, b, R, t, slack):
         # what holds nothing goes to the other end of the world, away from what holds nothing there
         moved[0] = builder.select(builder.fcmp_ordered("<", other[0], far), moved[0], builder.fneg(far))
         found = _integer(0)
-        for k in range(_LANES):
-            lane = ir.Constant(ir.VectorType(ir.IntType(32), _LANES), [k] * _LANES)
-
-            def all_of(vector, lane=lane):
-                return builder.shuffle_vector(vector, ir.Constant(_FLOATS, ir.Undefined), lane)
-
-            distance2 = None
+        for k in range(_LANES):  # one entry of the second against all of the first
+            one, distance2 = [k] * _LANES, None
             for c in range(3):
-                d = builder.fsub(own[c], all_of(moved[c]))
+                d = builder.fsub(own[c], _chosen(builder, moved[c], one))
                 d2 = builder.fmul(d, d, flags=("contract",))
                 distance2 = d2 if distance2 is None else builder.fadd(distance2, d2, flags=("contract",))
-            reach = builder.fadd(own[3], all_of(grown))
+            reach = builder.fadd(own[3], _chosen(builder, grown, one))
             hit = builder.fcmp_ordered("<", distance2, builder.fmul(reach, reach))
             bits = builder.zext(builder.bitcast(hit, ir.IntType(_LANES)), ir.IntType(64))
             found = builder.or_(found, builder.shl(bits, _integer(_LANES * k)))
@@ -236,14 +237,8 @@ def contact_speeds(typingctx, row, v, i, j):
         for d in range(3):
             total = speeds[d]
             for width in (4, 2, 1):  # halves are added until one number is left
-                nothing = ir.Constant(total.type, ir.Undefined)
                 low, high = (
-                    builder.shuffle_vector(
-                        total,
-                        nothing,
-                        ir.Constant(ir.VectorType(ir.IntType(32), width), list(range(first, first + width))),
-                    )
-                    for first in (0, width)
+                    _chosen(builder, total, list(range(first, first + width))) for first in (0, width)
                 )
                 total = builder.fadd(low, high)
             speeds[d] = builder.extract_element(total, ir.Constant(ir.IntType(32), 0))
