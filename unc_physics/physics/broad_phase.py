@@ -102,5 +102,5 @@ def overlap_query(i, j, t_ij, margin, world, work):
     """Whether two bodies' trees overlap when grown, together by ``margin`` [m], at ``work.R_ij``."""
     query = work.overlap_query
     query.stack[0, 0], query.stack[0, 1] = world.bodies.root[i], world.bodies.root[j]
-    found, _ = candidates(world.tree, work.R_ij, t_ij, margin, query, ROOTS_ALONE)
+    found, _ = candidates(world.tree, work.R_ij, t_ij, margin, query, ROOTS_ALONE, 1)
     return found > 0

@@ -16,7 +16,7 @@ from .implicit_workspace import CLEARANCE, OVERFLOW, PACE, POOL_USED, SURGE, TOO
 from .layout import P, V, W
 from .rotation import rotate, rotate_back
 from .shapes import flat_side
-from .sphere_tree import candidates
+from .sphere_tree import AT_ONCE, candidates
 
 #: Gap up to which contacts take part in a step [m].
 ACTIVE_GAP = 5e-4
@@ -306,7 +306,7 @@ def pair_list(x, i, j, need, spare, world, work):
     search.stack[0, 0], search.stack[0, 1] = world.bodies.root[i], world.bodies.root[j]
     top = np.int64(1)
     while top > 0:
-        found, top = candidates(tree, R_ij, t_ij, slack, search, top)
+        found, top = candidates(tree, R_ij, t_ij, slack, search, top, AT_ONCE)
         if used + found > len(pool):
             work.counts[OVERFLOW] = TOO_LONG_LISTS
             return

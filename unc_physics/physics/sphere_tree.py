@@ -18,7 +18,7 @@ from .compiled import kernel
 from .simd import lowest_bit, overlap_mask, overlap_masks
 
 WIDTH = 8
-#: Pairs from a search's stack that are tested before any of them is divided.
+#: Pairs from a search's stack that are tested before any of them is divided, at most.
 AT_ONCE = 8
 #: Candidates for which there must be room to test one of them.
 ROOM = WIDTH * WIDTH
@@ -233,7 +233,7 @@ def build(centers, radii):
 
 
 @kernel(_nrt=False)
-def candidates(tree, R_ij, t_ij, slack, scratch, top):
+def candidates(tree, R_ij, t_ij, slack, scratch, top, at_once):
     """Continue the search for overlapping spheres of two bodies until it ends or the buffer is full.
 
     Parameters
@@ -251,6 +251,9 @@ def candidates(tree, R_ij, t_ij, slack, scratch, top):
         among them.
     top : int
         Height of the stack; 1 when a search begins, 0 when it is over.
+    at_once : int
+        Pairs from the stack that are tested before any of them is divided, at most `AT_ONCE`. More is faster;
+        the candidates are the same, in another order.
 
     Returns
     -------
@@ -269,7 +272,7 @@ def candidates(tree, R_ij, t_ij, slack, scratch, top):
     stack, pairs, tested, masks = scratch.stack, scratch.pairs, scratch.tested, scratch.masks
     found = 0
     while top > 0:
-        some = min(top, AT_ONCE, (len(pairs) - found) // ROOM)
+        some = min(top, at_once, (len(pairs) - found) // ROOM)
         if some == 0:
             break
         top -= some
