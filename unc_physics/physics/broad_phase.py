@@ -7,7 +7,7 @@ from .layout import P
 from .rotation import rotate_back
 from .sphere_tree import candidates
 
-# of lengths, as of the sum of two radii: bounds, with a margin, what single precision loses in a change of frame
+# of lengths, as of two radii: bounds, with a margin, what single precision loses in a change of frame
 SINGLE_PRECISION = 4e-6
 FIRST_STEPS, _MOST_STEPS = 4.0, 64.0  # for which two bodies that are apart are asked to stay so
 # height of a search's first stack; typed, since a literal would compile every caller twice

@@ -52,6 +52,7 @@ from .contact_search import (
     relative_pose,
     side_of,
 )
+from .contact_simd import lower_supports
 from .element_contacts import in_element
 from .implicit_workspace import (
     CANDIDATE_GAP,
@@ -67,7 +68,7 @@ from .implicit_workspace import (
 from .layout import P, V, W
 from .rotation import rotate, rotate_back, tangents
 from .shapes import bounds, surface
-from .simd import lower_supports, lowest_bit
+from .simd import lowest_bit
 
 #: Gap up to which contacts take part in an impact [m].
 IMPACT_GAP = 2e-4
@@ -140,19 +141,15 @@ def element_candidates(x, i, e, limit, horizon, world, work):
         wx, wy, wz = rotate_back(R, x[i, W], x[i, W + 1], x[i, W + 2])
         start = work.lists[i, len(x) + e, 0]
         stop = start + work.lists[i, len(x) + e, 1]
-        spheres, inside = work.pool_spheres, work.low
-        ux_, uy_, uz_, ur = (
-            spheres[0, start:stop],
-            spheres[1, start:stop],
-            spheres[2, start:stop],
-            spheres[3, start:stop],
-        )
-        _within_box(R_ei, t, bounds(kind, size, e), (ux_, uy_, uz_, ur), limit + travel - kept, inside)
+        spheres, near = work.pool_spheres, work.low
+        ax, ay, az = spheres[0, start:stop], spheres[1, start:stop], spheres[2, start:stop]
+        ar = spheres[3, start:stop]
+        _near_box(R_ei, t, bounds(kind, size, e), (ax, ay, az, ar), limit + travel - kept, near)
         for k in range(stop - start):
-            if inside[k] < 0.0:
+            if near[k] < 0.0:
                 continue
             s = work.pool[start + k, 0]
-            cx, cy, cz, r = ux_[k], uy_[k], uz_[k], ur[k]
+            cx, cy, cz, r = ax[k], ay[k], az[k], ar[k]
             px, py, pz = rotate(R_ei, cx, cy, cz)
             distance, (nx, ny, nz) = surface(kind, size, e, px + t[0], py + t[1], pz + t[2])
             gap = distance - r + kept
@@ -167,8 +164,8 @@ def element_candidates(x, i, e, limit, horizon, world, work):
 
 
 @inner(forceinline=True)
-def _within_box(R, t, corners, spheres, reach, inside):
-    """Write for each sphere a number, negative unless a box is nearer to it than ``reach`` [m]; for all at once.
+def _near_box(R, t, corners, spheres, reach, near):
+    """Write for each sphere a number, negative unless it is nearer to a box than ``reach`` [m], in one loop.
 
     ``R`` and ``t`` bring the spheres, x, y, z and radii, into the frame of the box, given by its lowest and
     highest corner.
@@ -182,8 +179,8 @@ def _within_box(R, t, corners, spheres, reach, inside):
         py = t[1] + yx * ux[k] + yy * uy[k] + yz * uz[k]
         pz = t[2] + zx * ux[k] + zy * uy[k] + zz * uz[k]
         dx, dy, dz = max(ax - px, px - bx, 0.0), max(ay - py, py - by, 0.0), max(az - pz, pz - bz, 0.0)
-        near = max(r[k] + reach, 0.0)
-        inside[k] = near * near - (dx * dx + dy * dy + dz * dz)
+        least = max(r[k] + reach, 0.0)
+        near[k] = least * least - (dx * dx + dy * dy + dz * dz)
 
 
 @inner(forceinline=True)

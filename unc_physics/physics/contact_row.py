@@ -1,9 +1,9 @@
 """What is known of a contact, in one row of numbers."""
 
-#: Columns of a contact's row. Of each direction, normal and two tangents, `AXIS` columns: the direction (world
-#: axes) and its moment about body i's centre of mass, the same of body j, then the velocities, linear and
-#: angular, that an impulse of 1 N s along it gives body i, and takes from body j. Each of these four is eight
-#: columns wide, of which two stay 0, as bodies' velocities are.
+#: Columns of a contact's row. Of each direction, normal and two tangents, there are `AXIS` columns: the
+#: direction (world axes) and its moment about body i's centre of mass, the same of body j, then the
+#: velocities, linear and angular, that an impulse of 1 N s along it gives body i, and takes from body j. Each
+#: of these four is eight columns wide, of which two stay 0, as bodies' velocities are: they are read at once.
 AXIS, DIRECTION, MOMENT_I, DIRECTION_J, MOMENT_J = 32, 0, 3, 8, 11
 PUSH_I, TURN_I, PUSH_J, TURN_J = 16, 19, 24, 27
 #: Inverse masses, own compliances along the normal and across, gap, predicted change of the gap beyond the

@@ -54,6 +54,7 @@ from .contact_row import (
     TURN_J,
     WAY,
 )
+from .contact_simd import apply_impulses, contact_speeds, foreseen
 from .implicit_workspace import (
     BEST,
     CHANGES,
@@ -68,20 +69,21 @@ from .implicit_workspace import (
     RESULTS_V,
     START,
 )
-from .simd import apply_impulses, contact_speeds, foreseen
 
 #: A solution is found when a sweep changes no impulse by more than this share of the largest normal one, and
 #: no contact's velocity by more than the second share of the fastest contact's, and the third of what that is
 #: above the slowest impact's: light bodies under heavy ones lie still too, and what flies needs no such care.
 TOLERANCE, _STILL, _MOVING = 1e-3, 2e-4, 1e-3
 _PLAIN_SWEEPS, _SWEEPS = 4, 200
+#: Sweeps after which a contact's velocity may change by more, in proportion to them: what lies still is found
+#: in few, and what goes to and fro for long is in motion.
+_PATIENCE = 20.0
 #: Contacts that are solved one after the other are so many parts of the list apart: mostly of other bodies,
 #: so that the processor need not wait for one to begin the next.
-_PATIENCE = 20.0
 _APART = 4
 #: Overlap that contacts always push out [m], and how fast they push out what the load does not explain [m/s].
 _SLACK, _RECOVERY = 2e-5, 0.05
-#: Growth of the square of a sweep's change at which acceleration begins anew, and at which the solver goes back.
+#: Growth of the square of a sweep's change at which acceleration begins anew, and the solver goes back.
 _WORSE, _DIVERGED = 4.0, 1e6
 _GAIN = 1e-9  # of an impact's work, relative to its terms: round-off
 

@@ -22,6 +22,7 @@ from .contact_search import (
     pair_of,
     update_pace,
 )
+from .contact_simd import contact_speeds
 from .driven_bodies import begin_driven, drive, end_driven, is_driven, place_driven, read_driven
 from .element_contacts import in_element
 from .free_motion import integrate_gyroscopic, integrate_rotation
@@ -62,7 +63,6 @@ from .implicit_world import REMEMBERED_CONTACTS
 from .layout import P, Q, V, W
 from .rotation import rotate, write_matrix
 from .shapes import surface
-from .simd import contact_speeds
 
 #: Gap up to which bodies touch, and at which an impact is aimed [m].
 TOUCHING, _AIM = 2e-5, 1e-5

@@ -1,4 +1,4 @@
-"""Eight comparisons, or two or four columns at once: the one place that asks LLVM for vectors by name.
+"""Eight comparisons, or two or four columns at once, as vectors that LLVM is asked for by name.
 
 A plain loop over eight entries is unrolled by LLVM before its vectoriser sees it and stays scalar, five times
 slower; one over columns of a matrix stays scalar because its rows might overlap, for all that LLVM knows.
@@ -11,25 +11,26 @@ from llvmlite import ir
 from numba import extending, types
 from numba.core import cgutils
 
-from .contact_row import AXIS, DIRECTION, DIRECTION_J, PUSH_I, PUSH_J
 from .layout import EP, ER, ERROR, EV, EW
 
-_LANES = 8
+LANES = 8
 intrinsic: Any = extending.intrinsic  # callers leave out the first argument
-_FLOATS, _DOUBLES = ir.VectorType(ir.FloatType(), _LANES), ir.VectorType(ir.DoubleType(), _LANES)
+FLOATS, DOUBLES = ir.VectorType(ir.FloatType(), LANES), ir.VectorType(ir.DoubleType(), LANES)
 
 
-def _integer(value):
+def integer(value):
+    """A constant of 64 bits."""
     return ir.Constant(ir.IntType(64), value)
 
 
-def _splat(builder, scalar, kind=_FLOATS):
+def splat(builder, scalar, kind=FLOATS):
+    """A vector of the same number."""
     one = builder.insert_element(ir.Constant(kind, ir.Undefined), scalar, ir.Constant(ir.IntType(32), 0))
     zeros = ir.Constant(ir.VectorType(ir.IntType(32), kind.count), [0] * kind.count)
     return builder.shuffle_vector(one, ir.Constant(kind, ir.Undefined), zeros)
 
 
-def _chosen(builder, vector, lanes):
+def chosen(builder, vector, lanes):
     """A vector of some numbers of another one."""
     places = ir.Constant(ir.VectorType(ir.IntType(32), len(lanes)), lanes)
     return builder.shuffle_vector(vector, ir.Constant(vector.type, ir.Undefined), places)
@@ -38,8 +39,8 @@ def _chosen(builder, vector, lanes):
 def _entries(context, builder, signature, args, node):
     """Centres and radii of eight entries of a tree's node, whose bounds are the first argument."""
     array = cgutils.create_struct_proxy(signature.args[0])(context, builder, value=args[0])
-    rows, first = builder.bitcast(array.data, _FLOATS.as_pointer()), builder.mul(args[node], _integer(4))
-    return [builder.load(builder.gep(rows, [builder.add(first, _integer(k))]), align=4) for k in range(4)]
+    rows, first = builder.bitcast(array.data, FLOATS.as_pointer()), builder.mul(args[node], integer(4))
+    return [builder.load(builder.gep(rows, [builder.add(first, integer(k))]), align=4) for k in range(4)]
 
 
 def _moved(builder, points, R, t):
@@ -47,9 +48,9 @@ def _moved(builder, points, R, t):
     matrix = [cgutils.unpack_tuple(builder, row) for row in cgutils.unpack_tuple(builder, R)]
     moved = []
     for row, start in zip(matrix, cgutils.unpack_tuple(builder, t), strict=True):
-        total = _splat(builder, start)
+        total = splat(builder, start)
         for entry, coordinate in zip(row, points[:3], strict=True):
-            term = builder.fmul(_splat(builder, entry), coordinate, flags=("contract",))
+            term = builder.fmul(splat(builder, entry), coordinate, flags=("contract",))
             total = builder.fadd(total, term, flags=("contract",))
         moved.append(total)
     return moved
@@ -64,12 +65,12 @@ def overlap_mask(typingctx, bounds, node, x, y, z, radius):
     def codegen(context, builder, signature, args):
         entries, distance2 = _entries(context, builder, signature, args, 1), None
         for k in range(3):
-            d = builder.fsub(entries[k], _splat(builder, args[2 + k]))
+            d = builder.fsub(entries[k], splat(builder, args[2 + k]))
             d2 = builder.fmul(d, d)
             distance2 = d2 if distance2 is None else builder.fadd(distance2, d2)
-        reach = builder.fadd(entries[3], _splat(builder, args[5]))
+        reach = builder.fadd(entries[3], splat(builder, args[5]))
         hit = builder.fcmp_ordered("<", distance2, builder.fmul(reach, reach))
-        return builder.zext(builder.bitcast(hit, ir.IntType(_LANES)), ir.IntType(64))
+        return builder.zext(builder.bitcast(hit, ir.IntType(LANES)), ir.IntType(64))
 
     f = types.float32
     array = types.Array(f, 3, "C", readonly=not bounds.mutable)
@@ -78,25 +79,25 @@ def overlap_mask(typingctx, bounds, node, x, y, z, radius):
 
 @intrinsic
 def box_mask(typingctx, bounds, node, R, t, low, high, margin):
-    """Bit m is set where entry m of ``bounds[node]`` is nearer than ``margin`` to the box between two corners.
+    """Bit m is set where entry m of ``bounds[node]`` is at most ``margin`` from the box between two corners.
 
     ``R`` and ``t`` as in `overlap_masks`, into the box's frame; corners may be infinite.
     """
 
     def codegen(context, builder, signature, args):
         entries = _entries(context, builder, signature, args, 1)
-        moved, nothing = _moved(builder, entries, args[2], args[3]), ir.Constant(_FLOATS, [0.0] * _LANES)
+        moved, nothing = _moved(builder, entries, args[2], args[3]), ir.Constant(FLOATS, [0.0] * LANES)
         low, high = cgutils.unpack_tuple(builder, args[4]), cgutils.unpack_tuple(builder, args[5])
         distance2 = nothing
         for k in range(3):
-            under = builder.fsub(_splat(builder, low[k]), moved[k])
-            over = builder.fsub(moved[k], _splat(builder, high[k]))
+            under = builder.fsub(splat(builder, low[k]), moved[k])
+            over = builder.fsub(moved[k], splat(builder, high[k]))
             most = builder.select(builder.fcmp_ordered(">", under, over), under, over)
             most = builder.select(builder.fcmp_ordered(">", most, nothing), most, nothing)
             distance2 = builder.fadd(distance2, builder.fmul(most, most))
-        reach = builder.fadd(entries[3], _splat(builder, args[6]))
+        reach = builder.fadd(entries[3], splat(builder, args[6]))
         hit = builder.fcmp_ordered("<=", distance2, builder.fmul(reach, reach))
-        return builder.zext(builder.bitcast(hit, ir.IntType(_LANES)), ir.IntType(64))
+        return builder.zext(builder.bitcast(hit, ir.IntType(LANES)), ir.IntType(64))
 
     f = types.float32
     array, point = types.Array(f, 3, "C", readonly=not bounds.mutable), types.UniTuple(f, 3)
@@ -114,22 +115,22 @@ def overlap_masks(typingctx, bounds, a, b, R, t, slack):
 
     def codegen(context, builder, signature, args):
         own, other = (_entries(context, builder, signature, args, node) for node in (1, 2))
-        far = _splat(builder, ir.Constant(ir.FloatType(), 1e29))
+        far = splat(builder, ir.Constant(ir.FloatType(), 1e29))
         moved = _moved(builder, other, args[3], args[4])
-        grown = builder.fadd(other[3], _splat(builder, args[5]))
+        grown = builder.fadd(other[3], splat(builder, args[5]))
         # what holds nothing goes to the other end of the world, away from what holds nothing there
         moved[0] = builder.select(builder.fcmp_ordered("<", other[0], far), moved[0], builder.fneg(far))
-        found = _integer(0)
-        for k in range(_LANES):  # one entry of the second against all of the first
-            one, distance2 = [k] * _LANES, None
+        found = integer(0)
+        for k in range(LANES):  # one entry of the second against all of the first
+            one, distance2 = [k] * LANES, None
             for c in range(3):
-                d = builder.fsub(own[c], _chosen(builder, moved[c], one))
+                d = builder.fsub(own[c], chosen(builder, moved[c], one))
                 d2 = builder.fmul(d, d, flags=("contract",))
                 distance2 = d2 if distance2 is None else builder.fadd(distance2, d2, flags=("contract",))
-            reach = builder.fadd(own[3], _chosen(builder, grown, one))
+            reach = builder.fadd(own[3], chosen(builder, grown, one))
             hit = builder.fcmp_ordered("<", distance2, builder.fmul(reach, reach))
-            bits = builder.zext(builder.bitcast(hit, ir.IntType(_LANES)), ir.IntType(64))
-            found = builder.or_(found, builder.shl(bits, _integer(_LANES * k)))
+            bits = builder.zext(builder.bitcast(hit, ir.IntType(LANES)), ir.IntType(64))
+            found = builder.or_(found, builder.shl(bits, integer(LANES * k)))
         return found
 
     f = types.float32
@@ -145,140 +146,6 @@ def lowest_bit(typingctx, mask):
         return builder.cttz(args[0], ir.Constant(ir.IntType(1), 1))
 
     return types.int64(types.uint64), codegen
-
-
-@intrinsic
-def foreseen(typingctx):
-    """Keep a branch a branch: what follows is not computed ahead and then chosen, however cheap it looks."""
-
-    def codegen(context, builder, signature, args):
-        kind = ir.FunctionType(ir.VoidType(), [])
-        builder.call(ir.InlineAsm(kind, "", "", side_effect=True), [])
-        return context.get_dummy_value()
-
-    return types.void(), codegen
-
-
-@intrinsic
-def lower_supports(typingctx, score, best, k, base, *more):
-    """Put ``k`` into ``best`` wherever its score is below the eight of ``score``: ``base`` and each of four
-    numbers, added and taken away by turns. Bit m is set where it is the m-th of them.
-    """
-
-    def codegen(context, builder, signature, args):
-        integers = ir.VectorType(ir.IntType(64), _LANES)
-        score, best = (
-            cgutils.create_struct_proxy(signature.args[n])(context, builder, value=args[n]).data for n in (0, 1)
-        )
-        score = builder.bitcast(score, _DOUBLES.as_pointer())
-        best = builder.bitcast(best, integers.as_pointer())
-        value = ir.Constant(_DOUBLES, ir.Undefined)
-        for n, number in enumerate(cgutils.unpack_tuple(builder, args[4])):
-            for side, combine in enumerate((builder.fadd, builder.fsub)):
-                place = ir.Constant(ir.IntType(32), 2 * n + side)
-                value = builder.insert_element(value, combine(args[3], number), place)
-        before = builder.load(score, align=8)
-        lower, same = (builder.fcmp_ordered(sign, value, before) for sign in ("<", "=="))
-        builder.store(builder.select(lower, value, before), score, align=8)
-        number = _splat(builder, args[2], integers)
-        builder.store(builder.select(lower, number, builder.load(best, align=8)), best, align=8)
-        return builder.zext(builder.bitcast(same, ir.IntType(_LANES)), ir.IntType(64))
-
-    d, i = types.float64, types.int64
-    return types.uint64(types.Array(d, 1, "C"), types.Array(i, 1, "C"), i, d, types.UniTuple(d, 4)), codegen
-
-
-def _rows_of(context, builder, signature, args, row, v):
-    """Readers of a contact's row, and of bodies' velocities, eight columns at once."""
-    row = cgutils.create_struct_proxy(signature.args[row])(context, builder, value=args[row]).data
-    v = cgutils.create_struct_proxy(signature.args[v])(context, builder, value=args[v]).data
-
-    def column(k):
-        return builder.bitcast(builder.gep(row, [_integer(k)]), _DOUBLES.as_pointer())
-
-    def body(i):
-        at = builder.gep(v, [builder.mul(i, _integer(_LANES))])
-        return builder.bitcast(at, _DOUBLES.as_pointer())
-
-    return column, body
-
-
-@intrinsic
-def contact_speeds(typingctx, row, v, i, j):
-    """Velocities of body i relative to body j at a contact along its three directions, less those of body j
-    where ``j`` is not negative [m/s].
-
-    ``row`` is of `ImplicitWorkspace.rows`, ``v`` (B, 8) of its velocities.
-    """
-
-    def codegen(context, builder, signature, args):
-        column, body = _rows_of(context, builder, signature, args, 0, 1)
-        v_i = builder.load(body(args[2]), align=8)
-        own = []
-        for d in range(3):
-            own.append(
-                builder.fmul(builder.load(column(AXIS * d + DIRECTION), align=8), v_i, flags=("contract",))
-            )
-        before = builder.block
-        with builder.if_then(builder.icmp_signed(">=", args[3], _integer(0))):
-            v_j, less = builder.fneg(builder.load(body(args[3]), align=8)), []
-            for d in range(3):
-                part = builder.fmul(
-                    builder.load(column(AXIS * d + DIRECTION_J), align=8), v_j, flags=("contract",)
-                )
-                less.append(builder.fadd(own[d], part, flags=("contract",)))
-            inside = builder.block
-        speeds = []
-        for d in range(3):
-            total = builder.phi(_DOUBLES)
-            total.add_incoming(own[d], before)
-            total.add_incoming(less[d], inside)
-            speeds.append(total)
-        for d in range(3):
-            total = speeds[d]
-            for width in (4, 2, 1):  # halves are added until one number is left
-                low, high = (
-                    _chosen(builder, total, list(range(first, first + width))) for first in (0, width)
-                )
-                total = builder.fadd(low, high)
-            speeds[d] = builder.extract_element(total, ir.Constant(ir.IntType(32), 0))
-        return cgutils.pack_array(builder, speeds)
-
-    d = types.float64
-    numbers, matrix = types.Array(d, 1, "C"), types.Array(d, 2, "C")
-    return types.UniTuple(d, 3)(numbers, matrix, types.int64, types.int64), codegen
-
-
-@intrinsic
-def apply_impulses(typingctx, row, normal, first, second, v, i, j):
-    """Change the bodies' velocities by impulses along a contact's normal and both tangents [N s].
-
-    Arguments as in `contact_speeds`.
-    """
-
-    def codegen(context, builder, signature, args):
-        column, body = _rows_of(context, builder, signature, args, 0, 4)
-        impulses = [_splat(builder, args[1 + d], _DOUBLES) for d in range(3)]
-
-        def push(i, block, sign):
-            change = None
-            for d in range(3):
-                part = builder.fmul(
-                    builder.load(column(AXIS * d + block), align=8), impulses[d], ("contract",)
-                )
-                change = part if change is None else builder.fadd(change, part, flags=("contract",))
-            place = body(i)
-            combine = builder.fadd if sign > 0 else builder.fsub
-            builder.store(combine(builder.load(place, align=8), change), place, align=8)
-
-        push(args[5], PUSH_I, 1)
-        with builder.if_then(builder.icmp_signed(">=", args[6], _integer(0))):
-            push(args[6], PUSH_J, -1)
-        return context.get_dummy_value()
-
-    d = types.float64
-    numbers, matrix = types.Array(d, 1, "C"), types.Array(d, 2, "C")
-    return types.void(numbers, d, d, d, matrix, types.int64, types.int64), codegen
 
 
 def _transition_of(columns):
@@ -302,7 +169,7 @@ def _transition_of(columns):
             def add(a, b, c):
                 return builder.fadd(a, builder.fmul(b, c, ("contract",)), ("contract",))
 
-            time, kept = _splat(builder, args[3], doubles), _splat(builder, args[4], doubles)
+            time, kept = splat(builder, args[3], doubles), splat(builder, args[4], doubles)
             spins = [load(EW + k) for k in range(3)]
             for k in range(3):
                 velocity = load(EV + k)
@@ -310,8 +177,8 @@ def _transition_of(columns):
                 builder.store(builder.fmul(kept, velocity), places[EV + k], align=8)
                 angle = load(ER + k)
                 for m in range(3):
-                    entry = builder.load(builder.gep(block.data, [_integer(3 * k + m)]))
-                    angle = add(angle, _splat(builder, entry, doubles), spins[m])
+                    entry = builder.load(builder.gep(block.data, [integer(3 * k + m)]))
+                    angle = add(angle, splat(builder, entry, doubles), spins[m])
                 builder.store(angle, places[ER + k], align=8)
             for k in range(3):
                 builder.store(builder.fmul(kept, spins[k]), places[EW + k], align=8)
