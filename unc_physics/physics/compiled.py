@@ -1,5 +1,6 @@
 """How kernels are compiled: once for each combination of types, cached, without the interpreter's lock."""
 
+from functools import partial
 from typing import Any
 
 from numba import njit, types
@@ -10,6 +11,7 @@ from . import compile_time  # noqa: F401  (from the first kernel on)
 from .by_reference import referred, refers
 from .calls import stay_apart
 from .compile_cache import keep
+from .frame_room import with_room
 from .kernel_stamp import WORK
 
 #: No wrapper for Python, no counted references: both take long to compile.
@@ -91,6 +93,7 @@ def _taking_references(compiled):
             return found
 
         compiled.get_call_template = get_call_template
+        compiled.compile = partial(with_room, compiled.compile)
     return compiled
 
 
