@@ -11,10 +11,11 @@ from twins.states import boxminus, boxplus
 from unc_physics import Belief, make_propagator
 from unc_physics.physics import implicit_step
 from unc_physics.physics.compiled import kernel
+from unc_physics.physics.contact_row import FORCE
 from unc_physics.physics.contact_search import find_groups, update_pace
 from unc_physics.physics.driven_bodies import begin_driven, end_driven, place_driven
 from unc_physics.physics.implicit_stages import after_groups, before_group, before_groups, before_travel
-from unc_physics.physics.implicit_workspace import CONTACTS, FORCE, LASTING, implicit_workspace
+from unc_physics.physics.implicit_workspace import CONTACTS, LASTING, implicit_workspace
 from unc_physics.physics.layout import Q
 from unc_physics.physics.rolling import TILTS
 from unc_physics.physics.rotation import write_matrix

@@ -17,25 +17,28 @@ from unc_physics.physics.contact_patch import (
     element_candidates,
     pair_candidates,
 )
-from unc_physics.physics.contact_search import ACTIVE_GAP, find_groups, update_pace
-from unc_physics.physics.hull import hull_spheres
-from unc_physics.physics.implicit_workspace import (
+from unc_physics.physics.contact_row import (
+    AXIS,
     BEND,
     COMPLIANCE,
-    CONTACTS,
     DIRECTION,
-    ELASTIC,
-    FREE,
     FRICTION,
     GAP,
-    LASTING,
     MOMENT_I,
     MOMENT_J,
-    NOW,
-    PLASTIC,
     RADIUS,
     RESTITUTION,
     SLIP_COMPLIANCE,
+)
+from unc_physics.physics.contact_search import ACTIVE_GAP, find_groups, update_pace
+from unc_physics.physics.hull import hull_spheres
+from unc_physics.physics.implicit_workspace import (
+    CONTACTS,
+    ELASTIC,
+    FREE,
+    LASTING,
+    NOW,
+    PLASTIC,
     implicit_workspace,
 )
 from unc_physics.scene.environment import Box, Capsule, Cylinder, Plane, Sphere
@@ -261,10 +264,10 @@ def test_rows_have_the_contacts_jacobians(make):
     for k, (row, c) in enumerate(zip(rows, contacts, strict=True)):
         for d in range(3):
             expected = J[3 * k + d].reshape(-1, 6)
-            np.testing.assert_allclose(row[DIRECTION + 3 * d :][:3], expected[c.i, :3], atol=1e-12)
-            np.testing.assert_allclose(row[MOMENT_I + 3 * d :][:3], expected[c.i, 3:], atol=1e-12)
+            np.testing.assert_allclose(row[DIRECTION + AXIS * d :][:3], expected[c.i, :3], atol=1e-12)
+            np.testing.assert_allclose(row[MOMENT_I + AXIS * d :][:3], expected[c.i, 3:], atol=1e-12)
             if c.j >= 0:
-                np.testing.assert_allclose(row[MOMENT_J + 3 * d :][:3], -expected[c.j, 3:], atol=1e-12)
+                np.testing.assert_allclose(row[MOMENT_J + AXIS * d :][:3], -expected[c.j, 3:], atol=1e-12)
         assert row[GAP] == pytest.approx(c.gap, abs=1e-12) and row[RADIUS] == pytest.approx(c.radius)
         assert row[COMPLIANCE] == pytest.approx(own[k, 0]) and row[SLIP_COMPLIANCE] == pytest.approx(
             own[k, 1:].max()
@@ -296,7 +299,7 @@ def test_the_hull_touches_every_plane_that_the_packing_touches(model):
 def lasting_law(stage, rows, contacts, before, h):
     """The twin's law for contacts that a kernel found, at the velocities before and without contacts."""
     J = twin.jacobian(contacts, before)
-    start, free = twin.velocities(before), stage.work.velocity[FREE].ravel()
+    start, free = twin.velocities(before), stage.work.velocity[FREE, :, :6].ravel()
     fall = np.array([twin.fall(stage.scene, c, before) for c in contacts])
     open_after = rows[:, GAP] + h * ((J @ start)[::3] + 0.5 * h * fall) > 0.0
     fast = (rows[:, GAP] > twin.TOUCHING) & (-(J @ free)[::3] > THRESHOLD) & open_after
@@ -439,7 +442,7 @@ def test_an_impact_obeys_its_law_as_a_general_solver_s_does(make, name, e, mu, s
         for goal in (target, np.zeros_like(target))
     )
     solve_impact(stage.count, stage.work)
-    m, after = len(contacts), stage.work.velocity[NOW].ravel()
+    m, after = len(contacts), stage.work.velocity[NOW, :, :6].ravel()
     own, without = stage.work.impulses[ELASTIC, :m, :3], stage.work.impulses[PLASTIC, :m, :3]
     np.testing.assert_allclose(after, before + inverse_mass @ J.T @ own.ravel(), atol=1e-9)
     limit = rows[:, FRICTION] * own[:, 0]

@@ -20,7 +20,7 @@ def packing(centers, radii):
     return SpherePacking("packing", centers, radii, 0.4 * reach**2 * np.eye(3), 1.0, np.zeros(3), reach)
 
 
-def found_pairs(world, bodies, R, t, pairs_at_once):
+def found_pairs(world, bodies, R, t, pairs_at_once, at_once=sphere_tree.AT_ONCE):
     """All overlapping pairs by the candidates and the exact test; refuses a candidate that comes twice."""
     i, j = bodies
     slack = SINGLE_PRECISION * (world.bodies.radius[i] + world.bodies.radius[j])
@@ -32,7 +32,7 @@ def found_pairs(world, bodies, R, t, pairs_at_once):
     search.stack[0] = world.bodies.root[i], world.bodies.root[j]
     top, pairs = 1, []
     while top > 0:
-        found, top = sphere_tree.candidates(world.tree, R, tuple(t), slack, search, top)
+        found, top = sphere_tree.candidates(world.tree, R, tuple(t), slack, search, top, at_once)
         assert top <= len(search.stack) and found <= len(search.pairs)
         pairs += [tuple(pair) for pair in search.pairs[:found].tolist()]
     assert len(set(pairs)) == len(pairs), "a pair was found twice"
@@ -54,7 +54,8 @@ def check(ci, ri, cj, rj, R, t, pairs_at_once=None):
     """Candidates and exact test against brute force; returns the number of overlapping pairs."""
     world = Scene([RigidBody("i", packing(ci, ri), 1.0), RigidBody("j", packing(cj, rj), 1.0)]).world
     expected = brute_force(ci, ri, cj, rj, R, t, len(ri))
-    assert found_pairs(world, (0, 1), R, t, pairs_at_once) == expected
+    for at_once in (1, sphere_tree.AT_ONCE):
+        assert found_pairs(world, (0, 1), R, t, pairs_at_once, at_once) == expected
     swapped = found_pairs(world, (1, 0), np.ascontiguousarray(R.T), -R.T @ t, pairs_at_once)
     grazing = expected ^ {(i, j) for j, i in swapped}
     assert (

@@ -7,7 +7,7 @@ from .layout import P
 from .rotation import rotate_back
 from .sphere_tree import candidates
 
-# of the sum of two bodies' radii: bounds, with a margin, what single precision loses in a change of frame
+# of lengths, as of two radii: bounds, with a margin, what single precision loses in a change of frame
 SINGLE_PRECISION = 4e-6
 FIRST_STEPS, _MOST_STEPS = 4.0, 64.0  # for which two bodies that are apart are asked to stay so
 # height of a search's first stack; typed, since a literal would compile every caller twice
@@ -102,5 +102,5 @@ def overlap_query(i, j, t_ij, margin, world, work):
     """Whether two bodies' trees overlap when grown, together by ``margin`` [m], at ``work.R_ij``."""
     query = work.overlap_query
     query.stack[0, 0], query.stack[0, 1] = world.bodies.root[i], world.bodies.root[j]
-    found, _ = candidates(world.tree, work.R_ij, t_ij, margin, query, ROOTS_ALONE)
+    found, _ = candidates(world.tree, work.R_ij, t_ij, margin, query, ROOTS_ALONE, 1)
     return found > 0

@@ -4,8 +4,8 @@ import math
 from typing import NamedTuple
 
 from .compiled import inner
+from .contact_row import AXIS, DIRECTION, MOMENT_I, MOMENT_J
 from .element_contacts import in_element
-from .implicit_workspace import DIRECTION, MOMENT_I, MOMENT_J
 from .layout import EP, ER, EV, EW
 from .rotation import cross, rotate
 from .shapes import surface
@@ -74,7 +74,7 @@ def _triple(row, at):
 @inner(forceinline=True)
 def _arm(row, at, n, first, second):
     """A lever arm from its moments about the three directions, the first of them being at ``at``."""
-    along_n, along_first = _triple(row, at), _triple(row, at + 3)
+    along_n, along_first = _triple(row, at), _triple(row, at + AXIS)
     # arm . second = (arm x n) . first, and so on, for a right-handed basis
     a, b, c = dot(along_n, first), -dot(along_n, second), dot(along_first, second)
     return plus(plus(times(a, second), times(b, first)), times(c, n))
@@ -88,7 +88,8 @@ def contact_geometry(row, ids, gap, surface_of, position_i, world, work):
     of body i and of body j, and 1 where both are flat.
     """
     i, j = ids[0], ids[1]
-    n, first, second = _triple(row, DIRECTION), _triple(row, DIRECTION + 3), _triple(row, DIRECTION + 6)
+    n, first = _triple(row, DIRECTION), _triple(row, DIRECTION + AXIS)
+    second = _triple(row, DIRECTION + 2 * AXIS)
     reach = world.tree.radii[ids[2]] + 0.5 * gap
     arm_i = _arm(row, MOMENT_I, n, first, second)
     center_i = plus(arm_i, times(reach, n))

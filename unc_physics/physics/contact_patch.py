@@ -12,6 +12,33 @@ import numpy as np
 
 from .compiled import inner
 from .contact_model import reduced_radius
+from .contact_row import (
+    AXIS,
+    BEND,
+    COMPLIANCE,
+    DIRECTION,
+    DIRECTION_J,
+    DRIFT,
+    FALL,
+    FORCE,
+    FRICTION,
+    GAP,
+    INVERSE_MASS_I,
+    INVERSE_MASS_J,
+    MOMENT_I,
+    MOMENT_J,
+    PUSH_I,
+    PUSH_J,
+    RADIUS,
+    REACH,
+    RESTITUTION,
+    SLIP_COMPLIANCE,
+    SPIN_COMPLIANCE,
+    SPIN_I,
+    SPIN_J,
+    TURN_I,
+    TURN_J,
+)
 from .contact_search import (
     ACTIVE_GAP,
     LIST_MARGIN,
@@ -25,42 +52,23 @@ from .contact_search import (
     relative_pose,
     side_of,
 )
+from .contact_simd import lower_supports
 from .element_contacts import in_element
 from .implicit_workspace import (
-    BEND,
     CANDIDATE_GAP,
     CANDIDATE_NORMAL,
     CANDIDATE_POINT,
     CANDIDATE_SCORE,
-    COMPLIANCE,
     CONTACTS,
-    DIRECTION,
-    DRIFT,
-    FALL,
-    FORCE,
-    FRICTION,
-    GAP,
-    INVERSE_MASS_I,
-    INVERSE_MASS_J,
-    MOMENT_I,
-    MOMENT_J,
     OVERFLOW,
     PACE,
-    RADIUS,
-    REACH,
-    RESTITUTION,
-    SLIP_COMPLIANCE,
-    SPIN_COMPLIANCE,
-    SPIN_I,
-    SPIN_J,
     TOO_MANY_CANDIDATES,
     TOO_MANY_CONTACTS,
-    TURN_I,
-    TURN_J,
 )
 from .layout import P, V, W
 from .rotation import rotate, rotate_back, tangents
-from .shapes import surface
+from .shapes import bounds, surface
+from .simd import lowest_bit
 
 #: Gap up to which contacts take part in an impact [m].
 IMPACT_GAP = 2e-4
@@ -131,11 +139,17 @@ def element_candidates(x, i, e, limit, horizon, world, work):
         R_ei = work.R_ij
         ux, uy, uz = rotate_back(R, vx, vy, vz)
         wx, wy, wz = rotate_back(R, x[i, W], x[i, W + 1], x[i, W + 2])
-        centers, radii, pool = world.tree.centers, world.tree.radii, work.pool
         start = work.lists[i, len(x) + e, 0]
-        for k in range(start, start + work.lists[i, len(x) + e, 1]):
-            s = pool[k, 0]
-            cx, cy, cz, r = centers[s, 0], centers[s, 1], centers[s, 2], radii[s]
+        stop = start + work.lists[i, len(x) + e, 1]
+        spheres, near = work.pool_spheres, work.low
+        ax, ay, az = spheres[0, start:stop], spheres[1, start:stop], spheres[2, start:stop]
+        ar = spheres[3, start:stop]
+        _near_box(R_ei, t, bounds(kind, size, e), (ax, ay, az, ar), limit + travel - kept, near)
+        for k in range(stop - start):
+            if near[k] < 0.0:
+                continue
+            s = work.pool[start + k, 0]
+            cx, cy, cz, r = ax[k], ay[k], az[k], ar[k]
             px, py, pz = rotate(R_ei, cx, cy, cz)
             distance, (nx, ny, nz) = surface(kind, size, e, px + t[0], py + t[1], pz + t[2])
             gap = distance - r + kept
@@ -147,6 +161,26 @@ def element_candidates(x, i, e, limit, horizon, world, work):
                 if count == 0:
                     return 0
     return count
+
+
+@inner(forceinline=True)
+def _near_box(R, t, corners, spheres, reach, near):
+    """Write for each sphere a number, negative unless it is nearer to a box than ``reach`` [m], in one loop.
+
+    ``R`` and ``t`` bring the spheres, x, y, z and radii, into the frame of the box, given by its lowest and
+    highest corner.
+    """
+    xx, xy, xz, yx, yy, yz = R[0, 0], R[0, 1], R[0, 2], R[1, 0], R[1, 1], R[1, 2]
+    zx, zy, zz = R[2, 0], R[2, 1], R[2, 2]
+    (ax, ay, az), (bx, by, bz) = corners
+    ux, uy, uz, r = spheres
+    for k in range(len(r)):
+        px = t[0] + xx * ux[k] + xy * uy[k] + xz * uz[k]
+        py = t[1] + yx * ux[k] + yy * uy[k] + yz * uz[k]
+        pz = t[2] + zx * ux[k] + zy * uy[k] + zz * uz[k]
+        dx, dy, dz = max(ax - px, px - bx, 0.0), max(ay - py, py - by, 0.0), max(az - pz, pz - bz, 0.0)
+        least = max(r[k] + reach, 0.0)
+        near[k] = least * least - (dx * dx + dy * dy + dz * dz)
 
 
 @inner(forceinline=True)
@@ -274,13 +308,12 @@ def add_contacts(x, i, j, count, tilt, world, work):
             left -= 1
             u = tilt * (first[0] * c[3] + first[1] * c[4] + first[2] * c[5])
             w = tilt * (second[0] * c[3] + second[1] * c[4] + second[2] * c[5])
-            plus, minus, base = _HALF * (u + w), _HALF * (u - w), c[CANDIDATE_SCORE]
-            for d, more in ((0, u), (2, w), (4, plus), (6, minus)):
-                for side in range(2):
-                    value = base + (more if side == 0 else -more)
-                    at = d + side
-                    if value < score[at] or (value == score[at] and _deeper(ids, k, value, best[at], value)):
-                        best[at], score[at] = k, value
+            ties = lower_supports(score, best, k, c[CANDIDATE_SCORE], u, w, _HALF * (u + w), _HALF * (u - w))
+            while ties != 0:
+                d = lowest_bit(ties)
+                ties &= ties - np.uint64(1)
+                if _deeper(ids, k, score[d], best[d], score[d]):
+                    best[d] = k
         for d in range(8, -1, -1):
             k = best[d]
             if ids[k, 2] == _IN_PATCH:
@@ -349,17 +382,21 @@ def write_contact(x, i, j, k, world, work):
         )
         r = reduced_radius(r, rj)
     for d, axis in ((0, n), (1, first), (2, second)):
-        _write_direction(row, DIRECTION + 3 * d, axis)
+        at = AXIS * d
         moment = _cross(arm, axis)
-        _write_direction(row, MOMENT_I + 3 * d, moment)
         turn = rotate(work.inverse_inertia[i], moment[0], moment[1], moment[2])
-        _write_direction(row, TURN_I + 3 * d, turn)
+        _write_direction(row, at + DIRECTION, axis)
+        _write_direction(row, at + MOMENT_I, moment)
+        _write_push(row, at + PUSH_I, row[INVERSE_MASS_I], axis)
+        _write_direction(row, at + TURN_I, turn)
         own = row[INVERSE_MASS_I] + moment[0] * turn[0] + moment[1] * turn[1] + moment[2] * turn[2]
         if j >= 0:
             moment = _cross(other, axis)
-            _write_direction(row, MOMENT_J + 3 * d, moment)
             turn = rotate(work.inverse_inertia[j], moment[0], moment[1], moment[2])
-            _write_direction(row, TURN_J + 3 * d, turn)
+            _write_direction(row, at + DIRECTION_J, axis)
+            _write_direction(row, at + MOMENT_J, moment)
+            _write_push(row, at + PUSH_J, row[INVERSE_MASS_J], axis)
+            _write_direction(row, at + TURN_J, turn)
             own += row[INVERSE_MASS_J] + moment[0] * turn[0] + moment[1] * turn[1] + moment[2] * turn[2]
         if d == 0:
             row[COMPLIANCE] = own
@@ -420,6 +457,11 @@ def _recall_force(entry, row, first, second, force):
 @inner(forceinline=True)
 def _write_direction(row, at, v):
     row[at], row[at + 1], row[at + 2] = v[0], v[1], v[2]
+
+
+@inner(forceinline=True)
+def _write_push(row, at, inverse_mass, v):
+    row[at], row[at + 1], row[at + 2] = inverse_mass * v[0], inverse_mass * v[1], inverse_mass * v[2]
 
 
 @inner(forceinline=True)

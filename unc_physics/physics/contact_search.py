@@ -9,13 +9,14 @@ import math
 
 import numpy as np
 
+from .broad_phase import SINGLE_PRECISION
 from .compiled import inner
 from .element_contacts import element_distance, in_element, spheres_near, write_element_rotation
 from .implicit_workspace import CLEARANCE, OVERFLOW, PACE, POOL_USED, SURGE, TOO_LONG_LISTS, TRAVEL
 from .layout import P, V, W
 from .rotation import rotate, rotate_back
 from .shapes import flat_side
-from .sphere_tree import candidates
+from .sphere_tree import AT_ONCE, candidates
 
 #: Gap up to which contacts take part in a step [m].
 ACTIVE_GAP = 5e-4
@@ -26,7 +27,6 @@ LIST_MARGIN, LIST_STEPS = 5e-4, 2.0
 #: How far two bodies may move until their list is made anew [m].
 PAIR_MARGIN = 5e-4
 _MARGIN = 12  # column of `list_pose`, behind a rotation and a position: the margin [m]
-_SINGLE_PRECISION = 4e-6  # of the sum of two bodies' radii: what single precision loses in a change of frame
 
 
 @inner
@@ -276,12 +276,16 @@ def element_list(x, i, e, need, spare, world, work):
     search.stack[0, 0] = world.bodies.root[i]
     top = np.int64(1)
     while top > 0:
-        found, top = spheres_near(world.tree, surroundings, e, R, t, margin, search, top)
+        found, top = spheres_near(world.tree, surroundings, e, R, t, radius, margin, search, top)
         if used + found > len(pool):
             work.counts[OVERFLOW] = TOO_LONG_LISTS
             return t
         for k in range(found):
-            pool[used, 0], pool[used, 1] = search.pairs[k, 0], 0
+            s = search.pairs[k, 0]
+            pool[used, 0], pool[used, 1] = s, 0
+            for c in range(3):
+                work.pool_spheres[c, used] = world.tree.centers[s, c]
+            work.pool_spheres[3, used] = world.tree.radii[s]
             used += 1
     _keep_list(i, column, start, used, R, t, margin, work)
     return t
@@ -296,27 +300,30 @@ def pair_list(x, i, j, need, spare, world, work):
     if need + _moved(place, R_ij, t_ij, world.bodies.radius[j]) <= place[_MARGIN]:
         return
     margin = need + spare
-    slack = _SINGLE_PRECISION * (world.bodies.radius[i] + world.bodies.radius[j]) + margin
+    slack = SINGLE_PRECISION * (world.bodies.radius[i] + world.bodies.radius[j]) + margin
     start = work.counts[POOL_USED]
     used = start
     search.stack[0, 0], search.stack[0, 1] = world.bodies.root[i], world.bodies.root[j]
     top = np.int64(1)
     while top > 0:
-        found, top = candidates(tree, R_ij, t_ij, slack, search, top)
+        found, top = candidates(tree, R_ij, t_ij, slack, search, top, AT_ONCE)
         if used + found > len(pool):
             work.counts[OVERFLOW] = TOO_LONG_LISTS
             return
-        for k in range(found):
-            a, b = search.pairs[k, 0], search.pairs[k, 1]
-            pool[used, 0], pool[used, 1] = a, b
-            for c in range(3):
-                work.pool_spheres[c, used], work.pool_spheres[4 + c, used] = (
-                    tree.centers[a, c],
-                    tree.centers[b, c],
-                )
-            work.pool_spheres[3, used], work.pool_spheres[7, used] = tree.radii[a], tree.radii[b]
-            used += 1
+        _copy_spheres(found, search.pairs, tree.centers, tree.radii, used, pool, work.pool_spheres)
+        used += found
     _keep_list(i, j, start, used, R_ij, t_ij, margin, work)
+
+
+@inner
+def _copy_spheres(count, pairs, centers, radii, used, pool, spheres):
+    """Write pairs of spheres, and what is asked of them, into the pool behind what is ``used``."""
+    for k in range(count):
+        a, b, at = np.uint64(pairs[k, 0]), np.uint64(pairs[k, 1]), np.uint64(used + k)
+        pool[at, 0], pool[at, 1] = pairs[k, 0], pairs[k, 1]
+        spheres[0, at], spheres[1, at], spheres[2, at] = centers[a, 0], centers[a, 1], centers[a, 2]
+        spheres[4, at], spheres[5, at], spheres[6, at] = centers[b, 0], centers[b, 1], centers[b, 2]
+        spheres[3, at], spheres[7, at] = radii[a], radii[b]
 
 
 @inner(forceinline=True)

@@ -2,12 +2,15 @@
 
 import numpy as np
 
+from .broad_phase import SINGLE_PRECISION
 from .compiled import inner
 from .contact_model import cap
 from .narrow_phase import DISTANCE, NORMAL, POINT, VOLUME
 from .rotation import rotate, rotate_back
-from .shapes import surface
+from .shapes import bounds, surface
+from .simd import box_mask, lowest_bit
 from .sphere_tree import EMPTY, WIDTH
+from .vectors import single
 
 
 @inner(forceinline=True)
@@ -37,7 +40,7 @@ def write_element_rotation(R_i, R_e, out):
 
 
 @inner(error_model="numpy", forceinline=True)
-def spheres_near(tree, surroundings, e, R, t, margin, search, top):
+def spheres_near(tree, surroundings, e, R, t, radius, margin, search, top):
     """Continue the search for the spheres of one body that are nearer to element e than a margin [m].
 
     Parameters
@@ -49,6 +52,8 @@ def spheres_near(tree, surroundings, e, R, t, margin, search, top):
         Rotation from the body's to the element's axes.
     t : tuple of 3 floats
         The body's centre of mass in the element's frame [m].
+    radius : float
+        The body's [m].
     margin : float
     search : Scratch
         Its ``stack`` holds the nodes still to be searched in its first column, the body's root when a search
@@ -64,21 +69,26 @@ def spheres_near(tree, surroundings, e, R, t, margin, search, top):
         Call again, after using the spheres, while it is positive.
     """
     kind, size = surroundings.kind, surroundings.size
-    bounds, child, centers, radii = tree.bounds, tree.child, tree.centers, tree.radii
+    child, centers, radii = tree.child, tree.centers, tree.radii
     stack, pairs = search.stack, search.pairs
+    low, high = bounds(kind, size, e)
+    low, high, at = single(low), single(high), single(t)
+    rows = (single(R[0]), single(R[1]), single(R[2]))
+    reach = np.float32(margin + SINGLE_PRECISION * (abs(t[0]) + abs(t[1]) + abs(t[2]) + radius))
     count = 0
     while top > 0 and count + WIDTH <= len(pairs):
         top -= 1
         node = stack[top, 0]
-        for k in range(WIDTH):
+        mask = box_mask(tree.bounds, node, rows, at, low, high, reach)
+        while mask != 0:
+            k = lowest_bit(mask)
+            mask &= mask - np.uint64(1)
             c = child[node, k]
             if c == EMPTY:
                 break
             if c >= 0:
-                x, y, z = rotate(R, bounds[node, 0, k], bounds[node, 1, k], bounds[node, 2, k])
-                if surface(kind, size, e, x + t[0], y + t[1], z + t[2])[0] < bounds[node, 3, k] + margin:
-                    stack[top, 0] = c
-                    top += 1
+                stack[top, 0] = c
+                top += 1
                 continue
             s = ~c
             x, y, z = rotate(R, centers[s, 0], centers[s, 1], centers[s, 2])
@@ -89,7 +99,7 @@ def spheres_near(tree, surroundings, e, R, t, margin, search, top):
 
 
 @inner(error_model="numpy", forceinline=True)
-def next_element_contacts(tree, surroundings, e, R, t, search, top):
+def next_element_contacts(tree, surroundings, e, R, t, radius, search, top):
     """Continue the search for the contacts of one body with element e, as `spheres_near` without a margin.
 
     ``search.records`` are filled with the contacts, in the way of `narrow_phase.next_contacts`, the body as
@@ -97,7 +107,7 @@ def next_element_contacts(tree, surroundings, e, R, t, search, top):
     centre from the surface, signed.
     """
     centers, radii, records = tree.centers, tree.radii, search.records
-    count, top = spheres_near(tree, surroundings, e, R, t, 0.0, search, top)
+    count, top = spheres_near(tree, surroundings, e, R, t, radius, 0.0, search, top)
     for m in range(count):
         s = search.pairs[m, 0]
         x, y, z = rotate(R, centers[s, 0], centers[s, 1], centers[s, 2])

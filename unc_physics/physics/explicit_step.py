@@ -177,7 +177,7 @@ def apply_element_forces(x, first_time, time, world, surroundings, method, work)
                 touching = False
                 while top > 0:
                     count, top = next_element_contacts(
-                        world.tree, surroundings, e, work.R_ij, t, work.search, top
+                        world.tree, surroundings, e, work.R_ij, t, world.bodies.radius[i], work.search, top
                     )
                     if count > 0:
                         apply_element_force(i, count, world.stiffness, work)

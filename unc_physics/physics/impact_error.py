@@ -11,9 +11,9 @@ import math
 import numpy as np
 
 from .compiled import inner
-from .implicit_workspace import (
+from .contact_row import (
+    AXIS,
     COMPLIANCE,
-    CONTACTS,
     DIRECTION,
     FRICTION,
     INVERSE_MASS_I,
@@ -24,6 +24,7 @@ from .implicit_workspace import (
     TURN_I,
     TURN_J,
 )
+from .implicit_workspace import CONTACTS
 from .random import combine, mix
 from .rotation import rotate
 
@@ -64,7 +65,7 @@ def disturb(step, impact, bodies, key, error, work):
         v, w = _normals(own, 2)
         f, _ = _normals(own, 3)
         d = error.direction
-        _turn(row, d * x, d * y, d * z, j)
+        _turn(row, d * x, d * y, d * z)
         _shift(row, error.point * u, error.point * v, error.point * w, i, j, work.inverse_inertia)
         row[FRICTION] *= math.exp(error.friction * f)
 
@@ -80,7 +81,7 @@ def _normals(key, number):
 
 
 @inner
-def _turn(row, x, y, z, j):
+def _turn(row, x, y, z):
     """Turn a contact's three directions by a small rotation vector (world axes); moments follow.
 
     Each new direction is a mixture of the old ones, and so are its moments about the centres of mass.
@@ -90,20 +91,18 @@ def _turn(row, x, y, z, j):
         return
     # the rotation vector along the old directions, in which the rotation is written
     a = (row[DIRECTION] * x + row[DIRECTION + 1] * y + row[DIRECTION + 2] * z) / angle
-    b = (row[DIRECTION + 3] * x + row[DIRECTION + 4] * y + row[DIRECTION + 5] * z) / angle
-    c = (row[DIRECTION + 6] * x + row[DIRECTION + 7] * y + row[DIRECTION + 8] * z) / angle
+    b = (row[AXIS] * x + row[AXIS + 1] * y + row[AXIS + 2] * z) / angle
+    c = (row[2 * AXIS] * x + row[2 * AXIS + 1] * y + row[2 * AXIS + 2] * z) / angle
     s, t = math.sin(angle), 1.0 - math.cos(angle)
     q00, q11, q22 = 1.0 - t * (b * b + c * c), 1.0 - t * (a * a + c * c), 1.0 - t * (a * a + b * b)
     q01, q10 = t * a * b - s * c, t * a * b + s * c
     q02, q20 = t * a * c + s * b, t * a * c - s * b
     q12, q21 = t * b * c - s * a, t * b * c + s * a
-    for block in range(5 if j >= 0 else 3):
-        at = 9 * block  # directions, moments and turns, in the order of their columns
-        for k in range(3):
-            n, f, g = row[at + k], row[at + 3 + k], row[at + 6 + k]
-            row[at + k] = q00 * n + q10 * f + q20 * g
-            row[at + 3 + k] = q01 * n + q11 * f + q21 * g
-            row[at + 6 + k] = q02 * n + q12 * f + q22 * g
+    for k in range(AXIS):  # directions, moments, and what they push and turn
+        n, f, g = row[k], row[AXIS + k], row[2 * AXIS + k]
+        row[k] = q00 * n + q10 * f + q20 * g
+        row[AXIS + k] = q01 * n + q11 * f + q21 * g
+        row[2 * AXIS + k] = q02 * n + q12 * f + q22 * g
 
 
 @inner
@@ -112,7 +111,7 @@ def _shift(row, x, y, z, i, j, inverse_inertia):
     along = row[DIRECTION] * x + row[DIRECTION + 1] * y + row[DIRECTION + 2] * z
     x, y, z = x - along * row[DIRECTION], y - along * row[DIRECTION + 1], z - along * row[DIRECTION + 2]
     for d in range(3):
-        k = 3 * d
+        k = AXIS * d
         ax, ay, az = row[DIRECTION + k], row[DIRECTION + k + 1], row[DIRECTION + k + 2]
         more = (y * az - z * ay, z * ax - x * az, x * ay - y * ax)
         own = row[INVERSE_MASS_I] + _add_moment(row, MOMENT_I + k, TURN_I + k, more, inverse_inertia[i])

@@ -34,26 +34,10 @@ from .contact_change import (
 )
 from .contact_model import shallow_factor
 from .contact_patch import IMPACT_GAP
+from .contact_row import BEND, COMPLIANCE, DAMPING_TIME, FALL, FRICTION, GAP, RADIUS, SLIP_COMPLIANCE
 from .contact_system import add_answer, add_force, eliminate
 from .flight_derivative import in_world, mean_spin, turn_coefficients, turned_on
-from .implicit_workspace import (
-    BEND,
-    COMPLIANCE,
-    CONTACTS,
-    DAMPING_TIME,
-    ELASTIC,
-    FALL,
-    FREE,
-    FRICTION,
-    GAP,
-    LASTING,
-    NOW,
-    RADIUS,
-    SLIP_COMPLIANCE,
-    START,
-    START_POSITION,
-    START_QUATERNION,
-)
+from .implicit_workspace import CONTACTS, ELASTIC, FREE, LASTING, NOW, START, START_POSITION, START_QUATERNION
 from .layout import EP, ER, ERROR, EV, EW
 from .rotation import cross, write_matrix
 from .twist_derivative import add_twist, no_twist, surface_change, surface_velocity, twist_change, twist_of

@@ -23,41 +23,30 @@ import math
 
 from .compiled import inner
 from .contact_model import FAST, balance, balanced_impulse, shallow_depth
-from .implicit_workspace import (
-    ALONG,
-    BEFORE,
+from .contact_row import (
+    AXIS,
     BEND,
-    BEST,
     COMPLIANCE,
-    CONTACTS,
     COUPLING,
     DAMPING_TIME,
     DEPTH,
+    DIRECTION,
+    DIRECTION_J,
     DRIFT,
-    ELASTIC,
     FALL,
     FORCE,
-    FREE,
     FRICTION,
     GAP,
     GROWTH,
-    INVERSE_MASS_I,
-    INVERSE_MASS_J,
-    LASTING,
     MOMENT_I,
     MOMENT_J,
-    NOW,
-    PLASTIC,
-    PREVIOUS,
     RADIUS,
     REACH,
     RESTITUTION,
-    SEARCH,
     SLIP_COMPLIANCE,
     SPIN_COMPLIANCE,
     SPIN_I,
     SPIN_J,
-    START,
     START_SPEED,
     STRENGTH,
     TARGET,
@@ -65,42 +54,49 @@ from .implicit_workspace import (
     TURN_J,
     WAY,
 )
+from .contact_simd import apply_impulses, contact_speeds, foreseen
+from .implicit_workspace import (
+    BEST,
+    CHANGES,
+    CONTACTS,
+    ELASTIC,
+    FREE,
+    LASTING,
+    NOW,
+    PLASTIC,
+    PREVIOUS,
+    RESULTS,
+    RESULTS_V,
+    START,
+)
 
 #: A solution is found when a sweep changes no impulse by more than this share of the largest normal one, and
 #: no contact's velocity by more than the second share of the fastest contact's, and the third of what that is
 #: above the slowest impact's: light bodies under heavy ones lie still too, and what flies needs no such care.
 TOLERANCE, _STILL, _MOVING = 1e-3, 2e-4, 1e-3
 _PLAIN_SWEEPS, _SWEEPS = 4, 200
+#: Sweeps after which a contact's velocity may change by more, in proportion to them: what lies still is found
+#: in few, and what goes to and fro for long is in motion.
+_PATIENCE = 20.0
 #: Contacts that are solved one after the other are so many parts of the list apart: mostly of other bodies,
 #: so that the processor need not wait for one to begin the next.
 _APART = 4
 #: Overlap that contacts always push out [m], and how fast they push out what the load does not explain [m/s].
 _SLACK, _RECOVERY = 2e-5, 0.05
-_DIVERGED = 100.0  # growth of the square of a sweep's change, at which the solver goes back
+#: Growth of the square of a sweep's change at which acceleration begins anew, and the solver goes back.
+_WORSE, _DIVERGED = 4.0, 1e6
 _GAIN = 1e-9  # of an impact's work, relative to its terms: round-off
 
 
 @inner(forceinline=True, fastmath=FAST)
 def contact_speed(row, d, v, i, j):
     """Velocity of body i relative to its partner at a contact, along direction ``d`` of its row [m/s]."""
-    k = 3 * d
-    s = (
-        row[k] * v[i, 0]
-        + row[k + 1] * v[i, 1]
-        + row[k + 2] * v[i, 2]
-        + row[MOMENT_I + k] * v[i, 3]
-        + row[MOMENT_I + k + 1] * v[i, 4]
-        + row[MOMENT_I + k + 2] * v[i, 5]
-    )
+    s, at = 0.0, AXIS * d
+    for k in range(6):
+        s += row[at + DIRECTION + k] * v[i, k]
     if j >= 0:
-        s -= (
-            row[k] * v[j, 0]
-            + row[k + 1] * v[j, 1]
-            + row[k + 2] * v[j, 2]
-            + row[MOMENT_J + k] * v[j, 3]
-            + row[MOMENT_J + k + 1] * v[j, 4]
-            + row[MOMENT_J + k + 2] * v[j, 5]
-        )
+        for k in range(6):
+            s -= row[at + DIRECTION_J + k] * v[j, k]
     if d > 0:
         s -= row[DRIFT + d - 1]
     return s
@@ -143,41 +139,16 @@ def _solve_twist(row, twist, own, v, i, j):
     return abs(more) / reach, abs(more) * twist[SPIN_COMPLIANCE] * reach
 
 
-@inner(forceinline=True, fastmath=FAST)
-def apply_impulses(row, normal, first, second, v, i, j):
-    """Change the bodies' velocities by impulses along a contact's normal and both tangents [N s]."""
-    p0 = normal * row[0] + first * row[3] + second * row[6]
-    p1 = normal * row[1] + first * row[4] + second * row[7]
-    p2 = normal * row[2] + first * row[5] + second * row[8]
-    w0 = normal * row[TURN_I] + first * row[TURN_I + 3] + second * row[TURN_I + 6]
-    w1 = normal * row[TURN_I + 1] + first * row[TURN_I + 4] + second * row[TURN_I + 7]
-    w2 = normal * row[TURN_I + 2] + first * row[TURN_I + 5] + second * row[TURN_I + 8]
-    a = row[INVERSE_MASS_I]
-    if j >= 0:
-        b = row[INVERSE_MASS_J]
-        o0 = normal * row[TURN_J] + first * row[TURN_J + 3] + second * row[TURN_J + 6]
-        o1 = normal * row[TURN_J + 1] + first * row[TURN_J + 4] + second * row[TURN_J + 7]
-        o2 = normal * row[TURN_J + 2] + first * row[TURN_J + 5] + second * row[TURN_J + 8]
-        _add(v, j, -b * p0, -b * p1, -b * p2, -o0, -o1, -o2)
-    _add(v, i, a * p0, a * p1, a * p2, w0, w1, w2)
-
-
-@inner(forceinline=True)
-def _add(v, i, x, y, z, a, b, c):
-    v0, v1, v2, v3, v4, v5 = v[i, 0], v[i, 1], v[i, 2], v[i, 3], v[i, 4], v[i, 5]
-    v[i, 0], v[i, 1], v[i, 2], v[i, 3], v[i, 4], v[i, 5] = v0 + x, v1 + y, v2 + z, v3 + a, v4 + b, v5 + c
-
-
 @inner(forceinline=True, error_model="numpy")
 def _couple(row, j):
     """Write what a normal impulse asks of both tangential ones; only turning couples them."""
     for d in range(2):
-        k = 3 + 3 * d
-        own = row[MOMENT_I + k] * row[TURN_I] + row[MOMENT_I + k + 1] * row[TURN_I + 1]
-        own += row[MOMENT_I + k + 2] * row[TURN_I + 2]
+        k = AXIS * (d + 1)
+        own = row[k + MOMENT_I] * row[TURN_I] + row[k + MOMENT_I + 1] * row[TURN_I + 1]
+        own += row[k + MOMENT_I + 2] * row[TURN_I + 2]
         if j >= 0:
-            own += row[MOMENT_J + k] * row[TURN_J] + row[MOMENT_J + k + 1] * row[TURN_J + 1]
-            own += row[MOMENT_J + k + 2] * row[TURN_J + 2]
+            own += row[k + MOMENT_J] * row[TURN_J] + row[k + MOMENT_J + 1] * row[TURN_J + 1]
+            own += row[k + MOMENT_J + 2] * row[TURN_J + 2]
         row[COUPLING + d] = own / row[SLIP_COMPLIANCE]
 
 
@@ -194,17 +165,7 @@ def _solve_contact(row, own, law, v, i, j):
         Largest change of an impulse [N s], and of the contact's velocity [m/s].
     """
     old, old1, old2 = own[0], own[1], own[2]
-    v0, v1, v2, w0, w1, w2 = v[i, 0], v[i, 1], v[i, 2], v[i, 3], v[i, 4], v[i, 5]
-    u0, u1, u2, o0, o1, o2 = v0, v1, v2, 0.0, 0.0, 0.0
-    if j >= 0:
-        u0, u1, u2 = v0 - v[j, 0], v1 - v[j, 1], v2 - v[j, 2]
-        o0, o1, o2 = v[j, 3], v[j, 4], v[j, 5]
-    # sums in parts that do not wait for each other
-    linear = row[0] * u0 + row[1] * u1 + row[2] * u2
-    turning = row[MOMENT_I] * w0 + row[MOMENT_I + 1] * w1 + row[MOMENT_I + 2] * w2
-    if j >= 0:
-        turning -= row[MOMENT_J] * o0 + row[MOMENT_J + 1] * o1 + row[MOMENT_J + 2] * o2
-    speed = linear + turning
+    speed, across, along = contact_speeds(row, v, i, j)
     new = 0.0
     if law == LASTING:
         depth = row[DEPTH] - row[WAY] * (speed - row[COMPLIANCE] * old)
@@ -219,17 +180,11 @@ def _solve_contact(row, own, law, v, i, j):
     more1, more2 = -old1, -old2
     slip = row[SLIP_COMPLIANCE]
     if limit > 0.0:
-        linear = row[3] * u0 + row[4] * u1 + row[5] * u2
-        turning = row[MOMENT_I + 3] * w0 + row[MOMENT_I + 4] * w1 + row[MOMENT_I + 5] * w2
-        across = row[6] * u0 + row[7] * u1 + row[8] * u2
-        bending = row[MOMENT_I + 6] * w0 + row[MOMENT_I + 7] * w1 + row[MOMENT_I + 8] * w2
-        if j >= 0:
-            turning -= row[MOMENT_J + 3] * o0 + row[MOMENT_J + 4] * o1 + row[MOMENT_J + 5] * o2
-            bending -= row[MOMENT_J + 6] * o0 + row[MOMENT_J + 7] * o1 + row[MOMENT_J + 8] * o2
-        new1 = (old1 - (linear + turning - row[DRIFT]) / slip) - more * row[COUPLING]
-        new2 = (old2 - (across + bending - row[DRIFT + 1]) / slip) - more * row[COUPLING + 1]
+        new1 = (old1 - (across - row[DRIFT]) / slip) - more * row[COUPLING]
+        new2 = (old2 - (along - row[DRIFT + 1]) / slip) - more * row[COUPLING + 1]
         square = new1 * new1 + new2 * new2
         if square > limit * limit:
+            foreseen()  # a root and a division, for which what sticks shall not wait
             share = limit / math.sqrt(square)
             new1, new2 = new1 * share, new2 * share
         more1, more2 = new1 - old1, new2 - old2
@@ -246,9 +201,9 @@ def solve(rows, twists, ids, m, law, all_impulses, members, count, velocity, sti
 
     A sweep shall change no contact's velocity by more than ``still`` [m/s].
 
-    After some plain sweeps each is followed by a step along what the sweeps have changed so far, as in
-    conjugate gradients (Silcowitz, Niebe and Erleben 2010): sweeps alone take as many as the mass ratio,
-    these its root.
+    After some plain sweeps each is followed by a step along the difference of two sweeps' results, as long as
+    leaves the least change if changes are linear in it (Anderson 1965, of depth one): contacts that hold a
+    body in too many places otherwise push each other's impulses to and fro, a little further in each sweep.
 
     Returns
     -------
@@ -256,23 +211,20 @@ def solve(rows, twists, ids, m, law, all_impulses, members, count, velocity, sti
         Largest change of an impulse in the last sweep, which is by how much the law was missed, relative to
         the largest normal impulse.
     """
-    own, previous, search = all_impulses[law], all_impulses[PREVIOUS], all_impulses[SEARCH]
-    best, v, before, along = all_impulses[BEST], velocity[NOW], velocity[BEFORE], velocity[ALONG]
-    residual = found = last = 0.0
-    least = math.inf
+    own, previous, changes = all_impulses[law], all_impulses[PREVIOUS], all_impulses[CHANGES]
+    results, best = all_impulses[RESULTS], all_impulses[BEST]
+    v, results_v = velocity[NOW], velocity[RESULTS_V]
+    residual = found = 0.0
+    least = recent = math.inf
     apart = max(m // _APART, 1)
     torsional = len(twists) > 0
+    numbers = 4 if torsional else 3
     for sweep in range(_SWEEPS):
         accelerated = sweep >= _PLAIN_SWEEPS
         if accelerated:
             for c in range(m):
-                for d in range(3):
+                for d in range(numbers):
                     previous[c, d] = own[c, d]
-                if torsional:
-                    previous[c, 3] = own[c, 3]
-            for a in range(count):
-                for k in range(6):
-                    before[members[a], k] = v[members[a], k]
         change = load = jump = 0.0
         for k in range(apart):
             for c in range(k, m, apart):
@@ -282,44 +234,40 @@ def solve(rows, twists, ids, m, law, all_impulses, members, count, velocity, sti
                     changed, moved = _solve_twist(rows[c], twists[c], own[c], v, ids[c, 0], ids[c, 1])
                     change, jump = max(change, changed), max(jump, moved)
         residual = change / load if load > 0.0 else (0.0 if change == 0.0 else 1.0)
-        if residual <= TOLERANCE and jump <= still:
+        if residual <= TOLERANCE and jump <= still * max(1.0, sweep / _PATIENCE):
             return residual
         if not accelerated:
             continue
-        square = 0.0
+        square = along = curve = 0.0
         for c in range(m):
             for d in range(3):
-                square += (own[c, d] - previous[c, d]) ** 2
+                now = own[c, d] - previous[c, d]
+                more = now - changes[c, d]
+                changes[c, d] = now
+                square, along, curve = square + now * now, along + more * now, curve + more * more
         if square < least:
             least, found = square, residual
             for c in range(m):
-                for d in range(3):
+                for d in range(numbers):
                     best[c, d] = own[c, d]
-                if torsional:
-                    best[c, 3] = own[c, 3]
         elif square > _DIVERGED * least or sweep == _SWEEPS - 1:  # back to the best so far
             _change_impulses(rows, twists, ids, m, own, best, v)
-            last = 0.0
+            recent = math.inf
             continue
-        share = square / last if last > 0.0 else math.inf
-        if share > 1.0:  # begin anew
-            share = 0.0
+        begins, worse = recent == math.inf, square > _WORSE * recent
+        share = -along / curve if not begins and not worse and curve > 0.0 else 0.0
+        recent = square if worse else min(recent, square)
         for c in range(m):
-            for d in range(3):
-                more = share * search[c, d] if share > 0.0 else 0.0
-                search[c, d] = own[c, d] - previous[c, d] + more
-                own[c, d] += more
-            if torsional:
-                more = share * search[c, 3] if share > 0.0 else 0.0
-                search[c, 3] = own[c, 3] - previous[c, 3] + more
-                own[c, 3] += more
+            for d in range(numbers):
+                result = own[c, d]
+                own[c, d] += share * (result - results[c, d]) if share != 0.0 else 0.0
+                results[c, d] = result
         for a in range(count):
             i = members[a]
             for k in range(6):
-                more = share * along[i, k] if share > 0.0 else 0.0
-                along[i, k] = v[i, k] - before[i, k] + more
-                v[i, k] += more
-        last = square
+                result = v[i, k]
+                v[i, k] += share * (result - results_v[i, k]) if share != 0.0 else 0.0
+                results_v[i, k] = result
     return found
 
 
@@ -354,11 +302,11 @@ def solve_lasting(
         loaded = row[FORCE] > 0.0
         explained = shallow_depth(row[FORCE], row[RADIUS], factor) if loaded and factor > 0.0 else 0.0
         row[GAP] = max(row[GAP], -explained - _SLACK - _RECOVERY * h)
-        speed, end = contact_speed(row, 0, start, i, j), contact_speed(row, 0, free, i, j)
+        speed, _, _ = contact_speeds(row, start, i, j)
+        end, across, along = contact_speeds(row, free, i, j)
         row[START_SPEED] = speed
-        fastest = max(fastest, max(abs(speed), abs(end)))
-        for d in range(1, 3):
-            fastest = max(fastest, abs(contact_speed(row, d, free, i, j)))
+        slip = max(abs(across - row[DRIFT]), abs(along - row[DRIFT + 1]))
+        fastest = max(fastest, max(abs(speed), abs(end)), slip)
         fast = row[GAP] > 2e-5 and -end > threshold and row[GAP] + h * (speed + 0.5 * h * row[FALL]) > 0.0
         row[DAMPING_TIME] = 0.0 if fast else dt
         if fast and row[GAP] + 0.5 * h * (speed + end + h * row[BEND]) <= 0.0:
@@ -410,7 +358,7 @@ def solve_impact(rows, twists, ids, counts, all_impulses, members, count, veloci
     for c in range(m):
         row = rows[c]
         _couple(row, ids[c, 1])
-        speed = contact_speed(row, 0, start, ids[c, 0], ids[c, 1])
+        speed, _, _ = contact_speeds(row, start, ids[c, 0], ids[c, 1])
         fastest = max(fastest, abs(speed))
         row[TARGET] = -row[RESTITUTION] * speed if -speed > threshold else 0.0
         for d in range(4):

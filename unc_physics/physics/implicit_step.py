@@ -11,6 +11,7 @@ from .actions import push
 from .compiled import inner, kernel
 from .contact_model import shallow_factor
 from .contact_patch import IMPACT_GAP, TILT, add_contacts, element_candidates, pair_candidates
+from .contact_row import AXIS, FALL, FRICTION, GAP, RESTITUTION, TWIST
 from .contact_search import (
     ACTIVE_GAP,
     clearance,
@@ -21,11 +22,12 @@ from .contact_search import (
     pair_of,
     update_pace,
 )
+from .contact_simd import contact_speeds
 from .driven_bodies import begin_driven, drive, end_driven, is_driven, place_driven, read_driven
 from .element_contacts import in_element
 from .free_motion import integrate_gyroscopic, integrate_rotation
 from .impact_error import disturb, is_drawn
-from .implicit_solver import contact_speed, solve_impact, solve_lasting
+from .implicit_solver import solve_impact, solve_lasting
 from .implicit_stages import (
     after_flight,
     after_groups,
@@ -41,25 +43,19 @@ from .implicit_stages import (
 )
 from .implicit_workspace import (
     CONTACTS,
-    DIRECTION,
     ELASTIC,
-    FALL,
     FREE,
-    FRICTION,
-    GAP,
     LASTING,
     NO_OVERFLOW,
     NOW,
     OVERFLOW,
     PACE,
     REMEMBERED,
-    RESTITUTION,
     START,
     START_POSITION,
     START_QUATERNION,
     TOO_LONG_LISTS,
     TRAVEL,
-    TWIST,
     implicit_workspace,
     more_room,
 )
@@ -153,7 +149,7 @@ def _impact_now(rows, ids, counts, velocity, threshold, rebound):
     for c in range(counts[CONTACTS]):
         row = rows[c]
         if row[GAP] <= TOUCHING and row[RESTITUTION] >= rebound:
-            if contact_speed(row, 0, velocity[START], ids[c, 0], ids[c, 1]) < -threshold:
+            if contact_speeds(row, velocity[START], ids[c, 0], ids[c, 1])[0] < -threshold:
                 return True
     return False
 
@@ -179,7 +175,7 @@ def _time_to_impact(left, rows, ids, counts, velocity, threshold, rebound):
     for c in range(counts[CONTACTS]):
         row = rows[c]
         if row[RESTITUTION] >= rebound:
-            speed = contact_speed(row, 0, velocity[START], ids[c, 0], ids[c, 1])
+            speed, _, _ = contact_speeds(row, velocity[START], ids[c, 0], ids[c, 1])
             first = min(first, time_to_close(row, speed, threshold))
     return first
 
@@ -217,7 +213,7 @@ def collide(x, count, time, impact, first_time, residual, world, threshold, key,
         if (
             part[i] < 0
             and rows[c, GAP] <= IMPACT_GAP
-            and contact_speed(rows[c], 0, velocity[START], i, ids[c, 1]) < -threshold
+            and contact_speeds(rows[c], velocity[START], i, ids[c, 1])[0] < -threshold
         ):
             label = part[i]
             for k in range(len(x)):
@@ -416,9 +412,7 @@ def _remember(h, work):
             contact[n, k] = work.ids[c, k]
         force[n, 0] = impulses[c, 0] / h
         for k in range(3):
-            force[n, 1 + k] = (
-                impulses[c, 1] * row[DIRECTION + 3 + k] + impulses[c, 2] * row[DIRECTION + 6 + k]
-            ) / h
+            force[n, 1 + k] = (impulses[c, 1] * row[AXIS + k] + impulses[c, 2] * row[2 * AXIS + k]) / h
 
 
 @inner

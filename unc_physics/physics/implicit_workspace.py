@@ -4,20 +4,21 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .arrays import assign, booleans, empty, full, integers, singles, small_integers, zeros
+from .arrays import aligned_zeros, assign, booleans, empty, full, integers, singles, small_integers, zeros
 from .compiled import inner, kernel
+from .contact_row import ROW, TWIST
 from .implicit_world import REMEMBERED_CONTACTS
 from .layout import Q
 from .narrow_phase import RECORD
 from .rotation import write_matrix
-from .sphere_tree import Scratch
+from .sphere_tree import AT_ONCE, Scratch
 
-#: Velocities of the bodies, each (B, 6): at the interval's start, at its end without contacts, as solved,
-#: before a sweep, and what a direction of search changes.
-START, FREE, NOW, BEFORE, ALONG = 0, 1, 2, 3, 4
-#: Impulses of lasting contacts, of an impact, of one without rebound; those before a sweep, a
-#: direction of search, and the best so far.
-LASTING, ELASTIC, PLASTIC, PREVIOUS, SEARCH, BEST = 0, 1, 2, 3, 4, 5
+#: Velocities of the bodies, each (B, 8), of which two columns stay 0: at the interval's start, at its end
+#: without contacts, as solved, and after the last sweep.
+START, FREE, NOW, RESULTS_V = 0, 1, 2, 3
+#: Impulses of lasting contacts, of an impact, of one without rebound; those before a sweep, what it changed,
+#: those after the last one, and the best so far.
+LASTING, ELASTIC, PLASTIC, PREVIOUS, CHANGES, RESULTS, BEST = 0, 1, 2, 3, 4, 5, 6
 #: Columns of a body's numbers: what its points travel in a second [m/s], the sum of that over time [m], how
 #: far the environment is [m], its pose when an interval began, and the most that its velocity changes in a
 #: step without contacts, beyond what gravity does [m/s].
@@ -26,23 +27,6 @@ PACE, TRAVEL, CLEARANCE, START_POSITION, START_QUATERNION, SURGE = 0, 1, 2, 3, 6
 #: [m].
 CANDIDATE_NORMAL, CANDIDATE_POINT, CANDIDATE_GAP, CANDIDATE_SCORE = 0, 3, 6, 7
 
-#: Columns of a contact's row. Directions: normal and two tangents (world axes), the lever arms' moments of
-#: each about both bodies' centres of mass, the inverse inertias' images of these.
-DIRECTION, MOMENT_I, TURN_I, MOMENT_J, TURN_J = 0, 9, 18, 27, 36
-#: Inverse masses, own compliances along the normal and across, gap, predicted change of the gap beyond the
-#: velocities', the gap's acceleration in free fall, reduced radius, friction, restitution, the force of the
-#: last step (normal, two tangents), normal speed at the start, damping time, normal speed that an impact
-#: shall leave, what a normal impulse asks of both tangential ones. Then what the solver makes of these: the
-#: depth that a contact at rest would have, the time that a speed adds to it, two factors of the law. At last
-#: the velocity of the partner's surface along both tangents, beyond that of the partner itself.
-INVERSE_MASS_I, INVERSE_MASS_J, COMPLIANCE, SLIP_COMPLIANCE, GAP, BEND, FALL = 45, 46, 47, 48, 49, 50, 51
-RADIUS, FRICTION, RESTITUTION, FORCE, START_SPEED, DAMPING_TIME, TARGET = 52, 53, 54, 55, 58, 59, 60
-COUPLING, DEPTH, WAY, GROWTH, STRENGTH, DRIFT = 61, 63, 64, 65, 66, 67
-ROW = 69
-#: Columns of what opposes a contact's spin about its normal: the most moment over the normal force [m], what
-#: it changes the spin by, and the angular velocities that it gives both bodies; each for 1 N m s.
-REACH, SPIN_COMPLIANCE, SPIN_I, SPIN_J = 0, 1, 2, 5
-TWIST = 8
 _PAIRS_AT_ONCE = 1024
 
 #: Integers of a step: contacts at hand, entries of the new memory, used part of the lists' room, and what
@@ -61,8 +45,8 @@ class ImplicitWorkspace(NamedTuple):
         ``R_world_body``.
     inverse_inertia : (B, 3, 3) float64
         World axes [1/(kg m^2)].
-    velocity : (5, B, 6) float64
-        By `START` to `ALONG`: linear [m/s] and angular [rad/s].
+    velocity : (4, B, 8) float64
+        By `START` to `RESULTS_V`: linear [m/s] and angular [rad/s].
     numbers : (B, 11) float64
         By `PACE` to `SURGE`.
     moving : (B,) bool
@@ -90,7 +74,7 @@ class ImplicitWorkspace(NamedTuple):
         Written where torsional friction is.
     ids : (C, 4) int64
         Of the contacts at hand, as in `SolverMemory`.
-    impulses : (6, C, 4) float64
+    impulses : (7, C, 4) float64
         Normal and tangential ones by `LASTING` to `BEST` [N s], and moments about the normal [N m s].
     part : (B,) int64
         Labels of bodies that touch in an impact; positive for those that take part.
@@ -104,8 +88,7 @@ class ImplicitWorkspace(NamedTuple):
     pool : (P, 2) int32
         Lists of spheres, or pairs of them, that may touch; one for each pair of bodies, or body and element.
     pool_spheres : (8, P) float64
-        Of each pair of spheres in the pool the centres, body frames, and radii, the second's behind the
-        first's [m].
+        Of each sphere in the pool the centre, body frame, and radius [m]; of a pair the second's behind them.
     low : (max(P, hull),) float64
         Gaps, or predicted ones if less, of what is asked at once [m].
     lists : (B, B + E, 2) int64
@@ -194,7 +177,13 @@ def implicit_workspace(x, kept_overlap, world, contacts, candidates, pool):
     for i in range(count):
         write_matrix((x[i, Q], x[i, Q + 1], x[i, Q + 2], x[i, Q + 3]), R, i)
     stack = small_integers((world.stack_size, 2))
-    search = Scratch(stack, small_integers((_PAIRS_AT_ONCE, 2)), empty((1, RECORD)))
+    search = Scratch(
+        stack,
+        small_integers((_PAIRS_AT_ONCE, 2)),
+        small_integers((AT_ONCE, 2)),
+        integers(AT_ONCE),
+        empty((1, RECORD)),
+    )
     kept = zeros((count, count + elements))
     twists = contacts if world.implicit.torsional else 0
     if len(kept_overlap) > 0:
@@ -202,7 +191,7 @@ def implicit_workspace(x, kept_overlap, world, contacts, candidates, pool):
     return ImplicitWorkspace(
         R,
         zeros((count, 3, 3)),
-        zeros((5, count, 6)),
+        aligned_zeros((4, count, 8)),
         zeros((count, 11)),
         world.bodies.moving.copy(),
         world.bodies.inverse_mass.copy(),
@@ -214,10 +203,10 @@ def implicit_workspace(x, kept_overlap, world, contacts, candidates, pool):
         np.arange(count),
         np.arange(count),
         booleans((count, count)),
-        empty((contacts, ROW)),
+        aligned_zeros((contacts, ROW)),
         empty((twists, TWIST)),
         integers((contacts, 4)),
-        empty((6, contacts, 4)),
+        empty((7, contacts, 4)),
         integers(count),
         empty(count),
         empty((candidates, 8)),

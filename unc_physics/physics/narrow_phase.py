@@ -44,7 +44,7 @@ def next_contacts(tree, R_ij, t_ij, slack, search, top):
     top : int
         Height of the stack; call again, after using the contacts, while it is positive.
     """
-    found, top = candidates(tree, R_ij, t_ij, slack, search, top)
+    found, top = candidates(tree, R_ij, t_ij, slack, search, top, 1)  # in the order that sums rest on
     pairs, records = search.pairs, search.records
     centers, radii = tree.centers, tree.radii
     count = 0

@@ -11,8 +11,9 @@ import numpy as np
 
 from .arrays import integers, zeros
 from .compiled import inner, kernel
+from .contact_row import DIRECTION, GAP, MOMENT_I, MOMENT_J
 from .contact_search import balls_within, forget_lists, join, lowest
-from .implicit_workspace import CONTACTS, DIRECTION, GAP, MOMENT_I, MOMENT_J, NO_OVERFLOW, OVERFLOW
+from .implicit_workspace import CONTACTS, NO_OVERFLOW, OVERFLOW
 from .layout import EP, ER, ERROR, Q
 from .moments import boxplus
 from .rotation import rotate_back, write_matrix

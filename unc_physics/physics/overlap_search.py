@@ -7,6 +7,7 @@ import numpy as np
 from .arrays import full, singles, zeros
 from .compiled import inner, kernel
 from .contact_patch import add_contacts, element_candidates, pair_candidates
+from .contact_row import DIRECTION, GAP
 from .contact_search import balls_within, column_of
 from .element_contacts import element_distance
 from .implicit_step import prepare_members
@@ -15,8 +16,6 @@ from .implicit_workspace import (
     CANDIDATE_POINT,
     CANDIDATE_SCORE,
     CONTACTS,
-    DIRECTION,
-    GAP,
     NO_OVERFLOW,
     OVERFLOW,
     implicit_workspace,

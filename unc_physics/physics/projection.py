@@ -14,18 +14,9 @@ import math
 from .arrays import assign, booleans, empty, integers, singles, zeros
 from .compiled import inner, kernel
 from .contact_patch import pair_candidates
+from .contact_row import DIRECTION, GAP, MOMENT_I, MOMENT_J
 from .contact_search import balls_within, join, lowest, pair_of
-from .implicit_workspace import (
-    CONTACTS,
-    DIRECTION,
-    GAP,
-    MOMENT_I,
-    MOMENT_J,
-    NO_OVERFLOW,
-    OVERFLOW,
-    implicit_workspace,
-    more_room,
-)
+from .implicit_workspace import CONTACTS, NO_OVERFLOW, OVERFLOW, implicit_workspace, more_room
 from .layout import EP, ER, ERROR, EV, EW, Q, V, W
 from .overlap_rows import (
     FARTHEST,

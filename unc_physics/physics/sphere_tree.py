@@ -15,9 +15,13 @@ import numpy as np
 
 from .arrays import empty, full, integers, singles, small_integers
 from .compiled import kernel
-from .simd import overlap_mask
+from .simd import lowest_bit, overlap_mask, overlap_masks
 
 WIDTH = 8
+#: Pairs from a search's stack that are tested before any of them is divided, at most.
+AT_ONCE = 8
+#: Candidates for which there must be room to test one of them.
+ROOM = WIDTH * WIDTH
 EMPTY = np.int32(2**31 - 1)  # no child; a child c >= 0 is a node, c < 0 the sphere ~c
 
 _FAR = np.float32(1e30)  # where empty entries sit: overlaps nothing
@@ -30,12 +34,16 @@ class Scratch(NamedTuple):
     ----------
     stack : (depth, 2) int32
     pairs : (capacity, 2) int32
+    tested, masks : (AT_ONCE, 2) int32 and (AT_ONCE,) int64
+        Pairs from the stack, and what `simd.overlap_masks` says of them.
     records : (capacity, 8) float64
         Contacts of the pairs (`physics.narrow_phase`).
     """
 
     stack: np.ndarray
     pairs: np.ndarray
+    tested: np.ndarray
+    masks: np.ndarray
     records: np.ndarray
 
 
@@ -225,7 +233,7 @@ def build(centers, radii):
 
 
 @kernel(_nrt=False)
-def candidates(tree, R_ij, t_ij, slack, scratch, top):
+def candidates(tree, R_ij, t_ij, slack, scratch, top, at_once):
     """Continue the search for overlapping spheres of two bodies until it ends or the buffer is full.
 
     Parameters
@@ -243,6 +251,9 @@ def candidates(tree, R_ij, t_ij, slack, scratch, top):
         among them.
     top : int
         Height of the stack; 1 when a search begins, 0 when it is over.
+    at_once : int
+        Pairs from the stack that are tested before any of them is divided, at most `AT_ONCE`. More is faster;
+        the candidates are the same, in another order.
 
     Returns
     -------
@@ -256,59 +267,55 @@ def candidates(tree, R_ij, t_ij, slack, scratch, top):
     yx, yy, yz = np.float32(R_ij[1, 0]), np.float32(R_ij[1, 1]), np.float32(R_ij[1, 2])
     zx, zy, zz = np.float32(R_ij[2, 0]), np.float32(R_ij[2, 1]), np.float32(R_ij[2, 2])
     tx, ty, tz = np.float32(t_ij[0]), np.float32(t_ij[1]), np.float32(t_ij[2])
+    R, t = ((xx, xy, xz), (yx, yy, yz), (zx, zy, zz)), (tx, ty, tz)
     slack = np.float32(slack)
-    stack, pairs = scratch.stack, scratch.pairs
+    stack, pairs, tested, masks = scratch.stack, scratch.pairs, scratch.tested, scratch.masks
     found = 0
-    while top > 0 and found + WIDTH * WIDTH <= len(pairs):
-        top -= 1
-        a, b = stack[top, 0], stack[top, 1]
-        if a < 0:  # a sphere of body i against a node of body j, in body j's frame
-            sphere = ~a
-            dx = np.float32(tree.centers[sphere, 0]) - tx
-            dy = np.float32(tree.centers[sphere, 1]) - ty
-            dz = np.float32(tree.centers[sphere, 2]) - tz
-            x, y, z = xx * dx + yx * dy + zx * dz, xy * dx + yy * dy + zy * dz, xz * dx + yz * dy + zz * dz
-            mask = overlap_mask(bounds, b, x, y, z, np.float32(tree.radii[sphere]) + slack)
-            m = 0
-            while mask != 0:
-                if mask & 1:
-                    c = child[b, m]
-                    if c < 0:
-                        pairs[found, 0], pairs[found, 1] = sphere, ~c
-                        found += 1
-                    else:
-                        stack[top, 0], stack[top, 1] = a, c
-                        top += 1
-                mask >>= 1
-                m += 1
-            continue
-        # entries of body j, one by one, against all entries of body i's node, in body i's frame
-        entries = WIDTH if b >= 0 else 1
-        for k in range(entries):
-            if b >= 0:
-                c_j = child[b, k]
-                if c_j == EMPTY:
-                    break
-                px, py, pz, radius = bounds[b, 0, k], bounds[b, 1, k], bounds[b, 2, k], bounds[b, 3, k]
+    while top > 0:
+        some = min(top, at_once, (len(pairs) - found) // ROOM)
+        if some == 0:
+            break
+        top -= some
+        for k in range(some):  # first the tests of some pairs, then what follows from them: neither waits
+            a, b = np.int64(stack[top + k, 0]), np.int64(stack[top + k, 1])
+            tested[k, 0], tested[k, 1] = a, b
+            mask = np.uint64(0)
+            if a < 0:  # a sphere of body i against a node of body j, in body j's frame
+                sphere = ~a
+                dx = np.float32(tree.centers[sphere, 0]) - tx
+                dy = np.float32(tree.centers[sphere, 1]) - ty
+                dz = np.float32(tree.centers[sphere, 2]) - tz
+                x = xx * dx + yx * dy + zx * dz
+                y = xy * dx + yy * dy + zy * dz
+                z = xz * dx + yz * dy + zz * dz
+                mask = overlap_mask(bounds, b, x, y, z, np.float32(tree.radii[sphere]) + slack)
+            elif b < 0:
+                sphere = ~b
+                px, py = np.float32(tree.centers[sphere, 0]), np.float32(tree.centers[sphere, 1])
+                pz = np.float32(tree.centers[sphere, 2])
+                x = xx * px + xy * py + xz * pz + tx
+                y = yx * px + yy * py + yz * pz + ty
+                z = zx * px + zy * py + zz * pz + tz
+                mask = overlap_mask(bounds, a, x, y, z, np.float32(tree.radii[sphere]) + slack)
             else:
-                c_j = b
-                px, py = np.float32(tree.centers[~b, 0]), np.float32(tree.centers[~b, 1])
-                pz = np.float32(tree.centers[~b, 2])
-                radius = np.float32(tree.radii[~b])
-            x = xx * px + xy * py + xz * pz + tx
-            y = yx * px + yy * py + yz * pz + ty
-            z = zx * px + zy * py + zz * pz + tz
-            mask = overlap_mask(bounds, a, x, y, z, radius + slack)
-            m = 0
+                mask = overlap_masks(bounds, a, b, R, t, slack)
+            masks[k] = mask
+        for k in range(some):
+            a, b, mask = np.int64(tested[k, 0]), np.int64(tested[k, 1]), np.uint64(masks[k])
             while mask != 0:
-                if mask & 1:
-                    c_i = child[a, m]
-                    if c_i < 0 and c_j < 0:
-                        pairs[found, 0], pairs[found, 1] = ~c_i, ~c_j
-                        found += 1
-                    else:
-                        stack[top, 0], stack[top, 1] = c_i, c_j
-                        top += 1
-                mask >>= 1
-                m += 1
+                place = lowest_bit(mask)
+                mask &= mask - np.uint64(1)
+                if a < 0:
+                    c_i, c_j = np.int32(a), child[b, place]
+                elif b < 0:
+                    c_i, c_j = child[a, place], np.int32(b)
+                else:
+                    c_i, c_j = child[a, place & (WIDTH - 1)], child[b, place // WIDTH]
+                # written to both, and counted where it belongs: faster than a branch that cannot be foreseen
+                here, next_up = np.uint64(found), np.uint64(top)
+                pairs[here, 0], pairs[here, 1] = ~c_i, ~c_j
+                stack[next_up, 0], stack[next_up, 1] = c_i, c_j
+                spheres = np.int64(c_i < 0 and c_j < 0)
+                found += spheres
+                top += 1 - spheres
     return found, top

@@ -9,7 +9,7 @@ With tau the moment about the normal, and sigma the spin ``n . (w_i - w_j)`` aft
 from typing import NamedTuple
 
 from .compiled import inner
-from .implicit_workspace import REACH, SPIN_COMPLIANCE
+from .contact_row import REACH, SPIN_COMPLIANCE
 from .rotation import cross
 from .vectors import dot, plus, times
 

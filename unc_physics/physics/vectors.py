@@ -1,5 +1,7 @@
 """Arithmetic of vectors that are tuples of three floats."""
 
+import numpy as np
+
 from .compiled import inner
 
 
@@ -43,3 +45,9 @@ def three(array, row, column):
 def put(array, row, column, a):
     """Write a vector into three rows of a column, from ``row`` on."""
     array[row, column], array[row + 1, column], array[row + 2, column] = a[0], a[1], a[2]
+
+
+@inner(forceinline=True)
+def single(v):
+    """The first three numbers, in single precision."""
+    return np.float32(v[0]), np.float32(v[1]), np.float32(v[2])

@@ -11,7 +11,7 @@ from .contact_free import UNKNOWN
 from .layout import Q
 from .narrow_phase import RECORD
 from .rotation import write_matrix
-from .sphere_tree import WIDTH, Scratch
+from .sphere_tree import AT_ONCE, ROOM, Scratch
 
 _PAIRS_AT_ONCE = 1024
 
@@ -82,8 +82,9 @@ def workspace(x, world):
     for i in range(count):
         write_matrix((x[i, Q], x[i, Q + 1], x[i, Q + 2], x[i, Q + 3]), R, i)
     stack = small_integers((world.stack_size, 2))
-    search = Scratch(stack, small_integers((_PAIRS_AT_ONCE, 2)), empty((_PAIRS_AT_ONCE, RECORD)))
-    overlap_query = Scratch(stack, small_integers((WIDTH * WIDTH, 2)), search.records)
+    tested, masks, records = small_integers((AT_ONCE, 2)), integers(AT_ONCE), empty((_PAIRS_AT_ONCE, RECORD))
+    search = Scratch(stack, small_integers((_PAIRS_AT_ONCE, 2)), tested, masks, records)
+    overlap_query = Scratch(stack, small_integers((ROOM, 2)), tested, masks, records)  # ends with the first
     separation_bound = zeros((count, count, 2))
     for i in range(count):
         for j in range(i + 1, count):

@@ -52,7 +52,14 @@ def _add_overlaps(states, world, surroundings, depths, works):
                         t, top = open_element(x, i, e, world, surroundings, work)
                         while top > 0:
                             count, top = next_element_contacts(
-                                world.tree, surroundings, e, work.R_ij, t, work.search, top
+                                world.tree,
+                                surroundings,
+                                e,
+                                work.R_ij,
+                                t,
+                                world.bodies.radius[i],
+                                work.search,
+                                top,
                             )
                             for c in range(count):
                                 depth = radii[pairs[c, 0]] - records[c, DISTANCE]

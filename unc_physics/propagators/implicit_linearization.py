@@ -12,6 +12,7 @@ import numpy as np
 from ..physics.actions import follows
 from ..physics.arrays import booleans, empty, integers, zeros
 from ..physics.compiled import inner, kernel
+from ..physics.contact_row import AXIS, DIRECTION, GAP, MOMENT_I
 from ..physics.driven_derivative import (
     DrivenErrors,
     begin_held_errors,
@@ -36,15 +37,7 @@ from ..physics.implicit_stages import (
     undo_step,
 )
 from ..physics.implicit_step import integrate, time_to_close
-from ..physics.implicit_workspace import (
-    CONTACTS,
-    DIRECTION,
-    GAP,
-    MOMENT_I,
-    START,
-    implicit_workspace,
-    more_room,
-)
+from ..physics.implicit_workspace import CONTACTS, START, implicit_workspace, more_room
 from ..physics.layout import ER, ERROR, EV, EW, Q, V, W
 from ..physics.rolling import rolling
 from ..physics.rotation import rotate, rotate_back
@@ -301,8 +294,8 @@ def look_at_surfaces(c, contacts, world, work):
     if others >= _FACE and _covers_an_area(c, work):
         return
     n = (row[DIRECTION], row[DIRECTION + 1], row[DIRECTION + 2])
-    first = (row[DIRECTION + 3], row[DIRECTION + 4], row[DIRECTION + 5])
-    second = (row[DIRECTION + 6], row[DIRECTION + 7], row[DIRECTION + 8])
+    first = (row[AXIS], row[AXIS + 1], row[AXIS + 2])
+    second = (row[2 * AXIS], row[2 * AXIS + 1], row[2 * AXIS + 2])
     rolling(n, first, second, i, ids[c, 2], work.R[i], world, contacts.tilts, out[0:5])
     if j >= 0:
         n = (-n[0], -n[1], -n[2])

@@ -10,9 +10,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..physics.arrays import empty, small_integers
+from ..physics.arrays import empty, integers, small_integers
 from ..physics.compiled import inner, kernel
-from ..physics.implicit_workspace import CONTACTS, DIRECTION, FRICTION, GAP, LASTING
+from ..physics.contact_row import DIRECTION, FRICTION, GAP
+from ..physics.implicit_workspace import CONTACTS, LASTING
 from ..physics.layout import ERROR
 from ..physics.narrow_phase import DISTANCE, NORMAL, RECORD, VOLUME
 from ..physics.rotation import rotate_back
@@ -39,7 +40,8 @@ class Solved(NamedTuple):
 @kernel
 def records_room(contacts):
     """Room for the records of as many contacts of a pair."""
-    return Scratch(small_integers((1, 2)), small_integers((contacts, 2)), empty((contacts, RECORD)))
+    nothing = small_integers((1, 2))
+    return Scratch(nothing, small_integers((contacts, 2)), nothing, integers(1), empty((contacts, RECORD)))
 
 
 @inner(forceinline=True)

@@ -365,7 +365,7 @@ class Scene:
             radius=np.array([reach[body.model] for body in self.bodies]),
             root=np.array([nodes[own.index(owner)] for owner in owners]),
         )
-        stack_size = sphere_tree.WIDTH**2 * deepest + 1
+        stack_size = sphere_tree.AT_ONCE * sphere_tree.WIDTH**2 * deepest + 1
         # a writable copy: read-only arrays would compile every kernel once more
         return World(
             bodies,
