@@ -77,9 +77,7 @@ def measure(calls: int, length: float) -> list[Row]:
     node = ["node", "--ros-args", "--log-level", "warn", *parameters]
     with processes([node, *([kind] for kind in KINDS)]) as running, spinning_client() as (client, executor):
         predict = client.create_client(Predict, "/unc_physics/predict")
-        while not predict.wait_for_service(1.0):
-            if running[0].poll() is not None or time.perf_counter() - started > READY_TIMEOUT:
-                raise UncPhysicsError("the node ended, or was not ready in time")
+        until_ready(predict, running[0])
         return [
             Row("node", "start", "s", time.perf_counter() - started),
             *services(client, predict, calls),
@@ -87,6 +85,14 @@ def measure(calls: int, length: float) -> list[Row]:
             *cancel(client, executor),
             *stream(client, length),
         ]
+
+
+def until_ready(predict, node: subprocess.Popen) -> None:
+    """Wait for the service of a node that was just started; `UncPhysicsError` if it does not come."""
+    started = time.perf_counter()
+    while not predict.wait_for_service(1.0):
+        if node.poll() is not None or time.perf_counter() - started > READY_TIMEOUT:
+            raise UncPhysicsError("the node ended, or was not ready in time")
 
 
 @contextmanager

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 
@@ -22,6 +23,7 @@ from unc_physics.physics.layout import (
     STATE,
     VELOCITY,
 )
+from unc_physics.physics.rollout import simulate
 from unc_physics.scene.belief import Belief
 from unc_physics.scene.body import RigidBody
 from unc_physics.scene.environment import Box, Plane
@@ -54,6 +56,8 @@ _WALL = 0.02  # thickness of a bin [m]
 _BIN, _LARGE_BIN = (0.292, 0.192, 0.143), (0.4, 0.4, 0.25)  # inside: length, width, depth [m]
 _PITCH = 0.19  # between bodies that are let go from a lattice [m]
 _TUMBLED = {"position": 0.01, "rotation": 0.3}  # what is let go in no particular order
+_SETTLED = 3.0  # after which bodies that were let go lie still [s]
+_SEEN = 0.003  # standard deviation of the positions of what a camera sees [m]
 
 
 def resting(positions) -> np.ndarray:
@@ -262,6 +266,27 @@ def boxes_and_cans(count: int, spheres: int = 1000) -> tuple[Scene, Belief, floa
     return _handled(models, spheres, open_bin(*inside), mean, _TUMBLED)
 
 
+def lying_in_bin(count: int = 10, spheres: int = 300) -> tuple[Scene, Belief, float]:
+    """Cartons and cans lie in a bin as high as it is wide, as the fall of `boxes_and_cans` left them; their
+    positions are uncertain by 3 mm.
+    """
+    scene, falling, _ = boxes_and_cans(count, spheres)
+    width = 2.0 * float(np.abs([element.position[0] for element in scene.environment]).max()) - _WALL
+    scene = replace(scene, environment=open_bin(width, width, width))
+    states = falling.mean[None].copy()
+    simulate(states, scene.world, round(_SETTLED / scene.dt))
+    lying = states[0]
+    lying[:, VELOCITY] = lying[:, ANGULAR_VELOCITY] = 0.0
+    return scene, Belief(lying, spread(count, position=_SEEN)), 1.0
+
+
+def dropped_cans(count: int = 5, spheres: int = 300) -> tuple[Scene, Belief, float]:
+    """Cans in a row, less than their length apart, fall onto a floor; positions are uncertain by 3 mm."""
+    mean = resting([[0.1 * k, 0.0, 0.15] for k in range(count)])
+    mean[:, ANGULAR_VELOCITY] = 0.5, 1.0, 0.0
+    return _handled(["can"] * count, spheres, (Plane((0.0, 0.0, 1.0), 0.0),), mean, {"position": _SEEN}, 1.0)
+
+
 def in_bin(states: np.ndarray) -> np.ndarray:
     """Whether a body's centre is between the walls of the bin of `salt_box_into_bin`, of states (..., 13)."""
     return _between(states, _BIN)
@@ -307,13 +332,13 @@ def _between(states, sides):
     return inside.all(axis=-1) & (position[..., 2] < sides[2] + _WALL)
 
 
-def _handled(models, spheres, environment, mean, deviations):
+def _handled(models, spheres, environment, mean, deviations, horizon=1.5):
     packings = [load_model(model) for model in models]
     bodies = [
         RigidBody(f"{packing.name}{k or ''}", packing.prefix(spheres)) for k, packing in enumerate(packings)
     ]
     scene = with_stiffness(Scene.everyday(bodies, environment=environment), mean)
-    return scene, Belief(mean, spread(len(bodies), **deviations)), 1.5
+    return scene, Belief(mean, spread(len(bodies), **deviations)), horizon
 
 
 def _scene(bodies):

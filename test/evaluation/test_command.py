@@ -80,7 +80,7 @@ def test_help_tells_apart_what_runs_only_where_named(capsys):
         main(["evaluate", "--help"])
     listed, _, by_name = " ".join(capsys.readouterr().out.split()).partition("Only where named")
     assert "collisions" in listed and "same_bits" not in listed
-    assert by_name.endswith("propagators, scenes, packing, latency, same_bits.")
+    assert by_name.endswith("propagators, scenes, packing, latency, clutter, same_bits.")
 
 
 def test_a_scheduler_that_is_not_there(tmp_path, capsys, monkeypatch):

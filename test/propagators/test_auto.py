@@ -80,9 +80,9 @@ def test_time_is_kept_count(loaded, monkeypatch):
     carry = auto.init(scene, belief)
     carry = auto.advance(carry, scene, 150)
     monkeypatch.setattr("unc_physics.propagators.auto.clock", lambda: 0.0)
-    assert auto.further(carry, scene, Spent(0.16, 0.16, 1)) == 16
-    assert auto.further(carry, scene, Spent(0.995, 0.16, 1)) == 0
-    assert auto.further(carry, scene, Spent(0.97, 0.16, 1)) == 3
+    assert auto.further(carry, scene, Spent(0.12, 0.12, 1)) == 12
+    assert auto.further(carry, scene, Spent(0.995, 0.12, 1)) == 0
+    assert auto.further(carry, scene, Spent(0.97, 0.12, 1)) == 3
     began = time.perf_counter()
     predict(scene, belief, Auto(error=0.0, time=0.001), 1.5)
     assert time.perf_counter() - began < 5.0
@@ -95,8 +95,19 @@ def test_time_is_left_for_the_answers(loaded, monkeypatch):
     carry = auto.advance(auto.init(scene, belief), scene, 150)
     ticks = iter([0.0, 0.01])
     monkeypatch.setattr("unc_physics.propagators.auto.clock", lambda: next(ticks))
-    # twenty beliefs leave 1 - 0.16 - 0.01 - 2 * 0.2 s, and 16 rollouts take 0.16 + 2 * 0.2 s
-    assert auto.further(carry, scene, Spent(0.16, 0.16, 20)) == int(16 * 0.43 / 0.56)
+    # twenty beliefs leave 1 - 0.12 - 0.01 - 2 * 0.2 s, and 12 rollouts take 0.12 + 2 * 0.2 s
+    assert auto.further(carry, scene, Spent(0.12, 0.12, 20)) == int(12 * 0.47 / 0.52)
+
+
+def test_time_that_is_up_is_not_spent_on_looks(loaded, monkeypatch):
+    """The fewest rollouts are the answer where they took all of it: nothing more is fitted."""
+    scene, belief, _ = loaded("two_bodies")
+    auto = Auto(time=0.1)
+    carry = auto.advance(auto.init(scene, belief), scene, 150)
+    assert len(carry.states) == 12
+    monkeypatch.setattr(Auto, "belief", None)
+    assert auto.further(carry, scene, Spent(0.11, 0.11, 1)) == 0
+    assert not carry.fits
 
 
 def test_a_mean_of_rotations_in_all_directions_is_less_sure(loaded):

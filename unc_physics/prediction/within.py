@@ -13,9 +13,9 @@ from ..scene.scene import Scene
 
 LOOK_UP_AFTER = 0.02  # s, wall time between looks at the clock and reports of progress
 _LEAST = 0.05  # s, wall time that kernels always have, so that most answers have a first step
-# what a piece may take, of what those before it took, and at most [s]: each begins all rollouts' search for
-# contacts anew, so there should be few
-_SHARE_OF_SPENT, _LONGEST = 0.5, 0.25
+# what a piece may take: of what those before it took or of what is allowed, and at most [s]. Each begins all
+# rollouts' search for contacts anew, and its threads wait for the slowest, so there should be few
+_SHARE_OF_SPENT, _SHARE_OF_ALLOWED, _LONGEST = 0.5, 0.05, 0.25
 # what a piece may take that is looked after rollout by rollout: so many times what those before it took, and
 # such a share of the time that is left
 _TIMES_SPENT, _SHARE_OF_REST = 8.0, 0.8
@@ -59,7 +59,9 @@ class Within(NamedTuple):
         spent = clock() - self.started
         if not scene.uncertain:
             in_time = self.allowed is None or self.limit is not None  # however long the piece is
-            longest = min(_SHARE_OF_SPENT * spent, _LONGEST) if in_time else 0.0
+            allowed = math.inf if self.allowed is None else self.allowed
+            longest = min(max(_SHARE_OF_SPENT * spent, _SHARE_OF_ALLOWED * allowed), _LONGEST)
+            longest = longest if in_time else 0.0
             return _fitting(steps, took, max(LOOK_UP_AFTER, longest), 4)
         left = math.inf if self.allowed is None else self.allowed - spent
         longest = max(LOOK_UP_AFTER, min(_TIMES_SPENT * spent, _SHARE_OF_REST * left))

@@ -28,7 +28,7 @@ class Auto(Cloud):
     Attributes
     ----------
     runs : int
-        The most rollouts. It begins with 16.
+        The most rollouts. It begins with 16, or with 12 where time is limited.
     samples, seed, points, surface
         As of `Cloud`.
     time : float
@@ -65,11 +65,14 @@ class Auto(Cloud):
     )
 
     def init(self, scene, belief):
-        return self.begun(scene, belief, 0, min(4 * _FIRST if scene.islands else _FIRST, self.runs))
+        first = FEWEST_RUNS if self.time > 0.0 else _FIRST
+        return self.begun(scene, belief, 0, min(4 * _FIRST if scene.islands else first, self.runs))
 
     def further(self, carry, scene, spent):
         count, began = len(carry.states), clock()
         if count >= self.runs or diverged(carry.states) or settled(self._runs(carry), scene):
+            return 0
+        if 0.0 < self.time <= spent.time:
             return 0
         more = min(count, self.runs - count, self._wanted(carry, scene))
         if more > 0 and self.time > 0.0:

@@ -275,7 +275,8 @@ def _sampled(runs, scene, group, ends, z, fitted):
     else:
         form = surface.weights * _unscaled(weights), surface.trend * _unscaled(weights), surface.length
         columns = np.ascontiguousarray(x.T)
-        means, near = predicted(*form, columns, own @ transform)
+        # einsum, not BLAS, whose threads wait for each other
+        means, near = predicted(*form, columns, np.einsum("sr,rk->sk", own, transform))
         made = errors[near] + _changes(means - predicted(*form, columns, x)[0][near], errors, near)
         _spread_as_outcomes(made, means, errors, surface.left_out * _unscaled(weights))
     states = spread_states(mean, np.arange(len(group.bodies)), made)

@@ -42,7 +42,7 @@ DEFAULT = (
     "pictures",
 )
 #: Those that take long alone on the machine, or need more than this package.
-BY_NAME = ("anytime", "pushes", "propagators", "scenes", "packing", "latency", "same_bits")
+BY_NAME = ("anytime", "pushes", "propagators", "scenes", "packing", "latency", "clutter", "same_bits")
 NAMES = DEFAULT + BY_NAME
 
 

@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 
 from unc_physics import Belief, BodyBelief, RigidBody, Scene, load_model, load_scene, make_propagator, predict
-from unc_physics.physics.layout import ERR_POSITION, ERR_ROTATION, POSITION, QUATERNION
 
+from ..comparison import mean_errors
 from ..jobs import Job, Outcome, Row, Settings
 from ..methods import MONTE_CARLO
 from ..results import Results
@@ -165,26 +165,11 @@ def _judged(case, truth, runs) -> Iterator[Row]:
             ("auto", CPU, "s", cpu),
             ("cloud", CPU, "s", of_cloud),
             (MONTE_CARLO, CPU, "s", as_many),
-            ("auto", ERROR, "std", _error(found.belief, truth)),
+            ("auto", ERROR, "std", float(mean_errors(found.belief, truth).max())),
             ("auto", CLAIMED, "std", float(status["mean_error"].max())),
-            (MONTE_CARLO, ERROR, "std", _error(other.belief, truth)),
+            (MONTE_CARLO, ERROR, "std", float(mean_errors(other.belief, truth).max())),
         ):
             yield Row(method, quantity, unit, value, runs, seed, seed)
-
-
-def _error(belief, truth):
-    """The largest error of a mean over the standard deviation, of all bodies' positions and rotations."""
-    errors = []
-    for body, P in zip(truth.moving, truth.blocks, strict=True):
-        moved = belief.mean[body, POSITION] - truth.mean[body, POSITION]
-        cosine = abs(belief.mean[body, QUATERNION] @ truth.mean[body, QUATERNION])
-        for error, block in (
-            (np.linalg.norm(moved), ERR_POSITION),
-            (2.0 * math.acos(min(cosine, 1.0)), ERR_ROTATION),
-        ):
-            spread = math.sqrt(np.trace(P[block, block]))
-            errors.append(error / spread if spread > 0.0 else 0.0)
-    return float(max(errors))
 
 
 def _trajectories(case) -> Iterator[Row]:
