@@ -85,6 +85,9 @@ _APART = 4
 _SLACK, _RECOVERY = 2e-5, 0.05
 #: Growth of the square of a sweep's change at which acceleration begins anew, and the solver goes back.
 _WORSE, _DIVERGED = 4.0, 1e6
+#: Sweeps that a step of acceleration goes on, or back, at most: more would save none, and let round-off grow
+#: by as much in each step.
+_ONWARD, _BACK = 1.25, 1.0
 _GAIN = 1e-9  # of an impact's work, relative to its terms: round-off
 
 
@@ -255,7 +258,11 @@ def solve(rows, twists, ids, m, law, all_impulses, members, count, velocity, sti
             recent = math.inf
             continue
         begins, worse = recent == math.inf, square > _WORSE * recent
-        share = -along / curve if not begins and not worse and curve > 0.0 else 0.0
+        share = 0.0
+        if not begins and not worse:
+            # what changes alike in each sweep goes on; whether it grows or shrinks, round-off would decide
+            alike = square > _ONWARD * _ONWARD * curve
+            share = _ONWARD if alike else min(max(-along / curve, -_BACK), _ONWARD) if curve > 0.0 else 0.0
         recent = square if worse else min(recent, square)
         for c in range(m):
             for d in range(numbers):
