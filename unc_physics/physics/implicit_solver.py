@@ -56,8 +56,9 @@ from .contact_row import (
 )
 from .contact_simd import apply_impulses, contact_speeds, foreseen
 from .implicit_workspace import (
+    ALONG,
+    BEFORE,
     BEST,
-    CHANGES,
     CONTACTS,
     ELASTIC,
     FREE,
@@ -65,8 +66,7 @@ from .implicit_workspace import (
     NOW,
     PLASTIC,
     PREVIOUS,
-    RESULTS,
-    RESULTS_V,
+    SEARCH,
     START,
 )
 
@@ -83,11 +83,9 @@ _PATIENCE = 20.0
 _APART = 4
 #: Overlap that contacts always push out [m], and how fast they push out what the load does not explain [m/s].
 _SLACK, _RECOVERY = 2e-5, 0.05
-#: Growth of the square of a sweep's change at which acceleration begins anew, and the solver goes back.
-_WORSE, _DIVERGED = 4.0, 1e6
-#: Sweeps that a step of acceleration goes on, or back, at most: more would save none, and let round-off grow
-#: by as much in each step.
-_ONWARD, _BACK = 1.25, 1.0
+#: Growth of the square of a sweep's change: from one to the next, up to which the direction of search stays,
+#: and over the least so far, at which the solver goes back.
+_ALIKE, _DIVERGED = 1.1, 100.0
 _GAIN = 1e-9  # of an impact's work, relative to its terms: round-off
 
 
@@ -204,9 +202,9 @@ def solve(rows, twists, ids, m, law, all_impulses, members, count, velocity, sti
 
     A sweep shall change no contact's velocity by more than ``still`` [m/s].
 
-    After some plain sweeps each is followed by a step along the difference of two sweeps' results, as long as
-    leaves the least change if changes are linear in it (Anderson 1965, of depth one): contacts that hold a
-    body in too many places otherwise push each other's impulses to and fro, a little further in each sweep.
+    After some plain sweeps each is followed by a step along what the sweeps have changed so far, as in
+    conjugate gradients (Silcowitz, Niebe and Erleben 2010): sweeps alone take as many as the mass ratio,
+    these its root.
 
     Returns
     -------
@@ -214,20 +212,23 @@ def solve(rows, twists, ids, m, law, all_impulses, members, count, velocity, sti
         Largest change of an impulse in the last sweep, which is by how much the law was missed, relative to
         the largest normal impulse.
     """
-    own, previous, changes = all_impulses[law], all_impulses[PREVIOUS], all_impulses[CHANGES]
-    results, best = all_impulses[RESULTS], all_impulses[BEST]
-    v, results_v = velocity[NOW], velocity[RESULTS_V]
-    residual = found = 0.0
-    least = recent = math.inf
+    own, previous, search = all_impulses[law], all_impulses[PREVIOUS], all_impulses[SEARCH]
+    best, v, before, along = all_impulses[BEST], velocity[NOW], velocity[BEFORE], velocity[ALONG]
+    residual = found = last = 0.0
+    least = math.inf
     apart = max(m // _APART, 1)
     torsional = len(twists) > 0
-    numbers = 4 if torsional else 3
     for sweep in range(_SWEEPS):
         accelerated = sweep >= _PLAIN_SWEEPS
         if accelerated:
             for c in range(m):
-                for d in range(numbers):
+                for d in range(3):
                     previous[c, d] = own[c, d]
+                if torsional:
+                    previous[c, 3] = own[c, 3]
+            for a in range(count):
+                for k in range(6):
+                    before[members[a], k] = v[members[a], k]
         change = load = jump = 0.0
         for k in range(apart):
             for c in range(k, m, apart):
@@ -241,40 +242,40 @@ def solve(rows, twists, ids, m, law, all_impulses, members, count, velocity, sti
             return residual
         if not accelerated:
             continue
-        square = along = curve = 0.0
+        square = 0.0
         for c in range(m):
             for d in range(3):
-                now = own[c, d] - previous[c, d]
-                more = now - changes[c, d]
-                changes[c, d] = now
-                square, along, curve = square + now * now, along + more * now, curve + more * more
+                square += (own[c, d] - previous[c, d]) ** 2
         if square < least:
             least, found = square, residual
             for c in range(m):
-                for d in range(numbers):
+                for d in range(3):
                     best[c, d] = own[c, d]
+                if torsional:
+                    best[c, 3] = own[c, 3]
         elif square > _DIVERGED * least or sweep == _SWEEPS - 1:  # back to the best so far
             _change_impulses(rows, twists, ids, m, own, best, v)
-            recent = math.inf
+            last = 0.0
             continue
-        begins, worse = recent == math.inf, square > _WORSE * recent
-        share = 0.0
-        if not begins and not worse:
-            # what changes alike in each sweep goes on; whether it grows or shrinks, round-off would decide
-            alike = square > _ONWARD * _ONWARD * curve
-            share = _ONWARD if alike else min(max(-along / curve, -_BACK), _ONWARD) if curve > 0.0 else 0.0
-        recent = square if worse else min(recent, square)
+        share = square / last if last > 0.0 else math.inf
+        # what changes alike in each sweep goes on, whichever way round-off tips it; what grows begins anew
+        share = min(share, 1.0) if share <= _ALIKE else 0.0
         for c in range(m):
-            for d in range(numbers):
-                result = own[c, d]
-                own[c, d] += share * (result - results[c, d]) if share != 0.0 else 0.0
-                results[c, d] = result
+            for d in range(3):
+                more = share * search[c, d] if share > 0.0 else 0.0
+                search[c, d] = own[c, d] - previous[c, d] + more
+                own[c, d] += more
+            if torsional:
+                more = share * search[c, 3] if share > 0.0 else 0.0
+                search[c, 3] = own[c, 3] - previous[c, 3] + more
+                own[c, 3] += more
         for a in range(count):
             i = members[a]
             for k in range(6):
-                result = v[i, k]
-                v[i, k] += share * (result - results_v[i, k]) if share != 0.0 else 0.0
-                results_v[i, k] = result
+                more = share * along[i, k] if share > 0.0 else 0.0
+                along[i, k] = v[i, k] - before[i, k] + more
+                v[i, k] += more
+        last = square
     return found
 
 

@@ -14,11 +14,11 @@ from .rotation import write_matrix
 from .sphere_tree import AT_ONCE, Scratch
 
 #: Velocities of the bodies, each (B, 8), of which two columns stay 0: at the interval's start, at its end
-#: without contacts, as solved, and after the last sweep.
-START, FREE, NOW, RESULTS_V = 0, 1, 2, 3
-#: Impulses of lasting contacts, of an impact, of one without rebound; those before a sweep, what it changed,
-#: those after the last one, and the best so far.
-LASTING, ELASTIC, PLASTIC, PREVIOUS, CHANGES, RESULTS, BEST = 0, 1, 2, 3, 4, 5, 6
+#: without contacts, as solved, before a sweep, and what a direction of search changes.
+START, FREE, NOW, BEFORE, ALONG = 0, 1, 2, 3, 4
+#: Impulses of lasting contacts, of an impact, of one without rebound; those before a sweep, a
+#: direction of search, and the best so far.
+LASTING, ELASTIC, PLASTIC, PREVIOUS, SEARCH, BEST = 0, 1, 2, 3, 4, 5
 #: Columns of a body's numbers: what its points travel in a second [m/s], the sum of that over time [m], how
 #: far the environment is [m], its pose when an interval began, and the most that its velocity changes in a
 #: step without contacts, beyond what gravity does [m/s].
@@ -45,8 +45,8 @@ class ImplicitWorkspace(NamedTuple):
         ``R_world_body``.
     inverse_inertia : (B, 3, 3) float64
         World axes [1/(kg m^2)].
-    velocity : (4, B, 8) float64
-        By `START` to `RESULTS_V`: linear [m/s] and angular [rad/s].
+    velocity : (5, B, 8) float64
+        By `START` to `ALONG`: linear [m/s] and angular [rad/s].
     numbers : (B, 11) float64
         By `PACE` to `SURGE`.
     moving : (B,) bool
@@ -74,7 +74,7 @@ class ImplicitWorkspace(NamedTuple):
         Written where torsional friction is.
     ids : (C, 4) int64
         Of the contacts at hand, as in `SolverMemory`.
-    impulses : (7, C, 4) float64
+    impulses : (6, C, 4) float64
         Normal and tangential ones by `LASTING` to `BEST` [N s], and moments about the normal [N m s].
     part : (B,) int64
         Labels of bodies that touch in an impact; positive for those that take part.
@@ -191,7 +191,7 @@ def implicit_workspace(x, kept_overlap, world, contacts, candidates, pool):
     return ImplicitWorkspace(
         R,
         zeros((count, 3, 3)),
-        aligned_zeros((4, count, 8)),
+        aligned_zeros((5, count, 8)),
         zeros((count, 11)),
         world.bodies.moving.copy(),
         world.bodies.inverse_mass.copy(),
@@ -206,7 +206,7 @@ def implicit_workspace(x, kept_overlap, world, contacts, candidates, pool):
         aligned_zeros((contacts, ROW)),
         empty((twists, TWIST)),
         integers((contacts, 4)),
-        empty((7, contacts, 4)),
+        empty((6, contacts, 4)),
         integers(count),
         empty(count),
         empty((candidates, 8)),
