@@ -9,6 +9,7 @@ from numba.extending import overload
 
 from . import compile_time  # noqa: F401  (from the first kernel on)
 from .by_reference import referred, refers
+from .call_types import remembering
 from .calls import stay_apart
 from .compile_cache import keep
 from .frame_room import with_room
@@ -93,7 +94,7 @@ def _taking_references(compiled):
             return found
 
         compiled.get_call_template = get_call_template
-        compiled.compile = partial(with_room, compiled.compile)
+        compiled.compile = partial(with_room, remembering, compiled.compile)
     return compiled
 
 
