@@ -66,9 +66,10 @@ from .implicit_workspace import (
     TOO_MANY_CONTACTS,
 )
 from .layout import P, V, W
-from .rotation import rotate, rotate_back, tangents
+from .rotation import cross, rotate, rotate_back, tangents
 from .shapes import bounds, surface
 from .simd import lowest_bit
+from .vectors import times
 
 #: Gap up to which contacts take part in an impact [m].
 IMPACT_GAP = 2e-4
@@ -383,19 +384,19 @@ def write_contact(x, i, j, k, world, work):
         r = reduced_radius(r, rj)
     for d, axis in ((0, n), (1, first), (2, second)):
         at = AXIS * d
-        moment = _cross(arm, axis)
+        moment = cross(arm, axis)
         turn = rotate(work.inverse_inertia[i], moment[0], moment[1], moment[2])
         _write_direction(row, at + DIRECTION, axis)
         _write_direction(row, at + MOMENT_I, moment)
-        _write_push(row, at + PUSH_I, row[INVERSE_MASS_I], axis)
+        _write_direction(row, at + PUSH_I, times(row[INVERSE_MASS_I], axis))
         _write_direction(row, at + TURN_I, turn)
         own = row[INVERSE_MASS_I] + moment[0] * turn[0] + moment[1] * turn[1] + moment[2] * turn[2]
         if j >= 0:
-            moment = _cross(other, axis)
+            moment = cross(other, axis)
             turn = rotate(work.inverse_inertia[j], moment[0], moment[1], moment[2])
             _write_direction(row, at + DIRECTION_J, axis)
             _write_direction(row, at + MOMENT_J, moment)
-            _write_push(row, at + PUSH_J, row[INVERSE_MASS_J], axis)
+            _write_direction(row, at + PUSH_J, times(row[INVERSE_MASS_J], axis))
             _write_direction(row, at + TURN_J, turn)
             own += row[INVERSE_MASS_J] + moment[0] * turn[0] + moment[1] * turn[1] + moment[2] * turn[2]
         if d == 0:
@@ -421,7 +422,7 @@ def write_contact(x, i, j, k, world, work):
 @inner
 def _write_drift(row, surface, at, first, second):
     """Write the velocity of a moving surface at a point of it, along both tangents."""
-    turning = _cross((surface[3], surface[4], surface[5]), at)
+    turning = cross((surface[3], surface[4], surface[5]), at)
     v = (surface[0] + turning[0], surface[1] + turning[1], surface[2] + turning[2])
     row[DRIFT] = first[0] * v[0] + first[1] * v[1] + first[2] * v[2]
     row[DRIFT + 1] = second[0] * v[0] + second[1] * v[1] + second[2] * v[2]
@@ -457,16 +458,6 @@ def _recall_force(entry, row, first, second, force):
 @inner(forceinline=True)
 def _write_direction(row, at, v):
     row[at], row[at + 1], row[at + 2] = v[0], v[1], v[2]
-
-
-@inner(forceinline=True)
-def _write_push(row, at, inverse_mass, v):
-    row[at], row[at + 1], row[at + 2] = inverse_mass * v[0], inverse_mass * v[1], inverse_mass * v[2]
-
-
-@inner(forceinline=True)
-def _cross(a, b):
-    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
 @inner(forceinline=True)

@@ -67,8 +67,8 @@ def _rows_of(context, builder, signature, args, row, v):
 
 @intrinsic
 def contact_speeds(typingctx, row, v, i, j):
-    """Velocities of body i relative to body j at a contact along its three directions, less those of body j
-    where ``j`` is not negative [m/s].
+    """Velocities at a contact along its three directions [m/s]: of body i, relative to body j if ``j`` is not
+    negative. How the partner's surface moves beyond the partner itself (`DRIFT`) is not in them.
 
     ``row`` is of `ImplicitWorkspace.rows`, ``v`` (B, 8) of its velocities.
     """
@@ -126,7 +126,7 @@ def apply_impulses(typingctx, row, normal, first, second, v, i, j):
             change = None
             for d in range(3):
                 part = builder.fmul(
-                    builder.load(column(AXIS * d + block), align=8), impulses[d], ("contract",)
+                    builder.load(column(AXIS * d + block), align=8), impulses[d], flags=("contract",)
                 )
                 change = part if change is None else builder.fadd(change, part, flags=("contract",))
             place = body(i)

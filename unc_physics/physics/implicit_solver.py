@@ -30,8 +30,6 @@ from .contact_row import (
     COUPLING,
     DAMPING_TIME,
     DEPTH,
-    DIRECTION,
-    DIRECTION_J,
     DRIFT,
     FALL,
     FORCE,
@@ -92,15 +90,8 @@ _GAIN = 1e-9  # of an impact's work, relative to its terms: round-off
 @inner(forceinline=True, fastmath=FAST)
 def contact_speed(row, d, v, i, j):
     """Velocity of body i relative to its partner at a contact, along direction ``d`` of its row [m/s]."""
-    s, at = 0.0, AXIS * d
-    for k in range(6):
-        s += row[at + DIRECTION + k] * v[i, k]
-    if j >= 0:
-        for k in range(6):
-            s -= row[at + DIRECTION_J + k] * v[j, k]
-    if d > 0:
-        s -= row[DRIFT + d - 1]
-    return s
+    speed = contact_speeds(row, v, i, j)[d]
+    return speed - row[DRIFT + d - 1] if d > 0 else speed
 
 
 @inner(forceinline=True, fastmath=FAST)

@@ -16,6 +16,7 @@ import numpy as np
 from .arrays import empty, full, integers, singles, small_integers
 from .compiled import kernel
 from .simd import lowest_bit, overlap_mask, overlap_masks
+from .vectors import single
 
 WIDTH = 8
 #: Pairs from a search's stack that are tested before any of them is divided, at most.
@@ -263,11 +264,9 @@ def candidates(tree, R_ij, t_ij, slack, scratch, top, at_once):
         Height of the stack; call again, after using the pairs, while it is positive.
     """
     bounds, child = tree.bounds, tree.child
-    xx, xy, xz = np.float32(R_ij[0, 0]), np.float32(R_ij[0, 1]), np.float32(R_ij[0, 2])
-    yx, yy, yz = np.float32(R_ij[1, 0]), np.float32(R_ij[1, 1]), np.float32(R_ij[1, 2])
-    zx, zy, zz = np.float32(R_ij[2, 0]), np.float32(R_ij[2, 1]), np.float32(R_ij[2, 2])
-    tx, ty, tz = np.float32(t_ij[0]), np.float32(t_ij[1]), np.float32(t_ij[2])
-    R, t = ((xx, xy, xz), (yx, yy, yz), (zx, zy, zz)), (tx, ty, tz)
+    R, t = (single(R_ij[0]), single(R_ij[1]), single(R_ij[2])), single(t_ij)
+    (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = R
+    tx, ty, tz = t
     slack = np.float32(slack)
     stack, pairs, tested, masks = scratch.stack, scratch.pairs, scratch.tested, scratch.masks
     found = 0
