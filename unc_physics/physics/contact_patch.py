@@ -43,11 +43,10 @@ from .contact_search import (
     ACTIVE_GAP,
     LIST_MARGIN,
     LIST_STEPS,
-    PAIR_MARGIN,
-    box_distance,
-    closing_now,
+    box_gap,
     column_of,
     element_list,
+    half_way,
     pair_list,
     relative_pose,
     side_of,
@@ -191,10 +190,10 @@ def pair_candidates(x, i, j, limit, horizon, world, work):
     """
     low, high = min(i, j), max(i, j)
     kept = work.kept_overlap[low, high]
-    travel = horizon * closing_now(x, i, j, world, work)
-    if box_distance(x, i, j, world.implicit.box, work.R) + kept >= limit + travel:
+    t, reach = half_way(x, low, high, horizon, world, work)
+    if box_gap(world.implicit.box[low], world.implicit.box[high], work.R_ij, t) + kept >= limit + reach:
         return 0
-    pair_list(x, low, high, needed_gap(limit) + travel, PAIR_MARGIN, world, work)
+    pair_list(low, high, t, needed_gap(limit) + reach, world, work)
     R_ij, R_i, pool = work.R_ij, work.R[i], work.pool
     t = relative_pose(x, i, j, work.R, R_ij)
     half = 0.5 * horizon * (np.float64(work.moving[i]) - np.float64(work.moving[j]))

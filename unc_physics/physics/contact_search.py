@@ -14,9 +14,10 @@ from .compiled import inner
 from .element_contacts import element_distance, in_element, spheres_near, write_element_rotation
 from .implicit_workspace import CLEARANCE, OVERFLOW, PACE, POOL_USED, SURGE, TOO_LONG_LISTS, TRAVEL
 from .layout import P, V, W
-from .rotation import rotate, rotate_back
+from .rotation import cross, rotate, rotate_back
 from .shapes import flat_side
 from .sphere_tree import AT_ONCE, candidates
+from .vectors import times
 
 #: Gap up to which contacts take part in a step [m].
 ACTIVE_GAP = 5e-4
@@ -50,25 +51,55 @@ def closing_bound(x, i, j, world, work):
     return math.sqrt(v) + radius[i] * math.sqrt(w) + radius[j] * math.sqrt(u) + _gain(i, j, world, work)
 
 
-@inner
-def closing_now(x, i, j, world, work):
-    """No two spheres of bodies i and j approach each other faster at their present velocities [m/s].
+@inner(forceinline=True)
+def half_way(x, i, j, horizon, world, work):
+    """Pose of body j in i's frame, rotation into ``work.R_ij`` and centre of mass [m], from which all that
+    may touch in the next ``horizon`` seconds is nearest; then how near, beyond what a contact's gap may be.
 
-    Along their normal spheres approach as the bodies' velocity fields do at either's centre. The fields'
-    difference changes with the difference of the angular velocities, from its value at a centre of mass.
+    That is their relative pose half way at their present velocities, or the present one. Two spheres that
+    touch at the end of straight ways are half way nearer than half of the relative way, which is at most
+    that of either body's farthest point, as the other sees it; in the present pose than how fast they close,
+    along their normal, from there. Rigid motion bends what is straight, which counts in full.
     """
-    radius = world.bodies.radius
-    turn = near_i = near_j = 0.0
+    radius, R_ij = world.bodies.radius, work.R_ij
+    turn = near_i = near_j = apart = 0.0
     for k in range(3):
         a, b = (k + 1) % 3, (k + 2) % 3
         da, db = x[j, P + a] - x[i, P + a], x[j, P + b] - x[i, P + b]
         v = x[i, V + k] - x[j, V + k]
+        apart += da * da
         turn += (x[i, W + k] - x[j, W + k]) ** 2
         near_j += (v + x[i, W + a] * db - x[i, W + b] * da) ** 2
         near_i += (v + x[j, W + a] * db - x[j, W + b] * da) ** 2
-    spin = math.sqrt(turn)
-    most = min(math.sqrt(near_i) + radius[i] * spin, math.sqrt(near_j) + radius[j] * spin)
-    return min(most + _gain(i, j, world, work), closing_bound(x, i, j, world, work))
+    spin, near_i, near_j = math.sqrt(turn), math.sqrt(near_i), math.sqrt(near_j)
+    fast_i, fast_j = near_i + radius[i] * spin, near_j + radius[j] * spin
+    gain = _gain(i, j, world, work)
+    now = horizon * min(min(fast_i, fast_j) + gain, closing_bound(x, i, j, world, work))
+    half = 0.5 * horizon
+    angle = half * spin
+    bend = 0.5 * angle * angle * (1.0 + 0.5 * angle)
+    way_j = half * fast_j + radius[j] * bend
+    way_i = half * fast_i + (math.sqrt(apart) + radius[i]) * bend + angle * half * near_j
+    reach = min(way_i, way_j) + horizon * gain
+    t = relative_pose(x, i, j, work.R, R_ij)
+    if now <= reach:
+        return t, now
+    d = (x[j, P] - x[i, P], x[j, P + 1] - x[i, P + 1], x[j, P + 2] - x[i, P + 2])
+    c = cross((x[i, W], x[i, W + 1], x[i, W + 2]), d)
+    Ri = work.R[i]
+    ux, uy, uz = rotate_back(
+        Ri, x[j, V] - x[i, V] - c[0], x[j, V + 1] - x[i, V + 1] - c[1], x[j, V + 2] - x[i, V + 2] - c[2]
+    )
+    q = rotate_back(Ri, x[j, W] - x[i, W], x[j, W + 1] - x[i, W + 1], x[j, W + 2] - x[i, W + 2])
+    q = times(0.5 * half, q)
+    scale = 2.0 / (1.0 + q[0] * q[0] + q[1] * q[1] + q[2] * q[2])
+    for k in range(3):  # Cayley's map: a rotation, for small angles by that angle
+        y = R_ij[0, k], R_ij[1, k], R_ij[2, k]
+        once = cross(q, y)
+        twice = cross(q, once)
+        for r in range(3):
+            R_ij[r, k] = y[r] + scale * (once[r] + twice[r])
+    return (t[0] + half * ux, t[1] + half * uy, t[2] + half * uz), reach
 
 
 @inner
@@ -131,7 +162,7 @@ def _boxes_near(x, world, work):
     whether any are left.
     """
     near, group, numbers, fastest = work.near, work.group, work.numbers, work.part_pace
-    count, found, moving = len(x), False, work.moving
+    count, found, moving, box = len(x), False, work.moving, world.implicit.box
     for i in range(count):
         fastest[i] = 0.0
     for i in range(count):
@@ -142,7 +173,8 @@ def _boxes_near(x, world, work):
             if near[i, j]:
                 pace = fastest[group[i] if moving[i] else group[j]]
                 reach = NEAR + world.dt * (closing_bound(x, i, j, world, work) + pace)
-                near[i, j] = near[j, i] = box_distance(x, i, j, world.implicit.box, work.R) < reach
+                t = relative_pose(x, i, j, work.R, work.R_ij)
+                near[i, j] = near[j, i] = box_gap(box[i], box[j], work.R_ij, t) < reach
     for i in range(count):
         group[i] = i
     for i in range(count):
@@ -157,24 +189,21 @@ def _boxes_near(x, world, work):
 
 
 @inner
-def box_distance(x, i, j, box, R):
+def box_gap(a, b, R, t):
     """Lower bound of the distance of two bodies' boxes [m], along the axes of either; negative without one.
 
-    ``box`` is `Implicit.box`.
+    ``a`` and ``b`` are their rows of `Implicit.box`, ``R`` and ``t`` bring the second's frame into the
+    first's.
     """
-    a, b, Ri, Rj = box[i], box[j], R[i], R[j]
-    d = (
-        x[j, P] - x[i, P] + rotate(Rj, b[0], b[1], b[2])[0] - rotate(Ri, a[0], a[1], a[2])[0],
-        x[j, P + 1] - x[i, P + 1] + rotate(Rj, b[0], b[1], b[2])[1] - rotate(Ri, a[0], a[1], a[2])[1],
-        x[j, P + 2] - x[i, P + 2] + rotate(Rj, b[0], b[1], b[2])[2] - rotate(Ri, a[0], a[1], a[2])[2],
-    )
+    ux, uy, uz = rotate(R, b[0], b[1], b[2])
+    d = t[0] + ux - a[0], t[1] + uy - a[1], t[2] + uz - a[2]
     best = -np.inf
     for k in range(3):
-        own = abs(Ri[0, k] * d[0] + Ri[1, k] * d[1] + Ri[2, k] * d[2]) - a[3 + k]
-        other = abs(Rj[0, k] * d[0] + Rj[1, k] * d[1] + Rj[2, k] * d[2]) - b[3 + k]
+        own = abs(d[k]) - a[3 + k]
+        other = abs(R[0, k] * d[0] + R[1, k] * d[1] + R[2, k] * d[2]) - b[3 + k]
         for m in range(3):
-            own -= b[3 + m] * abs(Ri[0, k] * Rj[0, m] + Ri[1, k] * Rj[1, m] + Ri[2, k] * Rj[2, m])
-            other -= a[3 + m] * abs(Rj[0, k] * Ri[0, m] + Rj[1, k] * Ri[1, m] + Rj[2, k] * Ri[2, m])
+            own -= b[3 + m] * abs(R[k, m])
+            other -= a[3 + m] * abs(R[m, k])
         best = max(best, max(own, other))
     return best
 
@@ -292,14 +321,15 @@ def element_list(x, i, e, need, spare, world, work):
 
 
 @inner(forceinline=True)
-def pair_list(x, i, j, need, spare, world, work):
-    """Bring the list of near pairs of spheres of bodies i and j up to date, as `element_list`."""
+def pair_list(i, j, t_ij, need, world, work):
+    """Bring the list of near pairs of spheres of bodies i and j up to date, ``need`` [m] being how near, with
+    j's centre of mass at ``t_ij`` in i's frame [m] and the rotation from its axes in ``work.R_ij``.
+    """
     tree, search, pool, R_ij = world.tree, work.search, work.pool, work.R_ij
-    t_ij = relative_pose(x, i, j, work.R, R_ij)
     place = work.list_pose[i, j]
     if need + _moved(place, R_ij, t_ij, world.bodies.radius[j]) <= place[_MARGIN]:
         return
-    margin = need + spare
+    margin = need + PAIR_MARGIN
     slack = SINGLE_PRECISION * (world.bodies.radius[i] + world.bodies.radius[j]) + margin
     start = work.counts[POOL_USED]
     used = start
