@@ -47,12 +47,13 @@ from .contact_search import (
     column_of,
     element_list,
     half_way,
+    half_way_by,
     pair_list,
     relative_pose,
     side_of,
 )
 from .contact_simd import lower_supports
-from .element_contacts import in_element
+from .element_contacts import in_element, write_element_rotation
 from .implicit_workspace import (
     CANDIDATE_GAP,
     CANDIDATE_NORMAL,
@@ -60,7 +61,6 @@ from .implicit_workspace import (
     CANDIDATE_SCORE,
     CONTACTS,
     OVERFLOW,
-    PACE,
     TOO_MANY_CANDIDATES,
     TOO_MANY_CONTACTS,
 )
@@ -134,9 +134,10 @@ def element_candidates(x, i, e, limit, horizon, world, work):
                 if count == 0:
                     return 0
     else:
-        travel = horizon * work.numbers[i, PACE]
-        element_list(x, i, e, needed_gap(limit) + travel, LIST_MARGIN + LIST_STEPS * travel, world, work)
         R_ei = work.R_ij
+        write_element_rotation(R, R_e, R_ei)
+        t_half, reach = half_way_by(x, i, e, (vx, vy, vz), horizon, world, R_ei)
+        element_list(i, e, t_half, needed_gap(limit) + reach, LIST_MARGIN + LIST_STEPS * reach, world, work)
         ux, uy, uz = rotate_back(R, vx, vy, vz)
         wx, wy, wz = rotate_back(R, x[i, W], x[i, W + 1], x[i, W + 2])
         start = work.lists[i, len(x) + e, 0]
@@ -144,7 +145,8 @@ def element_candidates(x, i, e, limit, horizon, world, work):
         spheres, near = work.pool_spheres, work.low
         ax, ay, az = spheres[0, start:stop], spheres[1, start:stop], spheres[2, start:stop]
         ar = spheres[3, start:stop]
-        _near_box(R_ei, t, bounds(kind, size, e), (ax, ay, az, ar), limit + travel - kept, near)
+        _near_box(R_ei, t_half, bounds(kind, size, e), (ax, ay, az, ar), limit + reach - kept, near)
+        write_element_rotation(R, R_e, R_ei)
         for k in range(stop - start):
             if near[k] < 0.0:
                 continue

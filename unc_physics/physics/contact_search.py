@@ -11,7 +11,7 @@ import numpy as np
 
 from .broad_phase import SINGLE_PRECISION
 from .compiled import inner
-from .element_contacts import element_distance, in_element, spheres_near, write_element_rotation
+from .element_contacts import element_distance, in_element, spheres_near
 from .implicit_workspace import CLEARANCE, OVERFLOW, PACE, POOL_USED, SURGE, TOO_LONG_LISTS, TRAVEL
 from .layout import P, V, W
 from .rotation import cross, rotate, rotate_back
@@ -77,7 +77,7 @@ def half_way(x, i, j, horizon, world, work):
     now = horizon * min(min(fast_i, fast_j) + gain, closing_bound(x, i, j, world, work))
     half = 0.5 * horizon
     angle = half * spin
-    bend = 0.5 * angle * angle * (1.0 + 0.5 * angle)
+    bend = _bend(angle)
     way_j = half * fast_j + radius[j] * bend
     way_i = half * fast_i + (math.sqrt(apart) + radius[i]) * bend + angle * half * near_j
     reach = min(way_i, way_j) + horizon * gain
@@ -92,14 +92,27 @@ def half_way(x, i, j, horizon, world, work):
     )
     q = rotate_back(Ri, x[j, W] - x[i, W], x[j, W + 1] - x[i, W + 1], x[j, W + 2] - x[i, W + 2])
     q = times(0.5 * half, q)
+    _turn(R_ij, q)
+    return (t[0] + half * ux, t[1] + half * uy, t[2] + half * uz), reach
+
+
+@inner(forceinline=True)
+def _turn(R, q):
+    """Turn a frame's axes, the columns of ``R``, by twice the vector ``q`` [rad], if that is small: by
+    Cayley's map, which makes a rotation of any.
+    """
     scale = 2.0 / (1.0 + q[0] * q[0] + q[1] * q[1] + q[2] * q[2])
-    for k in range(3):  # Cayley's map: a rotation, for small angles by that angle
-        y = R_ij[0, k], R_ij[1, k], R_ij[2, k]
-        once = cross(q, y)
+    for k in range(3):
+        once = cross(q, (R[0, k], R[1, k], R[2, k]))
         twice = cross(q, once)
         for r in range(3):
-            R_ij[r, k] = y[r] + scale * (once[r] + twice[r])
-    return (t[0] + half * ux, t[1] + half * uy, t[2] + half * uz), reach
+            R[r, k] += scale * (once[r] + twice[r])
+
+
+@inner(forceinline=True)
+def _bend(angle):
+    """How far `_turn` leads from a straight way by that angle, at most; at a distance of 1 m from the axis."""
+    return 0.5 * angle * angle * (1.0 + 0.5 * angle)
 
 
 @inner
@@ -283,22 +296,40 @@ def side_of(kind, size, e, t, R_e, R, extent):
 
 
 @inner(forceinline=True)
-def element_list(x, i, e, need, spare, world, work):
-    """Bring the list of body i's spheres near element e up to date, ``need`` [m] being how near, and
-    ``spare`` [m] how far the body may move until it is made anew.
+def half_way_by(x, i, e, v, horizon, world, R):
+    """As `half_way`, of body i in the frame of element e, rotation into ``R``; ``v`` is its velocity."""
+    surroundings, radius, half = world.surroundings, world.bodies.radius[i], 0.5 * horizon
+    w = x[i, W], x[i, W + 1], x[i, W + 2]
+    spin = math.sqrt(w[0] * w[0] + w[1] * w[1] + w[2] * w[2])
+    reach = half * (math.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]) + radius * spin)
+    _turn(R, times(0.5 * half, rotate_back(surroundings.R[e], w[0], w[1], w[2])))
+    t = in_element(
+        surroundings.position,
+        surroundings.R,
+        e,
+        x[i, P] + half * v[0],
+        x[i, P + 1] + half * v[1],
+        x[i, P + 2] + half * v[2],
+    )
+    return t, reach + radius * _bend(half * spin)
 
-    Returns
-    -------
-    t : tuple of 3 floats
-        The body's centre of mass in the element's frame [m]; ``work.R_ij`` has the rotation from the body's
-        axes.
+
+@inner(forceinline=True)
+def element_list(i, e, t, need, spare, world, work):
+    """Bring the list of body i's spheres near element e up to date, ``need`` [m] being how near, and
+    ``spare`` [m] how far the body may move until it is made anew, with its centre of mass at ``t`` in the
+    element's frame [m] and the rotation from its axes in ``work.R_ij``.
     """
-    surroundings, search, pool, column = world.surroundings, work.search, work.pool, len(x) + e
-    t, R = in_element(surroundings.position, surroundings.R, e, x[i, P], x[i, P + 1], x[i, P + 2]), work.R_ij
-    write_element_rotation(work.R[i], surroundings.R[e], R)
+    surroundings, search, pool, column, R = (
+        world.surroundings,
+        work.search,
+        work.pool,
+        len(work.moving) + e,
+        work.R_ij,
+    )
     place, radius = work.list_pose[i, column], world.bodies.radius[i]
     if need + _moved(place, R, t, radius) <= place[_MARGIN]:
-        return t
+        return
     margin = need + spare
     start = work.counts[POOL_USED]
     used = start
@@ -308,7 +339,7 @@ def element_list(x, i, e, need, spare, world, work):
         found, top = spheres_near(world.tree, surroundings, e, R, t, radius, margin, search, top)
         if used + found > len(pool):
             work.counts[OVERFLOW] = TOO_LONG_LISTS
-            return t
+            return
         for k in range(found):
             s = search.pairs[k, 0]
             pool[used, 0], pool[used, 1] = s, 0
@@ -317,7 +348,6 @@ def element_list(x, i, e, need, spare, world, work):
             work.pool_spheres[3, used] = world.tree.radii[s]
             used += 1
     _keep_list(i, column, start, used, R, t, margin, work)
-    return t
 
 
 @inner(forceinline=True)
