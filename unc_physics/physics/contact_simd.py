@@ -141,3 +141,50 @@ def apply_impulses(typingctx, row, normal, first, second, v, i, j):
     d = types.float64
     numbers, matrix = types.Array(d, 1, "C"), types.Array(d, 2, "C")
     return types.void(numbers, d, d, d, matrix, types.int64, types.int64), codegen
+
+
+def _eight(context, builder, signature, args, n, at):
+    """Where eight numbers of matrix number ``n`` of the arguments begin, in its row ``at``."""
+    array = cgutils.create_struct_proxy(signature.args[n])(context, builder, value=args[n])
+    width = cgutils.unpack_tuple(builder, array.shape)[1]
+    place = builder.gep(array.data, [builder.mul(at, width)])
+    return builder.bitcast(place, DOUBLES.as_pointer())
+
+
+@intrinsic
+def copy_eight(typingctx, matrix, to, row):
+    """Copy eight numbers of a matrix, from the beginning of a row, into another one's."""
+
+    def codegen(context, builder, signature, args):
+        here, there = (_eight(context, builder, signature, args, n, args[2]) for n in (0, 1))
+        builder.store(builder.load(here, align=8), there, align=8)
+        return context.get_dummy_value()
+
+    matrix = types.Array(types.float64, 2, "C")
+    return types.void(matrix, matrix, types.int64), codegen
+
+
+@intrinsic
+def go_on(typingctx, matrix, before, search, share, row):
+    """Let eight numbers of a matrix, from the beginning of a row, go on as they changed since ``before``.
+
+    Their direction ``search`` becomes that change and, where ``share`` is positive, so much of what it was;
+    by the latter the numbers go on, and are ``before`` the next change.
+    """
+
+    def codegen(context, builder, signature, args):
+        places = [_eight(context, builder, signature, args, n, args[4]) for n in range(3)]
+        now, before, search = (builder.load(place, align=8) for place in places)
+        share = splat(builder, args[3], DOUBLES)
+        more = builder.fmul(share, search)
+        zero = ir.Constant(DOUBLES, [0.0] * LANES)
+        more = builder.select(builder.fcmp_ordered(">", args[3], ir.Constant(ir.DoubleType(), 0.0)), more, zero)
+        search = builder.fadd(builder.fsub(now, before), more)
+        now = builder.fadd(now, more)
+        for value, place in zip((now, now, search), places, strict=True):
+            builder.store(value, place, align=8)
+        return context.get_dummy_value()
+
+    d = types.float64
+    matrix = types.Array(d, 2, "C")
+    return types.void(matrix, matrix, matrix, d, types.int64), codegen

@@ -21,6 +21,8 @@ normal impulse. Surfaces that move count with their velocities.
 
 import math
 
+import numpy as np
+
 from .compiled import inner
 from .contact_model import FAST, balance, balanced_impulse, shallow_depth
 from .contact_row import (
@@ -52,7 +54,7 @@ from .contact_row import (
     TURN_J,
     WAY,
 )
-from .contact_simd import apply_impulses, contact_speeds, foreseen
+from .contact_simd import apply_impulses, contact_speeds, copy_eight, foreseen, go_on
 from .implicit_workspace import (
     ALONG,
     BEFORE,
@@ -155,6 +157,8 @@ def _solve_contact(row, own, law, v, i, j):
         Its normal impulse [N s].
     change, jump : float
         Largest change of an impulse [N s], and of the contact's velocity [m/s].
+    square : float
+        Of all changes [N^2 s^2].
     """
     old, old1, old2 = own[0], own[1], own[2]
     speed, across, along = contact_speeds(row, v, i, j)
@@ -167,7 +171,7 @@ def _solve_contact(row, own, law, v, i, j):
         new = max(0.0, old + ((row[TARGET] if law == ELASTIC else 0.0) - speed) / row[COMPLIANCE])
     limit = row[FRICTION] * new
     if new == 0.0 and old == 0.0 and old1 == 0.0 and old2 == 0.0:
-        return 0.0, 0.0, 0.0
+        return 0.0, 0.0, 0.0, 0.0
     more = new - old
     more1, more2 = -old1, -old2
     slip = row[SLIP_COMPLIANCE]
@@ -183,7 +187,8 @@ def _solve_contact(row, own, law, v, i, j):
     own[0], own[1], own[2] = new, old1 + more1, old2 + more2
     apply_impulses(row, more, more1, more2, v, i, j)
     across = max(abs(more1), abs(more2))
-    return new, max(abs(more), across), max(abs(more) * row[COMPLIANCE], across * slip)
+    square = more * more + more1 * more1 + more2 * more2
+    return new, max(abs(more), across), max(abs(more) * row[COMPLIANCE], across * slip), square
 
 
 @inner(fastmath=FAST, error_model="numpy")
@@ -207,67 +212,59 @@ def solve(rows, twists, ids, m, law, all_impulses, members, count, velocity, sti
     best, v, before, along = all_impulses[BEST], velocity[NOW], velocity[BEFORE], velocity[ALONG]
     residual = found = last = 0.0
     least = math.inf
-    apart = max(m // _APART, 1)
-    torsional = len(twists) > 0
+    end, apart, torsional = np.uint64(m), np.uint64(max(m // _APART, 1)), len(twists) > 0
     for sweep in range(_SWEEPS):
-        accelerated = sweep >= _PLAIN_SWEEPS
-        if accelerated:
-            for c in range(m):
-                for d in range(3):
-                    previous[c, d] = own[c, d]
-                if torsional:
-                    previous[c, 3] = own[c, 3]
-            for a in range(count):
-                for k in range(6):
-                    before[members[a], k] = v[members[a], k]
-        change = load = jump = 0.0
-        for k in range(apart):
-            for c in range(k, m, apart):
-                normal, changed, moved = _solve_contact(rows[c], own[c], law, v, ids[c, 0], ids[c, 1])
+        if sweep == _PLAIN_SWEEPS:
+            _copy_all(m, own, previous, members, count, v, before)
+        change = load = jump = square = 0.0
+        for first in range(apart):
+            c = np.uint64(first)
+            while c < end:
+                i, j = ids[c, 0], ids[c, 1]
+                normal, changed, moved, squared = _solve_contact(rows[c], own[c], law, v, i, j)
                 load, change, jump = max(load, normal), max(change, changed), max(jump, moved)
+                square += squared
                 if torsional:
-                    changed, moved = _solve_twist(rows[c], twists[c], own[c], v, ids[c, 0], ids[c, 1])
+                    changed, moved = _solve_twist(rows[c], twists[c], own[c], v, i, j)
                     change, jump = max(change, changed), max(jump, moved)
+                c += apart
         residual = change / load if load > 0.0 else (0.0 if change == 0.0 else 1.0)
         if residual <= TOLERANCE and jump <= still * max(1.0, sweep / _PATIENCE):
             return residual
-        if not accelerated:
+        if sweep < _PLAIN_SWEEPS:
             continue
-        square = 0.0
-        for c in range(m):
-            for d in range(3):
-                square += (own[c, d] - previous[c, d]) ** 2
         if square < least:
             least, found = square, residual
-            for c in range(m):
-                for d in range(3):
-                    best[c, d] = own[c, d]
-                if torsional:
-                    best[c, 3] = own[c, 3]
+            _copy_impulses(m, own, best)
         elif square > _DIVERGED * least or sweep == _SWEEPS - 1:  # back to the best so far
             _change_impulses(rows, twists, ids, m, own, best, v)
+            _copy_all(m, own, previous, members, count, v, before)
             last = 0.0
             continue
         share = square / last if last > 0.0 else math.inf
         # what changes alike in each sweep goes on, whichever way round-off tips it; what grows begins anew
         share = min(share, 1.0) if share <= _ALIKE else 0.0
-        for c in range(m):
-            for d in range(3):
-                more = share * search[c, d] if share > 0.0 else 0.0
-                search[c, d] = own[c, d] - previous[c, d] + more
-                own[c, d] += more
-            if torsional:
-                more = share * search[c, 3] if share > 0.0 else 0.0
-                search[c, 3] = own[c, 3] - previous[c, 3] + more
-                own[c, 3] += more
+        for c in range(0, m, 2):
+            go_on(own, previous, search, share, c)
         for a in range(count):
-            i = members[a]
-            for k in range(6):
-                more = share * along[i, k] if share > 0.0 else 0.0
-                along[i, k] = v[i, k] - before[i, k] + more
-                v[i, k] += more
+            go_on(v, before, along, share, members[a])
         last = square
     return found
+
+
+@inner(forceinline=True)
+def _copy_impulses(m, impulses, to):
+    """Copy the impulses of ``m`` contacts, two at once."""
+    for c in range(0, m, 2):
+        copy_eight(impulses, to, c)
+
+
+@inner(forceinline=True)
+def _copy_all(m, impulses, to, members, count, v, before):
+    """Copy the impulses of ``m`` contacts and the velocities of ``count`` members."""
+    _copy_impulses(m, impulses, to)
+    for a in range(count):
+        copy_eight(v, before, members[a])
 
 
 @inner(fastmath=FAST, error_model="numpy")
