@@ -52,7 +52,7 @@ from .contact_search import (
     relative_pose,
     side_of,
 )
-from .contact_simd import lower_supports
+from .contact_simd import lower_supports, plane_mask
 from .element_contacts import in_element, write_element_rotation
 from .implicit_workspace import (
     CANDIDATE_GAP,
@@ -67,7 +67,7 @@ from .implicit_workspace import (
 from .layout import P, V, W
 from .rotation import cross, rotate, rotate_back, tangents
 from .shapes import bounds, surface
-from .simd import lowest_bit
+from .simd import LANES, lowest_bit
 from .vectors import times
 
 #: Gap up to which contacts take part in an impact [m].
@@ -101,7 +101,7 @@ def element_candidates(x, i, e, limit, horizon, world, work):
     axis, sign, offset = side_of(kind, size, e, t, R_e, R, world.implicit.extent[i])
     count = 0
     if axis >= 0:
-        # one plane: distances are linear in the spheres' centres, so that its hull is asked in one loop
+        # one plane: distances are linear in the spheres' centres, so that its hull is asked, eight spheres at once
         height = sign * t[axis] - offset + kept
         nx, ny, nz = sign * R_e[0, axis], sign * R_e[1, axis], sign * R_e[2, axis]
         bx, by, bz = rotate_back(R, nx, ny, nz)
@@ -118,19 +118,19 @@ def element_candidates(x, i, e, limit, horizon, world, work):
         if min(least, soon) >= limit:
             return 0
         first, last = world.implicit.hull_range[i, 0], world.implicit.hull_range[i, 1]
-        hull, low = world.implicit.hull, work.low
-        ux, uy, uz, r = hull[0, first:last], hull[1, first:last], hull[2, first:last], hull[3, first:last]
-        for k in range(last - first):
-            gap = height + bx * ux[k] + by * uy[k] + bz * uz[k] - r[k]
-            predicted = later + qx * ux[k] + qy * uy[k] + qz * uz[k] - r[k]
-            low[k] = min(gap, predicted)
-        for k in range(last - first):
-            if low[k] < limit:
-                gap = height + bx * ux[k] + by * uy[k] + bz * uz[k] - r[k]
-                predicted = later + qx * ux[k] + qy * uy[k] + qz * uz[k] - r[k]
-                s = world.implicit.hull_sphere[first + k]
-                c = ux[k], uy[k], uz[k]
-                count = _keep_candidate(count, (bx, by, bz), c, r[k], gap, predicted, s, 0, work)
+        hull = world.implicit.hull
+        for k in range(first, last, LANES):
+            mask = plane_mask(hull, k, (bx, by, bz, height), (qx, qy, qz, later), limit)
+            if last - k < LANES:
+                mask &= (np.uint64(1) << np.uint64(last - k)) - np.uint64(1)
+            while mask != 0:
+                m = k + lowest_bit(mask)
+                mask &= mask - np.uint64(1)
+                c, r = (hull[0, m], hull[1, m], hull[2, m]), hull[3, m]
+                gap = height + bx * c[0] + by * c[1] + bz * c[2] - r
+                predicted = later + qx * c[0] + qy * c[1] + qz * c[2] - r
+                s = world.implicit.hull_sphere[m]
+                count = _keep_candidate(count, (bx, by, bz), c, r, gap, predicted, s, 0, work)
                 if count == 0:
                     return 0
     else:

@@ -50,6 +50,40 @@ def lower_supports(typingctx, score, best, k, base, *more):
     return types.uint64(types.Array(d, 1, "C"), types.Array(i, 1, "C"), i, d, types.UniTuple(d, 4)), codegen
 
 
+@intrinsic
+def plane_mask(typingctx, spheres, first, now, later, limit):
+    """Bit m is set where the m-th of eight spheres, columns of ``spheres`` (4, n) from ``first`` on, is nearer
+    to a plane than ``limit``, now or later; both are given by what a centre's coordinates are multiplied by,
+    and what is added.
+    """
+
+    def codegen(context, builder, signature, args):
+        array = cgutils.create_struct_proxy(signature.args[0])(context, builder, value=args[0])
+        count = cgutils.unpack_tuple(builder, array.shape)[1]
+        x, y, z, r = (
+            builder.load(
+                builder.bitcast(
+                    builder.gep(array.data, [builder.add(args[1], builder.mul(count, integer(row)))]),
+                    DOUBLES.as_pointer(),
+                ),
+                align=8,
+            )
+            for row in range(4)
+        )
+        found = None
+        for plane in args[2:4]:
+            *normal, gap = (splat(builder, entry, DOUBLES) for entry in cgutils.unpack_tuple(builder, plane))
+            for entry, coordinate in zip(normal, (x, y, z), strict=True):
+                gap = builder.fadd(gap, builder.fmul(entry, coordinate))
+            near = builder.fcmp_ordered("<", builder.fsub(gap, r), splat(builder, args[4], DOUBLES))
+            found = near if found is None else builder.or_(found, near)
+        return builder.zext(builder.bitcast(found, ir.IntType(LANES)), ir.IntType(64))
+
+    d = types.float64
+    plane, matrix = types.UniTuple(d, 4), types.Array(d, 2, "C", readonly=not spheres.mutable)
+    return types.uint64(matrix, types.int64, plane, plane, d), codegen
+
+
 def _rows_of(context, builder, signature, args, row, v):
     """Readers of a contact's row, and of bodies' velocities, eight columns at once."""
     row = cgutils.create_struct_proxy(signature.args[row])(context, builder, value=args[row]).data

@@ -6,6 +6,7 @@ import numpy as np
 
 from .arrays import booleans, empty, full, integers
 from .compiled import inner, kernel
+from .simd import LANES
 
 _DIRECTIONS, _ROUNDS = 4096, 700
 _SHORTER = 0.99  # each step than the one before
@@ -13,10 +14,10 @@ _WAY = 1.0 / (1.0 - _SHORTER)  # of all steps that are left, in units of the nex
 _APART = 3.0 / math.sqrt(_DIRECTIONS)  # no direction is farther from all of these [rad]
 # of the packing's radius: what sticks out less is inside, such as spheres that a flat face just touches
 _TOLERANCE = 1e-8
-_LANES = {"nnan", "nsz", "contract"}  # loops with these run on several spheres at once
+_FAST = {"nnan", "nsz", "contract"}  # loops with these run on several spheres at once
 
 
-@inner(fastmath=_LANES)
+@inner(fastmath=_FAST)
 def _write_heights(x, y, z, spheres, height):
     """Write how far each of ``spheres`` (4, n), centres and radii, reaches that way; returns the most."""
     highest = -np.inf
@@ -36,7 +37,7 @@ def _first(height, value):
     return k
 
 
-@inner(fastmath=_LANES)
+@inner(fastmath=_FAST)
 def _compare(d, highest, support, spheres, height, lead, best, most):
     """Note direction ``d`` where spheres lag least behind the support, and if they may come up near it."""
     cx, cy, cz = spheres[0, support], spheres[1, support], spheres[2, support]
@@ -127,3 +128,10 @@ def hull_spheres(centers, radii):
             x, y, z = _direction(best[s])
             kept[s] = _comes_up(x, y, z, spheres[:, s], supports, height, size)
     return np.flatnonzero(kept)
+
+
+def hull_columns(centers, radii, hull):
+    """Centres and radii of a hull's spheres, (4, H + 8): the last columns only let eight be read at once."""
+    columns = np.zeros((4, len(hull) + LANES))
+    columns[:3, : len(hull)], columns[3, : len(hull)] = centers[hull].T, radii[hull]
+    return columns

@@ -89,7 +89,7 @@ class ImplicitWorkspace(NamedTuple):
         Lists of spheres, or pairs of them, that may touch; one for each pair of bodies, or body and element.
     pool_spheres : (8, P) float64
         Of each sphere in the pool the centre, body frame, and radius [m]; of a pair the second's behind them.
-    low : (max(P, hull),) float64
+    low : (P,) float64
         Gaps, or predicted ones if less, of what is asked at once [m].
     lists : (B, B + E, 2) int64
         Beginning and length of each list in the pool.
@@ -215,7 +215,7 @@ def implicit_workspace(x, kept_overlap, world, contacts, candidates, pool):
         empty(9),
         small_integers((pool, 2)),
         empty((8, pool)),
-        empty(max(pool, world.implicit.hull.shape[1])),
+        empty(pool),
         integers((count, count + elements, 2)),
         full((count, count + elements, 13), -np.inf),
         search,

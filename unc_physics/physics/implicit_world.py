@@ -44,7 +44,7 @@ class Implicit(NamedTuple):
         below 0 where nothing is said, so that the partner's counts alone.
     torsional : bool
         Whether there is one.
-    hull : (4, H) float64
+    hull : (4, H + 8) float64
         Centres (body frame) and radii of the spheres that can touch a plane, model after model [m].
     hull_sphere : (H,) int64
         Which spheres of the scene's trees they are.

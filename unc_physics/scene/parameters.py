@@ -8,6 +8,7 @@ import numpy as np
 
 from ..physics import contact_history as histories
 from ..physics.contact_history import ContactHistory
+from ..physics.hull import hull_columns
 from ..physics.layout import ANGULAR_VELOCITY, POSITION, QUATERNION, VELOCITY
 from ..physics.rollout import advance
 from ..physics.rotation import exp, rotation_matrix
@@ -76,7 +77,7 @@ def vary(scene: Scene, z: np.ndarray) -> World:
         implicit = implicit._replace(friction=friction, restitution=restitution)
         if len(offsets):
             some, shift = implicit.hull_sphere, np.concatenate([offsets, np.zeros_like(offsets)], axis=1)
-            hull = np.ascontiguousarray(np.vstack([tree.centers[some].T, tree.radii[some]]))
+            hull = hull_columns(tree.centers, tree.radii, some)
             implicit = implicit._replace(hull=hull, extent=implicit.extent - shift, box=implicit.box - shift)
     surroundings = world.surroundings
     if tilts and surroundings is not None:

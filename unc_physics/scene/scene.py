@@ -21,6 +21,7 @@ from ..checks.errors import (
 from ..checks.names import hint
 from ..physics import sphere_tree
 from ..physics.actions import Actions
+from ..physics.hull import hull_columns
 from ..physics.implicit_world import ImpactError, Implicit
 from ..physics.world import Bodies, Surroundings, World
 from .action_arrays import actions_of
@@ -414,7 +415,7 @@ class Scene:
             restitution=self.materials.restitution.copy(),
             torsion=torsion,
             torsional=bool((torsion > 0.0).any()),
-            hull=np.ascontiguousarray(np.vstack([tree.centers[some].T, tree.radii[some]])),  # one type
+            hull=hull_columns(tree.centers, tree.radii, some),
             hull_sphere=some,
             hull_range=np.column_stack([ends[:-1], ends[1:]])[model_of],
             extent=np.array([_box(model.centers, model.centers) for model in models])[model_of],
