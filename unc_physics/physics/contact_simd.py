@@ -212,7 +212,9 @@ def go_on(typingctx, matrix, before, search, share, row):
         share = splat(builder, args[3], DOUBLES)
         more = builder.fmul(share, search)
         zero = ir.Constant(DOUBLES, [0.0] * LANES)
-        more = builder.select(builder.fcmp_ordered(">", args[3], ir.Constant(ir.DoubleType(), 0.0)), more, zero)
+        more = builder.select(
+            builder.fcmp_ordered(">", args[3], ir.Constant(ir.DoubleType(), 0.0)), more, zero
+        )
         search = builder.fadd(builder.fsub(now, before), more)
         now = builder.fadd(now, more)
         for value, place in zip((now, now, search), places, strict=True):
