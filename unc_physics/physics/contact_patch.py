@@ -101,7 +101,7 @@ def element_candidates(x, i, e, limit, horizon, world, work):
     axis, sign, offset = side_of(kind, size, e, t, R_e, R, world.implicit.extent[i])
     count = 0
     if axis >= 0:
-        # one plane: distances are linear in the spheres' centres, so that its hull is asked, eight spheres at once
+        # one plane: distances are linear in the centres of a hull's spheres, which are asked eight at once
         height = sign * t[axis] - offset + kept
         nx, ny, nz = sign * R_e[0, axis], sign * R_e[1, axis], sign * R_e[2, axis]
         bx, by, bz = rotate_back(R, nx, ny, nz)

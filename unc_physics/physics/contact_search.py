@@ -53,13 +53,19 @@ def closing_bound(x, i, j, world, work):
 
 @inner(forceinline=True)
 def half_way(x, i, j, horizon, world, work):
-    """Pose of body j in i's frame, rotation into ``work.R_ij`` and centre of mass [m], from which all that
-    may touch in the next ``horizon`` seconds is nearest; then how near, beyond what a contact's gap may be.
+    """Find the relative pose of two bodies from which all spheres that may touch are nearest, in the next
+    ``horizon`` seconds.
 
-    That is their relative pose half way at their present velocities, or the present one. Two spheres that
-    touch at the end of straight ways are half way nearer than half of the relative way, which is at most
-    that of either body's farthest point, as the other sees it; in the present pose than how fast they close,
-    along their normal, from there. Rigid motion bends what is straight, which counts in full.
+    That is the pose half way at their present velocities, or the present one. Where spheres touch at the end
+    of straight ways, half way they are no farther apart than half of their relative way, as either body sees
+    it; in the present pose, than they come nearer along their normal. Rigid motion bends straight ways.
+
+    Returns
+    -------
+    t : tuple of 3 floats
+        Body j's centre of mass in i's frame [m]; ``work.R_ij`` has the rotation from its axes.
+    reach : float
+        By how much the gap of such spheres may be larger there than the one asked for [m].
     """
     radius, R_ij = world.bodies.radius, work.R_ij
     turn = near_i = near_j = apart = 0.0
@@ -111,7 +117,7 @@ def _turn(R, q):
 
 @inner(forceinline=True)
 def _bend(angle):
-    """How far `_turn` leads from a straight way by that angle, at most; at a distance of 1 m from the axis."""
+    """How far `_turn` leads from a straight way at most [m], by that angle and at 1 m from the axis."""
     return 0.5 * angle * angle * (1.0 + 0.5 * angle)
 
 
@@ -297,7 +303,9 @@ def side_of(kind, size, e, t, R_e, R, extent):
 
 @inner(forceinline=True)
 def half_way_by(x, i, e, v, horizon, world, R):
-    """As `half_way`, of body i in the frame of element e, rotation into ``R``; ``v`` is its velocity."""
+    """As `half_way`, of body i with velocity ``v`` in the frame of element e; ``R`` is the rotation from its
+    axes, which turns.
+    """
     surroundings, radius, half = world.surroundings, world.bodies.radius[i], 0.5 * horizon
     w = x[i, W], x[i, W + 1], x[i, W + 2]
     spin = math.sqrt(w[0] * w[0] + w[1] * w[1] + w[2] * w[2])
@@ -320,13 +328,8 @@ def element_list(i, e, t, need, spare, world, work):
     ``spare`` [m] how far the body may move until it is made anew, with its centre of mass at ``t`` in the
     element's frame [m] and the rotation from its axes in ``work.R_ij``.
     """
-    surroundings, search, pool, column, R = (
-        world.surroundings,
-        work.search,
-        work.pool,
-        len(work.moving) + e,
-        work.R_ij,
-    )
+    surroundings, search, pool, R = world.surroundings, work.search, work.pool, work.R_ij
+    column = len(work.moving) + e
     place, radius = work.list_pose[i, column], world.bodies.radius[i]
     if need + _moved(place, R, t, radius) <= place[_MARGIN]:
         return

@@ -52,9 +52,9 @@ def lower_supports(typingctx, score, best, k, base, *more):
 
 @intrinsic
 def plane_mask(typingctx, spheres, first, now, later, limit):
-    """Bit m is set where the m-th of eight spheres, columns of ``spheres`` (4, n) from ``first`` on, is nearer
-    to a plane than ``limit``, now or later; both are given by what a centre's coordinates are multiplied by,
-    and what is added.
+    """Bit m is set where the m-th of eight spheres, columns of ``spheres`` (4, n) from ``first`` on, is
+    nearer to a plane than ``limit``, now or later: each is given by what a centre's coordinates are
+    multiplied by, and what is added.
     """
 
     def codegen(context, builder, signature, args):
