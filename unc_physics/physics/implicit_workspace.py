@@ -70,6 +70,7 @@ class ImplicitWorkspace(NamedTuple):
     near : (B, B) bool
         Pairs of bodies that may touch in this step.
     rows : (C, ROW) float64
+        Of the contacts at hand (`contact_row`). There is room for an even number: two are copied at once.
     twists : (C, TWIST) float64
         Written where torsional friction is.
     ids : (C, 4) int64
