@@ -204,9 +204,9 @@ def _figures(results) -> dict[str, list[Figure]]:
         "MC-10's CPU time over that of each propagator, another mean in each round": [
             figure
             for here in _by_scene(of["methods"])
-            for method in here.unique("method")
+            for method, samples in here.curves()
             if method != MONTE_CARLO
-            for figure in _method_figures(here, method)
+            for figure in _method_figures(here, method, samples)
         ],
         "CPU time of one rollout with 100 000 spheres over that with 10 000": [
             _figure(here, NOMINAL, _size(LARGE), _size(LARGE // 10), here[0]["model"], 6.0, at_most=True)
@@ -214,13 +214,18 @@ def _figures(results) -> dict[str, list[Figure]]:
         ],
         "Wall time on one thread over that on two": [
             _figure(
-                of["threads"].where(method=method), label(method, samples), _on(1), _on(2), "bunny 1000", 1.7
+                of["threads"].where(method=method, samples=samples),
+                label(method, samples),
+                _on(1),
+                _on(2),
+                "bunny 1000",
+                1.7,
             )
             for method, samples in of["threads"].curves()
         ],
         "Python's share of a prediction of two bodies (dispatch, checks, sampling, moments): one step, less"
         " what a step more costs": [
-            _dispatch_figure(of["dispatch"].where(method=method), label(method, samples))
+            _dispatch_figure(of["dispatch"].where(method=method, samples=samples), label(method, samples))
             for method, samples in of["dispatch"].curves()
         ],
         "CPU time of a body over that in a scene of two, in pairs that collide": [
@@ -245,16 +250,20 @@ def _by_scene(rows) -> list[Rows]:
     return [here for here in found if here]
 
 
-def _method_figures(rows, method):
+def _method_figures(rows, method, samples):
     """Times and, of what rests on one nominal rollout, how much of it that is."""
-    spheres, found = rows[0]["spheres"], rows.where(method=method)
+    spheres, found = rows[0]["spheres"], rows.where(method=method, samples=samples)
     times, nominal = found.where(quantity=CPU_TIME), rows.where(method=NOMINAL, quantity=CPU_TIME)
     note = f"{number(1e3 * times.median())} ms"
     if method != NOMINAL:
         note += f", {number(ratio(times, nominal))} nominal rollouts"
     goal = GOALS.get(method) if spheres in (1000, 10_000) else None
     faster = 1.0 / found.where(quantity=TIME_RATIO).median()
-    return [Figure(f"MC-10 / {label(method)}", f"{rows[0]['model']} {spheres}", faster, "x", goal, note=note)]
+    return [
+        Figure(
+            f"MC-10 / {label(method, samples)}", f"{rows[0]['model']} {spheres}", faster, "x", goal, note=note
+        )
+    ]
 
 
 def _dispatch_figure(rows, what):

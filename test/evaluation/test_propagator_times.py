@@ -1,0 +1,21 @@
+"""Times of the propagators: each has figures of its own, whatever number of samples it takes."""
+
+from unc_physics_evaluation.experiments import propagators as experiment
+from unc_physics_evaluation.jobs import Job
+from unc_physics_evaluation.methods import RUNS, label
+from unc_physics_evaluation.results import Results
+
+
+def test_each_number_of_samples_has_its_own_figures(tmp_path):
+    results, rounds = Results(tmp_path), 2
+    for section in ("methods", "dispatch"):
+        parameters = {"section": section, "model": "pin", "spheres": 10, "rounds": rounds, "base_seed": 0}
+        job = Job("propagators", parameters)
+        results.add(job, experiment.run(job), {"versions": "", "machine": ""})
+    rows = results.rows("propagators").where(section="dispatch")
+    for method, samples in rows.curves():
+        assert len(rows.where(method=method, samples=samples)) == 2 * rounds
+    report = experiment.report(results)
+    assert experiment.verdict(results).split()[1] == "of"
+    for samples in RUNS["cloud"]:
+        assert report.count(label("cloud", samples) + " |") == 2
