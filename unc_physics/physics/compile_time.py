@@ -10,7 +10,7 @@ from numba.core import event
 from .compile_cache import FOLDER
 
 _EACH_TIME = "at every start, as no folder can be written: NUMBA_CACHE_DIR may name one"
-_HOW_OFTEN = "once for each kind of scene and method, up to three minutes" if FOLDER else _EACH_TIME
+_HOW_OFTEN = "once for each kind of scene and method, up to two minutes" if FOLDER else _EACH_TIME
 _PACKAGE = __name__.partition(".")[0]
 
 
