@@ -32,6 +32,7 @@ from unc_physics.physics.contact_row import (
 )
 from unc_physics.physics.contact_search import ACTIVE_GAP, find_groups, update_pace
 from unc_physics.physics.hull import hull_spheres
+from unc_physics.physics.impact_time import time_to_impact
 from unc_physics.physics.implicit_workspace import (
     CONTACTS,
     ELASTIC,
@@ -88,7 +89,7 @@ def find(x, count, horizon, world, work):
 
 @kernel
 def first_impact(left, world, work):
-    return implicit_step._time_to_impact(left, work.rows, work.ids, work.counts, work.velocity, 0.1, 0.0)
+    return time_to_impact(left, 0.1, 0.0, work)
 
 
 @kernel

@@ -54,7 +54,7 @@ def before_travel(method, x, count, until, left, threshold, world, work):
     """The group at hand, in a step that has ``left`` seconds, will travel for ``until``.
 
     Contacts at hand are those of this pose; with ``until < left`` one of them closes then, faster than
-    ``threshold`` (`implicit_step.time_to_close`).
+    ``threshold`` (`impact_time.time_to_close`).
     """
 
 

@@ -10,23 +10,16 @@ import math
 from .actions import push
 from .compiled import inner, kernel
 from .contact_model import shallow_factor
+from .contact_parts import find_parts, mark_part, move_contact
 from .contact_patch import IMPACT_GAP, TILT, add_contacts, element_candidates, pair_candidates
-from .contact_row import AXIS, FALL, FRICTION, GAP, RESTITUTION, TWIST
-from .contact_search import (
-    ACTIVE_GAP,
-    clearance,
-    find_groups,
-    forget_lists,
-    join,
-    lowest,
-    pair_of,
-    update_pace,
-)
+from .contact_row import AXIS, FRICTION, GAP
+from .contact_search import ACTIVE_GAP, clearance, find_groups, forget_lists, pair_of, update_pace
 from .contact_simd import contact_speeds
 from .driven_bodies import begin_driven, drive, end_driven, is_driven, place_driven, read_driven
 from .element_contacts import in_element
 from .free_motion import integrate_gyroscopic, integrate_rotation
 from .impact_error import disturb, is_drawn
+from .impact_time import impact_now, time_to_impact
 from .implicit_solver import solve_impact, solve_lasting
 from .implicit_stages import (
     after_flight,
@@ -64,8 +57,6 @@ from .layout import P, Q, V, W
 from .rotation import rotate, write_matrix
 from .shapes import surface
 
-#: Gap up to which bodies touch, and at which an impact is aimed [m].
-TOUCHING, _AIM = 2e-5, 1e-5
 #: Closing faster than this is an impact: the largest of a speed [m/s], of that of a fall from a height [m],
 #: and of what gravity adds in some steps. Where nothing weighs, nothing has to come to rest, and the slowest
 #: approach is one.
@@ -144,43 +135,6 @@ def prepare_members(x, count, world, work):
 
 
 @inner
-def _impact_now(rows, ids, counts, velocity, threshold, rebound):
-    """Whether bodies that touch close fast, of contacts with a restitution of at least ``rebound``."""
-    for c in range(counts[CONTACTS]):
-        row = rows[c]
-        if row[GAP] <= TOUCHING and row[RESTITUTION] >= rebound:
-            if contact_speeds(row, velocity[START], ids[c, 0], ids[c, 1])[0] < -threshold:
-                return True
-    return False
-
-
-@inner(error_model="numpy", forceinline=True)
-def time_to_close(row, speed, threshold):
-    """Time until an open contact of that normal speed closes faster than a threshold; infinite if never."""
-    way = row[GAP] - _AIM
-    square = speed * speed - 2.0 * row[FALL] * way
-    if way <= 0.0 or square <= threshold * threshold:
-        return math.inf
-    root = math.sqrt(square)
-    return 2.0 * way / (root - speed) if root - speed > 0.0 else math.inf
-
-
-@inner(error_model="numpy")
-def _time_to_impact(left, rows, ids, counts, velocity, threshold, rebound):
-    """Time until the first impact (as in `_impact_now`) within ``left`` seconds; ``left`` without one.
-
-    The gap is a parabola, with gravity and the centripetal acceleration of the sphere's centre.
-    """
-    first = left
-    for c in range(counts[CONTACTS]):
-        row = rows[c]
-        if row[RESTITUTION] >= rebound:
-            speed, _, _ = contact_speeds(row, velocity[START], ids[c, 0], ids[c, 1])
-            first = min(first, time_to_close(row, speed, threshold))
-    return first
-
-
-@inner
 def _read_velocities(x, count, members, velocity):
     """Write the members' velocities as `START` and `NOW`."""
     for a in range(count):
@@ -196,40 +150,16 @@ def collide(x, count, time, impact, first_time, residual, world, threshold, key,
 
     ``impact`` is its number among those of the group in the step.
     """
-    members, rows, ids, counts, part = work.members, work.rows, work.ids, work.counts, work.part
-    velocity = work.velocity
-    for i in range(len(x)):
-        part[i] = i
+    members, ids, counts, part, velocity = work.members, work.ids, work.counts, work.part, work.velocity
+    rows, kept = work.rows, 0
+    find_parts(IMPACT_GAP, work)
     for c in range(counts[CONTACTS]):
-        i, j = ids[c, 0], ids[c, 1]
-        if rows[c, GAP] <= IMPACT_GAP and j >= 0 and work.moving[j]:
-            join(part, i, j)
-    for i in range(len(x)):
-        part[i] = lowest(part, i)
-    for i in range(len(x)):
-        part[i] = -1 - part[i]  # positive where there is an impact
-    for c in range(counts[CONTACTS]):
-        i = ids[c, 0]
-        if (
-            part[i] < 0
-            and rows[c, GAP] <= IMPACT_GAP
-            and contact_speeds(rows[c], velocity[START], i, ids[c, 1])[0] < -threshold
-        ):
-            label = part[i]
-            for k in range(len(x)):
-                if part[k] == label:
-                    part[k] = -label
-    kept = 0  # of the contacts: those of bodies that the impact reaches
-    for c in range(counts[CONTACTS]):
+        if rows[c, GAP] <= IMPACT_GAP and part[ids[c, 0]] < 0:
+            if contact_speeds(rows[c], velocity[START], ids[c, 0], ids[c, 1])[0] < -threshold:
+                mark_part(ids[c, 0], part)
+    for c in range(counts[CONTACTS]):  # those stay that the impact reaches
         if rows[c, GAP] <= IMPACT_GAP and part[ids[c, 0]] > 0:
-            if kept < c:
-                for k in range(rows.shape[1]):
-                    rows[kept, k] = rows[c, k]
-                for k in range(4):
-                    ids[kept, k] = ids[c, k]
-                if world.implicit.torsional:
-                    for k in range(TWIST):
-                        work.twists[kept, k] = work.twists[c, k]
+            move_contact(c, kept, work)
             kept += 1
     counts[CONTACTS] = kept
     if is_drawn(world.implicit.impact_error):
@@ -362,7 +292,7 @@ def advance_group(x, count, time, first_time, residual, world, threshold, key, m
             _read_velocities(x, count, work.members, work.velocity)
             if driven:
                 read_driven(x, count, world, work)
-            now = _impact_now(work.rows, work.ids, work.counts, work.velocity, threshold, rebound)
+            now = impact_now(threshold, rebound, work)
             if now and (horizon == 0.0 or looked):  # a deeper contact that opens can hide one that closes
                 collide(x, count, time, impacts, first_time, residual, world, threshold, key, method, work)
                 impacts += 1
@@ -377,7 +307,7 @@ def advance_group(x, count, time, first_time, residual, world, threshold, key, m
                 horizon = 0.0
                 cuts += 1
                 continue
-            until = _time_to_impact(left, work.rows, work.ids, work.counts, work.velocity, threshold, rebound)
+            until = time_to_impact(left, threshold, rebound, work)
         elif horizon == 0.0:
             horizon = left
             continue

@@ -21,6 +21,7 @@ from ..physics.driven_derivative import (
     travel_driven_errors,
 )
 from ..physics.flight_derivative import Errors
+from ..physics.impact_time import time_to_close
 from ..physics.implicit_derivative import ContactErrors, impact_errors, impact_time_errors, travel_errors
 from ..physics.implicit_solver import contact_speed
 from ..physics.implicit_stages import (
@@ -36,7 +37,7 @@ from ..physics.implicit_stages import (
     on_sleep,
     undo_step,
 )
-from ..physics.implicit_step import integrate, time_to_close
+from ..physics.implicit_step import integrate
 from ..physics.implicit_workspace import CONTACTS, START, implicit_workspace, more_room
 from ..physics.layout import ER, ERROR, EV, EW, Q, V, W
 from ..physics.rolling import rolling
