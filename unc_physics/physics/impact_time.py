@@ -8,15 +8,7 @@ from .contact_simd import contact_speeds
 from .implicit_workspace import CONTACTS, START
 
 #: Gap up to which bodies touch, and at which an impact is aimed [m].
-TOUCHING, _AIM = 2e-5, 1e-5
-
-
-@inner(forceinline=True)
-def closes_now(row, speed, threshold, rebound):
-    """Whether a contact with that normal speed is an impact at present, with a restitution of at least
-    ``rebound``.
-    """
-    return row[GAP] <= TOUCHING and row[RESTITUTION] >= rebound and speed < -threshold
+_TOUCHING, _AIM = 2e-5, 1e-5
 
 
 @inner(error_model="numpy", forceinline=True)
@@ -35,12 +27,12 @@ def time_to_close(row, speed, threshold):
 
 @inner
 def impact_now(threshold, rebound, work):
-    """Whether a contact at hand is an impact (`closes_now`)."""
-    rows, ids, start = work.rows, work.ids, work.velocity[START]
+    """Whether a contact at hand that touches closes fast, with a restitution of at least ``rebound``."""
+    rows, ids = work.rows, work.ids
     for c in range(work.counts[CONTACTS]):
-        if rows[c, GAP] <= TOUCHING:
-            speed = contact_speeds(rows[c], start, ids[c, 0], ids[c, 1])[0]
-            if closes_now(rows[c], speed, threshold, rebound):
+        row = rows[c]
+        if row[GAP] <= _TOUCHING and row[RESTITUTION] >= rebound:
+            if contact_speeds(row, work.velocity[START], ids[c, 0], ids[c, 1])[0] < -threshold:
                 return True
     return False
 
