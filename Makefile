@@ -1,11 +1,12 @@
 # make demo   a node and a client over real DDS, with a table and a picture
 # make test   all tests
+# make test-plain   the core's tests with plain compilation, as for a numba version that was not tested
 # make lint   what needs no run: likely mistakes and layout by ruff, types by pyright
 # make venv   what all need: .venv with the pinned dependencies, the interfaces and this package, editable
 # make check-all   lint and test, then what takes hours: thousands of random examples of each kind, a build with the
 #             C++ interfaces, the site with all commands and snippets of the pages for users, and soak
 # make pictures   the docs' pictures whose sources changed; hours, where experiments of the evaluation are among them
-# make docs   the site: all pages, and the reference of the Python interface, in docs/_build/index.html
+# make docs   the site: all pages and the generated reference, in docs/_build/index.html
 # make soak   random and malformed requests to the node for ten minutes, and its memory
 # make clean  remove .venv and what builds leave behind
 #
@@ -34,7 +35,7 @@ else ifneq ($(shell $(VENV_PYTHON) -c 'import pip; print("works")' 2>/dev/null),
 $(MADE)/python: FORCE
 endif
 
-.PHONY: help venv demo lint linted test check-all pictures docs soak clean FORCE
+.PHONY: help venv demo lint linted test test-plain check-all pictures docs soak clean FORCE
 
 help:
 	@sed -n 's/^# \?//; /^$$/q; p' Makefile
@@ -63,6 +64,11 @@ test:
 	@$(MAKE_STEPS) $(MADE)/evaluation $(MADE)/all_kernels $(MADE)/paper_kernels
 	@$(VENV_PYTHON) -m pytest test -n 2 --dist loadfile --no-loadscope-reorder
 
+test-plain:
+	@$(MAKE_STEPS) $(MADE)/evaluation
+	@UNC_PHYSICS_COMPILER=plain $(VENV_PYTHON) -m pytest test/compiler test/physics test/prediction test/propagators \
+	    -n 2 --dist loadfile --no-loadscope-reorder
+
 check-all:
 	@$(MAKE) -s --no-print-directory lint
 	@$(MAKE) -s --no-print-directory test
@@ -71,6 +77,7 @@ check-all:
 	    --hypothesis-profile=thousands
 	@CPP_INTERFACES=ON $(VENV_PYTHON) -m pytest -q test/packaging/test_colcon.py
 	@$(MAKE) -s --no-print-directory docs
+	@$(VENV_PYTHON) docs/count_words.py
 	@$(VENV_PYTHON) docs/run_pages.py
 	@for python in python3.11 python3.12; do \
 	    if "$$python" -c "$$FITS" 2>/dev/null; then \
@@ -92,7 +99,7 @@ soak: venv
 	@$(VENV_PYTHON) test/ros/soak.py
 
 clean:
-	rm -rf .venv {.,evaluation}/{build,*.egg-info} docs/_build install log unc_physics/__pycache__/kernels-* .pytest_cache .hypothesis .ruff_cache .import_linter_cache
+	rm -rf .venv {.,evaluation}/{build,*.egg-info} docs/_build docs/reference/generated install log unc_physics/__pycache__/kernels-* .pytest_cache .hypothesis .ruff_cache .import_linter_cache
 
 # A Python fits if it runs at all (a shim may not), can make a venv, and has the headers to compile against.
 define FITS
@@ -135,10 +142,10 @@ $(MADE)/interfaces: requirements/ros.txt $(INTERFACES) cmake/ros_wheels.cmake | 
 
 # What the demo's node asks of the kernels, for numba to find in its cache. The node would compile it too, alone.
 define COMPILE
-from unc_physics import contact_probabilities, load_scene, predict
+from unc_physics import encounters, load_scene, predict
 scene, belief, _ = load_scene("examples/scenes/two_bunnies.yaml")
 for propagator in ("sigma_points", "monte_carlo"):
-    contact_probabilities(predict(scene, belief, propagator, 1.0))
+    predict(scene, belief, propagator, 1.0, events=encounters(scene))
 endef
 export COMPILE
 

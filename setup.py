@@ -48,10 +48,11 @@ setup(
         *shared("models", "*.npz", "README.md"),
         *shared("examples", "*.py"),
         *shared("examples/scenes", "*.yaml"),
+        *shared("examples/tosses", "*"),
         *shared("launch", "*.py"),
         *shared("config", "*.yaml", "*.rviz"),
     ],
-    install_requires=["numba>=0.60", "numpy>=1.26", "pyyaml>=6", "tqdm>=4.60"],
+    install_requires=["numba>=0.60,<0.69", "numpy>=1.26", "pyyaml>=6", "tqdm>=4.60"],
     extras_require={
         "calibration": ["matplotlib>=3.7", "scipy>=1.14"],
         "descriptions": DESCRIPTIONS,

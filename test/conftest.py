@@ -7,9 +7,7 @@ from hypothesis import settings
 
 HERE = Path(__file__).resolve().parent
 ROOT = HERE.parent
-sys.path[:0] = map(
-    str, (HERE, ROOT, ROOT / "evaluation")
-)  # `twins`, and the packages where they are not installed
+sys.path[:0] = map(str, (HERE, ROOT))  # `twins`, and the package where it is not installed
 
 from example_scenes import content, loaded  # noqa: F401  (fixtures)
 

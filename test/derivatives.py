@@ -9,19 +9,25 @@ import numpy as np
 from twins.states import boxminus, boxplus
 
 from unc_physics import Belief, make_propagator
-from unc_physics.physics import implicit_step
-from unc_physics.physics.compiled import kernel
-from unc_physics.physics.contact_row import FORCE
-from unc_physics.physics.contact_search import find_groups, update_pace
-from unc_physics.physics.driven_bodies import begin_driven, end_driven, place_driven
-from unc_physics.physics.implicit_stages import after_groups, before_group, before_groups, before_travel
-from unc_physics.physics.implicit_workspace import CONTACTS, LASTING, implicit_workspace
-from unc_physics.physics.layout import Q
-from unc_physics.physics.rolling import TILTS
-from unc_physics.physics.rotation import write_matrix
+from unc_physics.collision.contact_row import FORCE
+from unc_physics.collision.contact_search import ACTIVE_GAP, find_groups, update_pace
+from unc_physics.collision.implicit_workspace import CONTACTS, LASTING, implicit_workspace
+from unc_physics.compiler import kernel
+from unc_physics.derivatives.rolling import TILTS
+from unc_physics.dynamics import implicit_step
+from unc_physics.dynamics.driven_bodies import begin_driven, end_driven, place_driven
+from unc_physics.dynamics.implicit_stages import (
+    after_groups,
+    before_contact,
+    before_group,
+    before_groups,
+    before_travel,
+)
 from unc_physics.propagators.action_directions import directions
 from unc_physics.propagators.implicit_linearization import linearized
 from unc_physics.scene.stiffness import with_stiffness
+from unc_physics.spatial.layout import Q
+from unc_physics.spatial.rotation import write_matrix
 
 CLOSE = 1e-5  # of the largest entry
 ROUND_OFF_OF_DIFFERENCES = 2.0  # where they are taken over a nanometre
@@ -81,14 +87,14 @@ def converge(x, root, time, world, work, method, times):
         find_groups(x, world, work)
         place_driven(x, count, time - world.dt, world, work)
         implicit_step.prepare_members(x, count, world, work)
-        implicit_step.find_contacts(x, count, world.dt, world, work)
+        before_group(method, count, world, work)
+        implicit_step.find_contacts(x, count, 0.0, world.dt, ACTIVE_GAP, False, world, work)
+        before_travel(method, x, count, world.dt, world.dt, 0.1, world, work)
+        implicit_step.travel_to_contacts(x, count, world.dt, time, True, world, work)
         if k > 0:
             work.rows[:, FORCE : FORCE + 3] = force
-        before_group(method, count, world, work)
-        before_travel(method, x, count, world.dt, world.dt, 0.1, world, work)
-        implicit_step.travel_in_contact(
-            x, count, world.dt, time, time, first_time, residual, world, 0.1, method, work
-        )
+        before_contact(method, x, count, world, work)
+        implicit_step.push_apart(x, count, world.dt, time, first_time, residual, world, 0.1, method, work)
         end_driven(x, time, world, work)
         after_groups(method, x, time, world, work)
         force[:] = work.impulses[LASTING, :, :3] / world.dt
@@ -99,9 +105,9 @@ def solved(scene, x, root, steps=1, times=400):
     """State and root after some converged steps."""
     x, root = x.copy(), root.copy()
     for k in range(steps):
-        work = implicit_workspace(x, np.zeros((0, 0), np.float32), scene.world, 256, 4096, 65536)
+        work = implicit_workspace(x, np.zeros((0, 0), np.float32), scene.world, (256, 4096, 65536))
         some, never = directions(scene, root.shape[1]), np.full(len(x), np.inf)
-        method = linearized(root, never, some, scene.world, 256, TILTS)
+        method = linearized((root, never, some, TILTS), scene.world, work, 256)
         assert converge(x, root, (k + 1) * scene.dt, scene.world, work, method, times) > 0
     return x, root
 

@@ -28,7 +28,7 @@ def install(folder, module, name):
 
 def environment(*folders):
     """Environment variables of a process that finds the packages, and first those in some folders."""
-    places = [*map(str, folders), str(ROOT), str(ROOT / "evaluation"), os.environ.get("PYTHONPATH", "")]
+    places = [*map(str, folders), str(ROOT), os.environ.get("PYTHONPATH", "")]
     return os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, places))}
 
 

@@ -5,9 +5,9 @@ the integrator.
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from unc_physics.dynamics import contact_history
+from unc_physics.dynamics.rollout import rollout
 from unc_physics.geometry.packing_file import SpherePacking
-from unc_physics.physics import contact_history
-from unc_physics.physics.rollout import rollout
 from unc_physics.scene.stiffness import with_stiffness
 
 G = 9.81

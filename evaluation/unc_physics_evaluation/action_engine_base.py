@@ -1,9 +1,8 @@
-"""What a robot does, in other engines: bodies on paths, belts, and what is held until it is let go.
+"""Scenes with bodies on prescribed paths in other engines.
 
-The same masses, inertias, frictions of each pair that touches and starts as ours. Before each step all that
-is prescribed is put where its path says. In MuJoCo such a body is a mocap body; contacts take those to stand
-still, so its velocity is given as that of its surface, as is a belt's. In PyBullet it is a body without mass
-whose velocity is set, and a belt is put back after each step. A held thing is put where its hand is.
+Masses, inertias, frictions of each pair and initial states are ours. Before each step a prescribed body is
+put where its path says. In MuJoCo such a body is a mocap body; contacts take it to stand still, so its
+velocity is given as that of its surface. In PyBullet it is a body without mass whose velocity is set.
 """
 
 from __future__ import annotations
@@ -16,12 +15,11 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from unc_physics.checks.errors import NotSupportedError
-from unc_physics.physics.actions import carry_along
-from unc_physics.physics.layout import ANGULAR_VELOCITY, POSITION, QUATERNION, VELOCITY
 from unc_physics.scene.action_arrays import path_states
-from unc_physics.scene.environment import Box, Plane
+from unc_physics.scene.environment import Plane
+from unc_physics.spatial.layout import ANGULAR_VELOCITY, POSITION, QUATERNION, VELOCITY
 
-from .engines import PRIMITIVES, PrincipalBody
+from .engines import PrincipalBody
 
 _MOST_SPHERES = 4  # of a model that is given as its spheres
 
@@ -79,13 +77,7 @@ def shapes_of(body) -> list[Shape]:
     model = body.model
     if len(model.radii) <= _MOST_SPHERES:
         return [Shape("sphere", (r,), c) for c, r in zip(model.centers, model.radii.tolist(), strict=True)]
-    if model.name not in PRIMITIVES:
-        raise NotSupportedError("is no primitive in other engines", field="model", value=model.name)
-    reach = model.radii[:, None]
-    low, high = (model.centers - reach).min(axis=0), (model.centers + reach).max(axis=0)
-    x, y, z = (high - low).tolist()
-    kind = PRIMITIVES[model.name]
-    return [Shape(kind, (x, y, z) if kind == "box" else (0.5 * x, z), 0.5 * (low + high))]
+    raise NotSupportedError("needs shapes of its own in other engines", field="model", value=model.name)
 
 
 class Motion(NamedTuple):
@@ -133,13 +125,10 @@ class ActionEngine:
         return self._scene.friction if partner.friction is None else partner.friction
 
     def _apart(self, a, b):
-        """Whether two bodies are never to touch: one holds the other, or neither moves freely."""
-        one, other = self._scene.bodies[a], self._scene.bodies[b]
-        return one.attached_to == other.name or other.attached_to == one.name or not (one.free or other.free)
+        """Whether two bodies are never to touch, as neither moves freely."""
+        return not (self._scene.bodies[a].free or self._scene.bodies[b].free)
 
-    def run(
-        self, start: np.ndarray, horizon: float, released: Mapping[int, float] | None = None
-    ) -> tuple[np.ndarray, float]:
+    def run(self, start: np.ndarray, horizon: float) -> tuple[np.ndarray, float]:
         """States (B, 13) at the horizon, and the CPU time of the engine's steps [s].
 
         Parameters
@@ -147,38 +136,27 @@ class ActionEngine:
         start : (B, 13) array
         horizon : float
             [s]
-        released : mapping of int to float, optional
-            When bodies are let go in place of their own times [s].
         """
         steps, spent = round(horizon / self._settings.dt), 0.0
-        driven = self._driven(start, steps + 1, released or {})
+        driven = self._driven(steps + 1)
         self._begin([_motions(body, state[None])[0] for body, state in zip(self._bodies, start, strict=True)])
         for step in range(steps + 1):
             for k, motions in driven.items():
-                if step < len(motions):
-                    self._put(k, motions[step])
+                self._put(k, motions[step])
             if step < steps:
                 began = time.process_time()
                 self._step()
                 spent += time.process_time() - began
         return self._states(), spent
 
-    def _driven(self, start, count, released):
-        """What is put where before each of so many steps, by the body; of held ones until they are let go."""
-        scene, dt = self._scene, self._settings.dt
-        times = dt * np.arange(count)
-        paths = {
-            k: path_states(scene, k, times) for k, b in enumerate(scene.bodies) if b.trajectory is not None
+    def _driven(self, count):
+        """Motions of each prescribed body before each of so many steps."""
+        times = self._settings.dt * np.arange(count)
+        return {
+            k: _motions(self._bodies[k], path_states(self._scene, k, times))
+            for k, body in enumerate(self._scene.bodies)
+            if body.trajectory is not None
         }
-        found = {k: _motions(self._bodies[k], states) for k, states in paths.items()}
-        names = [body.name for body in scene.bodies]
-        for k, body in enumerate(scene.bodies):
-            if body.attached_to is not None:
-                hand = paths[names.index(body.attached_to)]
-                own = hand[times <= released.get(k, body.released_at) - 0.5 * dt]
-                carried = carry_along(np.repeat(start[None], len(own), axis=0), k, hand[:1].copy(), own)
-                found[k] = _motions(self._bodies[k], carried[:, k])
-        return found
 
 
 def text_of(values) -> str:
@@ -186,18 +164,13 @@ def text_of(values) -> str:
     return " ".join(repr(value) for value in np.asarray(values, float).tolist())
 
 
-def belt_velocity(solid) -> np.ndarray:
-    """Velocity (3,) of an element's surface [m/s]."""
-    return np.array(solid.moving_surface[:3])
-
-
 def check_solid(solid) -> None:
-    """Refuse an element of the environment that is not known here.
+    """Refuse an element of the environment other than a plane at rest.
 
     Raises
     ------
     NotSupportedError
-        If it is no plane or box, or turns.
+        If it is another one.
     """
-    if not isinstance(solid, Plane | Box) or np.any(solid.moving_surface[3:]):
-        raise NotSupportedError("is no plane or box", field="environment", value=type(solid).__name__)
+    if not isinstance(solid, Plane) or np.any(solid.moving_surface):
+        raise NotSupportedError("is no plane at rest", field="environment", value=type(solid).__name__)

@@ -39,21 +39,10 @@ def add_evaluate_command(commands) -> None:
         help="folder for the results (default: evaluation_results, or evaluation_quick)",
     )
     parser.add_argument(
-        "--scheduler",
-        metavar="ADDRESS",
-        help="a Dask scheduler whose cluster does the work, for example tcp://host:8786",
-    )
-    parser.add_argument(
         "--workers", type=int, metavar="N", help="processes on this machine (default: one per processor)"
     )
     parser.add_argument(
         "--seed", type=int, default=0, metavar="S", help="another one gives an independent sweep (default 0)"
-    )
-    parser.add_argument(
-        "--distance",
-        choices=("exact", "sinkhorn"),
-        default="exact",
-        help="how W1 is computed: exactly, or by entropic regularization, debiased, which takes far longer",
     )
     parser.add_argument(
         "--meshes",
@@ -80,14 +69,12 @@ def run(arguments: argparse.Namespace) -> int:
         raise InvalidOptionError("must be at least 1", field="--workers", value=arguments.workers)
     if arguments.seed < 0:
         raise InvalidOptionError("must not be negative", field="--seed", value=arguments.seed)
-    if arguments.workers is not None and arguments.scheduler is not None:
-        raise InvalidOptionError("does not go with --scheduler", field="--workers", value=arguments.workers)
     lacks = [package for module, package in NEEDS.items() if find_spec(module) is None]
     if lacks:
         raise NotSupportedError(f"evaluate needs {' and '.join(lacks)}: pip install {' '.join(lacks)}")
     chosen = [experiment(name) for name in dict.fromkeys(arguments.experiments or DEFAULT)]
     meshes = arguments.meshes and str(Path(arguments.meshes).resolve())
-    settings = Settings(arguments.quick, arguments.seed, arguments.distance, meshes)
+    settings = Settings(arguments.quick, arguments.seed, meshes)
     jobs = [job for module in chosen for job in module.jobs(settings)]
     gaps = [gap for module in chosen if hasattr(module, "missing") for gap in module.missing(settings)]
     gaps = list(dict.fromkeys(gaps))
@@ -96,7 +83,7 @@ def run(arguments: argparse.Namespace) -> int:
     with results.locked():
         if not arguments.report:
             try:
-                failures = run_jobs(jobs, results, arguments.scheduler, arguments.workers)
+                failures = run_jobs(jobs, results, arguments.workers)
             except KeyboardInterrupt:
                 print(
                     f"interrupted: what is finished is kept in {results.folder}; the same command goes on"

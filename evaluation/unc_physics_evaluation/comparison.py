@@ -8,20 +8,20 @@ from typing import NamedTuple
 
 import numpy as np
 
-from unc_physics.physics.layout import ERR_POSITION, ERR_ROTATION, POSITION, QUATERNION
 from unc_physics.prediction.predict import predict
+from unc_physics.propagators.base import Samples as HasSamples
 from unc_physics.propagators.registry import make_propagator
 from unc_physics.scene.belief import Belief
+from unc_physics.spatial.layout import ERR_POSITION, ERR_ROTATION, POSITION, QUATERNION
 
 from .jobs import Job, Row
 from .methods import FLOOR, GAUSSIAN, MONTE_CARLO, methods
 from .timing import paired
-from .wasserstein import sinkhorn_divergence, state_distance, wasserstein
+from .wasserstein import state_distance
 
 REPLICATES = 10  # of Monte Carlo with few samples
 
-MEASURES = {"exact": wasserstein, "sinkhorn": sinkhorn_divergence}
-POSITION_ERROR, ROTATION_ERROR = "w1_position", "w1_rotation"
+POSITION_ERROR, ROTATION_ERROR = ERRORS = "w1_position", "w1_rotation"
 CPU_TIME, TIME_RATIO, WALL_TIME = "cpu_time", "cpu_time_over_mc10", "wall_time"
 
 
@@ -30,9 +30,9 @@ def rollout_cost(spheres: int) -> float:
     return 1e-4 + 1.2e-5 * spheres**0.62
 
 
-def distance_cost(size: int, distance: str) -> float:
+def distance_cost(size: int) -> float:
     """About how long W1 of positions and rotations of two bodies takes, between ``size`` samples each [s]."""
-    return 0.65 * (size / 1000) ** 2.3 * (40.0 if distance == "sinkhorn" else 1.0)
+    return 0.65 * (size / 1000) ** 2.3
 
 
 class Samples(NamedTuple):
@@ -87,49 +87,42 @@ def error_rows(
     second: Samples,
     predictions: Mapping[tuple[str, int | None], Belief | np.ndarray],
     counts: Sequence[int],
-    subset: int,
 ) -> list[Row]:
     """W1 of predictions, of Monte Carlo, of the best single Gaussian and of a second truth, to a truth.
 
     Parameters
     ----------
     job : Job
-        Gives the measure and the seeds.
+        Gives the seeds.
     truth, second : Samples
-        Two independent ones.
+        Two independent ones, of N samples each.
     predictions : mapping of (str, int or None) to Belief or (n, B, 13) array
-        By the method's name and number of rollouts: a belief is drawn from; samples are taken as they are.
+        By the method's name and number of rollouts: N samples are drawn from a belief; samples are taken as
+        they are.
     counts : sequence of int
         Numbers of samples of Monte Carlo; they are taken from ``second``.
-    subset : int
-        The truth is compared with in subsets of so many samples, each with as many of the prediction.
 
     Notes
     -----
-    A run of Monte Carlo with N samples is N independent rollouts, so any N of the second truth's are one.
+    A run of Monte Carlo with n samples is n independent rollouts, so any n of the second truth's are one.
     """
-    truths, seconds = (_subsets(x.states, subset) for x in (truth, second))
-    measure = MEASURES[job.parameters["distance"]]
     rows = []
 
-    def compare(method, states, k, samples=None, replicate=None, seed=None):
-        distance = state_distance(states, truths[k], measure)
-        at = k if replicate is None else replicate
-        rows.append(Row(method, POSITION_ERROR, "m", float(np.mean(distance.position)), samples, at, seed))
-        rows.append(Row(method, ROTATION_ERROR, "deg", float(np.mean(distance.rotation)), samples, at, seed))
+    def compare(method, states, samples=None, replicate=0, seed=None):
+        distance = state_distance(states, truth.states)
+        for quantity, unit, values in zip(ERRORS, ("m", "deg"), distance, strict=True):
+            rows.append(Row(method, quantity, unit, float(np.mean(values)), samples, replicate, seed))
 
-    for k in range(len(truths)):
-        compare(FLOOR, seconds[k], k, seed=second.seed)
-        for (method, runs), predicted in {(GAUSSIAN, None): truth.belief, **predictions}.items():
-            seed = job.seed(f"draws {method} {k}")
-            states = predicted
-            if isinstance(predicted, Belief):
-                states = predicted.sample(subset, np.random.default_rng(seed))
-            compare(method, states, k, runs, seed=seed)
-    pool = second.states
+    compare(FLOOR, second.states, seed=second.seed)
+    for (method, runs), predicted in {(GAUSSIAN, None): truth.belief, **predictions}.items():
+        seed = job.seed(f"draws {method} 0")
+        states = predicted
+        if isinstance(predicted, Belief):
+            states = predicted.sample(len(truth.states), np.random.default_rng(seed))
+        compare(method, states, runs, seed=seed)
     for count in counts:
-        for k in range(min(REPLICATES, len(pool) // count)):
-            compare(MONTE_CARLO, pool[count * k : count * (k + 1)], k % len(truths), count, k, second.seed)
+        for k in range(min(REPLICATES, len(second.states) // count)):
+            compare(MONTE_CARLO, second.states[count * k : count * (k + 1)], count, k, second.seed)
     return rows
 
 
@@ -140,8 +133,7 @@ def predicted(
     answers = {}
     for key, propagator in methods(job, grown).items():
         prediction = predict(scene, belief, propagator, horizon)
-        own = propagator.own_sample_count
-        answers[key] = prediction.belief if own is None else prediction.samples()
+        answers[key] = prediction.samples() if isinstance(propagator, HasSamples) else prediction.belief
     return answers
 
 
@@ -173,9 +165,3 @@ def time_rows(functions: Mapping[tuple[str, int | None], Callable], rounds: int)
             Row(method, TIME_RATIO, "1", float(taken[k] / reference[k]), samples, k),
         )
     ]
-
-
-def _subsets(states, size):
-    """States (k, size, B, 13) of as many whole subsets as there are."""
-    count = len(states) // size
-    return states[: count * size].reshape(count, size, *states.shape[1:])

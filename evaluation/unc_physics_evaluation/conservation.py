@@ -6,8 +6,11 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from unc_physics.physics import contact_history as histories
-from unc_physics.physics.layout import (
+from unc_physics.dynamics import contact_history as histories
+from unc_physics.dynamics.rollout import rollout
+from unc_physics.scene.belief import Belief
+from unc_physics.scene.scene import Scene
+from unc_physics.spatial.layout import (
     ANGULAR_VELOCITY,
     ERR_ANGULAR_VELOCITY,
     ERR_VELOCITY,
@@ -15,9 +18,6 @@ from unc_physics.physics.layout import (
     QUATERNION,
     VELOCITY,
 )
-from unc_physics.physics.rollout import rollout
-from unc_physics.scene.belief import Belief
-from unc_physics.scene.scene import Scene
 
 from .energy import contact_energy, height_energy, kinetic_energy, matrices, momentum
 from .jobs import Row

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from unc_physics.physics.layout import ANGULAR_VELOCITY, POSITION, QUATERNION, VELOCITY
 from unc_physics.scene.scene import Scene
+from unc_physics.spatial.layout import ANGULAR_VELOCITY, POSITION, QUATERNION, VELOCITY
 
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(24)
 

@@ -24,14 +24,16 @@ from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
 from unc_physics.checks.errors import NotSupportedError
-from unc_physics.physics.layout import ANGULAR_VELOCITY, POSITION, QUATERNION, VELOCITY
 from unc_physics.scene.environment import Box, Capsule, Cylinder, Plane, Sphere
+from unc_physics.spatial.layout import ANGULAR_VELOCITY, POSITION, QUATERNION, VELOCITY
 
 GEOMETRIES = ("spheres", "pieces", "box")
-PRIMITIVES = {"salt_box": "box", "can": "cylinder", "cube": "box"}  # of the models that are one
+#: Shapes of the models that are one primitive.
+PRIMITIVES = {"salt_box": "box", "can": "cylinder", "cube": "box", "block": "box"}
 PIECES = 16  # convex ones of a body
 _DIRECTIONS = 64  # in which a piece's outline is taken, and so its vertices at most
 _CONDIM = {False: 1, True: 3}  # MuJoCo's: without and with friction
+_TIME_CONSTANT = 0.02  # s, of MuJoCo's contacts unless told otherwise
 
 
 class PrincipalBody:
@@ -110,8 +112,6 @@ class PrincipalBody:
 class PyBulletRollouts:
     """Rollouts in PyBullet.
 
-    ``effort`` is the number of its solver's iterations; by default the engine's own, 50.
-
     Notes
     -----
     Bodies come from URDF text, because ``createCollisionShapeArray`` keeps 16 spheres and says nothing. As
@@ -119,7 +119,7 @@ class PyBulletRollouts:
     is no faster and gains energy with elastic contacts.
     """
 
-    def __init__(self, scene, geometry="spheres", effort=None):
+    def __init__(self, scene, geometry="spheres"):
         import pybullet
         from pybullet_utils.bullet_client import BulletClient
 
@@ -127,8 +127,6 @@ class PyBulletRollouts:
         self._bodies = [PrincipalBody(body) for body in scene.bodies]
         self._client = client = BulletClient(connection_mode=pybullet.DIRECT)
         client.setPhysicsEngineParameter(restitutionVelocityThreshold=0.0)
-        if effort is not None:
-            client.setPhysicsEngineParameter(numSolverIterations=effort)
         client.setGravity(*scene.gravity.tolist())
         # Bullet keeps the share 1 - d of a velocity in a second, we exp(-damping)
         damping = 1.0 - math.exp(-scene.damping)
@@ -187,15 +185,6 @@ class PyBulletRollouts:
         self.begin(state)
         self.advance(steps)
         return self.state()
-
-    def contacts(self, state, steps):
-        """Number of contacts with overlap in each step (steps,)."""
-        self.begin(state)
-        counts = np.zeros(steps, int)
-        for k in range(steps):
-            self.advance(1)
-            counts[k] = sum(point[8] < 0.0 for point in self._client.getContactPoints())
-        return counts
 
     def close(self):
         """Leave the engine."""
@@ -302,8 +291,6 @@ def _obj(vertices):
 class MuJoCoRollouts:
     """Rollouts in MuJoCo: free bodies of sphere geoms, all steps in one call.
 
-    ``effort`` is the largest number of its solver's iterations; by default the engine's own, 100.
-
     Notes
     -----
     Without friction contacts are springs without damper, so they are elastic; its solver shares the mass
@@ -313,7 +300,7 @@ class MuJoCoRollouts:
     the friction halfway between its axes.
     """
 
-    def __init__(self, scene, geometry="spheres", effort=None):
+    def __init__(self, scene, geometry="spheres"):
         import mujoco
 
         self._mujoco = mujoco
@@ -324,9 +311,12 @@ class MuJoCoRollouts:
             model.dof_damping[6 * k + 3 : 6 * k + 6] = scene.damping * body.inertia
         if scene.sleep:
             model.opt.enableflags |= mujoco.mjtEnableBit.mjENBL_SLEEP
-        if effort is not None:
-            model.opt.iterations = effort
         self._model, self._data = model, mujoco.MjData(model)
+
+    def set_restitution(self, value):
+        """Give all contacts the damping of a linear spring that returns this share of the speed."""
+        log = math.log(max(value, 1e-3))
+        self._model.geom_solref[:] = _TIME_CONSTANT, -log / math.hypot(math.pi, log)
 
     def shapes(self):
         """Number of shapes of each body, as the engine has them."""
@@ -362,15 +352,6 @@ class MuJoCoRollouts:
         self.begin(state)
         self.advance(steps)
         return self.state()
-
-    def contacts(self, state, steps):
-        """Number of contacts with overlap in each step (steps,)."""
-        self.begin(state)
-        counts = np.zeros(steps, int)
-        for k in range(steps):
-            self._mujoco.mj_step(self._model, self._data)
-            counts[k] = np.count_nonzero(self._data.contact.dist < 0.0)
-        return counts
 
     def close(self):
         """Leave the engine; nothing to do."""

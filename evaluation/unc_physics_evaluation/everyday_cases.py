@@ -9,7 +9,7 @@ import numpy as np
 
 from unc_physics import Belief, Plane, RigidBody, Scene, load_model
 from unc_physics.geometry.packing_file import SpherePacking
-from unc_physics.physics.layout import ANGULAR_VELOCITY, POSITION, QUATERNION, VELOCITY
+from unc_physics.spatial.layout import ANGULAR_VELOCITY, POSITION, QUATERNION, VELOCITY
 
 from .scenarios import resting, spread
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from unc_physics.propagators.base import Propagator
+from unc_physics.propagators.base import Anytime, Propagator
 from unc_physics.propagators.names import REFERENCE as MONTE_CARLO
 from unc_physics.propagators.registry import PROPAGATORS, make_propagator
 
@@ -14,11 +14,7 @@ from .jobs import Job
 FLOOR, GAUSSIAN, MARGINAL = "floor", "gaussian", "marginal"
 OURS = "ours"
 #: Propagators with other options than their own: the paper's sigma points go in all directions.
-VARIANTS = {
-    "sigma_points_full": ("sigma_points", {"points": "full"}),
-    "reduced_monte_carlo": ("cloud", {"points": "random", "surface": "none"}),
-    "reduced_sobol": ("cloud", {"surface": "none"}),
-}
+VARIANTS = {"sigma_points_full": ("sigma_points", {"points": "full"})}
 #: Those that take a number of rollouts, and with which they are compared.
 RUNS = {"cloud": (16, 32, 64)}
 
@@ -32,14 +28,22 @@ class Look(NamedTuple):
     line: str = "-"
 
 
-LOOKS = {name: Look(cls.label, cls.color, cls.marker) for name, cls in PROPAGATORS.items()} | {
+_MONTE_CARLO = Look("Monte Carlo", "#000000", "o")
+#: Of propagators of other packages, with their own names.
+_OTHER_COLOR, _OTHER_MARKER = "#A6761D", "p"
+LOOKS = {name: Look(name.replace("_", " "), _OTHER_COLOR, _OTHER_MARKER) for name in PROPAGATORS} | {
+    "linearization": Look("linearization", "#0072B2", "s"),
+    "surrogate": Look("surrogate", "#E69F00", "^"),
+    "sigma_points": Look("sigma points", "#009E73", "D"),
+    "local_sampling": Look("local sampling", "#CC79A7", "v"),
+    MONTE_CARLO: _MONTE_CARLO,
+    "cloud": Look("cloud", "#CC3311", "*"),
+    "auto": Look("auto", "#882255", "P"),
     "sigma_points_full": Look("sigma points, full", "#56B4E9", "d"),
-    "reduced_monte_carlo": Look("cloud-32, random, no surface", "#EE99AA", "<"),
-    "reduced_sobol": Look("cloud-32, no surface", "#EE7733", ">"),
     GAUSSIAN: Look("best Gaussian", "#D55E00", line="--"),
     FLOOR: Look("floor", "#999999", line=":"),
     MARGINAL: Look("outcomes of others", "#E69F00", line=":"),
-    OURS: Look("unc_physics", PROPAGATORS[MONTE_CARLO].color, PROPAGATORS[MONTE_CARLO].marker),
+    OURS: _MONTE_CARLO._replace(label="unc_physics"),
     "pybullet": Look("PyBullet", "#8C6D31", "P"),
     "mujoco": Look("MuJoCo", "#7F3C8D", "X"),
 }
@@ -49,13 +53,13 @@ _GREYS = {5: "#BDBDBD", 10: "#8C8C8C", 50: "#5A5A5A", 100: "#2B2B2B"}
 def methods(job: Job, grown: Sequence[int] = ()) -> dict[tuple[str, int | None], Propagator]:
     """All propagators but Monte Carlo, with their own options and each of `RUNS`, then the variants.
 
-    What grows until it is sure does so, or until it has each of the numbers of rollouts in ``grown``.
+    Anytime propagators add rollouts until they are accurate enough, or have each of the numbers in ``grown``.
     """
     made = {}
     for name, cls in PROPAGATORS.items():
         options = {"seed": job.seed(name)} if "seed" in cls.options() else {}
         sizes = RUNS.get(name, (None,))
-        if cls.grows and grown:
+        if issubclass(cls, Anytime) and grown:
             sizes, options = tuple(grown), options | {"error": 0.0}
         for runs in sizes:
             if name != MONTE_CARLO:

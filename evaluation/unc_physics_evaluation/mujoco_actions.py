@@ -1,4 +1,4 @@
-"""What a robot does, in MuJoCo (`action_engine_base`)."""
+"""Bodies on prescribed paths in MuJoCo (`action_engine_base`)."""
 
 from __future__ import annotations
 
@@ -8,9 +8,7 @@ from itertools import combinations
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from unc_physics.scene.environment import Plane
-
-from .action_engine_base import ActionEngine, belt_velocity, check_solid, text_of
+from .action_engine_base import ActionEngine, check_solid, text_of
 
 _MOCAP = ' mocap="true"'
 
@@ -132,12 +130,7 @@ def _geom(name, shape, surface):
 
 
 def _solid(name, solid):
-    """A geom of the world: a plane or a box."""
+    """A geom of the world: a plane."""
     check_solid(solid)
-    size = (0.0, 0.0, 1.0) if isinstance(solid, Plane) else 0.5 * solid.size
-    turned = Rotation.from_matrix(solid.rotation)
-    surface = turned.inv().apply(belt_velocity(solid))
-    return (
-        f'<geom name="{name}" type="{solid.shape}" size="{text_of(size)}" pos="{text_of(solid.position)}"'
-        f' quat="{text_of(turned.as_quat()[[3, 0, 1, 2]])}" surfacevel="{text_of(surface)}"/>'
-    )
+    q = text_of(Rotation.from_matrix(solid.rotation).as_quat()[[3, 0, 1, 2]])
+    return f'<geom name="{name}" type="plane" size="0 0 1" pos="{text_of(solid.position)}" quat="{q}"/>'

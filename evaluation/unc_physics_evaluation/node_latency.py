@@ -31,7 +31,7 @@ from std_srvs.srv import Empty
 from unc_physics.checks.errors import UncPhysicsError
 from unc_physics.propagators.names import REFERENCE
 from unc_physics.propagators.registry import PROPAGATORS
-from unc_physics.ros.durations import duration, seconds
+from unc_physics.ros.messages.fields import duration, seconds
 from unc_physics.ros.node import Spinning, leave, main
 from unc_physics_evaluation.jobs import Row
 from unc_physics_msgs.action import PredictLong

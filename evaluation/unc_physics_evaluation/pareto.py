@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from typing import NamedTuple
-
-from .methods import label
-from .tables import number
 
 
 class Choice(NamedTuple):
@@ -38,10 +35,3 @@ def front(choices: Iterable[Choice]) -> list[Choice]:
         if not best or choice.error < best[-1].error:
             best.append(choice)
     return best
-
-
-def in_words(choices: Sequence[Choice]) -> str:
-    """A front, from the fastest to the most accurate."""
-    return ", then ".join(
-        f"{label(c.method, c.samples)} ({number(1e3 * c.time)} ms, {number(c.error)})" for c in choices
-    )

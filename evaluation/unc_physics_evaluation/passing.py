@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from unc_physics.physics.layout import POSITION, QUATERNION
 from unc_physics.scene.scene import Scene
+from unc_physics.spatial.layout import POSITION, QUATERNION
 
 from .energy import matrices, surface_distance
 

@@ -29,10 +29,10 @@ def threads() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def versions(packages=PACKAGES) -> dict[str, str]:
-    """Versions of this package, of Python, and of those of ``packages`` that are installed."""
+def versions() -> dict[str, str]:
+    """Versions of this package, of Python, and of those of `PACKAGES` that are installed."""
     found = {"unc_physics": __version__, "python": platform.python_version()}
-    for name in packages:
+    for name in PACKAGES:
         try:
             found[name] = version(name)
         except PackageNotFoundError:

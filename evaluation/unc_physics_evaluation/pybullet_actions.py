@@ -1,4 +1,4 @@
-"""What a robot does, in PyBullet (`action_engine_base`)."""
+"""Bodies on prescribed paths in PyBullet (`action_engine_base`)."""
 
 from __future__ import annotations
 
@@ -9,17 +9,13 @@ from functools import cache
 from itertools import combinations
 from pathlib import Path
 
-import numpy as np
-
-from unc_physics.scene.environment import Plane
-
-from .action_engine_base import ActionEngine, belt_velocity, check_solid, text_of
+from .action_engine_base import ActionEngine, check_solid, text_of
 from .engines import bullet_states
 
 
 class PyBulletActions(ActionEngine):
-    """In PyBullet: free bodies in maximal coordinates; prescribed ones and belts, without mass, in minimal
-    ones, whose velocity contacts feel. One at a time: close it before the next.
+    """In PyBullet: free bodies in maximal coordinates; prescribed ones, without mass, in minimal ones, whose
+    velocity contacts feel. One at a time: close it before the next.
     """
 
     def _make(self):
@@ -50,32 +46,16 @@ class PyBulletActions(ActionEngine):
                     restitution=restitution,
                 )
                 self._handles.append(handle)
-        self._belts = []
         for solid in scene.environment:
             check_solid(solid)
-            handle = self._fixed(solid)
+            shape = client.createCollisionShape(client.GEOM_PLANE, planeNormal=solid.normal.tolist())
+            handle = client.createMultiBody(0.0, shape, basePosition=solid.position.tolist())
             client.changeDynamics(
                 handle, -1, lateralFriction=math.sqrt(self._friction(solid)), restitution=restitution
             )
-            if belt_velocity(solid).any():
-                pose = solid.position.tolist(), np.asarray(solid.orientation).tolist()
-                self._belts.append((handle, pose, belt_velocity(solid).tolist()))
         for a, b in combinations(range(len(self._handles)), 2):
             if self._apart(a, b):
                 client.setCollisionFilterPair(self._handles[a], self._handles[b], -1, -1, 0)
-
-    def _fixed(self, solid):
-        client = self._client
-        if isinstance(solid, Plane):
-            shape = client.createCollisionShape(client.GEOM_PLANE, planeNormal=solid.normal.tolist())
-            return client.createMultiBody(0.0, shape, basePosition=solid.position.tolist())
-        shape = client.createCollisionShape(client.GEOM_BOX, halfExtents=(0.5 * solid.size).tolist())
-        return client.createMultiBody(
-            0.0,
-            shape,
-            basePosition=solid.position.tolist(),
-            baseOrientation=np.asarray(solid.orientation).tolist(),
-        )
 
     def _begin(self, start):
         for k, motion in enumerate(start):
@@ -87,9 +67,6 @@ class PyBulletActions(ActionEngine):
         client.resetBaseVelocity(handle, motion.velocity.tolist(), motion.spin.tolist())
 
     def _step(self):
-        for handle, pose, velocity in self._belts:
-            self._client.resetBasePositionAndOrientation(handle, *pose)
-            self._client.resetBaseVelocity(handle, velocity, [0.0, 0.0, 0.0])
         self._client.stepSimulation()
 
     def _states(self):

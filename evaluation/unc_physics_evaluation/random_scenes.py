@@ -7,8 +7,8 @@ import math
 import numpy as np
 
 from unc_physics import Belief, Box, Plane, RigidBody, Scene, load_model
-from unc_physics.physics.layout import ANGULAR_VELOCITY, POSITION, QUATERNION, VELOCITY
-from unc_physics.physics.rotation import rotation_matrix
+from unc_physics.spatial.layout import ANGULAR_VELOCITY, POSITION, QUATERNION, VELOCITY
+from unc_physics.spatial.rotation import rotation_matrix
 
 from .everyday_cases import Case
 from .scenarios import resting, spread

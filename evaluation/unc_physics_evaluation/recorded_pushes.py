@@ -11,12 +11,12 @@ from typing import NamedTuple
 import numpy as np
 
 from unc_physics.geometry.packing_file import SpherePacking
-from unc_physics.physics.layout import POSITION, QUATERNION, STATE
 from unc_physics.scene.actions import PosePath
 from unc_physics.scene.belief import Belief
 from unc_physics.scene.body import RigidBody
 from unc_physics.scene.environment import Plane
 from unc_physics.scene.scene import Scene
+from unc_physics.spatial.layout import POSITION, QUATERNION, STATE
 
 FOLDER = Path(__file__).parent / "data" / "pushes"
 KINDS = ("point", "two_point_translation", "two_point_rotation")

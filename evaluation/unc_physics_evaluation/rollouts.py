@@ -9,7 +9,7 @@ from importlib.util import find_spec
 
 import numpy as np
 
-from unc_physics.physics.rollout import simulate
+from unc_physics.dynamics.rollout import simulate
 from unc_physics.scene.scene import Scene
 
 from .engines import PEERS
@@ -31,9 +31,7 @@ def missing_engines(experiment: str) -> list[str]:
 
 
 @contextmanager
-def rollouts(
-    engine: str, scene: Scene, geometry: str = "primitive", effort: int | None = None
-) -> Iterator[Callable[[np.ndarray, int], tuple[np.ndarray, float]]]:
+def rollouts(engine: str, scene: Scene) -> Iterator[Callable[[np.ndarray, int], tuple[np.ndarray, float]]]:
     """Function of states (N, B, 13) and a number of steps: the states after them, and their CPU time [s].
 
     Parameters
@@ -41,10 +39,6 @@ def rollouts(
     engine : str
         One of `ENGINES`.
     scene : Scene
-    geometry : str
-        What bodies are in other engines; ours has spheres.
-    effort : int, optional
-        Iterations of another engine's solver, where not its own number of them.
 
     Notes
     -----
@@ -61,7 +55,7 @@ def rollouts(
     if engine == OURS:
         yield ours
         return
-    peer = PEERS[engine](scene, geometry, effort)
+    peer = PEERS[engine](scene, "primitive")
 
     def theirs(states, steps):
         ends, spent = np.empty_like(states), 0.0

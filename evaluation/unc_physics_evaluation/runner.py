@@ -1,4 +1,4 @@
-"""Runs jobs on local processes or on a Dask cluster; results are the same, as jobs carry seeds."""
+"""Runs jobs in local processes; results do not depend on their number, as jobs carry seeds."""
 
 from __future__ import annotations
 
@@ -10,19 +10,14 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Executor, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
-from importlib.util import find_spec
 
-from unc_physics.checks.errors import InvalidOptionError, NotSupportedError, UncPhysicsError
+from unc_physics.checks.errors import UncPhysicsError
 
 from .jobs import Job, Outcome
 from .provenance import machine, threads, versions
 from .results import Results
 
-CONNECT_TIMEOUT = 10.0  # s
 TICK = 1.0  # s, between looks at the progress bar's clock
-
-# CPU time is the process's: a Dask worker may run several jobs in as many threads of one process
-_one_at_a_time = threading.Lock()
 
 
 def run_job(job: Job) -> tuple[Outcome, dict[str, str]]:
@@ -31,20 +26,17 @@ def run_job(job: Job) -> tuple[Outcome, dict[str, str]]:
 
     from .experiments import experiment
 
-    with _one_at_a_time:
-        before = numba.get_num_threads()
-        numba.set_num_threads(1)
-        try:
-            outcome = experiment(job.experiment).run(job)
-        finally:
-            numba.set_num_threads(before)
+    before = numba.get_num_threads()
+    numba.set_num_threads(1)
+    try:
+        outcome = experiment(job.experiment).run(job)
+    finally:
+        numba.set_num_threads(before)
     made_with = "; ".join(f"{name} {number}" for name, number in versions().items())
     return outcome, {"versions": made_with, "machine": machine()}
 
 
-def run_jobs(
-    jobs: Sequence[Job], results: Results, scheduler: str | None = None, workers: int | None = None
-) -> dict[str, str]:
+def run_jobs(jobs: Sequence[Job], results: Results, workers: int | None = None) -> dict[str, str]:
     """Run those jobs whose results are missing, with a progress bar on a terminal.
 
     Parameters
@@ -52,10 +44,8 @@ def run_jobs(
     jobs : sequence of Job
     results : Results
         What is finished is read from there and added to it.
-    scheduler : str, optional
-        Address of a Dask scheduler; without it, processes on this machine do the work.
     workers : int, optional
-        Number of those processes; by default one for each of the processor's threads.
+        Number of processes; by default one for each of the processor's threads.
 
     Returns
     -------
@@ -77,7 +67,7 @@ def run_jobs(
             desc="evaluate",
             bar_format="{desc}: {percentage:3.0f}%|{bar}| {elapsed} passed, {remaining} left{postfix}",
         ) as bar,
-        _executor(scheduler, workers) as executor,
+        _executor(workers) as executor,
     ):
         for job, outcome in _finished_jobs(executor, missing, bar.refresh):
             if isinstance(outcome, UncPhysicsError):
@@ -113,11 +103,7 @@ def _outcome(future):
 
 
 @contextmanager
-def _executor(scheduler, workers) -> Iterator[Executor]:
-    if scheduler is not None:
-        with _dask_executor(scheduler) as executor:
-            yield executor
-        return
+def _executor(workers) -> Iterator[Executor]:
     executor = ProcessPoolExecutor(
         workers or threads(), mp_context=multiprocessing.get_context("spawn"), initializer=_prepare_process
     )
@@ -129,25 +115,6 @@ def _executor(scheduler, workers) -> Iterator[Executor]:
             process.terminate()
         raise
     executor.shutdown()
-
-
-@contextmanager
-def _dask_executor(address):
-    if find_spec("distributed") is None:
-        raise NotSupportedError("--scheduler needs Dask: pip install distributed")
-    from distributed import Client
-
-    try:
-        client = Client(address, timeout=CONNECT_TIMEOUT)
-    except (OSError, ValueError) as error:
-        raise InvalidOptionError(f"cannot be reached: {error}", field="--scheduler", value=address) from None
-    with client:
-        # results depend on the job alone, but their times do not: nothing is taken from Dask's memory
-        executor = client.get_executor(pure=False)
-        try:
-            yield executor
-        finally:
-            executor.shutdown(wait=False)
 
 
 def _prepare_process():

@@ -3,15 +3,22 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from functools import cache
 
 import numpy as np
 
 from unc_physics.checks.errors import InvalidModelError, InvalidRequestError, UnknownModelError
 from unc_physics.checks.validation import non_negative
 from unc_physics.geometry.library import find_model, load_model
+from unc_physics.geometry.packing import pack_solid
 from unc_physics.geometry.packing_file import SpherePacking
-from unc_physics.physics.layout import (
+from unc_physics.geometry.solid_mesh import make_solid
+from unc_physics.scene.belief import Belief
+from unc_physics.scene.body import RigidBody
+from unc_physics.scene.environment import Box, Plane
+from unc_physics.scene.scene import Scene
+from unc_physics.scene.stiffness import with_stiffness
+from unc_physics.spatial.layout import (
     ANGULAR_VELOCITY,
     ERR_ANGULAR_VELOCITY,
     ERR_POSITION,
@@ -23,12 +30,6 @@ from unc_physics.physics.layout import (
     STATE,
     VELOCITY,
 )
-from unc_physics.physics.rollout import simulate
-from unc_physics.scene.belief import Belief
-from unc_physics.scene.body import RigidBody
-from unc_physics.scene.environment import Box, Plane
-from unc_physics.scene.scene import Scene
-from unc_physics.scene.stiffness import with_stiffness
 
 #: The models that the paper drops on each other; all ship with the package.
 MODELS = ("bunny", "armadillo", "pin")
@@ -55,9 +56,9 @@ _LEANING = math.cos(math.radians(15.0))  # the least vertical part of an upright
 _WALL = 0.02  # thickness of a bin [m]
 _BIN, _LARGE_BIN = (0.292, 0.192, 0.143), (0.4, 0.4, 0.25)  # inside: length, width, depth [m]
 _PITCH = 0.19  # between bodies that are let go from a lattice [m]
+_CUBE, _CUBE_MASS = 0.045, 0.1  # side [m], kg
+_CUBE_ROOM, _CUBE_PITCH = 0.065, 0.082  # of a bin's width for each cube, between cubes that are let go [m]
 _TUMBLED = {"position": 0.01, "rotation": 0.3}  # what is let go in no particular order
-_SETTLED = 3.0  # after which bodies that were let go lie still [s]
-_SEEN = 0.003  # standard deviation of the positions of what a camera sees [m]
 
 
 def resting(positions) -> np.ndarray:
@@ -266,25 +267,38 @@ def boxes_and_cans(count: int, spheres: int = 1000) -> tuple[Scene, Belief, floa
     return _handled(models, spheres, open_bin(*inside), mean, _TUMBLED)
 
 
-def lying_in_bin(count: int = 10, spheres: int = 300) -> tuple[Scene, Belief, float]:
-    """Cartons and cans lie in a bin as high as it is wide, as the fall of `boxes_and_cans` left them; their
-    positions are uncertain by 3 mm.
+def cubes_into_bin(count: int, spheres: int = 500, seed: int = 0) -> tuple[Scene, np.ndarray, float]:
+    """Cubes with random orientations fall from a lattice into a bin whose width grows with the
+    cube root of their number; returns the scene, the start (B, 13) and the time until all lie [s].
+
+    Parameters
+    ----------
+    count : int
+        Number of cubes.
+    spheres : int
+        Of each.
+    seed : int
+        Of the orientations.
     """
-    scene, falling, _ = boxes_and_cans(count, spheres)
-    width = 2.0 * float(np.abs([element.position[0] for element in scene.environment]).max()) - _WALL
-    scene = replace(scene, environment=open_bin(width, width, width))
-    states = falling.mean[None].copy()
-    simulate(states, scene.world, round(_SETTLED / scene.dt))
-    lying = states[0]
-    lying[:, VELOCITY] = lying[:, ANGULAR_VELOCITY] = 0.0
-    return scene, Belief(lying, spread(count, position=_SEEN)), 1.0
-
-
-def dropped_cans(count: int = 5, spheres: int = 300) -> tuple[Scene, Belief, float]:
-    """Cans in a row, less than their length apart, fall onto a floor; positions are uncertain by 3 mm."""
-    mean = resting([[0.1 * k, 0.0, 0.15] for k in range(count)])
+    width = math.ceil(count ** (1.0 / 3.0) - 1e-9) * _CUBE_ROOM
+    side = max(int((width - _CUBE) / _CUBE_PITCH), 1)
+    place = np.arange(count)
+    across = np.stack([place % side, place // side % side], axis=1) - 0.5 * (side - 1)
+    mean = resting(_CUBE_PITCH * np.column_stack([across, place // side**2 + 0.9]))
+    orientations = np.random.default_rng(seed).standard_normal((count, 4))
+    mean[:, QUATERNION] = orientations / np.linalg.norm(orientations, axis=1, keepdims=True)
     mean[:, ANGULAR_VELOCITY] = 0.5, 1.0, 0.0
-    return _handled(["can"] * count, spheres, (Plane((0.0, 0.0, 1.0), 0.0),), mean, {"position": _SEEN}, 1.0)
+    bodies = [RigidBody(f"cube{k}", _cube(spheres), _CUBE_MASS) for k in range(count)]
+    scene = Scene.everyday(bodies, environment=open_bin(width, width, 2.0 * width))
+    return with_stiffness(scene, mean), mean, 2.0
+
+
+@cache
+def _cube(spheres):
+    import trimesh
+
+    mesh = trimesh.creation.box((_CUBE,) * 3)
+    return pack_solid(make_solid("cube", mesh.vertices, mesh.faces), spheres)
 
 
 def in_bin(states: np.ndarray) -> np.ndarray:
@@ -332,13 +346,13 @@ def _between(states, sides):
     return inside.all(axis=-1) & (position[..., 2] < sides[2] + _WALL)
 
 
-def _handled(models, spheres, environment, mean, deviations, horizon=1.5):
+def _handled(models, spheres, environment, mean, deviations):
     packings = [load_model(model) for model in models]
     bodies = [
         RigidBody(f"{packing.name}{k or ''}", packing.prefix(spheres)) for k, packing in enumerate(packings)
     ]
     scene = with_stiffness(Scene.everyday(bodies, environment=environment), mean)
-    return scene, Belief(mean, spread(len(bodies), **deviations)), horizon
+    return scene, Belief(mean, spread(len(bodies), **deviations)), 1.5
 
 
 def _scene(bodies):

@@ -14,9 +14,8 @@ from inspect import signature
 
 import numpy as np
 
-#: Propagators with other options than their own.
+#: Options of propagators, where not their own.
 OPTIONS = {"monte_carlo": {"samples": 12}}
-VARIANTS = {"finite_difference": ("linearization", {"jacobian": "finite_difference"})}
 
 
 def scenes():
@@ -99,10 +98,10 @@ def scenes():
 
 
 def propagators():
-    """Names and options of all propagators and variants."""
+    """Names and options of all propagators."""
     from unc_physics import PROPAGATORS
 
-    return {name: (name, OPTIONS.get(name, {})) for name in PROPAGATORS} | VARIANTS
+    return {name: (name, OPTIONS.get(name, {})) for name in PROPAGATORS}
 
 
 def cases(found):
@@ -114,22 +113,25 @@ def cases(found):
         for scene_name, (scene, *_) in found.items()
         for label, (name, _) in propagators().items()
         # older trees do not say which can; those that cannot are not among the present tree's cases
-        if not (scene.uncertain and not getattr(PROPAGATORS[name], "varies_parameters", True))
-        and not (label in VARIANTS and (scene.environment or scene.gyroscopic))
+        if not (scene.uncertain and not _varies_parameters(PROPAGATORS[name]))
     ]
+
+
+def _varies_parameters(kind):
+    """Whether a propagator takes all uncertain parameters."""
+    supports = getattr(kind, "supports", None)
+    return getattr(kind, "varies_parameters", True) if supports is None else "mass" in supports.parameters
 
 
 def results(scene, belief, horizon, label):
     """Every array that a prediction gives, and its answers, by name; statuses are judged by `stability`."""
+    import unc_physics
     from unc_physics import make_propagator, predict
 
-    try:
-        from unc_physics import contact_probabilities
-    except ImportError:  # likewise
-        from unc_physics.propagation.answers import contact_probabilities
-
     name, options = propagators()[label]
-    prediction = predict(scene, belief, make_propagator(name, **options), horizon, times=(0.5 * horizon,))
+    asked = {"events": unc_physics.encounters(scene)} if hasattr(unc_physics, "encounters") else {}
+    times = (0.5 * horizon,)
+    prediction = predict(scene, belief, make_propagator(name, **options), horizon, times=times, **asked)
     arrays = {}
     for k, found in enumerate(prediction.beliefs):
         arrays[f"mean {k}"], arrays[f"covariance {k}"] = found.mean, found.covariance
@@ -140,13 +142,31 @@ def results(scene, belief, horizon, label):
             arrays["first contacts"] = part[..., 0]
         elif isinstance(part, np.ndarray):
             arrays[field] = part
-    # older trees ask for scene and belief
-    whole = next(iter(signature(contact_probabilities).parameters)) == "prediction"
-    touching = contact_probabilities(*([prediction] if whole else [scene, prediction, belief]))
-    for k, answer in enumerate(touching):
-        told = answer.probability, answer.first_contact_time_mean, answer.first_contact_time_std
+    for k, told in enumerate(_contacts(scene, belief, prediction, **asked)):
         arrays[f"contact {k}"] = np.array([value or 0.0 for value in told])  # older trees say 0 for unknown
     return arrays
+
+
+def _contacts(scene, belief, prediction, events=None):
+    """Probability of each contact, and mean and standard deviation of its time; None where little is known,
+    for which older trees have no estimate.
+    """
+    if events is None:
+        try:
+            from unc_physics import contact_probabilities
+        except ImportError:
+            from unc_physics.propagation.answers import contact_probabilities
+
+        # older trees ask for scene and belief
+        whole = next(iter(signature(contact_probabilities).parameters)) == "prediction"
+        for old in contact_probabilities(*([prediction] if whole else [scene, prediction, belief])):
+            yield old.probability, old.first_contact_time_mean, old.first_contact_time_std
+        return
+    for event in events:
+        found, time = prediction.probability(event), prediction.contact_time(event)
+        known = max(found.high - found.estimate, found.estimate - found.low) <= 0.1
+        timed = known and time is not None and found.estimate * found.rollouts >= min(10, found.rollouts)
+        yield found.estimate if known else None, *(time if timed else (None, None))
 
 
 def serve():

@@ -1,11 +1,12 @@
-"""The document on stability, from the rows of the experiment."""
+"""Tables on stability, from the rows of the experiment."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
 
-from unc_physics.prediction.status_rules import RULES, Status, raised
+from unc_physics.prediction.body_status import Status
+from unc_physics.prediction.diagnostics import RULES, raised
 from unc_physics.propagators.registry import PROPAGATORS
 
 from . import everyday_cases
@@ -14,7 +15,6 @@ from .hard_cases import load, names
 from .judgement import FALSE, MISSING, RIGHT, Judged, any_of, judge, rates, worst
 from .methods import MONTE_CARLO, label
 from .results import Rows
-from .stability_texts import CELLS, INTRODUCTION, SHOWN
 from .tables import number, table
 
 #: What the rows' methods and quantities are called, beside those of `conservation`.
@@ -138,16 +138,6 @@ def runs_on(integrator: str) -> list[str]:
     return [name for name, cls in PROPAGATORS.items() if integrator in cls.integrators]
 
 
-def document(rows: Rows) -> str:
-    """The whole document."""
-    body = sections(rows).replace("\n### ", "\n## ")
-    made = "".join(
-        f"* {versions}; {machine}\n"
-        for versions, machine in dict.fromkeys((row["versions"], row["machine"]) for row in rows)
-    )
-    return f"# Stability on hard cases\n\n{INTRODUCTION}\n{SHOWN}{body}\n## Made by\n\n{made}"
-
-
 def sections(rows: Rows) -> str:
     """Goals, rates and the tables of all cases."""
     found = Found(rows)
@@ -160,7 +150,6 @@ def sections(rows: Rows) -> str:
                     found, found.by(integrator), runs_on(integrator), f"Propagators on the {integrator} step"
                 )
             )
-        parts.append(_cases(found))
     for cases, title in ((found.paper, "The paper's scenes"), (found.everyday, "Everyday motions")):
         if cases:
             parts.append(_propagators(found, cases, PROPAGATORS, title))
@@ -272,12 +261,9 @@ def _rates(found):
         for where in ("catalogue", "paper", "everyday", "all", "by scene")
         for words in ("bad, flagged", "good, flagged")
     ]
-    return (
-        "### Flags\n\nOf the predictions of a body that are bad, how many are flagged; of those that are"
-        f" good, how many are flagged as well. Wanted: at least {100 * FOUND_GOAL:.0f} %, and at most"
-        f" {100 * FALSE_GOAL:.0f} %. By scene: all bodies of a scene count as one, which is bad or flagged if"
-        " any of them is.\n\n" + table(["", *head], lines)
-    )
+    wanted = [f"≥ {100 * FOUND_GOAL:.0f} %", f"≤ {100 * FALSE_GOAL:.0f} %"]
+    lines.append(["wanted", *wanted * (len(head) // 2)])
+    return "### Flags\n\n" + table(["", *head], lines)
 
 
 def _means(found):
@@ -302,16 +288,8 @@ def _means(found):
                     _drift(found.one(case, MEAN, DRIFT)),
                 ]
             )
-    return (
-        "### One rollout of the mean\n\nEnergy gained is the largest on the way, over what there was and what"
-        " gravity gave; contacts' own energy counts at the start alone. The change at the end counts it there"
-        " as well, where nothing should take energy away. Momentum: the largest error over the sum of all"
-        " sizes, where it is conserved. Drift: the fastest body's mean speed over the last quarter, in scenes"
-        " with friction.\n\n"
-        + table(
-            ["", "step", "energy gained", "change at the end", "momentum", "passes", "drift [mm/s]"], lines
-        )
-    )
+    head = ["", "step", "energy gained", "change at the end", "momentum", "passes", "drift [mm/s]"]
+    return "### One rollout of the mean\n\n" + table(head, lines)
 
 
 def _propagators(found, cases, propagators, title):
@@ -322,12 +300,7 @@ def _propagators(found, cases, propagators, title):
         lines.append(
             [case, *(_cell(found, case, method) for method in propagators), _ratios(floor), _ratios(step)]
         )
-    return f"### {title}\n\n{CELLS}\n\n" + table(["", *map(label, propagators), "floor", "step"], lines)
-
-
-def _cases(found):
-    """What is hard about each case."""
-    return "### Cases\n\n" + "\n".join(f"* **{case}**: {load(case).about}" for case in found.hard) + "\n"
+    return f"### {title}\n\n" + table(["", *map(label, propagators), "floor", "step"], lines)
 
 
 def _cell(found, case, method):

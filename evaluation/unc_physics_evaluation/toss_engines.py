@@ -21,7 +21,6 @@ from .engines import MuJoCoRollouts, PyBulletRollouts
 
 IMPACT = 0.1  # m/s in one step; what is slower is no impact, as in ours
 _HALVINGS = 5  # of an error that would add energy
-_TIME_CONSTANT = 0.02  # s, MuJoCo's own
 
 
 class _PyBullet(PyBulletRollouts):
@@ -76,8 +75,7 @@ class _MuJoCo(MuJoCoRollouts):
 
     def __init__(self, scene, geometry):
         super().__init__(scene, geometry)
-        log = math.log(max(scene.restitution or 0.0, 1e-3))
-        self._model.geom_solref[:] = _TIME_CONSTANT, -log / math.hypot(math.pi, log)
+        self.set_restitution(scene.restitution or 0.0)
 
     def friction(self, value):
         self._model.geom_friction[:, 0] = value

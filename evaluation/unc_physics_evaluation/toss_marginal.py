@@ -8,7 +8,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from unc_physics.calibration.objective import Recorded
-from unc_physics.physics.layout import POSITION, QUATERNION, VELOCITY
+from unc_physics.spatial.layout import POSITION, QUATERNION, VELOCITY
 
 
 def marginal_predictions(tests: Sequence[Recorded], others: Sequence[Recorded]) -> list[list[np.ndarray]]:

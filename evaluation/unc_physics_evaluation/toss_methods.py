@@ -9,8 +9,9 @@ import numpy as np
 
 from unc_physics.calibration.objective import Simulator
 from unc_physics.checks.errors import NotSupportedError
-from unc_physics.prediction.predict import check_supported, predict
-from unc_physics.propagators.base import Propagator
+from unc_physics.prediction.predict import predict
+from unc_physics.prediction.request_checks import check_supported
+from unc_physics.propagators.base import Propagator, Samples
 from unc_physics.propagators.registry import PROPAGATORS, make_propagator
 from unc_physics.scene.belief import Belief
 from unc_physics.scene.scene import IMPACT_STDS, Scene
@@ -59,10 +60,9 @@ def _by(name) -> Simulator:
         propagator = make_propagator(name, **options)
         accepted = _accepted(scene, propagator)
         assert accepted is not None
-        kept = propagator.own_sample_count or samples
-        prediction = predict(accepted, belief, propagator, times=times, keep_samples=kept)
-        if prediction.kept is not None:
-            return [x[:, 0] for x in prediction.kept]
+        prediction = predict(accepted, belief, propagator, times=times)
+        if isinstance(propagator, Samples):
+            return [prediction.samples(time=time)[:, 0] for time in prediction.times]
         rng = np.random.default_rng(seed)
         return [own.sample(samples, rng)[:, 0] for own in prediction.beliefs]
 

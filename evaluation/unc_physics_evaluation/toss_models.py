@@ -19,7 +19,7 @@ IMPACTS = ("impact_direction_std", "impact_point_std", "impact_friction_std")
 SPREADS = ("friction_std", "surface_tilt_std")
 TUNED = (*PLAIN, *IMPACTS, *SPREADS)
 #: Where the search begins in every engine, if not with the untuned: between a solid cube and a shell, with
-#: worn corners, and errors of impacts as `docs/reality.md` advises for a body of 10 cm.
+#: worn corners, and errors of impacts as `docs/explanation/what_to_believe.md` advises for a body of 10 cm.
 FIRST = {
     "inertia": 1.33,
     "corner_radius": 3e-3,

@@ -75,29 +75,19 @@ def toss_report(results: Results) -> str:
     """The whole report in Markdown; draws the reliability diagrams."""
     rows = results.rows("tosses")
     found = lines(rows)
-    first = rows[0]
-    about = (
-        f"{first['tosses']} real tosses of a cube (ContactNets, see the README beside the data). Each is"
-        " predicted from the state that a free flight through its first poses gives, at 0.1, 0.2 and 0.4 s"
-        f" and at its end. {first['folds']} folds: what is tuned is tuned on the other tosses, by"
-        f" {first['evaluations']} models tried on {first['tuning_tosses']} of them with"
-        f" {first['tuning_samples']} samples each, alike in every engine; energy scores of rotations are of"
-        " angles. A face that no sample shows counts as half a sample. The lower the better.\n"
-    )
     parts = [
-        about,
         _score_table(rows, found),
-        "Share of tosses in the regions of 50, 90 and 95 %, of position and of rotation:\n",
+        "### Share of tosses in the regions of 50, 90 and 95 %\n",
         _coverage_table(rows, found),
     ]
     differences = _differences(rows, found)
     if differences:
         parts += [
-            "Our mean score with 100 samples less theirs, and 95 % of a paired bootstrap over tosses:\n",
+            "### Our mean score less theirs, with the 95 % interval of a paired bootstrap\n",
             differences,
         ]
-    parts += ["What was tuned, mean and standard deviation over folds:\n", _tuned_table(rows)]
-    parts.append(goal_tables({"Goals": figures(results)["Goals"]}))
+    parts += ["### Tuned values, mean and standard deviation over folds\n", _tuned_table(rows)]
+    parts.append(goal_tables(figures(results)))
     from .toss_plots import draw_reliability
 
     path = results.figure("tosses_reliability")

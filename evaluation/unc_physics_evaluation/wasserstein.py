@@ -8,15 +8,11 @@ from typing import NamedTuple
 import numpy as np
 import ot
 from scipy.spatial.distance import cdist
-from scipy.special import rel_entr
 
 from unc_physics.checks.errors import InvalidRequestError, UncPhysicsError
-from unc_physics.checks.validation import positive
-from unc_physics.physics.layout import POSITION, QUATERNION
-from unc_physics.prediction.prediction import Prediction
+from unc_physics.spatial.layout import POSITION, QUATERNION
 
 _PIVOTS = 10_000_000  # of the network simplex; a thousand points take some ten thousand
-_SWEEPS = 10_000  # of Sinkhorn's iteration
 
 
 class Distance(NamedTuple):
@@ -79,63 +75,19 @@ def wasserstein(x: np.ndarray, y: np.ndarray, distance: Callable = euclidean) ->
     return float(value)
 
 
-def sinkhorn_divergence(
-    x: np.ndarray, y: np.ndarray, distance: Callable = euclidean, regularization: float = 0.05
-) -> float:
-    """Debiased entropic approximation of W1: ``S(x, y) - S(x, x) / 2 - S(y, y) / 2``.
-
-    Only for comparison with results obtained by regularization: it takes longer than `wasserstein`, and reads
-    less because it forgives differences below the regularization's scale.
-
-    Parameters
-    ----------
-    x, y, distance
-        As in `wasserstein`.
-    regularization : float
-        Weight of the entropy relative to the mean distance between x and y.
-
-    Notes
-    -----
-    S is the least of ``<P, M> + eps KL(P | a b^T)`` over the plans P (Feydy et al. 2019).
-    """
-    _check(x, y)
-    relative = positive(regularization, "regularization")
-    M = distance(x, y)
-    eps = relative * float(np.mean(M))
-    if eps == 0.0:
-        return 0.0
-    return _entropic(M, eps) - 0.5 * _entropic(distance(x, x), eps) - 0.5 * _entropic(distance(y, y), eps)
-
-
-def state_distance(x: np.ndarray, y: np.ndarray, measure: Callable = wasserstein) -> Distance:
+def state_distance(x: np.ndarray, y: np.ndarray) -> Distance:
     """Distance between two sets of scene states, body by body.
 
     Parameters
     ----------
     x : (n, B, 13) array
     y : (m, B, 13) array
-    measure : callable
-        `wasserstein` or `sinkhorn_divergence`.
     """
     bodies = range(x.shape[1])
     return Distance(
-        np.array([measure(x[:, b, POSITION], y[:, b, POSITION], euclidean) for b in bodies]),
-        np.array([measure(x[:, b, QUATERNION], y[:, b, QUATERNION], geodesic) for b in bodies]),
+        np.array([wasserstein(x[:, b, POSITION], y[:, b, POSITION], euclidean) for b in bodies]),
+        np.array([wasserstein(x[:, b, QUATERNION], y[:, b, QUATERNION], geodesic) for b in bodies]),
     )
-
-
-def representatives(prediction: Prediction, count: int, rng: np.random.Generator) -> np.ndarray:
-    """States (n, B, 13) that stand for a prediction's last belief.
-
-    A propagator with samples is what these are, however few; from any other's belief ``count`` are drawn.
-    """
-    own = prediction.propagator.own_samples(prediction.carry, prediction.scene)
-    return prediction.belief.sample(count, rng) if own is None else own
-
-
-def _entropic(M, eps):
-    plan = ot.sinkhorn([], [], M, eps, numItermax=_SWEEPS, stopThr=1e-7)
-    return float(np.sum(plan * M) + eps * np.sum(rel_entr(plan, np.full_like(plan, 1.0 / plan.size))))
 
 
 def _check(x, y):

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from unc_physics.physics.layout import POSITION, QUATERNION
+from unc_physics.spatial.layout import POSITION, QUATERNION
 
 from .comparison import CPU_TIME
 from .jobs import Job, Outcome, Row, Settings
@@ -19,9 +19,6 @@ from .wasserstein import geodesic_of_pairs, state_distance
 
 SCENES = MANIPULATION | PILES
 RATES = (60, 120, 240, 500, 1000, 2000)  # steps in a second
-#: Solver settings besides the engines' own: iterations, at `UNIT`.
-EFFORTS = {"pybullet": (10, 200), "mujoco": (2, 5)}
-OWN = 0  # stands for an engine's own number of iterations
 UNIT = 240  # times are told beside those of ours at this rate
 #: Steps in a second that count as converged. PyBullet does not converge: from 2000 on a sliding can hops, and
 #: falls off a shelf on which it stays at 120 to 1000.
@@ -43,31 +40,21 @@ HEAD = (
 )
 
 
-def parameters(settings, section, scene, engine, rate, converged, count, effort=OWN) -> dict:
+def parameters(settings, section, scene, engine, rate, converged, count) -> dict:
     """Those of a job, the same for all of an experiment."""
     return settings.parameters(
-        section=section,
-        scene=scene,
-        engine=engine,
-        rate=rate,
-        converged=converged,
-        samples_each=count,
-        effort=effort,
+        section=section, scene=scene, engine=engine, rate=rate, converged=converged, samples_each=count
     )
 
 
 def jobs(settings: Settings, experiment: str, section: str) -> list[Job]:
-    """Every scene in every engine that is there, at every rate, and with other solver settings at one."""
+    """Every scene in every engine that is there, at every rate."""
     found = []
     for scene, (count, cost) in (QUICK_SIZES if settings.quick else SIZES).items():
         for engine in available():
             converged = QUICK_CONVERGED if settings.quick else CONVERGED[engine]
-            rates = dict.fromkeys((*(QUICK_RATES if settings.quick else RATES), converged))
-            cases = [(rate, OWN) for rate in rates]
-            if not settings.quick:
-                cases += [(UNIT, effort) for effort in EFFORTS.get(engine, ())]
-            for rate, effort in cases:
-                own = parameters(settings, section, scene, engine, rate, converged, count, effort)
+            for rate in dict.fromkeys((*(QUICK_RATES if settings.quick else RATES), converged)):
+                own = parameters(settings, section, scene, engine, rate, converged, count)
                 seconds = count * cost * rate / UNIT * (1 + (rate == converged))
                 found.append(Job(experiment, own, seconds))
     return found
@@ -85,10 +72,7 @@ def run(job: Job) -> Outcome:
     seed = draws.seed("starts")
     starts = belief.sample(p["samples_each"], np.random.default_rng(seed))
     ends, spent, beside = np.empty_like(starts), [], []
-    with (
-        rollouts(p["engine"], at_rate, effort=p["effort"] or None) as run_all,
-        rollouts(OURS, unit) as run_unit,
-    ):
+    with rollouts(p["engine"], at_rate) as run_all, rollouts(OURS, unit) as run_unit:
         run_all(starts[:1], 1)  # compile, or load what is compiled
         run_unit(starts[:1], 1)
         for k in range(0, len(starts), CHUNK):
@@ -115,19 +99,7 @@ def report(results: Results, rows: Rows) -> str:
     from .plots import draw_work_precision
 
     panels = {}
-    parts = [
-        (
-            "The same initial states, friction .5 and restitution .1 in every engine, at 60 to 2000 "
-            "steps in a second; each is compared with itself at far smaller steps (the table's first "
-            "line of each engine). Error of a sample: distance of final poses, median over samples and "
-            "bodies. Same fate: in place or not, and upright or not, as with the smallest steps. W1: "
-            "between the final distributions, beside the floor, which is W1 between two sets of samples "
-            "at the smallest steps. CPU time of a rollout's steps on one thread, without compiling, and "
-            f"over that of ours at {UNIT} steps in a second, run in turns with it. Solver settings "
-            "are the engines' own but where a number of iterations is told; bodies are boxes and "
-            "cylinders in other engines, or 16 convex pieces where they are neither.\n"
-        )
-    ]
+    parts = []
     lines_of = {}
     for scene in SCENES:
         here = rows.where(scene=scene)
@@ -152,21 +124,16 @@ def _errors(results, scene, rows):
     curves, lines = {}, []
     unit = rows.where(engine=OURS, rate=UNIT, quantity=CPU_TIME).mean()
     for engine in (name for name in ENGINES if rows.where(engine=name)):
-        own = rows.where(engine=engine, effort=OWN)
+        own = rows.where(engine=engine)
         converged = own[0]["converged"]
         truth = results.arrays("engines", own.where(rate=converged)[0]["job"])
         floor = state_distance(truth["states"], truth["second"])
         limits = number(1e3 * np.mean(floor.position)), number(np.mean(floor.rotation))
         points = []
-        cases = [
-            (rate, OWN) for rate in sorted(own.unique("rate"), key=lambda rate: (rate != converged, rate))
-        ]
-        cases += [(UNIT, effort) for effort in rows.where(engine=engine).unique("effort") if effort != OWN]
-        for rate, effort in cases:
-            found = rows.where(engine=engine, rate=rate, effort=effort)
+        for rate in sorted(own.unique("rate"), key=lambda rate: (rate != converged, rate)):
+            found = own.where(rate=rate)
             share = found.where(quantity=OVER_UNIT).mean()
-            told = f", {effort} iterations" if effort else ""
-            cells = [ENGINES[engine] + told, str(rate), number(1e3 * found.where(quantity=CPU_TIME).mean())]
+            cells = [ENGINES[engine], str(rate), number(1e3 * found.where(quantity=CPU_TIME).mean())]
             cells.append(number(share))
             if rate == converged:
                 lines.append([*cells, "", "", "", *limits])
@@ -176,8 +143,7 @@ def _errors(results, scene, rows):
             turned = geodesic_of_pairs(ends[..., QUATERNION], exact[..., QUATERNION])
             same = np.all(_fate(scene, ends) == _fate(scene, exact), axis=0)
             distance = state_distance(ends, exact)
-            if effort == OWN:
-                points.append((unit * share, float(np.median(moved)), float(np.mean(distance.position))))
+            points.append((unit * share, float(np.median(moved)), float(np.mean(distance.position))))
             cells += [
                 number(1e3 * np.median(moved)),
                 number(np.median(turned)),

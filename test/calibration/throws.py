@@ -26,8 +26,8 @@ def throws(of, count, seed=0, dt=1 / 120, poses=84, noise=NOISE):
         state[0, 10:] = 4.0 * rng.standard_normal(3)
         times = dt * np.arange(1, poses)
         one = make_propagator("monte_carlo", samples=1, seed=int(rng.integers(1 << 30)))
-        kept = predict(of, Belief.exact(state), one, times=times.tolist(), keep_samples=1).kept
-        states = np.concatenate([state, *[x[0] for x in kept]])
+        thrown = predict(of, Belief.exact(state), one, times=times.tolist())
+        states = np.concatenate([state, *(snapshot.samples[0] for snapshot in thrown.snapshots)])
         positions = states[:, :3] + noise[0] * rng.standard_normal((poses, 3))
         turned = product(states[:, 6:10], of_vectors(noise[1] * rng.standard_normal((poses, 3))))
         found.append(Motion(str(k), [0.0, *times], np.concatenate([positions, turned], axis=1)))

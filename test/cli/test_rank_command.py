@@ -1,13 +1,14 @@
 """The command ``rank``, on the example that comes with the package and on files that are wrong."""
 
 import json
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 import pytest
 import yaml
 
-from unc_physics import FellOff, InRegion, Touches, Upright, rank
+from unc_physics import Falls, Inside, Touches, Upright, rank
 from unc_physics.__main__ import main
 from unc_physics.checks.errors import ErrorCode
 from unc_physics.prediction.actions_file import load_actions
@@ -34,9 +35,9 @@ def test_the_example_is_ranked(tmp_path, capsys):
     expected = rank(scene, belief, actions, score, 0.05, rollouts=20, seed=4)
     assert [action["name"] for action in told["actions"]] == [action.name for action in expected]
     for found, action in zip(told["actions"], expected, strict=True):
-        assert (found["probability"], found["low"], found["high"]) == action.score
+        assert found["score"] == asdict(action.score)
         assert (found["rollouts"], found["difference"]) == (action.rollouts, action.difference.value)
-        assert found["also"][str(also[0])] == action.probability(also[0])._asdict()
+        assert found["also"][str(also[0])] == asdict(action.prediction.probability(also[0]))
     assert told["rollouts"] == expected.rollouts and told["seed"] == 4
 
 
@@ -57,10 +58,10 @@ def test_scores_of_a_file_are_events(tmp_path):
     (inside, _), (touched, happens), (upright, _), (off, off_happens) = load_actions(
         changed(tmp_path, score=score)
     ).score.parts
-    assert isinstance(inside, InRegion) and inside.region.size.tolist() == [0.3, 0.2, 0.147]
+    assert isinstance(inside, Inside) and inside.region.size.tolist() == [0.3, 0.2, 0.147]
     assert isinstance(touched, Touches) and not happens and touched.other == "floor"
     assert isinstance(upright, Upright) and upright.angle == 0.5 and upright.axis.tolist() == [0.0, 0.0, 1.0]
-    assert isinstance(off, FellOff) and not off_happens and off.support == ""
+    assert isinstance(off, Falls) and not off_happens and off.support == ""
 
 
 def test_a_scene_may_be_in_a_file_of_its_own(tmp_path):

@@ -6,7 +6,7 @@ import pytest
 from unc_physics import Belief, Plane, RigidBody, Scene, load_model, predict
 from unc_physics.__main__ import main
 from unc_physics.checks.errors import ErrorCode
-from unc_physics.physics.compile_time import seconds_compiling
+from unc_physics.compiler.compile_time import seconds_compiling
 
 
 def test_after_it_nothing_is_compiled(capsys):

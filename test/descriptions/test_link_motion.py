@@ -9,6 +9,7 @@ from unc_physics import (
     BodyBelief,
     RigidBody,
     Scene,
+    Touches,
     UncPhysicsError,
     link_motions,
     load_model,
@@ -71,4 +72,4 @@ def test_a_robot_pushes_what_is_in_its_way(robot):
     start = found.beliefs | {"box": BodyBelief(position=(0.1, 0.06, 0.57), position_std=0.001)}
     pushed = predict(floating, Belief.of(floating, start), "sigma_points", 0.6)
     np.testing.assert_allclose(pushed["hand"].position, hand.trajectory.positions[-1], atol=1e-6)
-    assert pushed["box"].position[1] > 0.08 and pushed["box"].contact_with("hand").probability > 0.9
+    assert pushed["box"].position[1] > 0.08 and pushed.probability(Touches("box", "hand")).estimate > 0.9

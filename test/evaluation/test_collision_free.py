@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from unc_physics import PROPAGATORS, make_propagator, predict
-from unc_physics.physics.layout import POSITION, QUATERNION
+from unc_physics.spatial.layout import POSITION, QUATERNION
 from unc_physics_evaluation.scenarios import collision_free
-from unc_physics_evaluation.wasserstein import euclidean, geodesic, representatives, wasserstein
+from unc_physics_evaluation.wasserstein import euclidean, geodesic, wasserstein
 
 TRUTH = 1000
 SEEDS = range(4)
@@ -26,7 +26,9 @@ def table(request):
         return predict(scene, belief, make_propagator("monte_carlo", samples=count, seed=seed), horizon)
 
     def distance(prediction, truth, seed):
-        states = representatives(prediction, TRUTH, np.random.default_rng(10_000 + seed))
+        states = prediction.at().samples
+        if states is None:
+            states = prediction.belief.sample(TRUTH, np.random.default_rng(10_000 + seed))
         return wasserstein(states[:, 0, part], truth[:, 0, part], measure)
 
     truths = [samples(TRUTH, seed).carry.states for seed in SEEDS]

@@ -7,9 +7,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from unc_physics import RigidBody, Scene, load_model
-from unc_physics.physics.layout import ANGULAR_VELOCITY, POSITION, QUATERNION, VELOCITY
-from unc_physics.physics.rollout import simulate
+from unc_physics.dynamics.rollout import simulate
 from unc_physics.scene.environment import Box, Capsule, Cylinder, Plane, Sphere
+from unc_physics.spatial.layout import ANGULAR_VELOCITY, POSITION, QUATERNION, VELOCITY
 from unc_physics_evaluation.engines import GEOMETRIES, PEERS, PrincipalBody
 from unc_physics_evaluation.hard_cases.shapes import ball
 from unc_physics_evaluation.scenarios import collision
@@ -67,7 +67,12 @@ def test_a_ball_bounces_off_the_elements_surface(name, element, side):
     edge = element.position + element.rotation @ side
     out = element.surface(edge + element.rotation @ side)[1]
     radius, dt = 0.05, 1e-3
-    scene = Scene([RigidBody("ball", ball().scaled(radius), 1.0)], dt=dt, environment=(element,))
+    scene = Scene(
+        [RigidBody("ball", ball().scaled(radius), 1.0)],
+        dt=dt,
+        gravity=(0.0, 0.0, 0.0),
+        environment=(element,),
+    )
     start = np.zeros((1, 13))
     start[0, POSITION], start[0, VELOCITY], start[0, 9] = edge + 0.2 * out, -out, 1.0
     engine = PEERS[name](scene)

@@ -21,14 +21,14 @@ def tiny_jobs():
         "repeat": 0,
     }
     case = {"model": "bunny", "spheres": 10, "sigma": 0.05}
-    collision = {**case, "truth": 100, "subset": 50, "rounds": 1}
     speed = {"measured": "time", **case, "truth": 10, "encounter": 0, "encounters": 2}
+    error = {**speed, "measured": "error", "truth": 100, "encounters": 1}
     return [
         Job("collision_free", {**free, **SHARED}),
-        Job("collisions", {**collision, **SHARED}, cost=3.0),
-        Job("collisions", {**collision, "sigma": 0.1, **SHARED}, cost=2.0),
+        Job("speed_against_error", {**error, **SHARED}, cost=3.0),
+        Job("speed_against_error", {**error, "sigma": 0.1, **SHARED}, cost=2.0),
         Job("speed_against_error", {**speed, **SHARED}, alone=True),
-        Job("storage", {"bodies": 4, **SHARED}),
+        Job("collision_free", {**free, "uncertain": "angular_velocity", **SHARED}),
     ]
 
 
@@ -43,7 +43,7 @@ def figures(results):
             row["seed"],
             row["value"],
         )
-        for name in ("collision_free", "collisions", "speed_against_error", "storage")
+        for name in ("collision_free", "speed_against_error")
         for row in results.rows(name)
         if row["quantity"] not in TIMES
     }
@@ -70,27 +70,12 @@ def test_a_pool_gives_the_same(in_this_process, in_a_pool):
     assert figures(in_a_pool) == expected
 
 
-def test_dask_gives_the_same(in_this_process, tmp_path):
-    distributed = pytest.importorskip("distributed")
-    results = Results(tmp_path)
-    with distributed.LocalCluster(
-        n_workers=1,
-        threads_per_worker=2,
-        processes=False,
-        dashboard_address=None,
-        protocol="tcp://",
-        host="127.0.0.1",
-    ) as cluster:
-        assert run_jobs(tiny_jobs(), results, scheduler=cluster.scheduler_address) == {}
-    assert figures(results) == figures(in_this_process)
-
-
 def test_finished_jobs_are_not_run_again(in_a_pool, tmp_path):
     folder, jobs = tmp_path / "copy", tiny_jobs()
     folder.mkdir()
     for file in in_a_pool.folder.glob("*.csv"):
         (folder / file.name).write_bytes(file.read_bytes())
-    path = folder / "collisions.csv"
+    path = folder / "speed_against_error.csv"
     whole = path.read_bytes()
     path.write_bytes(whole[:-100])  # the last job is torn
     results = Results(folder)
@@ -102,15 +87,16 @@ def test_finished_jobs_are_not_run_again(in_a_pool, tmp_path):
 
 
 def test_a_job_that_fails_is_reported_and_stops_no_other(tmp_path):
-    good, bad = tiny_jobs()[-1], Job("storage", {"bodies": 0, **SHARED})
+    good = tiny_jobs()[0]
+    bad = Job("collision_free", {**good.parameters, "uncertain": "mass"})
     results = Results(tmp_path)
     failures = run_jobs([bad, good], results, workers=1)
-    assert list(failures) == [f"storage {bad.key}"]
-    assert "must name at least one body" in failures[f"storage {bad.key}"]
+    assert list(failures) == [f"collision_free {bad.key}"]
+    assert "uncertain must be one of" in failures[f"collision_free {bad.key}"]
     assert results.missing([bad, good]) == [bad]
 
 
 def test_rows_name_versions_and_machine(in_a_pool):
-    row = in_a_pool.rows("storage")[0]
+    row = in_a_pool.rows("collision_free")[0]
     assert row["versions"].startswith("unc_physics ") and "numba " in row["versions"]
     assert "threads" in row["machine"]

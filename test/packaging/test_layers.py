@@ -1,5 +1,6 @@
 """Imports point one way, and what is optional stays out of the core."""
 
+import ast
 import os
 import sys
 
@@ -16,6 +17,15 @@ def test_imports_keep_to_the_layers():
         cwd=ROOT,
         env={**os.environ, "PYTHONPATH": path},
     )
+
+
+def test_only_the_evaluations_own_tests_import_it():
+    for path in (ROOT / "test").rglob("*.py"):
+        if path.parent.name != "evaluation":
+            for node in ast.walk(ast.parse(path.read_text())):
+                if isinstance(node, ast.ImportFrom | ast.Import):
+                    modules = [getattr(node, "module", None), *(name.name for name in node.names)]
+                    assert not any("unc_physics_evaluation" in (module or "") for module in modules), path
 
 
 def test_one_version_everywhere():

@@ -1,8 +1,7 @@
-"""Propagators are asked by their base class: nothing outside their folder names one, but the default one's
-name.
-"""
+"""Nothing outside the propagators' folder names one but the default one, and class names are unique."""
 
 import ast
+from collections import Counter
 from pathlib import Path
 
 import pytest
@@ -21,7 +20,7 @@ NAMES = {
 } - {ANYTIME}  # which is also what stiffness and overlap may be
 FILES = [
     path
-    for folder in ("scene", "physics", "prediction", "cli", "ros")
+    for folder in ("scene", "collision", "derivatives", "dynamics", "prediction", "cli", "ros")
     for path in sorted((ROOT / folder).rglob("*.py"))
 ]
 
@@ -75,3 +74,9 @@ def test_names_are_found():
     )
     found = [name for _, text in words(ast.parse(source)) for name in named(text)]
     assert sorted(found) == ["SurrogateCarry", "monte_carlo", "surrogate"]
+
+
+def test_class_names_are_unique():
+    trees = [ast.parse(path.read_text()) for path in ROOT.rglob("*.py")]
+    classes = [node.name for tree in trees for node in ast.walk(tree) if isinstance(node, ast.ClassDef)]
+    assert [name for name, count in Counter(classes).items() if count > 1] == []

@@ -55,7 +55,8 @@ def built_wheel(sources, folder):
 @pytest.mark.slow
 def test_core_installs_and_predicts_without_ros(tmp_path):
     env = clean_environment(PIP_CONSTRAINT=str(ROOT / "requirements" / "constraints.txt"), PIP_NO_INPUT="1")
-    env["NUMBA_CACHE_DIR"] = str(tmp_path / "numba")
+    # kernels go by their code, not by their place
+    env["NUMBA_CACHE_DIR"] = str(ROOT / "unc_physics" / "__pycache__")
     base = os.environ.get("BASE_PYTHON") or getattr(sys, "_base_executable", sys.executable)
     run([base, "-m", "venv", tmp_path / "venv"], cwd=tmp_path, env=env)
     python = tmp_path / "venv" / "bin" / "python"

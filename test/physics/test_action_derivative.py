@@ -10,8 +10,8 @@ from scipy.spatial.transform import Rotation
 from twins.states import boxminus
 
 from unc_physics import Plane, PosePath, RigidBody, Scene, Wrench
-from unc_physics.physics import contact_history
-from unc_physics.physics.rollout import rollout
+from unc_physics.dynamics import contact_history
+from unc_physics.dynamics.rollout import rollout
 from unc_physics.scene.action_arrays import path_states, start_states
 from unc_physics.scene.parameters import vary
 from unc_physics.scene.stiffness import with_stiffness

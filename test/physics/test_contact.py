@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from twins import contact as twin
 
-from unc_physics.physics.contact_model import lens
+from unc_physics.collision.contact_model import lens
 
 ROUND_OFF = 1e-12
 

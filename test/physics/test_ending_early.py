@@ -5,8 +5,8 @@ import threading
 import time
 import weakref
 
-from unc_physics.physics.implicit_world import NEVER
-from unc_physics.physics.time_limit import TimeLimit, limit_here, limited, time_limit
+from unc_physics.compiler.time_limit import TimeLimit, limit_here, limited, time_limit
+from unc_physics.dynamics.implicit_world import NEVER
 
 
 def wait_for(limit, seconds=5.0):

@@ -83,6 +83,9 @@ def test_a_rollout_s_derivative_is_that_of_differences(bodies, x, time, more):
 SLOPE = 0.3  # rad
 INCLINE = Plane((-math.sin(SLOPE), 0, math.cos(SLOPE)), name="incline")
 DEPTH = 2.5e-5  # m, about as deep as the block lies
+#: Contacts that roll together are damped with the speed of the deepest (`implicit_solver.find_leads`). Of
+#: contacts at the same depth a difference to one side would choose another than to the other side.
+TILT = Rotation.from_rotvec((1e-6, 5e-7, 0))
 
 
 @pytest.mark.parametrize(
@@ -101,7 +104,7 @@ DEPTH = 2.5e-5  # m, about as deep as the block lies
 )
 def test_a_block_s_steps_have_the_derivative_of_differences(velocity, spin, slope, friction, steps):
     tilt = Rotation.from_rotvec((0, -slope, 0))
-    x = state(tilt.apply((0, 0, 0.02 - DEPTH)), tilt.apply(velocity), spin, tilt.as_quat())[None]
+    x = state(tilt.apply((0, 0, 0.02 - DEPTH)), tilt.apply(velocity), spin, (tilt * TILT).as_quat())[None]
     scene = world(
         RigidBody("block", BLOCK, 0.5),
         environment=[INCLINE if slope else FLOOR],
@@ -115,7 +118,7 @@ def test_a_block_s_steps_have_the_derivative_of_differences(velocity, spin, slop
     "spin, friction", [((0, 10, 0), 0.3), ((0, 5, 0.1), 0.1)], ids=["rolls", "rolls and slips"]
 )
 def test_a_can_s_steps_have_the_derivative_of_differences(spin, friction):
-    x = state((0, 0, 0.03 - DEPTH), (0.3, 0, 0), spin)[None]
+    x = state((0, 0, 0.03 - DEPTH), (0.3, 0, 0), spin, TILT.as_quat())[None]
     scene = world(RigidBody("can", CAN, 0.5), friction=friction, gyroscopic=False)
     assert_derivative_of_steps(scene, x, 6)
 
@@ -128,3 +131,10 @@ def test_what_moves_on_another_has_the_derivative_of_differences(friction):
     bodies = [RigidBody(name, BALL, 0.5) for name in ("low", "high")]
     scene = world(*bodies, friction=friction, gyroscopic=False)
     assert_derivative_of_steps(scene, np.array([low, high]), 3)
+
+
+def test_what_is_pushed_out_slowly_has_the_derivative_of_differences():
+    """Overlap that no force explains: with one solution, as the next one would explain it."""
+    x = state((0, 0, 0.049), (1, 0.2, 0), (0, 5, 1))[None]
+    scene = world(RigidBody("ball", BALL, 0.3), friction=0.2)
+    assert_derivative_of_steps(scene, x, 1, times=1)

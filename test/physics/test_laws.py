@@ -11,7 +11,7 @@ from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 from unc_physics import Belief, RigidBody, Scene, make_propagator, predict
-from unc_physics.physics.contact_model import cap, lens, shallow_energy, shallow_slope, shallow_volume
+from unc_physics.collision.contact_model import cap, lens, shallow_energy, shallow_slope, shallow_volume
 from unc_physics.scene.environment import Box, Plane
 from unc_physics.scene.stiffness import auto_stiffness
 
@@ -45,7 +45,13 @@ def test_shallow_overlaps_are_those_of_small_depths(ri, rj):
 
 
 def test_a_plane_pushes_with_the_caps_volume():
-    scene = Scene([RigidBody("b", BALL, 2.0)], dt=1e-3, stiffness=1e5, environment=(Plane((0, 0, 2.0), 0.1),))
+    scene = Scene(
+        [RigidBody("b", BALL, 2.0)],
+        dt=1e-3,
+        stiffness=1e5,
+        gravity=(0.0, 0.0, 0.0),
+        environment=(Plane((0, 0, 2.0), 0.1),),
+    )
     x = run(scene, state((0.3, 0.2, 0.13)), 1e-3)  # 2 cm deep
     volume = math.pi * 0.02**2 * (0.15 - 0.02) / 3
     np.testing.assert_allclose(x[0, 3:6], [0, 0, 1e-3 * 1e5 * volume / 2.0], rtol=1e-12)
@@ -59,7 +65,8 @@ def test_planes_are_boxes_that_never_end():
     box = Box((50, 50, 10), R.apply([0, 0, -5]), R.as_quat())
     x = state(R.apply([0, 0, 0.08]), (0.2, 0, -1), (1, 2, 3), Rotation.from_rotvec([0.5, 0.4, 0]).as_quat())
     scenes = [
-        Scene([RigidBody("b", BLOCK, 0.5)], dt=1e-3, stiffness=1e7, environment=(e,)) for e in (plane, box)
+        Scene([RigidBody("b", BLOCK, 0.5)], dt=1e-3, stiffness=1e7, gravity=(0.0, 0.0, 0.0), environment=(e,))
+        for e in (plane, box)
     ]
     a, b = (run(scene, x, 0.3) for scene in scenes)
     np.testing.assert_allclose(a, b, atol=1e-8)

@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 from twins import states as twin
 
 from unc_physics import Belief, RigidBody, Scene, make_propagator
-from unc_physics.physics import moments
+from unc_physics.spatial import moments
 
 ROUND_OFF = 1e-12  # relative to the largest entry
 

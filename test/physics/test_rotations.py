@@ -8,7 +8,7 @@ from hypothesis.extra.numpy import arrays
 from scipy.spatial.transform import Rotation
 from twins import states as twin
 
-from unc_physics.physics import moments, rotation
+from unc_physics.spatial import moments, rotation
 
 ROUND_OFF = 1e-14
 SUBNORMAL = 1e-300  # below it numbers lose digits

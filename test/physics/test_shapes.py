@@ -12,10 +12,10 @@ from twins import shapes as twin
 from unc_physics import RigidBody, Scene
 from unc_physics.checks.errors import InvalidEnvironmentError, InvalidOrientationError, NotFiniteError
 from unc_physics.cli.scene_picture import outermost, outline
+from unc_physics.collision import shapes
+from unc_physics.collision.element_contacts import cap
+from unc_physics.dynamics.rollout import simulate
 from unc_physics.geometry.packing_file import SpherePacking
-from unc_physics.physics import shapes
-from unc_physics.physics.element_contacts import cap
-from unc_physics.physics.rollout import simulate
 from unc_physics.scene.environment import ELEMENTS, Box, Capsule, Cylinder, Element, Plane, Sphere
 
 ROUND_OFF = 1e-12
@@ -223,7 +223,9 @@ def placed(name, rotation, position):
 
 def thrown(element, position, velocity, time, dt=1e-3):
     """State (13,) of a ball that was thrown at an element."""
-    scene = Scene([RigidBody("ball", BALL, 0.5)], dt=dt, stiffness=1e7, environment=(element,))
+    scene = Scene(
+        [RigidBody("ball", BALL, 0.5)], dt=dt, stiffness=1e7, gravity=(0.0, 0.0, 0.0), environment=(element,)
+    )
     states = np.zeros((1, 1, 13))
     states[0, 0, :6], states[0, 0, 9] = (*position, *velocity), 1.0
     simulate(states, scene.world, round(time / dt))

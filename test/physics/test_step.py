@@ -10,7 +10,7 @@ from twins.step import rollout as twin_rollout
 from twins.step import step as twin_step
 
 from unc_physics import RigidBody, Scene, SpherePacking
-from unc_physics.physics.rollout import simulate
+from unc_physics.dynamics.rollout import simulate
 from unc_physics.scene.environment import Plane
 
 ROUND_OFF = 1e-11  # of sums of up to hundreds of forces, relative to the largest

@@ -3,16 +3,22 @@
 import numpy as np
 import pytest
 
-from unc_physics import Belief, Box, Plane, RigidBody, Scene, load_model, make_propagator, predict
+from unc_physics import (
+    AtRest,
+    Belief,
+    Box,
+    BoxRegion,
+    Inside,
+    Plane,
+    RigidBody,
+    Scene,
+    encounters,
+    load_model,
+    make_propagator,
+    predict,
+)
 from unc_physics.prediction.events import ENVIRONMENT
 from unc_physics.prediction.first_contacts import first_contacts
-from unc_physics.prediction.probabilities import (
-    TOLERANCE,
-    BoxRegion,
-    contact_probabilities,
-    region_probabilities,
-    rest_probabilities,
-)
 
 
 @pytest.fixture(scope="module")
@@ -36,34 +42,40 @@ def thrown():
 @pytest.mark.parametrize("horizon", [0.1, 0.25])
 def test_flights_and_samples_agree_on_contacts(thrown, horizon):
     scene, belief = thrown
-    points, samples = (
-        predict(scene, belief, p, horizon)
-        for p in ("sigma_points", make_propagator("monte_carlo", samples=1000, seed=5))
-    )
-    told, right = (contact_probabilities(p) for p in (points, samples))
-    assert any(answer.probability not in (0.0, 1.0) for answer in right)
-    for one, other in zip(told, right, strict=True):
-        assert (one.object_a, one.object_b) == (other.object_a, other.object_b) and other.available
-        assert not one.available or abs(one.probability - other.probability) < TOLERANCE
-        if one.first_contact_time_available and other.first_contact_time_available:
-            assert one.first_contact_time_mean == pytest.approx(other.first_contact_time_mean, abs=0.02)
-    assert all(one.available for one in told if one.object_b == ENVIRONMENT)
+    truth = predict(scene, belief, make_propagator("monte_carlo", samples=1000, seed=5), horizon)
+    events = encounters(scene)
+    points = predict(scene, belief, "sigma_points", horizon, events=events)
+    assert any(truth.probability(event).estimate not in (0.0, 1.0) for event in events)
+    for event in events:
+        one, other = points.probability(event), truth.probability(event)
+        assert (
+            (one.method, one.rollouts) == ("flights", 1000)
+            and one.low <= other.high
+            and other.low <= one.high
+        )
+        times = points.contact_time(event), truth.contact_time(event)
+        if min(one.estimate, other.estimate) > 0.05:
+            assert times[0].mean == pytest.approx(times[1].mean, abs=0.02)
+        assert one.high - one.low < 0.2 or event.other != ENVIRONMENT
 
 
 def test_a_flight_is_the_prediction_until_it_touches_something(thrown):
     scene, belief = thrown
     scene = predict(scene, belief, "sigma_points", scene.dt).scene
     steps, count = 60, 50
-    flights = first_contacts(scene, belief, steps, count, seed=7)
+    early, flights = first_contacts(scene, belief, [20, steps], count, seed=7)
     whole = predict(scene, belief, make_propagator("monte_carlo", samples=count, seed=7), steps * scene.dt)
     first = whole.carry.contact_history.first_time
     own = np.minimum(first.min(axis=2), first[:, :, :2].min(axis=1))
-    assert 0.1 < np.isfinite(flights.stopped).mean() < 1.0
+    assert 0.1 < np.isfinite(flights.known_until).mean() < 1.0
     # of the samples' bodies that touch nothing, and meet none that was stopped
-    free = np.isinf(flights.stopped) & np.isinf(own)
+    free = np.isinf(flights.known_until) & np.isinf(own)
     np.testing.assert_array_equal(flights.states[free], whole.carry.states[free])
+    (alone,) = first_contacts(scene, belief, [20], count, seed=7)
+    for one, other in zip(early, alone, strict=True):
+        np.testing.assert_array_equal(one, other)
     # whoever touches something first does so then
-    np.testing.assert_array_equal(flights.stopped.min(axis=1), own.min(axis=1))
+    np.testing.assert_array_equal(flights.known_until.min(axis=1), own.min(axis=1))
 
 
 def test_what_was_stopped_stands(thrown):
@@ -72,11 +84,10 @@ def test_what_was_stopped_stands(thrown):
     scene = predict(scene, thrown[1], "sigma_points", scene.dt).scene
     mean = thrown[1].mean.copy()
     mean[:, :3], mean[:, 3:] = [[0.0, 0.0, 0.15], [0.0, 0.0, 0.6]], [0, 0, 0, 0, 0, 0, 1, 0, 0, 0]
-    flights = first_contacts(scene, Belief.exact(mean), 240, 1)
-    table, other = flights.first[0, 0, 2], flights.first[0, 0, 1]
+    still, flights = first_contacts(scene, Belief.exact(mean), [60, 240], 1)
+    table, other = flights.first_contacts[0, 0, 2], flights.first_contacts[0, 0, 1]
     assert 0.0 < table < other < 0.4  # the lower one, then the upper one on it
-    assert flights.stopped[0].tolist() == [table, other]
-    still = first_contacts(scene, Belief.exact(mean), 60, 1)
+    assert flights.known_until[0].tolist() == [table, other]
     np.testing.assert_array_equal(flights.states[0, 0], still.states[0, 0])
 
 
@@ -84,12 +95,12 @@ def test_what_lies_on_a_table_stays_there(thrown):
     scene, belief = thrown
     lying = Belief(belief.mean, 1e-8 * np.tile(np.eye(12), (2, 1, 1)))
     prediction = predict(scene, lying, make_propagator("monte_carlo", samples=300), 3.0)
-    rests = rest_probabilities(prediction)
-    assert all(rest.available and rest.probability > 0.95 for rest in rests)
     on_table = BoxRegion("on the table", (0.6, 0.6, 0.4), (0, 0, 0.2))
     on_floor = BoxRegion("on the floor", (9.0, 9.0, 0.4), (0, 0, -0.5))
-    near, _, other, edge = region_probabilities(prediction, [on_table, on_floor])
-    assert near.object == "near" and near.probability > 0.95 and other.probability < 0.05
-    assert edge.object == "edge" and edge.available
-    points = predict(scene, lying, "sigma_points", 3.0)  # which can't tell what comes after a contact
-    assert not any(answer.available for answer in rest_probabilities(points))
+    for name in ("near", "edge"):
+        assert prediction.probability(AtRest(name)).estimate > 0.95
+    assert prediction.probability(Inside("near", on_table)).estimate > 0.95
+    assert prediction.probability(Inside("near", on_floor)).estimate < 0.05
+    points = predict(scene, lying, "sigma_points", 3.0, events=[AtRest("near")])
+    found = points.probability(AtRest("near"))  # flights end at the table
+    assert (found.low, found.estimate, found.high) == (0.0, 0.5, 1.0)

@@ -8,12 +8,12 @@ import pytest
 import yaml
 from example_scenes import CONTENTS
 
-from unc_physics import Plane, RigidBody, Scene, assess, contact_probabilities, make_propagator, predict
+from unc_physics import Plane, RigidBody, Scene, Touches, assess, make_propagator, predict
 from unc_physics.__main__ import main
 from unc_physics.checks.errors import NotSupportedError
 from unc_physics.geometry.packing_file import SpherePacking
-from unc_physics.prediction.predict import check_supported
-from unc_physics.prediction.probabilities import rest_probabilities
+from unc_physics.prediction.events import ENVIRONMENT
+from unc_physics.prediction.request_checks import check_supported
 from unc_physics.scene.belief import Belief
 from unc_physics.scene.parameters import vary
 from unc_physics.scene.physics_summary import physics_as_text, physics_of
@@ -135,12 +135,10 @@ def test_statuses_and_probabilities_take_the_scene_as_it_was_given():
     scene = on_floor(RigidBody("ball", BALL, 1.0))
     belief = Belief(np.array([state(0, 0, R + 0.02)]), 1e-6 * np.eye(12)[None], scene.moving)
     for propagator in ("sigma_points", make_propagator("monte_carlo", samples=300)):
-        prediction = predict(scene, belief, propagator, 0.5)
+        touch = Touches("ball", ENVIRONMENT)
+        prediction = predict(scene, belief, propagator, 0.5, events=[touch])
         assert len(assess(prediction)) == 1
-        (touch, _) = contact_probabilities(prediction)
-        assert touch.available and touch.probability > 0.99
-    (still,) = rest_probabilities(prediction)
-    assert still.available
+        assert prediction.probability(touch).estimate > prediction.probability(touch).low > 0.9
 
 
 # -- islands -----------------------------------------------------------------------------------------

@@ -27,6 +27,7 @@ from unc_physics.checks.errors import (
     UncPhysicsError,
     UnknownPropagatorError,
 )
+from unc_physics.propagators.base import Anytime
 
 
 @pytest.fixture(scope="module")
@@ -65,7 +66,9 @@ def test_the_horizon_is_rounded_to_whole_steps(scene_and_belief):
     assert predict(scene, belief, horizon=0.3).time == pytest.approx(0.3)  # 0.3 / 0.01 is below 30 in floats
 
 
-@pytest.mark.parametrize("name", [name for name, kind in PROPAGATORS.items() if not kind.grows])
+@pytest.mark.parametrize(
+    "name", [name for name, kind in PROPAGATORS.items() if not issubclass(kind, Anytime)]
+)
 def test_a_trajectory_holds_what_shorter_predictions_give(scene_and_belief, name):
     scene, belief = scene_and_belief
     propagator = make_propagator(
@@ -182,7 +185,7 @@ def test_an_unknown_propagator(scene_and_belief):
         ("sigma_points", {"points": "many"}),
         ("sigma_points", {"points": ["full"]}),
         ("sigma_points", {"samples": 3}),
-        ("linearization", {"jacobian": 1}),
+        ("sigma_points", {"points": 1}),
         ("surrogate", {"k_sigma": 0.0}),
         ("surrogate", {"k_sigma": "x"}),
         ("local_sampling", {"samples": 0}),

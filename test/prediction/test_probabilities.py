@@ -1,6 +1,4 @@
-"""Probabilities of contact, of being in a region, and of being at rest; and when a propagator cannot tell
-them.
-"""
+"""Probabilities of events: of contact, of being in a region, of being at rest, and of what combines them."""
 
 import json
 from dataclasses import replace
@@ -10,23 +8,27 @@ import pytest
 from example_scenes import two_bodies
 from scipy.stats import binomtest
 
-from unc_physics import Belief, make_propagator, predict
-from unc_physics.__main__ import main
-from unc_physics.checks.errors import DuplicateIdError, InvalidEnvironmentError
-from unc_physics.cli.predict_command import answers_as_table
-from unc_physics.prediction.probabilities import (
-    TOLERANCE,
-    UNKNOWN,
+from unc_physics import (
+    PROPAGATORS,
+    AtRest,
+    Belief,
     BoxRegion,
-    ContactProbability,
-    RestProbability,
-    contact_probabilities,
-    region_probabilities,
-    rest_probabilities,
+    Falls,
+    Inside,
+    Touches,
+    Upright,
+    make_propagator,
+    predict,
 )
+from unc_physics.__main__ import main
+from unc_physics.checks.errors import InvalidEnvironmentError
+from unc_physics.cli.predict_command import probabilities_as_table
+from unc_physics.prediction.snapshot import ContactTime, Probability
 from unc_physics.scene.scene_file import scene_from_dict
 
 FAR = 50.0  # m
+TOUCH = Touches("left", "right")
+HERE = BoxRegion("here", (1.0, 1.0, 1.0))
 
 
 def grazing(offset, sigma=0.05):
@@ -45,80 +47,123 @@ def monte_carlo(samples=400, seed=1):
 def test_monte_carlo_counts_its_samples():
     scene, belief, _ = grazing(0.7)
     prediction = predict(scene, belief, monte_carlo(), 2.0)
-    (answer,) = contact_probabilities(prediction)
+    found, when = prediction.probability(TOUCH), prediction.contact_time(TOUCH)
     first = prediction.carry.contact_history.first_time[:, 0, 1]
     touch = np.isfinite(first)
     assert 0.1 < touch.mean() < 0.9, "the case must leave it open"
-    assert answer.available and answer.probability == pytest.approx(touch.mean())
-    assert (answer.object_a, answer.object_b, answer.time_from_start) == ("left", "right", pytest.approx(2.0))
-    assert answer.first_contact_time_available
-    assert answer.first_contact_time_mean == pytest.approx(first[touch].mean())
-    assert answer.first_contact_time_std == pytest.approx(first[touch].std())
+    assert found.estimate == pytest.approx(touch.mean())
+    assert (found.method, found.rollouts) == ("samples", 400)
+    assert when == pytest.approx((first[touch].mean(), first[touch].std()))
+    assert prediction.probability(Touches("right", "left")) == found
     # those that touched have other velocities than free flight leaves
     free = belief.sample(400, np.random.default_rng(1))[:, :, 3:6] * np.exp(-scene.damping * 2.0)
     deflected = np.abs(prediction.carry.states[:, :, 3:6] - free).max(axis=(1, 2)) > 1e-9
     np.testing.assert_array_equal(deflected, touch)
 
 
-def test_an_answer_comes_with_the_interval_of_its_draws():
-    prediction = predict(*grazing(0.7)[:2], monte_carlo(), 2.0)
-    (answer,) = contact_probabilities(prediction)
+@pytest.mark.parametrize("samples", [10, 400])
+def test_an_estimate_comes_with_the_interval_of_its_draws(samples):
+    prediction = predict(*grazing(0.7)[:2], monte_carlo(samples), 2.0)
+    found = prediction.probability(TOUCH)
     touch = np.isfinite(prediction.carry.contact_history.first_time[:, 0, 1])
     expected = binomtest(int(touch.sum()), len(touch)).proportion_ci(0.999, "wilson")
-    assert (answer.low, answer.high) == pytest.approx((expected.low, expected.high), abs=1e-4)
-    for unknown in contact_probabilities(predict(*grazing(0.7)[:2], monte_carlo(10), 2.0)):
-        assert (unknown.available, unknown.probability, unknown.low, unknown.high) == UNKNOWN
+    assert (found.low, found.high) == pytest.approx((expected.low, expected.high), abs=1e-4)
 
 
-def test_few_samples_tell_only_what_is_clear():
-    open_case, clear_case = grazing(0.7), grazing(FAR)
-    for samples, tells_open, tells_clear in ((10, False, False), (100, False, True), (400, True, True)):
-        for (scene, belief, _), tells in ((open_case, tells_open), (clear_case, tells_clear)):
-            (answer,) = contact_probabilities(predict(scene, belief, monte_carlo(samples), 2.0))
-            assert answer.available == tells
-            assert tells or answer.probability is None
+def test_events_combine_rollout_by_rollout():
+    scene, belief, _ = grazing(0.7)
+    prediction = predict(scene, belief, monte_carlo(), 2.0)
+    x = prediction.samples()
+    touch = np.isfinite(prediction.carry.contact_history.first_time[:, 0, 1])
+    half = BoxRegion("half", (100.0, 100.0, 100.0), prediction.belief.mean[0, :3] + [50.0, 0.0, 0.0])
+    inside = half.contains(x[:, 0, :3])
+    for event, expected in (
+        (TOUCH & Inside("left", half), touch & inside),
+        (TOUCH | Inside("left", half), touch | inside),
+        (~(TOUCH & ~Inside("left", half)), ~touch | inside),
+    ):
+        assert prediction.probability(event).estimate == pytest.approx(expected.mean())
+    assert str(TOUCH & ~AtRest("left")) == "left touches right and not left at rest"
+    either = TOUCH | AtRest("left")
+    assert str(either & Upright("left")) == "(left touches right or left at rest) and left upright"
+    assert str(~(TOUCH | AtRest("left"))) == "not (left touches right or left at rest)"
+
+
+def test_events_with_the_same_arguments_are_equal():
+    again = BoxRegion("here", (1.0, 1.0, 1.0))
+    assert Inside("left", HERE) == Inside("left", again) and Inside("left", HERE) != Inside("right", HERE)
+    assert hash(Inside("left", HERE)) == hash(Inside("left", again))
+    assert TOUCH == Touches("right", "left") and AtRest("left") != AtRest("left", speed=1.0) != Upright(
+        "left"
+    )
+    assert TOUCH & AtRest("left") == TOUCH & AtRest("left") != TOUCH | AtRest("left")
+
+
+def test_every_propagator_estimates_every_event_at_every_time():
+    scene, belief, _ = grazing(0.7)
+    events = [TOUCH, AtRest("left"), Upright("right"), Falls("left"), Inside("left", HERE)]
+    events += [~TOUCH | AtRest("left"), TOUCH & Inside("right", HERE)]
+    for name, kind in PROPAGATORS.items():
+        few = {"samples": 50} if "samples" in kind.options() else {}
+        propagator = make_propagator(name, **few)
+        without = predict(scene, belief, propagator, times=[0.5, 1.0, 2.0])
+        prediction = predict(scene, belief, propagator, times=[0.5, 1.0, 2.0], events=events)
+        for time in prediction.times:
+            end = predict(scene, belief, propagator, time, events=events)
+            for event in events:
+                found = prediction.probability(event, time=time)
+                assert 0.0 <= found.low <= found.estimate <= found.high <= 1.0 and found.rollouts > 0
+                if name != "auto":  # which takes as many rollouts as the horizon needs
+                    assert found == end.probability(event)
+                alone = without.probability(event, time=time)
+                if alone.method == "gaussian":
+                    assert (alone.low, alone.high) == (0.0, 1.0) and found.method == "flights"
 
 
 def test_first_contacts_answer_for_propagators_without_samples():
     """Whether bodies touch is decided in free flight; where they are after it is not."""
     scene, belief, _ = grazing(0.7)
     truth = predict(scene, belief, monte_carlo(4000), 2.0)
-    prediction = predict(scene, belief, "linearization", 2.0)
-    (told,), (right,) = contact_probabilities(prediction), contact_probabilities(truth)
-    assert told.available and abs(told.probability - right.probability) < TOLERANCE
-    assert told.first_contact_time_mean == pytest.approx(right.first_contact_time_mean, abs=0.02)
-    region = BoxRegion("here", [1.0, 1.0, 1.0], prediction.belief.mean[0, :3])
-    assert not any(answer.available for answer in region_probabilities(prediction, [region]))
-    assert not any(answer.available for answer in rest_probabilities(prediction))
-    # without flights there is nothing to tell it from
-    assert not contact_probabilities(prediction, flights=0)[0].available
-    assert contact_probabilities(prediction)[0] == told
+    inside = Inside("left", BoxRegion("here", (1.0, 1.0, 1.0), truth.belief.mean[0, :3]))
+    prediction = predict(scene, belief, "linearization", 2.0, events=[TOUCH, inside])
+    found, right = prediction.probability(TOUCH), truth.probability(TOUCH)
+    assert found.method == "flights" and found.low <= right.estimate <= found.high < found.low + 0.15
+    assert prediction.contact_time(TOUCH).mean == pytest.approx(truth.contact_time(TOUCH).mean, abs=0.02)
+    open_share = prediction.probability(inside)  # those that touched may be inside, or not
+    assert open_share.high - open_share.low > found.low
 
 
 def test_before_any_contact_everything_is_told():
     scene, belief, _ = grazing(FAR)
-    prediction = predict(scene, belief, "linearization", 0.5)
-    x = prediction.belief.mean[0, :3]
-    half = BoxRegion("half", [100.0, 100.0, 100.0], x + [50.0, 0.0, 0.0])
-    left, right = region_probabilities(prediction, [half])
-    assert (left.object, right.object) == ("left", "right")
-    assert left.available and left.probability == pytest.approx(0.5, abs=TOLERANCE)
-    assert contact_probabilities(prediction)[0].probability == 0.0
-    assert all(a.available and a.probability == 0.0 for a in rest_probabilities(prediction))
-    slow = Belief(
-        np.where(np.isin(np.arange(13), [3, 4, 5, 10, 11, 12]), 0.0, belief.mean), np.zeros((2, 12, 12))
-    )
-    prediction = predict(scene, slow, "linearization", 0.5)
-    assert [a.probability for a in rest_probabilities(prediction)] == [1.0, 1.0]
+    x = predict(scene, belief, "linearization", 0.5).belief.mean[0, :3]
+    half = Inside("left", BoxRegion("half", (100.0, 100.0, 100.0), x + [50.0, 0.0, 0.0]))
+    prediction = predict(scene, belief, "linearization", 0.5, events=[half])
+    found = prediction.probability(half)
+    assert found.estimate == pytest.approx(0.5, abs=0.06) and found.high - found.low < 0.12
+    for event in (TOUCH, AtRest("left"), AtRest("right")):
+        found = prediction.probability(event)
+        assert found.estimate == 0.0 and found.high < 0.02
+    assert prediction.contact_time(TOUCH) is None
 
 
 def test_a_certain_prediction_is_certain_of_its_answers():
     scene, belief, _ = grazing(0.0)
     sure = Belief(belief.mean, np.zeros((2, 12, 12)))
     prediction = predict(scene, sure, "sigma_points", 2.0)
-    (answer,) = contact_probabilities(prediction)
-    assert answer.available and answer.low == answer.probability == answer.high == 1.0
-    assert answer.first_contact_time_available and answer.first_contact_time_std == 0.0
+    found = prediction.probability(TOUCH)
+    assert found.low == found.estimate == found.high == 1.0 and found.method == "certain"
+    assert prediction.contact_time(TOUCH).std == 0.0
+    slow = Belief(
+        np.where(np.isin(np.arange(13), [3, 4, 5, 10, 11, 12]), 0.0, belief.mean), np.zeros((2, 12, 12))
+    )
+    for propagator in ("linearization", monte_carlo(1)):
+        found = predict(scene, slow, propagator, 0.5).probability(AtRest("left"))
+        assert found.low == found.estimate == 1.0 and found.method == "certain"
+
+
+def test_one_uncertain_sample_is_not_certain():
+    found = predict(*grazing(0.7)[:2], monte_carlo(1), 2.0).probability(TOUCH)
+    assert found.high - found.low > 0.9 and found.method == "samples"
 
 
 def test_regions_are_boxes_in_any_pose():
@@ -131,17 +176,10 @@ def test_regions_are_boxes_in_any_pose():
         BoxRegion("flat", [1.0, 0.0, 1.0])
 
 
-def test_two_regions_of_one_name_are_refused():
-    scene, belief, _ = grazing(FAR)
-    prediction = predict(scene, belief, monte_carlo(100), 0.1)
-    with pytest.raises(DuplicateIdError, match="bin"):
-        region_probabilities(prediction, [BoxRegion("bin", [1, 1, 1]), BoxRegion("bin", [1, 1, 1])])
-
-
 def test_islands_give_the_same_answers():
     scene, belief, _ = grazing(0.7)
     answers = [
-        contact_probabilities(predict(own, belief, monte_carlo(), 2.0))
+        predict(own, belief, monte_carlo(), 2.0).probability(TOUCH)
         for own in (scene, replace(scene, islands=True))
     ]
     assert answers[0] == answers[1]
@@ -152,22 +190,19 @@ def test_the_command_line_reports_probabilities(tmp_path, capsys):
     path.write_text(json.dumps(two_bodies()))  # YAML, too
     arguments = ["predict", str(path), "--propagator", "monte_carlo", "--samples", "100", "--probabilities"]
     assert main([*arguments, "--json"]) == 0
-    content = json.loads(capsys.readouterr().out)
-    (contact,) = content["contact_probabilities"]
-    assert contact["object_a"] == "left" and contact["available"] and 0.0 < contact["probability"] <= 1.0
-    assert [rest["object"] for rest in content["rest_probabilities"]] == ["left", "right"]
+    contact, *rests = json.loads(capsys.readouterr().out)["probabilities"]
+    assert contact["event"] == "left touches right" and 0.0 < contact["estimate"] <= 1.0
+    assert [rest["event"] for rest in rests] == ["left at rest", "right at rest"]
     assert main(arguments) == 0
-    assert "left and right touch" in capsys.readouterr().out
+    assert "left touches right" in capsys.readouterr().out
 
 
-def test_the_command_says_what_it_does_not_know():
-    known, unknown = ContactProbability("a", "b", 1.0, True, 0.25), RestProbability("a", 1.0)
-    few = answers_as_table({"contact_probabilities": [known], "rest_probabilities": [unknown]}).splitlines()
-    assert few[:2] == ["a and b touch  0.250", "a is at rest       -"]
-    assert few[2].startswith("-: not known") and "--samples 300" in few[2]
-    many = answers_as_table(
-        {"contact_probabilities": [known], "rest_probabilities": [unknown] * 50}
-    ).splitlines()
-    assert (
-        many[0] == "a and b touch  0.250" and many[1].startswith("50 more are not known") and len(many) == 2
-    )
+def test_the_command_says_of_what_nothing_is_known():
+    known = TOUCH, Probability(0.25, 0.2, 0.3, "samples", 900), ContactTime(0.5, 0.1)
+    unknown = AtRest("left"), Probability(0.5, 0.0, 1.0, "gaussian", 1), None
+    few = probabilities_as_table([known, unknown]).splitlines()
+    assert few[0] == "left touches right  0.250  (0.200 to 0.300)  first after 0.500 s, std 0.100 s"
+    assert few[1] == "left at rest        0.500  (0.000 to 1.000)"
+    assert few[2].startswith("(0.000 to 1.000): nothing is known") and "--samples 300" in few[2]
+    many = probabilities_as_table([known, *[unknown] * 50]).splitlines()
+    assert many[0] == few[0] and many[1].startswith("50 more (0.000 to 1.000)") and len(many) == 2

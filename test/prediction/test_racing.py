@@ -81,9 +81,9 @@ def test_without_a_budget_only_clear_losers_leave():
     race = run(Race(4, ROLLOUTS, 4 * ROLLOUTS), outcomes)
     assert [len(own) for own in race.outcomes] == [ROLLOUTS] * 3 + [40] and race.losers == {3}
     assert race.order() == [1, 0, 2, 3]
-    assert race.difference(1) == (0.0, 0.0, ROLLOUTS)
+    assert race.difference(1, 1) == (0.0, 0.0, ROLLOUTS)
     expected = outcomes[0].mean() - outcomes[1].mean()
-    assert race.difference(0).value == pytest.approx(expected) and expected < 0.0
+    assert race.difference(0, 1).value == pytest.approx(expected) and expected < 0.0
 
 
 def test_small_budgets_and_single_actions():

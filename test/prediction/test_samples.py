@@ -43,15 +43,14 @@ def test_monte_carlo_s_are_of_the_model_s_centre_of_mass(loaded):
 
 
 @pytest.mark.parametrize("islands", [False, True])
-def test_some_of_its_own_are_kept_at_each_time(loaded, islands):
+def test_its_own_are_there_at_each_time(loaded, islands):
     scene, belief, _ = loaded("three_bodies")
     scene = dataclasses.replace(scene, islands=islands)
     propagator = make_propagator("monte_carlo", samples=20, seed=4)
-    prediction = predict(scene, belief, propagator, HORIZON, times=[0.1], keep_samples=6)
+    prediction = predict(scene, belief, propagator, HORIZON, times=[0.1])
     earlier = predict(scene, belief, propagator, 0.1)
-    for kept, at in zip(prediction.kept, (earlier, prediction), strict=True):
-        np.testing.assert_array_equal(kept, at.samples(6))
-    assert predict(scene, belief, "sigma_points", HORIZON, keep_samples=6).kept is None
+    np.testing.assert_array_equal(prediction.samples(6, time=0.1), earlier.samples(6))
+    assert predict(scene, belief, "sigma_points", HORIZON).at().samples is None
 
 
 @pytest.mark.parametrize(

@@ -7,11 +7,11 @@ import pytest
 
 from unc_physics import Belief, Plane, RigidBody, Scene, load_model, make_propagator, predict
 from unc_physics.checks.errors import PredictionTimeoutError
-from unc_physics.physics.compile_time import clock
-from unc_physics.physics.overlap_search import sides_of
-from unc_physics.physics.time_limit import TimeLimit, limited, time_limit
+from unc_physics.compiler.compile_time import clock
+from unc_physics.compiler.time_limit import TimeLimit, limited, time_limit
+from unc_physics.initialization.overlap_search import sides_of
 from unc_physics.prediction.within import Within
-from unc_physics.propagators import base
+from unc_physics.propagators import rollouts
 
 ALLOWED = 0.3  # s
 FAR = 1000.0  # s, a horizon that no machine reaches in that time
@@ -92,7 +92,7 @@ def test_pieces_grow_with_what_was_spent_or_is_allowed_where_kernels_end_in_time
 
 def test_uncertain_parameters_are_predicted_in_few_pieces_that_are_looked_after(monkeypatch):
     """Each rollout of a piece is a call of its own, which takes as long as dozens of steps."""
-    pieces, looks, whole = [], [], base.rollout_varied
+    pieces, looks, whole = [], [], rollouts.rollout_varied
 
     def counted(states, history, scene, z, begin, steps):
         pieces.append(steps)
@@ -100,8 +100,8 @@ def test_uncertain_parameters_are_predicted_in_few_pieces_that_are_looked_after(
 
     scene, belief, propagator = uncertain_bricks()
     free = predict(scene, belief, propagator, 1.0)
-    monkeypatch.setattr(base, "rollout_varied", counted)
-    monkeypatch.setattr("unc_physics.prediction.predict.LOOK_UP_AFTER", 0.0)
+    monkeypatch.setattr(rollouts, "rollout_varied", counted)
+    monkeypatch.setattr("unc_physics.prediction.driver.LOOK_UP_AFTER", 0.0)
     within = predict(
         scene,
         belief,

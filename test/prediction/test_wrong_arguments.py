@@ -5,25 +5,22 @@ import pytest
 from example_scenes import two_bodies
 
 from unc_physics import (
+    AtRest,
     Belief,
-    BoxRegion,
     UncPhysicsError,
     assess,
-    contact_probabilities,
     load_model,
     load_scene,
     make_propagator,
     physics_of,
     predict,
-    region_probabilities,
-    rest_probabilities,
     start_belief,
 )
 from unc_physics.scene.scene_file import scene_from_dict
 
 SCENE, BELIEF, _ = scene_from_dict(two_bodies())
 ARRAY = np.zeros((2, 13))
-REGION = BoxRegion("bin", (1.0, 1.0, 1.0))
+PREDICTION = predict(SCENE, BELIEF, "sigma_points", 0.1)
 
 
 @pytest.mark.parametrize(
@@ -42,20 +39,15 @@ REGION = BoxRegion("bin", (1.0, 1.0, 1.0))
         (lambda: Belief.of(BELIEF, {}), "scene must be a Scene, not a Belief"),
         (lambda: Belief.of(SCENE, ARRAY), "bodies must be a Mapping, not a ndarray"),
         (lambda: assess(SCENE), "prediction must be a Prediction, not a Scene"),
-        (lambda: contact_probabilities(SCENE), "prediction must be a Prediction, not a Scene"),
-        (lambda: rest_probabilities(BELIEF), "prediction must be a Prediction, not a Belief"),
-        (lambda: region_probabilities([REGION], SCENE), "prediction must be a Prediction, not a list"),
+        (lambda: PREDICTION.probability("touches"), "event must be an Event, not a str"),
+        (lambda: PREDICTION.contact_time(AtRest("left")), "event must be a Touches, not an AtRest"),
+        (
+            lambda: predict(SCENE, BELIEF, horizon=0.1, events=[AtRest]),
+            "events[0] must be an Event, not an ABCMeta",
+        ),
     ],
 )
 def test_a_wrong_argument_is_named(call, words):
     with pytest.raises(UncPhysicsError) as caught:
         call()
     assert str(caught.value) == words
-
-
-def test_wrong_regions_are_named():
-    prediction = predict(SCENE, BELIEF, "sigma_points", 0.1)
-    with pytest.raises(UncPhysicsError, match=r"^regions\[1\] must be a BoxRegion, not a tuple$"):
-        region_probabilities(prediction, [REGION, (1, 1, 1)])
-    with pytest.raises(UncPhysicsError, match=r"^regions must be a sequence of BoxRegion"):
-        region_probabilities(prediction, 3)

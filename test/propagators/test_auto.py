@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from unc_physics import Belief, make_propagator, predict
-from unc_physics.physics import contact_history as histories
-from unc_physics.physics.moments import mean_and_errors, spread_states
+from unc_physics.dynamics import contact_history as histories
 from unc_physics.propagators.auto import Auto
-from unc_physics.propagators.base import Spent
+from unc_physics.propagators.base import Spent, rollout_count
 from unc_physics.propagators.standard_errors import _wrapping
 from unc_physics.scene.stiffness import with_stiffness
+from unc_physics.spatial.moments import mean_and_errors, spread_states
 
 
 def answered(scene, belief, horizon=1.5, **options):
@@ -23,7 +23,7 @@ def test_it_is_the_cloud_of_as_many_rollouts(loaded):
     scene, belief, _ = loaded("two_bodies")
     found = answered(scene, belief, error=0.0, runs=50, seed=3)
     cloud = predict(scene, belief, make_propagator("cloud", runs=50, seed=3), 1.5, times=[0.5])
-    assert len(found.contact_history.first_time) == 50
+    assert len(found.carry.contact_history.first_time) == 50
     np.testing.assert_array_equal(found.samples(), cloud.samples())
     for one, other in zip(found.beliefs, cloud.beliefs, strict=True):
         np.testing.assert_array_equal(one.joint, other.joint)
@@ -36,16 +36,18 @@ def test_a_smaller_error_takes_more_rollouts_and_is_reached(loaded):
         found = answered(scene, belief, error=wanted)
         errors = found.propagator.standard_errors(found.carry, scene)
         assert (errors.relative <= wanted).all()
-        counts.append(len(found.contact_history.first_time))
+        counts.append(len(found.carry.contact_history.first_time))
     assert counts[0] < counts[1] < 1024
-    assert len(answered(scene, belief, error=0.0, probability_error=0.08).contact_history.first_time) == 48
+    assert (
+        len(answered(scene, belief, error=0.0, probability_error=0.08).carry.contact_history.first_time) == 48
+    )
 
 
 def test_a_wish_that_nothing_meets_ends_with_the_most_rollouts(loaded):
     scene, belief, _ = loaded("two_bodies")
     for wish in (1e-9, 1e-300):
         found = answered(scene, belief, error=0.0, position_error=wish, runs=24)
-        assert len(found.contact_history.first_time) == 24
+        assert len(found.carry.contact_history.first_time) == 24
 
 
 def test_standard_errors_are_about_what_other_seeds_give(loaded):
@@ -62,7 +64,7 @@ def test_free_flight_needs_no_more_than_the_first_rollouts(loaded):
     scene, belief, _ = loaded("two_bodies")
     far = Belief(belief.mean + 100.0 * np.eye(2, 13), belief.covariance)
     found = answered(scene, far, error=0.0)
-    assert len(found.contact_history.first_time) == 16
+    assert len(found.carry.contact_history.first_time) == 16
     assert not found.propagator.standard_errors(found.carry, scene).relative.any()
 
 
@@ -70,7 +72,7 @@ def test_no_more_rollouts_than_the_errors_ask_for(loaded):
     """By the root of their number: from 16 to 48 where 40 are wanted, and not to 64."""
     scene, belief, _ = loaded("two_bodies")
     found = answered(scene, belief, error=0.0, probability_error=0.5 / np.sqrt(40.0))
-    assert 40 <= found.propagator.rollouts(found.carry) <= 48
+    assert 40 <= rollout_count(found.carry) <= 48
 
 
 def test_time_is_kept_count(loaded, monkeypatch):
@@ -80,9 +82,9 @@ def test_time_is_kept_count(loaded, monkeypatch):
     carry = auto.init(scene, belief)
     carry = auto.advance(carry, scene, 150)
     monkeypatch.setattr("unc_physics.propagators.auto.clock", lambda: 0.0)
-    assert auto.further(carry, scene, Spent(0.12, 0.12, 1)) == 12
-    assert auto.further(carry, scene, Spent(0.995, 0.12, 1)) == 0
-    assert auto.further(carry, scene, Spent(0.97, 0.12, 1)) == 3
+    assert auto.additional_rollouts(carry, scene, Spent(0.12, 0.12, 1)) == 12
+    assert auto.additional_rollouts(carry, scene, Spent(0.995, 0.12, 1)) == 0
+    assert auto.additional_rollouts(carry, scene, Spent(0.97, 0.12, 1)) == 3
     began = time.perf_counter()
     predict(scene, belief, Auto(error=0.0, time=0.001), 1.5)
     assert time.perf_counter() - began < 5.0
@@ -96,7 +98,7 @@ def test_time_is_left_for_the_answers(loaded, monkeypatch):
     ticks = iter([0.0, 0.01])
     monkeypatch.setattr("unc_physics.propagators.auto.clock", lambda: next(ticks))
     # twenty beliefs leave 1 - 0.12 - 0.01 - 2 * 0.2 s, and 12 rollouts take 0.12 + 2 * 0.2 s
-    assert auto.further(carry, scene, Spent(0.12, 0.12, 20)) == int(12 * 0.47 / 0.52)
+    assert auto.additional_rollouts(carry, scene, Spent(0.12, 0.12, 20)) == int(12 * 0.47 / 0.52)
 
 
 def test_time_that_is_up_is_not_spent_on_looks(loaded, monkeypatch):
@@ -106,7 +108,7 @@ def test_time_that_is_up_is_not_spent_on_looks(loaded, monkeypatch):
     carry = auto.advance(auto.init(scene, belief), scene, 150)
     assert len(carry.states) == 12
     monkeypatch.setattr(Auto, "belief", None)
-    assert auto.further(carry, scene, Spent(0.11, 0.11, 1)) == 0
+    assert auto.additional_rollouts(carry, scene, Spent(0.11, 0.11, 1)) == 0
     assert not carry.fits
 
 
@@ -139,7 +141,7 @@ def test_histories_of_batches_are_those_of_all(loaded, scene_name):
     scene, belief, _ = loaded(scene_name)
     scene = with_stiffness(scene, belief.mean)
     cloud = make_propagator("cloud", runs=20)
-    carries = [cloud.begun(scene, belief, *part) for part in ((0, 12), (12, 20), (0, 20))]
+    carries = [cloud.init_rollouts(scene, belief, *part) for part in ((0, 12), (12, 20), (0, 20))]
     first, second, whole = (cloud.advance(carry, scene, 20).contact_history for carry in carries)
     both = histories.stacked(first, second)
     np.testing.assert_array_equal(both.first_time, whole.first_time)

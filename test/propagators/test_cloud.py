@@ -8,9 +8,8 @@ from scipy.spatial.distance import cdist
 from scipy.special import ndtri
 from scipy.stats import norm, qmc
 
-from unc_physics import Belief, Plane, Scene, make_propagator, predict
+from unc_physics import Belief, Plane, Scene, Touches, make_propagator, predict
 from unc_physics.checks.errors import InvalidOptionError
-from unc_physics.prediction.probabilities import contact_probabilities
 from unc_physics.prediction.status import assess
 from unc_physics.propagators import displacements, emission, response_surface, sobol
 from unc_physics.propagators.reduction import common_covariance, reduction
@@ -220,11 +219,11 @@ def test_answers_of_its_samples(loaded):
     np.testing.assert_array_equal(prediction.samples(30), own[:30])
     np.testing.assert_allclose(np.linalg.norm(own[..., 6:10], axis=-1), 1.0, atol=1e-12)
     np.testing.assert_allclose(prediction.belief.mean[:, :3], own[..., :3].mean(axis=0), atol=1e-12)
-    assert prediction.contact_history.first_time.shape[0] == 32
+    assert prediction.carry.contact_history.first_time.shape[0] == 32
     status = assess(prediction)
     assert 0.0 < status[0].measures["surface_error"] < 1.0
-    (answer,) = contact_probabilities(prediction)
-    assert answer.available and answer.low <= answer.probability <= answer.high
+    found = prediction.probability(Touches("left", "right"))
+    assert (found.method, found.rollouts) == ("samples", 32) and found.low <= found.estimate <= found.high
 
 
 @pytest.mark.parametrize("islands", [False, True])
@@ -244,10 +243,13 @@ def test_an_interval_counts_rollouts(loaded):
     """All of 32 rollouts touch, which leaves less sure than all of 1 000 samples would."""
     scene, belief, _ = loaded("two_bodies")
     prediction = predict(scene, belief, make_propagator("cloud"), 1.5)
-    assert not contact_probabilities(prediction, flights=0)[0].available
-    many = predict(scene, belief, make_propagator("cloud", runs=400), 1.5)
-    answer = contact_probabilities(many, flights=0)[0]
-    assert answer.available and answer.low < 0.99
+    few = prediction.probability(Touches("left", "right"))
+    many = predict(scene, belief, make_propagator("cloud", runs=400), 1.5).probability(
+        Touches("left", "right")
+    )
+    assert few.low < 0.9 < many.low < 0.99 and few.rollouts == 32
+    asked = predict(scene, belief, make_propagator("cloud"), 1.5, events=[Touches("left", "right")])
+    assert asked.probability(Touches("left", "right")).method == "flights", "which are more"
 
 
 def test_islands_give_what_the_whole_scene_gives(loaded):

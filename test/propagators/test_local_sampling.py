@@ -7,8 +7,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from unc_physics import Belief, RigidBody, Scene, SpherePacking, make_propagator
-from unc_physics.physics.random import RUN, normal_table, places
 from unc_physics.propagators import sampled_contacts
+from unc_physics.spatial.random import RUN, normal_table, places
 
 SINGLE_PRECISION = 1e-5  # of second moments, relative to the largest
 TABLE = normal_table()

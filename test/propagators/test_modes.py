@@ -22,12 +22,12 @@ def states(count, centers, shares, std=0.02, seed=0):
 
 @pytest.mark.parametrize("rollouts", [32, 1000])
 def test_two_groups_are_two_modes(rollouts):
-    found = split(states(1000, [[0, 0, 0.4], [0.2, 0, 0.05]], [0.7, 0.3]), rollouts, 0.06)
-    assert [round(mode[0], 1) for mode in found] == [0.7, 0.3]
+    found = split(states(rollouts, [[0, 0, 0.4], [0.2, 0, 0.05]], [0.7, 0.3]), 0.06)
+    assert [mode[0] for mode in found] == pytest.approx([0.7, 0.3], abs=0.2 if rollouts < 100 else 0.05)
     assert sum(mode[0] for mode in found) == pytest.approx(1.0)
-    np.testing.assert_allclose([mode[1][:3] for mode in found], [[0, 0, 0.4], [0.2, 0, 0.05]], atol=0.01)
+    np.testing.assert_allclose([mode[1][:3] for mode in found], [[0, 0, 0.4], [0.2, 0, 0.05]], atol=0.02)
     for _, _, P in found:
-        np.testing.assert_allclose(np.diagonal(P)[:3], 0.02**2, rtol=0.3)
+        np.testing.assert_allclose(np.diagonal(P)[:3], 0.02**2, rtol=2.0 if rollouts < 100 else 0.3)
         assert np.linalg.eigvalsh(P)[0] > -1e-15
 
 
@@ -35,16 +35,16 @@ def test_two_groups_are_two_modes(rollouts):
 def test_one_group_is_one_mode(rollouts):
     """Also a skewed one, and one that is flat between its ends."""
     rng = np.random.default_rng(1)
-    normal = states(1000, [[0.0, 0.0, 0.0]], [1.0])
+    normal = states(rollouts, [[0.0, 0.0, 0.0]], [1.0])
     skewed, flat = normal.copy(), normal.copy()
-    skewed[:, 0] = rng.exponential(0.05, 1000)
-    flat[:, 1] = rng.uniform(-0.1, 0.1, 1000)
+    skewed[:, 0] = rng.exponential(0.05, rollouts)
+    flat[:, 1] = rng.uniform(-0.1, 0.1, rollouts)
     for case in (normal, skewed, flat):
-        assert len(split(case, rollouts, 0.06)) == 1
+        assert len(split(case, 0.06)) == 1
 
 
 def test_equal_samples_are_one_mode_without_spread():
-    (mode,) = split(np.tile(states(1, [[1.0, 2.0, 3.0]], [1.0]), (20, 1)), 20, 0.06)
+    (mode,) = split(np.tile(states(1, [[1.0, 2.0, 3.0]], [1.0]), (20, 1)), 0.06)
     assert mode[0] == 1.0
     np.testing.assert_allclose(mode[2], 0.0, atol=1e-20)
 

@@ -5,7 +5,11 @@ import pytest
 
 from unc_physics import Belief, RigidBody, Scene, load_model, make_propagator, predict
 from unc_physics.geometry.packing_file import SpherePacking
-from unc_physics.physics.layout import (
+from unc_physics.prediction.body_status import Status
+from unc_physics.prediction.status import assess
+from unc_physics.scene.environment import Plane
+from unc_physics.scene.stiffness import with_stiffness
+from unc_physics.spatial.layout import (
     ANGULAR_VELOCITY,
     ERR_POSITION,
     ERR_ROTATION,
@@ -14,11 +18,7 @@ from unc_physics.physics.layout import (
     QUATERNION,
     VELOCITY,
 )
-from unc_physics.physics.rotation import rotation_matrix
-from unc_physics.prediction.status import assess
-from unc_physics.prediction.status_rules import Status
-from unc_physics.scene.environment import Plane
-from unc_physics.scene.stiffness import with_stiffness
+from unc_physics.spatial.rotation import rotation_matrix
 
 NOMINAL = ("linearization", "surrogate", "local_sampling")
 BALL = SpherePacking(

@@ -26,7 +26,6 @@ def test_they_are_described():
     texts = {option.name: option.as_text() for option in Toy.described_options()}
     assert texts["share"] == "a share; default 0.5"
     assert texts["way"] == "which way (short or long); default short"
-    assert (Toy.label, MonteCarlo.label) == ("toy", "Monte Carlo")
 
 
 @pytest.mark.parametrize(

@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation
 from twins import states as twin
 
 from unc_physics import PROPAGATORS, Belief, RigidBody, Scene, make_propagator
+from unc_physics.propagators.base import PointPairs, Rollouts, Samples, rollout_count
 from unc_physics.scene.stiffness import with_stiffness
 
 ROUND_OFF = 1e-9  # relative to the largest variance
@@ -18,7 +19,6 @@ OPTIONS = {
     "monte_carlo": [{"samples": 40}],
     "sigma_points": [{"points": "minimal"}, {"points": "full"}],
     "local_sampling": [{"samples": 16}],
-    "linearization": [{}, {"jacobian": "finite_difference"}],
 }
 CASES = [(name, options) for name in PROPAGATORS for options in OPTIONS.get(name, [{}])]
 every_propagator = pytest.mark.parametrize(
@@ -40,18 +40,24 @@ def test_the_registry_has_the_paper_s_methods():
 def test_what_others_ask_of_a_propagator_fits_together(loaded, propagator):
     scene, belief, _ = loaded("two_bodies")
     carry = propagator.init(scene, belief)
-    first = propagator.contact_history(carry).first_time
-    assert first.shape[1:] == (2, 2) and np.isinf(first).all()
-    own = propagator.own_samples(carry, scene)
-    assert propagator.own_sample_count == (None if own is None else len(own))
-    simulated = propagator.rollout_states(carry, scene)
-    assert (simulated is None) == (own is None) and (own is None or len(first) == len(simulated))
-    directions = propagator.directions(belief)
-    assert directions is None or directions.shape == (2,)
+    first = carry.contact_history.first_time
+    assert first.shape[1:] == (2, 2) and np.isinf(first).all() and carry.step == 0
+    assert rollout_count(carry) == len(first)
+    if isinstance(propagator, Samples):
+        assert len(propagator.own_samples(carry, scene)) == propagator.own_sample_count
+        assert len(propagator.rollout_states(carry, scene)) == len(first)
+    if isinstance(propagator, PointPairs):
+        assert propagator.directions(belief).shape == (2,)
+        assert (
+            len(propagator.point_states(carry, scene)) == len(first) <= propagator.point_count(scene, belief)
+        )
+    if isinstance(propagator, Rollouts):
+        parts = [propagator.select_rollouts(carry, slice(*part)) for part in ((0, 5), (5, len(first)))]
+        assert_identical(propagator.concatenate(*parts), carry)
     described = propagator.described_options()
     assert [option.name for option in described] == list(propagator.options())
     assert all(option.description and option.name in propagator.options() for option in described)
-    assert propagator.label and propagator.description().endswith(".")
+    assert propagator.description().endswith(".")
 
 
 def arrays(carry):
@@ -460,7 +466,7 @@ def test_sigma_points_approach_the_derivative_of_the_rollout(loaded):
     steps, h = 75, 1e-6
 
     def flow(x):
-        from unc_physics.physics.rollout import simulate
+        from unc_physics.dynamics.rollout import simulate
 
         x = np.array(x)
         simulate(x, scene.world, steps)
@@ -483,13 +489,3 @@ def test_sigma_points_approach_the_derivative_of_the_rollout(loaded):
     # symmetric points cancel the terms of odd order where the flow is smooth; contacts that begin leave s
     assert 0.9 < slope < 2.3, (slope, errors)
     assert errors[-1] < 0.05
-
-
-def test_linearization_s_two_jacobians_agree(loaded):
-    scene, belief, _ = loaded("three_bodies")
-    ends = [
-        advanced(make_propagator("linearization", jacobian=kind), scene, belief, 60)[1].joint
-        for kind in ("analytic", "finite_difference")
-    ]
-    FINITE_DIFFERENCE = 1e-5
-    np.testing.assert_allclose(ends[1], ends[0], atol=FINITE_DIFFERENCE * np.abs(ends[0]).max())

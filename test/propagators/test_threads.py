@@ -13,7 +13,7 @@ import yaml
 from example_scenes import parts_of
 
 from unc_physics import make_propagator, predict
-from unc_physics.physics.threads import in_threads
+from unc_physics.compiler.threads import in_threads
 
 needs_two_threads = pytest.mark.skipif(
     numba.config.NUMBA_NUM_THREADS < 2, reason="this machine has one thread"

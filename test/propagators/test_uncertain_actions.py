@@ -14,6 +14,7 @@ from unc_physics import (
     PosePath,
     RigidBody,
     Scene,
+    Touches,
     Wrench,
     make_propagator,
     predict,
@@ -106,7 +107,7 @@ def test_an_explicit_scene_has_prescribed_bodies_and_wrenches():
         assert prediction.body("ball").linear_velocity[0] == pytest.approx(2.0, rel=0.01)
         np.testing.assert_allclose(prediction.body("wall").position, [0.5, 0, 0], atol=1e-9)
         assert prediction.body("other").linear_velocity[1] == pytest.approx(0.25, rel=1e-9)
-        assert prediction.body("ball").contact_with("wall").probability == 1.0
+        assert prediction.probability(Touches("ball", "wall")).estimate == 1.0
 
 
 def test_a_turning_path_is_offset_about_its_first_pose():

@@ -1,9 +1,6 @@
 """A node in a process of its own, and a client to talk to it over real Fast DDS."""
 
 import os
-import subprocess
-import sys
-from pathlib import Path
 
 import pytest
 
@@ -18,26 +15,6 @@ os.environ["ROS_PYTHON_CHECK_FIELDS"] = "1"
 from running import Client, NodeProcess
 
 from unc_physics import PROPAGATORS
-
-
-def pytest_collection_finish(session):
-    """Compile what the nodes will need while the tests of other folders run."""
-    others_first = session.items and Path(__file__).parent not in session.items[0].path.parents
-    first_process = os.environ.get("PYTEST_XDIST_WORKER", "gw0") == "gw0"
-    session.ahead = None
-    if others_first and first_process and not session.config.option.collectonly:
-        session.ahead = subprocess.Popen(
-            [sys.executable, "-m", "unc_physics", "warm-up"],
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.DEVNULL,
-        )
-
-
-def pytest_sessionfinish(session):
-    """End what is still compiling."""
-    if getattr(session, "ahead", None) is not None:
-        session.ahead.kill()
-        session.ahead.wait()
 
 
 @pytest.fixture(scope="session")

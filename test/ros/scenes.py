@@ -6,7 +6,7 @@ import numpy as np
 from geometry_msgs.msg import Vector3
 
 from unc_physics.checks.errors import ErrorCode
-from unc_physics.ros.durations import duration
+from unc_physics.ros.messages.fields import duration
 from unc_physics_msgs.msg import ObjectState, PredictionRequest, Scene
 
 POSITION_STD = 0.02  # m

@@ -9,11 +9,9 @@ from scipy.spatial.transform import Rotation
 from trajectory_msgs.msg import MultiDOFJointTrajectory, MultiDOFJointTrajectoryPoint
 
 from unc_physics import Belief, BodyBelief, Box, Plane, PosePath, RigidBody, Scene, UncPhysicsError, Wrench
-from unc_physics.ros.frames import Transform
-from unc_physics.ros.model_topics import _info
-from unc_physics.ros.models import ModelLibrary
-from unc_physics.ros.request_writer import write_scene
-from unc_physics.ros.scene_reader import read_scene
+from unc_physics.ros.messages.frames import Transform
+from unc_physics.ros.messages.scene import read_scene, write_scene
+from unc_physics.ros.models import ModelLibrary, _info
 from unc_physics.scene.action_arrays import path_states
 from unc_physics.scene.presets import PRESETS
 from unc_physics_msgs.msg import ObjectState

@@ -14,10 +14,12 @@ from soak import LIMITS, TEXTS, check, spoiled
 
 from unc_physics.checks.errors import UncPhysicsError
 from unc_physics.propagators.names import DEFAULT, REFERENCE
-from unc_physics.ros.frames import Frames
+from unc_physics.ros.messages.fields import write_error
+from unc_physics.ros.messages.frames import Frames
+from unc_physics.ros.messages.prediction import write_answer
+from unc_physics.ros.messages.request import read_request
 from unc_physics.ros.models import ModelLibrary
 from unc_physics.ros.parameters import Settings
-from unc_physics.ros.requests import read_request, run, write_answer, write_error
 from unc_physics_msgs.msg import PredictionRequest
 from unc_physics_msgs.srv import Predict
 
@@ -33,7 +35,7 @@ def answer_to(request):
     try:
         job = read_request(request, SETTINGS, LIBRARY, FRAMES, time_limit=SETTINGS.max_computation_time)
         if job.propagator.name in (DEFAULT, REFERENCE):  # the others' kernels are compiled elsewhere
-            write_answer(response.prediction, request.scene.header, SETTINGS, job, run(job))
+            write_answer(response.prediction, request.scene.header, SETTINGS, job, job.run())
     except UncPhysicsError as error:
         write_error(response.result, error)
     return response

@@ -13,8 +13,8 @@ from unc_physics import (
     Belief,
     BodyBelief,
     Box,
-    FellOff,
-    InRegion,
+    Falls,
+    Inside,
     Plane,
     RigidBody,
     Scene,
@@ -26,7 +26,7 @@ from unc_physics import (
 from unc_physics import BoxRegion as CoreRegion
 from unc_physics.checks.errors import ErrorCode, NotSupportedError
 from unc_physics.ros import Client as CoreClient
-from unc_physics.ros.durations import duration, seconds
+from unc_physics.ros.messages.fields import duration, seconds
 from unc_physics_msgs.msg import BoxRegion, Candidate, EnvironmentElement, PredictedObject, Score
 from unc_physics_msgs.srv import PredictCandidates
 
@@ -239,19 +239,27 @@ def test_a_client_ranks_as_the_library_does(node):
         "rough": {"box": {"position": (0.18, 0.0, 0.15), "friction": 1.0}},
     }
     region = CoreRegion("above", (0.4, 0.4, 0.4), (0.0, 0.0, 0.2))
+    also = [Upright("box"), Falls("box")]
     with CoreClient() as asked:
-        for score in (InRegion("box", region) & ~Touches("box", "floor"), ~FellOff("box", "shelf")):
-            found = asked.rank(scene, belief, actions, score, 0.5, rollouts=100, seed=3, probabilities=True)
+        for score in (Inside("box", region) & ~Touches("box", "floor"), ~Falls("box", "shelf")):
+            found = asked.rank(scene, belief, actions, score, 0.5, rollouts=100, seed=3, events=also)
             expected = rank(scene, belief, actions, score, 0.5, rollouts=100, seed=3)
             for one, other in zip(found, expected, strict=True):
                 assert (one.name, one.rollouts) == (other.name, other.rollouts)
-                assert one.clearly_worse == other.clearly_worse and one.score == pytest.approx(other.score)
+                assert (one.tied, one.clearly_worse) == (other.tied, other.clearly_worse)
+                assert_same_probability(one.score, other.score)
                 assert one.difference == pytest.approx(other.difference)
                 one, other = one.prediction, other.prediction
                 np.testing.assert_allclose(one.belief.mean, other.belief.mean, rtol=0.0, atol=1e-9)
-                assert one["box"].upright_probability() == other["box"].upright_probability()
-                assert one["box"].fall_probability() == other["box"].fall_probability()
+                for event in also:
+                    assert_same_probability(one.probability(event), other.probability(event))
         with pytest.raises(NotSupportedError, match=r"actions\['a'\] changes more than bodies"):
-            asked.rank(scene, belief, {"a": {"shelf": {"friction": 0.1}}}, FellOff("box"), 0.5)
+            asked.rank(scene, belief, {"a": {"shelf": {"friction": 0.1}}}, Falls("box"), 0.5)
         with pytest.raises(NotSupportedError, match="angle of 'box upright' is fixed at the node"):
             asked.rank(scene, belief, actions, Upright("box", angle=0.1), 0.5)
+
+
+def assert_same_probability(one, other):
+    """A node tells all but the method."""
+    assert (one.estimate, one.low, one.high) == pytest.approx((other.estimate, other.low, other.high))
+    assert (one.method, one.rollouts) == ("node", other.rollouts)

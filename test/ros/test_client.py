@@ -15,25 +15,30 @@ from running import wait_until
 
 from unc_physics import (
     PROPAGATORS,
+    AtRest,
     Belief,
     Box,
     BoxRegion,
     Capsule,
     Cylinder,
+    Falls,
+    Inside,
     Plane,
     RigidBody,
     Scene,
     Sphere,
+    Touches,
+    Upright,
     assess,
-    contact_probabilities,
+    encounters,
     load_model,
     make_propagator,
     predict,
-    rest_probabilities,
     save_packing,
 )
 from unc_physics.checks.errors import (
     CanceledError,
+    DuplicateIdError,
     InvalidModelError,
     InvalidRequestError,
     LimitExceededError,
@@ -44,6 +49,7 @@ from unc_physics.checks.errors import (
 )
 from unc_physics.ros import Client
 from unc_physics.ros.connection import spin
+from unc_physics.ros.messages.prediction import read_answer
 from unc_physics_msgs.msg import Mode as ModeMessage
 from unc_physics_msgs.msg import ModelInfo
 from unc_physics_msgs.srv import ListModels
@@ -51,7 +57,7 @@ from unc_physics_msgs.srv import ListModels
 ROUND_OFF = 1e-9  # of the way to the models' origins and back, grown by contacts
 READY = 100.0  # s
 REGION = BoxRegion("front", (0.5, 0.3, 0.4), (0.1, 0.0, 0.1), (0.0, 0.0, 0.6, 0.8))
-DOCUMENT = Path(__file__).resolve().parents[2] / "docs" / "ros.md"
+DOCUMENT = Path(__file__).resolve().parents[2] / "docs" / "reference" / "ros.md"
 
 
 @pytest.fixture(scope="module")
@@ -145,12 +151,14 @@ def test_everything_of_an_everyday_scene_arrives(asked, table, name, common):
     sampled = "samples" in PROPAGATORS[name].options()
     propagator = make_propagator(name, samples=300, seed=3) if sampled else make_propagator(name)
     keep = 20 if sampled else 0
-    wishes: Any = {"regions": REGION, "probabilities": True, "modes": True}
+    names = ("box", "mug", "brick")
+    events = [kind(name) for kind in (AtRest, Upright, Falls) for name in names] + encounters(scene)
+    events += [Inside(name, REGION) for name in names]
+    wishes: Any = {"events": events, "modes": True}
     found = asked.predict(scene, belief, propagator, 0.3, times=[0.2], keep_samples=keep, **wishes)
-    expected = predict(scene, belief, propagator, 0.3, times=[0.2], keep_samples=keep)
+    expected = predict(scene, belief, propagator, 0.3, times=[0.2], events=events)
     assert_same(found, expected)
-    assert_same_answers(found, expected)
-    assert found["mug"].contact_with("table").available or not sampled
+    assert_same_answers(found, expected, events)
     judged = assess(expected, rollouts=0)  # the node's default
     assert [status.flags for status in assess(found)] == [status.flags for status in judged]
     for one, other in zip(assess(found), judged, strict=True):
@@ -158,26 +166,25 @@ def test_everything_of_an_everyday_scene_arrives(asked, table, name, common):
         assert one.measures == pytest.approx(other.measures, rel=1e-4, abs=1e-5), "six digits are told"
     if sampled:
         poses = [*range(3), *range(6, 10)]
-        for one, other in zip(found.kept, expected.kept, strict=True):
+        for time in found.times:
+            one, other = found.samples(time=time), expected.samples(20, time=time)
             np.testing.assert_allclose(one[..., poses], other[..., poses], rtol=0.0, atol=ROUND_OFF)
-        np.testing.assert_array_equal(found.samples(5)[..., poses], found.kept[-1][:5][..., poses])
         assert np.isnan(found.samples()[:, 0, 3:6]).all()
 
 
-def assert_same_answers(found, expected):
+def assert_same_answers(found, expected, events):
     """All that can be asked by name."""
-    for one, other in zip(contact_probabilities(found), contact_probabilities(expected), strict=True):
-        assert dataclasses.astuple(one) == pytest.approx(dataclasses.astuple(other), abs=1e-8)
-    assert rest_probabilities(found) == rest_probabilities(expected)
+    for event in events:
+        one, other = found.probability(event), expected.probability(event)
+        assert (one.estimate, one.low, one.high) == pytest.approx((other.estimate, other.low, other.high))
+        assert one.method == ("certain" if event.names == {"brick"} else "node")
+        if isinstance(event, Touches):
+            assert found.contact_time(event) == pytest.approx(expected.contact_time(event), abs=1e-8)
     for body in ("box", "mug", "brick"):
         one, other = found[body], expected[body]
-        assert one.probability_in(REGION) == other.probability_in(REGION)
-        assert one.rest_probability() == other.rest_probability()
         np.testing.assert_allclose(one.covariance(), other.covariance(), rtol=0.0, atol=ROUND_OFF)
         assert [mode.weight for mode in one.modes] == [mode.weight for mode in other.modes]
         np.testing.assert_allclose(one.modes[0].mean, other.modes[0].mean, rtol=0.0, atol=ROUND_OFF)
-    assert found["box"].contact_with("plane_0").object_b == "plane_0"
-    assert found["mug"].contact_with("table") in contact_probabilities(found)
     one, other = (p.trajectory("mug", origin="model") for p in (found, expected))
     np.testing.assert_allclose(one.positions, other.positions, rtol=0.0, atol=ROUND_OFF)
 
@@ -197,12 +204,14 @@ def test_where_it_began_is_told(asked):
         np.testing.assert_allclose(one, other, rtol=0.0, atol=ROUND_OFF)
 
 
-def test_outcomes_that_split_are_told_by_their_poses(asked, space):
-    found: Any = asked.predict(*space, "surrogate", 0.1, modes=True)
-    state = found.answers._message.objects[0].states[-1]
-    state.modes = [
-        ModeMessage(weight=weight, pose=state.pose) for weight in (0.75, 0.25)
-    ]  # as a node may say
+def test_outcomes_that_split_are_told_by_their_poses(asked, space, monkeypatch):
+    def read(result, message, question):
+        state = message.objects[0].states[-1]  # as a node may say:
+        state.modes = [ModeMessage(weight=weight, pose=state.pose) for weight in (0.75, 0.25)]
+        return read_answer(result, message, question)
+
+    monkeypatch.setattr("unc_physics.ros.client.read_answer", read)
+    found = asked.predict(*space, "surrogate", 0.1, modes=True)
     first, second = found["left"].modes
     assert (first.weight, second.weight) == (0.75, 0.25)
     np.testing.assert_allclose(first.mean[:3], found["left"].position, rtol=0.0, atol=ROUND_OFF)
@@ -225,12 +234,12 @@ def test_a_covariance_of_each_body_instead_of_all_together(asked, space):
 @pytest.mark.parametrize(
     ("question", "argument"),
     [
-        (lambda p: p["left"].contact_with("right"), "probabilities=True"),
-        (lambda p: p["left"].rest_probability(), "probabilities=True"),
+        (lambda p: p.probability(Touches("left", "right")), "among its events"),
+        (lambda p: p.contact_time(Touches("left", "right")), "among its events"),
+        (lambda p: p.probability(AtRest("left")), "among its events"),
         (lambda p: p["left"].modes, "modes=True"),
-        (lambda p: p["left"].probability_in(REGION), "regions"),
+        (lambda p: p.probability(Inside("left", REGION)), "among its events"),
         (lambda p: p.samples(3), "keep_samples"),
-        (lambda p: p.carry, "stays with the node"),
     ],
 )
 def test_what_was_not_asked_for_says_how_to(asked, space, question, argument):
@@ -240,10 +249,19 @@ def test_what_was_not_asked_for_says_how_to(asked, space, question, argument):
 
 
 def test_another_region_of_the_same_name_was_not_asked_for(asked, space):
-    prediction = asked.predict(*space, "surrogate", 0.02, regions=REGION)
-    assert prediction["left"].probability_in(dataclasses.replace(REGION)).region == REGION.name
-    with pytest.raises(NotSupportedError, match="regions"):
-        prediction["left"].probability_in(dataclasses.replace(REGION, size=(1.0, 1.0, 1.0)))
+    prediction = asked.predict(*space, "surrogate", 0.02, events=[Inside("left", REGION)])
+    assert prediction.probability(Inside("left", dataclasses.replace(REGION))).method == "node"
+    other = Inside("left", dataclasses.replace(REGION, size=(1.0, 1.0, 1.0)))
+    with pytest.raises(NotSupportedError, match="among its events"):
+        prediction.probability(other)
+    with pytest.raises(DuplicateIdError, match="two regions"):
+        asked.predict(*space, "surrogate", 0.02, events=[Inside("left", REGION), other])
+
+
+@pytest.mark.parametrize("event", [AtRest("left", speed=1.0), AtRest("left") & AtRest("right")])
+def test_events_without_a_message_are_refused(asked, space, event):
+    with pytest.raises(NotSupportedError, match="not combined, with their usual limits"):
+        asked.predict(*space, "surrogate", 0.02, events=[event])
 
 
 def test_the_node_chooses_a_seed_and_tells_it(asked, space):
@@ -386,13 +404,22 @@ def test_a_node_that_goes_away_is_waited_for_no_longer():
     rclpy.init(context=context)
     leaving = rclpy.create_node("leaving", context=context)  # which nobody spins
     leaving.create_service(ListModels, "~/list_models", lambda _, response: response)
-    with Client(server="/leaving", timeout=READY) as client:
+    staying = rclpy.create_node("staying", context=context)
+    executor = SingleThreadedExecutor(context=context)
+    executor.add_node(staying)
+    spinning = threading.Thread(target=executor.spin)
+    spinning.start()
+    with Client(staying, server="/leaving", timeout=READY) as client:
+        offered = staying.create_client(ListModels, "/leaving/list_models")
+        assert offered.wait_for_service(READY)  # discovery may take seconds
         asking = threading.Timer(0.5, leaving.destroy_node)
         asking.start()
         with pytest.raises(NotActiveError, match="/leaving/list_models went away"):
             client.models()
     asking.join()
+    executor.shutdown()
     context.try_shutdown()
+    spinning.join()
 
 
 def test_closing_a_client_ends_what_it_waits_for(asked, space):
@@ -461,7 +488,7 @@ def test_a_node_of_one_s_own(node, space):
 
 
 def test_the_document_s_snippet_runs(node):
-    _, snippet, *_ = re.findall(r"```python\n(.*?)```", DOCUMENT.read_text(), re.DOTALL)
+    (snippet,) = re.findall(r"```python\n(.*?)```", DOCUMENT.read_text(), re.DOTALL)
     found = {}
     exec(snippet, found)  # noqa: S102
     assert found["prediction"]["mug"].position.shape == (3,)

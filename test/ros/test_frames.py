@@ -12,12 +12,11 @@ from shape_msgs.msg import Plane, SolidPrimitive
 from std_msgs.msg import Header
 
 from unc_physics.checks.errors import UnknownFrameError
-from unc_physics.ros.arriving_shapes import ArrivingShapes
-from unc_physics.ros.frames import Frames
-from unc_physics.ros.models import ModelLibrary
+from unc_physics.ros.messages.environment import read_environment
+from unc_physics.ros.messages.frames import Frames
+from unc_physics.ros.messages.request import read_request
+from unc_physics.ros.models import ModelLibrary, ShapePacker
 from unc_physics.ros.parameters import Settings
-from unc_physics.ros.requests import read_request
-from unc_physics.ros.surroundings import read_environment
 from unc_physics_msgs.msg import BoxRegion, Environment, EnvironmentElement, JointCovariance
 
 TURN = Rotation.from_rotvec([0.3, 1.2, -0.4])
@@ -99,7 +98,7 @@ def test_a_plane_and_a_box_stay_where_they_are(frames):
     transform = frames.to_world(Header(frame_id="camera"))
     seen, seen_region = transform.environment(environment), transform.region(region)
     points = rng.normal(size=(20, 3))
-    (plane, _), (there, _) = (read_environment(each, ArrivingShapes())[0] for each in (environment, seen))
+    (plane, _), (there, _) = (read_environment(each, ShapePacker())[0] for each in (environment, seen))
     coef = environment.elements[0].plane[0].coef
     local = turned.inv().apply(points - [0.3, -0.2, 0.5])
     heights = (local @ coef[:3] + coef[3]) / np.linalg.norm(coef[:3])

@@ -2,7 +2,7 @@
 
 from types import SimpleNamespace
 
-from unc_physics.ros.library_log import LIBRARY, LibraryLog
+from unc_physics.ros.diagnostics import LIBRARY, LibraryLog
 
 
 def test_messages_of_the_library_are_the_nodes_until_it_ends(capfd):

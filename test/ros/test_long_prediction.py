@@ -10,7 +10,7 @@ from running import READY_TIMEOUT, Client, NodeProcess, wait_until
 from scenes import assert_answered, assert_same, good_request, numbers_of
 
 from unc_physics.checks.errors import ErrorCode
-from unc_physics.ros.durations import seconds
+from unc_physics.ros.messages.fields import seconds
 from unc_physics_msgs.action import PredictLong
 
 
@@ -80,7 +80,7 @@ def test_a_goal_ends_at_the_node_s_limit_and_when_its_client_is_gone():
         assert handle.accepted
         return action, handle
 
-    with NodeProcess("-p", "max_long_computation_time:=4.0", name="limited") as node:
+    with NodeProcess("-p", "max_long_computation_time:=2.0", name="limited") as node:
         with Client() as staying:
             action, handle = begin(staying)
             answer = staying.of_action(handle.get_result_async)

@@ -127,7 +127,7 @@ def advertised(graph):
 
 
 def test_every_topic_service_and_action_is_in_the_document(node, client):
-    text = (Path(__file__).resolve().parents[2] / "docs" / "ros.md").read_text()
+    text = (Path(__file__).resolve().parents[2] / "docs" / "reference" / "ros.md").read_text()
     wait_until(lambda: "models" in client.node.get_node_names())
     expected = {"predict", "predict_long", "scene", "predictions", "models"}
     wait_until(lambda: expected <= advertised(client.node))  # the parts of a node are discovered one by one

@@ -14,8 +14,8 @@ from std_msgs.msg import Header
 
 from unc_physics.checks.errors import UncPhysicsError
 from unc_physics.ros import scene_of_planning_scene
+from unc_physics.ros.messages.scene import read_scene
 from unc_physics.ros.models import ModelLibrary
-from unc_physics.ros.scene_reader import read_scene
 
 try:
     from moveit_msgs.msg import AttachedCollisionObject, CollisionObject, PlanningScene
@@ -137,7 +137,7 @@ def test_the_node_reads_it():
     message.robot_state.attached_collision_objects = []
     library = ModelLibrary()
     scene = scene_of_planning_scene(message, objects={"box": 0.7, "stone": 1.0}, models={"stone": "can"})
-    found = read_scene(scene, library, {"dt": 0.01, "stiffness": 1e4})
+    found = read_scene(scene, library, {"dt": 0.01, "stiffness": 1e4, "gravity": (0.0, 0.0, 0.0)})
     library.discard()
     assert [body.name for body in found.scene.bodies] == ["stone", "box"]
     assert found.models == ("can", found.scene.bodies[1].model.name)

@@ -1,6 +1,4 @@
-"""A propagator of another package, `frozen` of docs/extending.md: warm, listed and answering as the node's
-own.
-"""
+"""The propagator of docs/extending.md in a node: it is warm, listed, and answers as the built-in ones."""
 
 import numpy as np
 import pytest
@@ -13,34 +11,36 @@ from unc_physics_msgs.srv import GetCapabilities
 
 @pytest.fixture(scope="module")
 def node(tmp_path_factory):
-    """A node where `frozen` is installed, made ready for it alone."""
-    folder = tmp_path_factory.mktemp("frozen")
-    install(folder, "frozen_propagator", "frozen")
+    """A node where `antithetic` is installed, made ready for it alone."""
+    folder = tmp_path_factory.mktemp("antithetic")
+    install(folder, "antithetic_propagator", "antithetic")
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("PYTHONPATH", environment(folder)["PYTHONPATH"])
         with NodeProcess(
-            "-p", "zero_covariance:=exact", "-p", "warm_up:=[frozen]", name="extended"
+            "-p", "zero_covariance:=exact", "-p", "warm_up:=[antithetic]", name="extended"
         ) as process:
             yield process
 
 
 def test_it_answers(node, client):
-    request = good_request(propagator="frozen", horizon=0.4, return_samples=3, return_probabilities=True)
+    request = good_request(propagator="antithetic", horizon=0.4, return_samples=3, return_probabilities=True)
     response = client.predict(request, node="extended")
     assert_answered(response)
-    assert response.prediction.propagator == "frozen"
-    for predicted, message in zip(response.prediction.objects, request.scene.objects, strict=True):
-        assert np.allclose(
-            position_of(predicted.states[-1].pose.pose), position_of(message.pose.pose), atol=1e-6
-        )
+    assert response.prediction.propagator == "antithetic"
+    built_in = client.predict(good_request(propagator="sigma_points", horizon=0.4), node="extended")
+    for predicted, other in zip(response.prediction.objects, built_in.prediction.objects, strict=True):
+        one, two = (position_of(found.states[-1].pose.pose) for found in (predicted, other))
+        assert np.allclose(one, two, atol=0.02)
         assert len(predicted.states[-1].pose_samples) == 3
+    assert response.prediction.rollouts == 200 and len(response.prediction.position_error) == 1
 
 
 def test_it_is_listed(node, client):
     response = client.call(GetCapabilities, "/extended/get_capabilities", GetCapabilities.Request())
     info = response.propagators[-1]
-    assert (info.name, info.mean_update, info.cross_body_correlations) == ("frozen", info.MEAN_NOMINAL, False)
-    assert info.description == "Mean and covariance stay as they are."
-    (option,) = info.options
-    assert (option.name, option.type, option.default_value) == ("scale", "float", "1.0")
-    assert option.description == "factor on the covariance"
+    assert (info.name, info.mean_update) == ("antithetic", info.MEAN_ESTIMATED)
+    assert info.cross_body_correlations and not info.parameter_uncertainty
+    assert info.description == "Monte Carlo with antithetic samples."
+    pairs, seed = info.options
+    assert (pairs.name, pairs.type, pairs.default_value, seed.name) == ("pairs", "int", "100", "seed")
+    assert pairs.description == "number of pairs of samples"

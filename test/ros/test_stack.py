@@ -24,7 +24,7 @@ from scenes import assert_answered, good_request, moving_object, position_of, re
 from std_srvs.srv import Empty
 
 from unc_physics.checks.errors import ErrorCode
-from unc_physics.physics import rollout
+from unc_physics.dynamics import rollout
 from unc_physics.ros import UncPhysicsNode
 from unc_physics.ros.connection import spin
 from unc_physics_msgs.msg import JointCovariance, Prediction, Scene
@@ -74,7 +74,7 @@ def robot():
 
     thread = threading.Thread(target=spin, args=[executor], daemon=True)
     thread.start()
-    wait_until(lambda: node.server.is_open and node.server.hand_over.works)
+    wait_until(lambda: node.server.is_open and node.server.deferred_answers.supported)
     yield node
     node.destroy_node()
     executor.shutdown()
@@ -143,17 +143,17 @@ def test_a_request_to_a_node_that_is_closing_is_answered(robot, client):
     assert result.error_code == ErrorCode.CANCELED and "is shutting down" in result.error_msg
 
 
-def test_where_rclpy_does_not_hand_over_the_callback_answers(robot, client):
-    class Otherwise:
-        """As an rclpy that would not ask the service's object to send."""
+def test_where_rclpy_does_not_defer_answers_the_callback_answers(robot, client):
+    class NotDeferred:
+        """The check in an rclpy that does not call the service's `send_response`."""
 
-        works = property(lambda _: False, lambda *_: None)
+        supported = property(lambda _: False, lambda *_: None)
 
         def close(self):
             pass
 
-    robot.server.hand_over.close()
-    robot.server.hand_over = robot.server._open[0] = Otherwise()
+    robot.server.deferred_answers.close()
+    robot.server.deferred_answers = robot.server._open[0] = NotDeferred()
     assert_answered(client.predict(good_request(), node="robot_1/unc_physics"))
 
 

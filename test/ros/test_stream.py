@@ -14,11 +14,9 @@ from scenes import POSITION_STD, diagonal, good_request, numbers_of, position_of
 from std_msgs.msg import Header
 from visualization_msgs.msg import Marker, MarkerArray
 
-from unc_physics.ros.background import Newest
-from unc_physics.ros.durations import seconds
+from unc_physics.ros.messages.fields import seconds
 from unc_physics.ros.models import ModelLibrary
-from unc_physics.ros.scene_topics import scene_of_detections
-from unc_physics.ros.streaming import topic_name
+from unc_physics.ros.streams import LatestWorker, scene_of_detections, topic_name
 from unc_physics_msgs.msg import PredictedObject, Prediction, Scene
 
 HORIZONS = [0.1, 0.2, 0.25]
@@ -124,7 +122,9 @@ def test_what_touches_is_fine_by_default(publish, listener):
         message.pose.pose.position.x = x
     for predicted in answer_to(sent, publish, listener).objects:
         assert abs(predicted.states[-1].twist.twist.linear.x) < 0.45  # it has bounced
-        assert predicted.states[-1].status == PredictedObject.STATUS_FINE, predicted.status_msg
+        # between outcomes that bounced and outcomes that have not yet, the mean may lie inside the other body
+        others = predicted.states[-1].status & ~PredictedObject.STATUS_MEAN_NOT_POSSIBLE
+        assert others == PredictedObject.STATUS_FINE, predicted.status_msg
 
 
 def test_an_object_of_unknown_model_is_left_out(publish, listener):
@@ -203,7 +203,7 @@ def test_what_waits_is_replaced_by_what_is_newer():
         go_on.wait(10.0)
         done.append(item)
 
-    newest = Newest(work, lambda: replaced.append(1))
+    newest = LatestWorker(work, lambda: replaced.append(1))
     newest.put("first")
     assert begun.wait(10.0)
     for item in ("late", "later", "latest"):

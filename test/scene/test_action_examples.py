@@ -1,4 +1,4 @@
-"""The scene files of what a robot does come out as docs/actions.md says."""
+"""The scene files of what a robot does come out as the how-to pages say."""
 
 from pathlib import Path
 

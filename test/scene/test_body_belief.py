@@ -2,8 +2,11 @@
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from unc_physics import Belief, BodyBelief, RigidBody, Scene, UncPhysicsError, load_model
+from unc_physics.checks.errors import InvalidRequestError
+from unc_physics.scene.scene_file import scene_from_dict
 
 PIN = load_model("pin").prefix(20)
 SCENE = Scene([RigidBody("left", PIN), RigidBody("post", PIN, fixed=True), RigidBody("right", PIN)])
@@ -76,3 +79,57 @@ def test_wrong_fields_are_named(fields, words):
 def test_a_belief_without_the_fixed_body_says_how_to_make_one_that_fits():
     with pytest.raises(UncPhysicsError, match=r"moving=\[0, 2\].*Belief.of"):
         Belief(np.tile(POST.state, (3, 1)), np.zeros((3, 12, 12))).check_fits(SCENE)
+
+
+def test_roll_pitch_yaw_are_rotations_about_fixed_axes():
+    angles = [0.3, -0.7, 2.1]
+    expected = Rotation.from_euler("xyz", angles).as_quat()
+    found = BodyBelief(roll_pitch_yaw=angles).orientation
+    np.testing.assert_allclose(found * np.sign(found @ expected), expected, atol=1e-15)
+    with pytest.raises(InvalidRequestError, match="roll_pitch_yaw must not be given beside orientation"):
+        BodyBelief(roll_pitch_yaw=angles, orientation=[0, 0, 0, 1])
+
+
+def test_a_pose_of_the_model_s_origin():
+    """Mean and covariance at the centre of mass, against those of samples that are moved there exactly."""
+    origin, rng = np.array([0.02, -0.01, -0.06]), np.random.default_rng(0)
+    given = BodyBelief(
+        origin="model",
+        position=[0.4, 0.1, 0.2],
+        roll_pitch_yaw=[0.2, 0.5, -1.0],
+        linear_velocity=[0.3, 0.0, 0.1],
+        angular_velocity=[1.0, -2.0, 3.0],
+        position_std=[1e-3, 2e-3, 3e-3],
+        orientation_std=[0.02, 0.01, 0.03],
+        linear_velocity_std=0.01,
+        angular_velocity_std=0.05,
+    )
+    found = given.at_center_of_mass(origin)
+    turn = Rotation.from_quat(given.orientation)
+    np.testing.assert_allclose(found.position, given.position - turn.apply(origin), atol=1e-15)
+    errors = rng.standard_normal((400_000, 12)) * np.sqrt(given.covariance.diagonal())
+    turns = turn * Rotation.from_rotvec(errors[:, 6:9])
+    spins = given.angular_velocity + errors[:, 9:]
+    lever = -turns.apply(origin)
+    moved = errors.copy()
+    moved[:, :3] += given.position + lever - found.position
+    moved[:, 3:6] += given.linear_velocity + np.cross(spins, lever) - found.linear_velocity
+    scale = np.sqrt(found.covariance.diagonal())
+    np.testing.assert_allclose(
+        np.cov(moved.T) / np.outer(scale, scale), found.covariance / np.outer(scale, scale), atol=0.02
+    )
+    assert given.at_center_of_mass(origin).at_center_of_mass(origin).origin == "center_of_mass"
+    with pytest.raises(InvalidRequestError, match="origin must be one of center_of_mass, model"):
+        BodyBelief(origin="base")
+
+
+def test_a_scene_file_places_the_model_s_origin():
+    body = {"name": "can", "model": "can", "spheres": 50, "roll_pitch_yaw": [0, 0, 1.0], "position_std": 0.01}
+    can, standing = load_model("can"), {"origin": "model", "position": [0.1, 0.2, 0.0]}
+    scene, belief, _ = scene_from_dict({"physics": "everyday", "bodies": [body | standing]})
+    np.testing.assert_allclose(belief.mean[0, 2], -can.origin[2], atol=1e-12)
+    of_python = Belief.of(
+        scene, {"can": BodyBelief(roll_pitch_yaw=[0, 0, 1.0], position_std=0.01, **standing)}
+    )
+    np.testing.assert_array_equal(of_python.mean, belief.mean)
+    np.testing.assert_array_equal(of_python.blocks, belief.blocks)

@@ -6,7 +6,7 @@ from scipy.spatial.transform import Rotation
 
 from unc_physics import Belief
 from unc_physics.checks.errors import InvalidCovarianceError, InvalidRequestError, NotFiniteError
-from unc_physics.physics.layout import ANGULAR_VELOCITY, POSITION, QUATERNION, VELOCITY
+from unc_physics.spatial.layout import ANGULAR_VELOCITY, POSITION, QUATERNION, VELOCITY
 
 STD = np.array([0.01, 0.02, 0.005, 0.03, 0.01, 0.02])
 ORIGIN = np.array([0.3, -0.2, 1.5])

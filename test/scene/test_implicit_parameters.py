@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from unc_physics import Belief, Box, Plane, RigidBody, Scene, load_model, make_propagator, predict
+from unc_physics.dynamics import contact_history as histories
+from unc_physics.dynamics.rollout import rollout
 from unc_physics.geometry.packing_file import SpherePacking
-from unc_physics.physics import contact_history as histories
-from unc_physics.physics.rollout import rollout
 from unc_physics.scene.parameters import vary
 
 R, G = 0.03, 9.81

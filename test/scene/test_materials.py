@@ -27,6 +27,7 @@ def model(loaded):
 
 
 def implicit(bodies, environment=(), **options):
+    options = {"gravity": (0.0, 0.0, 0.0)} | options
     return Scene(bodies, environment=environment, integrator="implicit", **options)
 
 
@@ -48,7 +49,7 @@ def test_where_nothing_is_said_implicit_is_plastic_and_explicit_elastic(model):
     scene = implicit(bodies, [Plane()])
     np.testing.assert_array_equal(scene.materials.friction, [0.2, 0.0])
     np.testing.assert_array_equal(scene.materials.restitution, [0.0, 0.0])
-    scene = Scene([RigidBody("a", model, 1.0)], environment=[Plane()])
+    scene = Scene([RigidBody("a", model, 1.0)], gravity=(0.0, 0.0, 0.0), environment=[Plane()])
     np.testing.assert_array_equal(scene.materials.friction, [0.0, 0.0])
     np.testing.assert_array_equal(scene.materials.restitution, [1.0, 1.0])
 
@@ -95,7 +96,7 @@ def test_uncertain_materials_vary_by_their_laws(model):
 
 
 def test_a_file_says_it_of_bodies_and_elements():
-    content = CONTENTS["two_bodies"]() | {"integrator": "implicit", "friction": 0.5}
+    content = CONTENTS["two_bodies"]() | {"integrator": "implicit", "friction": 0.5, "gravity": [0, 0, 0]}
     content["bodies"][1] |= {"friction": "4e-1", "friction_std": 0.1, "restitution": None}
     content["environment"] = [FLOOR | {"name": "floor", "restitution": 0.7, "restitution_std": 0.1}]
     scene = scene_from_dict(content).scene
@@ -177,7 +178,12 @@ def test_bodies_and_elements_with_the_explicit_step_have_none(model, options, fi
     ],
 )
 def test_what_the_explicit_step_does_of_itself_may_be_said(model, options):
-    scene = Scene([RigidBody("a", model, 1.0, **options)], environment=[Plane(**options)], **options)
+    scene = Scene(
+        [RigidBody("a", model, 1.0, **options)],
+        gravity=(0.0, 0.0, 0.0),
+        environment=[Plane(**options)],
+        **options,
+    )
     assert not scene.materials.friction.any() and (scene.materials.restitution == 1.0).all()
     plain = scene_from_dict(CONTENTS["two_bodies"]() | options).scene
     assert plain.world.surroundings is None  # the paper's kernels, as without

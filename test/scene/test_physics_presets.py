@@ -114,6 +114,35 @@ def test_null_takes_a_law_away(model):
         )
 
 
+LIKELY_GRAVITY = {
+    "an environment": {"environment": [{"plane": {"normal": [0, 0, 1]}}]},
+    "friction": {"friction": 0.3, "integrator": "implicit"},
+    "bodies at rest": {"integrator": "implicit"},
+}
+
+
+@pytest.mark.parametrize("reason", LIKELY_GRAVITY)
+def test_a_scene_that_looks_as_if_it_had_gravity_must_say(reason):
+    content = without_dt(**LIKELY_GRAVITY[reason])
+    if reason == "bodies at rest":
+        body = content["bodies"][0]
+        content["bodies"][0] = {key: body[key] for key in ("name", "model", "spheres", "mass") if key in body}
+        content["bodies"][0] |= {"at_rest": True}
+    with pytest.raises(InvalidRequestError, match=f"gravity must be given, as the scene has {reason}"):
+        scene_from_dict(content)
+    scene_from_dict(content | {"gravity": [0, 0, -9.81]})
+    scene_from_dict(content | {"physics": "everyday"})
+    if reason == "an environment":
+        scene_from_dict(content | {"physics": "paper"})
+        assert not scene_from_dict(content | {"gravity": None}).scene.gravity.any()
+
+
+def test_python_scenes_need_gravity_likewise(model):
+    with pytest.raises(InvalidRequestError, match="Scene.everyday"):
+        Scene([RigidBody("a", model, 1.0)], environment=[Plane()])
+    assert not Scene([RigidBody("a", model, 1.0)]).gravity.any()
+
+
 def test_null_says_nothing_where_there_is_no_law_to_take_away():
     assert_everyday(read(physics="everyday", dt=None, integrator=None, stiffness=None))
 

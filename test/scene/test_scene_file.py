@@ -27,7 +27,7 @@ def scene_with(**entries):
 
 def test_elements_arrive_in_order_with_their_names(tmp_path):
     path = tmp_path / "scene.yaml"
-    path.write_text(yaml.safe_dump(CONTENTS["two_bodies"]() | {"environment": SURROUNDINGS}))
+    path.write_text(yaml.safe_dump(CONTENTS["two_bodies"]() | {"environment": SURROUNDINGS, "gravity": None}))
     floor, wall, block, knob, post, rail = elements = load_scene(path).scene.environment
     assert [type(element) for element in elements] == [Plane, Box, Box, Sphere, Cylinder, Capsule]
     assert element_names(elements) == ["plane_0", "wall", "box_2", "knob", "cylinder_4", "capsule_5"]
@@ -78,7 +78,7 @@ def test_what_a_file_does_not_name_is_not_there(entries):
     ],
 )
 def test_each_law_is_on_when_it_is_named(key, value):
-    assert getattr(scene_with(**{"integrator": "implicit", key: value}), key) == value
+    assert getattr(scene_with(**{"integrator": "implicit", "gravity": None, key: value}), key) == value
 
 
 def test_uncertain_parameters():

@@ -12,7 +12,7 @@ from unc_physics.checks.errors import (
     NotSupportedError,
     UncPhysicsError,
 )
-from unc_physics.physics.sphere_tree import EMPTY
+from unc_physics.collision.sphere_tree import EMPTY
 from unc_physics.scene.belief import Belief
 from unc_physics.scene.body import RigidBody
 from unc_physics.scene.environment import Plane
@@ -144,6 +144,7 @@ def test_an_off_centre_push_turns_by_the_shifted_centre_of_mass(model):
         [RigidBody("a", ball, 1.0, center_of_mass_std=[0.1 * ball.radii[0], 0.0, 0.0])],
         0.001,
         1e6,
+        gravity=(0.0, 0.0, 0.0),
         environment=[Plane()],
     )
     mean = at_rest()

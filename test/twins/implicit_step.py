@@ -4,28 +4,50 @@ A state is (B, 13); velocities of all bodies are one vector (6 B,), a linear and
 Fixed bodies have no inverse mass.
 """
 
+from functools import cache
+from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
 from scipy.optimize import brentq, least_squares
 from scipy.spatial.transform import Rotation
 
+from unc_physics.scene.body import faces_of, hull_of
+
 from .states import P, Q, V, W
 
-ACTIVE, IMPACT, TOUCHING, AIM = (
-    5e-4,
-    2e-4,
-    2e-5,
-    1e-5,
-)  # m: gaps of what takes part in a step, in an impact; of touch
-SAME_PATCH, TILT, BONUS = 0.9, 0.02, 1e-4  # of the reduction: a cosine, an angle, and a depth [m]
+#: Gaps up to which contacts take part in a step, take part in an impact, and touch, and the gap at which an
+#: impact is aimed [m].
+ACTIVE, IMPACT, TOUCHING, AIM = 5e-4, 2e-4, 2e-5, 1e-5
+#: Cosine of the angle between normals of one patch; the tilt that finds its supports, at least and at most
+#: [rad].
+SAME_PATCH, TILT, MOST_TILT = 0.9, 0.02, 0.5
+#: A contact that carried load counts as deeper by this [m], and by this share of the body's radius at most,
+#: unless the body's points turn farther than the last one in a step [m].
+BONUS, BONUS_SHARE, TURNING, ROLLED = 2e-5, 0.01, 2e-3, 1e-4
+#: Of a packing's radius: distance from a face up to which spheres touch it, and the least width of a face.
+FACE_TOLERANCE, FACE_WIDTH = 1e-5, 0.05
+#: Least cosine of the angle between the normals of two spheres and of a face that stands for one of them.
+OVER_FACE = 0.5
+#: How much nearer a face may be than the spheres themselves [m], so that no contact begins deeper.
+HOLLOW = 1.5e-4
+#: Height over the lowest sphere of what rolls up to which others count [m], the least turn in an interval at
+#: which contacts push in its middle [rad], and their longest way, in units of that of the body's surface.
+BUMPS, TURNED, FARTHEST = 1.3e-4, 1e-3, 5.0
+#: Overlap that contacts always push out [m], and the speed at which they push out unexplained overlap [m/s].
+SLACK, RECOVERY = 2e-5, 0.05
+#: Depth at which a cylinder's contact is as wide as the part of a patch that rolls together [m].
+ROLL_DEPTH = 2e-4
+#: Restitution from which on impacts act in sequence, and their slowest closing speed [m/s].
+LIVELY, LIVELY_SPEED = 0.7, 1e-3
 
 
 class Contact(NamedTuple):
     """Spheres ``a`` of body ``i`` and ``b`` of body ``j``, or element ``-1 - j``; world frame.
 
-    ``point`` is on the first sphere's surface, ``normal`` points towards its body, ``center_j`` is the middle
-    of the second sphere, ``predicted`` the gap after the horizon.
+    ``point`` is on the first sphere's surface, ``normal`` points towards its body, ``predicted`` is the gap
+    after the horizon. ``center_i`` and ``center_j`` are centres of spheres that touch at this contact: the
+    spheres themselves or, at a flat face, one inside the face. ``on_face`` marks contacts with a face.
     """
 
     i: int
@@ -39,6 +61,89 @@ class Contact(NamedTuple):
     center_i: np.ndarray
     center_j: np.ndarray
     radius: float
+    on_face: bool = False
+
+
+class Face(NamedTuple):
+    """A flat face: its outward normal in the body frame, and the numbers of the spheres that touch it."""
+
+    normal: np.ndarray
+    touching: np.ndarray
+
+
+@cache
+def faces_in_use(model):
+    """Return the flat faces that the package found, which `flat_faces` checks."""
+    found = faces_of(model)
+    return [Face(n, np.flatnonzero((found.of_sphere == k).any(axis=1))) for k, n in enumerate(found.normal)]
+
+
+def flat_faces(model):
+    """Return the flat faces of a packing: the planes that touch three spheres of its hull from outside, and
+    at least a fourth.
+    """
+    centers, radii = np.array(model.centers), np.array(model.radii)
+    size = (np.linalg.norm(centers, axis=1) + radii).max()
+    directions = np.random.default_rng(0).normal(size=(20000, 3))
+    directions /= np.linalg.norm(directions, axis=1)[:, None]
+    corners = np.unique((directions @ centers.T + radii).argmax(axis=1))
+    if len(corners) < 3:
+        return []
+    triples = corners[np.array(list(combinations(range(len(corners)), 3)))]
+    first, second = (centers[triples[:, k]] - centers[triples[:, 0]] for k in (1, 2))
+    across = np.cross(first, second)
+    area = np.linalg.norm(across, axis=1)
+    kept = area > 1e-3 * size**2
+    first, second, across, triples = first[kept], second[kept], across[kept], triples[kept]
+    across /= area[kept, None]
+    rises = radii[triples[:, :1]] - radii[triples[:, 1:]]  # normal . first and normal . second
+    gram = np.array([[np.sum(u * v, axis=1) for u in (first, second)] for v in (first, second)])
+    shares = np.linalg.solve(gram.transpose(2, 0, 1), rises[:, :, None])[:, :, 0]
+    inside = shares[:, :1] * first + shares[:, 1:] * second
+    square = 1.0 - np.sum(inside**2, axis=1)
+    planes = []
+    for sign in (1.0, -1.0):
+        normals = inside + sign * np.sqrt(np.maximum(square, 0.0))[:, None] * across
+        top = np.sum(normals * centers[triples[:, 0]], axis=1) + radii[triples[:, 0]]
+        beyond = (normals @ centers[corners].T + radii[corners]).max(axis=1) - top
+        planes.append(normals[(square > 0.0) & (beyond < FACE_TOLERANCE * size)])
+    normals, faces = np.concatenate(planes), []
+    touch = [_touching(n, centers, radii, size) for n in normals]
+    for k in sorted(range(len(normals)), key=lambda k: -len(touch[k])):
+        touching = touch[k]
+        if len(touching) < 4 or any(normals[k] @ face.normal > 1.0 - 1e-6 for face in faces):
+            continue
+        points = centers[touching] - centers[touching].mean(axis=0)
+        if np.linalg.svd(points, compute_uv=False)[1] < FACE_WIDTH * size * np.sqrt(len(points)):
+            continue
+        faces.append(Face(_fitted(normals[k], centers[touching], radii[touching]), touching))
+    return faces
+
+
+def _touching(normal, centers, radii, size):
+    tops = centers @ normal + radii
+    return np.flatnonzero(tops >= tops.max() - FACE_TOLERANCE * size)
+
+
+def _fitted(normal, centers, radii):
+    """Return the normal of the plane that is nearest to touching all spheres, by least squares."""
+
+    def misses(y):
+        return centers @ (y[:3] / np.linalg.norm(y[:3])) + radii - y[3]
+
+    start = np.append(normal, (centers @ normal + radii).mean())
+    found = least_squares(misses, start, xtol=1e-15, ftol=1e-15, gtol=1e-15, x_scale=0.01).x[:3]
+    return found / np.linalg.norm(found)
+
+
+def is_over(face, points, centers):
+    """Return whether points (n, 3) are over a face, in the body frame: inside the 16 sides around the places
+    where spheres touch it.
+    """
+    first, second = frame(face.normal)
+    angles = 2.0 * np.pi / 16.0 * np.arange(16)[:, None]
+    sides = np.cos(angles) * first + np.sin(angles) * second
+    return (points @ sides.T <= (centers[face.touching] @ sides.T).max(axis=0)).all(axis=1)
 
 
 def centers(body, s):
@@ -50,9 +155,12 @@ def _speed_at(s, points, gravity, horizon, fixed=False):
     return s[V] + (0.0 if fixed else 0.5 * horizon) * np.asarray(gravity) + np.cross(s[W], points - s[P])
 
 
-def candidates(scene, x, i, j, horizon):
-    """All contacts of body i with body j, or element ``-1 - j``, now or within ``horizon`` seconds."""
-    limit = ACTIVE if horizon > 0.0 else IMPACT
+def candidates(scene, x, i, j, horizon, limit=None):
+    """Return all contacts of body i with body j, or element ``-1 - j``, whose spheres are nearer than a limit
+    [m], now or within ``horizon`` seconds. The limit is an impact's without a horizon, or a step's.
+    """
+    if limit is None:
+        limit = ACTIVE if horizon > 0.0 else IMPACT
     ci, ri = centers(scene.bodies[i], x[i]), scene.bodies[i].model.radii
     vi = _speed_at(x[i], ci, scene.gravity, horizon)
     found = []
@@ -71,37 +179,119 @@ def candidates(scene, x, i, j, horizon):
     normal = away / distance[..., None]
     gaps = distance - ri[:, None] - rj
     predictions = gaps + horizon * np.sum(normal * (vi[:, None] - vj), axis=2)
-    for a, b in np.argwhere(np.minimum(gaps, predictions) < limit):
-        n = normal[a, b]
-        radius = ri[a] * rj[b] / (ri[a] + rj[b])
+    pairs = np.argwhere(np.minimum(gaps, predictions) < limit)
+    own = [Own(normal[a, b], ci[a], gaps[a, b]) for a, b in pairs]
+    for (a, b), contact in zip(pairs, best_contacts(scene, x, (i, j), pairs, (ci, cj), own), strict=True):
+        n, center, gap, on_face = contact
+        point = center - ri[a] * n
+        inner = point - (gap + rj[b]) * n
+        speeds = [
+            _speed_at(x[k], at, scene.gravity, horizon, scene.bodies[k].fixed)
+            for k, at in ((i, center), (j, inner))
+        ]
         found.append(
-            Contact(i, j, a, b, n, ci[a] - ri[a] * n, gaps[a, b], predictions[a, b], ci[a], cj[b], radius)
+            Contact(
+                *(i, j, int(a), int(b), n, point, gap, gap + horizon * n @ (speeds[0] - speeds[1])),
+                *(center, inner, ri[a] * rj[b] / (ri[a] + rj[b]), on_face),
+            )
         )
     return found
 
 
-def reduced(found, s, loaded=()):
-    """Those that stand for all: of each patch the deepest, and the deepest as seen when it is tilted in eight
+class Own(NamedTuple):
+    """The contact of two spheres, of which the first has its centre at ``center``, by themselves or by a face
+    that stands for one of them.
+    """
+
+    normal: np.ndarray
+    center: np.ndarray
+    gap: float
+    on_face: bool = False
+
+
+def best_contacts(scene, x, bodies, pairs, places, own):
+    """Return the contacts of pairs of spheres, which have ``own`` ones.
+
+    A face stands for a sphere that touches it if the other sphere is over it, and no farther beside the first
+    than twice the smaller radius. Of several faces, the one that separates the spheres best counts, unless it
+    is much nearer than the spheres are.
+    """
+    found = [[] for _ in pairs]
+    for near, far, sign in ((1, 0, 1.0), (0, 1, -1.0)):  # the sphere that touches a face, and the other
+        s, model = x[bodies[near]], scene.bodies[bodies[near]].model
+        R, radii = Rotation.from_quat(s[Q]).as_matrix(), [scene.bodies[k].model.radii for k in bodies]
+        for face in faces_in_use(model) if len(pairs) else ():
+            n, over = R @ face.normal, is_over(face, (places[far] - s[P]) @ R, model.centers)
+            for k, pair in enumerate(pairs):
+                away = places[far][pair[far]] - places[near][pair[near]]
+                beside = np.linalg.norm(away - (n @ away) * n)
+                aligned = sign * n @ own[k].normal > OVER_FACE
+                aligned &= beside < 2.0 * min(radii[0][pair[0]], radii[1][pair[1]])
+                if pair[near] in face.touching and over[pair[far]] and aligned:
+                    reach = radii[0][pair[0]] + radii[1][pair[1]]
+                    height = n @ away - reach
+                    opposite = places[1][pair[1]] - (reach + height) * n
+                    found[k].append(Own(sign * n, opposite if far == 1 else places[0][pair[0]], height, True))
+    best = [max(faces, key=lambda face: face.gap, default=None) for faces in found]
+    return [
+        contact if face is None or face.gap < contact.gap - HOLLOW else face
+        for face, contact in zip(best, own, strict=True)
+    ]
+
+
+def patches(found, score):
+    """Return lists of contacts with similar normals: each around its deepest contact, which is the first, by
+    ``score``, gaps by spheres.
+    """
+    left, out = list(found), []
+    while left:
+        deepest = min(left, key=lambda c: score[c.a, c.b])
+        near = [c.normal @ deepest.normal >= SAME_PATCH for c in left]
+        out.append([deepest, *(c for c, same in zip(left, near, strict=True) if same and c is not deepest)])
+        left = [c for c, same in zip(left, near, strict=True) if not same]
+    return out
+
+
+def patch_tilt(x, i, j, turned):
+    """Return the tilt that finds a patch's supports [rad], of bodies that turned freely for some time [s]."""
+    spin = np.linalg.norm(x[i, W] - (x[j, W] if j >= 0 else 0.0))
+    return min(max(TILT, turned * spin), MOST_TILT)
+
+
+def reduced(found, s, loaded=(), bonus=0.0, tilt=TILT):
+    """Return those that stand for all: of each patch the deepest, and the deepest when it is tilted in eight
     directions.
 
     ``s`` is body i's state; ``loaded`` has pairs of spheres that carried load in the last step, which count
-    as deeper.
+    as deeper by ``bonus`` [m].
     """
     R = Rotation.from_quat(s[Q]).as_matrix()
-    score = {(c.a, c.b): c.predicted - (BONUS if (c.a, c.b) in loaded else 0.0) for c in found}
-    left, kept = list(found), set()
-    while left:
-        deepest = min(left, key=lambda c: score[c.a, c.b])
-        patch = [c for c in left if c.normal @ deepest.normal >= SAME_PATCH]
+    score = {(c.a, c.b): c.predicted - (bonus if (c.a, c.b) in loaded else 0.0) for c in found}
+    kept = set()
+    for patch in patches(found, score):
+        deepest = patch[0]
         kept.add((deepest.a, deepest.b))
-        n = R.T @ deepest.normal
-        first, second = frame(n)
+        first, second = frame(R.T @ deepest.normal)
+        ordered = sorted(patch, key=lambda c: (c.a, c.b))
         for angle in 0.25 * np.pi * np.arange(8):
-            tilt = TILT * (np.cos(angle) * first + np.sin(angle) * second)
-            lowest = min(patch, key=lambda c: score[c.a, c.b] + tilt @ (R.T @ (c.point - s[P])))
+            slope = tilt * (np.cos(angle) * first + np.sin(angle) * second)
+            lowest = min(ordered, key=lambda c: score[c.a, c.b] + slope @ (R.T @ (c.point - s[P])))
             kept.add((lowest.a, lowest.b))
-        left = [c for c in left if c.normal @ deepest.normal < SAME_PATCH]
     return kept
+
+
+def lasting_limit(scene, h):
+    """Return the gap up to which contacts take part in an interval [m]: an impact's, or by how much holding a
+    body against gravity changes its place.
+    """
+    return max(IMPACT, h * h * np.linalg.norm(scene.gravity))
+
+
+def loaded_bonus(scene, x, i, j):
+    """Return by how much contacts of body i with body j that carried load count as deeper [m]."""
+    radius = scene.bodies[i].model.bounding_radius
+    spin = np.linalg.norm(x[i, W] - (x[j, W] if j >= 0 else 0.0))
+    return 0.0 if radius * spin > TURNING else min(BONUS, BONUS_SHARE * radius)
 
 
 def frame(n):
@@ -131,13 +321,17 @@ def velocities(x):
     return np.concatenate([x[:, V], x[:, W]], axis=1).ravel()
 
 
+def middle_of(c):
+    """Return a contact's place [m]: the middle of its gap or, in an element, the sphere's surface."""
+    gap = c.gap if c.j >= 0 else max(c.gap, 0.0)
+    return c.point - 0.5 * gap * c.normal
+
+
 def jacobian(contacts, x):
-    """(3 m, 6 B): velocities at the middles of the gaps along each contact's normal and two directions
-    across.
-    """
+    """(3 m, 6 B): velocities along each contact's normal and two directions across, at its place."""
     J = np.zeros((3 * len(contacts), 6 * len(x)))
     for k, c in enumerate(contacts):
-        middle = c.point - 0.5 * c.gap * c.normal
+        middle = middle_of(c)
         for d, axis in enumerate((c.normal, *frame(c.normal))):
             for body, sign in ((c.i, 1.0), (c.j, -1.0)):
                 if body >= 0:
@@ -146,18 +340,15 @@ def jacobian(contacts, x):
     return J
 
 
-def bend(c, x):
-    """Second derivative of a gap at constant velocities, as the spheres' centres go round [m/s^2]."""
+def fall(scene, c, x):
+    """Return the second derivative of a gap in free fall [m/s^2]: that of spheres whose centres go round, and
+    gravity where it does not pull at both.
+    """
     total = c.normal @ np.cross(x[c.i, W], np.cross(x[c.i, W], c.center_i - x[c.i, P]))
     if c.j >= 0:
         total -= c.normal @ np.cross(x[c.j, W], np.cross(x[c.j, W], c.center_j - x[c.j, P]))
-    return total
-
-
-def fall(scene, c, x):
-    """The same with gravity, where it does not pull at both [m/s^2]."""
     both = c.j >= 0 and not scene.bodies[c.j].fixed
-    return bend(c, x) + (0.0 if both else c.normal @ scene.gravity)
+    return total + (0.0 if both else c.normal @ scene.gravity)
 
 
 def mean_of(values, c, bodies):
@@ -165,17 +356,101 @@ def mean_of(values, c, bodies):
     return np.sqrt(values[c.i] * values[c.j if c.j >= 0 else bodies - 1 - c.j])
 
 
+def leads(scene, contacts, x, J, h, limit):
+    """Return for each contact the number of the contact whose normal speed damps it, and that of the deepest
+    contact of its patch.
+
+    The deepest contact's speed damps those at which a round body that rolls would touch as well: their speeds
+    differ by no more than the body's spin times the half width of a shallow contact. Others have their own.
+    ``x`` is the state without contacts after ``h`` seconds, ``limit`` the gap of contacts that take part [m].
+    """
+    speeds, out = (J @ velocities(x))[::3], np.arange(len(contacts))
+    lowest, numbers = out.copy(), {c[:4]: k for k, c in enumerate(contacts)}
+    for i, j in {(c.i, c.j) for c in contacts}:
+        every = candidates(scene, x, i, j, 0.0, limit)
+        for patch in patches(every, {(c.a, c.b): c.gap for c in every}):
+            chosen = [numbers[c[:4]] for c in patch if c[:4] in numbers]
+            if not chosen:
+                continue
+            deepest = min(chosen, key=lambda k: contacts[k].gap)
+            spin = np.linalg.norm(x[i, W] - (x[j, W] if j >= 0 else 0.0))
+            reach = roll_reach(scene, i, j)
+            near = reach * spin if h * spin * reach**2 > ROLLED * 2.0 * ROLL_DEPTH else 0.0
+            for k in chosen:
+                lowest[k] = deepest
+                if k == deepest or abs(speeds[k] - speeds[deepest]) < near:
+                    out[k] = deepest
+    return out, lowest
+
+
+def lowest_place(body, R, n):
+    """Return the arm to where a body at an orientation is lowest against ``n`` [m]: at the mean of its hull's
+    spheres near its lowest one.
+    """
+    hull = hull_of(body.model)
+    places, radii = body.model.centers[hull] @ R.T, body.model.radii[hull]
+    heights = places @ n - radii
+    weights = np.maximum(1.0 - (heights - heights.min()) / BUMPS, 0.0) ** 2
+    mean = weights @ places / weights.sum()
+    return mean + (heights.min() - mean @ n) * n
+
+
+def push_jacobian(scene, contacts, before, x, J, lead, lowest, h):
+    """Return (3 m, 6 B) how impulses change momenta: as ``J``, but contacts of what rolls on an element are
+    where they are in mid-interval.
+
+    The body is turned back from the end by the second half of its turn, at the mean angular velocity of that
+    half. The contact moves over the body as the place where the body is lowest does.
+    """
+    out = J.copy()
+    for k, c in enumerate(contacts):
+        n, body, R = contacts[lowest[k]].normal, scene.bodies[c.i], Rotation.from_quat(x[c.i, Q])
+        w = 0.25 * before[c.i, W] + 0.75 * x[c.i, W]
+        across = w - (w @ n) * n
+        if c.j >= 0 or lead[k] != lowest[k] or h * np.linalg.norm(across) <= TURNED:
+            continue
+        end = lowest_place(body, R.as_matrix(), n)
+        way = lowest_place(body, (Rotation.from_rotvec(-0.5 * h * w) * R).as_matrix(), n) - end
+        ahead = np.cross(across, n) / np.linalg.norm(across)
+        turn = -0.5 * h * (w @ n) * n
+        step = (way - np.cross(turn, end)) @ ahead
+        if abs(step) >= FARTHEST * h * np.linalg.norm(across) * body.model.bounding_radius:
+            continue
+        arm = middle_of(c) - x[c.i, P]
+        arm = arm + np.cross(turn, arm) + step * ahead + (way @ n) * n
+        for d, axis in enumerate((c.normal, *frame(c.normal))):
+            out[3 * k + d, 6 * c.i + 3 : 6 * c.i + 6] = np.cross(arm, axis)
+    return out
+
+
+def roll_reach(scene, i, j):
+    """Return the half width of the contact of a cylinder of the smaller body's radius [m]."""
+    radius = min(scene.bodies[k].model.bounding_radius for k in (i, j) if k >= 0)
+    return np.sqrt(2.0 * ROLL_DEPTH * radius)
+
+
+def counted_gaps(gaps, mean_speeds, explained, h):
+    """Return gaps at an interval's end of which overlap that nothing explains counts only in part.
+
+    Overlap at the start beyond the depth that the last force explains, and a slack, is pushed out at a
+    limited speed, so it gives back no energy.
+    """
+    start = gaps - h * mean_speeds
+    return gaps + np.maximum(-explained - SLACK - RECOVERY * h - start, 0.0)
+
+
 class Lasting(NamedTuple):
     """The law of lasting contacts: depths at an interval's end give normal impulses; impulses change ``free``
-    (6 B,).
+    (6 B,). Gaps and speeds are those of the interval's end without contacts, and ``push`` says where impulses
+    act (`push_jacobian`).
     """
 
     J: np.ndarray
+    push: np.ndarray
     inverse_mass: np.ndarray
     free: np.ndarray
-    start: np.ndarray  # normal speeds (m,)
-    gap: np.ndarray
-    bend: np.ndarray
+    gap: np.ndarray  # at the end without contacts (m,)
+    rolling: np.ndarray  # normal speed beyond the one that is damped, without contacts (m,)
     stiffness: np.ndarray  # kappa pi R
     friction: np.ndarray
     h: float
@@ -183,11 +458,16 @@ class Lasting(NamedTuple):
 
     def speeds(self, impulses):
         """(m, 3) at the interval's end."""
-        return (self.J @ (self.free + self.inverse_mass @ self.J.T @ impulses.ravel())).reshape(-1, 3)
+        return (self.J @ self.ends(impulses)).reshape(-1, 3)
+
+    def ends(self, impulses):
+        """Velocities (6 B,) at the interval's end."""
+        return self.free + self.inverse_mass @ self.push.T @ impulses.ravel()
 
     def normal_impulses(self, speeds):
-        mean = 0.5 * (self.start + speeds[:, 0] + self.h * self.bend)
-        depth = np.maximum(0.0, -self.gap - self.h * mean - self.damping_time * speeds[:, 0])
+        change = speeds[:, 0] - (self.J @ self.free)[::3]
+        gap = self.gap + 0.5 * self.h * change  # bodies travel by the mean of start and end
+        depth = np.maximum(0.0, -gap - self.damping_time * (speeds[:, 0] - self.rolling))
         return self.h * self.stiffness * depth**2
 
     def residual(self, impulses):
@@ -222,7 +502,11 @@ class Impact(NamedTuple):
     target: np.ndarray
     friction: np.ndarray
 
-    speeds = Lasting.speeds
+    speeds, ends = Lasting.speeds, Lasting.ends
+
+    @property
+    def push(self):
+        return self.J
 
     def residual(self, impulses):
         speeds = self.speeds(impulses)
@@ -234,7 +518,7 @@ class Impact(NamedTuple):
 
 def compliance(law):
     """(m, 3): each direction's own."""
-    return np.einsum("ij,jk,ik->i", law.J, law.inverse_mass, law.J).reshape(-1, 3)
+    return np.einsum("ij,jk,ik->i", law.J, law.inverse_mass, law.push).reshape(-1, 3)
 
 
 def slip_residual(law, impulses, speeds):
@@ -291,12 +575,17 @@ def blended(scene, x, before, elastic, plastic):
     return plastic + brentq(gain, 0.0, 1.0, xtol=1e-14) * (elastic - plastic)
 
 
-def time_to_impact(gaps, speeds, accelerations, left, threshold):
-    """When the first gap, a parabola, reaches the aim faster than the threshold; ``left`` [s] if none does
+def impact_speed(restitution, threshold):
+    """Return the closing speed above which a contact has an impact [m/s]."""
+    return min(LIVELY_SPEED, threshold) if restitution >= LIVELY else threshold
+
+
+def time_to_impact(gaps, speeds, accelerations, left, thresholds):
+    """When the first gap, a parabola, reaches the aim faster than its threshold; ``left`` [s] if none does
     before.
     """
     first = left
-    for gap, speed, acceleration in zip(gaps, speeds, accelerations, strict=True):
+    for gap, speed, acceleration, threshold in zip(gaps, speeds, accelerations, thresholds, strict=True):
         if gap <= AIM:
             continue
         for time in np.roots([0.5 * acceleration, speed, gap - AIM]):
@@ -307,6 +596,42 @@ def time_to_impact(gaps, speeds, accelerations, left, threshold):
             ):
                 first = time.real
     return first
+
+
+def first_closing(gaps, speeds, accelerations, h, thresholds):
+    """Return the time at which a gap may first have closed faster than its threshold on the way to these gaps
+    and speeds; ``h`` without one, and 0 if one had closed at the start that is not open at the end. Almost as
+    fast is enough on the way.
+    """
+    slow = 0.9 * np.asarray(thresholds)
+    begin = speeds - h * accelerations
+    start = gaps - 0.5 * h * (begin + speeds)
+    closed = start <= 2.0 * TOUCHING
+    if (begin < -np.asarray(thresholds))[closed & (gaps <= 0.0)].any():
+        return 0.0
+    left = ~closed
+    return time_to_impact(start[left], begin[left], accelerations[left], h, slow[left])
+
+
+def in_impact(contacts, speeds, restitution, threshold, moving):
+    """Return the numbers of the contacts that an impact reaches.
+
+    Contacts of low restitution are rigid up to a distance; elastic ones act in sequence, so only those that
+    touch and close take part. An impact reaches all bodies that these connect to a contact that closes fast.
+    """
+    slowest = np.array([impact_speed(e, threshold) for e in restitution])
+    gaps = np.array([c.gap for c in contacts])
+    rigid = np.where(restitution < LIVELY, gaps <= IMPACT, (gaps <= TOUCHING) & (speeds < -slowest))
+    reached = {contacts[k].i for k in np.flatnonzero(rigid & (speeds < -slowest))}
+    reached |= {contacts[k].j for k in np.flatnonzero(rigid & (speeds < -slowest)) if contacts[k].j in moving}
+    while True:
+        more = set()
+        for k in np.flatnonzero(rigid):
+            ends = {contacts[k].i, contacts[k].j} & set(moving)
+            more |= ends if ends & reached else set()
+        if more <= reached:
+            return [k for k in np.flatnonzero(rigid) if contacts[k].i in reached]
+        reached |= more
 
 
 def travelled(s, end, h):

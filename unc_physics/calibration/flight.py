@@ -9,7 +9,10 @@ from typing import NamedTuple
 import numpy as np
 
 from ..checks.errors import InvalidRequestError
-from ..physics.layout import (
+from ..scene.belief import Belief
+from ..scene.body import RigidBody, hull_of
+from ..scene.scene import Scene
+from ..spatial.layout import (
     ANGULAR_VELOCITY,
     ERR_ANGULAR_VELOCITY,
     ERR_POSITION,
@@ -21,10 +24,7 @@ from ..physics.layout import (
     STATE,
     VELOCITY,
 )
-from ..physics.rotation import rotation_matrix
-from ..scene.belief import Belief
-from ..scene.body import RigidBody, hull_of
-from ..scene.scene import Scene
+from ..spatial.rotation import rotation_matrix
 from .motions import Motion
 from .quaternions import inverse as inverse_of
 from .quaternions import of_vectors, product, rotation_vectors
@@ -39,7 +39,7 @@ _SETTLED = 1e-9  # rad, rad/s
 _STEP = 5e-3  # of free turning [s]
 
 
-class Start(NamedTuple):
+class FlightStart(NamedTuple):
     """What a motion's first poses tell of its state at time 0.
 
     Attributes
@@ -94,7 +94,7 @@ def flight_frames(motion: Motion, scene: Scene) -> int:
     return len(motion.poses)
 
 
-def fit_start(motion: Motion, scene: Scene, frames: int = FRAMES) -> Start | None:
+def fit_start(motion: Motion, scene: Scene, frames: int = FRAMES) -> FlightStart | None:
     """Fit a free flight to the first poses before contact; velocities need no differences of poses.
 
     Parameters
@@ -107,7 +107,7 @@ def fit_start(motion: Motion, scene: Scene, frames: int = FRAMES) -> Start | Non
 
     Returns
     -------
-    Start or None
+    FlightStart or None
         None where fewer than three poses come before the first contact.
     """
     count = min(flight_frames(motion, scene), frames)
@@ -141,7 +141,7 @@ def fit_start(motion: Motion, scene: Scene, frames: int = FRAMES) -> Start | Non
     rotation[ERR_ANGULAR_VELOCITY, ERR_ANGULAR_VELOCITY] = inverse[1, 1] * np.eye(3)
     rotation[ERR_ROTATION, ERR_ANGULAR_VELOCITY] = inverse[0, 1] * own
     rotation[ERR_ANGULAR_VELOCITY, ERR_ROTATION] = inverse[0, 1] * own.T
-    return Start(
+    return FlightStart(
         state,
         position,
         rotation,
@@ -173,13 +173,13 @@ def _free_turning(quaternion, spin, times, inertia):
     return np.array(found)
 
 
-def pose_noise(starts: Sequence[Start]) -> tuple[float, float]:
+def pose_noise(starts: Sequence[FlightStart]) -> tuple[float, float]:
     """Standard deviations of positions [m] and rotations [rad] about free flights, along each axis.
 
     Trackers filter, so their errors last from pose to pose and show here in part only.
     """
     freedom = sum(start.freedom for start in starts)
-    squares = [sum(getattr(start, name) for start in starts) for name in Start._fields[4:6]]
+    squares = [sum(getattr(start, name) for start in starts) for name in FlightStart._fields[4:6]]
     position, rotation = (float(np.sqrt(value / max(freedom, 1))) for value in squares)
     return position, rotation
 

@@ -16,8 +16,8 @@ import numpy as np
 from ..checks.array_field import Array, array_field
 from ..checks.errors import InvalidRequestError, NotSupportedError
 from ..checks.validation import array, numbers, point, quaternion
-from ..physics.layout import POSITION, QUATERNION
-from ..physics.rotation import rotation_matrix
+from ..spatial.layout import POSITION, QUATERNION
+from ..spatial.rotation import rotation_matrix
 
 COLUMNS = ("time", "x", "y", "z", "qx", "qy", "qz", "qw")
 #: Column of a CSV file that tells several motions apart.

@@ -9,16 +9,16 @@ from typing import NamedTuple
 import numpy as np
 
 from ..checks.errors import DivergedError, InvalidRequestError
-from ..physics.layout import POSITION, QUATERNION
 from ..prediction.predict import predict
 from ..propagators.names import REFERENCE
 from ..propagators.registry import make_propagator
 from ..scene.belief import Belief
 from ..scene.scene import Scene
 from ..scene.stiffness import with_stiffness
+from ..spatial.layout import POSITION, QUATERNION
 from . import scores
 from .adjustable import Model
-from .flight import Start, fit_start
+from .flight import FlightStart, fit_start
 from .motions import Motion
 from .quaternions import of_vectors, product
 
@@ -37,8 +37,8 @@ def simulated(
 ) -> list[np.ndarray]:
     """States (n, 13) of the one body at each of the times, by Monte Carlo."""
     propagator = make_propagator(REFERENCE, samples=samples, seed=seed)
-    prediction = predict(scene, belief, propagator, times=times, keep_samples=samples)
-    return [states[:, 0] for states in prediction.kept or ()]
+    prediction = predict(scene, belief, propagator, times=times)
+    return [prediction.samples(time=time)[:, 0] for time in prediction.times]
 
 
 class Recorded(NamedTuple):
@@ -47,7 +47,7 @@ class Recorded(NamedTuple):
     Attributes
     ----------
     motion : Motion
-    start : Start
+    start : FlightStart
     times : tuple of float
         At which predictions are compared with it [s]; the last is its end.
     poses : tuple of (7,) arrays
@@ -55,7 +55,7 @@ class Recorded(NamedTuple):
     """
 
     motion: Motion
-    start: Start
+    start: FlightStart
     times: tuple[float, ...]
     poses: tuple[np.ndarray, ...]
 

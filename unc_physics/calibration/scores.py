@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..physics.layout import POSITION, QUATERNION
+from ..spatial.layout import POSITION, QUATERNION
 from .quaternions import inverse, mean, product, rotation_vectors
 
 UP_ANGLE = 0.5  # rad, within which a body lies as another does

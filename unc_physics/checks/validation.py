@@ -141,7 +141,7 @@ def covariance(value, size, field) -> np.ndarray:
     Symmetry and eigenvalues are judged relative to the largest variance of each block of three, since blocks
     have different units.
     """
-    from ..physics.moments import pivoted_cholesky
+    from ..spatial.moments import pivoted_cholesky
 
     P = array(value, (size, size), field, InvalidCovarianceError)
     diagonal = P.diagonal()

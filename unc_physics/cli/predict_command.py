@@ -18,7 +18,7 @@ _SHOWN_STATE = 1000.0  # bytes of a body's state as Python's numbers and as text
 _ROUNDED = 0.01  # of a horizon, from which on its rounding is worth a note
 # a tenth is 3.3 standard errors at 99.9 % confidence
 _TELLS = f"a propagator that draws --samples 300 tells, or {ANYTIME} with --option probability_error=0.03"
-_UNKNOWN = 20  # probabilities that cannot be told are only counted if they are more
+_UNKNOWN = 20  # probabilities of which nothing is known are only counted if they are more
 
 
 def add_predict_command(commands) -> None:
@@ -97,7 +97,10 @@ def run(arguments) -> int:
     """Predict, and print the result."""
     from ..checks.errors import InvalidOptionError
     from ..checks.validation import integer
-    from ..prediction.status import ROLLOUTS, assess, compared_rollouts
+    from ..prediction.diagnosis import ROLLOUTS
+    from ..prediction.events import AtRest, encounters, moving_names
+    from ..prediction.status import assess, compared_rollouts
+    from ..prediction.tables import as_dict, as_table
     from ..propagators.registry import PROPAGATORS, names_where, propagator_from_texts
     from ..scene.scene_file import load_scene
 
@@ -124,32 +127,29 @@ def run(arguments) -> int:
         )
     scene, belief, horizon = load_scene(arguments.scene, arguments.models)
     horizon = horizon if arguments.horizon is None else arguments.horizon
+    events = []
+    if arguments.probabilities:
+        events = [*encounters(scene), *(AtRest(name) for name in moving_names(scene))]
     prediction = _predict_with_progress(
-        scene,
-        belief,
-        propagator,
-        horizon,
-        arguments.period,
-        arguments.time_limit,
-        keep_samples=_shown_samples(arguments.picture),
+        scene, belief, propagator, horizon, arguments.period, arguments.time_limit, events
     )
     _note_what_is_left_out(arguments, scene, propagator, horizon)
     seed = prediction.seed if prediction.seed is not None else arguments.seed
-    answers = _answers(prediction) if arguments.probabilities else None
+    found = _probabilities(prediction, events)
     statuses = assess(prediction, rollouts=rollouts)
     if arguments.json:
-        found = (
-            {}
-            if answers is None
-            else {key: [asdict(answer) for answer in own] for key, own in answers.items()}
-        )
         result = as_dict(prediction, seed, _samples(prediction, arguments.samples_out))
-        print(json.dumps(result | {"statuses": _statuses(statuses)} | found, allow_nan=False))
+        result["statuses"] = _statuses(statuses)
+        if arguments.probabilities:
+            result["probabilities"] = _probabilities_as_dicts(found)
+        print(json.dumps(result, allow_nan=False))
     else:
         print(as_table(prediction))
         print(statuses_as_text(statuses))
-        if answers is not None:
-            print(answers_as_table(answers))
+        if modes := modes_as_text(prediction, statuses):
+            print(modes)
+        if arguments.probabilities:
+            print(probabilities_as_table(found))
     if arguments.picture is not None:
         from .scene_animation import draw_animation
         from .scene_picture import draw_prediction
@@ -213,47 +213,70 @@ def statuses_as_text(statuses) -> str:
     return "\n".join(lines) if lines else "status: fine"
 
 
-def _answers(prediction):
-    """Probabilities by their names in the JSON."""
-    from ..prediction.probabilities import contact_probabilities, rest_probabilities
+def modes_as_text(prediction, statuses) -> str:
+    """Return the outcomes of each body whose mean is no possible pose, one a line."""
+    import numpy as np
 
-    return {
-        "contact_probabilities": contact_probabilities(prediction),
-        "rest_probabilities": rest_probabilities(prediction),
-    }
+    from ..prediction.body_status import Status
+    from ..prediction.tables import in_a_row
+    from ..spatial.layout import ERR_POSITION, POSITION, QUATERNION
 
-
-def answers_as_table(answers) -> str:
-    """Probabilities as text, one a line; '-' where the propagator cannot tell one, which a last line
-    explains.
-
-    Many that it cannot tell are only counted.
-    """
     lines = []
-    for answer in answers["contact_probabilities"]:
-        what = printable(f"{answer.object_a} and {answer.object_b} touch")
-        when = ""
-        if answer.first_contact_time_available:
-            when = (
-                f"  first after {answer.first_contact_time_mean:.3f} s, std"
-                f" {answer.first_contact_time_std:.3f} s"
-            )
-        lines.append((what, answer, when))
-    lines += [
-        (printable(f"{answer.object} is at rest"), answer, "") for answer in answers["rest_probabilities"]
+    for status in statuses:
+        if status.flags & Status.MEAN_NOT_POSSIBLE:
+            modes = prediction[status.body].modes
+            for k, mode in enumerate(modes if len(modes) > 1 else (), 1):
+                std = np.sqrt(np.maximum(mode.covariance.diagonal(), 0.0))[ERR_POSITION]
+                lines.append(
+                    f"{printable(status.body)}: outcome {k} of {len(modes)}, probability {mode.weight:.3f}:"
+                    f" position {in_a_row(mode.mean[POSITION], '.4f')} m,"
+                    f" orientation {in_a_row(mode.mean[QUATERNION], '.4f')}, std {in_a_row(std, '.4f')} m"
+                )
+    return "\n".join(lines)
+
+
+def _probabilities(prediction, events):
+    """Each event, its probability, and the time of the first contact, None where it is none."""
+    from ..prediction.events import Touches
+
+    return [
+        (
+            event,
+            prediction.probability(event),
+            prediction.contact_time(event) if isinstance(event, Touches) else None,
+        )
+        for event in events
     ]
-    unknown = sum(not answer.available for _, answer, _ in lines)
-    if unknown > _UNKNOWN:
-        lines = [line for line in lines if line[1].available]
-    width = max((len(what) for what, *_ in lines), default=0)
-    rows = [
-        f"{what:<{width}}  {f'{answer.probability:5.3f}' if answer.available else '    -'}{when}"
-        for what, answer, when in lines
+
+
+def _probabilities_as_dicts(found):
+    """Probabilities as plain Python values."""
+    return [
+        {
+            "event": str(event),
+            **asdict(probability),
+            "first_contact_time_mean": None if time is None else time.mean,
+            "first_contact_time_std": None if time is None else time.std,
+        }
+        for event, probability, time in found
     ]
+
+
+def probabilities_as_table(found) -> str:
+    """Probabilities as text with their intervals, one a line; many of which nothing is known are counted."""
+    unknown = [row for row in found if row[1].low == 0.0 and row[1].high == 1.0]
+    rows = found if len(unknown) <= _UNKNOWN else [row for row in found if row not in unknown]
+    width = max((len(printable(str(event))) for event, *_ in rows), default=0)
+    lines = []
+    for event, p, time in rows:
+        when = "" if time is None else f"  first after {time.mean:.3f} s, std {time.std:.3f} s"
+        lines.append(
+            f"{printable(str(event)):<{width}}  {p.estimate:5.3f}  ({p.low:.3f} to {p.high:.3f}){when}"
+        )
     if unknown:
-        which = f"{unknown} {'more ' if rows else ''}are" if unknown > _UNKNOWN else "-:"
-        rows.append(f"{which} not known to a tenth; {_TELLS}")
-    return "\n".join(rows)
+        which = f"{len(unknown)} {'more ' if lines else ''}" if len(unknown) > _UNKNOWN else ""
+        lines.append(f"{which}(0.000 to 1.000): nothing is known; {_TELLS}")
+    return "\n".join(lines)
 
 
 def check_picture(path):
@@ -286,18 +309,12 @@ def _note_what_is_left_out(arguments, scene, propagator, horizon):
         )
 
 
-def _shown_samples(picture):
-    """How many samples of each time a picture shows."""
-    from .scene_animation import GHOSTS
-
-    return GHOSTS if picture is not None and Path(picture).suffix == ".gif" else 0
-
-
-def _predict_with_progress(scene, belief, propagator, horizon, period, time_limit, keep_samples):
+def _predict_with_progress(scene, belief, propagator, horizon, period, time_limit, events):
     """Predict; what takes long tells how far it is."""
     from ..checks.errors import InvalidHorizonError, PredictionTimeoutError
     from ..checks.validation import positive
-    from ..prediction.predict import periodic_times, predict
+    from ..prediction.predict import predict
+    from ..prediction.request_checks import periodic_times
 
     if time_limit is not None:
         time_limit = positive(time_limit, "--time-limit")
@@ -316,94 +333,7 @@ def _predict_with_progress(scene, belief, propagator, horizon, period, time_limi
                 times=times,
                 max_computation_time=time_limit,
                 progress=show,
-                keep_samples=keep_samples,
+                events=events,
             )
         except PredictionTimeoutError as error:
             raise PredictionTimeoutError(error.problem, field="--time-limit", value=time_limit) from None
-
-
-def as_dict(prediction, seed=None, samples=None) -> dict:
-    """The prediction as plain Python values, bodies in the scene's order, with samples (N, B, 13) of it.
-
-    Each body's ``start`` is its belief at time 0 that was really used (`Prediction.start`).
-    """
-    from ..scene.physics_summary import physics_of
-
-    scene = prediction.scene
-    result = {
-        "propagator": prediction.propagator.name,
-        "physics": physics_of(prediction.scene),
-        "seed": seed,
-        "time": prediction.time,
-        "wall_time": prediction.wall_time,
-        "bodies": _bodies(scene, prediction.belief),
-    }
-    starts = _bodies(scene, prediction.start)
-    for found, body, start in zip(result["bodies"], scene.bodies, starts, strict=True):
-        del start["name"]
-        found |= {"at_rest": body.at_rest, "start": start}
-    if samples is not None:
-        for k, body in enumerate(result["bodies"]):
-            body["samples"] = samples[:, k].tolist()
-    if len(prediction.times) > 1:
-        result["trajectory"] = [
-            {"time": time, "bodies": _bodies(scene, belief)}
-            for time, belief in zip(prediction.times, prediction.beliefs, strict=True)
-        ]
-    return result
-
-
-def _bodies(scene, belief):
-    from ..physics.layout import ANGULAR_VELOCITY, POSITION, QUATERNION, VELOCITY
-
-    bodies = []
-    for k, body in enumerate(scene.bodies):
-        state, P = belief.mean[k], belief.marginal(k)
-        bodies.append(
-            {
-                "name": body.name,
-                "position": state[POSITION].tolist(),
-                "orientation": state[QUATERNION].tolist(),
-                "linear_velocity": state[VELOCITY].tolist(),
-                "angular_velocity": state[ANGULAR_VELOCITY].tolist(),
-                "covariance": P.tolist() if body.free else None,
-            }
-        )
-    return bodies
-
-
-def as_table(prediction) -> str:
-    """The physics, and the prediction as a table of poses and standard deviations."""
-    import numpy as np
-
-    from ..physics.layout import ERR_POSITION, ERR_ROTATION, POSITION, QUATERNION
-    from ..scene.physics_summary import physics_as_text
-
-    scene = prediction.scene
-    names = [printable(body.name) for body in scene.bodies]
-    width = max(4, *map(len, names))
-    lines = [f"{prediction.propagator.name}; {physics_as_text(prediction.scene)}"]
-    for time, belief in zip(prediction.times, prediction.beliefs, strict=True):
-        lines.append(f"t = {time:g} s  ({prediction.propagator.name}, {_duration(prediction.wall_time)})")
-        lines.append(
-            f"{'body':<{width}}  {'position [m]':^26}  {'orientation (x, y, z, w)':^31}  "
-            f"{'std of position [m]':^26}  std of rotation [deg]"
-        )
-        for k, body in enumerate(scene.bodies):
-            state, P = belief.mean[k], belief.marginal(k)
-            row = f"{names[k]:<{width}}  {_row(state[POSITION], '8.4f')}  {_row(state[QUATERNION], '7.4f')}  "
-            if not body.free:
-                row += "fixed" if body.fixed else "prescribed"
-            else:
-                std = np.sqrt(np.maximum(P.diagonal(), 0.0))
-                row += f"{_row(std[ERR_POSITION], '8.4f')}  {_row(np.degrees(std[ERR_ROTATION]), '7.2f')}"
-            lines.append(row)
-    return "\n".join(lines)
-
-
-def _duration(seconds):
-    return f"{1e3 * seconds:.3g} ms" if seconds < 0.9995 else f"{seconds:.3g} s"
-
-
-def _row(values, spec):
-    return " ".join(f"{value:{spec}}" for value in values)

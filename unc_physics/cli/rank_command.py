@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import math
+from dataclasses import asdict
 from pathlib import Path
 
 from ..checks.shown import printable
@@ -101,16 +103,23 @@ def as_dict(ranking, also=()) -> dict:
         "actions": [
             {
                 "name": action.name,
-                **action.score._asdict(),
+                "score": asdict(action.score),
                 "difference": action.difference.value,
                 "difference_std": action.difference.std,
+                "margin": _finite(action.margin),
+                "tied": action.tied,
                 "clearly_worse": action.clearly_worse,
                 "rollouts": action.rollouts,
-                "also": {str(event): action.probability(event)._asdict() for event in also},
+                "also": {str(event): asdict(action.prediction.probability(event)) for event in also},
             }
             for action in ranking
         ],
     }
+
+
+def _finite(value):
+    """Return a number as JSON can hold it: None where it has no bounds."""
+    return value if value is not None and math.isfinite(value) else None
 
 
 def as_table(ranking, also=()) -> str:
@@ -120,21 +129,24 @@ def as_table(ranking, also=()) -> str:
     what = f"{printable(str(ranking.score))}; {order}; {ranking.rollouts} rollouts, seed {ranking.seed}"
     lines = [
         f"probability of: {what}",
-        f"{'action':<{width}}  {'probability':>11}  {'interval':^15}  {'difference':>17}  rollouts"
+        f"{'action':<{width}}  {'probability':>11}  {'interval':^15}  {'difference':>17}  {'margin':>6}"
+        + "  rollouts"
         + "".join(f"  [{k}]  " for k in range(1, len(also) + 1)),
     ]
     for action in ranking:
-        p, low, high = action.score
+        p, low, high = action.score.estimate, action.score.low, action.score.high
         difference = f"{action.difference.value:+.3f} +- {action.difference.std:.3f}"
         row = f"{printable(action.name):<{width}}  {p:11.3f}  {low:.3f} to {high:.3f}  "
-        row += f"{'' if action is ranking.best else difference:>17}  {action.rollouts:8d}"
-        row += "".join(f"  {action.probability(event).probability:.3f}" for event in also)
-        lines.append(row + ("  clearly worse" if action.clearly_worse else ""))
+        margin = "" if action.margin is None else f"{action.margin:.2f}"
+        row += f"{'' if action is ranking.best else difference:>17}  {margin:>6}  {action.rollouts:8d}"
+        row += "".join(f"  {action.prediction.probability(event).estimate:.3f}" for event in also)
+        row += "  tied" if action.tied else "  clearly worse" if action.clearly_worse else ""
+        lines.append(row)
     lines += [f"[{k}] {printable(str(event))}" for k, event in enumerate(also, 1)]
-    tied = sum(
-        not action.clearly_worse and abs(action.difference.value) < 2.0 * action.difference.std
-        for action in ranking.actions[1:]
-    )
+    tied = sum(action.tied for action in ranking)
     if tied:
-        lines.append(f"{tied} {'is' if tied == 1 else 'are'} within two standard errors of the best one")
+        lines.append(
+            f"{tied} actions are tied: within a standard error of the best score. They are in order of"
+            " margin, the distance from failure in standard deviations."
+        )
     return "\n".join(lines)

@@ -31,13 +31,12 @@ def draw_ranking(path: str, ranking: Ranking, also: Sequence[Event] = (), title:
     FigureCanvasAgg(figure)
     ax = figure.subplots()
     for row, action in enumerate(actions):
-        p, low, high = action.score
+        p, low, high = action.score.estimate, action.score.low, action.score.high
         color = _WORSE if action.clearly_worse else _KEPT
         ax.errorbar(p, row, xerr=[[p - low], [high - p]], fmt="o", color=color, capsize=3, zorder=3)
         for event, tint in zip(also, _OTHERS, strict=False):
-            ax.plot(
-                action.probability(event).probability, row, "|", color=tint, markersize=11, markeredgewidth=2
-            )
+            estimate = action.prediction.probability(event).estimate
+            ax.plot(estimate, row, "|", color=tint, markersize=11, markeredgewidth=2)
         ax.annotate(
             f"{action.rollouts} rollouts",
             (1.02, row),

@@ -8,8 +8,8 @@ from itertools import pairwise
 import numpy as np
 
 from ..checks.shown import drawn_text
-from ..physics.layout import ERR_POSITION, POSITION, QUATERNION
-from ..physics.rotation import rotation_matrix
+from ..spatial.layout import ERR_POSITION, POSITION, QUATERNION
+from ..spatial.rotation import rotation_matrix
 from .scene_picture import _SIDE, _bounds, _color, _draw_environment, ellipse, shaded_balls
 
 GHOSTS = 15  # samples of each body that are drawn
@@ -40,8 +40,8 @@ def draw_animation(path, prediction, title="") -> None:
     pictures = []
     for k, (belief, time) in enumerate(zip(beliefs, times, strict=True)):
         ghosts = belief.sample(GHOSTS, np.random.default_rng(0))
-        if prediction.kept is not None and k > 0:
-            ghosts = prediction.kept[k - 1][:GHOSTS]
+        if k > 0 and (own := prediction.snapshots[k - 1].samples) is not None:
+            ghosts = own[:GHOSTS]
         picture = _picture(
             prediction.scene, belief, ghosts, (low, high), f"{title}  t = {time:.2f} s".strip()
         )

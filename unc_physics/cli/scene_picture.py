@@ -7,10 +7,10 @@ from __future__ import annotations
 import numpy as np
 
 from ..checks.shown import drawn_text
-from ..physics.layout import ERR_POSITION, POSITION, QUATERNION
-from ..physics.rotation import rotation_matrix
-from ..propagators.base import Mode
+from ..propagators.modes import Mode
 from ..scene.environment import Plane
+from ..spatial.layout import ERR_POSITION, POSITION, QUATERNION
+from ..spatial.rotation import rotation_matrix
 
 COLORS = ((0.16, 0.45, 0.72), (0.85, 0.42, 0.14), (0.24, 0.60, 0.30), (0.58, 0.40, 0.74), (0.75, 0.22, 0.25))
 SIGMAS = 2.0  # half axes of the ellipses
@@ -158,7 +158,7 @@ def _draw_view(axes, prediction, beliefs, view, low, high):
             path = np.array([belief.mean[k, POSITION] for belief in beliefs]) @ view[:2].T
             axes.plot(*path.T, color=0.5 * color, linewidth=0.8, zorder=4, path_effects=halo)
             now = Mode(1.0, beliefs[0].mean[k], beliefs[0].marginal(k))
-            outcomes = prediction.answers.modes(prediction, k) if body.free else ()
+            outcomes = prediction[body.name].modes if body.free else ()
             drawn = ((now, 0.9), *((mode, 1.8) for mode in outcomes)) if body.free else ()
             for mode, width in drawn:
                 P = view[:2] @ mode.covariance[ERR_POSITION, ERR_POSITION] @ view[:2].T

@@ -18,7 +18,7 @@ from ..scene.body import RigidBody
 from ..scene.body_belief import BodyBelief
 from .link_solid import packed_link
 from .reading import require_libraries
-from .world import World, quaternion_of
+from .world import WorldDescription, quaternion_of
 
 _MOMENT = 1e-3  # s, between the two poses of what stands still
 _STILL = 1e-9  # m and of a quaternion
@@ -146,7 +146,7 @@ def load_robot_motion(
     uniform: bool = True,
     repair: bool = False,
     **options: Any,
-) -> World:
+) -> WorldDescription:
     """A robot that moves along a trajectory of its joints, as bodies of a scene.
 
     Parameters
@@ -161,7 +161,7 @@ def load_robot_motion(
 
     Returns
     -------
-    World
+    WorldDescription
         A body for each link, which follows its path, or is fixed where no joint moves it; where fixed ones
         are; and what was left out.
 
@@ -190,7 +190,7 @@ def load_robot_motion(
             beliefs[link.name] = BodyBelief(position=way.positions[0], orientation=way.orientations[0])
         else:
             bodies.append(RigidBody(link.name, model, trajectory=way))
-    return World((), tuple(bodies), beliefs, tuple(left_out))
+    return WorldDescription((), tuple(bodies), beliefs, tuple(left_out))
 
 
 def of_com(path: PosePath, origin: ArrayLike) -> PosePath:

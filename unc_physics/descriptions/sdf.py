@@ -88,7 +88,7 @@ class _Reader:
         if depth > _DEPTH:
             self.left_out.append(f"{name}: nested too deep")
             return
-        frames = _Frames(model)
+        frames = _ModelFrames(model)
         try:
             pose = outer @ _pose(model.find("pose"), None)
         except UncPhysicsError as error:
@@ -119,7 +119,7 @@ class _Reader:
         return Link(name, pose, shapes, _inertial(link.find("inertial")), moves, free)
 
 
-class _Frames:
+class _ModelFrames:
     """Frames of a model that poses may be relative to: its links and its own frames."""
 
     def __init__(self, model):

@@ -10,16 +10,16 @@ import numpy as np
 
 from ..checks.errors import UncPhysicsError
 from ..checks.validation import instance, integer
-from ..physics.rotation import rotation_matrix
 from ..scene.body import RigidBody
 from ..scene.body_belief import BodyBelief
 from ..scene.environment import Box, Capsule, Cylinder, Element, Plane, Sphere
+from ..spatial.rotation import rotation_matrix
 from .link_solid import packed_link
 from .parts import PRIMITIVES, Link, Shape
 from .reading import read_description
 
 
-class World(NamedTuple):
+class WorldDescription(NamedTuple):
     """What a description file holds of a scene.
 
     Attributes
@@ -46,7 +46,7 @@ def load_world(
     spheres: int = 1000,
     configuration: Mapping[str, float] | None = None,
     repair: bool = False,
-) -> World:
+) -> WorldDescription:
     """Read surroundings and bodies from a URDF or SDF file.
 
     Parameters
@@ -63,7 +63,7 @@ def load_world(
 
     Returns
     -------
-    World
+    WorldDescription
 
     Raises
     ------
@@ -99,7 +99,7 @@ def load_world(
             left_out.append(f"{link.name}: {error}")
             continue
         bodies[link.name] = body, _belief(link.pose, model)
-    return World(
+    return WorldDescription(
         tuple(environment),
         tuple(body for body, _ in bodies.values()),
         {name: belief for name, (_, belief) in bodies.items()},

@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..physics.compiled import kernel
+from ..compiler import kernel
 from .sphere_grid import SphereGrid, insert_sphere, nearest_sphere
 from .triangle_tree import TriangleTree, nearest_on_mesh
 
@@ -271,7 +271,7 @@ def updated_bundle(bundle, count, feature, f, x, y, z):
     return kept + 1
 
 
-@kernel
+@kernel(noinline=True)
 def climb(space, point, bundle):
     """Move a point to the local maximum of f around it; returns f there.
 

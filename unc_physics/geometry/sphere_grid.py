@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..physics.compiled import kernel
+from ..compiler import kernel
 
 EMPTY = -1
 COVERED = -2  # the whole cell lies inside one sphere

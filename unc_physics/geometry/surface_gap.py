@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..physics.compiled import kernel
+from ..compiler import kernel
 from .sphere_grid import empty_grid, grown, insert_spheres, nearest_sphere
 
 ACCURACY = 0.01  # of the gap

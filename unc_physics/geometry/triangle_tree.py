@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..physics.compiled import kernel
+from ..compiler import kernel
 
 LEAF_SIZE = 4  # triangles in a leaf, at most
 # A triangle's record: corner, unit normal, two edges e1 and e2, 1 / |e1|^2, 1 / |e2|^2, 1 / |e1 - e2|^2,

@@ -10,12 +10,12 @@ import numpy as np
 
 from ..checks.errors import InvalidRequestError, NotSupportedError, UncPhysicsError
 from ..checks.names import hint
-from ..physics.layout import ERROR, QUATERNION
 from ..scene.belief import Belief
 from ..scene.body_belief import MEANS, STDS, BodyBelief
 from ..scene.entries import at_field
 from ..scene.environment import element_names
 from ..scene.scene import Scene
+from ..spatial.layout import ERROR, QUATERNION
 
 #: An action: another belief; another scene and the belief about it; a function that makes them of those
 #: given; or changes by the names of bodies and elements, each a `BodyBelief` or fields with their values.
@@ -80,8 +80,11 @@ def _with_changes(scene, belief, changes):
     beliefs = {}
     for name, change in changes.items():
         if name not in names:
-            problem = "is neither a body nor an element of the environment"
-            raise InvalidRequestError(f"{problem}{hint(str(name), names)}", value=name)
+            raise InvalidRequestError(
+                f"is neither a body nor an element of the environment{hint(str(name), names)}; the action's"
+                f" keys are names of these: {', '.join(names)}",
+                value=name,
+            )
         k = names.index(name)
         if isinstance(change, BodyBelief):
             beliefs[k] = change
@@ -106,7 +109,11 @@ def _replaced(thing, changes, name):
     known += [key for key in _OF_BELIEF if key not in known] if hasattr(thing, "model") else []
     for key in changes:
         if key not in known:
-            raise InvalidRequestError(f"is no field{hint(str(key), known)}", field=f"'{name}'", value=key)
+            raise InvalidRequestError(
+                f"has no field '{key}'{hint(str(key), known)}; an action maps names of bodies and elements to"
+                f" their changed fields, which here are {', '.join(known)}",
+                field=f"'{name}'",
+            )
     return replace(thing, **changes)
 
 
@@ -121,6 +128,7 @@ def _with_beliefs(scene, belief, changes):
     for b, change in changes.items():
         whole = isinstance(change, BodyBelief)
         given: BodyBelief = change if whole else at_field(repr(scene.bodies[b].name), BodyBelief, **change)
+        given = given.at_center_of_mass(scene.bodies[b].model.origin)
         if b not in blocks:
             at_field(repr(scene.bodies[b].name), given.check_fixed)
         named = (*_PLACES, "covariance") if whole else tuple(change)

@@ -20,7 +20,7 @@ from ..scene.scene import Scene
 from ..scene.scene_file import load_scene, scene_from_dict
 from ..scene.yaml_file import read_yaml
 from .actions import Action
-from .events import AtRest, Event, FellOff, InRegion, Touches, Upright
+from .events import AtRest, Event, Falls, Inside, Touches, Upright
 from .regions import BoxRegion
 
 _KEYS = ("scene", "horizon", "regions", "score", "smallest_first", "also", "actions")
@@ -29,11 +29,11 @@ _REGION_KEYS = ("name", "size", "position", "orientation")
 _READ: dict[str, Callable[[Any, str], Any]] = {"trajectory": read_path, "wrenches": read_wrenches}
 #: Events by their keys, each with the keys of its other arguments.
 _EVENTS: dict[str, tuple[Callable[..., Event], tuple[str, ...]]] = {
-    "in_region": (InRegion, ("region",)),
+    "in_region": (Inside, ("region",)),
     "touches": (Touches, ("other",)),
     "at_rest": (AtRest, ("speed", "angular_speed")),
     "upright": (Upright, ("axis", "angle")),
-    "fell_off": (FellOff, ("support", "drop")),
+    "fell_off": (Falls, ("support", "drop")),
 }
 
 

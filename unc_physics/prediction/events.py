@@ -1,15 +1,15 @@
-"""What may happen in a rollout, yes or no: in a region, upright, touched something, fell off, at rest.
+"""What may happen in a rollout, yes or no: inside a region, upright, touched something, fell, at rest.
 
-Shares of rollouts in which an event happens are probabilities, and what actions are ranked by (`rank`).
-Events combine: ``InRegion("cup", bin) & Upright("cup")``, and ``~Touches("cup", "wall")``.
+``Prediction.probability`` estimates how probable an event is, and actions are ranked by one (`rank`). Events
+combine: ``Inside("cup", bin) & Upright("cup")``, ``Falls("cup") | Falls("pot")``, ``~Touches("cup", "pot")``.
 """
 
 from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, fields
 from typing import NamedTuple
 
 import numpy as np
@@ -18,10 +18,10 @@ from ..checks.array_field import OptionalArray, array_field
 from ..checks.errors import InvalidRequestError
 from ..checks.names import hint
 from ..checks.validation import array, instance, positive
-from ..physics.layout import ANGULAR_VELOCITY, POSITION, QUATERNION, VELOCITY
-from ..physics.rotation import rotation_matrix
 from ..scene.environment import element_names
 from ..scene.scene import Scene
+from ..spatial.layout import ANGULAR_VELOCITY, POSITION, QUATERNION, VELOCITY
+from ..spatial.rotation import rotation_matrix
 from .regions import BoxRegion
 
 #: What stands for any element of the environment.
@@ -33,8 +33,8 @@ UPRIGHT_ANGLE = math.radians(45.0)
 _LEVEL = 1e-9  # of a plane's normal, from up
 
 
-class Seen(NamedTuple):
-    """What N rollouts of a scene showed.
+class RolloutOutcomes(NamedTuple):
+    """Equally probable outcomes of a scene up to one time.
 
     Attributes
     ----------
@@ -42,27 +42,57 @@ class Seen(NamedTuple):
     start : (B, 13) array
         The given mean at time 0.
     states : (N, B, 13) array
-        At the horizon.
-    first : (N, B, B + E) array
-        Times of first contacts [s], as in `ContactHistory`.
+        At that time, as in `Belief.mean`.
+    first_contacts : (N, B, B + E) array or None
+        Times of first contacts [s], as in `ContactHistory`; None where they are not known.
+    known_until : (N, B) array or None
+        Time from which on nothing is known of a body [s], infinite for one that is known to the end; None
+        where all are.
     """
 
     scene: Scene
     start: np.ndarray
     states: np.ndarray
-    first: np.ndarray
+    first_contacts: np.ndarray | None = None
+    known_until: np.ndarray | None = None
+
+    def known_until_of(self, names: Iterable[str]) -> np.ndarray:
+        """(N,): until when all of some bodies are known [s]; names of elements count for nothing."""
+        until = np.full(len(self.states), np.inf)
+        for k, body in enumerate(self.scene.bodies):
+            if self.known_until is not None and body.name in names:
+                until = np.minimum(until, self.known_until[:, k])
+        return until
 
 
 class Event(ABC):
-    """Something that happens in a rollout or does not."""
+    """Something that happens in a rollout or does not. Events with the same arguments are equal."""
+
+    #: Whether it depends on contacts on the way, not on the states alone.
+    needs_contacts: bool = False
 
     @abstractmethod
-    def happened(self, seen: Seen) -> np.ndarray:
-        """(N,) bool: in which rollouts it did."""
+    def bounds(self, outcomes: RolloutOutcomes) -> tuple[np.ndarray, np.ndarray]:
+        """(N,) bool each: in which outcomes it certainly happens, and in which it may happen."""
 
     @abstractmethod
     def check(self, scene: Scene, field: str) -> None:
-        """Raise `InvalidRequestError` unless it can be told of the scene; the event is called ``field``."""
+        """Raise `InvalidRequestError` unless it is about what is in the scene; errors call it ``field``."""
+
+    @property
+    @abstractmethod
+    def names(self) -> frozenset[str]:
+        """Names of the bodies and elements that it is about."""
+
+    def happened(self, outcomes: RolloutOutcomes) -> np.ndarray:
+        """(N,) bool: in which outcomes it happens for certain."""
+        return self.bounds(outcomes)[0]
+
+    def margin(self, outcomes: RolloutOutcomes) -> float | None:
+        """Distance of the outcomes from the event's border, in standard deviations over them: mean over
+        standard deviation, positive where the event happens; None where events have no distance.
+        """
+        return None
 
     @property
     def parts(self) -> tuple[tuple[Event, bool], ...]:
@@ -73,28 +103,61 @@ class Event(ABC):
         instance(other, Event, "what is combined with &")
         return _Both(self, other)
 
+    def __or__(self, other: Event) -> Event:
+        instance(other, Event, "what is combined with |")
+        return _Either(self, other)
+
     def __invert__(self) -> Event:
         return _Not(self)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Event) and self._key() == other._key()
+
+    def __hash__(self) -> int:
+        return hash(self._key())
+
+    def _key(self):
+        """What makes it this event."""
+        values = [getattr(self, one.name) for one in fields(self)]  # pyright: ignore[reportArgumentType]
+        return (type(self), *map(_hashable, values))
 
 
 @dataclass(frozen=True, eq=False)
 class _OfBody(Event):
-    """An event of one body, at the horizon unless it says otherwise."""
+    """An event of one body's state."""
 
     object: str
+
+    def bounds(self, outcomes):
+        happened = self._distances(outcomes) > 0.0
+        known = np.isinf(outcomes.known_until_of(self.names))
+        return happened & known, happened | ~known
+
+    def margin(self, outcomes):
+        distances = self._distances(outcomes)
+        mean, std = float(distances.mean()), float(distances.std())
+        return mean / std if std > 0.0 else math.copysign(math.inf, mean)
+
+    @abstractmethod
+    def _distances(self, outcomes) -> np.ndarray:
+        """(N,): distances of the states from the event's border, positive where it happens."""
 
     def check(self, scene, field):
         _index(
             self.object, [body.name for body in scene.bodies], f"{field}.object", "is no body of the scene"
         )
 
-    def _states(self, seen):
+    @property
+    def names(self):
+        return frozenset([self.object])
+
+    def _states(self, outcomes):
         """(N, 13): of the body."""
-        return seen.states[:, _body(self.object, seen.scene)]
+        return outcomes.states[:, _body(self.object, outcomes.scene)]
 
 
 @dataclass(frozen=True, eq=False)
-class InRegion(_OfBody):
+class Inside(_OfBody):
     """The body's centre of mass lies in a region.
 
     Attributes
@@ -108,8 +171,8 @@ class InRegion(_OfBody):
     def __post_init__(self):
         instance(self.region, BoxRegion, "region")
 
-    def happened(self, seen):
-        return self.region.contains(self._states(seen)[:, POSITION])
+    def _distances(self, outcomes) -> np.ndarray:
+        return self.region.depths(self._states(outcomes)[:, POSITION])
 
     def __str__(self):
         return f"{self.object} in {self.region.name}"
@@ -128,10 +191,11 @@ class AtRest(_OfBody):
         for name in ("speed", "angular_speed"):
             positive(getattr(self, name), name)
 
-    def happened(self, seen):
-        states = self._states(seen)
-        slow = np.linalg.norm(states[:, VELOCITY], axis=1) < self.speed
-        return slow & (np.linalg.norm(states[:, ANGULAR_VELOCITY], axis=1) < self.angular_speed)
+    def _distances(self, outcomes) -> np.ndarray:
+        states = self._states(outcomes)
+        speeds = np.linalg.norm(states[:, VELOCITY], axis=1) / self.speed
+        spins = np.linalg.norm(states[:, ANGULAR_VELOCITY], axis=1) / self.angular_speed
+        return 1.0 - np.maximum(speeds, spins)
 
     def __str__(self):
         return f"{self.object} at rest"
@@ -165,20 +229,21 @@ class Upright(_OfBody):
                 raise InvalidRequestError("must have a direction", field="axis", value=axis.tolist())
             object.__setattr__(self, "axis", axis / np.linalg.norm(axis))
 
-    def happened(self, seen):
-        up = up_of(seen.scene)
+    def _distances(self, outcomes) -> np.ndarray:
+        up = up_of(outcomes.scene)
         axis = self.axis
         if axis is None:
-            axis = rotation_matrix(seen.start[_body(self.object, seen.scene), QUATERNION]).T @ up
-        return turned(self._states(seen)[:, QUATERNION], axis) @ up > math.cos(self.angle)
+            axis = rotation_matrix(outcomes.start[_body(self.object, outcomes.scene), QUATERNION]).T @ up
+        upward = turned(self._states(outcomes)[:, QUATERNION], axis) @ up
+        return self.angle - np.arccos(np.clip(upward, -1.0, 1.0))
 
     def __str__(self):
         return f"{self.object} upright"
 
 
 @dataclass(frozen=True, eq=False)
-class FellOff(_OfBody):
-    """The body fell off what carried it.
+class Falls(_OfBody):
+    """The body falls off what carries it.
 
     Attributes
     ----------
@@ -205,14 +270,18 @@ class FellOff(_OfBody):
         if self.support:
             self._top(scene, None, f"{field}.support")
 
-    def happened(self, seen):
-        scene, up = seen.scene, up_of(seen.scene)
-        heights = self._states(seen)[:, POSITION] @ up
+    @property
+    def names(self):
+        return frozenset([self.object, self.support] if self.support else [self.object])
+
+    def _distances(self, outcomes) -> np.ndarray:
+        scene, up = outcomes.scene, up_of(outcomes.scene)
+        heights = self._states(outcomes)[:, POSITION] @ up
         if self.support:
-            return heights < self._top(scene, seen.states, "support")
+            return self._top(scene, outcomes.states, "support") - heights
         b = _body(self.object, scene)
         drop = scene.bodies[b].model.bounding_radius if self.drop is None else self.drop
-        return heights < seen.start[b, POSITION] @ up - drop
+        return outcomes.start[b, POSITION] @ up - drop - heights
 
     def _top(self, scene, states, field):
         """Height of the support's highest point [m], one for each rollout if it is a body."""
@@ -241,20 +310,53 @@ class FellOff(_OfBody):
 @dataclass(frozen=True, eq=False)
 class Touches(_OfBody):
     """The body touches another one, an element of the environment, or ``environment``, which is any of its
-    elements, at some time up to the horizon.
+    elements, at some time up to that of the question.
+
+    Which of two bodies is named first does not matter.
     """
 
+    needs_contacts = True
     other: str
 
     def check(self, scene, field):
         super().check(scene, field)
-        self._columns(scene, f"{field}.other")
+        k = self._columns(scene, f"{field}.other")
+        both = [_body(self.object, scene), *([k] if isinstance(k, int) else [])]
+        if not any(scene.bodies[body].free for body in both):
+            raise InvalidRequestError(
+                f"is nothing that '{self.object}' can touch, as neither moves freely",
+                field=f"{field}.other",
+                value=self.other,
+            )
 
-    def happened(self, seen):
-        b, columns = _body(self.object, seen.scene), self._columns(seen.scene, "other")
+    @property
+    def names(self):
+        return frozenset([self.object, self.other])
+
+    def bounds(self, outcomes):
+        happened = np.isfinite(self.first_times(outcomes))
+        return happened, happened | np.isfinite(outcomes.known_until_of(self.names))
+
+    def first_times(self, outcomes: RolloutOutcomes) -> np.ndarray:
+        """(N,): times of the first contact [s], infinite without one."""
+        b, columns = _body(self.object, outcomes.scene), self._columns(outcomes.scene, "other")
+        first = outcomes.first_contacts
+        assert first is not None
         if isinstance(columns, int):  # another body; a pair is kept under the lower index
-            return np.isfinite(seen.first[:, min(b, columns), max(b, columns)])
-        return np.isfinite(seen.first[:, b, columns]).any(axis=1)
+            first = first[:, min(b, columns), max(b, columns)]
+        else:
+            first = first[:, b, columns].min(axis=1, initial=np.inf)
+        # after a body is not known any more, others touch it where it is not
+        return np.where(first <= outcomes.known_until_of(self.names), first, np.inf)
+
+    def margin(self, outcomes):
+        return None
+
+    def _distances(self, outcomes) -> np.ndarray:
+        return np.where(np.isfinite(self.first_times(outcomes)), 1.0, -1.0)
+
+    def _key(self):
+        return (Touches, self.names)
 
     def _columns(self, scene, field):
         """Index of the other body; or of elements, as a slice of the columns of first contacts."""
@@ -272,25 +374,59 @@ class Touches(_OfBody):
 
 
 @dataclass(frozen=True, eq=False)
-class _Both(Event):
-    """Two events happen."""
+class _Pair(Event):
+    """Two events that are combined."""
 
     one: Event
     other: Event
 
-    def happened(self, seen):
-        return self.one.happened(seen) & self.other.happened(seen)
+    @property
+    def needs_contacts(self):
+        return self.one.needs_contacts or self.other.needs_contacts
+
+    @property
+    def names(self):
+        return self.one.names | self.other.names
 
     def check(self, scene, field):
         self.one.check(scene, field)
         self.other.check(scene, field)
+
+    def _margins(self, outcomes):
+        found = self.one.margin(outcomes), self.other.margin(outcomes)
+        return [margin for margin in found if margin is not None]
+
+
+class _Both(_Pair):
+    """Two events happen."""
+
+    def margin(self, outcomes):
+        return min(self._margins(outcomes), default=None)
+
+    def bounds(self, outcomes):
+        pairs = zip(self.one.bounds(outcomes), self.other.bounds(outcomes), strict=True)
+        return tuple(one & other for one, other in pairs)
 
     @property
     def parts(self):
         return (*self.one.parts, *self.other.parts)
 
     def __str__(self):
-        return f"{self.one} and {self.other}"
+        return " and ".join(_bracketed(event, _Either) for event in (self.one, self.other))
+
+
+class _Either(_Pair):
+    """One of two events happens, or both."""
+
+    def margin(self, outcomes):
+        return max(self._margins(outcomes), default=None)
+
+    def bounds(self, outcomes):
+        pairs = zip(self.one.bounds(outcomes), self.other.bounds(outcomes), strict=True)
+        return tuple(one | other for one, other in pairs)
+
+    def __str__(self):
+        return " or ".join(_bracketed(event, _Both) for event in (self.one, self.other))
 
 
 @dataclass(frozen=True, eq=False)
@@ -299,8 +435,21 @@ class _Not(Event):
 
     event: Event
 
-    def happened(self, seen):
-        return ~self.event.happened(seen)
+    @property
+    def needs_contacts(self):
+        return self.event.needs_contacts
+
+    @property
+    def names(self):
+        return self.event.names
+
+    def bounds(self, outcomes):
+        certainly, possibly = self.event.bounds(outcomes)
+        return ~possibly, ~certainly
+
+    def margin(self, outcomes):
+        margin = self.event.margin(outcomes)
+        return None if margin is None else -margin
 
     def check(self, scene, field):
         self.event.check(scene, field)
@@ -311,7 +460,40 @@ class _Not(Event):
         return ((self, True),) if more else ((one[0], not one[1]),)
 
     def __str__(self):
-        return f"not ({self.event})" if len(self.event.parts) > 1 else f"not {self.event}"
+        return f"not {_bracketed(self.event, _Pair)}"
+
+
+def checked_events(events: Iterable[Event], scene: Scene) -> tuple[Event, ...]:
+    """Events as a tuple, each about what is in the scene."""
+    try:
+        found = tuple(events)
+    except TypeError:
+        raise InvalidRequestError("must be a sequence of Event", field="events", value=events) from None
+    for k, event in enumerate(found):
+        instance(event, Event, f"events[{k}]")
+        event.check(scene, f"events[{k}]")
+    return found
+
+
+def encounters(scene: Scene) -> list[Touches]:
+    """Return the contacts that may happen: of each pair of bodies of which one moves, in the scene's order;
+    then of each moving body with each element of the environment, and with any of them.
+    """
+    names, elements = [body.name for body in scene.bodies], element_names(scene.environment)
+    found = [
+        Touches(one.name, other.name)
+        for k, one in enumerate(scene.bodies)
+        for other in scene.bodies[k + 1 :]
+        if one.free or other.free
+    ]
+    for k in scene.moving:
+        found += [Touches(names[k], element) for element in (*elements, *([ENVIRONMENT] if elements else []))]
+    return found
+
+
+def moving_names(scene: Scene) -> list[str]:
+    """Return the names of the bodies that move, in the scene's order."""
+    return [scene.bodies[k].name for k in scene.moving]
 
 
 def up_of(scene: Scene) -> np.ndarray:
@@ -332,6 +514,20 @@ def _top_of_body(model, states, up):
     return states[:, POSITION] @ up + (own_up @ model.centers.T + model.radii).max(axis=1)
 
 
+def _bracketed(event, kind):
+    """An event as a text, in brackets where it is of a kind."""
+    return f"({event})" if isinstance(event, kind) else str(event)
+
+
+def _hashable(value):
+    """A field of an event."""
+    if isinstance(value, np.ndarray):
+        return tuple(value.ravel().tolist())
+    if isinstance(value, BoxRegion):
+        return tuple(_hashable(getattr(value, one.name)) for one in fields(value))
+    return value
+
+
 def _body(name, scene):
     return next(k for k, body in enumerate(scene.bodies) if body.name == name)
 
@@ -343,4 +539,4 @@ def _index(name, names, field, problem):
 
 
 #: Names of the events about a body that need nothing else, as commands and files have them.
-OF_BODY: dict[str, Callable[[str], Event]] = {"at_rest": AtRest, "upright": Upright, "fell_off": FellOff}
+OF_BODY: dict[str, Callable[[str], Event]] = {"at_rest": AtRest, "upright": Upright, "fell_off": Falls}

@@ -21,15 +21,15 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..physics.contact_search import NEAR
-from ..physics.layout import ANGULAR_VELOCITY, ERR_POSITION, ERROR, POSITION, VELOCITY
-from ..physics.shapes import bounds
-from ..physics.world import Bodies
-from ..propagators.base import Propagator
+from ..collision.contact_search import NEAR
+from ..collision.shapes import bounds
+from ..dynamics.world import Bodies
+from ..propagators.base import ClosedFormFlight, JointlySampledIslands, Samples
 from ..propagators.free_flight import Flight, course_of
 from ..propagators.joining import Frame, Part
 from ..scene.belief import Belief
 from ..scene.scene import Scene
+from ..spatial.layout import ANGULAR_VELOCITY, ERR_POSITION, ERROR, POSITION, VELOCITY
 
 #: Standard deviations that bodies are kept apart by, and that uncertain parameters are thought to reach.
 SIGMAS = 5.0
@@ -89,19 +89,19 @@ class Bounds(NamedTuple):
     spin: np.ndarray
 
 
-class Islands:
+class IslandRunner:
     """Runs a propagator island by island, in its place in the driver.
 
     Parameters
     ----------
-    propagator : Propagator
+    propagator : Propagator and propagators.base.Islands
     scene : Scene
         Whose uncertain parameters are each of one moving body (not `Scene.shared_parameters`).
     marks : sequence of int
         Numbers of steps after which a belief is wanted, ascending; slices end there.
     """
 
-    def __init__(self, propagator: Propagator, scene: Scene, marks: Sequence[int]):
+    def __init__(self, propagator: Any, scene: Scene, marks: Sequence[int]):
         self._propagator, self._scene, self._marks = propagator, scene, list(marks)
         bodies, world = scene.bodies, scene.world
         mass = np.array([body.mass for body in bodies])
@@ -115,7 +115,8 @@ class Islands:
         )
         self._moving = world.bodies.moving
         self._gravity = float(np.linalg.norm(scene.gravity))
-        self._can_fly = propagator.flies and not scene.gyroscopic
+        self._can_fly = isinstance(propagator, ClosedFormFlight) and not scene.gyroscopic
+        self._samples_jointly = isinstance(propagator, JointlySampledIslands)
         self._parts = {}
         self._joined_last: Any = None, None  # a carry, and what it is as a whole
 
@@ -124,9 +125,9 @@ class Islands:
         moving = scene.moving
         self._mean = belief.mean
         whole = None
-        if self._propagator.draws_together:
+        if self._samples_jointly:
             whole = self._propagator.init(scene, belief)
-            near = _in_contact(self._propagator.contact_history(whole).solver)
+            near = _in_contact(whole.contact_history.solver)
         else:
             near = self._near(belief)
         both = near[self._moving[near].all(axis=1)]
@@ -176,9 +177,9 @@ class Islands:
     def belief(self, carry: IslandsCarry, scene: Scene) -> Belief:
         """The belief about all bodies: blocks, or the joint covariance with zeros between islands.
 
-        A propagator that draws all bodies together says it of all its samples, as without islands.
+        A propagator that samples all bodies jointly computes it from all its samples, as without islands.
         """
-        if self._propagator.draws_together:
+        if self._samples_jointly:
             return self._propagator.belief(self.whole(carry), scene)
         moving, mean = scene.moving, self._mean.copy()
         islands, carries = carry.islands, self._present(carry)
@@ -203,10 +204,6 @@ class Islands:
             P = P.reshape(ERROR * len(moving), ERROR * len(moving))
         return Belief.trusted(mean, P, moving)
 
-    def own_samples(self, carry: IslandsCarry, scene: Scene) -> np.ndarray | None:
-        """(N, B, 13): the states that the answer consists of; None where it is a Gaussian."""
-        return self._propagator.own_samples(self.whole(carry), scene)
-
     def whole(self, carry: IslandsCarry) -> Any:
         """The propagator's carry for all bodies of the scene."""
         if self._joined_last[0] is not carry:
@@ -227,7 +224,8 @@ class Islands:
 
     def _flown(self, island, steps):
         world = island.scene.world
-        return self._propagator.fly(island.carry, Flight(world.gravity, course_of(world, steps), steps))
+        flight = Flight(world.gravity, course_of(world, steps), steps)
+        return self._propagator.propagate_flight(island.carry, flight)
 
     def _part(self, bodies):
         """The scene of some bodies; made once, and sharing the sphere trees."""
@@ -270,9 +268,8 @@ class Islands:
         for island, now in zip(islands, present, strict=True):
             some = self._moving[island.bodies]
             bodies = island.bodies[some]
-            samples = self._propagator.rollout_states(now, island.scene)
-            if samples is not None:
-                states = samples[:, some]
+            if isinstance(self._propagator, Samples):
+                states = self._propagator.rollout_states(now, island.scene)[:, some]
                 least, most = states.min(axis=0), states.max(axis=0)
                 low[bodies], high[bodies] = least[:, POSITION], most[:, POSITION]
                 slowest[bodies], fastest[bodies] = least[:, VELOCITY], most[:, VELOCITY]
@@ -313,10 +310,10 @@ class Islands:
         low, high = np.where(contact, bounds.low - travel, low), np.where(contact, bounds.high + travel, high)
         fixed = ~self._moving[:, None]
         low, high = np.where(fixed, bounds.low, low), np.where(fixed, bounds.high, high)
-        reach = self._reach(bounds, time, energy, contact[:, 0], mass)[:, None]
+        reach = self._reach(bounds, time, labels, energy, contact[:, 0], mass)[:, None]
         return low - reach, high + reach
 
-    def _reach(self, bounds, time, energy, contact, mass):
+    def _reach(self, bounds, time, labels, energy, contact, mass):
         """(B,): how far from a body's centre of mass it matters to others [m].
 
         The implicit step computes bodies together that may come near in a step, however far from touching
@@ -335,7 +332,10 @@ class Islands:
         spin = np.linalg.norm(bounds.spin, axis=1) * np.sqrt(self._stiffest / self._softest)
         spin = np.where(contact, grown / np.sqrt(self._lightest * self._softest), spin)
         pace = np.where(self._moving, speed + self._radius * spin + self._gravity * self._scene.dt, 0.0)
-        return self._radius + self._scene.dt * pace + NEAR
+        thrown = np.zeros(len(pace))
+        np.maximum.at(thrown, labels[contact], pace[contact])
+        thrown = np.where(contact, thrown[labels], 0.0)
+        return self._radius + self._scene.dt * (pace + thrown) + NEAR
 
     def _plan(self, carry):
         """Begin a slice: choose its end, merge the islands that may meet in it, and add what

@@ -4,32 +4,32 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..physics.broad_phase import near_pairs
-from ..physics.compiled import kernel
-from ..physics.element_contacts import next_element_contacts, open_element
-from ..physics.layout import POSITION
-from ..physics.narrow_phase import DISTANCE, VOLUME, next_contacts, open_pair
-from ..physics.workspace import workspace
+from ..collision.broad_phase import near_pairs
+from ..collision.element_contacts import next_element_contacts, open_element
+from ..collision.narrow_phase import DISTANCE, VOLUME, next_contacts, open_pair
+from ..compiler import kernel
+from ..dynamics.workspace import workspace
 from ..scene.scene import Scene
+from ..spatial.layout import POSITION
 
 _NUDGE = 1e-9  # of the body's radius: coincident spheres have no normal
 
 
-def overlaps(scene: Scene, states: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def overlaps(scene: Scene, states: np.ndarray, *, among_moving: bool = True) -> tuple[np.ndarray, np.ndarray]:
     """How deep each body's spheres reach into others or the environment [m], and no less than the energy
-    there [J]: each (N, B), of states (N, B, 13).
+    there [J]: each (N, B), of states (N, B, 13). Without ``among_moving``, into what does not move alone.
     """
     nudged = states.copy()
     radii = [body.model.bounding_radius for body in scene.bodies]
     nudged[:, :, POSITION.start] += _NUDGE * np.arange(len(radii)) * radii
     depth, work = np.zeros(states.shape[:2]), np.zeros(states.shape[:2])
-    _add_overlaps(nudged, scene.world, scene.world.surroundings, depth, work)
+    _add_overlaps(nudged, scene.world, scene.world.surroundings, among_moving, depth, work)
     assert scene.stiffness is not None  # chosen when a prediction begins
     return depth, scene.stiffness * work
 
 
 @kernel
-def _add_overlaps(states, world, surroundings, depths, works):
+def _add_overlaps(states, world, surroundings, among_moving, depths, works):
     """Depths, and depth times volume, half for each of two bodies, of states (N, B, 13): each (N, B)."""
     for n in range(len(states)):
         x, out, energy = states[n], depths[n], works[n]
@@ -37,6 +37,8 @@ def _add_overlaps(states, world, surroundings, depths, works):
         radii, pairs, records = world.tree.radii, work.search.pairs, work.search.records
         for k in range(near_pairs(x, world.bodies.radius, work.zero_travel, world.bodies.moving, work)):
             i, j = work.near[k, 0], work.near[k, 1]
+            if not among_moving and world.bodies.moving[i] and world.bodies.moving[j]:
+                continue
             t_ij, slack, top = open_pair(x, i, j, world, work)
             while top > 0:
                 count, top = next_contacts(world.tree, work.R_ij, t_ij, slack, work.search, top)

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Literal, get_args
+from typing import TYPE_CHECKING, Literal, get_args
 
 import numpy as np
 
-from ..checks.errors import InvalidOptionError, InvalidRequestError, NotSupportedError
+from ..checks.errors import InvalidOptionError, InvalidRequestError
 from ..checks.names import hint
-from ..checks.validation import instance, number
-from ..physics.layout import (
+from ..propagators.modes import Mode
+from ..scene.parameters import moved_along
+from ..spatial.layout import (
     ANGULAR_VELOCITY,
     ERR_ANGULAR_VELOCITY,
     ERR_POSITION,
@@ -21,29 +22,17 @@ from ..physics.layout import (
     QUATERNION,
     VELOCITY,
 )
-from ..physics.origin import at_origin
-from ..physics.rotation import rotation_matrix
-from ..propagators.base import Mode
-from ..scene.parameters import moved_along
-from .events import REST_ANGULAR_SPEED, REST_SPEED, UPRIGHT_ANGLE
-from .prediction import Origin, Prediction
-from .probabilities import (
-    FLIGHTS,
-    ContactProbability,
-    FallProbability,
-    RegionProbability,
-    RestProbability,
-    UprightProbability,
-    contact_probabilities,
-    fall_probabilities,
-    region_probabilities,
-    rest_probabilities,
-    upright_probabilities,
-)
-from .regions import BoxRegion
-from .status import ROLLOUTS, assess_all
-from .status_rules import BodyStatus
+from ..spatial.origin import at_origin
+from ..spatial.rotation import rotation_matrix
+from .body_status import BodyStatus
+from .diagnosis import ROLLOUTS, judge
+from .snapshot import Snapshot
 
+if TYPE_CHECKING:
+    from .prediction import Prediction
+
+#: The point whose position and velocity are told.
+Origin = Literal["center_of_mass", "model"]
 Convention = Literal["ros", "error_state"]
 
 
@@ -51,8 +40,7 @@ class PredictedBody:
     """What is predicted of one body at one time; `Prediction.body` makes it.
 
     Position and linear velocity are those of ``origin``: the centre of mass, or the model's own origin.
-    Everything is computed when it is asked for. Samples, modes and probabilities are known at the
-    prediction's horizon only.
+    Everything is computed when it is asked for.
 
     Attributes
     ----------
@@ -66,7 +54,9 @@ class PredictedBody:
         Whether it follows a path; then they are, too.
     """
 
-    def __init__(self, prediction: Prediction, name: str, time: float, origin: Origin = "center_of_mass"):
+    def __init__(
+        self, prediction: Prediction, name: str, snapshot: Snapshot, origin: Origin = "center_of_mass"
+    ):
         scene = prediction.scene
         names = [body.name for body in scene.bodies]
         if not isinstance(name, str):
@@ -79,9 +69,8 @@ class PredictedBody:
             raise InvalidOptionError(
                 f"must be one of {', '.join(get_args(Origin))}", field="origin", value=origin
             )
-        self._prediction, self._body = prediction, names.index(name)
-        self._index = _index(number(time, "time"), prediction)
-        self.name, self.time, self.origin = name, prediction.times[self._index], origin
+        self._prediction, self._snapshot, self._body = prediction, snapshot, names.index(name)
+        self.name, self.time, self.origin = name, snapshot.time, origin
         body = scene.bodies[self._body]
         self.fixed, self.prescribed = body.fixed, body.trajectory is not None
 
@@ -163,8 +152,7 @@ class PredictedBody:
 
     def samples(self, count: int | None = None) -> np.ndarray:
         """(count, 13): states ``[p, v, q, omega]`` of the body, drawn as `Prediction.samples` draws them."""
-        self._only_at_the_horizon("samples")
-        states = self._prediction.samples(count)[:, [self._body]]
+        states = self._prediction.samples(count, time=self.time)[:, [self._body]]
         if self.origin == "model":
             states = moved_along(states, self._model_origin()[None, None])
         return states[:, 0]
@@ -173,95 +161,20 @@ class PredictedBody:
     def modes(self) -> tuple[Mode, ...]:
         """The outcomes that the body's state splits into, most probable first, at the centre of mass.
 
-        A single Gaussian unless the propagator tells them apart.
+        A single Gaussian where the propagator has no samples, or the body does not move freely.
         """
-        self._only_at_the_horizon("modes")
-        return self._prediction.answers.modes(self._prediction, self._body)
-
-    def probability_in(self, region: BoxRegion, *, flights: int = FLIGHTS) -> RegionProbability:
-        """How probable it is that the body's centre of mass lies in a region (`region_probabilities`)."""
-        self._only_at_the_horizon("probability_in")
-        instance(region, BoxRegion, "region")
-        if self.fixed or self.prescribed:
-            inside = bool(region.contains(self._mean()[POSITION]))
-            return RegionProbability(region.name, self.name, self.time, True, float(inside))
-        answers = region_probabilities(self._prediction, [region], flights=flights)
-        return next(answer for answer in answers if answer.object == self.name)
-
-    def contact_with(self, other: str, *, flights: int = FLIGHTS) -> ContactProbability:
-        """How probable it is that the body touches another thing, and when (`contact_probabilities`).
-
-        Parameters
-        ----------
-        other : str
-            Another body, an element of the environment, or ``environment`` for any of its elements.
-        flights : int, optional
-            As for `contact_probabilities`.
-
-        Raises
-        ------
-        InvalidRequestError
-            If there is no such thing, or neither of them moves.
-        """
-        self._only_at_the_horizon("contact_with")
-        found: dict[str, ContactProbability] = {}
-        for answer in contact_probabilities(self._prediction, flights=flights):
-            if answer.object_a == self.name:
-                found[answer.object_b] = answer
-            elif answer.object_b == self.name:
-                found[answer.object_a] = answer
-        if other not in found:
-            raise InvalidRequestError(
-                f"is nothing that '{self.name}' can touch{hint(str(other), found)}",
-                field="other",
-                value=other,
-            )
-        return found[other]
-
-    def rest_probability(
-        self, *, speed: float = REST_SPEED, angular_speed: float = REST_ANGULAR_SPEED, flights: int = FLIGHTS
-    ) -> RestProbability:
-        """How probable it is that the body is at rest (`rest_probabilities`)."""
-        self._only_at_the_horizon("rest_probability")
-        if self.fixed or self.prescribed:
-            state = self._mean()
-            slow = np.linalg.norm(state[VELOCITY]) < speed
-            slow = slow and np.linalg.norm(state[ANGULAR_VELOCITY]) < angular_speed
-            return RestProbability(self.name, self.time, True, float(slow))
-        answers = rest_probabilities(
-            self._prediction, speed=speed, angular_speed=angular_speed, flights=flights
-        )
-        return next(answer for answer in answers if answer.object == self.name)
-
-    def upright_probability(
-        self, *, angle: float = UPRIGHT_ANGLE, flights: int = FLIGHTS
-    ) -> UprightProbability:
-        """How probable it is that the body stands upright (`upright_probabilities`)."""
-        self._only_at_the_horizon("upright_probability")
-        if self.fixed:
-            return UprightProbability(self.name, self.time, True, 1.0)
-        answers = upright_probabilities(self._prediction, angle=angle, flights=flights)
-        return next(answer for answer in answers if answer.object == self.name)
-
-    def fall_probability(self, *, flights: int = FLIGHTS) -> FallProbability:
-        """How probable it is that the body fell off what carried it (`fall_probabilities`)."""
-        self._only_at_the_horizon("fall_probability")
-        if self.fixed:
-            return FallProbability(self.name, self.time, True, 0.0)
-        answers = fall_probabilities(self._prediction, flights=flights)
-        return next(answer for answer in answers if answer.object == self.name)
+        return self._snapshot.modes(self._prediction.scene, self._body)
 
     def status(self, *, rollouts: int = ROLLOUTS) -> BodyStatus:
         """How far the body's prediction can be trusted (`assess`)."""
-        k, prediction = self._index, self._prediction
-        then = replace(prediction, times=prediction.times[k : k + 1], beliefs=prediction.beliefs[k : k + 1])
-        return assess_all(then, rollouts=rollouts)[0][self._body]
+        (statuses,) = judge(replace(self._prediction, snapshots=(self._snapshot,)), rollouts)
+        return statuses[self._body]
 
     def _mean(self):
-        return self._prediction.beliefs[self._index].mean[self._body].copy()
+        return self._snapshot.belief.mean[self._body].copy()
 
     def _covariance(self):
-        return self._prediction.beliefs[self._index].marginal(self._body).copy()
+        return self._snapshot.belief.marginal(self._body).copy()
 
     def _model_origin(self):
         """(3,): the model's origin in the body frame [m]."""
@@ -277,12 +190,6 @@ class PredictedBody:
 
     def _std(self, block):
         return np.sqrt(np.maximum(self._at_origin()[1].diagonal()[block], 0.0))
-
-    def _only_at_the_horizon(self, what):
-        if self._index != len(self._prediction.times) - 1:
-            raise NotSupportedError(
-                f"is known at the horizon only; predict for {self.time:g} s to have it then", field=what
-            )
 
 
 @dataclass(frozen=True, eq=False)
@@ -329,16 +236,3 @@ class Trajectory:
             angular_velocity_stds=np.array([body.angular_velocity_std for body in bodies]),
             covariances=np.array([body.covariance("error_state") for body in bodies]),
         )
-
-
-def _index(time, prediction):
-    """Which of the prediction's times that is; it may be off by half a step."""
-    times = np.array(prediction.times)
-    k = int(np.abs(times - time).argmin())
-    if abs(times[k] - time) > 0.5 * prediction.scene.dt * (1.0 + 1e-9):
-        raise InvalidRequestError(
-            f"is no time of the prediction, of which {times[k]:g} s is the nearest; predict with times=[...]",
-            field="time",
-            value=time,
-        )
-    return k

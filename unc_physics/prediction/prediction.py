@@ -1,70 +1,109 @@
-"""What a prediction answers: beliefs at one or more times, and each body by its name."""
+"""A prediction: snapshots of the bodies at one or more times, and each body by its name."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from functools import cached_property
-from typing import TYPE_CHECKING, Any, Literal
+from dataclasses import dataclass, replace
+from typing import Any, overload
 
 import numpy as np
 
-from ..checks.validation import integer
-from ..physics.contact_history import ContactHistory
+from ..checks.errors import InvalidRequestError, LimitExceededError, NotSupportedError
+from ..checks.validation import instance, integer, number
 from ..propagators.base import Propagator
 from ..scene.belief import Belief
 from ..scene.scene import Scene
-from .answers import Answers
-
-if TYPE_CHECKING:
-    from .predicted_body import PredictedBody, Trajectory
-
-#: The point whose position and velocity are told.
-Origin = Literal["center_of_mass", "model"]
+from . import probability as probabilities
+from .events import Event, Touches
+from .predicted_body import Origin, PredictedBody, Trajectory
+from .snapshot import ContactTime, Probability, Snapshot
+from .tables import FEW_LINES, as_dict, as_html, as_table
 
 
 @dataclass(frozen=True, eq=False)
 class Prediction:
-    """Beliefs at one or more times.
+    """Snapshots at one or more times.
+
+    ``prediction["mug"]`` is a body at the horizon, ``prediction[:3]`` the prediction that ends at the third
+    time.
 
     Attributes
     ----------
     scene : Scene
         As it was simulated, with the stiffness that was chosen for it.
     propagator : Propagator
-    times : tuple of float
-        Simulated time of each belief from the start [s], ascending; the last is the horizon.
-    beliefs : tuple of Belief
-    wall_time : float
-        What the prediction took, the time to compile or load kernels left out [s].
+    snapshots : tuple of Snapshot
+        In order of time; the last is at the horizon.
     initial : Belief
-        What was given.
-    answers : Answers
-        What tells everything else.
-    kept : tuple of (n, B, 13) arrays, or None
-        States at each of the times, of a propagator with samples of its own; None where none were to be kept.
+        The belief at time 0 that was given.
+    start : Belief
+        The belief at time 0 that was really used: without overlap, and settled where bodies are at rest. It
+        has the moments of the propagator's points or samples; where none was moved, it is what was given.
+    wall_time : float
+        Wall time of the prediction, without compiling or loading kernels [s].
     """
 
     scene: Scene
     propagator: Propagator
-    times: tuple[float, ...]
-    beliefs: tuple[Belief, ...]
-    wall_time: float
+    snapshots: tuple[Snapshot, ...]
     initial: Belief
-    answers: Answers
-    kept: tuple[np.ndarray, ...] | None = None
+    start: Belief
+    wall_time: float
 
-    @cached_property
-    def start(self) -> Belief:
-        """The belief at time 0 that was really used: without overlap, and at rest where bodies are said to
-        be.
+    def __str__(self) -> str:
+        return as_table(self, FEW_LINES)
 
-        Of points or samples it has the moments; where none was moved, it is what was given.
+    def _repr_html_(self) -> str:
+        return as_html(self)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the prediction as plain Python values, as ``unc_physics schema prediction`` has them."""
+        return as_dict(self, self.seed)
+
+    @overload
+    def __getitem__(self, key: str) -> PredictedBody: ...
+    @overload
+    def __getitem__(self, key: slice) -> Prediction: ...
+    def __getitem__(self, key: str | slice) -> PredictedBody | Prediction:
+        """Return the body of that name at the horizon, as `body` does; or the prediction of some times."""
+        if isinstance(key, slice):
+            return replace(self, snapshots=self.snapshots[key])
+        return self.body(key)
+
+    @property
+    def times(self) -> tuple[float, ...]:
+        """Simulated time of each snapshot from the start [s], ascending."""
+        return tuple(snapshot.time for snapshot in self.snapshots)
+
+    @property
+    def beliefs(self) -> tuple[Belief, ...]:
+        """The belief of each snapshot."""
+        return tuple(snapshot.belief for snapshot in self.snapshots)
+
+    def at(self, time: float | None = None) -> Snapshot:
+        """Return the snapshot of a time.
+
+        Parameters
+        ----------
+        time : float, optional
+            One of the prediction's times, to half a step [s]; by default the last, the horizon.
+
+        Raises
+        ------
+        InvalidRequestError
+            If nothing was predicted for that time.
         """
-        return self.answers.start(self)
-
-    def __getitem__(self, name: str) -> PredictedBody:
-        """The body of that name at the horizon, as `body` gives it."""
-        return self.body(name)
+        if time is None:
+            return self.snapshots[-1]
+        times, time = np.array(self.times), number(time, "time")
+        k = int(np.abs(times - time).argmin())
+        if abs(times[k] - time) > 0.5 * self.scene.dt * (1.0 + 1e-9):
+            raise InvalidRequestError(
+                f"is no time of the prediction, of which {times[k]:g} s is the nearest; predict with"
+                " times=[...]",
+                field="time",
+                value=time,
+            )
+        return self.snapshots[k]
 
     def body(
         self, name: str, *, time: float | None = None, origin: Origin = "center_of_mass"
@@ -87,9 +126,7 @@ class Prediction:
         InvalidOptionError
             If there is no such origin.
         """
-        from .predicted_body import PredictedBody
-
-        return PredictedBody(self, name, self.times[-1] if time is None else time, origin)
+        return PredictedBody(self, name, self.at(time), origin)
 
     @property
     def bodies(self) -> tuple[PredictedBody, ...]:
@@ -97,44 +134,39 @@ class Prediction:
         return tuple(self.body(body.name) for body in self.scene.bodies)
 
     def trajectory(self, name: str, *, origin: Origin = "center_of_mass") -> Trajectory:
-        """One body at all of the prediction's times, as arrays; the arguments are those of `body`."""
-        from .predicted_body import Trajectory
-
-        return Trajectory.of([self.body(name, time=time, origin=origin) for time in self.times])
+        """Return one body at all times, as arrays; the arguments are those of `body`."""
+        return Trajectory.of([PredictedBody(self, name, snapshot, origin) for snapshot in self.snapshots])
 
     @property
     def belief(self) -> Belief:
         """The last belief."""
-        return self.beliefs[-1]
+        return self.snapshots[-1].belief
 
     @property
     def time(self) -> float:
         """Simulated time of the last belief [s]."""
-        return self.times[-1]
+        return self.snapshots[-1].time
 
     @property
     def carry(self) -> Any:
-        """The propagator's persistent state at the end, a NamedTuple."""
-        return self.answers.carry
-
-    @property
-    def contact_history(self) -> ContactHistory:
-        """What the propagator's rollouts remember of their contacts."""
-        return self.propagator.contact_history(self.carry)
+        """The propagator's persistent state at the end, a NamedTuple; None from a node."""
+        return self.snapshots[-1].carry
 
     @property
     def seed(self) -> int | None:
         """The seed that was used; None for a propagator that draws nothing."""
         return getattr(self.propagator, "seed", None)
 
-    def samples(self, count: int | None = None) -> np.ndarray:
-        """States at the horizon that are drawn from the answer, the same at each call.
+    def samples(self, count: int | None = None, *, time: float | None = None) -> np.ndarray:
+        """Draw states from the prediction, the same at each call.
 
         Parameters
         ----------
         count : int, optional
             How many; the first ones of a larger number. A propagator that has samples gives its own, by
-            default all of them; otherwise the last belief is drawn from, with the prediction's seed or 0.
+            default all of them; otherwise the belief is drawn from, with the prediction's seed or 0.
+        time : float, optional
+            As in `at`.
 
         Returns
         -------
@@ -147,7 +179,61 @@ class Prediction:
             If ``count`` is no number of samples, or is needed and not given.
         LimitExceededError
             If the propagator has samples of its own, and fewer.
+        NotSupportedError
+            If the prediction comes from a node that was not asked for samples.
         """
+        snapshot = self.at(time)
         if count is not None:
             count = integer(count, "count", low=1)
-        return self.answers.samples(self, count)
+        own = snapshot.samples
+        if own is None and snapshot.received is not None:
+            raise NotSupportedError(
+                "was not asked for; give the client's predict keep_samples, their number", field="samples"
+            )
+        if own is None:
+            if count is None:
+                raise InvalidRequestError(
+                    f"must be given: {self.propagator.name} has no samples of its own", field="count"
+                )
+            return snapshot.belief.sample(count, np.random.default_rng(self.seed or 0))
+        if count is not None and count > len(own):
+            raise LimitExceededError(
+                f"must be at most the {len(own)} samples of the prediction", field="count", value=count
+            )
+        return own[:count].copy()
+
+    def probability(self, event: Event, *, time: float | None = None) -> Probability:
+        """Estimate how probable an event is.
+
+        Parameters
+        ----------
+        event : Event
+            Such as ``Inside("cup", bin) & ~Touches("cup", "wall")``. States are those at the time, contacts
+            those up to it.
+        time : float, optional
+            As in `at`.
+
+        Returns
+        -------
+        Probability
+            Of a propagator without samples that `predict` was not given events for, the interval is 0 to 1.
+
+        Raises
+        ------
+        InvalidRequestError
+            If the event is about something that is not in the scene, or there is no such time.
+        NotSupportedError
+            If the prediction comes from a node that was not asked for the event.
+        """
+        instance(event, Event, "event")
+        event.check(self.scene, "event")
+        return probabilities.probability(self.scene, self.initial, self.at(time), event)
+
+    def contact_time(self, event: Touches, *, time: float | None = None) -> ContactTime | None:
+        """Return when two things first touch, given that they do; None where no outcome has a contact.
+
+        The arguments and the errors are those of `probability`.
+        """
+        instance(event, Touches, "event")
+        event.check(self.scene, "event")
+        return probabilities.contact_time(self.scene, self.initial, self.at(time), event)

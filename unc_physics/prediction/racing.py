@@ -37,6 +37,11 @@ class Difference(NamedTuple):
     std: float
     draws: int
 
+    @property
+    def is_tie(self) -> bool:
+        """Whether it is within its standard error."""
+        return abs(self.value) <= self.std
+
 
 def difference(one: np.ndarray, other: np.ndarray) -> Difference:
     """From outcomes (n,) and (m,) bool, of which those at the same place share their draws."""
@@ -154,12 +159,17 @@ class Race:
 
     def order(self) -> list[int]:
         """All actions: the best one, then the others by their difference from it."""
-        others = [k for k in range(len(self.outcomes)) if k != self.left[0]]
-        return [self.left[0], *sorted(others, key=lambda k: -self.difference(k).value)]
+        best = self.left[0]
+        others = [k for k in range(len(self.outcomes)) if k != best]
+        return [best, *sorted(others, key=lambda k: -self.difference(k, best).value)]
 
-    def difference(self, k: int) -> Difference:
-        """How much more often an action succeeds than the best one."""
-        best, count = self.left[0], len(self.outcomes[k])
-        if k == best:
-            return Difference(0.0, 0.0, count)
-        return difference(self.outcomes[k], self.outcomes[best])
+    def difference(self, k: int, other: int) -> Difference:
+        """How much more often an action succeeds than another one."""
+        if k == other:
+            return Difference(0.0, 0.0, len(self.outcomes[k]))
+        return difference(self.outcomes[k], self.outcomes[other])
+
+    def ties(self) -> list[int]:
+        """Actions within a standard error of the best one, which comes first."""
+        best = self.left[0]
+        return [k for k in self.order() if k not in self.losers and self.difference(k, best).is_tie]

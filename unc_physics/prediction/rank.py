@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import functools
+import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -21,28 +22,14 @@ from .actions import Action, apply_action
 from .contest import Contest, Entrant, Failed
 from .events import Event
 from .memory import check_memory
-from .outcomes import interval, seen
-from .predict import check_supported, steps_of
 from .prediction import Prediction
+from .probability import sample_outcomes
 from .racing import Difference
+from .request_checks import check_supported, steps_of
+from .snapshot import Probability
 
 #: Share of `rollouts` for each action that the budget is by default, where that is more than two actions'.
 _BUDGET_SHARE = 0.2
-
-
-class Share(NamedTuple):
-    """A probability, from the rollouts in which an event happened.
-
-    Attributes
-    ----------
-    probability : float
-    low, high : float
-        An interval that holds the truth but in one of a thousand answers.
-    """
-
-    probability: float
-    low: float
-    high: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,10 +41,16 @@ class RankedAction:
     name : str
     prediction : Prediction
         By all of the action's rollouts.
-    score : Share
+    score : Probability
         Of the event that actions are ranked by.
     difference : Difference
-        Of the score from that of the best action, over the draws that both have.
+        Of the score from that of the first action, over the draws that both have.
+    margin : float or None
+        Distance of the outcomes from failure, in standard deviations over the rollouts (`Event.margin`); None
+        where the score's events have no distance, and where a node ranked.
+    tied : bool
+        Whether the score is within a standard error of the best one. Tied actions are in order of their
+        margins.
     clearly_worse : bool
         Whether another action is better for certain: a best action is called so in one ranking of a thousand.
     rollouts : int
@@ -66,22 +59,12 @@ class RankedAction:
 
     name: str
     prediction: Prediction
-    score: Share
+    score: Probability
     difference: Difference
+    margin: float | None
+    tied: bool
     clearly_worse: bool
     rollouts: int
-
-    def probability(self, event: Event) -> Share:
-        """How probable an event is by this action.
-
-        Raises
-        ------
-        InvalidRequestError
-            If the event is about what is not in the scene.
-        """
-        instance(event, Event, "event")
-        event.check(self.prediction.scene, "event")
-        return _share(_happened(event, self.prediction))
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,7 +74,8 @@ class Ranking:
     Attributes
     ----------
     actions : tuple of RankedAction
-        The others follow the best one by their difference from it.
+        The best one and those tied with it, the largest margin first; then the others by their difference
+        from it.
     score : Event
         What they are ranked by.
     smallest_first : bool
@@ -163,7 +147,7 @@ def rank(
         bodies a `BodyBelief` or fields of `BodyBelief` and `RigidBody` with their values, for elements of the
         environment fields of their class.
     score : Event
-        What counts as success, such as ``InRegion("cup", bin) & Upright("cup")``.
+        What counts as success, such as ``Inside("cup", bin) & Upright("cup")``.
     horizon : float, optional
         Time to predict for [s], as in `predict`. May be left out when ``times`` is given.
     times : sequence of float, optional
@@ -248,7 +232,6 @@ def rank_entrants(
     budget: int | None = None,
     max_computation_time: float | None = None,
     progress: Callable[[int, int], object] | None = None,
-    keep_samples: int = 0,
 ) -> Ranking:
     """As `rank`, of scenes and beliefs by their names, with a Monte Carlo propagator.
 
@@ -277,10 +260,10 @@ def rank_entrants(
                     "must be that of the other actions", field="dt", value=entrant.scene.dt
                 )
             marks = own
-            check_memory(entrant.scene, entrant.belief, propagator, len(own), keep_samples)
+            check_memory(entrant.scene, entrant.belief, propagator, len(own))
     assert marks is not None
     success = _success(score, smallest_first)
-    contest = Contest(entrants, propagator, marks, success, most, keep_samples)
+    contest = Contest(entrants, propagator, marks, success, most)
     make = functools.partial(_ranking, contest, score, smallest_first, propagator.seed)
     try:
         contest.run(allowed, progress)
@@ -297,37 +280,40 @@ def _budget(count, rollouts):
 
 def _success(score, smallest_first):
     """Whether the rollouts of a prediction count as good, a function of it."""
-    return lambda prediction: _happened(score, prediction) ^ smallest_first
+
+    def of(prediction):
+        return score.happened(_outcomes(prediction)) ^ smallest_first
+
+    return of
 
 
-def _happened(event, prediction):
-    """(N,) bool: in which rollouts of a prediction an event happened."""
-    return event.happened(seen(prediction, prediction.samples(), prediction.contact_history.first_time))
-
-
-def _share(happened):
-    count = len(happened)
-    share = float(np.count_nonzero(happened) / count)
-    low, high = interval(share, count)
-    return Share(share, min(max(low, 0.0), share), max(min(high, 1.0), share))
+def _outcomes(prediction):
+    return sample_outcomes(prediction.scene, prediction.initial, prediction.at())
 
 
 def _ranking(contest, score, smallest_first, seed):
     """The ranking by the rounds until now."""
-    actions = []
-    for k in contest.race.order():
+    race, margins, actions = contest.race, [], []
+    for prediction in contest.predictions:
+        margin = score.margin(_outcomes(prediction))
+        margins.append(-margin if margin is not None and smallest_first else margin)
+    ties = race.ties()
+    ties.sort(key=lambda k: math.inf if margins[k] is None else -margins[k])
+    for k in [*ties, *(k for k in race.order() if k not in ties)]:
         prediction = contest.predictions[k]
-        difference = contest.race.difference(k)
+        difference = race.difference(k, ties[0])
         if smallest_first:
             difference = difference._replace(value=-difference.value)
         actions.append(
             RankedAction(
                 contest.entrants[k].name,
                 prediction,
-                _share(_happened(score, prediction)),
+                prediction.probability(score),
                 difference,
-                k in contest.race.losers,
-                len(contest.race.outcomes[k]),
+                margins[k],
+                len(ties) > 1 and k in ties,
+                k in race.losers,
+                len(race.outcomes[k]),
             )
         )
     return Ranking(tuple(actions), score, smallest_first, seed)

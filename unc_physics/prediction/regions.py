@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
 
 from ..checks.array_field import Array, array_field
-from ..checks.errors import DuplicateIdError, InvalidEnvironmentError, InvalidRequestError
-from ..checks.validation import array, instance, positive, quaternion
-from ..physics.rotation import rotation_matrix
+from ..checks.errors import InvalidEnvironmentError, InvalidRequestError
+from ..checks.validation import array, positive, quaternion
+from ..spatial.rotation import rotation_matrix
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,22 +51,9 @@ class BoxRegion:
 
     def contains(self, points: np.ndarray) -> np.ndarray:
         """(...,) bool: which points (..., 3) [m], world frame, lie in the box or on its surface."""
+        return self.depths(points) >= 0.0
+
+    def depths(self, points: np.ndarray) -> np.ndarray:
+        """(...,): distances of points (..., 3) [m], world frame, from the nearest side; negative outside."""
         R = rotation_matrix(self.orientation)
-        return (np.abs((points - self.position) @ R) <= 0.5 * self.size).all(axis=-1)
-
-
-def checked_regions(regions: BoxRegion | Iterable[BoxRegion]) -> tuple[BoxRegion, ...]:
-    """Regions as a tuple; their names must differ."""
-    try:
-        regions = (regions,) if isinstance(regions, BoxRegion) else tuple(regions)
-    except TypeError:
-        raise InvalidRequestError("must be a sequence of BoxRegion", field="regions", value=regions) from None
-    names = []
-    for k, region in enumerate(regions):
-        instance(region, BoxRegion, f"regions[{k}]")
-        if region.name in names:
-            raise DuplicateIdError(
-                "is the name of two regions", field=f"regions[{k}].name", value=region.name
-            )
-        names.append(region.name)
-    return regions
+        return (0.5 * self.size - np.abs((points - self.position) @ R)).min(axis=-1)

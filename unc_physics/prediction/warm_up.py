@@ -10,13 +10,13 @@ import numpy as np
 
 from ..checks.validation import covariance
 from ..geometry.packing_file import SpherePacking
-from ..physics.layout import ERROR, POSITION, QUATERNION, STATE
-from ..physics.origin import at_com, covariance_at_com, inverse_error_map, moved
 from ..propagators.registry import PROPAGATORS, make_propagator
 from ..scene.belief import Belief
 from ..scene.body import RigidBody
 from ..scene.presets import PRESETS
 from ..scene.scene import Scene
+from ..spatial.layout import ERROR, POSITION, QUATERNION, STATE
+from ..spatial.origin import at_com, covariance_at_com, inverse_error_map, moved
 from .predict import predict
 from .status import assess
 

@@ -7,8 +7,8 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 from ..checks.errors import PredictionTimeoutError
-from ..physics.compile_time import clock
-from ..physics.time_limit import TimeLimit
+from ..compiler.compile_time import clock
+from ..compiler.time_limit import TimeLimit
 from ..scene.scene import Scene
 
 LOOK_UP_AFTER = 0.02  # s, wall time between looks at the clock and reports of progress

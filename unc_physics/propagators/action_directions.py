@@ -7,7 +7,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..physics.layout import (
+from ..scene.action_arrays import held_at_start
+from ..scene.belief import Belief
+from ..scene.scene import Scene
+from ..spatial.layout import (
     ANGULAR_VELOCITY,
     ERR_ANGULAR_VELOCITY,
     ERR_POSITION,
@@ -18,10 +21,7 @@ from ..physics.layout import (
     QUATERNION,
     VELOCITY,
 )
-from ..physics.rotation import rotation_matrix
-from ..scene.action_arrays import held_at_start
-from ..scene.belief import Belief
-from ..scene.scene import Scene
+from ..spatial.rotation import rotation_matrix
 from .implicit_linearization import Directions
 
 

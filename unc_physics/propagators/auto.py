@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..physics.compile_time import clock
-from .base import one_after_the_other
+from ..compiler.compile_time import clock
+from .base import Anytime
 from .cloud import FEWEST_RUNS, Cloud
 from .emission import diverged, settled
 from .options import option
@@ -22,14 +22,14 @@ _WORTH = 1.0 / 16.0  # share of the rollouts: time that is left for fewer more i
 
 
 @dataclass(frozen=True)
-class Auto(Cloud):
+class Auto(Cloud, Anytime):
     """A cloud of as many rollouts as a wanted error or a time takes.
 
     Attributes
     ----------
     runs : int
         The most rollouts. It begins with 16, or with 12 where time is limited.
-    samples, seed, points, surface
+    samples, seed
         As of `Cloud`.
     time : float
         Wall time for rollouts and beliefs, at all of the prediction's times [s]; 0 for any. The last batch
@@ -46,12 +46,10 @@ class Auto(Cloud):
     Every batch has as many rollouts as the errors still ask for, at most as many as there are, and
     simulates only the new ones: the points are nested. Of the wishes for errors all must be met, or ``runs``
     reached. Without a time limit the answer depends on nothing but the seed; with one, on the number of
-    rollouts, which it reports (`Propagator.rollouts`). Islands keep to 64 rollouts.
+    rollouts, which it reports (`base.rollout_count`). Islands keep to 64 rollouts.
     """
 
     name = "auto"
-    color, marker = "#882255", "P"
-    grows = True
 
     runs: int = option(1024, "the most rollouts", low=FEWEST_RUNS, high=100_000)
     time: float = option(0.0, "wall time for rollouts and beliefs [s]; 0 for any", low=0.0)
@@ -66,9 +64,9 @@ class Auto(Cloud):
 
     def init(self, scene, belief):
         first = FEWEST_RUNS if self.time > 0.0 else _FIRST
-        return self.begun(scene, belief, 0, min(4 * _FIRST if scene.islands else first, self.runs))
+        return self.init_rollouts(scene, belief, 0, min(4 * _FIRST if scene.islands else first, self.runs))
 
-    def further(self, carry, scene, spent):
+    def additional_rollouts(self, carry, scene, spent):
         count, began = len(carry.states), clock()
         if count >= self.runs or diverged(carry.states) or settled(self._runs(carry), scene):
             return 0
@@ -83,9 +81,6 @@ class Auto(Cloud):
             fit = math.floor(left * count / (spent.rollouts + answers))
             more = min(more, fit) if fit >= _WORTH * count else 0
         return max(more, 0)
-
-    def together(self, carry, further):
-        return one_after_the_other(carry, further)
 
     def _wanted(self, carry, scene):
         """How many rollouts more meet all wishes, it seems; with none, as many as there may be."""

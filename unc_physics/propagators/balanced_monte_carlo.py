@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..physics.moments import spread_states
+from ..spatial.moments import spread_states
 from .monte_carlo import MonteCarlo
 from .sobol import normal_points
 

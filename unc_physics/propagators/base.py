@@ -1,6 +1,8 @@
-"""What every propagator is: a carry with its persistent state, and what other modules need to know of it.
+"""The contract of propagators: what each one has, and the capabilities that some have besides.
 
-``docs/extending.md`` walks through one.
+A propagator has options, `Propagator.init`, `Propagator.advance` and `Propagator.belief`. The classes below
+it are capabilities: a propagator that inherits one has its methods, and callers ask
+``isinstance(propagator, Anytime)``. ``docs/extending.md`` walks through an example.
 """
 
 from __future__ import annotations
@@ -12,16 +14,11 @@ from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from ..checks.errors import NotSupportedError
-from ..physics import contact_history as histories
-from ..physics.contact_history import ContactHistory
-from ..physics.rollout import rollout
+from ..dynamics import contact_history as histories
 from ..scene.belief import Belief
-from ..scene.parameters import rollout_varied
 from ..scene.scene import Scene
 from .free_flight import Flight
 from .joining import Frame, Part
-from .modes import split
 from .options import Option
 
 SAMPLES_LIMIT = 10_000_000
@@ -52,8 +49,89 @@ class Traits:
     collisions: str
 
 
-class Errors(NamedTuple):
-    """How far each body's mean may be off: standard errors, all axes together.
+@dataclass(frozen=True)
+class Supports:
+    """The parts of a scene that a propagator supports beyond bodies, surfaces and uncertain states.
+
+    Attributes
+    ----------
+    parameters : tuple of str
+        Names of the uncertain parameters (`scene.UNCERTAIN_PARAMETERS`).
+    actions : tuple of str
+        Integrators on which bodies may be prescribed, held or pushed, and surfaces may move (``Scene.acts``).
+    impact_errors : bool
+        Whether each impact may have a random error (``Scene.draws_impacts``).
+    overlap_rejection : bool
+        Whether states in which bodies overlap can be left out (``Scene.overlap`` ``'reject'``).
+    """
+
+    parameters: tuple[str, ...] = ()
+    actions: tuple[str, ...] = ()
+    impact_errors: bool = False
+    overlap_rejection: bool = False
+
+
+@dataclass(frozen=True)
+class Propagator(ABC):
+    """Carries a belief through a scene's dynamics.
+
+    A concrete propagator is a frozen dataclass. Its fields are its options, each made by `options.option`
+    and checked when the propagator is made. Command line and messages set options called ``samples`` and
+    ``seed`` by these names. The first line of the docstring is the description that users read.
+
+    A carry is a NamedTuple of exactly the persistent state, so that advancing in pieces equals advancing at
+    once. It has the fields ``contact_history`` (`dynamics.contact_history.ContactHistory`, of its rollouts)
+    and ``step`` (the number of steps done).
+
+    Attributes
+    ----------
+    name : str
+        By which users choose it.
+    traits : Traits
+    integrators : tuple of str
+        Those of `Scene` that it runs on.
+    supports : Supports
+    """
+
+    name: ClassVar[str]
+    traits: ClassVar[Traits]
+    integrators: ClassVar[tuple[str, ...]] = ("explicit",)
+    supports: ClassVar[Supports] = Supports()
+
+    def __post_init__(self):
+        for option in self.described_options():
+            object.__setattr__(self, option.name, option.checked(getattr(self, option.name)))
+
+    @abstractmethod
+    def init(self, scene: Scene, belief: Belief) -> Any:
+        """Return the carry that represents ``belief`` at time 0."""
+
+    @abstractmethod
+    def advance(self, carry: Any, scene: Scene, steps: int) -> Any:
+        """Return the carry after ``steps`` time steps; the given one stays as it is."""
+
+    @abstractmethod
+    def belief(self, carry: Any, scene: Scene) -> Belief:
+        """Return the belief that the carry represents."""
+
+    @classmethod
+    def described_options(cls) -> tuple[Option, ...]:
+        """Return the options, with their types, limits and meaning."""
+        return tuple(Option.of(member) for member in fields(cls) if "description" in member.metadata)
+
+    @classmethod
+    def options(cls) -> dict[str, Any]:
+        """Return names and defaults of the options."""
+        return {option.name: option.default for option in cls.described_options()}
+
+    @classmethod
+    def description(cls) -> str:
+        """Return a sentence about it: its docstring's first line."""
+        return (cls.__doc__ or "").strip().splitlines()[0]
+
+
+class StandardErrors(NamedTuple):
+    """Standard errors of each body's mean, all axes together.
 
     Attributes
     ----------
@@ -68,17 +146,78 @@ class Errors(NamedTuple):
     relative: np.ndarray
 
 
+class Samples(ABC):
+    """Capability: the answer consists of equally probable states.
+
+    Attributes
+    ----------
+    resamples : bool
+        Whether `own_samples` are made of fewer rollouts.
+    """
+
+    resamples: ClassVar[bool] = False
+
+    @property
+    @abstractmethod
+    def own_sample_count(self) -> int:
+        """Number N of `own_samples`."""
+
+    @abstractmethod
+    def own_samples(self, carry: Any, scene: Scene) -> np.ndarray:
+        """Return the states (N, B, 13) that the answer consists of."""
+
+    def rollout_states(self, carry: Any, scene: Scene) -> np.ndarray:
+        """Return the simulated states (R, B, 13), by default `own_samples`; islands keep them apart."""
+        return self.own_samples(carry, scene)
+
+    def standard_errors(self, carry: Any, scene: Scene) -> StandardErrors | None:
+        """Return the standard errors of the means; None where there is no estimate."""
+        return None
+
+    def measures(self, carry: Any, scene: Scene) -> dict[str, np.ndarray]:
+        """Return measures (B,) of the answer's quality, by their names in `prediction.diagnostics.RULES`."""
+        return {}
+
+
+class Rollouts(ABC):
+    """Capability: the carry is a set of rollouts that can be simulated in portions.
+
+    The methods with a body are for carries with ``states`` (N, B, 13), ``parameters`` (N, K) and a contact
+    history.
+    """
+
+    @abstractmethod
+    def init_rollouts(self, scene: Scene, belief: Belief, first: int, last: int) -> Any:
+        """Return the carry at time 0 of the rollouts from the ``first`` to before the ``last``."""
+
+    def select_rollouts(self, carry: Any, rollouts: slice) -> Any:
+        """Return the carry of some of its rollouts; it may share arrays."""
+        return carry._replace(
+            states=carry.states[rollouts],
+            parameters=carry.parameters[rollouts],
+            contact_history=histories.samples(carry.contact_history, rollouts),
+        )
+
+    def concatenate(self, carry: Any, additional: Any) -> Any:
+        """Return one carry of some rollouts and those that follow them, after equally many steps."""
+        return carry._replace(
+            states=np.concatenate([carry.states, additional.states]),
+            parameters=np.concatenate([carry.parameters, additional.parameters]),
+            contact_history=histories.stacked(carry.contact_history, additional.contact_history),
+        )
+
+
 class Spent(NamedTuple):
-    """What a prediction that may grow has taken, and what is still to come.
+    """Time that an anytime prediction has used, and beliefs that it has still to compute.
 
     Attributes
     ----------
     time : float
         Wall time since it began [s].
     rollouts : float
-        What its rollouts took of that [s].
+        The share of its rollouts in that [s].
     answers : int
-        At how many times a belief is to be made of them.
+        Number of times at which a belief is wanted.
     """
 
     time: float
@@ -86,114 +225,28 @@ class Spent(NamedTuple):
     answers: int
 
 
-class Mode(NamedTuple):
-    """One of the outcomes that a body's state splits into.
+class Anytime(Rollouts):
+    """Capability: rollouts are added until the answer is accurate enough, or time is up."""
 
-    Attributes
-    ----------
-    weight : float
-        Its probability.
-    mean : (13,) array
-        State ``[p, v, q, omega]``, as in `Belief`.
-    covariance : (12, 12) array
-        Of the error state about it, as in `Belief`.
+    @abstractmethod
+    def additional_rollouts(self, carry: Any, scene: Scene, spent: Spent) -> int:
+        """Return the number of rollouts to add; 0 ends the prediction."""
+
+
+class Islands(ABC):
+    """Capability: bodies that cannot meet are propagated apart, each group with its own carry.
+
+    Without it all bodies of a scene are propagated together.
     """
-
-    weight: float
-    mean: np.ndarray
-    covariance: np.ndarray
-
-
-@dataclass(frozen=True)
-class Propagator(ABC):
-    """Carries a belief through a scene's dynamics.
-
-    A concrete propagator is a frozen dataclass whose fields are its options, each made by `options.option`
-    and checked when the propagator is made (a ``__post_init__`` of its own calls this one's); ``samples`` and
-    ``seed`` are also what command line and messages call by these names. Its carry is a NamedTuple of exactly
-    the persistent state, so that advancing in pieces equals advancing at once. The first line of its
-    docstring says what it is.
-
-    Attributes
-    ----------
-    name : str
-        By which it is asked for.
-    traits : Traits
-    label : str
-        What people read; by default the name with spaces.
-    color, marker : str
-        Of its lines and points in figures, as Matplotlib has them.
-    integrators : tuple of str
-        Those of `Scene` that it runs on.
-    varies_parameters : bool
-        Whether uncertain parameters of the scene count.
-    varied : tuple of str
-        Names of those that count although others do not.
-    takes_actions : tuple of str
-        Integrators on which bodies may be prescribed, held or pushed, and surfaces may move (``Scene.acts``).
-    draws_impacts : bool
-        Whether it draws the errors of impacts (``Scene.draws_impacts``).
-    rejects_overlap : bool
-        Whether it can leave out the share of a belief in which bodies overlap (``Scene.overlap``
-        ``'reject'``).
-    draws_together : bool
-        Whether the spread of all bodies is drawn together, so that islands take their parts of it (`part`).
-    flies : bool
-        Whether a body that nothing can reach may go many steps at once (`fly`).
-    points_in_pairs : bool
-        Whether its state is points in opposite pairs (`opposite_points`).
-    emits : bool
-        Whether its own samples are made of fewer rollouts (`rollout_states`).
-    grows : bool
-        Whether rollouts are added until the answer is sure enough (`further`, `begun`, `together`).
-    """
-
-    name: ClassVar[str]
-    traits: ClassVar[Traits]
-    label: ClassVar[str]
-    color: ClassVar[str] = "#A6761D"
-    marker: ClassVar[str] = "p"
-    integrators: ClassVar[tuple[str, ...]] = ("explicit",)
-    varies_parameters: ClassVar[bool] = False
-    varied: ClassVar[tuple[str, ...]] = ()
-    takes_actions: ClassVar[tuple[str, ...]] = ()
-    draws_impacts: ClassVar[bool] = False
-    rejects_overlap: ClassVar[bool] = False
-    draws_together: ClassVar[bool] = False
-    flies: ClassVar[bool] = False
-    points_in_pairs: ClassVar[bool] = False
-    emits: ClassVar[bool] = False
-    grows: ClassVar[bool] = False
-
-    def __init_subclass__(cls, **keywords):
-        super().__init_subclass__(**keywords)
-        if "label" not in vars(cls) and "name" in vars(cls):
-            cls.label = cls.name.replace("_", " ")
-
-    def __post_init__(self):
-        for option in self.described_options():
-            object.__setattr__(self, option.name, option.checked(getattr(self, option.name)))
-
-    @abstractmethod
-    def init(self, scene: Scene, belief: Belief) -> Any:
-        """The carry that stands for ``belief`` at time 0."""
-
-    @abstractmethod
-    def advance(self, carry: Any, scene: Scene, steps: int) -> Any:
-        """The carry after ``steps`` time steps; the given one stays as it is."""
-
-    @abstractmethod
-    def belief(self, carry: Any, scene: Scene) -> Belief:
-        """The belief that the carry stands for."""
 
     @abstractmethod
     def join(self, carries: Sequence[Any], parts: Sequence[Part], frame: Frame) -> Any:
-        """One carry for the bodies of several islands, which are independent of each other until now.
+        """Return one carry for the bodies of several islands, which were independent of each other.
 
         Parameters
         ----------
         carries : sequence
-            Of the islands, after as many steps each.
+            Of the islands, after equally many steps.
         parts : sequence of Part
             Where each island's bodies are among the joint ones (`joining.joined_means`,
             `joining.joined_history`).
@@ -201,166 +254,67 @@ class Propagator(ABC):
             The joint bodies.
         """
 
-    def contact_history(self, carry: Any) -> ContactHistory:
-        """What its N rollouts remember of their contacts: those of `own_samples`, where it has as many.
 
-        By default the carry's field of that name.
-        """
-        return carry.contact_history
+class JointlySampledIslands(Islands):
+    """Capability: islands, of a propagator that draws the states of all bodies jointly at time 0."""
 
-    def rollouts(self, carry: Any) -> int:
-        """How many rollouts an answer consists of; by default as many as its contact history knows of."""
-        return len(self.contact_history(carry).first_time)
-
-    def rollouts_for(self, scene: Scene, belief: Belief) -> int:
-        """How many rollouts a prediction takes, at most; by default those of `own_sample_count`, or one."""
-        return self.own_sample_count or 1
-
-    def own_samples(self, carry: Any, scene: Scene) -> np.ndarray | None:
-        """(N, B, 13): the states that the answer consists of; None where it is a Gaussian."""
-        return None
-
-    @property
-    def own_sample_count(self) -> int | None:
-        """How many `own_samples` an answer has; None where it is a Gaussian."""
-        return None
-
-    def rollout_states(self, carry: Any, scene: Scene) -> np.ndarray | None:
-        """(N, B, 13): the states that were simulated, which islands keep apart; None where those of a
-        Gaussian are.
-
-        By default the `own_samples`.
-        """
-        return self.own_samples(carry, scene)
-
-    def standard_errors(self, carry: Any, scene: Scene) -> Errors | None:
-        """How far each body's mean may be off; None where the propagator does not know."""
-        return None
-
-    def measures(self, carry: Any, scene: Scene) -> dict[str, np.ndarray]:
-        """What the propagator itself knows of its answer's quality: values (B,) by the names in
-        `prediction.status_rules.RULES`.
-        """
-        return {}
-
-    def modes(self, carry: Any, scene: Scene, body: int) -> tuple[Mode, ...]:
-        """What one body's state splits into, most probable first.
-
-        By default as its `own_samples` do; a single Gaussian where there are none.
-        """
-        states = self.own_samples(carry, scene)
-        if states is not None and scene.bodies[body].free:
-            found = split(states[:, body], self.rollouts(carry), scene.bodies[body].model.bounding_radius)
-            return tuple(Mode(*mode) for mode in found)
-        belief = self.belief(carry, scene)
-        return (Mode(1.0, belief.mean[body].copy(), belief.marginal(body).copy()),)
-
-    def further(self, carry: Any, scene: Scene, spent: Spent) -> int:
-        """How many rollouts more the answer is to rest on; for those that grow."""
-        return 0
-
-    def begun(self, scene: Scene, belief: Belief, first: int, last: int) -> Any:
-        """The carry at time 0 of some of the rollouts, from the ``first`` to before the ``last``."""
-        raise NotSupportedError(f"has no part in {self.name}", field="rollouts")
-
-    def together(self, carry: Any, further: Any) -> Any:
-        """One carry of some rollouts and those that follow them, after as many steps."""
-        raise NotSupportedError(f"has no part in {self.name}", field="rollouts")
-
-    def some(self, carry: Any, rollouts: slice) -> Any:
-        """The carry of some of its rollouts, for those that have `begun` and `together`; it may share
-        arrays.
-        """
-        raise NotSupportedError(f"has no part in {self.name}", field="rollouts")
-
-    @property
-    def compared_with_rollouts(self) -> bool:
-        """Whether a status has to compare its spread with that of rollouts.
-
-        By default where that rests on a single nominal one, or on points in pairs.
-        """
-        return self.traits.mean_update == "nominal" or self.points_in_pairs
-
-    def directions(self, initial: Belief) -> np.ndarray | None:
-        """(M,): number of directions in which each moving body's points are spread; None without points."""
-        return None
-
-    def opposite_points(self, carry: Any, scene: Scene) -> tuple[np.ndarray, np.ndarray]:
-        """Errors (n, M, 12) of points about a middle one, and those of the points opposite to them."""
-        raise NotSupportedError(f"have no opposites by {self.name}", field="points")
-
-    def doubtful_since(self, carry: Any) -> np.ndarray | None:
-        """(B,): when contacts of each body first would have done something else within a standard deviation
-        [s], infinite if never; None where that does not matter.
-        """
-        return None
-
+    @abstractmethod
     def part(self, carry: Any, bodies: np.ndarray, parameters: Sequence[int]) -> Any:
-        """An island's carry, from that of all bodies; for those that draw together.
+        """Return an island's carry, from that of all bodies.
 
         Parameters
         ----------
         carry : NamedTuple
         bodies : (b,) int array
-            The island's, ascending.
+            The island's bodies, ascending.
         parameters : sequence of int
-            Which of the scene's uncertain parameters are about them.
+            Indices of those of the scene's uncertain parameters that belong to them.
         """
-        raise NotSupportedError(f"have no part in what {self.name} draws for all bodies", field="islands")
-
-    def fly(self, carry: Any, flight: Flight) -> Any:
-        """The carry of a single body after a free flight; for those that fly."""
-        raise NotSupportedError(f"have no closed form of a free flight by {self.name}", field="islands")
-
-    @classmethod
-    def described_options(cls) -> tuple[Option, ...]:
-        """The options, with their types, limits and meaning."""
-        return tuple(Option.of(member) for member in fields(cls) if "description" in member.metadata)
-
-    @classmethod
-    def options(cls) -> dict[str, Any]:
-        """Names and defaults of the options."""
-        return {option.name: option.default for option in cls.described_options()}
-
-    @classmethod
-    def description(cls) -> str:
-        """What it is, in a sentence: its docstring's first line."""
-        return (cls.__doc__ or "").strip().splitlines()[0]
 
 
-def rolled(carry, scene, steps):
-    """The carry of states that run through the full simulator, ``steps`` time steps on."""
-    states, history = carry.states.copy(), histories.copy(carry.contact_history)
-    if scene.uncertain:
-        rollout_varied(states, history, scene, carry.parameters, carry.step, steps)
-    else:
-        rollout(states, history, scene.world, carry.step, steps)
-    return carry._replace(states=states, contact_history=history, step=carry.step + steps)
+class ClosedFormFlight(ABC):
+    """Capability: a single body without contacts moves many steps at once.
+
+    Without it flights are simulated step by step.
+    """
+
+    @abstractmethod
+    def propagate_flight(self, carry: Any, flight: Flight) -> Any:
+        """Return the carry of a single body after a free flight."""
 
 
-def some_rollouts(carry, rollouts):
-    """The carry of some of its rollouts, which shares their arrays."""
-    return carry._replace(
-        states=carry.states[rollouts],
-        parameters=carry.parameters[rollouts],
-        contact_history=histories.samples(carry.contact_history, rollouts),
-    )
+class PointPairs(ABC):
+    """Capability: the state is a middle point and pairs of points on opposite sides of it."""
+
+    @abstractmethod
+    def point_count(self, scene: Scene, belief: Belief) -> int:
+        """Return the number of points, or an upper bound of it."""
+
+    @abstractmethod
+    def directions(self, initial: Belief) -> np.ndarray:
+        """Return the number of directions (M,) in which each moving body's points are spread."""
+
+    @abstractmethod
+    def point_states(self, carry: Any, scene: Scene) -> np.ndarray:
+        """Return the points' states (N, B, 13), the middle one first."""
+
+    @abstractmethod
+    def opposite_points(self, carry: Any, scene: Scene) -> tuple[np.ndarray, np.ndarray]:
+        """Return errors (n, M, 12) of points about the middle one, and those of the opposite points."""
 
 
-def one_after_the_other(carry, further):
-    """The carry of some rollouts and of others of the same scene that follow them, after as many steps."""
-    return carry._replace(
-        states=np.concatenate([carry.states, further.states]),
-        parameters=np.concatenate([carry.parameters, further.parameters]),
-        contact_history=histories.stacked(carry.contact_history, further.contact_history),
-    )
+class ContactModes(ABC):
+    """Capability: contacts whose mode depends on the state within its uncertainty are recorded."""
+
+    @abstractmethod
+    def contact_mode_uncertain_since(self, carry: Any) -> np.ndarray | None:
+        """Return the time (B,) at which contacts of each body first would have opened, closed or slid
+        otherwise within a standard deviation [s].
+
+        It is infinite where they never would, and None where it was not recorded.
+        """
 
 
-def symmetric_root(P: np.ndarray) -> np.ndarray:
-    """Symmetric square roots of covariances (..., n, n) (Eq. 12); round-off below zero counts as zero."""
-    if np.count_nonzero(P) == np.count_nonzero(
-        np.diagonal(P, axis1=-2, axis2=-1)
-    ):  # no need to look for eigenvectors
-        return np.sqrt(np.maximum(P, 0.0))
-    values, vectors = np.linalg.eigh(P)
-    return (vectors * np.sqrt(np.maximum(values, 0.0))[..., None, :]) @ np.swapaxes(vectors, -1, -2)
+def rollout_count(carry: Any) -> int:
+    """Return the number of rollouts that a carry consists of."""
+    return len(carry.contact_history.first_time)

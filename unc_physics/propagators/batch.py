@@ -8,14 +8,14 @@ from typing import Any
 
 import numpy as np
 
-from ..physics.threads import in_threads, single_thread
-from ..physics.time_limit import limit_here, under_limit
+from ..compiler.threads import in_threads, single_thread
+from ..compiler.time_limit import limit_here, under_limit
 from ..scene.scene import Scene
-from .base import Propagator
+from .base import rollout_count
 
 
 def advance_together(
-    propagator: Propagator, carries: Sequence[Any], scenes: Sequence[Scene], steps: int
+    propagator: Any, carries: Sequence[Any], scenes: Sequence[Scene], steps: int
 ) -> list[Any]:
     """The carries of several scenes after ``steps`` time steps, each as `Propagator.advance` has it.
 
@@ -23,14 +23,14 @@ def advance_together(
 
     Parameters
     ----------
-    propagator : Propagator
-        With parts that can be taken out and put together (`Propagator.some`, `Propagator.together`).
+    propagator : Propagator and Rollouts
+        Its rollouts are advanced in parts (`base.Rollouts`).
     carries : sequence of NamedTuple
         After as many steps each.
     scenes : sequence of Scene
     steps : int
     """
-    counts = [propagator.rollouts(carry) for carry in carries]
+    counts = [rollout_count(carry) for carry in carries]
     ends = np.cumsum(counts)
     parts: list[list[tuple[int, Any]]] = [[] for _ in carries]
     limit, lock = limit_here(), threading.Lock()
@@ -41,7 +41,7 @@ def advance_together(
             first, last = max(batch.start, begin), min(batch.stop, end)
             if first >= last:
                 continue
-            some = propagator.some(carries[k], slice(first - begin, last - begin))
+            some = propagator.select_rollouts(carries[k], slice(first - begin, last - begin))
             with under_limit(limit), single_thread():
                 advanced = propagator.advance(some, scenes[k], steps)
             with lock:
@@ -56,5 +56,5 @@ def _joined(propagator, parts):
     carries = [part for _, part in sorted(parts, key=lambda entry: entry[0])]
     while len(carries) > 1:
         pairs = [carries[k : k + 2] for k in range(0, len(carries), 2)]
-        carries = [propagator.together(*pair) if len(pair) == 2 else pair[0] for pair in pairs]
+        carries = [propagator.concatenate(*pair) if len(pair) == 2 else pair[0] for pair in pairs]
     return carries[0]

@@ -8,23 +8,35 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..physics import contact_history as histories
-from ..physics.contact_history import ContactHistory
-from ..physics.layout import ERROR
-from ..physics.moments import mean_and_errors, second_moment, spread_states
+from ..dynamics import contact_history as histories
+from ..dynamics.contact_history import ContactHistory
 from ..scene.action_arrays import start_states
 from ..scene.belief import Belief
 from ..scene.parameters import center_offsets, moved_along
 from ..scene.physics_keys import INTEGRATORS
-from .base import SAMPLES_LIMIT, Errors, Propagator, Traits, rolled
+from ..scene.scene import UNCERTAIN_PARAMETERS
+from ..spatial.layout import ERROR
+from ..spatial.moments import mean_and_errors, second_moment, spread_states
+from .base import (
+    SAMPLES_LIMIT,
+    ClosedFormFlight,
+    JointlySampledIslands,
+    Propagator,
+    Rollouts,
+    Samples,
+    StandardErrors,
+    Supports,
+    Traits,
+)
 from .emission import Fit, Runs, emitted
 from .free_flight import flown
 from .joining import joined_history, joined_means
 from .options import option
 from .reduction import reduction, symmetric
+from .rollouts import advance_rollouts
 from .sobol import normal_points
 from .standard_errors import standard_errors, surface_errors
-from .start import begin
+from .start import resolve_initial_overlap
 
 FEWEST_RUNS = 12
 RUNS_LIMIT = 100_000
@@ -76,13 +88,18 @@ class CloudCarry(_Carry):
         return {}
 
     @cached_property
-    def errors(self) -> list[Errors]:
+    def errors(self) -> list[StandardErrors]:
         """Standard errors of the means, once they were asked for."""
         return []
 
+    @cached_property
+    def samples(self) -> dict[tuple, np.ndarray]:
+        """The samples that the answer consists of, once they were asked for, by the options that count."""
+        return {}
+
 
 @dataclass(frozen=True)
-class Cloud(Propagator):
+class Cloud(Propagator, Samples, Rollouts, JointlySampledIslands, ClosedFormFlight):
     """Quasi-random rollouts with a response surface.
 
     Attributes
@@ -93,10 +110,6 @@ class Cloud(Propagator):
         Number of samples that the answer consists of.
     seed : int
         Of the points' scrambling.
-    points : {'sobol', 'random'}
-        ``random`` spreads the rollouts by independent draws, for comparison.
-    surface : {'fitted', 'none'}
-        ``none`` repeats the rollouts as they are, for comparison.
 
     Notes
     -----
@@ -109,23 +122,18 @@ class Cloud(Propagator):
 
     name = "cloud"
     traits = Traits("estimated", "rollouts and surface", True, False, "simulated")
-    color, marker = "#CC3311", "*"
-    integrators = takes_actions = INTEGRATORS
-    varies_parameters = draws_impacts = draws_together = flies = emits = True
+    integrators = INTEGRATORS
+    supports = Supports(UNCERTAIN_PARAMETERS, INTEGRATORS, impact_errors=True)
+    resamples = True
 
     runs: int = option(32, "number of rollouts", low=FEWEST_RUNS, high=RUNS_LIMIT)
     samples: int = option(1000, "number of samples that the answer consists of", low=1, high=SAMPLES_LIMIT)
     seed: int = option(0, "seed of the points", low=0)
-    points: str = option("sobol", "how rollouts are spread", choices=("sobol", "random"))
-    surface: str = option(
-        "fitted", "what is between rollouts: a fitted surface, or nothing", choices=("fitted", "none")
-    )
 
     def init(self, scene, belief):
-        return self.begun(scene, belief, 0, self.runs)
+        return self.init_rollouts(scene, belief, 0, self.runs)
 
-    def begun(self, scene, belief, first, last):
-        """The carry of some of the rollouts at time 0, from the ``first`` to before the ``last``."""
+    def init_rollouts(self, scene, belief, first, last):
         root, extra = belief.root(), len(scene.uncertain)
         size = root.shape[1]
         common = 0
@@ -143,7 +151,7 @@ class Cloud(Propagator):
         # einsum, not BLAS: each row in one order of summation, whatever the count and the number of threads
         errors = np.einsum("nr,kr->nk", z[:, :size], root)
         states = spread_states(belief.mean.copy(), scene.moving.copy(), errors)
-        states, history = begin(scene, belief, states)
+        states, history = resolve_initial_overlap(scene, belief, states)
         if scene.draws_impacts:
             history = histories.with_keys(history, self.seed, first)
         parameters = np.ascontiguousarray(z[:, size:])
@@ -162,7 +170,7 @@ class Cloud(Propagator):
         )
 
     def advance(self, carry, scene, steps):
-        return rolled(carry, scene, steps)
+        return advance_rollouts(carry, scene, steps)
 
     def belief(self, carry, scene):
         mean, errors = mean_and_errors(self.own_samples(carry, scene), scene.moving.copy())
@@ -214,7 +222,7 @@ class Cloud(Propagator):
             simulated=carry.simulated[places],
         )
 
-    def fly(self, carry, flight):
+    def propagate_flight(self, carry, flight):
         return carry._replace(states=flown(carry.states, flight), step=carry.step + flight.steps)
 
     @property
@@ -223,8 +231,11 @@ class Cloud(Propagator):
 
     def own_samples(self, carry, scene):
         """(samples, B, 13): states of the models' centres of mass, emitted from the rollouts."""
-        z = _emitted_points(self.samples, carry.dimensions, self.seed)[:, carry.columns]
-        return emitted(self._runs(carry), scene, z, self.surface == "fitted")
+        options = self.samples, self.seed
+        if options not in carry.samples:  # the belief and the answer both ask for them
+            z = _emitted_points(self.samples, carry.dimensions, self.seed)[:, carry.columns]
+            carry.samples[options] = emitted(self._runs(carry), scene, z)
+        return carry.samples[options]
 
     def rollout_states(self, carry, scene):
         return moved_along(carry.states, -center_offsets(scene, carry.parameters))
@@ -242,10 +253,7 @@ class Cloud(Propagator):
 
     def _points(self, count, dimensions, columns, simulated):
         """(count, r + K): what the rollouts are spread by."""
-        if self.points == "random":
-            z = np.random.default_rng(self.seed).standard_normal((count, dimensions))
-        else:
-            z = normal_points(count, dimensions, _key(self.seed, 0))
+        z = normal_points(count, dimensions, _key(self.seed, 0))
         return np.where(simulated, z[:, columns], 0.0)
 
     def _runs(self, carry):

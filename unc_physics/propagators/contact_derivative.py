@@ -2,10 +2,10 @@
 
 import math
 
-from ..physics.compiled import inner
-from ..physics.contact_model import lens_lever
-from ..physics.layout import EP, ER, ERROR, EV, EW, P
-from ..physics.rotation import cross, rotate, rotate_back
+from ..collision.contact_model import lens_lever
+from ..compiler import inner
+from ..spatial.layout import EP, ER, ERROR, EV, EW, P
+from ..spatial.rotation import cross, rotate, rotate_back
 
 
 @inner

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from ..physics.compiled import kernel
+from ..compiler import kernel
 
 _NEIGHBOUR = 3  # outcome, the third nearest, that a displacement may reach
 

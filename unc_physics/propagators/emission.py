@@ -7,16 +7,16 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..physics.contact_history import ContactHistory
-from ..physics.layout import ERR_ANGULAR_VELOCITY, ERR_POSITION, ERR_ROTATION, ERR_VELOCITY, ERROR
-from ..physics.moments import mean_and_errors, spread_states
+from ..dynamics.contact_history import ContactHistory
 from ..scene.parameters import center_offsets, moved_along
 from ..scene.scene import Scene
+from ..spatial.layout import ERR_ANGULAR_VELOCITY, ERR_POSITION, ERR_ROTATION, ERR_VELOCITY, ERROR
+from ..spatial.moments import mean_and_errors, spread_states
 from .displacements import clip, reach, spread, variances
 from .free_flight import Flight, course_of, fly
 from .impact_metric import impact_metric
 from .reduction import Reduction, moved_in_common, reduction
-from .response_surface import Surface, active_directions, fit, predicted
+from .response_surface import ResponseSurface, active_directions, fit, predicted
 
 #: Blocks of the outcome that are clipped, each with the block that shares the factor, and what they count.
 _CLIPPED = ((ERR_POSITION.start, ERR_VELOCITY.start), (ERR_ROTATION.start, ERR_ANGULAR_VELOCITY.start))
@@ -46,7 +46,7 @@ class Fit(NamedTuple):
         Outcomes about it.
     weights : (12 m,) array
         By which the surface's are multiplied; 0 for what does not vary.
-    surface : Surface
+    surface : ResponseSurface
     """
 
     reduced: Reduction | None
@@ -55,7 +55,7 @@ class Fit(NamedTuple):
     mean: np.ndarray
     errors: np.ndarray
     weights: np.ndarray
-    surface: Surface
+    surface: ResponseSurface
 
 
 class Runs(NamedTuple):
@@ -104,7 +104,7 @@ class Group(NamedTuple):
     flew: bool
 
 
-def emitted(runs: Runs, scene: Scene, z: np.ndarray, fitted: bool) -> np.ndarray:
+def emitted(runs: Runs, scene: Scene, z: np.ndarray) -> np.ndarray:
     """(S, B, 13): states of the models' centres of mass for standard normal numbers ``z`` (S, r + K).
 
     Parameters
@@ -112,8 +112,6 @@ def emitted(runs: Runs, scene: Scene, z: np.ndarray, fitted: bool) -> np.ndarray
     runs : Runs
     scene : Scene
     z : (S, r + K) array
-    fitted : bool
-        Whether there is to be a surface between the rollouts.
     """
     states = np.tile(runs.mean, (len(z), 1, 1))
     if diverged(runs.states):
@@ -123,7 +121,7 @@ def emitted(runs: Runs, scene: Scene, z: np.ndarray, fitted: bool) -> np.ndarray
         if group.flew:
             states[:, group.bodies] = _flown(runs, scene, group, z)
         elif _spread(runs, scene, group):
-            states[:, group.bodies] = _sampled(runs, scene, group, ends[:, group.bodies], z, fitted)
+            states[:, group.bodies] = _sampled(runs, scene, group, ends[:, group.bodies], z)
         else:
             states[:, group.bodies] = ends[:1, group.bodies]
     return states
@@ -266,11 +264,11 @@ def _weighted(errors, radius):
     return errors * weights, weights
 
 
-def _sampled(runs, scene, group, ends, z, fitted):
+def _sampled(runs, scene, group, ends, z):
     """States (S, m, 13) of bodies that met something."""
     reduced, transform, x, mean, errors, weights, surface = _fitted(runs, scene, group, ends)
     own = np.ascontiguousarray(z[:, group.columns])
-    if not fitted or surface.error >= NO_SURFACE:  # the rollouts as they are, each as often
+    if surface.error >= NO_SURFACE:  # the rollouts as they are, each as often
         made = errors[np.arange(len(z)) % len(x)]
     else:
         form = surface.weights * _unscaled(weights), surface.trend * _unscaled(weights), surface.length

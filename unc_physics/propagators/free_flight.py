@@ -7,8 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..physics.compiled import kernel
-from ..physics.layout import (
+from ..compiler import kernel
+from ..spatial.layout import (
     ANGULAR_VELOCITY,
     ERR_ANGULAR_VELOCITY,
     ERR_POSITION,
@@ -23,7 +23,7 @@ from ..physics.layout import (
     V,
     W,
 )
-from ..physics.rotation import exp, multiply, normalized, rotation_matrix
+from ..spatial.rotation import exp, multiply, normalized, rotation_matrix
 
 
 class Course(NamedTuple):

@@ -7,10 +7,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..physics.compiled import kernel
-from ..physics.layout import EP, ER, ERROR, EV, EW, Q, V, W
-from ..physics.rotation import exp, multiply, normalized, rotate_back, write_matrix
+from ..compiler import kernel
 from ..scene.scene import Scene
+from ..spatial.layout import EP, ER, ERROR, EV, EW, Q, V, W
+from ..spatial.rotation import exp, multiply, normalized, rotate_back, write_matrix
 from .free_flight import course_of
 
 _ALONG_FLIGHT = 0.1  # weight of displacements along the flight: they make a contact earlier or later

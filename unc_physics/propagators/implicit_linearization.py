@@ -9,49 +9,58 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..physics.actions import follows
-from ..physics.arrays import booleans, empty, integers, zeros
-from ..physics.compiled import inner, kernel
-from ..physics.contact_row import AXIS, DIRECTION, GAP, MOMENT_I
-from ..physics.driven_derivative import (
+from ..collision.contact_row import AXIS, DIRECTION, GAP, MOMENT_I, RESTITUTION
+from ..collision.implicit_workspace import CONTACTS, FREE, START
+from ..compiler import inner, kernel
+from ..compiler.arrays import booleans, empty, integers, zeros
+from ..derivatives.driven_derivative import (
     DrivenErrors,
     begin_held_errors,
     end_held_errors,
     place_driven_errors,
     travel_driven_errors,
 )
-from ..physics.flight_derivative import Errors
-from ..physics.impact_time import time_to_close
-from ..physics.implicit_derivative import ContactErrors, impact_errors, impact_time_errors, travel_errors
-from ..physics.implicit_solver import contact_speed
-from ..physics.implicit_stages import (
+from ..derivatives.flight_derivative import Errors
+from ..derivatives.implicit_derivative import (
+    ContactErrors,
+    fly_group_errors,
+    impact_errors,
+    impact_time_errors,
+    travel_errors,
+)
+from ..derivatives.rolling import rolling
+from ..derivatives.wrench_derivative import fly_pushed_errors
+from ..dynamics.actions import follows
+from ..dynamics.impact_time import impact_speed, time_before, time_to_close
+from ..dynamics.implicit_rollout import rollout_kernel
+from ..dynamics.implicit_solver import contact_speed
+from ..dynamics.implicit_stages import (
     after_flight,
     after_groups,
     after_impact,
     after_travel,
+    before_contact,
     before_flight,
     before_group,
     before_groups,
+    before_return,
     before_step,
     before_travel,
     on_sleep,
     undo_step,
 )
-from ..physics.implicit_step import integrate
-from ..physics.implicit_workspace import CONTACTS, START, implicit_workspace, more_room
-from ..physics.layout import ER, ERROR, EV, EW, Q, V, W
-from ..physics.rolling import rolling
-from ..physics.rotation import rotate, rotate_back
-from ..physics.vectors import put, vector
-from ..physics.wrench_derivative import fly_pushed_errors
+from ..spatial.layout import ER, ERROR, EV, EW, Q, V, W
+from ..spatial.rotation import rotate, rotate_back
+from ..spatial.vectors import put, vector
 
 _SAME_PATCH = 0.9  # cosine of the angle between normals
 _SAME_NORMAL = 1.0 - 1e-9
 #: Contacts beside one that may make a face, and how wide that is at least, of its length.
 _FACE, _NARROW = 2, 0.2
+_SMOOTH = 1.001  # of a sphere's radius: the largest by which it rolls by itself
 
 
-class Linearized(NamedTuple):
+class ImplicitLinearization(NamedTuple):
     """What linearization works on in a rollout of the implicit step.
 
     Attributes
@@ -61,7 +70,7 @@ class Linearized(NamedTuple):
     errors : Errors
     contacts : ContactErrors
     driven : DrivenErrors
-    doubtful_since : (B,) float64
+    contact_mode_uncertain_since : (B,) float64
         First time at which what contacts do was doubtful [s]; infinite if never.
     time : (3,) float64
         End of the step, the present of the group at hand, and the end of its interval [s].
@@ -72,7 +81,7 @@ class Linearized(NamedTuple):
     errors: Errors
     contacts: ContactErrors
     driven: DrivenErrors
-    doubtful_since: np.ndarray
+    contact_mode_uncertain_since: np.ndarray
     time: np.ndarray
 
 
@@ -84,9 +93,14 @@ class Directions(NamedTuple):
     late: np.ndarray
 
 
-@kernel(apart=True)
-def linearized(root, doubtful_since, directions, world, contacts, tilts):
-    """What linearization works on (`Linearized`), with room for so many contacts."""
+@kernel(noinline=True)
+def linearized(source, world, work, contacts):
+    """Return what linearization works on, with room for so many contacts.
+
+    ``source`` has the root, the times (B,) since which contact modes are uncertain, `Directions`, and the
+    tilts of `rolling`.
+    """
+    root, uncertain_since, directions, tilts = source
     actions, moving, columns = world.surroundings.actions, world.bodies.moving, root.shape[1]
     count, own = len(moving), len(root) // ERROR
     paths = 0
@@ -112,8 +126,9 @@ def linearized(root, doubtful_since, directions, world, contacts, tilts):
     )
     room = ContactErrors(
         empty(contacts),
-        zeros((contacts, 11)),
+        zeros((contacts, 12)),
         tilts.copy(),
+        empty((contacts, 3, 6)),
         integers(count),
         empty((6 * count, 6 * count + columns)),
         booleans(count),
@@ -121,48 +136,26 @@ def linearized(root, doubtful_since, directions, world, contacts, tilts):
     )
     held = zeros((len(directions.offset), 6, columns))
     driven = DrivenErrors(directions.offset, directions.center, directions.late, held)
-    return Linearized(root, empty(root.shape), errors, room, driven, doubtful_since, zeros(3))
+    return ImplicitLinearization(root, empty(root.shape), errors, room, driven, uncertain_since, zeros(3))
 
 
-@kernel
-def advance_root(mean, root, doubtful_since, directions, first_time, memory, world, begin, steps, tilts):
-    """Advance the nominal state (B, 13), its memory, and the root in place, by implicit steps."""
-    contacts, candidates, pool = 64, 256, 2048
-    done = 0
-    while done < steps:
-        work = implicit_workspace(mean, memory.kept_overlap[0], world, contacts, candidates, pool)
-        method = linearized(root, doubtful_since, directions, world, contacts, tilts)
-        done += integrate(
-            mean,
-            first_time,
-            memory.contact[0],
-            memory.force[0],
-            memory.count,
-            memory.quiet[0],
-            memory.residual[0],
-            memory.key[0],
-            world,
-            method,
-            begin + done,
-            steps - done,
-            work,
-        )
-        contacts, candidates, pool = more_room(work.counts, contacts, candidates, pool)
+#: Advances the nominal state, its memory, and the root in place (`rollout_kernel`).
+advance_root = rollout_kernel(linearized)
 
 
-@before_groups.of(Linearized)
+@before_groups.of(ImplicitLinearization)
 def _let_go(method, x, begin, world, work):
     """Held bodies keep their places, and some are released."""
     begin_held_errors(method.root, begin, world, work, method.errors, method.driven)
 
 
-@after_groups.of(Linearized)
+@after_groups.of(ImplicitLinearization)
 def _carry_along(method, x, end, world, work):
     """Held bodies moved with what holds them."""
     end_held_errors(method.root, x, end, world, work, method.errors, method.driven)
 
 
-@before_step.of(Linearized)
+@before_step.of(ImplicitLinearization)
 def _keep_root(method, x, step, world, work):
     """Keep the root."""
     method.time[0] = (step + 1) * world.dt
@@ -171,7 +164,7 @@ def _keep_root(method, x, step, world, work):
             method.before[r, c] = method.root[r, c]
 
 
-@undo_step.of(Linearized)
+@undo_step.of(ImplicitLinearization)
 def _put_root_back(method, work):
     """The root is that of the step's beginning."""
     for r in range(method.root.shape[0]):
@@ -179,7 +172,7 @@ def _put_root_back(method, work):
             method.root[r, c] = method.before[r, c]
 
 
-@on_sleep.of(Linearized)
+@on_sleep.of(ImplicitLinearization)
 def _rest(method, i, work):
     """What sleeps has no velocities, for certain."""
     first = ERROR * method.errors.block[i]
@@ -210,7 +203,7 @@ def _close(method, errors, i, R):
         put(root, first + ER, c, rotate_back(R, t[0], t[1], t[2]))
 
 
-@before_flight.of(Linearized)
+@before_flight.of(ImplicitLinearization)
 def _fly(method, x, i, world, work):
     """Take a body's errors through a whole step of free flight."""
     errors = method.errors
@@ -222,13 +215,13 @@ def _fly(method, x, i, world, work):
     fly_pushed_errors(v, w, q, i, world.dt, method.time[0], world.decay, world, errors)
 
 
-@after_flight.of(Linearized)
+@after_flight.of(ImplicitLinearization)
 def _end_flight(method, x, i, world, work):
     """It has turned."""
     _close(method, method.errors.end, i, work.R[i])
 
 
-@before_group.of(Linearized)
+@before_group.of(ImplicitLinearization)
 def _begin_group(method, count, world, work):
     """The whole step is left, whatever the state."""
     method.time[1] = method.time[0] - world.dt
@@ -236,7 +229,7 @@ def _begin_group(method, count, world, work):
         method.errors.left[c] = 0.0
 
 
-@before_travel.of(Linearized)
+@before_travel.of(ImplicitLinearization)
 def _begin_travel(method, x, count, until, left, threshold, world, work):
     """Find out how the interval's length changes, and keep what it will be differentiated with."""
     errors, contacts, rows, ids = method.errors, method.contacts, work.rows, work.ids
@@ -245,21 +238,61 @@ def _begin_travel(method, x, count, until, left, threshold, world, work):
         _open(method, work.members[a], work)
     _place_driven(method, errors.begin, x, count, world, work)
     first, nearest = -1, np.inf
+    for c in range(len(errors.length)):
+        errors.length[c] = 0.0
     for c in range(work.counts[CONTACTS]):
-        contacts.gap[c] = rows[c, GAP]
-        look_at_surfaces(c, contacts, world, work)
         if until < left:
             speed = contact_speed(rows[c], 0, work.velocity[START], ids[c, 0], ids[c, 1])
-            miss = abs(time_to_close(rows[c], speed, threshold) - until)
+            closing = impact_speed(rows[c, RESTITUTION], threshold)
+            miss = abs(time_to_close(rows[c], speed, closing) - until)
             if miss < nearest:
                 first, nearest = c, miss
     if first >= 0:
-        impact_time_errors(x, first, until, world, work, errors, contacts.surface[first])
+        look_at_surfaces(first, False, contacts, world, work)
+        v = work.velocity[START]
+        impact_time_errors(x, first, until, v, errors.begin, world, work, errors, contacts.surface[first])
         for c in range(len(errors.left)):
             errors.left[c] -= errors.length[c]
     else:
         for c in range(len(errors.left)):
             errors.length[c], errors.left[c] = errors.left[c], 0.0
+
+
+@before_return.of(ImplicitLinearization)
+def _shorten_travel(method, x, count, first, until, left, meets, threshold, world, work):
+    """Find out how the interval's length changes that what was found at its end makes shorter."""
+    errors, contacts, v = method.errors, method.contacts, work.velocity[FREE]
+    if not meets:
+        for c in range(len(errors.left)):
+            errors.left[c] += errors.length[c]
+            errors.length[c] = 0.0
+        method.time[2] = method.time[0] - left + first
+        return
+    fly_group_errors(count, until, method.time[2], world, work, errors)
+    method.time[1] = method.time[2]
+    _place_driven(method, errors.end, x, count, world, work)
+    method.time[1] = method.time[0] - left
+    nearest, closest = -1, np.inf
+    for c in range(work.counts[CONTACTS]):
+        miss = abs(time_before(c, until, threshold, work) - first)
+        if miss < closest:
+            nearest, closest = c, miss
+    look_at_surfaces(nearest, False, contacts, world, work)
+    surface = contacts.surface[nearest]
+    for c in range(len(errors.left)):
+        errors.left[c] += errors.length[c]
+    impact_time_errors(x, nearest, first - until, v, errors.end, world, work, errors, surface)
+    for c in range(len(errors.left)):
+        errors.left[c] -= errors.length[c]
+    method.time[2] = method.time[0] - left + first
+
+
+@before_contact.of(ImplicitLinearization)
+def _find_surfaces(method, x, count, world, work):
+    """Keep what the lasting contacts will be differentiated with."""
+    for c in range(work.counts[CONTACTS]):
+        method.contacts.gap[c] = work.rows[c, GAP]
+        look_at_surfaces(c, True, method.contacts, world, work)
 
 
 @inner
@@ -269,9 +302,11 @@ def _place_driven(method, rows, x, count, world, work):
         place_driven_errors(rows, x, count, method.time[1], world, work, method.errors, method.driven)
 
 
-@inner
-def look_at_surfaces(c, contacts, world, work):
+@inner(noinline=True)
+def look_at_surfaces(c, in_order, contacts, world, work):
     """Find out what surfaces the spheres of a contact stand for (`ContactErrors.surface`).
+
+    ``in_order`` says that this was done for the contact before it, which may have the same.
 
     Where others of the same two bear beside it, with nearly the same normal, the normal of all is that of
     faces, and not that of single spheres.
@@ -285,10 +320,12 @@ def look_at_surfaces(c, contacts, world, work):
             others += 1
     if j >= 0 and others > 0:
         out[10] = 1.0
-    if c > 0 and ids[c - 1, 0] == i and ids[c - 1, 1] == j:
+    out[11] = row[GAP]
+    if in_order and c > 0 and ids[c - 1, 0] == i and ids[c - 1, 1] == j:
         if _same_normal(row, work.rows[c - 1]) > _SAME_NORMAL:
             for m in range(10):
                 out[m] = contacts.surface[c - 1, m]
+            out[11] = contacts.surface[c - 1, 11]
             return
     for m in range(10):
         out[m] = 0.0
@@ -298,9 +335,24 @@ def look_at_surfaces(c, contacts, world, work):
     first = (row[AXIS], row[AXIS + 1], row[AXIS + 2])
     second = (row[2 * AXIS], row[2 * AXIS + 1], row[2 * AXIS + 2])
     rolling(n, first, second, i, ids[c, 2], work.R[i], world, contacts.tilts, out[0:5])
+    if j < 0 and not _is_bumpy(c, out[0] + out[2], world, work):
+        for m in range(5):
+            out[m] = 0.0
     if j >= 0:
         n = (-n[0], -n[1], -n[2])
         rolling(n, first, second, j, ids[c, 3], work.R[j], world, contacts.tilts, out[5:10])
+
+
+@inner
+def _is_bumpy(c, radius, world, work):
+    """Whether the shape by which a body rolls has a larger radius than a sphere that touches where contact
+    ``c`` does: else it rolls on its spheres.
+    """
+    ids, found = work.ids, False
+    for k in range(work.counts[CONTACTS]):
+        if ids[k, 0] == ids[c, 0] and ids[k, 1] == ids[c, 1]:
+            found = found or radius > _SMOOTH * world.tree.radii[ids[k, 2]]
+    return found
 
 
 @inner
@@ -342,7 +394,7 @@ def _same_normal(a, b):
     return total
 
 
-@after_travel.of(Linearized)
+@after_travel.of(ImplicitLinearization)
 def _end_travel(method, x, count, h, world, work):
     """Take the group's errors through the interval."""
     method.time[1] = method.time[2]
@@ -353,21 +405,21 @@ def _end_travel(method, x, count, h, world, work):
     for a in range(count):
         i = work.members[a]
         _close(method, method.errors.end, i, work.R[i])
-        _note_doubt(method, i)
+        _note_uncertain_mode(method, i)
 
 
 @inner(forceinline=True)
-def _note_doubt(method, i):
-    """Note when what contacts of body i do was first doubtful."""
+def _note_uncertain_mode(method, i):
+    """Note when the contact mode of body i first was uncertain."""
     if method.contacts.doubtful[i]:
-        method.doubtful_since[i] = min(method.doubtful_since[i], method.time[0])
+        method.contact_mode_uncertain_since[i] = min(method.contact_mode_uncertain_since[i], method.time[0])
 
 
-@after_impact.of(Linearized)
+@after_impact.of(ImplicitLinearization)
 def _end_impact(method, x, count, threshold, world, work):
     """Take the group's errors through an impact."""
     for c in range(work.counts[CONTACTS]):
-        look_at_surfaces(c, method.contacts, world, work)
+        look_at_surfaces(c, True, method.contacts, world, work)
     for a in range(count):
         _open(method, work.members[a], work)
     for rows in (method.errors.begin, method.errors.end):
@@ -376,4 +428,4 @@ def _end_impact(method, x, count, threshold, world, work):
     for a in range(count):
         i = work.members[a]
         _close(method, method.errors.begin, i, work.R[i])
-        _note_doubt(method, i)
+        _note_uncertain_mode(method, i)

@@ -4,13 +4,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..physics.compiled import inner, kernel
-from ..physics.implicit_stages import after_impact, after_travel, before_step, on_sleep, undo_step
-from ..physics.implicit_step import integrate
-from ..physics.implicit_workspace import CONTACTS, ELASTIC, LASTING, implicit_workspace, more_room
-from ..physics.layout import ERROR, EV, EW
-from ..physics.random import combine
-from .local_clouds import Cloud, cloud_of, drift_covariances, factor_pose_covariance, kick_covariance
+from ..collision.implicit_workspace import CONTACTS, ELASTIC, LASTING
+from ..compiler import inner, kernel
+from ..dynamics.implicit_rollout import rollout_kernel
+from ..dynamics.implicit_stages import after_impact, after_travel, before_step, on_sleep, undo_step
+from ..spatial.layout import ERROR, EV, EW
+from ..spatial.random import combine
+from .local_clouds import ContactCloud, cloud_of, drift_covariances, factor_pose_covariance, kick_covariance
 from .sampled_contacts import sample_contacts
 from .solved_contacts import Solved, copy_blocks, record_pair, records_room
 
@@ -20,36 +20,21 @@ class SolvedCloud(NamedTuple):
     step's beginning.
     """
 
-    cloud: Cloud
+    cloud: ContactCloud
     before: np.ndarray
     solved: Solved
 
 
 @kernel
-def advance_solved_covariances(mean, covariance, first_time, memory, world, begin, steps, draws):
-    """Advance the nominal state (B, 13), its memory, and the covariances in place, by implicit steps."""
-    contacts, candidates, pool = 64, 256, 2048
-    done = 0
-    while done < steps:
-        work = implicit_workspace(mean, memory.kept_overlap[0], world, contacts, candidates, pool)
-        cloud = cloud_of(covariance, world.bodies.moving, draws)
-        method = SolvedCloud(cloud, np.empty_like(covariance), Solved(work.R, records_room(contacts)))
-        done += integrate(
-            mean,
-            first_time,
-            memory.contact[0],
-            memory.force[0],
-            memory.count,
-            memory.quiet[0],
-            memory.residual[0],
-            memory.key[0],
-            world,
-            method,
-            begin + done,
-            steps - done,
-            work,
-        )
-        contacts, candidates, pool = more_room(work.counts, contacts, candidates, pool)
+def _prepare(source, world, work, contacts):
+    """Return what local sampling works on; ``source`` has covariances (M, 12, 12) and draws (`cloud_of`)."""
+    covariance, draws = source
+    cloud = cloud_of(covariance, world.bodies.moving, draws)
+    return SolvedCloud(cloud, np.empty_like(covariance), Solved(work.R, records_room(contacts)))
+
+
+#: Advances the nominal state, its memory, and the covariances in place (`rollout_kernel`).
+advance_solved_covariances = rollout_kernel(_prepare)
 
 
 @before_step.of(SolvedCloud)
@@ -89,7 +74,7 @@ def _hit(method, x, count, threshold, world, work):
     _kick(method, ELASTIC, world, work)
 
 
-@inner
+@inner(noinline=True)
 def _kick(method, law, world, work):
     """Pair by pair, as `local_clouds` does of the explicit step's contacts."""
     cloud, solved, c = method.cloud, method.solved, 0

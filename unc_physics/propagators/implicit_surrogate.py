@@ -4,11 +4,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..physics.compiled import inner, kernel
-from ..physics.implicit_stages import after_impact, after_travel, before_step, on_sleep, undo_step
-from ..physics.implicit_step import integrate
-from ..physics.implicit_workspace import CONTACTS, ELASTIC, LASTING, implicit_workspace, more_room
-from ..physics.layout import ERROR, EV, EW
+from ..collision.implicit_workspace import CONTACTS, ELASTIC, LASTING
+from ..compiler import inner, kernel
+from ..dynamics.implicit_rollout import rollout_kernel
+from ..dynamics.implicit_stages import after_impact, after_travel, before_step, on_sleep, undo_step
+from ..spatial.layout import ERROR, EV, EW
 from .solved_contacts import Solved, copy_blocks, record_pair, records_room
 from .surrogate_contacts import Spread, add_tilts, cache_pose_covariance, drift_roots, kick_root, spread_of
 
@@ -24,30 +24,15 @@ class SolvedSpread(NamedTuple):
 
 
 @kernel
-def advance_solved_roots(mean, roots, first_time, memory, world, begin, steps, k_sigma):
-    """Advance the nominal state (B, 13), its memory, and the roots in place, by implicit steps."""
-    contacts, candidates, pool = 64, 256, 2048
-    done = 0
-    while done < steps:
-        work = implicit_workspace(mean, memory.kept_overlap[0], world, contacts, candidates, pool)
-        spread = spread_of(roots, world.bodies.moving, k_sigma)
-        method = SolvedSpread(spread, np.empty_like(roots), Solved(work.R, records_room(contacts)))
-        done += integrate(
-            mean,
-            first_time,
-            memory.contact[0],
-            memory.force[0],
-            memory.count,
-            memory.quiet[0],
-            memory.residual[0],
-            memory.key[0],
-            world,
-            method,
-            begin + done,
-            steps - done,
-            work,
-        )
-        contacts, candidates, pool = more_room(work.counts, contacts, candidates, pool)
+def _prepare(source, world, work, contacts):
+    """Return what the surrogate works on; ``source`` has the roots (M, 12, 12) and ``k_sigma``."""
+    roots, k_sigma = source
+    spread = spread_of(roots, world.bodies.moving, k_sigma)
+    return SolvedSpread(spread, np.empty_like(roots), Solved(work.R, records_room(contacts)))
+
+
+#: Advances the nominal state, its memory, and the roots in place (`rollout_kernel`).
+advance_solved_roots = rollout_kernel(_prepare)
 
 
 @before_step.of(SolvedSpread)
@@ -84,7 +69,7 @@ def _hit(method, x, count, threshold, world, work):
     _kick(method, ELASTIC, world, work)
 
 
-@inner
+@inner(noinline=True)
 def _kick(method, law, world, work):
     """Pair by pair, as `surrogate_contacts` does of the explicit step's contacts."""
     spread, solved, c = method.spread, method.solved, 0

@@ -7,9 +7,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..physics import contact_history as histories
-from ..physics.contact_history import ContactHistory
-from ..physics.world import World
+from ..dynamics import contact_history as histories
+from ..dynamics.contact_history import ContactHistory
+from ..dynamics.world import World
 
 
 class Part(NamedTuple):

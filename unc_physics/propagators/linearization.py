@@ -7,12 +7,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..checks.errors import NotSupportedError
-from ..physics import contact_history as histories
-from ..physics.arrays import empty, integers
-from ..physics.compiled import inner, kernel
-from ..physics.contact_history import ContactHistory
-from ..physics.explicit_step import (
+from ..collision.narrow_phase import NORMAL, POINT, VOLUME
+from ..compiler import kernel
+from ..compiler.arrays import empty, integers
+from ..derivatives.rolling import TILTS
+from ..derivatives.transition import apply_drift_jacobian, write_exact_rotation
+from ..dynamics import contact_history as histories
+from ..dynamics.contact_history import ContactHistory
+from ..dynamics.explicit_step import (
     after_element,
     after_pair,
     after_pairs,
@@ -21,24 +23,20 @@ from ..physics.explicit_step import (
     on_contacts,
     on_element_contacts,
 )
-from ..physics.layout import ERROR, STATE
-from ..physics.narrow_phase import NORMAL, POINT, VOLUME
-from ..physics.rolling import TILTS
-from ..physics.rotation import cross, rotate
-from ..physics.transition import apply_drift_jacobian, write_exact_rotation
-from ..physics.workspace import workspace
+from ..dynamics.implicit_rollout import FIRST_ROOM
+from ..dynamics.workspace import workspace
 from ..scene.action_arrays import UNCERTAIN
 from ..scene.belief import Belief
 from ..scene.physics_keys import INTEGRATORS
+from ..spatial.layout import ERROR
+from ..spatial.rotation import cross, rotate
 from .action_directions import directions, start_root
-from .base import Propagator, Traits
+from .base import ClosedFormFlight, ContactModes, Islands, Propagator, Supports, Traits
 from .contact_derivative import contact_root, kick_column, moved_by_column
 from .free_flight import flown, transition
 from .implicit_linearization import advance_root
 from .joining import joined_history, joined_means
-from .options import option
-from .start import begin
-from .step_differences import Differences, difference_root
+from .start import resolve_initial_overlap
 
 
 class LinearizationCarry(NamedTuple):
@@ -53,7 +51,7 @@ class LinearizationCarry(NamedTuple):
         and the number of uncertain parameters of actions, whose columns come last.
     contact_history : ContactHistory
         What the rollout remembers of its contacts.
-    doubtful_since : (B,) array
+    contact_mode_uncertain_since : (B,) array
         First time at which contacts of each body would have done something else within a standard deviation
         [s]; infinite if never, and with the explicit integrator.
     step : int
@@ -63,18 +61,13 @@ class LinearizationCarry(NamedTuple):
     mean: np.ndarray
     root: np.ndarray
     contact_history: ContactHistory
-    doubtful_since: np.ndarray
+    contact_mode_uncertain_since: np.ndarray
     step: int
 
 
 @dataclass(frozen=True)
-class Linearization(Propagator):
+class Linearization(Propagator, Islands, ClosedFormFlight, ContactModes):
     """Joint covariance through the derivative of each step (Eqs. 7 to 10).
-
-    Attributes
-    ----------
-    jacobian : {'analytic', 'finite_difference'}
-        How ``F_t`` is applied: by its closed form, or by central differences of the regularized step.
 
     Notes
     -----
@@ -86,23 +79,11 @@ class Linearization(Propagator):
 
     name = "linearization"
     traits = Traits("nominal", "full covariance", True, False, "linearized")
-    color, marker = "#0072B2", "s"
     integrators = INTEGRATORS
-    takes_actions, varied = ("implicit",), UNCERTAIN
-    flies = True
-
-    jacobian: str = option(
-        "analytic", "how the step's derivative is applied", choices=("analytic", "finite_difference")
-    )
+    supports = Supports(UNCERTAIN, actions=("implicit",))
 
     def init(self, scene, belief):
-        if self.jacobian != "analytic" and scene.world.surroundings is not None:
-            raise NotSupportedError(
-                "takes the explicit integrator, without environment and gyroscopic term, only",
-                field="jacobian",
-                value=self.jacobian,
-            )
-        mean, history = begin(scene, belief, belief.mean[None].copy())
+        mean, history = resolve_initial_overlap(scene, belief, belief.mean[None].copy())
         judged = len(scene.bodies) if scene.integrator == "implicit" else 0
         root = start_root(scene, belief, mean[0])
         return LinearizationCarry(mean[0], root, history, np.full(judged, np.inf), 0)
@@ -110,14 +91,15 @@ class Linearization(Propagator):
     def advance(self, carry, scene, steps):
         mean, root, history = carry.mean.copy(), carry.root.copy(), histories.copy(carry.contact_history)
         world = scene.world
-        first, begun, doubtful = history.first_time[0], carry.step, carry.doubtful_since.copy()
+        first, begun = history.first_time[0], carry.step
+        uncertain = carry.contact_mode_uncertain_since.copy()
         if world.implicit is not None:
             some = directions(scene, root.shape[1])
-            advance_root(mean, root, doubtful, some, first, history.solver, world, begun, steps, TILTS)
-            return LinearizationCarry(mean, root, history, doubtful, begun + steps)
-        before = None if self.jacobian == "analytic" else np.empty_like(mean)
-        _advance(mean, root, first, world, world.surroundings, begun, steps, before)
-        return LinearizationCarry(mean, root, history, doubtful, begun + steps)
+            source = root, uncertain, some, TILTS
+            advance_root(mean, first, history.solver, 0, world, source, begun, steps, FIRST_ROOM)
+            return LinearizationCarry(mean, root, history, uncertain, begun + steps)
+        _advance(mean, root, first, world, world.surroundings, begun, steps)
+        return LinearizationCarry(mean, root, history, uncertain, begun + steps)
 
     def belief(self, carry, scene):
         return Belief.trusted(carry.mean.copy(), _outer(carry.root), scene.moving)
@@ -129,21 +111,21 @@ class Linearization(Propagator):
             rank = carry.root.shape[1]
             root[part.moving, :, column : column + rank] = carry.root.reshape(len(part.moving), ERROR, rank)
             column += rank
-        judged = len(carries[0].doubtful_since) > 0
-        doubtful = np.full(len(frame.mean) if judged else 0, np.inf)
+        judged = len(carries[0].contact_mode_uncertain_since) > 0
+        uncertain = np.full(len(frame.mean) if judged else 0, np.inf)
         for carry, part in zip(carries, parts, strict=True) if judged else ():
-            doubtful[part.bodies] = np.minimum(doubtful[part.bodies], carry.doubtful_since)
+            uncertain[part.bodies] = np.minimum(uncertain[part.bodies], carry.contact_mode_uncertain_since)
         return carries[0]._replace(
             mean=joined_means(carries, parts, frame),
             root=root.reshape(ERROR * frame.moving, -1),
             contact_history=joined_history(carries, parts, frame),
-            doubtful_since=doubtful,
+            contact_mode_uncertain_since=uncertain,
         )
 
-    def doubtful_since(self, carry):
-        return carry.doubtful_since if len(carry.doubtful_since) else None
+    def contact_mode_uncertain_since(self, carry):
+        return carry.contact_mode_uncertain_since if len(carry.contact_mode_uncertain_since) else None
 
-    def fly(self, carry, flight):
+    def propagate_flight(self, carry, flight):
         A = transition(carry.mean[0], flight.course, True)
         return carry._replace(
             mean=flown(carry.mean, flight), root=A @ carry.root, step=carry.step + flight.steps
@@ -188,7 +170,7 @@ class DominantElementContact(NamedTuple):
     point: np.ndarray
 
 
-class Linearized(NamedTuple):
+class ExplicitLinearization(NamedTuple):
     """What linearization works on in a rollout.
 
     Attributes
@@ -200,8 +182,6 @@ class Linearized(NamedTuple):
         Room for a block of it.
     dominant : DominantContacts
     element : DominantElementContact
-    differences : Differences or None
-        None for the closed form, which compiles without them.
     """
 
     root: np.ndarray
@@ -209,57 +189,35 @@ class Linearized(NamedTuple):
     transition: np.ndarray
     dominant: DominantContacts
     element: DominantElementContact
-    differences: Differences | None
 
 
 @kernel
-def _advance(mean, root, first_time, world, surroundings, begin, steps, before):
-    """Advance state and root in place; ``before`` (B, 13) is room for finite differences, or None."""
+def _advance(mean, root, first_time, world, surroundings, begin, steps):
+    """Advance state and root in place."""
     work, moving = workspace(mean, world), world.bodies.moving
     pairs = len(work.near)
     dominant = DominantContacts(integers(1), integers((pairs, 2)), integers((pairs, 2)), empty(pairs))
     element = DominantElementContact(integers(1), empty(1), empty(3), empty(3))
-    if before is None:
-        differences = None
-    else:
-        differences = Differences(
-            before, np.empty_like(before), np.empty_like(before), empty(ERROR), workspace(mean, world)
-        )
-    method = Linearized(
-        root, np.where(moving, np.cumsum(moving) - 1, -1), empty((3, 3)), dominant, element, differences
+    method = ExplicitLinearization(
+        root, np.where(moving, np.cumsum(moving) - 1, -1), empty((3, 3)), dominant, element
     )
     integrate(mean, first_time, world, surroundings, method, begin, steps, work)
 
 
-@before_drift.of(Linearized)
+@before_drift.of(ExplicitLinearization)
 def _begin_step(method, x, step, world, work):
-    """Take the root through the drift's derivative; or keep the state for finite differences."""
+    """Take the root through the drift's derivative."""
     method.dominant.count[0] = 0
-    _drift_root(method.differences, method, x, world, work)
-
-
-@inner(forceinline=True)
-def _drift_root(differences, method, x, world, work):
     for i in range(len(x)):
-        if differences is None:
-            if world.bodies.moving[i]:
-                write_exact_rotation(work.R, x, i, world.dt, method.transition)
-                apply_drift_jacobian(
-                    method.root,
-                    ERROR * method.error_block[i],
-                    x,
-                    i,
-                    work.R,
-                    world,
-                    world.surroundings,
-                    method.transition,
-                )
-        else:
-            for c in range(STATE):
-                differences.before[i, c] = x[i, c]
+        if world.bodies.moving[i]:
+            first = ERROR * method.error_block[i]
+            write_exact_rotation(work.R, x, i, world.dt, method.transition)
+            apply_drift_jacobian(
+                method.root, first, x, i, work.R, world, world.surroundings, method.transition
+            )
 
 
-@on_contacts.of(Linearized)
+@on_contacts.of(ExplicitLinearization)
 def _keep_dominant(method, x, i, j, count, first, world, work):
     """Keep the contact of largest volume, ties to the lowest sphere of body i, then of body j."""
     dominant, pairs, records = method.dominant, work.search.pairs, work.search.records
@@ -277,7 +235,7 @@ def _keep_dominant(method, x, i, j, count, first, world, work):
         dominant.spheres[place, 0], dominant.spheres[place, 1] = a, b
 
 
-@after_pair.of(Linearized)
+@after_pair.of(ExplicitLinearization)
 def _count_pair(method, x, i, j, world, work):
     """Number the pair."""
     dominant = method.dominant
@@ -287,22 +245,14 @@ def _count_pair(method, x, i, j, world, work):
         dominant.count[0] += 1
 
 
-@after_pairs.of(Linearized)
+@after_pairs.of(ExplicitLinearization)
 def _kick_root(method, x, world, work):
     """Let the dominant contacts of all pairs act on the root."""
-    _kick_or_difference(method.differences, method, x, world, work)
+    for k in range(method.dominant.count[0]):
+        contact_root(x, method.root, method.error_block, world, work.R, method.dominant, k)
 
 
-@inner(forceinline=True)
-def _kick_or_difference(differences, method, x, world, work):
-    if differences is None:
-        for k in range(method.dominant.count[0]):
-            contact_root(x, method.root, method.error_block, world, work.R, method.dominant, k)
-    else:
-        difference_root(differences, method, world)
-
-
-@on_element_contacts.of(Linearized)
+@on_element_contacts.of(ExplicitLinearization)
 def _keep_dominant_of_element(method, x, i, e, t, count, first, world, work):
     """As `_keep_dominant`, with the force and where it acts."""
     dominant, pairs, records, R = method.element, work.search.pairs, work.search.records, work.R
@@ -321,7 +271,7 @@ def _keep_dominant_of_element(method, x, i, e, t, count, first, world, work):
                 dominant.force[c], dominant.point[c] = force[c], point[c]
 
 
-@after_element.of(Linearized)
+@after_element.of(ExplicitLinearization)
 def _kick_root_by_element(method, x, i, e, world, work):
     """Let the dominant contact with an element act on the root."""
     dominant, root, row, R = method.element, method.root, ERROR * method.error_block[i], work.R

@@ -5,9 +5,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..physics.arrays import booleans, empty, zeros
-from ..physics.compiled import inner, kernel
-from ..physics.explicit_step import (
+from ..collision.narrow_phase import NORMAL, VOLUME
+from ..collision.shapes import surface
+from ..compiler import inner, kernel
+from ..compiler.arrays import booleans, empty, zeros
+from ..derivatives.transition import apply_drift_jacobian, write_printed_rotation
+from ..dynamics.explicit_step import (
     after_element,
     after_pair,
     before_drift,
@@ -15,20 +18,17 @@ from ..physics.explicit_step import (
     on_contacts,
     on_element_contacts,
 )
-from ..physics.layout import EP, ER, ERROR, EV, EW
-from ..physics.narrow_phase import NORMAL, VOLUME
-from ..physics.random import RUN, combine, places
-from ..physics.rotation import cross, exp, rotate, rotate_back
-from ..physics.shapes import surface
-from ..physics.transition import apply_drift_jacobian, write_printed_rotation
-from ..physics.workspace import workspace
+from ..dynamics.workspace import workspace
+from ..spatial.layout import EP, ER, ERROR, EV, EW
+from ..spatial.random import RUN, combine, places
+from ..spatial.rotation import cross, exp, rotate, rotate_back
 from .sampled_contacts import frobenius_norm, sample_contacts
 
 _ROUND_OFF = 1e-6  # of a spread's trace: what single precision may lose
 _ALL_AROUND = 1e4  # rad; more spread than that changes nothing, and single precision still holds it
 
 
-class Cloud(NamedTuple):
+class ContactCloud(NamedTuple):
     """What local sampling works on: the bodies' pose uncertainty in a step, the spread of two's forces.
 
     Attributes
@@ -78,12 +78,12 @@ class Cloud(NamedTuple):
     spread: np.ndarray
 
 
-@kernel
+@kernel(noinline=True)
 def cloud_of(covariance, moving, draws):
     """What local sampling works on, for some covariances (M, 12, 12) and bodies that are ``moving`` (B,)."""
     count = len(moving)
     table, samples, seed = draws
-    return Cloud(
+    return ContactCloud(
         covariance,
         covariance.reshape(-1, ERROR),
         np.where(moving, np.cumsum(moving) - 1, -1),
@@ -108,7 +108,7 @@ def advance_covariances(mean, covariance, first_time, world, surroundings, begin
     integrate(mean, first_time, world, surroundings, cloud, begin, steps, workspace(mean, world))
 
 
-@before_drift.of(Cloud)
+@before_drift.of(ContactCloud)
 def _begin_step(cloud, x, step, world, work):
     """A step begins."""
     drift_covariances(cloud, x, step, world, work)
@@ -125,7 +125,7 @@ def drift_covariances(cloud, x, step, world, work):
             transform(cloud.rows, ERROR * cloud.error_block[i], x, i, work.R, world, cloud.transition)
 
 
-@on_contacts.of(Cloud)
+@on_contacts.of(ContactCloud)
 def _sample_pair(cloud, x, i, j, count, first, world, work):
     """Add the spread of some contacts' forces."""
     if first:
@@ -134,7 +134,7 @@ def _sample_pair(cloud, x, i, j, count, first, world, work):
     sample_contacts((i, j), count, combine(combine(cloud.key[0], i), j), world.tree, work, cloud)
 
 
-@after_pair.of(Cloud)
+@after_pair.of(ContactCloud)
 def _kick_pair(cloud, x, i, j, world, work):
     """Let the spread of a pair's forces act on both covariances."""
     for side, body in ((1, i), (2, j)):
@@ -142,7 +142,7 @@ def _kick_pair(cloud, x, i, j, world, work):
             kick_covariance(body, side, world, work.R[body], cloud)
 
 
-@on_element_contacts.of(Cloud)
+@on_element_contacts.of(ContactCloud)
 def _sample_element(cloud, x, i, e, t, count, first, world, work):
     """As `_sample_pair`, of body i and element e."""
     if first:
@@ -152,7 +152,7 @@ def _sample_element(cloud, x, i, e, t, count, first, world, work):
     sample_element_contacts(i, e, count, key, t, world.tree, world.surroundings, work, cloud)
 
 
-@after_element.of(Cloud)
+@after_element.of(ContactCloud)
 def _kick_body(cloud, x, i, e, world, work):
     """As `_kick_pair`, of body i alone."""
     kick_covariance(i, 1, world, work.R[i], cloud)
@@ -213,7 +213,7 @@ def add_moments(out, weight, a):
     out[5] += weight * a[1] * a[2]
 
 
-@inner(forceinline=True)
+@inner(noinline=True)
 def transform(rows, first, x, i, R, world, rotation):
     """``A P A^T`` in place of body i's symmetric P, in 12 ``rows`` from ``first`` on, as ``A (A P)^T``."""
     for turn in range(2):

@@ -7,18 +7,19 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..physics import contact_history as histories
-from ..physics.contact_history import ContactHistory
+from ..dynamics import contact_history as histories
+from ..dynamics.contact_history import ContactHistory
+from ..dynamics.implicit_rollout import FIRST_ROOM
 from ..scene.belief import Belief
 from ..scene.physics_keys import INTEGRATORS
-from .base import Propagator, Traits
+from .base import ClosedFormFlight, Islands, Propagator, Traits
 from .free_flight import flown, transition
 from .implicit_local_sampling import advance_solved_covariances
 from .joining import joined_blocks, joined_history, joined_means
 from .local_clouds import advance_covariances
 from .options import option
 from .sampled_contacts import TABLE
-from .start import begin
+from .start import resolve_initial_overlap
 
 _SAMPLES_LIMIT = 100_000
 
@@ -37,7 +38,7 @@ class LocalSamplingCarry(NamedTuple):
 
 
 @dataclass(frozen=True)
-class LocalSampling(Propagator):
+class LocalSampling(Propagator, Islands, ClosedFormFlight):
     """Local sampling, one body at a time (Eqs. 30 to 35).
 
     Attributes
@@ -56,15 +57,13 @@ class LocalSampling(Propagator):
 
     name = "local_sampling"
     traits = Traits("nominal", "covariance, per body", False, True, "sampled")
-    color, marker = "#CC79A7", "v"
     integrators = INTEGRATORS
-    flies = True
 
     samples: int = option(32, "perturbed copies of each contact", low=1, high=_SAMPLES_LIMIT)
     seed: int = option(0, "seed of the draws", low=0)
 
     def init(self, scene, belief):
-        mean, history = begin(scene, belief, belief.mean[None].copy())
+        mean, history = resolve_initial_overlap(scene, belief, belief.mean[None].copy())
         return LocalSamplingCarry(mean[0], belief.blocks.copy(), history, 0)
 
     def advance(self, carry, scene, steps):
@@ -76,7 +75,10 @@ class LocalSampling(Propagator):
         if world.implicit is None:
             advance_covariances(mean, covariance, first, world, world.surroundings, begun, steps, draws)
         else:
-            advance_solved_covariances(mean, covariance, first, history.solver, world, begun, steps, draws)
+            source = covariance, draws
+            advance_solved_covariances(
+                mean, first, history.solver, 0, world, source, begun, steps, FIRST_ROOM
+            )
         return LocalSamplingCarry(mean, covariance, history, carry.step + steps)
 
     def belief(self, carry, scene):
@@ -90,7 +92,7 @@ class LocalSampling(Propagator):
             contact_history=joined_history(carries, parts, frame),
         )
 
-    def fly(self, carry, flight):
+    def propagate_flight(self, carry, flight):
         A = transition(carry.mean[0], flight.course, False)
         return carry._replace(
             mean=flown(carry.mean, flight),

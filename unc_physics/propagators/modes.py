@@ -1,61 +1,88 @@
-"""Outcomes that split: samples as a few weighted Gaussians, their number from the samples."""
+"""Outcomes that split: rollouts as a few weighted Gaussians, their number from the rollouts."""
 
 from __future__ import annotations
 
+import math
+from typing import NamedTuple
+
 import numpy as np
 
-from ..physics.layout import ERR_POSITION, ERR_ROTATION
-from ..physics.moments import mean_and_errors, second_moment
+from ..scene.belief import Belief
+from ..spatial.layout import ERR_POSITION, ERR_ROTATION
+from ..spatial.moments import mean_and_errors, second_moment
 
 _MOST = 5  # modes
 _ROUNDS = 20  # of k-means
 _CONSTANT = 1e-6  # spread of what does not vary
+_SMALL = 0.01  # spread of a coordinate that is no outcome [body radii, rad]
 #: Distance of two modes over the sum of their standard deviations along it, and what few rollouts add to
 #: that, over the root of their number: halves of what is flat have 1.7, of a normal distribution 1.3.
 _APART, _BY_CHANCE = 2.2, 5.0
 _FEWEST, _LEAST = 3, 0.05  # rollouts in a mode, and its share of what it is split from
 
 
-def split(states: np.ndarray, rollouts: int, radius: float) -> list[tuple[float, np.ndarray, np.ndarray]]:
-    """Weight, mean state (13,) and covariance (12, 12) of each mode, the most probable first.
+class Mode(NamedTuple):
+    """One of the outcomes that a body's state splits into.
+
+    Attributes
+    ----------
+    weight : float
+        Its probability.
+    mean : (13,) array
+        State ``[p, v, q, omega]``, as in `Belief`.
+    covariance : (12, 12) array
+        Of the error state about it, as in `Belief`.
+    """
+
+    weight: float
+    mean: np.ndarray
+    covariance: np.ndarray
+
+
+def only_mode(belief: Belief, body: int) -> Mode:
+    """Return the belief of one body, by its index, as its only mode."""
+    return Mode(1.0, belief.mean[body].copy(), belief.marginal(body).copy())
+
+
+def split(states: np.ndarray, radius: float) -> tuple[Mode, ...]:
+    """Split rollouts of one body into modes, the most probable first.
 
     Parameters
     ----------
     states : (S, 13) array
-        Samples of one body.
-    rollouts : int
-        That they rest on.
+        Of the body, one of each rollout.
     radius : float
         Of the body [m].
 
     Notes
     -----
-    Positions and rotations, in units of their spread, are divided in two by k-means from several beginnings,
-    and cut where the gap along the way between both parts is widest; the parts again, as long as there is a
-    gap. So there is one mode where one suffices. A mode's mean and covariance are those of its samples.
+    Coordinates are positions and rotations in units of their spread; those that spread by less than 1 % of
+    the body's radius, or 0.01 rad, do not count. k-means from several starts divides the rollouts in two, and
+    the cut is where the gap along the line between both means is widest. Parts are divided again as long as
+    there is a gap, so that one mode is the rule. A mode's weight, mean and covariance are those of its
+    rollouts.
     """
     _, errors = mean_and_errors(np.ascontiguousarray(states[:, None]), np.arange(1))
     pose = np.concatenate([errors[:, ERR_POSITION] / radius, errors[:, ERR_ROTATION]], axis=1)
     spread = pose.std(axis=0)
-    pose = pose[:, spread > 1e-6 * max(1.0, spread.max())]
+    pose = pose[:, spread > _SMALL]
     labels = np.zeros(len(states), np.int64)
     if pose.shape[1] and len(states) > 1:
-        labels = _labels(pose / pose.std(axis=0), min(rollouts, len(states)))
+        labels = _labels(pose / pose.std(axis=0))
     modes = []
     for label in np.unique(labels):
         own = np.ascontiguousarray(states[labels == label][:, None])
         mean, own_errors = mean_and_errors(own, np.arange(1))
-        modes.append((len(own) / len(states), mean[0], second_moment(own_errors)))
-    return sorted(modes, key=lambda mode: -mode[0])
+        modes.append(Mode(len(own) / len(states), mean[0], second_moment(own_errors)))
+    return tuple(sorted(modes, key=lambda mode: -mode.weight))
 
 
-def _labels(x, rollouts):
+def _labels(x):
     """(S,): which mode each point (S, d) belongs to."""
     labels, whole = np.zeros(len(x), np.int64), [0]
-    fewest = _FEWEST * len(x) / rollouts
     while whole and labels.max() + 1 < _MOST:
         own = np.flatnonzero(labels == whole.pop(0))
-        second = _second_part(x[own], fewest)
+        second = _second_part(x[own])
         if second is not None:
             new = labels.max() + 1
             whole += [int(labels[own[0]]), int(new)]
@@ -63,55 +90,66 @@ def _labels(x, rollouts):
     return labels
 
 
-def _second_part(x, fewest):
-    """(S,) bool: which of the points (S, d) are apart from the others; None where none are.
-
-    ``fewest`` is how many points `_FEWEST` rollouts are.
-    """
+def _second_part(x):
+    """(S,) bool: which of the points (S, d) are apart from the others; None where none are."""
     spread = x.std(axis=0)
     some = spread > _CONSTANT
-    if not some.any() or len(x) < 2.0 * fewest:
+    if not some.any() or len(x) < 2 * _FEWEST:
         return None
     x = (x[:, some] - x[:, some].mean(axis=0)) / spread[some]
-    found, most = None, _APART + _BY_CHANCE / np.sqrt(_FEWEST * len(x) / fewest)
     axes = np.linalg.svd(np.cov(x.T).reshape(x.shape[1], -1))[0]
-    for start in np.concatenate([np.eye(x.shape[1]), axes.T]):
-        along = x @ _way(x, start)
-        order = np.argsort(along, kind="stable")
-        gap, count = _widest_gap(along[order], int(np.ceil(max(fewest, _LEAST * len(x), 1.0))))
-        if gap > most:
-            found, most = np.zeros(len(x), bool), gap
-            found[order[count:]] = True
+    along = x @ _directions_between_means(x, np.concatenate([np.eye(x.shape[1]), axes.T]).T)
+    order = np.argsort(along, axis=0, kind="stable")
+    gaps, counts = _widest_gaps(
+        np.take_along_axis(along, order, axis=0), max(_FEWEST, math.ceil(_LEAST * len(x)))
+    )
+    best = int(gaps.argmax())
+    if gaps[best] <= _APART + _BY_CHANCE / math.sqrt(len(x)):
+        return None
+    found = np.zeros(len(x), bool)
+    found[order[counts[best] :, best]] = True
     return found
 
 
-def _way(x, start):
-    """(d,): direction from one mean of two to the other; k-means begins with a plane across ``start``."""
-    second, way = x @ start > 0.0, start
+def _directions_between_means(x, starts):
+    """(d, K): unit vectors from one mean to the other, by k-means with two means for each start.
+
+    Parameters
+    ----------
+    x : (S, d) array
+        Points about 0.
+    starts : (d, K) array
+        Normals of the planes that divide the points at first.
+    """
+    second, ways = x @ starts > 0.0, starts
     for _ in range(_ROUNDS):
-        if second.all() or not second.any():
-            break
-        one, other = x[~second].mean(axis=0), x[second].mean(axis=0)
-        before, way = second, other - one
-        second = (x - 0.5 * (one + other)) @ way > 0.0
+        sums, counts = x.T @ second, second.sum(axis=0)
+        divided = (counts > 0) & (counts < len(x))
+        one, other = -sums / np.maximum(len(x) - counts, 1), sums / np.maximum(counts, 1)  # the sum of x is 0
+        ways = np.where(divided, other - one, ways)
+        before, second = second, (x @ ways - 0.5 * ((one + other) * ways).sum(axis=0)) > 0.0
+        second = np.where(divided, second, before)
         if (second == before).all():
             break
-    return way / max(float(np.linalg.norm(way)), _CONSTANT)
+    return ways / np.maximum(np.linalg.norm(ways, axis=0), _CONSTANT)
 
 
-def _widest_gap(values, fewest):
-    """The largest distance of means over the sum of standard deviations, of any cut through ascending values
-    (S,), and how many are below it; each side has at least ``fewest``.
+def _widest_gaps(values, fewest):
+    """(K,) and (K,): the largest distance of means over the sum of standard deviations, of any cut through
+    ascending values (S, K), and how many are below it; each side has at least ``fewest``.
     """
-    count = np.arange(1, len(values))
-    sums, squares = np.cumsum(values)[:-1], np.cumsum(values**2)[:-1]
-    sides = (count, sums, squares), (len(values) - count, values.sum() - sums, (values**2).sum() - squares)
+    count = np.arange(1, len(values))[:, None]
+    sums, squares = np.cumsum(values, axis=0), np.cumsum(values**2, axis=0)
+    sides = (
+        (count, sums[:-1], squares[:-1]),
+        (len(values) - count, sums[-1] - sums[:-1], squares[-1] - squares[:-1]),
+    )
     means = [total / n for n, total, _ in sides]
     stds = [
         np.sqrt(np.maximum(square / n - mean**2, 0.0))
         for (n, _, square), mean in zip(sides, means, strict=True)
     ]
     gaps = (means[1] - means[0]) / np.maximum(stds[0] + stds[1], _CONSTANT)
-    gaps[(count < fewest) | (len(values) - count < fewest)] = 0.0
-    best = int(gaps.argmax()) if len(gaps) else 0
-    return (float(gaps[best]), best + 1) if len(gaps) else (0.0, 0)
+    gaps[: fewest - 1] = gaps[len(gaps) - fewest + 1 :] = 0.0
+    best = gaps.argmax(axis=0)
+    return gaps[best, np.arange(values.shape[1])], best + 1

@@ -7,20 +7,21 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..physics import contact_history as histories
-from ..physics.contact_history import ContactHistory
-from ..physics.moments import mean_and_errors, second_moment, spread_states
+from ..dynamics import contact_history as histories
+from ..dynamics.contact_history import ContactHistory
 from ..scene.action_arrays import start_states
 from ..scene.belief import Belief
 from ..scene.parameters import center_offsets, draw_parameters, moved_along
 from ..scene.physics_keys import INTEGRATORS
-from ..scene.scene import Scene
-from .base import SAMPLES_LIMIT, Propagator, Traits, one_after_the_other, rolled, some_rollouts
+from ..scene.scene import UNCERTAIN_PARAMETERS, Scene
+from ..spatial.moments import mean_and_errors, second_moment, spread_states
+from .base import SAMPLES_LIMIT, JointlySampledIslands, Propagator, Rollouts, Samples, Supports, Traits
 from .free_flight import course_of
 from .joining import joined_history
 from .options import option
 from .reduction import common_covariance, moved_in_common, reduction, symmetric
-from .start import begin, draw
+from .rollouts import advance_rollouts
+from .start import draw, resolve_initial_overlap
 
 
 class MonteCarloCarry(NamedTuple):
@@ -41,7 +42,7 @@ class MonteCarloCarry(NamedTuple):
 
 
 @dataclass(frozen=True)
-class MonteCarlo(Propagator):
+class MonteCarlo(Propagator, Samples, Rollouts, JointlySampledIslands):
     """Monte Carlo sampling.
 
     Attributes
@@ -62,24 +63,23 @@ class MonteCarlo(Propagator):
 
     name = "monte_carlo"
     traits = Traits("estimated", "samples", True, False, "simulated")
-    label, color, marker = "Monte Carlo", "#000000", "o"
-    integrators = takes_actions = INTEGRATORS
-    varies_parameters = rejects_overlap = draws_together = draws_impacts = True
+    integrators = INTEGRATORS
+    supports = Supports(UNCERTAIN_PARAMETERS, INTEGRATORS, impact_errors=True, overlap_rejection=True)
 
     samples: int = option(1000, "number of rollouts", low=1, high=SAMPLES_LIMIT)
     seed: int = option(0, "seed of the draws", low=0)
     reduce: bool = option(False, "whether common motion is left to a closed form")
 
     def init(self, scene, belief):
-        return self.begun(scene, belief, 0, self.samples)
+        return self.init_rollouts(scene, belief, 0, self.samples)
 
-    def begun(self, scene, belief, first, last):
+    def init_rollouts(self, scene, belief, first, last):
         common, motion = np.zeros((last, 0)), np.zeros((6, 0))
         if self.reduce and symmetric(scene) and scene.overlap != "reject":
             drawn, common, motion = self._reduced(scene, belief, last)
         else:
             drawn = self.drawn(scene, belief, last)
-        states, history = begin(scene, belief, drawn[first:])
+        states, history = resolve_initial_overlap(scene, belief, drawn[first:])
         if scene.draws_impacts:
             history = histories.with_keys(history, self.seed, first)
         z = draw_parameters(scene, last, self.seed)[first:]
@@ -100,15 +100,15 @@ class MonteCarlo(Propagator):
         common = np.einsum("nc,kc->nk", z[:, reduced.relative.shape[1] :], reduced.motion)
         return states, common, reduced.motion
 
-    def some(self, carry, rollouts):
-        return some_rollouts(carry, rollouts)._replace(common=carry.common[rollouts])
+    def select_rollouts(self, carry, rollouts):
+        return super().select_rollouts(carry, rollouts)._replace(common=carry.common[rollouts])
 
-    def together(self, carry, further):
-        common = np.concatenate([carry.common, further.common])
-        return one_after_the_other(carry, further)._replace(common=common)
+    def concatenate(self, carry, additional):
+        common = np.concatenate([carry.common, additional.common])
+        return super().concatenate(carry, additional)._replace(common=common)
 
     def advance(self, carry, scene, steps):
-        return rolled(carry, scene, steps)
+        return advance_rollouts(carry, scene, steps)
 
     def belief(self, carry, scene):
         mean, errors = mean_and_errors(self._model_centers(carry, scene), scene.moving.copy())

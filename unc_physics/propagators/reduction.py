@@ -12,9 +12,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..physics.compiled import kernel
-from ..physics.layout import ERR_POSITION, ERR_VELOCITY, ERROR, P, V
+from ..compiler import kernel
 from ..scene.scene import Scene
+from ..spatial.layout import ERR_POSITION, ERR_VELOCITY, ERROR, P, V
 from .free_flight import Course
 
 _NEGLIGIBLE = 1e-9  # singular values, relative to the largest, of combinations that change nothing

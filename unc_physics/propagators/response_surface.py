@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..physics.compiled import kernel
+from ..compiler import kernel
 
 _LENGTHS = np.array([0.7, 1.5, 3.0, 6.0])  # in units of the metric
 _NUGGETS = np.array([1e-6, 0.01, 0.1, 0.4, 1.5])
@@ -18,7 +18,7 @@ _LEAST_SLOPE = 0.2
 _FLAT = 1e-20  # sum of squared differences that round-off makes
 
 
-class Surface(NamedTuple):
+class ResponseSurface(NamedTuple):
     """``m(x) = trend(x) + sum_n k(|x - x_n|) weight_n``.
 
     Attributes
@@ -46,14 +46,14 @@ class Surface(NamedTuple):
     pair: tuple[int, int]
 
 
-def fit(x: np.ndarray, y: np.ndarray, like: Surface | None = None) -> Surface:
+def fit(x: np.ndarray, y: np.ndarray, like: ResponseSurface | None = None) -> ResponseSurface:
     """The surface through outcomes ``y`` (N, K) at ``x`` (N, d).
 
     Parameters
     ----------
     x : (N, d) array
     y : (N, K) array
-    like : Surface, optional
+    like : ResponseSurface, optional
         One through the same outcomes in other coordinates, by whose length and nugget the search begins.
 
     Notes
@@ -74,10 +74,10 @@ def fit(x: np.ndarray, y: np.ndarray, like: Surface | None = None) -> Surface:
     weights, trend, left_out = _solve(x, y, linear, length, _NUGGETS[pair[1]])
     spread = ((y - y.mean(axis=0)) ** 2).sum() * (count / max(count - 1, 1)) ** 2
     error = float((left_out**2).sum() / spread) if spread > 0.0 else 0.0
-    return Surface(x, weights, trend, float(length), error, left_out, pair)
+    return ResponseSurface(x, weights, trend, float(length), error, left_out, pair)
 
 
-def active_directions(surface: Surface) -> np.ndarray:
+def active_directions(surface: ResponseSurface) -> np.ndarray:
     """(d, d): the map to coordinates in which the surface changes more alike in all directions.
 
     Its slopes at the first of its points have a second moment (d, d), whose eigenvectors become the axes

@@ -7,10 +7,10 @@ import math
 
 import numpy as np
 
-from ..physics.compiled import inner, kernel
-from ..physics.narrow_phase import DISTANCE, NORMAL, VOLUME
-from ..physics.random import RUN, combine, normal_table, places
-from ..physics.rotation import rotate
+from ..collision.narrow_phase import DISTANCE, NORMAL, VOLUME
+from ..compiler import inner, kernel
+from ..spatial.random import RUN, combine, normal_table, places
+from ..spatial.rotation import rotate
 
 
 def _series(terms, first):
@@ -110,7 +110,7 @@ def _short(a, scale):
     return np.float32(scale * a[0]), np.float32(scale * a[1]), np.float32(scale * a[2])
 
 
-@kernel(_nrt=False, error_model="numpy", fastmath={"reassoc", "contract", "nsz"})
+@kernel(noinline=True, arrays=False, error_model="numpy", fastmath={"reassoc", "contract", "nsz"})
 def add_spread(table, starts, count, factors, shape, series, weights, spread):
     """Add second moments of force and torques over samples of one contact, per squared stiffness.
 

@@ -7,21 +7,23 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..physics.arrays import empty
-from ..physics.compiled import kernel
-from ..physics.contact_history import ContactHistory
-from ..physics.layout import ERROR
-from ..physics.moments import boxminus, mean_and_errors, second_moment, spread_states
+from ..compiler import kernel
+from ..compiler.arrays import empty
+from ..dynamics.contact_history import ContactHistory
 from ..scene.action_arrays import start_states
 from ..scene.belief import Belief
 from ..scene.parameters import center_offsets, moved_along
 from ..scene.physics_keys import INTEGRATORS
-from .base import Propagator, Traits, rolled, symmetric_root
+from ..scene.scene import UNCERTAIN_PARAMETERS
+from ..spatial.layout import ERROR
+from ..spatial.moments import boxminus, mean_and_errors, second_moment, spread_states, symmetric_root
+from .base import ClosedFormFlight, Islands, PointPairs, Propagator, Supports, Traits
 from .free_flight import course_of, flown
 from .joining import joined_history
 from .options import option
 from .reduction import common_covariance, reduction, symmetric
-from .start import begin
+from .rollouts import advance_rollouts
+from .start import resolve_initial_overlap
 
 
 class SigmaPointCarry(NamedTuple):
@@ -41,7 +43,7 @@ class SigmaPointCarry(NamedTuple):
 
 
 @dataclass(frozen=True)
-class SigmaPoints(Propagator):
+class SigmaPoints(Propagator, PointPairs, Islands, ClosedFormFlight):
     """Persistent sigma points.
 
     Attributes
@@ -63,9 +65,8 @@ class SigmaPoints(Propagator):
 
     name = "sigma_points"
     traits = Traits("estimated", "full covariance", True, False, "simulated")
-    color, marker = "#009E73", "D"
-    integrators = takes_actions = INTEGRATORS
-    varies_parameters = flies = points_in_pairs = True
+    integrators = INTEGRATORS
+    supports = Supports(UNCERTAIN_PARAMETERS, INTEGRATORS)
 
     points: str = option(
         "minimal",
@@ -88,12 +89,12 @@ class SigmaPoints(Propagator):
             errors[first : first + rank] = side * root.T
             z[first + rank : first + count] = side * np.eye(extra)
         states = spread_states(belief.mean.copy(), scene.moving.copy(), errors)
-        states, history = begin(scene, belief, states)
+        states, history = resolve_initial_overlap(scene, belief, states)
         states = moved_along(start_states(scene, states, z), center_offsets(scene, z))
         return SigmaPointCarry(states, history, 0, z, motion)
 
     def advance(self, carry, scene, steps):
-        return rolled(carry, scene, steps)
+        return advance_rollouts(carry, scene, steps)
 
     def belief(self, carry, scene):
         states = moved_along(carry.states, -center_offsets(scene, carry.parameters))
@@ -126,17 +127,20 @@ class SigmaPoints(Propagator):
             states=states, contact_history=joined_history(carries, parts, frame, rows), parameters=z
         )
 
-    def fly(self, carry, flight):
+    def propagate_flight(self, carry, flight):
         return carry._replace(states=flown(carry.states, flight), step=carry.step + flight.steps)
 
-    def rollouts_for(self, scene, belief):
+    def point_count(self, scene, belief):
         rank = ERROR * len(belief.moving)
         if self.points == "minimal":  # a direction without variance is none
             rank = np.count_nonzero(np.einsum("mii->mi", belief.blocks))
         return 2 * (rank + len(scene.uncertain)) + 1
 
+    def point_states(self, carry, scene):
+        return moved_along(carry.states, -center_offsets(scene, carry.parameters))
+
     def opposite_points(self, carry, scene):
-        states = moved_along(carry.states, -center_offsets(scene, carry.parameters))
+        states = self.point_states(carry, scene)
         errors = _errors_about_first(states).reshape(len(states), -1, ERROR)[:, scene.moving]
         count = len(states) // 2
         return errors[1 : count + 1], errors[count + 1 :]

@@ -7,8 +7,8 @@ from functools import lru_cache
 
 import numpy as np
 
-from ..physics.compiled import kernel
-from ..physics.random import combine
+from ..compiler import kernel
+from ..spatial.random import combine
 
 #: Primitive polynomials, the leading and the last bit included, and initial direction numbers, of each
 #: dimension but the first (Joe and Kuo 2008, new-joe-kuo-6).

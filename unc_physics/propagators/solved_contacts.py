@@ -10,16 +10,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..physics.arrays import empty, integers, small_integers
-from ..physics.compiled import inner, kernel
-from ..physics.contact_row import DIRECTION, FRICTION, GAP
-from ..physics.implicit_workspace import CONTACTS, LASTING
-from ..physics.layout import ERROR
-from ..physics.narrow_phase import DISTANCE, NORMAL, RECORD, VOLUME
-from ..physics.rotation import rotate_back
-from ..physics.sphere_tree import Scratch
-
-_AT_LIMIT = 1.0 - 1e-9  # of what friction can hold
+from ..collision.contact_row import DIRECTION, GAP
+from ..collision.implicit_workspace import CONTACTS, LASTING
+from ..collision.narrow_phase import DISTANCE, NORMAL, RECORD, VOLUME
+from ..collision.sphere_tree import Scratch
+from ..compiler import inner, kernel
+from ..compiler.arrays import empty, integers, small_integers
+from ..dynamics.friction import sticks
+from ..spatial.layout import ERROR
+from ..spatial.rotation import rotate_back
 
 
 class Solved(NamedTuple):
@@ -51,13 +50,6 @@ def copy_blocks(into, source):
         for r in range(ERROR):
             for c in range(ERROR):
                 into[k, r, c] = source[k, r, c]
-
-
-@inner
-def sticks(row, impulse):
-    """Whether friction holds a contact."""
-    limit = _AT_LIMIT * row[FRICTION] * impulse[0]
-    return impulse[1] * impulse[1] + impulse[2] * impulse[2] < limit * limit
 
 
 @inner(error_model="numpy")

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..physics.layout import ERR_POSITION, ERR_ROTATION, ERROR, QUATERNION
-from ..physics.moments import mean_and_errors, spread_states
 from ..scene.scene import Scene
-from .base import Errors
+from ..spatial.layout import ERR_POSITION, ERR_ROTATION, ERROR, QUATERNION
+from ..spatial.moments import mean_and_errors, spread_states
+from .base import StandardErrors
 from .emission import Fit, Runs, fits
 
 #: Standard deviation of a rotation [rad] from which on some turn the shorter way and some the longer, so that
@@ -23,7 +23,7 @@ def surface_errors(runs: Runs, scene: Scene) -> np.ndarray:
     return result
 
 
-def standard_errors(runs: Runs, scene: Scene) -> Errors:
+def standard_errors(runs: Runs, scene: Scene) -> StandardErrors:
     """Standard errors of the means, from what leaving one rollout out shows.
 
     The mean is that of the surface, known, plus that of what is left besides, of which N rollouts are a
@@ -32,7 +32,7 @@ def standard_errors(runs: Runs, scene: Scene) -> Errors:
     jackknife); ``relative`` does not count that, as no number of rollouts makes such a mean sure.
     """
     count = len(runs.mean)
-    errors = Errors(np.zeros(count), np.zeros(count), np.zeros(count))
+    errors = StandardErrors(np.zeros(count), np.zeros(count), np.zeros(count))
     for group, fit in fits(runs, scene):
         left = np.divide(
             fit.surface.left_out,

@@ -8,10 +8,20 @@ from typing import Any
 import numpy as np
 
 from ..checks.errors import LimitExceededError
-from ..physics import contact_history as histories
-from ..physics.actions import no_actions
-from ..physics.contact_history import ContactHistory
-from ..physics.layout import (
+from ..compiler.threads import in_threads
+from ..compiler.time_limit import limited
+from ..dynamics import contact_history as histories
+from ..dynamics.actions import no_actions
+from ..dynamics.contact_history import ContactHistory
+from ..dynamics.rollout import rollout
+from ..initialization.lowering import lower
+from ..initialization.overlap_rows import Metric
+from ..initialization.overlap_search import TOUCHING, sides_of
+from ..initialization.projection import project
+from ..scene.action_arrays import driven_belief, held_at_start
+from ..scene.belief import Belief
+from ..scene.scene import Scene
+from ..spatial.layout import (
     ANGULAR_VELOCITY,
     ERR_ANGULAR_VELOCITY,
     ERR_POSITION,
@@ -22,19 +32,8 @@ from ..physics.layout import (
     QUATERNION,
     VELOCITY,
 )
-from ..physics.lowering import lower
-from ..physics.overlap_rows import Metric
-from ..physics.overlap_search import TOUCHING, sides_of
-from ..physics.projection import project
-from ..physics.rollout import rollout
-from ..physics.rotation import rotation_matrix
-from ..physics.threads import in_threads
-from ..physics.time_limit import limited
-from ..scene.action_arrays import driven_belief, held_at_start
-from ..scene.belief import Belief
-from ..scene.scene import Scene
+from ..spatial.rotation import rotation_matrix
 
-_HOLDING = 1e3  # friction of contacts that do not slip
 _STEP = 1.0 / 60.0  # of bodies that come to rest [s]
 _QUIET_TIME, _LONGEST = 0.15, 3.0  # for which bodies settle at first, and at most [s]
 _TRIED, _ACCEPTANCE = 400, 0.05  # samples drawn at once, and the least share of them that must do
@@ -45,9 +44,11 @@ _LEAST_STD, _LEAST_TILT = 5e-3, 0.03
 _HONEST_STD = 3e-3  # of the height of what is at rest, of which being off is no news [m]
 
 
-def known(scene: Scene, belief: Belief) -> Belief:
-    """The belief with what is said of its bodies: those at rest have no velocities, for certain; prescribed
-    ones are where their paths begin, and held ones move along.
+def constrain_belief(scene: Scene, belief: Belief) -> Belief:
+    """Return the belief under the scene's constraints.
+
+    Bodies at rest have no velocities, with certainty. Prescribed bodies are where their paths begin, and held
+    bodies move with their holders.
     """
     if scene.acts:
         belief = driven_belief(scene, belief)
@@ -91,8 +92,10 @@ def draw(scene: Scene, belief: Belief, count: int, seed: int) -> np.ndarray:
     return np.concatenate(accepted)[:count]
 
 
-def begin(scene: Scene, belief: Belief, states: np.ndarray) -> tuple[np.ndarray, ContactHistory]:
-    """Let states begin that were drawn from a belief.
+def resolve_initial_overlap(
+    scene: Scene, belief: Belief, states: np.ndarray
+) -> tuple[np.ndarray, ContactHistory]:
+    """Move states that were drawn from a belief out of overlap, and let bodies at rest settle.
 
     Parameters
     ----------
@@ -100,7 +103,7 @@ def begin(scene: Scene, belief: Belief, states: np.ndarray) -> tuple[np.ndarray,
         Its ``overlap`` says whether what overlaps is projected away (`physics.projection`); bodies
         ``at_rest`` then settle on what is below them.
     belief : Belief
-        As `known` gives it.
+        As `constrain_belief` returns it.
     states : (N, B, 13) array
 
     Returns
@@ -137,7 +140,7 @@ def _resting(scene):
 
 
 def _look(scene, belief, states):
-    """The `Start` of states that stay as they are."""
+    """The `InitialAdjustment` of states that stay as they are."""
     history: Any = histories.fresh(len(states), scene.world)
     kept = np.zeros(history.first_time.shape, np.float32)
     nowhere, metric = np.zeros((*kept.shape[1:], 3)), _metric(scene, belief)
@@ -208,8 +211,8 @@ def _without(world, held):
 def _settle(scene, belief, drawn, states, sides, history, kept, resting):
     """Let bodies come to rest in states (N, B, 13), in place; the others stay where they are.
 
-    They sink first (`lowering.lower`), so that what lies across keeps its spread; then steps without
-    velocities and without slip find out what holds. Returns the history.
+    They sink first (`lowering.lower`), so that what lies across keeps its spread; then steps that each begin
+    at rest find out what holds. Returns the history.
     """
     world = _without(limited(scene.world), ~resting)
     still, before = states.copy(), states[:, resting]
@@ -220,7 +223,7 @@ def _settle(scene, belief, drawn, states, sides, history, kept, resting):
         lower(still[some], sides, world, histories.samples(history, some).start, kept[some])
 
     in_threads(len(still), run)
-    implicit = world.implicit._replace(friction=np.full_like(world.implicit.friction, _HOLDING), sleep=True)
+    implicit = world.implicit._replace(sleep=True)
     nobody_acts = world.surroundings._replace(actions=no_actions(states.shape[1]))
     creeping = world._replace(dt=_STEP, decay=0.0, implicit=implicit, surroundings=nobody_acts)
     memory = histories.fresh(len(still), world)

@@ -7,16 +7,18 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..physics import contact_history as histories
-from ..physics.contact_history import ContactHistory
+from ..dynamics import contact_history as histories
+from ..dynamics.contact_history import ContactHistory
+from ..dynamics.implicit_rollout import FIRST_ROOM
 from ..scene.belief import Belief
 from ..scene.physics_keys import INTEGRATORS
-from .base import Propagator, Traits, symmetric_root
+from ..spatial.moments import symmetric_root
+from .base import ClosedFormFlight, Islands, Propagator, Traits
 from .free_flight import flown, transition
 from .implicit_surrogate import advance_solved_roots
 from .joining import joined_blocks, joined_history, joined_means
 from .options import option
-from .start import begin
+from .start import resolve_initial_overlap
 from .surrogate_contacts import advance_roots
 
 
@@ -33,7 +35,7 @@ class SurrogateCarry(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Surrogate(Propagator):
+class Surrogate(Propagator, Islands, ClosedFormFlight):
     """Square-root surrogate model, one body at a time (Eqs. 11 to 24).
 
     Attributes
@@ -50,16 +52,14 @@ class Surrogate(Propagator):
 
     name = "surrogate"
     traits = Traits("nominal", "square-root, per body", False, True, "surrogate")
-    color, marker = "#E69F00", "^"
     integrators = INTEGRATORS
-    flies = True
 
     k_sigma: float = option(
         3.0, "standard deviations of a contact's position that tilt its normal", positive=True
     )
 
     def init(self, scene, belief):
-        mean, history = begin(scene, belief, belief.mean[None].copy())
+        mean, history = resolve_initial_overlap(scene, belief, belief.mean[None].copy())
         return SurrogateCarry(mean[0], symmetric_root(belief.blocks), history, 0)
 
     def advance(self, carry, scene, steps):
@@ -69,7 +69,8 @@ class Surrogate(Propagator):
         if world.implicit is None:
             advance_roots(mean, roots, first, world, world.surroundings, begun, steps, self.k_sigma)
         else:
-            advance_solved_roots(mean, roots, first, history.solver, world, begun, steps, self.k_sigma)
+            source = roots, self.k_sigma
+            advance_solved_roots(mean, first, history.solver, 0, world, source, begun, steps, FIRST_ROOM)
         return SurrogateCarry(mean, roots, history, carry.step + steps)
 
     def belief(self, carry, scene):
@@ -83,7 +84,7 @@ class Surrogate(Propagator):
             contact_history=joined_history(carries, parts, frame),
         )
 
-    def fly(self, carry, flight):
+    def propagate_flight(self, carry, flight):
         A = transition(carry.mean[0], flight.course, False)
         return carry._replace(
             mean=flown(carry.mean, flight), roots=A @ carry.roots, step=carry.step + flight.steps

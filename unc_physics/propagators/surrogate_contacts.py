@@ -5,14 +5,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..physics.arrays import booleans, empty, zeros
-from ..physics.compiled import inner, kernel
-from ..physics.explicit_step import after_pair, before_drift, integrate, on_contacts
-from ..physics.layout import EP, ER, ERROR, EV, EW
-from ..physics.narrow_phase import DISTANCE, NORMAL, VOLUME
-from ..physics.rotation import cross, rotate, rotate_back, tangents
-from ..physics.transition import apply_drift_jacobian, write_printed_rotation
-from ..physics.workspace import workspace
+from ..collision.narrow_phase import DISTANCE, NORMAL, VOLUME
+from ..compiler import inner, kernel
+from ..compiler.arrays import booleans, empty, zeros
+from ..derivatives.transition import apply_drift_jacobian, write_printed_rotation
+from ..dynamics.explicit_step import after_pair, before_drift, integrate, on_contacts
+from ..dynamics.workspace import workspace
+from ..spatial.layout import EP, ER, ERROR, EV, EW
+from ..spatial.rotation import cross, rotate, rotate_back, tangents
 
 
 class Spread(NamedTuple):
@@ -51,7 +51,7 @@ class Spread(NamedTuple):
     torque: np.ndarray
 
 
-@kernel
+@kernel(noinline=True)
 def spread_of(roots, moving, k_sigma):
     """What the surrogate works on, for some roots (M, 12, 12) and bodies that are ``moving`` (B,)."""
     count = len(moving)

@@ -10,20 +10,20 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from .client import Client as Client
     from .lifecycle_node import UncPhysicsLifecycleNode as UncPhysicsLifecycleNode
+    from .messages.planning_scene import scene_of_planning_scene as scene_of_planning_scene
     from .node import UncPhysicsNode as UncPhysicsNode
-    from .planning_scene import scene_of_planning_scene as scene_of_planning_scene
 
 _MODULES = {
     "Client": "client",
     "UncPhysicsLifecycleNode": "lifecycle_node",
     "UncPhysicsNode": "node",
-    "scene_of_planning_scene": "planning_scene",
+    "scene_of_planning_scene": "messages.planning_scene",
 }
 __all__ = ["Client", "UncPhysicsLifecycleNode", "UncPhysicsNode", "scene_of_planning_scene"]
 
 
 def __getattr__(name):
-    """Import what is asked for only then: rclpy is not there everywhere."""
+    """Import a name on its first use: rclpy is optional."""
     if name not in _MODULES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     return getattr(importlib.import_module(f".{_MODULES[name]}", __name__), name)

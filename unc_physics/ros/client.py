@@ -1,10 +1,10 @@
-"""A client of the node for those who have a `Scene` and a `Belief`: the library's own call, over ROS."""
+"""A client of the node with the arguments and results of the library: scenes, beliefs, predictions."""
 
 from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import replace
 from os import PathLike
@@ -15,35 +15,35 @@ from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
 from unc_physics_msgs.action import PredictLong
-from unc_physics_msgs.msg import Candidate, ModelInfo, ModelList, PredictionRequest, Result
+from unc_physics_msgs.msg import Candidate, ModelInfo, ModelList, PredictionRequest
 from unc_physics_msgs.srv import GetCapabilities, ListModels, LoadModel, Predict, PredictCandidates
 
 from ..checks.errors import (
+    DuplicateIdError,
     InvalidModelError,
     InvalidRequestError,
     LimitExceededError,
     NotSupportedError,
     UncPhysicsError,
     UnknownModelError,
-    error_of,
 )
 from ..checks.validation import instance, integer, positive
 from ..prediction.actions import Action, apply_action
-from ..prediction.events import Event
-from ..prediction.predict import check_supported, steps_of
+from ..prediction.events import OF_BODY, Event, Inside, Touches, checked_events
 from ..prediction.prediction import Prediction
 from ..prediction.rank import Ranking
-from ..prediction.regions import BoxRegion, checked_regions
+from ..prediction.request_checks import check_supported, steps_of
 from ..propagators.base import Propagator
 from ..propagators.names import DEFAULT, REFERENCE
 from ..propagators.registry import make_propagator
 from ..scene.belief import Belief
 from ..scene.scene import Scene
 from .connection import Connection
-from .prediction_reader import read_answer
-from .ranking_messages import changed_objects, read_ranking
-from .request_writer import Question, write_object, write_request
-from .scores import write_score
+from .messages.fields import read_error
+from .messages.prediction import read_answer
+from .messages.ranking import changed_objects, read_candidate, read_ranking, write_score
+from .messages.request import Query, RequestedOutputs, write_request
+from .messages.scene import write_object
 
 if TYPE_CHECKING:
     from typing_extensions import Self, Unpack
@@ -51,26 +51,25 @@ if TYPE_CHECKING:
 _LATCHED = QoSProfile(
     depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL
 )
-_THREADS = 8  # as the node's own: so many of its answers are waited for side by side
-_LOOK_AT_PACKING = 0.2  # s
+_THREADS = 8  # that wait for answers
+_PACKING_POLL_PERIOD = 0.2  # s
 
 
 class Options(TypedDict, total=False):
-    """The keywords of `Client.predict`, for those of its other methods that take them, too."""
+    """Keywords of `Client.predict` that other methods accept, too."""
 
     times: Sequence[float] | None
     seed: int | None
     samples: int | None
     max_computation_time: float | None
     keep_samples: int
-    regions: BoxRegion | Sequence[BoxRegion]
-    probabilities: bool
+    events: Iterable[Event]
     modes: bool
     joint_covariance: bool | None
 
 
 class Client:
-    """Asks a node what `unc_physics.predict` would answer, with the same arguments and the same answer.
+    """Predicts by a node, with the arguments and the result of `unc_physics.predict`.
 
     For example::
 
@@ -83,8 +82,8 @@ class Client:
     Parameters
     ----------
     node : rclpy Node, optional
-        Whose executor spins in another thread than those that call the client. By default the client has a
-        node, a context and a spinning thread of its own, which need no ``rclpy.init``.
+        Its executor must spin in another thread than the callers of the client. By default the client has its
+        own node, context and spinning thread, which need no ``rclpy.init``.
     server : str
         Name of the node that predicts.
     timeout : float
@@ -92,9 +91,9 @@ class Client:
 
     Notes
     -----
-    Methods block until the answer is there; those whose names end in ``_async`` return a
-    ``concurrent.futures.Future`` of it. rclpy's own futures cannot be waited for without an executor at hand;
-    these can, in any thread, and an asyncio program awaits them by ``asyncio.wrap_future``.
+    Methods block until the answer arrives; methods whose names end in ``_async`` return a
+    ``concurrent.futures.Future`` of it. Any thread can wait for such a future, without an executor, and an
+    asyncio program awaits it by ``asyncio.wrap_future``.
 
     Several threads may use one client.
     """
@@ -117,7 +116,7 @@ class Client:
         self.close()
 
     def close(self) -> None:
-        """Wait no longer for answers, and take everything back; a node that was given stays as it was."""
+        """Stop waiting for answers, and release everything; a given node is kept."""
         if not self._connection.end():
             return
         self._pool.shutdown(cancel_futures=True)
@@ -136,45 +135,42 @@ class Client:
         samples: int | None = None,
         max_computation_time: float | None = None,
         keep_samples: int = 0,
-        regions: BoxRegion | Sequence[BoxRegion] = (),
-        probabilities: bool = False,
+        events: Iterable[Event] = (),
         modes: bool = False,
         joint_covariance: bool | None = None,
     ) -> Prediction:
-        """Predict where the bodies of a scene will be, and how surely.
+        """Predict where the bodies of a scene will be, and how certain that is.
 
-        What the answer's methods tell beyond means and covariances must be asked for here.
+        Results beyond means and covariances must be requested here.
 
         Parameters
         ----------
         scene : Scene
-            In the node's world frame. All of its physics is sent; the node's parameters do not count.
+            In the node's world frame. All of its physics is sent, and replaces the node's parameters.
         belief : Belief
         propagator : str or Propagator
         horizon : float, optional
             [s]
         times : sequence of float, optional
-            Times at which a belief is wanted [s], ascending, as for `unc_physics.predict`. The node computes
-            at all multiples of their greatest common divisor.
+            Times of the beliefs [s], ascending, as for `unc_physics.predict`. The node computes at all
+            multiples of their greatest common divisor.
         seed : int, optional
-            Of all draws; by default that of a `Propagator` that has one, and otherwise one that the node
-            chooses and `Prediction.seed` tells.
+            Of all draws; by default that of a `Propagator` with a seed, or else the node chooses one, which
+            is `Prediction.seed`.
         samples : int, optional
             Number of samples of a sampled propagator, in place of its own.
         max_computation_time : float, optional
             Wall time after which the prediction ends with an error [s].
         keep_samples : int, optional
-            How many samples to return at each of the times (`Prediction.kept`, and `Prediction.samples` at
-            the horizon), of any propagator. Messages hold their poses; their velocities are NaN.
-        regions : BoxRegion or sequence of BoxRegion, optional
-            That `PredictedBody.probability_in` will be asked for.
-        probabilities : bool
-            Whether `PredictedBody.contact_with` and `PredictedBody.rest_probability` will be.
+            Number of samples to return at each time (`Prediction.samples`), for any propagator. Messages hold
+            their poses; their velocities are NaN.
+        events : iterable of Event, optional
+            Events for `Prediction.probability` at the horizon, not combined and with their default limits.
         modes : bool
-            Whether `PredictedBody.modes` will be.
+            Whether to return `PredictedBody.modes`.
         joint_covariance : bool, optional
-            Whether beliefs hold the covariance of all bodies together, instead of each body's own; by default
-            where the propagator keeps it.
+            Whether beliefs hold the joint covariance of all bodies, instead of each body's own; by default if
+            the propagator estimates it.
 
         Returns
         -------
@@ -185,14 +181,14 @@ class Client:
         NotActiveError
             If no node of that name answers.
         UnknownModelError, InvalidModelError
-            If the node does not have the model of a body, or another one of its name.
+            If the node does not have the model of a body, or another one under its name.
         NotSupportedError
-            If messages have no room for what the scene holds.
+            If messages cannot describe a part of the scene.
         UncPhysicsError
-            What the node refuses, of the class that `unc_physics.predict` raises. The ``prediction`` of
+            The node's error, of the class that `unc_physics.predict` raises. The ``prediction`` of
             `PredictionTimeoutError` ends at the time reached.
         """
-        question = self._question(
+        query = self._query(
             scene,
             belief,
             propagator,
@@ -202,14 +198,13 @@ class Client:
             samples=samples,
             max_computation_time=max_computation_time,
             keep_samples=keep_samples,
-            regions=regions,
-            probabilities=probabilities,
+            events=events,
             modes=modes,
             joint_covariance=joint_covariance,
         )
-        request = self._request(question)
+        request = self._request(query)
         answer = self._connection.call(Predict, "predict", Predict.Request(request=request))
-        return read_answer(answer.result, answer.prediction, question)
+        return read_answer(answer.result, answer.prediction, query)
 
     def predict_async(
         self,
@@ -219,7 +214,7 @@ class Client:
         horizon: float | None = None,
         **options: Unpack[Options],
     ) -> Future[Prediction]:
-        """As `predict`, without waiting; the future raises what `predict` does."""
+        """As `predict`, without waiting; the future raises the errors of `predict`."""
         return self._pool.submit(self.predict, scene, belief, propagator, horizon, **options)
 
     def predict_candidates(
@@ -238,7 +233,7 @@ class Client:
         ----------
         scene : Scene
         candidates : mapping of str to Belief
-            One for each alternative, by a name of its own; each body is known independently of the others.
+            One for each alternative, by its name; with independent bodies.
         propagator, horizon, **options
             As for `predict`; the seed is one for all.
 
@@ -250,12 +245,12 @@ class Client:
         Raises
         ------
         UncPhysicsError
-            As `predict`, for the first candidate that has an error, which it names.
+            As `predict`; an error of a candidate names it.
         """
         if not candidates:
             raise InvalidRequestError("must name at least one candidate", field="candidates")
-        questions = {
-            name: self._question(scene, belief, propagator, horizon, **options)
+        queries = {
+            name: self._query(scene, belief, propagator, horizon, **options)
             for name, belief in candidates.items()
         }
         for name, belief in candidates.items():
@@ -264,7 +259,7 @@ class Client:
                     "must have a covariance for each body, not one of all together",
                     field=f"candidates['{name}']",
                 )
-        first = next(iter(questions.values()))
+        first = next(iter(queries.values()))
         request = PredictCandidates.Request(
             request=self._request(first),
             candidates=[
@@ -274,16 +269,10 @@ class Client:
         )
         answer = self._connection.call(PredictCandidates, "predict_candidates", request)
         if not answer.predictions:
-            raise error_of(answer.result.error_code or Result.INTERNAL, answer.result.error_msg)
-        found = {}
-        for told in answer.predictions:
-            try:
-                found[told.candidate] = read_answer(told.result, told.prediction, questions[told.candidate])
-            except UncPhysicsError as error:
-                named = type(error)(f"{error} in candidate '{told.candidate}'")
-                named.prediction = error.prediction
-                raise named from None
-        return found
+            raise read_error(answer.result)
+        return {
+            entry.candidate: read_candidate(entry, queries[entry.candidate]) for entry in answer.predictions
+        }
 
     def rank(
         self,
@@ -303,39 +292,38 @@ class Client:
         Parameters
         ----------
         scene, belief, actions, score, horizon, smallest_first
-            As for `unc_physics.rank`. Actions change bodies and what is known of them; the environment and
-            the physics are one for all.
+            As for `unc_physics.rank`. Actions change bodies and the belief about them, not the environment
+            and the physics.
         rollouts : int
-            Most of one action.
+            Largest number for one action.
         budget : int
-            Most of all actions together; 0 for that of `unc_physics.rank`.
+            Largest number of all actions together; 0 for the default of `unc_physics.rank`.
         **options
             As for `predict`, but for ``samples``.
 
         Returns
         -------
         Ranking
-            Its predictions answer what ``options`` ask for.
+            Its predictions have the results that ``options`` request.
 
         Raises
         ------
         NotSupportedError
-            If messages have no room for an action or the score.
+            If messages cannot describe an action or the score.
         UncPhysicsError
-            As `predict`, and for the first action that has an error, which it names.
+            As `predict`; an error of an action names it.
         """
         instance(actions, Mapping, "actions")
         instance(score, Event, "score")
         if not actions:
             raise InvalidRequestError("must name at least one action", field="actions")
         messages, asked = write_score(score, smallest_first)
-        regions = checked_regions(options.pop("regions", ()))
-        options["regions"] = [*regions, *(region for region in asked if region not in regions)]
+        options["events"] = [*options.get("events", ()), *asked]
         options["samples"] = _whole(rollouts, "rollouts", 32)
-        base = self._question(scene, belief, REFERENCE, horizon, **options)
+        base = self._query(scene, belief, REFERENCE, horizon, **options)
         fields = {name: f"actions[{name!r}]" for name in actions}
-        questions = {
-            name: self._question(
+        queries = {
+            name: self._query(
                 *apply_action(scene, belief, action, fields[name]), REFERENCE, horizon, **options
             )
             for name, action in actions.items()
@@ -343,14 +331,14 @@ class Client:
         request = PredictCandidates.Request(
             request=self._request(base),
             candidates=[
-                Candidate(id=name, objects=changed_objects(base, question, self._model_info, fields[name]))
-                for name, question in questions.items()
+                Candidate(id=name, objects=changed_objects(base, query, self._model_info, fields[name]))
+                for name, query in queries.items()
             ],
             score=messages,
             budget=_whole(budget, "budget", 32),
         )
         answer = self._connection.call(PredictCandidates, "predict_candidates", request)
-        return read_ranking(answer, questions, score, smallest_first)
+        return read_ranking(answer, queries, score, smallest_first)
 
     def predict_long(
         self,
@@ -363,16 +351,16 @@ class Client:
         cancel: threading.Event | None = None,
         **options: Unpack[Options],
     ) -> Prediction:
-        """As `predict`, by the node's action: without its time limit, with progress, and to be canceled.
+        """As `predict`, by the node's action: with a longer time limit, progress, and cancellation.
 
         Parameters
         ----------
         scene, belief, propagator, horizon, **options
             As for `predict`.
         progress : callable, optional
-            As for `unc_physics.predict`: called now and then with the number of steps done and of all steps.
-            What it raises ends the prediction; an `UncPhysicsError` then has a ``prediction`` that ends at
-            the time reached.
+            As for `unc_physics.predict`: called periodically with the number of steps done and of all steps.
+            An exception from it ends the prediction; an `UncPhysicsError` then has a ``prediction`` that ends
+            at the time reached.
         cancel : threading.Event, optional
             Ends the prediction when another thread sets it.
 
@@ -381,19 +369,19 @@ class Client:
         CanceledError
             After ``cancel``; its ``prediction`` ends at the time reached.
         UncPhysicsError
-            As `predict`, and what ``progress`` raises.
+            As `predict`, and exceptions from ``progress``.
         """
-        question = self._question(scene, belief, propagator, horizon, **options)
-        goal = PredictLong.Goal(request=self._request(question))
-        steps = question.steps[-1]
+        query = self._query(scene, belief, propagator, horizon, **options)
+        goal = PredictLong.Goal(request=self._request(query))
+        steps = query.steps[-1]
 
-        def look(feedback):
+        def report(feedback):
             if progress is not None:
                 progress(min(round(feedback.fraction_done * steps), steps), steps)
 
-        answer, stopped = self._connection.run(PredictLong, "predict_long", goal, look, cancel)
+        answer, stopped = self._connection.run(PredictLong, "predict_long", goal, report, cancel)
         try:
-            prediction = read_answer(answer.result, answer.prediction, question)
+            prediction = read_answer(answer.result, answer.prediction, query)
         except UncPhysicsError as error:
             if stopped is None:
                 raise
@@ -415,17 +403,17 @@ class Client:
         cancel: threading.Event | None = None,
         **options: Unpack[Options],
     ) -> Future[Prediction]:
-        """As `predict_long`, without waiting; ``cancel`` is how to end it."""
+        """As `predict_long`, without waiting; set ``cancel`` to end it."""
         return self._pool.submit(
             self.predict_long, scene, belief, propagator, horizon, progress=progress, cancel=cancel, **options
         )
 
     def capabilities(self) -> GetCapabilities.Response:
-        """Propagators with their traits and options, features, limits, physics and versions of the node."""
+        """Return the node's propagators with traits and options, features, limits, physics and versions."""
         return self._connection.call(GetCapabilities, "get_capabilities", GetCapabilities.Request())
 
     def models(self) -> dict[str, ModelInfo]:
-        """The models that the node knows, by name."""
+        """Return the models of the node by name."""
         answer = self._connection.call(ListModels, "list_models", ListModels.Request())
         self._keep_models(answer)
         return dict(self._models)
@@ -433,38 +421,38 @@ class Client:
     def load_model(
         self, path: str | PathLike[str], name: str = "", *, replace: bool = False, spheres: int = 0
     ) -> ModelInfo:
-        """Let the node read a model's file or pack a mesh; returns when the model is ready.
+        """Let the node read a model's file or pack a mesh; return when the model is ready.
 
         Parameters
         ----------
         path : path
-            Of an ``.npz`` or a mesh, where the node runs.
+            Of an ``.npz`` or a mesh, on the node's machine.
         name : str, optional
-            By default that in the file, or the file's.
+            By default the name in the file, or the file's name.
         replace : bool
             Whether it may replace a model of that name.
         spheres : int, optional
-            Of a mesh: how many to pack it with; by default the node's number.
+            Number of spheres of a mesh; by default the node's number.
 
         Raises
         ------
         InvalidModelError, InvalidMeshError, DuplicateIdError
-            For a file that is no model, or a name that is taken.
+            If the file is not a model, or the name is taken.
         """
         request = LoadModel.Request(path=str(path), name=name, replace=replace, spheres=spheres)
         answer = self._connection.call(LoadModel, "load_model", request)
         if answer.result.error_code:
-            raise error_of(answer.result.error_code, answer.result.error_msg)
+            raise read_error(answer.result)
         info = answer.model
         while info.status == ModelInfo.STATUS_PACKING:
-            time.sleep(_LOOK_AT_PACKING)
+            time.sleep(_PACKING_POLL_PERIOD)
             info = self.models()[info.name]
         self.models()
         if info.status == ModelInfo.STATUS_FAILED:
             raise InvalidModelError(f"could not be loaded: {info.status_msg}", field=info.name)
         return info
 
-    def _question(
+    def _query(
         self,
         scene,
         belief,
@@ -476,12 +464,11 @@ class Client:
         samples=None,
         max_computation_time=None,
         keep_samples=0,
-        regions=(),
-        probabilities=False,
+        events=(),
         modes=False,
         joint_covariance=None,
-    ) -> Question:
-        """The arguments of `predict`, checked."""
+    ) -> Query:
+        """Return the checked arguments of `predict`."""
         instance(scene, Scene, "scene")
         instance(belief, Belief, "belief")
         instance(propagator, (str, Propagator), "propagator")
@@ -498,7 +485,9 @@ class Client:
         )
         check_supported(scene, propagator)
         allowed = max_computation_time
-        return Question(
+        regions, probabilities = _split_events(checked_events(events, scene))
+        joint = propagator.traits.cross_body if joint_covariance is None else bool(joint_covariance)
+        return Query(
             scene,
             belief,
             propagator,
@@ -506,22 +495,20 @@ class Client:
             steps_of(scene, horizon, times),
             None if allowed is None else positive(allowed, "max_computation_time"),
             _whole(keep_samples, "keep_samples", 32),
-            checked_regions(regions),
-            bool(probabilities),
-            bool(modes),
-            propagator.traits.cross_body if joint_covariance is None else bool(joint_covariance),
+            regions,
+            RequestedOutputs(not joint, joint, probabilities, bool(modes)),
         )
 
-    def _request(self, question: Question) -> PredictionRequest:
-        """The message, after a look at the node's models again where one seems to be another."""
+    def _request(self, query: Query) -> PredictionRequest:
+        """Return the message; if a model seems to differ, fetch the node's models again."""
         try:
-            return write_request(question, self._model_info)
+            return write_request(query, self._model_info)
         except InvalidModelError:
             self.models()
-            return write_request(question, self._model_info)
+            return write_request(query, self._model_info)
 
     def _changed(self, scene, base, belief):
-        """States of the bodies that a belief tells otherwise than the base."""
+        """Return the messages of the bodies whose state differs from the base."""
         differs = (base.mean != belief.mean).any(axis=1)
         for b in scene.moving.tolist():
             differs[b] |= not np.array_equal(base.marginal(b), belief.marginal(b))
@@ -540,8 +527,37 @@ class Client:
         self._models = {info.name: info for info in message.models}
 
 
+def _split_events(events):
+    """Return the regions of some events, and whether there are events without a region.
+
+    Raises
+    ------
+    DuplicateIdError
+        If two regions have one name.
+    NotSupportedError
+        If an event has no message.
+    """
+    regions, others = {}, False
+    for event in events:
+        if isinstance(event, Inside):
+            region = regions.setdefault(event.region.name, event.region)
+            if event != Inside(event.object, region):
+                raise DuplicateIdError("is the name of two regions", field="events", value=region.name)
+        elif isinstance(event, Touches) or (
+            len(event.names) == 1 and any(event == kind(*event.names) for kind in OF_BODY.values())
+        ):
+            others = True
+        else:
+            raise NotSupportedError(
+                "has no message; ask for events that are not combined, with their usual limits",
+                field="events",
+                value=str(event),
+            )
+    return tuple(regions.values()), others
+
+
 def _whole(value, field, bits):
-    """A number that a message's field of so many bits can hold."""
+    """Return a number that fits in a message's field of so many bits."""
     value = integer(value, field, low=0)
     if value >= 2**bits:
         raise LimitExceededError(f"must be below 2^{bits}", field=field, value=value)

@@ -17,20 +17,20 @@ from rclpy.node import Node
 
 from ..checks.errors import InvalidRequestError, NotActiveError, UncPhysicsError
 
-_LOOK = 1.0  # s, between looks whether the node is still there
-_LOOK_FOR_CANCEL = 0.05  # s
+_POLL_PERIOD = 1.0  # s, between checks whether the node is still there
+_CANCEL_POLL_PERIOD = 0.05  # s
 _DONE = object()
 
 
 class Connection:
-    """Calls what a node offers; several threads may.
+    """Calls the services and actions of a node, from any number of threads.
 
     Parameters
     ----------
     node : rclpy Node, optional
-        Whose executor spins in another thread; by default one of its own, with a context and a thread.
+        Its executor must spin in another thread; by default the connection has its own node and thread.
     server : str
-        Name of the node that is called.
+        Name of the called node.
     timeout : float
         How long to wait for it to appear [s].
     """
@@ -52,14 +52,14 @@ class Connection:
         self.node = node
 
     def end(self) -> bool:
-        """Let nobody wait any longer; whether anybody could until now."""
+        """End all waits; return whether the connection was open."""
         with self._lock:
             first = not self._closed.is_set()
             self._closed.set()
             return first
 
     def close(self) -> None:
-        """Take everything back; a node that was given stays as it was."""
+        """Release everything; a given node is kept."""
         self.end()
         if self._own is not None:
             _, executor, thread = self._own
@@ -72,14 +72,14 @@ class Connection:
             self._own[0].try_shutdown()
 
     def call(self, service_type: Any, name: str, request: Any) -> Any:
-        """The answer to a request of the service ``~/name``.
+        """Return the answer to a request of the service ``~/name``.
 
         Raises
         ------
         NotActiveError
-            If nobody offers it, or goes away before answering.
+            If no node offers it, or the node ends before it answers.
         InvalidRequestError
-            If the node that was given is in no executor.
+            If the given node is in no executor.
         """
         name = f"{self._server}/{name}"
         client = self._client(name, lambda: self.node.create_client(service_type, name))
@@ -93,26 +93,26 @@ class Connection:
         action_type: Any,
         name: str,
         goal: Any,
-        look: Callable[[Any], object],
+        on_feedback: Callable[[Any], object],
         cancel: threading.Event | None,
     ) -> tuple[Any, UncPhysicsError | None]:
-        """Have the action ``~/name`` reach a goal.
+        """Send a goal to the action ``~/name`` and wait for the result.
 
         Parameters
         ----------
         action_type : type
         name : str
         goal : message
-        look : callable
-            Takes feedback, in the calling thread. What it raises cancels the goal.
+        on_feedback : callable
+            Takes feedback, in the calling thread. An exception from it cancels the goal.
         cancel : threading.Event or None
-            Cancels the goal, too, when it is set.
+            Cancels the goal when it is set.
 
         Returns
         -------
         result : message
         stopped : UncPhysicsError or None
-            What ``look`` raised, of the library's errors; others are raised at once.
+            The library's error from ``on_feedback``; other exceptions are raised at once.
 
         Raises
         ------
@@ -125,7 +125,9 @@ class Connection:
             raise self._nobody(name)
         events: queue.SimpleQueue = queue.SimpleQueue()
         sent = self._begin(
-            lambda: action.send_goal_async(goal, feedback_callback=lambda told: events.put(told.feedback)),
+            lambda: action.send_goal_async(
+                goal, feedback_callback=lambda message: events.put(message.feedback)
+            ),
             name,
             action.server_is_ready,
         )
@@ -139,49 +141,51 @@ class Connection:
             return self._executor().create_task(handle.cancel_goal_async)
 
         try:
-            stopped = self._follow(events, name, action.server_is_ready, look, cancel, end)
+            stopped = self._follow(events, name, action.server_is_ready, on_feedback, cancel, end)
         except BaseException:
-            _done(end()).wait(_LOOK)  # it must be sent before the connection is closed
+            _done(end()).wait(_POLL_PERIOD)  # it must be sent before the connection is closed
             raise
         answer = result.result()
         if answer.status == GoalStatus.STATUS_UNKNOWN:
             raise self._gone(name)
         return answer.result, stopped
 
-    def _follow(self, events, name, ready, look, cancel, end):
-        """Show feedback until the action is done; the error that ended it, if any of the library's did."""
-        stopped, canceled, looked = None, False, time.monotonic()
+    def _follow(self, events, name, ready, on_feedback, cancel, end):
+        """Pass on feedback until the action is done; return the library's error that ended it, if any."""
+        stopped, canceled, checked = None, False, time.monotonic()
         while True:
             if cancel is not None and cancel.is_set() and not canceled:
                 canceled = True
                 end()
             try:
-                event = events.get(timeout=_LOOK if cancel is None or canceled else _LOOK_FOR_CANCEL)
+                event = events.get(
+                    timeout=_POLL_PERIOD if cancel is None or canceled else _CANCEL_POLL_PERIOD
+                )
             except queue.Empty:
                 event = None
             if event is _DONE:
                 return stopped
             if event is not None and stopped is None:
                 try:
-                    look(event)
+                    on_feedback(event)
                 except UncPhysicsError as error:
                     stopped, canceled = error, True
                     end()
-            if time.monotonic() - looked > _LOOK:
-                looked = time.monotonic()
+            if time.monotonic() - checked > _POLL_PERIOD:
+                checked = time.monotonic()
                 self._check(name, ready)
 
     def _begin(self, start, name, ready):
-        """The rclpy future that a call to an action's client gives.
+        """Return the rclpy future of a call to an action's client.
 
-        The thread that spins makes the call: rclpy drops an answer that comes before the call has returned.
+        The spinning thread makes the call: rclpy drops an answer that comes before the call has returned.
         """
         return self._wait(self._executor().create_task(start), name, ready)
 
     def _wait(self, future, name, ready):
-        """The result of an rclpy future that the spinning thread completes."""
+        """Wait for an rclpy future, which the spinning thread completes."""
         done = _done(future)
-        while not done.wait(_LOOK):
+        while not done.wait(_POLL_PERIOD):
             self._check(name, ready)
         return future.result()
 
@@ -200,7 +204,7 @@ class Connection:
         return self.node.executor
 
     def _check(self, name, ready):
-        """Raise `NotActiveError` if no answer is to be waited for any more."""
+        """Raise `NotActiveError` if no answer can come any more."""
         self._check_open()
         if not ready():
             raise self._gone(name)
@@ -221,16 +225,16 @@ class Connection:
 
 
 def _done(future):
-    """An event that is set when an rclpy future is done."""
+    """Return an event that is set when an rclpy future is done."""
     event = threading.Event()
     future.add_done_callback(lambda _: event.set())
     return event
 
 
 def spin(executor: Executor) -> None:
-    """Run an executor until it or its context is shut down, whatever other threads destroy meanwhile.
+    """Run an executor until it or its context is shut down, even if other threads destroy entities.
 
-    rclpy passes over a subscription or a client that is gone, but stops at the events of one.
+    rclpy skips a destroyed subscription or client, but raises at its events.
     """
     ended = False
     while not ended:

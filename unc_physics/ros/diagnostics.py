@@ -1,12 +1,12 @@
-"""Diagnostics on ``/diagnostics``: how often, how late and how long predictions are, and what went wrong
-last.
+"""Diagnostics on ``/diagnostics``, and the library's messages in the node's log.
 
-The messages are made here, and not by diagnostic_updater: that declares parameters on the node, which it can
-do once only, and which a node that the server is put on may have declared itself.
+The messages are made here and not by diagnostic_updater. That declares parameters on the node, which works
+only once, and the node may have declared them itself.
 """
 
 from __future__ import annotations
 
+import logging
 import threading
 import time
 from collections import deque
@@ -14,6 +14,7 @@ from collections import deque
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.clock import Clock, ClockType
 
+LIBRARY = logging.getLogger("unc_physics")
 _PERIOD = 1.0  # s
 _WINDOW = 10.0  # s
 
@@ -106,3 +107,26 @@ class Diagnostics:
         message = DiagnosticArray(status=[status])
         message.header.stamp = node.get_clock().now().to_msg()
         self._publisher.publish(message)
+
+
+class LibraryLog(logging.Handler):
+    """Passes the library's messages on to a node's logger, until it is closed.
+
+    Parameters
+    ----------
+    log : rclpy logger
+    """
+
+    def __init__(self, log):
+        super().__init__()
+        self._log = log
+        LIBRARY.addHandler(self)
+
+    def emit(self, record):
+        """Log one message; rclpy ties a severity to each call in the source, so all have the same."""
+        self._log.info(record.getMessage())
+
+    def close(self):
+        """Stop."""
+        LIBRARY.removeHandler(self)
+        super().close()

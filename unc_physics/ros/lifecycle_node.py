@@ -11,8 +11,9 @@ from .node import ServingNode, leave, run
 
 
 class UncPhysicsLifecycleNode(ServingNode, LifecycleNode):
-    """The prediction server on a lifecycle node, for any executor; what goes wrong in a transition is logged,
-    and the transition fails.
+    """The prediction server on a lifecycle node, for any executor.
+
+    An error in a transition is logged, and the transition fails.
     """
 
     def on_configure(self, state):
@@ -24,15 +25,15 @@ class UncPhysicsLifecycleNode(ServingNode, LifecycleNode):
         return self._attempt(self.server.open)
 
     def on_deactivate(self, state):
-        """Take everything back; running predictions end."""
+        """Withdraw everything; running predictions end."""
         return self._attempt(lambda: self.server.close("is being deactivated"))
 
     def on_cleanup(self, state):
-        """Nothing is kept open."""
+        """Do nothing: nothing is open."""
         return TransitionCallbackReturn.SUCCESS
 
     def on_shutdown(self, state):
-        """Take everything back."""
+        """Withdraw everything."""
         return self._attempt(self.server.close)
 
     def _attempt(self, step):

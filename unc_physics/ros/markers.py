@@ -1,19 +1,18 @@
-"""What RViz draws of a prediction: ``~/markers`` of requests, ``~/stream_markers`` of streamed scenes."""
+"""Markers of predictions for RViz: ``~/markers`` of requests, ``~/stream_markers`` of streamed scenes."""
 
 from __future__ import annotations
 
 import functools
 
 import numpy as np
-from geometry_msgs.msg import Point
 from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker, MarkerArray
 
 from ..checks.errors import NotSupportedError
-from ..physics.layout import POSITION, QUATERNION
-from ..physics.rotation import rotation_matrix
 from ..scene.environment import Box, Capsule, Cylinder, Plane, Sphere, element_names
-from .durations import duration
+from ..spatial.layout import POSITION, QUATERNION
+from ..spatial.rotation import rotation_matrix
+from .messages.fields import duration, point_message, pose_message, xyz, xyzw
 
 _COLORS = ((0.16, 0.45, 0.72), (0.85, 0.42, 0.14), (0.24, 0.60, 0.30), (0.58, 0.40, 0.74), (0.75, 0.22, 0.25))
 _SIGMAS = 2.0  # half axes of ellipsoids and fans
@@ -27,36 +26,33 @@ _SLAB = 4.0, 0.01  # m, sides and thickness of what stands for a half-space
 
 
 class MarkerTopic:
-    """Publishes markers of each prediction, if anyone listens; they replace those before on its topic."""
+    """Publishes markers of each prediction if the topic has subscribers; they replace the previous ones."""
 
     def __init__(self, server, topic: str):
         self._server = server
         self._publisher = server.node.create_publisher(MarkerArray, topic, 1)
 
     def close(self):
-        """Take the topic back."""
+        """Withdraw the topic."""
         self._server.node.destroy_publisher(self._publisher)
 
     def publish(self, header, job, answer) -> None:
-        """Publish the markers of a prediction; the header's stamp stays, as RViz shows nothing
-        of the future.
-        """
+        """Publish the markers of a prediction with the stamp of its start: RViz hides future markers."""
         if self._publisher.get_subscription_count():
             self._publisher.publish(markers(header, job, answer, self._server.settings))
 
 
 def markers(header, job, answer, settings) -> MarkerArray:
-    """Markers of a prediction, after one that removes those before.
+    """Return the markers of a prediction, after one that deletes the previous ones.
 
     Parameters
     ----------
     header : Header
-        Its stamp is taken.
+        Its stamp is used.
     job : Job
     answer : unc_physics_msgs/Prediction
     settings : Settings
-        ``markers`` names what is drawn of each object, and of the environment; ``marker_lifetime`` says for
-        how long.
+        ``markers`` selects the kinds of markers, ``marker_lifetime`` is how long they are shown.
 
     Notes
     -----
@@ -87,13 +83,13 @@ def markers(header, job, answer, settings) -> MarkerArray:
 
 @functools.singledispatch
 def _solids(element) -> list[Marker]:
-    """Markers that together look like an element of the environment."""
+    """Return the markers that draw an element of the environment."""
     raise NotSupportedError("has no marker", field="environment", value=type(element).__name__)
 
 
 @_solids.register
 def _(element: Plane):
-    """A slab, below the surface and near the frame's origin."""
+    """Draw a slab below the surface, near the frame's origin."""
     side, thickness = _SLAB
     return [_solid(Marker.CUBE, (side, side, thickness), element, (0.0, 0.0, -0.5 * thickness))]
 
@@ -115,21 +111,21 @@ def _(element: Cylinder):
 
 @_solids.register
 def _(element: Capsule):
-    """A cylinder and a ball at each of its ends: there is no marker of this shape."""
+    """Draw a cylinder with a ball at each end: no marker has this shape."""
     width, end = 2.0 * element.radius, 0.5 * element.length
     balls = [_solid(Marker.SPHERE, (width,) * 3, element, (0.0, 0.0, z)) for z in (-end, end)]
     return [_solid(Marker.CYLINDER, (width, width, element.length), element), *balls]
 
 
 def _solid(kind, size, element, center=(0.0, 0.0, 0.0)):
-    """A marker of a kind and size [m] about a point of an element's frame [m]."""
+    """Return a marker of a kind and size [m] at a point of an element's frame [m]."""
     marker = Marker(type=kind)
     marker.scale.x, marker.scale.y, marker.scale.z = size
     return _placed(marker, element.position + element.rotation @ center, _quaternion(element.rotation))
 
 
 def _marker(kind, job, k, last, color, cells):
-    """One marker of object k, whose last pose with covariance is given."""
+    """Return one marker of object k, from its last pose with covariance."""
     model = job.scene.bodies[k].model
     if kind == "initial":
         return _shape(model, *_initial_pose(job, k), color, 0.3, cells)
@@ -139,7 +135,7 @@ def _marker(kind, job, k, last, color, cells):
 
 
 def _initial_pose(job, k):
-    """Position and quaternion of the model's origin at the start."""
+    """Return position and quaternion of the model's origin at the start."""
     state = job.belief.mean[k]
     return state[POSITION] + rotation_matrix(state[QUATERNION]) @ job.scene.bodies[k].model.origin, state[
         QUATERNION
@@ -147,29 +143,26 @@ def _initial_pose(job, k):
 
 
 def _pose(pose):
-    p, q = pose.position, pose.orientation
-    return np.array([p.x, p.y, p.z]), np.array([q.x, q.y, q.z, q.w])
+    return np.array(xyz(pose.position)), np.array(xyzw(pose.orientation))
 
 
 def _placed(marker, position, quaternion):
-    p, q = marker.pose.position, marker.pose.orientation
-    p.x, p.y, p.z = position.tolist()
-    q.x, q.y, q.z, q.w = quaternion.tolist()
+    marker.pose = pose_message(position, quaternion)
     return marker
 
 
 def _shape(model, position, quaternion, color, alpha, cells):
-    """The outside of a model as balls of one size, which is all that one marker can draw."""
+    """Draw the surface of a model as balls of one size, which fit in one marker."""
     points, size = _surface_cells(model, cells)
     marker = Marker(type=Marker.SPHERE_LIST, color=_color(color, alpha))
     marker.scale.x = marker.scale.y = marker.scale.z = _BALL * size
-    marker.points = [Point(x=x, y=y, z=z) for x, y, z in points.tolist()]
+    marker.points = [point_message(point) for point in points]
     return _placed(marker, position, quaternion)
 
 
 @functools.lru_cache(maxsize=256)
 def _surface_cells(model, cells):
-    """Centres (n, 3) of the cells at a packing's surface, from the model's origin, and their size [m].
+    """Return centres (n, 3) of the cells at a packing's surface, from the model's origin, and their size [m].
 
     Parameters
     ----------
@@ -197,7 +190,7 @@ def _surface_cells(model, cells):
 
 
 def _ellipsoid(pose, color):
-    """Two standard deviations of the position."""
+    """Draw two standard deviations of the position."""
     P = np.reshape(pose.covariance, (6, 6))[:3, :3]
     variances, axes = np.linalg.eigh(P)
     if np.linalg.det(axes) < 0.0:
@@ -210,7 +203,7 @@ def _ellipsoid(pose, color):
 
 
 def _fans(model, pose):
-    """Lines from the origin that show how far each axis of the model may tilt."""
+    """Draw two standard deviations of the tilt of each axis of the model, as lines from the origin."""
     position, quaternion = _pose(pose.pose)
     R = rotation_matrix(quaternion)
     P = np.reshape(pose.covariance, (6, 6))[3:, 3:]
@@ -223,27 +216,24 @@ def _fans(model, pose):
         ends = [arm]
         for variance, direction in zip(variances, directions.T, strict=True):
             tilt = _SIGMAS * np.sqrt(max(variance, 0.0)) * direction
-            ends += [_turned(arm, tilt), _turned(arm, -tilt)]
+            ends += [_rotated(arm, tilt), _rotated(arm, -tilt)]
         for end in ends:
             for point in (position, position + end):
-                x, y, z = point.tolist()
-                points.append(Point(x=x, y=y, z=z))
+                points.append(point_message(point))
                 colors.append(_color(_AXES[axis], 0.9))
     marker.points, marker.colors = points, colors
     return _placed(marker, np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0]))
 
 
-def _turned(v, rotation_vector):
-    """A vector turned about a rotation vector."""
+def _rotated(v, rotation_vector):
+    """Return a vector rotated by a rotation vector."""
     angle = np.linalg.norm(rotation_vector)
     half = rotation_vector * (0.5 if angle < 1e-9 else np.sin(0.5 * angle) / angle)
     return rotation_matrix(np.append(half, np.cos(0.5 * angle))) @ v
 
 
 def _quaternion(R):
-    """Unit quaternion (x, y, z, w) of a rotation matrix: the eigenvector of its largest eigenvalue
-    (Bar-Itzhack).
-    """
+    """Return the unit quaternion (x, y, z, w) of a rotation matrix, by the method of Bar-Itzhack."""
     K = np.array(
         [
             [R[0, 0] - R[1, 1] - R[2, 2], R[1, 0] + R[0, 1], R[2, 0] + R[0, 2], R[2, 1] - R[1, 2]],

@@ -1,28 +1,68 @@
-"""The models that objects of a request can refer to by name."""
+"""The models that objects refer to, and the shapes in messages, which are packed in the background.
+
+A request waits about a second for the packing of a new mesh, in a thread of its own. Streamed scenes leave an
+object out until it is packed.
+"""
 
 from __future__ import annotations
 
 import contextlib
 import functools
+import hashlib
 import os
 import tempfile
 import threading
+from collections import OrderedDict
+from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 
-from ..checks.errors import InvalidModelError, LimitExceededError, UnknownModelError
+import numpy as np
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from shape_msgs.msg import SolidPrimitive
+
+from unc_physics_msgs.msg import ModelInfo, ModelList
+from unc_physics_msgs.srv import ListModels, LoadModel
+
+from ..checks.errors import (
+    DuplicateIdError,
+    InvalidMeshError,
+    InvalidModelError,
+    InvalidRequestError,
+    LimitExceededError,
+    NotSupportedError,
+    PredictionTimeoutError,
+    UncPhysicsError,
+    UnknownModelError,
+)
+from ..checks.shown import printable
 from ..geometry.library import list_models
-from ..geometry.packing_file import SpherePacking
+from ..geometry.packing_file import SpherePacking, load_packing, save_packing
+from ..geometry.primitives import primitive
+from ..geometry.prisms import cone, prism
 from ..scene.body import tree_of
 from ..scene.scene_file import load_shape
-from .arriving_shapes import ArrivingShapes
+from .messages.environment import read_dimensions
+from .messages.fields import point_message
+from .services import BackgroundService
 
+#: Number of spheres of a shape if a message does not give it.
+DEFAULT_SPHERES = 300
+#: Longest time that a request waits for a packing [s].
+PACKING_TIMEOUT = 60.0
+#: Largest number of triangles of a mesh.
+MAX_TRIANGLES = 200_000
+_CACHED_SHAPES = 256
 _SCALES = 1e-6, 1e6
+_LATCHED = QoSProfile(
+    depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL
+)
+_DEFAULT_MODEL_SPHERES = 1000
 
 
 class ModelLibrary:
-    """Files of models by name; a name that is not known yet is looked for in the folder again.
+    """Files of models by name; an unknown name is looked for in the folder again.
 
-    A file is read once: one that changes later is read again when `add` names it.
+    A file is read once, and again after `add`.
 
     Parameters
     ----------
@@ -38,7 +78,7 @@ class ModelLibrary:
         self._lock = threading.Lock()
         self._paths: dict[str, Path] = {}
         self._shape = functools.lru_cache(maxsize=256)(load_shape)
-        self.arriving = ArrivingShapes()
+        self.shape_packer = ShapePacker()
         self._scan()
 
     @functools.cached_property
@@ -47,8 +87,8 @@ class ModelLibrary:
         return tempfile.TemporaryDirectory(prefix="unc_physics_models_")
 
     def discard(self) -> None:
-        """Delete what was packed at run time."""
-        self.arriving.close()
+        """Delete the meshes that were packed at run time."""
+        self.shape_packer.close()
         if "packed" in self.__dict__:
             self.packed.cleanup()
 
@@ -69,7 +109,7 @@ class ModelLibrary:
     def shape(
         self, model: str, spheres: int = 0, scale: float = 0.0, max_spheres: int | None = None
     ) -> SpherePacking:
-        """The packing of a model: its first ``spheres`` (0: all), its lengths times ``scale`` (0: 1).
+        """Return a model's first ``spheres`` (0: all), with lengths times ``scale`` (0: 1).
 
         Raises
         ------
@@ -99,13 +139,288 @@ class ModelLibrary:
             return self._paths[model]
 
     def add(self, name: str, path: Path) -> None:
-        """Let a name stand for a model file, whatever it stood for before."""
+        """Add a model file; it replaces one of the same name."""
         with self._lock:
             self._paths[name] = path
         self._shape.cache_clear()
 
     def prepare(self, name: str) -> SpherePacking:
-        """Read a model and build its sphere tree, so that the first request need not."""
+        """Read a model and build its sphere tree before the first request."""
         packing = self.shape(name)
         tree_of(packing)
         return packing
+
+
+class ShapePacker:
+    """Packs shapes in a thread of its own, and caches packings by the hash of the shape."""
+
+    def __init__(self):
+        self._packer = ThreadPoolExecutor(1, thread_name_prefix="packing")
+        self._lock = threading.Lock()
+        self._packings: OrderedDict[str, Future[SpherePacking]] = OrderedDict()
+
+    def close(self) -> None:
+        """Begin no other packing; a running one ends by itself."""
+        self._packer.shutdown(wait=False, cancel_futures=True)
+
+    def of_mesh(self, message, spheres: int, field: str, wait: bool = True) -> SpherePacking:
+        """Return the packing of a closed mesh.
+
+        Parameters
+        ----------
+        message : shape_msgs/Mesh
+            [m]
+        spheres : int
+            Number of spheres; 0 takes `DEFAULT_SPHERES`.
+        field : str
+            Name in error messages.
+        wait : bool
+            Whether to wait for the packing, `PACKING_TIMEOUT` at most.
+
+        Raises
+        ------
+        InvalidMeshError, LimitExceededError
+            If it does not enclose a solid, or is too large.
+        PredictionTimeoutError
+            If it is still being packed after that time.
+        UnknownModelError
+            If it is not packed yet, without waiting.
+        NotSupportedError
+            If the node cannot pack meshes.
+        """
+        triangles = np.array([entry.vertex_indices for entry in message.triangles], np.int64).reshape(-1, 3)
+        if len(triangles) > MAX_TRIANGLES:
+            raise LimitExceededError(
+                f"must be at most {MAX_TRIANGLES}", field=f"{field}.triangles", value=len(triangles)
+            )
+        vertices = np.array([(v.x, v.y, v.z) for v in message.vertices], float).reshape(-1, 3)
+        if len(triangles) and not 0 <= triangles.min() <= triangles.max() < len(vertices):
+            raise InvalidMeshError(
+                f"must be indices of the {len(vertices)} vertices", field=f"{field}.triangles"
+            )
+        return self._packed(vertices, triangles, spheres or DEFAULT_SPHERES, field, wait)
+
+    def of_primitive(self, message, spheres: int, field: str, wait: bool = True) -> SpherePacking:
+        """Return the packing of a primitive; arguments and errors are those of `of_mesh`."""
+        size = read_dimensions(message, field)
+        if message.type == SolidPrimitive.SPHERE:
+            return _ball(size[SolidPrimitive.SPHERE_RADIUS])
+        try:
+            vertices, triangles = _mesh(message, size)
+        except InvalidMeshError as error:
+            raise InvalidMeshError(error.problem, field=f"{field}.{error.field}", value=error.value) from None
+        except ImportError as error:
+            raise NotSupportedError(f"needs {error.name}, which the node lacks", field=field) from None
+        return self._packed(vertices, triangles, spheres or DEFAULT_SPHERES, field, wait)
+
+    def _packed(self, vertices, triangles, spheres, field, wait):
+        digest = hashlib.sha256(vertices.astype("<f8").tobytes() + triangles.astype("<i8").tobytes())
+        key = f"{digest.hexdigest()}_{spheres}"
+        with self._lock:
+            if key not in self._packings:
+                name = f"mesh_{digest.hexdigest()[:12]}"
+                self._packings[key] = self._packer.submit(_pack, name, vertices, triangles, spheres)
+                while len(self._packings) > _CACHED_SHAPES:
+                    self._packings.popitem(last=False)
+            self._packings.move_to_end(key)
+            future = self._packings[key]
+        if not wait and not future.done():
+            raise UnknownModelError("is being packed", field=field)
+        try:
+            return future.result(PACKING_TIMEOUT)
+        except UncPhysicsError as error:
+            raise type(error)(error.problem, field=field, value=error.value) from None
+        except TimeoutError:
+            raise PredictionTimeoutError(
+                f"is still being packed after {PACKING_TIMEOUT:g} s; ask again", field=field
+            ) from None
+
+
+class ModelTopics:
+    """``~/list_models``, ``~/load_model`` and the latched topic ``~/models``."""
+
+    def __init__(self, server):
+        self._server = server
+        self._packer = ThreadPoolExecutor(1)
+        self._packing: dict[str, ModelInfo] = {}  # meshes during packing, or with a failed packing
+        self._lock = threading.Lock()
+        self._loading = threading.Lock()
+        self._publisher = server.node.create_publisher(ModelList, "~/models", _LATCHED)
+        self._services = [
+            BackgroundService(server, ListModels, "~/list_models", self._list),
+            BackgroundService(server, LoadModel, "~/load_model", self._load),
+        ]
+        self._publish()
+
+    def close(self):
+        """Withdraw services and topic; a running packing ends by itself."""
+        for service in self._services:
+            service.close()
+        self._server.node.destroy_publisher(self._publisher)
+        self._packer.shutdown(wait=False, cancel_futures=True)
+
+    def _infos(self):
+        library = self._server.library
+        with self._lock:
+            infos = dict(self._packing)
+        for name, path in library.paths.items():
+            infos.setdefault(name, _info(library, name, path))
+        return [infos[name] for name in sorted(infos)]
+
+    def _publish(self):
+        message = ModelList(models=self._infos())
+        message.header.stamp = self._server.node.get_clock().now().to_msg()
+        message.header.frame_id = self._server.settings.world_frame
+        self._publisher.publish(message)
+
+    def _list(self, _, response):
+        response.models = self._infos()
+
+    def _load(self, request, response):
+        with self._server.errors_into(response.result), self._loading:
+            response.model = self._read(request)
+            self._publish()
+
+    def _read(self, request):
+        """Read a model file, or start to pack a mesh; return the model's entry."""
+        if not self._server.settings.allow_model_paths:
+            raise NotSupportedError(
+                "is not taken, as the parameter allow_model_paths is false", field="path", value=request.path
+            )
+        path = Path(request.path).expanduser()
+        if not request.path or not os.path.isfile(path):
+            raise InvalidRequestError("is no file on the node's machine", field="path", value=request.path)
+        library = self._server.library
+        if path.suffix == ".npz":
+            packing = load_packing(path)
+            name = request.name or packing.name or path.stem
+            self._refuse_taken(name, request.replace)
+            library.add(name, path)
+            library.prepare(name)
+            return _info(library, name, path)
+        limit = self._server.settings.max_spheres
+        if request.spheres > limit:
+            raise LimitExceededError(f"must be at most {limit}", field="spheres", value=request.spheres)
+        name = request.name or path.stem
+        self._refuse_taken(name, request.replace)
+        solid = _solid(path)
+        info = ModelInfo(
+            name=name, status=ModelInfo.STATUS_PACKING, status_msg="is being packed", path=str(path)
+        )
+        with self._lock:
+            self._packing[name] = info
+        self._packer.submit(
+            self._pack, name, path, solid, request.spheres or min(_DEFAULT_MODEL_SPHERES, limit)
+        )
+        return info
+
+    def _refuse_taken(self, name, replace):
+        with self._lock:
+            packing = self._packing.get(name)
+        if packing is not None and packing.status == ModelInfo.STATUS_PACKING:
+            raise DuplicateIdError("is being packed just now", field="name", value=name)
+        if not replace and name in self._server.library.paths:
+            raise DuplicateIdError(
+                "is the name of a model; set replace to replace it", field="name", value=name
+            )
+
+    def _pack(self, name, path, solid, spheres):
+        """Pack a mesh in the background and publish the list again."""
+        try:
+            from ..geometry.packing import pack_solid
+
+            # one thread: predictions have priority
+            packing = pack_solid(solid, spheres, threads=1)
+            handle, file = tempfile.mkstemp(suffix=".npz", dir=self._server.library.packed.name)
+            os.close(handle)
+            save_packing(file, packing)
+            self._server.library.add(name, Path(file))
+            self._server.library.prepare(name)
+            with self._lock:
+                del self._packing[name]
+        except Exception as error:  # noqa: BLE001  (no mesh may end the node)
+            reason = str(error) if isinstance(error, UncPhysicsError) else f"{type(error).__name__}: {error}"
+            self._server.log.error(printable(f"model '{name}' could not be packed: {reason}"))
+            with self._lock:
+                self._packing[name] = ModelInfo(
+                    name=name, status=ModelInfo.STATUS_FAILED, status_msg=reason, path=str(path)
+                )
+        self._publish()
+
+
+def _mesh(message, size):
+    """Return vertices and triangles of a primitive."""
+    if message.type == SolidPrimitive.BOX:
+        return primitive("box", size)
+    if message.type == SolidPrimitive.PRISM:
+        polygon = np.array([(point.x, point.y) for point in message.polygon.points], float).reshape(-1, 2)
+        return prism(polygon, size[SolidPrimitive.PRISM_HEIGHT])
+    radius, height = size[SolidPrimitive.CYLINDER_RADIUS], size[SolidPrimitive.CYLINDER_HEIGHT]
+    return (
+        cone(radius, height)
+        if message.type == SolidPrimitive.CONE
+        else primitive("cylinder", (radius, height))
+    )
+
+
+@functools.lru_cache(maxsize=_CACHED_SHAPES)
+def _ball(radius):
+    """Return a ball, which is one sphere."""
+    return SpherePacking(
+        name="sphere",
+        centers=np.zeros((1, 3)),
+        radii=np.array([radius]),
+        inertia=0.4 * radius**2 * np.eye(3),
+        volume=4.0 / 3.0 * np.pi * radius**3,
+        origin=np.zeros(3),
+        bounding_radius=radius,
+    )
+
+
+def _pack(name, vertices, triangles, spheres):
+    """Return the packing; build its sphere tree, too, before the request."""
+    try:
+        from ..geometry.packing import pack_solid
+        from ..geometry.solid_mesh import make_solid
+
+        packing = pack_solid(make_solid(name, vertices, triangles), spheres, threads=1)
+    except ImportError as error:
+        raise NotSupportedError(f"needs {error.name}, which the node lacks, to be packed") from None
+    tree_of(packing)
+    return packing
+
+
+def _solid(path):
+    """Return the solid of a mesh; its errors belong to the answer of the request."""
+    try:
+        from ..geometry.solid_mesh import load_solid
+
+        solid, _ = load_solid(path)
+    except ImportError as error:
+        raise NotSupportedError(
+            f"is no model (.npz), and to read a mesh the node lacks {error.name}",
+            field="path",
+            value=str(path),
+        ) from None
+    return solid
+
+
+def _info(library, name, path):
+    """Return the entry of a model; of an unreadable one it has the reason."""
+    info = ModelInfo(name=name, status=ModelInfo.STATUS_READY, path=str(path))
+    try:
+        packing = library.shape(name)
+    except UncPhysicsError as error:
+        info.status, info.status_msg = ModelInfo.STATUS_FAILED, str(error)
+        return info
+    info.spheres = len(packing)
+    info.volume, info.fill = float(packing.volume), float(packing.fill)
+    info.bounding_radius = float(packing.bounding_radius)
+    radii = packing.radii[:, None]
+    info.bounds_min = point_message((packing.centers - radii).min(axis=0) - packing.origin)
+    info.bounds_max = point_message((packing.centers + radii).max(axis=0) - packing.origin)
+    info.mass = packing.mass or 0.0
+    info.center_of_mass = point_message(-packing.origin)
+    info.inertia = np.array(packing.inertia.ravel())
+    info.mesh_sha256 = packing.mesh_sha256 or ""
+    return info

@@ -1,4 +1,4 @@
-"""The executable ``unc_physics_node``: a node that predicts, up until SIGINT or SIGTERM."""
+"""The executable ``unc_physics_node``: a node that predicts until SIGINT or SIGTERM."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ except ImportError:  # an older rclpy
 from ..checks.errors import ErrorCode, InvalidOptionError, UncPhysicsError
 from .server import PredictionServer
 
-# Python's 5 ms would let other threads' bookkeeping hold up a prediction that is nearly done
+# Python's default of 5 ms delays a prediction by other threads' bookkeeping
 _SWITCH_INTERVAL = 5e-4  # s
-_LOOK = 0.5  # s, between looks whether the node is ready, or cannot be
-_SETTLED_WITHIN = 2.0  # s
-# until the process ends: an events executor that is freed while it knows callbacks aborts the process
+_POLL_PERIOD = 0.5  # s, between checks whether the node is ready or failed
+_SETTLING_TIMEOUT = 2.0  # s
+# kept until the process ends: freeing an events executor with callbacks aborts the process
 _ended_executors = []
 
 
@@ -44,7 +44,7 @@ class ServingNode(Node):
     ----------
     server : PredictionServer
     failed : Exception or None
-        What kept it from getting ready.
+        Why it did not get ready.
     """
 
     def __init__(self, node_name: str = "unc_physics", **others):
@@ -58,11 +58,11 @@ class ServingNode(Node):
         return self.server.is_open
 
     def close(self) -> None:
-        """End what is computed, and answer it."""
+        """End running predictions, and answer them."""
         self.server.close()
 
     def destroy_node(self):
-        """End what is computed, answer it, and destroy the node."""
+        """End running predictions, answer them, and destroy the node."""
         self.close()
         self.server.discard()
         super().destroy_node()
@@ -71,8 +71,8 @@ class ServingNode(Node):
 class UncPhysicsNode(ServingNode):
     """The prediction server on a plain node, for any executor.
 
-    It warms up in a thread of its own, and advertises its services when it is ready: meanwhile its executor
-    spins, and its parameters answer. `destroy_node` ends what it computes.
+    It warms up in a thread of its own, and then advertises its services. Meanwhile its executor spins, and
+    its parameters can be read. `destroy_node` ends running predictions.
     """
 
     def __init__(self, node_name: str = "unc_physics", **others):
@@ -83,7 +83,7 @@ class UncPhysicsNode(ServingNode):
     def _prepare(self):
         try:
             self.server.prepare()
-        except Exception as error:  # noqa: BLE001  (told by the thread that spins)
+        except Exception as error:  # noqa: BLE001  (logged by the spinning thread)
             self.failed = error
         while not self._ended.wait(0.01):  # it may not be in an executor yet
             if (executor := self.executor) is not None:
@@ -102,25 +102,24 @@ class UncPhysicsNode(ServingNode):
         self.get_logger().fatal(f"the node does not get ready: {self.failed}")
 
     def destroy_node(self):
-        """End what is computed, answer it, and destroy the node."""
+        """End running predictions, answer them, and destroy the node."""
         self._ended.set()
         super().destroy_node()
 
 
 def run(make_node, arguments=None, program="unc_physics_node") -> int:
-    """Spin a node until SIGINT, SIGTERM or the end of its context; returns the exit status.
+    """Spin a node until SIGINT, SIGTERM or the end of its context; return the exit status.
 
-    The node is closed while it still spins, so that all who wait are answered.
+    The node is closed while it still spins, so that it answers all requests.
 
     Parameters
     ----------
     make_node : callable
-        Makes the node. It says whether it ``is_ready``, has what keeps it from that as ``failed``, and ends
-        what it does when it is told to ``close``.
+        Makes the node, which has ``is_ready``, ``failed`` and ``close`` as a `ServingNode`.
     arguments : list of str, optional
         Command line with ROS arguments.
     program : str
-        Begins each error.
+        Name of the program, for errors.
     """
     stop, node, spinning = threading.Event(), None, None
     try:
@@ -131,11 +130,11 @@ def run(make_node, arguments=None, program="unc_physics_node") -> int:
         node = make_node()
         spinning = Spinning(node)
         frozen = False
-        while rclpy.ok() and node.failed is None and not stop.wait(_LOOK):
+        while rclpy.ok() and node.failed is None and not stop.wait(_POLL_PERIOD):
             if node.is_ready and not frozen:
                 frozen = True
                 gc.collect()
-                gc.freeze()  # what is there by now stays: collections need not look at it again
+                gc.freeze()  # garbage collections skip the objects that exist by now
         if node.failed is not None:
             raise node.failed
     except UncPhysicsError as error:
@@ -159,9 +158,9 @@ def run(make_node, arguments=None, program="unc_physics_node") -> int:
 
 
 def _init(arguments):
-    """Begin with rclpy; its exceptions for arguments that cannot be read are not public."""
+    """Initialize rclpy; its exceptions for invalid arguments are not public."""
     try:
-        # its handlers would take the middleware away from under what runs
+        # its signal handlers would shut down the middleware while predictions run
         rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
     except Exception as error:  # noqa: BLE001
         reason, *_ = str(error).removeprefix("failed to initialize rcl: ").partition(", at /")
@@ -169,7 +168,7 @@ def _init(arguments):
 
 
 class Spinning:
-    """A thread that spins a node, whatever callbacks raise.
+    """A thread that spins a node, also after exceptions in callbacks.
 
     Parameters
     ----------
@@ -186,21 +185,19 @@ class Spinning:
         while rclpy.ok() and not self._ended.is_set():
             try:
                 self._executor.spin_once(timeout_sec=1.0)  # spin() of the events executor is never idle
-            except Exception:  # noqa: BLE001  (rclpy's own: a client that goes away while an action answers it, say)
+            except Exception:  # noqa: BLE001  (rclpy's own, for example if the client of an action is gone)
                 if self._ended.is_set() or not rclpy.ok():
                     return
                 self._node.get_logger().error(f"a callback failed:\n{traceback.format_exc()}")
 
     def settle(self):
-        """Wait until the executor has taken up what was advertised just now: it fails where that is gone by
-        then.
-        """
+        """Wait until the executor has added the newest entities; it fails if they are destroyed before."""
         done = threading.Event()
         self._executor.create_task(done.set)
-        done.wait(_SETTLED_WITHIN)
+        done.wait(_SETTLING_TIMEOUT)
 
     def end(self):
-        """Return when the thread has ended."""
+        """End the thread."""
         self._ended.set()
         _ended_executors.append(self._executor)
         self._executor.shutdown()
@@ -208,9 +205,7 @@ class Spinning:
 
 
 def leave(status: int) -> None:
-    """End the process at once: all is closed by now, and the middleware's own clean-up at exit crashes now
-    and then.
-    """
+    """End the process without the middleware's clean-up at exit, which sometimes crashes."""
     sys.stdout.flush()
     sys.stderr.flush()
     os._exit(status)

@@ -1,16 +1,20 @@
-"""The node's parameters: one table with defaults, ranges and descriptions, and the settings that
-it yields.
+"""The node's parameters: one table with defaults, ranges and descriptions, and the settings.
+
+``python -m unc_physics.ros.parameters`` prints them as the file ``config/unc_physics.yaml``.
 """
 
 from __future__ import annotations
 
+import argparse
 import difflib
 import functools
 import math
+import sys
 from dataclasses import Field, dataclass, field, fields
 from types import SimpleNamespace
 from typing import Any
 
+import yaml
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor, SetParametersResult
 from rclpy.exceptions import InvalidTopicNameException
 from rclpy.validate_topic_name import validate_topic_name
@@ -24,11 +28,11 @@ from ..scene.materials import refuse_with_explicit
 from ..scene.physics_keys import INTEGRATORS, OVERLAPS, PHYSICS_KEYS, check_integrator
 from ..scene.presets import PRESETS
 from ..scene.stiffness import AUTO
-from .scene_reader import Doubts
+from .messages.scene import CovarianceDefaults
 
 _EVERYDAY = PRESETS["everyday"]
 _AUTO_OVERLAP = "auto"
-_REJECTING = names_where(lambda propagator: propagator.rejects_overlap)
+_REJECTING = names_where(lambda propagator: propagator.supports.overlap_rejection)
 
 
 def parameter(default, description, *, low=None, high=None, choices=(), read_only=False):
@@ -139,8 +143,8 @@ class Settings:
     max_regions: int = parameter(100, "Most regions of a request.", low=0, high=10_000)
     max_flight_steps: int = parameter(
         4_000,
-        "Most time steps, times the moving objects, for which probabilities are told by propagators without"
-        " samples; beyond, they are not available.",
+        "Most time steps, times the moving objects, for which flights up to the first contacts bound"
+        " probabilities; beyond, intervals are 0 to 1 for propagators without samples.",
         low=0,
         high=100_000_000,
     )
@@ -181,7 +185,7 @@ class Settings:
     )
     stream_propagator: str = parameter(DEFAULT, "Propagator for streamed scenes.", choices=tuple(PROPAGATORS))
     stream_probabilities: bool = parameter(
-        False, "Whether predictions of streamed scenes tell probabilities of contact and rest, too."
+        False, "Whether predictions of streamed scenes have probabilities of contact and rest."
     )
     max_input_age: float = parameter(
         0.5, "Streamed scenes whose stamp is older are dropped [s]; 0 takes all.", low=0.0, high=1e6
@@ -260,9 +264,9 @@ class Settings:
             raise InvalidOptionError("must not be empty", field="world_frame")
 
     @functools.cached_property
-    def doubts(self) -> Doubts:
+    def covariance_defaults(self) -> CovarianceDefaults:
         """What unknown covariances and covariances of zeros stand for."""
-        return Doubts.from_stds(
+        return CovarianceDefaults.from_stds(
             self.default_position_std,
             self.default_orientation_std,
             self.default_linear_velocity_std,
@@ -357,3 +361,49 @@ def _plain(value) -> Any:
     if value is None:
         return ()
     return value if isinstance(value, (str, bool, int, float)) else tuple(value)
+
+
+def parameter_table() -> str:
+    """Return all parameters as a Markdown table."""
+    lines = ["| parameter | default | range | what it is |", "|---|---|---|---|"]
+    for spec in fields(Settings):
+        meta = spec.metadata
+        if meta["choices"]:
+            allowed = ", ".join(meta["choices"])
+        else:
+            allowed = "" if meta["low"] is None else f"{meta['low']:g} to {meta['high']:g}"
+        name = f"`{spec.name}`" + (" (read-only)" if meta["read_only"] else "")
+        lines.append(f"| {name} | `{_default(spec)}` | {allowed} | {meta['description']} |")
+    return "\n".join(lines)
+
+
+def parameter_file() -> str:
+    """Return all parameters with their defaults as a parameter file."""
+    lines = [
+        "# All parameters of the node with their defaults; the documentation's reference has their ranges.",
+        "# Made by: python -m unc_physics.ros.parameters > config/unc_physics.yaml",
+        "/**:",
+        "  ros__parameters:",
+    ]
+    for spec in fields(Settings):
+        lines += [f"    # {spec.metadata['description']}", f"    {spec.name}: {_default(spec)}"]
+    return "\n".join(lines)
+
+
+def _default(spec):
+    """Return the default in YAML that ROS reads as the same type."""
+    value = list(spec.default) if isinstance(spec.default, tuple) else spec.default
+    text = yaml.safe_dump(value, default_flow_style=True, width=1000).removesuffix("...\n").strip()
+    return '""' if value == "" else text
+
+
+def main(arguments=None) -> int:
+    """Print the parameter file."""
+    parser = argparse.ArgumentParser(prog="unc_physics.ros.parameters", description=__doc__)
+    parser.parse_args(arguments)
+    print(parameter_file())
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,4 +1,4 @@
-"""What the node offers, on whatever kind of node it runs."""
+"""The node's services, action and topics, on any kind of node."""
 
 from __future__ import annotations
 
@@ -12,30 +12,35 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
+from unc_physics_msgs.msg import Prediction as PredictionMessage
 from unc_physics_msgs.msg import Result
 from unc_physics_msgs.srv import ListModels
 
 from ..checks.errors import CanceledError, ErrorCode, UncPhysicsError
 from ..checks.shown import printable
-from .background import HandOver
-from .candidates_service import CandidatesService
-from .capabilities_service import CapabilitiesService
-from .diagnostics import Diagnostics
-from .frames import Frames
-from .library_log import LibraryLog
-from .long_prediction import LongPrediction
+from ..prediction import warm_up as core
+from ..prediction.prediction import Prediction
+from .candidates import CandidatesService
+from .diagnostics import Diagnostics, LibraryLog
 from .markers import MarkerTopic
-from .model_topics import ModelTopics
-from .models import ModelLibrary
+from .messages.fields import write_error
+from .messages.frames import Frames
+from .messages.prediction import write_answer
+from .messages.request import Job, RequestedOutputs, read_request
+from .models import ModelLibrary, ModelTopics
 from .parameters import ParameterServer
-from .prediction_service import prediction_service
-from .requests import Job, Outcome, read_request, run, write_answer, write_error
-from .streaming import Stream
-from .warm_up import warm_up
+from .services import CapabilitiesService, DeferredAnswerCheck, LongPrediction, prediction_service
+from .streams import Stream
 
-_OFFERS = (ModelTopics, CapabilitiesService, CandidatesService, LongPrediction, Stream, prediction_service)
-# at most: they begin when they are needed. Predictions compute outside Python's global lock, in other
-# threads; what counts is that none that waits for a transform, say, keeps others waiting
+_INTERFACES = (
+    ModelTopics,
+    CapabilitiesService,
+    CandidatesService,
+    LongPrediction,
+    Stream,
+    prediction_service,
+)
+# at most. Predictions compute in numba's threads; these here mostly wait, for a transform for example
 _THREADS = 64
 _LONG_WARM_UP = 5.0  # s, of one propagator: worth a line in the log
 
@@ -59,9 +64,9 @@ class PredictionServer:
         self.diagnostics: Any = None
         self.markers: Any = None
         self.pool: ThreadPoolExecutor | None = None
-        self.hand_over: Any = None
+        self.deferred_answers: Any = None
         self.ending: str | None = None  # why predictions end
-        self._said_zeros = self._said_misspelt = False
+        self._warned_zeros = self._warned_misspelt = False
         self._opened = threading.Lock()
         self._open = []
 
@@ -86,13 +91,13 @@ class PredictionServer:
             f"warming up {', '.join(names) or 'nothing'}: seconds where its kernels are compiled, minutes at"
             " the very first start; services are advertised after that"
         )
-        warm_up(self.settings, self._said_warm)
+        _warm_up(self.settings, self._log_warm)
         self.log.info(
             f"warmed up in {time.perf_counter() - started:.1f} s; models:"
             f" {', '.join(self.library.paths) or 'none'}"
         )
 
-    def _said_warm(self, name, seconds):
+    def _log_warm(self, name, seconds):
         if seconds > _LONG_WARM_UP:
             self.log.info(f"{name} is warm after {seconds:.0f} s")
 
@@ -105,29 +110,28 @@ class PredictionServer:
             )
             self.diagnostics, self.markers = Diagnostics(self), MarkerTopic(self, "~/markers")
             self.pool = ThreadPoolExecutor(_THREADS, thread_name_prefix="requests")
-            self.hand_over = HandOver(self, ListModels, "~/list_models")
-            self._open = [self.hand_over, self.diagnostics, self.markers]
-            for offer in _OFFERS:
-                self._open.append(offer(self))
-        self._tell_misspelt()
+            self.deferred_answers = DeferredAnswerCheck(self, ListModels, "~/list_models")
+            self._open = [self.deferred_answers, self.diagnostics, self.markers]
+            for interface in _INTERFACES:
+                self._open.append(interface(self))
+        self._warn_misspelt()
         self.log.info("ready")
 
-    def _tell_misspelt(self):
-        """Warn of parameters that the node was started with and does not know; once."""
-        if not self._said_misspelt:
-            self._said_misspelt = True
+    def _warn_misspelt(self):
+        """Warn once of unknown parameters that the node was started with."""
+        if not self._warned_misspelt:
+            self._warned_misspelt = True
             for name, meant in self.parameters.misspelt().items():
                 hint = f"; is '{meant}' meant?" if meant else ""
                 self.log.warning(f"parameter '{name}' is unknown and has no effect{hint}")
 
     def close(self, why: str = "is shutting down") -> None:
-        """Take everything back; predictions that are being made end with the error CANCELED, and are answered
-        so.
+        """Withdraw everything; running predictions end with the error CANCELED.
 
         Parameters
         ----------
         why : str
-            What those errors say of the node.
+            The node's state in these errors.
         """
         self.ending = why
         with self._opened:
@@ -137,7 +141,7 @@ class PredictionServer:
                 self._open.pop().close()
 
     def discard(self) -> None:
-        """Delete what was written to disk, and leave the library's log; the last thing to do."""
+        """Delete files, and detach from the library's log; call it last."""
         self._library_log.close()
         if self.library is not None:
             self.library.discard()
@@ -147,14 +151,14 @@ class PredictionServer:
         if self.ending is not None:
             raise CanceledError(self.ending, field="the node")
 
-    def predict(self, job: Job, progress=None) -> Outcome:
-        """Run a job; `stop` ends it.
+    def predict(self, job: Job, progress=None) -> Prediction:
+        """Run a job; `close` ends it.
 
         Parameters
         ----------
         job : Job
         progress : callable, optional
-            Called now and then with the job, the steps done and all steps; what it raises ends the
+            Called periodically with the job, the steps done and all steps; an exception from it ends the
             prediction.
 
         Raises
@@ -162,25 +166,25 @@ class PredictionServer:
         UncPhysicsError
         """
 
-        def look(done, steps):
+        def report(done, steps):
             self.check_open()
             if progress is not None:
                 progress(job, done, steps)
 
-        if job.zeros_replaced and not self._said_zeros:
-            self._said_zeros = True
+        if job.zeros_replaced and not self._warned_zeros:
+            self._warned_zeros = True
             self.log.warning(
                 "a covariance of zeros was read as unknown and takes the defaults of the parameters; set "
-                "zero_covariance to 'exact' if it means exactly known (said once)"
+                "zero_covariance to 'exact' if it means exactly known (logged once)"
             )
-        outcome = run(job, look)
-        self.diagnostics.predicted(outcome.prediction)
-        return outcome
+        prediction = job.run(report, self.settings.max_flight_steps)
+        self.diagnostics.predicted(prediction)
+        return prediction
 
     def answer(self, message, request, *, progress=None, **how) -> Callable[[], None] | None:
-        """Predict what a request asks for, and write the answer or the error into ``message``; never raises.
+        """Predict, and write the answer or the error into ``message``; never raises.
 
-        Returns what may be done when the answer is on its way: to show its markers.
+        Returns a callable that publishes the markers, to be called after the answer is sent.
 
         Parameters
         ----------
@@ -205,7 +209,7 @@ class PredictionServer:
 
     @contextlib.contextmanager
     def errors_into(self, result: Result):
-        """Write what is raised inside into a request's result: whatever that holds, the node lives on."""
+        """Write an exception from inside into a request's result, so that no request ends the node."""
         try:
             yield
         except UncPhysicsError as error:
@@ -215,3 +219,23 @@ class PredictionServer:
             write_error(result, error)
         if result.error_code not in (ErrorCode.NONE, ErrorCode.CANCELED):
             self.diagnostics.failed(result.error_msg)
+
+
+def _warm_up(settings, done: Callable[[str, float], object]) -> None:
+    """Compile or load the kernels of the node's physics and propagators, and of its answers.
+
+    ``done`` is called with the name of each propagator and the time that it took [s].
+    """
+    begun = time.perf_counter()
+
+    def answer(scene, belief, propagator, horizon):
+        nonlocal begun
+        outputs = RequestedOutputs(True, propagator.traits.cross_body, True, True)
+        models = (core.MODEL,) * len(scene.bodies)
+        job = Job(scene, belief, (), models, propagator, horizon, None, None, 1, 2, outputs, False, {})
+        message = PredictionMessage()
+        write_answer(message, message.header, settings, job, job.run())
+        begun, before = time.perf_counter(), begun
+        done(propagator.name, begun - before)
+
+    core.warm_up(filter(None, settings.warm_up), settings.physics | {"stiffness": settings.stiffness}, answer)

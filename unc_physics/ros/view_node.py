@@ -1,4 +1,4 @@
-"""The executable ``unc_physics_view``: a page in the browser that shows what is streamed to the node."""
+"""The executable ``unc_physics_view``: a page in the browser that shows streamed scenes."""
 
 from __future__ import annotations
 
@@ -12,18 +12,18 @@ from rclpy.node import Node
 from ..checks.errors import UncPhysicsError
 from ..view.page import Page
 from ..view.session import Session, check_installed
-from .frames import Frames
+from .messages.frames import Frames
+from .messages.request import read_request
 from .models import ModelLibrary
 from .node import leave, run
 from .parameters import ParameterServer
-from .requests import read_request
-from .scene_topics import SceneTopics, out_of_time, request_of
+from .streams import SceneTopics, request_of, stamp_problem
 
-_OWN = {
-    "host": ("127.0.0.1", "Address that the page listens on; whoever reaches it can look."),
+_VIEW_PARAMETERS = {
+    "host": ("127.0.0.1", "Address that the page listens on; everybody who reaches it sees the page."),
     "port": (8080, "Port that the page listens on."),
-    "frames": (40, "How many times the page shows."),
-    "ghosts": (20, "How many samples it draws."),
+    "frames": (40, "Number of times that the page shows."),
+    "ghosts": (20, "Number of samples that it draws."),
 }
 _REPORT_PERIOD = 5.0  # s, between warnings in the log
 
@@ -31,13 +31,13 @@ _REPORT_PERIOD = 5.0  # s, between warnings in the log
 class ViewNode(Node):
     """Predicts the newest streamed scene as the prediction node does, and shows it.
 
-    It has that node's parameters, to be given the same file, and hears the same topics, which are below
-    ``unc_physics``. The page begins with the first scene.
+    It has the parameters of that node, and subscribes to the same topics, under ``unc_physics``. The page
+    opens with the first scene.
 
     Attributes
     ----------
     page : Page or None
-        None until a scene has come.
+        None until the first scene.
     """
 
     failed, is_ready = None, True
@@ -49,7 +49,7 @@ class ViewNode(Node):
             name: self.declare_parameter(
                 name, default, ParameterDescriptor(description=description, read_only=True)
             ).value
-            for name, (default, description) in _OWN.items()
+            for name, (default, description) in _VIEW_PARAMETERS.items()
         }
         self.page: Page | None = None
         self._opening = threading.Lock()  # sources have threads of their own
@@ -58,14 +58,14 @@ class ViewNode(Node):
         self.library = ModelLibrary(settings.models_dir, settings.allow_model_paths)
         self.frames = Frames(self, settings.world_frame, lambda: self.parameters.settings.transform_timeout)
         self.topics = SceneTopics(
-            self, self.parameters, self.library, self._look_at, lambda: None, "unc_physics"
+            self, self.parameters, self.library, self._show, lambda: None, "unc_physics"
         )
         self.get_logger().info("ready: waits for a scene")
 
-    def _look_at(self, scene):
+    def _show(self, scene):
         settings = self.parameters.settings
         try:
-            if (reason := out_of_time(self, scene.header.stamp, settings)) is not None:
+            if (reason := stamp_problem(self, scene.header.stamp, settings)) is not None:
                 self._warn(f"a scene was dropped: {reason}")
                 return
             job = read_request(request_of(scene, settings), settings, self.library, self.frames)
@@ -76,7 +76,7 @@ class ViewNode(Node):
                     self.page.follow(job.scene, job.belief)
         except UncPhysicsError as error:
             self._warn(f"a scene is not shown: {error}")
-        except Exception:  # noqa: BLE001  (whatever a scene holds, the next one is shown)
+        except Exception:  # noqa: BLE001  (no scene may end the node)
             self.get_logger().error(f"a fault of the node:\n{traceback.format_exc()}")
 
     def _open(self, job):
@@ -89,13 +89,13 @@ class ViewNode(Node):
         self.get_logger().warning(text, throttle_duration_sec=_REPORT_PERIOD)
 
     def close(self) -> None:
-        """Hear no more scenes, and close the page."""
+        """Unsubscribe, and close the page."""
         self.topics.close()
         if self.page is not None:
             self.page.close()
 
     def destroy_node(self):
-        """Delete what was written to disk, and destroy the node."""
+        """Delete files, and destroy the node."""
         self.library.discard()
         super().destroy_node()
 

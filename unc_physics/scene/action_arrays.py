@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..physics.actions import Actions, carry_along, no_actions, states_on_path
-from ..physics.layout import (
+from ..dynamics.actions import Actions, carry_along, no_actions, states_on_path
+from ..spatial.layout import (
     ANGULAR_VELOCITY,
     ERR_ANGULAR_VELOCITY,
     ERR_VELOCITY,
@@ -20,7 +20,7 @@ from ..physics.layout import (
     STATE,
     VELOCITY,
 )
-from ..physics.rotation import exp, multiply, rotation_matrix
+from ..spatial.rotation import exp, multiply, rotation_matrix
 from .belief import Belief
 
 if TYPE_CHECKING:

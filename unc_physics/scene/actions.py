@@ -11,8 +11,8 @@ import numpy as np
 from ..checks.array_field import Array, OptionalArray, array_field
 from ..checks.errors import InvalidRequestError, LimitExceededError
 from ..checks.validation import FARTHEST, array, flag, non_negative, number, numbers, positive, quaternion
-from ..physics.actions import rotation_between
-from ..physics.layout import ANGULAR_VELOCITY, POSITION, QUATERNION, STATE, VELOCITY
+from ..dynamics.actions import rotation_between
+from ..spatial.layout import ANGULAR_VELOCITY, POSITION, QUATERNION, STATE, VELOCITY
 
 #: Most poses of a path; the fastest that one may be, linear [m/s] and angular [rad/s], and how far it may
 #: turn from one pose to the next [rad], beyond which nobody knows about which axis.

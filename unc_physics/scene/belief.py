@@ -15,7 +15,7 @@ from ..checks.errors import InvalidCovarianceError, InvalidRequestError, NotFini
 from ..checks.memory import require_memory
 from ..checks.names import hint
 from ..checks.validation import array, covariance, instance, non_negative, numbers, point, quaternion
-from ..physics.layout import (
+from ..spatial.layout import (
     ANGULAR_VELOCITY,
     ERR_ANGULAR_VELOCITY,
     ERR_POSITION,
@@ -27,8 +27,8 @@ from ..physics.layout import (
     STATE,
     VELOCITY,
 )
-from ..physics.moments import pivoted_cholesky, spread_states
-from ..physics.rotation import rotation_matrix
+from ..spatial.moments import pivoted_cholesky, spread_states
+from ..spatial.rotation import rotation_matrix
 from .body_belief import BodyBelief
 
 if TYPE_CHECKING:
@@ -145,13 +145,18 @@ class Belief:
                 except InvalidRequestError as error:
                     field = f"{error.field} of body '{body.name}'"
                     raise InvalidRequestError(error.problem, field=field, value=error.value) from None
+        given = {
+            body.name: bodies[body.name].at_center_of_mass(body.model.origin)
+            for body in scene.bodies
+            if body.trajectory is None
+        }
         mean = np.array(
             [
-                bodies[body.name].state if body.trajectory is None else body.trajectory.states[0]
+                given[body.name].state if body.trajectory is None else body.trajectory.states[0]
                 for body in scene.bodies
             ]
         )
-        blocks = [bodies[body.name].covariance for body in scene.bodies if body.free]
+        blocks = [given[body.name].covariance for body in scene.bodies if body.free]
         belief = cls(mean, np.array(blocks).reshape(-1, ERROR, ERROR), scene.moving)
         belief.check_fits(scene)
         return belief

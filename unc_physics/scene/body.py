@@ -12,15 +12,16 @@ import numpy as np
 from ..checks.array_field import Array, MaybeArray, OptionalNumber, array_field
 from ..checks.errors import InvalidMassError, InvalidModelError, InvalidRequestError
 from ..checks.validation import array, flag, instance, non_negative, number, numbers, positive
+from ..collision import sphere_tree
+from ..collision.faces import Faces, flat_faces
+from ..collision.hull import hull_spheres
 from ..geometry.packing_file import SpherePacking, check_inertia
-from ..physics import sphere_tree
-from ..physics.hull import hull_spheres
 from .actions import PosePath, Wrench, six_stds
 from .materials import Surface, check_surface
 
 #: Lightest and heaviest mass [kg]: beyond, numbers run out.
 MASSES = 1e-50, 1e50
-_trees, _hulls = weakref.WeakKeyDictionary(), weakref.WeakKeyDictionary()
+_trees, _hulls, _faces = (weakref.WeakKeyDictionary() for _ in range(3))
 
 
 def known_mass(mass: float | None, model: SpherePacking, fixed: bool, field: str) -> float:
@@ -246,3 +247,10 @@ def hull_of(model: SpherePacking) -> np.ndarray:
     if model not in _hulls:
         _hulls[model] = hull_spheres(np.array(model.centers), np.array(model.radii))
     return _hulls[model]
+
+
+def faces_of(model: SpherePacking) -> Faces:
+    """Flat faces of a packing (`physics.faces.flat_faces`), kept as long as it."""
+    if model not in _faces:
+        _faces[model] = flat_faces(np.array(model.centers), np.array(model.radii), hull_of(model))
+    return _faces[model]

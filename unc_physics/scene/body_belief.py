@@ -7,10 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..checks.array_field import Array, OptionalArray, array_field
+from ..checks.array_field import Array, MaybeArray, OptionalArray, array_field
 from ..checks.errors import InvalidRequestError, NotFiniteError
 from ..checks.validation import array, covariance, non_negative, numbers, point, quaternion
-from ..physics.layout import (
+from ..spatial import origin as origins
+from ..spatial.layout import (
     ANGULAR_VELOCITY,
     ERR_ANGULAR_VELOCITY,
     ERR_POSITION,
@@ -22,6 +23,7 @@ from ..physics.layout import (
     STATE,
     VELOCITY,
 )
+from ..spatial.rotation import rotation_matrix
 
 #: Fields of a mean, and of standard deviations, by their places in state and error state.
 MEANS = {"position": POSITION, "linear_velocity": VELOCITY, "angular_velocity": ANGULAR_VELOCITY}
@@ -31,6 +33,8 @@ STDS = {
     "orientation_std": ERR_ROTATION,
     "angular_velocity_std": ERR_ANGULAR_VELOCITY,
 }
+#: Points of a body that its position and velocity may be those of.
+ORIGINS = ("center_of_mass", "model")
 _STD_LIMIT, _FULL_TURN = 1e150, 2.0 * math.pi
 
 
@@ -42,12 +46,17 @@ class BodyBelief:
 
     Attributes
     ----------
+    origin : {'center_of_mass', 'model'}
+        Point that position, linear velocity and their uncertainty are those of: the centre of mass, or the
+        origin of the model's own coordinates, as perception and MoveIt have it.
     position : (3,) array
-        Of the centre of mass, world frame [m].
+        World frame [m].
     orientation : (4,) array
         Quaternion (x, y, z, w) of ``R_world_body``.
+    roll_pitch_yaw : (3,) array, optional
+        In place of the orientation: rotations about the world's x, then y, then z axis [rad], as in URDF.
     linear_velocity : (3,) array
-        Of the centre of mass, world frame [m/s].
+        World frame [m/s].
     angular_velocity : (3,) array
         World frame [rad/s].
     position_std : (3,) array
@@ -66,12 +75,14 @@ class BodyBelief:
     ------
     InvalidRequestError, NotFiniteError, InvalidOrientationError, InvalidCovarianceError
         For wrong shapes, NaN or infinity, a quaternion far from unit length, negative standard deviations,
-        orientations uncertain by more than a full turn, what is no covariance, and a covariance beside
-        standard deviations.
+        orientations uncertain by more than a full turn, what is no covariance, a covariance beside standard
+        deviations, roll, pitch and yaw beside an orientation, and an unknown origin.
     """
 
+    origin: str = "center_of_mass"
     position: Array = array_field((0.0, 0.0, 0.0))
-    orientation: Array = array_field((0.0, 0.0, 0.0, 1.0))
+    orientation: OptionalArray = array_field(None)
+    roll_pitch_yaw: MaybeArray = array_field(None)
     linear_velocity: Array = array_field((0.0, 0.0, 0.0))
     angular_velocity: Array = array_field((0.0, 0.0, 0.0))
     position_std: Array = array_field(0.0)
@@ -83,7 +94,11 @@ class BodyBelief:
     def __post_init__(self):
         checked = {name: array(getattr(self, name), (3,), name) for name in MEANS}
         checked["position"] = point(self.position, "position")
-        checked["orientation"] = quaternion(self.orientation, "orientation")
+        checked["orientation"] = self._checked_orientation()
+        if self.origin not in ORIGINS:
+            raise InvalidRequestError(
+                f"must be one of {', '.join(ORIGINS)}", field="origin", value=self.origin
+            )
         checked |= {name: three_stds(getattr(self, name), name) for name in STDS}
         if checked["orientation_std"].max() > _FULL_TURN:
             raise InvalidRequestError(
@@ -107,9 +122,49 @@ class BodyBelief:
         for name, value in (checked | {"covariance": P}).items():
             object.__setattr__(self, name, value)
 
+    def _checked_orientation(self):
+        if self.roll_pitch_yaw is None:
+            return quaternion(
+                (0.0, 0.0, 0.0, 1.0) if self.orientation is None else self.orientation, "orientation"
+            )
+        if self.orientation is not None:
+            raise InvalidRequestError("must not be given beside orientation", field="roll_pitch_yaw")
+        angles = array(self.roll_pitch_yaw, (3,), "roll_pitch_yaw")
+        object.__setattr__(self, "roll_pitch_yaw", None)
+        cr, cp, cy = np.cos(0.5 * angles)
+        sr, sp, sy = np.sin(0.5 * angles)
+        q = [
+            sr * cp * cy - cr * sp * sy,
+            cr * sp * cy + sr * cp * sy,
+            cr * cp * sy - sr * sp * cy,
+            cr * cp * cy + sr * sp * sy,
+        ]
+        return quaternion(q, "roll_pitch_yaw")
+
+    def at_center_of_mass(self, model_origin: np.ndarray) -> BodyBelief:
+        """Return the same belief with the centre of mass as its origin.
+
+        Parameters
+        ----------
+        model_origin : (3,) array
+            Origin of the model's coordinates, body frame [m] (`SpherePacking.origin`).
+
+        Notes
+        -----
+        The covariance is mapped to first order in the rotation error.
+        """
+        if self.origin == "center_of_mass":
+            return self
+        state = origins.moved(self.state, model_origin, -1.0)
+        axes = np.eye(ERROR)  # from the body's axes to the world's
+        axes[ERR_ROTATION, ERR_ROTATION] = rotation_matrix(self.orientation)
+        P = origins.at_com(axes @ self.covariance @ axes.T, state, model_origin)
+        means = {name: state[place] for name, place in MEANS.items()}
+        return BodyBelief(**means, orientation=self.orientation, covariance=P)
+
     @property
     def state(self) -> np.ndarray:
-        """(13,): the mean as in `Belief`."""
+        """(13,): the mean as in `Belief`, at `origin`."""
         state = np.empty(STATE)
         state[QUATERNION] = self.orientation
         for name, place in MEANS.items():

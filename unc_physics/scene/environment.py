@@ -12,8 +12,8 @@ import numpy as np
 from ..checks.array_field import Array, OptionalArray, array_field
 from ..checks.errors import InvalidEnvironmentError, LimitExceededError
 from ..checks.validation import FARTHEST, array, non_negative, number, point, positive, quaternion
-from ..physics import shapes
-from ..physics.rotation import rotation_matrix
+from ..collision import shapes
+from ..spatial.rotation import rotation_matrix
 from .materials import Surface, check_surface
 
 

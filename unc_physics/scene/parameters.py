@@ -6,15 +6,15 @@ import weakref
 
 import numpy as np
 
-from ..physics import contact_history as histories
-from ..physics.contact_history import ContactHistory
-from ..physics.hull import hull_columns
-from ..physics.layout import ANGULAR_VELOCITY, POSITION, QUATERNION, VELOCITY
-from ..physics.rollout import advance
-from ..physics.rotation import exp, rotation_matrix
-from ..physics.threads import in_threads
-from ..physics.time_limit import limit_here, limited
-from ..physics.world import World
+from ..collision.hull import hull_columns
+from ..compiler.threads import in_threads
+from ..compiler.time_limit import limit_here, limited
+from ..dynamics import contact_history as histories
+from ..dynamics.contact_history import ContactHistory
+from ..dynamics.rollout import advance
+from ..dynamics.world import World
+from ..spatial.layout import ANGULAR_VELOCITY, POSITION, QUATERNION, VELOCITY
+from ..spatial.rotation import exp, rotation_matrix
 from .action_arrays import vary_actions
 from .body import tree_of
 from .materials import Materials, varied

@@ -4,7 +4,7 @@ from .physics_keys import PHYSICS_KEYS
 
 #: Arguments of `Scene` for each value of a scene file's key ``physics``: the paper's, and a robot's world.
 PRESETS = {
-    "paper": {},
+    "paper": {"gravity": (0.0, 0.0, 0.0)},
     "everyday": {
         "integrator": "implicit",
         "dt": 1.0 / 240.0,  # s
@@ -18,6 +18,8 @@ PRESETS = {
 
 def with_changes(physics: dict, given: dict) -> dict:
     """Arguments of `Scene`: those given, and ``physics`` where nothing is said; None takes a law away."""
+    if "gravity" in given and given["gravity"] is None:
+        given = given | {"gravity": (0.0, 0.0, 0.0)}  # which `Scene` tells from no entry
     laws = {key for key, spec in PHYSICS_KEYS.items() if spec.law}
     said = {key: value for key, value in given.items() if value is not None or key in laws}
     return {key: value for key, value in (physics | said).items() if value is not None}

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..checks.array_field import Array, array_field
+from ..checks.array_field import OptionalArray, array_field
 from ..checks.errors import (
     DuplicateIdError,
     InvalidEnvironmentError,
@@ -19,13 +19,14 @@ from ..checks.errors import (
     NoObjectsError,
 )
 from ..checks.names import hint
-from ..physics import sphere_tree
-from ..physics.actions import Actions
-from ..physics.hull import hull_columns
-from ..physics.implicit_world import ImpactError, Implicit
-from ..physics.world import Bodies, Surroundings, World
+from ..collision import sphere_tree
+from ..collision.faces import of_scene
+from ..collision.hull import hull_columns
+from ..dynamics.actions import Actions
+from ..dynamics.implicit_world import ImpactError, Implicit
+from ..dynamics.world import Bodies, Surroundings, World
 from .action_arrays import actions_of
-from .body import RigidBody, hull_of, tree_of
+from .body import RigidBody, faces_of, hull_of, tree_of
 from .environment import Element, check_element, element_names
 from .materials import DEFAULT_RESTITUTION, Materials, Surface, check_surface, combined, refuse_with_explicit
 from .physics_keys import PHYSICS_KEYS, check_integrator
@@ -33,6 +34,15 @@ from .presets import PRESETS, with_changes
 
 #: Standard deviations of the scene's own parameters.
 _STDS = ("stiffness_std", "friction_std", "restitution_std", "gravity_direction_std")
+#: Names of all uncertain parameters (`Scene.uncertain`).
+UNCERTAIN_PARAMETERS = (
+    *(field.removesuffix("_std") for field in _STDS),
+    "mass",
+    "center_of_mass",
+    "surface_tilt",
+    "released_at",
+    "trajectory",
+)
 #: What is drawn at each impact.
 IMPACT_STDS = ("impact_direction_std", "impact_point_std", "impact_friction_std")
 
@@ -78,8 +88,9 @@ class Scene:
         (`stiffness.with_stiffness`).
     damping : float
         Decay rate of all velocities [1/s].
-    gravity : (3,) array
-        World frame [m/s^2].
+    gravity : (3,) array, optional
+        World frame [m/s^2]; by default zero. Scenes with an environment, friction or bodies at rest must
+        give it, as almost all of them have gravity.
     environment : tuple of Element
         Fixed surroundings: planes, boxes, spheres, cylinders and capsules.
     friction : float, optional
@@ -127,7 +138,7 @@ class Scene:
     dt: float = 0.01
     stiffness: float | None = None
     damping: float = 0.0
-    gravity: Array = array_field((0.0, 0.0, 0.0))
+    gravity: OptionalArray = array_field(None)
     environment: Sequence[Element] = ()
     friction: float | None = None
     restitution: float | None = None
@@ -164,7 +175,12 @@ class Scene:
         object.__setattr__(self, "environment", _elements(self.environment, names))
         check_integrator(self.integrator)
         explicit = self.integrator == "explicit"
-        chosen = {"overlap": DEFAULT_OVERLAP[self.integrator], "stiffness": STIFFNESS if explicit else None}
+        names_gravity = self.gravity is not None
+        chosen = {
+            "gravity": np.zeros(3),
+            "overlap": DEFAULT_OVERLAP[self.integrator],
+            "stiffness": STIFFNESS if explicit else None,
+        }
         for spec in fields(self):
             if spec.name in PHYSICS_KEYS:
                 value = getattr(self, spec.name)
@@ -177,6 +193,8 @@ class Scene:
         if explicit:
             self._refuse_what_needs_implicit()
             self._refuse_moving_surfaces()
+        if not names_gravity:
+            self._check_needs_no_gravity()
         self._check_attachments(names)
         self._check_at_rest()
         self._check_std("stiffness", self.stiffness, "a stiffness that is given")
@@ -224,6 +242,22 @@ class Scene:
                     field=field,
                     value=body.attached_to,
                 )
+
+    def _check_needs_no_gravity(self):
+        """Raise `InvalidRequestError` if a scene that names no gravity looks as if it had some."""
+        if self.environment:
+            reason = "an environment"
+        elif any(surface.friction for surface in (self, *self.bodies)):
+            reason = "friction"
+        elif any(body.at_rest for body in self.bodies):
+            reason = "bodies at rest"
+        else:
+            return
+        raise InvalidRequestError(
+            f"must be given, as the scene has {reason}: use physics 'everyday' (Scene.everyday in Python),"
+            " or give gravity, [0, 0, -9.81] or [0, 0, 0]",
+            field="gravity",
+        )
 
     def _check_at_rest(self):
         """Raise `InvalidRequestError` if a body stands on something without gravity to hold it there."""
@@ -418,6 +452,7 @@ class Scene:
             hull=hull_columns(tree.centers, tree.radii, some),
             hull_sphere=some,
             hull_range=np.column_stack([ends[:-1], ends[1:]])[model_of],
+            faces=of_scene([faces_of(model) for model in models], first_sphere[:-1]),
             extent=np.array([_box(model.centers, model.centers) for model in models])[model_of],
             box=np.array([_box(m.centers - r, m.centers + r) for m, r in zip(models, reach, strict=True)])[
                 model_of

@@ -22,7 +22,7 @@ from ..checks.errors import (
 from ..checks.validation import integer, non_negative, number, positive
 from ..geometry.library import find_model
 from ..geometry.packing_file import load_packing
-from ..physics.layout import ERROR
+from ..spatial.layout import ERROR
 from .action_entries import read_path, read_wrenches
 from .belief import Belief
 from .body import RigidBody, known_mass
@@ -52,8 +52,10 @@ _BODY_KEYS = (
     "mass_std",
     "center_of_mass_std",
     "inertia",
+    "origin",
     *MEANS,
     "orientation",
+    "roll_pitch_yaw",
     *STDS,
     "covariance",
     "fixed",
@@ -142,8 +144,9 @@ def physics_options(content) -> dict:
 
 
 def preset(name) -> dict:
-    """The preset of that name, which is the value of the key `PRESET`; None stands for the paper's."""
-    name = "paper" if name is None else name
+    """Return the preset of that name, the value of the key `PRESET`; no entries for None."""
+    if name is None:
+        return {}
     if not isinstance(name, str) or name not in PRESETS:
         raise InvalidOptionError(f"must be one of {', '.join(PRESETS)}", field=PRESET, value=name)
     return PRESETS[name]
@@ -285,6 +288,7 @@ def _body(content, field, models_dir, folder):
         **_actions(content, field),
         **surface,
     )
+    belief = belief.at_center_of_mass(model.origin)
     state = belief.state if trajectory is None else trajectory.states[0]
     return body, state, belief.covariance
 
@@ -293,7 +297,7 @@ def _trajectory(content, field):
     """The path that the entries of a body give it, or None."""
     if content.get("trajectory") is None:
         return None
-    for key in (*MEANS, "orientation", *STDS, "covariance"):
+    for key in ("origin", *MEANS, "orientation", "roll_pitch_yaw", *STDS, "covariance"):
         if content.get(key) is not None:
             raise InvalidRequestError(
                 "must be absent: the body's trajectory says where it is", field=f"{field}.{key}"
@@ -319,7 +323,9 @@ def _actions(content, field):
 def _body_belief(content, field):
     """What the entries of a body say of its state."""
     given = {}
-    for key in (*MEANS, "orientation"):
+    if content.get("origin") is not None:
+        given["origin"] = content["origin"]
+    for key in (*MEANS, "orientation", "roll_pitch_yaw"):
         if content.get(key) is not None:
             given[key] = read_numbers(content[key], (4 if key == "orientation" else 3,), f"{field}.{key}")
     for key in STDS:

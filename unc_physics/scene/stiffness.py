@@ -12,8 +12,8 @@ from numpy.typing import ArrayLike
 
 from ..checks.errors import LimitExceededError
 from ..checks.validation import positive
-from ..physics.contact_model import carrying_stiffness, stopping_stiffness
-from ..physics.layout import ANGULAR_VELOCITY, VELOCITY
+from ..collision.contact_model import carrying_stiffness, stopping_stiffness
+from ..spatial.layout import ANGULAR_VELOCITY, VELOCITY
 from .body import RigidBody
 from .scene import Scene
 

@@ -8,9 +8,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..physics.layout import ERR_ANGULAR_VELOCITY, ERR_POSITION, ERR_ROTATION, ERR_VELOCITY, ERROR
 from ..scene.belief import Belief
 from ..scene.scene import Scene
+from ..spatial.layout import ERR_ANGULAR_VELOCITY, ERR_POSITION, ERR_ROTATION, ERR_VELOCITY, ERROR
 
 #: Standard deviations of a belief: their places in the error state, the least end of their range, their unit.
 STDS = {
@@ -23,7 +23,7 @@ _MATERIALS = ("friction", "friction_std", "restitution", "restitution_std")
 _RANGE = 3.0  # times the value that a quantity has
 
 
-class Quantity(NamedTuple):
+class AdjustableQuantity(NamedTuple):
     """Something that a slider sets: a key of scene files, its value, the highest it may get, and its unit."""
 
     key: str
@@ -32,17 +32,17 @@ class Quantity(NamedTuple):
     unit: str
 
 
-def adjustable(scene: Scene, belief: Belief) -> list[Quantity]:
+def adjustable(scene: Scene, belief: Belief) -> list[AdjustableQuantity]:
     """What can be adjusted; of standard deviations the root mean square over all bodies that move."""
     found = []
     for key, (place, least, unit) in STDS.items():
         value = _spread(belief, place)
-        found.append(Quantity(key, value, _round(max(_RANGE * value, least)), unit))
+        found.append(AdjustableQuantity(key, value, _round(max(_RANGE * value, least)), unit))
     if scene.integrator == "implicit":
         for key in _MATERIALS:
             value = float(getattr(scene, key) or 0.0)
             most = 1.0 if key.startswith("restitution") else _round(max(1.0, _RANGE * value))
-            found.append(Quantity(key, value, 0.3 if key.endswith("_std") else most, ""))
+            found.append(AdjustableQuantity(key, value, 0.3 if key.endswith("_std") else most, ""))
     return found
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from ..checks.shown import printable
 from ..geometry.primitives import primitive
 from ..scene.scene import Scene
-from .frames import Frames
+from .frames import AnimationFrames
 from .meshes import element_mesh, fitted_mesh, joined_spheres, quaternion_of
 
 COLORS = ((41, 115, 184), (217, 107, 36), (61, 153, 77), (148, 102, 189), (191, 56, 64))
@@ -31,7 +31,7 @@ class Drawing:
     ----------
     server : viser.ViserServer
     scene : Scene
-    frames : Frames
+    frames : AnimationFrames
         Shown first, and what the camera and planes are chosen by.
     meshes : mapping of str to path-like
         Files that bodies are drawn as, in place of their spheres, by their names.
@@ -39,11 +39,13 @@ class Drawing:
     Attributes
     ----------
     scene : Scene
-    frames : Frames
+    frames : AnimationFrames
         What is drawn now.
     """
 
-    def __init__(self, server: Any, scene: Scene, frames: Frames, meshes: Mapping[str, str] | None = None):
+    def __init__(
+        self, server: Any, scene: Scene, frames: AnimationFrames, meshes: Mapping[str, str] | None = None
+    ):
         self._page, self._meshes = server.scene, meshes or {}
         self._ghosts_shown = self._ellipsoids_shown = True
         self._frame = 0
@@ -136,7 +138,7 @@ class Drawing:
     def _color(self, k):
         return _FIXED if self.scene.bodies[k].fixed else COLORS[k % len(COLORS)]
 
-    def replace(self, scene: Scene, frames: Frames) -> None:
+    def replace(self, scene: Scene, frames: AnimationFrames) -> None:
         """Show another prediction, in which things may have come or gone."""
         with self._drawing:
             if _things(scene) != _things(self.scene):
@@ -210,7 +212,7 @@ def _things(scene):
     return bodies, [repr(element) for element in scene.environment]
 
 
-def bounds_of(scene: Scene, frames: Frames) -> tuple[np.ndarray, np.ndarray]:
+def bounds_of(scene: Scene, frames: AnimationFrames) -> tuple[np.ndarray, np.ndarray]:
     """Lowest and highest corner, each (3,), of where bodies are and will be [m]."""
     radius = np.array([body.model.bounding_radius for body in scene.bodies])[:, None]
     return (frames.positions - radius).min(axis=(0, 1)), (frames.positions + radius).max(axis=(0, 1))

@@ -6,10 +6,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..physics.layout import ERR_POSITION, ERROR, POSITION, QUATERNION
-from ..physics.moments import spread_states
 from ..prediction.prediction import Prediction
-from ..propagators.base import Mode, symmetric_root
+from ..propagators.modes import only_mode
+from ..spatial.layout import ERR_POSITION, ERROR, POSITION, QUATERNION
+from ..spatial.moments import spread_states, symmetric_root
 from .meshes import quaternion_of
 
 #: Half axes of ellipsoids, in standard deviations.
@@ -40,7 +40,7 @@ class Ellipsoid(NamedTuple):
     half_axes: np.ndarray
 
 
-class Frames(NamedTuple):
+class AnimationFrames(NamedTuple):
     """A prediction as it is shown; the first frame is its start.
 
     Attributes
@@ -65,24 +65,24 @@ class Frames(NamedTuple):
     ellipsoids: list[list[tuple[Ellipsoid, ...]]]
 
 
-def frames_of(prediction: Prediction, ghosts: int) -> Frames:
+def frames_of(prediction: Prediction, ghosts: int) -> AnimationFrames:
     """The frames of a prediction, with so many samples of each body, or as many as there are."""
     beliefs = [prediction.start, *prediction.beliefs]
     means = np.array([belief.mean for belief in beliefs])
     z = np.random.default_rng(0).standard_normal((ghosts, ERROR * len(beliefs[0].moving)))
     drawn = [_drawn(belief, z) for belief in beliefs]
-    if prediction.kept is not None:
-        drawn[1:] = [states[:ghosts] for states in prediction.kept]
-        drawn[0] = drawn[0][: len(drawn[1])]
+    own = [snapshot.samples[:ghosts] for snapshot in prediction.snapshots if snapshot.samples is not None]
+    if own:
+        drawn = [drawn[0][: len(own[0])], *own]
     states = np.array(drawn).reshape(len(beliefs), -1, *means.shape[1:])
     bodies = prediction.scene.bodies
-    last = [prediction.answers.modes(prediction, k) if body.free else () for k, body in enumerate(bodies)]
+    last = [prediction[body.name].modes if body.free else () for body in bodies]
     shown: list[list[tuple[Ellipsoid, ...]]] = [
-        [(_ellipsoid(_single(belief, k)),) if body.free else () for k, body in enumerate(bodies)]
+        [(_ellipsoid(only_mode(belief, k)),) if body.free else () for k, body in enumerate(bodies)]
         for belief in beliefs
     ]
     shown[-1] = [tuple(_ellipsoid(mode) for mode in modes if mode.weight > _LIKELY) for modes in last]
-    return Frames(
+    return AnimationFrames(
         np.array([0.0, *prediction.times]),
         means[..., POSITION],
         np.roll(means[..., QUATERNION], 1, axis=-1),
@@ -104,10 +104,6 @@ def _drawn(belief, z):
     else:
         errors = z @ symmetric_root(belief.joint)
     return spread_states(belief.mean.copy(), belief.moving.copy(), np.ascontiguousarray(errors))
-
-
-def _single(belief, k):
-    return Mode(1.0, belief.mean[k], belief.marginal(k))
 
 
 def _ellipsoid(mode):

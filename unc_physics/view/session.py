@@ -3,22 +3,21 @@
 from __future__ import annotations
 
 from importlib.util import find_spec
-from typing import Any
 
 import numpy as np
 
 from ..checks.errors import NotSupportedError, UncPhysicsError
 from ..checks.shown import plain_digits, printable
+from ..prediction.events import AtRest, encounters, moving_names
 from ..prediction.predict import predict
 from ..prediction.prediction import Prediction
-from ..prediction.probabilities import contact_probabilities, rest_probabilities
 from ..prediction.status import assess
 from ..propagators.base import Propagator
 from ..propagators.registry import PROPAGATORS, make_propagator
 from ..scene.belief import Belief
 from ..scene.scene import Scene
 from .adjusting import adjustable, adjusted
-from .frames import Frames, frames_of
+from .frames import AnimationFrames, frames_of
 
 _MOST_LINES = 12  # of probabilities
 
@@ -83,7 +82,7 @@ class Session:
         """Take back all that was adjusted."""
         self._values = {}
 
-    def predict(self) -> Frames:
+    def predict(self) -> AnimationFrames:
         """Predict what is looked at, from now on `scene`, with what was chosen and adjusted.
 
         Raises
@@ -96,7 +95,7 @@ class Session:
         marks = np.unique(np.linspace(0, steps, self._frames).round().astype(int))[1:]
         times = (marks * scene.dt).tolist()
         self.prediction = predict(
-            scene, belief, self.propagator, times[-1], times=times, keep_samples=self._ghosts
+            scene, belief, self.propagator, times[-1], times=times, events=_events(scene)
         )
         return frames_of(self.prediction, self._ghosts)
 
@@ -121,15 +120,9 @@ class Session:
         return "\n".join(lines)
 
     def _probabilities(self, prediction):
-        rows: list[tuple[str, Any]] = []
-        try:
-            for answer in contact_probabilities(prediction):
-                rows.append((f"{answer.object_a} touches {answer.object_b}", answer))
-            rows += [(f"{answer.object} is at rest", answer) for answer in rest_probabilities(prediction)]
-        except NotSupportedError:
-            pass
-        known = [(what, answer) for what, answer in rows if answer.available and answer.probability > 0.0]
-        lines = [f"- {_plain(what)}: **{answer.probability:.2f}**" for what, answer in known[:_MOST_LINES]]
+        found = [(event, prediction.probability(event)) for event in _events(prediction.scene)]
+        told = [(event, p) for event, p in found if p.estimate > 0.0 and p.high - p.low < 1.0]
+        lines = [f"- {_plain(str(event))}: **{p.estimate:.2f}**" for event, p in told[:_MOST_LINES]]
         for body, modes in self._modes(prediction):
             lines.append(f"- {_plain(body)}: outcomes of {modes}")
         return lines or ["- probabilities: ask a propagator with samples"]
@@ -141,6 +134,11 @@ class Session:
             weights = [] if certain else [mode.weight for mode in body.modes]
             if len(weights) > 1:
                 yield body.name, ", ".join(f"**{weight:.2f}**" for weight in weights)
+
+
+def _events(scene):
+    """Those whose probabilities are shown."""
+    return [*encounters(scene), *(AtRest(name) for name in moving_names(scene))]
 
 
 def _duration(seconds):

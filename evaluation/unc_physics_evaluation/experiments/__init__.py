@@ -23,26 +23,19 @@ from unc_physics.checks.errors import InvalidOptionError
 #: Those that run where none is named.
 DEFAULT = (
     "collision_free",
-    "collisions",
-    "floors",
     "speed_against_error",
     "peers",
-    "plausibility",
     "engines",
-    "actions",
+    "orders",
     "tosses",
-    "overlap",
     "stability",
     "covariances",
     "regions",
     "calibration",
-    "contacts",
     "choosing",
-    "storage",
-    "pictures",
 )
 #: Those that take long alone on the machine, or need more than this package.
-BY_NAME = ("anytime", "pushes", "propagators", "scenes", "packing", "latency", "clutter", "same_bits")
+BY_NAME = ("anytime", "pushes", "heaps", "propagators", "packing", "latency", "same_bits")
 NAMES = DEFAULT + BY_NAME
 
 

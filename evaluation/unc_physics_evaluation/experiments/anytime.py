@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from unc_physics import Belief, BodyBelief, RigidBody, Scene, load_model, load_scene, make_propagator, predict
+from unc_physics.propagators.base import rollout_count
 
 from ..comparison import mean_errors
 from ..jobs import Job, Outcome, Row, Settings
@@ -120,17 +121,12 @@ def report(results: Results) -> str:
         ]
         for name in rows.unique("scene")
     ]
-    said = (
-        "Errors are those of means, of position or rotation, whichever is most, over the truth's standard"
-        " deviation: root mean squares over seeds. Times are CPU times.\n"
-    )
     return "\n".join(
         [
-            said,
             table(head, lines),
-            f"CPU time of an answer at {TIMES} times, and at the last alone [ms]:\n",
+            f"### CPU time of an answer at {TIMES} times, and at one [ms]\n",
             table(["scene", f"{TIMES} times", "one"], paths),
-            "Wall time over the limit, median (most), and what a rollout takes [ms]:\n",
+            "### Wall time over the limit, median (most), and of a rollout [ms]\n",
             table(["scene", *(f"{limit:g} s" for limit in LIMITS), "rollout"], shares),
         ]
     )
@@ -155,7 +151,7 @@ def _judged(case, truth, runs) -> Iterator[Row]:
     options = {} if runs is None else {"runs": runs, "error": 0.0}
     for seed in range(SEEDS):
         found, cpu = _answer(case, "auto", seed=seed, **options)
-        used = found.propagator.rollouts(found.carry)
+        used = rollout_count(found.carry)
         status = found.propagator.measures(found.carry, found.scene)
         _, of_cloud = _answer(case, "cloud", seed=seed, runs=used)
         _, as_many = _answer(case, MONTE_CARLO, samples=used, seed=seed)
@@ -185,6 +181,6 @@ def _kept(case) -> Iterator[Row]:
     for limit in LIMITS:
         for k in range(ROUNDS):
             found, wall = _answer(case, "auto", clock=time.perf_counter, time=limit, error=0.0, seed=k)
-            used = found.propagator.rollouts(found.carry)
+            used = rollout_count(found.carry)
             yield Row("auto", SHARE, "1", wall / limit, round(1e3 * limit), k, k)
             yield Row("auto", ROLLOUT, "s", wall / used, round(1e3 * limit), k, k)

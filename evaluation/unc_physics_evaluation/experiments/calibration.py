@@ -17,17 +17,21 @@ import numpy as np
 
 from unc_physics import (
     PROPAGATORS,
+    AtRest,
     Belief,
     Box,
+    BoxRegion,
+    Event,
+    Inside,
     Plane,
     RigidBody,
     Scene,
+    encounters,
     load_model,
     make_propagator,
     predict,
 )
-from unc_physics.physics.layout import POSITION, QUATERNION, VELOCITY
-from unc_physics.prediction import probabilities as answers
+from unc_physics.spatial.layout import POSITION, QUATERNION, VELOCITY
 
 from ..jobs import Job, Outcome, Row, Settings
 from ..methods import MONTE_CARLO, label
@@ -37,6 +41,7 @@ from ..tables import table
 
 TITLE = "Calibration of probabilities"
 TRUTH, EXPECTED = "truth", "expected"
+TOLERANCE = 0.1  # half width of the widest interval of an estimate that counts as an answer
 COUNTS = (1000, 200)  # samples of Monte Carlo
 CONTACT, REGION, REST = KINDS = ("contact", "region", "rest")
 
@@ -60,24 +65,24 @@ def jobs(settings: Settings) -> list[Job]:
 
 
 def run(job: Job) -> Outcome:
-    """The truth and what propagators answer, NaN where they say that they do not know."""
+    """The truth and what propagators answer, NaN where the interval is too wide."""
     case = next(case for family in FAMILIES for case in family() if case.name == job.parameters["case"])
     count, seed = job.parameters["truth"], job.seed("truth")
     truth = make_propagator(MONTE_CARLO, samples=count, seed=seed)
     prediction = predict(case.scene, case.belief, truth, case.horizon)
-    boxes = regions(prediction.carry.states, job.seed("regions"))
+    asked = questions(case.scene, regions(prediction.carry.states, job.seed("regions")))
     made = {(name, None): make_propagator(name) for name in PROPAGATORS if name != MONTE_CARLO}
     made |= {(MONTE_CARLO, count): make_propagator(MONTE_CARLO, samples=count) for count in COUNTS}
     rows = [
         Row(TRUTH, question, "1", probability, count, 0, seed)
-        for question, probability in all_answers(prediction, boxes).items()
+        for question, probability in answers(prediction, asked).items()
     ]
     for (name, samples), propagator in made.items():
         if case.scene.integrator in propagator.integrators:
-            found = predict(case.scene, case.belief, propagator, case.horizon)
+            found = predict(case.scene, case.belief, propagator, case.horizon, events=asked.values())
             rows += [
                 Row(name, question, "1", probability, samples, 0, found.seed)
-                for question, probability in all_answers(found, boxes).items()
+                for question, probability in answers(found, asked).items()
             ]
     return Outcome(rows)
 
@@ -98,7 +103,7 @@ def report(results: Results) -> str:
         ),
     }
     figure = results.figure("calibration")
-    draw_calibration(figure, groups, KINDS, answers.TOLERANCE)
+    draw_calibration(figure, groups, KINDS, TOLERANCE)
     lines = [
         [
             label(method, samples),
@@ -106,12 +111,8 @@ def report(results: Results) -> str:
         ]
         for method, samples in sorted(asked.curves(), key=lambda curve: list(PROPAGATORS).index(curve[0]))
     ]
-    return (
-        f"{len(truths)} questions about {len(rows.unique('case'))} scenes; the truth is the share of"
-        f" {rows[0]['truth']} samples. What is not answered is said not to be available.\n\n"
-        + table(["", *KINDS], lines)
-        + f"\n![Answered probabilities against the truth](figures/{figure.name})\n"
-    )
+    picture = f"![Answered probabilities against the truth](figures/{figure.name})"
+    return f"{table(['', *KINDS], lines)}\n{picture}\n"
 
 
 def of_kind(rows: Rows, kind: str) -> Rows:
@@ -128,16 +129,21 @@ def _errors(rows):
     return f"{said}, off by {errors.mean():.3f} on average, {errors.max():.3f} at most"
 
 
-def all_answers(prediction, boxes) -> dict[str, float]:
-    """Every probability of a prediction by its question, NaN where it is not available."""
-    found = {}
-    for a in answers.contact_probabilities(prediction):
-        found[f"{CONTACT} {a.object_a} and {a.object_b}"] = a
-    for a in answers.region_probabilities(prediction, boxes):
-        found[f"{REGION} {a.object} in {a.region}"] = a
-    for a in answers.rest_probabilities(prediction):
-        found[f"{REST} {a.object}"] = a
-    return {question: a.probability if a.available else math.nan for question, a in found.items()}
+def questions(scene, boxes) -> dict[str, Event]:
+    """Every event that is asked about, by its question."""
+    moving = [scene.bodies[k].name for k in scene.moving]
+    found: dict[str, Event] = {f"{CONTACT} {e.object} and {e.other}": e for e in encounters(scene)}
+    found |= {f"{REGION} {name} in {box.name}": Inside(name, box) for box in boxes for name in moving}
+    return found | {f"{REST} {name}": AtRest(name) for name in moving}
+
+
+def answers(prediction, asked) -> dict[str, float]:
+    """The probability of each event by its question, NaN where the interval is too wide."""
+    found = {question: prediction.probability(event) for question, event in asked.items()}
+    return {
+        question: p.estimate if max(p.high - p.estimate, p.estimate - p.low) <= TOLERANCE else math.nan
+        for question, p in found.items()
+    }
 
 
 # -- scenes ----------------------------------------------------------------------------------------
@@ -215,6 +221,7 @@ def scatters() -> Iterator[Case]:
             [RigidBody(f"can{k}", packing, 0.4) for k in range(4)],
             dt=0.005,
             restitution=1.0,
+            gravity=(0.0, 0.0, 0.0),
             environment=[Plane([1.0, 0.0, 0.0], -0.3, "wall")],
             integrator="implicit",
         )
@@ -237,7 +244,7 @@ def on_earth(models, environment, dt=0.01, friction=0.5):
 FAMILIES = (collisions, drops, bins, shelves, slides, scatters)
 
 
-def regions(states: np.ndarray, seed: int) -> list[answers.BoxRegion]:
+def regions(states: np.ndarray, seed: int) -> list[BoxRegion]:
     """Boxes about where bodies end, in about half of which they do: of several sizes, places and
     orientations.
 
@@ -255,7 +262,7 @@ def regions(states: np.ndarray, seed: int) -> list[answers.BoxRegion]:
             q = rng.standard_normal(4) if k % 2 else np.array([0.0, 0.0, 0.0, 1.0])
             shift = rng.uniform(-1.0, 1.0, 3) * scale * (0.5 * size if size == 20.0 else 1.0)
             boxes.append(
-                answers.BoxRegion(
+                BoxRegion(
                     f"box_{body}_{k}", 2.0 * size * scale, where.mean(axis=0) + shift, q / np.linalg.norm(q)
                 )
             )

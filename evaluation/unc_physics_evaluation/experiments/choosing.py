@@ -16,7 +16,7 @@ from unc_physics import (
     Belief,
     BodyBelief,
     BoxRegion,
-    InRegion,
+    Inside,
     RigidBody,
     Scene,
     Upright,
@@ -25,7 +25,7 @@ from unc_physics import (
     predict,
     rank,
 )
-from unc_physics.prediction.outcomes import seen
+from unc_physics.prediction.probability import sample_outcomes
 from unc_physics.prediction.racing import difference
 from unc_physics.scene.stiffness import with_stiffness
 
@@ -42,7 +42,7 @@ SHORTFALL, BEHIND, ROLLOUTS, CALLED = "shortfall", "standard_errors_behind", "ro
 RACE = "race"
 _BIN = 0.30, 0.20, 0.147  # m, inside
 _INSIDE = BoxRegion("inside", (0.30, 0.20, 0.15), (0.0, 0.0, 0.075))
-_ENDS_INSIDE = InRegion("salt_box", _INSIDE)
+_ENDS_INSIDE = Inside("salt_box", _INSIDE)
 #: By name: places along the bin [m], turns about the axis across it [rad], and what is wanted.
 CASES = {
     "places": (np.linspace(0.0, 0.2, POSES), np.zeros(POSES), _ENDS_INSIDE),
@@ -99,8 +99,7 @@ def run(job: Job) -> Outcome:
     for name, belief in actions.items():
         every = make_propagator(MONTE_CARLO, samples=samples, seed=other)
         prediction = predict(scene, belief, every, HORIZON)
-        shown = seen(prediction, prediction.samples(), prediction.contact_history.first_time)
-        outcomes[name] = score.happened(shown)
+        outcomes[name] = score.happened(sample_outcomes(scene, belief, prediction.at()))
     full = time.process_time() - begun
     best = max(outcomes, key=lambda name: outcomes[name].mean())
     behind = difference(outcomes[best], outcomes[ranking.best.name])

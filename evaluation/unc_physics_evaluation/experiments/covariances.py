@@ -9,11 +9,11 @@ import math
 import numpy as np
 
 from unc_physics import make_propagator, predict
-from unc_physics.physics.layout import ERR_POSITION, ERR_ROTATION, QUATERNION
-from unc_physics.physics.rotation import rotation_matrix
+from unc_physics.prediction.body_status import Status
 from unc_physics.prediction.status import assess
-from unc_physics.prediction.status_rules import Status
 from unc_physics.propagators.registry import PROPAGATORS
+from unc_physics.spatial.layout import ERR_POSITION, ERR_ROTATION, QUATERNION
+from unc_physics.spatial.rotation import rotation_matrix
 
 from .. import action_cases
 from ..action_cases import ACTION_CASES
@@ -33,7 +33,7 @@ WITHIN, FOUND, FALSE = 0.05, 0.95, 0.03
 NOTHING = (5e-5, 1e-3)
 METHODS = [name for name in PROPAGATORS if name != MONTE_CARLO]
 #: Those that take what a robot does.
-ACTING = [name for name in METHODS if "implicit" in PROPAGATORS[name].takes_actions]
+ACTING = [name for name in METHODS if "implicit" in PROPAGATORS[name].supports.actions]
 
 
 def jobs(settings: Settings) -> list[Job]:
@@ -148,10 +148,4 @@ verdict = goals_met_by(sections)
 
 def report(results: Results) -> str:
     """The tables."""
-    rows = results.rows("covariances")
-    about = (
-        f"Everyday bodies on a plane; the truth is {rows[0]['truth']} samples. A spread of pose counts along"
-        " each axis of the world; below 0.05 mm or 1 mrad it is nothing. The floor is half of what the two"
-        " halves of the samples differ by.\n\n"
-    )
-    return about + goal_tables(sections(results))
+    return goal_tables(sections(results))

@@ -11,7 +11,6 @@ from .. import work_precision
 from ..goals import Figure, goal_tables, goals_met_by
 from ..jobs import Job, Outcome, Row, Settings
 from ..methods import OURS
-from ..provenance import versions
 from ..results import Results
 from ..rollouts import ENGINES, available, missing_engines, rollouts
 from ..scenarios import boxes_and_cans, can_off_shelf, five_into_bin, salt_box_into_bin, tableware_into_box
@@ -41,13 +40,6 @@ GOALS = {
 }
 TIME, RATIO = "rollout_time", "rollout_time_over_ours"
 _SLEEP = {False: "", True: " with sleep"}
-_SETTINGS = (
-    "MuJoCo: elliptic cone, Newton's method with at most 100 iterations, mj_step with all steps in one call."
-    " PyBullet: 50 iterations of its sequential impulses, bodies in maximal coordinates, all steps within one"
-    " stepSimulation. Both have boxes and cylinders as such, and 16 convex pieces of what is neither. Ours"
-    " has 1000 spheres of each, or 2000 where one is alone. Friction .5; restitution .1 where the engine"
-    " knows it."
-)
 
 
 def jobs(settings: Settings) -> list[Job]:
@@ -105,7 +97,7 @@ def _times(job):
 
 def report(results: Results) -> str:
     """Times beside the goals, then errors over time."""
-    rows, used = results.rows("engines").where(section=SPEED), versions(("numba", "pybullet", "mujoco"))
+    rows = results.rows("engines").where(section=SPEED)
     head = ["", *(f"{ENGINES[engine]}{sleep}" for engine in ENGINES for sleep in _SLEEP.values())]
     lines = []
     for scene in rows.unique("scene"):
@@ -120,15 +112,7 @@ def report(results: Results) -> str:
                     more = "" if engine == OURS else f" ({number(share.median())}x)"
                     cells.append(f"{number(1e3 * taken.median())}{more}")
         lines.append(cells)
-    parts = [
-        (
-            f"CPU time of a rollout of 1.5 s at {RATE} steps in a second [ms], and how many times ours it is,"
-            " both with sleep or both without: one thread, medians of rounds, the engines in turns."
-            f" {_SETTINGS} Versions: {', '.join(' '.join(pair) for pair in used.items())}.\n"
-        ),
-        table(head, lines),
-        goal_tables(_figures(results)),
-    ]
+    parts = ["### CPU time of a rollout [ms]\n", table(head, lines), goal_tables(_figures(results))]
     precision = results.rows("engines").where(section=PRECISION)
     if precision:
         parts += ["## Error over time\n", work_precision.report(results, precision)]

@@ -48,10 +48,7 @@ def report(results: Results) -> str:
         for name in rows.where(quantity="core").unique("method")
     ]
     return (
-        "Two objects of 100 spheres that collide, over Fast DDS on one machine; medians of"
-        f" {rows[0]['calls']} calls [ms]. Core is the time of the prediction itself, over core what the node"
-        " adds. One empty service is on the executor of `rclpy.spin`, the other one on the node's own.\n\n"
-        + table(["", "round trip", "p99", "core", "over core", "empty: spin", "own"], lines)
+        table(["[ms]", "round trip", "p99", "core", "over core", "empty: spin", "own"], lines)
         + f"\n{goal_tables(_figures(results))}"
     )
 

@@ -20,12 +20,11 @@ from unc_physics.geometry.packing_file import solid_spheres_inertia
 from unc_physics.geometry.recipes import RECIPES, recipe_solid
 
 from ..comparison import CPU_TIME, WALL_TIME
-from ..goals import Figure, goal_tables, goals_met_by, ratio
+from ..goals import Figure, goal_tables, goals_met_by
 from ..jobs import Job, Outcome, Row, Settings
 from ..results import Results
 from ..scenarios import LARGE, MODELS
 from ..tables import number, table
-from ..timing import timed
 
 TITLE = "Sphere packing"
 GOALS = {  # model: spheres: fill [%], time [s]
@@ -36,14 +35,13 @@ GOALS = {  # model: spheres: fill [%], time [s]
 MEMORY_GOAL = 1024.0  # MiB, of a packing of `LARGE` spheres
 COMPILE_GOAL = 30.0  # s
 SPHERES = (10, 100, 1000, 10_000, LARGE)
-RUNS, ROUNDS, QUERIES = 3, 5, 3000
+RUNS = 3
 NO_MESHES = "none"
 PACKER, SPHERES_ALONE = "packer", "spheres_alone"
 FILL, MEMORY, TRIANGLES, PLACED = "fill", "memory", "triangles", "placed"
 OVERLAP, PROTRUSION, OUTSIDE, LATER = "overlap", "protrusion", "outside", "larger_later"
 NAMES = {CPU_TIME: "CPU time", WALL_TIME: "wall time"}
 COLD, WARM = "nothing compiled", "compiled"
-LIBIGL, TREE, BOUNDED = "libigl", "our tree", "our tree, bounded"
 
 
 def jobs(settings: Settings) -> list[Job]:
@@ -53,7 +51,7 @@ def jobs(settings: Settings) -> list[Job]:
     models = _models(settings)
     counts = SPHERES[:3] if settings.quick else SPHERES
     cases = [("pack", model, count) for count in counts for model in models]
-    cases += [("inertia", model, 10_000) for model in MODELS] + [("distance", models[0], 10)]
+    cases += [("inertia", model, 10_000) for model in MODELS]
     if not settings.quick:
         cases.append(("compiling", "pin", 10))
     return [
@@ -100,13 +98,7 @@ def report(results: Results) -> str:
         )
     head = ["", "triangles", "spheres", "fill [%]", "wall time [s]", "CPU time [s]", "memory [MiB]"]
     head += ["overlap", "protrusion", "outside", "out of order"]
-    return (
-        f"{goal_tables(_figures(results))}\nTimes are those of packing with warm kernels, without reading the"
-        f" mesh: the median of {RUNS} runs on one thread, or one run on two threads with {LARGE} spheres."
-        " Overlap (by SciPy's k-d tree) and protrusion (by libigl's exact distances) are in bounding radii."
-        " Outside: centres that are outside by libigl's winding numbers. Out of order: spheres more than 1 %"
-        " larger than the smallest before them.\n\n" + table(head, lines)
-    )
+    return f"{goal_tables(_figures(results))}\n{table(head, lines)}"
 
 
 def _models(settings):
@@ -203,39 +195,6 @@ def _compiling(model, spheres, meshes) -> list[Row]:
     return rows
 
 
-def _distance(model, spheres, meshes) -> list[Row]:
-    """Distances to the mesh by libigl and by our tree, without and with the packer's bound."""
-    import igl
-    from numba import njit
-
-    from unc_physics.geometry.triangle_tree import build_triangle_tree, nearest_on_mesh
-
-    @njit
-    def distances(tree, points, bounds):
-        out = np.empty(len(points))
-        for i in range(len(points)):
-            out[i] = nearest_on_mesh(tree, points[i, 0], points[i, 1], points[i, 2], bounds[i])[0]
-        return out
-
-    solid, _ = recipe_solid(model, meshes)
-    tree = build_triangle_tree(solid.corners)
-    vertices = np.ascontiguousarray(solid.corners.reshape(-1, 3))
-    faces = np.arange(len(vertices)).reshape(-1, 3)
-    low, high = solid.bounds
-    points = np.random.default_rng(0).uniform(low, high, (QUERIES, 3))
-    far = np.full(QUERIES, np.inf)
-    near = np.full(QUERIES, 0.02 * solid.bounding_radius)
-    exact = np.sqrt(igl.point_mesh_squared_distance(points, vertices, faces)[0])
-    error = np.abs(distances(tree, points, far) - exact).max() / solid.bounding_radius
-    functions = {
-        LIBIGL: lambda _: igl.point_mesh_squared_distance(points, vertices, faces),
-        TREE: lambda _: distances(tree, points, far),
-        BOUNDED: lambda _: distances(tree, points, near),
-    }
-    times = timed({(name, None, CPU_TIME): function for name, function in functions.items()}, ROUNDS)
-    return [*times, Row(TREE, PROTRUSION, "1", float(error))]
-
-
 def _inertia(model, spheres, meshes) -> list[Row]:
     """Largest relative error of a principal moment, if the first spheres made up the body."""
     packing = load_model(model)
@@ -248,7 +207,7 @@ def _inertia(model, spheres, meshes) -> list[Row]:
     return rows
 
 
-SECTIONS = {"pack": _pack, "inertia": _inertia, "distance": _distance, "compiling": _compiling}
+SECTIONS = {"pack": _pack, "inertia": _inertia, "compiling": _compiling}
 
 
 def _packings(rows):
@@ -280,16 +239,8 @@ def _figures(results) -> dict[str, list[Figure]]:
                 "compiling, CPU time", "10 spheres", cold - warm, "s", COMPILE_GOAL, at_most=True, note=note
             )
         )
-    times = of["distance"].where(quantity=CPU_TIME)
-    queries = []
-    for name in times.unique("method"):
-        own = times.where(method=name)
-        note = f"libigl takes {number(ratio(times.where(method=LIBIGL), own))} times as long"
-        case = f"mesh of {own[0]['model']}"
-        queries.append(Figure(name, case, 1e6 * own.median() / QUERIES, "us", note=note))
     return {
         "What was to be reached": goals,
-        "Distance from a random point to the mesh, CPU time of a query": queries,
         "Error of a principal moment, if it were that of the spheres alone": [
             Figure(f"{row['quantity'].rpartition('_')[2]} spheres", row["model"], 100.0 * row["value"], "%")
             for row in of["inertia"]

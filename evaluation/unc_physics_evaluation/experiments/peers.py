@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from unc_physics.physics.rollout import simulate
+from unc_physics.dynamics.rollout import simulate
 from unc_physics.propagators.registry import make_propagator
 
 from ..comparison import (
@@ -27,12 +27,11 @@ from ..rollouts import ENGINES, OURS, available, missing_engines
 from ..scenarios import MODELS, collision
 from ..tables import number, table
 from ..timing import paired
-from .contacts import course
 
 TITLE = "Peers"
 SHAPES = {"spheres": "1000 spheres", "pieces": "convex pieces", "box": "a box"}
 COUNTS = (2, 5, 10, 20, 50, 100, 200, 500, 1000)
-ROLLOUT, ROLLOUT_RATIO, CONTACT_STEPS = "rollout_time", "rollout_time_over_ours", "contact_steps"
+ROLLOUT, ROLLOUT_RATIO = "rollout_time", "rollout_time_over_ours"
 #: How many times longer a rollout with the same spheres is to take than ours: of the armadillo, of others.
 GOALS = {"pybullet": (3.0, 5.0), "mujoco": (25.0, 40.0)}
 _COSTS = {"ours": 1e-3, "pybullet": 4e-3, "mujoco": 8e-3}  # s
@@ -62,7 +61,7 @@ def jobs(settings: Settings) -> list[Job]:
                             truth=truth,
                             rounds=rounds,
                         ),
-                        cost=(2 * truth + 4 * rounds) * each + 10 * distance_cost(truth, settings.distance),
+                        cost=(2 * truth + 4 * rounds) * each + 10 * distance_cost(truth),
                     )
                 )
     return made
@@ -96,16 +95,13 @@ def run(job: Job) -> Outcome:
 
     truth, second = samples("truth"), samples("second")
     answers = predicted(scene, belief, horizon, job) if engine is None else {}
-    rows = error_rows(job, truth, second, answers, [n for n in COUNTS if n <= p["truth"]], p["truth"])
+    rows = error_rows(job, truth, second, answers, [n for n in COUNTS if n <= p["truth"]])
     states = belief.sample(4 * p["rounds"], np.random.default_rng(job.seed("timed"))).reshape(
         p["rounds"], 4, *belief.mean.shape
     )
 
     def four_of(run):
         return lambda k: [run(state) for state in states[k]]
-
-    if p["geometry"] == "spheres":
-        rows += _contact_rows(engine, scene, states[0], steps)
 
     # each prediction beside the same rollout, so that ratios to it carry over from job to job
     functions = {(OURS, None): four_of(ours)}
@@ -125,15 +121,6 @@ def run(job: Job) -> Outcome:
     if engine is not None:
         engine.close()
     return Outcome(rows, {"states": truth.states})
-
-
-def _contact_rows(engine, scene, states, steps):
-    """In how many steps of a rollout there is contact, on average."""
-    count = engine.contacts if engine is not None else lambda x, n: course(scene, x, n).contacts
-    return [
-        Row(MONTE_CARLO, CONTACT_STEPS, "1", np.count_nonzero(count(state, steps)), None, k)
-        for k, state in enumerate(states)
-    ]
 
 
 def report(results: Results) -> str:
@@ -159,21 +146,9 @@ def report(results: Results) -> str:
     head = [""]
     for model in models:
         head += [f"{model} [ms]", "over ours"]
-    parts = [
-        (
-            "One rollout of 5 s, CPU time on one thread, and its ratio to ours in the same job (median of the"
-            " rounds' ratios):\n"
-        ),
-        table(head, lines),
-        goal_tables(_figures(results)),
-    ]
+    parts = [table(head, lines), goal_tables(_figures(results))]
     for quantity, what in ((POSITION_ERROR, "positions"), (ROTATION_ERROR, "rotations")):
-        parts.append(
-            f"Monte Carlo in each engine at the error of each of our propagators ({what}; error over the"
-            " floor, to the engine's own truth): the number of rollouts that it takes, and how many times"
-            " longer it runs than our propagator. Nothing where even two rollouts come nearer to the truth"
-            " than our propagator.\n"
-        )
+        parts.append(f"### Rollouts for equal error, {what}\n")
         parts.append(_equal_error(rows, quantity, cases))
     return "\n".join(parts)
 
@@ -203,12 +178,9 @@ def _figures(results) -> dict[str, list[Figure]]:
             here = rows.where(engine=engine, geometry="spheres", model=model)
             if not here:
                 continue
-            ours = rows.where(engine=OURS, model=model, quantity=CONTACT_STEPS).mean()
-            theirs = here.where(quantity=CONTACT_STEPS).mean()
-            note = f"contact in {number(theirs)} steps, in {number(ours)} of ours"
             slower = here.where(quantity=ROLLOUT_RATIO, samples=None).median()
             goal = GOALS[engine][model != "armadillo"]
-            found.append(Figure(f"{label(engine)} / ours", model, slower, "x", goal, note=note))
+            found.append(Figure(f"{label(engine)} / ours", model, slower, "x", goal))
     return {"One rollout with the same spheres, CPU time over ours": found}
 
 

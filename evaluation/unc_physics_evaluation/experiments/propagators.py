@@ -10,7 +10,7 @@ import numba
 import numpy as np
 
 from unc_physics import Belief, make_propagator, predict
-from unc_physics.physics.rollout import simulate
+from unc_physics.dynamics.rollout import simulate
 from unc_physics.propagators.base import Propagator
 
 from ..comparison import CPU_TIME, TIME_RATIO, rollout_cost, time_rows
@@ -66,11 +66,7 @@ def run(job: Job) -> Outcome:
 
 def report(results: Results) -> str:
     """A table of each section, with what is met and missed."""
-    return (
-        "What is compared runs in turns in one process, on one thread but where threads are the question;"
-        " figures are medians of the rounds' ratios. Scenes are collisions of two bodies, 5 s in 500 steps,"
-        " initial positions uncertain by 5 cm.\n\n" + goal_tables(_figures(results))
-    )
+    return goal_tables(_figures(results))
 
 
 def _everyone(job, samples) -> Mapping[tuple[str, int | None], Propagator]:

@@ -151,17 +151,6 @@ def _errors(method, place, found, samples, k, seed=None):
 def report(results: Results) -> str:
     """Errors of the final pose, what others are off by more than we, coverage, and goals."""
     rows = results.rows("pushes")
-    about = (
-        "Real pushes of an aluminium block by one and two finger tips at 2.5 mm/s or 2.5 degrees/s (see the"
-        " README beside the data). Root mean square and median of the final pose's error, position of the"
-        " centre of mass, with 95 % of a bootstrap over pushes; nothing is tuned, in ours or in the others."
-        " Differences are of the root mean squares to"
-        " those of our single rollout on the same pushes, with 95 % of a paired bootstrap: above zero we are"
-        f" nearer. Both frictions, where the load is and the pusher's frame are uncertain in the {SAMPLES}"
-        " samples; their regions also count by how much pushes of the same command end apart (0.84 mm, 1.3"
-        f" degrees). The friction of two tips is also given by their forces while the block slid along them:"
-        f" {two_tip_friction():.2f}, where the single tip's is {recorded_pushes().pusher_friction:.2f}.\n"
-    )
     lines = []
     for kind in rows.unique("kind"):
         own = rows.where(kind=kind)
@@ -169,7 +158,7 @@ def report(results: Results) -> str:
     head = ["pushes", "", "rms [mm]", "median", "less ours", "rms [degrees]", "median", "less ours"]
     head += [f"in the {100 * LEVEL:.0f} % region", "CPU time [ms], median"]
     found = table(head, [line for line in lines if line])
-    return "\n".join([about, found, goal_tables({"Goals": figures(results)["Goals"]})])
+    return "\n".join([found, goal_tables(figures(results))])
 
 
 def _line(rows, kind, method, title):

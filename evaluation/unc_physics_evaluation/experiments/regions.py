@@ -7,9 +7,10 @@ import math
 import numpy as np
 
 from unc_physics import make_propagator, predict
-from unc_physics.physics.layout import ERR_POSITION, ERR_ROTATION
+from unc_physics.prediction.body_status import Status
 from unc_physics.prediction.status import assess
-from unc_physics.prediction.status_rules import Status
+from unc_physics.propagators.base import Samples, rollout_count
+from unc_physics.spatial.layout import ERR_POSITION, ERR_ROTATION
 
 from ..goals import Figure, goal_tables, goals_met_by
 from ..jobs import Job, Outcome, Row, Settings
@@ -61,11 +62,13 @@ def run(job: Job) -> Outcome:
         if "seed" in own.options():
             own = make_propagator(of, **options, seed=job.seed(name))
         prediction = predict(scene, belief, own, horizon)
-        rollouts = own.rollouts(prediction.carry)
+        rollouts = rollout_count(prediction.carry)
         rows.append(Row(name, ROLLOUTS, "", float(rollouts), None, 0, prediction.seed))
-        for measure, values in own.measures(prediction.carry, prediction.scene).items():
+        sampled = isinstance(own, Samples)
+        measures = own.measures(prediction.carry, prediction.scene) if sampled else {}
+        for measure, values in measures.items():
             rows.append(Row(name, measure, "1", float(np.max(values)), rollouts, 0, prediction.seed))
-        samples = prediction.samples(OUTCOMES if own.own_sample_count is None else own.own_sample_count)
+        samples = prediction.samples(None if sampled else OUTCOMES)
         shares = [
             held(prediction[body.name].modes, samples[:, k], truth[:, k], LEVEL)
             for k, body in enumerate(scene.bodies)
@@ -133,11 +136,4 @@ verdict = goals_met_by(sections)
 
 def report(results: Results) -> str:
     """All tables."""
-    rows = results.rows("regions")
-    about = (
-        f"{len(rows.unique('scene'))} scenes at random, {rows[0]['truth']} outcomes of each by Monte Carlo: a"
-        " thing is dropped, pushed on a table, thrown at a wall, or falls on another. The region that holds"
-        " 90 % of a prediction's samples has the smallest Mahalanobis distances, or, where outcomes split"
-        " into modes, the highest density.\n\n"
-    )
-    return about + goal_tables(sections(results))
+    return goal_tables(sections(results))

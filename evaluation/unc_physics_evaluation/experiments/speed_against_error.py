@@ -24,7 +24,7 @@ from ..comparison import (
 from ..goals import Figure, goal_tables, goals_met_by
 from ..jobs import Job, Outcome, Settings
 from ..methods import FLOOR, GAUSSIAN, MONTE_CARLO, label
-from ..pareto import Choice, front, in_words
+from ..pareto import Choice
 from ..results import Results
 from ..scenarios import MODELS, collision
 from ..tables import number, table
@@ -57,7 +57,7 @@ def jobs(settings: Settings) -> list[Job]:
         Job(
             "speed_against_error",
             settings.parameters(measured="error", **case, sigma=sigma, encounter=k, encounters=1),
-            cost=2 * truth * rollout_cost(1000) + 30 * distance_cost(truth, settings.distance),
+            cost=2 * truth * rollout_cost(1000) + 30 * distance_cost(truth),
         )
         for k in range(encounters)  # of every model and sigma, if it is interrupted
         for case in cases.values()
@@ -86,7 +86,7 @@ def run(job: Job) -> Outcome:
     ]
     if p["measured"] == "error":
         answers = predicted(*cases[0], job, GROWN)
-        return Outcome(error_rows(job, *two_truths(*cases[0], job), answers, counts, p["truth"]))
+        return Outcome(error_rows(job, *two_truths(*cases[0], job), answers, counts))
     for scene, *_ in cases:
         _ = scene.world  # is built at its first use, which no method shall pay for
     each = [predictors(*case, job, counts, GROWN) for case in cases]
@@ -98,7 +98,7 @@ def run(job: Job) -> Outcome:
 
 
 def report(results: Results) -> str:
-    """The figures, the Pareto fronts in words, and all figures in a table."""
+    """The figures, and all numbers in a table."""
     from ..plots import draw_speed_against_error
 
     rows, peers = results.rows("speed_against_error"), results.rows("peers")
@@ -107,14 +107,7 @@ def report(results: Results) -> str:
         for quantity, _ in QUANTITIES
         for model, found in engine_choices(peers, quantity).items()
     }
-    errors = rows.where(measured="error")
-    encounters, sigmas = len(errors.unique("encounter")), len(errors.unique("sigma"))
-    parts = [
-        f"Errors are W1 over the floor, geometric means over {encounters} encounters with orientations of"
-        f" their own, each with {sigmas} uncertainties of the positions (whiskers: "
-        + "quartiles); times are medians over the same encounters. The curves of other engines are Monte"
-        " Carlo in them, against " + "their own truth.\n"
-    ]
+    parts = []
     for time_quantity, title in TIMES:
         choices = {
             (model, quantity): _choices(rows.where(model=model), quantity, time_quantity)
@@ -128,10 +121,6 @@ def report(results: Results) -> str:
             figure, choices, _limits(rows), title, engines if time_quantity == CPU_TIME else {}
         )
         parts.append(f"![Error over {title}](figures/{figure.name})\n")
-        parts.append(f"Pareto fronts, by {title}: what nothing else beats in both time and error.\n")
-        for (model, quantity), found in choices.items():
-            parts.append(f"* {model}, {dict(QUANTITIES)[quantity]}: {in_words(front(found))}")
-        parts.append("")
     parts.append(_table(rows))
     parts.append("\n" + goal_tables(_goals(results)))
     return "\n".join(parts)
@@ -224,5 +213,5 @@ def _table(rows):
         lines.append(cells)
     head = [""]
     for model in models:
-        head += [f"{model}: one thread [ms]", "as deployed [ms]", "error / floor"]
-    return "Times, and errors of positions / rotations over the floor:\n\n" + table(head, lines)
+        head += [f"{model}: one thread [ms]", "as deployed [ms]", "W1 / floor, position / rotation"]
+    return table(head, lines)

@@ -6,15 +6,17 @@ from dataclasses import replace
 from typing import NamedTuple
 
 from unc_physics.checks.errors import DivergedError
-from unc_physics.physics import contact_history as histories
-from unc_physics.physics.layout import ERR_POSITION, ERR_ROTATION
-from unc_physics.prediction.predict import periodic_times, predict, start_belief
+from unc_physics.dynamics import contact_history as histories
+from unc_physics.prediction.predict import predict, start_belief
+from unc_physics.prediction.request_checks import periodic_times
 from unc_physics.prediction.status import assess
+from unc_physics.propagators.base import Samples
 from unc_physics.propagators.registry import PROPAGATORS, make_propagator
-from unc_physics.propagators.start import known
+from unc_physics.propagators.start import constrain_belief
 from unc_physics.scene.belief import Belief
 from unc_physics.scene.scene import Scene
 from unc_physics.scene.stiffness import with_stiffness
+from unc_physics.spatial.layout import ERR_POSITION, ERR_ROTATION
 
 from .. import everyday_cases
 from ..conservation import FINITE, prediction_rows, rollout_rows, sampled_rows, trajectory
@@ -33,13 +35,11 @@ from ..stability_document import (
     POSITION_STD,
     ROTATION_STD,
     TRUE,
-    document,
     runs_on,
     sections,
 )
 
 TITLE = "Stability"
-DOCUMENT = "stability.md"
 TRUTH, REFINED = 1000, 4  # samples of the truth, and how many times shorter its steps are
 FEWER = {  # samples, also of Monte Carlo's prediction, where rollouts take long
     "long_in_a_box": 300,
@@ -128,10 +128,8 @@ def run(job: Job) -> Outcome:
 
 
 def report(results: Results) -> str:
-    """Goals, rates and tables; they are also written as a document of their own, stability.md."""
-    rows = results.rows("stability")
-    (results.folder / DOCUMENT).write_text(document(rows), encoding="utf-8")
-    return f"As a document of its own: [{DOCUMENT}]({DOCUMENT})\n{sections(rows)}"
+    """Goals, rates and the tables of all cases."""
+    return sections(results.rows("stability"))
 
 
 def _truth(given, job):
@@ -188,9 +186,10 @@ def _kept_rows(name, scene, belief, prediction):
     """Energy, momentum and eigenvalues, from what the prediction began with on."""
     propagator, times = prediction.propagator, (0.0, *prediction.times)
     nominal = propagator.traits.mean_update == "nominal"
-    carry = propagator.init(scene, start_belief(scene, belief) if nominal else known(scene, belief))
+    start = start_belief if nominal else constrain_belief
+    carry = propagator.init(scene, start(scene, belief))
     beliefs = (propagator.belief(carry, scene), *prediction.beliefs)
-    if propagator.own_sample_count is None:
+    if not isinstance(propagator, Samples):
         return prediction_rows(name, scene, beliefs, times)
     return sampled_rows(name, scene, beliefs, _rollouts(propagator, carry, scene, times), times)
 

@@ -27,8 +27,8 @@ from unc_physics.calibration.scores import (
     rotation_energy_score,
 )
 from unc_physics.calibration.search import Search
-from unc_physics.physics.layout import POSITION, QUATERNION
 from unc_physics.scene.stiffness import with_stiffness
+from unc_physics.spatial.layout import POSITION, QUATERNION
 
 from ..jobs import Job, Outcome, Row, Settings
 from ..methods import MARGINAL, MONTE_CARLO, OURS

@@ -8,8 +8,8 @@ prediction = predict(scene, belief, horizon=2.0)
 print(prediction.beleif)  # mistake
 print(prediction.belief.means)  # mistake
 print(prediction["mug"].postion)  # mistake
-prediction["mug"].contact_with(3)  # mistake
-prediction[0]  # mistake
+prediction.probability("touches")  # mistake
+prediction[0.5]  # mistake
 prediction.body("mug", origin="com")  # mistake
 prediction["mug"].covariance("body")  # mistake
 BodyBelief(position=(0, 0, 1), positon_std=0.1)  # mistake

@@ -5,7 +5,7 @@ from typing import assert_type
 
 import numpy as np
 
-from unc_physics import Belief, BoxRegion, Prediction, Scene
+from unc_physics import Belief, BoxRegion, Inside, Prediction, Scene
 from unc_physics.ros import Client
 
 
@@ -13,7 +13,8 @@ def ask(scene: Scene, belief: Belief) -> Prediction:
     with Client(server="/unc_physics", timeout=5.0) as client:
         assert_type(client, Client)
         region = BoxRegion("bin", size=(0.4, 0.3, 0.2))
-        prediction = client.predict(scene, belief, "sigma_points", 1.0, times=[0.5], regions=region)
+        inside = Inside("box", region)
+        prediction = client.predict(scene, belief, "sigma_points", 1.0, times=[0.5], events=[inside])
         assert_type(prediction, Prediction)
         assert_type(prediction["box"].position, np.ndarray)
         assert_type(client.predict_async(scene, belief, horizon=1.0, samples=3), Future[Prediction])

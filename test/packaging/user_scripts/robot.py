@@ -12,26 +12,28 @@ from unc_physics import (
     Box,
     BoxRegion,
     Capsule,
-    ContactProbability,
+    ContactTime,
     Cylinder,
     ErrorCode,
+    Inside,
     Mode,
     Plane,
     PredictedBody,
     Prediction,
+    Probability,
     Propagator,
-    RegionProbability,
-    RestProbability,
     RigidBody,
     Scene,
+    Snapshot,
     Sphere,
     SpherePacking,
     Status,
+    Touches,
     Trajectory,
     UncPhysicsError,
+    Upright,
     assess,
     auto_stiffness,
-    contact_probabilities,
     load_model,
     load_scene,
     load_solid,
@@ -39,8 +41,6 @@ from unc_physics import (
     pack_solid,
     physics_of,
     predict,
-    region_probabilities,
-    rest_probabilities,
     save_packing,
     start_belief,
 )
@@ -82,12 +82,14 @@ def drop() -> Prediction:
     assert_type(prediction.samples(10), np.ndarray)
     print_body(prediction, prediction["box"])
 
-    for touch in contact_probabilities(prediction):
-        assert_type(touch, ContactProbability)
-        assert_type(touch.probability, float | None)
+    touches = Touches("box", "floor")
     region = BoxRegion("bin", size=(0.4, 0.3, 0.2), position=(0, 0, 0.1))
-    assert_type(region_probabilities(prediction, [region]), tuple[RegionProbability, ...])
-    assert_type(rest_probabilities(prediction), tuple[RestProbability, ...])
+    found = prediction.probability(Inside("box", region) & ~touches | Upright("box"), time=0.25)
+    assert_type(found, Probability)
+    assert_type(found.estimate, float)
+    assert_type(prediction.contact_time(touches), ContactTime | None)
+    assert_type(prediction.snapshots[0], Snapshot)
+    assert_type(prediction[:1], Prediction)
     for status in assess(prediction):
         assert_type(status, BodyStatus)
         assert_type(status.flags, Status)
@@ -103,9 +105,6 @@ def print_body(prediction: Prediction, body: PredictedBody) -> None:
     assert_type(body.samples(10), np.ndarray)
     assert_type(body.modes, tuple[Mode, ...])
     assert_type(body.modes[0].weight, float)
-    assert_type(body.contact_with("floor").first_contact_time_mean, float | None)
-    assert_type(body.probability_in(BoxRegion("bin", size=(0.4, 0.3, 0.2))).probability, float | None)
-    assert_type(body.rest_probability(), RestProbability)
     assert_type(body.status(rollouts=0), BodyStatus)
     assert_type(prediction.bodies, tuple[PredictedBody, ...])
     assert_type(prediction.trajectory("box"), Trajectory)

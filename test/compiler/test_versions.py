@@ -1,0 +1,63 @@
+"""The choice between tuned and plain compilation, and agreement on the versions of numba."""
+
+import re
+from pathlib import Path
+
+import pytest
+from compiler_copies import CALL, CALLEE, ended
+from packaging.specifiers import SpecifierSet
+
+from unc_physics.compiler import versions
+
+ROOT = Path(__file__).resolve().parents[2]
+BACKEND = """
+import sys
+print(sorted(name for name in sys.modules if name.startswith("unc_physics.compiler.tuned")))
+"""
+
+
+def test_the_variable_selects_plain_compilation(copy):
+    out, err = ended(copy(CALL + BACKEND, UNC_PHYSICS_COMPILER="plain"))
+    assert out == "2.0 3.0\n[]"
+    assert "not tested" not in err
+    assert ended(copy(UNC_PHYSICS_COMPILER="plain")) == ("2.0 3.0", ""), "loaded from the cache"
+
+
+def test_plain_compilation_notices_an_edit_of_a_callee(copy):
+    assert ended(copy(UNC_PHYSICS_COMPILER="plain"))[0] == "2.0 3.0"
+    callee = copy.package / "compiler" / "callee.py"
+    callee.write_text(CALLEE.replace("FACTOR = 2.0", "FACTOR = 5.0").replace("+ 1.0", "+ 2.0"))
+    assert ended(copy(UNC_PHYSICS_COMPILER="plain"))[0] == "5.0 4.0"
+
+
+def test_plain_compilation_leaves_the_setting_of_numba(copy):
+    program = "import numba; before = numba.config.CACHE_DIR\n" + CALL
+    out, _ = ended(copy(program + "; print(numba.config.CACHE_DIR == before)", UNC_PHYSICS_COMPILER="plain"))
+    assert out == "2.0 3.0\nTrue"
+
+
+def test_an_untested_numba_selects_plain_compilation_with_one_warning(copy):
+    program = "import numba; numba.__version__ = '0.67.9'\n" + CALL + BACKEND
+    out, err = ended(copy(program, UNC_PHYSICS_COMPILER=""))
+    assert out == "2.0 3.0\n[]"
+    assert err.count("numba 0.67.9 is not tested") == 1
+    assert f"tested: {', '.join(versions.TESTED)}" in err
+
+
+def test_a_tested_numba_is_tuned(monkeypatch):
+    monkeypatch.delenv(versions.VARIABLE, raising=False)
+    monkeypatch.setattr("numba.__version__", versions.TESTED[-1])
+    assert versions.choose_tuned()
+
+
+def test_another_value_of_the_variable_is_an_error(monkeypatch):
+    monkeypatch.setenv(versions.VARIABLE, "fast")
+    with pytest.raises(ValueError, match="UNC_PHYSICS_COMPILER: 'fast' is not 'plain'"):
+        versions.choose_tuned()
+
+
+def test_requirements_agree_with_the_tested_versions():
+    pinned = re.search(r"^numba==(\S+)$", (ROOT / "requirements/constraints.txt").read_text(), re.MULTILINE)
+    assert pinned and pinned[1] in versions.TESTED
+    wanted = re.search(r'"numba([<>=.,\d]+)"', (ROOT / "setup.py").read_text())
+    assert wanted and all(tested in SpecifierSet(wanted[1]) for tested in versions.TESTED)

@@ -1,0 +1,354 @@
+"""Motions of the implicit step with known answers: passing, rolling, sliding, impacts in a row, rocking,
+tumbling, and what falls in long steps.
+
+Models are packings, so a tolerance has room for their bumps. Closed forms are in the docstrings.
+"""
+
+import math
+from functools import cache
+
+import numpy as np
+import pytest
+from plain_scenes import G, course, energy, lowest, packing, run, sphere_centers, state
+from scipy.integrate import solve_ivp
+from scipy.spatial.transform import Rotation
+
+from unc_physics import Belief, RigidBody, Scene, Status, load_model, make_propagator, predict, rounded_box
+from unc_physics.dynamics import contact_history
+from unc_physics.dynamics.rollout import rollout
+from unc_physics.geometry.packing import pack_solid
+from unc_physics.geometry.primitives import primitive
+from unc_physics.geometry.solid_mesh import make_solid
+from unc_physics.prediction.status import assess
+from unc_physics.scene.environment import Box, Plane
+from unc_physics.scene.stiffness import with_stiffness
+
+
+def ball(radius):
+    return packing("ball", [[0, 0, 0]], [radius], 0.4 * radius**2 * np.eye(3))
+
+
+def ring(radius, tube, count, heights=(0.0,)):
+    """Centres of spheres around the z axis at some heights, and their radii."""
+    angle = 2.0 * np.pi * np.arange(count) / count
+    around = np.column_stack([radius * np.cos(angle), radius * np.sin(angle), 0.0 * angle])
+    centers = np.concatenate([around + (0.0, 0.0, z) for z in heights])
+    return centers, np.full(len(centers), tube)
+
+
+def turned(*rotation_vector):
+    return Rotation.from_rotvec(rotation_vector).as_quat()
+
+
+# -- what passes without touching --------------------------------------------------------------------
+
+
+def through_a_hole(free, dt, aside=0.0):
+    """State of a ball of 20 mm that falls for 0.2 s through a square hole of a plate of 10 mm.
+
+    It has ``free`` metres on each side, less ``aside`` on one.
+    """
+    radius = 0.02
+    inner = radius + free + 0.05
+    sides = [Box((0.1, 0.3, 0.01), (s * inner, 0, 0)) for s in (-1, 1)]
+    sides += [Box((0.3, 0.1, 0.01), (0, s * inner, 0)) for s in (-1, 1)]
+    scene = Scene.everyday([RigidBody("ball", ball(radius), 0.1)], environment=sides, dt=dt)
+    return run(scene, state((aside, 0, 0.06)), 0.2)[0]
+
+
+@pytest.mark.parametrize("dt", [1 / 120, 1 / 240, 1 / 1000, 1 / 2000])
+@pytest.mark.parametrize("free", [5e-5, 1e-4, 2.5e-4, 5e-4, 6e-4, 1e-3])
+def test_a_ball_falls_freely_through_a_hole(free, dt):
+    for aside in (0.0, 0.5 * free):
+        x = through_a_hole(free, dt, aside)
+        assert x[5] == pytest.approx(-G * 0.2, rel=1e-6)
+        np.testing.assert_allclose(x[:2], [aside, 0.0], atol=1e-9)
+
+
+def past_an_edge(free, dt):
+    """Start and end of a salt box that falls past a shelf's edge, ``free`` metres beside it, for 0.3 s."""
+    model = load_model("salt_box").prefix(500)
+    side = float((model.centers[:, 0] + model.radii).max())
+    shelf = Box((0.2, 0.4, 0.02), (0.1, 0, -0.01))
+    scene = Scene.everyday([RigidBody("box", model, 0.5)], environment=[shelf], dt=dt)
+    start = state((-free - side, 0, 0.02 - lowest(model)))
+    return start, run(scene, start, 0.3)[0]
+
+
+@pytest.mark.parametrize("dt", [1 / 120, 1 / 240, 1 / 1000])
+@pytest.mark.parametrize("free", [5e-5, 2e-4, 4e-4])
+def test_a_box_falls_freely_past_an_edge(free, dt):
+    start, end = past_an_edge(free, dt)
+    np.testing.assert_allclose(end[:2], start[:2], atol=1e-9)
+    assert end[5] == pytest.approx(-G * 0.3, rel=1e-6)
+    np.testing.assert_allclose(end[10:], 0.0, atol=1e-9)
+
+
+# -- rolling -----------------------------------------------------------------------------------------
+
+CAN_RADIUS = 0.038  # m
+
+
+@cache
+def can(count):
+    """A can of a packing, or the two rims it rolls on, as smooth rings."""
+    if count is not None:
+        return load_model("can").prefix(count)
+    return packing("rims", *ring(0.0365, 0.0015, 2000, (-0.0535, 0.0535)), load_model("can").inertia)
+
+
+def rolled(count, dt, speed=0.5, time=0.5):
+    """Share of its speed that a can on its side keeps."""
+    scene = Scene.everyday([RigidBody("can", can(count), 0.455)], environment=[Plane()], dt=dt)
+    start = state(
+        (0, 0, CAN_RADIUS + 2e-5), (speed, 0, 0), (0, speed / CAN_RADIUS, 0), turned(np.pi / 2, 0, 0)
+    )
+    return run(scene, start, time)[0, 3] / speed
+
+
+def down_an_incline(count, degrees, dt=1 / 240, time=0.4):
+    """Speed of a can that rolls from rest down an incline, relative to the right one."""
+    angle, model = math.radians(degrees), can(count)
+    normal, down = np.array([math.sin(angle), 0, math.cos(angle)]), [math.cos(angle), 0, -math.sin(angle)]
+    scene = Scene.everyday([RigidBody("can", model, 0.455)], environment=[Plane(normal)], dt=dt)
+    lies = Rotation.from_rotvec((0, angle, 0)) * Rotation.from_rotvec((np.pi / 2, 0, 0))
+    x = run(scene, state((CAN_RADIUS + 2e-5) * normal, orientation=lies.as_quat()), time)[0]
+    inertia = float(model.inertia[2, 2]) / CAN_RADIUS**2
+    return x[3:6] @ down / (G * math.sin(angle) / (1.0 + inertia) * time)
+
+
+@pytest.mark.parametrize("count", [1000, 4000])
+def test_a_can_rolls_on(count):
+    assert 0.97 <= rolled(count, 1 / 240) <= 1.005
+
+
+@pytest.mark.parametrize("dt", [1 / 120, 1 / 240, 1 / 1000])
+def test_smooth_rims_roll_on(dt):
+    assert 0.99 <= rolled(None, dt) <= 1.005
+
+
+@pytest.mark.parametrize(
+    "count, degrees", [(None, 2), (None, 5), (None, 10), (None, 17), (4000, 5), (4000, 10), (4000, 17)]
+)
+def test_a_can_rolls_down_an_incline(count, degrees):
+    """With ``g sin(angle) / (1 + I / (m r^2))``."""
+    assert down_an_incline(count, degrees) == pytest.approx(1.0, abs=0.03)
+
+
+# -- sliding of packings on each other ---------------------------------------------------------------
+
+
+def slid(count, friction, dt=1 / 240):
+    """Distance that a salt box slides on a fixed brick at 0.4 m/s, relative to ``v^2 / (2 mu g)``."""
+    brick, box = load_model("brick").prefix(count), load_model("salt_box").prefix(count)
+    lies = turned(np.pi / 2, 0, 0)
+    bodies = [RigidBody("box", box), RigidBody("brick", brick, fixed=True)]
+    scene = Scene.everyday(bodies, friction=friction, restitution=0.0, dt=dt)
+    top = float((brick.centers[:, 2] + brick.radii).max())
+    bottom = float((sphere_centers(bodies[0], state(orientation=lies))[:, 2] - box.radii).min())
+    x = run(scene, [state((-0.06, 0, top - bottom), (0.4, 0, 0), orientation=lies), state()], 1.0)
+    return (x[0, 0] + 0.06) / (0.16 / (2.0 * friction * G))
+
+
+@pytest.mark.parametrize("friction", [0.1, 0.3])
+@pytest.mark.parametrize("count, tolerance", [(1000, 0.1), (4000, 0.05)])
+def test_a_box_slides_on_a_brick_as_far_as_coulomb_says(count, tolerance, friction):
+    assert slid(count, friction) == pytest.approx(1.0, abs=tolerance)
+
+
+@cache
+def packed_box(name, size, count):
+    mesh = primitive("box", size)
+    return pack_solid(make_solid(name, *mesh), count)
+
+
+def down_a_slope(cube, slope, dt=1 / 240, time=0.5):
+    """Acceleration of a cube of 10 cm down a fixed slope of 20 degrees, without friction [m/s^2]."""
+    tilt = Rotation.from_rotvec((0, math.radians(20), 0))
+    bodies = [RigidBody("cube", cube, 1.0), RigidBody("slope", slope, fixed=True)]
+    scene = Scene.everyday(bodies, friction=None, restitution=0.0, dt=dt)
+    high = float((slope.centers[:, 2] + slope.radii).max() - (cube.centers[:, 2] - cube.radii).min())
+    start = state(tilt.apply((-0.4, 0.01, high)), orientation=tilt.as_quat())
+    x = run(scene, [start, state(orientation=tilt.as_quat())], time)
+    return x[0, 3:6] @ tilt.apply((1, 0, 0)) / time
+
+
+@pytest.mark.parametrize("dt", [1 / 240, 1 / 1000])
+def test_a_cube_slides_down_a_slope_without_friction(dt):
+    cube, slope = packed_box("cube", (0.1, 0.1, 0.1), 3000), packed_box("slope", (1.2, 0.3, 0.1), 8000)
+    assert down_a_slope(cube, slope, dt) == pytest.approx(G * math.sin(math.radians(20)), rel=0.05)
+
+
+# -- impacts in a row --------------------------------------------------------------------------------
+
+
+def cradle(gap, dt=1 / 240):
+    """Speeds of five equal elastic balls in a row, with gaps, after the first came at 1 m/s."""
+    scene = Scene.everyday(
+        [RigidBody(f"b{k}", ball(0.02), 0.1) for k in range(5)],
+        gravity=None,
+        friction=None,
+        restitution=1.0,
+        dt=dt,
+    )
+    x = [state((k * (0.04 + gap) - 0.1 * (k == 0), 0, 0), (float(k == 0), 0, 0)) for k in range(5)]
+    return run(scene, x, 0.5)[:, 3]
+
+
+@pytest.mark.parametrize("dt", [1 / 120, 1 / 240, 1 / 1000])
+@pytest.mark.parametrize("gap", [1e-5, 5e-5, 1e-4, 5e-4, 1e-3])
+def test_the_last_ball_of_a_cradle_flies_off(gap, dt):
+    np.testing.assert_allclose(cradle(gap, dt), [0, 0, 0, 0, 1], atol=0.02)
+
+
+# -- rocking -----------------------------------------------------------------------------------------
+
+BLOCK_SIZE, CORNER, TILT = (0.04, 0.08, 0.2), 0.002, 0.1  # m, m, rad
+
+
+def rocking(dt, time=0.7):
+    """Time and tilt of a block that rocks, from 0.1 rad on one edge."""
+    width, height = BLOCK_SIZE[0], BLOCK_SIZE[2]
+    across, up = 0.5 * width - CORNER, 0.5 * height - CORNER
+    place = (
+        up * math.sin(TILT) - across * math.cos(TILT),
+        0.0,
+        CORNER + up * math.cos(TILT) + across * math.sin(TILT),
+    )
+    block = RigidBody("block", rounded_box(BLOCK_SIZE, CORNER, mass=1.0), 1.0)
+    scene = Scene.everyday([block], environment=[Plane()], friction=1.0, restitution=0.0, dt=dt)
+    times = np.arange(1, round(time / dt) + 1) * dt
+    states = course(scene, state(place, orientation=turned(0, TILT, 0)), times)[:, 0]
+    return times, Rotation.from_quat(states[:, 6:10]).as_rotvec()[:, 1]
+
+
+def amplitude_after_impact(times, tilts):
+    """Largest tilt to the other side before the block comes back [rad]."""
+    first = int(np.argmax(tilts < 0.0))
+    back = first + int(np.argmax(tilts[first:] > 0.0)) if (tilts[first:] > 0.0).any() else len(tilts)
+    return float(-tilts[first:back].min())
+
+
+def housners_amplitude():
+    """Tilt to the other side [rad]: the impact keeps the angular momentum about the new edge (Housner 1963).
+
+    Between impacts the block rolls on a rounded edge without slip, and keeps its energy.
+    """
+    width, height = BLOCK_SIZE[0], BLOCK_SIZE[2]
+    across, up = 0.5 * width - CORNER, 0.5 * height - CORNER  # of a corner's centre
+    standing, lean = (width**2 + height**2) / 12.0 + 0.25 * height**2, math.atan2(across, up)
+    kept = (standing - across**2) / (standing + across**2)  # of the angular velocity
+    return lean - math.acos(math.cos(lean) + kept**2 * (math.cos(lean - TILT) - math.cos(lean)))
+
+
+@pytest.mark.parametrize("dt", [1 / 1000, 1 / 2000])
+def test_a_block_rocks_on_with_housners_amplitude(dt):
+    assert amplitude_after_impact(*rocking(dt)) == pytest.approx(housners_amplitude(), rel=0.05)
+
+
+# -- tumbling ----------------------------------------------------------------------------------------
+
+
+def tumbling_orientation(inertia, spin, time):
+    """Quaternion (x, y, z, w) of a body that turns freely from the identity, by Euler's equations."""
+
+    def rate(_, y):
+        q, w, turn = y[:3], y[3], y[4:]
+        turning = np.cross(inertia * turn, turn) / inertia
+        return np.concatenate([0.5 * (w * turn + np.cross(q, turn)), [-0.5 * q @ turn], turning])
+
+    start = np.concatenate([[0.0, 0.0, 0.0, 1.0], spin])
+    return solve_ivp(rate, (0.0, time), start, method="DOP853", rtol=1e-12, atol=1e-13).y[:4, -1]
+
+
+def tumbled(rate, time=10.0):
+    """Error of a body's orientation [degrees] that turns about its middle axis, in steps of ``1 / rate``."""
+    inertia, spin = np.array([6e-4, 1.1e-3, 1.5e-3]), np.array([0.01, 5.0, 0.01])
+    model = packing("body", [[0.03, 0, 0], [-0.03, 0, 0]], [0.01, 0.01], np.diag(inertia))
+    scene = Scene.everyday([RigidBody("b", model, 1.0)], gravity=None, dt=1.0 / rate)
+    found = Rotation.from_quat(run(scene, state(spin=spin), time)[0, 6:10])
+    exact = Rotation.from_quat(tumbling_orientation(inertia, spin, time))
+    return math.degrees((exact.inv() * found).magnitude())
+
+
+def test_the_error_of_a_tumbling_body_falls_with_the_step():
+    errors = [tumbled(rate) for rate in (240, 480, 960, 1920)]
+    assert errors[0] < 0.1 and (np.diff(errors) < 0.0).all()
+
+
+# -- dominoes ----------------------------------------------------------------------------------------
+
+DOMINO = np.array([0.008, 0.024, 0.048])  # m
+#: Speed of the wave [m/s] over the gap between dominoes [m], by MuJoCo 4.0.0: box geoms of 10 g with friction
+#: 0.5, condim 3 and an elliptic cone, on a plane; solref "0.005 1", solimp "0.99 0.999 0.0001", at most 200
+#: iterations, time step 1/4000 s. With 1/1000 s, and solref from "0.01 1" to "0.002 1", it differs by 0.4 %.
+WAVE_SPEED = {0.016: 0.6057, 0.024: 0.6326}
+
+
+def dominoes(gap, dt, count=10, level=0.05):
+    """Speed of a row's wave [m/s]: over six dominoes from the fourth on, as they pass a tilt of 0.05 rad.
+
+    The first one stands on an edge at 0.2 rad. Each has spheres of 1 mm in its surface.
+    """
+    radius, half = 0.001, 0.5 * DOMINO
+    axes = [np.arange(-h + radius, h, radius) for h in half]
+    grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+    centers = grid[(np.abs(grid) > half - 1.5 * radius).any(axis=1)]
+    inertia = np.diag((DOMINO**2).sum() - DOMINO**2) / 12.0
+    model = packing("domino", centers, [radius] * len(centers), inertia)
+    pitch, tilt = DOMINO[0] + gap, 0.2
+    x = np.array([state((k * pitch, 0, half[2])) for k in range(count)])
+    first = Rotation.from_rotvec((0, tilt, 0))
+    x[0, :3] = (half[0], 0, 0) + first.apply((-half[0], 0, half[2]))
+    x[0, 6:10] = first.as_quat()
+    bodies = [RigidBody(f"d{k}", model, 0.01) for k in range(count)]
+    scene = Scene.everyday(bodies, environment=[Plane()], friction=0.5, restitution=0.0, dt=dt)
+    times = np.arange(1, round(0.9 / dt) + 1) * dt
+    states = course(scene, x, times)
+    up = Rotation.from_quat(states[:, :, 6:10].reshape(-1, 4)).apply((0, 0, 1)).reshape(-1, count, 3)
+    tilts = np.arctan2(up[..., 0], up[..., 2])
+    passed = [np.interp(level, np.maximum.accumulate(tilts[:, k]), times) for k in (3, 9)]
+    assert (tilts[-1] > level).all(), "the wave must reach the end"
+    return 6.0 * pitch / (passed[1] - passed[0])
+
+
+@pytest.mark.parametrize("gap, dt", [(0.016, 1 / 240), (0.024, 1 / 240), (0.024, 1 / 1000)])
+def test_dominoes_fall_as_fast_as_in_mujoco(gap, dt):
+    assert dominoes(gap, dt) == pytest.approx(WAVE_SPEED[gap], rel=0.05)
+
+
+# -- long times --------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("rate", [60, 120, 240])
+def test_what_falls_ends_on_the_floor(rate):
+    """400 salt boxes, each alone, at random orientations; no sphere ends deeper than 0.1 mm."""
+    model, rng = load_model("salt_box").prefix(500), np.random.default_rng(0)
+    scene = Scene.everyday([RigidBody("box", model, 0.5)], environment=[Plane()], dt=1.0 / rate)
+    turns = Rotation.random(400, rng)
+    x = np.array([state(orientation=q) for q in turns.as_quat()])[:, None]
+    bottoms = [(sphere_centers(scene.bodies[0], s[0])[:, 2] - model.radii).min() for s in x]
+    x[:, 0, 2] = 0.05 - np.array(bottoms)
+    world = with_stiffness(scene, x[0]).world
+    rollout(x, contact_history.fresh(len(x), world), world, 0, 3 * rate)
+    bottoms = [(sphere_centers(scene.bodies[0], s[0])[:, 2] - model.radii).min() for s in x]
+    assert min(bottoms) > -1e-4
+
+
+def elastic_mug(time, rate=60, samples=1):
+    """Energy kept by an elastic mug without friction that bounces on a floor, and the prediction's status."""
+    model = load_model("mug").prefix(200)
+    scene = Scene.everyday(
+        [RigidBody("mug", model, 0.3)], environment=[Plane()], friction=None, restitution=1.0, dt=1.0 / rate
+    )
+    start = state((0, 0, 0.3), orientation=turned(0.4, 0.3, 0.2))[None]
+    belief = Belief(start, np.zeros((1, 12, 12)), scene.moving)
+    prediction = predict(scene, belief, make_propagator("monte_carlo", samples=samples), time)
+    floor = 0.3 * G * -lowest(model)
+    kept = (energy(scene, prediction.belief.mean.copy()) - floor) / (energy(scene, start) - floor)
+    return kept, assess(prediction)[0]
+
+
+def test_an_elastic_mug_keeps_its_energy_or_is_flagged():
+    kept, status = elastic_mug(60.0)
+    assert abs(kept - 1.0) < 0.02 or status.flags & Status.NOT_CONVERGED

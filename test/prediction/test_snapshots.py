@@ -1,0 +1,109 @@
+"""What is said of an earlier time is what a prediction that ends there says."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from unc_physics import (
+    PROPAGATORS,
+    Belief,
+    BodyBelief,
+    Plane,
+    RigidBody,
+    Scene,
+    UncPhysicsError,
+    assess,
+    assess_all,
+    load_model,
+    make_propagator,
+    predict,
+)
+from unc_physics.propagators.base import Samples
+
+TIMES = (0.05, 0.2, 0.3)  # of a fall: before contact, at contact, later [s]
+#: Options that make answers short; those of `auto` keep one number of rollouts for all horizons.
+OPTIONS = {
+    "monte_carlo": {"samples": 40},
+    "balanced_monte_carlo": {"samples": 40},
+    "cloud": {"samples": 100},
+    "auto": {"samples": 100, "runs": 16},
+}
+
+
+def propagator(name):
+    return make_propagator(name, **OPTIONS.get(name, {}))
+
+
+def scene_and_belief(integrator, islands):
+    """A box that drops on a table beside another one, fast enough to bounce."""
+    box = load_model("salt_box").prefix(30)
+    bodies = [RigidBody("left", box), RigidBody("right", box)]
+    physics = {"environment": [Plane()], "gravity": (0.0, 0.0, -9.81), "islands": islands}
+    if integrator == "implicit":
+        scene = Scene.everyday(bodies, **physics)
+    else:
+        scene = Scene(bodies, **physics)
+    places = {"left": (0.0, 0.0, 0.2), "right": (0.3, 0.05, 0.35)}
+    known = {
+        name: BodyBelief(
+            position=place,
+            orientation=(0.1, 0.2, 0.0, 0.95**0.5),
+            linear_velocity=(0.5, 0.0, -0.5),
+            position_std=0.01,
+            orientation_std=0.05,
+        )
+        for name, place in places.items()
+    }
+    return scene, Belief.of(scene, known)
+
+
+@pytest.fixture(scope="module", params=["explicit", "implicit", "islands"])
+def predicted(request):
+    """By each propagator: a prediction at all times, and those that end at each."""
+    integrator = "explicit" if request.param == "explicit" else "implicit"
+    scene, belief = scene_and_belief(integrator, request.param == "islands")
+    found = {}
+    for name, kind in PROPAGATORS.items():
+        if scene.integrator in kind.integrators:
+            whole = predict(scene, belief, propagator(name), times=TIMES)
+            found[name] = (
+                whole,
+                [predict(scene, belief, propagator(name), times=TIMES[: k + 1]) for k in range(len(TIMES))],
+            )
+    return found
+
+
+def test_statuses_are_those_of_predictions_that_end_there(predicted):
+    for whole, ends in predicted.values():
+        for k, (statuses, end) in enumerate(zip(assess_all(whole), ends, strict=True)):
+            assert statuses == assess(end) == assess(whole[: k + 1])
+            assert statuses == tuple(
+                whole.body(body.name, time=whole.times[k]).status() for body in whole.scene.bodies
+            )
+    touched = [assess_all(whole)[-1][0].measures for whole, _ in predicted.values()]
+    assert all("energy_gain" in measures for measures in touched), "the case must have contacts"
+
+
+def test_samples_and_modes_are_those_of_predictions_that_end_there(predicted):
+    for whole, ends in predicted.values():
+        for end in ends:
+            count = None if isinstance(whole.propagator, Samples) else 10
+            np.testing.assert_array_equal(whole.samples(count, time=end.time), end.samples(count))
+            for body in ("left", "right"):
+                modes = whole.body(body, time=end.time).modes
+                for one, other in zip(modes, end[body].modes, strict=True):
+                    assert one.weight == other.weight
+                    np.testing.assert_array_equal(one.mean, other.mean)
+                    np.testing.assert_array_equal(one.covariance, other.covariance)
+
+
+def test_slices_are_predictions(predicted):
+    whole, _ = predicted["linearization"]
+    part = whole[1:]
+    assert part.times == whole.times[1:] and part.beliefs == whole.beliefs[1:] and part.time == whole.time
+    assert whole[:1].belief is whole.beliefs[0] and part.start is whole.start
+    assert replace(whole, snapshots=whole.snapshots[::2]).times == whole.times[::2]
+    assert whole.at(TIMES[1]) is whole.snapshots[1] and whole.at() is whole.snapshots[-1]
+    with pytest.raises(UncPhysicsError, match="is no time of the prediction"):
+        whole.at(0.1)

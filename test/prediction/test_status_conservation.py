@@ -1,0 +1,288 @@
+"""Flags of what no law explains: bodies inside each other or the environment, and lost elastic energy."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from plain_scenes import BALL, BLOCK, G, energy, lowest, packing, sphere_centers, state
+
+from unc_physics import Belief, PosePath, RigidBody, Scene, Status, load_model, make_propagator, predict
+from unc_physics.prediction.status import assess, assess_all
+from unc_physics.scene.environment import Box, Cylinder, Plane
+
+BOX = load_model("salt_box").prefix(200)
+MUG = load_model("mug").prefix(200)
+TILTED = np.array((0.3, 0.2, 0.1, 0.9)) / np.linalg.norm((0.3, 0.2, 0.1, 0.9))
+FLOOR = (Plane(),)
+SHELF = Box((0.4, 0.4, 0.005), (0, 0, -0.0025), name="shelf")
+
+
+def certain(scene, *states):
+    """A belief without uncertainty."""
+    return Belief(np.array(states), np.zeros((len(scene.moving), 12, 12)), scene.moving)
+
+
+def predicted(scene, states, horizon, times=None, name="monte_carlo", **options):
+    options = options or ({"samples": 1} if name == "monte_carlo" else {})
+    return predict(scene, certain(scene, *states), make_propagator(name, **options), horizon, times=times)
+
+
+def with_states(prediction, change):
+    """The same prediction with other states of its rollouts at the end."""
+    propagator = prediction.propagator
+    if propagator.traits.mean_update != "nominal" and getattr(propagator, "samples", 2) != 1:
+        change(prediction.carry.states)
+        return prediction
+    mean = prediction.belief.mean.copy()  # that of the only rollout
+    change(mean[None])
+    belief = Belief(mean, prediction.belief.covariance, prediction.belief.moving)
+    return replace(prediction, snapshots=(replace(prediction.at(), belief=belief),))
+
+
+def says(status, measure):
+    """Whether a flag is raised by a measure."""
+    return bool(status.flags & Status.NOT_CONVERGED) and f"({measure} " in status.message
+
+
+def resting(model=BOX, below=FLOOR, **physics):
+    scene = Scene.everyday([RigidBody("a", model, 1.0)], environment=below, **physics)
+    return scene, state((0, 0, -lowest(model)))
+
+
+# -- penetration -----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("below", [Plane(), SHELF], ids=["plane", "shelf"])
+def test_what_rests_is_not_inside(below):
+    scene, x = resting(below=(below,))
+    (status,) = assess(predicted(scene, [x], 0.5))
+    assert status.measures["penetration_share"] == 0.0
+
+
+@pytest.mark.parametrize(("depth", "flagged"), [(0.04, False), (0.07, True), (0.5, True), (3.0, True)])
+def test_what_ends_below_a_plane_is_not_converged(depth, flagged):
+    """Some of the body's radius below, or all of it."""
+    scene, x = resting()
+
+    def sink(states):
+        states[:, 0, 2] -= depth * BOX.bounding_radius
+
+    (status,) = assess(with_states(predicted(scene, [x], 0.1), sink))
+    assert status.measures["penetration_share"] == float(flagged)
+    assert says(status, "penetration_share") == flagged
+    assert not flagged or "ends inside the environment or a fixed body; a smaller dt" in status.message
+
+
+def test_a_share_of_the_rollouts_inside_something_counts():
+    scene, x = resting()
+    for count, flagged in ((2, False), (3, True)):
+
+        def sink(states, count=count):
+            states[:count, 0, 2] -= 0.02
+
+        prediction = predicted(scene, [x], 0.1, samples=40)
+        (status,) = assess(with_states(prediction, sink))
+        assert status.measures["penetration_share"] == pytest.approx(count / 40)
+        assert says(status, "penetration_share") == flagged
+
+
+def test_what_ends_inside_a_fixed_body_is_not_converged():
+    scene = Scene.everyday(
+        [RigidBody(name, BOX, 1.0) for name in "abc"] + [RigidBody("d", BOX, fixed=True)],
+        environment=[Plane()],
+    )
+    height = -lowest(BOX)
+    states = [state((x, 0, height)) for x in (0.0, 1.0, 2.0, 3.0)]
+
+    def push(into):
+        def change(states):
+            states[:, 0, 0] = into
+
+        return change
+
+    prediction = predicted(scene, states, 0.1)
+    for into, inside in ((1.02, ""), (2.98, "a")):  # bodies that move have room to part
+        found = assess(with_states(prediction, push(into)))
+        assert "".join(s.body for s in found if says(s, "penetration_share")) == inside
+
+
+def test_points_are_looked_at_one_by_one():
+    scene, x = resting()
+    prediction = predict(scene, Belief(x[None], 1e-8 * np.eye(12)[None]), "sigma_points", 0.1)
+    assert assess(prediction)[0].measures["penetration_share"] == 0.0
+    prediction.carry.states[1, 0, 2] -= 0.02
+    count = len(prediction.carry.states)
+    (status,) = assess(prediction)
+    assert status.measures["penetration_share"] == pytest.approx(1.0 / count)
+
+
+def test_a_centre_of_mass_inside_a_peg_is_no_penetration():
+    """That of a ring about it."""
+    angles = np.linspace(0.0, 2.0 * np.pi, 60, endpoint=False)
+    centers = np.column_stack([0.05 * np.cos(angles), 0.05 * np.sin(angles), 0.0 * angles])
+    ring = packing("ring", centers, [0.005] * 60, np.diag([0.00125, 0.00125, 0.0025]))
+    peg = Cylinder(0.02, 0.2, (0, 0, 0.1), name="peg")
+    scene, x = resting(ring, (Plane(), peg))
+    (status,) = assess(predicted(scene, [x], 0.2))
+    assert status.measures["penetration_share"] == 0.0
+
+
+@pytest.mark.parametrize("overlap", ["project", "keep"])
+def test_overlap_from_the_start_on_is_no_penetration(overlap):
+    """Of a box in a slot that is narrower than itself, by more than the limit."""
+    half = (BOX.centers[:, 0] + BOX.radii).max() - 0.006
+    walls = [Box((0.1, 1.0, 1.0), (side * (half + 0.05), 0, 0)) for side in (-1, 1)]
+    scene, x = resting(below=(Plane(), *walls), overlap=overlap)
+    (status,) = assess(predicted(scene, [x], 0.02))
+    assert status.flags & Status.INITIAL_OVERLAP
+    assert status.measures["penetration_share"] == 0.0
+
+
+def test_actions_may_leave_no_room():
+    scene, x = resting()
+    path = PosePath(times=[0.0, 1.0], positions=[(0, 0, 1.0), (0, 0, 1.0)])
+    hand = RigidBody("hand", BALL, trajectory=path)
+    scene = replace(scene, bodies=[*scene.bodies, hand])
+    (status, _) = assess(predicted(scene, [x, state((0, 0, 1.0))], 0.1))
+    assert not {"penetration_share", "energy_gain", "energy_loss"} & set(status.measures)
+
+
+def test_springs_of_the_explicit_step_may_give_way():
+    """As deep as their spheres can push back; a ball that falls through the floor is inside it."""
+    scene = Scene(
+        [RigidBody("a", BALL, 1.0)], dt=1e-3, stiffness=1e6, environment=(Plane(),), gravity=(0, 0, -G)
+    )
+    for depth, flagged in ((0.04, False), (0.06, True)):
+
+        def sink(states, depth=depth):
+            states[:, 0, 2] = 0.05 - depth
+
+        prediction = with_states(predicted(scene, [state((0, 0, 0.051))], 0.1), sink)
+        assert says(assess(prediction)[0], "penetration_share") == flagged
+
+
+@pytest.mark.parametrize("steps", [60, 240])
+def test_boxes_that_tumble_stay_above_the_floor_or_are_flagged(steps):
+    """Each by itself: at long steps some sink in."""
+    rng = np.random.default_rng(0)
+    bodies = [RigidBody(f"b{k}", BOX, 1.0) for k in range(12)]
+    scene = Scene.everyday(bodies, environment=[Plane()], dt=1.0 / steps)
+    turns = rng.normal(size=(12, 4))
+    states = [
+        state((k, 0, BOX.bounding_radius + 0.05), orientation=turn / np.linalg.norm(turn))
+        for k, turn in enumerate(turns)
+    ]
+    prediction = predicted(scene, states, 1.5)
+    for status, body, x in zip(assess(prediction), scene.bodies, prediction.belief.mean, strict=True):
+        low = (sphere_centers(body, x)[:, 2] - body.model.radii).min()
+        assert says(status, "penetration_share") == (low < -0.05 * BOX.bounding_radius)
+
+
+# -- energy ----------------------------------------------------------------------------------------
+
+
+def elastic(bodies, below=FLOOR, **physics):
+    return Scene.everyday(bodies, environment=below, **{"friction": 0.0, "restitution": 1.0} | physics)
+
+
+@pytest.mark.parametrize("model", [BALL, BOX, MUG], ids=["ball", "box", "mug"])
+@pytest.mark.parametrize("name", ["monte_carlo", "sigma_points", "cloud"])
+def test_what_bounces_elastically_loses_no_energy(model, name):
+    """Whether it is at the top of its path or at the bottom."""
+    scene = elastic([RigidBody("a", model, 0.3)])
+    P = np.zeros((1, 12, 12))
+    options = {"samples": 1} if name == "monte_carlo" else {}
+    if not options:
+        P[0, range(3), range(3)] = 0.002**2
+    belief = Belief(state((0, 0, 0.3), orientation=TILTED)[None], P)
+    times = np.arange(72, 720, 24) / 240
+    prediction = predict(scene, belief, make_propagator(name, **options), 3.0, times=times)
+    for (status,) in assess_all(prediction):
+        assert status.measures["energy_loss"] < 0.01
+        assert name != "monte_carlo" or status.measures["energy_loss"] > -0.02
+
+
+def slower(factor):
+    """Velocities times a factor."""
+
+    def change(states):
+        states[:, :, 3:6] *= factor
+        states[:, :, 10:] *= factor
+
+    return change
+
+
+@pytest.mark.parametrize("name", ["monte_carlo", "many", "sigma_points", "cloud", "linearization"])
+def test_elastic_bodies_that_are_slower_than_they_should_be_are_flagged(name):
+    scene = elastic([RigidBody("a", BALL, 0.3)], below=(Box((0.1, 3.0, 3.0), (0.05, 0, 0)),), gravity=None)
+    options = {"many": {"samples": 50}, "monte_carlo": {"samples": 1}}.get(name, {})
+    own = "monte_carlo" if name == "many" else name
+    for factor, flagged in ((1.0, False), (0.995, False), (0.985, True), (0.3, True)):
+        prediction = predict(
+            scene, certain(scene, state((-0.1, 0, 0), (1.0, 0.2, 0))), make_propagator(own, **options), 0.2
+        )
+        (status,) = assess(with_states(prediction, slower(factor)))
+        assert status.measures["energy_loss"] == pytest.approx(1.0 - factor**2, abs=2e-3)
+        assert says(status, "energy_loss") == flagged
+        assert not flagged or "energy was lost in contacts that keep it; a smaller dt" in status.message
+
+
+def test_energy_that_bodies_give_each_other_is_not_lost():
+    """One that stops as it hits another one; and what none of them has any more."""
+    scene = elastic([RigidBody(name, BALL, 1.0) for name in "abc"], (), gravity=None)
+    states = [state((0, 0, 0), (1, 0, 0)), state((0.2, 0, 0)), state((5.0, 0, 0))]
+    prediction = predicted(scene, states, 0.3)
+    assert np.abs(prediction.belief.mean[0, 3:6]).max() < 1e-6, "it stopped"
+    found = assess(prediction)
+    assert [status.measures.get("energy_loss", 1.0) < 1e-6 for status in found] == [True, True, False]
+    found = assess(with_states(prediction, slower(0.9)))
+    assert [says(status, "energy_loss") for status in found] == [True, True, False]
+
+
+def test_a_rotating_body_keeps_energy_without_the_gyroscopic_term_only_if_its_axes_are_alike():
+    for model, judged in ((BALL, True), (BLOCK, False)):
+        for gyroscopic in (True, False):
+            scene = elastic([RigidBody("a", model, 1.0)], gyroscopic=gyroscopic)
+            (status,) = assess(predicted(scene, [state((0, 0, 0.2), spin=(1, 2, 3))], 0.3))
+            assert ("energy_loss" in status.measures) == (judged or gyroscopic)
+
+
+@pytest.mark.parametrize(
+    "physics",
+    [
+        {"restitution": 0.9},
+        {"friction": 0.1},
+        {"damping": 0.01},
+        {"gravity_direction_std": 0.01},
+        {"impact_direction_std": 0.01},
+    ],
+)
+def test_what_a_law_takes_is_not_lost(physics):
+    scene = elastic([RigidBody("a", BALL, 1.0)], **physics)
+    (status,) = assess(predicted(scene, [state((0, 0, 0.1), (0.3, 0, 0))], 1.0))
+    assert "energy_loss" not in status.measures
+
+
+def test_what_a_partner_takes_is_not_lost():
+    """A soft floor takes from what lands on it, and from what hits that, and from nothing else."""
+    ball = [RigidBody(name, BALL, 1.0) for name in "abc"]
+    below = (
+        Box((1, 1, 0.1), (0, 0, -0.05), restitution=0.5, name="soft"),
+        Box((1, 1, 0.1), (5, 0, -0.05), name="hard"),
+    )
+    scene = elastic(ball, below)
+    states = [state((0, 0, 0.1)), state((0.01, 0, 0.25)), state((5, 0, 0.1))]
+    found = assess(predicted(scene, states, 0.5))
+    assert ["energy_loss" in status.measures for status in found] == [False, False, True]
+
+
+@pytest.mark.parametrize("steps", [60, 240])
+def test_an_elastic_mug_keeps_its_energy_or_is_flagged(steps):
+    scene = elastic([RigidBody("a", MUG, 0.3)], dt=1.0 / steps)
+    x = state((0, 0, 0.3), orientation=TILTED)
+    prediction = predicted(scene, [x], 40.0, times=[20.0])
+    for belief, (status,) in zip(prediction.beliefs, assess_all(prediction), strict=True):
+        end = np.array(belief.mean)
+        lost = 1.0 - energy(scene, end) / energy(scene, x[None])
+        assert says(status, "energy_loss") or lost < 0.02
+        assert not says(status, "energy_loss") or lost > 0.01

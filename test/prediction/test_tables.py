@@ -1,0 +1,35 @@
+"""Predictions as text and as plain values."""
+
+import json
+
+import pytest
+
+from unc_physics import make_propagator, predict
+from unc_physics.prediction.tables import FEW_LINES
+
+
+@pytest.fixture(scope="module")
+def prediction(loaded):
+    scene, belief, _ = loaded("two_bodies")
+    times = [0.01 * k for k in range(1, 31)]
+    return predict(scene, belief, make_propagator("monte_carlo", samples=3), times=times)
+
+
+def test_a_prediction_prints_as_a_table(prediction):
+    lines = str(prediction).splitlines()
+    assert len(lines) <= FEW_LINES and lines[0].startswith("monte_carlo; explicit")
+    assert lines[1] == "... 23 earlier times are not shown" and lines[-4].startswith("t = 0.3 s")
+    left, right = lines[-2:]
+    assert left.startswith("left ") and right.startswith("right ")
+    assert f"{prediction['left'].position[0]:.4f}" in left
+    assert len(str(prediction[:1]).splitlines()) == 5
+
+
+def test_a_notebook_shows_the_table(prediction):
+    assert prediction._repr_html_().startswith("<pre>monte_carlo; explicit")
+
+
+def test_plain_values_are_those_of_the_command(prediction):
+    found = json.loads(json.dumps(prediction.to_dict()))
+    assert found["time"] == prediction.time and len(found["trajectory"]) == 30
+    assert found["bodies"][0]["position"] == prediction["left"].position.tolist()

@@ -1,0 +1,419 @@
+"""Messages to scenes and beliefs, and back, against poses drawn one by one."""
+
+import numpy as np
+import pytest
+from builtin_interfaces.msg import Duration
+from scenes import diagonal, moving_object, packed, position_of
+from scipy.spatial.transform import Rotation
+
+from unc_physics.checks import errors
+from unc_physics.ros.messages.fields import duration, optional, read_duration, seconds
+from unc_physics.ros.messages.prediction import write_prediction, write_start
+from unc_physics.ros.messages.request import RequestedOutputs
+from unc_physics.ros.messages.scene import CovarianceDefaults, read_scene
+from unc_physics.ros.models import ModelLibrary
+from unc_physics.scene.belief import Belief
+from unc_physics.scene.presets import PRESETS
+from unc_physics.spatial.layout import (
+    ANGULAR_VELOCITY,
+    ERR_ANGULAR_VELOCITY,
+    ERR_POSITION,
+    ERR_ROTATION,
+    ERR_VELOCITY,
+    ERROR,
+    POSITION,
+    QUATERNION,
+    VELOCITY,
+)
+from unc_physics.spatial.origin import error_map, inverse_error_map
+from unc_physics_msgs.msg import JointCovariance, ObjectState, Scene
+
+DRAWS = 40_000
+SIGMAS = 5.5  # statistics: so many standard errors may a covariance from draws be off
+SMALL = 1e-3  # standard deviations of draws, small enough that the first order is all that shows
+ROUND_OFF = 1e-12
+
+PHYSICS = {"dt": 0.01}
+LIBRARY = ModelLibrary()
+ROTATION = Rotation.from_rotvec([0.4, -1.1, 0.7])
+SPIN = np.array([2.0, -1.0, 3.0])
+
+
+def spinning_object():
+    message = moving_object(position=(0.3, -0.2, 0.9), velocity=(0.5, 0.1, -0.3))
+    q = message.pose.pose.orientation
+    q.x, q.y, q.z, q.w = ROTATION.as_quat()
+    w = message.twist.twist.angular
+    w.x, w.y, w.z = SPIN
+    message.scale = 3.0  # so that the origin lies well away from the centre of mass
+    return message
+
+
+def read(*messages, joint=(), physics=PHYSICS, **others):
+    scene = Plain(Scene())  # which takes plain objects
+    scene.objects, scene.joint_covariance = list(messages), list(joint)
+    return read_scene(scene, LIBRARY, physics, **others)
+
+
+def random_covariance(seed, size):
+    factor = np.random.default_rng(seed).normal(size=(size, size))
+    return SMALL**2 * factor @ factor.T / size
+
+
+def assert_covariance_of_draws(draws, expected):
+    """The draws' covariance is the expected one, up to a few standard errors."""
+    variance = np.diag(expected)
+    standard_error = np.sqrt((np.outer(variance, variance) + expected**2) / len(draws))
+    assert np.all(np.abs(draws.T @ draws / len(draws) - expected) < SIGMAS * standard_error)
+
+
+def test_fixed_axes_to_the_body_side_against_drawn_poses():
+    message = spinning_object()
+    pose_covariance, twist_covariance = random_covariance(1, 6), random_covariance(2, 6)
+    message.pose.covariance, message.twist.covariance = pose_covariance.ravel(), twist_covariance.ravel()
+    scene, belief, *_ = read(message)
+    origin = scene.bodies[0].model.origin.copy()
+    rng = np.random.default_rng(3)
+    d_pose = rng.multivariate_normal(np.zeros(6), pose_covariance, DRAWS)
+    d_twist = rng.multivariate_normal(np.zeros(6), twist_covariance, DRAWS)
+    rotations = Rotation.from_rotvec(d_pose[:, 3:]) * ROTATION  # about the fixed axes
+    r = rotations.apply(origin)
+    omega = SPIN + d_twist[:, 3:]
+    mean = belief.mean[0]
+    draws = np.empty((DRAWS, ERROR))
+    draws[:, ERR_POSITION] = position_of(message.pose.pose) + d_pose[:, :3] - r - mean[POSITION]
+    draws[:, ERR_ROTATION] = (Rotation.from_quat(mean[QUATERNION].copy()).inv() * rotations).as_rotvec()
+    v = message.twist.twist.linear
+    draws[:, ERR_VELOCITY] = np.array([v.x, v.y, v.z]) + d_twist[:, :3] - np.cross(omega, r) - mean[VELOCITY]
+    draws[:, ERR_ANGULAR_VELOCITY] = omega - mean[ANGULAR_VELOCITY]
+    assert_covariance_of_draws(draws, belief.covariance[0])
+
+
+def test_the_body_side_to_fixed_axes_against_drawn_states():
+    scene, belief, models, *_ = read(spinning_object())
+    P = random_covariance(4, ERROR)
+    belief = Belief(belief.mean, P[None])
+    objects, (joint,) = write_prediction(scene, models, [0.5], [belief], outputs=RequestedOutputs(True, True))
+    (state,) = objects[0].states
+    origin = scene.bodies[0].model.origin.copy()
+    drawn = belief.sample(DRAWS, np.random.default_rng(5))[:, 0]
+    rotations = Rotation.from_quat(drawn[:, QUATERNION])
+    r = rotations.apply(origin)
+    v = state.twist.twist.linear
+    draws = np.empty((DRAWS, ERROR))
+    draws[:, ERR_POSITION] = drawn[:, POSITION] + r - position_of(state.pose.pose)
+    draws[:, ERR_ROTATION] = (rotations * ROTATION.inv()).as_rotvec()
+    draws[:, ERR_VELOCITY] = (
+        drawn[:, VELOCITY] + np.cross(drawn[:, ANGULAR_VELOCITY], r) - np.array([v.x, v.y, v.z])
+    )
+    draws[:, ERR_ANGULAR_VELOCITY] = drawn[:, ANGULAR_VELOCITY] - SPIN
+    whole = np.reshape(state.covariance, (ERROR, ERROR))
+    assert_covariance_of_draws(draws, whole)
+    pose, twist = np.r_[0:3, 6:9], np.r_[3:6, 9:12]
+    assert np.array_equal(np.reshape(state.pose.covariance, (6, 6)), whole[np.ix_(pose, pose)])
+    assert np.array_equal(np.reshape(state.twist.covariance, (6, 6)), whole[np.ix_(twist, twist)])
+    assert np.array_equal(np.reshape(joint.data, (ERROR, ERROR)), whole)
+    assert joint.object_ids == ["left"]
+
+
+def test_a_scene_that_is_read_and_written_is_the_same():
+    message = spinning_object()
+    message.pose.covariance = random_covariance(6, 6).ravel()
+    message.twist.covariance = random_covariance(7, 6).ravel()
+    scene, belief, models, *_ = read(message, moving_object("fixed one"))
+    (written, _), _ = write_prediction(scene, models, [0.0], [belief])
+    state = written.states[0]
+    for got, sent in ((state.pose, message.pose), (state.twist, message.twist)):
+        assert np.allclose(
+            got.covariance, sent.covariance, rtol=0.0, atol=ROUND_OFF * np.max(sent.covariance)
+        )
+    assert np.allclose(position_of(state.pose.pose), position_of(message.pose.pose), rtol=0.0, atol=ROUND_OFF)
+    v, sent = state.twist.twist.linear, message.twist.twist.linear
+    assert np.allclose([v.x, v.y, v.z], [sent.x, sent.y, sent.z], rtol=0.0, atol=ROUND_OFF)
+    assert (written.id, written.model, written.kind) == ("left", "bunny", ObjectState.DYNAMIC)
+
+
+def test_the_error_map_and_its_inverse():
+    origin = np.array([0.3, -0.1, 0.2])
+    state = np.concatenate([np.zeros(6), ROTATION.as_quat(), SPIN])
+    product = error_map(state, origin) @ inverse_error_map(state, origin)
+    assert np.allclose(product, np.eye(ERROR), rtol=0.0, atol=ROUND_OFF)
+
+
+def test_a_spinning_body_s_origin_moves_about_its_centre_of_mass():
+    message = spinning_object()
+    scene, belief, *_ = read(message)
+    mean, r = belief.mean[0].copy(), ROTATION.apply(scene.bodies[0].model.origin.copy())
+    assert np.linalg.norm(r) > 0.05
+    assert np.allclose(mean[POSITION] + r, position_of(message.pose.pose))
+    v = message.twist.twist.linear
+    assert np.allclose(mean[VELOCITY] + np.cross(SPIN, r), [v.x, v.y, v.z])
+
+
+def test_a_fixed_object_ignores_twist_and_covariances():
+    message = moving_object()
+    message.kind, message.mass = ObjectState.FIXED, 0.0
+    message.twist.twist.linear.x = float("nan")
+    message.pose.covariance = np.full(36, np.nan)
+    scene, belief, models, *_ = read(message, moving_object("other"))
+    assert scene.bodies[0].fixed and not belief.mean[0, VELOCITY].any()
+    (written, _), (joint,) = write_prediction(
+        scene, models, [0.0], [belief], outputs=RequestedOutputs(joint_covariance=True)
+    )
+    assert not np.any(written.states[0].pose.covariance)
+    assert joint.object_ids == ["other"]
+
+
+def test_unknown_covariances_take_the_defaults():
+    defaults = CovarianceDefaults.from_stds(0.1, 0.2, 0.3, 0.4, zero_is_exact=False)
+    unknown = moving_object("unknown")
+    unknown.pose.covariance[0] = -1.0
+    unknown.twist.covariance[0] = -1.0
+    zeros = moving_object("zeros")
+    zeros.pose.covariance = np.zeros(36)
+    known = moving_object("known")
+    known.twist.covariance = diagonal(*[0.5] * 6)
+    for message, replaced in ((unknown, False), (zeros, True), (known, False)):
+        scene, belief, models, zeros_replaced, _ = read(message, covariance_defaults=defaults)
+        (written,), _ = write_prediction(scene, models, [0.0], [belief])
+        assert zeros_replaced == replaced
+        if message is not known:
+            assert np.allclose(written.states[0].pose.covariance, diagonal(0.1, 0.1, 0.1, 0.2, 0.2, 0.2))
+            assert np.allclose(written.states[0].twist.covariance, diagonal(0.3, 0.3, 0.3, 0.4, 0.4, 0.4))
+    exact = read(zeros, covariance_defaults=defaults._replace(zero_is_exact=True))
+    assert not exact.belief.covariance.any() and not exact.zeros_replaced
+
+
+@pytest.mark.parametrize("what", ["pose and twist", "whole", "joint"])
+def test_what_was_written_is_read_as_it_was(what):
+    """A prediction can begin where another one ended."""
+    scene, belief, models, *_ = read(spinning_object(), moving_object("other", "can", (1.0, 0.0, 0.0)))
+    P = random_covariance(9, 2 * ERROR)
+    if what == "pose and twist":  # whose errors at the origin must then be independent
+        at_origin = [random_covariance(10 + k, 6) for k in range(4)]
+    belief = Belief(belief.mean, P)
+    outputs = RequestedOutputs(covariance=True, joint_covariance=True)
+    objects, joints = write_prediction(scene, models, [0.5], [belief], outputs=outputs)
+    messages = []
+    for k, written in enumerate(objects):
+        state = written.states[0]
+        message = ObjectState(id=written.id, model=written.model, spheres=20, scale=(3.0, 0.0)[k])
+        message.pose, message.twist = state.pose, state.twist
+        if what == "whole":
+            message.covariance = state.covariance
+        elif what == "pose and twist":
+            message.pose.covariance, message.twist.covariance = map(np.ravel, at_origin[2 * k : 2 * k + 2])
+        messages.append(message)
+    again = read(*messages, joint=joints if what == "joint" else ()).belief
+    assert np.allclose(again.mean, belief.mean, rtol=0.0, atol=ROUND_OFF)
+    if what == "joint":
+        assert_close(again.joint, belief.joint)
+    elif what == "whole":
+        assert_close(again.blocks, belief.blocks)
+    else:
+        rewritten, _ = write_prediction(scene, models, [0.0], [again])
+        for sent, got in zip(messages, rewritten, strict=True):
+            assert_close(got.states[0].pose.covariance, sent.pose.covariance)
+            assert_close(got.states[0].twist.covariance, sent.twist.covariance)
+
+
+def assert_close(found, expected):
+    """Equal to 1e-12 of the largest entry."""
+    assert np.allclose(found, expected, rtol=0.0, atol=ROUND_OFF * np.max(np.abs(expected)))
+
+
+def test_a_joint_covariance_may_name_its_objects_in_any_order():
+    messages = moving_object("a"), moving_object("b", "can", (1.0, 0.0, 0.0))
+    C = random_covariance(11, 2 * ERROR)
+    turned = np.roll(C, (ERROR, ERROR), (0, 1))
+    one = read(*messages, joint=[JointCovariance(object_ids=["a", "b"], data=packed(C))])
+    other = read(*messages, joint=[JointCovariance(object_ids=["b", "a"], data=packed(turned))])
+    assert np.array_equal(one.belief.joint, other.belief.joint)
+
+
+def test_the_model_s_mass_stands_in():
+    message = moving_object()
+    message.mass, message.scale = 0.0, 2.0
+    (body,) = read(message).scene.bodies
+    assert body.mass == pytest.approx(8.0 * LIBRARY.shape("bunny").mass)
+
+
+def test_objects_of_unknown_model_may_be_left_out():
+    known, unknown = moving_object("a"), moving_object("b", "teapot")
+    found = read(known, unknown, skip_unknown_models=True)
+    assert [body.name for body in found.scene.bodies] == ["a"]
+    assert list(found.skipped) == ["b"] and "teapot" in found.skipped["b"]
+    C = random_covariance(12, 2 * ERROR)
+    joint = [JointCovariance(object_ids=["b", "a"], data=packed(C))]
+    own = read(known, unknown, joint=joint, skip_unknown_models=True).belief
+    known.covariance = packed(C[ERROR:, ERROR:])
+    assert_close(own.joint, read(known).belief.joint)
+    with pytest.raises(errors.NoObjectsError, match="teapot"):
+        read(unknown, skip_unknown_models=True)
+
+
+@pytest.mark.parametrize(
+    ("sec", "nanosec", "field"),
+    [(-1, 0, "horizon"), (-1, 999_999_999, "horizon"), (0, 10**9, "horizon.nanosec")],
+)
+def test_a_duration_that_is_none_is_named(sec, nanosec, field):
+    with pytest.raises(errors.InvalidHorizonError, match=f"^{field} must"):
+        read_duration(Duration(sec=sec, nanosec=nanosec), "horizon", errors.InvalidHorizonError)
+
+
+@pytest.mark.parametrize("time", [0.0, 1e-9, 0.1, 0.999_999_999_9, 7.25, 1e6])
+def test_durations(time):
+    message = duration(time)
+    assert 0 <= message.nanosec < 1_000_000_000
+    assert abs(seconds(message) - time) <= 1e-9
+
+
+class Plain:
+    """What a message is when its fields are not checked: it takes anything."""
+
+    def __init__(self, message):
+        self.get_fields_and_field_types = message.get_fields_and_field_types
+        for name in message.get_fields_and_field_types():
+            value = getattr(message, name)
+            setattr(self, name, Plain(value) if hasattr(value, "get_fields_and_field_types") else value)
+
+
+def put(message, path, value):
+    *parents, last = path.split(".")
+    for name in parents:
+        message = getattr(message, name)
+    setattr(message, last, value)
+
+
+NAN, INF = float("nan"), float("inf")
+LOPSIDED = diagonal(*[0.1] * 6)
+LOPSIDED[1] = 0.005
+NEGATIVE = np.diag([0.01, 0.01, -0.01, 0.01, 0.01, 0.01]).ravel()
+INDEFINITE = np.eye(6)
+INDEFINITE[0, 1] = INDEFINITE[1, 0] = 2.0
+
+
+@pytest.mark.parametrize(
+    ("path", "value", "error"),
+    [
+        ("id", "", errors.InvalidRequestError),
+        ("model", "no such model", errors.UnknownModelError),
+        ("model", "", errors.UnknownModelError),
+        ("model", "/etc/passwd", errors.UnknownModelError),
+        ("spheres", 10**9, errors.InvalidModelError),
+        ("scale", -1.0, errors.InvalidModelError),
+        ("scale", NAN, errors.NotFiniteError),
+        ("mass", -1.0, errors.InvalidMassError),
+        ("mass", NAN, errors.NotFiniteError),
+        ("mass", "heavy", errors.InvalidMassError),
+        ("kind", 3, errors.InvalidRequestError),
+        ("covariance", np.zeros(143), errors.InvalidCovarianceError),
+        ("covariance", -np.eye(12).ravel(), errors.InvalidCovarianceError),
+        ("mass_std", -1.0, errors.InvalidCovarianceError),
+        ("mass_std", NAN, errors.NotFiniteError),
+        ("mass_std", 2.0, errors.InvalidCovarianceError),
+        ("center_of_mass_std.y", -0.1, errors.InvalidCovarianceError),
+        ("center_of_mass_std.z", INF, errors.NotFiniteError),
+        ("pose.pose.position.y", INF, errors.NotFiniteError),
+        ("pose.pose.position.y", "far", errors.InvalidRequestError),
+        ("pose.pose.orientation.w", 2.0, errors.InvalidOrientationError),
+        ("pose.pose.orientation.w", 0.0, errors.InvalidOrientationError),
+        ("pose.pose.orientation.x", NAN, errors.NotFiniteError),
+        ("twist.twist.linear.x", NAN, errors.NotFiniteError),
+        ("twist.twist.angular.z", -INF, errors.NotFiniteError),
+        ("pose.covariance", np.zeros(35), errors.InvalidCovarianceError),
+        ("pose.covariance", None, errors.InvalidCovarianceError),
+        ("pose.covariance", np.full(36, NAN), errors.NotFiniteError),
+        ("pose.covariance", LOPSIDED, errors.InvalidCovarianceError),
+        ("pose.covariance", NEGATIVE, errors.InvalidCovarianceError),
+        ("twist.covariance", INDEFINITE.ravel(), errors.InvalidCovarianceError),
+    ],
+)
+def test_a_bad_field_is_named(path, value, error):
+    message = Plain(moving_object("bad"))
+    put(message, path, value)
+    with pytest.raises(error) as raised:
+        read(moving_object("good"), message)
+    assert type(raised.value) is error
+    named = (
+        "pose.pose.orientation"
+        if "orientation" in path
+        else path.rpartition(".")[0]
+        if path[-2:] in (".x", ".y", ".z")
+        else path
+    )
+    assert f"scene.objects[1].{named}" in str(raised.value)
+
+
+def test_uncertain_mass_and_centre_of_mass():
+    message = moving_object()
+    message.mass_std, message.center_of_mass_std.y = 0.25, 0.01
+    scene, *_ = read(message)
+    assert scene.bodies[0].mass_std == 0.25
+    assert scene.bodies[0].center_of_mass_std.tolist() == [0.0, 0.01, 0.0]
+    message.kind = ObjectState.FIXED
+    assert read(message, moving_object("other")).scene.uncertain == ()
+
+
+def test_at_rest():
+    message = moving_object(velocity=(0.0, 0.0, 0.0))
+    message.at_rest = True
+    found = read(message, moving_object("other"), physics=PRESETS["everyday"])
+    assert [body.at_rest for body in found.scene.bodies] == [True, False]
+
+
+@pytest.mark.parametrize(
+    ("fixed", "physics", "error", "words"),
+    [
+        (True, PRESETS["everyday"], errors.InvalidRequestError, "fixed"),
+        (False, PHYSICS, errors.InvalidOptionError, "'integrator: implicit'"),
+        (False, PRESETS["everyday"] | {"gravity": (0.0, 0.0, 0.0)}, errors.InvalidOptionError, "gravity"),
+    ],
+)
+def test_what_cannot_be_at_rest_is_named(fixed, physics, error, words):
+    message = moving_object("standing", velocity=(0.0, 0.0, 0.0))
+    message.at_rest, message.kind = True, ObjectState.FIXED if fixed else ObjectState.DYNAMIC
+    with pytest.raises(error, match=r"^candidates\[3\].objects\[0\].at_rest.*" + words):
+        read(
+            moving_object(), message, physics=physics, fields=["scene.objects[0]", "candidates[3].objects[0]"]
+        )
+
+
+def test_where_a_prediction_began():
+    message = spinning_object()
+    message.pose.covariance = random_covariance(8, 6).ravel()
+    fixed = moving_object("fixed one")
+    fixed.kind = ObjectState.FIXED
+    scene, belief, models, *_ = read(message, fixed)
+    objects, _ = write_prediction(scene, models, [0.0], [belief])
+    write_start(objects, scene, belief)
+    for written, sent in zip(objects, (message, fixed), strict=True):
+        assert np.allclose(
+            position_of(written.start.pose), position_of(sent.pose.pose), rtol=0.0, atol=ROUND_OFF
+        )
+        assert np.array_equal(written.start.covariance, written.states[0].pose.covariance)
+    assert np.allclose(objects[0].start.covariance, message.pose.covariance, rtol=0.0, atol=ROUND_OFF)
+    assert not np.any(objects[1].start.covariance)
+
+
+def test_a_second_entry_of_what_may_be_left_out_is_named():
+    """Fast DDS does not send one; what does not come over it may have one."""
+    assert optional([], "physics.dt") is None and optional([0.1], "physics.dt") == 0.1
+    with pytest.raises(errors.InvalidRequestError, match=r"^physics.dt must hold at most one entry"):
+        optional([0.1, 0.2], "physics.dt")
+
+
+def test_plain_integers_are_numbers():
+    message = Plain(moving_object())
+    put(message, "pose.pose.position.x", 1)
+    put(message, "mass", 2)
+    scene, belief, *_ = read(message)
+    assert scene.bodies[0].mass == 2.0 and belief.mean.dtype == float
+
+
+def test_huge_numbers_are_refused_or_stay_finite():
+    message = moving_object()
+    message.twist.twist.angular.x = 1e200
+    message.pose.covariance = diagonal(*[1e150] * 6)
+    with pytest.raises(errors.NotFiniteError):
+        read(message)

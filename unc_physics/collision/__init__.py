@@ -1,0 +1,1 @@
+"""Contact geometry: sphere trees, shapes, broad and narrow phase, patches of contacts."""

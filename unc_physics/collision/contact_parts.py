@@ -1,0 +1,48 @@
+"""Parts of a group: bodies that its contacts at hand connect."""
+
+from ..compiler import inner
+from .contact_row import GAP, TWIST
+from .contact_search import join, lowest
+from .implicit_workspace import CONTACTS
+
+
+@inner
+def find_parts(limit, work):
+    """Label bodies in ``work.part``, negatively: those that contacts with a gap of at most ``limit`` connect
+    have the same label. What does not move connects nothing.
+    """
+    part, rows, ids, moving = work.part, work.rows, work.ids, work.moving
+    for i in range(len(part)):
+        part[i] = i
+    for c in range(work.counts[CONTACTS]):
+        j = ids[c, 1]
+        if rows[c, GAP] <= limit and j >= 0 and moving[j]:
+            join(part, ids[c, 0], j)
+    for i in range(len(part)):
+        part[i] = lowest(part, i)
+    for i in range(len(part)):
+        part[i] = -1 - part[i]
+
+
+@inner
+def mark_part(i, part):
+    """Make the label of body i, and of all with the same one, positive."""
+    label = part[i]
+    for k in range(len(part)):
+        if part[k] == label:
+            part[k] = -label
+
+
+@inner
+def move_contact(c, to, work):
+    """Move a contact at hand to another place of the list."""
+    if c == to:
+        return
+    rows, ids, twists = work.rows, work.ids, work.twists
+    for k in range(rows.shape[1]):
+        rows[to, k] = rows[c, k]
+    for k in range(4):
+        ids[to, k] = ids[c, k]
+    if len(twists) > 0:
+        for k in range(TWIST):
+            twists[to, k] = twists[c, k]

@@ -1,0 +1,168 @@
+"""Flat faces of packings: planes that several spheres touch from inside, with all others below.
+
+Spheres of two faces that slide on each other lock like teeth. Where a sphere touches a face, the contact is
+that with the face's plane instead.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from ..compiler import inner
+from ..spatial.rotation import tangents
+from ..spatial.vectors import minus
+
+#: Directions across a face in which its extent is known, half of them the opposites of the others.
+SIDES = 16
+_HALF = SIDES // 2
+_ANGLES = math.pi / _HALF * np.arange(_HALF)
+_COSINES, _SINES = np.cos(_ANGLES), np.sin(_ANGLES)
+#: Faces that one sphere touches, at most: three in the corner of a box.
+FACES_OF_A_SPHERE = 3
+#: Shares of the packing's radius: how far from a plane its spheres end at most, a face's least width.
+_TOLERANCE, _WIDTH = 1e-5, 0.05
+#: Spheres that touch a face, at least: any three have a plane.
+_FEWEST = 4
+#: Directions from which faces are looked for, rounds of each, and the heights over which spheres count, as
+#: shares of the packing's radius, in the first and the last round.
+_STARTS, _ROUNDS, _FAR, _NEAR = 150, 16, 0.1, 2e-4
+_SAME = 1.0 - 1e-6  # cosine of the angle between normals of one face
+
+
+class Faces(NamedTuple):
+    """Flat faces of the models of a scene, one after the other.
+
+    Attributes
+    ----------
+    normal : (F, 3) float64
+        Out of the body, body frame.
+    across : (F, 2, 3) float64
+        Two unit vectors across it.
+    sphere : (F,) int64
+        A sphere that touches the face.
+    reach : (F, SIDES) float64
+        Extent of the points where spheres touch it, from that sphere's centre, in directions across [m].
+    of_sphere : (S, 3) int32
+        Faces that each sphere touches; -1 for none.
+    """
+
+    normal: np.ndarray
+    across: np.ndarray
+    sphere: np.ndarray
+    reach: np.ndarray
+    of_sphere: np.ndarray
+
+
+def flat_faces(centers, radii, hull):
+    """Flat faces (`Faces`) of a packing.
+
+    Parameters
+    ----------
+    centers : (n, 3) array
+        Body frame [m].
+    radii : (n,) array
+        [m]
+    hull : (h,) int array
+        Those that can touch a plane (`hull.hull_spheres`).
+
+    Notes
+    -----
+    From each of many directions, a plane above the packing is fitted to the spheres near its top, by weighted
+    least squares, with less and less of them.
+    """
+    size = float((np.linalg.norm(centers, axis=1) + radii).max())
+    normals, found = _settled(centers[hull], radii[hull], size), []
+    touching = np.zeros((len(radii), len(normals)), bool)
+    for k, u in enumerate(normals):
+        for tolerance in (10.0 * _TOLERANCE, _TOLERANCE):
+            tops = centers @ u + radii
+            touching[:, k] = tops >= tops.max() - tolerance * size
+            if touching[:, k].sum() < _FEWEST:
+                break
+            u = _fitted(centers[touching[:, k]], radii[touching[:, k]], u)
+        normals[k] = u
+    of_sphere = np.full((len(radii), FACES_OF_A_SPHERE), -1, np.int32)
+    room = np.zeros(len(radii), np.int64)
+    faces = []
+    for u, touches in zip(normals, touching.T, strict=True):
+        if touches.sum() < _FEWEST or any(u @ v > _SAME for v in found):
+            continue
+        points = centers[touches] + radii[touches, None] * u
+        width = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)[1] / math.sqrt(len(points))
+        if width < _WIDTH * size:
+            continue
+        found.append(u)
+        sphere = int(np.flatnonzero(touches)[0])
+        across = np.array(tangents(tuple(u)))
+        along = (centers[touches] - centers[sphere]) @ across.T @ np.array([_COSINES, _SINES])
+        for s in np.flatnonzero(touches & (room < FACES_OF_A_SPHERE)):
+            of_sphere[s, room[s]] = len(faces)
+            room[s] += 1
+        faces.append((u, across, sphere, np.concatenate([along.max(axis=0), -along.min(axis=0)])))
+    return Faces(
+        np.array([face[0] for face in faces]).reshape(-1, 3),
+        np.array([face[1] for face in faces]).reshape(-1, 2, 3),
+        np.array([face[2] for face in faces], np.int64),
+        np.array([face[3] for face in faces]).reshape(-1, SIDES),
+        of_sphere,
+    )
+
+
+def _fitted(centers, radii, u):
+    """Normal of the plane that comes nearest to touching all of some spheres, near to ``u``."""
+    across = np.array(tangents(tuple(u)))
+    a = np.column_stack([centers @ across.T, np.ones(len(radii))])
+    turn = np.linalg.lstsq(a, -(centers @ u + radii), rcond=1e-9)[0]
+    u = u + turn[:2] @ across
+    return u / np.linalg.norm(u)
+
+
+def _settled(centers, radii, size):
+    """Normals (k, 3) of planes on top of a packing, from directions all around."""
+    k = np.arange(_STARTS) + 0.5
+    z, angle = 1.0 - 2.0 * k / _STARTS, math.pi * (1.0 + math.sqrt(5.0)) * k
+    across = np.sqrt(1.0 - z * z)
+    u = np.column_stack([across * np.cos(angle), across * np.sin(angle), z])
+    u = np.concatenate([u, np.eye(3), -np.eye(3)])
+    for scale in np.geomspace(_FAR * size, _NEAR * size, _ROUNDS):
+        tops = u @ centers.T + radii
+        weights = np.exp((tops - tops.max(axis=1, keepdims=True)) / scale)
+        weights /= weights.sum(axis=1, keepdims=True)
+        mean, mean_radius = weights @ centers, weights @ radii
+        spread = np.einsum("dn,na,nb->dab", weights, centers, centers, optimize=True)
+        spread -= mean[:, :, None] * mean[:, None, :]
+        slope = np.einsum("dab,db->da", spread, u) + (weights * radii) @ centers - mean * mean_radius[:, None]
+        # the normal's part along itself stays
+        project = np.eye(3) - u[:, :, None] * u[:, None, :]
+        spread = project @ spread @ project + 1e-9 * size**2 * np.eye(3)
+        step = -np.linalg.solve(spread, np.einsum("dab,db->da", project, slope)[:, :, None])[:, :, 0]
+        step *= np.minimum(1.0, 0.2 / np.maximum(np.linalg.norm(step, axis=1), 1e-12))[:, None]
+        u = u + step
+        u /= np.linalg.norm(u, axis=1, keepdims=True)
+    return u
+
+
+def of_scene(models, first_sphere):
+    """The faces of several models, whose spheres begin at ``first_sphere``."""
+    found, first = [], 0
+    for faces, begin in zip(models, first_sphere, strict=True):
+        of_sphere = np.where(faces.of_sphere >= 0, faces.of_sphere + first, -1).astype(np.int32)
+        found.append(faces._replace(sphere=faces.sphere + begin, of_sphere=of_sphere))
+        first += len(faces.sphere)
+    return Faces(*map(np.concatenate, zip(*found, strict=True)))
+
+
+@inner(forceinline=True)
+def over_face(f, point, centers, faces):
+    """Whether a point, in the frame of face f's body, is over the face."""
+    s = faces.sphere[f]
+    q, across = minus(point, (centers[s, 0], centers[s, 1], centers[s, 2])), faces.across[f]
+    a = across[0, 0] * q[0] + across[0, 1] * q[1] + across[0, 2] * q[2]
+    b = across[1, 0] * q[0] + across[1, 1] * q[1] + across[1, 2] * q[2]
+    reach = faces.reach[f]
+    for k in range(_HALF):
+        along = _COSINES[k] * a + _SINES[k] * b
+        if along > reach[k] or -along > reach[_HALF + k]:
+            return False
+    return True

@@ -1,0 +1,137 @@
+"""Which spheres of a packing can touch a plane: those on its convex hull."""
+
+import math
+
+import numpy as np
+
+from ..compiler import inner, kernel
+from ..compiler.arrays import booleans, empty, full, integers
+from ..compiler.simd import LANES
+
+_DIRECTIONS, _ROUNDS = 4096, 700
+_SHORTER = 0.99  # each step than the one before
+_WAY = 1.0 / (1.0 - _SHORTER)  # of all steps that are left, in units of the next
+_APART = 3.0 / math.sqrt(_DIRECTIONS)  # no direction is farther from all of these [rad]
+# of the packing's radius: what sticks out less is inside, such as spheres that a flat face just touches
+_TOLERANCE = 1e-8
+_FAST = {"nnan", "nsz", "contract"}  # loops with these run on several spheres at once
+
+
+@inner(fastmath=_FAST)
+def _write_heights(x, y, z, spheres, height):
+    """Write how far each of ``spheres`` (4, n), centres and radii, reaches that way; returns the most."""
+    highest = -np.inf
+    for k in range(len(height)):
+        up = x * spheres[0, k] + y * spheres[1, k] + z * spheres[2, k] + spheres[3, k]
+        height[k] = up
+        highest = max(highest, up)
+    return highest
+
+
+@inner
+def _first(height, value):
+    """Where a value stands first."""
+    k = 0
+    while height[k] != value:
+        k += 1
+    return k
+
+
+@inner(fastmath=_FAST)
+def _compare(d, highest, support, spheres, height, lead, best, most):
+    """Note direction ``d`` where spheres lag least behind the support, and if they may come up near it."""
+    cx, cy, cz = spheres[0, support], spheres[1, support], spheres[2, support]
+    for k in range(len(height)):
+        up = height[k] - highest
+        best[k] = d if up > lead[k] else best[k]
+        lead[k] = max(lead[k], up)
+        u, v, w = spheres[0, k] - cx, spheres[1, k] - cy, spheres[2, k] - cz
+        most[k] = max(most[k], up + _APART * math.sqrt(u * u + v * v + w * w))
+
+
+@inner
+def _direction(d):
+    """Number ``d`` of `_DIRECTIONS`, evenly spread."""
+    z = 1.0 - (2.0 * d + 1.0) / _DIRECTIONS
+    angle = math.pi * (1.0 + math.sqrt(5.0)) * d
+    across = math.sqrt(1.0 - z * z)
+    return across * math.cos(angle), across * math.sin(angle), z
+
+
+@inner
+def _comes_up(x, y, z, own, supports, height, size):
+    """Whether the sphere ``own`` (4,) reaches farther than all ``supports`` some way near the given one."""
+    step = 0.05
+    for _ in range(_ROUNDS):
+        highest = _write_heights(x, y, z, supports, height)
+        up = x * own[0] + y * own[1] + z * own[2] + own[3]
+        if up - highest > _TOLERANCE * size:
+            return True
+        # towards the sphere and away from the support that hides it
+        support = _first(height, highest)
+        gx, gy = own[0] - supports[0, support], own[1] - supports[1, support]
+        gz = own[2] - supports[2, support]
+        along = gx * x + gy * y + gz * z
+        gx, gy, gz = gx - along * x, gy - along * y, gz - along * z
+        length = math.sqrt(gx * gx + gy * gy + gz * gz)
+        if length == 0.0 or highest - up > _WAY * step * math.sqrt(length * length + along * along):
+            return False  # no step that is left brings it up
+        x, y, z = x + step * gx / length, y + step * gy / length, z + step * gz / length
+        length = math.sqrt(x * x + y * y + z * z)
+        x, y, z = x / length, y / length, z / length
+        step *= _SHORTER
+    return False
+
+
+@kernel
+def hull_spheres(centers, radii):
+    """Indices of the spheres that some plane touches before all others.
+
+    Parameters
+    ----------
+    centers : (n, 3) array
+        Body frame [m].
+    radii : (n,) array
+        [m]
+
+    Returns
+    -------
+    (h,) int64 array
+        Ascending.
+
+    Notes
+    -----
+    The supports in many directions are found first. A sphere that lies so far below each that turning to the
+    next direction does not bring it up is hidden: it comes up by its distance to the support times the angle.
+    The others are compared with the supports in the direction in which each does best, improved step by step.
+    """
+    n = len(radii)
+    spheres = empty((4, n))
+    size = 0.0
+    for k in range(n):
+        for a in range(3):
+            spheres[a, k] = centers[k, a]
+        spheres[3, k] = radii[k]
+        size = max(size, math.sqrt(centers[k, 0] ** 2 + centers[k, 1] ** 2 + centers[k, 2] ** 2) + radii[k])
+    kept = booleans(n)
+    lead, most, best, height = full(n, -np.inf), full(n, -np.inf), integers(n), empty(n)
+    for d in range(_DIRECTIONS):
+        x, y, z = _direction(d)
+        highest = _write_heights(x, y, z, spheres, height)
+        support = _first(height, highest)
+        kept[support] = True
+        _compare(d, highest, support, spheres, height, lead, best, most)
+    supports = np.ascontiguousarray(spheres[:, np.flatnonzero(kept)])
+    height = empty(supports.shape[1])
+    for s in range(n):
+        if not kept[s] and most[s] >= 0.0:
+            x, y, z = _direction(best[s])
+            kept[s] = _comes_up(x, y, z, spheres[:, s], supports, height, size)
+    return np.flatnonzero(kept)
+
+
+def hull_columns(centers, radii, hull):
+    """Centres and radii of a hull's spheres, (4, H + 8): the last columns only let eight be read at once."""
+    columns = np.zeros((4, len(hull) + LANES))
+    columns[:3, : len(hull)], columns[3, : len(hull)] = centers[hull].T, radii[hull]
+    return columns

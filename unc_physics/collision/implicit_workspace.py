@@ -1,0 +1,262 @@
+"""What a rollout of the implicit step computes anew, in arrays that a step fills: no state."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ..compiler import inner, kernel
+from ..compiler.arrays import (
+    aligned_zeros,
+    assign,
+    booleans,
+    empty,
+    full,
+    integers,
+    singles,
+    small_integers,
+    zeros,
+)
+from ..spatial.layout import Q
+from ..spatial.rotation import write_matrix
+from .contact_row import ROW, TWIST
+from .narrow_phase import RECORD
+from .sphere_tree import AT_ONCE, Scratch
+
+#: Velocities of the bodies, each (B, 8), of which two columns stay 0: at the interval's start, at its end
+#: without contacts, as solved, before a sweep, and what a direction of search changes.
+START, FREE, NOW, BEFORE, ALONG = 0, 1, 2, 3, 4
+#: Impulses of lasting contacts, of an impact, of one without rebound; those before a sweep, a
+#: direction of search, and the best so far.
+LASTING, ELASTIC, PLASTIC, PREVIOUS, SEARCH, BEST = 0, 1, 2, 3, 4, 5
+#: Columns of a body's numbers: what its points travel in a second [m/s], the sum of that over time [m], how
+#: far the environment is [m], its pose when an interval began, the most that its velocity changes in a step
+#: without contacts, beyond what gravity does [m/s], and its pose at the interval's end without contacts.
+PACE, TRAVEL, CLEARANCE, START_POSITION, START_QUATERNION, SURGE = 0, 1, 2, 3, 6, 10
+FREE_POSITION, FREE_QUATERNION = 11, 14
+#: Columns of a candidate: unit normal towards the body, point on its surface (body frame), gap [m], score
+#: [m].
+CANDIDATE_NORMAL, CANDIDATE_POINT, CANDIDATE_GAP, CANDIDATE_SCORE = 0, 3, 6, 7
+
+#: Contacts that are remembered of each body, of those that name it first: a limit of its own, so that no
+#: body's memory depends on what else there is.
+REMEMBERED_CONTACTS = 48
+
+_PAIRS_AT_ONCE = 1024
+
+#: Integers of a step: contacts at hand, entries of the new memory, used part of the lists' room, and what
+#: overflowed.
+CONTACTS, REMEMBERED, POOL_USED, OVERFLOW = 0, 1, 2, 3
+#: What overflows: room for contacts, for candidates, for lists.
+NO_OVERFLOW, TOO_MANY_CONTACTS, TOO_MANY_CANDIDATES, TOO_LONG_LISTS = 0, 1, 2, 3
+
+
+class ImplicitWorkspace(NamedTuple):
+    """Room for one rollout.
+
+    Attributes
+    ----------
+    R : (B, 3, 3) float64
+        ``R_world_body``.
+    inverse_inertia : (B, 3, 3) float64
+        World axes [1/(kg m^2)].
+    velocity : (5, B, 8) float64
+        By `START` to `ALONG`: linear [m/s] and angular [rad/s].
+    numbers : (B, 18) float64
+        By `PACE` to `FREE_QUATERNION`.
+    moving : (B,) bool
+        Which bodies move freely in this step.
+    inverse_mass : (B,) float64
+        1/kg; 0 for those that do not.
+    hold : (B, 7) float64
+        Place and quaternion of held bodies in the frames of what holds them.
+    carried : (3, 13) float64
+        Room for states.
+    loaded : (B,) int64
+        How many contacts carry load on each body.
+    holds : (B,) bool
+        Whether one of them does not slip.
+    group : (B,) int64
+        Lowest body of each body's group.
+    members : (B,) int64
+        Bodies of the group at hand, ascending.
+    order : (B,) int64
+        Bodies sorted along x.
+    near : (B, B) bool
+        Pairs of bodies that may touch in this step.
+    neighbor : (B, B) int32
+        The same, body by body: those near body i, ascending, at the beginning of row i.
+    neighbor_count : (B,) int64
+        How many these are.
+    next_member : (B,) int64
+        The next higher body of each moving body's group; -1 after the highest.
+    rows : (C, ROW) float64
+        Of the contacts at hand (`contact_row`). There is room for an even number: two are copied at once.
+    twists : (C, TWIST) float64
+        Written where torsional friction is.
+    ids : (C, 4) int64
+        Of the contacts at hand, as in `SolverMemory`.
+    impulses : (6, C, 4) float64
+        Normal and tangential ones by `LASTING` to `BEST` [N s], and moments about the normal [N m s].
+    part : (B,) int64
+        Labels of bodies that touch in an impact; positive for those that take part.
+    throw_pace : (B,) float64
+        Of each group, by its lowest body, the largest `PACE` of two that may touch [m/s].
+    candidates : (D, 8) float64
+    candidate_ids : (D, 4) int64
+        Spheres, what became of the candidate, and its place in the last step's memory, -1 without one.
+    best, best_score : (9,) int64 and float64
+        Supports of a patch, and its deepest candidate.
+    pool : (P, 2) int32
+        Lists of spheres, or pairs of them, that may touch; one for each pair of bodies, or body and element.
+    pool_spheres : (8, P) float64
+        Of each sphere in the pool the centre, body frame, and radius [m]; of a pair the second's behind them.
+    low : (P,) float64
+        Gaps, or predicted ones if less, of what is asked at once [m].
+    lists : (B, B + E, 2) int64
+        Beginning and length of each list in the pool.
+    list_pose : (B, B + E, 13) float64
+        For each list the second body's pose in the first's frame, or the body's in the element's, rotation
+        and position, when it was made, and how far they may move until it is made anew [m].
+    search : Scratch
+    R_ij : (3, 3) float64
+    old_contact, new_contact : (K, 4) int32
+    old_force, new_force : (K, 4) float32
+        The memory of the last step and of this one (`SolverMemory`).
+    head, link : (B,) and (K,) int64
+        The last step's contacts, body by body.
+    counts : (4,) int64
+        By `CONTACTS`, `REMEMBERED`, `POOL_USED`, `OVERFLOW`.
+    state, quiet : (B, 13) float64 and (B,) int64
+        At the step's start.
+    kept_overlap : (B, B + E) float64
+        As in `SolverMemory`, but never empty.
+    """
+
+    R: np.ndarray
+    inverse_inertia: np.ndarray
+    velocity: np.ndarray
+    numbers: np.ndarray
+    moving: np.ndarray
+    inverse_mass: np.ndarray
+    hold: np.ndarray
+    carried: np.ndarray
+    loaded: np.ndarray
+    holds: np.ndarray
+    group: np.ndarray
+    members: np.ndarray
+    order: np.ndarray
+    near: np.ndarray
+    neighbor: np.ndarray
+    neighbor_count: np.ndarray
+    next_member: np.ndarray
+    rows: np.ndarray
+    twists: np.ndarray
+    ids: np.ndarray
+    impulses: np.ndarray
+    part: np.ndarray
+    throw_pace: np.ndarray
+    candidates: np.ndarray
+    candidate_ids: np.ndarray
+    best: np.ndarray
+    best_score: np.ndarray
+    pool: np.ndarray
+    pool_spheres: np.ndarray
+    low: np.ndarray
+    lists: np.ndarray
+    list_pose: np.ndarray
+    search: Scratch
+    R_ij: np.ndarray
+    old_contact: np.ndarray
+    old_force: np.ndarray
+    new_contact: np.ndarray
+    new_force: np.ndarray
+    head: np.ndarray
+    link: np.ndarray
+    counts: np.ndarray
+    state: np.ndarray
+    quiet: np.ndarray
+    kept_overlap: np.ndarray
+
+
+@inner
+def more_room(counts, room):
+    """Return the room (contacts, candidates, pairs in lists), with twice as much of what overflowed."""
+    contacts, candidates, pool = room
+    if counts[OVERFLOW] == TOO_MANY_CANDIDATES:
+        return contacts, 2 * candidates, pool
+    if counts[OVERFLOW] == TOO_LONG_LISTS:
+        return contacts, candidates, 2 * pool
+    return 2 * contacts, candidates, pool
+
+
+@kernel(noinline=True)
+def implicit_workspace(x, kept_overlap, world, room):
+    """Return the workspace of one rollout that begins at state ``x`` (B, 13).
+
+    ``room`` is for how many contacts, candidates and pairs in lists, and ``kept_overlap`` the rollout's row
+    of `SolverMemory`.
+    """
+    contacts, candidates, pool = room
+    count, elements = len(x), len(world.surroundings.kind)
+    remembered = REMEMBERED_CONTACTS * count
+    R = empty((count, 3, 3))
+    for i in range(count):
+        write_matrix((x[i, Q], x[i, Q + 1], x[i, Q + 2], x[i, Q + 3]), R, i)
+    stack = small_integers((world.stack_size, 2))
+    search = Scratch(
+        stack,
+        small_integers((_PAIRS_AT_ONCE, 2)),
+        small_integers((AT_ONCE, 2)),
+        integers(AT_ONCE),
+        empty((1, RECORD)),
+    )
+    kept = zeros((count, count + elements))
+    twists = contacts if world.implicit.torsional else 0
+    if len(kept_overlap) > 0:
+        assign(kept, kept_overlap)
+    return ImplicitWorkspace(
+        R,
+        zeros((count, 3, 3)),
+        aligned_zeros((5, count, 8)),
+        zeros((count, 18)),
+        world.bodies.moving.copy(),
+        world.bodies.inverse_mass.copy(),
+        zeros((count, 7)),
+        zeros((3, 13)),
+        integers(count),
+        booleans(count),
+        np.arange(count),
+        np.arange(count),
+        np.arange(count),
+        booleans((count, count)),
+        small_integers((count, count)),
+        integers(count),
+        integers(count),
+        aligned_zeros((contacts, ROW)),
+        empty((twists, TWIST)),
+        integers((contacts, 4)),
+        empty((6, contacts, 4)),
+        integers(count),
+        empty(count),
+        empty((candidates, 8)),
+        integers((candidates, 4)),
+        integers(9),
+        empty(9),
+        small_integers((pool, 2)),
+        empty((8, pool)),
+        empty(pool),
+        integers((count, count + elements, 2)),
+        full((count, count + elements, 13), -np.inf),
+        search,
+        empty((3, 3)),
+        small_integers((remembered, 4)),
+        singles((remembered, 4)),
+        small_integers((remembered, 4)),
+        singles((remembered, 4)),
+        integers(count),
+        integers(remembered),
+        integers(4),
+        empty((count, 13)),
+        integers(count),
+        kept,
+    )

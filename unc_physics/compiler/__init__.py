@@ -1,0 +1,10 @@
+"""Compilation of kernels by numba.
+
+Kernels need three decorators: `kernel`, `inner` and `stage`. The modules in `tuned` depend on internals of
+numba, and run with a tested version only (`versions`). Otherwise `plain` uses numba's public interface.
+"""
+
+from . import compile_time  # noqa: F401  (listens from the first compilation on)
+from .decorators import inner, kernel, stage
+
+__all__ = ["inner", "kernel", "stage"]

@@ -1,0 +1,12 @@
+"""The compilation in use: tuned for a tested numba, else plain."""
+
+from .versions import choose_tuned
+
+TUNED = choose_tuned()
+
+if TUNED:
+    from .tuned.compilation import FOLDER, STAGE_OPTIONS, compile_function
+else:
+    from .plain import FOLDER, STAGE_OPTIONS, compile_function
+
+__all__ = ["FOLDER", "STAGE_OPTIONS", "TUNED", "compile_function"]

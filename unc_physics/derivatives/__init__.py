@@ -1,0 +1,1 @@
+"""Derivatives of flight, contacts, impacts and actions by errors of the state."""

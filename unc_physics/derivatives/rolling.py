@@ -1,0 +1,189 @@
+"""How a body rolls by the shape that its spheres stand for, found from its packing's hull."""
+
+import math
+
+import numpy as np
+
+from ..compiler import inner
+from ..spatial.rotation import rotate_back
+from ..spatial.vectors import dot, plus, times
+
+#: Tilts over which a body is thought to roll [rad], and how many to each side.
+_LEAST_TILT, _MOST_TILT, _TILTS = 0.05, 0.8, 12
+_JUMP = 0.15  # of the radius by which something rolls: how far its support may jump
+_ON_HULL = 0.02  # of the body's radius: how far from its hull what rolls may be
+_ROUNDS = 3  # in which the direction of a line is corrected
+_DIAGONAL = math.sqrt(0.5)
+
+
+def _tilts():
+    room = np.zeros((2 * _TILTS, 4))
+    angle = np.linspace(_LEAST_TILT, _MOST_TILT, _TILTS)
+    room[:, 0], room[:, 1] = np.cos(np.tile(angle, 2)), np.concatenate([np.sin(angle), -np.sin(angle)])
+    return room
+
+
+#: Room for `rolling`: the cosine and the sine of each tilt, a depth, and the sphere that is the lowest then.
+TILTS = _tilts()
+
+
+@inner(error_model="numpy")
+def rolling(n, first, second, i, sphere, R, world, room, out):
+    """How the support of body i moves over its surface when it rolls, from its packing's hull.
+
+    A packing is rough: what rolls goes from sphere to sphere, and its derivative between two of them is not
+    that of the shape which they stand for. The support moves on with the tilt where the shape is round;
+    across a flat face it jumps at once and then stays, as at an edge, which are what they look like from
+    nearby. So what counts is how it moves over several tilts, a jump at first apart.
+
+    Parameters
+    ----------
+    n, first, second : tuples of 3 floats
+        Direction away from the contact into the body, and two across it, world frame.
+    i, sphere : int
+        The body, and its sphere that touches; one that is not on the hull's side of the contact does not
+        roll.
+    R : (3, 3) array
+        ``R_world_body``.
+    world : World
+    room : array
+        A copy of `TILTS`.
+    out : (5,) array
+        Entries 11, 12 and 22 of a symmetric matrix, the radii by which it rolls; and where the middle of the
+        shape is, in both directions from the centre of mass [m].
+    """
+    for k in range(5):
+        out[k] = 0.0
+    hull, tree = world.implicit.hull, world.tree
+    low, high = world.implicit.hull_range[i, 0], world.implicit.hull_range[i, 1]
+    m = rotate_back(R, n[0], n[1], n[2])
+    a = rotate_back(R, first[0], first[1], first[2])
+    b = rotate_back(R, second[0], second[1], second[2])
+    own = tree.centers[sphere, 0] * m[0] + tree.centers[sphere, 1] * m[1] + tree.centers[sphere, 2] * m[2]
+    own -= tree.radii[sphere]
+    least = math.inf
+    for k in range(low, high):
+        least = min(least, hull[0, k] * m[0] + hull[1, k] * m[1] + hull[2, k] * m[2] - hull[3, k])
+    if own - least > _ON_HULL * world.bodies.radius[i]:
+        return
+    s11, s21, j11, j21 = _support_way(m, a, a, b, low, high, hull, room)
+    s12, s22, j12, j22 = _support_way(m, b, a, b, low, high, hull, room)
+    # the support jumps the farthest in one direction, and the least across it
+    p, q, r = j11 * j11 + j12 * j12, j11 * j21 + j12 * j22, j21 * j21 + j22 * j22
+    half, spread = 0.5 * (p + r), math.sqrt(0.25 * (p - r) ** 2 + q * q)
+    angle = 0.5 * math.atan2(2.0 * q, p - r)
+    rolls, slope, x, y = 0, 0.0, 1.0, 0.0
+    for k in range(2):
+        jump = math.sqrt(max(half + spread if k == 0 else half - spread, 0.0))
+        u, v = (math.cos(angle), math.sin(angle)) if k == 0 else (-math.sin(angle), math.cos(angle))
+        along = s11 * u * u + (s12 + s21) * u * v + s22 * v * v
+        if along > 0.0 and jump < _JUMP * along:
+            rolls, slope, x, y = rolls + 1, along, u, v
+    if rolls == 1:
+        longest = math.sqrt(max(j11 * j11 + j21 * j21, j12 * j12 + j22 * j22))
+        for _ in range(_ROUNDS):
+            d, e = plus(times(x, a), times(y, b)), plus(times(-y, a), times(x, b))
+            turn = _turned(m, d, e, longest, slope, low, high, hull, room)
+            x, y = x + turn * y, y - turn * x
+            size = math.sqrt(x * x + y * y)
+            x, y = x / size, y / size
+    for _ in range(rolls):
+        radius, middle = _round_shape(m, plus(times(x, a), times(y, b)), low, high, hull, room)
+        out[0] += radius * x * x
+        out[1] += radius * x * y
+        out[2] += radius * y * y
+        out[3] += middle * x
+        out[4] += middle * y
+        x, y = -y, x
+
+
+@inner
+def _write_depths(m, e, low, high, hull, room):
+    """Write how deep a body's lowest point is below its centre of mass, as a negative height [m], at tilts
+    to both sides, and which of its spheres it is on; ``m`` points up and ``e`` across, body frame.
+    """
+    tilts = len(room)
+    for t in range(tilts):
+        room[t, 2] = math.inf
+    for k in range(low, high):
+        x, y, z, r = hull[0, k], hull[1, k], hull[2, k], hull[3, k]
+        p, q = m[0] * x + m[1] * y + m[2] * z, e[0] * x + e[1] * y + e[2] * z
+        for t in range(tilts):
+            depth = room[t, 0] * p + room[t, 1] * q - r
+            if depth < room[t, 2]:
+                room[t, 2], room[t, 3] = depth, float(k)
+
+
+@inner(error_model="numpy")
+def _support_way(m, e, a, b, low, high, hull, room):
+    """How the support moves along ``a`` and ``b`` when the body tilts along ``e``, by lines through the ways
+    to both sides: their slopes, and what they have at no tilt, which are jumps [m].
+    """
+    _write_depths(m, e, low, high, hull, room)
+    count = len(room) // 2
+    mean = square = 0.0
+    for t in range(count):
+        mean += room[t, 1] / count
+    for t in range(count):
+        square += (room[t, 1] - mean) ** 2
+    slope_a = slope_b = jump_a = jump_b = 0.0
+    for t in range(count):
+        u = v = 0.0
+        for side in range(2):
+            k = int(room[t + side * count, 3])
+            sign, reach = (0.5 if side else -0.5), hull[3, k] * room[t + side * count, 1]
+            x, y, z = hull[0, k] - reach * e[0], hull[1, k] - reach * e[1], hull[2, k] - reach * e[2]
+            u += sign * dot(a, (x, y, z))
+            v += sign * dot(b, (x, y, z))
+        share = (room[t, 1] - mean) / square
+        slope_a, slope_b = slope_a + share * u, slope_b + share * v
+        jump_a, jump_b = jump_a + u / count, jump_b + v / count
+    return slope_a, slope_b, jump_a - mean * slope_a, jump_b - mean * slope_b
+
+
+@inner(error_model="numpy")
+def _turned(m, d, e, longest, radius, low, high, hull, room):
+    """By how much the line on which a body lies is turned from ``e`` towards ``d`` [rad].
+
+    Depths at tilts between both directions tell, which are alike if it is not turned: they vary far less from
+    sphere to sphere than where the supports are. A line of half the length ``longest`` is tilted by its turn
+    to one side of the diagonal, and a cylinder's radius counts for the other.
+    """
+    count, total, square = len(room) // 2, 0.0, 0.0
+    for side in range(2):
+        sign = 1.0 if side == 0 else -1.0
+        _write_depths(m, plus(times(_DIAGONAL, d), times(sign * _DIAGONAL, e)), low, high, hull, room)
+        for t in range(2 * count):
+            sine = abs(room[t, 1])
+            grows = (
+                2.0 * sine * (_DIAGONAL * longest - 0.5 * radius * sine / math.sqrt(1.0 - 0.5 * sine * sine))
+            )
+            total -= sign * grows * room[t, 2]
+            square += 0.5 * grows * grows
+    return total / square
+
+
+@inner(error_model="numpy")
+def _round_shape(m, e, low, high, hull, room):
+    """Radius and middle [m] of the circle that a body's depths at tilts along ``e`` are those of.
+
+    Along a line that is not quite at a right angle to ``e`` depths grow with the sine of the tilt as well, to
+    both sides alike.
+    """
+    _write_depths(m, e, low, high, hull, room)
+    count = len(room) // 2
+    square = sine = cosine = mean = middle = 0.0
+    for t in range(count):
+        square += room[t, 1] ** 2
+        sine += room[t, 1] / count
+        cosine += room[t, 0] / count
+        mean += 0.5 * (room[t, 2] + room[t + count, 2]) / count
+        middle += 0.5 * room[t, 1] * (room[t, 2] - room[t + count, 2])
+    cc = cs = ss = cy = sy = 0.0
+    for t in range(count):
+        c, s = room[t, 0] - cosine, room[t, 1] - sine
+        y = 0.5 * (room[t, 2] + room[t + count, 2]) - mean
+        cc, cs, ss, cy, sy = cc + c * c, cs + c * s, ss + s * s, cy + c * y, sy + s * y
+    whole = cc * ss - cs * cs
+    by_cosine, by_sine = (cy * ss - sy * cs) / whole, (sy * cc - cy * cs) / whole
+    return max(by_cosine * cosine + by_sine * sine - mean, 0.0), middle / square

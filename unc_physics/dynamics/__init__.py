@@ -1,0 +1,1 @@
+"""Time steps: contact and friction laws, impacts, free motion, kinematic bodies."""

@@ -1,0 +1,85 @@
+"""Steps in which nothing can touch, known ahead so that nothing is searched; of scenes with surroundings."""
+
+from ..collision.broad_phase import may_touch, near_pairs
+from ..collision.element_contacts import element_distance
+from ..compiler import inner
+from ..spatial.layout import P, V, W
+from .actions import follows
+
+_MOST_STEPS = 64  # ahead
+UNKNOWN = -1  # number of contact-free steps ahead, of a rollout that begins
+
+
+@inner(forceinline=True)
+def contact_free_step(x, world, surroundings, work):
+    """Whether nothing can touch in the step that begins.
+
+    No result depends on the answer. Without surroundings it is always no: the search for pairs costs no more
+    than to ask.
+    """
+    if surroundings is None:
+        return False
+    else:
+        if len(surroundings.actions.wrench_body) > 0:
+            return False
+        if work.contact_free_steps[0] > 0:
+            work.contact_free_steps[0] -= 1
+            return True
+        # what touched a moment ago is near; only a rollout that begins has to ask
+        if work.touching[0] and work.contact_free_steps[0] != UNKNOWN:
+            return False
+        work.contact_free_steps[0] = 0
+        return _look_ahead(x, world, surroundings, work)
+
+
+@inner(noinline=True)
+def _look_ahead(x, world, surroundings, work):
+    """Whether nothing can touch in this step; ``work.contact_free_steps`` learns for how many more."""
+    ahead = work.contact_free_steps
+    steps = ahead[1]
+    if not _apart_for(x, world, surroundings, 1, work):
+        ahead[1] = 1
+        return False
+    if steps == 1 or _apart_for(x, world, surroundings, steps, work):
+        ahead[0], ahead[1] = steps - 1, min(2 * steps, _MOST_STEPS)
+    else:
+        ahead[1] = steps // 2
+    return True
+
+
+@inner
+def _apart_for(x, world, surroundings, steps, work):
+    """Whether nothing can touch for some steps.
+
+    The answer for one step depends on the state alone; a yes for many is one for each of them.
+    """
+    _write_reach(x, world, surroundings.actions, steps * world.dt, work)
+    near, moving, reach = work.near, world.bodies.moving, work.reach
+    for i in range(len(x)):
+        if moving[i]:
+            for e in range(len(surroundings.kind)):
+                if element_distance(surroundings, e, x[i, P], x[i, P + 1], x[i, P + 2]) < reach[i]:
+                    return False
+    for k in range(near_pairs(x, reach, work.max_travel, moving, work)):
+        # for many steps a search would seldom pay: pairs with a separation bound are left out already
+        if steps > 1 or may_touch(x, near[k, 0], near[k, 1], world, work):
+            return False
+    return True
+
+
+@inner
+def _write_reach(x, world, actions, time, work):
+    """Balls in which bodies stay for a time without contacts, and how far their points travel."""
+    radius, moving, reach, max_travel = world.bodies.radius, world.bodies.moving, work.reach, work.max_travel
+    fall = time * (abs(world.gravity[0]) + abs(world.gravity[1]) + abs(world.gravity[2]))
+    for i in range(len(x)):
+        reach[i], max_travel[i] = radius[i], 0.0
+        if moving[i]:
+            travel = time * (fall + abs(x[i, V]) + abs(x[i, V + 1]) + abs(x[i, V + 2]))
+            reach[i] += travel
+            max_travel[i] = travel + time * radius[i] * (abs(x[i, W]) + abs(x[i, W + 1]) + abs(x[i, W + 2]))
+        elif follows(i, actions):
+            for k in range(actions.path[i, 0], actions.path[i, 1]):
+                most = time * (actions.pace[k, 0] + radius[i] * actions.pace[k, 1])
+                max_travel[i] = max(max_travel[i], most)
+            reach[i] += max_travel[i]

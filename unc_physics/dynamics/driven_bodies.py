@@ -1,0 +1,196 @@
+"""Bodies that something else moves in the implicit step: on paths, or held for a while.
+
+To contacts they are as heavy as can be, and have the velocities of their motion. Which bodies they are may
+change from step to step, and differ between rollouts: so it is the workspace that says which bodies move
+freely.
+"""
+
+import numpy as np
+
+from ..collision.implicit_workspace import CLEARANCE, FREE, NOW, PACE, START, SURGE
+from ..compiler import inner
+from ..spatial.layout import P, Q, V, W
+from ..spatial.rotation import conjugate, exp, log, multiply, normalized, write_matrix
+from .actions import ROUND_OFF, bound_pace, bound_push, follows, write_carried, write_hold, write_on_path
+
+_INSTANT = 1e-9  # s: for so short intervals displacements say nothing of velocities
+
+
+@inner(noinline=True)
+def begin_driven(x, begin, quiet, world, work):
+    """A step begins: put driven bodies where they are, and find out which of them move freely in it."""
+    actions, bodies, dt = world.surroundings.actions, world.bodies, world.dt
+    numbers, moving = work.numbers, work.moving
+    for d in range(len(actions.driven)):
+        j = actions.driven[d]
+        if follows(j, actions):
+            write_on_path(x, j, j, begin, actions)
+            pace = bound_pace(j, begin, begin + dt, bodies.radius[j], actions)
+            numbers[j, PACE], numbers[j, SURGE] = pace
+        else:
+            carrier, early = actions.carrier[j], ROUND_OFF * dt
+            start, stop = actions.held[j, 0], actions.held[j, 1]
+            if begin < start - early or begin >= stop - early:
+                _set_free(j, bodies, work)
+            else:
+                hold = work.hold[j]
+                write_hold(x, j, x, carrier, hold)
+                quiet[j] = 0
+                numbers[j, CLEARANCE] = -np.inf  # what was known of it is over
+                if stop < begin + dt:
+                    _set_free(j, bodies, work)
+                    _release(x, j, stop - begin, begin, world, work)
+                else:
+                    moving[j] = False
+                    work.inverse_mass[j] = 0.0
+                    for a in range(3):
+                        for b in range(3):
+                            work.inverse_inertia[j, a, b] = 0.0
+                    write_carried(x, j, x, carrier, hold)
+                    arm = np.sqrt(hold[0] * hold[0] + hold[1] * hold[1] + hold[2] * hold[2])
+                    if follows(carrier, actions):
+                        pace = bound_pace(carrier, begin, begin + dt, arm + bodies.radius[j], actions)
+                    else:
+                        pace = 0.0, 0.0
+                    numbers[j, PACE], numbers[j, SURGE] = pace
+        write_matrix((x[j, Q], x[j, Q + 1], x[j, Q + 2], x[j, Q + 3]), work.R, j)
+    for i in range(len(x)):
+        if moving[i]:
+            numbers[i, SURGE] = bound_push(i, begin, begin + dt, bodies, actions)
+
+
+@inner(forceinline=True)
+def _set_free(j, bodies, work):
+    work.moving[j], work.inverse_mass[j] = True, bodies.inverse_mass[j]
+
+
+@inner
+def _release(x, j, left, begin, world, work):
+    """Give body j, which is released ``left`` seconds into the step, the state at the step's beginning from
+    which free flight takes it where it is thrown.
+    """
+    actions, dt, at_release = world.surroundings.actions, world.dt, work.carried
+    write_driven(at_release, 0, x, j, begin + left, actions, work)
+    whole, rest = world.decay, world.decay ** ((dt - left) / dt)
+    spin = rest / whole
+    q = (at_release[0, Q], at_release[0, Q + 1], at_release[0, Q + 2], at_release[0, Q + 3])
+    back = exp(-left * at_release[0, W], -left * at_release[0, W + 1], -left * at_release[0, W + 2])
+    q = normalized(multiply(back, q))
+    for k in range(4):
+        x[j, Q + k] = q[k]
+    for k in range(3):
+        v, g = at_release[0, V + k], world.gravity[k]
+        last = rest * v + (dt - left) * g
+        end = at_release[0, P + k] + 0.5 * (dt - left) * (v + last)
+        first = (last - dt * g) / whole
+        x[j, P + k], x[j, V + k] = end - 0.5 * dt * (first + last), first
+        x[j, W + k] = spin * at_release[0, W + k]
+
+
+@inner
+def write_driven(out, row, x, j, time, actions, work):
+    """Write where driven body j is at a time into a row of ``out``, not that of the body itself in ``x``."""
+    if follows(j, actions):
+        write_on_path(out, row, j, time, actions)
+    else:
+        carrier = actions.carrier[j]
+        if follows(carrier, actions):
+            write_on_path(work.carried, 1, carrier, time, actions)
+            write_carried(out, row, work.carried, 1, work.hold[j])
+        else:
+            write_carried(out, row, x, carrier, work.hold[j])
+
+
+@inner
+def place_driven(x, count, time, world, work):
+    """Put driven bodies that may touch the group at hand where they are at a time."""
+    actions = world.surroundings.actions
+    for d in range(len(actions.driven)):
+        j = actions.driven[d]
+        if not work.moving[j] and near_group(j, count, work):
+            write_driven(x, j, x, j, time, actions, work)
+            write_matrix((x[j, Q], x[j, Q + 1], x[j, Q + 2], x[j, Q + 3]), work.R, j)
+
+
+@inner(forceinline=True)
+def near_group(j, count, work):
+    """Whether body j may touch the group at hand, of ``count`` members."""
+    found = False
+    for a in range(count):
+        found = found or work.near[work.members[a], j]
+    return found
+
+
+@inner
+def read_driven(x, count, world, work):
+    """Write the velocities of driven bodies that may touch the group at hand as `START` and `NOW`."""
+    actions, velocity = world.surroundings.actions, work.velocity
+    for d in range(len(actions.driven)):
+        j = actions.driven[d]
+        if not work.moving[j]:
+            for k in range(3):
+                velocity[START, j, k] = velocity[NOW, j, k] = x[j, V + k]
+                velocity[START, j, 3 + k] = velocity[NOW, j, 3 + k] = x[j, W + k]
+
+
+@inner
+def drive(x, count, end, h, world, work):
+    """Move driven bodies that may touch the group at hand for ``h`` seconds, until ``end``.
+
+    Contacts travel by the mean of the velocities at both ends: that at the start is such that it is that of
+    the motion, exactly.
+    """
+    actions, velocity, before = world.surroundings.actions, work.velocity, work.carried
+    for d in range(len(actions.driven)):
+        j = actions.driven[d]
+        if work.moving[j] or not near_group(j, count, work):
+            continue
+        for k in range(13):
+            before[2, k] = x[j, k]
+        write_driven(x, j, x, j, end, actions, work)
+        write_matrix((x[j, Q], x[j, Q + 1], x[j, Q + 2], x[j, Q + 3]), work.R, j)
+        turn = log(
+            multiply(
+                (x[j, Q], x[j, Q + 1], x[j, Q + 2], x[j, Q + 3]),
+                conjugate((before[2, Q], before[2, Q + 1], before[2, Q + 2], before[2, Q + 3])),
+            )
+        )
+        for k in range(3):
+            v, w = x[j, V + k], x[j, W + k]
+            velocity[FREE, j, k] = velocity[NOW, j, k] = v
+            velocity[FREE, j, 3 + k] = velocity[NOW, j, 3 + k] = w
+            if h > _INSTANT:
+                velocity[START, j, k] = 2.0 * (x[j, P + k] - before[2, P + k]) / h - v
+                velocity[START, j, 3 + k] = 2.0 * turn[k] / h - w
+            else:
+                velocity[START, j, k], velocity[START, j, 3 + k] = v, w
+
+
+@inner
+def end_driven(x, end, world, work):
+    """A step ends: put driven bodies where they are then."""
+    actions = world.surroundings.actions
+    for d in range(len(actions.driven)):
+        j = actions.driven[d]
+        if not work.moving[j]:
+            write_driven(x, j, x, j, end, actions, work)
+            write_matrix((x[j, Q], x[j, Q + 1], x[j, Q + 2], x[j, Q + 3]), work.R, j)
+
+
+@inner
+def is_driven(i, world, work):
+    """Whether something that moves is near body i, a wrench acts on it, or a surface moves under it."""
+    found = work.numbers[i, SURGE] > 0.0
+    actions = world.surroundings.actions
+    if len(actions.surface) > 0:
+        entry = work.head[i]
+        while entry >= 0:
+            e = -1 - work.old_contact[entry, 1]
+            if e >= 0:
+                for k in range(6):
+                    found = found or actions.surface[e, k] != 0.0
+            entry = work.link[entry]
+    for d in range(len(actions.driven)):
+        j = actions.driven[d]
+        found = found or (work.near[i, j] and not work.moving[j] and work.numbers[j, PACE] > 0.0)
+    return found

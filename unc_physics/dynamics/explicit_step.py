@@ -1,0 +1,236 @@
+"""The explicit time step: drift, damp, gravity, contacts, kick, in this order (the paper's Eqs. 3 to 6).
+
+`integrate` is the only loop over such steps. A propagator that follows more than the state hooks its own work
+into the loop's stages (`compiled.stage`): the functions that begin the file.
+"""
+
+from ..collision.broad_phase import near_pairs, update_separation_bound
+from ..collision.element_contacts import next_element_contacts, open_element
+from ..collision.narrow_phase import contact_sums, next_contacts, open_pair
+from ..compiler import inner, stage
+from ..spatial.layout import P, Q, V, W
+from ..spatial.rotation import rotate, rotate_back, write_matrix
+from .actions import bound_pace, follows, push, write_on_path
+from .contact_free import contact_free_step
+from .free_motion import integrate_gyroscopic, integrate_position, integrate_rotation
+
+
+@stage
+def before_drift(method, x, step, world, work):
+    """A step begins, with so many before it; ``x`` (B, 13) and ``work.R`` are those before the drift."""
+
+
+@stage
+def on_contacts(method, x, i, j, count, first, world, work):
+    """The first ``count`` contacts on record are of bodies i and j; ``first`` if none came before."""
+
+
+@stage
+def after_pair(method, x, i, j, world, work):
+    """All contacts of bodies i and j were on record; there was at least one."""
+
+
+@stage
+def after_pairs(method, x, world, work):
+    """The contacts of all pairs were on record."""
+
+
+@stage
+def on_element_contacts(method, x, i, e, t, count, first, world, work):
+    """As `on_contacts`, of body i and element e; ``t`` is the body's place in the element's frame [m]."""
+
+
+@stage
+def after_element(method, x, i, e, world, work):
+    """As `after_pair`, of body i and element e."""
+
+
+@inner(noinline=True)
+def integrate(x, first_time, world, surroundings, method, begin, steps, work):
+    """Advance the state of one rollout.
+
+    Parameters
+    ----------
+    x : (B, 13) array
+        Changed in place.
+    first_time : (B, B + E) float32 array
+        `ContactHistory.first_time` of this rollout, changed in place.
+    world : World
+    surroundings : Surroundings or None
+        Those of the world.
+    method : NamedTuple or None
+        What a propagator works on in the loop's stages.
+    begin, steps : int
+        Number of steps before, and to do.
+    work : Workspace
+    """
+    for step in range(begin, begin + steps):
+        free = contact_free_step(x, world, surroundings, work)
+        before_drift(method, x, step, world, work)
+        drift(x, world, surroundings, work)
+        if surroundings is not None:
+            act(x, step, world, surroundings.actions, work)
+        if free:
+            continue
+        time = (step + 1) * world.dt
+        apply_pair_forces(x, first_time, time, world, method, work)
+        after_pairs(method, x, world, work)
+        if surroundings is not None:
+            apply_element_forces(x, first_time, time, world, surroundings, method, work)
+        work.touching[0] = kick(x, world, work)
+
+
+@inner(forceinline=True)
+def drift(x, world, surroundings, work):
+    """Move all bodies freely for a step, then damp their velocities and apply gravity; ``work.R`` follows."""
+    dt, decay, gravity = world.dt, world.decay, world.gravity
+    for i in range(len(x)):
+        if world.bodies.moving[i]:
+            work.speed[i] = dt * integrate_pose(x, i, world, surroundings, work)
+            work.travel[i] += work.speed[i]
+            for k in range(3):
+                x[i, V + k] = decay * x[i, V + k] + dt * gravity[k]
+                x[i, W + k] *= decay
+
+
+@inner
+def act(x, step, world, actions, work):
+    """Put prescribed bodies where they are at a step's end, and let wrenches change velocities."""
+    begin, end = step * world.dt, (step + 1) * world.dt
+    for d in range(len(actions.driven)):
+        j = actions.driven[d]
+        if follows(j, actions):
+            write_on_path(x, j, j, end, actions)
+            write_matrix((x[j, Q], x[j, Q + 1], x[j, Q + 2], x[j, Q + 3]), work.R, j)
+            pace, _ = bound_pace(j, begin, end, world.bodies.radius[j], actions)
+            work.speed[j] = world.dt * pace
+            work.travel[j] += work.speed[j]
+    if len(actions.wrench_body) > 0:
+        for i in range(len(x)):
+            if world.bodies.moving[i]:
+                push(x, i, begin, end, 1.0, world.bodies, work.R, actions)
+
+
+@inner(forceinline=True)
+def integrate_pose(x, i, world, surroundings, work):
+    """Move body i freely for a step; returns the most that a point of it moves in a second [m/s]."""
+    if surroundings is not None:
+        if surroundings.gyroscopic:
+            pace = integrate_gyroscopic(x, i, world.dt, world.bodies, work.R)
+            return pace + integrate_position(x, i, world.dt)
+    pace = integrate_rotation(x, i, world.dt, world.bodies.radius, work.R)
+    return pace + integrate_position(x, i, world.dt)
+
+
+@inner(noinline=True)
+def apply_pair_forces(x, first_time, time, world, method, work):
+    """Let all contacts between bodies act on them."""
+    for k in range(near_pairs(x, world.bodies.radius, work.zero_travel, world.bodies.moving, work)):
+        i, j = work.near[k, 0], work.near[k, 1]
+        t_ij, slack, top = open_pair(x, i, j, world, work)
+        touching = False
+        while top > 0:
+            count, top = next_contacts(world.tree, work.R_ij, t_ij, slack, work.search, top)
+            if count > 0:
+                apply_contact_force(x, i, j, count, world.stiffness, work)
+                on_contacts(method, x, i, j, count, not touching, world, work)
+                touching = True
+        if touching:
+            note_contact(first_time, i, j, time)
+            after_pair(method, x, i, j, world, work)
+        else:
+            update_separation_bound(i, j, t_ij, slack, work.speed[i] + work.speed[j], world, work)
+
+
+@inner(forceinline=True)
+def apply_contact_force(x, i, j, count, stiffness, work):
+    """Add the forces of the first ``count`` contacts on record to the wrenches of bodies i and j."""
+    force, moment = contact_sums(work.search.records, count)
+    fx, fy, fz = rotate(work.R[i], force[0], force[1], force[2])
+    mx, my, mz = rotate(work.R[i], moment[0], moment[1], moment[2])
+    fx, fy, fz = stiffness * fx, stiffness * fy, stiffness * fz
+    mx, my, mz = stiffness * mx, stiffness * my, stiffness * mz
+    dx, dy, dz = x[j, P] - x[i, P], x[j, P + 1] - x[i, P + 1], x[j, P + 2] - x[i, P + 2]
+    on_i, on_j = work.wrench[i], work.wrench[j]
+    on_i[0] -= fx
+    on_i[1] -= fy
+    on_i[2] -= fz
+    on_i[3] -= mx
+    on_i[4] -= my
+    on_i[5] -= mz
+    on_j[0] += fx
+    on_j[1] += fy
+    on_j[2] += fz
+    on_j[3] += mx - (dy * fz - dz * fy)  # the same forces, with the lever arm from body j's centre of mass
+    on_j[4] += my - (dz * fx - dx * fz)
+    on_j[5] += mz - (dx * fy - dy * fx)
+    work.touched[i] = work.touched[j] = True
+
+
+@inner(noinline=True)
+def apply_element_forces(x, first_time, time, world, surroundings, method, work):
+    """Let all elements of the environment act on all moving bodies."""
+    for i in range(len(x)):
+        if world.bodies.moving[i]:
+            for e in range(len(surroundings.kind)):
+                t, top = open_element(x, i, e, world, surroundings, work)
+                touching = False
+                while top > 0:
+                    count, top = next_element_contacts(
+                        world.tree, surroundings, e, work.R_ij, t, world.bodies.radius[i], work.search, top
+                    )
+                    if count > 0:
+                        apply_element_force(i, count, world.stiffness, work)
+                        on_element_contacts(method, x, i, e, t, count, not touching, world, work)
+                        touching = True
+                if touching:
+                    note_contact(first_time, i, len(x) + e, time)
+                    after_element(method, x, i, e, world, work)
+
+
+@inner
+def apply_element_force(i, count, stiffness, work):
+    """As `apply_contact_force`, of body i with an element of the environment."""
+    force, moment = contact_sums(work.search.records, count)
+    fx, fy, fz = rotate(work.R[i], force[0], force[1], force[2])
+    mx, my, mz = rotate(work.R[i], moment[0], moment[1], moment[2])
+    on_i = work.wrench[i]
+    on_i[0] -= stiffness * fx
+    on_i[1] -= stiffness * fy
+    on_i[2] -= stiffness * fz
+    on_i[3] -= stiffness * mx
+    on_i[4] -= stiffness * my
+    on_i[5] -= stiffness * mz
+    work.touched[i] = True
+
+
+@inner(forceinline=True)
+def note_contact(first_time, i, j, time):
+    """Record that body i touches body j, or element j - B."""
+    first_time[i, j] = min(first_time[i, j], time)
+
+
+@inner(forceinline=True)
+def kick(x, world, work):
+    """Change the velocities of touched bodies by their wrenches, and clear these; were there any?"""
+    any_touched = False
+    for i in range(len(x)):
+        if not work.touched[i]:
+            continue
+        any_touched = True
+        work.touched[i] = False
+        f = work.wrench[i]
+        if world.bodies.moving[i]:
+            a = world.dt * world.bodies.inverse_mass[i]
+            x[i, V] += a * f[0]
+            x[i, V + 1] += a * f[1]
+            x[i, V + 2] += a * f[2]
+            bx, by, bz = rotate_back(work.R[i], f[3], f[4], f[5])
+            bx, by, bz = rotate(world.bodies.inverse_inertia[i], bx, by, bz)
+            wx, wy, wz = rotate(work.R[i], bx, by, bz)
+            x[i, W] += world.dt * wx
+            x[i, W + 1] += world.dt * wy
+            x[i, W + 2] += world.dt * wz
+        for k in range(6):
+            f[k] = 0.0
+    return any_touched

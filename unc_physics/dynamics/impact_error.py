@@ -1,0 +1,138 @@
+"""What no model knows of an impact: its impulse is drawn a little off, anew at each impact of two partners.
+
+Real surfaces are rough, corners are worn, and no contact is a point. All contacts of two partners in one
+impact are drawn alike: their directions turn by one small rotation, the places where they act shift along the
+surface, and friction is multiplied. Numbers come from keys, so they depend on the sample, the partners and
+the impact, and on nothing else: not on other bodies, threads, or how steps are divided into calls.
+"""
+
+import math
+
+import numpy as np
+
+from ..collision.contact_row import (
+    AXIS,
+    COMPLIANCE,
+    DIRECTION,
+    FRICTION,
+    INVERSE_MASS_I,
+    INVERSE_MASS_J,
+    MOMENT_I,
+    MOMENT_J,
+    SLIP_COMPLIANCE,
+    TURN_I,
+    TURN_J,
+)
+from ..collision.implicit_workspace import CONTACTS
+from ..compiler import inner
+from ..spatial.random import combine, mix
+from ..spatial.rotation import rotate
+
+_TO_UNIT = 2.0**-53
+_S11, _ONE = np.uint64(11), np.uint64(1)
+
+
+@inner(forceinline=True)
+def is_drawn(error):
+    """Whether anything is drawn at impacts."""
+    return error.direction > 0.0 or error.point > 0.0 or error.friction > 0.0
+
+
+@inner
+def disturb(step, impact, bodies, key, error, work):
+    """Draw the error of the contacts at hand.
+
+    Parameters
+    ----------
+    step, impact : int
+        Numbers of the step, and of the impact among those of the group in it.
+    bodies : int
+        How many there are.
+    key : uint64
+        The sample's.
+    error : ImpactError
+    work : ImplicitWorkspace
+    """
+    for c in range(work.counts[CONTACTS]):
+        i, j = work.ids[c, 0], work.ids[c, 1]
+        one = error.identity[i]
+        other = error.identity[j if j >= 0 else bodies - 1 - j]
+        own = combine(combine(combine(key, step), impact), min(one, other))
+        own = combine(own, max(one, other))
+        row = work.rows[c]
+        x, y = _normals(own, 0)
+        z, u = _normals(own, 1)
+        v, w = _normals(own, 2)
+        f, _ = _normals(own, 3)
+        d = error.direction
+        _turn(row, d * x, d * y, d * z)
+        _shift(row, error.point * u, error.point * v, error.point * w, i, j, work.inverse_inertia)
+        row[FRICTION] *= math.exp(error.friction * f)
+
+
+@inner
+def _normals(key, number):
+    """Two independent standard normal numbers of a key (Box and Muller)."""
+    a = mix(combine(key, 2 * number))
+    b = mix(combine(key, 2 * number + 1))
+    size = math.sqrt(-2.0 * math.log(np.float64((a >> _S11) + _ONE) * _TO_UNIT))
+    angle = 2.0 * math.pi * np.float64(b >> _S11) * _TO_UNIT
+    return size * math.cos(angle), size * math.sin(angle)
+
+
+@inner
+def _turn(row, x, y, z):
+    """Turn a contact's three directions by a small rotation vector (world axes); moments follow.
+
+    Each new direction is a mixture of the old ones, and so are its moments about the centres of mass.
+    """
+    angle = math.sqrt(x * x + y * y + z * z)
+    if angle == 0.0:
+        return
+    # the rotation vector along the old directions, in which the rotation is written
+    a = (row[DIRECTION] * x + row[DIRECTION + 1] * y + row[DIRECTION + 2] * z) / angle
+    b = (row[AXIS] * x + row[AXIS + 1] * y + row[AXIS + 2] * z) / angle
+    c = (row[2 * AXIS] * x + row[2 * AXIS + 1] * y + row[2 * AXIS + 2] * z) / angle
+    s, t = math.sin(angle), 1.0 - math.cos(angle)
+    q00, q11, q22 = 1.0 - t * (b * b + c * c), 1.0 - t * (a * a + c * c), 1.0 - t * (a * a + b * b)
+    q01, q10 = t * a * b - s * c, t * a * b + s * c
+    q02, q20 = t * a * c + s * b, t * a * c - s * b
+    q12, q21 = t * b * c - s * a, t * b * c + s * a
+    for k in range(AXIS):  # directions, moments, and what they push and turn
+        n, f, g = row[k], row[AXIS + k], row[2 * AXIS + k]
+        row[k] = q00 * n + q10 * f + q20 * g
+        row[AXIS + k] = q01 * n + q11 * f + q21 * g
+        row[2 * AXIS + k] = q02 * n + q12 * f + q22 * g
+
+
+@inner
+def _shift(row, x, y, z, i, j, inverse_inertia):
+    """Shift where a contact acts, along its surface; its compliances follow."""
+    along = row[DIRECTION] * x + row[DIRECTION + 1] * y + row[DIRECTION + 2] * z
+    x, y, z = x - along * row[DIRECTION], y - along * row[DIRECTION + 1], z - along * row[DIRECTION + 2]
+    for d in range(3):
+        k = AXIS * d
+        ax, ay, az = row[DIRECTION + k], row[DIRECTION + k + 1], row[DIRECTION + k + 2]
+        more = (y * az - z * ay, z * ax - x * az, x * ay - y * ax)
+        own = row[INVERSE_MASS_I] + _add_moment(row, MOMENT_I + k, TURN_I + k, more, inverse_inertia[i])
+        if j >= 0:
+            own += row[INVERSE_MASS_J] + _add_moment(row, MOMENT_J + k, TURN_J + k, more, inverse_inertia[j])
+        if d == 0:
+            row[COMPLIANCE] = own
+        elif d == 1:
+            row[SLIP_COMPLIANCE] = own
+        else:
+            row[SLIP_COMPLIANCE] = max(row[SLIP_COMPLIANCE], own)
+
+
+@inner
+def _add_moment(row, moment, turn, more, inverse_inertia):
+    """Add to a moment and to what it turns; returns the compliance of both."""
+    tx, ty, tz = rotate(inverse_inertia, more[0], more[1], more[2])
+    row[moment] += more[0]
+    row[moment + 1] += more[1]
+    row[moment + 2] += more[2]
+    row[turn] += tx
+    row[turn + 1] += ty
+    row[turn + 2] += tz
+    return row[moment] * row[turn] + row[moment + 1] * row[turn + 1] + row[moment + 2] * row[turn + 2]

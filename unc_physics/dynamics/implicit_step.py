@@ -1,0 +1,629 @@
+"""One implicit step, group by group: search, impacts at their own times, lasting contacts, travel.
+
+A group is what may touch in the step. It goes from impact to impact: it travels to the first, in which
+impulses change the velocities at once, and so on, at most `_IMPACTS` times, or `_LIVELY_IMPACTS`; the rest of
+the step is one solution of the lasting contacts. Nothing that happens in a group depends on any other.
+"""
+
+import math
+
+import numpy as np
+
+from ..collision.contact_model import shallow_factor
+from ..collision.contact_parts import find_parts, mark_part, move_contact
+from ..collision.contact_patch import (
+    IMPACT_GAP,
+    add_contacts,
+    element_candidates,
+    pair_candidates,
+    patch_tilt,
+)
+from ..collision.contact_row import AXIS, GAP, RESTITUTION
+from ..collision.contact_search import (
+    ACTIVE_GAP,
+    clearance,
+    find_groups,
+    forget_lists,
+    list_members,
+    pair_of,
+    update_pace,
+)
+from ..collision.contact_simd import contact_speeds
+from ..collision.element_contacts import in_element
+from ..collision.implicit_workspace import (
+    CONTACTS,
+    ELASTIC,
+    FREE,
+    FREE_POSITION,
+    FREE_QUATERNION,
+    LASTING,
+    NO_OVERFLOW,
+    NOW,
+    OVERFLOW,
+    PACE,
+    REMEMBERED,
+    REMEMBERED_CONTACTS,
+    START,
+    START_POSITION,
+    START_QUATERNION,
+    TOO_LONG_LISTS,
+    TRAVEL,
+)
+from ..collision.shapes import surface
+from ..compiler import inner
+from ..spatial.layout import P, Q, V, W
+from ..spatial.rotation import rotate, write_matrix
+from .actions import push
+from .driven_bodies import begin_driven, drive, end_driven, is_driven, place_driven, read_driven
+from .free_motion import integrate_gyroscopic, integrate_rotation
+from .friction import holds
+from .impact_error import disturb, is_drawn
+from .impact_time import LIVELY, TOUCHING, impact_before, impact_now, impact_speed, time_to_impact
+from .implicit_solver import find_leads, solve_impact, solve_lasting
+from .implicit_stages import (
+    after_flight,
+    after_groups,
+    after_impact,
+    after_travel,
+    before_contact,
+    before_flight,
+    before_group,
+    before_groups,
+    before_return,
+    before_step,
+    before_travel,
+    on_sleep,
+    undo_step,
+)
+from .middle_arms import push_in_the_middle
+
+#: Closing faster than this is an impact: the largest of a speed [m/s], of that of a fall from a height [m],
+#: and of what gravity adds in some steps. Where nothing weighs, nothing has to come to rest, and the slowest
+#: approach is one.
+_SLOWEST_IMPACT, _LOWEST_FALL, _IMPACT_STEPS = 1e-5, 5e-4, 2.5
+#: In a step of a group, at most: impacts, and searches for them; then those of contacts that rebound with at
+#: least so much of their speed, which would go on for long, as of a light body between heavy ones. Lasting
+#: contacts take up the others.
+_IMPACTS, _CUTS = 4, 16
+_LIVELY_IMPACTS, _LIVELY_CUTS = 64, 256
+#: No contact begins and ends unseen on a way as short as this [m].
+_SHORT_WAY = 4e-3
+_QUIET_SPEED, _QUIET_TIME, _QUIET_CONTACTS = 2e-3, 0.1, 3  # of what falls asleep [m/s], [s]
+_HOLDING = 0.99  # of what friction can hold: what all contacts let slip, however slowly, does not fall asleep
+
+
+@inner
+def travel_freely(x, i, h, end, decay, world, R):
+    """Move body i for ``h`` seconds, until ``end``, without contacts: a parabola, its angular momentum kept.
+
+    ``R`` (B, 3, 3) follows. Half of what wrenches do comes before the motion, half after it.
+    """
+    gravity, pushed = world.gravity, len(world.surroundings.actions.wrench_body) > 0
+    if pushed:
+        push(x, i, end - h, end, 0.5, world.bodies, R, world.surroundings.actions)
+    for k in range(3):
+        v = decay * x[i, V + k] + h * gravity[k]
+        x[i, P + k] += 0.5 * h * (x[i, V + k] + v)
+        x[i, V + k] = v
+    if world.surroundings.gyroscopic:
+        integrate_gyroscopic(x, i, h, world.bodies, R)
+    else:
+        integrate_rotation(x, i, h, world.bodies.radius, R)
+    for k in range(3):
+        x[i, W + k] *= decay
+    if pushed:
+        push(x, i, end - h, end, 0.5, world.bodies, R, world.surroundings.actions)
+
+
+@inner(noinline=True)
+def find_contacts(x, count, since, horizon, limit, speeds_only, world, work):
+    """Find the contacts of the group at hand, of ``count`` members: gaps below ``limit`` [m] now or within
+    ``horizon`` seconds.
+
+    ``since`` is for how long the members have moved without `TRAVEL` being brought up to date [s], and
+    ``speeds_only`` as in `contact_patch.write_contact`.
+    """
+    work.counts[CONTACTS] = 0
+    members, numbers, moving = work.members, work.numbers, work.moving
+    radius = world.bodies.radius
+    for a in range(count):
+        i = members[a]
+        tilt = patch_tilt(x, i, -1, since)
+        need = max(limit, ACTIVE_GAP) + (since + horizon) * numbers[i, PACE]
+        if len(world.surroundings.kind) > 0 and clearance(x, i, world, work) < need:
+            for e in range(len(world.surroundings.kind)):
+                px, py, pz = in_element(
+                    world.surroundings.position, world.surroundings.R, e, x[i, P], x[i, P + 1], x[i, P + 2]
+                )
+                if (
+                    surface(world.surroundings.kind, world.surroundings.size, e, px, py, pz)[0]
+                    < radius[i] + need
+                ):
+                    found = element_candidates(x, i, e, limit, horizon, world, work)
+                    if found > 0:
+                        add_contacts(x, i, -1 - e, found, tilt, speeds_only, world, work)
+        for k in range(work.neighbor_count[i]):
+            j = np.int64(work.neighbor[i, k])
+            if j > i or not moving[j]:  # each pair of moving bodies once
+                found = pair_candidates(x, i, j, limit, horizon, world, work)
+                if found > 0:
+                    add_contacts(x, i, j, found, patch_tilt(x, i, j, since), speeds_only, world, work)
+
+
+@inner(forceinline=True)
+def prepare_members(x, count, world, work):
+    """Inverse inertias, in world axes, of the group's members."""
+    members, R, bodies = work.members, work.R, world.bodies
+    for a in range(count):
+        i = members[a]
+        Ri, out = R[i], work.inverse_inertia[i]
+        for k in range(3):
+            u, v, w = rotate(bodies.inverse_inertia[i], Ri[k, 0], Ri[k, 1], Ri[k, 2])
+            out[0, k], out[1, k], out[2, k] = rotate(Ri, u, v, w)
+
+
+@inner
+def _read_velocities(x, count, members, velocity):
+    """Write the members' velocities as `START` and `NOW`."""
+    for a in range(count):
+        i = members[a]
+        for k in range(3):
+            velocity[START, i, k] = velocity[NOW, i, k] = x[i, V + k]
+            velocity[START, i, 3 + k] = velocity[NOW, i, 3 + k] = x[i, W + k]
+
+
+@inner(forceinline=True)
+def _takes_part(row, i, j, threshold, v):
+    """Whether a contact at hand takes part in an impact next to it.
+
+    Elastic ones act in sequence: one that does not touch and close yet has an impact of its own.
+    """
+    if row[RESTITUTION] < LIVELY:
+        return row[GAP] <= IMPACT_GAP
+    speed = contact_speeds(row, v, i, j)[0]
+    return row[GAP] <= TOUCHING and speed < -impact_speed(row[RESTITUTION], threshold)
+
+
+@inner(noinline=True)
+def collide(x, count, time, impact, first_time, residual, world, threshold, key, method, work):
+    """Let the contacts at hand that an impact reaches act as impulses.
+
+    ``impact`` is its number among those of the group in the step.
+    """
+    members, ids, counts, part, velocity = work.members, work.ids, work.counts, work.part, work.velocity
+    rows, kept = work.rows, 0
+    for c in range(counts[CONTACTS]):
+        if _takes_part(rows[c], ids[c, 0], ids[c, 1], threshold, velocity[START]):
+            move_contact(c, kept, work)
+            kept += 1
+    counts[CONTACTS], kept = kept, 0
+    find_parts(IMPACT_GAP, work)
+    for c in range(counts[CONTACTS]):
+        if part[ids[c, 0]] < 0:
+            speed = contact_speeds(rows[c], velocity[START], ids[c, 0], ids[c, 1])[0]
+            if speed < -impact_speed(rows[c, RESTITUTION], threshold):
+                mark_part(ids[c, 0], part)
+    for c in range(counts[CONTACTS]):  # those stay that the impact reaches
+        if part[ids[c, 0]] > 0:
+            move_contact(c, kept, work)
+            kept += 1
+    counts[CONTACTS] = kept
+    if is_drawn(world.implicit.impact_error):
+        disturb(round(time / world.dt), impact, len(x), key, world.implicit.impact_error, work)
+    worst = solve_impact(rows, work.twists, ids, counts, work.impulses, members, count, velocity, threshold)
+    after_impact(method, x, count, threshold, world, work)
+    for c in range(kept):
+        if work.impulses[ELASTIC, c, 0] > 0.0:
+            note_contact(first_time, ids[c, 0], ids[c, 1], time)
+    for a in range(count):
+        i = members[a]
+        if part[i] > 0:
+            residual[i] = max(residual[i], worst)
+            for k in range(3):
+                x[i, V + k], x[i, W + k] = velocity[NOW, i, k], velocity[NOW, i, 3 + k]
+            update_pace(x, i, world.bodies.radius[i], world.gravity, world.dt, work.numbers)
+
+
+@inner(forceinline=True)
+def note_contact(first_time, i, j, time):
+    """Record that body i touches body j, or element ``-1 - j``."""
+    low, high = pair_of(i, j, len(first_time))
+    first_time[low, high] = min(first_time[low, high], time)
+
+
+@inner(noinline=True)
+def travel_to_contacts(x, count, h, end, touching, world, work):
+    """Move the group at hand freely for ``h`` seconds, until ``end``, and find its lasting contacts there.
+
+    All of a contact's geometry is that of the interval's end, as it would be without contacts. A contact
+    takes part if it is open by no more than what holding a body against gravity changes. Without
+    ``touching`` there are none.
+    """
+    members, velocity, numbers, loaded = work.members, work.velocity, work.numbers, work.loaded
+    decay = world.decay if h == world.dt else world.decay ** (h / world.dt)
+    for a in range(count):
+        i = members[a]
+        loaded[i] = 0
+        work.holds[i] = False
+        for k in range(3):
+            numbers[i, START_POSITION + k] = x[i, P + k]
+            velocity[START, i, k], velocity[START, i, 3 + k] = x[i, V + k], x[i, W + k]
+        for k in range(4):
+            numbers[i, START_QUATERNION + k] = x[i, Q + k]
+        travel_freely(x, i, h, end, decay, world, work.R)
+        for k in range(3):
+            velocity[FREE, i, k] = velocity[NOW, i, k] = x[i, V + k]
+            velocity[FREE, i, 3 + k] = velocity[NOW, i, 3 + k] = x[i, W + k]
+            numbers[i, FREE_POSITION + k] = x[i, P + k]
+        for k in range(4):
+            numbers[i, FREE_QUATERNION + k] = x[i, Q + k]
+    work.counts[CONTACTS] = 0
+    if len(world.surroundings.actions.driven) > 0:
+        drive(x, count, end, h, world, work)
+    if touching:
+        prepare_members(x, count, world, work)
+        g = world.gravity
+        limit = max(IMPACT_GAP, h * h * math.sqrt(g[0] * g[0] + g[1] * g[1] + g[2] * g[2]))
+        find_contacts(x, count, h, 0.0, limit, False, world, work)
+
+
+@inner(forceinline=True)
+def _travel_back(x, count, begin, world, work):
+    """Undo `travel_to_contacts`, which set out at time ``begin``."""
+    numbers, velocity = work.numbers, work.velocity
+    for a in range(count):
+        i = work.members[a]
+        for k in range(3):
+            x[i, P + k] = numbers[i, START_POSITION + k]
+            x[i, V + k], x[i, W + k] = velocity[START, i, k], velocity[START, i, 3 + k]
+        for k in range(4):
+            x[i, Q + k] = numbers[i, START_QUATERNION + k]
+        write_matrix((x[i, Q], x[i, Q + 1], x[i, Q + 2], x[i, Q + 3]), work.R, i)
+    if len(world.surroundings.actions.driven) > 0:
+        place_driven(x, count, begin, world, work)
+
+
+@inner(noinline=True)
+def push_apart(x, count, h, time, first_time, residual, world, threshold, method, work):
+    """Let the lasting contacts at hand act on the group, over the ``h`` seconds that it travelled to them."""
+    members, velocity, numbers, loaded = work.members, work.velocity, work.numbers, work.loaded
+    m = work.counts[CONTACTS]
+    if m > 0:
+        impulses = work.impulses[LASTING]
+        find_leads(work.rows, work.ids, m, h, velocity[FREE])
+        push_in_the_middle(h, world, work)
+        worst = solve_lasting(
+            work.rows,
+            work.twists,
+            work.ids,
+            work.counts,
+            work.impulses,
+            members,
+            count,
+            velocity,
+            shallow_factor(world.stiffness),
+            h,
+            world.dt,
+            threshold,
+        )
+        for c in range(m):
+            i, j = work.ids[c, 0], work.ids[c, 1]
+            if impulses[c, 0] > 0.0:
+                note_contact(first_time, i, j, time)
+                held = holds(work.rows[c], impulses[c], _HOLDING)
+                loaded[i] += 1
+                residual[i] = max(residual[i], worst)
+                work.holds[i] = work.holds[i] or held
+                if j >= 0 and work.moving[j]:
+                    loaded[j] += 1
+                    residual[j] = max(residual[j], worst)
+                    work.holds[j] = work.holds[j] or held
+    for a in range(count):
+        i = members[a]
+        if loaded[i] > 0:
+            for k in range(3):
+                x[i, P + k] = numbers[i, START_POSITION + k] + 0.5 * h * (
+                    velocity[START, i, k] + velocity[NOW, i, k]
+                )
+                x[i, V + k] = velocity[NOW, i, k]
+                x[i, W + k] = 0.5 * (velocity[START, i, 3 + k] + velocity[NOW, i, 3 + k])
+            for k in range(4):
+                x[i, Q + k] = numbers[i, START_QUATERNION + k]
+            integrate_rotation(x, i, h, world.bodies.radius, work.R)
+            for k in range(3):
+                x[i, W + k] = velocity[NOW, i, 3 + k]
+        _add_travel(x, i, h, velocity[START], numbers, world.bodies.radius[i])
+    after_travel(method, x, count, h, world, work)
+
+
+@inner(forceinline=True)
+def _add_travel(x, i, h, start, numbers, radius):
+    """Count how far points of body i moved in an interval, and how fast they are now."""
+    v = w = u = o = 0.0
+    for k in range(3):
+        v += x[i, V + k] ** 2
+        w += x[i, W + k] ** 2
+        u += start[i, k] ** 2
+        o += start[i, 3 + k] ** 2
+    now, then = math.sqrt(v) + radius * math.sqrt(w), math.sqrt(u) + radius * math.sqrt(o)
+    numbers[i, TRAVEL] += h * max(now, then)
+
+
+@inner(forceinline=True)
+def fastest_closing(x, count, world, work):
+    """No contact of the group at hand closes faster in this step [m/s]."""
+    if len(world.surroundings.actions.driven) > 0:
+        return math.inf
+    numbers, first, second = work.numbers, 0.0, 0.0
+    for a in range(count):
+        pace = numbers[work.members[a], PACE]
+        if pace > first:
+            first, second = pace, first
+        elif pace > second:
+            second = pace
+    return first + second
+
+
+@inner(noinline=True)
+def advance_group(x, count, time, first_time, residual, world, threshold, slowest, key, method, work):
+    """One step of the group at hand: from impact to impact, then to the step's end.
+
+    With ``horizon`` 0 contacts are chosen by their gaps alone, for an impact.
+    """
+    left = horizon = world.dt
+    impacts = cuts = 0
+    driven = len(world.surroundings.actions.driven) > 0
+    if driven:  # another group may have moved them
+        place_driven(x, count, time - left, world, work)
+    before_group(method, count, world, work)
+    # whether contacts of this very pose were chosen by their gaps alone, and none was an impact; when one of
+    # them will be the first
+    looked, near = False, left
+    # whether impacts are looked for before a group travels, and not just among the contacts where it gets to
+    careful = method is not None
+    while left > 0.0 and world.implicit.stop[0] == 0:
+        until = left
+        touching = True
+        work.counts[CONTACTS] = 0
+        closing = fastest_closing(x, count, world, work)
+        collides = closing > slowest
+        careful = careful or cuts >= _CUTS  # then only impacts of elastic contacts are left, and all of them
+        searched = horizon == 0.0 or (collides and (careful or closing * left > _SHORT_WAY))
+        if searched:
+            speeds_only = method is None and horizon > 0.0 and not looked
+            if not speeds_only:
+                prepare_members(x, count, world, work)
+            limit = IMPACT_GAP if horizon == 0.0 else ACTIVE_GAP
+            find_contacts(x, count, 0.0, horizon, limit, speeds_only, world, work)
+            if work.counts[OVERFLOW] != NO_OVERFLOW:
+                break
+            touching = work.counts[CONTACTS] > 0
+        rebound = 0.0 if impacts < _IMPACTS and cuts < _CUTS else LIVELY
+        if work.counts[CONTACTS] > 0 and impacts < _LIVELY_IMPACTS and cuts < _LIVELY_CUTS:
+            _read_velocities(x, count, work.members, work.velocity)
+            if driven:
+                read_driven(x, count, world, work)
+            now = impact_now(threshold, rebound, work)
+            if now and (horizon == 0.0 or looked):  # a deeper contact that opens can hide one that closes
+                collide(x, count, time, impacts, first_time, residual, world, threshold, key, method, work)
+                impacts += 1
+                looked = False
+                horizon = left
+                continue
+            if horizon == 0.0:
+                looked = True
+                near = time_to_impact(left, threshold, rebound, work)
+                horizon = left
+                continue
+            if now:
+                horizon = 0.0
+                cuts += 1
+                continue
+            until = time_to_impact(left, threshold, rebound, work)
+            if looked:  # contacts that will be deeper may hide those that touch first
+                until = min(until, near)
+        elif horizon == 0.0:
+            looked, near = True, left
+            horizon = left
+            continue
+        before_travel(method, x, count, until, left, threshold, world, work)
+        end = time - left + until
+        travel_to_contacts(x, count, until, end, touching, world, work)
+        if work.counts[OVERFLOW] != NO_OVERFLOW:
+            break
+        if collides and cuts < _CUTS:
+            first = impact_before(until, threshold, work)
+            if first < until and not searched:
+                _travel_back(x, count, time - left, world, work)
+                careful = True
+                continue
+            if first == 0.0 and not looked:  # it touches already
+                before_return(method, x, count, 0.0, until, left, False, threshold, world, work)
+                _travel_back(x, count, time - left, world, work)
+                horizon = 0.0
+                cuts += 1
+                continue
+            while first < until:  # no straight way led to it
+                again = first == 0.0  # no contact touched when they began: it is too far back to say
+                first = 0.5 * until if again else first
+                before_return(method, x, count, first, until, left, not again, threshold, world, work)
+                _travel_back(x, count, time - left, world, work)
+                until = first
+                end = time - left + until
+                travel_to_contacts(x, count, until, end, True, world, work)
+                if work.counts[OVERFLOW] != NO_OVERFLOW or not again or cuts >= _CUTS:
+                    break
+                cuts += 1
+                first = impact_before(until, threshold, work)
+            if work.counts[OVERFLOW] != NO_OVERFLOW:
+                break
+        if touching:
+            before_contact(method, x, count, world, work)
+        push_apart(x, count, until, time, first_time, residual, world, threshold, method, work)
+        if until >= left:
+            _remember(left, work)
+            break
+        left -= until
+        horizon = 0.0
+        looked = False
+        cuts += 1
+
+
+@inner(forceinline=True)
+def _remember(h, work):
+    """Add the contacts at hand that carry load to this step's memory; each body i's stand together."""
+    contact, force, counts = work.new_contact, work.new_force, work.counts
+    impulses = work.impulses[LASTING]
+    body, own = -1, 0
+    for c in range(counts[CONTACTS]):
+        if work.ids[c, 0] != body:
+            body, own = work.ids[c, 0], 0
+        if impulses[c, 0] <= 0.0 or own == REMEMBERED_CONTACTS:
+            continue
+        own += 1
+        n = counts[REMEMBERED]
+        counts[REMEMBERED] = n + 1
+        row = work.rows[c]
+        for k in range(4):
+            contact[n, k] = work.ids[c, k]
+        force[n, 0] = impulses[c, 0] / h
+        for k in range(3):
+            force[n, 1 + k] = (impulses[c, 1] * row[AXIS + k] + impulses[c, 2] * row[2 * AXIS + k]) / h
+
+
+@inner
+def _keep_memory(i, work):
+    """Keep what the last step knew of the contacts of body i, which sleeps."""
+    entry, counts = work.head[i], work.counts
+    while entry >= 0:
+        n = counts[REMEMBERED]
+        counts[REMEMBERED] = n + 1
+        for k in range(4):
+            work.new_contact[n, k] = work.old_contact[entry, k]
+            work.new_force[n, k] = work.old_force[entry, k]
+        entry = work.link[entry]
+
+
+@inner(noinline=True)
+def advance_step(x, time, first_time, quiet, residual, world, threshold, slowest, key, method, work):
+    """One step of all groups; ends early where room overflows (`OVERFLOW`).
+
+    Nothing that closes more slowly than ``slowest`` [m/s] has an impact, whatever its restitution.
+    """
+    numbers, group, members = work.numbers, work.group, work.members
+    moving, bodies, dt = work.moving, world.bodies, world.dt
+    actions = world.surroundings.actions
+    acted = len(actions.driven) + len(actions.wrench_body) + len(actions.surface) > 0
+    if acted:
+        begin_driven(x, time - dt, quiet, world, work)
+        before_groups(method, x, time - dt, world, work)
+    for i in range(len(x)):
+        if moving[i]:
+            if world.decay == 0.0:  # nothing moves on from step to step
+                for k in range(3):
+                    x[i, V + k] = x[i, W + k] = 0.0
+            update_pace(x, i, bodies.radius[i], world.gravity, dt, numbers)
+    find_groups(x, world, work)
+    list_members(work)
+    work.counts[REMEMBERED] = 0
+    long_quiet = math.ceil(_QUIET_TIME / dt)
+    for i in range(len(x)):
+        if not moving[i] or group[i] != i:
+            continue
+        count, asleep, j = 0, world.implicit.sleep, i
+        while j >= 0:
+            members[count] = j
+            count += 1
+            asleep = asleep and quiet[j] >= long_quiet
+            if acted and asleep:
+                asleep = not is_driven(j, world, work)
+            j = work.next_member[j]
+        if asleep:
+            for a in range(count):
+                _keep_memory(members[a], work)
+                on_sleep(method, members[a], work)
+                for k in range(3):
+                    x[members[a], V + k] = x[members[a], W + k] = 0.0
+            continue
+        if count == 1:
+            alone = (
+                len(world.surroundings.kind) == 0
+                or clearance(x, i, world, work) >= dt * numbers[i, PACE] + ACTIVE_GAP
+            )
+            if alone and work.neighbor_count[i] == 0:
+                numbers[i, TRAVEL] += dt * numbers[i, PACE]
+                quiet[i] = 0
+                before_flight(method, x, i, world, work)
+                travel_freely(x, i, dt, time, world.decay, world, work.R)
+                after_flight(method, x, i, world, work)
+                continue
+        advance_group(x, count, time, first_time, residual, world, threshold, slowest, key, method, work)
+        if work.counts[OVERFLOW] != NO_OVERFLOW:
+            return
+        if world.implicit.sleep:
+            for a in range(count):
+                j = members[a]
+                update_pace(x, j, bodies.radius[j], world.gravity, 0.0, numbers)
+                rests = (
+                    numbers[j, PACE] < _QUIET_SPEED and work.loaded[j] >= _QUIET_CONTACTS and work.holds[j]
+                )
+                quiet[j] = quiet[j] + 1 if rests else 0
+    if acted:
+        end_driven(x, time, world, work)
+        after_groups(method, x, time, world, work)
+
+
+@inner
+def integrate(
+    x, first_time, contact, force, remembered, quiet, residual, key, world, method, begin, steps, work
+):
+    """Advance one rollout's state ``x`` (B, 13) in place until room overflows; returns the steps done.
+
+    ``contact``, ``force``, ``quiet``, ``residual`` and ``key`` are those of `SolverMemory`,
+    and ``remembered`` (1,) its count. ``method`` is what a propagator works on in the stages, or None.
+    """
+    gravity = math.sqrt(world.gravity[0] ** 2 + world.gravity[1] ** 2 + world.gravity[2] ** 2)
+    threshold = max(
+        _SLOWEST_IMPACT, math.sqrt(2.0 * gravity * _LOWEST_FALL), _IMPACT_STEPS * gravity * world.dt
+    )
+    slowest = threshold
+    for e in range(len(world.implicit.restitution)):
+        slowest = min(slowest, impact_speed(world.implicit.restitution[e], threshold))
+    counts, old_contact, old_force, head = work.counts, work.old_contact, work.old_force, work.head
+    link, state = work.link, work.state
+    for n in range(remembered[0]):
+        for k in range(4):
+            old_contact[n, k], old_force[n, k] = contact[n, k], force[n, k]
+    for step in range(begin, begin + steps):
+        if world.implicit.stop[0] != 0:
+            return steps
+        for i in range(len(x)):
+            head[i] = -1
+            work.quiet[i] = quiet[i]
+            for k in range(13):
+                state[i, k] = x[i, k]
+        for n in range(remembered[0] - 1, -1, -1):
+            link[n] = head[old_contact[n, 0]]
+            head[old_contact[n, 0]] = n
+        for attempt in range(2):
+            counts[OVERFLOW] = NO_OVERFLOW
+            before_step(method, x, step, world, work)
+            time = (step + 1) * world.dt
+            advance_step(x, time, first_time, quiet, residual, world, threshold, slowest, key, method, work)
+            if counts[OVERFLOW] == NO_OVERFLOW:
+                break
+            undo_step(method, work)
+            for i in range(len(x)):
+                quiet[i] = work.quiet[i]
+                for k in range(13):
+                    x[i, k] = state[i, k]
+                write_matrix((x[i, Q], x[i, Q + 1], x[i, Q + 2], x[i, Q + 3]), work.R, i)
+            if counts[OVERFLOW] != TOO_LONG_LISTS or attempt == 1:
+                return step - begin
+            forget_lists(work)  # outgrown ones may have filled the room
+        remembered[0] = counts[REMEMBERED]
+        for n in range(remembered[0]):
+            for k in range(4):
+                old_contact[n, k] = contact[n, k] = work.new_contact[n, k]
+                old_force[n, k] = force[n, k] = work.new_force[n, k]
+    return steps

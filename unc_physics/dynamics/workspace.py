@@ -1,0 +1,110 @@
+"""What a rollout computes anew in each step; no state."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ..collision.broad_phase import FIRST_STEPS
+from ..collision.narrow_phase import RECORD
+from ..collision.sphere_tree import AT_ONCE, ROOM, Scratch
+from ..compiler import kernel
+from ..compiler.arrays import booleans, empty, integers, small_integers, zeros
+from ..spatial.layout import Q
+from ..spatial.rotation import write_matrix
+from .contact_free import UNKNOWN
+
+_PAIRS_AT_ONCE = 1024
+
+
+class Workspace(NamedTuple):
+    """Room for one rollout.
+
+    Attributes
+    ----------
+    R : (B, 3, 3) float64
+        ``R_world_body`` at the current pose.
+    wrench : (B, 6) float64
+        Force [N] and torque about the centre of mass [N m], world frame.
+    touched : (B,) bool
+        Whether a contact force acts on the body in this step.
+    order : (B,) int64
+        Bodies sorted along x.
+    reach : (B,) float64
+        Radius of a ball that a body stays in for some steps [m].
+    max_travel, zero_travel : (B,) float64
+        The most that a point of a body travels in these steps [m]; zeros.
+    contact_free_steps : (2,) int64
+        Steps ahead in which nothing can touch, and for how many that is next asked; of scenes with
+        surroundings.
+    touching : (1,) bool
+        Whether anything touched in the last step that might have had contacts, or there is none yet.
+    low : (B,) float64
+        Where each body's ball begins along x [m].
+    near : (B (B - 1) / 2, 2) int64
+        Pairs of bodies that may touch.
+    speed : (B,) float64
+        The most that a point of the body moves in a step [m].
+    travel : (B,) float64
+        Sum of ``speed`` since the rollout began [m].
+    separation_bound : (B, B, 2) float64
+        For a pair i < j: up to which sum of their travels they can't touch [m], and the number of steps for
+        which they are next asked to be apart.
+    R_ij : (3, 3) float64
+        Rotation from body j's to body i's coordinates, of the pair at hand.
+    search, overlap_query : Scratch
+        The latter has so little room that a search ends at the first candidates.
+    """
+
+    R: np.ndarray
+    wrench: np.ndarray
+    touched: np.ndarray
+    order: np.ndarray
+    reach: np.ndarray
+    max_travel: np.ndarray
+    zero_travel: np.ndarray
+    contact_free_steps: np.ndarray
+    touching: np.ndarray
+    low: np.ndarray
+    near: np.ndarray
+    speed: np.ndarray
+    travel: np.ndarray
+    separation_bound: np.ndarray
+    R_ij: np.ndarray
+    search: Scratch
+    overlap_query: Scratch
+
+
+@kernel(noinline=True)
+def workspace(x, world):
+    """Workspace of one rollout that begins at state ``x`` (B, 13)."""
+    count = len(x)
+    R = empty((count, 3, 3))
+    for i in range(count):
+        write_matrix((x[i, Q], x[i, Q + 1], x[i, Q + 2], x[i, Q + 3]), R, i)
+    stack = small_integers((world.stack_size, 2))
+    tested, masks, records = small_integers((AT_ONCE, 2)), integers(AT_ONCE), empty((_PAIRS_AT_ONCE, RECORD))
+    search = Scratch(stack, small_integers((_PAIRS_AT_ONCE, 2)), tested, masks, records)
+    overlap_query = Scratch(stack, small_integers((ROOM, 2)), tested, masks, records)  # ends with the first
+    separation_bound = zeros((count, count, 2))
+    for i in range(count):
+        for j in range(i + 1, count):
+            separation_bound[i, j, 1] = FIRST_STEPS
+    return Workspace(
+        R,
+        zeros((count, 6)),
+        booleans(count),
+        np.arange(count),
+        empty(count),
+        zeros(count),
+        zeros(count),
+        np.array([UNKNOWN, 1]),
+        np.ones(1, np.bool_),
+        empty(count),
+        integers((count * (count - 1) // 2, 2)),
+        zeros(count),
+        zeros(count),
+        separation_bound,
+        empty((3, 3)),
+        search,
+        overlap_query,
+    )

@@ -1,0 +1,1 @@
+"""States to begin with: removal of overlaps, settling of resting bodies."""

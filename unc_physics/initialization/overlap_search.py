@@ -1,0 +1,251 @@
+"""What bodies overlap with, and which way leads out: rows of contacts for poses without overlap."""
+
+import math
+
+import numpy as np
+
+from ..collision.contact_patch import add_contacts, element_candidates, pair_candidates
+from ..collision.contact_row import DIRECTION, GAP
+from ..collision.contact_search import balls_within, column_of
+from ..collision.element_contacts import element_distance
+from ..collision.implicit_workspace import (
+    CANDIDATE_GAP,
+    CANDIDATE_POINT,
+    CANDIDATE_SCORE,
+    CONTACTS,
+    NO_OVERFLOW,
+    OVERFLOW,
+    implicit_workspace,
+    more_room,
+)
+from ..compiler import inner, kernel
+from ..compiler.arrays import full, singles, zeros
+from ..dynamics.implicit_step import prepare_members
+from ..spatial.layout import P
+from ..spatial.rotation import rotate, rotate_back
+
+#: Overlap that is none: about what a load makes [m].
+TOUCHING = 5e-5
+#: Overlap at which the search for a way out ends [m].
+SOLVED = 1e-5
+_LEAST_TILT, _MOST_TILT = 0.02, 0.3  # of a patch, in search of its supports [rad]
+_CONE = 0.5  # cosine of the widest angle between normals that say the same of the way out
+_WAYS = 4  # out, at most
+_SHALLOW = 5e-4  # overlap whose own normal is the way out [m]
+_MARCHES = 16  # to the surface
+_SIDE_REACH, _PAIR_SIDE_REACH = 0.05, 5e-3  # how far the mean looks for its sides [m]
+_OPEN, _CHOSEN, _LEFT_OUT = 0, 1, 3  # marks of candidates
+
+
+@inner(noinline=True)
+def find_rows(x, count, reach, pair_reach, as_they_are, sides, world, work):
+    """Find what is nearer than ``reach`` to the environment, or than ``pair_reach`` to another body, of the
+    group at hand; returns the deepest overlap [m].
+
+    With a negative reach, only what overlaps deeper. ``as_they_are`` leaves normals and depths alone
+    (`choose_ways_out`).
+    """
+    members, group, moving, radius = work.members, work.group, world.bodies.moving, world.bodies.radius
+    work.counts[CONTACTS] = 0
+    prepare_members(x, count, world, work)
+    for a in range(count):
+        i = members[a]
+        tilt = min(max(3.0 * reach / radius[i], _LEAST_TILT), _MOST_TILT)
+        for e in range(len(world.surroundings.kind)):
+            if element_distance(world.surroundings, e, x[i, P], x[i, P + 1], x[i, P + 2]) < radius[i] + reach:
+                found = element_candidates(x, i, e, reach, 0.0, world, work)
+                if not as_they_are:
+                    found = choose_ways_out(x, i, -1 - e, found, sides, world, work)
+                if found > 0:
+                    add_contacts(x, i, -1 - e, found, tilt, False, world, work)
+        tilt = min(max(3.0 * pair_reach / radius[i], _LEAST_TILT), _MOST_TILT)
+        for j in range(len(x)):
+            if j == i or (moving[j] and (j < i or group[j] != group[i])):
+                continue
+            if balls_within(x, i, j, pair_reach, radius) and world.implicit.stop[0] == 0:
+                found = pair_candidates(x, i, j, pair_reach, 0.0, world, work)
+                if not as_they_are:
+                    found = choose_ways_out(x, i, j, found, sides, world, work)
+                if found > 0:
+                    add_contacts(x, i, j, found, tilt, False, world, work)
+    deepest = 0.0
+    for c in range(work.counts[CONTACTS]):
+        deepest = max(deepest, -work.rows[c, GAP])
+    return deepest
+
+
+@inner(forceinline=True)
+def way_out(x, i, j, a, b, gap, normal, way, world, work):
+    """How far body i goes along ``way`` until sphere a leaves body j's sphere b, or element ``-1 - j`` [m].
+
+    ``gap`` and ``normal`` are the present ones; directions are in body i's frame.
+    """
+    radii, distance = world.tree.radii, 0.0
+    if j >= 0:
+        reach = radii[a] + radii[b]
+        d = gap + reach
+        along = d * (normal[0] * way[0] + normal[1] * way[1] + normal[2] * way[2])
+        return -along + math.sqrt(max(along * along - d * d + reach * reach, 0.0))
+    for _ in range(_MARCHES):
+        left = _moved_gap(x, i, j, a, distance, way, world, work)
+        if left >= -SOLVED:
+            break
+        distance -= left
+    return distance
+
+
+@inner
+def _moved_gap(x, i, j, a, distance, way, world, work):
+    """Gap of sphere a of body i from element ``-1 - j`` after the body went some distance [m]."""
+    e, centers = -1 - j, world.tree.centers
+    mx, my, mz = rotate(
+        work.R[i],
+        centers[a, 0] + distance * way[0],
+        centers[a, 1] + distance * way[1],
+        centers[a, 2] + distance * way[2],
+    )
+    px, py, pz = x[i, P] + mx, x[i, P + 1] + my, x[i, P + 2] + mz
+    return element_distance(world.surroundings, e, px, py, pz) - world.tree.radii[a]
+
+
+@inner(forceinline=True)
+def choose_ways_out(x, i, j, count, sides, world, work):
+    """Let overlapping candidates of body i lead out the same way; returns how many candidates stay.
+
+    Deep inside each other, spheres have normals that say little about the way out. It is that of the deepest
+    and of all whose normals are similar, by their depths; where normals point back into what the mean lies
+    on, that of the mean, so that what is deeper than half a thin board does not come out below. Candidates
+    whose normals point elsewhere are left out where they do not overlap at its end.
+    """
+    candidates, ids, radii = work.candidates, work.candidate_ids, world.tree.radii
+    side = sides[i, column_of(j, len(x))]
+    R = work.R[j]
+    if j < 0:
+        R = world.surroundings.R[-1 - j]
+    wx, wy, wz = rotate(R, side[0], side[1], side[2])
+    sx, sy, sz = rotate_back(work.R[i], wx, wy, wz)
+    for k in range(count):
+        c = candidates[k]
+        if c[0] * sx + c[1] * sy + c[2] * sz >= -_CONE:
+            continue
+        if c[CANDIDATE_GAP] < -TOUCHING:
+            way = way_out(
+                x, i, j, ids[k, 0], ids[k, 1], c[CANDIDATE_GAP], (c[0], c[1], c[2]), (sx, sy, sz), world, work
+            )
+            _turn_candidate(c, ids[k, 0], (sx, sy, sz), way, world)
+        elif j < 0:  # beyond a thin board: in the way of nothing
+            ids[k, 2] = _LEFT_OUT
+    for _ in range(_WAYS):
+        seed = -1
+        for k in range(count):
+            if ids[k, 2] == _OPEN and candidates[k, CANDIDATE_GAP] < -TOUCHING:
+                if seed < 0 or candidates[k, CANDIDATE_GAP] < candidates[seed, CANDIDATE_GAP]:
+                    seed = k
+        if seed < 0:
+            break
+        nx, ny, nz = candidates[seed, 0], candidates[seed, 1], candidates[seed, 2]
+        vx = vy = vz = 0.0
+        for k in range(count):
+            c = candidates[k]
+            if (
+                ids[k, 2] == _OPEN
+                and c[CANDIDATE_GAP] < -TOUCHING
+                and c[0] * nx + c[1] * ny + c[2] * nz > _CONE
+            ):
+                vx, vy = vx - c[CANDIDATE_GAP] * c[0], vy - c[CANDIDATE_GAP] * c[1]
+                vz = vz - c[CANDIDATE_GAP] * c[2]
+        size = math.sqrt(vx * vx + vy * vy + vz * vz)
+        nx, ny, nz = vx / size, vy / size, vz / size
+        farthest = 0.0
+        for k in range(count):
+            c = candidates[k]
+            if ids[k, 2] == _OPEN and c[0] * nx + c[1] * ny + c[2] * nz > _CONE:
+                ids[k, 2] = _CHOSEN
+                if c[CANDIDATE_GAP] < -_SHALLOW:
+                    way = way_out(
+                        x,
+                        i,
+                        j,
+                        ids[k, 0],
+                        ids[k, 1],
+                        c[CANDIDATE_GAP],
+                        (c[0], c[1], c[2]),
+                        (nx, ny, nz),
+                        world,
+                        work,
+                    )
+                    _turn_candidate(c, ids[k, 0], (nx, ny, nz), way, world)
+                farthest = max(farthest, -c[CANDIDATE_GAP])
+        for k in range(count):
+            c = candidates[k]
+            if ids[k, 2] != _OPEN:
+                continue
+            if j < 0:
+                gap = _moved_gap(x, i, j, ids[k, 0], farthest, (nx, ny, nz), world, work)
+            else:
+                reach = radii[ids[k, 0]] + radii[ids[k, 1]]
+                d = c[CANDIDATE_GAP] + reach
+                mx, my, mz = d * c[0] + farthest * nx, d * c[1] + farthest * ny, d * c[2] + farthest * nz
+                gap = math.sqrt(mx * mx + my * my + mz * mz) - reach
+            if gap >= -TOUCHING:
+                ids[k, 2] = _LEFT_OUT
+        ids[seed, 2] = _CHOSEN
+    left = 0
+    for k in range(count):
+        if ids[k, 2] == _LEFT_OUT:
+            continue
+        if left < k:
+            for d in range(8):
+                candidates[left, d] = candidates[k, d]
+            ids[left, 0], ids[left, 1] = ids[k, 0], ids[k, 1]
+        ids[left, 2] = _OPEN
+        left += 1
+    return left
+
+
+@inner(forceinline=True)
+def _turn_candidate(c, a, normal, way, world):
+    """Let a candidate of sphere a lead out along another normal, ``way`` [m] far."""
+    for d in range(3):
+        c[d] = normal[d]
+        c[CANDIDATE_POINT + d] = world.tree.centers[a, d] - world.tree.radii[a] * normal[d]
+    c[CANDIDATE_GAP] = c[CANDIDATE_SCORE] = -way
+
+
+@kernel
+def sides_of(mean, world):
+    """On which side of each other body, and of each element, a state (B, 13) has its bodies.
+
+    Returns
+    -------
+    (B, B + E, 3) float64
+        Normals towards the body where it is nearest to its partner, in the partner's frame; 0 where it is
+        far from it.
+    """
+    bodies, elements = len(mean), len(world.surroundings.kind)
+    sides = zeros((bodies, bodies + elements, 3))
+    none, least = zeros((bodies, bodies + elements, 3)), full((bodies, bodies + elements), np.inf)
+    room = 1024, 16384, 65536
+    while True:
+        work = implicit_workspace(mean, singles((0, 0)), world, room)
+        work.head[:] = -1
+        work.group[:] = 0
+        count = 0
+        for i in range(bodies):
+            if world.bodies.moving[i]:
+                work.members[count] = i
+                count += 1
+        find_rows(mean, count, _SIDE_REACH, _PAIR_SIDE_REACH, False, none, world, work)
+        if work.counts[OVERFLOW] == NO_OVERFLOW:
+            break
+        room = more_room(work.counts, room)
+    for c in range(work.counts[CONTACTS]):
+        row, i, j = work.rows[c], work.ids[c, 0], work.ids[c, 1]
+        column = column_of(j, bodies)
+        if row[GAP] >= least[i, column]:
+            continue
+        least[i, column] = row[GAP]
+        R = world.surroundings.R[-1 - j] if j < 0 else work.R[j]
+        s = rotate_back(R, row[DIRECTION], row[DIRECTION + 1], row[DIRECTION + 2])
+        sides[i, column, 0], sides[i, column, 1], sides[i, column, 2] = s
+    return sides

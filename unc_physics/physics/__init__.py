@@ -1,1 +1,0 @@
-"""Compiled physics: numba functions over plain arrays; imports numpy and numba, nothing else."""

@@ -1,0 +1,42 @@
+"""A prediction's flags, body by body."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntFlag
+
+
+class Status(IntFlag):
+    """Flags of one body's prediction; the numbers are those of ``unc_physics_msgs/msg/PredictedObject``."""
+
+    FINE = 0
+    NOT_CONVERGED = 1
+    OUTSIDE_VALIDITY = 2
+    INITIAL_OVERLAP = 4
+    MEAN_NOT_POSSIBLE = 8
+
+
+@dataclass(frozen=True)
+class BodyStatus:
+    """What speaks against one body's prediction.
+
+    Attributes
+    ----------
+    body : str
+        Its name.
+    flags : Status
+    measures : dict of str to float
+        What the flags were judged by, each by name (`assess`).
+    reasons : tuple of str
+        The flags in words.
+    """
+
+    body: str
+    flags: Status
+    measures: dict[str, float]
+    reasons: tuple[str, ...]
+
+    @property
+    def message(self) -> str:
+        """The reasons in one text; empty when fine."""
+        return "; ".join(self.reasons)

@@ -1,0 +1,135 @@
+"""Checks of laws: bodies stay out of what is fixed, and elastic contacts without friction keep energy."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from ..initialization.overlap_search import TOUCHING
+from ..spatial.layout import ANGULAR_VELOCITY, POSITION, QUATERNION, VELOCITY
+from .overlap_depths import overlaps
+
+#: Depth that is too deep, over the body's radius.
+PENETRATION = 0.05
+_LOOKED_AT = 64  # rollouts whose depths are computed, at most: more take longer than all else that is asked
+_SLOW_IMPACTS = 1e-3  # m: a fall from so low may end without a rebound, and more than once
+_EQUAL = 1e-6  # relative difference of moments of inertia that are equal
+
+
+def penetration_share(scene, start, states) -> np.ndarray:
+    """Compute in which share of some rollouts each body is inside the environment or a fixed body.
+
+    Parameters
+    ----------
+    scene : Scene
+    start : evidence.InitialDiagnostics
+        Overlap that the bodies had from the start on, and keep, does not count.
+    states : (N, B, 13) array
+
+    Returns
+    -------
+    (B,) array
+    """
+    kept = np.zeros(len(scene.bodies))
+    if scene.overlap == "keep":
+        kept = start.overlap
+    elif start.found is not None:
+        kept = start.found.kept
+        kept = kept if len(kept) == len(states) else kept.max(axis=0)
+    some = slice(None, None, math.ceil(len(states) / _LOOKED_AT))
+    depths, _ = overlaps(scene, np.ascontiguousarray(states[some]), among_moving=False)
+    limit = PENETRATION * start.shapes[:, 3]
+    if scene.integrator == "explicit":  # where spheres are springs: deeper than one can push back
+        limit = np.maximum(limit, start.shapes[:, 2])
+    return (depths - (kept[some] if kept.ndim == 2 else kept) > limit).mean(axis=0)
+
+
+def kinetic_energies(scene, mass, states) -> np.ndarray:
+    """Compute the mean kinetic energy of each body over states (N, B, 13): (B,) [J]."""
+    inertia = np.array([body.unit_inertia for body in scene.bodies])
+    v, w, q = states[..., VELOCITY], states[..., ANGULAR_VELOCITY], states[..., QUATERNION]
+    axis, scalar = -q[..., :3], q[..., 3:]
+    spin = w + 2.0 * np.cross(axis, np.cross(axis, w) + scalar * w)  # about the body's axes
+    squares = (v**2).sum(axis=2) + np.einsum("nbi,bij,nbj->nb", spin, inertia, spin)
+    return 0.5 * mass * squares.mean(axis=0)
+
+
+def conserves_energy(scene, start, touched, group) -> np.ndarray:
+    """Tell of which bodies no law takes or adds energy.
+
+    Parameters
+    ----------
+    scene : Scene
+    start : evidence.InitialDiagnostics
+    touched : (B, B + E) bool array
+        Which bodies touched each other, or elements of the environment.
+    group : (B,) int array
+        Bodies that touched, directly or through others, have the same number; they share their energy.
+
+    Returns
+    -------
+    (B,) bool array
+        Whether all contacts of the body's group are elastic and without friction. All False where something
+        damps or acts, contacts oppose spin, or parameters are uncertain, and for the explicit integrator,
+        which stores energy in contacts and has limits of its own for its steps.
+    """
+    if (
+        scene.integrator != "implicit"
+        or scene.damping > 0.0
+        or scene.acts
+        or scene.draws_impacts
+        or scene.uncertain
+        or scene.world.implicit.torsional
+    ):
+        return np.zeros(len(scene.bodies), bool)
+    bodies, (friction, restitution) = len(scene.bodies), scene.materials
+    lossy = (friction[:bodies, None] * friction > 0.0) | (restitution[:bodies, None] * restitution < 1.0)
+    takes = (touched & lossy).any(axis=1) | (touched & lossy)[:, :bodies].any(axis=0)
+    if not scene.gyroscopic:  # then spin keeps energy only where all axes are alike
+        takes |= start.shapes[:, 1] > (1.0 + _EQUAL) * start.shapes[:, 0]
+    if scene.overlap == "keep":
+        takes |= start.overlap > TOUCHING
+    elif start.found is not None:
+        takes |= (start.found.kept > TOUCHING).any(axis=0)
+    return np.bincount(group, takes, bodies)[group] == 0
+
+
+def energy_loss(scene, start, position, kinetic, first_contact, group) -> np.ndarray:
+    """Compute which share of its energy each body's group lost.
+
+    Parameters
+    ----------
+    scene : Scene
+    start : evidence.InitialDiagnostics
+        Its ``least_energy`` is the kinetic energy at the start, from below.
+    position : (B, 3) array
+        Mean positions at the end [m].
+    kinetic : (B,) array
+        Mean kinetic energies at the end, from above [J].
+    first_contact : (B,) array
+        When each body first touched something [s]; infinite without contact.
+    group : (B,) int array
+        As for `conserves_energy`.
+
+    Returns
+    -------
+    (B,) array
+        Loss, less what slow impacts may take, over the largest kinetic energy that is known: at the start or
+        first contact, or at the end without a loss. A body at the top of its path has no other measure.
+    """
+    gravity = math.sqrt(scene.gravity @ scene.gravity)
+    work = start.mass * ((position - start.mean[:, POSITION]) @ scene.gravity)
+    time = np.where(np.isfinite(first_contact), first_contact, 0.0)
+    fall = start.mass * (time * (start.mean[:, VELOCITY] @ scene.gravity) + 0.5 * time**2 * gravity * gravity)
+    lost, begun, end, fallen = (
+        np.bincount(group, value, len(group))[group]
+        for value in (
+            start.least_energy + work - kinetic - start.mass * gravity * _SLOW_IMPACTS,
+            start.least_energy,
+            np.maximum(work, 0.0),
+            np.maximum(fall, 0.0),
+        )
+    )
+    known = begun + np.maximum(end, fallen)
+    return lost / np.where(known > 0.0, known, math.inf)

@@ -1,0 +1,126 @@
+"""Judges a prediction at each of its times: measures, rollouts to compare spreads with, and flags."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..compiler.compile_time import clock
+from ..propagators.balanced_monte_carlo import BalancedMonteCarlo
+from ..propagators.base import PointPairs
+from ..spatial.layout import ERR_ANGULAR_VELOCITY
+from .body_status import BodyStatus
+from .diagnostics import RULES, judged, measures_of
+from .driver import run
+from .evidence import Evidence, initial_diagnostics, pose_spreads
+from .memory import check_memory
+from .request_checks import check_supported
+from .within import Within
+
+if TYPE_CHECKING:
+    from .prediction import Prediction
+
+#: Rollouts with which `judge` compares a spread that rests on a single nominal one.
+ROLLOUTS = 12
+#: Least number of rollouts where fewer leave open whether a spread is wrong.
+SURE = 64
+_EVEN = 1.05  # asymmetry of sigma points up to which they are right
+_OPEN = 1.4, 2.7  # factors between which a dozen rollouts leave open whether spreads differ by two
+_OPEN_IN_DOUBT = 1.1  # the lower one where contacts were doubtful
+_SEED = 0  # of the rollouts' draws: the same question has the same status
+
+
+@np.errstate(all="ignore")
+def judge(prediction: Prediction, rollouts: int) -> tuple[tuple[BodyStatus, ...], ...]:
+    """Return the statuses of all bodies at each time, those of a prediction that ends there.
+
+    Parameters
+    ----------
+    prediction : Prediction
+    rollouts : int
+        How many to compare spreads with, as in `status.assess`.
+    """
+    if all(snapshot.received is not None for snapshot in prediction.snapshots):
+        return tuple(snapshot.received.statuses for snapshot in prediction.snapshots if snapshot.received)
+    scene = prediction.scene
+    start = initial_diagnostics(prediction)
+    found = [Evidence.of(prediction, start, snapshot) for snapshot in prediction.snapshots]
+    if rollouts > 0:
+        _compare(prediction, found, [k for k, one in enumerate(found) if needs_rollouts(one)], rollouts)
+    if 0 < rollouts < SURE:
+        _compare(prediction, found, [k for k, one in enumerate(found) if is_inconclusive(one)], SURE)
+    return tuple(
+        tuple(
+            judged(scene, body.name, measures)
+            for body, measures in zip(scene.bodies, measures_of(one), strict=True)
+        )
+        for one in found
+    )
+
+
+def _compare(prediction, found, places, rollouts):
+    """Give the evidence at some places the spreads of rollouts."""
+    if places:
+        marks = [round(found[k].snapshot.time / prediction.scene.dt) for k in places]
+        spreads = rollout_spreads(prediction.scene, prediction.initial, marks, rollouts)
+        for k, own in zip(places, spreads, strict=True):
+            found[k] = replace(found[k], spreads=own)
+
+
+def needs_rollouts(evidence: Evidence) -> bool:
+    """Return whether a spread is to be compared with that of rollouts.
+
+    It is where it rests on a single rollout, with something to touch or a gyroscopic term; or on points,
+    where one touched something and they are asymmetric, or many, or may have turned too far.
+    """
+    scene, propagator, directions = evidence.scene, evidence.propagator, evidence.start.directions
+    if propagator.traits.mean_update == "nominal":
+        return len(scene.bodies) + len(scene.environment) > 1 or scene.gyroscopic  # else flight is exact
+    if not isinstance(propagator, PointPairs) or not np.isfinite(evidence.history.first_time).any():
+        return False
+    if directions is None or directions.sum() > RULES["directions"].limit:
+        return True
+    asymmetry = evidence.asymmetry
+    return asymmetry is None or asymmetry.max() > _EVEN or _half_turned(evidence)
+
+
+def is_inconclusive(evidence: Evidence) -> bool:
+    """Return whether the spreads of a few rollouts leave open if the predicted ones are wrong."""
+    if evidence.factor is None:
+        return False
+    low, since = _OPEN[0], evidence.uncertain_since
+    if since is not None:
+        low = np.where(np.isfinite(since), _OPEN_IN_DOUBT, low)
+    return bool(((low < evidence.factor) & (evidence.factor < _OPEN[1])).any())
+
+
+def _half_turned(evidence):
+    """Whether points may have turned by half a turn since they touched something: from there on rotations
+    look smaller than they are, and opposite ones still opposite.
+
+    Of so many points the farthest is that many standard deviations out, and its spin that of the end.
+    """
+    scene, snapshot, bodies = evidence.scene, evidence.snapshot, len(evidence.scene.bodies)
+    first = evidence.history.first_time.min(axis=0)
+    since = np.minimum(first.min(axis=1), first[:, :bodies].min(axis=0))[scene.moving]
+    far = math.sqrt(evidence.start.directions.sum() + len(scene.uncertain) + 0.5)
+    spin = snapshot.belief.blocks[:, ERR_ANGULAR_VELOCITY, ERR_ANGULAR_VELOCITY]
+    std = np.sqrt(np.maximum(np.einsum("mii->m", spin), 0.0))
+    return bool((far * std * np.maximum(snapshot.time - since, 0.0) > math.pi).any())
+
+
+def rollout_spreads(scene, initial, marks, count):
+    """Return standard deviations of position [m] and rotation [rad] of ``count`` rollouts: (T, M, 2).
+
+    ``marks`` are numbers of steps, ascending.
+    """
+    if len(scene.bodies) > 2 and not scene.islands:
+        scene = replace(scene, islands=True)  # changes rollouts by nothing that counts here
+    propagator = BalancedMonteCarlo(samples=count, seed=_SEED)
+    check_supported(scene, propagator)
+    check_memory(scene, initial, propagator, len(marks))
+    sampled = run(scene, initial, propagator, marks, Within(None, clock(), None))
+    return np.array([pose_spreads(snapshot.belief.blocks) for snapshot in sampled.snapshots])

@@ -1,0 +1,503 @@
+"""Each measure of a prediction's quality: its computation, the limit above which it raises a flag, and words.
+
+A measure of a body is a function of the `Evidence` of one time: values (B,), masked where it says nothing
+about a body, or None where it says nothing about any.
+Bodies that touched each other, directly or through others, share their energy.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from typing import NamedTuple
+
+import numpy as np
+
+from ..collision.contact_model import capacity, impact_frequency
+from ..initialization.overlap_search import TOUCHING
+from ..propagators.base import Samples
+from ..propagators.registry import names_where
+from ..scene.scene import Scene
+from ..spatial.layout import ANGULAR_VELOCITY, ERR_POSITION, ERR_ROTATION, POSITION, VELOCITY
+from .body_status import BodyStatus, Status
+from .conservation_checks import energy_loss as lost_share
+from .conservation_checks import kinetic_energies
+from .conservation_checks import penetration_share as inside_share
+from .evidence import Evidence, kinetic_moments
+from .overlap_depths import overlaps
+
+_SAMPLED = names_where(lambda propagator: isinstance(propagator, Samples), " or ")
+_ESTIMATED = names_where(lambda propagator: propagator.traits.mean_update == "estimated", " or ")
+_FAR = 5.0  # standard deviations that are not to be expected of an honest belief
+#: Standard deviations of position that a mean's depth inside something is compared with [m].
+_MEAN_DEPTHS = 2e-4, 2e-3
+_USUAL = 0.95  # share of the rollouts that a residual must be small in
+
+
+class Rule(NamedTuple):
+    """A measure.
+
+    Attributes
+    ----------
+    flag : Status
+        That it raises.
+    limit : float
+        Above which it does.
+    words : str
+        What that says, with what to do.
+    compute : callable
+        Takes the `Evidence` and gives values (B,), or None.
+    in_contact : bool
+        Whether it is one of bodies that touched something alone.
+    unless_compared : bool
+        Whether it raises no flag where the spread was compared with that of rollouts, which tell more.
+    """
+
+    flag: Status
+    limit: float
+    words: str
+    compute: Callable[[Evidence], np.ndarray | None]
+    in_contact: bool
+    unless_compared: bool
+
+
+#: Every measure by its name.
+RULES: dict[str, Rule] = {}
+
+
+def _measure(flag, limit, words, *, in_contact=False, unless_compared=False):
+    """Enter a function into `RULES`, under its name."""
+
+    def enter(compute):
+        RULES[compute.__name__] = Rule(flag, limit, words, compute, in_contact, unless_compared)
+        return compute
+
+    return enter
+
+
+def measures_of(evidence: Evidence) -> list[dict[str, float]]:
+    """Return the measures of each body by name; a body that does not move has none."""
+    touches, found = evidence.touches, {}
+    for name, rule in RULES.items():
+        if touches.any() or not rule.in_contact:
+            values = rule.compute(evidence)
+            if values is not None:
+                found[name] = np.ma.masked_array(values, rule.in_contact & ~touches | np.ma.getmask(values))
+    return [
+        {
+            name: float(values[k])
+            for name, values in found.items()
+            if body.free and values[k] is not np.ma.masked
+        }
+        for k, body in enumerate(evidence.scene.bodies)
+    ]
+
+
+def raised(measures: Mapping[str, float]) -> list[str]:
+    """Return the names of a body's measures that raise their flags; NaN counts as above the limit."""
+    compared = "spread_disagreement" in measures
+    return [
+        name
+        for name, value in measures.items()
+        if not value <= RULES[name].limit and not (compared and RULES[name].unless_compared)
+    ]
+
+
+def judged(scene: Scene, name: str, measures: dict[str, float]) -> BodyStatus:
+    """Return the status that a body's measures make."""
+    flags, reasons = Status.FINE, []
+    for key in raised(measures):
+        value, rule = measures[key], RULES[key]
+        flags |= rule.flag
+        words = rule.words.format(
+            dt=scene.dt,
+            stiffness=scene.stiffness,
+            shorter=scene.dt * rule.limit / value,
+            stiffer=(scene.stiffness or 0.0) * value,
+        )
+        reasons.append(f"{words} ({key} {value:.3g} above {rule.limit:.3g})")
+    return BodyStatus(name, flags, measures, tuple(reasons))
+
+
+# -- the start ---------------------------------------------------------------------------------------
+
+
+@_measure(
+    Status.INITIAL_OVERLAP,
+    0.02,
+    "overlaps another body or the environment at the start; give poses without overlap, or take the implicit"
+    " integrator with 'overlap: project'",
+)
+def initial_overlap(evidence):
+    """Depth of the overlap that one in twenty states of the belief exceeds, or that of the mean, over the
+    body's radius. Only where the scene keeps overlap.
+    """
+    start = evidence.start
+    return start.overlap / start.shapes[:, 3] if evidence.scene.overlap == "keep" else None
+
+
+@_measure(
+    Status.INITIAL_OVERLAP, math.inf, "overlapped at the start, and was moved to the nearest pose without"
+)
+def overlap_share(evidence):
+    """Share of the samples or points in which the body overlapped something at the start and was moved. It
+    raises no flag.
+    """
+    found = evidence.start.found
+    return None if found is None else (found.overlap > TOUCHING).mean(axis=0)
+
+
+@_measure(
+    Status.INITIAL_OVERLAP,
+    0.02,
+    "cannot come free of what it overlaps at the start, and keeps the overlap; check its pose, or give it a"
+    " larger covariance",
+)
+def overlap_kept(evidence):
+    """Deepest overlap that could not be removed, in any sample or point, over the body's radius."""
+    found = evidence.start.found
+    if found is None or evidence.scene.overlap == "keep":
+        return None
+    return found.kept.max(axis=0) / evidence.start.shapes[:, 3]
+
+
+@_measure(Status.INITIAL_OVERLAP, 0.5, "overlaps at the start for certain; check its pose")
+def overlap_certain(evidence):
+    """Share of the samples or points that keep an overlap."""
+    found = evidence.start.found
+    if found is None or evidence.scene.overlap == "keep":
+        return None
+    return (found.kept > TOUCHING).mean(axis=0)
+
+
+@_measure(
+    Status.INITIAL_OVERLAP,
+    0.01,
+    "some of the belief was moved by more than 5 standard deviations, to where it does not overlap or stands;"
+    " check its pose, or give it a larger covariance",
+)
+def overlap_moved(evidence):
+    """Share of the samples or points that projection or settling moved by more than 5 standard deviations of
+    the belief. A sigma point may move by one standard deviation more than it lies from the mean.
+    """
+    scene, start, found = evidence.scene, evidence.start, evidence.start.found
+    if found is None or (scene.overlap == "keep" and not any(body.at_rest for body in scene.bodies)):
+        return None
+    # chosen points lie far out themselves, and may be moved as far
+    drawn = start.samples is not None and math.isfinite(start.samples)
+    far = _FAR if drawn else max(_FAR, 1.0 + math.sqrt(0.5 * len(found.moved)))
+    return (found.moved > far).mean(axis=0)
+
+
+@_measure(
+    Status.INITIAL_OVERLAP,
+    math.radians(15.0),
+    "is said to be at rest, and tilted far until something held it; check its orientation, and what is below"
+    " it",
+)
+def settled_tilt(evidence):
+    """Angle by which a body at rest tilted until contacts held it, root mean square [rad]."""
+    found = evidence.start.found
+    if found is None or not any(body.at_rest for body in evidence.scene.bodies):
+        return None
+    return np.sqrt((found.tilted**2).mean(axis=0))
+
+
+@_measure(
+    Status.INITIAL_OVERLAP,
+    0.05,
+    "is said to be at rest, and nothing holds it; put something below it, or take at_rest away",
+)
+def unsettled(evidence):
+    """Share of the samples or points in which a body at rest did not come to rest."""
+    found = evidence.start.found
+    if found is None or not any(body.at_rest for body in evidence.scene.bodies):
+        return None
+    return found.unsettled.mean(axis=0)
+
+
+# -- the spread --------------------------------------------------------------------------------------
+
+
+@_measure(
+    Status.OUTSIDE_VALIDITY,
+    1.0,
+    "the rotation spreads too far for a mean and a covariance; read samples or modes in their place",
+)
+def rotation_std(evidence):
+    """Largest standard deviation of the rotation about any axis [rad]."""
+    P = evidence.snapshot.belief.blocks[:, ERR_ROTATION, ERR_ROTATION]
+    result = np.zeros(len(evidence.scene.bodies))
+    result[evidence.scene.moving] = np.sqrt(np.maximum(np.linalg.eigvalsh(P)[:, -1], 0.0))
+    return result
+
+
+@_measure(Status.OUTSIDE_VALIDITY, 1.9, f"rollouts spread differently; {_SAMPLED} helps")
+def spread_disagreement(evidence):
+    """Factor between the predicted spread and that of a few rollouts, of position or rotation, whichever is
+    larger. The rollouts start with the belief's mean and covariance, so it is 1 where all is linear.
+    """
+    return evidence.factor
+
+
+@_measure(
+    Status.OUTSIDE_VALIDITY,
+    1.75,
+    "contacts may open, close or coincide otherwise within a standard deviation, and rollouts spread"
+    f" differently; {_ESTIMATED} helps",
+)
+def doubtful_contacts(evidence):
+    """The same factor, for a body whose contacts, or their order in an impact, may differ within one standard
+    deviation. A smaller factor raises the flag there.
+    """
+    if evidence.factor is None or evidence.uncertain_since is None:
+        return None
+    return np.where(np.isfinite(evidence.uncertain_since), evidence.factor, 1.0)
+
+
+@_measure(Status.OUTSIDE_VALIDITY, 0.3, "too few samples for a spread")
+def few_samples(evidence):
+    """Relative uncertainty of a spread that comes from the number of samples; 1 for a single sample."""
+    if not isinstance(evidence.propagator, Samples):
+        return None
+    others = len(evidence.history.first_time) - 1
+    return np.full(len(evidence.scene.bodies), min(1.0, 1.0 / math.sqrt(2.0 * max(others, 0.5))))
+
+
+@_measure(Status.OUTSIDE_VALIDITY, math.inf, "no surface fits the rollouts", in_contact=True)
+def surface_error(evidence):
+    """Mean square error of the response surface at rollouts that it was not fitted to, over the variance.
+    At 1 the answer consists of the rollouts alone. It raises no flag.
+    """
+    return evidence.own_measures.get("surface_error")
+
+
+@_measure(Status.OUTSIDE_VALIDITY, 0.35, "rests on too few rollouts; more of them help", in_contact=True)
+def mean_error(evidence):
+    """Standard error of the mean position or rotation over the standard deviation, whichever is larger. For
+    propagators with a response surface.
+    """
+    return evidence.own_measures.get("mean_error")
+
+
+@_measure(
+    Status.OUTSIDE_VALIDITY,
+    0.5,
+    f"its spread after a contact was not compared with rollouts; ask for some, or take {_ESTIMATED}",
+    in_contact=True,
+)
+def unchecked(evidence):
+    """1 for a body that touched something, if the method has one nominal rollout and no rollouts were asked
+    for. Its spread is wrong by more than a factor of 2 more often than not.
+    """
+    nominal = evidence.propagator.traits.mean_update == "nominal"
+    return np.ones(len(evidence.scene.bodies)) if nominal and evidence.spreads is None else None
+
+
+@_measure(
+    Status.OUTSIDE_VALIDITY,
+    30.0,
+    f"too many uncertain directions for as few points; islands or {_SAMPLED} helps",
+    in_contact=True,
+    unless_compared=True,
+)
+def directions(evidence):
+    """Number of uncertain directions of the bodies whose points are spread together. Points lie farther out
+    the more there are. It raises no flag where rollouts agree.
+    """
+    scene, of_moving = evidence.scene, evidence.start.directions
+    if of_moving is None:
+        return None
+    own = np.zeros(len(scene.bodies))
+    own[scene.moving] = of_moving
+    if scene.islands and not scene.shared_parameters:
+        shared = np.bincount(evidence.group, own, len(own))[evidence.group]
+    else:
+        shared = np.full(len(own), own.sum())
+    return shared + len(scene.uncertain)
+
+
+@_measure(
+    Status.OUTSIDE_VALIDITY,
+    2.5,
+    f"opposite points do not move oppositely; {_SAMPLED} helps",
+    in_contact=True,
+    unless_compared=True,
+)
+def unevenness(evidence):
+    """Spread of sigma points over the part of it that is opposite in the pairs, of position or rotation,
+    whichever is larger. Above 1.05 rollouts are compared, and it raises no flag itself.
+    """
+    return None if evidence.start.directions is None else evidence.asymmetry
+
+
+# -- the mean ----------------------------------------------------------------------------------------
+
+
+@_measure(
+    Status.MEAN_NOT_POSSIBLE,
+    1.0,
+    "outcomes split into several, between which the mean lies; read the modes",
+    in_contact=True,
+)
+def outcomes(evidence):
+    """Number of separate outcomes of the rollouts (`PredictedBody.modes`)."""
+    snapshot, scene = evidence.snapshot, evidence.scene
+    if snapshot.samples is None:
+        return None
+    found = np.ones(len(scene.bodies))
+    for k in np.flatnonzero(evidence.touches):
+        found[k] = len(snapshot.modes(scene, k))
+    return found
+
+
+@_measure(
+    Status.MEAN_NOT_POSSIBLE,
+    1.0,
+    "the mean pose lies inside another body or the environment; read samples or modes",
+    in_contact=True,
+)
+def mean_penetration(evidence):
+    """With the implicit integrator: depth of the deepest overlap of the mean pose, over the largest standard
+    deviation of the position along any axis, limited to 0.2 to 2 mm. Overlap that is kept from the start does
+    not count. Contacts of the explicit integrator are soft, so that bodies may overlap.
+    """
+    scene, start, belief = evidence.scene, evidence.start, evidence.snapshot.belief
+    # the mean of a nominal method is a rollout's own pose
+    if evidence.propagator.traits.mean_update == "nominal" or scene.integrator == "explicit":
+        return None
+    depths, _ = overlaps(scene, belief.mean[None])
+    kept = start.overlap if start.found is None else np.maximum(start.overlap, start.found.kept.max(axis=0))
+    std = np.zeros(len(scene.bodies))
+    P = belief.blocks[:, ERR_POSITION, ERR_POSITION]
+    std[scene.moving] = np.sqrt(np.maximum(np.linalg.eigvalsh(P)[:, -1], 0.0))
+    return np.maximum(depths[0] - kept, 0.0) / np.clip(std, *_MEAN_DEPTHS)
+
+
+# -- the physics -------------------------------------------------------------------------------------
+
+
+@_measure(
+    Status.NOT_CONVERGED, 0.02, "energy was gained; a smaller dt, now {dt:.3g} s, helps", in_contact=True
+)
+def energy_gain(evidence):
+    """Energy gained, over the initial energy, the work of gravity and the energy of overlap at the start.
+    Bodies that touched share their energy. With several rollouts, a lower bound of the mean.
+    """
+    scene, start, belief = evidence.scene, evidence.start, evidence.snapshot.belief
+    if scene.acts:  # which adds energy
+        return None
+    position = belief.mean[:, POSITION]
+    propagator = evidence.propagator
+    if isinstance(propagator, Samples) and propagator.resamples and evidence.states is not None:
+        # samples that are made of rollouts conserve no energy; the rollouts do
+        position = evidence.states[..., POSITION].mean(axis=0)
+        speed, spin = (
+            np.einsum("nbi,nbi->b", part, part) / len(part)
+            for part in (evidence.states[..., VELOCITY], evidence.states[..., ANGULAR_VELOCITY])
+        )
+        after = 0.5 * start.mass * (speed + start.shapes[:, 0] * spin)
+    else:
+        after, _ = kinetic_moments(scene, start, belief, 0)
+    work = start.mass * ((position - start.mean[:, POSITION]) @ scene.gravity)
+    source, rest = (
+        np.bincount(evidence.group, value, len(work))[evidence.group]
+        for value in (start.energy + np.maximum(work, 0.0), after + np.maximum(-work, 0.0))
+    )
+    return (rest - source) / np.where(source > 0.0, source, math.inf)
+
+
+@_measure(
+    Status.NOT_CONVERGED,
+    0.05,
+    "ends inside the environment or a fixed body; a smaller dt, now {dt:.3g} s, helps",
+    in_contact=True,
+)
+def penetration_share(evidence):
+    """Share of the rollouts in which the body ends deeper inside the environment or a fixed body than 5 % of
+    its radius, without the overlap that it keeps from the start. With the explicit integrator also deeper
+    than the radius of its largest sphere. Not in scenes with actions; of 64 samples at most.
+    """
+    if evidence.scene.acts or evidence.states is None:  # actions move bodies whether there is room or not
+        return None
+    return inside_share(evidence.scene, evidence.start, evidence.states)
+
+
+@_measure(
+    Status.NOT_CONVERGED,
+    0.02,
+    "energy was lost in contacts that keep it; a smaller dt, now {dt:.3g} s, helps",
+    in_contact=True,
+)
+def energy_loss(evidence):
+    """Energy lost, over the largest kinetic energy at the start, the first contact or the end. Only with the
+    implicit integrator, where all contacts are elastic and without friction, parameters are certain, and
+    nothing else takes energy. Falls from less than 1 mm do not count.
+    """
+    scene, start, states, belief = evidence.scene, evidence.start, evidence.states, evidence.snapshot.belief
+    if scene.acts or not evidence.conserving.any():
+        return None
+    if states is not None:
+        position, kinetic = states[..., POSITION].mean(axis=0), kinetic_energies(scene, start.mass, states)
+    else:
+        position, (kinetic, _) = belief.mean[:, POSITION], kinetic_moments(scene, start, belief, 1)
+    bodies, times = len(scene.bodies), evidence.history.first_time
+    first = np.minimum(times.min(axis=2), times[:, :, :bodies].min(axis=1))  # of each rollout
+    reached = np.isfinite(first)
+    mean = np.where(reached, first, 0.0).sum(axis=0) / np.maximum(reached.sum(axis=0), 1)
+    lost = lost_share(scene, start, position, kinetic, mean, evidence.group)
+    return np.ma.masked_array(lost, ~evidence.conserving)
+
+
+@_measure(
+    Status.NOT_CONVERGED,
+    1.3,
+    "the step is too long for the stiffness of contacts; lower dt, now {dt:.3g} s, to {shorter:.2g} s",
+    in_contact=True,
+)
+def step_times_frequency(evidence):
+    """Angle of a contact's oscillation in one explicit step [rad], at the highest speed that start, end and
+    gravity suggest. Up to the limit an impact of two spheres changes their energy by 4 % at most, at 1.8 by
+    70 %.
+    """
+    scene, radius = evidence.scene, evidence.start.shapes[:, 2]
+    if scene.integrator != "explicit":
+        return None
+    frequency = [
+        impact_frequency(evidence.highest_speed[k], 1.0 / body.mass, radius[k], scene.stiffness)
+        for k, body in enumerate(scene.bodies)
+    ]
+    return scene.dt * np.array(frequency)
+
+
+@_measure(
+    Status.NOT_CONVERGED,
+    1.0,
+    "hits harder than the stiffness can stop; raise stiffness, now {stiffness:.3g}, above {stiffer:.2g}"
+    " N/m^3, and lower dt with its root",
+    in_contact=True,
+)
+def impact_over_capacity(evidence):
+    """Kinetic energy at the highest expected speed, over the energy that two spheres as large as the body's
+    largest absorb before they pass through each other. With the explicit integrator.
+    """
+    scene, start = evidence.scene, evidence.start
+    if scene.integrator != "explicit":
+        return None
+    most = np.maximum(capacity(start.shapes[:, 2], scene.stiffness), 1e-300)
+    return 0.5 * start.mass * evidence.highest_speed**2 / most
+
+
+@_measure(
+    Status.NOT_CONVERGED,
+    5e-3,
+    "contact forces did not converge; a smaller dt, now {dt:.3g} s, or masses that differ less, help",
+    in_contact=True,
+)
+def contact_residual(evidence):
+    """Part of the largest impulse by which the impulses of the body's group still changed when the solver
+    stopped. The largest of all steps, which one in twenty rollouts exceeds. With the implicit integrator.
+    """
+    if evidence.scene.integrator == "explicit":
+        return None
+    return np.quantile(evidence.history.solver.residual, _USUAL, axis=0)

@@ -1,0 +1,246 @@
+"""The driver of all predictions and rankings: simulates to the times that are wanted, within a time limit."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Callable, Iterator
+from functools import partial
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ..checks.errors import DivergedError, UncPhysicsError
+from ..compiler.compile_time import clock
+from ..compiler.threads import watched
+from ..propagators.base import Anytime, Islands, Propagator, Samples, Spent, rollout_count
+from ..propagators.names import POINTS
+from ..propagators.registry import make_propagator
+from ..propagators.start import constrain_belief
+from ..scene.action_arrays import with_certain_actions, with_driven
+from ..scene.belief import Belief
+from ..scene.scene import Scene
+from .islands import IslandRunner
+from .snapshot import Snapshot
+from .within import LOOK_UP_AFTER, Within, first_piece
+
+
+class Run(NamedTuple):
+    """What a propagator made of a belief.
+
+    Attributes
+    ----------
+    initial, start : Belief
+        That was given, with prescribed bodies on their paths; and that was really used.
+    snapshots : tuple of Snapshot
+    """
+
+    initial: Belief
+    start: Belief
+    snapshots: tuple[Snapshot, ...]
+
+
+def simulate(
+    begin: Callable[[], Any],
+    advance: Callable[[Any, int], Any],
+    marks: list[int],
+    scene: Scene,
+    within: Within,
+    progress: Callable[[int, int], object] | None = None,
+) -> Iterator[tuple[int, Any]]:
+    """Yield the carry at the start and after each of the marks, with the number of steps.
+
+    Parameters
+    ----------
+    begin : callable
+        Makes the carry at time 0.
+    advance : callable
+        Takes a carry and a number of steps, and makes the carry after these.
+    marks : list of int
+        Numbers of steps, ascending.
+    scene : Scene
+    within : Within
+    progress : callable, optional
+        As in `predict`.
+
+    Raises
+    ------
+    UncPhysicsError
+        That time ran out, or what ``progress`` raises; before, the carry that was reached is yielded, too.
+    """
+    last, horizon = marks[-1], marks[-1] * scene.dt
+    in_one_go = within.allowed is None and progress is None
+    done, shown, told = 0, 0, within.started
+
+    def tell():
+        nonlocal told
+        told = clock()
+        if progress is not None:
+            progress(done, last)
+        if done < last and within.over:
+            raise within.error(done * scene.dt, horizon)
+
+    def look():  # between the parts of a step that takes long
+        if clock() - told > LOOK_UP_AFTER or within.over:
+            tell()
+
+    def complete(compute, *arguments):
+        with contextlib.nullcontext() if in_one_go else watched(look):
+            found = within.complete(compute, *arguments)
+        if found is None:
+            raise within.error(done * scene.dt, horizon)
+        return found
+
+    carry = complete(begin)
+    yield 0, carry
+    piece = last if in_one_go else first_piece(scene)
+    for mark in marks:
+        while done < mark:
+            steps, began = min(piece, mark - done), clock()
+            try:
+                carry = complete(advance, carry, steps)
+                done += steps
+                if not in_one_go:
+                    piece = within.next_piece(steps, clock() - began, scene)
+                    tell()
+            except UncPhysicsError:
+                if done > shown:
+                    yield done, carry
+                raise
+        shown = done
+        yield done, carry
+
+
+def run(
+    scene: Scene,
+    given: Belief,
+    propagator: Propagator,
+    marks: list[int],
+    within: Within,
+    progress: Callable[[int, int], object] | None = None,
+) -> Run:
+    """Propagate a belief to all marks; the arguments are checked already.
+
+    Raises
+    ------
+    DivergedError
+        If a belief is not finite.
+    UncPhysicsError
+        As `simulate`; its ``prediction`` is then the `Run` to the time reached, or None.
+    """
+    belief = constrain_belief(scene, given)
+    initial = belief if scene.acts else given  # where prescribed bodies are is not for a belief to say
+    if propagator.traits.mean_update == "nominal" and scene.integrator == "implicit":
+        # a single rollout cannot begin in several ways; uncertain actions have directions of their own
+        belief = within.complete(belief_of_points, with_certain_actions(scene), belief)
+        if belief is None:
+            raise within.error(0.0, marks[-1] * scene.dt)
+    # shared parameters tie all bodies together for ever, what is fixed makes no island, and bounds of where
+    # bodies get to do not know what a robot does
+    divisible = len(scene.moving) > 0 and not scene.shared_parameters and not scene.acts
+    in_islands = scene.islands and divisible and isinstance(propagator, Islands)
+    runner: Any = IslandRunner(propagator, scene, marks) if in_islands else propagator
+    is_anytime = isinstance(propagator, Anytime) and not in_islands
+    snapshots: list[Snapshot] = []
+    waiting: list[tuple[int, Any]] = []
+    first = None
+
+    def found():
+        snapshots.extend(snapshot(propagator, scene, carry, steps) for steps, carry in waiting)
+        return Run(initial, belief_at_start(propagator, runner, scene, first, initial), tuple(snapshots))
+
+    try:
+        for steps, carry in simulate(
+            lambda: runner.init(scene, belief),
+            lambda carry, steps: runner.advance(carry, scene, steps),
+            marks,
+            scene,
+            within,
+            progress,
+        ):
+            if steps == 0:
+                first = carry
+            elif is_anytime:
+                waiting.append((steps, carry))
+            else:
+                snapshots.append(snapshot(propagator, scene, carry, steps, runner))
+    except DivergedError:
+        raise
+    except UncPhysicsError as error:
+        error.prediction = found() if snapshots or waiting else None
+        raise
+    if is_anytime:
+        waiting = _with_additional_rollouts(propagator, scene, belief, waiting, within)
+    return found()
+
+
+def snapshot(propagator: Propagator, scene: Scene, carry: Any, steps: int, runner: Any = None) -> Snapshot:
+    """Return what a carry says after some steps.
+
+    ``runner`` is what made it, by default the propagator; with islands the carry is theirs.
+
+    Raises
+    ------
+    DivergedError
+        If the belief is not finite.
+    """
+    runner = propagator if runner is None else runner
+    time = steps * scene.dt
+    belief = runner.belief(carry, scene)
+    mean = with_driven(scene, belief.mean, time)  # prescribed bodies are where their paths say
+    if mean is not belief.mean:
+        belief = Belief.trusted(mean, belief.covariance, belief.moving)
+    if not (np.isfinite(belief.mean).all() and np.isfinite(belief.covariance).all()):
+        raise DivergedError(
+            f"diverged within {time:.6g} s; a smaller dt or stiffness may help", field="prediction"
+        )
+    whole = runner.whole(carry) if isinstance(runner, IslandRunner) else carry
+    samples = states = None
+    if isinstance(propagator, Samples):
+        samples, states = propagator.own_samples(whole, scene), propagator.rollout_states(whole, scene)
+    first = whole.contact_history.first_time
+    return Snapshot(time, belief, whole, samples, states, first)
+
+
+def points_at_start(scene: Scene, belief: Belief) -> tuple[Propagator, Any]:
+    """Return the points' propagator, and its carry of a belief at time 0, free of overlap and settled."""
+    points = make_propagator(POINTS)
+    return points, points.init(scene, constrain_belief(scene, belief))
+
+
+def belief_of_points(scene: Scene, belief: Belief) -> Belief:
+    """Return the belief at time 0 as `points_at_start` has it."""
+    points, carry = points_at_start(scene, belief)
+    return points.belief(carry, scene)
+
+
+def belief_at_start(propagator: Propagator, runner: Any, scene: Scene, first: Any, initial: Belief) -> Belief:
+    """Return the belief at time 0 that was really used: that of the carry ``first``, where any was moved."""
+    whole = runner.whole(first) if isinstance(runner, IslandRunner) else first
+    start = whole.contact_history.start
+    moved = start is not None and (start.moved.any() or any(body.at_rest for body in scene.bodies))
+    return runner.belief(first, scene) if moved or scene.overlap == "reject" else initial
+
+
+def _with_additional_rollouts(propagator, scene, belief, waiting, within):
+    """The carries at each number of steps, with as many more rollouts as the propagator wants."""
+    marks = [steps for steps, _ in waiting]
+    simulated = clock() - within.started
+    while True:
+        last = waiting[-1][1]
+        count, spent = rollout_count(last), clock() - within.started
+        more = propagator.additional_rollouts(last, scene, Spent(spent, simulated, len(waiting)))
+        if more <= 0 or (within.allowed is not None and spent * (1.0 + more / count) > within.allowed):
+            return waiting
+        began, unlimited = clock(), Within(None, within.started, None)
+        _, *additional = simulate(
+            partial(propagator.init_rollouts, scene, belief, count, count + more),
+            lambda carry, steps: propagator.advance(carry, scene, steps),
+            marks,
+            scene,
+            unlimited,
+        )
+        waiting = [
+            (steps, propagator.concatenate(carry, new))
+            for (steps, carry), (_, new) in zip(waiting, additional, strict=True)
+        ]
+        simulated += clock() - began

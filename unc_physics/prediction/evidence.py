@@ -1,0 +1,281 @@
+"""What a status judges by: the beginning that all times share, and what is known of one of them."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, NamedTuple
+from weakref import WeakKeyDictionary
+
+import numpy as np
+
+from ..dynamics.contact_history import ContactHistory
+from ..propagators.base import ContactModes, PointPairs, Propagator, Samples, rollout_count
+from ..scene.scene import Scene
+from ..spatial.layout import (
+    ANGULAR_VELOCITY,
+    ERR_ANGULAR_VELOCITY,
+    ERR_POSITION,
+    ERR_ROTATION,
+    ERR_VELOCITY,
+    POSITION,
+    QUATERNION,
+    VELOCITY,
+)
+from ..spatial.rotation import rotation_matrix
+from .conservation_checks import conserves_energy
+from .driver import points_at_start
+from .islands import merged
+from .overlap_depths import overlaps
+from .snapshot import Snapshot
+
+if TYPE_CHECKING:
+    from .prediction import Prediction
+
+_DRAWN = 40  # states of a belief whose overlaps are kept
+_SEED = 0  # of their draws: the same question has the same status
+_NOTHING = 1e-9  # of the body's radius, and in rad: spreads below it agree
+_NOISE = 4.0  # standard deviations of a sample's mean energy that are no gain
+_USUAL = 0.95  # quantile of the overlaps of a belief's states
+_shapes = WeakKeyDictionary()
+
+
+class InitialDiagnostics(NamedTuple):
+    """What all times share: of each body (B,), or of each of the M moving ones."""
+
+    mean: np.ndarray  # (B, 13)
+    blocks: np.ndarray  # (M, 12, 12)
+    mass: np.ndarray  # (B,), 0 of a fixed body [kg]
+    shapes: (
+        np.ndarray
+    )  # (B, 4): least and largest inertia over mass [m^2], largest sphere's radius, the body's [m]
+    overlap: np.ndarray  # (B,) [m]
+    energy: np.ndarray  # (B,), from above [J]
+    least_energy: np.ndarray  # (B,), kinetic, from below [J]: less what the samples' mean may differ by
+    samples: (
+        float | None
+    )  # that a belief is the mean of: infinite where they are chosen instead of drawn; None for one
+    directions: np.ndarray | None  # (M,), that points are spread along; None without such points
+    found: Any  # what points or samples learned of their own beginning; None for the explicit integrator
+
+
+@dataclass(frozen=True, eq=False)
+class Evidence:
+    """What one snapshot is judged by.
+
+    Attributes
+    ----------
+    scene : Scene
+    propagator : Propagator
+    start : InitialDiagnostics
+    snapshot : Snapshot
+    history : ContactHistory
+        Of the propagator's rollouts, up to the snapshot's time.
+    states : (N, B, 13) array or None
+        Those of simulated rollouts; None where they are not equally probable.
+    asymmetry : (B,) array or None
+        Spread of points in opposite pairs, over that of what is opposite in them; None without such points.
+    spreads : (M, 2) array or None
+        Standard deviations of position [m] and rotation [rad] of rollouts; None where none were asked.
+    """
+
+    scene: Scene
+    propagator: Propagator
+    start: InitialDiagnostics
+    snapshot: Snapshot
+    history: ContactHistory
+    states: np.ndarray | None
+    asymmetry: np.ndarray | None
+    spreads: np.ndarray | None = None
+
+    @classmethod
+    def of(cls, prediction: Prediction, start: InitialDiagnostics, snapshot: Snapshot) -> Evidence:
+        """Collect it from a prediction that was made here."""
+        scene, propagator, carry = prediction.scene, prediction.propagator, snapshot.carry
+        history = carry.contact_history
+        states, asymmetry = snapshot.rollout_states, None
+        if isinstance(propagator, PointPairs):
+            states = propagator.point_states(carry, scene)
+            if scene.islands:
+                # islands' points are joined by moving them farther out: the central one alone was simulated
+                states = states[:1]
+            asymmetry = _sigma_point_asymmetry(scene, start, propagator.opposite_points(carry, scene))
+        elif propagator.traits.mean_update == "nominal" or len(history.first_time) == 1:
+            states = snapshot.belief.mean[None]
+        return cls(scene, propagator, start, snapshot, history, states, asymmetry)
+
+    @cached_property
+    def uncertain_since(self) -> np.ndarray | None:
+        """As `ContactModes.contact_mode_uncertain_since`."""
+        if isinstance(self.propagator, ContactModes):
+            return self.propagator.contact_mode_uncertain_since(self.snapshot.carry)
+        return None
+
+    @cached_property
+    def touched(self) -> np.ndarray:
+        """(B, B + E) bool: which bodies touched each other, or elements, in any rollout."""
+        return np.isfinite(self.history.first_time.min(axis=0))
+
+    @cached_property
+    def touches(self) -> np.ndarray:
+        """(B,) bool: which bodies touched anything."""
+        both = self.touched, self.touched[:, : len(self.scene.bodies)].T
+        return np.concatenate(both, axis=1).max(axis=1)
+
+    @cached_property
+    def group(self) -> np.ndarray:
+        """(B,) int: the same number for bodies that touched, directly or through others."""
+        bodies = np.arange(len(self.scene.bodies))
+        pairs = np.argwhere(self.touched[:, : len(bodies)])
+        return merged(bodies, pairs) if len(pairs) else bodies
+
+    @cached_property
+    def own_measures(self) -> dict[str, np.ndarray]:
+        """As `Samples.measures`."""
+        if isinstance(self.propagator, Samples):
+            return self.propagator.measures(self.snapshot.carry, self.scene)
+        return {}
+
+    @cached_property
+    def conserving(self) -> np.ndarray:
+        """(B,) bool: of which bodies no law takes or adds energy."""
+        return conserves_energy(self.scene, self.start, self.touched, self.group)
+
+    @cached_property
+    def factor(self) -> np.ndarray | None:
+        """(B,): the larger factor between predicted and sampled spreads; None without rollouts."""
+        if self.spreads is None:
+            return None
+        return spread_factor(self.scene, self.start, self.snapshot.belief.blocks, self.spreads)
+
+    @cached_property
+    def highest_speed(self) -> np.ndarray:
+        """(B,): that start, end and gravity suggest [m/s]."""
+        scene, before, after = self.scene, self.start.mean, self.snapshot.belief.mean
+        way = after[:, POSITION] - before[:, POSITION]
+        squares = np.maximum(*((state[:, VELOCITY] ** 2).sum(axis=1) for state in (before, after)))
+        gravity = math.sqrt(scene.gravity @ scene.gravity)
+        return np.sqrt(squares + 2.0 * gravity * np.abs(way).max(axis=1))
+
+
+def initial_diagnostics(prediction: Prediction) -> InitialDiagnostics:
+    """Return what all times of a prediction share."""
+    scene, initial, propagator = prediction.scene, prediction.initial, prediction.propagator
+    samples = None
+    if propagator.traits.mean_update != "nominal":
+        samples = rollout_count(prediction.carry) if isinstance(propagator, Samples) else math.inf
+    if scene.integrator == "implicit":
+        initial = prediction.start
+    mass = np.array([body.mass if body.free else 0.0 for body in scene.bodies])
+    shapes = np.array([_shape(body.model) for body in scene.bodies])
+    states = initial.mean[None]
+    if scene.overlap == "keep" and len(scene.moving):
+        states = np.concatenate([states, initial.sample(_DRAWN, np.random.default_rng(_SEED))])
+    depths, (held, *_) = overlaps(scene, states)
+    overlap, drawn = depths[0], depths[1:]
+    if drawn.any():
+        overlap = np.maximum(overlap, np.quantile(drawn, _USUAL, axis=0))
+    start = InitialDiagnostics(
+        initial.mean,
+        initial.blocks,
+        mass,
+        shapes,
+        overlap,
+        held,
+        np.zeros(len(mass)),
+        samples,
+        propagator.directions(initial) if isinstance(propagator, PointPairs) else None,
+        _found(prediction),
+    )
+    energy, noise = kinetic_moments(scene, start, initial, 1)
+    least, _ = kinetic_moments(scene, start, initial, 0)
+    if samples is not None and math.isfinite(samples):
+        noise[scene.moving] += mass[scene.moving] * _fall_stds(scene, initial)
+        energy += _NOISE * noise / math.sqrt(samples)
+        least -= _NOISE * noise / math.sqrt(samples)
+    return start._replace(energy=held + energy, least_energy=least)
+
+
+def _fall_stds(scene, belief):
+    """(M,): standard deviations of positions along gravity, times it [m^2/s^2]."""
+    variance = np.einsum(
+        "i,mij,j->m", scene.gravity, belief.blocks[:, ERR_POSITION, ERR_POSITION], scene.gravity
+    )
+    return np.sqrt(np.maximum(variance, 0.0))
+
+
+def _found(prediction):
+    """What the rollouts learned of their own beginning; a single one begins as points do, which tell more."""
+    scene = prediction.scene
+    if scene.integrator == "implicit" and prediction.propagator.traits.mean_update == "nominal":
+        return points_at_start(scene, prediction.initial)[1].contact_history.start
+    return prediction.carry.contact_history.start
+
+
+def _shape(model):
+    """A model's row of `InitialDiagnostics.shapes`."""
+    if model not in _shapes:
+        principal = np.linalg.eigvalsh(model.inertia)
+        _shapes[model] = principal[0], principal[-1], float(model.radii.max()), model.bounding_radius
+    return _shapes[model]
+
+
+def _sigma_point_asymmetry(scene, start, points):
+    """(B,): spread of points in opposite pairs, over that of what is opposite in them (`RULES`)."""
+    result = np.ones(len(scene.bodies))
+    forth, back = points
+    for k, body in enumerate(scene.moving):
+        nothing = _NOTHING * start.shapes[body, 3], _NOTHING
+        for block, floor in zip((ERR_POSITION, ERR_ROTATION), nothing, strict=True):
+            odd = 0.5 * (forth[:, k, block] - back[:, k, block])
+            even = 0.5 * (forth[:, k, block] + back[:, k, block])
+            shift = even.sum(axis=0) / (len(even) + 0.5)
+            straight = np.sum(odd**2) / (len(odd) + 0.5)
+            bent = np.sum(even**2) / (len(even) + 0.5) - shift @ shift
+            ratio = math.sqrt((straight + max(bent, 0.0) + floor**2) / (straight + floor**2))
+            result[body] = max(result[body], ratio)
+    return result
+
+
+def pose_spreads(blocks):
+    """Return standard deviations of position [m] and rotation [rad], over all axes together: (M, 2)."""
+    variances = np.einsum("mii->mi", blocks)
+    return np.sqrt(
+        np.maximum([variances[:, block].sum(axis=1) for block in (ERR_POSITION, ERR_ROTATION)], 0.0)
+    ).T
+
+
+def spread_factor(scene, start, blocks, spreads):
+    """(B,): the larger factor between predicted and sampled standard deviations."""
+    nothing = np.column_stack([_NOTHING * start.shapes[scene.moving, 3], np.full(len(blocks), _NOTHING)])
+    predicted = np.maximum(pose_spreads(blocks), nothing)
+    found = np.where(np.isfinite(spreads), np.maximum(spreads, nothing), math.inf)
+    result = np.ones(len(scene.bodies))
+    result[scene.moving] = np.maximum(predicted / found, found / predicted).max(axis=1)
+    return result
+
+
+def kinetic_moments(scene, start, belief, side):
+    """Kinetic energy of each body [J], and of several rollouts the standard deviation of a single one's: each
+    (B,).
+
+    The mean over several rollouts has the spread's energy. Its share of rotation depends on how velocities
+    and poses go together: the least (``side`` 0) or the largest (1) moment of inertia stands for all.
+    """
+    energy, noise = np.zeros(len(scene.bodies)), np.zeros(len(scene.bodies))
+    some, P = scene.moving, belief.blocks
+    v, w = belief.mean[some, VELOCITY], belief.mean[some, ANGULAR_VELOCITY]
+    if start.samples is None:
+        for k in some:
+            x, inertia = belief.mean[k], scene.bodies[k].unit_inertia
+            spin = x[ANGULAR_VELOCITY] @ rotation_matrix(x[QUATERNION])
+            energy[k] = 0.5 * start.mass[k] * (x[VELOCITY] @ x[VELOCITY] + spin @ inertia @ spin)
+        return energy, noise
+    for factor, mean, block in ((1.0, v, ERR_VELOCITY), (start.shapes[some, side], w, ERR_ANGULAR_VELOCITY)):
+        spread = P[:, block, block]
+        share = factor * start.mass[some]
+        energy[some] += 0.5 * share * ((mean**2).sum(axis=1) + np.einsum("mii->m", spread))
+        along = np.einsum("mi,mij,mj->m", mean, spread, mean)
+        noise[some] += share * np.sqrt(np.maximum(along + 0.5 * (spread**2).sum(axis=(1, 2)), 0.0))
+    return energy, noise

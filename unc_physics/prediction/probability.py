@@ -1,0 +1,170 @@
+"""Probabilities of events, counted in what a prediction holds: samples, rollouts, or flights.
+
+An estimate comes with an interval, which counts what the number of rollouts leaves open and what the method
+cannot see. The Gaussian of a propagator without samples is no measure of probability once bodies have touched
+(``python -m unc_physics evaluate calibration``). For these, samples of the initial belief fly up to their
+first contacts (`first_contacts`): they decide an event, or leave it open, which counts half.
+"""
+
+from __future__ import annotations
+
+import math
+import weakref
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from ..checks.errors import NotSupportedError
+from ..scene.belief import Belief
+from ..scene.scene import Scene
+from .events import Event, RolloutOutcomes, Touches
+from .snapshot import ContactTime, Probability, Snapshot
+
+#: Half width of the interval of a share, in standard deviations: one share in a thousand lies outside.
+CONFIDENCE = 3.29
+_DRAWN = 1000  # states of a Gaussian
+
+
+class _Source(NamedTuple):
+    """Equally probable outcomes, how they were found (`Probability.method`), and from how many rollouts."""
+
+    method: str
+    outcomes: RolloutOutcomes
+    rollouts: int
+
+
+@dataclass(frozen=True)
+class _Sources:
+    """Of each snapshot: those that count contacts, and those for events without them."""
+
+    of_contacts: tuple[_Source, ...]
+    of_states: tuple[_Source, ...]
+
+
+_found: weakref.WeakKeyDictionary[Snapshot, _Sources] = weakref.WeakKeyDictionary()
+
+
+def probability(scene: Scene, initial: Belief, snapshot: Snapshot, event: Event) -> Probability:
+    """Estimate how probable an event is at a snapshot's time.
+
+    Parameters
+    ----------
+    scene : Scene
+    initial : Belief
+        The belief at time 0 that was given.
+    snapshot : Snapshot
+    event : Event
+        About bodies of the scene.
+
+    Returns
+    -------
+    Probability
+        Of the method with the narrowest interval.
+
+    Raises
+    ------
+    NotSupportedError
+        If the prediction comes from a node that was not asked for the event.
+    """
+    if not event.needs_contacts and not event.names & {body.name for body in scene.bodies if body.free}:
+        mean = RolloutOutcomes(scene, initial.mean, snapshot.belief.mean[None])
+        return _counted(event, _Source("certain", mean, 1))
+    if snapshot.received is not None:
+        if event not in snapshot.received.probabilities:
+            raise NotSupportedError(
+                "was not asked for at this time; give it to the client's predict among its events, which are"
+                " known at the horizon",
+                field=f"probability of '{event}'",
+            )
+        return snapshot.received.probabilities[event]
+    return _best(event, _sources(scene, initial, snapshot, event))[0]
+
+
+def contact_time(scene: Scene, initial: Belief, snapshot: Snapshot, event: Touches) -> ContactTime | None:
+    """Return when two things first touch, given that they do; None where no outcome has a contact.
+
+    The arguments are those of `probability`.
+    """
+    if snapshot.received is not None:
+        probability(scene, initial, snapshot, event)  # was it asked for?
+        return snapshot.received.contact_times.get(event)
+    _, best = _best(event, _sources(scene, initial, snapshot, event))
+    times = event.first_times(best.outcomes).astype(float)
+    times = times[np.isfinite(times)]
+    return ContactTime(float(times.mean()), float(times.std())) if len(times) else None
+
+
+def sample_outcomes(scene: Scene, initial: Belief, snapshot: Snapshot) -> RolloutOutcomes:
+    """Return the outcomes of a snapshot's samples, where each is a rollout of its own."""
+    assert snapshot.samples is not None
+    return RolloutOutcomes(scene, initial.mean, snapshot.samples, snapshot.first_contacts)
+
+
+def is_certain(scene: Scene, initial: Belief, snapshot: Snapshot) -> bool:
+    """Return whether only one outcome can happen up to a snapshot's time."""
+    samples = snapshot.samples
+    if samples is not None and len(samples) > 1 and (samples == samples[0]).all():
+        return True
+    return not (initial.covariance.any() or scene.uncertain or scene.draws_impacts)
+
+
+def interval(share: float, count: int) -> tuple[float, float]:
+    """Lowest and highest probability that may have given a share of ``count`` draws (Wilson 1927)."""
+    square = CONFIDENCE**2 / count
+    middle = (share + 0.5 * square) / (1.0 + square)
+    half = CONFIDENCE * math.sqrt(share * (1.0 - share) / count + 0.25 * square / count) / (1.0 + square)
+    # exact at the ends, where round-off would leave a remainder
+    return 0.0 if share == 0.0 else middle - half, 1.0 if share == 1.0 else middle + half
+
+
+def _best(event, sources):
+    """The probability of an event with the narrowest interval, and its source."""
+    found = [(_counted(event, source), source) for source in sources]
+    return min(found, key=lambda pair: pair[0].high - pair[0].low)
+
+
+def _counted(event, source):
+    """The probability of an event from one source."""
+    certainly, possibly = event.bounds(source.outcomes)
+    low, high = float(certainly.mean()), float(possibly.mean())
+    estimate = 0.5 * (low + high)
+    if source.method == "gaussian":
+        low, high = 0.0, 1.0
+    elif source.method != "certain":
+        low, high = interval(low, source.rollouts)[0], interval(high, source.rollouts)[1]
+    # round-off must not leave the estimate outside
+    return Probability(estimate, min(low, estimate), max(high, estimate), source.method, source.rollouts)
+
+
+def _sources(scene, initial, snapshot, event):
+    """What an event is counted in."""
+    if snapshot not in _found:
+        _found[snapshot] = _sources_of(scene, initial, snapshot)
+    found = _found[snapshot]
+    return found.of_contacts if event.needs_contacts else found.of_states
+
+
+def _sources_of(scene, initial, snapshot):
+    samples, first, start = snapshot.samples, snapshot.first_contacts, initial.mean
+    if is_certain(scene, initial, snapshot):
+        states = snapshot.belief.mean[None] if samples is None else samples[:1]
+        only = _Source("certain", RolloutOutcomes(scene, start, states, first[:1]), 1)
+        return _Sources((only,), (only,))
+    of_contacts, of_states = [], []
+    if samples is not None:
+        rollouts = RolloutOutcomes(scene, start, snapshot.rollout_states, first)
+        of_contacts.append(_Source("samples", rollouts, len(first)))
+        # samples that are made of fewer rollouts do not tell which of them touched something
+        own = RolloutOutcomes(scene, start, samples, first if len(first) == len(samples) else None)
+        of_states.append(_Source("samples", own, min(len(first), len(samples))))
+    if snapshot.flights is not None:
+        outcomes = RolloutOutcomes(scene, start, *snapshot.flights)
+        flights = _Source("flights", outcomes, len(outcomes.states))
+        of_contacts.append(flights)
+        of_states.append(flights)
+    if not of_states:
+        states = snapshot.belief.sample(_DRAWN, np.random.default_rng(0))
+        drawn = RolloutOutcomes(scene, start, states, first[np.arange(_DRAWN) % len(first)])
+        of_contacts = of_states = [_Source("gaussian", drawn, len(first))]
+    return _Sources(tuple(of_contacts), tuple(of_states))

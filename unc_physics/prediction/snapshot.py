@@ -1,0 +1,133 @@
+"""What is predicted for one time."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ..checks.errors import NotSupportedError
+from ..propagators.modes import Mode, only_mode, split
+from ..scene.belief import Belief
+from ..scene.scene import Scene
+from .body_status import BodyStatus
+from .events import Event
+from .first_contacts import Flights
+
+
+@dataclass(frozen=True)
+class Probability:
+    """How probable an event is.
+
+    Attributes
+    ----------
+    estimate : float
+        From 0 to 1.
+    low, high : float
+        An interval that holds the true probability of the model but in one of a thousand answers; 0 and 1
+        where nothing is known.
+    method : {'samples', 'flights', 'gaussian', 'certain', 'node'}
+        ``samples``: a share of the propagator's samples or rollouts. ``flights``: a share of samples of the
+        initial belief that fly up to their first contacts; what comes after these is open, and counts half.
+        ``gaussian``: a share of states drawn from the belief, or of the propagator's rollouts for contacts,
+        which is no measure of probability once bodies have touched. ``certain``: there is one outcome only.
+        ``node``: as a node answered.
+    rollouts : int
+        How many simulated rollouts or flights the estimate rests on.
+    """
+
+    estimate: float
+    low: float
+    high: float
+    method: str
+    rollouts: int
+
+
+class ContactTime(NamedTuple):
+    """When two things first touch, given that they do.
+
+    Attributes
+    ----------
+    mean, std : float
+        Time of the first contact from the start: mean and standard deviation [s]. It is that of the end of
+        the step, so up to one ``dt`` late.
+    """
+
+    mean: float
+    std: float
+
+
+class Received(NamedTuple):
+    """Answers of a prediction that was made elsewhere.
+
+    Attributes
+    ----------
+    statuses : tuple of BodyStatus
+        One for each body.
+    modes : tuple of tuple of Mode, or None
+        Of each body; None where they were not asked for.
+    probabilities : mapping of Event to Probability
+        Of the events that were asked for.
+    contact_times : mapping of Event to ContactTime
+        Of those among them that are contacts.
+    """
+
+    statuses: tuple[BodyStatus, ...]
+    modes: tuple[tuple[Mode, ...], ...] | None
+    probabilities: Mapping[Event, Probability]
+    contact_times: Mapping[Event, ContactTime]
+
+
+@dataclass(frozen=True, eq=False)
+class Snapshot:
+    """What is predicted for one time.
+
+    Attributes
+    ----------
+    time : float
+        Simulated time from the start [s].
+    belief : Belief
+    carry : NamedTuple or None
+        The propagator's persistent state, of all bodies; None where the prediction was made elsewhere.
+    samples : (N, B, 13) array or None
+        Equally probable states that the answer consists of, as in `Belief.mean`; None where the answer is a
+        Gaussian.
+    rollout_states : (R, B, 13) array or None
+        The states that were simulated, of which `samples` are made; None where there are no samples.
+    first_contacts : (R, B, B + E) array or None
+        When bodies i < j, or body i and element j - B, first touched in each rollout, up to this time [s];
+        infinite without contact.
+    flights : Flights or None
+        Samples of the initial belief up to their first contacts, where `predict` was asked for events that
+        need them.
+    received : Received or None
+        Answers of a prediction that was made elsewhere.
+    """
+
+    time: float
+    belief: Belief
+    carry: Any = None
+    samples: np.ndarray | None = None
+    rollout_states: np.ndarray | None = None
+    first_contacts: np.ndarray | None = None
+    flights: Flights | None = None
+    received: Received | None = None
+
+    def modes(self, scene: Scene, body: int) -> tuple[Mode, ...]:
+        """Outcomes that the state of a body, by its index, splits into, the most probable first.
+
+        A single Gaussian where there are no samples, or the body does not move freely.
+        """
+        if self.received is not None:
+            if self.received.modes is None:
+                raise NotSupportedError(
+                    "was not asked for; with modes=True the client's predict has those at the horizon",
+                    field="modes",
+                )
+            return self.received.modes[body]
+        if self.rollout_states is None or not scene.bodies[body].free:
+            return (only_mode(self.belief, body),)
+        found = split(self.rollout_states[:, body], scene.bodies[body].model.bounding_radius)
+        return found if len(found) > 1 else (only_mode(self.belief, body),)

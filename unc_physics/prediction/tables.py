@@ -1,0 +1,139 @@
+"""Predictions as plain values and as text."""
+
+from __future__ import annotations
+
+import html
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..checks.shown import printable
+from ..scene.physics_summary import physics_as_text, physics_of
+from ..spatial.layout import ANGULAR_VELOCITY, ERR_POSITION, ERR_ROTATION, POSITION, QUATERNION, VELOCITY
+
+if TYPE_CHECKING:
+    from .prediction import Prediction
+
+#: Lines of a table that is printed where nobody asked for all of it.
+FEW_LINES = 30
+
+
+def as_dict(
+    prediction: Prediction, seed: int | None = None, samples: np.ndarray | None = None
+) -> dict[str, Any]:
+    """Return a prediction as plain Python values, which JSON can hold.
+
+    Parameters
+    ----------
+    prediction : Prediction
+    seed : int, optional
+        Of the prediction, to be told with it.
+    samples : (N, B, 13) array, optional
+        Of the prediction at its horizon, to be told with it.
+
+    Returns
+    -------
+    dict
+        With the keys of ``unc_physics schema prediction``. Each body's ``start`` is its belief at time 0 that
+        was really used (`Prediction.start`).
+    """
+    scene = prediction.scene
+    result = {
+        "propagator": prediction.propagator.name,
+        "physics": physics_of(prediction.scene),
+        "seed": seed,
+        "time": prediction.time,
+        "wall_time": prediction.wall_time,
+        "bodies": _bodies(scene, prediction.belief),
+    }
+    starts = _bodies(scene, prediction.start)
+    for found, body, start in zip(result["bodies"], scene.bodies, starts, strict=True):
+        del start["name"]
+        found |= {"at_rest": body.at_rest, "start": start}
+    if samples is not None:
+        for k, body in enumerate(result["bodies"]):
+            body["samples"] = samples[:, k].tolist()
+    if len(prediction.times) > 1:
+        result["trajectory"] = [
+            {"time": time, "bodies": _bodies(scene, belief)}
+            for time, belief in zip(prediction.times, prediction.beliefs, strict=True)
+        ]
+    return result
+
+
+def _bodies(scene, belief):
+    bodies = []
+    for k, body in enumerate(scene.bodies):
+        state, P = belief.mean[k], belief.marginal(k)
+        bodies.append(
+            {
+                "name": body.name,
+                "position": state[POSITION].tolist(),
+                "orientation": state[QUATERNION].tolist(),
+                "linear_velocity": state[VELOCITY].tolist(),
+                "angular_velocity": state[ANGULAR_VELOCITY].tolist(),
+                "covariance": P.tolist() if body.free else None,
+            }
+        )
+    return bodies
+
+
+def as_table(prediction: Prediction, most: int | None = None) -> str:
+    """Return the physics and a table of poses and standard deviations.
+
+    Parameters
+    ----------
+    prediction : Prediction
+    most : int, optional
+        Most lines: the last times are shown, and of one time the first bodies. By default all are.
+    """
+    first = f"{prediction.propagator.name}; {physics_as_text(prediction.scene)}"
+    times, size = len(prediction.times), 2 + len(prediction.scene.bodies)
+    hidden = 0 if most is None else times - max(1, min(times, (most - 2) // size))
+    lines = [first]
+    if hidden:
+        lines.append(f"... {hidden} earlier times are not shown")
+    for k in range(hidden, times):
+        lines += _block(prediction, k)
+    if most is not None and len(lines) > most:
+        hidden = len(lines) - most + 1
+        lines = [*lines[: most - 1], f"... {hidden} more bodies"]
+    return "\n".join(lines)
+
+
+def as_html(prediction: Prediction) -> str:
+    """Return a table of at most `FEW_LINES` lines for a notebook."""
+    return f"<pre>{html.escape(as_table(prediction, FEW_LINES))}</pre>"
+
+
+def _block(prediction, k):
+    """Return the lines of the time with index ``k``."""
+    scene, time, belief = prediction.scene, prediction.times[k], prediction.beliefs[k]
+    names = [printable(body.name) for body in scene.bodies]
+    width = max(4, *map(len, names))
+    lines = [
+        f"t = {time:g} s  ({prediction.propagator.name}, {_duration(prediction.wall_time)})",
+        f"{'body':<{width}}  {'position [m]':^26}  {'orientation (x, y, z, w)':^31}"
+        + f"  {'std of position [m]':^26}  std of rotation [deg]",
+    ]
+    for b, body in enumerate(scene.bodies):
+        state, P = belief.mean[b], belief.marginal(b)
+        row = f"{names[b]:<{width}}  {in_a_row(state[POSITION], '8.4f')}"
+        row += f"  {in_a_row(state[QUATERNION], '7.4f')}  "
+        if not body.free:
+            row += "fixed" if body.fixed else "prescribed"
+        else:
+            std = np.sqrt(np.maximum(P.diagonal(), 0.0))
+            row += f"{in_a_row(std[ERR_POSITION], '8.4f')}  "
+            row += in_a_row(np.degrees(std[ERR_ROTATION]), "7.2f")
+        lines.append(row)
+    return lines
+
+
+def in_a_row(values, spec: str) -> str:
+    """Return numbers, each formatted by ``spec``, with a space between them."""
+    return " ".join(f"{value:{spec}}" for value in values)
+
+
+def _duration(seconds):
+    return f"{1e3 * seconds:.3g} ms" if seconds < 0.9995 else f"{seconds:.3g} s"

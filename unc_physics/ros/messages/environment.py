@@ -1,0 +1,336 @@
+"""Elements of the environment, materials and regions."""
+
+from __future__ import annotations
+
+import functools
+from typing import Any, NamedTuple
+
+import numpy as np
+from geometry_msgs.msg import Twist
+from shape_msgs.msg import Plane as PlaneMessage
+from shape_msgs.msg import SolidPrimitive
+
+from unc_physics_msgs.msg import BoxRegion as BoxRegionMessage
+from unc_physics_msgs.msg import EnvironmentElement, Material
+
+from ...checks.errors import (
+    DuplicateIdError,
+    InvalidEnvironmentError,
+    InvalidRequestError,
+    LimitExceededError,
+    NotSupportedError,
+    UncPhysicsError,
+    UnknownModelError,
+)
+from ...checks.validation import array, positive, quaternion
+from ...geometry.packing_file import SpherePacking
+from ...prediction.events import ENVIRONMENT
+from ...prediction.regions import BoxRegion
+from ...scene.entries import at_field
+from ...scene.environment import Box, Cylinder, Element, Plane, Sphere, surface_tilt_std
+from ...scene.materials import Surface, check_surface
+from ...spatial.rotation import rotation_matrix
+from .fields import optional, packed, pose_message, vector_message, xyz, xyzw
+
+#: Fields of a Material message that are read and written; a `Surface` has attributes of the same names.
+MATERIAL_FIELDS = ("friction", "friction_std", "restitution", "restitution_std", "torsional_friction")
+#: Kinds of primitives that are packed; the others are exact elements.
+_PACKED_KINDS = SolidPrimitive.CONE, SolidPrimitive.PRISM
+_OBSTACLE_SPHERES = 1000  # of a packed element
+#: Number of dimensions of each kind of primitive.
+DIMENSIONS = {
+    SolidPrimitive.BOX: 3,
+    SolidPrimitive.SPHERE: 1,
+    SolidPrimitive.CYLINDER: 2,
+    SolidPrimitive.CONE: 2,
+    SolidPrimitive.PRISM: 1,
+}
+
+
+class PackedElement(NamedTuple):
+    """An element of a packed shape, which becomes a fixed body.
+
+    Attributes
+    ----------
+    name : str
+    field : str
+        Name of the element in error messages.
+    model : SpherePacking
+    position, orientation : tuple
+        Of the shape's own origin: world frame [m], quaternion (x, y, z, w).
+    material : tuple
+        As `read_material` gives it.
+    """
+
+    name: str
+    field: str
+    model: SpherePacking
+    position: tuple[float, ...]
+    orientation: tuple[float, ...]
+    material: tuple
+
+
+def read_environment(
+    message, shape_packer, max_elements: int | None = None, wait: bool = True
+) -> tuple[tuple[Element, ...], tuple[PackedElement, ...]]:
+    """Return the elements of an environment: exact ones, and those whose shape is packed.
+
+    Equal numbers give identical objects, so that caches recognize a repeated scene.
+
+    Parameters
+    ----------
+    message : Environment
+    shape_packer : ShapePacker
+    max_elements : int, optional
+    wait : bool
+        Whether to wait for shapes that are being packed; otherwise they are left out.
+
+    Raises
+    ------
+    InvalidEnvironmentError, InvalidOrientationError, NotFiniteError, DuplicateIdError, LimitExceededError,
+    NotSupportedError
+    """
+    place, count = "scene.environment.elements", len(message.elements)
+    if max_elements is not None and count > max_elements:
+        raise LimitExceededError(f"must be at most {max_elements} elements", field=place, value=count)
+    elements, packed, names = [], [], set()
+    for k, element in enumerate(message.elements):
+        field, name = f"{place}[{k}]", element_id(element, k)
+        if name == ENVIRONMENT:
+            raise InvalidEnvironmentError(
+                "is what all elements together are called", field=f"{field}.id", value=name
+            )
+        if name in names:
+            raise DuplicateIdError("is the id of two elements", field=f"{field}.id", value=name)
+        names.add(name)
+        if _is_packed(element):
+            try:
+                packed.append(_packed_element(element, name, field, shape_packer, wait))
+            except UnknownModelError:  # a stream goes on without it until it is packed
+                continue
+        else:
+            elements.append(_element(element, name, field))
+    return tuple(elements), tuple(packed)
+
+
+def element_id(message, k: int) -> str:
+    """Return the name of the k-th element."""
+    return message.id or f"element_{k}"
+
+
+def write_element(element: Element, name: str, field: str) -> EnvironmentElement:
+    """Return the message of an exact element.
+
+    Raises
+    ------
+    NotSupportedError
+        If messages have no such shape.
+    """
+    message = EnvironmentElement(
+        id=name, material=write_material(element), surface_tilt_std=element.surface_tilt_std
+    )
+    if isinstance(element, Plane):
+        message.plane = [PlaneMessage(coef=np.array([*element.normal, -element.offset]))]
+        message.surface_velocity = _write_surface_velocity(element, (0.0, 0.0, 0.0))
+        return message
+    if isinstance(element, Box):
+        kind, size = SolidPrimitive.BOX, element.size
+    elif isinstance(element, Sphere):
+        kind, size = SolidPrimitive.SPHERE, [element.radius]
+    elif isinstance(element, Cylinder):
+        kind, size = SolidPrimitive.CYLINDER, [element.length, element.radius]
+    else:
+        raise NotSupportedError(
+            f"is a {element.shape}, for which messages have no room; take a cylinder, or a fixed body with a"
+            " model of that shape",
+            field=field,
+            value=name,
+        )
+    message.primitive = [SolidPrimitive(type=kind, dimensions=packed(size))]
+    message.pose = pose_message(element.position, element.orientation)
+    message.surface_velocity = _write_surface_velocity(element, element.position)
+    return message
+
+
+def read_material(message, field: str, error: type[UncPhysicsError] = InvalidRequestError) -> tuple:
+    """Return the friction and restitution of a message as pairs of a `Surface`'s keyword and its value.
+
+    Raises
+    ------
+    UncPhysicsError
+        Of the given type, or `NotFiniteError`.
+    """
+    given = {}
+    for name in MATERIAL_FIELDS:
+        if (value := optional(getattr(message, name), f"{field}.{name}")) is not None:
+            given[name] = value
+    if given:
+        try:
+            check_surface(Surface(**given), error=error)
+        except UncPhysicsError as bad:
+            raise type(bad)(bad.problem, field=f"{field}.{bad.field}[0]", value=bad.value) from None
+    return tuple(given.items())
+
+
+def write_material(surface: Surface) -> Material:
+    """Return the message of a surface's friction and restitution; absent entries take the default."""
+    given = {name: getattr(surface, name) for name in MATERIAL_FIELDS}
+    known = {name: value for name, value in given.items() if value}
+    known |= {name: given[name] for name in ("friction", "restitution") if given[name] is not None}
+    return Material(**{name: packed([value]) for name, value in known.items()})
+
+
+def read_regions(messages) -> tuple[BoxRegion, ...]:
+    """Return the regions of a request.
+
+    Parameters
+    ----------
+    messages : sequence of unc_physics_msgs/BoxRegion
+
+    Raises
+    ------
+    InvalidEnvironmentError, InvalidOrientationError, NotFiniteError, DuplicateIdError
+    """
+    regions, ids = [], set()
+    for k, message in enumerate(messages):
+        field = f"regions[{k}]"
+        if not isinstance(message.id, str) or not message.id:
+            raise InvalidEnvironmentError("must be a non-empty text", field=f"{field}.id", value=message.id)
+        if message.id in ids:
+            raise DuplicateIdError("is the id of two regions", field=f"{field}.id", value=message.id)
+        ids.add(message.id)
+        size = [
+            positive(getattr(message.size, axis), f"{field}.size.{axis}", InvalidEnvironmentError)
+            for axis in "xyz"
+        ]
+        regions.append(BoxRegion(message.id, size, *_place(message.pose, f"{field}.pose")))
+    return tuple(regions)
+
+
+def write_region(region: BoxRegion) -> BoxRegionMessage:
+    """Return the message of a region."""
+    return BoxRegionMessage(
+        id=region.name,
+        pose=pose_message(region.position, region.orientation),
+        size=vector_message(region.size),
+    )
+
+
+def read_dimensions(message, field: str) -> tuple[float, ...]:
+    """Return the dimensions of a primitive [m].
+
+    Raises
+    ------
+    InvalidEnvironmentError
+        If the kind is unknown, or the dimensions are not positive or not as many as the kind has.
+    """
+    if message.type not in DIMENSIONS:
+        raise InvalidEnvironmentError("is no kind of primitive", field=f"{field}.type", value=message.type)
+    shape, field = (DIMENSIONS[message.type],), f"{field}.dimensions"
+    size = array(message.dimensions, shape, field, InvalidEnvironmentError).tolist()
+    return tuple(positive(value, f"{field}[{k}]", InvalidEnvironmentError) for k, value in enumerate(size))
+
+
+def _read_surface_velocity(twist: Twist, position, field: str) -> tuple[tuple[str, Any], ...]:
+    """Return the velocity of an element's surface as pairs of an `Element`'s keyword and its value.
+
+    The message gives it at the origin of the element's pose.
+    """
+    linear = array(xyz(twist.linear), (3,), f"{field}.linear", InvalidEnvironmentError)
+    angular = array(xyz(twist.angular), (3,), f"{field}.angular", InvalidEnvironmentError)
+    if not (linear.any() or angular.any()):
+        return ()
+    return (
+        ("surface_velocity", tuple(linear.tolist())),
+        ("surface_angular_velocity", tuple(angular.tolist())),
+        ("surface_center", tuple(position)),
+    )
+
+
+def _write_surface_velocity(element: Element, origin) -> Twist:
+    """Return the velocity of an element's surface at the origin of its pose."""
+    omega = element.surface_angular_velocity
+    linear = element.surface_velocity + np.cross(omega, np.asarray(origin) - element.surface_center)
+    return Twist(linear=vector_message(linear), angular=vector_message(omega))
+
+
+def _is_packed(message):
+    """Whether an element has a shape that must be packed."""
+    return bool(message.mesh) or any(primitive.type in _PACKED_KINDS for primitive in message.primitive)
+
+
+def _packed_element(message, name, field, shape_packer, wait):
+    """Return a mesh, a cone or a prism."""
+    if len(message.mesh) + len(message.primitive) + len(message.plane) != 1:
+        raise InvalidEnvironmentError("must have exactly one of plane, primitive and mesh", field=field)
+    if message.surface_tilt_std:
+        raise NotSupportedError(
+            "is for planes, boxes, spheres and cylinders", field=f"{field}.surface_tilt_std"
+        )
+    v, w = message.surface_velocity.linear, message.surface_velocity.angular
+    if any((*xyz(v), *xyz(w))):
+        raise NotSupportedError(
+            "is for planes, boxes, spheres and cylinders", field=f"{field}.surface_velocity"
+        )
+    if message.mesh:
+        model = shape_packer.of_mesh(message.mesh[0], _OBSTACLE_SPHERES, f"{field}.mesh[0]", wait)
+    else:
+        model = shape_packer.of_primitive(
+            message.primitive[0], _OBSTACLE_SPHERES, f"{field}.primitive[0]", wait
+        )
+    material = read_material(message.material, f"{field}.material", InvalidEnvironmentError)
+    return PackedElement(name, field, model, *_place(message.pose, f"{field}.pose"), material)
+
+
+def _element(message, name, field):
+    """Return an exact element."""
+    plane = optional(message.plane, f"{field}.plane")
+    primitive = optional(message.primitive, f"{field}.primitive")
+    position, orientation = _place(message.pose, f"{field}.pose")
+    material = read_material(message.material, f"{field}.material", InvalidEnvironmentError)
+    tilt = surface_tilt_std(message.surface_tilt_std, f"{field}.surface_tilt_std")
+    material += (("surface_tilt_std", tilt),) if tilt else ()
+    material += _read_surface_velocity(message.surface_velocity, position, f"{field}.surface_velocity")
+    if primitive is not None and plane is None:
+        place = f"{field}.primitive[0]"
+        size = read_dimensions(primitive, place)
+        return at_field(place, _solid, primitive.type, size, position, orientation, name, material)
+    if plane is None or primitive is not None:
+        raise InvalidEnvironmentError("must have exactly one of plane, primitive and mesh", field=field)
+    place = f"{field}.plane[0].coef"
+    coef = tuple(array(plane.coef, (4,), place, InvalidEnvironmentError).tolist())
+    try:
+        return _plane(coef, position, orientation, name, material)
+    except UncPhysicsError as error:
+        raise type(error)(error.problem, field=place, value=coef) from None
+
+
+def _place(pose, field):
+    """Return a pose's position and quaternion as tuples."""
+    position = array(xyz(pose.position), (3,), f"{field}.position", InvalidEnvironmentError)
+    return tuple(position.tolist()), tuple(
+        quaternion(xyzw(pose.orientation), f"{field}.orientation").tolist()
+    )
+
+
+@functools.lru_cache(maxsize=1024)
+def _plane(coef, position, orientation, name, material):
+    """Return the half-space ``a x + b y + c z + d <= 0`` in the frame of the pose."""
+    largest = max(map(abs, coef[:3])) or 1.0  # the square of a large normal could overflow
+    coef = tuple(entry / largest for entry in coef)
+    unit = Plane(coef[:3]).normal  # refuses a zero normal
+    normal = rotation_matrix(np.array(orientation)) @ unit
+    offset = normal @ np.array(position) - coef[3] / np.linalg.norm(coef[:3])
+    return Plane(normal, offset, name, **dict(material))
+
+
+@functools.lru_cache(maxsize=1024)
+def _solid(kind, size, position, orientation, name, material):
+    """Return an element of one of the exact kinds."""
+    material = dict(material)
+    if kind == SolidPrimitive.BOX:
+        return Box(size, position, orientation, name, **material)
+    if kind == SolidPrimitive.SPHERE:
+        return Sphere(size[SolidPrimitive.SPHERE_RADIUS], position, name, **material)
+    radius, height = size[SolidPrimitive.CYLINDER_RADIUS], size[SolidPrimitive.CYLINDER_HEIGHT]
+    return Cylinder(radius, height, position, orientation, name, **material)

@@ -1,0 +1,117 @@
+"""Fields that many messages share: vectors, poses, arrays, durations, optional entries and results."""
+
+from __future__ import annotations
+
+import math
+from array import array as packed_array
+
+import numpy as np
+from builtin_interfaces.msg import Duration
+from geometry_msgs.msg import Point, Pose, Quaternion, Vector3
+
+from unc_physics_msgs.msg import Result
+
+from ...checks.errors import ErrorCode, InvalidRequestError, UncPhysicsError, error_of
+from ...checks.shown import printable
+
+_NANOSECONDS = 1_000_000_000
+
+
+def xyz(v) -> tuple[float, float, float]:
+    """Return the components of a Point or a Vector3."""
+    return v.x, v.y, v.z
+
+
+def xyzw(q) -> tuple[float, float, float, float]:
+    """Return the components of a Quaternion."""
+    return q.x, q.y, q.z, q.w
+
+
+def vector_message(v) -> Vector3:
+    """Return three numbers as a Vector3."""
+    x, y, z = map(float, v)
+    return Vector3(x=x, y=y, z=z)
+
+
+def point_message(v) -> Point:
+    """Return three numbers as a Point."""
+    x, y, z = map(float, v)
+    return Point(x=x, y=y, z=z)
+
+
+def quaternion_message(q) -> Quaternion:
+    """Return four numbers (x, y, z, w) as a Quaternion."""
+    x, y, z, w = map(float, q)
+    return Quaternion(x=x, y=y, z=z, w=w)
+
+
+def pose_message(position, q) -> Pose:
+    """Return a position and a quaternion (x, y, z, w) as a Pose."""
+    return Pose(position=point_message(position), orientation=quaternion_message(q))
+
+
+def packed(numbers) -> packed_array:
+    """Return numbers for a field of variable length, which does not accept a NumPy array."""
+    return packed_array("d", np.ascontiguousarray(numbers, float).tobytes())
+
+
+def writable(a) -> np.ndarray:
+    """Return a copy: numba would compile every kernel once more for read-only arrays."""
+    return np.array(a)
+
+
+def duration(seconds: float) -> Duration:
+    """Return a time in seconds as a Duration, to the nanosecond."""
+    whole = math.floor(seconds)
+    nanoseconds = round((seconds - whole) * _NANOSECONDS)
+    carried, nanoseconds = divmod(nanoseconds, _NANOSECONDS)
+    return Duration(sec=whole + carried, nanosec=nanoseconds)
+
+
+def seconds(message: Duration) -> float:
+    """Return a Duration in seconds."""
+    return message.sec + message.nanosec / _NANOSECONDS
+
+
+def read_duration(message: Duration, field: str, error: type[UncPhysicsError] = InvalidRequestError) -> float:
+    """Return a time of a request in seconds.
+
+    Raises
+    ------
+    UncPhysicsError
+        Of the given type, for a time below 0, and for a whole second or more among the nanoseconds.
+    """
+    if message.nanosec >= _NANOSECONDS:
+        raise error(f"must be below {_NANOSECONDS}", field=f"{field}.nanosec", value=message.nanosec)
+    if message.sec < 0:
+        raise error("must not be negative", field=field, value=seconds(message))
+    return seconds(message)
+
+
+def optional(values, field: str):
+    """Return the entry of an optional field, an array of at most one entry; None if it is empty.
+
+    Raises
+    ------
+    InvalidRequestError
+        If it has more entries, which clients do not check.
+    """
+    if len(values) == 0:
+        return None
+    if len(values) > 1:
+        raise InvalidRequestError("must hold at most one entry", field=field, value=len(values))
+    return values[0]
+
+
+def write_error(result: Result, error: Exception) -> None:
+    """Write an error as a request's result; any other class than `UncPhysicsError` is a fault of the node."""
+    if isinstance(error, UncPhysicsError):
+        result.error_code, result.error_msg = int(error.code), str(error)
+    else:
+        result.error_code = int(ErrorCode.INTERNAL)
+        result.error_msg = printable(f"a fault of the node: {type(error).__name__}: {error}")
+
+
+def read_error(result: Result) -> UncPhysicsError:
+    """Return the error of a result; a result without one belongs to an empty answer, a fault of the node."""
+    return error_of(result.error_code or Result.INTERNAL, result.error_msg or "the answer is empty")

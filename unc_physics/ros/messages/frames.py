@@ -1,0 +1,204 @@
+"""Scenes in other frames than the world's, transformed by tf2 where it is installed."""
+
+from __future__ import annotations
+
+import copy
+import importlib.util
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+from rclpy.duration import Duration
+from rclpy.time import Time
+
+from unc_physics_msgs.msg import Environment, Scene
+
+from ...checks.errors import UnknownFrameError
+from ...checks.validation import array, quaternion
+from ...spatial.rotation import rotation_matrix
+from .fields import packed, xyz, xyzw
+from .scene import UNKNOWN
+
+
+class Frames:
+    """Transforms from other frames to the world frame by tf2.
+
+    Parameters
+    ----------
+    node : rclpy Node
+    world_frame : str
+    timeout : callable
+        Returns how long to wait for a missing transform [s]: perception is often a few milliseconds ahead of
+        the publishers of transforms.
+    """
+
+    def __init__(self, node, world_frame: str, timeout: Callable[[], float] = lambda: 0.0):
+        self._world_frame, self._timeout = world_frame, timeout
+        self._buffer = None
+        if importlib.util.find_spec("tf2_ros"):
+            import tf2_ros  # pyright: ignore[reportMissingImports]  (optional)
+
+            self._buffer = tf2_ros.Buffer()
+            self._listener = tf2_ros.TransformListener(self._buffer, node)
+
+    @property
+    def available(self) -> bool:
+        """Whether tf2 is installed."""
+        return self._buffer is not None
+
+    def to_world(self, header) -> Transform | None:
+        """Return the transform from a header's frame to the world frame; None if they are the same.
+
+        The calling thread, which must not be the executor's, waits for a missing transform.
+
+        Parameters
+        ----------
+        header : Header
+            Its frame may be empty, which means the world frame.
+
+        Raises
+        ------
+        UnknownFrameError
+            If no transform arrives in time.
+        """
+        if header.frame_id in ("", self._world_frame):
+            return None
+        if self._buffer is None:
+            raise UnknownFrameError(
+                f"must be empty or the world frame '{self._world_frame}', as tf2_ros is not installed",
+                field="scene.header.frame_id",
+                value=header.frame_id,
+            )
+        timeout = self._timeout()
+        try:
+            found = self._buffer.lookup_transform(
+                self._world_frame,
+                header.frame_id,
+                Time.from_msg(header.stamp),
+                timeout=Duration(seconds=timeout),
+            )
+        except Exception as error:  # tf2's errors have no common base in Python
+            waited = f" within {timeout:g} s" if timeout else ""
+            raise UnknownFrameError(
+                f"has no transform to '{self._world_frame}'{waited}: {error}",
+                field="scene.header.frame_id",
+                value=header.frame_id,
+            ) from error
+        t, q = found.transform.translation, found.transform.rotation
+        R = rotation_matrix(quaternion(xyzw(q), "the transform's rotation"))
+        return Transform(R, array(xyz(t), (3,), "the transform's translation"), xyzw(q))
+
+
+class Transform(NamedTuple):
+    """A transform between two frames at rest; its methods return transformed copies of messages.
+
+    Attributes
+    ----------
+    R : (3, 3) array
+        Rotation.
+    translation : (3,) array
+        Of the first frame's origin, in the second frame [m].
+    q : tuple
+        The rotation as a quaternion (x, y, z, w).
+    """
+
+    R: np.ndarray
+    translation: np.ndarray
+    q: tuple[float, float, float, float]
+
+    def scene(self, message):
+        """Return a Scene in the other frame; its header and the shared pose error stay as they are."""
+        return Scene(
+            header=message.header,
+            objects=[self.object(state) for state in message.objects],
+            environment=self.environment(message.environment),
+            common_pose_std=message.common_pose_std,
+            common_pose_origin=message.common_pose_origin,
+            joint_covariance=[self.joint_covariance(joint) for joint in message.joint_covariance],
+        )
+
+    def object(self, message):
+        """Return an ObjectState in the other frame.
+
+        Notes
+        -----
+        Covariances are about fixed axes, so all blocks of pose and twist are rotated:
+        ``diag(R, R) C diag(R, R)^T``. Unknown ones stay unknown.
+        """
+        result = copy.deepcopy(message)
+        self._move(result.pose.pose)
+        _rotate(result.twist.twist.linear, self.R)
+        _rotate(result.twist.twist.angular, self.R)
+        for part in (result.pose, result.twist):
+            if part.covariance[0] != UNKNOWN:
+                part.covariance = self._rotated(part.covariance, 2)
+        result.covariance = packed(self._rotated(result.covariance, 4))
+        self._move_path(result)
+        for applied in result.wrenches:
+            if not applied.body_axes:
+                _rotate(applied.wrench.force, self.R)
+                _rotate(applied.wrench.torque, self.R)
+        return result
+
+    def _move_path(self, message):
+        """Move the path of a prescribed object, in place."""
+        for path in message.trajectory:
+            for point in path.points:
+                for place in point.transforms:
+                    _rotate(place.translation, self.R, self.translation)
+                    q = place.rotation
+                    q.x, q.y, q.z, q.w = _product(self.q, q)
+                for twist in point.velocities:
+                    _rotate(twist.linear, self.R)
+                    _rotate(twist.angular, self.R)
+
+    def joint_covariance(self, message):
+        """Return a JointCovariance in the other frame."""
+        result = copy.deepcopy(message)
+        result.data = packed(self._rotated(result.data, 4 * len(message.object_ids)))
+        return result
+
+    def _rotated(self, entries, count):
+        """Return the rotated entries of a covariance of ``count`` vectors; other sizes are kept."""
+        size = 3 * count
+        if len(entries) != size**2:
+            return entries
+        C = np.reshape(entries, (count, 3, count, 3))
+        return np.einsum("ab,ibjc,dc->iajd", self.R, C, self.R, optimize=True).ravel()
+
+    def environment(self, message):
+        """Return an Environment in the other frame."""
+        # one by one: elements may share a pose
+        elements = [copy.deepcopy(element) for element in message.elements]
+        for element in elements:
+            self._move(element.pose)
+            _rotate(element.surface_velocity.linear, self.R)
+            _rotate(element.surface_velocity.angular, self.R)
+        return Environment(elements=elements)
+
+    def region(self, message):
+        """Return a BoxRegion in the other frame."""
+        result = copy.deepcopy(message)
+        self._move(result.pose)
+        return result
+
+    def _move(self, pose):
+        _rotate(pose.position, self.R, self.translation)
+        q = pose.orientation
+        q.x, q.y, q.z, q.w = _product(self.q, q)
+
+
+def _rotate(vector, R, translation=(0.0, 0.0, 0.0)):
+    x, y, z = (R @ [vector.x, vector.y, vector.z] + translation).tolist()
+    vector.x, vector.y, vector.z = x, y, z
+
+
+def _product(a, b):
+    """Hamilton product of a quaternion (x, y, z, w) and a quaternion message."""
+    ax, ay, az, aw = a
+    return (
+        aw * b.x + ax * b.w + ay * b.z - az * b.y,
+        aw * b.y - ax * b.z + ay * b.w + az * b.x,
+        aw * b.z + ax * b.y - ay * b.x + az * b.w,
+        aw * b.w - ax * b.x - ay * b.y - az * b.z,
+    )

@@ -1,0 +1,79 @@
+"""The physics of a request and of an answer as a Physics message."""
+
+from __future__ import annotations
+
+from unc_physics_msgs.msg import Physics
+
+from ...checks.errors import InvalidOptionError, InvalidRequestError, UncPhysicsError
+from ...scene.materials import DEFAULT_RESTITUTION
+from ...scene.physics_keys import PHYSICS_KEYS
+from ...scene.presets import with_changes
+from ...scene.scene import DEFAULT_OVERLAP
+from ...scene.scene_file import physics_value, preset
+from ...scene.stiffness import AUTO
+from .fields import optional, packed, vector_message, xyz
+
+#: Values in the message of fields that are None or absent in the core.
+_ABSENT = {key: 0.0 for key in PHYSICS_KEYS if key.endswith("_std")}
+_ABSENT |= {"damping": 0.0, "friction": 0.0, "gravity": (0.0, 0.0, 0.0)}
+_ABSENT |= {"gyroscopic": False, "islands": False, "sleep": False, "stiffness": AUTO}
+
+
+def read_physics(message: Physics, physics: dict) -> dict:
+    """Return arguments of `Scene`: ``physics`` with the changes of a request.
+
+    Raises
+    ------
+    InvalidOptionError, NotFiniteError, InvalidRequestError
+        `Scene` checks the limits of the values; `physics_field` returns the message's names of its fields.
+    """
+    if message.preset:
+        physics = _at("preset", preset, message.preset)
+    given = {}
+    for key in PHYSICS_KEYS:
+        value = getattr(message, key)
+        value = (value or None) if isinstance(value, str) else optional(value, f"physics.{key}")
+        if value is not None:
+            given[key] = _at(physics_field(key), physics_value, key, _plain(key, value))
+    return with_changes(physics, given)
+
+
+def physics_field(key: str) -> str:
+    """Return the message's name of a scene's field: the entry of an array, except for texts."""
+    return key if key in ("preset", "integrator", "overlap") else f"{key}[0]"
+
+
+def physics_message(physics: dict) -> Physics:
+    """Return all values of a message from arguments of `Scene`; None and absent values become defaults."""
+    physics = {key: value for key, value in physics.items() if value is not None}
+    integrator = physics.get("integrator", "explicit")
+    own = {"restitution": DEFAULT_RESTITUTION[integrator], "overlap": DEFAULT_OVERLAP[integrator]}
+    physics = _ABSENT | own | physics
+    message = Physics(
+        integrator=integrator, overlap=physics["overlap"], gravity=[vector_message(physics["gravity"])]
+    )
+    if physics["stiffness"] == AUTO:
+        physics["stiffness"] = Physics.STIFFNESS_AUTO
+    for key, value in physics.items():
+        if isinstance(value, bool):
+            setattr(message, key, [value])
+        elif isinstance(value, (int, float)):
+            setattr(message, key, packed([value]))
+    return message
+
+
+def _plain(key, value):
+    """Return a field's value as a scene file has it."""
+    if key == "gravity":
+        return xyz(value)
+    return AUTO if key == "stiffness" and value == Physics.STIFFNESS_AUTO else value
+
+
+def _at(field, function, *arguments):
+    """Call a function and let its errors name a field of the message."""
+    try:
+        return function(*arguments)
+    except InvalidRequestError as error:
+        raise InvalidOptionError(error.problem, field=f"physics.{field}", value=error.value) from None
+    except UncPhysicsError as error:
+        raise type(error)(error.problem, field=f"physics.{field}", value=error.value) from None

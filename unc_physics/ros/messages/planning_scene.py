@@ -1,0 +1,215 @@
+"""MoveIt's planning scenes as scenes: collision objects as obstacles or objects, attached ones as attached.
+
+Nothing here needs ``moveit_msgs`` itself: whoever has a ``PlanningScene`` has it installed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from geometry_msgs.msg import Point, Pose
+
+from unc_physics_msgs.msg import EnvironmentElement, ObjectState, Scene
+
+from ...checks.errors import (
+    InvalidMassError,
+    InvalidRequestError,
+    NotSupportedError,
+    UncPhysicsError,
+    UnknownFrameError,
+)
+from ...checks.validation import array, positive, quaternion
+from ...spatial.rotation import rotation_matrix
+from .fields import pose_message, xyz, xyzw
+
+_ADD = 0, b"\x00"  # a byte is an int or bytes, by the version of ROS
+#: A pose: rotation (3, 3), translation (3,), and the rotation as a quaternion (x, y, z, w).
+_Placed = tuple[np.ndarray, np.ndarray, np.ndarray]
+
+
+def scene_of_planning_scene(
+    message: Any,
+    *,
+    objects: Mapping[str, float] | None = None,
+    models: Mapping[str, str] | None = None,
+    frames: Mapping[str, Pose] | None = None,
+    planning_frame: str = "",
+    ignore_octomap: bool = False,
+) -> Scene:
+    """The scene that a ``moveit_msgs/PlanningScene`` describes, for a request.
+
+    Parameters
+    ----------
+    message : moveit_msgs/PlanningScene
+        A whole one, and no difference from another one.
+    objects : mapping of str to float, optional
+        Ids of the collision objects that move, each with its mass [kg]; all others are obstacles.
+    models : mapping of str to str, optional
+        Names of models that objects have in place of their collision shapes, by the objects' ids.
+    frames : mapping of str to Pose, optional
+        Poses of frames in the planning frame, beside the scene's own ``fixed_frame_transforms``: such as
+        those of links that objects are attached to, from tf.
+    planning_frame : str
+        By default that of the fixed transforms, or else that of the first object; it becomes the frame of the
+        scene's header.
+    ignore_octomap : bool
+        Whether an octomap is left out; otherwise it is refused.
+
+    Returns
+    -------
+    unc_physics_msgs/Scene
+        Without covariances: all zeros, as the node reads them. Objects that are attached have their link's
+        name in ``attached_to``, and the mass in ``objects``, or else their ``weight``.
+        An obstacle of several shapes is several elements, ``id/0``, ``id/1`` and so on.
+
+    Raises
+    ------
+    NotSupportedError
+        For a difference, an octomap, and an object that moves and has several shapes or a plane.
+    UnknownFrameError
+        If a frame's pose is not known.
+    InvalidRequestError, InvalidMassError, InvalidOrientationError, NotFiniteError
+        For ids that are not there, lists of different lengths, and numbers out of range.
+    """
+    objects, models = dict(objects or {}), dict(models or {})
+    if message.is_diff:
+        raise NotSupportedError("must be false; ask for the whole planning scene", field="is_diff")
+    if len(message.world.octomap.octomap.data) and not ignore_octomap:
+        raise NotSupportedError(
+            "is not read; give what it shows as collision objects, or leave it out by ignore_octomap",
+            field="world.octomap",
+        )
+    world = list(message.world.collision_objects)
+    attached = list(message.robot_state.attached_collision_objects)
+    _check_ids(world, attached, objects, models)
+    fixed = list(message.fixed_frame_transforms)
+    frame = planning_frame or next(
+        (one.header.frame_id for one in [*fixed, *world] if one.header.frame_id), ""
+    )
+    known = _KnownFrames(frame, fixed, frames or {})
+    bodies, elements = [], []
+    for k, own in enumerate(world):
+        field = f"world.collision_objects[{k}]"
+        if own.id in objects:
+            mass = positive(objects[own.id], f"mass of '{own.id}'", InvalidMassError)
+            bodies.append(_object(own, known, models.get(own.id), mass, field))
+        else:
+            elements += _elements(own, known, field)
+    for k, held in enumerate(attached):
+        field = f"robot_state.attached_collision_objects[{k}]"
+        mass = objects.get(held.object.id, held.weight)
+        mass = positive(mass, f"{field}.weight", InvalidMassError)
+        state = _object(held.object, known, models.get(held.object.id), mass, f"{field}.object")
+        state.attached_to = held.link_name
+        bodies.append(state)
+    scene = Scene(objects=bodies)
+    scene.header.frame_id, scene.environment.elements = frame, elements
+    return scene
+
+
+class _KnownFrames:
+    """Poses of frames in the planning frame."""
+
+    def __init__(self, planning_frame, transforms, poses):
+        self._known: dict[str, _Placed] = {
+            "": _placed(Pose(), "pose"),
+            planning_frame: _placed(Pose(), "pose"),
+        }
+        for k, one in enumerate(transforms):
+            t, q = one.transform.translation, one.transform.rotation
+            pose = Pose(position=Point(x=t.x, y=t.y, z=t.z), orientation=q)
+            self._known[one.child_frame_id] = _placed(pose, f"fixed_frame_transforms[{k}].transform")
+        for name, pose in poses.items():
+            self._known[name] = _placed(pose, f"frames['{name}']")
+
+    def of(self, header, field) -> _Placed:
+        """The pose of a header's frame."""
+        if header.frame_id not in self._known:
+            raise UnknownFrameError(
+                "is no frame whose pose is known; give it in frames",
+                field=f"{field}.header.frame_id",
+                value=header.frame_id,
+            )
+        return self._known[header.frame_id]
+
+
+def _check_ids(world, attached, objects, models):
+    """Raise `InvalidRequestError` for a name that is not in the planning scene."""
+    ids = [own.id for own in world] + [held.object.id for held in attached]
+    for names, argument in ((objects, "objects"), (models, "models")):
+        for name in names:
+            if name not in ids:
+                raise InvalidRequestError("is no object of the planning scene", field=argument, value=name)
+
+
+def _shapes(own, field):
+    """What an object is made of: (name of the element's field, message, pose)."""
+    if own.operation not in _ADD:
+        raise NotSupportedError("must be ADD", field=f"{field}.operation", value=own.operation)
+    found = []
+    for name, plural in (("primitive", "primitives"), ("mesh", "meshes"), ("plane", "planes")):
+        shapes, poses = getattr(own, plural), getattr(own, f"{name}_poses")
+        if len(poses) not in (0, len(shapes)):  # MoveIt takes missing poses for the identity
+            raise InvalidRequestError(
+                f"must be as many as {plural}, {len(shapes)}", field=f"{field}.{name}_poses", value=len(poses)
+            )
+        found += [
+            (name, shape, poses[k] if len(poses) else Pose(), f"{field}.{name}_poses[{k}]")
+            for k, shape in enumerate(shapes)
+        ]
+    return found
+
+
+def _object(own, frames, model, mass, field):
+    """An object that moves: of a model, or of its one shape."""
+    state = ObjectState(id=own.id, mass=float(mass))
+    place = _together(frames.of(own.header, field), _placed(own.pose, f"{field}.pose"))
+    if model is not None:
+        state.model = model
+    else:
+        shapes = _shapes(own, field)
+        if len(shapes) != 1 or shapes[0][0] == "plane":
+            raise NotSupportedError(
+                "moves, and must then be one primitive or one mesh, or have a model in models",
+                field=field,
+                value=own.id,
+            )
+        ((name, shape, pose, where),) = shapes
+        setattr(state, name, [shape])
+        place = _together(place, _placed(pose, where))
+    state.pose.pose = pose_message(*place[1:])
+    return state
+
+
+def _elements(own, frames, field):
+    """The elements of an obstacle, one for each of its shapes."""
+    shapes = _shapes(own, field)
+    place = _together(frames.of(own.header, field), _placed(own.pose, f"{field}.pose"))
+    elements = []
+    for k, (name, shape, pose, where) in enumerate(shapes):
+        element = EnvironmentElement(id=own.id if len(shapes) == 1 else f"{own.id}/{k}")
+        setattr(element, name, [shape])
+        element.pose = pose_message(*_together(place, _placed(pose, where))[1:])
+        elements.append(element)
+    return elements
+
+
+def _placed(pose, field) -> _Placed:
+    """A pose from its message; zeros for a quaternion mean no rotation, as in MoveIt."""
+    q = xyzw(pose.orientation)
+    try:
+        q = quaternion(q if any(q) else (0.0, 0.0, 0.0, 1.0), "orientation")
+        position = array(xyz(pose.position), (3,), "position")
+    except UncPhysicsError as error:
+        raise type(error)(error.problem, field=f"{field}.{error.field}", value=error.value) from None
+    return rotation_matrix(np.array(q)), position, np.array(q)
+
+
+def _together(one: _Placed, other: _Placed) -> _Placed:
+    """A pose that is given in another one's frame."""
+    R, t, a = one
+    b = other[2]
+    xyz_part = a[3] * b[:3] + b[3] * a[:3] + np.cross(a[:3], b[:3])
+    return R @ other[0], R @ other[1] + t, np.array([*xyz_part, a[3] * b[3] - a[:3] @ b[:3]])

@@ -1,0 +1,515 @@
+"""A prediction: written by the node, read by the client.
+
+A message gives the pose of a model's own origin and rotations about the fixed axes of the frame. A `Belief`
+gives the pose of the centre of mass and rotations on the body side; `spatial.origin` converts.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+import re
+from collections.abc import Iterable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from diagnostic_msgs.msg import KeyValue
+from geometry_msgs.msg import Pose
+from std_msgs.msg import Header
+
+from unc_physics_msgs.msg import (
+    ContactProbability,
+    ObjectState,
+    PredictedObject,
+    PredictedState,
+    RegionProbability,
+    Result,
+)
+from unc_physics_msgs.msg import Mode as ModeMessage
+from unc_physics_msgs.msg import Prediction as PredictionMessage
+from unc_physics_msgs.msg import Probability as ProbabilityMessage
+
+from ...checks.errors import DivergedError
+from ...prediction.body_status import BodyStatus, Status
+from ...prediction.events import OF_BODY, Event, Inside, Touches
+from ...prediction.prediction import Prediction
+from ...prediction.regions import BoxRegion
+from ...prediction.snapshot import ContactTime, Probability, Received, Snapshot
+from ...prediction.status import assess_all
+from ...propagators.base import Samples, rollout_count
+from ...propagators.modes import Mode, only_mode
+from ...scene.belief import Belief
+from ...scene.parameters import moved_along
+from ...scene.physics_keys import PHYSICS_KEYS
+from ...scene.physics_summary import physics_as_text
+from ...scene.scene import Scene
+from ...spatial.layout import (
+    ANGULAR_VELOCITY,
+    ERR_POSITION,
+    ERR_ROTATION,
+    ERROR,
+    POSITION,
+    QUATERNION,
+    STATE,
+    VELOCITY,
+)
+from ...spatial.origin import at_com, at_origin, covariance_at_com, moved
+from ...spatial.rotation import rotation_matrix
+from .fields import duration, packed, pose_message, read_error, seconds, writable, xyz, xyzw
+from .physics import physics_message
+from .request import Job, Query, RequestedOutputs
+from .scene import joint_covariance_at_com, write_joint_covariance
+
+_SAME_START = 1e-9  # m, rad and their squares: a start that differs by less is the given belief
+_POSE_BLOCK = np.ix_(*[np.r_[ERR_POSITION, ERR_ROTATION]] * 2)  # of a covariance (12, 12)
+#: Measures that have their own fields in the message.
+_OVERLAP_FIELDS = ("overlap_share", "overlap_moved", "overlap_kept")
+#: Most states of one object that are assessed one by one, as documented in the message.
+ASSESSED_STATES = 16
+MARGINALS_ONLY = RequestedOutputs()
+
+
+def write_answer(message: PredictionMessage, header: Header, settings, job: Job, prediction: Prediction):
+    """Write the prediction of a job into its message.
+
+    Parameters
+    ----------
+    message : unc_physics_msgs/Prediction
+    header : Header
+        Its stamp is written, with the world frame.
+    settings : Settings
+    job : Job
+    prediction : Prediction
+        It may end before the horizon.
+
+    Raises
+    ------
+    DivergedError
+        If a number is not finite.
+    """
+    objects, joints = write_prediction(
+        job.scene, job.models, prediction.times, prediction.beliefs, _drawn(job, prediction), job.outputs
+    )
+    write_start(objects, job.scene, prediction.start)
+    if job.outputs.modes:
+        write_modes(objects, prediction)
+    message.header.stamp = header.stamp
+    message.header.frame_id = settings.world_frame
+    message.propagator = job.propagator.name
+    used = prediction.scene
+    message.physics, message.physics_summary = _physics(used)
+    message.rollouts = rollout_count(prediction.carry)
+    errors = None
+    if isinstance(job.propagator, Samples):
+        errors = job.propagator.standard_errors(prediction.carry, used)
+    if errors is not None:
+        message.position_error = [float(errors.position.max(initial=0.0))]
+        message.rotation_error = [float(errors.rotation.max(initial=0.0))]
+        message.probability_error = [0.5 / math.sqrt(message.rollouts) if errors.relative.any() else 0.0]
+    message.objects = objects
+    message.skipped = [KeyValue(key=name, value=reason) for name, reason in job.skipped.items()]
+    message.joint_covariances = joints
+    complete = prediction.time > job.horizon - job.scene.dt
+    write_statuses(message, prediction, settings.status_rollouts if complete else 0)
+    write_probabilities(message, prediction, job.events)
+    message.seed = job.seed
+    message.time_reached = duration(prediction.time)
+    message.computation_time = duration(prediction.wall_time)
+
+
+def write_prediction(scene, models, times, beliefs, samples=None, outputs=MARGINALS_ONLY):
+    """Return a prediction as messages.
+
+    Parameters
+    ----------
+    scene : Scene
+    models : sequence of str
+        Names of the bodies' models.
+    times : sequence of float
+        Times of the beliefs from the start [s].
+    beliefs : sequence of Belief
+    samples : sequence of (N, B, 13) arrays, optional
+        States drawn from each belief.
+    outputs : RequestedOutputs
+
+    Returns
+    -------
+    objects : list of PredictedObject
+        In the scene's order.
+    joint_covariances : list of JointCovariance
+        One for each time, if requested.
+
+    Raises
+    ------
+    DivergedError
+        If a number is not finite.
+    """
+    objects = [
+        PredictedObject(
+            id=body.name,
+            model=model,
+            kind=_kind(body),
+            status=PredictedObject.STATUS_NOT_ASSESSED,
+            status_msg="no check was made",
+        )
+        for body, model in zip(scene.bodies, models, strict=True)
+    ]
+    joints, states = [], [[] for _ in objects]
+    origins = [writable(body.model.origin) for body in scene.bodies]
+    known = {b: row for row, b in enumerate(scene.moving.tolist())}
+    certain = np.zeros((ERROR, ERROR))
+    for k, (time, belief) in enumerate(zip(times, beliefs, strict=True)):
+        means, blocks, since = writable(belief.mean), writable(belief.blocks), duration(time)
+        for b in range(len(objects)):
+            state = PredictedState(time_from_start=since, status=PredictedObject.STATUS_NOT_ASSESSED)
+            P = _write_state(state, means[b], blocks[known[b]] if b in known else certain, origins[b])
+            if outputs.covariance:
+                state.covariance = packed(P)
+            if samples is not None:
+                state.pose_samples = _origin_poses(samples[k][:, b], origins[b])
+            states[b].append(state)
+        if outputs.joint_covariance:
+            joints.append(write_joint_covariance(scene, belief))
+            joints[-1].time_from_start = since
+    for answer, own in zip(objects, states, strict=True):
+        answer.states = own
+    return objects, joints
+
+
+def write_modes(objects, prediction: Prediction) -> None:
+    """Write the modes of each object into its last state."""
+    for b, (message, body) in enumerate(zip(objects, prediction.scene.bodies, strict=True)):
+        modes = []
+        for mode in prediction[body.name].modes:
+            modes.append(ModeMessage(weight=mode.weight))
+            _write_pose(modes[-1].pose, mode.mean, mode.covariance, body)
+        message.states[-1].modes = modes
+
+
+def write_start(objects, scene, belief) -> None:
+    """Write the belief at time 0 into each PredictedObject; overlap removal may have changed it."""
+    for k, (message, body) in enumerate(zip(objects, scene.bodies, strict=True)):
+        _write_pose(message.start, belief.mean[k], belief.marginal(k), body)
+
+
+def write_statuses(message, prediction, rollouts) -> None:
+    """Write the status of each object, and of each of its states, into a `Prediction` message.
+
+    Parameters
+    ----------
+    message : unc_physics_msgs/Prediction
+        With its objects and their states.
+    prediction : Prediction
+    rollouts : int
+        Number of rollouts that check the spread of propagators with a single nominal rollout.
+
+    Notes
+    -----
+    Of more than `ASSESSED_STATES` states as many are assessed, evenly spread and including the last one. The
+    states before an assessed one share its flags.
+    """
+    count = len(prediction.times)
+    parts = min(count, ASSESSED_STATES)
+    ends = [count * (part + 1) // parts for part in range(parts)]
+    assessed = replace(prediction, snapshots=tuple(prediction.snapshots[end - 1] for end in ends))
+    begin = 0
+    for end, statuses in zip(ends, assess_all(assessed, rollouts=rollouts), strict=True):
+        for predicted, status in zip(message.objects, statuses, strict=True):
+            for state in predicted.states[begin:end]:
+                state.status = int(status.flags)
+        begin = end
+    for predicted, status in zip(message.objects, statuses, strict=True):  # of the last time
+        predicted.status, predicted.status_msg = int(status.flags), status.message
+        predicted.status_values = [
+            KeyValue(key=key, value=f"{value:.6g}") for key, value in status.measures.items()
+        ]
+        for name in _OVERLAP_FIELDS:
+            setattr(predicted, name, status.measures.get(name, 0.0))
+
+
+def write_probabilities(message: Any, prediction: Prediction, events: Iterable[Event]) -> None:
+    """Write the probabilities of `Job.events` into a `Prediction` message with its objects."""
+    time = duration(prediction.time)
+    by_id = {predicted.id: predicted for predicted in message.objects}
+    fields = {kind: field for field, kind in OF_BODY.items()}
+    for event in events:
+        written = write_probability(prediction.probability(event))
+        if isinstance(event, Inside):
+            message.region_probabilities.append(
+                RegionProbability(
+                    region=event.region.name, object=event.object, time_from_start=time, probability=written
+                )
+            )
+        elif isinstance(event, Touches):
+            when = prediction.contact_time(event)
+            mean, std = when or (0.0, 0.0)
+            message.contact_probabilities.append(
+                ContactProbability(
+                    object_a=event.object,
+                    object_b=event.other,
+                    time_from_start=time,
+                    probability=written,
+                    first_contact_time_available=when is not None,
+                    first_contact_time_mean=duration(mean),
+                    first_contact_time_std=duration(std),
+                )
+            )
+        else:
+            (name,) = event.names
+            setattr(by_id[name], fields[type(event)], written)
+
+
+def write_probability(found: Probability) -> ProbabilityMessage:
+    """Return the message of a probability and its interval."""
+    return ProbabilityMessage(available=True, probability=found.estimate, low=found.low, high=found.high)
+
+
+def read_answer(result: Result, message: PredictionMessage, query: Query) -> Prediction:
+    """Return the prediction of a node's answer to a query.
+
+    Raises
+    ------
+    UncPhysicsError
+        The node's error, of the class that the library raises and with the node's message. Its ``prediction``
+        is the prediction until then.
+    """
+    prediction = _prediction(message, query) if message.objects else None
+    if result.error_code != Result.NONE or prediction is None:
+        error = read_error(result)
+        error.prediction = prediction
+        raise error
+    return prediction
+
+
+def read_probabilities(
+    message: Any, scene: Scene, regions: Iterable[BoxRegion]
+) -> tuple[dict[Event, Probability], dict[Event, ContactTime]]:
+    """Return the probabilities of a `Prediction` message about a scene by their events, and contact times."""
+    found: dict[Event, Any] = {}
+    times: dict[Event, ContactTime] = {}
+    by_name = {region.name: region for region in regions}
+    for entry in message.region_probabilities:
+        found[Inside(entry.object, by_name[entry.region])] = entry.probability
+    for entry in message.contact_probabilities:
+        event = Touches(entry.object_a, entry.object_b)
+        found[event] = entry.probability
+        if entry.first_contact_time_available:
+            mean, std = entry.first_contact_time_mean, entry.first_contact_time_std
+            times[event] = ContactTime(seconds(mean), seconds(std))
+    for predicted, body in zip(message.objects, scene.bodies, strict=True):
+        for field, kind in OF_BODY.items() if body.free else ():
+            found[kind(predicted.id)] = getattr(predicted, field)
+    return {
+        event: read_probability(own, message.rollouts) for event, own in found.items() if own.available
+    }, times
+
+
+def read_probability(message: ProbabilityMessage, rollouts: int) -> Probability:
+    """Return the probability of a message from a node that simulated so many rollouts."""
+    return Probability(message.probability, message.low, message.high, "node", rollouts)
+
+
+def _drawn(job, prediction):
+    """Return the states (N, B, 13) drawn at each time; None if none are requested."""
+    count = job.return_samples
+    if not count:
+        return None
+    if isinstance(job.propagator, Samples):
+        return [snapshot.samples[:count] for snapshot in prediction.snapshots]
+    # the same normal numbers at every time, so that an entry is one sample over time
+    return [belief.sample(count, np.random.default_rng(job.seed)) for belief in prediction.beliefs]
+
+
+@functools.lru_cache(maxsize=32)
+def _physics(scene):
+    """Return a scene's physics as a shared message, which must not be changed, and as text."""
+    return physics_message({key: getattr(scene, key) for key in PHYSICS_KEYS}), physics_as_text(scene)
+
+
+def _kind(body):
+    """Return the message's constant for how a body moves."""
+    if body.trajectory is not None:
+        return ObjectState.PRESCRIBED
+    return ObjectState.FIXED if body.fixed else ObjectState.DYNAMIC
+
+
+def _write_pose(message, mean, P, body):
+    """Write a body's mean (13,) and covariance (12, 12) into a PoseWithCovariance of its model's origin."""
+    state, _, message.covariance, _ = _at_origin(writable(mean), writable(P), writable(body.model.origin))
+    _fill_pose(message.pose, state.tolist())
+
+
+def _write_state(message, mean, P, origin):
+    """Write a body's mean (13,) and covariance (12, 12); the covariance (12, 12) at the model's origin."""
+    state, P, message.pose.covariance, message.twist.covariance = _at_origin(mean, P, origin)
+    numbers, twist = state.tolist(), message.twist.twist
+    _fill_pose(message.pose.pose, numbers)
+    for part, place in ((twist.linear, VELOCITY), (twist.angular, ANGULAR_VELOCITY)):
+        part.x, part.y, part.z = numbers[place]
+    return P
+
+
+def _at_origin(mean, P, origin):
+    """Return state (13,) and covariance (12, 12) at the model's origin, and those (36,) of pose and twist."""
+    *found, finite = at_origin(mean, P, origin)
+    if not finite:
+        raise DivergedError("left the range of numbers", field="prediction")
+    return found
+
+
+def _fill_pose(pose, numbers):
+    p, q = pose.position, pose.orientation
+    p.x, p.y, p.z = numbers[POSITION]
+    q.x, q.y, q.z, q.w = numbers[QUATERNION]
+
+
+def _origin_poses(states, origin) -> list[Pose]:
+    """Return poses of a model's origin from states (N, 13) of its body."""
+    if not np.isfinite(states).all():
+        raise DivergedError("left the range of numbers", field="pose_samples")
+    poses = []
+    for state in states:
+        position = state[POSITION] + rotation_matrix(state[QUATERNION]) @ origin
+        poses.append(pose_message(position, state[QUATERNION]))
+    return poses
+
+
+def _prediction(message, query):
+    """Return the prediction at the requested times, and at the last time of the message."""
+    scene, steps = query.scene, query.steps
+    if scene.stiffness is None:
+        scene = replace(scene, stiffness=message.physics.stiffness[0])
+    given = [round(seconds(state.time_from_start) / scene.dt) for state in message.objects[0].states]
+    kept = [k for k, step in enumerate(given) if step in steps or k == len(given) - 1]
+    propagator = query.propagator
+    if "seed" in propagator.options():
+        propagator = replace(propagator, seed=message.seed)
+    snapshots = []
+    for k in kept:
+        belief = _belief(message, scene, k)
+        samples = _samples(message.objects, scene, k) if query.keep_samples else None
+        snapshots.append(
+            Snapshot(
+                given[k] * scene.dt, belief, samples=samples, received=_received(message, query, belief, k)
+            )
+        )
+    return Prediction(
+        scene,
+        propagator,
+        tuple(snapshots),
+        query.belief,
+        _start(message, query),
+        seconds(message.computation_time),
+    )
+
+
+def _received(message, query, belief, k):
+    """Return statuses, modes and probabilities of the k-th state.
+
+    Only the last state has modes, probabilities, and measures and messages of statuses. The velocities of
+    several modes are NaN, as messages hold their poses alone.
+    """
+    statuses = tuple(_status(predicted, k) for predicted in message.objects)
+    if k < len(message.objects[0].states) - 1:
+        return Received(statuses, None, {}, {})
+    answers = read_probabilities(message, query.scene, query.regions)
+    if not query.outputs.modes:
+        return Received(statuses, None, *answers)
+    modes = []
+    for b, predicted in enumerate(message.objects):
+        own = predicted.states[-1].modes
+        if len(own) == 1:
+            modes.append((only_mode(belief, b),))
+        else:
+            origin = np.array(query.scene.bodies[b].model.origin)
+            modes.append(tuple(_mode(mode, origin) for mode in own))
+    return Received(statuses, tuple(modes), *answers)
+
+
+def _status(predicted: Any, k: int):
+    """Return the status of an object at its k-th state."""
+    if k < len(predicted.states) - 1:
+        return BodyStatus(predicted.id, Status(predicted.states[k].status), {}, ())
+    measures = {pair.key: float(pair.value) for pair in predicted.status_values}
+    reasons = tuple(re.split(r"(?<=\)); ", predicted.status_msg)) if predicted.status_msg else ()
+    return BodyStatus(predicted.id, Status(predicted.status), measures, reasons)
+
+
+def _start(message, query):
+    """Return the belief at time 0; its velocities are the given ones, as messages hold poses alone."""
+    scene, given = query.scene, query.belief
+    mean, blocks = np.array(given.mean), np.array(given.blocks)
+    for b, predicted in enumerate(message.objects):
+        origin = np.array(scene.bodies[b].model.origin)
+        _read_pose(predicted.start.pose, mean[b])
+        mean[b, POSITION] = moved(mean[b], origin, -1.0)[POSITION]
+    for row, b in enumerate(scene.moving.tolist()):
+        C = _pose_covariance(message.objects[b].start, mean[b], scene.bodies[b].model.origin)
+        blocks[row][_POSE_BLOCK] = C[_POSE_BLOCK]
+    same = np.allclose(mean, given.mean, rtol=0.0, atol=_SAME_START)
+    same = same and np.allclose(blocks, given.blocks, rtol=0.0, atol=_SAME_START)
+    return given if same else Belief.trusted(mean, blocks, scene.moving.copy())
+
+
+def _belief(message, scene, k):
+    """Return the belief at the k-th state of each object."""
+    origins = [np.array(body.model.origin) for body in scene.bodies]
+    states = [predicted.states[k] for predicted in message.objects]
+    mean = np.array([_mean(state, origin) for state, origin in zip(states, origins, strict=True)])
+    moving = scene.moving.copy()
+    if message.joint_covariances:
+        size = ERROR * len(moving)
+        C = np.array(message.joint_covariances[k].data).reshape(size, size)
+        P = joint_covariance_at_com(scene, mean, C)
+    else:
+        blocks = [
+            at_com(np.array(states[b].covariance).reshape(ERROR, ERROR), mean[b], origins[b]) for b in moving
+        ]
+        P = np.array(blocks).reshape(-1, ERROR, ERROR)
+    return Belief.trusted(mean, P, moving)
+
+
+def _mean(message: PredictedState, origin):
+    """Return the state (13,) at the centre of mass."""
+    twist = message.twist.twist
+    state = np.empty(STATE)
+    _read_pose(message.pose.pose, state)
+    state[VELOCITY], state[ANGULAR_VELOCITY] = xyz(twist.linear), xyz(twist.angular)
+    return moved(state, origin, -1.0)
+
+
+def _mode(message, origin):
+    """Return one of several modes; entries of velocities are NaN."""
+    state, C = np.zeros(STATE), np.full((ERROR, ERROR), math.nan)
+    _read_pose(message.pose.pose, state)
+    state = moved(state, origin, -1.0)
+    C[_POSE_BLOCK] = _pose_covariance(message.pose, state, origin)[_POSE_BLOCK]
+    state[VELOCITY] = state[ANGULAR_VELOCITY] = math.nan
+    return Mode(message.weight, state, C)
+
+
+def _read_pose(pose, state):
+    """Read a Pose into a state (13,)."""
+    state[POSITION], state[QUATERNION] = xyz(pose.position), xyzw(pose.orientation)
+
+
+def _pose_covariance(message, state, origin):
+    """Return the covariance (12, 12) at the centre of mass of a PoseWithCovariance at the origin."""
+    P = np.array(message.covariance).reshape(6, 6)
+    return covariance_at_com(P, np.zeros((6, 6)), state, writable(origin))
+
+
+def _samples(objects, scene, k):
+    """Return the samples (n, B, 13) of the k-th state, at the centres of mass.
+
+    Velocities are NaN for free bodies and 0 for the others.
+    """
+    states = np.full((len(objects[0].states[k].pose_samples), len(objects), STATE), math.nan)
+    for b, predicted in enumerate(objects):
+        if not scene.bodies[b].free:
+            states[:, b] = 0.0
+        for row, pose in zip(states[:, b], predicted.states[k].pose_samples, strict=True):
+            _read_pose(pose, row)
+    origins = np.array([body.model.origin for body in scene.bodies])
+    return moved_along(states, np.broadcast_to(-origins, (len(states), *origins.shape)))

@@ -1,0 +1,269 @@
+"""Candidates of a request and the score that ranks them."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+from unc_physics_msgs.msg import CandidatePrediction, ModelInfo, ObjectState, Result, Score
+from unc_physics_msgs.srv import PredictCandidates
+
+from ...checks.errors import InvalidRequestError, NotSupportedError, UncPhysicsError
+from ...checks.names import hint
+from ...prediction.events import AtRest, Event, Falls, Inside, Touches, Upright
+from ...prediction.prediction import Prediction
+from ...prediction.racing import Difference
+from ...prediction.rank import RankedAction, Ranking
+from ...prediction.regions import BoxRegion
+from ...scene.physics_keys import PHYSICS_KEYS
+from ...scene.scene import Scene
+from .fields import read_error
+from .prediction import read_answer, read_probability, write_probability
+from .request import Query
+from .scene import write_object
+
+
+class _Kind(NamedTuple):
+    """How a Score message represents a kind of event.
+
+    Attributes
+    ----------
+    quantity : int
+    other : str
+        Attribute of the event in the message's field ``other``; empty if that is empty.
+    fixed : tuple of str
+        Attributes that have no field, so that the node takes their defaults.
+    """
+
+    quantity: int
+    other: str = ""
+    fixed: tuple[str, ...] = ()
+
+
+_KINDS: dict[type[Any], _Kind] = {
+    Inside: _Kind(Score.IN_REGION, "region"),
+    Touches: _Kind(Score.TOUCHES, "other"),
+    AtRest: _Kind(Score.AT_REST, fixed=("speed", "angular_speed")),
+    Upright: _Kind(Score.UPRIGHT, fixed=("axis", "angle")),
+    Falls: _Kind(Score.FELL_OFF, "support", ("drop",)),
+}
+#: Length of the request's array of scores, which clients do not check.
+_MAX_SCORES = 8
+
+
+class ReadScore(NamedTuple):
+    """An event, and whether the candidate with its smallest probability comes first."""
+
+    event: Event
+    smallest_first: bool
+
+
+def read_score(messages: Sequence, regions: Sequence[BoxRegion], scene: Scene) -> ReadScore:
+    """Return the event that some messages describe together.
+
+    Parameters
+    ----------
+    messages : sequence of unc_physics_msgs/Score
+        At least one.
+    regions : sequence of BoxRegion
+        Of the request.
+    scene : Scene
+
+    Raises
+    ------
+    InvalidRequestError
+        If there are too many, or if one has an unknown quantity, or a name that is not in the request.
+    """
+    if len(messages) > _MAX_SCORES:
+        raise InvalidRequestError(
+            f"must hold at most {_MAX_SCORES} entries", field="score", value=len(messages)
+        )
+    events = [_read_event(message, f"score[{k}]", regions) for k, message in enumerate(messages)]
+    for k, event in enumerate(events):
+        try:
+            event.check(scene, f"score[{k}]")
+        except InvalidRequestError as error:
+            field = (error.field or "").replace(".support", ".other")  # the message's field
+            raise InvalidRequestError(error.problem, field=field, value=error.value) from None
+    if len(events) == 1:
+        return ReadScore(events[0], bool(messages[0].smallest_first))
+    wanted = [
+        ~event if message.smallest_first else event for event, message in zip(events, messages, strict=True)
+    ]
+    return ReadScore(functools.reduce(lambda one, other: one & other, wanted), False)
+
+
+def write_score(event: Event, smallest_first: bool) -> tuple[list[Score], list[Inside]]:
+    """Return the messages that describe an event, and the parts of it that are about regions.
+
+    Raises
+    ------
+    NotSupportedError
+        If messages cannot describe it.
+    """
+    parts = event.parts
+    if smallest_first and len(parts) > 1:
+        raise NotSupportedError(
+            "has no message where several events happen together; give its opposite, largest first",
+            field="score",
+            value=str(event),
+        )
+    if len(parts) > _MAX_SCORES:
+        raise NotSupportedError(f"must be of at most {_MAX_SCORES} events", field="score", value=len(parts))
+    messages = [_write_event(one, smallest_first == happens) for one, happens in parts]
+    return messages, [one for one, _ in parts if isinstance(one, Inside)]
+
+
+def _write_event(event, smallest_first):
+    """Return the message of one event."""
+    if (kind := _KINDS.get(type(event))) is None:
+        raise NotSupportedError("has no message", field="score", value=str(event))
+    for name in kind.fixed:
+        value, default = getattr(event, name), getattr(type(event)("default"), name)
+        if (value != default) if isinstance(value, float) else value is not default:
+            field = f"{name} of '{event}'"
+            raise NotSupportedError("is fixed at the node; leave it out", field=field, value=value)
+    other: Any = getattr(event, kind.other) if kind.other else ""
+    return Score(
+        quantity=kind.quantity,
+        object=event.object,
+        other=other.name if isinstance(event, Inside) else other,
+        smallest_first=smallest_first,
+    )
+
+
+def _read_event(message, field, regions):
+    """Return the event of one message."""
+    other = message.other
+    event, kind = next(
+        (pair for pair in _KINDS.items() if pair[1].quantity == message.quantity), (None, _Kind(0))
+    )
+    if event is None:
+        raise InvalidRequestError("is no kind of score", field=f"{field}.quantity", value=message.quantity)
+    if not kind.other:
+        if other:
+            raise InvalidRequestError(
+                "must be empty, as AT_REST and UPRIGHT are about the object alone",
+                field=f"{field}.other",
+                value=other,
+            )
+        return event(message.object)
+    if event is Inside:
+        known = {region.name: region for region in regions}
+        if other not in known:
+            problem = f"is no region of the request{hint(other, known)}"
+            raise InvalidRequestError(problem, field=f"{field}.other", value=other)
+        other = known[other]
+    return event(message.object, other)
+
+
+def changed_objects(
+    base: Query, changed: Query, model_info: Callable[[str], ModelInfo], field: str
+) -> list[ObjectState]:
+    """Return the messages of the objects that differ from those of the base query.
+
+    Parameters
+    ----------
+    base, changed : Query
+    model_info : callable
+        As for `write_scene`.
+    field : str
+        Name of the changed query in error messages.
+
+    Raises
+    ------
+    NotSupportedError
+        If the two differ in more than their objects.
+    """
+    one, other = base.scene, changed.scene
+    same = [body.name for body in one.bodies] == [body.name for body in other.bodies]
+    same = same and list(one.environment) == list(other.environment)
+    same = same and all(_equal(getattr(one, key), getattr(other, key)) for key in PHYSICS_KEYS)
+    if not same:
+        raise NotSupportedError(
+            "changes more than bodies and the belief about them, for which messages have no field",
+            field=field,
+        )
+    if not changed.belief.independent and changed.belief is not base.belief:
+        raise NotSupportedError(
+            "must have a covariance for each body, not one of all together", field=f"belief of {field}"
+        )
+    pairs = (
+        [write_object(query.scene, query.belief, b, model_info) for query in (base, changed)]
+        for b in range(len(one.bodies))
+    )
+    return [after for before, after in pairs if before != after]
+
+
+def write_ranked_action(entry: CandidatePrediction, action: RankedAction) -> None:
+    """Write the place of an action in a ranking into a candidate's entry."""
+    entry.score = write_probability(action.score)
+    entry.difference, entry.difference_std = action.difference.value, action.difference.std
+    entry.clearly_worse = action.clearly_worse
+
+
+def read_candidate(entry: CandidatePrediction, query: Query, noun: str = "candidate") -> Prediction:
+    """Return the prediction of a candidate's entry; its errors name the candidate, as ``noun``."""
+    try:
+        return read_answer(entry.result, entry.prediction, query)
+    except UncPhysicsError as error:
+        named = type(error)(f"{error} in {noun} '{entry.candidate}'")
+        named.prediction = error.prediction
+        raise named from None
+
+
+def read_ranking(
+    answer: PredictCandidates.Response, queries: Mapping[str, Query], score: Event, smallest_first: bool
+) -> Ranking:
+    """Return the ranking of a node's answer.
+
+    Raises
+    ------
+    UncPhysicsError
+        The node's error, or the error of the first candidate that has one.
+    """
+    if answer.result.error_code != Result.NONE or not answer.predictions:
+        raise read_error(answer.result)
+    opposite = write_score(score, smallest_first)[0][0].smallest_first != smallest_first
+    flipped = opposite and len(score.parts) == 1
+    actions, first = [], next(iter(answer.predictions))
+    differences = [
+        Difference(
+            -entry.difference if flipped else entry.difference,
+            entry.difference_std,
+            min(entry.prediction.rollouts, first.prediction.rollouts),
+        )
+        for entry in answer.predictions
+    ]
+    tied = [
+        not entry.clearly_worse and difference.is_tie
+        for entry, difference in zip(answer.predictions, differences, strict=True)
+    ]
+    for k, entry in enumerate(answer.predictions):
+        query = queries[entry.candidate]
+        propagator = replace(query.propagator, samples=max(entry.prediction.rollouts, 1))
+        prediction = read_candidate(entry, replace(query, propagator=propagator), "action")
+        share = read_probability(entry.score, entry.prediction.rollouts)
+        if flipped:  # the message has the probability of the opposite
+            share = replace(share, estimate=1.0 - share.estimate, low=1.0 - share.high, high=1.0 - share.low)
+        actions.append(
+            RankedAction(
+                entry.candidate,
+                prediction,
+                share,
+                differences[k],
+                None,  # messages have no margin
+                sum(tied) > 1 and tied[k],
+                entry.clearly_worse,
+                entry.prediction.rollouts,
+            )
+        )
+    return Ranking(tuple(actions), score, smallest_first, answer.seed)
+
+
+def _equal(one, other):
+    """Return whether two values of a key of the physics are the same."""
+    same = one == other
+    return same if isinstance(same, bool) else bool(same.all())

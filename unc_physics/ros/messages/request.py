@@ -1,0 +1,416 @@
+"""A prediction request: checked and read by the node, written by the client."""
+
+from __future__ import annotations
+
+import math
+import secrets
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+from diagnostic_msgs.msg import KeyValue
+
+from unc_physics_msgs.msg import ModelInfo, PredictionRequest
+
+from ...checks.errors import InvalidHorizonError, InvalidOptionError, LimitExceededError, NotSupportedError
+from ...checks.validation import array, non_negative, positive
+from ...prediction.events import OF_BODY, Event, Inside, encounters, moving_names
+from ...prediction.predict import predict
+from ...prediction.prediction import Prediction
+from ...prediction.regions import BoxRegion
+from ...prediction.request_checks import check_supported, periodic_times
+from ...propagators.base import Anytime, Islands, Propagator, Samples
+from ...propagators.names import ANYTIME
+from ...propagators.registry import PROPAGATORS, propagator_from_texts
+from ...scene.belief import Belief
+from ...scene.entries import at_field
+from ...scene.physics_keys import PHYSICS_KEYS
+from ...scene.scene import Scene
+from ...spatial.layout import ERROR
+from .environment import read_regions, write_region
+from .fields import duration, read_duration, xyz
+from .frames import Frames
+from .physics import physics_message, read_physics
+from .scene import SceneLimits, read_scene, write_scene
+
+_STATE_BYTES = 800  # of a PredictedState without its optional parts
+_START_BYTES = 350  # of an object's start
+_POSE_BYTES = 56
+_PROBABILITY_BYTES = 100
+_NUMBER_BYTES = 8
+#: Options of the anytime propagator by the fields of a request.
+_TARGETS = {
+    "wanted_position_error": "position_error",
+    "wanted_rotation_error": "rotation_error",
+    "wanted_probability_error": "probability_error",
+}
+_SEED_BITS = 53  # integers that JavaScript and MATLAB clients represent exactly
+
+
+class RequestedOutputs(NamedTuple):
+    """Outputs of a prediction besides means and marginal covariances; each has a field ``return_<name>``.
+
+    Attributes
+    ----------
+    covariance, joint_covariance : bool
+        Each object's whole covariance; that of all moving objects together.
+    probabilities : bool
+        Those of contact, rest, uprightness and falls.
+    modes : bool
+        Split outcomes as weighted Gaussians.
+    """
+
+    covariance: bool = False
+    joint_covariance: bool = False
+    probabilities: bool = False
+    modes: bool = False
+
+    @classmethod
+    def read(cls, request: PredictionRequest) -> RequestedOutputs:
+        """Return the outputs that a request asks for."""
+        return cls(*(getattr(request, f"return_{name}") for name in cls._fields))
+
+    def fields(self) -> dict[str, bool]:
+        """Return the fields of a request that asks for these outputs."""
+        return {f"return_{name}": value for name, value in self._asdict().items()}
+
+
+class Job(NamedTuple):
+    """A checked request in terms of the core.
+
+    Attributes
+    ----------
+    scene : Scene
+    belief : Belief
+    regions : tuple of BoxRegion
+    models : tuple of str
+        Names of the objects' models.
+    propagator : Propagator
+    horizon : float
+        [s]
+    times : list of float or None
+        Requested times besides the horizon [s].
+    max_computation_time : float or None
+        [s]
+    seed : int
+    return_samples : int
+    outputs : RequestedOutputs
+    zeros_replaced : bool
+        Whether a covariance of zeros was read as unknown.
+    skipped : dict of str
+        Reasons of left-out objects, by their ids.
+    """
+
+    scene: Scene
+    belief: Belief
+    regions: tuple[BoxRegion, ...]
+    models: tuple[str, ...]
+    propagator: Propagator
+    horizon: float
+    times: list[float] | None
+    max_computation_time: float | None
+    seed: int
+    return_samples: int
+    outputs: RequestedOutputs
+    zeros_replaced: bool
+    skipped: dict[str, str]
+
+    @property
+    def events(self) -> list[Event]:
+        """The events whose probabilities the answer holds; those of regions always."""
+        bodies = moving_names(self.scene)
+        found: list[Event] = [Inside(name, region) for region in self.regions for name in bodies]
+        if self.outputs.probabilities:
+            found += encounters(self.scene)
+            found += [kind(name) for name in bodies for kind in OF_BODY.values()]
+        return found
+
+    def run(
+        self, progress: Callable[[int, int], object] | None = None, max_flight_steps: float = math.inf
+    ) -> Prediction:
+        """Predict.
+
+        Parameters
+        ----------
+        progress : callable, optional
+            As in `predict`.
+        max_flight_steps : float
+            Largest number of time steps, times the moving bodies, for which the closed-form flight up to the
+            first contact bounds probabilities.
+
+        Raises
+        ------
+        UncPhysicsError
+            As `predict`, with the prediction until then as its ``prediction``.
+        """
+        steps = len(self.scene.moving) * self.horizon / self.scene.dt
+        return predict(
+            self.scene,
+            self.belief,
+            self.propagator,
+            self.horizon,
+            times=self.times,
+            max_computation_time=self.max_computation_time,
+            progress=progress,
+            events=self.events if steps <= max_flight_steps else (),
+        )
+
+    def answer_bytes(self) -> int:
+        """Return the approximate size of the answer."""
+        outputs, moving, bodies = self.outputs, len(self.scene.moving), len(self.scene.bodies)
+        states = 1 + len(self.times or ())
+        one = _STATE_BYTES + _POSE_BYTES * self.return_samples + _NUMBER_BYTES * ERROR**2 * outputs.covariance
+        one += _START_BYTES * outputs.modes
+        joint = _NUMBER_BYTES * (ERROR * moving) ** 2 * outputs.joint_covariance
+        pairs = moving * (bodies + len(self.scene.environment) + 1) * outputs.probabilities
+        probabilities = _PROBABILITY_BYTES * (pairs + moving * len(self.regions))
+        return _START_BYTES * bodies + states * (bodies * one + joint) + probabilities
+
+
+def read_request(
+    request: PredictionRequest,
+    settings,
+    library,
+    frames: Frames,
+    *,
+    time_limit: float | None = None,
+    fields: Sequence[str] | None = None,
+) -> Job:
+    """Read a request and check it.
+
+    Parameters
+    ----------
+    request : PredictionRequest
+    settings : Settings
+    library : ModelLibrary
+    frames : Frames
+    time_limit : float, optional
+        Longest wall time, even if the request allows more [s].
+    fields : sequence of str, optional
+        Name of each object in error messages; by default ``scene.objects[0]`` and so on.
+
+    Raises
+    ------
+    UncPhysicsError
+        One of its kinds, naming the field and the value.
+    """
+    message, regions = request.scene, request.regions
+    transform = frames.to_world(message.header)
+    if transform is not None:
+        message, regions = transform.scene(message), [transform.region(region) for region in regions]
+    horizon = _horizon(request.horizon, settings)
+    seed = request.seed or 1 + secrets.randbelow(2**_SEED_BITS - 1)
+    options = _options(request.propagator_options)
+    name = _add_targets(options, request)
+    propagator = _propagator(name, options, request.samples, seed, settings)
+    # other methods handle bodies separately anyway, and an anytime method adds rollouts for all bodies
+    divisible = isinstance(propagator, Islands) and not isinstance(propagator, Anytime)
+    islands = settings.islands and propagator.traits.cross_body and divisible
+    read = read_scene(
+        message,
+        library,
+        read_physics(request.physics, settings.physics | {"islands": islands}),
+        settings.covariance_defaults,
+        SceneLimits(settings.max_objects, settings.max_spheres, settings.max_elements),
+        fields=fields,
+        skip_unknown_models=request.skip_unknown_models,
+    )
+    check_supported(read.scene, propagator)
+    belief = at_field("scene", _with_common_error, read.belief, message, transform)
+    times = _times(request.trajectory_period, horizon, read.scene.dt, settings)
+    job = Job(
+        read.scene,
+        belief,
+        _regions(regions, settings),
+        read.models,
+        propagator,
+        horizon,
+        times,
+        _computation_time(request.max_computation_time, time_limit),
+        getattr(propagator, "seed", seed),
+        request.return_samples,
+        RequestedOutputs.read(request),
+        read.zeros_replaced,
+        read.skipped,
+    )
+    _check_answer(job, settings)
+    return job
+
+
+@dataclass(frozen=True, eq=False)
+class Query:
+    """A client's arguments of `predict`, checked.
+
+    Attributes
+    ----------
+    scene : Scene
+    belief : Belief
+    propagator : Propagator
+    seed : int or None
+        None: the node chooses it.
+    steps : list of int
+        Numbers of steps after which a belief is requested, ascending.
+    max_computation_time : float or None
+        [s]
+    keep_samples : int
+    regions : tuple of BoxRegion
+    outputs : RequestedOutputs
+    """
+
+    scene: Scene
+    belief: Belief
+    propagator: Propagator
+    seed: int | None
+    steps: list[int]
+    max_computation_time: float | None
+    keep_samples: int
+    regions: tuple[BoxRegion, ...]
+    outputs: RequestedOutputs
+
+
+def write_request(query: Query, model_info: Callable[[str], ModelInfo]) -> PredictionRequest:
+    """Return the request of a query; ``model_info`` and errors are those of `write_scene`."""
+    steps, dt = query.steps, query.scene.dt
+    propagator = query.propagator
+    options = {name: getattr(propagator, name) for name in propagator.options()}
+    if query.seed is None:
+        options.pop("seed", None)
+    request = PredictionRequest(
+        scene=write_scene(query.scene, query.belief, model_info),
+        horizon=duration(steps[-1] * dt),
+        physics=physics_message({key: getattr(query.scene, key) for key in PHYSICS_KEYS}),
+        propagator=propagator.name,
+        propagator_options=[KeyValue(key=name, value=str(value)) for name, value in options.items()],
+        seed=query.seed or 0,
+        regions=[write_region(region) for region in query.regions],
+        return_samples=query.keep_samples,
+        **query.outputs.fields(),
+    )
+    if len(steps) > 1:  # the other multiples are left out of the answer
+        request.trajectory_period = duration(math.gcd(*steps) * dt)
+    if query.max_computation_time is not None:
+        request.max_computation_time = duration(query.max_computation_time)
+    return request
+
+
+def _options(pairs):
+    """Return options as texts by their keys."""
+    options = {}
+    for k, pair in enumerate(pairs):
+        if not pair.key:
+            raise InvalidOptionError("must not be empty", field=f"propagator_options[{k}].key")
+        if pair.key in options:
+            raise InvalidOptionError("is given twice", field=f"propagator_options[{k}].key", value=pair.key)
+        options[pair.key] = pair.value
+    return options
+
+
+def _add_targets(options, request):
+    """Add the target errors and the time budget to the options; return the propagator's name."""
+    targets = {option: getattr(request, field) for field, option in _TARGETS.items()}
+    for field, option in _TARGETS.items():
+        non_negative(targets[option], field)
+    targets["time"] = read_duration(request.time_budget, "time_budget")
+    if not any(targets.values()):
+        return request.propagator
+    name = request.propagator or ANYTIME
+    if name in PROPAGATORS and not issubclass(PROPAGATORS[name], Anytime):
+        field = next((f for f, option in _TARGETS.items() if targets[option]), "time_budget")
+        raise NotSupportedError(f"is not for {name}; {ANYTIME} takes it", field=field)
+    options.setdefault("error", 0.0)
+    for option, target in targets.items():
+        if target:
+            options.setdefault(option, target)
+    return name
+
+
+def _regions(messages, settings):
+    if len(messages) > settings.max_regions:
+        raise LimitExceededError(
+            f"must be at most {settings.max_regions}", field="regions", value=len(messages)
+        )
+    return read_regions(messages)
+
+
+def _with_common_error(belief, message, transform):
+    """Return the belief with the pose error that all moving objects share, given in the header's frame."""
+    origin, axes = array(xyz(message.common_pose_origin), (3,), "common_pose_origin"), None
+    if transform is not None:
+        origin, axes = transform.R @ origin + transform.translation, transform.R
+    return belief.with_common_pose_std(message.common_pose_std, origin, axes)
+
+
+def _horizon(message, settings):
+    horizon = positive(read_duration(message, "horizon", InvalidHorizonError), "horizon", InvalidHorizonError)
+    if horizon > settings.max_horizon:
+        raise LimitExceededError(f"must be at most {settings.max_horizon} s", field="horizon", value=horizon)
+    return horizon
+
+
+def _times(period, horizon, dt, settings):
+    steps = horizon / dt
+    if steps > settings.max_steps:
+        raise LimitExceededError(
+            f"takes {steps:.0f} steps of {dt} s, and the limit is {settings.max_steps}",
+            field="horizon",
+            value=horizon,
+        )
+    if (period := read_duration(period, "trajectory_period", InvalidHorizonError)) == 0.0:
+        return None
+    if horizon / period > settings.max_states:
+        raise LimitExceededError(
+            f"gives more than {settings.max_states} states", field="trajectory_period", value=period
+        )
+    if period < 0.5 * dt:
+        raise InvalidHorizonError(
+            f"is shorter than half a step of dt = {dt} s", field="trajectory_period", value=period
+        )
+    return periodic_times(period, horizon)
+
+
+def _propagator(name, options, samples, seed, settings):
+    """Return the requested propagator; a default above the node's limit is lowered to it."""
+    if samples > settings.max_samples:
+        raise LimitExceededError(f"must be at most {settings.max_samples}", field="samples", value=samples)
+    propagator = propagator_from_texts(name or settings.default_propagator, options, samples or None, seed)
+    for option in ("samples", "runs"):
+        if (drawn := getattr(propagator, option, 0)) <= settings.max_samples:
+            continue
+        if option in options:
+            raise LimitExceededError(
+                f"must be at most {settings.max_samples}", field=f"propagator_options '{option}'", value=drawn
+            )
+        propagator = replace(propagator, **{option: settings.max_samples})
+    return propagator
+
+
+def _computation_time(value, limit):
+    asked = read_duration(value, "max_computation_time") or None
+    return min((time for time in (asked, limit) if time is not None), default=None)
+
+
+def _check_answer(job, settings):
+    """Refuse an answer that the propagator does not have, or that is too large."""
+    if job.outputs.joint_covariance and not job.propagator.traits.cross_body:
+        raise NotSupportedError(
+            f"has no answer from {job.propagator.name}, which keeps no correlations between objects",
+            field="return_joint_covariance",
+        )
+    if job.return_samples > settings.max_return_samples:
+        raise LimitExceededError(
+            f"must be at most {settings.max_return_samples}", field="return_samples", value=job.return_samples
+        )
+    own = job.propagator.own_sample_count if isinstance(job.propagator, Samples) else None
+    if own is not None and job.return_samples > own:
+        raise LimitExceededError(
+            f"must be at most the {own} samples of the prediction",
+            field="return_samples",
+            value=job.return_samples,
+        )
+    size = job.answer_bytes()
+    if size > settings.max_response_bytes:
+        raise LimitExceededError(
+            f"would take {size} bytes, and the limit is {settings.max_response_bytes}; ask for fewer states"
+            " or samples",
+            field="the answer",
+        )

@@ -1,0 +1,592 @@
+"""A scene and the belief about it.
+
+A message gives the pose of a model's own origin and rotations about the fixed axes of the frame. A `Belief`
+gives the pose of the centre of mass and rotations on the body side; `spatial.origin` converts.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+import re
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from unc_physics_msgs.msg import JointCovariance, ModelInfo, ObjectState
+from unc_physics_msgs.msg import Scene as SceneMessage
+
+from ...checks.errors import (
+    DuplicateIdError,
+    InvalidCovarianceError,
+    InvalidModelError,
+    InvalidOptionError,
+    InvalidRequestError,
+    LimitExceededError,
+    NoObjectsError,
+    NotFiniteError,
+    UncPhysicsError,
+    UnknownModelError,
+)
+from ...checks.validation import FARTHEST, array, covariance, non_negative, number, point, quaternion
+from ...geometry.packing_file import ROUND_OFF, SpherePacking
+from ...scene.belief import Belief
+from ...scene.body import RigidBody, known_mass
+from ...scene.entries import at_field
+from ...scene.environment import element_names
+from ...scene.physics_keys import PHYSICS_KEYS
+from ...scene.scene import Scene
+from ...scene.scene_file import with_chosen_stiffness
+from ...spatial.layout import ANGULAR_VELOCITY, ERROR, POSITION, QUATERNION, STATE, VELOCITY
+from ...spatial.origin import (
+    at_com,
+    at_origin,
+    congruent,
+    covariance_at_com,
+    error_map,
+    inverse_error_map,
+    moved,
+)
+from .actions import read_actions, read_path, write_actions
+from .environment import (
+    MATERIAL_FIELDS,
+    element_id,
+    read_environment,
+    read_material,
+    write_element,
+    write_material,
+)
+from .fields import optional, packed, pose_message, vector_message, writable, xyz, xyzw
+from .physics import physics_field
+
+#: First entry of a covariance that is not known, as in sensor_msgs/Imu.
+UNKNOWN = -1.0
+_AT_REST = 0.0, 0.0, 0.0
+_EXACT = 0.0, (0.0, 0.0, 0.0)  # standard deviations of mass and centre of mass
+_KINDS = ObjectState.DYNAMIC, ObjectState.FIXED, ObjectState.PRESCRIBED
+_ROUND_OFF = 1e-6  # of a quaternion's length, from single precision at worst
+_SCALE_ROUND_OFF = 1e-13  # relative, of a ratio of two radii
+
+
+class CovarianceDefaults(NamedTuple):
+    """Covariances that replace unknown ones.
+
+    Attributes
+    ----------
+    pose, twist : (6, 6) array
+        Replace an unknown covariance; in the order and frame of the messages, at the model's origin.
+    zero_is_exact : bool
+        Whether zeros mean exactly known; otherwise they mean unknown.
+    """
+
+    pose: np.ndarray
+    twist: np.ndarray
+    zero_is_exact: bool
+
+    @classmethod
+    def from_stds(cls, position, orientation, linear_velocity, angular_velocity, zero_is_exact):
+        """Return the defaults of standard deviations [m, rad, m/s, rad/s], equal along all axes."""
+        pose = np.diag(np.repeat([position, orientation], 3) ** 2)
+        twist = np.diag(np.repeat([linear_velocity, angular_velocity], 3) ** 2)
+        return cls(pose, twist, zero_is_exact)
+
+
+EXACT = CovarianceDefaults.from_stds(0.0, 0.0, 0.0, 0.0, zero_is_exact=True)
+
+
+class ReadScene(NamedTuple):
+    """A scene, the belief about it, and notes about the message that they were read from.
+
+    Attributes
+    ----------
+    scene : Scene
+    belief : Belief
+    models : tuple of str
+        Each object's model, by the name that the message gives.
+    zeros_replaced : bool
+        Whether a covariance of zeros was read as unknown.
+    skipped : dict of str
+        Ids of the objects that were left out, and why.
+    """
+
+    scene: Scene
+    belief: Belief
+    models: tuple[str, ...]
+    zeros_replaced: bool
+    skipped: dict[str, str]
+
+
+class SceneLimits(NamedTuple):
+    """Largest numbers of objects, of spheres of an object, and of elements; None means no limit."""
+
+    objects: int | None = None
+    spheres: int | None = None
+    elements: int | None = None
+
+
+UNLIMITED = SceneLimits()
+
+
+def read_scene(
+    message,
+    library,
+    physics,
+    covariance_defaults=EXACT,
+    limits=UNLIMITED,
+    *,
+    fields=None,
+    skip_unknown_models=False,
+) -> ReadScene:
+    """Return the scene and the belief of a message, without the pose error that all objects share.
+
+    Parameters
+    ----------
+    message : unc_physics_msgs/Scene
+        In the world frame.
+    library : ModelLibrary
+    physics : dict
+        Arguments of `Scene` besides bodies and environment; the stiffness may be `stiffness.AUTO`.
+    covariance_defaults : CovarianceDefaults
+    limits : SceneLimits
+    fields : sequence of str, optional
+        Name of each object in error messages; by default ``scene.objects[0]`` and so on.
+    skip_unknown_models : bool
+        Whether objects whose model is unknown are left out.
+
+    Raises
+    ------
+    UncPhysicsError
+        One of its kinds, naming the field as in a `PredictionRequest` and the value.
+    """
+    objects = message.objects
+    if len(objects) == 0:
+        raise NoObjectsError("must name at least one object", field="scene.objects")
+    if limits.objects is not None and len(objects) > limits.objects:
+        raise LimitExceededError(
+            f"must be at most {limits.objects} objects", field="scene.objects", value=len(objects)
+        )
+    wait = not skip_unknown_models
+    elements, packed = read_environment(message.environment, library.shape_packer, limits.elements, wait)
+    fields = [f"scene.objects[{k}]" for k in range(len(objects))] if fields is None else fields
+    names = _checked_ids(objects, fields, message.environment.elements)
+    read, skipped = [], {}
+    for own, field in zip(objects, fields, strict=True):
+        try:
+            body, state, P, zeros = _body(own, field, library, covariance_defaults, limits.spheres, wait)
+            read.append((field, own.model or body[1].name, body, state, P, zeros))
+        except UnknownModelError as error:
+            if not skip_unknown_models:
+                raise
+            skipped[own.id] = str(error)
+    if not read:
+        raise NoObjectsError(
+            f"must name at least one object whose model is known: {next(iter(skipped.values()))}",
+            field="scene.objects",
+        )
+    read += [(element.field, element.model.name, *_fixed(element)) for element in packed]
+    fields = [field for field, *_ in read]
+    bodies = tuple(at_field(field, _rigid_body, *body) for field, _, body, *_ in read)
+    mean = np.array([state for *_, state, _, _ in read])
+    physics = with_chosen_stiffness(physics, bodies, mean)
+    constants = tuple((key, _hashable(physics[key])) for key in sorted(physics))
+    try:
+        scene = _scene(bodies, elements, constants)
+    except UncPhysicsError as error:  # the node's own parameters fit together
+        field = _in_message(error.field or "scene", fields)
+        problem = error.problem
+        if field.startswith("physics."):  # an absent value is the node's parameter
+            problem = problem.removesuffix(" or absent")
+        kind = InvalidOptionError if isinstance(error, InvalidRequestError) else type(error)
+        raise kind(problem, field=field, value=error.value) from None
+    moving = scene.moving.copy()
+    if (joint := optional(message.joint_covariance, "scene.joint_covariance")) is not None:
+        P = _joint_covariance(joint, scene, mean, names)
+    else:
+        P = np.array([read[b][-2] for b in moving]).reshape(-1, ERROR, ERROR)
+    belief = Belief.trusted(mean, P, moving)
+    models = tuple(model for _, model, *_ in read)
+    return ReadScene(scene, belief, models, any(zeros for *_, zeros in read), skipped)
+
+
+def write_scene(scene: Scene, belief: Belief, model_info: Callable[[str], ModelInfo]) -> SceneMessage:
+    """Return the message of a scene and the belief about it, in the node's world frame.
+
+    Parameters
+    ----------
+    scene : Scene
+    belief : Belief
+    model_info : callable
+        Returns the node's `ModelInfo` of a model's name; raises `UnknownModelError`.
+
+    Raises
+    ------
+    UnknownModelError, InvalidModelError
+        If the node does not have a body's model, or another one under its name.
+    NotSupportedError
+        If messages have no field for an element of the environment.
+    """
+    message = SceneMessage(
+        objects=[write_object(scene, belief, b, model_info) for b in range(len(scene.bodies))]
+    )
+    names = element_names(scene.environment)
+    message.environment.elements = [
+        write_element(element, name, f"environment[{k}]")
+        for k, (element, name) in enumerate(zip(scene.environment, names, strict=True))
+    ]
+    if not belief.independent and len(scene.moving):
+        message.joint_covariance = [write_joint_covariance(scene, belief)]
+    return message
+
+
+def write_object(scene: Scene, belief: Belief, b: int, model_info: Callable[[str], ModelInfo]) -> ObjectState:
+    """Return the message of body ``b``; raises as `write_scene`."""
+    body: RigidBody = scene.bodies[b]
+    state, C, *_ = at_origin(
+        writable(belief.mean[b]), writable(belief.marginal(b)), writable(body.model.origin)
+    )
+    field = f"model of body '{body.name}'"
+    message = ObjectState(
+        id=body.name,
+        kind=ObjectState.FIXED if body.fixed else ObjectState.DYNAMIC,
+        model=body.model.name,
+        spheres=len(body.model),
+        scale=scale_of(body.model, model_info(body.model.name), field),
+        mass=float(body.mass),
+        mass_std=float(body.mass_std),
+        center_of_mass_std=vector_message(body.center_of_mass_std),
+        material=write_material(body),
+        at_rest=body.at_rest,
+        inertia=[] if body.inertia is None else packed(body.inertia.ravel()),
+    )
+    write_actions(body, message)
+    message.pose.pose = pose_message(state[POSITION], state[QUATERNION])
+    message.twist.twist.linear = vector_message(state[VELOCITY])
+    message.twist.twist.angular = vector_message(state[ANGULAR_VELOCITY])
+    if body.free:
+        message.covariance = packed(C)
+    return message
+
+
+def scale_of(packing: SpherePacking, info: ModelInfo, field: str) -> float:
+    """Return the scale of a packing relative to the node's model of the same name.
+
+    Raises
+    ------
+    InvalidModelError
+        If they differ in more than their size, or the node's model is not ready.
+    """
+    if info.status != ModelInfo.STATUS_READY:
+        raise InvalidModelError(f"is not ready: {info.status_msg}", field=field, value=packing.name)
+    scale = packing.bounding_radius / info.bounding_radius
+    if abs(scale - round(scale, 9)) < _SCALE_ROUND_OFF * scale:
+        scale = round(scale, 9)
+    center = np.array(xyz(info.center_of_mass))
+    compared = {
+        "inertia": (packing.inertia.ravel() / scale**2, np.array(info.inertia)),
+        "origin": (packing.origin / scale, -center),
+        "volume": (packing.volume / scale**3, info.volume),
+    }
+    size = {"inertia": np.abs(info.inertia).max(), "origin": info.bounding_radius, "volume": info.volume}
+    differs = [
+        name for name, (own, other) in compared.items() if np.abs(own - other).max() > ROUND_OFF * size[name]
+    ]
+    if len(packing) > info.spheres:
+        differs.append("number of spheres")
+    if differs:
+        raise InvalidModelError(
+            f"is another one than the node's: it differs in {' and '.join(differs)};"
+            " client.load_model(path, replace=True) gives the node its file",
+            field=field,
+            value=packing.name,
+        )
+    return float(scale)
+
+
+def write_joint_covariance(scene: Scene, belief: Belief) -> JointCovariance:
+    """Return the covariance of all M moving bodies, (12 M, 12 M), at the origins of their models."""
+    bodies = [(b, scene.bodies[b]) for b in scene.moving.tolist()]
+    maps = [error_map(writable(belief.mean[b]), writable(body.model.origin)) for b, body in bodies]
+    C = congruent(_block_diagonal(maps), writable(belief.joint))
+    return JointCovariance(object_ids=[body.name for _, body in bodies], data=packed(C))
+
+
+def joint_covariance_at_com(scene: Scene, mean: np.ndarray, C: np.ndarray) -> np.ndarray:
+    """Return the covariance of all M moving bodies, (12 M, 12 M), at their centres of mass.
+
+    Parameters
+    ----------
+    scene : Scene
+    mean : (B, 13) array
+        States at the centres of mass.
+    C : (12 M, 12 M) array
+        The covariance at the origins of the models, as in messages.
+    """
+    moving = scene.moving.tolist()
+    maps = [inverse_error_map(mean[b], writable(scene.bodies[b].model.origin)) for b in moving]
+    return congruent(_block_diagonal(maps), C)
+
+
+def _block_diagonal(blocks: Sequence[np.ndarray]) -> np.ndarray:
+    """Return a matrix (12 M, 12 M) of M blocks (12, 12)."""
+    count = len(blocks)
+    whole = np.zeros((count, ERROR, count, ERROR))
+    for k, block in enumerate(blocks):
+        whole[k, :, k, :] = block
+    return whole.reshape(count * ERROR, count * ERROR)
+
+
+def _checked_ids(objects, fields, elements):
+    """Return the objects' ids; they must differ from each other and from the elements'."""
+    names = set()
+    for message, field in zip(objects, fields, strict=True):
+        if not isinstance(message.id, str) or not message.id:
+            raise InvalidRequestError("must be a non-empty text", field=f"{field}.id", value=message.id)
+        if message.id in names:
+            raise DuplicateIdError("is the id of two objects", field=f"{field}.id", value=message.id)
+        names.add(message.id)
+    for k, element in enumerate(elements):
+        name = element_id(element, k)
+        if name in names:
+            raise DuplicateIdError(
+                "is the id of an object, too", field=f"scene.environment.elements[{k}].id", value=name
+            )
+    return names
+
+
+def _in_message(field, fields):
+    """Return the message's name of a scene's field, of a body, an element or the physics."""
+    if found := re.fullmatch(r"bodies\[(\d+)\]\.(\w+)", field):
+        place, name = fields[int(found[1])], found[2]
+    elif found := re.fullmatch(r"environment\[(\d+)\]\.(\w+)", field):
+        place, name = f"scene.environment.elements[{found[1]}]", found[2]
+    else:
+        return f"physics.{physics_field(field)}" if field in PHYSICS_KEYS else field
+    return f"{place}.material.{name}[0]" if name in MATERIAL_FIELDS else f"{place}.{name}"
+
+
+@functools.lru_cache(maxsize=1024)
+def _rigid_body(*arguments):
+    """Return the same body for equal arguments, so that `_scene` recognizes a repeated scene."""
+    *others, named = arguments
+    return RigidBody(*others, **dict(named))
+
+
+@functools.lru_cache(maxsize=32)
+def _scene(bodies, elements, physics):
+    """Return the same scene for equal arguments: it holds the arrays that the kernels take."""
+    return Scene(bodies, environment=elements, **dict(physics))
+
+
+def _hashable(value):
+    return value if value is None or isinstance(value, (str, bool, int, float)) else tuple(value)
+
+
+def _fixed(element):
+    """Return the same as `_body`, of a packed element."""
+    at_origin = np.zeros(STATE)
+    at_origin[POSITION], at_origin[QUATERNION] = element.position, element.orientation
+    body = element.name, element.model, 1.0, True, *_EXACT, False, None, None, element.material
+    return body, moved(at_origin, writable(element.model.origin), -1.0), np.zeros((ERROR, ERROR)), False
+
+
+def _shape(message, library, max_spheres, wait):
+    """Return the packing of an object's named model, primitive or mesh."""
+    given = [name for name in ("model", "primitive", "mesh") if len(getattr(message, name))]
+    if given not in (["primitive"], ["mesh"]):
+        if len(given) > 1:
+            raise InvalidRequestError("must not be given beside a model", field=given[-1])
+        return library.shape(message.model, message.spheres, number(message.scale, "scale"), max_spheres)
+    (name,) = given
+    shape = optional(getattr(message, name), name)
+    if max_spheres is not None and message.spheres > max_spheres:
+        raise LimitExceededError(f"must be at most {max_spheres}", field="spheres", value=message.spheres)
+    pack = library.shape_packer.of_mesh if name == "mesh" else library.shape_packer.of_primitive
+    packing = pack(shape, message.spheres, f"{name}[0]", wait)
+    return packing.scaled(number(message.scale, "scale") or 1.0)
+
+
+def _body(message, field, library, covariance_defaults, max_spheres, wait=True):
+    """Return the arguments of a body, its state (13,) and covariance (12, 12), and whether zeros were read as
+    unknown.
+    """
+    fixed = _is_fixed(message, field)
+    try:
+        model = _shape(message, library, max_spheres, wait)
+    except UncPhysicsError as error:
+        place = (
+            f"{field}.{error.field}"
+            if (error.field or "").partition("[")[0] in ("model", "spheres", "scale", "primitive", "mesh")
+            else f"{field}.model: {error.field}"
+        )
+        raise type(error)(error.problem, field=place, value=error.value) from error
+    origin = writable(model.origin)
+    path = read_path(message, field, origin)
+    kinematic = fixed or path is not None
+    mass = known_mass(message.mass or None, model, kinematic, f"{field}.mass")
+    stds = _EXACT if kinematic else _stds(message, field, mass)
+    material = read_material(message.material, f"{field}.material")
+    inertia = _inertia(message, f"{field}.inertia")
+    surface = material + read_actions(message, field)
+    body = message.id, model, mass, fixed, *stds, bool(message.at_rest), inertia, path, surface
+    if path is not None:
+        return body, path.states[0], np.zeros((ERROR, ERROR)), False
+    state = moved(_state(message, field, fixed), origin, -1.0)
+    if fixed:
+        return body, state, np.zeros((ERROR, ERROR)), False
+    P, zeros = _covariance(message, field, covariance_defaults, state, origin)
+    if not math.isfinite(state.sum() + P.sum()):
+        raise NotFiniteError("is too large to be moved to the centre of mass", field=field)
+    return body, state, P, zeros
+
+
+def _inertia(message, field):
+    """Return the inertia per unit mass as rows of tuples; None, the model's, for an empty field or zeros."""
+    if not any(message.inertia):
+        return None
+    rows = array(message.inertia, (9,), field).reshape(3, 3).tolist()
+    return tuple(map(tuple, rows))
+
+
+def _is_fixed(message, field):
+    """Return whether an object is fixed; its kind must be known."""
+    if message.kind not in _KINDS:
+        raise InvalidRequestError(
+            "must be DYNAMIC, FIXED or PRESCRIBED", field=f"{field}.kind", value=message.kind
+        )
+    return message.kind == ObjectState.FIXED
+
+
+def _covariance(message, field, covariance_defaults, state, origin):
+    """Return the covariance (12, 12) at the centre of mass, and whether zeros were read as unknown."""
+    if len(message.covariance):
+        place = f"{field}.covariance"
+        C = _checked(array(message.covariance, (ERROR**2,), place, InvalidCovarianceError).tobytes(), place)
+        return at_com(C, state, origin), False
+    P_pose, zero_pose = _known_covariance(
+        message.pose.covariance,
+        f"{field}.pose.covariance",
+        covariance_defaults.pose,
+        covariance_defaults.zero_is_exact,
+    )
+    P_twist, zero_twist = _known_covariance(
+        message.twist.covariance,
+        f"{field}.twist.covariance",
+        covariance_defaults.twist,
+        covariance_defaults.zero_is_exact,
+    )
+    return covariance_at_com(P_pose, P_twist, state, origin), zero_pose or zero_twist
+
+
+def _joint_covariance(message, scene, mean, known):
+    """Return the covariance (12 M, 12 M) of all M moving bodies at their centres of mass.
+
+    Parameters
+    ----------
+    message : JointCovariance
+    scene : Scene
+    mean : (B, 13) array
+    known : set of str
+        Ids of all objects of the request, also of those left out of the scene.
+    """
+    place = "scene.joint_covariance[0]"
+    ids = list(message.object_ids)
+    for k, name in enumerate(ids):
+        if name not in known:
+            raise InvalidCovarianceError(
+                "is no object of the scene", field=f"{place}.object_ids[{k}]", value=name
+            )
+        if name in ids[:k]:
+            raise DuplicateIdError("comes twice", field=f"{place}.object_ids[{k}]", value=name)
+    size = ERROR * len(ids)
+    C = array(message.data, (size**2,), f"{place}.data", InvalidCovarianceError).reshape(size, size)
+    C = covariance(C, size, f"{place}.data") if size else C
+    moving = scene.moving.tolist()
+    rows = []
+    for b in moving:
+        name = scene.bodies[b].name
+        if name not in ids:
+            raise InvalidCovarianceError(f"must name '{name}', which moves", field=f"{place}.object_ids")
+        rows.append(ERROR * ids.index(name) + np.arange(ERROR))
+    kinematic = {body.name for body in scene.bodies if not body.free}
+    for k, name in enumerate(ids):
+        if name in kinematic:
+            raise InvalidCovarianceError(
+                "is fixed or prescribed", field=f"{place}.object_ids[{k}]", value=name
+            )
+    rows = np.concatenate(rows) if rows else np.zeros(0, int)
+    P = joint_covariance_at_com(scene, mean, np.ascontiguousarray(C[np.ix_(rows, rows)]))
+    if not np.isfinite(P).all():
+        raise NotFiniteError("is too large to be moved to the centres of mass", field=f"{place}.data")
+    return P
+
+
+def _state(message, field, fixed):
+    """Return the state (13,) at the model's origin; a fixed object is at rest."""
+    pose, twist = message.pose.pose, message.twist.twist
+    position, q = xyz(pose.position), xyzw(pose.orientation)
+    v, w = (_AT_REST, _AT_REST) if fixed else (xyz(twist.linear), xyz(twist.angular))
+    try:
+        length, fine = math.hypot(*q), math.isfinite(sum((*position, *v, *w)))
+        fine = fine and max(map(abs, position)) <= FARTHEST
+    except TypeError:
+        length, fine = 0.0, False
+    if fine and abs(length - 1.0) < _ROUND_OFF:
+        q = [component / length for component in q]
+    else:  # one by one, to name the invalid field
+        q = quaternion(q, f"{field}.pose.pose.orientation")
+        position = point(position, f"{field}.pose.pose.position")
+        v, w = array(v, (3,), f"{field}.twist.twist.linear"), array(w, (3,), f"{field}.twist.twist.angular")
+    if message.at_rest:
+        for velocity, name in ((v, "linear"), (w, "angular")):
+            if any(velocity):
+                raise InvalidRequestError(
+                    "must be zero, as the object is at_rest",
+                    field=f"{field}.twist.twist.{name}",
+                    value=tuple(velocity),
+                )
+    state = np.empty(STATE)
+    state[POSITION], state[VELOCITY], state[QUATERNION], state[ANGULAR_VELOCITY] = position, v, q, w
+    return state
+
+
+def _stds(message, field, mass):
+    """Return the standard deviations of the mass and of the centre of mass."""
+    of_center = message.center_of_mass_std
+    if message.mass_std == of_center.x == of_center.y == of_center.z == 0.0:
+        return _EXACT
+    mass_std = non_negative(message.mass_std, f"{field}.mass_std", InvalidCovarianceError)
+    if mass_std > mass:
+        raise InvalidCovarianceError(
+            f"must not exceed the mass of {mass:.6g} kg", field=f"{field}.mass_std", value=mass_std
+        )
+    return mass_std, tuple(
+        non_negative(getattr(of_center, axis), f"{field}.center_of_mass_std.{axis}", InvalidCovarianceError)
+        for axis in "xyz"
+    )
+
+
+def _known_covariance(values, field, unknown, zero_is_exact):
+    """Return the covariance (6, 6) or its default, and whether zeros were read as unknown."""
+    plain = isinstance(values, np.ndarray) and values.dtype == np.float64 and values.shape == (36,)
+    P = _checked((values if plain else array(values, (36,), field, InvalidCovarianceError)).tobytes(), field)
+    if P is None:
+        return unknown, False
+    if zero_is_exact or P.any():
+        return P, False
+    return unknown, True
+
+
+@functools.lru_cache(maxsize=256)
+def _checked(entries, field):
+    """Return the covariance of 6 or 12 errors from the bytes of its entries; None if it is unknown.
+
+    It is cached, as clients send equal covariances repeatedly.
+    """
+    flat = np.frombuffer(entries)
+    size = math.isqrt(len(flat))
+    P = flat.reshape(size, size)
+    if size < ERROR and flat[0] == UNKNOWN:
+        array(P, (size, size), field, InvalidCovarianceError)
+        return None
+    return writable(covariance(P, size, field))

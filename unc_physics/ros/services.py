@@ -1,0 +1,376 @@
+"""Services and the action of the node; their answers are computed outside the executor's thread."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import platform
+import threading
+import time
+import traceback
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any
+
+import numba
+import numpy as np
+from builtin_interfaces.msg import Duration
+from diagnostic_msgs.msg import KeyValue
+from rclpy.action import ActionServer, CancelResponse, GoalResponse
+from rclpy.callback_groups import ReentrantCallbackGroup
+from rclpy.clock import Clock, ClockType
+from rclpy.qos import QoSProfile
+from rclpy.utilities import get_rmw_implementation_identifier
+
+from unc_physics_msgs.action import PredictLong
+from unc_physics_msgs.msg import OptionInfo, PropagatorInfo, Result
+from unc_physics_msgs.srv import GetCapabilities, Predict
+
+from .. import __version__
+from ..checks.errors import CanceledError, ErrorCode, LimitExceededError, NotActiveError
+from ..propagators.registry import PROPAGATORS
+from ..scene.scene import UNCERTAIN_PARAMETERS
+from .messages.fields import duration, write_error
+from .messages.physics import physics_message
+
+_DISCOVERY_PERIOD = 0.02  # s, between checks whether a service is discovered
+_QUEUE = QoSProfile(depth=100)  # with ROS's default of 10, more concurrent requests or answers are lost
+_FEATURES = [
+    "environment",
+    "friction",
+    "restitution",
+    "gyroscopic",
+    "islands",
+    "parameter_uncertainty",
+    "contact_probabilities",
+    "region_probabilities",
+    "rest_probability",
+    "upright_probability",
+    "fall_probability",
+    "status",
+    "joint_covariance",
+    "modes",
+    "pose_samples",
+    "candidates",
+    "candidate_scores",
+    "mesh_packing",
+    "primitives_and_meshes",
+]
+_MEAN = {"nominal": PropagatorInfo.MEAN_NOMINAL, "estimated": PropagatorInfo.MEAN_ESTIMATED}
+_FEEDBACK_PERIOD = 0.1  # s
+_CLIENTS_PERIOD = 1.0  # s, between checks whether a goal's client is still there
+
+
+class BackgroundService:
+    """A service whose answers are computed and sent by a pool of threads.
+
+    Parameters
+    ----------
+    server : PredictionServer
+    service_type : type
+    name : str
+    answer : callable
+        Takes request and response, and fills the response. Returns a callable without arguments that runs
+        after the response is sent, or None.
+
+    Notes
+    -----
+    rclpy defers answers only of coroutines. The events executor of Jazzy does not accept these for services,
+    and other executors poll them in each turn. But all executors pass the value that a callback returns, with
+    the request's header, to the service's ``send_response``. This class overrides it and submits the work
+    there, so that an executor of one thread is enough. A multi-threaded executor wakes up two or three times
+    in each request, and each time delays the thread that computes.
+
+    `DeferredAnswerCheck` tests this by a call to the node itself. In an rclpy without this behaviour the
+    callback answers in the executor's thread.
+    """
+
+    def __init__(self, server, service_type, name, answer):
+        self._server, self._answer = server, answer
+        self._asked = {}  # requests by the ids of their responses, until rclpy returns these
+        self._service = server.node.create_service(
+            service_type, name, self._called, qos_profile=_QUEUE, callback_group=ReentrantCallbackGroup()
+        )
+        self._send = self._service.send_response
+        self._service.send_response = self._returned
+
+    def close(self):
+        """Withdraw the service."""
+        self._server.node.destroy_service(self._service)
+
+    def _called(self, request, response):
+        """Handle a request; return the answer, or the response that `_returned` fills."""
+        supported = self._server.deferred_answers.supported
+        if supported is False:
+            if (afterwards := self._answer(request, response)) is not None:
+                afterwards()
+            return response
+        if supported is None and hasattr(response, "result"):  # rclpy may send it as it is
+            write_error(response.result, NotActiveError("is just getting ready; ask again", field="the node"))
+        self._asked[id(response)] = request
+        return response
+
+    def _returned(self, response, header):
+        """Handle the response that the callback returned: submit the work."""
+        if (request := self._asked.pop(id(response), None)) is None:
+            self._send(response, header)
+            return
+        self._server.deferred_answers.supported = True
+        if hasattr(response, "result"):
+            response.result = Result()
+        try:
+            self._server.pool.submit(self._work, request, response, header)
+        except RuntimeError:  # the pool is shut down: the node is closing
+            if hasattr(response, "result"):
+                write_error(response.result, CanceledError(self._server.ending, field="the node"))
+            self._send(response, header)
+
+    def _work(self, request, response, header):
+        try:
+            afterwards = self._answer(request, response)
+            self._send(response, header)
+            if afterwards is not None:
+                afterwards()
+        except Exception:  # noqa: BLE001  (the client may be gone)
+            if self._server.node.context.ok():
+                self._server.log.error(f"an answer was not sent:\n{traceback.format_exc()}")
+
+
+class DeferredAnswerCheck:
+    """Checks by a call to the node itself whether rclpy lets other threads answer requests.
+
+    Parameters
+    ----------
+    server : PredictionServer
+    service_type : type
+    name : str
+        Of a `BackgroundService` that answers soon.
+
+    Attributes
+    ----------
+    supported : bool or None
+        None until the answer arrives.
+    """
+
+    def __init__(self, server, service_type, name):
+        self.supported: bool | None = None
+        self._log, self._node, self._type = server.log, server.node, service_type
+        self._client: Any = self._node.create_client(service_type, name)
+        # a steady clock: simulated time may stand still
+        self._timer: Any = self._node.create_timer(
+            _DISCOVERY_PERIOD, self._call, clock=Clock(clock_type=ClockType.STEADY_TIME)
+        )
+
+    def _call(self):
+        if self._timer is not None and self._client.service_is_ready():
+            self._end_timer()
+            self._client.call_async(self._type.Request()).add_done_callback(self._answered)
+
+    def _answered(self, _):
+        if self.supported is None:
+            self.supported = False
+            self._log.warning(
+                "this version of rclpy does not defer answers: requests are answered one by one, in the"
+                " executor's thread"
+            )
+        self._end_client()
+
+    def _end_timer(self):
+        if self._timer is not None:
+            self._node.destroy_timer(self._timer)
+            self._timer = None
+
+    def _end_client(self):
+        if self._client is not None:
+            self._node.destroy_client(self._client)
+            self._client = None
+
+    def close(self):
+        """Stop the timer and the client."""
+        self._end_timer()
+        self._end_client()
+
+
+def prediction_service(server) -> BackgroundService:
+    """Return the service ``~/predict``; requests run concurrently."""
+
+    def answer(request, response):
+        return server.answer(response, request.request, time_limit=server.settings.max_computation_time)
+
+    return BackgroundService(server, Predict, "~/predict", answer)
+
+
+class CapabilitiesService:
+    """The service ``~/get_capabilities``: propagators, options, limits and versions."""
+
+    def __init__(self, server):
+        self._server = server
+        self._service = server.node.create_service(GetCapabilities, "~/get_capabilities", self._answer)
+
+    def close(self):
+        """Withdraw the service."""
+        self._server.node.destroy_service(self._service)
+
+    def _answer(self, _, response):
+        settings = self._server.settings
+        response.propagators = [propagator_info(cls) for cls in PROPAGATORS.values()]
+        response.default_propagator = settings.default_propagator
+        response.world_frame = settings.world_frame
+        response.features = [*_FEATURES, *(["transforms"] if self._server.frames.available else [])]
+        for name in response.get_fields_and_field_types():
+            if name.startswith("max_"):
+                limit = getattr(settings, name)
+                is_time = isinstance(getattr(response, name), Duration)
+                setattr(response, name, duration(limit) if is_time else limit)
+        response.physics = physics_message(settings.physics)
+        versions = {
+            "unc_physics": __version__,
+            "python": platform.python_version(),
+            "numpy": np.__version__,
+            "numba": numba.__version__,
+            "ros_distro": os.environ.get("ROS_DISTRO", "jazzy"),
+            "rmw": get_rmw_implementation_identifier(),
+        }
+        response.versions = [KeyValue(key=key, value=value) for key, value in versions.items()]
+        return response
+
+
+def propagator_info(cls) -> PropagatorInfo:
+    """Return a propagator's traits and options as a message."""
+    traits, options = cls.traits, cls.options()
+    return PropagatorInfo(
+        name=cls.name,
+        description=cls.description(),
+        mean_update=_MEAN[traits.mean_update],
+        uncertainty=traits.uncertainty,
+        cross_body_correlations=traits.cross_body,
+        separate_collision_handling=traits.separate_collisions,
+        collision_treatment=traits.collisions,
+        sampled="samples" in options,
+        default_samples=options.get("samples", 0),
+        integrators=list(cls.integrators),
+        parameter_uncertainty=set(UNCERTAIN_PARAMETERS) <= set(cls.supports.parameters),
+        rejects_overlap=cls.supports.overlap_rejection,
+        options=[
+            OptionInfo(
+                name=option.name,
+                type=_option_type(option),
+                default_value=str(option.default),
+                description=option.description,
+            )
+            for option in cls.described_options()
+        ],
+    )
+
+
+def _option_type(option):
+    """Return the type of an option's value, or its choices."""
+    return f"one of {', '.join(option.choices)}" if option.choices else option.kind.__name__
+
+
+class LongPrediction:
+    """The action ``~/predict_long``: predictions with feedback, which clients can cancel."""
+
+    def __init__(self, server):
+        self._server = server
+        limit = server.settings.max_long_predictions
+        self._running = threading.Semaphore(limit)
+        self._action = _ThreadedActionServer(
+            limit + 1,  # one to refuse goals above the limit
+            server.node,
+            PredictLong,
+            "~/predict_long",
+            self._execute,
+            callback_group=ReentrantCallbackGroup(),
+            goal_callback=lambda _: GoalResponse.ACCEPT,
+            cancel_callback=lambda _: CancelResponse.ACCEPT,  # rclpy would reject
+        )
+
+    def close(self):
+        """Withdraw the action."""
+        self._action.destroy()
+
+    def _execute(self, goal):
+        result = PredictLong.Result()
+        with self._server.errors_into(result.result):
+            if not self._running.acquire(blocking=False):
+                raise LimitExceededError(
+                    f"must be at most {self._server.settings.max_long_predictions} at a time",
+                    field="the number of long predictions",
+                )
+            try:
+                afterwards = self._server.answer(
+                    result,
+                    goal.request.request,
+                    progress=_Reporter(goal, self._clients),
+                    time_limit=self._server.settings.max_long_computation_time,
+                )
+                if afterwards is not None:
+                    afterwards()
+            finally:
+                self._running.release()
+        code = result.result.error_code
+        if code == ErrorCode.NONE:
+            goal.succeed()
+        elif code == ErrorCode.CANCELED and goal.is_cancel_requested:
+            goal.canceled()
+        else:
+            goal.abort()
+        if code == ErrorCode.CANCELED and not goal.is_cancel_requested:
+            self._server.log.info(f"a long prediction was ended: {result.result.error_msg}")
+        return result
+
+    def _clients(self):
+        """Return the ids of subscriptions to the action's feedback; every client of it has one."""
+        node = self._server.node
+        topic = f"{node.get_fully_qualified_name()}/predict_long/_action/feedback"
+        return {bytes(info.endpoint_gid) for info in node.get_subscriptions_info_by_topic(topic)}
+
+
+class _Reporter:
+    """Publishes feedback periodically, and ends the prediction when the client cancels it or is gone.
+
+    A goal does not identify its client: it ends when all subscribers from its beginning are gone.
+    """
+
+    def __init__(self, goal, clients):
+        self._goal, self._clients = goal, clients
+        self._started = time.perf_counter()
+        self._next = self._started
+        self._first, self._next_check = clients(), self._started + _CLIENTS_PERIOD
+
+    def __call__(self, job, done, steps):
+        if self._goal.is_cancel_requested:
+            raise CanceledError("canceled", field="the client")
+        now = time.perf_counter()
+        if now >= self._next_check:
+            self._next_check = now + _CLIENTS_PERIOD
+            if self._first and not self._first & self._clients():
+                raise CanceledError("is gone", field="the client")
+        if now >= self._next:
+            self._next = now + _FEEDBACK_PERIOD
+            self._goal.publish_feedback(
+                PredictLong.Feedback(
+                    time_reached=duration(done * job.scene.dt),
+                    fraction_done=done / steps,
+                    elapsed=duration(now - self._started),
+                )
+            )
+
+
+class _ThreadedActionServer(ActionServer):
+    """An action server that executes goals in its own threads instead of the executor's."""
+
+    def __init__(self, threads, *args, **others):
+        super().__init__(*args, **others)
+        self._pool = ThreadPoolExecutor(threads)
+
+    def notify_execute(self, goal_handle, execute_callback):
+        """Execute a goal that was accepted."""
+        self._pool.submit(
+            asyncio.run, self._execute_goal(execute_callback or self._execute_callback, goal_handle)
+        )
+
+    def destroy(self):
+        """Wait for the goals that are being executed, and withdraw the action."""
+        self._pool.shutdown()
+        super().destroy()

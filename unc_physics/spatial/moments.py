@@ -1,0 +1,217 @@
+"""Between distributions and sets of states: boxplus, factors of covariances, means and covariances."""
+
+import math
+
+import numpy as np
+
+from ..compiler import kernel
+from ..compiler.arrays import empty, zeros
+from .layout import EP, ER, ERROR, EV, EW, STATE, P, Q, V, W
+from .rotation import conjugate, exp, log, multiply, normalized
+
+_KARCHER_TOLERANCE = 1e-12  # rad
+_KARCHER_ITERATIONS = 50
+_POWER_ITERATIONS = 10
+_WIDE = math.cos(math.pi / 4.0)  # between quaternions of rotations that are a right angle apart
+
+
+@kernel
+def boxplus(x, d, out):
+    """Perturb a state ``x`` (13,) by the error ``d`` (12,), rotation on the body side, into ``out``."""
+    for k in range(3):
+        out[P + k] = x[P + k] + d[EP + k]
+        out[V + k] = x[V + k] + d[EV + k]
+        out[W + k] = x[W + k] + d[EW + k]
+    q = normalized(multiply((x[Q], x[Q + 1], x[Q + 2], x[Q + 3]), exp(d[ER], d[ER + 1], d[ER + 2])))
+    out[Q], out[Q + 1], out[Q + 2], out[Q + 3] = q
+
+
+@kernel
+def boxminus(y, x, out):
+    """Error ``d`` (12,) of one body with ``y = x boxplus d``, into ``out``."""
+    for k in range(3):
+        out[EP + k] = y[P + k] - x[P + k]
+        out[EV + k] = y[V + k] - x[V + k]
+        out[EW + k] = y[W + k] - x[W + k]
+    relative = multiply(conjugate((x[Q], x[Q + 1], x[Q + 2], x[Q + 3])), (y[Q], y[Q + 1], y[Q + 2], y[Q + 3]))
+    out[ER], out[ER + 1], out[ER + 2] = log(relative)
+
+
+@kernel
+def spread_states(mean, moving, errors):
+    """States ``mean boxplus errors[n]``.
+
+    Parameters
+    ----------
+    mean : (B, 13) array
+    moving : (M,) int64
+        Indices of the moving bodies; the others keep their state.
+    errors : (N, 12 M) array
+
+    Returns
+    -------
+    (N, B, 13) array
+    """
+    states = empty((len(errors), len(mean), STATE))
+    for n in range(len(errors)):
+        for i in range(len(mean)):
+            for c in range(STATE):
+                states[n, i, c] = mean[i, c]
+        for k in range(len(moving)):
+            boxplus(mean[moving[k]], errors[n, ERROR * k : ERROR * (k + 1)], states[n, moving[k]])
+    return states
+
+
+@kernel
+def _karcher_mean(states, body):
+    """Mean rotation of one body over all samples: the fixed point of averaging in the tangent space.
+
+    Of wide distributions there are several fixed points; there the search begins at the chordal mean.
+    Otherwise it begins at the first sample, so that equal samples have no spread at all.
+    """
+    s = states[0, body]
+    mean = (s[Q], s[Q + 1], s[Q + 2], s[Q + 3])
+    for n in range(len(states)):
+        s = states[n, body]
+        if abs(s[Q] * mean[0] + s[Q + 1] * mean[1] + s[Q + 2] * mean[2] + s[Q + 3] * mean[3]) < _WIDE:
+            mean = _chordal_mean(states, body)
+            break
+    for _ in range(_KARCHER_ITERATIONS):
+        back = conjugate(mean)
+        x = y = z = 0.0
+        for n in range(len(states)):
+            s = states[n, body]
+            dx, dy, dz = log(multiply(back, (s[Q], s[Q + 1], s[Q + 2], s[Q + 3])))
+            x += dx
+            y += dy
+            z += dz
+        x, y, z = x / len(states), y / len(states), z / len(states)
+        mean = normalized(multiply(mean, exp(x, y, z)))
+        if x * x + y * y + z * z < _KARCHER_TOLERANCE**2:
+            break
+    return mean
+
+
+@kernel
+def _chordal_mean(states, body):
+    """The quaternion nearest to all samples' and their opposites, nearly: the leading eigenvector of their
+    outer products.
+    """
+    A = zeros((4, 4))
+    for n in range(len(states)):
+        q = states[n, body]
+        for r in range(4):
+            for c in range(4):
+                A[r, c] += q[Q + r] * q[Q + c]
+    largest = 0
+    for c in range(4):
+        if A[c, c] > A[largest, largest]:
+            largest = c
+    q = (A[0, largest], A[1, largest], A[2, largest], A[3, largest])
+    for _ in range(_POWER_ITERATIONS):
+        q = normalized(
+            (
+                A[0, 0] * q[0] + A[0, 1] * q[1] + A[0, 2] * q[2] + A[0, 3] * q[3],
+                A[1, 0] * q[0] + A[1, 1] * q[1] + A[1, 2] * q[2] + A[1, 3] * q[3],
+                A[2, 0] * q[0] + A[2, 1] * q[1] + A[2, 2] * q[2] + A[2, 3] * q[3],
+                A[3, 0] * q[0] + A[3, 1] * q[1] + A[3, 2] * q[2] + A[3, 3] * q[3],
+            )
+        )
+    return q
+
+
+@kernel
+def mean_and_errors(states, moving):
+    """Mean state of a batch and each sample's error from it, all samples of one weight.
+
+    Returns
+    -------
+    mean : (B, 13) array
+        Arithmetic means, and the Karcher mean of the rotations; bodies that do not move as in the first
+        sample.
+    errors : (N, 12 M) array
+    """
+    mean = states[0].copy()
+    errors = empty((len(states), ERROR * len(moving)))
+    for k in range(len(moving)):
+        body = moving[k]
+        m = mean[body]
+        for c in range(STATE):
+            total = 0.0
+            for n in range(len(states)):
+                total += states[n, body, c]
+            m[c] = total / len(states)
+        m[Q], m[Q + 1], m[Q + 2], m[Q + 3] = _karcher_mean(states, body)
+        for n in range(len(states)):
+            boxminus(states[n, body], m, errors[n, ERROR * k : ERROR * (k + 1)])
+    return mean, errors
+
+
+@kernel
+def second_moment(errors):
+    """``errors.T @ errors / N``, in an order of summation that no thread count changes."""
+    size = errors.shape[1]
+    out = zeros((size, size))
+    for n in range(len(errors)):
+        for a in range(size):
+            e = errors[n, a]
+            if e != 0.0:
+                for b in range(a + 1):
+                    out[a, b] += e * errors[n, b]
+    for a in range(size):
+        for b in range(a + 1):
+            out[a, b] /= len(errors)
+            out[b, a] = out[a, b]
+    return out
+
+
+def symmetric_root(P: np.ndarray) -> np.ndarray:
+    """Symmetric square roots of covariances (..., n, n) (Eq. 12); round-off below zero counts as zero."""
+    if np.count_nonzero(P) == np.count_nonzero(
+        np.diagonal(P, axis1=-2, axis2=-1)
+    ):  # no need to look for eigenvectors
+        return np.sqrt(np.maximum(P, 0.0))
+    values, vectors = np.linalg.eigh(P)
+    return (vectors * np.sqrt(np.maximum(values, 0.0))[..., None, :]) @ np.swapaxes(vectors, -1, -2)
+
+
+@kernel
+def pivoted_cholesky(A, tolerance):
+    """Outer-product Cholesky factor with diagonal pivoting of a positive semidefinite matrix.
+
+    Each round takes the largest diagonal entry that remains, ties to the lowest index, and stops when that is
+    not above ``tolerance`` times the largest diagonal entry of ``A``.
+
+    Returns
+    -------
+    L : (n, r) array
+        ``L @ L.T`` equals ``A`` but for the rest; r is the numerical rank.
+    rest : (n, n) array
+        ``A - L @ L.T``.
+    """
+    n = len(A)
+    rest = A.copy()
+    L = zeros((n, n))
+    largest = 0.0
+    for i in range(n):
+        largest = max(largest, A[i, i])
+    rank = 0
+    while rank < n:
+        pivot = 0
+        for i in range(n):
+            if rest[i, i] > rest[pivot, pivot]:
+                pivot = i
+        if not rest[pivot, pivot] > tolerance * largest:
+            break
+        root = math.sqrt(rest[pivot, pivot])
+        for i in range(n):
+            L[i, rank] = rest[i, pivot] / root
+        for i in range(n):
+            l_i = L[i, rank]
+            if l_i != 0.0:
+                for j in range(n):
+                    rest[i, j] -= l_i * L[j, rank]
+        for i in range(n):  # what the pivot explains is gone, to the last bit
+            rest[i, pivot] = rest[pivot, i] = 0.0
+        rank += 1
+    return L[:, :rank].copy(), rest

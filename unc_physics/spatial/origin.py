@@ -1,0 +1,223 @@
+"""States and covariances at a model's origin and at the centre of mass (COM), about fixed axes.
+
+Messages give the pose of a model's own origin ``o`` and rotations about fixed axes; the error state is
+that of the COM, with rotations on the body side. With ``r = R_world_body o`` (from the COM to the
+origin, world axes) and ``dphi = R_world_body dtheta``, the errors at the origin are::
+
+    dp_o = dp - [r]x dphi                              p_o = p + r
+    dv_o = dv - [r]x domega - [omega]x [r]x dphi       v_o = v + omega x r
+
+which is linear in the error state: ``e_o = A e`` (`error_map`), so ``P_o = A P A^T``.
+"""
+
+from __future__ import annotations
+
+import math
+
+from ..compiler import inner, kernel
+from ..compiler.arrays import empty, zeros
+from .layout import EP, ER, ERROR, EV, EW, P, Q, V, W
+from .rotation import rotate, write_matrix
+
+_POSE, _TWIST = (EP, ER), (EV, EW)  # as messages order them
+
+
+@kernel
+def _rotation(state):
+    R = empty((1, 3, 3))
+    write_matrix((state[Q], state[Q + 1], state[Q + 2], state[Q + 3]), R, 0)
+    return R[0]
+
+
+@kernel
+def _skew(v):
+    x, y, z = v
+    K = zeros((3, 3))
+    K[0, 1], K[0, 2], K[1, 2] = -z, y, -x
+    K[1, 0], K[2, 0], K[2, 1] = z, -y, x
+    return K
+
+
+@kernel
+def _product(A, B):
+    """``A @ B``; numba's own would need SciPy."""
+    C = zeros((len(A), B.shape[1]))
+    for i in range(len(A)):
+        for k in range(len(B)):
+            if A[i, k] != 0.0:
+                for j in range(B.shape[1]):
+                    C[i, j] += A[i, k] * B[k, j]
+    return C
+
+
+@kernel
+def _identity():
+    A = zeros((ERROR, ERROR))
+    for k in range(ERROR):
+        A[k, k] = 1.0
+    return A
+
+
+@inner
+def _copy_block(source, i, j, target, k, l, factor):
+    """``target[k : k + 3, l : l + 3] = factor * source[i : i + 3, j : j + 3]``, which takes numba longer."""
+    for r in range(3):
+        for c in range(3):
+            target[k + r, l + c] = factor * source[i + r, j + c]
+
+
+@kernel
+def congruent(A, C):
+    """``A C A^T``, symmetric to the last bit; round-off leaves no variance below zero."""
+    n = len(A)
+    left, mapped, result = _product(A, C), zeros((n, n)), empty((n, n))
+    for i in range(n):
+        for k in range(n):
+            if left[i, k] != 0.0:
+                for j in range(n):
+                    mapped[i, j] += left[i, k] * A[j, k]
+    for i in range(n):
+        for j in range(n):
+            result[i, j] = 0.5 * (mapped[i, j] + mapped[j, i])
+    for k in range(n):
+        if result[k, k] < 0.0:
+            for j in range(n):
+                result[k, j] = result[j, k] = 0.0
+    return result
+
+
+@kernel
+def error_map(state, origin):
+    """A (12, 12): from the error state (body side, at the COM) to the error about fixed axes at the model's
+    origin.
+
+    Parameters
+    ----------
+    state : (13,) array
+        Mean state of the body.
+    origin : (3,) array
+        The model's origin, body frame [m].
+
+    Notes
+    -----
+    To first order in the rotation error, as every covariance of a pose.
+    """
+    R = _rotation(state)
+    lever = _skew(rotate(R, origin[0], origin[1], origin[2]))
+    spin = _skew((state[W], state[W + 1], state[W + 2]))
+    A = _identity()
+    _copy_block(R, 0, 0, A, ER, ER, 1.0)
+    _copy_block(_product(lever, R), 0, 0, A, EP, ER, -1.0)
+    _copy_block(_product(_product(spin, lever), R), 0, 0, A, EV, ER, -1.0)
+    _copy_block(lever, 0, 0, A, EV, EW, -1.0)
+    return A
+
+
+@kernel
+def inverse_error_map(state, origin):
+    """Inverse of `error_map`."""
+    R = _rotation(state)
+    lever = _skew(rotate(R, origin[0], origin[1], origin[2]))
+    spin = _skew((state[W], state[W + 1], state[W + 2]))
+    A = _identity()
+    for r in range(3):
+        for c in range(3):
+            A[ER + r, ER + c] = R[c, r]
+    _copy_block(lever, 0, 0, A, EP, ER, 1.0)
+    _copy_block(_product(spin, lever), 0, 0, A, EV, ER, 1.0)
+    _copy_block(lever, 0, 0, A, EV, EW, 1.0)
+    return A
+
+
+@kernel
+def moved(state, origin, sign):
+    """The state (13,) with position and velocity of the point that is ``sign * origin`` away, body frame."""
+    R = _rotation(state)
+    x, y, z = rotate(R, sign * origin[0], sign * origin[1], sign * origin[2])
+    wx, wy, wz = state[W], state[W + 1], state[W + 2]
+    result = empty(len(state))
+    for k in range(len(state)):
+        result[k] = state[k]
+    result[P] += x
+    result[P + 1] += y
+    result[P + 2] += z
+    result[V] += wy * z - wz * y
+    result[V + 1] += wz * x - wx * z
+    result[V + 2] += wx * y - wy * x
+    return result
+
+
+@kernel
+def at_com(C, state, origin):
+    """Covariance (12, 12) of the error state at the COM from that at the model's origin, about fixed axes.
+
+    Parameters
+    ----------
+    C : (12, 12) array
+    state : (13,) array
+        At the COM.
+    origin : (3,) array
+        Body frame [m].
+    """
+    return congruent(inverse_error_map(state, origin), C)
+
+
+@kernel
+def covariance_at_com(pose, twist, state, origin):
+    """Covariance (12, 12) of the error state at the COM from those of a message.
+
+    Parameters
+    ----------
+    pose, twist : (6, 6) array
+        Covariances at the model's origin, as messages order them; independent of each other.
+    state : (13,) array
+        At the COM.
+    origin : (3,) array
+        Body frame [m].
+    """
+    C = zeros((ERROR, ERROR))
+    for a in range(2):
+        for b in range(2):
+            _copy_block(pose, 3 * a, 3 * b, C, _POSE[a], _POSE[b], 1.0)
+            _copy_block(twist, 3 * a, 3 * b, C, _TWIST[a], _TWIST[b], 1.0)
+    return at_com(C, state, origin)
+
+
+@kernel
+def split(C):
+    """Covariances (36,) of pose and of twist, as messages order them, from the covariance (12, 12) at the
+    origin.
+    """
+    pose, twist = empty((6, 6)), empty((6, 6))
+    for a in range(2):
+        for b in range(2):
+            _copy_block(C, _POSE[a], _POSE[b], pose, 3 * a, 3 * b, 1.0)
+            _copy_block(C, _TWIST[a], _TWIST[b], twist, 3 * a, 3 * b, 1.0)
+    return pose.reshape(36), twist.reshape(36)
+
+
+@kernel
+def at_origin(state, P, origin):
+    """A body's state (13,) and covariance (12, 12) at the COM as messages want them.
+
+    Returns
+    -------
+    state : (13,) array
+        At the model's origin.
+    C : (12, 12) array
+        Covariance there, about fixed axes.
+    pose, twist : (36,) array
+        Its parts.
+    finite : bool
+        Whether all numbers are.
+    """
+    C = congruent(error_map(state, origin), P)
+    result = moved(state, origin, 1.0)
+    pose, twist = split(C)
+    total = 0.0
+    for k in range(len(result)):
+        total += result[k]
+    for i in range(ERROR):
+        for j in range(ERROR):
+            total += C[i, j]
+    return result, C, pose, twist, math.isfinite(total)

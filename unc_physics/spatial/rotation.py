@@ -1,0 +1,134 @@
+"""Rotations in the kernels: quaternions ``(x, y, z, w)`` are tuples of floats, matrices 3 x 3 arrays."""
+
+import math
+
+import numpy as np
+
+from ..compiler import kernel
+
+_SMALL_ANGLE_SQUARED = 1e-8  # below it two terms of the series are exact to round-off
+_STEP_ANGLE_SQUARED = (
+    0.01  # below it, as in nearly every time step, five are, and cheaper than sine and cosine
+)
+
+
+@kernel(arrays=False)
+def multiply(a, b):
+    """Hamilton product of two quaternions: the rotation ``b`` followed by ``a``."""
+    ax, ay, az, aw = a
+    bx, by, bz, bw = b
+    return (
+        aw * bx + ax * bw + ay * bz - az * by,
+        aw * by - ax * bz + ay * bw + az * bx,
+        aw * bz + ax * by - ay * bx + az * bw,
+        aw * bw - ax * bx - ay * by - az * bz,
+    )
+
+
+@kernel(arrays=False)
+def conjugate(q):
+    """Inverse of a unit quaternion."""
+    return -q[0], -q[1], -q[2], q[3]
+
+
+@kernel(arrays=False)
+def normalized(q):
+    """The quaternion scaled to unit length."""
+    s = 1.0 / math.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
+    return q[0] * s, q[1] * s, q[2] * s, q[3] * s
+
+
+@kernel(arrays=False)
+def renormalized(q):
+    """A quaternion of nearly unit length, brought back to it by one step of Newton's method."""
+    s = 1.5 - 0.5 * (q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
+    return q[0] * s, q[1] * s, q[2] * s, q[3] * s
+
+
+@kernel(arrays=False)
+def exp(x, y, z):
+    """Quaternion of the rotation vector ``(x, y, z)`` [rad]."""
+    angle2 = x * x + y * y + z * z
+    if angle2 < _STEP_ANGLE_SQUARED:
+        s = 0.5 - angle2 * (
+            1.0 / 48.0 - angle2 * (1.0 / 3840.0 - angle2 * (1.0 / 645120.0 - angle2 / 185794560.0))
+        )
+        c = 1.0 - angle2 * (
+            1.0 / 8.0 - angle2 * (1.0 / 384.0 - angle2 * (1.0 / 46080.0 - angle2 / 10321920.0))
+        )
+    else:
+        angle = math.sqrt(angle2)
+        s, c = math.sin(0.5 * angle) / angle, math.cos(0.5 * angle)
+    return x * s, y * s, z * s, c
+
+
+@kernel(arrays=False)
+def log(q):
+    """Rotation vector [rad] of a unit quaternion, of length at most pi."""
+    x, y, z, w = q
+    if w < 0.0:  # q and -q are one rotation; this one has the angle below pi
+        x, y, z, w = -x, -y, -z, -w
+    n2 = x * x + y * y + z * z
+    if n2 < _SMALL_ANGLE_SQUARED:
+        s = 2.0 + n2 / 3.0  # 2 asin(n) / n
+    else:
+        n = math.sqrt(n2)
+        s = 2.0 * math.atan2(n, w) / n
+    return x * s, y * s, z * s
+
+
+@kernel(arrays=False)
+def write_matrix(q, out, k):
+    """Write the rotation matrix of a unit quaternion into ``out[k]`` of an array (n, 3, 3)."""
+    x, y, z, w = q
+    out[k, 0, 0] = 1.0 - 2.0 * (y * y + z * z)
+    out[k, 0, 1] = 2.0 * (x * y - z * w)
+    out[k, 0, 2] = 2.0 * (x * z + y * w)
+    out[k, 1, 0] = 2.0 * (x * y + z * w)
+    out[k, 1, 1] = 1.0 - 2.0 * (x * x + z * z)
+    out[k, 1, 2] = 2.0 * (y * z - x * w)
+    out[k, 2, 0] = 2.0 * (x * z - y * w)
+    out[k, 2, 1] = 2.0 * (y * z + x * w)
+    out[k, 2, 2] = 1.0 - 2.0 * (x * x + y * y)
+
+
+@kernel(arrays=False)
+def rotate(R, x, y, z):
+    """``R @ (x, y, z)`` as a tuple."""
+    return (
+        R[0, 0] * x + R[0, 1] * y + R[0, 2] * z,
+        R[1, 0] * x + R[1, 1] * y + R[1, 2] * z,
+        R[2, 0] * x + R[2, 1] * y + R[2, 2] * z,
+    )
+
+
+@kernel(arrays=False)
+def rotate_back(R, x, y, z):
+    """``R.T @ (x, y, z)`` as a tuple."""
+    return (
+        R[0, 0] * x + R[1, 0] * y + R[2, 0] * z,
+        R[0, 1] * x + R[1, 1] * y + R[2, 1] * z,
+        R[0, 2] * x + R[1, 2] * y + R[2, 2] * z,
+    )
+
+
+@kernel(arrays=False)
+def cross(a, b):
+    """Cross product of two vectors, as a tuple."""
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+
+
+def rotation_matrix(q):
+    """(3, 3): rotation matrix of a unit quaternion, for Python."""
+    R = np.empty((1, 3, 3))
+    write_matrix(tuple(map(float, q)), R, 0)
+    return R[0]
+
+
+@kernel(arrays=False, error_model="numpy")
+def tangents(n):
+    """Two unit vectors that complete the unit vector ``n`` to a right-handed basis (Duff et al. 2017)."""
+    s = 1.0 if n[2] >= 0.0 else -1.0
+    a = -1.0 / (s + n[2])
+    b = n[0] * n[1] * a
+    return (1.0 + s * n[0] * n[0] * a, s * b, -s * n[0]), (b, s + n[1] * n[1] * a, -n[1])
