@@ -1,26 +1,28 @@
-"""Settings of Sphinx, for `make docs`: the pages of this folder, and the interface from its docstrings."""
+"""Settings of Sphinx, for `make docs`."""
+
+import sys
+from pathlib import Path
+
+sys.path.append(str(Path(__file__).parent))
+
+from generate_reference import ROS_MODULES
+from notebooks import TUTORIALS, write_notebooks
 
 from unc_physics import __version__
+
+write_notebooks(TUTORIALS)  # which the tutorials offer for download
 
 project = "unc_physics"
 release = version = __version__
 copyright = "unc_physics maintainers"
-extensions = ["myst_parser", "sphinx.ext.autodoc", "numpydoc"]
+extensions = ["myst_parser", "sphinx.ext.autodoc", "numpydoc", "generate_reference"]
 exclude_patterns = ["_build"]
 html_theme = "furo"
 html_title = f"unc_physics {__version__}"
 html_static_path = ["static"]
 html_css_files = ["wide.css"]
 
-autodoc_mock_imports = [  # of the node's client; documents are made without ROS, too
-    "action_msgs",
-    "builtin_interfaces",
-    "diagnostic_msgs",
-    "geometry_msgs",
-    "rclpy",
-    "shape_msgs",
-    "unc_physics_msgs",
-]
+autodoc_mock_imports = ROS_MODULES
 autodoc_typehints = "none"  # the docstrings say more: shapes, units, frames
 autodoc_member_order = "bysource"
 default_role = "literal"

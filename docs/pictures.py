@@ -83,15 +83,20 @@ def experiment(name: str, figure: str, plots: str = "plots") -> Picture:
     return Picture(("unc_physics", "evaluate", name, "-o", "OUT"), sources, figure)
 
 
+def results(name: str) -> Picture:
+    """A figure of the results page that is drawn from its table."""
+    sources = f"docs/results/{name}.csv", "docs/plot_results.py"
+    return Picture(("docs.plot_results", name, "OUT"), sources)
+
+
 @functools.cache
 def pictures() -> dict[str, Picture]:
     """All pictures, by their files' names in ``docs/images``."""
-    found = {
+    return {
         "scenes/two_bunnies.png": scene("two_bunnies", "--period", "0.05"),
         "scenes/salt_box_on_table.png": scene("salt_box_on_table", "--period", "0.05"),
         "scenes/can_off_shelf.png": scene("can_off_shelf", "--period", "0.05"),
         "scenes/drop_into_bin.png": scene("drop_into_bin", "--period", "0.05", *SAMPLED),
-        "scenes/scattered.png": scene("scattered", *SAMPLED),
         "scenes/push_box.png": scene("push_box", "--period", "0.25"),
         "scenes/close_fingers.png": scene("close_fingers", "--period", "0.25"),
         "scenes/release_over_bin.png": scene("release_over_bin", "--period", "0.05", *SAMPLED),
@@ -103,24 +108,18 @@ def pictures() -> dict[str, Picture]:
         "models_mug.png": model("mug"),
         "demo.png": Picture(
             ("unc_physics.ros.demo", "--output", "OUT"),
-            ("models/bunny.npz", "unc_physics/ros/demo_picture.py", "unc_physics/ros/demo_client.py"),
+            ("models/bunny.npz", "unc_physics/ros/demo.py", "unc_physics/ros/demo_stream.py"),
         ),
+        "results/collisions.png": results("collisions"),
+        "results/collisions_time.png": results("collisions_time"),
         "calibration.png": experiment("calibration", "calibration"),
-        "scenes/overlap.png": experiment("overlap", "overlap_before_and_after", "overlap_plots"),
+        "evaluation/orders.png": experiment("orders", "orders", "order_plots"),
+        "evaluation/speed_against_error_cpu_time.png": experiment(
+            "speed_against_error", "speed_against_error_cpu_time"
+        ),
+        "evaluation/tosses_reliability.png": experiment("tosses", "tosses_reliability", "toss_plots"),
         "evaluation/work_precision.png": experiment("engines", "work_precision"),
-        "evaluation/overlap_goals.png": experiment("overlap", "overlap_goals", "overlap_plots"),
     }
-    for file in sorted((IMAGES / "evaluation").glob("*.png")):
-        name = f"evaluation/{file.name}"
-        if name not in found:
-            found[name] = experiment(_experiment_of(file.stem), file.stem)
-    return found
-
-
-def _experiment_of(figure):
-    """The experiment whose name a figure's begins with."""
-    names = [path.stem for path in (ROOT / EVALUATION / "experiments").glob("*.py")]
-    return max((name for name in names if figure.startswith(name)), key=len)
 
 
 def stamp(picture: Picture) -> str:
