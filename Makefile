@@ -79,6 +79,8 @@ check-all:
 	@$(MAKE) -s --no-print-directory docs
 	@$(VENV_PYTHON) docs/count_words.py
 	@$(VENV_PYTHON) docs/run_pages.py
+	@$(MAKE) -s --no-print-directory $(MADE)/notebooks
+	@$(VENV_PYTHON) docs/run_notebooks.py
 	@for python in python3.11 python3.12; do \
 	    if "$$python" -c "$$FITS" 2>/dev/null; then \
 	        BASE_PYTHON="$$(command -v "$$python")" $(VENV_PYTHON) -m pytest -q test/packaging/test_pip.py; \
@@ -177,6 +179,10 @@ $(MADE)/docs: $(MADE)/run requirements/docs.txt
 	@echo "Installing Sphinx ..."
 	@rm -rf $(VENV)/docs
 	@$(filter-out -c requirements/constraints.txt, $(PIP)) --no-deps --target $(VENV)/docs -r requirements/docs.txt
+	@touch $@
+
+$(MADE)/notebooks: $(MADE)/run requirements/notebooks.txt
+	@$(PIP) -r requirements/notebooks.txt
 	@touch $@
 
 $(MADE)/evaluation: $(MADE)/test evaluation/pyproject.toml

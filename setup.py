@@ -25,7 +25,7 @@ GEOMETRY = ["manifold3d>=3", "matplotlib>=3.7", "networkx>=3", "scipy", "trimesh
 # yourdfpy for robots and worlds in URDF
 DESCRIPTIONS = [*GEOMETRY, "yourdfpy>=0.0.56"]
 # viser for the page in the browser
-VIEW = ["viser>=1.0"]
+VIEW = ["viser>=1.1"]
 
 setup(
     name=NAME,
@@ -55,12 +55,14 @@ setup(
     install_requires=["numba>=0.60,<0.69", "numpy>=1.26", "pyyaml>=6", "tqdm>=4.60"],
     extras_require={
         "calibration": ["matplotlib>=3.7", "scipy>=1.14"],
+        "completion": ["argcomplete>=3"],
         "descriptions": DESCRIPTIONS,
         "geometry": GEOMETRY,
         "view": VIEW,
         "test": [
             *DESCRIPTIONS,
             *VIEW,
+            "argcomplete>=3",
             "hypothesis>=6",
             "import-linter>=2",
             "jsonschema>=4.18",

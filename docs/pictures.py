@@ -52,13 +52,13 @@ def scene(name: str, *options: str) -> Picture:
     bodies = yaml.safe_load((ROOT / file).read_text())["bodies"]
     models = sorted({f"models/{body['model']}.npz" for body in bodies})
     command = ("unc_physics", "predict", file, *options, "--picture", "OUT")
-    return Picture(command, (file, *models, "unc_physics/cli/scene_picture.py"))
+    return Picture(command, (file, *models, "unc_physics/plots/scene_picture.py"))
 
 
 def animation(name: str, *options: str) -> Picture:
     """A scene that moves."""
     still = scene(name, *options)
-    return still._replace(sources=(*still.sources, "unc_physics/cli/scene_animation.py"))
+    return still._replace(sources=(*still.sources, "unc_physics/plots/scene_animation.py"))
 
 
 def model(name: str) -> Picture:
@@ -72,9 +72,8 @@ def ranking(name: str) -> Picture:
     file = f"examples/actions/{name}.yaml"
     bodies = yaml.safe_load((ROOT / file).read_text())["scene"]["bodies"]
     models = sorted({f"models/{body['model']}.npz" for body in bodies})
-    return Picture(
-        ("unc_physics", "rank", file, "--picture", "OUT"), (file, *models, "unc_physics/cli/rank_picture.py")
-    )
+    sources = file, *models, "unc_physics/plots/ranking_picture.py"
+    return Picture(("unc_physics", "rank", file, "--picture", "OUT"), sources)
 
 
 def experiment(name: str, figure: str, plots: str = "plots") -> Picture:
@@ -103,7 +102,7 @@ def pictures() -> dict[str, Picture]:
         "scenes/put_bottle_down.png": scene("put_bottle_down", "--period", "0.1"),
         "scenes/belt_against_fence.png": scene("belt_against_fence", "--period", "0.25"),
         "ranking.png": ranking("release_over_bin"),
-        "table.gif": animation("table", "--period", "0.05", *SAMPLED),
+        "table.gif": animation("table", "--period", "0.05", "--probabilities", *SAMPLED),
         "models_bunny.png": model("bunny"),
         "models_mug.png": model("mug"),
         "demo.png": Picture(

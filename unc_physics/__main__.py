@@ -1,3 +1,4 @@
+# PYTHON_ARGCOMPLETE_OK
 """The command line: ``python -m unc_physics COMMAND``; each command's module is imported when it runs."""
 
 from __future__ import annotations
@@ -17,7 +18,12 @@ def main(arguments=None) -> int:
         from .checks.errors import OutputError, UncPhysicsError
         from .cli.parser import build_parser
 
-        options = build_parser().parse_args(arguments)
+        parser = build_parser()
+        if "_ARGCOMPLETE" in os.environ:  # a shell asks what the word under the cursor may become
+            import argcomplete
+
+            argcomplete.autocomplete(parser)
+        options = parser.parse_args(arguments)
     with warnings.catch_warnings():
         warnings.showwarning = _show_warning
         try:

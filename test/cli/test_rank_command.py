@@ -129,3 +129,22 @@ def test_a_wrong_option_is_told_in_a_sentence(tmp_path, capsys):
     assert "is a file of actions, which the command 'rank' takes" in capsys.readouterr().err
     assert main(["rank", str(tmp_path / "none.yaml")]) == ErrorCode.INVALID_REQUEST
     assert "actions file" in capsys.readouterr().err
+
+
+def test_further_events_stand_below_their_headings(capsys):
+    assert main(["rank", str(EXAMPLE), *SHORT]) == 0
+    _, columns, *rows = capsys.readouterr().out.splitlines()
+    for row in rows[:10]:
+        for k in range(1, 5):
+            end = columns.index(f"[{k}]") + 3
+            assert 0.0 <= float(row[end - 5 : end]) <= 1.0 and row[end - 6] == " "
+
+
+def test_a_ranking_prints_at_most_thirty_lines():
+    scene, belief, _, actions, score, *_ = load_actions(EXAMPLE)
+    many = {f"{name}, again {k}": action for k in range(4) for name, action in actions.items()}
+    ranking = rank(scene, belief, many, score, 0.02, rollouts=8)
+    lines = str(ranking).splitlines()
+    assert len(lines) <= 30 and any(line.endswith("more actions") for line in lines)
+    assert ranking._repr_html_().startswith("<pre>probability of: salt_box in bin")
+    assert len(ranking.to_dict()["actions"]) == 40

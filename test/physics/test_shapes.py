@@ -11,11 +11,11 @@ from twins import shapes as twin
 
 from unc_physics import RigidBody, Scene
 from unc_physics.checks.errors import InvalidEnvironmentError, InvalidOrientationError, NotFiniteError
-from unc_physics.cli.scene_picture import outermost, outline
 from unc_physics.collision import shapes
 from unc_physics.collision.element_contacts import cap
 from unc_physics.dynamics.rollout import simulate
 from unc_physics.geometry.packing_file import SpherePacking
+from unc_physics.plots.scene_picture import outermost, outline
 from unc_physics.scene.environment import ELEMENTS, Box, Capsule, Cylinder, Element, Plane, Sphere
 
 ROUND_OFF = 1e-12

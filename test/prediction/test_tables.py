@@ -29,6 +29,15 @@ def test_a_notebook_shows_the_table(prediction):
     assert prediction._repr_html_().startswith("<pre>monte_carlo; explicit")
 
 
+def test_a_plot_shows_each_body_from_two_sides(prediction, tmp_path):
+    figure = prediction.plot("collision")
+    assert len(figure.axes) == 2 and "collision" in figure.get_suptitle()
+    labels = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert {"left", "right"} <= set(labels)
+    figure.savefig(tmp_path / "plot.png")
+    assert (tmp_path / "plot.png").stat().st_size > 10_000
+
+
 def test_plain_values_are_those_of_the_command(prediction):
     found = json.loads(json.dumps(prediction.to_dict()))
     assert found["time"] == prediction.time and len(found["trajectory"]) == 30

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 import math
+import textwrap
 from dataclasses import asdict
 from importlib.util import find_spec
 from pathlib import Path
@@ -97,6 +98,8 @@ def run(arguments) -> int:
     """Predict, and print the result."""
     from ..checks.errors import InvalidOptionError
     from ..checks.validation import integer
+    from ..plots.scene_animation import draw_animation
+    from ..plots.scene_picture import draw_prediction
     from ..prediction.diagnosis import ROLLOUTS
     from ..prediction.events import AtRest, encounters, moving_names
     from ..prediction.status import assess, compared_rollouts
@@ -151,12 +154,12 @@ def run(arguments) -> int:
         if arguments.probabilities:
             print(probabilities_as_table(found))
     if arguments.picture is not None:
-        from .scene_animation import draw_animation
-        from .scene_picture import draw_prediction
-
-        draw = draw_animation if Path(arguments.picture).suffix == ".gif" else draw_prediction
+        title = Path(arguments.scene).stem.replace("_", " ")
         with writing(Path(arguments.picture), "--picture"):
-            draw(arguments.picture, prediction, Path(arguments.scene).stem.replace("_", " "))
+            if Path(arguments.picture).suffix == ".gif":
+                draw_animation(arguments.picture, prediction, title, [event for event, *_ in found])
+            else:
+                draw_prediction(prediction, title).savefig(arguments.picture, dpi=110, bbox_inches="tight")
     return 0
 
 
@@ -204,17 +207,18 @@ def _statuses(statuses):
 
 
 def statuses_as_text(statuses) -> str:
-    """What speaks against the prediction, a body a line."""
-    lines = [
-        f"{printable(status.body)}: {' '.join(flag.name for flag in status.flags)}: {status.message}"
-        for status in statuses
-        if status.flags
-    ]
+    """Return each flagged body with its flags, and below them the reasons, one a line."""
+    lines = []
+    for status in statuses:
+        if status.flags:
+            lines.append(f"{printable(status.body)}: {' '.join(flag.name for flag in status.flags)}")
+            for reason in status.reasons:
+                lines += textwrap.wrap(reason, 100, initial_indent="  - ", subsequent_indent="    ")
     return "\n".join(lines) if lines else "status: fine"
 
 
 def modes_as_text(prediction, statuses) -> str:
-    """Return the outcomes of each body whose mean is no possible pose, one a line."""
+    """Return a table of the outcomes of each body whose mean is no possible pose."""
     import numpy as np
 
     from ..prediction.body_status import Status
@@ -223,15 +227,19 @@ def modes_as_text(prediction, statuses) -> str:
 
     lines = []
     for status in statuses:
-        if status.flags & Status.MEAN_NOT_POSSIBLE:
-            modes = prediction[status.body].modes
-            for k, mode in enumerate(modes if len(modes) > 1 else (), 1):
-                std = np.sqrt(np.maximum(mode.covariance.diagonal(), 0.0))[ERR_POSITION]
-                lines.append(
-                    f"{printable(status.body)}: outcome {k} of {len(modes)}, probability {mode.weight:.3f}:"
-                    f" position {in_a_row(mode.mean[POSITION], '.4f')} m,"
-                    f" orientation {in_a_row(mode.mean[QUATERNION], '.4f')}, std {in_a_row(std, '.4f')} m"
-                )
+        modes = prediction[status.body].modes if status.flags & Status.MEAN_NOT_POSSIBLE else ()
+        if len(modes) > 1:
+            lines.append(f"{printable(status.body)}: {len(modes)} outcomes")
+            lines.append(
+                f"{'probability':>13}  {'position [m]':^26}  {'orientation (x, y, z, w)':^31}"
+                "  std of position [m]"
+            )
+        for mode in modes if len(modes) > 1 else ():
+            std = np.sqrt(np.maximum(mode.covariance.diagonal(), 0.0))[ERR_POSITION]
+            lines.append(
+                f"{mode.weight:13.3f}  {in_a_row(mode.mean[POSITION], '8.4f')}"
+                f"  {in_a_row(mode.mean[QUATERNION], '7.4f')}  {in_a_row(std, '8.4f')}"
+            )
     return "\n".join(lines)
 
 

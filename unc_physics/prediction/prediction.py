@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any, overload
+from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
 
 from ..checks.errors import InvalidRequestError, LimitExceededError, NotSupportedError
 from ..checks.validation import instance, integer, number
+from ..plots.scene_picture import draw_prediction
 from ..propagators.base import Propagator
 from ..scene.belief import Belief
 from ..scene.scene import Scene
@@ -17,6 +18,9 @@ from .events import Event, Touches
 from .predicted_body import Origin, PredictedBody, Trajectory
 from .snapshot import ContactTime, Probability, Snapshot
 from .tables import FEW_LINES, as_dict, as_html, as_table
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,6 +58,20 @@ class Prediction:
 
     def _repr_html_(self) -> str:
         return as_html(self)
+
+    def plot(self, title: str = "") -> Figure:
+        """Draw the bodies now and at the horizon, from the side and from above.
+
+        Parameters
+        ----------
+        title : str
+
+        Returns
+        -------
+        matplotlib.figure.Figure
+            Which a notebook shows, and ``savefig`` writes.
+        """
+        return draw_prediction(self, title)
 
     def to_dict(self) -> dict[str, Any]:
         """Return the prediction as plain Python values, as ``unc_physics schema prediction`` has them."""

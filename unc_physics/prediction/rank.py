@@ -25,8 +25,10 @@ from .memory import check_memory
 from .prediction import Prediction
 from .probability import sample_outcomes
 from .racing import Difference
+from .ranking_table import ranking_as_dict, ranking_as_html, ranking_as_table
 from .request_checks import check_supported, steps_of
 from .snapshot import Probability
+from .tables import FEW_LINES
 
 #: Share of `rollouts` for each action that the budget is by default, where that is more than two actions'.
 _BUDGET_SHARE = 0.2
@@ -88,6 +90,16 @@ class Ranking:
     score: Event
     smallest_first: bool
     seed: int
+
+    def __str__(self) -> str:
+        return ranking_as_table(self, most=FEW_LINES)
+
+    def _repr_html_(self) -> str:
+        return ranking_as_html(self)
+
+    def to_dict(self, also: Sequence[Event] = ()) -> dict[str, Any]:
+        """Return the ranking as plain Python values; `also` are events whose probabilities are added."""
+        return ranking_as_dict(self, also)
 
     @property
     def best(self) -> RankedAction:

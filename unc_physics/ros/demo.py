@@ -27,8 +27,9 @@ from unc_physics_msgs.msg import Prediction, PredictionRequest, Result, Scene
 from unc_physics_msgs.srv import Predict
 
 from ..checks.errors import OutputError
-from ..cli.scene_picture import COLORS, ellipse, pixel_window, shaded_balls
 from ..geometry.library import load_model
+from ..plots.palette import body_color
+from ..plots.scene_picture import ellipse, pixel_window, shaded_balls
 from ..propagators.names import ANYTIME, REFERENCE
 from ..spatial.rotation import rotation_matrix
 from .demo_stream import bunnies
@@ -229,7 +230,7 @@ def draw(path, objects, answers) -> None:
     axes = figure.add_axes((0.075, 0.08, 0.915, 0.81))
     for k, message in enumerate(objects):
         model = load_model(message.model).scaled(message.scale)
-        color = np.array(COLORS[k % len(COLORS)])
+        color = np.array(body_color(k))
         states = gaussian.objects[k].states
         _draw_cloud(axes, model, drawn.objects[k].states[-1].pose_samples, color)
         _draw_body(axes, model, message.pose.pose, color, alpha=0.38, order=2)

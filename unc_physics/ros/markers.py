@@ -9,12 +9,12 @@ from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker, MarkerArray
 
 from ..checks.errors import NotSupportedError
+from ..plots.palette import body_color
 from ..scene.environment import Box, Capsule, Cylinder, Plane, Sphere, element_names
 from ..spatial.layout import POSITION, QUATERNION
 from ..spatial.rotation import rotation_matrix
 from .messages.fields import duration, point_message, pose_message, xyz, xyzw
 
-_COLORS = ((0.16, 0.45, 0.72), (0.85, 0.42, 0.14), (0.24, 0.60, 0.30), (0.58, 0.40, 0.74), (0.75, 0.22, 0.25))
 _SIGMAS = 2.0  # half axes of ellipsoids and fans
 _AXES = np.eye(3)
 _BALL = 1.3  # diameter of a cell's ball in sizes of the cell, so that there are no holes
@@ -65,7 +65,7 @@ def markers(header, job, answer, settings) -> MarkerArray:
         last = predicted.states[-1].pose
         for kind in settings.markers:
             if kind != _OF_ENVIRONMENT and (body.free or kind not in _OF_UNCERTAINTY):
-                marker = _marker(kind, job, k, last, _COLORS[k % len(_COLORS)], settings.marker_cells)
+                marker = _marker(kind, job, k, last, body_color(k, body.fixed), settings.marker_cells)
                 marker.ns = f"{kind} {body.name}"
                 found.append(marker)
     if _OF_ENVIRONMENT in settings.markers:

@@ -20,6 +20,17 @@ STDS = {
     "angular_velocity_std": (ERR_ANGULAR_VELOCITY, 1.0, "rad/s"),
 }
 _MATERIALS = ("friction", "friction_std", "restitution", "restitution_std")
+#: The sliders' names.
+LABELS = {
+    "position_std": "std of positions",
+    "orientation_std": "std of orientations",
+    "linear_velocity_std": "std of velocities",
+    "angular_velocity_std": "std of angular velocities",
+    "friction": "friction",
+    "friction_std": "std of friction",
+    "restitution": "restitution",
+    "restitution_std": "std of restitution",
+}
 _RANGE = 3.0  # times the value that a quantity has
 
 

@@ -10,12 +10,12 @@ import numpy as np
 
 from ..checks.shown import printable
 from ..geometry.primitives import primitive
+from ..plots.palette import body_color
 from ..scene.scene import Scene
 from .frames import AnimationFrames
 from .meshes import element_mesh, fitted_mesh, joined_spheres, quaternion_of
 
-COLORS = ((41, 115, 184), (217, 107, 36), (61, 153, 77), (148, 102, 189), (191, 56, 64))
-_FIXED, _ELEMENT = (140, 140, 140), (214, 209, 199)
+_ELEMENT = (214, 209, 199)  # red, green, blue of 255
 _SPHERES = 600  # of each body that are drawn, the largest
 _FINE = ((80, 3), (250, 2), (10**9, 1))  # up to so many spheres, how fine each is drawn
 _THROUGH = 0.6  # opacity of walls, for what is behind them to be seen
@@ -136,7 +136,7 @@ class Drawing:
         )
 
     def _color(self, k):
-        return _FIXED if self.scene.bodies[k].fixed else COLORS[k % len(COLORS)]
+        return tuple(round(255 * part) for part in body_color(k, self.scene.bodies[k].fixed))
 
     def replace(self, scene: Scene, frames: AnimationFrames) -> None:
         """Show another prediction, in which things may have come or gone."""

@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import contextlib
+import html
 import io
 import threading
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from ..checks.errors import UncPhysicsError
 from ..scene.belief import Belief
 from ..scene.scene import Scene
+from .adjusting import LABELS
 from .drawing import Drawing
 from .session import Session
 
@@ -62,17 +66,22 @@ class Page:
 
     def _add_time_line(self, frames):
         gui = self.server.gui
-        self._line = gui.add_slider("frame", 0, len(frames.times) - 1, 1, 0)
+        last = float(frames.times[-1])
+        self._line = gui.add_slider("time [s]", 0.0, last, _shown(last / (len(frames.times) - 1), last), 0.0)
         self._playing = gui.add_checkbox("play", True)
         self._speed = gui.add_dropdown("speed", ("1", "1/2", "1/4", "1/10"), initial_value="1")
 
         @self._line.on_update
         def _(_event):
-            self._drawing.show(self._line.value)
+            self._drawing.show(self._frame())
+
+    def _frame(self):
+        """Return the index of the frame at the time line's place."""
+        return int(np.abs(self._drawing.frames.times - self._line.value).argmin())
 
     def _add_choices(self):
         gui, session = self.server.gui, self._session
-        ghosts, ellipsoids = gui.add_checkbox("samples", True), gui.add_checkbox("ellipsoids (2 sigma)", True)
+        ghosts, ellipsoids = gui.add_checkbox("samples", True), gui.add_checkbox("ellipsoids, 2 std", True)
         ghosts.on_update(lambda _: self._drawing.show_ghosts(ghosts.value))
         ellipsoids.on_update(lambda _: self._drawing.show_ellipsoids(ellipsoids.value))
         names = tuple(session.propagators)
@@ -85,14 +94,14 @@ class Page:
 
     def _add_sliders(self):
         sliders: dict[str, Any] = {}
-        with self.server.gui.add_folder("what is uncertain"):
+        with self.server.gui.add_folder("uncertainty at the start"):
             for key, value, most, unit in self._session.quantities:
-                label = f"{key} [{unit}]" if unit else key
+                label = LABELS[key] + (f" [{unit}]" if unit else "")
                 step = most / _STEPS
                 slider = self.server.gui.add_slider(label, 0.0, most, step, _shown(value, most))
                 slider.on_update(lambda _, key=key, slider=slider: self._adjust(key, slider.value))
                 sliders[key] = slider
-            back = self.server.gui.add_button("as given")
+            back = self.server.gui.add_button("reset")
 
         @back.on_click
         def _(_event):
@@ -124,13 +133,15 @@ class Page:
         """Move the time line on as time passes, where anybody looks."""
         while not self._closed.wait(self._pause()):
             if self._playing.value and self.server.get_clients():
-                self._line.value = (self._line.value + 1) % len(self._drawing.frames.times)
-                self._drawing.show(self._line.value)
+                times = self._drawing.frames.times
+                frame = (self._frame() + 1) % len(times)
+                self._line.value = float(times[frame])
+                self._drawing.show(frame)
 
     def _pause(self):
         times = self._drawing.frames.times
         slower = float(self._speed.value.removeprefix("1/"))
-        last = self._line.value == len(times) - 1
+        last = self._frame() == len(times) - 1
         return max(slower * float(times[-1]) / max(len(times) - 1, 1), _FASTEST) + (0.7 if last else 0.0)
 
     def follow(self, scene: Scene, belief: Belief) -> None:
@@ -161,7 +172,10 @@ def _server(host, port, title=""):
     import viser
 
     with contextlib.redirect_stdout(io.StringIO()):
-        return viser.ViserServer(host=host, port=port, label=title or None, verbose=False)
+        server = viser.ViserServer(host=host, port=port, label=title or None, verbose=False)
+    server.gui.configure_theme(control_width="small", show_share_button=False)
+    server.gui.main_panel.dock_right()  # beside the scene, not above it
+    return server
 
 
 def _stop(server):
@@ -180,6 +194,7 @@ def record(session: Session, path: Path, meshes: Mapping[str, str] | None = None
             drawing.show(k)
             after = frames.times[k + 1] - moment if k + 1 < len(frames.times) else 1.0
             writer.insert_sleep(float(after))
-        path.write_text(writer.as_html(), encoding="utf-8")
+        title = f"<title>{html.escape(path.stem)}: unc_physics</title>"
+        path.write_text(writer.as_html().replace("<title>Viser</title>", title, 1), encoding="utf-8")
     finally:
         _stop(server)

@@ -4,6 +4,8 @@ positions.
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING, Any
+
 import numpy as np
 
 from ..checks.shown import drawn_text
@@ -11,41 +13,50 @@ from ..propagators.modes import Mode
 from ..scene.environment import Plane
 from ..spatial.layout import ERR_POSITION, POSITION, QUATERNION
 from ..spatial.rotation import rotation_matrix
+from .palette import body_color
 
-COLORS = ((0.16, 0.45, 0.72), (0.85, 0.42, 0.14), (0.24, 0.60, 0.30), (0.58, 0.40, 0.74), (0.75, 0.22, 0.25))
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
 SIGMAS = 2.0  # half axes of the ellipses
 _LIGHT = np.array([-0.40, 0.65, 0.65])  # right, up, towards the eye
 _SPHERES = 2000  # of each body, the largest
 _PIXELS = 900  # along the longer side
 _MARGIN = 0.06  # of the longer side
-_SIDE, _ABOVE = (
+SIDE, _ABOVE = (
     np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]]),
     np.eye(3),
 )  # right, up and towards the eye, as rows
 _FAR = 1e4  # times an element's size: from there its nearest point is its outermost one in that direction
 _OUTLINE = 180  # directions in which an outline's points are the outermost
-_NAMED = 12  # bodies that are called by their names: more would hide each other
+_NAMED = 12  # bodies that the legend names
+_OUTCOMES = 6  # samples that stand for a body whose outcomes split
+_FEW_SPHERES = 300  # of each such sample
 _SOLID = {"facecolor": "0.90", "edgecolor": "0.55", "linewidth": 0.8}
 
 
-def draw_prediction(path, prediction, title="") -> None:
-    """Draw a scene and what is predicted of it into a PNG.
+def draw_prediction(prediction: Any, title: str = "") -> Figure:
+    """Draw a scene and its prediction, from the side and from above.
 
     Parameters
     ----------
-    path : path-like
-        File to write.
     prediction : Prediction
-        What it was given about time 0 is drawn pale, its last belief solid, with an ellipse for each of a
-        body's modes; the positions of all its times make the paths.
+        The belief at time 0 is drawn pale, the last belief solid, with an ellipse for each of a body's modes.
+        A body with several modes is drawn as samples, since its mean is no possible pose. The positions of
+        all times make the paths.
     title : str
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        With ``savefig``; no window is opened.
     """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
     scene, initial = prediction.scene, prediction.initial
     beliefs = (initial, *prediction.beliefs)
-    low, high = _bounds(scene, beliefs)
+    low, high = bounds(scene, beliefs)
     wide, deep, tall = high - low
     height = 1.3 + min(9.0, 9.2 * (tall + deep) / wide)
     figure = Figure(figsize=(10.0, height))
@@ -53,7 +64,7 @@ def draw_prediction(path, prediction, title="") -> None:
     grid = figure.add_gridspec(
         2, 1, height_ratios=[tall, deep], hspace=0.12, top=1.0 - 0.6 / height, bottom=0.6 / height
     )
-    for row, (view, label) in enumerate(((_SIDE, "z [m]"), (_ABOVE, "y [m]"))):
+    for row, (view, label) in enumerate(((SIDE, "z [m]"), (_ABOVE, "y [m]"))):
         axes = figure.add_subplot(grid[row])
         _draw_view(axes, prediction, beliefs, view, low, high)
         axes.set_ylabel(label)
@@ -64,7 +75,7 @@ def draw_prediction(path, prediction, title="") -> None:
         f"{drawn_text(title)}\n{subtitle}" if title else subtitle, fontsize=10, y=1.0 - 0.1 / height, va="top"
     )
     _draw_legend(figure, scene, 0.1 / height)
-    figure.savefig(path, dpi=110, bbox_inches="tight")
+    return figure
 
 
 def _draw_legend(figure, scene, top):
@@ -77,13 +88,13 @@ def _draw_legend(figure, scene, top):
     if len(scene.bodies) <= _NAMED:
         for k, body in enumerate(scene.bodies):
             name = drawn_text(body.name) + " (fixed)" * body.fixed
-            entries.append(Patch(color=tuple(_color(body, k).tolist()), label=name))
+            entries.append(Patch(color=body_color(k, body.fixed), label=name))
     entries += [
         Patch(color=gray, alpha=0.35, label="pale: now"),
-        Patch(color=gray, label="solid: predicted mean pose"),
+        Patch(color=gray, label="solid: predicted mean pose; several of one body: samples"),
         Line2D([], [], color=gray, linewidth=0.8, label="path of the mean"),
-        _round_line(color=gray, linewidth=0.9, label=f"{SIGMAS:g} sigma of the position, now"),
-        _round_line(color=gray, linewidth=1.8, label="and predicted"),
+        _round_line(color=gray, linewidth=0.9, label=f"position now, {SIGMAS:g} standard deviations"),
+        _round_line(color=gray, linewidth=1.8, label="position predicted, of each outcome"),
     ]
     figure.legend(
         handles=entries,
@@ -113,18 +124,18 @@ def _round_line(color, linewidth, label):
     )
 
 
-def _color(body, k):
-    return np.array((0.55, 0.55, 0.55) if body.fixed else COLORS[k % len(COLORS)])
-
-
-def _bounds(scene, beliefs):
-    """Lowest and highest point of what the picture shows: bodies, before and after, and the elements near
-    them.
-    """
+def bounds(scene, beliefs):
+    """Return the lowest and the highest point of a picture: bodies, ellipses at the end, elements nearby."""
     radius = np.array([body.model.bounding_radius for body in scene.bodies])[:, None]
     places = np.concatenate([belief.mean[:, POSITION] for belief in beliefs])
     reach = np.tile(radius, (len(beliefs), 1))
     low, high = (places - reach).min(axis=0), (places + reach).max(axis=0)
+    for k, body in enumerate(scene.bodies):
+        if body.free:
+            variance = beliefs[-1].marginal(k)[ERR_POSITION, ERR_POSITION].diagonal()
+            half = np.maximum(SIGMAS * np.sqrt(np.maximum(variance, 0.0)), body.model.bounding_radius)
+            low = np.minimum(low, beliefs[-1].mean[k, POSITION] - half)
+            high = np.maximum(high, beliefs[-1].mean[k, POSITION] + half)
     for element in scene.environment:
         if element.finite:
             ends = outermost(element, np.concatenate([np.eye(3), -np.eye(3)]))
@@ -142,25 +153,24 @@ def _draw_view(axes, prediction, beliefs, view, low, high):
     left, bottom = view[:2] @ low
     right, top = view[:2] @ high
     halo = [withStroke(linewidth=3.0, foreground=(1.0, 1.0, 1.0, 0.6))]
-    _draw_environment(axes, scene.environment, view, (left, right, bottom, top))
+    draw_environment(axes, scene.environment, view, (left, right, bottom, top))
     pixel = max(right - left, top - bottom) / _PIXELS
     for k, body in enumerate(scene.bodies):
-        color = _color(body, k)
-        for belief, alpha in ((beliefs[0], 0.35), (beliefs[-1], 0.95)):
-            if body.fixed and belief is beliefs[0]:
-                continue
-            R = rotation_matrix(belief.mean[k, QUATERNION])
-            centers = (body.model.centers[:_SPHERES] @ R.T + belief.mean[k, POSITION]) @ view.T
-            image, extent = shaded_balls(centers, body.model.radii[:_SPHERES], color, pixel)
-            image[..., 3] *= alpha
-            axes.imshow(image, extent=extent, origin="lower", interpolation="bilinear", zorder=3)
+        color = np.array(body_color(k, body.fixed))
+        outcomes = prediction[body.name].modes if body.free else ()
+        drawn = [] if body.fixed else [(beliefs[0].mean[k], 0.35, _SPHERES)]
+        samples = prediction.at().rollout_states
+        if len(outcomes) > 1 and samples is not None:
+            drawn += [(state, 0.6, _FEW_SPHERES) for state in samples[:_OUTCOMES, k]]
+        else:
+            drawn.append((beliefs[-1].mean[k], 0.95, _SPHERES))
+        for state, alpha, count in drawn:
+            draw_body(axes, body.model, state, view, color, pixel, alpha, count)
         if not body.fixed:
             path = np.array([belief.mean[k, POSITION] for belief in beliefs]) @ view[:2].T
             axes.plot(*path.T, color=0.5 * color, linewidth=0.8, zorder=4, path_effects=halo)
             now = Mode(1.0, beliefs[0].mean[k], beliefs[0].marginal(k))
-            outcomes = prediction[body.name].modes if body.free else ()
-            drawn = ((now, 0.9), *((mode, 1.8) for mode in outcomes)) if body.free else ()
-            for mode, width in drawn:
+            for mode, width in ((now, 0.9), *((mode, 1.8) for mode in outcomes)) if body.free else ():
                 P = view[:2] @ mode.covariance[ERR_POSITION, ERR_POSITION] @ view[:2].T
                 axes.add_patch(
                     ellipse(
@@ -172,8 +182,6 @@ def _draw_view(axes, prediction, beliefs, view, low, high):
                         path_effects=halo,
                     )
                 )
-    if len(scene.bodies) <= _NAMED:
-        _write_names(axes, scene, beliefs[-1], view, halo)
     axes.set_xlim(left, right)
     axes.set_ylim(bottom, top)
     axes.set_aspect("equal")
@@ -181,25 +189,33 @@ def _draw_view(axes, prediction, beliefs, view, low, high):
     axes.spines[["top", "right"]].set_visible(False)
 
 
-def _write_names(axes, scene, belief, view, halo):
-    """Each body's name, beside its last pose."""
-    for k, body in enumerate(scene.bodies):
-        right, up = view[:2] @ belief.mean[k, POSITION]
-        axes.text(
-            right,
-            up + 0.3 * body.model.bounding_radius,
-            drawn_text(body.name),
-            color=tuple((0.4 * _color(body, k)).tolist()),
-            fontsize=8,
-            ha="center",
-            va="bottom",
-            zorder=6,
-            clip_on=True,
-            path_effects=halo,
-        )
+def draw_body(axes, model, state, view, color, pixel, alpha, count) -> None:
+    """Draw the largest spheres of a model in a pose.
+
+    Parameters
+    ----------
+    axes : matplotlib.axes.Axes
+    model : SpherePacking
+    state : (13,) array
+        Of which position and quaternion are used.
+    view : (3, 3) array
+        Right, up and towards the eye, as rows.
+    color : (3,) array
+    pixel : float
+        Size of a pixel [m].
+    alpha : float
+        Opacity.
+    count : int
+        Number of spheres.
+    """
+    R = rotation_matrix(state[QUATERNION])
+    centers = (model.centers[:count] @ R.T + state[POSITION]) @ view.T
+    image, extent = shaded_balls(centers, model.radii[:count], color, pixel)
+    image[..., 3] *= alpha
+    axes.imshow(image, extent=extent, origin="lower", interpolation="bilinear", zorder=3)
 
 
-def _draw_environment(axes, environment, view, window):
+def draw_environment(axes, environment, view, window):
     """Solids as their outlines, far ones first; half-spaces that are seen from their edge as their solid
     side.
     """

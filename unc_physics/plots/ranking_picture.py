@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 from ..checks.shown import printable
-from ..prediction.events import Event
-from ..prediction.rank import Ranking
+
+if TYPE_CHECKING:
+    from ..prediction.events import Event
+    from ..prediction.rank import Ranking
 
 _KEPT, _WORSE, _SCORE = "#0072B2", "#999999", "score"
 _OTHERS = ("#E69F00", "#009E73", "#CC79A7", "#D55E00", "#56B4E9")

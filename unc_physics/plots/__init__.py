@@ -1,0 +1,1 @@
+"""Pictures of predictions and rankings; Matplotlib is imported when one is drawn."""

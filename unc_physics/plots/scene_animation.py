@@ -1,0 +1,140 @@
+"""A prediction as an animated picture, from the side."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Sequence
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..checks.shown import drawn_text
+from ..spatial.layout import ERR_POSITION, POSITION
+from .palette import body_color
+from .scene_picture import SIDE, bounds, draw_body, draw_environment, ellipse
+
+GHOSTS = 15  # samples of each body that are drawn
+_PALE = 0.10  # opacity of a sample
+_WIDTH, _DOTS = 7.0, 90  # inches, and dots per inch
+_HEAD, _LINE = 0.35, 0.22  # inches of the title, and of a probability
+_BAR = 0.25  # of the width
+_MOST_BARS, _CHANGE = 4, 0.05  # probabilities that change by less are not shown
+_PIXELS = 420  # along the longer side, of balls
+_LAST = 1200  # ms, that the end is shown
+_FEWEST = 20  # spheres of a body that are drawn, at least: the largest
+
+
+def draw_animation(path: str | Path, prediction: Any, title: str = "", events: Sequence[Any] = ()) -> None:
+    """Draw a prediction into an animated GIF: a picture for the start, and one for each of its times.
+
+    Parameters
+    ----------
+    path : path-like
+        File to write.
+    prediction : Prediction
+        Of samples, one is drawn solid and others pale, since a mean of different outcomes is no possible
+        pose. Without samples the mean is solid, and samples of the Gaussian are pale.
+    title : str
+    events : sequence of Event
+        Whose probabilities are shown as bars. Of those that change over time, the first four are.
+    """
+    from PIL import Image
+
+    beliefs, times = [prediction.start, *prediction.beliefs], [0.0, *prediction.times]
+    corners = bounds(prediction.scene, beliefs)
+    states = _states(prediction)
+    courses = _courses(prediction, events)
+    pictures = []
+    for k, time in enumerate(times):
+        bars = [(words, course[k - 1] if k else None) for words, course in courses.items()]
+        head = f"{title}  t = {time:.2f} s".strip()
+        picture = _picture(prediction.scene, beliefs[k], states[k], corners, head, bars)
+        pictures.append(
+            Image.open(io.BytesIO(picture)).convert("P", palette=Image.Palette.ADAPTIVE, colors=96)
+        )
+    shown = [round(1e3 * (after - before)) for before, after in pairwise(times)]
+    pictures[0].save(
+        path, save_all=True, append_images=pictures[1:], duration=[*shown, _LAST], loop=0, optimize=True
+    )
+
+
+def _courses(prediction, events):
+    """Return the probabilities of events at all times, by the events' words, of those that change."""
+    found = {}
+    for event in events:
+        course = [prediction.probability(event, time=time).estimate for time in prediction.times]
+        if max(course) - min(course) > _CHANGE and course not in found.values():
+            found[str(event)] = course
+    return dict(list(found.items())[:_MOST_BARS])
+
+
+def _states(prediction):
+    """Return for time 0 and each time the solid states (B, 13) and the pale ones (N, B, 13)."""
+    snapshots = prediction.snapshots
+    first = prediction.start.sample(GHOSTS, np.random.default_rng(0))
+    found = [(prediction.start.mean, first)]
+    rollouts = [snapshot.rollout_states for snapshot in snapshots]
+    typical = None
+    if all(states is not None for states in rollouts):
+        # the rollout that ends nearest to the middle of the others
+        ends = rollouts[-1][:, :, POSITION]
+        typical = int(np.linalg.norm(ends - np.median(ends, axis=0), axis=-1).sum(axis=1).argmin())
+    for snapshot, states in zip(snapshots, rollouts, strict=True):
+        if typical is None:
+            found.append((snapshot.belief.mean, snapshot.belief.sample(GHOSTS, np.random.default_rng(0))))
+        else:
+            found.append((states[typical], states[:GHOSTS]))
+    return found
+
+
+def _picture(scene, belief, states, corners, title, bars):
+    """Return one picture, as the bytes of a PNG."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    low, high = corners
+    wide, tall = (SIDE[:2] @ (high - low)).tolist()
+    scene_height, head = _WIDTH * tall / wide, _HEAD + _LINE * len(bars)
+    figure = Figure(figsize=(_WIDTH, scene_height + head))
+    FigureCanvasAgg(figure)
+    axes = figure.add_axes((0.0, 0.0, 1.0, scene_height / (scene_height + head)))
+    (left, bottom), (right, top) = SIDE[:2] @ low, SIDE[:2] @ high
+    draw_environment(axes, scene.environment, SIDE, (left, right, bottom, top))
+    pixel = max(right - left, top - bottom) / _PIXELS
+    solid, pale = states
+    is_typical = not np.array_equal(solid, belief.mean)
+    for k, body in enumerate(scene.bodies):
+        color = np.array(body_color(k, body.fixed))
+        for state in () if body.fixed else pale[:, k]:
+            draw_body(axes, body.model, state, SIDE, color, pixel, _PALE, max(_FEWEST, len(body.model) // 4))
+        draw_body(axes, body.model, solid[k], SIDE, color, pixel, 0.95, len(body.model))
+        if not body.fixed and not is_typical:
+            P = SIDE[:2] @ belief.marginal(k)[ERR_POSITION, ERR_POSITION] @ SIDE[:2].T
+            place = SIDE[:2] @ belief.mean[k, POSITION]
+            axes.add_patch(ellipse(place, P, edgecolor=0.5 * color, linewidth=1.5, zorder=5))
+    axes.set_xlim(left, right)
+    axes.set_ylim(bottom, top)
+    axes.set_axis_off()
+    figure.suptitle(drawn_text(title), fontsize=10, y=0.99, va="top")
+    if bars:
+        _draw_bars(figure, bars, scene_height + head)
+    written = io.BytesIO()
+    figure.savefig(written, dpi=_DOTS)
+    return written.getvalue()
+
+
+def _draw_bars(figure, bars, height):
+    """Draw the probabilities below the title, each as words, a bar from 0 to 1, and a number."""
+    from matplotlib.patches import Rectangle
+
+    for row, (words, value) in enumerate(bars):
+        y = 1.0 - (_HEAD + _LINE * row) / height
+        figure.text(0.48, y, drawn_text(words), fontsize=9, ha="right", va="top")
+        size = {"height": 0.6 * _LINE / height, "transform": figure.transFigure, "linewidth": 0.0}
+        place = (0.5, y - 0.7 * _LINE / height)
+        figure.add_artist(Rectangle(place, _BAR, facecolor="0.88", **size))
+        if value is not None:
+            figure.add_artist(Rectangle(place, _BAR * value, facecolor=body_color(0), **size))
+            figure.text(0.51 + _BAR, y, f"{value:.2f}", fontsize=9, va="top")
