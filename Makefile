@@ -145,9 +145,9 @@ $(MADE)/interfaces: requirements/ros.txt $(INTERFACES) cmake/ros_wheels.cmake | 
 # What the demo's node asks of the kernels, for numba to find in its cache. The node would compile it too, alone.
 define COMPILE
 from unc_physics import encounters, load_scene, predict
-scene, belief, _ = load_scene("examples/scenes/two_bunnies.yaml")
-for propagator in ("sigma_points", "monte_carlo"):
-    predict(scene, belief, propagator, 1.0, events=encounters(scene))
+scene, belief, _ = load_scene("examples/scenes/table.yaml")
+for propagator in ("auto", "monte_carlo", "sigma_points", "local_sampling", "linearization", "surrogate"):
+    predict(scene, belief, propagator, 0.1, events=encounters(scene))
 endef
 export COMPILE
 

@@ -107,7 +107,12 @@ def pictures() -> dict[str, Picture]:
         "models_mug.png": model("mug"),
         "demo.png": Picture(
             ("unc_physics.ros.demo", "--output", "OUT"),
-            ("models/bunny.npz", "unc_physics/ros/demo.py", "unc_physics/ros/demo_stream.py"),
+            (
+                "models/can.npz",
+                "models/salt_box.npz",
+                "unc_physics/ros/demo.py",
+                "unc_physics/ros/demo_scene.py",
+            ),
         ),
         "results/collisions.png": results("collisions"),
         "results/collisions_time.png": results("collisions_time"),

@@ -1,4 +1,4 @@
-"""The prediction node and a client that streams two bunnies which approach each other, shown in RViz.
+"""The prediction node and a client that streams a can that flies towards a carton, shown in RViz.
 
 ros2 launch unc_physics demo.launch.py [rviz:=false] [view:=true]
 """

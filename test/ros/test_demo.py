@@ -15,7 +15,7 @@ def test_the_demo_prints_a_table_and_writes_a_picture(tmp_path):
     output = tmp_path / "picture.png"
     done = run_demo(output)
     assert done.returncode == 0, done.stderr
-    for word in ("left", "right", "auto", "Monte Carlo", str(output), "shut down cleanly"):
+    for word in ("auto", "linearization", "monte_carlo, 200", "truth", str(output), "shut down cleanly"):
         assert word in done.stdout
     assert output.read_bytes().startswith(b"\x89PNG") and output.stat().st_size > 50_000
 

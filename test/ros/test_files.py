@@ -121,5 +121,5 @@ def test_the_demo_s_stream_is_predicted(client):
         finally:
             stream.send_signal(signal.SIGTERM)
             assert stream.wait(10.0) == 0
-    assert [predicted.id for predicted in message.objects] == ["left", "right"]
+    assert [predicted.id for predicted in message.objects] == ["carton", "can"]
     assert len(message.objects[0].states) == 4

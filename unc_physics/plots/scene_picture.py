@@ -159,7 +159,8 @@ def _draw_view(axes, prediction, beliefs, view, low, high):
         color = np.array(body_color(k, body.fixed))
         outcomes = prediction[body.name].modes if body.free else ()
         drawn = [] if body.fixed else [(beliefs[0].mean[k], 0.35, _SPHERES)]
-        samples = prediction.at().rollout_states
+        last = prediction.at()
+        samples = last.samples if last.rollout_states is None else last.rollout_states
         if len(outcomes) > 1 and samples is not None:
             drawn += [(state, 0.6, _FEW_SPHERES) for state in samples[:_OUTCOMES, k]]
         else:

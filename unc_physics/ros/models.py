@@ -407,12 +407,15 @@ def _solid(path):
 
 def _info(library, name, path):
     """Return the entry of a model; of an unreadable one it has the reason."""
-    info = ModelInfo(name=name, status=ModelInfo.STATUS_READY, path=str(path))
     try:
-        packing = library.shape(name)
+        return packing_info(library.shape(name), name, path)
     except UncPhysicsError as error:
-        info.status, info.status_msg = ModelInfo.STATUS_FAILED, str(error)
-        return info
+        return ModelInfo(name=name, status=ModelInfo.STATUS_FAILED, status_msg=str(error), path=str(path))
+
+
+def packing_info(packing: SpherePacking, name: str, path: str | Path = "") -> ModelInfo:
+    """Return the message that describes a model."""
+    info = ModelInfo(name=name, status=ModelInfo.STATUS_READY, path=str(path))
     info.spheres = len(packing)
     info.volume, info.fill = float(packing.volume), float(packing.fill)
     info.bounding_radius = float(packing.bounding_radius)
