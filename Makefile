@@ -123,17 +123,17 @@ $(MADE)/python:
 	    "$(or $(PYTHON),python3.12 python3.11 python3). Name one with PYTHON=..." >&2; exit 1
 
 $(MADE)/ros: $(MADE)/python requirements/ros.txt requirements/constraints.txt
-	@echo "Installing ROS 2 Jazzy ..."
+	@echo "[1] Installing ROS 2 Jazzy: about 20 s ..."
 	@$(PIP) -r requirements/ros.txt
 	@touch $@
 
 $(MADE)/run: $(MADE)/ros requirements/run.txt
-	@echo "Installing the library's dependencies ..."
+	@echo "[2] Installing the library's dependencies: about 15 s ..."
 	@$(PIP) -r requirements/run.txt
 	@touch $@
 
 $(MADE)/interfaces: requirements/ros.txt $(INTERFACES) cmake/ros_wheels.cmake | $(MADE)/ros
-	@echo "Building unc_physics_msgs ..."
+	@echo "[3] Building unc_physics_msgs, beside the other steps: one to two minutes ..."
 	@rm -rf $(MADE)/build && mkdir $(MADE)/build
 	@{ $(CMAKE) -S unc_physics_msgs -B $(MADE)/build -DCMAKE_BUILD_TYPE=Release -DCPP_INTERFACES=OFF \
 	        -DBUILD_TESTING=OFF -DCMAKE_PROJECT_INCLUDE="$(CURDIR)/cmake/ros_wheels.cmake" \
@@ -152,7 +152,7 @@ endef
 export COMPILE
 
 $(MADE)/kernels: $(MADE)/run
-	@echo "Compiling the kernels ..."
+	@echo "[4] Compiling the kernels: one to two minutes ..."
 	@$(VENV_PYTHON) -c "$$COMPILE"
 	@touch $@
 

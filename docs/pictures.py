@@ -61,10 +61,10 @@ def animation(name: str, *options: str) -> Picture:
     return still._replace(sources=(*still.sources, "unc_physics/plots/scene_animation.py"))
 
 
-def model(name: str) -> Picture:
-    """A packing at several levels."""
+def model(name: str, up: str = "z") -> Picture:
+    """A packing at several levels, with one of its axes up."""
     sources = f"models/{name}.npz", "unc_physics/geometry/picture.py"
-    return Picture(("unc_physics", "show", name, "-o", "OUT"), sources)
+    return Picture(("unc_physics", "show", name, "--up", up, "-o", "OUT"), sources)
 
 
 def ranking(name: str) -> Picture:
@@ -103,7 +103,7 @@ def pictures() -> dict[str, Picture]:
         "scenes/belt_against_fence.png": scene("belt_against_fence", "--period", "0.25"),
         "ranking.png": ranking("release_over_bin"),
         "table.gif": animation("table", "--period", "0.05", "--probabilities", *SAMPLED),
-        "models_bunny.png": model("bunny"),
+        "models_bunny.png": model("bunny", "y"),
         "models_mug.png": model("mug"),
         "demo.png": Picture(
             ("unc_physics.ros.demo", "--output", "OUT"),
