@@ -9,6 +9,7 @@ from unc_physics import Belief, Box, Plane, RigidBody, Scene, load_model, make_p
 from unc_physics.collision.contact_search import NEAR
 from unc_physics.dynamics import contact_history as histories
 from unc_physics.prediction.islands import IslandRunner
+from unc_physics.prediction.marks import whole
 
 TABLE = [Box(name="table", size=(1.2, 1.2, 0.05), position=(0, 0, -0.025)), Plane(name="floor", offset=-0.7)]
 BIN = [Plane(name="floor")] + [
@@ -115,7 +116,7 @@ def test_what_the_step_computes_together_is_one_island(gap, together):
     propagator = make_propagator("monte_carlo", samples=1)
     joint, divided = run_both(scene, belief, propagator, 0.2)
     assert_same(joint, divided)
-    runner = IslandRunner(propagator, joint.scene, [48])
+    runner = IslandRunner(propagator, joint.scene, [whole(48, joint.scene.dt)])
     end = runner.advance(runner.init(joint.scene, belief), joint.scene, 48)
     assert len(end.islands) == (1 if together else 2)
 

@@ -19,6 +19,7 @@ from unc_physics import (
 )
 from unc_physics.prediction.events import ENVIRONMENT
 from unc_physics.prediction.first_contacts import first_contacts
+from unc_physics.prediction.marks import whole
 
 
 @pytest.fixture(scope="module")
@@ -63,15 +64,19 @@ def test_a_flight_is_the_prediction_until_it_touches_something(thrown):
     scene, belief = thrown
     scene = predict(scene, belief, "sigma_points", scene.dt).scene
     steps, count = 60, 50
-    early, flights = first_contacts(scene, belief, [20, steps], count, seed=7)
-    whole = predict(scene, belief, make_propagator("monte_carlo", samples=count, seed=7), steps * scene.dt)
-    first = whole.carry.contact_history.first_time
+    early, flights = first_contacts(
+        scene, belief, [whole(20, scene.dt), whole(steps, scene.dt)], count, seed=7
+    )
+    reference = predict(
+        scene, belief, make_propagator("monte_carlo", samples=count, seed=7), steps * scene.dt
+    )
+    first = reference.carry.contact_history.first_time
     own = np.minimum(first.min(axis=2), first[:, :, :2].min(axis=1))
     assert 0.1 < np.isfinite(flights.known_until).mean() < 1.0
     # of the samples' bodies that touch nothing, and meet none that was stopped
     free = np.isinf(flights.known_until) & np.isinf(own)
-    np.testing.assert_array_equal(flights.states[free], whole.carry.states[free])
-    (alone,) = first_contacts(scene, belief, [20], count, seed=7)
+    np.testing.assert_array_equal(flights.states[free], reference.carry.states[free])
+    (alone,) = first_contacts(scene, belief, [whole(20, scene.dt)], count, seed=7)
     for one, other in zip(early, alone, strict=True):
         np.testing.assert_array_equal(one, other)
     # whoever touches something first does so then
@@ -84,7 +89,7 @@ def test_what_was_stopped_stands(thrown):
     scene = predict(scene, thrown[1], "sigma_points", scene.dt).scene
     mean = thrown[1].mean.copy()
     mean[:, :3], mean[:, 3:] = [[0.0, 0.0, 0.15], [0.0, 0.0, 0.6]], [0, 0, 0, 0, 0, 0, 1, 0, 0, 0]
-    still, flights = first_contacts(scene, Belief.exact(mean), [60, 240], 1)
+    still, flights = first_contacts(scene, Belief.exact(mean), [whole(60, scene.dt), whole(240, scene.dt)], 1)
     table, other = flights.first_contacts[0, 0, 2], flights.first_contacts[0, 0, 1]
     assert 0.0 < table < other < 0.4  # the lower one, then the upper one on it
     assert flights.known_until[0].tolist() == [table, other]

@@ -8,6 +8,7 @@ from example_scenes import two_bodies
 
 from unc_physics import PROPAGATORS, Belief, RigidBody, Scene, load_model, make_propagator, predict
 from unc_physics.prediction.islands import IslandRunner
+from unc_physics.prediction.marks import whole
 from unc_physics.scene.scene_file import scene_from_dict
 
 ROUND_OFF = 1e-12
@@ -61,7 +62,7 @@ def both(scene, belief, propagator, horizon=HORIZON, **options):
 def by_islands(scene, belief, propagator, horizon=HORIZON):
     """The carry of islands at the end."""
     steps = round(horizon / scene.dt)
-    islands = IslandRunner(propagator, scene, [steps])
+    islands = IslandRunner(propagator, scene, [whole(steps, scene.dt)])
     return islands.advance(islands.init(scene, belief), scene, steps)
 
 
@@ -121,7 +122,7 @@ def test_islands_merge_when_bodies_meet(name):
     scene, belief = crowd(spread=0.3)
     options = {"samples": 10} if "samples" in PROPAGATORS[name].options() else {}
     propagator = make_propagator(name, **options)
-    first = IslandRunner(propagator, scene, [200]).init(scene, belief)
+    first = IslandRunner(propagator, scene, [whole(200, scene.dt)]).init(scene, belief)
     assert [island.bodies.tolist() for island in first.islands] == [[k] for k in (0, 1, 2, 3, 5, 6)]
     found = [island.bodies.tolist() for island in by_islands(scene, belief, propagator).islands]
     assert [[k for k in island if k != 4] for island in found] == [
@@ -136,7 +137,7 @@ def test_bodies_whose_beliefs_are_correlated_are_together():
     P[24, 36] = P[36, 24] = 0.0
     a, b = 12 * 2, 12 * 4  # alone's and visitor's positions
     P[a, b] = P[b, a] = 0.5 * P[a, a]
-    joined = IslandRunner(make_propagator("surrogate"), scene, [1]).init(
+    joined = IslandRunner(make_propagator("surrogate"), scene, [whole(1, scene.dt)]).init(
         scene, Belief(belief.mean, P, belief.moving)
     )
     assert [island.bodies.tolist() for island in joined.islands] == [[0], [1], [2, 5], [3], [6]]

@@ -16,6 +16,7 @@ from unc_physics.prediction.body_status import Status
 from unc_physics.prediction.diagnosis import SURE, rollout_spreads
 from unc_physics.prediction.diagnostics import RULES
 from unc_physics.prediction.evidence import pose_spreads
+from unc_physics.prediction.marks import mark_at
 from unc_physics.prediction.status import assess, assess_all
 from unc_physics.propagators.balanced_monte_carlo import BalancedMonteCarlo
 from unc_physics.scene.environment import Box, Plane
@@ -145,7 +146,7 @@ def test_what_a_dozen_rollouts_leave_open_more_of_them_decide(name):
     found, same, other = (assess(prediction, rollouts=count)[0] for count in (12, SURE, SURE + 1))
     assert found.measures == same.measures != other.measures
     assert found.flags == Status.OUTSIDE_VALIDITY
-    (few,) = rollout_spreads(prediction.scene, belief, [round(horizon / scene.dt)], 12)
+    (few,) = rollout_spreads(prediction.scene, belief, [mark_at(horizon, scene.dt)], 12)
     factor = few[0] / pose_spreads(prediction.belief.blocks)[0]
     assert max(*factor, *(1.0 / factor)) < RULES["doubtful_contacts"].limit
 

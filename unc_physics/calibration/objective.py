@@ -73,9 +73,8 @@ def recorded(motions: Sequence[Motion], scene: Scene, times: Sequence[float] = T
         start = fit_start(motion, scene)
         if start is None:
             continue
-        steps = {round(motion.nearest(time) / scene.dt) for time in times if time < motion.duration}
-        steps |= {round(motion.duration / scene.dt)}
-        own = tuple(step * scene.dt for step in sorted(steps) if step > 0)
+        own = {motion.nearest(time) for time in times if time < motion.duration} | {motion.duration}
+        own = tuple(sorted(own - {0.0}))
         found.append(Recorded(motion, start, own, tuple(motion.pose(time) for time in own)))
     if not found:
         raise InvalidRequestError(

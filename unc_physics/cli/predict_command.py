@@ -16,7 +16,6 @@ from .output import check_output, note, writing
 from .progress import told_progress
 
 _SHOWN_STATE = 1000.0  # bytes of a body's state as Python's numbers and as text
-_ROUNDED = 0.01  # of a horizon, from which on its rounding is worth a note
 # a tenth is 3.3 standard errors at 99.9 % confidence
 _TELLS = f"a propagator that draws --samples 300 tells, or {ANYTIME} with --option probability_error=0.03"
 _UNKNOWN = 20  # probabilities of which nothing is known are only counted if they are more
@@ -304,12 +303,6 @@ def _note_what_is_left_out(arguments, scene, propagator, horizon):
     if horizon is None:
         return
     horizon = float(horizon)
-    steps = round(horizon / scene.dt)
-    if abs(steps * scene.dt - horizon) > _ROUNDED * horizon:
-        note(
-            f"the horizon of {horizon:g} s is rounded to {steps} step{'s' * (steps != 1)} of dt ="
-            f" {scene.dt:.6g} s, {steps * scene.dt:.6g} s"
-        )
     if arguments.period is not None and float(arguments.period) >= horizon:
         note(
             f"--period {float(arguments.period):g} s is not below the horizon of {horizon:g} s, which alone"
@@ -319,18 +312,14 @@ def _note_what_is_left_out(arguments, scene, propagator, horizon):
 
 def _predict_with_progress(scene, belief, propagator, horizon, period, time_limit, events):
     """Predict; what takes long tells how far it is."""
-    from ..checks.errors import InvalidHorizonError, PredictionTimeoutError
+    from ..checks.errors import PredictionTimeoutError
     from ..checks.validation import positive
     from ..prediction.predict import predict
     from ..prediction.request_checks import periodic_times
 
     if time_limit is not None:
         time_limit = positive(time_limit, "--time-limit")
-    times = None if period is None else periodic_times(period, horizon)
-    if times and round(times[0] / scene.dt) < 1:
-        raise InvalidHorizonError(
-            f"is shorter than half a step of dt = {scene.dt} s", field="period", value=period
-        )
+    times = None if period is None else periodic_times(scene, period, horizon)
     with told_progress(propagator.name, "step", f"a horizon of {horizon} s") as show:
         try:
             return predict(

@@ -88,7 +88,7 @@ _IMPACTS, _CUTS = 4, 16
 _LIVELY_IMPACTS, _LIVELY_CUTS = 64, 256
 #: No contact begins and ends unseen on a way as short as this [m].
 _SHORT_WAY = 4e-3
-_QUIET_SPEED, _QUIET_TIME, _QUIET_CONTACTS = 2e-3, 0.1, 3  # of what falls asleep [m/s], [s]
+_QUIET_SPEED, _QUIET_CONTACTS = 2e-3, 3  # of what falls asleep [m/s]
 _HOLDING = 0.99  # of what friction can hold: what all contacts let slip, however slowly, does not fall asleep
 
 
@@ -209,7 +209,9 @@ def collide(x, count, time, impact, first_time, residual, world, threshold, key,
             kept += 1
     counts[CONTACTS] = kept
     if is_drawn(world.implicit.impact_error):
-        disturb(round(time / world.dt), impact, len(x), key, world.implicit.impact_error, work)
+        disturb(
+            round((time - world.start) / world.dt), impact, len(x), key, world.implicit.impact_error, work
+        )
     worst = solve_impact(rows, work.twists, ids, counts, work.impulses, members, count, velocity, threshold)
     after_impact(method, x, count, threshold, world, work)
     for c in range(kept):
@@ -526,15 +528,14 @@ def advance_step(x, time, first_time, quiet, residual, world, threshold, slowest
     find_groups(x, world, work)
     list_members(work)
     work.counts[REMEMBERED] = 0
-    long_quiet = math.ceil(_QUIET_TIME / dt)
     for i in range(len(x)):
         if not moving[i] or group[i] != i:
             continue
-        count, asleep, j = 0, world.implicit.sleep, i
+        count, asleep, j = 0, world.implicit.rest_steps > 0, i
         while j >= 0:
             members[count] = j
             count += 1
-            asleep = asleep and quiet[j] >= long_quiet
+            asleep = asleep and quiet[j] >= world.implicit.rest_steps
             if acted and asleep:
                 asleep = not is_driven(j, world, work)
             j = work.next_member[j]
@@ -560,7 +561,7 @@ def advance_step(x, time, first_time, quiet, residual, world, threshold, slowest
         advance_group(x, count, time, first_time, residual, world, threshold, slowest, key, method, work)
         if work.counts[OVERFLOW] != NO_OVERFLOW:
             return
-        if world.implicit.sleep:
+        if world.implicit.rest_steps > 0:
             for a in range(count):
                 j = members[a]
                 update_pace(x, j, bodies.radius[j], world.gravity, 0.0, numbers)
@@ -608,7 +609,7 @@ def integrate(
         for attempt in range(2):
             counts[OVERFLOW] = NO_OVERFLOW
             before_step(method, x, step, world, work)
-            time = (step + 1) * world.dt
+            time = world.start + (step + 1) * world.dt
             advance_step(x, time, first_time, quiet, residual, world, threshold, slowest, key, method, work)
             if counts[OVERFLOW] == NO_OVERFLOW:
                 break

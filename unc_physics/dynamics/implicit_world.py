@@ -1,5 +1,6 @@
 """What the implicit step knows of a scene, and what its rollouts remember: plain arrays in NamedTuples."""
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -32,6 +33,14 @@ class ImpactError(NamedTuple):
     identity: np.ndarray
 
 
+_QUIET_TIME = 0.1  # s, for which bodies rest before they sleep
+
+
+def rest_steps(dt: float) -> int:
+    """Return the number of steps at rest after which bodies sleep."""
+    return math.ceil(_QUIET_TIME / dt)
+
+
 class Implicit(NamedTuple):
     """Physics of the implicit step, beside what `World` holds for both.
 
@@ -56,8 +65,9 @@ class Implicit(NamedTuple):
         Middle and half the sides of the box around each body's spheres' centres, body frame [m].
     box : (B, 6) float64
         The same of the box around the spheres themselves.
-    sleep : bool
-        Whether what rests is not computed until something pushes it.
+    rest_steps : int
+        Number of steps at rest after which bodies sleep: they are not computed until something pushes them.
+        0: they never sleep.
     impact_error : ImpactError
     stop : (1,) int64
         Kernels end early when this is no longer 0, with states that mean nothing (`time_limit`).
@@ -73,7 +83,7 @@ class Implicit(NamedTuple):
     faces: Faces
     extent: np.ndarray
     box: np.ndarray
-    sleep: bool
+    rest_steps: int
     impact_error: ImpactError
     stop: np.ndarray = NEVER
 

@@ -77,6 +77,9 @@ class World(NamedTuple):
         World frame [m/s^2].
     dt : float
         Time step [s].
+    start : float
+        Time before step 0 [s]: step ``k`` of the implicit integrator begins at ``start + k dt``. It is 0 but
+        for the short step before a time that is no multiple of ``dt``.
     decay : float
         Factor on all velocities in a step, ``exp(-damping dt)``.
     stiffness : float
@@ -94,6 +97,7 @@ class World(NamedTuple):
     tree: Tree
     gravity: np.ndarray
     dt: float
+    start: float
     decay: float
     stiffness: float
     stack_size: int

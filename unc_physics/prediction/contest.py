@@ -18,6 +18,7 @@ from ..scene.belief import Belief
 from ..scene.scene import Scene
 from ..scene.stiffness import with_stiffness
 from .driver import belief_at_start, simulate, snapshot
+from .marks import Mark
 from .prediction import Prediction
 from .racing import Race
 from .within import Within
@@ -64,8 +65,8 @@ class Contest:
     entrants : sequence of Entrant
     propagator : Propagator
         With an option ``samples``, as `REFERENCE` has; all have its draws in common.
-    marks : list of int
-        Numbers of steps after which a belief is wanted, ascending.
+    marks : list of Mark
+        Times at which a belief is wanted, ascending.
     success : callable
         Takes a `Prediction`; in which of its rollouts (N,) the action succeeded.
     budget : int
@@ -84,7 +85,7 @@ class Contest:
         self,
         entrants: Sequence[Entrant],
         propagator: Any,
-        marks: list[int],
+        marks: list[Mark],
         success: Callable[[Prediction], np.ndarray],
         budget: int,
     ):
@@ -141,7 +142,16 @@ class Contest:
             progress(self.race.spent, self._budget)
 
         shown = None if progress is None else show
-        reached = [carries for _, carries in simulate(begin, advance, self._marks, scenes[0], within, shown)]
+
+        def finish(carries, mark):
+            if mark.rest == 0.0:
+                return carries
+            short = [scene.with_short_step(mark.steps, mark.rest) for scene in scenes]
+            finished = advance_together(self._propagator, carries, short, 1)
+            return [carry._replace(step=mark.fraction_of(scenes[0].dt)) for carry in finished]
+
+        run = simulate(begin, advance, finish, self._marks, scenes[0], within, shown)
+        reached = [carries for _, carries in run]
         return list(zip(*reached, strict=True))
 
     def _begun(self, k, first, last):
@@ -172,7 +182,7 @@ class Contest:
         own = replace(self._propagator, samples=len(first.states))
         with Failed.of(k):
             snapshots = tuple(
-                snapshot(own, scene, carry, steps) for carry, steps in zip(later, self._marks, strict=True)
+                snapshot(own, scene, carry, mark) for carry, mark in zip(later, self._marks, strict=True)
             )
         start = belief_at_start(own, own, scene, first, given)
         return Prediction(scene, own, snapshots, given, start, spent)

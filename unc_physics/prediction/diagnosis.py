@@ -16,6 +16,7 @@ from .body_status import BodyStatus
 from .diagnostics import RULES, judged, measures_of
 from .driver import run
 from .evidence import Evidence, initial_diagnostics, pose_spreads
+from .marks import mark_at
 from .memory import check_memory
 from .request_checks import check_supported
 from .within import Within
@@ -64,7 +65,7 @@ def judge(prediction: Prediction, rollouts: int) -> tuple[tuple[BodyStatus, ...]
 def _compare(prediction, found, places, rollouts):
     """Give the evidence at some places the spreads of rollouts."""
     if places:
-        marks = [round(found[k].snapshot.time / prediction.scene.dt) for k in places]
+        marks = [mark_at(found[k].snapshot.time, prediction.scene.dt) for k in places]
         spreads = rollout_spreads(prediction.scene, prediction.initial, marks, rollouts)
         for k, own in zip(places, spreads, strict=True):
             found[k] = replace(found[k], spreads=own)
@@ -115,7 +116,7 @@ def _half_turned(evidence):
 def rollout_spreads(scene, initial, marks, count):
     """Return standard deviations of position [m] and rotation [rad] of ``count`` rollouts: (T, M, 2).
 
-    ``marks`` are numbers of steps, ascending.
+    ``marks`` are those of `marks_of`.
     """
     if len(scene.bodies) > 2 and not scene.islands:
         scene = replace(scene, islands=True)  # changes rollouts by nothing that counts here

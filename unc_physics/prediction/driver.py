@@ -20,6 +20,7 @@ from ..scene.action_arrays import with_certain_actions, with_driven
 from ..scene.belief import Belief
 from ..scene.scene import Scene
 from .islands import IslandRunner
+from .marks import Mark, finish, whole
 from .snapshot import Snapshot
 from .within import LOOK_UP_AFTER, Within, first_piece
 
@@ -42,12 +43,13 @@ class Run(NamedTuple):
 def simulate(
     begin: Callable[[], Any],
     advance: Callable[[Any, int], Any],
-    marks: list[int],
+    finish: Callable[[Any, Mark], Any],
+    marks: list[Mark],
     scene: Scene,
     within: Within,
     progress: Callable[[int, int], object] | None = None,
-) -> Iterator[tuple[int, Any]]:
-    """Yield the carry at the start and after each of the marks, with the number of steps.
+) -> Iterator[tuple[Mark, Any]]:
+    """Yield the carry at the start and at each of the marks.
 
     Parameters
     ----------
@@ -55,8 +57,10 @@ def simulate(
         Makes the carry at time 0.
     advance : callable
         Takes a carry and a number of steps, and makes the carry after these.
-    marks : list of int
-        Numbers of steps, ascending.
+    finish : callable
+        Takes the carry after a mark's whole steps, which goes on from there, and makes the carry at the mark.
+    marks : list of Mark
+        Ascending.
     scene : Scene
     within : Within
     progress : callable, optional
@@ -67,7 +71,7 @@ def simulate(
     UncPhysicsError
         That time ran out, or what ``progress`` raises; before, the carry that was reached is yielded, too.
     """
-    last, horizon = marks[-1], marks[-1] * scene.dt
+    last, horizon = marks[-1].count, marks[-1].time
     in_one_go = within.allowed is None and progress is None
     done, shown, told = 0, 0, within.started
 
@@ -91,11 +95,11 @@ def simulate(
         return found
 
     carry = complete(begin)
-    yield 0, carry
+    yield whole(0, scene.dt), carry
     piece = last if in_one_go else first_piece(scene)
     for mark in marks:
-        while done < mark:
-            steps, began = min(piece, mark - done), clock()
+        while done < mark.steps:
+            steps, began = min(piece, mark.steps - done), clock()
             try:
                 carry = complete(advance, carry, steps)
                 done += steps
@@ -104,17 +108,19 @@ def simulate(
                     tell()
             except UncPhysicsError:
                 if done > shown:
-                    yield done, carry
+                    yield whole(done, scene.dt), carry
                 raise
         shown = done
-        yield done, carry
+        yield mark, complete(finish, carry, mark)
+    if progress is not None and done < last:
+        progress(last, last)
 
 
 def run(
     scene: Scene,
     given: Belief,
     propagator: Propagator,
-    marks: list[int],
+    marks: list[Mark],
     within: Within,
     progress: Callable[[int, int], object] | None = None,
 ) -> Run:
@@ -133,7 +139,7 @@ def run(
         # a single rollout cannot begin in several ways; uncertain actions have directions of their own
         belief = within.complete(belief_of_points, with_certain_actions(scene), belief)
         if belief is None:
-            raise within.error(0.0, marks[-1] * scene.dt)
+            raise within.error(0.0, marks[-1].time)
     # shared parameters tie all bodies together for ever, what is fixed makes no island, and bounds of where
     # bodies get to do not know what a robot does
     divisible = len(scene.moving) > 0 and not scene.shared_parameters and not scene.acts
@@ -141,28 +147,29 @@ def run(
     runner: Any = IslandRunner(propagator, scene, marks) if in_islands else propagator
     is_anytime = isinstance(propagator, Anytime) and not in_islands
     snapshots: list[Snapshot] = []
-    waiting: list[tuple[int, Any]] = []
+    waiting: list[tuple[Mark, Any]] = []
     first = None
 
     def found():
-        snapshots.extend(snapshot(propagator, scene, carry, steps) for steps, carry in waiting)
+        snapshots.extend(snapshot(propagator, scene, carry, mark) for mark, carry in waiting)
         return Run(initial, belief_at_start(propagator, runner, scene, first, initial), tuple(snapshots))
 
     try:
-        for steps, carry in simulate(
+        for mark, carry in simulate(
             lambda: runner.init(scene, belief),
             lambda carry, steps: runner.advance(carry, scene, steps),
+            runner.finish if in_islands else lambda carry, mark: finish(propagator, carry, scene, mark),
             marks,
             scene,
             within,
             progress,
         ):
-            if steps == 0:
+            if mark.time == 0.0:
                 first = carry
             elif is_anytime:
-                waiting.append((steps, carry))
+                waiting.append((mark, carry))
             else:
-                snapshots.append(snapshot(propagator, scene, carry, steps, runner))
+                snapshots.append(snapshot(propagator, scene, carry, mark, runner))
     except DivergedError:
         raise
     except UncPhysicsError as error:
@@ -173,8 +180,8 @@ def run(
     return found()
 
 
-def snapshot(propagator: Propagator, scene: Scene, carry: Any, steps: int, runner: Any = None) -> Snapshot:
-    """Return what a carry says after some steps.
+def snapshot(propagator: Propagator, scene: Scene, carry: Any, mark: Mark, runner: Any = None) -> Snapshot:
+    """Return what a carry says at a mark.
 
     ``runner`` is what made it, by default the propagator; with islands the carry is theirs.
 
@@ -184,7 +191,7 @@ def snapshot(propagator: Propagator, scene: Scene, carry: Any, steps: int, runne
         If the belief is not finite.
     """
     runner = propagator if runner is None else runner
-    time = steps * scene.dt
+    time = mark.time
     belief = runner.belief(carry, scene)
     mean = with_driven(scene, belief.mean, time)  # prescribed bodies are where their paths say
     if mean is not belief.mean:
@@ -222,8 +229,8 @@ def belief_at_start(propagator: Propagator, runner: Any, scene: Scene, first: An
 
 
 def _with_additional_rollouts(propagator, scene, belief, waiting, within):
-    """The carries at each number of steps, with as many more rollouts as the propagator wants."""
-    marks = [steps for steps, _ in waiting]
+    """The carries at each mark, with as many more rollouts as the propagator wants."""
+    marks = [mark for mark, _ in waiting]
     simulated = clock() - within.started
     while True:
         last = waiting[-1][1]
@@ -235,12 +242,13 @@ def _with_additional_rollouts(propagator, scene, belief, waiting, within):
         _, *additional = simulate(
             partial(propagator.init_rollouts, scene, belief, count, count + more),
             lambda carry, steps: propagator.advance(carry, scene, steps),
+            lambda carry, mark: finish(propagator, carry, scene, mark),
             marks,
             scene,
             unlimited,
         )
         waiting = [
-            (steps, propagator.concatenate(carry, new))
-            for (steps, carry), (_, new) in zip(waiting, additional, strict=True)
+            (mark, propagator.concatenate(carry, new))
+            for (mark, carry), (_, new) in zip(waiting, additional, strict=True)
         ]
         simulated += clock() - began

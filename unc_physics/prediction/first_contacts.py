@@ -11,11 +11,10 @@ from typing import NamedTuple
 import numpy as np
 
 from ..compiler import inner, kernel
-from ..compiler.arrays import integers
+from ..dynamics import contact_history as histories
 from ..dynamics.explicit_step import integrate
 from ..dynamics.implicit_rollout import FIRST_ROOM, with_growing_room
 from ..dynamics.implicit_step import integrate as integrate_implicit
-from ..dynamics.implicit_world import fresh_solver_memory
 from ..dynamics.rollout import rollout
 from ..dynamics.workspace import workspace
 from ..dynamics.world import Bodies, World
@@ -23,6 +22,7 @@ from ..propagators.start import constrain_belief, draw, resolve_initial_overlap
 from ..scene.action_arrays import start_states
 from ..scene.belief import Belief
 from ..scene.scene import Scene
+from .marks import Mark
 
 
 class Flights(NamedTuple):
@@ -47,7 +47,7 @@ class Flights(NamedTuple):
 
 
 def first_contacts(
-    scene: Scene, initial: Belief, marks: Sequence[int], samples: int, seed: int = 0
+    scene: Scene, initial: Belief, marks: Sequence[Mark], samples: int, seed: int = 0
 ) -> list[Flights]:
     """Let samples of a belief fly until they touch something; where a robot acts, they go on to the end.
 
@@ -56,8 +56,8 @@ def first_contacts(
     scene : Scene
     initial : Belief
         At time 0.
-    marks : sequence of int
-        Numbers of time steps, ascending.
+    marks : sequence of Mark
+        Ascending.
     samples, seed : int
         How many, and the seed of the draws.
 
@@ -66,29 +66,34 @@ def first_contacts(
     list of Flights
         One for each mark.
     """
-    initial, world = constrain_belief(scene, initial), scene.world
+    initial = constrain_belief(scene, initial)
     states, history = resolve_initial_overlap(scene, initial, draw(scene, initial, samples, seed))
-    first = history.first_time
-    stopped = np.full(states.shape[:2], np.inf, first.dtype)
-    reached = np.empty((len(marks), *states.shape))
-    ends = np.array(marks, np.int64)
     if scene.acts:  # which first contacts do not decide
         states = start_states(scene, states, np.zeros((samples, 0)))
-        done = 0
-        for k, mark in enumerate(marks):
-            rollout(states, history, world, done, mark - done)
-            reached[k], done = states, mark
-    elif world.implicit is None:
-        _fly(states, first, stopped, world, world.surroundings, ends, reached)
-    else:
-        memory = fresh_solver_memory(1, states.shape[1])
-        _fly_implicit(states, first, stopped, world, memory, history.solver.kept_overlap, ends, reached)
+    elif history.solver is not None:  # flights begin without contacts
+        history.solver.count[:], history.solver.quiet[:] = 0, 0
+    stopped = np.full(states.shape[:2], np.inf, history.first_time.dtype)
     found: list[Flights] = []
-    for k, mark in enumerate(marks):
-        latest = (mark + 0.5) * scene.dt
-        touched = np.where(first < latest, first, np.inf)
-        found.append(Flights(reached[k], touched, np.where(stopped < latest, stopped, np.inf)))
+    done = 0
+    for mark in marks:
+        _advance(states, history, stopped, scene, done, mark.steps - done)
+        done = mark.steps
+        own, contacts, ended = states.copy(), histories.copy(history), stopped.copy()
+        if mark.rest > 0.0:
+            _advance(own, contacts, ended, scene.with_short_step(done, mark.rest), done, 1)
+        found.append(Flights(own, contacts.first_time, ended))
     return found
+
+
+def _advance(states, history, stopped, scene, begin, steps):
+    """Advance the flights in place; where a robot acts, nothing is stopped."""
+    world, first = scene.world, history.first_time
+    if scene.acts:
+        rollout(states, history, world, begin, steps)
+    elif world.implicit is None:
+        _fly(states, first, stopped, world, world.surroundings, begin, steps)
+    else:
+        _fly_implicit(states, first, stopped, world, history.solver, begin, steps)
 
 
 @kernel(noinline=True)
@@ -111,6 +116,7 @@ def _own_world(world, surroundings, implicit):
         world.tree,
         world.gravity,
         world.dt,
+        world.start,
         world.decay,
         world.stiffness,
         world.stack_size,
@@ -120,21 +126,17 @@ def _own_world(world, surroundings, implicit):
 
 
 @kernel
-def _fly(states, first, stopped, world, surroundings, marks, reached):
-    """Advance the states in place; a body counts as fixed from the step on in which it touches something.
-
-    ``reached`` (T, N, B, 13) are the states after the ``marks``.
-    """
+def _fly(states, first, stopped, world, surroundings, begin, steps):
+    """Advance the states in place; a body counts as fixed from the step on in which it touches something."""
     for n in range(len(states)):
         own = _own_world(world, surroundings, None)
+        left = _fix(stopped[n], own.bodies)
         work = workspace(states[n], own)
-        left, step = own.bodies.moving.sum(), 0
-        for k in range(len(marks)):
-            while left > 0 and step < marks[k]:
-                integrate(states[n], first[n], own, surroundings, None, step, 1, work)
-                step += 1
-                left = _stop(first[n], own.bodies.moving, stopped[n])
-            reached[k, n] = states[n]
+        for step in range(begin, begin + steps):
+            if left == 0:
+                break
+            integrate(states[n], first[n], own, surroundings, None, step, 1, work)
+            left = _stop(first[n], stopped[n], own.bodies)
 
 
 @kernel
@@ -143,7 +145,7 @@ def _fly_until_one_stops(done, total, arguments, world, work, contacts):
 
     Returns the number of steps done, and ``total`` where all have stopped.
     """
-    x, first, stopped, memory, marks, shown, reached = arguments
+    x, first, stopped, memory, n, begin = arguments
     bodies = world.bodies
     before = left = bodies.moving.sum()
     some = 1
@@ -151,27 +153,20 @@ def _fly_until_one_stops(done, total, arguments, world, work, contacts):
         some = integrate_implicit(
             x,
             first,
-            memory.contact[0],
-            memory.force[0],
-            memory.count,
-            memory.quiet[0],
-            memory.residual[0],
-            memory.key[0],
+            memory.contact[n],
+            memory.force[n],
+            memory.count[n : n + 1],
+            memory.quiet[n],
+            memory.residual[n],
+            memory.key[n],
             world,
             None,
-            done,
+            begin + done,
             1,
             work,
         )
         done += some
-        if some > 0 and done == marks[shown[0]]:
-            reached[shown[0]] = x
-            shown[0] += 1
-        left = _stop(first, bodies.moving, stopped)
-        for i in range(len(bodies.moving)):
-            if not bodies.moving[i]:
-                bodies.inverse_mass[i] = 0.0
-                bodies.inverse_inertia[i] = 0.0
+        left = _stop(first, stopped, bodies)
     return total if left == 0 else done
 
 
@@ -179,28 +174,33 @@ _complete_flight = with_growing_room(_fly_until_one_stops)
 
 
 @kernel
-def _fly_implicit(states, first, stopped, world, memory, kept_overlap, marks, reached):
-    """As `_fly`, by implicit steps; ``memory`` is that of one rollout, which begins anew, and
-    ``kept_overlap`` that of all (`SolverMemory`).
-    """
-    shown = integers(1)
+def _fly_implicit(states, first, stopped, world, memory, begin, steps):
+    """As `_fly`, by implicit steps; ``memory`` is a `SolverMemory`."""
     for n in range(len(states)):
         own = _own_world(world, world.surroundings, world.implicit)
-        memory.count[:], memory.quiet[:] = 0, 0
-        shown[0] = 0
-        arguments = states[n], first[n], stopped[n], memory, marks, shown, reached[:, n]
-        if own.bodies.moving.any():
-            _complete_flight(states[n], kept_overlap[n], own, arguments, marks[-1], FIRST_ROOM)
-        for k in range(shown[0], len(marks)):
-            reached[k, n] = states[n]
+        if _fix(stopped[n], own.bodies) > 0:
+            arguments = states[n], first[n], stopped[n], memory, n, begin
+            _complete_flight(states[n], memory.kept_overlap[n], own, arguments, steps, FIRST_ROOM)
 
 
 @inner
-def _stop(first, moving, stopped):
-    """Stop the bodies that touched something; returns how many still move."""
+def _fix(stopped, bodies):
+    """Fix the bodies that were stopped; returns how many still move."""
     left = 0
-    for i in range(len(moving)):
-        if not moving[i]:
+    for i in range(len(stopped)):
+        bodies.moving[i] = bodies.moving[i] and stopped[i] == np.inf
+        left += bodies.moving[i]
+        if not bodies.moving[i]:
+            bodies.inverse_mass[i] = 0.0
+            bodies.inverse_inertia[i] = 0.0
+    return left
+
+
+@inner
+def _stop(first, stopped, bodies):
+    """Stop the bodies that touched something; returns how many still move."""
+    for i in range(len(stopped)):
+        if not bodies.moving[i]:
             continue
         time = np.float32(np.inf)
         for j in range(first.shape[1]):
@@ -209,7 +209,4 @@ def _stop(first, moving, stopped):
             time = min(time, first[j, i])
         if time < np.inf:
             stopped[i] = time
-    for i in range(len(moving)):
-        moving[i] = moving[i] and stopped[i] == np.inf
-        left += moving[i]
-    return left
+    return _fix(stopped, bodies)

@@ -30,6 +30,7 @@ from ..propagators.joining import Frame, Part
 from ..scene.belief import Belief
 from ..scene.scene import Scene
 from ..spatial.layout import ANGULAR_VELOCITY, ERR_POSITION, ERROR, POSITION, VELOCITY
+from .marks import Mark, finish
 
 #: Standard deviations that bodies are kept apart by, and that uncertain parameters are thought to reach.
 SIGMAS = 5.0
@@ -97,12 +98,14 @@ class IslandRunner:
     propagator : Propagator and propagators.base.Islands
     scene : Scene
         Whose uncertain parameters are each of one moving body (not `Scene.shared_parameters`).
-    marks : sequence of int
-        Numbers of steps after which a belief is wanted, ascending; slices end there.
+    marks : sequence of Mark
+        Times at which a belief is wanted, ascending; slices end at those that are whole steps.
     """
 
-    def __init__(self, propagator: Any, scene: Scene, marks: Sequence[int]):
-        self._propagator, self._scene, self._marks = propagator, scene, list(marks)
+    def __init__(self, propagator: Any, scene: Scene, marks: Sequence[Mark]):
+        self._propagator, self._scene = propagator, scene
+        # a belief between two steps is that of a copy: whether it is wanted changes no slice
+        self._ends = [mark.steps for mark in marks if mark.rest == 0.0] + [marks[-1].count]
         bodies, world = scene.bodies, scene.world
         mass = np.array([body.mass for body in bodies])
         factor = np.exp(SIGMAS * np.array([body.mass_std for body in bodies]) / mass)
@@ -173,6 +176,26 @@ class IslandRunner:
             if carry.step == carry.end:
                 carry = self._close(carry)
         return carry
+
+    def finish(self, carry: IslandsCarry, mark: Mark) -> IslandsCarry:
+        """The carry at a mark, from that after its whole steps, which stays as it is."""
+        if mark.rest == 0.0:
+            return carry
+        while carry.begin < carry.step:  # the slice of a copy ends here, or is done again
+            carry = self._close(carry._replace(end=carry.step))
+            carry = self.advance(carry, self._scene, mark.steps - carry.step)
+        islands = self._plan(carry).islands
+        part = mark.rest / self._scene.dt
+        carries = tuple(
+            self._flown(island, part)
+            if island.alone
+            else finish(self._propagator, island.carry, island.scene, mark)
+            for island in islands
+        )
+        islands = tuple(
+            island._replace(carry=now, alone=False) for island, now in zip(islands, carries, strict=True)
+        )
+        return IslandsCarry(islands, carries, carry.step, carry.step, carry.step)
 
     def belief(self, carry: IslandsCarry, scene: Scene) -> Belief:
         """The belief about all bodies: blocks, or the joint covariance with zeros between islands.
@@ -351,7 +374,7 @@ class IslandRunner:
             labels[own] = k
             known[own] = max(island.energy, energies[own].sum())
         labels = np.unique(labels, return_inverse=True)[1]
-        limit = next(mark for mark in self._marks if mark > carry.step) - carry.step
+        limit = next(end for end in self._ends if end > carry.step) - carry.step
         steps = min(limit, _LONGEST)
         while True:
             labels, meeting, pairs, contact = self._meeting(

@@ -23,7 +23,7 @@ from .first_contacts import first_contacts
 from .memory import check_memory
 from .prediction import Prediction
 from .probability import is_certain
-from .request_checks import check_supported, steps_of
+from .request_checks import check_supported, marks_of
 from .within import Within
 
 #: Flights up to the first contacts, of a prediction that is asked for events.
@@ -52,7 +52,9 @@ def predict(
     propagator : str or Propagator
         A name takes the propagator's default options; `make_propagator` sets others.
     horizon : float, optional
-        Time to predict for [s], rounded to whole steps. May be left out when ``times`` is given.
+        Time to predict for [s]. May be left out when ``times`` is given. The implicit integrator takes any
+        time, and ends with a shorter step where it is no multiple of ``dt``; the explicit one takes multiples
+        only. The same holds for ``times``.
     times : sequence of float, optional
         Times at which a belief is wanted [s], ascending; by default the horizon alone. The horizon is added.
     max_computation_time : float, optional
@@ -73,7 +75,8 @@ def predict(
     Raises
     ------
     InvalidHorizonError
-        If a time is not positive or shorter than half a step, or times do not ascend.
+        If a time is not positive, times do not ascend, or one is no multiple of ``dt`` with the explicit
+        integrator.
     PredictionTimeoutError
         If ``max_computation_time`` ran out; its ``prediction`` ends at the time reached, and is None where
         not even a step was done.
@@ -93,7 +96,7 @@ def predict(
         propagator = make_propagator(propagator)
     belief.check_fits(scene)
     check_supported(scene, propagator)
-    marks = steps_of(scene, horizon, times)
+    marks = marks_of(scene, horizon, times)
     check_memory(scene, belief, propagator, len(marks))
     scene = with_stiffness(scene, belief.mean)
     allowed = None if max_computation_time is None else positive(max_computation_time, "max_computation_time")

@@ -15,6 +15,7 @@ from ..scene.belief import Belief
 from ..scene.scene import Scene
 from . import probability as probabilities
 from .events import Event, Touches
+from .marks import RESOLUTION
 from .predicted_body import Origin, PredictedBody, Trajectory
 from .snapshot import ContactTime, Probability, Snapshot
 from .tables import FEW_LINES, as_dict, as_html, as_table
@@ -103,7 +104,7 @@ class Prediction:
         Parameters
         ----------
         time : float, optional
-            One of the prediction's times, to half a step [s]; by default the last, the horizon.
+            One of the prediction's times [s]; by default the last, the horizon.
 
         Raises
         ------
@@ -114,7 +115,7 @@ class Prediction:
             return self.snapshots[-1]
         times, time = np.array(self.times), number(time, "time")
         k = int(np.abs(times - time).argmin())
-        if abs(times[k] - time) > 0.5 * self.scene.dt * (1.0 + 1e-9):
+        if abs(times[k] - time) > RESOLUTION:
             raise InvalidRequestError(
                 f"is no time of the prediction, of which {times[k]:g} s is the nearest; predict with"
                 " times=[...]",

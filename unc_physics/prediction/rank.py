@@ -26,7 +26,7 @@ from .prediction import Prediction
 from .probability import sample_outcomes
 from .racing import Difference
 from .ranking_table import ranking_as_dict, ranking_as_html, ranking_as_table
-from .request_checks import check_supported, steps_of
+from .request_checks import check_supported, marks_of
 from .snapshot import Probability
 from .tables import FEW_LINES
 
@@ -266,7 +266,7 @@ def rank_entrants(
         with Failed.of(k):
             score.check(entrant.scene, "score")
             check_supported(entrant.scene, propagator)
-            own = steps_of(entrant.scene, horizon, times)
+            own = marks_of(entrant.scene, horizon, times)
             if marks not in (None, own):
                 raise InvalidHorizonError(
                     "must be that of the other actions", field="dt", value=entrant.scene.dt

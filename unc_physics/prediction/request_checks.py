@@ -11,20 +11,25 @@ from ..propagators.base import Propagator
 from ..propagators.registry import names_where
 from ..scene.environment import element_names
 from ..scene.scene import IMPACT_STDS, Scene
+from .marks import RESOLUTION, Mark, mark_at
 
 STEPS_LIMIT = 100_000_000
 TIMES_LIMIT = 100_000
 
 
-def periodic_times(period: float, horizon: float) -> list[float]:
-    """Multiples of ``period`` before ``horizon`` [s]; raises `InvalidHorizonError` or
-    `LimitExceededError`.
+def periodic_times(scene: Scene, period: float, horizon: float, field: str = "period") -> list[float]:
+    """Return the multiples of ``period`` before ``horizon`` [s].
+
+    Raises
+    ------
+    InvalidHorizonError, LimitExceededError
+        About the period, by the name ``field``, or the horizon.
     """
-    period = positive(period, "period", InvalidHorizonError)
-    count = positive(horizon, "horizon", InvalidHorizonError) / period
+    step = _checked_mark(scene, period, field).time
+    count = positive(horizon, "horizon", InvalidHorizonError) / step
     if count > TIMES_LIMIT:
-        raise LimitExceededError(f"gives more than {TIMES_LIMIT} times", field="period", value=period)
-    return [k * period for k in range(1, math.ceil(count - 1e-9))]
+        raise LimitExceededError(f"gives more than {TIMES_LIMIT} times", field=field, value=period)
+    return [k * step for k in range(1, math.ceil(count - 1e-9))]
 
 
 def check_supported(scene: Scene, propagator: Propagator) -> None:
@@ -87,8 +92,12 @@ def check_supported(scene: Scene, propagator: Propagator) -> None:
         raise NotSupportedError(f"is not supported by {propagator.name}", field=field, value=float(first.std))
 
 
-def steps_of(scene: Scene, horizon: float | None, times: Sequence[float] | None) -> list[int]:
-    """Numbers of steps after which a belief is wanted, ascending; the arguments are those of `predict`."""
+def marks_of(scene: Scene, horizon: float | None, times: Sequence[float] | None) -> list[Mark]:
+    """Return the times at which a belief is wanted, ascending; the arguments are those of `predict`.
+
+    The implicit integrator ends with a shorter step where a time is no multiple of ``dt``; the explicit one
+    does not, as its law depends on the step.
+    """
     wanted = [] if times is None else list(times)
     if horizon is not None:
         wanted.append(horizon)
@@ -97,20 +106,30 @@ def steps_of(scene: Scene, horizon: float | None, times: Sequence[float] | None)
     names = [f"times[{k}]" for k in range(len(wanted))]
     if horizon is not None:
         names[-1] = "horizon"
-    marks = []
+    marks: list[Mark] = []
     for name, value in zip(names, wanted, strict=True):
-        ratio = positive(value, name, InvalidHorizonError) / scene.dt
-        if ratio > STEPS_LIMIT:
-            raise LimitExceededError(
-                f"takes more than {STEPS_LIMIT} steps of dt = {scene.dt} s", field=name, value=value
-            )
-        steps = round(ratio)
-        if steps < 1:
-            raise InvalidHorizonError(
-                f"is shorter than half a step of dt = {scene.dt} s", field=name, value=value
-            )
-        if marks and steps < marks[-1]:
+        mark = _checked_mark(scene, value, name)
+        if marks and mark.time < marks[-1].time - RESOLUTION:
             raise InvalidHorizonError("must not be earlier than the time before it", field=name, value=value)
-        if not marks or steps > marks[-1]:
-            marks.append(steps)
+        if not marks or mark.time > marks[-1].time + RESOLUTION:
+            marks.append(mark)
     return marks
+
+
+def _checked_mark(scene, value, field):
+    """The mark of a time [s]; raises what `marks_of` raises about it."""
+    time = positive(value, field, InvalidHorizonError)
+    if time / scene.dt > STEPS_LIMIT:
+        raise LimitExceededError(
+            f"takes more than {STEPS_LIMIT} steps of dt = {scene.dt} s", field=field, value=value
+        )
+    mark = mark_at(time, scene.dt)
+    if mark.rest > 0.0 and scene.integrator == "explicit":
+        nearest = max(round(time / scene.dt), 1) * scene.dt
+        raise InvalidHorizonError(
+            f"is no multiple of dt = {scene.dt} s, and the explicit integrator takes whole steps only; the"
+            f" nearest possible time is {nearest} s",
+            field=field,
+            value=value,
+        )
+    return mark

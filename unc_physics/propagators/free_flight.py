@@ -54,8 +54,8 @@ class Course(NamedTuple):
 
 
 @lru_cache(maxsize=64)
-def course(dt: float, decay: float, steps: int, implicit: bool = False) -> Course:
-    """The course of ``steps`` time steps of either integrator.
+def course(dt: float, decay: float, steps: float, implicit: bool = False) -> Course:
+    """The course of ``steps`` time steps of either integrator; the last one may be a part of a step.
 
     Both take ``v' = decay v + dt g``. The explicit one travels at v, the implicit one at the mean of v and
     v', a parabola; both turn at the angular velocity that a step begins with.
@@ -63,6 +63,8 @@ def course(dt: float, decay: float, steps: int, implicit: bool = False) -> Cours
     if steps == 0:
         nothing = np.zeros(0)
         return Course(1.0, 0.0, 0.0, 0.0, 0.0, nothing, nothing)
+    if steps != int(steps):
+        return _with_part_of_a_step(course(dt, decay, int(steps), implicit), dt, decay, steps % 1.0, implicit)
     powers = decay ** np.arange(steps + 1)
     falls = dt * np.concatenate([[0.0], np.cumsum(powers[:-1])])
     weights = dt * powers[:-1]
@@ -76,17 +78,36 @@ def course(dt: float, decay: float, steps: int, implicit: bool = False) -> Cours
     return Course(float(powers[-1]), float(falls[-1]), reach, sink, turn, weights, ends - weights)
 
 
-def course_of(world, steps: int) -> Course:
-    """The course of ``steps`` time steps in a `physics.world.World`."""
+def _with_part_of_a_step(whole, dt, decay, part, implicit):
+    """A course, and after it a step that is only a ``part`` of ``dt`` long."""
+    h = part * dt
+    slower = decay**part
+    end, fall = slower * whole.decay, slower * whole.fall + h
+    v, g = (0.5 * (whole.decay + end), 0.5 * (whole.fall + fall)) if implicit else (whole.decay, whole.fall)
+    return Course(
+        end,
+        fall,
+        whole.reach + h * v,
+        whole.sink + h * g,
+        whole.turn + h * whole.decay,
+        np.append(whole.weights, h * whole.decay),
+        np.append(whole.before, whole.turn),
+    )
+
+
+def course_of(world, steps: float) -> Course:
+    """The course of ``steps`` time steps in a `physics.world.World`; the last one may be a part of a step."""
     return course(world.dt, world.decay, steps, world.implicit is not None)
 
 
 class Flight(NamedTuple):
-    """A free flight of a single body: its gravity (3,) [m/s^2], its course, and in how many time steps."""
+    """A free flight of a single body: its gravity (3,) [m/s^2], its course, and in how many time steps; the
+    last one may be a part of a step.
+    """
 
     gravity: np.ndarray
     course: Course
-    steps: int
+    steps: float
 
 
 def flown(states: np.ndarray, flight: Flight) -> np.ndarray:

@@ -158,7 +158,7 @@ def _carry_along(method, x, end, world, work):
 @before_step.of(ImplicitLinearization)
 def _keep_root(method, x, step, world, work):
     """Keep the root."""
-    method.time[0] = (step + 1) * world.dt
+    method.time[0] = world.start + (step + 1) * world.dt
     for r in range(method.root.shape[0]):
         for c in range(method.root.shape[1]):
             method.before[r, c] = method.root[r, c]

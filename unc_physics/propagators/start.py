@@ -13,6 +13,7 @@ from ..compiler.time_limit import limited
 from ..dynamics import contact_history as histories
 from ..dynamics.actions import no_actions
 from ..dynamics.contact_history import ContactHistory
+from ..dynamics.implicit_world import rest_steps
 from ..dynamics.rollout import rollout
 from ..initialization.lowering import lower
 from ..initialization.overlap_rows import Metric
@@ -223,7 +224,7 @@ def _settle(scene, belief, drawn, states, sides, history, kept, resting):
         lower(still[some], sides, world, histories.samples(history, some).start, kept[some])
 
     in_threads(len(still), run)
-    implicit = world.implicit._replace(sleep=True)
+    implicit = world.implicit._replace(rest_steps=rest_steps(_STEP))
     nobody_acts = world.surroundings._replace(actions=no_actions(states.shape[1]))
     creeping = world._replace(dt=_STEP, decay=0.0, implicit=implicit, surroundings=nobody_acts)
     memory = histories.fresh(len(still), world)

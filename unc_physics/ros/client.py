@@ -32,7 +32,7 @@ from ..prediction.actions import Action, apply_action
 from ..prediction.events import OF_BODY, Event, Inside, Touches, checked_events
 from ..prediction.prediction import Prediction
 from ..prediction.rank import Ranking
-from ..prediction.request_checks import check_supported, steps_of
+from ..prediction.request_checks import check_supported, marks_of
 from ..propagators.base import Propagator
 from ..propagators.names import DEFAULT, REFERENCE
 from ..propagators.registry import make_propagator
@@ -373,7 +373,7 @@ class Client:
         """
         query = self._query(scene, belief, propagator, horizon, **options)
         goal = PredictLong.Goal(request=self._request(query))
-        steps = query.steps[-1]
+        steps = query.marks[-1].count
 
         def report(feedback):
             if progress is not None:
@@ -492,7 +492,7 @@ class Client:
             belief,
             propagator,
             None if seed is None else _whole(seed, "seed", 64),
-            steps_of(scene, horizon, times),
+            marks_of(scene, horizon, times),
             None if allowed is None else positive(allowed, "max_computation_time"),
             _whole(keep_samples, "keep_samples", 32),
             regions,

@@ -350,7 +350,7 @@ class _Reporter:
             self._next = now + _FEEDBACK_PERIOD
             self._goal.publish_feedback(
                 PredictLong.Feedback(
-                    time_reached=duration(done * job.scene.dt),
+                    time_reached=duration(min(done * job.scene.dt, job.horizon)),
                     fraction_done=done / steps,
                     elapsed=duration(now - self._started),
                 )

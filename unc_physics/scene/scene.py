@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import dataclass, fields
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -23,7 +24,7 @@ from ..collision import sphere_tree
 from ..collision.faces import of_scene
 from ..collision.hull import hull_columns
 from ..dynamics.actions import Actions
-from ..dynamics.implicit_world import ImpactError, Implicit
+from ..dynamics.implicit_world import ImpactError, Implicit, rest_steps
 from ..dynamics.world import Bodies, Surroundings, World
 from .action_arrays import actions_of
 from .body import RigidBody, faces_of, hull_of, tree_of
@@ -407,12 +408,25 @@ class Scene:
             tree,
             np.array(self.gravity),
             self.dt,
+            0.0,
             math.exp(-self.damping * self.dt),
             self.stiffness,
             stack_size,
             surroundings=self._surroundings(),
             implicit=self._implicit(tree, models, [own.index(owner) for owner in owners], spheres),
         )
+
+    def with_short_step(self, steps: int, rest: float) -> Scene:
+        """Return the scene whose next step, after ``steps`` whole ones, lasts only ``rest`` seconds.
+
+        For `Propagator.advance`: the step keeps its number, and with it the draws that are keyed by it.
+        """
+        short = copy(self)
+        object.__setattr__(short, "dt", rest)
+        short.__dict__["world"] = self.world._replace(
+            dt=rest, start=steps * (self.dt - rest), decay=math.exp(-self.damping * rest)
+        )
+        return short
 
     def _surroundings(self) -> Surroundings | None:
         """Environment, actions and gyroscopic term; None for none of them, so that the explicit kernels
@@ -457,7 +471,7 @@ class Scene:
             box=np.array([_box(m.centers - r, m.centers + r) for m, r in zip(models, reach, strict=True)])[
                 model_of
             ],
-            sleep=self.sleep,
+            rest_steps=rest_steps(self.dt) if self.sleep else 0,
             impact_error=ImpactError(
                 *(getattr(self, name) for name in IMPACT_STDS), identity=np.arange(len(self.surfaces))
             ),

@@ -158,9 +158,8 @@ def _truth(given, job):
 def _prediction(given, name, job):
     """What a propagator keeps on the way, its spreads at the end, and its flags with their measures."""
     scene, belief, horizon = given
-    times = periodic_times(
-        max(horizon / (LOOKS if len(scene.bodies) <= MANY else FEW_LOOKS), scene.dt), horizon
-    )
+    looks = LOOKS if len(scene.bodies) <= MANY else FEW_LOOKS
+    times = periodic_times(scene, max(round(horizon / looks / scene.dt), 1) * scene.dt, horizon)
     options = {"seed": job.seed(name)} if "seed" in PROPAGATORS[name].options() else {}
     samples = job.parameters["draws"] if name == MONTE_CARLO else None
     if samples is not None:

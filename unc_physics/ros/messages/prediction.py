@@ -33,6 +33,7 @@ from unc_physics_msgs.msg import Probability as ProbabilityMessage
 from ...checks.errors import DivergedError
 from ...prediction.body_status import BodyStatus, Status
 from ...prediction.events import OF_BODY, Event, Inside, Touches
+from ...prediction.marks import RESOLUTION, mark_at
 from ...prediction.prediction import Prediction
 from ...prediction.regions import BoxRegion
 from ...prediction.snapshot import ContactTime, Probability, Received, Snapshot
@@ -110,7 +111,7 @@ def write_answer(message: PredictionMessage, header: Header, settings, job: Job,
     message.objects = objects
     message.skipped = [KeyValue(key=name, value=reason) for name, reason in job.skipped.items()]
     message.joint_covariances = joints
-    complete = prediction.time > job.horizon - job.scene.dt
+    complete = prediction.time > job.horizon - RESOLUTION
     write_statuses(message, prediction, settings.status_rollouts if complete else 0)
     write_probabilities(message, prediction, job.events)
     message.seed = job.seed
@@ -377,22 +378,19 @@ def _origin_poses(states, origin) -> list[Pose]:
 
 def _prediction(message, query):
     """Return the prediction at the requested times, and at the last time of the message."""
-    scene, steps = query.scene, query.steps
+    scene = query.scene
     if scene.stiffness is None:
         scene = replace(scene, stiffness=message.physics.stiffness[0])
-    given = [round(seconds(state.time_from_start) / scene.dt) for state in message.objects[0].states]
-    kept = [k for k, step in enumerate(given) if step in steps or k == len(given) - 1]
+    given = [_time_of(state, query) for state in message.objects[0].states]
     propagator = query.propagator
     if "seed" in propagator.options():
         propagator = replace(propagator, seed=message.seed)
     snapshots = []
-    for k in kept:
+    for k, time in enumerate(given):
         belief = _belief(message, scene, k)
         samples = _samples(message.objects, scene, k) if query.keep_samples else None
         snapshots.append(
-            Snapshot(
-                given[k] * scene.dt, belief, samples=samples, received=_received(message, query, belief, k)
-            )
+            Snapshot(time, belief, samples=samples, received=_received(message, query, belief, k))
         )
     return Prediction(
         scene,
@@ -402,6 +400,13 @@ def _prediction(message, query):
         _start(message, query),
         seconds(message.computation_time),
     )
+
+
+def _time_of(state, query):
+    """The time of a state as it was asked for, of which messages have whole nanoseconds [s]."""
+    time = seconds(state.time_from_start)
+    nearest = min((mark.time for mark in query.marks), key=lambda asked: abs(asked - time))
+    return nearest if abs(nearest - time) <= RESOLUTION else mark_at(time, query.scene.dt).time
 
 
 def _received(message, query, belief, k):

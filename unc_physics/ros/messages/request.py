@@ -12,13 +12,20 @@ from diagnostic_msgs.msg import KeyValue
 
 from unc_physics_msgs.msg import ModelInfo, PredictionRequest
 
-from ...checks.errors import InvalidHorizonError, InvalidOptionError, LimitExceededError, NotSupportedError
+from ...checks.errors import (
+    InvalidHorizonError,
+    InvalidOptionError,
+    InvalidRequestError,
+    LimitExceededError,
+    NotSupportedError,
+)
 from ...checks.validation import array, non_negative, positive
 from ...prediction.events import OF_BODY, Event, Inside, encounters, moving_names
+from ...prediction.marks import Mark
 from ...prediction.predict import predict
 from ...prediction.prediction import Prediction
 from ...prediction.regions import BoxRegion
-from ...prediction.request_checks import check_supported, periodic_times
+from ...prediction.request_checks import check_supported, marks_of, periodic_times
 from ...propagators.base import Anytime, Islands, Propagator, Samples
 from ...propagators.names import ANYTIME
 from ...propagators.registry import PROPAGATORS, propagator_from_texts
@@ -217,7 +224,7 @@ def read_request(
     )
     check_supported(read.scene, propagator)
     belief = at_field("scene", _with_common_error, read.belief, message, transform)
-    times = _times(request.trajectory_period, horizon, read.scene.dt, settings)
+    times = _times(request, horizon, read.scene, settings)
     job = Job(
         read.scene,
         belief,
@@ -248,8 +255,8 @@ class Query:
     propagator : Propagator
     seed : int or None
         None: the node chooses it.
-    steps : list of int
-        Numbers of steps after which a belief is requested, ascending.
+    marks : list of Mark
+        Times at which a belief is requested, ascending.
     max_computation_time : float or None
         [s]
     keep_samples : int
@@ -261,7 +268,7 @@ class Query:
     belief: Belief
     propagator: Propagator
     seed: int | None
-    steps: list[int]
+    marks: list[Mark]
     max_computation_time: float | None
     keep_samples: int
     regions: tuple[BoxRegion, ...]
@@ -270,14 +277,14 @@ class Query:
 
 def write_request(query: Query, model_info: Callable[[str], ModelInfo]) -> PredictionRequest:
     """Return the request of a query; ``model_info`` and errors are those of `write_scene`."""
-    steps, dt = query.steps, query.scene.dt
     propagator = query.propagator
     options = {name: getattr(propagator, name) for name in propagator.options()}
     if query.seed is None:
         options.pop("seed", None)
     request = PredictionRequest(
         scene=write_scene(query.scene, query.belief, model_info),
-        horizon=duration(steps[-1] * dt),
+        horizon=duration(query.marks[-1].time),
+        times=[duration(mark.time) for mark in query.marks[:-1]],
         physics=physics_message({key: getattr(query.scene, key) for key in PHYSICS_KEYS}),
         propagator=propagator.name,
         propagator_options=[KeyValue(key=name, value=str(value)) for name, value in options.items()],
@@ -286,8 +293,6 @@ def write_request(query: Query, model_info: Callable[[str], ModelInfo]) -> Predi
         return_samples=query.keep_samples,
         **query.outputs.fields(),
     )
-    if len(steps) > 1:  # the other multiples are left out of the answer
-        request.trajectory_period = duration(math.gcd(*steps) * dt)
     if query.max_computation_time is not None:
         request.max_computation_time = duration(query.max_computation_time)
     return request
@@ -347,25 +352,29 @@ def _horizon(message, settings):
     return horizon
 
 
-def _times(period, horizon, dt, settings):
-    steps = horizon / dt
+def _times(request, horizon, scene, settings):
+    """The times besides the horizon; None for none."""
+    steps = horizon / scene.dt
     if steps > settings.max_steps:
         raise LimitExceededError(
-            f"takes {steps:.0f} steps of {dt} s, and the limit is {settings.max_steps}",
+            f"takes {steps:.0f} steps of {scene.dt} s, and the limit is {settings.max_steps}",
             field="horizon",
             value=horizon,
         )
-    if (period := read_duration(period, "trajectory_period", InvalidHorizonError)) == 0.0:
-        return None
-    if horizon / period > settings.max_states:
-        raise LimitExceededError(
-            f"gives more than {settings.max_states} states", field="trajectory_period", value=period
+    period = read_duration(request.trajectory_period, "trajectory_period", InvalidHorizonError)
+    if period and request.times:
+        raise InvalidRequestError(
+            "must be empty where trajectory_period is set", field="times", value=len(request.times)
         )
-    if period < 0.5 * dt:
-        raise InvalidHorizonError(
-            f"is shorter than half a step of dt = {dt} s", field="trajectory_period", value=period
-        )
-    return periodic_times(period, horizon)
+    count = horizon / period if period else len(request.times)
+    if count > settings.max_states:
+        field, value = ("trajectory_period", period) if period else ("times", count)
+        raise LimitExceededError(f"gives more than {settings.max_states} states", field=field, value=value)
+    if period:
+        return periodic_times(scene, period, horizon, "trajectory_period")
+    times = [read_duration(time, f"times[{k}]", InvalidHorizonError) for k, time in enumerate(request.times)]
+    marks_of(scene, horizon, times)
+    return times or None
 
 
 def _propagator(name, options, samples, seed, settings):

@@ -1,0 +1,331 @@
+"""Times that are no multiple of the time step: answered exactly, and without a trace in later answers."""
+
+import dataclasses
+import json
+
+import numpy as np
+import pytest
+import yaml
+from example_scenes import everyday
+from plain_scenes import BALL, BLOCK, state
+
+from unc_physics import (
+    Belief,
+    BodyBelief,
+    BoxRegion,
+    Inside,
+    Plane,
+    PosePath,
+    RigidBody,
+    Scene,
+    Touches,
+    Wrench,
+    make_propagator,
+    predict,
+    rank,
+)
+from unc_physics.__main__ import main
+from unc_physics.checks.errors import InvalidHorizonError, InvalidRequestError
+from unc_physics.prediction.first_contacts import first_contacts
+from unc_physics.prediction.marks import mark_at, whole
+from unc_physics.propagators.registry import PROPAGATORS
+from unc_physics.scene.stiffness import with_stiffness
+
+DT = 1.0 / 240.0
+G = 9.81
+FEW = {"monte_carlo": {"samples": 8}, "cloud": {"runs": 12, "samples": 20}, "auto": {"samples": 40}}
+ON_IMPLICIT = [name for name, kind in PROPAGATORS.items() if "implicit" in kind.integrators]
+on_implicit = pytest.mark.parametrize("name", ON_IMPLICIT)
+
+
+def of(name, **options):
+    return make_propagator(name, **(FEW.get(name, {}) | options))
+
+
+def belief_of(scene, position_std=0.01, velocity_std=0.1, **states):
+    """A belief from states (13,) by names."""
+    mean = np.array([states[body.name] for body in scene.bodies])
+    P = np.diag(np.repeat([position_std, velocity_std, 0.02, 0.1], 3) ** 2)
+    return Belief(mean, np.repeat(P[None], len(scene.moving), 0), scene.moving)
+
+
+def straight(speed, time, ahead=0.0):
+    """A path along x that begins 0.2 m behind the origin, or less."""
+    return PosePath(
+        times=[0.0, time],
+        positions=[[ahead - 0.2, 0, 0.03], [ahead - 0.2 + speed * time, 0, 0.03]],
+        orientations=[(0, 0, 0, 1)] * 2,
+        linear_velocities=[[speed, 0, 0]] * 2,
+    )
+
+
+# -- the answer is right -----------------------------------------------------------------------------
+
+
+@on_implicit
+def test_a_free_fall_is_that_of_the_textbook(name):
+    """Mean and covariance of position and velocity at 0.01 s, 2.4 steps."""
+    scene = Scene.everyday([RigidBody("ball", BALL, 0.2)], environment=[Plane()])
+    begin = state((0.1, 0.2, 1.0), (1.0, -2.0, 0.5))
+    belief = belief_of(scene, ball=begin)
+    options = {"samples": 4000} if name == "monte_carlo" else {}
+    for time in (0.01, 0.001, 0.3331):
+        prediction = predict(scene, belief, make_propagator(name, **options), time)
+        assert prediction.times == (time,) and prediction.time == time
+        ball, t = prediction["ball"], prediction.time
+        exact = name not in ("monte_carlo", "cloud", "auto")
+        close = 1e-9 if exact else 0.01
+        expected = begin[:3] + t * begin[3:6] + 0.5 * t**2 * np.array([0, 0, -G])
+        np.testing.assert_allclose(ball.position, expected, rtol=0, atol=close)
+        np.testing.assert_allclose(ball.linear_velocity, begin[3:6] - [0, 0, G * t], rtol=0, atol=10 * close)
+        spread = np.sqrt(0.01**2 + (0.1 * t) ** 2)
+        np.testing.assert_allclose(ball.position_std, spread, rtol=1e-6 if exact else 0.15)
+
+
+def test_a_push_that_ends_between_two_steps_gives_its_impulse_up_to_then():
+    """A force of 2 N on 0.4 kg from 7 ms on: its impulse at a time between two steps is that of this time."""
+    wrench = Wrench(force=[2.0, 0.0, 0.0], start=0.007)
+    scene = Scene.everyday(
+        [RigidBody("box", BLOCK, 0.4, wrenches=[wrench])], gravity=(0, 0, 0), environment=[Plane(offset=-5.0)]
+    )
+    belief = belief_of(scene, velocity_std=1e-6, box=state())
+    times = [0.0069, 0.0075, 0.0101, 0.2003]
+    prediction = predict(scene, belief, "linearization", times=times)
+    for t in times:
+        v = prediction.body("box", time=t).linear_velocity[0]
+        assert v == pytest.approx(2.0 / 0.4 * max(t - 0.007, 0.0), abs=1e-9)
+
+
+def test_a_prescribed_body_pushes_from_where_it_is_at_that_time():
+    """What a finger at 0.5 m/s pushes has its velocity at every time, and lies before it."""
+    path = straight(0.5, 2.0)
+    finger = RigidBody("finger", BALL.scaled(0.2), trajectory=path)
+    scene = Scene.everyday([RigidBody("box", BLOCK, 0.4), finger], environment=[Plane()], restitution=0.0)
+    belief = belief_of(scene, 1e-5, 1e-5, box=state((0, 0, 0.02)), finger=state())
+    times = [0.7777, 0.7777 + 1e-6, 0.7777 + 0.3 * DT, 0.7777 + 0.8 * DT]
+    prediction = predict(scene, belief, of("monte_carlo"), times=times)
+    for t in times:
+        box, hand = prediction.body("box", time=t), prediction.body("finger", time=t)
+        assert hand.position[0] == pytest.approx(-0.2 + 0.5 * t, abs=1e-9)
+        assert box.linear_velocity[0] == pytest.approx(0.5, abs=0.02)
+        assert box.position[0] - hand.position[0] == pytest.approx(0.07 + 0.01, abs=1e-3)
+
+
+@pytest.mark.parametrize("part", [3e-7, 1e-3, 0.4, 0.999])
+def test_what_rests_and_slides_goes_on_through_a_short_step(part):
+    """A block at rest stays within a micrometre; a sliding one is slowed as friction says."""
+    resting, sliding = RigidBody("rests", BLOCK, 0.4), RigidBody("slides", BLOCK, 0.4)
+    scene = Scene.everyday([resting, sliding], environment=[Plane()], friction=0.3, restitution=0.0)
+    belief = belief_of(
+        scene, 1e-6, 1e-6, rests=state((0, 0, 0.02)), slides=state((0, 1.0, 0.02), (1.0, 0, 0))
+    )  # fmt: skip
+    P = np.zeros_like(belief.covariance)
+    P[:, range(3), range(3)] = 1e-12
+    steps = 48
+    t = (steps + part) * DT
+    prediction = predict(
+        scene,
+        Belief(belief.mean, P, scene.moving),
+        of("monte_carlo"),
+        times=[steps * DT, t, (steps + 1) * DT],
+    )
+    before, now, after = (snapshot.belief.mean for snapshot in prediction.snapshots)
+    assert np.abs(now[0, :3] - before[0, :3]).max() < 1e-6 and np.abs(now[0, 3:6]).max() < 1e-4
+    v = 1.0 - 0.3 * G * t
+    assert now[1, 3] == pytest.approx(v, abs=0.01)
+    assert now[1, 0] - before[1, 0] == pytest.approx(part * DT * (v + 0.15 * G * part * DT), abs=1e-5)
+    assert before[1, 0] < now[1, 0] < after[1, 0]
+
+
+def test_a_contact_between_two_steps_counts_from_then_on():
+    """A ball falls 19.9 mm, 63.7 ms: shortly before it has touched nothing, shortly after it has."""
+    fall = 0.0199
+    scene = Scene.everyday([RigidBody("ball", BALL, 0.2)], environment=[Plane(name="floor")])
+    belief = belief_of(scene, 1e-7, 1e-7, ball=state((0, 0, 0.05 + fall)))
+    moment = np.sqrt(2.0 * fall / G)
+    assert 15.2 < moment / DT < 15.4
+    times = [moment - 2e-4, moment + 2e-4]
+    touches = Touches("ball", "floor")
+    for propagator in (of("monte_carlo"), "linearization"):
+        prediction = predict(scene, belief, propagator, 0.1, times=times, events=[touches])
+        shares = [prediction.probability(touches, time=t).estimate for t in times]
+        assert shares == [0.0, 1.0]
+    flights = first_contacts(prediction.scene, belief, [mark_at(t, DT) for t in times], 5)
+    assert np.isinf(flights[0].known_until).all()
+    np.testing.assert_allclose(flights[1].known_until, moment, atol=2e-4)
+
+
+# -- later answers are the same to the last bit ------------------------------------------------------
+
+ODD = [0.01, 0.1234, 0.2 + 1e-6]
+LATER = [0.25, 0.5]
+
+
+def meeting(**options):
+    """Bodies that fall, meet, and come to rest."""
+    scene = Scene.everyday(
+        [RigidBody("a", BLOCK, 0.4), RigidBody("b", BALL, 0.3), RigidBody("far", BALL, 0.3)],
+        environment=[Plane(name="floor")],
+        **options,
+    )
+    return scene, belief_of(
+        scene,
+        a=state((0, 0, 0.1), spin=(1, 2, 0)),
+        b=state((0.02, 0, 0.25)),
+        far=state((3.0, 0, 0.3), (0.5, 0, 0)),
+    )
+
+
+def acted(**options):
+    """A finger pushes a block, a wrench another; a hand holds a ball, and lets it go between two steps."""
+    path = straight(0.45, 1.0, 0.05)
+    bodies = [
+        RigidBody("pushed", BLOCK, 0.4),
+        RigidBody("finger", BALL.scaled(0.2), trajectory=path),
+        RigidBody("blown", BLOCK, 0.4, wrenches=[Wrench(force=[3.0, 0, 0], start=0.05, duration=0.0837)]),
+        RigidBody("held", BALL, 0.1, attached_to="finger", attached_at=0.0, released_at=0.2231),
+    ]
+    scene = Scene.everyday(bodies, environment=[Plane(name="floor")], **options)
+    places = state((0, 0, 0.02)), state((-0.15, 0, 0.03)), state((0, 1.0, 0.021)), state((-0.15, 0, 0.3))
+    return scene, belief_of(
+        scene, 0.003, 0.01, **dict(zip(("pushed", "finger", "blown", "held"), places, strict=True))
+    )
+
+
+def uncertain(**options):
+    return meeting(friction_std=0.1, impact_direction_std=0.05, **options)
+
+
+CASES = {
+    "meeting": lambda: meeting(),
+    "sleep": lambda: meeting(sleep=True),
+    "islands": lambda: meeting(islands=True),
+    "actions": lambda: acted(),
+    "uncertain": lambda: uncertain(),
+}
+
+
+@on_implicit
+@pytest.mark.parametrize("case", CASES)
+def test_later_answers_are_those_without_the_question(name, case):
+    scene, belief = CASES[case]()
+    propagator = of(name)
+    if case == "actions" and "implicit" not in propagator.supports.actions:
+        pytest.skip("takes no actions")
+    if case == "uncertain" and not propagator.supports.impact_errors:
+        pytest.skip("draws no impacts")
+    plain = predict(scene, belief, propagator, times=LATER)
+    asked = predict(scene, belief, propagator, times=sorted(ODD + LATER))
+    assert asked.times == tuple(sorted(ODD + LATER))
+    for time in LATER:
+        one, other = plain.at(time), asked.at(time)
+        np.testing.assert_array_equal(one.belief.mean, other.belief.mean)
+        np.testing.assert_array_equal(one.belief.covariance, other.belief.covariance)
+        np.testing.assert_array_equal(one.first_contacts, other.first_contacts)
+        if one.samples is not None:
+            np.testing.assert_array_equal(one.samples, other.samples)
+    # and those between are near the steps around them
+    for time in ODD[1:]:
+        mark = mark_at(time, scene.dt)
+        around = predict(
+            scene, belief, propagator, times=[k * scene.dt for k in (mark.steps, mark.steps + 1)]
+        )
+        low, high = (
+            np.abs(snapshot.belief.mean - asked.at(time).belief.mean)[:, :3].max()
+            for snapshot in around.snapshots
+        )
+        assert max(low, high) < 0.02
+
+
+@pytest.mark.parametrize("case", ["meeting", "actions"])
+def test_flights_later_are_those_without_the_question(case):
+    scene, belief = CASES[case]()
+    scene = with_stiffness(scene, belief.mean)
+    later = [mark_at(time, scene.dt) for time in LATER]
+    plain = first_contacts(scene, belief, later, 40)
+    asked = first_contacts(scene, belief, sorted([mark_at(t, scene.dt) for t in ODD] + later), 40)
+    for one, other in zip(plain, [asked[3], asked[4]], strict=True):
+        for a, b in zip(one, other, strict=True):
+            np.testing.assert_array_equal(a, b)
+
+
+def test_islands_between_two_steps_are_the_joint_run():
+    scene, belief = meeting()
+    propagator = of("monte_carlo", samples=6)
+    joint, divided = (
+        predict(dataclasses.replace(scene, islands=on), belief, propagator, times=[*ODD, 0.5])
+        for on in (False, True)
+    )
+    for one, other in zip(joint.snapshots, divided.snapshots, strict=True):
+        np.testing.assert_allclose(one.carry.states[:, :2], other.carry.states[:, :2], rtol=0, atol=1e-12)
+        np.testing.assert_allclose(one.carry.states[:, 2], other.carry.states[:, 2], rtol=0, atol=1e-9)
+
+
+# -- what is asked for -------------------------------------------------------------------------------
+
+
+def test_the_explicit_integrator_names_the_nearest_possible_time():
+    scene = Scene([RigidBody("ball", BALL, 0.2)])
+    belief = belief_of(scene, ball=state())
+    with pytest.raises(
+        InvalidHorizonError, match=r"horizon is no multiple of dt = 0.01 s.* time is 0.03 s \(got 0.031\)"
+    ):
+        predict(scene, belief, "sigma_points", 0.031)
+    with pytest.raises(InvalidHorizonError, match=r"times\[1\] is no multiple .* time is 0.01 s"):
+        predict(scene, belief, "sigma_points", 1.0, times=[0.01, 0.0149])
+    assert predict(scene, belief, "sigma_points", 0.03).times == (0.03,)
+
+
+def test_a_nanosecond_is_no_step():
+    """Messages have whole nanoseconds: what is off by less is a multiple of the step."""
+    assert mark_at(0.020833333, DT) == whole(5, DT)
+    assert mark_at(0.1 + 0.2, 0.1) == whole(3, 0.1)
+    assert mark_at(0.01, DT).steps == 2 and mark_at(0.01, DT).time == 0.01
+    assert mark_at(5e-10, DT).steps == 0
+
+
+def test_a_prediction_is_asked_by_its_times():
+    scene, belief = meeting()
+    prediction = predict(scene, belief, "linearization", times=[0.01, 0.0125])
+    assert prediction.body("a", time=0.01).position[2] > prediction.body("a", time=0.0125).position[2]
+    with pytest.raises(
+        InvalidRequestError, match="is no time of the prediction, of which 0.0125 s is the nearest"
+    ):
+        prediction.body("a", time=0.0124)
+
+
+def test_progress_ends_with_all_steps():
+    scene, belief = meeting()
+    seen = []
+    predict(scene, belief, "linearization", 0.0101, progress=lambda *done: seen.append(done))
+    assert seen[-1] == (3, 3) and all(done <= steps == 3 for done, steps in seen)
+
+
+def test_candidates_are_ranked_at_an_exact_time():
+    """By whether they have flown 40 mm: at 0.9 m/s it takes 44.4 ms, between two steps."""
+    scene, belief = meeting()
+    certain = Belief.exact(belief.mean)
+    gone = Inside("far", BoxRegion("gone", (2, 2, 2), (4.04, 0, 0)))
+    actions = {
+        name: {"far": BodyBelief(position=[3, 0, 0.3], linear_velocity=[speed, 0, 0])}
+        for name, speed in (("slow", 0.9), ("fast", 0.91))
+    }
+    for time, best in ((0.0440, "fast"), (0.0446, None)):
+        found = rank(scene, certain, actions, gone, time, rollouts=16)
+        scores = {one.name: one.score.estimate for one in found}
+        assert found.best.prediction.times == (time,)
+        assert scores == {"slow": float(best is None), "fast": 1.0}
+
+
+def test_a_command_answers_at_an_exact_time(tmp_path, capsys):
+    """Also with a period, whose multiples are exact, too."""
+    file = tmp_path / "scene.yaml"
+    file.write_text(yaml.safe_dump(everyday()))
+    command = ["predict", str(file), "--propagator", "linearization", "--horizon", "0.0123", "--json"]
+    assert main(command) == 0
+    answer = json.loads(capsys.readouterr().out)
+    left = answer["bodies"][0]
+    assert answer["time"] == 0.0123 and left["linear_velocity"][2] == pytest.approx(-G * 0.0123, rel=1e-4)
+    assert main([*command, "--period", "0.005"]) == 0
+    answer = json.loads(capsys.readouterr().out)
+    assert [entry["time"] for entry in answer["trajectory"]] == [0.005, 0.01, 0.0123]
