@@ -1,5 +1,6 @@
 """Beliefs that reach into tables, walls and neighbours: what must hold of them before time 0 and after it."""
 
+import re
 from dataclasses import replace
 
 import numba
@@ -268,7 +269,10 @@ def test_a_trajectory_in_pieces_is_the_trajectory():
 def slot(less):
     """A salt box between two walls that are that much closer than it is wide."""
     y = 0.023 - 0.5 * less + 0.01
-    walls = [Box((0.4, 0.02, 0.2), (0.0, side * y, 0.1)) for side in (-1.0, 1.0)]
+    walls = [
+        Box((0.4, 0.02, 0.2), (0.0, side * y, 0.1), name=name)
+        for side, name in ((-1.0, "right"), (1.0, "left"))
+    ]
     return Scene.everyday([body("box", "salt_box")], environment=[FLOOR, *walls])
 
 
@@ -281,6 +285,8 @@ def test_a_slot_too_narrow_does_not_explode(less):
     prediction = predict(scene, ALONE, make_propagator("monte_carlo", samples=20), 0.1)
     (status,) = assess(prediction)
     assert status.measures["overlap_kept"] > 0.0 and status.flags
+    words = r"cannot come free at the start of '(left|right)', which it overlaps by 0.01\d+ m, "
+    assert re.search(words, status.message)
 
 
 # -- at rest -------------------------------------------------------------------------------------------

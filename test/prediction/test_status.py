@@ -1,12 +1,14 @@
 """What a prediction says against itself: flags where something is wrong, none where all is well."""
 
 import json
+import re
 from dataclasses import replace
 
 import numpy as np
 import pytest
 import yaml
 from example_scenes import two_bodies
+from plain_scenes import BLOCK, G, lowest, state
 from twins.states import boxminus
 
 from unc_physics import Belief, RigidBody, Scene, load_model, make_propagator, predict
@@ -104,12 +106,38 @@ def test_points_whose_mean_lies_inside_something_are_not_fine():
     assert status.flags & Status.MEAN_NOT_POSSIBLE
 
 
+def test_a_spread_that_is_right_is_not_flagged():
+    """A box that slides with uncertain mass and friction: v^2 / (2 mu g), of a log-normal mu.
+
+    Rotations of points and of rollouts are microradians, of which they agree within a factor of 4 only.
+    """
+    friction, std, speed = 0.5, 0.2, 2.0
+    box = RigidBody("box", BLOCK, 0.5, mass_std=0.1)
+    scene = Scene.everyday([box], environment=[Plane()], friction=friction, friction_std=std, restitution=0.0)
+    mean = state((0, 0, -lowest(BLOCK)), (speed, 0, 0))[None]
+    prediction = predict(scene, Belief.exact(mean), "sigma_points", 1.5)
+    relative = std / friction
+    median, variance = speed**2 / (2.0 * friction * G), relative**2
+    true_mean = median * np.exp(0.5 * variance)
+    true_std = true_mean * np.sqrt(np.expm1(variance))
+    assert prediction["box"].position[0] == pytest.approx(true_mean, rel=0.03)
+    assert prediction["box"].position_std[0] == pytest.approx(true_std, rel=0.08)
+    (status,) = assess(prediction)
+    assert status.flags == Status.FINE and status.message == ""
+
+
 @pytest.mark.parametrize("name", ["linearization", "sigma_points"])
 def test_a_face_that_lands_by_one_of_its_edges_is_compared_with_rollouts(name):
     """By which, decides how it tips; points far out all tip alike, and the nominal one does not at all."""
     scene, belief = brick_on_a_floor(0.1, (0, 0, 0), 1e-3, 1e-2, 1e-2, restitution=0.5)
     (status,) = statuses(scene, belief, name, 0.25)
     assert status.flags == Status.OUTSIDE_VALIDITY and "rollouts spread differently" in status.message
+    words = (
+        r"differently, (position by [\d.e-]+ m|rotation by [\d.e-]+ rad) here and by [\d.e-]+ (m|rad) there; "
+    )
+    assert re.search(
+        words + r".*\((spread_disagreement|doubtful_contacts) [\d.]+ above 1.\d+\)", status.message
+    )
     scene, belief = brick_on_a_floor(0.0, (0.3, 0, 0), 1e-3, 1e-2, 1e-2)
     (status,) = statuses(scene, belief, name, 0.5)
     assert status.flags == Status.FINE

@@ -46,7 +46,6 @@ def judge(prediction: Prediction, rollouts: int) -> tuple[tuple[BodyStatus, ...]
     """
     if all(snapshot.received is not None for snapshot in prediction.snapshots):
         return tuple(snapshot.received.statuses for snapshot in prediction.snapshots if snapshot.received)
-    scene = prediction.scene
     start = initial_diagnostics(prediction)
     found = [Evidence.of(prediction, start, snapshot) for snapshot in prediction.snapshots]
     if rollouts > 0:
@@ -54,11 +53,7 @@ def judge(prediction: Prediction, rollouts: int) -> tuple[tuple[BodyStatus, ...]
     if 0 < rollouts < SURE:
         _compare(prediction, found, [k for k, one in enumerate(found) if is_inconclusive(one)], SURE)
     return tuple(
-        tuple(
-            judged(scene, body.name, measures)
-            for body, measures in zip(scene.bodies, measures_of(one), strict=True)
-        )
-        for one in found
+        tuple(judged(one, k, measures) for k, measures in enumerate(measures_of(one))) for one in found
     )
 
 

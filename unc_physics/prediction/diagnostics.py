@@ -13,17 +13,18 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..checks.shown import printable
 from ..collision.contact_model import capacity, impact_frequency
 from ..initialization.overlap_search import TOUCHING
 from ..propagators.base import Samples
 from ..propagators.registry import names_where
-from ..scene.scene import Scene
+from ..scene.environment import element_names
 from ..spatial.layout import ANGULAR_VELOCITY, ERR_POSITION, ERR_ROTATION, POSITION, VELOCITY
 from .body_status import BodyStatus, Status
 from .conservation_checks import energy_loss as lost_share
 from .conservation_checks import kinetic_energies
 from .conservation_checks import penetration_share as inside_share
-from .evidence import Evidence, kinetic_moments
+from .evidence import Evidence, kinetic_moments, pose_spreads
 from .overlap_depths import overlaps
 
 _SAMPLED = names_where(lambda propagator: isinstance(propagator, Samples), " or ")
@@ -32,6 +33,7 @@ _FAR = 5.0  # standard deviations that are not to be expected of an honest belie
 #: Standard deviations of position that a mean's depth inside something is compared with [m].
 _MEAN_DEPTHS = 2e-4, 2e-3
 _USUAL = 0.95  # share of the rollouts that a residual must be small in
+_QUANTITIES, _UNITS = ("position", "rotation"), ("m", "rad")  # that spreads are compared in
 
 
 class Rule(NamedTuple):
@@ -44,9 +46,13 @@ class Rule(NamedTuple):
     limit : float
         Above which it does.
     words : str
-        What that says, with what to do.
+        What that says, with what to do; ``{detail}`` stands for the quantity and its values.
     compute : callable
         Takes the `Evidence` and gives values (B,), or None.
+    unit : str
+        Of the measure; empty for a share or a factor.
+    detail : callable or None
+        Takes the `Evidence` and a body's index, and gives the ``detail`` of the words.
     in_contact : bool
         Whether it is one of bodies that touched something alone.
     unless_compared : bool
@@ -57,6 +63,8 @@ class Rule(NamedTuple):
     limit: float
     words: str
     compute: Callable[[Evidence], np.ndarray | None]
+    unit: str
+    detail: Callable[[Evidence, int], str] | None
     in_contact: bool
     unless_compared: bool
 
@@ -65,11 +73,12 @@ class Rule(NamedTuple):
 RULES: dict[str, Rule] = {}
 
 
-def _measure(flag, limit, words, *, in_contact=False, unless_compared=False):
+def _measure(flag, limit, words, *, unit="", detail=None, in_contact=False, unless_compared=False):
     """Enter a function into `RULES`, under its name."""
 
     def enter(compute):
-        RULES[compute.__name__] = Rule(flag, limit, words, compute, in_contact, unless_compared)
+        rule = Rule(flag, limit, words, compute, unit, detail, in_contact, unless_compared)
+        RULES[compute.__name__] = rule
         return compute
 
     return enter
@@ -103,9 +112,9 @@ def raised(measures: Mapping[str, float]) -> list[str]:
     ]
 
 
-def judged(scene: Scene, name: str, measures: dict[str, float]) -> BodyStatus:
-    """Return the status that a body's measures make."""
-    flags, reasons = Status.FINE, []
+def judged(evidence: Evidence, body: int, measures: dict[str, float]) -> BodyStatus:
+    """Return the status that the measures of a body, by its index, make."""
+    scene, flags, reasons = evidence.scene, Status.FINE, []
     for key in raised(measures):
         value, rule = measures[key], RULES[key]
         flags |= rule.flag
@@ -114,9 +123,45 @@ def judged(scene: Scene, name: str, measures: dict[str, float]) -> BodyStatus:
             stiffness=scene.stiffness,
             shorter=scene.dt * rule.limit / value,
             stiffer=(scene.stiffness or 0.0) * value,
+            detail="" if rule.detail is None else rule.detail(evidence, body),
         )
-        reasons.append(f"{words} ({key} {value:.3g} above {rule.limit:.3g})")
-    return BodyStatus(name, flags, measures, tuple(reasons))
+        unit = rule.unit and f" {rule.unit}"
+        reasons.append(f"{words} ({key} {value:.3g}{unit} above {rule.limit:.3g}{unit})")
+    return BodyStatus(scene.bodies[body].name, flags, measures, tuple(reasons))
+
+
+def _spreads_apart(evidence, body):
+    """The quantity whose spread differs most from that of rollouts, and both spreads."""
+    place = int(np.searchsorted(evidence.scene.moving, body))
+    own, other = pose_spreads(evidence.snapshot.belief.blocks)[place], evidence.spreads[place]
+    k = int(np.argmax(evidence.factors[body]))
+    return f"{_QUANTITIES[k]} by {own[k]:.3g} {_UNITS[k]} here and by {other[k]:.3g} {_UNITS[k]} there"
+
+
+def _uneven_quantity(evidence, body):
+    return _QUANTITIES[int(np.argmax(evidence.asymmetries[body]))]
+
+
+def _mean_errors(evidence, body):
+    errors = evidence.propagator.standard_errors(evidence.snapshot.carry, evidence.scene)
+    return f"{errors.position[body]:.3g} m and {errors.rotation[body]:.3g} rad"
+
+
+def _kept_overlap(evidence, body):
+    """With what a body overlaps for ever, and how deep."""
+    scene, depths = evidence.scene, evidence.start.kept_overlaps
+    bodies = len(scene.bodies)
+    own = np.concatenate([np.maximum(depths[body, :bodies], depths[:, body]), depths[body, bodies:]])
+    names = [one.name for one in scene.bodies] + element_names(scene.environment)
+    other = int(np.argmax(own))
+    if own[other] == 0.0:  # what it overlapped when it settled
+        return "what it overlaps"
+    return f"'{printable(names[other])}', which it overlaps by {own[other]:.3g} m"
+
+
+def _mean_depth(evidence, body):
+    depths, _ = overlaps(evidence.scene, evidence.snapshot.belief.mean[None])
+    return f"{depths[0, body]:.3g} m"
 
 
 # -- the start ---------------------------------------------------------------------------------------
@@ -150,8 +195,9 @@ def overlap_share(evidence):
 @_measure(
     Status.INITIAL_OVERLAP,
     0.02,
-    "cannot come free of what it overlaps at the start, and keeps the overlap; check its pose, or give it a"
+    "cannot come free at the start of {detail}, and keeps the overlap; check the poses of both, or give it a"
     " larger covariance",
+    detail=_kept_overlap,
 )
 def overlap_kept(evidence):
     """Deepest overlap that could not be removed, in any sample or point, over the body's radius."""
@@ -161,7 +207,12 @@ def overlap_kept(evidence):
     return found.kept.max(axis=0) / evidence.start.shapes[:, 3]
 
 
-@_measure(Status.INITIAL_OVERLAP, 0.5, "overlaps at the start for certain; check its pose")
+@_measure(
+    Status.INITIAL_OVERLAP,
+    0.5,
+    "never comes free at the start of {detail}; check the poses of both",
+    detail=_kept_overlap,
+)
 def overlap_certain(evidence):
     """Share of the samples or points that keep an overlap."""
     found = evidence.start.found
@@ -194,6 +245,7 @@ def overlap_moved(evidence):
     math.radians(15.0),
     "is said to be at rest, and tilted far until something held it; check its orientation, and what is below"
     " it",
+    unit="rad",
 )
 def settled_tilt(evidence):
     """Angle by which a body at rest tilted until contacts held it, root mean square [rad]."""
@@ -223,6 +275,7 @@ def unsettled(evidence):
     Status.OUTSIDE_VALIDITY,
     1.0,
     "the rotation spreads too far for a mean and a covariance; read samples or modes in their place",
+    unit="rad",
 )
 def rotation_std(evidence):
     """Largest standard deviation of the rotation about any axis [rad]."""
@@ -232,7 +285,12 @@ def rotation_std(evidence):
     return result
 
 
-@_measure(Status.OUTSIDE_VALIDITY, 1.9, f"rollouts spread differently; {_SAMPLED} helps")
+@_measure(
+    Status.OUTSIDE_VALIDITY,
+    1.9,
+    f"rollouts spread differently, {{detail}}; {_SAMPLED} helps",
+    detail=_spreads_apart,
+)
 def spread_disagreement(evidence):
     """Factor between the predicted spread and that of a few rollouts, of position or rotation, whichever is
     larger. The rollouts start with the belief's mean and covariance, so it is 1 where all is linear.
@@ -244,7 +302,8 @@ def spread_disagreement(evidence):
     Status.OUTSIDE_VALIDITY,
     1.75,
     "contacts may open, close or coincide otherwise within a standard deviation, and rollouts spread"
-    f" differently; {_ESTIMATED} helps",
+    f" differently, {{detail}}; {_ESTIMATED} helps",
+    detail=_spreads_apart,
 )
 def doubtful_contacts(evidence):
     """The same factor, for a body whose contacts, or their order in an impact, may differ within one standard
@@ -272,7 +331,13 @@ def surface_error(evidence):
     return evidence.own_measures.get("surface_error")
 
 
-@_measure(Status.OUTSIDE_VALIDITY, 0.35, "rests on too few rollouts; more of them help", in_contact=True)
+@_measure(
+    Status.OUTSIDE_VALIDITY,
+    0.35,
+    "rests on too few rollouts, with standard errors of the mean of {detail}; more of them help",
+    detail=_mean_errors,
+    in_contact=True,
+)
 def mean_error(evidence):
     """Standard error of the mean position or rotation over the standard deviation, whichever is larger. For
     propagators with a response surface.
@@ -320,7 +385,8 @@ def directions(evidence):
 @_measure(
     Status.OUTSIDE_VALIDITY,
     2.5,
-    f"opposite points do not move oppositely; {_SAMPLED} helps",
+    f"opposite points do not move oppositely in {{detail}}; {_SAMPLED} helps",
+    detail=_uneven_quantity,
     in_contact=True,
     unless_compared=True,
 )
@@ -354,7 +420,8 @@ def outcomes(evidence):
 @_measure(
     Status.MEAN_NOT_POSSIBLE,
     1.0,
-    "the mean pose lies inside another body or the environment; read samples or modes",
+    "the mean pose lies {detail} inside another body or the environment; read samples or modes",
+    detail=_mean_depth,
     in_contact=True,
 )
 def mean_penetration(evidence):

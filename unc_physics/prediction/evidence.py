@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 
 _DRAWN = 40  # states of a belief whose overlaps are kept
 _SEED = 0  # of their draws: the same question has the same status
-_NOTHING = 1e-9  # of the body's radius, and in rad: spreads below it agree
+_NOTHING = 1e-4  # of the body's radius, and in rad: spreads below it agree, as contacts are no more accurate
 _NOISE = 4.0  # standard deviations of a sample's mean energy that are no gain
 _USUAL = 0.95  # quantile of the overlaps of a belief's states
 _shapes = WeakKeyDictionary()
@@ -58,6 +58,7 @@ class InitialDiagnostics(NamedTuple):
     )  # that a belief is the mean of: infinite where they are chosen instead of drawn; None for one
     directions: np.ndarray | None  # (M,), that points are spread along; None without such points
     found: Any  # what points or samples learned of their own beginning; None for the explicit integrator
+    kept_overlaps: np.ndarray  # (B, B + E), overlap of each pair that could not be removed, the deepest [m]
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,8 +75,9 @@ class Evidence:
         Of the propagator's rollouts, up to the snapshot's time.
     states : (N, B, 13) array or None
         Those of simulated rollouts; None where they are not equally probable.
-    asymmetry : (B,) array or None
-        Spread of points in opposite pairs, over that of what is opposite in them; None without such points.
+    asymmetries : (B, 2) array or None
+        Spread of points in opposite pairs, over that of what is opposite in them, of position and rotation;
+        None without such points.
     spreads : (M, 2) array or None
         Standard deviations of position [m] and rotation [rad] of rollouts; None where none were asked.
     """
@@ -86,7 +88,7 @@ class Evidence:
     snapshot: Snapshot
     history: ContactHistory
     states: np.ndarray | None
-    asymmetry: np.ndarray | None
+    asymmetries: np.ndarray | None
     spreads: np.ndarray | None = None
 
     @classmethod
@@ -94,16 +96,16 @@ class Evidence:
         """Collect it from a prediction that was made here."""
         scene, propagator, carry = prediction.scene, prediction.propagator, snapshot.carry
         history = carry.contact_history
-        states, asymmetry = snapshot.rollout_states, None
+        states, asymmetries = snapshot.rollout_states, None
         if isinstance(propagator, PointPairs):
             states = propagator.point_states(carry, scene)
             if scene.islands:
                 # islands' points are joined by moving them farther out: the central one alone was simulated
                 states = states[:1]
-            asymmetry = _sigma_point_asymmetry(scene, start, propagator.opposite_points(carry, scene))
+            asymmetries = _sigma_point_asymmetries(scene, start, propagator.opposite_points(carry, scene))
         elif propagator.traits.mean_update == "nominal" or len(history.first_time) == 1:
             states = snapshot.belief.mean[None]
-        return cls(scene, propagator, start, snapshot, history, states, asymmetry)
+        return cls(scene, propagator, start, snapshot, history, states, asymmetries)
 
     @cached_property
     def uncertain_since(self) -> np.ndarray | None:
@@ -143,11 +145,23 @@ class Evidence:
         return conserves_energy(self.scene, self.start, self.touched, self.group)
 
     @cached_property
-    def factor(self) -> np.ndarray | None:
-        """(B,): the larger factor between predicted and sampled spreads; None without rollouts."""
+    def asymmetry(self) -> np.ndarray | None:
+        """(B,): the larger of the `asymmetries`."""
+        return None if self.asymmetries is None else self.asymmetries.max(axis=1)
+
+    @cached_property
+    def factors(self) -> np.ndarray | None:
+        """(B, 2): factors between predicted and sampled spreads of position and rotation; None without
+        rollouts.
+        """
         if self.spreads is None:
             return None
-        return spread_factor(self.scene, self.start, self.snapshot.belief.blocks, self.spreads)
+        return spread_factors(self.scene, self.start, self.snapshot.belief.blocks, self.spreads)
+
+    @cached_property
+    def factor(self) -> np.ndarray | None:
+        """(B,): the larger of the `factors`."""
+        return None if self.factors is None else self.factors.max(axis=1)
 
     @cached_property
     def highest_speed(self) -> np.ndarray:
@@ -186,7 +200,7 @@ def initial_diagnostics(prediction: Prediction) -> InitialDiagnostics:
         np.zeros(len(mass)),
         samples,
         propagator.directions(initial) if isinstance(propagator, PointPairs) else None,
-        _found(prediction),
+        *_found(prediction),
     )
     energy, noise = kinetic_moments(scene, start, initial, 1)
     least, _ = kinetic_moments(scene, start, initial, 0)
@@ -206,11 +220,17 @@ def _fall_stds(scene, belief):
 
 
 def _found(prediction):
-    """What the rollouts learned of their own beginning; a single one begins as points do, which tell more."""
-    scene = prediction.scene
+    """What the rollouts learned of their own beginning, and the overlaps that they keep.
+
+    A single one begins as points do, which tell more.
+    """
+    scene, history = prediction.scene, prediction.carry.contact_history
     if scene.integrator == "implicit" and prediction.propagator.traits.mean_update == "nominal":
-        return points_at_start(scene, prediction.initial)[1].contact_history.start
-    return prediction.carry.contact_history.start
+        history = points_at_start(scene, prediction.initial)[1].contact_history
+    kept = np.zeros(history.first_time.shape[1:])
+    if history.solver is not None and history.solver.kept_overlap.size:
+        kept = history.solver.kept_overlap.max(axis=0)
+    return history.start, kept
 
 
 def _shape(model):
@@ -221,20 +241,20 @@ def _shape(model):
     return _shapes[model]
 
 
-def _sigma_point_asymmetry(scene, start, points):
-    """(B,): spread of points in opposite pairs, over that of what is opposite in them (`RULES`)."""
-    result = np.ones(len(scene.bodies))
+def _sigma_point_asymmetries(scene, start, points):
+    """(B, 2): spread of points in opposite pairs, over that of what is opposite in them (`RULES`)."""
+    result = np.ones((len(scene.bodies), 2))
     forth, back = points
     for k, body in enumerate(scene.moving):
         nothing = _NOTHING * start.shapes[body, 3], _NOTHING
-        for block, floor in zip((ERR_POSITION, ERR_ROTATION), nothing, strict=True):
+        for c, (block, floor) in enumerate(zip((ERR_POSITION, ERR_ROTATION), nothing, strict=True)):
             odd = 0.5 * (forth[:, k, block] - back[:, k, block])
             even = 0.5 * (forth[:, k, block] + back[:, k, block])
             shift = even.sum(axis=0) / (len(even) + 0.5)
             straight = np.sum(odd**2) / (len(odd) + 0.5)
             bent = np.sum(even**2) / (len(even) + 0.5) - shift @ shift
             ratio = math.sqrt((straight + max(bent, 0.0) + floor**2) / (straight + floor**2))
-            result[body] = max(result[body], ratio)
+            result[body, c] = max(1.0, ratio)
     return result
 
 
@@ -246,13 +266,13 @@ def pose_spreads(blocks):
     ).T
 
 
-def spread_factor(scene, start, blocks, spreads):
-    """(B,): the larger factor between predicted and sampled standard deviations."""
+def spread_factors(scene, start, blocks, spreads):
+    """(B, 2): factors between predicted and sampled standard deviations of position and rotation."""
     nothing = np.column_stack([_NOTHING * start.shapes[scene.moving, 3], np.full(len(blocks), _NOTHING)])
     predicted = np.maximum(pose_spreads(blocks), nothing)
     found = np.where(np.isfinite(spreads), np.maximum(spreads, nothing), math.inf)
-    result = np.ones(len(scene.bodies))
-    result[scene.moving] = np.maximum(predicted / found, found / predicted).max(axis=1)
+    result = np.ones((len(scene.bodies), 2))
+    result[scene.moving] = np.maximum(predicted / found, found / predicted)
     return result
 
 
