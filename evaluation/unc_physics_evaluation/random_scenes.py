@@ -32,38 +32,38 @@ def random_case(number: int) -> Case:
     ]
     mean, environment = kind(rng, models)
     bodies = [RigidBody(f"body{k}", model) for k, model in enumerate(models)]
-    stds = {name: _between(rng, *limits) for name, limits in _STDS.items()}
+    stds = {name: log_uniform(rng, *limits) for name, limits in _STDS.items()}
     scene = Scene.everyday(bodies, environment=[Plane(name="floor"), *environment])
-    return Case(scene, Belief(mean, spread(len(bodies), **stds)), _between(rng, *_HORIZON))
+    return Case(scene, Belief(mean, spread(len(bodies), **stds)), log_uniform(rng, *_HORIZON))
 
 
 def _dropped(rng, models):
     """In any orientation, with a spin."""
-    mean = _state(rng, models[0], _between(rng, *_DROP), upright=False)
+    mean = state_above(rng, models[0], log_uniform(rng, *_DROP), upright=False)
     mean[0, ANGULAR_VELOCITY] = rng.normal(0.0, 1.0, 3)
     return mean, []
 
 
 def _pushed(rng, models):
     """Stands near the edge of a table, and is pushed towards it."""
-    mean = _state(rng, models[0], 1e-4, upright=True)
+    mean = state_above(rng, models[0], 1e-4, upright=True)
     mean[0, POSITION] += rng.uniform(-0.15, -0.02), 0.0, _TABLE
-    mean[0, VELOCITY] = _between(rng, *_SPEED), 0.0, 0.0
+    mean[0, VELOCITY] = log_uniform(rng, *_SPEED), 0.0, 0.0
     return mean, [Box((0.8, 0.8, _WALL), (-0.4, 0.0, _TABLE - 0.5 * _WALL), name="table")]
 
 
 def _thrown(rng, models):
     """Towards a wall."""
-    mean = _state(rng, models[0], _between(rng, *_DROP), upright=False)
-    mean[0, VELOCITY] = _between(rng, *_SPEED), rng.normal(0.0, 0.1), 0.0
+    mean = state_above(rng, models[0], log_uniform(rng, *_DROP), upright=False)
+    mean[0, VELOCITY] = log_uniform(rng, *_SPEED), rng.normal(0.0, 0.1), 0.0
     wall = 2.0 * models[0].bounding_radius + rng.uniform(0.0, 0.1)
     return mean, [Box((_WALL, 1.0, 0.4), (wall, 0.0, 0.2), name="wall")]
 
 
 def _beside(rng, models):
     """One stands, the other falls beside or on it."""
-    standing = _state(rng, models[0], 1e-4, upright=True)
-    falling = _state(rng, models[1], _between(rng, *_DROP), upright=False)
+    standing = state_above(rng, models[0], 1e-4, upright=True)
+    falling = state_above(rng, models[1], log_uniform(rng, *_DROP), upright=False)
     radius = models[0].bounding_radius
     falling[0, POSITION] += rng.uniform(0.0, radius), rng.uniform(0.0, radius), 2.0 * radius
     return np.concatenate([standing, falling]), []
@@ -73,7 +73,7 @@ def _beside(rng, models):
 KINDS = (_dropped, _pushed, _thrown, _beside)
 
 
-def _state(rng, model, height, upright):
+def state_above(rng, model, height, upright):
     """A state (1, 13) at rest, that high above the floor."""
     q = rng.standard_normal(4)
     if upright:
@@ -85,6 +85,6 @@ def _state(rng, model, height, upright):
     return mean
 
 
-def _between(rng, low, high):
+def log_uniform(rng, low, high):
     """Uniform in the logarithm."""
     return math.exp(rng.uniform(math.log(low), math.log(high)))

@@ -35,7 +35,7 @@ DEFAULT = (
     "choosing",
 )
 #: Those that take long alone on the machine, or need more than this package.
-BY_NAME = ("anytime", "pushes", "heaps", "propagators", "packing", "latency", "same_bits")
+BY_NAME = ("scenes_at_random", "anytime", "pushes", "heaps", "propagators", "packing", "latency", "same_bits")
 NAMES = DEFAULT + BY_NAME
 
 
