@@ -1,10 +1,14 @@
 """Copies of the package that hold two small modules of compiled functions, run in processes of their own."""
 
-import functools
+import json
 import os
 import shutil
+import signal
 import subprocess
 import sys
+import tempfile
+import time
+from pathlib import Path
 
 import pytest
 
@@ -57,24 +61,53 @@ def both():
 CALL = "from unc_physics.compiler.caller import both; both()"
 
 
-def started(folder, program=CALL, **others):
-    """Start Python on the copy of the package in a folder."""
+class Run:
+    """A program that runs in a process of its own, forked from one that has imported numba."""
+
+    def __init__(self, server, folder, program, env):
+        self._files = {name: Path(tempfile.mkstemp()[1]) for name in ("out", "err", "status")}
+        request = {"folder": str(folder), "program": program, "env": env}
+        server.stdin.write(json.dumps(request | {k: str(v) for k, v in self._files.items()}) + "\n")
+        server.stdin.flush()
+        self._pid = int(server.stdout.readline())
+
+    def ended(self, timeout=300.0):
+        """What it printed, and what it wrote to standard error; TimeoutError if it still runs then."""
+        deadline = time.monotonic() + timeout
+        while not (status := self._files["status"].read_text()):
+            if time.monotonic() > deadline:
+                raise TimeoutError
+            time.sleep(0.01)
+        out, err = (self._files[name].read_text() for name in ("out", "err"))
+        for path in self._files.values():
+            path.unlink()
+        assert status == "0", err
+        return out.strip(), err
+
+    def kill(self):
+        """End it at once."""
+        os.kill(self._pid, signal.SIGKILL)
+
+
+@pytest.fixture(scope="session")
+def server():
+    """A process that has imported numba, and forks for each program (`compiler_server`)."""
+    command = [sys.executable, str(Path(__file__).with_name("compiler_server.py"))]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
+        yield process
+        process.stdin.close()
+
+
+def copy_of(server, folder, tmp_path):
+    """Function that runs a program on a copy of a folder, with environment variables of its own."""
+    shutil.copytree(folder, tmp_path, dirs_exist_ok=True)
     env = {name: value for name, value in os.environ.items() if name != "NUMBA_CACHE_DIR"}
-    return subprocess.Popen(
-        [sys.executable, "-c", program],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        cwd=folder,
-        env=env | {"PYTHONPATH": str(folder), "PYTHONDONTWRITEBYTECODE": "1"} | others,
-    )
 
+    def start(program=CALL, **others):
+        return Run(server, tmp_path, program, env | others)
 
-def ended(process):
-    """What it printed, and what it said on standard error."""
-    out, err = process.communicate(timeout=300.0)
-    assert process.returncode == 0, err
-    return out.strip(), err
+    start.package = tmp_path / "unc_physics"
+    return start
 
 
 @pytest.fixture(scope="module")
@@ -94,15 +127,7 @@ def sources(tmp_path_factory):
     return folder
 
 
-def copy_of(folder, tmp_path):
-    """Function that runs Python on a copy of a folder."""
-    shutil.copytree(folder, tmp_path, dirs_exist_ok=True)
-    start = functools.partial(started, tmp_path)
-    start.package = tmp_path / "unc_physics"
-    return start
-
-
 @pytest.fixture
-def copy(sources, tmp_path):
-    """Function that runs Python on a copy of the package without compiled kernels."""
-    return copy_of(sources, tmp_path)
+def copy(server, sources, tmp_path):
+    """Function that runs a program on a copy of the package without compiled kernels."""
+    return copy_of(server, sources, tmp_path)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple
 
@@ -12,7 +11,6 @@ from unc_physics.prediction.predict import predict
 from unc_physics.propagators.base import Samples as HasSamples
 from unc_physics.propagators.registry import make_propagator
 from unc_physics.scene.belief import Belief
-from unc_physics.spatial.layout import ERR_POSITION, ERR_ROTATION, POSITION, QUATERNION
 
 from .jobs import Job, Row
 from .methods import FLOOR, GAUSSIAN, MONTE_CARLO, methods
@@ -64,21 +62,6 @@ def two_truths(scene, belief, horizon, job: Job) -> tuple[Samples, Samples]:
         for name in ("truth", "second")
     )
     return first, second
-
-
-def mean_errors(belief: Belief, truth: Belief) -> np.ndarray:
-    """Errors of the means (M, 2) over the truth's standard deviations, of the M moving bodies' positions and
-    rotations; 0 where the truth has no spread.
-    """
-    errors = np.zeros((len(truth.moving), 2))
-    for row, body, P in zip(errors, truth.moving, truth.blocks, strict=True):
-        moved = belief.mean[body, POSITION] - truth.mean[body, POSITION]
-        cosine = abs(belief.mean[body, QUATERNION] @ truth.mean[body, QUATERNION])
-        off = np.linalg.norm(moved), 2.0 * math.acos(min(cosine, 1.0))
-        for k, block in enumerate((ERR_POSITION, ERR_ROTATION)):
-            spread = math.sqrt(np.trace(P[block, block]))
-            row[k] = off[k] / spread if spread > 0.0 else 0.0
-    return errors
 
 
 def error_rows(

@@ -1,14 +1,16 @@
-"""Everyday motions of single bodies, with tight and wide beliefs: rest, sliding, bounces, rolling."""
+"""Everyday motions of single bodies, with tight and wide beliefs: rest, sliding, bounces, rolling, a push."""
 
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
-from unc_physics import Belief, Plane, RigidBody, Scene, load_model
+from unc_physics import Belief, Plane, PosePath, RigidBody, Scene, load_model
 from unc_physics.geometry.packing_file import SpherePacking
+from unc_physics.scene.action_arrays import with_driven
 from unc_physics.spatial.layout import ANGULAR_VELOCITY, POSITION, QUATERNION, VELOCITY
 
 from .scenarios import resting, spread
@@ -36,10 +38,11 @@ def names() -> list[str]:
 
 def case(name: str, belief: str) -> Case:
     """A case by its name, with one of the beliefs."""
-    scene, mean, horizon = CASES[name]()
+    scene, mean, horizon = (CASES | ACTION_CASES)[name]()
     position, rotation, velocity = BELIEFS[belief]
     P = spread(1, position=position, rotation=rotation, velocity=velocity)
-    return Case(scene, Belief(mean, P), horizon)
+    mean = with_driven(scene, np.concatenate([mean, resting(np.zeros((len(scene.bodies) - 1, 3)))]), 0.0)
+    return Case(scene, Belief(mean, P, scene.moving), horizon)
 
 
 def _everyday(model, floor=None, at_rest=False, **physics):
@@ -120,7 +123,19 @@ def _can_rolls():
     return _everyday(model), _state(height, (SPEED, 0.0, 0.0), (0.0, SPEED / height, 0.0), q), 0.5
 
 
-#: What makes each case: scene, mean state and horizon.
+def _finger():
+    """A finger comes along x beside the middle, touches after about 0.1 s, and pushes for 2 cm."""
+    model = brick()
+    reach, height = float(np.max(model.radii - model.centers[:, 0])) + 0.02, lowest(model)
+    line = PosePath(
+        times=[0.0, 0.5], positions=[[-reach - 0.005, 0.01, height], [-reach + 0.02, 0.01, height]]
+    )
+    scene = _everyday(model, at_rest=True)
+    finger = RigidBody("finger", ball("finger", 0.02), trajectory=line)
+    return replace(scene, bodies=[*scene.bodies, finger]), _state(height), 0.4
+
+
+#: What makes each case: scene, mean state of the body and horizon.
 CASES = {
     "box lying": _lying,
     "box pushed at 0.3 m/s": _pushed,
@@ -131,3 +146,5 @@ CASES = {
     "box after a bounce on a face": _box_bounces,
     "can rolling": _can_rolls,
 }
+#: The same where a robot acts.
+ACTION_CASES = {"finger pushes a box": _finger}

@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 import math
-from functools import cache
 
 import numpy as np
 
 from unc_physics.checks.errors import InvalidModelError, InvalidRequestError, UnknownModelError
 from unc_physics.checks.validation import non_negative
 from unc_physics.geometry.library import find_model, load_model
-from unc_physics.geometry.packing import pack_solid
 from unc_physics.geometry.packing_file import SpherePacking
-from unc_physics.geometry.solid_mesh import make_solid
 from unc_physics.scene.belief import Belief
 from unc_physics.scene.body import RigidBody
 from unc_physics.scene.environment import Box, Plane
@@ -56,8 +53,6 @@ _LEANING = math.cos(math.radians(15.0))  # the least vertical part of an upright
 _WALL = 0.02  # thickness of a bin [m]
 _BIN, _LARGE_BIN = (0.292, 0.192, 0.143), (0.4, 0.4, 0.25)  # inside: length, width, depth [m]
 _PITCH = 0.19  # between bodies that are let go from a lattice [m]
-_CUBE, _CUBE_MASS = 0.045, 0.1  # side [m], kg
-_CUBE_ROOM, _CUBE_PITCH = 0.065, 0.082  # of a bin's width for each cube, between cubes that are let go [m]
 _TUMBLED = {"position": 0.01, "rotation": 0.3}  # what is let go in no particular order
 
 
@@ -265,40 +260,6 @@ def boxes_and_cans(count: int, spheres: int = 1000) -> tuple[Scene, Belief, floa
     mean[:, ANGULAR_VELOCITY] = 0.5, 1.0, 0.0
     models = [("salt_box", "can")[k % 2] for k in range(count)]
     return _handled(models, spheres, open_bin(*inside), mean, _TUMBLED)
-
-
-def cubes_into_bin(count: int, spheres: int = 500, seed: int = 0) -> tuple[Scene, np.ndarray, float]:
-    """Cubes with random orientations fall from a lattice into a bin whose width grows with the
-    cube root of their number; returns the scene, the start (B, 13) and the time until all lie [s].
-
-    Parameters
-    ----------
-    count : int
-        Number of cubes.
-    spheres : int
-        Of each.
-    seed : int
-        Of the orientations.
-    """
-    width = math.ceil(count ** (1.0 / 3.0) - 1e-9) * _CUBE_ROOM
-    side = max(int((width - _CUBE) / _CUBE_PITCH), 1)
-    place = np.arange(count)
-    across = np.stack([place % side, place // side % side], axis=1) - 0.5 * (side - 1)
-    mean = resting(_CUBE_PITCH * np.column_stack([across, place // side**2 + 0.9]))
-    orientations = np.random.default_rng(seed).standard_normal((count, 4))
-    mean[:, QUATERNION] = orientations / np.linalg.norm(orientations, axis=1, keepdims=True)
-    mean[:, ANGULAR_VELOCITY] = 0.5, 1.0, 0.0
-    bodies = [RigidBody(f"cube{k}", _cube(spheres), _CUBE_MASS) for k in range(count)]
-    scene = Scene.everyday(bodies, environment=open_bin(width, width, 2.0 * width))
-    return with_stiffness(scene, mean), mean, 2.0
-
-
-@cache
-def _cube(spheres):
-    import trimesh
-
-    mesh = trimesh.creation.box((_CUBE,) * 3)
-    return pack_solid(make_solid("cube", mesh.vertices, mesh.faces), spheres)
 
 
 def in_bin(states: np.ndarray) -> np.ndarray:

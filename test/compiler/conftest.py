@@ -1,3 +1,3 @@
 """What tests of the compilation share: copies of the package."""
 
-from compiler_copies import copy, sources  # noqa: F401  (fixtures)
+from compiler_copies import copy, server, sources  # noqa: F401  (fixtures)

@@ -4,7 +4,7 @@ import re
 from pathlib import Path
 
 import pytest
-from compiler_copies import CALL, CALLEE, ended
+from compiler_copies import CALL, CALLEE
 from packaging.specifiers import SpecifierSet
 
 from unc_physics.compiler import versions
@@ -16,29 +16,21 @@ print(sorted(name for name in sys.modules if name.startswith("unc_physics.compil
 """
 
 
-def test_the_variable_selects_plain_compilation(copy):
-    out, err = ended(copy(CALL + BACKEND, UNC_PHYSICS_COMPILER="plain"))
-    assert out == "2.0 3.0\n[]"
+def test_the_variable_selects_plain_compilation_which_notices_an_edit_of_a_callee(copy):
+    program = "import numba; before = numba.config.CACHE_DIR\n" + CALL + BACKEND
+    program += "print(numba.config.CACHE_DIR == before)"
+    out, err = copy(program, UNC_PHYSICS_COMPILER="plain").ended()
+    assert out == "2.0 3.0\n[]\nTrue", "compiled, without the tuned modules and with numba's own setting"
     assert "not tested" not in err
-    assert ended(copy(UNC_PHYSICS_COMPILER="plain")) == ("2.0 3.0", ""), "loaded from the cache"
-
-
-def test_plain_compilation_notices_an_edit_of_a_callee(copy):
-    assert ended(copy(UNC_PHYSICS_COMPILER="plain"))[0] == "2.0 3.0"
+    assert copy(UNC_PHYSICS_COMPILER="plain").ended() == ("2.0 3.0", ""), "loaded from the cache"
     callee = copy.package / "compiler" / "callee.py"
     callee.write_text(CALLEE.replace("FACTOR = 2.0", "FACTOR = 5.0").replace("+ 1.0", "+ 2.0"))
-    assert ended(copy(UNC_PHYSICS_COMPILER="plain"))[0] == "5.0 4.0"
-
-
-def test_plain_compilation_leaves_the_setting_of_numba(copy):
-    program = "import numba; before = numba.config.CACHE_DIR\n" + CALL
-    out, _ = ended(copy(program + "; print(numba.config.CACHE_DIR == before)", UNC_PHYSICS_COMPILER="plain"))
-    assert out == "2.0 3.0\nTrue"
+    assert copy(UNC_PHYSICS_COMPILER="plain").ended()[0] == "5.0 4.0"
 
 
 def test_an_untested_numba_selects_plain_compilation_with_one_warning(copy):
     program = "import numba; numba.__version__ = '0.67.9'\n" + CALL + BACKEND
-    out, err = ended(copy(program, UNC_PHYSICS_COMPILER=""))
+    out, err = copy(program, UNC_PHYSICS_COMPILER="").ended()
     assert out == "2.0 3.0\n[]"
     assert err.count("numba 0.67.9 is not tested") == 1
     assert f"tested: {', '.join(versions.TESTED)}" in err

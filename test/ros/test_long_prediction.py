@@ -59,7 +59,7 @@ def test_cancel_keeps_what_was_done_and_the_service_answers_meanwhile(send, clie
     client.of_action(handle.cancel_goal_async)
     answered = time.monotonic() - started
     answer = client.of_action(handle.get_result_async)
-    assert answered < 2.0  # the figure is measured by `python -m unc_physics evaluate latency`
+    assert answered < 2.0
     assert (answer.status, answer.result.result.error_code) == (
         GoalStatus.STATUS_CANCELED,
         ErrorCode.CANCELED,

@@ -32,10 +32,9 @@ DEFAULT = (
     "covariances",
     "regions",
     "calibration",
-    "choosing",
 )
 #: Those that take long alone on the machine, or need more than this package.
-BY_NAME = ("scenes_at_random", "anytime", "pushes", "heaps", "propagators", "packing", "latency", "same_bits")
+BY_NAME = ("scenes_at_random", "pushes", "propagators", "packing", "same_bits")
 NAMES = DEFAULT + BY_NAME
 
 

@@ -15,9 +15,7 @@ from unc_physics.propagators.registry import PROPAGATORS
 from unc_physics.spatial.layout import ERR_POSITION, ERR_ROTATION, QUATERNION
 from unc_physics.spatial.rotation import rotation_matrix
 
-from .. import action_cases
-from ..action_cases import ACTION_CASES
-from ..everyday_cases import BELIEFS, CASES, case
+from ..everyday_cases import ACTION_CASES, BELIEFS, CASES, case
 from ..goals import Figure, goal_tables, goals_met_by
 from ..jobs import Job, Outcome, Row, Settings
 from ..judgement import judge, rates
@@ -49,8 +47,7 @@ def jobs(settings: Settings) -> list[Job]:
 def run(job: Job) -> Outcome:
     """Standard deviations of pose along the world's axes: the truth's, its halves', and the methods'."""
     p = job.parameters
-    make = action_cases.case if p["case"] in ACTION_CASES else case
-    given, seed = make(p["case"], p["belief"]), job.seed(TRUTH)
+    given, seed = case(p["case"], p["belief"]), job.seed(TRUTH)
     truth = make_propagator(MONTE_CARLO, samples=p["truth"], seed=seed)
     carry = predict(given.scene, given.belief, truth, given.horizon).carry
     half = p["truth"] // 2

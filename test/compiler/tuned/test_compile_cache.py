@@ -1,12 +1,10 @@
 """The cache of compiled kernels: kept where something can be written, and never stale."""
 
 import os
-import shutil
-import subprocess
 import time
 
 import pytest
-from compiler_copies import CALL, CALLEE, copy_of, ended, started
+from compiler_copies import CALL, CALLEE, copy_of
 
 from unc_physics.compiler.tuned import compile_cache
 
@@ -15,24 +13,23 @@ NOWHERE = "/dev/null/nothing"
 
 
 @pytest.fixture(scope="module")
-def kernels(sources, tmp_path_factory):
+def kernels(server, sources, tmp_path_factory):
     """The same folder, with compiled kernels."""
     folder = tmp_path_factory.mktemp("kernels") / "copy"
-    shutil.copytree(sources, folder)
-    out, err = ended(started(folder))
+    out, err = copy_of(server, sources, folder)().ended()
     assert out == "2.0 3.0"
     assert err.count("\n") == 1 and err.startswith(NOTICE), "one line for all kernels"
     return folder
 
 
 @pytest.fixture
-def compiled_copy(kernels, tmp_path):
-    """Function that runs Python on a copy of the package with compiled kernels."""
-    return copy_of(kernels, tmp_path)
+def compiled_copy(server, kernels, tmp_path):
+    """Function that runs a program on a copy of the package with compiled kernels."""
+    return copy_of(server, kernels, tmp_path)
 
 
 def test_an_edit_compiles_what_depends_on_it(compiled_copy):
-    assert ended(compiled_copy()) == ("2.0 3.0", ""), "loaded"
+    assert compiled_copy().ended() == ("2.0 3.0", ""), "loaded"
     kept, text = compiled_copy.package / "__pycache__", CALLEE
     for old, new, answer, compiled in (
         ("@stage", "# a comment\n@stage", "2.0 3.0", 0),
@@ -43,7 +40,7 @@ def test_an_edit_compiles_what_depends_on_it(compiled_copy):
         before = set(kept.glob("kernels-*/*caller.*.nbi"))
         text = text.replace(old, new)
         (compiled_copy.package / "compiler" / "callee.py").write_text(text)
-        assert ended(compiled_copy())[0] == answer
+        assert compiled_copy().ended()[0] == answer
         assert len(set(kept.glob("kernels-*/*caller.*.nbi")) - before) == compiled, new
 
 
@@ -57,33 +54,33 @@ def test_what_was_kept_in_another_way_is_compiled_anew(compiled_copy):
         assert before in text
         text = text.replace(before, after)
     path.write_text(text)
-    assert ended(compiled_copy())[0] == "2.0 3.0"
+    assert compiled_copy().ended()[0] == "2.0 3.0"
 
 
 def test_a_damaged_cache_is_compiled_anew(compiled_copy):
     for file in (compiled_copy.package / "__pycache__").glob("kernels-*/*"):
         file.write_bytes(b"")
-    assert ended(compiled_copy())[0] == "2.0 3.0"
+    assert compiled_copy().ended()[0] == "2.0 3.0"
 
 
 def test_a_callee_that_is_not_inlined_is_loaded_before_its_caller(copy):
     callee = copy.package / "compiler" / "callee.py"
     callee.write_text(CALLEE.replace("@inner", "@inner(noinline=True)"))
-    assert ended(copy())[0] == "2.0 3.0"
-    assert ended(copy()) == ("2.0 3.0", ""), "loaded"
+    assert copy().ended()[0] == "2.0 3.0"
+    assert copy().ended() == ("2.0 3.0", ""), "loaded"
     for file in (copy.package / "__pycache__").glob("kernels-*/*callee.*"):
         file.unlink()
-    out, err = ended(copy())
+    out, err = copy().ended()
     assert out == "2.0 3.0" and NOTICE in err
-    assert ended(copy()) == ("2.0 3.0", "")
+    assert copy().ended() == ("2.0 3.0", "")
     callee.write_text(CALLEE.replace("@inner", "@inner(noinline=True)").replace("2.0", "3.0"))
-    assert ended(copy())[0] == "3.0 3.0", "an edit of the callee"
+    assert copy().ended()[0] == "3.0 3.0", "an edit of the callee"
 
 
 def test_first_starts_at_once(copy):
-    for process in [copy(), copy()]:
-        assert ended(process)[0] == "2.0 3.0"
-    assert ended(copy()) == ("2.0 3.0", "")
+    for run in [copy(), copy()]:
+        assert run.ended()[0] == "2.0 3.0"
+    assert copy().ended() == ("2.0 3.0", "")
     assert not list(copy.package.glob("__pycache__/kernels-*/*.lock"))
 
 
@@ -101,34 +98,32 @@ caller.both()
     while not list(kernels.glob("kernels-*/*.lock")):
         time.sleep(0.05)
     second = copy()
-    with pytest.raises(subprocess.TimeoutExpired):
-        second.communicate(timeout=6.0)
+    with pytest.raises(TimeoutError):
+        second.ended(timeout=4.0)
     first.kill()
-    first.communicate()
-    assert ended(second)[0] == "2.0 3.0"
+    assert second.ended()[0] == "2.0 3.0"
 
 
 def test_places_where_nothing_can_be_written(copy, tmp_path):
     (copy.package / "__pycache__").write_text("")  # a file: permissions do not bind everybody
     cache = tmp_path / "home" / ".cache" / "unc_physics"
     homeless = {"XDG_CACHE_HOME": NOWHERE, "NUMBA_CACHE_DIR": NOWHERE}
-    assert ended(copy(HOME=str(tmp_path / "home"), **homeless))[0] == "2.0 3.0"
+    assert copy(HOME=str(tmp_path / "home"), **homeless).ended()[0] == "2.0 3.0"
     assert len(list(cache.glob("kernels-*"))) == 1, "the user's"
     temporary = tmp_path / "temporary"
     temporary.mkdir()
-    assert ended(copy(HOME=NOWHERE, TMPDIR=str(temporary), **homeless))[0] == "2.0 3.0"
+    assert copy(HOME=NOWHERE, TMPDIR=str(temporary), **homeless).ended()[0] == "2.0 3.0"
     assert len(list(temporary.glob("unc_physics-*/kernels-*"))) == 1
     program = f"import tempfile; tempfile.tempdir = {NOWHERE!r}; {CALL}"
-    for _ in range(2):
-        out, err = ended(copy(program, HOME=NOWHERE, **homeless))
-        assert out == "2.0 3.0"
-        assert err.count(NOTICE) == 1 and "no folder can be written" in err
+    out, err = copy(program, HOME=NOWHERE, **homeless).ended()
+    assert out == "2.0 3.0"
+    assert err.count(NOTICE) == 1 and "no folder can be written" in err
 
 
 def test_a_folder_of_the_users_choice(copy, tmp_path):
     """Also where numba was imported before, and its setting made at run time."""
     program = f"import numba; numba.config.CACHE_DIR = {str(tmp_path / 'own')!r}; {CALL}"
-    assert ended(copy(program))[0] == "2.0 3.0"
+    assert copy(program).ended()[0] == "2.0 3.0"
     assert len(list((tmp_path / "own").glob("kernels-*/*caller.*.nbc"))) == 2
     assert not (copy.package / "__pycache__").exists()
 
@@ -144,7 +139,7 @@ def refuse(dir, **others):
     return write(dir=dir, **others)
 tempfile.TemporaryFile = refuse
 {CALL}"""
-    assert ended(compiled_copy(program, HOME=str(tmp_path / "home"), XDG_CACHE_HOME="")) == ("2.0 3.0", "")
+    assert compiled_copy(program, HOME=str(tmp_path / "home"), XDG_CACHE_HOME="").ended() == ("2.0 3.0", "")
 
 
 def test_what_is_long_unused_is_removed(tmp_path):
