@@ -76,6 +76,7 @@ check-all:
 	@$(VENV_PYTHON) -m pytest test/cli/test_anything.py test/cli/test_bad_input.py test/ros/test_any_request.py \
 	    --hypothesis-profile=thousands
 	@CPP_INTERFACES=ON $(VENV_PYTHON) -m pytest -q test/packaging/test_colcon.py
+	@CONE_ROLLOUT=ON $(VENV_PYTHON) -m pytest -q test/extending/test_shape.py
 	@$(MAKE) -s --no-print-directory docs
 	@$(VENV_PYTHON) docs/count_words.py
 	@$(VENV_PYTHON) docs/run_pages.py

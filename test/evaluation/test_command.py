@@ -6,32 +6,29 @@ from unc_physics.__main__ import main
 from unc_physics.checks.errors import ErrorCode
 
 
-def test_an_experiment_named_alone(tmp_path, capsys):
+def test_an_experiment_named_alone(tmp_path, capsys, monkeypatch):
+    """Interrupted at first, then finished, then asked for again."""
+
+    def interrupted(bar):
+        raise KeyboardInterrupt
+
     folder = tmp_path / "results"
-    assert main(["evaluate", "collision_free", "--quick", "--workers", "1", "-o", str(folder)]) == 0
+    arguments = ["evaluate", "collision_free", "--quick", "--workers", "1", "-o", str(folder)]
+    with monkeypatch.context() as patch:
+        patch.setattr("tqdm.tqdm.refresh", interrupted)
+        assert main(arguments) == 130
+    assert capsys.readouterr().err.endswith(
+        f"interrupted: what is finished is kept in {folder}; the same command goes on there\n"
+    )
+    assert main(arguments) == 0
     assert capsys.readouterr().out.endswith(f"wrote {folder}/report.md\n")
     report = (folder / "report.md").read_text()
     lines = {line.split(" | ")[0]: line for line in report.splitlines()}
     assert lines["| MC-100"].split(" | ")[3] == "0.00940", "the paper's Table 2"
     assert {"| surrogate", "| sigma points, full", "| floor"} <= set(lines)
     before = (folder / "collision_free.csv").read_bytes()
-    assert main(["evaluate", "collision_free", "--quick", "--workers", "1", "-o", str(folder)]) == 0
-    assert (folder / "collision_free.csv").read_bytes() == before
-
-
-def test_an_interruption_says_where_the_results_are(tmp_path, capsys, monkeypatch):
-    def interrupted(bar):
-        raise KeyboardInterrupt
-
-    arguments = ["evaluate", "collision_free", "--quick", "--workers", "1", "-o", str(tmp_path)]
-    with monkeypatch.context() as patch:
-        patch.setattr("tqdm.tqdm.refresh", interrupted)
-        assert main(arguments) == 130
-    assert capsys.readouterr().err.endswith(
-        f"interrupted: what is finished is kept in {tmp_path}; the same command goes on there\n"
-    )
     assert main(arguments) == 0
-    assert (tmp_path / "report.md").exists()
+    assert (folder / "collision_free.csv").read_bytes() == before
 
 
 @pytest.mark.parametrize(

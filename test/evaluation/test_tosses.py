@@ -263,7 +263,7 @@ def test_outcomes_of_others_start_where_the_toss_does():
 
 def test_rows_and_report(tmp_path, monkeypatch):
     """With what is quickest: few tosses, two engines, and hardly a search."""
-    small = {"tosses": 8, "folds": 2, "tuning_tosses": 3, "tuning_samples": 4, "evaluations": 15}
+    small = {"tosses": 6, "folds": 2, "tuning_tosses": 2, "tuning_samples": 4, "evaluations": 10}
     monkeypatch.setattr(experiment, "QUICK", small)
     monkeypatch.setattr(experiment, "TRUTH", 20)
     monkeypatch.setattr(experiment, "SAMPLES", 10)

@@ -11,9 +11,22 @@ import yaml
 from example_extensions import ROOT, code, environment, install
 from example_scenes import two_bodies
 
+from unc_physics import ErrorCode
 from unc_physics.propagators.names import BUILT_IN
 
 HERE = Path(__file__).parent
+MARK = "\n=== end of a command\n"
+#: Runs commands, and prints the status of each.
+EACH = f"""
+import json, sys
+from unc_physics.__main__ import main
+for command in json.loads(sys.argv[1]):
+    try:
+        status = main(command)
+    except SystemExit as ended:
+        status = ended.code
+    print("", int(status), sep="\\n", end={MARK!r})
+"""
 HALF = """
 from unc_physics.propagators.base import Propagator, Traits
 
@@ -53,30 +66,42 @@ def test_the_whole_contract(installed):
 
 
 def test_on_the_command_line(installed):
-    scene = str(installed / "scene.yaml")
-    command = ["-m", "unc_physics", "predict", scene, "--propagator", "antithetic", "--seed", "3", "--option"]
-    status, output, errors = run(
-        installed, *command, "pairs=20", "--json", "--probabilities", "--samples-out", "3"
-    )
+    """One process for several commands: each would import and load the same."""
+    predicts = [
+        "predict",
+        str(installed / "scene.yaml"),
+        "--propagator",
+        "antithetic",
+        "--seed",
+        "3",
+        "--option",
+    ]
+    commands = [
+        [*predicts, "pairs=20", "--json", "--probabilities", "--samples-out", "3"],
+        [*predicts, "pairs=0"],
+        ["propagators"],
+        ["predict", "--help"],
+    ]
+    status, output, errors = run(installed, "-c", EACH, json.dumps(commands))
     assert status == 0, errors
-    found = json.loads(output)
+    answer, wrong, listed, help_text = (part.rpartition("\n") for part in output.split(MARK)[:-1])
+    assert [int(part[2]) for part in (answer, wrong, listed, help_text)] == [
+        0,
+        ErrorCode.INVALID_OPTION,
+        0,
+        0,
+    ]
+    found = json.loads(answer[0])
     assert found["propagator"] == "antithetic"
-    expected = np.array(two_bodies()["bodies"][0]["position"]) + 0.2 * np.array(
-        two_bodies()["bodies"][0]["linear_velocity"]
-    )
+    body = two_bodies()["bodies"][0]
+    expected = np.array(body["position"]) + 0.2 * np.array(body["linear_velocity"])
     assert np.linalg.norm(np.array(found["bodies"][0]["position"]) - expected) < 0.05
     assert len(found["bodies"][1]["samples"]) == 3
-    status, _, errors = run(installed, *command, "pairs=0")
-    assert status != 0 and "pairs must be at least 1" in errors
-    assert "python" not in errors.lower()
-
-
-def test_it_is_listed(installed):
-    status, output, _ = run(installed, "-m", "unc_physics", "predict", "--help")
-    assert status == 0 and ", ".join([*BUILT_IN, "antithetic"]) in " ".join(output.split())
-    status, output, _ = run(installed, "-m", "unc_physics", "propagators")
-    assert status == 0
-    assert "antithetic: Monte Carlo with antithetic samples.\n    pairs: number of pairs of samples" in output
+    assert "pairs must be at least 1" in errors and "python" not in errors.lower()
+    assert (
+        "antithetic: Monte Carlo with antithetic samples.\n    pairs: number of pairs of samples" in listed[0]
+    )
+    assert ", ".join([*BUILT_IN, "antithetic"]) in " ".join(help_text[0].split())
 
 
 def test_the_file_is_short():
