@@ -10,6 +10,9 @@ What cannot come free, as in a slot too narrow, keeps its overlap for ever, with
 """
 
 import math
+from typing import NamedTuple
+
+import numpy as np
 
 from ..collision.contact_patch import pair_candidates
 from ..collision.contact_row import DIRECTION, GAP, MOMENT_I, MOMENT_J
@@ -17,10 +20,13 @@ from ..collision.contact_search import balls_within, join, lowest, pair_of
 from ..collision.implicit_workspace import CONTACTS, NO_OVERFLOW, OVERFLOW, implicit_workspace, more_room
 from ..compiler import inner, kernel
 from ..compiler.arrays import assign, booleans, empty, integers, singles, zeros
+from ..dynamics.contact_history import InitialAdjustment
 from ..spatial.layout import EP, ER, ERROR, EV, EW, Q, V, W
 from ..spatial.rotation import write_matrix
 from .overlap_rows import (
     FARTHEST,
+    Metric,
+    Rows,
     along,
     gather,
     join_near,
@@ -50,109 +56,127 @@ _WORST = 0.5  # share of the deepest overlap left, at which a pair could not be 
 _EXPECTED = 5.0  # standard deviations up to which a speed of approach may be none
 
 
-@kernel
-def project(states, mean, metric, sides, world, start, first_time, kept_overlap, look_only):
-    """Move the bodies of states (N, B, 13) in place to the nearest poses without overlap.
+class Given(NamedTuple):
+    """What the projection of all samples starts from.
 
-    Parameters
+    Attributes
     ----------
-    states : (N, B, 13) float64
     mean : (B, 13) float64
         Of the belief that the states are of.
     metric : Metric
     sides : (B, B + E, 3) float64
         On which side of its partner the mean has each body (`sides_of`).
+    look_only : bool
+        Whether nothing moves, and overlaps are noted alone.
+    """
+
+    mean: np.ndarray
+    metric: Metric
+    sides: np.ndarray
+    look_only: bool
+
+
+class Found(NamedTuple):
+    """What the projection writes for each sample.
+
+    Attributes
+    ----------
+    start : InitialAdjustment
+        What was done.
+    first_time : (N, B, B + E) float32
+        0 where two overlapped: they touch at time 0.
+    kept_overlap : (N, B, B + E) float32
+        Overlap that could not come free [m]; earlier values are kept.
+    """
+
+    start: InitialAdjustment
+    first_time: np.ndarray
+    kept_overlap: np.ndarray
+
+
+class Scratch(NamedTuple):
+    """Arrays of the sample at hand.
+
+    Attributes
+    ----------
+    begin : (B, 13) float64
+        Its states as they were given.
+    local : (B,) int64
+        Place of each body in its group.
+    settled : (B,) bool
+    depth : (B, B + E) float64
+        Deepest overlap of each pair [m].
+    overlap : (B,) float64
+        Deepest overlap of each body [m].
+    moved : (B,) float64
+        How many standard deviations each body was moved.
+    rows : Rows
+    """
+
+    begin: np.ndarray
+    local: np.ndarray
+    settled: np.ndarray
+    depth: np.ndarray
+    overlap: np.ndarray
+    moved: np.ndarray
+    rows: Rows
+
+
+@kernel
+def project(states, given, found, world):
+    """Move the bodies of states (N, B, 13) in place to the nearest poses without overlap.
+
+    Parameters
+    ----------
+    states : (N, B, 13) float64
+    given : Given
+    found : Found
+        Is written.
     world : World
         What does not move there, stays.
-    start : InitialAdjustment
-        Is told what was done.
-    first_time : (N, B, B + E) float32
-        Is told what overlapped: it touches at time 0.
-    kept_overlap : (N, B, B + E) float32
-        Is told what could not come free [m]; what it holds is kept.
-    look_only : bool
-        Whether nothing moves, and ``start`` is told the overlaps alone.
     """
-    bodies, elements = len(mean), len(world.surroundings.kind)
+    bodies, elements = len(given.mean), len(world.surroundings.kind)
     room = 128, 1024, 8192
     local, settled = integers(bodies), booleans(bodies)
     depth, overlap, moved = zeros((bodies, bodies + elements)), zeros(bodies), zeros(bodies)
     begin = empty((bodies, 13))
     n = 0
     while n < len(states):
-        work = implicit_workspace(mean, singles((0, 0)), world, room)
-        n = _project_from(
-            n,
-            states,
-            begin,
-            mean,
-            metric,
-            sides,
-            world,
-            start,
-            first_time,
-            kept_overlap,
-            look_only,
-            local,
-            settled,
-            depth,
-            overlap,
-            moved,
-            work,
-            rows_room(room[0], bodies),
-        )
+        work = implicit_workspace(given.mean, singles((0, 0)), world, room)
+        scratch = Scratch(begin, local, settled, depth, overlap, moved, rows_room(room[0], bodies))
+        n = _project_from(n, states, given, found, world, work, scratch)
         room = more_room(work.counts, room)
 
 
 @inner
-def _project_from(
-    n,
-    states,
-    begin,
-    mean,
-    metric,
-    sides,
-    world,
-    start,
-    first_time,
-    kept_overlap,
-    look_only,
-    local,
-    settled,
-    depth,
-    overlap,
-    moved,
-    work,
-    rows,
-):
+def _project_from(n, states, given, found, world, work, scratch):
     """Move the bodies of state ``n`` and the following ones as long as there is room; returns the first state
     that is left.
     """
-    bodies, columns = len(mean), depth.shape[1]
+    start, depth, overlap, moved = found.start, scratch.depth, scratch.overlap, scratch.moved
+    bodies, columns = depth.shape
     while n < len(states):
         if world.implicit.stop[0] != 0:
             return len(states)
         x = states[n]
-        assign(begin, x)
+        assign(scratch.begin, x)
         for i in range(bodies):
             overlap[i] = moved[i] = 0.0
             for c in range(columns):
                 depth[i, c] = 0.0
-        reset(x, kept_overlap[n], work)
-        if not project_sample(
-            x, begin, mean, metric, sides, world, work, rows, local, settled, depth, overlap, moved, look_only
-        ):
-            assign(x, begin)
+        reset(x, found.kept_overlap[n], work)
+        if not project_sample(x, given, world, work, scratch):
+            assign(x, scratch.begin)
             return n
         for i in range(bodies):
             start.overlap[n, i] = max(start.overlap[n, i], overlap[i])
             start.moved[n, i] = max(start.moved[n, i], moved[i])
             for c in range(columns):
                 kept = work.kept_overlap[i, c]
-                if depth[i, c] > TOUCHING and not look_only:
-                    first_time[n, i, c] = 0.0
+                if depth[i, c] > TOUCHING and not given.look_only:
+                    found.first_time[n, i, c] = 0.0
                 if kept > 0.0:
-                    kept_overlap[n, i, c] = kept
+                    found.kept_overlap[n, i, c] = kept
                     start.kept[n, i] = max(start.kept[n, i], kept)
                     if c < bodies:
                         start.kept[n, c] = max(start.kept[n, c], kept)
@@ -161,10 +185,9 @@ def _project_from(
 
 
 @inner(noinline=True)
-def project_sample(
-    x, start, mean, metric, sides, world, work, rows, local, settled, depth, overlap, moved, look_only
-):
+def project_sample(x, given, world, work, scratch):
     """Bring one state's bodies to where they do not overlap; returns whether the room was enough."""
+    metric, start, settled, moved = given.metric, scratch.begin, scratch.settled, scratch.moved
     moving, group = world.bodies.moving, work.group
     for i in range(len(x)):
         group[i] = i
@@ -180,14 +203,14 @@ def project_sample(
         for i in range(len(x)):
             if settled[i] or group[i] != i:
                 continue
-            count = gather(i, moving, work, local)
+            count = gather(i, moving, work, scratch.local)
             for a in range(count):
                 settled[work.members[a]] = True
-            deepest = find_rows(x, count, -TOUCHING, -TOUCHING, True, sides, world, work)
+            deepest = find_rows(x, count, -TOUCHING, -TOUCHING, True, given.sides, world, work)
             if work.counts[OVERFLOW] != NO_OVERFLOW:
                 return False
-            note_depths(depth, overlap, work)
-            if deepest <= TOUCHING or look_only:
+            note_depths(scratch.depth, scratch.overlap, work)
+            if deepest <= TOUCHING or given.look_only:
                 continue
             any_moved = True
             coupled = False
@@ -199,20 +222,7 @@ def project_sample(
                 if world.implicit.stop[0] != 0:
                     return True
                 left = project_group(
-                    x,
-                    start,
-                    count,
-                    local,
-                    coupled,
-                    attempt > 0,
-                    attempt > 1,
-                    deepest,
-                    metric,
-                    sides,
-                    world,
-                    work,
-                    rows,
-                    moved,
+                    x, count, coupled, attempt > 0, attempt > 1, deepest, given, world, work, scratch
                 )
                 if work.counts[OVERFLOW] != NO_OVERFLOW:
                     return False
@@ -220,10 +230,10 @@ def project_sample(
                 for a in range(count):
                     farthest = max(farthest, moved[work.members[a]])
                 if left <= _LEFT_OVER and farthest <= _TOO_FAR:
-                    stop_approach(x, mean, count, local, coupled, metric, world, work, rows)
+                    stop_approach(x, count, coupled, given, world, work, scratch)
                     break
                 if attempt > 1:
-                    keep_overlap(count, depth, attempt >= _ATTEMPTS - 2, moved, work)
+                    keep_overlap(count, scratch.depth, attempt >= _ATTEMPTS - 2, moved, work)
                 restore(x, start, count, work)
                 for a in range(count):
                     moved[work.members[a]] = 0.0
@@ -266,15 +276,14 @@ def _join_overlapping(x, world, work):
 
 
 @inner(noinline=True)
-def project_group(
-    x, start, count, local, coupled, careful, thorough, deepest, metric, sides, world, work, rows, moved
-):
+def project_group(x, count, coupled, careful, thorough, deepest, given, world, work, scratch):
     """Move the group at hand to the nearest poses without overlap; returns the overlap that is left [m].
 
-    ``moved`` (B,) is told how many standard deviations each body went; the contacts at hand are those of the
-    end.
+    ``scratch.moved`` is told how many standard deviations each body went; the contacts at hand are those of
+    the end.
     """
-    members = work.members
+    members, metric, sides = work.members, given.metric, given.sides
+    start, rows = scratch.begin, scratch.rows
     for k in range(ERROR * count):
         rows.now[k] = 0.0
     pairs = len(x) > 1
@@ -303,7 +312,7 @@ def project_group(
         if (free and step <= _NEAREST) or round == rounds:
             break
         m = work.counts[CONTACTS]
-        write_jacobians(count, local, metric.place, world, work, rows)
+        write_jacobians(count, scratch.local, metric.place, world, work, rows)
         write_images(m, count, members, metric, EP, ER, rows)
         for c in range(m):
             rows.gap[c] -= along(rows.jacobian[c], rows.now, rows.first[c], rows.second[c], EP, ER)
@@ -329,7 +338,7 @@ def project_group(
             rows.delta[k] = rows.best[k]
         move_group(x, start, count, members, math.inf, 1.0, world.bodies.radius, rows, work)
         left = find_rows(x, count, _LEAST_REACH, _LEAST_REACH, False, sides, world, work)
-    note_motion(count, members, metric, rows, moved)
+    note_motion(count, members, metric, rows, scratch.moved)
     return left
 
 
@@ -365,8 +374,9 @@ def note_motion(count, members, metric, rows, moved):
 
 
 @inner
-def stop_approach(x, mean, count, local, coupled, metric, world, work, rows):
+def stop_approach(x, count, coupled, given, world, work, scratch):
     """Take from the group's velocities what goes into its contacts, as far as it may be none at all."""
+    mean, metric, local, rows = given.mean, given.metric, scratch.local, scratch.rows
     members, kept = work.members, 0
     for c in range(work.counts[CONTACTS]):
         row, i, j = work.rows[c], work.ids[c, 0], work.ids[c, 1]
