@@ -59,10 +59,11 @@ linted: $(MADE)/evaluation
 	@$(VENV_PYTHON) -m ruff format -q --check .
 	@PYRIGHT_PYTHON_IGNORE_WARNINGS=1 $(VENV_PYTHON) -m pyright --pythonpath $(VENV_PYTHON)
 
-# A file's tests run in one process, as they share fixtures.
+# A file's tests run in one process, as they share fixtures. Three processes keep two processors busy: tests of the
+# node and of the browser wait half of their time.
 test:
 	@$(MAKE_STEPS) $(MADE)/evaluation $(MADE)/all_kernels $(MADE)/paper_kernels
-	@$(VENV_PYTHON) -m pytest test -n 2 --dist loadfile --no-loadscope-reorder
+	@$(VENV_PYTHON) -m pytest test -n 3 --dist loadfile --no-loadscope-reorder
 
 test-plain:
 	@$(MAKE_STEPS) $(MADE)/evaluation

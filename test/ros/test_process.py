@@ -45,10 +45,11 @@ def test_a_signal_while_it_starts_ends_the_node_cleanly(with_signal, delay):
 
 
 def test_a_signal_as_soon_as_it_is_ready_ends_the_node_cleanly():
-    for _ in range(3):  # its executor takes up services while they are taken back
-        with NodeProcess("-p", "warm_up:=['']", name="hasty") as process:
+    for _ in range(2):  # its executor takes up services while they are taken back
+        with NodeProcess("-p", "frction:=0.3", "-p", "warm_up:=['']", name="hasty") as process:
             assert process.end() == 0
             assert "Traceback" not in process.output and "abort" not in process.output
+            assert "'frction' is unknown and has no effect; is 'friction' meant?" in process.output
 
 
 def test_two_clients_do_not_wait_for_each_other(node, client):
@@ -64,27 +65,14 @@ def test_two_clients_do_not_wait_for_each_other(node, client):
         result_of(slow)
 
 
-@pytest.mark.parametrize(("value", "words"), [("0.0", "range"), ("1", "write whole numbers with a point")])
-def test_a_value_that_rclpy_refuses_ends_the_node_with_a_sentence(value, words):
-    wrong = NodeProcess("-p", f"dt:={value}", name="wrong")
-    ended = subprocess.run(wrong.command, check=False, capture_output=True, text=True, timeout=60.0)
-    assert ended.returncode == ErrorCode.INVALID_OPTION
-    assert ended.stderr.startswith("unc_physics_node: ") and "Traceback" not in ended.stderr
-    assert words in ended.stderr
-
-
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (
-            ["--params-file", "/nonexistent.yaml"],
-            "the command line cannot be read: Couldn't parse params file",
-        ),
+        (["-p", "dt:=0.0"], ".*range"),  # refused by rclpy, as is the next
+        (["-p", "dt:=1"], ".*write whole numbers with a point"),
+        (["--params-file", "/nonexistent.yaml"], "the command line cannot be read: Couldn't parse params"),
         (["-p", "horizons:=[]"], r"horizons must be above 0 .*got \[\]"),
-        (
-            ["-p", "tracked_topics:=['no topic!']", "-p", "tracked_models:=[can]"],
-            "tracked_topics is no name of",
-        ),
+        (["-p", "tracked_topics:=['no topic!']", "-p", "tracked_models:=[can]"], "tracked_topics is no name"),
     ],
 )
 def test_arguments_that_make_no_sense_end_the_node_with_a_sentence(arguments, words):
@@ -109,11 +97,6 @@ def test_with_an_empty_cache_it_says_what_it_does_and_answers(client, tmp_path, 
     assert "Traceback" not in output
 
 
-def test_a_misspelt_parameter_is_told():
-    with NodeProcess("-p", "frction:=0.3", "-p", "warm_up:=['']", name="misspelt") as process:
-        assert "'frction' is unknown and has no effect; is 'friction' meant?" in process.output
-
-
 def test_a_goal_that_runs_when_the_node_ends_is_answered(client):
     with NodeProcess("-p", "warm_up:=['monte_carlo']", name="ending") as process:
         action = ActionClient(client.node, PredictLong, "/ending/predict_long")
@@ -126,9 +109,3 @@ def test_a_goal_that_runs_when_the_node_ends_is_answered(client):
         assert result_of(answer).result.result.error_code == ErrorCode.CANCELED
         assert "Traceback" not in process.output
         action.destroy()
-
-
-def test_a_wrong_parameter_ends_the_node_with_a_sentence():
-    wrong = NodeProcess("-p", "gravity:=[1.0, 2.0]", name="wrong")
-    with pytest.raises(RuntimeError, match="gravity must have 3 numbers"), wrong:
-        pass

@@ -1,12 +1,12 @@
-"""Random and malformed requests for ten seconds; `make soak` sends them for ten minutes."""
+"""Random and malformed requests for a few seconds; `make soak` sends them for ten minutes."""
 
 import pytest
 from soak import GROWTH_LIMIT, soak
 
 
 @pytest.mark.slow
-def test_ten_seconds_of_random_and_malformed_requests():
-    growth, counts = soak(duration=10.0, requests=150, seed=1)
+def test_a_few_seconds_of_random_and_malformed_requests():
+    growth, counts = soak(duration=4.0, requests=120, seed=1)
     assert growth < 2.0 * GROWTH_LIMIT  # memory is level after minutes only, which `make soak` waits for
     assert len(counts) > 10  # many kinds of errors, and predictions
     assert counts["NONE"] > 15

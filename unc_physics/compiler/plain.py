@@ -11,6 +11,7 @@ from typing import Any
 
 import numba
 import numpy
+from numba import types
 
 from .cache_folder import PACKAGE, find_folders
 
@@ -26,14 +27,40 @@ def _fingerprint():
 
 FOLDER, _ = find_folders(f"kernels-plain-{_fingerprint()}")
 
+#: Options of `numba.njit` for functions that count no references, and that Python does not call.
+_NO_REFERENCES: Any = {"_nrt": False}
+_NO_PYTHON: Any = {"no_cpython_wrapper": True}
+_ALWAYS: Any = {"nogil": True, "no_cfunc_wrapper": True, "cache": FOLDER is not None}
+
 #: Options of the functions that a `stage` chooses.
-STAGE_OPTIONS: Any = {"forceinline": True}
+STAGE_OPTIONS: Any = _NO_REFERENCES | _NO_PYTHON | {"forceinline": True, "no_cfunc_wrapper": True}
 
 
 def compile_function(function, *, arrays, python, noinline, **options) -> Any:
-    """Return the compiled function; numba decides about references, wrappers and calls."""
+    """Return the compiled function; ``noinline`` has no effect.
+
+    Without these options a first implicit prediction takes four times as long: each call hands on a NamedTuple
+    as several hundred numbers, which a wrapper for Python unpacks, and whose references are counted.
+    """
+    settings = _ALWAYS | ({} if arrays else _NO_REFERENCES) | ({} if python else _NO_PYTHON) | options
     with _cache_in_folder():
-        return numba.njit(nogil=True, cache=FOLDER is not None, **options)(function)
+        return _taking_values(numba.njit(**settings)(function))
+
+
+def _taking_values(compiled):
+    """A compiled function to which a number that is written out is a value, not a type of its own.
+
+    Otherwise numba compiles it, and all that it calls, once for each number.
+    """
+    template_of = getattr(
+        compiled, "get_call_template", None
+    )  # not of a plain function, with NUMBA_DISABLE_JIT
+    if template_of is not None:
+        compiled.get_call_template = lambda args, kws: template_of(
+            [types.unliteral(kind) for kind in args],
+            {name: types.unliteral(kind) for name, kind in kws.items()},
+        )
+    return compiled
 
 
 @contextlib.contextmanager

@@ -179,7 +179,7 @@ def _project(scene, belief, metric, states, sides, history, kept, held=None, loo
     given = Given(mean, metric, sides, look_only)
 
     def run(some):
-        own = histories.samples(history, some)
+        own: Any = histories.samples(history, some)
         project(states[some], given, Found(own.start, own.first_time, kept[some]), world)
 
     in_threads(len(states), run)
