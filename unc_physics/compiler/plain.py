@@ -39,8 +39,9 @@ STAGE_OPTIONS: Any = _NO_REFERENCES | _NO_PYTHON | {"forceinline": True, "no_cfu
 def compile_function(function, *, arrays, python, noinline, **options) -> Any:
     """Return the compiled function; ``noinline`` has no effect.
 
-    Without these options a first implicit prediction takes four times as long: each call hands on a NamedTuple
-    as several hundred numbers, which a wrapper for Python unpacks, and whose references are counted.
+    A call hands on a NamedTuple as several hundred numbers. Wrappers that unpack them, and counts of their
+    references, are left out where they are not needed: a first implicit prediction takes four times as long
+    to compile with them.
     """
     settings = _ALWAYS | ({} if arrays else _NO_REFERENCES) | ({} if python else _NO_PYTHON) | options
     with _cache_in_folder():
@@ -52,10 +53,8 @@ def _taking_values(compiled):
 
     Otherwise numba compiles it, and all that it calls, once for each number.
     """
-    template_of = getattr(
-        compiled, "get_call_template", None
-    )  # not of a plain function, with NUMBA_DISABLE_JIT
-    if template_of is not None:
+    template_of = getattr(compiled, "get_call_template", None)
+    if template_of is not None:  # with NUMBA_DISABLE_JIT there is none
         compiled.get_call_template = lambda args, kws: template_of(
             [types.unliteral(kind) for kind in args],
             {name: types.unliteral(kind) for name, kind in kws.items()},
