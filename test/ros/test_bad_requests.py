@@ -26,12 +26,13 @@ from unc_physics.geometry.library import find_model
 from unc_physics_msgs.msg import BoxRegion, EnvironmentElement, JointCovariance, ObjectState
 
 NAN, INF = float("nan"), float("inf")
+BOX, SPHERE, CYLINDER = SolidPrimitive.BOX, SolidPrimitive.SPHERE, SolidPrimitive.CYLINDER
 
 
 def changed(path, value):
     """A good request with one field of its second object, or of itself, replaced."""
     request = good_request()
-    places = {"object": request.scene.objects[1], "scene": request.scene, "physics": request.physics}
+    places = {"@": request.scene.objects[1], "scene": request.scene, "physics": request.physics}
     first, _, rest = path.partition(".")
     message, rest = (places[first], rest) if first in places else (request, path)
     *parents, last = rest.split(".")
@@ -62,9 +63,9 @@ def indefinite():
     return covariance.ravel()
 
 
-def with_elements(*elements):
+def elements(*given):
     request = good_request()
-    request.scene.environment.elements = list(elements)
+    request.scene.environment.elements = list(given)
     return request
 
 
@@ -72,7 +73,7 @@ def floor(coef=(0.0, 0.0, 1.0, 2.0), **others):
     return EnvironmentElement(plane=[Plane(coef=coef)], **others)
 
 
-def solid(dimensions, kind=SolidPrimitive.BOX, **others):
+def solid(dimensions, kind=BOX, **others):
     return EnvironmentElement(primitive=[SolidPrimitive(type=kind, dimensions=dimensions)], **others)
 
 
@@ -112,7 +113,7 @@ def with_regions(*ids):
 
 def massless():
     """An object without mass, of a model without mass."""
-    request = changed("object.model", "massless")
+    request = changed("@.model", "massless")
     request.scene.objects[1].mass, request.scene.objects[1].spheres = 0.0, 0
     return request
 
@@ -134,60 +135,29 @@ def duplicate():
     return request_of(moving_object("twin"), moving_object("twin"))
 
 
+#: By what is wrong: a request, its error and the field; @ is the second object, # the first element.
 BAD = {
     "no objects": (request_of(), "NO_OBJECTS", "scene.objects"),
-    "duplicate id": (duplicate(), "DUPLICATE_ID", "scene.objects[1].id"),
-    "empty id": (changed("object.id", ""), "INVALID_REQUEST", "scene.objects[1].id"),
-    "unknown model": (changed("object.model", "Döner 🥙"), "UNKNOWN_MODEL", "scene.objects[1].model"),
-    "model by path": (changed("object.model", "/tmp/model.npz"), "UNKNOWN_MODEL", "scene.objects[1].model"),
-    "too few spheres": (
-        changed("object.spheres", 4_000_000_000),
-        "INVALID_MODEL",
-        "scene.objects[1].spheres",
-    ),
-    "negative scale": (changed("object.scale", -1.0), "INVALID_MODEL", "scene.objects[1].scale"),
+    "duplicate id": (duplicate(), "DUPLICATE_ID", "@.id"),
+    "empty id": (changed("@.id", ""), "INVALID_REQUEST", "@.id"),
+    "unknown model": (changed("@.model", "Döner 🥙"), "UNKNOWN_MODEL", "@.model"),
+    "model by path": (changed("@.model", "/tmp/model.npz"), "UNKNOWN_MODEL", "@.model"),
+    "too few spheres": (changed("@.spheres", 4_000_000_000), "INVALID_MODEL", "@.spheres"),
+    "negative scale": (changed("@.scale", -1.0), "INVALID_MODEL", "@.scale"),
     "unknown propagator": (changed("propagator", "crystal_ball"), "UNKNOWN_PROPAGATOR", "propagator"),
-    "NaN position": (
-        changed("object.pose.pose.position.x", NAN),
-        "NOT_FINITE",
-        "scene.objects[1].pose.pose.position",
-    ),
-    "infinite velocity": (
-        changed("object.twist.twist.linear.y", INF),
-        "NOT_FINITE",
-        "scene.objects[1].twist.twist.linear",
-    ),
-    "NaN spin": (
-        changed("object.twist.twist.angular.z", NAN),
-        "NOT_FINITE",
-        "scene.objects[1].twist.twist.angular",
-    ),
-    "NaN orientation": (changed("object.pose.pose.orientation.w", NAN), "NOT_FINITE", "orientation"),
-    "NaN covariance": (
-        changed("object.pose.covariance", np.full(36, NAN)),
-        "NOT_FINITE",
-        "scene.objects[1].pose.covariance",
-    ),
-    "NaN mass": (changed("object.mass", NAN), "NOT_FINITE", "scene.objects[1].mass"),
-    "NaN scale": (changed("object.scale", NAN), "NOT_FINITE", "scene.objects[1].scale"),
-    "quaternion of zeros": (
-        changed("object.pose.pose.orientation.w", 0.0),
-        "INVALID_ORIENTATION",
-        "orientation",
-    ),
-    "long quaternion": (changed("object.pose.pose.orientation.x", 0.1), "INVALID_ORIENTATION", "orientation"),
-    "asymmetric": (
-        changed("object.pose.covariance", lopsided()),
-        "INVALID_COVARIANCE",
-        "scene.objects[1].pose.covariance",
-    ),
-    "indefinite": (
-        changed("object.twist.covariance", indefinite()),
-        "INVALID_COVARIANCE",
-        "scene.objects[1].twist.covariance",
-    ),
+    "NaN position": (changed("@.pose.pose.position.x", NAN), "NOT_FINITE", "@.pose.pose.position"),
+    "infinite velocity": (changed("@.twist.twist.linear.y", INF), "NOT_FINITE", "@.twist.twist.linear"),
+    "NaN spin": (changed("@.twist.twist.angular.z", NAN), "NOT_FINITE", "@.twist.twist.angular"),
+    "NaN orientation": (changed("@.pose.pose.orientation.w", NAN), "NOT_FINITE", "orientation"),
+    "NaN covariance": (changed("@.pose.covariance", np.full(36, NAN)), "NOT_FINITE", "@.pose.covariance"),
+    "NaN mass": (changed("@.mass", NAN), "NOT_FINITE", "@.mass"),
+    "NaN scale": (changed("@.scale", NAN), "NOT_FINITE", "@.scale"),
+    "quaternion of zeros": (changed("@.pose.pose.orientation.w", 0.0), "INVALID_ORIENTATION", "orientation"),
+    "long quaternion": (changed("@.pose.pose.orientation.x", 0.1), "INVALID_ORIENTATION", "orientation"),
+    "asymmetric": (changed("@.pose.covariance", lopsided()), "INVALID_COVARIANCE", "@.pose.covariance"),
+    "indefinite": (changed("@.twist.covariance", indefinite()), "INVALID_COVARIANCE", "@.twist.covariance"),
     "negative variance": (
-        changed("object.pose.covariance", -2.0 * diagonal(*[1.0] * 6)),
+        changed("@.pose.covariance", -2.0 * diagonal(*[1.0] * 6)),
         "INVALID_COVARIANCE",
         "variance",
     ),
@@ -214,7 +184,7 @@ BAD = {
         "INVALID_HORIZON",
         "trajectory_period",
     ),
-    "negative mass": (changed("object.mass", -1.0), "INVALID_MASS", "scene.objects[1].mass"),
+    "negative mass": (changed("@.mass", -1.0), "INVALID_MASS", "@.mass"),
     "horizon over the limit": (changed("horizon", Duration(sec=100_000)), "LIMIT_EXCEEDED", "horizon"),
     "samples over the limit": (changed("samples", 1_000_000), "LIMIT_EXCEEDED", "samples"),
     "samples over the limit, by option": (
@@ -273,15 +243,11 @@ BAD = {
     "infinite gravity": (physics(gravity=(0.0, 0.0, INF)), "NOT_FINITE", "physics.gravity[0]"),
     "negative damping": (physics(damping=-1.0), "INVALID_OPTION", "physics.damping[0]"),
     "unknown frame": (changed("scene.header.frame_id", "camera"), "UNKNOWN_FRAME", "scene.header.frame_id"),
-    "negative deviation of the mass": (
-        changed("object.mass_std", -0.1),
-        "INVALID_COVARIANCE",
-        "scene.objects[1].mass_std",
-    ),
+    "negative deviation of the mass": (changed("@.mass_std", -0.1), "INVALID_COVARIANCE", "@.mass_std"),
     "NaN deviation of the centre of mass": (
-        changed("object.center_of_mass_std.z", NAN),
+        changed("@.center_of_mass_std.z", NAN),
         "NOT_FINITE",
-        "scene.objects[1].center_of_mass_std.z",
+        "@.center_of_mass_std.z",
     ),
     "negative shared error": (
         changed("scene.common_pose_std", [0.0] * 5 + [-0.1]),
@@ -301,15 +267,11 @@ BAD = {
     "at rest without gravity": (
         with_physics(at_rest(speed=0.0), gravity=(0.0, 0.0, 0.0)),
         "INVALID_OPTION",
-        "scene.objects[1].at_rest needs",
+        "@.at_rest needs",
     ),
-    "at rest and moving": (at_rest(), "INVALID_REQUEST", "scene.objects[1].twist.twist.linear"),
-    "at rest and turning": (
-        at_rest(speed=0.0, spin=0.1),
-        "INVALID_REQUEST",
-        "scene.objects[1].twist.twist.angular",
-    ),
-    "at rest and fixed": (at_rest(fixed=True), "INVALID_REQUEST", "scene.objects[1].at_rest"),
+    "at rest and moving": (at_rest(), "INVALID_REQUEST", "@.twist.twist.linear"),
+    "at rest and turning": (at_rest(speed=0.0, spin=0.1), "INVALID_REQUEST", "@.twist.twist.angular"),
+    "at rest and fixed": (at_rest(fixed=True), "INVALID_REQUEST", "@.at_rest"),
     "no way with overlap": (physics(overlap="push"), "INVALID_OPTION", "physics.overlap"),
     "overlap rejected by sigma points": (physics(overlap="reject"), "NOT_SUPPORTED", "overlap"),
     "overlap projected with the explicit step": (
@@ -342,52 +304,44 @@ BAD = {
         "INVALID_OPTION",
         "physics.stiffness_std[0]",
     ),
-    "negative friction of an object": (
-        object_of(friction=-1.0),
-        "INVALID_REQUEST",
-        "scene.objects[1].material.friction[0]",
-    ),
-    "NaN restitution of an object": (
-        object_of(restitution=NAN),
-        "NOT_FINITE",
-        "scene.objects[1].material.restitution[0]",
-    ),
+    "negative friction of an object": (object_of(friction=-1.0), "INVALID_REQUEST", "@.material.friction[0]"),
+    "NaN restitution of an object": (object_of(restitution=NAN), "NOT_FINITE", "@.material.restitution[0]"),
     "uncertain restitution of an object that has none": (
         object_of(restitution_std=0.1),
         "INVALID_REQUEST",
-        "scene.objects[1].material.restitution_std[0]",
+        "@.material.restitution_std[0]",
     ),
     "friction of an object with the explicit step": (
         explicit(object_of(friction=0.3)),
         "INVALID_OPTION",
-        "scene.objects[1].material.friction[0]",
+        "@.material.friction[0]",
     ),
     "restitution of an element above 1": (
-        with_elements(with_material(floor(), restitution=2.0)),
+        elements(with_material(floor(), restitution=2.0)),
         "INVALID_ENVIRONMENT",
-        "scene.environment.elements[0].material.restitution[0]",
+        "#.material.restitution[0]",
     ),
     "friction of an element with the explicit step": (
-        explicit(with_elements(with_material(floor(), friction=0.3))),
+        explicit(elements(with_material(floor(), friction=0.3))),
         "INVALID_OPTION",
-        "scene.environment.elements[0].material.friction[0]",
+        "#.material.friction[0]",
     ),
-    "no kind of object": (changed("object.kind", 9), "INVALID_REQUEST", "scene.objects[1].kind"),
-    "a model without mass": (massless(), "INVALID_MASS", "scene.objects[1].mass"),
+    "no kind of object": (changed("@.kind", 9), "INVALID_REQUEST", "@.kind"),
+    "a model without mass": (massless(), "INVALID_MASS", "@.mass"),
     "a whole covariance of another size": (
-        changed("object.covariance", packed(np.eye(6))),
+        changed("@.covariance", packed(np.eye(6))),
         "INVALID_COVARIANCE",
-        "scene.objects[1].covariance",
+        "@.covariance",
     ),
     "a whole covariance that is none": (
-        changed("object.covariance", packed(-np.eye(12))),
+        changed("@.covariance", packed(-np.eye(12))),
         "INVALID_COVARIANCE",
-        "scene.objects[1].covariance",
+        "@.covariance",
     ),
     "a NaN in a whole covariance": (
-        changed("object.covariance", packed([NAN] * 144)),
+        changed("@.covariance", packed([NAN] * 144)),
         "NOT_FINITE",
-        "scene.objects[1].covariance",
+        "@.covariance",
     ),
     "a joint covariance of a stranger": (
         with_joint(["left", "right", "stranger"]),
@@ -414,96 +368,64 @@ BAD = {
         "INVALID_COVARIANCE",
         "scene.joint_covariance[0].data",
     ),
-    "plane without normal": (
-        with_elements(floor([0.0, 0.0, 0.0, 1.0])),
-        "INVALID_ENVIRONMENT",
-        "scene.environment.elements[0].plane[0].coef",
-    ),
-    "NaN plane": (
-        with_elements(floor([0.0, 0.0, NAN, 1.0])),
-        "NOT_FINITE",
-        "scene.environment.elements[0].plane[0].coef",
-    ),
+    "plane without normal": (elements(floor([0.0, 0.0, 0.0, 1.0])), "INVALID_ENVIRONMENT", "#.plane[0].coef"),
+    "NaN plane": (elements(floor([0.0, 0.0, NAN, 1.0])), "NOT_FINITE", "#.plane[0].coef"),
     "an element of no shape": (
-        with_elements(EnvironmentElement()),
+        elements(EnvironmentElement()),
         "INVALID_ENVIRONMENT",
-        "scene.environment.elements[0] must have exactly one of",
+        "# must have exactly one of",
     ),
     "an element of two shapes": (
-        with_elements(solid([1.0] * 3, plane=[Plane(coef=[0.0, 0.0, 1.0, 2.0])])),
+        elements(solid([1.0] * 3, plane=[Plane(coef=[0.0, 0.0, 1.0, 2.0])])),
         "INVALID_ENVIRONMENT",
-        "scene.environment.elements[0] must have exactly one of",
+        "# must have exactly one of",
     ),
     "box of no height": (
-        with_elements(solid([1.0, 1.0, 0.0])),
+        elements(solid([1.0, 1.0, 0.0])),
         "INVALID_ENVIRONMENT",
-        "scene.environment.elements[0].primitive[0].dimensions[2]",
+        "#.primitive[0].dimensions[2]",
     ),
-    "box of two lengths": (
-        with_elements(solid([1.0, 1.0])),
-        "INVALID_ENVIRONMENT",
-        "scene.environment.elements[0].primitive[0].dimensions",
-    ),
-    "infinite box": (
-        with_elements(solid([1.0, INF, 1.0])),
-        "NOT_FINITE",
-        "scene.environment.elements[0].primitive[0].dimensions",
-    ),
+    "box of two lengths": (elements(solid([1.0, 1.0])), "INVALID_ENVIRONMENT", "#.primitive[0].dimensions"),
+    "infinite box": (elements(solid([1.0, INF, 1.0])), "NOT_FINITE", "#.primitive[0].dimensions"),
     "box without orientation": (
-        with_elements(solid([1.0] * 3, pose=Pose(orientation=Quaternion(w=0.0)))),
+        elements(solid([1.0] * 3, pose=Pose(orientation=Quaternion(w=0.0)))),
         "INVALID_ORIENTATION",
-        "scene.environment.elements[0].pose.orientation",
+        "#.pose.orientation",
     ),
     "sphere of three lengths": (
-        with_elements(solid([1.0] * 3, SolidPrimitive.SPHERE)),
+        elements(solid([1.0] * 3, SPHERE)),
         "INVALID_ENVIRONMENT",
-        "scene.environment.elements[0].primitive[0].dimensions",
+        "#.primitive[0].dimensions",
     ),
     "sphere of no radius": (
-        with_elements(solid([0.0], SolidPrimitive.SPHERE)),
+        elements(solid([0.0], SPHERE)),
         "INVALID_ENVIRONMENT",
-        "scene.environment.elements[0].primitive[0].dimensions[0]",
+        "#.primitive[0].dimensions[0]",
     ),
     "cylinder of one length": (
-        with_elements(solid([1.0], SolidPrimitive.CYLINDER)),
+        elements(solid([1.0], CYLINDER)),
         "INVALID_ENVIRONMENT",
-        "scene.environment.elements[0].primitive[0].dimensions",
+        "#.primitive[0].dimensions",
     ),
     "cylinder of negative radius": (
-        with_elements(solid([1.0, -0.5], SolidPrimitive.CYLINDER)),
+        elements(solid([1.0, -0.5], CYLINDER)),
         "INVALID_ENVIRONMENT",
-        "scene.environment.elements[0].primitive[0].dimensions[1]",
+        "#.primitive[0].dimensions[1]",
     ),
-    "infinite cylinder": (
-        with_elements(solid([INF, 0.5], SolidPrimitive.CYLINDER)),
-        "NOT_FINITE",
-        "scene.environment.elements[0].primitive[0].dimensions",
-    ),
-    "primitive of no kind": (
-        with_elements(solid([1.0] * 3, 77)),
-        "INVALID_ENVIRONMENT",
-        "scene.environment.elements[0].primitive[0].type",
-    ),
+    "infinite cylinder": (elements(solid([INF, 0.5], CYLINDER)), "NOT_FINITE", "#.primitive[0].dimensions"),
+    "primitive of no kind": (elements(solid([1.0] * 3, 77)), "INVALID_ENVIRONMENT", "#.primitive[0].type"),
     "two elements of one id": (
-        with_elements(floor(id="element_1"), solid([1.0] * 3)),
+        elements(floor(id="element_1"), solid([1.0] * 3)),
         "DUPLICATE_ID",
         "scene.environment.elements[1].id",
     ),
     "too many elements": (
-        with_elements(*[solid([1.0] * 3)] * 201),
+        elements(*[solid([1.0] * 3)] * 201),
         "LIMIT_EXCEEDED",
         "scene.environment.elements",
     ),
-    "a name of all": (
-        with_elements(floor(id="environment")),
-        "INVALID_ENVIRONMENT",
-        "scene.environment.elements[0].id",
-    ),
-    "an object's name for an element": (
-        with_elements(floor(id="left")),
-        "DUPLICATE_ID",
-        "scene.environment.elements[0].id",
-    ),
+    "a name of all": (elements(floor(id="environment")), "INVALID_ENVIRONMENT", "#.id"),
+    "an object's name for an element": (elements(floor(id="left")), "DUPLICATE_ID", "#.id"),
     "a region without name": (with_regions(""), "INVALID_ENVIRONMENT", "regions[0].id"),
     "too many regions": (with_regions(*map(str, range(101))), "LIMIT_EXCEEDED", "regions"),
     "two regions of one id": (with_regions("bin", "bin"), "DUPLICATE_ID", "regions[1].id"),
@@ -512,12 +434,8 @@ BAD = {
         "NOT_SUPPORTED",
         "return_joint_covariance",
     ),
-    "unreadable model": (changed("object.model", "text"), "INVALID_MODEL", "scene.objects[1].model"),
-    "inconsistent model": (
-        changed("object.model", "contradiction"),
-        "INVALID_MODEL",
-        "scene.objects[1].model",
-    ),
+    "unreadable model": (changed("@.model", "text"), "INVALID_MODEL", "@.model"),
+    "inconsistent model": (changed("@.model", "contradiction"), "INVALID_MODEL", "@.model"),
     "diverging": (explicit(with_physics(good_request(horizon=1.0), stiffness=1e300)), "DIVERGED", "diverged"),
 }
 
@@ -557,6 +475,7 @@ def answer_before(predict):
 @pytest.mark.parametrize("case", BAD)
 def test_a_bad_request_gets_its_code_and_the_next_good_one_its_answer(predict, answer_before, case):
     request, code, named = BAD[case]
+    named = named.replace("@", "scene.objects[1]").replace("#", "scene.environment.elements[0]")
     response = predict(request)
     result = response.result
     assert (ErrorCode(result.error_code).name, named in result.error_msg) == (code, True), result.error_msg

@@ -24,6 +24,7 @@ from unc_physics_msgs.msg import (
 
 FLOOR = "scene.environment.elements[]"
 OBJECT = "scene.objects[]"
+POSE, TWIST, START = "objects[].states[].pose", "objects[].states[].twist", "objects[].start"
 #: Documented as ignored.
 IGNORED = {"scene.joint_covariance[].time_from_start"}
 
@@ -172,51 +173,35 @@ TENTH = Duration(nanosec=100_000_000)
 ROTATED = Pose()
 ROTATED.orientation.x, ROTATED.orientation.w = 0.1, float(np.sqrt(0.99))
 
-#: For each field of a request: a change of it, what of the answer must change with it, and what comes before.
+#: For each field of a request: a change of it, what of the answer changes with it, and perhaps what comes before.
 EFFECTS = {
-    "scene.header": (lambda request: setattr(request.scene.header.stamp, "sec", 7), "header", None),
-    f"{OBJECT}.id": (set_to(first, id="block"), "objects[].id", None),
-    f"{OBJECT}.kind": (set_to(first, kind=ObjectState.FIXED), "objects[].kind", None),
-    f"{OBJECT}.model": (set_to(first, model="salt_box"), "objects[].model", None),
-    f"{OBJECT}.scale": (set_to(first, scale=1.2), "objects[].states[].pose", None),
-    f"{OBJECT}.spheres": (set_to(first, spheres=20), "objects[].states[].pose", None),
-    f"{OBJECT}.mass": (set_to(first, mass=5.0), "objects[].states[].pose", None),
-    f"{OBJECT}.mass_std": (set_to(first, mass_std=0.3), "rollouts", None),
-    f"{OBJECT}.center_of_mass_std": (
-        set_to(first, center_of_mass_std=Vector3(x=0.01)),
-        "objects[].states[].pose",
-        None,
-    ),
-    f"{OBJECT}.inertia": (set_to(first, inertia=packed(1e-2 * np.eye(3))), "objects[].states[].pose", None),
-    f"{OBJECT}.material.friction": (material(first, friction=0.05), "objects[].states[].pose", None),
+    "scene.header": (lambda request: setattr(request.scene.header.stamp, "sec", 7), "header"),
+    f"{OBJECT}.id": (set_to(first, id="block"), "objects[].id"),
+    f"{OBJECT}.kind": (set_to(first, kind=ObjectState.FIXED), "objects[].kind"),
+    f"{OBJECT}.model": (set_to(first, model="salt_box"), "objects[].model"),
+    f"{OBJECT}.scale": (set_to(first, scale=1.2), POSE),
+    f"{OBJECT}.spheres": (set_to(first, spheres=20), POSE),
+    f"{OBJECT}.mass": (set_to(first, mass=5.0), POSE),
+    f"{OBJECT}.mass_std": (set_to(first, mass_std=0.3), "rollouts"),
+    f"{OBJECT}.center_of_mass_std": (set_to(first, center_of_mass_std=Vector3(x=0.01)), POSE),
+    f"{OBJECT}.inertia": (set_to(first, inertia=packed(1e-2 * np.eye(3))), POSE),
+    f"{OBJECT}.material.friction": (material(first, friction=0.05), POSE),
     f"{OBJECT}.material.friction_std": (
         material(first, friction=0.5, friction_std=0.2),
         "rollouts",
         material(first, friction=0.5),
     ),
-    f"{OBJECT}.material.restitution": (material(first, restitution=0.9), "objects[].states[].twist", None),
+    f"{OBJECT}.material.restitution": (material(first, restitution=0.9), TWIST),
     f"{OBJECT}.material.restitution_std": (
         material(first, restitution=0.5, restitution_std=0.2),
         "rollouts",
         material(first, restitution=0.5),
     ),
-    f"{OBJECT}.pose": (
-        lambda request: setattr(first(request).pose.pose.position, "y", 0.3),
-        "objects[].start",
-        None,
-    ),
-    f"{OBJECT}.twist": (
-        lambda request: setattr(first(request).twist.twist.linear, "y", 0.3),
-        "objects[].states[].pose",
-        None,
-    ),
-    f"{OBJECT}.covariance": (set_to(first, covariance=packed(4e-6 * np.eye(12))), "objects[].start", None),
-    f"{OBJECT}.at_rest": (set_to(first, at_rest=True), "objects[].start", at_rest),
-    f"{OBJECT}.trajectory": (
-        lambda request: prescribed(request, (0.1, 0.0, 0.3)),
-        "objects[].states[].pose",
-        prescribed,
-    ),
+    f"{OBJECT}.pose": (lambda request: setattr(first(request).pose.pose.position, "y", 0.3), START),
+    f"{OBJECT}.twist": (lambda request: setattr(first(request).twist.twist.linear, "y", 0.3), POSE),
+    f"{OBJECT}.covariance": (set_to(first, covariance=packed(4e-6 * np.eye(12))), START),
+    f"{OBJECT}.at_rest": (set_to(first, at_rest=True), START, at_rest),
+    f"{OBJECT}.trajectory": (lambda request: prescribed(request, (0.1, 0.0, 0.3)), POSE, prescribed),
     f"{OBJECT}.trajectory_std": (
         lambda request: setattr(
             request.scene.objects[1], "trajectory_std", np.array([0.01, 0, 0, 0, 0, 0.1])
@@ -224,51 +209,38 @@ EFFECTS = {
         "rollouts",
         prescribed,
     ),
-    f"{OBJECT}.attached_to": (set_to(first, attached_to="can"), "objects[].states[].pose", prescribed),
-    f"{OBJECT}.attached_at": (set_to(first, attached_at=[TENTH]), "objects[].states[].pose", held),
-    f"{OBJECT}.released_at": (set_to(first, released_at=[TENTH]), "objects[].states[].pose", held),
+    f"{OBJECT}.attached_to": (set_to(first, attached_to="can"), POSE, prescribed),
+    f"{OBJECT}.attached_at": (set_to(first, attached_at=[TENTH]), POSE, held),
+    f"{OBJECT}.released_at": (set_to(first, released_at=[TENTH]), POSE, held),
     f"{OBJECT}.released_at_std": (set_to(first, released_at_std=TENTH), "rollouts", held),
     f"{OBJECT}.wrenches[].wrench": (
-        lambda request: setattr(wrench(request).wrench.torque, "z", 0.3),
-        "objects[].states[].pose",
+        set_to(lambda request: wrench(request).wrench.torque, z=0.3),
+        POSE,
         pushed,
     ),
-    f"{OBJECT}.wrenches[].body_axes": (set_to(wrench, body_axes=True), "objects[].states[].pose", pushed),
-    f"{OBJECT}.wrenches[].start": (set_to(wrench, start=TENTH), "objects[].states[].pose", pushed),
-    f"{OBJECT}.wrenches[].duration": (set_to(wrench, duration=Duration()), "objects[].states[].pose", pushed),
-    f"{OBJECT}.material.torsional_friction": (
-        material(first, torsional_friction=0.02),
-        "objects[].states[].pose",
-        None,
-    ),
-    f"{FLOOR}.material.torsional_friction": (
-        material(floor, torsional_friction=0.02),
-        "objects[].states[].pose",
-        None,
-    ),
+    f"{OBJECT}.wrenches[].body_axes": (set_to(wrench, body_axes=True), POSE, pushed),
+    f"{OBJECT}.wrenches[].start": (set_to(wrench, start=TENTH), POSE, pushed),
+    f"{OBJECT}.wrenches[].duration": (set_to(wrench, duration=Duration()), POSE, pushed),
+    f"{OBJECT}.material.torsional_friction": (material(first, torsional_friction=0.02), POSE),
+    f"{FLOOR}.material.torsional_friction": (material(floor, torsional_friction=0.02), POSE),
     f"{FLOOR}.surface_velocity": (
         lambda request: setattr(floor(request).surface_velocity.linear, "y", 0.3),
-        "objects[].states[].pose",
-        None,
+        POSE,
     ),
-    f"{FLOOR}.id": (set_to(floor, id="table"), "contact_probabilities[].object_b", None),
-    f"{FLOOR}.pose": (set_to(floor, pose=ROTATED), "objects[].states[].pose", None),
-    f"{FLOOR}.plane": (
-        set_to(floor, plane=[Plane(coef=[0.0, 0.0, 1.0, 0.02])]),
-        "objects[].states[].pose",
-        None,
-    ),
-    f"{FLOOR}.primitive": (as_box, "objects[].states[].pose", None),
-    f"{FLOOR}.mesh": (as_mesh_of(floor), "objects[].model", None),
-    f"{OBJECT}.primitive": (as_primitive, "objects[].model", None),
-    f"{OBJECT}.mesh": (as_mesh_of(first), "objects[].model", None),
-    f"{FLOOR}.material.friction": (material(floor, friction=0.05), "objects[].states[].pose", None),
+    f"{FLOOR}.id": (set_to(floor, id="table"), "contact_probabilities[].object_b"),
+    f"{FLOOR}.pose": (set_to(floor, pose=ROTATED), POSE),
+    f"{FLOOR}.plane": (set_to(floor, plane=[Plane(coef=[0.0, 0.0, 1.0, 0.02])]), POSE),
+    f"{FLOOR}.primitive": (as_box, POSE),
+    f"{FLOOR}.mesh": (as_mesh_of(floor), "objects[].model"),
+    f"{OBJECT}.primitive": (as_primitive, "objects[].model"),
+    f"{OBJECT}.mesh": (as_mesh_of(first), "objects[].model"),
+    f"{FLOOR}.material.friction": (material(floor, friction=0.05), POSE),
     f"{FLOOR}.material.friction_std": (
         material(floor, friction=0.5, friction_std=0.2),
         "rollouts",
         material(floor, friction=0.5),
     ),
-    f"{FLOOR}.material.restitution": (material(floor, restitution=0.9), "objects[].states[].twist", None),
+    f"{FLOOR}.material.restitution": (material(floor, restitution=0.9), TWIST),
     f"{FLOOR}.material.restitution_std": (
         material(floor, restitution=0.5, restitution_std=0.2),
         "rollouts",
@@ -276,63 +248,56 @@ EFFECTS = {
     ),
     "scene.common_pose_std": (
         set_to(scene, common_pose_std=np.array([0.0, 0.02, 0.0, 0.0, 0.0, 0.0])),
-        "objects[].start",
-        None,
+        START,
     ),
     "scene.common_pose_origin": (
         set_to(scene, common_pose_origin=Point(x=2.0)),
-        "objects[].start",
+        START,
         set_to(scene, common_pose_std=np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.02])),
     ),
     "scene.joint_covariance[].object_ids": (
         lambda request: setattr(request.scene.joint_covariance[0], "object_ids", ["can", "brick"]),
-        "objects[].start",
+        START,
         lambda request: (with_joint(request), request.scene.joint_covariance[0].data.__setitem__(0, 9e-6)),
     ),
     "scene.joint_covariance[].data": (
         lambda request: setattr(request.scene.joint_covariance[0], "data", packed(4e-6 * np.eye(24))),
-        "objects[].start",
+        START,
         with_joint,
     ),
-    "horizon": (set_to(itself, horizon=Duration(nanosec=300_000_000)), "time_reached", None),
+    "horizon": (set_to(itself, horizon=Duration(nanosec=300_000_000)), "time_reached"),
     "trajectory_period": (
         set_to(itself, trajectory_period=Duration(nanosec=100_000_000)),
         "objects[].states[].time_from_start",
-        None,
     ),
-    "physics.preset": (physics(preset="paper"), "physics.integrator", None),
+    "physics.preset": (physics(preset="paper"), "physics.integrator"),
     "physics.integrator": (
         physics(integrator="explicit"),
         "physics.integrator",
         physics(friction=0.0, restitution=1.0),
     ),
-    "physics.dt": (physics(dt=0.005), "physics.dt", None),
-    "physics.stiffness": (physics(stiffness=1e9), "physics.stiffness", None),
-    "physics.damping": (physics(damping=0.5), "physics.damping", None),
-    "physics.gravity": (physics(gravity=(0.1, 0.0, -9.0)), "physics.gravity", None),
-    "physics.friction": (physics(friction=0.9), "physics.friction", None),
-    "physics.restitution": (physics(restitution=0.7), "physics.restitution", None),
-    "physics.gyroscopic": (physics(gyroscopic=False), "physics.gyroscopic", None),
-    "physics.sleep": (physics(sleep=True), "physics.sleep", None),
-    "physics.islands": (physics(islands=False), "physics.islands", None),
-    "physics.overlap": (physics(overlap="keep"), "physics.overlap", None),
+    "physics.dt": (physics(dt=0.005), "physics.dt"),
+    "physics.stiffness": (physics(stiffness=1e9), "physics.stiffness"),
+    "physics.damping": (physics(damping=0.5), "physics.damping"),
+    "physics.gravity": (physics(gravity=(0.1, 0.0, -9.0)), "physics.gravity"),
+    "physics.friction": (physics(friction=0.9), "physics.friction"),
+    "physics.restitution": (physics(restitution=0.7), "physics.restitution"),
+    "physics.gyroscopic": (physics(gyroscopic=False), "physics.gyroscopic"),
+    "physics.sleep": (physics(sleep=True), "physics.sleep"),
+    "physics.islands": (physics(islands=False), "physics.islands"),
+    "physics.overlap": (physics(overlap="keep"), "physics.overlap"),
     "physics.stiffness_std": (
         physics(stiffness=1e9, stiffness_std=1e8),
         "physics.stiffness_std",
         physics(stiffness=1e9),
     ),
-    "physics.friction_std": (physics(friction_std=0.1), "physics.friction_std", None),
-    "physics.restitution_std": (physics(restitution_std=0.1), "physics.restitution_std", None),
-    "physics.gravity_direction_std": (
-        physics(gravity_direction_std=0.02),
-        "physics.gravity_direction_std",
-        None,
-    ),
-    "propagator": (set_to(itself, propagator="monte_carlo"), "propagator", None),
+    "physics.friction_std": (physics(friction_std=0.1), "physics.friction_std"),
+    "physics.restitution_std": (physics(restitution_std=0.1), "physics.restitution_std"),
+    "physics.gravity_direction_std": (physics(gravity_direction_std=0.02), "physics.gravity_direction_std"),
+    "propagator": (set_to(itself, propagator="monte_carlo"), "propagator"),
     "propagator_options": (
         set_to(itself, propagator_options=[KeyValue(key="points", value="full")]),
         "rollouts",
-        None,
     ),
     "samples": (set_to(itself, samples=30), "rollouts", set_to(itself, propagator="monte_carlo")),
     "seed": (set_to(itself, seed=6), "seed", set_to(itself, propagator="monte_carlo", samples=20)),
@@ -361,23 +326,15 @@ EFFECTS = {
         "region_probabilities[].probability.probability",
         with_region,
     ),
-    "return_probabilities": (
-        set_to(itself, return_probabilities=False),
-        "contact_probabilities[].object_a",
-        None,
-    ),
-    f"{FLOOR}.surface_tilt_std": (set_to(floor, surface_tilt_std=0.02), "rollouts", None),
-    "physics.impact_direction_std": (physics(impact_direction_std=0.05), "objects[].states[].pose", sampled),
-    "physics.impact_point_std": (physics(impact_point_std=0.003), "objects[].states[].pose", sampled),
-    "physics.impact_friction_std": (physics(impact_friction_std=0.2), "objects[].states[].pose", sampled),
-    "return_covariance": (set_to(itself, return_covariance=True), "objects[].states[].covariance", None),
-    "return_joint_covariance": (
-        set_to(itself, return_joint_covariance=True),
-        "joint_covariances[].data",
-        None,
-    ),
-    "return_modes": (set_to(itself, return_modes=True), "objects[].states[].modes[].weight", None),
-    "return_samples": (set_to(itself, return_samples=3), "objects[].states[].pose_samples", None),
+    "return_probabilities": (set_to(itself, return_probabilities=False), "contact_probabilities[].object_a"),
+    f"{FLOOR}.surface_tilt_std": (set_to(floor, surface_tilt_std=0.02), "rollouts"),
+    "physics.impact_direction_std": (physics(impact_direction_std=0.05), POSE, sampled),
+    "physics.impact_point_std": (physics(impact_point_std=0.003), POSE, sampled),
+    "physics.impact_friction_std": (physics(impact_friction_std=0.2), POSE, sampled),
+    "return_covariance": (set_to(itself, return_covariance=True), "objects[].states[].covariance"),
+    "return_joint_covariance": (set_to(itself, return_joint_covariance=True), "joint_covariances[].data"),
+    "return_modes": (set_to(itself, return_modes=True), "objects[].states[].modes[].weight"),
+    "return_samples": (set_to(itself, return_samples=3), "objects[].states[].pose_samples"),
 }
 
 
@@ -403,10 +360,10 @@ def plain(node, client):
 
 @pytest.mark.parametrize("path", EFFECTS)
 def test_a_field_of_a_request_has_its_effect(predict, plain, path):
-    change, where, prepare = EFFECTS[path]
+    change, where, *prepare = EFFECTS[path]
     request, before = base(), plain
-    if prepare is not None:
-        prepare(request)
+    for prepared in prepare:
+        prepared(request)
         before = predict(request)
     change(request)
     after = predict(request)
