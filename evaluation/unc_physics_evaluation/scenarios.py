@@ -40,7 +40,6 @@ DAMPING = -math.log(0.99) / DT  # 1/s: velocities keep 99 % in each step
 SPEED = 1.0  # m/s
 GAP = 1.5  # between the centres of mass, along the motion [m]
 OFFSET = 0.15  # between the centres of mass, across the motion [m]
-LATTICE = 8.0  # between pairs that shall not meet [m]
 COLLISION_HORIZON = 5.0  # s
 FREE_HORIZON = 4.0  # s
 
@@ -143,30 +142,6 @@ def collision(
         mean[body, VELOCITY] = side * SPEED, 0.0, 0.0
         mean[body, QUATERNION] = turned[name]
     return scene, Belief(mean, spread(2, position=non_negative(sigma, "sigma"))), COLLISION_HORIZON
-
-
-def many_collisions(
-    pairs: int, model: str = "bunny", spheres: int = 100, sigma: float = 0.05
-) -> tuple[Scene, Belief, float]:
-    """Pairs of bodies as in `collision`, far from each other on a cubic lattice.
-
-    Parameters
-    ----------
-    pairs : int
-        Number of pairs; the scene has twice as many bodies, ``left0``, ``right0``, ``left1``, and so on.
-    model, spheres, sigma
-        As in `collision`.
-    """
-    _, pair, horizon = collision(model, spheres, sigma)
-    packing = unit_model(model, spheres)
-    scene = _scene(
-        [RigidBody(f"{side}{k}", packing, MASS) for k in range(pairs) for side in ("left", "right")]
-    )
-    edge = math.ceil(pairs ** (1.0 / 3.0) - 1e-9)
-    mean = np.tile(pair.mean, (pairs, 1))
-    for k in range(pairs):
-        mean[2 * k : 2 * k + 2, POSITION] += LATTICE * np.array([k % edge, k // edge % edge, k // edge**2])
-    return scene, Belief(mean, np.tile(pair.blocks, (pairs, 1, 1))), horizon
 
 
 def collision_free(

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import json
 import sys
-import time
 from dataclasses import replace
 from inspect import signature
 
@@ -170,10 +169,8 @@ def _contacts(scene, belief, prediction, events=None):
 
 
 def serve():
-    """Answer requests, one JSON object a line: a case to compare, with a file for its arrays, or to time."""
+    """Answer requests, one JSON object a line: a case, with a file for its arrays."""
     import numba
-
-    from unc_physics import make_propagator, predict
 
     numba.set_num_threads(1)
     found = scenes()
@@ -181,16 +178,8 @@ def serve():
     for line in sys.stdin:
         request = json.loads(line)
         scene, belief, horizon = found[request["scene"]]
-        if "file" in request:
-            np.savez(request["file"], **results(scene, belief, horizon, request["propagator"]))
-            print("0", flush=True)
-            continue
-        name, options = propagators()[request["propagator"]]
-        propagator, start, runs = make_propagator(name, **options), time.process_time(), 0
-        while time.process_time() - start < request["seconds"]:
-            predict(scene, belief, propagator, horizon)
-            runs += 1
-        print((time.process_time() - start) / runs, flush=True)
+        np.savez(request["file"], **results(scene, belief, horizon, request["propagator"]))
+        print("0", flush=True)
 
 
 if __name__ == "__main__":

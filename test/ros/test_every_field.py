@@ -173,7 +173,7 @@ TENTH = Duration(nanosec=100_000_000)
 ROTATED = Pose()
 ROTATED.orientation.x, ROTATED.orientation.w = 0.1, float(np.sqrt(0.99))
 
-#: For each field of a request: a change of it, what of the answer changes with it, and perhaps what comes before.
+#: For each field of a request: a change of it, what of the answer changes with it, and what comes before.
 EFFECTS = {
     "scene.header": (lambda request: setattr(request.scene.header.stamp, "sec", 7), "header"),
     f"{OBJECT}.id": (set_to(first, id="block"), "objects[].id"),

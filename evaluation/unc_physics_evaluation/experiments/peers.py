@@ -1,4 +1,4 @@
-"""Monte Carlo in PyBullet and in MuJoCo: time of a rollout, and of a prediction at equal error."""
+"""Monte Carlo in PyBullet and in MuJoCo: time of a rollout, and error over the number of samples."""
 
 from __future__ import annotations
 
@@ -7,16 +7,7 @@ import numpy as np
 from unc_physics.dynamics.rollout import simulate
 from unc_physics.propagators.registry import make_propagator
 
-from ..comparison import (
-    CPU_TIME,
-    POSITION_ERROR,
-    ROTATION_ERROR,
-    Samples,
-    distance_cost,
-    error_rows,
-    predicted,
-    predictors,
-)
+from ..comparison import Samples, distance_cost, error_rows
 from ..engines import GEOMETRIES, PEERS
 from ..goals import Figure, goal_tables, goals_met_by
 from ..jobs import Job, Outcome, Row, Settings
@@ -94,8 +85,7 @@ def run(job: Job) -> Outcome:
         return Samples(states, simulator.belief(carry, scene), seed)
 
     truth, second = samples("truth"), samples("second")
-    answers = predicted(scene, belief, horizon, job) if engine is None else {}
-    rows = error_rows(job, truth, second, answers, [n for n in COUNTS if n <= p["truth"]])
+    rows = error_rows(job, truth, second, {}, [n for n in COUNTS if n <= p["truth"]])
     states = belief.sample(4 * p["rounds"], np.random.default_rng(job.seed("timed"))).reshape(
         p["rounds"], 4, *belief.mean.shape
     )
@@ -103,28 +93,21 @@ def run(job: Job) -> Outcome:
     def four_of(run):
         return lambda k: [run(state) for state in states[k]]
 
-    # each prediction beside the same rollout, so that ratios to it carry over from job to job
     functions = {(OURS, None): four_of(ours)}
-    if engine is None:
-        functions |= predictors(scene, belief, horizon, job, (10,))
-    else:
+    if engine is not None:
         functions[p["engine"], None] = four_of(theirs)
     times = paired(functions, p["rounds"])
-    for (method, count), taken in times.items():
-        share = 4.0 if method in (OURS, p["engine"]) else 1.0
-        name, quantity = (MONTE_CARLO, ROLLOUT) if share == 4.0 else (method, CPU_TIME)
-        if method == OURS and engine is not None:
-            continue
-        for k, seconds in enumerate(taken):
-            rows.append(Row(name, quantity, "s", seconds / share, count, k))
-            rows.append(Row(name, ROLLOUT_RATIO, "1", 4.0 / share * seconds / times[OURS, None][k], count, k))
+    own = times[p["engine"], None]
+    for k, (seconds, ours_took) in enumerate(zip(own, times[OURS, None], strict=True)):
+        rows.append(Row(MONTE_CARLO, ROLLOUT, "s", seconds / 4.0, None, k))
+        rows.append(Row(MONTE_CARLO, ROLLOUT_RATIO, "1", seconds / ours_took, None, k))
     if engine is not None:
         engine.close()
     return Outcome(rows, {"states": truth.states})
 
 
 def report(results: Results) -> str:
-    """Time of a rollout, and of predictions as accurate as each of our propagators."""
+    """Time of a rollout, in each engine with each geometry."""
     rows = results.rows("peers")
     models = rows.unique("model")
     cases = [
@@ -146,11 +129,7 @@ def report(results: Results) -> str:
     head = [""]
     for model in models:
         head += [f"{model} [ms]", "over ours"]
-    parts = [table(head, lines), goal_tables(_figures(results))]
-    for quantity, what in ((POSITION_ERROR, "positions"), (ROTATION_ERROR, "rotations")):
-        parts.append(f"### Rollouts for equal error, {what}\n")
-        parts.append(_equal_error(rows, quantity, cases))
-    return "\n".join(parts)
+    return f"{table(head, lines)}\n{goal_tables(_figures(results))}"
 
 
 def engine_choices(rows: Rows, quantity: str) -> dict[str, dict[str, list[Choice]]]:
@@ -193,34 +172,6 @@ def _curve(rows, quantity):
     floor = rows.where(method=FLOOR, quantity=quantity).mean()
     errors = rows.where(method=MONTE_CARLO, quantity=quantity)
     return [(n, errors.where(samples=n).mean() / floor) for n in sorted(errors.unique("samples"))]
-
-
-def _samples_for(error, curve):
-    """Number of samples that have that error, by the measured ones; NaN beyond them."""
-    counts, errors = np.log([n for n, _ in curve]), np.minimum.accumulate([e for _, e in curve])
-    if not errors[-1] <= error <= errors[0]:
-        return float("nan")
-    return float(np.exp(np.interp(-np.log(error), -np.log(errors), counts)))
-
-
-def _equal_error(rows, quantity, cases):
-    lines = []
-    for model in rows.unique("model"):
-        ours = rows.where(model=model, engine=OURS)
-        floor = ours.where(method=FLOOR, quantity=quantity).mean()
-        for method in ours.where(quantity=CPU_TIME).unique("method"):
-            if method == MONTE_CARLO:
-                continue
-            error = ours.where(method=method, quantity=quantity).mean() / floor
-            cost = ours.where(method=method, quantity=ROLLOUT_RATIO).median()
-            cells = [f"{model}, {label(method)}", number(error)]
-            for engine, geometry in cases:
-                found = rows.where(model=model, engine=engine, geometry=geometry)
-                n = _samples_for(error, _curve(found, quantity))
-                each = found.where(method=MONTE_CARLO, quantity=ROLLOUT_RATIO, samples=None).median()
-                cells.append(f"{n:.0f}: {number(n * each / cost)}x" if np.isfinite(n) else "")
-            lines.append(cells)
-    return table(["", "error / floor", *(_name(*case) for case in cases)], lines)
 
 
 verdict = goals_met_by(_figures)

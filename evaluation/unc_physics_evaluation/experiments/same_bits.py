@@ -20,8 +20,6 @@ import unc_physics
 from unc_physics.checks.errors import UncPhysicsError
 
 from .. import served_predictions
-from ..comparison import CPU_TIME
-from ..goals import milliseconds, ratio
 from ..jobs import Job, Outcome, Row, Settings
 from ..results import Results
 from ..tables import table
@@ -29,17 +27,14 @@ from ..tables import table
 TITLE = "Same bits"
 ROOT = Path(unc_physics.__file__).resolve().parents[1]
 PAPER = "e2c9ee2"
-ROUNDS, SECONDS = 7, 0.2  # of the timing, and CPU time of each side in a round
 SAME = "same_bits_as_before"
-BEFORE, AFTER = f"{CPU_TIME}_before", f"{CPU_TIME}_after"
 
 
 def jobs(settings: Settings) -> list[Job]:
     """One, alone on the machine; another one for other sources."""
     if missing(settings):
         return []
-    rounds = 0 if settings.quick else ROUNDS
-    parameters = settings.parameters(before=PAPER, after=fingerprint(ROOT), rounds=rounds)
+    parameters = settings.parameters(before=PAPER, after=fingerprint(ROOT))
     return [Job("same_bits", parameters, cost=600.0, alone=True)]
 
 
@@ -54,8 +49,7 @@ def missing(settings: Settings) -> list[str]:
 
 
 def run(job: Job) -> Outcome:
-    """Every array that both trees predict, compared; then CPU times in turns, so that a busy machine slows
-    both alike.
+    """Every array that both trees predict, compared.
 
     Each tree runs in a process of its own, with a compile cache of its own.
     """
@@ -73,10 +67,6 @@ def run(job: Job) -> Outcome:
                 for array in expected:  # what a carry has besides by now has nothing to be compared with
                     same = array in found and _same(found[array], expected[array])
                     rows.append(Row(name, f"{SAME}, {scene}, {array}", "1", int(same)))
-                for k in range(job.parameters["rounds"]):
-                    for quantity, tree in ((BEFORE, before), (AFTER, after)):
-                        seconds = float(tree.ask(**request, seconds=SECONDS))
-                        rows.append(Row(name, f"{quantity}, {scene}", "s", seconds, None, k))
     return Outcome(rows)
 
 
@@ -85,13 +75,10 @@ def report(results: Results) -> str:
     rows = _latest(results)
     lines = []
     for scene, name, arrays in _predictions(rows):
-        times = [rows.where(method=name, quantity=f"{side}, {scene}") for side in (AFTER, BEFORE)]
-        timing = [f"{ratio(*times):.3f}", milliseconds(*times)] if times[0] else ["", ""]
         different = [array for array, same in arrays.items() if not same]
         verdict = f"**different: {', '.join(different)}**" if different else "same bits"
-        lines.append([scene, name.replace("_", " "), str(len(arrays)), verdict, *timing])
-    head = ["scene", "propagator", "arrays", f"beside {rows[0]['before']}", "CPU time over before", ""]
-    return table(head, lines)
+        lines.append([scene, name.replace("_", " "), str(len(arrays)), verdict])
+    return table(["scene", "propagator", "arrays", f"beside {rows[0]['before']}"], lines)
 
 
 def verdict(results: Results) -> str:
