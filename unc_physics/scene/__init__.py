@@ -1,1 +1,1 @@
-"""What is predicted: bodies, environment, materials, uncertain parameters, beliefs, and scene files."""
+"""Scenes: bodies, environment, materials, uncertain parameters, beliefs, and scene files."""

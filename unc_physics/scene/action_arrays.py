@@ -1,6 +1,4 @@
-"""A scene's actions as the kernels take them (`physics.actions`), also with other values of what is
-uncertain.
-"""
+"""Convert a scene's actions to arrays for the kernels (`dynamics.actions`), also when varied."""
 
 from __future__ import annotations
 
@@ -26,12 +24,12 @@ from .belief import Belief
 if TYPE_CHECKING:
     from .scene import Scene
 
-#: Uncertain parameters (`parameters`) that are of actions.
+#: Uncertain parameters (`parameters`) that belong to actions.
 UNCERTAIN = ("trajectory", "released_at")
 
 
 def actions_of(bodies, environment) -> Actions:
-    """What acts on some bodies, among elements of the environment."""
+    """Return the actions on ``bodies`` in an ``environment`` as arrays."""
     names = [body.name for body in bodies]
     paths = [k for k, body in enumerate(bodies) if body.trajectory is not None]
     held = [k for k, body in enumerate(bodies) if body.attached_to is not None]
@@ -66,7 +64,7 @@ def actions_of(bodies, environment) -> Actions:
 
 
 def vary_actions(scene: Scene, actions: Actions, z: np.ndarray) -> Actions:
-    """The actions with the scene's uncertain parameters ``z`` (K,) standard deviations from their values."""
+    """Return the actions with each uncertain parameter shifted by ``z`` (K,) standard deviations."""
     offsets, times = {}, actions.held
     for parameter, value in zip(scene.uncertain, z, strict=True):
         if parameter.name == "trajectory":
@@ -85,7 +83,7 @@ def vary_actions(scene: Scene, actions: Actions, z: np.ndarray) -> Actions:
 
 
 def _moved(pose, turn, offset):
-    """A path's poses (K, 13) and turns (K, 6), moved by an offset (6,) along the axes of the first one."""
+    """Move a path's poses (K, 13) and turns (K, 6) by an offset (6,) along the axes of its first pose."""
     R, middle = rotation_matrix(pose[0, QUATERNION]), pose[0, POSITION].copy()
     rotation = exp(*(R @ offset[3:]))
     A = rotation_matrix(np.array(rotation))
@@ -97,18 +95,18 @@ def _moved(pose, turn, offset):
 
 
 def path_states(scene: Scene, body: int, times, actions: Actions | None = None) -> np.ndarray:
-    """(T, 13): states of a prescribed body at some times [s]."""
+    """Return the states (T, 13) of a prescribed body at given times [s]."""
     actions = actions_of(scene.bodies, ()) if actions is None else actions
     return states_on_path(body, np.array(times, float), actions)
 
 
 def held_at_start(scene: Scene) -> np.ndarray:
-    """(B,) bool: which bodies something holds at time 0."""
+    """Return for each body whether it is attached to another at time 0, as (B,) bool."""
     return np.array([body.attached_to is not None and body.attached_at == 0.0 for body in scene.bodies])
 
 
 def with_driven(scene: Scene, mean: np.ndarray, time: float) -> np.ndarray:
-    """States (B, 13) with those of prescribed bodies as their paths say."""
+    """Return states (B, 13) in which prescribed bodies have the states of their paths."""
     some = [k for k, body in enumerate(scene.bodies) if body.trajectory is not None]
     if not some:
         return mean
@@ -119,7 +117,7 @@ def with_driven(scene: Scene, mean: np.ndarray, time: float) -> np.ndarray:
 
 
 def with_certain_actions(scene: Scene) -> Scene:
-    """The scene in which paths and times of release are known for sure."""
+    """Return the scene with zero uncertainty of paths and release times."""
     if not any(parameter.name in UNCERTAIN for parameter in scene.uncertain):
         return scene
     certain = {"trajectory_std": 0.0, "released_at_std": 0.0}
@@ -127,8 +125,9 @@ def with_certain_actions(scene: Scene) -> Scene:
 
 
 def driven_belief(scene: Scene, belief: Belief) -> Belief:
-    """A belief at time 0 as the scene's actions say: where prescribed bodies are, and that held ones move
-    with what holds them.
+    """Return the belief at time 0 after the scene's actions.
+
+    Prescribed bodies are at the start of their paths. Attached bodies move with the body that holds them.
     """
     held = held_at_start(scene)
     mean = with_driven(scene, belief.mean, 0.0)
@@ -148,8 +147,9 @@ def driven_belief(scene: Scene, belief: Belief) -> Belief:
 
 
 def start_states(scene: Scene, states: np.ndarray, z: np.ndarray) -> np.ndarray:
-    """States (N, B, 13) at time 0 in which prescribed bodies are where their own paths say, and what they
-    hold moves along: its pose is known in their frames.
+    """Return states (N, B, 13) at time 0 that follow each sample's own paths.
+
+    Attached bodies keep their pose in the frame of the body that holds them.
     """
     if not scene.acts:
         return states

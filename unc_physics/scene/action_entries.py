@@ -1,4 +1,4 @@
-"""Entries of YAML files that say what a robot does with a body: its path, and wrenches."""
+"""Read paths and wrenches from YAML files."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _WRENCH_KEYS = ("force", "torque", "body_axes", "start", "duration")
 
 
 def read_path(poses, place) -> PosePath:
-    """The path that a list of poses describes."""
+    """Return the path that a list of poses describes."""
     if not isinstance(poses, list):
         raise InvalidRequestError("must be a list of poses", field=place, value=poses)
     count = len(poses)
@@ -45,7 +45,7 @@ def read_path(poses, place) -> PosePath:
 
 
 def read_wrenches(entries, place) -> list[Wrench]:
-    """The wrenches that a list describes."""
+    """Return the wrenches that a list describes."""
     if not isinstance(entries, list):
         raise InvalidRequestError("must be a list", field=place, value=entries)
     return [_wrench(entry, f"{place}[{k}]") for k, entry in enumerate(entries)]

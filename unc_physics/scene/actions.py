@@ -1,4 +1,4 @@
-"""What a robot does: paths that bodies follow, and wrenches that act on them; validated and frozen."""
+"""Robot actions: paths that bodies follow and wrenches on bodies; validated and frozen."""
 
 from __future__ import annotations
 
@@ -14,36 +14,36 @@ from ..checks.validation import FARTHEST, array, flag, non_negative, number, num
 from ..dynamics.actions import rotation_between
 from ..spatial.layout import ANGULAR_VELOCITY, POSITION, QUATERNION, STATE, VELOCITY
 
-#: Most poses of a path; the fastest that one may be, linear [m/s] and angular [rad/s], and how far it may
-#: turn from one pose to the next [rad], beyond which nobody knows about which axis.
+#: Limits of a path: number of poses, linear [m/s] and angular speed [rad/s], and turn between poses [rad]. A
+#: larger turn has an ambiguous axis.
 MOST_POSES = 100_000
 FASTEST, FASTEST_TURN, _MOST_TURN = 100.0, 200.0, 3.0
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class PosePath:
-    """Poses that a body goes through at given times, whatever it touches.
+    """Poses that a body follows at given times, unaffected by contacts.
 
-    Between them its centre of mass follows cubic Hermite polynomials, and its rotation those of the rotation
-    vector from the last pose. Before the first pose and after the last one it stands still.
+    Between poses, the centre of mass follows cubic Hermite polynomials. The rotation vector from the last
+    pose does the same. Before the first and after the last pose the body stands still.
 
     Attributes
     ----------
     times : (K,) array
-        From the start, ascending [s]; at least two.
+        Ascending times from the start [s]; at least two.
     positions : (K, 3) array
-        Of the centre of mass, world frame [m].
+        Positions of the centre of mass, world frame [m].
     orientations : (K, 4) array
-        Quaternions (x, y, z, w) of ``R_world_body``; by default none is turned.
+        Quaternions (x, y, z, w) of ``R_world_body``; the identity by default.
     linear_velocities, angular_velocities : (K, 3) array
-        World frame [m/s], [rad/s]. Where they are not given, or NaN, they are estimated from the poses before
-        and after; at the first and the last pose they are zero then.
+        World frame [m/s], [rad/s]. Missing or NaN values are estimated from the neighbouring poses. At the
+        first and the last pose they default to zero.
 
     Raises
     ------
     InvalidRequestError, NotFiniteError, InvalidOrientationError, LimitExceededError
-        For wrong shapes, too few times, times that do not ascend, and what is faster than `FASTEST` or
-        `FASTEST_TURN`, or turns too far from one pose to the next.
+        For wrong shapes, too few times, or times that do not ascend. Also for speeds above `FASTEST` or
+        `FASTEST_TURN`, or too large a turn between two poses.
     """
 
     times: Array = array_field()
@@ -115,7 +115,7 @@ class PosePath:
 
     @property
     def states(self) -> np.ndarray:
-        """(K, 13): the poses and velocities, as in `Belief`."""
+        """Poses and velocities (K, 13), as in `Belief`."""
         states = np.empty((len(self.times), STATE))
         states[:, POSITION], states[:, QUATERNION] = self.positions, self.orientations
         states[:, VELOCITY], states[:, ANGULAR_VELOCITY] = self.linear_velocities, self.angular_velocities
@@ -123,7 +123,7 @@ class PosePath:
 
     @property
     def turns(self) -> np.ndarray:
-        """(K, 6): rotation vectors from each pose to the next [rad], and their rates at its end [rad/s]."""
+        """Rotation vectors to the next pose [rad] and their rates at its end [rad/s], (K, 6)."""
         result = np.zeros((len(self.times), 6))
         result[:-1, :3] = vars(self)["_turns"]
         for k in range(len(self.times) - 1):
@@ -132,7 +132,7 @@ class PosePath:
 
     @property
     def paces(self) -> np.ndarray:
-        """(K, 4): the most speed, angular speed, and accelerations until the next pose; zeros at the last."""
+        """Bounds (K, 4) of both speeds and both accelerations until the next pose; zeros at the last."""
         steps, turns = np.diff(self.times)[:, None], self.turns
         result = np.zeros((len(self.times), 4))
         motions = (
@@ -140,7 +140,7 @@ class PosePath:
             (self.angular_velocities[:-1], turns[:-1, :3], turns[:-1, 3:]),
         )
         for k, (first, way, last) in enumerate(motions):
-            # a velocity is within its Bezier polygon, and so is its rate
+            # a Bezier curve and its rate lie within the hulls of their control points
             corners = first, 3.0 * way / steps - first - last, last
             result[:-1, k] = np.max([np.linalg.norm(corner, axis=1) for corner in corners], axis=0)
             rates = [2.0 * (b - a) / steps for a, b in itertools.pairwise(corners)]
@@ -149,7 +149,7 @@ class PosePath:
 
 
 def _velocities(given, slopes, steps, field):
-    """Velocities (K, 3): those given, and otherwise parabolas through three poses, or zero at the ends."""
+    """Return velocities (K, 3): given ones, else parabolas through three poses, or zero at the ends."""
     count = len(slopes) + 1
     estimated = np.zeros((count, 3))
     estimated[1:-1] = (steps[1:] * slopes[:-1] + steps[:-1] * slopes[1:]) / (steps[1:] + steps[:-1])
@@ -164,7 +164,7 @@ def _velocities(given, slopes, steps, field):
 
 
 def _rate(turn, omega):
-    """Rate of a rotation vector whose rotation turns at ``omega``, world frame: ``J^-1 omega``."""
+    """Return the rate of a rotation vector at angular velocity ``omega``, world frame: ``J^-1 omega``."""
     angle = np.linalg.norm(turn)
     once = np.cross(turn, omega)
     if angle < 1e-3:
@@ -176,7 +176,7 @@ def _rate(turn, omega):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Wrench:
-    """A force and a torque that act on a body for a while.
+    """A force and a torque that act on a body for a limited time.
 
     Attributes
     ----------
@@ -185,11 +185,12 @@ class Wrench:
     torque : (3,) array
         About the centre of mass [N m].
     body_axes : bool
-        Whether they are along the body's axes, and turn with it; otherwise along the world's.
+        Whether force and torque are in the body frame and turn with it; otherwise they are in the world
+        frame.
     start : float
-        From when [s].
+        Time at which it begins [s].
     duration : float, optional
-        For how long [s]; None means to the end.
+        [s]; None means until the end.
 
     Raises
     ------
@@ -216,12 +217,12 @@ class Wrench:
 
     @property
     def end(self) -> float:
-        """Until when it acts [s]."""
+        """Time at which it ends [s]."""
         return math.inf if self.duration is None else self.start + self.duration
 
 
 def six_stds(value, field) -> np.ndarray:
-    """Standard deviations (6,): of a translation [m], then of a rotation [rad]; one number 0 for none."""
+    """Return standard deviations (6,) of a translation [m] and a rotation [rad]; the number 0 means none."""
     std = numbers(value, field)
     if std.ndim == 0 and std == 0.0:
         std = np.zeros(6)

@@ -1,4 +1,4 @@
-"""What is known of a scene's state: mean and covariance, before and after a prediction."""
+"""Belief about a scene's state: mean and covariance, before and after a prediction."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ from .body_belief import BodyBelief
 if TYPE_CHECKING:
     from .scene import Scene
 
-#: Variance, relative to the largest, below which a direction counts as certain.
+#: Relative variance below which a direction counts as certain.
 RANK_TOLERANCE = 1e-14
 
 
@@ -49,16 +49,15 @@ class Belief:
         quaternion (x, y, z, w) of ``R_world_body`` and angular velocity [rad/s]; all but q in the world
         frame.
     covariance : (M, 12, 12) or (12 M, 12 M) array
-        Over the error state ``[dp, dv, dtheta, domega]`` of the M moving bodies, ``R = R_mean Exp(dtheta)``:
-        one block for each body where bodies are independent, or the joint matrix.
+        Covariance of the error state ``[dp, dv, dtheta, domega]`` of the M moving bodies, with ``R = R_mean
+        Exp(dtheta)``. Either one block for each body, if bodies are independent, or the joint matrix.
     moving : (M,) int64 array
         Indices of the bodies that move; by default all.
 
     Raises
     ------
     InvalidRequestError, NotFiniteError, InvalidOrientationError, InvalidCovarianceError
-        For wrong shapes, NaN or infinity, quaternions far from unit length, and matrices that are no
-        covariance.
+        For wrong shapes, NaN or infinity, quaternions far from unit length, or an invalid covariance.
     """
 
     mean: Array = array_field()
@@ -93,26 +92,26 @@ class Belief:
 
     @classmethod
     def trusted(cls, mean, P, moving) -> Belief:
-        """A belief from arrays that a propagator made, without checking them again; takes them over."""
+        """Return a belief that takes over arrays of a propagator without checking them."""
         belief = object.__new__(cls)
         belief._store(mean, P, moving)
         return belief
 
     @classmethod
     def exact(cls, mean: ArrayLike, moving: ArrayLike | None = None) -> Belief:
-        """A belief without uncertainty."""
+        """Return a belief without uncertainty."""
         count = len(np.asarray(mean if moving is None else moving))
         return cls(mean, np.zeros((count, ERROR, ERROR)), moving)
 
     @classmethod
     def of(cls, scene: Scene, bodies: Mapping[str, BodyBelief]) -> Belief:
-        """A belief about the bodies of a scene by their names, each known independently of the others.
+        """Return a belief about a scene's bodies by name, independent between bodies.
 
         Parameters
         ----------
         scene : Scene
         bodies : mapping of str to BodyBelief
-            One for each body of the scene, the fixed ones included, in any order; none for prescribed ones.
+            One for each body of the scene, including fixed ones, in any order; none for prescribed bodies.
 
         Raises
         ------
@@ -164,30 +163,29 @@ class Belief:
     def with_common_pose_std(
         self, std: ArrayLike, origin: ArrayLike = (0.0, 0.0, 0.0), axes: ArrayLike | None = None
     ) -> Belief:
-        """The belief with an error added that all moving bodies share, as when camera or table are off.
+        """Return the belief with a pose error added that all moving bodies share, as of a camera.
 
-        It moves and turns them together, so that they keep their places relative to each other; velocities
-        turn with them.
+        The error moves and turns all bodies together, so that their relative poses stay. Velocities turn with
+        them.
 
         Parameters
         ----------
         std : (6,) array_like
-            Standard deviations of the shared translation along three axes [m] and of the rotation about them
-            [rad].
+            Standard deviations of the shared translation along the axes [m] and rotation about them [rad].
         origin : (3,) array_like
             Point about which the rotation turns, world frame [m].
         axes : (3, 3) array_like, optional
-            The axes, as columns in the world frame; by default the world's own.
+            Axes as columns, world frame; by default the world's axes.
 
         Returns
         -------
         Belief
-            With a joint covariance (12 M, 12 M); the same belief if all of ``std`` is zero.
+            Belief with a joint covariance (12 M, 12 M); the same belief if all of ``std`` is zero.
 
         Raises
         ------
         InvalidCovarianceError
-            If ``std`` is not six numbers, or one is negative.
+            If ``std`` is not six non-negative numbers.
         InvalidRequestError, NotFiniteError
         """
         field = "common_pose_std"
@@ -226,7 +224,7 @@ class Belief:
 
     @cached_property
     def joint(self) -> np.ndarray:
-        """(12 M, 12 M): the joint covariance of all moving bodies."""
+        """Joint covariance (12 M, 12 M) of all moving bodies."""
         if not self.independent:
             return self.covariance
         count = len(self.covariance)
@@ -239,34 +237,34 @@ class Belief:
 
     @cached_property
     def blocks(self) -> np.ndarray:
-        """(M, 12, 12): each moving body's own covariance."""
+        """Covariance (M, 12, 12) of each moving body."""
         if self.independent:
             return self.covariance
         count = len(self.moving)
         return self.covariance.reshape(count, ERROR, count, ERROR)[np.arange(count), :, np.arange(count), :]
 
     def marginal(self, body: int) -> np.ndarray:
-        """(12, 12): covariance of the body with that index; zeros for a fixed one."""
+        """Return the covariance (12, 12) of a body; zeros for a fixed one."""
         place = np.flatnonzero(self.moving == body)
         return self.blocks[place[0]] if len(place) else np.zeros((ERROR, ERROR))
 
     def root(self) -> np.ndarray:
-        """(12 M, r): pivoted Cholesky factor of the joint covariance, a column per uncertain direction."""
+        """Return a pivoted Cholesky factor (12 M, r) of the joint covariance; r is its rank."""
         return pivoted_cholesky(self.joint.copy(), RANK_TOLERANCE)[0]
 
     def sample(self, count: int, rng: np.random.Generator) -> np.ndarray:
-        """(count, B, 13): states drawn from the belief; the first k are the same for every larger count."""
+        """Draw states (count, B, 13) from the belief; the first k are the same for every larger count."""
         root = self.root()
         entries = sum(root.shape) + 3 * self.mean.size
         require_memory(8.0 * count * entries, f"{count} draws", "count", count)
-        # einsum, not BLAS: each row in one order of summation, whatever the count and the number of threads
+        # einsum sums each row in a fixed order; BLAS would depend on the count and on threads
         errors = np.einsum("nr,kr->nk", rng.standard_normal((count, root.shape[1])), root)
         return spread_states(self.mean.copy(), self.moving.copy(), errors)
 
     def check_fits(self, scene: Scene) -> None:
-        """Raise `InvalidRequestError` unless the belief is about the bodies of ``scene``.
+        """Raise `InvalidRequestError` unless the belief fits the bodies of ``scene``.
 
-        That means also that those at rest stand still.
+        Bodies at rest must have zero mean velocity.
         """
         if len(self.mean) != len(scene.bodies):
             raise InvalidRequestError(
@@ -290,7 +288,7 @@ class Belief:
 
 
 def _ascending_indices(values, count):
-    """Indices of some of ``count`` bodies; the kernels rely on their range and order."""
+    """Return ascending indices of some of ``count`` bodies; the kernels rely on their range and order."""
     indices = numbers(values, "moving")
     if indices.ndim != 1 or np.any(indices != np.floor(indices)) or np.any(np.diff(indices) <= 0):
         raise InvalidRequestError(

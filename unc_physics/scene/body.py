@@ -1,4 +1,4 @@
-"""A rigid body: a sphere-packed shape with a mass and a surface; validated and frozen."""
+"""Rigid bodies: a sphere-packed shape with a mass and a surface; validated and frozen."""
 
 from __future__ import annotations
 
@@ -19,20 +19,20 @@ from ..geometry.packing_file import SpherePacking, check_inertia
 from .actions import PosePath, Wrench, six_stds
 from .materials import Surface, check_surface
 
-#: Lightest and heaviest mass [kg]: beyond, numbers run out.
+#: Range of masses [kg] without overflow or underflow.
 MASSES = 1e-50, 1e50
 _trees, _hulls, _faces = (weakref.WeakKeyDictionary() for _ in range(3))
 
 
 def known_mass(mass: float | None, model: SpherePacking, fixed: bool, field: str) -> float:
-    """The mass that a body has [kg]: the one given, or its model's own.
+    """Return a body's mass [kg]: the given mass, or the model's.
 
-    A fixed body needs none; where nothing is known it is 1, which has no effect.
+    A fixed body needs no mass; without one it is 1, which has no effect.
 
     Raises
     ------
     InvalidMassError, NotFiniteError
-        If the mass is not a positive finite number, or is not given where the model has none.
+        If the mass is not a positive finite number, or is missing and the model has none.
     """
     if mass is not None:
         mass = positive(mass, field, InvalidMassError)
@@ -50,58 +50,56 @@ def known_mass(mass: float | None, model: SpherePacking, fixed: bool, field: str
 
 @dataclass(frozen=True, eq=False)
 class RigidBody(Surface):
-    """A rigid body: a sphere-packed shape with a mass; friction and restitution are those of a `Surface`.
+    """Rigid body with a sphere-packed shape and a mass; its friction and restitution are fields of `Surface`.
 
     Attributes
     ----------
     name : str
         Unique in its scene.
     model : SpherePacking
-        Shape and inertia per unit mass; body frame with the centre of mass (COM) at the origin.
+        Shape and inertia per unit mass; the centre of mass (COM) is the origin of the body frame.
     mass : float
-        [kg], positive; by default the model's own. It has no effect on a fixed body, which needs none.
+        [kg], positive; by default the model's. A fixed body needs none.
     fixed : bool
         Whether the body never moves.
     mass_std : float
-        Standard deviation of the mass [kg]; the inertia follows the mass. It varies as ``mass exp(z mass_std
-        / mass)`` with a standard normal z, so that it stays positive.
+        Standard deviation of the mass [kg]; the inertia scales with the mass. With z standard normal, the
+        mass is ``mass exp(z mass_std / mass)``, which is always positive.
     center_of_mass_std : (3,) array
-        Standard deviations of the COM's place in the body, about the model's, body axes [m]; one number
-        stands for three. States and beliefs stay those of the model's COM; the inertia about the COM stays
-        the model's.
+        Standard deviations of the COM along the body axes [m]; one number stands for three. States and
+        beliefs still refer to the model's COM. The inertia about the COM does not change.
     at_rest : bool
-        Whether the body stands still at time 0, on what is below it: before a prediction begins, it is
-        settled there, so that its height and tilt come from contact, whatever the belief says of them. Its
-        mean velocities must be zero, and their covariance counts as zero. Needs the implicit integrator and
-        gravity; not for a fixed body.
+        Whether the body rests on a support at time 0. A prediction first settles it, so that contact
+        determines its height and tilt. Its mean velocities must be zero; their covariance is ignored. Needs
+        the implicit integrator and gravity; not for fixed bodies.
 
     inertia : (3, 3) array, optional
-        Inertia about the COM per unit mass, body axes [m^2]; by default the model's. Three numbers are the
-        principal moments along the body's axes, one number stands for three equal ones.
+        Inertia about the COM per unit mass, body axes [m^2]; by default the model's. Three numbers are
+        principal moments along the body axes; one number stands for three equal ones.
     trajectory : PosePath, optional
-        Makes the body prescribed: it follows the path exactly, whatever it touches, and has no uncertainty
-        and needs no mass. A belief's state of it does not count.
+        Path of a prescribed body. The body follows it exactly, unaffected by contacts and without
+        uncertainty. It needs no mass, and its state in a belief is ignored.
     trajectory_std : (6,) array
-        Standard deviations of an offset of the whole path: a translation along the body's axes at the first
-        pose [m], and a rotation about them, about its centre of mass there [rad].
+        Standard deviations of an offset of the whole path at its first pose: a translation along the body
+        axes [m] and a rotation about them [rad].
     attached_to : str, optional
-        Name of a prescribed or fixed body that holds this one for a while as if both were one rigid body. Its
-        belief is that of time 0. Needs the implicit integrator.
+        Name of a prescribed or fixed body to which this body is rigidly attached for a time. The belief of
+        this body holds at time 0. Needs the implicit integrator.
     attached_at : float
-        From when [s]; from 0 on, the belief's velocities do not count.
+        Time at which it is attached [s]; if 0, the belief's velocities are ignored.
     released_at : float, optional
-        Until when [s]; None means to the end. From then on it moves freely, with the velocity that it had.
+        Time at which it is released [s]; None means never. It then moves freely with its current velocity.
     released_at_std : float
-        Standard deviation of that time [s].
+        Standard deviation of the release time [s].
     wrenches : tuple of Wrench
-        What acts on the body, beside gravity and contacts, while it moves freely.
+        Wrenches on the body in addition to gravity and contacts, while it moves freely.
 
     Raises
     ------
     InvalidMassError
-        If the mass is not a positive finite number, or is not given where the model has none.
+        If the mass is not a positive finite number, or is missing and the model has none.
     InvalidRequestError, NotFiniteError
-        For anything else out of range.
+        If another field is out of range.
     """
 
     name: str
@@ -157,7 +155,7 @@ class RigidBody(Surface):
             object.__setattr__(self, name, value)
 
     def _checked_actions(self, fixed):
-        """The fields that say what a robot does with the body, checked."""
+        """Return the validated fields of robot actions."""
         of = f" of body '{self.name}'"
         std = six_stds(self.trajectory_std, f"trajectory_std{of}")
         if self.trajectory is not None:
@@ -208,22 +206,22 @@ class RigidBody(Surface):
 
     @property
     def free(self) -> bool:
-        """Whether it moves by the laws of physics: it is neither fixed nor prescribed."""
+        """Whether the body is neither fixed nor prescribed."""
         return not self.fixed and self.trajectory is None
 
     @property
     def released(self) -> float:
-        """Until when it is held [s]; infinite for ever."""
+        """Time of release [s]; infinite if never."""
         return math.inf if self.released_at is None else self.released_at
 
     @property
     def unit_inertia(self) -> np.ndarray:
-        """(3, 3): inertia about the COM per unit mass, body axes [m^2]: the one given, or the model's."""
+        """Inertia about the COM per unit mass, body axes [m^2], as (3, 3)."""
         return self.model.inertia if self.inertia is None else self.inertia
 
 
 def _checked_inertia(value, reach, field):
-    """An inertia tensor (3, 3) from itself, its three diagonal entries, or one number for these."""
+    """Return an inertia tensor (3, 3) from a tensor, its three diagonal entries, or one number for these."""
     found = numbers(value, field)
     if found.ndim < 2:
         found = np.diag(array(np.full(3, found) if found.ndim == 0 else found, (3,), field))
@@ -236,21 +234,21 @@ def _checked_inertia(value, reach, field):
 
 
 def tree_of(model: SpherePacking):
-    """Sphere tree of a packing (`physics.sphere_tree.build`), built once and kept as long as the packing."""
+    """Return the cached sphere tree of a packing (`collision.sphere_tree.build`)."""
     if model not in _trees:
         _trees[model] = sphere_tree.build(np.array(model.centers), np.array(model.radii))
     return _trees[model]
 
 
 def hull_of(model: SpherePacking) -> np.ndarray:
-    """Spheres of a packing that can touch a plane (`physics.hull.hull_spheres`), kept as long as it."""
+    """Return the cached spheres of a packing that can touch a plane (`collision.hull.hull_spheres`)."""
     if model not in _hulls:
         _hulls[model] = hull_spheres(np.array(model.centers), np.array(model.radii))
     return _hulls[model]
 
 
 def faces_of(model: SpherePacking) -> Faces:
-    """Flat faces of a packing (`physics.faces.flat_faces`), kept as long as it."""
+    """Return the cached flat faces of a packing (`collision.faces.flat_faces`)."""
     if model not in _faces:
         _faces[model] = flat_faces(np.array(model.centers), np.array(model.radii), hull_of(model))
     return _faces[model]

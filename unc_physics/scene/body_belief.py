@@ -1,4 +1,4 @@
-"""What is known of one body, by the names of scene files."""
+"""Belief about one body, with the field names of scene files."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from ..spatial.layout import (
 )
 from ..spatial.rotation import rotation_matrix
 
-#: Fields of a mean, and of standard deviations, by their places in state and error state.
+#: Slices of the state and of the error state for each field.
 MEANS = {"position": POSITION, "linear_velocity": VELOCITY, "angular_velocity": ANGULAR_VELOCITY}
 STDS = {
     "position_std": ERR_POSITION,
@@ -33,28 +33,28 @@ STDS = {
     "orientation_std": ERR_ROTATION,
     "angular_velocity_std": ERR_ANGULAR_VELOCITY,
 }
-#: Points of a body that its position and velocity may be those of.
+#: Points of a body to which its position and velocity may refer.
 ORIGINS = ("center_of_mass", "model")
 _STD_LIMIT, _FULL_TURN = 1e150, 2.0 * math.pi
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class BodyBelief:
-    """What is known of one body at time 0: the fields are the keys of scene files.
+    """Belief about one body at time 0; the fields are keys of scene files.
 
     Each standard deviation is three numbers, or one that stands for three.
 
     Attributes
     ----------
     origin : {'center_of_mass', 'model'}
-        Point that position, linear velocity and their uncertainty are those of: the centre of mass, or the
-        origin of the model's own coordinates, as perception and MoveIt have it.
+        Point to which position, linear velocity and their covariances refer: the centre of mass, or the
+        origin of the model's coordinates, as in perception and MoveIt.
     position : (3,) array
         World frame [m].
     orientation : (4,) array
         Quaternion (x, y, z, w) of ``R_world_body``.
     roll_pitch_yaw : (3,) array, optional
-        In place of the orientation: rotations about the world's x, then y, then z axis [rad], as in URDF.
+        Alternative to ``orientation``: rotations about the world's x, then y, then z axis [rad], as in URDF.
     linear_velocity : (3,) array
         World frame [m/s].
     angular_velocity : (3,) array
@@ -68,15 +68,15 @@ class BodyBelief:
     angular_velocity_std : (3,) array
         About the world's axes [rad/s].
     covariance : (12, 12) array
-        In place of the standard deviations: of the error state, position, linear velocity, rotation about
-        the body's axes, and angular velocity, as in `Belief`. Where these are given, made from them.
+        Alternative to the standard deviations: covariance of position, linear velocity, rotation about the
+        body axes, and angular velocity, as in `Belief`. By default computed from the standard deviations.
 
     Raises
     ------
     InvalidRequestError, NotFiniteError, InvalidOrientationError, InvalidCovarianceError
-        For wrong shapes, NaN or infinity, a quaternion far from unit length, negative standard deviations,
-        orientations uncertain by more than a full turn, what is no covariance, a covariance beside standard
-        deviations, roll, pitch and yaw beside an orientation, and an unknown origin.
+        For wrong shapes, NaN or infinity, a quaternion far from unit length, or negative standard deviations.
+        Also for orientations uncertain by more than a full turn, an invalid covariance, fields that exclude
+        each other, or an unknown origin.
     """
 
     origin: str = "center_of_mass"
@@ -156,7 +156,7 @@ class BodyBelief:
         if self.origin == "center_of_mass":
             return self
         state = origins.moved(self.state, model_origin, -1.0)
-        axes = np.eye(ERROR)  # from the body's axes to the world's
+        axes = np.eye(ERROR)  # from body axes to world axes
         axes[ERR_ROTATION, ERR_ROTATION] = rotation_matrix(self.orientation)
         P = origins.at_com(axes @ self.covariance @ axes.T, state, model_origin)
         means = {name: state[place] for name, place in MEANS.items()}
@@ -164,7 +164,7 @@ class BodyBelief:
 
     @property
     def state(self) -> np.ndarray:
-        """(13,): the mean as in `Belief`, at `origin`."""
+        """Mean state (13,) as in `Belief`, at `origin`."""
         state = np.empty(STATE)
         state[QUATERNION] = self.orientation
         for name, place in MEANS.items():
@@ -172,7 +172,7 @@ class BodyBelief:
         return state
 
     def check_fixed(self) -> None:
-        """Raise `InvalidRequestError` if this cannot be a fixed body: one that moves, or is uncertain."""
+        """Raise `InvalidRequestError` if the body moves or is uncertain, which a fixed body must not."""
         for name in ("linear_velocity", "angular_velocity", *STDS):
             value = getattr(self, name)
             if value.any():
@@ -182,7 +182,7 @@ class BodyBelief:
 
 
 def three_stds(value, field) -> np.ndarray:
-    """Standard deviations (3,) from three numbers, or from one that stands for all."""
+    """Return standard deviations (3,) from three numbers, or from one that stands for all."""
     std = numbers(value, field)
     std = array(np.full(3, std) if std.ndim == 0 else std, (3,), field)
     non_negative(float(std.min()), field)

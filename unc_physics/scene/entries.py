@@ -1,4 +1,4 @@
-"""Entries of YAML files: numbers, their keys, and where errors say they stand."""
+"""Read numbers and check keys of YAML files, with the place of each error."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from .body_belief import three_stds
 
 
 def at_field(field, function, *arguments, **options):
-    """Call a function and put the place in the file before the field that its error names."""
+    """Call a function and prefix the field of its errors with the place in the file."""
     try:
         return function(*arguments, **options)
     except UncPhysicsError as error:
@@ -23,13 +23,13 @@ def at_field(field, function, *arguments, **options):
 
 
 def read_std(value, field):
-    """Standard deviations (3,) from three numbers, or from one that stands for all."""
+    """Return standard deviations (3,) from three numbers, or from one that stands for all."""
     value = read_numbers(value, (3,), field) if isinstance(value, list) else number(value, field)
     return three_stds(value, field)
 
 
 def read_numbers(value, shape, field, error: type[UncPhysicsError] = InvalidRequestError) -> Any:
-    """A number, or nested lists of them as an array; each may be a string in any Python float form."""
+    """Return a number, or nested lists of numbers as an array; strings are parsed as Python floats."""
     if not shape:
         return number(value, field, error)
     if not isinstance(value, (list, tuple)) or len(value) != shape[0]:
@@ -44,7 +44,7 @@ def read_numbers(value, shape, field, error: type[UncPhysicsError] = InvalidRequ
 
 
 def check_keys(content, known, field, error: type[UncPhysicsError] = InvalidRequestError) -> None:
-    """Raise an error unless the content is a mapping with known keys alone."""
+    """Raise an error unless the content is a mapping with known keys only."""
     if not isinstance(content, dict):
         raise error("must be a mapping of keys to values", field=field, value=content)
     for key in content:

@@ -1,4 +1,4 @@
-"""Fixed, exactly known surroundings of the bodies: solids of simple shapes, without packings."""
+"""Environment: fixed, exactly known solids of simple shapes."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ from .materials import Surface, check_surface
 
 
 class Quantity(NamedTuple):
-    """What a field of an element is: its shape, () for a single number, and its check.
+    """Shape and check of an element's numeric field; the shape () is a single number.
 
-    The check takes a value and the field's name, and returns the value to keep, or raises
+    The check takes a value and the field's name. It returns the value to store, or raises
     `InvalidEnvironmentError`.
     """
 
@@ -54,14 +54,14 @@ def _direction(value, field):
     found = array(value, (3,), field, InvalidEnvironmentError)
     with np.errstate(over="ignore"):
         length = np.linalg.norm(found)
-    if length == np.inf:  # its square is no number
+    if length == np.inf:  # its square overflows
         return _direction(found / np.abs(found).max(), field)
     if not length > 1e-12:
         raise InvalidEnvironmentError("must have a direction", field=field, value=found.tolist())
     return found / length
 
 
-#: Types of an element's fields; scene files and the checks know from them what may be given.
+#: Annotated types of an element's fields; scene files and checks read them.
 Number = Annotated[float, Quantity((), _number)]
 Length = Annotated[float, Quantity((), _length)]
 Lengths = Annotated[Array, Quantity((3,), _lengths)]
@@ -72,12 +72,12 @@ Orientation = Annotated[Array, Quantity((4,), quaternion)]
 _MOST_TILT = 0.5  # rad
 _ORIGIN, _UNTURNED = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)
 
-#: Class of each kind of element, by the name of its shape; each `Element` adds itself.
+#: Class of each kind of element by the name of its shape; subclasses register themselves.
 ELEMENTS: dict[str, type[Element]] = {}
 
 
 class _Placed:
-    """What each kind of element has, as a field or as a property."""
+    """Fields or properties of every element."""
 
     name: str
     position: np.ndarray
@@ -87,36 +87,36 @@ class _Placed:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Element(_Placed, Surface):
-    """What all elements of the environment have beside their `Surface`; each kind is a dataclass of its own.
+    """Base class of all elements of the environment.
 
-    A field whose type is a `Quantity`'s is checked when an element is made, and is a key in scene files.
+    Fields annotated with a `Quantity` are checked on construction and are keys of scene files.
 
     Attributes
     ----------
     shape : str
-        Name of the shape, one of `physics.shapes.KINDS`.
+        Name of the shape, one of `collision.shapes.KINDS`.
     name : str
-        By default the element's number in the scene says which it is.
+        By default, shape and index in the scene identify the element.
     position : (3,) array
         Origin of the element's frame, world frame [m].
     rotation : (3, 3) array
         ``R_world_element``.
     size_row : (3,) array
-        What the shape's file takes for its size [m].
+        Size parameters [m], as defined in the shape's module.
     surface_tilt_std : float
-        Standard deviation of its tilts about each of two axes across its z axis, or its normal [rad], with
-        its position held. Needs the implicit integrator.
+        Standard deviation of the tilt of its z axis, or its normal, about each of two perpendicular axes
+        [rad]. The position is fixed. Needs the implicit integrator.
     surface_velocity, surface_angular_velocity : (3,) array
-        How its surface moves, as that of a conveyor belt [m/s], or of a turntable [rad/s] about
-        ``surface_center``, world frame. The element itself stays where it is; only the part along the surface
-        counts. Needs the implicit integrator.
+        Velocity of its surface, as of a conveyor belt [m/s] or of a turntable [rad/s] about
+        ``surface_center``, world frame. The element itself does not move; only the tangential part counts.
+        Needs the implicit integrator.
     surface_center : (3,) array
         World frame [m]; by default the element's own position.
 
     Raises
     ------
     InvalidEnvironmentError, NotFiniteError, InvalidOrientationError
-        For a field that is not as its type says.
+        If a field fails the check of its type.
     """
 
     shape: ClassVar[str]
@@ -138,12 +138,12 @@ class Element(_Placed, Surface):
         for name in ("surface_velocity", "surface_angular_velocity", "surface_center"):
             value = getattr(self, name)
             if name == "surface_center" and value is None:
-                value = getattr(self, "position", (0.0, 0.0, 0.0))  # a shape may have none
+                value = getattr(self, "position", (0.0, 0.0, 0.0))  # a plane has no position field
             object.__setattr__(self, name, array(value, (3,), name, InvalidEnvironmentError))
 
     @property
     def kind(self) -> int:
-        """Number of the shape's kind."""
+        """Index of the shape."""
         return shapes.KINDS[self.shape]
 
     @property
@@ -153,23 +153,23 @@ class Element(_Placed, Surface):
 
     @property
     def moving_surface(self) -> np.ndarray:
-        """(6,): velocity of the surface's motion at the world's origin [m/s], and its angular one [rad/s]."""
+        """Surface velocity at the world's origin [m/s] and angular velocity [rad/s], (6,)."""
         omega = self.surface_angular_velocity
         return np.concatenate([self.surface_velocity - np.cross(omega, self.surface_center), omega])
 
     @property
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
-        """Lowest and highest corner, each (3,), in the element's frame [m]; infinite where it has no end."""
+        """Lowest and highest corner, each (3,), in the element's frame [m]; infinite where unbounded."""
         low, high = shapes.bounds(*self._row(), 0)
         return np.array(low), np.array(high)
 
     @property
     def finite(self) -> bool:
-        """Whether the solid ends in every direction."""
+        """Whether the solid is bounded in every direction."""
         return bool(np.isfinite(self.bounds).all())
 
     def surface(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Signed distance of points from the surface [m], and its outward normal there; world frame.
+        """Return the signed distance of points from the surface [m] and its outward normal, world frame.
 
         Parameters
         ----------
@@ -190,7 +190,7 @@ class Element(_Placed, Surface):
 
 
 def surface_tilt_std(value, field) -> float:
-    """The number itself [rad]; raises `InvalidEnvironmentError` or `NotFiniteError` unless it can be one."""
+    """Return the number [rad], or raise `InvalidEnvironmentError` or `NotFiniteError` if it is invalid."""
     std = non_negative(value, field, InvalidEnvironmentError)
     if std > _MOST_TILT:
         raise InvalidEnvironmentError(f"must not exceed {_MOST_TILT:g} rad", field=field, value=std)
@@ -199,7 +199,7 @@ def surface_tilt_std(value, field) -> float:
 
 @functools.cache
 def quantities(kind: type[Element]) -> dict[str, Quantity]:
-    """The fields of a kind of element that are numbers, and what each is."""
+    """Return the numeric fields of a kind of element."""
     hints = get_type_hints(kind, include_extras=True)
     types = {spec.name: hints[spec.name] for spec in fields(kind)}
     return {name: hint.__metadata__[0] for name, hint in types.items() if hasattr(hint, "__metadata__")}
@@ -212,9 +212,9 @@ class Plane(Element):
     Attributes
     ----------
     normal : (3,) array
-        Points out of the solid, world frame; normalised here.
+        Outward normal, world frame; normalized on construction.
     offset : float
-        The solid is where ``normal . x <= offset`` [m], with the normalised normal.
+        The solid is the set ``normal . x <= offset`` [m], with the normalized normal.
     name : str
     """
 
@@ -225,12 +225,12 @@ class Plane(Element):
 
     @property
     def position(self) -> np.ndarray:
-        """(3,): the point of the surface that is nearest to the world's origin [m]."""
+        """Point of the surface nearest to the world's origin [m], (3,)."""
         return self.offset * self.normal
 
     @property
     def rotation(self) -> np.ndarray:
-        """(3, 3): a rotation matrix whose third column is the normal."""
+        """Rotation matrix (3, 3) whose third column is the normal."""
         helper = np.eye(3)[np.argmin(np.abs(self.normal))]
         first = np.cross(helper, self.normal)
         first /= np.linalg.norm(first)
@@ -238,7 +238,7 @@ class Plane(Element):
 
     @property
     def size_row(self) -> np.ndarray:
-        """(3,): a half-space has no size."""
+        """Zeros (3,): a half-space has no size."""
         return np.zeros(3)
 
 
@@ -251,7 +251,7 @@ class Box(Element):
     size : (3,) array
         Edge lengths [m].
     position : (3,) array
-        Of its centre, world frame [m].
+        Position of its centre, world frame [m].
     orientation : (4,) array
         Quaternion (x, y, z, w) of ``R_world_box``.
     name : str
@@ -265,20 +265,20 @@ class Box(Element):
 
     @property
     def size_row(self) -> np.ndarray:
-        """(3,): half the edge lengths [m]."""
+        """Half the edge lengths [m], (3,)."""
         return 0.5 * self.size
 
 
 @dataclass(frozen=True, eq=False)
 class Sphere(Element):
-    """A solid ball: a knob, a stone.
+    """A solid ball.
 
     Attributes
     ----------
     radius : float
         [m]
     position : (3,) array
-        Of its centre, world frame [m].
+        Position of its centre, world frame [m].
     name : str
     """
 
@@ -290,13 +290,13 @@ class Sphere(Element):
 
     @property
     def size_row(self) -> np.ndarray:
-        """(3,): the radius [m]."""
+        """Radius [m] and zeros, (3,)."""
         return np.array([self.radius, 0.0, 0.0])
 
 
 @dataclass(frozen=True, eq=False)
 class _AlongAxis(Element):
-    """What is round about its z axis, with a straight part of ``length`` along it."""
+    """Element that is round about its z axis, with a straight part of ``length`` along it."""
 
     radius: Length
     length: Length
@@ -306,7 +306,7 @@ class _AlongAxis(Element):
 
     @property
     def size_row(self) -> np.ndarray:
-        """(3,): radius and half the length [m]."""
+        """Radius and half the length [m], (3,)."""
         return np.array([self.radius, 0.5 * self.length, 0.0])
 
 
@@ -318,9 +318,9 @@ class Cylinder(_AlongAxis):
     radius : float
         [m]
     length : float
-        Between its flat ends, along its z axis [m].
+        Distance of its flat ends, along its z axis [m].
     position : (3,) array
-        Of its middle, world frame [m].
+        Position of its centre, world frame [m].
     orientation : (4,) array
         Quaternion (x, y, z, w) of ``R_world_cylinder``.
     name : str
@@ -330,16 +330,16 @@ class Cylinder(_AlongAxis):
 
 
 class Capsule(_AlongAxis):
-    """A cylinder with half a ball on each end: a rail, a robot's arm.
+    """A cylinder with hemispherical ends: a rail, a robot's arm.
 
     Attributes
     ----------
     radius : float
         [m]
     length : float
-        Of the straight part, along its z axis [m]; with its ends it is longer by two radii.
+        Length of the straight part along its z axis [m], without the hemispheres.
     position : (3,) array
-        Of its middle, world frame [m].
+        Position of its centre, world frame [m].
     orientation : (4,) array
         Quaternion (x, y, z, w) of ``R_world_capsule``.
     name : str
@@ -349,12 +349,12 @@ class Capsule(_AlongAxis):
 
 
 def element_names(environment) -> list[str]:
-    """What each element is called: its name, or its shape and its number, as ``plane_0``."""
+    """Return the name of each element, by default its shape and index, as in ``plane_0``."""
     return [element.name or f"{element.shape}_{k}" for k, element in enumerate(environment)]
 
 
 def check_element(element, field) -> None:
-    """Raise `InvalidEnvironmentError` for what is no element of a shape that the kernels know."""
+    """Raise `InvalidEnvironmentError` unless ``element`` has a shape that the kernels support."""
     if not isinstance(element, Element) or getattr(element, "shape", None) not in shapes.KINDS:
         known = ", ".join(kind.__name__ for kind in ELEMENTS.values())
         raise InvalidEnvironmentError(f"must be one of {known}", field=field, value=element)

@@ -1,4 +1,4 @@
-"""What surfaces are made of: friction and restitution of bodies, of environment elements, and of a scene."""
+"""Friction and restitution of bodies, of environment elements, and of a scene."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 from ..checks.errors import InvalidOptionError, InvalidRequestError, UncPhysicsError
 from ..checks.validation import non_negative, share
 
-#: What the explicit step does of itself, so that it may be said: elastic, overlap as it is, none of the rest.
+#: Values of the explicit step, which may be given explicitly: elastic contacts, overlap kept, no other law.
 _EXPLICIT = {
     "friction": 0.0,
     "restitution": 1.0,
@@ -26,21 +26,22 @@ _EXPLICIT = {
     "attached_to": None,
     "overlap": "keep",
 }
-#: Restitution of each integrator where none is named.
+#: Restitution of each integrator if none is given.
 DEFAULT_RESTITUTION = {"explicit": 1.0, "implicit": 0.0}
 
 
 class Materials(NamedTuple):
-    """Friction and restitution of a scene's B bodies, then of its E elements: their own, or the scene's.
+    """Friction and restitution of a scene's B bodies, then of its E elements.
 
-    A contact has the geometric mean of its two partners' values.
+    Surfaces without their own value have the scene's. A contact has the geometric mean of its two partners'
+    values.
 
     Attributes
     ----------
     friction : (B + E,) float64
-        Coulomb's coefficient.
+        Coefficient of Coulomb friction.
     restitution : (B + E,) float64
-        From 0, no rebound, to 1, elastic.
+        Coefficient of restitution, from 0, no rebound, to 1, elastic.
     """
 
     friction: np.ndarray
@@ -49,22 +50,22 @@ class Materials(NamedTuple):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Surface:
-    """What the contacts of a body, or of an element of the environment, are like.
+    """Contact properties of a body or of an element of the environment.
 
     Attributes
     ----------
     friction : float, optional
         Coefficient of Coulomb friction; None takes the scene's.
     friction_std : float
-        Its standard deviation; it varies as ``friction exp(z friction_std / friction)``, z standard normal.
+        Standard deviation; friction is ``friction exp(z friction_std / friction)`` with z standard normal.
     restitution : float, optional
         Coefficient of restitution, 0 to 1; None takes the scene's.
     restitution_std : float
-        Its standard deviation; it varies as ``restitution + z restitution_std``, cut off at 0 and 1.
+        Standard deviation; restitution is ``restitution + z restitution_std``, clipped to [0, 1].
     torsional_friction : float, optional
-        Most moment against a contact's spin about its normal, over the normal force [m]: about two thirds of
-        the radius of the patch that touches, times friction. A contact has the geometric mean of its two
-        partners' values, or the one that there is. Needs the implicit integrator.
+        Largest moment about the contact normal per normal force [m]: about two thirds of the radius of the
+        contact patch times friction. A contact has the geometric mean of its partners' values, or the only
+        one given. Needs the implicit integrator.
     """
 
     friction: float | None = None
@@ -75,13 +76,13 @@ class Surface:
 
 
 def check_surface(thing, of="", error: type[UncPhysicsError] = InvalidRequestError) -> None:
-    """Check the numbers of a `Surface`, or of a scene, and make them floats.
+    """Check the numbers of a `Surface` or of a scene, and convert them to floats.
 
     Parameters
     ----------
     thing : frozen dataclass
     of : str
-        What errors write behind the field's name.
+        Suffix of the field's name in error messages.
     error : type of UncPhysicsError
 
     Raises
@@ -109,14 +110,14 @@ def check_surface(thing, of="", error: type[UncPhysicsError] = InvalidRequestErr
 
 
 def refuse_with_explicit(thing, place="") -> None:
-    """Raise `InvalidOptionError` if a surface, a scene or settings ask for what the explicit step cannot do.
+    """Raise `InvalidOptionError` if an option is set that the explicit step does not support.
 
     Parameters
     ----------
     thing : object
-        Those of its fields count that are named here, as far as it has them.
+        Surface, scene or settings; only its fields listed in `_EXPLICIT` are checked.
     place : str
-        What errors write before the field's name.
+        Prefix of the field's name in error messages.
     """
     for name, own in _EXPLICIT.items():
         value = getattr(thing, name, None)
@@ -131,15 +132,15 @@ def refuse_with_explicit(thing, place="") -> None:
 
 
 def combined(shared, surfaces, restitution) -> Materials:
-    """The materials of some surfaces: their own, or else the shared ones.
+    """Return the materials of surfaces: their own values, or else the shared ones.
 
     Parameters
     ----------
     shared : object
-        Its friction and restitution count, where they are not None.
+        Object whose ``friction`` and ``restitution`` are the shared values; None means none.
     surfaces : sequence of Surface
     restitution : float
-        Where there is neither; of friction, that is 0.
+        Default restitution; the default friction is 0.
     """
 
     def of_all(name, absent):
@@ -150,12 +151,12 @@ def combined(shared, surfaces, restitution) -> Materials:
 
 
 def varied(name, value, std, z) -> float:
-    """A friction or a restitution, ``z`` standard deviations from its value."""
+    """Return a friction or a restitution ``z`` standard deviations from its value."""
     if name == "friction":
         return float(value * np.exp(z * std / value))
     return min(max(value + z * std, 0.0), 1.0)
 
 
 def _first(*values):
-    """The first of some values that is not None."""
+    """Return the first of several values that is not None."""
     return next(value for value in values if value is not None)

@@ -1,4 +1,4 @@
-"""Scenes whose parameters are uncertain: each sample or sigma point runs through a world of its own."""
+"""Rollouts of scenes with uncertain parameters: each sample or sigma point has its own `World`."""
 
 from __future__ import annotations
 
@@ -21,15 +21,15 @@ from .materials import Materials, varied
 from .scene import Scene
 
 _KEPT, _KEPT_WITH_PACKINGS = 32_768, 1024  # worlds; a centre of mass that is uncertain gives each a packing
-_FIRST_PART = 2  # samples; each is a call of its own, and may go on for many steps
+_FIRST_PART = 2  # samples; each is a separate call and may take many steps
 _worlds_of = weakref.WeakKeyDictionary()  # of each computation: by scenes, the last parameters and worlds
-_SINGLE = 4.0 * np.finfo(np.float32).eps  # more than a shift rounds, relative to the body's size
+_SINGLE = 4.0 * np.finfo(np.float32).eps  # bounds the rounding of a shift, relative to the body's size
 
 
 def draw_parameters(scene: Scene, count: int, seed: int) -> np.ndarray:
-    """(count, K): standard normal numbers for the scene's K uncertain parameters, independent of the states'.
+    """Draw standard normal numbers (count, K) for the scene's K uncertain parameters.
 
-    The first k rows are the same for every larger count.
+    They are independent of the states' draws. The first k rows are the same for every larger count.
     """
     if not scene.uncertain:
         return np.zeros((count, 0))
@@ -38,10 +38,10 @@ def draw_parameters(scene: Scene, count: int, seed: int) -> np.ndarray:
 
 
 def vary(scene: Scene, z: np.ndarray) -> World:
-    """The scene as the kernels take it, with its parameters ``z`` (K,) standard deviations from their values.
+    """Return the scene's `World` with each parameter shifted by ``z`` (K,) standard deviations.
 
-    Mass and inertia share a factor. A shifted centre of mass moves the spheres the other way in the body
-    frame.
+    Mass and inertia share a factor. A shift of the centre of mass moves the spheres the opposite way in the
+    body frame.
     """
     world = scene.world
     b, bodies, tilts = world.bodies, scene.bodies, {}
@@ -98,9 +98,9 @@ def vary(scene: Scene, z: np.ndarray) -> World:
 
 
 def vary_materials(scene: Scene, z: np.ndarray) -> Materials:
-    """The scene's materials with its parameters ``z`` (K,) standard deviations from their values.
+    """Return the scene's materials with each parameter shifted by ``z`` (K,) standard deviations.
 
-    The scene's own are shared by all who have none of theirs.
+    The scene's own parameters apply to all surfaces without their own values.
     """
     found = Materials(*(values.copy() for values in scene.materials))
     for parameter, value in zip(scene.uncertain, z, strict=True):
@@ -119,7 +119,7 @@ def vary_materials(scene: Scene, z: np.ndarray) -> Materials:
 def rollout_varied(
     states: np.ndarray, contact_history: ContactHistory, scene: Scene, z: np.ndarray, begin: int, steps: int
 ) -> None:
-    """Advance a batch as `physics.rollout.rollout`, state n in the world of parameters ``z[n]``."""
+    """Advance a batch as in `dynamics.rollout.rollout`, with state n in the world of ``z[n]``."""
 
     limit = limit_here()
     worlds = _worlds(scene, z, limit)
@@ -138,9 +138,10 @@ def rollout_varied(
 
 
 def _worlds(scene, z, computation) -> dict[int, World]:
-    """Where the worlds of parameters ``z`` (N, K) are found or left as long as a computation goes on.
+    """Return the cache of worlds of parameters ``z`` (N, K), which lasts as long as a computation.
 
-    It comes back after every few steps if its time is limited, and worlds would take longer than those.
+    A computation with a time limit calls every few steps. Building the worlds would take longer than these
+    steps.
     """
     if computation is None:
         return {}
@@ -152,7 +153,7 @@ def _worlds(scene, z, computation) -> dict[int, World]:
 
 
 def center_offsets(scene: Scene, z: np.ndarray) -> np.ndarray:
-    """(N, B, 3): the bodies' centres of mass in their models' frames [m]; (N, 0, 3) where all are certain."""
+    """Return the centres of mass in the models' frames [m], (N, B, 3); (N, 0, 3) if all are certain."""
     shifts = [
         (c, parameter) for c, parameter in enumerate(scene.uncertain) if parameter.name == "center_of_mass"
     ]
@@ -163,7 +164,7 @@ def center_offsets(scene: Scene, z: np.ndarray) -> np.ndarray:
 
 
 def moved_along(states: np.ndarray, offsets: np.ndarray) -> np.ndarray:
-    """States (N, B, 13) of the points at ``offsets`` (N, B, 3) from the bodies', body axes [m]."""
+    """Return states (N, B, 13) of the bodies' points at ``offsets`` (N, B, 3), body axes [m]."""
     if offsets.shape[1] == 0:
         return states
     moved = states.copy()
@@ -176,7 +177,7 @@ def moved_along(states: np.ndarray, offsets: np.ndarray) -> np.ndarray:
 
 
 def _tilted(gravity, tilt):
-    """Gravity turned about two axes across it by the angles ``tilt`` (2,) [rad]."""
+    """Return gravity rotated about two perpendicular axes by the angles ``tilt`` (2,) [rad]."""
     size = np.linalg.norm(gravity)
     down = gravity / size
     first = np.cross(np.eye(3)[np.argmin(np.abs(down))], down)
@@ -188,7 +189,7 @@ def _tilted(gravity, tilt):
 
 
 def _shifted_trees(scene, offsets):
-    """Sphere trees for shifted centres of mass, and the radii of balls about these that hold them."""
+    """Return sphere trees for shifted centres of mass, and bounding radii about these."""
     world = scene.world
     bounds, child, centers, radii = world.tree
     bounds, centers, radius = bounds.copy(), centers.copy(), world.bodies.radius.copy()

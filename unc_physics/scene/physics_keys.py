@@ -1,4 +1,4 @@
-"""The keys of a scene's physics, and their checks: for `Scene`, scene files, and the node."""
+"""Keys of a scene's physics and their checks, for `Scene`, scene files, and the node."""
 
 from __future__ import annotations
 
@@ -8,27 +8,27 @@ from typing import Any, NamedTuple
 from ..checks.errors import InvalidHorizonError, InvalidOptionError, LimitExceededError
 from ..checks.validation import array, flag, non_negative, positive, share
 
-#: How steps are taken: as in the paper, or with contacts that are solved for, which friction and rest need.
+#: Integrators: the paper's explicit step, or implicit contacts, which friction and resting bodies need.
 INTEGRATORS = ("explicit", "implicit")
 _SUCCESSORS = {"robust": "implicit"}
-#: What becomes of overlap at the start.
+#: Treatments of initial overlap.
 OVERLAPS = ("project", "reject", "keep")
-_MOST_GRAVITY = 1e6  # m/s^2 along each axis: what centrifuges make
+_MOST_GRAVITY = 1e6  # m/s^2 along each axis, as in centrifuges
 
 
 class PhysicsKey(NamedTuple):
-    """One key of the physics; `Scene` has a field of its name, whose default holds where nothing is said.
+    """Key of the physics; the field of the same name in `Scene` holds the default.
 
     Attributes
     ----------
     check : callable
         Takes a value and the field's name; returns the value to keep, or raises an `UncPhysicsError`.
     meaning : str
-        For those who set it, with its unit.
+        Description with unit, for users.
     law : bool
-        Whether null takes it away; otherwise null says nothing.
+        Whether null disables the law; otherwise null means unset.
     size : int
-        How many numbers it is, where it is several.
+        Number of components.
     """
 
     check: Callable[[Any, str], Any]
@@ -38,7 +38,7 @@ class PhysicsKey(NamedTuple):
 
 
 def check_integrator(name: Any, field: str = "integrator") -> str:
-    """The name itself; raises `InvalidOptionError` unless there is an integrator of that name."""
+    """Return the name, or raise `InvalidOptionError` if it is not an integrator."""
     if isinstance(name, str) and name in _SUCCESSORS:
         raise InvalidOptionError(
             f"must be '{_SUCCESSORS[name]}' now, which has taken the place of '{name}'",

@@ -1,4 +1,4 @@
-"""Which physics an answer was made with, for those who read it."""
+"""Summaries of a scene's physics."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ _STDS = ("stiffness_std", "gravity_direction_std", "friction_std", "restitution_
 
 
 def physics_of(scene: Scene) -> dict[str, Any]:
-    """The physics of a scene by name, as plain Python values [SI]; no stiffness where it is yet to be chosen.
+    """Return the physics of a scene as plain Python values [SI].
 
-    ``friction`` and ``restitution`` are those of all surfaces that have none of their own; ``friction_of``
-    and ``restitution_of``, by the surfaces' names, those of the others, where there are any. Uncertain
-    parameters of the scene have their standard deviations.
+    ``friction`` and ``restitution`` apply to all surfaces without their own values. ``friction_of`` and
+    ``restitution_of`` list surfaces with their own values by name, if any. Uncertain parameters of the scene
+    include their standard deviations. The stiffness is absent until it is chosen.
     """
     instance(scene, Scene, "scene")
     restitution = DEFAULT_RESTITUTION[scene.integrator] if scene.restitution is None else scene.restitution
@@ -47,7 +47,7 @@ def physics_of(scene: Scene) -> dict[str, Any]:
 
 
 def physics_as_text(scene: Scene) -> str:
-    """The physics of a scene in a line, as 'implicit, dt 0.0041667 s, stiffness 6.3e+11 N/m^3, ...'."""
+    """Return the physics of a scene in one line, as 'implicit, dt 0.0041667 s, ...'."""
     physics = physics_of(scene)
     parts = [physics["integrator"], f"dt {physics['dt']:.5g} s"]
     parts.append("stiffness auto" if scene.stiffness is None else f"stiffness {scene.stiffness:.3g} N/m^3")

@@ -1,8 +1,8 @@
-"""Physics by name: what a scene is simulated with where it says nothing else."""
+"""Named sets of physics, which provide the defaults of a scene."""
 
 from .physics_keys import PHYSICS_KEYS
 
-#: Arguments of `Scene` for each value of a scene file's key ``physics``: the paper's, and a robot's world.
+#: Arguments of `Scene` for each value of a scene file's key ``physics``.
 PRESETS = {
     "paper": {"gravity": (0.0, 0.0, 0.0)},
     "everyday": {
@@ -17,9 +17,9 @@ PRESETS = {
 
 
 def with_changes(physics: dict, given: dict) -> dict:
-    """Arguments of `Scene`: those given, and ``physics`` where nothing is said; None takes a law away."""
+    """Return arguments of `Scene`: ``physics`` overridden by ``given``; None disables a law."""
     if "gravity" in given and given["gravity"] is None:
-        given = given | {"gravity": (0.0, 0.0, 0.0)}  # which `Scene` tells from no entry
+        given = given | {"gravity": (0.0, 0.0, 0.0)}  # `Scene` distinguishes this from a missing entry
     laws = {key for key, spec in PHYSICS_KEYS.items() if spec.law}
     said = {key: value for key, value in given.items() if value is not None or key in laws}
     return {key: value for key, value in (physics | said).items() if value is not None}

@@ -1,4 +1,4 @@
-"""What is simulated: rigid bodies and the physics between them; validated and frozen."""
+"""Scenes: rigid bodies and the physics between them; validated and frozen."""
 
 from __future__ import annotations
 
@@ -44,12 +44,12 @@ UNCERTAIN_PARAMETERS = (
     "released_at",
     "trajectory",
 )
-#: What is drawn at each impact.
+#: Standard deviations of errors drawn at each impact.
 IMPACT_STDS = ("impact_direction_std", "impact_point_std", "impact_friction_std")
 
-#: What becomes of overlap where a scene does not say.
+#: Default treatment of initial overlap.
 DEFAULT_OVERLAP = {"implicit": "project", "explicit": "keep"}
-#: kappa where an explicit scene names none [N/m^3].
+#: Default kappa of explicit scenes [N/m^3].
 STIFFNESS = 1e4
 
 
@@ -59,12 +59,11 @@ class UncertainParameter(NamedTuple):
     Attributes
     ----------
     name : str
-        Of the parameter: the field that holds its standard deviation, without ``_std``.
+        Name of the field with its standard deviation, without ``_std``.
     body : int
-        Index of the body that it belongs to; B + e for element e of the environment, -1 for one of the whole
-        scene.
+        Index of its body; B + e for element e of the environment, -1 for the whole scene.
     axis : int
-        Which of its directions, for parameters that have several.
+        Index of the direction, for parameters with several.
     std : float
     """
 
@@ -76,7 +75,7 @@ class UncertainParameter(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """Rigid bodies and the physics that acts on them; holds no state.
+    """Rigid bodies and the physics that acts on them, without state.
 
     Attributes
     ----------
@@ -85,54 +84,53 @@ class Scene:
         Time step [s].
     stiffness : float, optional
         kappa of the penalty force [N/m^3] (the paper's Eq. 4). None means `STIFFNESS` with the explicit
-        integrator; with the implicit one it is chosen from the belief when a prediction begins
+        integrator. With the implicit one, a prediction chooses it from the belief
         (`stiffness.with_stiffness`).
     damping : float
         Decay rate of all velocities [1/s].
     gravity : (3,) array, optional
-        World frame [m/s^2]; by default zero. Scenes with an environment, friction or bodies at rest must
-        give it, as almost all of them have gravity.
+        World frame [m/s^2]; by default zero. Scenes with an environment, friction or bodies at rest must set
+        it.
     environment : tuple of Element
         Fixed surroundings: planes, boxes, spheres, cylinders and capsules.
     friction : float, optional
-        Coefficient of Coulomb friction of all bodies and elements that have none of their own; None means
-        that there is none. Needs the implicit integrator.
+        Coefficient of Coulomb friction of all bodies and elements without their own; None means no friction.
+        Needs the implicit integrator.
     restitution : float, optional
-        Likewise the coefficient of restitution, 0 to 1; None means 0, but 1 with the explicit integrator,
-        which knows elastic contacts only.
+        Coefficient of restitution, 0 to 1, of all bodies and elements without their own. None means 0, or 1
+        with the explicit integrator, whose contacts are elastic.
     gyroscopic : bool
-        Whether a turning body keeps its angular momentum, instead of its angular velocity as in the paper.
+        Whether rotation conserves angular momentum, instead of angular velocity as in the paper.
     integrator : {'explicit', 'implicit'}
-        The paper's step, or one that solves for lasting contacts and takes impacts as events.
+        The paper's step, or a step with implicit lasting contacts and impacts as events.
     islands : bool
-        Whether groups of bodies that cannot touch within the horizon are predicted each by itself.
+        Whether groups of bodies that cannot touch within the horizon are predicted separately.
     stiffness_std, friction_std : float
-        Standard deviations, in the units of what they belong to, which then varies as ``m exp(z std / m)``
-        with a standard normal z; only what is positive can be uncertain.
+        Standard deviations, in the parameter's unit. With z standard normal, the parameter is ``m exp(z std /
+        m)``; its value m must be positive.
     restitution_std : float
-        Standard deviation; the coefficient varies as ``restitution + z std``, cut off at 0 and 1. As
-        friction's, it is shared by all who have no value of their own.
+        Standard deviation; restitution is ``restitution + z std``, clipped to [0, 1]. As with friction, all
+        surfaces without their own values share it.
     gravity_direction_std : float
-        Of gravity's tilts about each of two axes across it [rad]; its size stays.
+        Tilt of gravity about each of two perpendicular axes [rad]; its magnitude is fixed.
     impact_direction_std, impact_point_std, impact_friction_std : float
-        What no model knows of an impact, drawn anew at each impact of two partners, by propagators that draw
-        samples: how far its impulse turns about each axis [rad], how far along the surface it acts elsewhere
-        [m], and the standard deviation of the logarithm of a factor of friction. Need the implicit
-        integrator.
+        Standard deviations of errors that sampling propagators draw at each impact of two partners. They
+        rotate the impulse about each axis [rad], shift its point along the surface [m], and scale friction
+        (standard deviation of the logarithm). Need the implicit integrator.
     sleep : bool
-        Whether what rests is not computed until something pushes it. Needs the implicit integrator.
+        Whether bodies at rest sleep until something pushes them. Needs the implicit integrator.
     overlap : {'project', 'reject', 'keep'}
-        What becomes of the share of the belief in which bodies overlap, each other or the environment, at
-        time 0: ``project`` moves it to the nearest poses without overlap, in the belief's own metric;
-        ``reject`` leaves it out, with Monte Carlo only; ``keep`` leaves it in. By default, or None,
-        ``project`` with the implicit integrator and ``keep`` with the explicit one, which has no other.
+        Treatment of overlap at time 0, of bodies or of a body and the environment. ``project`` moves samples
+        to the nearest poses without overlap, in the belief's metric. ``reject`` discards them, with Monte
+        Carlo only. ``keep`` changes nothing. By default, or None, ``project`` with the implicit integrator.
+        The explicit integrator supports only ``keep``.
 
     Raises
     ------
     NoObjectsError, DuplicateIdError, InvalidRequestError, InvalidHorizonError, InvalidOptionError,
     InvalidEnvironmentError, NotFiniteError
         For an empty scene, a repeated name, a physical constant out of range, a bad time step, or laws that
-        the integrator does not have.
+        the integrator does not support.
     """
 
     bodies: Sequence[RigidBody]
@@ -202,7 +200,7 @@ class Scene:
         self._check_std("gravity_direction", math.pi if self.gravity.any() else 0.0, "gravity")
 
     def _refuse_what_needs_implicit(self):
-        """Raise `InvalidOptionError` if the explicit step is asked for more than it can do."""
+        """Raise `InvalidOptionError` if an option is set that the explicit step does not support."""
         refuse_with_explicit(self)
         for kind, things in (("bodies", self.bodies), ("environment", self.environment)):
             for k, thing in enumerate(things):
@@ -217,7 +215,7 @@ class Scene:
                 )
 
     def _check_attachments(self, names):
-        """Raise `InvalidRequestError` unless what holds bodies is there, and held by nothing itself."""
+        """Raise `InvalidRequestError` unless each holding body exists and is not itself attached."""
         for k, body in enumerate(self.bodies):
             if body.attached_to is None:
                 continue
@@ -245,7 +243,7 @@ class Scene:
                 )
 
     def _check_needs_no_gravity(self):
-        """Raise `InvalidRequestError` if a scene that names no gravity looks as if it had some."""
+        """Raise `InvalidRequestError` if gravity is not set but the scene appears to need it."""
         if self.environment:
             reason = "an environment"
         elif any(surface.friction for surface in (self, *self.bodies)):
@@ -261,7 +259,7 @@ class Scene:
         )
 
     def _check_at_rest(self):
-        """Raise `InvalidRequestError` if a body stands on something without gravity to hold it there."""
+        """Raise `InvalidRequestError` if a body is at rest without gravity."""
         for k, body in enumerate(self.bodies):
             if body.at_rest and not self.gravity.any():
                 raise InvalidRequestError(
@@ -269,7 +267,7 @@ class Scene:
                 )
 
     def _check_std(self, name, most, owner):
-        """Raise `InvalidRequestError` unless a standard deviation is at most that; 0 or None allow none."""
+        """Raise `InvalidRequestError` if a standard deviation exceeds ``most``; None counts as 0."""
         field, std = f"{name}_std", getattr(self, f"{name}_std")
         if std > 0.0 and not most:
             raise InvalidRequestError(f"needs a scene with {owner}", field=field, value=std)
@@ -278,35 +276,35 @@ class Scene:
 
     @classmethod
     def everyday(cls, bodies: Sequence[RigidBody], **overrides: Any) -> Scene:
-        """A robot's world: the physics of `presets.PRESETS`, in which things fall, slide and rest.
+        """Return a scene with the preset ``everyday``, in which bodies fall, slide and rest.
 
         Parameters
         ----------
         bodies : sequence of RigidBody
         **overrides
-            Fields of `Scene` in place of the preset's; None takes a law away.
+            Fields of `Scene` that override the preset; None disables a law.
         """
         return cls(bodies, **with_changes(PRESETS["everyday"], overrides))
 
     @cached_property
     def moving(self) -> np.ndarray:
-        """(M,) int64: indices of the bodies that move freely: neither fixed nor prescribed ones."""
+        """Indices (M,) int64 of the bodies that are neither fixed nor prescribed."""
         return np.array([k for k, body in enumerate(self.bodies) if body.free], np.int64)
 
     @cached_property
     def actions(self) -> Actions:
-        """What acts on the bodies from outside, as the kernels take it."""
+        """Actions on the bodies, as the kernels' arrays."""
         return actions_of(self.bodies, self.environment)
 
     @cached_property
     def acts(self) -> bool:
-        """Whether something does: prescribed bodies, attachments, wrenches, or surfaces that move."""
+        """Whether there are prescribed bodies, attachments, wrenches, or moving surfaces."""
         a = self.actions
         return bool(len(a.driven) or len(a.wrench_body) or len(a.surface))
 
     @cached_property
     def uncertain(self) -> tuple[UncertainParameter, ...]:
-        """The directions in which parameters are uncertain, those of the scene first."""
+        """Uncertain directions of all parameters; the scene's parameters come first."""
         found = [
             UncertainParameter(field.removesuffix("_std"), -1, axis, getattr(self, field))
             for field in _STDS
@@ -339,18 +337,18 @@ class Scene:
 
     @cached_property
     def shared_parameters(self) -> bool:
-        """Whether an uncertain parameter is not of one moving body alone, so that it correlates bodies."""
+        """Whether an uncertain parameter affects more than one moving body, and so correlates them."""
         alone = set(self.moving.tolist())
         return any(parameter.body not in alone for parameter in self.uncertain)
 
     @property
     def draws_impacts(self) -> bool:
-        """Whether each impact has an error of its own."""
+        """Whether each impact has a random error."""
         return any(getattr(self, name) > 0.0 for name in IMPACT_STDS)
 
     @property
     def surfaces(self) -> tuple[Surface, ...]:
-        """All that can be touched: the bodies, then the environment's elements."""
+        """Surfaces of the bodies, then of the environment's elements."""
         return (*self.bodies, *self.environment)
 
     @cached_property
@@ -360,12 +358,12 @@ class Scene:
 
     @cached_property
     def world(self) -> World:
-        """The scene as the kernels take it.
+        """The scene as the kernels' arrays.
 
         Raises
         ------
         InvalidRequestError
-            If the stiffness is yet to be chosen.
+            If the stiffness has not been chosen.
         """
         if self.stiffness is None:
             raise InvalidRequestError(
@@ -373,7 +371,7 @@ class Scene:
                 field="stiffness",
             )
         shifted = {parameter.body for parameter in self.uncertain if parameter.name == "center_of_mass"}
-        # bodies of one model share a tree, but for those whose spheres move about the centre of mass
+        # bodies of one model share a tree, except those with an uncertain centre of mass
         owners = [(body.model, k if k in shifted else -1) for k, body in enumerate(self.bodies)]
         own = list(dict.fromkeys(owners))
         models = [model for model, _ in own]
@@ -402,7 +400,7 @@ class Scene:
             root=np.array([nodes[own.index(owner)] for owner in owners]),
         )
         stack_size = sphere_tree.AT_ONCE * sphere_tree.WIDTH**2 * deepest + 1
-        # a writable copy: read-only arrays would compile every kernel once more
+        # a writable copy: read-only arrays would compile every kernel again
         return World(
             bodies,
             tree,
@@ -429,8 +427,9 @@ class Scene:
         return short
 
     def _surroundings(self) -> Surroundings | None:
-        """Environment, actions and gyroscopic term; None for none of them, so that the explicit kernels
-        compile without.
+        """Return environment, actions and gyroscopic term; None if there are none.
+
+        With None, the explicit kernels compile without them.
         """
         elements = self.environment
         if not (elements or self.gyroscopic or self.integrator == "implicit" or self.acts):
@@ -445,10 +444,10 @@ class Scene:
         )
 
     def _implicit(self, tree, models, model_of, first_sphere) -> Implicit | None:
-        """What the implicit step knows besides; None for the explicit one.
+        """Return the additional data of the implicit step; None for the explicit one.
 
-        ``models`` are those of the tree, ``model_of`` the number of each body's, ``first_sphere`` where its
-        spheres begin.
+        ``models`` are the models of the tree, ``model_of`` the index of each body's model, and
+        ``first_sphere`` the first sphere of each model.
         """
         if self.integrator != "implicit":
             return None
@@ -479,13 +478,13 @@ class Scene:
 
 
 def _box(low, high):
-    """Middle and half the sides (6,) of the box from the least of ``low`` to the largest of ``high``."""
+    """Return centre and half the sides (6,) of the box from the least ``low`` to the greatest ``high``."""
     low, high = low.min(axis=0), high.max(axis=0)
     return np.concatenate([0.5 * (low + high), 0.5 * (high - low)])
 
 
 def _elements(environment, names):
-    """The environment as a tuple; its names and the bodies' must differ."""
+    """Return the environment as a tuple; raise an error if names of elements and bodies repeat."""
     try:
         elements = tuple(environment)
     except TypeError:
@@ -503,6 +502,6 @@ def _elements(environment, names):
 
 
 def _shifted(child, first_node, first_sphere):
-    """Children of one tree as entries of several trees that stand one behind the other."""
+    """Return the children of one tree as entries of several concatenated trees."""
     shifted = np.where(child < 0, child - first_sphere, child + first_node)
     return np.where(child == sphere_tree.EMPTY, child, shifted).astype(np.int32)

@@ -1,4 +1,4 @@
-"""Scene files: YAML that names bodies, their uncertain states, and the physics."""
+"""Read scene files: YAML with bodies, their uncertain states, and the physics."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ from .scene import Scene
 from .stiffness import AUTO, auto_stiffness
 from .yaml_file import read_yaml
 
-#: Key of a scene file that names a preset, which the keys of the physics change.
+#: Key of a scene file that names a preset; other keys of the physics override it.
 PRESET = "physics"
 _COMMON_STD, _COMMON_ORIGIN = "common_pose_std", "common_pose_origin"
 _SCENE_KEYS = (PRESET, *PHYSICS_KEYS, "horizon", "bodies", "environment", _COMMON_STD, _COMMON_ORIGIN)
@@ -72,7 +72,7 @@ _BODY_KEYS = (
 
 
 class LoadedScene(NamedTuple):
-    """What a scene file holds: the scene, the belief about it at time 0, and the horizon [s] or None."""
+    """Content of a scene file: the scene, the belief at time 0, and the horizon [s] or None."""
 
     scene: Scene
     belief: Belief
@@ -85,21 +85,21 @@ def load_scene(path: str | os.PathLike[str], models_dir: str | os.PathLike[str] 
     Parameters
     ----------
     path : str or path-like
-        YAML file; paths of models in it are relative to its folder.
+        YAML file; model paths in it are relative to its folder.
     models_dir : str or path-like, optional
-        Folder in which models are looked up by name, in place of the model library.
+        Folder that replaces the model library in the look-up of model names.
 
     Raises
     ------
     UncPhysicsError
-        One of its kinds, naming the field and the value, for anything in the file that makes no scene.
+        A subclass that names field and value, if the file does not describe a valid scene.
     """
     content = read_yaml(path, "scene file")
     return scene_from_dict(content, models_dir, folder=Path(path).parent)
 
 
 def scene_from_dict(content, models_dir=None, folder=None) -> LoadedScene:
-    """The scene that the content of a scene file describes (`load_scene`)."""
+    """Return the scene that the content of a scene file describes (`load_scene`)."""
     if isinstance(content, dict) and "scene" in content and "actions" in content:
         raise InvalidRequestError("is a file of actions, which the command 'rank' takes", field="scene file")
     check_keys(content, _SCENE_KEYS, "scene")
@@ -123,7 +123,7 @@ def scene_from_dict(content, models_dir=None, folder=None) -> LoadedScene:
 
 
 def _with_common_error(belief, content):
-    """The belief with the error that all moving bodies share, if the file names one."""
+    """Return the belief with the shared error of all moving bodies, if the file has one."""
     std, origin = content.get(_COMMON_STD), content.get(_COMMON_ORIGIN)
     if std is None:
         if origin is not None:
@@ -134,17 +134,16 @@ def _with_common_error(belief, content):
 
 
 def physics_options(content) -> dict:
-    """The physics among the entries of a scene file, as arguments of `Scene`; the stiffness may be `AUTO`.
+    """Return the physics of a scene file as arguments of `Scene`; the stiffness may be `AUTO`.
 
-    What the key `PRESET` names holds where nothing else is said. Null takes a law away; of what is no law it
-    means that nothing is said.
+    The preset of the key `PRESET` provides defaults. Null disables a law; for other keys null means unset.
     """
     given = {key: physics_value(key, content[key]) for key in PHYSICS_KEYS if key in content}
     return with_changes(preset(content.get(PRESET)), given)
 
 
 def preset(name) -> dict:
-    """Return the preset of that name, the value of the key `PRESET`; no entries for None."""
+    """Return the preset with that name (key `PRESET`); an empty one for None."""
     if name is None:
         return {}
     if not isinstance(name, str) or name not in PRESETS:
@@ -153,7 +152,7 @@ def preset(name) -> dict:
 
 
 def physics_value(key, value):
-    """The value of another entry that sets the physics, checked; None for null."""
+    """Return the checked value of a key of the physics; None for null."""
     if value is None and key == "overlap":
         raise InvalidOptionError(
             f"must be one of {', '.join(OVERLAPS)}; leave it out for the integrator's own",
@@ -169,10 +168,10 @@ def physics_value(key, value):
 
 
 def with_chosen_stiffness(options, bodies, mean) -> dict:
-    """Arguments of `Scene` in which no stiffness is `AUTO`.
+    """Return arguments of `Scene` in which the stiffness is not `AUTO`.
 
-    With the implicit integrator it is left out, for the prediction to choose it; the explicit one, for which
-    nothing else limits how deep bodies press into each other, takes that of `auto_stiffness`.
+    With the implicit integrator the stiffness is omitted, and the prediction chooses it. The explicit one
+    takes the result of `auto_stiffness`, which limits penetration.
     """
     if options.get("stiffness") != AUTO:
         return options
@@ -182,7 +181,7 @@ def with_chosen_stiffness(options, bodies, mean) -> dict:
 
 
 def _environment(content):
-    """The elements that a list of mappings describes."""
+    """Return the elements that a list of mappings describes."""
     if content is None:
         return ()
     if not isinstance(content, list):
@@ -191,7 +190,7 @@ def _environment(content):
 
 
 def _element(content, field):
-    """An element; errors name the entry as it stands in the file."""
+    """Return an element; errors name the entry in the file."""
     error = InvalidEnvironmentError
     shapes = ", ".join(ELEMENTS)
     if isinstance(content, dict) and not any(kind in content for kind in ELEMENTS):
@@ -228,14 +227,14 @@ def _element(content, field):
 
 
 def _surface(content, field, error: type[UncPhysicsError] = InvalidRequestError):
-    """The entries of a body or an element that say what its surface is like, checked."""
+    """Return the checked entries of a body or an element that describe its surface."""
     given = {key: content[key] for key in _SURFACE_KEYS if content.get(key) is not None}
     at_field(field, check_surface, Surface(**given), error=error)
     return given
 
 
 def _body(content, field, models_dir, folder):
-    """A body, its state (13,) and its covariance (12, 12)."""
+    """Return a body, its state (13,) and its covariance (12, 12)."""
     check_keys(content, _BODY_KEYS, field)
     for key in ("name", "model"):
         if not isinstance(content.get(key), str) or not content[key]:
@@ -294,7 +293,7 @@ def _body(content, field, models_dir, folder):
 
 
 def _trajectory(content, field):
-    """The path that the entries of a body give it, or None."""
+    """Return the path of a body, or None."""
     if content.get("trajectory") is None:
         return None
     for key in ("origin", *MEANS, "orientation", "roll_pitch_yaw", *STDS, "covariance"):
@@ -306,7 +305,7 @@ def _trajectory(content, field):
 
 
 def _actions(content, field):
-    """The entries of a body that say what else a robot does with it, as arguments of `RigidBody`."""
+    """Return other action entries of a body, as arguments of `RigidBody`."""
     given = {}
     if content.get("trajectory_std") is not None:
         std = content["trajectory_std"]
@@ -321,7 +320,7 @@ def _actions(content, field):
 
 
 def _body_belief(content, field):
-    """What the entries of a body say of its state."""
+    """Return the belief that the entries of a body describe."""
     given = {}
     if content.get("origin") is not None:
         given["origin"] = content["origin"]
@@ -340,10 +339,9 @@ def _body_belief(content, field):
 
 
 def load_shape(model, spheres=None, scale=None, models_dir=None, folder=None):
-    """A packing from the library or a file, cut to its first ``spheres`` and scaled.
+    """Return a packing from the library or a file, cut to its first ``spheres`` and scaled.
 
-    The same arguments give the same object while the file is unchanged, so that its sphere tree is built
-    once.
+    The result is cached while the file is unchanged, so that its sphere tree is built once.
 
     Raises
     ------
@@ -372,7 +370,7 @@ def _load_packing(path, changed):
 
 
 def _inertia(value, field):
-    """Inertia per unit mass: a number, three principal moments along the body's axes, or a matrix."""
+    """Return inertia per unit mass: a number, three principal moments along the body axes, or a matrix."""
     if not isinstance(value, list):
         return number(value, field)
     rows = bool(value) and isinstance(value[0], list)

@@ -1,4 +1,4 @@
-"""A contact stiffness in terms that a user has: how deep bodies may press into each other."""
+"""Choose a contact stiffness from an allowed penetration."""
 
 from __future__ import annotations
 
@@ -17,25 +17,25 @@ from ..spatial.layout import ANGULAR_VELOCITY, VELOCITY
 from .body import RigidBody
 from .scene import Scene
 
-#: What stands for a stiffness that is to be chosen, in scene files and over ROS.
+#: Value of a stiffness to be chosen, in scene files and over ROS.
 AUTO = "auto"
-#: Wanted penetration, of the radius of a body's largest sphere, unless another is asked for.
+#: Default penetration relative to the radius of a body's largest sphere.
 PENETRATION = 0.05
-#: How deep a body sinks in that rests on one of its smallest spheres [m]: half of what is allowed, as others
-#: may stand on it.
+#: Penetration of a body that rests on one of its smallest spheres [m]: half of the allowed one, as other
+#: bodies may stand on it.
 REST_DEPTH = 5e-5
 
-_chosen = weakref.WeakKeyDictionary()  # scenes without a stiffness, and what was last chosen for them
+_chosen = weakref.WeakKeyDictionary()  # scenes without a stiffness, and the last choice for them
 
 
 def rest_stiffness(bodies: Sequence[RigidBody], mean, gravity, depth: float = REST_DEPTH) -> float:
-    """A stiffness at which no body that lies on something sinks in deeper than wanted.
+    """Return a stiffness at which no resting body penetrates its support deeper than ``depth``.
 
     Parameters
     ----------
     bodies : sequence of RigidBody
     mean : (B, 13) array
-        Their states, which count without gravity only.
+        States of the bodies, used only without gravity.
     gravity : sequence of 3 floats
         World frame [m/s^2].
     depth : float
@@ -48,10 +48,10 @@ def rest_stiffness(bodies: Sequence[RigidBody], mean, gravity, depth: float = RE
 
     Notes
     -----
-    For the implicit integrator, whose law is `contact_model.shallow_volume`. A body's smallest sphere is to
-    carry its weight; tiny spheres no deeper than `PENETRATION` of their radius. Of two spheres that meet the
-    reduced radius counts, which is down to half of that: the depth is then 1.4 times as large. Where nothing
-    weighs, nothing rests, and `auto_stiffness` tells what takes up impacts.
+    This is for the implicit integrator, whose law is `contact_model.shallow_volume`. A body's smallest sphere
+    must carry its weight at ``depth``, but at most at `PENETRATION` of its radius. Two spheres have a reduced
+    radius of at least half of that, which makes the depth 1.4 times as large. Without gravity,
+    `auto_stiffness` is used.
 
     Raises
     ------
@@ -71,9 +71,9 @@ def rest_stiffness(bodies: Sequence[RigidBody], mean, gravity, depth: float = RE
 
 
 def with_stiffness(scene: Scene, mean: np.ndarray) -> Scene:
-    """The scene itself; one without a stiffness, with that which is chosen for its states ``mean`` (B, 13).
+    """Return the scene, with a stiffness chosen for its mean states ``mean`` (B, 13) if it has none.
 
-    The same choice gives the same object again.
+    Equal choices return the same object.
     """
     if scene.stiffness is not None:
         return scene
@@ -89,17 +89,17 @@ def auto_stiffness(
     gravity: ArrayLike = (0.0, 0.0, 0.0),
     penetration: float = PENETRATION,
 ) -> float:
-    """A stiffness at which no body presses deeper into another than wanted.
+    """Return a stiffness at which no body penetrates another deeper than ``penetration``.
 
     Parameters
     ----------
     bodies : sequence of RigidBody
     mean : (B, 13) array
-        Their states, of which the speeds count.
+        States of the bodies, of which only speeds are used.
     gravity : sequence of 3 floats
         World frame [m/s^2].
     penetration : float
-        Depth relative to the radius of a body's largest sphere, for every body.
+        Relative to the radius of a body's largest sphere.
 
     Returns
     -------
@@ -108,10 +108,9 @@ def auto_stiffness(
 
     Notes
     -----
-    The stiffness is the larger of what takes up the energy of an impact, ``m v^2 / 2``, v being the sum of
-    the two highest speeds with what the body gains by falling its own size, and what carries its weight
-    twice. It is rounded up to two digits, so that it does not follow every change of the
-    speeds.
+    The stiffness is the larger of two values. The first absorbs the energy of an impact, ``m v^2 / 2``. Its v
+    adds the two highest speeds and the gain from a fall of the body's size. The second carries twice the
+    weight. The result is rounded up to two digits, so that small changes of speed do not change it.
 
     Raises
     ------
@@ -141,7 +140,7 @@ def auto_stiffness(
 
 
 def _rounded_up(kappa):
-    """To two digits; where nothing moves and nothing weighs any stiffness will do."""
+    """Round up to two digits; 0 becomes 1, as any stiffness will do."""
     if kappa == 0.0:
         return 1.0
     if not math.isfinite(kappa):

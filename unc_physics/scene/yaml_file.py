@@ -1,4 +1,4 @@
-"""YAML files, read with errors that say where and what is wrong, and with limits on their size."""
+"""Read YAML files with limits on their size and errors that name the place."""
 
 from __future__ import annotations
 
@@ -14,26 +14,27 @@ from ..checks.errors import InvalidRequestError, LimitExceededError
 from ..checks.shown import shown
 from ..checks.validation import instance
 
-#: Most entries of a file, and levels of nesting in it: a thousand bodies with whole covariances have 200 000.
+#: Limits of entries and nesting levels; a thousand bodies with full covariances have 200 000 entries.
 _ENTRIES, _LEVELS = 300_000, 50
 _CHARACTERS = 20_000_000  # most of a file
 _INT, _FLOAT = "tag:yaml.org,2002:int", "tag:yaml.org,2002:float"
-#: What the parser says otherwise than a reader would.
+#: Parser messages in plainer words.
 _PROBLEMS = {
     "mapping values are not allowed in this context": "there is a ':' where none can be",
     "found unexpected end of stream": "the file ends too early",
 }
-#: What opens things that go over several lines, by their names in the parser's errors.
+#: Opening signs of multi-line items, by their names in the parser's errors.
 _OPENED = {"flow sequence": "the [", "flow mapping": "the {", "quoted scalar": "the quote"}
 _OCTAL = re.compile(r"[-+]?0[0-7_]+")
 
-# libyaml reads ten times as fast, where PyYAML was built with it
+# libyaml, if PyYAML was built with it, is ten times as fast
 _SafeLoader: type[yaml.SafeLoader] = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 
 
 class _Loader(_SafeLoader):
-    """Refuses a key that is given twice, of which YAML would silently take the last, and numbers of base 60
-    and 8, which nobody means.
+    """YAML loader that refuses duplicate keys and numbers of base 60 and 8.
+
+    Plain YAML silently keeps the last of duplicate keys.
     """
 
     def construct_scalar(self, node):
@@ -51,7 +52,7 @@ class _Loader(_SafeLoader):
         try:
             return super().construct_object(node, deep)
         except (TypeError, ValueError, OverflowError, LookupError, AttributeError):
-            # a date that is none, an integer of thousands of digits, a tag that its value does not fit
+            # an invalid date, an integer of thousands of digits, or a value that does not fit its tag
             value = shown(node.value) if isinstance(node, yaml.ScalarNode) else node.tag.split(":")[-1]
             problem = f"{value} has a value that cannot be read"
             raise yaml.constructor.ConstructorError(None, None, problem, node.start_mark) from None
@@ -68,7 +69,7 @@ class _Loader(_SafeLoader):
 
 
 def _check_size(text):
-    """Refuse what a few lines of aliases make as large as the memory, before anything is made of it."""
+    """Raise an error if aliases expand to more entries than allowed, before they are expanded."""
     entries, levels, begun, sizes = 0, 0, [], {}
     for event in yaml.parse(text, _Loader):
         if isinstance(event, yaml.CollectionEndEvent):
@@ -98,12 +99,12 @@ def _check_size(text):
 
 
 def read_yaml(path: str | os.PathLike[str], kind: str) -> Any:
-    """The content of a YAML file, which errors call by its kind.
+    """Return the content of a YAML file; ``kind`` names it in error messages.
 
     Raises
     ------
     InvalidRequestError, LimitExceededError
-        For what cannot be read, or is no YAML.
+        If the file cannot be read or is not YAML.
     """
     instance(path, (str, os.PathLike), "path")
     path = Path(path)
@@ -122,7 +123,7 @@ def read_yaml(path: str | os.PathLike[str], kind: str) -> Any:
         mark = getattr(error, "problem_mark", None)
         place = f" in line {mark.line + 1}" if mark else ""
         reason, said = "", "is not valid YAML"
-        if isinstance(error, ComposerError):  # a second document, or an alias of nothing
+        if isinstance(error, ComposerError):  # a second document, or an undefined alias
             reason = f": {', '.join(filter(None, (error.context, error.problem)))}"
             said = "cannot be read"
         elif isinstance(error, yaml.constructor.ConstructorError):
@@ -133,7 +134,7 @@ def read_yaml(path: str | os.PathLike[str], kind: str) -> Any:
 
 
 def _syntax(error, text) -> str:
-    """What YAML's grammar lacks where its parser stopped, and where what was not finished there began."""
+    """Return what the parser expected, and where the unfinished item began."""
     mark, began = error.problem_mark, error.context_mark
     line = next(iter(text.split("\n")[mark.line :]), "")
     if line[mark.column : mark.column + 1] == "\t":
