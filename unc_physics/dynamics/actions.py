@@ -1,6 +1,4 @@
-"""What a robot does to a scene, as the kernels take it: paths that bodies follow, what holds bodies for a
-while, moving surfaces, and wrenches.
-"""
+"""Robot actions as arrays for the kernels: paths, attachments, moving surfaces, and wrenches."""
 
 from typing import NamedTuple
 
@@ -11,42 +9,42 @@ from ..compiler.arrays import empty
 from ..spatial.layout import P, Q, V, W
 from ..spatial.rotation import conjugate, cross, exp, log, multiply, normalized, rotate, rotate_back
 
-#: Earliest and latest time that is a step's beginning or end, relative to a step: round-off.
+#: Relative round-off within which a time counts as the beginning or end of a step.
 ROUND_OFF = 1e-9
 
 
 class Actions(NamedTuple):
-    """What acts on the B bodies from outside; all arrays are empty where nothing does.
+    """Actions on the B bodies; all arrays are empty if there are none.
 
     Attributes
     ----------
     driven : (D,) int64
-        Bodies that follow a path, then those that are held for a while.
+        Bodies that follow a path, then attached bodies.
     path : (B, 2) int64
-        First and last (exclusive) of the K poses of each body's path; equal where it follows none.
+        First and last (exclusive) index of each body's poses; equal if it follows no path.
     time : (K,) float64
-        When [s].
+        Times of the K poses [s].
     pose : (K, 13) float64
-        States of the centre of mass then, world frame.
+        States of the centre of mass at these times, world frame.
     turn : (K, 6) float64
-        Rotation vector from each pose to the next, world frame [rad], and the rate that it ends with [rad/s].
+        Rotation vector from each pose to the next, world frame [rad], and its rate at the end [rad/s].
     pace : (K, 4) float64
-        Until the next pose, the most of: speed [m/s], angular speed [rad/s], acceleration [m/s^2], angular
+        Bounds until the next pose: speed [m/s], angular speed [rad/s], acceleration [m/s^2], angular
         acceleration [rad/s^2].
     carrier : (B,) int64
-        What holds each body for a while; -1 for nothing.
+        Body to which each body is attached; -1 for none.
     held : (B, 2) float64
-        From when, and until when [s].
+        Times of attachment and of release [s].
     wrench_body : (U,) int64
     wrench : (U, 6) float64
         Force [N], and torque about the centre of mass [N m].
     wrench_time : (U, 2) float64
-        From when, and until when [s].
+        Times at which each wrench begins and ends [s].
     wrench_local : (U,) bool
-        Whether it is along the body's axes, not the world's.
+        Whether force and torque are in the body frame, not the world frame.
     surface : (E, 6) float64
-        Velocity of each element's surface at the world's origin [m/s], and its angular velocity [rad/s]; or
-        empty, where no surface moves.
+        Velocity of each element's surface at the world's origin [m/s] and its angular velocity [rad/s]. Empty
+        if no surface moves.
     """
 
     driven: np.ndarray
@@ -65,7 +63,7 @@ class Actions(NamedTuple):
 
 
 def no_actions(bodies: int) -> Actions:
-    """What acts on so many bodies where nothing does."""
+    """Return empty actions for a number of bodies."""
     return Actions(
         driven=np.empty(0, np.int64),
         path=np.zeros((bodies, 2), np.int64),
@@ -85,13 +83,13 @@ def no_actions(bodies: int) -> Actions:
 
 @inner
 def follows(j, actions):
-    """Whether body j follows a path."""
+    """Return whether body j follows a path."""
     return actions.path[j, 1] > actions.path[j, 0]
 
 
 @inner
 def segment_at(j, t, actions):
-    """The pose of body j's path that is the last one at time ``t``, or its first one."""
+    """Return the index of body j's last pose at time ``t``, or of its first one."""
     low, high = actions.path[j, 0], actions.path[j, 1] - 1
     while high - low > 1:
         middle = (low + high) // 2
@@ -106,9 +104,9 @@ def segment_at(j, t, actions):
 def write_on_path(out, row, j, t, actions):
     """Write the state of body j on its path at time ``t`` into a row of ``out`` (n, 13).
 
-    Between two poses the position is the cubic Hermite polynomial of both positions and velocities, and the
-    rotation ``Exp(phi) R``, phi being the one of the rotation vectors. Before the first pose and after the
-    last one it is held.
+    Between two poses the position is the cubic Hermite polynomial of their positions and velocities. The
+    rotation is ``Exp(phi) R``, where phi is the Hermite polynomial of rotation vectors. Before the first and
+    after the last pose the body stands still.
     """
     first, last = actions.path[j, 0], actions.path[j, 1] - 1
     pose, time = actions.pose, actions.time
@@ -148,7 +146,7 @@ def write_on_path(out, row, j, t, actions):
 
 @inner(error_model="numpy")
 def _left_jacobian(phi, v):
-    """Angular velocity of ``Exp(phi)``, world frame, where phi changes at the rate ``v``."""
+    """Return the angular velocity of ``Exp(phi)``, world frame, if phi changes at the rate ``v``."""
     square = phi[0] * phi[0] + phi[1] * phi[1] + phi[2] * phi[2]
     if square < 1e-6:
         a, b = 0.5 - square / 24.0, 1.0 / 6.0 - square / 120.0
@@ -166,8 +164,9 @@ def _left_jacobian(phi, v):
 
 @inner
 def bound_pace(j, begin, end, radius, actions):
-    """Most speed of a point of body j on its path between two times [m/s], within ``radius`` of its centre of
-    mass, and the most that its velocity changes meanwhile.
+    """Bound the speed of a point of body j on its path [m/s], and the change of its velocity, in an interval.
+
+    The point is within ``radius`` of the centre of mass.
     """
     first, last = actions.path[j, 0], actions.path[j, 1] - 1
     if end < actions.time[first] or begin > actions.time[last] or first == last:
@@ -179,15 +178,18 @@ def bound_pace(j, begin, end, radius, actions):
         pace = max(pace, most[0] + radius * most[1])
         change = max(change, (end - begin) * (most[2] + radius * (most[3] + most[1] * most[1])))
         k += 1
-    if begin <= actions.time[first] or end >= actions.time[last]:  # it may begin or end at once
+    # the velocity may jump at the ends of the path
+    if begin <= actions.time[first] or end >= actions.time[last]:
         change = 2.0 * pace
     return pace, min(change, 2.0 * pace)
 
 
 @inner
 def write_carried(out, row, carrier, other, hold):
-    """Write the state of what a body holds into a row of ``out``: the body's state is row ``other`` of
-    ``carrier``, ``hold`` (7,) the place and quaternion in its frame.
+    """Write the state of an attached body into a row of ``out``.
+
+    The holding body's state is row ``other`` of ``carrier``; ``hold`` (7,) is the position and quaternion in
+    its frame.
     """
     q = (carrier[other, Q], carrier[other, Q + 1], carrier[other, Q + 2], carrier[other, Q + 3])
     arm = _turned(q, (hold[0], hold[1], hold[2]))
@@ -204,7 +206,7 @@ def write_carried(out, row, carrier, other, hold):
 
 @inner
 def write_hold(x, i, carrier, other, hold):
-    """Write where body i is in the frame of what holds it (`write_carried`)."""
+    """Write the pose of body i in the frame of the body that holds it into ``hold`` (`write_carried`)."""
     q = conjugate((carrier[other, Q], carrier[other, Q + 1], carrier[other, Q + 2], carrier[other, Q + 3]))
     away = (
         x[i, P] - carrier[other, P],
@@ -220,7 +222,7 @@ def write_hold(x, i, carrier, other, hold):
 
 @inner(forceinline=True)
 def _turned(q, v):
-    """A vector rotated by a unit quaternion."""
+    """Rotate a vector by a unit quaternion."""
     axis = (q[0], q[1], q[2])
     once = cross(axis, v)
     twice = cross(axis, (once[0] + q[3] * v[0], once[1] + q[3] * v[1], once[2] + q[3] * v[2]))
@@ -229,13 +231,13 @@ def _turned(q, v):
 
 @inner(forceinline=True)
 def acting_for(u, begin, end, actions):
-    """How long wrench ``u`` acts between two times [s]."""
+    """Return how long wrench ``u`` acts between two times [s]."""
     return min(end, actions.wrench_time[u, 1]) - max(begin, actions.wrench_time[u, 0])
 
 
 @inner
 def push(x, i, begin, end, share, bodies, R, actions):
-    """Change body i's velocities by a share of the impulses that wrenches give it between two times."""
+    """Add a share of the impulses that wrenches give body i between two times to its velocities."""
     for u in range(len(actions.wrench_body)):
         if actions.wrench_body[u] != i:
             continue
@@ -259,7 +261,7 @@ def push(x, i, begin, end, share, bodies, R, actions):
 
 @inner
 def bound_push(i, begin, end, bodies, actions):
-    """The most that wrenches change the velocity of a point of body i between two times [m/s]."""
+    """Bound the change of velocity of a point of body i by wrenches between two times [m/s]."""
     total = 0.0
     for u in range(len(actions.wrench_body)):
         if actions.wrench_body[u] == i:
@@ -277,7 +279,7 @@ def bound_push(i, begin, end, bodies, actions):
 
 @kernel
 def states_on_path(j, times, actions):
-    """(T, 13): states of body j on its path at times [s]."""
+    """Return the states (T, 13) of body j on its path at given times [s]."""
     out = empty((len(times), 13))
     for k in range(len(times)):
         write_on_path(out, k, j, times[k], actions)
@@ -286,8 +288,9 @@ def states_on_path(j, times, actions):
 
 @kernel
 def carry_along(states, i, before, after):
-    """Move body i of states (N, B, 13) in place as a rigid part of something that is at ``before`` (1, 13)
-    and shall be at ``after`` (N, 13).
+    """Move body i of states (N, B, 13) in place with a carrier that moves from ``before`` to ``after``.
+
+    ``before`` (1, 13) and ``after`` (N, 13) are states of the carrier; the body is rigidly attached to it.
     """
     hold = empty(7)
     for n in range(len(states)):
@@ -298,5 +301,5 @@ def carry_along(states, i, before, after):
 
 @kernel
 def rotation_between(q, r):
-    """Rotation vector, world frame, from a quaternion (4,) to another [rad]."""
+    """Return the rotation vector from quaternion ``q`` to ``r`` (4,), world frame [rad]."""
     return np.array(log(multiply((r[0], r[1], r[2], r[3]), conjugate((q[0], q[1], q[2], q[3])))))

@@ -1,4 +1,4 @@
-"""Steps in which nothing can touch, known ahead so that nothing is searched; of scenes with surroundings."""
+"""Detect steps without contacts in advance, to skip the search; for scenes with surroundings."""
 
 from ..collision.broad_phase import may_touch, near_pairs
 from ..collision.element_contacts import element_distance
@@ -7,15 +7,15 @@ from ..spatial.layout import P, V, W
 from .actions import follows
 
 _MOST_STEPS = 64  # ahead
-UNKNOWN = -1  # number of contact-free steps ahead, of a rollout that begins
+UNKNOWN = -1  # number of contact-free steps ahead, at the start of a rollout
 
 
 @inner(forceinline=True)
 def contact_free_step(x, world, surroundings, work):
-    """Whether nothing can touch in the step that begins.
+    """Return whether no contact is possible in the step that begins.
 
-    No result depends on the answer. Without surroundings it is always no: the search for pairs costs no more
-    than to ask.
+    Results do not depend on the answer. Without surroundings it is always False, as this test would cost as
+    much as the search for pairs.
     """
     if surroundings is None:
         return False
@@ -25,7 +25,7 @@ def contact_free_step(x, world, surroundings, work):
         if work.contact_free_steps[0] > 0:
             work.contact_free_steps[0] -= 1
             return True
-        # what touched a moment ago is near; only a rollout that begins has to ask
+        # recent contacts are still near; only a new rollout has to test
         if work.touching[0] and work.contact_free_steps[0] != UNKNOWN:
             return False
         work.contact_free_steps[0] = 0
@@ -34,7 +34,7 @@ def contact_free_step(x, world, surroundings, work):
 
 @inner(noinline=True)
 def _look_ahead(x, world, surroundings, work):
-    """Whether nothing can touch in this step; ``work.contact_free_steps`` learns for how many more."""
+    """Return whether no contact is possible in this step; store the number of further ones in ``work``."""
     ahead = work.contact_free_steps
     steps = ahead[1]
     if not _apart_for(x, world, surroundings, 1, work):
@@ -49,9 +49,9 @@ def _look_ahead(x, world, surroundings, work):
 
 @inner
 def _apart_for(x, world, surroundings, steps, work):
-    """Whether nothing can touch for some steps.
+    """Return whether no contact is possible for a number of steps.
 
-    The answer for one step depends on the state alone; a yes for many is one for each of them.
+    The answer for one step depends only on the state. True for several steps implies True for each of them.
     """
     _write_reach(x, world, surroundings.actions, steps * world.dt, work)
     near, moving, reach = work.near, world.bodies.moving, work.reach
@@ -61,7 +61,7 @@ def _apart_for(x, world, surroundings, steps, work):
                 if element_distance(surroundings, e, x[i, P], x[i, P + 1], x[i, P + 2]) < reach[i]:
                     return False
     for k in range(near_pairs(x, reach, work.max_travel, moving, work)):
-        # for many steps a search would seldom pay: pairs with a separation bound are left out already
+        # for several steps the exact test rarely pays: pairs with a separation bound are excluded already
         if steps > 1 or may_touch(x, near[k, 0], near[k, 1], world, work):
             return False
     return True
@@ -69,7 +69,7 @@ def _apart_for(x, world, surroundings, steps, work):
 
 @inner
 def _write_reach(x, world, actions, time, work):
-    """Balls in which bodies stay for a time without contacts, and how far their points travel."""
+    """Write the reach of bodies without contacts during ``time``, and bounds of their points' travel."""
     radius, moving, reach, max_travel = world.bodies.radius, world.bodies.moving, work.reach, work.max_travel
     fall = time * (abs(world.gravity[0]) + abs(world.gravity[1]) + abs(world.gravity[2]))
     for i in range(len(x)):

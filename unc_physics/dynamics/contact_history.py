@@ -1,4 +1,4 @@
-"""What rollouts remember of their contacts, beside their states: it is part of every carry."""
+"""Contact data that rollouts carry from step to step in addition to their states."""
 
 from collections.abc import Sequence
 from typing import Any, NamedTuple
@@ -11,20 +11,20 @@ from .implicit_world import fresh_solver_memory
 
 
 class InitialAdjustment(NamedTuple):
-    """What N rollouts of the implicit step learned of their own beginning, about each body (`projection`).
+    """Initial projection and settling of each body in N rollouts (`initialization.projection`).
 
     Attributes
     ----------
     overlap : (N, B) float32
-        Its deepest overlap before it was projected away [m].
+        Deepest overlap before projection [m].
     moved : (N, B) float32
-        How far the projection, or settling, moved it, in standard deviations.
+        Distance by which projection or settling moved the body, in standard deviations.
     kept : (N, B) float32
-        Its deepest overlap that could not come free [m].
+        Deepest overlap that remains after projection [m].
     tilted : (N, B) float32
-        By how much settling tilted it [rad].
+        Angle by which settling tilted the body [rad].
     unsettled : (N, B) float32
-        1 where settling did not end.
+        1 if settling did not converge.
     """
 
     overlap: np.ndarray
@@ -35,17 +35,15 @@ class InitialAdjustment(NamedTuple):
 
 
 class ContactHistory(NamedTuple):
-    """What N rollouts remember.
+    """Contact history of N rollouts.
 
     Attributes
     ----------
     first_time : (N, B, B + E) float32
-        Time of the first contact of bodies i < j, or of body i and element j - B of the environment [s];
-        infinite without contact. Told by the step: a contact that begins within a step has the time of its
-        end.
+        Time of the first contact of bodies i < j, or of body i and element j - B of the environment [s].
+        Infinite without contact. The resolution is one step: a contact has the time of the end of its step.
     solver : NamedTuple or None
-        Arrays of the implicit step, the first axis of each being N; None for the explicit step, which
-        remembers nothing.
+        Arrays of the implicit step, with N as the first axis; None for the explicit step.
     start : InitialAdjustment or None
         None for the explicit step.
     """
@@ -56,7 +54,7 @@ class ContactHistory(NamedTuple):
 
 
 def fresh(count, world):
-    """The history of ``count`` rollouts that begin."""
+    """Return the history of ``count`` new rollouts."""
     bodies = len(world.bodies.moving)
     elements = 0 if world.surroundings is None else len(world.surroundings.kind)
     first = np.full((count, bodies, bodies + elements), np.inf, np.float32)
@@ -67,19 +65,19 @@ def fresh(count, world):
 
 
 def copy(history):
-    """A history of its own, with the same content; what its start was like is shared, since it stays."""
+    """Return a copy of the history; the constant ``start`` is shared."""
     return _each(history, np.copy)._replace(start=history.start)
 
 
 def samples(history, some):
-    """The history of some rollouts: ``some`` is a slice, which shares the arrays, or an array of indices."""
+    """Return the history of some rollouts; a slice ``some`` shares the arrays, an index array copies them."""
     return _each(history, lambda array: array[some])
 
 
 def with_keys(history, seed, first=0):
-    """The history of implicit rollouts, from the ``first`` on, that draw the errors of their impacts.
+    """Return the history of implicit rollouts with keys for random impact errors; ``first`` numbers them.
 
-    Rollout n always draws the same.
+    The key of a rollout depends only on the seed and the rollout's number.
     """
     numbers = range(first, first + len(history.first_time))
     keys = np.array([combine(np.uint64(seed), n) for n in numbers], np.uint64)
@@ -87,7 +85,7 @@ def with_keys(history, seed, first=0):
 
 
 def _each(history, function):
-    """A history with all of its arrays changed alike."""
+    """Return a history with a function applied to all of its arrays."""
     if history.solver is None:
         return ContactHistory(function(history.first_time), None, None)
     solver, start = (type(part)(*map(function, part)) for part in (history.solver, history.start))
@@ -95,7 +93,7 @@ def _each(history, function):
 
 
 def of_bodies(history, bodies):
-    """The history of some bodies, whose indices ascend, with each other and with all elements."""
+    """Return the history of some bodies (ascending indices), with each other and with all elements."""
     first, solver, start = _pairs_of(history.first_time, bodies), history.solver, history.start
     if solver is not None:
         solver = implicit_world.of_bodies(solver, bodies, _pairs_of(solver.kept_overlap, bodies))
@@ -104,7 +102,7 @@ def of_bodies(history, bodies):
 
 
 def _pairs_of(values, bodies):
-    """Values (N, B, B + E) of some bodies with each other and with all elements; empty ones stay so."""
+    """Return values (N, B, B + E) of some bodies with each other and all elements; keep empty arrays."""
     if values.shape[1] == 0:
         return values
     columns = np.concatenate([bodies, np.arange(values.shape[1], values.shape[2])])
@@ -112,18 +110,18 @@ def _pairs_of(values, bodies):
 
 
 def joined(histories: Sequence[ContactHistory], rows: Sequence, bodies: Sequence, world) -> ContactHistory:
-    """One history for the bodies of several, which never touched each other.
+    """Combine histories of groups of bodies that never touched each other.
 
     Parameters
     ----------
     histories : sequence of ContactHistory
     rows : sequence of (n,) int arrays
-        Which rollouts of the joint history each history's are; the others' rollouts follow its first, before
-        which nothing distinguishes them.
+        Indices in the joint history of each history's rollouts. The remaining rollouts follow each history's
+        first rollout, from which they do not differ yet.
     bodies : sequence of (b,) int arrays
-        Which of the joint history's bodies each history's are.
+        Indices in the joint history of each history's bodies.
     world : World
-        Of the joint history.
+        World of the joint history.
     """
     count = 1 + max(int(np.max(own)) for own in rows)
     history = fresh(count, world)
@@ -143,7 +141,7 @@ def joined(histories: Sequence[ContactHistory], rows: Sequence, bodies: Sequence
 
 
 def _add_pairs(values, own, some, followed):
-    """Write what one history says of pairs of bodies, and of these and elements, into the joint one's."""
+    """Write one history's entries of pairs of bodies, and of bodies and elements, into the joint history."""
     if own.shape[1] == 0:
         return
     columns = np.concatenate([some, np.arange(values.shape[1], values.shape[2])])
@@ -151,7 +149,7 @@ def _add_pairs(values, own, some, followed):
 
 
 def stacked(history, others):
-    """The history of some rollouts and, after them, of others of the same bodies."""
+    """Concatenate the histories of two sets of rollouts of the same bodies."""
     if history.solver is None:
         return ContactHistory(one_after_the_other(history.first_time, others.first_time), None, None)
     solver, start = (
@@ -162,7 +160,7 @@ def stacked(history, others):
 
 
 def one_after_the_other(some, others):
-    """Arrays of some rollouts and of others in one; what has room for less gets more, empty."""
+    """Concatenate arrays of two sets of rollouts; smaller arrays are padded with zeros."""
     shape = np.maximum(some.shape[1:], others.shape[1:])
     out = np.zeros((len(some) + len(others), *shape), some.dtype)
     out[(slice(0, len(some)), *(slice(0, n) for n in some.shape[1:]))] = some

@@ -1,8 +1,7 @@
-"""Bodies that something else moves in the implicit step: on paths, or held for a while.
+"""Kinematic bodies in the implicit step: on paths, or attached to another body.
 
-To contacts they are as heavy as can be, and have the velocities of their motion. Which bodies they are may
-change from step to step, and differ between rollouts: so it is the workspace that says which bodies move
-freely.
+Contacts treat them as infinitely heavy, with the velocity of their motion. The set of kinematic bodies may
+change between steps and differ between rollouts. So the workspace stores which bodies move freely.
 """
 
 import numpy as np
@@ -13,12 +12,12 @@ from ..spatial.layout import P, Q, V, W
 from ..spatial.rotation import conjugate, exp, log, multiply, normalized, write_matrix
 from .actions import ROUND_OFF, bound_pace, bound_push, follows, write_carried, write_hold, write_on_path
 
-_INSTANT = 1e-9  # s: for so short intervals displacements say nothing of velocities
+_INSTANT = 1e-9  # s: too short to compute velocities from displacements
 
 
 @inner(noinline=True)
 def begin_driven(x, begin, quiet, world, work):
-    """A step begins: put driven bodies where they are, and find out which of them move freely in it."""
+    """Place kinematic bodies at the beginning of a step, and determine which bodies move freely in it."""
     actions, bodies, dt = world.surroundings.actions, world.bodies, world.dt
     numbers, moving = work.numbers, work.moving
     for d in range(len(actions.driven)):
@@ -36,7 +35,7 @@ def begin_driven(x, begin, quiet, world, work):
                 hold = work.hold[j]
                 write_hold(x, j, x, carrier, hold)
                 quiet[j] = 0
-                numbers[j, CLEARANCE] = -np.inf  # what was known of it is over
+                numbers[j, CLEARANCE] = -np.inf  # clearances from before the attachment are invalid
                 if stop < begin + dt:
                     _set_free(j, bodies, work)
                     _release(x, j, stop - begin, begin, world, work)
@@ -66,8 +65,9 @@ def _set_free(j, bodies, work):
 
 @inner
 def _release(x, j, left, begin, world, work):
-    """Give body j, which is released ``left`` seconds into the step, the state at the step's beginning from
-    which free flight takes it where it is thrown.
+    """Give body j, released ``left`` seconds into the step, an equivalent state at the step's beginning.
+
+    Free flight from there leads to the state at the time of release.
     """
     actions, dt, at_release = world.surroundings.actions, world.dt, work.carried
     write_driven(at_release, 0, x, j, begin + left, actions, work)
@@ -89,7 +89,7 @@ def _release(x, j, left, begin, world, work):
 
 @inner
 def write_driven(out, row, x, j, time, actions, work):
-    """Write where driven body j is at a time into a row of ``out``, not that of the body itself in ``x``."""
+    """Write the state of kinematic body j at a time into a row of ``out``, other than its row of ``x``."""
     if follows(j, actions):
         write_on_path(out, row, j, time, actions)
     else:
@@ -103,7 +103,7 @@ def write_driven(out, row, x, j, time, actions, work):
 
 @inner
 def place_driven(x, count, time, world, work):
-    """Put driven bodies that may touch the group at hand where they are at a time."""
+    """Move kinematic bodies that may touch the current group to their states at a time."""
     actions = world.surroundings.actions
     for d in range(len(actions.driven)):
         j = actions.driven[d]
@@ -114,7 +114,7 @@ def place_driven(x, count, time, world, work):
 
 @inner(forceinline=True)
 def near_group(j, count, work):
-    """Whether body j may touch the group at hand, of ``count`` members."""
+    """Return whether body j may touch the current group, of ``count`` members."""
     found = False
     for a in range(count):
         found = found or work.near[work.members[a], j]
@@ -123,7 +123,7 @@ def near_group(j, count, work):
 
 @inner
 def read_driven(x, count, world, work):
-    """Write the velocities of driven bodies that may touch the group at hand as `START` and `NOW`."""
+    """Write the velocities of kinematic bodies that may touch the current group as `START` and `NOW`."""
     actions, velocity = world.surroundings.actions, work.velocity
     for d in range(len(actions.driven)):
         j = actions.driven[d]
@@ -135,10 +135,10 @@ def read_driven(x, count, world, work):
 
 @inner
 def drive(x, count, end, h, world, work):
-    """Move driven bodies that may touch the group at hand for ``h`` seconds, until ``end``.
+    """Move kinematic bodies that may touch the current group for ``h`` seconds, until ``end``.
 
-    Contacts travel by the mean of the velocities at both ends: that at the start is such that it is that of
-    the motion, exactly.
+    Contacts use the mean of the velocities at both ends. The start velocity is chosen so that this mean
+    equals the displacement over ``h``.
     """
     actions, velocity, before = world.surroundings.actions, work.velocity, work.carried
     for d in range(len(actions.driven)):
@@ -168,7 +168,7 @@ def drive(x, count, end, h, world, work):
 
 @inner
 def end_driven(x, end, world, work):
-    """A step ends: put driven bodies where they are then."""
+    """Place kinematic bodies at the end of a step."""
     actions = world.surroundings.actions
     for d in range(len(actions.driven)):
         j = actions.driven[d]
@@ -179,7 +179,7 @@ def end_driven(x, end, world, work):
 
 @inner
 def is_driven(i, world, work):
-    """Whether something that moves is near body i, a wrench acts on it, or a surface moves under it."""
+    """Return whether a moving kinematic body, a wrench, or a moving surface may act on body i."""
     found = work.numbers[i, SURGE] > 0.0
     actions = world.surroundings.actions
     if len(actions.surface) > 0:

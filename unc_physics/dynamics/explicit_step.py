@@ -1,7 +1,7 @@
-"""The explicit time step: drift, damp, gravity, contacts, kick, in this order (the paper's Eqs. 3 to 6).
+"""Explicit time step: drift, damping, gravity, contacts, kick, in this order (the paper's Eqs. 3 to 6).
 
-`integrate` is the only loop over such steps. A propagator that follows more than the state hooks its own work
-into the loop's stages (`compiled.stage`): the functions that begin the file.
+`integrate` is the only loop over such steps. A propagator that computes more than the state adds its work in
+the loop's stages (`compiler.stage`), the first functions of this module.
 """
 
 from ..collision.broad_phase import near_pairs, update_separation_bound
@@ -17,32 +17,32 @@ from .free_motion import integrate_gyroscopic, integrate_position, integrate_rot
 
 @stage
 def before_drift(method, x, step, world, work):
-    """A step begins, with so many before it; ``x`` (B, 13) and ``work.R`` are those before the drift."""
+    """Called before each step; ``step`` is its number, and ``x`` (B, 13) and ``work.R`` precede the drift."""
 
 
 @stage
 def on_contacts(method, x, i, j, count, first, world, work):
-    """The first ``count`` contacts on record are of bodies i and j; ``first`` if none came before."""
+    """Called with the first ``count`` recorded contacts of bodies i and j; ``first`` marks the first call."""
 
 
 @stage
 def after_pair(method, x, i, j, world, work):
-    """All contacts of bodies i and j were on record; there was at least one."""
+    """Called after all contacts of bodies i and j, if there was at least one."""
 
 
 @stage
 def after_pairs(method, x, world, work):
-    """The contacts of all pairs were on record."""
+    """Called after the contacts of all pairs."""
 
 
 @stage
 def on_element_contacts(method, x, i, e, t, count, first, world, work):
-    """As `on_contacts`, of body i and element e; ``t`` is the body's place in the element's frame [m]."""
+    """Called as `on_contacts`, for body i and element e; ``t`` is the body's position in its frame [m]."""
 
 
 @stage
 def after_element(method, x, i, e, world, work):
-    """As `after_pair`, of body i and element e."""
+    """Called as `after_pair`, for body i and element e."""
 
 
 @inner(noinline=True)
@@ -57,11 +57,11 @@ def integrate(x, first_time, world, surroundings, method, begin, steps, work):
         `ContactHistory.first_time` of this rollout, changed in place.
     world : World
     surroundings : Surroundings or None
-        Those of the world.
+        Surroundings of the world.
     method : NamedTuple or None
-        What a propagator works on in the loop's stages.
+        Data of a propagator for the loop's stages.
     begin, steps : int
-        Number of steps before, and to do.
+        Number of steps done before, and of steps to do.
     work : Workspace
     """
     for step in range(begin, begin + steps):
@@ -82,7 +82,7 @@ def integrate(x, first_time, world, surroundings, method, begin, steps, work):
 
 @inner(forceinline=True)
 def drift(x, world, surroundings, work):
-    """Move all bodies freely for a step, then damp their velocities and apply gravity; ``work.R`` follows."""
+    """Move all bodies freely for a step, then damp their velocities and apply gravity; update ``work.R``."""
     dt, decay, gravity = world.dt, world.decay, world.gravity
     for i in range(len(x)):
         if world.bodies.moving[i]:
@@ -95,7 +95,7 @@ def drift(x, world, surroundings, work):
 
 @inner
 def act(x, step, world, actions, work):
-    """Put prescribed bodies where they are at a step's end, and let wrenches change velocities."""
+    """Move prescribed bodies to their states at the step's end, and apply wrenches to velocities."""
     begin, end = step * world.dt, (step + 1) * world.dt
     for d in range(len(actions.driven)):
         j = actions.driven[d]
@@ -113,7 +113,7 @@ def act(x, step, world, actions, work):
 
 @inner(forceinline=True)
 def integrate_pose(x, i, world, surroundings, work):
-    """Move body i freely for a step; returns the most that a point of it moves in a second [m/s]."""
+    """Move body i freely for a step; return a bound on the speed of its points [m/s]."""
     if surroundings is not None:
         if surroundings.gyroscopic:
             pace = integrate_gyroscopic(x, i, world.dt, world.bodies, work.R)
@@ -124,7 +124,7 @@ def integrate_pose(x, i, world, surroundings, work):
 
 @inner(noinline=True)
 def apply_pair_forces(x, first_time, time, world, method, work):
-    """Let all contacts between bodies act on them."""
+    """Apply all contact forces between bodies."""
     for k in range(near_pairs(x, world.bodies.radius, work.zero_travel, world.bodies.moving, work)):
         i, j = work.near[k, 0], work.near[k, 1]
         t_ij, slack, top = open_pair(x, i, j, world, work)
@@ -144,7 +144,7 @@ def apply_pair_forces(x, first_time, time, world, method, work):
 
 @inner(forceinline=True)
 def apply_contact_force(x, i, j, count, stiffness, work):
-    """Add the forces of the first ``count`` contacts on record to the wrenches of bodies i and j."""
+    """Add the forces of the first ``count`` recorded contacts to the wrenches on bodies i and j."""
     force, moment = contact_sums(work.search.records, count)
     fx, fy, fz = rotate(work.R[i], force[0], force[1], force[2])
     mx, my, mz = rotate(work.R[i], moment[0], moment[1], moment[2])
@@ -161,7 +161,8 @@ def apply_contact_force(x, i, j, count, stiffness, work):
     on_j[0] += fx
     on_j[1] += fy
     on_j[2] += fz
-    on_j[3] += mx - (dy * fz - dz * fy)  # the same forces, with the lever arm from body j's centre of mass
+    # the opposite forces, with the lever arm from body j's centre of mass
+    on_j[3] += mx - (dy * fz - dz * fy)
     on_j[4] += my - (dz * fx - dx * fz)
     on_j[5] += mz - (dx * fy - dy * fx)
     work.touched[i] = work.touched[j] = True
@@ -169,7 +170,7 @@ def apply_contact_force(x, i, j, count, stiffness, work):
 
 @inner(noinline=True)
 def apply_element_forces(x, first_time, time, world, surroundings, method, work):
-    """Let all elements of the environment act on all moving bodies."""
+    """Apply all contact forces of elements of the environment on moving bodies."""
     for i in range(len(x)):
         if world.bodies.moving[i]:
             for e in range(len(surroundings.kind)):
@@ -190,7 +191,7 @@ def apply_element_forces(x, first_time, time, world, surroundings, method, work)
 
 @inner
 def apply_element_force(i, count, stiffness, work):
-    """As `apply_contact_force`, of body i with an element of the environment."""
+    """Add contact forces as `apply_contact_force`, for body i and an element of the environment."""
     force, moment = contact_sums(work.search.records, count)
     fx, fy, fz = rotate(work.R[i], force[0], force[1], force[2])
     mx, my, mz = rotate(work.R[i], moment[0], moment[1], moment[2])
@@ -212,7 +213,7 @@ def note_contact(first_time, i, j, time):
 
 @inner(forceinline=True)
 def kick(x, world, work):
-    """Change the velocities of touched bodies by their wrenches, and clear these; were there any?"""
+    """Apply wrenches to the velocities of touched bodies and clear them; return whether there were any."""
     any_touched = False
     for i in range(len(x)):
         if not work.touched[i]:

@@ -1,4 +1,4 @@
-"""How a body that nothing touches moves: what both time steps share."""
+"""Motion of bodies without contact, common to both time steps."""
 
 import math
 
@@ -6,14 +6,14 @@ from ..compiler import inner
 from ..spatial.layout import P, Q, V, W
 from ..spatial.rotation import exp, multiply, renormalized, rotate, rotate_back, write_matrix
 
-# angle that a body turns at a time with the gyroscopic term [rad], the most parts of a step, and how often
-# each part finds its middle: fewer times, and the error would not fall with the step
+# Largest rotation of a substep with the gyroscopic term [rad], largest number of substeps, and fixed-point
+# iterations for the midpoint of each. With fewer iterations, the error would not decrease with the step.
 _TURN, _MOST_TURNS, ROUNDS = 0.25, 1000, 3
 
 
 @inner(forceinline=True)
 def integrate_position(x, i, dt):
-    """Move body i's centre of mass by its velocity for a time; returns a bound of its speed [m/s]."""
+    """Move body i's centre of mass by its velocity; return a bound on its speed [m/s]."""
     for k in range(3):
         x[i, P + k] += dt * x[i, V + k]
     return abs(x[i, V]) + abs(x[i, V + 1]) + abs(x[i, V + 2])
@@ -21,9 +21,9 @@ def integrate_position(x, i, dt):
 
 @inner(forceinline=True)
 def integrate_rotation(x, i, dt, radius, R):
-    """Turn body i by its angular velocity for a time; returns a bound of its points' speed by that [m/s].
+    """Rotate body i by its angular velocity; return a bound on the speed of its points from rotation [m/s].
 
-    ``R`` (B, 3, 3) follows.
+    Updates ``R`` (B, 3, 3).
     """
     q = multiply(
         exp(dt * x[i, W], dt * x[i, W + 1], dt * x[i, W + 2]),
@@ -37,10 +37,10 @@ def integrate_rotation(x, i, dt, radius, R):
 
 @inner
 def integrate_gyroscopic(x, i, dt, bodies, R):
-    """As `integrate_rotation`, with the angular momentum kept instead of the angular velocity.
+    """Rotate body i as `integrate_rotation` does, but conserve the angular momentum.
 
-    The angular velocity in the middle of a turn is found from the momentum, with the inertia half turned
-    along; long turns are divided, since this keeps the energy to the third order of their angle only.
+    The midpoint angular velocity is computed from the momentum, with the inertia at half the rotation. The
+    energy error is of third order in the angle, so large rotations are divided into substeps.
     """
     Ri = R[i]
     a, b, c = rotate_back(Ri, x[i, W], x[i, W + 1], x[i, W + 2])
@@ -61,14 +61,14 @@ def integrate_gyroscopic(x, i, dt, bodies, R):
 
 @inner(forceinline=True)
 def turns_of(dt, w):
-    """In how many parts a turn for ``dt`` seconds is made."""
+    """Return the number of substeps of a rotation over ``dt`` seconds."""
     angle = dt * math.sqrt(w[0] ** 2 + w[1] ** 2 + w[2] ** 2)
     return max(min(math.ceil(angle / _TURN), _MOST_TURNS), 1)
 
 
 @inner(forceinline=True)
 def _write_velocity(x, i, momentum, inverse_inertia, R):
-    """Write the angular velocity that a momentum (world axes) gives body i at a rotation into the state."""
+    """Write body i's angular velocity for an angular momentum (world axes) at a rotation into the state."""
     a, b, c = rotate_back(R, momentum[0], momentum[1], momentum[2])
     a, b, c = rotate(inverse_inertia, a, b, c)
     x[i, W], x[i, W + 1], x[i, W + 2] = rotate(R, a, b, c)

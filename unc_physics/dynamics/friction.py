@@ -1,10 +1,10 @@
-"""Coulomb's law of friction at a contact, tangential and about the normal, and which of its cases holds.
+"""Coulomb friction at a contact, tangential and about the normal, and its sticking and sliding cases.
 
     tangential impulse:  |lambda_t| <= mu lambda_n, opposite to slip; no slip inside the cone
     moment:              |tau| <= r lambda_n, opposite to spin; no spin inside
 
-The solver projects onto these sets, sleeping needs a reserve in them, and derivatives ask which case holds.
-The coefficients mu and r of two partners are written with the contact (`collision.contact_patch`).
+The solver projects onto these sets, sleep detection requires a margin within them, and derivatives depend on
+the case. Each contact stores mu and r of its two partners (`collision.contact_patch`).
 """
 
 import math
@@ -15,28 +15,28 @@ from ..collision.contact_simd import foreseen
 from ..compiler import inner
 from ..spatial.vectors import dot, minus, times
 
-_AT_LIMIT = 1.0 - 1e-9  # share of the limit from which on a contact slides or spins
-_NO_SLIP = 1e-12  # slower slip has no direction [m/s]
+_AT_LIMIT = 1.0 - 1e-9  # share of the limit above which a contact slides or spins
+_NO_SLIP = 1e-12  # below this speed, slip has no direction [m/s]
 
 
 @inner(forceinline=True, fastmath=FAST)
 def slip_limit(row, normal):
-    """Return the largest tangential impulse with a ``normal`` one [N s]."""
+    """Return the largest tangential impulse for a normal impulse ``normal`` [N s]."""
     return row[FRICTION] * normal
 
 
 @inner(forceinline=True, fastmath=FAST)
 def spin_limit(twist, normal):
-    """Return the largest moment about the normal with a ``normal`` impulse [N m s]."""
+    """Return the largest moment about the normal for a normal impulse ``normal`` [N m s]."""
     return twist[REACH] * normal
 
 
 @inner(forceinline=True, fastmath=FAST, error_model="numpy")
 def within_slip_limit(first, second, limit):
-    """Return the nearest tangential impulse that is at most ``limit`` [N s]."""
+    """Project a tangential impulse onto the disc of radius ``limit`` [N s]."""
     square = first * first + second * second
     if square > limit * limit:
-        foreseen()  # a root and a division, for which what sticks shall not wait
+        foreseen()  # skips a square root and a division for sticking contacts
         share = limit / math.sqrt(square)
         first, second = first * share, second * share
     return first, second
@@ -44,7 +44,7 @@ def within_slip_limit(first, second, limit):
 
 @inner(forceinline=True, fastmath=FAST)
 def within_spin_limit(moment, limit):
-    """Return the nearest moment that is at most ``limit`` [N m s]."""
+    """Clamp a moment to ``limit`` [N m s]."""
     return min(max(moment, -limit), limit)
 
 
@@ -63,30 +63,30 @@ def sticks(row, impulse):
 
 @inner(forceinline=True, error_model="numpy")
 def slip_derivative(row, normal, f_t, u_t, n, yielding):
-    """Return the derivative of a contact's whole impulse.
+    """Return the derivative of a contact's impulse vector.
 
     Parameters
     ----------
     row : array
-        Of the contact.
+        Row of the contact.
     normal : float
-        Its normal impulse [N s].
+        Normal impulse [N s].
     f_t, u_t : tuple
-        Its tangential impulse [N s], and the velocity of slip [m/s].
+        Tangential impulse [N s] and slip velocity [m/s].
     n : tuple
-        Its normal.
+        Contact normal.
     yielding : float
-        Velocity per impulse by which sticking gives way [m/(s N s)].
+        Slip velocity per tangential impulse of a sticking contact [m/(s N s)].
 
     Returns
     -------
     slides : bool
     pushed : tuple
-        Derivative by the normal impulse.
+        Derivative with respect to the normal impulse.
     along : tuple
-        Direction of slip; 0 where it does not slide.
+        Direction of the friction impulse; 0 for a sticking contact.
     hold : float
-        Impulse per velocity of slip, across ``along`` [N s s/m].
+        Impulse per slip velocity, across ``along`` [N s s/m].
     """
     mu, limit = row[FRICTION], row[FRICTION] * normal
     size_t = math.sqrt(dot(f_t, f_t))
@@ -98,5 +98,5 @@ def slip_derivative(row, normal, f_t, u_t, n, yielding):
 
 @inner(forceinline=True)
 def spins(twist, normal, moment, spin):
-    """Return whether a contact with a moment [N m s] and a spin [rad/s] about the normal spins."""
+    """Return whether a contact spins, given its moment [N m s] and spin [rad/s] about the normal."""
     return abs(moment) >= _AT_LIMIT * (twist[REACH] * normal) and abs(spin) * twist[REACH] > _NO_SLIP

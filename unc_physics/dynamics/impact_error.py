@@ -1,9 +1,9 @@
-"""What no model knows of an impact: its impulse is drawn a little off, anew at each impact of two partners.
+"""Random errors of impact impulses, drawn anew at each impact of two partners.
 
-Real surfaces are rough, corners are worn, and no contact is a point. All contacts of two partners in one
-impact are drawn alike: their directions turn by one small rotation, the places where they act shift along the
-surface, and friction is multiplied. Numbers come from keys, so they depend on the sample, the partners and
-the impact, and on nothing else: not on other bodies, threads, or how steps are divided into calls.
+They model rough surfaces, worn corners, and contacts that are not points. All contacts of two partners in one
+impact share one error. It rotates their directions by a small rotation, shifts their points along the
+surface, and scales friction. Errors are computed from keys of the sample, the partners, and the impact. So
+they do not depend on other bodies, threads, or the division of steps into calls.
 """
 
 import math
@@ -34,22 +34,22 @@ _S11, _ONE = np.uint64(11), np.uint64(1)
 
 @inner(forceinline=True)
 def is_drawn(error):
-    """Whether anything is drawn at impacts."""
+    """Return whether impacts have random errors."""
     return error.direction > 0.0 or error.point > 0.0 or error.friction > 0.0
 
 
 @inner
 def disturb(step, impact, bodies, key, error, work):
-    """Draw the error of the contacts at hand.
+    """Draw and apply the errors of the current contacts.
 
     Parameters
     ----------
     step, impact : int
-        Numbers of the step, and of the impact among those of the group in it.
+        Number of the step, and of the group's impact in the step.
     bodies : int
-        How many there are.
+        Number of bodies.
     key : uint64
-        The sample's.
+        Key of the sample.
     error : ImpactError
     work : ImplicitWorkspace
     """
@@ -72,7 +72,7 @@ def disturb(step, impact, bodies, key, error, work):
 
 @inner
 def _normals(key, number):
-    """Two independent standard normal numbers of a key (Box and Muller)."""
+    """Return two independent standard normal numbers for a key (Box-Muller)."""
     a = mix(combine(key, 2 * number))
     b = mix(combine(key, 2 * number + 1))
     size = math.sqrt(-2.0 * math.log(np.float64((a >> _S11) + _ONE) * _TO_UNIT))
@@ -82,14 +82,15 @@ def _normals(key, number):
 
 @inner
 def _turn(row, x, y, z):
-    """Turn a contact's three directions by a small rotation vector (world axes); moments follow.
+    """Rotate a contact's three directions by a small rotation vector (world axes), and update moments.
 
-    Each new direction is a mixture of the old ones, and so are its moments about the centres of mass.
+    Each new direction is a linear combination of the old ones, and so are its moments about the centres of
+    mass.
     """
     angle = math.sqrt(x * x + y * y + z * z)
     if angle == 0.0:
         return
-    # the rotation vector along the old directions, in which the rotation is written
+    # components of the rotation axis along the old directions
     a = (row[DIRECTION] * x + row[DIRECTION + 1] * y + row[DIRECTION + 2] * z) / angle
     b = (row[AXIS] * x + row[AXIS + 1] * y + row[AXIS + 2] * z) / angle
     c = (row[2 * AXIS] * x + row[2 * AXIS + 1] * y + row[2 * AXIS + 2] * z) / angle
@@ -98,7 +99,7 @@ def _turn(row, x, y, z):
     q01, q10 = t * a * b - s * c, t * a * b + s * c
     q02, q20 = t * a * c + s * b, t * a * c - s * b
     q12, q21 = t * b * c - s * a, t * b * c + s * a
-    for k in range(AXIS):  # directions, moments, and what they push and turn
+    for k in range(AXIS):  # directions, moments, and the velocity changes of unit impulses
         n, f, g = row[k], row[AXIS + k], row[2 * AXIS + k]
         row[k] = q00 * n + q10 * f + q20 * g
         row[AXIS + k] = q01 * n + q11 * f + q21 * g
@@ -107,7 +108,7 @@ def _turn(row, x, y, z):
 
 @inner
 def _shift(row, x, y, z, i, j, inverse_inertia):
-    """Shift where a contact acts, along its surface; its compliances follow."""
+    """Shift a contact point along the surface, and update its compliances."""
     along = row[DIRECTION] * x + row[DIRECTION + 1] * y + row[DIRECTION + 2] * z
     x, y, z = x - along * row[DIRECTION], y - along * row[DIRECTION + 1], z - along * row[DIRECTION + 2]
     for d in range(3):
@@ -127,7 +128,7 @@ def _shift(row, x, y, z, i, j, inverse_inertia):
 
 @inner
 def _add_moment(row, moment, turn, more, inverse_inertia):
-    """Add to a moment and to what it turns; returns the compliance of both."""
+    """Add to a moment and its angular velocity change; return the compliance of both."""
     tx, ty, tz = rotate(inverse_inertia, more[0], more[1], more[2])
     row[moment] += more[0]
     row[moment + 1] += more[1]

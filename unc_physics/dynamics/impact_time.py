@@ -1,4 +1,4 @@
-"""When contacts close faster than a threshold: impacts, at present and to come."""
+"""Times of impacts: contacts that close faster than a threshold."""
 
 import math
 
@@ -7,32 +7,32 @@ from ..collision.contact_simd import contact_speeds
 from ..collision.implicit_workspace import CONTACTS, FREE, START
 from ..compiler import inner
 
-#: Gap up to which bodies touch, and at which an impact is aimed [m].
+#: Gap below which bodies touch, and target gap of the time of an impact [m].
 TOUCHING, _AIM = 2e-5, 1e-5
-_ALMOST = 0.9  # of the speed above which closing is an impact: what may have been one
-#: Contacts that give back at least this share of their speed lose too little of it to come to rest soon: each
-#: closing of theirs that is faster than a speed [m/s] is an impact, whatever the step.
+_ALMOST = 0.9  # share of the impact speed above which a closing contact may have been an impact
+#: Contacts with at least this restitution lose too little speed to come to rest soon. Each closing of theirs
+#: above a speed [m/s] is an impact, whatever the step.
 LIVELY, _SLOWEST_LIVELY = 0.7, 1e-3
 
 
 @inner(forceinline=True)
 def impact_speed(restitution, threshold):
-    """Closing speed above which a contact of that restitution has an impact [m/s]."""
+    """Return the closing speed above which a contact with this restitution has an impact [m/s]."""
     return min(threshold, _SLOWEST_LIVELY) if restitution >= LIVELY else threshold
 
 
 @inner(error_model="numpy", forceinline=True)
 def time_to_close(row, speed, threshold):
-    """Time until an open contact of that normal speed closes faster than a threshold; infinite if never.
+    """Return the time until an open contact closes faster than a threshold; infinite if never.
 
-    The gap is a parabola, with gravity and the centripetal acceleration of the sphere's centre.
+    The gap is a parabola in time, from gravity and the centripetal acceleration of the sphere's centre.
     """
     return time_after(row, row[GAP], speed, threshold)
 
 
 @inner(error_model="numpy", forceinline=True)
 def time_after(row, gap, speed, threshold):
-    """As `time_to_close`, of a contact whose gap was another [m] when it had that speed."""
+    """Return `time_to_close` for a contact that had this ``gap`` [m] at this speed."""
     way = gap - _AIM
     square = speed * speed - 2.0 * row[FALL] * way
     if way <= 0.0 or square <= threshold * threshold:
@@ -43,7 +43,7 @@ def time_after(row, gap, speed, threshold):
 
 @inner
 def impact_now(threshold, rebound, work):
-    """Whether a contact at hand that touches closes fast, with a restitution of at least ``rebound``."""
+    """Return whether a touching contact closes fast, with a restitution of at least ``rebound``."""
     rows, ids = work.rows, work.ids
     for c in range(work.counts[CONTACTS]):
         row = rows[c]
@@ -56,8 +56,9 @@ def impact_now(threshold, rebound, work):
 
 @inner(error_model="numpy")
 def time_to_impact(left, threshold, rebound, work):
-    """Time until the first impact of contacts at hand, with a restitution of at least ``rebound``, within
-    ``left`` seconds; ``left`` without one.
+    """Return the time until the first impact of a current contact with a restitution of at least ``rebound``.
+
+    Without an impact within ``left`` seconds, return ``left``.
     """
     rows, ids, first = work.rows, work.ids, left
     for c in range(work.counts[CONTACTS]):
@@ -69,8 +70,10 @@ def time_to_impact(left, threshold, rebound, work):
 
 @inner
 def impact_before(h, threshold, work):
-    """Time until a contact at hand may first have closed faster than a threshold, in ``h`` seconds of free
-    motion that led to it; ``h`` without one, and 0 if one had closed when they began that is not open now.
+    """Return the time of the first possible impact of a current contact in the past ``h`` seconds.
+
+    The motion was free. Without an impact, return ``h``. Return 0 if a contact was already closing at the
+    beginning and is closed now.
     """
     first = h
     for c in range(work.counts[CONTACTS]):
@@ -80,7 +83,7 @@ def impact_before(h, threshold, work):
 
 @inner(error_model="numpy", forceinline=True)
 def time_before(c, h, threshold, work):
-    """The same time of contact ``c`` alone; infinite without one."""
+    """Return `impact_before` for contact ``c`` alone; infinite without an impact."""
     row = work.rows[c]
     fast = impact_speed(row[RESTITUTION], threshold)
     end = contact_speeds(row, work.velocity[FREE], work.ids[c, 0], work.ids[c, 1])[0]

@@ -1,27 +1,27 @@
-"""Rollouts of the implicit step, whose workspace grows until nothing overflows."""
+"""Rollouts of the implicit step, with workspaces that grow after an overflow."""
 
 from ..collision.implicit_workspace import NO_OVERFLOW, OVERFLOW, implicit_workspace, more_room
 from ..compiler import inner, kernel
 from .implicit_step import integrate
 
-#: Contacts, candidates and pairs in lists that a workspace first has room for.
+#: Initial room of a workspace: contacts, candidates and pairs in lists.
 FIRST_ROOM = (64, 256, 2048)
 
 
 def with_growing_room(attempt):
-    """Return a kernel that calls ``attempt`` until all is done, with more room after each overflow.
+    """Return a kernel that calls ``attempt`` until all steps are done, with more room after each overflow.
 
     Parameters
     ----------
     attempt : kernel
-        Takes how much is done, how much there is to do, the ``arguments``, the world, a new workspace and the
-        number of contacts that it has room for. Returns how much is done; it may stop early.
+        Takes the number of steps done, the total, the ``arguments``, the world, a new workspace, and its room
+        for contacts. Returns the number of steps done; it may stop early.
 
     Returns
     -------
     kernel
-        Takes a state (B, 13) and its kept overlap (`SolverMemory`), for which workspaces are made, the world,
-        the ``arguments`` (a tuple), how much there is to do, and the first room. Returns the last room.
+        Takes a state (B, 13), its kept overlap (`SolverMemory`), the world, the ``arguments`` (a tuple), the
+        total, and the initial room. Returns the final room.
     """
 
     @kernel
@@ -43,15 +43,15 @@ def rollout_kernel(prepare):
     Parameters
     ----------
     prepare : kernel
-        Makes the method (`implicit_stages`) of its source, the world, a new workspace and the number of
-        contacts that it has room for.
+        Creates the method (`implicit_stages`) from its source, the world, a new workspace and its room for
+        contacts.
 
     Returns
     -------
     kernel
-        Takes the state (B, 13), the first contacts (B, B + E), a `SolverMemory` and the rollout's row in it,
-        the world, the method's source, and the numbers of steps before and to do; and the first room. It
-        works in place, and returns the last room.
+        Takes the state (B, 13), the first contacts (B, B + E), a `SolverMemory`, and the rollout's row in it.
+        Then the world, the method's source, the number of steps before, the steps to do, and the initial
+        room. It works in place, and returns the final room.
     """
 
     @kernel
@@ -87,7 +87,7 @@ def rollout_kernel(prepare):
 
 @inner
 def _no_method(source, world, work, contacts):
-    """The plain step."""
+    """Return None as the method of a plain step."""
     return
 
 
@@ -96,7 +96,7 @@ _advance_plain = rollout_kernel(_no_method)
 
 @kernel
 def advance_implicit(states, first_time, memory, world, begin, steps):
-    """Advance states (N, B, 13) in place, and what their rollouts remember (`SolverMemory`) along."""
+    """Advance states (N, B, 13) and their `SolverMemory` in place."""
     room = FIRST_ROOM
     for n in range(len(states)):
         room = _advance_plain(states[n], first_time[n], memory, n, world, None, begin, steps, room)

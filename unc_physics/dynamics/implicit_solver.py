@@ -1,22 +1,22 @@
-"""The contact problem of a group of bodies: lasting contacts implicit in velocity, impacts as rigid impulses.
+"""Contact solver for a group of bodies: lasting contacts implicit in velocity, impacts as rigid impulses.
 
-Lasting contact, over an interval h (`solve_lasting`): the paper's penalty force to leading order in depth
-(`contact_model.shallow_volume`), at the depth of the interval's end, plus the damping time tau times the
-closing speed::
+Lasting contact over an interval h (`solve_lasting`) has two terms. The first is the paper's penalty force to
+leading order in depth (`contact_model.shallow_volume`), at the depth at the interval's end. The second is the
+damping time tau times the closing speed::
 
     lambda_n = h kappa pi R d^2,   d = max(0, -g - h (v_n + v_n') / 2 - tau v_n')
     |lambda_t| <= mu lambda_n, opposite to slip; no slip inside
     M (v' - v*) = J^T lambda
 
-with v at the start, v' at the end, v* what the end would be without contacts. Bodies travel by the mean of v
-and v', so that the depth is the end's, sliding loses the energy that friction takes, and the contact never
-gives energy.
+Here v is the velocity at the start, v' at the end, and v* at the end without contacts. Bodies move by the
+mean of v and v', which makes the depth consistent with the end pose. Sliding dissipates the work of friction,
+and contacts never add energy.
 
-Impact (`solve_impact`): impulses to ``v_n' = -e v_n`` where a contact closes, in Coulomb's cone.
+Impact (`solve_impact`): impulses with ``v_n' = -e v_n`` for closing contacts, within Coulomb's cone.
 
-Both by block Gauss-Seidel: each contact's normal impulse in closed form, then both tangential ones, scaled
-back to the cone. Where patches oppose spin, a moment about the normal follows, up to a length times the
-normal impulse. Surfaces that move count with their velocities.
+Both use block Gauss-Seidel: for each contact the normal impulse in closed form, then both tangential
+impulses, projected onto the cone. For patches with torsional friction, a moment about the normal follows, up
+to a length times the normal impulse. Surface velocities are included.
 """
 
 import math
@@ -72,43 +72,43 @@ from ..compiler import inner
 from .friction import slip_limit, spin_limit, within_slip_limit, within_spin_limit
 from .impact_time import impact_speed
 
-#: A solution is found when a sweep changes no impulse by more than this share of the largest normal one, and
-#: no contact's velocity by more than the second share of the fastest contact's, and the third of what that is
-#: above the slowest impact's: light bodies under heavy ones lie still too, and what flies needs no such care.
+#: Convergence tolerances of a sweep: change of an impulse, relative to the largest normal one. Change of a
+#: contact velocity, relative to the fastest contact, and to its excess over the slowest impact. The tight
+#: second value holds light bodies under heavy ones still; fast contacts need less accuracy.
 TOLERANCE, _STILL, _MOVING = 1e-3, 2e-4, 1e-3
 _PLAIN_SWEEPS, _SWEEPS = 4, 200
-#: Sweeps after which a contact's velocity may change by more, in proportion to them: what lies still is found
-#: in few, and what goes to and fro for long is in motion.
+#: Sweeps after which the velocity tolerance grows in proportion to their number. Resting contacts converge in
+#: a few sweeps; only moving ones need many.
 _PATIENCE = 20.0
-#: Share of the contacts whose velocity or impulse may change by more, and how many times more at most. Fewer
-#: than 1 / `_SLOW_SHARE` contacts have no such exception.
+#: Share of the contacts whose velocity or impulse may change by more, and the largest factors. With fewer
+#: than 1 / `_SLOW_SHARE` contacts there are no exceptions.
 _SLOW_SHARE, _SLOW_VELOCITY, _SLOW_IMPULSE = 0.01, 16.0, 4.0
-#: Among that many contacts, only one in so many later sweeps visits those without an impulse.
+#: Among that many contacts, only one in this number of later sweeps visits contacts without an impulse.
 _OPEN_EVERY = 5
-#: Contacts that are solved one after the other are so many parts of the list apart: mostly of other bodies,
-#: so that the processor need not wait for one to begin the next.
+#: Successive contacts of a sweep are 1 / `_APART` of the list apart. They mostly belong to different bodies,
+#: so that the processor can overlap their computations.
 _APART = 4
-#: Overlap that contacts always push out [m], and how fast they push out what the load does not explain [m/s].
+#: Overlap that contacts always push out [m], and speed at which they push out unexplained overlap [m/s].
 _SLACK, RECOVERY = 2e-5, 0.05
-#: Damping time of a contact, in steps: with half of one, what is stiff comes to rest in two.
+#: Damping time of a contact, in steps; with half a step, stiff contacts come to rest in two.
 _DAMPING = 0.5
-_ROLLED = 1e-4  # how far points of a body turn in an interval of which other spheres touch at its end [m]
-#: Growth of the square of a sweep's change: from one to the next, up to which the direction of search stays,
-#: and over the least so far, at which the solver goes back.
+_ROLLED = 1e-4  # rotation of a body's points in an interval that changes the touching spheres [m]
+#: Growth of the squared change of a sweep: up to the first value, the search direction is kept. Above the
+#: second value, relative to the smallest change so far, the solver restores its best solution.
 _ALIKE, _DIVERGED = 1.1, 100.0
-_GAIN = 1e-9  # of an impact's work, relative to its terms: round-off
+_GAIN = 1e-9  # relative round-off of the work of an impact
 
 
 @inner(forceinline=True, fastmath=FAST)
 def contact_speed(row, d, v, i, j):
-    """Velocity of body i relative to its partner at a contact, along direction ``d`` of its row [m/s]."""
+    """Return the velocity of body i relative to its partner along direction ``d`` of a contact [m/s]."""
     speed = contact_speeds(row, v, i, j)[d]
     return speed - row[DRIFT + d - 1] if d > 0 else speed
 
 
 @inner(forceinline=True, fastmath=FAST)
 def contact_spin(row, v, i, j):
-    """Angular velocity of body i relative to its partner about a contact's normal [rad/s]."""
+    """Return the angular velocity of body i relative to its partner about a contact's normal [rad/s]."""
     s = row[0] * v[i, 3] + row[1] * v[i, 4] + row[2] * v[i, 5]
     if j >= 0:
         s -= row[0] * v[j, 3] + row[1] * v[j, 4] + row[2] * v[j, 5]
@@ -117,7 +117,7 @@ def contact_spin(row, v, i, j):
 
 @inner(forceinline=True, fastmath=FAST)
 def apply_moment(twist, moment, v, i, j):
-    """Change the bodies' angular velocities by a moment about a contact's normal [N m s]."""
+    """Add a moment about a contact's normal [N m s] to the bodies' angular velocities."""
     for k in range(3):
         v[i, 3 + k] += moment * twist[SPIN_I + k]
     if j >= 0:
@@ -127,9 +127,10 @@ def apply_moment(twist, moment, v, i, j):
 
 @inner(fastmath=FAST, error_model="numpy")
 def _solve_twist(row, twist, own, v, i, j):
-    """Give a contact the moment that stops its spin, or the most that its normal impulse allows.
+    """Compute the moment that stops a contact's spin, limited by its normal impulse.
 
-    Returns the change, and that of the spin, as impulse [N s] and velocity [m/s] at the moment's reach.
+    Returns its change as an impulse [N s], and the change of spin as a velocity [m/s], both at the moment's
+    reach.
     """
     reach = twist[REACH]
     limit = spin_limit(twist, own[0])
@@ -145,7 +146,7 @@ def _solve_twist(row, twist, own, v, i, j):
 
 @inner(forceinline=True, error_model="numpy")
 def _couple(row, j):
-    """Write what a normal impulse asks of both tangential ones; only turning couples them."""
+    """Write the coupling of a normal impulse with both tangential ones, which comes from rotation only."""
     for d in range(2):
         k = AXIS * (d + 1)
         own = row[k + MOMENT_I] * row[TURN_I] + row[k + MOMENT_I + 1] * row[TURN_I + 1]
@@ -158,17 +159,18 @@ def _couple(row, j):
 
 @inner(forceinline=True, fastmath=FAST, error_model="numpy")
 def _solve_contact(row, own, law, v, i, j):
-    """Give a contact the impulses that obey its law, all others held: the normal one, then both tangential
-    ones, to no slip or to the cone.
+    """Compute a contact's impulses with all others held: the normal one, then both tangential ones.
+
+    The tangential impulses stop slip, or are projected onto the cone.
 
     Returns
     -------
     normal : float
-        Its normal impulse [N s].
+        Normal impulse [N s].
     change, jump : float
-        Largest change of an impulse [N s], and of the contact's velocity [m/s].
+        Largest change of an impulse [N s] and of the contact's velocity [m/s].
     square : float
-        Of all changes [N^2 s^2].
+        Sum of squares of all changes [N^2 s^2].
     """
     old, old1, old2 = own[0], own[1], own[2]
     speed, across, along = contact_speeds(row, v, i, j)
@@ -199,27 +201,27 @@ def _solve_contact(row, own, law, v, i, j):
 
 @inner(forceinline=True)
 def _is_open(impulses):
-    """Whether a contact has no impulse."""
+    """Return whether a contact has no impulse."""
     return impulses[0] == 0.0 and impulses[1] == 0.0 and impulses[2] == 0.0 and impulses[3] == 0.0
 
 
 @inner(fastmath=FAST, error_model="numpy")
 def solve(rows, twists, ids, m, law, all_impulses, members, count, velocity, still):
-    """Find the impulses of ``m`` contacts by `LASTING`, `ELASTIC` or `PLASTIC`, from those on record, and the
-    velocities ``NOW`` with them, of ``count`` members.
+    """Solve for the impulses of ``m`` contacts and the velocities ``NOW``.
 
-    A sweep shall change no contact's velocity by more than ``still`` [m/s]. Among many contacts a share of
-    `_SLOW_SHARE` may change by more: the more contacts, the slower the slowest converges.
+    ``law`` is `LASTING`, `ELASTIC` or `PLASTIC`. The recorded impulses are the initial guess. ``members``
+    lists the ``count`` bodies of the group. A sweep must change no contact's velocity by more than ``still``
+    [m/s]. Among many contacts, a share of `_SLOW_SHARE` may change by more, as the slowest contact converges
+    more slowly.
 
-    After some plain sweeps each is followed by a step along what the sweeps have changed so far, as in
-    conjugate gradients (Silcowitz, Niebe and Erleben 2010): sweeps alone take as many as the mass ratio,
-    these its root.
+    After some plain sweeps, a step along the accumulated changes follows each sweep, as in conjugate
+    gradients (Silcowitz, Niebe and Erleben 2010). The number of sweeps then grows with the root of the mass
+    ratio, instead of the ratio.
 
     Returns
     -------
     residual : float
-        Largest change of an impulse in the last sweep, which is by how much the law was missed, relative to
-        the largest normal impulse.
+        Largest change of an impulse in the last sweep, relative to the largest normal impulse.
     """
     own, previous, search = all_impulses[law], all_impulses[PREVIOUS], all_impulses[SEARCH]
     best, v, before, along = all_impulses[BEST], velocity[NOW], velocity[BEFORE], velocity[ALONG]
@@ -270,7 +272,7 @@ def solve(rows, twists, ids, m, law, all_impulses, members, count, velocity, sti
             last = 0.0
             continue
         share = square / last if last > 0.0 else math.inf
-        # what changes alike in each sweep goes on, whichever way round-off tips it; what grows begins anew
+        # keep the direction while changes stay nearly constant despite round-off; restart when they grow
         share = min(share, 1.0) if share <= _ALIKE else 0.0
         for c in range(0, m, 2):
             go_on(own, previous, search, share, c)
@@ -297,7 +299,7 @@ def _copy_all(m, impulses, to, members, count, v, before):
 
 @inner(fastmath=FAST, error_model="numpy")
 def _change_impulses(rows, twists, ids, m, own, new, v):
-    """Put ``new`` impulses in place of ``own``; the velocities follow."""
+    """Replace the impulses ``own`` by ``new``, and update the velocities."""
     for c in range(m):
         more, more1, more2 = new[c, 0] - own[c, 0], new[c, 1] - own[c, 1], new[c, 2] - own[c, 2]
         apply_impulses(rows[c], more, more1, more2, v, ids[c, 0], ids[c, 1])
@@ -310,7 +312,7 @@ def _change_impulses(rows, twists, ids, m, own, new, v):
 
 @inner(forceinline=True)
 def next_patch(rows, first, m):
-    """Where the patch of contacts that begins at ``first`` ends, and its deepest contact, of ``m``."""
+    """Return the end of the patch that begins at contact ``first``, and its deepest contact."""
     last, deepest = first + 1, first
     while last < m and rows[last, FIRST] == 0.0:
         if rows[last, GAP] < rows[deepest, GAP]:
@@ -321,13 +323,11 @@ def next_patch(rows, first, m):
 
 @inner(fastmath=FAST, error_model="numpy")
 def find_leads(rows, ids, m, h, v):
-    """Find for each contact the one of its patch with whose normal speed it is damped.
+    """Find for each contact the contact of its patch whose normal speed determines its damping.
 
-    ``v`` are the velocities at the end of an interval of ``h`` seconds.
-
-    That is the deepest, if the contact is so near to it that a round body would touch with both: when such a
-    body rolls, its spheres ahead come down and those behind go up, which changes no depth. Others are damped
-    with their own speed.
+    ``v`` are the velocities at the end of an interval of ``h`` seconds. The lead is the deepest contact, if
+    it is so near that a round body would touch at both. When such a body rolls, its spheres ahead move down
+    and those behind move up, without a change of depth. Other contacts are damped by their own speed.
     """
     first = 0
     while first < m:
@@ -352,9 +352,9 @@ def solve_lasting(
 ):
     """Find all contacts' impulses over an interval ``h`` [s], and the velocities ``NOW`` at its end.
 
-    ``factor`` is the stiffness's (`contact_model.shallow_factor`). `find_leads` says by which speeds contacts
-    are damped; those that stay open are not. What is faster than ``threshold`` [m/s] need be known less well.
-    Returns the residual (`solve`).
+    ``factor`` is the stiffness factor (`contact_model.shallow_factor`). `find_leads` determines the speeds
+    for damping; open contacts are not damped. Contacts faster than ``threshold`` [m/s] have a larger
+    tolerance. Returns the residual (`solve`).
     """
     m, start, free, v = counts[CONTACTS], velocity[START], velocity[FREE], velocity[NOW]
     impulses = all_impulses[LASTING]
@@ -369,12 +369,12 @@ def solve_lasting(
             rolling = end - contact_speeds(rows[lead], free, i, j)[0]
         slip = max(abs(across - row[DRIFT]), abs(along - row[DRIFT + 1]))
         fastest = max(fastest, max(abs(before), abs(end)), slip)
-        # overlap beyond what the last force explains has no energy to give back: it goes slowly
+        # overlap not explained by the last force holds no elastic energy, so it is removed slowly
         loaded = row[FORCE] > 0.0
         explained = shallow_depth(row[FORCE], row[RADIUS], factor) if loaded and factor > 0.0 else 0.0
         begun = row[GAP] - h * (0.5 * (before + end) - rolling)
         row[GAP] += max(-explained - _SLACK - RECOVERY * h - begun, 0.0)
-        # damping pushes at nothing that stays open
+        # contacts that stay open are not damped
         row[DAMPING_TIME] = 0.0 if row[GAP] > 0.0 else _DAMPING * dt
         _couple(row, j)
         row[WAY] = 0.5 * h + row[DAMPING_TIME]
@@ -391,7 +391,7 @@ def solve_lasting(
 
 @inner
 def work_done(rows, twists, ids, m, impulses, before, after):
-    """Kinetic energy that impulses add [J], and the sum of its terms' sizes: impulses times mean speeds."""
+    """Return the kinetic energy that impulses add [J], and the sum of the magnitudes of its terms."""
     total = size = 0.0
     for c in range(m):
         for d in range(3):
@@ -410,11 +410,11 @@ def work_done(rows, twists, ids, m, impulses, before, after):
 
 @inner(noinline=True)
 def solve_impact(rows, twists, ids, counts, all_impulses, members, count, velocity, threshold):
-    """Find the impulses `ELASTIC` of an impact of all contacts at hand, and the velocities ``NOW`` after it.
+    """Compute the impulses `ELASTIC` of an impact of all current contacts, and the velocities ``NOW``.
 
-    Newton's restitution with friction can add energy: then the solution is blended with the one without
-    rebound, as far as none is added. Both obey Coulomb's law and do not penetrate, so their blend does.
-    Returns the residual (`solve`).
+    Newton's restitution with friction can add energy. The solution is then blended with the one without
+    rebound, so that no energy is added. Both obey Coulomb's law and do not penetrate, and so does their
+    blend. Returns the residual (`solve`).
     """
     m, start, v = counts[CONTACTS], velocity[START], velocity[NOW]
     elastic, plastic = all_impulses[ELASTIC], all_impulses[PLASTIC]
@@ -447,7 +447,7 @@ def solve_impact(rows, twists, ids, counts, all_impulses, members, count, veloci
             slope += (elastic[c, 3] - plastic[c, 3]) * contact_spin(rows[c], v, ids[c, 0], ids[c, 1])
     share = 0.0
     if base < 0.0:
-        curve = gain - base - slope  # energy is base + slope s + curve s^2 of the share s
+        curve = gain - base - slope  # energy is base + slope s + curve s^2 for a share s
         share = 2.0 * -base / (slope + math.sqrt(max(slope * slope - 4.0 * curve * base, 0.0)))
         share = min(max(share, 0.0), 1.0)
     for c in range(m):

@@ -1,10 +1,10 @@
-"""Stages of the implicit step, at which a method does work of its own (`compiled.stage`).
+"""Stages of the implicit step in which a method adds its own work (`compiler.stage`).
 
-In the order of a step: `before_step`, and `before_groups` where something acts; of each group `before_group`,
-then intervals, each `before_travel`, `before_contact` where something may touch, and `after_travel`, with an
-impact, `after_impact`, between two;
-`before_flight` and `after_flight` of a body that nothing can reach, `on_sleep` of one that rests; at last
-`after_groups`. `undo_step` takes back a step that is done again with more room.
+In the order of a step: `before_step`, and `before_groups` in a scene with actions. For each group
+`before_group`, then intervals, each with `before_travel`, `before_contact` if contacts are possible, and
+`after_travel`. Between two intervals is an impact, `after_impact`. A body without reachable partners has
+`before_flight` and `after_flight`, a sleeping one `on_sleep`. The last is `after_groups`. `undo_step` cancels
+a step that is repeated with more room.
 """
 
 from ..compiler import stage
@@ -12,84 +12,86 @@ from ..compiler import stage
 
 @stage
 def before_step(method, x, step, world, work):
-    """A step begins, with so many before it, at ``x`` (B, 13)."""
+    """Called before a step with number ``step``, at ``x`` (B, 13)."""
 
 
 @stage
 def undo_step(method, work):
-    """Room overflowed, and the step begins anew: what `before_step` saw holds again."""
+    """Called after an overflow, before the step is repeated from the state of `before_step`."""
 
 
 @stage
 def before_groups(method, x, begin, world, work):
-    """In a scene with actions, driven bodies are where they begin the step, at time ``begin``."""
+    """Called in a scene with actions, with kinematic bodies at the step's beginning, time ``begin``."""
 
 
 @stage
 def after_groups(method, x, end, world, work):
-    """They are where they end it, at time ``end``."""
+    """Called with kinematic bodies at the step's end, time ``end``."""
 
 
 @stage
 def on_sleep(method, i, work):
-    """Body i rests: its pose stays, and its velocities are zero."""
+    """Called for sleeping body i, whose pose is constant and whose velocities are zero."""
 
 
 @stage
 def before_flight(method, x, i, world, work):
-    """Body i will fly freely for a whole step; ``x`` (B, 13) and ``work.R`` are those before."""
+    """Called before body i moves freely for a whole step; ``x`` (B, 13) and ``work.R`` precede it."""
 
 
 @stage
 def after_flight(method, x, i, world, work):
-    """It flew."""
+    """Called after the free motion of body i."""
 
 
 @stage
 def before_group(method, count, world, work):
-    """The step of a group begins, of ``count`` members."""
+    """Called before the step of a group of ``count`` members."""
 
 
 @stage
 def before_travel(method, x, count, until, left, threshold, world, work):
-    """The group at hand, in a step that has ``left`` seconds, will travel for ``until``.
+    """Called before the current group moves for ``until`` of the ``left`` seconds of its step.
 
-    Contacts at hand are those of this pose; with ``until < left`` one of them closes then, faster than
-    ``threshold`` (`impact_time.time_to_close`).
+    The current contacts belong to this pose. If ``until < left``, one of them closes at ``until``, faster
+    than ``threshold`` (`impact_time.time_to_close`).
     """
 
 
 @stage
 def before_return(method, x, count, first, until, left, meets, threshold, world, work):
-    """The group at hand travelled for ``until`` without contacts, on a way to an impact before its end.
+    """Called after the current group moved for ``until`` without contacts past a possible impact.
 
-    It will travel from where it began for ``first`` seconds instead. With ``meets`` that is when a contact
-    closes faster than ``threshold`` (`impact_time.impact_before`), without it a time that depends on nothing.
-    ``x``, ``work.R`` and the contacts at hand are those of the end.
+    It will move for ``first`` seconds from the same start instead. With ``meets``, a contact closes at that
+    time, faster than ``threshold`` (`impact_time.impact_before`). Without it, the time depends on no
+    variable. ``x``, ``work.R`` and the current contacts are at the end.
     """
 
 
 @stage
 def before_contact(method, x, count, world, work):
-    """The lasting contacts of the group at hand are known, and not their impulses.
+    """Called when the lasting contacts of the current group are known, but not their impulses.
 
-    ``x`` (B, 13), ``work.R`` and the contacts' rows are those of the interval's end as it would be without
-    contacts (`FREE`, `FREE_POSITION`, `FREE_QUATERNION`).
+    ``x`` (B, 13), ``work.R`` and the contacts' rows are at the interval's end without contacts (`FREE`,
+    `FREE_POSITION`, `FREE_QUATERNION`).
     """
 
 
 @stage
 def after_travel(method, x, count, h, world, work):
-    """The group at hand travelled for ``h`` seconds under the impulses on record (`LASTING`).
+    """Called after the current group moved for ``h`` seconds under the recorded impulses (`LASTING`).
 
-    The contacts' rows are those of the interval's end without contacts (`before_contact`). Velocities and
-    poses of its beginning are on record (`START`, `START_POSITION`, `START_QUATERNION`); ``x`` and ``work.R``
-    are those of its end.
+    The contacts' rows are at the interval's end without contacts (`before_contact`). Velocities and poses of
+    its beginning are recorded (`START`, `START_POSITION`, `START_QUATERNION`). ``x`` and ``work.R`` are at
+    its end.
     """
 
 
 @stage
 def after_impact(method, x, count, threshold, world, work):
-    """The contacts at hand acted on the group as the impulses on record (`ELASTIC`); `START` and `NOW` are
-    the velocities before and after. A contact that closed faster than ``threshold`` rebounds.
+    """Called after an impact of the current contacts with the recorded impulses (`ELASTIC`).
+
+    `START` and `NOW` are the velocities before and after. Contacts that closed faster than ``threshold``
+    rebound.
     """

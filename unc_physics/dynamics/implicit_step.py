@@ -1,8 +1,8 @@
-"""One implicit step, group by group: search, impacts at their own times, lasting contacts, travel.
+"""The implicit step, group by group: search, impacts at their own times, lasting contacts, motion.
 
-A group is what may touch in the step. It goes from impact to impact: it travels to the first, in which
-impulses change the velocities at once, and so on, at most `_IMPACTS` times, or `_LIVELY_IMPACTS`; the rest of
-the step is one solution of the lasting contacts. Nothing that happens in a group depends on any other.
+A group is a set of bodies that may touch in the step. It moves to its first impact, where impulses change
+velocities instantaneously, then to the next. There are at most `_IMPACTS`, or `_LIVELY_IMPACTS`. The
+remaining interval is one solution of the lasting contacts. Groups are computed independently.
 """
 
 import math
@@ -77,26 +77,29 @@ from .implicit_stages import (
 )
 from .middle_arms import push_in_the_middle
 
-#: Closing faster than this is an impact: the largest of a speed [m/s], of that of a fall from a height [m],
-#: and of what gravity adds in some steps. Where nothing weighs, nothing has to come to rest, and the slowest
-#: approach is one.
+#: Impact speed: the largest of a speed [m/s], the speed after a fall from a height [m], and gravity's change
+#: of speed in a number of steps. Without gravity nothing needs to come to rest, so that even the slowest
+#: approach is an impact.
 _SLOWEST_IMPACT, _LOWEST_FALL, _IMPACT_STEPS = 1e-5, 5e-4, 2.5
-#: In a step of a group, at most: impacts, and searches for them; then those of contacts that rebound with at
-#: least so much of their speed, which would go on for long, as of a light body between heavy ones. Lasting
-#: contacts take up the others.
+#: Limits per step of a group: impacts, and searches for them. Beyond these, only contacts with a restitution
+#: of at least `LIVELY` have impacts, up to the second limits. A light body between heavy ones has many. The
+#: rest become lasting contacts.
 _IMPACTS, _CUTS = 4, 16
 _LIVELY_IMPACTS, _LIVELY_CUTS = 64, 256
-#: No contact begins and ends unseen on a way as short as this [m].
+#: Distance within which no contact can begin and end undetected [m].
 _SHORT_WAY = 4e-3
-_QUIET_SPEED, _QUIET_CONTACTS = 2e-3, 3  # of what falls asleep [m/s]
-_HOLDING = 0.99  # of what friction can hold: what all contacts let slip, however slowly, does not fall asleep
+# sleep: speed [m/s], number of contacts
+_QUIET_SPEED, _QUIET_CONTACTS = 2e-3, 3
+# share of the friction limit; a body does not fall asleep if all contacts exceed it and creep
+_HOLDING = 0.99
 
 
 @inner
 def travel_freely(x, i, h, end, decay, world, R):
-    """Move body i for ``h`` seconds, until ``end``, without contacts: a parabola, its angular momentum kept.
+    """Move body i for ``h`` seconds, until ``end``, without contacts; its angular momentum is conserved.
 
-    ``R`` (B, 3, 3) follows. Half of what wrenches do comes before the motion, half after it.
+    The path is a parabola. Updates ``R`` (B, 3, 3). Half of the wrenches' impulses come before the motion,
+    half after it.
     """
     gravity, pushed = world.gravity, len(world.surroundings.actions.wrench_body) > 0
     if pushed:
@@ -117,11 +120,10 @@ def travel_freely(x, i, h, end, decay, world, R):
 
 @inner(noinline=True)
 def find_contacts(x, count, since, horizon, limit, speeds_only, world, work):
-    """Find the contacts of the group at hand, of ``count`` members: gaps below ``limit`` [m] now or within
-    ``horizon`` seconds.
+    """Find the contacts of the current group, of ``count`` members.
 
-    ``since`` is for how long the members have moved without `TRAVEL` being brought up to date [s], and
-    ``speeds_only`` as in `contact_patch.write_contact`.
+    Their gaps are below ``limit`` [m], now or within ``horizon`` seconds. ``since`` is the time that members
+    have moved since the last update of `TRAVEL` [s]. ``speeds_only`` is as in `contact_patch.write_contact`.
     """
     work.counts[CONTACTS] = 0
     members, numbers, moving = work.members, work.numbers, work.moving
@@ -152,7 +154,7 @@ def find_contacts(x, count, since, horizon, limit, speeds_only, world, work):
 
 @inner(forceinline=True)
 def prepare_members(x, count, world, work):
-    """Inverse inertias, in world axes, of the group's members."""
+    """Write the inverse inertias of the group's members, in world axes."""
     members, R, bodies = work.members, work.R, world.bodies
     for a in range(count):
         i = members[a]
@@ -174,9 +176,9 @@ def _read_velocities(x, count, members, velocity):
 
 @inner(forceinline=True)
 def _takes_part(row, i, j, threshold, v):
-    """Whether a contact at hand takes part in an impact next to it.
+    """Return whether a contact takes part in a neighbouring impact.
 
-    Elastic ones act in sequence: one that does not touch and close yet has an impact of its own.
+    Elastic contacts act in sequence: one that does not touch and close yet has a separate impact later.
     """
     if row[RESTITUTION] < LIVELY:
         return row[GAP] <= IMPACT_GAP
@@ -186,9 +188,9 @@ def _takes_part(row, i, j, threshold, v):
 
 @inner(noinline=True)
 def collide(x, count, time, impact, first_time, residual, world, threshold, key, method, work):
-    """Let the contacts at hand that an impact reaches act as impulses.
+    """Apply the impulses of an impact to the contacts that it reaches.
 
-    ``impact`` is its number among those of the group in the step.
+    ``impact`` is its number among the impacts of the group in the step.
     """
     members, ids, counts, part, velocity = work.members, work.ids, work.counts, work.part, work.velocity
     rows, kept = work.rows, 0
@@ -203,7 +205,7 @@ def collide(x, count, time, impact, first_time, residual, world, threshold, key,
             speed = contact_speeds(rows[c], velocity[START], ids[c, 0], ids[c, 1])[0]
             if speed < -impact_speed(rows[c, RESTITUTION], threshold):
                 mark_part(ids[c, 0], part)
-    for c in range(counts[CONTACTS]):  # those stay that the impact reaches
+    for c in range(counts[CONTACTS]):  # keep the contacts that the impact reaches
         if part[ids[c, 0]] > 0:
             move_contact(c, kept, work)
             kept += 1
@@ -235,11 +237,11 @@ def note_contact(first_time, i, j, time):
 
 @inner(noinline=True)
 def travel_to_contacts(x, count, h, end, touching, world, work):
-    """Move the group at hand freely for ``h`` seconds, until ``end``, and find its lasting contacts there.
+    """Move the current group freely for ``h`` seconds, until ``end``, and find its lasting contacts there.
 
-    All of a contact's geometry is that of the interval's end, as it would be without contacts. A contact
-    takes part if it is open by no more than what holding a body against gravity changes. Without
-    ``touching`` there are none.
+    All contact geometry is at the interval's end, as it would be without contacts. A contact is included if
+    its gap is at most the change from holding a body against gravity. Without ``touching`` no contacts are
+    searched.
     """
     members, velocity, numbers, loaded = work.members, work.velocity, work.numbers, work.loaded
     decay = world.decay if h == world.dt else world.decay ** (h / world.dt)
@@ -271,7 +273,7 @@ def travel_to_contacts(x, count, h, end, touching, world, work):
 
 @inner(forceinline=True)
 def _travel_back(x, count, begin, world, work):
-    """Undo `travel_to_contacts`, which set out at time ``begin``."""
+    """Undo `travel_to_contacts`, which began at time ``begin``."""
     numbers, velocity = work.numbers, work.velocity
     for a in range(count):
         i = work.members[a]
@@ -287,7 +289,7 @@ def _travel_back(x, count, begin, world, work):
 
 @inner(noinline=True)
 def push_apart(x, count, h, time, first_time, residual, world, threshold, method, work):
-    """Let the lasting contacts at hand act on the group, over the ``h`` seconds that it travelled to them."""
+    """Apply the lasting contacts to the group, over the ``h`` seconds that it moved to them."""
     members, velocity, numbers, loaded = work.members, work.velocity, work.numbers, work.loaded
     m = work.counts[CONTACTS]
     if m > 0:
@@ -340,7 +342,7 @@ def push_apart(x, count, h, time, first_time, residual, world, threshold, method
 
 @inner(forceinline=True)
 def _add_travel(x, i, h, start, numbers, radius):
-    """Count how far points of body i moved in an interval, and how fast they are now."""
+    """Update the travel of body i's points in an interval, and their current speed."""
     v = w = u = o = 0.0
     for k in range(3):
         v += x[i, V + k] ** 2
@@ -353,7 +355,7 @@ def _add_travel(x, i, h, start, numbers, radius):
 
 @inner(forceinline=True)
 def fastest_closing(x, count, world, work):
-    """No contact of the group at hand closes faster in this step [m/s]."""
+    """Return an upper bound on closing speeds in the current group in this step [m/s]."""
     if len(world.surroundings.actions.driven) > 0:
         return math.inf
     numbers, first, second = work.numbers, 0.0, 0.0
@@ -368,9 +370,9 @@ def fastest_closing(x, count, world, work):
 
 @inner(noinline=True)
 def advance_group(x, count, time, first_time, residual, world, threshold, slowest, key, method, work):
-    """One step of the group at hand: from impact to impact, then to the step's end.
+    """Advance the current group by one step: from impact to impact, then to the step's end.
 
-    With ``horizon`` 0 contacts are chosen by their gaps alone, for an impact.
+    With ``horizon`` 0 contacts are selected by their gaps alone, for an impact.
     """
     left = horizon = world.dt
     impacts = cuts = 0
@@ -378,10 +380,10 @@ def advance_group(x, count, time, first_time, residual, world, threshold, slowes
     if driven:  # another group may have moved them
         place_driven(x, count, time - left, world, work)
     before_group(method, count, world, work)
-    # whether contacts of this very pose were chosen by their gaps alone, and none was an impact; when one of
-    # them will be the first
+    # ``looked``: contacts of this pose were selected by their gaps alone, and none was an impact. ``near``:
+    # the time of the first impact among them.
     looked, near = False, left
-    # whether impacts are looked for before a group travels, and not just among the contacts where it gets to
+    # search for impacts before a group moves, not only among the contacts at its new pose
     careful = method is not None
     while left > 0.0 and world.implicit.stop[0] == 0:
         until = left
@@ -389,7 +391,8 @@ def advance_group(x, count, time, first_time, residual, world, threshold, slowes
         work.counts[CONTACTS] = 0
         closing = fastest_closing(x, count, world, work)
         collides = closing > slowest
-        careful = careful or cuts >= _CUTS  # then only impacts of elastic contacts are left, and all of them
+        # then only elastic contacts have impacts, and all of these are searched
+        careful = careful or cuts >= _CUTS
         searched = horizon == 0.0 or (collides and (careful or closing * left > _SHORT_WAY))
         if searched:
             speeds_only = method is None and horizon > 0.0 and not looked
@@ -406,7 +409,7 @@ def advance_group(x, count, time, first_time, residual, world, threshold, slowes
             if driven:
                 read_driven(x, count, world, work)
             now = impact_now(threshold, rebound, work)
-            if now and (horizon == 0.0 or looked):  # a deeper contact that opens can hide one that closes
+            if now and (horizon == 0.0 or looked):  # a deeper opening contact can hide a closing one
                 collide(x, count, time, impacts, first_time, residual, world, threshold, key, method, work)
                 impacts += 1
                 looked = False
@@ -422,7 +425,7 @@ def advance_group(x, count, time, first_time, residual, world, threshold, slowes
                 cuts += 1
                 continue
             until = time_to_impact(left, threshold, rebound, work)
-            if looked:  # contacts that will be deeper may hide those that touch first
+            if looked:  # contacts that become deeper may hide those that touch first
                 until = min(until, near)
         elif horizon == 0.0:
             looked, near = True, left
@@ -439,14 +442,14 @@ def advance_group(x, count, time, first_time, residual, world, threshold, slowes
                 _travel_back(x, count, time - left, world, work)
                 careful = True
                 continue
-            if first == 0.0 and not looked:  # it touches already
+            if first == 0.0 and not looked:  # contact from the beginning
                 before_return(method, x, count, 0.0, until, left, False, threshold, world, work)
                 _travel_back(x, count, time - left, world, work)
                 horizon = 0.0
                 cuts += 1
                 continue
-            while first < until:  # no straight way led to it
-                again = first == 0.0  # no contact touched when they began: it is too far back to say
+            while first < until:  # the path to the impact was not straight
+                again = first == 0.0  # no contact touched at the beginning: the time is unknown
                 first = 0.5 * until if again else first
                 before_return(method, x, count, first, until, left, not again, threshold, world, work)
                 _travel_back(x, count, time - left, world, work)
@@ -473,7 +476,7 @@ def advance_group(x, count, time, first_time, residual, world, threshold, slowes
 
 @inner(forceinline=True)
 def _remember(h, work):
-    """Add the contacts at hand that carry load to this step's memory; each body i's stand together."""
+    """Add the loaded contacts to this step's memory; the entries of each body i are contiguous."""
     contact, force, counts = work.new_contact, work.new_force, work.counts
     impulses = work.impulses[LASTING]
     body, own = -1, 0
@@ -495,7 +498,7 @@ def _remember(h, work):
 
 @inner
 def _keep_memory(i, work):
-    """Keep what the last step knew of the contacts of body i, which sleeps."""
+    """Keep the remembered contacts of the sleeping body i."""
     entry, counts = work.head[i], work.counts
     while entry >= 0:
         n = counts[REMEMBERED]
@@ -508,9 +511,9 @@ def _keep_memory(i, work):
 
 @inner(noinline=True)
 def advance_step(x, time, first_time, quiet, residual, world, threshold, slowest, key, method, work):
-    """One step of all groups; ends early where room overflows (`OVERFLOW`).
+    """Advance all groups by one step; return early if room overflows (`OVERFLOW`).
 
-    Nothing that closes more slowly than ``slowest`` [m/s] has an impact, whatever its restitution.
+    Contacts that close more slowly than ``slowest`` [m/s] have no impacts, whatever their restitution.
     """
     numbers, group, members = work.numbers, work.group, work.members
     moving, bodies, dt = work.moving, world.bodies, world.dt
@@ -521,7 +524,7 @@ def advance_step(x, time, first_time, quiet, residual, world, threshold, slowest
         before_groups(method, x, time - dt, world, work)
     for i in range(len(x)):
         if moving[i]:
-            if world.decay == 0.0:  # nothing moves on from step to step
+            if world.decay == 0.0:  # damping removes all velocity in each step
                 for k in range(3):
                     x[i, V + k] = x[i, W + k] = 0.0
             update_pace(x, i, bodies.radius[i], world.gravity, dt, numbers)
@@ -578,10 +581,10 @@ def advance_step(x, time, first_time, quiet, residual, world, threshold, slowest
 def integrate(
     x, first_time, contact, force, remembered, quiet, residual, key, world, method, begin, steps, work
 ):
-    """Advance one rollout's state ``x`` (B, 13) in place until room overflows; returns the steps done.
+    """Advance one rollout's state ``x`` (B, 13) until room overflows; return the number of steps done.
 
-    ``contact``, ``force``, ``quiet``, ``residual`` and ``key`` are those of `SolverMemory`,
-    and ``remembered`` (1,) its count. ``method`` is what a propagator works on in the stages, or None.
+    ``contact``, ``force``, ``quiet``, ``residual`` and ``key`` are fields of `SolverMemory`, and
+    ``remembered`` (1,) is its count. ``method`` is the data of a propagator for the stages, or None.
     """
     gravity = math.sqrt(world.gravity[0] ** 2 + world.gravity[1] ** 2 + world.gravity[2] ** 2)
     threshold = max(
@@ -621,7 +624,7 @@ def integrate(
                 write_matrix((x[i, Q], x[i, Q + 1], x[i, Q + 2], x[i, Q + 3]), work.R, i)
             if counts[OVERFLOW] != TOO_LONG_LISTS or attempt == 1:
                 return step - begin
-            forget_lists(work)  # outgrown ones may have filled the room
+            forget_lists(work)  # outgrown lists may have filled the room
         remembered[0] = counts[REMEMBERED]
         for n in range(remembered[0]):
             for k in range(4):

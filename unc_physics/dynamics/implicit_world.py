@@ -1,4 +1,4 @@
-"""What the implicit step knows of a scene, and what its rollouts remember: plain arrays in NamedTuples."""
+"""Data of the implicit step: a scene's physics and the memory of rollouts, as arrays in NamedTuples."""
 
 import math
 from typing import NamedTuple
@@ -8,23 +8,23 @@ import numpy as np
 from ..collision.faces import Faces
 from ..collision.implicit_workspace import REMEMBERED_CONTACTS
 
-#: Of worlds that nothing stops.
+#: Stop flag of worlds that are never stopped.
 NEVER = np.zeros(1, np.int64)
 
 
 class ImpactError(NamedTuple):
-    """Standard deviations of what is drawn at each impact; all zero where nothing is.
+    """Standard deviations of random impact errors; all zero if there are none.
 
     Attributes
     ----------
     direction : float
-        Of the turn of the impulse about each axis [rad].
+        Rotation of the impulse about each axis [rad].
     point : float
-        Of the shift of where it acts, along each axis of the surface [m].
+        Shift of the contact point along each axis of the surface [m].
     friction : float
-        Of the logarithm of the factor of friction.
+        Logarithm of the factor on friction.
     identity : (B + E,) int64
-        Numbers of the bodies and elements that stay the same in a part of the scene.
+        Numbers of bodies and elements that stay the same in a subset of the scene.
     """
 
     direction: float
@@ -42,35 +42,35 @@ def rest_steps(dt: float) -> int:
 
 
 class Implicit(NamedTuple):
-    """Physics of the implicit step, beside what `World` holds for both.
+    """Physics of the implicit step, in addition to the common fields of `World`.
 
     Attributes
     ----------
     friction, restitution : (B + E,) float64
-        Each body's, then each element's; those of a contact are the geometric means of its two partners'.
+        Values of each body, then of each element; a contact has the geometric mean of its two partners'.
     torsion : (B + E,) float64
-        Likewise the length that, times a contact's normal force, is the most moment against its spin [m];
-        below 0 where nothing is said, so that the partner's counts alone.
+        Largest moment about the contact normal per normal force [m], of each body, then of each element.
+        Below 0 if not given; the partner's value is then used.
     torsional : bool
-        Whether there is one.
+        Whether any surface has torsional friction.
     hull : (4, H + 8) float64
         Centres (body frame) and radii of the spheres that can touch a plane, model after model [m].
     hull_sphere : (H,) int64
-        Which spheres of the scene's trees they are.
+        Indices of these spheres in the scene's trees.
     hull_range : (B, 2) int64
         First and last (exclusive) column of each body's hull.
     faces : Faces
         Flat faces of the models.
     extent : (B, 6) float64
-        Middle and half the sides of the box around each body's spheres' centres, body frame [m].
+        Centre and half the sides of the bounding box of each body's sphere centres, body frame [m].
     box : (B, 6) float64
-        The same of the box around the spheres themselves.
+        The same for the bounding box of the spheres.
     rest_steps : int
         Number of steps at rest after which bodies sleep: they are not computed until something pushes them.
         0: they never sleep.
     impact_error : ImpactError
     stop : (1,) int64
-        Kernels end early when this is no longer 0, with states that mean nothing (`time_limit`).
+        Kernels stop early when this is nonzero; their states are then invalid (`time_limit`).
     """
 
     friction: np.ndarray
@@ -88,7 +88,7 @@ class Implicit(NamedTuple):
     stop: np.ndarray = NEVER
 
     def of_bodies(self, bodies):
-        """The same of some bodies, whose indices ascend, and of all elements."""
+        """Return the physics of some bodies (ascending indices) and of all elements."""
         some = np.concatenate([bodies, np.arange(len(self.hull_range), len(self.friction))])
         return self._replace(
             friction=self.friction[some],
@@ -102,27 +102,27 @@ class Implicit(NamedTuple):
 
 
 class SolverMemory(NamedTuple):
-    """What N rollouts remember of their contacts from step to step.
+    """Solver state that N rollouts carry from step to step.
 
     Attributes
     ----------
     contact : (N, K, 4) int32
-        Body i, body j or ``-1 - e`` for element e, and the sphere of each (0 for an element's) of contacts
-        that carry load.
+        Body i, body j or ``-1 - e`` for element e, and the sphere of each (0 for an element), of loaded
+        contacts.
     force : (N, K, 4) float32
-        Their normal force, and the friction force in world axes [N].
+        Normal force and friction force in world axes [N].
     count : (N,) int64
-        How many there are, at most `REMEMBERED_CONTACTS` of each body i. Those beyond start from zero in the
-        next step, which costs time and no contact.
+        Number of these contacts, at most `REMEMBERED_CONTACTS` for each body i. Contacts beyond have no
+        initial guess in the next step, which only costs time.
     quiet : (N, B) int64
-        Steps for which each body has been at rest.
+        Number of steps for which each body has been at rest.
     residual : (N, B) float32
-        Largest residual of the contact law so far, relative to the load, of the contacts of each body.
+        Largest residual of each body's contacts so far, relative to the load.
     kept_overlap : (N, B, B + E) or (N, 0, 0) float32
-        By how much bodies i < j, or body i and element j - B, overlap for ever, without a force [m]: what
-        could not come free at the start; empty where nothing does.
+        Permanent overlap of bodies i < j, or of body i and element j - B, without a force [m]. It remains if
+        the initial projection could not remove it. Empty without such overlap.
     key : (N,) uint64
-        What the rollouts' own errors of impacts are drawn from (`ImpactError`).
+        Keys for the random impact errors of each rollout (`ImpactError`).
     """
 
     contact: np.ndarray
@@ -135,7 +135,7 @@ class SolverMemory(NamedTuple):
 
 
 def fresh_solver_memory(count, bodies):
-    """The memory of rollouts that begin."""
+    """Return the memory of new rollouts."""
     room = REMEMBERED_CONTACTS * bodies
     return SolverMemory(
         np.zeros((count, room, 4), np.int32),
@@ -149,7 +149,7 @@ def fresh_solver_memory(count, bodies):
 
 
 def of_bodies(memory, bodies, kept_overlap):
-    """The memory of some bodies, which ascend and touch no others; ``kept_overlap`` is theirs."""
+    """Return the memory of some bodies, which touch no others; ``kept_overlap`` is theirs."""
     count = len(memory.count)
     place = np.full(memory.quiet.shape[1], -1)
     place[bodies] = np.arange(len(bodies))
@@ -163,8 +163,9 @@ def of_bodies(memory, bodies, kept_overlap):
 
 
 def add_bodies(memory, own, bodies, followed):
-    """Add the memory of some bodies, which touched no others: rollout n of the joint memory follows rollout
-    ``followed[n]`` of theirs.
+    """Add the memory of some bodies, which touched no others, to a joint memory.
+
+    Rollout n of the joint memory follows rollout ``followed[n]`` of theirs.
     """
     memory.quiet[:, bodies], memory.residual[:, bodies] = own.quiet[followed], own.residual[followed]
     memory.key[:] = own.key[followed]
@@ -174,7 +175,7 @@ def add_bodies(memory, own, bodies, followed):
 
 
 def _renumbered(contact, place):
-    """Contacts with other numbers of their bodies."""
+    """Return contacts with renumbered bodies."""
     changed = contact.copy()
     changed[:, 0] = place[contact[:, 0]]
     another = contact[:, 1] >= 0
@@ -183,7 +184,7 @@ def _renumbered(contact, place):
 
 
 def _append(memory, n, contact, force):
-    """Add contacts to what rollout ``n`` remembers."""
+    """Append contacts to the memory of rollout ``n``."""
     first, last = memory.count[n], memory.count[n] + len(contact)
     memory.contact[n, first:last], memory.force[n, first:last] = contact, force
     memory.count[n] = last

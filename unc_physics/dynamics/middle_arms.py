@@ -1,7 +1,7 @@
-"""Where contacts of what rolls push: at their places in the middle of an interval.
+"""Lever arms of contacts of rolling bodies, at the contact points in the middle of an interval.
 
-Gaps and speeds are those of the interval's end. Its impulse is the mean of a force that acts all the while:
-on a disc that rolls on its edge it would come half an interval too late, and brake the disc.
+Gaps and speeds refer to the interval's end. The impulse is the mean of a force over the interval. At the end
+pose, the impulse on a disc that rolls on its edge would lag by half an interval and brake the disc.
 """
 
 import math
@@ -25,17 +25,17 @@ from ..spatial.rotation import cross, exp, rotate, rotate_back
 from ..spatial.vectors import dot, minus, plus, put, three, times, triple, vector
 from .implicit_solver import next_patch
 
-#: Turn in an interval from which on it matters [rad], and the farthest way of a contact in units of that of
-#: the body's farthest points: what goes farther jumps from one edge of a face to another.
+#: Smallest rotation in an interval that matters [rad]. Then the largest shift of a contact relative to the
+#: motion of the body's farthest points; larger ones jump between edges of a face.
 _TURNED, _FARTHEST = 1e-3, 5.0
-#: Height over which spheres beside the lowest count as well [m].
+#: Height above the lowest sphere within which other spheres count as well [m].
 _BUMPS = 1.3e-4
-_REACH = 1e-7  # over which shifts are differentiated [rad]
+_REACH = 1e-7  # step of finite differences of the shift [rad]
 
 
 @inner(forceinline=True)
 def lever_arm(row, at, n, first, second):
-    """A lever arm from its moments about the three directions, the first of them being at ``at``."""
+    """Compute a lever arm from its moments about the three directions; the first is at index ``at``."""
     along_n, along_first = triple(row, at), triple(row, at + AXIS)
     # arm . second = (arm x n) . first, and so on, for a right-handed basis
     a, b, c = dot(along_n, first), -dot(along_n, second), dot(along_first, second)
@@ -44,7 +44,7 @@ def lever_arm(row, at, n, first, second):
 
 @inner(forceinline=True)
 def _turned(q, v):
-    """A vector turned by a quaternion."""
+    """Rotate a vector by a quaternion."""
     u = (q[0], q[1], q[2])
     c = cross(u, v)
     return plus(v, times(2.0, plus(times(q[3], c), cross(u, c))))
@@ -52,13 +52,13 @@ def _turned(q, v):
 
 @inner(forceinline=True)
 def mean_turn(h, velocity, i):
-    """Turn of body i over an interval of ``h`` seconds, as its contacts' places take it [rad]."""
+    """Return the rotation of body i over ``h`` seconds that its contact points follow [rad]."""
     return times(h, plus(times(0.25, three(velocity[START], i, 3)), times(0.75, three(velocity[FREE], i, 3))))
 
 
 @inner(error_model="numpy")
 def push_in_the_middle(h, world, work):
-    """Let contacts with elements push where they are in the middle of an interval of ``h`` seconds."""
+    """Move impulses of contacts with elements to the contact points in the middle of ``h`` seconds."""
     rows, ids, m = work.rows, work.ids, work.counts[CONTACTS]
     first = 0
     while first < m:
@@ -83,31 +83,32 @@ def push_in_the_middle(h, world, work):
 
 @inner(forceinline=True)
 def middle_arm(arm, shift, n, turn):
-    """Lever arm at which a contact pushes, from the one at the interval's end: ``shift`` away, and turned
-    back about the normal ``n`` of its lead.
+    """Return the lever arm of a contact's impulse from the arm at the interval's end.
+
+    It is moved by ``shift`` and rotated back about the normal ``n`` of its lead.
     """
     return plus(plus(arm, shift), cross(_half_spin(n, turn), arm))
 
 
 @inner(forceinline=True)
 def _half_spin(n, turn):
-    """Turn back about a normal to the middle of an interval."""
+    """Return the rotation about a normal from the end of an interval back to its middle."""
     return times(-0.5 * dot(turn, n), n)
 
 
 @inner(error_model="numpy")
 def middle_shift(n, turn, i, R, world):
-    """How far the place where body i touches along normal ``n`` is in the middle of an interval from that at
-    its end, beyond what turning about the normal does.
+    """Compute the shift of body i's contact point from the end of an interval to its middle.
 
-    ``turn`` is the body's turn over the interval [rad], ``R`` (3, 3) its ``R_world_body`` at the end.
+    ``n`` is the contact normal; rotation about it is excluded. ``turn`` is the body's rotation over the
+    interval [rad], ``R`` (3, 3) its ``R_world_body`` at the end.
 
     Returns
     -------
     moves : bool
-        Whether contacts push there.
+        Whether the impulses act at the shifted point.
     shift : tuple of 3 floats
-        [m]
+        Shift [m].
     """
     across = minus(turn, times(dot(turn, n), n))
     size = math.sqrt(dot(across, across))
@@ -123,8 +124,9 @@ def middle_shift(n, turn, i, R, world):
 
 @inner(noinline=True)
 def write_shift_slopes(n, first, second, turn, i, R, world, out):
-    """Write the derivative of `middle_shift` into ``out`` (3, 5): by tilts of the normal towards ``first``
-    and ``second``, and by the turn.
+    """Write the derivative of `middle_shift` into ``out`` (3, 5).
+
+    Its columns are tilts of the normal towards ``first`` and ``second``, and the components of ``turn``.
     """
     for k in range(5):
         ahead = behind = (0.0, 0.0, 0.0)
@@ -145,12 +147,12 @@ def write_shift_slopes(n, first, second, turn, i, R, world, out):
 
 @inner
 def middle_arm_change(arm, shift, lead, turn, tilt, darm, dn, dturn):
-    """Change of `middle_arm` where the body's rotation changes by ``tilt``, its arm by ``darm``, the normal
-    of its lead by ``dn`` and the turn by ``dturn``.
+    """Return the change of `middle_arm` for given changes of its inputs.
 
-    ``lead`` is the lead's `Geometry`. ``shift`` (3, 6) is the shift, and beside it its derivative
-    (`write_shift_slopes`). What turns all of these together turns the arm as well; the rest counts as seen by
-    the body.
+    The body's rotation changes by ``tilt``, its arm by ``darm``, the normal of its lead by ``dn``, and the
+    turn by ``dturn``. ``lead`` is the lead's `Geometry`. ``shift`` (3, 6) is the shift and its derivative
+    (`write_shift_slopes`). A common rotation of all of these also rotates the arm; the rest is in the body's
+    frame.
     """
     n, first, second = lead.n, lead.first, lead.second
     darm, dn = minus(darm, cross(tilt, arm)), minus(dn, cross(tilt, n))
@@ -168,9 +170,9 @@ def middle_arm_change(arm, shift, lead, turn, tilt, darm, dn, dturn):
 
 @inner(error_model="numpy")
 def _support(n, back, i, R, world):
-    """Arm to where body i, turned by ``back`` from its orientation ``R``, is lowest against ``n`` [m].
+    """Return the arm to the lowest point of body i against ``n`` [m], rotated by ``back`` from ``R``.
 
-    Of several spheres that are nearly as low the mean counts: it does not jump over a packing's bumps.
+    It is the mean of several spheres that are nearly as low, which smooths the bumps of a packing.
     """
     hull = world.implicit.hull
     low, high = world.implicit.hull_range[i, 0], world.implicit.hull_range[i, 1]
@@ -194,7 +196,7 @@ def _support(n, back, i, R, world):
 
 @inner
 def _push_at(row, arm, axes, inverse_inertia):
-    """Let a contact's impulses turn its body i by another lever arm than that of its speeds."""
+    """Set the lever arm of a contact's impulses on body i, which then differs from the arm of its speeds."""
     for d, axis in ((0, axes[0]), (1, axes[1]), (2, axes[2])):
         at = AXIS * d
         moment = cross(arm, axis)

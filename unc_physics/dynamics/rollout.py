@@ -8,14 +8,14 @@ from .explicit_step import integrate
 from .implicit_rollout import advance_implicit
 from .workspace import workspace
 
-#: Steps of single bodies, in all samples, that take no longer than it takes to wake another thread.
+#: Body steps, over all samples, that take less time than starting another thread.
 _FEW_STEPS = 400
 
 
 def rollout(states, contact_history, world, begin, steps):
     """Advance a batch of states in place.
 
-    Every rollout is computed by itself, so the result does not depend on the number of threads
+    Rollouts are computed independently, so the result does not depend on the number of threads
     (`numba.set_num_threads`).
 
     Parameters
@@ -23,10 +23,10 @@ def rollout(states, contact_history, world, begin, steps):
     states : (N, B, 13) float64, C order
         One scene state per sample.
     contact_history : ContactHistory
-        Of these rollouts (`contact_history.fresh`); updated in place.
+        History of these rollouts (`contact_history.fresh`); updated in place.
     world : World
     begin : int
-        Number of steps before.
+        Number of steps done before.
     steps : int
     """
     world = limited(world)
@@ -42,12 +42,12 @@ def rollout(states, contact_history, world, begin, steps):
 
 
 def simulate(states, world, steps):
-    """Advance a batch of states (N, B, 13) in place, as rollouts that begin there."""
+    """Advance a batch of states (N, B, 13) in place, as new rollouts."""
     rollout(states, histories.fresh(len(states), world), world, 0, steps)
 
 
 def advance(states, contact_history, world, begin, steps):
-    """As `rollout`, in the calling thread, by the step that the world asks for."""
+    """Advance a batch as `rollout` does, in the calling thread, by the world's integrator."""
     if world.implicit is None:
         advance_explicit(states, contact_history.first_time, world, world.surroundings, begin, steps)
     else:
@@ -56,7 +56,7 @@ def advance(states, contact_history, world, begin, steps):
 
 @kernel
 def advance_explicit(states, first_time, world, surroundings, begin, steps):
-    """Advance states (N, B, 13) and first contacts (N, B, B + E) in place, by explicit steps."""
+    """Advance states (N, B, 13) and first contacts (N, B, B + E) in place by explicit steps."""
     for n in range(len(states)):
         integrate(
             states[n], first_time[n], world, surroundings, None, begin, steps, workspace(states[n], world)

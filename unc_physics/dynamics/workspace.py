@@ -1,4 +1,4 @@
-"""What a rollout computes anew in each step; no state."""
+"""Temporary arrays of a rollout, computed anew in each step."""
 
 from typing import NamedTuple
 
@@ -17,7 +17,7 @@ _PAIRS_AT_ONCE = 1024
 
 
 class Workspace(NamedTuple):
-    """Room for one rollout.
+    """Arrays of one rollout.
 
     Attributes
     ----------
@@ -26,33 +26,34 @@ class Workspace(NamedTuple):
     wrench : (B, 6) float64
         Force [N] and torque about the centre of mass [N m], world frame.
     touched : (B,) bool
-        Whether a contact force acts on the body in this step.
+        Whether a contact force acts on each body in this step.
     order : (B,) int64
         Bodies sorted along x.
     reach : (B,) float64
-        Radius of a ball that a body stays in for some steps [m].
+        Radius of a ball about each body's position that it cannot leave in some steps [m].
     max_travel, zero_travel : (B,) float64
-        The most that a point of a body travels in these steps [m]; zeros.
+        Bound on the travel of a body's points in these steps [m]; zeros.
     contact_free_steps : (2,) int64
-        Steps ahead in which nothing can touch, and for how many that is next asked; of scenes with
-        surroundings.
+        Number of steps ahead without possible contacts, and number of steps for the next test. For scenes
+        with surroundings.
     touching : (1,) bool
-        Whether anything touched in the last step that might have had contacts, or there is none yet.
+        Whether anything touched in the last step that could have contacts; also True before the first such
+        step.
     low : (B,) float64
-        Where each body's ball begins along x [m].
+        Lower end of each body's ball along x [m].
     near : (B (B - 1) / 2, 2) int64
         Pairs of bodies that may touch.
     speed : (B,) float64
-        The most that a point of the body moves in a step [m].
+        Bound on the motion of a body's points in a step [m].
     travel : (B,) float64
         Sum of ``speed`` since the rollout began [m].
     separation_bound : (B, B, 2) float64
-        For a pair i < j: up to which sum of their travels they can't touch [m], and the number of steps for
-        which they are next asked to be apart.
+        For a pair i < j: sum of travels up to which they cannot touch [m], and number of steps for the next
+        separation test.
     R_ij : (3, 3) float64
-        Rotation from body j's to body i's coordinates, of the pair at hand.
+        Rotation from body j's to body i's frame, for the current pair.
     search, overlap_query : Scratch
-        The latter has so little room that a search ends at the first candidates.
+        ``overlap_query`` has so little room that a search ends at the first candidates.
     """
 
     R: np.ndarray
@@ -76,7 +77,7 @@ class Workspace(NamedTuple):
 
 @kernel(noinline=True)
 def workspace(x, world):
-    """Workspace of one rollout that begins at state ``x`` (B, 13)."""
+    """Return a workspace for a rollout that starts at state ``x`` (B, 13)."""
     count = len(x)
     R = empty((count, 3, 3))
     for i in range(count):
@@ -84,7 +85,8 @@ def workspace(x, world):
     stack = small_integers((world.stack_size, 2))
     tested, masks, records = small_integers((AT_ONCE, 2)), integers(AT_ONCE), empty((_PAIRS_AT_ONCE, RECORD))
     search = Scratch(stack, small_integers((_PAIRS_AT_ONCE, 2)), tested, masks, records)
-    overlap_query = Scratch(stack, small_integers((ROOM, 2)), tested, masks, records)  # ends with the first
+    # ends at the first candidates
+    overlap_query = Scratch(stack, small_integers((ROOM, 2)), tested, masks, records)
     separation_bound = zeros((count, count, 2))
     for i in range(count):
         for j in range(i + 1, count):

@@ -1,4 +1,4 @@
-"""What the kernels know of a scene: plain arrays in NamedTuples."""
+"""A scene as the kernels' data: arrays in NamedTuples."""
 
 from typing import NamedTuple
 
@@ -16,15 +16,15 @@ class Bodies(NamedTuple):
     ----------
     moving : (B,) bool
     mass : (B,) float64
-        [kg]; has no meaning for a fixed body.
+        [kg]; undefined for a fixed body.
     inertia : (B, 3, 3) float64
-        About the centre of mass, body frame [kg m^2]; has no meaning for a fixed body.
+        About the centre of mass, body frame [kg m^2]; undefined for a fixed body.
     inverse_mass : (B,) float64
         1/kg; 0 for a fixed body.
     inverse_inertia : (B, 3, 3) float64
         Body frame [1/(kg m^2)]; 0 for a fixed body.
     radius : (B,) float64
-        Of a ball about the centre of mass that holds all spheres [m].
+        Radius of a ball about the centre of mass that contains all spheres [m].
     root : (B,) int64
         Root node of the body's sphere tree.
     """
@@ -39,21 +39,20 @@ class Bodies(NamedTuple):
 
 
 class Surroundings(NamedTuple):
-    """The E elements of the environment, what acts on bodies from outside, and whether free flight goes
-    beyond the paper's.
+    """The E elements of the environment, the actions, and the choice of the gyroscopic term.
 
     Attributes
     ----------
     kind : (E,) int64
-        Of the elements' shapes (`shapes.KINDS`).
+        Indices of the elements' shapes (`collision.shapes.KINDS`).
     position : (E, 3) float64
-        Origins of the elements' frames: a point of a plane, otherwise the middle [m].
+        Origins of the elements' frames: a point of a plane, otherwise the centre [m].
     R : (E, 3, 3) float64
         ``R_world_element``; a plane's normal is its z axis.
     size : (E, 3) float64
-        What each shape's file takes for its size [m].
+        Size parameters [m], as defined in each shape's module.
     gyroscopic : bool
-        Whether a turning body keeps its angular momentum, instead of its angular velocity as in the paper.
+        Whether rotation conserves angular momentum, instead of angular velocity as in the paper.
     actions : Actions
     """
 
@@ -72,7 +71,7 @@ class World(NamedTuple):
     ----------
     bodies : Bodies
     tree : Tree
-        Sphere trees of all models; bodies of one model share one.
+        Sphere trees of all models; bodies with the same model share a tree.
     gravity : (3,) float64
         World frame [m/s^2].
     dt : float
@@ -85,12 +84,12 @@ class World(NamedTuple):
     stiffness : float
         kappa [N/m^3].
     stack_size : int
-        Room that a search through two trees needs at most.
+        Largest stack size of a search through two trees.
     surroundings : Surroundings or None
-        None for the paper's physics, for which the kernels compile without them. Functions whose code depends
-        on that take them as an argument of their own: numba removes a branch only where an argument is None.
+        None for the paper's physics, for which kernels compile without surroundings. Functions that depend on
+        this take them as a separate argument, since numba removes branches only for arguments that are None.
     implicit : Implicit or None
-        What the implicit step knows besides; None for the explicit one.
+        Additional data of the implicit step; None for the explicit one.
     """
 
     bodies: Bodies
