@@ -1,4 +1,4 @@
-"""Which bodies of a scene may touch."""
+"""Broad phase: find pairs of bodies that may touch."""
 
 import numpy as np
 
@@ -7,9 +7,9 @@ from ..spatial.layout import P
 from ..spatial.rotation import rotate_back
 from .sphere_tree import candidates
 
-# of lengths, as of two radii: bounds, with a margin, what single precision loses in a change of frame
+# relative bound, with a margin, on single-precision round-off in a change of frame
 SINGLE_PRECISION = 4e-6
-FIRST_STEPS, _MOST_STEPS = 4.0, 64.0  # for which two bodies that are apart are asked to stay so
+FIRST_STEPS, _MOST_STEPS = 4.0, 64.0  # steps of the separation test: first and largest number
 # height of a search's first stack; typed, since a literal would compile every caller twice
 ROOTS_ALONE = np.int64(1)
 
@@ -18,16 +18,16 @@ ROOTS_ALONE = np.int64(1)
 def near_pairs(x, reach, max_travel, moving, work):
     """Find the pairs of bodies that may touch.
 
-    One of them moves, balls of radii ``reach`` (B,) about them overlap, and their separation bound does not
-    keep them apart while each travels ``max_travel`` (B,) further.
+    At least one body of a pair moves, and balls of radii ``reach`` (B,) about both overlap. Their separation
+    bound allows contact while each travels ``max_travel`` (B,) further.
 
-    Sweeps along x over the bodies, which `work.order` keeps sorted from step to step. Fills ``work.near``
-    with pairs (i, j), i < j, in an order that depends on the state alone, and returns their number.
+    Sweeps along x over the bodies; ``work.order`` stays sorted from step to step. Fills ``work.near`` with
+    pairs (i, j), i < j, in an order that depends only on the state, and returns their number.
     """
     order, low, bound = work.order, work.low, work.separation_bound
     for i in range(len(x)):
         low[i] = x[i, P] - reach[i]
-    for k in range(1, len(x)):  # insertion sort: next to no work on what was sorted a step ago
+    for k in range(1, len(x)):  # insertion sort: fast, as the order rarely changes between steps
         body, place = order[k], k
         while place > 0:
             before = order[place - 1]
@@ -56,7 +56,7 @@ def near_pairs(x, reach, max_travel, moving, work):
 
 @inner(forceinline=True)
 def relative_pose(x, i, j, work):
-    """Pose of body j in body i's frame: writes ``work.R_ij`` and returns the position [m]."""
+    """Write the rotation from body j's to i's frame into ``work.R_ij``; return j's position in it [m]."""
     Ri, Rj = work.R[i], work.R[j]
     for a in range(3):
         for b in range(3):
@@ -66,10 +66,10 @@ def relative_pose(x, i, j, work):
 
 @inner
 def may_touch(x, i, j, world, work):
-    """Whether two bodies' trees, grown by ``work.max_travel``, overlap.
+    """Return whether two bodies' trees, inflated by ``work.max_travel``, overlap.
 
-    Where they cannot, their separation bound is raised. So a later call of `near_pairs` may leave them out,
-    but only where the answer here would be no again.
+    If not, their separation bound is raised. Later calls of `near_pairs` may then skip the pair, but only
+    while the answer here would be the same.
     """
     t_ij = relative_pose(x, i, j, work)
     slack = SINGLE_PRECISION * (world.bodies.radius[i] + world.bodies.radius[j])
@@ -81,11 +81,10 @@ def may_touch(x, i, j, world, work):
 
 @inner
 def update_separation_bound(i, j, t_ij, slack, pace, world, work):
-    """Leave two bodies out of searches while they cannot cross the gap between them, if there is one.
+    """Test whether two bodies stay separated for some steps, and if so raise their separation bound.
 
-    Asks the trees whether the bodies stay apart when each sphere grows by what they may travel in some steps,
-    at ``pace`` [m] a step; the number of steps adapts. This only leaves out searches that would find nothing,
-    so no result depends on it.
+    Each sphere is inflated by the bodies' possible travel in some steps, at ``pace`` [m] a step; the number
+    of steps adapts. This only skips searches without contacts, so no result depends on it.
     """
     bound = work.separation_bound
     steps = bound[i, j, 1]
@@ -99,7 +98,7 @@ def update_separation_bound(i, j, t_ij, slack, pace, world, work):
 
 @inner
 def overlap_query(i, j, t_ij, margin, world, work):
-    """Whether two bodies' trees overlap when grown, together by ``margin`` [m], at ``work.R_ij``."""
+    """Return whether two bodies' trees overlap if inflated by ``margin`` [m] in total, at ``work.R_ij``."""
     query = work.overlap_query
     query.stack[0, 0], query.stack[0, 1] = world.bodies.root[i], world.bodies.root[j]
     found, _ = candidates(world.tree, work.R_ij, t_ij, margin, query, ROOTS_ALONE, 1)

@@ -1,30 +1,30 @@
-"""The contact model: how much two shapes overlap at a depth, and what the penalty force makes of it.
+"""Contact model: overlap volume of two shapes, and the penalty force.
 
-The force is ``kappa V``, V being the volume of the overlap (the paper's Eq. 4): the explicit step's law is
-what `lens` and `cap` return. Two spheres that overlap little, of reduced radius ``R = ri rj / (ri + rj)``, or
-a sphere and a flat surface, R being the sphere's radius, share a volume of about ``pi R d^2`` at depth d.
-That is the law of lasting contacts and of the chosen stiffness; all that follows from it is here.
+The force is ``kappa V``, where V is the overlap volume (the paper's Eq. 4). The explicit step takes V from
+`lens` and `cap`. A shallow overlap of depth d has a volume of about ``pi R d^2``. R is the reduced radius
+``ri rj / (ri + rj)`` of two spheres, or a sphere's radius at a flat surface. Lasting contacts and the choice
+of stiffness use this law.
 """
 
 import math
 
 from ..compiler import inner, kernel
 
-#: What the implicit solver's arithmetic may do.
+#: Floating-point transformations allowed in the implicit solver.
 FAST = {"contract", "nsz"}
 
 
 @kernel(arrays=False, error_model="numpy")
 def lens(d, ri, rj):
-    """Overlap of two spheres of radii ``ri``, ``rj`` [m] whose centres are ``d`` apart.
+    """Compute the overlap of two spheres of radii ``ri``, ``rj`` [m] with centres ``d`` apart.
 
     Returns
     -------
     volume : float
-        Of the lens [m^3]; the whole smaller sphere when it lies inside the other; 0 without overlap.
+        Volume of the lens [m^3]; the whole smaller sphere if it lies inside the other; 0 without overlap.
     lever : float
-        Contact point on the line of centres, measured from the first centre towards the second [m]: the
-        middle of the interval in which the spheres overlap.
+        Distance of the contact point from the first centre on the line of centres [m]: the middle of the
+        interval in which the spheres overlap.
     """
     if d >= ri + rj:
         return 0.0, 0.0
@@ -38,19 +38,19 @@ def lens(d, ri, rj):
 
 @inner
 def lens_lever(d, ri, rj):
-    """The lever of `lens` [m], and its derivative by the distance."""
+    """Return the lever of `lens` [m] and its derivative with respect to the distance."""
     low, high = max(d - rj, -ri), min(ri, d + rj)
     return 0.5 * (low + high), 0.5 * ((d - rj > -ri) + (d + rj < ri))
 
 
 @kernel(arrays=False, error_model="numpy")
 def cap(distance, r):
-    """What a sphere of radius ``r`` [m] at a signed distance from a flat surface shares with the solid.
+    """Compute the overlap of a sphere of radius ``r`` [m] with a flat solid at a signed distance.
 
     Returns
     -------
     volume : float
-        Of the spherical cap [m^3]; the whole sphere when it is under the surface.
+        Volume of the spherical cap [m^3]; the whole sphere if it is below the surface.
     depth : float
         Height of the cap [m], 0 to 2 r.
     """
@@ -59,44 +59,45 @@ def cap(distance, r):
 
 
 def shallow_volume(R, d):
-    """Volume of a shallow overlap [m^3]: times the stiffness, the force."""
+    """Return the volume of a shallow overlap [m^3]; the force is this times the stiffness."""
     return math.pi * R * d**2
 
 
 @kernel(arrays=False)
 def shallow_slope(R, d):
-    """Growth of a shallow overlap's volume with depth [m^2]: times the stiffness, that of the contact."""
+    """Return the derivative of a shallow volume by depth [m^2]; times kappa, it is the contact stiffness."""
     return 2.0 * math.pi * R * d
 
 
 @kernel(arrays=False)
 def shallow_energy(R, d):
-    """A shallow overlap's volume, integrated over depth [m^4]: times the stiffness, its energy."""
+    """Return the integral of a shallow volume over depth [m^4]; the energy is this times the stiffness."""
     return math.pi * R * d**3 / 3.0
 
 
 @inner(forceinline=True, error_model="numpy")
 def reduced_radius(ri, rj):
-    """Radius of the sphere that overlaps a flat surface as two spheres overlap each other [m]."""
+    """Return the radius of a sphere at a flat surface with the same shallow overlap as two spheres [m]."""
     return ri * rj / (ri + rj)
 
 
 @inner(forceinline=True)
 def shallow_factor(stiffness):
-    """What the functions below take for the stiffness: what is the same for all contacts, once."""
+    """Return the factor of the stiffness that the functions below take."""
     return math.pi * stiffness
 
 
 @inner(forceinline=True, fastmath=FAST, error_model="numpy")
 def shallow_depth(force, R, factor):
-    """Depth at which a contact pushes with a force [m]."""
+    """Return the depth at which a contact has a given force [m]."""
     return math.sqrt(force / (factor * R))
 
 
 @inner(forceinline=True)
 def balance(h, way, R, factor):
-    """What `balanced_impulse` takes, of a contact that an impulse of 1 N s pushes back ``way`` metres, over
-    an interval ``h`` [s].
+    """Return the factors of `balanced_impulse` for a contact over an interval ``h`` [s].
+
+    An impulse of 1 N s reduces the depth by ``way`` metres.
     """
     strength = 4.0 * h * factor * R
     return way * strength, strength
@@ -104,28 +105,29 @@ def balance(h, way, R, factor):
 
 @inner(forceinline=True, fastmath=FAST, error_model="numpy")
 def balanced_impulse(free, growth, strength):
-    """Impulse of a contact whose depth would be ``free`` > 0 without it: ``lambda = h force(d)`` at depth
-    ``d = free - way lambda`` [N s].
+    """Return the impulse of a contact with depth ``free`` > 0 without it [N s].
+
+    It solves ``lambda = h force(d)`` at depth ``d = free - way lambda``.
     """
     share = free / (1.0 + math.sqrt(1.0 + growth * free))
     return strength * share * share
 
 
 def carrying_stiffness(force, R, d):
-    """Stiffness at which a contact carries a force at depth ``d`` [N/m^3]."""
+    """Return the stiffness at which a contact carries a force at depth ``d`` [N/m^3]."""
     return force / shallow_volume(R, d)
 
 
 def stopping_stiffness(mass, v2, R, d):
-    """Stiffness at which a contact takes up ``mass v2 / 2`` until depth ``d`` [N/m^3] (`shallow_energy`)."""
+    """Return the stiffness at which a contact absorbs ``mass v2 / 2`` until depth ``d`` [N/m^3]."""
     return 1.5 * mass * v2 / (math.pi * R * d**3)
 
 
 @kernel(arrays=False)
 def impact_depth(v, inverse_mass, R, stiffness):
-    """Depth at which a contact has taken up the whole energy of an impact at speed ``v`` [m].
+    """Return the depth at which a contact has absorbed the energy of an impact at speed ``v`` [m].
 
-    ``inverse_mass`` [1/kg] is the sum of both bodies'.
+    ``inverse_mass`` [1/kg] is the sum of both bodies' inverse masses.
     """
     if v == 0.0 or stiffness == 0.0:
         return 0.0
@@ -134,10 +136,10 @@ def impact_depth(v, inverse_mass, R, stiffness):
 
 @kernel(arrays=False)
 def impact_frequency(v, inverse_mass, R, stiffness):
-    """Highest frequency of a contact in an impact at speed ``v`` [1/s]: that at `impact_depth`."""
+    """Return the highest frequency of a contact in an impact at speed ``v`` [1/s], at `impact_depth`."""
     return math.sqrt(stiffness * shallow_slope(R, impact_depth(v, inverse_mass, R, stiffness)) * inverse_mass)
 
 
 def capacity(r, stiffness):
-    """About the energy that two spheres of radius ``r`` [m] take up before one passes the other [J]."""
+    """Return about the energy that two spheres of radius ``r`` [m] absorb before one passes the other [J]."""
     return math.pi * stiffness * r**4

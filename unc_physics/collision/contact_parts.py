@@ -1,4 +1,4 @@
-"""Parts of a group: bodies that its contacts at hand connect."""
+"""Parts of a group: bodies that its current contacts connect."""
 
 from ..compiler import inner
 from .contact_row import GAP, TWIST
@@ -8,8 +8,9 @@ from .implicit_workspace import CONTACTS
 
 @inner
 def find_parts(limit, work):
-    """Label bodies in ``work.part``, negatively: those that contacts with a gap of at most ``limit`` connect
-    have the same label. What does not move connects nothing.
+    """Label bodies in ``work.part`` with negative numbers, equal for bodies connected by contacts.
+
+    Only contacts with a gap of at most ``limit`` count. Bodies that do not move freely connect nothing.
     """
     part, rows, ids, moving = work.part, work.rows, work.ids, work.moving
     for i in range(len(part)):
@@ -26,7 +27,7 @@ def find_parts(limit, work):
 
 @inner
 def mark_part(i, part):
-    """Make the label of body i, and of all with the same one, positive."""
+    """Make the label of body i positive, for all bodies with the same label."""
     label = part[i]
     for k in range(len(part)):
         if part[k] == label:
@@ -35,7 +36,7 @@ def mark_part(i, part):
 
 @inner
 def move_contact(c, to, work):
-    """Move a contact at hand to another place of the list."""
+    """Move a current contact to another index of the list."""
     if c == to:
         return
     rows, ids, twists = work.rows, work.ids, work.twists

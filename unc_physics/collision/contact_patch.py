@@ -1,9 +1,9 @@
-"""From spheres that may touch to a few contacts that stand for them, and a row of numbers for each.
+"""Reduce spheres that may touch to a few contacts, and write a row of numbers for each.
 
-The candidates of two bodies, or of a body and an element, fall into patches of similar normals. Of each patch
-the deepest candidate stays, and the supports of the patch tilted a little in eight directions: those that
-would touch first if it turned. Depth is that which the interval's end will have, since what is closing fast
-matters more than what is near.
+The candidates of two bodies, or of a body and an element, are grouped in patches of similar normals. Of each
+patch the deepest candidate is kept, and its supports under small tilts in eight directions, which would touch
+first if it turned. Depth is predicted at the interval's end, since fast closing spheres matter more than near
+ones.
 """
 
 import math
@@ -73,30 +73,31 @@ from .implicit_workspace import (
 )
 from .shapes import bounds, surface
 
-#: Gap up to which contacts take part in an impact [m].
+#: Largest gap of contacts in an impact [m].
 IMPACT_GAP = 2e-4
-#: Tilt of a patch in search of its supports, at least and at most [rad].
+#: Tilts of a patch in the search for its supports: least and largest [rad].
 TILT, _MOST_TILT = 0.02, 0.5
-#: How much deeper a contact counts that carried load [m]: no more than a share of the body's radius.
+#: Bonus depth of contacts that carried load [m], and its limit as a share of the body's radius.
 _LOADED_BONUS, _LOADED_SHARE = 2e-5, 0.01
-_TURNING = 2e-3  # how fast a body's points turn when this no longer counts [m/s]
-_SAME_PATCH = 0.9  # cosine of the angle between normals
-_OVER = 0.5  # cosine of the angle between the normals of two spheres and of the face between them, at least
-_HOLLOW = 1.5e-4  # how much nearer a face may be than the spheres that touch it [m]: no contact begins deeper
+_TURNING = 2e-3  # rotation speed of a body's points above which the bonus is zero [m/s]
+_SAME_PATCH = 0.9  # least cosine of the angle between normals of a patch
+_OVER = 0.5  # least cosine of the angle between the normals of two spheres and of a face
+_HOLLOW = 1.5e-4  # largest depth of a face contact below the sphere contact [m]; no contact begins deeper
 _HALF = math.sqrt(0.5)
-_FREE, _IN_PATCH, _CHOSEN = 0, 1, 2  # what a candidate is
+_FREE, _IN_PATCH, _CHOSEN = 0, 1, 2  # states of a candidate
 
 
 @inner(forceinline=True)
 def needed_gap(limit):
-    """Gap up to which lists hold what is needed up to ``limit`` [m]; a step's next searches want more."""
+    """Return the gap [m] for which lists are built, which must also cover a step's next searches."""
     return limit if limit <= 0.0 else max(limit, ACTIVE_GAP)
 
 
 @inner(noinline=True)
 def element_candidates(x, i, e, limit, horizon, world, work):
-    """Find the spheres of body i whose gap to element e is below ``limit`` [m], or will be after ``horizon``
-    seconds; returns how many there are.
+    """Find spheres of body i with a gap to element e below ``limit`` [m]; return their number.
+
+    The gap is the current one, or the predicted one after ``horizon`` seconds.
     """
     kind, size, R_e, R = world.surroundings.kind, world.surroundings.size, world.surroundings.R[e], work.R[i]
     t = in_element(world.surroundings.position, world.surroundings.R, e, x[i, P], x[i, P + 1], x[i, P + 2])
@@ -107,7 +108,7 @@ def element_candidates(x, i, e, limit, horizon, world, work):
     axis, sign, offset = side_of(kind, size, e, t, R_e, R, world.implicit.extent[i])
     count = 0
     if axis >= 0:
-        # one plane: distances are linear in the centres of a hull's spheres, which are asked eight at once
+        # one plane: distances are linear in the centres of the hull's spheres, tested eight at once
         height = sign * t[axis] - offset + kept
         nx, ny, nz = sign * R_e[0, axis], sign * R_e[1, axis], sign * R_e[2, axis]
         bx, by, bz = rotate_back(R, nx, ny, nz)
@@ -173,10 +174,10 @@ def element_candidates(x, i, e, limit, horizon, world, work):
 
 @inner(forceinline=True)
 def _near_box(R, t, corners, spheres, reach, near):
-    """Write for each sphere a number, negative unless it is nearer to a box than ``reach`` [m], in one loop.
+    """Write a number for each sphere that is negative unless a box is nearer than ``reach`` [m].
 
-    ``R`` and ``t`` bring the spheres, x, y, z and radii, into the frame of the box, given by its lowest and
-    highest corner.
+    ``R`` and ``t`` transform the spheres (x, y, z and radii) into the frame of the box, given by its lowest
+    and highest corner.
     """
     xx, xy, xz, yx, yy, yz = R[0, 0], R[0, 1], R[0, 2], R[1, 0], R[1, 1], R[1, 2]
     zx, zy, zz = R[2, 0], R[2, 1], R[2, 2]
@@ -193,8 +194,9 @@ def _near_box(R, t, corners, spheres, reach, near):
 
 @inner(noinline=True)
 def pair_candidates(x, i, j, limit, horizon, world, work):
-    """Find the pairs of spheres of bodies i and j whose gap is below ``limit`` [m], or will be after
-    ``horizon`` seconds; returns how many there are.
+    """Find pairs of spheres of bodies i and j with a gap below ``limit`` [m]; return their number.
+
+    The gap is the current one, or the predicted one after ``horizon`` seconds.
     """
     low, high = min(i, j), max(i, j)
     kept = work.kept_overlap[low, high]
@@ -250,11 +252,11 @@ def pair_candidates(x, i, j, limit, horizon, world, work):
 
 @inner(forceinline=True, error_model="numpy")
 def _pair_gap(c, r, e, s, R, t, u, w, o, horizon, kept):
-    """Gap of a sphere of body i and one of body j [m], the one after ``horizon`` seconds, and the normal
-    towards i; NaN for spheres with the same centre, which have no normal.
+    """Return a gap of two spheres [m], the gap after ``horizon`` seconds, and the normal towards body i.
 
-    All in body i's frame but ``e``, which ``R``, by rows, and ``t`` bring there; ``u`` is the relative
-    velocity of the bodies, ``w`` and ``o`` are their angular velocities.
+    The spheres belong to bodies i and j. Spheres with the same centre have no normal; the result is then NaN.
+    All vectors except ``e`` are in body i's frame; ``R`` (rows) and ``t`` transform ``e`` to it. ``u`` is the
+    relative velocity of the bodies, ``w`` and ``o`` are their angular velocities.
     """
     px = R[0][0] * e[0] + R[0][1] * e[1] + R[0][2] * e[2]
     py = R[1][0] * e[0] + R[1][1] * e[1] + R[1][2] * e[2]
@@ -271,28 +273,28 @@ def _pair_gap(c, r, e, s, R, t, u, w, o, horizon, kept):
 
 @inner
 def _face_contact(a, b, n, c, r, e, s, gap, R_ij, t, u, w, o, kept, world):
-    """The contact of sphere a of body i and b of body j with a flat face that one of them touches.
+    """Return the contact of sphere a of body i and b of body j with a flat face that one of them touches.
 
-    The other sphere must be over the face, and the spheres' normal near to the face's. Of several faces the
-    one with the largest gap counts, as it separates the bodies best. All in body i's frame, but ``e``, as in
-    `_pair_gap`.
+    The other sphere must be over the face, and the spheres' normal near the face's normal. Of several faces,
+    the one with the largest gap is used, as it separates the bodies best. All vectors except ``e`` are in
+    body i's frame, as in `_pair_gap`.
 
     Returns
     -------
     n : tuple of 3 floats
         Normal towards body i.
     center : tuple of 3 floats
-        From which the contact is sphere a's radius away, against the normal [m].
+        Centre from which the contact is at sphere a's radius, against the normal [m].
     gap : float
         [m]
     speed : float
-        At which it grows [m/s].
+        Rate of change of the gap [m/s].
     """
     faces, centers = world.implicit.faces, world.tree.centers
     q = rotate(R_ij, e[0], e[1], e[2])
     p = plus(q, t)
     apart = minus(c, p)
-    # beside each other by more, spheres do not stand for the same place of a face
+    # spheres with a larger lateral offset belong to different places of a face
     least = dot(apart, apart) - (2.0 * min(r, s)) ** 2
     best, m, center = -np.inf, n, c
     for k in range(FACES_OF_A_SPHERE):
@@ -323,9 +325,9 @@ def _face_contact(a, b, n, c, r, e, s, gap, R_ij, t, u, w, o, kept, world):
 
 @inner(forceinline=True)
 def _keep_candidate(count, normal, center, r, gap, score, a, b, work):
-    """Keep spheres a and b as candidate number ``count``; returns how many there are then, 0 without room.
+    """Store spheres a and b as candidate number ``count``; return the new count, or 0 without room.
 
-    ``center`` and ``r`` are sphere a's.
+    ``center`` and ``r`` belong to sphere a.
     """
     if count >= len(work.candidates):
         work.counts[OVERFLOW] = TOO_MANY_CANDIDATES
@@ -342,7 +344,7 @@ def _keep_candidate(count, normal, center, r, gap, score, a, b, work):
 def add_contacts(x, i, j, count, tilt, speeds_only, world, work):
     """Choose contacts among the first ``count`` candidates of body i with body j, or element ``-1 - j``.
 
-    The supports of a patch are those of it tilted by ``tilt`` [rad]. ``speeds_only`` as in `write_contact`.
+    Supports of a patch are found by tilting it by ``tilt`` [rad]. ``speeds_only`` is as in `write_contact`.
     """
     candidates, ids, best, score = work.candidates, work.candidate_ids, work.best, work.best_score
     bonus = 0.0 if _rolls(x, i, j, world) else min(_LOADED_BONUS, _LOADED_SHARE * world.bodies.radius[i])
@@ -390,17 +392,17 @@ def add_contacts(x, i, j, count, tilt, speeds_only, world, work):
 
 @inner(forceinline=True)
 def patch_tilt(x, i, j, turned):
-    """Tilt of a patch of body i with body j, or an element, whose supports are searched for [rad].
+    """Return the tilt for the supports of a patch of body i with body j, or an element [rad].
 
-    They have turned freely for ``turned`` seconds. Contacts may undo that turn: those that would touch first
-    then are supports as well.
+    The bodies have rotated freely for ``turned`` seconds. Contacts may undo this rotation, so spheres that
+    would then touch first are supports as well.
     """
     return min(max(TILT, turned * _spin(x, i, j)), _MOST_TILT)
 
 
 @inner(forceinline=True)
 def _spin(x, i, j):
-    """How fast body i turns, as body j or, for a negative number, the world sees it [rad/s]."""
+    """Return the angular speed of body i relative to body j, or to the world for a negative ``j`` [rad/s]."""
     square = 0.0
     for k in range(3):
         w = x[i, W + k] - x[j, W + k] if j >= 0 else x[i, W + k]
@@ -410,20 +412,20 @@ def _spin(x, i, j):
 
 @inner(forceinline=True)
 def _rolls(x, i, j, world):
-    """Whether body i turns, as its partner sees it: other spheres will touch."""
+    """Return whether body i rotates relative to its partner, so that other spheres will touch."""
     return world.bodies.radius[i] * _spin(x, i, j) > _TURNING
 
 
 @inner(forceinline=True)
 def _mark_first(c, work):
-    """Mark a contact as the first of its patch, if there was room for it."""
+    """Mark a contact as the first of its patch, if it was stored."""
     if c >= 0 and c < work.counts[CONTACTS]:
         work.rows[c, FIRST] = 1.0
 
 
 @inner(forceinline=True)
 def _deeper(ids, k, score, other, other_score):
-    """Whether candidate ``k`` comes before ``other``; ties go by the spheres' numbers."""
+    """Return whether candidate ``k`` is deeper than ``other``; sphere indices break ties."""
     if score != other_score:
         return score < other_score
     return ids[k, 0] < ids[other, 0] or (ids[k, 0] == ids[other, 0] and ids[k, 1] < ids[other, 1])
@@ -431,7 +433,7 @@ def _deeper(ids, k, score, other, other_score):
 
 @inner
 def _favour_loaded(i, j, count, bonus, head, link, contact, candidates, ids):
-    """Let what carried load in the last step count as deeper by ``bonus``, so that contacts stay."""
+    """Add ``bonus`` to the depth of candidates that carried load in the last step; contacts then persist."""
     entry = head[i]
     while entry >= 0:
         if contact[entry, 1] == j:
@@ -445,9 +447,9 @@ def _favour_loaded(i, j, count, bonus, head, link, contact, candidates, ids):
 
 @inner(error_model="numpy")
 def write_contact(x, i, j, k, speeds_only, world, work):
-    """Make candidate ``k`` of body i with body j, or element ``-1 - j``, a contact.
+    """Write candidate ``k`` of body i with body j, or element ``-1 - j``, as a contact.
 
-    With ``speeds_only`` its row has what tells when it closes, and nothing that a solution needs.
+    With ``speeds_only``, the row has only the columns for the time of closing.
     """
     m = work.counts[CONTACTS]
     if m >= len(work.rows):
@@ -459,11 +461,11 @@ def write_contact(x, i, j, k, speeds_only, world, work):
     work.ids[m, 0], work.ids[m, 1], work.ids[m, 2], work.ids[m, 3] = i, j, a, b
     n = rotate(R, c[0], c[1], c[2])
     gap, r = c[CANDIDATE_GAP], world.tree.radii[a]
-    # where bodies fall freely into an element they overlap by more than they ever will
+    # free motion into an element overestimates the overlap
     half = 0.5 * gap if j >= 0 else 0.5 * max(gap, 0.0)
     arm = rotate(R, c[3] - half * c[0], c[4] - half * c[1], c[5] - half * c[2])
     omega = (x[i, W], x[i, W + 1], x[i, W + 2])
-    # the gap bends as the sphere's centre goes round the centre of mass
+    # the centripetal acceleration of the sphere's centre changes the gap
     h = rotate(R, c[3] + r * c[0], c[4] + r * c[1], c[5] + r * c[2])
     bend = _centripetal(n, omega, h)
     other = (0.0, 0.0, 0.0)
@@ -534,7 +536,7 @@ def write_contact(x, i, j, k, speeds_only, world, work):
 
 @inner
 def _write_drift(row, surface, at, first, second):
-    """Write the velocity of a moving surface at a point of it, along both tangents."""
+    """Write the velocity of a moving surface at a point, along both tangents."""
     turning = cross((surface[3], surface[4], surface[5]), at)
     v = (surface[0] + turning[0], surface[1] + turning[1], surface[2] + turning[2])
     row[DRIFT] = first[0] * v[0] + first[1] * v[1] + first[2] * v[2]
@@ -543,7 +545,7 @@ def _write_drift(row, surface, at, first, second):
 
 @inner(error_model="numpy")
 def _write_twist(i, j, partner, n, world, work, twist):
-    """Write what opposes the spin of a contact about its normal."""
+    """Write the torsional friction row of a contact."""
     a, b = world.implicit.torsion[i], world.implicit.torsion[partner]
     twist[REACH] = math.sqrt(a * b) if a >= 0.0 and b >= 0.0 else max(a, b, 0.0)
     turn = rotate(work.inverse_inertia[i], n[0], n[1], n[2])
@@ -559,7 +561,7 @@ def _write_twist(i, j, partner, n, world, work, twist):
 
 @inner(forceinline=True)
 def _recall_force(entry, row, first, second, force):
-    """Write the force that a contact carried in the last step in place of impulses [N]; 0 where it is new."""
+    """Write the contact's force of the last step in place of impulses [N]; 0 for a new contact."""
     row[FORCE] = row[FORCE + 1] = row[FORCE + 2] = 0.0
     if entry >= 0:
         row[FORCE] = force[entry, 0]
@@ -575,7 +577,7 @@ def _write_direction(row, at, v):
 
 @inner(forceinline=True)
 def _centripetal(n, w, r):
-    """``n . (w x (w x r))`` [m/s^2]."""
+    """Return ``n . (w x (w x r))`` [m/s^2]."""
     return (w[0] * r[0] + w[1] * r[1] + w[2] * r[2]) * (w[0] * n[0] + w[1] * n[1] + w[2] * n[2]) - (
         w[0] * w[0] + w[1] * w[1] + w[2] * w[2]
     ) * (r[0] * n[0] + r[1] * n[1] + r[2] * n[2])

@@ -1,8 +1,8 @@
-"""Which spheres may touch in an implicit step: bodies near each other, then lists of their spheres.
+"""Search of an implicit step for spheres that may touch: near bodies first, then lists of their spheres.
 
-A list holds all spheres, or pairs of them, of two things that come closer than a margin, and is used until
-their relative motion has used the margin up. It only leaves out what cannot touch, so no result depends on
-when it was made.
+A list holds all spheres, or pairs of spheres, of two objects that are nearer than a margin. It is valid until
+their relative motion exceeds the margin. It only excludes spheres that cannot touch, so no result depends on
+when it was built.
 """
 
 import math
@@ -19,20 +19,20 @@ from .implicit_workspace import CLEARANCE, OVERFLOW, PACE, POOL_USED, SURGE, TOO
 from .shapes import flat_side
 from .sphere_tree import AT_ONCE, candidates
 
-#: Gap up to which contacts take part in a step [m].
+#: Largest gap of contacts in a step [m].
 ACTIVE_GAP = 5e-4
-#: Bodies are near when they may come closer than this in a step [m].
+#: Bodies are near if they may come closer than this in a step [m].
 NEAR = 1e-3
-#: How long lists of an element last: a distance [m], and steps at the present pace.
+#: Margin of lists of an element: a distance [m], plus a number of steps at the current speed.
 LIST_MARGIN, LIST_STEPS = 5e-4, 2.0
-#: How far two bodies may move until their list is made anew [m].
+#: Relative motion of two bodies after which their list is rebuilt [m].
 PAIR_MARGIN = 5e-4
-_MARGIN = 12  # column of `list_pose`, behind a rotation and a position: the margin [m]
+_MARGIN = 12  # column of `list_pose`, after rotation and position: the margin [m]
 
 
 @inner
 def update_pace(x, i, radius, gravity, dt, numbers):
-    """No point of body i travels faster in the next ``dt`` seconds than its `PACE`."""
+    """Write `PACE`, a bound on the speed of body i's points in the next ``dt`` seconds."""
     v = math.sqrt(x[i, V] ** 2 + x[i, V + 1] ** 2 + x[i, V + 2] ** 2)
     w = math.sqrt(x[i, W] ** 2 + x[i, W + 1] ** 2 + x[i, W + 2] ** 2)
     fall = dt * math.sqrt(gravity[0] ** 2 + gravity[1] ** 2 + gravity[2] ** 2)
@@ -41,7 +41,7 @@ def update_pace(x, i, radius, gravity, dt, numbers):
 
 @inner
 def closing_bound(x, i, j, world, work):
-    """No two points of bodies i and j approach each other faster in this step [m/s]."""
+    """Bound the speed at which points of bodies i and j approach each other in this step [m/s]."""
     radius = world.bodies.radius
     v = w = u = 0.0
     for k in range(3):
@@ -53,19 +53,19 @@ def closing_bound(x, i, j, world, work):
 
 @inner(forceinline=True)
 def half_way(x, i, j, horizon, world, work):
-    """Find the relative pose of two bodies from which all spheres that may touch are nearest, in the next
-    ``horizon`` seconds.
+    """Find a relative pose of two bodies at which spheres that may touch within ``horizon`` seconds are near.
 
-    That is the pose half way at their present velocities, or the present one. Where spheres touch at the end
-    of straight ways, half way they are no farther apart than half of their relative way, as either body sees
-    it; in the present pose, than they come nearer along their normal. Rigid motion bends straight ways.
+    It is either the current pose, or the pose at half the horizon at current velocities, whichever has the
+    smaller bound. At half the horizon, spheres that touch at the end are at most half their relative path
+    apart. In the current pose they are at most their approach apart. The bounds account for the curvature of
+    rigid motion.
 
     Returns
     -------
     t : tuple of 3 floats
         Body j's centre of mass in i's frame [m]; ``work.R_ij`` has the rotation from its axes.
     reach : float
-        By how much the gap of such spheres may be larger there than the one asked for [m].
+        Bound on the additional gap of such spheres at this pose [m].
     """
     radius, R_ij = world.bodies.radius, work.R_ij
     turn = near_i = near_j = apart = 0.0
@@ -104,8 +104,9 @@ def half_way(x, i, j, horizon, world, work):
 
 @inner(forceinline=True)
 def _turn(R, q):
-    """Turn a frame's axes, the columns of ``R``, by twice the vector ``q`` [rad], if that is small: by
-    Cayley's map, which makes a rotation of any.
+    """Rotate a frame's axes, the columns of ``R``, by about twice the small vector ``q`` [rad].
+
+    Cayley's map yields an exact rotation.
     """
     scale = 2.0 / (1.0 + q[0] * q[0] + q[1] * q[1] + q[2] * q[2])
     for k in range(3):
@@ -117,13 +118,13 @@ def _turn(R, q):
 
 @inner(forceinline=True)
 def _bend(angle):
-    """How far `_turn` leads from a straight way at most [m], by that angle and at 1 m from the axis."""
+    """Return a bound on the deviation of `_turn` from a straight path [m], at 1 m from the axis."""
     return 0.5 * angle * angle * (1.0 + 0.5 * angle)
 
 
 @inner
 def _gain(i, j, world, work):
-    """What a step without contacts adds to the speed at which two bodies approach each other [m/s]."""
+    """Return a bound on the speed that a step without contacts adds to the approach of two bodies [m/s]."""
     surge = work.numbers[i, SURGE] + work.numbers[j, SURGE]
     if work.moving[i] and work.moving[j]:
         return surge
@@ -132,10 +133,10 @@ def _gain(i, j, world, work):
 
 @inner(forceinline=True)
 def find_groups(x, world, work):
-    """Find pairs of bodies that are near, and join moving ones to groups.
+    """Find pairs of near bodies, and join moving ones to groups.
 
-    An impact may throw a body as fast as any of its group is, so bodies are near, too, that this could bring
-    together in the step.
+    An impact may accelerate a body to the highest speed in its group. Pairs that this could bring together in
+    the step are therefore near, too.
     """
     numbers, order, near, group = work.numbers, work.order, work.near, work.group
     radius, moving, dt = world.bodies.radius, work.moving, world.dt
@@ -147,7 +148,7 @@ def find_groups(x, world, work):
             near[i, work.neighbor[i, k]] = False
         work.neighbor_count[i] = 0
     thrown = dt * fastest
-    for k in range(1, count):  # insertion sort: next to no work on what was sorted a step ago
+    for k in range(1, count):  # insertion sort: fast, as the order rarely changes between steps
         body, place = order[k], k
         low = x[body, P] - radius[body] - dt * numbers[body, PACE]
         while place > 0:
@@ -171,7 +172,7 @@ def find_groups(x, world, work):
             dx, dy, dz = x[b, P] - x[a, P], x[b, P + 1] - x[a, P + 1], x[b, P + 2] - x[a, P + 2]
             square = dx * dx + dy * dy + dz * dz
             if square < (reach + far) ** 2:
-                # what falls together does not come nearer
+                # bodies in common free fall do not approach each other
                 reached = radius[a] + radius[b] + NEAR + dt * closing_bound(x, a, b, world, work) + thrown
                 if square < reached * reached:
                     found = True
@@ -209,10 +210,10 @@ def list_members(work):
 
 @inner
 def _join_near(x, world, work):
-    """Keep of all neighbors those whose boxes and balls are near, and join moving ones to groups.
+    """Keep neighbors whose boxes and balls are near, and join moving ones to groups.
 
-    Whether two bodies are near depends on the paces of their groups, which only grow: so the order in which
-    bodies are looked at does not matter, nor does any that is not in their group.
+    The test depends on the speeds of groups, which only grow. So the result depends neither on the order of
+    bodies nor on bodies of other groups.
     """
     near, group, numbers, throw = work.near, work.group, work.numbers, work.throw_pace
     count, moving, box = len(x), work.moving, world.implicit.box
@@ -255,10 +256,10 @@ def _join_near(x, world, work):
 
 @inner
 def box_gap(a, b, R, t):
-    """Lower bound of the distance of two bodies' boxes [m], along the axes of either; negative without one.
+    """Return a lower bound on the distance of two bodies' boxes [m]; negative if none is found.
 
-    ``a`` and ``b`` are their rows of `Implicit.box`, ``R`` and ``t`` bring the second's frame into the
-    first's.
+    The boxes' axes are tested. ``a`` and ``b`` are the rows of `Implicit.box`. ``R`` and ``t`` transform the
+    second frame into the first.
     """
     ux, uy, uz = rotate(R, b[0], b[1], b[2])
     d = t[0] + ux - a[0], t[1] + uy - a[1], t[2] + uz - a[2]
@@ -275,7 +276,7 @@ def box_gap(a, b, R, t):
 
 @inner(forceinline=True)
 def balls_within(x, i, j, gap, radius):
-    """Whether the bounding balls of bodies i and j are nearer to each other than a gap [m]."""
+    """Return whether the bounding balls of bodies i and j are nearer to each other than a gap [m]."""
     square, near = 0.0, radius[i] + radius[j] + gap
     for k in range(3):
         square += (x[i, P + k] - x[j, P + k]) ** 2
@@ -284,7 +285,7 @@ def balls_within(x, i, j, gap, radius):
 
 @inner(forceinline=True)
 def column_of(j, bodies):
-    """Column of a contact's partner in an array (B, B + E): of body j, or of element ``-1 - j``."""
+    """Return a partner's column in an array (B, B + E): of body j, or of element ``-1 - j``."""
     if j < 0:
         return bodies - 1 - j
     return j
@@ -292,7 +293,7 @@ def column_of(j, bodies):
 
 @inner(forceinline=True)
 def pair_of(i, j, bodies):
-    """Row and column of bodies i and j, or of body i and element ``-1 - j``."""
+    """Return row and column of bodies i and j, or of body i and element ``-1 - j``."""
     if j < 0:
         return i, column_of(j, bodies)
     return min(i, j), max(i, j)
@@ -300,7 +301,7 @@ def pair_of(i, j, bodies):
 
 @inner(forceinline=True)
 def lowest(group, i):
-    """The lowest member of the group of ``i``."""
+    """Return the lowest member of the group of ``i``."""
     while group[i] != i:
         i = group[i]
     return i
@@ -308,7 +309,7 @@ def lowest(group, i):
 
 @inner(forceinline=True)
 def join(group, a, b):
-    """Make two groups one."""
+    """Merge two groups."""
     a, b = lowest(group, a), lowest(group, b)
     if a != b:
         group[max(a, b)] = min(a, b)
@@ -316,7 +317,7 @@ def join(group, a, b):
 
 @inner
 def clearance(x, i, world, work):
-    """Lower bound of body i's distance from the environment [m], kept until the body has travelled so far."""
+    """Return a lower bound on body i's distance from the environment [m], cached for motions below it."""
     numbers, radius = work.numbers, world.bodies.radius
     if numbers[i, CLEARANCE] > numbers[i, TRAVEL]:
         return numbers[i, CLEARANCE] - numbers[i, TRAVEL]
@@ -331,10 +332,10 @@ def clearance(x, i, world, work):
 
 @inner(forceinline=True)
 def side_of(kind, size, e, t, R_e, R, extent):
-    """The flat side of element e that a body is over with all its spheres' centres (`shapes.flat_side`).
+    """Find the flat side of element e that is below all sphere centres of a body (`shapes.flat_side`).
 
-    ``t`` is the body's centre of mass in the element's frame, ``extent`` (6,) the middle and half the sides
-    of the box around its spheres' centres, body frame [m].
+    ``t`` is the body's centre of mass in the element's frame. ``extent`` (6,) is the centre and half the
+    sides of the bounding box of its sphere centres, body frame [m].
     """
     m0, m1, m2 = t
     r0 = r1 = r2 = 0.0
@@ -349,8 +350,9 @@ def side_of(kind, size, e, t, R_e, R, extent):
 
 @inner(forceinline=True)
 def half_way_by(x, i, e, v, horizon, world, R):
-    """As `half_way`, of body i with velocity ``v`` in the frame of element e; ``R`` is the rotation from its
-    axes, which turns.
+    """Find a pose as `half_way`, for body i with velocity ``v`` relative to element e.
+
+    ``R`` is the rotation from body to element axes, and is updated.
     """
     surroundings, radius, half = world.surroundings, world.bodies.radius[i], 0.5 * horizon
     w = x[i, W], x[i, W + 1], x[i, W + 2]
@@ -370,9 +372,11 @@ def half_way_by(x, i, e, v, horizon, world, R):
 
 @inner(forceinline=True)
 def element_list(i, e, t, need, spare, world, work):
-    """Bring the list of body i's spheres near element e up to date, ``need`` [m] being how near, and
-    ``spare`` [m] how far the body may move until it is made anew, with its centre of mass at ``t`` in the
-    element's frame [m] and the rotation from its axes in ``work.R_ij``.
+    """Update the list of body i's spheres near element e.
+
+    ``need`` [m] is the distance within which spheres are listed, ``spare`` [m] the motion until the list is
+    rebuilt. The body's centre of mass is at ``t`` in the element's frame [m], and ``work.R_ij`` is the
+    rotation from body axes.
     """
     surroundings, search, pool, R = world.surroundings, work.search, work.pool, work.R_ij
     column = len(work.moving) + e
@@ -401,8 +405,10 @@ def element_list(i, e, t, need, spare, world, work):
 
 @inner(forceinline=True)
 def pair_list(i, j, t_ij, need, world, work):
-    """Bring the list of near pairs of spheres of bodies i and j up to date, ``need`` [m] being how near, with
-    j's centre of mass at ``t_ij`` in i's frame [m] and the rotation from its axes in ``work.R_ij``.
+    """Update the list of near pairs of spheres of bodies i and j.
+
+    ``need`` [m] is the distance within which pairs are listed. Body j's centre of mass is at ``t_ij`` in i's
+    frame [m], and ``work.R_ij`` is the rotation from j's axes.
     """
     tree, search, pool, R_ij = world.tree, work.search, work.pool, work.R_ij
     place = work.list_pose[i, j]
@@ -426,7 +432,7 @@ def pair_list(i, j, t_ij, need, world, work):
 
 @inner
 def _copy_spheres(count, pairs, centers, radii, used, pool, spheres):
-    """Write pairs of spheres, and what is asked of them, into the pool behind what is ``used``."""
+    """Append pairs of spheres with their centres and radii to the pool."""
     for k in range(count):
         a, b, at = np.uint64(pairs[k, 0]), np.uint64(pairs[k, 1]), np.uint64(used + k)
         pool[at, 0], pool[at, 1] = pairs[k, 0], pairs[k, 1]
@@ -437,7 +443,7 @@ def _copy_spheres(count, pairs, centers, radii, used, pool, spheres):
 
 @inner(forceinline=True)
 def _moved(place, R, t, radius):
-    """How far a body of that radius moved at most since it was at ``place`` [m]; now it is ``R``, ``t``."""
+    """Bound the motion of a body's points [m] from the pose ``place`` to the pose ``R``, ``t``."""
     way = turn = 0.0
     for a in range(3):
         way += (t[a] - place[9 + a]) ** 2
@@ -448,7 +454,7 @@ def _moved(place, R, t, radius):
 
 @inner(forceinline=True)
 def _keep_list(i, column, start, used, R, t, margin, work):
-    """Remember where a list lies in the pool, and for which relative pose it was made."""
+    """Store the range of a list in the pool and the relative pose for which it was built."""
     place = work.list_pose[i, column]
     for a in range(3):
         place[9 + a] = t[a]
@@ -461,7 +467,7 @@ def _keep_list(i, column, start, used, R, t, margin, work):
 
 @inner(forceinline=True)
 def relative_pose(x, i, j, R, R_ij):
-    """Rotation from body j's to i's axes into ``R_ij``; returns j's centre of mass in i's frame [m]."""
+    """Write the rotation from body j's to i's frame into ``R_ij``; return j's position in it [m]."""
     for a in range(3):
         for b in range(3):
             R_ij[a, b] = R[i, 0, a] * R[j, 0, b] + R[i, 1, a] * R[j, 1, b] + R[i, 2, a] * R[j, 2, b]
@@ -470,7 +476,7 @@ def relative_pose(x, i, j, R, R_ij):
 
 @inner
 def forget_lists(work):
-    """Make all lists anew when they are next needed."""
+    """Mark all lists for rebuilding."""
     work.counts[POOL_USED] = 0
     for i in range(work.list_pose.shape[0]):
         for j in range(work.list_pose.shape[1]):

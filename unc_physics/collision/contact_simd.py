@@ -1,4 +1,4 @@
-"""What is done again and again with contacts, eight numbers at once (as in `simd`)."""
+"""SIMD operations on contacts, eight numbers at once (as in `compiler.simd`)."""
 
 from llvmlite import ir
 from numba import types
@@ -10,7 +10,7 @@ from .contact_row import AXIS, DIRECTION, DIRECTION_J, PUSH_I, PUSH_J
 
 @intrinsic
 def foreseen(typingctx):
-    """Keep a branch a branch: what follows is not computed ahead and then chosen, however cheap it looks."""
+    """Keep a branch: prevent the compiler from computing it in advance and selecting the result."""
 
     def codegen(context, builder, signature, args):
         kind = ir.FunctionType(ir.VoidType(), [])
@@ -22,8 +22,10 @@ def foreseen(typingctx):
 
 @intrinsic
 def lower_supports(typingctx, score, best, k, base, *more):
-    """Put ``k`` into ``best`` wherever its score is below the eight of ``score``: ``base`` and each of four
-    numbers, added and taken away by turns. Bit m is set where it is the m-th of them.
+    """Store ``k`` in ``best`` where its score is lower than the eight of ``score``; return a mask of these.
+
+    The scores are ``base`` plus and minus each of four numbers, alternating. Bit m of the mask belongs to
+    score m.
     """
 
     def codegen(context, builder, signature, args):
@@ -52,9 +54,10 @@ def lower_supports(typingctx, score, best, k, base, *more):
 
 @intrinsic
 def plane_mask(typingctx, spheres, first, now, later, limit):
-    """Bit m is set where the m-th of eight spheres, columns of ``spheres`` (4, n) from ``first`` on, is
-    nearer to a plane than ``limit``, now or later: each is given by what a centre's coordinates are
-    multiplied by, and what is added.
+    """Return a mask of the spheres, of eight, that are nearer to a plane than ``limit``, now or later.
+
+    The spheres are columns of ``spheres`` (4, n) from ``first`` on. ``now`` and ``later`` each hold the
+    coefficients of a centre's coordinates and a constant.
     """
 
     def codegen(context, builder, signature, args):
@@ -85,7 +88,7 @@ def plane_mask(typingctx, spheres, first, now, later, limit):
 
 
 def _rows_of(context, builder, signature, args, row, v):
-    """Readers of a contact's row, and of bodies' velocities, eight columns at once."""
+    """Return readers of a contact's row and of bodies' velocities, eight columns at once."""
     row = cgutils.create_struct_proxy(signature.args[row])(context, builder, value=args[row]).data
     v = cgutils.create_struct_proxy(signature.args[v])(context, builder, value=args[v]).data
 
@@ -101,10 +104,10 @@ def _rows_of(context, builder, signature, args, row, v):
 
 @intrinsic
 def contact_speeds(typingctx, row, v, i, j):
-    """Velocities at a contact along its three directions [m/s]: of body i, relative to body j if ``j`` is not
-    negative. How the partner's surface moves beyond the partner itself (`DRIFT`) is not in them.
+    """Return the velocity of body i relative to its partner along a contact's three directions [m/s].
 
-    ``row`` is of `ImplicitWorkspace.rows`, ``v`` (B, 8) of its velocities.
+    Body j counts if ``j`` is not negative. The motion of the partner's surface (`DRIFT`) is not included.
+    ``row`` is a row of `ImplicitWorkspace.rows`, ``v`` (B, 8) one of its velocities.
     """
 
     def codegen(context, builder, signature, args):
@@ -149,7 +152,7 @@ def contact_speeds(typingctx, row, v, i, j):
 def apply_impulses(typingctx, row, normal, first, second, v, i, j):
     """Change the bodies' velocities by impulses along a contact's normal and both tangents [N s].
 
-    Arguments as in `contact_speeds`.
+    Arguments are as in `contact_speeds`.
     """
 
     def codegen(context, builder, signature, args):
@@ -178,7 +181,7 @@ def apply_impulses(typingctx, row, normal, first, second, v, i, j):
 
 
 def _eight(context, builder, signature, args, n, at):
-    """Where eight numbers of matrix number ``n`` of the arguments begin, in its row ``at``."""
+    """Return a pointer to the first eight numbers in row ``at`` of matrix argument ``n``."""
     array = cgutils.create_struct_proxy(signature.args[n])(context, builder, value=args[n])
     width = cgutils.unpack_tuple(builder, array.shape)[1]
     place = builder.gep(array.data, [builder.mul(at, width)])
@@ -187,7 +190,7 @@ def _eight(context, builder, signature, args, n, at):
 
 @intrinsic
 def copy_eight(typingctx, matrix, to, row):
-    """Copy eight numbers of a matrix, from the beginning of a row, into another one's."""
+    """Copy the first eight numbers of a row to another matrix."""
 
     def codegen(context, builder, signature, args):
         here, there = (_eight(context, builder, signature, args, n, args[2]) for n in (0, 1))
@@ -200,10 +203,10 @@ def copy_eight(typingctx, matrix, to, row):
 
 @intrinsic
 def go_on(typingctx, matrix, before, search, share, row):
-    """Let eight numbers of a matrix, from the beginning of a row, go on as they changed since ``before``.
+    """Extrapolate the first eight numbers of a row along their change since ``before``.
 
-    Their direction ``search`` becomes that change and, where ``share`` is positive, so much of what it was;
-    by the latter the numbers go on, and are ``before`` the next change.
+    The new ``search`` is this change, plus ``share`` times the old ``search`` if ``share`` is positive. The
+    numbers move by the latter term, and ``before`` is set to the result.
     """
 
     def codegen(context, builder, signature, args):

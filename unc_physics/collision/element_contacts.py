@@ -1,4 +1,4 @@
-"""Contacts of a body's spheres with the elements of the environment."""
+"""Contacts of a body's spheres with elements of the environment."""
 
 import numpy as np
 
@@ -15,7 +15,7 @@ from .sphere_tree import EMPTY, WIDTH
 
 @inner(forceinline=True)
 def in_element(position, R, e, x, y, z):
-    """A point of the world in the frame of element e."""
+    """Transform a point from the world frame to the frame of element e."""
     x, y, z = x - position[e, 0], y - position[e, 1], z - position[e, 2]
     return (
         R[e, 0, 0] * x + R[e, 1, 0] * y + R[e, 2, 0] * z,
@@ -26,14 +26,14 @@ def in_element(position, R, e, x, y, z):
 
 @inner(forceinline=True)
 def element_distance(surroundings, e, x, y, z):
-    """Signed distance of a point in the world from element e [m]."""
+    """Return the signed distance of a point, world frame, from element e [m]."""
     px, py, pz = in_element(surroundings.position, surroundings.R, e, x, y, z)
     return surface(surroundings.kind, surroundings.size, e, px, py, pz)[0]
 
 
 @inner
 def write_element_rotation(R_i, R_e, out):
-    """Rotation from the body's to the element's axes into ``out`` (3, 3)."""
+    """Write the rotation from body to element axes into ``out`` (3, 3)."""
     for a in range(3):
         for b in range(3):
             out[a, b] = R_e[0, a] * R_i[0, b] + R_e[1, a] * R_i[1, b] + R_e[2, a] * R_i[2, b]
@@ -41,7 +41,7 @@ def write_element_rotation(R_i, R_e, out):
 
 @inner(error_model="numpy", forceinline=True)
 def spheres_near(tree, surroundings, e, R, t, radius, margin, search, top):
-    """Continue the search for the spheres of one body that are nearer to element e than a margin [m].
+    """Continue the search for spheres of a body that are nearer to element e than a margin [m].
 
     Parameters
     ----------
@@ -49,15 +49,15 @@ def spheres_near(tree, surroundings, e, R, t, radius, margin, search, top):
     surroundings : Surroundings
     e : int
     R : (3, 3) array
-        Rotation from the body's to the element's axes.
+        Rotation from body to element axes.
     t : tuple of 3 floats
         The body's centre of mass in the element's frame [m].
     radius : float
-        The body's [m].
+        Radius of the body [m].
     margin : float
     search : Scratch
-        Its ``stack`` holds the nodes still to be searched in its first column, the body's root when a search
-        begins. Its ``pairs`` are filled with (sphere, e).
+        Its ``stack`` holds the remaining nodes in its first column; a search begins with the body's root. Its
+        ``pairs`` are filled with (sphere, e).
     top : int
         Height of the stack.
 
@@ -66,7 +66,7 @@ def spheres_near(tree, surroundings, e, R, t, radius, margin, search, top):
     count : int
         Number of spheres found in this call.
     top : int
-        Call again, after using the spheres, while it is positive.
+        Height of the stack; call again while it is positive, after using the spheres.
     """
     kind, size = surroundings.kind, surroundings.size
     child, centers, radii = tree.child, tree.centers, tree.radii
@@ -100,11 +100,11 @@ def spheres_near(tree, surroundings, e, R, t, radius, margin, search, top):
 
 @inner(error_model="numpy", forceinline=True)
 def next_element_contacts(tree, surroundings, e, R, t, radius, search, top):
-    """Continue the search for the contacts of one body with element e, as `spheres_near` without a margin.
+    """Continue the search for contacts of a body with element e, as `spheres_near` without a margin.
 
-    ``search.records`` are filled with the contacts, in the way of `narrow_phase.next_contacts`, the body as
-    body i and the element as body j: the normal points into the solid, the distance is that of the sphere's
-    centre from the surface, signed.
+    Fills ``search.records`` as `narrow_phase.next_contacts`, with the body as body i and the element as body
+    j. The normal points into the solid. The distance is the signed distance of the sphere's centre from the
+    surface.
     """
     centers, radii, records = tree.centers, tree.radii, search.records
     count, top = spheres_near(tree, surroundings, e, R, t, radius, 0.0, search, top)
@@ -125,14 +125,14 @@ def next_element_contacts(tree, surroundings, e, R, t, radius, search, top):
 
 @inner(forceinline=True)
 def open_element(x, i, e, world, surroundings, work):
-    """Begin the search for the contacts of body i with element e.
+    """Begin the search for contacts of body i with element e.
 
     Returns
     -------
     t : tuple of 3 floats
         Body i's centre of mass in the element's frame [m]; ``work.R_ij`` has the rotation.
     top : int
-        0 where the body is out of reach.
+        0 if the body is out of reach.
     """
     t = in_element(surroundings.position, surroundings.R, e, x[i, 0], x[i, 1], x[i, 2])
     if surface(surroundings.kind, surroundings.size, e, t[0], t[1], t[2])[0] >= world.bodies.radius[i]:

@@ -1,7 +1,7 @@
-"""Flat faces of packings: planes that several spheres touch from inside, with all others below.
+"""Flat faces of packings: planes that touch several spheres from outside.
 
-Spheres of two faces that slide on each other lock like teeth. Where a sphere touches a face, the contact is
-that with the face's plane instead.
+The spheres of two sliding faces would interlock. Where a sphere touches a face, the contact is therefore with
+the face's plane.
 """
 
 import math
@@ -13,38 +13,38 @@ from ..compiler import inner
 from ..spatial.rotation import tangents
 from ..spatial.vectors import minus
 
-#: Directions across a face in which its extent is known, half of them the opposites of the others.
+#: Number of directions in which the extent of a face is stored; the second half are opposites of the first.
 SIDES = 16
 _HALF = SIDES // 2
 _ANGLES = math.pi / _HALF * np.arange(_HALF)
 _COSINES, _SINES = np.cos(_ANGLES), np.sin(_ANGLES)
-#: Faces that one sphere touches, at most: three in the corner of a box.
+#: Largest number of faces that a sphere touches: three in the corner of a box.
 FACES_OF_A_SPHERE = 3
-#: Shares of the packing's radius: how far from a plane its spheres end at most, a face's least width.
+#: Relative to the packing's radius: largest gap between plane and spheres, least width of a face.
 _TOLERANCE, _WIDTH = 1e-5, 0.05
-#: Spheres that touch a face, at least: any three have a plane.
+#: Least number of spheres of a face; any three define a plane.
 _FEWEST = 4
-#: Directions from which faces are looked for, rounds of each, and the heights over which spheres count, as
-#: shares of the packing's radius, in the first and the last round.
+#: Number of start directions and of rounds of the search. Height of the layer of spheres in the first and in
+#: the last round, relative to the packing's radius.
 _STARTS, _ROUNDS, _FAR, _NEAR = 150, 16, 0.1, 2e-4
-_SAME = 1.0 - 1e-6  # cosine of the angle between normals of one face
+_SAME = 1.0 - 1e-6  # cosine of the angle between equal normals
 
 
 class Faces(NamedTuple):
-    """Flat faces of the models of a scene, one after the other.
+    """Flat faces of a scene's models, concatenated.
 
     Attributes
     ----------
     normal : (F, 3) float64
-        Out of the body, body frame.
+        Outward normal, body frame.
     across : (F, 2, 3) float64
-        Two unit vectors across it.
+        Two unit vectors in the plane of the face.
     sphere : (F,) int64
         A sphere that touches the face.
     reach : (F, SIDES) float64
-        Extent of the points where spheres touch it, from that sphere's centre, in directions across [m].
+        Extent of the face's contact points from that sphere's centre, in `SIDES` directions in the plane [m].
     of_sphere : (S, 3) int32
-        Faces that each sphere touches; -1 for none.
+        Faces that each sphere touches; -1 for no face.
     """
 
     normal: np.ndarray
@@ -55,7 +55,7 @@ class Faces(NamedTuple):
 
 
 def flat_faces(centers, radii, hull):
-    """Flat faces (`Faces`) of a packing.
+    """Find the flat faces (`Faces`) of a packing.
 
     Parameters
     ----------
@@ -64,12 +64,12 @@ def flat_faces(centers, radii, hull):
     radii : (n,) array
         [m]
     hull : (h,) int array
-        Those that can touch a plane (`hull.hull_spheres`).
+        Spheres that can touch a plane (`hull.hull_spheres`).
 
     Notes
     -----
-    From each of many directions, a plane above the packing is fitted to the spheres near its top, by weighted
-    least squares, with less and less of them.
+    Starting from many directions, a plane is fitted to the spheres near the packing's top by weighted least
+    squares. Each round includes fewer spheres.
     """
     size = float((np.linalg.norm(centers, axis=1) + radii).max())
     normals, found = _settled(centers[hull], radii[hull], size), []
@@ -110,7 +110,7 @@ def flat_faces(centers, radii, hull):
 
 
 def _fitted(centers, radii, u):
-    """Normal of the plane that comes nearest to touching all of some spheres, near to ``u``."""
+    """Fit the normal of a plane that touches spheres by least squares, starting from ``u``."""
     across = np.array(tangents(tuple(u)))
     a = np.column_stack([centers @ across.T, np.ones(len(radii))])
     turn = np.linalg.lstsq(a, -(centers @ u + radii), rcond=1e-9)[0]
@@ -119,7 +119,7 @@ def _fitted(centers, radii, u):
 
 
 def _settled(centers, radii, size):
-    """Normals (k, 3) of planes on top of a packing, from directions all around."""
+    """Find normals (k, 3) of planes on top of a packing, starting from directions all around."""
     k = np.arange(_STARTS) + 0.5
     z, angle = 1.0 - 2.0 * k / _STARTS, math.pi * (1.0 + math.sqrt(5.0)) * k
     across = np.sqrt(1.0 - z * z)
@@ -133,7 +133,7 @@ def _settled(centers, radii, size):
         spread = np.einsum("dn,na,nb->dab", weights, centers, centers, optimize=True)
         spread -= mean[:, :, None] * mean[:, None, :]
         slope = np.einsum("dab,db->da", spread, u) + (weights * radii) @ centers - mean * mean_radius[:, None]
-        # the normal's part along itself stays
+        # keep the normal's component along itself
         project = np.eye(3) - u[:, :, None] * u[:, None, :]
         spread = project @ spread @ project + 1e-9 * size**2 * np.eye(3)
         step = -np.linalg.solve(spread, np.einsum("dab,db->da", project, slope)[:, :, None])[:, :, 0]
@@ -144,7 +144,7 @@ def _settled(centers, radii, size):
 
 
 def of_scene(models, first_sphere):
-    """The faces of several models, whose spheres begin at ``first_sphere``."""
+    """Concatenate the faces of several models, whose spheres begin at ``first_sphere``."""
     found, first = [], 0
     for faces, begin in zip(models, first_sphere, strict=True):
         of_sphere = np.where(faces.of_sphere >= 0, faces.of_sphere + first, -1).astype(np.int32)
@@ -155,7 +155,7 @@ def of_scene(models, first_sphere):
 
 @inner(forceinline=True)
 def over_face(f, point, centers, faces):
-    """Whether a point, in the frame of face f's body, is over the face."""
+    """Return whether a point, in the body frame of face f, is over the face."""
     s = faces.sphere[f]
     q, across = minus(point, (centers[s, 0], centers[s, 1], centers[s, 2])), faces.across[f]
     a = across[0, 0] * q[0] + across[0, 1] * q[1] + across[0, 2] * q[2]

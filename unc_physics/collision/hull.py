@@ -1,4 +1,4 @@
-"""Which spheres of a packing can touch a plane: those on its convex hull."""
+"""Spheres of a packing that can touch a plane: those on its convex hull."""
 
 import math
 
@@ -9,17 +9,18 @@ from ..compiler.arrays import booleans, empty, full, integers
 from ..compiler.simd import LANES
 
 _DIRECTIONS, _ROUNDS = 4096, 700
-_SHORTER = 0.99  # each step than the one before
-_WAY = 1.0 / (1.0 - _SHORTER)  # of all steps that are left, in units of the next
-_APART = 3.0 / math.sqrt(_DIRECTIONS)  # no direction is farther from all of these [rad]
-# of the packing's radius: what sticks out less is inside, such as spheres that a flat face just touches
+_SHORTER = 0.99  # ratio of successive steps
+_WAY = 1.0 / (1.0 - _SHORTER)  # sum of all remaining steps, in units of the next
+_APART = 3.0 / math.sqrt(_DIRECTIONS)  # bound on the angle from any direction to the nearest of these [rad]
+# relative to the packing's radius: spheres that protrude less count as inside, such as those that just touch
+# a face
 _TOLERANCE = 1e-8
-_FAST = {"nnan", "nsz", "contract"}  # loops with these run on several spheres at once
+_FAST = {"nnan", "nsz", "contract"}  # these flags allow loops to process several spheres at once
 
 
 @inner(fastmath=_FAST)
 def _write_heights(x, y, z, spheres, height):
-    """Write how far each of ``spheres`` (4, n), centres and radii, reaches that way; returns the most."""
+    """Write the heights of ``spheres`` (4, n), centres and radii, along a direction; return the largest."""
     highest = -np.inf
     for k in range(len(height)):
         up = x * spheres[0, k] + y * spheres[1, k] + z * spheres[2, k] + spheres[3, k]
@@ -30,7 +31,7 @@ def _write_heights(x, y, z, spheres, height):
 
 @inner
 def _first(height, value):
-    """Where a value stands first."""
+    """Return the first index of a value."""
     k = 0
     while height[k] != value:
         k += 1
@@ -39,7 +40,7 @@ def _first(height, value):
 
 @inner(fastmath=_FAST)
 def _compare(d, highest, support, spheres, height, lead, best, most):
-    """Note direction ``d`` where spheres lag least behind the support, and if they may come up near it."""
+    """Record direction ``d`` for spheres nearest to its support; bound their lead in nearby directions."""
     cx, cy, cz = spheres[0, support], spheres[1, support], spheres[2, support]
     for k in range(len(height)):
         up = height[k] - highest
@@ -51,7 +52,7 @@ def _compare(d, highest, support, spheres, height, lead, best, most):
 
 @inner
 def _direction(d):
-    """Number ``d`` of `_DIRECTIONS`, evenly spread."""
+    """Return direction ``d`` of `_DIRECTIONS` evenly spread ones."""
     z = 1.0 - (2.0 * d + 1.0) / _DIRECTIONS
     angle = math.pi * (1.0 + math.sqrt(5.0)) * d
     across = math.sqrt(1.0 - z * z)
@@ -60,7 +61,7 @@ def _direction(d):
 
 @inner
 def _comes_up(x, y, z, own, supports, height, size):
-    """Whether the sphere ``own`` (4,) reaches farther than all ``supports`` some way near the given one."""
+    """Return whether sphere ``own`` (4,) reaches beyond all ``supports`` in a nearby direction."""
     step = 0.05
     for _ in range(_ROUNDS):
         highest = _write_heights(x, y, z, supports, height)
@@ -75,7 +76,7 @@ def _comes_up(x, y, z, own, supports, height, size):
         gx, gy, gz = gx - along * x, gy - along * y, gz - along * z
         length = math.sqrt(gx * gx + gy * gy + gz * gz)
         if length == 0.0 or highest - up > _WAY * step * math.sqrt(length * length + along * along):
-            return False  # no step that is left brings it up
+            return False  # the remaining steps cannot bring it up
         x, y, z = x + step * gx / length, y + step * gy / length, z + step * gz / length
         length = math.sqrt(x * x + y * y + z * z)
         x, y, z = x / length, y / length, z / length
@@ -85,7 +86,7 @@ def _comes_up(x, y, z, own, supports, height, size):
 
 @kernel
 def hull_spheres(centers, radii):
-    """Indices of the spheres that some plane touches before all others.
+    """Find the indices of spheres that a plane can touch first.
 
     Parameters
     ----------
@@ -97,13 +98,13 @@ def hull_spheres(centers, radii):
     Returns
     -------
     (h,) int64 array
-        Ascending.
+        Ascending indices.
 
     Notes
     -----
-    The supports in many directions are found first. A sphere that lies so far below each that turning to the
-    next direction does not bring it up is hidden: it comes up by its distance to the support times the angle.
-    The others are compared with the supports in the direction in which each does best, improved step by step.
+    The supports in many directions are found first. Turning to a nearby direction raises a sphere by at most
+    its distance to the support times the angle. Spheres that stay below their support are inside. The others
+    are compared with the supports in their best direction, which is improved iteratively.
     """
     n = len(radii)
     spheres = empty((4, n))
@@ -131,7 +132,7 @@ def hull_spheres(centers, radii):
 
 
 def hull_columns(centers, radii, hull):
-    """Centres and radii of a hull's spheres, (4, H + 8): the last columns only let eight be read at once."""
+    """Return centres and radii of a hull's spheres, (4, H + 8); the padding allows reads of eight columns."""
     columns = np.zeros((4, len(hull) + LANES))
     columns[:3, : len(hull)], columns[3, : len(hull)] = centers[hull].T, radii[hull]
     return columns

@@ -1,4 +1,4 @@
-"""What a rollout of the implicit step computes anew, in arrays that a step fills: no state."""
+"""Temporary arrays of a rollout of the implicit step, filled in each step."""
 
 from typing import NamedTuple
 
@@ -22,36 +22,36 @@ from .contact_row import ROW, TWIST
 from .narrow_phase import RECORD
 from .sphere_tree import AT_ONCE, Scratch
 
-#: Velocities of the bodies, each (B, 8), of which two columns stay 0: at the interval's start, at its end
-#: without contacts, as solved, before a sweep, and what a direction of search changes.
+#: Velocities of the bodies, each (B, 8) with two zero columns. At the interval's start, at its end without
+#: contacts, as solved, before a sweep, and the search direction.
 START, FREE, NOW, BEFORE, ALONG = 0, 1, 2, 3, 4
-#: Impulses of lasting contacts, of an impact, of one without rebound; those before a sweep, a
-#: direction of search, and the best so far.
+#: Impulses of lasting contacts, of an impact, of an impact without rebound, before a sweep, the search
+#: direction, and the best so far.
 LASTING, ELASTIC, PLASTIC, PREVIOUS, SEARCH, BEST = 0, 1, 2, 3, 4, 5
-#: Columns of a body's numbers: what its points travel in a second [m/s], the sum of that over time [m], how
-#: far the environment is [m], its pose when an interval began, the most that its velocity changes in a step
-#: without contacts, beyond what gravity does [m/s], and its pose at the interval's end without contacts.
+#: Columns of a body's numbers: bound on its points' speed [m/s], and its integral over time [m]. Distance of
+#: the environment [m], and pose at the interval's beginning. Bound on the change of velocity in a step
+#: without contacts, beyond gravity [m/s], and pose at the interval's end without contacts.
 PACE, TRAVEL, CLEARANCE, START_POSITION, START_QUATERNION, SURGE = 0, 1, 2, 3, 6, 10
 FREE_POSITION, FREE_QUATERNION = 11, 14
 #: Columns of a candidate: unit normal towards the body, point on its surface (body frame), gap [m], score
 #: [m].
 CANDIDATE_NORMAL, CANDIDATE_POINT, CANDIDATE_GAP, CANDIDATE_SCORE = 0, 3, 6, 7
 
-#: Contacts that are remembered of each body, of those that name it first: a limit of its own, so that no
-#: body's memory depends on what else there is.
+#: Limit of remembered contacts per body, counted at the body that they name first. A limit per body keeps
+#: each body's memory independent of other bodies.
 REMEMBERED_CONTACTS = 48
 
 _PAIRS_AT_ONCE = 1024
 
-#: Integers of a step: contacts at hand, entries of the new memory, used part of the lists' room, and what
-#: overflowed.
+#: Integers of a step: number of contacts, number of remembered contacts, used entries of the pool, and
+#: overflow.
 CONTACTS, REMEMBERED, POOL_USED, OVERFLOW = 0, 1, 2, 3
-#: What overflows: room for contacts, for candidates, for lists.
+#: Kinds of overflow: contacts, candidates, lists.
 NO_OVERFLOW, TOO_MANY_CONTACTS, TOO_MANY_CANDIDATES, TOO_LONG_LISTS = 0, 1, 2, 3
 
 
 class ImplicitWorkspace(NamedTuple):
-    """Room for one rollout.
+    """Temporary arrays of one rollout.
 
     Attributes
     ----------
@@ -60,74 +60,76 @@ class ImplicitWorkspace(NamedTuple):
     inverse_inertia : (B, 3, 3) float64
         World axes [1/(kg m^2)].
     velocity : (5, B, 8) float64
-        By `START` to `ALONG`: linear [m/s] and angular [rad/s].
+        Indexed by `START` to `ALONG`: linear [m/s] and angular [rad/s].
     numbers : (B, 18) float64
-        By `PACE` to `FREE_QUATERNION`.
+        Columns `PACE` to `FREE_QUATERNION`.
     moving : (B,) bool
-        Which bodies move freely in this step.
+        Whether each body moves freely in this step.
     inverse_mass : (B,) float64
-        1/kg; 0 for those that do not.
+        1/kg; 0 for bodies that do not.
     hold : (B, 7) float64
-        Place and quaternion of held bodies in the frames of what holds them.
+        Position and quaternion of attached bodies in the frames of their carriers.
     carried : (3, 13) float64
-        Room for states.
+        Temporary states.
     loaded : (B,) int64
-        How many contacts carry load on each body.
+        Number of loaded contacts of each body.
     holds : (B,) bool
-        Whether one of them does not slip.
+        Whether at least one of these does not slip.
     group : (B,) int64
         Lowest body of each body's group.
     members : (B,) int64
-        Bodies of the group at hand, ascending.
+        Bodies of the current group, ascending.
     order : (B,) int64
         Bodies sorted along x.
     near : (B, B) bool
         Pairs of bodies that may touch in this step.
     neighbor : (B, B) int32
-        The same, body by body: those near body i, ascending, at the beginning of row i.
+        Near bodies of each body i, ascending, at the beginning of row i.
     neighbor_count : (B,) int64
-        How many these are.
+        Number of near bodies.
     next_member : (B,) int64
         The next higher body of each moving body's group; -1 after the highest.
     rows : (C, ROW) float64
-        Of the contacts at hand (`contact_row`). There is room for an even number: two are copied at once.
+        Rows of the current contacts (`contact_row`). C is even, as two are copied at once.
     twists : (C, TWIST) float64
-        Written where torsional friction is.
+        Rows of torsional friction, if any.
     ids : (C, 4) int64
-        Of the contacts at hand, as in `SolverMemory`.
+        Bodies and spheres of the current contacts, as in `SolverMemory`.
     impulses : (6, C, 4) float64
-        Normal and tangential ones by `LASTING` to `BEST` [N s], and moments about the normal [N m s].
+        Normal and tangential impulses [N s], and moments about the normal [N m s], indexed by `LASTING` to
+        `BEST`.
     part : (B,) int64
-        Labels of bodies that touch in an impact; positive for those that take part.
+        Labels of connected bodies in an impact; positive for bodies that take part.
     throw_pace : (B,) float64
-        Of each group, by its lowest body, the largest `PACE` of two that may touch [m/s].
+        Largest `PACE` of two near bodies in each group, indexed by its lowest body [m/s].
     candidates : (D, 8) float64
     candidate_ids : (D, 4) int64
-        Spheres, what became of the candidate, and its place in the last step's memory, -1 without one.
+        Spheres, state of the candidate, and its index in the last step's memory, or -1.
     best, best_score : (9,) int64 and float64
         Supports of a patch, and its deepest candidate.
     pool : (P, 2) int32
-        Lists of spheres, or pairs of them, that may touch; one for each pair of bodies, or body and element.
+        Lists of spheres, or pairs of spheres, that may touch; one for each pair of bodies, or body and
+        element.
     pool_spheres : (8, P) float64
-        Of each sphere in the pool the centre, body frame, and radius [m]; of a pair the second's behind them.
+        Centre, body frame, and radius of each sphere in the pool [m]; for pairs, the second sphere's follow.
     low : (P,) float64
-        Gaps, or predicted ones if less, of what is asked at once [m].
+        Least of current and predicted gaps of the spheres of a list [m].
     lists : (B, B + E, 2) int64
-        Beginning and length of each list in the pool.
+        Start and length of each list in the pool.
     list_pose : (B, B + E, 13) float64
-        For each list the second body's pose in the first's frame, or the body's in the element's, rotation
-        and position, when it was made, and how far they may move until it is made anew [m].
+        Relative pose for which each list was built: rotation and position of the second body in the first's
+        frame, or of the body in the element's. Then the motion until it is rebuilt [m].
     search : Scratch
     R_ij : (3, 3) float64
     old_contact, new_contact : (K, 4) int32
     old_force, new_force : (K, 4) float32
-        The memory of the last step and of this one (`SolverMemory`).
+        Memory of the last step and of this one (`SolverMemory`).
     head, link : (B,) and (K,) int64
-        The last step's contacts, body by body.
+        Linked lists of the last step's contacts of each body.
     counts : (4,) int64
-        By `CONTACTS`, `REMEMBERED`, `POOL_USED`, `OVERFLOW`.
+        Indexed by `CONTACTS`, `REMEMBERED`, `POOL_USED`, `OVERFLOW`.
     state, quiet : (B, 13) float64 and (B,) int64
-        At the step's start.
+        Values at the step's start.
     kept_overlap : (B, B + E) float64
         As in `SolverMemory`, but never empty.
     """
@@ -180,7 +182,7 @@ class ImplicitWorkspace(NamedTuple):
 
 @inner
 def more_room(counts, room):
-    """Return the room (contacts, candidates, pairs in lists), with twice as much of what overflowed."""
+    """Return the room (contacts, candidates, pairs in lists), doubled for the kind that overflowed."""
     contacts, candidates, pool = room
     if counts[OVERFLOW] == TOO_MANY_CANDIDATES:
         return contacts, 2 * candidates, pool
@@ -191,9 +193,9 @@ def more_room(counts, room):
 
 @kernel(noinline=True)
 def implicit_workspace(x, kept_overlap, world, room):
-    """Return the workspace of one rollout that begins at state ``x`` (B, 13).
+    """Return a workspace for a rollout that starts at state ``x`` (B, 13).
 
-    ``room`` is for how many contacts, candidates and pairs in lists, and ``kept_overlap`` the rollout's row
+    ``room`` is the number of contacts, candidates and pairs in lists; ``kept_overlap`` is the rollout's row
     of `SolverMemory`.
     """
     contacts, candidates, pool = room

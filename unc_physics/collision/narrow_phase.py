@@ -1,4 +1,4 @@
-"""The contacts of two bodies' spheres (the paper's section 3.2)."""
+"""Narrow phase: contacts of two bodies' spheres (the paper's section 3.2)."""
 
 import math
 
@@ -16,7 +16,7 @@ RECORD = 8
 
 @inner(forceinline=True)
 def open_pair(x, i, j, world, work):
-    """Begin the search for the contacts of bodies i and j.
+    """Begin the search for contacts of bodies i and j.
 
     Returns
     -------
@@ -24,7 +24,7 @@ def open_pair(x, i, j, world, work):
         Body j's centre of mass in body i's frame [m]; ``work.R_ij`` has the rotation.
     slack : float
     top : int
-        What `next_contacts` takes.
+        Arguments of `next_contacts`.
     """
     t_ij = relative_pose(x, i, j, work)
     work.search.stack[0, 0], work.search.stack[0, 1] = world.bodies.root[i], world.bodies.root[j]
@@ -33,7 +33,7 @@ def open_pair(x, i, j, world, work):
 
 @inner(error_model="numpy", forceinline=True)
 def next_contacts(tree, R_ij, t_ij, slack, search, top):
-    """Continue the search for two bodies' contacts; takes what `sphere_tree.candidates` takes.
+    """Continue the search for two bodies' contacts; arguments are as in `sphere_tree.candidates`.
 
     Fills ``search.pairs`` with the touching spheres and ``search.records`` with their contacts.
 
@@ -42,9 +42,9 @@ def next_contacts(tree, R_ij, t_ij, slack, search, top):
     count : int
         Number of contacts found in this call.
     top : int
-        Height of the stack; call again, after using the contacts, while it is positive.
+        Height of the stack; call again while it is positive, after using the contacts.
     """
-    found, top = candidates(tree, R_ij, t_ij, slack, search, top, 1)  # in the order that sums rest on
+    found, top = candidates(tree, R_ij, t_ij, slack, search, top, 1)  # one at once: sums depend on the order
     pairs, records = search.pairs, search.records
     centers, radii = tree.centers, tree.radii
     count = 0
@@ -73,14 +73,14 @@ def next_contacts(tree, R_ij, t_ij, slack, search, top):
 
 @inner
 def contact_sums(records, count):
-    """Sums over the first ``count`` contacts, in body i's frame (Eqs. 4 and 5 without the stiffness).
+    """Sum over the first ``count`` contacts, in body i's frame (Eqs. 4 and 5 without the stiffness).
 
     Returns
     -------
     force : tuple of 3 floats
-        Sum of V n [m^3]: times the stiffness, the force on body j.
+        Sum of V n [m^3]; the force on body j is this times the stiffness.
     moment : tuple of 3 floats
-        Sum of c x V n [m^4], c the contact point from body i's centre of mass.
+        Sum of c x V n [m^4], where c is the contact point relative to body i's centre of mass.
     """
     fx = fy = fz = mx = my = mz = 0.0
     for k in range(count):

@@ -1,11 +1,12 @@
 """Sphere trees: eight-wide hierarchies of bounding spheres over the spheres of a packing.
 
-An inner node holds eight entries side by side, each a bounding sphere (single precision, grown so that it
-contains what it bounds) and a child: a node, a sphere of the packing, or nothing. The division into entries
-minimises box surface times number of spheres, which hangs a packing's few big spheres near the root.
+An inner node holds eight entries, each a bounding sphere and a child. Bounding spheres are in single
+precision, inflated to contain their content. A child is a node, a sphere of the packing, or empty. The
+division into entries minimizes box surface times number of spheres, which puts the few large spheres near the
+root.
 
-The search for overlaps only uses the bounds and returns candidates, a superset of the overlapping pairs; the
-exact double-precision test is the contact's (`physics.narrow_phase`).
+The search for overlaps only uses the bounds and returns candidates, a superset of the overlapping pairs. The
+contact has the exact test in double precision (`narrow_phase`).
 """
 
 import math
@@ -19,26 +20,26 @@ from ..compiler.simd import lowest_bit, overlap_mask, overlap_masks
 from ..spatial.vectors import single
 
 WIDTH = 8
-#: Pairs from a search's stack that are tested before any of them is divided, at most.
+#: Largest number of pairs from a search's stack that are tested before any is divided.
 AT_ONCE = 8
-#: Candidates for which there must be room to test one of them.
+#: Room for candidates that the test of one pair needs.
 ROOM = WIDTH * WIDTH
 EMPTY = np.int32(2**31 - 1)  # no child; a child c >= 0 is a node, c < 0 the sphere ~c
 
-_FAR = np.float32(1e30)  # where empty entries sit: overlaps nothing
+_FAR = np.float32(1e30)  # position of empty entries, which overlap nothing
 
 
 class Scratch(NamedTuple):
-    """Room for one search.
+    """Temporary arrays of one search.
 
     Attributes
     ----------
     stack : (depth, 2) int32
     pairs : (capacity, 2) int32
     tested, masks : (AT_ONCE, 2) int32 and (AT_ONCE,) int64
-        Pairs from the stack, and what `simd.overlap_masks` says of them.
+        Pairs from the stack, and their `compiler.simd.overlap_masks`.
     records : (capacity, 8) float64
-        Contacts of the pairs (`physics.narrow_phase`).
+        Contacts of the pairs (`narrow_phase`).
     """
 
     stack: np.ndarray
@@ -49,7 +50,7 @@ class Scratch(NamedTuple):
 
 
 class Tree(NamedTuple):
-    """Sphere trees of several packings, one behind the other.
+    """Sphere trees of several packings, concatenated.
 
     Attributes
     ----------
@@ -71,8 +72,9 @@ class Tree(NamedTuple):
 
 @kernel
 def _enclosing_sphere(centers, radii, order, start, stop):
-    """Small sphere around the spheres ``order[start:stop]``: a centre pulled towards the farthest, then its
-    exact radius.
+    """Return a small bounding sphere of the spheres ``order[start:stop]``.
+
+    The centre is moved towards the farthest sphere repeatedly; the radius is then exact.
     """
     x = y = z = 0.0
     n = stop - start
@@ -112,16 +114,16 @@ def _enclosing_sphere(centers, radii, order, start, stop):
 
 @kernel
 def _area(low, high):
-    """Half the surface of a box, the usual measure of how often it is hit."""
+    """Return half the surface of a box, the usual estimate of how often it is hit."""
     x, y, z = high[0] - low[0], high[1] - low[1], high[2] - low[2]
     return x * y + y * z + z * x
 
 
 @kernel(noinline=True)
 def _split(centers, radii, order, start, stop):
-    """Divide ``order[start:stop]`` where boxes around the parts, times their numbers of spheres, are least.
+    """Divide ``order[start:stop]`` in two parts with the least sum of box surface times number of spheres.
 
-    Returns the index of the second part's first sphere. Sorts along each axis and sweeps from both ends.
+    Sorts along each axis and sweeps from both ends. Returns the index of the second part's first sphere.
     """
     n = stop - start
     best, best_axis, best_at = np.inf, 0, n // 2
@@ -167,10 +169,10 @@ def _box_area(centers, radii, order, start, stop):
 
 @kernel
 def build(centers, radii):
-    """Tree of one packing, its nodes and spheres counted from 0.
+    """Build the tree of one packing, with nodes and spheres counted from 0.
 
-    From the top: each node's spheres are divided again and again, always the part with the largest box, until
-    there are eight parts.
+    Each node's spheres are divided top-down: the part with the largest box is divided repeatedly, until there
+    are eight parts.
 
     Parameters
     ----------
@@ -185,7 +187,7 @@ def build(centers, radii):
     child : (nodes, 8) int32
         Node 0 is the root.
     depth : int
-        Number of nodes on the longest way down.
+        Number of nodes on the longest path from the root.
     """
     n = len(radii)
     order = np.arange(n)
@@ -235,7 +237,7 @@ def build(centers, radii):
 
 @kernel(arrays=False)
 def candidates(tree, R_ij, t_ij, slack, scratch, top, at_once):
-    """Continue the search for overlapping spheres of two bodies until it ends or the buffer is full.
+    """Continue the search for overlapping spheres of two bodies until it is complete or the buffer is full.
 
     Parameters
     ----------
@@ -245,23 +247,23 @@ def candidates(tree, R_ij, t_ij, slack, scratch, top, at_once):
     t_ij : tuple of 3 floats
         Body j's centre of mass in body i's frame [m].
     slack : float
-        How far apart candidates may be [m]; at least what single precision loses in a change of frame.
+        Largest gap of candidates [m]; at least the single-precision round-off in a change of frame.
     scratch : Scratch
-        Its ``stack`` holds the pairs of children (i's, j's) still to be compared, the two roots when a search
-        begins; its ``pairs`` are filled with candidates (sphere of i, sphere of j), all overlapping ones
-        among them.
+        Its ``stack`` holds the remaining pairs of children (i's, j's); a search begins with the two roots.
+        Its ``pairs`` are filled with candidates (sphere of i, sphere of j), which include all overlapping
+        pairs.
     top : int
-        Height of the stack; 1 when a search begins, 0 when it is over.
+        Height of the stack; 1 when a search begins, 0 when it is complete.
     at_once : int
-        Pairs from the stack that are tested before any of them is divided, at most `AT_ONCE`. More is faster;
-        the candidates are the same, in another order.
+        Number of pairs from the stack that are tested before any is divided, at most `AT_ONCE`. More is
+        faster; the candidates are the same in another order.
 
     Returns
     -------
     found : int
         Number of pairs written.
     top : int
-        Height of the stack; call again, after using the pairs, while it is positive.
+        Height of the stack; call again while it is positive, after using the pairs.
     """
     bounds, child = tree.bounds, tree.child
     R, t = (single(R_ij[0]), single(R_ij[1]), single(R_ij[2])), single(t_ij)
@@ -275,7 +277,8 @@ def candidates(tree, R_ij, t_ij, slack, scratch, top, at_once):
         if some == 0:
             break
         top -= some
-        for k in range(some):  # first the tests of some pairs, then what follows from them: neither waits
+        # tests of some pairs first, then their consequences, so that neither waits for the other
+        for k in range(some):
             a, b = np.int64(stack[top + k, 0]), np.int64(stack[top + k, 1])
             tested[k, 0], tested[k, 1] = a, b
             mask = np.uint64(0)
@@ -310,7 +313,7 @@ def candidates(tree, R_ij, t_ij, slack, scratch, top, at_once):
                     c_i, c_j = child[a, place], np.int32(b)
                 else:
                     c_i, c_j = child[a, place & (WIDTH - 1)], child[b, place // WIDTH]
-                # written to both, and counted where it belongs: faster than a branch that cannot be foreseen
+                # written to both, and counted in one: faster than an unpredictable branch
                 here, next_up = np.uint64(found), np.uint64(top)
                 pairs[here, 0], pairs[here, 1] = ~c_i, ~c_j
                 stack[next_up, 0], stack[next_up, 1] = c_i, c_j

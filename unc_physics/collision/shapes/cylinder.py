@@ -1,4 +1,4 @@
-"""A cylinder about the z axis, its middle at the origin; its size is (radius, half length, 0) [m]."""
+"""Cylinder along the z axis, centred at the origin; its size is (radius, half length, 0) [m]."""
 
 import math
 
@@ -10,10 +10,10 @@ NAME = "cylinder"
 
 @inner(error_model="numpy", forceinline=True)
 def surface(size, e, x, y, z):
-    """Distance and normal by the nearest point outside, by the nearest face inside (`shapes.surface`).
+    """Compute distance and normal (`shapes.surface`): to the nearest point outside, the nearest face inside.
 
-    On the axis the side's normal is the x axis. Where the side and a flat end are equally near, the side
-    counts.
+    On the axis, the normal of the curved side is the x axis. If side and end are equally near, the side is
+    used.
     """
     length, out = unit(x, y, 0.0)
     radial, axial = length - size[e, 0], abs(z) - size[e, 1]
@@ -28,20 +28,20 @@ def surface(size, e, x, y, z):
 
 @inner(forceinline=True)
 def bounds(size, e):
-    """The box about the cylinder (`shapes.bounds`)."""
+    """Return the bounding box (`shapes.bounds`)."""
     r, half = size[e, 0], size[e, 1]
     return (-r, -r, -half), (r, r, half)
 
 
 @inner(forceinline=True)
 def thickness(size, e):
-    """The radius or half the length, whichever is less (`shapes.thickness`)."""
+    """Return the smaller of the radius and half the length (`shapes.thickness`)."""
     return min(size[e, 0], size[e, 1])
 
 
 @inner(forceinline=True)
 def flat_side(size, e, mx, my, mz, rx, ry, rz):
-    """The end that all of the points are over (`shapes.flat_side`)."""
+    """Find the end below all points (`shapes.flat_side`)."""
     x, y = abs(mx) + rx, abs(my) + ry
     if abs(mz) - rz > size[e, 1] and x * x + y * y <= size[e, 0] ** 2:
         return 2, math.copysign(1.0, mz), size[e, 1]

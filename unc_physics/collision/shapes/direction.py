@@ -1,4 +1,4 @@
-"""Directions that exist everywhere."""
+"""Unit vectors with a defined value for zero vectors."""
 
 import math
 
@@ -9,7 +9,7 @@ _NOWHERE = 1e-150  # m: the squares of shorter vectors underflow
 
 @inner(error_model="numpy", forceinline=True)
 def unit(x, y, z):
-    """Length of a vector and its direction; the x axis, the lowest, where the length is lost to round-off."""
+    """Return the length of a vector and its direction; the x axis if the length underflows."""
     length = math.sqrt(x * x + y * y + z * z)
     if _NOWHERE < length < math.inf:
         return length, (x / length, y / length, z / length)

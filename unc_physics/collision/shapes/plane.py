@@ -1,4 +1,4 @@
-"""A half-space: the solid is where z <= 0."""
+"""Half-space; the solid is z <= 0."""
 
 import math
 
@@ -9,23 +9,23 @@ NAME = "plane"
 
 @inner(error_model="numpy", forceinline=True)
 def surface(size, e, x, y, z):
-    """Height of a point over the plane, and the z axis (`shapes.surface`)."""
+    """Return the height of a point above the plane, and the z axis (`shapes.surface`)."""
     return z, (0.0, 0.0, 1.0)
 
 
 @inner(forceinline=True)
 def bounds(size, e):
-    """Bounded from above only (`shapes.bounds`)."""
+    """Return bounds that are finite only above (`shapes.bounds`)."""
     return (-math.inf, -math.inf, -math.inf), (math.inf, math.inf, 0.0)
 
 
 @inner(forceinline=True)
 def thickness(size, e):
-    """Nothing comes out at the other side of a half-space (`shapes.thickness`)."""
+    """Return infinity (`shapes.thickness`)."""
     return math.inf
 
 
 @inner(forceinline=True)
 def flat_side(size, e, mx, my, mz, rx, ry, rz):
-    """The surface itself (`shapes.flat_side`)."""
+    """Return the surface itself (`shapes.flat_side`)."""
     return 2, 1.0, 0.0

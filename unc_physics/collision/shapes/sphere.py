@@ -1,4 +1,4 @@
-"""A ball about the origin; its size is (radius, 0, 0) [m]."""
+"""Ball centred at the origin; its size is (radius, 0, 0) [m]."""
 
 from ...compiler import inner
 from .direction import unit
@@ -8,25 +8,25 @@ NAME = "sphere"
 
 @inner(error_model="numpy", forceinline=True)
 def surface(size, e, x, y, z):
-    """Distance, and normal away from the centre, in which it is the x axis (`shapes.surface`)."""
+    """Compute the distance and the normal away from the centre, where it is the x axis (`shapes.surface`)."""
     length, normal = unit(x, y, z)
     return length - size[e, 0], normal
 
 
 @inner(forceinline=True)
 def bounds(size, e):
-    """The cube about the ball (`shapes.bounds`)."""
+    """Return the bounding cube (`shapes.bounds`)."""
     r = size[e, 0]
     return (-r, -r, -r), (r, r, r)
 
 
 @inner(forceinline=True)
 def thickness(size, e):
-    """The radius (`shapes.thickness`)."""
+    """Return the radius (`shapes.thickness`)."""
     return size[e, 0]
 
 
 @inner(forceinline=True)
 def flat_side(size, e, mx, my, mz, rx, ry, rz):
-    """None (`shapes.flat_side`)."""
+    """Return -1: a ball has no flat side (`shapes.flat_side`)."""
     return -1, 0.0, 0.0
