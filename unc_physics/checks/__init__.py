@@ -1,1 +1,1 @@
-"""What bad input meets: the errors, and the checks of single values that raise them."""
+"""Errors of bad input, and the checks of single values that raise them."""

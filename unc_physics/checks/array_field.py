@@ -1,4 +1,4 @@
-"""Fields of dataclasses that are given one type and hold another: anything like an array becomes an array."""
+"""Types of dataclass fields that accept array-like values and hold arrays."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ Kept_co = TypeVar("Kept_co", covariant=True)
 
 
 class Converted(Protocol[Given_contra, Kept_co]):
-    """Tells type checkers that a field is given one type and holds another, made by ``__post_init__``."""
+    """Type of a field whose stored type, made by ``__post_init__``, differs from the assigned one."""
 
     def __get__(self, instance: object, owner: type | None = None, /) -> Kept_co: ...
 
@@ -21,14 +21,14 @@ class Converted(Protocol[Given_contra, Kept_co]):
 
 
 Array = Converted[ArrayLike, np.ndarray]
-#: As `Array`, or None.
+#: Array-like value, or None.
 MaybeArray = Converted[ArrayLike | None, np.ndarray | None]
-#: As `Array`; without one, the class chooses.
+#: Array-like value; None selects the class's default.
 OptionalArray = Converted[ArrayLike | None, np.ndarray]
-#: A number; without one, the class chooses.
+#: Number; None selects the class's default.
 OptionalNumber = Converted[float | None, float]
 
 
 def array_field(default: Any = MISSING) -> Any:
-    """A dataclass's field of one of these types; required where no default is given."""
+    """Return a dataclass field of one of these types; without a default it is required."""
     return field(default=default)

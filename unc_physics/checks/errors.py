@@ -1,7 +1,7 @@
-"""Errors that bad input raises; each kind has its own code.
+"""Errors of bad input; each kind has a code.
 
-The same numbers serve as ``error_code`` over ROS (the constants of ``unc_physics_msgs/msg/Result``) and as
-the exit status of the command line, so a failure reads the same wherever it shows.
+The codes are the ``error_code`` over ROS (constants of ``unc_physics_msgs/msg/Result``) and the exit status
+of the command line.
 """
 
 from __future__ import annotations
@@ -13,8 +13,9 @@ from .shown import printable, shown
 
 
 class ErrorCode(IntEnum):
-    """Code of an error: over ROS, and as exit status of the command line (1 and 2 are left to Python and
-    argparse).
+    """Code of an error, over ROS and as exit status of the command line.
+
+    Python and argparse use the exit status 1 and 2.
     """
 
     NONE = 0
@@ -44,21 +45,21 @@ class ErrorCode(IntEnum):
 
 
 class UncPhysicsError(Exception):
-    """Base of every error that bad input raises.
+    """Base class of all errors of bad input.
 
     Parameters
     ----------
     problem : str
-        What is wrong, as the end of one sentence.
+        Problem, as the end of a sentence.
     field : str, optional
-        The offending field, as the user wrote it, for example ``bodies[1].mass``.
+        Field as the user wrote it, for example ``bodies[1].mass``.
     value : object, optional
-        The offending value; shown shortened.
+        Invalid value; shortened in the message.
 
     Attributes
     ----------
     prediction : Prediction, optional
-        Of an error that ended a prediction: what was predicted until then.
+        Result until then, if the error ended a prediction.
     """
 
     code: ClassVar[ErrorCode] = ErrorCode.INVALID_REQUEST
@@ -83,31 +84,31 @@ class NoObjectsError(UncPhysicsError):
 
 
 class DuplicateIdError(UncPhysicsError):
-    """Two bodies of one name."""
+    """Two bodies with the same name."""
 
     code = ErrorCode.DUPLICATE_ID
 
 
 class UnknownModelError(UncPhysicsError):
-    """No model of that name in the models directory."""
+    """A model name that is not in the models directory."""
 
     code = ErrorCode.UNKNOWN_MODEL
 
 
 class InvalidModelError(UncPhysicsError):
-    """A model file that cannot be read or contradicts itself."""
+    """A model file that cannot be read or is inconsistent."""
 
     code = ErrorCode.INVALID_MODEL
 
 
 class UnknownPropagatorError(UncPhysicsError):
-    """No propagator of that name."""
+    """A propagator name that does not exist."""
 
     code = ErrorCode.UNKNOWN_PROPAGATOR
 
 
 class NotFiniteError(UncPhysicsError):
-    """NaN or infinity where a finite number is needed."""
+    """NaN or infinity instead of a finite number."""
 
     code = ErrorCode.NOT_FINITE
 
@@ -137,49 +138,49 @@ class InvalidMassError(UncPhysicsError):
 
 
 class LimitExceededError(UncPhysicsError):
-    """A horizon, a number of bodies, samples or steps above a set limit."""
+    """A horizon, or number of bodies, samples or steps, above a limit."""
 
     code = ErrorCode.LIMIT_EXCEEDED
 
 
 class InvalidOptionError(UncPhysicsError):
-    """A propagator's or scene's option that does not exist, or a value it cannot take."""
+    """An unknown option of a propagator or scene, or an invalid value of one."""
 
     code = ErrorCode.INVALID_OPTION
 
 
 class InvalidEnvironmentError(UncPhysicsError):
-    """An element of the environment that makes no solid."""
+    """An element of the environment that does not describe a solid."""
 
     code = ErrorCode.INVALID_ENVIRONMENT
 
 
 class UnknownFrameError(UncPhysicsError):
-    """A coordinate frame that cannot be related to the world frame."""
+    """A coordinate frame without a known transform to the world frame."""
 
     code = ErrorCode.UNKNOWN_FRAME
 
 
 class PredictionTimeoutError(UncPhysicsError):
-    """The computation time that a request allows ran out."""
+    """A prediction that exceeded the time limit of its request."""
 
     code = ErrorCode.TIMEOUT
 
 
 class NotSupportedError(UncPhysicsError):
-    """A field that is part of the interface but not served by this version."""
+    """A field of the interface that this version does not support."""
 
     code = ErrorCode.NOT_SUPPORTED
 
 
 class CanceledError(UncPhysicsError):
-    """The caller canceled the prediction."""
+    """A prediction that its caller canceled."""
 
     code = ErrorCode.CANCELED
 
 
 class InvalidMeshError(UncPhysicsError):
-    """A file that is no mesh, or a mesh that encloses no volume."""
+    """A file that is not a mesh, or a mesh that encloses no volume."""
 
     code = ErrorCode.INVALID_MESH
 
@@ -197,19 +198,19 @@ class NotActiveError(UncPhysicsError):
 
 
 class InternalError(UncPhysicsError):
-    """A fault of the node itself."""
+    """An internal fault of the node."""
 
     code = ErrorCode.INTERNAL
 
 
 class DivergedError(UncPhysicsError):
-    """The simulation left the range of numbers."""
+    """A simulation that left the range of floating-point numbers."""
 
     code = ErrorCode.DIVERGED
 
 
 def error_of(code: int, sentence: str) -> UncPhysicsError:
-    """The error that a code and its sentence stand for, as of a node's answer or a command's exit status."""
-    known = reversed(UncPhysicsError.__subclasses__())  # of several with one code, the first
+    """Return the error for a code and message, as of a node's answer or a command's exit status."""
+    known = reversed(UncPhysicsError.__subclasses__())  # of several kinds with one code, the first
     kinds: dict[int, type[UncPhysicsError]] = {kind.code: kind for kind in known}
     return kinds.get(code, InternalError)(sentence)

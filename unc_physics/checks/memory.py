@@ -1,4 +1,4 @@
-"""Whether there is memory enough, asked before it is taken."""
+"""Check available memory before allocation."""
 
 from __future__ import annotations
 
@@ -9,22 +9,22 @@ from pathlib import Path
 
 from .errors import InvalidOptionError, LimitExceededError
 
-#: Environment variable: bytes that may be taken, in place of those that are available.
+#: Environment variable with a limit in bytes, which replaces the available memory.
 LIMIT = "UNC_PHYSICS_MEMORY"
-_ALWAYS = 100_000_000  # bytes that are not asked about: looking takes longer than many a prediction
+_ALWAYS = 100_000_000  # bytes that are not checked: the check takes longer than many predictions
 
 
 def require_memory(needed: float, what: str, field: str, value: object = None) -> None:
-    """Refuse what needs more memory than there is.
+    """Raise an error if more memory is needed than available.
 
     Parameters
     ----------
     needed : float
-        About how much [bytes].
+        Approximate size [bytes].
     what : str
-        What for, in a few words.
+        Purpose, in a few words.
     field : str
-        What to change.
+        Field that the user can change.
     value : object, optional
 
     Raises
@@ -44,7 +44,7 @@ def require_memory(needed: float, what: str, field: str, value: object = None) -
 
 
 def available_memory() -> float:
-    """Bytes that may be taken: of the machine, of the container, and of the process's own limit."""
+    """Return the available memory [bytes]: the least of machine, container, and process limits."""
     if given := os.environ.get(LIMIT):
         with contextlib.suppress(ValueError):
             if (limit := float(given)) >= 0.0:
@@ -54,7 +54,7 @@ def available_memory() -> float:
     with contextlib.suppress(OSError, ValueError, IndexError):
         lines = Path("/proc/meminfo").read_text().splitlines()
         limits += [1024.0 * float(line.split()[1]) for line in lines if line.startswith("MemAvailable:")]
-    with contextlib.suppress(OSError, ValueError):  # "max" where a container has no limit
+    with contextlib.suppress(OSError, ValueError):  # "max" if a container has no limit
         group = Path("/sys/fs/cgroup")
         limits.append(
             float((group / "memory.max").read_text()) - float((group / "memory.current").read_text())
@@ -66,14 +66,14 @@ def available_memory() -> float:
 
 
 def _taken():
-    """Bytes of address space that this process has."""
+    """Return the size of this process's address space [bytes]."""
     with contextlib.suppress(OSError, ValueError):
         return float(Path("/proc/self/statm").read_text().split()[0]) * os.sysconf("SC_PAGE_SIZE")
     return 0.0
 
 
 def _size(count):
-    """Bytes in the largest unit that leaves a whole number of them."""
+    """Format a number of bytes in the largest unit that leaves a whole number."""
     for unit in ("bytes", "kB", "MB", "GB"):
         if count < 1e4 or unit == "GB":
             return f"{count:,.0f} {unit}".replace(",", " ")

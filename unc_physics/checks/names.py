@@ -1,4 +1,4 @@
-"""Names that do not exist: what close ones there are."""
+"""Suggestions for unknown names."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Iterable
 
 
 def hint(name: str, known: Iterable[str]) -> str:
-    """The end of a sentence about an unknown name: the closest of the known ones, or all if they are few."""
+    """Return the end of a sentence about an unknown name: the closest known name, or all if they are few."""
     known = list(known)
     close = difflib.get_close_matches(name[:50], known, n=1)
     if close:

@@ -1,30 +1,30 @@
-"""Values and names of others, as they may stand in a line of text."""
+"""Format values and names from outside for a line of text."""
 
 from __future__ import annotations
 
 import itertools
 from typing import Any
 
-_LENGTH = 120  # of a value's text, which has no more entries than characters
+_LENGTH = 120  # most characters of a value's text, and most entries of a value
 
-_DRAWN = 40  # of a name in a picture
+_DRAWN = 40  # most characters of a name in a picture
 
 
 def printable(text: str) -> str:
-    """A text in which nothing can forge a line or command a terminal: such characters are escaped."""
+    """Escape characters that could add a line or control a terminal."""
     if text.isprintable():
         return text
     return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
 
 
 def drawn_text(text: str) -> str:
-    """A name as a picture shows it, which Matplotlib takes for no formula."""
+    """Format a name for a picture, without Matplotlib's math mode."""
     text = printable(text)
     return (text if len(text) <= _DRAWN else text[: _DRAWN - 3] + "...").replace("$", r"\$")
 
 
 def plain_digits(value: float, digits: int = 4) -> str:
-    """A number without an exponent, of which so many digits count."""
+    """Format a number without exponent, with a number of significant digits."""
     from numpy import format_float_positional
 
     if not 1e-9 < abs(value) < 1e15:
@@ -33,18 +33,18 @@ def plain_digits(value: float, digits: int = 4) -> str:
 
 
 def shown(value: Any) -> str:
-    """A value as a sentence shows it: in one line, with plain numbers, shortened."""
+    """Format a value for a sentence: in one line, with plain numbers, shortened."""
     try:
         text = repr(_plain(value, itertools.count()))
-    except (ValueError, RecursionError):  # integers of thousands of digits, and what holds itself
+    except (ValueError, RecursionError):  # integers of thousands of digits, and recursive containers
         text = "too large to show"
     text = " ".join(text.splitlines())
     return text if len(text) <= _LENGTH else text[: _LENGTH - 3] + "..."
 
 
 def _plain(value, seen):
-    """The same value of Python's own kinds; of a large one the first entries, which ``seen`` counts."""
-    if hasattr(value, "dtype") and hasattr(value, "tolist"):  # NumPy's, which is not imported for this
+    """Convert a value to built-in types, limited to its first entries, which ``seen`` counts."""
+    if hasattr(value, "dtype") and hasattr(value, "tolist"):  # a NumPy value; NumPy is not imported for this
         value = value.tolist() if value.size <= _LENGTH else value.ravel()[:_LENGTH].tolist()
     kind = type(value)
     if kind in (list, tuple):

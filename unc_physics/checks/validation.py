@@ -1,6 +1,4 @@
-"""Checks of numbers at the edge: every array and scalar that enters is finite, of its shape, and within its
-range.
-"""
+"""Checks of input: arrays and scalars must be finite, and have the right shape and range."""
 
 import math
 
@@ -15,17 +13,16 @@ from .errors import (
     UncPhysicsError,
 )
 
-#: How far from the origin anything may be [m].
+#: Largest coordinate [m].
 FARTHEST = 1e12
-#: How far a quaternion's length may be from 1: perception rounds to single precision or a few decimals.
+#: Tolerance of a quaternion's length; perception rounds to single precision or a few decimals.
 _QUATERNION_TOLERANCE = 1e-3
-#: What round-off may leave of a covariance's asymmetry and negative eigenvalues, relative to its blocks'
-# sizes.
+#: Tolerance of a covariance's asymmetry and negative eigenvalues, relative to the sizes of its blocks.
 _COVARIANCE_TOLERANCE = 1e-8
 
 
 def number(value, field, error: type[UncPhysicsError] = InvalidRequestError) -> float:
-    """A finite float; strings in any Python float form count, booleans do not."""
+    """Return a finite float; strings in Python's float format are accepted, booleans are not."""
     if isinstance(value, bool):
         raise error("must be a number", field=field, value=value)
     try:
@@ -38,9 +35,9 @@ def number(value, field, error: type[UncPhysicsError] = InvalidRequestError) -> 
 
 
 def instance(value, kinds, field) -> None:
-    """Raise `InvalidRequestError` unless a value is of one class, or of one of several.
+    """Raise `InvalidRequestError` unless a value is of a class, or of one of several.
 
-    The value itself stays out of the message: as a rule it is another argument, with all its arrays.
+    The message does not include the value, which usually is another argument with large arrays.
     """
     kinds = kinds if isinstance(kinds, tuple) else (kinds,)
     if not isinstance(value, kinds):
@@ -54,7 +51,7 @@ def _with_article(name):
 
 
 def positive(value, field, error: type[UncPhysicsError] = InvalidRequestError) -> float:
-    """A finite float above zero."""
+    """Return a positive finite float."""
     result = number(value, field, error)
     if result <= 0.0:
         raise error("must be positive", field=field, value=value)
@@ -62,7 +59,7 @@ def positive(value, field, error: type[UncPhysicsError] = InvalidRequestError) -
 
 
 def non_negative(value, field, error: type[UncPhysicsError] = InvalidRequestError) -> float:
-    """A finite float that is not below zero."""
+    """Return a non-negative finite float."""
     result = number(value, field, error)
     if result < 0.0:
         raise error("must not be negative", field=field, value=value)
@@ -70,7 +67,7 @@ def non_negative(value, field, error: type[UncPhysicsError] = InvalidRequestErro
 
 
 def share(value, field, error: type[UncPhysicsError] = InvalidRequestError) -> float:
-    """A float from 0 to 1."""
+    """Return a float between 0 and 1."""
     result = number(value, field, error)
     if not 0.0 <= result <= 1.0:
         raise error("must be between 0 and 1", field=field, value=value)
@@ -78,14 +75,14 @@ def share(value, field, error: type[UncPhysicsError] = InvalidRequestError) -> f
 
 
 def flag(value, field, error: type[UncPhysicsError] = InvalidRequestError) -> bool:
-    """True or false, and nothing that merely counts as one of them."""
+    """Return a boolean; other truthy or falsy values are errors."""
     if not isinstance(value, (bool, np.bool_)):
         raise error("must be true or false", field=field, value=value)
     return bool(value)
 
 
 def integer(value, field, *, low, error: type[UncPhysicsError] = InvalidRequestError) -> int:
-    """An int that is at least ``low``."""
+    """Return an int that is at least ``low``."""
     if isinstance(value, bool) or not isinstance(value, (int, np.integer)):
         raise error("must be an integer", field=field, value=value)
     if value < low:
@@ -94,7 +91,7 @@ def integer(value, field, *, low, error: type[UncPhysicsError] = InvalidRequestE
 
 
 def numbers(value, field, error: type[UncPhysicsError] = InvalidRequestError) -> np.ndarray:
-    """A float64 array of any shape, independent of the input."""
+    """Return a float64 array of any shape, as a copy."""
     try:
         return np.array(value, dtype=float, order="C")
     except (TypeError, ValueError, OverflowError):
@@ -102,7 +99,7 @@ def numbers(value, field, error: type[UncPhysicsError] = InvalidRequestError) ->
 
 
 def array(value, shape, field, error: type[UncPhysicsError] = InvalidRequestError) -> np.ndarray:
-    """A finite, read-only float64 array of the given shape, independent of the input."""
+    """Return a finite, read-only float64 array of the given shape, as a copy."""
     result = numbers(value, field, error)
     if result.shape != shape:
         raise error(f"must have shape {shape}, not {result.shape}", field=field)
@@ -113,7 +110,7 @@ def array(value, shape, field, error: type[UncPhysicsError] = InvalidRequestErro
 
 
 def point(value, field, error: type[UncPhysicsError] = InvalidRequestError) -> np.ndarray:
-    """A place (3,) in the world [m]; beyond `FARTHEST` the steps between numbers are no longer small."""
+    """Return a position (3,) in the world [m]; beyond `FARTHEST`, double precision is too coarse."""
     place = array(value, (3,), field, error)
     if np.abs(place).max() > FARTHEST:
         raise LimitExceededError(
@@ -123,7 +120,7 @@ def point(value, field, error: type[UncPhysicsError] = InvalidRequestError) -> n
 
 
 def quaternion(value, field) -> np.ndarray:
-    """A unit quaternion (x, y, z, w); small deviations from unit length are normalized."""
+    """Return a unit quaternion (x, y, z, w); small deviations from unit length are normalized."""
     q = array(value, (4,), field)
     length = float(np.linalg.norm(q))
     if abs(length - 1.0) > _QUATERNION_TOLERANCE:
@@ -136,9 +133,9 @@ def quaternion(value, field) -> np.ndarray:
 
 
 def covariance(value, size, field) -> np.ndarray:
-    """A symmetric positive semidefinite matrix (size, size), ``size`` a multiple of 3.
+    """Return a symmetric positive semidefinite matrix (size, size); ``size`` is a multiple of 3.
 
-    Symmetry and eigenvalues are judged relative to the largest variance of each block of three, since blocks
+    Symmetry and eigenvalues are checked relative to the largest variance of each 3 x 3 block, since blocks
     have different units.
     """
     from ..spatial.moments import pivoted_cholesky
@@ -146,11 +143,11 @@ def covariance(value, size, field) -> np.ndarray:
     P = array(value, (size, size), field, InvalidCovarianceError)
     diagonal = P.diagonal()
     if np.count_nonzero(P) == np.count_nonzero(diagonal) and diagonal.min(initial=0.0) >= 0.0:
-        return P  # variances alone
+        return P  # only variances
     variance = np.repeat(diagonal.reshape(-1, 3).max(axis=1), 3)
     variance[variance <= 0.0] = max(
         0.0, variance.max(initial=0.0)
-    )  # a certain block has only the others' round-off
+    )  # a block without variance has only the round-off of the others
     if (negative := diagonal < -_COVARIANCE_TOLERANCE * variance).any():
         k = int(negative.argmax())
         raise InvalidCovarianceError(
@@ -174,7 +171,7 @@ def covariance(value, size, field) -> np.ndarray:
     _, rest = pivoted_cholesky(C, _COVARIANCE_TOLERANCE)
     if (
         np.abs(rest).max() > 10.0 * _COVARIANCE_TOLERANCE
-    ):  # a semidefinite matrix leaves nothing off its diagonal
+    ):  # a semidefinite matrix leaves no off-diagonal remainder
         low = float(np.linalg.eigvalsh(C)[0])
         if low < -_COVARIANCE_TOLERANCE * size:
             raise InvalidCovarianceError(
