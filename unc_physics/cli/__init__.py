@@ -1,1 +1,1 @@
-"""The command line: one file for the commands of each subject; they import what they need when they run."""
+"""Command line: one module per subject; commands import what they need when they run."""

@@ -1,4 +1,4 @@
-"""The command ``calibrate``: recorded motions and a scene file in, fitted physics out."""
+"""The command ``calibrate``: fit physics to recorded motions and a scene file."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ def add_calibrate_command(commands) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Calibrate, and print the result."""
+    """Calibrate and print the result."""
     from tqdm import tqdm
 
     from ..calibration.adjustable import DEFAULT

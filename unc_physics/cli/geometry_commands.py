@@ -10,7 +10,7 @@ from ..interrupts import dying_at_interrupt
 from .output import check_output, note, writing
 from .progress import PROGRESS_AFTER
 
-_LARGE, _SMALL = 1e4, 1.0  # of a body [mm]: beyond, its mesh may have been in other units than was thought
+_LARGE, _SMALL = 1e4, 1.0  # size range of a body [mm]; outside it, the mesh may have another unit
 
 
 def add_pack_command(commands) -> None:
@@ -164,7 +164,7 @@ def run_pack(arguments: argparse.Namespace) -> int:
 
 
 def _link_solid(file, link, arguments, about):
-    """A link's solid, and what is told about it where the arguments do not say."""
+    """Return a link's solid, and its properties unless the arguments set them."""
     from ..descriptions.link_solid import find_link, link_solid
     from ..descriptions.reading import read_description
 
@@ -177,7 +177,7 @@ def _link_solid(file, link, arguments, about):
 
 
 def _note_units(solid, file, scale):
-    """Say where a body's size, or its format, suggests another unit or another axis than was taken."""
+    """Print a note if a body's size or file format suggests another unit or axis."""
     size = 1e3 * float((solid.bounds[1] - solid.bounds[0]).max())
     if size > _LARGE:
         meant = size * 1e-3
@@ -198,7 +198,7 @@ def _note_units(solid, file, scale):
 
 
 def run_models(arguments: argparse.Namespace) -> int:
-    """List the models, or make them."""
+    """List the models, or pack them."""
     if arguments.make is not None:
         return _make(arguments)
     from ..checks.errors import InvalidOptionError
@@ -221,7 +221,7 @@ def run_models(arguments: argparse.Namespace) -> int:
 
 
 def table(packings, names) -> str:
-    """Size, mass, spheres, fill and surface gap of models."""
+    """Return a table of size, mass, spheres, fill and surface gap of models."""
     rows = [("model", "size [mm]", "mass [kg]", "spheres", "fill [%]", "gap [mm]")]
     for packing, name in zip(packings, names, strict=True):
         size = gap = mass = "-"
@@ -291,7 +291,7 @@ def _make(arguments):
 
 
 def _pack(solid, count, threads, output, **about):
-    """Pack with a progress bar, write the file, say what it holds."""
+    """Pack with a progress bar, write the file, and print a summary."""
     from tqdm import tqdm
 
     from ..geometry.packing import pack_solid
@@ -320,7 +320,7 @@ def _pack(solid, count, threads, output, **about):
 
 
 def _require(*modules):
-    """Import optional dependencies; refuse politely where one is missing."""
+    """Raise `NotSupportedError` if an optional dependency is missing."""
     from importlib import import_module
     from importlib.util import find_spec
 
@@ -344,7 +344,7 @@ def _check_positive(option, value):
 
 
 def _model_output(path, name):
-    """The file of a model to write: by default one of the user's own, which must be found by its name."""
+    """Return the path of a model file to write; the default is in the user's folder of models."""
     from ..checks.errors import InvalidOptionError, OutputError
     from ..geometry.library import cache_dir, list_models, models_dirs
 

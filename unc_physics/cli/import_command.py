@@ -47,7 +47,7 @@ def add_import_command(commands) -> None:
 
 
 def run_import(arguments) -> int:
-    """Write the scene file, and say what it holds."""
+    """Write the scene file and print a summary."""
     from ..descriptions.world import load_world
     from ..geometry.packing_file import save_packing
 
@@ -100,7 +100,7 @@ def _joint(text):
 
 
 def _element(element):
-    """An element as an entry of a scene file."""
+    """Return an element as an entry of a scene file."""
     from ..scene.environment import quantities
 
     keys = quantities(type(element))
@@ -123,7 +123,7 @@ def _surface(thing):
 
 
 def _plain(value):
-    """A number or an array as plain values, round-off left out."""
+    """Return a number or an array as plain values without round-off."""
     import numpy as np
 
     return (np.round(np.asarray(value, float), 9) + 0.0).tolist()

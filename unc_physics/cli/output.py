@@ -1,4 +1,4 @@
-"""Files that commands write, and notes beside their output."""
+"""Output files of commands, and notes on standard error."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from ..checks.shown import printable
 
 
 def note(text: str) -> None:
-    """Say on standard error what is harmless, but may not be what was meant."""
+    """Print a note about something harmless but possibly unintended on standard error."""
     print(f"unc_physics: note: {printable(text)}", file=sys.stderr)
 
 
 def check_output(path, suffix: str, field: str) -> Path:
-    """A file to write, in a folder that can be written to, checked before any work is done.
+    """Return the path of a file to write, after a check that its folder is writable.
 
     Raises
     ------
@@ -38,7 +38,7 @@ def check_output(path, suffix: str, field: str) -> Path:
 
 @contextlib.contextmanager
 def writing(path: Path, field: str):
-    """Around what writes a file: says that it takes the place of another, and why it could not be written.
+    """Wrap the writing of a file: report a replaced file, and raise an error if it fails.
 
     Raises
     ------
@@ -50,7 +50,7 @@ def writing(path: Path, field: str):
     except OSError as error:
         if not existed:
             with contextlib.suppress(OSError):
-                path.unlink()  # what was begun
+                path.unlink()  # the incomplete file
         raise OutputError(
             f"cannot be written: {error.strerror or error}", field=field, value=str(path)
         ) from error

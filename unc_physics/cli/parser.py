@@ -1,4 +1,4 @@
-"""The parser of all commands."""
+"""Command-line parser."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ from .warm_up_command import add_warm_up_command
 
 
 class OneSentenceParser(argparse.ArgumentParser):
-    """A parser that says what is wrong with the arguments in one sentence, without repeating the usage."""
+    """Argument parser that reports errors in one sentence without usage."""
 
     def error(self, message):
         self.exit(2, f"{self.prog}: {printable(message)}; see {self.prog} --help\n")
 
 
 def build_parser() -> argparse.ArgumentParser:
-    """The parser of all commands."""
+    """Return the parser of all commands."""
     parser = OneSentenceParser(
         prog="unc_physics",
         description="Predict where rigid objects will be, and how surely.",

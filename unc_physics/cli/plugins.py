@@ -1,6 +1,4 @@
-"""Commands that other packages add to the command line, by entry points in the group
-``unc_physics.commands``.
-"""
+"""Commands of other packages, from entry points in the group ``unc_physics.commands``."""
 
 from __future__ import annotations
 
@@ -11,10 +9,9 @@ GROUP = "unc_physics.commands"
 
 
 def add_plugin_commands(commands) -> None:
-    """Add the parsers of the installed packages' commands to the command line's subparsers.
+    """Add the parsers of installed packages' commands to the command line's subparsers.
 
-    An entry point names a function that is given the subparsers and adds one, with ``run`` among its
-    defaults.
+    An entry point names a function that takes the subparsers and adds one. Its defaults include ``run``.
     """
     found = {point.name: point for point in entry_points(group=GROUP)}
     for point in found.values():
@@ -24,12 +21,12 @@ def add_plugin_commands(commands) -> None:
 
 
 def _add_missing_evaluate(commands):
-    """The command ``evaluate`` where its package is not installed: it says how to install it."""
+    """Add a command ``evaluate`` that prints how to install its package."""
     parser = commands.add_parser(
         "evaluate",
         help="measure speed and error of all propagators (a package of its own, not installed)",
         add_help=False,
-        prefix_chars="\0",  # takes options, too, as they come
+        prefix_chars="\0",  # accept options without parsing them
     )
     parser.add_argument("arguments", nargs="*", help=argparse.SUPPRESS)
     parser.set_defaults(run=_say_how_to_install)

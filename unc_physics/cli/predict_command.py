@@ -1,4 +1,4 @@
-"""The command ``predict``: a scene file in, predicted poses with covariance out."""
+"""The command ``predict``: predict poses with covariance from a scene file."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ from ..propagators.names import ANYTIME, entries
 from .output import check_output, note, writing
 from .progress import told_progress
 
-_SHOWN_STATE = 1000.0  # bytes of a body's state as Python's numbers and as text
-# a tenth is 3.3 standard errors at 99.9 % confidence
+_SHOWN_STATE = 1000.0  # bytes of a body's state as Python numbers and as text
+# 0.1 is 3.3 standard errors at 99.9 % confidence
 _TELLS = f"a propagator that draws --samples 300 tells, or {ANYTIME} with --option probability_error=0.03"
-_UNKNOWN = 20  # probabilities of which nothing is known are only counted if they are more
+_UNKNOWN = 20  # limit above which unknown probabilities are only counted
 
 
 def add_predict_command(commands) -> None:
@@ -94,7 +94,7 @@ def _key_and_value(text):
 
 
 def run(arguments) -> int:
-    """Predict, and print the result."""
+    """Predict and print the result."""
     from ..checks.errors import InvalidOptionError
     from ..checks.validation import integer
     from ..plots.scene_animation import draw_animation
@@ -163,7 +163,7 @@ def run(arguments) -> int:
 
 
 def _options(pairs):
-    """Options by their keys."""
+    """Return options by key."""
     from ..checks.errors import InvalidOptionError
 
     options = dict(pairs)
@@ -175,7 +175,7 @@ def _options(pairs):
 
 
 def _samples(prediction, count):
-    """Some states that are drawn from the prediction; None where none are wanted."""
+    """Return states drawn from the prediction, or None if not requested."""
     from ..checks.errors import LimitExceededError
     from ..checks.memory import require_memory
 
@@ -190,7 +190,7 @@ def _samples(prediction, count):
 
 
 def _statuses(statuses):
-    """Statuses as plain Python values; a measure without bounds is None."""
+    """Return statuses as plain Python values; infinite measures are None."""
     return [
         {
             "body": status.body,
@@ -206,7 +206,7 @@ def _statuses(statuses):
 
 
 def statuses_as_text(statuses) -> str:
-    """Return each flagged body with its flags, and below them the reasons, one a line."""
+    """Return each flagged body with its flags, followed by the reasons, one per line."""
     lines = []
     for status in statuses:
         if status.flags:
@@ -217,7 +217,7 @@ def statuses_as_text(statuses) -> str:
 
 
 def modes_as_text(prediction, statuses) -> str:
-    """Return a table of the outcomes of each body whose mean is no possible pose."""
+    """Return a table of the outcomes of each body whose mean is not a possible pose."""
     import numpy as np
 
     from ..prediction.body_status import Status
@@ -243,7 +243,7 @@ def modes_as_text(prediction, statuses) -> str:
 
 
 def _probabilities(prediction, events):
-    """Each event, its probability, and the time of the first contact, None where it is none."""
+    """Return each event, its probability, and the time of the first contact or None."""
     from ..prediction.events import Touches
 
     return [
@@ -257,7 +257,7 @@ def _probabilities(prediction, events):
 
 
 def _probabilities_as_dicts(found):
-    """Probabilities as plain Python values."""
+    """Return probabilities as plain Python values."""
     return [
         {
             "event": str(event),
@@ -270,7 +270,7 @@ def _probabilities_as_dicts(found):
 
 
 def probabilities_as_table(found) -> str:
-    """Probabilities as text with their intervals, one a line; many of which nothing is known are counted."""
+    """Return probabilities with their intervals, one per line; many unknown ones are only counted."""
     unknown = [row for row in found if row[1].low == 0.0 and row[1].high == 1.0]
     rows = found if len(unknown) <= _UNKNOWN else [row for row in found if row not in unknown]
     width = max((len(printable(str(event))) for event, *_ in rows), default=0)
@@ -287,7 +287,7 @@ def probabilities_as_table(found) -> str:
 
 
 def check_picture(path):
-    """Refuse a picture that cannot be drawn or written, before any work is done."""
+    """Raise an error if a picture cannot be drawn or written, before the prediction."""
     from ..checks.errors import NotSupportedError
 
     missing = [name for name in ("matplotlib", "scipy") if find_spec(name) is None]
@@ -297,7 +297,7 @@ def check_picture(path):
 
 
 def _note_what_is_left_out(arguments, scene, propagator, horizon):
-    """Say what of the arguments has no effect, or another than may be meant."""
+    """Print notes about arguments without effect or with a possibly unintended effect."""
     if arguments.seed is not None and not hasattr(propagator, "seed"):
         note(f"--seed {arguments.seed} has no effect, as {propagator.name} draws nothing")
     if horizon is None:
@@ -311,7 +311,7 @@ def _note_what_is_left_out(arguments, scene, propagator, horizon):
 
 
 def _predict_with_progress(scene, belief, propagator, horizon, period, time_limit, events):
-    """Predict; what takes long tells how far it is."""
+    """Predict with a progress display."""
     from ..checks.errors import PredictionTimeoutError
     from ..checks.validation import positive
     from ..prediction.predict import predict

@@ -1,4 +1,4 @@
-"""That long work goes on: a bar on a terminal, and elsewhere a note now and then."""
+"""Progress of long work: a bar on a terminal, otherwise occasional notes."""
 
 from __future__ import annotations
 
@@ -10,24 +10,24 @@ from collections.abc import Callable, Iterator
 from .output import note
 
 PROGRESS_AFTER = 2.0  # s, until a bar is drawn
-NOTE_AFTER = 30.0  # s, until the first note; each next one when that has doubled
+NOTE_AFTER = 30.0  # s, until the first note; the interval doubles after each
 
 
 @contextlib.contextmanager
 def told_progress(name: str, unit: str, work: str) -> Iterator[Callable[[int, int], None] | None]:
-    """Around work that may take long.
+    """Report the progress of the work in the ``with`` block.
 
-    Yields what is to be told how much is done, of how much; None where there is no terminal, since work that
-    tells it goes in small pieces, which cost time.
+    Yields a function of the amount done and the total, or None without a terminal. Work that reports progress
+    runs in small pieces, which is slower.
 
     Parameters
     ----------
     name : str
-        What works.
+        Name of the command or method.
     unit : str
-        What is counted, in the singular.
+        Unit of progress, singular.
     work : str
-        What it works at, for the notes.
+        Description of the work, for the notes.
     """
     from tqdm import tqdm
 
@@ -53,7 +53,7 @@ def told_progress(name: str, unit: str, work: str) -> Iterator[Callable[[int, in
 
 
 def _note_until(over, what):
-    """Note on standard error that work goes on, until it is over."""
+    """Print notes on standard error until the work is over."""
     started, pause = time.monotonic(), NOTE_AFTER
     while not over.wait(pause):
         pause = time.monotonic() - started

@@ -1,4 +1,4 @@
-"""The command ``propagators``: what each is, and its options."""
+"""The command ``propagators``: list propagators and their options."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ def add_propagators_command(commands) -> None:
 
 
 def run(arguments) -> int:
-    """Print them."""
+    """Print the propagators and their options."""
     from ..propagators.registry import PROPAGATORS
 
     for name, cls in PROPAGATORS.items():

@@ -1,4 +1,4 @@
-"""The command ``rank``: a file of actions in, the actions by their probability of success out."""
+"""The command ``rank``: rank actions of a file by their probability of success."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def add_rank_command(commands) -> None:
 
 
 def run(arguments) -> int:
-    """Rank, and print the result."""
+    """Rank and print the result."""
     from ..checks.validation import positive
     from ..prediction.actions_file import load_actions
     from ..prediction.rank import rank

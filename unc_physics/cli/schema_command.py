@@ -1,6 +1,4 @@
-"""The command ``schema``: JSON schemas of scene files, files of actions and predictions, for editors and
-programs.
-"""
+"""The command ``schema``: print JSON schemas of scene files, action files and predictions."""
 
 from __future__ import annotations
 
@@ -23,13 +21,13 @@ def add_schema_command(commands) -> None:
 
 
 def run(arguments) -> int:
-    """Print it."""
+    """Print the schema."""
     print(schema_text(arguments.what), end="")
     return 0
 
 
 def schema_text(what: str) -> str:
-    """The schema of that name, as JSON; that of actions has the scenes' in it, which it refers to."""
+    """Return a schema as JSON; the schema of actions includes the scene schema."""
     text = _read(what)
     if what != "actions":
         return text

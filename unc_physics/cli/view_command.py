@@ -8,7 +8,7 @@ from ..propagators.names import DEFAULT, entries
 from .output import check_output, writing
 from .predict_command import _key_and_value
 
-_HORIZON = 1.0  # s, where neither the file nor the command says
+_HORIZON = 1.0  # s, if neither file nor command sets it
 
 
 def add_view_command(commands) -> None:
@@ -60,7 +60,7 @@ def add_view_command(commands) -> None:
 
 
 def run(arguments) -> int:
-    """Show the page until it is interrupted, or write it."""
+    """Show the page until interrupted, or write it to a file."""
     session = session_of(arguments)
     meshes = dict(arguments.mesh)
     if arguments.record is not None:
@@ -88,7 +88,7 @@ def run(arguments) -> int:
 
 
 def session_of(arguments):
-    """What the arguments ask to look at, checked."""
+    """Return a session for the arguments, after checks."""
     from ..checks.errors import InvalidRequestError
     from ..checks.names import hint
     from ..checks.validation import integer, positive

@@ -1,4 +1,4 @@
-"""The command ``warm-up``: compiles kernels ahead, as when a package is installed or a node launched."""
+"""The command ``warm-up``: compile kernels in advance, for example during installation or launch."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def add_warm_up_command(commands) -> None:
 
 
 def run(arguments) -> int:
-    """Compile, and say how long it took."""
+    """Compile and print the duration."""
     from ..prediction.warm_up import warm_up
     from ..propagators.registry import PROPAGATORS
     from ..scene.presets import PRESETS
