@@ -1,1 +1,1 @@
-"""Predictions to look at in a browser: scenes that move, with what is uncertain about them."""
+"""Browser view of predictions: moving scenes with their uncertainty."""

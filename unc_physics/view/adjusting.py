@@ -1,4 +1,4 @@
-"""What can be adjusted while looking at a scene: how uncertain its bodies are, and its materials."""
+"""Quantities that a viewer can adjust: uncertainty of bodies, and materials."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from ..scene.belief import Belief
 from ..scene.scene import Scene
 from ..spatial.layout import ERR_ANGULAR_VELOCITY, ERR_POSITION, ERR_ROTATION, ERR_VELOCITY, ERROR
 
-#: Standard deviations of a belief: their places in the error state, the least end of their range, their unit.
+#: Standard deviations of a belief: index in the error state, least upper end of the range, unit.
 STDS = {
     "position_std": (ERR_POSITION, 0.02, "m"),
     "orientation_std": (ERR_ROTATION, 0.2, "rad"),
@@ -20,7 +20,7 @@ STDS = {
     "angular_velocity_std": (ERR_ANGULAR_VELOCITY, 1.0, "rad/s"),
 }
 _MATERIALS = ("friction", "friction_std", "restitution", "restitution_std")
-#: The sliders' names.
+#: Labels of the sliders.
 LABELS = {
     "position_std": "std of positions",
     "orientation_std": "std of orientations",
@@ -31,11 +31,11 @@ LABELS = {
     "restitution": "restitution",
     "restitution_std": "std of restitution",
 }
-_RANGE = 3.0  # times the value that a quantity has
+_RANGE = 3.0  # upper end of a range, relative to the current value
 
 
 class AdjustableQuantity(NamedTuple):
-    """Something that a slider sets: a key of scene files, its value, the highest it may get, and its unit."""
+    """Quantity that a slider sets: key of scene files, value, upper end of the range, and unit."""
 
     key: str
     value: float
@@ -44,7 +44,7 @@ class AdjustableQuantity(NamedTuple):
 
 
 def adjustable(scene: Scene, belief: Belief) -> list[AdjustableQuantity]:
-    """What can be adjusted; of standard deviations the root mean square over all bodies that move."""
+    """Return the adjustable quantities; standard deviations are root mean squares over moving bodies."""
     found = []
     for key, (place, least, unit) in STDS.items():
         value = _spread(belief, place)
@@ -58,25 +58,25 @@ def adjustable(scene: Scene, belief: Belief) -> list[AdjustableQuantity]:
 
 
 def _round(value):
-    """The next 1, 2 or 5 times a power of ten, for sliders whose ends and steps can be read."""
+    """Round up to 1, 2 or 5 times a power of ten, for readable slider ends and steps."""
     power = 10.0 ** math.floor(math.log10(value))
     return next(digit * power for digit in (1.0, 2.0, 5.0, 10.0) if value <= digit * power * (1.0 + 1e-9))
 
 
 def adjusted(scene: Scene, belief: Belief, values: dict[str, float]) -> tuple[Scene, Belief]:
-    """The scene and the belief with other values of some quantities, by their keys.
+    """Return the scene and the belief with new values of quantities, by key.
 
-    A standard deviation scales the belief's own, correlations kept; where the belief had none, all bodies
-    that move get it.
+    A new standard deviation scales the belief's own and keeps correlations. If the belief has none, all
+    moving bodies get the new value.
 
     Raises
     ------
     UncPhysicsError
-        If the scene cannot have them.
+        If the values are invalid for the scene.
     """
     materials = {key: values[key] for key in _MATERIALS if key in values}
     if materials:
-        for key in ("friction", "restitution"):  # what is uncertain varies about a value that is not 0
+        for key in ("friction", "restitution"):  # an uncertain material needs a nonzero value
             if materials.get(f"{key}_std") and not materials.get(key, getattr(scene, key)):
                 materials[f"{key}_std"] = 0.0
             elif f"{key}_std" in materials:
@@ -101,7 +101,7 @@ def adjusted(scene: Scene, belief: Belief, values: dict[str, float]) -> tuple[Sc
 
 
 def _spread(belief, place):
-    """Root mean square of the standard deviations at a place of the error state."""
+    """Return the root mean square of standard deviations at an index of the error state."""
     if not len(belief.moving):
         return 0.0
     variances = [belief.marginal(k).diagonal()[place] for k in belief.moving]

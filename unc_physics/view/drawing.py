@@ -1,4 +1,4 @@
-"""A scene in the page: what is drawn once, and what moves with the time line."""
+"""Drawing of a scene in the page: static objects, and objects that move with the time line."""
 
 from __future__ import annotations
 
@@ -15,32 +15,32 @@ from ..scene.scene import Scene
 from .frames import AnimationFrames
 from .meshes import element_mesh, fitted_mesh, joined_spheres, quaternion_of
 
-_ELEMENT = (214, 209, 199)  # red, green, blue of 255
-_SPHERES = 600  # of each body that are drawn, the largest
-_FINE = ((80, 3), (250, 2), (10**9, 1))  # up to so many spheres, how fine each is drawn
-_THROUGH = 0.6  # opacity of walls, for what is behind them to be seen
+_ELEMENT = (214, 209, 199)  # RGB, 0 to 255
+_SPHERES = 600  # largest spheres of each body that are drawn
+_FINE = ((80, 3), (250, 2), (10**9, 1))  # number of spheres, and subdivisions of each up to that number
+_THROUGH = 0.6  # opacity of walls, so that objects behind them are visible
 _GHOST_SPHERES = 40
 _GHOST_OPACITY, _ELLIPSOID_OPACITY = 0.12, 0.35
-_WORLD = 1.2  # half the edge of what a plane is drawn as, in sizes of what is seen
+_WORLD = 1.2  # half the edge of a drawn plane, relative to the visible scene
 
 
 class Drawing:
-    """What is drawn of a scene on a viser server.
+    """Drawing of a scene on a viser server.
 
     Parameters
     ----------
     server : viser.ViserServer
     scene : Scene
     frames : AnimationFrames
-        Shown first, and what the camera and planes are chosen by.
+        Frames that are shown first; they also determine the camera and the planes' size.
     meshes : mapping of str to path-like
-        Files that bodies are drawn as, in place of their spheres, by their names.
+        Mesh files by body name, drawn instead of the spheres.
 
     Attributes
     ----------
     scene : Scene
     frames : AnimationFrames
-        What is drawn now.
+        Frames that are shown now.
     """
 
     def __init__(
@@ -49,15 +49,15 @@ class Drawing:
         self._page, self._meshes = server.scene, meshes or {}
         self._ghosts_shown = self._ellipsoids_shown = True
         self._frame = 0
-        self._drawing = threading.RLock()  # the time line runs while scenes come and sliders move
+        self._drawing = threading.RLock()  # the time line runs while scenes arrive and sliders move
         self._draw(scene, frames)
         _look(server, *bounds_of(scene, frames))
 
     def _draw(self, scene, frames):
-        """Draw all of it; the page is empty."""
+        """Draw the whole scene on an empty page."""
         self.scene, self.frames = scene, frames
         low, high = bounds_of(scene, frames)
-        self._page.configure_default_lights(cast_shadow=False)  # much faster where there is no GPU
+        self._page.configure_default_lights(cast_shadow=False)  # much faster without a GPU
         self._draw_environment(low, high)
         self._bodies = [self._body(k, self._meshes.get(body.name)) for k, body in enumerate(scene.bodies)]
         self._ghosts = [self._ghost(k) for k in range(len(scene.bodies))]
@@ -71,7 +71,7 @@ class Drawing:
         for k, element in enumerate(self.scene.environment):
             vertices, faces = element_mesh(element, extent)
             position = np.array(element.position, float)
-            if element.shape == "plane":  # the part of it that is seen
+            if element.shape == "plane":  # draw the visible part
                 normal = element.rotation[:, 2]
                 position = middle - (middle - position) @ normal * normal
             self._page.add_mesh_simple(
@@ -87,7 +87,7 @@ class Drawing:
             )
 
     def _body(self, k, mesh):
-        """A frame that holds the body's spheres or its mesh, and its name."""
+        """Add a frame with the body's spheres or mesh, and its name."""
         body, color = self.scene.bodies[k], self._color(k)
         frame = self._page.add_frame(f"/bodies/{k}", show_axes=False)
         if mesh is not None:
@@ -116,7 +116,7 @@ class Drawing:
         return frame
 
     def _ghost(self, k):
-        """A body's samples: its coarse shape, many times; None where there is nothing to see."""
+        """Add a body's samples as instances of a coarse shape; return None if there are none."""
         body = self.scene.bodies[k]
         count = self.frames.ghost_positions.shape[1]
         if not body.free or count == 0:
@@ -139,7 +139,7 @@ class Drawing:
         return tuple(round(255 * part) for part in body_color(k, self.scene.bodies[k].fixed))
 
     def replace(self, scene: Scene, frames: AnimationFrames) -> None:
-        """Show another prediction, in which things may have come or gone."""
+        """Show another prediction, possibly with other objects."""
         with self._drawing:
             if _things(scene) != _things(self.scene):
                 self._page.reset()
@@ -155,7 +155,7 @@ class Drawing:
             self.show(self._frame)
 
     def show(self, frame: int) -> None:
-        """Show one of the frames, the last one if there are not as many."""
+        """Show a frame; larger indices show the last one."""
         with self._drawing:
             frames = self.frames
             self._frame = frame = min(frame, len(frames.times) - 1)
@@ -169,7 +169,7 @@ class Drawing:
                 self._show_ellipsoids(k, frames.ellipsoids[frame][k] if self._ellipsoids_shown else ())
 
     def _show_ellipsoids(self, k, wanted):
-        """One for each of a body's modes; what there is more of is hidden."""
+        """Show an ellipsoid for each of a body's modes, and hide the others."""
         shown = self._ellipsoids[k]
         vertices, faces = primitive("sphere", (1.0,), 3)
         while len(shown) < len(wanted):
@@ -191,7 +191,7 @@ class Drawing:
                 handle.scale = tuple(wanted[j].half_axes.tolist())
 
     def show_ghosts(self, shown: bool) -> None:
-        """Whether samples are drawn."""
+        """Show or hide samples."""
         with self._drawing:
             self._ghosts_shown = shown
             for ghost in self._ghosts:
@@ -200,20 +200,20 @@ class Drawing:
             self.show(self._frame)
 
     def show_ellipsoids(self, shown: bool) -> None:
-        """Whether ellipsoids are drawn."""
+        """Show or hide ellipsoids."""
         with self._drawing:
             self._ellipsoids_shown = shown
             self.show(self._frame)
 
 
 def _things(scene):
-    """What a drawing shows of a scene wherever it is; models are as the library keeps them."""
+    """Return the drawn objects of a scene without poses; models compare by identity."""
     bodies = [(body.name, id(body.model), body.free) for body in scene.bodies]
     return bodies, [repr(element) for element in scene.environment]
 
 
 def bounds_of(scene: Scene, frames: AnimationFrames) -> tuple[np.ndarray, np.ndarray]:
-    """Lowest and highest corner, each (3,), of where bodies are and will be [m]."""
+    """Return the lowest and highest corner, each (3,), of the bodies in all frames [m]."""
     radius = np.array([body.model.bounding_radius for body in scene.bodies])[:, None]
     return (frames.positions - radius).min(axis=(0, 1)), (frames.positions + radius).max(axis=(0, 1))
 
@@ -224,7 +224,7 @@ def _above(low, high):
 
 
 def _look(server, low, high):
-    """Let the camera see all of it, from the front and a little from above."""
+    """Point the camera at the whole scene, from the front and slightly above."""
     middle, size = 0.5 * (low + high), float(np.linalg.norm(high - low))
     server.initial_camera.look_at = tuple(middle.tolist())
     server.initial_camera.position = tuple((middle + size * np.array([0.3, -0.9, 0.7])).tolist())

@@ -1,4 +1,4 @@
-"""What is shown of a prediction at each of its times, as plain arrays."""
+"""Animation frames of a prediction, as plain arrays."""
 
 from __future__ import annotations
 
@@ -14,22 +14,22 @@ from .meshes import quaternion_of
 
 #: Half axes of ellipsoids, in standard deviations.
 SIGMAS = 2.0
-_THIN = 2e-4  # m, of an ellipsoid's half axis: thinner ones cannot be seen
-_MOST_JOINT = 8  # bodies whose samples keep their correlations; eigenvalues of more take too long
-_LIKELY = 0.01  # of a mode, to be shown
+_THIN = 2e-4  # m, least half axis of an ellipsoid; thinner ones are invisible
+_MOST_JOINT = 8  # most bodies whose samples keep correlations; eigenvalues of larger matrices are slow
+_LIKELY = 0.01  # least probability of a mode that is shown
 
 
 class Ellipsoid(NamedTuple):
-    """Where a body's centre of mass is, with `SIGMAS` standard deviations, in one of its modes.
+    """Ellipsoid of a body's position, with `SIGMAS` standard deviations, in one mode.
 
     Attributes
     ----------
     weight : float
         Probability of the mode.
     position : (3,) array
-        [m]
+        Position of the centre of mass [m].
     orientation : (4,) array
-        Quaternion (w, x, y, z), as the page has it.
+        Quaternion (w, x, y, z), as viser expects.
     half_axes : (3,) array
         [m]
     """
@@ -41,7 +41,7 @@ class Ellipsoid(NamedTuple):
 
 
 class AnimationFrames(NamedTuple):
-    """A prediction as it is shown; the first frame is its start.
+    """Animation frames of a prediction; the first frame is the start.
 
     Attributes
     ----------
@@ -50,11 +50,12 @@ class AnimationFrames(NamedTuple):
     positions : (T, B, 3) array
         Means of the bodies' centres of mass, world frame [m].
     orientations : (T, B, 4) array
-        Quaternions (w, x, y, z), as the page has them.
+        Quaternions (w, x, y, z), as viser expects.
     ghost_positions, ghost_orientations : (T, N, B, 3) and (T, N, B, 4) arrays
-        Of samples: the propagator's own, or drawn from its Gaussian, alike in all frames.
+        States of samples: the propagator's own, or drawn from its Gaussian with the same numbers in all
+        frames.
     ellipsoids : list of lists of tuples of Ellipsoid
-        For each frame and body; of a fixed body none.
+        Ellipsoids of each frame and body; none for fixed bodies.
     """
 
     times: np.ndarray
@@ -66,7 +67,7 @@ class AnimationFrames(NamedTuple):
 
 
 def frames_of(prediction: Prediction, ghosts: int) -> AnimationFrames:
-    """The frames of a prediction, with so many samples of each body, or as many as there are."""
+    """Return the frames of a prediction, with at most ``ghosts`` samples."""
     beliefs = [prediction.start, *prediction.beliefs]
     means = np.array([belief.mean for belief in beliefs])
     z = np.random.default_rng(0).standard_normal((ghosts, ERROR * len(beliefs[0].moving)))
@@ -93,9 +94,9 @@ def frames_of(prediction: Prediction, ghosts: int) -> AnimationFrames:
 
 
 def _drawn(belief, z):
-    """States (N, B, 13) that are alike at all times for the same standard normal numbers ``z``.
+    """Return states (N, B, 13) that vary smoothly over time for the same standard normal numbers ``z``.
 
-    Roots are symmetric, as those of Cholesky jump from one time to the next.
+    Symmetric roots are used, since Cholesky factors jump between times.
     """
     if belief.independent or len(belief.moving) > _MOST_JOINT:
         roots = [symmetric_root(block) for block in belief.blocks]

@@ -1,4 +1,4 @@
-"""Triangles of what is drawn: bodies and elements of the environment."""
+"""Triangle meshes of bodies and elements of the environment."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from ..geometry.packing_file import SpherePacking
 from ..geometry.primitives import primitive
 from ..scene.environment import Element
 
-_PLANE = 0.01  # m, thickness of what a plane is drawn as
-_OFF = 0.02  # of a model's size, how far its mesh may be from it
+_PLANE = 0.01  # m, thickness of a drawn plane
+_OFF = 0.02  # tolerance between a mesh and its model, relative to the model's size
 
 
 def joined_spheres(model: SpherePacking, count: int, subdivisions: int) -> tuple[np.ndarray, np.ndarray]:
-    """Vertices and triangles of a model's largest spheres together, body frame [m]."""
+    """Return vertices and triangles of a model's largest spheres, body frame [m]."""
     vertices, faces = primitive("sphere", (1.0,), subdivisions)
     centers, radii = model.centers[:count], model.radii[:count]
     points = centers[:, None] + radii[:, None, None] * vertices
@@ -26,12 +26,14 @@ def joined_spheres(model: SpherePacking, count: int, subdivisions: int) -> tuple
 
 
 def fitted_mesh(path: str | os.PathLike[str], model: SpherePacking) -> tuple[np.ndarray, np.ndarray]:
-    """Vertices and triangles of the mesh that a model was packed from, body frame [m], in the model's scale.
+    """Return vertices and triangles of the mesh from which a model was packed, body frame [m].
+
+    The mesh is scaled to the model.
 
     Raises
     ------
     InvalidMeshError
-        If the file is no mesh, or one of other proportions than the model.
+        If the file is not a mesh, or its proportions differ from the model.
     """
     from ..geometry.solid_mesh import read_mesh
 
@@ -46,10 +48,9 @@ def fitted_mesh(path: str | os.PathLike[str], model: SpherePacking) -> tuple[np.
 
 
 def element_mesh(element: Element, extent: float) -> tuple[np.ndarray, np.ndarray]:
-    """Vertices and triangles of an element of the environment, its own frame [m].
+    """Return vertices and triangles of an element of the environment, element frame [m].
 
-    A shape that is not known here is drawn as its bounding box, a plane as a slab that reaches as far as
-    ``extent`` to each side.
+    Unknown shapes are drawn as their bounding box. A plane is a slab that extends ``extent`` to each side.
     """
     size = element.size_row
     if element.shape == "plane":
@@ -65,7 +66,7 @@ def element_mesh(element: Element, extent: float) -> tuple[np.ndarray, np.ndarra
 
 
 def quaternion_of(R: np.ndarray) -> np.ndarray:
-    """(4,): quaternion (w, x, y, z), as the page has them, of a rotation matrix."""
+    """Return the quaternion (w, x, y, z) of a rotation matrix, as viser expects."""
     from trimesh.transformations import quaternion_from_matrix
 
     T = np.eye(4)

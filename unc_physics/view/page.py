@@ -1,4 +1,4 @@
-"""The page in the browser: a time line, what is shown, how it is predicted, and what is uncertain."""
+"""Browser page with a time line, display options, propagator choice, and uncertainty sliders."""
 
 from __future__ import annotations
 
@@ -19,23 +19,23 @@ from .adjusting import LABELS
 from .drawing import Drawing
 from .session import Session
 
-_FASTEST = 0.03  # s between frames that are sent
-_STEPS = 100  # of a slider
-_LAST_PREDICTION = 5.0  # s, that closing waits for it
+_FASTEST = 0.03  # s, least interval of frames
+_STEPS = 100  # steps of a slider
+_LAST_PREDICTION = 5.0  # s, longest wait for the last prediction on closing
 
 
 class Page:
-    """A page that shows a session, until it is closed.
+    """Page that shows a session until it is closed.
 
     Parameters
     ----------
     session : Session
     host : str
-        Address to listen on; whoever can reach it can look, and set the sliders.
+        Address to listen on; any client that reaches it can view and adjust.
     port : int
     title : str
     meshes : mapping of str to path-like, optional
-        As `Drawing` takes them.
+        Mesh files, as in `Drawing`.
     """
 
     def __init__(
@@ -56,12 +56,12 @@ class Page:
 
     @property
     def drawn(self) -> Drawing:
-        """What it shows."""
+        """The current drawing."""
         return self._drawing
 
     @property
     def port(self) -> int:
-        """The port that it listens on."""
+        """The port on which it listens."""
         return self.server.get_port()
 
     def _add_time_line(self, frames):
@@ -76,7 +76,7 @@ class Page:
             self._drawing.show(self._frame())
 
     def _frame(self):
-        """Return the index of the frame at the time line's place."""
+        """Return the index of the frame at the time line's position."""
         return int(np.abs(self._drawing.frames.times - self._line.value).argmin())
 
     def _add_choices(self):
@@ -115,7 +115,7 @@ class Page:
         self._wanted.set()
 
     def _predict(self):
-        """Predict anew whenever something was changed; of several changes at once only the last counts."""
+        """Predict after each change; of several pending changes only the last is predicted."""
         while not self._closed.is_set():
             if not self._wanted.wait(0.2):
                 continue
@@ -130,7 +130,7 @@ class Page:
                 self._told.content = f"**not predicted**: {error}"
 
     def _play(self):
-        """Move the time line on as time passes, where anybody looks."""
+        """Advance the time line in real time while a client is connected."""
         while not self._closed.wait(self._pause()):
             if self._playing.value and self.server.get_clients():
                 times = self._drawing.frames.times
@@ -145,30 +145,30 @@ class Page:
         return max(slower * float(times[-1]) / max(len(times) - 1, 1), _FASTEST) + (0.7 if last else 0.0)
 
     def follow(self, scene: Scene, belief: Belief) -> None:
-        """Show another scene from now on; what was chosen and adjusted stays."""
+        """Show another scene from now on; choices and adjustments are kept."""
         self._session.follow(scene, belief)
         self._wanted.set()
 
     def close(self) -> None:
-        """Stop it."""
+        """Stop the page."""
         self._closed.set()
-        for thread in self._threads:  # what they still sent would be warned of
+        for thread in self._threads:  # a thread that still sends would cause warnings
             thread.join(_LAST_PREDICTION)
         _stop(self.server)
 
     def wait(self) -> None:
-        """Wait until it is closed, or interrupted."""
+        """Wait until the page is closed or interrupted."""
         while not self._closed.wait(3600.0):
             pass
 
 
 def _shown(value, most):
-    """What a slider shows of a value: three digits."""
+    """Round a slider value to three digits."""
     return float(f"{min(value, most):.3g}")
 
 
 def _server(host, port, title=""):
-    """A server that prints nothing."""
+    """Return a viser server that prints nothing."""
     import viser
 
     with contextlib.redirect_stdout(io.StringIO()):
@@ -184,7 +184,7 @@ def _stop(server):
 
 
 def record(session: Session, path: Path, meshes: Mapping[str, str] | None = None) -> None:
-    """Write a page that stands alone: the prediction over and over, without the controls."""
+    """Write a standalone page that repeats the prediction, without controls."""
     frames = session.predict()
     server = _server("127.0.0.1", 0)
     try:

@@ -1,4 +1,4 @@
-"""A scene that is predicted again and again, with other propagators and other uncertainty."""
+"""Session: repeated predictions of a scene with other propagators and uncertainty."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ from ..scene.scene import Scene
 from .adjusting import adjustable, adjusted
 from .frames import AnimationFrames, frames_of
 
-_MOST_LINES = 12  # of probabilities
+_MOST_LINES = 12  # most probabilities listed
 
 
 def check_installed(what: str) -> None:
-    """Raise `NotSupportedError`, which says what needs them, unless the libraries of the page are there."""
+    """Raise `NotSupportedError`, which names the user ``what``, unless the page's libraries are installed."""
     missing = [name for name in ("viser", "trimesh") if find_spec(name) is None]
     if missing:
         raise NotSupportedError(
@@ -33,7 +33,7 @@ def check_installed(what: str) -> None:
 
 
 class Session:
-    """What is looked at: a scene and a belief, as they are given and as they are adjusted.
+    """Viewed scene and belief, as given and as adjusted.
 
     Parameters
     ----------
@@ -42,11 +42,11 @@ class Session:
     horizon : float
         [s]
     propagator : Propagator
-        With which to begin.
+        Initial propagator.
     frames : int
-        How many times are shown.
+        Number of times shown.
     ghosts : int
-        How many samples are drawn.
+        Number of samples drawn.
     """
 
     def __init__(
@@ -62,28 +62,28 @@ class Session:
 
     @property
     def propagators(self) -> list[str]:
-        """Names of those that take the scene's integrator."""
+        """Names of propagators that support the scene's integrator."""
         names = [name for name, kind in PROPAGATORS.items() if self.scene.integrator in kind.integrators]
         return names if self.propagator.name in names else [self.propagator.name, *names]
 
     def follow(self, scene: Scene, belief: Belief) -> None:
-        """Predict another scene from now on; what was chosen and adjusted stays."""
+        """Predict another scene from now on; choices and adjustments are kept."""
         self._given = scene, belief
 
     def choose(self, name: str) -> None:
-        """Predict with another propagator from now on; that of the beginning keeps its options."""
+        """Use another propagator from now on; the initial one keeps its options."""
         self.propagator = self._chosen if name == self._chosen.name else make_propagator(name)
 
     def adjust(self, key: str, value: float) -> None:
-        """Give a quantity another value from now on."""
+        """Set a quantity from now on."""
         self._values[key] = value
 
     def reset(self) -> None:
-        """Take back all that was adjusted."""
+        """Undo all adjustments."""
         self._values = {}
 
     def predict(self) -> AnimationFrames:
-        """Predict what is looked at, from now on `scene`, with what was chosen and adjusted.
+        """Predict the current scene with the current choices and adjustments.
 
         Raises
         ------
@@ -100,7 +100,7 @@ class Session:
         return frames_of(self.prediction, self._ghosts)
 
     def told(self) -> str:
-        """The last prediction in words, as Markdown: each body, probabilities, and what speaks against it."""
+        """Return the last prediction as Markdown: bodies, probabilities, and status flags."""
         prediction = self.prediction
         if prediction is None:
             return ""
@@ -128,7 +128,7 @@ class Session:
         return lines or ["- probabilities: ask a propagator with samples"]
 
     def _modes(self, prediction):
-        """Bodies whose outcomes split, and how probable each outcome is."""
+        """Yield bodies with several outcomes, and the probabilities of these."""
         for body in prediction.bodies:
             certain = body.fixed or body.prescribed
             weights = [] if certain else [mode.weight for mode in body.modes]
@@ -137,7 +137,7 @@ class Session:
 
 
 def _events(scene):
-    """Those whose probabilities are shown."""
+    """Return the events whose probabilities are shown."""
     return [*encounters(scene), *(AtRest(name) for name in moving_names(scene))]
 
 
@@ -146,5 +146,5 @@ def _duration(seconds):
 
 
 def _plain(text):
-    """A text in which no character is Markdown."""
+    """Escape Markdown characters in a text."""
     return "".join(f"\\{mark}" if mark in "\\`*_{}[]<>#|!" else mark for mark in printable(text))
