@@ -1,1 +1,1 @@
-"""Pictures of predictions and rankings; Matplotlib is imported when one is drawn."""
+"""Pictures of predictions and rankings; Matplotlib is imported only for drawing."""

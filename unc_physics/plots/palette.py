@@ -1,10 +1,10 @@
-"""The colors of bodies, in pictures, in the browser, and in RViz."""
+"""Colors of bodies in pictures, in the browser, and in RViz."""
 
 from __future__ import annotations
 
-#: Red, green and blue from 0 to 1 of the first, second, ... body.
+#: Red, green and blue, 0 to 1, of the first, second, ... body.
 BODIES = ((0.16, 0.45, 0.72), (0.85, 0.42, 0.14), (0.24, 0.60, 0.30), (0.58, 0.40, 0.74), (0.75, 0.22, 0.25))
-#: Of bodies that never move.
+#: Color of fixed bodies.
 FIXED = (0.55, 0.55, 0.55)
 
 

@@ -1,4 +1,4 @@
-"""Actions by their probability of success, as a picture."""
+"""Picture of a ranking of actions."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _OTHERS = ("#E69F00", "#009E73", "#CC79A7", "#D55E00", "#56B4E9")
 
 
 def draw_ranking(path: str, ranking: Ranking, also: Sequence[Event] = (), title: str = "") -> None:
-    """Draw each action's score with its interval, the best one above, and other events' probabilities.
+    """Draw each action's score with its interval, the best first, and probabilities of other events.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""A prediction as an animated picture, from the side."""
+"""Animated picture of a prediction, seen from the side."""
 
 from __future__ import annotations
 
@@ -15,30 +15,30 @@ from ..spatial.layout import ERR_POSITION, POSITION
 from .palette import body_color
 from .scene_picture import SIDE, bounds, draw_body, draw_environment, ellipse
 
-GHOSTS = 15  # samples of each body that are drawn
+GHOSTS = 15  # number of samples drawn of each body
 _PALE = 0.10  # opacity of a sample
 _WIDTH, _DOTS = 7.0, 90  # inches, and dots per inch
-_HEAD, _LINE = 0.35, 0.22  # inches of the title, and of a probability
-_BAR = 0.25  # of the width
-_MOST_BARS, _CHANGE = 4, 0.05  # probabilities that change by less are not shown
-_PIXELS = 420  # along the longer side, of balls
-_LAST = 1200  # ms, that the end is shown
-_FEWEST = 20  # spheres of a body that are drawn, at least: the largest
+_HEAD, _LINE = 0.35, 0.22  # height of the title and of a probability [inches]
+_BAR = 0.25  # relative to the picture's width
+_MOST_BARS, _CHANGE = 4, 0.05  # most bars, and least change of a probability that is shown
+_PIXELS = 420  # pixels along the longer side, of balls
+_LAST = 1200  # ms, duration of the last picture
+_FEWEST = 20  # least number of spheres drawn of a body, the largest ones
 
 
 def draw_animation(path: str | Path, prediction: Any, title: str = "", events: Sequence[Any] = ()) -> None:
-    """Draw a prediction into an animated GIF: a picture for the start, and one for each of its times.
+    """Draw a prediction as an animated GIF: a picture of the start and one of each time.
 
     Parameters
     ----------
     path : path-like
         File to write.
     prediction : Prediction
-        Of samples, one is drawn solid and others pale, since a mean of different outcomes is no possible
+        One sample is drawn solid and others pale, since the mean of different outcomes is not a possible
         pose. Without samples the mean is solid, and samples of the Gaussian are pale.
     title : str
     events : sequence of Event
-        Whose probabilities are shown as bars. Of those that change over time, the first four are.
+        Events whose probabilities are shown as bars, at most the first four that change over time.
     """
     from PIL import Image
 
@@ -61,7 +61,7 @@ def draw_animation(path: str | Path, prediction: Any, title: str = "", events: S
 
 
 def _courses(prediction, events):
-    """Return the probabilities of events at all times, by the events' words, of those that change."""
+    """Return the probabilities of changing events at all times, by the event's text."""
     found = {}
     for event in events:
         course = [prediction.probability(event, time=time).estimate for time in prediction.times]
@@ -71,14 +71,14 @@ def _courses(prediction, events):
 
 
 def _states(prediction):
-    """Return for time 0 and each time the solid states (B, 13) and the pale ones (N, B, 13)."""
+    """Return the solid states (B, 13) and the pale ones (N, B, 13) for time 0 and each time."""
     snapshots = prediction.snapshots
     first = prediction.start.sample(GHOSTS, np.random.default_rng(0))
     found = [(prediction.start.mean, first)]
     rollouts = [snapshot.rollout_states for snapshot in snapshots]
     typical = None
     if all(states is not None for states in rollouts):
-        # the rollout that ends nearest to the middle of the others
+        # the rollout that ends nearest to the median
         ends = rollouts[-1][:, :, POSITION]
         typical = int(np.linalg.norm(ends - np.median(ends, axis=0), axis=-1).sum(axis=1).argmin())
     for snapshot, states in zip(snapshots, rollouts, strict=True):
@@ -90,7 +90,7 @@ def _states(prediction):
 
 
 def _picture(scene, belief, states, corners, title, bars):
-    """Return one picture, as the bytes of a PNG."""
+    """Return one picture as PNG bytes."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -126,7 +126,7 @@ def _picture(scene, belief, states, corners, title, bars):
 
 
 def _draw_bars(figure, bars, height):
-    """Draw the probabilities below the title, each as words, a bar from 0 to 1, and a number."""
+    """Draw the probabilities below the title, each as text, a bar from 0 to 1, and a number."""
     from matplotlib.patches import Rectangle
 
     for row, (words, value) in enumerate(bars):

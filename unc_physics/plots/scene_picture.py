@@ -1,6 +1,4 @@
-"""Pictures of a prediction: bodies before and after, from the side and from above, with ellipses of their
-positions.
-"""
+"""Pictures of a prediction, from the side and from above: initial and final bodies, and position ellipses."""
 
 from __future__ import annotations
 
@@ -19,19 +17,19 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 SIGMAS = 2.0  # half axes of the ellipses
-_LIGHT = np.array([-0.40, 0.65, 0.65])  # right, up, towards the eye
-_SPHERES = 2000  # of each body, the largest
+_LIGHT = np.array([-0.40, 0.65, 0.65])  # light direction: right, up, towards the eye
+_SPHERES = 2000  # largest spheres of each body that are drawn
 _PIXELS = 900  # along the longer side
-_MARGIN = 0.06  # of the longer side
+_MARGIN = 0.06  # relative to the longer side
 SIDE, _ABOVE = (
     np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]]),
     np.eye(3),
 )  # right, up and towards the eye, as rows
-_FAR = 1e4  # times an element's size: from there its nearest point is its outermost one in that direction
-_OUTLINE = 180  # directions in which an outline's points are the outermost
-_NAMED = 12  # bodies that the legend names
-_OUTCOMES = 6  # samples that stand for a body whose outcomes split
-_FEW_SPHERES = 300  # of each such sample
+_FAR = 1e4  # distance relative to an element's size from which its nearest point is its outermost one
+_OUTLINE = 180  # number of outline points
+_NAMED = 12  # most bodies in the legend
+_OUTCOMES = 6  # samples drawn of a body with several outcomes
+_FEW_SPHERES = 300  # spheres drawn of each such sample
 _SOLID = {"facecolor": "0.90", "edgecolor": "0.55", "linewidth": 0.8}
 
 
@@ -42,14 +40,14 @@ def draw_prediction(prediction: Any, title: str = "") -> Figure:
     ----------
     prediction : Prediction
         The belief at time 0 is drawn pale, the last belief solid, with an ellipse for each of a body's modes.
-        A body with several modes is drawn as samples, since its mean is no possible pose. The positions of
-        all times make the paths.
+        A body with several modes is drawn as samples, since its mean is not a possible pose. Paths connect
+        the positions of all times.
     title : str
 
     Returns
     -------
     matplotlib.figure.Figure
-        With ``savefig``; no window is opened.
+        Figure with ``savefig``; no window is opened.
     """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
@@ -79,7 +77,7 @@ def draw_prediction(prediction: Any, title: str = "") -> Figure:
 
 
 def _draw_legend(figure, scene, top):
-    """What each color and each line is, below the views."""
+    """Draw the legend of colors and lines below the views."""
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 
@@ -108,7 +106,7 @@ def _draw_legend(figure, scene, top):
 
 
 def _round_line(color, linewidth, label):
-    """The legend's sign for an ellipse."""
+    """Return the legend entry of an ellipse."""
     from matplotlib.lines import Line2D
 
     return Line2D(
@@ -125,7 +123,7 @@ def _round_line(color, linewidth, label):
 
 
 def bounds(scene, beliefs):
-    """Return the lowest and the highest point of a picture: bodies, ellipses at the end, elements nearby."""
+    """Return the lowest and the highest corner of a picture: bodies, final ellipses, nearby elements."""
     radius = np.array([body.model.bounding_radius for body in scene.bodies])[:, None]
     places = np.concatenate([belief.mean[:, POSITION] for belief in beliefs])
     reach = np.tile(radius, (len(beliefs), 1))
@@ -139,7 +137,7 @@ def bounds(scene, beliefs):
     for element in scene.environment:
         if element.finite:
             ends = outermost(element, np.concatenate([np.eye(3), -np.eye(3)]))
-            span = (high - low).max()  # a table may be much larger than what lies on it
+            span = (high - low).max()  # a table may be much larger than the objects on it
             low = np.minimum(low, np.maximum(ends.min(axis=0), low - 0.3 * span))
             high = np.maximum(high, np.minimum(ends.max(axis=0), high + 0.3 * span))
     margin = _MARGIN * (high - low).max()
@@ -198,7 +196,7 @@ def draw_body(axes, model, state, view, color, pixel, alpha, count) -> None:
     axes : matplotlib.axes.Axes
     model : SpherePacking
     state : (13,) array
-        Of which position and quaternion are used.
+        State whose position and quaternion are used.
     view : (3, 3) array
         Right, up and towards the eye, as rows.
     color : (3,) array
@@ -217,8 +215,9 @@ def draw_body(axes, model, state, view, color, pixel, alpha, count) -> None:
 
 
 def draw_environment(axes, environment, view, window):
-    """Solids as their outlines, far ones first; half-spaces that are seen from their edge as their solid
-    side.
+    """Draw solids as outlines, far ones first.
+
+    Half-spaces seen from the edge are drawn as their solid side.
     """
     from matplotlib.patches import Polygon
 
@@ -237,7 +236,7 @@ def draw_environment(axes, environment, view, window):
 
 
 def _below(polygon, normal, offset):
-    """The part of a convex polygon (n, 2) where ``normal . x <= offset``."""
+    """Return the part of a convex polygon (n, 2) where ``normal . x <= offset``."""
     kept = []
     height = polygon @ normal - offset
     for k, a in enumerate(polygon):
@@ -251,7 +250,7 @@ def _below(polygon, normal, offset):
 
 
 def outline(element, view):
-    """Outline of a finite element of the environment, seen from far away.
+    """Compute the outline of a finite element of the environment, seen from far away.
 
     Parameters
     ----------
@@ -270,7 +269,7 @@ def outline(element, view):
 
 
 def outermost(element, directions):
-    """(n, 3): the points of a finite element that are farthest in some directions (n, 3), world frame [m]."""
+    """Return the outermost points (n, 3) of a finite element in given directions (n, 3), world frame [m]."""
     low, high = element.bounds
     points = element.position + _FAR * np.linalg.norm(high - low) * directions
     distance, normal = element.surface(points)
@@ -278,14 +277,14 @@ def outermost(element, directions):
 
 
 def ellipse(center, P, **style):
-    """The `SIGMAS` ellipse of a covariance (2, 2), not filled.
+    """Return the `SIGMAS` ellipse of a covariance (2, 2), not filled.
 
     Parameters
     ----------
     center : (2,) array
     P : (2, 2) array
     **style
-        As for matplotlib's ``Ellipse``.
+        Arguments of matplotlib's ``Ellipse``.
     """
     from matplotlib.patches import Ellipse
 
@@ -296,7 +295,7 @@ def ellipse(center, P, **style):
 
 
 def shaded_balls(centers, radii, color, pixel, window=None):
-    """Picture of balls in orthographic view.
+    """Draw balls in orthographic view.
 
     Parameters
     ----------
@@ -307,12 +306,12 @@ def shaded_balls(centers, radii, color, pixel, window=None):
     pixel : float
         Size of a pixel [m].
     window : (2, 2) array, optional
-        First and last pixel, columns and rows; by default what the balls cover.
+        First and last pixel, columns and rows; by default the extent of the balls.
 
     Returns
     -------
     image : (rows, columns, 4) array
-        RGBA, transparent where there is no ball.
+        RGBA, transparent outside the balls.
     extent : tuple
         Left, right, bottom and top [m].
     """
@@ -338,7 +337,7 @@ def shaded_balls(centers, radii, color, pixel, window=None):
 
 
 def pixel_window(centers, radii, pixel):
-    """First and last pixel (2, 2) that balls may cover: columns and rows."""
+    """Return the first and last pixel (2, 2) that balls may cover: columns and rows."""
     low = np.floor((centers[:, :2] - radii[:, None]).min(axis=0) / pixel) - 1
     high = np.ceil((centers[:, :2] + radii[:, None]).max(axis=0) / pixel) + 1
     return np.array([low, high], int)
