@@ -1,5 +1,6 @@
-"""The ROS 2 node: predictions as services, streams and actions; and a `Client` for it. Only this part of the
-package imports rclpy.
+"""ROS 2 node with predictions as services, streams and actions, and a `Client`.
+
+Only this part of the package imports rclpy.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The service ``~/predict_candidates``: alternatives of one scene, ranked by their outcomes."""
+"""The service ``~/predict_candidates``: rank alternatives of a scene by their outcomes."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ from .services import BackgroundService
 
 
 class CandidatesService:
-    """Predicts all candidates with the same seed, so that they differ by their states alone."""
+    """Service that predicts all candidates with the same seed, so that they differ only by their states."""
 
     def __init__(self, server):
         self._server = server
@@ -101,14 +101,14 @@ class CandidatesService:
 
 
 def _rank_candidates(server, request, candidates, seed: int, time_limit: float | None):
-    """Return the entries of all candidates by their score, entries with an error last.
+    """Return the entries of all candidates by score; entries with an error are last.
 
     Parameters
     ----------
     server : PredictionServer
     request : PredictCandidates.Request
     candidates : sequence of (PredictionRequest, list of str)
-        The request for the scene of each, and the names of its objects in error messages.
+        Request for each candidate's scene, and the names of its objects in error messages.
     seed : int
     time_limit : float or None
         Longest wall time [s].
@@ -117,12 +117,12 @@ def _rank_candidates(server, request, candidates, seed: int, time_limit: float |
     -------
     entries : list of CandidatePrediction
     error : UncPhysicsError or None
-        Why the ranking ended early.
+        Error that ended the ranking early.
 
     Raises
     ------
     UncPhysicsError
-        If the score or the shared part of the request is refused.
+        If the score or the shared part of the request is invalid.
     """
     entries = [CandidatePrediction(candidate=candidate.id) for candidate in request.candidates]
     jobs = {}
@@ -187,7 +187,7 @@ def _write(server, request, ranking, jobs, entries):
 
 
 def _with_candidate(request, k):
-    """Return the request for the scene of candidate k, and the names of its objects in error messages."""
+    """Return the request for candidate k's scene, and the names of its objects in error messages."""
     candidate = request.candidates[k]
     replaced = {message.id: j for j, message in enumerate(candidate.objects)}
     own = copy.copy(request.request)
@@ -202,7 +202,7 @@ def _with_candidate(request, k):
 
 
 def _check(request, settings):
-    """Refuse no or too many candidates, and objects that are not in the scene."""
+    """Raise an error for missing or too many candidates, and for objects that are not in the scene."""
     if not request.candidates:
         raise InvalidRequestError("must name at least one candidate", field="candidates")
     if len(request.candidates) > settings.max_candidates:

@@ -1,4 +1,4 @@
-"""A client of the node with the arguments and results of the library: scenes, beliefs, predictions."""
+"""Client of the node, with the arguments and results of the library: scenes, beliefs, predictions."""
 
 from __future__ import annotations
 
@@ -51,12 +51,12 @@ if TYPE_CHECKING:
 _LATCHED = QoSProfile(
     depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL
 )
-_THREADS = 8  # that wait for answers
+_THREADS = 8  # threads that wait for answers
 _PACKING_POLL_PERIOD = 0.2  # s
 
 
 class Options(TypedDict, total=False):
-    """Keywords of `Client.predict` that other methods accept, too."""
+    """Keywords that `Client.predict` and other methods accept."""
 
     times: Sequence[float] | None
     seed: int | None
@@ -69,7 +69,7 @@ class Options(TypedDict, total=False):
 
 
 class Client:
-    """Predicts by a node, with the arguments and the result of `unc_physics.predict`.
+    """Client with the arguments and results of `unc_physics.predict`, which a node computes.
 
     For example::
 
@@ -77,23 +77,23 @@ class Client:
             prediction = client.predict(scene, belief, "sigma_points", horizon=1.0)
             prediction["mug"].position, prediction["mug"].position_std
 
-    The node must have the models of the scene's bodies, by their packings' names (`load_model`).
+    The node must have the models of the scene's bodies under the names of their packings (`load_model`).
 
     Parameters
     ----------
     node : rclpy Node, optional
-        Its executor must spin in another thread than the callers of the client. By default the client has its
+        Its executor must spin in a thread other than the callers of the client. By default the client has its
         own node, context and spinning thread, which need no ``rclpy.init``.
     server : str
-        Name of the node that predicts.
+        Name of the prediction node.
     timeout : float
-        How long to wait for that node to appear [s].
+        Time to wait for that node to appear [s].
 
     Notes
     -----
     Methods block until the answer arrives; methods whose names end in ``_async`` return a
-    ``concurrent.futures.Future`` of it. Any thread can wait for such a future, without an executor, and an
-    asyncio program awaits it by ``asyncio.wrap_future``.
+    ``concurrent.futures.Future``. Any thread can wait for such a future without an executor. An asyncio
+    program awaits it by ``asyncio.wrap_future``.
 
     Several threads may use one client.
     """
@@ -116,7 +116,7 @@ class Client:
         self.close()
 
     def close(self) -> None:
-        """Stop waiting for answers, and release everything; a given node is kept."""
+        """Stop waiting for answers and release all resources; a given node is kept."""
         if not self._connection.end():
             return
         self._pool.shutdown(cancel_futures=True)
@@ -146,7 +146,7 @@ class Client:
         Parameters
         ----------
         scene : Scene
-            In the node's world frame. All of its physics is sent, and replaces the node's parameters.
+            In the node's world frame. All of its physics is sent and replaces the node's parameters.
         belief : Belief
         propagator : str or Propagator
         horizon : float, optional
@@ -155,10 +155,10 @@ class Client:
             Times of the beliefs [s], ascending, as for `unc_physics.predict`. The node computes at all
             multiples of their greatest common divisor.
         seed : int, optional
-            Of all draws; by default that of a `Propagator` with a seed, or else the node chooses one, which
-            is `Prediction.seed`.
+            Seed of all draws; by default the seed of a `Propagator`. Otherwise the node chooses one
+            (`Prediction.seed`).
         samples : int, optional
-            Number of samples of a sampled propagator, in place of its own.
+            Number of samples of a sampled propagator, which replaces its own.
         max_computation_time : float, optional
             Wall time after which the prediction ends with an error [s].
         keep_samples : int, optional
@@ -169,7 +169,7 @@ class Client:
         modes : bool
             Whether to return `PredictedBody.modes`.
         joint_covariance : bool, optional
-            Whether beliefs hold the joint covariance of all bodies, instead of each body's own; by default if
+            Whether beliefs hold the joint covariance of all bodies instead of separate ones; by default if
             the propagator estimates it.
 
         Returns
@@ -179,9 +179,9 @@ class Client:
         Raises
         ------
         NotActiveError
-            If no node of that name answers.
+            If no node with that name answers.
         UnknownModelError, InvalidModelError
-            If the node does not have the model of a body, or another one under its name.
+            If the node does not have the model of a body, or has a different model with its name.
         NotSupportedError
             If messages cannot describe a part of the scene.
         UncPhysicsError
@@ -214,7 +214,7 @@ class Client:
         horizon: float | None = None,
         **options: Unpack[Options],
     ) -> Future[Prediction]:
-        """As `predict`, without waiting; the future raises the errors of `predict`."""
+        """Predict as `predict` does, without waiting; the future raises the errors of `predict`."""
         return self._pool.submit(self.predict, scene, belief, propagator, horizon, **options)
 
     def predict_candidates(
@@ -233,9 +233,9 @@ class Client:
         ----------
         scene : Scene
         candidates : mapping of str to Belief
-            One for each alternative, by its name; with independent bodies.
+            One belief for each alternative, by name; with independent bodies.
         propagator, horizon, **options
-            As for `predict`; the seed is one for all.
+            As for `predict`; the seed is shared.
 
         Returns
         -------
@@ -245,7 +245,7 @@ class Client:
         Raises
         ------
         UncPhysicsError
-            As `predict`; an error of a candidate names it.
+            As `predict`; the error of a candidate names it.
         """
         if not candidates:
             raise InvalidRequestError("must name at least one candidate", field="candidates")
@@ -287,7 +287,7 @@ class Client:
         budget: int = 0,
         **options: Unpack[Options],
     ) -> Ranking:
-        """As `unc_physics.rank`, by the node.
+        """Rank actions as `unc_physics.rank` does, by the node.
 
         Parameters
         ----------
@@ -295,11 +295,11 @@ class Client:
             As for `unc_physics.rank`. Actions change bodies and the belief about them, not the environment
             and the physics.
         rollouts : int
-            Largest number for one action.
+            Largest number of rollouts of one action.
         budget : int
-            Largest number of all actions together; 0 for the default of `unc_physics.rank`.
+            Largest number of rollouts of all actions; 0 for the default of `unc_physics.rank`.
         **options
-            As for `predict`, but for ``samples``.
+            As for `predict`, except ``samples``.
 
         Returns
         -------
@@ -311,7 +311,7 @@ class Client:
         NotSupportedError
             If messages cannot describe an action or the score.
         UncPhysicsError
-            As `predict`; an error of an action names it.
+            As `predict`; the error of an action names it.
         """
         instance(actions, Mapping, "actions")
         instance(score, Event, "score")
@@ -351,16 +351,16 @@ class Client:
         cancel: threading.Event | None = None,
         **options: Unpack[Options],
     ) -> Prediction:
-        """As `predict`, by the node's action: with a longer time limit, progress, and cancellation.
+        """Predict by the node's action, with a longer time limit, progress, and cancellation.
 
         Parameters
         ----------
         scene, belief, propagator, horizon, **options
             As for `predict`.
         progress : callable, optional
-            As for `unc_physics.predict`: called periodically with the number of steps done and of all steps.
-            An exception from it ends the prediction; an `UncPhysicsError` then has a ``prediction`` that ends
-            at the time reached.
+            As for `unc_physics.predict`: called periodically with the number of steps done and the total. An
+            exception from it ends the prediction. An `UncPhysicsError` then has a ``prediction`` that ends at
+            the time reached.
         cancel : threading.Event, optional
             Ends the prediction when another thread sets it.
 
@@ -387,7 +387,7 @@ class Client:
                 raise
             stopped.prediction = error.prediction
             raise stopped from None
-        if stopped is not None:  # too late to be canceled
+        if stopped is not None:  # too late to cancel
             stopped.prediction = prediction
             raise stopped
         return prediction
@@ -403,7 +403,7 @@ class Client:
         cancel: threading.Event | None = None,
         **options: Unpack[Options],
     ) -> Future[Prediction]:
-        """As `predict_long`, without waiting; set ``cancel`` to end it."""
+        """Predict as `predict_long` does, without waiting; set ``cancel`` to end it."""
         return self._pool.submit(
             self.predict_long, scene, belief, propagator, horizon, progress=progress, cancel=cancel, **options
         )
@@ -421,16 +421,16 @@ class Client:
     def load_model(
         self, path: str | PathLike[str], name: str = "", *, replace: bool = False, spheres: int = 0
     ) -> ModelInfo:
-        """Let the node read a model's file or pack a mesh; return when the model is ready.
+        """Make the node read a model file or pack a mesh; return when the model is ready.
 
         Parameters
         ----------
         path : path
-            Of an ``.npz`` or a mesh, on the node's machine.
+            Path of an ``.npz`` or a mesh, on the node's machine.
         name : str, optional
             By default the name in the file, or the file's name.
         replace : bool
-            Whether it may replace a model of that name.
+            Whether it may replace a model of the same name.
         spheres : int, optional
             Number of spheres of a mesh; by default the node's number.
 
@@ -500,7 +500,7 @@ class Client:
         )
 
     def _request(self, query: Query) -> PredictionRequest:
-        """Return the message; if a model seems to differ, fetch the node's models again."""
+        """Return the message; fetch the node's models again if a model seems to differ."""
         try:
             return write_request(query, self._model_info)
         except InvalidModelError:
@@ -528,12 +528,12 @@ class Client:
 
 
 def _split_events(events):
-    """Return the regions of some events, and whether there are events without a region.
+    """Return the regions of events, and whether there are events without a region.
 
     Raises
     ------
     DuplicateIdError
-        If two regions have one name.
+        If two regions have the same name.
     NotSupportedError
         If an event has no message.
     """
@@ -557,7 +557,7 @@ def _split_events(events):
 
 
 def _whole(value, field, bits):
-    """Return a number that fits in a message's field of so many bits."""
+    """Return an integer that fits in a message field of ``bits`` bits."""
     value = integer(value, field, low=0)
     if value >= 2**bits:
         raise LimitExceededError(f"must be below 2^{bits}", field=field, value=value)

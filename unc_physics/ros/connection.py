@@ -1,4 +1,4 @@
-"""A client's connection to a node: it spins, calls services and actions, and waits for their answers."""
+"""Connection of a client to a node: spins, calls services and actions, and waits for answers."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _DONE = object()
 
 
 class Connection:
-    """Calls the services and actions of a node, from any number of threads.
+    """Connection that calls the services and actions of a node, from any number of threads.
 
     Parameters
     ----------
@@ -32,7 +32,7 @@ class Connection:
     server : str
         Name of the called node.
     timeout : float
-        How long to wait for it to appear [s].
+        Time to wait for it to appear [s].
     """
 
     def __init__(self, node: Node | None, server: str, timeout: float):
@@ -59,7 +59,7 @@ class Connection:
             return first
 
     def close(self) -> None:
-        """Release everything; a given node is kept."""
+        """Release all resources; a given node is kept."""
         self.end()
         if self._own is not None:
             _, executor, thread = self._own
@@ -77,9 +77,9 @@ class Connection:
         Raises
         ------
         NotActiveError
-            If no node offers it, or the node ends before it answers.
+            If no node offers it, or the node exits before it answers.
         InvalidRequestError
-            If the given node is in no executor.
+            If the given node is not in an executor.
         """
         name = f"{self._server}/{name}"
         client = self._client(name, lambda: self.node.create_client(service_type, name))
@@ -143,7 +143,7 @@ class Connection:
         try:
             stopped = self._follow(events, name, action.server_is_ready, on_feedback, cancel, end)
         except BaseException:
-            _done(end()).wait(_POLL_PERIOD)  # it must be sent before the connection is closed
+            _done(end()).wait(_POLL_PERIOD)  # must be sent before the connection is closed
             raise
         answer = result.result()
         if answer.status == GoalStatus.STATUS_UNKNOWN:
@@ -151,7 +151,7 @@ class Connection:
         return answer.result, stopped
 
     def _follow(self, events, name, ready, on_feedback, cancel, end):
-        """Pass on feedback until the action is done; return the library's error that ended it, if any."""
+        """Pass on feedback until the action is done; return the library's error that ended it, or None."""
         stopped, canceled, checked = None, False, time.monotonic()
         while True:
             if cancel is not None and cancel.is_set() and not canceled:
@@ -204,7 +204,7 @@ class Connection:
         return self.node.executor
 
     def _check(self, name, ready):
-        """Raise `NotActiveError` if no answer can come any more."""
+        """Raise `NotActiveError` if no answer can arrive any more."""
         self._check_open()
         if not ready():
             raise self._gone(name)

@@ -29,7 +29,7 @@ from .demo_scene import HORIZON, PERIOD, table_scene
 
 NODE = "unc_physics_demo"
 TRUTH = 2000  # samples
-METHODS = (  # and the number of samples, where it is given
+METHODS = (  # name, and the number of samples if given
     (ANYTIME, None),
     (REFERENCE, 32),
     (REFERENCE, 200),
@@ -45,7 +45,7 @@ _END_TIMEOUT = 10.0  # s
 
 
 class Answer(NamedTuple):
-    """One method's prediction, and the wall time of the service call [s]."""
+    """Prediction of one method, and the wall time of the service call [s]."""
 
     name: str
     prediction: Prediction
@@ -103,7 +103,7 @@ def node_command() -> list[str]:
 
 
 def ask() -> Iterator[Answer]:
-    """Yield the answer of each method, the truth last.
+    """Yield the answer of each method; the reference is last.
 
     Raises
     ------
@@ -113,7 +113,7 @@ def ask() -> Iterator[Answer]:
     scene, belief = table_scene()
     times = np.arange(1, round(HORIZON / PERIOD) + 1) * PERIOD
     with Client(server=f"/{NODE}", timeout=_START_TIMEOUT) as client:
-        client.capabilities()  # as soon as the node is ready
+        client.capabilities()  # returns when the node is ready
         print("The node is ready. Predicting:", flush=True)
         for name, samples, seed in (*((*method, SEED) for method in METHODS), (REFERENCE, TRUTH, TRUTH_SEED)):
             started = time.perf_counter()
@@ -134,7 +134,7 @@ def ask() -> Iterator[Answer]:
 
 
 def table(answers: list[Answer]) -> str:
-    """Return each method's time and its distance from the last answer, which is the truth."""
+    """Return a table of each method's time and its distance from the last answer, the reference."""
     *methods, truth = answers
     event = Upright("carton")
     width = max(len(answer.name) for answer in methods)
@@ -160,7 +160,7 @@ def table(answers: list[Answer]) -> str:
 
 
 def _end(process):
-    """End a process with SIGINT, or by force if it does not react; return its exit status."""
+    """End a process with SIGINT, or kill it after a timeout; return its exit status."""
     if process.poll() is None:
         process.send_signal(signal.SIGINT)
     with contextlib.suppress(subprocess.TimeoutExpired):

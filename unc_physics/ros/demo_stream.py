@@ -1,6 +1,6 @@
-"""A stream of the demo's scene to ``/unc_physics/scene``, as a tracker sends it.
+"""Stream of the demo's scene to ``/unc_physics/scene``, as a tracker sends it.
 
-A can flies towards a carton again and again.
+A can flies towards a carton repeatedly.
 """
 
 from __future__ import annotations
@@ -20,12 +20,12 @@ from .messages.scene import write_scene
 from .models import packing_info
 
 RATE = 10.0  # Hz
-ROUND = 0.15  # s, after which the can starts again, shortly before it reaches the table
+ROUND = 0.15  # s, period of the can's flight, which restarts shortly before it reaches the table
 _GRAVITY = 9.81  # m/s^2
 
 
 class DemoStream(Node):
-    """Publishes where can and carton are now, over and over."""
+    """Node that publishes the current poses of can and carton."""
 
     def __init__(self):
         super().__init__("unc_physics_demo_stream")

@@ -1,6 +1,6 @@
 """Diagnostics on ``/diagnostics``, and the library's messages in the node's log.
 
-The messages are made here and not by diagnostic_updater. That declares parameters on the node, which works
+The messages are made here and not by diagnostic_updater, which declares parameters on the node. That works
 only once, and the node may have declared them itself.
 """
 
@@ -20,7 +20,7 @@ _WINDOW = 10.0  # s
 
 
 class Diagnostics:
-    """Counts, and publishes once a second of real time, also where simulated time stands still."""
+    """Counters of predictions and errors, published every second of real time."""
 
     def __init__(self, server):
         self._node = node = server.node
@@ -46,16 +46,16 @@ class Diagnostics:
             self._finished.append(time.monotonic())
 
     def delayed(self, seconds: float) -> None:
-        """Note the time from a streamed input's stamp to its prediction [s]."""
+        """Record the time from a streamed input's stamp to its prediction [s]."""
         self._delay = seconds
 
     def dropped(self) -> None:
-        """Count a streamed input whose stamp was too old, or in the future."""
+        """Count a streamed input with a stamp that is too old or in the future."""
         with self._lock:
             self._dropped += 1
 
     def replaced(self) -> None:
-        """Count a streamed input in whose place a newer one was predicted."""
+        """Count a streamed input that a newer one replaced before its prediction."""
         with self._lock:
             self._replaced += 1
 
@@ -89,10 +89,10 @@ class Diagnostics:
             return values, now - self._error_time < _WINDOW
 
     def _publish(self):
-        """Publish a status; a warning while the last error is recent."""
+        """Publish a status; it is a warning while the last error is recent."""
         values, recent_error = self._values()
         node = self._node
-        # by its name alone, as diagnostic_updater does, unless others in other namespaces are called so, too
+        # the name alone, as in diagnostic_updater, except in a namespace
         name = node.get_name() if node.get_namespace() == "/" else node.get_fully_qualified_name()
         status = DiagnosticStatus(
             name=f"{name}: predictions",
@@ -110,7 +110,7 @@ class Diagnostics:
 
 
 class LibraryLog(logging.Handler):
-    """Passes the library's messages on to a node's logger, until it is closed.
+    """Log handler that forwards the library's messages to a node's logger until closed.
 
     Parameters
     ----------
@@ -123,10 +123,10 @@ class LibraryLog(logging.Handler):
         LIBRARY.addHandler(self)
 
     def emit(self, record):
-        """Log one message; rclpy ties a severity to each call in the source, so all have the same."""
+        """Log one message; rclpy binds a severity to each call site, so all messages have the same."""
         self._log.info(record.getMessage())
 
     def close(self):
-        """Stop."""
+        """Detach from the library's log."""
         LIBRARY.removeHandler(self)
         super().close()

@@ -1,4 +1,4 @@
-"""The same node with a lifecycle: configure finds models and warms up, activate advertises."""
+"""Lifecycle node: configure finds models and warms up, activate advertises."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from .node import ServingNode, leave, run
 
 
 class UncPhysicsLifecycleNode(ServingNode, LifecycleNode):
-    """The prediction server on a lifecycle node, for any executor.
+    """Prediction server on a lifecycle node, for any executor.
 
-    An error in a transition is logged, and the transition fails.
+    Errors in a transition are logged, and the transition fails.
     """
 
     def on_configure(self, state):
@@ -21,19 +21,19 @@ class UncPhysicsLifecycleNode(ServingNode, LifecycleNode):
         return self._attempt(self.server.prepare)
 
     def on_activate(self, state):
-        """Advertise."""
+        """Advertise all interfaces."""
         return self._attempt(self.server.open)
 
     def on_deactivate(self, state):
-        """Withdraw everything; running predictions end."""
+        """Withdraw all interfaces; running predictions end."""
         return self._attempt(lambda: self.server.close("is being deactivated"))
 
     def on_cleanup(self, state):
-        """Do nothing: nothing is open."""
+        """Do nothing, as nothing is open."""
         return TransitionCallbackReturn.SUCCESS
 
     def on_shutdown(self, state):
-        """Withdraw everything."""
+        """Withdraw all interfaces."""
         return self._attempt(self.server.close)
 
     def _attempt(self, step):
@@ -49,7 +49,7 @@ class UncPhysicsLifecycleNode(ServingNode, LifecycleNode):
 
 
 def main(arguments=None) -> None:
-    """Run the lifecycle node, and end the process."""
+    """Run the lifecycle node and end the process."""
     leave(run(UncPhysicsLifecycleNode, arguments))
 
 

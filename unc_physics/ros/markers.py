@@ -1,4 +1,4 @@
-"""Markers of predictions for RViz: ``~/markers`` of requests, ``~/stream_markers`` of streamed scenes."""
+"""RViz markers of predictions: ``~/markers`` for requests, ``~/stream_markers`` for streamed scenes."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ from .messages.fields import duration, point_message, pose_message, xyz, xyzw
 
 _SIGMAS = 2.0  # half axes of ellipsoids and fans
 _AXES = np.eye(3)
-_BALL = 1.3  # diameter of a cell's ball in sizes of the cell, so that there are no holes
-_SPHERES = 300  # whose shape is drawn
+_BALL = 1.3  # diameter of a cell's ball relative to the cell, so that there are no holes
+_SPHERES = 300  # most spheres whose shape is drawn
 _OF_UNCERTAINTY = ("ellipsoid", "rotation")
 _OF_ENVIRONMENT = "environment"
 _STONE = (0.6, 0.6, 0.6)
-_SLAB = 4.0, 0.01  # m, sides and thickness of what stands for a half-space
+_SLAB = 4.0, 0.01  # m, sides and thickness of a drawn half-space
 
 
 class MarkerTopic:
-    """Publishes markers of each prediction if the topic has subscribers; they replace the previous ones."""
+    """Topic with markers of each prediction, published to subscribers; they replace the previous ones."""
 
     def __init__(self, server, topic: str):
         self._server = server
@@ -37,7 +37,7 @@ class MarkerTopic:
         self._server.node.destroy_publisher(self._publisher)
 
     def publish(self, header, job, answer) -> None:
-        """Publish the markers of a prediction with the stamp of its start: RViz hides future markers."""
+        """Publish the markers of a prediction with the stamp of its start, as RViz hides future markers."""
         if self._publisher.get_subscription_count():
             self._publisher.publish(markers(header, job, answer, self._server.settings))
 
@@ -48,16 +48,16 @@ def markers(header, job, answer, settings) -> MarkerArray:
     Parameters
     ----------
     header : Header
-        Its stamp is used.
+        Header whose stamp is used.
     job : Job
     answer : unc_physics_msgs/Prediction
     settings : Settings
-        ``markers`` selects the kinds of markers, ``marker_lifetime`` is how long they are shown.
+        ``markers`` selects the kinds of markers; ``marker_lifetime`` is their duration.
 
     Notes
     -----
-    Shapes are made from a model's largest spheres; the ellipsoid holds two standard deviations of the
-    position, and each fan shows two standard deviations of the rotation's tilt of one axis of the model.
+    Shapes show a model's largest spheres. The ellipsoid covers two standard deviations of the position. Each
+    fan shows two standard deviations of the tilt of one model axis.
     """
     found = [Marker(action=Marker.DELETEALL)]
     lifetime = duration(settings.marker_lifetime)
@@ -83,7 +83,7 @@ def markers(header, job, answer, settings) -> MarkerArray:
 
 @functools.singledispatch
 def _solids(element) -> list[Marker]:
-    """Return the markers that draw an element of the environment."""
+    """Return the markers of an element of the environment."""
     raise NotSupportedError("has no marker", field="environment", value=type(element).__name__)
 
 
@@ -111,7 +111,7 @@ def _(element: Cylinder):
 
 @_solids.register
 def _(element: Capsule):
-    """Draw a cylinder with a ball at each end: no marker has this shape."""
+    """Draw a cylinder with a ball at each end, as no marker has this shape."""
     width, end = 2.0 * element.radius, 0.5 * element.length
     balls = [_solid(Marker.SPHERE, (width,) * 3, element, (0.0, 0.0, z)) for z in (-end, end)]
     return [_solid(Marker.CYLINDER, (width, width, element.length), element), *balls]
@@ -152,7 +152,7 @@ def _placed(marker, position, quaternion):
 
 
 def _shape(model, position, quaternion, color, alpha, cells):
-    """Draw the surface of a model as balls of one size, which fit in one marker."""
+    """Draw the surface of a model as balls of equal size, which fit in one marker."""
     points, size = _surface_cells(model, cells)
     marker = Marker(type=Marker.SPHERE_LIST, color=_color(color, alpha))
     marker.scale.x = marker.scale.y = marker.scale.z = _BALL * size
@@ -162,13 +162,13 @@ def _shape(model, position, quaternion, color, alpha, cells):
 
 @functools.lru_cache(maxsize=256)
 def _surface_cells(model, cells):
-    """Return centres (n, 3) of the cells at a packing's surface, from the model's origin, and their size [m].
+    """Return cell centres (n, 3) at a packing's surface, relative to the model's origin, and their size [m].
 
     Parameters
     ----------
     model : SpherePacking
     cells : int
-        Along the longest side.
+        Number of cells along the longest side.
     """
     low = (model.centers - model.radii[:, None]).min(axis=0)
     high = (model.centers + model.radii[:, None]).max(axis=0)
@@ -203,7 +203,7 @@ def _ellipsoid(pose, color):
 
 
 def _fans(model, pose):
-    """Draw two standard deviations of the tilt of each axis of the model, as lines from the origin."""
+    """Draw two standard deviations of each model axis's tilt, as lines from the origin."""
     position, quaternion = _pose(pose.pose)
     R = rotation_matrix(quaternion)
     P = np.reshape(pose.covariance, (6, 6))[3:, 3:]

@@ -1,7 +1,7 @@
-"""The models that objects refer to, and the shapes in messages, which are packed in the background.
+"""Models that objects refer to, and shapes in messages, which are packed in the background.
 
-A request waits about a second for the packing of a new mesh, in a thread of its own. Streamed scenes leave an
-object out until it is packed.
+Packing a new mesh takes about a second, in a separate thread, for which a request waits. Streamed scenes omit
+an object until it is packed.
 """
 
 from __future__ import annotations
@@ -45,9 +45,9 @@ from .messages.environment import read_dimensions
 from .messages.fields import point_message
 from .services import BackgroundService
 
-#: Number of spheres of a shape if a message does not give it.
+#: Number of spheres of a shape if the message does not set it.
 DEFAULT_SPHERES = 300
-#: Longest time that a request waits for a packing [s].
+#: Longest time for which a request waits for a packing [s].
 PACKING_TIMEOUT = 60.0
 #: Largest number of triangles of a mesh.
 MAX_TRIANGLES = 200_000
@@ -60,14 +60,14 @@ _DEFAULT_MODEL_SPHERES = 1000
 
 
 class ModelLibrary:
-    """Files of models by name; an unknown name is looked for in the folder again.
+    """Model files by name; for an unknown name the folder is scanned again.
 
     A file is read once, and again after `add`.
 
     Parameters
     ----------
     models_dir : str
-        Folder of the models; empty takes the package's library.
+        Folder of the models; empty means the package's library.
     allow_paths : bool
         Whether a model may also be named by the path of its file (``.npz``).
     """
@@ -83,18 +83,18 @@ class ModelLibrary:
 
     @functools.cached_property
     def packed(self) -> tempfile.TemporaryDirectory:
-        """Folder of the meshes that are packed at run time."""
+        """Folder of meshes packed at run time."""
         return tempfile.TemporaryDirectory(prefix="unc_physics_models_")
 
     def discard(self) -> None:
-        """Delete the meshes that were packed at run time."""
+        """Delete meshes packed at run time."""
         self.shape_packer.close()
         if "packed" in self.__dict__:
             self.packed.cleanup()
 
     def _scan(self):
         found = {}
-        with contextlib.suppress(UnknownModelError):  # a folder may be there later
+        with contextlib.suppress(UnknownModelError):  # the folder may appear later
             found = list_models(self._models_dir)
         with self._lock:
             for name, path in found.items():
@@ -102,14 +102,14 @@ class ModelLibrary:
 
     @property
     def paths(self) -> dict[str, Path]:
-        """Names and files, sorted by name."""
+        """Names and files of the models, sorted by name."""
         with self._lock:
             return dict(sorted(self._paths.items()))
 
     def shape(
         self, model: str, spheres: int = 0, scale: float = 0.0, max_spheres: int | None = None
     ) -> SpherePacking:
-        """Return a model's first ``spheres`` (0: all), with lengths times ``scale`` (0: 1).
+        """Return a model's first ``spheres`` (0: all), with lengths scaled by ``scale`` (0: 1).
 
         Raises
         ------
@@ -152,7 +152,7 @@ class ModelLibrary:
 
 
 class ShapePacker:
-    """Packs shapes in a thread of its own, and caches packings by the hash of the shape."""
+    """Packer of shapes in a separate thread, with a cache by the hash of the shape."""
 
     def __init__(self):
         self._packer = ThreadPoolExecutor(1, thread_name_prefix="packing")
@@ -160,7 +160,7 @@ class ShapePacker:
         self._packings: OrderedDict[str, Future[SpherePacking]] = OrderedDict()
 
     def close(self) -> None:
-        """Begin no other packing; a running one ends by itself."""
+        """Cancel waiting packings; a running one continues."""
         self._packer.shutdown(wait=False, cancel_futures=True)
 
     def of_mesh(self, message, spheres: int, field: str, wait: bool = True) -> SpherePacking:
@@ -171,20 +171,20 @@ class ShapePacker:
         message : shape_msgs/Mesh
             [m]
         spheres : int
-            Number of spheres; 0 takes `DEFAULT_SPHERES`.
+            Number of spheres; 0 means `DEFAULT_SPHERES`.
         field : str
             Name in error messages.
         wait : bool
-            Whether to wait for the packing, `PACKING_TIMEOUT` at most.
+            Whether to wait for the packing, at most `PACKING_TIMEOUT`.
 
         Raises
         ------
         InvalidMeshError, LimitExceededError
             If it does not enclose a solid, or is too large.
         PredictionTimeoutError
-            If it is still being packed after that time.
+            If it is not packed after that time.
         UnknownModelError
-            If it is not packed yet, without waiting.
+            If it is not packed yet and ``wait`` is false.
         NotSupportedError
             If the node cannot pack meshes.
         """
@@ -201,7 +201,7 @@ class ShapePacker:
         return self._packed(vertices, triangles, spheres or DEFAULT_SPHERES, field, wait)
 
     def of_primitive(self, message, spheres: int, field: str, wait: bool = True) -> SpherePacking:
-        """Return the packing of a primitive; arguments and errors are those of `of_mesh`."""
+        """Return the packing of a primitive; arguments and errors are as in `of_mesh`."""
         size = read_dimensions(message, field)
         if message.type == SolidPrimitive.SPHERE:
             return _ball(size[SolidPrimitive.SPHERE_RADIUS])
@@ -237,12 +237,12 @@ class ShapePacker:
 
 
 class ModelTopics:
-    """``~/list_models``, ``~/load_model`` and the latched topic ``~/models``."""
+    """The services ``~/list_models`` and ``~/load_model``, and the latched topic ``~/models``."""
 
     def __init__(self, server):
         self._server = server
         self._packer = ThreadPoolExecutor(1)
-        self._packing: dict[str, ModelInfo] = {}  # meshes during packing, or with a failed packing
+        self._packing: dict[str, ModelInfo] = {}  # meshes that are being packed, or whose packing failed
         self._lock = threading.Lock()
         self._loading = threading.Lock()
         self._publisher = server.node.create_publisher(ModelList, "~/models", _LATCHED)
@@ -253,7 +253,7 @@ class ModelTopics:
         self._publish()
 
     def close(self):
-        """Withdraw services and topic; a running packing ends by itself."""
+        """Withdraw services and topic; a running packing continues."""
         for service in self._services:
             service.close()
         self._server.node.destroy_publisher(self._publisher)
@@ -325,7 +325,7 @@ class ModelTopics:
             )
 
     def _pack(self, name, path, solid, spheres):
-        """Pack a mesh in the background and publish the list again."""
+        """Pack a mesh in the background, then publish the list of models."""
         try:
             from ..geometry.packing import pack_solid
 
@@ -365,7 +365,7 @@ def _mesh(message, size):
 
 @functools.lru_cache(maxsize=_CACHED_SHAPES)
 def _ball(radius):
-    """Return a ball, which is one sphere."""
+    """Return a packing of a single sphere."""
     return SpherePacking(
         name="sphere",
         centers=np.zeros((1, 3)),
@@ -378,7 +378,7 @@ def _ball(radius):
 
 
 def _pack(name, vertices, triangles, spheres):
-    """Return the packing; build its sphere tree, too, before the request."""
+    """Return the packing; also build its sphere tree in advance."""
     try:
         from ..geometry.packing import pack_solid
         from ..geometry.solid_mesh import make_solid
@@ -391,7 +391,7 @@ def _pack(name, vertices, triangles, spheres):
 
 
 def _solid(path):
-    """Return the solid of a mesh; its errors belong to the answer of the request."""
+    """Return the solid of a mesh; its errors become the answer to the request."""
     try:
         from ..geometry.solid_mesh import load_solid
 
@@ -406,7 +406,7 @@ def _solid(path):
 
 
 def _info(library, name, path):
-    """Return the entry of a model; of an unreadable one it has the reason."""
+    """Return the entry of a model; for an unreadable one, with the reason."""
     try:
         return packing_info(library.shape(name), name, path)
     except UncPhysicsError as error:

@@ -1,4 +1,4 @@
-"""The executable ``unc_physics_node``: a node that predicts until SIGINT or SIGTERM."""
+"""The executable ``unc_physics_node``: run a prediction node until SIGINT or SIGTERM."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
-try:  # takes less than half the time from message to callback
+try:  # halves the time from message to callback
     from rclpy.experimental.events_executor import EventsExecutor
 except ImportError:  # an older rclpy
     EventsExecutor = SingleThreadedExecutor
@@ -23,7 +23,7 @@ except ImportError:  # an older rclpy
 from ..checks.errors import ErrorCode, InvalidOptionError, UncPhysicsError
 from .server import PredictionServer
 
-# Python's default of 5 ms delays a prediction by other threads' bookkeeping
+# with Python's default of 5 ms, other threads would delay a prediction
 _SWITCH_INTERVAL = 5e-4  # s
 _POLL_PERIOD = 0.5  # s, between checks whether the node is ready or failed
 _SETTLING_TIMEOUT = 2.0  # s
@@ -32,19 +32,19 @@ _ended_executors = []
 
 
 class ServingNode(Node):
-    """A node with a prediction server.
+    """Node with a prediction server.
 
     Parameters
     ----------
     node_name : str
     **others
-        As for rclpy's node.
+        Arguments of rclpy's node.
 
     Attributes
     ----------
     server : PredictionServer
     failed : Exception or None
-        Why it did not get ready.
+        Error that prevented the node from getting ready.
     """
 
     def __init__(self, node_name: str = "unc_physics", **others):
@@ -54,11 +54,11 @@ class ServingNode(Node):
 
     @property
     def is_ready(self) -> bool:
-        """Whether everything is advertised."""
+        """Whether all interfaces are advertised."""
         return self.server.is_open
 
     def close(self) -> None:
-        """End running predictions, and answer them."""
+        """End running predictions and answer them."""
         self.server.close()
 
     def destroy_node(self):
@@ -69,10 +69,10 @@ class ServingNode(Node):
 
 
 class UncPhysicsNode(ServingNode):
-    """The prediction server on a plain node, for any executor.
+    """Prediction server on a plain node, for any executor.
 
-    It warms up in a thread of its own, and then advertises its services. Meanwhile its executor spins, and
-    its parameters can be read. `destroy_node` ends running predictions.
+    It warms up in a separate thread, then advertises its services. Meanwhile its executor spins, and
+    parameters can be read. `destroy_node` ends running predictions.
     """
 
     def __init__(self, node_name: str = "unc_physics", **others):
@@ -85,7 +85,7 @@ class UncPhysicsNode(ServingNode):
             self.server.prepare()
         except Exception as error:  # noqa: BLE001  (logged by the spinning thread)
             self.failed = error
-        while not self._ended.wait(0.01):  # it may not be in an executor yet
+        while not self._ended.wait(0.01):  # the node may not be in an executor yet
             if (executor := self.executor) is not None:
                 executor.create_task(self._open)
                 return
@@ -108,18 +108,18 @@ class UncPhysicsNode(ServingNode):
 
 
 def run(make_node, arguments=None, program="unc_physics_node") -> int:
-    """Spin a node until SIGINT, SIGTERM or the end of its context; return the exit status.
+    """Spin a node until SIGINT, SIGTERM or the shutdown of its context; return the exit status.
 
-    The node is closed while it still spins, so that it answers all requests.
+    The node is closed while it still spins, so that all requests are answered.
 
     Parameters
     ----------
     make_node : callable
-        Makes the node, which has ``is_ready``, ``failed`` and ``close`` as a `ServingNode`.
+        Creates the node, which has ``is_ready``, ``failed`` and ``close`` as a `ServingNode`.
     arguments : list of str, optional
         Command line with ROS arguments.
     program : str
-        Name of the program, for errors.
+        Name of the program in error messages.
     """
     stop, node, spinning = threading.Event(), None, None
     try:
@@ -134,13 +134,14 @@ def run(make_node, arguments=None, program="unc_physics_node") -> int:
             if node.is_ready and not frozen:
                 frozen = True
                 gc.collect()
-                gc.freeze()  # garbage collections skip the objects that exist by now
+                gc.freeze()  # garbage collection skips the objects that exist now
         if node.failed is not None:
             raise node.failed
     except UncPhysicsError as error:
         print(f"{program}: {error}", file=sys.stderr)
         return int(error.code)
-    except (ParameterException, NameValidationException) as error:  # rclpy's, of a range, a type or a name
+    # rclpy's errors of a range, a type or a name
+    except (ParameterException, NameValidationException) as error:
         whole = "of type 'INTEGER" in str(error) and "expecting type 'DOUBLE" in str(error)
         hint = "; write whole numbers with a point, as 1.0" if whole else ""
         print(f"{program}: {' '.join(str(error).split())}{hint}", file=sys.stderr)
@@ -168,7 +169,7 @@ def _init(arguments):
 
 
 class Spinning:
-    """A thread that spins a node, also after exceptions in callbacks.
+    """Thread that spins a node, and continues after exceptions in callbacks.
 
     Parameters
     ----------
@@ -184,14 +185,14 @@ class Spinning:
     def _run(self):
         while rclpy.ok() and not self._ended.is_set():
             try:
-                self._executor.spin_once(timeout_sec=1.0)  # spin() of the events executor is never idle
+                self._executor.spin_once(timeout_sec=1.0)  # spin() of the events executor never idles
             except Exception:  # noqa: BLE001  (rclpy's own, for example if the client of an action is gone)
                 if self._ended.is_set() or not rclpy.ok():
                     return
                 self._node.get_logger().error(f"a callback failed:\n{traceback.format_exc()}")
 
     def settle(self):
-        """Wait until the executor has added the newest entities; it fails if they are destroyed before."""
+        """Wait until the executor has added the newest entities; destroying them earlier would fail."""
         done = threading.Event()
         self._executor.create_task(done.set)
         done.wait(_SETTLING_TIMEOUT)
@@ -205,14 +206,14 @@ class Spinning:
 
 
 def leave(status: int) -> None:
-    """End the process without the middleware's clean-up at exit, which sometimes crashes."""
+    """End the process without the middleware's exit handlers, which sometimes crash."""
     sys.stdout.flush()
     sys.stderr.flush()
     os._exit(status)
 
 
 def main(arguments=None) -> None:
-    """Run the plain node, and end the process."""
+    """Run the plain node and end the process."""
     leave(run(UncPhysicsNode, arguments))
 
 

@@ -36,13 +36,13 @@ _REJECTING = names_where(lambda propagator: propagator.supports.overlap_rejectio
 
 
 def parameter(default, description, *, low=None, high=None, choices=(), read_only=False):
-    """A field of `Settings` that is a ROS parameter; a range includes its ends."""
+    """Return a field of `Settings` that is a ROS parameter; ranges include their ends."""
     meta = {"description": description, "low": low, "high": high, "choices": choices, "read_only": read_only}
     return field(default=default, metadata=meta)
 
 
 def physics_key(key, default: Any = None, **limits) -> Any:
-    """A parameter that is a key of the physics; by default it has the everyday preset's value."""
+    """Return a parameter for a key of the physics; the default is the everyday preset's value."""
     default = _EVERYDAY[key] if default is None else default
     return parameter(default, PHYSICS_KEYS[key].meaning, **limits)
 
@@ -265,7 +265,7 @@ class Settings:
 
     @functools.cached_property
     def covariance_defaults(self) -> CovarianceDefaults:
-        """What unknown covariances and covariances of zeros stand for."""
+        """Defaults of unknown covariances, and the meaning of zero covariances."""
         return CovarianceDefaults.from_stds(
             self.default_position_std,
             self.default_orientation_std,
@@ -276,13 +276,13 @@ class Settings:
 
     @functools.cached_property
     def physics(self) -> dict:
-        """The physics of the scenes, as arguments of `Scene`."""
+        """Physics of the scenes, as arguments of `Scene`."""
         overlap = None if self.overlap == _AUTO_OVERLAP else self.overlap
         return {key: getattr(self, key) for key in PHYSICS_KEYS if hasattr(self, key)} | {"overlap": overlap}
 
 
 def _stiffness(value):
-    """A number or 'auto'; YAML, and so `ros2 param set`, reads 1e6 as a text."""
+    """Return a number or 'auto'; YAML, and so `ros2 param set`, reads 1e6 as a string."""
     if value == AUTO:
         return value
     try:
@@ -295,7 +295,7 @@ def _stiffness(value):
 
 
 def descriptor(spec: Field) -> ParameterDescriptor:
-    """What `ros2 param describe` shows of a parameter."""
+    """Return the descriptor of a parameter, which `ros2 param describe` shows."""
     meta = spec.metadata
     result = ParameterDescriptor(
         description=meta["description"],
@@ -314,7 +314,7 @@ def descriptor(spec: Field) -> ParameterDescriptor:
 
 
 class ParameterServer:
-    """Declares the node's parameters and keeps `settings` up to date; refuses changes that make no sense."""
+    """Parameters of the node and their current `settings`; invalid changes are rejected."""
 
     def __init__(self, node):
         values = {}
@@ -327,8 +327,8 @@ class ParameterServer:
         node.add_post_set_parameters_callback(self._take_over)
 
     def misspelt(self) -> dict[str, str]:
-        """Parameters that the node was started with and nobody has declared, and which may be meant."""
-        # rclpy has no public name for what a node was started with; without it none is found
+        """Return unknown parameters from the node's start, each with the closest known name."""
+        # rclpy has no public name for these overrides; without them the result is empty
         given = getattr(self._node, "_parameter_overrides", {})
         known = [spec.name for spec in fields(Settings)]
         return {
@@ -355,8 +355,9 @@ class ParameterServer:
 
 
 def _plain(value) -> Any:
-    """Arrays of a parameter as a tuple, also the empty one, which rclpy takes for none; everything else as it
-    is.
+    """Return arrays of a parameter as tuples, and other values unchanged.
+
+    rclpy reads an empty array as None.
     """
     if value is None:
         return ()
@@ -391,7 +392,7 @@ def parameter_file() -> str:
 
 
 def _default(spec):
-    """Return the default in YAML that ROS reads as the same type."""
+    """Return the default as YAML that ROS reads with the same type."""
     value = list(spec.default) if isinstance(spec.default, tuple) else spec.default
     text = yaml.safe_dump(value, default_flow_style=True, width=1000).removesuffix("...\n").strip()
     return '""' if value == "" else text

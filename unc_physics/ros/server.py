@@ -1,4 +1,4 @@
-"""The node's services, action and topics, on any kind of node."""
+"""Services, action and topics of the node, for any kind of node."""
 
 from __future__ import annotations
 
@@ -40,13 +40,13 @@ _INTERFACES = (
     Stream,
     prediction_service,
 )
-# at most. Predictions compute in numba's threads; these here mostly wait, for a transform for example
+# upper limit; predictions run in numba's threads, these mostly wait, for example for a transform
 _THREADS = 64
-_LONG_WARM_UP = 5.0  # s, of one propagator: worth a line in the log
+_LONG_WARM_UP = 5.0  # s, warm-up of one propagator that is logged
 
 
 class PredictionServer:
-    """The node's services, action and topics; `prepare` comes before `open`.
+    """Services, action and topics of the node; call `prepare` before `open`.
 
     Parameters
     ----------
@@ -58,30 +58,30 @@ class PredictionServer:
         self.log = node.get_logger()
         self._library_log = LibraryLog(self.log)
         self.parameters = ParameterServer(node)
-        # a ModelLibrary from `prepare` on, and Frames, Diagnostics and a MarkerTopic from `open` on
+        # a ModelLibrary after `prepare`; Frames, Diagnostics and a MarkerTopic after `open`
         self.library: Any = None
         self.frames: Any = None
         self.diagnostics: Any = None
         self.markers: Any = None
         self.pool: ThreadPoolExecutor | None = None
         self.deferred_answers: Any = None
-        self.ending: str | None = None  # why predictions end
+        self.ending: str | None = None  # reason why predictions end
         self._warned_zeros = self._warned_misspelt = False
         self._opened = threading.Lock()
         self._open = []
 
     @property
     def settings(self):
-        """Values of the parameters at this time."""
+        """Current values of the parameters."""
         return self.parameters.settings
 
     @property
     def is_open(self) -> bool:
-        """Whether everything is advertised."""
+        """Whether all interfaces are advertised."""
         return bool(self._open)
 
     def prepare(self) -> None:
-        """Find the models and warm up the kernels; takes minutes when nothing is in the cache yet."""
+        """Find the models and warm up the kernels, which takes minutes with an empty cache."""
         started = time.perf_counter()
         self.library = ModelLibrary(self.settings.models_dir, self.settings.allow_model_paths)
         if (folder := self.settings.models_dir) and not os.path.isdir(os.path.expanduser(folder)):
@@ -102,7 +102,7 @@ class PredictionServer:
             self.log.info(f"{name} is warm after {seconds:.0f} s")
 
     def open(self) -> None:
-        """Advertise everything."""
+        """Advertise all interfaces."""
         with self._opened:
             self.ending = None
             self.frames = self.frames or Frames(
@@ -118,7 +118,7 @@ class PredictionServer:
         self.log.info("ready")
 
     def _warn_misspelt(self):
-        """Warn once of unknown parameters that the node was started with."""
+        """Warn once about unknown parameters of the node's start."""
         if not self._warned_misspelt:
             self._warned_misspelt = True
             for name, meant in self.parameters.misspelt().items():
@@ -126,7 +126,7 @@ class PredictionServer:
                 self.log.warning(f"parameter '{name}' is unknown and has no effect{hint}")
 
     def close(self, why: str = "is shutting down") -> None:
-        """Withdraw everything; running predictions end with the error CANCELED.
+        """Withdraw all interfaces; running predictions end with the error CANCELED.
 
         Parameters
         ----------
@@ -141,24 +141,24 @@ class PredictionServer:
                 self._open.pop().close()
 
     def discard(self) -> None:
-        """Delete files, and detach from the library's log; call it last."""
+        """Delete files and detach from the library's log; call this last."""
         self._library_log.close()
         if self.library is not None:
             self.library.discard()
 
     def check_open(self) -> None:
-        """Raise `CanceledError` if predictions are to end."""
+        """Raise `CanceledError` if predictions must end."""
         if self.ending is not None:
             raise CanceledError(self.ending, field="the node")
 
     def predict(self, job: Job, progress=None) -> Prediction:
-        """Run a job; `close` ends it.
+        """Run a job until it is done or `close` ends it.
 
         Parameters
         ----------
         job : Job
         progress : callable, optional
-            Called periodically with the job, the steps done and all steps; an exception from it ends the
+            Called periodically with the job, the steps done and the total; an exception from it ends the
             prediction.
 
         Raises
@@ -182,14 +182,14 @@ class PredictionServer:
         return prediction
 
     def answer(self, message, request, *, progress=None, **how) -> Callable[[], None] | None:
-        """Predict, and write the answer or the error into ``message``; never raises.
+        """Predict and write the answer or the error into ``message``; never raises.
 
-        Returns a callable that publishes the markers, to be called after the answer is sent.
+        Returns a function that publishes the markers, to be called after the answer is sent.
 
         Parameters
         ----------
         message : message
-            With a ``result`` and a ``prediction``.
+            Message with a ``result`` and a ``prediction``.
         request : PredictionRequest
         progress : callable, optional
             As for `predict`.
@@ -209,7 +209,7 @@ class PredictionServer:
 
     @contextlib.contextmanager
     def errors_into(self, result: Result):
-        """Write an exception from inside into a request's result, so that no request ends the node."""
+        """Write an exception of the ``with`` block into a request's result; no request ends the node."""
         try:
             yield
         except UncPhysicsError as error:
@@ -224,7 +224,7 @@ class PredictionServer:
 def _warm_up(settings, done: Callable[[str, float], object]) -> None:
     """Compile or load the kernels of the node's physics and propagators, and of its answers.
 
-    ``done`` is called with the name of each propagator and the time that it took [s].
+    ``done`` is called with the name of each propagator and its duration [s].
     """
     begun = time.perf_counter()
 

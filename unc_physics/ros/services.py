@@ -1,4 +1,4 @@
-"""Services and the action of the node; their answers are computed outside the executor's thread."""
+"""Services and the action of the node, computed outside the executor's thread."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ from .messages.fields import duration, write_error
 from .messages.physics import physics_message
 
 _DISCOVERY_PERIOD = 0.02  # s, between checks whether a service is discovered
-_QUEUE = QoSProfile(depth=100)  # with ROS's default of 10, more concurrent requests or answers are lost
+_QUEUE = QoSProfile(depth=100)  # ROS's default of 10 loses more concurrent requests or answers
 _FEATURES = [
     "environment",
     "friction",
@@ -61,7 +61,7 @@ _CLIENTS_PERIOD = 1.0  # s, between checks whether a goal's client is still ther
 
 
 class BackgroundService:
-    """A service whose answers are computed and sent by a pool of threads.
+    """Service that computes and sends answers in a thread pool.
 
     Parameters
     ----------
@@ -69,24 +69,24 @@ class BackgroundService:
     service_type : type
     name : str
     answer : callable
-        Takes request and response, and fills the response. Returns a callable without arguments that runs
-        after the response is sent, or None.
+        Takes request and response, and fills the response. Returns a function that runs after the response is
+        sent, or None.
 
     Notes
     -----
-    rclpy defers answers only of coroutines. The events executor of Jazzy does not accept these for services,
-    and other executors poll them in each turn. But all executors pass the value that a callback returns, with
-    the request's header, to the service's ``send_response``. This class overrides it and submits the work
-    there, so that an executor of one thread is enough. A multi-threaded executor wakes up two or three times
-    in each request, and each time delays the thread that computes.
+    rclpy defers answers only of coroutines. The events executor of Jazzy does not accept coroutines for
+    services, and other executors poll them in each turn. But all executors pass the callback's return value
+    and the request's header to the service's ``send_response``. This class overrides it and submits the work
+    there, so that a single-threaded executor is enough. A multi-threaded executor wakes up two or three times
+    in each request, which delays the computing thread.
 
-    `DeferredAnswerCheck` tests this by a call to the node itself. In an rclpy without this behaviour the
+    `DeferredAnswerCheck` tests this by a call to the node itself. If rclpy does not behave this way, the
     callback answers in the executor's thread.
     """
 
     def __init__(self, server, service_type, name, answer):
         self._server, self._answer = server, answer
-        self._asked = {}  # requests by the ids of their responses, until rclpy returns these
+        self._asked = {}  # requests by the ids of their responses, until rclpy returns the responses
         self._service = server.node.create_service(
             service_type, name, self._called, qos_profile=_QUEUE, callback_group=ReentrantCallbackGroup()
         )
@@ -98,19 +98,19 @@ class BackgroundService:
         self._server.node.destroy_service(self._service)
 
     def _called(self, request, response):
-        """Handle a request; return the answer, or the response that `_returned` fills."""
+        """Handle a request; return the answer, or the response that `_returned` completes."""
         supported = self._server.deferred_answers.supported
         if supported is False:
             if (afterwards := self._answer(request, response)) is not None:
                 afterwards()
             return response
-        if supported is None and hasattr(response, "result"):  # rclpy may send it as it is
+        if supported is None and hasattr(response, "result"):  # rclpy may send it unchanged
             write_error(response.result, NotActiveError("is just getting ready; ask again", field="the node"))
         self._asked[id(response)] = request
         return response
 
     def _returned(self, response, header):
-        """Handle the response that the callback returned: submit the work."""
+        """Submit the work when rclpy returns the callback's response."""
         if (request := self._asked.pop(id(response), None)) is None:
             self._send(response, header)
             return
@@ -136,14 +136,14 @@ class BackgroundService:
 
 
 class DeferredAnswerCheck:
-    """Checks by a call to the node itself whether rclpy lets other threads answer requests.
+    """Test, by a call to the node itself, of whether rclpy lets other threads answer requests.
 
     Parameters
     ----------
     server : PredictionServer
     service_type : type
     name : str
-        Of a `BackgroundService` that answers soon.
+        Name of a `BackgroundService` that answers quickly.
 
     Attributes
     ----------
@@ -155,7 +155,7 @@ class DeferredAnswerCheck:
         self.supported: bool | None = None
         self._log, self._node, self._type = server.log, server.node, service_type
         self._client: Any = self._node.create_client(service_type, name)
-        # a steady clock: simulated time may stand still
+        # a steady clock, as simulated time may stop
         self._timer: Any = self._node.create_timer(
             _DISCOVERY_PERIOD, self._call, clock=Clock(clock_type=ClockType.STEADY_TIME)
         )
@@ -268,7 +268,7 @@ def _option_type(option):
 
 
 class LongPrediction:
-    """The action ``~/predict_long``: predictions with feedback, which clients can cancel."""
+    """The action ``~/predict_long``: predictions with feedback and cancellation."""
 
     def __init__(self, server):
         self._server = server
@@ -320,16 +320,16 @@ class LongPrediction:
         return result
 
     def _clients(self):
-        """Return the ids of subscriptions to the action's feedback; every client of it has one."""
+        """Return the ids of subscriptions to the action's feedback, one for each client."""
         node = self._server.node
         topic = f"{node.get_fully_qualified_name()}/predict_long/_action/feedback"
         return {bytes(info.endpoint_gid) for info in node.get_subscriptions_info_by_topic(topic)}
 
 
 class _Reporter:
-    """Publishes feedback periodically, and ends the prediction when the client cancels it or is gone.
+    """Callback that publishes feedback, and ends the prediction if the client cancels it or disappears.
 
-    A goal does not identify its client: it ends when all subscribers from its beginning are gone.
+    A goal does not identify its client. It ends when all subscribers from its beginning are gone.
     """
 
     def __init__(self, goal, clients):
@@ -358,19 +358,19 @@ class _Reporter:
 
 
 class _ThreadedActionServer(ActionServer):
-    """An action server that executes goals in its own threads instead of the executor's."""
+    """Action server that executes goals in its own threads instead of the executor's."""
 
     def __init__(self, threads, *args, **others):
         super().__init__(*args, **others)
         self._pool = ThreadPoolExecutor(threads)
 
     def notify_execute(self, goal_handle, execute_callback):
-        """Execute a goal that was accepted."""
+        """Execute an accepted goal."""
         self._pool.submit(
             asyncio.run, self._execute_goal(execute_callback or self._execute_callback, goal_handle)
         )
 
     def destroy(self):
-        """Wait for the goals that are being executed, and withdraw the action."""
+        """Wait for running goals and withdraw the action."""
         self._pool.shutdown()
         super().destroy()

@@ -1,4 +1,4 @@
-"""Streams: scenes come on topics, and predictions for several horizons are published."""
+"""Streams: predict scenes from topics, and publish predictions for several horizons."""
 
 from __future__ import annotations
 
@@ -23,13 +23,13 @@ from .parameters import ParameterServer, Settings
 
 _SAME_TIME = 1e-6  # s
 _REPORT_PERIOD = 5.0  # s, between warnings in the log
-# best effort matches every publisher, also sensors
+# best effort matches all publishers, including sensors
 _NEWEST = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
-_SEED = 1  # of all scenes, so that equal scenes have equal predictions
+_SEED = 1  # equal for all scenes, so that equal scenes have equal predictions
 
 
 class Stream:
-    """Predicts each scene from ``~/scene``, from trackers, or from detectors."""
+    """Predictions of each scene from ``~/scene``, from trackers, or from detectors."""
 
     def __init__(self, server):
         self._server = server
@@ -50,7 +50,7 @@ class Stream:
         self._markers.close()
 
     def _predict(self, scene):
-        """Predict a scene and publish; errors go to the log and the diagnostics."""
+        """Predict a scene and publish the result; errors go to the log and the diagnostics."""
         server, settings = self._server, self._server.settings
         result = Result()
         with server.errors_into(result):
@@ -102,7 +102,7 @@ class Stream:
 class SceneTopics:
     """Sources of streamed scenes: whole scenes, tracked objects and detections.
 
-    Each source has a thread of its own, so that none waits for the transforms of another.
+    Each source has its own thread, so that none waits for the transforms of another.
 
     Parameters
     ----------
@@ -110,7 +110,7 @@ class SceneTopics:
     parameters : ParameterServer
     library : ModelLibrary
     work : callable
-        Takes the latest Scene of a source; raises nothing.
+        Takes the latest Scene of a source; must not raise.
     replaced : callable
         Called without arguments for each scene that a newer one replaced.
     under : str
@@ -129,7 +129,7 @@ class SceneTopics:
         self._node, self._parameters, self._library = node, parameters, library
         self._work, self._replaced = work, replaced
         self._sources: list[LatestWorker] = []
-        self._tracked: dict[str, Any] = {}  # topic: (header, state) of its newest pose
+        self._tracked: dict[str, Any] = {}  # header and state of each topic's newest pose
         self._subscriptions = [node.create_subscription(Scene, f"{under}/scene", self._source().put, _NEWEST)]
         settings = parameters.settings
         topics = [
@@ -168,7 +168,7 @@ class SceneTopics:
             source.close()
 
     def _track(self, topic, model, message):
-        """Pass on the scene of all objects that are tracked now."""
+        """Pass on the scene of all currently tracked objects."""
         settings = self._parameters.settings
         state = _object_of_unknown_velocity(topic, model, message.pose, self._library, settings.tracked_mass)
         self._tracked[topic] = message.header, state
@@ -189,12 +189,12 @@ class SceneTopics:
 
 
 class LatestWorker:
-    """A thread that works on the latest item; a new item replaces the one that waits.
+    """Thread that processes the latest item; a new item replaces a waiting one.
 
     Parameters
     ----------
     work : callable
-        Takes one item; raises nothing.
+        Takes one item; must not raise.
     replaced : callable
         Called without arguments for each replaced item.
     """
@@ -235,7 +235,7 @@ class LatestWorker:
 
 
 def request_of(scene: Scene, settings: Settings) -> PredictionRequest:
-    """Return the request of a streamed scene, by the parameters."""
+    """Return the request for a streamed scene from the parameters."""
     return PredictionRequest(
         scene=scene,
         horizon=duration(max(settings.horizons)),
@@ -255,7 +255,7 @@ def stamp_age(node, stamp) -> float | None:
 
 
 def stamp_problem(node, stamp, settings) -> str | None:
-    """Return why an input is dropped for its stamp; None if it is not."""
+    """Return why an input is dropped because of its stamp; None if it is valid."""
     if (old := stamp_age(node, stamp)) is None:
         return None
     if settings.max_input_age and old > settings.max_input_age:
@@ -270,7 +270,7 @@ def stamp_problem(node, stamp, settings) -> str | None:
 def scene_of_detections(detections, library, mass) -> Scene:
     """Return the scene of a Detection3DArray.
 
-    Each detection's best hypothesis names the model; detections without hypotheses are left out.
+    The best hypothesis of each detection names its model; detections without hypotheses are omitted.
     """
     objects, names = [], set()
     for k, detection in enumerate(detections.detections):
@@ -287,7 +287,7 @@ def scene_of_detections(detections, library, mass) -> Scene:
 
 
 def _object_of_unknown_velocity(name, model, pose, library, mass):
-    """Return an object of unknown velocity, with the given mass [kg] if its model has none."""
+    """Return an object with unknown velocity, with the given mass [kg] if its model has none."""
     state = ObjectState(id=name, model=model, pose=pose)
     state.twist.covariance[0] = UNKNOWN
     try:
@@ -298,6 +298,6 @@ def _object_of_unknown_velocity(name, model, pose, library, mass):
 
 
 def topic_name(text: str) -> str:
-    """Return a text as the last part of a topic's name."""
+    """Return a text as the last part of a topic name."""
     name = re.sub(r"[^A-Za-z0-9_]", "_", text)
     return name if name[:1].isalpha() else f"_{name}"

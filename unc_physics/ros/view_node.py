@@ -1,4 +1,4 @@
-"""The executable ``unc_physics_view``: a page in the browser that shows streamed scenes."""
+"""The executable ``unc_physics_view``: a browser page that shows streamed scenes."""
 
 from __future__ import annotations
 
@@ -29,9 +29,9 @@ _REPORT_PERIOD = 5.0  # s, between warnings in the log
 
 
 class ViewNode(Node):
-    """Predicts the newest streamed scene as the prediction node does, and shows it.
+    """Node that predicts the newest streamed scene as the prediction node does, and shows it.
 
-    It has the parameters of that node, and subscribes to the same topics, under ``unc_physics``. The page
+    It has the parameters of that node and subscribes to the same topics, under ``unc_physics``. The page
     opens with the first scene.
 
     Attributes
@@ -52,7 +52,7 @@ class ViewNode(Node):
             for name, (default, description) in _VIEW_PARAMETERS.items()
         }
         self.page: Page | None = None
-        self._opening = threading.Lock()  # sources have threads of their own
+        self._opening = threading.Lock()  # each source has its own thread
         self.parameters = ParameterServer(self)
         settings = self.parameters.settings
         self.library = ModelLibrary(settings.models_dir, settings.allow_model_paths)
@@ -89,19 +89,19 @@ class ViewNode(Node):
         self.get_logger().warning(text, throttle_duration_sec=_REPORT_PERIOD)
 
     def close(self) -> None:
-        """Unsubscribe, and close the page."""
+        """Unsubscribe and close the page."""
         self.topics.close()
         if self.page is not None:
             self.page.close()
 
     def destroy_node(self):
-        """Delete files, and destroy the node."""
+        """Delete files and destroy the node."""
         self.library.discard()
         super().destroy_node()
 
 
 def main(arguments=None) -> None:
-    """Show scenes until SIGINT or SIGTERM, and end the process."""
+    """Show scenes until SIGINT or SIGTERM, then end the process."""
     leave(run(ViewNode, arguments, "unc_physics_view"))
 
 

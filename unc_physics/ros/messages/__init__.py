@@ -1,1 +1,1 @@
-"""Messages to the core and back: one module for each message, with both directions."""
+"""Conversion between messages and the core: one module per message, for both directions."""

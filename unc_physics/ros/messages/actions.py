@@ -1,4 +1,4 @@
-"""The actions of a robot on an object: paths, attachment and wrenches."""
+"""Robot actions on an object: paths, attachment and wrenches."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from .fields import duration, optional, quaternion_message, read_duration, vecto
 
 
 def read_path(message: ObjectState, field: str, origin) -> PosePath | None:
-    """Return the path of a prescribed object's centre of mass; None for another object.
+    """Return the path of a prescribed object's centre of mass; None for other objects.
 
     Equal numbers give an identical object, so that caches recognize a repeated scene.
 
@@ -34,7 +34,7 @@ def read_path(message: ObjectState, field: str, origin) -> PosePath | None:
     field : str
         Name of the object in error messages.
     origin : (3,) array
-        Of the model, in its body frame [m].
+        Origin of the model, in its body frame [m].
 
     Raises
     ------

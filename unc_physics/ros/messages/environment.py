@@ -36,7 +36,7 @@ from .fields import optional, packed, pose_message, vector_message, xyz, xyzw
 MATERIAL_FIELDS = ("friction", "friction_std", "restitution", "restitution_std", "torsional_friction")
 #: Kinds of primitives that are packed; the others are exact elements.
 _PACKED_KINDS = SolidPrimitive.CONE, SolidPrimitive.PRISM
-_OBSTACLE_SPHERES = 1000  # of a packed element
+_OBSTACLE_SPHERES = 1000  # spheres of a packed element
 #: Number of dimensions of each kind of primitive.
 DIMENSIONS = {
     SolidPrimitive.BOX: 3,
@@ -48,7 +48,7 @@ DIMENSIONS = {
 
 
 class PackedElement(NamedTuple):
-    """An element of a packed shape, which becomes a fixed body.
+    """Element with a packed shape, which becomes a fixed body.
 
     Attributes
     ----------
@@ -57,9 +57,9 @@ class PackedElement(NamedTuple):
         Name of the element in error messages.
     model : SpherePacking
     position, orientation : tuple
-        Of the shape's own origin: world frame [m], quaternion (x, y, z, w).
+        Pose of the shape's origin: world frame [m], quaternion (x, y, z, w).
     material : tuple
-        As `read_material` gives it.
+        As returned by `read_material`.
     """
 
     name: str
@@ -73,7 +73,7 @@ class PackedElement(NamedTuple):
 def read_environment(
     message, shape_packer, max_elements: int | None = None, wait: bool = True
 ) -> tuple[tuple[Element, ...], tuple[PackedElement, ...]]:
-    """Return the elements of an environment: exact ones, and those whose shape is packed.
+    """Return the elements of an environment: exact ones, and those with a packed shape.
 
     Equal numbers give identical objects, so that caches recognize a repeated scene.
 
@@ -83,7 +83,7 @@ def read_environment(
     shape_packer : ShapePacker
     max_elements : int, optional
     wait : bool
-        Whether to wait for shapes that are being packed; otherwise they are left out.
+        Whether to wait for shapes that are being packed; otherwise they are omitted.
 
     Raises
     ------
@@ -106,7 +106,7 @@ def read_environment(
         if _is_packed(element):
             try:
                 packed.append(_packed_element(element, name, field, shape_packer, wait))
-            except UnknownModelError:  # a stream goes on without it until it is packed
+            except UnknownModelError:  # a stream continues without it until it is packed
                 continue
         else:
             elements.append(_element(element, name, field))
@@ -124,7 +124,7 @@ def write_element(element: Element, name: str, field: str) -> EnvironmentElement
     Raises
     ------
     NotSupportedError
-        If messages have no such shape.
+        If messages do not support its shape.
     """
     message = EnvironmentElement(
         id=name, material=write_material(element), surface_tilt_std=element.surface_tilt_std
@@ -222,7 +222,7 @@ def read_dimensions(message, field: str) -> tuple[float, ...]:
     Raises
     ------
     InvalidEnvironmentError
-        If the kind is unknown, or the dimensions are not positive or not as many as the kind has.
+        If the kind is unknown, or the number or sign of the dimensions is wrong.
     """
     if message.type not in DIMENSIONS:
         raise InvalidEnvironmentError("is no kind of primitive", field=f"{field}.type", value=message.type)
@@ -255,7 +255,7 @@ def _write_surface_velocity(element: Element, origin) -> Twist:
 
 
 def _is_packed(message):
-    """Whether an element has a shape that must be packed."""
+    """Return whether an element has a shape that must be packed."""
     return bool(message.mesh) or any(primitive.type in _PACKED_KINDS for primitive in message.primitive)
 
 
@@ -318,7 +318,7 @@ def _plane(coef, position, orientation, name, material):
     """Return the half-space ``a x + b y + c z + d <= 0`` in the frame of the pose."""
     largest = max(map(abs, coef[:3])) or 1.0  # the square of a large normal could overflow
     coef = tuple(entry / largest for entry in coef)
-    unit = Plane(coef[:3]).normal  # refuses a zero normal
+    unit = Plane(coef[:3]).normal  # raises an error for a zero normal
     normal = rotation_matrix(np.array(orientation)) @ unit
     offset = normal @ np.array(position) - coef[3] / np.linalg.norm(coef[:3])
     return Plane(normal, offset, name, **dict(material))
@@ -326,7 +326,7 @@ def _plane(coef, position, orientation, name, material):
 
 @functools.lru_cache(maxsize=1024)
 def _solid(kind, size, position, orientation, name, material):
-    """Return an element of one of the exact kinds."""
+    """Return an element of an exact kind."""
     material = dict(material)
     if kind == SolidPrimitive.BOX:
         return Box(size, position, orientation, name, **material)

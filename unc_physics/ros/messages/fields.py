@@ -1,4 +1,4 @@
-"""Fields that many messages share: vectors, poses, arrays, durations, optional entries and results."""
+"""Fields common to many messages: vectors, poses, arrays, durations, optional entries and results."""
 
 from __future__ import annotations
 
@@ -51,12 +51,12 @@ def pose_message(position, q) -> Pose:
 
 
 def packed(numbers) -> packed_array:
-    """Return numbers for a field of variable length, which does not accept a NumPy array."""
+    """Return numbers for a field of variable length, which does not accept NumPy arrays."""
     return packed_array("d", np.ascontiguousarray(numbers, float).tobytes())
 
 
 def writable(a) -> np.ndarray:
-    """Return a copy: numba would compile every kernel once more for read-only arrays."""
+    """Return a writable copy; numba would compile each kernel again for read-only arrays."""
     return np.array(a)
 
 
@@ -79,7 +79,7 @@ def read_duration(message: Duration, field: str, error: type[UncPhysicsError] = 
     Raises
     ------
     UncPhysicsError
-        Of the given type, for a time below 0, and for a whole second or more among the nanoseconds.
+        Of the given type, for a negative time, or for nanoseconds of a second or more.
     """
     if message.nanosec >= _NANOSECONDS:
         raise error(f"must be below {_NANOSECONDS}", field=f"{field}.nanosec", value=message.nanosec)
@@ -104,7 +104,7 @@ def optional(values, field: str):
 
 
 def write_error(result: Result, error: Exception) -> None:
-    """Write an error as a request's result; any other class than `UncPhysicsError` is a fault of the node."""
+    """Write an error as a request's result; classes other than `UncPhysicsError` are faults of the node."""
     if isinstance(error, UncPhysicsError):
         result.error_code, result.error_msg = int(error.code), str(error)
     else:
@@ -113,5 +113,5 @@ def write_error(result: Result, error: Exception) -> None:
 
 
 def read_error(result: Result) -> UncPhysicsError:
-    """Return the error of a result; a result without one belongs to an empty answer, a fault of the node."""
+    """Return the error of a result; a missing error means an empty answer, a fault of the node."""
     return error_of(result.error_code or Result.INTERNAL, result.error_msg or "the answer is empty")

@@ -1,4 +1,4 @@
-"""Scenes in other frames than the world's, transformed by tf2 where it is installed."""
+"""Transforms of scenes from other frames to the world frame, by tf2 if installed."""
 
 from __future__ import annotations
 
@@ -21,15 +21,15 @@ from .scene import UNKNOWN
 
 
 class Frames:
-    """Transforms from other frames to the world frame by tf2.
+    """Transforms from other frames to the world frame, from tf2.
 
     Parameters
     ----------
     node : rclpy Node
     world_frame : str
     timeout : callable
-        Returns how long to wait for a missing transform [s]: perception is often a few milliseconds ahead of
-        the publishers of transforms.
+        Returns the time to wait for a missing transform [s]. Perception is often a few milliseconds ahead of
+        transforms.
     """
 
     def __init__(self, node, world_frame: str, timeout: Callable[[], float] = lambda: 0.0):
@@ -54,7 +54,7 @@ class Frames:
         Parameters
         ----------
         header : Header
-            Its frame may be empty, which means the world frame.
+            Header; an empty frame means the world frame.
 
         Raises
         ------
@@ -90,16 +90,16 @@ class Frames:
 
 
 class Transform(NamedTuple):
-    """A transform between two frames at rest; its methods return transformed copies of messages.
+    """Transform between two fixed frames; its methods return transformed copies of messages.
 
     Attributes
     ----------
     R : (3, 3) array
         Rotation.
     translation : (3,) array
-        Of the first frame's origin, in the second frame [m].
+        Position of the first frame's origin, in the second frame [m].
     q : tuple
-        The rotation as a quaternion (x, y, z, w).
+        Rotation as a quaternion (x, y, z, w).
     """
 
     R: np.ndarray
@@ -107,7 +107,7 @@ class Transform(NamedTuple):
     q: tuple[float, float, float, float]
 
     def scene(self, message):
-        """Return a Scene in the other frame; its header and the shared pose error stay as they are."""
+        """Return a Scene in the other frame; its header and the shared pose error do not change."""
         return Scene(
             header=message.header,
             objects=[self.object(state) for state in message.objects],
@@ -123,7 +123,7 @@ class Transform(NamedTuple):
         Notes
         -----
         Covariances are about fixed axes, so all blocks of pose and twist are rotated:
-        ``diag(R, R) C diag(R, R)^T``. Unknown ones stay unknown.
+        ``diag(R, R) C diag(R, R)^T``. Unknown covariances stay unknown.
         """
         result = copy.deepcopy(message)
         self._move(result.pose.pose)
@@ -159,7 +159,7 @@ class Transform(NamedTuple):
         return result
 
     def _rotated(self, entries, count):
-        """Return the rotated entries of a covariance of ``count`` vectors; other sizes are kept."""
+        """Return the rotated entries of a covariance of ``count`` vectors; keep other sizes unchanged."""
         size = 3 * count
         if len(entries) != size**2:
             return entries
@@ -168,7 +168,7 @@ class Transform(NamedTuple):
 
     def environment(self, message):
         """Return an Environment in the other frame."""
-        # one by one: elements may share a pose
+        # copied separately, as elements may share a pose
         elements = [copy.deepcopy(element) for element in message.elements]
         for element in elements:
             self._move(element.pose)
@@ -194,7 +194,7 @@ def _rotate(vector, R, translation=(0.0, 0.0, 0.0)):
 
 
 def _product(a, b):
-    """Hamilton product of a quaternion (x, y, z, w) and a quaternion message."""
+    """Return the Hamilton product of a quaternion (x, y, z, w) and a quaternion message."""
     ax, ay, az, aw = a
     return (
         aw * b.x + ax * b.w + ay * b.z - az * b.y,

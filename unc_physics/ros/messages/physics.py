@@ -1,4 +1,4 @@
-"""The physics of a request and of an answer as a Physics message."""
+"""Physics of requests and answers as Physics messages."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def read_physics(message: Physics, physics: dict) -> dict:
     Raises
     ------
     InvalidOptionError, NotFiniteError, InvalidRequestError
-        `Scene` checks the limits of the values; `physics_field` returns the message's names of its fields.
+        Limits of values are checked by `Scene`; `physics_field` returns the message's names of its fields.
     """
     if message.preset:
         physics = _at("preset", preset, message.preset)
@@ -39,12 +39,12 @@ def read_physics(message: Physics, physics: dict) -> dict:
 
 
 def physics_field(key: str) -> str:
-    """Return the message's name of a scene's field: the entry of an array, except for texts."""
+    """Return the message's name of a scene's field: an array entry, except for strings."""
     return key if key in ("preset", "integrator", "overlap") else f"{key}[0]"
 
 
 def physics_message(physics: dict) -> Physics:
-    """Return all values of a message from arguments of `Scene`; None and absent values become defaults."""
+    """Return a complete message from arguments of `Scene`; None and missing values become defaults."""
     physics = {key: value for key, value in physics.items() if value is not None}
     integrator = physics.get("integrator", "explicit")
     own = {"restitution": DEFAULT_RESTITUTION[integrator], "overlap": DEFAULT_OVERLAP[integrator]}
@@ -63,14 +63,14 @@ def physics_message(physics: dict) -> Physics:
 
 
 def _plain(key, value):
-    """Return a field's value as a scene file has it."""
+    """Return a field's value in the format of scene files."""
     if key == "gravity":
         return xyz(value)
     return AUTO if key == "stiffness" and value == Physics.STIFFNESS_AUTO else value
 
 
 def _at(field, function, *arguments):
-    """Call a function and let its errors name a field of the message."""
+    """Call a function and set the field of its errors to a field of the message."""
     try:
         return function(*arguments)
     except InvalidRequestError as error:

@@ -1,6 +1,6 @@
-"""MoveIt's planning scenes as scenes: collision objects as obstacles or objects, attached ones as attached.
+"""Conversion of MoveIt's planning scenes: collision objects become obstacles or objects.
 
-Nothing here needs ``moveit_msgs`` itself: whoever has a ``PlanningScene`` has it installed.
+This module does not import ``moveit_msgs``; callers that have a ``PlanningScene`` have it installed.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from ...checks.validation import array, positive, quaternion
 from ...spatial.rotation import rotation_matrix
 from .fields import pose_message, xyz, xyzw
 
-_ADD = 0, b"\x00"  # a byte is an int or bytes, by the version of ROS
+_ADD = 0, b"\x00"  # a byte is an int or bytes, depending on the ROS version
 #: A pose: rotation (3, 3), translation (3,), and the rotation as a quaternion (x, y, z, w).
 _Placed = tuple[np.ndarray, np.ndarray, np.ndarray]
 
@@ -38,40 +38,40 @@ def scene_of_planning_scene(
     planning_frame: str = "",
     ignore_octomap: bool = False,
 ) -> Scene:
-    """The scene that a ``moveit_msgs/PlanningScene`` describes, for a request.
+    """Return the scene of a ``moveit_msgs/PlanningScene``, for a request.
 
     Parameters
     ----------
     message : moveit_msgs/PlanningScene
-        A whole one, and no difference from another one.
+        Complete planning scene, not a difference.
     objects : mapping of str to float, optional
-        Ids of the collision objects that move, each with its mass [kg]; all others are obstacles.
+        Masses of the collision objects that move, by id [kg]; all others are obstacles.
     models : mapping of str to str, optional
-        Names of models that objects have in place of their collision shapes, by the objects' ids.
+        Model names that replace collision shapes, by object id.
     frames : mapping of str to Pose, optional
-        Poses of frames in the planning frame, beside the scene's own ``fixed_frame_transforms``: such as
-        those of links that objects are attached to, from tf.
+        Poses of frames in the planning frame, in addition to the scene's ``fixed_frame_transforms``. An
+        example is a link to which objects are attached, from tf.
     planning_frame : str
-        By default that of the fixed transforms, or else that of the first object; it becomes the frame of the
+        By default the frame of the fixed transforms, or else of the first object; it becomes the frame of the
         scene's header.
     ignore_octomap : bool
-        Whether an octomap is left out; otherwise it is refused.
+        Whether to ignore an octomap; otherwise it is an error.
 
     Returns
     -------
     unc_physics_msgs/Scene
-        Without covariances: all zeros, as the node reads them. Objects that are attached have their link's
-        name in ``attached_to``, and the mass in ``objects``, or else their ``weight``.
-        An obstacle of several shapes is several elements, ``id/0``, ``id/1`` and so on.
+        Scene without covariances, as zeros. Attached objects have their link's name in ``attached_to``, and
+        the mass of ``objects`` or else their ``weight``. An obstacle of several shapes becomes several
+        elements, ``id/0``, ``id/1`` and so on.
 
     Raises
     ------
     NotSupportedError
-        For a difference, an octomap, and an object that moves and has several shapes or a plane.
+        For a difference, an octomap, or a moving object with several shapes or a plane.
     UnknownFrameError
-        If a frame's pose is not known.
+        If a frame's pose is unknown.
     InvalidRequestError, InvalidMassError, InvalidOrientationError, NotFiniteError
-        For ids that are not there, lists of different lengths, and numbers out of range.
+        For unknown ids, lists of different lengths, and numbers out of range.
     """
     objects, models = dict(objects or {}), dict(models or {})
     if message.is_diff:
@@ -110,7 +110,7 @@ def scene_of_planning_scene(
 
 
 class _KnownFrames:
-    """Poses of frames in the planning frame."""
+    """Known poses of frames in the planning frame."""
 
     def __init__(self, planning_frame, transforms, poses):
         self._known: dict[str, _Placed] = {
@@ -125,7 +125,7 @@ class _KnownFrames:
             self._known[name] = _placed(pose, f"frames['{name}']")
 
     def of(self, header, field) -> _Placed:
-        """The pose of a header's frame."""
+        """Return the pose of a header's frame."""
         if header.frame_id not in self._known:
             raise UnknownFrameError(
                 "is no frame whose pose is known; give it in frames",
@@ -145,13 +145,13 @@ def _check_ids(world, attached, objects, models):
 
 
 def _shapes(own, field):
-    """What an object is made of: (name of the element's field, message, pose)."""
+    """Return the shapes of an object: (name of the element's field, message, pose)."""
     if own.operation not in _ADD:
         raise NotSupportedError("must be ADD", field=f"{field}.operation", value=own.operation)
     found = []
     for name, plural in (("primitive", "primitives"), ("mesh", "meshes"), ("plane", "planes")):
         shapes, poses = getattr(own, plural), getattr(own, f"{name}_poses")
-        if len(poses) not in (0, len(shapes)):  # MoveIt takes missing poses for the identity
+        if len(poses) not in (0, len(shapes)):  # MoveIt treats missing poses as the identity
             raise InvalidRequestError(
                 f"must be as many as {plural}, {len(shapes)}", field=f"{field}.{name}_poses", value=len(poses)
             )
@@ -163,7 +163,7 @@ def _shapes(own, field):
 
 
 def _object(own, frames, model, mass, field):
-    """An object that moves: of a model, or of its one shape."""
+    """Return a moving object, with a model or with its only shape."""
     state = ObjectState(id=own.id, mass=float(mass))
     place = _together(frames.of(own.header, field), _placed(own.pose, f"{field}.pose"))
     if model is not None:
@@ -184,7 +184,7 @@ def _object(own, frames, model, mass, field):
 
 
 def _elements(own, frames, field):
-    """The elements of an obstacle, one for each of its shapes."""
+    """Return the elements of an obstacle, one for each of its shapes."""
     shapes = _shapes(own, field)
     place = _together(frames.of(own.header, field), _placed(own.pose, f"{field}.pose"))
     elements = []
@@ -197,7 +197,7 @@ def _elements(own, frames, field):
 
 
 def _placed(pose, field) -> _Placed:
-    """A pose from its message; zeros for a quaternion mean no rotation, as in MoveIt."""
+    """Return a pose from its message; a zero quaternion means no rotation, as in MoveIt."""
     q = xyzw(pose.orientation)
     try:
         q = quaternion(q if any(q) else (0.0, 0.0, 0.0, 1.0), "orientation")
@@ -208,7 +208,7 @@ def _placed(pose, field) -> _Placed:
 
 
 def _together(one: _Placed, other: _Placed) -> _Placed:
-    """A pose that is given in another one's frame."""
+    """Return a pose given in the frame of another pose."""
     R, t, a = one
     b = other[2]
     xyz_part = a[3] * b[:3] + b[3] * a[:3] + np.cross(a[:3], b[:3])

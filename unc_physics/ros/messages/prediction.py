@@ -1,7 +1,7 @@
-"""A prediction: written by the node, read by the client.
+"""Prediction messages: written by the node, read by the client.
 
-A message gives the pose of a model's own origin and rotations about the fixed axes of the frame. A `Belief`
-gives the pose of the centre of mass and rotations on the body side; `spatial.origin` converts.
+Messages use the pose of a model's own origin and rotations about fixed axes of the frame. A `Belief` uses the
+centre of mass and body-frame rotations; `spatial.origin` converts.
 """
 
 from __future__ import annotations
@@ -62,11 +62,12 @@ from .physics import physics_message
 from .request import Job, Query, RequestedOutputs
 from .scene import joint_covariance_at_com, write_joint_covariance
 
-_SAME_START = 1e-9  # m, rad and their squares: a start that differs by less is the given belief
-_POSE_BLOCK = np.ix_(*[np.r_[ERR_POSITION, ERR_ROTATION]] * 2)  # of a covariance (12, 12)
-#: Measures that have their own fields in the message.
+_SAME_START = 1e-9  # m, rad and their squares: tolerance for the start to equal the given belief
+# indices of pose entries in a covariance (12, 12)
+_POSE_BLOCK = np.ix_(*[np.r_[ERR_POSITION, ERR_ROTATION]] * 2)
+#: Measures with their own fields in the message.
 _OVERLAP_FIELDS = ("overlap_share", "overlap_moved", "overlap_kept")
-#: Most states of one object that are assessed one by one, as documented in the message.
+#: Most states of one object that are assessed separately, as documented in the message.
 ASSESSED_STATES = 16
 MARGINALS_ONLY = RequestedOutputs()
 
@@ -78,11 +79,11 @@ def write_answer(message: PredictionMessage, header: Header, settings, job: Job,
     ----------
     message : unc_physics_msgs/Prediction
     header : Header
-        Its stamp is written, with the world frame.
+        Header whose stamp is written, with the world frame.
     settings : Settings
     job : Job
     prediction : Prediction
-        It may end before the horizon.
+        Prediction, which may end before the horizon.
 
     Raises
     ------
@@ -137,7 +138,7 @@ def write_prediction(scene, models, times, beliefs, samples=None, outputs=MARGIN
     Returns
     -------
     objects : list of PredictedObject
-        In the scene's order.
+        In the order of the scene.
     joint_covariances : list of JointCovariance
         One for each time, if requested.
 
@@ -200,15 +201,15 @@ def write_statuses(message, prediction, rollouts) -> None:
     Parameters
     ----------
     message : unc_physics_msgs/Prediction
-        With its objects and their states.
+        Message with its objects and their states.
     prediction : Prediction
     rollouts : int
         Number of rollouts that check the spread of propagators with a single nominal rollout.
 
     Notes
     -----
-    Of more than `ASSESSED_STATES` states as many are assessed, evenly spread and including the last one. The
-    states before an assessed one share its flags.
+    Of more than `ASSESSED_STATES` states, that many are assessed, evenly spaced and including the last one.
+    The states before an assessed one share its flags.
     """
     count = len(prediction.times)
     parts = min(count, ASSESSED_STATES)
@@ -220,7 +221,7 @@ def write_statuses(message, prediction, rollouts) -> None:
             for state in predicted.states[begin:end]:
                 state.status = int(status.flags)
         begin = end
-    for predicted, status in zip(message.objects, statuses, strict=True):  # of the last time
+    for predicted, status in zip(message.objects, statuses, strict=True):  # statuses of the last time
         predicted.status, predicted.status_msg = int(status.flags), status.message
         predicted.status_values = [
             KeyValue(key=key, value=f"{value:.6g}") for key, value in status.measures.items()
@@ -230,7 +231,7 @@ def write_statuses(message, prediction, rollouts) -> None:
 
 
 def write_probabilities(message: Any, prediction: Prediction, events: Iterable[Event]) -> None:
-    """Write the probabilities of `Job.events` into a `Prediction` message with its objects."""
+    """Write the probabilities of `Job.events` into a `Prediction` message that has its objects."""
     time = duration(prediction.time)
     by_id = {predicted.id: predicted for predicted in message.objects}
     fields = {kind: field for field, kind in OF_BODY.items()}
@@ -272,8 +273,8 @@ def read_answer(result: Result, message: PredictionMessage, query: Query) -> Pre
     Raises
     ------
     UncPhysicsError
-        The node's error, of the class that the library raises and with the node's message. Its ``prediction``
-        is the prediction until then.
+        The node's error with its message, of the class that the library raises. Its ``prediction`` ends at
+        the time reached.
     """
     prediction = _prediction(message, query) if message.objects else None
     if result.error_code != Result.NONE or prediction is None:
@@ -286,7 +287,7 @@ def read_answer(result: Result, message: PredictionMessage, query: Query) -> Pre
 def read_probabilities(
     message: Any, scene: Scene, regions: Iterable[BoxRegion]
 ) -> tuple[dict[Event, Probability], dict[Event, ContactTime]]:
-    """Return the probabilities of a `Prediction` message about a scene by their events, and contact times."""
+    """Return the probabilities and contact times in a `Prediction` message about a scene, by event."""
     found: dict[Event, Any] = {}
     times: dict[Event, ContactTime] = {}
     by_name = {region.name: region for region in regions}
@@ -307,7 +308,7 @@ def read_probabilities(
 
 
 def read_probability(message: ProbabilityMessage, rollouts: int) -> Probability:
-    """Return the probability of a message from a node that simulated so many rollouts."""
+    """Return the probability in a message of a node that simulated ``rollouts`` rollouts."""
     return Probability(message.probability, message.low, message.high, "node", rollouts)
 
 
@@ -318,7 +319,7 @@ def _drawn(job, prediction):
         return None
     if isinstance(job.propagator, Samples):
         return [snapshot.samples[:count] for snapshot in prediction.snapshots]
-    # the same normal numbers at every time, so that an entry is one sample over time
+    # equal normal numbers at every time, so that an entry is one sample over time
     return [belief.sample(count, np.random.default_rng(job.seed)) for belief in prediction.beliefs]
 
 
@@ -342,7 +343,7 @@ def _write_pose(message, mean, P, body):
 
 
 def _write_state(message, mean, P, origin):
-    """Write a body's mean (13,) and covariance (12, 12); the covariance (12, 12) at the model's origin."""
+    """Write a body's mean (13,) and covariance (12, 12); return the covariance at the model's origin."""
     state, P, message.pose.covariance, message.twist.covariance = _at_origin(mean, P, origin)
     numbers, twist = state.tolist(), message.twist.twist
     _fill_pose(message.pose.pose, numbers)
@@ -352,7 +353,7 @@ def _write_state(message, mean, P, origin):
 
 
 def _at_origin(mean, P, origin):
-    """Return state (13,) and covariance (12, 12) at the model's origin, and those (36,) of pose and twist."""
+    """Return state (13,) and covariance (12, 12) at the model's origin, and its two parts (36,)."""
     *found, finite = at_origin(mean, P, origin)
     if not finite:
         raise DivergedError("left the range of numbers", field="prediction")
@@ -412,8 +413,8 @@ def _time_of(state, query):
 def _received(message, query, belief, k):
     """Return statuses, modes and probabilities of the k-th state.
 
-    Only the last state has modes, probabilities, and measures and messages of statuses. The velocities of
-    several modes are NaN, as messages hold their poses alone.
+    Only the last state has modes, probabilities, and measures and messages of statuses. Messages hold only
+    the poses of several modes, so their velocities are NaN.
     """
     statuses = tuple(_status(predicted, k) for predicted in message.objects)
     if k < len(message.objects[0].states) - 1:
@@ -442,7 +443,7 @@ def _status(predicted: Any, k: int):
 
 
 def _start(message, query):
-    """Return the belief at time 0; its velocities are the given ones, as messages hold poses alone."""
+    """Return the belief at time 0; messages hold only poses, so velocities are the given ones."""
     scene, given = query.scene, query.belief
     mean, blocks = np.array(given.mean), np.array(given.blocks)
     for b, predicted in enumerate(message.objects):
@@ -485,7 +486,7 @@ def _mean(message: PredictedState, origin):
 
 
 def _mode(message, origin):
-    """Return one of several modes; entries of velocities are NaN."""
+    """Return one of several modes; its velocity entries are NaN."""
     state, C = np.zeros(STATE), np.full((ERROR, ERROR), math.nan)
     _read_pose(message.pose.pose, state)
     state = moved(state, origin, -1.0)
@@ -508,7 +509,7 @@ def _pose_covariance(message, state, origin):
 def _samples(objects, scene, k):
     """Return the samples (n, B, 13) of the k-th state, at the centres of mass.
 
-    Velocities are NaN for free bodies and 0 for the others.
+    Velocities are NaN for free bodies and 0 for other bodies.
     """
     states = np.full((len(objects[0].states[k].pose_samples), len(objects), STATE), math.nan)
     for b, predicted in enumerate(objects):

@@ -1,4 +1,4 @@
-"""Candidates of a request and the score that ranks them."""
+"""Candidates of a request, and the score that ranks them."""
 
 from __future__ import annotations
 
@@ -26,15 +26,15 @@ from .scene import write_object
 
 
 class _Kind(NamedTuple):
-    """How a Score message represents a kind of event.
+    """Representation of a kind of event in a Score message.
 
     Attributes
     ----------
     quantity : int
     other : str
-        Attribute of the event in the message's field ``other``; empty if that is empty.
+        Attribute of the event in the message's field ``other``; empty if the field is empty.
     fixed : tuple of str
-        Attributes that have no field, so that the node takes their defaults.
+        Attributes without a field, for which the node uses defaults.
     """
 
     quantity: int
@@ -54,27 +54,27 @@ _MAX_SCORES = 8
 
 
 class ReadScore(NamedTuple):
-    """An event, and whether the candidate with its smallest probability comes first."""
+    """Event, and whether the candidate with the smallest probability comes first."""
 
     event: Event
     smallest_first: bool
 
 
 def read_score(messages: Sequence, regions: Sequence[BoxRegion], scene: Scene) -> ReadScore:
-    """Return the event that some messages describe together.
+    """Return the event that several messages describe together.
 
     Parameters
     ----------
     messages : sequence of unc_physics_msgs/Score
         At least one.
     regions : sequence of BoxRegion
-        Of the request.
+        Regions of the request.
     scene : Scene
 
     Raises
     ------
     InvalidRequestError
-        If there are too many, or if one has an unknown quantity, or a name that is not in the request.
+        If there are too many messages, an unknown quantity, or a name that is not in the request.
     """
     if len(messages) > _MAX_SCORES:
         raise InvalidRequestError(
@@ -96,7 +96,7 @@ def read_score(messages: Sequence, regions: Sequence[BoxRegion], scene: Scene) -
 
 
 def write_score(event: Event, smallest_first: bool) -> tuple[list[Score], list[Inside]]:
-    """Return the messages that describe an event, and the parts of it that are about regions.
+    """Return the messages that describe an event, and its parts that concern regions.
 
     Raises
     ------
@@ -162,7 +162,7 @@ def _read_event(message, field, regions):
 def changed_objects(
     base: Query, changed: Query, model_info: Callable[[str], ModelInfo], field: str
 ) -> list[ObjectState]:
-    """Return the messages of the objects that differ from those of the base query.
+    """Return the messages of objects that differ from the base query's objects.
 
     Parameters
     ----------
@@ -198,14 +198,14 @@ def changed_objects(
 
 
 def write_ranked_action(entry: CandidatePrediction, action: RankedAction) -> None:
-    """Write the place of an action in a ranking into a candidate's entry."""
+    """Write a ranked action into a candidate's entry."""
     entry.score = write_probability(action.score)
     entry.difference, entry.difference_std = action.difference.value, action.difference.std
     entry.clearly_worse = action.clearly_worse
 
 
 def read_candidate(entry: CandidatePrediction, query: Query, noun: str = "candidate") -> Prediction:
-    """Return the prediction of a candidate's entry; its errors name the candidate, as ``noun``."""
+    """Return the prediction of a candidate's entry; errors name the candidate, as ``noun``."""
     try:
         return read_answer(entry.result, entry.prediction, query)
     except UncPhysicsError as error:
@@ -222,7 +222,7 @@ def read_ranking(
     Raises
     ------
     UncPhysicsError
-        The node's error, or the error of the first candidate that has one.
+        The node's error, or the first error of a candidate.
     """
     if answer.result.error_code != Result.NONE or not answer.predictions:
         raise read_error(answer.result)
@@ -264,6 +264,6 @@ def read_ranking(
 
 
 def _equal(one, other):
-    """Return whether two values of a key of the physics are the same."""
+    """Return whether two values of a key of the physics are equal."""
     same = one == other
     return same if isinstance(same, bool) else bool(same.all())

@@ -1,4 +1,4 @@
-"""A prediction request: checked and read by the node, written by the client."""
+"""Prediction requests: checked and read by the node, written by the client."""
 
 from __future__ import annotations
 
@@ -40,29 +40,29 @@ from .frames import Frames
 from .physics import physics_message, read_physics
 from .scene import SceneLimits, read_scene, write_scene
 
-_STATE_BYTES = 800  # of a PredictedState without its optional parts
-_START_BYTES = 350  # of an object's start
+_STATE_BYTES = 800  # size of a PredictedState without optional parts
+_START_BYTES = 350  # size of an object's start
 _POSE_BYTES = 56
 _PROBABILITY_BYTES = 100
 _NUMBER_BYTES = 8
-#: Options of the anytime propagator by the fields of a request.
+#: Options of the anytime propagator for fields of a request.
 _TARGETS = {
     "wanted_position_error": "position_error",
     "wanted_rotation_error": "rotation_error",
     "wanted_probability_error": "probability_error",
 }
-_SEED_BITS = 53  # integers that JavaScript and MATLAB clients represent exactly
+_SEED_BITS = 53  # largest integers that JavaScript and MATLAB clients represent exactly
 
 
 class RequestedOutputs(NamedTuple):
-    """Outputs of a prediction besides means and marginal covariances; each has a field ``return_<name>``.
+    """Requested outputs besides means and marginal covariances; each has a field ``return_<name>``.
 
     Attributes
     ----------
     covariance, joint_covariance : bool
-        Each object's whole covariance; that of all moving objects together.
+        Complete covariance of each object; joint covariance of all moving objects.
     probabilities : bool
-        Those of contact, rest, uprightness and falls.
+        Probabilities of contact, rest, uprightness and falls.
     modes : bool
         Split outcomes as weighted Gaussians.
     """
@@ -83,7 +83,7 @@ class RequestedOutputs(NamedTuple):
 
 
 class Job(NamedTuple):
-    """A checked request in terms of the core.
+    """Checked request, in the core's types.
 
     Attributes
     ----------
@@ -105,7 +105,7 @@ class Job(NamedTuple):
     zeros_replaced : bool
         Whether a covariance of zeros was read as unknown.
     skipped : dict of str
-        Reasons of left-out objects, by their ids.
+        Reasons of omitted objects, by id.
     """
 
     scene: Scene
@@ -124,7 +124,7 @@ class Job(NamedTuple):
 
     @property
     def events(self) -> list[Event]:
-        """The events whose probabilities the answer holds; those of regions always."""
+        """Events whose probabilities are in the answer; events of regions are always included."""
         bodies = moving_names(self.scene)
         found: list[Event] = [Inside(name, region) for region in self.regions for name in bodies]
         if self.outputs.probabilities:
@@ -135,15 +135,15 @@ class Job(NamedTuple):
     def run(
         self, progress: Callable[[int, int], object] | None = None, max_flight_steps: float = math.inf
     ) -> Prediction:
-        """Predict.
+        """Run the prediction.
 
         Parameters
         ----------
         progress : callable, optional
             As in `predict`.
         max_flight_steps : float
-            Largest number of time steps, times the moving bodies, for which the closed-form flight up to the
-            first contact bounds probabilities.
+            Largest number of time steps times moving bodies for which probabilities are bounded by the
+            closed-form flight up to the first contact.
 
         Raises
         ------
@@ -199,7 +199,7 @@ def read_request(
     Raises
     ------
     UncPhysicsError
-        One of its kinds, naming the field and the value.
+        A subclass that names field and value.
     """
     message, regions = request.scene, request.regions
     transform = frames.to_world(message.header)
@@ -210,7 +210,7 @@ def read_request(
     options = _options(request.propagator_options)
     name = _add_targets(options, request)
     propagator = _propagator(name, options, request.samples, seed, settings)
-    # other methods handle bodies separately anyway, and an anytime method adds rollouts for all bodies
+    # other methods treat bodies separately, and an anytime method adds rollouts for all bodies
     divisible = isinstance(propagator, Islands) and not isinstance(propagator, Anytime)
     islands = settings.islands and propagator.traits.cross_body and divisible
     read = read_scene(
@@ -246,7 +246,7 @@ def read_request(
 
 @dataclass(frozen=True, eq=False)
 class Query:
-    """A client's arguments of `predict`, checked.
+    """Checked arguments of a client's `predict`.
 
     Attributes
     ----------
@@ -299,7 +299,7 @@ def write_request(query: Query, model_info: Callable[[str], ModelInfo]) -> Predi
 
 
 def _options(pairs):
-    """Return options as texts by their keys."""
+    """Return options as strings by key."""
     options = {}
     for k, pair in enumerate(pairs):
         if not pair.key:
@@ -338,7 +338,7 @@ def _regions(messages, settings):
 
 
 def _with_common_error(belief, message, transform):
-    """Return the belief with the pose error that all moving objects share, given in the header's frame."""
+    """Return the belief with the pose error shared by all moving objects, given in the header's frame."""
     origin, axes = array(xyz(message.common_pose_origin), (3,), "common_pose_origin"), None
     if transform is not None:
         origin, axes = transform.R @ origin + transform.translation, transform.R
@@ -378,7 +378,7 @@ def _times(request, horizon, scene, settings):
 
 
 def _propagator(name, options, samples, seed, settings):
-    """Return the requested propagator; a default above the node's limit is lowered to it."""
+    """Return the requested propagator; a default above the node's limit is reduced to it."""
     if samples > settings.max_samples:
         raise LimitExceededError(f"must be at most {settings.max_samples}", field="samples", value=samples)
     propagator = propagator_from_texts(name or settings.default_propagator, options, samples or None, seed)
@@ -399,7 +399,7 @@ def _computation_time(value, limit):
 
 
 def _check_answer(job, settings):
-    """Refuse an answer that the propagator does not have, or that is too large."""
+    """Raise an error for an answer that the propagator does not have, or that is too large."""
     if job.outputs.joint_covariance and not job.propagator.traits.cross_body:
         raise NotSupportedError(
             f"has no answer from {job.propagator.name}, which keeps no correlations between objects",

@@ -1,7 +1,7 @@
-"""A scene and the belief about it.
+"""Scene messages, with the belief about the scene.
 
-A message gives the pose of a model's own origin and rotations about the fixed axes of the frame. A `Belief`
-gives the pose of the centre of mass and rotations on the body side; `spatial.origin` converts.
+Messages use the pose of a model's own origin and rotations about fixed axes of the frame. A `Belief` uses the
+centre of mass and body-frame rotations; `spatial.origin` converts.
 """
 
 from __future__ import annotations
@@ -60,13 +60,13 @@ from .environment import (
 from .fields import optional, packed, pose_message, vector_message, writable, xyz, xyzw
 from .physics import physics_field
 
-#: First entry of a covariance that is not known, as in sensor_msgs/Imu.
+#: First entry of an unknown covariance, as in sensor_msgs/Imu.
 UNKNOWN = -1.0
 _AT_REST = 0.0, 0.0, 0.0
 _EXACT = 0.0, (0.0, 0.0, 0.0)  # standard deviations of mass and centre of mass
 _KINDS = ObjectState.DYNAMIC, ObjectState.FIXED, ObjectState.PRESCRIBED
-_ROUND_OFF = 1e-6  # of a quaternion's length, from single precision at worst
-_SCALE_ROUND_OFF = 1e-13  # relative, of a ratio of two radii
+_ROUND_OFF = 1e-6  # tolerance of a quaternion's length, for single precision
+_SCALE_ROUND_OFF = 1e-13  # relative round-off of a ratio of two radii
 
 
 class CovarianceDefaults(NamedTuple):
@@ -75,9 +75,9 @@ class CovarianceDefaults(NamedTuple):
     Attributes
     ----------
     pose, twist : (6, 6) array
-        Replace an unknown covariance; in the order and frame of the messages, at the model's origin.
+        Defaults of unknown covariances, in the order and frame of messages, at the model's origin.
     zero_is_exact : bool
-        Whether zeros mean exactly known; otherwise they mean unknown.
+        Whether zeros mean exact; otherwise they mean unknown.
     """
 
     pose: np.ndarray
@@ -86,7 +86,7 @@ class CovarianceDefaults(NamedTuple):
 
     @classmethod
     def from_stds(cls, position, orientation, linear_velocity, angular_velocity, zero_is_exact):
-        """Return the defaults of standard deviations [m, rad, m/s, rad/s], equal along all axes."""
+        """Return defaults from standard deviations [m, rad, m/s, rad/s], equal along all axes."""
         pose = np.diag(np.repeat([position, orientation], 3) ** 2)
         twist = np.diag(np.repeat([linear_velocity, angular_velocity], 3) ** 2)
         return cls(pose, twist, zero_is_exact)
@@ -96,18 +96,18 @@ EXACT = CovarianceDefaults.from_stds(0.0, 0.0, 0.0, 0.0, zero_is_exact=True)
 
 
 class ReadScene(NamedTuple):
-    """A scene, the belief about it, and notes about the message that they were read from.
+    """Scene and belief of a message, and notes about its conversion.
 
     Attributes
     ----------
     scene : Scene
     belief : Belief
     models : tuple of str
-        Each object's model, by the name that the message gives.
+        Name of each object's model in the message.
     zeros_replaced : bool
         Whether a covariance of zeros was read as unknown.
     skipped : dict of str
-        Ids of the objects that were left out, and why.
+        Reasons of omitted objects, by id.
     """
 
     scene: Scene
@@ -138,7 +138,7 @@ def read_scene(
     fields=None,
     skip_unknown_models=False,
 ) -> ReadScene:
-    """Return the scene and the belief of a message, without the pose error that all objects share.
+    """Return the scene and the belief of a message, without the shared pose error.
 
     Parameters
     ----------
@@ -152,12 +152,12 @@ def read_scene(
     fields : sequence of str, optional
         Name of each object in error messages; by default ``scene.objects[0]`` and so on.
     skip_unknown_models : bool
-        Whether objects whose model is unknown are left out.
+        Whether objects with an unknown model are omitted.
 
     Raises
     ------
     UncPhysicsError
-        One of its kinds, naming the field as in a `PredictionRequest` and the value.
+        A subclass that names the value, and the field as in a `PredictionRequest`.
     """
     objects = message.objects
     if len(objects) == 0:
@@ -192,10 +192,10 @@ def read_scene(
     constants = tuple((key, _hashable(physics[key])) for key in sorted(physics))
     try:
         scene = _scene(bodies, elements, constants)
-    except UncPhysicsError as error:  # the node's own parameters fit together
+    except UncPhysicsError as error:  # the node's own parameters are consistent
         field = _in_message(error.field or "scene", fields)
         problem = error.problem
-        if field.startswith("physics."):  # an absent value is the node's parameter
+        if field.startswith("physics."):  # a missing value is the node's parameter
             problem = problem.removesuffix(" or absent")
         kind = InvalidOptionError if isinstance(error, InvalidRequestError) else type(error)
         raise kind(problem, field=field, value=error.value) from None
@@ -217,12 +217,12 @@ def write_scene(scene: Scene, belief: Belief, model_info: Callable[[str], ModelI
     scene : Scene
     belief : Belief
     model_info : callable
-        Returns the node's `ModelInfo` of a model's name; raises `UnknownModelError`.
+        Returns the node's `ModelInfo` of a model by name; raises `UnknownModelError`.
 
     Raises
     ------
     UnknownModelError, InvalidModelError
-        If the node does not have a body's model, or another one under its name.
+        If the node does not have a body's model, or has a different model with its name.
     NotSupportedError
         If messages have no field for an element of the environment.
     """
@@ -240,7 +240,7 @@ def write_scene(scene: Scene, belief: Belief, model_info: Callable[[str], ModelI
 
 
 def write_object(scene: Scene, belief: Belief, b: int, model_info: Callable[[str], ModelInfo]) -> ObjectState:
-    """Return the message of body ``b``; raises as `write_scene`."""
+    """Return the message of body ``b``; errors are as in `write_scene`."""
     body: RigidBody = scene.bodies[b]
     state, C, *_ = at_origin(
         writable(belief.mean[b]), writable(belief.marginal(b)), writable(body.model.origin)
@@ -274,7 +274,7 @@ def scale_of(packing: SpherePacking, info: ModelInfo, field: str) -> float:
     Raises
     ------
     InvalidModelError
-        If they differ in more than their size, or the node's model is not ready.
+        If they differ in more than size, or the node's model is not ready.
     """
     if info.status != ModelInfo.STATUS_READY:
         raise InvalidModelError(f"is not ready: {info.status_msg}", field=field, value=packing.name)
@@ -304,7 +304,7 @@ def scale_of(packing: SpherePacking, info: ModelInfo, field: str) -> float:
 
 
 def write_joint_covariance(scene: Scene, belief: Belief) -> JointCovariance:
-    """Return the covariance of all M moving bodies, (12 M, 12 M), at the origins of their models."""
+    """Return the covariance of all M moving bodies, (12 M, 12 M), at their model origins."""
     bodies = [(b, scene.bodies[b]) for b in scene.moving.tolist()]
     maps = [error_map(writable(belief.mean[b]), writable(body.model.origin)) for b, body in bodies]
     C = congruent(_block_diagonal(maps), writable(belief.joint))
@@ -320,7 +320,7 @@ def joint_covariance_at_com(scene: Scene, mean: np.ndarray, C: np.ndarray) -> np
     mean : (B, 13) array
         States at the centres of mass.
     C : (12 M, 12 M) array
-        The covariance at the origins of the models, as in messages.
+        Covariance at the model origins, as in messages.
     """
     moving = scene.moving.tolist()
     maps = [inverse_error_map(mean[b], writable(scene.bodies[b].model.origin)) for b in moving]
@@ -337,7 +337,7 @@ def _block_diagonal(blocks: Sequence[np.ndarray]) -> np.ndarray:
 
 
 def _checked_ids(objects, fields, elements):
-    """Return the objects' ids; they must differ from each other and from the elements'."""
+    """Return the objects' ids; raise an error if they repeat, also among elements."""
     names = set()
     for message, field in zip(objects, fields, strict=True):
         if not isinstance(message.id, str) or not message.id:
@@ -355,7 +355,7 @@ def _checked_ids(objects, fields, elements):
 
 
 def _in_message(field, fields):
-    """Return the message's name of a scene's field, of a body, an element or the physics."""
+    """Return the message's name of a field of a body, an element or the physics."""
     if found := re.fullmatch(r"bodies\[(\d+)\]\.(\w+)", field):
         place, name = fields[int(found[1])], found[2]
     elif found := re.fullmatch(r"environment\[(\d+)\]\.(\w+)", field):
@@ -367,14 +367,14 @@ def _in_message(field, fields):
 
 @functools.lru_cache(maxsize=1024)
 def _rigid_body(*arguments):
-    """Return the same body for equal arguments, so that `_scene` recognizes a repeated scene."""
+    """Return a cached body for equal arguments, so that `_scene` recognizes a repeated scene."""
     *others, named = arguments
     return RigidBody(*others, **dict(named))
 
 
 @functools.lru_cache(maxsize=32)
 def _scene(bodies, elements, physics):
-    """Return the same scene for equal arguments: it holds the arrays that the kernels take."""
+    """Return a cached scene for equal arguments; it holds the kernels' arrays."""
     return Scene(bodies, environment=elements, **dict(physics))
 
 
@@ -383,7 +383,7 @@ def _hashable(value):
 
 
 def _fixed(element):
-    """Return the same as `_body`, of a packed element."""
+    """Return the result of `_body` for a packed element."""
     at_origin = np.zeros(STATE)
     at_origin[POSITION], at_origin[QUATERNION] = element.position, element.orientation
     body = element.name, element.model, 1.0, True, *_EXACT, False, None, None, element.material
@@ -407,9 +407,7 @@ def _shape(message, library, max_spheres, wait):
 
 
 def _body(message, field, library, covariance_defaults, max_spheres, wait=True):
-    """Return the arguments of a body, its state (13,) and covariance (12, 12), and whether zeros were read as
-    unknown.
-    """
+    """Return a body's arguments, state (13,), covariance (12, 12), and whether zeros were read as unknown."""
     fixed = _is_fixed(message, field)
     try:
         model = _shape(message, library, max_spheres, wait)
@@ -441,7 +439,7 @@ def _body(message, field, library, covariance_defaults, max_spheres, wait=True):
 
 
 def _inertia(message, field):
-    """Return the inertia per unit mass as rows of tuples; None, the model's, for an empty field or zeros."""
+    """Return the inertia per unit mass as nested tuples; None, for the model's, if empty or zero."""
     if not any(message.inertia):
         return None
     rows = array(message.inertia, (9,), field).reshape(3, 3).tolist()
@@ -449,7 +447,7 @@ def _inertia(message, field):
 
 
 def _is_fixed(message, field):
-    """Return whether an object is fixed; its kind must be known."""
+    """Return whether an object is fixed; raise an error for an unknown kind."""
     if message.kind not in _KINDS:
         raise InvalidRequestError(
             "must be DYNAMIC, FIXED or PRESCRIBED", field=f"{field}.kind", value=message.kind
@@ -487,7 +485,7 @@ def _joint_covariance(message, scene, mean, known):
     scene : Scene
     mean : (B, 13) array
     known : set of str
-        Ids of all objects of the request, also of those left out of the scene.
+        Ids of all objects of the request, including omitted ones.
     """
     place = "scene.joint_covariance[0]"
     ids = list(message.object_ids)
@@ -533,7 +531,7 @@ def _state(message, field, fixed):
         length, fine = 0.0, False
     if fine and abs(length - 1.0) < _ROUND_OFF:
         q = [component / length for component in q]
-    else:  # one by one, to name the invalid field
+    else:  # checked separately, to name the invalid field
         q = quaternion(q, f"{field}.pose.pose.orientation")
         position = point(position, f"{field}.pose.pose.position")
         v, w = array(v, (3,), f"{field}.twist.twist.linear"), array(w, (3,), f"{field}.twist.twist.angular")
@@ -581,7 +579,7 @@ def _known_covariance(values, field, unknown, zero_is_exact):
 def _checked(entries, field):
     """Return the covariance of 6 or 12 errors from the bytes of its entries; None if it is unknown.
 
-    It is cached, as clients send equal covariances repeatedly.
+    It is cached, as clients often repeat equal covariances.
     """
     flat = np.frombuffer(entries)
     size = math.isqrt(len(flat))
