@@ -154,7 +154,7 @@ endef
 export COMPILE
 
 $(MADE)/kernels: $(MADE)/run
-	@echo "[4] Compiling the kernels: one to two minutes ..."
+	@echo "[4] Compiling the kernels: one to three minutes ..."
 	@$(VENV_PYTHON) -c "$$COMPILE"
 	@touch $@
 

@@ -29,7 +29,7 @@ from .demo_scene import HORIZON, PERIOD, table_scene
 
 NODE = "unc_physics_demo"
 TRUTH = 2000  # samples
-METHODS = (  # name, and the number of samples if given
+METHODS: tuple[tuple[str, int | None], ...] = (  # name, and the number of samples if given
     (ANYTIME, None),
     (REFERENCE, 32),
     (REFERENCE, 200),
@@ -65,7 +65,7 @@ def main(arguments=None) -> int:
         print(f"demo: {error}", file=sys.stderr)
         return int(error.code)
     os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
-    print(f"Starting the node /{NODE}; a first start compiles for one to two minutes ...", flush=True)
+    print(f"Starting the node /{NODE}; a first start compiles for one to three minutes ...", flush=True)
     with tempfile.TemporaryFile("w+") as log:
         node = subprocess.Popen(node_command(), stdout=log, stderr=subprocess.STDOUT)
         status = 1
@@ -111,11 +111,12 @@ def ask() -> Iterator[Answer]:
         If the node does not answer.
     """
     scene, belief = table_scene()
-    times = np.arange(1, round(HORIZON / PERIOD) + 1) * PERIOD
+    times = (np.arange(1, round(HORIZON / PERIOD) + 1) * PERIOD).tolist()
     with Client(server=f"/{NODE}", timeout=_START_TIMEOUT) as client:
         client.capabilities()  # returns when the node is ready
         print("The node is ready. Predicting:", flush=True)
-        for name, samples, seed in (*((*method, SEED) for method in METHODS), (REFERENCE, TRUTH, TRUTH_SEED)):
+        asked = [(*method, SEED) for method in METHODS]
+        for name, samples, seed in [*asked, (REFERENCE, TRUTH, TRUTH_SEED)]:
             started = time.perf_counter()
             prediction = client.predict(
                 scene,

@@ -32,7 +32,8 @@ class DemoStream(Node):
         self._publisher = self.create_publisher(Scene, "/unc_physics/scene", qos_profile_sensor_data)
         self._start = self.get_clock().now()
         self._message = write_scene(*table_scene(), lambda name: packing_info(load_model(name), name))
-        place = self._message.objects[1].pose.pose.position
+        _, self._can = self._message.objects
+        place = self._can.pose.pose.position
         self._height, self._place = place.z, place.x
         self.create_timer(1.0 / RATE, self._publish)
 
@@ -40,7 +41,7 @@ class DemoStream(Node):
         now = self.get_clock().now()
         elapsed = (1e-9 * (now - self._start).nanoseconds) % ROUND
         self._message.header.stamp = now.to_msg()
-        can = self._message.objects[1]
+        can = self._can
         can.pose.pose.position.x = self._place + elapsed * can.twist.twist.linear.x
         can.pose.pose.position.z = self._height - 0.5 * _GRAVITY * elapsed**2
         can.twist.twist.linear.z = -_GRAVITY * elapsed
