@@ -1,1 +1,1 @@
-"""What other programs' description files, URDF and SDF, say of bodies and of their surroundings."""
+"""Bodies and environments from URDF and SDF description files."""

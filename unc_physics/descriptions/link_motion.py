@@ -1,4 +1,4 @@
-"""A robot's links as they move along a trajectory of its joints."""
+"""Motion of a robot's links along a joint trajectory."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ from .link_solid import packed_link
 from .reading import require_libraries
 from .world import WorldDescription, quaternion_of
 
-_MOMENT = 1e-3  # s, between the two poses of what stands still
-_STILL = 1e-9  # m and of a quaternion
+_MOMENT = 1e-3  # s, between the two poses of a link that stands still
+_STILL = 1e-9  # tolerance of a pose that stands still, in m and for quaternions
 
 
 def link_motions(
@@ -35,39 +35,39 @@ def link_motions(
     base_orientation: ArrayLike = (0.0, 0.0, 0.0, 1.0),
     period: float | None = 0.02,
 ) -> dict[str, PosePath]:
-    """Move a robot's joints along a trajectory, and tell where its links are on the way.
+    """Compute the motion of a robot's links along a joint trajectory.
 
-    The fields of a ``trajectory_msgs/JointTrajectory`` are what it takes: ``joint_names``, and the points'
+    The arguments are fields of a ``trajectory_msgs/JointTrajectory``: ``joint_names``, and the points'
     ``time_from_start`` and ``positions``. Joints that are not named stay at 0.
 
     Parameters
     ----------
     path : path-like
-        The robot's URDF.
+        URDF of the robot.
     joint_names : sequence of str
     times : (n,) array
-        Of the trajectory's points, from its start [s], ascending.
+        Times of the trajectory's points from its start [s], ascending.
     positions : (n, joints) array
         [rad], or [m] for prismatic joints.
     links : sequence of str, optional
-        Those that are wanted; by default all that have a shape.
+        Names of the links; by default all links with a shape.
     base_position : (3,) array
-        Of the robot's root, world frame [m].
+        Position of the robot's root, world frame [m].
     base_orientation : (4,) array
         Quaternion (x, y, z, w) of ``R_world_base``.
     period : float, optional
-        Longest time between poses [s]: links on a turning joint move along arcs, so poses are told between
-        the trajectory's points, too, with joints on straight lines. None tells those at the points alone.
+        Longest time between poses [s]. Links on a revolute joint move along arcs, so poses are added between
+        the trajectory's points, with linear interpolation of joints. None adds no poses.
 
     Returns
     -------
     dict of str to PosePath
-        Of each link's own origin, by the links' names.
+        Path of each link's origin, by link name.
 
     Raises
     ------
     InvalidRequestError
-        For a joint or link that the robot does not have, and arrays of other shapes.
+        For unknown joints or links, and arrays with wrong shapes.
     InvalidHorizonError
         If times do not ascend.
     NotSupportedError
@@ -100,7 +100,7 @@ def link_motions(
 
 
 def _checked(joint_names, times, positions):
-    """Times (n,) and positions (n, joints) of a trajectory."""
+    """Return the checked times (n,) and positions (n, joints) of a trajectory."""
     times, positions = numbers(times, "times"), numbers(positions, "positions")
     if times.ndim != 1 or len(times) == 0:
         raise InvalidRequestError("must be a list of times, at least one", field="times", value=times.shape)
@@ -116,7 +116,7 @@ def _checked(joint_names, times, positions):
 
 
 def _refined(times, period):
-    """The times with others between them, none farther apart than the period."""
+    """Add times so that intervals are at most ``period``."""
     pieces = [
         np.linspace(start, end, max(int(np.ceil((end - start) / period - 1e-9)), 1), endpoint=False)
         for start, end in pairwise(times)
@@ -125,9 +125,9 @@ def _refined(times, period):
 
 
 def _motion(when, poses):
-    """The path of a link through its poses (n, 4, 4)."""
+    """Return the path of a link through its poses (n, 4, 4)."""
     orientations = np.array([quaternion_of(pose) for pose in poses])
-    if len(when) == 1:  # it stands still
+    if len(when) == 1:  # the link stands still
         when, poses, orientations = (
             np.array([when[0], when[0] + _MOMENT]),
             np.repeat(poses, 2, axis=0),
@@ -147,28 +147,28 @@ def load_robot_motion(
     repair: bool = False,
     **options: Any,
 ) -> WorldDescription:
-    """A robot that moves along a trajectory of its joints, as bodies of a scene.
+    """Load a robot that moves along a joint trajectory, as bodies of a scene.
 
     Parameters
     ----------
     path, joint_names, times, positions
-        As of `link_motions`, which takes the ``options``: ``links``, ``base_position``,
-        ``base_orientation`` and ``period``.
+        As in `link_motions`, which takes the ``options``: ``links``, ``base_position``, ``base_orientation``
+        and ``period``.
     spheres : int
         Number of spheres of each link.
     uniform, repair : bool
-        As of `from_urdf`. A link on a trajectory goes its way whatever its mass and inertia are.
+        As in `from_urdf`. Mass and inertia do not affect the motion of a link on a trajectory.
 
     Returns
     -------
     WorldDescription
-        A body for each link, which follows its path, or is fixed where no joint moves it; where fixed ones
-        are; and what was left out.
+        A body for each link, which follows its path, or is fixed if no joint moves it. Also the poses of
+        fixed links, and a list of omitted parts.
 
     Raises
     ------
     UncPhysicsError
-        As of `link_motions` and `reading.read_description`.
+        As in `link_motions` and `reading.read_description`.
     """
     from .reading import read_description
 
@@ -194,7 +194,7 @@ def load_robot_motion(
 
 
 def of_com(path: PosePath, origin: ArrayLike) -> PosePath:
-    """The path of the centre of mass (COM) of a body whose model's origin follows ``path``.
+    """Return the path of a body's centre of mass (COM) if its model's origin follows ``path``.
 
     Parameters
     ----------

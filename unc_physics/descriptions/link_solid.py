@@ -1,4 +1,4 @@
-"""A link of a description as a solid, with the mass properties that its file gives, and packed."""
+"""Links of a description as solids or packings, with the mass properties of the file."""
 
 from __future__ import annotations
 
@@ -27,39 +27,39 @@ def from_urdf(
     uniform: bool = False,
     repair: bool = False,
 ) -> SpherePacking:
-    """Pack a link of a URDF, or of an SDF, with spheres: its shapes together, its mass, and its inertia.
+    """Pack a link of a URDF or SDF file with spheres.
 
-    What the link collides with is packed; where the file says nothing of that, what it looks like. The
-    model's origin is the link's.
+    The collision shapes are united and packed, or the visual ones if there are no others. Mass and inertia
+    come from the file. The model's origin is the link's origin.
 
     Parameters
     ----------
     path : path-like
-        ``.urdf``, ``.sdf`` or ``.world``. Meshes that it names by ``package://`` or ``model://`` are looked
-        for around it, and in the folders of ROS and Gazebo.
+        ``.urdf``, ``.sdf`` or ``.world``. Meshes named by ``package://`` or ``model://`` are searched in
+        folders around it and in the folders of ROS and Gazebo.
     link : str, optional
-        Its name; of an SDF the model's, and ``MODEL::LINK`` where that has several. May be left out where
-        there is just one with a shape.
+        Name of the link; in an SDF the name of the model, or ``MODEL::LINK`` if it has several links.
+        Optional if only one link has a shape.
     spheres : int
         Number of spheres.
     scale : float
-        Of all lengths, beside the scale that the file gives its meshes; densities stay.
+        Scale of all lengths, in addition to the scale of meshes in the file; densities do not change.
     uniform : bool
-        Take centre of mass and inertia from the shape, at uniform density, in place of the file's.
+        Whether to compute centre of mass and inertia from the shape at uniform density, instead of the file.
     repair : bool
-        Try trimesh's repairs on meshes that are no solids.
+        Whether to repair meshes that are not closed, by trimesh.
 
     Returns
     -------
     SpherePacking
-        ``mass`` is None where the file has none.
+        Packing; ``mass`` is None if the file has none.
 
     Raises
     ------
     InvalidRequestError
-        For a file that is no description, and a link that it does not have, or that has no shape.
+        If the file is not a description, or the link does not exist or has no shape.
     InvalidMeshError, InvalidModelError
-        For a mesh that is no solid, and an inertia that no body has.
+        If a mesh is not a solid, or the inertia is not physical.
     NotSupportedError
         If a library is missing.
     """
@@ -71,7 +71,7 @@ def from_urdf(
 
 
 def packed_link(path: Path, link: Link, spheres: int, *, scale=1.0, uniform=False, repair=False, **options):
-    """The packing of a link (`from_urdf`); ``options`` go to `pack_solid`."""
+    """Return the packing of a link (`from_urdf`); ``options`` are passed to `pack_solid`."""
     solid = link_solid(path, link, uniform=uniform, repair=repair).scaled(scale)
     mass = None if link.inertial is None else link.inertial.mass * scale**3
     options = {"mass": mass, "source": f"link {link.name} of {path.name}"} | options
@@ -79,7 +79,7 @@ def packed_link(path: Path, link: Link, spheres: int, *, scale=1.0, uniform=Fals
 
 
 def find_link(description: Description, name: str | None) -> Link:
-    """The link of that name, or the only one that has a shape.
+    """Return the link with a name, or the only link with a shape.
 
     Raises
     ------
@@ -102,7 +102,7 @@ def find_link(description: Description, name: str | None) -> Link:
 
 
 def link_solid(path: Path, link: Link, *, uniform=False, repair=False) -> SolidMesh:
-    """The union of a link's shapes as a solid, with the file's centre of mass and inertia where it has them.
+    """Return the union of a link's shapes, with the file's centre of mass and inertia if given.
 
     Raises
     ------
@@ -127,9 +127,9 @@ def link_solid(path: Path, link: Link, *, uniform=False, repair=False) -> SolidM
 
 
 def _with_inertial(solid, link, field):
-    """The solid about the file's centre of mass, with its inertia."""
+    """Return the solid relative to the file's centre of mass, with the file's inertia."""
     inertial = link.inertial
-    shift = inertial.pose[:3, 3] + solid.origin  # from the shape's centre to that of the mass
+    shift = inertial.pose[:3, 3] + solid.origin  # from the shape's centre to the centre of mass
     moved = replace(solid, corners=solid.corners - shift, origin=solid.origin - shift)
     if inertial.inertia is None:
         return moved
@@ -146,7 +146,7 @@ def _with_inertial(solid, link, field):
 
 
 def _triangles(shape: Shape, repair):
-    """Vertices and triangles of a shape, in its own frame."""
+    """Return vertices and triangles of a shape, in its own frame."""
     if shape.kind == "mesh" and shape.file is not None:
         vertices, faces, _ = read_mesh(shape.file)
         if repair:
@@ -164,7 +164,7 @@ def _moved(triangles, pose):
 
 
 def _united(parts):
-    """The union of several solids, each of which must be one."""
+    """Return the union of several solids; raise an error if a part is not a solid."""
     import trimesh
 
     for vertices, faces in parts:
@@ -172,6 +172,6 @@ def _united(parts):
     meshes = [trimesh.Trimesh(*part, process=True) for part in parts]
     try:
         union = trimesh.boolean.union(meshes, engine="manifold")
-    except ValueError as error:  # for what it takes for no volumes
+    except ValueError as error:  # for parts that it does not accept as volumes
         raise InvalidMeshError(f"cannot be united with the other shapes: {error}") from None
     return np.asarray(union.vertices, float), np.asarray(union.faces, np.int64)

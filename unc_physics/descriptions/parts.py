@@ -1,4 +1,4 @@
-"""What is read of a description file, whatever its format: links with their shapes and masses."""
+"""Content of a description file, independent of its format: links with shapes and masses."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-#: Kinds of shapes that can be packed, and those that are elements of an environment as they are.
+#: Kinds of shapes that can be packed, and kinds that are elements of an environment.
 SOLIDS = ("box", "sphere", "cylinder", "capsule", "mesh")
 PRIMITIVES = ("plane", "box", "sphere", "cylinder", "capsule")
 
@@ -19,20 +19,20 @@ class Shape:
     Attributes
     ----------
     kind : str
-        One of `SOLIDS` or `PRIMITIVES`, or what else the file calls it.
+        One of `SOLIDS` or `PRIMITIVES`, or another name from the file.
     pose : (4, 4) array
         ``T_link_shape`` [m].
     size : tuple of float
-        Of a box its edges, of a sphere its radius, of a cylinder and a capsule radius and length of the
-        straight part [m]; of a plane its normal.
+        Edges of a box, radius of a sphere, radius and straight length of a cylinder or capsule [m]; normal of
+        a plane.
     file : Path, optional
-        Of a mesh.
+        File of a mesh.
     scale : (3,) array
-        Of a mesh, along its axes.
+        Scale of a mesh along its axes.
     friction, restitution : float, optional
-        Of its surface, where the file says something.
+        Surface properties, if the file has them.
     problem : str
-        Why it cannot be used, if it cannot.
+        Reason why it cannot be used; empty if it can.
     """
 
     kind: str
@@ -47,16 +47,16 @@ class Shape:
 
 @dataclass(frozen=True, eq=False)
 class Inertial:
-    """Mass properties of a link as the file has them.
+    """Mass properties of a link in the file.
 
     Attributes
     ----------
     mass : float
         [kg]
     pose : (4, 4) array
-        ``T_link_inertial``: its origin is the centre of mass (COM) [m].
+        ``T_link_inertial``; its origin is the centre of mass (COM) [m].
     inertia : (3, 3) array, optional
-        About the COM, axes of ``pose`` [kg m^2]; None where the file has none.
+        About the COM, axes of ``pose`` [kg m^2]; None if the file has none.
     """
 
     mass: float
@@ -66,21 +66,21 @@ class Inertial:
 
 @dataclass(frozen=True, eq=False)
 class Link:
-    """One rigid part.
+    """Rigid part of a description.
 
     Attributes
     ----------
     name : str
-        As it is told from others in its file.
+        Unique in its file.
     pose : (4, 4) array
         ``T_world_link`` [m].
     shapes : tuple of Shape
-        What it collides with; what it looks like, where the file has nothing else.
+        Collision shapes, or visual shapes if there are no others.
     inertial : Inertial, optional
     moves : str
-        What lets it move, as the end of a sentence; nothing for what is fixed.
+        What moves it, as the end of a sentence; empty if fixed.
     free : bool
-        Whether it is a body of its own, held by nothing.
+        Whether it is a free body, not attached to anything.
     """
 
     name: str
@@ -93,7 +93,7 @@ class Link:
 
 @dataclass(frozen=True, eq=False)
 class Description:
-    """All links of a file, and what of it was left out: one line each."""
+    """All links of a file, and its omitted parts, one line each."""
 
     path: Path
     links: tuple[Link, ...]

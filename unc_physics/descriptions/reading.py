@@ -1,4 +1,4 @@
-"""Reading of description files: their text, what they refer to, and the format by the file's name."""
+"""Read description files: text, referenced files, and the format from the file name."""
 
 from __future__ import annotations
 
@@ -11,21 +11,21 @@ from xml.etree import ElementTree
 from ..checks.errors import InvalidRequestError, LimitExceededError, NotSupportedError, UncPhysicsError
 from .parts import Description
 
-#: Endings of files that are read as descriptions.
+#: Suffixes of description files.
 URDF, SDF = (".urdf",), (".sdf", ".world")
-_BYTES = 50_000_000  # most of a file
+_BYTES = 50_000_000  # largest size of a file
 _NEEDED = ("manifold3d", "scipy", "trimesh", "yourdfpy")
-#: Environment variables with folders in which packages and models of that name are looked for.
+#: Environment variables with folders of packages and models.
 _SEARCHED = ("AMENT_PREFIX_PATH", "ROS_PACKAGE_PATH", "GZ_SIM_RESOURCE_PATH", "GAZEBO_MODEL_PATH")
 
 
 def is_description(path) -> bool:
-    """Whether a file is read as URDF or SDF, by its ending."""
+    """Return whether a file is read as URDF or SDF, by its suffix."""
     return Path(path).suffix.lower() in (*URDF, *SDF)
 
 
 def require_libraries() -> None:
-    """Raise `NotSupportedError` where a library that reads descriptions and meshes is missing."""
+    """Raise `NotSupportedError` if a library for descriptions and meshes is missing."""
     missing = [name for name in _NEEDED if find_spec(name) is None]
     if missing:
         raise NotSupportedError(
@@ -35,19 +35,18 @@ def require_libraries() -> None:
 
 
 def read_description(path, configuration=None) -> Description:
-    """The links of a URDF or SDF file.
+    """Read the links of a URDF or SDF file.
 
     Parameters
     ----------
     path : path-like
     configuration : mapping of str to float, optional
-        Positions of a URDF's joints [rad or m], by their names; by default links behind a joint count as
-        moving.
+        Positions of a URDF's joints [rad or m], by name. By default links behind a joint count as moving.
 
     Raises
     ------
     InvalidRequestError, LimitExceededError, NotSupportedError
-        For a file that cannot be read, is too large, or is no description, and for missing libraries.
+        If the file cannot be read, is too large, or is not a description, or a library is missing.
     """
     path = Path(path)
     if not is_description(path):
@@ -67,7 +66,7 @@ def read_description(path, configuration=None) -> Description:
 
 
 def read_xml(path: Path) -> tuple[str, ElementTree.Element]:
-    """Text and root of an XML file, which must define no entities.
+    """Return text and root of an XML file, which must not define entities.
 
     Raises
     ------
@@ -97,10 +96,10 @@ def read_xml(path: Path) -> tuple[str, ElementTree.Element]:
 
 
 def referred(uri: str, base: Path) -> Path | None:
-    """The file that a description names, or None where it is not found.
+    """Return the path of a file that a description references, or None if it is not found.
 
-    ``package://NAME/...`` and ``model://NAME/...`` are looked for in a folder NAME around the description,
-    and in those of the environment variables of ROS and Gazebo; other paths start at its own folder.
+    ``package://NAME/...`` and ``model://NAME/...`` are searched in folders NAME around the description, and
+    in the folders of ROS and Gazebo environment variables. Other paths are relative to its folder.
     """
     scheme, separator, rest = uri.partition("://")
     if not separator:

@@ -11,7 +11,7 @@ from ..checks.errors import InvalidRequestError, UncPhysicsError
 from .parts import Description, Inertial, Link, Shape
 from .reading import read_xml, referred
 
-_DEPTH = 10  # of models within models, and of files that include others
+_DEPTH = 10  # largest nesting depth of models and of includes
 _SIZES = {
     "box": (("size", 3),),
     "sphere": (("radius", 1),),
@@ -22,9 +22,9 @@ _SIZES = {
 
 
 def read_sdf(path: Path) -> Description:
-    """The links of an SDF world or model (`reading.read_description`).
+    """Read the links of an SDF world or model (`reading.read_description`).
 
-    Links of models that are not static are free bodies where no joint holds them.
+    Links of non-static models are free bodies unless a joint holds them.
     """
     reader = _Reader(path)
     _, root = read_xml(path)
@@ -38,7 +38,7 @@ def read_sdf(path: Path) -> Description:
 
 
 class _Reader:
-    """What was found so far of a file, and of those that it includes."""
+    """Collector of links from a file and the files that it includes."""
 
     def __init__(self, path):
         self.path = path
@@ -57,7 +57,7 @@ class _Reader:
             ]
 
     def read_include(self, include, pose, prefix, base, static, depth):
-        """Read the model that another file holds, in its place."""
+        """Read the model of an included file."""
         uri = _text(include, "uri")
         found = referred(uri, base) if depth < _DEPTH else None
         if found is not None and found.is_dir():
@@ -82,7 +82,7 @@ class _Reader:
             self.read_model(model, pose, prefix, found.parent, static_here, depth + 1)
 
     def read_model(self, model, outer, prefix, base, static, depth):
-        """Read a model's links, and the models within it."""
+        """Read a model's links and its nested models."""
         name = f"{prefix}{model.get('name', 'model')}"
         static = static or _flag(model, "static")
         if depth > _DEPTH:
@@ -120,13 +120,13 @@ class _Reader:
 
 
 class _ModelFrames:
-    """Frames of a model that poses may be relative to: its links and its own frames."""
+    """Frames of a model to which poses may be relative: its links and its own frames."""
 
     def __init__(self, model):
         self.entries = {entry.get("name"): entry for tag in ("link", "frame") for entry in model.findall(tag)}
 
     def pose_of(self, entry, depth=0):
-        """``T_model_entry`` (4, 4)."""
+        """Return ``T_model_entry`` (4, 4)."""
         pose = entry.find("pose")
         to = (pose.get("relative_to") if pose is not None else None) or entry.get("attached_to") or ""
         own = _pose(pose, to)
@@ -138,7 +138,7 @@ class _ModelFrames:
 
 
 def _pose(entry, known_frame):
-    """(4, 4) of a ``<pose>``; relative to something else only where its frame is known."""
+    """Return the transform (4, 4) of a ``<pose>``; a relative pose must refer to a known frame."""
     from scipy.spatial.transform import Rotation
 
     T = np.eye(4)

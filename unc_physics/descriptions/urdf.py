@@ -1,4 +1,4 @@
-"""URDF files, by yourdfpy."""
+"""Read URDF files with yourdfpy."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _DRIVEN = ("revolute", "continuous", "prismatic")
 
 
 def load_robot(path: Path):
-    """The file as a `yourdfpy.URDF`, without its meshes, and what shapes it does not know, one line each.
+    """Return the file as a `yourdfpy.URDF` without meshes, and its unknown shapes, one line each.
 
     Raises
     ------
@@ -40,7 +40,7 @@ def load_robot(path: Path):
         robot = yourdfpy.URDF.load(
             io.BytesIO(ElementTree.tostring(root)), load_meshes=False, build_scene_graph=True
         )
-    except Exception as error:  # noqa: BLE001 - whatever the file makes it stumble over
+    except Exception as error:  # noqa: BLE001 - yourdfpy raises errors of many types
         reason = (str(error).splitlines() or [type(error).__name__])[0][:100]
         raise InvalidRequestError(f"is no URDF that yourdfpy reads: {reason}", field=place) from None
     finally:
@@ -51,7 +51,7 @@ def load_robot(path: Path):
 
 
 def _without_unknown_shapes(root):
-    """Take out shapes that the library does not read; returns one line for each."""
+    """Remove shapes that the library does not read; return one line for each."""
     left_out = []
     for link in root.iter("link"):
         for kind in ("collision", "visual"):
@@ -66,14 +66,14 @@ def _without_unknown_shapes(root):
 
 
 def read_urdf(path: Path, configuration: Mapping[str, float] | None = None) -> Description:
-    """The links of a URDF (`reading.read_description`)."""
+    """Read the links of a URDF (`reading.read_description`)."""
     robot, left_out = load_robot(path)
     if configuration is not None:
         set_joints(robot, configuration)
     moved = {} if configuration is not None else _moved_links(robot)
     links = []
     for link in robot.robot.links:
-        # what a link collides with; many objects have looks only
+        # collision shapes; many objects have only visual ones
         entries = link.collisions or link.visuals
         shapes = tuple(_shape(entry, path.parent) for entry in entries)
         pose = np.array(robot.get_transform(link.name), float)
@@ -82,7 +82,7 @@ def read_urdf(path: Path, configuration: Mapping[str, float] | None = None) -> D
 
 
 def set_joints(robot, configuration) -> None:
-    """Move the joints of a `yourdfpy.URDF`; those that are not named stay.
+    """Move the joints of a `yourdfpy.URDF`; unnamed joints stay.
 
     Raises
     ------
@@ -100,7 +100,7 @@ def set_joints(robot, configuration) -> None:
 
 
 def _moved_links(robot):
-    """What moves each link that a joint can move, by its name."""
+    """Return what moves each movable link, by link name."""
     joints = {joint.child: joint for joint in robot.robot.joints}
     moved = {}
     for link in robot.robot.links:

@@ -1,4 +1,4 @@
-"""Surroundings and bodies from a URDF or SDF file."""
+"""Environment and bodies from a URDF or SDF file."""
 
 from __future__ import annotations
 
@@ -20,18 +20,18 @@ from .reading import read_description
 
 
 class WorldDescription(NamedTuple):
-    """What a description file holds of a scene.
+    """Scene content of a description file.
 
     Attributes
     ----------
     environment : tuple of Element
-        Planes, boxes, spheres, cylinders and capsules of what does not move.
+        Fixed planes, boxes, spheres, cylinders and capsules.
     bodies : tuple of RigidBody
-        Meshes of what does not move, as fixed bodies; and what nothing holds.
+        Fixed meshes as fixed bodies, and free links.
     beliefs : dict of str to BodyBelief
-        Where the bodies are, by their names; without uncertainty.
+        Poses of the bodies by name, without uncertainty.
     left_out : tuple of str
-        Everything else, one line each, with the reason.
+        All omitted parts with the reason, one line each.
     """
 
     environment: tuple[Element, ...]
@@ -47,19 +47,19 @@ def load_world(
     configuration: Mapping[str, float] | None = None,
     repair: bool = False,
 ) -> WorldDescription:
-    """Read surroundings and bodies from a URDF or SDF file.
+    """Read environment and bodies from a URDF or SDF file.
 
     Parameters
     ----------
     path : path-like
         ``.urdf``, ``.sdf`` or ``.world``.
     spheres : int
-        Number of spheres of each body that is packed.
+        Number of spheres of each packed body.
     configuration : mapping of str to float, optional
-        Positions of a URDF's joints [rad or m]: all its links are then taken as fixed there, and joints that
-        are not named at 0. By default links behind a joint are left out.
+        Positions of a URDF's joints [rad or m]; all links are then fixed, with unnamed joints at 0. By
+        default links behind a joint are omitted.
     repair : bool
-        Try trimesh's repairs on meshes that are no solids.
+        Whether to repair meshes that are not closed, by trimesh.
 
     Returns
     -------
@@ -68,7 +68,7 @@ def load_world(
     Raises
     ------
     InvalidRequestError, LimitExceededError, NotSupportedError
-        For a file that is no description, and a missing library.
+        If the file is not a description, or a library is missing.
     """
     integer(spheres, "spheres", low=1)
     instance(configuration, (Mapping, type(None)), "configuration")
@@ -108,7 +108,7 @@ def load_world(
 
 
 def _without_primitives(link: Link, environment, left_out) -> Link:
-    """Put a fixed link's primitives into the environment; returns the link with its meshes alone."""
+    """Move a fixed link's primitives to the environment; return the link with only its meshes."""
     meshes = []
     for k, shape in enumerate(link.shapes):
         name = link.name if len(link.shapes) == 1 else f"{link.name}_{k}"
@@ -148,7 +148,7 @@ def _element(shape: Shape, pose, name) -> Element:
 
 
 def _surface(shapes):
-    """Friction and restitution of a body: those of its first shape that says something."""
+    """Return friction and restitution of a body, from its first shapes that have them."""
     friction = next((shape.friction for shape in shapes if shape.friction is not None), None)
     restitution = next((shape.restitution for shape in shapes if shape.restitution is not None), None)
     return friction, _share(restitution)
@@ -159,14 +159,14 @@ def _share(restitution):
 
 
 def quaternion_of(pose) -> np.ndarray:
-    """(4,): quaternion (x, y, z, w) of a transform (4, 4)."""
+    """Return the quaternion (x, y, z, w) of a transform (4, 4)."""
     from scipy.spatial.transform import Rotation
 
     return Rotation.from_matrix(pose[:3, :3]).as_quat()
 
 
 def _belief(pose, model) -> BodyBelief:
-    """Where the centre of mass of a body is whose model's origin has that pose."""
+    """Return the pose of a body's centre of mass if its model's origin has the pose ``pose``."""
     orientation = quaternion_of(pose)
     position = pose[:3, 3] - rotation_matrix(orientation) @ model.origin
     return BodyBelief(position=position, orientation=orientation)
