@@ -1,1 +1,1 @@
-"""Rotations, vectors, layout of states, random numbers and moments on the manifold."""
+"""Rotations, vectors, layout of states, random numbers, and moments on the manifold."""

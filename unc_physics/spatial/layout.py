@@ -1,7 +1,6 @@
-"""Slices of the state and the error state: the only place where an index has a meaning."""
+"""Slices of the state and the error state; all indices are defined here."""
 
-#: Scalars of one body's state ``[p(3), v(3), q(4, xyzw), omega(3)]``; everything but ``q`` in the world
-# frame.
+#: Size of one body's state ``[p(3), v(3), q(4, xyzw), omega(3)]``; all but ``q`` in the world frame.
 STATE = 13
 POSITION = slice(0, 3)
 VELOCITY = slice(3, 6)
@@ -11,7 +10,7 @@ ANGULAR_VELOCITY = slice(10, 13)
 #: First index of each block of the state, for kernels.
 P, V, Q, W = 0, 3, 6, 10
 
-#: Scalars of one body's error state ``[dp, dv, dtheta, domega]``; ``dtheta`` on the body side.
+#: Size of one body's error state ``[dp, dv, dtheta, domega]``; ``dtheta`` is in the body frame.
 ERROR = 12
 ERR_POSITION = slice(0, 3)
 ERR_VELOCITY = slice(3, 6)

@@ -1,4 +1,4 @@
-"""Between distributions and sets of states: boxplus, factors of covariances, means and covariances."""
+"""Conversion between distributions and sets of states: boxplus, covariance factors, means and covariances."""
 
 import math
 
@@ -12,12 +12,12 @@ from .rotation import conjugate, exp, log, multiply, normalized
 _KARCHER_TOLERANCE = 1e-12  # rad
 _KARCHER_ITERATIONS = 50
 _POWER_ITERATIONS = 10
-_WIDE = math.cos(math.pi / 4.0)  # between quaternions of rotations that are a right angle apart
+_WIDE = math.cos(math.pi / 4.0)  # for quaternions of rotations that differ by a right angle
 
 
 @kernel
 def boxplus(x, d, out):
-    """Perturb a state ``x`` (13,) by the error ``d`` (12,), rotation on the body side, into ``out``."""
+    """Perturb a state ``x`` (13,) by a body-frame error ``d`` (12,); write the result into ``out``."""
     for k in range(3):
         out[P + k] = x[P + k] + d[EP + k]
         out[V + k] = x[V + k] + d[EV + k]
@@ -28,7 +28,7 @@ def boxplus(x, d, out):
 
 @kernel
 def boxminus(y, x, out):
-    """Error ``d`` (12,) of one body with ``y = x boxplus d``, into ``out``."""
+    """Write the error ``d`` (12,) with ``y = x boxplus d`` into ``out``."""
     for k in range(3):
         out[EP + k] = y[P + k] - x[P + k]
         out[EV + k] = y[V + k] - x[V + k]
@@ -39,13 +39,13 @@ def boxminus(y, x, out):
 
 @kernel
 def spread_states(mean, moving, errors):
-    """States ``mean boxplus errors[n]``.
+    """Return the states ``mean boxplus errors[n]``.
 
     Parameters
     ----------
     mean : (B, 13) array
     moving : (M,) int64
-        Indices of the moving bodies; the others keep their state.
+        Indices of the moving bodies; other bodies keep their state.
     errors : (N, 12 M) array
 
     Returns
@@ -64,10 +64,10 @@ def spread_states(mean, moving, errors):
 
 @kernel
 def _karcher_mean(states, body):
-    """Mean rotation of one body over all samples: the fixed point of averaging in the tangent space.
+    """Return the Karcher mean of one body's rotations, the fixed point of averaging in the tangent space.
 
-    Of wide distributions there are several fixed points; there the search begins at the chordal mean.
-    Otherwise it begins at the first sample, so that equal samples have no spread at all.
+    Wide distributions have several fixed points; the search then starts at the chordal mean. Otherwise it
+    starts at the first sample, so that equal samples have exactly zero spread.
     """
     s = states[0, body]
     mean = (s[Q], s[Q + 1], s[Q + 2], s[Q + 3])
@@ -94,9 +94,7 @@ def _karcher_mean(states, body):
 
 @kernel
 def _chordal_mean(states, body):
-    """The quaternion nearest to all samples' and their opposites, nearly: the leading eigenvector of their
-    outer products.
-    """
+    """Return approximately the chordal mean: the leading eigenvector of the quaternions' outer products."""
     A = zeros((4, 4))
     for n in range(len(states)):
         q = states[n, body]
@@ -122,13 +120,12 @@ def _chordal_mean(states, body):
 
 @kernel
 def mean_and_errors(states, moving):
-    """Mean state of a batch and each sample's error from it, all samples of one weight.
+    """Return the mean state of a batch and each sample's error from it, with equal weights.
 
     Returns
     -------
     mean : (B, 13) array
-        Arithmetic means, and the Karcher mean of the rotations; bodies that do not move as in the first
-        sample.
+        Arithmetic means, and Karcher means of rotations; other bodies have the state of the first sample.
     errors : (N, 12 M) array
     """
     mean = states[0].copy()
@@ -149,7 +146,7 @@ def mean_and_errors(states, moving):
 
 @kernel
 def second_moment(errors):
-    """``errors.T @ errors / N``, in an order of summation that no thread count changes."""
+    """Return ``errors.T @ errors / N``, summed in an order that does not depend on threads."""
     size = errors.shape[1]
     out = zeros((size, size))
     for n in range(len(errors)):
@@ -166,10 +163,10 @@ def second_moment(errors):
 
 
 def symmetric_root(P: np.ndarray) -> np.ndarray:
-    """Symmetric square roots of covariances (..., n, n) (Eq. 12); round-off below zero counts as zero."""
+    """Return symmetric square roots of covariances (..., n, n) (Eq. 12); negative round-off becomes zero."""
     if np.count_nonzero(P) == np.count_nonzero(
         np.diagonal(P, axis1=-2, axis2=-1)
-    ):  # no need to look for eigenvectors
+    ):  # diagonal: no eigenvectors needed
         return np.sqrt(np.maximum(P, 0.0))
     values, vectors = np.linalg.eigh(P)
     return (vectors * np.sqrt(np.maximum(values, 0.0))[..., None, :]) @ np.swapaxes(vectors, -1, -2)
@@ -177,15 +174,15 @@ def symmetric_root(P: np.ndarray) -> np.ndarray:
 
 @kernel
 def pivoted_cholesky(A, tolerance):
-    """Outer-product Cholesky factor with diagonal pivoting of a positive semidefinite matrix.
+    """Factor a positive semidefinite matrix by outer-product Cholesky with diagonal pivoting.
 
-    Each round takes the largest diagonal entry that remains, ties to the lowest index, and stops when that is
-    not above ``tolerance`` times the largest diagonal entry of ``A``.
+    Each iteration takes the largest remaining diagonal entry; ties go to the lowest index. It stops when that
+    is at most ``tolerance`` times the largest diagonal entry of ``A``.
 
     Returns
     -------
     L : (n, r) array
-        ``L @ L.T`` equals ``A`` but for the rest; r is the numerical rank.
+        ``L @ L.T`` equals ``A`` except for ``rest``; r is the numerical rank.
     rest : (n, n) array
         ``A - L @ L.T``.
     """
@@ -211,7 +208,7 @@ def pivoted_cholesky(A, tolerance):
             if l_i != 0.0:
                 for j in range(n):
                     rest[i, j] -= l_i * L[j, rank]
-        for i in range(n):  # what the pivot explains is gone, to the last bit
+        for i in range(n):  # the pivot's row and column become exactly zero
             rest[i, pivot] = rest[pivot, i] = 0.0
         rank += 1
     return L[:, :rank].copy(), rest

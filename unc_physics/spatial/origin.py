@@ -1,13 +1,13 @@
 """States and covariances at a model's origin and at the centre of mass (COM), about fixed axes.
 
-Messages give the pose of a model's own origin ``o`` and rotations about fixed axes; the error state is
-that of the COM, with rotations on the body side. With ``r = R_world_body o`` (from the COM to the
-origin, world axes) and ``dphi = R_world_body dtheta``, the errors at the origin are::
+Messages use the pose of a model's own origin ``o`` and rotations about fixed axes. The error state refers to
+the COM, with body-frame rotations. With ``r = R_world_body o`` (from the COM to the origin, world axes) and
+``dphi = R_world_body dtheta``, the errors at the origin are::
 
     dp_o = dp - [r]x dphi                              p_o = p + r
     dv_o = dv - [r]x domega - [omega]x [r]x dphi       v_o = v + omega x r
 
-which is linear in the error state: ``e_o = A e`` (`error_map`), so ``P_o = A P A^T``.
+This is linear in the error state: ``e_o = A e`` (`error_map`), so ``P_o = A P A^T``.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from ..compiler.arrays import empty, zeros
 from .layout import EP, ER, ERROR, EV, EW, P, Q, V, W
 from .rotation import rotate, write_matrix
 
-_POSE, _TWIST = (EP, ER), (EV, EW)  # as messages order them
+_POSE, _TWIST = (EP, ER), (EV, EW)  # order in messages
 
 
 @kernel
@@ -40,7 +40,7 @@ def _skew(v):
 
 @kernel
 def _product(A, B):
-    """``A @ B``; numba's own would need SciPy."""
+    """Return ``A @ B``; numba's own product would need SciPy."""
     C = zeros((len(A), B.shape[1]))
     for i in range(len(A)):
         for k in range(len(B)):
@@ -60,7 +60,7 @@ def _identity():
 
 @inner
 def _copy_block(source, i, j, target, k, l, factor):
-    """``target[k : k + 3, l : l + 3] = factor * source[i : i + 3, j : j + 3]``, which takes numba longer."""
+    """Assign ``target[k : k + 3, l : l + 3] = factor * source[i : i + 3, j : j + 3]``; compiles fast."""
     for r in range(3):
         for c in range(3):
             target[k + r, l + c] = factor * source[i + r, j + c]
@@ -68,7 +68,7 @@ def _copy_block(source, i, j, target, k, l, factor):
 
 @kernel
 def congruent(A, C):
-    """``A C A^T``, symmetric to the last bit; round-off leaves no variance below zero."""
+    """Return ``A C A^T``, exactly symmetric and without negative variances from round-off."""
     n = len(A)
     left, mapped, result = _product(A, C), zeros((n, n)), empty((n, n))
     for i in range(n):
@@ -88,19 +88,20 @@ def congruent(A, C):
 
 @kernel
 def error_map(state, origin):
-    """A (12, 12): from the error state (body side, at the COM) to the error about fixed axes at the model's
-    origin.
+    """Return the map A (12, 12) from the error state to the error about fixed axes at the model's origin.
+
+    The error state is in the body frame at the COM.
 
     Parameters
     ----------
     state : (13,) array
         Mean state of the body.
     origin : (3,) array
-        The model's origin, body frame [m].
+        Origin of the model, body frame [m].
 
     Notes
     -----
-    To first order in the rotation error, as every covariance of a pose.
+    It is of first order in the rotation error, as is every pose covariance.
     """
     R = _rotation(state)
     lever = _skew(rotate(R, origin[0], origin[1], origin[2]))
@@ -115,7 +116,7 @@ def error_map(state, origin):
 
 @kernel
 def inverse_error_map(state, origin):
-    """Inverse of `error_map`."""
+    """Return the inverse of `error_map`."""
     R = _rotation(state)
     lever = _skew(rotate(R, origin[0], origin[1], origin[2]))
     spin = _skew((state[W], state[W + 1], state[W + 2]))
@@ -131,7 +132,7 @@ def inverse_error_map(state, origin):
 
 @kernel
 def moved(state, origin, sign):
-    """The state (13,) with position and velocity of the point that is ``sign * origin`` away, body frame."""
+    """Return the state (13,) of the point at ``sign * origin`` from the body's point, body frame."""
     R = _rotation(state)
     x, y, z = rotate(R, sign * origin[0], sign * origin[1], sign * origin[2])
     wx, wy, wz = state[W], state[W + 1], state[W + 2]
@@ -149,13 +150,13 @@ def moved(state, origin, sign):
 
 @kernel
 def at_com(C, state, origin):
-    """Covariance (12, 12) of the error state at the COM from that at the model's origin, about fixed axes.
+    """Return the covariance (12, 12) at the COM from one at the model's origin, about fixed axes.
 
     Parameters
     ----------
     C : (12, 12) array
     state : (13,) array
-        At the COM.
+        State at the COM.
     origin : (3,) array
         Body frame [m].
     """
@@ -164,14 +165,14 @@ def at_com(C, state, origin):
 
 @kernel
 def covariance_at_com(pose, twist, state, origin):
-    """Covariance (12, 12) of the error state at the COM from those of a message.
+    """Return the covariance (12, 12) at the COM from pose and twist covariances of a message.
 
     Parameters
     ----------
     pose, twist : (6, 6) array
-        Covariances at the model's origin, as messages order them; independent of each other.
+        Covariances at the model's origin in the order of messages, independent of each other.
     state : (13,) array
-        At the COM.
+        State at the COM.
     origin : (3,) array
         Body frame [m].
     """
@@ -185,8 +186,9 @@ def covariance_at_com(pose, twist, state, origin):
 
 @kernel
 def split(C):
-    """Covariances (36,) of pose and of twist, as messages order them, from the covariance (12, 12) at the
-    origin.
+    """Return pose and twist covariances (36,) in the order of messages.
+
+    ``C`` (12, 12) is the covariance at the origin.
     """
     pose, twist = empty((6, 6)), empty((6, 6))
     for a in range(2):
@@ -198,18 +200,18 @@ def split(C):
 
 @kernel
 def at_origin(state, P, origin):
-    """A body's state (13,) and covariance (12, 12) at the COM as messages want them.
+    """Return a body's state (13,) and covariance (12, 12) at the COM in the form of messages.
 
     Returns
     -------
     state : (13,) array
-        At the model's origin.
+        State at the model's origin.
     C : (12, 12) array
-        Covariance there, about fixed axes.
+        Covariance at the model's origin, about fixed axes.
     pose, twist : (36,) array
-        Its parts.
+        Pose and twist blocks of ``C``.
     finite : bool
-        Whether all numbers are.
+        Whether all numbers are finite.
     """
     C = congruent(error_map(state, origin), P)
     result = moved(state, origin, 1.0)

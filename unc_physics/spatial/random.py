@@ -1,4 +1,4 @@
-"""Standard normal numbers from keys, not from a state: a key gives the same numbers in any order of calls."""
+"""Standard normal numbers from keys; equal keys give equal numbers in any order of calls."""
 
 from statistics import NormalDist
 
@@ -15,29 +15,28 @@ _S12, _S24, _S36, _S48 = np.uint64(12), np.uint64(24), np.uint64(36), np.uint64(
 _INDEX_BITS = 12
 _INDEX = np.uint64(2**_INDEX_BITS - 1)
 
-#: How many numbers are read one after another from `normal_table`.
+#: Number of successive entries read from `normal_table`.
 RUN = 32
 
 
 def normal_table():
-    """(4096 + RUN,) float32: quantiles of the normal distribution, shuffled; the end repeats the beginning.
+    """Return shuffled quantiles of the normal distribution, (4096 + RUN,) float32.
 
-    The quantiles are those in the middle of 4096 equally likely parts, scaled to variance 1. Numbers are read
-    in runs
-    from places that a hash gives (`places`): each number is any of the quantiles with the same chance, and
-    independent of those of other runs. In a run no quantile comes twice, which no number of samples that a
-    contact is given can show. Numbers drawn one by one would cost more than all that is done with them.
+    The end repeats the beginning. The quantiles are the midpoints of 4096 equally likely parts, scaled to
+    variance 1. Numbers are read in runs that start at hashed indices (`places`). Each number is any quantile
+    with equal probability, independent of other runs. Within a run no quantile repeats, which does not matter
+    for the number of samples per contact. Separate draws would cost more than all other work on the numbers.
     """
     count = 2**_INDEX_BITS
     table = np.array([NormalDist().inv_cdf((k + 0.5) / count) for k in range(count)])
     table /= np.sqrt(np.mean(table**2))
-    table = np.random.RandomState(0).permutation(table)  # NumPy keeps this generator's streams for good
+    table = np.random.RandomState(0).permutation(table)  # NumPy guarantees this generator's stream
     return np.concatenate([table, table[:RUN]]).astype(np.float32)
 
 
 @kernel
 def mix(key):
-    """Hash of a uint64 (the finaliser of SplitMix64, Steele, Lea and Flood 2014)."""
+    """Return a hash of a uint64 (the finalizer of SplitMix64, Steele, Lea and Flood 2014)."""
     key = (key ^ (key >> _S30)) * _MIX_1
     key = (key ^ (key >> _S27)) * _MIX_2
     return key ^ (key >> _S31)
@@ -45,14 +44,15 @@ def mix(key):
 
 @kernel
 def combine(key, value):
-    """A key that depends on another key and an integer."""
+    """Return a key that depends on another key and an integer."""
     return mix((key ^ mix(np.uint64(value) + _GOLDEN)) * _GOLDEN + _GOLDEN)
 
 
 @kernel
 def places(key):
-    """Where nine runs of a key begin in `normal_table`: a tuple of uint64, as which indices need no check of
-    their sign.
+    """Return the start indices of nine runs of a key in `normal_table`.
+
+    They are uint64, so that indexing needs no sign check.
     """
     a, b = mix(key + _GOLDEN), mix(key + _GOLDEN + _GOLDEN)
     return (

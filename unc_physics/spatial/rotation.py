@@ -1,4 +1,4 @@
-"""Rotations in the kernels: quaternions ``(x, y, z, w)`` are tuples of floats, matrices 3 x 3 arrays."""
+"""Rotations in kernels: quaternions ``(x, y, z, w)`` are tuples of floats, matrices are 3 x 3 arrays."""
 
 import math
 
@@ -6,15 +6,15 @@ import numpy as np
 
 from ..compiler import kernel
 
-_SMALL_ANGLE_SQUARED = 1e-8  # below it two terms of the series are exact to round-off
+_SMALL_ANGLE_SQUARED = 1e-8  # below it, two terms of the series are exact to round-off
 _STEP_ANGLE_SQUARED = (
-    0.01  # below it, as in nearly every time step, five are, and cheaper than sine and cosine
+    0.01  # below it, as in most time steps, five terms are exact, and cheaper than sine and cosine
 )
 
 
 @kernel(arrays=False)
 def multiply(a, b):
-    """Hamilton product of two quaternions: the rotation ``b`` followed by ``a``."""
+    """Return the Hamilton product of two quaternions: the rotation ``b`` followed by ``a``."""
     ax, ay, az, aw = a
     bx, by, bz, bw = b
     return (
@@ -27,27 +27,27 @@ def multiply(a, b):
 
 @kernel(arrays=False)
 def conjugate(q):
-    """Inverse of a unit quaternion."""
+    """Return the inverse of a unit quaternion."""
     return -q[0], -q[1], -q[2], q[3]
 
 
 @kernel(arrays=False)
 def normalized(q):
-    """The quaternion scaled to unit length."""
+    """Return a quaternion scaled to unit length."""
     s = 1.0 / math.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
     return q[0] * s, q[1] * s, q[2] * s, q[3] * s
 
 
 @kernel(arrays=False)
 def renormalized(q):
-    """A quaternion of nearly unit length, brought back to it by one step of Newton's method."""
+    """Normalize a quaternion of nearly unit length by one step of Newton's method."""
     s = 1.5 - 0.5 * (q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
     return q[0] * s, q[1] * s, q[2] * s, q[3] * s
 
 
 @kernel(arrays=False)
 def exp(x, y, z):
-    """Quaternion of the rotation vector ``(x, y, z)`` [rad]."""
+    """Return the quaternion of the rotation vector ``(x, y, z)`` [rad]."""
     angle2 = x * x + y * y + z * z
     if angle2 < _STEP_ANGLE_SQUARED:
         s = 0.5 - angle2 * (
@@ -64,9 +64,9 @@ def exp(x, y, z):
 
 @kernel(arrays=False)
 def log(q):
-    """Rotation vector [rad] of a unit quaternion, of length at most pi."""
+    """Return the rotation vector of a unit quaternion [rad]; its length is at most pi."""
     x, y, z, w = q
-    if w < 0.0:  # q and -q are one rotation; this one has the angle below pi
+    if w < 0.0:  # q and -q are equal rotations; this sign has the angle below pi
         x, y, z, w = -x, -y, -z, -w
     n2 = x * x + y * y + z * z
     if n2 < _SMALL_ANGLE_SQUARED:
@@ -94,7 +94,7 @@ def write_matrix(q, out, k):
 
 @kernel(arrays=False)
 def rotate(R, x, y, z):
-    """``R @ (x, y, z)`` as a tuple."""
+    """Return ``R @ (x, y, z)`` as a tuple."""
     return (
         R[0, 0] * x + R[0, 1] * y + R[0, 2] * z,
         R[1, 0] * x + R[1, 1] * y + R[1, 2] * z,
@@ -104,7 +104,7 @@ def rotate(R, x, y, z):
 
 @kernel(arrays=False)
 def rotate_back(R, x, y, z):
-    """``R.T @ (x, y, z)`` as a tuple."""
+    """Return ``R.T @ (x, y, z)`` as a tuple."""
     return (
         R[0, 0] * x + R[1, 0] * y + R[2, 0] * z,
         R[0, 1] * x + R[1, 1] * y + R[2, 1] * z,
@@ -114,12 +114,12 @@ def rotate_back(R, x, y, z):
 
 @kernel(arrays=False)
 def cross(a, b):
-    """Cross product of two vectors, as a tuple."""
+    """Return the cross product of two vectors as a tuple."""
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
 def rotation_matrix(q):
-    """(3, 3): rotation matrix of a unit quaternion, for Python."""
+    """Return the rotation matrix (3, 3) of a unit quaternion; callable from Python."""
     R = np.empty((1, 3, 3))
     write_matrix(tuple(map(float, q)), R, 0)
     return R[0]
@@ -127,7 +127,7 @@ def rotation_matrix(q):
 
 @kernel(arrays=False, error_model="numpy")
 def tangents(n):
-    """Two unit vectors that complete the unit vector ``n`` to a right-handed basis (Duff et al. 2017)."""
+    """Return two unit vectors that complete ``n`` to a right-handed basis (Duff et al. 2017)."""
     s = 1.0 if n[2] >= 0.0 else -1.0
     a = -1.0 / (s + n[2])
     b = n[0] * n[1] * a

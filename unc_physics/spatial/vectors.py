@@ -1,4 +1,4 @@
-"""Arithmetic of vectors that are tuples of three floats."""
+"""Arithmetic of vectors as tuples of three floats."""
 
 import numpy as np
 
@@ -7,43 +7,43 @@ from ..compiler import inner
 
 @inner(forceinline=True)
 def dot(a, b):
-    """Scalar product."""
+    """Return the scalar product."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
 @inner(forceinline=True)
 def plus(a, b):
-    """Sum."""
+    """Return the sum."""
     return a[0] + b[0], a[1] + b[1], a[2] + b[2]
 
 
 @inner(forceinline=True)
 def minus(a, b):
-    """Difference."""
+    """Return the difference."""
     return a[0] - b[0], a[1] - b[1], a[2] - b[2]
 
 
 @inner(forceinline=True)
 def times(s, a):
-    """Multiple."""
+    """Return a scalar multiple."""
     return s * a[0], s * a[1], s * a[2]
 
 
 @inner(forceinline=True)
 def triple(row, at):
-    """Three entries of a row, from ``at`` on."""
+    """Return three entries of a row, from ``at`` on."""
     return row[at], row[at + 1], row[at + 2]
 
 
 @inner(forceinline=True)
 def vector(array, row, column):
-    """Three rows of a column, from ``row`` on."""
+    """Return three rows of a column, from ``row`` on."""
     return array[row, column], array[row + 1, column], array[row + 2, column]
 
 
 @inner(forceinline=True)
 def three(array, row, column):
-    """Three columns of a row, from ``column`` on."""
+    """Return three columns of a row, from ``column`` on."""
     return array[row, column], array[row, column + 1], array[row, column + 2]
 
 
@@ -55,5 +55,5 @@ def put(array, row, column, a):
 
 @inner(forceinline=True)
 def single(v):
-    """The first three numbers, in single precision."""
+    """Return the first three entries in single precision."""
     return np.float32(v[0]), np.float32(v[1]), np.float32(v[2])
