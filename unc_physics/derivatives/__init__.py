@@ -1,1 +1,1 @@
-"""Derivatives of flight, contacts, impacts and actions by errors of the state."""
+"""Derivatives of flight, contacts, impacts and actions with respect to the error state."""

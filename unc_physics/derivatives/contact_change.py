@@ -1,4 +1,4 @@
-"""How errors of two poses change the geometry of a contact between them: gap, normal, lever arms."""
+"""Change of a contact's geometry (gap, normal, lever arms) with errors of two poses."""
 
 import math
 from typing import NamedTuple
@@ -12,36 +12,36 @@ from ..spatial.layout import EP, ER, EV, EW
 from ..spatial.rotation import cross, rotate
 from ..spatial.vectors import dot, minus, plus, times, triple, vector
 
-_REACH = 1e-7  # over which an element's normal is differentiated [m]
-_ONE_WAY = 1e-6  # of the squared trace: a determinant below is that of rolling in one direction alone
-_SAME_RADIUS = 1e-6  # share of their sum by which two radii differ that have directions of their own
+_REACH = 1e-7  # step of finite differences of an element's normal [m]
+_ONE_WAY = 1e-6  # relative to the squared trace: a smaller determinant means rolling in one direction only
+_SAME_RADIUS = 1e-6  # least relative difference of two radii with distinct directions
 
 
 class Geometry(NamedTuple):
-    """A contact, all in world axes: as tuples, without arrays.
+    """Geometry of a contact in world axes, as tuples without arrays.
 
     Attributes
     ----------
     n : tuple
         Unit normal towards body i.
     arm_i, arm_j : tuples
-        From the bodies' centres of mass to the contact [m].
+        Vectors from the bodies' centres of mass to the contact [m].
     center_i, center_j : tuples
-        To the spheres' centres [m].
+        Vectors to the spheres' centres [m].
     reach : float
-        From sphere i's centre to the contact, against the normal [m].
+        Distance from sphere i's centre to the contact, against the normal [m].
     first, second : tuples
-        Unit vectors across the normal.
+        Tangent unit vectors.
     bend_first, bend_second : tuples
-        Changes of the normal when sphere i's centre moves along these [1/m].
+        Changes of the normal with motions of sphere i's centre along these [1/m].
     roll_i, roll_j : tuples
-        By how much larger than their spheres' the radii are by which the bodies roll: entries of symmetric
-        matrices over the two directions across the normal, 11, 12 and 22 [m] (`rolling.rolling`).
+        Excess of the rolling radii over the spheres' radii: entries 11, 12 and 22 of symmetric matrices in
+        the tangent directions [m] (`rolling.rolling`).
     flat : bool
-        Whether the normal is that of two faces, which turns with the bodies, instead of with where the
-        spheres are.
+        Whether the normal belongs to two faces and rotates with the bodies, instead of depending on sphere
+        positions.
     in_middle : bool
-        Whether the contact is in the middle of the gap, and not on sphere i.
+        Whether the contact is in the middle of the gap, not on sphere i.
     """
 
     n: tuple
@@ -61,7 +61,7 @@ class Geometry(NamedTuple):
 
 
 class Change(NamedTuple):
-    """What one column of errors changes of a contact: its gap, normal and lever arms."""
+    """Change of a contact for one column of errors: gap, normal and lever arms."""
 
     gap: float
     n: tuple
@@ -73,11 +73,10 @@ class Change(NamedTuple):
 
 @inner(error_model="numpy")
 def contact_geometry(row, ids, gap, surface_of, position_i, world, work):
-    """The geometry of a contact by its row of numbers; ``gap`` is that at which it was found [m].
+    """Return the geometry of a contact from its row; ``gap`` is the gap when it was found [m].
 
-    ``surface_of`` (12,) is what is known of the surfaces that the spheres make: what `rolling.rolling` says
-    of body i and of body j, 1 where both are flat, and the gap of the shape by which body i rolls on an
-    element.
+    ``surface_of`` (12,) describes the surfaces: five entries of `rolling.rolling` for each of body i and body
+    j, then 1 if both are flat. The last is the gap of the rolling shape of body i on an element.
     """
     i, j = ids[0], ids[1]
     n, first = triple(row, DIRECTION), triple(row, DIRECTION + AXIS)
@@ -101,7 +100,7 @@ def contact_geometry(row, ids, gap, surface_of, position_i, world, work):
     rolls_i = (surface_of[0], surface_of[1], surface_of[2])
     roll_i = _beyond(rolls_i, world.tree.radii[ids[2]])
     shift = _to_middle(center_i, first, second, rolls_i, surface_of[3], surface_of[4])
-    if j < 0 and rolls_i[0] + rolls_i[2] > 0.0:  # what sticks at two heights cannot roll
+    if j < 0 and rolls_i[0] + rolls_i[2] > 0.0:  # a contact that sticks at two heights cannot roll
         shift = plus(shift, times(surface_of[11] - gap, n))
     center_i, arm_i = plus(center_i, shift), plus(arm_i, shift)
     rolls_j = (surface_of[5], surface_of[6], surface_of[7])
@@ -109,7 +108,7 @@ def contact_geometry(row, ids, gap, surface_of, position_i, world, work):
     if j >= 0:
         shift = _to_middle(center_j, first, second, rolls_j, surface_of[8], surface_of[9])
         center_j, arm_j = plus(center_j, shift), plus(arm_j, shift)
-    # with H what the spheres' centres make of the normal, and G both bodies' rolling: (1 + H G)^-1 H
+    # with H the change of the normal with the centres, and G the rolling of both bodies: (1 + H G)^-1 H
     a, b = dot(first, bend_first), dot(first, bend_second)
     c, d = dot(second, bend_first), dot(second, bend_second)
     g, h, k = roll_i[0] + roll_j[0], roll_i[1] + roll_j[1], roll_i[2] + roll_j[2]
@@ -137,9 +136,7 @@ def contact_geometry(row, ids, gap, surface_of, position_i, world, work):
 
 @inner(forceinline=True, error_model="numpy")
 def _beyond(rolls, r):
-    """By how much larger than a sphere's the radii are by which a body rolls, in the directions in which it
-    does.
-    """
+    """Return the excess of a body's rolling radii over a sphere's radius, in its rolling directions."""
     a, b, c = rolls
     trace, whole = a + c, a * c - b * b
     if trace <= 0.0:
@@ -153,14 +150,15 @@ def _beyond(rolls, r):
         return a - r, b, c - r
     if larger <= r or half < _SAME_RADIUS * trace:
         return 0.0, 0.0, 0.0
-    share = 0.5 * (larger - r) / half  # of the projection on the direction of the larger one
+    share = 0.5 * (larger - r) / half  # share of the projection on the direction of the larger radius
     return share * (a - smaller), share * b, share * (c - smaller)
 
 
 @inner(forceinline=True, error_model="numpy")
 def _to_middle(center, first, second, rolls, a, b):
-    """From a sphere's centre to the middle of the supports on both sides, in directions in which the body
-    rolls over them; ``rolls`` has the radii by which it does.
+    """Return the vector from a sphere's centre to the middle of the supports, in rolling directions.
+
+    ``rolls`` holds the rolling radii.
     """
     trace, whole = rolls[0] + rolls[2], rolls[0] * rolls[2] - rolls[1] * rolls[1]
     if trace <= 0.0:
@@ -173,7 +171,7 @@ def _to_middle(center, first, second, rolls, a, b):
 
 @inner
 def element_bend(c, direction, e, world):
-    """Change of element e's normal at a point of the world, when that moves along a unit vector [1/m]."""
+    """Return the change of element e's normal at a world point that moves along a unit vector [1/m]."""
     s = world.surroundings
     a = _element_normal(plus(c, times(_REACH, direction)), e, s)
     b = _element_normal(minus(c, times(_REACH, direction)), e, s)
@@ -189,7 +187,7 @@ def _element_normal(c, e, s):
 
 @inner(forceinline=True)
 def contact_change(geometry, errors, first_i, first_j, c):
-    """What column ``c`` of the errors changes; the bodies' blocks begin at rows ``first_i``, ``first_j``."""
+    """Return the change for column ``c``; the bodies' error blocks begin at ``first_i``, ``first_j``."""
     g = geometry
     dp_i, t_i = vector(errors, first_i + EP, c), vector(errors, first_i + ER, c)
     dp_j, t_j = vector(errors, first_j + EP, c), vector(errors, first_j + ER, c)
@@ -210,32 +208,32 @@ def contact_change(geometry, errors, first_i, first_j, c):
 
 @inner(forceinline=True)
 def _rolled(g, roll, tilt):
-    """How far a body that rolls by a tilt moves the contact over its surface."""
+    """Return the displacement of the contact on the surface of a body that rolls by a tilt."""
     a, b = dot(g.first, tilt), dot(g.second, tilt)
     return plus(times(roll[0] * a + roll[1] * b, g.first), times(roll[1] * a + roll[2] * b, g.second))
 
 
 @inner(forceinline=True)
 def point_velocity(v, i, arm):
-    """Velocity of a point of body i from its row of velocities."""
+    """Return the velocity of a point of body i from its row of velocities."""
     return plus((v[i, 0], v[i, 1], v[i, 2]), cross((v[i, 3], v[i, 4], v[i, 5]), arm))
 
 
 @inner(forceinline=True)
 def turning(v, i, change):
-    """How a changed lever arm changes the velocity of its end."""
+    """Return the change of velocity at the end of a lever arm that changes."""
     return cross((v[i, 3], v[i, 4], v[i, 5]), change)
 
 
 @inner(forceinline=True)
 def error_velocity(errors, first, arm, c):
-    """How column ``c`` changes the velocity of a point, its lever arm held."""
+    """Return the change of a point's velocity for column ``c``, with a constant lever arm."""
     return plus(vector(errors, first + EV, c), cross(vector(errors, first + EW, c), arm))
 
 
 @inner(forceinline=True)
 def bend_change(n, w, r, dn, dw, dr):
-    """Change of ``n . (w x (w x r))``."""
+    """Return the change of ``n . (w x (w x r))``."""
     wr, wn, rn = dot(w, r), dot(w, n), dot(r, n)
     return (
         (dot(dw, r) + dot(w, dr)) * wn

@@ -1,4 +1,4 @@
-"""The linear system of a group's contacts: six rows for each loaded body, its impulse and its moment."""
+"""Linear system of a group's contacts: six rows for each loaded body, for its impulse and moment."""
 
 from ..compiler import inner
 from ..spatial.rotation import cross
@@ -6,7 +6,7 @@ from ..spatial.rotation import cross
 
 @inner(forceinline=True)
 def add_answer(A, place, slot_i, slot_j, k, sign, arm, answer, turn_i, turn_j):
-    """Add one column of B to the rows of a body at ``place``: to what multiplies both bodies' velocities."""
+    """Add one column of B to the rows of a body at ``place``, for the velocities of both bodies."""
     moment = cross(arm, answer)
     for r in range(3):
         a, b = sign * answer[r], sign * moment[r]
@@ -33,7 +33,7 @@ def add_force(A, place, column, sign, force, moment):
 
 @inner(error_model="numpy")
 def eliminate(A, size, width):
-    """Solve a linear system (size, size), the right-hand sides being the columns up to ``width``."""
+    """Solve a linear system (size, size) in place; the columns up to ``width`` are right-hand sides."""
     for k in range(size):
         pivot = k
         for r in range(k + 1, size):

@@ -1,10 +1,10 @@
-"""Errors of bodies that something else moves (`driven_bodies`): on paths, or held for a while.
+"""Errors of kinematic bodies (`driven_bodies`): on paths, or attached to another body.
 
-A path has no errors but its offset, which moves all of it as one rigid body, and what is held along with it.
-What is held has besides those of its place in the hand, which turn with the hand. An impact happens at a
-time that depends on the state, when driven bodies are elsewhere on their ways: until the step ends, their
-errors are also how far they move, and how much their velocities change, in the change of time. A body that is
-released has the errors that its place and its velocity had then; a later release is a change of time as well.
+A path's only error is its offset, which moves the whole path and attached bodies rigidly. An attached body
+also has the errors of its pose in the carrier's frame. The time of an impact depends on the state, and
+kinematic bodies move with time. Until the step ends, their errors therefore include their motion and
+acceleration over the change of time. A released body has the errors of its pose and velocity at release; an
+uncertain release time is a change of time, too.
 """
 
 import math
@@ -21,23 +21,23 @@ from ..spatial.rotation import cross, rotate, rotate_back, write_matrix
 from ..spatial.vectors import dot, minus, plus, put, three, times, vector
 from .flight_derivative import mean_spin, turn_coefficients, turned_on
 
-_REACH = 1e-5  # s: over which accelerations on a path are found
-_INSTANT = 1e-9  # s: intervals in which displacements say nothing of velocities
+_REACH = 1e-5  # s, step of finite differences of accelerations on a path
+_INSTANT = 1e-9  # s: too short to compute velocities from displacements
 
 
 class DrivenErrors(NamedTuple):
-    """What r columns of errors change of the B bodies' motions; empty arrays where nothing is driven.
+    """Changes of the B bodies' motions for r columns of errors; arrays are empty without kinematic bodies.
 
     Attributes
     ----------
     offset : (B, 6, r) float64
-        Of the whole path of each body: a translation [m] and a rotation about `center` [rad], world axes.
+        Offset of each body's path: a translation [m] and a rotation about `center` [rad], world axes.
     center : (B, 3) float64
-        Where the body's path begins [m].
+        Start of each body's path [m].
     late : (B, r) float64
-        Of the time of its release [s].
+        Change of its release time [s].
     held : (B, 6, r) float64
-        Of the place and rotation of a held body, as seen from what holds it, along its own axes.
+        Change of an attached body's position and rotation in the carrier's frame, along its own axes.
     """
 
     offset: np.ndarray
@@ -48,7 +48,7 @@ class DrivenErrors(NamedTuple):
 
 @inner(forceinline=True)
 def _offset(driven, k, point, c):
-    """What the offset of body k's path moves a point, and by what it turns."""
+    """Return the displacement of a point by the offset of body k's path, and the rotation."""
     own, center = driven.offset[k], three(driven.center, k, 0)
     turn = vector(own, 3, c)
     return plus(vector(own, 0, c), cross(turn, minus(point, center))), turn
@@ -56,20 +56,20 @@ def _offset(driven, k, point, c):
 
 @inner(forceinline=True)
 def _mover(j, actions):
-    """The body whose path driven body j goes along with."""
+    """Return the body whose path moves kinematic body j."""
     return j if follows(j, actions) else actions.carrier[j]
 
 
 @inner(forceinline=True)
 def _is_held(j, begin, world):
-    """Whether something holds driven body j in the step that begins then, or in a part of it."""
+    """Return whether kinematic body j is attached in the step that begins then, or in a part of it."""
     actions, early = world.surroundings.actions, ROUND_OFF * world.dt
     return not follows(j, actions) and actions.held[j, 0] - early <= begin < actions.held[j, 1] - early
 
 
 @inner(noinline=True, error_model="numpy")
 def _acceleration(x, j, time, world, work):
-    """Linear and angular acceleration of driven body j at a time."""
+    """Return the linear and angular acceleration of kinematic body j at a time."""
     actions, found = world.surroundings.actions, work.carried
     k, zero = _mover(j, actions), (0.0, 0.0, 0.0)
     if not follows(k, actions):
@@ -87,9 +87,9 @@ def _acceleration(x, j, time, world, work):
 
 @inner(forceinline=True)
 def _write_errors(rows, j, states, row, c, later, acceleration, world, errors, driven):
-    """Write column ``c`` of the errors of driven body j, world axes, at its state in a row of ``states``.
+    """Write column ``c`` of kinematic body j's errors, world axes, at its state in a row of ``states``.
 
-    The present is ``later`` by so much [s]. ``errors.R`` is its rotation.
+    The current time is ``later`` by this amount [s]. ``errors.R`` is its rotation.
     """
     point, v, w = three(states, row, P), three(states, row, V), three(states, row, W)
     moved, turn = _offset(driven, _mover(j, world.surroundings.actions), point, c)
@@ -105,7 +105,7 @@ def _write_errors(rows, j, states, row, c, later, acceleration, world, errors, d
 
 @inner(forceinline=True)
 def _turn_back(rows, first, R):
-    """Write a body's rotation errors about world axes as those about its own."""
+    """Convert a body's rotation errors from world axes to body axes."""
     for c in range(rows.shape[1]):
         t = vector(rows, first + ER, c)
         put(rows, first + ER, c, rotate_back(R, t[0], t[1], t[2]))
@@ -113,9 +113,9 @@ def _turn_back(rows, first, R):
 
 @kernel(noinline=True, arrays=False)
 def begin_held_errors(root, begin, world, work, errors, driven):
-    """A step begins: keep the errors of held bodies' places, and let go of those that are released in it.
+    """Store the pose errors of attached bodies at a step's beginning, and release bodies within the step.
 
-    ``work.state`` is that of the step's beginning, ``root`` the errors there.
+    ``work.state`` is the state at the step's beginning, ``root`` the errors there.
     """
     actions, x, R = world.surroundings.actions, work.state, errors.R
     for d in range(len(actions.driven)):
@@ -136,8 +136,9 @@ def begin_held_errors(root, begin, world, work, errors, driven):
 
 @inner(noinline=True, error_model="numpy")
 def _release_errors(root, j, left, begin, world, work, errors, driven):
-    """Give body j, which is released ``left`` seconds into the step, the errors at the step's beginning from
-    which free flight makes those of its throw (as `driven_bodies` its state).
+    """Give body j, released ``left`` seconds into the step, equivalent errors at the step's beginning.
+
+    Free flight from there leads to the errors at release (as for the state in `driven_bodies`).
     """
     dt, first, state = world.dt, ERROR * errors.block[j], work.carried
     acceleration = _acceleration(work.state, j, begin + left, world, work)
@@ -166,7 +167,7 @@ def _release_errors(root, j, left, begin, world, work, errors, driven):
 
 @kernel(noinline=True, arrays=False)
 def end_held_errors(root, x, end, world, work, errors, driven):
-    """A step ends: errors of held bodies are those of their places, and what they would be thrown with."""
+    """Write the errors of attached bodies at a step's end, including effects of a later release."""
     actions, begin, g = world.surroundings.actions, end - world.dt, world.gravity
     rate = math.log(world.decay) / world.dt
     for d in range(len(actions.driven)):
@@ -178,7 +179,7 @@ def end_held_errors(root, x, end, world, work, errors, driven):
         write_matrix((x[j, Q], x[j, Q + 1], x[j, Q + 2], x[j, Q + 3]), errors.R, 0)
         for c in range(root.shape[1]):
             _write_errors(root, j, x, j, c, 0.0, acceleration, world, errors, driven)
-            if not _is_held(j, end, world):  # what is released later is not yet falling
+            if not _is_held(j, end, world):  # a body that is released later is not falling yet
                 later = driven.late[j, c]
                 for k in range(3):
                     root[first + EV + k, c] += later * (linear[k] - g[k] - rate * x[j, V + k])
@@ -188,7 +189,7 @@ def end_held_errors(root, x, end, world, work, errors, driven):
 
 @kernel(noinline=True, arrays=False)
 def place_driven_errors(rows, x, count, time, world, work, errors, driven):
-    """Write the errors of driven bodies that may touch the group at hand, at a time."""
+    """Write the errors of kinematic bodies that may touch the current group, at a time."""
     actions = world.surroundings.actions
     for d in range(len(actions.driven)):
         j = actions.driven[d]
@@ -202,9 +203,9 @@ def place_driven_errors(rows, x, count, time, world, work, errors, driven):
 
 @kernel(noinline=True, arrays=False, error_model="numpy")
 def travel_driven_errors(count, h, world, work, errors):
-    """An interval of ``h`` seconds ends, and the errors of driven bodies at both ends are known.
+    """Update the errors of kinematic bodies after an interval of ``h`` seconds, given those at both ends.
 
-    What contacts take for their velocities at its beginning (`driven_bodies.drive`) changes with these.
+    The start velocities that contacts use (`driven_bodies.drive`) change with these.
     """
     actions, begin, end, velocity = world.surroundings.actions, errors.begin, errors.end, work.velocity
     for d in range(len(actions.driven)):
@@ -224,7 +225,7 @@ def travel_driven_errors(count, h, world, work, errors):
                     moved -= 0.5 * dh * (velocity[START, j, k] + velocity[NOW, j, k])
                     begin[first + EV + k, c] = share * moved - dv[k]
                 before, after = vector(begin, first + ER, c), vector(end, first + ER, c)
-                # of the rotation vector in between, by the inverse of its left Jacobian, and its right one
+                # of the rotation vector between them, by the inverse left Jacobian, and the right one
                 turned, mean = minus(after, before), times(0.5, cross(phi, plus(after, before)))
                 turned = minus(plus(turned, times(third, cross(phi, cross(phi, turned)))), mean)
                 dw = minus(times(share, minus(turned, times(dh, middle))), dw)
@@ -235,7 +236,7 @@ def travel_driven_errors(count, h, world, work, errors):
 
 @inner(forceinline=True, error_model="numpy")
 def _third_of_inverse(phi):
-    """Third coefficient of the inverse of the left Jacobian at a rotation vector."""
+    """Return the third coefficient of the inverse left Jacobian at a rotation vector."""
     square = dot(phi, phi)
     if square < 0.01:
         return 1.0 / 12.0 + square / 720.0 + square * square / 30240.0

@@ -1,8 +1,8 @@
-"""Derivative of free travel by the implicit step: a parabola, and a rotation that keeps its momentum.
+"""Derivative of free motion in the implicit step: a parabola, and a rotation with constant momentum.
 
-Errors are columns of an array with 12 rows a body, in the order of the error state, but here a rotation's is
-about world axes. How long a travel takes may depend on the state too, as the time until an impact does: each
-column then changes it.
+Errors are columns of an array with 12 rows per body in the order of the error state, but with rotations about
+world axes. The duration may depend on the state, as the time until an impact does; each column then changes
+it.
 """
 
 import math
@@ -19,27 +19,27 @@ from ..spatial.vectors import dot, plus, put, three, times, vector
 
 
 class Errors(NamedTuple):
-    """Errors of a rollout's state in an interval of a step, r columns.
+    """Errors of a rollout's state in an interval of a step, with r columns.
 
     Attributes
     ----------
     begin : (12 M + 12 P + 12, r) float64
-        At the interval's beginning, about world axes: of M bodies that move by themselves, then of P that
-        follow a path; the last block is zero and stands for all fixed bodies.
+        Errors at the interval's beginning, world axes: of M free bodies, then of P bodies on a path. The last
+        block is zero and stands for all fixed bodies.
     end : (12 M + 12 P + 12, r) float64
-        At its end, if nothing touches.
+        Errors at its end without contacts.
     block : (B,) int64
-        Which of the blocks of 12 rows is each body's.
+        Index of each body's block of 12 rows.
     length : (r,) float64
-        Changes of the interval's length [s].
+        Change of the interval's length [s].
     left : (r,) float64
-        Changes of what is left of the step, for the group at hand [s].
+        Change of the remaining time of the step, for the current group [s].
     momentum : (3, r) float64
-        Room for changes of an angular momentum.
+        Temporary changes of an angular momentum.
     kept : (6, r) float64
-        Room for changes of a body's velocities.
+        Temporary changes of a body's velocities.
     R : (1, 3, 3) float64
-        Room for a rotation matrix.
+        Temporary rotation matrix.
     """
 
     begin: np.ndarray
@@ -54,7 +54,7 @@ class Errors(NamedTuple):
 
 @inner
 def turn_coefficients(phi):
-    """``sin(a) / a``, ``(1 - cos(a)) / a^2`` and ``(a - sin(a)) / a^3`` of a rotation vector's angle."""
+    """Return ``sin(a) / a``, ``(1 - cos(a)) / a^2``, ``(a - sin(a)) / a^3`` for the angle of ``phi``."""
     angle2 = dot(phi, phi)
     if angle2 < 0.01:
         square = angle2 * angle2
@@ -68,13 +68,13 @@ def turn_coefficients(phi):
 
 @inner(forceinline=True)
 def mean_spin(i, velocity):
-    """Mean angular velocity of body i at the beginning and the end of a solved interval [rad/s]."""
+    """Return body i's mean angular velocity at the beginning and the end of a solved interval [rad/s]."""
     return times(0.5, plus(three(velocity[START], i, 3), three(velocity[NOW], i, 3)))
 
 
 @inner(forceinline=True)
 def turned_on(turn, delta, phi, coefficients):
-    """Error about world axes of ``Exp(phi) R``, R's being ``turn`` and that of ``phi`` being ``delta``."""
+    """Return the world-axes error of ``Exp(phi) R``, with error ``turn`` of R and ``delta`` of phi."""
     first, second, third = coefficients
     a, b = cross(phi, turn), cross(phi, delta)
     c, d = cross(phi, a), cross(phi, b)
@@ -87,7 +87,7 @@ def turned_on(turn, delta, phi, coefficients):
 
 @inner(forceinline=True)
 def in_world(R, A, v):
-    """``R A R^T v`` of a body-frame matrix A."""
+    """Return ``R A R^T v`` for a body-frame matrix A."""
     x, y, z = rotate_back(R, v[0], v[1], v[2])
     x, y, z = rotate(A, x, y, z)
     return rotate(R, x, y, z)
@@ -95,10 +95,10 @@ def in_world(R, A, v):
 
 @inner(noinline=True)
 def fly_errors(v, w, q, i, h, decay, world, errors):
-    """Take body i's errors from an interval's beginning to its end, ``h`` seconds later, without contact.
+    """Propagate body i's errors over an interval of ``h`` seconds without contact.
 
-    ``v``, ``w`` and ``q`` are the velocities and the orientation that it begins with; ``decay`` is the factor
-    on velocities over ``h``. Returns the orientation at the end.
+    ``v``, ``w`` and ``q`` are velocities and orientation at the beginning; ``decay`` is the factor on
+    velocities over ``h``. Returns the orientation at the end.
     """
     begin, end, length = errors.begin, errors.end, errors.length
     first, g = ERROR * errors.block[i], world.gravity
@@ -132,8 +132,7 @@ def fly_errors(v, w, q, i, h, decay, world, errors):
 
 @inner
 def _turn_gyroscopically(w, q, i, first, h, bodies, errors):
-    """As `free_motion.integrate_gyroscopic`, turn by turn; returns angular velocity and orientation at the
-    end."""
+    """Propagate errors as in `integrate_gyroscopic`; return final angular velocity and orientation."""
     begin, end, dL, length, R = errors.begin, errors.end, errors.momentum, errors.length, errors.R
     inertia, inverse = bodies.inertia[i], bodies.inverse_inertia[i]
     write_matrix(q, R, 0)

@@ -1,23 +1,24 @@
-"""Derivative of the implicit step's intervals, contacts held as they were solved.
+"""Derivative of the implicit step's intervals, for contacts in their solved states.
 
-With ``u = v_i + w_i x a_i - v_j - w_j x a_j`` the relative velocity at a contact, n its normal and f its
-impulse, the interval's end obeys, for each body of mass m and inertia ``I`` in world axes,
+Let ``u = v_i + w_i x a_i - v_j - w_j x a_j`` be the relative velocity at a contact, n its normal and f its
+impulse. The interval's end obeys, for each body of mass m and inertia ``I`` in world axes,
 
     m (v' - v*) = sum f,   I (w' - w*) = sum a x f
 
-Its derivative is a linear system in ``dv', dw'``: f changes by ``B du' + b`` where, by what the contact does,
+Its derivative is a linear system in ``dv', dw'``. f changes by ``B du' + b``, which depends on the contact's
+state:
 
     lasting:   d lambda_n = dh kappa pi R d^2 + K (-dg + dh (s* - s') / 2 + h ds* / 2 + tau dr
                - (h / 2 + tau) ds') with K = 2 h kappa pi R d, s' = n . u, s* and g the normal speed and the
                gap without contacts, tau the damping time and r the part of s* that comes from rolling
-    impact:    ds' = (s' / s) ds, a constraint; 0 where nothing rebounds
+    impact:    ds' = (s' / s) ds, a constraint; 0 without rebound
     sticking:  the slip of u' stays zero, a constraint
     sliding:   f_t = -mu lambda_n t, t the direction of slip, which turns with it
 
-The geometry changes too (``contact_change``): normals and lever arms in u and f, and the inertia that turns
-with the body. Where f acts in the middle of the interval (``middle_arms``), its lever arm is another than
-that of u. Constraints are springs so stiff that they move by `_YIELDING` of what they would without.
-Contacts without load stay so.
+The geometry also changes (``contact_change``): normals and lever arms in u and f, and the inertia that
+rotates with the body. If f acts in the middle of the interval (``middle_arms``), its lever arm differs from
+the one in u. Constraints are stiff springs that yield by `_YIELDING` of the unconstrained motion. Contacts
+without load stay open.
 """
 
 import math
@@ -71,30 +72,30 @@ from .flight_derivative import in_world, mean_spin, turn_coefficients, turned_on
 from .twist_derivative import add_twist, no_twist, surface_change, surface_velocity, twist_change, twist_of
 from .wrench_derivative import fly_pushed_errors
 
-_YIELDING = 1e-7  # of what a constraint holds
+_YIELDING = 1e-7  # relative compliance of a constraint
 
 
 class ContactErrors(NamedTuple):
-    """Room for the derivative of a group's contacts.
+    """Arrays for the derivative of a group's contacts.
 
     Attributes
     ----------
     gap : (C,) float64
-        Gaps of the contacts at hand when they were found [m].
+        Gaps of the current contacts when they were found [m].
     surface : (C, 12) float64
-        What is known of the surfaces at each contact (`contact_change.contact_geometry`).
+        Description of the surfaces at each contact (`contact_change.contact_geometry`).
     tilts : float64 array
         A copy of `rolling.TILTS`.
     shift : (C, 3, 6) float64
-        Of each contact that leads others (`contact_row.LEAD`), how far away these push in mid-interval [m],
-        and the derivative of that (`middle_arms.write_shift_slopes`).
+        Shift of the impulses of a lead's contacts (`contact_row.LEAD`) in the middle of the interval [m], and
+        its derivative (`middle_arms.write_shift_slopes`).
     slot : (B,) int64
-        Which six of the system's unknowns are each body's velocities; -1 for none.
+        Index of each body's six velocities in the system's unknowns; -1 if absent.
     system : (6 B, 6 B + r) float64
-        The linear system, the right-hand sides beside it.
+        Linear system with right-hand sides.
     doubtful : (B,) bool
-        Whether contacts of each body would have done something else within a standard deviation: opened, not
-        closed, or not closed together in an impact.
+        Whether contacts of each body could behave differently within a standard deviation. They could open,
+        not close, or not close together in an impact.
     first_gap : (r,) float64
         Changes of the gap of an impact's first contact [m].
     """
@@ -111,21 +112,21 @@ class ContactErrors(NamedTuple):
 
 @inner(forceinline=True)
 def relative_velocity(v, i, j, arm_i, arm_j):
-    """Velocity of body i's point relative to its partner's, from rows of velocities."""
+    """Return the velocity of body i's point relative to its partner's, from rows of velocities."""
     u = point_velocity(v, i, arm_i)
     return minus(u, point_velocity(v, j, arm_j)) if j >= 0 else u
 
 
 @inner(forceinline=True)
 def _turning(v, i, j, change):
-    """What changed lever arms do to `relative_velocity`."""
+    """Return the change of `relative_velocity` with the lever arms."""
     u = turning(v, i, change.arm_i)
     return minus(u, turning(v, j, change.arm_j)) if j >= 0 else u
 
 
 @inner(forceinline=True)
 def _speed_change(g, change, v, i, j, errors, first_i, first_j, c):
-    """What column ``c`` changes of a contact's normal speed, by rows of velocities and of errors."""
+    """Return the change of a contact's normal speed for column ``c``, from velocities and errors."""
     du = minus(error_velocity(errors, first_i, g.arm_i, c), error_velocity(errors, first_j, g.arm_j, c))
     du = plus(du, _turning(v, i, j, change))
     return dot(g.n, du) + dot(change.n, relative_velocity(v, i, j, g.arm_i, g.arm_j))
@@ -133,13 +134,13 @@ def _speed_change(g, change, v, i, j, errors, first_i, first_j, c):
 
 @inner(forceinline=True)
 def _first(errors, j):
-    """Where the block of body j begins, or of an element: that of zeros."""
+    """Return the start of body j's block; for an element, of the zero block."""
     return ERROR * errors.block[j] if j >= 0 else errors.begin.shape[0] - ERROR
 
 
 @inner
 def _bend_change(g, change, v, i, j, errors, first_i, first_j, c):
-    """Change of a contact's centripetal acceleration."""
+    """Return the change of a contact's centripetal acceleration."""
     w, dw = (v[i, 3], v[i, 4], v[i, 5]), vector(errors, first_i + EW, c)
     total = bend_change(g.n, w, g.center_i, change.n, dw, change.center_i)
     if j >= 0:
@@ -150,9 +151,9 @@ def _bend_change(g, change, v, i, j, errors, first_i, first_j, c):
 
 @inner(noinline=True, error_model="numpy")
 def impact_time_errors(x, c, time, v, begin, world, work, errors, surface_of):
-    """Add how the time until contact ``c`` closes changes to `Errors.length`.
+    """Add the change of contact ``c``'s closing time to `Errors.length`.
 
-    ``v`` are the velocities at present, ``begin`` the errors; it may have closed before (``time`` < 0).
+    ``v`` are the current velocities, ``begin`` the errors. A negative ``time`` means that it closed before.
     """
     row, i, j = work.rows[c], work.ids[c, 0], work.ids[c, 1]
     g = contact_geometry(row, work.ids[c], row[GAP], surface_of, (x[i, 0], x[i, 1], x[i, 2]), world, work)
@@ -174,7 +175,7 @@ def impact_time_errors(x, c, time, v, begin, world, work, errors, surface_of):
 
 @inner
 def fly_group_errors(count, h, time, world, work, errors):
-    """Take the errors of the group at hand through an interval until ``time``, as it is without contacts."""
+    """Propagate the current group's errors through an interval until ``time``, without contacts."""
     numbers, velocity = work.numbers, work.velocity
     decay = world.decay if h == world.dt else world.decay ** (h / world.dt)
     for a in range(count):
@@ -186,10 +187,9 @@ def fly_group_errors(count, h, time, world, work, errors):
 
 @inner(noinline=True)
 def travel_errors(count, h, time, world, work, errors, contacts):
-    """Take the errors of the group at hand through an interval that was solved, until ``time``, to
-    `Errors.end`.
+    """Propagate the current group's errors through a solved interval until ``time``, to `Errors.end`.
 
-    ``work.R`` is that of the interval's end.
+    ``work.R`` belongs to the interval's end.
     """
     velocity, size = work.velocity, 0
     fly_group_errors(count, h, time, world, work, errors)
@@ -230,9 +230,9 @@ def travel_errors(count, h, time, world, work, errors, contacts):
 
 @inner
 def _find_shifts(h, world, work, errors, contacts):
-    """Find how the places shift at which contacts push in mid-interval (`ContactErrors.shift`).
+    """Compute the shift of contact points in the middle of the interval (`ContactErrors.shift`).
 
-    A body that rolls by the shape that its spheres stand for goes on over their bumps without a shift.
+    A body with a rolling shape (`rolling`) rolls over its spheres' bumps without a shift.
     """
     numbers, k = work.numbers, FREE_QUATERNION
     for c in range(work.counts[CONTACTS]):
@@ -254,7 +254,7 @@ def _find_shifts(h, world, work, errors, contacts):
 
 @inner
 def impact_errors(x, count, threshold, world, work, errors, contacts):
-    """Take the errors of the group at hand through an impact, in place of `Errors.begin`."""
+    """Propagate the current group's errors through an impact; `Errors.begin` is replaced."""
     begin, end, size = errors.begin, errors.end, 0
     for a in range(count):
         i = work.members[a]
@@ -288,7 +288,7 @@ def impact_errors(x, count, threshold, world, work, errors, contacts):
 def solve_errors(count, size, law, h, threshold, world, work, errors, contacts):
     """Solve for the errors of the velocities at an interval's end, or after an impact.
 
-    They are in the system's columns from ``size`` on, each body's at its slot.
+    The result is in the system's columns from ``size`` on, at each body's slot.
     """
     A, columns = contacts.system, errors.begin.shape[1]
     for r in range(size):
@@ -307,7 +307,7 @@ def solve_errors(count, size, law, h, threshold, world, work, errors, contacts):
 
 @inner
 def _add_inertia(i, place, size, law, world, work, errors, A):
-    """A body's mass and inertia, and what it would do without contacts."""
+    """Add a body's mass and inertia, and its motion without contacts, to the system."""
     numbers, v, R = work.numbers, work.velocity, errors.R
     inertia, mass, first = world.bodies.inertia[i], world.bodies.mass[i], ERROR * errors.block[i]
     k = FREE_QUATERNION
@@ -325,14 +325,14 @@ def _add_inertia(i, place, size, law, world, work, errors, A):
         t = vector(errors.end, first + ER, c)
         for k in range(3):
             A[place + k, size + c] = mass * errors.end[first + EV + k, c]
-        # w' - w* is I^-1 tau, and I turns with the body
+        # w' - w* is I^-1 tau, and I rotates with the body
         a = in_world(R[0], inertia, plus(vector(errors.end, first + EW, c), cross(t, kicked)))
         put(A, place + 3, size + c, minus(a, cross(t, tau)))
 
 
 @inner(noinline=True, error_model="numpy")
 def _add_contact(c, size, law, h, threshold, world, work, errors, contacts):
-    """A loaded contact's ``B`` and ``b`` (module), into both bodies' rows."""
+    """Add a loaded contact's ``B`` and ``b`` (see the module) to both bodies' rows."""
     row, ids, own, velocity = work.rows[c], work.ids[c], work.impulses[law, c], work.velocity
     i, j, gap, end = ids[0], ids[1], contacts.gap[c], errors.end
     after, before = velocity[NOW], velocity[FREE if law == LASTING else START]
@@ -363,7 +363,7 @@ def _add_contact(c, size, law, h, threshold, world, work, errors, contacts):
         square = factor * depth * depth
         stiff = 2.0 * h * factor * depth
         give = stiff * way
-        # how fast the gap grows with h that counts where overlap goes slowly
+        # growth rate of the gap with h, for overlap that is removed slowly
         begun = dot(n, relative_velocity(velocity[START], i, j, g.arm_i, g.arm_j))
         recovery = RECOVERY - 0.5 * (begun + speed_before)
         if lead != c:
@@ -378,7 +378,7 @@ def _add_contact(c, size, law, h, threshold, world, work, errors, contacts):
     drift = (0.0, 0.0, 0.0)
     if moves:
         drift = surface_velocity(world.surroundings.actions.surface[-1 - j], position, g.arm_i)
-    u_s = minus(u, drift)  # what friction opposes, but for what of it is along the normal
+    u_s = minus(u, drift)  # velocity that friction opposes, including its normal part
     lift = dot(n, u_s)
     u_t = minus(u_s, times(lift, n))
     slides, pushed, along, hold = slip_derivative(row, own[0], f_t, u_t, n, _YIELDING * row[SLIP_COMPLIANCE])
@@ -390,7 +390,7 @@ def _add_contact(c, size, law, h, threshold, world, work, errors, contacts):
     if twists:
         twist = twist_of(work.twists[c], own, n, spinning, _YIELDING)
         add_twist(twist, n, give, g.arm_i, g.arm_j, slot_i, slot_j, A)
-    for k in range(3):  # columns of B, one of which is the answer to a unit change of u'
+    for k in range(3):  # columns of B, each the response to a unit change of u'
         unit = (1.0 * (k == 0), 1.0 * (k == 1), 1.0 * (k == 2))
         B_i = _answer(unit, n, pushed, along, give, hold)
         turn_i = cross(g.arm_i, unit)  # of u' with w: unit . (w x arm) = w . (arm x unit)
@@ -401,7 +401,7 @@ def _add_contact(c, size, law, h, threshold, world, work, errors, contacts):
     first_i, first_j = ERROR * errors.block[i], _first(errors, j)
     begins = law != LASTING and contacts.first_gap[0] == math.inf
     graze = 0.0  # variance of the closing speed
-    wide = 0.0  # variance of what decides whether it acts, and when
+    wide = 0.0  # variance of the gap that decides whether, and when, it acts
     clipped = law == LASTING and row[GAP] > gap
     for k in range(end.shape[1]):
         change = contact_change(g, end, first_i, first_j, k)
@@ -418,14 +418,14 @@ def _add_contact(c, size, law, h, threshold, world, work, errors, contacts):
             contacts.first_gap[k] = change.gap
         wide += (change.gap if law == LASTING else change.gap - contacts.first_gap[k]) ** 2
         known, turned = _turning(after, i, j, change), (0.0, 0.0, 0.0)
-        if j >= 0 and slot_j < 0:  # what is fixed or driven has known errors at the end, too
+        if j >= 0 and slot_j < 0:  # errors of fixed or kinematic bodies at the end are known
             known = minus(known, error_velocity(errors.end, first_j, g.arm_j, k))
             turned = vector(errors.end, first_j + EW, k)
         slip = known
         if moves:
             at = plus(vector(end, first_i + EP, k), change.arm_i)
             slip = minus(known, surface_change(world.surroundings.actions.surface[-1 - j], at))
-        # n . du' has dn . u' beside it
+        # n . du' comes with dn . u'
         push = -give * dot(dn, u)
         if law == LASTING:
             dh = errors.length[k]
@@ -447,7 +447,7 @@ def _add_contact(c, size, law, h, threshold, world, work, errors, contacts):
         push -= give * dot(n, known)
         b = plus(times(push, pushed), answer)
         b = plus(b, times(own[0], dn))
-        # what stays of the friction force turns with the normal
+        # the rest of the friction force rotates with the normal
         tilted = dot(f_t, dn)
         if slides:
             b = plus(b, times(hold, minus(times(lift, dn), times(dot(along, dn) * lift, along))))
@@ -469,7 +469,7 @@ def _add_contact(c, size, law, h, threshold, world, work, errors, contacts):
 
 @inner(forceinline=True)
 def _answer(u, n, pushed, along, give, hold):
-    """``B u``: what a change of the relative velocity makes of the impulse."""
+    """Return ``B u``: the change of the impulse with the relative velocity."""
     s = dot(n, u)
     across = minus(u, times(s, n))
     across = minus(across, times(dot(along, across), along))

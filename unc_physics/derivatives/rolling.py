@@ -1,4 +1,4 @@
-"""How a body rolls by the shape that its spheres stand for, found from its packing's hull."""
+"""Rolling radii of a body from the hull of its packing, for the shape that the spheres approximate."""
 
 import math
 
@@ -8,11 +8,11 @@ from ..compiler import inner
 from ..spatial.rotation import rotate_back
 from ..spatial.vectors import dot, plus, times
 
-#: Tilts over which a body is thought to roll [rad], and how many to each side.
+#: Tilts at which supports are found [rad], and their number per side.
 _LEAST_TILT, _MOST_TILT, _TILTS = 0.05, 0.8, 12
-_JUMP = 0.15  # of the radius by which something rolls: how far its support may jump
-_ON_HULL = 0.02  # of the body's radius: how far from its hull what rolls may be
-_ROUNDS = 3  # in which the direction of a line is corrected
+_JUMP = 0.15  # largest jump of the support, relative to the rolling radius
+_ON_HULL = 0.02  # largest distance of the touching sphere from the hull, relative to the body's radius
+_ROUNDS = 3  # corrections of a line's direction
 _DIAGONAL = math.sqrt(0.5)
 
 
@@ -23,34 +23,32 @@ def _tilts():
     return room
 
 
-#: Room for `rolling`: the cosine and the sine of each tilt, a depth, and the sphere that is the lowest then.
+#: Arrays for `rolling`: cosine and sine of each tilt, a depth, and the lowest sphere.
 TILTS = _tilts()
 
 
 @inner(error_model="numpy")
 def rolling(n, first, second, i, sphere, R, world, room, out):
-    """How the support of body i moves over its surface when it rolls, from its packing's hull.
+    """Compute how the support of body i moves over its surface as it rolls, from its packing's hull.
 
-    A packing is rough: what rolls goes from sphere to sphere, and its derivative between two of them is not
-    that of the shape which they stand for. The support moves on with the tilt where the shape is round;
-    across a flat face it jumps at once and then stays, as at an edge, which are what they look like from
-    nearby. So what counts is how it moves over several tilts, a jump at first apart.
+    A packing is rough: a rolling body moves from sphere to sphere, and local derivatives do not fit the
+    original shape. On a round shape the support moves with the tilt. On a flat face it jumps at once and then
+    stays, as at an edge. Therefore the motion is fitted over several tilts, separate from an initial jump.
 
     Parameters
     ----------
     n, first, second : tuples of 3 floats
-        Direction away from the contact into the body, and two across it, world frame.
+        Direction from the contact into the body, and two tangents, world frame.
     i, sphere : int
-        The body, and its sphere that touches; one that is not on the hull's side of the contact does not
-        roll.
+        Body, and its touching sphere. A sphere that is not on the hull near the contact does not roll.
     R : (3, 3) array
         ``R_world_body``.
     world : World
     room : array
         A copy of `TILTS`.
     out : (5,) array
-        Entries 11, 12 and 22 of a symmetric matrix, the radii by which it rolls; and where the middle of the
-        shape is, in both directions from the centre of mass [m].
+        Entries 11, 12 and 22 of the symmetric matrix of rolling radii. Then the centre of the shape in both
+        tangent directions, relative to the centre of mass [m].
     """
     for k in range(5):
         out[k] = 0.0
@@ -68,7 +66,7 @@ def rolling(n, first, second, i, sphere, R, world, room, out):
         return
     s11, s21, j11, j21 = _support_way(m, a, a, b, low, high, hull, room)
     s12, s22, j12, j22 = _support_way(m, b, a, b, low, high, hull, room)
-    # the support jumps the farthest in one direction, and the least across it
+    # the support jumps farthest in one direction, and least in the perpendicular one
     p, q, r = j11 * j11 + j12 * j12, j11 * j21 + j12 * j22, j21 * j21 + j22 * j22
     half, spread = 0.5 * (p + r), math.sqrt(0.25 * (p - r) ** 2 + q * q)
     angle = 0.5 * math.atan2(2.0 * q, p - r)
@@ -99,8 +97,9 @@ def rolling(n, first, second, i, sphere, R, world, room, out):
 
 @inner
 def _write_depths(m, e, low, high, hull, room):
-    """Write how deep a body's lowest point is below its centre of mass, as a negative height [m], at tilts
-    to both sides, and which of its spheres it is on; ``m`` points up and ``e`` across, body frame.
+    """Write the negative height of a body's lowest point [m] at tilts to both sides, and its sphere.
+
+    The height is relative to the centre of mass. ``m`` points up and ``e`` along the tilt, body frame.
     """
     tilts = len(room)
     for t in range(tilts):
@@ -116,8 +115,9 @@ def _write_depths(m, e, low, high, hull, room):
 
 @inner(error_model="numpy")
 def _support_way(m, e, a, b, low, high, hull, room):
-    """How the support moves along ``a`` and ``b`` when the body tilts along ``e``, by lines through the ways
-    to both sides: their slopes, and what they have at no tilt, which are jumps [m].
+    """Fit lines to the support's motion along ``a`` and ``b`` as the body tilts along ``e``.
+
+    Returns their slopes, and their values at zero tilt, which are jumps [m].
     """
     _write_depths(m, e, low, high, hull, room)
     count = len(room) // 2
@@ -143,11 +143,11 @@ def _support_way(m, e, a, b, low, high, hull, room):
 
 @inner(error_model="numpy")
 def _turned(m, d, e, longest, radius, low, high, hull, room):
-    """By how much the line on which a body lies is turned from ``e`` towards ``d`` [rad].
+    """Return the rotation of the line on which a body lies from ``e`` towards ``d`` [rad].
 
-    Depths at tilts between both directions tell, which are alike if it is not turned: they vary far less from
-    sphere to sphere than where the supports are. A line of half the length ``longest`` is tilted by its turn
-    to one side of the diagonal, and a cylinder's radius counts for the other.
+    It is found from depths at diagonal tilts, which are equal on both sides without rotation. Depths vary far
+    less between spheres than supports do. A rotated line of half length ``longest`` adds to the tilt on one
+    side; on the other the cylinder's radius matters.
     """
     count, total, square = len(room) // 2, 0.0, 0.0
     for side in range(2):
@@ -165,10 +165,10 @@ def _turned(m, d, e, longest, radius, low, high, hull, room):
 
 @inner(error_model="numpy")
 def _round_shape(m, e, low, high, hull, room):
-    """Radius and middle [m] of the circle that a body's depths at tilts along ``e`` are those of.
+    """Return radius and centre [m] of the circle that fits a body's depths at tilts along ``e``.
 
-    Along a line that is not quite at a right angle to ``e`` depths grow with the sine of the tilt as well, to
-    both sides alike.
+    If the line is not exactly perpendicular to ``e``, depths also grow with the sine of the tilt, equally on
+    both sides.
     """
     _write_depths(m, e, low, high, hull, room)
     count = len(room) // 2

@@ -1,8 +1,8 @@
-"""The linearized transition between contacts: drift and damping act on the error state of one body.
+"""Linearized transition between contacts: drift and damping of one body's error state.
 
-A matrix whose rows are the error state ``[dp, dv, dtheta, domega]`` of body after body, columns whatever is
-carried, is multiplied from the left by the paper's A_t (Eq. 14), or by its exact counterpart. Bodies go by
-index: a slice for each would cost more than the arithmetic.
+A matrix with the bodies' error states ``[dp, dv, dtheta, domega]`` as rows is multiplied from the left by the
+paper's A_t (Eq. 14), or by its exact counterpart. Its columns are arbitrary. Bodies are indexed, as a slice
+for each would cost more than the arithmetic.
 """
 
 import math
@@ -15,7 +15,7 @@ from .transition_simd import four_columns, two_columns
 
 @inner(forceinline=True)
 def write_printed_rotation(R, i, dt, out):
-    """``dt R_t^T`` of body i, Eq. 14's block from angular velocity to rotation, into ``out`` (3, 3)."""
+    """Write ``dt R_t^T`` of body i, Eq. 14's block from angular velocity to rotation, into ``out`` (3, 3)."""
     for a in range(3):
         for b in range(3):
             out[a, b] = dt * R[i, b, a]
@@ -23,14 +23,13 @@ def write_printed_rotation(R, i, dt, out):
 
 @inner(forceinline=True)
 def write_exact_rotation(R, x, i, dt, out):
-    """``dt R_t^T J^T`` of body i, the exact derivative of the drift, into ``out`` (3, 3).
+    """Write ``dt R_t^T J^T`` of body i, the exact derivative of the drift, into ``out`` (3, 3).
 
-    J is the left Jacobian of SO(3) at ``dt omega``; ``x`` (B, 13) and ``R`` (B, 3, 3) are those before the
-    drift.
+    J is the left Jacobian of SO(3) at ``dt omega``; ``x`` (B, 13) and ``R`` (B, 3, 3) precede the drift.
     """
     a, b, c = dt * x[i, W], dt * x[i, W + 1], dt * x[i, W + 2]
     angle2 = a * a + b * b + c * c
-    if angle2 < 0.01:  # as in nearly every time step: the series to round-off
+    if angle2 < 0.01:  # as in most time steps: the series is exact to round-off
         square = angle2 * angle2
         first = (
             0.5
@@ -56,9 +55,9 @@ def write_exact_rotation(R, x, i, dt, out):
 
 @inner
 def apply_gyroscopic_jacobian(rows, first, x, i, R, world):
-    """Add what the gyroscopic term does to errors in one body's 12 rows, to first order in the step.
+    """Add the first-order effect of the gyroscopic term on errors to one body's 12 rows.
 
-    With ``L = I omega``, ``domega/dt = I^-1 (L x omega)``; a rotation error t in world axes turns I and its
+    With ``L = I omega``, ``domega/dt = I^-1 (L x omega)``. A rotation error t in world axes rotates I and its
     inverse.
     """
     dt, inertia, inverse, R_i = world.dt, world.bodies.inertia[i], world.bodies.inverse_inertia[i], R[i]
@@ -81,7 +80,7 @@ def apply_gyroscopic_jacobian(rows, first, x, i, R, world):
 
 @inner
 def _in_world(R, A, v):
-    """``R A R^T v`` of a body-frame matrix A."""
+    """Return ``R A R^T v`` for a body-frame matrix A."""
     x, y, z = rotate_back(R, v[0], v[1], v[2])
     x, y, z = rotate(A, x, y, z)
     return rotate(R, x, y, z)
@@ -91,7 +90,7 @@ def _in_world(R, A, v):
 def apply_drift_jacobian(rows, first, x, i, R, world, surroundings, rotation):
     """Multiply body i's 12 rows, from ``first`` on, by the derivative of drift and damping, in place.
 
-    ``x`` and ``R`` are those before the drift; ``rotation`` (3, 3) is the block from domega to dtheta.
+    ``x`` and ``R`` precede the drift; ``rotation`` (3, 3) is the block from domega to dtheta.
     """
     if surroundings is not None:
         if surroundings.gyroscopic:

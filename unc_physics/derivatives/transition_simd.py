@@ -1,4 +1,4 @@
-"""Two or four columns of an error state's transition at once, as vectors that LLVM is asked for by name."""
+"""Two or four columns of an error state's transition at once, as explicit vector instructions."""
 
 from llvmlite import ir
 from numba import types
@@ -9,7 +9,7 @@ from ..spatial.layout import EP, ER, ERROR, EV, EW
 
 
 def _transition_of(columns):
-    """`transition.apply_transition` on so many columns from ``column`` on, as an intrinsic."""
+    """Return an intrinsic of `transition.apply_transition` for a number of columns, from ``column`` on."""
     doubles = ir.VectorType(ir.DoubleType(), columns)
 
     def columns_of(typingctx, rows, first, column, dt, decay, rotation):

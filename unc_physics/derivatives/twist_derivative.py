@@ -1,9 +1,9 @@
-"""Derivative of what else acts at a contact: the moment that opposes its spin, and a surface that moves.
+"""Derivative of other contact effects: torsional friction, and moving surfaces.
 
-With tau the moment about the normal, and sigma the spin ``n . (w_i - w_j)`` after the solution:
+With the moment tau about the normal, and the spin sigma = ``n . (w_i - w_j)`` after the solution:
 
-    where it turns:      d tau = (tau / lambda_n) d lambda_n
-    where it does not:   d sigma = 0, a constraint
+    spinning:      d tau = (tau / lambda_n) d lambda_n
+    not spinning:  d sigma = 0, a constraint
 """
 
 from typing import NamedTuple
@@ -16,18 +16,18 @@ from ..spatial.vectors import dot, plus, times
 
 
 class Twist(NamedTuple):
-    """What opposes the spin of a contact.
+    """Torsional friction of a contact.
 
     Attributes
     ----------
     moment : float
-        As solved [N m s].
+        Moment of the solution [N m s].
     share : float
-        Of its change in that of the normal impulse [m]; 0 where nothing turns.
+        Change of the moment per change of normal impulse [m]; 0 if the contact does not spin.
     hold : float
-        Of its change in that of the spin [N m s^2]; 0 where it turns.
+        Change of the moment per change of spin [N m s^2]; 0 if the contact spins.
     spinning : tuple
-        The relative angular velocity.
+        Relative angular velocity.
     """
 
     moment: float
@@ -38,15 +38,15 @@ class Twist(NamedTuple):
 
 @inner(forceinline=True)
 def no_twist():
-    """The one of a contact that has none."""
+    """Return the `Twist` of a contact without torsional friction."""
     return Twist(0.0, 0.0, 0.0, (0.0, 0.0, 0.0))
 
 
 @inner(error_model="numpy")
 def twist_of(twist, own, n, w, yielding):
-    """The `Twist` of a contact with impulses ``own`` whose bodies turn by ``w`` against each other.
+    """Return the `Twist` of a contact with impulses ``own`` and relative angular velocity ``w``.
 
-    ``yielding`` is the share by which a constraint gives way.
+    ``yielding`` is the relative compliance of a constraint.
     """
     share = hold = 0.0
     if spin_limit(twist, own[0]) > 0.0:
@@ -59,8 +59,9 @@ def twist_of(twist, own, n, w, yielding):
 
 @inner
 def add_twist(twist, n, give, arm_i, arm_j, slot_i, slot_j, A):
-    """Add what both bodies' velocities change of the moment to the linear system; ``give`` is what a normal
-    speed takes from the normal impulse.
+    """Add the change of the moment with both bodies' velocities to the linear system.
+
+    ``give`` is the reduction of the normal impulse per normal speed.
     """
     turn_i, turn_j = cross(arm_i, n), cross(arm_j, n)
     pushed = twist.share * give
@@ -80,7 +81,7 @@ def add_twist(twist, n, give, arm_i, arm_j, slot_i, slot_j, A):
 
 @inner(forceinline=True)
 def twist_change(twist, n, dn, push, turned):
-    """Change of the moment (world axes), but for what the system's unknowns do of it.
+    """Return the change of the moment (world axes) except for the part of the system's unknowns.
 
     The normal changes by ``dn``, its impulse by ``push``, and the partner's angular velocity by ``turned``.
     """
@@ -90,12 +91,12 @@ def twist_change(twist, n, dn, push, turned):
 
 @inner(forceinline=True)
 def surface_velocity(surface, position, arm):
-    """Velocity of a moving surface at a point of it [m/s]."""
+    """Return the velocity of a moving surface at a point on it [m/s]."""
     turning = (surface[3], surface[4], surface[5])
     return plus((surface[0], surface[1], surface[2]), cross(turning, plus(position, arm)))
 
 
 @inner(forceinline=True)
 def surface_change(surface, moved):
-    """How that velocity changes when the point moves."""
+    """Return the change of the surface velocity when the point moves."""
     return cross((surface[3], surface[4], surface[5]), moved)

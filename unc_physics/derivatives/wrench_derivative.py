@@ -1,5 +1,6 @@
-"""Derivative of free travel under wrenches: half of their impulses before the motion, half after it
-(`implicit_step.travel_freely`).
+"""Derivative of free motion with wrenches (`implicit_step.travel_freely`).
+
+Half of their impulses come before the motion, half after it.
 """
 
 from ..compiler import inner
@@ -12,7 +13,7 @@ from .flight_derivative import fly_errors, in_world
 
 @inner
 def fly_pushed_errors(v, w, q, i, h, end, decay, world, errors):
-    """As `flight_derivative.fly_errors`, under the wrenches on body i, for ``h`` seconds until ``end``."""
+    """Propagate errors as `fly_errors`, with the wrenches on body i, for ``h`` seconds until ``end``."""
     pushed = len(world.surroundings.actions.wrench_body) > 0
     begin, kept, first = errors.begin, errors.kept, ERROR * errors.block[i]
     if pushed:
@@ -25,17 +26,17 @@ def fly_pushed_errors(v, w, q, i, h, end, decay, world, errors):
     if pushed:
         write_matrix(turned, errors.R, 0)
         push_errors(errors.end, v, w, i, end - h, end, world, errors)
-        for c in range(begin.shape[1]):  # lasting contacts travel by the velocity before all that
+        for c in range(begin.shape[1]):  # lasting contacts use the velocity before the wrenches
             put(begin, first + EV, c, vector(kept, 0, c))
             put(begin, first + EW, c, vector(kept, 3, c))
 
 
 @inner
 def push_errors(rows, v, w, i, begin, end, world, errors):
-    """Take body i's errors in ``rows`` through half of what wrenches do between two times (`actions.push`).
+    """Propagate body i's errors in ``rows`` through half of the wrenches' impulses (`actions.push`).
 
-    Its rotation matrix is in ``errors.R``. The interval's length, and the time when it ends, change with the
-    columns. Returns the velocities after it.
+    The interval is from ``begin`` to ``end``; its length and end change with the columns. The body's rotation
+    matrix is in ``errors.R``. Returns the velocities after it.
     """
     actions, bodies, first = world.surroundings.actions, world.bodies, ERROR * errors.block[i]
     inverse = bodies.inverse_inertia[i]
