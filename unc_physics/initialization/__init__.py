@@ -1,1 +1,1 @@
-"""States to begin with: removal of overlaps, settling of resting bodies."""
+"""Initial states: removal of overlap, and settling of resting bodies."""

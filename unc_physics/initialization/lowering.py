@@ -1,8 +1,8 @@
-"""Bodies that are known to be at rest sink until contacts hold them.
+"""Settling: bodies at rest sink until contacts hold them.
 
-Each moves along gravity and turns about horizontal axes alone, so that what lies across keeps what was known
-of it. The rows are those that keep projected bodies apart (`overlap_rows`), and a round's motion is the drop
-that they leave over.
+Each body moves along gravity and rotates about horizontal axes, and keeps its other coordinates. The rows are
+the same as for projection (`overlap_rows`). The motion of an iteration is the drop that these constraints
+allow.
 """
 
 import math
@@ -29,17 +29,18 @@ from .overlap_rows import (
 )
 from .overlap_search import find_rows
 
-_DROP, _PAIR_DROP, _LOWERINGS = 0.01, 2e-3, 200  # of a round, alone and near others [m]; rounds
-_CALMER = 0.6  # share of a round's drop that the next one has
-_STILL = 2e-6  # drop of a round that is none [m]
+# drop of an iteration, alone and near other bodies [m]; number of iterations
+_DROP, _PAIR_DROP, _LOWERINGS = 0.01, 2e-3, 200
+_CALMER = 0.6  # factor on the drop after an iteration that a contact stopped
+_STILL = 2e-6  # drop below which settling ends [m]
 
 
 @kernel
 def lower(states, sides, world, start, kept_overlap):
     """Let all bodies that move in ``world`` sink until contacts hold them, in states (N, B, 13), in place.
 
-    Each moves along gravity and turns about horizontal axes alone, without friction. ``start.unsettled`` is
-    told where that did not end; the other arguments are those of `project`.
+    Each body moves along gravity and rotates about horizontal axes, without friction. ``start.unsettled`` is
+    set where settling does not converge. The other arguments are as in `project`.
     """
     bodies = states.shape[1]
     room = 128, 1024, 8192
@@ -63,9 +64,7 @@ def lower(states, sides, world, start, kept_overlap):
 
 @inner
 def _lower_from(n, states, before, begin, local, metric, sides, world, start, kept_overlap, work, rows):
-    """Lower the bodies of state ``n`` and the following ones as long as there is room; returns the first
-    state that is left.
-    """
+    """Lower the bodies of state ``n`` and the following ones; return the first state left undone."""
     bodies, moving = states.shape[1], world.bodies.moving
     while n < len(states):
         x = states[n]
@@ -93,7 +92,7 @@ def _lower_from(n, states, before, begin, local, metric, sides, world, start, ke
 
 @inner(noinline=True)
 def lower_group(x, start, count, local, metric, sides, world, work, rows):
-    """Let the group at hand sink until contacts hold it; returns whether they do."""
+    """Let the current group sink until contacts hold it; return whether they do."""
     members, radius, gravity = work.members, world.bodies.radius, world.gravity
     size = math.sqrt(gravity[0] ** 2 + gravity[1] ** 2 + gravity[2] ** 2)
     down = (gravity[0] / size, gravity[1] / size, gravity[2] / size)
@@ -132,7 +131,7 @@ def lower_group(x, start, count, local, metric, sides, world, work, rows):
             for k in range(3):
                 way += down[k] * (x[i, P + k] - start[i, P + k])
             sunk = max(sunk, way)
-        if sunk < 0.5 * drop:  # what something holds is not to rock between its supports
+        if sunk < 0.5 * drop:  # a supported body must not rock between its supports
             most = min(2.0 * step, _CALMER * drop)
         if most < _STILL:
             return True
@@ -141,7 +140,7 @@ def lower_group(x, start, count, local, metric, sides, world, work, rows):
 
 @inner(forceinline=True)
 def _write_lowering(covariance, b, R, down, turn):
-    """How easily body b sinks, and turns about horizontal axes."""
+    """Write a covariance with which body b sinks along gravity and rotates about horizontal axes."""
     bx, by, bz = rotate_back(R, down[0], down[1], down[2])
     body = (bx, by, bz)
     for r in range(3):

@@ -1,7 +1,7 @@
-"""Rows that keep bodies apart, in the metric of their error states, and the motion that solves them.
+"""Constraint rows that keep bodies apart, in the metric of their error states, and their solver.
 
-A motion ``delta = Sigma J^T lambda`` with non-negative lambda is the least one in the metric of Sigma that
-keeps all gaps, ``g + J delta >= 0``; projected Gauss-Seidel finds lambda.
+The motion is ``delta = Sigma J^T lambda`` with non-negative lambda, computed by projected Gauss-Seidel. In
+the metric of Sigma, it is the smallest motion with ``g + J delta >= 0`` for all gaps.
 """
 
 import math
@@ -18,26 +18,26 @@ from ..spatial.layout import EP, ER, ERROR, Q
 from ..spatial.moments import boxplus
 from ..spatial.rotation import rotate_back, write_matrix
 
-#: Farthest way of a body in a round [m].
+#: Largest translation of a body in an iteration [m].
 FARTHEST = 0.02
-_WIDEST = 0.2  # and its widest turn [rad]
+_WIDEST = 0.2  # largest rotation [rad]
 _SWEEPS = 200
-_TOLERANCE = 1e-7  # of a gap, or a speed, in a sweep [m], [m/s]
-_SOFTNESS = 1e-4  # relative, so that rows that say the same do no harm
-_CERTAIN = 1e-18  # variance of a gap that cannot move [m^2]
+_TOLERANCE = 1e-7  # change of a gap [m] or a speed [m/s] in a sweep
+_SOFTNESS = 1e-4  # relative, so that redundant rows are harmless
+_CERTAIN = 1e-18  # variance below which a gap cannot change [m^2]
 
 
 class Metric(NamedTuple):
-    """In which directions, and how far, bodies may be elsewhere.
+    """Metric of possible motions of bodies.
 
     Attributes
     ----------
     covariance : (M, 12, M, 12) float64
-        Of the error states of M bodies.
+        Covariance of the error states of M bodies.
     linked : (M, M) bool
-        Which of them are correlated.
+        Whether two bodies are correlated.
     place : (B,) int64
-        Which of the M each body is; -1 for one that stays.
+        Index of each body among the M; -1 if it does not move.
     """
 
     covariance: np.ndarray
@@ -46,22 +46,24 @@ class Metric(NamedTuple):
 
 
 class Rows(NamedTuple):
-    """What keeps a group's bodies apart, row by row: room for the solver.
+    """Constraint rows of a group, and arrays of the solver.
 
     Attributes
     ----------
     jacobian : (C, 12) float64
-        Change of the gap with position and body-side rotation of the first body, then of the second.
+        Derivative of the gap with respect to position and body-frame rotation of the first body, then of the
+        second.
     image : (C, 12 G) float64
-        What a unit of the row's multiplier does to the group's error states.
+        Motion of the group's error states for a unit multiplier.
     gap, own, multiplier, expected : (C,) float64
-        Gap without any motion, change of it with the multiplier, the multiplier, what the mean state says.
+        Gap without motion, its derivative by the multiplier, the multiplier, and the value for the mean
+        state.
     first, second : (C,) int64
-        Places of the bodies in the group; -1 for what stays.
+        Indices of the bodies in the group; -1 for one that does not move.
     delta, now, best : (12 G,) float64
-        The group's motion: solved, done, and done when nothing overlapped.
+        Motion of the group: solved, applied, and applied when nothing overlapped.
     factor, solved : (6, 6) and (6,) float64
-        Of the covariance of one body's pose.
+        Factorization of the covariance of one body's pose.
     """
 
     jacobian: np.ndarray
@@ -81,7 +83,7 @@ class Rows(NamedTuple):
 
 @kernel(noinline=True)
 def rows_room(contacts, bodies):
-    """Room for rows."""
+    """Return arrays for rows."""
     size = ERROR * bodies
     return Rows(
         zeros((contacts, 12)),
@@ -102,7 +104,7 @@ def rows_room(contacts, bodies):
 
 @inner
 def gather(i, moving, work, local):
-    """Make the group of body i the one at hand; returns how many members it has."""
+    """Make body i's group the current one; return its number of members."""
     count = 0
     for j in range(i, len(moving)):
         if moving[j] and work.group[j] == i:
@@ -125,7 +127,7 @@ def join_near(x, margin, world, work):
 
 @inner
 def reset(x, kept_overlap, work):
-    """Begin anew with another state."""
+    """Reset the workspace for another state."""
     work.counts[OVERFLOW] = NO_OVERFLOW
     forget_lists(work)
     for i in range(len(x)):
@@ -137,7 +139,7 @@ def reset(x, kept_overlap, work):
 
 @inner
 def write_jacobians(count, local, place, world, work, rows):
-    """Make rows of the contacts at hand, for positions and body-side rotations."""
+    """Write rows for the current contacts, for positions and body-frame rotations."""
     for c in range(work.counts[CONTACTS]):
         row, i, j = work.rows[c], work.ids[c, 0], work.ids[c, 1]
         J = rows.jacobian[c]
@@ -160,8 +162,9 @@ def _write_jacobian(J, at, row, sign, moment, R):
 
 @inner
 def write_images(m, count, members, metric, linear, angular, rows):
-    """``Sigma J^T`` of each row, and ``J Sigma J^T``; the rows are about the error state's parts that begin
-    at ``linear`` and ``angular``.
+    """Write ``Sigma J^T`` and ``J Sigma J^T`` of each row.
+
+    The rows concern the parts of the error state that begin at ``linear`` and ``angular``.
     """
     covariance, place = metric.covariance, metric.place
     for c in range(m):
@@ -190,7 +193,7 @@ def write_images(m, count, members, metric, linear, angular, rows):
 
 @inner(forceinline=True)
 def along(J, motion, first, second, linear, angular):
-    """Change of a gap by a motion (12 G,)."""
+    """Return the change of a gap for a motion (12 G,)."""
     total = 0.0
     for k in range(3):
         if first >= 0:
@@ -204,7 +207,7 @@ def along(J, motion, first, second, linear, angular):
 
 @inner
 def solve_rows(m, count, coupled, linear, angular, rows):
-    """Find the multipliers, and the motion ``delta`` that they make of the one it holds."""
+    """Solve for the multipliers, and add the resulting motion to ``delta``."""
     delta = rows.delta
     for _ in range(_SWEEPS):
         change = 0.0
@@ -230,8 +233,9 @@ def solve_rows(m, count, coupled, linear, angular, rows):
 
 @inner
 def move_group(x, start, count, members, limit, share, radius, rows, work):
-    """Bring the motion done by a share, or up to a limit, to the one solved, from the states ``start``;
-    returns how far any point goes at most [m].
+    """Move the group from the states ``start`` along the solved motion; return the largest displacement [m].
+
+    The applied motion is a share of the solved one, within a limit.
     """
     largest = 0.0
     for a in range(count):
@@ -253,7 +257,7 @@ def move_group(x, start, count, members, limit, share, radius, rows, work):
 
 @inner
 def restore(x, start, count, work):
-    """Bring the group at hand back to where it was."""
+    """Move the current group back to the states ``start``."""
     for a in range(count):
         i = work.members[a]
         for k in range(13):

@@ -1,4 +1,4 @@
-"""What bodies overlap with, and which way leads out: rows of contacts for poses without overlap."""
+"""Search for overlaps and for directions that resolve them, as rows of contacts."""
 
 import math
 
@@ -24,26 +24,25 @@ from ..dynamics.implicit_step import prepare_members
 from ..spatial.layout import P
 from ..spatial.rotation import rotate, rotate_back
 
-#: Overlap that is none: about what a load makes [m].
+#: Overlap that is tolerated, about that of a loaded contact [m].
 TOUCHING = 5e-5
-#: Overlap at which the search for a way out ends [m].
+#: Overlap at which the search for the surface ends [m].
 SOLVED = 1e-5
-_LEAST_TILT, _MOST_TILT = 0.02, 0.3  # of a patch, in search of its supports [rad]
-_CONE = 0.5  # cosine of the widest angle between normals that say the same of the way out
-_WAYS = 4  # out, at most
-_SHALLOW = 5e-4  # overlap whose own normal is the way out [m]
-_MARCHES = 16  # to the surface
-_SIDE_REACH, _PAIR_SIDE_REACH = 0.05, 5e-3  # how far the mean looks for its sides [m]
-_OPEN, _CHOSEN, _LEFT_OUT = 0, 1, 3  # marks of candidates
+_LEAST_TILT, _MOST_TILT = 0.02, 0.3  # tilt of a patch in the search for its supports [rad]
+_CONE = 0.5  # least cosine of the angle between normals of one direction
+_WAYS = 4  # largest number of directions
+_SHALLOW = 5e-4  # overlap up to which a contact's own normal is the direction [m]
+_MARCHES = 16  # iterations to the surface
+_SIDE_REACH, _PAIR_SIDE_REACH = 0.05, 5e-3  # range in which sides of the mean state are determined [m]
+_OPEN, _CHOSEN, _LEFT_OUT = 0, 1, 3  # states of candidates
 
 
 @inner(noinline=True)
 def find_rows(x, count, reach, pair_reach, as_they_are, sides, world, work):
-    """Find what is nearer than ``reach`` to the environment, or than ``pair_reach`` to another body, of the
-    group at hand; returns the deepest overlap [m].
+    """Find rows of the current group within a distance of other objects; return the deepest overlap [m].
 
-    With a negative reach, only what overlaps deeper. ``as_they_are`` leaves normals and depths alone
-    (`choose_ways_out`).
+    The distance is ``reach`` for the environment and ``pair_reach`` for other bodies; negative values find
+    only deeper overlaps. ``as_they_are`` keeps normals and depths unchanged (`choose_ways_out`).
     """
     members, group, moving, radius = work.members, work.group, world.bodies.moving, world.bodies.radius
     work.counts[CONTACTS] = 0
@@ -76,9 +75,10 @@ def find_rows(x, count, reach, pair_reach, as_they_are, sides, world, work):
 
 @inner(forceinline=True)
 def way_out(x, i, j, a, b, gap, normal, way, world, work):
-    """How far body i goes along ``way`` until sphere a leaves body j's sphere b, or element ``-1 - j`` [m].
+    """Return the distance along ``way`` at which body i's sphere a leaves its partner [m].
 
-    ``gap`` and ``normal`` are the present ones; directions are in body i's frame.
+    The partner is body j's sphere b, or element ``-1 - j``. ``gap`` and ``normal`` are the current ones;
+    directions are in body i's frame.
     """
     radii, distance = world.tree.radii, 0.0
     if j >= 0:
@@ -96,7 +96,7 @@ def way_out(x, i, j, a, b, gap, normal, way, world, work):
 
 @inner
 def _moved_gap(x, i, j, a, distance, way, world, work):
-    """Gap of sphere a of body i from element ``-1 - j`` after the body went some distance [m]."""
+    """Return the gap of body i's sphere a from element ``-1 - j`` after a displacement [m]."""
     e, centers = -1 - j, world.tree.centers
     mx, my, mz = rotate(
         work.R[i],
@@ -110,12 +110,12 @@ def _moved_gap(x, i, j, a, distance, way, world, work):
 
 @inner(forceinline=True)
 def choose_ways_out(x, i, j, count, sides, world, work):
-    """Let overlapping candidates of body i lead out the same way; returns how many candidates stay.
+    """Assign common directions to overlapping candidates of body i; return how many candidates remain.
 
-    Deep inside each other, spheres have normals that say little about the way out. It is that of the deepest
-    and of all whose normals are similar, by their depths; where normals point back into what the mean lies
-    on, that of the mean, so that what is deeper than half a thin board does not come out below. Candidates
-    whose normals point elsewhere are left out where they do not overlap at its end.
+    The normals of deeply overlapping spheres say little about the way out. The direction is the mean of the
+    deepest candidate's normal and similar ones, weighted by depth. Where normals point into the support of
+    the mean state, the mean's normal is used. Otherwise a body deeper than half a thin board would exit below
+    it. Candidates with other normals are removed if they do not overlap after the motion.
     """
     candidates, ids, radii = work.candidates, work.candidate_ids, world.tree.radii
     side = sides[i, column_of(j, len(x))]
@@ -133,7 +133,7 @@ def choose_ways_out(x, i, j, count, sides, world, work):
                 x, i, j, ids[k, 0], ids[k, 1], c[CANDIDATE_GAP], (c[0], c[1], c[2]), (sx, sy, sz), world, work
             )
             _turn_candidate(c, ids[k, 0], (sx, sy, sz), way, world)
-        elif j < 0:  # beyond a thin board: in the way of nothing
+        elif j < 0:  # beyond a thin board, so not an obstacle
             ids[k, 2] = _LEFT_OUT
     for _ in range(_WAYS):
         seed = -1
@@ -205,7 +205,7 @@ def choose_ways_out(x, i, j, count, sides, world, work):
 
 @inner(forceinline=True)
 def _turn_candidate(c, a, normal, way, world):
-    """Let a candidate of sphere a lead out along another normal, ``way`` [m] far."""
+    """Set the normal of a candidate of sphere a, with a distance ``way`` [m] along it."""
     for d in range(3):
         c[d] = normal[d]
         c[CANDIDATE_POINT + d] = world.tree.centers[a, d] - world.tree.radii[a] * normal[d]
@@ -214,13 +214,12 @@ def _turn_candidate(c, a, normal, way, world):
 
 @kernel
 def sides_of(mean, world):
-    """On which side of each other body, and of each element, a state (B, 13) has its bodies.
+    """Return the side of each body and element on which bodies are in a state (B, 13).
 
     Returns
     -------
     (B, B + E, 3) float64
-        Normals towards the body where it is nearest to its partner, in the partner's frame; 0 where it is
-        far from it.
+        Normals towards the body at the closest points, in the partner's frame; 0 if they are far apart.
     """
     bodies, elements = len(mean), len(world.surroundings.kind)
     sides = zeros((bodies, bodies + elements, 3))
