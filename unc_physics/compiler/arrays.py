@@ -1,7 +1,7 @@
-"""The arrays that kernels make.
+"""Array constructors for kernels.
 
-numba compiles its own functions for this anew for each mix of written-out and computed lengths, and makes
-them part of each caller. These are compiled once for each number of dimensions, and are not inlined.
+numba compiles its own constructors again for each mix of constant and variable lengths, as part of each
+caller. These functions are compiled once for each number of dimensions, and are not inlined.
 """
 
 import numpy as np
@@ -11,19 +11,19 @@ from .decorators import inner, kernel
 
 @kernel(noinline=True)
 def empty(shape):
-    """Numbers of no value yet."""
+    """Return an uninitialized array."""
     return np.empty(shape)
 
 
 @kernel(noinline=True)
 def zeros(shape):
-    """Zeros."""
+    """Return an array of zeros."""
     return np.zeros(shape)
 
 
 @kernel(noinline=True)
 def aligned_zeros(shape):
-    """Zeros whose first one begins a line of the cache (64 bytes): eight of them are then read at once."""
+    """Return zeros aligned to a cache line (64 bytes), so that eight can be read at once."""
     size = 1
     for count in shape:
         size *= count
@@ -34,37 +34,37 @@ def aligned_zeros(shape):
 
 @kernel(noinline=True)
 def full(shape, value):
-    """The same number everywhere."""
+    """Return an array with equal entries."""
     return np.full(shape, value)
 
 
 @kernel(noinline=True)
 def integers(shape):
-    """Zeros of 64 bits."""
+    """Return 64-bit integer zeros."""
     return np.zeros(shape, np.int64)
 
 
 @kernel(noinline=True)
 def small_integers(shape):
-    """Zeros of 32 bits."""
+    """Return 32-bit integer zeros."""
     return np.zeros(shape, np.int32)
 
 
 @kernel(noinline=True)
 def singles(shape):
-    """Zeros in single precision."""
+    """Return single-precision zeros."""
     return np.zeros(shape, np.float32)
 
 
 @kernel(noinline=True)
 def booleans(shape):
-    """False everywhere."""
+    """Return an array of False."""
     return np.zeros(shape, np.bool_)
 
 
 @inner
 def assign(target, source):
-    """``target[:] = source`` of matrices of one shape; numba would compile a message for other ones."""
+    """Copy a matrix, as ``target[:] = source``; numba would compile an error message for unequal shapes."""
     for i in range(len(source)):
         for j in range(source.shape[1]):
             target[i, j] = source[i, j]

@@ -1,4 +1,4 @@
-"""The compilation in use: tuned for a tested numba, else plain."""
+"""Selection of the compiler: tuned for a tested numba, otherwise plain."""
 
 from .versions import choose_tuned
 

@@ -1,7 +1,7 @@
-"""Folders for compiled kernels: the first place that can be written, and earlier places that can be read."""
+"""Folders of compiled kernels: the first writable one, and readable ones before it."""
 
 # pyright: reportAttributeAccessIssue=false
-# numba makes its settings at run time
+# numba creates its settings at run time
 
 import contextlib
 import os
@@ -20,14 +20,14 @@ def find_folders(name):
     Parameters
     ----------
     name : str
-        Of the folder in each place.
+        Name of the folder in each location.
 
     Returns
     -------
     folder : Path or None
-        The folder to write to; it is made where it does not exist. None where no place can be written.
+        Folder to write to, created if necessary; None if no location is writable.
     readable : list of Path
-        The folders to read from, `folder` first.
+        Folders to read from, starting with `folder`.
     """
     readable = []
     with contextlib.suppress(OSError):
@@ -43,7 +43,7 @@ def find_folders(name):
 
 
 def _places():
-    """Folders to try: the user's for numba, the package's own, the user's for caches, a temporary one."""
+    """Yield locations: numba's cache, the package's cache, the user's cache, a temporary folder."""
     if numba.config.CACHE_DIR:
         yield Path(numba.config.CACHE_DIR)
     yield PACKAGE / "__pycache__"
@@ -53,6 +53,6 @@ def _places():
     own = Path(tempfile.gettempdir()) / f"unc_physics-{os.getuid()}"
     own.mkdir(mode=0o700, exist_ok=True)
     found = own.lstat()
-    # compiled code is loaded from there, so nobody else may have made it
+    # compiled code is loaded from it, so it must belong to this user
     if stat.S_ISDIR(found.st_mode) and found.st_uid == os.getuid() and not found.st_mode & 0o022:
         yield own

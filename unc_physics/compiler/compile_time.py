@@ -1,4 +1,4 @@
-"""Says that kernels are being compiled, and how long that takes: it is no prediction's time."""
+"""Notice of compilation, and its duration, which does not count as prediction time."""
 
 import logging
 import threading
@@ -14,7 +14,7 @@ _PACKAGE = __name__.partition(".")[0]
 
 
 class _Spent(threading.local):
-    """What this thread has spent so far [s], how many compilations it is in, and since when."""
+    """Compilation time of this thread [s], nesting depth, and start of the outermost compilation."""
 
     seconds, depth, since = 0.0, 0, 0.0
 
@@ -23,7 +23,7 @@ _spent = _Spent()
 
 
 class _Clock(event.Listener):
-    """Counts what a thread spends in numba's compiler, or waits for it; events are nested."""
+    """Listener that measures the time in numba's compiler or waiting for it; events are nested."""
 
     def on_start(self, event):
         if _spent.depth == 0:
@@ -37,9 +37,9 @@ class _Clock(event.Listener):
 
 
 class _Notice(event.Listener):
-    """Says so the first time that something is compiled and not loaded.
+    """Listener that logs the first compilation of a kernel.
 
-    As a warning: whoever has not set up logging at all should know too why a first prediction takes so long.
+    It is a warning, so that users without logging set up also see why the first prediction is slow.
     """
 
     said = False
@@ -55,17 +55,17 @@ class _Notice(event.Listener):
 
 
 def seconds_compiling():
-    """What this thread, and others for it (`count_compiling`), has spent on compiling and loading [s]."""
+    """Return the time spent on compiling and loading [s], by this thread and for it (`count_compiling`)."""
     return _spent.seconds
 
 
 def count_compiling(seconds):
-    """Add what other threads spent while this one waited for them [s]."""
+    """Add the compilation time of other threads while this thread waited for them [s]."""
     _spent.seconds += seconds
 
 
 def clock():
-    """`time.perf_counter` of this thread [s], which stands still while kernels are compiled or loaded."""
+    """Return `time.perf_counter` of this thread [s] without the time of compiling and loading kernels."""
     return time.perf_counter() - _spent.seconds
 
 

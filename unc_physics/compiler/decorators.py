@@ -9,26 +9,26 @@ from .stage_work import WORK
 
 
 def kernel(function=None, *, arrays=True, noinline=False, **options) -> Any:
-    """Compile a function that Python and other compiled functions call, with a cache and without the GIL.
+    """Compile a function for Python and other compiled functions, with a cache and without the GIL.
 
     Parameters
     ----------
     function : function, optional
     arrays : bool, optional
-        Whether it makes or returns arrays. Without them numba counts no references, which compiles faster.
+        Whether it creates or returns arrays. Otherwise numba skips reference counting, which compiles faster.
     noinline : bool, optional
-        Compile it once, and let callers call it by its address, instead of compiling it into each caller.
+        Whether to compile it once and let callers call its address, instead of compiling it into each caller.
         For long functions, and for functions with many callers.
     **options
-        Of `numba.njit`.
+        Options of `numba.njit`.
     """
     return _decorated(function, arrays=arrays, python=True, noinline=noinline, **options)
 
 
 def inner(function=None, *, noinline=False, **options) -> Any:
-    """Compile a function that only compiled functions call, and that makes and returns no arrays.
+    """Compile a function that only compiled functions call, and that creates and returns no arrays.
 
-    It has no wrapper for Python, which would crash calling it. Parameters as in `kernel`.
+    It has no Python wrapper; calling it from Python would crash. Parameters are as in `kernel`.
     """
     return _decorated(function, arrays=False, python=False, noinline=noinline, **options)
 
@@ -40,12 +40,12 @@ def _decorated(function, **options):
 
 
 def stage(function) -> Any:
-    """Make a function a stage of a time loop, at which a method does work of its own; by default nothing.
+    """Make a function a stage of a time loop, at which a method adds its work; the default does nothing.
 
-    The method is the first argument: None, or a NamedTuple of what the method works on. A function decorated
-    with ``@name_of_the_stage.of(Method)`` is the stage's work for NamedTuples of that class. It is chosen by
-    type when the loop is compiled, and becomes part of the loop's code, so that a loop without a method is
-    compiled as if it had no stages.
+    The method is the first argument: None, or a NamedTuple of the method's data. A function decorated with
+    ``@name_of_the_stage.of(Method)`` implements the stage for NamedTuples of that class. It is selected by
+    type at compilation and becomes part of the loop's code. A loop without a method therefore compiles as if
+    it had no stages.
     """
     work_of = {}
 

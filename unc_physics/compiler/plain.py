@@ -1,7 +1,7 @@
-"""Compilation by `numba.njit`, with numba's own cache: slower than the tuned one, for any supported numba.
+"""Compilation by `numba.njit` with numba's cache: slower than the tuned one, for any supported numba.
 
-numba checks the file of a cached function for changes, but not the functions that it calls. The folder of the
-cache is therefore named by a hash of all sources of this package.
+numba checks the file of a cached function for changes, but not the functions that it calls. Therefore the
+cache folder is named by a hash of all sources of this package.
 """
 
 import contextlib
@@ -27,7 +27,7 @@ def _fingerprint():
 
 FOLDER, _ = find_folders(f"kernels-plain-{_fingerprint()}")
 
-#: Options of `numba.njit` for functions that count no references, and that Python does not call.
+#: Options of `numba.njit` without reference counting, and for functions that Python does not call.
 _NO_REFERENCES: Any = {"_nrt": False}
 _NO_PYTHON: Any = {"no_cpython_wrapper": True}
 _ALWAYS: Any = {"nogil": True, "no_cfunc_wrapper": True, "cache": FOLDER is not None}
@@ -39,9 +39,9 @@ STAGE_OPTIONS: Any = _NO_REFERENCES | _NO_PYTHON | {"forceinline": True, "no_cfu
 def compile_function(function, *, arrays, python, noinline, **options) -> Any:
     """Return the compiled function; ``noinline`` has no effect.
 
-    A call hands on a NamedTuple as several hundred numbers. Wrappers that unpack them, and counts of their
-    references, are left out where they are not needed: a first implicit prediction takes four times as long
-    to compile with them.
+    Plain numba passes a NamedTuple as several hundred numbers. Wrappers that unpack them, and reference
+    counts, are omitted where possible. With them, a first implicit prediction takes four times as long to
+    compile.
     """
     settings = _ALWAYS | ({} if arrays else _NO_REFERENCES) | ({} if python else _NO_PYTHON) | options
     with _cache_in_folder():
@@ -49,12 +49,12 @@ def compile_function(function, *, arrays, python, noinline, **options) -> Any:
 
 
 def _taking_values(compiled):
-    """A compiled function to which a number that is written out is a value, not a type of its own.
+    """Make a compiled function take literal numbers by value.
 
-    Otherwise numba compiles it, and all that it calls, once for each number.
+    To numba, each literal number is a separate type. It would compile the function and its callees for each.
     """
     template_of = getattr(compiled, "get_call_template", None)
-    if template_of is not None:  # with NUMBA_DISABLE_JIT there is none
+    if template_of is not None:  # None with NUMBA_DISABLE_JIT
         compiled.get_call_template = lambda args, kws: template_of(
             [types.unliteral(kind) for kind in args],
             {name: types.unliteral(kind) for name, kind in kws.items()},
@@ -64,7 +64,7 @@ def _taking_values(compiled):
 
 @contextlib.contextmanager
 def _cache_in_folder():
-    """Let numba choose our folder for the functions that are decorated inside, and for no others."""
+    """Make numba use our folder for functions decorated in the ``with`` block only."""
     before = numba.config.CACHE_DIR  # pyright: ignore[reportAttributeAccessIssue]
     numba.config.CACHE_DIR = str(FOLDER or before)  # pyright: ignore[reportAttributeAccessIssue]
     try:

@@ -1,8 +1,8 @@
-"""Eight comparisons, or two or four columns at once, as vectors that LLVM is asked for by name.
+"""Explicit vector instructions: eight comparisons, or two or four columns, at once.
 
-A plain loop over eight entries is unrolled by LLVM before its vectoriser sees it and stays scalar, five times
-slower; one over columns of a matrix stays scalar because its rows might overlap, for all that LLVM knows.
-Written as vector instructions, LLVM lowers them to whatever the processor has.
+LLVM unrolls a plain loop over eight entries before vectorization, and it stays scalar, which is five times
+slower. A loop over columns of a matrix stays scalar because rows might overlap. LLVM maps vector instructions
+to the processor's.
 """
 
 from typing import Any
@@ -17,32 +17,32 @@ FLOATS, DOUBLES = ir.VectorType(ir.FloatType(), LANES), ir.VectorType(ir.DoubleT
 
 
 def integer(value):
-    """A constant of 64 bits."""
+    """Return a 64-bit constant."""
     return ir.Constant(ir.IntType(64), value)
 
 
 def splat(builder, scalar, kind=FLOATS):
-    """A vector of the same number."""
+    """Return a vector of equal numbers."""
     one = builder.insert_element(ir.Constant(kind, ir.Undefined), scalar, ir.Constant(ir.IntType(32), 0))
     zeros = ir.Constant(ir.VectorType(ir.IntType(32), kind.count), [0] * kind.count)
     return builder.shuffle_vector(one, ir.Constant(kind, ir.Undefined), zeros)
 
 
 def chosen(builder, vector, lanes):
-    """A vector of some numbers of another one."""
+    """Return a vector of selected lanes of another vector."""
     places = ir.Constant(ir.VectorType(ir.IntType(32), len(lanes)), lanes)
     return builder.shuffle_vector(vector, ir.Constant(vector.type, ir.Undefined), places)
 
 
 def _entries(context, builder, signature, args, node):
-    """Centres and radii of eight entries of a tree's node, whose bounds are the first argument."""
+    """Return centres and radii of the eight entries of a tree node; the first argument holds the bounds."""
     array = cgutils.create_struct_proxy(signature.args[0])(context, builder, value=args[0])
     rows, first = builder.bitcast(array.data, FLOATS.as_pointer()), builder.mul(args[node], integer(4))
     return [builder.load(builder.gep(rows, [builder.add(first, integer(k))]), align=4) for k in range(4)]
 
 
 def _moved(builder, points, R, t):
-    """Eight points, brought into another frame by a rotation's rows and a translation."""
+    """Transform eight points to another frame by a rotation's rows and a translation."""
     matrix = [cgutils.unpack_tuple(builder, row) for row in cgutils.unpack_tuple(builder, R)]
     moved = []
     for row, start in zip(matrix, cgutils.unpack_tuple(builder, t), strict=True):
@@ -56,8 +56,9 @@ def _moved(builder, points, R, t):
 
 @intrinsic
 def overlap_mask(typingctx, bounds, node, x, y, z, radius):
-    """Bit m is set where entry m of ``bounds[node]`` (4, 8: x, y, z, radius) overlaps the sphere given by
-    four float32.
+    """Return a mask of the entries of ``bounds[node]`` (4, 8: x, y, z, radius) that overlap a sphere.
+
+    The sphere is given by four float32; bit m belongs to entry m.
     """
 
     def codegen(context, builder, signature, args):
@@ -77,9 +78,10 @@ def overlap_mask(typingctx, bounds, node, x, y, z, radius):
 
 @intrinsic
 def box_mask(typingctx, bounds, node, R, t, low, high, margin):
-    """Bit m is set where entry m of ``bounds[node]`` is at most ``margin`` from the box between two corners.
+    """Return a mask of the entries of ``bounds[node]`` that are at most ``margin`` from a box.
 
-    ``R`` and ``t`` as in `overlap_masks`, into the box's frame; corners may be infinite.
+    ``low`` and ``high`` are the box's corners, which may be infinite. ``R`` and ``t`` are as in
+    `overlap_masks`, into the box's frame. Bit m belongs to entry m.
     """
 
     def codegen(context, builder, signature, args):
@@ -105,10 +107,10 @@ def box_mask(typingctx, bounds, node, R, t, low, high, margin):
 
 @intrinsic
 def overlap_masks(typingctx, bounds, a, b, R, t, slack):
-    """Bit 8 k + m is set where entry m of ``bounds[a]`` overlaps entry k of ``bounds[b]`` grown by ``slack``.
+    """Return a mask of pairs of entries of ``bounds[a]`` and ``bounds[b]`` that overlap within ``slack``.
 
-    ``R``, three rows of three, and ``t`` bring points of the second into the first's frame, all float32.
-    Entries beyond 1e29 m hold nothing.
+    Bit 8 k + m belongs to entry m of the first and entry k of the second. ``R`` (three rows) and ``t``
+    transform points of the second to the first frame; all are float32. Entries beyond 1e29 m are empty.
     """
 
     def codegen(context, builder, signature, args):
@@ -116,7 +118,7 @@ def overlap_masks(typingctx, bounds, a, b, R, t, slack):
         far = splat(builder, ir.Constant(ir.FloatType(), 1e29))
         moved = _moved(builder, other, args[3], args[4])
         grown = builder.fadd(other[3], splat(builder, args[5]))
-        # what holds nothing goes to the other end of the world, away from what holds nothing there
+        # move empty entries far from the empty entries of the other node
         moved[0] = builder.select(builder.fcmp_ordered("<", other[0], far), moved[0], builder.fneg(far))
         found = integer(0)
         for k in range(LANES):  # one entry of the second against all of the first
@@ -138,7 +140,7 @@ def overlap_masks(typingctx, bounds, a, b, R, t, slack):
 
 @intrinsic
 def lowest_bit(typingctx, mask):
-    """Place of the lowest bit that is set in a 64-bit mask, which is not 0."""
+    """Return the index of the lowest set bit of a nonzero 64-bit mask."""
 
     def codegen(context, builder, signature, args):
         return builder.cttz(args[0], ir.Constant(ir.IntType(1), 1))

@@ -1,4 +1,4 @@
-"""Work on several threads at once: kernels run without the interpreter's lock."""
+"""Parallel work in threads; kernels run without the GIL."""
 
 import contextlib
 import threading
@@ -12,15 +12,15 @@ import numba
 from .compile_time import count_compiling, seconds_compiling
 from .time_limit import limit_here
 
-# samples differ in what they cost, and each part costs as much as a short rollout of its own
+# costs vary between samples; starting a part costs as much as a short rollout
 _MOST_PARTS_PER_THREAD, _FEWEST_IN_A_PART = 8, 4
-_FIRST_PART = 64  # samples, of work that is watched and may be slow
-_PART_TIME = 0.01  # s, of one of its parts
-_LOOK_AFTER = 0.02  # s, between looks while parts take longer
+_FIRST_PART = 64  # samples, of watched work that may be slow
+_PART_TIME = 0.01  # s, target duration of a part
+_LOOK_AFTER = 0.02  # s, between checks while parts take longer
 
 
 class _Watch(threading.local):
-    """What looks after the work of this thread."""
+    """Watcher of this thread's work."""
 
     look = None
 
@@ -30,10 +30,10 @@ _watch = _Watch()
 
 @contextlib.contextmanager
 def watched(look):
-    """Have ``look()`` called between parts of the work that this thread does with `in_threads` in here, and
-    while these take long.
+    """Call ``look()`` between and during parts of `in_threads` within the ``with`` block.
 
-    What it raises ends the work, whose results are then incomplete. Results do not depend on it otherwise.
+    An exception from it ends the work, whose results are then incomplete. Otherwise results do not depend on
+    it.
     """
     before, _watch.look = _watch.look, look
     try:
@@ -44,7 +44,7 @@ def watched(look):
 
 @contextlib.contextmanager
 def single_thread():
-    """Have `in_threads` do in this thread what is called in here."""
+    """Run `in_threads` in this thread within the ``with`` block."""
     before = numba.get_num_threads()
     numba.set_num_threads(1)
     look, _watch.look = _watch.look, None
@@ -56,10 +56,10 @@ def single_thread():
 
 
 def in_threads(count, run, first=_FIRST_PART, fewest=_FEWEST_IN_A_PART):
-    """Call ``run(slice)`` for parts of ``range(count)``, on as many threads as numba is set to.
+    """Call ``run(slice)`` for parts of ``range(count)``, with the number of threads set in numba.
 
-    Work that is `watched` begins with parts of ``first`` samples, unless that is all that a thread gets.
-    Parts have no less than ``fewest`` samples, as far as there is one for each thread.
+    Watched work (`watched`) begins with parts of ``first`` samples, unless a thread gets no more. Parts have
+    at least ``fewest`` samples if there is one for each thread.
     """
     threads = numba.get_num_threads() if count > 1 else 1
     fewest = max(fewest, _FEWEST_IN_A_PART)
@@ -75,7 +75,7 @@ def in_threads(count, run, first=_FIRST_PART, fewest=_FEWEST_IN_A_PART):
 
 
 def _share(parts, run, threads):
-    """Let each thread take parts one after the other, so that it is woken up once for all of them."""
+    """Let each thread process parts in sequence, so that it wakes up only once."""
 
     def work():
         compiled = 0.0
@@ -83,7 +83,7 @@ def _share(parts, run, threads):
             while (some := _next(parts)) is not None:
                 compiled += _timed(run, some)[1]
         finally:
-            parts.clear()  # where it failed, nobody is to go on
+            parts.clear()  # after a failure, all threads stop
         return compiled
 
     workers = [_pool(threads).submit(work) for _ in range(threads)]
@@ -91,12 +91,12 @@ def _share(parts, run, threads):
         wait(workers)
     finally:
         parts.clear()
-        wait(workers)  # they write where nobody would expect it any more
+        wait(workers)  # they still write to shared arrays
     count_compiling(max(worker.result() for worker in workers))
 
 
 def _next(parts):
-    """The next part, None where others took the last one."""
+    """Return the next part, or None if no part remains."""
     try:
         return parts.popleft()
     except IndexError:
@@ -104,11 +104,12 @@ def _next(parts):
 
 
 def _in_watched_parts(count, run, threads, first, most, look):
-    """As `in_threads`, in parts of a few milliseconds, with only as many at a time as there are threads:
-    whoever else works in the meantime gets a turn soon.
+    """Run `in_threads` in parts of a few milliseconds, one per thread at a time.
+
+    Other work is then not delayed for long.
     """
     waiting, begun, size = set(), 0, first
-    compiling, patience = 0.0, None  # the first parts may compile, which a look would take for computation
+    compiling, patience = 0.0, None  # the first parts may compile, which a check would count as computation
     try:
         while begun < count or waiting:
             while begun < count and len(waiting) < threads:
@@ -119,18 +120,18 @@ def _in_watched_parts(count, run, threads, first, most, look):
             patience = _LOOK_AFTER
             for part in done:
                 samples, compiled, took = part.result()
-                count_compiling(max(compiled - compiling, 0.0))  # before anybody looks at the clock
+                count_compiling(max(compiled - compiling, 0.0))  # before anyone reads the clock
                 compiling = max(compiling, compiled)
                 size = max(1, min(most, 4 * samples, round(samples * _PART_TIME / max(took, 1e-9))))
             look()
     finally:
         if waiting and (limit := limit_here()) is not None:
             limit.stop()
-        wait(waiting)  # they write where nobody would expect it any more
+        wait(waiting)  # they still write to shared arrays
 
 
 def _timed(run, some):
-    """Run a part: its number of samples, the seconds spent compiling, and those that it took besides."""
+    """Run a part; return its number of samples, its compilation time [s], and its remaining time [s]."""
     before, started = seconds_compiling(), time.perf_counter()
     run(some)
     compiled = seconds_compiling() - before

@@ -1,7 +1,7 @@
-"""Lets kernels end early: at a time limit, or when nobody waits for them any more.
+"""Early end of kernels: at a time limit, or when nobody needs their result any more.
 
-A step of thousands of contacts may take minutes, and a thread in a kernel cannot be interrupted. So each
-computation has a flag, which its kernels look at now and then, and which one thread raises when time is up.
+A step with thousands of contacts may take minutes, and a thread in a kernel cannot be interrupted. So each
+computation has a flag that its kernels check regularly, and one thread sets it when time is up.
 """
 
 from __future__ import annotations
@@ -15,41 +15,41 @@ import numpy as np
 
 
 class TimeLimit:
-    """The flag of one computation.
+    """Stop flag of one computation.
 
     Attributes
     ----------
     flag : (1,) int64 array
-        Not 0 when kernels are to end.
+        Nonzero when kernels must end.
     """
 
     def __init__(self):
         self.flag = np.zeros(1, np.int64)
 
     def within(self, seconds: float) -> None:
-        """Stop kernels when so much wall time has passed from now on [s]; until then they run."""
+        """Stop kernels after an amount of wall time from now [s]."""
         _watch(self, time.monotonic() + seconds)
 
     @property
     def passed(self) -> bool:
-        """Whether kernels may have ended early, so that what they left means nothing."""
+        """Whether kernels may have ended early, so that their results are invalid."""
         return bool(self.flag[0])
 
     def stop(self) -> None:
-        """Stop kernels for good."""
+        """Stop kernels permanently."""
         with _changed:
             _ends.pop(self, None)
         self.flag[0] = 1
 
 
 _here = threading.local()
-_ends, _changed = {}, threading.Condition()  # of the limits that are set: when they end
-_watcher, _wakes = None, math.inf  # the watching thread, and when it looks next
+_ends, _changed = {}, threading.Condition()  # end times of active limits
+_watcher, _wakes = None, math.inf  # the watching thread, and its next wake-up
 
 
 @contextlib.contextmanager
 def time_limit():
-    """The `TimeLimit` of all kernels that this thread calls inside; whatever ends it stops them."""
+    """Provide a `TimeLimit` for this thread's kernels in the ``with`` block; its end stops them."""
     before, _here.limit = limit_here(), TimeLimit()
     try:
         yield _here.limit
@@ -60,7 +60,7 @@ def time_limit():
 
 @contextlib.contextmanager
 def under_limit(limit):
-    """Let the kernels that this thread calls inside keep to another thread's `TimeLimit`, or to none."""
+    """Apply another thread's `TimeLimit`, or none, to this thread's kernels in the ``with`` block."""
     before, _here.limit = limit_here(), limit
     try:
         yield
@@ -69,12 +69,12 @@ def under_limit(limit):
 
 
 def limit_here():
-    """The `TimeLimit` of this thread, if it has one."""
+    """Return the `TimeLimit` of this thread, or None."""
     return getattr(_here, "limit", None)
 
 
 def limited(world, limit=None):
-    """A world whose kernels keep to a time limit: by default that of this thread, if it has one."""
+    """Return a world whose kernels observe a time limit; by default this thread's limit, if any."""
     limit = limit_here() if limit is None else limit
     if limit is None or world.implicit is None:
         return world
@@ -82,11 +82,11 @@ def limited(world, limit=None):
 
 
 def _watch(limit, when):
-    """Let the watching thread, which the first call starts, stop a limit's kernels at a time."""
+    """Make the watching thread, started on the first call, stop a limit's kernels at a time."""
     global _watcher
     with _changed:
         limit.flag[0], _ends[limit] = 0, when
-        if _watcher is None or not _watcher.is_alive():  # it does not live on in a process that was forked
+        if _watcher is None or not _watcher.is_alive():  # a forked process does not inherit the thread
             _watcher = threading.Thread(target=_end_all, name="time limits", daemon=True)
             _watcher.start()
         elif when < _wakes:

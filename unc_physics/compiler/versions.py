@@ -1,24 +1,24 @@
-"""Versions of numba with which the tuned compilation is tested, and the choice between tuned and plain."""
+"""Tested versions of numba, and the choice between tuned and plain compilation."""
 
 import logging
 import os
 
 import numba
 
-#: Each of these passes all tests. `setup.py` also admits versions that were not tested.
+#: All tests pass with these versions. `setup.py` also allows untested ones.
 TESTED = ("0.68.1",)
 
-#: Environment variable; the value `plain` selects the plain compilation.
+#: Environment variable; its value `plain` selects plain compilation.
 VARIABLE = "UNC_PHYSICS_COMPILER"
 
 
 def choose_tuned() -> bool:
-    """Return whether kernels are compiled in the tuned way; log a warning if the numba version excludes it.
+    """Return whether to use tuned compilation; log a warning if the numba version excludes it.
 
     Raises
     ------
     ValueError
-        The environment variable has another value than `plain`.
+        If the environment variable is neither empty nor `plain`.
     """
     wanted = os.environ.get(VARIABLE, "")
     if wanted not in ("", "plain"):

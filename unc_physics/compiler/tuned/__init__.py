@@ -1,1 +1,1 @@
-"""Fast compilation for tested versions of numba; all that depends on internals of numba is here."""
+"""Fast compilation for tested versions of numba, with all code that depends on internals of numba."""

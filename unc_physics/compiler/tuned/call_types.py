@@ -1,7 +1,7 @@
-"""Types of calls that the compiler finds once, and remembers while it compiles a kernel and what that calls.
+"""Cache of call types during the compilation of a kernel and its callees.
 
-numba has up to a hundred templates for a function like ``+`` or an array's item, and tries them in turn at
-each call, though the types of the arguments are mostly those of a call before.
+numba has up to a hundred templates for a function such as ``+`` or array indexing, and tries them in turn at
+each call. The argument types mostly repeat those of an earlier call.
 """
 
 # pyright: reportAttributeAccessIssue=false
@@ -13,10 +13,10 @@ from numba.core.types.functions import BaseFunction
 
 
 def remembering(function, *args):
-    """``function(*args)``, where calls of numba's own functions with the same types have the same type."""
-    with global_compiler_lock:  # no other thread finds types meanwhile
+    """Call ``function(*args)`` with a cache of the types of calls to numba's own functions."""
+    with global_compiler_lock:  # no other thread infers types meanwhile
         find = BaseFunction.get_call_type
-        if find.__module__ == __name__:  # a caller is being compiled, and remembers already
+        if find.__module__ == __name__:  # a caller is being compiled and has a cache already
             return function(*args)
         BaseFunction.get_call_type = _remembered(find)
         try:
@@ -26,14 +26,14 @@ def remembering(function, *args):
 
 
 def _remembered(find):
-    """A method that asks ``find`` for what it was not asked before; errors are not remembered."""
+    """Return a method that caches the results of ``find``; errors are not cached."""
     found = {}
 
     def get_call_type(called, context, args, kws):
         options = ConfigStack.top_or_none()
         key = id(called), context, tuple(args), tuple(kws.items()), options and options.summary()
         if key not in found:
-            found[key] = find(called, context, args, kws), called  # which keeps its id for itself
+            found[key] = find(called, context, args, kws), called  # the reference keeps its id unique
         return found[key][0]
 
     return get_call_type

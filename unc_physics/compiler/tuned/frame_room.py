@@ -1,13 +1,13 @@
-"""Room for Python's frames while the compiler works.
+"""Stack space for Python frames during compilation.
 
-Python keeps frames in pieces of 16 kB, which it takes from the system one by one, and gives each back as soon
-as it is empty. Where a loop happens to call a function at the end of a piece, each call costs two system
-calls and the page's first touch: 1.2 million times in a first prediction, a sixth of its time.
+Python allocates frames in chunks of 16 kB and frees each as soon as it is empty. If a loop calls a function
+at the end of a chunk, each call costs two system calls and a page fault. That happens 1.2 million times in a
+first prediction, a sixth of its time.
 """
 
 from types import FunctionType
 
-#: Of a frame [words]: it needs a piece of 1 MB, and leaves half of that to the frames above.
+#: Size of a frame [words] that requires a chunk of 1 MB and leaves half of it to the frames above.
 _WORDS = 70_000
 
 
@@ -15,5 +15,5 @@ def _call(function, *args):
     return function(*args)
 
 
-#: ``function(*args)``, with room for some thousand frames in one piece.
+#: Call ``function(*args)`` with room for some thousand frames in one chunk.
 with_room = FunctionType(_call.__code__.replace(co_stacksize=_WORDS), {}, "with_room")
