@@ -141,5 +141,5 @@ def impact_frequency(v, inverse_mass, R, stiffness):
 
 
 def capacity(r, stiffness):
-    """Return about the energy that two spheres of radius ``r`` [m] absorb before one passes the other [J]."""
+    """Estimate the energy that two spheres of radius ``r`` [m] absorb before one passes the other [J]."""
     return math.pi * stiffness * r**4

@@ -6,7 +6,7 @@ from ..compiler import inner
 from ..spatial.layout import P, V, W
 from .actions import follows
 
-_MOST_STEPS = 64  # ahead
+_MOST_STEPS = 64  # largest number of steps ahead
 UNKNOWN = -1  # number of contact-free steps ahead, at the start of a rollout
 
 

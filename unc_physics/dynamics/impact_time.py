@@ -11,7 +11,7 @@ from ..compiler import inner
 TOUCHING, _AIM = 2e-5, 1e-5
 _ALMOST = 0.9  # share of the impact speed above which a closing contact may have been an impact
 #: Contacts with at least this restitution lose too little speed to come to rest soon. Each closing of theirs
-#: above a speed [m/s] is an impact, whatever the step.
+#: above a speed [m/s] is an impact, independent of the step.
 LIVELY, _SLOWEST_LIVELY = 0.7, 1e-3
 
 

@@ -33,7 +33,7 @@ class ImpactError(NamedTuple):
     identity: np.ndarray
 
 
-_QUIET_TIME = 0.1  # s, for which bodies rest before they sleep
+_QUIET_TIME = 0.1  # s, time at rest after which bodies sleep
 
 
 def rest_steps(dt: float) -> int:
@@ -66,8 +66,7 @@ class Implicit(NamedTuple):
     box : (B, 6) float64
         The same for the bounding box of the spheres.
     rest_steps : int
-        Number of steps at rest after which bodies sleep: they are not computed until something pushes them.
-        0: they never sleep.
+        Number of steps at rest after which bodies sleep until something pushes them; 0 means never.
     impact_error : ImpactError
     stop : (1,) int64
         Kernels stop early when this is nonzero; their states are then invalid (`time_limit`).

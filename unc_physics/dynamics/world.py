@@ -77,8 +77,8 @@ class World(NamedTuple):
     dt : float
         Time step [s].
     start : float
-        Time before step 0 [s]: step ``k`` of the implicit integrator begins at ``start + k dt``. It is 0 but
-        for the short step before a time that is no multiple of ``dt``.
+        Time offset [s]: step ``k`` of the implicit integrator begins at ``start + k dt``. It is nonzero only
+        in the short step before a time that is not a multiple of ``dt``.
     decay : float
         Factor on all velocities in a step, ``exp(-damping dt)``.
     stiffness : float

@@ -415,9 +415,9 @@ class Scene:
         )
 
     def with_short_step(self, steps: int, rest: float) -> Scene:
-        """Return the scene whose next step, after ``steps`` whole ones, lasts only ``rest`` seconds.
+        """Return the scene with a next step of only ``rest`` seconds, after ``steps`` whole steps.
 
-        For `Propagator.advance`: the step keeps its number, and with it the draws that are keyed by it.
+        For `Propagator.advance`. The step keeps its number, and so its random draws.
         """
         short = copy(self)
         object.__setattr__(short, "dt", rest)

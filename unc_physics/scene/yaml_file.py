@@ -111,7 +111,7 @@ def read_yaml(path: str | os.PathLike[str], kind: str) -> Any:
     try:
         with path.open(encoding="utf-8") as stream:
             text = stream.read(_CHARACTERS + 1)
-    except (OSError, ValueError) as error:  # ValueError: no UTF-8, or a path that can be none
+    except (OSError, ValueError) as error:  # ValueError: not UTF-8, or an invalid path
         reason = getattr(error, "strerror", None) or "it is not UTF-8 text"
         raise InvalidRequestError(f"cannot be read: {reason}", field=f"{kind} {path}") from None
     if len(text) > _CHARACTERS:

@@ -23,7 +23,7 @@ _MOST_LINES = 12  # most probabilities listed
 
 
 def check_installed(what: str) -> None:
-    """Raise `NotSupportedError`, which names the user ``what``, unless the page's libraries are installed."""
+    """Raise `NotSupportedError`, as ``what`` needs them, unless the page's libraries are installed."""
     missing = [name for name in ("viser", "trimesh") if find_spec(name) is None]
     if missing:
         raise NotSupportedError(

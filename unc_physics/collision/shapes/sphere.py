@@ -8,7 +8,7 @@ NAME = "sphere"
 
 @inner(error_model="numpy", forceinline=True)
 def surface(size, e, x, y, z):
-    """Compute the distance and the normal away from the centre, where it is the x axis (`shapes.surface`)."""
+    """Compute distance and outward normal, which is the x axis at the centre (`shapes.surface`)."""
     length, normal = unit(x, y, z)
     return length - size[e, 0], normal
 

@@ -378,7 +378,7 @@ def _origin_poses(states, origin) -> list[Pose]:
 
 
 def _prediction(message, query):
-    """Return the prediction at the requested times, and at the last time of the message."""
+    """Return the prediction at the requested times and at the last time of the message."""
     scene = query.scene
     if scene.stiffness is None:
         scene = replace(scene, stiffness=message.physics.stiffness[0])
@@ -404,7 +404,7 @@ def _prediction(message, query):
 
 
 def _time_of(state, query):
-    """The time of a state as it was asked for, of which messages have whole nanoseconds [s]."""
+    """Return the requested time of a state [s], which messages round to nanoseconds."""
     time = seconds(state.time_from_start)
     nearest = min((mark.time for mark in query.marks), key=lambda asked: abs(asked - time))
     return nearest if abs(nearest - time) <= RESOLUTION else mark_at(time, query.scene.dt).time

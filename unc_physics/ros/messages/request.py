@@ -254,7 +254,7 @@ class Query:
     belief : Belief
     propagator : Propagator
     seed : int or None
-        None: the node chooses it.
+        None if the node chooses it.
     marks : list of Mark
         Times at which a belief is requested, ascending.
     max_computation_time : float or None
@@ -276,7 +276,7 @@ class Query:
 
 
 def write_request(query: Query, model_info: Callable[[str], ModelInfo]) -> PredictionRequest:
-    """Return the request of a query; ``model_info`` and errors are those of `write_scene`."""
+    """Return the request of a query; ``model_info`` and errors are as in `write_scene`."""
     propagator = query.propagator
     options = {name: getattr(propagator, name) for name in propagator.options()}
     if query.seed is None:
@@ -353,7 +353,7 @@ def _horizon(message, settings):
 
 
 def _times(request, horizon, scene, settings):
-    """The times besides the horizon; None for none."""
+    """Return the requested times before the horizon; None if there are none."""
     steps = horizon / scene.dt
     if steps > settings.max_steps:
         raise LimitExceededError(
