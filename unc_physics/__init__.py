@@ -1,4 +1,4 @@
-"""Predicts where rigid objects will be, and how surely: rigid-body dynamics with uncertainty.
+"""Rigid-body dynamics with uncertainty: predict where rigid objects will be, and how certain that is.
 
 For example::
 
@@ -7,7 +7,7 @@ For example::
     prediction = predict(scene, belief, "sigma_points", horizon)
     prediction["mug"].position, prediction["mug"].position_std
 
-What ``__init__.pyi`` names is the public interface; modules below are not.
+The public interface is the names in ``__init__.pyi``; submodules are private.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ __version__ = "0.1.0"
 
 
 def _homes():
-    """The public names, each with its module."""
+    """Return the module of each public name."""
     import ast
     from pathlib import Path
 
@@ -34,12 +34,12 @@ __all__ = list(_HOMES)  # pyright: ignore[reportUnsupportedDunderAll]
 
 
 def __dir__() -> list[str]:
-    """All public names, also those that are yet to be imported."""
+    """Return all public names, including names not imported yet."""
     return sorted({*globals(), *__all__})
 
 
 def __getattr__(name):
-    """Import a public name at its first use: numba takes a second, and `--help` need not wait for it."""
+    """Import a public name on first use; importing numba takes a second, which `--help` avoids."""
     from importlib import import_module
 
     if name not in _HOMES:

@@ -1,4 +1,4 @@
-# The public interface: `__init__.py` imports from here what is asked for, type checkers read it as it stands.
+# The public interface: `__init__.py` imports these names on first use, and type checkers read this file.
 
 from .calibration.calibrate import Calibration as Calibration
 from .calibration.calibrate import Fitted as Fitted

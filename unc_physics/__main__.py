@@ -1,5 +1,5 @@
 # PYTHON_ARGCOMPLETE_OK
-"""The command line: ``python -m unc_physics COMMAND``; each command's module is imported when it runs."""
+"""Command line ``python -m unc_physics COMMAND``; each command's module is imported when it runs."""
 
 from __future__ import annotations
 
@@ -9,17 +9,17 @@ import warnings
 
 from .interrupts import dying_at_interrupt
 
-INTERRUPTED, PIPE_CLOSED = 130, 141  # what a shell tells of a process that SIGINT or SIGPIPE ended
+INTERRUPTED, PIPE_CLOSED = 130, 141  # exit status after SIGINT or SIGPIPE, as in a shell
 
 
 def main(arguments=None) -> int:
-    """Run the command line; returns the exit status."""
+    """Run the command line; return the exit status."""
     with dying_at_interrupt():
         from .checks.errors import OutputError, UncPhysicsError
         from .cli.parser import build_parser
 
         parser = build_parser()
-        if "_ARGCOMPLETE" in os.environ:  # a shell asks what the word under the cursor may become
+        if "_ARGCOMPLETE" in os.environ:  # a shell requests completions
             import argcomplete
 
             argcomplete.autocomplete(parser)
@@ -29,10 +29,10 @@ def main(arguments=None) -> int:
         try:
             try:
                 status = options.run(options) or 0
-                if sys.stdout is not None:  # it is None where it was closed before the start
+                if sys.stdout is not None:  # None if it was closed before the start
                     sys.stdout.flush()
                 return status
-            except BrokenPipeError:  # whoever read the output has seen enough
+            except BrokenPipeError:  # the reader closed the pipe
                 _drop_output()
                 return PIPE_CLOSED
             except OSError as error:
@@ -48,7 +48,7 @@ def main(arguments=None) -> int:
 
 
 def _show_warning(message, category, filename, lineno, file=None, line=None):
-    """A warning in one sentence, without the place in the sources."""
+    """Print a warning in one sentence, without its source location."""
     from .checks.shown import printable
 
     text = " ".join(str(message).split())
@@ -56,10 +56,10 @@ def _show_warning(message, category, filename, lineno, file=None, line=None):
 
 
 def _drop_output():
-    """Let what is still to be written go nowhere, so that the interpreter's end does not try it again."""
+    """Discard remaining output, so that the interpreter does not retry it at exit."""
     try:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-    except (OSError, ValueError, AttributeError):  # it is no real file, or none
+    except (OSError, ValueError, AttributeError):  # not a real file, or None
         pass
 
 

@@ -1,7 +1,7 @@
-"""Ctrl-C while modules are imported.
+"""Ctrl-C during imports.
 
-Before the package's first line the interpreter starts. There it prints a traceback of its own ``site``
-module, which also runs the ``.pth`` files of installed packages; no package can change that.
+Before the package's first line, during the interpreter's start, Ctrl-C prints a traceback of the ``site``
+module. That also runs the ``.pth`` files of installed packages. No package can change this.
 """
 
 from __future__ import annotations
@@ -20,12 +20,12 @@ _dying = False  # whether Ctrl-C ends this process by `let_programs_die`
 def let_programs_die() -> None:
     """Let Ctrl-C end the process at once, without a traceback, if it is a program of this package.
 
-    For the package's first line: `dying_at_interrupt`, with which the command line begins, takes it back, and
-    the nodes have handlers of their own.
+    It is called in the package's first line. `dying_at_interrupt`, which the command line calls first,
+    reverts it. The nodes install their own handlers.
     """
     global _dying
     program = sys.argv[0] if getattr(sys, "argv", None) else ""
-    if program == "-m":  # so Python calls it until it has found the module
+    if program == "-m":  # Python's value until it has found the module
         program = sys.orig_argv[-len(sys.argv)].removeprefix("-m")
     if os.path.basename(program) in _PROGRAMS and _is_untouched():
         signal.signal(signal.SIGINT, signal.SIG_DFL)
@@ -36,7 +36,7 @@ def let_programs_die() -> None:
 def dying_at_interrupt():
     """Let Ctrl-C end the process at once, without a traceback.
 
-    It is for imports, which leave nothing half done, and some of which swallow a `KeyboardInterrupt`.
+    It is for imports, which have no side effects. Some of them suppress a `KeyboardInterrupt`.
     """
     global _dying
     if not (_dying or _is_untouched()):
@@ -51,6 +51,6 @@ def dying_at_interrupt():
 
 
 def _is_untouched():
-    """Whether this is the thread that gets interrupts, and nobody has asked for them, or refused them."""
+    """Return whether this is the main thread, and SIGINT has Python's default handler."""
     here = threading.current_thread() is threading.main_thread()
     return here and signal.getsignal(signal.SIGINT) is signal.default_int_handler
