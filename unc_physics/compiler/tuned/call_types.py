@@ -1,7 +1,7 @@
 """Cache of call types during the compilation of a kernel and its callees.
 
-numba has up to a hundred templates for a function such as ``+`` or array indexing, and tries them in turn at
-each call. The argument types mostly repeat those of an earlier call.
+numba has up to a hundred templates for a function such as ``+`` or array indexing, and tries one after
+another at each call. The argument types mostly repeat an earlier call.
 """
 
 # pyright: reportAttributeAccessIssue=false

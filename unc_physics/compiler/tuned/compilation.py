@@ -1,4 +1,4 @@
-"""Compilation once for each combination of types, with our cache and with NamedTuples by reference."""
+"""Compilation once per combination of types, with our cache and with NamedTuples by reference."""
 
 from functools import partial
 from typing import Any
@@ -23,9 +23,9 @@ STAGE_OPTIONS: Any = _NO_REFERENCES | _NO_PYTHON | {"forceinline": True, "no_cfu
 
 
 def compile_function(function, *, arrays, python, noinline, **options) -> Any:
-    """Return the compiled function; parameters as in `decorators.kernel`.
+    """Return the compiled function; parameters are as in `decorators.kernel`.
 
-    ``python`` is whether Python calls it. Its wrapper takes long to compile, as counted references do.
+    ``python`` is whether Python calls it. Python wrappers and reference counting are slow to compile.
     """
     if noinline:
         mark_noinline(function)
@@ -34,10 +34,10 @@ def compile_function(function, *, arrays, python, noinline, **options) -> Any:
 
 
 def _taking_references(compiled):
-    """A compiled function that takes numbers as values, and NamedTuples by reference.
+    """Make a compiled function take numbers by value and NamedTuples by reference.
 
-    To numba a number that is written out is a type of its own, and so are all functions to which it is passed
-    on: a counter that begins at 0 would compile all that is below a loop twice.
+    To numba, a literal number is a separate type, and so are all functions that receive it. A counter that
+    starts at 0 would compile everything in a loop twice.
     """
     if isinstance(compiled, Dispatcher):  # a plain function with NUMBA_DISABLE_JIT
         template_of = compiled.get_call_template
@@ -55,7 +55,7 @@ def _taking_references(compiled):
                     " references it does not count: make it a kernel"
                 )
             if any(map(refers, returned)):
-                return template_of(args, kws)  # what is returned may live longer than the reference
+                return template_of(args, kws)  # the returned value may outlive the reference
             return found
 
         compiled.get_call_template = get_call_template
@@ -64,7 +64,7 @@ def _taking_references(compiled):
 
 
 def _holds_arrays(kind):
-    """Whether a value of a type is an array, or a tuple that holds one."""
+    """Return whether a type is an array, or a tuple that contains one."""
     if isinstance(kind, types.BaseTuple):
         parts: Any = kind
         return any(map(_holds_arrays, parts))

@@ -1,7 +1,7 @@
-"""Where compiled kernels are kept: a folder for each compiler and processor, where something can be written.
+"""Cache of compiled kernels: one folder per compiler and processor, in a writable location.
 
-Each kernel's file is named by its stamp (`kernel_stamp`), so an edit compiles anew what depends on it, and
-nothing else. Kernels that were compiled ahead load also from where this user cannot write.
+Each kernel's file is named by its stamp (`kernel_stamp`), so that an edit recompiles only dependent kernels.
+Kernels compiled in advance are also loaded from folders that this user cannot write.
 """
 
 # pyright: reportAttributeAccessIssue=false
@@ -27,14 +27,14 @@ from ..cache_folder import find_folders
 from .kernel_stamp import stamp
 from .noinline import keep_address, needed
 
-# modules that say how kernels are compiled, and what a kernel's file holds
+# modules that determine how kernels are compiled, and the content of their files
 _COMPILE = "compilation", "compile_cache", "kernel_stamp", "noinline", "references"
-_UNUSED = 24.0 * 3600.0  # what has a newer state goes when it was unused for so long [s]
-_LOOK, _PATIENCE = 0.05, 300.0  # how often, and how long, to see whether another process has compiled it [s]
+_UNUSED = 24.0 * 3600.0  # age after which an unused file is removed if a newer state exists [s]
+_LOOK, _PATIENCE = 0.05, 300.0  # interval and limit of waiting for another process's compilation [s]
 
 
 def fingerprint():
-    """Text that changes with what compiles the kernels and keeps them, and with the processor."""
+    """Return a text that depends on the compilers, the cache format, and the processor."""
     python, processor = sys.implementation.cache_tag, llvmlite.binding.get_host_cpu_name()
     compilers = [module.__version__ for module in (numba, llvmlite, numpy)]
     digest = hashlib.sha256("\0".join([*compilers, python, processor, __name__]).encode())
@@ -44,7 +44,7 @@ def fingerprint():
 
 
 def _clean(folder):
-    """Remove what was compiled from other sources than the newest of its kernel, and unused for long."""
+    """Remove long-unused files of sources other than a kernel's newest."""
     states = {}
     for index in folder.glob("*.nbi"):
         states.setdefault(_kernel(index), []).append((_last_use(index), index))
@@ -56,12 +56,12 @@ def _clean(folder):
 
 
 def _kernel(index):
-    """Name of a kernel, of the name of its file: NAME-STAMP.nbi."""
+    """Return a kernel's name from its file name, NAME-STAMP.nbi."""
     return index.name.rpartition("-")[0]
 
 
 def _last_use(path):
-    """Time when a file was made or loaded; now, if another process is just removing it."""
+    """Return the time when a file was created or loaded; now, if another process is removing it."""
     try:
         return path.stat().st_mtime
     except OSError:
@@ -75,14 +75,14 @@ if FOLDER is not None:
 
 
 def keep(compiled):
-    """Load a function's compiled code from a folder, and save what is missing."""
+    """Make a function load its compiled code from a folder, and save it if missing."""
     if _FOLDERS and isinstance(compiled, Dispatcher):  # a plain function with NUMBA_DISABLE_JIT
         compiled._cache = _KernelCache(compiled.py_func)
     return compiled
 
 
 class _Locator(caching._CacheLocator):
-    """Tells numba where: it asks before the functions that a kernel calls exist."""
+    """Cache locator for numba, which asks before the functions that a kernel calls exist."""
 
     def __init__(self, function, file):
         self._py_file = file  # numba's warnings name it
@@ -106,10 +106,10 @@ class _CompiledFunctions(caching.CompileResultCacheImpl):
 
 
 class _KernelCache(caching.FunctionCache):
-    """numba's cache of a function, but for its place and for trouble: a full disk, a damaged file.
+    """numba's function cache with another location, tolerant of a full disk or damaged files.
 
-    What one process compiles others wait for, since they would not have it any sooner. Kernels call each
-    other in one direction only, so no two processes wait for each other.
+    A process waits for another's compilation of the same kernel, since compiling it again would not be
+    faster. Kernels call each other in one direction only, so processes never wait for each other.
     """
 
     _impl_class = _CompiledFunctions
@@ -124,13 +124,13 @@ class _KernelCache(caching.FunctionCache):
             time.sleep(_LOOK)
             loaded = self._loaded(sig, target_context)
         if loaded is None and self._enabled:
-            loaded = self._loaded(sig, target_context)  # saved just before the lock was free
+            loaded = self._loaded(sig, target_context)  # saved just before the lock was released
         if loaded is not None:
             self._unlock()
         return loaded
 
     def _locks(self, sig):
-        """Whether this process may compile: no other one is just doing so, as far as can be told."""
+        """Return whether this process may compile: no other process seems to compile the kernel."""
         if FOLDER is None or self._lock is not None:
             return True
         try:

@@ -1,8 +1,8 @@
-"""A text that changes with whatever the compiled code of a kernel depends on, and with nothing else.
+"""Stamp of a kernel: a text that depends exactly on the inputs of its compiled code.
 
-numba notices an edit of the file that holds a function, not one of the functions that it calls. A stamp is
-made of the byte code of a function and of all that it calls, of the constants and types that they name, and
-of how each is compiled. Comments, docstrings and the places of lines do not count.
+numba notices edits of the file with a function, but not of functions that it calls. A stamp is a digest of
+the byte code of a function and its callees. It includes the constants and types that they name, and compile
+options. Comments, docstrings and line numbers do not affect it.
 """
 
 import hashlib
@@ -19,20 +19,20 @@ from numba.extending import _Intrinsic
 from ..stage_work import WORK
 from .noinline import is_noinline
 
-#: The versions of these are in the name of the kernels' folder.
+#: Versions of these are part of the folder's name.
 _OTHERS = {*sys.stdlib_module_names, "numba", "numpy", "llvmlite"}
 _PLAIN = (bool, int, float, complex, str, bytes, type(None), type(...), slice, np.generic, types.Type)
 
 
 def stamp(function, signature=()):
-    """The stamp of a kernel.
+    """Return the stamp of a kernel.
 
     Parameters
     ----------
     function : function
         The plain function.
     signature : iterable of numba types
-        Of its arguments: methods among them choose what stages do.
+        Types of its arguments; methods among them determine the stages.
 
     Returns
     -------
@@ -48,7 +48,7 @@ def stamp(function, signature=()):
 
 
 def _named_tuples(kind):
-    """Classes of the NamedTuples in a numba type."""
+    """Yield the classes of NamedTuples in a numba type."""
     kind = getattr(kind, "of", kind)  # of a reference
     if isinstance(kind, types.NamedTuple | types.NamedUniTuple):
         yield kind.instance_class
@@ -59,7 +59,7 @@ def _named_tuples(kind):
 
 
 def _meet(value, met):
-    """Add the digests of a function or NamedTuple, and of all that it names, each once."""
+    """Add the digests of a function or NamedTuple, and of everything that it names, once each."""
     if id(value) in met:
         return
     if isinstance(value, Dispatcher):
@@ -88,7 +88,7 @@ def _meet(value, met):
 
 
 def _globals(function, names):
-    """Global values that a function's code names, and those in modules that it names."""
+    """Yield global values that a function's code names, directly or through modules."""
     spaces = [function.__globals__]
     for space in spaces:
         for name in names:
@@ -101,7 +101,7 @@ def _globals(function, names):
 
 
 def _read(code: CodeType):
-    """Names in a function's code and in that of functions in it; the code itself, without its docstring."""
+    """Return the names in a function's code and the code without docstring, with nested functions."""
     names, parts = list(code.co_names), [code.co_code, repr((code.co_varnames, code.co_freevars))]
     for place, constant in enumerate(code.co_consts):
         if isinstance(constant, CodeType):
@@ -113,7 +113,7 @@ def _read(code: CodeType):
 
 
 def _text(value) -> Any:
-    """Text of a value that code names, the same in each process; None of one that kernels cannot use."""
+    """Return a process-independent text of a value that code names, or None if kernels cannot use it."""
     if isinstance(value, _PLAIN):
         return repr(value)
     if isinstance(value, np.ndarray):
@@ -131,7 +131,7 @@ def _text(value) -> Any:
 
 
 def _in_order(constant):
-    """Text of a constant; processes differ in the order of sets."""
+    """Return the text of a constant; the order of sets differs between processes."""
     return repr(sorted(constant, key=repr) if isinstance(constant, set | frozenset) else constant)
 
 
@@ -145,7 +145,7 @@ def _is_of_others(value):
 
 
 def _file(function):
-    """All of a function's file: the code may depend on what is not understood here."""
+    """Return the content of a function's file, as the code may depend on parts that are not analysed."""
     return Path(function.__code__.co_filename).read_bytes()
 
 

@@ -1,7 +1,7 @@
-"""Functions that callers call by their address, instead of compiling them anew as part of themselves.
+"""Functions that callers call by address, instead of compiling them into their own code.
 
 numba compiles the whole code of a callee into each caller; a function at the end of a chain of five is
-compiled five times. A function that is marked here is compiled once. Callers load it first (`Callee`).
+compiled five times. A function marked here is compiled once. Callers load it first (`Callee`).
 """
 
 # pyright: reportAttributeAccessIssue=false
@@ -15,7 +15,7 @@ _noinline = set()
 
 
 class Callee(NamedTuple):
-    """A compiled function that others call by its address."""
+    """Compiled function that others call by address."""
 
     module: str
     name: str
@@ -24,7 +24,7 @@ class Callee(NamedTuple):
     wrapper: str
 
     def announce(self, codegen):
-        """Add the symbols of its machine code to those that numba's engine defines."""
+        """Declare the symbols of its machine code as defined in numba's engine."""
         codegen._engine._defined_symbols |= {self.symbol, self.wrapper}
 
     def is_loaded(self):
@@ -35,17 +35,17 @@ class Callee(NamedTuple):
 
 
 def mark_noinline(function):
-    """Let callers call a function by its address."""
+    """Mark a function to be called by address."""
     _noinline.add(function)
 
 
 def is_noinline(function):
-    """Return whether callers call a function by its address."""
+    """Return whether a function is called by address."""
     return function in _noinline
 
 
 def keep_address(function, result):
-    """Replace the code of a function that was just compiled by its symbol, if it is marked."""
+    """If a compiled function is marked, replace its code by its symbol."""
     library = result.library
     if is_noinline(function) and _is_named(function):
         library._shared_module = binding.parse_assembly("")

@@ -1,10 +1,9 @@
-"""NamedTuples that compiled functions hand on as one pointer each.
+"""NamedTuple arguments as single pointers between compiled functions.
 
-numba hands a NamedTuple on as all the numbers of all its arrays, several hundred for a `World`, at each call:
-that takes long to compile, and time at each call that is not inlined. A `Reference` is a pointer to these
-numbers where the outermost function keeps them; its attributes are read as those of the NamedTuple. What it
-points to never changes, and lives until the function returns that made it, so a function that returns what it
-was given takes it as it is.
+numba passes a NamedTuple as all fields of all its arrays, several hundred for a `World`, at each call. That
+is slow to compile, and costs time at each call that is not inlined. A `Reference` is a pointer to these
+fields in the outermost function, with the NamedTuple's attributes. Its target is constant and lives until the
+function that created it returns. A function that returns such an argument therefore takes it by value.
 """
 
 # pyright: reportAttributeAccessIssue=false, reportArgumentType=false
@@ -30,25 +29,25 @@ class Reference(types.Type):
     def __init__(self, of):
         self.of = of
         digest = hashlib.sha256(str(of).encode()).hexdigest()[:12]
-        super().__init__(name=f"{of.instance_class.__name__}_{digest}")  # a part of symbols: kept short
+        super().__init__(name=f"{of.instance_class.__name__}_{digest}")  # part of symbols, so kept short
 
     @property
     def instance_class(self):
-        """The NamedTuple's class."""
+        """Class of the NamedTuple."""
         return self.of.instance_class
 
     def can_convert_from(self, typingctx, other):
-        """Where a reference is expected, the NamedTuple itself may be given."""
+        """Allow the NamedTuple itself where a reference is expected."""
         return Conversion.safe if other == self.of else None
 
 
 def referred(kind: Any) -> Any:
-    """The type by which a value of a type is handed on: NamedTuples by reference, all else as it is."""
+    """Return the type by which a value is passed: NamedTuples by reference, others unchanged."""
     return Reference(kind) if isinstance(kind, types.BaseNamedTuple) else kind
 
 
 def refers(kind: Any) -> bool:
-    """Whether a value of a type is a reference, or holds one."""
+    """Return whether a type is a reference, or contains one."""
     if isinstance(kind, types.BaseTuple):
         parts: Any = kind
         return any(map(refers, parts))
@@ -85,7 +84,7 @@ def _attribute(context, builder, reference, pointer, attribute):
 
 
 def _read(builder, pointer):
-    """The value at a pointer, part by part: the optimiser knows each then, and drops what nobody uses."""
+    """Read the value at a pointer part by part, so that the optimizer can drop unused parts."""
     kind = pointer.type.pointee
     if not isinstance(kind, ir.LiteralStructType | ir.ArrayType):
         return builder.load(pointer)
