@@ -1,19 +1,27 @@
 """Columns of a contact's row."""
 
-#: There are `AXIS` columns for each direction: normal and two tangents. They hold the direction (world axes)
-#: and its moment about body i's centre of mass, then the same for body j. Next are the linear and angular
-#: velocity changes of body i per impulse of 1 N s, and of body j, which are subtracted. Each of these four
-#: blocks is eight columns wide, like bodies' velocities, to be read at once; two columns stay 0.
+#: Columns of the normal and of each tangent; direction d begins at column ``AXIS * d``.
+#: DIRECTION, MOMENT_I: direction (world axes), and its moment about body i's centre of mass.
+#: DIRECTION_J, MOMENT_J: the same for body j.
+#: PUSH_I, TURN_I: linear and angular velocity change of body i per impulse of 1 N s.
+#: PUSH_J, TURN_J: the same for body j, which are subtracted.
+#: Each line is eight columns wide, like bodies' velocities, to be read at once; two columns stay 0.
 AXIS, DIRECTION, MOMENT_I, DIRECTION_J, MOMENT_J = 32, 0, 3, 8, 11
 PUSH_I, TURN_I, PUSH_J, TURN_J = 16, 19, 24, 27
-#: Inverse masses, compliances along the normal and tangents, gap, 1 for the first contact of a patch. The
-#: gap's acceleration in free fall, reduced radius, friction, restitution, force of the last step (normal, two
-#: tangents). The row whose normal speed damps the contact (`implicit_solver.find_leads`), damping time,
-#: normal speed after an impact, coupling of the normal impulse with both tangential ones. Then the solver's
-#: numbers: depth at zero normal speed, its change per speed, and two factors of the law. Velocity of the
-#: partner's surface relative to the partner, along both tangents. Distance within which contacts of a patch
-#: roll together [m]. A flag, and the shift of the contact in the middle of the interval if the flag is 1
-#: (`middle_arms`).
+#: Other columns.
+#: INVERSE_MASS_I, INVERSE_MASS_J: 1/kg; 0 for a body that does not move freely.
+#: COMPLIANCE, SLIP_COMPLIANCE: velocity change per impulse along the normal, and along the tangents [1/kg].
+#: GAP: [m]. FIRST: 1 for the first contact of a patch. FALL: acceleration of the gap in free fall [m/s^2].
+#: RADIUS: reduced radius [m]. FRICTION, RESTITUTION: coefficients.
+#: FORCE: force of the last step, normal and two tangents [N].
+#: LEAD: row of the contact whose normal speed damps this one (`implicit_solver.find_leads`).
+#: DAMPING_TIME: [s]. TARGET: normal speed after an impact [m/s].
+#: COUPLING: coupling of the normal impulse with both tangential ones.
+#: DEPTH: depth at zero normal speed [m]. WAY: change of depth per normal speed [s].
+#: GROWTH, STRENGTH: factors of `contact_model.balanced_impulse`.
+#: DRIFT: velocity of the partner's surface relative to the partner, along both tangents [m/s].
+#: ROLL_REACH: distance within which contacts of a patch roll together [m].
+#: IN_MIDDLE: 1 if the impulse acts at a point shifted by SHIFT [m], else 0 (`middle_arms`).
 INVERSE_MASS_I, INVERSE_MASS_J, COMPLIANCE, SLIP_COMPLIANCE, GAP, FIRST, FALL = range(96, 103)
 RADIUS, FRICTION, RESTITUTION, FORCE, LEAD, DAMPING_TIME, TARGET = 103, 104, 105, 106, 109, 110, 111
 COUPLING, DEPTH, WAY, GROWTH, STRENGTH, DRIFT, ROLL_REACH = 112, 114, 115, 116, 117, 118, 120
@@ -22,7 +30,8 @@ ROW = 128
 #: Contacts of a patch roll together within the half width of a cylinder's contact at this depth [m]. The
 #: cylinder has the body's radius.
 ROLL_DEPTH = 2e-4
-#: Columns of torsional friction: largest moment per normal force [m], change of spin per moment of 1 N m s,
-#: and changes of both bodies' angular velocities.
+#: Columns of torsional friction.
+#: REACH: largest moment per normal force [m]. SPIN_COMPLIANCE: change of spin per moment of 1 N m s.
+#: SPIN_I, SPIN_J: changes of both bodies' angular velocities per moment of 1 N m s.
 REACH, SPIN_COMPLIANCE, SPIN_I, SPIN_J = 0, 1, 2, 5
 TWIST = 8

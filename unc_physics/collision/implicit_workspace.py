@@ -22,15 +22,19 @@ from .contact_row import ROW, TWIST
 from .narrow_phase import RECORD
 from .sphere_tree import AT_ONCE, Scratch
 
-#: Velocities of the bodies, each (B, 8) with two zero columns. At the interval's start, at its end without
-#: contacts, as solved, before a sweep, and the search direction.
+#: Velocities of the bodies, each (B, 8) with two zero columns.
+#: START: at the interval's start. FREE: at its end without contacts. NOW: as solved.
+#: BEFORE: before a sweep. ALONG: search direction.
 START, FREE, NOW, BEFORE, ALONG = 0, 1, 2, 3, 4
-#: Impulses of lasting contacts, of an impact, of an impact without rebound, before a sweep, the search
-#: direction, and the best so far.
+#: Impulses. LASTING: of lasting contacts. ELASTIC: of an impact. PLASTIC: of an impact without rebound.
+#: PREVIOUS: before a sweep. SEARCH: search direction. BEST: best so far.
 LASTING, ELASTIC, PLASTIC, PREVIOUS, SEARCH, BEST = 0, 1, 2, 3, 4, 5
-#: Columns of a body's numbers: bound on its points' speed [m/s], and its integral over time [m]. Distance of
-#: the environment [m], and pose at the interval's beginning. Bound on the change of velocity in a step
-#: without contacts, beyond gravity [m/s], and pose at the interval's end without contacts.
+#: Columns of a body's numbers.
+#: PACE: bound on its points' speed [m/s]. TRAVEL: integral of this over time [m].
+#: CLEARANCE: travel up to which the environment is out of reach [m].
+#: START_POSITION, START_QUATERNION: pose at the interval's beginning.
+#: SURGE: bound on the change of velocity in a step without contacts, beyond gravity [m/s].
+#: FREE_POSITION, FREE_QUATERNION: pose at the interval's end without contacts.
 PACE, TRAVEL, CLEARANCE, START_POSITION, START_QUATERNION, SURGE = 0, 1, 2, 3, 6, 10
 FREE_POSITION, FREE_QUATERNION = 11, 14
 #: Columns of a candidate: unit normal towards the body, point on its surface (body frame), gap [m], score

@@ -72,9 +72,11 @@ from ..compiler import inner
 from .friction import slip_limit, spin_limit, within_slip_limit, within_spin_limit
 from .impact_time import impact_speed
 
-#: Convergence tolerances of a sweep: change of an impulse, relative to the largest normal one. Change of a
-#: contact velocity, relative to the fastest contact, and to its excess over the slowest impact. The tight
-#: second value holds light bodies under heavy ones still; fast contacts need less accuracy.
+#: Convergence tolerances of a sweep.
+#: TOLERANCE: change of an impulse, relative to the largest normal one.
+#: _STILL: change of a contact velocity, relative to the fastest contact's speed.
+#: _MOVING: additional tolerance, relative to the part of that speed above the slowest impact's.
+#: The tight _STILL holds light bodies under heavy ones still; fast contacts need less accuracy.
 TOLERANCE, _STILL, _MOVING = 1e-3, 2e-4, 1e-3
 _PLAIN_SWEEPS, _SWEEPS = 4, 200
 #: Sweeps after which the velocity tolerance grows in proportion to their number. Resting contacts converge in
