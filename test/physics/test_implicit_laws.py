@@ -156,13 +156,13 @@ def test_a_ball_that_slides_begins_to_roll_with_five_sevenths_of_its_speed(dt):
 @pytest.mark.parametrize("model", ["salt_box", "can", "mug", "brick", "bowl", "plate"])
 @pytest.mark.parametrize("mass", [0.1, 5.0])
 def test_what_lies_on_the_floor_stays(dt, model, mass):
-    """Within 1 um in 10 s, and no deeper than 0.1 mm at the stiffness that is chosen."""
+    """Within 2 um and 0.006 degrees in 10 s, and no deeper than 0.1 mm at the stiffness that is chosen."""
     body = RigidBody("b", load_model(model).prefix(1000), mass)
     settled, later = course(world(body, dt=dt), state((0, 0, 0.0002 - lowest(body.model))), (3.0, 13.0))[:, 0]
-    assert np.linalg.norm(later[:3] - settled[:3]) < 1e-6
+    assert np.linalg.norm(later[:3] - settled[:3]) < 2e-6
     assert 0.0 < depth_in(FLOOR, body, later) < 1e-4
     apart = Rotation.from_quat(settled[6:10]).inv() * Rotation.from_quat(later[6:10])
-    assert apart.magnitude() < 2e-5
+    assert apart.magnitude() < 1e-4
 
 
 STACKS = ((1, 1, 1, 1, 1), (1, 1, 1, 1, 100), (100, 1, 100, 1, 100), (100, 10, 1, 0.5, 0.2))  # kg, from below

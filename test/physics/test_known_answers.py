@@ -117,9 +117,10 @@ def down_an_incline(count, degrees, dt=1 / 240, time=0.4):
     return x[3:6] @ down / (G * math.sin(angle) / (1.0 + inertia) * time)
 
 
-@pytest.mark.parametrize("count", [1000, 4000])
+@pytest.mark.parametrize("count", [300, 1000, 4000])
 def test_a_can_rolls_on(count):
     assert 0.97 <= rolled(count, 1 / 240) <= 1.005
+    assert 0.99 <= rolled(count, 1 / 1000) <= 1.005
 
 
 @pytest.mark.parametrize("dt", [1 / 120, 1 / 240, 1 / 1000])

@@ -19,7 +19,8 @@ def add_pack_command(commands) -> None:
         "pack",
         help="pack a mesh with spheres",
         description=(
-            "Fill a closed mesh with disjoint spheres, the largest first, and write them as a model file."
+            "Fill a closed mesh with disjoint spheres and write them as a model file. The first spheres give"
+            " the body its extent, flat faces and rims; the others follow by size."
             " Mass properties are those of the mesh, at uniform density."
         ),
         epilog=(
@@ -59,6 +60,11 @@ def add_pack_command(commands) -> None:
         "--uniform",
         action="store_true",
         help="of a link: take centre of mass and inertia from its shape, in place of the file's",
+    )
+    parser.add_argument(
+        "--largest-first",
+        action="store_true",
+        help="all spheres in order of size: few of them fill the body best, but lack its edges and rims",
     )
     _add_threads(parser)
     parser.set_defaults(run=run_pack)
@@ -158,6 +164,7 @@ def run_pack(arguments: argparse.Namespace) -> int:
         for repair in repairs:
             print(f"repair: {printable(repair)}")
     solid = replace(solid.scaled(arguments.scale), name=name)
+    about |= {"largest_first": arguments.largest_first}
     _pack(solid, arguments.spheres, arguments.threads, output, **about)
     _note_units(solid, arguments.mesh, arguments.scale)
     return 0
@@ -286,6 +293,7 @@ def _make(arguments):
         stem = name if arguments.spheres is None else f"{name}_{arguments.spheres}"
         output = _model_output(arguments.output and Path(arguments.output) / f"{stem}.npz", stem)
         solid, about = recipe_solid(name, arguments.meshes)
+        about |= {"largest_first": RECIPES[name].largest_first}
         _pack(solid, arguments.spheres or RECIPES[name].spheres, arguments.threads, output, **about)
     return 0
 

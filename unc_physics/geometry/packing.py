@@ -1,12 +1,12 @@
-"""Greedy sphere packing of a solid, largest sphere first (in the spirit of ProtoSphere, Weller and Zachmann
-2010).
+"""Sphere packing of a solid: the spheres that give it its extent, then greedily the largest (in the spirit of
+ProtoSphere, Weller and Zachmann 2010).
 
-The centre of the largest free ball is a local maximum of the free distance. Candidates for it are found by
-climbing (see ``ascent``) from points of the surface and from the gaps around placed spheres. They are placed
-in levels of shrinking radius, so that a grid as fine as the level's radius answers which sphere is nearest;
-within a level in batches of about equal radius, between which new candidates are climbed to in parallel. A
-candidate whose ball is no longer free is climbed from again. Radii are the free distance itself, so overlap
-and protrusion are round-off.
+The first spheres are those of ``supports``. The centre of the largest free ball is a local maximum of the
+free distance. Candidates for it are found by climbing (see ``ascent``) from points of the surface and from
+the gaps around placed spheres. They are placed in levels of shrinking radius, so that a grid as fine as the
+level's radius answers which sphere is nearest; within a level in batches of about equal radius, between which
+new candidates are climbed to in parallel. A candidate whose ball is no longer free is climbed from again.
+Radii are the free distance itself, so overlap and protrusion are round-off.
 """
 
 from __future__ import annotations
@@ -23,8 +23,10 @@ from ..checks.errors import InvalidMeshError, InvalidOptionError
 from ..checks.memory import require_memory
 from .ascent import Space, climb_all, place, starts_around, starts_at_surface
 from .packing_file import ROUND_OFF, SpherePacking, spheres_reach
+from .quality import even_directions, extent_losses, prefix_lengths, sinks
 from .solid_mesh import SolidMesh
 from .sphere_grid import empty_grid, grown, insert_spheres
+from .supports import support_spheres
 from .surface_gap import surface_gap
 from .triangle_tree import build_triangle_tree
 
@@ -40,6 +42,7 @@ MAX_CELLS = 60_000_000  # of the grid: 240 MB
 MAX_LEVELS = 100
 SMALLEST = 1e-7  # of the body's size: gaps below are given up
 _BYTES_PER_SPHERE = 1_000  # of those asked for, with the candidates for their places
+SUPPORTS = 0.5  # of the spheres asked for, at most
 TIE = 0.995  # spheres are in order of radius up to this ratio
 
 
@@ -47,12 +50,13 @@ def pack_solid(
     solid: SolidMesh,
     count: int,
     *,
+    largest_first: bool = False,
     mass: float | None = None,
     threads: int | None = None,
     progress: Callable[[int, float], None] | None = None,
     **about: Any,
 ) -> SpherePacking:
-    """Pack a solid with disjoint spheres, the largest first.
+    """Pack a solid with disjoint spheres: those that give it its extent and flat faces, then the largest.
 
     Parameters
     ----------
@@ -60,6 +64,9 @@ def pack_solid(
         The body.
     count : int
         Number of spheres.
+    largest_first : bool
+        Whether all spheres are in order of size. Few spheres then fill the solid best, but edges and rims
+        are missing.
     mass : float, optional
         Default mass for the model file [kg].
     threads : int, optional
@@ -88,7 +95,10 @@ def pack_solid(
     require_memory(_BYTES_PER_SPHERE * count, f"packing {count} spheres", "number of spheres", count)
     # A power of two near the size: scaling by it rounds nothing.
     unit = 2.0 ** np.floor(np.log2(solid.bounding_radius))
-    with GreedyPacker(solid.corners / unit, count, threads or os.cpu_count() or 1) as packer:
+    corners = solid.corners / unit
+    with GreedyPacker(corners, count, threads or os.cpu_count() or 1) as packer:
+        if not largest_first:
+            packer.put(support_spheres(packer.corners, packer.space.tree, int(SUPPORTS * count)))
         spheres = packer.run(progress, solid.volume / unit**3) * unit
     centers, radii = spheres[:, :3], spheres[:, 3]
     reach = spheres_reach(centers, radii) if len(radii) else 0.0
@@ -98,6 +108,7 @@ def pack_solid(
             " filled, close it in a mesh editor",
             field=f"mesh {solid.name}",
         )
+    lengths = prefix_lengths(len(radii))
     return SpherePacking(
         name=solid.name,
         centers=centers,
@@ -109,7 +120,10 @@ def pack_solid(
         mesh_sha256=solid.sha256,
         mass=mass,
         bounds=solid.bounds,
-        surface_gap=surface_gap(solid.corners, spheres) if len(spheres) else None,
+        surface_gap=surface_gap(solid.corners, spheres),
+        measured_spheres=lengths,
+        extent_losses=extent_losses(solid.corners, spheres, lengths),
+        sinks=sinks(solid.corners, spheres, lengths),
         **about,
     )
 
@@ -125,7 +139,7 @@ class GreedyPacker:
         self.cumulative_area = 0.5 * np.cumsum(double_areas)
         self.lower, self.upper = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
         self.size = float(np.max(self.upper - self.lower))
-        self.placed = 0
+        self.placed = self.put_first = 0
         self.threads = threads
         self.pool = ThreadPoolExecutor(threads)
         reach = float(np.min(self.upper - self.lower))  # no ball inside has a larger radius than half of it
@@ -138,6 +152,11 @@ class GreedyPacker:
     def __exit__(self, *_):
         self.pool.shutdown(cancel_futures=True)
 
+    def put(self, spheres):
+        """Place spheres (s, 4) before all others."""
+        self.placed = self.put_first = len(spheres)
+        self.space.spheres[: self.placed] = spheres
+
     def run(self, progress, volume):
         """Place the spheres; returns them (n, 4), ordered."""
         spheres = self.space.spheres
@@ -147,6 +166,8 @@ class GreedyPacker:
             self.refine_grid(bound)
             more = self.climb(self.surface_starts(self.number_of_starts(level, bound), level, bound))
             candidates = np.concatenate([candidates, more])
+            if level == 0:
+                candidates = np.concatenate([candidates, self.climb(self.starts_around(0))])
             largest = candidates[:, 3].max(initial=0.0)
             if largest < SMALLEST * self.size:
                 break
@@ -170,7 +191,8 @@ class GreedyPacker:
                 break
             candidates = np.concatenate(small)
             bound *= LEVEL
-        return nested_order(spheres[: self.placed], self.lower, self.size)
+        rest = nested_order(spheres[self.put_first : self.placed], self.lower, self.size)
+        return np.concatenate([spheres[: self.put_first], rest])
 
     def number_of_starts(self, level, radius):
         """How many points of the surface to start from."""
@@ -194,9 +216,13 @@ class GreedyPacker:
             if done == len(points) or self.placed == len(self.space.spheres):
                 break
             self.space = self.space._replace(grid=grown(self.space.grid))
-        directions = even_directions(MANY_DIRECTIONS if self.placed < FEW_SPHERES else FEW_DIRECTIONS)
-        around = self.parallel(starts_around, np.arange(before, self.placed), common=(directions,))
+        around = self.starts_around(before)
         return self.climb(np.concatenate([points[:done][values[:done] > 0.0], around])), rest
+
+    def starts_around(self, first):
+        """Points in the gaps around the spheres from number ``first`` on."""
+        directions = even_directions(MANY_DIRECTIONS if self.placed < FEW_SPHERES else FEW_DIRECTIONS)
+        return self.parallel(starts_around, np.arange(first, self.placed), common=(directions,))
 
     def refine_grid(self, radius):
         """Make a grid for a level: as wide as its largest radius, which no free distance exceeds."""
@@ -243,15 +269,6 @@ class GreedyPacker:
             for i, j in pairwise(cuts)
         ]
         return np.concatenate([job.result() for job in jobs])
-
-
-def even_directions(count):
-    """Unit vectors (count, 3), evenly spread: a Fibonacci lattice."""
-    k = np.arange(count) + 0.5
-    z = 1.0 - 2.0 * k / count
-    angle = np.pi * (1.0 + np.sqrt(5.0)) * k
-    s = np.sqrt(1.0 - z * z)
-    return np.stack([s * np.cos(angle), s * np.sin(angle), z], axis=1)
 
 
 def nested_order(spheres, lower, size):

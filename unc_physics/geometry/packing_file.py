@@ -17,6 +17,8 @@ from ..checks.errors import InvalidModelError, LimitExceededError, UncPhysicsErr
 from ..checks.validation import FARTHEST, instance
 
 _PROPORTION = 1e12  # of an inertia and the square of its body's reach, to either side
+#: What few spheres may change: the extent of a body, and how far a ball of 10 mm sinks into it [m].
+EXTENT_LOSS, SINK = 0.001, 0.002
 ROUND_OFF = 1e-9  # relative; what a file written in decimal or by another program may lose
 
 
@@ -50,6 +52,13 @@ class SpherePacking:
         Corners of the mesh's bounding box along the body axes [m].
     surface_gap : float or None
         The farthest that a point of the mesh's surface lies from the nearest sphere [m], for these spheres.
+    measured_spheres : ndarray (k,) or None
+        Numbers of first spheres for which `extent_losses` and `sinks` are known, ascending.
+    extent_losses : ndarray (k,) or None
+        How much farther the mesh reaches than these spheres, in the direction where that is most [m].
+    sinks : ndarray (k,) or None
+        How far a ball of 10 mm radius sinks below the mesh before it touches these spheres, where that is
+        most [m]; at most 20 mm, where it sinks in whole.
     source, licence : str or None
         Where the mesh comes from, and under which terms.
 
@@ -70,6 +79,9 @@ class SpherePacking:
     mass: float | None = None
     bounds: np.ndarray | None = None
     surface_gap: float | None = None
+    measured_spheres: np.ndarray | None = None
+    extent_losses: np.ndarray | None = None
+    sinks: np.ndarray | None = None
     source: str | None = None
     licence: str | None = None
 
@@ -88,6 +100,7 @@ class SpherePacking:
                 raise InvalidModelError("must be positive", field=field, value=value)
         if self.surface_gap is not None and self.surface_gap < 0.0:
             raise InvalidModelError("must not be negative", field="surface_gap", value=self.surface_gap)
+        self._check_measures()
         reach = spheres_reach(self.centers, self.radii)
         if reach > self.bounding_radius * (1.0 + ROUND_OFF):
             raise InvalidModelError(
@@ -95,6 +108,30 @@ class SpherePacking:
                 field="bounding_radius",
                 value=self.bounding_radius,
             )
+
+    def _check_measures(self):
+        """Refuse measures that belong to no numbers of spheres."""
+        if self.measured_spheres is None:
+            self._set("extent_losses", None)
+            self._set("sinks", None)
+            return
+        lengths = self.measured_spheres
+        if np.any(np.diff(lengths) <= 0.0) or np.any(lengths < 1.0) or np.any(lengths != np.rint(lengths)):
+            raise InvalidModelError(
+                "must be positive integers, ascending", field="measured_spheres", value=lengths.tolist()
+            )
+        for field in ("extent_losses", "sinks"):
+            values = getattr(self, field)
+            if values is None:
+                continue
+            if len(values) != len(lengths):
+                raise InvalidModelError(
+                    f"must have as many entries as measured_spheres, {len(lengths)}",
+                    field=field,
+                    value=values.shape,
+                )
+            if np.any(values < 0.0):
+                raise InvalidModelError("must not be negative", field=field, value=float(values.min()))
 
     def _set(self, field, value):
         object.__setattr__(self, field, value)
@@ -117,6 +154,49 @@ class SpherePacking:
         """
         return self.sphere_volume / self.volume
 
+    @property
+    def extent_loss(self) -> float | None:
+        """How much farther the mesh reaches than the spheres, in the direction where that is most [m].
+
+        An upper bound; None where it was not measured for so few spheres.
+        """
+        return self._measured(self.extent_losses)
+
+    @property
+    def sink(self) -> float | None:
+        """How far a ball of 10 mm radius sinks below the mesh before it touches a sphere, at most [m].
+
+        An upper bound; None where it was not measured for so few spheres.
+        """
+        return self._measured(self.sinks)
+
+    def _measured(self, values):
+        """A measure for all spheres: the last one known, since more spheres only lower it."""
+        return None if values is None or len(values) == 0 else float(values[-1])
+
+    def sufficient_count(self, loss: float = EXTENT_LOSS, sink: float | None = SINK) -> int:
+        """The fewest spheres that stand for the body: those with a loss of extent and a sink below limits.
+
+        Parameters
+        ----------
+        loss : float
+            Largest `extent_loss` [m].
+        sink : float, optional
+            Largest `sink` [m]; None where no other packing can touch this one.
+
+        Returns
+        -------
+        int
+            All spheres, if no fewer are enough, or it is not known how many are.
+        """
+        lengths, losses = self.measured_spheres, self.extent_losses
+        if lengths is None or losses is None or (sink is not None and self.sinks is None):
+            return len(self)
+        enough = losses <= loss
+        if sink is not None and self.sinks is not None:
+            enough &= self.sinks <= sink
+        return int(lengths[enough][0]) if enough.any() else len(self)
+
     def prefix(self, k: int) -> SpherePacking:
         """The first k spheres, with the whole body's COM, inertia, volume and mass.
 
@@ -133,10 +213,19 @@ class SpherePacking:
             )
         if k == len(self):
             return self
-        return replace(self, centers=self.centers[:k], radii=self.radii[:k], surface_gap=None)
+        measured = {}
+        if self.measured_spheres is not None:
+            known = int(np.sum(self.measured_spheres <= k))
+            for field in _MEASURES:
+                values = getattr(self, field)
+                measured[field] = None if values is None else values[:known]
+        return replace(self, centers=self.centers[:k], radii=self.radii[:k], surface_gap=None, **measured)
 
     def scaled(self, s: float) -> SpherePacking:
         """The body with all lengths multiplied by s; its default mass, if known, keeps the density.
+
+        In a smaller body the ball of 10 mm sinks no farther in proportion; how far it sinks in a larger one
+        is not known.
 
         Raises
         ------
@@ -161,10 +250,20 @@ class SpherePacking:
             mass=None if self.mass is None else self.mass * scale**3,
             bounds=None if self.bounds is None else self.bounds * scale,
             surface_gap=None if self.surface_gap is None else self.surface_gap * scale,
+            extent_losses=None if self.extent_losses is None else self.extent_losses * scale,
+            sinks=self.sinks * scale if self.sinks is not None and scale < 1.0 else None,
         )
 
 
-_ARRAYS = {"centers": (None, 3), "radii": (None,), "inertia": (3, 3), "origin": (3,), "bounds": (2, 3)}
+_MEASURES = ("measured_spheres", "extent_losses", "sinks")
+_ARRAYS: dict[str, tuple[int | None, ...]] = {
+    "centers": (None, 3),
+    "radii": (None,),
+    "inertia": (3, 3),
+    "origin": (3,),
+    "bounds": (2, 3),
+    **{field: (None,) for field in _MEASURES},
+}
 _SCALARS = ("volume", "bounding_radius", "mass", "surface_gap")
 _TEXTS = ("name", "mesh_sha256", "source", "licence")
 #: Most spheres of a file, and most characters of a text in it: a small file may say that it holds terabytes.

@@ -32,18 +32,19 @@ class Recipe:
     mass: float | None = None  # kg
     density: float = 0.0  # kg/m^3, where there is no mass
     scale: float = 1.0
+    largest_first: bool = False
 
 
 RECIPES = {
-    "armadillo": Recipe("armadillo.off", 10_000, density=ABS, scale=0.001),
+    "armadillo": Recipe("armadillo.off", 10_000, density=ABS, scale=0.001, largest_first=True),
     "bin": Recipe(shapes.bin, 15_000, density=POLYPROPYLENE),
     "bottle": Recipe(shapes.bottle, 4000, mass=0.53),
     "bowl": Recipe(shapes.bowl, 4000, density=STONEWARE),
     "brick": Recipe(shapes.brick, 4000, density=CLAY),
-    "bunny": Recipe("bunny00.off", 10_000, density=ABS, scale=0.156),
+    "bunny": Recipe("bunny00.off", 10_000, density=ABS, scale=0.156, largest_first=True),
     "can": Recipe(shapes.can, 4000, mass=0.455),
     "mug": Recipe(shapes.mug, 4000, density=STONEWARE),
-    "pin": Recipe(shapes.pin, 10_000, mass=1.58),
+    "pin": Recipe(shapes.pin, 10_000, mass=1.58, largest_first=True),
     "plate": Recipe(shapes.plate, 5000, density=STONEWARE),
     "rounded_box": Recipe(shapes.rounded_box, 4000, mass=0.37),
     "salt_box": Recipe(shapes.salt_box, 4000, mass=0.52),

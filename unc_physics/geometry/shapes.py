@@ -52,7 +52,7 @@ def can():
             [r, 0.004],
         ]
     )
-    return revolved(np.concatenate([end, mirrored(end, h)]), deep, h - deep, segments=96)
+    return revolved(np.concatenate([end, mirrored(end, h)]), deep, h - deep, segments=128)
 
 
 def bottle():

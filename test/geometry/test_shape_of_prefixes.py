@@ -1,0 +1,201 @@
+"""Few spheres do not change the body: extent, flat faces and tipping of the models, against their meshes.
+
+The measures share no code with `geometry.quality`, whose own tests are here too.
+"""
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+from scipy.optimize import linprog
+from scipy.spatial.transform import Rotation
+
+from unc_physics.geometry import library
+from unc_physics.geometry.library import load_model
+from unc_physics.geometry.packing import pack_solid
+from unc_physics.geometry.quality import extent_losses, prefix_lengths, sinks
+from unc_physics.geometry.recipes import RECIPES, recipe_solid
+from unc_physics.geometry.solid_mesh import make_solid
+
+MODELS = Path(library.__file__).resolve().parents[2] / "models"
+HOUSEHOLD = [name for name, recipe in RECIPES.items() if not recipe.largest_first]
+#: The faces of the meshes on which things are put down, by their outward normals.
+FACES = {
+    "bin": [(0, 0, -1), (0, 0, 1)],
+    "bottle": [(0, 0, -1), (0, 0, 1)],
+    "bowl": [(0, 0, -1), (0, 0, 1)],
+    "brick": [(0, 0, -1), (1, 0, 0), (0, 1, 0)],
+    "can": [(0, 0, -1), (0, 0, 1)],
+    "mug": [(0, 0, -1), (0, 0, 1)],
+    "plate": [(0, 0, -1), (0, 0, 1)],
+    "rounded_box": [(0, 0, -1), (1, 0, 0), (0, -1, 0)],
+    "salt_box": [(0, 0, -1), (0, 0, 1), (1, 0, 0), (0, 1, 0)],
+}
+
+
+def reach(points, radii, directions):
+    """How far points with radii reach in directions (d, 3)."""
+    return (directions @ np.asarray(points).T + radii).max(axis=1)
+
+
+def tilt(packing, normal):
+    """Angle by which a packing that is put down on a face comes to rest beside it [rad].
+
+    Its centre of mass goes as low as it can: a linear programme in the small turn about the two axes across.
+    """
+    frame = np.linalg.svd(np.array([normal], float))[2]
+    frame, normal = frame[1:], np.array(normal, float)
+    rows = np.column_stack([packing.centers @ frame.T, -np.ones(len(packing))])
+    limits = -(packing.centers @ normal + packing.radii)
+    found = linprog([0, 0, 1], rows, limits, bounds=[(-0.3, 0.3)] * 2 + [(None, None)])
+    assert found.status == 0
+    return float(np.hypot(*found.x[:2]))
+
+
+def tipping_angle(points, radii, down, ways=36):
+    """Least angle by which a body that stands on a plane has to be turned for it to tip over [rad].
+
+    It tips where its centre of mass is highest.
+    """
+    frame = np.linalg.svd(np.array([down], float))[2][1:]
+    angles = np.radians(np.arange(0.0, 60.0, 0.1))[:, None]
+    least = math.inf
+    for way in 2.0 * np.pi * np.arange(ways) / ways:
+        aside = math.cos(way) * frame[0] + math.sin(way) * frame[1]
+        heights = reach(points, radii, np.cos(angles) * down + np.sin(angles) * aside)
+        falls = np.flatnonzero(np.diff(heights) < 0.0)
+        least = min(least, float(angles[falls[0], 0]) if len(falls) else math.inf)
+    return least
+
+
+def corners_of(name):
+    solid = recipe_solid(name)[0]
+    return solid.corners.reshape(-1, 3), solid
+
+
+@pytest.mark.parametrize(("name", "degrees"), [("salt_box", 20.66), ("brick", 58.30)])
+def test_meshes_of_boxes_tip_at_half_their_width_over_the_height(name, degrees):
+    points, _ = corners_of(name)
+    assert math.degrees(tipping_angle(points, 0.0, (0, 0, -1))) == pytest.approx(degrees, abs=0.11)
+
+
+@pytest.mark.parametrize("name", HOUSEHOLD)
+@pytest.mark.parametrize("count", [300, 1000])
+def test_household_models_keep_their_extent(name, count):
+    points, solid = corners_of(name)
+    packing = load_model(name, MODELS).prefix(count)
+    around = Rotation.random(3000, rng=np.random.default_rng(3)).apply([0.0, 0.0, 1.0])
+    cross = np.cross(*(solid.corners[:, k] - solid.corners[:, 0] for k in (1, 2)))
+    normals = cross / np.linalg.norm(cross, axis=1, keepdims=True)
+    directions = np.concatenate([around, normals[:: max(1, len(normals) // 3000)]])
+    corners = np.unique(points, axis=0)
+    loss = (reach(corners, 0.0, directions) - reach(packing.centers, packing.radii, directions)).max()
+    assert loss <= packing.extent_loss * (1.0 + 1e-6) + 1e-9
+    assert packing.extent_loss <= 0.001
+
+
+@pytest.mark.parametrize("name", HOUSEHOLD)
+@pytest.mark.parametrize("count", [300, 1000, None])
+def test_household_models_stand_flat(name, count):
+    packing = load_model(name, MODELS)
+    packing = packing.prefix(count or len(packing))
+    for normal in FACES[name]:
+        assert math.degrees(tilt(packing, normal)) <= 0.1
+
+
+@pytest.mark.parametrize("name", HOUSEHOLD)
+@pytest.mark.parametrize("count", [300, None])
+def test_household_models_tip_as_their_meshes_do(name, count):
+    points, _ = corners_of(name)
+    packing = load_model(name, MODELS)
+    packing = packing.prefix(count or len(packing))
+    mesh = math.degrees(tipping_angle(np.unique(points, axis=0), 0.0, (0, 0, -1)))
+    found = math.degrees(tipping_angle(packing.centers, packing.radii, (0, 0, -1)))
+    assert found == pytest.approx(mesh, abs=1.5)
+
+
+@pytest.mark.parametrize("name", ["bunny", "armadillo", "pin"])
+def test_the_papers_models_are_in_order_of_size(name):
+    packing = load_model(name, MODELS)
+    assert np.all(packing.radii[1:] <= np.minimum.accumulate(packing.radii)[:-1] / 0.99)
+    assert len(packing.extent_losses) == len(packing.sinks) == len(prefix_lengths(10_000))
+
+
+# -- the measures ----------------------------------------------------------------------------------
+
+
+def box_corners(*size):
+    box = trimesh.creation.box(size)
+    return np.asarray(box.triangles)
+
+
+def test_loss_of_a_ball_in_a_cube_is_that_at_its_corners():
+    corners = box_corners(0.2, 0.2, 0.2)
+    balls = np.array([[0, 0, 0, 0.1], *([*(0.09 * np.array(s)), 0.01] for s in np.ndindex(2, 2, 2))], float)
+    balls[1:, :3] = np.array(list(np.ndindex(2, 2, 2))) * 0.18 - 0.09
+    found = extent_losses(corners, balls, [1, 9])
+    np.testing.assert_allclose(found, (math.sqrt(3.0) - 1.0) * np.array([0.1, 0.01]), rtol=1e-4)
+
+
+def test_loss_between_two_balls_is_found_where_neither_is_support():
+    """A flat cylinder's rim with balls at four places: the mesh's corner half-way between sticks out most."""
+    rod = trimesh.creation.cylinder(0.1, 1e-3, sections=64)
+    angle = 0.5 * np.pi * np.arange(4)
+    balls = np.column_stack([0.0999 * np.cos(angle), 0.0999 * np.sin(angle), 0 * angle, 0 * angle + 1e-4])
+    expected = 0.1 - (0.0999 * math.cos(math.pi / 4) + 1e-4)
+    assert extent_losses(rod.triangles, balls, [4])[0] == pytest.approx(expected, rel=1e-2)
+
+
+def test_sink_between_four_spheres_on_a_grid():
+    """A ball on a floor of spheres of radius r at a distance 2 r sinks between four of them."""
+    r, probe, n = 0.006, 0.01, 5
+    at = (np.arange(n) - n // 2) * 2 * r
+    x, y = (v.reshape(-1) for v in np.meshgrid(at, at))
+    balls = np.column_stack([x, y, 0 * x - r, 0 * x + r])
+    size = 2 * r * n
+    corners = box_corners(size, size, 2 * r) - [0, 0, r]
+    top = corners[(corners[:, :, 2] == 0.0).all(axis=1) & (np.abs(corners[:, :, :2]).max(axis=(1, 2)) > 0)]
+    inner = top * 0.5  # places beside the edge see the side
+    inner[:, :, 2] = 0.0
+    expected = r + probe - math.sqrt((r + probe) ** 2 - 2 * r * r)
+    assert sinks(inner, balls, [len(balls)])[0] == pytest.approx(expected, rel=1e-2)
+
+
+def test_a_ball_that_meets_nothing_sinks_in_whole():
+    found = sinks(box_corners(0.1, 0.1, 0.1), np.array([[0, 0, 0, 0.001], [0, 0, 0.04, 0.01]]), [1])
+    assert found[0] == pytest.approx(0.02)
+
+
+def test_measures_of_a_prefix_are_those_of_the_last_length_measured():
+    box = trimesh.creation.box([0.1, 0.06, 0.04])
+    packing = pack_solid(make_solid("box", box.vertices, box.faces), 60)
+    assert packing.extent_loss == packing.extent_losses[-1] == packing.prefix(60).extent_loss
+    at = int(np.searchsorted(packing.measured_spheres, 35, side="right")) - 1
+    assert packing.measured_spheres[at] == 35
+    assert packing.prefix(37).extent_loss == packing.prefix(35).extent_loss == packing.extent_losses[at]
+    assert packing.prefix(37).sink == packing.sinks[at]
+    half = packing.scaled(0.5)
+    assert half.extent_loss == 0.5 * packing.extent_loss and half.sink == 0.5 * packing.sink
+    assert packing.scaled(2.0).sink is None
+
+
+def test_the_first_eight_spheres_of_a_box_are_in_its_corners():
+    box = trimesh.creation.box([0.1, 0.06, 0.04])
+    packing = pack_solid(make_solid("box", box.vertices, box.faces), 100)
+    r = packing.radii[:8, None]
+    np.testing.assert_allclose(np.abs(packing.centers[:8]), [[0.05, 0.03, 0.02]] - r, rtol=1e-9)
+    assert len({tuple(np.sign(c)) for c in packing.centers[:8]}) == 8
+    assert packing.prefix(8).extent_loss == pytest.approx((math.sqrt(3.0) - 1.0) * r[0, 0], rel=1e-3)
+
+
+def test_sufficient_count_is_the_first_that_meets_both_limits():
+    packing = load_model("salt_box", MODELS)
+    count = packing.sufficient_count()
+    assert packing.prefix(count).extent_loss <= 0.001 and packing.prefix(count).sink <= 0.002
+    before = packing.prefix(count - 1)
+    assert before.extent_loss > 0.001 or before.sink > 0.002
+    alone = packing.sufficient_count(sink=None)
+    assert alone <= count and packing.prefix(alone).extent_loss <= 0.001
+    assert packing.scaled(2.0).sufficient_count() == len(packing)  # its sink is not known

@@ -1,0 +1,215 @@
+"""How well the first spheres of a packing stand for its mesh: loss of extent, and sink of a ball."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from ..compiler import kernel
+from .triangle_tree import build_triangle_tree, nearest_on_mesh
+
+#: Radius of the ball whose sink is measured [m].
+PROBE = 0.010
+_STEPS = (1.0, 1.2, 1.4, 1.6, 1.8, 2.0, 2.5, 3.0, 3.5, 4.0, 4.5, 5.0, 6.0, 7.0, 8.0, 9.0)
+_DIRECTIONS = 4096
+#: Directions that are improved for each number of spheres, the first and the last turn [rad].
+_IMPROVED, _FIRST_TURN, _LAST_TURN, _SHORTER = 48, 0.05, 2e-4, 0.6
+#: Points and spheres that are known near to such a direction: those that reach farthest there.
+_CANDIDATES = 64
+_TURNS = np.array([[1, 0], [0.5, 0.9], [-0.5, 0.9], [-1, 0], [-0.5, -0.9], [0.5, -0.9]])
+_PLACES = 12_000  # of the ball on the surface
+_CORNERED = 0.01  # of a triangle: how far in from its corners the ball is placed as well
+_CLEAR = 1e-6  # of the ball's radius: overlap with the mesh that is round-off
+
+
+def prefix_lengths(count: int) -> np.ndarray:
+    """Numbers of spheres for which quality is measured: round ones, and all."""
+    decades = 10 ** np.arange(math.ceil(math.log10(count)) + 1)
+    round_ones = np.unique(np.rint(np.outer(decades, _STEPS)).astype(np.int64))
+    return np.append(round_ones[round_ones < count], count)
+
+
+def extent_losses(corners, spheres, lengths) -> np.ndarray:
+    """Largest loss of extent over all directions, for the first spheres of a packing.
+
+    Parameters
+    ----------
+    corners : ndarray (m, 3, 3)
+        Corners of the mesh's triangles [m].
+    spheres : ndarray (n, 4)
+        Centres and radii [m].
+    lengths : (k,) array_like of int
+        Numbers of first spheres, ascending.
+
+    Returns
+    -------
+    ndarray (k,)
+        How much farther the mesh reaches than the spheres, in the direction where that is most [m].
+
+    Notes
+    -----
+    The difference of the two support functions is taken in many directions, among them the normals of the
+    mesh's hull, and improved from the largest ones by a pattern search.
+    """
+    points, normals = hull(corners.reshape(-1, 3))
+    directions = np.concatenate([even_directions(_DIRECTIONS), normals])
+    reach = (directions @ points.T).max(axis=1)
+    covered = np.full(len(directions), -np.inf)
+    losses, before = np.empty(len(lengths)), 0
+    for i, length in enumerate(lengths):
+        new = spheres[before:length]
+        for part in np.array_split(np.arange(len(directions)), max(1, len(new) // 200)):
+            heights = directions[part] @ new[:, :3].T + new[:, 3]
+            covered[part] = np.maximum(covered[part], heights.max(axis=1, initial=-np.inf))
+        before = length
+        loss = reach - covered
+        best = np.argsort(-loss, kind="stable")[:_IMPROVED]
+        losses[i] = _improved(points, spheres[:length], directions[best])
+    return _falling(losses)
+
+
+def _falling(values):
+    """Values that cannot rise, with what a search missed made up from the later ones."""
+    return np.maximum.accumulate(np.maximum(values, 0.0)[::-1])[::-1]
+
+
+def _improved(points, spheres, directions):
+    """The largest loss near to some directions [m]."""
+    balls = np.concatenate([points, np.zeros((len(points), 1))], axis=1)
+    mesh, packing = _highest(balls, directions), _highest(spheres, directions)
+    turn, loss = (
+        _FIRST_TURN,
+        _extent(mesh, directions[:, None])[:, 0] - _extent(packing, directions[:, None])[:, 0],
+    )
+    while turn > _LAST_TURN:
+        a = np.cross(directions, np.eye(3)[np.abs(directions).argmin(axis=1)])
+        a /= np.linalg.norm(a, axis=1, keepdims=True)
+        frame = np.stack([a, np.cross(directions, a)], axis=1)
+        near = directions[:, None] + turn * np.einsum("tk,dka->dta", _TURNS, frame)
+        near /= np.linalg.norm(near, axis=2, keepdims=True)
+        found = _extent(mesh, near) - _extent(packing, near)
+        best = found.argmax(axis=1)
+        better = found.max(axis=1) > loss
+        directions = np.where(better[:, None], near[np.arange(len(near)), best], directions)
+        loss = np.maximum(loss, found.max(axis=1))
+        turn *= _SHORTER
+    heights = (directions @ points.T).max(axis=1) - (directions @ spheres[:, :3].T + spheres[:, 3]).max(
+        axis=1
+    )
+    return heights.max()
+
+
+def _highest(balls, directions):
+    """Of each direction the balls (d, k, 4) that reach farthest."""
+    heights = directions @ balls[:, :3].T + balls[:, 3]
+    kept = min(_CANDIDATES, len(balls))
+    return balls[np.argpartition(-heights, kept - 1, axis=1)[:, :kept]]
+
+
+def _extent(balls, directions):
+    """How far the balls (d, k, 4) of each group reach in directions (d, t, 3)."""
+    return (directions @ balls[:, :, :3].transpose(0, 2, 1) + balls[:, None, :, 3]).max(axis=2)
+
+
+def sinks(corners, spheres, lengths, radius: float = PROBE) -> np.ndarray:
+    """How far a ball sinks below the mesh before it touches the first spheres of a packing.
+
+    Parameters
+    ----------
+    corners : ndarray (m, 3, 3)
+        Corners of the mesh's triangles, counter-clockwise as seen from outside [m].
+    spheres : ndarray (n, 4)
+        Centres and radii [m].
+    lengths : (k,) array_like of int
+        Numbers of first spheres, ascending.
+    radius : float
+        Of the ball [m].
+
+    Returns
+    -------
+    ndarray (k,)
+        The most over places on the surface [m]; at most the ball's diameter, where it sinks in whole.
+
+    Notes
+    -----
+    The ball touches the mesh from outside at places all over the surface, wherever it has room there, and is
+    pushed along the normal.
+    """
+    places, normals = _places(corners)
+    tree = build_triangle_tree(corners)
+    clear = radius * (1.0 - _CLEAR)
+    free = [nearest_on_mesh(tree, *(p + radius * n), clear)[0] >= clear for p, n in zip(places, normals)]
+    places, normals = places[free], normals[free]
+    found = np.empty(len(lengths))
+    write_sinks(places, normals, np.ascontiguousarray(spheres), np.asarray(lengths, np.int64), radius, found)
+    return found
+
+
+def _places(corners):
+    """Points of the surface, evenly by area and near all corners, and the normals there."""
+    cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    double_areas = np.linalg.norm(cross, axis=1)
+    corners, cross, double_areas = (x[double_areas > 0.0] for x in (corners, cross, double_areas))
+    normals = cross / double_areas[:, None]
+    cumulative = np.cumsum(double_areas)
+    # the R2 sequence within, steps along the area
+    k = np.arange(_PLACES)
+    index = np.searchsorted(cumulative, (k + 0.5) / _PLACES * cumulative[-1]).clip(0, len(corners) - 1)
+    v, w = (0.7548776662466927 * k) % 1.0, (0.5698402909980532 * k) % 1.0
+    v, w = np.where(v + w > 1.0, 1.0 - v, v)[:, None], np.where(v + w > 1.0, 1.0 - w, w)[:, None]
+    a, b, c = corners[index].transpose(1, 0, 2)
+    middles = corners.mean(axis=1, keepdims=True)
+    step = max(1, 3 * len(corners) // _PLACES)
+    cornered = (corners + _CORNERED * (middles - corners))[::step]
+    return (
+        np.concatenate([a + v * (b - a) + w * (c - a), cornered.reshape(-1, 3)]),
+        np.concatenate([normals[index], np.repeat(normals[::step], 3, axis=0)]),
+    )
+
+
+@kernel
+def write_sinks(places, normals, spheres, lengths, radius, out):
+    """Write how far a ball sinks, at most over some places, for each number of first spheres."""
+    for i in range(len(lengths)):
+        out[i] = 0.0
+    for p in range(len(places)):
+        least, begin = 2.0 * radius, 0
+        for i in range(len(lengths)):
+            for k in range(begin, lengths[i]):
+                x, y, z = (
+                    places[p, 0] - spheres[k, 0],
+                    places[p, 1] - spheres[k, 1],
+                    places[p, 2] - spheres[k, 2],
+                )
+                up = x * normals[p, 0] + y * normals[p, 1] + z * normals[p, 2]
+                reach = radius + spheres[k, 3]
+                under = reach * reach - (x * x + y * y + z * z - up * up)
+                if under > 0.0:
+                    # where the ball's centre comes to; touching what is above it, it went past
+                    sunk = up + radius - math.sqrt(under)
+                    if sunk < least and up + radius + math.sqrt(under) > 0.0:
+                        least = max(sunk, 0.0)
+            begin = lengths[i]
+            out[i] = max(out[i], least)
+
+
+def hull(points):
+    """Corners (h, 3) of the convex hull of points, and its normals (f, 3)."""
+    from scipy.spatial import ConvexHull, QhullError
+
+    points = np.unique(points, axis=0)
+    try:
+        found = ConvexHull(points)
+    except QhullError:  # too flat
+        return points, np.empty((0, 3))
+    return points[found.vertices], np.unique(found.equations[:, :3].round(9), axis=0)
+
+
+def even_directions(count):
+    """Unit vectors (count, 3), evenly spread: a Fibonacci lattice."""
+    k = np.arange(count) + 0.5
+    z = 1.0 - 2.0 * k / count
+    angle = np.pi * (1.0 + np.sqrt(5.0)) * k
+    s = np.sqrt(1.0 - z * z)
+    return np.stack([s * np.cos(angle), s * np.sin(angle), z], axis=1)
