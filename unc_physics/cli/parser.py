@@ -29,7 +29,7 @@ def build_parser() -> argparse.ArgumentParser:
     """Return the parser of all commands."""
     parser = OneSentenceParser(
         prog="unc_physics",
-        description="Predict where rigid objects will be, and how surely.",
+        description="Predict where rigid objects will be, and how certain that is.",
         epilog="Bad input ends with one sentence on standard error and an exit status that tells its kind "
         "(unc_physics.ErrorCode).",
     )
