@@ -56,7 +56,7 @@ _WORST = 0.5  # share of the deepest overlap left, at which a pair could not be 
 _EXPECTED = 5.0  # standard deviations up to which a speed of approach may be none
 
 
-class Given(NamedTuple):
+class ProjectionInput(NamedTuple):
     """What the projection of all samples starts from.
 
     Attributes
@@ -76,7 +76,7 @@ class Given(NamedTuple):
     look_only: bool
 
 
-class Found(NamedTuple):
+class ProjectionOutput(NamedTuple):
     """What the projection writes for each sample.
 
     Attributes
@@ -94,7 +94,7 @@ class Found(NamedTuple):
     kept_overlap: np.ndarray
 
 
-class Scratch(NamedTuple):
+class ProjectionArrays(NamedTuple):
     """Arrays of the sample at hand.
 
     Attributes
@@ -129,8 +129,8 @@ def project(states, given, found, world):
     Parameters
     ----------
     states : (N, B, 13) float64
-    given : Given
-    found : Found
+    given : ProjectionInput
+    found : ProjectionOutput
         Is written.
     world : World
         What does not move there, stays.
@@ -143,7 +143,7 @@ def project(states, given, found, world):
     n = 0
     while n < len(states):
         work = implicit_workspace(given.mean, singles((0, 0)), world, room)
-        scratch = Scratch(begin, local, settled, depth, overlap, moved, rows_room(room[0], bodies))
+        scratch = ProjectionArrays(begin, local, settled, depth, overlap, moved, rows_room(room[0], bodies))
         n = _project_from(n, states, given, found, world, work, scratch)
         room = more_room(work.counts, room)
 

@@ -18,7 +18,7 @@ from ..dynamics.rollout import rollout
 from ..initialization.lowering import lower
 from ..initialization.overlap_rows import Metric
 from ..initialization.overlap_search import TOUCHING, sides_of
-from ..initialization.projection import Found, Given, project
+from ..initialization.projection import ProjectionInput, ProjectionOutput, project
 from ..scene.action_arrays import driven_belief, held_at_start
 from ..scene.belief import Belief
 from ..scene.scene import Scene
@@ -176,11 +176,11 @@ def _project(scene, belief, metric, states, sides, history, kept, held=None, loo
         world = _without(world, held)
         metric = metric._replace(place=np.where(held, -1, metric.place))
 
-    given = Given(mean, metric, sides, look_only)
+    given = ProjectionInput(mean, metric, sides, look_only)
 
     def run(some):
         own: Any = histories.samples(history, some)
-        project(states[some], given, Found(own.start, own.first_time, kept[some]), world)
+        project(states[some], given, ProjectionOutput(own.start, own.first_time, kept[some]), world)
 
     in_threads(len(states), run)
 
