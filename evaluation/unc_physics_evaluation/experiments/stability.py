@@ -6,7 +6,6 @@ from dataclasses import replace
 from typing import NamedTuple
 
 from unc_physics.checks.errors import DivergedError
-from unc_physics.dynamics import contact_history as histories
 from unc_physics.prediction.predict import predict, start_belief
 from unc_physics.prediction.request_checks import periodic_times
 from unc_physics.prediction.status import assess
@@ -25,19 +24,7 @@ from ..jobs import Job, Outcome, Row, Settings
 from ..methods import MONTE_CARLO
 from ..results import Results
 from ..scenarios import MANIPULATION, MODELS, collision, collision_free
-from ..stability_document import (
-    COARSE,
-    EXTENT,
-    HALF,
-    MEAN,
-    MEASURE,
-    OTHER_HALF,
-    POSITION_STD,
-    ROTATION_STD,
-    TRUE,
-    runs_on,
-    sections,
-)
+from ..stability_document import EXTENT, MEAN, MEASURE, POSITION_STD, ROTATION_STD, TRUE, runs_on, sections
 
 TITLE = "Stability"
 TRUTH, REFINED = 1000, 4  # samples of the truth, and how many times shorter its steps are
@@ -58,7 +45,6 @@ FINER = {  # where that is not short enough
     "stiffness_1e7": 16,
     "stiffness_1e8": 64,
 }
-COARSER = 2  # the truth's first half is taken again with steps so many times longer
 # at the belief on the way; few with more than ``MANY`` bodies, as eigenvalues take long
 LOOKS, FEW_LOOKS, MANY = 50, 8, 20
 QUICK = ("covariance_zero", "fast_ball_at_wall", "overlap_in_floor", "rotation_std_near_pi", "stiffness_1e7")
@@ -128,28 +114,17 @@ def run(job: Job) -> Outcome:
 
 
 def report(results: Results) -> str:
-    """Goals, rates and the tables of all cases."""
+    """Goals, and rates of the flags."""
     return sections(results.rows("stability"))
 
 
 def _truth(given, job):
-    """Spreads of samples with short steps, of both halves, and of one half with longer steps."""
+    """Spreads of samples with short steps."""
     p, seed = job.parameters, job.seed("truth")
-    half = p["draws"] // 2
-    rows = []
-    for refined, samples, parts in (
-        (p["refined"], p["draws"], {TRUE: slice(None), HALF: slice(half), OTHER_HALF: slice(half, None)}),
-        (p["refined"] // COARSER, half, {COARSE: slice(None)}),
-    ):
-        fine = replace(given.scene, dt=given.scene.dt / refined)
-        propagator = make_propagator(MONTE_CARLO, samples=samples, seed=seed)
-        carry = predict(fine, given.belief, propagator, given.horizon).carry
-        for method, part in parts.items():
-            own = carry._replace(
-                states=carry.states[part], contact_history=histories.samples(carry.contact_history, part)
-            )
-            belief = propagator.belief(own, fine)
-            rows += _spread_rows(method, fine, belief, samples, seed)
+    fine = replace(given.scene, dt=given.scene.dt / p["refined"])
+    truth = make_propagator(MONTE_CARLO, samples=p["draws"], seed=seed)
+    belief = predict(fine, given.belief, truth, given.horizon).belief
+    rows = _spread_rows(TRUE, fine, belief, p["draws"], seed)
     for k in given.scene.moving.tolist():
         rows.append(Row(TRUE, EXTENT, "m", 2.0 * given.scene.bodies[k].model.bounding_radius, None, k))
     return rows
