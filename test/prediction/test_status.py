@@ -322,21 +322,24 @@ def stack(*masses):
 
 
 @pytest.mark.parametrize("name", ["sigma_points", "monte_carlo"])
-def test_a_stack_that_the_solver_finds_no_forces_for_is_not_converged(name):
+def test_a_stack_that_the_solver_finds_forces_for_is_fine(name):
     found = statuses(*stack(1.0, 1.0, 10.0), name, 0.3)
-    assert all(status.flags == Status.FINE and status.measures["contact_residual"] < 1e-3 for status in found)
+    assert all(status.flags == Status.FINE and status.measures["contact_residual"] < 0.1 for status in found)
     assert not any(
         {"step_times_frequency", "impact_over_capacity"} & set(status.measures) for status in found
     )
-    scene, belief = stack(1.0, 1.0, 1.0, 1.0, 1.0, 1000.0)
-    prediction = predict(
-        scene, belief, make_propagator(name, **({"samples": 50} if name == "monte_carlo" else {})), 0.3
-    )
+
+
+@pytest.mark.parametrize("top", [100.0, 300.0, 1000.0, 3000.0])
+def test_a_stack_is_flagged_where_the_solver_lets_it_fall(top):
+    """Friction holds each of these stacks. Under 300 kg it stands, under 1000 kg 200 sweeps are too few."""
+    scene, belief = stack(1.0, 1.0, 1.0, 1.0, 1.0, top)
+    prediction = predict(scene, belief, make_propagator("monte_carlo", samples=20), 0.5)
     stands = np.abs(prediction.belief.mean - belief.mean)[:, :3].max() < 1e-3
-    found = assess(prediction)
-    assert stands or any(
-        status.flags & Status.NOT_CONVERGED and "smaller dt" in status.message for status in found
-    )
+    flagged = [bool(status.flags & Status.NOT_CONVERGED) for status in assess(prediction)]
+    assert stands == (top <= 300.0)
+    assert not any(flagged) if stands else all(flagged)
+    assert stands or all("smaller dt" in status.message for status in assess(prediction))
 
 
 def test_a_residual_in_most_rollouts_counts():
@@ -344,7 +347,7 @@ def test_a_residual_in_most_rollouts_counts():
     prediction = predict(scene, belief, make_propagator("monte_carlo", samples=100), 0.1)
     residual = prediction.carry.contact_history.solver.residual
     for share, flagged in ((2, False), (20, True)):
-        residual[:share] = 0.1
+        residual[:share] = 2.0
         (status,) = assess(prediction)
         assert bool(status.flags & Status.NOT_CONVERGED) == flagged
 

@@ -222,12 +222,12 @@ def solve(rows, twists, ids, m, law, all_impulses, members, count, velocity, sti
 
     Returns
     -------
-    residual : float
-        Largest change of an impulse in the last sweep, relative to the largest normal impulse.
+    jump : float
+        Largest change of a contact's velocity in the last sweep [m/s].
     """
     own, previous, search = all_impulses[law], all_impulses[PREVIOUS], all_impulses[SEARCH]
     best, v, before, along = all_impulses[BEST], velocity[NOW], velocity[BEFORE], velocity[ALONG]
-    residual = found = last = load = 0.0
+    found = last = load = 0.0
     least = math.inf
     end, apart, torsional = np.uint64(m), np.uint64(max(m // _APART, 1)), len(twists) > 0
     allowed, visit_all = int(_SLOW_SHARE * m), False
@@ -261,12 +261,12 @@ def solve(rows, twists, ids, m, law, all_impulses, members, count, velocity, sti
             converged = residual <= _SLOW_IMPULSE * TOLERANCE and jump <= _SLOW_VELOCITY * goal
             converged = converged and missed <= allowed
         if converged and visit_all:
-            return residual
+            return jump
         visit_all = converged  # the last sweep visits all contacts
         if sweep < _PLAIN_SWEEPS:
             continue
         if square < least:
-            least, found = square, residual
+            least, found = square, jump
             _copy_impulses(m, own, best)
         elif square > _DIVERGED * least or sweep == _SWEEPS - 1:  # back to the best so far
             _change_impulses(rows, twists, ids, m, own, best, v)
@@ -348,6 +348,14 @@ def find_leads(rows, ids, m, h, v):
         first = last
 
 
+@inner(forceinline=True)
+def residual_of(jump, fastest):
+    """Residual of a solution: what its last sweep changed of a contact's velocity, over the speed of the
+    fastest contact without impulses.
+    """
+    return jump / fastest if fastest > 0.0 else 0.0
+
+
 @inner(fastmath=FAST, error_model="numpy")
 def solve_lasting(
     rows, twists, ids, counts, all_impulses, members, count, velocity, factor, h, dt, threshold
@@ -356,7 +364,7 @@ def solve_lasting(
 
     ``factor`` is the stiffness factor (`contact_model.shallow_factor`). `find_leads` determines the speeds
     for damping; open contacts are not damped. Contacts faster than ``threshold`` [m/s] have a larger
-    tolerance. Returns the residual (`solve`).
+    tolerance. Returns the residual (`residual_of`).
     """
     m, start, free, v = counts[CONTACTS], velocity[START], velocity[FREE], velocity[NOW]
     impulses = all_impulses[LASTING]
@@ -388,7 +396,8 @@ def solve_lasting(
         if loaded:
             apply_impulses(row, impulses[c, 0], impulses[c, 1], impulses[c, 2], v, i, j)
     still = _STILL * fastest + _MOVING * max(fastest - threshold, 0.0)
-    return solve(rows, twists, ids, m, LASTING, all_impulses, members, count, velocity, still)
+    jump = solve(rows, twists, ids, m, LASTING, all_impulses, members, count, velocity, still)
+    return residual_of(jump, fastest)
 
 
 @inner
@@ -416,7 +425,7 @@ def solve_impact(rows, twists, ids, counts, all_impulses, members, count, veloci
 
     Newton's restitution with friction can add energy. The solution is then blended with the one without
     rebound, so that no energy is added. Both obey Coulomb's law and do not penetrate, and so does their
-    blend. Returns the residual (`solve`).
+    blend. Returns the residual (`residual_of`).
     """
     m, start, v = counts[CONTACTS], velocity[START], velocity[NOW]
     elastic, plastic = all_impulses[ELASTIC], all_impulses[PLASTIC]
@@ -431,15 +440,16 @@ def solve_impact(rows, twists, ids, counts, all_impulses, members, count, veloci
         for d in range(4):
             elastic[c, d] = plastic[c, d] = 0.0
     still = _STILL * fastest + _MOVING * max(fastest - threshold, 0.0)
-    residual = solve(rows, twists, ids, m, ELASTIC, all_impulses, members, count, velocity, still)
+    jump = solve(rows, twists, ids, m, ELASTIC, all_impulses, members, count, velocity, still)
+    residual = residual_of(jump, fastest)
     gain, size = work_done(rows, twists, ids, m, elastic, start, v)
     if gain <= _GAIN * size:
         return residual
     for a in range(count):
         for k in range(6):
             v[members[a], k] = start[members[a], k]
-    plain = solve(rows, twists, ids, m, PLASTIC, all_impulses, members, count, velocity, still)
-    residual = max(residual, plain)
+    jump = solve(rows, twists, ids, m, PLASTIC, all_impulses, members, count, velocity, still)
+    residual = max(residual, residual_of(jump, fastest))
     base, _ = work_done(rows, twists, ids, m, plastic, start, v)
     slope = 0.0
     for c in range(m):

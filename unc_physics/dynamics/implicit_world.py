@@ -116,7 +116,7 @@ class SolverMemory(NamedTuple):
     quiet : (N, B) int64
         Number of steps for which each body has been at rest.
     residual : (N, B) float32
-        Largest residual of each body's contacts so far, relative to the load.
+        Largest residual of each body's contacts so far (`implicit_solver.residual_of`).
     kept_overlap : (N, B, B + E) or (N, 0, 0) float32
         Permanent overlap of bodies i < j, or of body i and element j - B, without a force [m]. It remains if
         the initial projection could not remove it. Empty without such overlap.

@@ -557,13 +557,14 @@ def impact_over_capacity(evidence):
 
 @_measure(
     Status.NOT_CONVERGED,
-    5e-3,
+    1.0,
     "contact forces did not converge; a smaller dt, now {dt:.3g} s, or masses that differ less, help",
     in_contact=True,
 )
 def contact_residual(evidence):
-    """Part of the largest impulse by which the impulses of the body's group still changed when the solver
-    stopped. The largest of all steps, which one in twenty rollouts exceeds. With the implicit integrator.
+    """Velocity of a contact of the body's group that still changed when the solver stopped, over the speed of
+    the group's fastest contact. The largest of all steps, which one in twenty rollouts exceeds. With the
+    implicit integrator.
     """
     if evidence.scene.integrator == "explicit":
         return None
