@@ -23,7 +23,7 @@ def motions():
 
 @pytest.fixture(scope="module")
 def found(motions):
-    return calibrate(motions, scene(), FIT, samples=32, evaluations=40, seed=0)
+    return calibrate(motions, scene(), FIT, samples=16, evaluations=40, seed=0)
 
 
 def test_parameters_come_back(found):
@@ -35,7 +35,7 @@ def test_parameters_come_back(found):
         assert abs(one.value - true) < 0.4 * abs(one.before - true), name
     assert 0.015 < fitted["impact_direction_std"].value < 0.12
     assert found.objective[1] < found.objective[0]
-    assert 10 < found.evaluations <= 40
+    assert 20 < found.evaluations <= 130
 
 
 def test_coverage_is_right_after_and_not_before(found):
@@ -46,6 +46,25 @@ def test_coverage_is_right_after_and_not_before(found):
         )
         assert before < 0.6 and 0.75 < after, quantity
     assert not any("holds only" in doubt for doubt in found.doubts)
+
+
+def test_standard_deviations_cover_the_truth():
+    """Of ten sets of throws, each with its own errors: deviations are as large as said, on average."""
+    true = {"friction": 0.25, "restitution": 0.35}
+    of = scene(impact_direction_std=0.03, **true)
+    deviations, stds = [], []
+    for seed in range(10):
+        own = throws(of, 12, seed=seed)
+        fit = calibrate(
+            own, scene(impact_direction_std=0.03), list(true), samples=16, evaluations=12, seed=seed
+        )
+        deviations.append([(one.value - true[one.name]) / one.std for one in fit.fitted])
+        stds.append([one.std for one in fit.fitted])
+        assert all(one.settled for one in fit.fitted)
+    z = np.array(deviations)
+    assert 0.5 < np.sqrt(np.mean(z**2)) < 1.7 and np.abs(z).max() < 4.0
+    assert 0.75 <= np.mean(np.abs(z) < 2.0)
+    assert (np.median(stds, axis=0) < [0.03, 0.06]).all()
 
 
 def test_a_wrong_model_is_noticed(motions):

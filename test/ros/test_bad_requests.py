@@ -173,16 +173,36 @@ BAD = {
     ),
     "zero horizon": (changed("horizon", Duration()), "INVALID_HORIZON", "horizon"),
     "negative horizon": (changed("horizon", Duration(sec=-1)), "INVALID_HORIZON", "horizon"),
-    "horizon below a step": (changed("horizon", Duration(nanosec=1)), "INVALID_HORIZON", "horizon"),
+    "horizon below an explicit step": (
+        explicit(changed("horizon", Duration(nanosec=1000))),
+        "INVALID_HORIZON",
+        "horizon",
+    ),
     "negative period": (
         changed("trajectory_period", Duration(sec=-1, nanosec=500_000_000)),
         "INVALID_HORIZON",
         "trajectory_period",
     ),
-    "period below a step": (
-        changed("trajectory_period", Duration(nanosec=2_000_000)),
+    "period below an explicit step": (
+        explicit(changed("trajectory_period", Duration(nanosec=2_000_000))),
         "INVALID_HORIZON",
         "trajectory_period",
+    ),
+    "times and a period": (
+        request_of(moving_object(), trajectory_period=0.1, times=[Duration(nanosec=10_000_000)]),
+        "INVALID_REQUEST",
+        "times",
+    ),
+    "times that descend": (
+        changed("times", [Duration(nanosec=20_000_000), Duration(nanosec=10_000_000)]),
+        "INVALID_HORIZON",
+        "times[1]",
+    ),
+    "a negative time": (changed("times", [Duration(sec=-1)]), "INVALID_HORIZON", "times[0]"),
+    "a time between the explicit integrator's steps": (
+        explicit(changed("times", [Duration(nanosec=12_000_000)])),
+        "INVALID_HORIZON",
+        "times[0]",
     ),
     "negative mass": (changed("@.mass", -1.0), "INVALID_MASS", "@.mass"),
     "horizon over the limit": (changed("horizon", Duration(sec=100_000)), "LIMIT_EXCEEDED", "horizon"),

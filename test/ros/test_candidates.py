@@ -247,6 +247,7 @@ def test_a_client_ranks_as_the_library_does(node):
             for one, other in zip(found, expected, strict=True):
                 assert (one.name, one.rollouts) == (other.name, other.rollouts)
                 assert (one.tied, one.clearly_worse) == (other.tied, other.clearly_worse)
+                assert one.margin == (None if other.margin is None else pytest.approx(other.margin))
                 assert_same_probability(one.score, other.score)
                 assert one.difference == pytest.approx(other.difference)
                 one, other = one.prediction, other.prediction

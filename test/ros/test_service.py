@@ -238,9 +238,11 @@ def test_a_scaled_model_s_origin(predict):
 
 
 def test_statuses_name_an_overlap_at_the_start_and_are_fine_without(predict):
-    overlapping = explicit(good_request(propagator="surrogate", trajectory_period=0.01))
+    overlapping = with_physics(
+        explicit(good_request(propagator="surrogate", trajectory_period=0.01)), dt=0.005
+    )
     overlapping.scene.objects[1].pose.pose.position.x = -0.15
-    apart = explicit(good_request(propagator="surrogate", trajectory_period=0.01))
+    apart = with_physics(explicit(good_request(propagator="surrogate", trajectory_period=0.01)), dt=0.005)
     bad, good = predict(overlapping), predict(apart)
     for response in (bad, good):
         assert_answered(response)

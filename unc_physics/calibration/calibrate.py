@@ -17,9 +17,10 @@ from .flight import flight_gravity, pose_noise
 from .motions import Motion
 from .objective import SAMPLES, TIMES, Objective, Recorded, Scores, recorded
 from .search import Search
+from .uncertainty import refine, refining
 
-EVALUATIONS = 150
-_LOOKED = 3  # models for each value that are kept for looking around the best
+EVALUATIONS = 80
+_SEARCHED = 12  # motions, at most, that values are sought with before all say how sure they are
 _LEVEL = 0.9  # of the regions by which a model is doubted
 _SURE = 4.0  # standard errors by which it is missed then: it is asked four times, of values that err too
 _NOISE = 3.0  # errors of recorded poses over what one flight shows of them, to begin with
@@ -38,7 +39,7 @@ class Fitted:
     std : float
         Of the value, as motions differ; at most what the search allows.
     settled : bool
-        Whether the score has its minimum at the value: if not, neither value nor ``std`` can be relied on.
+        Whether the score has its minimum at the value, and curves: if not, the data do not determine it.
     """
 
     name: str
@@ -108,8 +109,8 @@ class Calibration:
         loose = [one.name for one in self.fitted if not one.settled]
         if loose:
             found.append(
-                f"the uncertainty of {', '.join(loose)} cannot be relied on: the score hardly changes with"
-                " it, or was still falling; try more models, record more motions, or fit less"
+                f"the motions do not determine {', '.join(loose)}: the score hardly changes with it, or was"
+                " still falling; record more motions, try more models, or fit less"
             )
         return tuple(found)
 
@@ -143,11 +144,12 @@ def calibrate(
     samples : int
         Of each motion's prediction.
     evaluations : int
-        Models to try, at least twice as many as there are things to fit.
+        Models that the search tries on a dozen of the motions, at least four times as many as there are
+        things to fit. After it some more tell how sure the values are.
     seed : int
     progress : callable, optional
-        Called with the number of models tried, of all, and the best score so far. What it raises ends the
-        fit.
+        Called with the number of models tried, of about how many, and the best score so far. What it raises
+        ends the fit.
 
     Raises
     ------
@@ -163,16 +165,18 @@ def calibrate(
     noise = [_NOISE * value for value in pose_noise([one.start for one in found])]
     before = Model(scene, max(noise[0], 1e-6), max(noise[1], 1e-5))
     first = with_values(before, adjusted, {one.name: one.begin(before) for one in adjusted})
-    search = Search(Objective(found, samples, seed), first, adjusted, evaluations, progress)
+    told = _Progress(evaluations + refining(len(adjusted)), progress)
+    few = Objective(found[:_SEARCHED], samples, seed)
+    search = Search(few, first, adjusted, told)
     search.approach()
-    left = evaluations - search.tried - _LOOKED * len(adjusted)
-    if left > 2 * len(adjusted):
-        search.run(left)
-    search.settle(evaluations - search.tried)
-    estimate = search.estimate()
+    if evaluations - search.tried > 2 * len(adjusted):
+        search.run(evaluations - search.tried)
+    every = Objective(found, samples, seed)
+    score_before = every.per_motion(before).mean()
+    estimate = refine(few, every, first, adjusted, search.values, told)
     after = with_values(first, adjusted, estimate.values)
     check = Objective(found, max(samples, 100), seed + 1)
-    objective = search.objective.per_motion(before).mean(), search.objective.per_motion(after).mean()
+    objective = score_before, every.per_motion(after).mean()
     return Calibration(
         before,
         after,
@@ -193,9 +197,21 @@ def calibrate(
         tuple(found),
         flight_gravity(motions, scene),
         (float(objective[0]), float(objective[1])),
-        search.tried,
+        told.tried,
         tuple((one.low, one.high) for one in adjusted),
     )
+
+
+class _Progress:
+    """Counts the models that are tried, and reports them."""
+
+    def __init__(self, about: int, report: Callable[[int, int, float], object] | None):
+        self.tried, self._about, self._report, self._best = 0, about, report, math.inf
+
+    def __call__(self, score: float) -> None:
+        self.tried, self._best = self.tried + 1, min(self._best, score)
+        if self._report is not None:
+            self._report(self.tried, max(self._about, self.tried), self._best)
 
 
 def _require_scipy():

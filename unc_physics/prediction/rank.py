@@ -49,7 +49,7 @@ class RankedAction:
         Of the score from that of the first action, over the draws that both have.
     margin : float or None
         Distance of the outcomes from failure, in standard deviations over the rollouts (`Event.margin`); None
-        where the score's events have no distance, and where a node ranked.
+        where the score's events have no distance.
     tied : bool
         Whether the score is within a standard error of the best one. Tied actions are in order of their
         margins.

@@ -19,7 +19,7 @@ from ...prediction.rank import RankedAction, Ranking
 from ...prediction.regions import BoxRegion
 from ...scene.physics_keys import PHYSICS_KEYS
 from ...scene.scene import Scene
-from .fields import read_error
+from .fields import optional, read_error
 from .prediction import read_answer, read_probability, write_probability
 from .request import Query
 from .scene import write_object
@@ -201,7 +201,8 @@ def write_ranked_action(entry: CandidatePrediction, action: RankedAction) -> Non
     """Write a ranked action into a candidate's entry."""
     entry.score = write_probability(action.score)
     entry.difference, entry.difference_std = action.difference.value, action.difference.std
-    entry.clearly_worse = action.clearly_worse
+    entry.margin = [] if action.margin is None else [action.margin]
+    entry.tied, entry.clearly_worse = action.tied, action.clearly_worse
 
 
 def read_candidate(entry: CandidatePrediction, query: Query, noun: str = "candidate") -> Prediction:
@@ -237,10 +238,6 @@ def read_ranking(
         )
         for entry in answer.predictions
     ]
-    tied = [
-        not entry.clearly_worse and difference.is_tie
-        for entry, difference in zip(answer.predictions, differences, strict=True)
-    ]
     for k, entry in enumerate(answer.predictions):
         query = queries[entry.candidate]
         propagator = replace(query.propagator, samples=max(entry.prediction.rollouts, 1))
@@ -254,8 +251,8 @@ def read_ranking(
                 prediction,
                 share,
                 differences[k],
-                None,  # messages have no margin
-                sum(tied) > 1 and tied[k],
+                optional(entry.margin, f"margin of '{entry.candidate}'"),
+                entry.tied,
                 entry.clearly_worse,
                 entry.prediction.rollouts,
             )
