@@ -59,7 +59,7 @@ def test_it_is_as_sure_as_motions_agree(fitted):
     spread = np.std(known.least, axis=0, ddof=1) / np.sqrt(MOTIONS)
     for one, std in list(zip(adjusted, spread, strict=True))[:2]:
         scale = one.step * (estimate.values[one.name] if one.relative else 1.0)
-        assert estimate.stds[one.name] == pytest.approx(scale * std, rel=0.25), one.name
+        assert 0.95 < estimate.stds[one.name] / (scale * std) < 1.5, one.name
         assert estimate.settled[one.name], one.name
 
 

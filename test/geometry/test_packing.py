@@ -7,7 +7,7 @@ from example_meshes import MESHES
 from scipy.optimize import brentq
 from test_distance import brute_distances
 
-from unc_physics.checks.errors import InvalidOptionError
+from unc_physics.checks.errors import InvalidOptionError, InvalidRequestError
 from unc_physics.geometry import packing as packing_module
 from unc_physics.geometry.packing import nested_order, pack_solid
 from unc_physics.geometry.solid_mesh import make_solid, winding_number
@@ -143,3 +143,14 @@ def test_progress_tells_spheres_and_fill():
     packing = pack_solid(solid, 50, progress=lambda *now: seen.append(now))
     assert [now[0] for now in seen] == sorted(now[0] for now in seen)
     assert seen[-1] == (50, pytest.approx(packing.fill))
+
+
+def test_the_pair_of_load_solid_is_refused_with_what_to_write():
+    mesh = trimesh.creation.box([1.0, 1.0, 1.0])
+    solid = make_solid("cube", mesh.vertices, mesh.faces)
+    with pytest.raises(
+        InvalidRequestError, match=r"solid must be a SolidMesh, .* solid, repairs = load_solid\(file\)"
+    ):
+        pack_solid((solid, []), 10)
+    with pytest.raises(InvalidRequestError, match="solid must be a SolidMesh, not a str"):
+        pack_solid("cube.stl", 10)

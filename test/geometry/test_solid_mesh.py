@@ -153,3 +153,23 @@ def test_winding_number():
     vertices, faces = MESHES["ball in a cavity"]()
     probes = np.array([[0.0, 0, 0], [0.45, 0, 0], [0.8, 0, 0], [2.0, 0, 0]])
     np.testing.assert_allclose(winding_number(vertices[faces], probes), [1.0, 0.0, 1.0, 0.0], atol=ROUND_OFF)
+
+
+def bent(turns):
+    """A rod of radius 0.2 m that is bent round a circle of 1 m, so many turns."""
+    rod = trimesh.creation.cylinder(radius=0.2, height=2.0 * np.pi * turns, sections=24)
+    rod = rod.subdivide_to_size(0.3)
+    x, y, z = rod.vertices.T
+    return np.stack(
+        [(1.0 + x) * np.cos(z), (1.0 + x) * np.sin(z), y + 0.1 * z / (2.0 * np.pi)], axis=1
+    ), rod.faces[:, ::-1]
+
+
+def test_a_surface_that_passes_through_itself_is_refused():
+    """A quarter of a turn counts twice where the rod goes round 1.25 times, 0.1 m aside."""
+    with pytest.raises(
+        InvalidMeshError, match=r"passes through itself: about [1-4]\d% of its surface .* editor"
+    ):
+        make_solid("ring", *bent(1.25))
+    true = 0.75 * 2.0 * np.pi * np.pi * 0.2**2
+    assert make_solid("hook", *bent(0.75)).volume == pytest.approx(true, rel=0.03)

@@ -1,10 +1,13 @@
 """Predictions as text and as plain values."""
 
 import json
+import re
 
+import numpy as np
 import pytest
+from plain_scenes import BALL, state
 
-from unc_physics import make_propagator, predict
+from unc_physics import Belief, Plane, RigidBody, Scene, make_propagator, predict
 from unc_physics.prediction.tables import FEW_LINES
 
 
@@ -42,3 +45,26 @@ def test_plain_values_are_those_of_the_command(prediction):
     found = json.loads(json.dumps(prediction.to_dict()))
     assert found["time"] == prediction.time and len(found["trajectory"]) == 30
     assert found["bodies"][0]["position"] == prediction["left"].position.tolist()
+
+
+def test_a_spread_beyond_the_scene_has_a_reason_in_place_of_a_pose():
+    """Two balls that bounce in a box for a minute, which stretches the linear map, not rollouts."""
+    walls = [Plane(normal, -1.0) for normal in ((1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0))]
+    scene = Scene(
+        [RigidBody("a", BALL.scaled(4.0), 1.0), RigidBody("b", BALL.scaled(4.0), 1.0)],
+        stiffness=1e5,
+        dt=0.005,
+        environment=walls,
+        gravity=(0, 0, 0),
+    )
+    mean = np.array([state((0.5, 0.1, 0), (1.0, 0.3, 0)), state((-0.5, 0, 0), (-0.7, 0.4, 0))])
+    P = np.zeros((2, 12, 12))
+    P[:, range(3), range(3)] = 1e-4
+    belief = Belief(mean, P)
+    text = str(predict(scene, belief, "linearization", 60.0))
+    assert re.search(
+        r"^a +no pose: the standard deviation of \S+ m exceeds the size of the scene, \d", text, re.MULTILINE
+    )
+    text = str(predict(scene, belief, make_propagator("monte_carlo", samples=5), 60.0))
+    assert "no pose" not in text
+    assert "no pose" not in str(predict(scene, belief, "linearization", 0.2))

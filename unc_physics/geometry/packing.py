@@ -19,8 +19,9 @@ from typing import Any
 
 import numpy as np
 
-from ..checks.errors import InvalidMeshError, InvalidOptionError
+from ..checks.errors import InvalidMeshError, InvalidOptionError, InvalidRequestError
 from ..checks.memory import require_memory
+from ..checks.validation import instance
 from .ascent import Space, climb_all, place, starts_around, starts_at_surface
 from .packing_file import ROUND_OFF, SpherePacking, spheres_reach
 from .quality import even_directions, extent_losses, prefix_lengths, sinks
@@ -85,11 +86,20 @@ def pack_solid(
     ------
     InvalidOptionError
         If ``count`` is not a positive integer.
+    InvalidRequestError
+        If ``solid`` is no `SolidMesh`, as the pair that `load_solid` returns.
     InvalidMeshError
         If the surface has no inside that holds the spheres, as of a mesh with large holes.
     LimitExceededError
         If there is not memory enough.
     """
+    if isinstance(solid, tuple):
+        raise InvalidRequestError(
+            "must be a SolidMesh, not the pair of a solid and its repairs that load_solid returns: write"
+            " solid, repairs = load_solid(file), then pack_solid(solid, count)",
+            field="solid",
+        )
+    instance(solid, SolidMesh, "solid")
     if isinstance(count, bool) or not isinstance(count, (int, np.integer)) or count < 1:
         raise InvalidOptionError("must be a positive integer", field="number of spheres", value=count)
     require_memory(_BYTES_PER_SPHERE * count, f"packing {count} spheres", "number of spheres", count)

@@ -16,6 +16,9 @@ from .packing_file import check_inertia
 _BYTES_PER_BYTE = 30.0  # of memory, for each of a mesh's file
 _ARCHIVES = {"bz2", "gz", "tar.bz2", "tar.gz", "zip"}  # that trimesh unpacks, however much is in them
 FLAT = 1e-12  # of the cube of the size: less volume than this is none
+_PROBES, _PROBE_WORK = (40, 200), 2e7  # points on a surface, and points times triangles, that crossings cost
+_BELOW = 1e-9  # of the size, below the surface
+_CROSSED = 0.02  # of the surface, that may cross the rest: ears and seams spoil no volume
 
 
 @dataclass(frozen=True, eq=False)
@@ -163,6 +166,7 @@ def make_solid(name, vertices, faces, sha256=None) -> SolidMesh:
     faces = faces[(faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 2] != faces[:, 0])]
     check_closed(faces)
     check_outside_out(points, faces)
+    check_crossings(points, faces)
     properties = trimesh.triangles.mass_properties(points[faces], density=1.0)
     inertia = np.asarray(properties.inertia) / properties.volume
     inertia = 0.5 * (inertia + inertia.T)
@@ -275,6 +279,35 @@ def check_outside_out(points, faces):
                 f"has a component ({np.sum(label == k)} of {len(faces)} triangles) inside another, "
                 "so that its volume would count twice (unite them first; a cavity is wound the "
                 "other way round)"
+            )
+
+
+def check_crossings(points, faces):
+    """Refuse a component that passes through itself, so that its volume counts twice or not at all.
+
+    On the inner side of its surface a solid winds once around each point, and a cavity never. ``points`` are
+    normalized to a size between 1 and 2.
+
+    Raises
+    ------
+    InvalidMeshError
+    """
+    label = components(faces, len(points))
+    for k in range(label.max() + 1):
+        corners = points[faces[label == k]]
+        normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        areas = np.linalg.norm(normals, axis=1)
+        volume = np.einsum("ij,ij->i", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])).sum() / 6.0
+        if abs(volume) < FLAT:
+            continue
+        count = int(np.clip(_PROBE_WORK / len(corners), *_PROBES))
+        chosen = np.searchsorted(np.cumsum(areas) / areas.sum(), (np.arange(count) + 0.5) / count)
+        inner = corners[chosen].mean(axis=1) - _BELOW * normals[chosen] / areas[chosen, None]
+        share = float(np.mean(np.abs(winding_number(corners, inner) - (volume > 0.0)) > 0.5))
+        if share > _CROSSED:
+            raise InvalidMeshError(
+                f"passes through itself: about {share:.0%} of its surface lies inside it, or inside out,"
+                " where its volume counts twice or not at all; unite its parts in a mesh editor"
             )
 
 

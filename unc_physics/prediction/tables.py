@@ -3,13 +3,22 @@
 from __future__ import annotations
 
 import html
+import math
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ..checks.shown import printable
 from ..scene.physics_summary import physics_as_text, physics_of
-from ..spatial.layout import ANGULAR_VELOCITY, ERR_POSITION, ERR_ROTATION, POSITION, QUATERNION, VELOCITY
+from ..spatial.layout import (
+    ANGULAR_VELOCITY,
+    ERR_POSITION,
+    ERR_ROTATION,
+    ERR_VELOCITY,
+    POSITION,
+    QUATERNION,
+    VELOCITY,
+)
 
 if TYPE_CHECKING:
     from .prediction import Prediction
@@ -118,6 +127,9 @@ def _block(prediction, k):
     ]
     for b, body in enumerate(scene.bodies):
         state, P = belief.mean[b], belief.marginal(b)
+        if (reason := why_no_pose(prediction, k, b)) is not None:
+            lines.append(f"{names[b]:<{width}}  {reason}")
+            continue
         row = f"{names[b]:<{width}}  {in_a_row(state[POSITION], '8.4f')}"
         row += f"  {in_a_row(state[QUATERNION], '7.4f')}  "
         if not body.free:
@@ -128,6 +140,32 @@ def _block(prediction, k):
             row += in_a_row(np.degrees(std[ERR_ROTATION]), "7.2f")
         lines.append(row)
     return lines
+
+
+def why_no_pose(prediction: Prediction, k: int, body: int) -> str | None:
+    """Return why a body's pose at the time with index ``k`` means nothing; None where it does.
+
+    A linear map that is carried through many contacts can grow beyond all bounds. It has where a standard
+    deviation exceeds the size of the scene: that of all it holds at the start, and how far bodies fly.
+    """
+    scene, belief = prediction.scene, prediction.beliefs[k]
+    if prediction.propagator.traits.mean_update != "nominal" or not scene.bodies[body].free:
+        return None
+    std = math.sqrt(max(float(belief.marginal(body).diagonal()[ERR_POSITION].max()), 0.0))
+    start, time = prediction.start, prediction.times[k]
+    reach = np.array([one.model.bounding_radius for one in scene.bodies])[:, None]
+    corners = [start.mean[:, POSITION] - reach, start.mean[:, POSITION] + reach]
+    corners += [element.position[None] for element in scene.environment]
+    size = float(np.ptp(np.concatenate(corners), axis=0).max())
+    spread = np.sqrt(np.maximum(np.einsum("mii->mi", start.blocks), 0.0).max(initial=0.0, axis=0))
+    speed = np.linalg.norm(start.mean[:, VELOCITY], axis=1).max() + spread[ERR_VELOCITY].max()
+    size += speed * time + 0.5 * float(np.linalg.norm(scene.gravity)) * time**2 + spread[ERR_POSITION].max()
+    if std <= size:
+        return None
+    return (
+        f"no pose: the standard deviation of {std:.3g} m exceeds the size of the scene, {size:.3g} m; the"
+        " linear map does not hold, take a propagator with samples"
+    )
 
 
 def in_a_row(values, spec: str) -> str:
