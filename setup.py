@@ -30,7 +30,7 @@ VIEW = ["viser>=1.1"]
 setup(
     name=NAME,
     version="0.1.0",
-    description="Predicts where rigid objects will be, and how certain that is: rigid-body dynamics with uncertainty",
+    description="Predicts where rigid objects will be, and how certain that is, through contact",
     long_description=README.read_text(encoding="utf-8") if README.is_file() else "",
     long_description_content_type="text/markdown",
     license="Apache-2.0",

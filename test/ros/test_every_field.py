@@ -270,10 +270,7 @@ EFFECTS = {
         set_to(itself, trajectory_period=Duration(nanosec=100_000_000)),
         "objects[].states[].time_from_start",
     ),
-    "times": (
-        set_to(itself, times=[Duration(nanosec=123_456_789)]),
-        "objects[].states[].time_from_start",
-    ),
+    "times": (set_to(itself, times=[Duration(nanosec=123_456_789)]), "objects[].states[].time_from_start"),
     "physics.preset": (physics(preset="paper"), "physics.integrator"),
     "physics.integrator": (
         physics(integrator="explicit"),
