@@ -34,6 +34,7 @@ _ESTIMATED = names_where(lambda propagator: propagator.traits.mean_update == "es
 _FAR = 5.0  # standard deviations that are not to be expected of an honest belief
 #: Standard deviations of position that a mean's depth inside something is compared with [m].
 _MEAN_DEPTHS = 2e-4, 2e-3
+_LEAST_SHARE = 0.05  # of an outcome that moves the mean
 _USUAL = 0.95  # share of the rollouts that a residual must be small in
 _QUANTITIES, _UNITS = ("position", "rotation"), ("m", "rad")  # that spreads are compared in
 
@@ -444,13 +445,13 @@ def unevenness(evidence):
     in_contact=True,
 )
 def outcomes(evidence):
-    """Number of separate outcomes of the rollouts (`PredictedBody.modes`)."""
+    """Number of separate outcomes of the rollouts (`PredictedBody.modes`) with a share of at least 5 %."""
     snapshot, scene = evidence.snapshot, evidence.scene
     if snapshot.rollout_states is None:
         return None
     found = np.ones(len(scene.bodies))
     for k in np.flatnonzero(evidence.touches):
-        found[k] = len(snapshot.modes(scene, k))
+        found[k] = sum(mode.weight >= _LEAST_SHARE for mode in snapshot.modes(scene, k))
     return found
 
 
