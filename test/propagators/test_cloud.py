@@ -13,6 +13,7 @@ from unc_physics.checks.errors import InvalidOptionError
 from unc_physics.prediction.status import assess
 from unc_physics.propagators import displacements, emission, response_surface, sobol
 from unc_physics.propagators.reduction import common_covariance, reduction
+from unc_physics.spatial.moments import symmetric_root
 
 # -- points ------------------------------------------------------------------------------------------
 
@@ -166,22 +167,50 @@ def test_displacements_reach_no_further_than_the_third_nearest_outcome():
     np.testing.assert_allclose(moves, [[0.6, 0.8, 0.2, 0.2], [0.3, 0.4, 1.0, 1.0]])
 
 
-def test_samples_vary_as_outcomes_do():
-    """Where there is nothing but noise, as the rollouts; on a plane, as the plane, whatever rollouts know."""
+def test_moments_are_those_of_outcomes():
+    """Where there is nothing but noise, the rollouts'; on a plane, the plane's, whatever rollouts know."""
     rng, x = np.random.default_rng(0), sobol.normal_points(32, 3, 0)
     at = sobol.normal_points(1000, 3, 1)
     plane, noise = rng.standard_normal((3, 12)), rng.standard_normal((32, 12))
     for outcomes, expected in ((x @ plane, (at @ plane).var(axis=0)), (noise, noise.var(axis=0, ddof=1))):
         surface = response_surface.fit(x, outcomes)
         columns = np.ascontiguousarray(surface.points.T)
-        means, _ = response_surface.predicted(surface.weights, surface.trend, surface.length, columns, at)
-        made = means + 5.0
-        emission._spread_as_outcomes(made, means, outcomes, surface.left_out)
-        wanted = np.clip(
-            expected.reshape(-1, 3).sum(axis=1), None, 4.0 * means.var(axis=0).reshape(-1, 3).sum(axis=1)
+        found, near = response_surface.smoother(surface, columns, at)
+        means, expected_near = response_surface.predicted(
+            surface.weights, surface.trend, surface.length, columns, at
         )
-        np.testing.assert_allclose(made.var(axis=0).reshape(-1, 3).sum(axis=1), wanted, rtol=0.25)
-        np.testing.assert_allclose(made.mean(axis=0), means.mean(axis=0) + 5.0)
+        np.testing.assert_allclose(found @ outcomes, means, atol=1e-9)
+        np.testing.assert_array_equal(near, expected_near)
+        here = response_surface.smoother(surface, columns, x)[0]
+        mean_row = 1.0 / 32 + found.mean(axis=0) - here.mean(axis=0)
+        root = symmetric_root(np.cov(found.T, bias=True))
+        mean, P, left_out, factors = response_surface.surface_moments(
+            outcomes, surface.kriging, mean_row, root, 2.0
+        )
+        np.testing.assert_allclose(left_out, surface.left_out, atol=1e-9)
+        np.testing.assert_allclose(
+            mean, means.mean(axis=0) + (outcomes - here @ outcomes).mean(axis=0), atol=1e-9
+        )
+        np.testing.assert_allclose(
+            np.diagonal(P).reshape(-1, 3).sum(axis=1), expected.reshape(-1, 3).sum(axis=1), rtol=0.25
+        )
+        assert np.linalg.eigvalsh(P)[0] > -1e-12 and ((0.5 <= factors) & (factors <= 2.0)).all()
+
+
+def test_times_share_a_surface_where_the_same_bodies_have_met(loaded, monkeypatch):
+    """Ten times after the collision and five before have one fit, and about the moments of their own."""
+    scene, belief, _ = loaded("two_bodies")
+    fits, whole = [], emission._fit
+    monkeypatch.setattr(emission, "_fit", lambda *what: fits.append(1) or whole(*what))
+    times = list(np.linspace(0.1, 1.5, 15))
+    together = predict(scene, belief, "cloud", times=times)
+    assert len(fits) <= 2
+    for time in (1.2, 1.5):
+        alone = predict(scene, belief, "cloud", time).belief
+        own = together.at(time).belief
+        std = np.sqrt(np.diagonal(alone.blocks, axis1=1, axis2=2))
+        np.testing.assert_allclose(np.sqrt(np.diagonal(own.blocks, axis1=1, axis2=2)), std, rtol=0.2)
+        assert (np.abs(own.mean - alone.mean)[:, :3] < 0.2 * std[:, :3]).all()
 
 
 # -- the propagator ----------------------------------------------------------------------------------
@@ -234,9 +263,9 @@ def test_what_is_fitted_is_fitted_once_and_goes_with_its_carry(loaded, monkeypat
     prediction = predict(dataclasses.replace(scene, islands=islands), belief, "cloud", 0.8)
     assess(prediction)
     prediction.propagator.standard_errors(prediction.carry, prediction.scene)
-    assert len(fits) == len(prediction.carry.fits) == len(prediction.carry.errors) == 1
+    assert len(fits) == len(prediction.carry.moments) == len(prediction.carry.errors) == 1
     later = prediction.propagator.advance(prediction.carry, prediction.scene, 1)
-    assert not later.fits and not later.errors, "other states begin without"
+    assert not later.moments and not later.errors, "other states begin without"
 
 
 def test_an_interval_counts_rollouts(loaded):

@@ -43,6 +43,26 @@ def test_one_group_is_one_mode(rollouts):
         assert len(split(case, 0.06)) == 1
 
 
+def test_a_small_group_far_away_is_a_mode():
+    """Of 2 % of the rollouts, on the floor; and not what three of a thousand of one group happen to be."""
+    found = split(states(300, [[0, 0, 0.4], [0.1, 0.3, 0.4], [0.2, 0, 0.0]], [0.58, 0.4, 0.02]), 0.06)
+    assert [round(mode.mean[2], 1) for mode in found] == [0.4, 0.4, 0.0]
+    assert found[-1].weight == pytest.approx(0.02, abs=0.015)
+    for seed in range(20):
+        assert len(split(states(1000, [[0.0, 0.0, 0.0]], [1.0], seed=seed), 0.06)) == 1
+
+
+def test_too_few_for_a_mode_belong_to_the_nearest():
+    """Two rollouts that fell otherwise than the rest are none of those that stand."""
+    fell, stands = (
+        states(60, [[0.3, 0.0, 0.0]], [1.0], std=0.02),
+        states(240, [[0, 0, 0.4]], [1.0], std=0.002),
+    )
+    fell[:2, :2] = [[0.6, 0.2], [0.5, -0.3]]
+    found = split(np.concatenate([fell, stands]), 0.06)
+    assert sum(mode.weight for mode in found if mode.mean[2] > 0.2) == pytest.approx(0.8, abs=1e-12)
+
+
 def test_equal_samples_are_one_mode_without_spread():
     (mode,) = split(np.tile(states(1, [[1.0, 2.0, 3.0]], [1.0]), (20, 1)), 0.06)
     assert mode[0] == 1.0

@@ -126,14 +126,19 @@ def itself(request):
 
 
 def anytime(request, error="1000"):
-    """Rollouts until the error is so small, 32 at most, but for other wishes."""
-    options = {"runs": "32", "samples": "50", "error": error}
+    """Rollouts until the error of means is so small, 64 at most, but for other wishes."""
+    options = {"runs": "64", "samples": "50", "error": error, "spread_error": "0", "probability_error": "0"}
     request.propagator = "auto"
     request.propagator_options = [KeyValue(key=key, value=value) for key, value in options.items()]
 
 
 def going_on(request):
     anytime(request, "1e-9")
+
+
+def asked(request):
+    anytime(request)
+    request.propagator_options = request.propagator_options[:-1]  # probabilities to the usual error
 
 
 def scene(request):
@@ -309,7 +314,7 @@ EFFECTS = {
     ),
     "wanted_position_error": (set_to(itself, wanted_position_error=1e-9), "rollouts", anytime),
     "wanted_rotation_error": (set_to(itself, wanted_rotation_error=1e-9), "rollouts", anytime),
-    "wanted_probability_error": (set_to(itself, wanted_probability_error=0.04), "rollouts", anytime),
+    "wanted_probability_error": (set_to(itself, wanted_probability_error=0.2), "rollouts", asked),
     "time_budget": (set_to(itself, time_budget=Duration(nanosec=1)), "rollouts", going_on),
     "skip_unknown_models": (
         set_to(itself, skip_unknown_models=True),

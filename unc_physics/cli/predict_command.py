@@ -16,8 +16,7 @@ from .output import check_output, note, writing
 from .progress import told_progress
 
 _SHOWN_STATE = 1000.0  # bytes of a body's state as Python numbers and as text
-# 0.1 is 3.3 standard errors at 99.9 % confidence
-_TELLS = f"a propagator that draws --samples 300 tells, or {ANYTIME} with --option probability_error=0.03"
+_TELLS = f"a propagator that draws --samples 300 tells, or {ANYTIME}"
 _UNKNOWN = 20  # limit above which unknown probabilities are only counted
 
 

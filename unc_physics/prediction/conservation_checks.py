@@ -7,8 +7,8 @@ import math
 import numpy as np
 
 from ..initialization.overlap_search import TOUCHING
+from ..propagators.overlap_depths import overlaps
 from ..spatial.layout import ANGULAR_VELOCITY, POSITION, QUATERNION, VELOCITY
-from .overlap_depths import overlaps
 
 #: Depth that is too deep, over the body's radius.
 PENETRATION = 0.05

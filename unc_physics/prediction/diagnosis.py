@@ -5,20 +5,24 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from typing import TYPE_CHECKING
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
 from ..compiler.compile_time import clock
 from ..propagators.balanced_monte_carlo import BalancedMonteCarlo
-from ..propagators.base import PointPairs
+from ..propagators.base import PointPairs, rollout_count
 from ..spatial.layout import ERR_ANGULAR_VELOCITY
+from ..spatial.moments import pose_spreads
 from .body_status import BodyStatus
 from .diagnostics import RULES, judged, measures_of
-from .driver import run
-from .evidence import Evidence, initial_diagnostics, pose_spreads
+from .driver import run, wide_states
+from .evidence import Evidence, initial_diagnostics
 from .marks import mark_at
 from .memory import check_memory
+from .probability import is_certain
 from .request_checks import check_supported
+from .snapshot import Snapshot
 from .within import Within
 
 if TYPE_CHECKING:
@@ -28,10 +32,15 @@ if TYPE_CHECKING:
 ROLLOUTS = 12
 #: Least number of rollouts where fewer leave open whether a spread is wrong.
 SURE = 64
+_ENOUGH = 1000  # rollouts that miss little
 _EVEN = 1.05  # asymmetry of sigma points up to which they are right
 _OPEN = 1.4, 2.7  # factors between which a dozen rollouts leave open whether spreads differ by two
 _OPEN_IN_DOUBT = 1.1  # the lower one where contacts were doubtful
 _SEED = 0  # of the rollouts' draws: the same question has the same status
+
+
+#: Statuses of a snapshot by the number of rollouts, so that nothing is judged twice.
+_judged: WeakKeyDictionary[Snapshot, dict[int, tuple[BodyStatus, ...]]] = WeakKeyDictionary()
 
 
 @np.errstate(all="ignore")
@@ -46,12 +55,26 @@ def judge(prediction: Prediction, rollouts: int) -> tuple[tuple[BodyStatus, ...]
     """
     if all(snapshot.received is not None for snapshot in prediction.snapshots):
         return tuple(snapshot.received.statuses for snapshot in prediction.snapshots if snapshot.received)
+    known = [_judged.setdefault(snapshot, {}).get(rollouts) for snapshot in prediction.snapshots]
+    left = tuple(one for one, own in zip(prediction.snapshots, known, strict=True) if own is None)
+    if left:
+        for snapshot, statuses in zip(
+            left, _judge(replace(prediction, snapshots=left), rollouts), strict=True
+        ):
+            _judged[snapshot][rollouts] = statuses
+    return tuple(_judged[snapshot][rollouts] for snapshot in prediction.snapshots)
+
+
+def _judge(prediction, rollouts):
+    """As `judge`, of snapshots that were not judged before."""
     start = initial_diagnostics(prediction)
     found = [Evidence.of(prediction, start, snapshot) for snapshot in prediction.snapshots]
     if rollouts > 0:
         _compare(prediction, found, [k for k, one in enumerate(found) if needs_rollouts(one)], rollouts)
     if 0 < rollouts < SURE:
         _compare(prediction, found, [k for k, one in enumerate(found) if is_inconclusive(one)], SURE)
+    if rollouts > 0 and may_miss(prediction):
+        _look_far(prediction, found)
     return tuple(
         tuple(judged(one, k, measures) for k, measures in enumerate(measures_of(one))) for one in found
     )
@@ -64,6 +87,28 @@ def _compare(prediction, found, places, rollouts):
         spreads = rollout_spreads(prediction.scene, prediction.initial, marks, rollouts)
         for k, own in zip(places, spreads, strict=True):
             found[k] = replace(found[k], spreads=own)
+
+
+def may_miss(prediction: Prediction) -> bool:
+    """Return whether the few rollouts of a method with hard contacts may miss rare outcomes."""
+    scene, propagator = prediction.scene, prediction.propagator
+    if scene.integrator != "implicit" or propagator.traits.mean_update == "nominal":
+        return False
+    return rollout_count(prediction.carry) < _ENOUGH and not is_certain(
+        scene, prediction.initial, prediction.at()
+    )
+
+
+def _look_far(prediction, found):
+    """Give the evidence that has none the states of rollouts of a wider belief."""
+    scene, initial = prediction.scene, prediction.initial
+    left = [k for k, one in enumerate(found) if one.wide is None]
+    marks = [mark_at(found[k].snapshot.time, scene.dt) for k in left]
+    if not left:
+        return
+    states = wide_states(scene, initial, marks, rollout_count(prediction.carry))
+    for k, wide in zip(left, states, strict=True):
+        found[k] = replace(found[k], wide=wide)
 
 
 def needs_rollouts(evidence: Evidence) -> bool:

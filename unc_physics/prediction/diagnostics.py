@@ -17,21 +17,24 @@ from ..checks.shown import printable
 from ..collision.contact_model import capacity, impact_frequency
 from ..initialization.overlap_search import TOUCHING
 from ..propagators.base import Samples
+from ..propagators.overlap_depths import overlaps
 from ..propagators.registry import names_where
 from ..scene.environment import element_names
 from ..spatial.layout import ANGULAR_VELOCITY, ERR_POSITION, ERR_ROTATION, POSITION, VELOCITY
+from ..spatial.moments import pose_spreads
 from .body_status import BodyStatus, Status
 from .conservation_checks import energy_loss as lost_share
 from .conservation_checks import kinetic_energies
 from .conservation_checks import penetration_share as inside_share
-from .evidence import Evidence, kinetic_moments, pose_spreads
-from .overlap_depths import overlaps
+from .evidence import Evidence, kinetic_moments
+from .rare_outcomes import MATTER, tail_factor
 
 _SAMPLED = names_where(lambda propagator: isinstance(propagator, Samples), " or ")
 _ESTIMATED = names_where(lambda propagator: propagator.traits.mean_update == "estimated", " or ")
 _FAR = 5.0  # standard deviations that are not to be expected of an honest belief
 #: Standard deviations of position that a mean's depth inside something is compared with [m].
 _MEAN_DEPTHS = 2e-4, 2e-3
+_LEAST_SHARE = 0.05  # of an outcome that moves the mean
 _USUAL = 0.95  # share of the rollouts that a residual must be small in
 _QUANTITIES, _UNITS = ("position", "rotation"), ("m", "rad")  # that spreads are compared in
 
@@ -345,6 +348,41 @@ def mean_error(evidence):
     return evidence.own_measures.get("mean_error")
 
 
+@_measure(Status.OUTSIDE_VALIDITY, 0.25, "its spread rests on too few rollouts; more of them help")
+def spread_error(evidence):
+    """Standard error of the standard deviation of position or rotation, over it, whichever is larger. For
+    propagators with a response surface.
+    """
+    return evidence.own_measures.get("spread_error")
+
+
+@_measure(
+    Status.OUTSIDE_VALIDITY,
+    MATTER,
+    "rare outcomes lie far from all rollouts, and may widen the spread; ask for the probability of an event,"
+    " or for many more rollouts",
+)
+def rare_outcomes(evidence):
+    """Factor by which outcomes widen the standard deviation of position or rotation that a few rollouts do
+    not reach, whichever is larger. They are looked for in as many rollouts of a belief that is twice as wide,
+    more than eight standard deviations from the mean. Their probability is that of a threshold along one
+    uncertain direction, as far out as their share says.
+    """
+    if evidence.wide is None:
+        return None
+    return tail_factor(evidence.scene, evidence.snapshot.belief, evidence.wide)
+
+
+@_measure(
+    Status.OUTSIDE_VALIDITY,
+    1.05,
+    "ended before the errors that were asked for were reached; allow more time or runs",
+)
+def missed_goal(evidence):
+    """Largest error over what was asked for, or 32 over the number of rollouts. For ``auto``."""
+    return evidence.own_measures.get("missed_goal")
+
+
 @_measure(
     Status.OUTSIDE_VALIDITY,
     0.5,
@@ -407,13 +445,13 @@ def unevenness(evidence):
     in_contact=True,
 )
 def outcomes(evidence):
-    """Number of separate outcomes of the rollouts (`PredictedBody.modes`)."""
+    """Number of separate outcomes of the rollouts (`PredictedBody.modes`) with a share of at least 5 %."""
     snapshot, scene = evidence.snapshot, evidence.scene
-    if snapshot.samples is None:
+    if snapshot.rollout_states is None:
         return None
     found = np.ones(len(scene.bodies))
     for k in np.flatnonzero(evidence.touches):
-        found[k] = len(snapshot.modes(scene, k))
+        found[k] = sum(mode.weight >= _LEAST_SHARE for mode in snapshot.modes(scene, k))
     return found
 
 

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -12,6 +13,7 @@ import numpy as np
 from ..checks.errors import DivergedError, UncPhysicsError
 from ..compiler.compile_time import clock
 from ..compiler.threads import watched
+from ..propagators.balanced_monte_carlo import WideMonteCarlo
 from ..propagators.base import Anytime, Islands, Propagator, Samples, Spent, rollout_count
 from ..propagators.names import POINTS
 from ..propagators.registry import make_propagator
@@ -19,8 +21,11 @@ from ..propagators.start import constrain_belief
 from ..scene.action_arrays import with_certain_actions, with_driven
 from ..scene.belief import Belief
 from ..scene.scene import Scene
+from .events import Event, RolloutOutcomes
 from .islands import IslandRunner
 from .marks import Mark, finish, whole
+from .probability import CONFIDENCE, interval
+from .rare_outcomes import WIDE_ROLLOUTS, tail_factor
 from .snapshot import Snapshot
 from .within import LOOK_UP_AFTER, Within, first_piece
 
@@ -123,8 +128,11 @@ def run(
     marks: list[Mark],
     within: Within,
     progress: Callable[[int, int], object] | None = None,
+    events: Sequence[Event] = (),
 ) -> Run:
     """Propagate a belief to all marks; the arguments are checked already.
+
+    Anytime propagators go on until the probabilities of ``events`` are known at all marks.
 
     Raises
     ------
@@ -145,13 +153,14 @@ def run(
     divisible = len(scene.moving) > 0 and not scene.shared_parameters and not scene.acts
     in_islands = scene.islands and divisible and isinstance(propagator, Islands)
     runner: Any = IslandRunner(propagator, scene, marks) if in_islands else propagator
-    is_anytime = isinstance(propagator, Anytime) and not in_islands
+    # what is computed from few rollouts waits for the last time, so that all can share it
+    waits = isinstance(propagator, Samples) and propagator.resamples
     snapshots: list[Snapshot] = []
     waiting: list[tuple[Mark, Any]] = []
     first = None
 
     def found():
-        snapshots.extend(snapshot(propagator, scene, carry, mark) for mark, carry in waiting)
+        snapshots.extend(_snapshots_of(propagator, scene, waiting))
         return Run(initial, belief_at_start(propagator, runner, scene, first, initial), tuple(snapshots))
 
     try:
@@ -166,8 +175,8 @@ def run(
         ):
             if mark.time == 0.0:
                 first = carry
-            elif is_anytime:
-                waiting.append((mark, carry))
+            elif waits:
+                waiting.append((mark, runner.whole(carry) if in_islands else carry))
             else:
                 snapshots.append(snapshot(propagator, scene, carry, mark, runner))
     except DivergedError:
@@ -175,9 +184,20 @@ def run(
     except UncPhysicsError as error:
         error.prediction = found() if snapshots or waiting else None
         raise
-    if is_anytime:
-        waiting = _with_additional_rollouts(propagator, scene, belief, waiting, within)
+    if isinstance(propagator, Anytime):
+        waiting, wide = _with_additional_rollouts(propagator, scene, belief, initial, waiting, within, events)
+        result = found()
+        pairs = zip(result.snapshots, wide, strict=True)
+        return result._replace(snapshots=tuple(replace(one, wide=states) for one, states in pairs))
     return found()
+
+
+def _snapshots_of(propagator, scene, carries):
+    """The snapshots of carries (mark, carry) of one propagator, ascending; the last one comes first."""
+    if carries:
+        propagator.share([carry for _, carry in carries])
+    found = [snapshot(propagator, scene, carry, mark) for mark, carry in reversed(carries)]
+    return found[::-1]
 
 
 def snapshot(propagator: Propagator, scene: Scene, carry: Any, mark: Mark, runner: Any = None) -> Snapshot:
@@ -201,11 +221,12 @@ def snapshot(propagator: Propagator, scene: Scene, carry: Any, mark: Mark, runne
             f"diverged within {time:.6g} s; a smaller dt or stiffness may help", field="prediction"
         )
     whole = runner.whole(carry) if isinstance(runner, IslandRunner) else carry
-    samples = states = None
+    draw = states = None
     if isinstance(propagator, Samples):
-        samples, states = propagator.own_samples(whole, scene), propagator.rollout_states(whole, scene)
+        draw = partial(propagator.own_samples, whole, scene)
+        states = propagator.rollout_states(whole, scene)
     first = whole.contact_history.first_time
-    return Snapshot(time, belief, whole, samples, states, first)
+    return Snapshot(time, belief, whole, draw, states, first)
 
 
 def points_at_start(scene: Scene, belief: Belief) -> tuple[Propagator, Any]:
@@ -228,27 +249,79 @@ def belief_at_start(propagator: Propagator, runner: Any, scene: Scene, first: An
     return runner.belief(first, scene) if moved or scene.overlap == "reject" else initial
 
 
-def _with_additional_rollouts(propagator, scene, belief, waiting, within):
-    """The carries at each mark, with as many more rollouts as the propagator wants."""
+def _with_additional_rollouts(propagator, scene, belief, initial, waiting, within, events):
+    """The carries at each mark, with as many more rollouts as the propagator wants; and states of rollouts
+    of a wider belief, each None where it did not look for rare outcomes.
+    """
     marks = [mark for mark, _ in waiting]
-    simulated = clock() - within.started
+    simulated, factor = clock() - within.started, None
+    wide: list[np.ndarray | None] = [None] * len(marks)
     while True:
         last = waiting[-1][1]
         count, spent = rollout_count(last), clock() - within.started
-        more = propagator.additional_rollouts(last, scene, Spent(spent, simulated, len(waiting)))
-        if more <= 0 or (within.allowed is not None and spent * (1.0 + more / count) > within.allowed):
-            return waiting
+        errors = _probability_errors(propagator, scene, initial, waiting, events)
+        if factor is not None:
+            factor = _rare_factor(propagator, scene, last, wide[-1])
+        now = Spent(spent, simulated, len(waiting), errors, factor)
+        more = propagator.additional_rollouts(last, scene, now)
+        if more <= 0 and factor is None and propagator.looks_far(last, scene) and within.allowed is None:
+            wide = wide_states(scene, initial, marks, count)
+            factor = _rare_factor(propagator, scene, last, wide[-1])
+            more = propagator.additional_rollouts(last, scene, now._replace(rare=factor))
+        again = count if scene.islands else 0  # islands have no rollouts to add to
+        if more <= 0 or (
+            within.allowed is not None and spent * (1.0 + (more + again) / count) > within.allowed
+        ):
+            return waiting, wide
         began, unlimited = clock(), Within(None, within.started, None)
+        runner = IslandRunner(propagator, scene, marks, count + more) if again else propagator
         _, *additional = simulate(
-            partial(propagator.init_rollouts, scene, belief, count, count + more),
-            lambda carry, steps: propagator.advance(carry, scene, steps),
-            lambda carry, mark: finish(propagator, carry, scene, mark),
+            partial(runner.init, scene, belief)
+            if again
+            else partial(propagator.init_rollouts, scene, belief, count, count + more),
+            lambda carry, steps, runner=runner: runner.advance(carry, scene, steps),
+            runner.finish if again else lambda carry, mark: finish(propagator, carry, scene, mark),
             marks,
             scene,
             unlimited,
         )
-        waiting = [
-            (mark, propagator.concatenate(carry, new))
-            for (mark, carry), (_, new) in zip(waiting, additional, strict=True)
-        ]
+        if again:
+            waiting = [(mark, runner.whole(carry)) for mark, carry in additional]
+        else:
+            waiting = [
+                (mark, propagator.concatenate(carry, new))
+                for (mark, carry), (_, new) in zip(waiting, additional, strict=True)
+            ]
         simulated += clock() - began
+
+
+def wide_states(scene: Scene, initial: Belief, marks: list[Mark], count: int) -> list[np.ndarray | None]:
+    """Return states (R, B, 13) of rollouts of a belief that is twice as wide, at each mark.
+
+    There are `rare_outcomes.WIDE_ROLLOUTS`, at most ``count``; None where they diverge.
+    """
+    propagator = WideMonteCarlo(samples=min(WIDE_ROLLOUTS, count))
+    try:
+        wide = run(scene, initial, propagator, marks, Within(None, clock(), None))
+    except DivergedError:
+        return [None] * len(marks)
+    return [snapshot.rollout_states for snapshot in wide.snapshots]
+
+
+def _rare_factor(propagator, scene, carry, wide):
+    """The largest factor on a spread by rare outcomes, of any body."""
+    if wide is None:
+        return 1.0
+    return float(tail_factor(scene, propagator.belief(carry, scene), wide).max(initial=1.0))
+
+
+def _probability_errors(propagator, scene, initial, waiting, events):
+    """(T E,): half widths of the intervals of events at all times, in standard deviations."""
+    found = []
+    for _, carry in waiting if events else ():
+        first = carry.contact_history.first_time
+        outcomes = RolloutOutcomes(scene, initial.mean, propagator.rollout_states(carry, scene), first)
+        for event in events:
+            low, high = interval(float(event.happened(outcomes).mean()), len(first))
+            found.append(0.5 * (high - low) / CONFIDENCE)
+    return np.array(found)

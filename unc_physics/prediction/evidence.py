@@ -12,6 +12,7 @@ import numpy as np
 
 from ..dynamics.contact_history import ContactHistory
 from ..propagators.base import ContactModes, PointPairs, Propagator, Samples, rollout_count
+from ..propagators.overlap_depths import overlaps
 from ..scene.scene import Scene
 from ..spatial.layout import (
     ANGULAR_VELOCITY,
@@ -23,11 +24,11 @@ from ..spatial.layout import (
     QUATERNION,
     VELOCITY,
 )
+from ..spatial.moments import pose_spreads
 from ..spatial.rotation import rotation_matrix
 from .conservation_checks import conserves_energy
 from .driver import points_at_start
 from .islands import merged
-from .overlap_depths import overlaps
 from .snapshot import Snapshot
 
 if TYPE_CHECKING:
@@ -80,6 +81,8 @@ class Evidence:
         None without such points.
     spreads : (M, 2) array or None
         Standard deviations of position [m] and rotation [rad] of rollouts; None where none were asked.
+    wide : (R, B, 13) array or None
+        States of rollouts of a belief that is twice as wide; None where none were asked.
     """
 
     scene: Scene
@@ -90,6 +93,7 @@ class Evidence:
     states: np.ndarray | None
     asymmetries: np.ndarray | None
     spreads: np.ndarray | None = None
+    wide: np.ndarray | None = None
 
     @classmethod
     def of(cls, prediction: Prediction, start: InitialDiagnostics, snapshot: Snapshot) -> Evidence:
@@ -105,7 +109,7 @@ class Evidence:
             asymmetries = _sigma_point_asymmetries(scene, start, propagator.opposite_points(carry, scene))
         elif propagator.traits.mean_update == "nominal" or len(history.first_time) == 1:
             states = snapshot.belief.mean[None]
-        return cls(scene, propagator, start, snapshot, history, states, asymmetries)
+        return cls(scene, propagator, start, snapshot, history, states, asymmetries, wide=snapshot.wide)
 
     @cached_property
     def uncertain_since(self) -> np.ndarray | None:
@@ -256,14 +260,6 @@ def _sigma_point_asymmetries(scene, start, points):
             ratio = math.sqrt((straight + max(bent, 0.0) + floor**2) / (straight + floor**2))
             result[body, c] = max(1.0, ratio)
     return result
-
-
-def pose_spreads(blocks):
-    """Return standard deviations of position [m] and rotation [rad], over all axes together: (M, 2)."""
-    variances = np.einsum("mii->mi", blocks)
-    return np.sqrt(
-        np.maximum([variances[:, block].sum(axis=1) for block in (ERR_POSITION, ERR_ROTATION)], 0.0)
-    ).T
 
 
 def spread_factors(scene, start, blocks, spreads):

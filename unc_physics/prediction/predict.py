@@ -11,7 +11,7 @@ from ..checks.errors import UncPhysicsError
 from ..checks.validation import instance, positive
 from ..compiler.compile_time import clock
 from ..compiler.time_limit import time_limit
-from ..propagators.base import Propagator
+from ..propagators.base import Anytime, Propagator, Samples
 from ..propagators.names import DEFAULT
 from ..propagators.registry import make_propagator
 from ..scene.belief import Belief
@@ -109,7 +109,7 @@ def predict(
         ends_early = scene.integrator == "implicit"  # the explicit step's kernels do not
         within = Within(allowed, started, limit if ends_early else None)
         try:
-            prediction = prediction_of(run(scene, belief, propagator, marks, within, progress))
+            prediction = prediction_of(run(scene, belief, propagator, marks, within, progress, asked))
         except UncPhysicsError as error:
             if error.prediction is not None:
                 error.prediction = prediction_of(error.prediction)
@@ -120,7 +120,8 @@ def predict(
 def _with_flights(prediction, marks):
     """The prediction with flights at each time, where samples of its own do not tell as much."""
     scene, last = prediction.scene, prediction.at()
-    enough = last.samples is not None and len(last.samples) == len(last.first_contacts)
+    propagator = prediction.propagator
+    enough = isinstance(propagator, Anytime) or (isinstance(propagator, Samples) and not propagator.resamples)
     if enough or scene.uncertain or not len(scene.moving) or is_certain(scene, prediction.initial, last):
         return prediction
     pairs = zip(prediction.snapshots, first_contacts(scene, prediction.initial, marks, FLIGHTS), strict=True)

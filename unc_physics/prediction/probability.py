@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import math
 import weakref
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -34,15 +33,7 @@ class _Source(NamedTuple):
     rollouts: int
 
 
-@dataclass(frozen=True)
-class _Sources:
-    """Of each snapshot: those that count contacts, and those for events without them."""
-
-    of_contacts: tuple[_Source, ...]
-    of_states: tuple[_Source, ...]
-
-
-_found: weakref.WeakKeyDictionary[Snapshot, _Sources] = weakref.WeakKeyDictionary()
+_found: weakref.WeakKeyDictionary[Snapshot, tuple[_Source, ...]] = weakref.WeakKeyDictionary()
 
 
 def probability(scene: Scene, initial: Belief, snapshot: Snapshot, event: Event) -> Probability:
@@ -78,7 +69,7 @@ def probability(scene: Scene, initial: Belief, snapshot: Snapshot, event: Event)
                 field=f"probability of '{event}'",
             )
         return snapshot.received.probabilities[event]
-    return _best(event, _sources(scene, initial, snapshot, event))[0]
+    return _best(event, _sources(scene, initial, snapshot))[0]
 
 
 def contact_time(scene: Scene, initial: Belief, snapshot: Snapshot, event: Touches) -> ContactTime | None:
@@ -89,7 +80,7 @@ def contact_time(scene: Scene, initial: Belief, snapshot: Snapshot, event: Touch
     if snapshot.received is not None:
         probability(scene, initial, snapshot, event)  # was it asked for?
         return snapshot.received.contact_times.get(event)
-    _, best = _best(event, _sources(scene, initial, snapshot, event))
+    _, best = _best(event, _sources(scene, initial, snapshot))
     times = event.first_times(best.outcomes).astype(float)
     times = times[np.isfinite(times)]
     return ContactTime(float(times.mean()), float(times.std())) if len(times) else None
@@ -97,14 +88,14 @@ def contact_time(scene: Scene, initial: Belief, snapshot: Snapshot, event: Touch
 
 def sample_outcomes(scene: Scene, initial: Belief, snapshot: Snapshot) -> RolloutOutcomes:
     """Return the outcomes of a snapshot's samples, where each is a rollout of its own."""
-    assert snapshot.samples is not None
-    return RolloutOutcomes(scene, initial.mean, snapshot.samples, snapshot.first_contacts)
+    assert snapshot.rollout_states is not None
+    return RolloutOutcomes(scene, initial.mean, snapshot.rollout_states, snapshot.first_contacts)
 
 
 def is_certain(scene: Scene, initial: Belief, snapshot: Snapshot) -> bool:
     """Return whether only one outcome can happen up to a snapshot's time."""
-    samples = snapshot.samples
-    if samples is not None and len(samples) > 1 and (samples == samples[0]).all():
+    states = snapshot.rollout_states
+    if states is not None and len(states) > 1 and (states == states[0]).all():
         return True
     return not (initial.covariance.any() or scene.uncertain or scene.draws_impacts)
 
@@ -137,34 +128,27 @@ def _counted(event, source):
     return Probability(estimate, min(low, estimate), max(high, estimate), source.method, source.rollouts)
 
 
-def _sources(scene, initial, snapshot, event):
-    """What an event is counted in."""
+def _sources(scene, initial, snapshot):
+    """What events are counted in: labelled rollouts, each with its state and its contacts, and flights."""
     if snapshot not in _found:
         _found[snapshot] = _sources_of(scene, initial, snapshot)
-    found = _found[snapshot]
-    return found.of_contacts if event.needs_contacts else found.of_states
+    return _found[snapshot]
 
 
 def _sources_of(scene, initial, snapshot):
-    samples, first, start = snapshot.samples, snapshot.first_contacts, initial.mean
+    states, first, start = snapshot.rollout_states, snapshot.first_contacts, initial.mean
     if is_certain(scene, initial, snapshot):
-        states = snapshot.belief.mean[None] if samples is None else samples[:1]
-        only = _Source("certain", RolloutOutcomes(scene, start, states, first[:1]), 1)
-        return _Sources((only,), (only,))
-    of_contacts, of_states = [], []
-    if samples is not None:
-        rollouts = RolloutOutcomes(scene, start, snapshot.rollout_states, first)
-        of_contacts.append(_Source("samples", rollouts, len(first)))
-        # samples that are made of fewer rollouts do not tell which of them touched something
-        own = RolloutOutcomes(scene, start, samples, first if len(first) == len(samples) else None)
-        of_states.append(_Source("samples", own, min(len(first), len(samples))))
+        only = snapshot.belief.mean[None] if states is None else states[:1]
+        certain = _Source("certain", RolloutOutcomes(scene, start, only, first[:1]), 1)
+        return (certain,)
+    found = []
+    if states is not None:
+        found.append(_Source("samples", RolloutOutcomes(scene, start, states, first), len(states)))
     if snapshot.flights is not None:
         outcomes = RolloutOutcomes(scene, start, *snapshot.flights)
-        flights = _Source("flights", outcomes, len(outcomes.states))
-        of_contacts.append(flights)
-        of_states.append(flights)
-    if not of_states:
-        states = snapshot.belief.sample(_DRAWN, np.random.default_rng(0))
-        drawn = RolloutOutcomes(scene, start, states, first[np.arange(_DRAWN) % len(first)])
-        of_contacts = of_states = [_Source("gaussian", drawn, len(first))]
-    return _Sources(tuple(of_contacts), tuple(of_states))
+        found.append(_Source("flights", outcomes, len(outcomes.states)))
+    if not found:
+        drawn = snapshot.belief.sample(_DRAWN, np.random.default_rng(0))
+        outcomes = RolloutOutcomes(scene, start, drawn, first[np.arange(_DRAWN) % len(first)])
+        found.append(_Source("gaussian", outcomes, len(first)))
+    return tuple(found)

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -91,11 +92,10 @@ class Snapshot:
     belief : Belief
     carry : NamedTuple or None
         The propagator's persistent state, of all bodies; None where the prediction was made elsewhere.
-    samples : (N, B, 13) array or None
-        Equally probable states that the answer consists of, as in `Belief.mean`; None where the answer is a
-        Gaussian.
+    draw : callable or None
+        Makes `samples`; None where the answer is a Gaussian.
     rollout_states : (R, B, 13) array or None
-        The states that were simulated, of which `samples` are made; None where there are no samples.
+        The states of rollouts, of which `samples` are made; None where there are no samples.
     first_contacts : (R, B, B + E) array or None
         When bodies i < j, or body i and element j - B, first touched in each rollout, up to this time [s];
         infinite without contact.
@@ -104,16 +104,24 @@ class Snapshot:
         need them.
     received : Received or None
         Answers of a prediction that was made elsewhere.
+    wide : (R, B, 13) array or None
+        States of rollouts of a belief that is twice as wide, where the propagator looked for rare outcomes.
     """
 
     time: float
     belief: Belief
     carry: Any = None
-    samples: np.ndarray | None = None
+    draw: Callable[[], np.ndarray] | None = None
     rollout_states: np.ndarray | None = None
     first_contacts: np.ndarray | None = None
     flights: Flights | None = None
     received: Received | None = None
+    wide: np.ndarray | None = None
+
+    @cached_property
+    def samples(self) -> np.ndarray | None:
+        """(N, B, 13): equally probable states that the answer consists of, as in `Belief.mean`."""
+        return None if self.draw is None else self.draw()
 
     def modes(self, scene: Scene, body: int) -> tuple[Mode, ...]:
         """Outcomes that the state of a body, by its index, splits into, the most probable first.

@@ -13,7 +13,8 @@ from .cloud import FEWEST_RUNS, Cloud
 from .emission import diverged, settled
 from .options import option
 
-_FIRST = 16  # rollouts, before it is known what more of them would be good for
+_RARE = 1.4  # factor on a spread from which on rare outcomes count
+_FIRST = 32  # rollouts, before it is known what more of them would be good for
 #: What errors are taken to fall by is the root of the number of rollouts: by so much more than that needs, in
 #: portions of so many rollouts, and by no less than such a share, as each look at the errors costs a fit.
 _MARGIN, _PORTION, _LEAST_GROWTH = 1.05, 8, 0.25
@@ -28,25 +29,30 @@ class Auto(Cloud, Anytime):
     Attributes
     ----------
     runs : int
-        The most rollouts. It begins with 16, or with 12 where time is limited.
+        The most rollouts. It begins with 32, or with 12 where time is limited.
     samples, seed
         As of `Cloud`.
     time : float
         Wall time for rollouts and beliefs, at all of the prediction's times [s]; 0 for any. The last batch
         is as large as it is thought to leave time for.
     error : float
-        Standard error of each mean that is enough, over the standard deviation; 0 goes on for ever.
+        Standard error of each mean that is enough, over the standard deviation; 0 goes on for ever, unless
+        errors in m or rad or probabilities are asked for.
+    spread_error : float
+        Standard error of each standard deviation that is enough, over it; 0 does not count.
     position_error, rotation_error : float
-        The same in m and rad; 0 does not count.
+        The same as ``error`` in m and rad; 0 does not count.
     probability_error : float
-        Standard error of probabilities that is enough: of one that is a half; 0 does not count.
+        Standard error that is enough of the probability of each event that is asked: the half width of its
+        interval, in standard deviations. 0 does not count.
 
     Notes
     -----
     Every batch has as many rollouts as the errors still ask for, at most as many as there are, and
     simulates only the new ones: the points are nested. Of the wishes for errors all must be met, or ``runs``
-    reached. Without a time limit the answer depends on nothing but the seed; with one, on the number of
-    rollouts, which it reports (`base.rollout_count`). Islands keep to 64 rollouts.
+    reached; where they are not, the status says so. Without a time limit the answer depends on nothing but
+    the seed; with one, on the number of rollouts, which it reports (`base.rollout_count`). Islands begin with
+    64 rollouts, and simulate all anew where these are not enough; with a time limit they keep to 64.
     """
 
     name = "auto"
@@ -54,25 +60,28 @@ class Auto(Cloud, Anytime):
     runs: int = option(1024, "the most rollouts", low=FEWEST_RUNS, high=100_000)
     time: float = option(0.0, "wall time for rollouts and beliefs [s]; 0 for any", low=0.0)
     error: float = option(0.1, "standard error of means that is enough, over the standard deviation", low=0.0)
+    spread_error: float = option(
+        0.1, "standard error of standard deviations that is enough, over these; 0 for any", low=0.0
+    )
     position_error: float = option(0.0, "standard error of positions that is enough [m]; 0 for any", low=0.0)
     rotation_error: float = option(
         0.0, "standard error of rotations that is enough [rad]; 0 for any", low=0.0
     )
     probability_error: float = option(
-        0.0, "standard error of probabilities that is enough; 0 for any", low=0.0
+        0.03, "standard error that is enough of probabilities that are asked for; 0 for any", low=0.0
     )
 
     def init(self, scene, belief):
         first = FEWEST_RUNS if self.time > 0.0 else _FIRST
-        return self.init_rollouts(scene, belief, 0, min(4 * _FIRST if scene.islands else first, self.runs))
+        return self.init_rollouts(scene, belief, 0, min(2 * _FIRST if scene.islands else first, self.runs))
 
     def additional_rollouts(self, carry, scene, spent):
         count, began = len(carry.states), clock()
         if count >= self.runs or diverged(carry.states) or settled(self._runs(carry), scene):
             return 0
-        if 0.0 < self.time <= spent.time:
+        if self.time > 0.0 and (scene.islands or self.time <= spent.time):
             return 0
-        more = min(count, self.runs - count, self._wanted(carry, scene))
+        more = min(count, self.runs - count, self._wanted(carry, scene, spent))
         if more > 0 and self.time > 0.0:
             self.belief(carry, scene)
             took = clock() - began
@@ -82,18 +91,41 @@ class Auto(Cloud, Anytime):
             more = min(more, fit) if fit >= _WORTH * count else 0
         return max(more, 0)
 
-    def _wanted(self, carry, scene):
-        """How many rollouts more meet all wishes, it seems; with none, as many as there may be."""
-        wishes = self.error, self.position_error, self.rotation_error, self.probability_error
-        if not any(wishes):
-            return self.runs
-        count = len(carry.states)
+    def looks_far(self, carry, scene):
+        """Whether contacts are hard, and neither time nor another limit ends the prediction."""
+        limited = self.time > 0.0 or len(carry.states) >= self.runs
+        return scene.integrator == "implicit" and not limited and not settled(self._runs(carry), scene)
+
+    def measures(self, carry, scene):
+        missed = self._excess(carry, scene)
+        if not settled(self._runs(carry), scene):
+            missed = np.maximum(missed, _FIRST / len(carry.states))
+        return super().measures(carry, scene) | {"missed_goal": missed}
+
+    def _excess(self, carry, scene):
+        """(B,): the largest error of each body over what is enough."""
         errors = self.standard_errors(carry, scene)
-        probability = np.array([0.5 / math.sqrt(count)])
-        found = errors.relative, errors.position, errors.rotation, probability
-        excess = max(float(f.max()) / wish for wish, f in zip(wishes, found, strict=True) if wish > 0.0)
+        wishes = self.error, self.spread_error, self.position_error, self.rotation_error
+        found = errors.relative, errors.spread, errors.position, errors.rotation
+        result = np.zeros(len(carry.mean))
+        for wish, of in zip(wishes, found, strict=True):
+            if wish > 0.0:
+                result = np.maximum(result, of / wish)
+        return result
+
+    def _wanted(self, carry, scene, spent):
+        """How many rollouts more meet all wishes, it seems; as many as there may be where none ends it."""
+        asked = self.probability_error > 0.0 and len(spent.probability_errors) > 0
+        if not (self.error or self.position_error or self.rotation_error or asked):
+            return self.runs
+        excess = float(self._excess(carry, scene).max(initial=0.0))
+        if asked:
+            excess = max(excess, float(spent.probability_errors.max()) / self.probability_error)
+        if spent.rare is not None and self.spread_error > 0.0 and spent.rare > _RARE:
+            excess = max(excess, 2.0)  # they are met by more rollouts, or were not that far out
         if excess <= 1.0:
             return 0
+        count = len(carry.states)
         growth = excess * _MARGIN * excess * _MARGIN - 1.0  # infinite for what no number of rollouts meets
         needed = count * max(growth, _LEAST_GROWTH)
         return _PORTION * math.ceil(min(needed, self.runs) / _PORTION)

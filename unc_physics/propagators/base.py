@@ -131,19 +131,28 @@ class Propagator(ABC):
 
 
 class StandardErrors(NamedTuple):
-    """Standard errors of each body's mean, all axes together.
+    """Standard errors of each body's mean and standard deviation, all axes together.
 
     Attributes
     ----------
     position, rotation : (B,) array
-        [m], [rad].
+        Of the mean [m], [rad].
     relative : (B,) array
         The larger of both, over the standard deviation; as if rotations did not wrap around.
+    position_spread, rotation_spread : (B,) array
+        Of the standard deviation, over it.
     """
 
     position: np.ndarray
     rotation: np.ndarray
     relative: np.ndarray
+    position_spread: np.ndarray
+    rotation_spread: np.ndarray
+
+    @property
+    def spread(self) -> np.ndarray:
+        """(B,): the larger of `position_spread` and `rotation_spread`."""
+        return np.maximum(self.position_spread, self.rotation_spread)
 
 
 class Samples(ABC):
@@ -170,8 +179,11 @@ class Samples(ABC):
         """Return the simulated states (R, B, 13), by default `own_samples`; islands keep them apart."""
         return self.own_samples(carry, scene)
 
+    def share(self, carries: Sequence[Any]) -> None:
+        """Let carries of ascending times share what is the same for all; the last will be asked first."""
+
     def standard_errors(self, carry: Any, scene: Scene) -> StandardErrors | None:
-        """Return the standard errors of the means; None where there is no estimate."""
+        """Return the standard errors of means and spreads; None where there is no estimate."""
         return None
 
     def measures(self, carry: Any, scene: Scene) -> dict[str, np.ndarray]:
@@ -218,11 +230,18 @@ class Spent(NamedTuple):
         The share of its rollouts in that [s].
     answers : int
         Number of times at which a belief is wanted.
+    probability_errors : (E,) array
+        Of the probabilities that were asked for: half widths of their intervals, in standard deviations.
+    rare : float or None
+        Factor by which rare outcomes may widen a spread, of the body where it is largest; None where they
+        were not looked for.
     """
 
     time: float
     rollouts: float
     answers: int
+    probability_errors: np.ndarray
+    rare: float | None = None
 
 
 class Anytime(Rollouts):
@@ -231,6 +250,10 @@ class Anytime(Rollouts):
     @abstractmethod
     def additional_rollouts(self, carry: Any, scene: Scene, spent: Spent) -> int:
         """Return the number of rollouts to add; 0 ends the prediction."""
+
+    def looks_far(self, carry: Any, scene: Scene) -> bool:
+        """Return whether rare outcomes are to be looked for before the prediction ends (`Spent.rare`)."""
+        return False
 
 
 class Islands(ABC):

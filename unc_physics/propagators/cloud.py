@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -11,12 +11,11 @@ import numpy as np
 from ..dynamics import contact_history as histories
 from ..dynamics.contact_history import ContactHistory
 from ..scene.action_arrays import start_states
-from ..scene.belief import Belief
 from ..scene.parameters import center_offsets, moved_along
 from ..scene.physics_keys import INTEGRATORS
 from ..scene.scene import UNCERTAIN_PARAMETERS
 from ..spatial.layout import ERROR
-from ..spatial.moments import mean_and_errors, second_moment, spread_states
+from ..spatial.moments import spread_states
 from .base import (
     SAMPLES_LIMIT,
     ClosedFormFlight,
@@ -28,7 +27,7 @@ from .base import (
     Supports,
     Traits,
 )
-from .emission import Fit, Runs, emitted
+from .emission import Moments, Runs, Shared, belief_of, emitted, labelled, whitened
 from .free_flight import flown
 from .joining import joined_history, joined_means
 from .options import option
@@ -40,6 +39,7 @@ from .start import resolve_initial_overlap
 
 FEWEST_RUNS = 12
 RUNS_LIMIT = 100_000
+_MOMENT_POINTS = 512  # that moments of a surface, and of what flies, are taken over
 
 
 class _Carry(NamedTuple):
@@ -80,16 +80,21 @@ class _Carry(NamedTuple):
 
 
 class CloudCarry(_Carry):
-    """The persistent state, and beside it what was fitted to it: another carry begins without."""
+    """The persistent state, and beside it what was computed from it: another carry begins without."""
 
     @cached_property
-    def fits(self) -> dict[bytes, Fit]:
-        """What was fitted to each group of bodies (`emission.Runs`)."""
+    def shared(self) -> list[Shared]:
+        """The one that times of a prediction share, or its own (`emission.Shared`)."""
+        return [Shared({}, {})]
+
+    @cached_property
+    def moments(self) -> dict[bytes, Moments]:
+        """Those of each group of bodies (`emission.Runs`)."""
         return {}
 
     @cached_property
     def errors(self) -> list[StandardErrors]:
-        """Standard errors of the means, once they were asked for."""
+        """Standard errors, once they were asked for."""
         return []
 
     @cached_property
@@ -173,8 +178,12 @@ class Cloud(Propagator, Samples, Rollouts, JointlySampledIslands, ClosedFormFlig
         return advance_rollouts(carry, scene, steps)
 
     def belief(self, carry, scene):
-        mean, errors = mean_and_errors(self.own_samples(carry, scene), scene.moving.copy())
-        return Belief.trusted(mean, second_moment(errors), scene.moving)
+        return belief_of(self._runs(carry), scene)
+
+    def share(self, carries):
+        """Let the times of a prediction share their surfaces; those of the last are fitted first."""
+        for carry in carries:
+            carry.shared[:] = carries[-1].shared
 
     def join(self, carries, parts, frame):
         states = np.tile(frame.mean, (len(carries[0].states), 1, 1))
@@ -232,18 +241,20 @@ class Cloud(Propagator, Samples, Rollouts, JointlySampledIslands, ClosedFormFlig
     def own_samples(self, carry, scene):
         """(samples, B, 13): states of the models' centres of mass, emitted from the rollouts."""
         options = self.samples, self.seed
-        if options not in carry.samples:  # the belief and the answer both ask for them
+        if options not in carry.samples:
             z = _emitted_points(self.samples, carry.dimensions, self.seed)[:, carry.columns]
             carry.samples[options] = emitted(self._runs(carry), scene, z)
         return carry.samples[options]
 
     def rollout_states(self, carry, scene):
-        return moved_along(carry.states, -center_offsets(scene, carry.parameters))
+        return labelled(self._runs(carry), scene)
 
     def measures(self, carry, scene):
+        errors = self.standard_errors(carry, scene)
         return {
             "surface_error": surface_errors(self._runs(carry), scene),
-            "mean_error": self.standard_errors(carry, scene).relative,
+            "mean_error": errors.relative,
+            "spread_error": errors.spread,
         }
 
     def standard_errors(self, carry, scene):
@@ -253,11 +264,12 @@ class Cloud(Propagator, Samples, Rollouts, JointlySampledIslands, ClosedFormFlig
 
     def _points(self, count, dimensions, columns, simulated):
         """(count, r + K): what the rollouts are spread by."""
-        z = normal_points(count, dimensions, _key(self.seed, 0))
-        return np.where(simulated, z[:, columns], 0.0)
+        return np.where(simulated, _rollout_points(count, dimensions, self.seed)[:, columns], 0.0)
 
     def _runs(self, carry):
-        z = self._points(len(carry.states), carry.dimensions, carry.columns, carry.simulated)
+        labels = _rollout_points(len(carry.states), carry.dimensions, self.seed)[:, carry.columns]
+        z = np.where(carry.simulated, labels, 0.0)
+        points = _emitted_points(_MOMENT_POINTS, carry.dimensions, self.seed)[:, carry.columns]
         return Runs(
             carry.states,
             carry.contact_history,
@@ -267,7 +279,11 @@ class Cloud(Propagator, Samples, Rollouts, JointlySampledIslands, ClosedFormFlig
             carry.moving,
             carry.parameters,
             z,
-            carry.fits,
+            carry.simulated,
+            labels,
+            points,
+            carry.shared[0],
+            carry.moments,
         )
 
 
@@ -276,23 +292,16 @@ def _key(seed, stream):
     return (2 * seed + stream) % 2**63
 
 
-_whitened: dict[tuple[int, int, int], np.ndarray] = {}
+@lru_cache(maxsize=16)
+def _rollout_points(count: int, dimensions: int, seed: int) -> np.ndarray:
+    """(count, dimensions): what rollouts are spread by."""
+    return normal_points(count, dimensions, _key(seed, 0))
 
 
+@lru_cache(maxsize=16)
 def _emitted_points(count: int, dimensions: int, seed: int) -> np.ndarray:
     """(count, dimensions): what the samples are spread by, with mean 0 and covariance 1 to round-off.
 
     So means and covariances that a smooth surface keeps are exact.
     """
-    key = count, dimensions, seed
-    if key not in _whitened:
-        z = normal_points(count, dimensions, _key(seed, 1))
-        if count >= 4 * dimensions > 0:
-            z = z - z.mean(axis=0)
-            # einsum, not BLAS, whose threads wait for each other: ten times as long where others work
-            L = np.linalg.cholesky(np.einsum("nr,nk->rk", z, z) / count)
-            z = np.einsum("nr,kr->nk", z, np.linalg.inv(L))
-        if len(_whitened) >= 16:
-            _whitened.clear()
-        _whitened[key] = z
-    return _whitened[key]
+    return whitened(normal_points(count, dimensions, _key(seed, 1)))

@@ -1,4 +1,4 @@
-"""Samples from a few rollouts: each is a rollout's outcome, moved by what a response surface says."""
+"""What a few rollouts say of all outcomes: moments through a response surface, and samples of it."""
 
 from __future__ import annotations
 
@@ -8,15 +8,18 @@ from typing import NamedTuple
 import numpy as np
 
 from ..dynamics.contact_history import ContactHistory
+from ..initialization.overlap_search import TOUCHING
+from ..scene.belief import Belief
 from ..scene.parameters import center_offsets, moved_along
 from ..scene.scene import Scene
 from ..spatial.layout import ERR_ANGULAR_VELOCITY, ERR_POSITION, ERR_ROTATION, ERR_VELOCITY, ERROR
-from ..spatial.moments import mean_and_errors, spread_states
+from ..spatial.moments import mean_and_errors, pivoted_cholesky, second_moment, spread_states
 from .displacements import clip, reach, spread, variances
 from .free_flight import Flight, course_of, fly
 from .impact_metric import impact_metric
-from .reduction import Reduction, moved_in_common, reduction
-from .response_surface import ResponseSurface, active_directions, fit, predicted
+from .overlap_depths import overlaps
+from .reduction import Reduction, common_covariance, moved_in_common, reduction
+from .response_surface import ResponseSurface, active_directions, fit, smoother, surface_moments
 
 #: Blocks of the outcome that are clipped, each with the block that shares the factor, and what they count.
 _CLIPPED = ((ERR_POSITION.start, ERR_VELOCITY.start), (ERR_ROTATION.start, ERR_ANGULAR_VELOCITY.start))
@@ -24,60 +27,11 @@ _WEIGHTS = ((ERR_POSITION, 1.0), (ERR_VELOCITY, 0.5), (ERR_ROTATION, 1.0), (ERR_
 #: Standard deviations below which a block of an outcome is constant: of the body's radius, or rad.
 _CONSTANT = 1e-6
 _DIVERGED = 1e100
-_WIDEST = 2.0  # times, that samples are scaled by at most
+_NOTHING = np.empty((0, 0)), np.empty((0, 0))
+_RANK = 1e-12  # relative variances that are none
+_WIDEST = 2.0  # times, that columns of a covariance are scaled by at most
 #: Error over variance above which there is no surface.
 NO_SURFACE = 1.0
-
-
-class Fit(NamedTuple):
-    """What was fitted to a group's rollouts.
-
-    Attributes
-    ----------
-    reduced : Reduction or None
-        Of a group that is alone.
-    transform : (d, d') array
-        From the group's numbers z to the surface's coordinates.
-    x : (N, d') array
-        The rollouts in these.
-    mean : (m, 13) array
-        Of their outcomes.
-    errors : (N, 12 m) array
-        Outcomes about it.
-    weights : (12 m,) array
-        By which the surface's are multiplied; 0 for what does not vary.
-    surface : ResponseSurface
-    """
-
-    reduced: Reduction | None
-    transform: np.ndarray
-    x: np.ndarray
-    mean: np.ndarray
-    errors: np.ndarray
-    weights: np.ndarray
-    surface: ResponseSurface
-
-
-class Runs(NamedTuple):
-    """N rollouts, and what they stand for; the first seven attributes are those of `cloud.CloudCarry`.
-
-    Attributes
-    ----------
-    z : (N, r + K) array
-        The standard normal numbers that each rollout began with.
-    fits : dict
-        What was fitted to each group, by its bodies; `fitted` adds to it.
-    """
-
-    states: np.ndarray
-    contact_history: ContactHistory
-    step: int
-    mean: np.ndarray
-    root: np.ndarray
-    moving: np.ndarray
-    parameters: np.ndarray
-    z: np.ndarray
-    fits: dict[bytes, Fit]
 
 
 class Group(NamedTuple):
@@ -85,6 +39,8 @@ class Group(NamedTuple):
 
     Attributes
     ----------
+    key : bytes
+        The same for rollouts in which the same bodies met the same things.
     bodies : (m,) int array
     columns : (d,) int array
         Which of the numbers z their outcome depends on: first those of the root, then ``parameters`` others.
@@ -96,12 +52,214 @@ class Group(NamedTuple):
         Whether this is a body that met nothing at all, and began as the belief has it.
     """
 
+    key: bytes
     bodies: np.ndarray
     columns: np.ndarray
     parameters: int
     root: np.ndarray
     alone: bool
     flew: bool
+
+
+class Fit(NamedTuple):
+    """The surface of a group, for all times at which the same bodies have met.
+
+    Attributes
+    ----------
+    reduced : Reduction or None
+        Of a group that is alone.
+    transform : (d, d') array
+        From the group's numbers z to the surface's coordinates.
+    x : (N, d') array
+        The rollouts in these.
+    surface : ResponseSurface
+    map : (S, n) array
+        From outcomes of the first n rollouts to the surface at the points that moments are taken over.
+    mean_row : (N,) array
+    root : (r, n) array
+        As in `response_surface.surface_moments`.
+    """
+
+    reduced: Reduction | None
+    transform: np.ndarray
+    x: np.ndarray
+    surface: ResponseSurface
+    map: np.ndarray
+    mean_row: np.ndarray
+    root: np.ndarray
+
+
+class Moments(NamedTuple):
+    """A group's rollouts at one time, and their moments.
+
+    Attributes
+    ----------
+    group : Group
+    fit : Fit
+    mean : (m, 13) array
+        Of the rollouts' outcomes, without common motion.
+    errors : (N, 12 m) array
+        Outcomes about it.
+    left_out : (n, 12 m) array
+        Differences of the first n rollouts from a surface through the others.
+    error : float
+        Mean square of these over the variance, in outcomes by their spread.
+    shift : (12 m,) array
+        Mean over all outcomes, from that of the rollouts.
+    covariance : (12 m, 12 m) array
+        Without common motion.
+    factors : (12 m,) array
+        By which columns are scaled for it.
+    """
+
+    group: Group
+    fit: Fit
+    mean: np.ndarray
+    errors: np.ndarray
+    left_out: np.ndarray
+    error: float
+    shift: np.ndarray
+    covariance: np.ndarray
+    factors: np.ndarray
+
+    @property
+    def has_surface(self) -> bool:
+        """Whether the surface says more than the rollouts' mean."""
+        return self.error < NO_SURFACE
+
+
+class Shared(NamedTuple):
+    """What the times of a prediction share.
+
+    Attributes
+    ----------
+    groups : dict of bytes to list of Group
+        By who has met whom.
+    fits : dict of bytes to Fit
+        By `Group.key`.
+    """
+
+    groups: dict[bytes, list[Group]]
+    fits: dict[bytes, Fit]
+
+
+class Runs(NamedTuple):
+    """N rollouts, and what they stand for; the first seven attributes are those of `cloud.CloudCarry`.
+
+    Attributes
+    ----------
+    z : (N, r + K) array
+        The standard normal numbers that each rollout began with.
+    simulated : (r + K,) bool array
+        Which of them differ between rollouts; the others are common motions.
+    labels : (N, r + K) array
+        The numbers of both.
+    points : (S, r + K) array
+        Standard normal numbers that moments are taken over.
+    shared : Shared
+    moments : dict of bytes to Moments
+        Those of each group, by its key.
+    """
+
+    states: np.ndarray
+    contact_history: ContactHistory
+    step: int
+    mean: np.ndarray
+    root: np.ndarray
+    moving: np.ndarray
+    parameters: np.ndarray
+    z: np.ndarray
+    simulated: np.ndarray
+    labels: np.ndarray
+    points: np.ndarray
+    shared: Shared
+    moments: dict[bytes, Moments]
+
+
+def belief_of(runs: Runs, scene: Scene) -> Belief:
+    """Return mean and covariance of all outcomes.
+
+    Of each group that met something they are those of its surface, with what the rollouts differ from it. A
+    body that met nothing flies from ``points`` in closed form. Groups that depend on the same numbers are
+    correlated by what surface, flight and rollouts make of these.
+    """
+    mean, moving = runs.mean.copy(), runs.moving
+    if diverged(runs.states):
+        return Belief.trusted(np.full_like(mean, np.nan), np.zeros((len(moving), ERROR, ERROR)), moving)
+    groups = _groups(runs, scene)
+    ends = _model_centers(runs, scene)
+    used = np.concatenate([group.columns for group in groups]) if groups else np.empty(0, np.int64)
+    joint = len(groups) > 1 and len(np.unique(used)) < len(used)
+    several = any(len(group.bodies) > 1 for group in groups)
+    size = ERROR * len(moving)
+    P = np.zeros((size, size) if joint or several else (len(moving), ERROR, ERROR))
+    parts = []
+    for group in groups:
+        bodies = group.bodies
+        if group.flew:
+            flown = _flown(runs, scene, group, _points_of(runs, group))
+            own, errors = mean_and_errors(flown, np.arange(len(bodies)))
+            covariance, along = second_moment(errors), (errors, np.zeros((len(runs.states), errors.shape[1])))
+        elif _spread(runs, scene, group):
+            found = _moments(runs, scene, group, ends)
+            own = spread_states(found.mean, np.arange(len(bodies)), found.shift[None])[0]
+            covariance, along = found.covariance, _along(runs, scene, found) if joint else _NOTHING
+            reduced = found.fit.reduced
+            if reduced is not None and reduced.common.shape[1]:
+                course = course_of(scene.world, runs.step)
+                covariance = covariance + common_covariance(reduced.motion, course, len(bodies))
+        else:
+            mean[bodies] = ends[0, bodies]
+            continue
+        mean[bodies] = own
+        rows = (ERROR * np.searchsorted(moving, bodies)[:, None] + np.arange(ERROR)).ravel()
+        if P.ndim == 3:
+            P[np.searchsorted(moving, bodies)] = covariance
+            continue
+        P[np.ix_(rows, rows)] = covariance
+        for other_rows, (other, other_rest) in parts:  # none but where they are joint
+            between, rest = along
+            count = min(len(rest), len(other_rest))
+            cross = between.T @ other / len(between) + rest[:count].T @ other_rest[:count] / count
+            P[np.ix_(rows, other_rows)], P[np.ix_(other_rows, rows)] = cross, cross.T
+        if joint:
+            parts.append((rows, along))
+    return Belief.trusted(mean, P, moving)
+
+
+def _points_of(runs, group):
+    """Numbers (S, d) of a group that moments are taken over, with mean 0 and covariance 1."""
+    own = runs.points[:, group.columns]
+    return own if len(own) >= 4 * runs.points.shape[1] else whitened(own)
+
+
+def whitened(z: np.ndarray) -> np.ndarray:
+    """Return numbers (S, d) with mean 0 and covariance 1 to round-off; as they are where they are few."""
+    count, size = z.shape
+    if count < 4 * size or not size:
+        return z
+    z = z - z.mean(axis=0)
+    # einsum, not BLAS, whose threads wait for each other: ten times as long where others work
+    L = np.linalg.cholesky(np.einsum("nr,nk->rk", z, z) / count)
+    return np.einsum("nr,kr->nk", z, np.linalg.inv(L))
+
+
+def _along(runs, scene, found):
+    """Of a group: what the surface says at all points, about its mean, and what rollouts differ: (S, 12 m),
+    (n, 12 m).
+    """
+    if not found.has_surface:
+        return np.zeros((len(runs.points), found.errors.shape[1])), found.errors
+    count = len(found.left_out)
+    at = np.einsum("sn,nk->sk", found.fit.map, found.errors[:count])
+    at = (at - at.mean(axis=0)) * found.factors
+    reduced = found.fit.reduced
+    if reduced is not None and reduced.common.shape[1]:
+        motion = (_points_of(runs, found.group) @ reduced.common) @ reduced.motion.T
+        course, parts = course_of(scene.world, runs.step), at.reshape(len(at), -1, ERROR)
+        parts[:, :, ERR_POSITION] += (motion[:, :3] + course.reach * motion[:, 3:])[:, None]
+        parts[:, :, ERR_VELOCITY] += (course.decay * motion[:, 3:])[:, None]
+    return at, found.left_out * found.factors
 
 
 def emitted(runs: Runs, scene: Scene, z: np.ndarray) -> np.ndarray:
@@ -112,18 +270,67 @@ def emitted(runs: Runs, scene: Scene, z: np.ndarray) -> np.ndarray:
     runs : Runs
     scene : Scene
     z : (S, r + K) array
+
+    Notes
+    -----
+    A sample of a group that met something is the outcome of the nearest rollout, moved by the surface.
+    Contacts of the implicit integrator are hard: there, the nearest rollout takes the place of a sample that
+    reaches deeper into something than all rollouts do.
     """
     states = np.tile(runs.mean, (len(z), 1, 1))
     if diverged(runs.states):
         return np.full_like(states, np.nan)
     ends = _model_centers(runs, scene)
+    near = np.full((len(z), len(runs.mean)), -1)
     for group in _groups(runs, scene):
         if group.flew:
-            states[:, group.bodies] = _flown(runs, scene, group, z)
+            states[:, group.bodies] = _flown(runs, scene, group, z[:, group.columns])
         elif _spread(runs, scene, group):
-            states[:, group.bodies] = _sampled(runs, scene, group, ends[:, group.bodies], z)
+            found = _moments(runs, scene, group, ends)
+            states[:, group.bodies], own = _sampled(runs, scene, found, z)
+            near[:, group.bodies] = own[:, None]
         else:
             states[:, group.bodies] = ends[:1, group.bodies]
+    if scene.integrator == "implicit" and (near >= 0).any():
+        _obey(states, ends, near, scene)
+    return states
+
+
+def _obey(states, ends, near, scene):
+    """Put rollouts in the place of samples that reach deeper into something, in place.
+
+    Bodies of one group change together; bodies of two groups have not met, so that a sample in which they
+    overlap takes the nearest rollout for both.
+    """
+    bodies = np.flatnonzero((near >= 0).any(axis=0))
+    deepest = overlaps(scene, ends)[0].max(axis=0) + TOUCHING
+    for _ in range(len(bodies)):
+        wrong = (overlaps(scene, states)[0] > deepest) & (near >= 0)
+        some = np.flatnonzero(wrong.any(axis=1))
+        if not len(some):
+            break
+        for s in some.tolist():
+            own = near[s]
+            for n in np.unique(own[wrong[s]]).tolist():
+                which = np.flatnonzero(own == n)
+                states[s, which] = ends[n, which]
+                near[s, which] = -1
+
+
+def labelled(runs: Runs, scene: Scene) -> np.ndarray:
+    """Return the rollouts' states (N, B, 13) of the models' centres of mass, as equally probable outcomes.
+
+    Common motion that was not simulated is added in closed form, by the points' own numbers.
+    """
+    states = _model_centers(runs, scene)
+    size = runs.root.shape[1]
+    if runs.simulated.all() or diverged(states):
+        return states
+    states = states.copy()
+    z = np.where(runs.simulated, 0.0, runs.labels)[:, :size]
+    errors = np.einsum("nr,kr->nk", z, runs.root).reshape(len(z), -1, ERROR)[:, 0]
+    motion = np.concatenate([errors[:, ERR_POSITION], errors[:, ERR_VELOCITY]], axis=1)
+    moved_in_common(states, motion, course_of(scene.world, runs.step))
     return states
 
 
@@ -132,12 +339,12 @@ def diverged(states: np.ndarray) -> bool:
     return not bool((np.abs(states) < _DIVERGED).all())
 
 
-def fits(runs: Runs, scene: Scene) -> Iterator[tuple[Group, Fit]]:
-    """Each group whose rollouts differ, but for what flew in closed form, and what is fitted to it."""
+def moments(runs: Runs, scene: Scene) -> Iterator[Moments]:
+    """Yield those of each group whose rollouts differ, but for what flew in closed form."""
     ends = _model_centers(runs, scene)
     for group in _groups(runs, scene):
         if not group.flew and _spread(runs, scene, group):
-            yield group, _fitted(runs, scene, group, ends[:, group.bodies])
+            yield _moments(runs, scene, group, ends)
 
 
 def settled(runs: Runs, scene: Scene) -> bool:
@@ -158,16 +365,25 @@ def _model_centers(runs, scene):
 def _groups(runs, scene):
     """The groups of all moving bodies."""
     first, start = runs.contact_history.first_time, runs.contact_history.start
-    count, size = len(runs.mean), runs.root.shape[1]
     met = np.isfinite(first).any(axis=0)
+    moved = np.zeros(len(runs.mean), bool) if start is None else (start.moved > 0.0).any(axis=0)
+    tilted = scene.gyroscopic or any(p.name == "gravity_direction" for p in scene.uncertain)
+    tilted = tilted and runs.step > 0
+    key = met.tobytes() + moved.tobytes() + bytes([tilted])
+    if key not in runs.shared.groups:
+        runs.shared.groups[key] = list(_divided(runs, scene, met, moved, tilted))
+    return runs.shared.groups[key]
+
+
+def _divided(runs, scene, met, moved, tilted):
+    """As `_groups`, of who has met whom (B, B + E), and who was moved at the start (B,)."""
+    count, size = len(runs.mean), runs.root.shape[1]
     movable = np.zeros(count, bool)
     movable[runs.moving] = True
     between = (met[:, :count] | met[:, :count].T) & movable & movable[:, None]
     others = met[:, count:].any(axis=1) | ((met[:, :count] | met[:, :count].T) & ~movable).any(axis=1)
-    moved = np.zeros(count, bool) if start is None else (start.moved > 0.0).any(axis=0)
-    tilted = scene.gyroscopic or any(p.name == "gravity_direction" for p in scene.uncertain)
-    tilted = tilted and runs.step > 0
     roots = runs.root.reshape(len(runs.moving), ERROR, size)
+    common = {*range(count + len(scene.environment)), -1} - set(runs.moving.tolist())
     left = set(runs.moving.tolist())
     while left:
         found = [min(left)]
@@ -177,21 +393,25 @@ def _groups(runs, scene):
         bodies = np.array(sorted(found))
         root = roots[np.isin(runs.moving, bodies)]
         used = np.flatnonzero(root.any(axis=(0, 1)))
-        known = {*bodies.tolist(), *range(count, count + len(scene.environment)), -1}
+        # surfaces, the scene and prescribed bodies are everybody's
+        known = {*bodies.tolist(), *common}
         extra = [size + c for c, parameter in enumerate(scene.uncertain) if parameter.body in known]
         columns = np.concatenate([used, np.array(extra, np.int64)])
         alone = not (others | moved)[bodies].any()
         flew = alone and len(bodies) == 1 and not tilted
         root = np.ascontiguousarray(root[:, :, used].reshape(ERROR * len(bodies), len(used)))
-        yield Group(bodies, columns, len(extra), root, alone, flew)
+        key = bodies.tobytes() + met[bodies].tobytes() + met[:, bodies].tobytes() + bytes([alone, flew])
+        yield Group(key, bodies, columns, len(extra), root, alone, flew)
 
 
 def _flown(runs, scene, group, z):
-    """States (S, 1, 13) of a body that meets nothing."""
-    own = z[:, group.columns[: group.root.shape[1]]]
+    """States (S, 1, 13) of a body that meets nothing, for its numbers ``z`` (S, d)."""
+    own = z[:, : group.root.shape[1]]
     states = spread_states(runs.mean[group.bodies], np.arange(1), np.einsum("sr,kr->sk", own, group.root))
     flight = Flight(scene.world.gravity, course_of(scene.world, runs.step), runs.step)
-    offsets = center_offsets(scene, z[:, runs.root.shape[1] :])
+    parameters = np.zeros((len(z), runs.parameters.shape[1]))
+    parameters[:, group.columns[group.root.shape[1] :] - runs.root.shape[1]] = z[:, group.root.shape[1] :]
+    offsets = center_offsets(scene, parameters)
     if not offsets.shape[1]:
         fly(states, flight)
         return states
@@ -220,28 +440,51 @@ def _meetings(runs, group):
     return found
 
 
-def _fitted(runs, scene, group, ends):
-    """As `_fit`, once for the same rollouts: their samples, standard errors and status all ask for it."""
-    key = group.bodies.tobytes()
-    if key not in runs.fits:
-        runs.fits[key] = _fit(runs, scene, group, ends)
-    return runs.fits[key]
+def _moments(runs, scene, group, ends):
+    """A group's `Moments`, once for the same rollouts: belief, standard errors and status all ask for it."""
+    if group.key not in runs.moments:
+        runs.moments[group.key] = _moments_of(runs, scene, group, ends[:, group.bodies])
+    return runs.moments[group.key]
 
 
-def _fit(runs, scene, group, ends):
-    """A group's `Fit`, of its outcomes (N, m, 13)."""
-    d = len(group.columns)
-    reduced = reduction(group.root, group.parameters) if group.alone else None
-    relative = np.eye(d) if reduced is None else reduced.relative
-    ends = ends.copy()
+def _moments_of(runs, scene, group, ends):
+    """As `_moments`, of the group's outcomes (N, m, 13), by the surface of another time if there is one."""
+    fitted = runs.shared.fits.get(group.key)
+    reduced = fitted.reduced if fitted is not None else None
     own = runs.z[:, group.columns]
+    if fitted is None and group.alone:
+        reduced = reduction(group.root, group.parameters)
     if reduced is not None and reduced.common.shape[1]:
+        ends = ends.copy()
         moved_in_common(ends, -(own @ reduced.common) @ reduced.motion.T, course_of(scene.world, runs.step))
+    mean, errors = mean_and_errors(np.ascontiguousarray(ends), np.arange(len(group.bodies)))
+    weights = _weights(errors, scene.world.bodies.radius[group.bodies])
+    if fitted is None or len(fitted.x) != len(errors):
+        fitted = runs.shared.fits[group.key] = _fit(runs, scene, group, reduced, errors * weights)
+    shift, P, left_out, factors = surface_moments(
+        errors, fitted.surface.kriging, fitted.mean_row, fitted.root, _WIDEST
+    )
+    error = _error(errors[: len(left_out)] * weights, left_out * weights)
+    if not error < NO_SURFACE:
+        shift, P, factors = np.zeros(len(shift)), second_moment(errors), np.ones(len(shift))
+    return Moments(group, fitted, mean, errors, left_out, error, shift, P, factors)
+
+
+def _error(outcomes, left_out):
+    """Mean square of left-out errors over the variance of outcomes (n, K)."""
+    count = len(outcomes)
+    spread = ((outcomes - outcomes.mean(axis=0)) ** 2).sum() * (count / max(count - 1, 1)) ** 2
+    return float((left_out**2).sum() / spread) if spread > 0.0 else 0.0
+
+
+def _fit(runs, scene, group, reduced, scaled):
+    """A group's `Fit`, through its outcomes by their spread (N, 12 m)."""
+    d = len(group.columns)
+    relative = np.eye(d) if reduced is None else reduced.relative
+    own = runs.z[:, group.columns]
     root = group.root @ relative[: d - group.parameters, : relative.shape[1] - group.parameters]
     to_metric = impact_metric(scene, runs.mean, root, group.bodies, _meetings(runs, group), group.parameters)
     transform = relative @ to_metric
-    mean, errors = mean_and_errors(ends, np.arange(len(group.bodies)))
-    scaled, weights = _weighted(errors, scene.world.bodies.radius[group.bodies])
     x = np.ascontiguousarray(own @ transform)
     surface = fit(x, scaled)
     to_slopes = active_directions(surface)
@@ -249,43 +492,57 @@ def _fit(runs, scene, group, ends):
     other = fit(again, scaled, surface)
     if other.error < surface.error:
         transform, x, surface = transform @ to_slopes, again, other
-    return Fit(reduced, transform, x, mean, errors, weights, surface)
+    columns = np.ascontiguousarray(x.T)
+    # einsum, not BLAS, whose threads wait for each other
+    at = np.einsum("sr,rk->sk", _points_of(runs, group), transform)
+    found, here = smoother(surface, columns, at)[0], smoother(surface, columns, x)[0]
+    mean_row = np.full(len(x), 1.0 / len(x))
+    mean_row[: found.shape[1]] += found.mean(axis=0) - here.mean(axis=0)
+    # a kernel, not LAPACK, whose threads wait for each other
+    root, _ = pivoted_cholesky(second_moment(found - found.mean(axis=0)), _RANK)
+    return Fit(reduced, transform, x, surface, found, mean_row, np.ascontiguousarray(root.T))
 
 
-def _weighted(errors, radius):
-    """Outcomes (N, 12 m) by their spread, block by block, and these weights (12 m,)."""
+def _weights(errors, radius):
+    """(12 m,): by which outcomes (N, 12 m) are by their spread, block by block; 0 for what does not vary."""
     parts = errors.reshape(len(errors), -1, ERROR)
-    weights = np.zeros(parts.shape[1:])
+    squares = (parts**2).mean(axis=0)
+    weights = np.zeros(squares.shape)
     for block, weight in _WEIGHTS:
-        spread = np.sqrt((parts[:, :, block] ** 2).sum(axis=2).mean(axis=0))
+        spread = np.sqrt(squares[:, block].sum(axis=1))
         least = _CONSTANT * (radius if block in (ERR_POSITION, ERR_VELOCITY) else np.ones(len(radius)))
         weights[:, block] = np.where(spread > least, weight / np.maximum(spread, least), 0.0)[:, None]
-    weights = weights.ravel()
-    return errors * weights, weights
+    return weights.ravel()
 
 
-def _sampled(runs, scene, group, ends, z):
-    """States (S, m, 13) of bodies that met something."""
-    reduced, transform, x, mean, errors, weights, surface = _fitted(runs, scene, group, ends)
+def _sampled(runs, scene, found, z):
+    """States (S, m, 13) of bodies that met something, and the nearest rollouts (S,), -1 for rollouts
+    themselves.
+
+    Their mean, and their variance in each block, are those of `Moments`: a surface through few rollouts
+    varies less than outcomes do.
+    """
+    group, errors, reduced = found.group, found.errors, found.fit.reduced
     own = np.ascontiguousarray(z[:, group.columns])
-    if surface.error >= NO_SURFACE:  # the rollouts as they are, each as often
-        made = errors[np.arange(len(z)) % len(x)]
+    if not found.has_surface:  # the rollouts as they are, each as often
+        near = np.arange(len(z)) % len(errors)
+        made, changed = errors[near], np.full(len(z), -1)
     else:
-        form = surface.weights * _unscaled(weights), surface.trend * _unscaled(weights), surface.length
-        columns = np.ascontiguousarray(x.T)
-        # einsum, not BLAS, whose threads wait for each other
-        means, near = predicted(*form, columns, np.einsum("sr,rk->sk", own, transform))
-        made = errors[near] + _changes(means - predicted(*form, columns, x)[0][near], errors, near)
-        _spread_as_outcomes(made, means, errors, surface.left_out * _unscaled(weights))
-    states = spread_states(mean, np.arange(len(group.bodies)), made)
+        fitted, count = found.fit, len(found.left_out)
+        columns = np.ascontiguousarray(fitted.x.T)
+        at, near = smoother(fitted.surface, columns, np.einsum("sr,rk->sk", own, fitted.transform))
+        here = smoother(fitted.surface, columns, fitted.x)[0]
+        changes = np.einsum("sn,nk->sk", at - here[near], errors[:count])
+        made, changed = errors[near] + _changes(changes, errors, near), near
+        wanted = found.covariance.diagonal().reshape(-1, 3).sum(axis=1)
+        varied = variances(made).reshape(-1, 3).sum(axis=1)
+        share = np.divide(wanted, varied, out=np.ones_like(wanted), where=varied > 0.0)
+        spread(made, np.repeat(np.clip(np.sqrt(share), 1.0 / _WIDEST, _WIDEST), 3))
+        made += found.shift - made.mean(axis=0)
+    states = spread_states(found.mean, np.arange(len(group.bodies)), made)
     if reduced is not None and reduced.common.shape[1]:
         moved_in_common(states, (own @ reduced.common) @ reduced.motion.T, course_of(scene.world, runs.step))
-    return states
-
-
-def _unscaled(weights):
-    """(12 m,): from outcomes by their spread to outcomes; 0 for what does not vary."""
-    return np.divide(1.0, weights, out=np.zeros_like(weights), where=weights > 0.0)
+    return states, changed
 
 
 def _changes(changes, errors, near):
@@ -295,18 +552,3 @@ def _changes(changes, errors, near):
             limit = reach(errors, first + block, 3)
             clip(changes, first + block, 3, first + also, limit[near])
     return changes
-
-
-def _spread_as_outcomes(made, means, errors, left_out):
-    """Scale samples (S, 12 m) about their mean, block by block, so that they vary as outcomes do.
-
-    A surface through few rollouts varies less than outcomes do. The rollouts' variance is no less, but of
-    few; what the surface knows of where they happen to lie is taken from it, as a control variate: plus the
-    variance of the surface's ``means`` at all samples, less that at the rollouts, each without itself.
-    """
-    count = len(left_out)
-    more = (variances(errors[:count]) - variances(errors[:count] - left_out)) * count / max(count - 1, 1)
-    wanted = (variances(means) + more).reshape(-1, 3).sum(axis=1)
-    found = variances(made).reshape(-1, 3).sum(axis=1)
-    share = np.divide(np.maximum(wanted, 0.0), found, out=np.ones_like(found), where=found > 0.0)
-    spread(made, np.repeat(np.clip(np.sqrt(share), 1.0 / _WIDEST, _WIDEST), 3))

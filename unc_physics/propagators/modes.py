@@ -19,6 +19,12 @@ _SMALL = 0.01  # spread of a coordinate that is no outcome [body radii, rad]
 #: that, over the root of their number: halves of what is flat have 1.7, of a normal distribution 1.3.
 _APART, _BY_CHANCE = 2.2, 5.0
 _FEWEST, _LEAST = 3, 0.05  # rollouts in a mode, and its share of what it is split from
+#: Width of the gap without rollouts that a mode of a smaller share needs, over the spread of the others; of a
+#: normal distribution, three of a thousand are 0.3 from the next.
+_EMPTY = 2.0
+#: Standard deviations from a mode's median at which a rollout is no part of it; of a normal distribution over
+#: its median absolute deviation; and the least in [body radii, rad].
+_STRANGE, _NORMAL, _LEAST_SCALE = 8.0, 1.4826, 0.05
 
 
 class Mode(NamedTuple):
@@ -68,7 +74,7 @@ def split(states: np.ndarray, radius: float) -> tuple[Mode, ...]:
     pose = pose[:, spread > _SMALL]
     labels = np.zeros(len(states), np.int64)
     if pose.shape[1] and len(states) > 1:
-        labels = _labels(pose / pose.std(axis=0))
+        labels = _without_strangers(pose, _labels(pose / pose.std(axis=0)))
     modes = []
     for label in np.unique(labels):
         own = np.ascontiguousarray(states[labels == label][:, None])
@@ -78,37 +84,59 @@ def split(states: np.ndarray, radius: float) -> tuple[Mode, ...]:
 
 
 def _labels(x):
-    """(S,): which mode each point (S, d) belongs to."""
-    labels, whole = np.zeros(len(x), np.int64), [0]
-    while whole and labels.max() + 1 < _MOST:
-        own = np.flatnonzero(labels == whole.pop(0))
-        second = _second_part(x[own])
-        if second is not None:
-            new = labels.max() + 1
-            whole += [int(labels[own[0]]), int(new)]
-            labels[own[second]] = new
+    """(S,): which mode each point (S, d) belongs to; parts that are farthest apart are divided first."""
+    labels = np.zeros(len(x), np.int64)
+    parts = {0: _second_part(x)}
+    while len(parts) < _MOST:
+        label = max(parts, key=lambda one: parts[one][0])
+        gap, second = parts[label]
+        if not gap > 0.0:
+            break
+        own, new = np.flatnonzero(labels == label), len(parts)
+        labels[own[second]] = new
+        for one in (label, new):
+            parts[one] = _second_part(x[labels == one])
     return labels
 
 
+def _without_strangers(pose, labels):
+    """(S,): the labels, where rollouts that are strangers to their mode belong to the nearest one.
+
+    Distances are in median absolute deviations from a mode's median, of poses (S, d) in radii and rad.
+    """
+    modes = np.unique(labels)
+    if len(modes) < 2:
+        return labels
+    distances = np.empty((len(pose), len(modes)))
+    for column, label in enumerate(modes):
+        own = pose[labels == label]
+        middle = np.median(own, axis=0)
+        scale = np.maximum(_NORMAL * np.median(np.abs(own - middle), axis=0), _LEAST_SCALE)
+        distances[:, column] = np.abs((pose - middle) / scale).max(axis=1)
+    found, places = labels.copy(), np.searchsorted(modes, labels)
+    strange = distances[np.arange(len(pose)), places] > _STRANGE
+    found[strange] = modes[distances[strange].argmin(axis=1)]
+    return found
+
+
 def _second_part(x):
-    """(S,) bool: which of the points (S, d) are apart from the others; None where none are."""
+    """How far points (S, d) of two parts are apart, and which are the second, (S,) bool; 0 if none are."""
     spread = x.std(axis=0)
     some = spread > _CONSTANT
+    whole = 0.0, np.zeros(len(x), bool)
     if not some.any() or len(x) < 2 * _FEWEST:
-        return None
+        return whole
     x = (x[:, some] - x[:, some].mean(axis=0)) / spread[some]
     axes = np.linalg.svd(np.cov(x.T).reshape(x.shape[1], -1))[0]
     along = x @ _directions_between_means(x, np.concatenate([np.eye(x.shape[1]), axes.T]).T)
     order = np.argsort(along, axis=0, kind="stable")
-    gaps, counts = _widest_gaps(
-        np.take_along_axis(along, order, axis=0), max(_FEWEST, math.ceil(_LEAST * len(x)))
-    )
+    gaps, counts = _widest_gaps(np.take_along_axis(along, order, axis=0), math.ceil(_LEAST * len(x)))
     best = int(gaps.argmax())
     if gaps[best] <= _APART + _BY_CHANCE / math.sqrt(len(x)):
-        return None
+        return whole
     found = np.zeros(len(x), bool)
     found[order[counts[best] :, best]] = True
-    return found
+    return float(gaps[best]), found
 
 
 def _directions_between_means(x, starts):
@@ -134,9 +162,11 @@ def _directions_between_means(x, starts):
     return ways / np.maximum(np.linalg.norm(ways, axis=0), _CONSTANT)
 
 
-def _widest_gaps(values, fewest):
+def _widest_gaps(values, usual):
     """(K,) and (K,): the largest distance of means over the sum of standard deviations, of any cut through
-    ascending values (S, K), and how many are below it; each side has at least ``fewest``.
+    ascending values (S, K), and how many are below it.
+
+    Each side has at least `_FEWEST`; one of fewer than the ``usual`` lies beyond an empty gap.
     """
     count = np.arange(1, len(values))[:, None]
     sums, squares = np.cumsum(values, axis=0), np.cumsum(values**2, axis=0)
@@ -150,6 +180,9 @@ def _widest_gaps(values, fewest):
         for (n, _, square), mean in zip(sides, means, strict=True)
     ]
     gaps = (means[1] - means[0]) / np.maximum(stds[0] + stds[1], _CONSTANT)
-    gaps[: fewest - 1] = gaps[len(gaps) - fewest + 1 :] = 0.0
+    smaller = np.minimum(count, len(values) - count)
+    of_others = np.where(2 * count > len(values), *stds)
+    alone = np.diff(values, axis=0) > _EMPTY * of_others
+    gaps = np.where((smaller >= _FEWEST) & ((smaller >= usual) | alone), gaps, 0.0)
     best = gaps.argmax(axis=0)
     return gaps[best, np.arange(values.shape[1])], best + 1

@@ -82,13 +82,17 @@ class MonteCarlo(Propagator, Samples, Rollouts, JointlySampledIslands):
         states, history = resolve_initial_overlap(scene, belief, drawn[first:])
         if scene.draws_impacts:
             history = histories.with_keys(history, self.seed, first)
-        z = draw_parameters(scene, last, self.seed)[first:]
+        z = self.drawn_parameters(scene, last)[first:]
         states = moved_along(start_states(scene, states, z), center_offsets(scene, z))
         return MonteCarloCarry(states, history, 0, z, common[first:], motion)
 
     def drawn(self, scene: Scene, belief: Belief, count: int) -> np.ndarray:
         """(count, B, 13): states drawn from a belief; the first ones are the same for every larger count."""
         return draw(scene, belief, count, self.seed)
+
+    def drawn_parameters(self, scene: Scene, count: int) -> np.ndarray:
+        """(count, K): uncertain parameters in standard deviations, likewise."""
+        return draw_parameters(scene, count, self.seed)
 
     def _reduced(self, scene, belief, count):
         """States (N, B, 13), common motions (N, 6), and their root."""

@@ -35,6 +35,10 @@ class ResponseSurface(NamedTuple):
         Those differences.
     pair : (int, int)
         Which length and which nugget, of those that are tried.
+    kriging : (N, N) array
+        From outcomes to weights.
+    coefficients : (1 or 1 + d, N) array
+        From outcomes to the trend.
     """
 
     points: np.ndarray
@@ -44,6 +48,8 @@ class ResponseSurface(NamedTuple):
     error: float
     left_out: np.ndarray
     pair: tuple[int, int]
+    kriging: np.ndarray
+    coefficients: np.ndarray
 
 
 def fit(x: np.ndarray, y: np.ndarray, like: ResponseSurface | None = None) -> ResponseSurface:
@@ -71,10 +77,29 @@ def fit(x: np.ndarray, y: np.ndarray, like: ResponseSurface | None = None) -> Re
     first = _FIRST if like is None else like.pair
     pair = _choose(x[:_CHOSEN_BY], y[:_CHOSEN_BY], linear, lengths, _NUGGETS, *first)
     length = lengths[pair[0]]
-    weights, trend, left_out = _solve(x, y, linear, length, _NUGGETS[pair[1]])
+    kriging, coefficients = _inverse(x, linear, length, _NUGGETS[pair[1]])
+    weights, trend, left_out = solve(kriging, coefficients, y)
     spread = ((y - y.mean(axis=0)) ** 2).sum() * (count / max(count - 1, 1)) ** 2
     error = float((left_out**2).sum() / spread) if spread > 0.0 else 0.0
-    return ResponseSurface(x, weights, trend, float(length), error, left_out, pair)
+    return ResponseSurface(x, weights, trend, float(length), error, left_out, pair, kriging, coefficients)
+
+
+def smoother(surface: ResponseSurface, columns: np.ndarray, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the linear map from outcomes to the surface at points ``at`` (S, d), and the nearest rollouts.
+
+    Parameters
+    ----------
+    surface : ResponseSurface
+    columns : (d, N) array
+        Points of all rollouts, of which the surface goes through the first n.
+    at : (S, d) array
+
+    Returns
+    -------
+    (S, n) array, (S,) array
+        ``map @ y`` is the surface through any outcomes ``y`` (n, K) with the same length and nugget.
+    """
+    return predicted(surface.kriging, surface.coefficients, surface.length, columns, at)
 
 
 def active_directions(surface: ResponseSurface) -> np.ndarray:
@@ -260,20 +285,88 @@ def _choose(x, y, linear, lengths, nuggets, a, b):
 
 
 @kernel
-def _solve(x, y, linear, length, nugget):
-    """Weights (N, K), trend and left-out errors (N, K) of one length and nugget."""
+def _inverse(x, linear, length, nugget):
+    """Maps from outcomes to weights (N, N) and to the trend (p, N), of one length and nugget."""
     n, p = len(x), 1 + x.shape[1] if linear else 1
     near = _squares(x)
     _decayed(near.reshape(n * n), 0.5 / length**2)
     A = np.empty((n + p, n + p))
     _saddle(near, nugget, x, linear, A)
     _invert(A, np.empty(n + p))
-    weights, trend = _product(A, 0, n, y), _product(A, n, p, y)
+    return A[:n, :n].copy(), A[n:, :n].copy()
+
+
+@kernel
+def solve(kriging, coefficients, y):
+    """Weights (N, K), trend (p, K) and left-out errors (N, K) of outcomes ``y`` (N, K)."""
+    n, p = len(kriging), len(coefficients)
+    weights, trend = _product(kriging, 0, n, y), _product(coefficients, 0, p, y)
     left_out = weights.copy()
     for i in range(n):
         for c in range(y.shape[1]):
-            left_out[i, c] /= A[i, i]
+            left_out[i, c] /= kriging[i, i]
     return weights, trend, left_out
+
+
+@kernel
+def surface_moments(y, kriging, mean_row, root, widest):
+    """Moments of the outcomes ``y`` (N, K) about 0, by the surface through the first n of them.
+
+    Parameters
+    ----------
+    y : (N, K) array
+    kriging : (n, n) array
+    mean_row : (N,) array
+        ``mean_row @ y`` is the mean.
+    root : (r, n) array
+        ``root @ y`` has the covariance of the surface as its sum of squares.
+    widest : float
+        Factor by which a column is scaled at most.
+
+    Returns
+    -------
+    mean : (K,) array
+    P : (K, K) array
+        Covariance of the surface, plus that of the left-out errors. Each column is scaled to the variance
+        that the surface has as a control variate: that of the outcomes, plus that of the surface, less that
+        of the surface at the rollouts, each without itself.
+    left_out : (n, K) array
+    factors : (K,) array
+        By which each column was scaled.
+    """
+    n, size = len(kriging), y.shape[1]
+    left_out = _product(kriging, 0, n, y[:n])
+    for i in range(n):
+        for c in range(size):
+            left_out[i, c] /= kriging[i, i]
+    mean = np.zeros(size)
+    _add_rows(mean, mean_row, y, len(y))
+    through = _product(root, 0, len(root), y[:n])
+    P = np.zeros((size, size))
+    for rows, weight in ((through, 1.0), (left_out, 1.0 / n)):
+        for i in range(len(rows)):
+            for a in range(size):
+                own = weight * rows[i, a]
+                for b in range(size):
+                    P[a, b] += own * rows[i, b]
+    factors = np.ones(size)
+    for c in range(size):
+        y_mean = y_square = s_mean = s_square = rest = 0.0
+        for i in range(n):
+            at = y[i, c] - left_out[i, c]
+            y_mean += y[i, c] / n
+            s_mean += at / n
+            y_square += y[i, c] ** 2 / n
+            s_square += at**2 / n
+            rest += left_out[i, c] ** 2 / n
+        more = (y_square - y_mean**2) - (s_square - s_mean**2)
+        wanted = P[c, c] - rest + more * n / max(n - 1, 1)
+        if P[c, c] > 0.0:
+            factors[c] = min(max(math.sqrt(max(wanted, 0.0) / P[c, c]), 1.0 / widest), widest)
+    for a in range(size):
+        for b in range(a + 1):
+            P[a, b] = P[b, a] = 0.5 * (P[a, b] + P[b, a]) * factors[a] * factors[b]
+    return mean, P, left_out, factors
 
 
 @kernel

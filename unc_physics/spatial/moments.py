@@ -6,7 +6,7 @@ import numpy as np
 
 from ..compiler import kernel
 from ..compiler.arrays import empty, zeros
-from .layout import EP, ER, ERROR, EV, EW, STATE, P, Q, V, W
+from .layout import EP, ER, ERR_POSITION, ERR_ROTATION, ERROR, EV, EW, STATE, P, Q, V, W
 from .rotation import conjugate, exp, log, multiply, normalized
 
 _KARCHER_TOLERANCE = 1e-12  # rad
@@ -160,6 +160,16 @@ def second_moment(errors):
             out[a, b] /= len(errors)
             out[b, a] = out[a, b]
     return out
+
+
+def pose_spreads(blocks: np.ndarray) -> np.ndarray:
+    """(M, 2): standard deviations of position [m] and rotation [rad], over all axes together, of covariances
+    (M, 12, 12).
+    """
+    variances = np.einsum("mii->mi", blocks)
+    return np.sqrt(
+        np.maximum([variances[:, block].sum(axis=1) for block in (ERR_POSITION, ERR_ROTATION)], 0.0)
+    ).T
 
 
 def symmetric_root(P: np.ndarray) -> np.ndarray:

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from unc_physics import make_propagator, predict
 from unc_physics.checks.errors import DivergedError, NotSupportedError
 from unc_physics.prediction.body_status import BodyStatus, Status
 from unc_physics.prediction.diagnostics import RULES, raised
+from unc_physics.prediction.probability import CONFIDENCE
 from unc_physics.prediction.status import assess
 
 from ..answers import Answer, Counts, Moments, count, distance
@@ -43,6 +46,8 @@ FACTOR, MEAN, FLAGS, UNCONFIRMED, COVERED = (
 TIME = "wall time"
 #: Overlap that was resolved at the start is no doubt about the answer.
 IGNORED = Status.INITIAL_OVERLAP
+#: Measures that say to read modes or samples in place of the mean.
+SHAPE = {"outcomes", "mean_penetration", "rotation_std"}
 
 
 def jobs(settings: Settings) -> list[Job]:
@@ -74,7 +79,8 @@ def reasons(status: BodyStatus) -> set[str]:
 def method_rows(job: Job, name: str, truth, confirmed) -> list[Row]:
     """Rows of one method; none where it does not take the scene.
 
-    A flag is confirmed where the same measure of the truth raises it, such as of outcomes that split.
+    A flag is confirmed where the same measure of the truth raises it. Of those that say that no mean stands
+    for the outcomes (`SHAPE`), any one of the truth's confirms any.
     """
     scene, belief, horizon = scene_at_random(job.parameters["scene"])
     of, options = METHODS[name]
@@ -98,15 +104,26 @@ def method_rows(job: Job, name: str, truth, confirmed) -> list[Row]:
         found, true = (Moments(one.belief.mean[k], one.belief.marginal(k)) for one in (prediction, truth))
         factor, mean_error = distance(found, true)
         flags = reasons(statuses[k])
+        known = confirmed[k] | (SHAPE if confirmed[k] & SHAPE else set())
         values = {
             FACTOR: factor,
             MEAN: mean_error,
             FLAGS: len(flags),
-            UNCONFIRMED: len(flags - confirmed[k]),
-            COVERED: 0,
+            UNCONFIRMED: len(flags - known),
+            COVERED: holds(statuses[k].measures, found, true),
         }
         rows += [Row(name, what, "1", float(value), None, k, seed) for what, value in values.items()]
     return rows
+
+
+def holds(measures: Mapping[str, float], found: Moments, true: Moments) -> bool:
+    """Whether intervals of the reported standard errors, as wide as those of probabilities, hold."""
+    if "spread_error" not in measures:
+        return False
+    factor, _ = distance(found, true)
+    _, mean_error = distance(true, found)  # over the predicted standard deviation
+    of_spread, of_mean = (CONFIDENCE * measures[name] for name in ("spread_error", "mean_error"))
+    return mean_error <= of_mean and abs(np.log(factor)) <= np.log1p(of_spread)
 
 
 def answers(rows: Rows) -> dict[str, list[Answer]]:

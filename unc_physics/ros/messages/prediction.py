@@ -389,10 +389,10 @@ def _prediction(message, query):
     snapshots = []
     for k, time in enumerate(given):
         belief = _belief(message, scene, k)
-        samples = _samples(message.objects, scene, k) if query.keep_samples else None
-        snapshots.append(
-            Snapshot(time, belief, samples=samples, received=_received(message, query, belief, k))
-        )
+        draw = None
+        if query.keep_samples:
+            draw = functools.partial(np.asarray, _samples(message.objects, scene, k))
+        snapshots.append(Snapshot(time, belief, draw=draw, received=_received(message, query, belief, k)))
     return Prediction(
         scene,
         propagator,

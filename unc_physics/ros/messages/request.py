@@ -322,7 +322,8 @@ def _add_targets(options, request):
     if name in PROPAGATORS and not issubclass(PROPAGATORS[name], Anytime):
         field = next((f for f, option in _TARGETS.items() if targets[option]), "time_budget")
         raise NotSupportedError(f"is not for {name}; {ANYTIME} takes it", field=field)
-    options.setdefault("error", 0.0)
+    if set(filter(targets.get, targets)) != {"probability_error"}:
+        options.setdefault("error", 0.0)  # what is asked for counts alone
     for option, target in targets.items():
         if target:
             options.setdefault(option, target)

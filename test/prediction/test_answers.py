@@ -1,0 +1,214 @@
+"""Answers that agree with each other and with the world: samples, modes, probabilities, rare outcomes."""
+
+import math
+
+import numpy as np
+import pytest
+from example_scenes import everyday
+
+from unc_physics import (
+    PROPAGATORS,
+    AtRest,
+    Belief,
+    BodyBelief,
+    Box,
+    BoxRegion,
+    Falls,
+    Inside,
+    Plane,
+    RigidBody,
+    Scene,
+    Touches,
+    assess,
+    load_model,
+    make_propagator,
+    predict,
+)
+from unc_physics.prediction.rare_outcomes import tail_factor
+from unc_physics.propagators.base import Samples, rollout_count
+from unc_physics.propagators.overlap_depths import overlaps
+from unc_physics.scene.scene_file import scene_from_dict
+
+PUSH = {
+    "physics": "everyday",
+    "horizon": 1.0,
+    "friction": 0.4,
+    "environment": [
+        {"name": "table", "box": {"size": [1.0, 0.6, 0.04], "position": [0, 0, -0.02]}},
+        {"name": "ground", "plane": {"offset": -0.7}},
+    ],
+    "bodies": [
+        {
+            "name": "carton",
+            "model": "salt_box",
+            "spheres": 300,
+            "position": [0.40, 0, 0.0612],
+            "roll_pitch_yaw": [0, 0, 0.3],
+            "linear_velocity": [0.80, 0, 0],
+            "position_std": [0.005, 0.005, 0],
+            "orientation_std": [0, 0, 0.05],
+            "linear_velocity_std": [0.08, 0.02, 0],
+        }
+    ],
+}
+WITH_ROLLOUTS = [name for name, kind in PROPAGATORS.items() if issubclass(kind, Samples)]
+
+
+@pytest.fixture(scope="module")
+def pushed():
+    """The tutorial's carton, which stays on the table or falls."""
+    return scene_from_dict(PUSH)
+
+
+@pytest.mark.parametrize("name", [name for name in WITH_ROLLOUTS if name in ("monte_carlo", "cloud", "auto")])
+def test_modes_that_stay_have_the_probability_to_stay(pushed, name):
+    """Both count the same rollouts: exactly, for every propagator that has some."""
+    scene, belief, horizon = pushed
+    options = {"samples": 100} if name == "monte_carlo" else {}
+    falls = Falls("carton", support="table")
+    prediction = predict(scene, belief, make_propagator(name, **options), horizon, events=[falls])
+    found = prediction.probability(falls)
+    modes = prediction["carton"].modes
+    assert len(modes) > 1, "the case must split"
+    stay = sum(mode.weight for mode in modes if mode.mean[2] > 0.0)
+    assert stay == pytest.approx(1.0 - found.estimate, abs=1e-12)
+    assert found.method == "samples" and found.rollouts == rollout_count(prediction.carry)
+
+
+def test_auto_goes_on_until_a_probability_is_known(pushed):
+    """To what is asked: a tenth by default, where the interval holds that of many samples."""
+    scene, belief, horizon = pushed
+    falls = Falls("carton", support="table")
+    truth = predict(scene, belief, make_propagator("monte_carlo", samples=1000, seed=7), horizon)
+    right = truth.probability(falls).estimate
+    assert 0.2 < right < 0.5, "the case must leave it open"
+    widths = []
+    for options in ({}, {"probability_error": 0.05}):
+        found = predict(scene, belief, make_propagator("auto", **options), horizon, events=[falls])
+        known = found.probability(falls)
+        widths.append(0.5 * (known.high - known.low))
+        assert known.low <= right <= known.high
+    assert widths[0] <= 3.29 * 0.03 < widths[1] <= 3.29 * 0.05
+    short = predict(scene, belief, make_propagator("auto", time=1e-6), horizon, events=[falls])
+    known = short.probability(falls)
+    assert known.low <= right <= known.high and known.rollouts == 12, "time ended it, with an interval"
+
+
+def test_auto_knows_probabilities_of_islands(pushed):
+    """Two cartons far apart, of which islands are simulated anew with as many rollouts as it takes."""
+    content = PUSH | {"islands": True, "horizon": 0.6}
+    content["environment"] = [PUSH["environment"][0] | {}, PUSH["environment"][1]]
+    content["bodies"] = [
+        PUSH["bodies"][0] | {"name": "one", "position": [0.40, -0.2, 0.0612]},
+        PUSH["bodies"][0] | {"name": "other", "position": [0.40, 0.2, 0.0612]},
+    ]
+    scene, belief, horizon = scene_from_dict(content)
+    events = [
+        Falls("one", support="table"),
+        Inside("other", BoxRegion("here", (0.02, 1.0, 1.0), (0.5, 0, 0))),
+    ]
+    found = predict(scene, belief, "auto", horizon, events=events)
+    assert rollout_count(found.carry) > 64
+    for event in events:
+        known = found.probability(event)
+        assert known.high - known.low <= 2.0 * 3.29 * 0.03
+
+
+def test_every_probability_has_an_interval_that_holds_the_truth():
+    """Of contacts and of rest, by every propagator, asked before or not; one in a thousand may be missed."""
+    scene, belief, horizon = scene_from_dict(everyday())
+    events = [Touches("left", "right"), AtRest("left"), ~AtRest("right")]
+    truth = predict(scene, belief, make_propagator("monte_carlo", samples=600, seed=3), horizon)
+    for name in PROPAGATORS:
+        for asked in ((), events):
+            found = predict(scene, belief, name, horizon, events=asked)
+            for event in events:
+                known, right = found.probability(event), truth.probability(event)
+                assert 0.0 <= known.low <= known.estimate <= known.high <= 1.0
+                assert known.low <= right.high and right.low <= known.high, (name, event)
+
+
+@pytest.mark.parametrize("name", ["cloud", "auto"])
+def test_samples_reach_into_walls_no_deeper_than_rollouts(name):
+    """A mug that slides and turns in a box that it barely fits into."""
+    model = load_model("mug").prefix(300)
+    half = model.bounding_radius + 4e-3
+    wall = {"friction": 0.3}
+    sides = [
+        Box((0.02, 1.0, 0.4), (side * (half + 0.01), 0.0, 0.2), name=f"x{side}", **wall) for side in (-1, 1)
+    ] + [Box((1.0, 0.02, 0.4), (0.0, side * (half + 0.01), 0.2), name=f"y{side}", **wall) for side in (-1, 1)]
+    scene = Scene.everyday([RigidBody("mug", model)], environment=[Plane(name="floor"), *sides])
+    start = BodyBelief(
+        position=(0.0, 0.0, 0.06),
+        position_std=(3e-3, 3e-3, 2e-3),
+        orientation_std=(0.1, 0.1, 0.5),
+        linear_velocity=(0.3, 0.2, 0.0),
+        linear_velocity_std=0.2,
+        angular_velocity_std=2.0,
+    )
+    prediction = predict(scene, Belief.of(scene, {"mug": start}), name, 0.4)
+    snapshot, scene = prediction.at(), prediction.scene
+    rollouts = overlaps(scene, snapshot.rollout_states)[0].max()
+    samples = overlaps(scene, prediction.samples())[0]
+    assert (samples <= rollouts + 1e-4).all()
+    states = prediction.samples()[:, 0]
+    assert len(np.unique(states[:, 0])) > 1.5 * rollout_count(prediction.carry), (
+        "most are samples of their own"
+    )
+    # they still spread as the rollouts do
+    spread = states[:, :3].std(axis=0)
+    np.testing.assert_allclose(spread, snapshot.rollout_states[:, 0, :3].std(axis=0), rtol=0.35, atol=1e-4)
+
+
+def on_edge(distance):
+    """A brick that lies with its centre of mass that many standard deviations from a table's edge."""
+    model, std = load_model("brick").prefix(300), 0.004
+    table = Box((0.8, 0.8, 0.02), (-0.4, 0.0, 0.39), name="table")
+    body = RigidBody("brick", model, at_rest=True)
+    scene = Scene.everyday([body], environment=[Plane(name="floor"), table])
+    height = 0.4 + float(np.max(model.radii - model.centers[:, 2]))
+    start = BodyBelief(position=(-distance * std, 0.0, height), position_std=(std, std, 0.0))
+    return scene, Belief.of(scene, {"brick": start}), std
+
+
+def test_a_rare_fall_is_flagged_or_simulated():
+    """Of probability 0.5 %, which 32 rollouts miss six times in seven; not of one that never happens."""
+    scene, belief, std = on_edge(2.6)
+    rare = 0.5 * math.erfc(2.6 / math.sqrt(2.0))
+    expected = math.hypot(std, math.sqrt(rare) * 0.3)  # the fall is about that far
+    for seed in range(3):
+        (cloud,) = assess(predict(scene, belief, make_propagator("cloud", seed=seed), 0.6))
+        spread = math.sqrt(
+            np.trace(predict(scene, belief, make_propagator("auto", seed=seed), 0.6).belief.blocks[0][:3, :3])
+        )
+        assert cloud.measures["rare_outcomes"] > 1.4 or cloud.measures["spread_error"] > 0.25
+        assert expected / 1.8 < spread < 1.8 * expected
+    scene, belief, std = on_edge(7.0)
+    for name in ("cloud", "auto"):
+        prediction = predict(scene, belief, name, 0.6)
+        (status,) = assess(prediction)
+        assert status.measures["rare_outcomes"] < 1.1 and not status.flags
+        assert rollout_count(prediction.carry) <= 128
+
+
+def test_wide_rollouts_that_respond_linearly_widen_nothing():
+    """And a share of them far away widens by its probability along one direction."""
+    scene, belief, _ = on_edge(7.0)
+    mean, P = belief.mean, np.zeros((1, 12, 12))
+    P[0, 0, 0] = 0.01**2
+    known = Belief(mean, P)
+    wide = np.tile(mean, (32, 1, 1))
+    z = np.random.default_rng(0).standard_normal(32)
+    wide[:, 0, 0] += 2.0 * 0.01 * z
+    assert tail_factor(scene, known, wide)[0] == 1.0
+    wide[:4, 0, 0] = mean[0, 0] + 0.3  # one in eight: beyond 1.15 here, 2.3 standard deviations there
+    assert tail_factor(scene, known, wide)[0] == pytest.approx(math.sqrt(1.0 + 0.0107 * 30.0**2), rel=0.2)
+
+
+def test_nothing_is_judged_twice(pushed, monkeypatch):
+    """Statuses of a prediction, of its slices and of its bodies come from one judgement."""
+    scene, belief, horizon = pushed
+    prediction = predict(scene, belief, make_propagator("cloud", runs=12), horizon, times=[0.5])
+    first = assess(prediction)
+    monkeypatch.setattr("unc_physics.prediction.diagnosis._judge", None)
+    assert assess(prediction) == first == (prediction["carton"].status(),)

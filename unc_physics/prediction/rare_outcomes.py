@@ -1,0 +1,63 @@
+"""Outcomes that few rollouts miss: estimated from rollouts of a belief that is spread wider."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from ..propagators.balanced_monte_carlo import WIDE
+from ..propagators.sobol import quantile
+from ..scene.belief import Belief
+from ..scene.scene import Scene
+from ..spatial.layout import POSITION, QUATERNION
+from ..spatial.moments import pose_spreads
+
+#: Rollouts of a wider belief with which rare outcomes are looked for, at most as many as a prediction has.
+WIDE_ROLLOUTS = 24
+#: Factor on a standard deviation from which on rare outcomes count.
+MATTER = 1.4
+_FAR = 8.0  # standard deviations, that wide rollouts of what responds linearly do not reach
+#: Spreads below which there is none [m], [rad]: contacts give way by as much.
+_NOTHING = 5e-5, 1e-3
+
+
+def tail_factor(scene: Scene, belief: Belief, wide: np.ndarray) -> np.ndarray:
+    """(B,): factor by which far outcomes widen the standard deviation of position or rotation.
+
+    Parameters
+    ----------
+    scene : Scene
+    belief : Belief
+        The prediction.
+    wide : (R, B, 13) array
+        States at the same time, of rollouts that began with `balanced_monte_carlo.WIDE` times the spread.
+    """
+    spreads = np.maximum(pose_spreads(belief.blocks), _NOTHING)
+    result = np.ones(len(scene.bodies))
+    for k, body in enumerate(scene.moving.tolist()):
+        states, mean = wide[:, body], belief.mean[body]
+        distance = np.linalg.norm(states[:, POSITION] - mean[POSITION], axis=1)
+        cosine = np.abs(states[:, QUATERNION] @ mean[QUATERNION])
+        angle = 2.0 * np.arccos(np.minimum(cosine, 1.0))
+        result[body] = max(_widened(distance / spreads[k, 0]), _widened(angle / spreads[k, 1]))
+    return result
+
+
+def _widened(distances):
+    """Factor on a standard deviation, from distances (R,) of wide rollouts over it.
+
+    The largest of these are the ends of intervals of probability: that of the k-th of R is taken to be beyond
+    a threshold that a share (k - 1/2) / R of wide rollouts passes.
+    """
+    far = np.sort(distances)[::-1]
+    far = far[far > _FAR]
+    shares = np.minimum((np.arange(1, len(far) + 1) - 0.5) / len(distances), 0.5)
+    beyond = np.array([tail(WIDE * -quantile(share)) for share in shares])
+    steps = np.diff(beyond, prepend=0.0)
+    return float(np.sqrt(1.0 + (steps * far**2).sum()))
+
+
+def tail(threshold: float) -> float:
+    """Return the probability that a standard normal number exceeds a threshold."""
+    return 0.5 * math.erfc(threshold / math.sqrt(2.0))
