@@ -96,7 +96,7 @@ def recorded_tosses() -> Tosses:
 
 def cube(half_width: float, corner_radius: float, inertia: float = 1.0) -> RigidBody:
     """The cube of such a size, with rounded corners, whose inertia is so many times a solid cube's."""
-    model = rounded_box(2.0 * half_width, corner_radius, "cube")
+    model = rounded_box(2.0 * half_width, corner_radius, "cube").prefix(8)
     solid = 2.0 / 3.0 * half_width**2
     return RigidBody("cube", model, recorded_tosses().mass, inertia=np.full(3, inertia * solid))
 

@@ -5,7 +5,7 @@ import numpy as np
 from unc_physics import Belief, Motion, Plane, RigidBody, Scene, make_propagator, predict, rounded_box
 from unc_physics.calibration.quaternions import of_vectors, product
 
-BOX = rounded_box((0.1, 0.1, 0.06), 0.004, "box")
+BOX = rounded_box((0.1, 0.1, 0.06), 0.004, "box").prefix(8)
 NOISE = 2e-4, 2e-3  # m, rad
 
 

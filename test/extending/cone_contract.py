@@ -3,9 +3,9 @@
 import sys
 
 import numpy as np
-from unc_physics.prediction.overlap_depths import overlaps
 
 from unc_physics import Belief, RigidBody, Scene, encounters, load_model, load_scene, make_propagator, predict
+from unc_physics.propagators.overlap_depths import overlaps
 from unc_physics.scene.environment import Cone
 
 cone = Cone(0.3, 0.8, position=(0.1, 0.0, 0.0))

@@ -396,7 +396,7 @@ def model_named(name):
     if name in made:
         return made[name]
     if name == "eight balls":
-        return rounded_box((0.2, 0.3, 0.4), 0.05)
+        return rounded_box((0.2, 0.3, 0.4), 0.05).prefix(8)
     return load_model(name).prefix(300)
 
 

@@ -19,8 +19,8 @@ from unc_physics.dynamics.rollout import rollout
 from unc_physics.geometry.packing import pack_solid
 from unc_physics.geometry.primitives import primitive
 from unc_physics.geometry.solid_mesh import make_solid
-from unc_physics.prediction.overlap_depths import overlaps
 from unc_physics.prediction.status import assess
+from unc_physics.propagators.overlap_depths import overlaps
 from unc_physics.scene.environment import Box, Plane
 from unc_physics.scene.stiffness import with_stiffness
 
@@ -217,7 +217,7 @@ def rocking(dt, time=0.7):
         0.0,
         CORNER + up * math.cos(TILT) + across * math.sin(TILT),
     )
-    block = RigidBody("block", rounded_box(BLOCK_SIZE, CORNER, mass=1.0), 1.0)
+    block = RigidBody("block", rounded_box(BLOCK_SIZE, CORNER, mass=1.0).prefix(8), 1.0)
     scene = Scene.everyday([block], environment=[Plane()], friction=1.0, restitution=0.0, dt=dt)
     times = np.arange(1, round(time / dt) + 1) * dt
     states = course(scene, state(place, orientation=turned(0, TILT, 0)), times)[:, 0]

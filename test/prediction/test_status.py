@@ -165,9 +165,9 @@ def test_points_that_turn_by_half_a_turn_are_compared_with_rollouts():
         assert status.flags == (Status.OUTSIDE_VALIDITY if wrong else Status.FINE)
 
 
-@pytest.mark.parametrize("name", ["linearization", "sigma_points"])
-def test_what_a_dozen_rollouts_leave_open_more_of_them_decide(name):
+def test_what_a_dozen_rollouts_leave_open_more_of_them_decide():
     """Rotations spread by half of what they should, or less; twelve rollouts see less, and raise no flag."""
+    name = "linearization"
     scene, belief = brick_on_a_floor(0.1, (0, 0, 0), 1e-2, 5e-2, 5e-2, restitution=0.5)
     horizon = 0.25
     prediction = predict(scene, belief, name, horizon)
@@ -393,3 +393,32 @@ def test_a_brick_that_begins_in_the_floor_overlaps():
     mean[0, 2] -= 0.05 * scene.bodies[0].model.bounding_radius
     (status,) = statuses(scene, Belief(mean, belief.covariance), "sigma_points", 0.1)
     assert status.flags & Status.INITIAL_OVERLAP
+
+
+@pytest.mark.parametrize(
+    ("count", "std", "flagged"), [(100, 0.001, True), (100, 0.05, False), (7000, 0.0, False)]
+)
+def test_too_few_spheres_for_the_shape_are_flagged(count, std, flagged):
+    """A hundred spheres of the bunny reach several millimetres less far than its mesh."""
+    bunny = load_model("bunny").prefix(count)
+    scene = Scene.everyday([RigidBody("bunny", bunny)], environment=[Plane()])
+    mean, P = np.zeros((1, 13)), np.zeros((1, 12, 12))
+    mean[0, 2], mean[0, 9] = 0.001 - (bunny.centers[:, 2] - bunny.radii).min(), 1.0
+    P[0, range(2), range(2)] = std**2
+    (status,) = statuses(scene, Belief(mean, P), "monte_carlo", 0.1)
+    assert bool("too few spheres for its shape" in status.message) is flagged
+    assert ("extent_loss" in status.measures) and (count == 7000) is (bunny.extent_loss <= 0.001)
+
+
+def test_few_spheres_get_a_note(tmp_path, capsys):
+    content = {
+        "physics": "everyday",
+        "horizon": 0.02,
+        "bodies": [{"name": "toy", "model": "bunny", "spheres": 100}],
+    }
+    path = tmp_path / "scene.yaml"
+    for integrator, noted in (("implicit", True), ("explicit", False)):
+        laws = {} if noted else {"friction": None, "restitution": None}
+        path.write_text(yaml.safe_dump(content | {"integrator": integrator} | laws))
+        assert main(["predict", str(path)]) == 0
+        assert ("toy has 100 spheres, which reach up to" in capsys.readouterr().err) is noted

@@ -5,7 +5,8 @@ import pytest
 import yaml
 from example_scenes import CONTENTS
 
-from unc_physics import load_scene
+from unc_physics import load_model, load_scene
+from unc_physics.checks.errors import InvalidModelError
 from unc_physics.scene.environment import Box, Capsule, Cylinder, Plane, Sphere, element_names
 from unc_physics.scene.physics_keys import PHYSICS_KEYS
 from unc_physics.scene.scene_file import PRESET, scene_from_dict
@@ -132,3 +133,43 @@ def test_an_error_that_all_bodies_share(origin):
     np.testing.assert_array_equal(shared.belief.mean, plain.belief.mean)
     np.testing.assert_array_equal(shared.belief.joint, expected.joint)
     assert not np.allclose(shared.belief.joint, plain.belief.joint)
+
+
+# -- the number of spheres ---------------------------------------------------------------------------
+
+
+def spheres_of(**content):
+    scene = scene_from_dict({"bodies": [{"name": "a", "model": "salt_box"}], **content}).scene
+    return [len(body.model) for body in scene.bodies]
+
+
+def test_everyday_scenes_take_as_many_spheres_as_are_needed():
+    model = load_model("salt_box")
+    plane, ball = {"plane": {"normal": [0, 0, 1]}}, {"sphere": {"radius": 0.1, "position": [0, 0, -0.1]}}
+    alone, meeting = model.sufficient_count(sink=None), model.sufficient_count()
+    assert alone < meeting < len(model)
+    assert spheres_of(physics="everyday", environment=[plane]) == [alone]
+    assert spheres_of(physics="everyday", environment=[plane, ball]) == [meeting]
+    two = [{"name": name, "model": "salt_box", "position": [x, 0, 0]} for name, x in (("a", 0), ("b", 1))]
+    assert spheres_of(physics="everyday", bodies=two) == [meeting, meeting]
+    assert spheres_of(physics="paper") == spheres_of() == [len(model)]
+    told = [{"name": "a", "model": "salt_box", "spheres": "auto"}]
+    assert spheres_of(physics="paper", bodies=told) == [alone]
+    told[0]["spheres"] = 123
+    assert spheres_of(physics="everyday", bodies=told) == [123]
+
+
+def test_auto_counts_the_spheres_of_the_scaled_body():
+    half = [
+        {"name": "a", "model": "brick", "spheres": "auto", "scale": 0.5, "mass": 1.0},
+        {"name": "b", "model": "can"},
+    ]
+    found = spheres_of(physics="everyday", bodies=half)[0]
+    assert (
+        found == load_model("brick").scaled(0.5).sufficient_count() < load_model("brick").sufficient_count()
+    )
+
+
+def test_another_text_than_auto_is_refused():
+    with pytest.raises(InvalidModelError, match="must be a positive integer or 'auto'"):
+        spheres_of(bodies=[{"name": "a", "model": "can", "spheres": "many"}])

@@ -228,8 +228,8 @@ def run_models(arguments: argparse.Namespace) -> int:
 
 
 def table(packings, names) -> str:
-    """Return a table of size, mass, spheres, fill and surface gap of models."""
-    rows = [("model", "size [mm]", "mass [kg]", "spheres", "fill [%]", "gap [mm]")]
+    """Return a table of size, mass, spheres, spheres of `auto`, fill and surface gap of models."""
+    rows = [("model", "size [mm]", "mass [kg]", "spheres", "auto", "fill [%]", "gap [mm]")]
     for packing, name in zip(packings, names, strict=True):
         size = gap = mass = "-"
         if packing.bounds is not None:
@@ -238,7 +238,22 @@ def table(packings, names) -> str:
             gap = f"{1e3 * packing.surface_gap:.2f}"
         if packing.mass is not None:
             mass = plain_digits(packing.mass, 3)
-        rows.append((printable(name), size, mass, str(len(packing)), f"{100.0 * packing.fill:.1f}", gap))
+        count, auto = str(len(packing)), str(packing.sufficient_count())
+        rows.append((printable(name), size, mass, count, auto, f"{100.0 * packing.fill:.1f}", gap))
+    return _aligned(rows)
+
+
+def quality_table(parts) -> str:
+    """Loss of extent and sink of a ball of 10 mm, for parts of one packing."""
+    rows = [("spheres", "loss of extent [mm]", "sink of a 10 mm ball [mm]")]
+    for part in parts:
+        loss, sink = ("-" if x is None else f"{1e3 * x:.2f}" for x in (part.extent_loss, part.sink))
+        rows.append((str(len(part)), loss, sink))
+    return _aligned(rows)
+
+
+def _aligned(rows):
+    """Lines of a table, the first two columns to the left."""
     widths = [max(len(row[k]) for row in rows) for k in range(len(rows[0]))]
     return "\n".join(
         "  ".join(
@@ -271,6 +286,7 @@ def run_show(arguments: argparse.Namespace) -> int:
     output = check_output(arguments.output or f"{Path(arguments.model).stem}.png", ".png", "--output")
     with writing(output, "--output"):
         draw_levels(output, parts, up=arguments.up)
+    print(quality_table(parts))
     print(f"wrote {printable(str(output))}")
     return 0
 

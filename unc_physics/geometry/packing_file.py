@@ -187,12 +187,13 @@ class SpherePacking:
         Returns
         -------
         int
-            All spheres, if no fewer are enough, or it is not known how many are.
+            At least the spheres before the largest one, which give the body its extent and its rims. All
+            spheres, if no fewer are enough, or it is not known how many are.
         """
         lengths, losses = self.measured_spheres, self.extent_losses
         if lengths is None or losses is None or (sink is not None and self.sinks is None):
             return len(self)
-        enough = losses <= loss
+        enough = (losses <= loss) & (lengths >= int(self.radii.argmax()))
         if sink is not None and self.sinks is not None:
             enough &= self.sinks <= sink
         return int(lengths[enough][0]) if enough.any() else len(self)

@@ -15,6 +15,7 @@ import numpy as np
 
 from ..checks.shown import printable
 from ..collision.contact_model import capacity, impact_frequency
+from ..geometry.packing_file import EXTENT_LOSS
 from ..initialization.overlap_search import TOUCHING
 from ..propagators.base import Samples
 from ..propagators.overlap_depths import overlaps
@@ -315,6 +316,27 @@ def doubtful_contacts(evidence):
     if evidence.factor is None or evidence.uncertain_since is None:
         return None
     return np.where(np.isfinite(evidence.uncertain_since), evidence.factor, 1.0)
+
+
+@_measure(
+    Status.OUTSIDE_VALIDITY,
+    1.0,
+    "has too few spheres for its shape; take more of them, or spheres: auto",
+    in_contact=True,
+)
+def extent_loss(evidence):
+    """Loss of extent by which the spheres are smaller than the mesh, over the standard deviation of position,
+    or over 1 mm if that is larger. With the implicit integrator, where it is known.
+    """
+    scene = evidence.scene
+    losses = [body.model.extent_loss for body in scene.bodies]
+    if scene.integrator != "implicit" or all(loss is None for loss in losses):
+        return None
+    stds = np.full(len(losses), EXTENT_LOSS)
+    positions = pose_spreads(evidence.snapshot.belief.blocks)[:, 0]
+    stds[scene.moving] = np.maximum(positions, EXTENT_LOSS)
+    values = np.array([0.0 if loss is None else loss for loss in losses]) / stds
+    return np.ma.masked_array(values, [loss is None for loss in losses])
 
 
 @_measure(Status.OUTSIDE_VALIDITY, 0.3, "too few samples for a spread")

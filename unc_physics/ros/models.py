@@ -41,6 +41,7 @@ from ..geometry.primitives import primitive
 from ..geometry.prisms import cone, prism
 from ..scene.body import tree_of
 from ..scene.scene_file import load_shape
+from ..scene.stiffness import AUTO
 from .messages.environment import read_dimensions
 from .messages.fields import point_message
 from .services import BackgroundService
@@ -107,9 +108,18 @@ class ModelLibrary:
             return dict(sorted(self._paths.items()))
 
     def shape(
-        self, model: str, spheres: int = 0, scale: float = 0.0, max_spheres: int | None = None
+        self,
+        model: str,
+        spheres: int = 0,
+        scale: float = 0.0,
+        max_spheres: int | None = None,
+        *,
+        default: str | None = None,
+        meets: bool = True,
     ) -> SpherePacking:
-        """Return a model's first ``spheres`` (0: all), with lengths scaled by ``scale`` (0: 1).
+        """Return a model's first ``spheres`` (0: ``default``), with lengths times ``scale`` (0: 1).
+
+        ``default`` and ``meets`` are arguments of `load_shape`.
 
         Raises
         ------
@@ -119,7 +129,7 @@ class ModelLibrary:
             raise InvalidModelError(
                 f"must be 0 or between {_SCALES[0]:g} and {_SCALES[1]:g}", field="scale", value=scale
             )
-        packing = self._shape(str(self._path(model)), spheres or None, scale or None)
+        packing = self._shape(str(self._path(model)), spheres or default, scale or None, meets=meets)
         if max_spheres is not None and len(packing) > max_spheres:
             raise LimitExceededError(
                 f"must be at most {max_spheres}; ask for fewer", field="spheres", value=len(packing)
@@ -145,10 +155,10 @@ class ModelLibrary:
         self._shape.cache_clear()
 
     def prepare(self, name: str) -> SpherePacking:
-        """Read a model and build its sphere tree before the first request."""
-        packing = self.shape(name)
-        tree_of(packing)
-        return packing
+        """Read a model and build sphere trees of its usual numbers of spheres before the first request."""
+        for meets in (True, False):
+            tree_of(self.shape(name, default=AUTO, meets=meets))
+        return self.shape(name)
 
 
 class ShapePacker:

@@ -21,14 +21,14 @@ from ..checks.errors import (
 )
 from ..checks.validation import integer, non_negative, number, positive
 from ..geometry.library import find_model
-from ..geometry.packing_file import load_packing
+from ..geometry.packing_file import SINK, load_packing
 from ..spatial.layout import ERROR
 from .action_entries import read_path, read_wrenches
 from .belief import Belief
 from .body import RigidBody, known_mass
 from .body_belief import MEANS, STDS, BodyBelief
 from .entries import at_field, check_keys, read_numbers, read_std
-from .environment import ELEMENTS, quantities, surface_tilt_std
+from .environment import ELEMENTS, Plane, quantities, surface_tilt_std
 from .materials import Surface, check_surface
 from .physics_keys import OVERLAPS, PHYSICS_KEYS
 from .presets import PRESETS, with_changes
@@ -108,10 +108,13 @@ def scene_from_dict(content, models_dir=None, folder=None) -> LoadedScene:
         raise NoObjectsError("must name at least one body", field="bodies")
     if not isinstance(bodies, list):
         raise InvalidRequestError("must be a list", field="bodies", value=bodies)
-    read = [_body(body, f"bodies[{k}]", models_dir, folder) for k, body in enumerate(bodies)]
+    options, environment = physics_options(content), _environment(content.get("environment"))
+    spheres = AUTO if content.get(PRESET) == "everyday" else None
+    meets = may_meet(len(bodies), environment)
+    read = [_body(body, f"bodies[{k}]", models_dir, folder, spheres, meets) for k, body in enumerate(bodies)]
     rigid, mean = [body for body, _, _ in read], np.array([state for _, state, _ in read])
-    options = with_chosen_stiffness(physics_options(content), rigid, mean)
-    scene = Scene(rigid, environment=_environment(content.get("environment")), **options)
+    options = with_chosen_stiffness(options, rigid, mean)
+    scene = Scene(rigid, environment=environment, **options)
     blocks = [P for body, _, P in read if body.free]
     belief = Belief(mean, np.array(blocks).reshape(-1, ERROR, ERROR), scene.moving)
     belief = _with_common_error(belief, content)
@@ -233,8 +236,16 @@ def _surface(content, field, error: type[UncPhysicsError] = InvalidRequestError)
     return given
 
 
-def _body(content, field, models_dir, folder):
-    """Return a body, its state (13,) and its covariance (12, 12)."""
+def may_meet(bodies, environment) -> bool:
+    """Whether one of so many bodies may touch something else than planes."""
+    return bodies > 1 or not all(isinstance(element, Plane) for element in environment)
+
+
+def _body(content, field, models_dir, folder, spheres, meets):
+    """A body, its state (13,) and its covariance (12, 12).
+
+    ``spheres`` and ``meets`` are arguments of `load_shape`, the first one if the file gives no other.
+    """
     check_keys(content, _BODY_KEYS, field)
     for key in ("name", "model"):
         if not isinstance(content.get(key), str) or not content[key]:
@@ -265,8 +276,10 @@ def _body(content, field, models_dir, folder):
                 raise InvalidRequestError(
                     "must be zero or absent: the body is fixed", field=f"{field}.{key}", value=content[key]
                 )
+    given = content.get("spheres")
+    spheres = spheres if given is None else given
     model = at_field(
-        field, load_shape, content["model"], content.get("spheres"), content.get("scale"), models_dir, folder
+        field, load_shape, content["model"], spheres, content.get("scale"), models_dir, folder, meets
     )
     mass = known_mass(content.get("mass"), model, fixed or trajectory is not None, f"{field}.mass")
     surface = _surface(content, field)
@@ -338,10 +351,14 @@ def _body_belief(content, field):
     return at_field(field, BodyBelief, **given)
 
 
-def load_shape(model, spheres=None, scale=None, models_dir=None, folder=None):
-    """Return a packing from the library or a file, cut to its first ``spheres`` and scaled.
+def load_shape(model, spheres=None, scale=None, models_dir=None, folder=None, meets=True):
+    """A packing from the library or a file, cut to its first ``spheres`` and scaled.
 
-    The result is cached while the file is unchanged, so that its sphere tree is built once.
+    `AUTO` takes the fewest spheres that stand for the body (`SpherePacking.sufficient_count`); ``meets`` is
+    whether it may touch something else than planes. None takes all.
+
+    The same arguments give the same object while the file is unchanged, so that its sphere tree is built
+    once.
 
     Raises
     ------
@@ -350,18 +367,23 @@ def load_shape(model, spheres=None, scale=None, models_dir=None, folder=None):
     if folder is not None and model.endswith(".npz") and not model.startswith("~"):
         model = str(Path(folder) / model)
     path = find_model(model, models_dir)
-    if spheres is not None:
+    if isinstance(spheres, str) and spheres != AUTO:
+        raise InvalidModelError(f"must be a positive integer or '{AUTO}'", field="spheres", value=spheres)
+    if spheres is not None and spheres != AUTO:
         spheres = integer(spheres, "spheres", low=1, error=InvalidModelError)
     scale = 1.0 if scale is None else positive(scale, "scale", InvalidModelError)
-    return _load_shape(path, path.stat().st_mtime_ns, spheres, scale)
+    sink = SINK if meets else None
+    return _load_shape(path, path.stat().st_mtime_ns, spheres, scale, sink if spheres == AUTO else None)
 
 
 @functools.lru_cache(maxsize=256)
-def _load_shape(path, changed, spheres, scale):
+def _load_shape(path, changed, spheres, scale, sink):
     packing = _load_packing(path, changed)
-    if spheres is not None:
-        packing = packing.prefix(spheres)
-    return packing.scaled(scale)
+    if spheres is None:
+        return packing.scaled(scale)
+    if spheres == AUTO:
+        spheres = packing.scaled(scale).sufficient_count(sink=sink)
+    return packing.prefix(spheres).scaled(scale)
 
 
 @functools.lru_cache(maxsize=64)

@@ -37,7 +37,8 @@ from ...scene.entries import at_field
 from ...scene.environment import element_names
 from ...scene.physics_keys import PHYSICS_KEYS
 from ...scene.scene import Scene
-from ...scene.scene_file import with_chosen_stiffness
+from ...scene.scene_file import may_meet, with_chosen_stiffness
+from ...scene.stiffness import AUTO
 from ...spatial.layout import ANGULAR_VELOCITY, ERROR, POSITION, QUATERNION, STATE, VELOCITY
 from ...spatial.origin import (
     at_com,
@@ -170,10 +171,14 @@ def read_scene(
     elements, packed = read_environment(message.environment, library.shape_packer, limits.elements, wait)
     fields = [f"scene.objects[{k}]" for k in range(len(objects))] if fields is None else fields
     names = _checked_ids(objects, fields, message.environment.elements)
+    spheres = AUTO if physics.get("integrator") == "implicit" else None
+    meets = may_meet(len(objects) + len(packed), elements)
     read, skipped = [], {}
     for own, field in zip(objects, fields, strict=True):
         try:
-            body, state, P, zeros = _body(own, field, library, covariance_defaults, limits.spheres, wait)
+            body, state, P, zeros = _body(
+                own, field, library, covariance_defaults, limits.spheres, wait, spheres, meets
+            )
             read.append((field, own.model or body[1].name, body, state, P, zeros))
         except UnknownModelError as error:
             if not skip_unknown_models:
@@ -390,13 +395,14 @@ def _fixed(element):
     return body, moved(at_origin, writable(element.model.origin), -1.0), np.zeros((ERROR, ERROR)), False
 
 
-def _shape(message, library, max_spheres, wait):
+def _shape(message, library, max_spheres, wait, spheres, meets):
     """Return the packing of an object's named model, primitive or mesh."""
     given = [name for name in ("model", "primitive", "mesh") if len(getattr(message, name))]
     if given not in (["primitive"], ["mesh"]):
         if len(given) > 1:
             raise InvalidRequestError("must not be given beside a model", field=given[-1])
-        return library.shape(message.model, message.spheres, number(message.scale, "scale"), max_spheres)
+        scale = number(message.scale, "scale")
+        return library.shape(message.model, message.spheres, scale, max_spheres, default=spheres, meets=meets)
     (name,) = given
     shape = optional(getattr(message, name), name)
     if max_spheres is not None and message.spheres > max_spheres:
@@ -406,11 +412,15 @@ def _shape(message, library, max_spheres, wait):
     return packing.scaled(number(message.scale, "scale") or 1.0)
 
 
-def _body(message, field, library, covariance_defaults, max_spheres, wait=True):
-    """Return a body's arguments, state (13,), covariance (12, 12), and whether zeros were read as unknown."""
+def _body(message, field, library, covariance_defaults, max_spheres, wait, spheres, meets):
+    """Return the arguments of a body, its state (13,) and covariance (12, 12), and whether zeros were read as
+    unknown.
+
+    ``spheres`` and ``meets`` are arguments of `load_shape`, the first one if the message gives no number.
+    """
     fixed = _is_fixed(message, field)
     try:
-        model = _shape(message, library, max_spheres, wait)
+        model = _shape(message, library, max_spheres, wait, spheres, meets)
     except UncPhysicsError as error:
         place = (
             f"{field}.{error.field}"
