@@ -435,25 +435,41 @@ def status_page() -> str:
     return "\n".join([*lines, ""])
 
 
+_PREFIXES = 100, 300, 1000, 3000
+
+
 def models_page() -> str:
     """Return the models that ship, measured from their packings, with sources and licences."""
     from unc_physics import load_packing
 
     text = (ROOT / "models" / "README.md").read_text(encoding="utf-8")
     about = dict(re.findall(r"^\| (\w+) \|.*\| ([^|]+) \|$", text, re.MULTILINE))
-    lines = ["| model | size [mm] | mass [kg] | spheres | fill [%] | largest surface gap [mm] | what it is |"]
-    lines += ["|---|---|--:|--:|--:|--:|---|"]
+    lines = [
+        "| model | size [mm] | mass [kg] | spheres | `auto` | fill [%] | largest surface gap [mm] | what it is |"
+    ]
+    lines += ["|---|---|--:|--:|--:|--:|--:|---|"]
+    quality = [
+        "Loss of extent / sink of a ball of 10 mm [mm], for the first spheres of each model:",
+        "",
+        "| model | " + " | ".join(map(str, _PREFIXES)) + " | all |",
+        "|---|" + "--:|" * (len(_PREFIXES) + 1),
+    ]
     for path in sorted((ROOT / "models").glob("*.npz")):
         packing = load_packing(path)
         size = " x ".join(f"{1e3 * side:.4g}" for side in packing.bounds[1] - packing.bounds[0])
         numbers = (
             f"{packing.mass:.3g}",
             str(len(packing)),
+            str(packing.sufficient_count()),
             f"{100 * packing.fill:.1f}",
             f"{1e3 * packing.surface_gap:.2f}",
         )
         lines.append(_row((path.stem, size, *numbers, about[path.stem])))
-    return re.sub(r"^\|.*\n(?:\|.*\n)+", "\n".join(lines) + "\n", text, count=1, flags=re.MULTILINE)
+        parts = [packing.prefix(count) for count in _PREFIXES] + [packing]
+        measures = (f"{1e3 * part.extent_loss:.2f} / {1e3 * part.sink:.1f}" for part in parts)
+        quality.append(_row((path.stem, *measures)))
+    tables = "\n".join([*lines, "", *quality]) + "\n"
+    return re.sub(r"^\|.*\n(?:\|.*\n)+", tables, text, count=1, flags=re.MULTILINE)
 
 
 # -- output ------------------------------------------------------------------------------------------
