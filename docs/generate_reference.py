@@ -444,10 +444,8 @@ def models_page() -> str:
 
     text = (ROOT / "models" / "README.md").read_text(encoding="utf-8")
     about = dict(re.findall(r"^\| (\w+) \|.*\| ([^|]+) \|$", text, re.MULTILINE))
-    lines = [
-        "| model | size [mm] | mass [kg] | spheres | `auto` | fill [%] | largest surface gap [mm] | what it is |"
-    ]
-    lines += ["|---|---|--:|--:|--:|--:|--:|---|"]
+    head = "model", "size [mm]", "mass [kg]", "spheres", "`auto`", "fill [%]", "largest surface gap [mm]"
+    lines = [_row((*head, "what it is")), "|---|---|--:|--:|--:|--:|--:|---|"]
     quality = [
         "Loss of extent / sink of a ball of 10 mm [mm], for the first spheres of each model:",
         "",
