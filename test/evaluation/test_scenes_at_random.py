@@ -105,6 +105,6 @@ def test_a_method_that_is_the_truth_is_right_and_unflagged(monkeypatch):
     rows = [row._asdict() | {"scene": 0} for row in scenes_at_random.run(job).rows]
     found = scenes_at_random.answers(rows)
     (own,) = found["truth"]
-    assert (own.factor, own.mean_error, own.falsely) == (1.0, 0.0, False) and own.good
+    assert own.factor == 1.0 and own.mean_error < 1e-6 and own.good and not own.falsely
     (few,) = found["MC-3"]
     assert few.flagged and few.falsely and not few.good
