@@ -179,12 +179,13 @@ def refine(
             if found.mean() < middle.mean():
                 x, middle = closer, found
                 break
-        spread = np.atleast_2d(np.cov(slopes.T)) / max(len(slopes) - len(free), 1)  # as many were fitted
+        spread = np.atleast_2d(np.cov(slopes.T)) / len(slopes)
         std[free] = np.sqrt(np.diagonal(np.linalg.solve(H, np.linalg.solve(H, spread).T)))
         for k in free:
             std[k] = max(std[k], _as_far_as_likely(scores, x, middle, k, std[k]))
         settled[free] = [
-            abs(by) < steps[k] * (1.0 - 1e-9) and std[k] < steps[k] for by, k in zip(way, free, strict=True)
+            abs(by) < steps[k] * (1.0 - 1e-9) and std[k] < 2.0 * steps[k]
+            for by, k in zip(way, free, strict=True)
         ]
     return Estimate(
         scores.values(x),

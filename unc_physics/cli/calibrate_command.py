@@ -53,7 +53,9 @@ def add_calibrate_command(commands) -> None:
         " (default 0.1 0.2 0.4)",
     )
     parser.add_argument("--samples", type=int, metavar="N", help="samples of each prediction (default 32)")
-    parser.add_argument("--evaluations", type=int, metavar="N", help="models to try (default 150)")
+    parser.add_argument(
+        "--evaluations", type=int, metavar="N", help="models that the search tries (default 80)"
+    )
     parser.add_argument("--seed", type=int, default=0, metavar="S", help="seed of the draws (default 0)")
     parser.add_argument("--topic", metavar="NAME", help="of a rosbag, where several topics hold poses")
     parser.add_argument(

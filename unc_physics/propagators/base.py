@@ -108,7 +108,11 @@ class Propagator(ABC):
 
     @abstractmethod
     def advance(self, carry: Any, scene: Scene, steps: int) -> Any:
-        """Return the carry after ``steps`` time steps; the given one stays as it is."""
+        """Return the carry after ``steps`` time steps; the given one stays as it is.
+
+        For a time between two steps it is called for one step with `Scene.with_short_step`; the carry that it
+        returns then is not advanced further, and its ``step`` becomes a fraction.
+        """
 
     @abstractmethod
     def belief(self, carry: Any, scene: Scene) -> Belief:
