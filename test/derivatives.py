@@ -15,7 +15,6 @@ from unc_physics.collision.implicit_workspace import CONTACTS, LASTING, implicit
 from unc_physics.compiler import kernel
 from unc_physics.derivatives.rolling import TILTS
 from unc_physics.dynamics import implicit_step
-from unc_physics.dynamics.driven_bodies import begin_driven, end_driven, place_driven
 from unc_physics.dynamics.implicit_stages import (
     after_groups,
     before_contact,
@@ -23,6 +22,7 @@ from unc_physics.dynamics.implicit_stages import (
     before_groups,
     before_travel,
 )
+from unc_physics.dynamics.kinematic_bodies import begin_kinematic, end_kinematic, place_kinematic
 from unc_physics.propagators.action_directions import directions
 from unc_physics.propagators.implicit_linearization import linearized
 from unc_physics.scene.stiffness import with_stiffness
@@ -67,8 +67,8 @@ def converge(x, root, time, world, work, method, times):
     It ends at a time [s].
     """
     begin, columns, count = x.copy(), root.copy(), 0
-    residual, quiet = np.zeros(len(x), np.float32), np.zeros(len(x), np.int64)
-    first_time = np.full((len(x), len(x) + len(world.surroundings.kind)), np.inf, np.float32)
+    residual, rest_steps = np.zeros(len(x), np.float32), np.zeros(len(x), np.int64)
+    first_time = np.full((len(x), len(x) + len(world.environment.kind)), np.inf, np.float32)
     force = np.zeros((len(work.rows), 3))
     for k in range(times):
         x[:], root[:], work.state[:] = begin, columns, begin
@@ -76,7 +76,7 @@ def converge(x, root, time, world, work, method, times):
         for i in range(len(x)):
             work.head[i] = -1
             write_matrix((x[i, Q], x[i, Q + 1], x[i, Q + 2], x[i, Q + 3]), work.R, i)
-        begin_driven(x, time - world.dt, quiet, world, work)
+        begin_kinematic(x, time - world.dt, rest_steps, world, work)
         method.time[0] = time
         before_groups(method, x, time - world.dt, world, work)
         for i in range(len(x)):
@@ -85,7 +85,7 @@ def converge(x, root, time, world, work, method, times):
                 work.members[count] = i
                 count += 1
         find_groups(x, world, work)
-        place_driven(x, count, time - world.dt, world, work)
+        place_kinematic(x, count, time - world.dt, world, work)
         implicit_step.prepare_members(x, count, world, work)
         before_group(method, count, world, work)
         implicit_step.find_contacts(x, count, 0.0, world.dt, ACTIVE_GAP, False, world, work)
@@ -95,7 +95,7 @@ def converge(x, root, time, world, work, method, times):
             work.rows[:, FORCE : FORCE + 3] = force
         before_contact(method, x, count, world, work)
         implicit_step.push_apart(x, count, world.dt, time, first_time, residual, world, 0.1, method, work)
-        end_driven(x, time, world, work)
+        end_kinematic(x, time, world, work)
         after_groups(method, x, time, world, work)
         force[:] = work.impulses[LASTING, :, :3] / world.dt
     return work.counts[CONTACTS]

@@ -138,10 +138,10 @@ class ActionEngine:
             [s]
         """
         steps, spent = round(horizon / self._settings.dt), 0.0
-        driven = self._driven(steps + 1)
+        kinematic = self._kinematic(steps + 1)
         self._begin([_motions(body, state[None])[0] for body, state in zip(self._bodies, start, strict=True)])
         for step in range(steps + 1):
-            for k, motions in driven.items():
+            for k, motions in kinematic.items():
                 self._put(k, motions[step])
             if step < steps:
                 began = time.process_time()
@@ -149,7 +149,7 @@ class ActionEngine:
                 spent += time.process_time() - began
         return self._states(), spent
 
-    def _driven(self, count):
+    def _kinematic(self, count):
         """Motions of each prescribed body before each of so many steps."""
         times = self._settings.dt * np.arange(count)
         return {

@@ -10,7 +10,7 @@ import numpy as np
 
 from unc_physics import Belief, Plane, PosePath, RigidBody, Scene, load_model
 from unc_physics.geometry.packing_file import SpherePacking
-from unc_physics.scene.action_arrays import with_driven
+from unc_physics.scene.action_arrays import with_kinematic
 from unc_physics.spatial.layout import ANGULAR_VELOCITY, POSITION, QUATERNION, VELOCITY
 
 from .scenarios import resting, spread
@@ -41,7 +41,7 @@ def case(name: str, belief: str) -> Case:
     scene, mean, horizon = (CASES | ACTION_CASES)[name]()
     position, rotation, velocity = BELIEFS[belief]
     P = spread(1, position=position, rotation=rotation, velocity=velocity)
-    mean = with_driven(scene, np.concatenate([mean, resting(np.zeros((len(scene.bodies) - 1, 3)))]), 0.0)
+    mean = with_kinematic(scene, np.concatenate([mean, resting(np.zeros((len(scene.bodies) - 1, 3)))]), 0.0)
     return Case(scene, Belief(mean, P, scene.moving), horizon)
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from unc_physics import Plane, PosePath, RigidBody, Scene, load_model
-from unc_physics.scene.action_arrays import with_driven
+from unc_physics.scene.action_arrays import with_kinematic
 from unc_physics_evaluation.action_engine_base import Shape
 from unc_physics_evaluation.action_engines import FINE, opened
 from unc_physics_evaluation.push_engines import pushed_in
@@ -28,7 +28,7 @@ def test_what_follows_a_path_drags_what_it_carries(engine):
     )
     bodies = [RigidBody("box", model, 1.0), RigidBody("tray", model, trajectory=path)]
     scene = Scene.everyday(bodies, environment=[Plane()], friction=0.5)
-    mean = with_driven(scene, resting([[0.0, 0.0, low[2] + side], low]), 0.0)
+    mean = with_kinematic(scene, resting([[0.0, 0.0, low[2] + side], low]), 0.0)
     with opened(engine, scene, FINE[engine], shapes) as made:
         box = made.run(mean, 0.5)[0][0]
     assert box[3] == pytest.approx(0.1, abs=2e-3)

@@ -63,7 +63,7 @@ def varied(scene, x, time, length):
 
 
 def begun(scene, x):
-    """The scene with its stiffness, and the state (B, 13) with driven bodies on their paths."""
+    """The scene with its stiffness, and the state (B, 13) with kinematic bodies on their paths."""
     x = np.array(x, float)
     for k, body in enumerate(scene.bodies):
         if body.trajectory is not None:

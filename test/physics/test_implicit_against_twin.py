@@ -111,7 +111,15 @@ def first_impact(left, world, work):
 def solve_impact(count, work):
     work.impulses[PLASTIC] = 0.0
     return implicit_solver.solve_impact(
-        work.rows, work.twists, work.ids, work.counts, work.impulses, work.members, count, work.velocity, 0.1
+        work.rows,
+        work.torsion_rows,
+        work.ids,
+        work.counts,
+        work.impulses,
+        work.members,
+        count,
+        work.velocity,
+        0.1,
     )
 
 

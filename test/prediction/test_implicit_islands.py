@@ -60,7 +60,7 @@ def assert_same(joint, divided):
         (b.contact_history, b.contact_history.solver),
         strict=True,
     ):
-        for name in {"first_time", "count", "quiet", "residual"} & set(one._fields):
+        for name in {"first_time", "count", "rest_steps", "residual"} & set(one._fields):
             np.testing.assert_array_equal(getattr(one, name), getattr(other, name), name)
     for n, count in enumerate(a.contact_history.solver.count):
         memories = [c.contact_history.solver for c in (a, b)]
@@ -152,7 +152,7 @@ def test_a_memory_of_contacts_is_cut_and_joined():
     solver.contact[0, :4] = [[0, 4, 7, 8], [0, -2, 3, 0], [1, 3, 5, 6], [3, -1, 2, 0]]
     solver.force[0, :4, 0] = [1.0, 2.0, 3.0, 4.0]
     solver.count[0] = 4
-    solver.quiet[:] = np.arange(10).reshape(2, 5)
+    solver.rest_steps[:] = np.arange(10).reshape(2, 5)
     some, others = np.array([0, 2, 4]), np.array([1, 3])
     parts = [histories.of_bodies(history, bodies) for bodies in (some, others)]
     assert parts[0].solver.contact[0, :2].tolist() == [[0, 2, 7, 8], [0, -2, 3, 0]]
@@ -161,4 +161,4 @@ def test_a_memory_of_contacts_is_cut_and_joined():
     assert whole.solver.count.tolist() == [4, 0]
     assert whole.solver.contact[0, :4].tolist() == solver.contact[0, :4].tolist()
     np.testing.assert_array_equal(whole.solver.force[0, :4], solver.force[0, :4])
-    np.testing.assert_array_equal(whole.solver.quiet, solver.quiet)
+    np.testing.assert_array_equal(whole.solver.rest_steps, solver.rest_steps)

@@ -10,7 +10,7 @@ from unc_physics.checks.errors import PredictionTimeoutError
 from unc_physics.compiler.compile_time import clock
 from unc_physics.compiler.time_limit import TimeLimit, limited, time_limit
 from unc_physics.initialization.overlap_search import sides_of
-from unc_physics.prediction.within import Within
+from unc_physics.prediction.compute_budget import ComputeBudget
 from unc_physics.propagators import rollouts
 
 ALLOWED = 0.3  # s
@@ -81,13 +81,13 @@ def test_pieces_grow_with_what_was_spent_or_is_allowed_where_kernels_end_in_time
     """A long prediction has few; where only the pieces' ends keep the time, they stay short."""
     scene, _ = bricks(1, 10, 0.0)
     ends = [
-        Within(allowed, clock() - 2.0, limit).next_piece(100, 0.1, scene)
+        ComputeBudget(allowed, clock() - 2.0, limit).next_piece(100, 0.1, scene)
         for allowed, limit in ((None, None), (3.0, TimeLimit()), (3.0, None))
     ]
     assert ends == [250, 250, 20]
-    assert Within(None, clock(), None).next_piece(100, 0.1, scene) == 250  # nothing ends it
-    assert Within(2.0, clock(), TimeLimit()).next_piece(100, 0.1, scene) == 100  # a twentieth
-    assert Within(0.1, clock(), TimeLimit()).next_piece(100, 0.1, scene) == 20
+    assert ComputeBudget(None, clock(), None).next_piece(100, 0.1, scene) == 250  # nothing ends it
+    assert ComputeBudget(2.0, clock(), TimeLimit()).next_piece(100, 0.1, scene) == 100  # a twentieth
+    assert ComputeBudget(0.1, clock(), TimeLimit()).next_piece(100, 0.1, scene) == 20
 
 
 def test_uncertain_parameters_are_predicted_in_few_pieces_that_are_looked_after(monkeypatch):

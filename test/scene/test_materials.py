@@ -186,4 +186,4 @@ def test_what_the_explicit_step_does_of_itself_may_be_said(model, options):
     )
     assert not scene.materials.friction.any() and (scene.materials.restitution == 1.0).all()
     plain = scene_from_dict(CONTENTS["two_bodies"]() | options).scene
-    assert plain.world.surroundings is None  # the paper's kernels, as without
+    assert plain.world.environment is None  # the paper's kernels, as without

@@ -67,7 +67,7 @@ def test_the_paper_s_is_what_holds_otherwise(entries):
     assert scene.integrator == "explicit" and scene.dt == 0.01 and scene.stiffness == 1e4
     assert scene.gravity.tolist() == [0.0, 0.0, 0.0] and not scene.gyroscopic
     assert scene.friction is None and scene.restitution is None
-    assert scene.world.surroundings is None and scene.world.implicit is None
+    assert scene.world.environment is None and scene.world.implicit is None
 
 
 @pytest.mark.parametrize(

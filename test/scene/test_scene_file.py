@@ -63,7 +63,7 @@ def test_what_a_file_does_not_name_is_not_there(entries):
     assert scene.environment == () and scene.friction is None and scene.restitution is None
     assert not scene.gyroscopic and not scene.islands and scene.integrator == "explicit"
     assert scene.overlap == "keep" and not any(body.at_rest for body in scene.bodies)
-    assert scene.uncertain == () and scene.world.surroundings is None
+    assert scene.uncertain == () and scene.world.environment is None
 
 
 @pytest.mark.parametrize(

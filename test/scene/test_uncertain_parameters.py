@@ -196,7 +196,7 @@ def test_zero_is_none_and_costs_nothing(loaded):
         dataclasses.replace(body, mass_std=0.0, center_of_mass_std=[0.0, 0.0, 0.0]) for body in scene.bodies
     ]
     same = dataclasses.replace(scene, bodies=zeros, stiffness_std=0.0)
-    assert same.uncertain == () and same.world.surroundings is None
+    assert same.uncertain == () and same.world.environment is None
     for propagator in (make_propagator("sigma_points"), make_propagator("monte_carlo", samples=20)):
         a, b = (predict(s, belief, propagator, 1.0).carry for s in (scene, same))
         assert np.array_equal(a.states, b.states)

@@ -1,7 +1,7 @@
 """Parts of a group: bodies that its current contacts connect."""
 
 from ..compiler import inner
-from .contact_row import GAP, TWIST
+from .contact_row import GAP, TORSION_ROW
 from .contact_search import join, lowest
 from .implicit_workspace import CONTACTS
 
@@ -39,11 +39,11 @@ def move_contact(c, to, work):
     """Move a current contact to another index of the list."""
     if c == to:
         return
-    rows, ids, twists = work.rows, work.ids, work.twists
+    rows, ids, torsion_rows = work.rows, work.ids, work.torsion_rows
     for k in range(rows.shape[1]):
         rows[to, k] = rows[c, k]
     for k in range(4):
         ids[to, k] = ids[c, k]
-    if len(twists) > 0:
-        for k in range(TWIST):
-            twists[to, k] = twists[c, k]
+    if len(torsion_rows) > 0:
+        for k in range(TORSION_ROW):
+            torsion_rows[to, k] = torsion_rows[c, k]

@@ -99,8 +99,8 @@ def element_candidates(x, i, e, limit, horizon, world, work):
 
     The gap is the current one, or the predicted one after ``horizon`` seconds.
     """
-    kind, size, R_e, R = world.surroundings.kind, world.surroundings.size, world.surroundings.R[e], work.R[i]
-    t = in_element(world.surroundings.position, world.surroundings.R, e, x[i, P], x[i, P + 1], x[i, P + 2])
+    kind, size, R_e, R = world.environment.kind, world.environment.size, world.environment.R[e], work.R[i]
+    t = in_element(world.environment.position, world.environment.R, e, x[i, P], x[i, P + 1], x[i, P + 2])
     half = 0.5 * horizon
     vx, vy = x[i, V] + half * world.gravity[0], x[i, V + 1] + half * world.gravity[1]
     vz = x[i, V + 2] + half * world.gravity[2]
@@ -526,11 +526,11 @@ def write_contact(x, i, j, k, speeds_only, world, work):
         else:
             row[SLIP_COMPLIANCE] = max(row[SLIP_COMPLIANCE], own)
     row[DRIFT] = row[DRIFT + 1] = 0.0
-    if j < 0 and len(world.surroundings.actions.surface) > 0:
+    if j < 0 and len(world.environment.actions.surface) > 0:
         at = (x[i, P] + arm[0], x[i, P + 1] + arm[1], x[i, P + 2] + arm[2])
-        _write_drift(row, world.surroundings.actions.surface[-1 - j], at, first, second)
+        _write_drift(row, world.environment.actions.surface[-1 - j], at, first, second)
     if world.implicit.torsional:
-        _write_twist(i, j, partner, n, world, work, work.twists[m])
+        _write_torsion_row(i, j, partner, n, world, work, work.torsion_rows[m])
     _recall_force(work.candidate_ids[k, 3], row, first, second, work.old_force)
 
 
@@ -544,19 +544,19 @@ def _write_drift(row, surface, at, first, second):
 
 
 @inner(error_model="numpy")
-def _write_twist(i, j, partner, n, world, work, twist):
+def _write_torsion_row(i, j, partner, n, world, work, torsion):
     """Write the torsional friction row of a contact."""
     a, b = world.implicit.torsion[i], world.implicit.torsion[partner]
-    twist[REACH] = math.sqrt(a * b) if a >= 0.0 and b >= 0.0 else max(a, b, 0.0)
+    torsion[REACH] = math.sqrt(a * b) if a >= 0.0 and b >= 0.0 else max(a, b, 0.0)
     turn = rotate(work.inverse_inertia[i], n[0], n[1], n[2])
     own = n[0] * turn[0] + n[1] * turn[1] + n[2] * turn[2]
-    _write_direction(twist, SPIN_I, turn)
+    _write_direction(torsion, SPIN_I, turn)
     turn = (0.0, 0.0, 0.0)
     if j >= 0:
         turn = rotate(work.inverse_inertia[j], n[0], n[1], n[2])
         own += n[0] * turn[0] + n[1] * turn[1] + n[2] * turn[2]
-    _write_direction(twist, SPIN_J, turn)
-    twist[SPIN_COMPLIANCE] = own
+    _write_direction(torsion, SPIN_J, turn)
+    torsion[SPIN_COMPLIANCE] = own
 
 
 @inner(forceinline=True)

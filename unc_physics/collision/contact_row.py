@@ -17,14 +17,22 @@ PUSH_I, TURN_I, PUSH_J, TURN_J = 16, 19, 24, 27
 #: LEAD: row of the contact whose normal speed damps this one (`implicit_solver.find_leads`).
 #: DAMPING_TIME: [s]. TARGET: normal speed after an impact [m/s].
 #: COUPLING: coupling of the normal impulse with both tangential ones.
-#: DEPTH: depth at zero normal speed [m]. WAY: change of depth per normal speed [s].
-#: GROWTH, STRENGTH: factors of `contact_model.balanced_impulse`.
+#: DEPTH: depth at zero normal speed [m]. EFFECTIVE_TIME: change of depth per normal speed [s].
+#: QUADRATIC_GAIN, IMPULSE_SCALE: factors of `contact_model.balanced_impulse`.
 #: DRIFT: velocity of the partner's surface relative to the partner, along both tangents [m/s].
 #: ROLL_REACH: distance within which contacts of a patch roll together [m].
 #: IN_MIDDLE: 1 if the impulse acts at a point shifted by SHIFT [m], else 0 (`middle_arms`).
 INVERSE_MASS_I, INVERSE_MASS_J, COMPLIANCE, SLIP_COMPLIANCE, GAP, FIRST, FALL = range(96, 103)
 RADIUS, FRICTION, RESTITUTION, FORCE, LEAD, DAMPING_TIME, TARGET = 103, 104, 105, 106, 109, 110, 111
-COUPLING, DEPTH, WAY, GROWTH, STRENGTH, DRIFT, ROLL_REACH = 112, 114, 115, 116, 117, 118, 120
+COUPLING, DEPTH, EFFECTIVE_TIME, QUADRATIC_GAIN, IMPULSE_SCALE, DRIFT, ROLL_REACH = (
+    112,
+    114,
+    115,
+    116,
+    117,
+    118,
+    120,
+)
 IN_MIDDLE, SHIFT = 121, 122
 ROW = 128
 #: Contacts of a patch roll together within the half width of a cylinder's contact at this depth [m]. The
@@ -34,4 +42,4 @@ ROLL_DEPTH = 2e-4
 #: REACH: largest moment per normal force [m]. SPIN_COMPLIANCE: change of spin per moment of 1 N m s.
 #: SPIN_I, SPIN_J: changes of both bodies' angular velocities per moment of 1 N m s.
 REACH, SPIN_COMPLIANCE, SPIN_I, SPIN_J = 0, 1, 2, 5
-TWIST = 8
+TORSION_ROW = 8

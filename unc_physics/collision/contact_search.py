@@ -322,9 +322,9 @@ def clearance(x, i, world, work):
     if numbers[i, CLEARANCE] > numbers[i, TRAVEL]:
         return numbers[i, CLEARANCE] - numbers[i, TRAVEL]
     least = np.inf
-    for e in range(len(world.surroundings.kind)):
+    for e in range(len(world.environment.kind)):
         least = min(
-            least, element_distance(world.surroundings, e, x[i, P], x[i, P + 1], x[i, P + 2]) - radius[i]
+            least, element_distance(world.environment, e, x[i, P], x[i, P + 1], x[i, P + 2]) - radius[i]
         )
     numbers[i, CLEARANCE] = numbers[i, TRAVEL] + max(least, 0.0)
     return least
@@ -354,14 +354,14 @@ def half_way_by(x, i, e, v, horizon, world, R):
 
     ``R`` is the rotation from body to element axes, and is updated.
     """
-    surroundings, radius, half = world.surroundings, world.bodies.radius[i], 0.5 * horizon
+    environment, radius, half = world.environment, world.bodies.radius[i], 0.5 * horizon
     w = x[i, W], x[i, W + 1], x[i, W + 2]
     spin = math.sqrt(w[0] * w[0] + w[1] * w[1] + w[2] * w[2])
     reach = half * (math.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]) + radius * spin)
-    _turn(R, times(0.5 * half, rotate_back(surroundings.R[e], w[0], w[1], w[2])))
+    _turn(R, times(0.5 * half, rotate_back(environment.R[e], w[0], w[1], w[2])))
     t = in_element(
-        surroundings.position,
-        surroundings.R,
+        environment.position,
+        environment.R,
         e,
         x[i, P] + half * v[0],
         x[i, P + 1] + half * v[1],
@@ -378,7 +378,7 @@ def element_list(i, e, t, need, spare, world, work):
     rebuilt. The body's centre of mass is at ``t`` in the element's frame [m], and ``work.R_ij`` is the
     rotation from body axes.
     """
-    surroundings, search, pool, R = world.surroundings, work.search, work.pool, work.R_ij
+    environment, search, pool, R = world.environment, work.search, work.pool, work.R_ij
     column = len(work.moving) + e
     place, radius = work.list_pose[i, column], world.bodies.radius[i]
     if need + _moved(place, R, t, radius) <= place[_MARGIN]:
@@ -389,7 +389,7 @@ def element_list(i, e, t, need, spare, world, work):
     search.stack[0, 0] = world.bodies.root[i]
     top = np.int64(1)
     while top > 0:
-        found, top = spheres_near(world.tree, surroundings, e, R, t, radius, margin, search, top)
+        found, top = spheres_near(world.tree, environment, e, R, t, radius, margin, search, top)
         if used + found > len(pool):
             work.counts[OVERFLOW] = TOO_LONG_LISTS
             return

@@ -25,10 +25,10 @@ def in_element(position, R, e, x, y, z):
 
 
 @inner(forceinline=True)
-def element_distance(surroundings, e, x, y, z):
+def element_distance(environment, e, x, y, z):
     """Return the signed distance of a point, world frame, from element e [m]."""
-    px, py, pz = in_element(surroundings.position, surroundings.R, e, x, y, z)
-    return surface(surroundings.kind, surroundings.size, e, px, py, pz)[0]
+    px, py, pz = in_element(environment.position, environment.R, e, x, y, z)
+    return surface(environment.kind, environment.size, e, px, py, pz)[0]
 
 
 @inner
@@ -40,13 +40,13 @@ def write_element_rotation(R_i, R_e, out):
 
 
 @inner(error_model="numpy", forceinline=True)
-def spheres_near(tree, surroundings, e, R, t, radius, margin, search, top):
+def spheres_near(tree, environment, e, R, t, radius, margin, search, top):
     """Continue the search for spheres of a body that are nearer to element e than a margin [m].
 
     Parameters
     ----------
     tree : Tree
-    surroundings : Surroundings
+    environment : Environment
     e : int
     R : (3, 3) array
         Rotation from body to element axes.
@@ -68,7 +68,7 @@ def spheres_near(tree, surroundings, e, R, t, radius, margin, search, top):
     top : int
         Height of the stack; call again while it is positive, after using the spheres.
     """
-    kind, size = surroundings.kind, surroundings.size
+    kind, size = environment.kind, environment.size
     child, centers, radii = tree.child, tree.centers, tree.radii
     stack, pairs = search.stack, search.pairs
     low, high = bounds(kind, size, e)
@@ -99,7 +99,7 @@ def spheres_near(tree, surroundings, e, R, t, radius, margin, search, top):
 
 
 @inner(error_model="numpy", forceinline=True)
-def next_element_contacts(tree, surroundings, e, R, t, radius, search, top):
+def next_element_contacts(tree, environment, e, R, t, radius, search, top):
     """Continue the search for contacts of a body with element e, as `spheres_near` without a margin.
 
     Fills ``search.records`` as `narrow_phase.next_contacts`, with the body as body i and the element as body
@@ -107,11 +107,11 @@ def next_element_contacts(tree, surroundings, e, R, t, radius, search, top):
     surface.
     """
     centers, radii, records = tree.centers, tree.radii, search.records
-    count, top = spheres_near(tree, surroundings, e, R, t, radius, 0.0, search, top)
+    count, top = spheres_near(tree, environment, e, R, t, radius, 0.0, search, top)
     for m in range(count):
         s = search.pairs[m, 0]
         x, y, z = rotate(R, centers[s, 0], centers[s, 1], centers[s, 2])
-        distance, normal = surface(surroundings.kind, surroundings.size, e, x + t[0], y + t[1], z + t[2])
+        distance, normal = surface(environment.kind, environment.size, e, x + t[0], y + t[1], z + t[2])
         volume, depth = cap(distance, radii[s])
         nx, ny, nz = rotate_back(R, normal[0], normal[1], normal[2])
         lever = radii[s] - 0.5 * depth
@@ -124,7 +124,7 @@ def next_element_contacts(tree, surroundings, e, R, t, radius, search, top):
 
 
 @inner(forceinline=True)
-def open_element(x, i, e, world, surroundings, work):
+def open_element(x, i, e, world, environment, work):
     """Begin the search for contacts of body i with element e.
 
     Returns
@@ -134,9 +134,9 @@ def open_element(x, i, e, world, surroundings, work):
     top : int
         0 if the body is out of reach.
     """
-    t = in_element(surroundings.position, surroundings.R, e, x[i, 0], x[i, 1], x[i, 2])
-    if surface(surroundings.kind, surroundings.size, e, t[0], t[1], t[2])[0] >= world.bodies.radius[i]:
+    t = in_element(environment.position, environment.R, e, x[i, 0], x[i, 1], x[i, 2])
+    if surface(environment.kind, environment.size, e, t[0], t[1], t[2])[0] >= world.bodies.radius[i]:
         return t, np.int64(0)
-    write_element_rotation(work.R[i], surroundings.R[e], work.R_ij)
+    write_element_rotation(work.R[i], environment.R[e], work.R_ij)
     work.search.stack[0, 0] = world.bodies.root[i]
     return t, np.int64(1)

@@ -18,7 +18,7 @@ from ..compiler.arrays import (
 )
 from ..spatial.layout import Q
 from ..spatial.rotation import write_matrix
-from .contact_row import ROW, TWIST
+from .contact_row import ROW, TORSION_ROW
 from .narrow_phase import RECORD
 from .sphere_tree import AT_ONCE, Scratch
 
@@ -95,7 +95,7 @@ class ImplicitWorkspace(NamedTuple):
         The next higher body of each moving body's group; -1 after the highest.
     rows : (C, ROW) float64
         Rows of the current contacts (`contact_row`). C is even, as two are copied at once.
-    twists : (C, TWIST) float64
+    torsion_rows : (C, TORSION_ROW) float64
         Rows of torsional friction, if any.
     ids : (C, 4) int64
         Bodies and spheres of the current contacts, as in `SolverMemory`.
@@ -132,7 +132,7 @@ class ImplicitWorkspace(NamedTuple):
         Linked lists of the last step's contacts of each body.
     counts : (4,) int64
         Indexed by `CONTACTS`, `REMEMBERED`, `POOL_USED`, `OVERFLOW`.
-    state, quiet : (B, 13) float64 and (B,) int64
+    state, rest_steps : (B, 13) float64 and (B,) int64
         Values at the step's start.
     kept_overlap : (B, B + E) float64
         As in `SolverMemory`, but never empty.
@@ -156,7 +156,7 @@ class ImplicitWorkspace(NamedTuple):
     neighbor_count: np.ndarray
     next_member: np.ndarray
     rows: np.ndarray
-    twists: np.ndarray
+    torsion_rows: np.ndarray
     ids: np.ndarray
     impulses: np.ndarray
     part: np.ndarray
@@ -180,7 +180,7 @@ class ImplicitWorkspace(NamedTuple):
     link: np.ndarray
     counts: np.ndarray
     state: np.ndarray
-    quiet: np.ndarray
+    rest_steps: np.ndarray
     kept_overlap: np.ndarray
 
 
@@ -203,7 +203,7 @@ def implicit_workspace(x, kept_overlap, world, room):
     of `SolverMemory`.
     """
     contacts, candidates, pool = room
-    count, elements = len(x), len(world.surroundings.kind)
+    count, elements = len(x), len(world.environment.kind)
     remembered = REMEMBERED_CONTACTS * count
     R = empty((count, 3, 3))
     for i in range(count):
@@ -217,7 +217,7 @@ def implicit_workspace(x, kept_overlap, world, room):
         empty((1, RECORD)),
     )
     kept = zeros((count, count + elements))
-    twists = contacts if world.implicit.torsional else 0
+    torsion_rows = contacts if world.implicit.torsional else 0
     if len(kept_overlap) > 0:
         assign(kept, kept_overlap)
     return ImplicitWorkspace(
@@ -239,7 +239,7 @@ def implicit_workspace(x, kept_overlap, world, room):
         integers(count),
         integers(count),
         aligned_zeros((contacts, ROW)),
-        empty((twists, TWIST)),
+        empty((torsion_rows, TORSION_ROW)),
         integers((contacts, 4)),
         empty((6, contacts, 4)),
         integers(count),

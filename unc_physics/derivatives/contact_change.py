@@ -172,7 +172,7 @@ def _to_middle(center, first, second, rolls, a, b):
 @inner
 def element_bend(c, direction, e, world):
     """Return the change of element e's normal at a world point that moves along a unit vector [1/m]."""
-    s = world.surroundings
+    s = world.environment
     a = _element_normal(plus(c, times(_REACH, direction)), e, s)
     b = _element_normal(minus(c, times(_REACH, direction)), e, s)
     return times(0.5 / _REACH, minus(a, b))

@@ -113,7 +113,7 @@ def fly_errors(v, w, q, i, h, decay, world, errors):
             end[first + EP + k, c] = (
                 begin[first + EP + k, c] + 0.5 * h * (dv[k] + change) + 0.5 * dh * (v[k] + u[k])
             )
-    if world.surroundings.gyroscopic:
+    if world.environment.gyroscopic:
         w, q = _turn_gyroscopically(w, q, i, first, h, world.bodies, errors)
     else:
         phi = times(h, w)

@@ -374,21 +374,21 @@ def _add_contact(c, size, law, h, threshold, world, work, errors, contacts):
         closes = speed_before < -impact_speed(row[RESTITUTION], threshold)
         closing = speed / speed_before if closes else 0.0
     # friction
-    moves = j < 0 and len(world.surroundings.actions.surface) > 0
+    moves = j < 0 and len(world.environment.actions.surface) > 0
     drift = (0.0, 0.0, 0.0)
     if moves:
-        drift = surface_velocity(world.surroundings.actions.surface[-1 - j], position, g.arm_i)
+        drift = surface_velocity(world.environment.actions.surface[-1 - j], position, g.arm_i)
     u_s = minus(u, drift)  # velocity that friction opposes, including its normal part
     lift = dot(n, u_s)
     u_t = minus(u_s, times(lift, n))
     slides, pushed, along, hold = slip_derivative(row, own[0], f_t, u_t, n, _YIELDING * row[SLIP_COMPLIANCE])
     slot_i = contacts.slot[i]
     slot_j = contacts.slot[j] if j >= 0 and work.moving[j] else -1
-    A, twists = contacts.system, len(work.twists) > 0
+    A, torsion_rows = contacts.system, len(work.torsion_rows) > 0
     spinning = minus(three(after, i, 3), three(after, j, 3)) if j >= 0 else three(after, i, 3)
     twist = no_twist()
-    if twists:
-        twist = twist_of(work.twists[c], own, n, spinning, _YIELDING)
+    if torsion_rows:
+        twist = twist_of(work.torsion_rows[c], own, n, spinning, _YIELDING)
         add_twist(twist, n, give, g.arm_i, g.arm_j, slot_i, slot_j, A)
     for k in range(3):  # columns of B, each the response to a unit change of u'
         unit = (1.0 * (k == 0), 1.0 * (k == 1), 1.0 * (k == 2))
@@ -424,7 +424,7 @@ def _add_contact(c, size, law, h, threshold, world, work, errors, contacts):
         slip = known
         if moves:
             at = plus(vector(end, first_i + EP, k), change.arm_i)
-            slip = minus(known, surface_change(world.surroundings.actions.surface[-1 - j], at))
+            slip = minus(known, surface_change(world.environment.actions.surface[-1 - j], at))
         # n . du' comes with dn . u'
         push = -give * dot(dn, u)
         if law == LASTING:
@@ -455,7 +455,7 @@ def _add_contact(c, size, law, h, threshold, world, work, errors, contacts):
         else:
             b = minus(b, times(tilted, n))
             b = plus(b, times(hold * lift, dn))
-        extra = twist_change(twist, n, dn, push, turned) if twists else (0.0, 0.0, 0.0)
+        extra = twist_change(twist, n, dn, push, turned) if torsion_rows else (0.0, 0.0, 0.0)
         moment = plus(plus(cross(push_arm, b), cross(push_change, f)), extra)
         add_force(A, slot_i, size + k, 1.0, b, moment)
         if slot_j >= 0:

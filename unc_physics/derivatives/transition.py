@@ -87,13 +87,13 @@ def _in_world(R, A, v):
 
 
 @inner(forceinline=True)
-def apply_drift_jacobian(rows, first, x, i, R, world, surroundings, rotation):
+def apply_drift_jacobian(rows, first, x, i, R, world, environment, rotation):
     """Multiply body i's 12 rows, from ``first`` on, by the derivative of drift and damping, in place.
 
     ``x`` and ``R`` precede the drift; ``rotation`` (3, 3) is the block from domega to dtheta.
     """
-    if surroundings is not None:
-        if surroundings.gyroscopic:
+    if environment is not None:
+        if environment.gyroscopic:
             apply_gyroscopic_jacobian(rows, first, x, i, R, world)
     apply_transition(rows, first, world.dt, world.decay, rotation)
 

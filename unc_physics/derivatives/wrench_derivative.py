@@ -14,7 +14,7 @@ from .flight_derivative import fly_errors, in_world
 @inner
 def fly_pushed_errors(v, w, q, i, h, end, decay, world, errors):
     """Propagate errors as `fly_errors`, with the wrenches on body i, for ``h`` seconds until ``end``."""
-    pushed = len(world.surroundings.actions.wrench_body) > 0
+    pushed = len(world.environment.actions.wrench_body) > 0
     begin, kept, first = errors.begin, errors.kept, ERROR * errors.block[i]
     if pushed:
         for c in range(begin.shape[1]):
@@ -38,7 +38,7 @@ def push_errors(rows, v, w, i, begin, end, world, errors):
     The interval is from ``begin`` to ``end``; its length and end change with the columns. The body's rotation
     matrix is in ``errors.R``. Returns the velocities after it.
     """
-    actions, bodies, first = world.surroundings.actions, world.bodies, ERROR * errors.block[i]
+    actions, bodies, first = world.environment.actions, world.bodies, ERROR * errors.block[i]
     inverse = bodies.inverse_inertia[i]
     for u in range(len(actions.wrench_body)):
         time = 0.5 * acting_for(u, begin, end, actions)

@@ -18,7 +18,7 @@ class Actions(NamedTuple):
 
     Attributes
     ----------
-    driven : (D,) int64
+    kinematic : (D,) int64
         Bodies that follow a path, then attached bodies.
     path : (B, 2) int64
         First and last (exclusive) index of each body's poses; equal if it follows no path.
@@ -47,7 +47,7 @@ class Actions(NamedTuple):
         if no surface moves.
     """
 
-    driven: np.ndarray
+    kinematic: np.ndarray
     path: np.ndarray
     time: np.ndarray
     pose: np.ndarray
@@ -65,7 +65,7 @@ class Actions(NamedTuple):
 def no_actions(bodies: int) -> Actions:
     """Return empty actions for a number of bodies."""
     return Actions(
-        driven=np.empty(0, np.int64),
+        kinematic=np.empty(0, np.int64),
         path=np.zeros((bodies, 2), np.int64),
         time=np.empty(0),
         pose=np.empty((0, 13)),

@@ -1,4 +1,4 @@
-"""Detect steps without contacts in advance, to skip the search; for scenes with surroundings."""
+"""Detect steps without contacts in advance, to skip the search; for scenes with an environment."""
 
 from ..collision.broad_phase import may_touch, near_pairs
 from ..collision.element_contacts import element_distance
@@ -11,16 +11,16 @@ UNKNOWN = -1  # number of contact-free steps ahead, at the start of a rollout
 
 
 @inner(forceinline=True)
-def contact_free_step(x, world, surroundings, work):
+def contact_free_step(x, world, environment, work):
     """Return whether no contact is possible in the step that begins.
 
     Results do not depend on the answer. Without surroundings it is always False, as this test would cost as
     much as the search for pairs.
     """
-    if surroundings is None:
+    if environment is None:
         return False
     else:
-        if len(surroundings.actions.wrench_body) > 0:
+        if len(environment.actions.wrench_body) > 0:
             return False
         if work.contact_free_steps[0] > 0:
             work.contact_free_steps[0] -= 1
@@ -29,18 +29,18 @@ def contact_free_step(x, world, surroundings, work):
         if work.touching[0] and work.contact_free_steps[0] != UNKNOWN:
             return False
         work.contact_free_steps[0] = 0
-        return _look_ahead(x, world, surroundings, work)
+        return _look_ahead(x, world, environment, work)
 
 
 @inner(noinline=True)
-def _look_ahead(x, world, surroundings, work):
+def _look_ahead(x, world, environment, work):
     """Return whether no contact is possible in this step; store the number of further ones in ``work``."""
     ahead = work.contact_free_steps
     steps = ahead[1]
-    if not _apart_for(x, world, surroundings, 1, work):
+    if not _apart_for(x, world, environment, 1, work):
         ahead[1] = 1
         return False
-    if steps == 1 or _apart_for(x, world, surroundings, steps, work):
+    if steps == 1 or _apart_for(x, world, environment, steps, work):
         ahead[0], ahead[1] = steps - 1, min(2 * steps, _MOST_STEPS)
     else:
         ahead[1] = steps // 2
@@ -48,17 +48,17 @@ def _look_ahead(x, world, surroundings, work):
 
 
 @inner
-def _apart_for(x, world, surroundings, steps, work):
+def _apart_for(x, world, environment, steps, work):
     """Return whether no contact is possible for a number of steps.
 
     The answer for one step depends only on the state. True for several steps implies True for each of them.
     """
-    _write_reach(x, world, surroundings.actions, steps * world.dt, work)
+    _write_reach(x, world, environment.actions, steps * world.dt, work)
     near, moving, reach = work.near, world.bodies.moving, work.reach
     for i in range(len(x)):
         if moving[i]:
-            for e in range(len(surroundings.kind)):
-                if element_distance(surroundings, e, x[i, P], x[i, P + 1], x[i, P + 2]) < reach[i]:
+            for e in range(len(environment.kind)):
+                if element_distance(environment, e, x[i, P], x[i, P + 1], x[i, P + 2]) < reach[i]:
                     return False
     for k in range(near_pairs(x, reach, work.max_travel, moving, work)):
         # for several steps the exact test rarely pays: pairs with a separation bound are excluded already

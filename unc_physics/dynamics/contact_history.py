@@ -56,7 +56,7 @@ class ContactHistory(NamedTuple):
 def fresh(count, world):
     """Return the history of ``count`` new rollouts."""
     bodies = len(world.bodies.moving)
-    elements = 0 if world.surroundings is None else len(world.surroundings.kind)
+    elements = 0 if world.environment is None else len(world.environment.kind)
     first = np.full((count, bodies, bodies + elements), np.inf, np.float32)
     if world.implicit is None:
         return ContactHistory(first, None, None)

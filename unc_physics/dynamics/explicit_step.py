@@ -46,7 +46,7 @@ def after_element(method, x, i, e, world, work):
 
 
 @inner(noinline=True)
-def integrate(x, first_time, world, surroundings, method, begin, steps, work):
+def integrate(x, first_time, world, environment, method, begin, steps, work):
     """Advance the state of one rollout.
 
     Parameters
@@ -56,8 +56,8 @@ def integrate(x, first_time, world, surroundings, method, begin, steps, work):
     first_time : (B, B + E) float32 array
         `ContactHistory.first_time` of this rollout, changed in place.
     world : World
-    surroundings : Surroundings or None
-        Surroundings of the world.
+    environment : Environment or None
+        Environment of the world.
     method : NamedTuple or None
         Data of a propagator for the loop's stages.
     begin, steps : int
@@ -65,28 +65,28 @@ def integrate(x, first_time, world, surroundings, method, begin, steps, work):
     work : Workspace
     """
     for step in range(begin, begin + steps):
-        free = contact_free_step(x, world, surroundings, work)
+        free = contact_free_step(x, world, environment, work)
         before_drift(method, x, step, world, work)
-        drift(x, world, surroundings, work)
-        if surroundings is not None:
-            act(x, step, world, surroundings.actions, work)
+        drift(x, world, environment, work)
+        if environment is not None:
+            act(x, step, world, environment.actions, work)
         if free:
             continue
         time = (step + 1) * world.dt
         apply_pair_forces(x, first_time, time, world, method, work)
         after_pairs(method, x, world, work)
-        if surroundings is not None:
-            apply_element_forces(x, first_time, time, world, surroundings, method, work)
+        if environment is not None:
+            apply_element_forces(x, first_time, time, world, environment, method, work)
         work.touching[0] = kick(x, world, work)
 
 
 @inner(forceinline=True)
-def drift(x, world, surroundings, work):
+def drift(x, world, environment, work):
     """Move all bodies freely for a step, then damp their velocities and apply gravity; update ``work.R``."""
     dt, decay, gravity = world.dt, world.decay, world.gravity
     for i in range(len(x)):
         if world.bodies.moving[i]:
-            work.speed[i] = dt * integrate_pose(x, i, world, surroundings, work)
+            work.speed[i] = dt * integrate_pose(x, i, world, environment, work)
             work.travel[i] += work.speed[i]
             for k in range(3):
                 x[i, V + k] = decay * x[i, V + k] + dt * gravity[k]
@@ -97,8 +97,8 @@ def drift(x, world, surroundings, work):
 def act(x, step, world, actions, work):
     """Move prescribed bodies to their states at the step's end, and apply wrenches to velocities."""
     begin, end = step * world.dt, (step + 1) * world.dt
-    for d in range(len(actions.driven)):
-        j = actions.driven[d]
+    for d in range(len(actions.kinematic)):
+        j = actions.kinematic[d]
         if follows(j, actions):
             write_on_path(x, j, j, end, actions)
             write_matrix((x[j, Q], x[j, Q + 1], x[j, Q + 2], x[j, Q + 3]), work.R, j)
@@ -112,10 +112,10 @@ def act(x, step, world, actions, work):
 
 
 @inner(forceinline=True)
-def integrate_pose(x, i, world, surroundings, work):
+def integrate_pose(x, i, world, environment, work):
     """Move body i freely for a step; return a bound on the speed of its points [m/s]."""
-    if surroundings is not None:
-        if surroundings.gyroscopic:
+    if environment is not None:
+        if environment.gyroscopic:
             pace = integrate_gyroscopic(x, i, world.dt, world.bodies, work.R)
             return pace + integrate_position(x, i, world.dt)
     pace = integrate_rotation(x, i, world.dt, world.bodies.radius, work.R)
@@ -169,16 +169,16 @@ def apply_contact_force(x, i, j, count, stiffness, work):
 
 
 @inner(noinline=True)
-def apply_element_forces(x, first_time, time, world, surroundings, method, work):
+def apply_element_forces(x, first_time, time, world, environment, method, work):
     """Apply all contact forces of elements of the environment on moving bodies."""
     for i in range(len(x)):
         if world.bodies.moving[i]:
-            for e in range(len(surroundings.kind)):
-                t, top = open_element(x, i, e, world, surroundings, work)
+            for e in range(len(environment.kind)):
+                t, top = open_element(x, i, e, world, environment, work)
                 touching = False
                 while top > 0:
                     count, top = next_element_contacts(
-                        world.tree, surroundings, e, work.R_ij, t, world.bodies.radius[i], work.search, top
+                        world.tree, environment, e, work.R_ij, t, world.bodies.radius[i], work.search, top
                     )
                     if count > 0:
                         apply_element_force(i, count, world.stiffness, work)

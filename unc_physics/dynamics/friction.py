@@ -26,9 +26,9 @@ def slip_limit(row, normal):
 
 
 @inner(forceinline=True, fastmath=FAST)
-def spin_limit(twist, normal):
+def spin_limit(torsion, normal):
     """Return the largest moment about the normal for a normal impulse ``normal`` [N m s]."""
-    return twist[REACH] * normal
+    return torsion[REACH] * normal
 
 
 @inner(forceinline=True, fastmath=FAST, error_model="numpy")
@@ -97,6 +97,6 @@ def slip_derivative(row, normal, f_t, u_t, n, yielding):
 
 
 @inner(forceinline=True)
-def spins(twist, normal, moment, spin):
+def spins(torsion, normal, moment, spin):
     """Return whether a contact spins, given its moment [N m s] and spin [rad/s] about the normal."""
-    return abs(moment) >= _AT_LIMIT * (twist[REACH] * normal) and abs(spin) * twist[REACH] > _NO_SLIP
+    return abs(moment) >= _AT_LIMIT * (torsion[REACH] * normal) and abs(spin) * torsion[REACH] > _NO_SLIP

@@ -64,7 +64,7 @@ def rollout_kernel(prepare):
             memory.contact[n],
             memory.force[n],
             memory.count[n : n + 1],
-            memory.quiet[n],
+            memory.rest_steps[n],
             memory.residual[n],
             memory.key[n],
             world,

@@ -31,13 +31,15 @@ from ..collision.contact_row import (
     DAMPING_TIME,
     DEPTH,
     DRIFT,
+    EFFECTIVE_TIME,
     FIRST,
     FORCE,
     GAP,
-    GROWTH,
+    IMPULSE_SCALE,
     LEAD,
     MOMENT_I,
     MOMENT_J,
+    QUADRATIC_GAIN,
     RADIUS,
     REACH,
     RESTITUTION,
@@ -47,11 +49,9 @@ from ..collision.contact_row import (
     SPIN_COMPLIANCE,
     SPIN_I,
     SPIN_J,
-    STRENGTH,
     TARGET,
     TURN_I,
     TURN_J,
-    WAY,
 )
 from ..collision.contact_simd import apply_impulses, contact_speeds, copy_eight, go_on
 from ..collision.implicit_workspace import (
@@ -118,32 +118,32 @@ def contact_spin(row, v, i, j):
 
 
 @inner(forceinline=True, fastmath=FAST)
-def apply_moment(twist, moment, v, i, j):
+def apply_moment(torsion, moment, v, i, j):
     """Add a moment about a contact's normal [N m s] to the bodies' angular velocities."""
     for k in range(3):
-        v[i, 3 + k] += moment * twist[SPIN_I + k]
+        v[i, 3 + k] += moment * torsion[SPIN_I + k]
     if j >= 0:
         for k in range(3):
-            v[j, 3 + k] -= moment * twist[SPIN_J + k]
+            v[j, 3 + k] -= moment * torsion[SPIN_J + k]
 
 
 @inner(fastmath=FAST, error_model="numpy")
-def _solve_twist(row, twist, own, v, i, j):
+def _solve_torsion(row, torsion, own, v, i, j):
     """Compute the moment that stops a contact's spin, limited by its normal impulse.
 
     Returns its change as an impulse [N s], and the change of spin as a velocity [m/s], both at the moment's
     reach.
     """
-    reach = twist[REACH]
-    limit = spin_limit(twist, own[0])
+    reach = torsion[REACH]
+    limit = spin_limit(torsion, own[0])
     if limit == 0.0 and own[3] == 0.0:
         return 0.0, 0.0
-    new = own[3] - contact_spin(row, v, i, j) / twist[SPIN_COMPLIANCE]
+    new = own[3] - contact_spin(row, v, i, j) / torsion[SPIN_COMPLIANCE]
     new = within_spin_limit(new, limit)
     more = new - own[3]
     own[3] = new
-    apply_moment(twist, more, v, i, j)
-    return abs(more) / reach, abs(more) * twist[SPIN_COMPLIANCE] * reach
+    apply_moment(torsion, more, v, i, j)
+    return abs(more) / reach, abs(more) * torsion[SPIN_COMPLIANCE] * reach
 
 
 @inner(forceinline=True, error_model="numpy")
@@ -178,9 +178,9 @@ def _solve_contact(row, own, law, v, i, j):
     speed, across, along = contact_speeds(row, v, i, j)
     new = 0.0
     if law == LASTING:
-        depth = row[DEPTH] - row[WAY] * (speed - row[COMPLIANCE] * old)
+        depth = row[DEPTH] - row[EFFECTIVE_TIME] * (speed - row[COMPLIANCE] * old)
         if depth > 0.0:
-            new = balanced_impulse(depth, row[GROWTH], row[STRENGTH])
+            new = balanced_impulse(depth, row[QUADRATIC_GAIN], row[IMPULSE_SCALE])
     else:
         new = max(0.0, old + ((row[TARGET] if law == ELASTIC else 0.0) - speed) / row[COMPLIANCE])
     limit = slip_limit(row, new)
@@ -208,7 +208,7 @@ def _is_open(impulses):
 
 
 @inner(fastmath=FAST, error_model="numpy")
-def solve(rows, twists, ids, m, law, all_impulses, members, count, velocity, still):
+def solve(rows, torsion_rows, ids, m, law, all_impulses, members, count, velocity, still):
     """Solve for the impulses of ``m`` contacts and the velocities ``NOW``.
 
     ``law`` is `LASTING`, `ELASTIC` or `PLASTIC`. The recorded impulses are the initial guess. ``members``
@@ -229,7 +229,7 @@ def solve(rows, twists, ids, m, law, all_impulses, members, count, velocity, sti
     best, v, before, along = all_impulses[BEST], velocity[NOW], velocity[BEFORE], velocity[ALONG]
     found = last = load = 0.0
     least = math.inf
-    end, apart, torsional = np.uint64(m), np.uint64(max(m // _APART, 1)), len(twists) > 0
+    end, apart, torsional = np.uint64(m), np.uint64(max(m // _APART, 1)), len(torsion_rows) > 0
     allowed, visit_all = int(_SLOW_SHARE * m), False
     for sweep in range(_SWEEPS):
         if sweep == _PLAIN_SWEEPS:
@@ -250,7 +250,7 @@ def solve(rows, twists, ids, m, law, all_impulses, members, count, velocity, sti
                 square += squared
                 missed += moved > goal or changed > most
                 if torsional:
-                    changed, moved = _solve_twist(rows[c], twists[c], own[c], v, i, j)
+                    changed, moved = _solve_torsion(rows[c], torsion_rows[c], own[c], v, i, j)
                     change, jump = max(change, changed), max(jump, moved)
                     missed += moved > goal or changed > most
                 c += apart
@@ -269,7 +269,7 @@ def solve(rows, twists, ids, m, law, all_impulses, members, count, velocity, sti
             least, found = square, jump
             _copy_impulses(m, own, best)
         elif square > _DIVERGED * least or sweep == _SWEEPS - 1:  # back to the best so far
-            _change_impulses(rows, twists, ids, m, own, best, v)
+            _change_impulses(rows, torsion_rows, ids, m, own, best, v)
             _copy_all(m, own, previous, members, count, v, before)
             last = 0.0
             continue
@@ -300,15 +300,15 @@ def _copy_all(m, impulses, to, members, count, v, before):
 
 
 @inner(fastmath=FAST, error_model="numpy")
-def _change_impulses(rows, twists, ids, m, own, new, v):
+def _change_impulses(rows, torsion_rows, ids, m, own, new, v):
     """Replace the impulses ``own`` by ``new``, and update the velocities."""
     for c in range(m):
         more, more1, more2 = new[c, 0] - own[c, 0], new[c, 1] - own[c, 1], new[c, 2] - own[c, 2]
         apply_impulses(rows[c], more, more1, more2, v, ids[c, 0], ids[c, 1])
         for d in range(3):
             own[c, d] = new[c, d]
-        if len(twists) > 0:
-            apply_moment(twists[c], new[c, 3] - own[c, 3], v, ids[c, 0], ids[c, 1])
+        if len(torsion_rows) > 0:
+            apply_moment(torsion_rows[c], new[c, 3] - own[c, 3], v, ids[c, 0], ids[c, 1])
             own[c, 3] = new[c, 3]
 
 
@@ -358,7 +358,7 @@ def residual_of(jump, fastest):
 
 @inner(fastmath=FAST, error_model="numpy")
 def solve_lasting(
-    rows, twists, ids, counts, all_impulses, members, count, velocity, factor, h, dt, threshold
+    rows, torsion_rows, ids, counts, all_impulses, members, count, velocity, factor, h, dt, threshold
 ):
     """Find all contacts' impulses over an interval ``h`` [s], and the velocities ``NOW`` at its end.
 
@@ -387,21 +387,23 @@ def solve_lasting(
         # contacts that stay open are not damped
         row[DAMPING_TIME] = 0.0 if row[GAP] > 0.0 else _DAMPING * dt
         _couple(row, j)
-        row[WAY] = 0.5 * h + row[DAMPING_TIME]
+        row[EFFECTIVE_TIME] = 0.5 * h + row[DAMPING_TIME]
         row[DEPTH] = -row[GAP] + 0.5 * h * end + row[DAMPING_TIME] * rolling
-        row[GROWTH], row[STRENGTH] = balance(h, row[WAY] * row[COMPLIANCE], row[RADIUS], factor)
+        row[QUADRATIC_GAIN], row[IMPULSE_SCALE] = balance(
+            h, row[EFFECTIVE_TIME] * row[COMPLIANCE], row[RADIUS], factor
+        )
         for d in range(3):
             impulses[c, d] = h * row[FORCE + d]
         impulses[c, 3] = 0.0
         if loaded:
             apply_impulses(row, impulses[c, 0], impulses[c, 1], impulses[c, 2], v, i, j)
     still = _STILL * fastest + _MOVING * max(fastest - threshold, 0.0)
-    jump = solve(rows, twists, ids, m, LASTING, all_impulses, members, count, velocity, still)
+    jump = solve(rows, torsion_rows, ids, m, LASTING, all_impulses, members, count, velocity, still)
     return residual_of(jump, fastest)
 
 
 @inner
-def work_done(rows, twists, ids, m, impulses, before, after):
+def work_done(rows, torsion_rows, ids, m, impulses, before, after):
     """Return the kinetic energy that impulses add [J], and the sum of the magnitudes of its terms."""
     total = size = 0.0
     for c in range(m):
@@ -411,7 +413,7 @@ def work_done(rows, twists, ids, m, impulses, before, after):
                 speed = contact_speed(rows[c], d, before, i, j) + contact_speed(rows[c], d, after, i, j)
                 total += 0.5 * impulses[c, d] * speed
                 size += abs(impulses[c, d] * speed)
-        if len(twists) > 0 and impulses[c, 3] != 0.0:
+        if len(torsion_rows) > 0 and impulses[c, 3] != 0.0:
             i, j = ids[c, 0], ids[c, 1]
             spin = contact_spin(rows[c], before, i, j) + contact_spin(rows[c], after, i, j)
             total += 0.5 * impulses[c, 3] * spin
@@ -420,7 +422,7 @@ def work_done(rows, twists, ids, m, impulses, before, after):
 
 
 @inner(noinline=True)
-def solve_impact(rows, twists, ids, counts, all_impulses, members, count, velocity, threshold):
+def solve_impact(rows, torsion_rows, ids, counts, all_impulses, members, count, velocity, threshold):
     """Compute the impulses `ELASTIC` of an impact of all current contacts, and the velocities ``NOW``.
 
     Newton's restitution with friction can add energy. The solution is then blended with the one without
@@ -440,22 +442,22 @@ def solve_impact(rows, twists, ids, counts, all_impulses, members, count, veloci
         for d in range(4):
             elastic[c, d] = plastic[c, d] = 0.0
     still = _STILL * fastest + _MOVING * max(fastest - threshold, 0.0)
-    jump = solve(rows, twists, ids, m, ELASTIC, all_impulses, members, count, velocity, still)
+    jump = solve(rows, torsion_rows, ids, m, ELASTIC, all_impulses, members, count, velocity, still)
     residual = residual_of(jump, fastest)
-    gain, size = work_done(rows, twists, ids, m, elastic, start, v)
+    gain, size = work_done(rows, torsion_rows, ids, m, elastic, start, v)
     if gain <= _GAIN * size:
         return residual
     for a in range(count):
         for k in range(6):
             v[members[a], k] = start[members[a], k]
-    jump = solve(rows, twists, ids, m, PLASTIC, all_impulses, members, count, velocity, still)
+    jump = solve(rows, torsion_rows, ids, m, PLASTIC, all_impulses, members, count, velocity, still)
     residual = max(residual, residual_of(jump, fastest))
-    base, _ = work_done(rows, twists, ids, m, plastic, start, v)
+    base, _ = work_done(rows, torsion_rows, ids, m, plastic, start, v)
     slope = 0.0
     for c in range(m):
         for d in range(3):
             slope += (elastic[c, d] - plastic[c, d]) * contact_speed(rows[c], d, v, ids[c, 0], ids[c, 1])
-        if len(twists) > 0:
+        if len(torsion_rows) > 0:
             slope += (elastic[c, 3] - plastic[c, 3]) * contact_spin(rows[c], v, ids[c, 0], ids[c, 1])
     share = 0.0
     if base < 0.0:
@@ -468,8 +470,8 @@ def solve_impact(rows, twists, ids, counts, all_impulses, members, count, veloci
         apply_impulses(rows[c], normal, first, second, v, ids[c, 0], ids[c, 1])
         elastic[c, 0], elastic[c, 1] = plastic[c, 0] + normal, plastic[c, 1] + first
         elastic[c, 2] = plastic[c, 2] + second
-        if len(twists) > 0:
+        if len(torsion_rows) > 0:
             moment = share * (elastic[c, 3] - plastic[c, 3])
-            apply_moment(twists[c], moment, v, ids[c, 0], ids[c, 1])
+            apply_moment(torsion_rows[c], moment, v, ids[c, 0], ids[c, 1])
             elastic[c, 3] = plastic[c, 3] + moment
     return residual

@@ -54,7 +54,6 @@ from ..compiler import inner
 from ..spatial.layout import P, Q, V, W
 from ..spatial.rotation import rotate, write_matrix
 from .actions import push
-from .driven_bodies import begin_driven, drive, end_driven, is_driven, place_driven, read_driven
 from .free_motion import integrate_gyroscopic, integrate_rotation
 from .friction import holds
 from .impact_error import disturb, is_drawn
@@ -74,6 +73,14 @@ from .implicit_stages import (
     before_travel,
     on_sleep,
     undo_step,
+)
+from .kinematic_bodies import (
+    begin_kinematic,
+    drive,
+    end_kinematic,
+    is_kinematic,
+    place_kinematic,
+    read_kinematic,
 )
 from .middle_arms import push_in_the_middle
 
@@ -101,21 +108,21 @@ def travel_freely(x, i, h, end, decay, world, R):
     The path is a parabola. Updates ``R`` (B, 3, 3). Half of the wrenches' impulses come before the motion,
     half after it.
     """
-    gravity, pushed = world.gravity, len(world.surroundings.actions.wrench_body) > 0
+    gravity, pushed = world.gravity, len(world.environment.actions.wrench_body) > 0
     if pushed:
-        push(x, i, end - h, end, 0.5, world.bodies, R, world.surroundings.actions)
+        push(x, i, end - h, end, 0.5, world.bodies, R, world.environment.actions)
     for k in range(3):
         v = decay * x[i, V + k] + h * gravity[k]
         x[i, P + k] += 0.5 * h * (x[i, V + k] + v)
         x[i, V + k] = v
-    if world.surroundings.gyroscopic:
+    if world.environment.gyroscopic:
         integrate_gyroscopic(x, i, h, world.bodies, R)
     else:
         integrate_rotation(x, i, h, world.bodies.radius, R)
     for k in range(3):
         x[i, W + k] *= decay
     if pushed:
-        push(x, i, end - h, end, 0.5, world.bodies, R, world.surroundings.actions)
+        push(x, i, end - h, end, 0.5, world.bodies, R, world.environment.actions)
 
 
 @inner(noinline=True)
@@ -132,13 +139,13 @@ def find_contacts(x, count, since, horizon, limit, speeds_only, world, work):
         i = members[a]
         tilt = patch_tilt(x, i, -1, since)
         need = max(limit, ACTIVE_GAP) + (since + horizon) * numbers[i, PACE]
-        if len(world.surroundings.kind) > 0 and clearance(x, i, world, work) < need:
-            for e in range(len(world.surroundings.kind)):
+        if len(world.environment.kind) > 0 and clearance(x, i, world, work) < need:
+            for e in range(len(world.environment.kind)):
                 px, py, pz = in_element(
-                    world.surroundings.position, world.surroundings.R, e, x[i, P], x[i, P + 1], x[i, P + 2]
+                    world.environment.position, world.environment.R, e, x[i, P], x[i, P + 1], x[i, P + 2]
                 )
                 if (
-                    surface(world.surroundings.kind, world.surroundings.size, e, px, py, pz)[0]
+                    surface(world.environment.kind, world.environment.size, e, px, py, pz)[0]
                     < radius[i] + need
                 ):
                     found = element_candidates(x, i, e, limit, horizon, world, work)
@@ -214,7 +221,9 @@ def collide(x, count, time, impact, first_time, residual, world, threshold, key,
         disturb(
             round((time - world.start) / world.dt), impact, len(x), key, world.implicit.impact_error, work
         )
-    worst = solve_impact(rows, work.twists, ids, counts, work.impulses, members, count, velocity, threshold)
+    worst = solve_impact(
+        rows, work.torsion_rows, ids, counts, work.impulses, members, count, velocity, threshold
+    )
     after_impact(method, x, count, threshold, world, work)
     for c in range(kept):
         if work.impulses[ELASTIC, c, 0] > 0.0:
@@ -262,7 +271,7 @@ def travel_to_contacts(x, count, h, end, touching, world, work):
         for k in range(4):
             numbers[i, FREE_QUATERNION + k] = x[i, Q + k]
     work.counts[CONTACTS] = 0
-    if len(world.surroundings.actions.driven) > 0:
+    if len(world.environment.actions.kinematic) > 0:
         drive(x, count, end, h, world, work)
     if touching:
         prepare_members(x, count, world, work)
@@ -283,8 +292,8 @@ def _travel_back(x, count, begin, world, work):
         for k in range(4):
             x[i, Q + k] = numbers[i, START_QUATERNION + k]
         write_matrix((x[i, Q], x[i, Q + 1], x[i, Q + 2], x[i, Q + 3]), work.R, i)
-    if len(world.surroundings.actions.driven) > 0:
-        place_driven(x, count, begin, world, work)
+    if len(world.environment.actions.kinematic) > 0:
+        place_kinematic(x, count, begin, world, work)
 
 
 @inner(noinline=True)
@@ -298,7 +307,7 @@ def push_apart(x, count, h, time, first_time, residual, world, threshold, method
         push_in_the_middle(h, world, work)
         worst = solve_lasting(
             work.rows,
-            work.twists,
+            work.torsion_rows,
             work.ids,
             work.counts,
             work.impulses,
@@ -356,7 +365,7 @@ def _add_travel(x, i, h, start, numbers, radius):
 @inner(forceinline=True)
 def fastest_closing(x, count, world, work):
     """Return an upper bound on closing speeds in the current group in this step [m/s]."""
-    if len(world.surroundings.actions.driven) > 0:
+    if len(world.environment.actions.kinematic) > 0:
         return math.inf
     numbers, first, second = work.numbers, 0.0, 0.0
     for a in range(count):
@@ -376,9 +385,9 @@ def advance_group(x, count, time, first_time, residual, world, threshold, slowes
     """
     left = horizon = world.dt
     impacts = cuts = 0
-    driven = len(world.surroundings.actions.driven) > 0
-    if driven:  # another group may have moved them
-        place_driven(x, count, time - left, world, work)
+    kinematic = len(world.environment.actions.kinematic) > 0
+    if kinematic:  # another group may have moved them
+        place_kinematic(x, count, time - left, world, work)
     before_group(method, count, world, work)
     # ``looked``: contacts of this pose were selected by their gaps alone, and none was an impact. ``near``:
     # the time of the first impact among them.
@@ -406,8 +415,8 @@ def advance_group(x, count, time, first_time, residual, world, threshold, slowes
         rebound = 0.0 if impacts < _IMPACTS and cuts < _CUTS else LIVELY
         if work.counts[CONTACTS] > 0 and impacts < _LIVELY_IMPACTS and cuts < _LIVELY_CUTS:
             _read_velocities(x, count, work.members, work.velocity)
-            if driven:
-                read_driven(x, count, world, work)
+            if kinematic:
+                read_kinematic(x, count, world, work)
             now = impact_now(threshold, rebound, work)
             if now and (horizon == 0.0 or looked):  # a deeper opening contact can hide a closing one
                 collide(x, count, time, impacts, first_time, residual, world, threshold, key, method, work)
@@ -510,17 +519,17 @@ def _keep_memory(i, work):
 
 
 @inner(noinline=True)
-def advance_step(x, time, first_time, quiet, residual, world, threshold, slowest, key, method, work):
+def advance_step(x, time, first_time, rest_steps, residual, world, threshold, slowest, key, method, work):
     """Advance all groups by one step; return early if room overflows (`OVERFLOW`).
 
     Contacts that close more slowly than ``slowest`` [m/s] have no impacts, whatever their restitution.
     """
     numbers, group, members = work.numbers, work.group, work.members
     moving, bodies, dt = work.moving, world.bodies, world.dt
-    actions = world.surroundings.actions
-    acted = len(actions.driven) + len(actions.wrench_body) + len(actions.surface) > 0
+    actions = world.environment.actions
+    acted = len(actions.kinematic) + len(actions.wrench_body) + len(actions.surface) > 0
     if acted:
-        begin_driven(x, time - dt, quiet, world, work)
+        begin_kinematic(x, time - dt, rest_steps, world, work)
         before_groups(method, x, time - dt, world, work)
     for i in range(len(x)):
         if moving[i]:
@@ -538,9 +547,9 @@ def advance_step(x, time, first_time, quiet, residual, world, threshold, slowest
         while j >= 0:
             members[count] = j
             count += 1
-            asleep = asleep and quiet[j] >= world.implicit.rest_steps
+            asleep = asleep and rest_steps[j] >= world.implicit.rest_steps
             if acted and asleep:
-                asleep = not is_driven(j, world, work)
+                asleep = not is_kinematic(j, world, work)
             j = work.next_member[j]
         if asleep:
             for a in range(count):
@@ -551,12 +560,12 @@ def advance_step(x, time, first_time, quiet, residual, world, threshold, slowest
             continue
         if count == 1:
             alone = (
-                len(world.surroundings.kind) == 0
+                len(world.environment.kind) == 0
                 or clearance(x, i, world, work) >= dt * numbers[i, PACE] + ACTIVE_GAP
             )
             if alone and work.neighbor_count[i] == 0:
                 numbers[i, TRAVEL] += dt * numbers[i, PACE]
-                quiet[i] = 0
+                rest_steps[i] = 0
                 before_flight(method, x, i, world, work)
                 travel_freely(x, i, dt, time, world.decay, world, work.R)
                 after_flight(method, x, i, world, work)
@@ -571,19 +580,19 @@ def advance_step(x, time, first_time, quiet, residual, world, threshold, slowest
                 rests = (
                     numbers[j, PACE] < _QUIET_SPEED and work.loaded[j] >= _QUIET_CONTACTS and work.holds[j]
                 )
-                quiet[j] = quiet[j] + 1 if rests else 0
+                rest_steps[j] = rest_steps[j] + 1 if rests else 0
     if acted:
-        end_driven(x, time, world, work)
+        end_kinematic(x, time, world, work)
         after_groups(method, x, time, world, work)
 
 
 @inner
 def integrate(
-    x, first_time, contact, force, remembered, quiet, residual, key, world, method, begin, steps, work
+    x, first_time, contact, force, remembered, rest_steps, residual, key, world, method, begin, steps, work
 ):
     """Advance one rollout's state ``x`` (B, 13) until room overflows; return the number of steps done.
 
-    ``contact``, ``force``, ``quiet``, ``residual`` and ``key`` are fields of `SolverMemory`, and
+    ``contact``, ``force``, ``rest_steps``, ``residual`` and ``key`` are fields of `SolverMemory`, and
     ``remembered`` (1,) is its count. ``method`` is the data of a propagator for the stages, or None.
     """
     gravity = math.sqrt(world.gravity[0] ** 2 + world.gravity[1] ** 2 + world.gravity[2] ** 2)
@@ -603,7 +612,7 @@ def integrate(
             return steps
         for i in range(len(x)):
             head[i] = -1
-            work.quiet[i] = quiet[i]
+            work.rest_steps[i] = rest_steps[i]
             for k in range(13):
                 state[i, k] = x[i, k]
         for n in range(remembered[0] - 1, -1, -1):
@@ -613,12 +622,14 @@ def integrate(
             counts[OVERFLOW] = NO_OVERFLOW
             before_step(method, x, step, world, work)
             time = world.start + (step + 1) * world.dt
-            advance_step(x, time, first_time, quiet, residual, world, threshold, slowest, key, method, work)
+            advance_step(
+                x, time, first_time, rest_steps, residual, world, threshold, slowest, key, method, work
+            )
             if counts[OVERFLOW] == NO_OVERFLOW:
                 break
             undo_step(method, work)
             for i in range(len(x)):
-                quiet[i] = work.quiet[i]
+                rest_steps[i] = work.rest_steps[i]
                 for k in range(13):
                     x[i, k] = state[i, k]
                 write_matrix((x[i, Q], x[i, Q + 1], x[i, Q + 2], x[i, Q + 3]), work.R, i)

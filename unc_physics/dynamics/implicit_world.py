@@ -113,7 +113,7 @@ class SolverMemory(NamedTuple):
     count : (N,) int64
         Number of these contacts, at most `REMEMBERED_CONTACTS` for each body i. Contacts beyond have no
         initial guess in the next step, which only costs time.
-    quiet : (N, B) int64
+    rest_steps : (N, B) int64
         Number of steps for which each body has been at rest.
     residual : (N, B) float32
         Largest residual of each body's contacts so far (`implicit_solver.residual_of`).
@@ -127,7 +127,7 @@ class SolverMemory(NamedTuple):
     contact: np.ndarray
     force: np.ndarray
     count: np.ndarray
-    quiet: np.ndarray
+    rest_steps: np.ndarray
     residual: np.ndarray
     kept_overlap: np.ndarray
     key: np.ndarray
@@ -150,10 +150,10 @@ def fresh_solver_memory(count, bodies):
 def of_bodies(memory, bodies, kept_overlap):
     """Return the memory of some bodies, which touch no others; ``kept_overlap`` is theirs."""
     count = len(memory.count)
-    place = np.full(memory.quiet.shape[1], -1)
+    place = np.full(memory.rest_steps.shape[1], -1)
     place[bodies] = np.arange(len(bodies))
     own = fresh_solver_memory(count, len(bodies))._replace(kept_overlap=kept_overlap, key=memory.key)
-    own.quiet[:], own.residual[:] = memory.quiet[:, bodies], memory.residual[:, bodies]
+    own.rest_steps[:], own.residual[:] = memory.rest_steps[:, bodies], memory.residual[:, bodies]
     for n in np.flatnonzero(memory.count):
         contact = memory.contact[n, : memory.count[n]]
         kept = place[contact[:, 0]] >= 0
@@ -166,7 +166,10 @@ def add_bodies(memory, own, bodies, followed):
 
     Rollout n of the joint memory follows rollout ``followed[n]`` of theirs.
     """
-    memory.quiet[:, bodies], memory.residual[:, bodies] = own.quiet[followed], own.residual[followed]
+    memory.rest_steps[:, bodies], memory.residual[:, bodies] = (
+        own.rest_steps[followed],
+        own.residual[followed],
+    )
     memory.key[:] = own.key[followed]
     for n in np.flatnonzero(own.count[followed]):
         k = followed[n]

@@ -49,15 +49,15 @@ def simulate(states, world, steps):
 def advance(states, contact_history, world, begin, steps):
     """Advance a batch as `rollout` does, in the calling thread, by the world's integrator."""
     if world.implicit is None:
-        advance_explicit(states, contact_history.first_time, world, world.surroundings, begin, steps)
+        advance_explicit(states, contact_history.first_time, world, world.environment, begin, steps)
     else:
         advance_implicit(states, contact_history.first_time, contact_history.solver, world, begin, steps)
 
 
 @kernel
-def advance_explicit(states, first_time, world, surroundings, begin, steps):
+def advance_explicit(states, first_time, world, environment, begin, steps):
     """Advance states (N, B, 13) and first contacts (N, B, B + E) in place by explicit steps."""
     for n in range(len(states)):
         integrate(
-            states[n], first_time[n], world, surroundings, None, begin, steps, workspace(states[n], world)
+            states[n], first_time[n], world, environment, None, begin, steps, workspace(states[n], world)
         )

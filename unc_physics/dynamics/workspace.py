@@ -35,7 +35,7 @@ class Workspace(NamedTuple):
         Bound on the travel of a body's points in these steps [m]; zeros.
     contact_free_steps : (2,) int64
         Number of steps ahead without possible contacts, and number of steps for the next test. For scenes
-        with surroundings.
+        with environment.
     touching : (1,) bool
         Whether anything touched in the last step that could have contacts; also True before the first such
         step.

@@ -38,7 +38,7 @@ class Bodies(NamedTuple):
     root: np.ndarray
 
 
-class Surroundings(NamedTuple):
+class Environment(NamedTuple):
     """The E elements of the environment, the actions, and the choice of the gyroscopic term.
 
     Attributes
@@ -85,7 +85,7 @@ class World(NamedTuple):
         kappa [N/m^3].
     stack_size : int
         Largest stack size of a search through two trees.
-    surroundings : Surroundings or None
+    environment : Environment or None
         None for the paper's physics, for which kernels compile without surroundings. Functions that depend on
         this take them as a separate argument, since numba removes branches only for arguments that are None.
     implicit : Implicit or None
@@ -100,5 +100,5 @@ class World(NamedTuple):
     decay: float
     stiffness: float
     stack_size: int
-    surroundings: Surroundings | None
+    environment: Environment | None
     implicit: Implicit | None

@@ -50,8 +50,8 @@ def find_rows(x, count, reach, pair_reach, as_they_are, sides, world, work):
     for a in range(count):
         i = members[a]
         tilt = min(max(3.0 * reach / radius[i], _LEAST_TILT), _MOST_TILT)
-        for e in range(len(world.surroundings.kind)):
-            if element_distance(world.surroundings, e, x[i, P], x[i, P + 1], x[i, P + 2]) < radius[i] + reach:
+        for e in range(len(world.environment.kind)):
+            if element_distance(world.environment, e, x[i, P], x[i, P + 1], x[i, P + 2]) < radius[i] + reach:
                 found = element_candidates(x, i, e, reach, 0.0, world, work)
                 if not as_they_are:
                     found = choose_ways_out(x, i, -1 - e, found, sides, world, work)
@@ -105,7 +105,7 @@ def _moved_gap(x, i, j, a, distance, way, world, work):
         centers[a, 2] + distance * way[2],
     )
     px, py, pz = x[i, P] + mx, x[i, P + 1] + my, x[i, P + 2] + mz
-    return element_distance(world.surroundings, e, px, py, pz) - world.tree.radii[a]
+    return element_distance(world.environment, e, px, py, pz) - world.tree.radii[a]
 
 
 @inner(forceinline=True)
@@ -121,7 +121,7 @@ def choose_ways_out(x, i, j, count, sides, world, work):
     side = sides[i, column_of(j, len(x))]
     R = work.R[j]
     if j < 0:
-        R = world.surroundings.R[-1 - j]
+        R = world.environment.R[-1 - j]
     wx, wy, wz = rotate(R, side[0], side[1], side[2])
     sx, sy, sz = rotate_back(work.R[i], wx, wy, wz)
     for k in range(count):
@@ -221,7 +221,7 @@ def sides_of(mean, world):
     (B, B + E, 3) float64
         Normals towards the body at the closest points, in the partner's frame; 0 if they are far apart.
     """
-    bodies, elements = len(mean), len(world.surroundings.kind)
+    bodies, elements = len(mean), len(world.environment.kind)
     sides = zeros((bodies, bodies + elements, 3))
     none, least = zeros((bodies, bodies + elements, 3)), full((bodies, bodies + elements), np.inf)
     room = 1024, 16384, 65536
@@ -244,7 +244,7 @@ def sides_of(mean, world):
         if row[GAP] >= least[i, column]:
             continue
         least[i, column] = row[GAP]
-        R = world.surroundings.R[-1 - j] if j < 0 else work.R[j]
+        R = world.environment.R[-1 - j] if j < 0 else work.R[j]
         s = rotate_back(R, row[DIRECTION], row[DIRECTION + 1], row[DIRECTION + 2])
         sides[i, column, 0], sides[i, column, 1], sides[i, column, 2] = s
     return sides

@@ -135,7 +135,7 @@ def project(states, given, found, world):
     world : World
         What does not move there, stays.
     """
-    bodies, elements = len(given.mean), len(world.surroundings.kind)
+    bodies, elements = len(given.mean), len(world.environment.kind)
     room = 128, 1024, 8192
     local, settled = integers(bodies), booleans(bodies)
     depth, overlap, moved = zeros((bodies, bodies + elements)), zeros(bodies), zeros(bodies)

@@ -15,6 +15,7 @@ from ..propagators.base import PointPairs, rollout_count
 from ..spatial.layout import ERR_ANGULAR_VELOCITY
 from ..spatial.moments import pose_spreads
 from .body_status import BodyStatus
+from .compute_budget import ComputeBudget
 from .diagnostics import RULES, judged, measures_of
 from .driver import run, wide_states
 from .evidence import Evidence, initial_diagnostics
@@ -23,7 +24,6 @@ from .memory import check_memory
 from .probability import is_certain
 from .request_checks import check_supported
 from .snapshot import Snapshot
-from .within import Within
 
 if TYPE_CHECKING:
     from .prediction import Prediction
@@ -163,5 +163,5 @@ def rollout_spreads(scene, initial, marks, count):
     propagator = BalancedMonteCarlo(samples=count, seed=_SEED)
     check_supported(scene, propagator)
     check_memory(scene, initial, propagator, len(marks))
-    sampled = run(scene, initial, propagator, marks, Within(None, clock(), None))
+    sampled = run(scene, initial, propagator, marks, ComputeBudget(None, clock(), None))
     return np.array([pose_spreads(snapshot.belief.blocks) for snapshot in sampled.snapshots])

@@ -18,16 +18,16 @@ from ..propagators.base import Anytime, Islands, Propagator, Samples, Spent, rol
 from ..propagators.names import POINTS
 from ..propagators.registry import make_propagator
 from ..propagators.start import constrain_belief
-from ..scene.action_arrays import with_certain_actions, with_driven
+from ..scene.action_arrays import with_certain_actions, with_kinematic
 from ..scene.belief import Belief
 from ..scene.scene import Scene
+from .compute_budget import LOOK_UP_AFTER, ComputeBudget, first_piece
 from .events import Event, RolloutOutcomes
 from .islands import IslandRunner
 from .marks import Mark, finish, whole
 from .probability import CONFIDENCE, interval
 from .rare_outcomes import WIDE_ROLLOUTS, tail_factor
 from .snapshot import Snapshot
-from .within import LOOK_UP_AFTER, Within, first_piece
 
 
 class Run(NamedTuple):
@@ -51,7 +51,7 @@ def simulate(
     finish: Callable[[Any, Mark], Any],
     marks: list[Mark],
     scene: Scene,
-    within: Within,
+    compute_budget: ComputeBudget,
     progress: Callable[[int, int], object] | None = None,
 ) -> Iterator[tuple[Mark, Any]]:
     """Yield the carry at the start and at each of the marks.
@@ -67,7 +67,7 @@ def simulate(
     marks : list of Mark
         Ascending.
     scene : Scene
-    within : Within
+    compute_budget : ComputeBudget
     progress : callable, optional
         As in `predict`.
 
@@ -77,26 +77,26 @@ def simulate(
         That time ran out, or what ``progress`` raises; before, the carry that was reached is yielded, too.
     """
     last, horizon = marks[-1].count, marks[-1].time
-    in_one_go = within.allowed is None and progress is None
-    done, shown, told = 0, 0, within.started
+    in_one_go = compute_budget.allowed is None and progress is None
+    done, shown, told = 0, 0, compute_budget.started
 
     def tell():
         nonlocal told
         told = clock()
         if progress is not None:
             progress(done, last)
-        if done < last and within.over:
-            raise within.error(done * scene.dt, horizon)
+        if done < last and compute_budget.over:
+            raise compute_budget.error(done * scene.dt, horizon)
 
     def look():  # between the parts of a step that takes long
-        if clock() - told > LOOK_UP_AFTER or within.over:
+        if clock() - told > LOOK_UP_AFTER or compute_budget.over:
             tell()
 
     def complete(compute, *arguments):
         with contextlib.nullcontext() if in_one_go else watched(look):
-            found = within.complete(compute, *arguments)
+            found = compute_budget.complete(compute, *arguments)
         if found is None:
-            raise within.error(done * scene.dt, horizon)
+            raise compute_budget.error(done * scene.dt, horizon)
         return found
 
     carry = complete(begin)
@@ -109,7 +109,7 @@ def simulate(
                 carry = complete(advance, carry, steps)
                 done += steps
                 if not in_one_go:
-                    piece = within.next_piece(steps, clock() - began, scene)
+                    piece = compute_budget.next_piece(steps, clock() - began, scene)
                     tell()
             except UncPhysicsError:
                 if done > shown:
@@ -126,7 +126,7 @@ def run(
     given: Belief,
     propagator: Propagator,
     marks: list[Mark],
-    within: Within,
+    compute_budget: ComputeBudget,
     progress: Callable[[int, int], object] | None = None,
     events: Sequence[Event] = (),
 ) -> Run:
@@ -145,9 +145,9 @@ def run(
     initial = belief if scene.acts else given  # where prescribed bodies are is not for a belief to say
     if propagator.traits.mean_update == "nominal" and scene.integrator == "implicit":
         # a single rollout cannot begin in several ways; uncertain actions have directions of their own
-        belief = within.complete(belief_of_points, with_certain_actions(scene), belief)
+        belief = compute_budget.complete(belief_of_points, with_certain_actions(scene), belief)
         if belief is None:
-            raise within.error(0.0, marks[-1].time)
+            raise compute_budget.error(0.0, marks[-1].time)
     # shared parameters tie all bodies together for ever, what is fixed makes no island, and bounds of where
     # bodies get to do not know what a robot does
     divisible = len(scene.moving) > 0 and not scene.shared_parameters and not scene.acts
@@ -170,7 +170,7 @@ def run(
             runner.finish if in_islands else lambda carry, mark: finish(propagator, carry, scene, mark),
             marks,
             scene,
-            within,
+            compute_budget,
             progress,
         ):
             if mark.time == 0.0:
@@ -185,7 +185,9 @@ def run(
         error.prediction = found() if snapshots or waiting else None
         raise
     if isinstance(propagator, Anytime):
-        waiting, wide = _with_additional_rollouts(propagator, scene, belief, initial, waiting, within, events)
+        waiting, wide = _with_additional_rollouts(
+            propagator, scene, belief, initial, waiting, compute_budget, events
+        )
         result = found()
         pairs = zip(result.snapshots, wide, strict=True)
         return result._replace(snapshots=tuple(replace(one, wide=states) for one, states in pairs))
@@ -213,7 +215,7 @@ def snapshot(propagator: Propagator, scene: Scene, carry: Any, mark: Mark, runne
     runner = propagator if runner is None else runner
     time = mark.time
     belief = runner.belief(carry, scene)
-    mean = with_driven(scene, belief.mean, time)  # prescribed bodies are where their paths say
+    mean = with_kinematic(scene, belief.mean, time)  # prescribed bodies are where their paths say
     if mean is not belief.mean:
         belief = Belief.trusted(mean, belief.covariance, belief.moving)
     if not (np.isfinite(belief.mean).all() and np.isfinite(belief.covariance).all()):
@@ -249,31 +251,37 @@ def belief_at_start(propagator: Propagator, runner: Any, scene: Scene, first: An
     return runner.belief(first, scene) if moved or scene.overlap == "reject" else initial
 
 
-def _with_additional_rollouts(propagator, scene, belief, initial, waiting, within, events):
+def _with_additional_rollouts(propagator, scene, belief, initial, waiting, compute_budget, events):
     """The carries at each mark, with as many more rollouts as the propagator wants; and states of rollouts
     of a wider belief, each None where it did not look for rare outcomes.
     """
     marks = [mark for mark, _ in waiting]
-    simulated, factor = clock() - within.started, None
+    simulated, factor = clock() - compute_budget.started, None
     wide: list[np.ndarray | None] = [None] * len(marks)
     while True:
         last = waiting[-1][1]
-        count, spent = rollout_count(last), clock() - within.started
+        count, spent = rollout_count(last), clock() - compute_budget.started
         errors = _probability_errors(propagator, scene, initial, waiting, events)
         if factor is not None:
             factor = _rare_factor(propagator, scene, last, wide[-1])
         now = Spent(spent, simulated, len(waiting), errors, factor)
         more = propagator.additional_rollouts(last, scene, now)
-        if more <= 0 and factor is None and propagator.looks_far(last, scene) and within.allowed is None:
+        if (
+            more <= 0
+            and factor is None
+            and propagator.looks_far(last, scene)
+            and compute_budget.allowed is None
+        ):
             wide = wide_states(scene, initial, marks, count)
             factor = _rare_factor(propagator, scene, last, wide[-1])
             more = propagator.additional_rollouts(last, scene, now._replace(rare=factor))
         again = count if scene.islands else 0  # islands have no rollouts to add to
         if more <= 0 or (
-            within.allowed is not None and spent * (1.0 + (more + again) / count) > within.allowed
+            compute_budget.allowed is not None
+            and spent * (1.0 + (more + again) / count) > compute_budget.allowed
         ):
             return waiting, wide
-        began, unlimited = clock(), Within(None, within.started, None)
+        began, unlimited = clock(), ComputeBudget(None, compute_budget.started, None)
         runner = IslandRunner(propagator, scene, marks, count + more) if again else propagator
         _, *additional = simulate(
             partial(runner.init, scene, belief)
@@ -302,7 +310,7 @@ def wide_states(scene: Scene, initial: Belief, marks: list[Mark], count: int) ->
     """
     propagator = WideMonteCarlo(samples=min(WIDE_ROLLOUTS, count))
     try:
-        wide = run(scene, initial, propagator, marks, Within(None, clock(), None))
+        wide = run(scene, initial, propagator, marks, ComputeBudget(None, clock(), None))
     except DivergedError:
         return [None] * len(marks)
     return [snapshot.rollout_states for snapshot in wide.snapshots]

@@ -71,7 +71,7 @@ def first_contacts(
     if scene.acts:  # which first contacts do not decide
         states = start_states(scene, states, np.zeros((samples, 0)))
     elif history.solver is not None:  # flights begin without contacts
-        history.solver.count[:], history.solver.quiet[:] = 0, 0
+        history.solver.count[:], history.solver.rest_steps[:] = 0, 0
     stopped = np.full(states.shape[:2], np.inf, history.first_time.dtype)
     found: list[Flights] = []
     done = 0
@@ -91,16 +91,16 @@ def _advance(states, history, stopped, scene, begin, steps):
     if scene.acts:
         rollout(states, history, world, begin, steps)
     elif world.implicit is None:
-        _fly(states, first, stopped, world, world.surroundings, begin, steps)
+        _fly(states, first, stopped, world, world.environment, begin, steps)
     else:
         _fly_implicit(states, first, stopped, world, history.solver, begin, steps)
 
 
 @kernel(noinline=True)
-def _own_world(world, surroundings, implicit):
+def _own_world(world, environment, implicit):
     """A world in which bodies can be stopped without stopping them in the one given.
 
-    ``surroundings`` and ``implicit`` are the world's, or None to compile without them.
+    ``environment`` and ``implicit`` are the world's, or None to compile without them.
     """
     b = world.bodies
     return World(
@@ -120,22 +120,22 @@ def _own_world(world, surroundings, implicit):
         world.decay,
         world.stiffness,
         world.stack_size,
-        surroundings,
+        environment,
         implicit,
     )
 
 
 @kernel
-def _fly(states, first, stopped, world, surroundings, begin, steps):
+def _fly(states, first, stopped, world, environment, begin, steps):
     """Advance the states in place; a body counts as fixed from the step on in which it touches something."""
     for n in range(len(states)):
-        own = _own_world(world, surroundings, None)
+        own = _own_world(world, environment, None)
         left = _fix(stopped[n], own.bodies)
         work = workspace(states[n], own)
         for step in range(begin, begin + steps):
             if left == 0:
                 break
-            integrate(states[n], first[n], own, surroundings, None, step, 1, work)
+            integrate(states[n], first[n], own, environment, None, step, 1, work)
             left = _stop(first[n], stopped[n], own.bodies)
 
 
@@ -156,7 +156,7 @@ def _fly_until_one_stops(done, total, arguments, world, work, contacts):
             memory.contact[n],
             memory.force[n],
             memory.count[n : n + 1],
-            memory.quiet[n],
+            memory.rest_steps[n],
             memory.residual[n],
             memory.key[n],
             world,
@@ -177,7 +177,7 @@ _complete_flight = with_growing_room(_fly_until_one_stops)
 def _fly_implicit(states, first, stopped, world, memory, begin, steps):
     """As `_fly`, by implicit steps; ``memory`` is a `SolverMemory`."""
     for n in range(len(states)):
-        own = _own_world(world, world.surroundings, world.implicit)
+        own = _own_world(world, world.environment, world.implicit)
         if _fix(stopped[n], own.bodies) > 0:
             arguments = states[n], first[n], stopped[n], memory, n, begin
             _complete_flight(states[n], memory.kept_overlap[n], own, arguments, steps, FIRST_ROOM)

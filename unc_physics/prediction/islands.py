@@ -456,17 +456,17 @@ class IslandRunner:
 
     def _reaches_elements(self, low, high):
         """(B,): whether each box may touch an element of the environment."""
-        surroundings = self._scene.world.surroundings
+        environment = self._scene.world.environment
         found = np.zeros(len(low), bool)
-        if surroundings is None:
+        if environment is None:
             return found
         center, half = 0.5 * (low + high), 0.5 * (high - low)
-        for e in range(len(surroundings.kind)):
+        for e in range(len(environment.kind)):
             # in the element's frame
-            lowest, highest = bounds(surroundings.kind, surroundings.size, e)
+            lowest, highest = bounds(environment.kind, environment.size, e)
             middle, reach = (
-                (center - surroundings.position[e]) @ surroundings.R[e],
-                half @ np.abs(surroundings.R[e]),
+                (center - environment.position[e]) @ environment.R[e],
+                half @ np.abs(environment.R[e]),
             )
             found |= np.all((middle - reach < highest) & (middle + reach > lowest), axis=1)
         return found

@@ -17,6 +17,7 @@ from ..propagators.registry import make_propagator
 from ..scene.belief import Belief
 from ..scene.scene import Scene
 from ..scene.stiffness import with_stiffness
+from .compute_budget import ComputeBudget
 from .driver import belief_of_points, run
 from .events import Event, checked_events
 from .first_contacts import first_contacts
@@ -24,7 +25,6 @@ from .memory import check_memory
 from .prediction import Prediction
 from .probability import is_certain
 from .request_checks import check_supported, marks_of
-from .within import Within
 
 #: Flights up to the first contacts, of a prediction that is asked for events.
 FLIGHTS = 1000
@@ -107,9 +107,9 @@ def predict(
 
     with time_limit() as limit:
         ends_early = scene.integrator == "implicit"  # the explicit step's kernels do not
-        within = Within(allowed, started, limit if ends_early else None)
+        compute_budget = ComputeBudget(allowed, started, limit if ends_early else None)
         try:
-            prediction = prediction_of(run(scene, belief, propagator, marks, within, progress, asked))
+            prediction = prediction_of(run(scene, belief, propagator, marks, compute_budget, progress, asked))
         except UncPhysicsError as error:
             if error.prediction is not None:
                 error.prediction = prediction_of(error.prediction)

@@ -19,14 +19,14 @@ from ..propagators.registry import make_propagator
 from ..scene.belief import Belief
 from ..scene.scene import Scene
 from .actions import Action, apply_action
-from .contest import Contest, Entrant, Failed
+from .candidates import Candidate, CandidateRollouts, Failed
 from .events import Event
 from .memory import check_memory
 from .prediction import Prediction
 from .probability import sample_outcomes
-from .racing import Difference
 from .ranking_table import ranking_as_dict, ranking_as_html, ranking_as_table
 from .request_checks import check_supported, marks_of
+from .sequential_halving import Difference
 from .snapshot import Probability
 from .tables import FEW_LINES
 
@@ -145,7 +145,7 @@ def rank(
 
     All actions begin with the same random draws, in one batch on all threads, round by round. Before each
     round clear losers leave: by the sign test on the draws in which they and the leader differ, at a level
-    that leaves the best action in the race but in one ranking of a thousand. As long as the budget has no
+    that leaves the best action ranked but in one ranking of a thousand. As long as the budget has no
     room for all, the last ones leave, too.
 
     Parameters
@@ -208,16 +208,16 @@ def rank(
     belief.check_fits(scene)
     score.check(scene, "score")
     flag(smallest_first, "smallest_first")
-    entrants = [
-        Entrant(name, *apply_action(scene, belief, action, f"actions[{name!r}]"))
+    candidates = [
+        Candidate(name, *apply_action(scene, belief, action, f"actions[{name!r}]"))
         for name, action in actions.items()
     ]
     rollouts = integer(rollouts, "rollouts", low=1)
     if rollouts > SAMPLES_LIMIT:
         raise LimitExceededError(f"must be at most {SAMPLES_LIMIT}", field="rollouts", value=rollouts)
     try:
-        return rank_entrants(
-            entrants,
+        return rank_candidates(
+            candidates,
             make_propagator(REFERENCE, samples=rollouts, seed=seed),
             score,
             horizon,
@@ -229,12 +229,14 @@ def rank(
         )
     except Failed as failed:
         error = failed.error
-        field = f"actions[{entrants[failed.entrant].name!r}]" + (f": {error.field}" if error.field else "")
+        field = f"actions[{candidates[failed.candidate].name!r}]" + (
+            f": {error.field}" if error.field else ""
+        )
         raise type(error)(error.problem, field=field, value=error.value) from error
 
 
-def rank_entrants(
-    entrants: Sequence[Entrant],
+def rank_candidates(
+    candidates: Sequence[Candidate],
     propagator: Any,
     score: Event,
     horizon: float | None = None,
@@ -254,7 +256,7 @@ def rank_entrants(
     UncPhysicsError
         Otherwise.
     """
-    count, rollouts = len(entrants), propagator.samples
+    count, rollouts = len(candidates), propagator.samples
     most: int = _budget(count, rollouts) if budget is None else integer(budget, "budget", low=1)
     if most < count:
         raise InvalidRequestError(
@@ -262,25 +264,25 @@ def rank_entrants(
         )
     allowed = None if max_computation_time is None else positive(max_computation_time, "max_computation_time")
     marks = None
-    for k, entrant in enumerate(entrants):
+    for k, candidate in enumerate(candidates):
         with Failed.of(k):
-            score.check(entrant.scene, "score")
-            check_supported(entrant.scene, propagator)
-            own = marks_of(entrant.scene, horizon, times)
+            score.check(candidate.scene, "score")
+            check_supported(candidate.scene, propagator)
+            own = marks_of(candidate.scene, horizon, times)
             if marks not in (None, own):
                 raise InvalidHorizonError(
-                    "must be that of the other actions", field="dt", value=entrant.scene.dt
+                    "must be that of the other actions", field="dt", value=candidate.scene.dt
                 )
             marks = own
-            check_memory(entrant.scene, entrant.belief, propagator, len(own))
+            check_memory(candidate.scene, candidate.belief, propagator, len(own))
     assert marks is not None
     success = _success(score, smallest_first)
-    contest = Contest(entrants, propagator, marks, success, most)
-    make = functools.partial(_ranking, contest, score, smallest_first, propagator.seed)
+    candidate_rollouts = CandidateRollouts(candidates, propagator, marks, success, most)
+    make = functools.partial(_ranking, candidate_rollouts, score, smallest_first, propagator.seed)
     try:
-        contest.run(allowed, progress)
+        candidate_rollouts.run(allowed, progress)
     except UncPhysicsError as error:
-        error.prediction = make() if contest.rounds else None
+        error.prediction = make() if candidate_rollouts.rounds else None
         raise
     return make()
 
@@ -303,29 +305,29 @@ def _outcomes(prediction):
     return sample_outcomes(prediction.scene, prediction.initial, prediction.at())
 
 
-def _ranking(contest, score, smallest_first, seed):
+def _ranking(candidate_rollouts, score, smallest_first, seed):
     """The ranking by the rounds until now."""
-    race, margins, actions = contest.race, [], []
-    for prediction in contest.predictions:
+    halving, margins, actions = candidate_rollouts.halving, [], []
+    for prediction in candidate_rollouts.predictions:
         margin = score.margin(_outcomes(prediction))
         margins.append(-margin if margin is not None and smallest_first else margin)
-    ties = race.ties()
+    ties = halving.ties()
     ties.sort(key=lambda k: math.inf if margins[k] is None else -margins[k])
-    for k in [*ties, *(k for k in race.order() if k not in ties)]:
-        prediction = contest.predictions[k]
-        difference = race.difference(k, ties[0])
+    for k in [*ties, *(k for k in halving.order() if k not in ties)]:
+        prediction = candidate_rollouts.predictions[k]
+        difference = halving.difference(k, ties[0])
         if smallest_first:
             difference = difference._replace(value=-difference.value)
         actions.append(
             RankedAction(
-                contest.entrants[k].name,
+                candidate_rollouts.candidates[k].name,
                 prediction,
                 prediction.probability(score),
                 difference,
                 margins[k],
                 len(ties) > 1 and k in ties,
-                k in race.losers,
-                len(race.outcomes[k]),
+                k in halving.losers,
+                len(halving.outcomes[k]),
             )
         )
     return Ranking(tuple(actions), score, smallest_first, seed)

@@ -26,13 +26,13 @@ from .implicit_linearization import Directions
 
 
 def directions(scene: Scene, columns: int) -> Directions:
-    """What ``columns`` of a root change of a scene's actions; empty arrays where nothing is driven.
+    """What ``columns`` of a root change of a scene's actions; empty arrays where nothing is kinematic.
 
     The last of them are the scene's uncertain parameters.
     """
-    actions, count = scene.actions, len(scene.bodies) if len(scene.actions.driven) else 0
+    actions, count = scene.actions, len(scene.bodies) if len(scene.actions.kinematic) else 0
     found = Directions(np.zeros((count, 6, columns)), np.zeros((count, 3)), np.zeros((count, columns)))
-    for j in actions.driven:
+    for j in actions.kinematic:
         first, last = actions.path[j]
         if last > first:
             found.center[j] = actions.pose[first, POSITION]

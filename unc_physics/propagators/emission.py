@@ -15,7 +15,7 @@ from ..scene.scene import Scene
 from ..spatial.layout import ERR_ANGULAR_VELOCITY, ERR_POSITION, ERR_ROTATION, ERR_VELOCITY, ERROR
 from ..spatial.moments import mean_and_errors, pivoted_cholesky, second_moment, spread_states
 from .displacements import clip, reach, spread, variances
-from .free_flight import Flight, course_of, fly
+from .free_flight import Flight, course_of, propagate_flight
 from .impact_metric import impact_metric
 from .overlap_depths import overlaps
 from .reduction import Reduction, common_covariance, moved_in_common, reduction
@@ -413,11 +413,11 @@ def _flown(runs, scene, group, z):
     parameters[:, group.columns[group.root.shape[1] :] - runs.root.shape[1]] = z[:, group.root.shape[1] :]
     offsets = center_offsets(scene, parameters)
     if not offsets.shape[1]:
-        fly(states, flight)
+        propagate_flight(states, flight)
         return states
     offsets = offsets[:, group.bodies]
     states = moved_along(states, offsets)
-    fly(states, flight)
+    propagate_flight(states, flight)
     return moved_along(states, -offsets)
 
 

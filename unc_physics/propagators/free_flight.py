@@ -131,7 +131,7 @@ def flown(states: np.ndarray, flight: Flight) -> np.ndarray:
     return ended
 
 
-def fly(states: np.ndarray, flight: Flight) -> None:
+def propagate_flight(states: np.ndarray, flight: Flight) -> None:
     """Move many states (S, B, 13) in place by a free flight; as `flown`, to round-off."""
     along = flight.course
     _fly(states, flight.gravity, along.decay, along.fall, along.reach, along.sink, along.turn)

@@ -13,13 +13,6 @@ from ..collision.contact_row import AXIS, DIRECTION, GAP, MOMENT_I, RESTITUTION
 from ..collision.implicit_workspace import CONTACTS, FREE, START
 from ..compiler import inner, kernel
 from ..compiler.arrays import booleans, empty, integers, zeros
-from ..derivatives.driven_derivative import (
-    DrivenErrors,
-    begin_held_errors,
-    end_held_errors,
-    place_driven_errors,
-    travel_driven_errors,
-)
 from ..derivatives.flight_derivative import Errors
 from ..derivatives.implicit_derivative import (
     ContactErrors,
@@ -27,6 +20,13 @@ from ..derivatives.implicit_derivative import (
     impact_errors,
     impact_time_errors,
     travel_errors,
+)
+from ..derivatives.kinematic_derivative import (
+    KinematicErrors,
+    begin_held_errors,
+    end_held_errors,
+    place_kinematic_errors,
+    travel_kinematic_errors,
 )
 from ..derivatives.rolling import rolling
 from ..derivatives.wrench_derivative import fly_pushed_errors
@@ -69,7 +69,7 @@ class ImplicitLinearization(NamedTuple):
         Now, and when the step began.
     errors : Errors
     contacts : ContactErrors
-    driven : DrivenErrors
+    kinematic : KinematicErrors
     contact_mode_uncertain_since : (B,) float64
         First time at which what contacts do was doubtful [s]; infinite if never.
     time : (3,) float64
@@ -80,13 +80,13 @@ class ImplicitLinearization(NamedTuple):
     before: np.ndarray
     errors: Errors
     contacts: ContactErrors
-    driven: DrivenErrors
+    kinematic: KinematicErrors
     contact_mode_uncertain_since: np.ndarray
     time: np.ndarray
 
 
 class Directions(NamedTuple):
-    """What the r columns of a root change of a scene's actions, as `DrivenErrors` takes it."""
+    """What the r columns of a root change of a scene's actions, as `KinematicErrors` takes it."""
 
     offset: np.ndarray
     center: np.ndarray
@@ -101,7 +101,7 @@ def linearized(source, world, work, contacts):
     tilts of `rolling`.
     """
     root, uncertain_since, directions, tilts = source
-    actions, moving, columns = world.surroundings.actions, world.bodies.moving, root.shape[1]
+    actions, moving, columns = world.environment.actions, world.bodies.moving, root.shape[1]
     count, own = len(moving), len(root) // ERROR
     paths = 0
     for j in range(count):
@@ -135,8 +135,8 @@ def linearized(source, world, work, contacts):
         zeros(columns + 1),
     )
     held = zeros((len(directions.offset), 6, columns))
-    driven = DrivenErrors(directions.offset, directions.center, directions.late, held)
-    return ImplicitLinearization(root, empty(root.shape), errors, room, driven, uncertain_since, zeros(3))
+    kinematic = KinematicErrors(directions.offset, directions.center, directions.late, held)
+    return ImplicitLinearization(root, empty(root.shape), errors, room, kinematic, uncertain_since, zeros(3))
 
 
 #: Advances the nominal state, its memory, and the root in place (`rollout_kernel`).
@@ -146,13 +146,13 @@ advance_root = rollout_kernel(linearized)
 @before_groups.of(ImplicitLinearization)
 def _let_go(method, x, begin, world, work):
     """Held bodies keep their places, and some are released."""
-    begin_held_errors(method.root, begin, world, work, method.errors, method.driven)
+    begin_held_errors(method.root, begin, world, work, method.errors, method.kinematic)
 
 
 @after_groups.of(ImplicitLinearization)
 def _carry_along(method, x, end, world, work):
     """Held bodies moved with what holds them."""
-    end_held_errors(method.root, x, end, world, work, method.errors, method.driven)
+    end_held_errors(method.root, x, end, world, work, method.errors, method.kinematic)
 
 
 @before_step.of(ImplicitLinearization)
@@ -236,7 +236,7 @@ def _begin_travel(method, x, count, until, left, threshold, world, work):
     method.time[2] = method.time[0] - left + until
     for a in range(count):
         _open(method, work.members[a], work)
-    _place_driven(method, errors.begin, x, count, world, work)
+    _place_kinematic(method, errors.begin, x, count, world, work)
     first, nearest = -1, np.inf
     for c in range(len(errors.length)):
         errors.length[c] = 0.0
@@ -270,7 +270,7 @@ def _shorten_travel(method, x, count, first, until, left, meets, threshold, worl
         return
     fly_group_errors(count, until, method.time[2], world, work, errors)
     method.time[1] = method.time[2]
-    _place_driven(method, errors.end, x, count, world, work)
+    _place_kinematic(method, errors.end, x, count, world, work)
     method.time[1] = method.time[0] - left
     nearest, closest = -1, np.inf
     for c in range(work.counts[CONTACTS]):
@@ -296,10 +296,10 @@ def _find_surfaces(method, x, count, world, work):
 
 
 @inner
-def _place_driven(method, rows, x, count, world, work):
-    """Write the errors that driven bodies have at present into ``rows``."""
-    if len(world.surroundings.actions.driven) > 0:
-        place_driven_errors(rows, x, count, method.time[1], world, work, method.errors, method.driven)
+def _place_kinematic(method, rows, x, count, world, work):
+    """Write the errors that kinematic bodies have at present into ``rows``."""
+    if len(world.environment.actions.kinematic) > 0:
+        place_kinematic_errors(rows, x, count, method.time[1], world, work, method.errors, method.kinematic)
 
 
 @inner(noinline=True)
@@ -398,9 +398,9 @@ def _same_normal(a, b):
 def _end_travel(method, x, count, h, world, work):
     """Take the group's errors through the interval."""
     method.time[1] = method.time[2]
-    _place_driven(method, method.errors.end, x, count, world, work)
-    if len(world.surroundings.actions.driven) > 0:
-        travel_driven_errors(count, h, world, work, method.errors)
+    _place_kinematic(method, method.errors.end, x, count, world, work)
+    if len(world.environment.actions.kinematic) > 0:
+        travel_kinematic_errors(count, h, world, work, method.errors)
     travel_errors(count, h, method.time[1], world, work, method.errors, method.contacts)
     for a in range(count):
         i = work.members[a]
@@ -423,7 +423,7 @@ def _end_impact(method, x, count, threshold, world, work):
     for a in range(count):
         _open(method, work.members[a], work)
     for rows in (method.errors.begin, method.errors.end):
-        _place_driven(method, rows, x, count, world, work)
+        _place_kinematic(method, rows, x, count, world, work)
     impact_errors(x, count, threshold, world, work, method.errors, method.contacts)
     for a in range(count):
         i = work.members[a]

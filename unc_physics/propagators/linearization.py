@@ -98,7 +98,7 @@ class Linearization(Propagator, Islands, ClosedFormFlight, ContactModes):
             source = root, uncertain, some, TILTS
             advance_root(mean, first, history.solver, 0, world, source, begun, steps, FIRST_ROOM)
             return LinearizationCarry(mean, root, history, uncertain, begun + steps)
-        _advance(mean, root, first, world, world.surroundings, begun, steps)
+        _advance(mean, root, first, world, world.environment, begun, steps)
         return LinearizationCarry(mean, root, history, uncertain, begun + steps)
 
     def belief(self, carry, scene):
@@ -192,7 +192,7 @@ class ExplicitLinearization(NamedTuple):
 
 
 @kernel
-def _advance(mean, root, first_time, world, surroundings, begin, steps):
+def _advance(mean, root, first_time, world, environment, begin, steps):
     """Advance state and root in place."""
     work, moving = workspace(mean, world), world.bodies.moving
     pairs = len(work.near)
@@ -201,7 +201,7 @@ def _advance(mean, root, first_time, world, surroundings, begin, steps):
     method = ExplicitLinearization(
         root, np.where(moving, np.cumsum(moving) - 1, -1), empty((3, 3)), dominant, element
     )
-    integrate(mean, first_time, world, surroundings, method, begin, steps, work)
+    integrate(mean, first_time, world, environment, method, begin, steps, work)
 
 
 @before_drift.of(ExplicitLinearization)
@@ -213,7 +213,7 @@ def _begin_step(method, x, step, world, work):
             first = ERROR * method.error_block[i]
             write_exact_rotation(work.R, x, i, world.dt, method.transition)
             apply_drift_jacobian(
-                method.root, first, x, i, work.R, world, world.surroundings, method.transition
+                method.root, first, x, i, work.R, world, world.environment, method.transition
             )
 
 

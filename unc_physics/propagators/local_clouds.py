@@ -102,10 +102,10 @@ def cloud_of(covariance, moving, draws):
 
 
 @kernel
-def advance_covariances(mean, covariance, first_time, world, surroundings, begin, steps, draws):
+def advance_covariances(mean, covariance, first_time, world, environment, begin, steps, draws):
     """Advance state and covariances in place; ``draws`` are the table, the samples and the seed."""
     cloud = cloud_of(covariance, world.bodies.moving, draws)
-    integrate(mean, first_time, world, surroundings, cloud, begin, steps, workspace(mean, world))
+    integrate(mean, first_time, world, environment, cloud, begin, steps, workspace(mean, world))
 
 
 @before_drift.of(ContactCloud)
@@ -149,7 +149,7 @@ def _sample_element(cloud, x, i, e, t, count, first, world, work):
         cloud.spread[:] = 0.0
         factor_pose_covariance((i, i), work, cloud)
     key = combine(combine(cloud.key[0], i), -1 - e)
-    sample_element_contacts(i, e, count, key, t, world.tree, world.surroundings, work, cloud)
+    sample_element_contacts(i, e, count, key, t, world.tree, world.environment, work, cloud)
 
 
 @after_element.of(ContactCloud)
@@ -159,12 +159,12 @@ def _kick_body(cloud, x, i, e, world, work):
 
 
 @inner
-def sample_element_contacts(i, e, found, pair_key, t, tree, surroundings, work, cloud):
+def sample_element_contacts(i, e, found, pair_key, t, tree, environment, work, cloud):
     """Add the spread of force and torque of body i's first ``found`` contacts with element e.
 
     The normal is that of the element's surface at the perturbed centre of the sphere; a plane's has none.
     """
-    L, T, R, R_e = cloud.position, cloud.rotation[i], work.R[i], surroundings.R[e]
+    L, T, R, R_e = cloud.position, cloud.rotation[i], work.R[i], environment.R[e]
     records, table = work.search.records, cloud.table
     half = 1.0 / math.sqrt(2.0)  # the factor at hand is that of twice the body's own variance
     for k in range(found):
@@ -186,7 +186,7 @@ def sample_element_contacts(i, e, found, pair_key, t, tree, surroundings, work, 
                 turn = rotate(T, float(z0), float(z1), float(z2))
                 a = turned(arm, turn)
                 c = rotate_back(R_e, p[0] + a[0], p[1] + a[1], p[2] + a[2])
-                m = surface(surroundings.kind, surroundings.size, e, t[0] + c[0], t[1] + c[1], t[2] + c[2])[1]
+                m = surface(environment.kind, environment.size, e, t[0] + c[0], t[1] + c[1], t[2] + c[2])[1]
                 m = rotate(R_e, m[0], m[1], m[2])
                 b = cross(a, m)
                 add_moments(cloud.spread[0], weight, (m[0] - n[0], m[1] - n[1], m[2] - n[2]))
@@ -217,7 +217,7 @@ def add_moments(out, weight, a):
 def transform(rows, first, x, i, R, world, rotation):
     """``A P A^T`` in place of body i's symmetric P, in 12 ``rows`` from ``first`` on, as ``A (A P)^T``."""
     for turn in range(2):
-        apply_drift_jacobian(rows, first, x, i, R, world, world.surroundings, rotation)
+        apply_drift_jacobian(rows, first, x, i, R, world, world.environment, rotation)
         if turn == 0:
             transpose(rows, first)
 

@@ -73,7 +73,7 @@ class LocalSampling(Propagator, Islands, ClosedFormFlight):
         draws = TABLE, self.samples, self.seed % 2**63
         first, begun = history.first_time[0], carry.step
         if world.implicit is None:
-            advance_covariances(mean, covariance, first, world, world.surroundings, begun, steps, draws)
+            advance_covariances(mean, covariance, first, world, world.environment, begun, steps, draws)
         else:
             source = covariance, draws
             advance_solved_covariances(

@@ -23,13 +23,13 @@ def overlaps(scene: Scene, states: np.ndarray, *, among_moving: bool = True) -> 
     radii = [body.model.bounding_radius for body in scene.bodies]
     nudged[:, :, POSITION.start] += _NUDGE * np.arange(len(radii)) * radii
     depth, work = np.zeros(states.shape[:2]), np.zeros(states.shape[:2])
-    _add_overlaps(nudged, scene.world, scene.world.surroundings, among_moving, depth, work)
+    _add_overlaps(nudged, scene.world, scene.world.environment, among_moving, depth, work)
     assert scene.stiffness is not None  # chosen when a prediction begins
     return depth, scene.stiffness * work
 
 
 @kernel
-def _add_overlaps(states, world, surroundings, among_moving, depths, works):
+def _add_overlaps(states, world, environment, among_moving, depths, works):
     """Depths, and depth times volume, half for each of two bodies, of states (N, B, 13): each (N, B)."""
     for n in range(len(states)):
         x, out, energy = states[n], depths[n], works[n]
@@ -47,15 +47,15 @@ def _add_overlaps(states, world, surroundings, among_moving, depths, works):
                     for body in (i, j):
                         out[body] = max(out[body], depth)
                         energy[body] += 0.5 * depth * records[c, VOLUME]
-        if surroundings is not None:
+        if environment is not None:
             for i in range(len(x)):
                 if world.bodies.moving[i]:
-                    for e in range(len(surroundings.kind)):
-                        t, top = open_element(x, i, e, world, surroundings, work)
+                    for e in range(len(environment.kind)):
+                        t, top = open_element(x, i, e, world, environment, work)
                         while top > 0:
                             count, top = next_element_contacts(
                                 world.tree,
-                                surroundings,
+                                environment,
                                 e,
                                 work.R_ij,
                                 t,

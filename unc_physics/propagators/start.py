@@ -19,7 +19,7 @@ from ..initialization.lowering import lower
 from ..initialization.overlap_rows import Metric
 from ..initialization.overlap_search import TOUCHING, sides_of
 from ..initialization.projection import ProjectionInput, ProjectionOutput, project
-from ..scene.action_arrays import driven_belief, held_at_start
+from ..scene.action_arrays import held_at_start, kinematic_belief
 from ..scene.belief import Belief
 from ..scene.scene import Scene
 from ..spatial.layout import (
@@ -52,7 +52,7 @@ def constrain_belief(scene: Scene, belief: Belief) -> Belief:
     bodies move with their holders.
     """
     if scene.acts:
-        belief = driven_belief(scene, belief)
+        belief = kinematic_belief(scene, belief)
     resting = _resting(scene)
     if not resting.any():
         return belief
@@ -227,8 +227,8 @@ def _settle(scene, belief, drawn, states, sides, history, kept, resting):
 
     in_threads(len(still), run)
     implicit = world.implicit._replace(rest_steps=rest_steps(_STEP))
-    nobody_acts = world.surroundings._replace(actions=no_actions(states.shape[1]))
-    creeping = world._replace(dt=_STEP, decay=0.0, implicit=implicit, surroundings=nobody_acts)
+    nobody_acts = world.environment._replace(actions=no_actions(states.shape[1]))
+    creeping = world._replace(dt=_STEP, decay=0.0, implicit=implicit, environment=nobody_acts)
     memory = histories.fresh(len(still), world)
     if kept.any():
         memory = memory._replace(solver=memory.solver._replace(kept_overlap=kept.copy()))
@@ -241,7 +241,7 @@ def _settle(scene, belief, drawn, states, sides, history, kept, resting):
         still[restless] = some
         for values, others in zip(memory.solver, own.solver, strict=True):
             values[restless] = others
-        asleep = own.solver.quiet[:, resting] * _STEP >= _ASLEEP
+        asleep = own.solver.rest_steps[:, resting] * _STEP >= _ASLEEP
         start.unsettled[np.ix_(restless, np.flatnonzero(resting))] = ~asleep
         restless, time = restless[~asleep.all(axis=1)], 2.0 * time
     states[:, resting] = np.where(nothing_below[:, None, None], before, still[:, resting])

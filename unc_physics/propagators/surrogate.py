@@ -67,7 +67,7 @@ class Surrogate(Propagator, Islands, ClosedFormFlight):
         world = scene.world
         first, begun = history.first_time[0], carry.step
         if world.implicit is None:
-            advance_roots(mean, roots, first, world, world.surroundings, begun, steps, self.k_sigma)
+            advance_roots(mean, roots, first, world, world.environment, begun, steps, self.k_sigma)
         else:
             source = roots, self.k_sigma
             advance_solved_roots(mean, first, history.solver, 0, world, source, begun, steps, FIRST_ROOM)

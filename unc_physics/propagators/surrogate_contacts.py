@@ -70,10 +70,10 @@ def spread_of(roots, moving, k_sigma):
 
 
 @kernel
-def advance_roots(mean, roots, first_time, world, surroundings, begin, steps, k_sigma):
+def advance_roots(mean, roots, first_time, world, environment, begin, steps, k_sigma):
     """Advance the nominal state and the roots in place."""
     spread = spread_of(roots, world.bodies.moving, k_sigma)
-    integrate(mean, first_time, world, surroundings, spread, begin, steps, workspace(mean, world))
+    integrate(mean, first_time, world, environment, spread, begin, steps, workspace(mean, world))
 
 
 @before_drift.of(Spread)
@@ -95,7 +95,7 @@ def drift_roots(spread, x, step, world, work):
                 i,
                 work.R,
                 world,
-                world.surroundings,
+                world.environment,
                 spread.transition,
             )
         spread.known[i] = False

@@ -19,8 +19,8 @@ from ..checks.errors import (
     NotSupportedError,
     PredictionTimeoutError,
 )
-from ..prediction.contest import Entrant, Failed
-from ..prediction.rank import rank_entrants
+from ..prediction.candidates import Candidate, Failed
+from ..prediction.rank import rank_candidates
 from ..propagators.names import REFERENCE
 from .messages.fields import duration, write_error
 from .messages.prediction import write_answer
@@ -137,7 +137,7 @@ def _rank_candidates(server, request, candidates, seed: int, time_limit: float |
             order = _write(server, request, ranking, jobs, entries)
             break
         except Failed as failed:  # rank the others without it
-            k = [*jobs][failed.entrant]
+            k = [*jobs][failed.candidate]
             jobs.pop(k)
             write_error(entries[k].result, failed.error)
             server.diagnostics.failed(str(failed.error))
@@ -155,10 +155,10 @@ def _ranking(server, request, jobs, time_limit):
     """Return the ranking of some candidates' jobs."""
     first = jobs[0]
     score = read_score(request.score, first.regions, first.scene)
-    entrants = [Entrant(str(k), job.scene, job.belief) for k, job in enumerate(jobs)]
+    candidates = [Candidate(str(k), job.scene, job.belief) for k, job in enumerate(jobs)]
 
-    return rank_entrants(
-        entrants,
+    return rank_candidates(
+        candidates,
         first.propagator,
         score.event,
         first.horizon,

@@ -60,7 +60,7 @@ def actions_of(bodies, environment) -> Actions:
     moves = [element.moving_surface for element in environment]
     if any(row.any() for row in moves):
         actions = actions._replace(surface=np.array(moves))
-    return actions._replace(driven=np.array([*paths, *held], np.int64))
+    return actions._replace(kinematic=np.array([*paths, *held], np.int64))
 
 
 def vary_actions(scene: Scene, actions: Actions, z: np.ndarray) -> Actions:
@@ -105,7 +105,7 @@ def held_at_start(scene: Scene) -> np.ndarray:
     return np.array([body.attached_to is not None and body.attached_at == 0.0 for body in scene.bodies])
 
 
-def with_driven(scene: Scene, mean: np.ndarray, time: float) -> np.ndarray:
+def with_kinematic(scene: Scene, mean: np.ndarray, time: float) -> np.ndarray:
     """Return states (B, 13) in which prescribed bodies have the states of their paths."""
     some = [k for k, body in enumerate(scene.bodies) if body.trajectory is not None]
     if not some:
@@ -124,13 +124,13 @@ def with_certain_actions(scene: Scene) -> Scene:
     return replace(scene, bodies=[replace(body, **certain) for body in scene.bodies])
 
 
-def driven_belief(scene: Scene, belief: Belief) -> Belief:
+def kinematic_belief(scene: Scene, belief: Belief) -> Belief:
     """Return the belief at time 0 after the scene's actions.
 
     Prescribed bodies are at the start of their paths. Attached bodies move with the body that holds them.
     """
     held = held_at_start(scene)
-    mean = with_driven(scene, belief.mean, 0.0)
+    mean = with_kinematic(scene, belief.mean, 0.0)
     if not held.any():
         return belief if mean is belief.mean else Belief.trusted(mean, belief.covariance, belief.moving)
     mean, P = mean.copy(), belief.covariance.copy()

@@ -79,20 +79,20 @@ def vary(scene: Scene, z: np.ndarray) -> World:
             some, shift = implicit.hull_sphere, np.concatenate([offsets, np.zeros_like(offsets)], axis=1)
             hull = hull_columns(tree.centers, tree.radii, some)
             implicit = implicit._replace(hull=hull, extent=implicit.extent - shift, box=implicit.box - shift)
-    surroundings = world.surroundings
-    if tilts and surroundings is not None:
-        R = surroundings.R.copy()
+    environment = world.environment
+    if tilts and environment is not None:
+        R = environment.R.copy()
         for e, turn in tilts.items():
             R[e] = R[e] @ rotation_matrix(np.array(exp(*turn)))
-        surroundings = surroundings._replace(R=R)
-    if surroundings is not None and scene.acts:
-        surroundings = surroundings._replace(actions=vary_actions(scene, surroundings.actions, z))
+        environment = environment._replace(R=R)
+    if environment is not None and scene.acts:
+        environment = environment._replace(actions=vary_actions(scene, environment.actions, z))
     return world._replace(
         bodies=own,
         tree=tree,
         gravity=gravity,
         stiffness=stiffness,
-        surroundings=surroundings,
+        environment=environment,
         implicit=implicit,
     )
 

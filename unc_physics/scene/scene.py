@@ -25,7 +25,7 @@ from ..collision.faces import of_scene
 from ..collision.hull import hull_columns
 from ..dynamics.actions import Actions
 from ..dynamics.implicit_world import ImpactError, Implicit, rest_steps
-from ..dynamics.world import Bodies, Surroundings, World
+from ..dynamics.world import Bodies, Environment, World
 from .action_arrays import actions_of
 from .body import RigidBody, faces_of, hull_of, tree_of
 from .environment import Element, check_element, element_names
@@ -300,7 +300,7 @@ class Scene:
     def acts(self) -> bool:
         """Whether there are prescribed bodies, attachments, wrenches, or moving surfaces."""
         a = self.actions
-        return bool(len(a.driven) or len(a.wrench_body) or len(a.surface))
+        return bool(len(a.kinematic) or len(a.wrench_body) or len(a.surface))
 
     @cached_property
     def uncertain(self) -> tuple[UncertainParameter, ...]:
@@ -410,7 +410,7 @@ class Scene:
             math.exp(-self.damping * self.dt),
             self.stiffness,
             stack_size,
-            surroundings=self._surroundings(),
+            environment=self._environment(),
             implicit=self._implicit(tree, models, [own.index(owner) for owner in owners], spheres),
         )
 
@@ -426,7 +426,7 @@ class Scene:
         )
         return short
 
-    def _surroundings(self) -> Surroundings | None:
+    def _environment(self) -> Environment | None:
         """Return environment, actions and gyroscopic term; None if there are none.
 
         With None, the explicit kernels compile without them.
@@ -434,7 +434,7 @@ class Scene:
         elements = self.environment
         if not (elements or self.gyroscopic or self.integrator == "implicit" or self.acts):
             return None
-        return Surroundings(
+        return Environment(
             kind=np.array([element.kind for element in elements], np.int64),
             position=np.array([element.position for element in elements]).reshape(-1, 3),
             R=np.array([element.rotation for element in elements]).reshape(-1, 3, 3),

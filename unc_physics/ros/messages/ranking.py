@@ -14,9 +14,9 @@ from ...checks.errors import InvalidRequestError, NotSupportedError, UncPhysicsE
 from ...checks.names import hint
 from ...prediction.events import AtRest, Event, Falls, Inside, Touches, Upright
 from ...prediction.prediction import Prediction
-from ...prediction.racing import Difference
 from ...prediction.rank import RankedAction, Ranking
 from ...prediction.regions import BoxRegion
+from ...prediction.sequential_halving import Difference
 from ...scene.physics_keys import PHYSICS_KEYS
 from ...scene.scene import Scene
 from .fields import optional, read_error

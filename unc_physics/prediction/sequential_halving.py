@@ -86,7 +86,7 @@ class Round(NamedTuple):
     rollouts: int
 
 
-class Race:
+class SequentialHalving:
     """Decides, round by round, which actions get more rollouts.
 
     Every round doubles the rollouts of those that are left. Before it, clear losers leave, and so do the last
@@ -109,7 +109,7 @@ class Race:
     outcomes : list of (n,) bool arrays
         Of each action's rollouts so far: whether it succeeded.
     left : list of int
-        Actions that are still in the race; the best one first, once there are outcomes.
+        Actions that are still ranked; the best one first, once there are outcomes.
     losers : set of int
         Those that are clearly worse than another one.
     """
@@ -129,7 +129,7 @@ class Race:
 
     @property
     def next(self) -> Round | None:
-        """The next round; None at the end of the race."""
+        """The next round; None at the last round."""
         return self._next
 
     def add(self, outcomes: Sequence[np.ndarray]) -> None:

@@ -16,12 +16,12 @@ _INSTANT = 1e-9  # s: too short to compute velocities from displacements
 
 
 @inner(noinline=True)
-def begin_driven(x, begin, quiet, world, work):
+def begin_kinematic(x, begin, rest_steps, world, work):
     """Place kinematic bodies at the beginning of a step, and determine which bodies move freely in it."""
-    actions, bodies, dt = world.surroundings.actions, world.bodies, world.dt
+    actions, bodies, dt = world.environment.actions, world.bodies, world.dt
     numbers, moving = work.numbers, work.moving
-    for d in range(len(actions.driven)):
-        j = actions.driven[d]
+    for d in range(len(actions.kinematic)):
+        j = actions.kinematic[d]
         if follows(j, actions):
             write_on_path(x, j, j, begin, actions)
             pace = bound_pace(j, begin, begin + dt, bodies.radius[j], actions)
@@ -34,7 +34,7 @@ def begin_driven(x, begin, quiet, world, work):
             else:
                 hold = work.hold[j]
                 write_hold(x, j, x, carrier, hold)
-                quiet[j] = 0
+                rest_steps[j] = 0
                 numbers[j, CLEARANCE] = -np.inf  # clearances from before the attachment are invalid
                 if stop < begin + dt:
                     _set_free(j, bodies, work)
@@ -69,8 +69,8 @@ def _release(x, j, left, begin, world, work):
 
     Free flight from there leads to the state at the time of release.
     """
-    actions, dt, at_release = world.surroundings.actions, world.dt, work.carried
-    write_driven(at_release, 0, x, j, begin + left, actions, work)
+    actions, dt, at_release = world.environment.actions, world.dt, work.carried
+    write_kinematic(at_release, 0, x, j, begin + left, actions, work)
     whole, rest = world.decay, world.decay ** ((dt - left) / dt)
     spin = rest / whole
     q = (at_release[0, Q], at_release[0, Q + 1], at_release[0, Q + 2], at_release[0, Q + 3])
@@ -88,7 +88,7 @@ def _release(x, j, left, begin, world, work):
 
 
 @inner
-def write_driven(out, row, x, j, time, actions, work):
+def write_kinematic(out, row, x, j, time, actions, work):
     """Write the state of kinematic body j at a time into a row of ``out``, other than its row of ``x``."""
     if follows(j, actions):
         write_on_path(out, row, j, time, actions)
@@ -102,13 +102,13 @@ def write_driven(out, row, x, j, time, actions, work):
 
 
 @inner
-def place_driven(x, count, time, world, work):
+def place_kinematic(x, count, time, world, work):
     """Move kinematic bodies that may touch the current group to their states at a time."""
-    actions = world.surroundings.actions
-    for d in range(len(actions.driven)):
-        j = actions.driven[d]
+    actions = world.environment.actions
+    for d in range(len(actions.kinematic)):
+        j = actions.kinematic[d]
         if not work.moving[j] and near_group(j, count, work):
-            write_driven(x, j, x, j, time, actions, work)
+            write_kinematic(x, j, x, j, time, actions, work)
             write_matrix((x[j, Q], x[j, Q + 1], x[j, Q + 2], x[j, Q + 3]), work.R, j)
 
 
@@ -122,11 +122,11 @@ def near_group(j, count, work):
 
 
 @inner
-def read_driven(x, count, world, work):
+def read_kinematic(x, count, world, work):
     """Write the velocities of kinematic bodies that may touch the current group as `START` and `NOW`."""
-    actions, velocity = world.surroundings.actions, work.velocity
-    for d in range(len(actions.driven)):
-        j = actions.driven[d]
+    actions, velocity = world.environment.actions, work.velocity
+    for d in range(len(actions.kinematic)):
+        j = actions.kinematic[d]
         if not work.moving[j]:
             for k in range(3):
                 velocity[START, j, k] = velocity[NOW, j, k] = x[j, V + k]
@@ -140,14 +140,14 @@ def drive(x, count, end, h, world, work):
     Contacts use the mean of the velocities at both ends. The start velocity is chosen so that this mean
     equals the displacement over ``h``.
     """
-    actions, velocity, before = world.surroundings.actions, work.velocity, work.carried
-    for d in range(len(actions.driven)):
-        j = actions.driven[d]
+    actions, velocity, before = world.environment.actions, work.velocity, work.carried
+    for d in range(len(actions.kinematic)):
+        j = actions.kinematic[d]
         if work.moving[j] or not near_group(j, count, work):
             continue
         for k in range(13):
             before[2, k] = x[j, k]
-        write_driven(x, j, x, j, end, actions, work)
+        write_kinematic(x, j, x, j, end, actions, work)
         write_matrix((x[j, Q], x[j, Q + 1], x[j, Q + 2], x[j, Q + 3]), work.R, j)
         turn = log(
             multiply(
@@ -167,21 +167,21 @@ def drive(x, count, end, h, world, work):
 
 
 @inner
-def end_driven(x, end, world, work):
+def end_kinematic(x, end, world, work):
     """Place kinematic bodies at the end of a step."""
-    actions = world.surroundings.actions
-    for d in range(len(actions.driven)):
-        j = actions.driven[d]
+    actions = world.environment.actions
+    for d in range(len(actions.kinematic)):
+        j = actions.kinematic[d]
         if not work.moving[j]:
-            write_driven(x, j, x, j, end, actions, work)
+            write_kinematic(x, j, x, j, end, actions, work)
             write_matrix((x[j, Q], x[j, Q + 1], x[j, Q + 2], x[j, Q + 3]), work.R, j)
 
 
 @inner
-def is_driven(i, world, work):
+def is_kinematic(i, world, work):
     """Return whether a moving kinematic body, a wrench, or a moving surface may act on body i."""
     found = work.numbers[i, SURGE] > 0.0
-    actions = world.surroundings.actions
+    actions = world.environment.actions
     if len(actions.surface) > 0:
         entry = work.head[i]
         while entry >= 0:
@@ -190,7 +190,7 @@ def is_driven(i, world, work):
                 for k in range(6):
                     found = found or actions.surface[e, k] != 0.0
             entry = work.link[entry]
-    for d in range(len(actions.driven)):
-        j = actions.driven[d]
+    for d in range(len(actions.kinematic)):
+        j = actions.kinematic[d]
         found = found or (work.near[i, j] and not work.moving[j] and work.numbers[j, PACE] > 0.0)
     return found

@@ -1,4 +1,4 @@
-"""Errors of kinematic bodies (`driven_bodies`): on paths, or attached to another body.
+"""Errors of kinematic bodies (`kinematic_bodies`): on paths, or attached to another body.
 
 A path's only error is its offset, which moves the whole path and attached bodies rigidly. An attached body
 also has the errors of its pose in the carrier's frame. The time of an impact depends on the state, and
@@ -15,7 +15,7 @@ import numpy as np
 from ..collision.implicit_workspace import NOW, START
 from ..compiler import inner, kernel
 from ..dynamics.actions import ROUND_OFF, follows
-from ..dynamics.driven_bodies import near_group, write_driven
+from ..dynamics.kinematic_bodies import near_group, write_kinematic
 from ..spatial.layout import EP, ER, ERROR, EV, EW, P, Q, V, W
 from ..spatial.rotation import cross, rotate, rotate_back, write_matrix
 from ..spatial.vectors import dot, minus, plus, put, three, times, vector
@@ -25,7 +25,7 @@ _REACH = 1e-5  # s, step of finite differences of accelerations on a path
 _INSTANT = 1e-9  # s: too short to compute velocities from displacements
 
 
-class DrivenErrors(NamedTuple):
+class KinematicErrors(NamedTuple):
     """Changes of the B bodies' motions for r columns of errors; arrays are empty without kinematic bodies.
 
     Attributes
@@ -47,9 +47,9 @@ class DrivenErrors(NamedTuple):
 
 
 @inner(forceinline=True)
-def _offset(driven, k, point, c):
+def _offset(kinematic, k, point, c):
     """Return the displacement of a point by the offset of body k's path, and the rotation."""
-    own, center = driven.offset[k], three(driven.center, k, 0)
+    own, center = kinematic.offset[k], three(kinematic.center, k, 0)
     turn = vector(own, 3, c)
     return plus(vector(own, 0, c), cross(turn, minus(point, center))), turn
 
@@ -63,14 +63,14 @@ def _mover(j, actions):
 @inner(forceinline=True)
 def _is_held(j, begin, world):
     """Return whether kinematic body j is attached in the step that begins then, or in a part of it."""
-    actions, early = world.surroundings.actions, ROUND_OFF * world.dt
+    actions, early = world.environment.actions, ROUND_OFF * world.dt
     return not follows(j, actions) and actions.held[j, 0] - early <= begin < actions.held[j, 1] - early
 
 
 @inner(noinline=True, error_model="numpy")
 def _acceleration(x, j, time, world, work):
     """Return the linear and angular acceleration of kinematic body j at a time."""
-    actions, found = world.surroundings.actions, work.carried
+    actions, found = world.environment.actions, work.carried
     k, zero = _mover(j, actions), (0.0, 0.0, 0.0)
     if not follows(k, actions):
         return zero, zero
@@ -78,22 +78,22 @@ def _acceleration(x, j, time, world, work):
     if time <= first or time >= last:
         return zero, zero
     early, later = max(time - _REACH, first), min(time + _REACH, last)
-    write_driven(found, 0, x, j, early, actions, work)
+    write_kinematic(found, 0, x, j, early, actions, work)
     v, w = three(found, 0, V), three(found, 0, W)
-    write_driven(found, 0, x, j, later, actions, work)
+    write_kinematic(found, 0, x, j, later, actions, work)
     share = 1.0 / (later - early)
     return times(share, minus(three(found, 0, V), v)), times(share, minus(three(found, 0, W), w))
 
 
 @inner(forceinline=True)
-def _write_errors(rows, j, states, row, c, later, acceleration, world, errors, driven):
+def _write_errors(rows, j, states, row, c, later, acceleration, world, errors, kinematic):
     """Write column ``c`` of kinematic body j's errors, world axes, at its state in a row of ``states``.
 
     The current time is ``later`` by this amount [s]. ``errors.R`` is its rotation.
     """
     point, v, w = three(states, row, P), three(states, row, V), three(states, row, W)
-    moved, turn = _offset(driven, _mover(j, world.surroundings.actions), point, c)
-    own, tilt = vector(driven.held[j], 0, c), vector(driven.held[j], 3, c)
+    moved, turn = _offset(kinematic, _mover(j, world.environment.actions), point, c)
+    own, tilt = vector(kinematic.held[j], 0, c), vector(kinematic.held[j], 3, c)
     own = rotate(errors.R[0], own[0], own[1], own[2])
     tilt = rotate(errors.R[0], tilt[0], tilt[1], tilt[2])
     first, (linear, angular) = ERROR * errors.block[j], acceleration
@@ -112,45 +112,45 @@ def _turn_back(rows, first, R):
 
 
 @kernel(noinline=True, arrays=False)
-def begin_held_errors(root, begin, world, work, errors, driven):
+def begin_held_errors(root, begin, world, work, errors, kinematic):
     """Store the pose errors of attached bodies at a step's beginning, and release bodies within the step.
 
     ``work.state`` is the state at the step's beginning, ``root`` the errors there.
     """
-    actions, x, R = world.surroundings.actions, work.state, errors.R
-    for d in range(len(actions.driven)):
-        j = actions.driven[d]
+    actions, x, R = world.environment.actions, work.state, errors.R
+    for d in range(len(actions.kinematic)):
+        j = actions.kinematic[d]
         if not _is_held(j, begin, world):
             continue
         first, k = ERROR * errors.block[j], actions.carrier[j]
         write_matrix((x[j, Q], x[j, Q + 1], x[j, Q + 2], x[j, Q + 3]), R, 0)
         for c in range(root.shape[1]):
-            moved, turn = _offset(driven, k, three(x, j, P), c)
+            moved, turn = _offset(kinematic, k, three(x, j, P), c)
             own = minus(vector(root, first + EP, c), moved)
-            put(driven.held[j], 0, c, rotate_back(R[0], own[0], own[1], own[2]))
+            put(kinematic.held[j], 0, c, rotate_back(R[0], own[0], own[1], own[2]))
             turn = rotate_back(R[0], turn[0], turn[1], turn[2])
-            put(driven.held[j], 3, c, minus(vector(root, first + ER, c), turn))
+            put(kinematic.held[j], 3, c, minus(vector(root, first + ER, c), turn))
         if work.moving[j]:
-            _release_errors(root, j, actions.held[j, 1] - begin, begin, world, work, errors, driven)
+            _release_errors(root, j, actions.held[j, 1] - begin, begin, world, work, errors, kinematic)
 
 
 @inner(noinline=True, error_model="numpy")
-def _release_errors(root, j, left, begin, world, work, errors, driven):
+def _release_errors(root, j, left, begin, world, work, errors, kinematic):
     """Give body j, released ``left`` seconds into the step, equivalent errors at the step's beginning.
 
-    Free flight from there leads to the errors at release (as for the state in `driven_bodies`).
+    Free flight from there leads to the errors at release (as for the state in `kinematic_bodies`).
     """
     dt, first, state = world.dt, ERROR * errors.block[j], work.carried
     acceleration = _acceleration(work.state, j, begin + left, world, work)
-    write_driven(state, 0, work.state, j, begin + left, world.surroundings.actions, work)
+    write_kinematic(state, 0, work.state, j, begin + left, world.environment.actions, work)
     write_matrix((state[0, Q], state[0, Q + 1], state[0, Q + 2], state[0, Q + 3]), errors.R, 0)
     v, w = three(state, 0, V), three(state, 0, W)
     rate, whole, rest = math.log(world.decay) / dt, world.decay, world.decay ** ((dt - left) / dt)
     back, g = times(-left, w), world.gravity
     coefficients = turn_coefficients(back)
     for c in range(root.shape[1]):
-        later = driven.late[j, c]
-        _write_errors(root, j, state, 0, c, later, acceleration, world, errors, driven)
+        later = kinematic.late[j, c]
+        _write_errors(root, j, state, 0, c, later, acceleration, world, errors, kinematic)
         turn, dv, dw = vector(root, first + ER, c), vector(root, first + EV, c), vector(root, first + EW, c)
         delta = minus(times(-left, dw), times(later, w))
         put(root, first + ER, c, turned_on(turn, delta, back, coefficients))
@@ -166,21 +166,21 @@ def _release_errors(root, j, left, begin, world, work, errors, driven):
 
 
 @kernel(noinline=True, arrays=False)
-def end_held_errors(root, x, end, world, work, errors, driven):
+def end_held_errors(root, x, end, world, work, errors, kinematic):
     """Write the errors of attached bodies at a step's end, including effects of a later release."""
-    actions, begin, g = world.surroundings.actions, end - world.dt, world.gravity
+    actions, begin, g = world.environment.actions, end - world.dt, world.gravity
     rate = math.log(world.decay) / world.dt
-    for d in range(len(actions.driven)):
-        j = actions.driven[d]
+    for d in range(len(actions.kinematic)):
+        j = actions.kinematic[d]
         if work.moving[j] or not _is_held(j, begin, world):
             continue
         first = ERROR * errors.block[j]
         linear, angular = acceleration = _acceleration(x, j, end, world, work)
         write_matrix((x[j, Q], x[j, Q + 1], x[j, Q + 2], x[j, Q + 3]), errors.R, 0)
         for c in range(root.shape[1]):
-            _write_errors(root, j, x, j, c, 0.0, acceleration, world, errors, driven)
+            _write_errors(root, j, x, j, c, 0.0, acceleration, world, errors, kinematic)
             if not _is_held(j, end, world):  # a body that is released later is not falling yet
-                later = driven.late[j, c]
+                later = kinematic.late[j, c]
                 for k in range(3):
                     root[first + EV + k, c] += later * (linear[k] - g[k] - rate * x[j, V + k])
                     root[first + EW + k, c] += later * (angular[k] - rate * x[j, W + k])
@@ -188,28 +188,28 @@ def end_held_errors(root, x, end, world, work, errors, driven):
 
 
 @kernel(noinline=True, arrays=False)
-def place_driven_errors(rows, x, count, time, world, work, errors, driven):
+def place_kinematic_errors(rows, x, count, time, world, work, errors, kinematic):
     """Write the errors of kinematic bodies that may touch the current group, at a time."""
-    actions = world.surroundings.actions
-    for d in range(len(actions.driven)):
-        j = actions.driven[d]
+    actions = world.environment.actions
+    for d in range(len(actions.kinematic)):
+        j = actions.kinematic[d]
         if work.moving[j] or not near_group(j, count, work):
             continue
         acceleration = _acceleration(x, j, time, world, work)
         write_matrix((x[j, Q], x[j, Q + 1], x[j, Q + 2], x[j, Q + 3]), errors.R, 0)
         for c in range(rows.shape[1]):
-            _write_errors(rows, j, x, j, c, -errors.left[c], acceleration, world, errors, driven)
+            _write_errors(rows, j, x, j, c, -errors.left[c], acceleration, world, errors, kinematic)
 
 
 @kernel(noinline=True, arrays=False, error_model="numpy")
-def travel_driven_errors(count, h, world, work, errors):
+def travel_kinematic_errors(count, h, world, work, errors):
     """Update the errors of kinematic bodies after an interval of ``h`` seconds, given those at both ends.
 
-    The start velocities that contacts use (`driven_bodies.drive`) change with these.
+    The start velocities that contacts use (`kinematic_bodies.drive`) change with these.
     """
-    actions, begin, end, velocity = world.surroundings.actions, errors.begin, errors.end, work.velocity
-    for d in range(len(actions.driven)):
-        j = actions.driven[d]
+    actions, begin, end, velocity = world.environment.actions, errors.begin, errors.end, work.velocity
+    for d in range(len(actions.kinematic)):
+        j = actions.kinematic[d]
         if work.moving[j] or not near_group(j, count, work):
             continue
         first = ERROR * errors.block[j]

@@ -1,4 +1,4 @@
-"""Rollouts of several scenes, round by round of a race."""
+"""Rollouts of several scenes, round by round of a sequential halving."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ from ..propagators.start import constrain_belief
 from ..scene.belief import Belief
 from ..scene.scene import Scene
 from ..scene.stiffness import with_stiffness
+from .compute_budget import ComputeBudget
 from .driver import belief_at_start, simulate, snapshot
 from .marks import Mark
 from .prediction import Prediction
-from .racing import Race
-from .within import Within
+from .sequential_halving import SequentialHalving
 
 
-class Entrant(NamedTuple):
+class Candidate(NamedTuple):
     """One of the scenes, with the belief about it, by a name."""
 
     name: str
@@ -33,36 +33,36 @@ class Entrant(NamedTuple):
 
 
 class Failed(Exception):
-    """What is wrong with one entrant, the others being fine.
+    """What is wrong with one candidate, the others being fine.
 
     Attributes
     ----------
-    entrant : int
+    candidate : int
     error : UncPhysicsError
     """
 
-    def __init__(self, entrant: int, error: UncPhysicsError):
+    def __init__(self, candidate: int, error: UncPhysicsError):
         super().__init__(str(error))
-        self.entrant, self.error = entrant, error
+        self.candidate, self.error = candidate, error
 
     @classmethod
     @contextlib.contextmanager
-    def of(cls, entrant: int):
-        """Have what is raised in here be about an entrant."""
+    def of(cls, candidate: int):
+        """Have what is raised in here be about a candidate."""
         try:
             yield
         except PredictionTimeoutError:
             raise
         except UncPhysicsError as error:
-            raise cls(entrant, error) from error
+            raise cls(candidate, error) from error
 
 
-class Contest:
-    """Runs a race.
+class CandidateRollouts:
+    """Runs a sequential halving.
 
     Parameters
     ----------
-    entrants : sequence of Entrant
+    candidates : sequence of Candidate
     propagator : Propagator
         With an option ``samples``, as `REFERENCE` has; all have its draws in common.
     marks : list of Mark
@@ -70,11 +70,11 @@ class Contest:
     success : callable
         Takes a `Prediction`; in which of its rollouts (N,) the action succeeded.
     budget : int
-        As in `racing.Race`, whose most rollouts of one entrant are the propagator's samples.
+        As in `SequentialHalving`, whose most rollouts of one candidate are the propagator's samples.
 
     Attributes
     ----------
-    race : Race
+    halving : SequentialHalving
     predictions : list of Prediction
         By the rollouts until now.
     rounds : int
@@ -83,22 +83,26 @@ class Contest:
 
     def __init__(
         self,
-        entrants: Sequence[Entrant],
+        candidates: Sequence[Candidate],
         propagator: Any,
         marks: list[Mark],
         success: Callable[[Prediction], np.ndarray],
         budget: int,
     ):
-        self.entrants, self.race, self.rounds = entrants, Race(len(entrants), propagator.samples, budget), 0
+        self.candidates, self.halving, self.rounds = (
+            candidates,
+            SequentialHalving(len(candidates), propagator.samples, budget),
+            0,
+        )
         self.predictions: list[Prediction] = []
         self._propagator, self._marks, self._success, self._budget = propagator, marks, success, budget
         self._scenes, self._beliefs = [], []
-        for k, entrant in enumerate(entrants):
+        for k, candidate in enumerate(candidates):
             with Failed.of(k):
-                self._scenes.append(with_stiffness(entrant.scene, entrant.belief.mean))
-                self._beliefs.append(constrain_belief(self._scenes[k], entrant.belief))
+                self._scenes.append(with_stiffness(candidate.scene, candidate.belief.mean))
+                self._beliefs.append(constrain_belief(self._scenes[k], candidate.belief))
         # of each: the carry at time 0, and those after the marks
-        self._carries: list[list[Any]] = [[] for _ in entrants]
+        self._carries: list[list[Any]] = [[] for _ in candidates]
 
     def run(self, allowed: float | None, progress: Callable[[int, int], object] | None) -> None:
         """Go through the rounds.
@@ -109,27 +113,27 @@ class Contest:
             Wall time [s].
         progress : callable, optional
             Called every few hundredths of a second, and after each round, with the number of rollouts of the
-            rounds until then, and with the budget. What it raises ends the contest.
+            rounds until then, and with the budget. What it raises ends the ranking.
         """
         started = clock()
         with time_limit() as limit:
             ends_early = all(scene.integrator == "implicit" for scene in self._scenes)
-            within = Within(allowed, started, limit if ends_early else None)
-            while (following := self.race.next) is not None:
+            compute_budget = ComputeBudget(allowed, started, limit if ends_early else None)
+            while (following := self.halving.next) is not None:
                 try:
-                    carries = self._round(following, within, progress)
+                    carries = self._round(following, compute_budget, progress)
                 except PredictionTimeoutError as error:
-                    done = f"after {self.race.spent} rollouts of {self._budget}"
+                    done = f"after {self.halving.spent} rollouts of {self._budget}"
                     done = done if self.rounds else "in the first round"
                     raise type(error)(f"ran out {done}", field=error.field, value=error.value) from None
                 self._keep(following, carries, clock() - started)
                 if progress is not None:
-                    progress(self.race.spent, self._budget)
+                    progress(self.halving.spent, self._budget)
 
-    def _round(self, following, within, progress):
+    def _round(self, following, compute_budget, progress):
         """The carries at time 0 and after the marks of the further rollouts of a round."""
         scenes = [self._scenes[k] for k in following.actions]
-        counts = [len(self.race.outcomes[k]) for k in following.actions]
+        counts = [len(self.halving.outcomes[k]) for k in following.actions]
 
         def begin():
             pairs = zip(following.actions, counts, strict=True)
@@ -139,7 +143,7 @@ class Contest:
             return advance_together(self._propagator, carries, scenes, steps)
 
         def show(done, steps):
-            progress(self.race.spent, self._budget)
+            progress(self.halving.spent, self._budget)
 
         shown = None if progress is None else show
 
@@ -150,7 +154,7 @@ class Contest:
             finished = advance_together(self._propagator, carries, short, 1)
             return [carry._replace(step=mark.fraction_of(scenes[0].dt)) for carry in finished]
 
-        run = simulate(begin, advance, finish, self._marks, scenes[0], within, shown)
+        run = simulate(begin, advance, finish, self._marks, scenes[0], compute_budget, shown)
         reached = [carries for _, carries in run]
         return list(zip(*reached, strict=True))
 
@@ -159,7 +163,7 @@ class Contest:
             return self._propagator.init_rollouts(self._scenes[k], self._beliefs[k], first, last)
 
     def _keep(self, following, carries, spent):
-        """Add the round's rollouts to those before, and their outcomes to the race."""
+        """Add the round's rollouts to those before, and their outcomes to the halving."""
         concatenate, outcomes = self._propagator.concatenate, []
         for k, further in zip(following.actions, carries, strict=True):
             before = self._carries[k]
@@ -167,18 +171,18 @@ class Contest:
                 further = [concatenate(*pair) for pair in zip(before, further, strict=True)]
             self._carries[k] = further
             prediction = self._prediction(k, spent)
-            outcomes.append(self._success(prediction)[len(self.race.outcomes[k]) :])
+            outcomes.append(self._success(prediction)[len(self.halving.outcomes[k]) :])
             if self.rounds:
                 self.predictions[k] = prediction
             else:
                 self.predictions.append(prediction)
-        self.race.add(outcomes)
+        self.halving.add(outcomes)
         self.rounds += 1
 
     def _prediction(self, k, spent):
-        """What is known of an entrant until now."""
+        """What is known of a candidate until now."""
         first, *later = self._carries[k]
-        scene, given = self._scenes[k], self.entrants[k].belief
+        scene, given = self._scenes[k], self.candidates[k].belief
         own = replace(self._propagator, samples=len(first.states))
         with Failed.of(k):
             snapshots = tuple(

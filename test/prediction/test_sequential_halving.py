@@ -6,7 +6,13 @@ import numpy as np
 import pytest
 from scipy.stats import binom
 
-from unc_physics.prediction.racing import FIRST_ROUND, Race, chance, clearly_worse, difference
+from unc_physics.prediction.sequential_halving import (
+    FIRST_ROUND,
+    SequentialHalving,
+    chance,
+    clearly_worse,
+    difference,
+)
 
 ROLLOUTS, BUDGET = 1000, 2000
 STATISTICS = 4.0  # standard errors
@@ -18,12 +24,12 @@ def tosses(rng, probabilities, common=True):
     return u < np.array(probabilities)[:, None]
 
 
-def run(race, outcomes):
-    """The race to its end, with these outcomes (K, ROLLOUTS)."""
-    while race.next is not None:
-        following = race.next
-        race.add([outcomes[k, len(race.outcomes[k]) : following.rollouts] for k in following.actions])
-    return race
+def run(halving, outcomes):
+    """The halving to its end, with these outcomes (K, ROLLOUTS)."""
+    while halving.next is not None:
+        following = halving.next
+        halving.add([outcomes[k, len(halving.outcomes[k]) : following.rollouts] for k in following.actions])
+    return halving
 
 
 def test_the_chance_is_a_bound_of_the_sign_test():
@@ -55,8 +61,8 @@ def test_a_best_one_is_rarely_called_worse(common):
     called = naive = 0
     for _ in range(races):
         outcomes = tosses(rng, probabilities, common)
-        race = run(Race(6, ROLLOUTS, 6 * ROLLOUTS, risk), outcomes)
-        called += 0 in race.losers
+        halving = run(SequentialHalving(6, ROLLOUTS, 6 * ROLLOUTS, risk), outcomes)
+        called += 0 in halving.losers
         naive += clearly_worse(list(outcomes[:, :64]), int(outcomes[:, :64].mean(axis=1).argmax()), 0.9)[0]
     assert called <= risk * races + STATISTICS * math.sqrt(risk * races)
     assert common or 0 < called < naive, "the case must be one in which errors happen"
@@ -67,30 +73,32 @@ def test_clear_losers_get_few_tosses_and_the_best_ones_most():
     probabilities = [0.05, 0.9, 0.1, 0.8, 0.0, 0.95, 0.3, 0.2, 0.6, 0.15]
     regrets = []
     for _ in range(50):
-        race = run(Race(10, ROLLOUTS, BUDGET), tosses(rng, probabilities, common=False))
-        counts = [len(own) for own in race.outcomes]
-        assert sum(counts) == race.spent <= BUDGET
-        assert max(counts[0], counts[2], counts[4]) <= 4 * FIRST_ROUND and {0, 2, 4} <= race.losers
-        assert len(race.outcomes[race.order()[0]]) == max(counts) > ROLLOUTS / 2
-        regrets.append(max(probabilities) - probabilities[race.order()[0]])
+        halving = run(SequentialHalving(10, ROLLOUTS, BUDGET), tosses(rng, probabilities, common=False))
+        counts = [len(own) for own in halving.outcomes]
+        assert sum(counts) == halving.spent <= BUDGET
+        assert max(counts[0], counts[2], counts[4]) <= 4 * FIRST_ROUND and {0, 2, 4} <= halving.losers
+        assert len(halving.outcomes[halving.order()[0]]) == max(counts) > ROLLOUTS / 2
+        regrets.append(max(probabilities) - probabilities[halving.order()[0]])
     assert np.mean(regrets) < 0.01
 
 
 def test_without_a_budget_only_clear_losers_leave():
     outcomes = tosses(np.random.default_rng(2), [0.515, 0.52, 0.512, 0.05])
-    race = run(Race(4, ROLLOUTS, 4 * ROLLOUTS), outcomes)
-    assert [len(own) for own in race.outcomes] == [ROLLOUTS] * 3 + [40] and race.losers == {3}
-    assert race.order() == [1, 0, 2, 3]
-    assert race.difference(1, 1) == (0.0, 0.0, ROLLOUTS)
+    halving = run(SequentialHalving(4, ROLLOUTS, 4 * ROLLOUTS), outcomes)
+    assert [len(own) for own in halving.outcomes] == [ROLLOUTS] * 3 + [40] and halving.losers == {3}
+    assert halving.order() == [1, 0, 2, 3]
+    assert halving.difference(1, 1) == (0.0, 0.0, ROLLOUTS)
     expected = outcomes[0].mean() - outcomes[1].mean()
-    assert race.difference(0, 1).value == pytest.approx(expected) and expected < 0.0
+    assert halving.difference(0, 1).value == pytest.approx(expected) and expected < 0.0
 
 
 def test_small_budgets_and_single_actions():
     outcomes = np.ones((5, ROLLOUTS), bool)
-    race = run(Race(5, ROLLOUTS, 5), outcomes)
-    assert [len(own) for own in race.outcomes] == [1] * 5 and race.order() == [0, 1, 2, 3, 4]
-    assert [len(own) for own in run(Race(1, ROLLOUTS, ROLLOUTS), outcomes).outcomes] == [ROLLOUTS]
+    halving = run(SequentialHalving(5, ROLLOUTS, 5), outcomes)
+    assert [len(own) for own in halving.outcomes] == [1] * 5 and halving.order() == [0, 1, 2, 3, 4]
+    assert [len(own) for own in run(SequentialHalving(1, ROLLOUTS, ROLLOUTS), outcomes).outcomes] == [
+        ROLLOUTS
+    ]
 
 
 def test_the_error_of_a_difference_is_that_of_pairs():

@@ -21,7 +21,7 @@ _SHARE_OF_SPENT, _SHARE_OF_ALLOWED, _LONGEST = 0.5, 0.05, 0.25
 _TIMES_SPENT, _SHARE_OF_REST = 8.0, 0.8
 
 
-class Within(NamedTuple):
+class ComputeBudget(NamedTuple):
     """The computation time that is allowed [s], if any, since when [s], and what ends kernels by then, if
     anything does.
     """
