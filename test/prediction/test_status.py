@@ -330,14 +330,14 @@ def test_a_stack_that_the_solver_finds_forces_for_is_fine(name):
     )
 
 
-@pytest.mark.parametrize("top", [100.0, 300.0, 1000.0, 3000.0])
+@pytest.mark.parametrize("top", [10.0, 100.0, 1000.0, 3000.0])
 def test_a_stack_is_flagged_where_the_solver_lets_it_fall(top):
-    """Friction holds each of these stacks. Under 300 kg it stands, under 1000 kg 200 sweeps are too few."""
+    """Friction holds each of these stacks. Under 100 kg it stands, under 1000 kg 200 sweeps are too few."""
     scene, belief = stack(1.0, 1.0, 1.0, 1.0, 1.0, top)
     prediction = predict(scene, belief, make_propagator("monte_carlo", samples=20), 0.5)
     stands = np.abs(prediction.belief.mean - belief.mean)[:, :3].max() < 1e-3
     flagged = [bool(status.flags & Status.NOT_CONVERGED) for status in assess(prediction)]
-    assert stands == (top <= 300.0)
+    assert stands == (top <= 100.0)
     assert not any(flagged) if stands else all(flagged)
     assert stands or all("smaller dt" in status.message for status in assess(prediction))
 
