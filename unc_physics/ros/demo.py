@@ -23,21 +23,17 @@ import numpy as np
 from ..checks.errors import OutputError, UncPhysicsError
 from ..prediction.events import Upright
 from ..prediction.prediction import Prediction
-from ..propagators.names import ANYTIME, REFERENCE
+from ..propagators.names import ANYTIME, BUILT_IN, REFERENCE
 from .client import Client
 from .demo_scene import HORIZON, PERIOD, table_scene
 
 NODE = "unc_physics_demo"
 TRUTH = 2000  # samples
-METHODS: tuple[tuple[str, int | None], ...] = (  # name, and the number of samples if given
+METHODS: tuple[tuple[str, int | None], ...] = (  # and the number of samples, where it is given
     (ANYTIME, None),
     (REFERENCE, 32),
     (REFERENCE, 200),
-    ("cloud", None),
-    ("sigma_points", None),
-    ("local_sampling", None),
-    ("linearization", None),
-    ("surrogate", None),
+    *((name, None) for name in BUILT_IN if name not in (ANYTIME, REFERENCE)),
 )
 SEED, TRUTH_SEED = 1, 2
 _START_TIMEOUT = 240.0  # s; a node that starts for the first time compiles its kernels
