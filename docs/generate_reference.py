@@ -66,6 +66,12 @@ TOPICS = {
         "Actions ordered by their probability of success.",
         "rank Ranking RankedAction",
     ),
+    "tracking": (
+        "Python: tracking",
+        "Beliefs that are kept while measurements arrive.",
+        """Tracker ContactNoise PoseMeasurement PositionMeasurement RelativePoseMeasurement Correction
+        TrackStatus""",
+    ),
     "geometry": (
         "Python: geometry",
         "Meshes, sphere packings and links of robots.",

@@ -66,5 +66,12 @@ from .scene.scene_file import LoadedScene as LoadedScene
 from .scene.scene_file import load_scene as load_scene
 from .scene.stiffness import auto_stiffness as auto_stiffness
 from .scene.stiffness import with_stiffness as with_stiffness
+from .tracking.measurements import PoseMeasurement as PoseMeasurement
+from .tracking.measurements import PositionMeasurement as PositionMeasurement
+from .tracking.measurements import RelativePoseMeasurement as RelativePoseMeasurement
+from .tracking.noise import ContactNoise as ContactNoise
+from .tracking.report import Correction as Correction
+from .tracking.report import TrackStatus as TrackStatus
+from .tracking.tracker import Tracker as Tracker
 
 __version__: str

@@ -84,6 +84,43 @@ def with_keys(history, seed, first=0):
     return history._replace(solver=history.solver._replace(key=keys))
 
 
+def asleep(history, world):
+    """Return which bodies sleep in each rollout: (N, B) bool."""
+    if history.solver is None or world.implicit.rest_steps == 0:
+        return np.zeros(history.first_time.shape[:2], bool)
+    return history.solver.rest_steps >= world.implicit.rest_steps
+
+
+def renewed(history, bodies):
+    """Return the history in which some bodies, by their indices, are awake and have touched nothing yet."""
+    first = history.first_time.copy()
+    first[:, bodies] = np.inf
+    first[:, :, bodies] = np.inf
+    if history.solver is None:
+        return history._replace(first_time=first)
+    rest_steps = history.solver.rest_steps.copy()
+    rest_steps[:, bodies] = 0
+    return history._replace(first_time=first, solver=history.solver._replace(rest_steps=rest_steps))
+
+
+def woken(history):
+    """Return the history in which every body is awake."""
+    if history.solver is None:
+        return history
+    rest_steps = np.zeros_like(history.solver.rest_steps)
+    return history._replace(solver=history.solver._replace(rest_steps=rest_steps))
+
+
+def with_kept_overlap(history, kept, bodies):
+    """Return the history in which some bodies keep overlaps ``kept`` (N, B, B + E) without a force [m]."""
+    old = history.solver.kept_overlap
+    if not (kept[:, bodies].any() or kept[:, :, bodies].any() or old.size):
+        return history
+    new = old.copy() if old.size else np.zeros_like(history.first_time)
+    new[:, bodies], new[:, :, bodies] = kept[:, bodies], kept[:, :, bodies]
+    return history._replace(solver=history.solver._replace(kept_overlap=new))
+
+
 def _each(history, function):
     """Return a history with a function applied to all of its arrays."""
     if history.solver is None:

@@ -79,12 +79,31 @@ class MonteCarlo(Propagator, Samples, Rollouts, JointlySampledIslands):
             drawn, common, motion = self._reduced(scene, belief, last)
         else:
             drawn = self.drawn(scene, belief, last)
-        states, history = resolve_initial_overlap(scene, belief, drawn[first:])
+        carry = self.start_rollouts(scene, belief, drawn[first:], first)
+        return carry._replace(common=common[first:], motion=motion)
+
+    def start_rollouts(
+        self, scene: Scene, belief: Belief, states: np.ndarray, first: int = 0
+    ) -> MonteCarloCarry:
+        """Return the carry at time 0 of rollouts from given states.
+
+        Parameters
+        ----------
+        scene : Scene
+        belief : Belief
+            That the states represent; overlap is removed in its metric.
+        states : (N, B, 13) array
+        first : int, optional
+            Number of the first rollout: each one has draws of its own for uncertain parameters and errors of
+            impacts.
+        """
+        count = len(states)
+        states, history = resolve_initial_overlap(scene, belief, states)
         if scene.draws_impacts:
             history = histories.with_keys(history, self.seed, first)
-        z = self.drawn_parameters(scene, last)[first:]
+        z = self.drawn_parameters(scene, first + count)[first:]
         states = moved_along(start_states(scene, states, z), center_offsets(scene, z))
-        return MonteCarloCarry(states, history, 0, z, common[first:], motion)
+        return MonteCarloCarry(states, history, 0, z, np.zeros((count, 0)), np.zeros((6, 0)))
 
     def drawn(self, scene: Scene, belief: Belief, count: int) -> np.ndarray:
         """(count, B, 13): states drawn from a belief; the first ones are the same for every larger count."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -133,6 +134,36 @@ def resolve_initial_overlap(
     if kept.any():
         history = history._replace(solver=history.solver._replace(kept_overlap=kept))
     return states, history
+
+
+def move_out_of_overlap(
+    scene: Scene, belief: Belief, states: np.ndarray, bodies: Sequence[int]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Move some bodies of states out of overlap, at any time; the others stay where they are.
+
+    Parameters
+    ----------
+    scene : Scene
+        With the implicit integrator.
+    belief : Belief
+        Its covariance is the metric in which poses without overlap are the nearest.
+    states : (N, B, 13) array
+    bodies : sequence of int
+        Indices of those that move.
+
+    Returns
+    -------
+    states : (N, B, 13) array
+    kept : (N, B, B + E) array
+        Overlaps that could not come free [m].
+    """
+    states, history = states.copy(), histories.fresh(len(states), scene.world)
+    kept = np.zeros(history.first_time.shape, np.float32)
+    held = np.ones(len(scene.bodies), bool)
+    held[list(bodies)] = False
+    metric = _metric(scene, belief)
+    _project(scene, belief, metric, states, _sides(scene, belief, metric), history, kept, held)
+    return states, kept
 
 
 def _resting(scene):

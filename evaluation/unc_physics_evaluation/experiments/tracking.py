@@ -1,0 +1,323 @@
+"""Tracking of recorded tosses through contact, of a body at rest, and of one that a hand takes."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from unc_physics.calibration.flight import fit_start
+from unc_physics.calibration.motions import Motion
+from unc_physics.prediction.predict import predict
+from unc_physics.propagators.registry import make_propagator
+from unc_physics.spatial.layout import ERR_POSITION, POSITION, QUATERNION, VELOCITY
+from unc_physics.tracking.measurements import PoseMeasurement
+
+from ..jobs import Job, Outcome, Row, Settings
+from ..recorded_tosses import recorded_tosses
+from ..results import Results, Rows
+from ..tables import number, table
+from ..tracked_tosses import (
+    NOISE,
+    FilterFollower,
+    Frames,
+    Score,
+    TrackerFollower,
+    frames_of,
+    scores,
+    tracked_scene,
+)
+
+TITLE = "Tracking"
+TRACKER, FILTER, PREDICTED, LEAST_SQUARES = (
+    "tracker",
+    "constant_velocity",
+    "constant_velocity_predict",
+    "least_squares",
+)
+FULL, QUICK = 80, 8  # tosses
+_A_JOB = 20
+#: Conditions and rates [Hz].
+CONDITIONS = (("plain", 148.0), ("plain", 30.0), ("plain", 10.0), ("gap", 30.0), ("outliers", 30.0))
+REST, HAND, LATER = "rest", "hand", "later"
+FLIGHT, CONTACT = "in flight", "after contact"
+#: Frames of flight from which rest is predicted.
+_FRAMES = 10
+_LATE_FRAMES = 40
+_STILL, _LIFT = 4.0, 0.4  # s, m/s
+_NEAR = 8e-3  # m
+_RUNS = 20
+_COST = {148.0: 2.0, 30.0: 1.0, 10.0: 0.5}
+
+
+def jobs(settings: Settings) -> list[Job]:
+    """The tosses in parts, for each method, condition and rate; then rest, the hand, and where tosses end."""
+    count, found = QUICK if settings.quick else FULL, []
+
+    def add(cost, **parameters):
+        found.append(Job("tracking", settings.parameters(**parameters), cost=cost))
+
+    for first in range(0, count, _A_JOB):
+        part = {"first": first, "tosses": min(_A_JOB, count - first)}
+        for condition, rate in CONDITIONS:
+            add(_COST[rate] * part["tosses"], by=TRACKER, condition=condition, rate=rate, **part)
+        for method in (FILTER, PREDICTED):
+            add(0.5 * part["tosses"], by=method, condition="plain", rate=30.0, **part)
+        add(part["tosses"], by=TRACKER, condition=LATER, rate=148.0, **part)
+    runs = 4 if settings.quick else _RUNS
+    for condition in (REST, HAND):
+        add(runs, by=TRACKER, condition=condition, rate=30.0, first=0, tosses=runs)
+    return found
+
+
+def run(job: Job) -> Outcome:
+    """Follow the tosses of one part."""
+    p, rows = job.parameters, []
+    # the same tosses and errors of poses for all methods
+    order = np.random.default_rng(int(p["base_seed"])).permutation(len(recorded_tosses().states))
+    numbers = order[int(p["first"]) : int(p["first"]) + int(p["tosses"])]
+    for k in numbers.tolist():
+        if p["condition"] == REST:
+            rows += _rest(k)
+        elif p["condition"] == HAND:
+            rows += _hand(k)
+        elif p["condition"] == LATER:
+            rows += _later(k, int(p["base_seed"]))
+        else:
+            rows += _toss(k, str(p["by"]), str(p["condition"]), float(p["rate"]), int(p["base_seed"]))
+    return Outcome(rows)
+
+
+def _toss(k, method, condition, rate, seed):
+    """Rows of one toss."""
+    scene = tracked_scene(recorded_tosses())
+    frames = frames_of(recorded_tosses(), k, rate, condition, seed)
+    if method == TRACKER:
+        follower = TrackerFollower(scene, frames, seed)
+    else:
+        follower = FilterFollower(scene, frames, seed, physics=method == PREDICTED)
+    # the first pose says nothing of velocities; the next one begins
+    found = list(scores(follower, frames, ahead_every=max(1, round(rate / 10.0))))[1:]
+    rows = []
+    for phase, chosen in ((FLIGHT, False), (CONTACT, True)):
+        some = [one for one in found if one.in_contact is chosen]
+        rows += _means(some, phase, method, k, seed)
+    rows += _means([one for one in found if one.seen_again], "seen again", method, k, seed)
+    rows.append(
+        Row(method, "false alarm", "1", float(any(one.carried for one in found)), replicate=k, seed=seed)
+    )
+    return rows
+
+
+_UNITS = {"position": "m", "rotation": "rad", "velocity": "m/s", "ahead_position": "m", "seconds": "s"}
+
+
+def _means(some, phase, method, k, seed):
+    """Rows of the means of frames, as far as they have a figure."""
+    rows = []
+    for place, name in enumerate(Score._fields):
+        if name in ("in_contact", "seen_again", "carried"):
+            continue
+        values = np.array([one[place] for one in some], float)
+        values = values[np.isfinite(values)]
+        if len(values):
+            rows.append(
+                Row(
+                    method,
+                    f"{name} {phase}",
+                    _UNITS.get(name, "1"),
+                    float(values.mean()),
+                    len(values),
+                    k,
+                    seed,
+                )
+            )
+    return rows
+
+
+def _still_frames(seconds, seed, lift_at=None):
+    """Frames of a cube that rests on the table, and that a hand lifts at some time."""
+    scene = tracked_scene(recorded_tosses())
+    times = np.arange(0.0, seconds, 1.0 / 30.0)
+    height = scene.environment[0].offset + float(scene.bodies[0].model.bounds[1, 2])
+    truth = np.zeros((len(times), 13))
+    truth[:, 2], truth[:, QUATERNION] = height, [0.0, 0.0, 0.0, 1.0]
+    if lift_at is not None:
+        truth[:, 2] += _LIFT * np.maximum(times - lift_at, 0.0)
+        truth[times > lift_at, 5] = _LIFT
+    errors = NOISE * np.random.default_rng(seed).standard_normal((len(times), 6))
+    half = 0.5 * errors[:, 3:]
+    q = np.concatenate([half, np.ones((len(times), 1))], axis=1)
+    measured = np.concatenate(
+        [truth[:, POSITION] + errors[:, :3], q / np.linalg.norm(q, axis=1, keepdims=True)], axis=1
+    )
+    none, every = np.zeros(len(times), bool), np.ones(len(times), bool)
+    return scene, Frames(times, truth, measured, none, every, every)
+
+
+def _rest(seed):
+    """Rows of a still body: error and standard deviation at the end."""
+    scene, frames = _still_frames(_STILL, seed)
+    follower = TrackerFollower(scene, frames, seed)
+    for time, pose in zip(frames.times.tolist(), frames.measured, strict=True):
+        follower.correct(time, PoseMeasurement(pose, NOISE))
+    belief = follower.belief(float(frames.times[-1]))
+    error = belief.mean[0, POSITION] - frames.truth[-1, POSITION]
+    std = np.sqrt(belief.marginal(0).diagonal()[ERR_POSITION])
+    rows = [("error across", np.linalg.norm(error[:2])), ("error of height", abs(error[2]))]
+    rows += [("std across", np.sqrt(np.mean(std[:2] ** 2)))]
+    return [
+        Row(TRACKER, f"{name} {REST}", "m", float(value), replicate=seed, seed=seed) for name, value in rows
+    ]
+
+
+def _hand(seed):
+    """Rows of a body that a hand lifts: how long until its error is small for good."""
+    begin = 1.5
+    scene, frames = _still_frames(3.0, seed, begin)
+    follower = TrackerFollower(scene, frames, seed)
+    late = begin
+    for time, pose, truth in zip(frames.times.tolist(), frames.measured, frames.truth, strict=True):
+        follower.correct(time, PoseMeasurement(pose, NOISE))
+        error = np.linalg.norm(follower.belief(time).mean[0, POSITION] - truth[POSITION])
+        if time > begin and error > _NEAR:
+            late = time + 1.0 / 30.0
+    return [Row(TRACKER, f"time to follow {HAND}", "s", late - begin, replicate=seed, seed=seed)]
+
+
+def _later(k, seed):
+    """Rows of where a toss ends, from its first poses; and of velocities, beside least squares."""
+    tosses = recorded_tosses()
+    scene, frames, rows = tracked_scene(tosses), frames_of(tosses, k, 1.0 / tosses.dt, "plain", seed), []
+    end = frames.truth[-1, POSITION]
+    follower = TrackerFollower(scene, frames, seed)
+
+    def add(method, quantity, unit, value):
+        rows.append(Row(method, quantity, unit, float(value), replicate=k, seed=seed))
+
+    for n, (time, pose) in enumerate(zip(frames.times.tolist(), frames.measured, strict=True), 1):
+        follower.correct(time, PoseMeasurement(pose, NOISE))
+        left = float(frames.times[-1]) - time
+        if n == _FRAMES and not frames.in_contact[n]:
+            motion = Motion("first", frames.times[:n], frames.measured[:n])
+            start = fit_start(motion, scene, n)
+            if start is not None and start.frames == n:
+                belief = start.belief(float(NOISE[0]), float(NOISE[3]))
+                fallen = belief.mean[0, VELOCITY] + frames.times[n - 1] * np.asarray(scene.gravity)
+                truth = frames.truth[n - 1, VELOCITY]
+                now = follower.belief(time).mean[0, VELOCITY]
+                add(LEAST_SQUARES, "velocity error", "m/s", np.linalg.norm(fallen - truth))
+                add(TRACKER, "velocity error", "m/s", np.linalg.norm(now - truth))
+                propagator = make_propagator("monte_carlo", samples=64, seed=seed)
+                there = predict(scene, belief, propagator, float(frames.times[-1])).belief
+                add(LEAST_SQUARES, f"rest from frame {_FRAMES}", "m", np.linalg.norm(there.mean[0, :3] - end))
+                there = follower.ahead(left)
+                add(TRACKER, f"rest from frame {_FRAMES}", "m", np.linalg.norm(there.mean[0, :3] - end))
+        if n == _LATE_FRAMES and left > 0.0:
+            there = follower.ahead(left)
+            add(TRACKER, f"rest from frame {_LATE_FRAMES}", "m", np.linalg.norm(there.mean[0, :3] - end))
+            break
+    return rows
+
+
+_COLUMNS = (
+    ("NEES position", "nees_position", 1.0),
+    ("NEES rotation", "nees_rotation", 1.0),
+    ("mm", "position", 1e3),
+    ("degrees", "rotation", 180.0 / np.pi),
+    ("m/s", "velocity", 1.0),
+    ("next pose: log score", "next_log", 1.0),
+    ("in 90 % region, %", "next_inside", 100.0),
+    ("0.2 s ahead: mm", "ahead_position", 1e3),
+    ("log score", "ahead_log", 1.0),
+    ("in 90 % region of position, %", "ahead_inside_position", 100.0),
+    ("of rotation, %", "ahead_inside_rotation", 100.0),
+)
+
+
+def report(results: Results) -> str:
+    """Tables of consistency, accuracy and predictions."""
+    rows, lines = results.rows("tracking"), []
+    for method in (FILTER, PREDICTED, TRACKER):
+        for condition, rate in CONDITIONS:
+            some = rows.where(method=method, condition=condition, rate=rate)
+            for phase in (FLIGHT, CONTACT):
+                cells = [_mean(some.where(quantity=f"{name} {phase}")) * scale for _, name, scale in _COLUMNS]
+                if some and np.isfinite(cells[0]):
+                    lines.append([f"{method}, {rate:.0f} Hz, {condition}, {phase}", *map(number, cells)])
+    parts = [table(["", *(title for title, *_ in _COLUMNS)], lines)]
+    parts.append("NEES: the mean squared error over its variance; 1 is right.\n")
+    parts.append(table(["", "value"], [[words, value] for words, value in _single(rows)]))
+    return "\n".join(parts)
+
+
+def _mean(rows: Rows) -> float:
+    """Mean over frames of rows that hold means of their frames."""
+    if not rows:
+        return float("nan")
+    weights = np.array([row["samples"] or 1 for row in rows], float)
+    return float(np.average(rows.values(), weights=weights))
+
+
+def _single(rows):
+    """Figures of their own, in words."""
+    plain = rows.where(method=TRACKER, condition="plain")
+    outliers = rows.where(method=TRACKER, condition="outliers")
+    later = rows.where(condition=LATER)
+
+    def rms(quantity, method=TRACKER, scale=1e3):
+        values = later.where(quantity=quantity, method=method).values()
+        return scale * float(np.sqrt(np.mean(values**2))) if len(values) else float("nan")
+
+    def both(name, quantity):
+        return _mean(
+            Rows(
+                [
+                    *rows.where(method=TRACKER, condition=name, quantity=f"{quantity} {FLIGHT}"),
+                    *rows.where(method=TRACKER, condition=name, quantity=f"{quantity} {CONTACT}"),
+                ]
+            )
+        )
+
+    yield (
+        "first pose after a gap of 0.2 s in its 90 % region, %",
+        number(100.0 * _mean(rows.where(condition="gap", quantity="next_inside seen again"))),
+    )
+    if outliers:
+        yield "outliers rejected, %", number(100.0 * both("outliers", "rejected_outlier"))
+        yield "good poses rejected beside outliers, %", number(100.0 * both("outliers", "rejected_good"))
+    yield "tosses with a false alarm of a hand, %", number(100.0 * plain.where(quantity="false alarm").mean())
+    first, late = f"rest from frame {_FRAMES}", f"rest from frame {_LATE_FRAMES}"
+    yield (
+        f"velocity after {_FRAMES} frames, error over that of least squares",
+        number(rms("velocity error") / rms("velocity error", LEAST_SQUARES)),
+    )
+    mean = {m: 1e3 * later.where(quantity=first, method=m).mean() for m in (TRACKER, LEAST_SQUARES)}
+    yield f"{first}: mm, and by least squares", f"{number(mean[TRACKER])}, {number(mean[LEAST_SQUARES])}"
+    yield f"{late}: mm", number(1e3 * later.where(quantity=late).mean())
+    for quantity in (f"error across {REST}", f"error of height {REST}", f"std across {REST}"):
+        values = rows.where(quantity=quantity).values()
+        if len(values):
+            yield (
+                f"still for {_STILL:g} s: {quantity.removesuffix(' rest')}, mm",
+                number(1e3 * float(np.sqrt(np.mean(values**2)))),
+            )
+    taken = rows.where(quantity=f"time to follow {HAND}").values()
+    if len(taken):
+        yield (
+            "a hand takes it: within 8 mm again after, s (mean, most)",
+            f"{taken.mean():.2f}, {taken.max():.2f}",
+        )
+
+
+def verdict(results: Results) -> str:
+    """Whether the tracker's errors are as large as it says."""
+    rows = results.rows("tracking").where(method=TRACKER)
+    found = []
+    for condition, rate in CONDITIONS:
+        some = rows.where(condition=condition, rate=rate)
+        for phase in (FLIGHT, CONTACT):
+            found += [
+                _mean(some.where(quantity=f"{name} {phase}")) for name in ("nees_position", "nees_rotation")
+            ]
+    found = [value for value in found if np.isfinite(value)]
+    right = sum(0.8 <= value <= 1.2 for value in found)
+    return f"{right} of {len(found)} NEES are within 20 % of 1 ({min(found):.2f} to {max(found):.2f})"

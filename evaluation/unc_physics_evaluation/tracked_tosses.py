@@ -1,0 +1,325 @@
+"""Recorded tosses, followed by a tracker and by what it is compared with."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from functools import cache
+from typing import NamedTuple, Protocol
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from unc_physics.calibration.flight import flight_frames
+from unc_physics.prediction.predict import predict
+from unc_physics.propagators.registry import make_propagator
+from unc_physics.scene.belief import Belief
+from unc_physics.scene.environment import Plane
+from unc_physics.scene.scene import Scene
+from unc_physics.spatial.layout import (
+    ANGULAR_VELOCITY,
+    ERR_ANGULAR_VELOCITY,
+    ERR_POSITION,
+    ERR_ROTATION,
+    ERR_VELOCITY,
+    POSITION,
+    QUATERNION,
+    VELOCITY,
+)
+from unc_physics.tracking.hypotheses import Filter
+from unc_physics.tracking.measurements import PoseMeasurement
+from unc_physics.tracking.noise import ContactNoise
+from unc_physics.tracking.report import TrackStatus
+from unc_physics.tracking.tracker import Tracker
+
+from .recorded_tosses import Tosses, cube, recorded_tosses, toss_scene
+
+#: Standard deviations of a measured pose [m], [rad].
+NOISE = np.r_[np.full(3, 2e-3), np.full(3, np.radians(1.0))]
+#: Of what is known of the velocities at first [m/s], [rad/s].
+UNKNOWN = 2.0, 15.0
+#: How far ahead predictions are scored [s].
+AHEAD = 0.2
+#: Outliers: their share, and how far off they are [m].
+OUTLIERS, FAR_OFF = 0.1, 0.5
+#: Errors of the shape that a prediction without a tracker is given [m], [rad].
+SHAPE = ContactNoise().shape_position, ContactNoise().shape_rotation
+#: A gap in the measurements begins with the first contact, and lasts so long [s].
+GAP = 0.2
+
+
+def tracked_scene(tosses: Tosses) -> Scene:
+    """The cube above the table, with parameters as calibrated to these tosses (their README)."""
+    return toss_scene(
+        tosses,
+        bodies=[cube(0.0518, 5e-3, 1.75)],
+        gravity=(0.0, 0.0, -9.61),
+        environment=[Plane(offset=-9e-4, name="table")],
+        friction=0.172,
+        restitution=0.35,
+        impact_direction_std=0.025,
+        impact_point_std=3e-3,
+        impact_friction_std=0.1,
+    )
+
+
+class Frames(NamedTuple):
+    """Measured poses of a motion, and the truth.
+
+    Attributes
+    ----------
+    times : (n,) array
+        [s]
+    truth : (n, 13) array
+        Recorded poses; velocities are central differences.
+    measured : (n, 7) array
+        Poses with noise.
+    is_outlier, is_seen, in_contact : (n,) bool arrays
+        Whether the pose is an outlier; is given to trackers; and comes after the first contact.
+    """
+
+    times: np.ndarray
+    truth: np.ndarray
+    measured: np.ndarray
+    is_outlier: np.ndarray
+    is_seen: np.ndarray
+    in_contact: np.ndarray
+
+
+class Follower(Protocol):
+    """What follows a body."""
+
+    def correct(self, time: float, measurement: PoseMeasurement) -> bool:
+        """Take a measurement; return whether it was accepted."""
+        ...
+
+    def belief(self, time: float) -> Belief:
+        """Return the belief of a time, from the measurements until now."""
+        ...
+
+    def ahead(self, duration: float) -> Belief:
+        """Predict from the last measurement on."""
+        ...
+
+    @property
+    def is_carried(self) -> bool:
+        """Whether a hand is said to carry the body."""
+        ...
+
+
+@cache
+def _level():
+    """What turns the table of the tosses to the horizontal."""
+    tosses = recorded_tosses()
+    return tosses.level(range(len(tosses.states)))
+
+
+def frames_of(tosses: Tosses, k: int, rate: float, condition: str, seed: int) -> Frames:
+    """Return the frames of toss k at a rate [Hz], with noise; ``condition`` is plain, gap or outliers."""
+    motion = tosses.motion(k, _level())
+    poses, every = motion.poses, max(1, round(1.0 / (rate * tosses.dt)))
+    contact = flight_frames(motion, tracked_scene(tosses))
+    some = np.arange(0, len(poses), every)
+    truth = np.zeros((len(some), 13))
+    truth[:, POSITION], truth[:, QUATERNION] = poses[some, :3], poses[some, 3:]
+    turn = Rotation.from_quat(poses[:, 3:])
+    for n, at in enumerate(some):
+        a, b = max(at - 1, 0), min(at + 1, len(poses) - 1)
+        h = (b - a) * tosses.dt
+        truth[n, VELOCITY] = (poses[b, :3] - poses[a, :3]) / h
+        truth[n, ANGULAR_VELOCITY] = (turn[b] * turn[a].inv()).as_rotvec() / h
+    rng = np.random.default_rng((seed, k))
+    errors = NOISE * rng.standard_normal((len(some), 6))
+    measured = np.concatenate(
+        [
+            truth[:, POSITION] + errors[:, :3],
+            (Rotation.from_quat(truth[:, QUATERNION]) * Rotation.from_rotvec(errors[:, 3:])).as_quat(),
+        ],
+        axis=1,
+    )
+    is_outlier = np.zeros(len(some), bool)
+    is_seen = np.ones(len(some), bool)
+    if condition == "outliers":
+        is_outlier = rng.random(len(some)) < OUTLIERS
+        is_outlier[:3] = False
+        measured[is_outlier, :3] += rng.uniform(-FAR_OFF, FAR_OFF, (int(is_outlier.sum()), 3))
+        if is_outlier.any():
+            measured[is_outlier, 3:] = Rotation.random(int(is_outlier.sum()), rng).as_quat()
+    if condition == "gap":
+        begin = contact * tosses.dt
+        is_seen = ~((some * tosses.dt >= begin) & (some * tosses.dt < begin + GAP))
+        is_seen[:3] = True
+    return Frames(some * tosses.dt, truth, measured, is_outlier, is_seen, some >= contact)
+
+
+class TrackerFollower:
+    """The library's tracker, which begins without velocities."""
+
+    def __init__(self, scene: Scene, frames: Frames, seed: int, **options):
+        mean = np.zeros((1, 13))
+        mean[0, POSITION], mean[0, QUATERNION] = frames.measured[0, :3], frames.measured[0, 3:]
+        std = np.zeros(12)
+        std[ERR_POSITION], std[ERR_ROTATION] = 1.0, 1.0
+        std[ERR_VELOCITY], std[ERR_ANGULAR_VELOCITY] = UNKNOWN
+        belief = Belief(mean, np.diag(std**2)[None])
+        self.tracker = Tracker(scene, belief, time=float(frames.times[0]), seed=seed, **options)
+        self._name = scene.bodies[0].name
+
+    def correct(self, time, measurement):
+        return not self.tracker.correct(time, {self._name: measurement}).rejected
+
+    def belief(self, time):
+        return self.tracker.belief(time)
+
+    def ahead(self, duration):
+        return self.tracker.ahead([duration]).belief
+
+    @property
+    def is_carried(self):
+        return self.tracker.status(self._name) is TrackStatus.CARRIED
+
+
+class FilterFollower:
+    """A constant-velocity filter; predictions ahead are its own, or `predict`'s from its belief."""
+
+    def __init__(self, scene: Scene, frames: Frames, seed: int, physics: bool = False):
+        self._scene, self._seed, self._physics = scene, seed, physics
+        mean = np.zeros(13)
+        mean[POSITION], mean[QUATERNION] = frames.measured[0, :3], frames.measured[0, 3:]
+        std = np.zeros(12)
+        std[ERR_POSITION], std[ERR_ROTATION] = 1.0, 1.0
+        std[ERR_VELOCITY], std[ERR_ANGULAR_VELOCITY] = UNKNOWN
+        self._filter = Filter(mean, np.diag(std**2), float(frames.times[0]))
+
+    def correct(self, time, measurement):
+        seen = measurement.observation(self._scene.bodies[0])
+        self._filter, found = self._filter.at(time).corrected(seen, self._filter.mean, 100.0)
+        return found.accepted
+
+    def belief(self, time):
+        now = self._filter.at(time)
+        return Belief(now.mean[None], now.covariance[None])
+
+    def ahead(self, duration):
+        if not self._physics:
+            return self.belief(self._filter.time + duration)
+        propagator = make_propagator("monte_carlo", seed=self._seed, samples=64)
+        found = predict(self._scene, self.belief(self._filter.time), propagator, duration).belief
+        # a body at rest has no variance across the table without it
+        P = found.marginal(0) + np.diag(np.repeat([SHAPE[0] ** 2, 0.0, SHAPE[1] ** 2, 0.0], 3))
+        return Belief(found.mean, P[None])
+
+    @property
+    def is_carried(self):
+        return False
+
+
+class Score(NamedTuple):
+    """Figures of one frame; NaN where there is none."""
+
+    in_contact: bool
+    seen_again: bool
+    carried: bool
+    nees_position: float
+    nees_rotation: float
+    position: float
+    rotation: float
+    velocity: float
+    next_log: float
+    next_inside: float
+    ahead_position: float
+    ahead_log: float
+    ahead_inside_position: float
+    ahead_inside_rotation: float
+    rejected_outlier: float
+    rejected_good: float
+    seconds: float
+
+
+#: 90 % quantiles of chi squared with 3 and 6 degrees of freedom.
+_INSIDE_3, _INSIDE_6 = 6.251, 10.645
+
+
+def scores(follower: Follower, frames: Frames, ahead_every: int = 1) -> Iterator[Score]:
+    """Follow a motion, and score every frame."""
+    nan = float("nan")
+    last = frames.times[-1]
+    unseen = False
+    for n, when in enumerate(frames.times.tolist()):
+        truth, seen = frames.truth[n], bool(frames.is_seen[n])
+        next_log = next_inside = rejected_outlier = rejected_good = seconds = nan
+        if not seen:
+            unseen = True
+        measurement = PoseMeasurement(frames.measured[n], NOISE)
+        if n > 2 and not frames.is_outlier[n]:
+            next_log, square = _density(follower.belief(when), frames.measured[n], np.diag(NOISE**2))
+            next_inside = float(square < _INSIDE_6)
+        if seen:
+            started = time.perf_counter()
+            accepted = follower.correct(when, measurement)
+            seconds = time.perf_counter() - started
+            if frames.is_outlier[n]:
+                rejected_outlier = float(not accepted)
+            else:
+                rejected_good = float(not accepted)
+        belief = follower.belief(when)
+        position, rotation = _errors(belief, truth)
+        P = belief.marginal(0)
+        nees = [
+            e @ np.linalg.solve(P[block, block], e) / 3.0
+            for e, block in ((position, ERR_POSITION), (rotation, ERR_ROTATION))
+        ]
+        velocity = float(np.linalg.norm(belief.mean[0, VELOCITY] - truth[VELOCITY]))
+        ahead = [nan] * 4
+        later = when + AHEAD
+        target = int(np.argmin(np.abs(frames.times - later)))
+        if seen and later <= last + 1e-9 and n % ahead_every == 0 and n > 2:
+            duration = float(frames.times[target] - when)
+            there = follower.ahead(duration)
+            log, _ = _density(there, _pose(frames.truth[target]), np.zeros((6, 6)))
+            p, r = _errors(there, frames.truth[target])
+            Q = there.marginal(0)
+            inside = [
+                float(e @ np.linalg.solve(Q[block, block], e) < _INSIDE_3)
+                for e, block in ((p, ERR_POSITION), (r, ERR_ROTATION))
+            ]
+            ahead = [float(np.linalg.norm(p)), log, *inside]
+        yield Score(
+            bool(frames.in_contact[n]),
+            seen and unseen,
+            follower.is_carried,
+            *nees,
+            float(np.linalg.norm(position)),
+            float(np.linalg.norm(rotation)),
+            velocity,
+            next_log,
+            next_inside,
+            *ahead,
+            rejected_outlier,
+            rejected_good,
+            seconds,
+        )
+        if seen:
+            unseen = False
+
+
+def _pose(state):
+    return np.concatenate([state[POSITION], state[QUATERNION]])
+
+
+def _errors(belief, truth):
+    """Position (3,) [m] and rotation (3,) on the body's side [rad] of the truth, from the belief's mean."""
+    mean = belief.mean[0]
+    turn = Rotation.from_quat(mean[QUATERNION]).inv() * Rotation.from_quat(truth[QUATERNION])
+    return truth[POSITION] - mean[POSITION], turn.as_rotvec()
+
+
+def _density(belief, pose, noise):
+    """Logarithm of the density of a pose, and its squared distance."""
+    state = np.zeros(13)
+    state[POSITION], state[QUATERNION] = pose[:3], pose[3:]
+    e = np.concatenate(_errors(belief, state))
+    places = np.r_[ERR_POSITION, ERR_ROTATION]
+    S = belief.marginal(0)[np.ix_(places, places)] + noise
+    square = float(e @ np.linalg.solve(S, e))
+    return -0.5 * (square + np.linalg.slogdet(2.0 * np.pi * S)[1]), square

@@ -1,0 +1,184 @@
+"""Laws of the corrections, beside a Kalman filter written out in NumPy."""
+
+import numpy as np
+import pytest
+from scenes import NOISE, angle, bodies, box, pose
+from scipy.spatial.transform import Rotation
+
+from unc_physics import Belief, PoseMeasurement, PositionMeasurement, RelativePoseMeasurement
+from unc_physics.spatial.moments import mean_and_errors, spread_states
+from unc_physics.tracking.ensemble import BodyObservation, Gates, correct, corrected
+from unc_physics.tracking.noise import whitened
+
+BODY = bodies(1)[0]
+ROUND_OFF = 1e-9
+
+
+def random_covariance(size, rng, scale):
+    A = rng.standard_normal((size, size + 4))
+    return scale[:, None] * (A @ A.T / (size + 4)) * scale
+
+
+def ensemble(covariance, count, rng, mean=None, moving=(0,)):
+    """Members whose mean and covariance are exactly those given."""
+    mean = np.tile(np.r_[np.zeros(9), 1.0, np.zeros(3)], (len(moving), 1)) if mean is None else mean
+    z = whitened(rng.standard_normal((count, len(covariance))))
+    errors = z @ np.linalg.cholesky(covariance).T
+    return spread_states(mean, np.array(moving, np.int64), errors)
+
+
+def moments(states, moving=(0,)):
+    mean, errors = mean_and_errors(states, np.array(moving, np.int64))
+    return mean, errors.T @ errors / (len(errors) - 1)
+
+
+SCALE = np.r_[np.full(3, 0.005), np.full(3, 0.1), np.full(3, 0.02), np.full(3, 0.5)]
+
+
+def test_equals_the_linear_kalman_filter():
+    rng = np.random.default_rng(1)
+    P = random_covariance(12, rng, SCALE)
+    P[6:9], P[:, 6:9] = 0.0, 0.0  # without rotations nothing is curved
+    P[9:], P[:, 9:] = 0.0, 0.0
+    P += 1e-12 * np.eye(12)
+    states = ensemble(P, 64, rng)
+    R, z = np.diag([4e-6, 9e-6, 1e-6]), np.array([0.004, -0.003, 0.002])
+    seen = PositionMeasurement(z, R).observation(BODY)
+    result = corrected(states, np.array([0]), [BodyObservation(0, seen, 0)], np.zeros(1))
+    mean, covariance = moments(result.states)
+    H = np.zeros((3, 12))
+    H[:, :3] = np.eye(3)
+    S = H @ P @ H.T + R
+    K = P @ H.T @ np.linalg.inv(S)
+    assert mean[0, :6] == pytest.approx((K @ z)[:6], abs=ROUND_OFF)
+    assert covariance == pytest.approx((np.eye(12) - K @ H) @ P, abs=ROUND_OFF)
+    assert result.innovations[0].square == pytest.approx(z @ np.linalg.solve(S, z), rel=1e-9)
+    density = -0.5 * (z @ np.linalg.solve(S, z) + np.linalg.slogdet(2.0 * np.pi * S)[1])
+    assert result.innovations[0].density == pytest.approx(density, rel=1e-9)
+
+
+def test_gaussian_and_ensemble_agree_about_poses():
+    rng = np.random.default_rng(2)
+    P = random_covariance(12, rng, SCALE)
+    start = np.zeros((1, 13))
+    start[0, 6:10] = Rotation.from_rotvec([0.3, -0.8, 0.5]).as_quat()
+    states = ensemble(P, 400, rng, start)
+    turned = Rotation.from_quat(start[0, 6:10]) * Rotation.from_rotvec([0.01, -0.02, 0.015])
+    seen = PoseMeasurement(pose([0.003, 0.001, -0.002], turned.as_quat()), NOISE).observation(BODY)
+    by_members = corrected(states, np.array([0]), [BodyObservation(0, seen, 0)], np.zeros(1))
+    exact, innovation = correct(Belief(start, P), 0, seen)
+    mean, covariance = moments(by_members.states)
+    assert mean[0, :6] == pytest.approx(exact.mean[0, :6], abs=2e-4)
+    assert angle(mean[0, 6:10], exact.mean[0, 6:10]) < 2e-4
+    deviations = np.sqrt(np.diag(exact.covariance))
+    assert covariance / deviations[:, None] / deviations == pytest.approx(
+        exact.covariance / deviations[:, None] / deviations, abs=0.02
+    )
+    assert by_members.innovations[0].square == pytest.approx(innovation.square, rel=0.02)
+
+
+def test_an_uninformative_measurement_changes_nothing():
+    rng = np.random.default_rng(3)
+    states = ensemble(random_covariance(12, rng, SCALE), 64, rng)
+    seen = PoseMeasurement(pose([0.3, 0.0, 0.0]), np.full(6, 1e6)).observation(BODY)
+    result = corrected(states, np.array([0]), [BodyObservation(0, seen, 0)], np.zeros(1))
+    assert result.states == pytest.approx(states, abs=1e-10)
+
+
+def test_the_order_of_independent_measurements_does_not_matter():
+    rng = np.random.default_rng(4)
+    P = random_covariance(24, rng, np.r_[SCALE, SCALE])
+    mean = np.zeros((2, 13))
+    mean[:, 9], mean[1, 0] = 1.0, 0.2
+    states = ensemble(P, 64, rng, mean, (0, 1))
+    measurements = [
+        BodyObservation(0, PositionMeasurement([0.002, 0.001, 0.0], np.full(3, 2e-3)).observation(BODY), 0),
+        BodyObservation(1, PositionMeasurement([0.197, 0.0, 0.003], np.full(3, 3e-3)).observation(BODY), 1),
+    ]
+    moving, groups = np.array([0, 1]), np.zeros(2)
+    one = moments(corrected(states, moving, measurements, groups).states, (0, 1))
+    other = moments(corrected(states, moving, measurements[::-1], groups).states, (0, 1))
+    # rotations of 0.003 rad that are put together in another order differ by their square
+    assert one[0] == pytest.approx(other[0], abs=1e-5)
+    assert one[1] == pytest.approx(other[1], abs=1e-7)
+
+
+def test_bodies_of_another_group_keep_their_bits():
+    rng = np.random.default_rng(5)
+    mean = np.zeros((2, 13))
+    mean[:, 9], mean[1, 0] = 1.0, 0.2
+    states = ensemble(random_covariance(24, rng, np.r_[SCALE, SCALE]), 64, rng, mean, (0, 1))
+    seen = PositionMeasurement([0.01, 0.0, 0.0], np.full(3, 2e-3)).observation(BODY)
+    result = corrected(states, np.array([0, 1]), [BodyObservation(0, seen, 0)], np.array([0, 1]))
+    assert np.array_equal(result.states[:, 1], states[:, 1])
+    assert not np.array_equal(result.states[:, 0], states[:, 0])
+
+
+def test_a_correlated_body_is_corrected_along():
+    rng = np.random.default_rng(6)
+    P = random_covariance(24, rng, np.r_[SCALE, SCALE])
+    mean = np.zeros((2, 13))
+    mean[:, 9], mean[1, 0] = 1.0, 0.2
+    states = ensemble(P, 64, rng, mean, (0, 1))
+    R, z = np.diag(np.full(3, 4e-6)), np.array([0.004, -0.002, 0.001])
+    seen = PositionMeasurement(z, R).observation(BODY)
+    result = corrected(states, np.array([0, 1]), [BodyObservation(0, seen, 0)], np.zeros(2))
+    found = moments(result.states, (0, 1))[0]
+    gain = P[12:15, :3] @ np.linalg.inv(P[:3, :3] + R)
+    assert found[1, :3] - mean[1, :3] == pytest.approx(gain @ z, abs=1e-6)
+
+
+def test_a_relative_pose_ties_two_bodies():
+    rng = np.random.default_rng(7)
+    P = np.diag(np.r_[SCALE, SCALE] ** 2)
+    mean = np.zeros((2, 13))
+    mean[0, 6:10] = Rotation.from_rotvec([0.0, 0.0, np.pi / 2]).as_quat()
+    mean[1, 9], mean[1, 1] = 1.0, 0.2  # along x of the first
+    states = ensemble(P, 400, rng, mean, (0, 1))
+    turn = Rotation.from_rotvec([0.0, 0.0, -np.pi / 2]).as_quat()
+    seen = RelativePoseMeasurement("box0", pose([0.206, 0.0, 0.0], turn), NOISE).observation(BODY)
+    result = corrected(states, np.array([0, 1]), [BodyObservation(1, seen, 0)], np.array([0, 1]))
+    after, covariance = moments(result.states, (0, 1))
+    # 6 mm farther apart than expected; the first one's turn moves the second by its distance
+    lever = (0.2 * SCALE[6]) ** 2
+    share = SCALE[0] ** 2 / (2.0 * SCALE[0] ** 2 + NOISE[0] ** 2)
+    assert after[1, 1] - 0.2 == pytest.approx(share * 0.006, rel=0.1)
+    assert after[0, 1] == pytest.approx(-share * 0.006, rel=0.1)
+    between = covariance[1, 1] + covariance[13, 13] - 2.0 * covariance[1, 13]
+    assert between == pytest.approx(1.0 / (1.0 / NOISE[0] ** 2 + 0.5 / SCALE[0] ** 2), rel=0.1)
+    assert lever > 0.0
+
+
+def test_gates():
+    rng = np.random.default_rng(8)
+    P = np.diag(SCALE**2)
+    states = ensemble(P, 64, rng)
+    s = np.sqrt(SCALE[0] ** 2 + NOISE[0] ** 2)
+    for deviations, accepted, share in ((3.0, True, 1.0), (6.0, True, 20.0 / 36.0), (11.0, False, 0.0)):
+        seen = PoseMeasurement(pose([deviations * s, 0.0, 0.0]), NOISE).observation(BODY)
+        result = corrected(states, np.array([0]), [BodyObservation(0, seen, 0)], np.zeros(1), gates=Gates())
+        assert result.innovations[0].accepted is accepted
+        assert result.innovations[0].square == pytest.approx(deviations**2, rel=1e-3)
+        R = NOISE[0] ** 2 / (share or 1.0)
+        moved = deviations * s * SCALE[0] ** 2 / (SCALE[0] ** 2 + R) if accepted else 0.0
+        assert result.states[:, 0, 0].mean() == pytest.approx(moved, abs=1e-6)
+
+
+def test_parameters_are_corrected_along():
+    rng = np.random.default_rng(9)
+    states = ensemble(np.diag(SCALE**2), 64, rng)
+    z = (states[:, 0, 0] / SCALE[0])[:, None]  # the position is all that there is to know of it
+    seen = PositionMeasurement([0.005, 0.0, 0.0], np.full(3, 1e-3)).observation(BODY)
+    result = corrected(states, np.array([0]), [BodyObservation(0, seen, 0)], np.zeros(1), parameters=z.copy())
+    assert result.parameters == pytest.approx(result.states[:, 0, :1] / SCALE[0], abs=1e-9)
+
+
+def test_the_model_origin_is_where_the_pose_is_measured():
+    from dataclasses import replace
+
+    model = replace(box(), origin=np.array([0.0, 0.0, -0.04]))
+    body = replace(BODY, model=model)
+    turn = Rotation.from_rotvec([0.5 * np.pi, 0.0, 0.0])
+    seen = PoseMeasurement(pose([1.0, 2.0, 3.0], turn.as_quat()), NOISE, origin="model").observation(body)
+    assert seen.value[:3] == pytest.approx([1.0, 2.0, 3.0] - turn.apply([0.0, 0.0, -0.04]))
+    assert seen.noise[2, 2] == pytest.approx(NOISE[0] ** 2 + (0.04 * NOISE[3]) ** 2, rel=1e-6)

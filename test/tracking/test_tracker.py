@@ -1,0 +1,461 @@
+"""The tracker beside a Kalman filter, least squares and simulated truths."""
+
+import numpy as np
+import pytest
+from scenes import NOISE, SIDE, angle, belief_of, box, free_scene, measured, pose, table_scene
+from scipy.spatial.transform import Rotation
+
+from unc_physics import (
+    BodyBelief,
+    ContactNoise,
+    Plane,
+    PoseMeasurement,
+    PosePath,
+    PositionMeasurement,
+    RelativePoseMeasurement,
+    RigidBody,
+    Scene,
+    Touches,
+    Tracker,
+    TrackStatus,
+    UncPhysicsError,
+    load_model,
+    with_stiffness,
+)
+from unc_physics.dynamics.rollout import simulate
+
+RATE = 30.0
+UNKNOWN = {
+    "position_std": 1.0,
+    "orientation_std": 1.0,
+    "linear_velocity_std": 2.0,
+    "angular_velocity_std": 15.0,
+}
+STDS = tuple(UNKNOWN)
+RESTING = pose([0.0, 0.0, SIDE / 2])
+
+
+def state(position, velocity=(0.0, 0.0, 0.0), quaternion=(0.0, 0.0, 0.0, 1.0), spin=(0.0, 0.0, 0.0)):
+    return np.r_[position, velocity, quaternion, spin]
+
+
+def simulated(scene, start, times):
+    """True states (T, B, 13) at some times."""
+    scene = with_stiffness(scene, start)
+    x, found, done = start[None].copy(), [], 0
+    for time in times:
+        steps = round(time / scene.dt)
+        simulate(x, scene.world, steps - done)
+        done = steps
+        found.append(x[0].copy())
+    return np.array(found)
+
+
+def flight(known, velocity, spin, times, gravity=-9.81):
+    """Poses (T, 7) of a free flight."""
+    p0 = np.asarray(known, float)
+    turn = Rotation.from_rotvec(np.outer(times, spin))
+    p = p0 + np.outer(times, velocity) + 0.5 * np.outer(times**2, [0.0, 0.0, gravity])
+    return np.concatenate([p, turn.as_quat()], axis=1)
+
+
+def test_free_flight_equals_the_linear_kalman_filter():
+    scene = free_scene()
+    belief = belief_of(scene, box0={"orientation_std": 0.0, "angular_velocity_std": 0.0})
+    tracker, rng = Tracker(scene, belief), np.random.default_rng(0)
+    mean, P = np.zeros(6), np.diag(np.r_[np.full(3, 0.003), np.full(3, 0.05)] ** 2)
+    F, H, R = np.eye(6), np.eye(3, 6), 4e-6 * np.eye(3)
+    F[:3, 3:] = np.eye(3) / RATE
+    for k in range(1, 31):
+        z = np.array([0.04, -0.02, 0.01]) * k / RATE + 2e-3 * rng.standard_normal(3)
+        tracker.correct(k / RATE, {"box0": PositionMeasurement(z, R)})
+        mean, P = F @ mean, F @ P @ F.T
+        S = H @ P @ H.T + R
+        K = P @ H.T @ np.linalg.inv(S)
+        mean, P = mean + K @ (z - mean[:3]), P - K @ H @ P
+        found = tracker.belief()
+        assert found.mean[0, :6] == pytest.approx(mean, abs=1e-9)
+        assert found.covariance[:6, :6] == pytest.approx(P, abs=1e-11)
+
+
+def test_an_exact_stamp_between_two_steps():
+    scene = free_scene()
+    belief = belief_of(scene, box0={"linear_velocity": [1.0, 0.0, 0.0], "linear_velocity_std": 1e-6})
+    tracker = Tracker(scene, belief)
+    late = 10.4 / 240.0
+    tracker.correct(late, {"box0": PositionMeasurement([late, 0.0, 0.0], np.full(3, 1e-5))})
+    assert tracker.belief().mean[0, 0] == pytest.approx(late, abs=1e-6)
+
+
+def test_velocities_are_learned_as_well_as_by_least_squares():
+    scene, errors, best = table_scene(), [], []
+    times = np.arange(10) / RATE
+    for seed in range(12):
+        rng = np.random.default_rng(seed)
+        truth = flight([0.0, 0.0, 1.2], [0.8, -0.3, 1.0], [2.0, -3.0, 1.0], times)
+        tracker = Tracker(scene, belief_of(scene, box0={**UNKNOWN, "position": truth[0, :3]}))
+        seen = [measured(x, rng) for x in truth]
+        for time, one in zip(times, seen, strict=True):
+            report = tracker.correct(time, {"box0": one})
+        assert report.status["box0"] is TrackStatus.TRACKED
+        assert not report.rejected
+        true_velocity = np.array([0.8, -0.3, 1.0 - 9.81 * times[-1]])
+        errors.append(tracker.belief().mean[0, 3:6] - true_velocity)
+        p = np.array([one.pose[:3] for one in seen]) - 0.5 * np.outer(times**2, [0.0, 0.0, -9.81])
+        best.append(np.polyfit(times, p, 1)[0] - [0.8, -0.3, 1.0])
+    assert np.sqrt(np.mean(np.square(errors))) < 1.1 * np.sqrt(np.mean(np.square(best)))
+
+
+def test_a_still_body_keeps_its_spread_and_its_place():
+    scene, rng = table_scene(), np.random.default_rng(1)
+    tracker = Tracker(scene, belief_of(scene, box0={"position": RESTING[:3]}))
+    for k in range(1, 121):
+        report = tracker.correct(k / RATE, {"box0": measured(RESTING, rng)})
+        assert not report.rejected
+        if k > 30:
+            belief = tracker.belief()
+            std = np.sqrt(belief.covariance.diagonal())
+            assert np.linalg.norm(belief.mean[0, :3] - RESTING[:3]) < 2e-3
+            assert std[:2].min() > 2e-4
+            assert std[:3].max() < NOISE[0]
+    assert report.status["box0"] is TrackStatus.RESTING
+    tracker.predict(10.0)  # nobody looks for six seconds
+    assert tracker.status("box0") is TrackStatus.RESTING
+    assert np.linalg.norm(tracker.belief().mean[0, :3] - RESTING[:3]) < 2e-3
+
+
+def test_the_same_seed_gives_the_same_bits_and_another_one_does_not():
+    def run(seed):
+        scene, rng = table_scene(), np.random.default_rng(2)
+        belief = belief_of(scene, box0={"position": [0.0, 0.0, 0.1], "linear_velocity": [0.5, 0.0, 0.0]})
+        tracker = Tracker(scene, belief, seed=seed)
+        truth = simulated(scene, belief.mean, np.arange(1, 13) / RATE)
+        for k, x in enumerate(truth, 1):
+            tracker.correct(k / RATE, {"box0": measured(x[0], rng)})
+        return tracker.samples()
+
+    assert np.array_equal(run(0), run(0))
+    assert not np.array_equal(run(0), run(1))
+
+
+def test_late_and_reordered_measurements_give_the_bits_of_those_in_order():
+    scene, rng = table_scene(), np.random.default_rng(3)
+    belief = belief_of(scene, box0={"position": [0.0, 0.0, 0.1], "linear_velocity": [0.5, 0.0, 0.0]})
+    times = np.arange(1, 13) / RATE
+    seen = [measured(x[0], rng) for x in simulated(scene, belief.mean, times)]
+    in_order, mixed = Tracker(scene, belief), Tracker(scene, belief)
+    for time, one in zip(times, seen, strict=True):
+        in_order.correct(time, {"box0": one})
+    order = [0, 2, 1, 3, 7, 4, 5, 6, 8, 11, 10, 9]
+    replayed = [mixed.correct(times[k], {"box0": seen[k]}).replayed for k in order]
+    assert replayed == [0, 0, 1, 0, 0, 1, 1, 1, 0, 0, 1, 2]
+    assert np.array_equal(in_order.samples(), mixed.samples())
+
+
+def test_what_is_older_than_the_window_does_not_count():
+    scene, rng = table_scene(), np.random.default_rng(4)
+    tracker = Tracker(scene, belief_of(scene, box0={"position": RESTING[:3]}), window=0.2)
+    for k in range(1, 16):
+        tracker.correct(k / RATE, {"box0": measured(RESTING, rng)})
+    before = tracker.samples()
+    assert tracker.correct(0.1, {"box0": measured(RESTING, rng)}).too_late
+    assert np.array_equal(tracker.samples(), before)
+    assert not tracker.correct(0.4, {"box0": measured(RESTING, rng)}).too_late
+
+
+def test_seeing_one_body_moves_what_it_touches():
+    scene = table_scene(2, friction=0.3)
+    gap = 0.05
+    known = {
+        "box0": {"position": RESTING[:3], "linear_velocity": [1.0, 0.0, 0.0], "linear_velocity_std": 0.15},
+        "box1": {
+            "position": [SIDE + gap, 0.0, SIDE / 2],
+            "linear_velocity_std": 0.0,
+            "angular_velocity_std": 0.0,
+        },
+    }
+    belief = belief_of(scene, **known)
+    times = np.arange(1, 16) / RATE
+    spreads, errors = [], []
+    for speed in (0.8, 1.0, 1.2):
+        start = belief.mean.copy()
+        start[0, 3] = speed
+        truth, rng = simulated(scene, start, times), np.random.default_rng(5)
+        blind, tracker = Tracker(scene, belief), Tracker(scene, belief)
+        for time, x in zip(times, truth, strict=True):
+            tracker.correct(time, {"box0": measured(x[0], rng)})
+        blind.predict(times[-1])
+        assert truth[-1, 1, 0] - belief.mean[1, 0] > 0.01
+        one, other = tracker.belief(), blind.belief()
+        spreads.append((np.sqrt(one.marginal(1)[0, 0]), np.sqrt(other.marginal(1)[0, 0])))
+        errors.append((one.mean[1, 0] - truth[-1, 1, 0], other.mean[1, 0] - truth[-1, 1, 0]))
+    spreads, errors = np.array(spreads), np.sqrt(np.mean(np.square(errors), axis=0))
+    assert (spreads[:, 0] < 0.8 * spreads[:, 1]).all()
+    assert errors[0] < errors[1]
+    assert errors[0] < 2.5 * spreads[:, 0].max()
+
+
+def test_bodies_that_never_met_are_not_correlated():
+    scene, rng = table_scene(2), np.random.default_rng(6)
+    known = {"box0": {"position": RESTING[:3]}, "box1": {"position": [0.5, 0.0, SIDE / 2]}}
+    belief = belief_of(scene, **known)
+    alone, both = Tracker(scene, belief), Tracker(scene, belief)
+    alone.predict(1.0 / RATE)
+    both.correct(1.0 / RATE, {"box0": measured(RESTING, rng)})
+    assert np.array_equal(alone.samples()[:, 1], both.samples()[:, 1])
+
+
+def test_a_hand_is_followed_and_let_go():
+    scene, rng = table_scene(), np.random.default_rng(7)
+    tracker = Tracker(scene, belief_of(scene, box0={"position": RESTING[:3]}))
+    errors, statuses = {}, {}
+    for k in range(1, 121):
+        t = k / RATE
+        z = SIDE / 2 + 0.4 * min(max(t - 1.0, 0.0), 1.0)  # lifted for a second, then held, then dropped
+        if t > 2.5:
+            z = max(z - 0.5 * 9.81 * (t - 2.5) ** 2, SIDE / 2)
+        truth = pose([0.0, 0.0, z])
+        report = tracker.correct(t, {"box0": measured(truth, rng)})
+        errors[k] = np.linalg.norm(tracker.belief().mean[0, :3] - truth[:3])
+        statuses[k] = report.status["box0"]
+    assert TrackStatus.CARRIED not in [statuses[k] for k in range(1, 30)]
+    assert statuses[45] is TrackStatus.CARRIED
+    assert max(errors[k] for k in range(34, 72)) < 8e-3
+    assert statuses[120] is TrackStatus.RESTING
+    assert errors[120] < 2e-3
+
+
+def test_single_outliers_are_rejected_and_a_moved_body_is_found_again():
+    scene, rng = table_scene(), np.random.default_rng(8)
+    tracker = Tracker(scene, belief_of(scene, box0={"position": RESTING[:3]}))
+    for k in range(1, 31):
+        if k in (10, 17, 18):
+            report = tracker.correct(k / RATE, {"box0": measured(pose(rng.uniform(0.3, 1.0, 3)), rng)})
+            assert report.rejected == ("box0",)
+        else:
+            report = tracker.correct(k / RATE, {"box0": measured(RESTING, rng)})
+            assert report.rejected == ()
+        assert np.linalg.norm(tracker.belief().mean[0, :3] - RESTING[:3]) < 5e-3
+    moved = pose([0.4, 0.3, SIDE / 2])
+    reports = [tracker.correct((30 + k) / RATE, {"box0": measured(moved, rng)}) for k in range(1, 61)]
+    assert [report.rejected for report in reports[:3]] == [("box0",)] * 2 + [()]
+    assert np.linalg.norm(tracker.belief().mean[0, :3] - moved[:3]) < 3e-3
+    assert reports[-1].status["box0"] is TrackStatus.RESTING
+
+
+def test_a_body_that_nothing_explains_is_lost():
+    scene, rng = table_scene(), np.random.default_rng(9)
+    tracker = Tracker(scene, belief_of(scene, box0={"position": RESTING[:3]}))
+    for k in range(1, 8):
+        far = pose(rng.uniform(1.0, 9.0, 3), Rotation.random(random_state=k).as_quat())
+        report = tracker.correct(k / RATE, {"box0": measured(far, rng)})
+    assert report.lost == ("box0",)
+    assert report.status["box0"] is TrackStatus.LOST
+
+
+def test_an_occluded_body_coasts():
+    scene = table_scene()
+    belief = belief_of(scene, box0={"position": [0.0, 0.0, 2.0], "linear_velocity": [0.0, 0.0, 1.0]})
+    tracker = Tracker(scene, belief)
+    tracker.correct(0.1, {"box0": measured(pose([0.0, 0.0, 2.051]), np.random.default_rng(0))})
+    assert tracker.status("box0") is TrackStatus.TRACKED
+    tracker.predict(0.5)
+    assert tracker.status("box0") is TrackStatus.COASTING
+    assert tracker.belief().mean[0, 2] == pytest.approx(2.0 + 0.5 - 0.5 * 9.81 * 0.25, abs=0.03)
+
+
+def test_a_symmetric_body_is_folded_to_the_nearest_pose():
+    scene, rng = table_scene(), np.random.default_rng(10)
+    quarters = [Rotation.from_rotvec([0.0, 0.0, k * np.pi / 2]).as_quat() for k in range(1, 4)]
+    tracker = Tracker(scene, belief_of(scene, box0={"position": RESTING[:3]}), symmetries={"box0": quarters})
+    for k in range(1, 31):
+        turn = Rotation.from_rotvec([0.0, 0.0, rng.integers(4) * np.pi / 2]).as_quat()
+        report = tracker.correct(k / RATE, {"box0": measured(pose(RESTING[:3], turn), rng)})
+        assert report.rejected == ()
+        assert angle(tracker.belief().mean[0, 6:10], RESTING[3:]) < 0.05
+
+
+def test_ahead_and_fork_leave_the_tracker_as_it_is():
+    scene, rng = table_scene(), np.random.default_rng(11)
+    belief = belief_of(scene, box0={"position": [0.0, 0.0, 0.3]})
+    tracker = Tracker(scene, belief)
+    tracker.correct(0.1, {"box0": measured(pose([0.0, 0.0, 0.251]), rng)})
+    before = tracker.samples()
+    prediction = tracker.ahead([0.05, 0.4])
+    other = tracker.fork()
+    other.correct(0.2, {"box0": measured(pose([0.0, 0.0, 0.104]), rng)})
+    assert np.array_equal(tracker.samples(), before)
+    assert tracker.time == 0.1
+    assert prediction.times == pytest.approx((0.05, 0.4), abs=0.5 * scene.dt)
+    assert prediction["box0"].position[2] == pytest.approx(SIDE / 2, abs=2e-3)
+    tracker.predict(0.5)
+    assert np.array_equal(tracker.samples(), prediction.samples())
+    touched = prediction.contact_time(Touches("box0", "table"))
+    assert touched is not None
+    assert touched.mean == pytest.approx(np.sqrt(2.0 * 0.26 / 9.81) - 0.1, abs=0.02)
+
+
+def test_bodies_come_and_go():
+    scene, rng = table_scene(), np.random.default_rng(12)
+    tracker = Tracker(scene, belief_of(scene, box0={"position": RESTING[:3]}))
+    for k in range(1, 16):
+        tracker.correct(k / RATE, {"box0": measured(RESTING, rng)})
+    beside = pose([0.3, 0.0, SIDE / 2])
+    unknown = UNKNOWN | {"position_std": 0.003, "orientation_std": 0.02}
+    tracker.add(RigidBody("cup", box(), 0.2), BodyBelief(position=beside[:3], **unknown))
+    assert tracker.status("cup") is TrackStatus.STARTING
+    for k in range(16, 46):
+        report = tracker.correct(k / RATE, {"box0": measured(RESTING, rng), "cup": measured(beside, rng)})
+    assert set(report.status.values()) == {TrackStatus.RESTING}
+    assert np.linalg.norm(tracker.belief().mean[1, :3] - beside[:3]) < 3e-3
+    before = tracker.samples()[:, 1]
+    tracker.remove("box0")
+    assert [body.name for body in tracker.scene.bodies] == ["cup"]
+    assert np.array_equal(tracker.samples()[:, 0], before)
+    tracker.predict(3.0)
+    assert tracker.belief().mean[0, 2] == pytest.approx(SIDE / 2, abs=2e-3)
+
+
+def test_what_lies_on_a_removed_body_falls():
+    shelf = load_model("brick")
+    top = float(shelf.bounds[1, 2])
+    bodies = [RigidBody("box0", box(), 0.3), RigidBody("shelf", shelf, 1.0, fixed=True)]
+    scene = Scene.everyday(bodies, environment=[Plane(offset=-0.2)])
+    belief = belief_of(scene, box0={"position": [0.0, 0.0, top + SIDE / 2]}, shelf=dict.fromkeys(STDS, 0.0))
+    tracker = Tracker(scene, belief)
+    tracker.predict(2.0)
+    assert tracker.belief().mean[0, 2] == pytest.approx(top + SIDE / 2, abs=2e-3)
+    tracker.remove("shelf")
+    tracker.predict(3.0)
+    assert tracker.belief().mean[0, 2] == pytest.approx(-0.2 + SIDE / 2, abs=2e-3)
+
+
+def test_a_path_changes_at_run_time():
+    brick = load_model("brick")  # its front comes to x = 0
+    far, near = ([x - float(brick.bounds[1, 0]), 0.0, SIDE / 2] for x in (-0.2, 0.0))
+    finger = RigidBody("finger", brick, trajectory=PosePath(times=[0.0, 9.0], positions=[far, far]))
+    scene = Scene.everyday([finger, RigidBody("box0", box(), 0.3)], environment=[Plane()], friction=0.3)
+    tracker = Tracker(scene, belief_of(scene, box0={"position": RESTING[:3]}))
+    tracker.predict(1.0)
+    assert tracker.belief().mean[1, 0] == pytest.approx(0.0, abs=2e-3)
+    pushing = PosePath(times=[1.0, 2.0], positions=[far, near])
+    tracker.act({"finger": pushing})
+    tracker.predict(3.0)
+    found = tracker.belief()
+    assert found.mean[0, 0] == pytest.approx(near[0], abs=1e-6)
+    assert found.mean[1, 0] == pytest.approx(SIDE / 2, abs=0.01)
+    with pytest.raises(UncPhysicsError, match="prescribed"):
+        tracker.act({"box0": pushing})
+
+
+@pytest.mark.parametrize(
+    "physics", [{"integrator": "explicit"}, {"integrator": "implicit", "overlap": "keep"}]
+)
+def test_other_physics_are_tracked_too(physics):
+    scene = Scene([RigidBody("box0", box(), 0.3)], gravity=(0.0, 0.0, -9.81), dt=1.0 / 240.0, **physics)
+    rng, times = np.random.default_rng(15), np.arange(12) / RATE
+    truth = flight([0.0, 0.0, 1.0], [0.5, 0.0, 1.0], [1.0, 2.0, 0.0], times)
+    tracker = Tracker(scene, belief_of(scene, box0={**UNKNOWN, "position": truth[0, :3]}))
+    for time, x in zip(times, truth, strict=True):
+        report = tracker.correct(time, {"box0": measured(x, rng)})
+    assert report.status["box0"] is TrackStatus.TRACKED
+    assert np.linalg.norm(tracker.belief().mean[0, :3] - truth[-1, :3]) < 5e-3
+    assert np.linalg.norm(tracker.belief().mean[0, 10:] - [1.0, 2.0, 0.0]) < 0.5
+
+
+def test_positions_alone_start_a_body():
+    scene = table_scene()
+    rng, times = np.random.default_rng(16), np.arange(12) / RATE
+    truth = flight([0.0, 0.0, 1.0], [0.5, 0.0, 1.0], [0.0, 0.0, 0.0], times)
+    known = UNKNOWN | {"position": truth[0, :3], "orientation_std": 0.1, "angular_velocity_std": 1.0}
+    tracker = Tracker(scene, belief_of(scene, box0=known))
+    for time, x in zip(times, truth, strict=True):
+        seen = PositionMeasurement(x[:3] + NOISE[:3] * rng.standard_normal(3), NOISE[:3])
+        report = tracker.correct(time, {"box0": seen})
+    assert report.status["box0"] is TrackStatus.TRACKED
+    assert tracker.belief().mean[0, 3:6] == pytest.approx([0.5, 0.0, 1.0 - 9.81 * times[-1]], abs=0.06)
+
+
+def test_a_fork_may_lose_a_body():
+    scene = table_scene(2)
+    known = {"box0": {"position": RESTING[:3]}, "box1": {"position": [0.3, 0.0, SIDE / 2]}}
+    tracker = Tracker(scene, belief_of(scene, **known), symmetries={"box1": [[0.0, 0.0, 1.0, 0.0]]})
+    other = tracker.fork()
+    other.remove("box1")
+    assert len(tracker.scene.bodies) == 2
+    turned = PoseMeasurement(pose([0.3, 0.0, SIDE / 2], [0.0, 0.0, 1.0, 0.0]), NOISE)
+    assert tracker.correct(0.1, {"box1": turned}).rejected == ()
+    with pytest.raises(UncPhysicsError, match="box1"):
+        other.correct(0.1, {"box1": turned})
+
+
+def test_friction_is_learned():
+    scene = table_scene(friction=0.4, friction_std=0.15)
+    truth_scene = table_scene(friction=0.25)
+    start = np.array([state(RESTING[:3], [1.2, 0.0, 0.0])])
+    times = np.arange(1, 16) / RATE
+    truth, rng = simulated(truth_scene, start, times), np.random.default_rng(13)
+    known = {"position": RESTING[:3], "linear_velocity": [1.2, 0.0, 0.0]}
+    quiet = ContactNoise(velocity=0.01, rotation=1.0)
+    tracker = Tracker(scene, belief_of(scene, box0=known), noise=quiet)
+    for time, x in zip(times, truth, strict=True):
+        tracker.correct(time, {"box0": measured(x[0], rng)})
+    ((mean, std),) = tracker.parameters().values()
+    found = 0.4 * np.exp(mean * 0.15 / 0.4)
+    assert std < 0.5
+    assert found == pytest.approx(0.25, abs=max(0.05, 3.0 * std * found * 0.15 / 0.4))
+
+
+def test_relative_poses_are_measurements():
+    scene, rng = table_scene(2), np.random.default_rng(14)
+    known = {
+        "box0": {"position": RESTING[:3]},
+        "box1": {"position": [0.3, 0.0, SIDE / 2], "position_std": 0.02},
+    }
+    tracker = Tracker(scene, belief_of(scene, **known))
+    for k in range(1, 31):
+        seen = measured(pose([0.29, 0.01, 0.0]), rng)
+        relative = RelativePoseMeasurement("box0", seen.pose, NOISE)
+        tracker.correct(k / RATE, {"box0": measured(RESTING, rng), "box1": relative})
+    assert tracker.belief().mean[1, :2] == pytest.approx([0.29, 0.01], abs=3e-3)
+
+
+@pytest.mark.parametrize(
+    ("call", "words"),
+    [
+        (lambda t: t.correct(0.1, {"cup": PoseMeasurement(RESTING, NOISE)}), "cup"),
+        (lambda t: t.correct(0.1, {"box0": 3.0}), "PoseMeasurement"),
+        (lambda t: t.predict(-1.0), "time"),
+        (lambda t: t.belief(-1.0), "window"),
+        (lambda t: t.remove("cup"), "cup"),
+        (lambda t: t.correct(0.1, {"box0": RelativePoseMeasurement("box0", RESTING, NOISE)}), "another body"),
+        (lambda t: PoseMeasurement(RESTING, np.zeros(6)), "positive"),
+        (lambda t: PoseMeasurement(RESTING, -NOISE), "negative"),
+        (lambda t: PoseMeasurement(RESTING, NOISE, origin="corner"), "origin"),
+        (lambda t: ContactNoise(velocity=-1.0), "velocity"),
+        (lambda t: Tracker(t.scene, t.belief(), members=2), "members"),
+        (lambda t: Tracker(t.scene, t.belief(), symmetries={"cup": [[0, 0, 0, 1]]}), "cup"),
+    ],
+)
+def test_bad_input_names_field_and_value(call, words):
+    scene = table_scene()
+    tracker = Tracker(scene, belief_of(scene, box0={"position": RESTING[:3]}))
+    with pytest.raises(UncPhysicsError, match=words):
+        call(tracker)
+
+
+def test_contact_noise_is_for_contacts_alone():
+    scene = table_scene()
+    high = belief_of(scene, box0={"position": [0.0, 0.0, 3.0]})
+    plain, noisy = (Tracker(scene, high, noise=ContactNoise(velocity=v)) for v in (0.0, 0.1))
+    for tracker in (plain, noisy):
+        tracker.predict(0.3)
+    assert np.array_equal(plain.samples(), noisy.samples())
+    sliding = belief_of(scene, box0={"position": RESTING[:3], "linear_velocity": [1.0, 0.0, 0.0]})
+    spreads = []
+    for v in (0.0, 0.1):
+        tracker = Tracker(scene, sliding, noise=ContactNoise(velocity=v))
+        tracker.predict(1.0 / RATE)
+        spreads.append(tracker.samples()[:, 0, 4].var(ddof=1))
+    # the impulse per mass that carries the weight for a thirtieth of a second
+    assert spreads[1] - spreads[0] == pytest.approx(0.1**2 * 9.81 / RATE, rel=0.5)

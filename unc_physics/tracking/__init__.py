@@ -1,0 +1,1 @@
+"""Beliefs that are kept while measurements arrive: rollouts that a Kalman filter corrects."""

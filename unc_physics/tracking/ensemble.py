@@ -1,0 +1,349 @@
+"""Corrections by measurements: of an ensemble of states, and of a Gaussian.
+
+The ensemble's update is deterministic: a square-root filter whose members have the mean and the covariance of
+the Kalman filter, without perturbed observations (Andrews 1968; Tippett et al. 2003).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from ..compiler import kernel
+from ..compiler.arrays import empty, zeros
+from ..scene.belief import Belief
+from ..spatial.layout import ERROR
+from ..spatial.moments import boxplus, mean_and_errors, spread_states
+from .measurements import Observation
+from .observation import (
+    RELATIVE_POSE,
+    expectation,
+    factor,
+    kalman_update,
+    log_density,
+    solve_lower,
+    solve_upper,
+    write_residual,
+)
+
+
+class Gates(NamedTuple):
+    """Squared Mahalanobis distances of innovations, for measurements of six dimensions.
+
+    Attributes
+    ----------
+    soft : float
+        Above it the measurement's covariance grows until the distance is this.
+    hard : float
+        Above it the measurement is rejected.
+    """
+
+    soft: float = 20.0
+    hard: float = 100.0
+
+
+#: Gates that let everything through.
+OPEN = Gates(np.inf, np.inf)
+
+
+class BodyObservation(NamedTuple):
+    """An observation of one body.
+
+    Attributes
+    ----------
+    body : int
+        Index of the body.
+    observation : Observation
+    reference : int
+        Index of the body that a relative pose refers to; otherwise that of the body itself.
+    delay : float
+        How much later than the states it was taken [s].
+    """
+
+    body: int
+    observation: Observation
+    reference: int
+    delay: float = 0.0
+
+
+class Innovation(NamedTuple):
+    """How a measurement agreed with what was expected.
+
+    Attributes
+    ----------
+    square : float
+        Squared Mahalanobis distance, before the soft gate.
+    density : float
+        Logarithm of the predicted density.
+    accepted : bool
+        Whether it was within the hard gate.
+    """
+
+    square: float
+    density: float
+    accepted: bool
+
+
+class Corrected(NamedTuple):
+    """What `corrected` returns.
+
+    Attributes
+    ----------
+    states : (N, B, 13) array
+    parameters : (N, K) array
+    innovations : tuple of Innovation
+        One for each measurement.
+    """
+
+    states: np.ndarray
+    parameters: np.ndarray
+    innovations: tuple[Innovation, ...]
+
+
+def corrected(
+    states: np.ndarray,
+    moving: np.ndarray,
+    measurements: Sequence[BodyObservation],
+    groups: np.ndarray,
+    *,
+    parameters: np.ndarray | None = None,
+    gates: Gates = OPEN,
+) -> Corrected:
+    """Correct an ensemble of states by measurements, one after the other.
+
+    Parameters
+    ----------
+    states : (N, B, 13) array
+        Equally probable states.
+    moving : (M,) int64 array
+        Indices of the bodies that move freely.
+    measurements : sequence of BodyObservation
+        Of moving bodies.
+    groups : (M,) int array
+        Moving bodies with the same number are correlated; a measurement corrects all bodies of its body's
+        group. The correlations of the others in a small ensemble are due to chance.
+    parameters : (N, K) array, optional
+        Uncertain parameters of the members, which every measurement corrects.
+    gates : Gates, optional
+        By default all measurements are accepted.
+
+    Returns
+    -------
+    Corrected
+        Bodies of groups without an accepted measurement keep their states, to the last bit.
+    """
+    moving = np.ascontiguousarray(moving, np.int64)
+    place = np.full(states.shape[1], -1)
+    place[moving] = np.arange(len(moving))
+    groups, own = np.array(groups), np.zeros((len(states), 0)) if parameters is None else parameters
+    for one in measurements:  # a relative pose ties two bodies together
+        a, b = place[one.body], place[one.reference]
+        if b >= 0 and groups[a] != groups[b]:
+            groups[groups == groups[b]] = groups[a]
+    mean, errors = mean_and_errors(states, moving)
+    middle = own.mean(axis=0)
+    errors = np.concatenate([errors, own - middle], axis=1)
+    change, touched, innovations = np.zeros(errors.shape[1]), np.zeros(len(moving), bool), []
+    changed = False
+    for one in measurements:
+        k, seen = place[one.body], one.observation
+        mine = np.flatnonzero(groups == groups[k])
+        columns = (ERROR * mine[:, None] + np.arange(ERROR)).ravel()
+        columns = np.concatenate([columns, np.arange(ERROR * len(moving), errors.shape[1])])
+        limits = np.array(gates) * len(seen.noise) / 6.0
+        square, density, accepted = correct_errors(
+            mean,
+            errors,
+            k,
+            one.body,
+            place[one.reference],
+            one.reference,
+            columns,
+            seen.kind,
+            seen.value,
+            seen.point,
+            seen.noise,
+            one.delay,
+            limits[0],
+            limits[1],
+            change,
+        )
+        innovations.append(Innovation(square, density, accepted))
+        if accepted:
+            changed = True
+            touched[mine] = True
+            _move_mean(mean, moving[mine], change, ERROR * mine)
+            middle = middle + change[ERROR * len(moving) :]
+    if not changed:
+        return Corrected(states, own, tuple(innovations))
+    size = ERROR * len(moving)
+    spread = spread_states(mean, moving, np.ascontiguousarray(errors[:, :size]))
+    kept = np.ones(states.shape[1], bool)  # prescribed bodies may differ from member to member
+    kept[moving[touched]] = False
+    spread[:, kept] = states[:, kept]
+    return Corrected(spread, middle + errors[:, size:], tuple(innovations))
+
+
+def _move_mean(mean, bodies, change, rows):
+    """Move the mean states (B, 13) of some bodies by a change of the error state, in place."""
+    for body, row in zip(bodies, rows, strict=True):
+        before = mean[body].copy()
+        boxplus(before, change[row : row + ERROR], mean[body])
+
+
+@kernel(noinline=True)
+def correct_errors(
+    mean,
+    errors,
+    k,
+    body,
+    reference_k,
+    reference,
+    columns,
+    kind,
+    value,
+    point,
+    noise,
+    delay,
+    soft,
+    hard,
+    change,
+):
+    """Correct the errors (N, n) of an ensemble about its mean (B, 13) in place, by one measurement.
+
+    ``k`` and ``reference_k`` are the places of the bodies among the moving ones, -1 for one that does not
+    move. ``columns`` are those of the errors that the measurement corrects. The change of the mean is written
+    into ``change`` (n,).
+
+    Returns
+    -------
+    square, density : float
+        Squared distance of the innovation and logarithm of its density, without the gates.
+    accepted : bool
+    """
+    count, m = len(errors), len(noise)
+    Z, x, other = empty((count, m)), empty(13), mean[reference].copy()
+    for n in range(count):
+        boxplus(mean[body], errors[n, ERROR * k : ERROR * (k + 1)], x)
+        if kind == RELATIVE_POSE and reference_k >= 0:
+            boxplus(mean[reference], errors[n, ERROR * reference_k : ERROR * (reference_k + 1)], other)
+        write_residual(x, other, kind, value, point, delay, Z[n])
+    y, S, R = empty(m), zeros((m, m)), noise.copy()
+    for r in range(m):
+        total = 0.0
+        for n in range(count):
+            total += Z[n, r]
+        total /= count
+        y[r] = -total
+        for n in range(count):
+            Z[n, r] -= total
+    for n in range(count):
+        for r in range(m):
+            for c in range(r + 1):
+                S[r, c] += Z[n, r] * Z[n, c]
+    for r in range(m):
+        for c in range(r + 1):
+            S[r, c] /= count - 1
+            S[c, r] = S[r, c]
+    sum_, Ls, Lr, white = empty((m, m)), zeros((m, m)), zeros((m, m)), empty(m)
+    for r in range(m):
+        for c in range(m):
+            sum_[r, c] = S[r, c] + R[r, c]
+    factor(sum_, m, Ls)
+    solve_lower(Ls, m, y, white)
+    square = 0.0
+    for r in range(m):
+        square += white[r] ** 2
+    density = log_density(Ls, m, square)
+    if not square <= hard:
+        return square, density, False
+    if square > soft:
+        for r in range(m):
+            for c in range(m):
+                R[r, c] *= square / soft
+                sum_[r, c] = S[r, c] + R[r, c]
+        factor(sum_, m, Ls)
+        solve_lower(Ls, m, y, white)
+    factor(R, m, Lr)
+    gain, both, unit, image = empty(m), zeros((m, m)), zeros(m), empty(m)
+    for r in range(m):
+        for c in range(r + 1):
+            both[r, c] = Ls[r, c] + Lr[r, c]
+    solve_upper(Ls, m, white, gain)  # S^-1 y
+    W = empty((m, m))  # Ls^-T (Ls + Lr)^-1
+    for c in range(m):
+        for r in range(m):
+            unit[r] = 1.0 if r == c else 0.0
+        solve_lower(both, m, unit, image)
+        solve_upper(Ls, m, image, white)
+        for r in range(m):
+            W[r, c] = white[r]
+    C, reduced = empty(m), empty(m)
+    for column in columns:
+        for r in range(m):
+            C[r] = 0.0
+        for n in range(count):
+            e = errors[n, column]
+            for r in range(m):
+                C[r] += e * Z[n, r]
+        total = 0.0
+        for r in range(m):
+            C[r] /= count - 1
+            total += C[r] * gain[r]
+        change[column] = total
+        for c in range(m):
+            total = 0.0
+            for r in range(m):
+                total += C[r] * W[r, c]
+            reduced[c] = total
+        for n in range(count):
+            total = 0.0
+            for r in range(m):
+                total += Z[n, r] * reduced[r]
+            errors[n, column] -= total
+    return square, density, True
+
+
+def correct(
+    belief: Belief, body: int, observation: Observation, *, reference: int | None = None, delay: float = 0.0
+) -> tuple[Belief, Innovation]:
+    """Correct a Gaussian belief by a measurement: the extended Kalman filter's update.
+
+    Parameters
+    ----------
+    belief : Belief
+    body : int
+        Index of the measured body, which moves.
+    observation : Observation
+    reference : int, optional
+        Index of the body that a relative pose refers to.
+    delay : float, optional
+        How much later than the belief it was taken [s].
+
+    Returns
+    -------
+    belief : Belief
+    innovation : Innovation
+    """
+    other = body if reference is None else reference
+    y, own, by_other = expectation(
+        belief.mean[body].copy(),
+        belief.mean[other].copy(),
+        observation.kind,
+        observation.value,
+        observation.point,
+        delay,
+        len(observation.noise),
+    )
+    moving = belief.moving.tolist()
+    H = np.zeros((len(y), ERROR * len(moving)))
+    for index, slope in ((body, own), (other, by_other)):
+        if index in moving:
+            k = ERROR * moving.index(index)
+            H[:, k : k + ERROR] += slope
+    change, P, square, density = kalman_update(np.array(belief.joint), H, y, observation.noise)
+    mean = belief.mean.copy()
+    _move_mean(mean, belief.moving, change, ERROR * np.arange(len(moving)))
+    return Belief.trusted(mean, P, belief.moving), Innovation(square, density, True)

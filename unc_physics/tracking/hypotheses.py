@@ -1,0 +1,200 @@
+"""The constant-velocity filter beside each body, and the switch between it and physics.
+
+Physics cannot explain a hand. A filter that assumes nothing but a velocity can, less exactly. Both predict
+each measurement. A cumulative sum of the ratio of their densities decides (Page 1954).
+"""
+
+from __future__ import annotations
+
+from enum import Enum
+from typing import NamedTuple
+
+import numpy as np
+
+from ..spatial.layout import (
+    ANGULAR_VELOCITY,
+    ERR_ANGULAR_VELOCITY,
+    ERR_VELOCITY,
+    POSITION,
+    QUATERNION,
+    VELOCITY,
+)
+from ..spatial.moments import boxplus
+from .ensemble import Gates, Innovation
+from .measurements import Observation
+from .observation import POSE, constant_velocity, expectation, kalman_update
+from .observation import POSITION as POSITION_ONLY
+
+#: Intensities of the white acceleration [m^2/s^3], [rad^2/s^3], fitted to tosses in flight and contact.
+ACCELERATION, ANGULAR_ACCELERATION = 3.0, 600.0
+#: Standard deviations of velocities that are known well enough for physics [m/s], [rad/s].
+KNOWN_VELOCITY, KNOWN_SPIN = 0.5, 8.0
+#: Of velocities that nothing is known of [m/s], [rad/s].
+UNKNOWN_VELOCITY, UNKNOWN_SPIN = 2.0, 15.0
+#: Evidence, a logarithm of densities, at which a body counts as carried, and as free again.
+CARRIED_AT, FREE_AT = 25.0, 30.0
+#: Least logarithm of a density of six dimensions: no single measurement decides.
+_FLOOR = -7.0
+#: Measurements that agree with each other after all others rejected them: the body has been moved.
+_AGREEING = 3
+
+
+class TrackMode(Enum):
+    """What a body's answer comes from."""
+
+    STARTING = "starting"
+    PHYSICS = "physics"
+    CARRIED = "carried"
+
+
+class Filter(NamedTuple):
+    """A constant-velocity filter.
+
+    Attributes
+    ----------
+    mean : (13,) array
+    covariance : (12, 12) array
+    time : float
+        [s]
+    """
+
+    mean: np.ndarray
+    covariance: np.ndarray
+    time: float
+
+    def at(self, time: float) -> Filter:
+        """Return the filter's prediction for a time [s]."""
+        mean, P = constant_velocity(
+            self.mean, self.covariance, time - self.time, ACCELERATION, ANGULAR_ACCELERATION
+        )
+        return Filter(mean, P, time)
+
+    def corrected(self, seen: Observation, reference: np.ndarray, hard: float) -> tuple[Filter, Innovation]:
+        """Return the filter after a measurement at its time, and how both agreed."""
+        rows = len(seen.noise)
+        y, H, _ = expectation(self.mean, reference, seen.kind, seen.value, seen.point, 0.0, rows)
+        change, P, square, density = kalman_update(self.covariance, H, y, seen.noise)
+        if not square <= hard * rows / 6.0:
+            return self, Innovation(square, density, False)
+        mean = np.empty(13)
+        boxplus(self.mean, change, mean)
+        return Filter(mean, P, self.time), Innovation(square, density, True)
+
+    @property
+    def knows_velocities(self) -> bool:
+        """Whether physics can begin with its velocities."""
+        variance = self.covariance.diagonal()
+        return bool(
+            variance[ERR_VELOCITY].max() < KNOWN_VELOCITY**2
+            and variance[ERR_ANGULAR_VELOCITY].max() < KNOWN_SPIN**2
+        )
+
+
+class Track(NamedTuple):
+    """What is known of a body beside its members.
+
+    Attributes
+    ----------
+    mode : TrackMode
+    free : Filter
+        The constant-velocity filter.
+    evidence : float
+        Against the present mode. While a body is carried, the members that it could be free begin anew
+        whenever there is none.
+    last_seen : float
+        Time of the last measurement that was accepted [s]; -inf before.
+    rejected : int
+        Measurements in a row that neither physics nor the filter accepted.
+    candidate : Filter or None
+        Of measurements that were rejected and agree with each other, and their number.
+    agreeing : int
+    first : Filter or None
+        The filter after the first measurement, until velocities are known.
+    distance : float
+        Mahalanobis distance of the last measurement; NaN before.
+    """
+
+    mode: TrackMode
+    free: Filter
+    evidence: float = 0.0
+    last_seen: float = -np.inf
+    rejected: int = 0
+    candidate: Filter | None = None
+    agreeing: int = 0
+    first: Filter | None = None
+    distance: float = np.nan
+
+    def seen(
+        self, time: float, observation: Observation, reference: np.ndarray, physics: Innovation, gates: Gates
+    ) -> Track:
+        """Return the track after a measurement.
+
+        Parameters
+        ----------
+        time : float
+            [s]
+        observation : Observation
+        reference : (13,) array
+            Mean state of the body that a relative pose refers to.
+        physics : Innovation
+            How the members agreed with it.
+        gates : Gates
+        """
+        free, alone = self.free.at(time).corrected(observation, reference, gates.hard)
+        by_physics = self.mode is TrackMode.PHYSICS
+        used = physics if by_physics else alone
+        track = self._replace(free=free, distance=float(np.sqrt(used.square)))
+        if not (alone.accepted or (by_physics and physics.accepted)):
+            return track._after_rejection(time, observation, reference, gates)
+        track = track._replace(rejected=0, candidate=None, agreeing=0, last_seen=time)
+        if self.mode is TrackMode.STARTING:
+            return track._replace(first=track.first or free)
+        return track._weighed(physics.density, alone.density, len(observation.noise))
+
+    def _weighed(self, physics, alone, rows):
+        """The track whose evidence has grown by two logarithms of densities."""
+        floor = _FLOOR * rows / 6.0
+        gained = max(alone, floor) - max(physics, floor)
+        if self.mode is TrackMode.CARRIED:
+            gained = -gained
+        evidence = max(0.0, self.evidence + gained)
+        if self.mode is TrackMode.PHYSICS and evidence > CARRIED_AT:
+            return self._replace(mode=TrackMode.CARRIED, evidence=0.0)
+        if self.mode is TrackMode.CARRIED and evidence > FREE_AT:
+            return self._replace(mode=TrackMode.PHYSICS, evidence=0.0)
+        return self._replace(evidence=evidence)
+
+    def _after_rejection(self, time, observation, reference, gates):
+        """The track after a measurement that nothing explains: three of them that agree begin it anew."""
+        candidate, agreeing = self.candidate, self.agreeing
+        if candidate is not None:
+            candidate, found = candidate.at(time).corrected(observation, reference, gates.soft)
+            agreeing = agreeing + 1 if found.accepted else 0
+        if candidate is None or not agreeing:
+            candidate, agreeing = _begun(self.free, time, observation, reference), 1
+        track = self._replace(rejected=self.rejected + 1, candidate=candidate, agreeing=agreeing)
+        if agreeing < _AGREEING:
+            return track
+        return track._replace(
+            mode=TrackMode.CARRIED,
+            free=candidate,
+            evidence=0.0,
+            last_seen=time,
+            rejected=0,
+            candidate=None,
+            agreeing=0,
+        )
+
+
+def _begun(free, time, observation, reference):
+    """A filter that begins with a measurement alone; a position leaves the rotation as it was."""
+    mean, P = free.mean.copy(), np.zeros((12, 12))
+    mean[VELOCITY] = mean[ANGULAR_VELOCITY] = 0.0
+    P[ERR_VELOCITY, ERR_VELOCITY] = UNKNOWN_VELOCITY**2 * np.eye(3)
+    P[ERR_ANGULAR_VELOCITY, ERR_ANGULAR_VELOCITY] = UNKNOWN_SPIN**2 * np.eye(3)
+    far = np.zeros(12)
+    far[:3], far[6:9] = 1e3, 0.3 if observation.kind == POSITION_ONLY else 1.0
+    if observation.kind == POSE:
+        mean[POSITION], mean[QUATERNION] = observation.value[:3], observation.value[3:]
+    P = P + np.diag(far**2)
+    return Filter(mean, P, time).corrected(observation, reference, np.inf)[0]

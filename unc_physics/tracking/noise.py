@@ -1,0 +1,158 @@
+"""Errors of the model that a tracked body has in contact."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+
+import numpy as np
+
+from ..checks.validation import non_negative
+from ..dynamics.contact_history import asleep
+from ..propagators.monte_carlo import MonteCarloCarry
+from ..scene.scene import Scene
+from ..spatial.layout import ANGULAR_VELOCITY, POSITION, QUATERNION, STATE, VELOCITY
+from ..spatial.moments import spread_states
+
+#: Share of its weight's impulse above which a body counts as in contact; where nothing weighs, speed [m/s].
+_LEAST_SHARE, _LEAST_IMPULSE = 0.05, 1e-6
+_WITHIN = 0.55  # of the bounding radius: about the radius of gyration of compact bodies
+
+
+@dataclass(frozen=True)
+class ContactNoise:
+    """Standard deviations of what the model does not know of contacts; free flight has none.
+
+    Attributes
+    ----------
+    velocity : float
+        Of the velocity, for an impulse per mass of 1 m/s [m/s]; it grows with the impulse's root.
+    rotation : float
+        Factor of the angular velocity's, which is that of the velocity over 0.55 bounding radii.
+    slow : float
+        Speed of the surface below which a body in contact has less of both, in proportion [m/s]: less
+        would keep it awake.
+    drift, turn : float
+        Of the random walk of a sleeping body, across gravity [m/s^0.5], and about it [rad/s^0.5].
+    shape_position, shape_rotation : float
+        Of a pose in contact, due to the shapes' errors [m], [rad]; part of every answer.
+
+    Raises
+    ------
+    InvalidRequestError, NotFiniteError
+        For what is negative or no finite number.
+    """
+
+    velocity: float = 0.03
+    rotation: float = 1.0
+    slow: float = 0.1
+    drift: float = 5e-4
+    turn: float = 2e-3
+    shape_position: float = 3.5e-4
+    shape_rotation: float = 3.5e-3
+
+    def __post_init__(self):
+        for field in fields(self):
+            value = non_negative(getattr(self, field.name), field.name)
+            object.__setattr__(self, field.name, value)
+
+    def shape_variance(self, share: float) -> np.ndarray:
+        """(6,): variances of a pose's error due to shapes, for a share of members in contact."""
+        return share * np.repeat([self.shape_position**2, self.shape_rotation**2], 3)
+
+
+def add_contact_noise(
+    before: np.ndarray, carry: MonteCarloCarry, scene: Scene, steps: int, noise: ContactNoise, seed: int
+) -> tuple[MonteCarloCarry, np.ndarray]:
+    """Add the contact noise of the last ``steps`` steps.
+
+    Parameters
+    ----------
+    before : (N, B, 13) array
+        States at their beginning.
+    carry : MonteCarloCarry
+        At their end; its states are changed in place.
+    scene : Scene
+    steps : int
+    noise : ContactNoise
+    seed : int
+        The same numbers for the same seed and step.
+
+    Returns
+    -------
+    carry : MonteCarloCarry
+    share : (B,) array
+        Share of the members in which each body was in contact.
+    """
+    states, moving, world = carry.states, scene.moving, scene.world
+    h, decay = steps * world.dt, world.decay
+    share = np.zeros(states.shape[1])
+    if not len(moving):
+        return carry, share
+    kept = decay**steps
+    fall = h if decay == 1.0 else world.dt * (1.0 - kept) / (1.0 - decay)
+    velocity = states[:, moving, VELOCITY]
+    gained = velocity - kept * before[:, moving, VELOCITY] - fall * world.gravity
+    impulse = np.sqrt(np.einsum("nbk,nbk->nb", gained, gained))
+    weight = float(np.linalg.norm(world.gravity)) * h
+    touching = impulse > max(_LEAST_SHARE * weight, _LEAST_IMPULSE)
+    share[moving] = touching.mean(axis=0)
+    if not touching.any():
+        return carry, share
+    radius = world.bodies.radius[moving]
+    omega = states[:, moving, ANGULAR_VELOCITY]
+    speed = np.linalg.norm(velocity, axis=2) + radius * np.linalg.norm(omega, axis=2)
+    slip = np.minimum(1.0, (speed / noise.slow) ** 2) if noise.slow > 0.0 else 1.0
+    std = noise.velocity * np.sqrt(np.where(touching, impulse * slip, 0.0))
+    resting = asleep(carry.contact_history, world)[:, moving]
+    rng = np.random.default_rng((seed, carry.step))
+    draws = rng.standard_normal((len(states), len(moving), 6))
+    std = np.where(resting, 0.0, std)[..., None]
+    kick, spin = std * draws[..., :3], std * noise.rotation / (_WITHIN * radius[:, None]) * draws[..., 3:]
+    states[:, moving, VELOCITY] = velocity + kick
+    states[:, moving, ANGULAR_VELOCITY] = omega + spin
+    shift, turn = 0.5 * h * kick, 0.5 * h * spin
+    if resting.any() and weight > 0.0:
+        up = world.gravity / np.linalg.norm(world.gravity)
+        across = draws[..., :3] - (draws[..., :3] @ up)[..., None] * up
+        about = (draws[..., 3:] @ up)[..., None] * up
+        root = np.sqrt(h)
+        shift = np.where(resting[..., None], noise.drift * root * across, shift)
+        turn = np.where(resting[..., None], noise.turn * root * about, turn)
+    states[:, moving, POSITION] += shift
+    states[:, moving, QUATERNION] = _turned(states[:, moving, QUATERNION], turn)
+    return carry, share
+
+
+def _turned(q, turn):
+    """Quaternions (..., 4) after rotation vectors (..., 3), world axes."""
+    angle = np.sqrt(np.einsum("...k,...k->...", turn, turn))[..., None]
+    axis, w = turn * (0.5 * np.sinc(0.5 * angle / np.pi)), np.cos(0.5 * angle)
+    v, s = q[..., :3], q[..., 3:]
+    out = np.concatenate(
+        [w * v + s * axis + np.cross(axis, v), w * s - np.sum(axis * v, axis=-1, keepdims=True)], axis=-1
+    )
+    return out / np.linalg.norm(out, axis=-1, keepdims=True)
+
+
+def whitened_draws(mean: np.ndarray, root: np.ndarray, count: int, rng: np.random.Generator) -> np.ndarray:
+    """(count, 1, 13): states of one body whose moments are those given, as exactly as ``count`` allows.
+
+    Parameters
+    ----------
+    mean : (13,) array
+    root : (12, r) array
+        Of the covariance, ``root @ root.T``.
+    count : int
+    rng : numpy.random.Generator
+    """
+    z = whitened(rng.standard_normal((count, root.shape[1])))
+    return spread_states(mean.reshape(1, STATE).copy(), np.zeros(1, np.int64), z @ root.T)
+
+
+def whitened(z: np.ndarray) -> np.ndarray:
+    """Draws (N, r) with mean zero and, where N > r, unit covariance with weights 1 / (N - 1)."""
+    count, size = z.shape
+    z = z - z.mean(axis=0)
+    if count <= size:
+        return z
+    return z @ np.linalg.inv(np.linalg.cholesky(z.T @ z / (count - 1))).T

@@ -1,0 +1,242 @@
+"""Kernels: what a state makes one expect to measure, and the Kalman update by it."""
+
+import math
+
+from ..compiler import inner, kernel
+from ..compiler.arrays import empty, zeros
+from ..spatial.layout import EP, ER, ERROR, EV, EW, P, Q, V, W
+from ..spatial.moments import boxplus
+from ..spatial.rotation import conjugate, exp, log, multiply, normalized
+
+#: Kinds of measurements.
+POSE, POSITION, RELATIVE_POSE = 0, 1, 2
+_LOG_TWO_PI = math.log(2.0 * math.pi)
+
+
+@inner
+def _turned(q, x, y, z):
+    """A vector turned by a quaternion."""
+    a = 2.0 * (q[1] * z - q[2] * y)
+    b = 2.0 * (q[2] * x - q[0] * z)
+    c = 2.0 * (q[0] * y - q[1] * x)
+    return (
+        x + q[3] * a + q[1] * c - q[2] * b,
+        y + q[3] * b + q[2] * a - q[0] * c,
+        z + q[3] * c + q[0] * b - q[1] * a,
+    )
+
+
+@inner
+def _pose_after(x, delay):
+    """Position and quaternion of a state (13,) after ``delay`` seconds at its velocities."""
+    turn = exp(x[W] * delay, x[W + 1] * delay, x[W + 2] * delay)
+    q = normalized(multiply(turn, (x[Q], x[Q + 1], x[Q + 2], x[Q + 3])))
+    return x[P] + delay * x[V], x[P + 1] + delay * x[V + 1], x[P + 2] + delay * x[V + 2], q
+
+
+@inner
+def write_residual(x, reference, kind, value, point, delay, out):
+    """Write into ``out`` (m,) by how much a state (13,) makes one expect something else than was measured.
+
+    ``reference`` (13,) is the other body's state for `RELATIVE_POSE`; ``delay`` is how much later than the
+    states the measurement was taken [s].
+    """
+    px, py, pz, q = _pose_after(x, delay)
+    if kind == POSITION:
+        a, b, c = _turned(q, point[0], point[1], point[2])
+        out[0], out[1], out[2] = px + a - value[0], py + b - value[1], pz + c - value[2]
+        return
+    if kind == RELATIVE_POSE:
+        rx, ry, rz, r = _pose_after(reference, delay)
+        back = conjugate(r)
+        px, py, pz = _turned(back, px - rx, py - ry, pz - rz)
+        q = multiply(back, q)
+    out[0], out[1], out[2] = px - value[0], py - value[1], pz - value[2]
+    out[3], out[4], out[5] = log(multiply(conjugate((value[3], value[4], value[5], value[6])), q))
+
+
+@inner
+def factor(S, m, L):
+    """Write the lower Cholesky factor of ``S`` (m, m); what is not positive becomes zero."""
+    for i in range(m):
+        for j in range(i + 1):
+            total = S[i, j]
+            for k in range(j):
+                total -= L[i, k] * L[j, k]
+            if i == j:
+                L[i, i] = math.sqrt(total) if total > 0.0 else 0.0
+            else:
+                L[i, j] = total / L[j, j] if L[j, j] > 0.0 else 0.0
+
+
+@inner
+def solve_lower(L, m, b, out):
+    """Write the solution of ``L out = b``."""
+    for i in range(m):
+        total = b[i]
+        for k in range(i):
+            total -= L[i, k] * out[k]
+        out[i] = total / L[i, i] if L[i, i] > 0.0 else 0.0
+
+
+@inner
+def solve_upper(L, m, b, out):
+    """Write the solution of ``L^T out = b``."""
+    for i in range(m - 1, -1, -1):
+        total = b[i]
+        for k in range(i + 1, m):
+            total -= L[k, i] * out[k]
+        out[i] = total / L[i, i] if L[i, i] > 0.0 else 0.0
+
+
+@inner
+def log_density(L, m, square):
+    """Logarithm of a normal density, from the factor of its covariance and the squared distance."""
+    total = square + m * _LOG_TWO_PI
+    for i in range(m):
+        total += 2.0 * math.log(L[i, i]) if L[i, i] > 0.0 else 0.0
+    return -0.5 * total
+
+
+@kernel(noinline=True)
+def expectation(x, reference, kind, value, point, delay, rows):
+    """What the states make one expect: the innovation (m,), and its derivatives (m, 12) by both states.
+
+    The derivatives are central differences in the error states: steps of 1e-6 leave errors of 1e-9.
+    """
+    y, H, G = empty(rows), zeros((rows, ERROR)), zeros((rows, ERROR))
+    write_residual(x, reference, kind, value, point, delay, y)
+    d, moved, plus, minus = zeros(ERROR), empty(len(x)), empty(rows), empty(rows)
+    step = 1e-6
+    for body in range(2 if kind == RELATIVE_POSE else 1):
+        for c in range(ERROR):
+            d[c] = step
+            if body == 0:
+                boxplus(x, d, moved)
+                write_residual(moved, reference, kind, value, point, delay, plus)
+            else:
+                boxplus(reference, d, moved)
+                write_residual(x, moved, kind, value, point, delay, plus)
+            d[c] = -step
+            if body == 0:
+                boxplus(x, d, moved)
+                write_residual(moved, reference, kind, value, point, delay, minus)
+            else:
+                boxplus(reference, d, moved)
+                write_residual(x, moved, kind, value, point, delay, minus)
+            d[c] = 0.0
+            for r in range(rows):
+                slope = (plus[r] - minus[r]) / (2.0 * step)
+                if body == 0:
+                    H[r, c] = slope
+                else:
+                    G[r, c] = slope
+    for r in range(rows):
+        y[r] = -y[r]
+    return y, H, G
+
+
+@kernel(noinline=True)
+def kalman_update(covariance, H, y, noise):
+    """The Kalman update of an error state with covariance (n, n), by an innovation (m,).
+
+    Returns
+    -------
+    change : (n,) array
+        Of the mean.
+    corrected : (n, n) array
+        Covariance after the update, symmetric.
+    square : float
+        Squared Mahalanobis distance of the innovation.
+    density : float
+        Logarithm of its density.
+    """
+    n, m = len(covariance), len(y)
+    C, S, L = zeros((n, m)), empty((m, m)), zeros((m, m))
+    for i in range(n):
+        for r in range(m):
+            total = 0.0
+            for k in range(n):
+                total += covariance[i, k] * H[r, k]
+            C[i, r] = total
+    for r in range(m):
+        for c in range(m):
+            total = noise[r, c]
+            for k in range(n):
+                total += H[r, k] * C[k, c]
+            S[r, c] = total
+    factor(S, m, L)
+    white, change, corrected, G = empty(m), empty(n), empty((n, n)), empty((n, m))
+    solve_lower(L, m, y, white)
+    square = 0.0
+    for r in range(m):
+        square += white[r] ** 2
+    for i in range(n):
+        solve_lower(L, m, C[i], G[i])  # G = C L^-T
+        total = 0.0
+        for r in range(m):
+            total += G[i, r] * white[r]
+        change[i] = total
+    for i in range(n):
+        for j in range(i + 1):
+            total = covariance[i, j]
+            for r in range(m):
+                total -= G[i, r] * G[j, r]
+            corrected[i, j] = corrected[j, i] = total
+    for i in range(n):
+        corrected[i, i] = max(corrected[i, i], 0.0)
+    return change, corrected, square, log_density(L, m, square)
+
+
+@kernel(noinline=True)
+def constant_velocity(x, covariance, h, acceleration, angular_acceleration):
+    """A body's state (13,) and covariance (12, 12) after ``h`` seconds at a velocity that only noise changes.
+
+    The noise is white acceleration, of intensities [m^2/s^3] and [rad^2/s^3].
+    """
+    out, F = x.copy(), zeros((ERROR, ERROR))
+    px, py, pz, q = _pose_after(x, h)
+    out[P], out[P + 1], out[P + 2] = px, py, pz
+    out[Q], out[Q + 1], out[Q + 2], out[Q + 3] = q
+    back = conjugate(q)
+    for k in range(ERROR):
+        F[k, k] = 1.0  # rotations turn on the world's side, so that errors keep their axes in the body
+    turns = empty((3, 3))
+    for k in range(3):
+        F[EP + k, EV + k] = h
+        turns[0, k], turns[1, k], turns[2, k] = _turned(
+            back, 1.0 if k == 0 else 0.0, 1.0 if k == 1 else 0.0, 1.0 if k == 2 else 0.0
+        )
+    for r in range(3):
+        for k in range(3):
+            F[ER + r, EW + k] = h * turns[r, k]
+    n = ERROR
+    half, result = zeros((n, n)), empty((n, n))
+    for i in range(n):
+        for k in range(n):
+            if F[i, k] != 0.0:
+                for j in range(n):
+                    half[i, j] += F[i, k] * covariance[k, j]
+    for i in range(n):
+        for j in range(i + 1):
+            total = 0.0
+            for k in range(n):
+                total += half[i, k] * F[j, k]
+            result[i, j] = result[j, i] = total
+    for k in range(3):
+        _add_noise(result, EP + k, EV + k, h, acceleration)
+        result[ER + k, ER + k] += angular_acceleration * h**3 / 3.0
+        result[EW + k, EW + k] += angular_acceleration * h
+        for r in range(3):
+            shared = 0.5 * angular_acceleration * h * h * turns[r, k]
+            result[ER + r, EW + k] += shared
+            result[EW + k, ER + r] += shared
+    return out, result
+
+
+@inner
+def _add_noise(result, p, v, h, intensity):
+    result[p, p] += intensity * h**3 / 3.0
+    result[v, v] += intensity * h
+    result[p, v] += 0.5 * intensity * h * h
+    result[v, p] += 0.5 * intensity * h * h
