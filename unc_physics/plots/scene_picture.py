@@ -18,7 +18,8 @@ if TYPE_CHECKING:
 
 SIGMAS = 2.0  # half axes of the ellipses
 _LIGHT = np.array([-0.40, 0.65, 0.65])  # light direction: right, up, towards the eye
-_SPHERES = 2000  # largest spheres of each body that are drawn
+_FIXED_ALPHA = 0.35  # of fixed bodies, which may hide others
+_SPHERES = 10_000  # of each body, the first
 _PIXELS = 900  # along the longer side
 _MARGIN = 0.06  # relative to the longer side
 SIDE, _ABOVE = (
@@ -162,7 +163,7 @@ def _draw_view(axes, prediction, beliefs, view, low, high):
         if len(outcomes) > 1 and samples is not None:
             drawn += [(state, 0.6, _FEW_SPHERES) for state in samples[:_OUTCOMES, k]]
         else:
-            drawn.append((beliefs[-1].mean[k], 0.95, _SPHERES))
+            drawn.append((beliefs[-1].mean[k], _FIXED_ALPHA if body.fixed else 0.95, _SPHERES))
         for state, alpha, count in drawn:
             draw_body(axes, body.model, state, view, color, pixel, alpha, count)
         if not body.fixed:
