@@ -15,6 +15,7 @@ from scipy.spatial.transform import Rotation
 from unc_physics.geometry import library
 from unc_physics.geometry.library import load_model
 from unc_physics.geometry.packing import pack_solid
+from unc_physics.geometry.primitives import primitive
 from unc_physics.geometry.quality import extent_losses, prefix_lengths, sinks
 from unc_physics.geometry.recipes import RECIPES, recipe_solid
 from unc_physics.geometry.solid_mesh import make_solid
@@ -199,3 +200,16 @@ def test_sufficient_count_is_the_first_that_meets_both_limits():
     alone = packing.sufficient_count(sink=None)
     assert alone <= count and packing.prefix(alone).extent_loss <= 0.001
     assert packing.scaled(2.0).sufficient_count() == len(packing)  # its sink is not known
+
+
+def test_a_ball_is_its_largest_sphere():
+    ball = pack_solid(make_solid("ball", *primitive("sphere", (0.05,))), 100)
+    assert ball.radii[0] > 0.99 * 0.05 and ball.sufficient_count() == 1
+
+
+def test_few_spheres_are_spread_around_a_cylinder():
+    cylinder = pack_solid(make_solid("cylinder", *primitive("cylinder", (0.03, 0.1))), 200)
+    angle = 2.0 * np.pi * np.arange(90) / 90
+    around = np.column_stack([np.cos(angle), np.sin(angle), 0.0 * angle])
+    reached = reach(cylinder.centers, cylinder.radii, np.concatenate([around, [[0, 0, 1], [0, 0, -1]]]))
+    assert reached[:90].min() > 0.029 and reached[90:].min() > 0.0499

@@ -44,6 +44,7 @@ MAX_LEVELS = 100
 SMALLEST = 1e-7  # of the body's size: gaps below are given up
 _BYTES_PER_SPHERE = 1_000  # of those asked for, with the candidates for their places
 SUPPORTS = 0.5  # of the spheres asked for, at most
+ROUND = 0.01  # of the size: extent that a round body's largest ball may lack
 TIE = 0.995  # spheres are in order of radius up to this ratio
 
 
@@ -107,7 +108,7 @@ def pack_solid(
     unit = 2.0 ** np.floor(np.log2(solid.bounding_radius))
     corners = solid.corners / unit
     with GreedyPacker(corners, count, threads or os.cpu_count() or 1) as packer:
-        if not largest_first:
+        if not (largest_first or _is_round(corners, packer.threads)):
             packer.put(support_spheres(packer.corners, packer.space.tree, int(SUPPORTS * count)))
         spheres = packer.run(progress, solid.volume / unit**3) * unit
     centers, radii = spheres[:, :3], spheres[:, 3]
@@ -136,6 +137,13 @@ def pack_solid(
         sinks=sinks(solid.corners, spheres, lengths),
         **about,
     )
+
+
+def _is_round(corners, threads):
+    """Whether the largest ball inside a solid has its extent, so that it needs no other spheres for it."""
+    with GreedyPacker(corners, 1, threads) as packer:
+        ball = packer.run(None, 1.0)
+        return len(ball) == 1 and extent_losses(corners, ball, np.ones(1, int))[0] < ROUND * packer.size
 
 
 class GreedyPacker:

@@ -30,7 +30,9 @@ NARROW = 0.06  # a face's width
 OFF_CENTRE = 0.05  # how far the centre of mass may be beside a narrow face on which the body can rest
 LARGEST = 0.2  # radius of a sphere
 SMALLEST = 1e-3  # radius of a sphere
-TURN = math.radians(2.0)  # between narrow faces that get places of their own
+TURN = math.radians(2.0)  # between narrow faces that get places of their own, at least
+ROLLING = 0.7  # share of the places that narrow faces get, at most
+_COARSER = 1.2  # how much more they are turned apart where they are too many
 _COPLANAR = 1e-7
 _ROUNDS = 30
 # Against the radius: of a gap to a face, low enough for faces that spheres inside the mesh cannot touch, and
@@ -147,12 +149,8 @@ class Places:
 
     def add_resting(self):
         """Add places on the faces on which the body can rest, the narrow ones first."""
-        normals = np.empty((0, 3))
-        for k in np.flatnonzero(self.is_narrow):
+        for k in self._narrow_faces():
             face = self.resting[k]
-            if (normals @ face.normal > math.cos(TURN)).any():
-                continue
-            normals = np.vstack([normals, face.normal])
             if face.extent[0] <= NARROW * self.size:
                 self.add(face.corners.mean(axis=0), k)
                 continue
@@ -168,6 +166,21 @@ class Places:
                 farthest = int(gaps.argmax())
                 if gaps[farthest] <= OUTSIDE * self.size or not self.add(face.corners[farthest]):
                     break
+
+    def _narrow_faces(self):
+        """Return the numbers of narrow faces that get places: evenly around the body, and not too many."""
+        turn = TURN
+        while True:
+            chosen, normals = [], np.empty((0, 3))
+            for k in np.flatnonzero(self.is_narrow):
+                normal = self.resting[k].normal
+                if not (normals @ normal > math.cos(turn)).any():
+                    normals = np.vstack([normals, normal])
+                    chosen.append(k)
+            ends = sum(1 + (self.resting[k].extent[0] > NARROW * self.size) for k in chosen)
+            if ends <= ROLLING * self.most or turn > math.pi:
+                return chosen
+            turn *= _COARSER
 
     def add_extremes(self, points, within):
         """Add corners of the hull of points until none is outside of the hull of places and ``within``."""
