@@ -228,7 +228,7 @@ ELEMENTS = {
     "capsule": Capsule(0.05, 0.1, (0, 0.01, -0.05), turned(0, np.pi / 2, 0)),
 }
 
-FLAT = ("plane", "face")  # of which the hull alone is asked
+FLAT = ("plane", "face")  # which only the hull of a body above them can touch
 
 
 def on_element(name, seed=0):
@@ -440,16 +440,19 @@ def test_flat_faces_are_the_planes_that_several_spheres_touch(name, count):
 
 
 @pytest.mark.parametrize("name", ["can", "mug"])
-def test_wide_faces_of_round_bodies_are_found(name):
-    """Beside them, a mesh with flat sides has narrow ones, of which few spheres touch each."""
+def test_faces_of_round_bodies_are_found(name):
+    """A can stands on both ends, a mug on its bottom and on its rim.
+
+    A mug's lip is round, so its rim's plane is known only to the tolerance. One sphere may be in or out.
+    """
     model = model_named(name)
-    found = found_faces(model)
-    wide = [face for face in twin.flat_faces(model) if len(face.touching) > 20]
-    assert len(wide) == len(found) == {"can": 2, "mug": 1}[name]
-    for face in wide:
+    found, expected = found_faces(model), twin.flat_faces(model)
+    assert len(expected) == len(found) == 2
+    for face in expected:
         (same,) = (other for other in found if is_same(face, other))
         np.testing.assert_allclose(same.normal, face.normal, atol=2e-5)
-        assert set(same.touching) == set(face.touching)
+        is_rim = name == "mug" and face.normal[2] > 0.0
+        assert len(set(same.touching) ^ set(face.touching)) <= is_rim
 
 
 @pytest.mark.parametrize("name", ["brick", "can", "block"])
@@ -603,12 +606,15 @@ def test_lasting_contacts_are_those_of_the_end_without_contacts(case, seed):
     stage.x[list(stage.scene.moving), 5] = -0.3
     contacts, _, before = travel(stage)
     x = free_state(stage, before)
+    # a box's face counts as flat for bodies whose sphere centres are all above it; a plane always does
+    centers = twin.centers(stage.scene.bodies[0], x[0])
+    is_flat = case == "plane" or (case == "face" and (centers[:, 2] > 0.0).all())
     expected = set()
     for i in stage.scene.moving:
         partners = [-1, *(j for j in range(len(x)) if j > i or stage.scene.bodies[j].fixed and j != i)]
         for j in partners:
             found = twin.candidates(stage.scene, x, i, j, 0.0, twin.lasting_limit(stage.scene, H))
-            found = [c for c in found if case not in FLAT or c.a in stage.hull]
+            found = [c for c in found if not is_flat or c.a in stage.hull]
             tilt = twin.patch_tilt(x, i, j, H)
             expected |= {(i, j, a, b) for a, b in twin.reduced(found, x[i], tilt=tilt)}
     assert {c[:4] for c in contacts} == expected
