@@ -33,7 +33,7 @@ FEWER = {  # samples, also of Monte Carlo's prediction, where rollouts take long
     "mass_ratio_stack": 100,
     "pile_of_ten": 300,
     "rest_plate_settling": 300,
-    "sixty_four_cans": 100,
+    "sixty_four_boxes": 100,
     "sixty_four_pairs": 100,
     "stack_of_three": 100,
 }
