@@ -82,7 +82,8 @@ def test_random_scenes_end_well_and_grossly_wrong_covariances_are_flagged(name):
 def _predicted(name, scene, belief, horizon):
     """A prediction, each of whose beliefs is finite with a true covariance."""
     propagator = make_propagator(name, **({"samples": 50} if name == "monte_carlo" else {}))
-    times = [horizon / 2.0] if horizon > 1.5 * scene.dt else None
+    halfway = round(horizon / scene.dt) // 2 * scene.dt
+    times = [halfway] if halfway > 0.0 else None
     prediction = predict(scene, belief, propagator, horizon, times=times)
     for reached in prediction.beliefs:
         assert np.isfinite(reached.mean).all() and np.isfinite(reached.covariance).all()
