@@ -106,10 +106,10 @@ def run(job: Job) -> Outcome:
         some = recorded([motions[int(k)] for k in others[: p["tuning_tosses"]]], model.scene)
         begin = {one.name: FIRST.get(one.name, one.begin(model)) for one in adjusted}
         first = with_values(model, adjusted, begin)
-        search = Search(
-            Objective(some, p["tuning_samples"], seed, simulate), first, adjusted, p["evaluations"]
-        )
-        values = search.run(p["evaluations"])
+        objective = Objective(some, p["tuning_samples"], seed, simulate)
+        search = Search(objective, first, adjusted, lambda score: None)
+        search.run(p["evaluations"])
+        values = search.values
         model = with_values(first, adjusted, values)
         found = [(one.name, one.unit or "1", values[one.name]) for one in adjusted]
         found += [
