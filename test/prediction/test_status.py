@@ -1,5 +1,6 @@
 """What a prediction says against itself: flags where something is wrong, none where all is well."""
 
+import itertools
 import json
 import re
 from dataclasses import replace
@@ -302,10 +303,15 @@ def test_the_command_line_tells_the_status(tmp_path, capsys, content):
     path.write_text(yaml.safe_dump(content))
     command = ["predict", str(path), "--propagator", "surrogate", "--horizon", "0.05"]
     assert main(command) == 0
-    assert "INITIAL_OVERLAP: overlaps another body" in capsys.readouterr().out
+    lines = capsys.readouterr().out.splitlines()
+    name = content["bodies"][0]["name"]
+    (at,) = (k for k, line in enumerate(lines) if line.startswith(f"{name}: "))
+    assert "INITIAL_OVERLAP" in lines[at].removeprefix(f"{name}: ").split()
+    reasons = itertools.takewhile(lambda line: line.startswith("  "), lines[at + 1 :])
+    assert any(line.startswith("  - overlaps another body") for line in reasons)
     assert main([*command, "--json", "--status-rollouts", "0"]) == 0
     status = json.loads(capsys.readouterr().out)["statuses"][0]
-    assert status["body"] == content["bodies"][0]["name"] and "INITIAL_OVERLAP" in status["flags"]
+    assert status["body"] == name and "INITIAL_OVERLAP" in status["flags"]
     assert status["measures"]["initial_overlap"] > 0.02 and "spread_disagreement" not in status["measures"]
     assert main([*command, "--status-rollouts", "-1"]) != 0
     assert "--status-rollouts" in capsys.readouterr().err
@@ -413,6 +419,7 @@ def test_too_few_spheres_for_the_shape_are_flagged(count, std, flagged):
 def test_few_spheres_get_a_note(tmp_path, capsys):
     content = {
         "physics": "everyday",
+        "dt": 0.01,
         "horizon": 0.02,
         "bodies": [{"name": "toy", "model": "bunny", "spheres": 100}],
     }
