@@ -8,6 +8,7 @@ from example_scenes import parts_of, three_bodies
 from unc_physics import PROPAGATORS, AtRest, BoxRegion, Inside, Touches, assess, make_propagator, predict
 from unc_physics.propagators.names import BUILT_IN
 from unc_physics.scene.scene_file import scene_from_dict
+from unc_physics.spatial.moments import pose_spreads
 
 # listed after the built-in ones
 assert list(PROPAGATORS) == [*BUILT_IN, "antithetic"]
@@ -44,6 +45,21 @@ other = predict(scene, belief, replace(antithetic, seed=1), 1.0).belief.mean
 distances = np.linalg.norm((first.belief.mean - other)[scene.moving, :3], axis=1)
 ratios = distances / errors.position[scene.moving]
 assert (ratios > 0.05).all() and (ratios < 5.0).all(), ratios
+
+# spreads of other seeds differ by what their standard errors claim, before and after the contact
+for steps in (0, 100):
+    carries = [
+        seeded.advance(seeded.init(scene, belief), scene, steps)
+        for seeded in (replace(antithetic, seed=seed) for seed in range(40))
+    ]
+    spreads = np.array([pose_spreads(antithetic.belief(carry, scene).blocks) for carry in carries])
+    claimed = [antithetic.standard_errors(carry, scene) for carry in carries]
+    claimed = np.median([[one.position_spread, one.rotation_spread] for one in claimed], axis=0)
+    for k, spread in enumerate(spreads.transpose(2, 0, 1)):
+        seen = spread.std(axis=0) / np.maximum(spread.mean(axis=0), 1e-300)
+        uncertain = spread.mean(axis=0) > 1e-9
+        ratios = claimed[k, scene.moving][uncertain] / seen[uncertain]
+        assert (ratios > 0.6).all() and (ratios < 1.7).all(), (steps, k, ratios)
 
 # statuses and probabilities
 assert len(assess(first)) == len(scene.bodies)
