@@ -20,6 +20,7 @@ from unc_physics.ros.streams import LatestWorker, scene_of_detections, topic_nam
 from unc_physics_msgs.msg import PredictedObject, Prediction, Scene
 
 HORIZONS = [0.1, 0.2, 0.25]
+SPHERES = 200  # their loss of extent is below the standard deviation of position, and raises no flag
 
 
 @pytest.fixture(scope="module")
@@ -52,6 +53,8 @@ def listener():
 def scene(listener, age=0.0):
     message = Scene(objects=good_request().scene.objects)
     message.objects[0].id = "left/1"
+    for entry in message.objects:
+        entry.spheres = SPHERES
     now = listener.node.get_clock().now().nanoseconds - int(age * 1e9)
     message.header.stamp.sec, message.header.stamp.nanosec = divmod(now, 1_000_000_000)
     return message
