@@ -8,5 +8,7 @@ from soak import GROWTH_LIMIT, soak
 def test_a_few_seconds_of_random_and_malformed_requests():
     growth, counts = soak(duration=4.0, requests=120, seed=1)
     assert growth < 2.0 * GROWTH_LIMIT  # memory is level after minutes only, which `make soak` waits for
-    assert len(counts) > 10  # many kinds of errors, and predictions
+    # three seeds give ten kinds each, and TIMEOUT on some machines; a new field changes what is drawn
+    assert len(counts.keys() - {"TIMEOUT"}) >= 8
+    assert {"NOT_FINITE", "LIMIT_EXCEEDED", "INVALID_REQUEST", "UNKNOWN_PROPAGATOR"} <= counts.keys()
     assert counts["NONE"] > 15
