@@ -42,7 +42,7 @@ class NodeProcess:
     def _read(self):
         for line in self.process.stdout:
             self.lines.append(line)
-            if "ready" in line:
+            if "]: ready" in line:  # the log's "[INFO] [time] [name]: ready", and no message that mentions it
                 self._ready.set()
 
     @property
