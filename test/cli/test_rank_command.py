@@ -5,12 +5,14 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 import yaml
 
 from unc_physics import Falls, Inside, Touches, Upright, rank
 from unc_physics.__main__ import main
 from unc_physics.checks.errors import ErrorCode
+from unc_physics.prediction.actions import apply_action
 from unc_physics.prediction.actions_file import load_actions
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "actions" / "release_over_bin.yaml"
@@ -148,3 +150,29 @@ def test_a_ranking_prints_at_most_thirty_lines():
     assert len(lines) <= 30 and any(line.endswith("more actions") for line in lines)
     assert ranking._repr_html_().startswith("<pre>probability of: salt_box in bin")
     assert len(ranking.to_dict()["actions"]) == 40
+
+
+def test_positions_of_actions_are_of_the_point_that_the_scene_names(tmp_path):
+    half = [0.0, 0.0, 0.7071067811865476, 0.7071067811865476]
+    body = {
+        "name": "mug",
+        "model": "mug",
+        "origin": "model",
+        "orientation": half,
+        "position": [0.1, 0.0, 0.0],
+    }
+    scene = {"physics": "everyday", "environment": [{"plane": {}}], "bodies": [body]}
+    moved = {"position": [0.2, 0.0, 0.0]}
+    actions = {
+        "as it is": {},
+        "there": {"mug": moved},
+        "centre": {"mug": moved | {"origin": "center_of_mass"}},
+    }
+    path = tmp_path / "actions.yaml"
+    path.write_text(yaml.safe_dump({"scene": scene, "score": {"upright": "mug"}, "actions": actions}))
+    loaded = load_actions(path)
+    before = loaded.belief.mean[0, :3]
+    _, there = apply_action(loaded.scene, loaded.belief, loaded.actions["there"], "action")
+    np.testing.assert_allclose(there.mean[0, :3] - before, [0.1, 0.0, 0.0], atol=1e-12)
+    _, centre = apply_action(loaded.scene, loaded.belief, loaded.actions["centre"], "action")
+    np.testing.assert_allclose(centre.mean[0, :3], [0.2, 0.0, 0.0], atol=1e-12)

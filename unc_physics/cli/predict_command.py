@@ -11,7 +11,7 @@ from importlib.util import find_spec
 from pathlib import Path
 
 from ..checks.shown import printable
-from ..geometry.packing_file import EXTENT_LOSS
+from ..geometry.packing_file import EXTENT_LOSS, SINK
 from ..propagators.names import ANYTIME, entries
 from .output import check_output, note, writing
 from .progress import told_progress
@@ -300,12 +300,22 @@ def _note_what_is_left_out(arguments, scene, propagator, horizon):
     """Print notes about arguments without effect or with a possibly unintended effect."""
     if arguments.seed is not None and not hasattr(propagator, "seed"):
         note(f"--seed {arguments.seed} has no effect, as {propagator.name} draws nothing")
+    from ..scene.scene_file import may_meet
+
+    meets = may_meet(len(scene.bodies), scene.environment)
     for body in scene.bodies if scene.integrator == "implicit" else ():
         loss = body.model.extent_loss
         if loss is not None and loss > EXTENT_LOSS:
             note(
                 f"{printable(body.name)} has {len(body.model)} spheres, which reach up to {1e3 * loss:.1f} mm"
                 " less far than its mesh; spheres: auto takes as many as are needed"
+            )
+            continue
+        sink = body.model.sink
+        if meets and sink is not None and sink > SINK:
+            note(
+                f"{printable(body.name)} has {len(body.model)} spheres, and a ball of 10 mm sinks between"
+                f" them by {1e3 * sink:.1f} mm; spheres: auto takes as many as are needed"
             )
     if horizon is None:
         return

@@ -9,7 +9,7 @@ import numpy as np
 from ..checks.shown import drawn_text
 from ..propagators.modes import Mode
 from ..scene.environment import Plane
-from ..spatial.layout import ERR_POSITION, POSITION, QUATERNION
+from ..spatial.layout import ERR_POSITION, ERR_ROTATION, POSITION, QUATERNION
 from ..spatial.rotation import rotation_matrix
 from .palette import body_color
 
@@ -28,7 +28,9 @@ SIDE, _ABOVE = (
 )  # right, up and towards the eye, as rows
 _FAR = 1e4  # distance relative to an element's size from which its nearest point is its outermost one
 _OUTLINE = 180  # number of outline points
+_LEGEND = 1.0  # inches of height, below the views
 _NAMED = 12  # most bodies in the legend
+_WIDE = 0.5  # rad, of a rotation: a body whose rotation spreads wider is drawn as samples, too
 _OUTCOMES = 6  # samples drawn of a body with several outcomes
 _FEW_SPHERES = 300  # spheres drawn of each such sample
 _SOLID = {"facecolor": "0.90", "edgecolor": "0.55", "linewidth": 0.8}
@@ -57,11 +59,11 @@ def draw_prediction(prediction: Any, title: str = "") -> Figure:
     beliefs = (initial, *prediction.beliefs)
     low, high = bounds(scene, beliefs)
     wide, deep, tall = high - low
-    height = 1.3 + min(9.0, 9.2 * (tall + deep) / wide)
+    height = 1.3 + _LEGEND + min(9.0, 9.2 * (tall + deep) / wide)
     figure = Figure(figsize=(10.0, height))
     FigureCanvasAgg(figure)
     grid = figure.add_gridspec(
-        2, 1, height_ratios=[tall, deep], hspace=0.12, top=1.0 - 0.6 / height, bottom=0.6 / height
+        2, 1, height_ratios=[tall, deep], hspace=0.12, top=1.0 - 0.6 / height, bottom=(0.6 + _LEGEND) / height
     )
     for row, (view, label) in enumerate(((SIDE, "z [m]"), (_ABOVE, "y [m]"))):
         axes = figure.add_subplot(grid[row])
@@ -73,7 +75,7 @@ def draw_prediction(prediction: Any, title: str = "") -> Figure:
     figure.suptitle(
         f"{drawn_text(title)}\n{subtitle}" if title else subtitle, fontsize=10, y=1.0 - 0.1 / height, va="top"
     )
-    _draw_legend(figure, scene, 0.1 / height)
+    _draw_legend(figure, scene, (0.1 + _LEGEND) / height)
     return figure
 
 
@@ -160,7 +162,10 @@ def _draw_view(axes, prediction, beliefs, view, low, high):
         drawn = [] if body.fixed else [(beliefs[0].mean[k], 0.35, _SPHERES)]
         last = prediction.at()
         samples = last.samples if last.rollout_states is None else last.rollout_states
-        if len(outcomes) > 1 and samples is not None:
+        turned = 0.0
+        if body.free:
+            turned = float(np.sqrt(np.trace(beliefs[-1].marginal(k)[ERR_ROTATION, ERR_ROTATION])))
+        if samples is not None and (len(outcomes) > 1 or turned > _WIDE):
             drawn += [(state, 0.6, _FEW_SPHERES) for state in samples[:_OUTCOMES, k]]
         else:
             drawn.append((beliefs[-1].mean[k], _FIXED_ALPHA if body.fixed else 0.95, _SPHERES))

@@ -27,7 +27,7 @@ Action = (
 )
 #: Fields of a `BodyBelief`, which change the belief; all other fields change the body or the element itself.
 _PLACES = MEANS | {"orientation": QUATERNION}
-_OF_BELIEF = (*_PLACES, *STDS, "covariance")
+_OF_BELIEF = (*_PLACES, *STDS, "covariance", "origin")
 
 
 def apply_action(scene: Scene, belief: Belief, action: Action, field: str) -> tuple[Scene, Belief]:
@@ -127,11 +127,16 @@ def _with_beliefs(scene, belief, changes):
     spread = not same
     for b, change in changes.items():
         whole = isinstance(change, BodyBelief)
-        given: BodyBelief = change if whole else at_field(repr(scene.bodies[b].name), BodyBelief, **change)
+        if whole:
+            given: BodyBelief = change
+        else:
+            # without an orientation of its own the body keeps the one that it has
+            fields_of_it = {"orientation": mean[b, QUATERNION], **change}
+            given = at_field(repr(scene.bodies[b].name), BodyBelief, **fields_of_it)
         given = given.at_center_of_mass(scene.bodies[b].model.origin)
         if b not in blocks:
             at_field(repr(scene.bodies[b].name), given.check_fixed)
-        named = (*_PLACES, "covariance") if whole else tuple(change)
+        named = (*_PLACES, "covariance") if whole else tuple(key for key in change if key != "origin")
         for key in named:
             if key in _PLACES:
                 mean[b, _PLACES[key]] = getattr(given, key)

@@ -87,6 +87,7 @@ def load_actions(
         if content.get(key) is None:
             raise InvalidRequestError("must be given", field=key)
     scene, belief, horizon = _scene(content["scene"], Path(path).parent, models_dir)
+    origins = _origins(content["scene"], Path(path).parent)
     regions = _regions(content.get("regions") or [])
     actions = content["actions"]
     if not isinstance(actions, dict) or not actions:
@@ -95,7 +96,7 @@ def load_actions(
         scene,
         belief,
         content.get("horizon", horizon),
-        {str(name): _action(changes, f"actions['{name}']") for name, changes in actions.items()},
+        {str(name): _action(changes, origins, f"actions['{name}']") for name, changes in actions.items()},
         _events(content["score"], regions, "score"),
         flag(content.get("smallest_first", False), "smallest_first"),
         tuple(
@@ -111,6 +112,13 @@ def _scene(content, folder, models_dir):
     if not isinstance(content, dict):
         raise InvalidRequestError("must be the path of a scene file, or its content", field="scene")
     return at_field("scene", scene_from_dict, content, models_dir, folder)
+
+
+def _origins(content, folder):
+    """Return the ``origin`` of each body whose entry in the scene has one."""
+    if isinstance(content, str):
+        content = read_yaml(folder / content, "scene file")
+    return {body["name"]: body["origin"] for body in content["bodies"] if body.get("origin")}
 
 
 def _regions(entries):
@@ -138,7 +146,7 @@ def _list(value, field):
     return value
 
 
-def _action(changes, field) -> Any:
+def _action(changes, origins, field) -> Any:
     """Changes by the names of bodies and elements, with lists of numbers as arrays."""
     if not isinstance(changes, dict):
         problem = "must be a mapping of bodies and elements to fields and their values"
@@ -148,10 +156,14 @@ def _action(changes, field) -> Any:
             raise InvalidRequestError(
                 "must be a mapping of fields to values", field=f"{field}.{name}", value=change
             )
-    return {
+    found = {
         str(name): {key: _entry(key, value, f"{field}.{name}.{key}") for key, value in change.items()}
         for name, change in changes.items()
     }
+    for name, origin in origins.items():  # a position is that of the point that the scene's positions are of
+        if "position" in found.get(name, ()):
+            found[name].setdefault("origin", origin)
+    return found
 
 
 def _entry(key, value, field):
