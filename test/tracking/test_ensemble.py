@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from scenes import NOISE, angle, bodies, box, pose
 from scipy.spatial.transform import Rotation
+from tracked_scenes import NOISE, angle, bodies, box, pose
 
 from unc_physics import Belief, PoseMeasurement, PositionMeasurement, RelativePoseMeasurement
 from unc_physics.spatial.moments import mean_and_errors, spread_states

@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from scenes import NOISE, SIDE, angle, belief_of, box, free_scene, measured, pose, table_scene
 from scipy.spatial.transform import Rotation
+from tracked_scenes import NOISE, SIDE, angle, belief_of, box, free_scene, measured, pose, table_scene
 
 from unc_physics import (
     BodyBelief,
