@@ -227,13 +227,14 @@ def modes_as_text(prediction, statuses) -> str:
     lines = []
     for status in statuses:
         modes = prediction[status.body].modes if status.flags & Status.MEAN_NOT_POSSIBLE else ()
-        if len(modes) > 1:
-            lines.append(f"{printable(status.body)}: {len(modes)} outcomes")
-            lines.append(
-                f"{'probability':>13}  {'position [m]':^26}  {'orientation (x, y, z, w)':^31}"
-                "  std of position [m]"
-            )
-        for mode in modes if len(modes) > 1 else ():
+        if len(modes) < 2:
+            continue
+        lines.append(f"{printable(status.body)}: {len(modes)} outcomes")
+        lines.append(
+            f"{'probability':>13}  {'position [m]':^26}  {'orientation (x, y, z, w)':^31}"
+            "  std of position [m]"
+        )
+        for mode in modes:
             std = np.sqrt(np.maximum(mode.covariance.diagonal(), 0.0))[ERR_POSITION]
             lines.append(
                 f"{mode.weight:13.3f}  {in_a_row(mode.mean[POSITION], '8.4f')}"
@@ -298,10 +299,10 @@ def check_picture(path):
 
 def _note_what_is_left_out(arguments, scene, propagator, horizon):
     """Print notes about arguments without effect or with a possibly unintended effect."""
-    if arguments.seed is not None and not hasattr(propagator, "seed"):
-        note(f"--seed {arguments.seed} has no effect, as {propagator.name} draws nothing")
     from ..scene.scene_file import may_meet
 
+    if arguments.seed is not None and not hasattr(propagator, "seed"):
+        note(f"--seed {arguments.seed} has no effect, as {propagator.name} draws nothing")
     meets = may_meet(len(scene.bodies), scene.environment)
     for body in scene.bodies if scene.integrator == "implicit" else ():
         loss = body.model.extent_loss

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import html
 import math
 from collections.abc import Sequence
 from dataclasses import asdict
@@ -10,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..checks.shown import printable
 from .events import Event
-from .tables import FEW_LINES
+from .tables import FEW_LINES, preformatted
 
 if TYPE_CHECKING:
     from .rank import Ranking
@@ -102,4 +101,4 @@ def _short(margin):
 
 def ranking_as_html(ranking: Ranking) -> str:
     """Return a table of at most `FEW_LINES` lines for a notebook."""
-    return f"<pre>{html.escape(ranking_as_table(ranking, most=FEW_LINES))}</pre>"
+    return preformatted(ranking_as_table(ranking, most=FEW_LINES))

@@ -112,7 +112,12 @@ def as_table(prediction: Prediction, most: int | None = None) -> str:
 
 def as_html(prediction: Prediction) -> str:
     """Return a table of at most `FEW_LINES` lines for a notebook."""
-    return f"<pre>{html.escape(as_table(prediction, FEW_LINES))}</pre>"
+    return preformatted(as_table(prediction, FEW_LINES))
+
+
+def preformatted(text: str) -> str:
+    """Return text as HTML that keeps its columns."""
+    return f"<pre>{html.escape(text)}</pre>"
 
 
 def _block(prediction, k):
