@@ -17,7 +17,7 @@ from ..scene.action_entries import read_path, read_wrenches
 from ..scene.belief import Belief
 from ..scene.entries import at_field, check_keys
 from ..scene.scene import Scene
-from ..scene.scene_file import load_scene, scene_from_dict
+from ..scene.scene_file import scene_from_dict
 from ..scene.yaml_file import read_yaml
 from .actions import Action
 from .events import AtRest, Event, Falls, Inside, Touches, Upright
@@ -86,8 +86,7 @@ def load_actions(
     for key in ("scene", "score", "actions"):
         if content.get(key) is None:
             raise InvalidRequestError("must be given", field=key)
-    scene, belief, horizon = _scene(content["scene"], Path(path).parent, models_dir)
-    origins = _origins(content["scene"], Path(path).parent)
+    (scene, belief, horizon), origins = _scene(content["scene"], Path(path).parent, models_dir)
     regions = _regions(content.get("regions") or [])
     actions = content["actions"]
     if not isinstance(actions, dict) or not actions:
@@ -106,19 +105,16 @@ def load_actions(
 
 
 def _scene(content, folder, models_dir):
-    """The scene that is written out, or in a file."""
+    """Return the scene that is written out or in a file, and the ``origin`` of each body that has one."""
     if isinstance(content, str):
-        return load_scene(folder / content, models_dir)
-    if not isinstance(content, dict):
+        path = folder / content
+        content = read_yaml(path, "scene file")
+        loaded = scene_from_dict(content, models_dir, path.parent)
+    elif isinstance(content, dict):
+        loaded = at_field("scene", scene_from_dict, content, models_dir, folder)
+    else:
         raise InvalidRequestError("must be the path of a scene file, or its content", field="scene")
-    return at_field("scene", scene_from_dict, content, models_dir, folder)
-
-
-def _origins(content, folder):
-    """Return the ``origin`` of each body whose entry in the scene has one."""
-    if isinstance(content, str):
-        content = read_yaml(folder / content, "scene file")
-    return {body["name"]: body["origin"] for body in content["bodies"] if body.get("origin")}
+    return loaded, {body["name"]: body["origin"] for body in content["bodies"] if body.get("origin")}
 
 
 def _regions(entries):
