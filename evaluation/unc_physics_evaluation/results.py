@@ -14,6 +14,7 @@ import numpy as np
 from unc_physics.checks.errors import OutputError
 
 from .jobs import Job, Outcome, Row
+from .tables import table
 
 ORIGIN = ("versions", "machine", "job", "part")
 _NUMBERS = (int, float)
@@ -169,6 +170,14 @@ class Results:
         folder = self.folder / "figures"
         folder.mkdir(exist_ok=True)
         return folder / f"{name}.png"
+
+    def table(self, name: str, head: Sequence[str], lines: Sequence[Sequence[str]]) -> str:
+        """Write a table to ``tables/NAME.csv``, as the docs show it, and give the same table in Markdown."""
+        folder = self.folder / "tables"
+        folder.mkdir(exist_ok=True)
+        with open(folder / f"{name}.csv", "w", encoding="utf-8", newline="") as file:
+            csv.writer(file, lineterminator="\n").writerows([head, *lines])
+        return table(head, lines)
 
     def _read(self, experiment):
         """Complete lines as dicts of texts, and the keys of the jobs whose lines are all there."""

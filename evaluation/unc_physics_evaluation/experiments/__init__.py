@@ -34,7 +34,16 @@ DEFAULT = (
     "calibration",
 )
 #: Those that take long alone on the machine, or need more than this package.
-BY_NAME = ("scenes_at_random", "tracking", "pushes", "propagators", "packing", "same_bits")
+BY_NAME = (
+    "collisions",
+    "storage",
+    "scenes_at_random",
+    "tracking",
+    "pushes",
+    "propagators",
+    "packing",
+    "same_bits",
+)
 NAMES = DEFAULT + BY_NAME
 
 
