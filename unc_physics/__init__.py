@@ -16,7 +16,7 @@ from .interrupts import let_programs_die
 
 let_programs_die()
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 
 
 def _homes():

@@ -7,7 +7,7 @@ from geometry_msgs.msg import Vector3
 
 from unc_physics.checks.errors import ErrorCode
 from unc_physics.ros.messages.fields import duration
-from unc_physics_msgs.msg import ObjectState, PredictionRequest, Scene
+from unc_physics_msgs.msg import Material, ObjectState, PredictionRequest, Scene
 
 POSITION_STD = 0.02  # m
 ROTATION_STD = 0.05  # rad
@@ -28,10 +28,10 @@ def moving_object(
 ):
     """An object with an uncertain pose."""
     message = ObjectState(id=name, model=model, mass=1.0, spheres=spheres)
-    pose, twist = message.pose.pose, message.twist.twist
+    pose, twist = message.pose, message.twist
     pose.position.x, pose.position.y, pose.position.z = position
     twist.linear.x, twist.linear.y, twist.linear.z = velocity
-    message.pose.covariance = diagonal(*[POSITION_STD] * 3, *[ROTATION_STD] * 3)
+    message.belief.pose_covariance = diagonal(*[POSITION_STD] * 3, *[ROTATION_STD] * 3)
     return message
 
 
@@ -48,18 +48,25 @@ def request_of(*objects, horizon=0.2, **others):
 
 
 def with_physics(request, **values):
-    """The same request, with fields of its physics replaced; None empties one."""
+    """The same request, with fields of its physics replaced; None takes the node's."""
     for name, value in values.items():
-        if name == "gravity" and value is not None:
-            value = Vector3(**dict(zip("xyz", value, strict=True)))
+        if hasattr(request.physics, f"has_{name}"):
+            setattr(request.physics, f"has_{name}", value is not None)
         if value is None:
-            value = []
-        elif isinstance(value, float):
-            value = packed([value])
-        elif not isinstance(value, str):
-            value = [value]
+            value = type(getattr(request.physics, name))()
+        elif name == "gravity":
+            value = Vector3(**dict(zip("xyz", value, strict=True)))
         setattr(request.physics, name, value)
     return request
+
+
+def material_of(**values):
+    """A Material with these values, and their flags."""
+    message = Material(**values)
+    for name in values:
+        if hasattr(message, f"has_{name}"):
+            setattr(message, f"has_{name}", True)
+    return message
 
 
 def explicit(request):

@@ -117,7 +117,7 @@ PARTS = [
     lambda: moving_object("left"),
     lambda: moving_object("other", "pin"),
     lambda: BoxRegion(id="bin"),
-    lambda: EnvironmentElement(plane=[Plane(coef=[0.0, 0.0, 1.0, 2.0])]),
+    lambda: EnvironmentElement(plane=Plane(coef=[0.0, 0.0, 1.0, 2.0])),
     lambda: JointCovariance(object_ids=["left"], data=packed(np.eye(12))),
     AppliedWrench,
     Mesh,
@@ -194,7 +194,7 @@ def kinds_of_requests():
         for of_kind in (explicit, lambda request: request):
             for mass_std in (0.0, 0.1):
                 request = good_request(horizon=0.1, return_probabilities=True, propagator=propagator)
-                request.scene.objects[0].mass_std = mass_std
+                request.scene.objects[0].belief.mass_std = mass_std
                 yield of_kind(request)
 
 

@@ -4,17 +4,20 @@ import numpy as np
 import pytest
 from builtin_interfaces.msg import Duration
 from geometry_msgs.msg import Transform as Place
+from geometry_msgs.msg import Vector3
+from geometry_msgs.msg import Wrench as WrenchMessage
 from scenes import moving_object
 from scipy.spatial.transform import Rotation
 from trajectory_msgs.msg import MultiDOFJointTrajectory, MultiDOFJointTrajectoryPoint
 
 from unc_physics import Belief, BodyBelief, Box, Plane, PosePath, RigidBody, Scene, UncPhysicsError, Wrench
+from unc_physics.ros.messages.actions import write_actions
 from unc_physics.ros.messages.frames import Transform
 from unc_physics.ros.messages.scene import read_scene, write_scene
 from unc_physics.ros.models import ModelLibrary, _info
 from unc_physics.scene.action_arrays import path_states
 from unc_physics.scene.presets import PRESETS
-from unc_physics_msgs.msg import ObjectState
+from unc_physics_msgs.msg import Action, AppliedWrench, Attachment, ObjectState
 from unc_physics_msgs.msg import Scene as SceneMessage
 
 LIBRARY = ModelLibrary()
@@ -60,9 +63,18 @@ def robot_scene():
     return scene, Belief.of(scene, {"mug": BodyBelief(position=(0, 0, 0.3), position_std=0.01)})
 
 
+def read(scene, belief, frame=None):
+    """What a node reads of a scene and its actions, given in another frame."""
+    message = write_scene(scene, belief, told)
+    actions = [action for body in scene.bodies for action in write_actions(body)]
+    if frame is not None:
+        message, actions = frame.scene(message), [frame.action(action) for action in actions]
+    return read_scene(message, LIBRARY, PRESETS["everyday"], actions=actions).scene
+
+
 def test_a_scene_goes_there_and_back():
     scene, belief = robot_scene()
-    found = read_scene(write_scene(scene, belief, told), LIBRARY, PRESETS["everyday"]).scene
+    found = read(scene, belief)
     mug, hand = found.bodies
     given = scene.bodies[0]
     for name in ("attached_to", "attached_at", "released_at", "released_at_std", "torsional_friction"):
@@ -77,7 +89,7 @@ def test_a_scene_goes_there_and_back():
     for element, own in zip(found.environment, scene.environment, strict=True):
         np.testing.assert_allclose(element.moving_surface, own.moving_surface, atol=1e-12)
     assert found.environment[1].torsional_friction == 0.01
-    again = read_scene(write_scene(scene, belief, told), LIBRARY, PRESETS["everyday"]).scene
+    again = read(scene, belief)
     assert again.bodies[0] is mug and again.bodies[1] is hand, "known by the same numbers"
 
 
@@ -85,8 +97,7 @@ def test_another_frame_sees_the_same_motion():
     scene, belief = robot_scene()
     turn, shift = Rotation.from_rotvec([0.3, -0.2, 0.9]), np.array([1.0, -2.0, 0.5])
     frame = Transform(turn.as_matrix(), shift, tuple(turn.as_quat()))
-    message = frame.scene(write_scene(scene, belief, told))
-    found = read_scene(message, LIBRARY, PRESETS["everyday"]).scene
+    found = read(scene, belief, frame)
     times = np.linspace(0, 1.5, 7)
     here, there = path_states(scene, 1, times), path_states(found, 1, times)
     np.testing.assert_allclose(there[:, :3], turn.apply(here[:, :3]) + shift, atol=1e-12)
@@ -110,30 +121,68 @@ def points(*times):
     ]
 
 
+def along(*times, **others):
+    path = MultiDOFJointTrajectory(points=points(*times))
+    return Action(type=Action.TRAJECTORY, object="a", trajectory=path, **others)
+
+
+def held(**fields):
+    return Action(type=Action.ATTACHMENT, object="a", attachment=Attachment(**fields))
+
+
+TWO_PER_POINT = MultiDOFJointTrajectory(points=[MultiDOFJointTrajectoryPoint()] * 2)
+PUSH = AppliedWrench(wrench=WrenchMessage(force=Vector3(x=1.0)))
+
+
 @pytest.mark.parametrize(
-    ("change", "sentence"),
+    ("kind", "actions", "sentence"),
     [
-        ({"trajectory": []}, "trajectory must hold an entry, as the object is PRESCRIBED"),
-        ({"kind": ObjectState.DYNAMIC}, "trajectory must be empty for an object that is not PRESCRIBED"),
-        ({"kind": 7}, "kind must be DYNAMIC, FIXED or PRESCRIBED"),
-        ({"trajectory": points(1)}, "trajectory[0].times must be at least two"),
-        ({"trajectory": points(2, 1)}, "trajectory[0].times[1] must be later than the time before it"),
-        ({"trajectory": [MultiDOFJointTrajectoryPoint()] * 2}, "points[0] must have one transform"),
-        ({"attached_to": "can"}, "attached_to of body 'a' must be another body than itself"),
-        ({"released_at": [Duration(sec=1)]}, "released_at of body 'a' needs attached_to beside it"),
-        ({"released_at_std": Duration(sec=-1)}, "released_at_std must not be negative"),
+        (
+            ObjectState.PRESCRIBED,
+            [],
+            "scene.objects[0].kind needs a TRAJECTORY of the object among the actions",
+        ),
+        (ObjectState.FIXED, [along(0, 1)], "actions[0].trajectory must be absent: the body is fixed"),
+        (7, [], "scene.objects[0].kind must be DYNAMIC, FIXED or PRESCRIBED"),
+        (0, [along(1)], "actions[0].trajectory.times must be at least two"),
+        (0, [along(2, 1)], "actions[0].trajectory.times[1] must be later than the time before it"),
+        (
+            0,
+            [Action(type=Action.TRAJECTORY, object="a", trajectory=TWO_PER_POINT)],
+            "actions[0].trajectory.points[0] must have one transform",
+        ),
+        (0, [along(0, 1), along(0, 1)], "actions[1] is the second trajectory of 'a', beside actions[0]"),
+        (0, [along(0, 1, wrench=PUSH)], "actions[0].wrench must not be set in an action of type TRAJECTORY"),
+        (0, [Action(object="a")], "actions[0].type must be TRAJECTORY, ATTACHMENT or WRENCH"),
+        (0, [Action(type=Action.WRENCH, object="b")], "actions[0].object is no object of the scene"),
+        (0, [held(attached_to="a")], "actions[0].attachment.attached_to must be another body than itself"),
+        (0, [held(attached_to="b")], "actions[0].attachment.attached_to is no body of the scene"),
+        (0, [held()], "actions[0].attachment.attached_to must be the id of an object"),
+        (
+            0,
+            [held(attached_to="b", released_at=Duration(sec=1))],
+            "actions[0].attachment.released_at needs has_released_at beside it",
+        ),
+        (
+            0,
+            [held(attached_to="b", released_at_std=Duration(sec=-1))],
+            "actions[0].attachment.released_at_std must not be negative",
+        ),
+        (
+            0,
+            [held(attached_to="b", released_at_std=Duration(sec=1))],
+            "actions[0].attachment.released_at_std needs released_at beside it",
+        ),
+        (
+            0,
+            [Action(type=Action.WRENCH, object="a", wrench=PUSH), along(0, 1)],
+            "actions[0].wrench must be absent: no force moves this body",
+        ),
     ],
 )
-def test_bad_input_is_named(change, sentence):
+def test_bad_input_is_named(kind, actions, sentence):
     message = moving_object("a", "can", spheres=20)
-    message.kind = ObjectState.PRESCRIBED
-    message.trajectory = [MultiDOFJointTrajectory(points=points(0, 1))]
-    for name, value in change.items():
-        if name == "trajectory" and value:
-            value = [MultiDOFJointTrajectory(points=value)]
-        if name in ("attached_to", "released_at"):
-            message.kind, message.trajectory = ObjectState.DYNAMIC, []
-        setattr(message, name, "a" if name == "attached_to" else value)
+    message.kind = kind
     with pytest.raises(UncPhysicsError) as error:
-        read_scene(SceneMessage(objects=[message]), LIBRARY, PRESETS["everyday"])
-    assert sentence in str(error.value) and str(error.value).startswith("scene.objects[0].")
+        read_scene(SceneMessage(objects=[message]), LIBRARY, PRESETS["everyday"], actions=actions)
+    assert str(error.value).startswith(sentence)

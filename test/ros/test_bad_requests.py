@@ -14,6 +14,7 @@ from scenes import (
     diagonal,
     explicit,
     good_request,
+    material_of,
     moving_object,
     packed,
     request_of,
@@ -70,16 +71,15 @@ def elements(*given):
 
 
 def floor(coef=(0.0, 0.0, 1.0, 2.0), **others):
-    return EnvironmentElement(plane=[Plane(coef=coef)], **others)
+    return EnvironmentElement(plane=Plane(coef=coef), **others)
 
 
 def solid(dimensions, kind=BOX, **others):
-    return EnvironmentElement(primitive=[SolidPrimitive(type=kind, dimensions=dimensions)], **others)
+    return EnvironmentElement(primitive=SolidPrimitive(type=kind, dimensions=dimensions), **others)
 
 
 def with_material(thing, **values):
-    for name, value in values.items():
-        setattr(thing.material, name, packed([value]))
+    thing.material = material_of(**values)
     return thing
 
 
@@ -92,7 +92,7 @@ def object_of(**material):
 def with_joint(ids, size=None):
     request = good_request()
     size = 12 * len(ids) if size is None else size
-    request.scene.joint_covariance = [JointCovariance(object_ids=ids, data=packed(np.eye(size)))]
+    request.scene.joint_covariance = JointCovariance(object_ids=ids, data=packed(np.eye(size)))
     return request
 
 
@@ -123,11 +123,11 @@ def at_rest(speed=0.1, spin=0.0, fixed=False):
     request = good_request()
     with_physics(request, gravity=None)
     standing = request.scene.objects[1]
-    standing.at_rest, standing.twist.twist.angular.x = True, spin
-    standing.twist.twist.linear.x = speed
+    standing.at_rest, standing.twist.angular.x = True, spin
+    standing.twist.linear.x = speed
     standing.kind = ObjectState.FIXED if fixed else ObjectState.DYNAMIC
     if spin:
-        standing.twist.twist.linear.x = 0.0
+        standing.twist.linear.x = 0.0
     return request
 
 
@@ -145,19 +145,31 @@ BAD = {
     "too few spheres": (changed("@.spheres", 4_000_000_000), "INVALID_MODEL", "@.spheres"),
     "negative scale": (changed("@.scale", -1.0), "INVALID_MODEL", "@.scale"),
     "unknown propagator": (changed("propagator", "crystal_ball"), "UNKNOWN_PROPAGATOR", "propagator"),
-    "NaN position": (changed("@.pose.pose.position.x", NAN), "NOT_FINITE", "@.pose.pose.position"),
-    "infinite velocity": (changed("@.twist.twist.linear.y", INF), "NOT_FINITE", "@.twist.twist.linear"),
-    "NaN spin": (changed("@.twist.twist.angular.z", NAN), "NOT_FINITE", "@.twist.twist.angular"),
-    "NaN orientation": (changed("@.pose.pose.orientation.w", NAN), "NOT_FINITE", "orientation"),
-    "NaN covariance": (changed("@.pose.covariance", np.full(36, NAN)), "NOT_FINITE", "@.pose.covariance"),
+    "NaN position": (changed("@.pose.position.x", NAN), "NOT_FINITE", "@.pose.position"),
+    "infinite velocity": (changed("@.twist.linear.y", INF), "NOT_FINITE", "@.twist.linear"),
+    "NaN spin": (changed("@.twist.angular.z", NAN), "NOT_FINITE", "@.twist.angular"),
+    "NaN orientation": (changed("@.pose.orientation.w", NAN), "NOT_FINITE", "orientation"),
+    "NaN covariance": (
+        changed("@.belief.pose_covariance", np.full(36, NAN)),
+        "NOT_FINITE",
+        "@.belief.pose_covariance",
+    ),
     "NaN mass": (changed("@.mass", NAN), "NOT_FINITE", "@.mass"),
     "NaN scale": (changed("@.scale", NAN), "NOT_FINITE", "@.scale"),
-    "quaternion of zeros": (changed("@.pose.pose.orientation.w", 0.0), "INVALID_ORIENTATION", "orientation"),
-    "long quaternion": (changed("@.pose.pose.orientation.x", 0.1), "INVALID_ORIENTATION", "orientation"),
-    "asymmetric": (changed("@.pose.covariance", lopsided()), "INVALID_COVARIANCE", "@.pose.covariance"),
-    "indefinite": (changed("@.twist.covariance", indefinite()), "INVALID_COVARIANCE", "@.twist.covariance"),
+    "quaternion of zeros": (changed("@.pose.orientation.w", 0.0), "INVALID_ORIENTATION", "orientation"),
+    "long quaternion": (changed("@.pose.orientation.x", 0.1), "INVALID_ORIENTATION", "orientation"),
+    "asymmetric": (
+        changed("@.belief.pose_covariance", lopsided()),
+        "INVALID_COVARIANCE",
+        "@.belief.pose_covariance",
+    ),
+    "indefinite": (
+        changed("@.belief.twist_covariance", indefinite()),
+        "INVALID_COVARIANCE",
+        "@.belief.twist_covariance",
+    ),
     "negative variance": (
-        changed("@.pose.covariance", -2.0 * diagonal(*[1.0] * 6)),
+        changed("@.belief.pose_covariance", -2.0 * diagonal(*[1.0] * 6)),
         "INVALID_COVARIANCE",
         "variance",
     ),
@@ -256,18 +268,22 @@ BAD = {
         "INVALID_OPTION",
         "propagator_options[1].key",
     ),
-    "zero time step": (physics(dt=0.0), "INVALID_HORIZON", "physics.dt[0]"),
-    "NaN time step": (physics(dt=NAN), "NOT_FINITE", "physics.dt[0]"),
-    "NaN stiffness": (physics(stiffness=NAN), "NOT_FINITE", "physics.stiffness[0]"),
-    "negative stiffness": (physics(stiffness=-2.0), "INVALID_OPTION", "physics.stiffness[0]"),
-    "infinite gravity": (physics(gravity=(0.0, 0.0, INF)), "NOT_FINITE", "physics.gravity[0]"),
-    "negative damping": (physics(damping=-1.0), "INVALID_OPTION", "physics.damping[0]"),
+    "zero time step": (physics(dt=0.0), "INVALID_HORIZON", "physics.dt"),
+    "NaN time step": (physics(dt=NAN), "NOT_FINITE", "physics.dt"),
+    "NaN stiffness": (physics(stiffness=NAN), "NOT_FINITE", "physics.stiffness"),
+    "negative stiffness": (physics(stiffness=-2.0), "INVALID_OPTION", "physics.stiffness"),
+    "infinite gravity": (physics(gravity=(0.0, 0.0, INF)), "NOT_FINITE", "physics.gravity"),
+    "negative damping": (physics(damping=-1.0), "INVALID_OPTION", "physics.damping"),
     "unknown frame": (changed("scene.header.frame_id", "camera"), "UNKNOWN_FRAME", "scene.header.frame_id"),
-    "negative deviation of the mass": (changed("@.mass_std", -0.1), "INVALID_COVARIANCE", "@.mass_std"),
+    "negative deviation of the mass": (
+        changed("@.belief.mass_std", -0.1),
+        "INVALID_COVARIANCE",
+        "@.belief.mass_std",
+    ),
     "NaN deviation of the centre of mass": (
-        changed("@.center_of_mass_std.z", NAN),
+        changed("@.belief.center_of_mass_std.z", NAN),
         "NOT_FINITE",
-        "@.center_of_mass_std.z",
+        "@.belief.center_of_mass_std.z",
     ),
     "negative shared error": (
         changed("scene.common_pose_std", [0.0] * 5 + [-0.1]),
@@ -289,8 +305,8 @@ BAD = {
         "INVALID_OPTION",
         "@.at_rest needs",
     ),
-    "at rest and moving": (at_rest(), "INVALID_REQUEST", "@.twist.twist.linear"),
-    "at rest and turning": (at_rest(speed=0.0, spin=0.1), "INVALID_REQUEST", "@.twist.twist.angular"),
+    "at rest and moving": (at_rest(), "INVALID_REQUEST", "@.twist.linear"),
+    "at rest and turning": (at_rest(speed=0.0, spin=0.1), "INVALID_REQUEST", "@.twist.angular"),
     "at rest and fixed": (at_rest(fixed=True), "INVALID_REQUEST", "@.at_rest"),
     "no way with overlap": (physics(overlap="push"), "INVALID_OPTION", "physics.overlap"),
     "overlap rejected by sigma points": (physics(overlap="reject"), "NOT_SUPPORTED", "overlap"),
@@ -299,114 +315,114 @@ BAD = {
         "INVALID_OPTION",
         "physics.overlap",
     ),
-    "negative friction": (physics(friction=-0.5), "INVALID_OPTION", "physics.friction[0] must not be"),
-    "restitution above 1": (physics(restitution=1.5), "INVALID_OPTION", "physics.restitution[0]"),
+    "negative friction": (physics(friction=-0.5), "INVALID_OPTION", "physics.friction must not be"),
+    "restitution above 1": (physics(restitution=1.5), "INVALID_OPTION", "physics.restitution"),
     "no integrator": (physics(integrator="magic"), "INVALID_OPTION", "physics.integrator"),
     "an integrator that is no more": (physics(integrator="robust"), "INVALID_OPTION", "'implicit'"),
     "friction with the explicit step": (
         physics(integrator="explicit"),
         "INVALID_OPTION",
-        "physics.friction[0] needs 'integrator: implicit', which the preset 'everyday' has",
+        "physics.friction needs 'integrator: implicit', which the preset 'everyday' has",
     ),
     "no preset": (physics(preset="lunar"), "INVALID_OPTION", "physics.preset"),
     "uncertain friction without friction": (
         physics(friction_std=0.1, friction=0.0),
         "INVALID_OPTION",
-        "physics.friction_std[0]",
+        "physics.friction_std",
     ),
     "friction more uncertain than it is": (
         physics(friction_std=0.9),
         "INVALID_OPTION",
-        "physics.friction_std[0]",
+        "physics.friction_std",
     ),
     "an uncertain stiffness that is chosen": (
         physics(stiffness_std=1e3),
         "INVALID_OPTION",
-        "physics.stiffness_std[0]",
+        "physics.stiffness_std",
     ),
-    "negative friction of an object": (object_of(friction=-1.0), "INVALID_REQUEST", "@.material.friction[0]"),
-    "NaN restitution of an object": (object_of(restitution=NAN), "NOT_FINITE", "@.material.restitution[0]"),
+    "negative friction of an object": (object_of(friction=-1.0), "INVALID_REQUEST", "@.material.friction"),
+    "NaN restitution of an object": (object_of(restitution=NAN), "NOT_FINITE", "@.material.restitution"),
     "uncertain restitution of an object that has none": (
         object_of(restitution_std=0.1),
         "INVALID_REQUEST",
-        "@.material.restitution_std[0]",
+        "@.material.restitution_std",
     ),
     "friction of an object with the explicit step": (
         explicit(object_of(friction=0.3)),
         "INVALID_OPTION",
-        "@.material.friction[0]",
+        "@.material.friction",
     ),
     "restitution of an element above 1": (
         elements(with_material(floor(), restitution=2.0)),
         "INVALID_ENVIRONMENT",
-        "#.material.restitution[0]",
+        "#.material.restitution",
     ),
     "friction of an element with the explicit step": (
         explicit(elements(with_material(floor(), friction=0.3))),
         "INVALID_OPTION",
-        "#.material.friction[0]",
+        "#.material.friction",
     ),
     "no kind of object": (changed("@.kind", 9), "INVALID_REQUEST", "@.kind"),
     "a model without mass": (massless(), "INVALID_MASS", "@.mass"),
     "a whole covariance of another size": (
-        changed("@.covariance", packed(np.eye(6))),
+        changed("@.belief.covariance", packed(np.eye(6))),
         "INVALID_COVARIANCE",
-        "@.covariance",
+        "@.belief.covariance",
     ),
     "a whole covariance that is none": (
-        changed("@.covariance", packed(-np.eye(12))),
+        changed("@.belief.covariance", packed(-np.eye(12))),
         "INVALID_COVARIANCE",
-        "@.covariance",
+        "@.belief.covariance",
     ),
     "a NaN in a whole covariance": (
-        changed("@.covariance", packed([NAN] * 144)),
+        changed("@.belief.covariance", packed([NAN] * 144)),
         "NOT_FINITE",
-        "@.covariance",
+        "@.belief.covariance",
     ),
     "a joint covariance of a stranger": (
         with_joint(["left", "right", "stranger"]),
         "INVALID_COVARIANCE",
-        "scene.joint_covariance[0].object_ids[2]",
+        "scene.joint_covariance.object_ids[2]",
     ),
     "a joint covariance of one twice": (
         with_joint(["left", "left"]),
         "DUPLICATE_ID",
-        "scene.joint_covariance[0].object_ids[1]",
+        "scene.joint_covariance.object_ids[1]",
     ),
     "a joint covariance without an object": (
         with_joint(["left"]),
         "INVALID_COVARIANCE",
-        "scene.joint_covariance[0].object_ids must name 'right'",
+        "scene.joint_covariance.object_ids must name 'right'",
     ),
     "a joint covariance of what is fixed": (
         fixed_joint(),
         "INVALID_COVARIANCE",
-        "scene.joint_covariance[0].object_ids[1]",
+        "scene.joint_covariance.object_ids[1]",
     ),
     "a joint covariance of another size": (
         with_joint(["left", "right"], 12),
         "INVALID_COVARIANCE",
-        "scene.joint_covariance[0].data",
+        "scene.joint_covariance.data",
     ),
-    "plane without normal": (elements(floor([0.0, 0.0, 0.0, 1.0])), "INVALID_ENVIRONMENT", "#.plane[0].coef"),
-    "NaN plane": (elements(floor([0.0, 0.0, NAN, 1.0])), "NOT_FINITE", "#.plane[0].coef"),
+    "plane without normal": (elements(floor([0.0, 0.0, 0.0, 1.0])), "INVALID_ENVIRONMENT", "#.plane.coef"),
+    "NaN plane": (elements(floor([0.0, 0.0, NAN, 1.0])), "NOT_FINITE", "#.plane.coef"),
     "an element of no shape": (
         elements(EnvironmentElement()),
         "INVALID_ENVIRONMENT",
         "# must have exactly one of",
     ),
     "an element of two shapes": (
-        elements(solid([1.0] * 3, plane=[Plane(coef=[0.0, 0.0, 1.0, 2.0])])),
+        elements(solid([1.0] * 3, plane=Plane(coef=[0.0, 0.0, 1.0, 2.0]))),
         "INVALID_ENVIRONMENT",
         "# must have exactly one of",
     ),
     "box of no height": (
         elements(solid([1.0, 1.0, 0.0])),
         "INVALID_ENVIRONMENT",
-        "#.primitive[0].dimensions[2]",
+        "#.primitive.dimensions[2]",
     ),
-    "box of two lengths": (elements(solid([1.0, 1.0])), "INVALID_ENVIRONMENT", "#.primitive[0].dimensions"),
-    "infinite box": (elements(solid([1.0, INF, 1.0])), "NOT_FINITE", "#.primitive[0].dimensions"),
+    "box of two lengths": (elements(solid([1.0, 1.0])), "INVALID_ENVIRONMENT", "#.primitive.dimensions"),
+    "infinite box": (elements(solid([1.0, INF, 1.0])), "NOT_FINITE", "#.primitive.dimensions"),
     "box without orientation": (
         elements(solid([1.0] * 3, pose=Pose(orientation=Quaternion(w=0.0)))),
         "INVALID_ORIENTATION",
@@ -415,25 +431,25 @@ BAD = {
     "sphere of three lengths": (
         elements(solid([1.0] * 3, SPHERE)),
         "INVALID_ENVIRONMENT",
-        "#.primitive[0].dimensions",
+        "#.primitive.dimensions",
     ),
     "sphere of no radius": (
         elements(solid([0.0], SPHERE)),
         "INVALID_ENVIRONMENT",
-        "#.primitive[0].dimensions[0]",
+        "#.primitive.dimensions[0]",
     ),
     "cylinder of one length": (
         elements(solid([1.0], CYLINDER)),
         "INVALID_ENVIRONMENT",
-        "#.primitive[0].dimensions",
+        "#.primitive.dimensions",
     ),
     "cylinder of negative radius": (
         elements(solid([1.0, -0.5], CYLINDER)),
         "INVALID_ENVIRONMENT",
-        "#.primitive[0].dimensions[1]",
+        "#.primitive.dimensions[1]",
     ),
-    "infinite cylinder": (elements(solid([INF, 0.5], CYLINDER)), "NOT_FINITE", "#.primitive[0].dimensions"),
-    "primitive of no kind": (elements(solid([1.0] * 3, 77)), "INVALID_ENVIRONMENT", "#.primitive[0].type"),
+    "infinite cylinder": (elements(solid([INF, 0.5], CYLINDER)), "NOT_FINITE", "#.primitive.dimensions"),
+    "primitive of no kind": (elements(solid([1.0] * 3, 77)), "INVALID_ENVIRONMENT", "#.primitive.type"),
     "two elements of one id": (
         elements(floor(id="element_1"), solid([1.0] * 3)),
         "DUPLICATE_ID",

@@ -4,7 +4,7 @@ import copy
 
 import numpy as np
 import pytest
-from geometry_msgs.msg import Vector3
+from geometry_msgs.msg import Vector3, Wrench
 from scenes import explicit, good_request, moving_object, numbers_of, request_of, with_physics
 from shape_msgs.msg import Plane as PlaneMessage
 from shape_msgs.msg import SolidPrimitive
@@ -27,7 +27,17 @@ from unc_physics import BoxRegion as CoreRegion
 from unc_physics.checks.errors import ErrorCode, NotSupportedError
 from unc_physics.ros import Client as CoreClient
 from unc_physics.ros.messages.fields import duration, seconds
-from unc_physics_msgs.msg import BoxRegion, Candidate, EnvironmentElement, PredictedObject, Score
+from unc_physics_msgs.msg import (
+    Action,
+    AppliedWrench,
+    Attachment,
+    BoxRegion,
+    Candidate,
+    EnvironmentElement,
+    ObjectState,
+    PredictedObject,
+    Score,
+)
 from unc_physics_msgs.srv import PredictCandidates
 
 HEIGHTS = (0.0, 0.05, 0.1)
@@ -67,6 +77,39 @@ def test_each_candidate_gets_the_prediction_of_its_own_scene(node, client):
         for got, want in zip(entry.prediction.objects, expected.prediction.objects, strict=True):
             assert np.allclose(numbers_of(got.states[-1]), numbers_of(want.states[-1]), rtol=0.0, atol=1e-9)
             assert got.status == want.status != PredictedObject.STATUS_NOT_ASSESSED
+
+
+def held_until(seconds, holder="right"):
+    hold = Attachment(attached_to=holder, has_released_at=True, released_at=duration(seconds))
+    return Action(type=Action.ATTACHMENT, object="left", attachment=hold)
+
+
+def test_actions_of_a_candidate_replace_those_on_the_same_object(node, client):
+    """Releases at other times; an object that a candidate replaces has no action but the candidate's."""
+    request = request_of(*good_request().scene.objects, horizon=0.4, seed=3, propagator="sigma_points")
+    request.scene.objects[1].kind = ObjectState.FIXED
+    push = Action(
+        type=Action.WRENCH, object="left", wrench=AppliedWrench(wrench=Wrench(force=Vector3(y=2.0)))
+    )
+    request.actions = [held_until(0.3), push]
+    late, alone = held_until(0.2), request.scene.objects[0]
+    candidates = [
+        Candidate(id="as the request"),
+        Candidate(id="late", actions=[late]),
+        Candidate(id="free", objects=[alone]),
+        Candidate(id="bad", actions=[held_until(0.1, holder="nobody")]),
+    ]
+    response = ask(client, PredictCandidates.Request(request=request, candidates=candidates))
+    assert response.result.error_code == ErrorCode.NONE, response.result.error_msg
+    bad = response.predictions.pop()
+    assert bad.result.error_msg.startswith("candidates[3].actions[0].attachment.attached_to is no body")
+    for entry, actions in zip(response.predictions, (request.actions, [late], []), strict=True):
+        request.actions = actions
+        expected = client.predict(request)
+        for got, want in zip(entry.prediction.objects, expected.prediction.objects, strict=True):
+            assert np.allclose(numbers_of(got.states[-1]), numbers_of(want.states[-1]), rtol=0.0, atol=1e-9)
+    ends = [entry.prediction.objects[0].states[-1].pose.pose.position for entry in response.predictions]
+    assert ends[0].y > 1e-3 > abs(ends[1].y) and ends[2].x > ends[1].x + 0.01
 
 
 def test_a_bad_candidate_leaves_the_others_intact(node, client):
@@ -116,9 +159,9 @@ def ranked(scores, candidates=None, **others):
         moving_object("box", "salt_box", (0.0, 0.0, 0.15), (0.0, 0.0, 0.0)), horizon=0.5, samples=100, seed=3
     )
     request.scene.environment.elements = [
-        EnvironmentElement(id="floor", plane=[PlaneMessage(coef=[0.0, 0.0, 1.0, 0.5])]),
+        EnvironmentElement(id="floor", plane=PlaneMessage(coef=[0.0, 0.0, 1.0, 0.5])),
         EnvironmentElement(
-            id="shelf", primitive=[SolidPrimitive(type=SolidPrimitive.BOX, dimensions=[0.4, 0.4, 0.02])]
+            id="shelf", primitive=SolidPrimitive(type=SolidPrimitive.BOX, dimensions=[0.4, 0.4, 0.02])
         ),
     ]
     request.regions = [BoxRegion(id="above", size=Vector3(x=0.4, y=0.4, z=0.4))]

@@ -39,20 +39,20 @@ def floor_as(kind):
     """
     if kind == "plane":
         plane = Plane(coef=[0.0, 0.0, 2.0, -2.0 * FLOOR])
-        return Environment(elements=[EnvironmentElement(id="floor", plane=[plane])])
+        return Environment(elements=[EnvironmentElement(id="floor", plane=plane)])
     pose = Pose()
     pose.position.z = FLOOR - 0.5
     primitive = {
         "box": SolidPrimitive(type=SolidPrimitive.BOX, dimensions=[4.0, 4.0, 1.0]),
         "cylinder": SolidPrimitive(type=SolidPrimitive.CYLINDER, dimensions=[1.0, 2.0]),
     }[kind]
-    return Environment(elements=[EnvironmentElement(id="floor", primitive=[primitive], pose=pose)])
+    return Environment(elements=[EnvironmentElement(id="floor", primitive=primitive, pose=pose)])
 
 
 def falling_brick(name="brick", height=0.15, x=0.0):
     """A brick above the floor."""
     message = moving_object(name, "brick", (x, 0.0, FLOOR + height), (0.0, 0.0, 0.0), spheres=50)
-    message.pose.covariance = diagonal(*[0.005] * 3, *[0.02] * 3)
+    message.belief.pose_covariance = diagonal(*[0.005] * 3, *[0.02] * 3)
     return message
 
 
@@ -202,7 +202,7 @@ def test_probabilities_are_told_when_asked_for(predict):
 )
 def test_each_law_changes_the_prediction(predict, key, value):
     thrown = falling_brick()
-    thrown.twist.twist.linear.x, thrown.twist.twist.angular.y, thrown.twist.twist.angular.z = 0.5, 3.0, 2.0
+    thrown.twist.linear.x, thrown.twist.angular.y, thrown.twist.angular.z = 0.5, 3.0, 2.0
     request = request_with(floor_as("plane"), thrown, propagator="sigma_points")
     other = request_with(floor_as("plane"), thrown, propagator="sigma_points", physics={key: value})
     first, again, changed = predict(request), predict(request), predict(other)
@@ -219,8 +219,8 @@ def pose_numbers(response):
 
 def test_uncertain_friction_and_mass_widen_the_prediction(predict):
     sliding = falling_brick(height=0.06)
-    sliding.pose.covariance = diagonal(*[1e-4] * 6)
-    sliding.twist.twist.linear.x = 1.0
+    sliding.belief.pose_covariance = diagonal(*[1e-4] * 6)
+    sliding.twist.linear.x = 1.0
     exact = predict(request_with(floor_as("plane"), sliding, propagator="monte_carlo", samples=SAMPLES))
     request = request_with(
         floor_as("plane"), sliding, propagator="monte_carlo", samples=SAMPLES, physics={"friction_std": 0.2}
@@ -249,7 +249,7 @@ def test_spheres_and_cylinders_are_read_as_they_are():
         SolidPrimitive(type=SolidPrimitive.CYLINDER, dimensions=[2.0, 0.1]),
     ]
     elements = [
-        EnvironmentElement(id=name, primitive=[primitive], pose=pose)
+        EnvironmentElement(id=name, primitive=primitive, pose=pose)
         for name, primitive in zip(("ball", ""), primitives, strict=True)
     ]
     ball, post = read_environment(Environment(elements=elements), ShapePacker())[0]
@@ -293,7 +293,7 @@ def test_an_element_that_has_no_marker_is_refused():
 def test_markers_of_planes_and_boxes():
     tilted = Plane(coef=[0.0, -0.6, 0.8, -1.0])
     environment = floor_as("box")
-    environment.elements.insert(0, EnvironmentElement(id="ramp", plane=[tilted]))
+    environment.elements.insert(0, EnvironmentElement(id="ramp", plane=tilted))
     ramp, floor = solids_of(*read_environment(environment, ShapePacker())[0])
     assert (ramp.ns, floor.ns) == ("environment ramp", "environment floor")
     assert (floor.scale.x, floor.scale.z, floor.pose.position.z) == (4.0, 1.0, FLOOR - 0.5)

@@ -6,17 +6,18 @@ from builtin_interfaces.msg import Duration
 from diagnostic_msgs.msg import KeyValue
 from geometry_msgs.msg import Point, Pose, Transform, Vector3, Wrench
 from message_fields import paths, values_at
-from scenes import assert_answered, diagonal, moving_object, packed, request_of, with_physics
+from scenes import assert_answered, diagonal, material_of, moving_object, packed, request_of, with_physics
 from shape_msgs.msg import Mesh, MeshTriangle, Plane, SolidPrimitive
 from trajectory_msgs.msg import MultiDOFJointTrajectory, MultiDOFJointTrajectoryPoint
 
 from unc_physics.checks.errors import ErrorCode
 from unc_physics_msgs.msg import (
+    Action,
     AppliedWrench,
+    Attachment,
     BoxRegion,
     EnvironmentElement,
     JointCovariance,
-    Material,
     ObjectState,
     Prediction,
     PredictionRequest,
@@ -26,7 +27,7 @@ FLOOR = "scene.environment.elements[]"
 OBJECT = "scene.objects[]"
 POSE, TWIST, START = "objects[].states[].pose", "objects[].states[].twist", "objects[].start"
 #: Documented as ignored.
-IGNORED = {"scene.joint_covariance[].time_from_start"}
+IGNORED = {"scene.joint_covariance.time_from_start"}
 
 
 def base():
@@ -34,18 +35,22 @@ def base():
     brick = moving_object("brick", "brick", (0.0, 0.0, 0.05), (0.4, 0.0, 0.0), spheres=40)
     can = moving_object("can", "can", (0.0, 0.0, 0.2), (0.0, 0.0, -0.5), spheres=40)
     for message in (brick, can):
-        message.pose.covariance = diagonal(*[0.005] * 3, *[0.02] * 3)
-        message.twist.twist.angular.z = 0.5
+        message.belief.pose_covariance = diagonal(*[0.005] * 3, *[0.02] * 3)
+        message.twist.angular.z = 0.5
     request = request_of(
         brick, can, horizon=0.4, seed=5, return_probabilities=True, propagator="sigma_points"
     )
-    floor = EnvironmentElement(id="floor", plane=[Plane(coef=[0.0, 0.0, 1.0, 0.0])])
+    floor = EnvironmentElement(id="floor", plane=Plane(coef=[0.0, 0.0, 1.0, 0.0]))
     request.scene.environment.elements = [floor]
     return with_physics(request, gravity=None)
 
 
 def first(request):
     return request.scene.objects[0]
+
+
+def belief(request):
+    return first(request).belief
 
 
 def floor(request):
@@ -63,17 +68,17 @@ def with_region(request):
 
 def with_joint(request):
     joint = JointCovariance(object_ids=["brick", "can"], data=packed(1e-6 * np.eye(24)))
-    request.scene.joint_covariance = [joint]
+    request.scene.joint_covariance = joint
 
 
 def as_box(request):
-    floor(request).plane = []
-    floor(request).primitive = [SolidPrimitive(type=SolidPrimitive.BOX, dimensions=[2.0, 2.0, 0.1])]
+    floor(request).plane = Plane()
+    floor(request).primitive = SolidPrimitive(type=SolidPrimitive.BOX, dimensions=[2.0, 2.0, 0.1])
 
 
 def as_primitive(request):
     first(request).model = ""
-    first(request).primitive = [SolidPrimitive(type=SolidPrimitive.BOX, dimensions=[0.2, 0.1, 0.06])]
+    first(request).primitive = SolidPrimitive(type=SolidPrimitive.BOX, dimensions=[0.2, 0.1, 0.06])
 
 
 def as_mesh_of(find):
@@ -87,8 +92,8 @@ def as_mesh_of(find):
         if isinstance(message, ObjectState):
             message.model = ""
         else:
-            message.plane, message.pose.position.x = [], 9.0
-        message.mesh = [Mesh(vertices=corners, triangles=triangles)]
+            message.plane, message.pose.position.x = Plane(), 9.0
+        message.mesh = Mesh(vertices=corners, triangles=triangles)
 
     return change
 
@@ -108,13 +113,13 @@ def physics(**values):
 
 
 def at_rest(request):
-    first(request).twist.twist.linear.x = first(request).twist.twist.angular.z = 0.0
-    first(request).pose.pose.position.z = 0.001
+    first(request).twist.linear.x = first(request).twist.angular.z = 0.0
+    first(request).pose.position.z = 0.001
     request.scene.objects.pop()
 
 
 def material(find, **values):
-    return lambda request: setattr(find(request), "material", Material(**{k: [v] for k, v in values.items()}))
+    return lambda request: setattr(find(request), "material", material_of(**values))
 
 
 def sampled(request):
@@ -147,31 +152,44 @@ def scene(request):
 
 def prescribed(request, position=(0.0, 0.0, 0.3)):
     """The can follows a path, down from there."""
-    can = request.scene.objects[1]
-    can.kind = ObjectState.PRESCRIBED
     points = [
         MultiDOFJointTrajectoryPoint(
             transforms=[Transform(translation=Vector3(x=x, y=y, z=z))], time_from_start=Duration(sec=sec)
         )
         for sec, (x, y, z) in enumerate([position, (0.0, 0.0, 0.2)])
     ]
-    can.trajectory = [MultiDOFJointTrajectory(points=points)]
+    path = MultiDOFJointTrajectory(points=points)
+    request.actions = [Action(type=Action.TRAJECTORY, object="can", trajectory=path)]
 
 
 def held(request):
     """The brick is held by the can until it is let go."""
     prescribed(request)
-    first(request).attached_to = "can"
-    first(request).released_at = [Duration(nanosec=200_000_000)]
+    hold = Attachment(attached_to="can", has_released_at=True, released_at=Duration(nanosec=200_000_000))
+    request.actions.append(Action(type=Action.ATTACHMENT, object="brick", attachment=hold))
 
 
 def pushed(request):
     force = Wrench(force=Vector3(x=3.0))
-    first(request).wrenches = [AppliedWrench(wrench=force, duration=Duration(nanosec=100_000_000))]
+    push = AppliedWrench(wrench=force, duration=Duration(nanosec=100_000_000))
+    request.actions = [Action(type=Action.WRENCH, object="brick", wrench=push)]
 
 
 def wrench(request):
-    return first(request).wrenches[0]
+    return request.actions[0].wrench
+
+
+def attachment(request):
+    return request.actions[1].attachment
+
+
+def add_post(request):
+    request.scene.objects.append(moving_object("post", "can", (2.0, 0.0, 0.0), spheres=40))
+    request.scene.objects[-1].kind = ObjectState.FIXED
+
+
+def act_on(request, name):
+    request.actions[0].object = name
 
 
 TENTH = Duration(nanosec=100_000_000)
@@ -187,9 +205,9 @@ EFFECTS = {
     f"{OBJECT}.scale": (set_to(first, scale=1.2), POSE),
     f"{OBJECT}.spheres": (set_to(first, spheres=20), POSE),
     f"{OBJECT}.mass": (set_to(first, mass=5.0), POSE),
-    f"{OBJECT}.mass_std": (set_to(first, mass_std=0.3), "rollouts"),
-    f"{OBJECT}.center_of_mass_std": (set_to(first, center_of_mass_std=Vector3(x=0.01)), POSE),
-    f"{OBJECT}.inertia": (set_to(first, inertia=packed(1e-2 * np.eye(3))), POSE),
+    f"{OBJECT}.belief.mass_std": (set_to(belief, mass_std=0.3), "rollouts"),
+    f"{OBJECT}.belief.center_of_mass_std": (set_to(belief, center_of_mass_std=Vector3(x=0.01)), POSE),
+    f"{OBJECT}.inertia": (set_to(first, inertia=1e-2 * np.eye(3).ravel()), POSE),
     f"{OBJECT}.material.friction": (material(first, friction=0.05), POSE),
     f"{OBJECT}.material.friction_std": (
         material(first, friction=0.5, friction_std=0.2),
@@ -202,30 +220,37 @@ EFFECTS = {
         "rollouts",
         material(first, restitution=0.5),
     ),
-    f"{OBJECT}.pose": (lambda request: setattr(first(request).pose.pose.position, "y", 0.3), START),
-    f"{OBJECT}.twist": (lambda request: setattr(first(request).twist.twist.linear, "y", 0.3), POSE),
-    f"{OBJECT}.covariance": (set_to(first, covariance=packed(4e-6 * np.eye(12))), START),
+    f"{OBJECT}.pose": (lambda request: setattr(first(request).pose.position, "y", 0.3), START),
+    f"{OBJECT}.twist": (lambda request: setattr(first(request).twist.linear, "y", 0.3), POSE),
+    f"{OBJECT}.belief.covariance": (set_to(belief, covariance=packed(4e-6 * np.eye(12))), START),
+    f"{OBJECT}.belief.pose_covariance": (set_to(belief, pose_covariance=diagonal(*[0.01] * 6)), START),
+    f"{OBJECT}.belief.twist_covariance": (set_to(belief, twist_covariance=diagonal(*[0.01] * 6)), TWIST),
     f"{OBJECT}.at_rest": (set_to(first, at_rest=True), START, at_rest),
-    f"{OBJECT}.trajectory": (lambda request: prescribed(request, (0.1, 0.0, 0.3)), POSE, prescribed),
-    f"{OBJECT}.trajectory_std": (
-        lambda request: setattr(
-            request.scene.objects[1], "trajectory_std", np.array([0.01, 0, 0, 0, 0, 0.1])
-        ),
+    "actions[].type": (pushed, POSE),
+    "actions[].object": (lambda request: act_on(request, "can"), POSE, pushed),
+    "actions[].trajectory": (lambda request: prescribed(request, (0.1, 0.0, 0.3)), POSE, prescribed),
+    "actions[].trajectory_std": (
+        lambda request: setattr(request.actions[0], "trajectory_std", np.array([0.01, 0, 0, 0, 0, 0.1])),
         "rollouts",
         prescribed,
     ),
-    f"{OBJECT}.attached_to": (set_to(first, attached_to="can"), POSE, prescribed),
-    f"{OBJECT}.attached_at": (set_to(first, attached_at=[TENTH]), POSE, held),
-    f"{OBJECT}.released_at": (set_to(first, released_at=[TENTH]), POSE, held),
-    f"{OBJECT}.released_at_std": (set_to(first, released_at_std=TENTH), "rollouts", held),
-    f"{OBJECT}.wrenches[].wrench": (
-        set_to(lambda request: wrench(request).wrench.torque, z=0.3),
+    "actions[].attachment.attached_to": (
+        set_to(attachment, attached_to="post"),
         POSE,
-        pushed,
+        lambda request: (held(request), add_post(request)),
     ),
-    f"{OBJECT}.wrenches[].body_axes": (set_to(wrench, body_axes=True), POSE, pushed),
-    f"{OBJECT}.wrenches[].start": (set_to(wrench, start=TENTH), POSE, pushed),
-    f"{OBJECT}.wrenches[].duration": (set_to(wrench, duration=Duration()), POSE, pushed),
+    "actions[].attachment.attached_at": (set_to(attachment, attached_at=TENTH), POSE, held),
+    "actions[].attachment.has_released_at": (
+        set_to(attachment, has_released_at=False, released_at=Duration()),
+        POSE,
+        held,
+    ),
+    "actions[].attachment.released_at": (set_to(attachment, released_at=TENTH), POSE, held),
+    "actions[].attachment.released_at_std": (set_to(attachment, released_at_std=TENTH), "rollouts", held),
+    "actions[].wrench.wrench": (set_to(lambda request: wrench(request).wrench.torque, z=0.3), POSE, pushed),
+    "actions[].wrench.body_axes": (set_to(wrench, body_axes=True), POSE, pushed),
+    "actions[].wrench.start": (set_to(wrench, start=TENTH), POSE, pushed),
+    "actions[].wrench.duration": (set_to(wrench, duration=Duration()), POSE, pushed),
     f"{OBJECT}.material.torsional_friction": (material(first, torsional_friction=0.02), POSE),
     f"{FLOOR}.material.torsional_friction": (material(floor, torsional_friction=0.02), POSE),
     f"{FLOOR}.surface_velocity": (
@@ -234,7 +259,7 @@ EFFECTS = {
     ),
     f"{FLOOR}.id": (set_to(floor, id="table"), "contact_probabilities[].object_b"),
     f"{FLOOR}.pose": (set_to(floor, pose=ROTATED), POSE),
-    f"{FLOOR}.plane": (set_to(floor, plane=[Plane(coef=[0.0, 0.0, 1.0, 0.02])]), POSE),
+    f"{FLOOR}.plane": (set_to(floor, plane=Plane(coef=[0.0, 0.0, 1.0, 0.02])), POSE),
     f"{FLOOR}.primitive": (as_box, POSE),
     f"{FLOOR}.mesh": (as_mesh_of(floor), "objects[].model"),
     f"{OBJECT}.primitive": (as_primitive, "objects[].model"),
@@ -260,13 +285,13 @@ EFFECTS = {
         START,
         set_to(scene, common_pose_std=np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.02])),
     ),
-    "scene.joint_covariance[].object_ids": (
-        lambda request: setattr(request.scene.joint_covariance[0], "object_ids", ["can", "brick"]),
+    "scene.joint_covariance.object_ids": (
+        lambda request: setattr(request.scene.joint_covariance, "object_ids", ["can", "brick"]),
         START,
-        lambda request: (with_joint(request), request.scene.joint_covariance[0].data.__setitem__(0, 9e-6)),
+        lambda request: (with_joint(request), request.scene.joint_covariance.data.__setitem__(0, 9e-6)),
     ),
-    "scene.joint_covariance[].data": (
-        lambda request: setattr(request.scene.joint_covariance[0], "data", packed(4e-6 * np.eye(24))),
+    "scene.joint_covariance.data": (
+        lambda request: setattr(request.scene.joint_covariance, "data", packed(4e-6 * np.eye(24))),
         START,
         with_joint,
     ),
@@ -345,14 +370,20 @@ EFFECTS = {
 
 
 def test_every_field_of_a_request_is_accounted_for():
-    assert set(paths(PredictionRequest)) == set(EFFECTS) | IGNORED
+    """Flags of optional numbers are set with their numbers."""
+    found = set(paths(PredictionRequest))
+    assert {path for path in found if not is_flag(path)} == {
+        path for path in EFFECTS if not is_flag(path)
+    } | IGNORED
+
+
+def is_flag(path):
+    return path.rpartition(".")[2].startswith("has_")
 
 
 def test_zeros_ask_for_nothing(predict):
     request = base()
-    request.scene.objects[0].inertia = packed([0.0] * 9)
-    request.scene.objects[0].material.torsional_friction = [0.0]
-    request.physics.impact_point_std = [0.0]
+    request.scene.objects[0].material = material_of(torsional_friction=0.0)
     assert_answered(predict(request))
 
 
@@ -407,7 +438,7 @@ def rich_requests():
     """Requests whose answers together fill all fields."""
     asked = base()
     with_region(asked)
-    place = asked.scene.objects[0].pose.pose.position  # beside the can, and high enough to fall
+    place = asked.scene.objects[0].pose.position  # beside the can, and high enough to fall
     place.x, place.z = 0.3, 0.35
     with_physics(asked, stiffness=1e9, stiffness_std=1e7, friction_std=0.1, restitution_std=0.05, damping=0.1)
     with_physics(asked, gravity_direction_std=0.01, sleep=True)
@@ -419,15 +450,15 @@ def rich_requests():
     asked.skip_unknown_models = asked.return_covariance = asked.return_joint_covariance = True
     asked.return_modes, asked.return_samples = True, 2
     overlapping = base()
-    overlapping.scene.objects[0].pose.pose.position.z = -0.03
-    overlapping.scene.objects[1].pose.pose.position.z = -0.02
+    overlapping.scene.objects[0].pose.position.z = -0.03
+    overlapping.scene.objects[1].pose.position.z = -0.02
     overlapping.scene.objects[1].kind = ObjectState.FIXED
     for message in overlapping.scene.objects:
-        message.pose.covariance = diagonal(*[1e-3] * 6)
+        message.belief.pose_covariance = diagonal(*[1e-3] * 6)
     sunk = base()  # deeper in the floor than its belief says, so that it is moved out
     sunk.scene.objects.pop()
-    sunk.scene.objects[0].pose.pose.position.z = -0.013
-    sunk.scene.objects[0].pose.covariance = diagonal(*[2e-3] * 6)
+    sunk.scene.objects[0].pose.position.z = -0.013
+    sunk.scene.objects[0].belief.pose_covariance = diagonal(*[2e-3] * 6)
     sunk.propagator, sunk.samples = "cloud", 50
     return asked, overlapping, sunk
 
@@ -462,11 +493,11 @@ def test_a_prediction_begins_where_another_one_ended(predict, whole):
     following = flight()
     for message, predicted in zip(following.scene.objects, end.objects, strict=True):
         state = predicted.states[-1]
-        message.pose, message.twist = state.pose, state.twist
+        message.pose, message.twist = state.pose.pose, state.twist.twist
         if whole == "covariance":
-            message.covariance = state.covariance
+            message.belief.covariance = state.covariance
     if whole == "joint_covariance":
-        following.scene.joint_covariance = end.joint_covariances
+        following.scene.joint_covariance = end.joint_covariances[-1]
     with_physics(following, dt=1e-9)  # nothing happens in one such step
     following.horizon = Duration(nanosec=1)
     again = predict(following)
@@ -482,7 +513,7 @@ def flight():
     """A brick and a can that fly far from each other, and all that is known of them at the end."""
     request = base()
     request.scene.environment.elements.clear()
-    request.scene.objects[1].pose.pose.position.x = 2.0
+    request.scene.objects[1].pose.position.x = 2.0
     request.return_covariance = request.return_joint_covariance = True
     return with_physics(request, gravity=(0.0, 0.0, 0.0))
 

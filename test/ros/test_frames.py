@@ -56,25 +56,25 @@ def frames(monkeypatch):
 def test_poses_velocities_and_covariances_against_drawn_poses(frames):
     message = moving_object(position=(0.1, 0.2, 0.3), velocity=(1.0, 2.0, 3.0))
     rotation = Rotation.from_rotvec([1.0, 0.2, 0.1])
-    q = message.pose.pose.orientation
+    q = message.pose.orientation
     q.x, q.y, q.z, q.w = rotation.as_quat()
     factor = np.random.default_rng(1).normal(size=(6, 6))
     covariance = SMALL**2 * factor @ factor.T / 6.0
-    message.pose.covariance = covariance.ravel()
-    message.twist.covariance[0] = -1.0
+    message.belief.pose_covariance = covariance.ravel()
+    message.belief.twist_covariance[0] = -1.0
     seen = frames.to_world(Header(frame_id="camera")).object(message)
-    assert position_of(message.pose.pose).tolist() == [0.1, 0.2, 0.3]
-    assert np.allclose(position_of(seen.pose.pose), TURN.apply([0.1, 0.2, 0.3]) + SHIFT)
-    mean = Rotation.from_quat(orientation_of(seen.pose.pose))
+    assert position_of(message.pose).tolist() == [0.1, 0.2, 0.3]
+    assert np.allclose(position_of(seen.pose), TURN.apply([0.1, 0.2, 0.3]) + SHIFT)
+    mean = Rotation.from_quat(orientation_of(seen.pose))
     assert (mean.inv() * TURN * rotation).magnitude() < 1e-12
-    v = seen.twist.twist.linear
+    v = seen.twist.linear
     assert np.allclose([v.x, v.y, v.z], TURN.apply([1.0, 2.0, 3.0]))
-    assert seen.twist.covariance[0] == -1.0
+    assert seen.belief.twist_covariance[0] == -1.0
     drawn = np.random.default_rng(2).multivariate_normal(np.zeros(6), covariance, DRAWS)
     errors = np.empty((DRAWS, 6))
-    errors[:, :3] = TURN.apply([0.1, 0.2, 0.3] + drawn[:, :3]) + SHIFT - position_of(seen.pose.pose)
+    errors[:, :3] = TURN.apply([0.1, 0.2, 0.3] + drawn[:, :3]) + SHIFT - position_of(seen.pose)
     errors[:, 3:] = (TURN * Rotation.from_rotvec(drawn[:, 3:]) * rotation * mean.inv()).as_rotvec()
-    expected = np.reshape(seen.pose.covariance, (6, 6))
+    expected = np.reshape(seen.belief.pose_covariance, (6, 6))
     variance = np.diag(expected)
     standard_error = np.sqrt((np.outer(variance, variance) + expected**2) / DRAWS)
     assert np.all(np.abs(errors.T @ errors / DRAWS - expected) < SIGMAS * standard_error)
@@ -88,9 +88,9 @@ def test_a_plane_and_a_box_stay_where_they_are(frames):
     pose.orientation.x, pose.orientation.y, pose.orientation.z, pose.orientation.w = turned.as_quat()
     environment = Environment(
         elements=[
-            EnvironmentElement(plane=[Plane(coef=rng.normal(size=4))], pose=pose),
+            EnvironmentElement(plane=Plane(coef=rng.normal(size=4)), pose=pose),
             EnvironmentElement(
-                primitive=[SolidPrimitive(type=SolidPrimitive.BOX, dimensions=[1.0, 2.0, 3.0])], pose=pose
+                primitive=SolidPrimitive(type=SolidPrimitive.BOX, dimensions=[1.0, 2.0, 3.0]), pose=pose
             ),
         ]
     )
@@ -99,7 +99,7 @@ def test_a_plane_and_a_box_stay_where_they_are(frames):
     seen, seen_region = transform.environment(environment), transform.region(region)
     points = rng.normal(size=(20, 3))
     (plane, _), (there, _) = (read_environment(each, ShapePacker())[0] for each in (environment, seen))
-    coef = environment.elements[0].plane[0].coef
+    coef = environment.elements[0].plane.coef
     local = turned.inv().apply(points - [0.3, -0.2, 0.5])
     heights = (local @ coef[:3] + coef[3]) / np.linalg.norm(coef[:3])
     assert np.allclose(plane.surface(points)[0], heights)
@@ -143,7 +143,7 @@ def test_whole_and_joint_covariances_turn_with_their_frame(frames):
     factor = SMALL * rng.normal(size=(24, 24))
     C = factor @ factor.T
     message = moving_object()
-    message.covariance = packed(C[:12, :12])
+    message.belief.covariance = packed(C[:12, :12])
     joint = JointCovariance(object_ids=["left", "right"], data=packed(C))
     transform = frames.to_world(Header(frame_id="camera"))
     A = np.kron(np.eye(8), TURN.as_matrix())
@@ -152,7 +152,10 @@ def test_whole_and_joint_covariances_turn_with_their_frame(frames):
         np.reshape(transform.joint_covariance(joint).data, (24, 24)), expected, rtol=1e-12, atol=1e-18
     )
     assert np.allclose(
-        np.reshape(transform.object(message).covariance, (12, 12)), expected[:12, :12], rtol=1e-12, atol=1e-18
+        np.reshape(transform.object(message).belief.covariance, (12, 12)),
+        expected[:12, :12],
+        rtol=1e-12,
+        atol=1e-18,
     )
-    message.covariance = packed(np.ones(7))  # which the reader refuses
-    assert len(transform.object(message).covariance) == 7
+    message.belief.covariance = packed(np.ones(7))  # which the reader refuses
+    assert len(transform.object(message).belief.covariance) == 7

@@ -105,13 +105,13 @@ def test_capabilities(node, client):
     assert response.default_propagator in PROPAGATORS
     assert (response.world_frame, response.max_objects) == ("world", 100)
     assert (response.max_horizon.sec, response.max_computation_time.sec) == (60, 30)
-    assert response.physics.gravity[0].z == -9.81
-    assert response.physics.stiffness[0] == response.physics.STIFFNESS_AUTO
+    assert response.physics.gravity.z == -9.81
+    assert response.physics.stiffness == response.physics.STIFFNESS_AUTO
     request = request_of(moving_object())
     request.physics = response.physics  # what it tells may be sent back as it is
     answer = client.predict(request, node="models")
     assert_answered(answer)
-    assert answer.prediction.physics.stiffness[0] > 0.0
+    assert answer.prediction.physics.stiffness > 0.0
     assert answer.prediction.physics.friction == response.physics.friction
 
 

@@ -13,9 +13,10 @@ from shape_msgs.msg import Mesh, MeshTriangle, Plane, SolidPrimitive
 from std_msgs.msg import Header
 
 from unc_physics.checks.errors import UncPhysicsError
-from unc_physics.ros import scene_of_planning_scene
+from unc_physics.ros import request_of_planning_scene
 from unc_physics.ros.messages.scene import read_scene
 from unc_physics.ros.models import ModelLibrary
+from unc_physics_msgs.msg import Action
 
 try:
     from moveit_msgs.msg import AttachedCollisionObject, CollisionObject, PlanningScene
@@ -108,7 +109,8 @@ HAND = {"hand": pose(SHIFT, TURN)}
 
 
 def test_what_a_planning_scene_holds():
-    scene = scene_of_planning_scene(planning_scene(), objects={"box": 0.7}, frames=HAND)
+    request = request_of_planning_scene(planning_scene(), objects={"box": 0.7}, frames=HAND)
+    scene, (hold,) = request.scene, request.actions
     assert scene.header.frame_id == "base"
     box, can = scene.objects
     table, first, second, stone, floor = scene.environment.elements
@@ -123,12 +125,13 @@ def test_what_a_planning_scene_holds():
     np.testing.assert_allclose(position_of(table.pose), expected)
     turned = Rotation.from_quat(orientation_of(table.pose))
     assert (turned.inv() * TURN * OWN * INNER).magnitude() < 1e-12
-    assert position_of(stone.pose).tolist() == [2.0, 0.0, 0.0] and len(stone.mesh) == 1
-    assert floor.plane[0].coef.tolist() == [0.0, 0.0, 1.0, 0.5]
-    assert (box.id, box.mass, box.attached_to) == ("box", 0.7, "")
-    assert position_of(box.pose.pose).tolist() == [0.0, 0.0, 3.0] and len(box.primitive) == 1
-    assert (can.id, can.mass, can.attached_to) == ("can", 0.2, "hand")
-    np.testing.assert_allclose(position_of(can.pose.pose), TURN.apply([0.0, 0.0, 0.1]) + SHIFT)
+    assert position_of(stone.pose).tolist() == [2.0, 0.0, 0.0] and len(stone.mesh.triangles) == 4
+    assert floor.plane.coef.tolist() == [0.0, 0.0, 1.0, 0.5]
+    assert (box.id, box.mass) == ("box", 0.7)
+    assert position_of(box.pose).tolist() == [0.0, 0.0, 3.0] and box.primitive.type == SolidPrimitive.BOX
+    assert (can.id, can.mass) == ("can", 0.2)
+    assert (hold.type, hold.object, hold.attachment.attached_to) == (Action.ATTACHMENT, "can", "hand")
+    np.testing.assert_allclose(position_of(can.pose), TURN.apply([0.0, 0.0, 0.1]) + SHIFT)
 
 
 def test_the_node_reads_it():
@@ -136,8 +139,8 @@ def test_the_node_reads_it():
     message = planning_scene()
     message.robot_state.attached_collision_objects = []
     library = ModelLibrary()
-    scene = scene_of_planning_scene(message, objects={"box": 0.7, "stone": 1.0}, models={"stone": "can"})
-    found = read_scene(scene, library, {"dt": 0.01, "stiffness": 1e4, "gravity": (0.0, 0.0, 0.0)})
+    request = request_of_planning_scene(message, objects={"box": 0.7, "stone": 1.0}, models={"stone": "can"})
+    found = read_scene(request.scene, library, {"dt": 0.01, "stiffness": 1e4, "gravity": (0.0, 0.0, 0.0)})
     library.discard()
     assert [body.name for body in found.scene.bodies] == ["stone", "box"]
     assert found.models == ("can", found.scene.bodies[1].model.name)
@@ -191,10 +194,11 @@ def test_what_cannot_be_read_is_told_in_a_sentence(change, arguments, words):
     scene = planning_scene()
     change(scene)
     with pytest.raises(UncPhysicsError, match=words):
-        scene_of_planning_scene(scene, **{"frames": HAND} | arguments)
+        request_of_planning_scene(scene, **{"frames": HAND} | arguments)
 
 
 def test_an_octomap_may_be_left_out():
     scene = planning_scene()
     with_octomap(scene)
-    assert len(scene_of_planning_scene(scene, frames=HAND, ignore_octomap=True).environment.elements) == 6
+    found = request_of_planning_scene(scene, frames=HAND, ignore_octomap=True)
+    assert len(found.scene.environment.elements) == 6

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import trimesh
 from geometry_msgs.msg import Point, Point32, Polygon
-from scenes import assert_answered, good_request, moving_object, packed, request_of, with_physics
+from scenes import assert_answered, good_request, material_of, moving_object, packed, request_of, with_physics
 from shape_msgs.msg import Mesh, MeshTriangle, SolidPrimitive
 
 from unc_physics.checks.errors import ErrorCode, NoObjectsError, UncPhysicsError
@@ -41,7 +41,7 @@ TORUS.apply_translation([0.2, 0.0, 0.0])
 def shaped(**fields):
     """An object without a model; also one without any shape."""
     message = ObjectState(id="thing", mass=1.0, spheres=SPHERES, **fields)
-    message.pose.pose.position.x = 1.0
+    message.pose.position.x = 1.0
     return message
 
 
@@ -57,15 +57,15 @@ def read(library, *objects, elements=(), limits=UNLIMITED, **others):
 
 
 def test_a_mesh_is_an_object_of_its_shape(library):
-    found = read(library, shaped(mesh=[mesh_message(TORUS)]))
+    found = read(library, shaped(mesh=mesh_message(TORUS)))
     (body,) = found.scene.bodies
     assert len(body.model) == SPHERES and body.model.volume == pytest.approx(TORUS.volume)
     np.testing.assert_allclose(found.belief.mean[0, :3], [1.2, 0.0, 0.0], atol=1e-9)
     np.testing.assert_allclose(body.unit_inertia, TORUS.moment_inertia / TORUS.volume, atol=1e-9)
     assert found.models == (body.model.name,) and body.model.name.startswith("mesh_")
-    again, other = (read(library, shaped(mesh=[mesh_message(mesh)])) for mesh in (TORUS, TORUS.copy()))
+    again, other = (read(library, shaped(mesh=mesh_message(mesh))) for mesh in (TORUS, TORUS.copy()))
     assert again.scene.bodies[0].model is body.model is other.scene.bodies[0].model
-    twice = shaped(mesh=[mesh_message(TORUS)], scale=2.0)
+    twice = shaped(mesh=mesh_message(TORUS), scale=2.0)
     assert read(library, twice).scene.bodies[0].model.volume == pytest.approx(8.0 * TORUS.volume)
 
 
@@ -90,7 +90,7 @@ def test_a_mesh_is_an_object_of_its_shape(library):
 )
 def test_primitives_are_objects_of_their_shapes(library, message, mesh):
     """Volume, centre of mass and inertia are the solid's; what is round has the circle's area."""
-    found = read(library, shaped(primitive=[message]))
+    found = read(library, shaped(primitive=message))
     (body,) = found.scene.bodies
     size = mesh.extents.max()
     assert body.model.volume == pytest.approx(mesh.volume, rel=2e-3)
@@ -102,10 +102,10 @@ def test_primitives_are_objects_of_their_shapes(library, message, mesh):
 
 def test_meshes_and_cones_are_obstacles(library):
     """Fixed bodies with the element's name, pose and material, after the objects."""
-    cone = EnvironmentElement(id="cone", primitive=[primitive(SolidPrimitive.CONE, 0.4, 0.1)])
-    cone.pose.position.z, cone.material.friction = 0.2, [0.7]
-    ring = EnvironmentElement(mesh=[mesh_message(TORUS)])
-    post = EnvironmentElement(id="post", primitive=[primitive(SolidPrimitive.CYLINDER, 0.4, 0.1)])
+    cone = EnvironmentElement(id="cone", primitive=primitive(SolidPrimitive.CONE, 0.4, 0.1))
+    cone.pose.position.z, cone.material = 0.2, material_of(friction=0.7)
+    ring = EnvironmentElement(mesh=mesh_message(TORUS))
+    post = EnvironmentElement(id="post", primitive=primitive(SolidPrimitive.CYLINDER, 0.4, 0.1))
     found = read(library, moving_object(), elements=[cone, post, ring])
     assert [body.name for body in found.scene.bodies] == ["left", "cone", "element_2"]
     assert [element.name for element in found.scene.environment] == ["post"]
@@ -126,7 +126,7 @@ def test_a_packing_holds_up_nobody_else(library, monkeypatch):
         return pack(*arguments)
 
     monkeypatch.setattr(models, "_pack", slow)
-    waiting = shaped(mesh=[mesh_message(TORUS)])
+    waiting = shaped(mesh=mesh_message(TORUS))
     with monkeypatch.context() as impatient:
         impatient.setattr(models, "PACKING_TIMEOUT", 0.01)
         with pytest.raises(UncPhysicsError, match="is still being packed after 0.01 s; ask again") as caught:
@@ -140,8 +140,8 @@ def test_a_packing_holds_up_nobody_else(library, monkeypatch):
     ball = primitive(SolidPrimitive.SPHERE, 0.1)
     streamed = read(library, moving_object(), waiting, shaped_as("ball", ball), skip_unknown_models=True)
     assert [body.name for body in streamed.scene.bodies] == ["left", "ball"]
-    assert streamed.skipped == {"thing": "scene.objects[1].mesh[0] is being packed"}
-    ring = EnvironmentElement(mesh=[mesh_message(TORUS)])
+    assert streamed.skipped == {"thing": "scene.objects[1].mesh is being packed"}
+    ring = EnvironmentElement(mesh=mesh_message(TORUS))
     elements = read(library, moving_object(), elements=[ring], skip_unknown_models=True).scene.bodies
     assert [body.name for body in elements] == ["left"] and not waited
     go.set()
@@ -154,7 +154,7 @@ def test_a_packing_holds_up_nobody_else(library, monkeypatch):
 
 
 def shaped_as(name, shape):
-    message = shaped(primitive=[shape])
+    message = shaped(primitive=shape)
     message.id = name
     return message
 
@@ -171,23 +171,23 @@ STAR = tuple((float(np.cos(2.0 * a)), float(np.sin(2.0 * a))) for a in 2.0 * np.
 @pytest.mark.parametrize(
     ("fields", "words"),
     [
-        ({"mesh": [mesh_message(OPEN)]}, r"mesh\[0\] is not closed|mesh\[0\] .*edge"),
-        ({"mesh": [Mesh()]}, r"mesh\[0\] has no triangles"),
-        ({"mesh": [AWAY]}, r"mesh\[0\].triangles must be indices of the 96 vertices"),
-        ({"mesh": [mesh_message(TORUS)], "model": "can"}, "mesh must not be given beside a model"),
-        ({"primitive": [primitive(9, 1.0)]}, r"primitive\[0\].type is no kind of primitive .*got 9"),
-        ({"primitive": [primitive(SolidPrimitive.CONE, 1.0)]}, r"primitive\[0\].dimensions must"),
-        ({"primitive": [primitive(SolidPrimitive.BOX, 1.0, 0.0, 1.0)]}, r"sions\[1\] must be positive"),
-        ({"primitive": [primitive(SolidPrimitive.PRISM, 1.0, polygon=SQUARE[:2])]}, "at least three corners"),
+        ({"mesh": mesh_message(OPEN)}, r"mesh is not closed|mesh .*edge"),
+        ({"mesh": Mesh(vertices=[Point()])}, r"mesh has no triangles"),
+        ({"mesh": AWAY}, r"mesh.triangles must be indices of the 96 vertices"),
+        ({"mesh": mesh_message(TORUS), "model": "can"}, "mesh must not be given beside a model"),
+        ({"primitive": primitive(9, 1.0)}, r"primitive.type is no kind of primitive .*got 9"),
+        ({"primitive": primitive(SolidPrimitive.CONE, 1.0)}, r"primitive.dimensions must"),
+        ({"primitive": primitive(SolidPrimitive.BOX, 1.0, 0.0, 1.0)}, r"sions\[1\] must be positive"),
+        ({"primitive": primitive(SolidPrimitive.PRISM, 1.0, polygon=SQUARE[:2])}, "at least three corners"),
         (
-            {"primitive": [primitive(SolidPrimitive.PRISM, 1.0, polygon=DART)]},
-            r"\[0\].polygon must be convex",
+            {"primitive": primitive(SolidPrimitive.PRISM, 1.0, polygon=DART)},
+            r"primitive.polygon must be convex",
         ),
         (
-            {"primitive": [primitive(SolidPrimitive.PRISM, 1.0, polygon=STAR)]},
-            r"\[0\].polygon must be convex",
+            {"primitive": primitive(SolidPrimitive.PRISM, 1.0, polygon=STAR)},
+            r"primitive.polygon must be convex",
         ),
-        ({"mesh": [mesh_message(TORUS)], "mass": 0.0}, "mass must be given"),
+        ({"mesh": mesh_message(TORUS), "mass": 0.0}, "mass must be given"),
     ],
 )
 def test_bad_shapes_are_told_in_a_sentence(library, fields, words):
@@ -199,14 +199,14 @@ def test_bad_shapes_are_told_in_a_sentence(library, fields, words):
 
 def test_limits_and_what_an_obstacle_cannot_have(library, monkeypatch):
     with pytest.raises(UncPhysicsError, match=r"objects\[0\].spheres must be at most 10"):
-        read(library, shaped(mesh=[mesh_message(TORUS)]), limits=SceneLimits(spheres=10))
+        read(library, shaped(mesh=mesh_message(TORUS)), limits=SceneLimits(spheres=10))
     monkeypatch.setattr(models, "MAX_TRIANGLES", 10)
-    with pytest.raises(UncPhysicsError, match=r"mesh\[0\].triangles must be at most 10"):
-        read(library, shaped(mesh=[mesh_message(TORUS)]))
-    cone = EnvironmentElement(primitive=[primitive(SolidPrimitive.CONE, 0.4, 0.1)], surface_tilt_std=0.1)
+    with pytest.raises(UncPhysicsError, match=r"mesh.triangles must be at most 10"):
+        read(library, shaped(mesh=mesh_message(TORUS)))
+    cone = EnvironmentElement(primitive=primitive(SolidPrimitive.CONE, 0.4, 0.1), surface_tilt_std=0.1)
     with pytest.raises(UncPhysicsError, match=r"elements\[0\].surface_tilt_std is for planes"):
         read(library, moving_object(), elements=[cone])
-    cone.surface_tilt_std, cone.mesh = 0.0, [mesh_message(TORUS)]
+    cone.surface_tilt_std, cone.mesh = 0.0, mesh_message(TORUS)
     with pytest.raises(UncPhysicsError, match=r"elements\[0\] must have exactly one of"):
         read(library, moving_object(), elements=[cone])
     with pytest.raises(NoObjectsError):
@@ -215,10 +215,10 @@ def test_limits_and_what_an_obstacle_cannot_have(library, monkeypatch):
 
 def test_the_node_answers_them(node, predict):
     """Over real DDS: a box that falls on a cone, which is told as a fixed object."""
-    box = shaped(primitive=[primitive(SolidPrimitive.BOX, 0.1, 0.1, 0.1)])
-    box.pose.pose.position.x, box.pose.pose.position.z = 0.0, 0.5
+    box = shaped(primitive=primitive(SolidPrimitive.BOX, 0.1, 0.1, 0.1))
+    box.pose.position.x, box.pose.position.z = 0.0, 0.5
     request = with_physics(request_of(box, horizon=0.2, return_probabilities=True), gravity=None)
-    cone = EnvironmentElement(id="cone", primitive=[primitive(SolidPrimitive.CONE, 0.4, 0.1)])
+    cone = EnvironmentElement(id="cone", primitive=primitive(SolidPrimitive.CONE, 0.4, 0.1))
     cone.pose.position.z = 0.2
     request.scene.environment.elements = [cone]
     response = predict(request)

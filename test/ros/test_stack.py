@@ -27,7 +27,7 @@ from unc_physics.checks.errors import ErrorCode
 from unc_physics.dynamics import rollout
 from unc_physics.ros import UncPhysicsNode
 from unc_physics.ros.connection import spin
-from unc_physics_msgs.msg import JointCovariance, Prediction, Scene
+from unc_physics_msgs.msg import Prediction, Scene
 from unc_physics_msgs.srv import Predict
 
 LAUNCH = Path(__file__).resolve().parents[2] / "launch"
@@ -39,16 +39,14 @@ def test_a_scene_of_fixed_objects_alone(predict):
     for message in request.scene.objects:
         message.kind = message.FIXED
     assert_answered(predict(request))
-    request.scene.joint_covariance = [JointCovariance()]
-    assert_answered(predict(request))
 
 
 def test_no_variance_is_negative(predict):
     request = request_of(moving_object(), horizon=0.2, return_covariance=True)
     message = request.scene.objects[0]
-    message.pose.covariance[:] = 0.0
-    message.pose.covariance[35] = 0.01  # it turns about a line that is not one of its axes
-    q = message.pose.pose.orientation
+    message.belief.pose_covariance[:] = 0.0
+    message.belief.pose_covariance[35] = 0.01  # it turns about a line that is not one of its axes
+    q = message.pose.orientation
     q.x, q.y, q.z, q.w = 0.1, 0.7, -0.1, 0.7
     (predicted,) = predict(request).prediction.objects
     state = predicted.states[-1]

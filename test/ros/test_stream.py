@@ -88,8 +88,10 @@ def test_a_scene_is_predicted_for_all_horizons(publish, listener):
         for state in predicted.states:
             assert np.isfinite(numbers_of(state)).all()
             assert state.status == PredictedObject.STATUS_FINE
+    ends = [stamp.sec + 1e-9 * stamp.nanosec for stamp in (message.header.stamp, message.valid_until)]
+    assert ends[1] - ends[0] == pytest.approx(seconds(message.time_reached), abs=1e-6)
     xs = [position_of(state.pose.pose)[0] for state in message.objects[0].states]
-    way = np.array(xs) - sent.objects[0].pose.pose.position.x
+    way = np.array(xs) - sent.objects[0].pose.position.x
     assert np.allclose(way, 0.5 * np.array(HORIZONS), atol=1e-3)  # a few sigma points may touch at the end
 
 
@@ -112,8 +114,8 @@ def test_an_error_that_a_scene_s_objects_share(publish, listener):
 def test_an_overlap_at_the_start_is_named(publish, listener):
     sent = scene(listener)
     for message in sent.objects:  # farther in each other than their beliefs can be moved, whatever is drawn
-        message.pose.pose.position.x = -0.2
-        message.pose.covariance = diagonal(*[1e-3] * 6)
+        message.pose.position.x = -0.2
+        message.belief.pose_covariance = diagonal(*[1e-3] * 6)
     for predicted in answer_to(sent, publish, listener).objects:
         assert predicted.status & PredictedObject.STATUS_INITIAL_OVERLAP, predicted.status_msg
         assert all(state.status & PredictedObject.STATUS_INITIAL_OVERLAP for state in predicted.states)
@@ -122,7 +124,7 @@ def test_an_overlap_at_the_start_is_named(publish, listener):
 def test_what_touches_is_fine_by_default(publish, listener):
     sent = scene(listener)
     for message, x in zip(sent.objects, (-0.11, 0.11), strict=True):
-        message.pose.pose.position.x = x
+        message.pose.position.x = x
     for predicted in answer_to(sent, publish, listener).objects:
         assert abs(predicted.states[-1].twist.twist.linear.x) < 0.45  # it has bounced
         # between outcomes that bounced and outcomes that have not yet, the mean may lie inside the other body
@@ -257,8 +259,8 @@ def test_the_scene_of_detections():
         ("brick_2", "brick"),
         ("teapot_3", "teapot"),
     ]
-    assert found.objects[1].pose.pose.position.x == 1.0
-    assert all(state.twist.covariance[0] == -1.0 for state in found.objects)
+    assert found.objects[1].pose.position.x == 1.0
+    assert all(state.belief.twist_covariance[0] == -1.0 for state in found.objects)
     assert all(state.mass == 0.0 for state in found.objects)  # the models'
 
 

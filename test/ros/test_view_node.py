@@ -62,7 +62,7 @@ def test_the_page_follows_the_scene(publisher):
             return False
         drawn = node.page.drawn.frames.positions[0, :, :2]  # centres of mass: right above the models' origins
         names = [body.name for body in node.page.drawn.scene.bodies]
-        places = [[getattr(one.pose.pose.position, axis) for axis in "xy"] for one in objects]
+        places = [[getattr(one.pose.position, axis) for axis in "xy"] for one in objects]
         return names == [one.id for one in objects] and np.allclose(drawn, places)
 
     try:

@@ -11,16 +11,16 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from .client import Client as Client
     from .lifecycle_node import UncPhysicsLifecycleNode as UncPhysicsLifecycleNode
-    from .messages.planning_scene import scene_of_planning_scene as scene_of_planning_scene
+    from .messages.planning_scene import request_of_planning_scene as request_of_planning_scene
     from .node import UncPhysicsNode as UncPhysicsNode
 
 _MODULES = {
     "Client": "client",
     "UncPhysicsLifecycleNode": "lifecycle_node",
     "UncPhysicsNode": "node",
-    "scene_of_planning_scene": "messages.planning_scene",
+    "request_of_planning_scene": "messages.planning_scene",
 }
-__all__ = ["Client", "UncPhysicsLifecycleNode", "UncPhysicsNode", "scene_of_planning_scene"]
+__all__ = ["Client", "UncPhysicsLifecycleNode", "UncPhysicsNode", "request_of_planning_scene"]
 
 
 def __getattr__(name):

@@ -26,6 +26,7 @@ from .messages.fields import duration, write_error
 from .messages.prediction import write_answer
 from .messages.ranking import read_score, write_ranked_action
 from .messages.request import read_request
+from .messages.scene import FieldNames
 from .services import BackgroundService
 
 
@@ -107,8 +108,8 @@ def _rank_candidates(server, request, candidates, seed: int, time_limit: float |
     ----------
     server : PredictionServer
     request : PredictCandidates.Request
-    candidates : sequence of (PredictionRequest, list of str)
-        Request for each candidate's scene, and the names of its objects in error messages.
+    candidates : sequence of (PredictionRequest, FieldNames)
+        Request for each candidate, and names in error messages.
     seed : int
     time_limit : float or None
         Longest wall time [s].
@@ -187,18 +188,22 @@ def _write(server, request, ranking, jobs, entries):
 
 
 def _with_candidate(request, k):
-    """Return the request for candidate k's scene, and the names of its objects in error messages."""
+    """Return the request for candidate k, and the names of its objects and actions in error messages."""
     candidate = request.candidates[k]
     replaced = {message.id: j for j, message in enumerate(candidate.objects)}
     own = copy.copy(request.request)
     own.scene = copy.copy(own.scene)
-    objects, fields = [], []
+    objects, object_names = [], []
     for i, message in enumerate(own.scene.objects):
         j = replaced.get(message.id)
         objects.append(message if j is None else candidate.objects[j])
-        fields.append(f"scene.objects[{i}]" if j is None else f"candidates[{k}].objects[{j}]")
+        object_names.append(f"scene.objects[{i}]" if j is None else f"candidates[{k}].objects[{j}]")
     own.scene.objects = objects
-    return own, fields
+    named = replaced.keys() | {action.object for action in candidate.actions}
+    kept = [(f"actions[{i}]", one) for i, one in enumerate(own.actions) if one.object not in named]
+    kept += [(f"candidates[{k}].actions[{i}]", one) for i, one in enumerate(candidate.actions)]
+    own.actions = [action for _, action in kept]
+    return own, FieldNames(object_names, [name for name, _ in kept])
 
 
 def _check(request, settings):

@@ -10,12 +10,11 @@ from dataclasses import replace
 from os import PathLike
 from typing import TYPE_CHECKING, Any, TypedDict
 
-import numpy as np
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
 from unc_physics_msgs.action import PredictLong
-from unc_physics_msgs.msg import Candidate, ModelInfo, ModelList, PredictionRequest
+from unc_physics_msgs.msg import ModelInfo, ModelList, PredictionRequest
 from unc_physics_msgs.srv import GetCapabilities, ListModels, LoadModel, Predict, PredictCandidates
 
 from ..checks.errors import (
@@ -41,9 +40,8 @@ from ..scene.scene import Scene
 from .connection import Connection
 from .messages.fields import read_error
 from .messages.prediction import read_answer
-from .messages.ranking import changed_objects, read_candidate, read_ranking, write_score
+from .messages.ranking import read_candidate, read_ranking, write_candidate, write_score
 from .messages.request import Query, RequestedOutputs, write_request
-from .messages.scene import write_object
 
 if TYPE_CHECKING:
     from typing_extensions import Self, Unpack
@@ -263,8 +261,8 @@ class Client:
         request = PredictCandidates.Request(
             request=self._request(first),
             candidates=[
-                Candidate(id=name, objects=self._changed(scene, first.belief, belief))
-                for name, belief in candidates.items()
+                write_candidate(name, first, query, self._model_info, f"candidates['{name}']")
+                for name, query in queries.items()
             ],
         )
         answer = self._connection.call(PredictCandidates, "predict_candidates", request)
@@ -331,7 +329,7 @@ class Client:
         request = PredictCandidates.Request(
             request=self._request(base),
             candidates=[
-                Candidate(id=name, objects=changed_objects(base, query, self._model_info, fields[name]))
+                write_candidate(name, base, query, self._model_info, fields[name])
                 for name, query in queries.items()
             ],
             score=messages,
@@ -506,13 +504,6 @@ class Client:
         except InvalidModelError:
             self.models()
             return write_request(query, self._model_info)
-
-    def _changed(self, scene, base, belief):
-        """Return the messages of the bodies whose state differs from the base."""
-        differs = (base.mean != belief.mean).any(axis=1)
-        for b in scene.moving.tolist():
-            differs[b] |= not np.array_equal(base.marginal(b), belief.marginal(b))
-        return [write_object(scene, belief, int(b), self._model_info) for b in np.flatnonzero(differs)]
 
     def _model_info(self, name: str) -> ModelInfo:
         if name not in self._models and name not in self.models():

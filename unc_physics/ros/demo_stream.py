@@ -33,7 +33,7 @@ class DemoStream(Node):
         self._start = self.get_clock().now()
         self._message = write_scene(*table_scene(), lambda name: packing_info(load_model(name), name))
         _, self._can = self._message.objects
-        place = self._can.pose.pose.position
+        place = self._can.pose.position
         self._height, self._place = place.z, place.x
         self.create_timer(1.0 / RATE, self._publish)
 
@@ -42,9 +42,9 @@ class DemoStream(Node):
         elapsed = (1e-9 * (now - self._start).nanoseconds) % ROUND
         self._message.header.stamp = now.to_msg()
         can = self._can
-        can.pose.pose.position.x = self._place + elapsed * can.twist.twist.linear.x
-        can.pose.pose.position.z = self._height - 0.5 * _GRAVITY * elapsed**2
-        can.twist.twist.linear.z = -_GRAVITY * elapsed
+        can.pose.position.x = self._place + elapsed * can.twist.linear.x
+        can.pose.position.z = self._height - 0.5 * _GRAVITY * elapsed**2
+        can.twist.linear.z = -_GRAVITY * elapsed
         self._publisher.publish(self._message)
 
 

@@ -288,8 +288,9 @@ def scene_of_detections(detections, library, mass) -> Scene:
 
 def _object_of_unknown_velocity(name, model, pose, library, mass):
     """Return an object with unknown velocity, with the given mass [kg] if its model has none."""
-    state = ObjectState(id=name, model=model, pose=pose)
-    state.twist.covariance[0] = UNKNOWN
+    state = ObjectState(id=name, model=model, pose=pose.pose)
+    state.belief.pose_covariance = pose.covariance
+    state.belief.twist_covariance[0] = UNKNOWN
     try:
         state.mass = mass if library.shape(model).mass is None else 0.0
     except UncPhysicsError:

@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import functools
 import math
-from typing import Any
+from collections.abc import Collection, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 from geometry_msgs.msg import Transform, Twist, Wrench
 from trajectory_msgs.msg import MultiDOFJointTrajectory, MultiDOFJointTrajectoryPoint
 
-from unc_physics_msgs.msg import AppliedWrench, ObjectState
+from unc_physics_msgs.msg import Action, AppliedWrench, Attachment
 
 from ...checks.errors import InvalidRequestError, LimitExceededError
+from ...checks.names import hint
 from ...checks.validation import array, quaternion
 from ...scene import actions
 from ...scene.actions import MOST_POSES, PosePath
@@ -22,17 +24,106 @@ from ...spatial.layout import ANGULAR_VELOCITY, POSITION, QUATERNION, STATE, VEL
 from ...spatial.origin import moved
 from .fields import duration, optional, quaternion_message, read_duration, vector_message, writable, xyz, xyzw
 
+#: Fields of an action, and beginning of the names of all its fields, by type.
+_KINDS = {Action.TRAJECTORY: "trajectory", Action.ATTACHMENT: "attachment", Action.WRENCH: "wrench"}
+_OF_ATTACHMENT = ("attached_to", "attached_at", "released_at", "released_at_std")
+_NO_ATTACHMENT, _NO_WRENCH = Attachment(), AppliedWrench()
 
-def read_path(message: ObjectState, field: str, origin) -> PosePath | None:
+
+class ObjectActions(NamedTuple):
+    """Actions of a request on one object.
+
+    Attributes
+    ----------
+    id : str
+        Id of the object.
+    trajectory, attachment : tuple of (str, Action), optional
+        Name of the action in error messages, and the action.
+    wrenches : tuple of (str, Action)
+    """
+
+    id: str
+    trajectory: tuple[str, Action] | None = None
+    attachment: tuple[str, Action] | None = None
+    wrenches: tuple[tuple[str, Action], ...] = ()
+
+    def field(self, attribute: str) -> str | None:
+        """Return the message's name of an attribute of a `RigidBody`; None if no action sets it."""
+        if attribute in ("trajectory", "trajectory_std") and self.trajectory:
+            return f"{self.trajectory[0]}.{attribute}"
+        if attribute in _OF_ATTACHMENT and self.attachment:
+            return f"{self.attachment[0]}.attachment.{attribute}"
+        if attribute == "wrenches" and self.wrenches:
+            return f"{self.wrenches[0][0]}.wrench"
+        return None
+
+
+def group_actions(
+    messages: Sequence[Action], ids: Collection[str], fields: Sequence[str] | None = None
+) -> dict[str, ObjectActions]:
+    """Return the actions of a request by the id of their object.
+
+    Parameters
+    ----------
+    messages : sequence of Action
+    ids : collection of str
+        Ids of the objects.
+    fields : sequence of str, optional
+        Name of each action in error messages; by default ``actions[0]`` and so on.
+
+    Raises
+    ------
+    InvalidRequestError
+        For an unknown object or type, fields of another type, or two actions of which an object can have one.
+    """
+    found: dict[str, ObjectActions] = {}
+    fields = [f"actions[{k}]" for k in range(len(messages))] if fields is None else fields
+    for message, field in zip(messages, fields, strict=True):
+        if message.object not in ids:
+            problem = f"is no object of the scene{hint(message.object, ids)}"
+            raise InvalidRequestError(problem, field=f"{field}.object", value=message.object)
+        kind = _KINDS.get(message.type)
+        if kind is None:
+            raise InvalidRequestError(
+                "must be TRAJECTORY, ATTACHMENT or WRENCH", field=f"{field}.type", value=message.type
+            )
+        _check_type(message, kind, field)
+        own = found.get(message.object, ObjectActions(message.object))
+        if kind == "wrench":
+            own = own._replace(wrenches=(*own.wrenches, (field, message)))
+        elif (other := getattr(own, kind)) is not None:
+            raise InvalidRequestError(
+                f"is the second {kind} of '{message.object}', beside {other[0]}", field=field
+            )
+        else:
+            own = own._replace(**{kind: (field, message)})
+        found[message.object] = own
+    return found
+
+
+def _check_type(message, kind, field):
+    """Raise an error if fields are set that belong to an action of another type."""
+    given = {
+        "trajectory": len(message.trajectory.points) > 0,
+        "trajectory_std": bool(np.any(message.trajectory_std)),
+        "attachment": message.attachment != _NO_ATTACHMENT,
+        "wrench": message.wrench != _NO_WRENCH,
+    }
+    for name, is_given in given.items():
+        if is_given and not name.startswith(kind):
+            raise InvalidRequestError(
+                f"must not be set in an action of type {kind.upper()}", field=f"{field}.{name}"
+            )
+
+
+def read_path(actions: ObjectActions, origin) -> PosePath | None:
     """Return the path of a prescribed object's centre of mass; None for other objects.
 
     Equal numbers give an identical object, so that caches recognize a repeated scene.
 
     Parameters
     ----------
-    message : ObjectState
-    field : str
-        Name of the object in error messages.
+    actions : ObjectActions
     origin : (3,) array
         Origin of the model, in its body frame [m].
 
@@ -40,21 +131,17 @@ def read_path(message: ObjectState, field: str, origin) -> PosePath | None:
     ------
     UncPhysicsError
     """
-    place = f"{field}.trajectory"
-    path = optional(message.trajectory, place)
-    if message.kind != ObjectState.PRESCRIBED:
-        if path is not None:
-            raise InvalidRequestError("must be empty for an object that is not PRESCRIBED", field=place)
+    if actions.trajectory is None:
         return None
-    if path is None:
-        raise InvalidRequestError("must hold an entry, as the object is PRESCRIBED", field=place)
+    field, action = actions.trajectory
+    path, place = action.trajectory, f"{field}.trajectory"
     if len(path.points) > MOST_POSES:
         raise LimitExceededError(
-            f"must be at most {MOST_POSES}", field=f"{place}[0].points", value=len(path.points)
+            f"must be at most {MOST_POSES}", field=f"{place}.points", value=len(path.points)
         )
     times, states = [], []
     for k, point in enumerate(path.points):
-        entry = f"{place}[0].points[{k}]"
+        entry = f"{place}.points[{k}]"
         if len(point.transforms) != 1 or len(point.velocities) > 1:
             raise InvalidRequestError("must have one transform, and at most one velocity", field=entry)
         (transform,) = point.transforms
@@ -69,7 +156,7 @@ def read_path(message: ObjectState, field: str, origin) -> PosePath | None:
         state = np.empty(STATE)
         state[POSITION], state[VELOCITY], state[QUATERNION], state[ANGULAR_VELOCITY] = position, v, q, w
         states.append(moved(state, origin, -1.0))
-    return at_field(f"{place}[0]", _path, tuple(times), np.array(states).tobytes())
+    return at_field(place, _path, tuple(times), np.array(states).tobytes())
 
 
 @functools.lru_cache(maxsize=256)
@@ -84,33 +171,39 @@ def _path(times, states):
     )
 
 
-def read_actions(message: ObjectState, field: str) -> tuple[tuple[str, Any], ...]:
-    """Return a robot's other actions on an object as pairs of a `RigidBody`'s keyword and its value.
+def read_actions(actions: ObjectActions) -> tuple[tuple[str, Any], ...]:
+    """Return actions on an object, but for its path, as pairs of a `RigidBody`'s keyword and its value.
 
     Raises
     ------
     UncPhysicsError
     """
     given: dict[str, Any] = {}
-    if np.any(message.trajectory_std):
-        std = array(message.trajectory_std, (6,), f"{field}.trajectory_std")
-        given["trajectory_std"] = tuple(std.tolist())
-    if message.attached_to:
-        given["attached_to"] = message.attached_to
-    for name in ("attached_at", "released_at"):
-        if (value := optional(getattr(message, name), f"{field}.{name}")) is not None:
-            given[name] = read_duration(value, f"{field}.{name}")
-    if std := read_duration(message.released_at_std, f"{field}.released_at_std"):
-        given["released_at_std"] = std
-    if message.wrenches:
+    if actions.trajectory is not None:
+        field, action = actions.trajectory
+        if np.any(action.trajectory_std):
+            std = array(action.trajectory_std, (6,), f"{field}.trajectory_std")
+            given["trajectory_std"] = tuple(std.tolist())
+    if actions.attachment is not None:
+        field, action = actions.attachment
+        field, held = f"{field}.attachment", action.attachment
+        if not held.attached_to:
+            raise InvalidRequestError("must be the id of an object", field=f"{field}.attached_to", value="")
+        given["attached_to"] = held.attached_to
+        given["attached_at"] = read_duration(held.attached_at, f"{field}.attached_at")
+        if (released := optional(held, "released_at", field)) is not None:
+            given["released_at"] = read_duration(released, f"{field}.released_at")
+        if std := read_duration(held.released_at_std, f"{field}.released_at_std"):
+            given["released_at_std"] = std
+    if actions.wrenches:
         given["wrenches"] = tuple(
             _wrench(
-                *_numbers(wrench, f"{field}.wrenches[{k}]"),
-                bool(wrench.body_axes),
-                read_duration(wrench.start, f"{field}.wrenches[{k}].start"),
-                read_duration(wrench.duration, f"{field}.wrenches[{k}].duration"),
+                *_numbers(action.wrench, f"{field}.wrench"),
+                bool(action.wrench.body_axes),
+                read_duration(action.wrench.start, f"{field}.wrench.start"),
+                read_duration(action.wrench.duration, f"{field}.wrench.duration"),
             )
-            for k, wrench in enumerate(message.wrenches)
+            for field, action in actions.wrenches
         )
     return tuple(given.items())
 
@@ -128,27 +221,32 @@ def _wrench(force, torque, body_axes, start, length):
     )
 
 
-def write_actions(body: RigidBody, message: ObjectState) -> None:
-    """Write a robot's actions on a body into its message."""
+def write_actions(body: RigidBody) -> list[Action]:
+    """Return the messages of a robot's actions on a body."""
+    found = []
     if body.trajectory is not None:
-        message.kind = ObjectState.PRESCRIBED
-        message.trajectory = [_trajectory(body)]
-        message.trajectory_std = np.array(body.trajectory_std)
+        std = np.array(body.trajectory_std)
+        found.append(Action(type=Action.TRAJECTORY, trajectory=_trajectory(body), trajectory_std=std))
     if body.attached_to is not None:
-        message.attached_to = body.attached_to
-        message.attached_at = [duration(body.attached_at)]
+        held = Attachment(
+            attached_to=body.attached_to,
+            attached_at=duration(body.attached_at),
+            released_at_std=duration(body.released_at_std),
+        )
         if body.released_at is not None:
-            message.released_at = [duration(body.released_at)]
-        message.released_at_std = duration(body.released_at_std)
-    message.wrenches = [
-        AppliedWrench(
+            held.has_released_at, held.released_at = True, duration(body.released_at)
+        found.append(Action(type=Action.ATTACHMENT, attachment=held))
+    for wrench in body.wrenches:
+        message = AppliedWrench(
             wrench=Wrench(force=vector_message(wrench.force), torque=vector_message(wrench.torque)),
             body_axes=wrench.body_axes,
             start=duration(wrench.start),
             duration=duration(wrench.duration or 0.0),
         )
-        for wrench in body.wrenches
-    ]
+        found.append(Action(type=Action.WRENCH, wrench=message))
+    for action in found:
+        action.object = body.name
+    return found
 
 
 def _trajectory(body):

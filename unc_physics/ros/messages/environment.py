@@ -30,10 +30,12 @@ from ...scene.entries import at_field
 from ...scene.environment import Box, Cylinder, Element, Plane, Sphere, surface_tilt_std
 from ...scene.materials import Surface, check_surface
 from ...spatial.rotation import rotation_matrix
-from .fields import optional, packed, pose_message, vector_message, xyz, xyzw
+from .fields import given_shapes, optional, packed, pose_message, vector_message, xyz, xyzw
 
-#: Fields of a Material message that are read and written; a `Surface` has attributes of the same names.
-MATERIAL_FIELDS = ("friction", "friction_std", "restitution", "restitution_std", "torsional_friction")
+#: Fields of a Material message with a flag, and those without; a `Surface` has attributes of the same names.
+_OPTIONAL_FIELDS = ("friction", "restitution", "torsional_friction")
+_STD_FIELDS = ("friction_std", "restitution_std")
+MATERIAL_FIELDS = _OPTIONAL_FIELDS + _STD_FIELDS
 #: Kinds of primitives that are packed; the others are exact elements.
 _PACKED_KINDS = SolidPrimitive.CONE, SolidPrimitive.PRISM
 _OBSTACLE_SPHERES = 1000  # spheres of a packed element
@@ -103,7 +105,10 @@ def read_environment(
         if name in names:
             raise DuplicateIdError("is the id of two elements", field=f"{field}.id", value=name)
         names.add(name)
-        if _is_packed(element):
+        shapes = given_shapes(element)
+        if len(shapes) != 1:
+            raise InvalidEnvironmentError("must have exactly one of plane, primitive and mesh", field=field)
+        if shapes == ["mesh"] or element.primitive.type in _PACKED_KINDS:
             try:
                 packed.append(_packed_element(element, name, field, shape_packer, wait))
             except UnknownModelError:  # a stream continues without it until it is packed
@@ -130,7 +135,7 @@ def write_element(element: Element, name: str, field: str) -> EnvironmentElement
         id=name, material=write_material(element), surface_tilt_std=element.surface_tilt_std
     )
     if isinstance(element, Plane):
-        message.plane = [PlaneMessage(coef=np.array([*element.normal, -element.offset]))]
+        message.plane = PlaneMessage(coef=np.array([*element.normal, -element.offset]))
         message.surface_velocity = _write_surface_velocity(element, (0.0, 0.0, 0.0))
         return message
     if isinstance(element, Box):
@@ -146,7 +151,7 @@ def write_element(element: Element, name: str, field: str) -> EnvironmentElement
             field=field,
             value=name,
         )
-    message.primitive = [SolidPrimitive(type=kind, dimensions=packed(size))]
+    message.primitive = SolidPrimitive(type=kind, dimensions=packed(size))
     message.pose = pose_message(element.position, element.orientation)
     message.surface_velocity = _write_surface_velocity(element, element.position)
     return message
@@ -161,23 +166,28 @@ def read_material(message, field: str, error: type[UncPhysicsError] = InvalidReq
         Of the given type, or `NotFiniteError`.
     """
     given = {}
-    for name in MATERIAL_FIELDS:
-        if (value := optional(getattr(message, name), f"{field}.{name}")) is not None:
+    for name in _OPTIONAL_FIELDS:
+        if (value := optional(message, name, field)) is not None:
+            given[name] = value
+    for name in _STD_FIELDS:
+        if value := getattr(message, name):
             given[name] = value
     if given:
         try:
             check_surface(Surface(**given), error=error)
         except UncPhysicsError as bad:
-            raise type(bad)(bad.problem, field=f"{field}.{bad.field}[0]", value=bad.value) from None
+            raise type(bad)(bad.problem, field=f"{field}.{bad.field}", value=bad.value) from None
     return tuple(given.items())
 
 
 def write_material(surface: Surface) -> Material:
     """Return the message of a surface's friction and restitution; absent entries take the default."""
-    given = {name: getattr(surface, name) for name in MATERIAL_FIELDS}
-    known = {name: value for name, value in given.items() if value}
-    known |= {name: given[name] for name in ("friction", "restitution") if given[name] is not None}
-    return Material(**{name: packed([value]) for name, value in known.items()})
+    message = Material(**{name: getattr(surface, name) for name in _STD_FIELDS})
+    for name in _OPTIONAL_FIELDS:
+        if (value := getattr(surface, name)) is not None:
+            setattr(message, name, float(value))
+            setattr(message, f"has_{name}", True)
+    return message
 
 
 def read_regions(messages) -> tuple[BoxRegion, ...]:
@@ -254,15 +264,8 @@ def _write_surface_velocity(element: Element, origin) -> Twist:
     return Twist(linear=vector_message(linear), angular=vector_message(omega))
 
 
-def _is_packed(message):
-    """Return whether an element has a shape that must be packed."""
-    return bool(message.mesh) or any(primitive.type in _PACKED_KINDS for primitive in message.primitive)
-
-
 def _packed_element(message, name, field, shape_packer, wait):
     """Return a mesh, a cone or a prism."""
-    if len(message.mesh) + len(message.primitive) + len(message.plane) != 1:
-        raise InvalidEnvironmentError("must have exactly one of plane, primitive and mesh", field=field)
     if message.surface_tilt_std:
         raise NotSupportedError(
             "is for planes, boxes, spheres and cylinders", field=f"{field}.surface_tilt_std"
@@ -272,33 +275,27 @@ def _packed_element(message, name, field, shape_packer, wait):
         raise NotSupportedError(
             "is for planes, boxes, spheres and cylinders", field=f"{field}.surface_velocity"
         )
-    if message.mesh:
-        model = shape_packer.of_mesh(message.mesh[0], _OBSTACLE_SPHERES, f"{field}.mesh[0]", wait)
+    if message.primitive.type in _PACKED_KINDS:
+        model = shape_packer.of_primitive(message.primitive, _OBSTACLE_SPHERES, f"{field}.primitive", wait)
     else:
-        model = shape_packer.of_primitive(
-            message.primitive[0], _OBSTACLE_SPHERES, f"{field}.primitive[0]", wait
-        )
+        model = shape_packer.of_mesh(message.mesh, _OBSTACLE_SPHERES, f"{field}.mesh", wait)
     material = read_material(message.material, f"{field}.material", InvalidEnvironmentError)
     return PackedElement(name, field, model, *_place(message.pose, f"{field}.pose"), material)
 
 
 def _element(message, name, field):
     """Return an exact element."""
-    plane = optional(message.plane, f"{field}.plane")
-    primitive = optional(message.primitive, f"{field}.primitive")
     position, orientation = _place(message.pose, f"{field}.pose")
     material = read_material(message.material, f"{field}.material", InvalidEnvironmentError)
     tilt = surface_tilt_std(message.surface_tilt_std, f"{field}.surface_tilt_std")
     material += (("surface_tilt_std", tilt),) if tilt else ()
     material += _read_surface_velocity(message.surface_velocity, position, f"{field}.surface_velocity")
-    if primitive is not None and plane is None:
-        place = f"{field}.primitive[0]"
-        size = read_dimensions(primitive, place)
-        return at_field(place, _solid, primitive.type, size, position, orientation, name, material)
-    if plane is None or primitive is not None:
-        raise InvalidEnvironmentError("must have exactly one of plane, primitive and mesh", field=field)
-    place = f"{field}.plane[0].coef"
-    coef = tuple(array(plane.coef, (4,), place, InvalidEnvironmentError).tolist())
+    if given_shapes(message) == ["primitive"]:
+        place = f"{field}.primitive"
+        size = read_dimensions(message.primitive, place)
+        return at_field(place, _solid, message.primitive.type, size, position, orientation, name, material)
+    place = f"{field}.plane.coef"
+    coef = tuple(array(message.plane.coef, (4,), place, InvalidEnvironmentError).tolist())
     try:
         return _plane(coef, position, orientation, name, material)
     except UncPhysicsError as error:

@@ -6,7 +6,7 @@ import math
 from array import array as packed_array
 
 import numpy as np
-from builtin_interfaces.msg import Duration
+from builtin_interfaces.msg import Duration, Time
 from geometry_msgs.msg import Point, Pose, Quaternion, Vector3
 
 from unc_physics_msgs.msg import Result
@@ -68,6 +68,12 @@ def duration(seconds: float) -> Duration:
     return Duration(sec=whole + carried, nanosec=nanoseconds)
 
 
+def later(stamp: Time, after: Duration) -> Time:
+    """Return the time a Duration, not negative, after another time."""
+    carried, nanoseconds = divmod(stamp.nanosec + after.nanosec, _NANOSECONDS)
+    return Time(sec=stamp.sec + after.sec + carried, nanosec=nanoseconds)
+
+
 def seconds(message: Duration) -> float:
     """Return a Duration in seconds."""
     return message.sec + message.nanosec / _NANOSECONDS
@@ -88,19 +94,46 @@ def read_duration(message: Duration, field: str, error: type[UncPhysicsError] = 
     return seconds(message)
 
 
-def optional(values, field: str):
-    """Return the entry of an optional field, an array of at most one entry; None if it is empty.
+def optional(message, name: str, field: str):
+    """Return the value of an optional field of a message; None unless its flag ``has_<name>`` is set.
+
+    Parameters
+    ----------
+    message : message
+        With both fields.
+    name : str
+    field : str
+        Name of the message in error messages.
 
     Raises
     ------
     InvalidRequestError
-        If it has more entries, which clients do not check.
+        If a value other than zero is given without its flag.
     """
-    if len(values) == 0:
-        return None
-    if len(values) > 1:
-        raise InvalidRequestError("must hold at most one entry", field=field, value=len(values))
-    return values[0]
+    value = getattr(message, name)
+    if getattr(message, f"has_{name}"):
+        return value
+    if isinstance(value, Vector3):
+        given = any(xyz(value))
+    else:
+        given = value.sec or value.nanosec if isinstance(value, Duration) else value
+    if given:
+        raise InvalidRequestError(f"needs has_{name} beside it", field=f"{field}.{name}")
+    return None
+
+
+def given_shapes(message) -> list[str]:
+    """Return the names of the shapes that an object or an element of the environment has."""
+    found = []
+    if getattr(message, "model", ""):
+        found.append("model")
+    if hasattr(message, "plane") and np.any(message.plane.coef):
+        found.append("plane")
+    if message.primitive.type or len(message.primitive.dimensions):
+        found.append("primitive")
+    if len(message.mesh.triangles) or len(message.mesh.vertices):
+        found.append("mesh")
+    return found
 
 
 def write_error(result: Result, error: Exception) -> None:

@@ -114,7 +114,7 @@ class Transform(NamedTuple):
             environment=self.environment(message.environment),
             common_pose_std=message.common_pose_std,
             common_pose_origin=message.common_pose_origin,
-            joint_covariance=[self.joint_covariance(joint) for joint in message.joint_covariance],
+            joint_covariance=self.joint_covariance(message.joint_covariance),
         )
 
     def object(self, message):
@@ -126,31 +126,32 @@ class Transform(NamedTuple):
         ``diag(R, R) C diag(R, R)^T``. Unknown covariances stay unknown.
         """
         result = copy.deepcopy(message)
-        self._move(result.pose.pose)
-        _rotate(result.twist.twist.linear, self.R)
-        _rotate(result.twist.twist.angular, self.R)
-        for part in (result.pose, result.twist):
-            if part.covariance[0] != UNKNOWN:
-                part.covariance = self._rotated(part.covariance, 2)
-        result.covariance = packed(self._rotated(result.covariance, 4))
-        self._move_path(result)
-        for applied in result.wrenches:
-            if not applied.body_axes:
-                _rotate(applied.wrench.force, self.R)
-                _rotate(applied.wrench.torque, self.R)
+        self._move(result.pose)
+        _rotate(result.twist.linear, self.R)
+        _rotate(result.twist.angular, self.R)
+        belief = result.belief
+        if belief.pose_covariance[0] != UNKNOWN:
+            belief.pose_covariance = self._rotated(belief.pose_covariance, 2)
+        if belief.twist_covariance[0] != UNKNOWN:
+            belief.twist_covariance = self._rotated(belief.twist_covariance, 2)
+        belief.covariance = packed(self._rotated(belief.covariance, 4))
         return result
 
-    def _move_path(self, message):
-        """Move the path of a prescribed object, in place."""
-        for path in message.trajectory:
-            for point in path.points:
-                for place in point.transforms:
-                    _rotate(place.translation, self.R, self.translation)
-                    q = place.rotation
-                    q.x, q.y, q.z, q.w = _product(self.q, q)
-                for twist in point.velocities:
-                    _rotate(twist.linear, self.R)
-                    _rotate(twist.angular, self.R)
+    def action(self, message):
+        """Return an Action in the other frame."""
+        result = copy.deepcopy(message)
+        for point in result.trajectory.points:
+            for place in point.transforms:
+                _rotate(place.translation, self.R, self.translation)
+                q = place.rotation
+                q.x, q.y, q.z, q.w = _product(self.q, q)
+            for twist in point.velocities:
+                _rotate(twist.linear, self.R)
+                _rotate(twist.angular, self.R)
+        if not result.wrench.body_axes:
+            _rotate(result.wrench.wrench.force, self.R)
+            _rotate(result.wrench.wrench.torque, self.R)
+        return result
 
     def joint_covariance(self, message):
         """Return a JointCovariance in the other frame."""

@@ -11,7 +11,7 @@ from ...scene.presets import with_changes
 from ...scene.scene import DEFAULT_OVERLAP
 from ...scene.scene_file import physics_value, preset
 from ...scene.stiffness import AUTO
-from .fields import optional, packed, vector_message, xyz
+from .fields import optional, vector_message, xyz
 
 #: Values in the message of fields that are None or absent in the core.
 _ABSENT = {key: 0.0 for key in PHYSICS_KEYS if key.endswith("_std")}
@@ -25,22 +25,20 @@ def read_physics(message: Physics, physics: dict) -> dict:
     Raises
     ------
     InvalidOptionError, NotFiniteError, InvalidRequestError
-        Limits of values are checked by `Scene`; `physics_field` returns the message's names of its fields.
+        Limits of values are checked by `Scene`.
     """
     if message.preset:
         physics = _at("preset", preset, message.preset)
     given = {}
     for key in PHYSICS_KEYS:
         value = getattr(message, key)
-        value = (value or None) if isinstance(value, str) else optional(value, f"physics.{key}")
+        if isinstance(value, str) or key.endswith("_std"):
+            value = value or None
+        else:
+            value = optional(message, key, "physics")
         if value is not None:
-            given[key] = _at(physics_field(key), physics_value, key, _plain(key, value))
+            given[key] = _at(key, physics_value, key, _plain(key, value))
     return with_changes(physics, given)
-
-
-def physics_field(key: str) -> str:
-    """Return the message's name of a scene's field: an array entry, except for strings."""
-    return key if key in ("preset", "integrator", "overlap") else f"{key}[0]"
 
 
 def physics_message(physics: dict) -> Physics:
@@ -49,16 +47,16 @@ def physics_message(physics: dict) -> Physics:
     integrator = physics.get("integrator", "explicit")
     own = {"restitution": DEFAULT_RESTITUTION[integrator], "overlap": DEFAULT_OVERLAP[integrator]}
     physics = _ABSENT | own | physics
-    message = Physics(
-        integrator=integrator, overlap=physics["overlap"], gravity=[vector_message(physics["gravity"])]
-    )
+    physics |= {"integrator": integrator, "gravity": vector_message(physics["gravity"])}
     if physics["stiffness"] == AUTO:
         physics["stiffness"] = Physics.STIFFNESS_AUTO
+    message = Physics()
     for key, value in physics.items():
-        if isinstance(value, bool):
-            setattr(message, key, [value])
-        elif isinstance(value, (int, float)):
-            setattr(message, key, packed([value]))
+        if isinstance(value, (int, float)) and not isinstance(value, bool):
+            value = float(value)
+        setattr(message, key, value)
+        if hasattr(message, f"has_{key}"):
+            setattr(message, f"has_{key}", True)
     return message
 
 

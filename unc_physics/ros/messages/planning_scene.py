@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from geometry_msgs.msg import Point, Pose
 
-from unc_physics_msgs.msg import EnvironmentElement, ObjectState, Scene
+from unc_physics_msgs.msg import Action, EnvironmentElement, ObjectState, PredictionRequest, Scene
 
 from ...checks.errors import (
     InvalidMassError,
@@ -29,7 +29,7 @@ _ADD = 0, b"\x00"  # a byte is an int or bytes, depending on the ROS version
 _Placed = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 
-def scene_of_planning_scene(
+def request_of_planning_scene(
     message: Any,
     *,
     objects: Mapping[str, float] | None = None,
@@ -37,8 +37,8 @@ def scene_of_planning_scene(
     frames: Mapping[str, Pose] | None = None,
     planning_frame: str = "",
     ignore_octomap: bool = False,
-) -> Scene:
-    """Return the scene of a ``moveit_msgs/PlanningScene``, for a request.
+) -> PredictionRequest:
+    """Return a request with the scene and the attachments of a ``moveit_msgs/PlanningScene``.
 
     Parameters
     ----------
@@ -59,10 +59,10 @@ def scene_of_planning_scene(
 
     Returns
     -------
-    unc_physics_msgs/Scene
-        Scene without covariances, as zeros. Attached objects have their link's name in ``attached_to``, and
-        the mass of ``objects`` or else their ``weight``. An obstacle of several shapes becomes several
-        elements, ``id/0``, ``id/1`` and so on.
+    unc_physics_msgs/PredictionRequest
+        Request with a scene and actions; the horizon is still to be set. Covariances are zero. An attached
+        object has the mass of ``objects`` or else its ``weight``, and an action of type ATTACHMENT to its
+        link. An obstacle of several shapes becomes several elements, ``id/0``, ``id/1`` and so on.
 
     Raises
     ------
@@ -89,7 +89,7 @@ def scene_of_planning_scene(
         (one.header.frame_id for one in [*fixed, *world] if one.header.frame_id), ""
     )
     known = _KnownFrames(frame, fixed, frames or {})
-    bodies, elements = [], []
+    bodies, elements, actions = [], [], []
     for k, own in enumerate(world):
         field = f"world.collision_objects[{k}]"
         if own.id in objects:
@@ -102,11 +102,13 @@ def scene_of_planning_scene(
         mass = objects.get(held.object.id, held.weight)
         mass = positive(mass, f"{field}.weight", InvalidMassError)
         state = _object(held.object, known, models.get(held.object.id), mass, f"{field}.object")
-        state.attached_to = held.link_name
         bodies.append(state)
+        action = Action(type=Action.ATTACHMENT, object=state.id)
+        action.attachment.attached_to = held.link_name
+        actions.append(action)
     scene = Scene(objects=bodies)
     scene.header.frame_id, scene.environment.elements = frame, elements
-    return scene
+    return PredictionRequest(scene=scene, actions=actions)
 
 
 class _KnownFrames:
@@ -177,9 +179,9 @@ def _object(own, frames, model, mass, field):
                 value=own.id,
             )
         ((name, shape, pose, where),) = shapes
-        setattr(state, name, [shape])
+        setattr(state, name, shape)
         place = _together(place, _placed(pose, where))
-    state.pose.pose = pose_message(*place[1:])
+    state.pose = pose_message(*place[1:])
     return state
 
 
@@ -190,7 +192,7 @@ def _elements(own, frames, field):
     elements = []
     for k, (name, shape, pose, where) in enumerate(shapes):
         element = EnvironmentElement(id=own.id if len(shapes) == 1 else f"{own.id}/{k}")
-        setattr(element, name, [shape])
+        setattr(element, name, shape)
         element.pose = pose_message(*_together(place, _placed(pose, where))[1:])
         elements.append(element)
     return elements

@@ -57,7 +57,7 @@ from ...spatial.layout import (
 )
 from ...spatial.origin import at_com, at_origin, covariance_at_com, moved
 from ...spatial.rotation import rotation_matrix
-from .fields import duration, packed, pose_message, read_error, seconds, writable, xyz, xyzw
+from .fields import duration, later, packed, pose_message, read_error, seconds, writable, xyz, xyzw
 from .physics import physics_message
 from .request import Job, Query, RequestedOutputs
 from .scene import joint_covariance_at_com, write_joint_covariance
@@ -106,9 +106,10 @@ def write_answer(message: PredictionMessage, header: Header, settings, job: Job,
     if isinstance(job.propagator, Samples):
         errors = job.propagator.standard_errors(prediction.carry, used)
     if errors is not None:
-        message.position_error = [float(errors.position.max(initial=0.0))]
-        message.rotation_error = [float(errors.rotation.max(initial=0.0))]
-        message.probability_error = [0.5 / math.sqrt(message.rollouts) if errors.relative.any() else 0.0]
+        message.has_errors = True
+        message.position_error = float(errors.position.max(initial=0.0))
+        message.rotation_error = float(errors.rotation.max(initial=0.0))
+        message.probability_error = 0.5 / math.sqrt(message.rollouts) if errors.relative.any() else 0.0
     message.objects = objects
     message.skipped = [KeyValue(key=name, value=reason) for name, reason in job.skipped.items()]
     message.joint_covariances = joints
@@ -117,6 +118,7 @@ def write_answer(message: PredictionMessage, header: Header, settings, job: Job,
     write_probabilities(message, prediction, job.events)
     message.seed = job.seed
     message.time_reached = duration(prediction.time)
+    message.valid_until = later(header.stamp, message.time_reached)
     message.computation_time = duration(prediction.wall_time)
 
 
@@ -381,7 +383,7 @@ def _prediction(message, query):
     """Return the prediction at the requested times and at the last time of the message."""
     scene = query.scene
     if scene.stiffness is None:
-        scene = replace(scene, stiffness=message.physics.stiffness[0])
+        scene = replace(scene, stiffness=message.physics.stiffness)
     given = [_time_of(state, query) for state in message.objects[0].states]
     propagator = query.propagator
     if "seed" in propagator.options():

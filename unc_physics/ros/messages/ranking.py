@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
 
-from unc_physics_msgs.msg import CandidatePrediction, ModelInfo, ObjectState, Result, Score
+from unc_physics_msgs.msg import Candidate, CandidatePrediction, ModelInfo, Result, Score
 from unc_physics_msgs.srv import PredictCandidates
 
 from ...checks.errors import InvalidRequestError, NotSupportedError, UncPhysicsError
@@ -19,7 +19,8 @@ from ...prediction.regions import BoxRegion
 from ...prediction.sequential_halving import Difference
 from ...scene.physics_keys import PHYSICS_KEYS
 from ...scene.scene import Scene
-from .fields import optional, read_error
+from .actions import write_actions
+from .fields import read_error
 from .prediction import read_answer, read_probability, write_probability
 from .request import Query
 from .scene import write_object
@@ -159,13 +160,15 @@ def _read_event(message, field, regions):
     return event(message.object, other)
 
 
-def changed_objects(
-    base: Query, changed: Query, model_info: Callable[[str], ModelInfo], field: str
-) -> list[ObjectState]:
-    """Return the messages of objects that differ from the base query's objects.
+def write_candidate(
+    name: str, base: Query, changed: Query, model_info: Callable[[str], ModelInfo], field: str
+) -> Candidate:
+    """Return the message of a candidate: objects that differ from those of the base query, and their actions.
 
     Parameters
     ----------
+    name : str
+        Id of the candidate.
     base, changed : Query
     model_info : callable
         As for `write_scene`.
@@ -190,18 +193,22 @@ def changed_objects(
         raise NotSupportedError(
             "must have a covariance for each body, not one of all together", field=f"belief of {field}"
         )
-    pairs = (
-        [write_object(query.scene, query.belief, b, model_info) for query in (base, changed)]
-        for b in range(len(one.bodies))
-    )
-    return [after for before, after in pairs if before != after]
+    message = Candidate(id=name)
+    for b, (body, own) in enumerate(zip(one.bodies, other.bodies, strict=True)):
+        before, after = (write_object(query.scene, query.belief, b, model_info) for query in (base, changed))
+        actions = write_actions(own)
+        if before != after or write_actions(body) != actions:
+            message.objects = [*message.objects, after]
+            message.actions = [*message.actions, *actions]
+    return message
 
 
 def write_ranked_action(entry: CandidatePrediction, action: RankedAction) -> None:
     """Write a ranked action into a candidate's entry."""
     entry.score = write_probability(action.score)
     entry.difference, entry.difference_std = action.difference.value, action.difference.std
-    entry.margin = [] if action.margin is None else [action.margin]
+    if action.margin is not None:
+        entry.has_margin, entry.margin = True, float(action.margin)
     entry.tied, entry.clearly_worse = action.tied, action.clearly_worse
 
 
@@ -251,7 +258,7 @@ def read_ranking(
                 prediction,
                 share,
                 differences[k],
-                optional(entry.margin, f"margin of '{entry.candidate}'"),
+                entry.margin if entry.has_margin else None,
                 entry.tied,
                 entry.clearly_worse,
                 entry.prediction.rollouts,

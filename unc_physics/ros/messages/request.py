@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import secrets
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -34,11 +34,12 @@ from ...scene.entries import at_field
 from ...scene.physics_keys import PHYSICS_KEYS
 from ...scene.scene import Scene
 from ...spatial.layout import ERROR
+from .actions import write_actions
 from .environment import read_regions, write_region
 from .fields import duration, read_duration, xyz
 from .frames import Frames
 from .physics import physics_message, read_physics
-from .scene import SceneLimits, read_scene, write_scene
+from .scene import FieldNames, SceneLimits, read_scene, write_scene
 
 _STATE_BYTES = 800  # size of a PredictedState without optional parts
 _START_BYTES = 350  # size of an object's start
@@ -181,7 +182,7 @@ def read_request(
     frames: Frames,
     *,
     time_limit: float | None = None,
-    fields: Sequence[str] | None = None,
+    fields: FieldNames | None = None,
 ) -> Job:
     """Read a request and check it.
 
@@ -193,18 +194,20 @@ def read_request(
     frames : Frames
     time_limit : float, optional
         Longest wall time, even if the request allows more [s].
-    fields : sequence of str, optional
-        Name of each object in error messages; by default ``scene.objects[0]`` and so on.
+    fields : FieldNames, optional
+        Names in error messages; by default ``scene.objects[0]``, ``actions[0]`` and so on.
 
     Raises
     ------
     UncPhysicsError
         A subclass that names field and value.
     """
-    message, regions = request.scene, request.regions
+    message, actions, regions = request.scene, request.actions, request.regions
     transform = frames.to_world(message.header)
     if transform is not None:
-        message, regions = transform.scene(message), [transform.region(region) for region in regions]
+        message = transform.scene(message)
+        actions = [transform.action(action) for action in actions]
+        regions = [transform.region(region) for region in regions]
     horizon = _horizon(request.horizon, settings)
     seed = request.seed or 1 + secrets.randbelow(2**_SEED_BITS - 1)
     options = _options(request.propagator_options)
@@ -219,6 +222,7 @@ def read_request(
         read_physics(request.physics, settings.physics | {"islands": islands}),
         settings.covariance_defaults,
         SceneLimits(settings.max_objects, settings.max_spheres, settings.max_elements),
+        actions=actions,
         fields=fields,
         skip_unknown_models=request.skip_unknown_models,
     )
@@ -283,6 +287,7 @@ def write_request(query: Query, model_info: Callable[[str], ModelInfo]) -> Predi
         options.pop("seed", None)
     request = PredictionRequest(
         scene=write_scene(query.scene, query.belief, model_info),
+        actions=[action for body in query.scene.bodies for action in write_actions(body)],
         horizon=duration(query.marks[-1].time),
         times=[duration(mark.time) for mark in query.marks[:-1]],
         physics=physics_message({key: getattr(query.scene, key) for key in PHYSICS_KEYS}),

@@ -33,7 +33,6 @@ from ...checks.validation import FARTHEST, array, covariance, non_negative, numb
 from ...geometry.packing_file import ROUND_OFF, SpherePacking
 from ...scene.belief import Belief
 from ...scene.body import RigidBody, known_mass
-from ...scene.entries import at_field
 from ...scene.environment import element_names
 from ...scene.physics_keys import PHYSICS_KEYS
 from ...scene.scene import Scene
@@ -49,7 +48,7 @@ from ...spatial.origin import (
     inverse_error_map,
     moved,
 )
-from .actions import read_actions, read_path, write_actions
+from .actions import ObjectActions, group_actions, read_actions, read_path
 from .environment import (
     MATERIAL_FIELDS,
     element_id,
@@ -58,8 +57,7 @@ from .environment import (
     write_element,
     write_material,
 )
-from .fields import optional, packed, pose_message, vector_message, writable, xyz, xyzw
-from .physics import physics_field
+from .fields import given_shapes, packed, pose_message, vector_message, writable, xyz, xyzw
 
 #: First entry of an unknown covariance, as in sensor_msgs/Imu.
 UNKNOWN = -1.0
@@ -118,6 +116,35 @@ class ReadScene(NamedTuple):
     skipped: dict[str, str]
 
 
+class FieldNames(NamedTuple):
+    """Names of the objects and of the actions of a request in error messages."""
+
+    objects: list[str]
+    actions: list[str]
+
+
+class BodyFields(NamedTuple):
+    """Names of the fields of a body in error messages.
+
+    Attributes
+    ----------
+    field : str
+        Name of the object or element.
+    actions : ObjectActions
+    """
+
+    field: str
+    actions: ObjectActions
+
+    def of(self, attribute: str) -> str:
+        """Return the message's name of an attribute of a `RigidBody`."""
+        if attribute in MATERIAL_FIELDS:
+            return f"{self.field}.material.{attribute}"
+        if attribute in ("mass_std", "center_of_mass_std"):
+            return f"{self.field}.belief.{attribute}"
+        return self.actions.field(attribute) or f"{self.field}.{attribute}"
+
+
 class SceneLimits(NamedTuple):
     """Largest numbers of objects, of spheres of an object, and of elements; None means no limit."""
 
@@ -136,6 +163,7 @@ def read_scene(
     covariance_defaults=EXACT,
     limits=UNLIMITED,
     *,
+    actions=(),
     fields=None,
     skip_unknown_models=False,
 ) -> ReadScene:
@@ -150,8 +178,9 @@ def read_scene(
         Arguments of `Scene` besides bodies and environment; the stiffness may be `stiffness.AUTO`.
     covariance_defaults : CovarianceDefaults
     limits : SceneLimits
-    fields : sequence of str, optional
-        Name of each object in error messages; by default ``scene.objects[0]`` and so on.
+    actions : sequence of Action
+    fields : FieldNames, optional
+        By default ``scene.objects[0]``, ``actions[0]`` and so on.
     skip_unknown_models : bool
         Whether objects with an unknown model are omitted.
 
@@ -169,17 +198,19 @@ def read_scene(
         )
     wait = not skip_unknown_models
     elements, packed = read_environment(message.environment, library.shape_packer, limits.elements, wait)
-    fields = [f"scene.objects[{k}]" for k in range(len(objects))] if fields is None else fields
-    names = _checked_ids(objects, fields, message.environment.elements)
+    of_objects = fields.objects if fields else [f"scene.objects[{k}]" for k in range(len(objects))]
+    names = _checked_ids(objects, of_objects, message.environment.elements)
+    grouped = group_actions(actions, names, fields.actions if fields else None)
     spheres = AUTO if physics.get("integrator") == "implicit" else None
     meets = may_meet(len(objects) + len(packed), elements)
     read, skipped = [], {}
-    for own, field in zip(objects, fields, strict=True):
+    for own, field in zip(objects, of_objects, strict=True):
+        names_of = BodyFields(field, grouped.get(own.id, ObjectActions(own.id)))
         try:
             body, state, P, zeros = _body(
-                own, field, library, covariance_defaults, limits.spheres, wait, spheres, meets
+                own, names_of, library, covariance_defaults, limits.spheres, wait, spheres, meets
             )
-            read.append((field, own.model or body[1].name, body, state, P, zeros))
+            read.append((names_of, own.model or body[1].name, body, state, P, zeros))
         except UnknownModelError as error:
             if not skip_unknown_models:
                 raise
@@ -189,24 +220,27 @@ def read_scene(
             f"must name at least one object whose model is known: {next(iter(skipped.values()))}",
             field="scene.objects",
         )
-    read += [(element.field, element.model.name, *_fixed(element)) for element in packed]
-    fields = [field for field, *_ in read]
-    bodies = tuple(at_field(field, _rigid_body, *body) for field, _, body, *_ in read)
+    read += [
+        (BodyFields(element.field, ObjectActions(element.name)), element.model.name, *_fixed(element))
+        for element in packed
+    ]
+    places = [place for place, *_ in read]
+    bodies = tuple(_body_at(place, body) for place, _, body, *_ in read)
     mean = np.array([state for *_, state, _, _ in read])
     physics = with_chosen_stiffness(physics, bodies, mean)
     constants = tuple((key, _hashable(physics[key])) for key in sorted(physics))
     try:
         scene = _scene(bodies, elements, constants)
     except UncPhysicsError as error:  # the node's own parameters are consistent
-        field = _in_message(error.field or "scene", fields)
+        field = _in_message(error.field or "scene", places)
         problem = error.problem
         if field.startswith("physics."):  # a missing value is the node's parameter
             problem = problem.removesuffix(" or absent")
         kind = InvalidOptionError if isinstance(error, InvalidRequestError) else type(error)
         raise kind(problem, field=field, value=error.value) from None
     moving = scene.moving.copy()
-    if (joint := optional(message.joint_covariance, "scene.joint_covariance")) is not None:
-        P = _joint_covariance(joint, scene, mean, names)
+    if len(message.joint_covariance.object_ids) or len(message.joint_covariance.data):
+        P = _joint_covariance(message.joint_covariance, scene, mean, names)
     else:
         P = np.array([read[b][-2] for b in moving]).reshape(-1, ERROR, ERROR)
     belief = Belief.trusted(mean, P, moving)
@@ -215,7 +249,7 @@ def read_scene(
 
 
 def write_scene(scene: Scene, belief: Belief, model_info: Callable[[str], ModelInfo]) -> SceneMessage:
-    """Return the message of a scene and the belief about it, in the node's world frame.
+    """Return the message of a scene without actions and the belief about it, in the node's world frame.
 
     Parameters
     ----------
@@ -240,12 +274,12 @@ def write_scene(scene: Scene, belief: Belief, model_info: Callable[[str], ModelI
         for k, (element, name) in enumerate(zip(scene.environment, names, strict=True))
     ]
     if not belief.independent and len(scene.moving):
-        message.joint_covariance = [write_joint_covariance(scene, belief)]
+        message.joint_covariance = write_joint_covariance(scene, belief)
     return message
 
 
 def write_object(scene: Scene, belief: Belief, b: int, model_info: Callable[[str], ModelInfo]) -> ObjectState:
-    """Return the message of body ``b``; errors are as in `write_scene`."""
+    """Return the message of body ``b``, without actions on it; errors are as in `write_scene`."""
     body: RigidBody = scene.bodies[b]
     state, C, *_ = at_origin(
         writable(belief.mean[b]), writable(belief.marginal(b)), writable(body.model.origin)
@@ -258,18 +292,20 @@ def write_object(scene: Scene, belief: Belief, b: int, model_info: Callable[[str
         spheres=len(body.model),
         scale=scale_of(body.model, model_info(body.model.name), field),
         mass=float(body.mass),
-        mass_std=float(body.mass_std),
-        center_of_mass_std=vector_message(body.center_of_mass_std),
         material=write_material(body),
         at_rest=body.at_rest,
-        inertia=[] if body.inertia is None else packed(body.inertia.ravel()),
+        pose=pose_message(state[POSITION], state[QUATERNION]),
     )
-    write_actions(body, message)
-    message.pose.pose = pose_message(state[POSITION], state[QUATERNION])
-    message.twist.twist.linear = vector_message(state[VELOCITY])
-    message.twist.twist.angular = vector_message(state[ANGULAR_VELOCITY])
+    if body.trajectory is not None:
+        message.kind = ObjectState.PRESCRIBED
+    if body.inertia is not None:
+        message.inertia = body.inertia.ravel()
+    message.twist.linear = vector_message(state[VELOCITY])
+    message.twist.angular = vector_message(state[ANGULAR_VELOCITY])
+    message.belief.mass_std = float(body.mass_std)
+    message.belief.center_of_mass_std = vector_message(body.center_of_mass_std)
     if body.free:
-        message.covariance = packed(C)
+        message.belief.covariance = packed(C)
     return message
 
 
@@ -359,15 +395,24 @@ def _checked_ids(objects, fields, elements):
     return names
 
 
-def _in_message(field, fields):
+def _body_at(place, arguments):
+    """Return a body; errors name fields of the message."""
+    try:
+        return _rigid_body(*arguments)
+    except UncPhysicsError as error:
+        name = (error.field or "").partition(" of body ")[0]
+        raise type(error)(error.problem, field=place.of(name), value=error.value) from error
+
+
+def _in_message(field, places):
     """Return the message's name of a field of a body, an element or the physics."""
     if found := re.fullmatch(r"bodies\[(\d+)\]\.(\w+)", field):
-        place, name = fields[int(found[1])], found[2]
+        return places[int(found[1])].of(found[2])
     elif found := re.fullmatch(r"environment\[(\d+)\]\.(\w+)", field):
         place, name = f"scene.environment.elements[{found[1]}]", found[2]
     else:
-        return f"physics.{physics_field(field)}" if field in PHYSICS_KEYS else field
-    return f"{place}.material.{name}[0]" if name in MATERIAL_FIELDS else f"{place}.{name}"
+        return f"physics.{field}" if field in PHYSICS_KEYS else field
+    return f"{place}.material.{name}" if name in MATERIAL_FIELDS else f"{place}.{name}"
 
 
 @functools.lru_cache(maxsize=1024)
@@ -397,52 +442,52 @@ def _fixed(element):
 
 def _shape(message, library, max_spheres, wait, spheres, meets):
     """Return the packing of an object's named model, primitive or mesh."""
-    given = [name for name in ("model", "primitive", "mesh") if len(getattr(message, name))]
+    given = given_shapes(message)
     if given not in (["primitive"], ["mesh"]):
         if len(given) > 1:
             raise InvalidRequestError("must not be given beside a model", field=given[-1])
         scale = number(message.scale, "scale")
         return library.shape(message.model, message.spheres, scale, max_spheres, default=spheres, meets=meets)
     (name,) = given
-    shape = optional(getattr(message, name), name)
     if max_spheres is not None and message.spheres > max_spheres:
         raise LimitExceededError(f"must be at most {max_spheres}", field="spheres", value=message.spheres)
     pack = library.shape_packer.of_mesh if name == "mesh" else library.shape_packer.of_primitive
-    packing = pack(shape, message.spheres, f"{name}[0]", wait)
+    packing = pack(getattr(message, name), message.spheres, name, wait)
     return packing.scaled(number(message.scale, "scale") or 1.0)
 
 
-def _body(message, field, library, covariance_defaults, max_spheres, wait, spheres, meets):
+def _body(message, place, library, covariance_defaults, max_spheres, wait, spheres, meets):
     """Return the arguments of a body, its state (13,) and covariance (12, 12), and whether zeros were read as
     unknown.
 
     ``spheres`` and ``meets`` are arguments of `load_shape`, the first one if the message gives no number.
     """
-    fixed = _is_fixed(message, field)
+    field, actions = place
+    fixed = _is_fixed(message, place)
     try:
         model = _shape(message, library, max_spheres, wait, spheres, meets)
     except UncPhysicsError as error:
-        place = (
+        where = (
             f"{field}.{error.field}"
-            if (error.field or "").partition("[")[0] in ("model", "spheres", "scale", "primitive", "mesh")
+            if re.split(r"[.[]", error.field or "")[0] in ("model", "spheres", "scale", "primitive", "mesh")
             else f"{field}.model: {error.field}"
         )
-        raise type(error)(error.problem, field=place, value=error.value) from error
+        raise type(error)(error.problem, field=where, value=error.value) from error
     origin = writable(model.origin)
-    path = read_path(message, field, origin)
+    path = read_path(actions, origin)
     kinematic = fixed or path is not None
     mass = known_mass(message.mass or None, model, kinematic, f"{field}.mass")
-    stds = _EXACT if kinematic else _stds(message, field, mass)
+    stds = _EXACT if kinematic else _stds(message.belief, f"{field}.belief", mass)
     material = read_material(message.material, f"{field}.material")
     inertia = _inertia(message, f"{field}.inertia")
-    surface = material + read_actions(message, field)
+    surface = material + read_actions(actions)
     body = message.id, model, mass, fixed, *stds, bool(message.at_rest), inertia, path, surface
     if path is not None:
         return body, path.states[0], np.zeros((ERROR, ERROR)), False
     state = moved(_state(message, field, fixed), origin, -1.0)
     if fixed:
         return body, state, np.zeros((ERROR, ERROR)), False
-    P, zeros = _covariance(message, field, covariance_defaults, state, origin)
+    P, zeros = _covariance(message.belief, f"{field}.belief", covariance_defaults, state, origin)
     if not math.isfinite(state.sum() + P.sum()):
         raise NotFiniteError("is too large to be moved to the centre of mass", field=field)
     return body, state, P, zeros
@@ -456,11 +501,16 @@ def _inertia(message, field):
     return tuple(map(tuple, rows))
 
 
-def _is_fixed(message, field):
-    """Return whether an object is fixed; raise an error for an unknown kind."""
+def _is_fixed(message, place):
+    """Return whether an object is fixed; raise an error for an unknown kind or a missing trajectory."""
+    field, actions = place
     if message.kind not in _KINDS:
         raise InvalidRequestError(
             "must be DYNAMIC, FIXED or PRESCRIBED", field=f"{field}.kind", value=message.kind
+        )
+    if message.kind == ObjectState.PRESCRIBED and actions.trajectory is None:
+        raise InvalidRequestError(
+            "needs a TRAJECTORY of the object among the actions", field=f"{field}.kind", value="PRESCRIBED"
         )
     return message.kind == ObjectState.FIXED
 
@@ -472,14 +522,14 @@ def _covariance(message, field, covariance_defaults, state, origin):
         C = _checked(array(message.covariance, (ERROR**2,), place, InvalidCovarianceError).tobytes(), place)
         return at_com(C, state, origin), False
     P_pose, zero_pose = _known_covariance(
-        message.pose.covariance,
-        f"{field}.pose.covariance",
+        message.pose_covariance,
+        f"{field}.pose_covariance",
         covariance_defaults.pose,
         covariance_defaults.zero_is_exact,
     )
     P_twist, zero_twist = _known_covariance(
-        message.twist.covariance,
-        f"{field}.twist.covariance",
+        message.twist_covariance,
+        f"{field}.twist_covariance",
         covariance_defaults.twist,
         covariance_defaults.zero_is_exact,
     )
@@ -497,7 +547,7 @@ def _joint_covariance(message, scene, mean, known):
     known : set of str
         Ids of all objects of the request, including omitted ones.
     """
-    place = "scene.joint_covariance[0]"
+    place = "scene.joint_covariance"
     ids = list(message.object_ids)
     for k, name in enumerate(ids):
         if name not in known:
@@ -531,7 +581,7 @@ def _joint_covariance(message, scene, mean, known):
 
 def _state(message, field, fixed):
     """Return the state (13,) at the model's origin; a fixed object is at rest."""
-    pose, twist = message.pose.pose, message.twist.twist
+    pose, twist = message.pose, message.twist
     position, q = xyz(pose.position), xyzw(pose.orientation)
     v, w = (_AT_REST, _AT_REST) if fixed else (xyz(twist.linear), xyz(twist.angular))
     try:
@@ -542,15 +592,15 @@ def _state(message, field, fixed):
     if fine and abs(length - 1.0) < _ROUND_OFF:
         q = [component / length for component in q]
     else:  # checked separately, to name the invalid field
-        q = quaternion(q, f"{field}.pose.pose.orientation")
-        position = point(position, f"{field}.pose.pose.position")
-        v, w = array(v, (3,), f"{field}.twist.twist.linear"), array(w, (3,), f"{field}.twist.twist.angular")
+        q = quaternion(q, f"{field}.pose.orientation")
+        position = point(position, f"{field}.pose.position")
+        v, w = array(v, (3,), f"{field}.twist.linear"), array(w, (3,), f"{field}.twist.angular")
     if message.at_rest:
         for velocity, name in ((v, "linear"), (w, "angular")):
             if any(velocity):
                 raise InvalidRequestError(
                     "must be zero, as the object is at_rest",
-                    field=f"{field}.twist.twist.{name}",
+                    field=f"{field}.twist.{name}",
                     value=tuple(velocity),
                 )
     state = np.empty(STATE)
