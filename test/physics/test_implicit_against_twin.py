@@ -44,6 +44,7 @@ from unc_physics.collision.implicit_workspace import (
 )
 from unc_physics.compiler import kernel
 from unc_physics.dynamics import implicit_solver, implicit_step
+from unc_physics.dynamics.friction import weaken_with_speed
 from unc_physics.dynamics.impact_time import impact_before, time_to_impact
 from unc_physics.scene.body import faces_of
 from unc_physics.scene.environment import Box, Capsule, Cylinder, Plane, Sphere
@@ -108,8 +109,9 @@ def first_impact(left, world, work):
 
 
 @kernel
-def solve_impact(count, work):
+def solve_impact(count, slipperiness, work):
     work.impulses[PLASTIC] = 0.0
+    weaken_with_speed(slipperiness, work)
     return implicit_solver.solve_impact(
         work.rows,
         work.torsion_rows,
@@ -757,25 +759,28 @@ def meeting(name, e, mu, seed):
 
 
 @pytest.mark.parametrize("seed", range(3))
-@pytest.mark.parametrize("e, mu", [(0.0, 0.5), (0.5, 0.2), (1.0, 0.0), (1.0, 1.0)])
+@pytest.mark.parametrize(
+    "e, mu, half_speed",
+    [(0.0, 0.5, np.inf), (0.5, 0.2, np.inf), (1.0, 0.0, np.inf), (1.0, 1.0, np.inf), (0.2, 0.5, 1.5)],
+)
 @pytest.mark.parametrize("name", ["ball", "block", "plate"])
 @pytest.mark.parametrize("make", [falling, meeting])
-def test_an_impact_obeys_its_law_as_a_general_solver_s_does(make, name, e, mu, seed):
+def test_an_impact_obeys_its_law_as_a_general_solver_s_does(make, name, e, mu, half_speed, seed):
     stage = make(name, e, mu, seed)
     rows, contacts = stage.find(0.0)
     assert contacts
     J, before = twin.jacobian(contacts, stage.x), twin.velocities(stage.x)
     closing, inverse_mass = -(J @ before)[::3], twin.inverse_mass(stage.scene, stage.x)
     target = np.where(closing > twin.impact_speed(e, THRESHOLD), e * closing, 0.0)
+    friction = twin.impact_friction(rows[:, FRICTION], closing, half_speed)
     elastic, plastic = (
-        twin.Impact(J, inverse_mass, before, goal, rows[:, FRICTION])
-        for goal in (target, np.zeros_like(target))
+        twin.Impact(J, inverse_mass, before, goal, friction) for goal in (target, np.zeros_like(target))
     )
-    solve_impact(stage.count, stage.work)
+    solve_impact(stage.count, 1.0 / half_speed, stage.work)
     m, after = len(contacts), stage.work.velocity[NOW, :, :6].ravel()
     own, without = stage.work.impulses[ELASTIC, :m, :3], stage.work.impulses[PLASTIC, :m, :3]
     np.testing.assert_allclose(after, before + inverse_mass @ J.T @ own.ravel(), atol=1e-9)
-    limit = rows[:, FRICTION] * own[:, 0]
+    limit = friction * own[:, 0]
     assert (np.linalg.norm(own[:, 1:], axis=1) <= limit * (1.0 + 1e-6) + 1e-12).all()
     energies = [twin.kinetic_energy(stage.scene, stage.x, v) for v in (before, after)]
     assert energies[1] <= energies[0] * (1.0 + 1e-9)

@@ -58,6 +58,37 @@ def test_an_impact_has_newtons_restitution_and_coulombs_friction(dt, e):
 
 
 @at_steps
+@pytest.mark.parametrize("e", [0.0, 0.5, 0.8])
+@pytest.mark.parametrize("closing", [0.3, 1.0, 3.0])
+def test_friction_of_an_impact_falls_with_its_closing_speed(dt, e, closing):
+    """The impulse ratio of a ball that slips throughout; no spin, no gravity."""
+    mu, half, across = 0.2, 2.0, 4.0
+    body = RigidBody("ball", BALL, 0.3)
+    scene = world(body, dt=dt, gravity=None, friction=mu, restitution=e, impact_friction_speed=half)
+    x = run(scene, state((0, 0, R + 0.01), (across, 0, -closing)), 0.06)[0]
+    ratio = (across - x[3]) / (x[5] + closing)
+    assert ratio == pytest.approx(mu / (1.0 + closing / half), rel=0.01)
+    assert x[11] == pytest.approx(2.5 * (across - x[3]) / R, rel=0.01)
+
+
+@at_steps
+def test_friction_of_an_impact_still_stops_slip(dt):
+    """A ball that would stop slipping with half the friction of this impact."""
+    body = RigidBody("ball", BALL, 0.3)
+    scene = world(body, dt=dt, gravity=None, friction=0.6, impact_friction_speed=1.0)
+    x = run(scene, state((0, 0, R + 0.01), (0.5, 0, -1.0)), 0.06)[0]
+    assert x[3] == pytest.approx(5.0 / 7.0 * 0.5, rel=0.01)
+
+
+@at_steps
+def test_sliding_has_the_whole_friction_at_any_speed(dt):
+    for speed in (0.5, 2.0):
+        scene = world(RigidBody("b", BLOCK, 0.5), dt=dt, friction=0.2, impact_friction_speed=0.5)
+        x = run(scene, state((0, 0, 0.02), (speed, 0, 0)), speed / (0.2 * G) + 0.3)[0]
+        assert x[0] == pytest.approx(speed**2 / (2.0 * 0.2 * G), rel=0.01)
+
+
+@at_steps
 @pytest.mark.parametrize("e", [0.25, 0.5, 0.8, 1.0])
 def test_a_dropped_ball_rebounds_with_e_times_its_speed(dt, e):
     scene = world(RigidBody("ball", BALL, 0.3), dt=dt, restitution=e)

@@ -516,6 +516,13 @@ class Impact(NamedTuple):
         return np.column_stack([normal, slip_residual(self, impulses, speeds)])
 
 
+def impact_friction(friction, closing, half_speed):
+    """Return the coefficients of an impact at these closing speeds [m/s]; half of them at ``half_speed``."""
+    return (
+        friction * half_speed / (half_speed + np.maximum(closing, 0.0)) if half_speed < np.inf else friction
+    )
+
+
 def compliance(law):
     """(m, 3): each direction's own."""
     return np.einsum("ij,jk,ik->i", law.J, law.inverse_mass, law.push).reshape(-1, 3)

@@ -13,7 +13,8 @@ state:
                gap without contacts, tau the damping time and r the part of s* that comes from rolling
     impact:    ds' = (s' / s) ds, a constraint; 0 without rebound
     sticking:  the slip of u' stays zero, a constraint
-    sliding:   f_t = -mu lambda_n t, t the direction of slip, which turns with it
+    sliding:   f_t = -mu lambda_n t, t the direction of slip, which turns with it; in an impact, mu depends
+               on s (`friction.weaken_with_speed`)
 
 The geometry also changes (``contact_change``): normals and lever arms in u and f, and the inertia that
 rotates with the body. If f acts in the middle of the interval (``middle_arms``), its lever arm differs from
@@ -52,7 +53,7 @@ from ..collision.implicit_workspace import (
     START_QUATERNION,
 )
 from ..compiler import inner
-from ..dynamics.friction import slip_derivative
+from ..dynamics.friction import friction_per_normal_speed, slip_derivative
 from ..dynamics.impact_time import impact_speed
 from ..dynamics.implicit_solver import RECOVERY
 from ..dynamics.middle_arms import mean_turn, middle_arm, middle_arm_change, write_shift_slopes
@@ -355,7 +356,7 @@ def _add_contact(c, size, law, h, threshold, world, work, errors, contacts):
     u_before = relative_velocity(before, i, j, g.arm_i, g.arm_j)
     speed, speed_before = dot(n, u), dot(n, u_before)
     # normal impulse: d lambda = known - yield ds'
-    way = square = stiff = closing = depth = recovery = 0.0
+    way = square = stiff = closing = depth = recovery = weakening = 0.0
     if law == LASTING:
         way = 0.5 * h + row[DAMPING_TIME]
         factor = shallow_factor(world.stiffness) * row[RADIUS]
@@ -373,6 +374,9 @@ def _add_contact(c, size, law, h, threshold, world, work, errors, contacts):
         give = 1.0 / (_YIELDING * row[COMPLIANCE])
         closes = speed_before < -impact_speed(row[RESTITUTION], threshold)
         closing = speed / speed_before if closes else 0.0
+        slipperiness = world.implicit.impact_slipperiness
+        if slipperiness > 0.0:
+            weakening = own[0] * friction_per_normal_speed(row, speed_before, slipperiness)
     # friction
     moves = j < 0 and len(world.environment.actions.surface) > 0
     drift = (0.0, 0.0, 0.0)
@@ -400,7 +404,7 @@ def _add_contact(c, size, law, h, threshold, world, work, errors, contacts):
             add_answer(A, slot_j, slot_i, slot_j, k, 1.0, g.arm_j, B_i, turn_i, turn_j)
     first_i, first_j = ERROR * errors.block[i], _first(errors, j)
     begins = law != LASTING and contacts.first_gap[0] == math.inf
-    graze = 0.0  # variance of the closing speed
+    faster, graze = 0.0, 0.0  # change of the closing speed, and its variance
     wide = 0.0  # variance of the gap that decides whether, and when, it acts
     clipped = law == LASTING and row[GAP] > gap
     for k in range(end.shape[1]):
@@ -439,14 +443,17 @@ def _add_contact(c, size, law, h, threshold, world, work, errors, contacts):
             else:
                 deeper -= change.gap
             push += dh * square + stiff * deeper
-        elif closing != 0.0:
+        elif closing != 0.0 or weakening > 0.0:
             faster = _speed_change(g, change, before, i, j, end, first_i, first_j, k)
-            push += give * closing * faster
-            graze += faster * faster
+            if closing != 0.0:
+                push += give * closing * faster
+                graze += faster * faster
         answer = _answer(slip, n, (0.0, 0.0, 0.0), along, 0.0, hold)
         push -= give * dot(n, known)
         b = plus(times(push, pushed), answer)
         b = plus(b, times(own[0], dn))
+        if slides and weakening > 0.0:
+            b = minus(b, times(weakening * faster, along))
         # the rest of the friction force rotates with the normal
         tilted = dot(f_t, dn)
         if slides:

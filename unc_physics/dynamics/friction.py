@@ -3,6 +3,12 @@
     tangential impulse:  |lambda_t| <= mu lambda_n, opposite to slip; no slip inside the cone
     moment:              |tau| <= r lambda_n, opposite to spin; no spin inside
 
+In an impact, mu falls with the closing speed v of the contact::
+
+    mu(v) = mu / (1 + v / v0)
+
+v0 is the speed of `Scene.impact_friction_speed`. Lasting contacts have mu itself, at any slip speed.
+
 The solver projects onto these sets, sleep detection requires a margin within them, and derivatives depend on
 the case. Each contact stores mu and r of its two partners (`collision.contact_patch`).
 """
@@ -11,12 +17,36 @@ import math
 
 from ..collision.contact_model import FAST
 from ..collision.contact_row import FRICTION, REACH
-from ..collision.contact_simd import foreseen
+from ..collision.contact_simd import contact_speeds, foreseen
+from ..collision.implicit_workspace import CONTACTS, START
 from ..compiler import inner
 from ..spatial.vectors import dot, minus, times
 
 _AT_LIMIT = 1.0 - 1e-9  # share of the limit above which a contact slides or spins
 _NO_SLIP = 1e-12  # below this speed, slip has no direction [m/s]
+
+
+@inner
+def weaken_with_speed(slipperiness, work):
+    """Reduce friction of the current impact's contacts to that of their closing speeds.
+
+    ``slipperiness`` is 1 / v0 [s/m].
+    """
+    for c in range(work.counts[CONTACTS]):
+        row = work.rows[c]
+        speed = contact_speeds(row, work.velocity[START], work.ids[c, 0], work.ids[c, 1])[0]
+        row[FRICTION] /= 1.0 + slipperiness * max(-speed, 0.0)
+
+
+@inner(forceinline=True)
+def friction_per_normal_speed(row, speed, slipperiness):
+    """Return the derivative of an impact's friction with respect to the contact's normal speed [s/m].
+
+    ``row`` has the friction of this normal ``speed`` [m/s], which is negative for a closing contact.
+    """
+    if speed >= 0.0:
+        return 0.0
+    return row[FRICTION] * slipperiness / (1.0 - slipperiness * speed)
 
 
 @inner(forceinline=True, fastmath=FAST)

@@ -55,7 +55,7 @@ from ..spatial.layout import P, Q, V, W
 from ..spatial.rotation import rotate, write_matrix
 from .actions import push
 from .free_motion import integrate_gyroscopic, integrate_rotation
-from .friction import holds
+from .friction import holds, weaken_with_speed
 from .impact_error import disturb, is_drawn
 from .impact_time import LIVELY, TOUCHING, impact_before, impact_now, impact_speed, time_to_impact
 from .implicit_solver import find_leads, solve_impact, solve_lasting
@@ -217,6 +217,8 @@ def collide(x, count, time, impact, first_time, residual, world, threshold, key,
             move_contact(c, kept, work)
             kept += 1
     counts[CONTACTS] = kept
+    if world.implicit.impact_slipperiness > 0.0:
+        weaken_with_speed(world.implicit.impact_slipperiness, work)
     if is_drawn(world.implicit.impact_error):
         disturb(
             round((time - world.start) / world.dt), impact, len(x), key, world.implicit.impact_error, work

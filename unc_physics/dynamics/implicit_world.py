@@ -68,6 +68,9 @@ class Implicit(NamedTuple):
     rest_steps : int
         Number of steps at rest after which bodies sleep until something pushes them; 0 means never.
     impact_error : ImpactError
+    impact_slipperiness : float
+        Inverse of the closing speed at which friction of an impact is halved (`friction.weaken_with_speed`)
+        [s/m]; 0 if friction does not depend on it.
     stop : (1,) int64
         Kernels stop early when this is nonzero; their states are then invalid (`time_limit`).
     """
@@ -84,6 +87,7 @@ class Implicit(NamedTuple):
     box: np.ndarray
     rest_steps: int
     impact_error: ImpactError
+    impact_slipperiness: float
     stop: np.ndarray = NEVER
 
     def of_bodies(self, bodies):

@@ -18,6 +18,7 @@ _EXPLICIT = {
     "restitution_std": 0.0,
     "sleep": False,
     "at_rest": False,
+    "impact_friction_speed": None,
     "impact_direction_std": 0.0,
     "impact_point_std": 0.0,
     "impact_friction_std": 0.0,

@@ -89,6 +89,12 @@ PHYSICS_KEYS = {
     "restitution": PhysicsKey(
         share, "Coefficient of restitution of all contacts; 1: elastic, as 'explicit' needs.", law=True
     ),
+    "impact_friction_speed": PhysicsKey(
+        positive,
+        "Closing speed at which friction of an impact is half of that of sliding [m/s]: mu / (1 + v / v0). Null:"
+        " it does not depend on the speed.",
+        law=True,
+    ),
     "stiffness_std": PhysicsKey(non_negative, "Standard deviation of the stiffness [N/m^3]."),
     "friction_std": PhysicsKey(non_negative, "Standard deviation of the friction."),
     "restitution_std": PhysicsKey(non_negative, "Standard deviation of the restitution."),

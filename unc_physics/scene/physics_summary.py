@@ -43,6 +43,8 @@ def physics_of(scene: Scene) -> dict[str, Any]:
         }
         if own:
             found[f"{key}_of"] = own
+    if scene.impact_friction_speed is not None:
+        found["impact_friction_speed"] = scene.impact_friction_speed
     return found | {key: std for key in _STDS if (std := getattr(scene, key))}
 
 

@@ -113,6 +113,10 @@ class Scene:
         surfaces without their own values share it.
     gravity_direction_std : float
         Tilt of gravity about each of two perpendicular axes [rad]; its magnitude is fixed.
+    impact_friction_speed : float, optional
+        Closing speed at which the friction of an impact is half of ``friction`` [m/s]. At closing speed v it is
+        ``friction / (1 + v / impact_friction_speed)``; sliding without an impact has the whole friction.
+        None means that friction does not depend on the speed. Needs the implicit integrator.
     impact_direction_std, impact_point_std, impact_friction_std : float
         Standard deviations of errors that sampling propagators draw at each impact of two partners. They
         rotate the impulse about each axis [rad], shift its point along the surface [m], and scale friction
@@ -148,6 +152,7 @@ class Scene:
     friction_std: float = 0.0
     restitution_std: float = 0.0
     gravity_direction_std: float = 0.0
+    impact_friction_speed: float | None = None
     impact_direction_std: float = 0.0
     impact_point_std: float = 0.0
     impact_friction_std: float = 0.0
@@ -474,6 +479,7 @@ class Scene:
             impact_error=ImpactError(
                 *(getattr(self, name) for name in IMPACT_STDS), identity=np.arange(len(self.surfaces))
             ),
+            impact_slipperiness=1.0 / (self.impact_friction_speed or math.inf),
         )
 
 
