@@ -58,14 +58,15 @@ def scenes():
     floor = (Plane((0.0, 0.1, 1.0), -0.5), Box((1.0, 1.0, 0.2), (0.3, 0.0, -0.6)))
     ground = replace(pins, gravity=(0.0, 0.0, -5.0), environment=floor, stiffness=2e5, dt=0.005)
     found["plane and box"] = ground, belief(pair), 2.0
-    found["gyroscopic"] = replace(pins, gyroscopic=True), belief(pair, 0.03), 2.0
-    found["all together"] = replace(ground, bodies=fixed, gyroscopic=True), Belief(third, P, [0, 1]), 2.0
+    # Left out, as they were changed on purpose: the gyroscopic term, and models of household objects.
+    found["all together"] = replace(ground, bodies=fixed), Belief(third, P, [0, 1]), 2.0
     found["a long flight"] = (
         replace(pins, environment=(Plane(offset=-100.0),)),
         belief(pair + 3.0 * np.eye(2, 13, 1)),
         3.0,
     )
-    can = load_model("can").prefix(100)
+    bunny = load_model("bunny").prefix(100)
+    bunny = bunny.scaled(0.06 / bunny.bounding_radius)
     many = states(
         *(
             ((0.09 * (k % 2), 0.01 * k, 0.1 + 0.15 * k), (0.0, 0.0, -0.3), (0.0, 1.0, 0.2 * k))
@@ -74,7 +75,7 @@ def scenes():
     )
     walls = (Plane(), Box((0.02, 1.0, 1.0), (-0.2, 0.0, 0.5)), Box((0.02, 1.0, 1.0), (0.25, 0.0, 0.5)))
     pile = Scene(
-        [RigidBody(f"can{k}", can, 0.3) for k in range(5)],
+        [RigidBody(f"bunny{k}", bunny, 0.3) for k in range(5)],
         dt=0.004,
         stiffness=2e6,
         damping=0.3,
