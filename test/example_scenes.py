@@ -90,6 +90,7 @@ def everyday():
     body = {"model": "brick", "spheres": 60, "mass": 0.5, "position_std": 0.01, "orientation_std": 0.05}
     return {
         "physics": "everyday",
+        "exact": True,
         "horizon": 1.0,
         "environment": [{"plane": {"normal": [0, 0, 1]}}],
         "bodies": [

@@ -48,7 +48,7 @@ def case(name: str, belief: str) -> Case:
 def _everyday(model, floor=None, at_rest=False, **physics):
     """One body of a model on a plane."""
     body = RigidBody("body", model, MASS, at_rest=at_rest)
-    return Scene.everyday([body], environment=[floor or Plane(name="floor")], **physics)
+    return Scene.everyday([body], exact=True, environment=[floor or Plane(name="floor")], **physics)
 
 
 def lowest(model: SpherePacking, q=(0.0, 0.0, 0.0, 1.0)) -> float:

@@ -156,6 +156,6 @@ def _table(**material):
 
 
 def _case(rng, bodies, mean, stds, environment):
-    scene = Scene.everyday(bodies, environment=[Plane(name="floor"), *environment])
+    scene = Scene.everyday(bodies, exact=True, environment=[Plane(name="floor"), *environment])
     belief = Belief(mean, spread(len(scene.moving), **stds), moving=scene.moving)
     return Case(scene, belief, log_uniform(rng, *_HORIZON))

@@ -352,7 +352,7 @@ def _arm_loss(radius, inertia):
 
 
 def _scene(bodies, dt, **given):
-    return Scene.everyday(bodies, dt=dt, **_CERTAIN, **given)
+    return Scene.everyday(bodies, exact=True, dt=dt, **_CERTAIN, **given)
 
 
 def _start(position, rotation=(0.0, 0.0, 0.0), velocity=(0.0, 0.0, 0.0), angular_velocity=(0.0, 0.0, 0.0)):

@@ -33,7 +33,7 @@ def random_case(number: int) -> Case:
     mean, environment = kind(rng, models)
     bodies = [RigidBody(f"body{k}", model) for k, model in enumerate(models)]
     stds = {name: log_uniform(rng, *limits) for name, limits in _STDS.items()}
-    scene = Scene.everyday(bodies, environment=[Plane(name="floor"), *environment])
+    scene = Scene.everyday(bodies, exact=True, environment=[Plane(name="floor"), *environment])
     return Case(scene, Belief(mean, spread(len(bodies), **stds)), log_uniform(rng, *_HORIZON))
 
 

@@ -287,7 +287,7 @@ def _handled(models, spheres, environment, mean, deviations):
     bodies = [
         RigidBody(f"{packing.name}{k or ''}", packing.prefix(spheres)) for k, packing in enumerate(packings)
     ]
-    scene = with_stiffness(Scene.everyday(bodies, environment=environment), mean)
+    scene = with_stiffness(Scene.everyday(bodies, exact=True, environment=environment), mean)
     return scene, Belief(mean, spread(len(bodies), **deviations)), 1.5
 
 

@@ -104,7 +104,7 @@ def test_the_lines_to_paste_are_a_scene_file(found, tmp_path):
 def test_the_command(motions, tmp_path, capsys):
     save_packing(tmp_path / "box.npz", TRUE.bodies[0].model)
     body = {"name": "box", "model": "box.npz", "mass": 0.3, "position": [0, 0, 1]}
-    content = {"physics": "everyday", "environment": [{"plane": {}}], "bodies": [body]}
+    content = {"physics": "everyday", "exact": True, "environment": [{"plane": {}}], "bodies": [body]}
     (tmp_path / "scene.yaml").write_text(yaml.safe_dump(content))
     lines = ["motion,time,x,y,z,qx,qy,qz,qw"]
     for motion in motions[:6]:

@@ -12,7 +12,7 @@ NOISE = 2e-4, 2e-3  # m, rad
 def scene(inertia=None, **physics):
     """A box over a table."""
     body = RigidBody("box", BOX, 0.3, inertia=inertia)
-    return Scene.everyday([body], **({"environment": [Plane(name="table")]} | physics))
+    return Scene.everyday([body], exact=True, **({"environment": [Plane(name="table")]} | physics))
 
 
 def throws(of, count, seed=0, dt=1 / 120, poses=84, noise=NOISE):

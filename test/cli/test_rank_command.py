@@ -161,7 +161,7 @@ def test_positions_of_actions_are_of_the_point_that_the_scene_names(tmp_path):
         "orientation": half,
         "position": [0.1, 0.0, 0.0],
     }
-    scene = {"physics": "everyday", "environment": [{"plane": {}}], "bodies": [body]}
+    scene = {"physics": "everyday", "exact": True, "environment": [{"plane": {}}], "bodies": [body]}
     moved = {"position": [0.2, 0.0, 0.0]}
     actions = {
         "as it is": {},

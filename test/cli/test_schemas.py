@@ -101,7 +101,7 @@ def test_files_of_actions_fit_their_schema():
         {"score": []},
         {"actions": {}},
         {"regions": [{"name": "bin"}]},
-        {"scene": {"physics": "everyday", "bodies": [{"name": "box"}]}},
+        {"scene": {"physics": "everyday", "exact": True, "bodies": [{"name": "box"}]}},
         {"goal": 1},
     ],
     ids=str,
@@ -156,7 +156,8 @@ def test_schema_and_reader_refuse_alike(content):
 @pytest.mark.parametrize(
     "content",
     [
-        two_bodies() | {"dt": "1e-2", "gravity": None, "physics": "everyday", "stiffness": "auto"},
+        two_bodies()
+        | {"dt": "1e-2", "gravity": None, "physics": "everyday", "exact": True, "stiffness": "auto"},
         two_bodies()
         | {"gravity": None, "environment": [{"plane": {"normal": ["0", 0, "1e0"]}, "friction": None}]},
         in_body(spheres=None, scale=None, orientation=None, at_rest=None),
@@ -190,7 +191,12 @@ def test_predictions_fit_the_schema(name, tmp_path, capsys):
 
 
 def test_the_schema_knows_all_that_physics_may_say(tmp_path, capsys):
-    content = two_bodies() | {"physics": "everyday", "stiffness_std": 10.0, "gravity_direction_std": 0.01}
+    content = two_bodies() | {
+        "physics": "everyday",
+        "exact": True,
+        "stiffness_std": 10.0,
+        "gravity_direction_std": 0.01,
+    }
     content |= {"friction_std": 0.1, "restitution_std": 0.01, "horizon": 0.1}
     content |= {"impact_direction_std": 0.01, "impact_point_std": 1e-3, "impact_friction_std": 0.1}
     content["bodies"][0] |= {"friction": 0.3, "restitution": 0.2}

@@ -13,7 +13,7 @@ def test_after_it_nothing_is_compiled(capsys):
     assert main(["warm-up", "sigma_points"]) == 0
     assert capsys.readouterr().out.startswith("sigma_points: ready after ")
     can = load_model("can").prefix(50)
-    scene = Scene.everyday([RigidBody("can", can)], environment=(Plane(),))
+    scene = Scene.everyday([RigidBody("can", can)], exact=True, environment=(Plane(),))
     belief = Belief([[0.0, 0.0, 0.06, 0, 0, 0, 0, 0, 0, 1, 0, 0, 0]], 1e-4 * np.eye(12)[None])
     before = seconds_compiling()
     predict(scene, belief, "sigma_points", 0.02)

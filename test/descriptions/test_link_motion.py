@@ -68,7 +68,7 @@ def test_a_robot_pushes_what_is_in_its_way(robot):
     base, hand = found.bodies
     assert base.fixed and hand.trajectory is not None and set(found.beliefs) == {"base"}
     box = RigidBody("box", load_model("salt_box").prefix(30).scaled(0.3), 0.05)
-    floating = Scene.everyday([base, hand, box], gravity=(0, 0, 0))
+    floating = Scene.everyday([base, hand, box], exact=True, gravity=(0, 0, 0))
     start = found.beliefs | {"box": BodyBelief(position=(0.1, 0.06, 0.57), position_std=0.001)}
     pushed = predict(floating, Belief.of(floating, start), "sigma_points", 0.6)
     np.testing.assert_allclose(pushed["hand"].position, hand.trajectory.positions[-1], atol=1e-6)

@@ -27,7 +27,7 @@ def test_what_follows_a_path_drags_what_it_carries(engine):
         times=[0.0, 10.0], positions=[low, [1.0, 0.0, low[2]]], linear_velocities=[[0.1, 0.0, 0.0]] * 2
     )
     bodies = [RigidBody("box", model, 1.0), RigidBody("tray", model, trajectory=path)]
-    scene = Scene.everyday(bodies, environment=[Plane()], friction=0.5)
+    scene = Scene.everyday(bodies, exact=True, environment=[Plane()], friction=0.5)
     mean = with_kinematic(scene, resting([[0.0, 0.0, low[2] + side], low]), 0.0)
     with opened(engine, scene, FINE[engine], shapes) as made:
         box = made.run(mean, 0.5)[0][0]

@@ -67,7 +67,7 @@ def test_it_carries_a_ball_on_faces_and_edges(size, radius):
 def test_a_ball_that_falls_on_a_rounded_box_stays_above_it():
     ball = SpherePacking("ball", np.zeros((1, 3)), [0.01], 4e-5 * np.eye(3), 4e-6, np.zeros(3), 0.01)
     bodies = [RigidBody("box", rounded_box(0.1, 0.005), fixed=True), RigidBody("ball", ball, 0.05)]
-    scene = Scene.everyday(bodies, restitution=0.0)
+    scene = Scene.everyday(bodies, exact=True, restitution=0.0)
     belief = Belief.of(scene, {"box": BodyBelief(), "ball": BodyBelief(position=(0.004, 0.003, 0.07))})
     end = predict(scene, belief, make_propagator("monte_carlo", samples=1), 1.0)
     assert 0.0575 <= end["ball"].position[2] <= 0.0601

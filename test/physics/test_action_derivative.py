@@ -46,7 +46,7 @@ PUSHES = [  # from and until times within steps
 
 
 def world(*bodies, environment=(), **physics):
-    return Scene.everyday(bodies, environment=environment, **{"restitution": 0.0} | physics)
+    return Scene.everyday(bodies, exact=True, environment=environment, **{"restitution": 0.0} | physics)
 
 
 def varied(scene, x, time, length):

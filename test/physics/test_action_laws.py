@@ -21,7 +21,7 @@ at_steps = pytest.mark.parametrize("dt", STEPS, ids=lambda dt: f"{round(1 / dt)}
 
 def world(*bodies, environment=(FLOOR,), **physics):
     """A robot's world: gravity, friction 0.5; no rebound unless asked for."""
-    return Scene.everyday(bodies, environment=environment, **{"restitution": 0.0} | physics)
+    return Scene.everyday(bodies, exact=True, environment=environment, **{"restitution": 0.0} | physics)
 
 
 def straight(first, velocity, time, begin=0.0, orientation=(0, 0, 0, 1)):

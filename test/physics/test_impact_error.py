@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from plain_scenes import BALL, BLOCK, state
 
-from unc_physics import Belief, Plane, RigidBody, Scene, UncPhysicsError, make_propagator, predict
+from unc_physics import Belief, Plane, RigidBody, Scene, UncPhysicsError, assess, make_propagator, predict
+from unc_physics.propagators.base import rollout_count
 from unc_physics.scene.scene_file import scene_from_dict
 
 R = 0.05  # m, the ball's radius
@@ -18,6 +19,7 @@ def dropped(count=COUNT, friction=0.5, restitution=0.6, seed=3, **errors):
     """States of a ball that fell onto the floor at 1 m/s, just after its impact, (count, 13)."""
     scene = Scene.everyday(
         [RigidBody("ball", BALL, 0.3)],
+        exact=True,
         gravity=None,
         environment=[Plane()],
         friction=friction,
@@ -52,6 +54,7 @@ def test_the_impulse_acts_elsewhere_by_as_much_as_asked_for():
 def test_friction_varies_from_impact_to_impact():
     scene = Scene.everyday(
         [RigidBody("block", BLOCK, 1.0)],
+        exact=True,
         gravity=None,
         environment=[Plane()],
         friction=0.2,
@@ -86,6 +89,7 @@ def test_islands_and_pieces_draw_the_same():
     errors = {"impact_direction_std": 0.05, "impact_point_std": 0.002}
     scene = Scene.everyday(
         [RigidBody("a", BALL, 0.3), RigidBody("b", BALL, 0.5)],
+        exact=True,
         environment=[Plane()],
         restitution=0.5,
         stiffness=1e7,
@@ -105,10 +109,51 @@ def test_islands_and_pieces_draw_the_same():
 
 
 @pytest.mark.parametrize("name", ["impact_direction_std", "impact_point_std", "impact_friction_std"])
-def test_others_than_sampling_propagators_refuse_it(name):
-    scene = Scene.everyday([RigidBody("ball", BALL, 0.3)], **{name: 0.1})
-    with pytest.raises(UncPhysicsError, match=f"{name} is for propagators that draw samples"):
-        predict(scene, Belief.exact(state((0, 0, 1.0))[None]), make_propagator("sigma_points"), 0.1)
+@pytest.mark.parametrize("propagator", ["sigma_points", "linearization", "surrogate", "local_sampling"])
+def test_others_than_sampling_propagators_leave_it_out_and_say_so(name, propagator):
+    floor = [Plane(name="floor")]
+    scene = Scene.everyday([RigidBody("ball", BALL, 0.3)], exact=True, environment=floor, **{name: 0.1})
+    belief = Belief(state((0, 0, 0.1), (0.3, 0, 0))[None], 1e-6 * np.eye(12)[None], np.arange(1))
+    found = predict(scene, belief, propagator, 0.3)
+    plain = predict(replace(scene, **{name: 0.0}), belief, propagator, 0.3)
+    np.testing.assert_array_equal(found.belief.covariance, plain.belief.covariance)
+    assert found.left_out == (name,) and plain.left_out == ()
+    (status,) = assess(found, rollouts=0)
+    assert status.measures["left_out"] == 1.0 and any(name in reason for reason in status.reasons)
+    assert "left_out" not in assess(plain, rollouts=0)[0].measures
+    assert "spread_disagreement" in assess(found)[0].measures  # compared with rollouts that have it
+
+
+@pytest.mark.parametrize("propagator", ["auto", "cloud", "monte_carlo", "sigma_points", "linearization"])
+def test_flight_costs_nothing(propagator):
+    """Above a floor that is out of reach, uncertain materials and errors of impacts change nothing."""
+    bodies, floor = [RigidBody("ball", BALL, 0.3)], [Plane(name="floor")]
+    belief = Belief(state((0, 0, 1.0), (0.3, 0, 0))[None], 1e-6 * np.eye(12)[None], np.arange(1))
+    found, certain = (
+        predict(Scene.everyday(bodies, exact=exact, environment=floor), belief, propagator, 0.3)
+        for exact in (False, True)
+    )
+    assert found.left_out == () and not found.scene.uncertain
+    np.testing.assert_array_equal(found.belief.covariance, certain.belief.covariance)
+    assert rollout_count(found.carry) == rollout_count(certain.carry)
+
+
+@pytest.mark.parametrize(
+    "velocity, horizon, meets",
+    [((0, 0, 0), 0.3, False), ((0, 0, 0), 0.5, True), ((0, 0, -2.0), 0.3, True), ((0, 0, 2.0), 0.3, False)],
+)
+def test_contacts_within_the_horizon_keep_what_is_uncertain(velocity, horizon, meets):
+    """A ball above a floor, by the time at which it falls onto it."""
+    bodies, floor = [RigidBody("ball", BALL, 0.3)], [Plane(name="floor")]
+    scene = Scene.everyday(bodies, environment=floor)
+    belief = Belief(state((0, 0, 1.0), velocity)[None], 1e-6 * np.eye(12)[None], np.arange(1))
+    prediction = predict(scene, belief, "monte_carlo", horizon)
+    assert bool(prediction.scene.uncertain) == meets
+    assert np.isfinite(prediction.carry.contact_history.first_time).any() == meets
+
+
+@pytest.mark.parametrize("name", ["impact_direction_std", "impact_point_std", "impact_friction_std"])
+def test_the_explicit_step_has_no_errors_of_impacts(name):
     with pytest.raises(UncPhysicsError, match=f"{name} .*needs 'integrator: implicit'"):
         Scene([RigidBody("ball", BALL, 0.3)], **{name: 0.1})
 
@@ -117,13 +162,14 @@ def test_a_surface_tilts():
     """On a table that tilts, without friction, a ball runs off: at g sin(tilt)."""
     content = {
         "physics": "everyday",
+        "exact": True,
         "friction": None,
         "bodies": [{"name": "pin", "model": "pin", "position": [0, 0, 1]}],
         "environment": [{"plane": {}, "surface_tilt_std": "1e-2"}],
     }
     plane = scene_from_dict(content).scene.environment[0]
     assert plane.surface_tilt_std == 0.01
-    scene = Scene.everyday([RigidBody("ball", BALL, 0.3)], friction=None, environment=[plane])
+    scene = Scene.everyday([RigidBody("ball", BALL, 0.3)], exact=True, friction=None, environment=[plane])
     belief = Belief.exact(state((0.0, 0.0, R))[None])
     x = predict(scene, belief, make_propagator("monte_carlo", samples=300), 0.5).samples(300)[:, 0]
     np.testing.assert_allclose(x[:, 3:5].std(axis=0), 9.81 * 0.5 * 0.01, rtol=0.2)

@@ -240,7 +240,7 @@ def on_element(name, seed=0):
     x = state((0, 0, 1), rng.normal(0, 0.5, 3), rng.normal(0, 2, 3), turned(*rng.normal(0, 0.01, 3)))
     for _ in range(50):  # down to the surface
         x[2] -= (element.surface(twin.centers(body, x))[0] - body.model.radii).min()
-    return Stage(Scene.everyday([body], environment=[element]), x)
+    return Stage(Scene.everyday([body], exact=True, environment=[element]), x)
 
 
 def pile(seed=0):
@@ -268,7 +268,7 @@ def pile(seed=0):
             ).min()
             x[k, 2] -= 0.9 * (gap - 5e-5)
     floor = min((twin.centers(b, s)[:, 2] - b.model.radii).min() for b, s in zip(bodies, x, strict=True))
-    return Stage(Scene.everyday(bodies, environment=[Plane((0, 0, 1), floor)]), x)
+    return Stage(Scene.everyday(bodies, exact=True, environment=[Plane((0, 0, 1), floor)]), x)
 
 
 def stacked(seed=0):
@@ -280,7 +280,7 @@ def stacked(seed=0):
     x[0, :3] = turn.apply((0.002, 0.001, 0.04 + 2e-5))
     x[0, 6:10] = (turn * Rotation.from_rotvec((1e-4, -2e-4, 0.02))).as_quat()
     x[1, 6:10] = turn.as_quat()
-    return Stage(Scene.everyday(bodies, gravity=None), x)
+    return Stage(Scene.everyday(bodies, exact=True, gravity=None), x)
 
 
 # -- finding contacts --------------------------------------------------------------------------------
@@ -575,7 +575,9 @@ def resting(name, depth=2e-5, velocity=(0.02, 0.01, 0.0), spin=(0, 0, 0.1)):
     models = {"ball": BALL, "block": BLOCK, "plate": PLATE}
     body = RigidBody("b", models[name], 0.7)
     low = (body.model.centers[:, 2] - body.model.radii).min()
-    return Stage(Scene.everyday([body], environment=[Plane()]), state((0, 0, -low - depth), velocity, spin))
+    return Stage(
+        Scene.everyday([body], exact=True, environment=[Plane()]), state((0, 0, -low - depth), velocity, spin)
+    )
 
 
 CASES = {
@@ -677,7 +679,7 @@ def test_spheres_ahead_of_a_rolling_line_are_damped_with_its_speed():
     )
     roller = RigidBody("r", packing("r", rims, [0.002] * 800, 1e-3 * np.eye(3)), 0.5)
     start = state((0, 0, 0.042 - 2e-5), (0.5, 0, 0), (0, 0.5 / 0.042, 0), turned(0, 0.003, 0))
-    stage = Stage(Scene.everyday([roller], environment=[Plane()]), start)
+    stage = Stage(Scene.everyday([roller], exact=True, environment=[Plane()]), start)
     contacts, impulses, before = travel(stage)
     law = lasting_law(stage, contacts, before, H)
     assert np.count_nonzero(law.rolling) >= 2 and not np.array_equal(law.J, law.push)
@@ -733,7 +735,7 @@ def falling(name, e, mu, seed):
         (0, 0, 0), (*rng.normal(0, 1, 2), -1.5), rng.normal(0, 3, 3), turned(*rng.normal(0, 1e-4, 2), 0.3)
     )
     x[2] -= (twin.centers(body, x)[:, 2] - body.model.radii).min() - 1e-5
-    return Stage(Scene.everyday([body], environment=[Plane()], friction=mu, restitution=e), x)
+    return Stage(Scene.everyday([body], exact=True, environment=[Plane()], friction=mu, restitution=e), x)
 
 
 def meeting(name, e, mu, seed):
@@ -755,7 +757,7 @@ def meeting(name, e, mu, seed):
     for _ in range(80):
         away = twin.centers(bodies[1], x[1])[:, None] - twin.centers(bodies[0], x[0])[None]
         x[1, 2] -= 0.9 * ((np.linalg.norm(away, axis=2) - model.radii[:, None] - model.radii).min() - 1e-5)
-    return Stage(Scene.everyday(bodies, gravity=None, friction=mu, restitution=e), x)
+    return Stage(Scene.everyday(bodies, exact=True, gravity=None, friction=mu, restitution=e), x)
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -823,7 +825,7 @@ def cradle(e, gap):
     bodies = [RigidBody(f"b{k}", BALL, 0.1 + 0.05 * k) for k in range(5)]
     x = np.array([state((k * (0.1 + gap), 0, 0), (float(k == 0), 0, 0)) for k in range(5)])
     x[0, 0] = -0.1 - 1e-5 + x[1, 0]
-    return Stage(Scene.everyday(bodies, gravity=None, friction=None, restitution=e), x)
+    return Stage(Scene.everyday(bodies, exact=True, gravity=None, friction=None, restitution=e), x)
 
 
 def falling_on_two(e):
@@ -831,7 +833,7 @@ def falling_on_two(e):
     bodies = [RigidBody(f"b{k}", BLOCK, 0.4) for k in range(3)]
     x = [state((k * 0.1601, 0, 0.02 + 1.5e-5)) for k in (0, 1)]
     x.append(state((0.02, 0.02, 0.06 + 2.5e-5), (0, 0, -1)))
-    return Stage(Scene.everyday(bodies, environment=[Plane()], restitution=e), x)
+    return Stage(Scene.everyday(bodies, exact=True, environment=[Plane()], restitution=e), x)
 
 
 @pytest.mark.parametrize("e", [0.3, 0.69, 0.7, 1.0])
@@ -861,7 +863,7 @@ def test_an_elastic_ball_stops_where_it_hits_the_next_one():
     """Equal balls in sequence: the first impact leaves all others at rest."""
     stage = cradle(1.0, 1e-4)
     bodies = [RigidBody(f"b{k}", BALL, 0.1) for k in range(5)]
-    stage = Stage(Scene.everyday(bodies, gravity=None, friction=None, restitution=1.0), stage.x)
+    stage = Stage(Scene.everyday(bodies, exact=True, gravity=None, friction=None, restitution=1.0), stage.x)
     stage.find(0.0)
     collide(stage.x, stage.count, np.full((5, 6), np.inf), np.zeros(5), stage.world, stage.work)
     np.testing.assert_allclose(stage.x[:, 3], [0, 1, 0, 0, 0], atol=1e-9)
@@ -872,7 +874,7 @@ def test_an_elastic_ball_stops_where_it_hits_the_next_one():
 
 @pytest.mark.parametrize("spin", [(0.1, 0.2, 0.1), (2, 9, 1), (30, 50, -20)])
 def test_flight_is_a_parabola_that_keeps_the_angular_momentum(spin):
-    scene = Scene.everyday([RigidBody("p", PLATE, 0.4)])
+    scene = Scene.everyday([RigidBody("p", PLATE, 0.4)], exact=True)
     stage = Stage(scene, state((1, 2, 3), (0.3, -0.2, 4), spin, turned(0.3, 0.2, -0.5)))
     s = stage.x[0].copy()
     travel_freely(stage.x, 0, H, stage.world, stage.work)

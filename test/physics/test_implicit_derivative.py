@@ -23,7 +23,7 @@ CAN = packing("can", [(0, -0.05, 0), (0, 0.05, 0)], [0.03] * 2, np.diag([2.5e-3,
 
 
 def world(*bodies, environment=(FLOOR,), **physics):
-    return Scene.everyday(bodies, environment=environment, **{"restitution": 0.0} | physics)
+    return Scene.everyday(bodies, exact=True, environment=environment, **{"restitution": 0.0} | physics)
 
 
 def turned(*rotation_vector):

@@ -25,7 +25,7 @@ at_steps = pytest.mark.parametrize("dt", STEPS, ids=lambda dt: f"{round(1 / dt)}
 
 def world(*bodies, environment=(FLOOR,), **physics):
     """A robot's world: gravity, friction 0.5; no rebound unless asked for."""
-    return Scene.everyday(bodies, environment=environment, **{"restitution": 0.0} | physics)
+    return Scene.everyday(bodies, exact=True, environment=environment, **{"restitution": 0.0} | physics)
 
 
 def turned(*rotation_vector):

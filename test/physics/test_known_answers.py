@@ -53,7 +53,7 @@ def through_a_hole(free, dt, aside=0.0):
     inner = radius + free + 0.05
     sides = [Box((0.1, 0.3, 0.01), (s * inner, 0, 0)) for s in (-1, 1)]
     sides += [Box((0.3, 0.1, 0.01), (0, s * inner, 0)) for s in (-1, 1)]
-    scene = Scene.everyday([RigidBody("ball", ball(radius), 0.1)], environment=sides, dt=dt)
+    scene = Scene.everyday([RigidBody("ball", ball(radius), 0.1)], exact=True, environment=sides, dt=dt)
     return run(scene, state((aside, 0, 0.06)), 0.2)[0]
 
 
@@ -71,7 +71,7 @@ def past_an_edge(free, dt):
     model = load_model("salt_box").prefix(500)
     side = float((model.centers[:, 0] + model.radii).max())
     shelf = Box((0.2, 0.4, 0.02), (0.1, 0, -0.01))
-    scene = Scene.everyday([RigidBody("box", model, 0.5)], environment=[shelf], dt=dt)
+    scene = Scene.everyday([RigidBody("box", model, 0.5)], exact=True, environment=[shelf], dt=dt)
     start = state((-free - side, 0, 0.02 - lowest(model)))
     return start, run(scene, start, 0.3)[0]
 
@@ -100,7 +100,7 @@ def can(count):
 
 def rolled(count, dt, speed=0.5, time=0.5):
     """Share of its speed that a can on its side keeps."""
-    scene = Scene.everyday([RigidBody("can", can(count), 0.455)], environment=[Plane()], dt=dt)
+    scene = Scene.everyday([RigidBody("can", can(count), 0.455)], exact=True, environment=[Plane()], dt=dt)
     start = state(
         (0, 0, CAN_RADIUS + 2e-5), (speed, 0, 0), (0, speed / CAN_RADIUS, 0), turned(np.pi / 2, 0, 0)
     )
@@ -111,7 +111,7 @@ def down_an_incline(count, degrees, dt=1 / 240, time=0.4):
     """Speed of a can that rolls from rest down an incline, relative to the right one."""
     angle, model = math.radians(degrees), can(count)
     normal, down = np.array([math.sin(angle), 0, math.cos(angle)]), [math.cos(angle), 0, -math.sin(angle)]
-    scene = Scene.everyday([RigidBody("can", model, 0.455)], environment=[Plane(normal)], dt=dt)
+    scene = Scene.everyday([RigidBody("can", model, 0.455)], exact=True, environment=[Plane(normal)], dt=dt)
     lies = Rotation.from_rotvec((0, angle, 0)) * Rotation.from_rotvec((np.pi / 2, 0, 0))
     x = run(scene, state((CAN_RADIUS + 2e-5) * normal, orientation=lies.as_quat()), time)[0]
     inertia = float(model.inertia[2, 2]) / CAN_RADIUS**2
@@ -145,7 +145,7 @@ def slid(count, friction, dt=1 / 240):
     brick, box = load_model("brick").prefix(count), load_model("salt_box").prefix(count)
     lies = turned(np.pi / 2, 0, 0)
     bodies = [RigidBody("box", box), RigidBody("brick", brick, fixed=True)]
-    scene = Scene.everyday(bodies, friction=friction, restitution=0.0, dt=dt)
+    scene = Scene.everyday(bodies, exact=True, friction=friction, restitution=0.0, dt=dt)
     top = float((brick.centers[:, 2] + brick.radii).max())
     bottom = float((sphere_centers(bodies[0], state(orientation=lies))[:, 2] - box.radii).min())
     x = run(scene, [state((-0.06, 0, top - bottom), (0.4, 0, 0), orientation=lies), state()], 1.0)
@@ -168,7 +168,7 @@ def down_a_slope(cube, slope, dt=1 / 240, time=0.5):
     """Acceleration of a cube of 10 cm down a fixed slope of 20 degrees, without friction [m/s^2]."""
     tilt = Rotation.from_rotvec((0, math.radians(20), 0))
     bodies = [RigidBody("cube", cube, 1.0), RigidBody("slope", slope, fixed=True)]
-    scene = Scene.everyday(bodies, friction=None, restitution=0.0, dt=dt)
+    scene = Scene.everyday(bodies, exact=True, friction=None, restitution=0.0, dt=dt)
     high = float((slope.centers[:, 2] + slope.radii).max() - (cube.centers[:, 2] - cube.radii).min())
     start = state(tilt.apply((-0.4, 0.01, high)), orientation=tilt.as_quat())
     x = run(scene, [start, state(orientation=tilt.as_quat())], time)
@@ -188,6 +188,7 @@ def cradle(gap, dt=1 / 240):
     """Speeds of five equal elastic balls in a row, with gaps, after the first came at 1 m/s."""
     scene = Scene.everyday(
         [RigidBody(f"b{k}", ball(0.02), 0.1) for k in range(5)],
+        exact=True,
         gravity=None,
         friction=None,
         restitution=1.0,
@@ -218,7 +219,7 @@ def rocking(dt, time=0.7):
         CORNER + up * math.cos(TILT) + across * math.sin(TILT),
     )
     block = RigidBody("block", rounded_box(BLOCK_SIZE, CORNER, mass=1.0).prefix(8), 1.0)
-    scene = Scene.everyday([block], environment=[Plane()], friction=1.0, restitution=0.0, dt=dt)
+    scene = Scene.everyday([block], exact=True, environment=[Plane()], friction=1.0, restitution=0.0, dt=dt)
     times = np.arange(1, round(time / dt) + 1) * dt
     states = course(scene, state(place, orientation=turned(0, TILT, 0)), times)[:, 0]
     return times, Rotation.from_quat(states[:, 6:10]).as_rotvec()[:, 1]
@@ -260,7 +261,9 @@ def disc_tilt(dt, time=1.0):
     radius, tube, tilt = 0.0375, 0.002, math.radians(20)
     inertia = np.diag([0.25, 0.25, 0.5]) * radius**2
     model = packing("disc", *ring(radius - tube, tube, 1000), inertia)
-    scene = Scene.everyday([RigidBody("disc", model, 0.1)], environment=[Plane()], restitution=0.0, dt=dt)
+    scene = Scene.everyday(
+        [RigidBody("disc", model, 0.1)], exact=True, environment=[Plane()], restitution=0.0, dt=dt
+    )
     spin = math.sqrt(4.0 * G / (radius * math.sin(tilt))) * math.sin(tilt)
     start = state(
         (0, 0, (radius - tube) * math.sin(tilt) + tube),
@@ -296,7 +299,7 @@ def tumbled(rate, time=10.0):
     """Error of a body's orientation [degrees] that turns about its middle axis, in steps of ``1 / rate``."""
     inertia, spin = np.array([6e-4, 1.1e-3, 1.5e-3]), np.array([0.01, 5.0, 0.01])
     model = packing("body", [[0.03, 0, 0], [-0.03, 0, 0]], [0.01, 0.01], np.diag(inertia))
-    scene = Scene.everyday([RigidBody("b", model, 1.0)], gravity=None, dt=1.0 / rate)
+    scene = Scene.everyday([RigidBody("b", model, 1.0)], exact=True, gravity=None, dt=1.0 / rate)
     found = Rotation.from_quat(run(scene, state(spin=spin), time)[0, 6:10])
     exact = Rotation.from_quat(tumbling_orientation(inertia, spin, time))
     return math.degrees((exact.inv() * found).magnitude())
@@ -333,7 +336,7 @@ def dominoes(gap, dt, count=10, level=0.05):
     x[0, :3] = (half[0], 0, 0) + first.apply((-half[0], 0, half[2]))
     x[0, 6:10] = first.as_quat()
     bodies = [RigidBody(f"d{k}", model, 0.01) for k in range(count)]
-    scene = Scene.everyday(bodies, environment=[Plane()], friction=0.5, restitution=0.0, dt=dt)
+    scene = Scene.everyday(bodies, exact=True, environment=[Plane()], friction=0.5, restitution=0.0, dt=dt)
     times = np.arange(1, round(0.9 / dt) + 1) * dt
     states = course(scene, x, times)
     up = Rotation.from_quat(states[:, :, 6:10].reshape(-1, 4)).apply((0, 0, 1)).reshape(-1, count, 3)
@@ -366,7 +369,7 @@ def heap(count, spheres, time, side=0.05, mass=0.2):
         [state(p, spin=(0.5, 1.0, 0.0), orientation=q) for p, q in zip(positions, turns, strict=True)]
     )
     bodies = [RigidBody(f"cube {k}", model, mass) for k in range(count)]
-    scene = Scene.everyday(bodies, environment=[Plane(), *walls])
+    scene = Scene.everyday(bodies, exact=True, environment=[Plane(), *walls])
     belief = Belief(x, np.zeros((count, 12, 12)), scene.moving)
     prediction = predict(scene, belief, make_propagator("monte_carlo", samples=1), time)
     return with_stiffness(scene, x), x, prediction
@@ -391,7 +394,7 @@ def test_a_hundred_cubes_come_to_rest_and_converge():
 def test_what_falls_ends_on_the_floor(rate):
     """400 salt boxes, each alone, at random orientations; no sphere ends deeper than 0.1 mm."""
     model, rng = load_model("salt_box").prefix(500), np.random.default_rng(0)
-    scene = Scene.everyday([RigidBody("box", model, 0.5)], environment=[Plane()], dt=1.0 / rate)
+    scene = Scene.everyday([RigidBody("box", model, 0.5)], exact=True, environment=[Plane()], dt=1.0 / rate)
     turns = Rotation.random(400, rng)
     x = np.array([state(orientation=q) for q in turns.as_quat()])[:, None]
     bottoms = [(sphere_centers(scene.bodies[0], s[0])[:, 2] - model.radii).min() for s in x]
@@ -406,7 +409,12 @@ def elastic_mug(time, rate=60, samples=1):
     """Energy kept by an elastic mug without friction that bounces on a floor, and the prediction's status."""
     model = load_model("mug").prefix(200)
     scene = Scene.everyday(
-        [RigidBody("mug", model, 0.3)], environment=[Plane()], friction=None, restitution=1.0, dt=1.0 / rate
+        [RigidBody("mug", model, 0.3)],
+        exact=True,
+        environment=[Plane()],
+        friction=None,
+        restitution=1.0,
+        dt=1.0 / rate,
     )
     start = state((0, 0, 0.3), orientation=turned(0.4, 0.3, 0.2))[None]
     belief = Belief(start, np.zeros((1, 12, 12)), scene.moving)

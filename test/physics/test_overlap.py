@@ -48,21 +48,21 @@ def uncertain(mean, position=STD, angle=ANGLE, moving=None):
 
 def alone(**options):
     fields = {key: options.pop(key) for key in ("at_rest",) if key in options}
-    return Scene.everyday([body("box", "salt_box", **fields)], environment=[FLOOR], **options)
+    return Scene.everyday([body("box", "salt_box", **fields)], exact=True, environment=[FLOOR], **options)
 
 
 def beside(**options):
     """A can beside a brick, 1 mm apart."""
     fields = {key: options.pop(key) for key in ("at_rest",) if key in options}
     bodies = [body("can", "can", **fields), body("brick", "brick", **fields)]
-    return Scene.everyday(bodies, environment=[FLOOR], **options)
+    return Scene.everyday(bodies, exact=True, environment=[FLOOR], **options)
 
 
 def stacked(**options):
     """A can on a brick."""
     fields = {key: options.pop(key) for key in ("at_rest",) if key in options}
     bodies = [body("brick", "brick", **fields), body("can", "can", **fields)]
-    return Scene.everyday(bodies, environment=[FLOOR], **options)
+    return Scene.everyday(bodies, exact=True, environment=[FLOOR], **options)
 
 
 ALONE = uncertain(standing("salt_box"))
@@ -197,7 +197,7 @@ def skew(x):
 
 def test_a_fixed_body_stays_and_keeps_others_out():
     bodies = [body("can", "can"), body("brick", "brick", fixed=True)]
-    scene = Scene.everyday(bodies, environment=[FLOOR])
+    scene = Scene.everyday(bodies, exact=True, environment=[FLOOR])
     belief = uncertain(BESIDE.mean[:2], moving=[0])
     states = begun(scene, belief)
     np.testing.assert_array_equal(states[:, 1], np.broadcast_to(belief.mean[1], (40, 13)))
@@ -273,7 +273,7 @@ def slot(less):
         Box((0.4, 0.02, 0.2), (0.0, side * y, 0.1), name=name)
         for side, name in ((-1.0, "right"), (1.0, "left"))
     ]
-    return Scene.everyday([body("box", "salt_box")], environment=[FLOOR, *walls])
+    return Scene.everyday([body("box", "salt_box")], exact=True, environment=[FLOOR, *walls])
 
 
 @pytest.mark.parametrize("less", [0.002, 0.01])
@@ -367,7 +367,7 @@ def test_what_is_at_rest_needs_gravity_and_the_implicit_step_and_no_velocity():
     resting = body("box", "salt_box", at_rest=True)
     for make in (
         lambda: Scene([resting], environment=[FLOOR], gravity=(0.0, 0.0, -9.81)),
-        lambda: Scene.everyday([resting], environment=[FLOOR], gravity=None),
+        lambda: Scene.everyday([resting], exact=True, environment=[FLOOR], gravity=None),
         lambda: body("box", "salt_box", at_rest=True, fixed=True),
     ):
         with pytest.raises(UncPhysicsError, match="at_rest"):

@@ -31,6 +31,7 @@ from unc_physics.scene.scene_file import scene_from_dict
 
 PUSH = {
     "physics": "everyday",
+    "exact": True,
     "horizon": 1.0,
     "friction": 0.4,
     "environment": [
@@ -137,7 +138,7 @@ def test_samples_reach_into_walls_no_deeper_than_rollouts(name):
     sides = [
         Box((0.02, 1.0, 0.4), (side * (half + 0.01), 0.0, 0.2), name=f"x{side}", **wall) for side in (-1, 1)
     ] + [Box((1.0, 0.02, 0.4), (0.0, side * (half + 0.01), 0.2), name=f"y{side}", **wall) for side in (-1, 1)]
-    scene = Scene.everyday([RigidBody("mug", model)], environment=[Plane(name="floor"), *sides])
+    scene = Scene.everyday([RigidBody("mug", model)], exact=True, environment=[Plane(name="floor"), *sides])
     start = BodyBelief(
         position=(0.0, 0.0, 0.06),
         position_std=(3e-3, 3e-3, 2e-3),
@@ -165,7 +166,7 @@ def on_edge(distance):
     model, std = load_model("brick").prefix(300), 0.004
     table = Box((0.8, 0.8, 0.02), (-0.4, 0.0, 0.39), name="table")
     body = RigidBody("brick", model, at_rest=True)
-    scene = Scene.everyday([body], environment=[Plane(name="floor"), table])
+    scene = Scene.everyday([body], exact=True, environment=[Plane(name="floor"), table])
     height = 0.4 + float(np.max(model.radii - model.centers[:, 2]))
     start = BodyBelief(position=(-distance * std, 0.0, height), position_std=(std, std, 0.0))
     return scene, Belief.of(scene, {"brick": start}), std

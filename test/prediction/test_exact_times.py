@@ -65,7 +65,7 @@ def straight(speed, time, ahead=0.0):
 @on_implicit
 def test_a_free_fall_is_that_of_the_textbook(name):
     """Mean and covariance of position and velocity at 0.01 s, 2.4 steps."""
-    scene = Scene.everyday([RigidBody("ball", BALL, 0.2)], environment=[Plane()])
+    scene = Scene.everyday([RigidBody("ball", BALL, 0.2)], exact=True, environment=[Plane()])
     begin = state((0.1, 0.2, 1.0), (1.0, -2.0, 0.5))
     belief = belief_of(scene, ball=begin)
     options = {"samples": 4000} if name == "monte_carlo" else {}
@@ -86,7 +86,10 @@ def test_a_push_that_ends_between_two_steps_gives_its_impulse_up_to_then():
     """A force of 2 N on 0.4 kg from 7 ms on: its impulse at a time between two steps is that of this time."""
     wrench = Wrench(force=[2.0, 0.0, 0.0], start=0.007)
     scene = Scene.everyday(
-        [RigidBody("box", BLOCK, 0.4, wrenches=[wrench])], gravity=(0, 0, 0), environment=[Plane(offset=-5.0)]
+        [RigidBody("box", BLOCK, 0.4, wrenches=[wrench])],
+        exact=True,
+        gravity=(0, 0, 0),
+        environment=[Plane(offset=-5.0)],
     )
     belief = belief_of(scene, velocity_std=1e-6, box=state())
     times = [0.0069, 0.0075, 0.0101, 0.2003]
@@ -100,7 +103,9 @@ def test_a_prescribed_body_pushes_from_where_it_is_at_that_time():
     """What a finger at 0.5 m/s pushes has its velocity at every time, and lies before it."""
     path = straight(0.5, 2.0)
     finger = RigidBody("finger", BALL.scaled(0.2), trajectory=path)
-    scene = Scene.everyday([RigidBody("box", BLOCK, 0.4), finger], environment=[Plane()], restitution=0.0)
+    scene = Scene.everyday(
+        [RigidBody("box", BLOCK, 0.4), finger], exact=True, environment=[Plane()], restitution=0.0
+    )
     belief = belief_of(scene, 1e-5, 1e-5, box=state((0, 0, 0.02)), finger=state())
     times = [0.7777, 0.7777 + 1e-6, 0.7777 + 0.3 * DT, 0.7777 + 0.8 * DT]
     prediction = predict(scene, belief, of("monte_carlo"), times=times)
@@ -115,7 +120,9 @@ def test_a_prescribed_body_pushes_from_where_it_is_at_that_time():
 def test_what_rests_and_slides_goes_on_through_a_short_step(part):
     """A block at rest stays within a micrometre; a sliding one is slowed as friction says."""
     resting, sliding = RigidBody("rests", BLOCK, 0.4), RigidBody("slides", BLOCK, 0.4)
-    scene = Scene.everyday([resting, sliding], environment=[Plane()], friction=0.3, restitution=0.0)
+    scene = Scene.everyday(
+        [resting, sliding], exact=True, environment=[Plane()], friction=0.3, restitution=0.0
+    )
     belief = belief_of(
         scene, 1e-6, 1e-6, rests=state((0, 0, 0.02)), slides=state((0, 1.0, 0.02), (1.0, 0, 0))
     )  # fmt: skip
@@ -140,7 +147,7 @@ def test_what_rests_and_slides_goes_on_through_a_short_step(part):
 def test_a_contact_between_two_steps_counts_from_then_on():
     """A ball falls 19.9 mm, 63.7 ms: shortly before it has touched nothing, shortly after it has."""
     fall = 0.0199
-    scene = Scene.everyday([RigidBody("ball", BALL, 0.2)], environment=[Plane(name="floor")])
+    scene = Scene.everyday([RigidBody("ball", BALL, 0.2)], exact=True, environment=[Plane(name="floor")])
     belief = belief_of(scene, 1e-7, 1e-7, ball=state((0, 0, 0.05 + fall)))
     moment = np.sqrt(2.0 * fall / G)
     assert 15.2 < moment / DT < 15.4
@@ -165,6 +172,7 @@ def meeting(**options):
     """Bodies that fall, meet, and come to rest."""
     scene = Scene.everyday(
         [RigidBody("a", BLOCK, 0.4), RigidBody("b", BALL, 0.3), RigidBody("far", BALL, 0.3)],
+        exact=True,
         environment=[Plane(name="floor")],
         **options,
     )
@@ -185,7 +193,7 @@ def acted(**options):
         RigidBody("blown", BLOCK, 0.4, wrenches=[Wrench(force=[3.0, 0, 0], start=0.05, duration=0.0837)]),
         RigidBody("held", BALL, 0.1, attached_to="finger", attached_at=0.0, released_at=0.2231),
     ]
-    scene = Scene.everyday(bodies, environment=[Plane(name="floor")], **options)
+    scene = Scene.everyday(bodies, exact=True, environment=[Plane(name="floor")], **options)
     places = state((0, 0, 0.02)), state((-0.15, 0, 0.03)), state((0, 1.0, 0.021)), state((-0.15, 0, 0.3))
     return scene, belief_of(
         scene, 0.003, 0.01, **dict(zip(("pushed", "finger", "blown", "held"), places, strict=True))

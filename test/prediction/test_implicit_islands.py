@@ -41,7 +41,7 @@ def thrown(seed, environment, count=4, **options):
     mean[:, 6:10] /= np.linalg.norm(mean[:, 6:10], axis=1, keepdims=True)
     mean[-1, 3:6] = mean[-1, 10:] = 0.0
     bodies.append(RigidBody("post", load_model("can").prefix(60), fixed=True))
-    scene = Scene.everyday(bodies, environment=environment, **options)
+    scene = Scene.everyday(bodies, exact=True, environment=environment, **options)
     P = np.zeros((count, 12, 12))
     P[:, range(9), range(9)] = np.repeat([0.005, 0.05, 0.05], 3) ** 2
     return scene, Belief(mean, P, scene.moving)
@@ -101,7 +101,9 @@ def test_so_it_is_with_uncertain_parameters():
 def sliding(gap, speed=0.0):
     """Two bricks beside each other on the floor."""
     brick = load_model("brick").prefix(60)
-    scene = Scene.everyday([RigidBody("a", brick, 1.0), RigidBody("b", brick, 1.0)], environment=[Plane()])
+    scene = Scene.everyday(
+        [RigidBody("a", brick, 1.0), RigidBody("b", brick, 1.0)], exact=True, environment=[Plane()]
+    )
     mean = np.zeros((2, 13))
     mean[:, 9] = 1.0
     mean[:, 2] = 1e-4 - (brick.centers[:, 2] - brick.radii).min()
@@ -125,7 +127,9 @@ def test_what_the_step_computes_together_is_one_island(gap, together):
 def test_a_lone_body_flies_in_closed_form_as_step_by_step(damping):
     can = load_model("can").prefix(60)
     bodies = [RigidBody("a", can, 1.0), RigidBody("b", can, 1.0)]
-    scene = Scene.everyday(bodies, gyroscopic=False, damping=damping, environment=[Plane(offset=-50.0)])
+    scene = Scene.everyday(
+        bodies, exact=True, gyroscopic=False, damping=damping, environment=[Plane(offset=-50.0)]
+    )
     mean = np.zeros((2, 13))
     mean[:, 9] = 1.0
     mean[1, 0] = 50.0

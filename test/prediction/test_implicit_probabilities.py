@@ -30,7 +30,9 @@ def thrown():
         Box(name="table", size=(0.6, 0.6, 0.05), position=(0, 0, -0.025)),
         Plane(name="floor", offset=-0.7),
     ]
-    scene = Scene.everyday([RigidBody("near", box, 1.0), RigidBody("edge", box, 1.0)], environment=table)
+    scene = Scene.everyday(
+        [RigidBody("near", box, 1.0), RigidBody("edge", box, 1.0)], exact=True, environment=table
+    )
     mean = np.zeros((2, 13))
     mean[:, 9] = 1.0
     mean[:, :3] = [[0.0, 0.0, 0.2], [0.3, 0.2, 0.3]]

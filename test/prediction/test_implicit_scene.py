@@ -32,7 +32,7 @@ def state(*position, velocity=(0.0, 0.0, 0.0)):
 
 
 def on_floor(*bodies, floor=None, **options):
-    return Scene.everyday(bodies, environment=[floor or Plane(name="floor")], **options)
+    return Scene.everyday(bodies, exact=True, environment=[floor or Plane(name="floor")], **options)
 
 
 def sampled(scene, mean, time, samples=100):
@@ -172,6 +172,7 @@ def test_islands_have_the_materials_of_their_bodies(options):
 def test_the_command_says_which_physics(tmp_path, capsys):
     content = CONTENTS["two_bodies"]() | {
         "physics": "everyday",
+        "exact": True,
         "environment": [{"plane": {"normal": [0, 0, 1], "offset": -1.0}}],
     }
     for key in ("dt", "stiffness", "damping"):
@@ -193,6 +194,7 @@ def test_the_command_says_where_the_prediction_began(tmp_path, capsys):
     body = {"model": "brick", "spheres": 60, "position_std": [0.01, 0.01, 0.0]}
     content = {
         "physics": "everyday",
+        "exact": True,
         "horizon": 0.02,
         "common_pose_std": [0.02, 0, 0, 0, 0, 0],
         "environment": [{"plane": {"normal": [0, 0, 1]}}],

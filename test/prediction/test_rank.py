@@ -34,7 +34,9 @@ HEIGHT, TABLE, HORIZON = 0.17, -0.5, 0.5
 SHELF = Box((0.4, 0.2, 0.02), (0.0, 0.0, -0.01), name="shelf")
 ABOVE = BoxRegion("above", (0.4, 0.2, 0.4), (0.0, 0.0, 0.2))
 BOX = load_model("salt_box").prefix(20)
-SCENE = Scene.everyday([RigidBody("box", BOX)], environment=[Plane(offset=TABLE, name="floor"), SHELF])
+SCENE = Scene.everyday(
+    [RigidBody("box", BOX)], exact=True, environment=[Plane(offset=TABLE, name="floor"), SHELF]
+)
 
 
 def held(offset, std=0.02):

@@ -41,7 +41,7 @@ def scene_and_belief(integrator, islands):
     bodies = [RigidBody("left", box), RigidBody("right", box)]
     physics = {"environment": [Plane()], "gravity": (0.0, 0.0, -9.81), "islands": islands}
     if integrator == "implicit":
-        scene = Scene.everyday(bodies, **physics)
+        scene = Scene.everyday(bodies, exact=True, **physics)
     else:
         scene = Scene(bodies, **physics)
     places = {"left": (0.0, 0.0, 0.2), "right": (0.3, 0.05, 0.35)}

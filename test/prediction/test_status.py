@@ -50,7 +50,7 @@ def balls(*positions, velocity=(0, 0, 0), std=0.001):
 def brick_on_a_floor(height, velocity, position_std, rotation_std, velocity_std, **physics):
     """A brick with its lowest point at a height above the floor."""
     brick = load_model("brick").prefix(500)
-    scene = Scene.everyday([RigidBody("brick", brick, 0.4)], environment=[Plane()], **physics)
+    scene = Scene.everyday([RigidBody("brick", brick, 0.4)], exact=True, environment=[Plane()], **physics)
     mean, P = np.zeros((1, 13)), np.zeros((1, 12, 12))
     mean[0, 2] = height - (brick.centers[:, 2] - brick.radii).min()
     mean[0, 3:6], mean[0, 9] = velocity, 1.0
@@ -97,7 +97,7 @@ def test_samples_too_few_to_tell_a_spread_are_not_fine():
 def test_points_whose_mean_lies_inside_something_are_not_fine():
     """A ball that falls to either side of a wall's top is in the wall on average."""
     wall = Box((0.02, 1.0, 1.0), (0.0, 0.0, -0.5), name="wall")
-    scene = Scene.everyday([RigidBody("a", BALL, 1.0)], environment=[wall], restitution=0.0)
+    scene = Scene.everyday([RigidBody("a", BALL, 1.0)], exact=True, environment=[wall], restitution=0.0)
     mean = np.zeros((1, 13))
     mean[0, 2], mean[0, 9] = 0.055, 1.0
     P = np.zeros((1, 12, 12))
@@ -114,7 +114,9 @@ def test_a_spread_that_is_right_is_not_flagged():
     """
     friction, std, speed = 0.5, 0.2, 2.0
     box = RigidBody("box", BLOCK, 0.5, mass_std=0.1)
-    scene = Scene.everyday([box], environment=[Plane()], friction=friction, friction_std=std, restitution=0.0)
+    scene = Scene.everyday(
+        [box], exact=True, environment=[Plane()], friction=friction, friction_std=std, restitution=0.0
+    )
     mean = state((0, 0, -lowest(BLOCK)), (speed, 0, 0))[None]
     prediction = predict(scene, Belief.exact(mean), "sigma_points", 1.5)
     relative = std / friction
@@ -322,7 +324,7 @@ def stack(*masses):
     brick = load_model("brick").prefix(200)
     low, high = (brick.centers[:, 2] - brick.radii).min(), (brick.centers[:, 2] + brick.radii).max()
     scene = Scene.everyday(
-        [RigidBody(f"brick {k}", brick, m) for k, m in enumerate(masses)], environment=[Plane()]
+        [RigidBody(f"brick {k}", brick, m) for k, m in enumerate(masses)], exact=True, environment=[Plane()]
     )
     return scene, balls(*((0.0, 0.0, k * (high - low) - low) for k in range(len(masses))), std=1e-6)
 
@@ -407,7 +409,7 @@ def test_a_brick_that_begins_in_the_floor_overlaps():
 def test_too_few_spheres_for_the_shape_are_flagged(count, std, flagged):
     """A hundred spheres of the bunny reach several millimetres less far than its mesh."""
     bunny = load_model("bunny").prefix(count)
-    scene = Scene.everyday([RigidBody("bunny", bunny)], environment=[Plane()])
+    scene = Scene.everyday([RigidBody("bunny", bunny)], exact=True, environment=[Plane()])
     mean, P = np.zeros((1, 13)), np.zeros((1, 12, 12))
     mean[0, 2], mean[0, 9] = 0.001 - (bunny.centers[:, 2] - bunny.radii).min(), 1.0
     P[0, range(2), range(2)] = std**2
@@ -419,6 +421,7 @@ def test_too_few_spheres_for_the_shape_are_flagged(count, std, flagged):
 def test_few_spheres_get_a_note(tmp_path, capsys):
     content = {
         "physics": "everyday",
+        "exact": True,
         "dt": 0.01,
         "horizon": 0.02,
         "bodies": [{"name": "toy", "model": "bunny", "spheres": 100}],

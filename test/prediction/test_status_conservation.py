@@ -45,7 +45,7 @@ def says(status, measure):
 
 
 def resting(model=BOX, below=FLOOR, **physics):
-    scene = Scene.everyday([RigidBody("a", model, 1.0)], environment=below, **physics)
+    scene = Scene.everyday([RigidBody("a", model, 1.0)], exact=True, environment=below, **physics)
     return scene, state((0, 0, -lowest(model)))
 
 
@@ -89,6 +89,7 @@ def test_a_share_of_the_rollouts_inside_something_counts():
 def test_what_ends_inside_a_fixed_body_is_not_converged():
     scene = Scene.everyday(
         [RigidBody(name, BOX, 1.0) for name in "abc"] + [RigidBody("d", BOX, fixed=True)],
+        exact=True,
         environment=[Plane()],
     )
     height = -lowest(BOX)
@@ -166,7 +167,7 @@ def test_boxes_that_tumble_stay_above_the_floor_or_are_flagged(steps):
     """Each by itself: at long steps some sink in."""
     rng = np.random.default_rng(0)
     bodies = [RigidBody(f"b{k}", BOX, 1.0) for k in range(12)]
-    scene = Scene.everyday(bodies, environment=[Plane()], dt=1.0 / steps)
+    scene = Scene.everyday(bodies, exact=True, environment=[Plane()], dt=1.0 / steps)
     turns = rng.normal(size=(12, 4))
     states = [
         state((k, 0, BOX.bounding_radius + 0.05), orientation=turn / np.linalg.norm(turn))
@@ -182,7 +183,9 @@ def test_boxes_that_tumble_stay_above_the_floor_or_are_flagged(steps):
 
 
 def elastic(bodies, below=FLOOR, **physics):
-    return Scene.everyday(bodies, environment=below, **{"friction": 0.0, "restitution": 1.0} | physics)
+    return Scene.everyday(
+        bodies, exact=True, environment=below, **{"friction": 0.0, "restitution": 1.0} | physics
+    )
 
 
 @pytest.mark.parametrize("model", [BALL, BOX, MUG], ids=["ball", "box", "mug"])

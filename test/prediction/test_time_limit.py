@@ -24,7 +24,7 @@ def bricks(count, spheres, apart, speed=0.0, **physics):
     mean = np.zeros((count, 13))
     mean[:, 0], mean[:, 2], mean[:, 9] = apart * np.arange(count), 0.2, 1.0
     mean[:, 5] = speed
-    scene = Scene.everyday(bodies, environment=[Plane()], **physics)
+    scene = Scene.everyday(bodies, exact=True, environment=[Plane()], **physics)
     return scene, Belief(mean, np.tile(1e-4 * np.eye(12), (count, 1, 1)))
 
 

@@ -61,7 +61,7 @@ def impact():
     """Two balls that hit each other, the belief, and the steps until just before."""
     bodies = [RigidBody(name, BALL, 0.3) for name in "ab"]
     start = belief([((0, 0, 0), (1.0, 0, 0)), ((0.1101, 0.03, 0), (0.0, 0, 0))])
-    scene = Scene.everyday(bodies, gravity=None, restitution=0.8, friction=None)
+    scene = Scene.everyday(bodies, exact=True, gravity=None, restitution=0.8, friction=None)
     return with_stiffness(scene, start.mean), start
 
 
@@ -117,7 +117,7 @@ def test_an_impact_s_derivative_turns_with_the_normal(impact):
 @pytest.mark.parametrize("name", NOMINAL)
 def test_what_lies_on_another_has_finite_spreads_that_are_right_or_flagged(name):
     bodies = [RigidBody("low", SLAB, 0.4), RigidBody("high", SLAB, 0.4)]
-    scene = Scene.everyday(bodies, environment=[Plane(name="table")])
+    scene = Scene.everyday(bodies, exact=True, environment=[Plane(name="table")])
     start = belief([((0, 0, 0.015), (0, 0, 0)), ((0.001, 0, 0.045), (0, 0, 0))], 1e-3, 1e-2, 1e-2)
     prediction = predict(scene, start, name, 1.0)
     position, rotation = spreads(prediction)
@@ -139,7 +139,7 @@ def test_a_can_rolls_by_the_cylinder_that_its_spheres_stand_for(yaw):
     mean, c, d = start.mean.copy(), np.cos(0.5 * yaw), np.sin(0.5 * yaw)
     mean[0, QUATERNION] = np.sqrt(0.5) * np.array([c, d, d, c])
     mean[0, ANGULAR_VELOCITY] = 0.3 / radius * across
-    scene = Scene.everyday([RigidBody("can", can, 0.4)], environment=[Plane(name="floor")])
+    scene = Scene.everyday([RigidBody("can", can, 0.4)], exact=True, environment=[Plane(name="floor")])
     found = predict(scene, Belief(mean, start.covariance), "linearization", 0.4).belief
     P, R = found.blocks[0], rotation_matrix(found.mean[0, QUATERNION])
     moved, turned = 1e-2 * 0.4 / (1.0 + inertia / radius**2), R.T @ across

@@ -46,7 +46,7 @@ def test_a_throw_at_an_uncertain_time_from_an_uncertain_hand(name):
         RigidBody("ball", BALL, 0.3, attached_to="hand", released_at=0.3, released_at_std=0.01),
         RigidBody("hand", BALL, trajectory=hand, trajectory_std=[0, 0.01, 0, 0, 0, 0.02]),
     ]
-    scene = Scene.everyday(bodies)
+    scene = Scene.everyday(bodies, exact=True)
     given = {"ball": BodyBelief(position=(0, 0, -0.2), position_std=2e-3, linear_velocity_std=5.0)}
     prediction = predicted(scene, given, name, 0.8)
     end = prediction.body("ball")
@@ -66,7 +66,7 @@ def test_a_prediction_in_pieces_is_the_same():
         RigidBody("box", BLOCK, 0.5, attached_to="hand", attached_at=0.503, released_at=0.801),
         RigidBody("hand", BALL.scaled(0.2), trajectory=line),
     ]
-    scene = Scene.everyday(bodies, environment=[Plane()])
+    scene = Scene.everyday(bodies, exact=True, environment=[Plane()])
     beliefs = Belief.of(scene, {"box": BodyBelief(position=(0, 0, 0.02), position_std=[0.01, 0.01, 0])})
     propagator = make_propagator("monte_carlo", samples=5)
     whole = predict(scene, beliefs, propagator, 1.0).samples()
@@ -83,7 +83,7 @@ def test_islands_know_nothing_of_actions():
     ]
     ends = []
     for islands in (False, True):
-        scene = Scene.everyday(bodies, environment=[Plane()], islands=islands)
+        scene = Scene.everyday(bodies, exact=True, environment=[Plane()], islands=islands)
         given = {name: BodyBelief(position=(x, 0, 0.02)) for name, x in (("near", 0.0), ("far", 1.0))}
         ends.append(predict(scene, Belief.of(scene, given), "sigma_points", 1.0).belief.mean)
     np.testing.assert_array_equal(*ends)

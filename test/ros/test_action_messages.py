@@ -16,7 +16,7 @@ from unc_physics.ros.messages.frames import Transform
 from unc_physics.ros.messages.scene import read_scene, write_scene
 from unc_physics.ros.models import ModelLibrary, _info
 from unc_physics.scene.action_arrays import path_states
-from unc_physics.scene.presets import PRESETS
+from unc_physics.scene.presets import EXACT_PRESETS
 from unc_physics_msgs.msg import Action, AppliedWrench, Attachment, ObjectState
 from unc_physics_msgs.msg import Scene as SceneMessage
 
@@ -59,7 +59,7 @@ def robot_scene():
         surface_center=(1, 2, 0),
     )
     table = Box((1, 1, 1), (3, 0, 0), surface_angular_velocity=(0, 0, 0.5), torsional_friction=0.01)
-    scene = Scene.everyday(bodies, environment=[belt, table])
+    scene = Scene.everyday(bodies, exact=True, environment=[belt, table])
     return scene, Belief.of(scene, {"mug": BodyBelief(position=(0, 0, 0.3), position_std=0.01)})
 
 
@@ -69,7 +69,7 @@ def read(scene, belief, frame=None):
     actions = [action for body in scene.bodies for action in write_actions(body)]
     if frame is not None:
         message, actions = frame.scene(message), [frame.action(action) for action in actions]
-    return read_scene(message, LIBRARY, PRESETS["everyday"], actions=actions).scene
+    return read_scene(message, LIBRARY, EXACT_PRESETS["everyday"], actions=actions).scene
 
 
 def test_a_scene_goes_there_and_back():
@@ -184,5 +184,5 @@ def test_bad_input_is_named(kind, actions, sentence):
     message = moving_object("a", "can", spheres=20)
     message.kind = kind
     with pytest.raises(UncPhysicsError) as error:
-        read_scene(SceneMessage(objects=[message]), LIBRARY, PRESETS["everyday"], actions=actions)
+        read_scene(SceneMessage(objects=[message]), LIBRARY, EXACT_PRESETS["everyday"], actions=actions)
     assert str(error.value).startswith(sentence)

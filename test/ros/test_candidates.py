@@ -272,6 +272,7 @@ def test_a_client_ranks_as_the_library_does(node):
     model = load_model("salt_box").prefix(20)
     scene = Scene.everyday(
         [RigidBody("box", model)],
+        exact=True,
         environment=[Box((0.4, 0.4, 0.02), name="shelf"), Plane(offset=-0.5, name="floor")],
     )
     held = BodyBelief(position=(0.0, 0.0, 0.15), position_std=0.02, orientation_std=0.05)

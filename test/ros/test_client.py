@@ -102,7 +102,9 @@ def on_table():
         Sphere(0.05, (0.1, 0.1, 0.05)),
         Cylinder(0.04, 0.2, (-0.2, 0.0, 0.1), (0.6, 0.0, 0.0, 0.8)),
     ]
-    scene = Scene.everyday(bodies, environment=environment, gravity_direction_std=0.01, friction_std=0.05)
+    scene = Scene.everyday(
+        bodies, exact=True, environment=environment, gravity_direction_std=0.01, friction_std=0.05
+    )
     places = [(0.0, 0.0, 0.2), (0.05, 0.0, 0.4), (0.4, 0.0, 0.03)]
     return scene, uncertain(scene, places, [(0.2, 0, 0), (0, 0, 0), (0, 0, 0)])
 
@@ -191,7 +193,7 @@ def assert_same_answers(found, expected, events):
 
 def test_where_it_began_is_told(asked):
     bodies = [RigidBody("box", load_model("salt_box").prefix(60), at_rest=True)]
-    scene = Scene.everyday(bodies, environment=[Plane()])
+    scene = Scene.everyday(bodies, exact=True, environment=[Plane()])
     belief = uncertain(scene, [(0.0, 0.0, 0.06)], [(0.0, 0.0, 0.0)], size=0.002)
     mean = belief.mean.copy()
     mean[:, 6:10], mean[:, 10:] = (0.0, 0.0, 0.0, 1.0), 0.0

@@ -14,7 +14,7 @@ from unc_physics.ros.messages.request import RequestedOutputs
 from unc_physics.ros.messages.scene import CovarianceDefaults, FieldNames, read_scene
 from unc_physics.ros.models import ModelLibrary
 from unc_physics.scene.belief import Belief
-from unc_physics.scene.presets import PRESETS
+from unc_physics.scene.presets import EXACT_PRESETS
 from unc_physics.spatial.layout import (
     ANGULAR_VELOCITY,
     ERR_ANGULAR_VELOCITY,
@@ -362,16 +362,21 @@ def test_uncertain_mass_and_centre_of_mass():
 def test_at_rest():
     message = moving_object(velocity=(0.0, 0.0, 0.0))
     message.at_rest = True
-    found = read(message, moving_object("other"), physics=PRESETS["everyday"])
+    found = read(message, moving_object("other"), physics=EXACT_PRESETS["everyday"])
     assert [body.at_rest for body in found.scene.bodies] == [True, False]
 
 
 @pytest.mark.parametrize(
     ("fixed", "physics", "error", "words"),
     [
-        (True, PRESETS["everyday"], errors.InvalidRequestError, "fixed"),
+        (True, EXACT_PRESETS["everyday"], errors.InvalidRequestError, "fixed"),
         (False, PHYSICS, errors.InvalidOptionError, "'integrator: implicit'"),
-        (False, PRESETS["everyday"] | {"gravity": (0.0, 0.0, 0.0)}, errors.InvalidOptionError, "gravity"),
+        (
+            False,
+            EXACT_PRESETS["everyday"] | {"gravity": (0.0, 0.0, 0.0)},
+            errors.InvalidOptionError,
+            "gravity",
+        ),
     ],
 )
 def test_what_cannot_be_at_rest_is_named(fixed, physics, error, words):

@@ -131,14 +131,14 @@ def test_propagators_that_cannot_say_so(name, integrator):
 
 def test_linearization_takes_actions_and_no_other_uncertain_parameters():
     hand = RigidBody("hand", CAN, trajectory=LINE, trajectory_std=[0.01, 0, 0, 0, 0, 0])
-    scene = Scene.everyday([RigidBody("a", CAN, 1.0, friction=0.5, friction_std=0.1), hand])
+    scene = Scene.everyday([RigidBody("a", CAN, 1.0, mass_std=0.1), hand], exact=True)
     belief = Belief.of(scene, {"a": BodyBelief(position=(0, 0, 3))})
     sentence = said(predict, scene, belief, "linearization", 0.1)
-    assert sentence.startswith("friction_std of body 'a' is not supported by linearization")
+    assert sentence.startswith("mass_std of body 'a' is not supported by linearization")
 
 
 def test_a_prescribed_body_has_no_belief_of_its_own():
-    scene = Scene.everyday([RigidBody("a", CAN, 1.0), RigidBody("hand", CAN, trajectory=LINE)])
+    scene = Scene.everyday([RigidBody("a", CAN, 1.0), RigidBody("hand", CAN, trajectory=LINE)], exact=True)
     beliefs = {"a": BodyBelief(), "hand": BodyBelief()}
     assert "bodies['hand'] must be absent: its trajectory says where it is" in said(Belief.of, scene, beliefs)
 
@@ -148,7 +148,7 @@ POSES = [{"time": 0, "position": [0, 0, 1]}, {"time": 1, "position": [0.1, 0, 1]
 
 def in_file(body=None, element=None):
     """The content of a scene file, with entries of the second body and of an element."""
-    content = {"physics": "everyday"} | two_bodies()
+    content = {"physics": "everyday", "exact": True} | two_bodies()
     content.pop("stiffness", None)
     if body is not None:
         content["bodies"][1] = {"name": "hand", "model": content["bodies"][1]["model"]} | body

@@ -126,7 +126,7 @@ def test_a_pose_of_the_model_s_origin():
 def test_a_scene_file_places_the_model_s_origin():
     body = {"name": "can", "model": "can", "spheres": 50, "roll_pitch_yaw": [0, 0, 1.0], "position_std": 0.01}
     can, standing = load_model("can"), {"origin": "model", "position": [0.1, 0.2, 0.0]}
-    scene, belief, _ = scene_from_dict({"physics": "everyday", "bodies": [body | standing]})
+    scene, belief, _ = scene_from_dict({"physics": "everyday", "exact": True, "bodies": [body | standing]})
     np.testing.assert_allclose(belief.mean[0, 2], -can.origin[2], atol=1e-12)
     of_python = Belief.of(
         scene, {"can": BodyBelief(roll_pitch_yaw=[0, 0, 1.0], position_std=0.01, **standing)}

@@ -36,7 +36,10 @@ def sampled(scene, mean, horizon, samples=60):
 def test_mass_decides_who_pushes_whom():
     """Balls that collide straight: velocities by conserved momentum, and restitution."""
     scene = Scene.everyday(
-        [RigidBody("a", BALL, 1.0, mass_std=0.2), RigidBody("b", BALL, 0.5)], gravity=None, restitution=0.6
+        [RigidBody("a", BALL, 1.0, mass_std=0.2), RigidBody("b", BALL, 0.5)],
+        exact=True,
+        gravity=None,
+        restitution=0.6,
     )
     z, ends = sampled(scene, [state(0, 0, 0, velocity=(1, 0, 0)), state(2 * R + 0.02, 0, 0)], 0.2)
     mass = np.exp(0.2 * z)
@@ -46,7 +49,8 @@ def test_mass_decides_who_pushes_whom():
 
 def test_mass_decides_how_deep_a_body_sinks_in():
     scene = replace(
-        Scene.everyday([RigidBody("a", BALL, 1.0, mass_std=0.3)], environment=[FLOOR]), stiffness=1e10
+        Scene.everyday([RigidBody("a", BALL, 1.0, mass_std=0.3)], exact=True, environment=[FLOOR]),
+        stiffness=1e10,
     )
     z, ends = sampled(scene, state(0, 0, R), 1.0)
     depth = np.sqrt(np.exp(0.3 * z) * G / (1e10 * np.pi * R))
@@ -55,7 +59,9 @@ def test_mass_decides_how_deep_a_body_sinks_in():
 
 def test_stiffness_decides_how_deep_a_body_sinks_in():
     scene = replace(
-        Scene.everyday([RigidBody("a", BALL, 1.0)], environment=[FLOOR]), stiffness=1e10, stiffness_std=3e9
+        Scene.everyday([RigidBody("a", BALL, 1.0)], exact=True, environment=[FLOOR]),
+        stiffness=1e10,
+        stiffness_std=3e9,
     )
     z, ends = sampled(scene, state(0, 0, R), 1.0)
     np.testing.assert_allclose(
@@ -71,6 +77,7 @@ def test_friction_decides_how_far_a_brick_slides(owner):
     own = {"friction": mu, "friction_std": std}
     scene = Scene.everyday(
         [RigidBody("a", brick, 1.0, **(own if owner == "body" else {}))],
+        exact=True,
         environment=[Plane(**(own if owner == "element" else {}))],
         friction=mu,
         friction_std=std if owner == "scene" else 0.0,
@@ -88,6 +95,7 @@ def test_restitution_decides_how_fast_a_ball_comes_back(owner):
     own = {"restitution": e, "restitution_std": std}
     scene = Scene.everyday(
         [RigidBody("a", BALL, 1.0, **(own if owner == "body" else {}))],
+        exact=True,
         environment=[Plane(**(own if owner == "element" else {}))],
         gravity=None,
         restitution=e,
@@ -99,7 +107,9 @@ def test_restitution_decides_how_fast_a_ball_comes_back(owner):
 
 
 def test_the_direction_of_gravity_decides_where_a_ball_rolls():
-    scene = Scene.everyday([RigidBody("a", BALL, 1.0)], environment=[FLOOR], gravity_direction_std=0.02)
+    scene = Scene.everyday(
+        [RigidBody("a", BALL, 1.0)], exact=True, environment=[FLOOR], gravity_direction_std=0.02
+    )
     prediction = predict(
         scene, Belief.exact([state(0, 0, R)]), make_propagator("monte_carlo", samples=60, seed=3), 0.5
     )
@@ -115,6 +125,7 @@ def test_a_shifted_centre_of_mass_decides_who_falls_off_a_table():
     std = 0.2 * end
     scene = Scene.everyday(
         [RigidBody("a", brick, 1.0, center_of_mass_std=(std, 0.0, 0.0))],
+        exact=True,
         stiffness=1e10,
         environment=[Box(name="table", size=(1.0, 1.0, 0.1), position=(-0.5, 0, -0.05)), Plane(offset=-1.0)],
     )
@@ -126,7 +137,9 @@ def test_a_shifted_centre_of_mass_decides_who_falls_off_a_table():
 def test_the_hull_and_the_box_about_the_spheres_move_with_the_centre_of_mass():
     brick = load_model("brick").prefix(200)
     scene = Scene.everyday(
-        [RigidBody("a", brick, 1.0, center_of_mass_std=0.01), RigidBody("b", brick, 1.0)], stiffness=1e9
+        [RigidBody("a", brick, 1.0, center_of_mass_std=0.01), RigidBody("b", brick, 1.0)],
+        exact=True,
+        stiffness=1e9,
     )
     world, plain = vary(scene, np.array([1.0, -2.0, 0.5])), scene.world.implicit
     shift, found = 0.01 * np.array([1.0, -2.0, 0.5]), world.implicit
@@ -151,6 +164,7 @@ def test_each_state_runs_in_the_world_of_its_parameters(name):
     ]
     scene = Scene.everyday(
         bodies,
+        exact=True,
         environment=[FLOOR],
         stiffness=1e9,
         stiffness_std=1e8,

@@ -12,6 +12,7 @@ from unc_physics.checks.errors import (
     NotFiniteError,
     UncPhysicsError,
 )
+from unc_physics.scene.material_table import MATERIALS
 from unc_physics.scene.parameters import draw_parameters, vary_materials
 from unc_physics.scene.scene_file import scene_from_dict
 
@@ -187,3 +188,39 @@ def test_what_the_explicit_step_does_of_itself_may_be_said(model, options):
     assert not scene.materials.friction.any() and (scene.materials.restitution == 1.0).all()
     plain = scene_from_dict(CONTENTS["two_bodies"]() | options).scene
     assert plain.world.environment is None  # the paper's kernels, as without
+
+
+def test_a_material_stands_for_what_is_not_given(model):
+    """Its friction and restitution, with their standard deviations."""
+    cardboard = MATERIALS["cardboard"]
+    body = RigidBody("a", model, 1.0, material="cardboard")
+    assert (body.friction, body.friction_std) == (cardboard.friction, cardboard.friction_std)
+    assert (body.restitution, body.restitution_std) == (cardboard.restitution, cardboard.restitution_std)
+    body = RigidBody("a", model, 1.0, material="cardboard", friction=0.4)
+    assert (body.friction, body.friction_std) == (0.4, 0.0) and body.restitution == cardboard.restitution
+    content = CONTENTS["two_bodies"]() | {"physics": "everyday", "stiffness": "auto", "environment": [FLOOR]}
+    content["bodies"][0]["material"] = "wood"
+    content["environment"] = [FLOOR | {"material": "steel", "restitution": {"mean": 0.2, "std": 0.05}}]
+    scene = scene_from_dict(content).scene
+    assert scene.bodies[0].friction == MATERIALS["wood"].friction
+    floor = scene.environment[0]
+    assert (floor.friction, floor.friction_std) == (
+        MATERIALS["steel"].friction,
+        MATERIALS["steel"].friction_std,
+    )
+    assert (floor.restitution, floor.restitution_std) == (0.2, 0.05)
+
+
+@pytest.mark.parametrize("name", ["cardbord", "", 3])
+def test_an_unknown_material_is_refused(model, name):
+    with pytest.raises(InvalidRequestError, match="material of body 'a' must be one of aluminum, cardboard"):
+        RigidBody("a", model, 1.0, material=name)
+    content = CONTENTS["two_bodies"]() | {"environment": [FLOOR | {"material": name}]}
+    with pytest.raises(InvalidEnvironmentError, match=r"environment\[0\].material must be one of"):
+        scene_from_dict(content)
+
+
+@pytest.mark.parametrize("name", MATERIALS)
+def test_materials_are_within_the_limits_of_their_laws(model, name):
+    body = RigidBody("a", model, 1.0, material=name)
+    assert 0.0 < body.friction_std < body.friction and 0.0 < body.restitution_std < body.restitution < 1.0

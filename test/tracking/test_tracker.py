@@ -320,7 +320,7 @@ def test_what_lies_on_a_removed_body_falls():
     shelf = load_model("brick")
     top = float(shelf.bounds[1, 2])
     bodies = [RigidBody("box0", box(), 0.3), RigidBody("shelf", shelf, 1.0, fixed=True)]
-    scene = Scene.everyday(bodies, environment=[Plane(offset=-0.2)])
+    scene = Scene.everyday(bodies, exact=True, environment=[Plane(offset=-0.2)])
     belief = belief_of(scene, box0={"position": [0.0, 0.0, top + SIDE / 2]}, shelf=dict.fromkeys(STDS, 0.0))
     tracker = Tracker(scene, belief)
     tracker.predict(2.0)
@@ -334,7 +334,9 @@ def test_a_path_changes_at_run_time():
     brick = load_model("brick")  # its front comes to x = 0
     far, near = ([x - float(brick.bounds[1, 0]), 0.0, SIDE / 2] for x in (-0.2, 0.0))
     finger = RigidBody("finger", brick, trajectory=PosePath(times=[0.0, 9.0], positions=[far, far]))
-    scene = Scene.everyday([finger, RigidBody("box0", box(), 0.3)], environment=[Plane()], friction=0.3)
+    scene = Scene.everyday(
+        [finger, RigidBody("box0", box(), 0.3)], exact=True, environment=[Plane()], friction=0.3
+    )
     tracker = Tracker(scene, belief_of(scene, box0={"position": RESTING[:3]}))
     tracker.predict(1.0)
     assert tracker.belief().mean[1, 0] == pytest.approx(0.0, abs=2e-3)

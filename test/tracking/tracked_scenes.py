@@ -24,7 +24,7 @@ def bodies(count):
 
 def table_scene(count=1, **changes):
     """Boxes above a table."""
-    return Scene.everyday(bodies(count), environment=[Plane(offset=0.0, name="table")], **changes)
+    return Scene.everyday(bodies(count), exact=True, environment=[Plane(offset=0.0, name="table")], **changes)
 
 
 def free_scene(count=1, **changes):

@@ -44,7 +44,7 @@ def shown(browser):
     from unc_physics.view.session import Session
 
     box = RigidBody("box", load_model("salt_box").prefix(10), 0.52)
-    scene = Scene.everyday([box], environment=[Plane(name="floor")])
+    scene = Scene.everyday([box], exact=True, environment=[Plane(name="floor")])
     start = BodyBelief(position=(0, 0, 0.07), linear_velocity=(1.5, 0, 0), position_std=0.001)
     session = Session(scene, Belief.of(scene, {"box": start}), 0.4, make_propagator("sigma_points"), 9, 2)
     server = Page(session, port=0)

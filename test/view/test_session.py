@@ -14,7 +14,7 @@ pytest.importorskip("trimesh", reason="the extra 'view' is not installed")
 def scene():
     box = RigidBody("box", load_model("salt_box").prefix(10), 0.52)
     wall = RigidBody("wall", load_model("salt_box").prefix(10), fixed=True)
-    return Scene.everyday([box, wall], environment=[Plane(name="floor")])
+    return Scene.everyday([box, wall], exact=True, environment=[Plane(name="floor")])
 
 
 @pytest.fixture(scope="module")

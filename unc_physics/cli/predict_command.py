@@ -136,6 +136,11 @@ def run(arguments) -> int:
         scene, belief, propagator, horizon, arguments.period, arguments.time_limit, events
     )
     _note_what_is_left_out(arguments, scene, propagator, horizon)
+    if prediction.left_out:
+        note(
+            f"{propagator.name} leaves out {', '.join(prediction.left_out)}; the spread after contacts is too"
+            " small"
+        )
     seed = prediction.seed if prediction.seed is not None else arguments.seed
     found = _probabilities(prediction, events)
     statuses = assess(prediction, rollouts=rollouts)

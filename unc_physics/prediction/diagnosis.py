@@ -84,7 +84,8 @@ def _compare(prediction, found, places, rollouts):
     """Give the evidence at some places the spreads of rollouts."""
     if places:
         marks = [mark_at(found[k].snapshot.time, prediction.scene.dt) for k in places]
-        spreads = rollout_spreads(prediction.scene, prediction.initial, marks, rollouts)
+        scene = prediction.asked or prediction.scene
+        spreads = rollout_spreads(scene, prediction.initial, marks, rollouts)
         for k, own in zip(places, spreads, strict=True):
             found[k] = replace(found[k], spreads=own)
 
@@ -120,7 +121,11 @@ def needs_rollouts(evidence: Evidence) -> bool:
     scene, propagator, directions = evidence.scene, evidence.propagator, evidence.start.directions
     if propagator.traits.mean_update == "nominal":
         return len(scene.bodies) + len(scene.environment) > 1 or scene.gyroscopic  # else flight is exact
-    if not isinstance(propagator, PointPairs) or not np.isfinite(evidence.history.first_time).any():
+    if not np.isfinite(evidence.history.first_time).any():
+        return False
+    if evidence.left_out:
+        return True
+    if not isinstance(propagator, PointPairs):
         return False
     if directions is None or directions.sum() > RULES["directions"].limit:
         return True

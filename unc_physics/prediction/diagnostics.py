@@ -32,6 +32,7 @@ from .rare_outcomes import MATTER, tail_factor
 
 _SAMPLED = names_where(lambda propagator: isinstance(propagator, Samples), " or ")
 _ESTIMATED = names_where(lambda propagator: propagator.traits.mean_update == "estimated", " or ")
+_DRAWING = names_where(lambda propagator: propagator.supports.impact_errors, " and ")
 _FAR = 5.0  # standard deviations that are not to be expected of an honest belief
 #: Standard deviations of position that a mean's depth inside something is compared with [m].
 _MEAN_DEPTHS = 2e-4, 2e-3
@@ -417,6 +418,21 @@ def unchecked(evidence):
     """
     nominal = evidence.propagator.traits.mean_update == "nominal"
     return np.ones(len(evidence.scene.bodies)) if nominal and evidence.spreads is None else None
+
+
+@_measure(
+    Status.OUTSIDE_VALIDITY,
+    0.0,
+    f"its spread after a contact is without {{detail}}; {_DRAWING} carry them",
+    detail=lambda evidence, body: ", ".join(evidence.left_out),
+    in_contact=True,
+    unless_compared=True,
+)
+def left_out(evidence):
+    """Number of standard deviations of materials and impacts that the method cannot carry, and left out. It
+    raises no flag where the spread was compared with that of rollouts, which have them.
+    """
+    return np.full(len(evidence.scene.bodies), float(len(evidence.left_out))) if evidence.left_out else None
 
 
 @_measure(

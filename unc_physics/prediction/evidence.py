@@ -83,6 +83,8 @@ class Evidence:
         Standard deviations of position [m] and rotation [rad] of rollouts; None where none were asked.
     wide : (R, B, 13) array or None
         States of rollouts of a belief that is twice as wide; None where none were asked.
+    left_out : tuple of str
+        As `Prediction.left_out`.
     """
 
     scene: Scene
@@ -94,6 +96,7 @@ class Evidence:
     asymmetries: np.ndarray | None
     spreads: np.ndarray | None = None
     wide: np.ndarray | None = None
+    left_out: tuple[str, ...] = ()
 
     @classmethod
     def of(cls, prediction: Prediction, start: InitialDiagnostics, snapshot: Snapshot) -> Evidence:
@@ -109,7 +112,10 @@ class Evidence:
             asymmetries = _sigma_point_asymmetries(scene, start, propagator.opposite_points(carry, scene))
         elif propagator.traits.mean_update == "nominal" or len(history.first_time) == 1:
             states = snapshot.belief.mean[None]
-        return cls(scene, propagator, start, snapshot, history, states, asymmetries, wide=snapshot.wide)
+        wide, missing = snapshot.wide, prediction.left_out
+        return cls(
+            scene, propagator, start, snapshot, history, states, asymmetries, wide=wide, left_out=missing
+        )
 
     @cached_property
     def uncertain_since(self) -> np.ndarray | None:

@@ -15,6 +15,7 @@ from ..propagators.base import Anytime, Propagator, Samples
 from ..propagators.names import DEFAULT
 from ..propagators.registry import make_propagator
 from ..scene.belief import Belief
+from ..scene.materials import Materials
 from ..scene.scene import Scene
 from ..scene.stiffness import with_stiffness
 from .compute_budget import ComputeBudget
@@ -25,6 +26,7 @@ from .memory import check_memory
 from .prediction import Prediction
 from .probability import is_certain
 from .request_checks import check_supported, marks_of
+from .simulated_scene import left_out, without, without_idle_parts
 
 #: Flights up to the first contacts, of a prediction that is asked for events.
 FLIGHTS = 1000
@@ -84,7 +86,8 @@ def predict(
         If the simulation left the range of numbers.
     NotSupportedError
         If parameters of the scene are uncertain, or its integrator is the implicit one, or overlap is to be
-        rejected, and the propagator is not one of those that take it.
+        rejected, and the propagator is not one of those that take it. Uncertain materials and errors of
+        impacts are left out instead (`Prediction.left_out`).
     InvalidRequestError, LimitExceededError, UnknownPropagatorError
         For arguments of a wrong type, a belief about other bodies, too many steps, and an unknown name.
     """
@@ -97,13 +100,24 @@ def predict(
     belief.check_fits(scene)
     check_supported(scene, propagator)
     marks = marks_of(scene, horizon, times)
+    scene = without_idle_parts(scene, belief, marks[-1].time)
     check_memory(scene, belief, propagator, len(marks))
-    scene = with_stiffness(scene, belief.mean)
+    asked_for = with_stiffness(scene, belief.mean)
+    missing = left_out(asked_for, propagator)
+    scene = without(asked_for, missing)
     allowed = None if max_computation_time is None else positive(max_computation_time, "max_computation_time")
     asked = checked_events(events, scene)
 
     def prediction_of(found):
-        return Prediction(scene, propagator, found.snapshots, found.initial, found.start, clock() - started)
+        return Prediction(
+            scene,
+            propagator,
+            found.snapshots,
+            found.initial,
+            found.start,
+            clock() - started,
+            asked_for if missing else None,
+        )
 
     with time_limit() as limit:
         ends_early = scene.integrator == "implicit"  # the explicit step's kernels do not
@@ -122,12 +136,22 @@ def _with_flights(prediction, marks):
     scene, last = prediction.scene, prediction.at()
     propagator = prediction.propagator
     enough = isinstance(propagator, Anytime) or (isinstance(propagator, Samples) and not propagator.resamples)
-    if enough or scene.uncertain or not len(scene.moving) or is_certain(scene, prediction.initial, last):
+    if (
+        enough
+        or _flies_uncertainly(scene)
+        or not len(scene.moving)
+        or is_certain(scene, prediction.initial, last)
+    ):
         return prediction
     pairs = zip(prediction.snapshots, first_contacts(scene, prediction.initial, marks, FLIGHTS), strict=True)
     return replace(
         prediction, snapshots=tuple(replace(snapshot, flights=flights) for snapshot, flights in pairs)
     )
+
+
+def _flies_uncertainly(scene):
+    """Whether parameters are uncertain that matter before a contact."""
+    return any(parameter.name not in Materials._fields for parameter in scene.uncertain)
 
 
 def start_belief(scene: Scene, belief: Belief) -> Belief:

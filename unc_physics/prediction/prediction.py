@@ -17,6 +17,7 @@ from . import probability as probabilities
 from .events import Event, Touches
 from .marks import RESOLUTION
 from .predicted_body import Origin, PredictedBody, Trajectory
+from .simulated_scene import left_out
 from .snapshot import ContactTime, Probability, Snapshot
 from .tables import FEW_LINES, as_dict, as_html, as_table
 
@@ -45,6 +46,8 @@ class Prediction:
         has the moments of the propagator's points or samples; where none was moved, it is what was given.
     wall_time : float
         Wall time of the prediction, without compiling or loading kernels [s].
+    asked : Scene, optional
+        The scene with the uncertain parts that the propagator left out; None where it left out none.
     """
 
     scene: Scene
@@ -53,6 +56,7 @@ class Prediction:
     initial: Belief
     start: Belief
     wall_time: float
+    asked: Scene | None = None
 
     def __str__(self) -> str:
         return as_table(self, FEW_LINES)
@@ -87,6 +91,11 @@ class Prediction:
         if isinstance(key, slice):
             return replace(self, snapshots=self.snapshots[key])
         return self.body(key)
+
+    @property
+    def left_out(self) -> tuple[str, ...]:
+        """Fields of the uncertain materials and impacts that the propagator cannot carry, and left out."""
+        return () if self.asked is None else left_out(self.asked, self.propagator)
 
     @property
     def times(self) -> tuple[float, ...]:

@@ -10,7 +10,8 @@ from ..checks.validation import positive
 from ..propagators.base import Propagator
 from ..propagators.registry import names_where
 from ..scene.environment import element_names
-from ..scene.scene import IMPACT_STDS, Scene
+from ..scene.materials import Materials
+from ..scene.scene import Scene
 from .marks import RESOLUTION, Mark, mark_at
 
 STEPS_LIMIT = 100_000_000
@@ -33,8 +34,8 @@ def periodic_times(scene: Scene, period: float, horizon: float, field: str = "pe
 
 
 def check_supported(scene: Scene, propagator: Propagator) -> None:
-    """Raise `NotSupportedError` unless the propagator takes integrator, overlap, actions, impacts' errors and
-    uncertain parameters.
+    """Raise `NotSupportedError` unless the propagator takes integrator, overlap, actions and uncertain
+    parameters, but for materials, which it may leave out (`simulated_scene.left_out`).
     """
     if scene.integrator not in propagator.integrators:
         able = names_where(lambda other: scene.integrator in other.integrators)
@@ -73,15 +74,7 @@ def check_supported(scene: Scene, propagator: Propagator) -> None:
         raise NotSupportedError(
             "does not go with islands, which have no common motion; leave out either", field="reduce"
         )
-    if scene.draws_impacts and not propagator.supports.impact_errors:
-        field = next(name for name in IMPACT_STDS if getattr(scene, name) > 0.0)
-        able = names_where(lambda other: other.supports.impact_errors)
-        raise NotSupportedError(
-            f"is for propagators that draw samples ({able}), not for {propagator.name}",
-            field=field,
-            value=getattr(scene, field),
-        )
-    supported = propagator.supports.parameters
+    supported = (*propagator.supports.parameters, *Materials._fields)
     unsupported = [parameter for parameter in scene.uncertain if parameter.name not in supported]
     if unsupported:
         first = unsupported[0]

@@ -50,6 +50,7 @@ def as_dict(
     result = {
         "propagator": prediction.propagator.name,
         "physics": physics_of(prediction.scene),
+        "left_out": list(prediction.left_out),
         "seed": seed,
         "time": prediction.time,
         "wall_time": prediction.wall_time,

@@ -26,7 +26,7 @@ from ..propagators.names import ANYTIME, DEFAULT, REFERENCE
 from ..propagators.registry import PROPAGATORS, names_where
 from ..scene.materials import refuse_with_explicit
 from ..scene.physics_keys import INTEGRATORS, OVERLAPS, PHYSICS_KEYS, check_integrator
-from ..scene.presets import PRESETS
+from ..scene.presets import PRESETS, certain, with_changes
 from ..scene.stiffness import AUTO
 from .messages.scene import CovarianceDefaults
 
@@ -86,6 +86,11 @@ class Settings:
 
     friction: float = physics_key("friction", low=0.0, high=100.0)
     restitution: float = physics_key("restitution", low=0.0, high=1.0)
+    exact: bool = parameter(
+        False,
+        "Whether friction and restitution are certain, and impacts have no errors. Otherwise friction and"
+        " restitution are those of unknown household objects where they are not set.",
+    )
     gyroscopic: bool = physics_key("gyroscopic")
     integrator: str = physics_key("integrator", choices=INTEGRATORS)
     sleep: bool = physics_key("sleep", False)
@@ -278,7 +283,11 @@ class Settings:
     def physics(self) -> dict:
         """Physics of the scenes, as arguments of `Scene`."""
         overlap = None if self.overlap == _AUTO_OVERLAP else self.overlap
-        return {key: getattr(self, key) for key in PHYSICS_KEYS if hasattr(self, key)} | {"overlap": overlap}
+        given = {key: getattr(self, key) for key in PHYSICS_KEYS if hasattr(self, key)} | {"overlap": overlap}
+        # a friction or restitution that was set is exact
+        unchanged = [key for key in ("friction", "restitution") if getattr(self, key) == _EVERYDAY[key]]
+        changes = {key: value for key, value in given.items() if key not in unchanged}
+        return with_changes(certain(_EVERYDAY) if self.exact else _EVERYDAY, changes)
 
 
 def _stiffness(value):

@@ -8,7 +8,9 @@ from typing import NamedTuple
 import numpy as np
 
 from ..checks.errors import InvalidOptionError, InvalidRequestError, UncPhysicsError
+from ..checks.names import hint
 from ..checks.validation import non_negative, share
+from .material_table import MATERIALS
 
 #: Values of the explicit step, which may be given explicitly: elastic contacts, overlap kept, no other law.
 _EXPLICIT = {
@@ -18,6 +20,7 @@ _EXPLICIT = {
     "restitution_std": 0.0,
     "sleep": False,
     "at_rest": False,
+    "material": None,
     "impact_friction_speed": None,
     "impact_direction_std": 0.0,
     "impact_point_std": 0.0,
@@ -67,6 +70,9 @@ class Surface:
         Largest moment about the contact normal per normal force [m]: about two thirds of the radius of the
         contact patch times friction. A contact has the geometric mean of its partners' values, or the only
         one given. Needs the implicit integrator.
+    material : str, optional
+        Name in `material_table.MATERIALS`. Its friction and restitution, with their standard deviations,
+        replace those that are not given. Needs the implicit integrator.
     """
 
     friction: float | None = None
@@ -74,6 +80,7 @@ class Surface:
     restitution: float | None = None
     restitution_std: float = 0.0
     torsional_friction: float | None = None
+    material: str | None = None
 
 
 def check_surface(thing, of="", error: type[UncPhysicsError] = InvalidRequestError) -> None:
@@ -91,12 +98,15 @@ def check_surface(thing, of="", error: type[UncPhysicsError] = InvalidRequestErr
     UncPhysicsError
         Of the given type, or `NotFiniteError`.
     """
+    material = _material(getattr(thing, "material", None), f"material{of}", error)
     for name, check in (("friction", non_negative), ("restitution", share)):
-        value = getattr(thing, name)
+        value, std = getattr(thing, name), getattr(thing, f"{name}_std")
+        field = f"{name}_std{of}"
         if value is not None:
             value = check(value, f"{name}{of}", error)
-        field = f"{name}_std{of}"
-        std = non_negative(getattr(thing, f"{name}_std"), field, error)
+        std = non_negative(std, field, error)
+        if value is None and material is not None:
+            value, std = getattr(material, name), std or getattr(material, f"{name}_std")
         if std > 0.0:
             if value is None or (name == "friction" and value == 0.0):
                 raise error(f"needs {name} beside it, whose standard deviation it is", field=field, value=std)
@@ -108,6 +118,16 @@ def check_surface(thing, of="", error: type[UncPhysicsError] = InvalidRequestErr
     if isinstance(thing, Surface) and thing.torsional_friction is not None:
         value = non_negative(thing.torsional_friction, f"torsional_friction{of}", error)
         object.__setattr__(thing, "torsional_friction", value)
+
+
+def _material(name, field, error):
+    """Return the `Material` of that name, or None for None."""
+    if name is None:
+        return None
+    if not isinstance(name, str) or name not in MATERIALS:
+        known = "" if not isinstance(name, str) else hint(name, MATERIALS)
+        raise error(f"must be one of {', '.join(MATERIALS)}{known}", field=field, value=name)
+    return MATERIALS[name]
 
 
 def refuse_with_explicit(thing, place="") -> None:

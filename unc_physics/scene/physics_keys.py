@@ -91,8 +91,8 @@ PHYSICS_KEYS = {
     ),
     "impact_friction_speed": PhysicsKey(
         positive,
-        "Closing speed at which friction of an impact is half of that of sliding [m/s]: mu / (1 + v / v0). Null:"
-        " it does not depend on the speed.",
+        "Closing speed at which friction of an impact is half of that of sliding [m/s]; null: it does not"
+        " depend on the speed.",
         law=True,
     ),
     "stiffness_std": PhysicsKey(non_negative, "Standard deviation of the stiffness [N/m^3]."),

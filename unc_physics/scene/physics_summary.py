@@ -48,6 +48,12 @@ def physics_of(scene: Scene) -> dict[str, Any]:
     return found | {key: std for key in _STDS if (std := getattr(scene, key))}
 
 
+def _spread(physics, key):
+    """Return the standard deviation of a key as text; nothing if it is certain."""
+    std = physics.get(f"{key}_std")
+    return f" +- {std:g}" if std else ""
+
+
 def physics_as_text(scene: Scene) -> str:
     """Return the physics of a scene in one line, as 'implicit, dt 0.0041667 s, ...'."""
     physics = physics_of(scene)
@@ -59,7 +65,8 @@ def physics_as_text(scene: Scene) -> str:
         parts.append(f"damping {physics['damping']:g} 1/s")
     if scene.integrator == "implicit":
         parts += [
-            f"{key} {physics[key]:g}" + (" (some surfaces have their own)" if f"{key}_of" in physics else "")
+            f"{key} {physics[key]:g}{_spread(physics, key)}"
+            + (" (some surfaces have their own)" if f"{key}_of" in physics else "")
             for key in Materials._fields
         ]
     if scene.integrator == "implicit" and scene.overlap != "project":

@@ -2,24 +2,53 @@
 
 from .physics_keys import PHYSICS_KEYS
 
-#: Arguments of `Scene` for each value of a scene file's key ``physics``.
+#: Laws of the preset ``everyday``, which need the implicit integrator.
+_EVERYDAY = {
+    "integrator": "implicit",
+    "dt": 1.0 / 240.0,  # s
+    "gravity": (0.0, 0.0, -9.81),  # m/s^2
+    "gyroscopic": True,
+}
+#: Arguments of `Scene` for each value of a scene file's key ``physics``. Friction and restitution of
+#: ``everyday`` are a prior for unknown household objects (sources: `docs/explanation/physics.md`).
 PRESETS = {
     "paper": {"gravity": (0.0, 0.0, 0.0)},
-    "everyday": {
-        "integrator": "implicit",
-        "dt": 1.0 / 240.0,  # s
-        "gravity": (0.0, 0.0, -9.81),  # m/s^2
-        "gyroscopic": True,
-        "friction": 0.5,
-        "restitution": 0.1,
+    "everyday": _EVERYDAY
+    | {
+        "friction": 0.3,
+        "friction_std": 0.15,
+        "restitution": 0.25,
+        "restitution_std": 0.15,
+        "impact_friction_speed": 3.0,  # m/s
+        "impact_direction_std": 0.03,  # rad
+        "impact_point_std": 0.005,  # m
+        "impact_friction_std": 0.1,
     },
 }
+#: The same with the key ``exact``: one friction and one restitution, and impacts without errors.
+EXACT_PRESETS = PRESETS | {"everyday": _EVERYDAY | {"friction": 0.5, "restitution": 0.1}}
+
+
+def certain(physics: dict) -> dict:
+    """Return arguments of `Scene` without standard deviations, and with impacts as in `EXACT_PRESETS`."""
+    return {key: value for key, value in physics.items() if not _is_uncertain(key)}
+
+
+def _is_uncertain(key):
+    return key.endswith("_std") or key == "impact_friction_speed"
 
 
 def with_changes(physics: dict, given: dict) -> dict:
-    """Return arguments of `Scene`: ``physics`` overridden by ``given``; None disables a law."""
+    """Return arguments of `Scene`: ``physics`` overridden by ``given``; None disables a law.
+
+    A given friction or restitution is exact unless its standard deviation is given, too.
+    """
     if "gravity" in given and given["gravity"] is None:
         given = given | {"gravity": (0.0, 0.0, 0.0)}  # `Scene` distinguishes this from a missing entry
     laws = {key for key, spec in PHYSICS_KEYS.items() if spec.law}
     said = {key: value for key, value in given.items() if value is not None or key in laws}
+    replaced = {f"{key}_std" for key in ("friction", "restitution") if key in said}
+    if said.get("integrator") == "explicit" and physics.get("integrator") == "implicit":
+        replaced |= set(filter(_is_uncertain, physics))
+    physics = {key: value for key, value in physics.items() if key not in replaced}
     return {key: value for key, value in (physics | said).items() if value is not None}

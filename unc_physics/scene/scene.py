@@ -20,6 +20,7 @@ from ..checks.errors import (
     NoObjectsError,
 )
 from ..checks.names import hint
+from ..checks.validation import flag
 from ..collision import sphere_tree
 from ..collision.faces import of_scene
 from ..collision.hull import hull_columns
@@ -31,7 +32,7 @@ from .body import RigidBody, faces_of, hull_of, tree_of
 from .environment import Element, check_element, element_names
 from .materials import DEFAULT_RESTITUTION, Materials, Surface, check_surface, combined, refuse_with_explicit
 from .physics_keys import PHYSICS_KEYS, check_integrator
-from .presets import PRESETS, with_changes
+from .presets import EXACT_PRESETS, PRESETS, with_changes
 
 #: Standard deviations of the scene's own parameters.
 _STDS = ("stiffness_std", "friction_std", "restitution_std", "gravity_direction_std")
@@ -114,9 +115,9 @@ class Scene:
     gravity_direction_std : float
         Tilt of gravity about each of two perpendicular axes [rad]; its magnitude is fixed.
     impact_friction_speed : float, optional
-        Closing speed at which the friction of an impact is half of ``friction`` [m/s]. At closing speed v it is
-        ``friction / (1 + v / impact_friction_speed)``; sliding without an impact has the whole friction.
-        None means that friction does not depend on the speed. Needs the implicit integrator.
+        Closing speed v0 at which an impact has half of the friction [m/s]. At closing speed v it has
+        ``friction / (1 + v / v0)``; sliding has the whole friction. None means that friction does not depend
+        on speed. Needs the implicit integrator.
     impact_direction_std, impact_point_std, impact_friction_std : float
         Standard deviations of errors that sampling propagators draw at each impact of two partners. They
         rotate the impulse about each axis [rad], shift its point along the surface [m], and scale friction
@@ -280,16 +281,23 @@ class Scene:
             raise InvalidRequestError(f"must not exceed {most:.6g}", field=field, value=std)
 
     @classmethod
-    def everyday(cls, bodies: Sequence[RigidBody], **overrides: Any) -> Scene:
+    def everyday(cls, bodies: Sequence[RigidBody], *, exact: bool = False, **overrides: Any) -> Scene:
         """Return a scene with the preset ``everyday``, in which bodies fall, slide and rest.
+
+        Friction and restitution are those of unknown household objects, and so uncertain. Impacts have random
+        errors.
 
         Parameters
         ----------
         bodies : sequence of RigidBody
+        exact : bool
+            Whether friction and restitution are certain, and impacts have no errors.
         **overrides
-            Fields of `Scene` that override the preset; None disables a law.
+            Fields of `Scene` that override the preset; None disables a law. A friction or restitution is
+            exact unless its standard deviation is given, too.
         """
-        return cls(bodies, **with_changes(PRESETS["everyday"], overrides))
+        presets = EXACT_PRESETS if flag(exact, "exact") else PRESETS
+        return cls(bodies, **with_changes(presets["everyday"], overrides))
 
     @cached_property
     def moving(self) -> np.ndarray:
@@ -313,7 +321,7 @@ class Scene:
         found = [
             UncertainParameter(field.removesuffix("_std"), -1, axis, getattr(self, field))
             for field in _STDS
-            if getattr(self, field)
+            if getattr(self, field) and self._uses(field.removesuffix("_std"))
             for axis in range(2 if field == "gravity_direction_std" else 1)
         ]
         for k in self.moving.tolist():
@@ -333,7 +341,7 @@ class Scene:
                 for axis, std in enumerate(body.trajectory_std.tolist())
                 if std
             ]
-        for k, surface in enumerate(self.surfaces):
+        for k, surface in enumerate(self.surfaces if self.has_partners else ()):
             stds = {name: getattr(surface, f"{name}_std") for name in Materials._fields}
             found += [UncertainParameter(name, k, 0, std) for name, std in stds.items() if std]
             tilt = getattr(surface, "surface_tilt_std", 0.0)
@@ -347,9 +355,20 @@ class Scene:
         return any(parameter.body not in alone for parameter in self.uncertain)
 
     @property
+    def has_partners(self) -> bool:
+        """Whether there are two things that can touch each other."""
+        return len(self.surfaces) > 1
+
+    def _uses(self, name):
+        """Return whether a parameter of the scene has an effect."""
+        if name not in Materials._fields:
+            return True
+        return self.has_partners and any(getattr(surface, name) is None for surface in self.surfaces)
+
+    @property
     def draws_impacts(self) -> bool:
-        """Whether each impact has a random error."""
-        return any(getattr(self, name) > 0.0 for name in IMPACT_STDS)
+        """Whether impacts are possible, and each has a random error."""
+        return self.has_partners and any(getattr(self, name) > 0.0 for name in IMPACT_STDS)
 
     @property
     def surfaces(self) -> tuple[Surface, ...]:

@@ -19,7 +19,7 @@ from ..checks.errors import (
     NoObjectsError,
     UncPhysicsError,
 )
-from ..checks.validation import integer, non_negative, number, positive
+from ..checks.validation import flag, integer, non_negative, number, positive
 from ..geometry.library import find_model
 from ..geometry.packing_file import SINK, load_packing
 from ..spatial.layout import ERROR
@@ -31,15 +31,17 @@ from .entries import at_field, check_keys, read_numbers, read_std
 from .environment import ELEMENTS, Plane, quantities, surface_tilt_std
 from .materials import Surface, check_surface
 from .physics_keys import OVERLAPS, PHYSICS_KEYS
-from .presets import PRESETS, with_changes
+from .presets import EXACT_PRESETS, PRESETS, with_changes
 from .scene import Scene
 from .stiffness import AUTO, auto_stiffness
 from .yaml_file import read_yaml
 
 #: Key of a scene file that names a preset; other keys of the physics override it.
 PRESET = "physics"
+#: Key for the preset without uncertain materials and errors of impacts.
+EXACT = "exact"
 _COMMON_STD, _COMMON_ORIGIN = "common_pose_std", "common_pose_origin"
-_SCENE_KEYS = (PRESET, *PHYSICS_KEYS, "horizon", "bodies", "environment", _COMMON_STD, _COMMON_ORIGIN)
+_SCENE_KEYS = (PRESET, EXACT, *PHYSICS_KEYS, "horizon", "bodies", "environment", _COMMON_STD, _COMMON_ORIGIN)
 _SURFACE_KEYS = tuple(field.name for field in dataclasses.fields(Surface))
 _MOTION_KEYS = ("surface_velocity", "surface_angular_velocity", "surface_center")
 _ELEMENT_KEYS = ("name", *_SURFACE_KEYS, "surface_tilt_std", *_MOTION_KEYS)
@@ -141,17 +143,36 @@ def physics_options(content) -> dict:
 
     The preset of the key `PRESET` provides defaults. Null disables a law; for other keys null means unset.
     """
+    content = _with_spreads(content)
     given = {key: physics_value(key, content[key]) for key in PHYSICS_KEYS if key in content}
-    return with_changes(preset(content.get(PRESET)), given)
+    exact = content.get(EXACT)
+    return with_changes(preset(content.get(PRESET), False if exact is None else flag(exact, EXACT)), given)
 
 
-def preset(name) -> dict:
-    """Return the preset with that name (key `PRESET`); an empty one for None."""
+def _with_spreads(content, field="", error: type[UncPhysicsError] = InvalidRequestError):
+    """Return entries in which a mapping of mean and std became two, of the quantity and of its std."""
+    result = dict(content)
+    for key in ("friction", "restitution"):
+        entry = content.get(key)
+        if not isinstance(entry, dict):
+            continue
+        check_keys(entry, ("mean", "std"), f"{field}{key}", error)
+        for part in ("mean", "std"):
+            if entry.get(part) is None:
+                raise error("must be given", field=f"{field}{key}.{part}")
+        if content.get(f"{key}_std") is not None:
+            raise error(f"must not be given beside {key}.std", field=f"{field}{key}_std")
+        result |= {key: entry["mean"], f"{key}_std": entry["std"]}
+    return result
+
+
+def preset(name, exact=False) -> dict:
+    """Return the preset with that name (key `PRESET`), exact or not; an empty one for None."""
     if name is None:
         return {}
     if not isinstance(name, str) or name not in PRESETS:
         raise InvalidOptionError(f"must be one of {', '.join(PRESETS)}", field=PRESET, value=name)
-    return PRESETS[name]
+    return (EXACT_PRESETS if exact else PRESETS)[name]
 
 
 def physics_value(key, value):
@@ -231,6 +252,7 @@ def _element(content, field):
 
 def _surface(content, field, error: type[UncPhysicsError] = InvalidRequestError):
     """Return the checked entries of a body or an element that describe its surface."""
+    content = _with_spreads(content, f"{field}.", error)
     given = {key: content[key] for key in _SURFACE_KEYS if content.get(key) is not None}
     at_field(field, check_surface, Surface(**given), error=error)
     return given

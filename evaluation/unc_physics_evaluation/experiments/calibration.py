@@ -238,7 +238,9 @@ def scatters() -> Iterator[Case]:
 def on_earth(models, environment, dt=0.01, friction=0.5):
     """A scene of everyday things of 0.4 kg, 100 spheres each, with everything that a robot's scene needs."""
     bodies = [RigidBody(name, load_model(name).prefix(100), 0.4) for name in models]
-    return Scene.everyday(bodies, dt=dt, environment=environment, friction=friction, restitution=0.3)
+    return Scene.everyday(
+        bodies, exact=True, dt=dt, environment=environment, friction=friction, restitution=0.3
+    )
 
 
 FAMILIES = (collisions, drops, bins, shelves, slides, scatters)

@@ -7,7 +7,7 @@ from unc_physics_msgs.msg import Physics
 from ...checks.errors import InvalidOptionError, InvalidRequestError, UncPhysicsError
 from ...scene.materials import DEFAULT_RESTITUTION
 from ...scene.physics_keys import PHYSICS_KEYS
-from ...scene.presets import with_changes
+from ...scene.presets import certain, with_changes
 from ...scene.scene import DEFAULT_OVERLAP
 from ...scene.scene_file import physics_value, preset
 from ...scene.stiffness import AUTO
@@ -15,7 +15,7 @@ from .fields import optional, vector_message, xyz
 
 #: Values in the message of fields that are None or absent in the core.
 _ABSENT = {key: 0.0 for key in PHYSICS_KEYS if key.endswith("_std")}
-_ABSENT |= {"damping": 0.0, "friction": 0.0, "gravity": (0.0, 0.0, 0.0)}
+_ABSENT |= {"impact_friction_speed": 0.0, "damping": 0.0, "friction": 0.0, "gravity": (0.0, 0.0, 0.0)}
 _ABSENT |= {"gyroscopic": False, "islands": False, "sleep": False, "stiffness": AUTO}
 
 
@@ -28,7 +28,9 @@ def read_physics(message: Physics, physics: dict) -> dict:
         Limits of values are checked by `Scene`.
     """
     if message.preset:
-        physics = _at("preset", preset, message.preset)
+        physics = _at("preset", preset, message.preset, message.exact)
+    elif message.exact:
+        physics = certain(physics)
     given = {}
     for key in PHYSICS_KEYS:
         value = getattr(message, key)
@@ -36,7 +38,9 @@ def read_physics(message: Physics, physics: dict) -> dict:
             value = value or None
         else:
             value = optional(message, key, "physics")
-        if value is not None:
+        if key == "impact_friction_speed" and value == 0.0:
+            given[key] = None
+        elif value is not None:
             given[key] = _at(key, physics_value, key, _plain(key, value))
     return with_changes(physics, given)
 
@@ -50,7 +54,7 @@ def physics_message(physics: dict) -> Physics:
     physics |= {"integrator": integrator, "gravity": vector_message(physics["gravity"])}
     if physics["stiffness"] == AUTO:
         physics["stiffness"] = Physics.STIFFNESS_AUTO
-    message = Physics()
+    message = Physics(exact=True)  # all that is uncertain is in the message
     for key, value in physics.items():
         if isinstance(value, (int, float)) and not isinstance(value, bool):
             value = float(value)
