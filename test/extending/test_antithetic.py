@@ -1,6 +1,7 @@
 """A propagator of another package, from the documentation's page: named nowhere, and at home everywhere."""
 
 import json
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -63,6 +64,15 @@ def run(installed, *command):
 def test_the_whole_contract(installed):
     status, output, errors = run(installed, str(HERE / "antithetic_contract.py"))
     assert (status, output.splitlines()[-1:]) == (0, ["kept"]), errors
+
+
+def test_the_tests_of_every_propagator_cover_it(installed):
+    tests = str(ROOT / "test" / "propagators" / "test_propagators.py")
+    status, output, errors = run(
+        installed, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-k", "antithetic", tests
+    )
+    assert status == 0, output + errors
+    assert int(re.search(r"(\d+) passed", output)[1]) >= 10
 
 
 def test_on_the_command_line(installed):

@@ -40,8 +40,8 @@ def lower(states, sides, world, start, kept_overlap):
     """Let all bodies that move in ``world`` sink until contacts hold them, in states (N, B, 13), in place.
 
     Each body moves along gravity and rotates about horizontal axes, without friction. ``start.unsettled`` is
-    set where settling does not converge. ``sides`` is as in `projection.Given`, ``kept_overlap`` as in
-    `projection.Found`.
+    set where settling does not converge. ``sides`` is as in `ProjectionInput`, ``kept_overlap`` as in
+    `ProjectionOutput`.
     """
     bodies = states.shape[1]
     room = 128, 1024, 8192

@@ -197,7 +197,7 @@ def run(
 def _snapshots_of(propagator, scene, carries):
     """The snapshots of carries (mark, carry) of one propagator, ascending; the last one comes first."""
     if carries:
-        propagator.share([carry for _, carry in carries])
+        propagator.share_caches([carry for _, carry in carries])
     found = [snapshot(propagator, scene, carry, mark) for mark, carry in reversed(carries)]
     return found[::-1]
 

@@ -23,6 +23,8 @@ class BalancedMonteCarlo(MonteCarlo):
     are off by a fifth.
     """
 
+    random_moments = False
+
     def drawn(self, scene, belief, count):
         """As `MonteCarlo.drawn`, but for the first ones of a larger number; plain draws where overlap is
         rejected, or of one sample.

@@ -86,10 +86,10 @@ class Propagator(ABC):
     Attributes
     ----------
     name : str
-        By which users choose it.
+        Name in the registry, on the command line and in requests.
     traits : Traits
     integrators : tuple of str
-        Those of `Scene` that it runs on.
+        Supported values of ``Scene.integrator``.
     supports : Supports
     """
 
@@ -166,9 +166,12 @@ class Samples(ABC):
     ----------
     resamples : bool
         Whether `own_samples` are made of fewer rollouts.
+    random_moments : bool
+        Whether the belief at time 0 has the moments of random draws, and not those of the given belief.
     """
 
     resamples: ClassVar[bool] = False
+    random_moments: ClassVar[bool] = False
 
     @property
     @abstractmethod
@@ -183,8 +186,11 @@ class Samples(ABC):
         """Return the simulated states (R, B, 13), by default `own_samples`; islands keep them apart."""
         return self.own_samples(carry, scene)
 
-    def share(self, carries: Sequence[Any]) -> None:
-        """Let carries of ascending times share what is the same for all; the last will be asked first."""
+    def share_caches(self, carries: Sequence[Any]) -> None:
+        """Let carries of one prediction, in ascending order of time, share cached results.
+
+        The last carry is evaluated first.
+        """
 
     def standard_errors(self, carry: Any, scene: Scene) -> StandardErrors | None:
         """Return the standard errors of means and spreads; None where there is no estimate."""

@@ -180,7 +180,7 @@ class Cloud(Propagator, Samples, Rollouts, JointlySampledIslands, ClosedFormFlig
     def belief(self, carry, scene):
         return belief_of(self._runs(carry), scene)
 
-    def share(self, carries):
+    def share_caches(self, carries):
         """Let the times of a prediction share their surfaces; those of the last are fitted first."""
         for carry in carries:
             carry.shared[:] = carries[-1].shared

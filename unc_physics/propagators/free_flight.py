@@ -96,7 +96,7 @@ def _with_part_of_a_step(whole, dt, decay, part, implicit):
 
 
 def course_of(world, steps: float) -> Course:
-    """The course of ``steps`` time steps in a `physics.world.World`; the last one may be a part of a step."""
+    """Return the course of ``steps`` time steps in a `dynamics.world.World`; the last one may be shorter."""
     return course(world.dt, world.decay, steps, world.implicit is not None)
 
 

@@ -1,6 +1,6 @@
 """Linearization on the implicit step: a root of the covariance goes through the derivative of each interval.
 
-The derivative is that of the step as it was solved (`physics.implicit_derivative`), its impacts at times that
+The derivative is that of the step as it was solved (`derivatives.implicit_derivative`); the times of impacts
 depend on the state.
 """
 

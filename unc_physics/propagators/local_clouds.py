@@ -51,7 +51,7 @@ class ContactCloud(NamedTuple):
     inverse : (3, 3) float64
         Room for an inverse inertia in world axes.
     table : float32 array
-        Normal numbers (`physics.random.normal_table`).
+        Normal numbers (`spatial.random.normal_table`).
     samples : int
         Perturbed copies of each contact.
     seed : int

@@ -62,6 +62,7 @@ class MonteCarlo(Propagator, Samples, Rollouts, JointlySampledIslands):
     """
 
     name = "monte_carlo"
+    random_moments = True
     traits = Traits("estimated", "samples", True, False, "simulated")
     integrators = INTEGRATORS
     supports = Supports(UNCERTAIN_PARAMETERS, INTEGRATORS, impact_errors=True, overlap_rejection=True)

@@ -31,8 +31,8 @@ def normal_points(count: int, dimensions: int, seed: int) -> np.ndarray:
     """(count, dimensions): scrambled Sobol points as standard normal numbers; read-only.
 
     The first k points are the same for every larger count, and the first columns for more dimensions.
-    Each set of `SET` dimensions beyond the first is the same sequence again, in an order of its own and
-    scrambled anew (padding, Burley 2020), so that there are as many as are asked for.
+    There are direction numbers for a limited number of dimensions. Further dimensions repeat the sequence in
+    another order and scrambled anew (padding, Burley 2020).
     """
     points = np.empty((count, dimensions))
     _fill(points, _directions(), np.uint64(seed))
@@ -42,7 +42,7 @@ def normal_points(count: int, dimensions: int, seed: int) -> np.ndarray:
 
 @lru_cache(maxsize=1)
 def _directions():
-    """(SET, 32) uint64: direction numbers of each dimension, the highest bit first."""
+    """(D, 32) uint64: direction numbers of each dimension, the highest bit first."""
     table = np.empty((len(_DIMENSIONS) + 1, _BITS), np.uint64)
     table[0] = [1 << (_BITS - 1 - k) for k in range(_BITS)]
     for d, (polynomial, initial) in enumerate(_DIMENSIONS, 1):

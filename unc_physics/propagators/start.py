@@ -102,7 +102,7 @@ def resolve_initial_overlap(
     Parameters
     ----------
     scene : Scene
-        Its ``overlap`` says whether what overlaps is projected away (`physics.projection`); bodies
+        Its ``overlap`` says whether what overlaps is projected away (`initialization.projection`); bodies
         ``at_rest`` then settle on what is below them.
     belief : Belief
         As `constrain_belief` returns it.
