@@ -7,6 +7,7 @@ import numpy as np
 from unc_physics import Belief, RigidBody, Scene, encounters, load_model, load_scene, make_propagator, predict
 from unc_physics.propagators.overlap_depths import overlaps
 from unc_physics.scene.environment import Cone
+from unc_physics.view.meshes import element_mesh
 
 cone = Cone(0.3, 0.8, position=(0.1, 0.0, 0.0))
 points = np.random.default_rng(0).uniform(-1.0, 1.0, (2000, 3)) + cone.position
@@ -26,6 +27,13 @@ inside = (local[:, 2] > -0.4) & (away < 0.3 * (0.4 - local[:, 2]) / 0.8)
 np.testing.assert_allclose(distance, np.where(inside, -nearest, nearest), atol=2e-4)
 foot, _ = cone.surface(points - distance[:, None] * normal)
 np.testing.assert_allclose(foot, 0.0, atol=1e-12)
+
+# the page in the browser draws it as it is, not as its bounding box
+vertices, faces = element_mesh(cone, 1.0)
+a, b, c = vertices[faces].transpose(1, 0, 2)
+volume = np.einsum("nk,nk->", np.cross(a, b), c) / 6.0
+np.testing.assert_allclose(volume, np.pi * 0.3**2 * 0.8 / 3.0, rtol=0.03)
+np.testing.assert_allclose(cone.surface(vertices + cone.position)[0], 0.0, atol=1e-9)
 
 scene, belief, _ = load_scene("cone.yaml")
 assert scene.environment[0].size_row.tolist() == [0.3, 0.4, 0.0]

@@ -144,3 +144,11 @@ def test_answers_are_those_of_the_whole_prediction():
 def test_what_cannot_be_answered_is_named(tumbling, ask, words):
     with pytest.raises(UncPhysicsError, match=words):
         ask(tumbling)
+
+
+def test_a_prediction_says_what_to_iterate_over(tumbling):
+    with pytest.raises(TypeError, match=r"prediction\.bodies.*prediction\.snapshots"):
+        list(tumbling)
+    with pytest.raises(TypeError, match="not iterable"):
+        "post" in tumbling  # noqa: B015
+    assert [body.name for body in tumbling.bodies] == [body.name for body in tumbling.scene.bodies]

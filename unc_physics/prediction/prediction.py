@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, overload
+from typing import TYPE_CHECKING, Any, NoReturn, overload
 
 import numpy as np
 
@@ -91,6 +91,12 @@ class Prediction:
         if isinstance(key, slice):
             return replace(self, snapshots=self.snapshots[key])
         return self.body(key)
+
+    def __iter__(self) -> NoReturn:
+        raise TypeError(
+            "a Prediction is not iterable: iterate over its bodies (prediction.bodies) or over its times"
+            " (prediction.snapshots)"
+        )
 
     @property
     def left_out(self) -> tuple[str, ...]:

@@ -13,6 +13,7 @@ from ..geometry.primitives import primitive
 from ..scene.environment import Element
 
 _PLANE = 0.01  # m, thickness of a drawn plane
+_RAYS, _HALVINGS = 4, 40  # subdivisions of an icosahedron, and steps of bisection along each of its corners
 _OFF = 0.02  # tolerance between a mesh and its model, relative to the model's size
 
 
@@ -50,7 +51,8 @@ def fitted_mesh(path: str | os.PathLike[str], model: SpherePacking) -> tuple[np.
 def element_mesh(element: Element, extent: float) -> tuple[np.ndarray, np.ndarray]:
     """Return vertices and triangles of an element of the environment, element frame [m].
 
-    Unknown shapes are drawn as their bounding box. A plane is a slab that extends ``extent`` to each side.
+    A plane is a slab that extends ``extent`` to each side. A shape without a mesh of its own is drawn by
+    `surface_mesh`.
     """
     size = element.size_row
     if element.shape == "plane":
@@ -60,15 +62,37 @@ def element_mesh(element: Element, extent: float) -> tuple[np.ndarray, np.ndarra
         return primitive("sphere", (size[0],))
     if element.shape in ("cylinder", "capsule"):
         return primitive(element.shape, (size[0], 2.0 * size[1]))
+    if element.shape == "box":
+        return primitive("box", tuple((2.0 * size).tolist()))
+    return surface_mesh(element)
+
+
+def surface_mesh(element: Element) -> tuple[np.ndarray, np.ndarray]:
+    """Return vertices and triangles of a bounded convex element from its signed distance, element frame [m].
+
+    The vertices are where rays from a point inside leave the solid, so sharp edges are cut.
+    """
+
+    def surface(points):
+        distance, normal = element.surface(points @ element.rotation.T + element.position)
+        return distance, normal @ element.rotation
+
     low, high = element.bounds
-    vertices, faces = primitive("box", tuple((high - low).tolist()))
-    return vertices + 0.5 * (low + high), faces
+    middle = 0.5 * (low + high)
+    (distance,), (normal,) = surface(middle[None])
+    if distance >= 0.0:  # move to the nearest surface point, and as far below it
+        middle = middle - (distance + 1e-3 * np.linalg.norm(high - low)) * normal
+    rays, faces = primitive("sphere", (1.0,), _RAYS)
+    near, far = np.zeros(len(rays)), np.full(len(rays), np.linalg.norm(high - low))
+    for _ in range(_HALVINGS):
+        half = 0.5 * (near + far)
+        inside = surface(middle + half[:, None] * rays)[0] < 0.0
+        near, far = np.where(inside, half, near), np.where(inside, far, half)
+    return middle + near[:, None] * rays, faces
 
 
 def quaternion_of(R: np.ndarray) -> np.ndarray:
     """Return the quaternion (w, x, y, z) of a rotation matrix, as viser expects."""
-    from trimesh.transformations import quaternion_from_matrix
+    from scipy.spatial.transform import Rotation
 
-    T = np.eye(4)
-    T[:3, :3] = R
-    return quaternion_from_matrix(T)
+    return np.roll(Rotation.from_matrix(R).as_quat(), 1)
