@@ -541,15 +541,15 @@ def lasting_law(stage, contacts, before, h, forces=0.0):
     stiffness = stage.scene.stiffness * np.pi * np.array([c.radius for c in contacts])
     speeds = (J @ free)[::3]
     limit = twin.lasting_limit(stage.scene, h)
-    lead, lowest = twin.leads(stage.scene, contacts, x, J, h, limit)
-    rolling = speeds - speeds[lead]
+    lead, lowest = twin.leads(stage.scene, contacts, x, J, limit)
+    push, rolling = twin.rolling_contacts(stage.scene, contacts, before, x, J, lead, lowest, h)
     mean = 0.5 * ((J @ start)[::3] + speeds) - rolling
     gaps = np.array([c.gap for c in contacts])
     gaps = twin.counted_gaps(gaps, mean, np.sqrt(forces / stiffness), h)
     friction = [twin.mean_of(stage.world.implicit.friction, c, len(x)) for c in contacts]
     return twin.Lasting(
         J,
-        twin.push_jacobian(stage.scene, contacts, before, x, J, lead, lowest, h),
+        push,
         twin.inverse_mass(stage.scene, x),
         free,
         gaps,

@@ -31,12 +31,14 @@ FACE_TOLERANCE, FACE_WIDTH = 1e-5, 0.05
 OVER_FACE = 0.5
 #: How much nearer a face may be than the spheres themselves [m], so that no contact begins deeper.
 HOLLOW = 1.5e-4
-#: Height over the lowest sphere of what rolls up to which others count [m], the least turn in an interval at
-#: which contacts push in its middle [rad], and their longest way, in units of that of the body's surface.
-BUMPS, TURNED, FARTHEST = 1.3e-4, 1e-3, 5.0
+#: Height over which the least height of a rolling body's spheres is smoothed, how many such heights count,
+#: and by how much spheres count as higher that are one radius away along the axis, all relative to the
+#: body's radius. Then the least turn in a step at which contacts push in its middle [rad], and the longest way from
+#: the support to the push, in units of that of the body's surface.
+SMOOTHING, CUT, AXIAL, TURNED, FARTHEST = 4e-3, 6.0, 0.05, 1e-3, 5.0
 #: Overlap that contacts always push out [m], and the speed at which they push out unexplained overlap [m/s].
 SLACK, RECOVERY = 2e-5, 0.05
-#: Depth at which a cylinder's contact is as wide as the part of a patch that rolls together [m].
+#: Least depth at which a cylinder's contact is as wide as the part of a patch that rolls together [m].
 ROLL_DEPTH = 2e-4
 #: Restitution from which on impacts act in sequence, and their slowest closing speed [m/s].
 LIVELY, LIVELY_SPEED = 0.7, 1e-3
@@ -356,13 +358,13 @@ def mean_of(values, c, bodies):
     return np.sqrt(values[c.i] * values[c.j if c.j >= 0 else bodies - 1 - c.j])
 
 
-def leads(scene, contacts, x, J, h, limit):
+def leads(scene, contacts, x, J, limit):
     """Return for each contact the number of the contact whose normal speed damps it, and that of the deepest
     contact of its patch.
 
     The deepest contact's speed damps those at which a round body that rolls would touch as well: their speeds
     differ by no more than the body's spin times the half width of a shallow contact. Others have their own.
-    ``x`` is the state without contacts after ``h`` seconds, ``limit`` the gap of contacts that take part [m].
+    ``x`` is the state at the end without contacts, ``limit`` the gap of contacts that take part [m].
     """
     speeds, out = (J @ velocities(x))[::3], np.arange(len(contacts))
     lowest, numbers = out.copy(), {c[:4]: k for k, c in enumerate(contacts)}
@@ -374,8 +376,9 @@ def leads(scene, contacts, x, J, h, limit):
                 continue
             deepest = min(chosen, key=lambda k: contacts[k].gap)
             spin = np.linalg.norm(x[i, W] - (x[j, W] if j >= 0 else 0.0))
-            reach = roll_reach(scene, i, j)
-            near = reach * spin if h * spin * reach**2 > ROLLED * 2.0 * ROLL_DEPTH else 0.0
+            radius = min(scene.bodies[k].model.bounding_radius for k in (i, j) if k >= 0)
+            near = spin * np.sqrt(2.0 * roll_depth(scene) * radius)
+            near = near if scene.dt * spin * radius > ROLLED else 0.0
             for k in chosen:
                 lowest[k] = deepest
                 if k == deepest or abs(speeds[k] - speeds[deepest]) < near:
@@ -383,50 +386,57 @@ def leads(scene, contacts, x, J, h, limit):
     return out, lowest
 
 
-def lowest_place(body, R, n):
-    """Return the arm to where a body at an orientation is lowest against ``n`` [m]: at the mean of its hull's
-    spheres near its lowest one.
+def roll_depth(scene):
+    """Return the depth at which spheres of a body may touch when it rolls [m]."""
+    return max(ROLL_DEPTH, scene.dt**2 * np.linalg.norm(scene.gravity))
+
+
+def support(body, R, n, ahead, axis, sphere):
+    """Return the least height of a body's hull against ``n`` near a sphere, its smooth minimum, and the
+    coordinate along ``ahead`` of its place [m].
     """
-    hull = hull_of(body.model)
+    hull, size = hull_of(body.model), body.model.bounding_radius
     places, radii = body.model.centers[hull] @ R.T, body.model.radii[hull]
-    heights = places @ n - radii
-    weights = np.maximum(1.0 - (heights - heights.min()) / BUMPS, 0.0) ** 2
-    mean = weights @ places / weights.sum()
-    return mean + (heights.min() - mean @ n) * n
+    apart = (places - R @ body.model.centers[sphere]) @ axis
+    heights = places @ n - radii + AXIAL / size * apart**2
+    above = heights - heights.min()
+    weights = np.where(above < CUT * SMOOTHING * size, np.exp(-above / (SMOOTHING * size)), 0.0)
+    smooth = heights.min() - SMOOTHING * size * np.log(weights.sum())
+    return heights.min(), smooth, weights @ places @ ahead / weights.sum()
 
 
-def push_jacobian(scene, contacts, before, x, J, lead, lowest, h):
-    """Return (3 m, 6 B) how impulses change momenta: as ``J``, but contacts of what rolls on an element are
-    where they are in mid-interval.
+def rolling_contacts(scene, contacts, before, x, J, lead, lowest, h):
+    """Return how impulses change momenta (3 m, 6 B), and which normal speeds (m,) come from rolling.
 
-    The body is turned back from the end by the second half of its turn, at the mean angular velocity of that
-    half. The contact moves over the body as the place where the body is lowest does.
+    Impulses of what rolls on an element act where they do the work of the support's change of height. The
+    body is turned back from the end by its turn, at the mean angular velocity of the interval's second half.
+    Other impulses act as ``J`` says. The speed from rolling is that of the sphere relative to the support; of
+    other contacts it is that relative to their lead.
     """
-    out = J.copy()
+    out, speeds = J.copy(), (J @ velocities(x))[::3]
+    rolling = speeds - speeds[lead]
     for k, c in enumerate(contacts):
         n, body, R = contacts[lowest[k]].normal, scene.bodies[c.i], Rotation.from_quat(x[c.i, Q])
         w = 0.25 * before[c.i, W] + 0.75 * x[c.i, W]
         across = w - (w @ n) * n
-        if c.j >= 0 or lead[k] != lowest[k] or h * np.linalg.norm(across) <= TURNED:
+        size = h * np.linalg.norm(across)
+        if c.j >= 0 or lead[k] != lowest[k] or scene.dt / h * size <= TURNED:
             continue
-        end = lowest_place(body, R.as_matrix(), n)
-        way = lowest_place(body, (Rotation.from_rotvec(-0.5 * h * w) * R).as_matrix(), n) - end
-        ahead = np.cross(across, n) / np.linalg.norm(across)
-        turn = -0.5 * h * (w @ n) * n
-        step = (way - np.cross(turn, end)) @ ahead
-        if abs(step) >= FARTHEST * h * np.linalg.norm(across) * body.model.bounding_radius:
+        ahead, axis = np.cross(across, n) / np.linalg.norm(across), w / np.linalg.norm(w)
+        least, end, foot = support(body, R.as_matrix(), n, ahead, axis, c.a)
+        earlier = Rotation.from_rotvec(-h * w) * R
+        # the axis does not turn, so places along it stay
+        start = support(body, earlier.as_matrix(), n, ahead, axis, c.a)[1]
+        push, arm = (start - end) / size, middle_of(c) - x[c.i, P]
+        farthest = FARTHEST * size * body.model.bounding_radius
+        if abs(least - arm @ n) >= roll_depth(scene) or abs(push - foot) >= farthest:
             continue
-        arm = middle_of(c) - x[c.i, P]
-        arm = arm + np.cross(turn, arm) + step * ahead + (way @ n) * n
+        rolling[k] = -(x[c.i, W] @ np.cross(n, ahead)) * (arm @ ahead - foot)
+        arm = arm + np.cross(-0.5 * h * (w @ n) * n, arm)
+        arm = arm + (push - arm @ ahead) * ahead + 0.5 * (start - end) * n
         for d, axis in enumerate((c.normal, *frame(c.normal))):
             out[3 * k + d, 6 * c.i + 3 : 6 * c.i + 6] = np.cross(arm, axis)
-    return out
-
-
-def roll_reach(scene, i, j):
-    """Return the half width of the contact of a cylinder of the smaller body's radius [m]."""
-    radius = min(scene.bodies[k].model.bounding_radius for k in (i, j) if k >= 0)
-    return np.sqrt(2.0 * ROLL_DEPTH * radius)
+    return out, rolling
 
 
 def counted_gaps(gaps, mean_speeds, explained, h):
@@ -442,7 +452,7 @@ def counted_gaps(gaps, mean_speeds, explained, h):
 class Lasting(NamedTuple):
     """The law of lasting contacts: depths at an interval's end give normal impulses; impulses change ``free``
     (6 B,). Gaps and speeds are those of the interval's end without contacts, and ``push`` says where impulses
-    act (`push_jacobian`).
+    act (`rolling_contacts`).
     """
 
     J: np.ndarray

@@ -36,8 +36,7 @@ from .contact_row import (
     RADIUS,
     REACH,
     RESTITUTION,
-    ROLL_DEPTH,
-    ROLL_REACH,
+    ROLL_RADIUS,
     SLIP_COMPLIANCE,
     SPIN_COMPLIANCE,
     SPIN_I,
@@ -498,7 +497,7 @@ def write_contact(x, i, j, k, speeds_only, world, work):
             _write_direction(row, MOMENT_J, cross(other, n))
         return
     first, second = tangents(n)
-    row[ROLL_REACH] = math.sqrt(2.0 * ROLL_DEPTH * reach)
+    row[ROLL_RADIUS] = reach
     row[FRICTION] = math.sqrt(world.implicit.friction[i] * world.implicit.friction[partner])
     row[INVERSE_MASS_I] = work.inverse_mass[i]
     row[INVERSE_MASS_J] = work.inverse_mass[j] if j >= 0 else 0.0

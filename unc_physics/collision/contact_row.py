@@ -20,11 +20,13 @@ PUSH_I, TURN_I, PUSH_J, TURN_J = 16, 19, 24, 27
 #: DEPTH: depth at zero normal speed [m]. EFFECTIVE_TIME: change of depth per normal speed [s].
 #: QUADRATIC_GAIN, IMPULSE_SCALE: factors of `contact_model.balanced_impulse`.
 #: DRIFT: velocity of the partner's surface relative to the partner, along both tangents [m/s].
-#: ROLL_REACH: distance within which contacts of a patch roll together [m].
-#: IN_MIDDLE: 1 if the impulse acts at a point shifted by SHIFT [m], else 0 (`middle_arms`).
+#: ROLL_RADIUS: radius of a body that rolls, at most [m].
+#: IN_MIDDLE: 1 if the impulse acts at its place in the middle of the interval, else 0. PLACES: three places
+#: of a rolling body [m] (`middle_arms.rolling_places`). ROLLING: part of the normal speed that comes from
+#: rolling, for a contact in the middle [m/s].
 INVERSE_MASS_I, INVERSE_MASS_J, COMPLIANCE, SLIP_COMPLIANCE, GAP, FIRST, FALL = range(96, 103)
 RADIUS, FRICTION, RESTITUTION, FORCE, LEAD, DAMPING_TIME, TARGET = 103, 104, 105, 106, 109, 110, 111
-COUPLING, DEPTH, EFFECTIVE_TIME, QUADRATIC_GAIN, IMPULSE_SCALE, DRIFT, ROLL_REACH = (
+COUPLING, DEPTH, EFFECTIVE_TIME, QUADRATIC_GAIN, IMPULSE_SCALE, DRIFT, ROLL_RADIUS = (
     112,
     114,
     115,
@@ -33,11 +35,8 @@ COUPLING, DEPTH, EFFECTIVE_TIME, QUADRATIC_GAIN, IMPULSE_SCALE, DRIFT, ROLL_REAC
     118,
     120,
 )
-IN_MIDDLE, SHIFT = 121, 122
+IN_MIDDLE, PLACES, ROLLING = 121, 122, 125
 ROW = 128
-#: Contacts of a patch roll together within the half width of a cylinder's contact at this depth [m]. The
-#: cylinder has the body's radius.
-ROLL_DEPTH = 2e-4
 #: Columns of torsional friction.
 #: REACH: largest moment per normal force [m]. SPIN_COMPLIANCE: change of spin per moment of 1 N m s.
 #: SPIN_I, SPIN_J: changes of both bodies' angular velocities per moment of 1 N m s.

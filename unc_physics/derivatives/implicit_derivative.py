@@ -30,15 +30,16 @@ import numpy as np
 from ..collision.contact_model import shallow_factor
 from ..collision.contact_patch import IMPACT_GAP
 from ..collision.contact_row import (
+    AXIS,
     COMPLIANCE,
     DAMPING_TIME,
     FALL,
     GAP,
     IN_MIDDLE,
     LEAD,
+    PLACES,
     RADIUS,
     RESTITUTION,
-    SHIFT,
     SLIP_COMPLIANCE,
 )
 from ..collision.implicit_workspace import (
@@ -56,7 +57,17 @@ from ..compiler import inner
 from ..dynamics.friction import friction_per_normal_speed, slip_derivative
 from ..dynamics.impact_time import impact_speed
 from ..dynamics.implicit_solver import RECOVERY
-from ..dynamics.middle_arms import mean_turn, middle_arm, middle_arm_change, write_shift_slopes
+from ..dynamics.middle_arms import (
+    mean_turn,
+    no_rolling,
+    placed_arm,
+    placed_arm_change,
+    rolling_change,
+    rolling_direction,
+    spun_arm,
+    spun_arm_change,
+    write_place_slopes,
+)
 from ..spatial.layout import EP, ER, ERROR, EV, EW
 from ..spatial.rotation import cross, write_matrix
 from ..spatial.vectors import dot, minus, plus, put, three, times, triple, vector
@@ -87,9 +98,9 @@ class ContactErrors(NamedTuple):
         Description of the surfaces at each contact (`contact_change.contact_geometry`).
     tilts : float64 array
         A copy of `rolling.TILTS`.
-    shift : (C, 3, 6) float64
-        Shift of the impulses of a lead's contacts (`contact_row.LEAD`) in the middle of the interval [m], and
-        its derivative (`middle_arms.write_shift_slopes`).
+    places : (C, 3, 6) float64
+        Places of contacts in the middle of the interval (`middle_arms.rolling_places`) [m], and their
+        derivative (`middle_arms.write_place_slopes`).
     slot : (B,) int64
         Index of each body's six velocities in the system's unknowns; -1 if absent.
     system : (6 B, 6 B + r) float64
@@ -104,7 +115,7 @@ class ContactErrors(NamedTuple):
     gap: np.ndarray
     surface: np.ndarray
     tilts: np.ndarray
-    shift: np.ndarray
+    places: np.ndarray
     slot: np.ndarray
     system: np.ndarray
     doubtful: np.ndarray
@@ -202,7 +213,7 @@ def travel_errors(count, h, time, world, work, errors, contacts):
             size += 6
     if size == 0:
         return
-    _find_shifts(h, world, work, errors, contacts)
+    _find_places(h, world, work, errors, contacts)
     solve_errors(count, size, LASTING, h, 0.0, world, work, errors, contacts)
     begin, end, solved = errors.begin, errors.end, contacts.system
     for a in range(count):
@@ -230,27 +241,23 @@ def travel_errors(count, h, time, world, work, errors, contacts):
 
 
 @inner
-def _find_shifts(h, world, work, errors, contacts):
-    """Compute the shift of contact points in the middle of the interval (`ContactErrors.shift`).
+def _find_places(h, world, work, errors, contacts):
+    """Compute the places of contacts in the middle of the interval (`ContactErrors.places`).
 
-    A body with a rolling shape (`rolling`) rolls over its spheres' bumps without a shift.
+    A body with a rolling shape (`rolling`) needs none.
     """
     numbers, k = work.numbers, FREE_QUATERNION
     for c in range(work.counts[CONTACTS]):
-        row, i, shift = work.rows[c], work.ids[c, 0], contacts.shift[c]
-        if row[IN_MIDDLE] == 0.0 or row[LEAD] != c:
+        row, i, places = work.rows[c], work.ids[c, 0], contacts.places[c]
+        if row[IN_MIDDLE] == 0.0:
             continue
-        position = three(numbers, i, FREE_POSITION)
-        g = contact_geometry(row, work.ids[c], contacts.gap[c], contacts.surface[c], position, world, work)
-        if g.roll_i[0] + g.roll_i[2] > 0.0:
-            for m in range(6):
-                put(shift, 0, m, (0.0, 0.0, 0.0))
-        else:
-            q = (numbers[i, k], numbers[i, k + 1], numbers[i, k + 2], numbers[i, k + 3])
-            write_matrix(q, errors.R, 0)
-            put(shift, 0, 0, triple(row, SHIFT))
-            turn = mean_turn(h, work.velocity, i)
-            write_shift_slopes(g.n, g.first, g.second, turn, i, errors.R[0], world, shift[:, 1:])
+        q = (numbers[i, k], numbers[i, k + 1], numbers[i, k + 2], numbers[i, k + 3])
+        write_matrix(q, errors.R, 0)
+        lead = work.rows[int(row[LEAD])]
+        axes = triple(lead, 0), triple(lead, AXIS), triple(lead, 2 * AXIS)
+        turn = mean_turn(h, work.velocity, i)
+        put(places, 0, 0, triple(row, PLACES))
+        write_place_slopes(*axes, turn, work.ids[c, 2], i, errors.R[0], world, places[:, 1:])
 
 
 @inner
@@ -345,11 +352,16 @@ def _add_contact(c, size, law, h, threshold, world, work, errors, contacts):
         g_lead = contact_geometry(
             work.rows[lead], work.ids[lead], contacts.gap[lead], contacts.surface[lead], position, world, work
         )
-    n, push_arm, turn = g.n, g.arm_i, (0.0, 0.0, 0.0)
+    n, push_arm, turn, along, places = g.n, g.arm_i, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), contacts.places[c]
     in_middle = law == LASTING and row[IN_MIDDLE] > 0.0
+    # the contact of a rolling shape is at the support, without bumps
+    is_smooth = in_middle and g_lead.roll_i[0] + g_lead.roll_i[2] > 0.0
     if in_middle:
         turn = mean_turn(h, velocity, i)
-        push_arm = middle_arm(g.arm_i, vector(contacts.shift[lead], 0, 0), g_lead.n, turn)
+        along = rolling_direction(g_lead.n, turn)
+        push_arm = spun_arm(g.arm_i, g_lead.n, turn)
+        if not is_smooth:
+            push_arm = placed_arm(push_arm, vector(places, 0, 0), g_lead.n, along)
     f_t = plus(times(own[1], g.first), times(own[2], g.second))
     f = plus(times(own[0], n), f_t)
     u = relative_velocity(after, i, j, g.arm_i, g.arm_j)
@@ -367,7 +379,11 @@ def _add_contact(c, size, law, h, threshold, world, work, errors, contacts):
         # growth rate of the gap with h, for overlap that is removed slowly
         begun = dot(n, relative_velocity(velocity[START], i, j, g.arm_i, g.arm_j))
         recovery = RECOVERY - 0.5 * (begun + speed_before)
-        if lead != c:
+        if in_middle:
+            if not is_smooth:
+                place = dot(g.arm_i, along) - places[2, 0]
+                recovery += place * dot(three(before, i, 3), cross(along, g_lead.n))
+        elif lead != c:
             recovery += speed_before
             recovery -= dot(g_lead.n, relative_velocity(before, i, j, g_lead.arm_i, g_lead.arm_j))
     else:
@@ -410,14 +426,18 @@ def _add_contact(c, size, law, h, threshold, world, work, errors, contacts):
     for k in range(end.shape[1]):
         change = contact_change(g, end, first_i, first_j, k)
         other = contact_change(g_lead, end, first_i, first_j, k) if lead != c else change
-        dn, push_change = change.n, change.arm_i
+        dn, push_change, rolls = change.n, change.arm_i, no_rolling()
         if in_middle:
             dw = times(0.25, vector(errors.begin, first_i + EW, k))
             dw = plus(dw, times(0.75, vector(end, first_i + EW, k)))
             dturn, tilt = plus(times(h, dw), times(errors.length[k] / h, turn)), vector(end, first_i + ER, k)
-            push_change = middle_arm_change(
-                g.arm_i, contacts.shift[lead], g_lead, turn, tilt, change.arm_i, other.n, dturn
-            )
+            rolls = rolling_change(places, g_lead, turn, tilt, other.n, dturn)
+            push_change = spun_arm_change(g.arm_i, g_lead.n, turn, change.arm_i, other.n, dturn)
+            if not is_smooth:
+                spun = spun_arm(g.arm_i, g_lead.n, turn)
+                push_change = placed_arm_change(
+                    spun, vector(places, 0, 0), g_lead.n, along, push_change, rolls
+                )
         if begins:
             contacts.first_gap[k] = change.gap
         wide += (change.gap if law == LASTING else change.gap - contacts.first_gap[k]) ** 2
@@ -434,7 +454,15 @@ def _add_contact(c, size, law, h, threshold, world, work, errors, contacts):
         if law == LASTING:
             dh = errors.length[k]
             free, roll = _speed_change(g, change, before, i, j, end, first_i, first_j, k), 0.0
-            if lead != c:
+            if in_middle:
+                if not is_smooth:
+                    w, dw = three(before, i, 3), vector(end, first_i + EW, k)
+                    place = dot(g.arm_i, along) - places[2, 0]
+                    moved = dot(change.arm_i, along) + dot(g.arm_i, rolls.along) - rolls.places[2]
+                    across = cross(along, g_lead.n)
+                    tilted = plus(cross(rolls.along, g_lead.n), cross(along, other.n))
+                    roll = moved * dot(w, across) + place * (dot(dw, across) + dot(w, tilted))
+            elif lead != c:
                 roll = free - _speed_change(g_lead, other, before, i, j, end, first_i, first_j, k)
             deeper = 0.5 * (dh * (speed_before - speed) + h * free) + row[DAMPING_TIME] * roll
             if clipped:

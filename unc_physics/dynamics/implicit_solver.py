@@ -36,6 +36,7 @@ from ..collision.contact_row import (
     FORCE,
     GAP,
     IMPULSE_SCALE,
+    IN_MIDDLE,
     LEAD,
     MOMENT_I,
     MOMENT_J,
@@ -43,8 +44,8 @@ from ..collision.contact_row import (
     RADIUS,
     REACH,
     RESTITUTION,
-    ROLL_DEPTH,
-    ROLL_REACH,
+    ROLL_RADIUS,
+    ROLLING,
     SLIP_COMPLIANCE,
     SPIN_COMPLIANCE,
     SPIN_I,
@@ -94,7 +95,7 @@ _APART = 4
 _SLACK, RECOVERY = 2e-5, 0.05
 #: Damping time of a contact, in steps; with half a step, stiff contacts come to rest in two.
 _DAMPING = 0.5
-_ROLLED = 1e-4  # rotation of a body's points in an interval that changes the touching spheres [m]
+_ROLLED = 1e-4  # rotation of a body's points in a step that changes the touching spheres [m]
 #: Growth of the squared change of a sweep: up to the first value, the search direction is kept. Above the
 #: second value, relative to the smallest change so far, the solver restores its best solution.
 _ALIKE, _DIVERGED = 1.1, 100.0
@@ -324,12 +325,13 @@ def next_patch(rows, first, m):
 
 
 @inner(fastmath=FAST, error_model="numpy")
-def find_leads(rows, ids, m, h, v):
+def find_leads(rows, ids, m, dt, depth, v):
     """Find for each contact the contact of its patch whose normal speed determines its damping.
 
-    ``v`` are the velocities at the end of an interval of ``h`` seconds. The lead is the deepest contact, if
-    it is so near that a round body would touch at both. When such a body rolls, its spheres ahead move down
-    and those behind move up, without a change of depth. Other contacts are damped by their own speed.
+    ``v`` are the velocities at an interval's end, ``dt`` is the time step [s]. The lead is the deepest
+    contact, if it is so near that a round body would touch at both with this ``depth`` [m]. When such a body
+    rolls, its spheres ahead move down and those behind move up, without a change of depth. Other contacts are
+    damped by their own speed.
     """
     first = 0
     while first < m:
@@ -338,8 +340,8 @@ def find_leads(rows, ids, m, h, v):
         w = 0.0
         for k in range(3, 6):
             w += (v[i, k] - v[j, k]) ** 2 if j >= 0 else v[i, k] ** 2
-        near, w = rows[lead, ROLL_REACH], math.sqrt(w)
-        near = near * w if h * w * near * near > _ROLLED * 2.0 * ROLL_DEPTH else 0.0
+        radius, w = rows[lead, ROLL_RADIUS], math.sqrt(w)
+        near = w * math.sqrt(2.0 * depth * radius) if dt * w * radius > _ROLLED else 0.0
         speed = contact_speeds(rows[lead], v, i, j)[0] if near > 0.0 else 0.0
         for c in range(first, last):
             rows[c, LEAD] = c
@@ -375,7 +377,9 @@ def solve_lasting(
         end, across, along = contact_speeds(row, free, i, j)
         lead = int(row[LEAD])
         rolling = 0.0
-        if lead != c:
+        if row[IN_MIDDLE] > 0.0:
+            rolling = row[ROLLING]
+        elif lead != c:
             rolling = end - contact_speeds(rows[lead], free, i, j)[0]
         slip = max(abs(across - row[DRIFT]), abs(along - row[DRIFT + 1]))
         fastest = max(fastest, max(abs(before), abs(end)), slip)

@@ -1,10 +1,19 @@
-"""Lever arms of contacts of rolling bodies, at the contact points in the middle of an interval.
+"""Lever arms of contacts of bodies that roll on elements, without the bumps of their packings.
 
-Gaps and speeds refer to the interval's end. The impulse is the mean of a force over the interval. At the end
-pose, the impulse on a disc that rolls on its edge would lag by half an interval and brake the disc.
+A body is lowest against a normal at its support. A smooth minimum over the hull's spheres gives the support's
+height and place. Impulses of a rolling body act where they do the work of the change of this height over the
+interval::
+
+    size * place = height before - height after
+
+``size`` is the rotation across the normal, and ``place`` the coordinate of the lever arm along the rolling
+direction. The work of many steps then adds up to that of the first and last height, so bumps neither drive
+nor brake the body. Damping uses the speed of the support at the interval's end, not of the sphere that
+touches.
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -15,7 +24,8 @@ from ..collision.contact_row import (
     INVERSE_MASS_I,
     LEAD,
     MOMENT_I,
-    SHIFT,
+    PLACES,
+    ROLLING,
     SLIP_COMPLIANCE,
     TURN_I,
 )
@@ -25,12 +35,19 @@ from ..spatial.rotation import cross, exp, rotate, rotate_back
 from ..spatial.vectors import dot, minus, plus, put, three, times, triple, vector
 from .implicit_solver import next_patch
 
-#: Smallest rotation in an interval that matters [rad]. Then the largest shift of a contact relative to the
-#: motion of the body's farthest points; larger ones jump between edges of a face.
+#: Smallest rotation in a step that matters [rad]. Then the largest distance between the places of the
+#: impulse and of the support, relative to the motion of the body's farthest points; larger ones jump between
+#: edges of a face.
 _TURNED, _FARTHEST = 1e-3, 5.0
-#: Height above the lowest sphere within which other spheres count as well [m].
-_BUMPS = 1.3e-4
-_REACH = 1e-7  # step of finite differences of the shift [rad]
+#: Height over which the minimum over spheres is smoothed, relative to the body's radius, and number of such
+#: heights that count.
+_SMOOTHING, _CUT = 4e-3, 6.0
+#: Height by which spheres count as higher that are one radius away along the axis of rotation, relative to
+#: the body's radius.
+_SLOPE = 0.05
+#: Least depth at which spheres of a rolling body may touch [m]; free motion in a step makes it deeper.
+ROLL_DEPTH = 2e-4
+_REACH = 1e-7  # step of finite differences of the places [rad]
 
 
 @inner(forceinline=True)
@@ -57,8 +74,11 @@ def mean_turn(h, velocity, i):
 
 
 @inner(error_model="numpy")
-def push_in_the_middle(h, world, work):
-    """Move impulses of contacts with elements to the contact points in the middle of ``h`` seconds."""
+def push_in_the_middle(h, depth, world, work):
+    """Move impulses of contacts that roll on elements to their places in the middle of ``h`` seconds.
+
+    Spheres up to ``depth`` [m] above a body's lowest ones count as rolling.
+    """
     rows, ids, m = work.rows, work.ids, work.counts[CONTACTS]
     first = 0
     while first < m:
@@ -66,28 +86,53 @@ def push_in_the_middle(h, world, work):
         for c in range(first, last):
             rows[c, IN_MIDDLE] = 0.0
         i = ids[lead, 0]
-        if ids[lead, 1] < 0:
-            n, turn = triple(rows[lead], 0), mean_turn(h, work.velocity, i)
-            moves, shift = middle_shift(n, turn, i, work.R[i], world)
-            if moves:
-                for c in range(first, last):
-                    if rows[c, LEAD] == lead:
-                        axes = triple(rows[c], 0), triple(rows[c], AXIS), triple(rows[c], 2 * AXIS)
-                        arm = middle_arm(lever_arm(rows[c], MOMENT_I, *axes), shift, n, turn)
-                        _push_at(rows[c], arm, axes, work.inverse_inertia[i])
-                        rows[c, IN_MIDDLE] = 1.0
-                        for k in range(3):
-                            rows[c, SHIFT + k] = shift[k]
+        n, turn = triple(rows[lead], 0), mean_turn(h, work.velocity, i)
+        if ids[lead, 1] < 0 and _turns_across(n, times(world.dt / h, turn)):
+            along = rolling_direction(n, turn)
+            rate = dot(three(work.velocity[FREE], i, 3), cross(along, n))
+            for c in range(first, last):
+                if rows[c, LEAD] != lead:
+                    continue
+                axes = triple(rows[c], 0), triple(rows[c], AXIS), triple(rows[c], 2 * AXIS)
+                arm = lever_arm(rows[c], MOMENT_I, *axes)
+                moves, places = rolling_places(n, turn, -dot(n, arm), depth, ids[c, 2], i, work.R[i], world)
+                if moves:
+                    rows[c, ROLLING] = rate * (dot(arm, along) - places[2])
+                    push_arm = placed_arm(spun_arm(arm, n, turn), places, n, along)
+                    _push_at(rows[c], push_arm, axes, work.inverse_inertia[i])
+                    rows[c, IN_MIDDLE] = 1.0
+                    for k in range(3):
+                        rows[c, PLACES + k] = places[k]
         first = last
 
 
 @inner(forceinline=True)
-def middle_arm(arm, shift, n, turn):
-    """Return the lever arm of a contact's impulse from the arm at the interval's end.
+def _turns_across(n, turn):
+    """Return whether the rotation ``turn`` in a step across a normal is large enough to matter."""
+    across = minus(turn, times(dot(turn, n), n))
+    return dot(across, across) > _TURNED * _TURNED
 
-    It is moved by ``shift`` and rotated back about the normal ``n`` of its lead.
+
+@inner(forceinline=True)
+def rolling_direction(n, turn):
+    """Return the unit vector along which a rotation ``turn`` rolls a body on a surface of normal ``n``."""
+    along = cross(turn, n)
+    return times(1.0 / math.sqrt(dot(along, along)), along)
+
+
+@inner(forceinline=True)
+def spun_arm(arm, n, turn):
+    """Return a lever arm, rotated back about the normal ``n`` of its lead to the middle of the interval."""
+    return plus(arm, cross(_half_spin(n, turn), arm))
+
+
+@inner(forceinline=True)
+def placed_arm(arm, places, n, along):
+    """Return a lever arm whose part along the rolling direction is ``places[0]``.
+
+    The part along ``n`` grows by ``places[1]`` (`rolling_places`).
     """
-    return plus(plus(arm, shift), cross(_half_spin(n, turn), arm))
+    return plus(arm, plus(times(places[0] - dot(arm, along), along), times(places[1], n)))
 
 
 @inner(forceinline=True)
@@ -97,34 +142,36 @@ def _half_spin(n, turn):
 
 
 @inner(error_model="numpy")
-def middle_shift(n, turn, i, R, world):
-    """Compute the shift of body i's contact point from the end of an interval to its middle.
+def rolling_places(n, turn, height, depth, sphere, i, R, world):
+    """Compute the places of the impulse at a sphere of body i and of its support, if it rolls.
 
-    ``n`` is the contact normal; rotation about it is excluded. ``turn`` is the body's rotation over the
-    interval [rad], ``R`` (3, 3) its ``R_world_body`` at the end.
+    ``n`` is the contact normal, and ``height`` that of the centre of mass above the contact [m], which is at
+    most ``depth`` above the lowest sphere. ``turn`` is
+    the body's rotation over the interval [rad], ``R`` (3, 3) its ``R_world_body`` at the end.
 
     Returns
     -------
     moves : bool
-        Whether the impulses act at the shifted point.
-    shift : tuple of 3 floats
-        Shift [m].
+        Whether the body rolls there on its lowest spheres.
+    places : tuple of 3 floats
+        Place of the impulses along the rolling direction, their distance above the contact of the end, and
+        place of the support at the end [m].
     """
     across = minus(turn, times(dot(turn, n), n))
     size = math.sqrt(dot(across, across))
-    if size <= _TURNED:
-        return False, (0.0, 0.0, 0.0)
-    end = _support(n, (0.0, 0.0, 0.0), i, R, world)
-    way = minus(_support(n, times(-0.5, turn), i, R, world), end)
     along = times(1.0 / size, cross(across, n))
-    step = dot(minus(way, cross(_half_spin(n, turn), end)), along)
-    shift = plus(times(step, along), times(dot(way, n), n))
-    return abs(step) < _FARTHEST * size * world.bodies.radius[i], shift
+    axis = times(1.0 / math.sqrt(dot(turn, turn)), turn)
+    axis = rotate_back(R, axis[0], axis[1], axis[2])
+    least, end, support = _support(n, (0.0, 0.0, 0.0), along, axis, sphere, i, R, world)
+    _, start, _ = _support(n, times(-1.0, turn), along, axis, sphere, i, R, world)
+    push = (start - end) / size
+    moves = abs(height + least) < depth and abs(push - support) < _FARTHEST * size * world.bodies.radius[i]
+    return moves, (push, 0.5 * (start - end), support)
 
 
 @inner(noinline=True)
-def write_shift_slopes(n, first, second, turn, i, R, world, out):
-    """Write the derivative of `middle_shift` into ``out`` (3, 5).
+def write_place_slopes(n, first, second, turn, sphere, i, R, world, out):
+    """Write the derivative of `rolling_places` into ``out`` (3, 5).
 
     Its columns are tilts of the normal towards ``first`` and ``second``, and the components of ``turn``.
     """
@@ -137,61 +184,103 @@ def write_shift_slopes(n, first, second, turn, i, R, world, out):
                 e = times(1.0 / math.sqrt(dot(e, e)), e)
             else:
                 t = plus(turn, times(sign * _REACH, (1.0 * (k == 2), 1.0 * (k == 3), 1.0 * (k == 4))))
-            _, shift = middle_shift(e, t, i, R, world)
+            _, places = rolling_places(e, t, 0.0, 0.0, sphere, i, R, world)
             if sign > 0.0:
-                ahead = shift
+                ahead = places
             else:
-                behind = shift
+                behind = places
         put(out, 0, k, times(0.5 / _REACH, minus(ahead, behind)))
 
 
-@inner
-def middle_arm_change(arm, shift, lead, turn, tilt, darm, dn, dturn):
-    """Return the change of `middle_arm` for given changes of its inputs.
+class RollingChange(NamedTuple):
+    """Change of a contact of a rolling body: of its places, its rolling direction and its lead's normal."""
 
-    The body's rotation changes by ``tilt``, its arm by ``darm``, the normal of its lead by ``dn``, and the
-    turn by ``dturn``. ``lead`` is the lead's `Geometry`. ``shift`` (3, 6) is the shift and its derivative
-    (`write_shift_slopes`). A common rotation of all of these also rotates the arm; the rest is in the body's
-    frame.
+    places: tuple
+    along: tuple
+    n: tuple
+
+
+@inner(forceinline=True)
+def no_rolling():
+    """Return the `RollingChange` of a contact that does not roll."""
+    zero = (0.0, 0.0, 0.0)
+    return RollingChange(zero, zero, zero)
+
+
+@inner
+def rolling_change(places, lead, turn, tilt, dn, dturn):
+    """Return the `RollingChange` for a rotation of the body by ``tilt`` and changes of normal and turn.
+
+    ``lead`` is the lead's `Geometry`; its normal changes by ``dn``, the turn by ``dturn``. ``places`` (3, 6)
+    are the places and their derivative (`write_place_slopes`). A common rotation does not change them.
     """
-    n, first, second = lead.n, lead.first, lead.second
-    darm, dn = minus(darm, cross(tilt, arm)), minus(dn, cross(tilt, n))
-    dturn = minus(dturn, cross(tilt, turn))
-    spin = dot(turn, n)
-    dspin = dot(dturn, n) + dot(turn, dn)
-    bend = times(-0.5, plus(times(dspin, n), times(spin, dn)))
-    a, b = dot(first, dn), dot(second, dn)
-    dshift = plus(times(a, vector(shift, 0, 1)), times(b, vector(shift, 0, 2)))
+    own = minus(dn, cross(tilt, lead.n))
+    moved = plus(
+        times(dot(lead.first, own), vector(places, 0, 1)), times(dot(lead.second, own), vector(places, 0, 2))
+    )
+    own = minus(dturn, cross(tilt, turn))
     for k in range(3):
-        dshift = plus(dshift, times(dturn[k], vector(shift, 0, 3 + k)))
-    changed = plus(plus(darm, dshift), plus(cross(bend, arm), cross(_half_spin(n, turn), darm)))
-    return plus(cross(tilt, middle_arm(arm, vector(shift, 0, 0), n, turn)), changed)
+        moved = plus(moved, times(own[k], vector(places, 0, 3 + k)))
+    along = cross(turn, lead.n)
+    size = math.sqrt(dot(along, along))
+    along = times(1.0 / size, along)
+    change = times(1.0 / size, plus(cross(dturn, lead.n), cross(turn, dn)))
+    return RollingChange(moved, minus(change, times(dot(along, change), along)), dn)
+
+
+@inner
+def spun_arm_change(arm, n, turn, darm, dn, dturn):
+    """Return the change of `spun_arm` for given changes of its inputs."""
+    spin = plus(times(dot(dturn, n) + dot(turn, dn), n), times(dot(turn, n), dn))
+    return plus(darm, plus(cross(times(-0.5, spin), arm), cross(_half_spin(n, turn), darm)))
+
+
+@inner
+def placed_arm_change(arm, places, n, along, darm, change):
+    """Return the change of `placed_arm` for a change ``darm`` of its arm and a `RollingChange`."""
+    moved = change.places[0] - dot(darm, along) - dot(arm, change.along)
+    out = plus(darm, plus(times(moved, along), times(places[0] - dot(arm, along), change.along)))
+    return plus(out, plus(times(change.places[1], n), times(places[1], change.n)))
 
 
 @inner(error_model="numpy")
-def _support(n, back, i, R, world):
-    """Return the arm to the lowest point of body i against ``n`` [m], rotated by ``back`` from ``R``.
+def _support(n, back, along, axis, sphere, i, R, world):
+    """Return where body i, rotated by ``back`` from ``R``, is lowest against ``n`` near a sphere.
 
-    It is the mean of several spheres that are nearly as low, which smooths the bumps of a packing.
+    Spheres count as higher, the farther they are from it along ``axis`` (body frame).
+
+    Returns
+    -------
+    least, smooth : float
+        Least height of its spheres relative to the centre of mass, and smooth minimum of these heights [m].
+    place : float
+        Coordinate along ``along`` of the point where the smooth minimum is [m].
     """
     hull = world.implicit.hull
     low, high = world.implicit.hull_range[i, 0], world.implicit.hull_range[i, 1]
     q = exp(back[0], back[1], back[2])
     up = _turned((-q[0], -q[1], -q[2], q[3]), n)
     x, y, z = rotate_back(R, up[0], up[1], up[2])
+    smoothing, slope = _SMOOTHING * world.bodies.radius[i], _SLOPE / world.bodies.radius[i]
+    center = world.tree.centers[sphere]
+    offset = axis[0] * center[0] + axis[1] * center[1] + axis[2] * center[2]
     least = np.inf
     for k in range(low, high):
-        least = min(least, x * hull[0, k] + y * hull[1, k] + z * hull[2, k] - hull[3, k])
+        apart = axis[0] * hull[0, k] + axis[1] * hull[1, k] + axis[2] * hull[2, k] - offset
+        height = x * hull[0, k] + y * hull[1, k] + z * hull[2, k] - hull[3, k]
+        least = min(least, height + slope * apart * apart)
     total, c = 0.0, (0.0, 0.0, 0.0)
     for k in range(low, high):
-        above = x * hull[0, k] + y * hull[1, k] + z * hull[2, k] - hull[3, k] - least
-        if above < _BUMPS:
-            share = (1.0 - above / _BUMPS) ** 2
+        apart = axis[0] * hull[0, k] + axis[1] * hull[1, k] + axis[2] * hull[2, k] - offset
+        height = x * hull[0, k] + y * hull[1, k] + z * hull[2, k] - hull[3, k]
+        above = height + slope * apart * apart - least
+        if above < _CUT * smoothing:
+            share = math.exp(-above / smoothing)
             total += share
             c = plus(c, times(share, (hull[0, k], hull[1, k], hull[2, k])))
     c = times(1.0 / total, c)
     c = _turned(q, rotate(R, c[0], c[1], c[2]))
-    return plus(c, times(least - dot(c, n), n))
+    return least, least - smoothing * math.log(total), dot(c, along)
 
 
 @inner
