@@ -54,7 +54,7 @@ TOPICS = {
     "events": (
         "Python: events and probabilities",
         "Events whose probability a prediction estimates.",
-        "Touches Inside AtRest Upright Falls Event encounters BoxRegion Probability ContactTime",
+        "Touches InRegion AtRest Upright FellOff Event encounters BoxRegion Probability ContactTime",
     ),
     "propagators": (
         "Python: propagators",
@@ -130,8 +130,10 @@ def pages() -> Iterator[tuple[str, str]]:
 
 def schema_page(name: str, title: str, summary: str) -> str:
     """Return the keys of a JSON schema, one table for each kind of object."""
-    schema = json.loads((ROOT / "unc_physics" / "schemas" / f"{name}.schema.json").read_text())
-    definitions = schema.get("$defs", {})
+    from unc_physics.cli.schema_command import schema_text
+
+    schema = json.loads(schema_text(name))
+    definitions = {key: each for key, each in schema.get("$defs", {}).items() if key not in SCHEMAS}
     lines = [f"# {title}", "", summary, "", schema["description"], ""]
     lines += [
         f"`python -m unc_physics schema {name}` prints the JSON schema, which editors use to complete keys.",

@@ -7,7 +7,7 @@ gripper's inaccuracy, and those that clearly lose get few of them.
 
 import numpy as np
 
-from unc_physics import Belief, BodyBelief, Box, BoxRegion, Inside, Plane, RigidBody, Scene, load_model
+from unc_physics import Belief, BodyBelief, Box, BoxRegion, InRegion, Plane, RigidBody, Scene, load_model
 from unc_physics.ros import Client
 
 OFFSETS = 0.0, 0.08, 0.12, 0.14, 0.16, 0.20  # m, of the release pose from the bin's centre, along it
@@ -45,7 +45,7 @@ def main() -> None:
     belief = Belief.of(scene, actions["0.00 m"])
 
     with Client() as client:
-        score = Inside("salt_box", INSIDE)
+        score = InRegion("salt_box", INSIDE)
         ranking = client.rank(scene, belief, actions, score, HORIZON, rollouts=SAMPLES, seed=1)
     print(f"{'release pose':14}{'inside':>8}{'interval':>14}{'rollouts':>10}{'std of the centre [m]':>24}")
     for action in ranking:

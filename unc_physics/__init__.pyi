@@ -25,8 +25,8 @@ from .prediction.body_status import BodyStatus as BodyStatus
 from .prediction.body_status import Status as Status
 from .prediction.events import AtRest as AtRest
 from .prediction.events import Event as Event
-from .prediction.events import Falls as Falls
-from .prediction.events import Inside as Inside
+from .prediction.events import FellOff as FellOff
+from .prediction.events import InRegion as InRegion
 from .prediction.events import Touches as Touches
 from .prediction.events import Upright as Upright
 from .prediction.events import encounters as encounters

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import yaml
 
-from unc_physics import Falls, Inside, Touches, Upright, rank
+from unc_physics import FellOff, InRegion, Touches, Upright, rank
 from unc_physics.__main__ import main
 from unc_physics.checks.errors import ErrorCode
 from unc_physics.prediction.actions import apply_action
@@ -60,10 +60,10 @@ def test_scores_of_a_file_are_events(tmp_path):
     (inside, _), (touched, happens), (upright, _), (off, off_happens) = load_actions(
         changed(tmp_path, score=score)
     ).score.parts
-    assert isinstance(inside, Inside) and inside.region.size.tolist() == [0.3, 0.2, 0.147]
+    assert isinstance(inside, InRegion) and inside.region.size.tolist() == [0.3, 0.2, 0.147]
     assert isinstance(touched, Touches) and not happens and touched.other == "floor"
     assert isinstance(upright, Upright) and upright.angle == 0.5 and upright.axis.tolist() == [0.0, 0.0, 1.0]
-    assert isinstance(off, Falls) and not off_happens and off.support == ""
+    assert isinstance(off, FellOff) and not off_happens and off.support == ""
 
 
 def test_a_scene_may_be_in_a_file_of_its_own(tmp_path):
@@ -96,6 +96,13 @@ BAD = {
         {"score": {"in_region": {"object": "salt_box", "region": "box"}}},
         "score.in_region.region is none of the file's regions",
     ),
+    "no region": ({"score": {"in_region": "salt_box"}}, "score.in_region.region must be given"),
+    "no partner": ({"score": {"touches": "salt_box"}}, "score.touches.other must be given"),
+    "no number": (
+        {"score": {"at_rest": {"object": "salt_box", "speed": "slow"}}},
+        "score.at_rest.speed must be a number",
+    ),
+    "no text": ({"score": {"upright": {"object": 3}}}, "score.upright.object must be a non-empty text"),
     "no such object": ({"score": {"upright": "cup"}}, "score.object is no body of the scene"),
     "of what is reported": ({"also": [{"upright": "cup"}]}, "also[0].object is no body of the scene"),
     "no actions": ({"actions": {}}, "actions must be a mapping of names to changes"),

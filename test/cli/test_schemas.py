@@ -13,6 +13,7 @@ from unc_physics import PROPAGATORS, UncPhysicsError
 from unc_physics.__main__ import main
 from unc_physics.cli.schema_command import SCHEMAS, schema_text
 from unc_physics.prediction import actions_file
+from unc_physics.prediction.event_entries import REGION_KEYS
 from unc_physics.scene import scene_file
 from unc_physics.scene.environment import ELEMENTS, quantities
 
@@ -71,12 +72,7 @@ def test_the_scene_schema_has_the_reader_s_keys():
 def test_the_schema_of_actions_has_the_reader_s_keys():
     found = schema("actions")
     assert set(found["properties"]) == set(actions_file._KEYS)
-    assert set(found["$defs"]["region"]["properties"]) == set(actions_file._REGION_KEYS)
-    event = found["$defs"]["event"]["properties"]
-    assert set(event) == {*actions_file._EVENTS, "not"}
-    for name, (_, others) in actions_file._EVENTS.items():
-        whole = event[name].get("anyOf", [event[name]])[-1]
-        assert set(whole["properties"]) == {"object", *others}
+    assert set(found["$defs"]["region"]["properties"]) == set(REGION_KEYS)
 
 
 def actions():
@@ -97,6 +93,12 @@ def test_files_of_actions_fit_their_schema():
     [
         {"score": {"upside_down": "salt_box"}},
         {"score": {"touches": "salt_box"}},
+        {"score": {"touches": {"object": "salt_box", "other": ""}}},
+        {"score": {"upright": {"object": "salt_box", "axis": [0, 1]}}},
+        {"score": {"upright": {"object": "salt_box", "angle": -0.1}}},
+        {"score": {"at_rest": {"object": 3}}},
+        {"score": {"at_rest": {"object": "salt_box", "speed": "slow"}}},
+        {"score": {"in_region": {"object": "salt_box", "region": {"name": "bin"}}}},
         {"score": {"upright": "salt_box", "at_rest": "salt_box"}},
         {"score": []},
         {"actions": {}},

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 from example_scenes import parts_of, three_bodies
 
-from unc_physics import PROPAGATORS, AtRest, BoxRegion, Inside, Touches, assess, make_propagator, predict
+from unc_physics import PROPAGATORS, AtRest, BoxRegion, InRegion, Touches, assess, make_propagator, predict
 from unc_physics.propagators.names import BUILT_IN
 from unc_physics.scene.scene_file import scene_from_dict
 from unc_physics.spatial.moments import pose_spreads
@@ -64,7 +64,7 @@ for steps in (0, 100):
 # statuses and probabilities
 assert len(assess(first)) == len(scene.bodies)
 names = [body.name for body in scene.bodies if body.free]
-for event in (Touches(*names[:2]), AtRest(names[0]), Inside(names[0], BoxRegion("here", (1.0, 1.0, 1.0)))):
+for event in (Touches(*names[:2]), AtRest(names[0]), InRegion(names[0], BoxRegion("here", (1.0, 1.0, 1.0)))):
     assert first.probability(event, time=0.5).method == "samples"
 
 # the implicit step, by islands

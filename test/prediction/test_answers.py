@@ -13,8 +13,8 @@ from unc_physics import (
     BodyBelief,
     Box,
     BoxRegion,
-    Falls,
-    Inside,
+    FellOff,
+    InRegion,
     Plane,
     RigidBody,
     Scene,
@@ -66,7 +66,7 @@ def test_modes_that_stay_have_the_probability_to_stay(pushed, name):
     """Both count the same rollouts: exactly, for every propagator that has some."""
     scene, belief, horizon = pushed
     options = {"samples": 100} if name == "monte_carlo" else {}
-    falls = Falls("carton", support="table")
+    falls = FellOff("carton", support="table")
     prediction = predict(scene, belief, make_propagator(name, **options), horizon, events=[falls])
     found = prediction.probability(falls)
     modes = prediction["carton"].modes
@@ -79,7 +79,7 @@ def test_modes_that_stay_have_the_probability_to_stay(pushed, name):
 def test_auto_goes_on_until_a_probability_is_known(pushed):
     """To what is asked: a tenth by default, where the interval holds that of many samples."""
     scene, belief, horizon = pushed
-    falls = Falls("carton", support="table")
+    falls = FellOff("carton", support="table")
     truth = predict(scene, belief, make_propagator("monte_carlo", samples=1000, seed=7), horizon)
     right = truth.probability(falls).estimate
     assert 0.2 < right < 0.5, "the case must leave it open"
@@ -105,8 +105,8 @@ def test_auto_knows_probabilities_of_islands(pushed):
     ]
     scene, belief, horizon = scene_from_dict(content)
     events = [
-        Falls("one", support="table"),
-        Inside("other", BoxRegion("here", (0.02, 1.0, 1.0), (0.5, 0, 0))),
+        FellOff("one", support="table"),
+        InRegion("other", BoxRegion("here", (0.02, 1.0, 1.0), (0.5, 0, 0))),
     ]
     found = predict(scene, belief, "auto", horizon, events=events)
     assert rollout_count(found.carry) > 64

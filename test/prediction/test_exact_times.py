@@ -13,7 +13,7 @@ from unc_physics import (
     Belief,
     BodyBelief,
     BoxRegion,
-    Inside,
+    InRegion,
     Plane,
     PosePath,
     RigidBody,
@@ -313,7 +313,7 @@ def test_candidates_are_ranked_at_an_exact_time():
     """By whether they have flown 40 mm: at 0.9 m/s it takes 44.4 ms, between two steps."""
     scene, belief = meeting()
     certain = Belief.exact(belief.mean)
-    gone = Inside("far", BoxRegion("gone", (2, 2, 2), (4.04, 0, 0)))
+    gone = InRegion("far", BoxRegion("gone", (2, 2, 2), (4.04, 0, 0)))
     actions = {
         name: {"far": BodyBelief(position=[3, 0, 0.3], linear_velocity=[speed, 0, 0])}
         for name, speed in (("slow", 0.9), ("fast", 0.91))

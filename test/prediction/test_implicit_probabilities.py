@@ -8,7 +8,7 @@ from unc_physics import (
     Belief,
     Box,
     BoxRegion,
-    Inside,
+    InRegion,
     Plane,
     RigidBody,
     Scene,
@@ -106,8 +106,8 @@ def test_what_lies_on_a_table_stays_there(thrown):
     on_floor = BoxRegion("on the floor", (9.0, 9.0, 0.4), (0, 0, -0.5))
     for name in ("near", "edge"):
         assert prediction.probability(AtRest(name)).estimate > 0.95
-    assert prediction.probability(Inside("near", on_table)).estimate > 0.95
-    assert prediction.probability(Inside("near", on_floor)).estimate < 0.05
+    assert prediction.probability(InRegion("near", on_table)).estimate > 0.95
+    assert prediction.probability(InRegion("near", on_floor)).estimate < 0.05
     points = predict(scene, lying, "sigma_points", 3.0, events=[AtRest("near")])
     found = points.probability(AtRest("near"))  # flights end at the table
     assert (found.low, found.estimate, found.high) == (0.0, 0.5, 1.0)

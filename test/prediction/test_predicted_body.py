@@ -9,7 +9,7 @@ from unc_physics import (
     Belief,
     BodyBelief,
     BoxRegion,
-    Inside,
+    InRegion,
     Plane,
     RigidBody,
     Scene,
@@ -95,7 +95,11 @@ def test_a_fixed_body_is_certain(tumbling):
     post = tumbling["post"]
     assert post.fixed and not post.covariance().any() and not post.position_std.any()
     low = BoxRegion("low", (1, 1, 1), (0, 0, -5))
-    for event, expected in ((AtRest("post"), 1.0), (Inside("post", low), 1.0), (Inside("post", REGION), 0.0)):
+    for event, expected in (
+        (AtRest("post"), 1.0),
+        (InRegion("post", low), 1.0),
+        (InRegion("post", REGION), 0.0),
+    ):
         found = tumbling.probability(event)
         assert found.low == found.estimate == found.high == expected and found.method == "certain"
     assert [mode.weight for mode in post.modes] == [1.0]

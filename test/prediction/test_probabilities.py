@@ -13,8 +13,8 @@ from unc_physics import (
     AtRest,
     Belief,
     BoxRegion,
-    Falls,
-    Inside,
+    FellOff,
+    InRegion,
     Touches,
     Upright,
     make_propagator,
@@ -78,9 +78,9 @@ def test_events_combine_rollout_by_rollout():
     half = BoxRegion("half", (100.0, 100.0, 100.0), prediction.belief.mean[0, :3] + [50.0, 0.0, 0.0])
     inside = half.contains(x[:, 0, :3])
     for event, expected in (
-        (TOUCH & Inside("left", half), touch & inside),
-        (TOUCH | Inside("left", half), touch | inside),
-        (~(TOUCH & ~Inside("left", half)), ~touch | inside),
+        (TOUCH & InRegion("left", half), touch & inside),
+        (TOUCH | InRegion("left", half), touch | inside),
+        (~(TOUCH & ~InRegion("left", half)), ~touch | inside),
     ):
         assert prediction.probability(event).estimate == pytest.approx(expected.mean())
     assert str(TOUCH & ~AtRest("left")) == "left touches right and not left at rest"
@@ -91,8 +91,10 @@ def test_events_combine_rollout_by_rollout():
 
 def test_events_with_the_same_arguments_are_equal():
     again = BoxRegion("here", (1.0, 1.0, 1.0))
-    assert Inside("left", HERE) == Inside("left", again) and Inside("left", HERE) != Inside("right", HERE)
-    assert hash(Inside("left", HERE)) == hash(Inside("left", again))
+    assert InRegion("left", HERE) == InRegion("left", again) and InRegion("left", HERE) != InRegion(
+        "right", HERE
+    )
+    assert hash(InRegion("left", HERE)) == hash(InRegion("left", again))
     assert TOUCH == Touches("right", "left") and AtRest("left") != AtRest("left", speed=1.0) != Upright(
         "left"
     )
@@ -101,8 +103,8 @@ def test_events_with_the_same_arguments_are_equal():
 
 def test_every_propagator_estimates_every_event_at_every_time():
     scene, belief, _ = grazing(0.7)
-    events = [TOUCH, AtRest("left"), Upright("right"), Falls("left"), Inside("left", HERE)]
-    events += [~TOUCH | AtRest("left"), TOUCH & Inside("right", HERE)]
+    events = [TOUCH, AtRest("left"), Upright("right"), FellOff("left"), InRegion("left", HERE)]
+    events += [~TOUCH | AtRest("left"), TOUCH & InRegion("right", HERE)]
     for name, kind in PROPAGATORS.items():
         few = {"samples": 50} if "samples" in kind.options() else {}
         propagator = make_propagator(name, **few)
@@ -124,7 +126,7 @@ def test_first_contacts_answer_for_propagators_without_samples():
     """Whether bodies touch is decided in free flight; where they are after it is not."""
     scene, belief, _ = grazing(0.7)
     truth = predict(scene, belief, monte_carlo(4000), 2.0)
-    inside = Inside("left", BoxRegion("here", (1.0, 1.0, 1.0), truth.belief.mean[0, :3]))
+    inside = InRegion("left", BoxRegion("here", (1.0, 1.0, 1.0), truth.belief.mean[0, :3]))
     prediction = predict(scene, belief, "linearization", 2.0, events=[TOUCH, inside])
     found, right = prediction.probability(TOUCH), truth.probability(TOUCH)
     assert found.method == "flights" and found.low <= right.estimate <= found.high < found.low + 0.15
@@ -136,7 +138,7 @@ def test_first_contacts_answer_for_propagators_without_samples():
 def test_before_any_contact_everything_is_told():
     scene, belief, _ = grazing(FAR)
     x = predict(scene, belief, "linearization", 0.5).belief.mean[0, :3]
-    half = Inside("left", BoxRegion("half", (100.0, 100.0, 100.0), x + [50.0, 0.0, 0.0]))
+    half = InRegion("left", BoxRegion("half", (100.0, 100.0, 100.0), x + [50.0, 0.0, 0.0]))
     prediction = predict(scene, belief, "linearization", 0.5, events=[half])
     found = prediction.probability(half)
     assert found.estimate == pytest.approx(0.5, abs=0.06) and found.high - found.low < 0.12

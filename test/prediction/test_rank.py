@@ -14,8 +14,8 @@ from unc_physics import (
     BodyBelief,
     Box,
     BoxRegion,
-    Falls,
-    Inside,
+    FellOff,
+    InRegion,
     Plane,
     RigidBody,
     Scene,
@@ -51,7 +51,7 @@ def held(offset, std=0.02):
 BELIEF = Belief.of(SCENE, {"box": held(0.0)})
 OFFSETS = {"far": 0.3, "middle": 0.0, "edge": 0.19}
 ACTIONS = {name: {"box": held(offset)} for name, offset in OFFSETS.items()}
-ON_SHELF = Inside("box", ABOVE)
+ON_SHELF = InRegion("box", ABOVE)
 
 
 @pytest.fixture(scope="module")
@@ -87,7 +87,7 @@ def test_each_answer_is_that_of_predict(ranking):
         for event in (
             ON_SHELF,
             ~Upright("box"),
-            Falls("box") | AtRest("box"),
+            FellOff("box") | AtRest("box"),
             Touches("box", "floor") & ~ON_SHELF,
         ):
             assert got.probability(event) == expected.probability(event)
@@ -204,19 +204,19 @@ def test_events_are_what_they_say():
     on_its_side = Upright("box", axis=(2.0, 0.0, 0.0), angle=np.radians(20.0)).happened(outcomes)
     np.testing.assert_array_equal(on_its_side, lean([1.0, 0.0, 0.0]) < 20.0)
     height = states[:, 0, 2]
-    np.testing.assert_array_equal(Falls("box").happened(outcomes), height < 0.5 - BOX.bounding_radius)
-    np.testing.assert_array_equal(Falls("box", drop=0.1).happened(outcomes), height < 0.4)
-    np.testing.assert_array_equal(Falls("box", "shelf").happened(outcomes), height < 0.0)
-    np.testing.assert_array_equal(Falls("box", "floor").happened(outcomes), height < TABLE)
+    np.testing.assert_array_equal(FellOff("box").happened(outcomes), height < 0.5 - BOX.bounding_radius)
+    np.testing.assert_array_equal(FellOff("box", drop=0.1).happened(outcomes), height < 0.4)
+    np.testing.assert_array_equal(FellOff("box", "shelf").happened(outcomes), height < 0.0)
+    np.testing.assert_array_equal(FellOff("box", "floor").happened(outcomes), height < TABLE)
     tilted = Box((0.4, 0.2, 0.02), (0.0, 0.0, 0.1), (0.0, np.sin(0.25), 0.0, np.cos(0.25)), name="ramp")
     post = RigidBody("post", load_model("can").prefix(20), fixed=True)
     scene = replace(SCENE, bodies=[*SCENE.bodies, post], environment=[tilted])
     states = np.concatenate([states, np.tile(np.eye(13)[9], (200, 1, 1))], axis=1)
     outcomes = RolloutOutcomes(scene, start, states, np.full((200, 2, 3), np.inf))
     top = 0.1 + 0.2 * np.sin(0.5) + 0.01 * np.cos(0.5)
-    np.testing.assert_array_equal(Falls("box", "ramp").happened(outcomes), height < top)
+    np.testing.assert_array_equal(FellOff("box", "ramp").happened(outcomes), height < top)
     top = (post.model.centers[:, 2] + post.model.radii).max()
-    np.testing.assert_array_equal(Falls("box", "post").happened(outcomes), height < top)
+    np.testing.assert_array_equal(FellOff("box", "post").happened(outcomes), height < top)
 
 
 BAD = {
@@ -246,7 +246,10 @@ BAD = {
     "a stranger": ({"score": Upright("cup")}, "score.object is no body of the scene; there is box.*cup"),
     "touches nothing": ({"score": Touches("box", "wall")}, "score.other is neither .*wall"),
     "touches itself": ({"score": Touches("box", "box")}, "score.other must be another one"),
-    "off a stranger": ({"score": ~Falls("box", "shelve")}, "score.support is neither.*did you mean 'shelf'"),
+    "off a stranger": (
+        {"score": ~FellOff("box", "shelve")},
+        "score.support is neither.*did you mean 'shelf'",
+    ),
     "no rollouts": ({"rollouts": 0}, "rollouts must be at least 1"),
     "a small budget": ({"budget": 2}, "budget must be at least one rollout for each of 3 actions.*got 2"),
     "no horizon": ({"horizon": -1.0}, r"actions\['far'\]: horizon must be positive"),
@@ -268,16 +271,16 @@ def test_events_refuse_what_they_cannot_be():
     for make, words in (
         (lambda: Upright("box", angle=0.0), "angle must be positive"),
         (lambda: Upright("box", axis=(0.0, 0.0, 0.0)), "axis must have a direction"),
-        (lambda: Falls("box", "shelf", drop=1.0), "drop must not be given beside support"),
+        (lambda: FellOff("box", "shelf", drop=1.0), "drop must not be given beside support"),
         (lambda: AtRest("box", speed=-1.0), "speed must be positive"),
-        (lambda: Inside("box", "above"), "region must be a BoxRegion, not a str"),
+        (lambda: InRegion("box", "above"), "region must be a BoxRegion, not a str"),
         (lambda: ON_SHELF & True, "must be an Event, not a bool"),
     ):
         with pytest.raises(UncPhysicsError, match=words):
             make()
     slope = replace(SCENE, environment=[Plane(normal=(1.0, 0.0, 1.0), name="slope")])
     with pytest.raises(UncPhysicsError, match="support is a plane that is not level"):
-        rank(slope, BELIEF, ACTIONS, Falls("box", "slope"), 0.05)
+        rank(slope, BELIEF, ACTIONS, FellOff("box", "slope"), 0.05)
 
 
 def test_the_time_runs_out():

@@ -13,8 +13,8 @@ from unc_physics import (
     Belief,
     BodyBelief,
     Box,
-    Falls,
-    Inside,
+    FellOff,
+    InRegion,
     Plane,
     RigidBody,
     Scene,
@@ -283,9 +283,9 @@ def test_a_client_ranks_as_the_library_does(node):
         "rough": {"box": {"position": (0.18, 0.0, 0.15), "friction": 1.0}},
     }
     region = CoreRegion("above", (0.4, 0.4, 0.4), (0.0, 0.0, 0.2))
-    also = [Upright("box"), Falls("box")]
+    also = [Upright("box"), FellOff("box")]
     with CoreClient() as asked:
-        for score in (Inside("box", region) & ~Touches("box", "floor"), ~Falls("box", "shelf")):
+        for score in (InRegion("box", region) & ~Touches("box", "floor"), ~FellOff("box", "shelf")):
             found = asked.rank(scene, belief, actions, score, 0.5, rollouts=100, seed=3, events=also)
             expected = rank(scene, belief, actions, score, 0.5, rollouts=100, seed=3)
             for one, other in zip(found, expected, strict=True):
@@ -299,7 +299,7 @@ def test_a_client_ranks_as_the_library_does(node):
                 for event in also:
                     assert_same_probability(one.probability(event), other.probability(event))
         with pytest.raises(NotSupportedError, match=r"actions\['a'\] changes more than bodies"):
-            asked.rank(scene, belief, {"a": {"shelf": {"friction": 0.1}}}, Falls("box"), 0.5)
+            asked.rank(scene, belief, {"a": {"shelf": {"friction": 0.1}}}, FellOff("box"), 0.5)
         with pytest.raises(NotSupportedError, match="angle of 'box upright' is fixed at the node"):
             asked.rank(scene, belief, actions, Upright("box", angle=0.1), 0.5)
 

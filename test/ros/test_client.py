@@ -21,8 +21,8 @@ from unc_physics import (
     BoxRegion,
     Capsule,
     Cylinder,
-    Falls,
-    Inside,
+    FellOff,
+    InRegion,
     Plane,
     RigidBody,
     Scene,
@@ -154,8 +154,8 @@ def test_everything_of_an_everyday_scene_arrives(asked, table, name, common):
     propagator = make_propagator(name, samples=300, seed=3) if sampled else make_propagator(name)
     keep = 20 if sampled else 0
     names = ("box", "mug", "brick")
-    events = [kind(name) for kind in (AtRest, Upright, Falls) for name in names] + encounters(scene)
-    events += [Inside(name, REGION) for name in names]
+    events = [kind(name) for kind in (AtRest, Upright, FellOff) for name in names] + encounters(scene)
+    events += [InRegion(name, REGION) for name in names]
     wishes: Any = {"events": events, "modes": True}
     found = asked.predict(scene, belief, propagator, 0.3, times=[0.2], keep_samples=keep, **wishes)
     expected = predict(scene, belief, propagator, 0.3, times=[0.2], events=events)
@@ -240,7 +240,7 @@ def test_a_covariance_of_each_body_instead_of_all_together(asked, space):
         (lambda p: p.contact_time(Touches("left", "right")), "among its events"),
         (lambda p: p.probability(AtRest("left")), "among its events"),
         (lambda p: p["left"].modes, "modes=True"),
-        (lambda p: p.probability(Inside("left", REGION)), "among its events"),
+        (lambda p: p.probability(InRegion("left", REGION)), "among its events"),
         (lambda p: p.samples(3), "keep_samples"),
     ],
 )
@@ -251,13 +251,13 @@ def test_what_was_not_asked_for_says_how_to(asked, space, question, argument):
 
 
 def test_another_region_of_the_same_name_was_not_asked_for(asked, space):
-    prediction = asked.predict(*space, "surrogate", 0.02, events=[Inside("left", REGION)])
-    assert prediction.probability(Inside("left", dataclasses.replace(REGION))).method == "node"
-    other = Inside("left", dataclasses.replace(REGION, size=(1.0, 1.0, 1.0)))
+    prediction = asked.predict(*space, "surrogate", 0.02, events=[InRegion("left", REGION)])
+    assert prediction.probability(InRegion("left", dataclasses.replace(REGION))).method == "node"
+    other = InRegion("left", dataclasses.replace(REGION, size=(1.0, 1.0, 1.0)))
     with pytest.raises(NotSupportedError, match="among its events"):
         prediction.probability(other)
     with pytest.raises(DuplicateIdError, match="two regions"):
-        asked.predict(*space, "surrogate", 0.02, events=[Inside("left", REGION), other])
+        asked.predict(*space, "surrogate", 0.02, events=[InRegion("left", REGION), other])
 
 
 @pytest.mark.parametrize("event", [AtRest("left", speed=1.0), AtRest("left") & AtRest("right")])

@@ -62,6 +62,13 @@ def add_predict_command(commands) -> None:
         help="also report how probable contacts are, and that bodies are at rest at the end",
     )
     parser.add_argument(
+        "--event",
+        action="append",
+        default=[],
+        metavar="EVENT",
+        help="also report how probable an event is, as in a file of actions: 'upright: cup'; may be repeated",
+    )
+    parser.add_argument(
         "--status-rollouts",
         type=int,
         metavar="N",
@@ -100,6 +107,7 @@ def run(arguments) -> int:
     from ..plots.scene_animation import draw_animation
     from ..plots.scene_picture import draw_prediction
     from ..prediction.diagnosis import ROLLOUTS
+    from ..prediction.event_entries import event_from_text
     from ..prediction.events import AtRest, encounters, moving_names
     from ..prediction.status import assess, compared_rollouts
     from ..prediction.tables import as_dict, as_table
@@ -129,9 +137,11 @@ def run(arguments) -> int:
         )
     scene, belief, horizon = load_scene(arguments.scene, arguments.models)
     horizon = horizon if arguments.horizon is None else arguments.horizon
-    events = []
+    events = [event_from_text(text, "--event") for text in arguments.event]
+    for event in events:
+        event.check(scene, "--event")
     if arguments.probabilities:
-        events = [*encounters(scene), *(AtRest(name) for name in moving_names(scene))]
+        events += [*encounters(scene), *(AtRest(name) for name in moving_names(scene))]
     prediction = _predict_with_progress(
         scene, belief, propagator, horizon, arguments.period, arguments.time_limit, events
     )
@@ -147,7 +157,7 @@ def run(arguments) -> int:
     if arguments.json:
         result = as_dict(prediction, seed, _samples(prediction, arguments.samples_out))
         result["statuses"] = _statuses(statuses)
-        if arguments.probabilities:
+        if events:
             result["probabilities"] = _probabilities_as_dicts(found)
         print(json.dumps(result, allow_nan=False))
     else:
@@ -155,7 +165,7 @@ def run(arguments) -> int:
         print(statuses_as_text(statuses))
         if modes := modes_as_text(prediction, statuses):
             print(modes)
-        if arguments.probabilities:
+        if events:
             print(probabilities_as_table(found))
     if arguments.picture is not None:
         title = Path(arguments.scene).stem.replace("_", " ")

@@ -27,12 +27,14 @@ def run(arguments) -> int:
 
 
 def schema_text(what: str) -> str:
-    """Return a schema as JSON; the schema of actions includes the scene schema."""
+    """Return a schema as JSON; the schema of actions includes the scene schema and the registered events."""
     text = _read(what)
     if what != "actions":
         return text
+    from ..prediction.event_entries import event_schema
+
     schema = json.loads(text)
-    schema["$defs"]["scene"] = json.loads(_read("scene"))
+    schema["$defs"] |= {"event": event_schema(), "scene": json.loads(_read("scene"))}
     return json.dumps(schema, indent=1) + "\n"
 
 

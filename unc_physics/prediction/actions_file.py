@@ -20,21 +20,12 @@ from ..scene.scene import Scene
 from ..scene.scene_file import scene_from_dict
 from ..scene.yaml_file import read_yaml
 from .actions import Action
-from .events import AtRest, Event, Falls, Inside, Touches, Upright
-from .regions import BoxRegion
+from .event_entries import read_event, read_events, read_region
+from .events import Event
 
 _KEYS = ("scene", "horizon", "regions", "score", "smallest_first", "also", "actions")
-_REGION_KEYS = ("name", "size", "position", "orientation")
 #: Fields that are more than numbers, and what reads them.
 _READ: dict[str, Callable[[Any, str], Any]] = {"trajectory": read_path, "wrenches": read_wrenches}
-#: Events by their keys, each with the keys of its other arguments.
-_EVENTS: dict[str, tuple[Callable[..., Event], tuple[str, ...]]] = {
-    "in_region": (Inside, ("region",)),
-    "touches": (Touches, ("other",)),
-    "at_rest": (AtRest, ("speed", "angular_speed")),
-    "upright": (Upright, ("axis", "angle")),
-    "fell_off": (Falls, ("support", "drop")),
-}
 
 
 class LoadedActions(NamedTuple):
@@ -96,10 +87,11 @@ def load_actions(
         belief,
         content.get("horizon", horizon),
         {str(name): _action(changes, origins, f"actions['{name}']") for name, changes in actions.items()},
-        _events(content["score"], regions, "score"),
+        read_events(content["score"], regions, "score"),
         flag(content.get("smallest_first", False), "smallest_first"),
         tuple(
-            _event(entry, regions, f"also[{k}]") for k, entry in enumerate(_list(content.get("also"), "also"))
+            read_event(entry, regions, f"also[{k}]")
+            for k, entry in enumerate(_list(content.get("also"), "also"))
         ),
     )
 
@@ -122,12 +114,7 @@ def _regions(entries):
     found = {}
     for k, entry in enumerate(_list(entries, "regions")):
         field = f"regions[{k}]"
-        check_keys(entry, _REGION_KEYS, field)
-        if "name" not in entry or "size" not in entry:
-            raise InvalidRequestError("must have a name and a size", field=field)
-        region = at_field(
-            field, BoxRegion, **{key: value for key, value in entry.items() if value is not None}
-        )
+        region = read_region(entry, field)
         if region.name in found:
             raise InvalidRequestError("is the name of two regions", field=f"{field}.name", value=region.name)
         found[region.name] = region
@@ -173,44 +160,3 @@ def _numbers(value):
     """A list of numbers as an array; anything else as it is."""
     plain = isinstance(value, list) and all(isinstance(entry, (int, float)) for entry in value)
     return np.array(value, float) if plain else value
-
-
-def _events(content, regions, field) -> Event:
-    """An event, or a list of events that happen together."""
-    if not isinstance(content, list):
-        return _event(content, regions, field)
-    if not content:
-        raise InvalidRequestError("must name at least one event", field=field)
-    found = _event(content[0], regions, f"{field}[0]")
-    for k, entry in enumerate(content[1:], 1):
-        found = found & _event(entry, regions, f"{field}[{k}]")
-    return found
-
-
-def _event(entry, regions, field):
-    """One event: a mapping of its key to its object, or to its arguments; ``not`` before it says that it does
-    not happen.
-    """
-    if isinstance(entry, dict) and list(entry) == ["not"]:
-        return ~_event(entry["not"], regions, f"{field}.not")
-    if not isinstance(entry, dict) or len(entry) != 1:
-        known = ", ".join([*_EVENTS, "not"])
-        raise InvalidRequestError(f"must be a mapping with one key of {known}", field=field, value=entry)
-    check_keys(entry, _EVENTS, field)
-    ((key, given),) = entry.items()
-    kind, names = _EVENTS[key]
-    place = f"{field}.{key}"
-    given = {"object": given} if isinstance(given, str) else given
-    check_keys(given, ("object", *names), place)
-    if "object" not in given:
-        raise InvalidRequestError("must be given", field=f"{place}.object")
-    arguments = {name: _numbers(value) for name, value in given.items() if value is not None}
-    if key == "in_region":
-        if arguments.get("region") not in regions:
-            raise InvalidRequestError(
-                "is none of the file's regions", field=f"{place}.region", value=arguments.get("region")
-            )
-        arguments["region"] = regions[arguments["region"]]
-    if key == "touches" and "other" not in arguments:
-        raise InvalidRequestError("must be given", field=f"{place}.other")
-    return at_field(place, kind, **arguments)

@@ -1,20 +1,21 @@
 """What may happen in a rollout, yes or no: inside a region, upright, touched something, fell, at rest.
 
-``Prediction.probability`` estimates how probable an event is, and actions are ranked by one (`rank`). Events
-combine: ``Inside("cup", bin) & Upright("cup")``, ``Falls("cup") | Falls("pot")``, ``~Touches("cup", "pot")``.
+``Prediction.probability`` estimates how probable an event is, and `rank` ranks actions by one. Events are
+combined by ``&``, ``|`` and ``~``: ``InRegion("cup", bin) & Upright("cup") & ~Touches("cup", "pot")``.
 """
 
 from __future__ import annotations
 
 import math
+import re
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, fields
-from typing import NamedTuple
+from dataclasses import MISSING, dataclass, field, fields
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
-from ..checks.array_field import OptionalArray, array_field
+from ..checks.array_field import OptionalArray
 from ..checks.errors import InvalidRequestError
 from ..checks.names import hint
 from ..checks.validation import array, instance, positive
@@ -31,6 +32,34 @@ REST_SPEED, REST_ANGULAR_SPEED = 0.01, math.radians(5.0)
 #: How far what stands upright may lean [rad].
 UPRIGHT_ANGLE = math.radians(45.0)
 _LEVEL = 1e-9  # of a plane's normal, from up
+
+
+Kind = TypeVar("Kind", bound="type[Event]")
+#: Classes of events by their keys in files, on the command line and in schemas (`register_event`).
+EVENTS: dict[str, type[Event]] = {}
+
+
+def register_event(kind: Kind) -> Kind:
+    """Add a class of events to `EVENTS`; its key is its name in snake case.
+
+    `event_entries` then reads the event from files and from the command line, and describes it in the schema.
+    """
+    EVENTS[re.sub(r"(?<!^)(?=[A-Z])", "_", kind.__name__).lower()] = kind
+    return kind
+
+
+def argument(description: str, default: Any = MISSING, *, positive: bool = False) -> Any:
+    """Return a dataclass field of an event; without a default it is required.
+
+    Parameters
+    ----------
+    description : str
+        Its meaning with its unit, for the schema of files.
+    default : object, optional
+    positive : bool
+        Whether a number must be above 0, for the schema; the class checks it.
+    """
+    return field(default=default, metadata={"description": description, "positive": positive})
 
 
 class RolloutOutcomes(NamedTuple):
@@ -123,10 +152,10 @@ class Event(ABC):
 
 
 @dataclass(frozen=True, eq=False)
-class _OfBody(Event):
+class BodyEvent(Event):
     """An event of one body's state."""
 
-    object: str
+    object: str = argument("name of the body")
 
     def bounds(self, outcomes):
         happened = self._distances(outcomes) > 0.0
@@ -156,8 +185,9 @@ class _OfBody(Event):
         return outcomes.states[:, _body(self.object, outcomes.scene)]
 
 
+@register_event
 @dataclass(frozen=True, eq=False)
-class Inside(_OfBody):
+class InRegion(BodyEvent):
     """The body's centre of mass lies in a region.
 
     Attributes
@@ -166,7 +196,7 @@ class Inside(_OfBody):
     region : BoxRegion
     """
 
-    region: BoxRegion
+    region: BoxRegion = argument("name of a region of the file, or a region")
 
     def __post_init__(self):
         instance(self.region, BoxRegion, "region")
@@ -178,14 +208,23 @@ class Inside(_OfBody):
         return f"{self.object} in {self.region.name}"
 
 
+@register_event
 @dataclass(frozen=True, eq=False)
-class AtRest(_OfBody):
+class AtRest(BodyEvent):
     """The body is at rest: its centre of mass is slower than ``speed`` [m/s], and it turns slower than
     ``angular_speed`` [rad/s].
     """
 
-    speed: float = REST_SPEED
-    angular_speed: float = REST_ANGULAR_SPEED
+    speed: float = argument(
+        f"limit of the speed of its centre of mass [m/s]; by default {REST_SPEED:g}",
+        REST_SPEED,
+        positive=True,
+    )
+    angular_speed: float = argument(
+        f"limit of its angular speed [rad/s]; by default {math.degrees(REST_ANGULAR_SPEED):g} deg/s",
+        REST_ANGULAR_SPEED,
+        positive=True,
+    )
 
     def __post_init__(self):
         for name in ("speed", "angular_speed"):
@@ -201,8 +240,9 @@ class AtRest(_OfBody):
         return f"{self.object} at rest"
 
 
+@register_event
 @dataclass(frozen=True, eq=False)
-class Upright(_OfBody):
+class Upright(BodyEvent):
     """The body stands upright: an axis of it leans from up by less than an angle.
 
     Up is against gravity, and along z where there is none.
@@ -217,8 +257,14 @@ class Upright(_OfBody):
         [rad]
     """
 
-    axis: OptionalArray = array_field(None)
-    angle: float = UPRIGHT_ANGLE
+    axis: OptionalArray = argument(
+        "axis in the body's frame; by default the one that points up at time 0", None
+    )
+    angle: float = argument(
+        f"limit of the axis' angle from up [rad]; by default {math.degrees(UPRIGHT_ANGLE):g} degrees",
+        UPRIGHT_ANGLE,
+        positive=True,
+    )
 
     def __post_init__(self):
         if positive(self.angle, "angle") > math.pi:
@@ -241,8 +287,9 @@ class Upright(_OfBody):
         return f"{self.object} upright"
 
 
+@register_event
 @dataclass(frozen=True, eq=False)
-class Falls(_OfBody):
+class FellOff(BodyEvent):
     """The body falls off what carries it.
 
     Attributes
@@ -256,8 +303,10 @@ class Falls(_OfBody):
         further by toppling on what carried it.
     """
 
-    support: str = ""
-    drop: float | None = None
+    support: str = argument("a body or an element of the environment; by default, whatever carried it", "")
+    drop: float | None = argument(
+        "least descent without a support [m]; by default the body's bounding radius", None, positive=True
+    )
 
     def __post_init__(self):
         if self.drop is not None:
@@ -307,8 +356,9 @@ class Falls(_OfBody):
         return f"{self.object} fell off {self.support}".removesuffix(" ")
 
 
+@register_event
 @dataclass(frozen=True, eq=False)
-class Touches(_OfBody):
+class Touches(BodyEvent):
     """The body touches another one, an element of the environment, or ``environment``, which is any of its
     elements, at some time up to that of the question.
 
@@ -316,7 +366,7 @@ class Touches(_OfBody):
     """
 
     needs_contacts = True
-    other: str
+    other: str = argument("another body or an element; 'environment' stands for any element")
 
     def check(self, scene, field):
         super().check(scene, field)
@@ -539,4 +589,4 @@ def _index(name, names, field, problem):
 
 
 #: Names of the events about a body that need nothing else, as commands and files have them.
-OF_BODY: dict[str, Callable[[str], Event]] = {"at_rest": AtRest, "upright": Upright, "fell_off": Falls}
+OF_BODY: dict[str, Callable[[str], Event]] = {"at_rest": AtRest, "upright": Upright, "fell_off": FellOff}

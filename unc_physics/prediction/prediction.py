@@ -242,7 +242,7 @@ class Prediction:
         Parameters
         ----------
         event : Event
-            Such as ``Inside("cup", bin) & ~Touches("cup", "wall")``. States are those at the time, contacts
+            Such as ``InRegion("cup", bin) & ~Touches("cup", "wall")``. States are those at the time, contacts
             those up to it.
         time : float, optional
             As in `at`.

@@ -159,7 +159,7 @@ def rank(
         bodies a `BodyBelief` or fields of `BodyBelief` and `RigidBody` with their values, for elements of the
         environment fields of their class.
     score : Event
-        What counts as success, such as ``Inside("cup", bin) & Upright("cup")``.
+        What counts as success, such as ``InRegion("cup", bin) & Upright("cup")``.
     horizon : float, optional
         Time to predict for [s], as in `predict`. May be left out when ``times`` is given.
     times : sequence of float, optional

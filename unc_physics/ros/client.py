@@ -28,7 +28,7 @@ from ..checks.errors import (
 )
 from ..checks.validation import instance, integer, positive
 from ..prediction.actions import Action, apply_action
-from ..prediction.events import OF_BODY, Event, Inside, Touches, checked_events
+from ..prediction.events import OF_BODY, Event, InRegion, Touches, checked_events
 from ..prediction.prediction import Prediction
 from ..prediction.rank import Ranking
 from ..prediction.request_checks import check_supported, marks_of
@@ -530,9 +530,9 @@ def _split_events(events):
     """
     regions, others = {}, False
     for event in events:
-        if isinstance(event, Inside):
+        if isinstance(event, InRegion):
             region = regions.setdefault(event.region.name, event.region)
-            if event != Inside(event.object, region):
+            if event != InRegion(event.object, region):
                 raise DuplicateIdError("is the name of two regions", field="events", value=region.name)
         elif isinstance(event, Touches) or (
             len(event.names) == 1 and any(event == kind(*event.names) for kind in OF_BODY.values())

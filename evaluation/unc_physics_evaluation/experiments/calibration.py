@@ -22,7 +22,7 @@ from unc_physics import (
     Box,
     BoxRegion,
     Event,
-    Inside,
+    InRegion,
     Plane,
     RigidBody,
     Scene,
@@ -133,7 +133,7 @@ def questions(scene, boxes) -> dict[str, Event]:
     """Every event that is asked about, by its question."""
     moving = [scene.bodies[k].name for k in scene.moving]
     found: dict[str, Event] = {f"{CONTACT} {e.object} and {e.other}": e for e in encounters(scene)}
-    found |= {f"{REGION} {name} in {box.name}": Inside(name, box) for box in boxes for name in moving}
+    found |= {f"{REGION} {name} in {box.name}": InRegion(name, box) for box in boxes for name in moving}
     return found | {f"{REST} {name}": AtRest(name) for name in moving}
 
 

@@ -5,7 +5,7 @@ from typing import assert_type
 
 import numpy as np
 
-from unc_physics import Belief, BoxRegion, Inside, Prediction, Scene
+from unc_physics import Belief, BoxRegion, InRegion, Prediction, Scene
 from unc_physics.ros import Client
 
 
@@ -13,7 +13,7 @@ def ask(scene: Scene, belief: Belief) -> Prediction:
     with Client(server="/unc_physics", timeout=5.0) as client:
         assert_type(client, Client)
         region = BoxRegion("bin", size=(0.4, 0.3, 0.2))
-        inside = Inside("box", region)
+        inside = InRegion("box", region)
         prediction = client.predict(scene, belief, "sigma_points", 1.0, times=[0.5], events=[inside])
         assert_type(prediction, Prediction)
         assert_type(prediction["box"].position, np.ndarray)

@@ -15,7 +15,7 @@ from unc_physics import (
     ContactTime,
     Cylinder,
     ErrorCode,
-    Inside,
+    InRegion,
     Mode,
     Plane,
     PredictedBody,
@@ -84,7 +84,7 @@ def drop() -> Prediction:
 
     touches = Touches("box", "floor")
     region = BoxRegion("bin", size=(0.4, 0.3, 0.2), position=(0, 0, 0.1))
-    found = prediction.probability(Inside("box", region) & ~touches | Upright("box"), time=0.25)
+    found = prediction.probability(InRegion("box", region) & ~touches | Upright("box"), time=0.25)
     assert_type(found, Probability)
     assert_type(found.estimate, float)
     assert_type(prediction.contact_time(touches), ContactTime | None)

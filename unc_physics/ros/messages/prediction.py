@@ -32,7 +32,7 @@ from unc_physics_msgs.msg import Probability as ProbabilityMessage
 
 from ...checks.errors import DivergedError
 from ...prediction.body_status import BodyStatus, Status
-from ...prediction.events import OF_BODY, Event, Inside, Touches
+from ...prediction.events import OF_BODY, Event, InRegion, Touches
 from ...prediction.marks import RESOLUTION, mark_at
 from ...prediction.prediction import Prediction
 from ...prediction.regions import BoxRegion
@@ -239,7 +239,7 @@ def write_probabilities(message: Any, prediction: Prediction, events: Iterable[E
     fields = {kind: field for field, kind in OF_BODY.items()}
     for event in events:
         written = write_probability(prediction.probability(event))
-        if isinstance(event, Inside):
+        if isinstance(event, InRegion):
             message.region_probabilities.append(
                 RegionProbability(
                     region=event.region.name, object=event.object, time_from_start=time, probability=written
@@ -294,7 +294,7 @@ def read_probabilities(
     times: dict[Event, ContactTime] = {}
     by_name = {region.name: region for region in regions}
     for entry in message.region_probabilities:
-        found[Inside(entry.object, by_name[entry.region])] = entry.probability
+        found[InRegion(entry.object, by_name[entry.region])] = entry.probability
     for entry in message.contact_probabilities:
         event = Touches(entry.object_a, entry.object_b)
         found[event] = entry.probability

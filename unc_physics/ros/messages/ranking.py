@@ -12,7 +12,7 @@ from unc_physics_msgs.srv import PredictCandidates
 
 from ...checks.errors import InvalidRequestError, NotSupportedError, UncPhysicsError
 from ...checks.names import hint
-from ...prediction.events import AtRest, Event, Falls, Inside, Touches, Upright
+from ...prediction.events import AtRest, Event, FellOff, InRegion, Touches, Upright
 from ...prediction.prediction import Prediction
 from ...prediction.rank import RankedAction, Ranking
 from ...prediction.regions import BoxRegion
@@ -44,11 +44,11 @@ class _Kind(NamedTuple):
 
 
 _KINDS: dict[type[Any], _Kind] = {
-    Inside: _Kind(Score.IN_REGION, "region"),
+    InRegion: _Kind(Score.IN_REGION, "region"),
     Touches: _Kind(Score.TOUCHES, "other"),
     AtRest: _Kind(Score.AT_REST, fixed=("speed", "angular_speed")),
     Upright: _Kind(Score.UPRIGHT, fixed=("axis", "angle")),
-    Falls: _Kind(Score.FELL_OFF, "support", ("drop",)),
+    FellOff: _Kind(Score.FELL_OFF, "support", ("drop",)),
 }
 #: Length of the request's array of scores, which clients do not check.
 _MAX_SCORES = 8
@@ -96,7 +96,7 @@ def read_score(messages: Sequence, regions: Sequence[BoxRegion], scene: Scene) -
     return ReadScore(functools.reduce(lambda one, other: one & other, wanted), False)
 
 
-def write_score(event: Event, smallest_first: bool) -> tuple[list[Score], list[Inside]]:
+def write_score(event: Event, smallest_first: bool) -> tuple[list[Score], list[InRegion]]:
     """Return the messages that describe an event, and its parts that concern regions.
 
     Raises
@@ -114,7 +114,7 @@ def write_score(event: Event, smallest_first: bool) -> tuple[list[Score], list[I
     if len(parts) > _MAX_SCORES:
         raise NotSupportedError(f"must be of at most {_MAX_SCORES} events", field="score", value=len(parts))
     messages = [_write_event(one, smallest_first == happens) for one, happens in parts]
-    return messages, [one for one, _ in parts if isinstance(one, Inside)]
+    return messages, [one for one, _ in parts if isinstance(one, InRegion)]
 
 
 def _write_event(event, smallest_first):
@@ -130,7 +130,7 @@ def _write_event(event, smallest_first):
     return Score(
         quantity=kind.quantity,
         object=event.object,
-        other=other.name if isinstance(event, Inside) else other,
+        other=other.name if isinstance(event, InRegion) else other,
         smallest_first=smallest_first,
     )
 
@@ -151,7 +151,7 @@ def _read_event(message, field, regions):
                 value=other,
             )
         return event(message.object)
-    if event is Inside:
+    if event is InRegion:
         known = {region.name: region for region in regions}
         if other not in known:
             problem = f"is no region of the request{hint(other, known)}"

@@ -20,7 +20,7 @@ from ...checks.errors import (
     NotSupportedError,
 )
 from ...checks.validation import array, non_negative, positive
-from ...prediction.events import OF_BODY, Event, Inside, encounters, moving_names
+from ...prediction.events import OF_BODY, Event, InRegion, encounters, moving_names
 from ...prediction.marks import Mark
 from ...prediction.predict import predict
 from ...prediction.prediction import Prediction
@@ -127,7 +127,7 @@ class Job(NamedTuple):
     def events(self) -> list[Event]:
         """Events whose probabilities are in the answer; events of regions are always included."""
         bodies = moving_names(self.scene)
-        found: list[Event] = [Inside(name, region) for region in self.regions for name in bodies]
+        found: list[Event] = [InRegion(name, region) for region in self.regions for name in bodies]
         if self.outputs.probabilities:
             found += encounters(self.scene)
             found += [kind(name) for name in bodies for kind in OF_BODY.values()]
