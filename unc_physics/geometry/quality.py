@@ -1,4 +1,4 @@
-"""How well the first spheres of a packing stand for its mesh: loss of extent, and sink of a ball."""
+"""Measures of the first spheres of a packing against its mesh: loss of extent, and sink of a ball."""
 
 from __future__ import annotations
 
@@ -101,19 +101,19 @@ def _improved(points, spheres, directions):
 
 
 def _highest(balls, directions):
-    """Of each direction the balls (d, k, 4) that reach farthest."""
+    """Return for each direction the balls (d, k, 4) that reach farthest."""
     heights = directions @ balls[:, :3].T + balls[:, 3]
     kept = min(_CANDIDATES, len(balls))
     return balls[np.argpartition(-heights, kept - 1, axis=1)[:, :kept]]
 
 
 def _extent(balls, directions):
-    """How far the balls (d, k, 4) of each group reach in directions (d, t, 3)."""
+    """Return the reach of the balls (d, k, 4) of each group in directions (d, t, 3)."""
     return (directions @ balls[:, :, :3].transpose(0, 2, 1) + balls[:, None, :, 3]).max(axis=2)
 
 
 def sinks(corners, spheres, lengths, radius: float = PROBE) -> np.ndarray:
-    """How far a ball sinks below the mesh before it touches the first spheres of a packing.
+    """Return the depth of a ball below the mesh where it touches the first spheres of a packing.
 
     Parameters
     ----------

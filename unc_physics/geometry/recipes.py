@@ -1,4 +1,4 @@
-"""How the models of the library are made: mesh, size, mass, number of spheres, source and licence."""
+"""Recipes of the library's models: mesh, size, mass, number of spheres, source and licence."""
 
 from __future__ import annotations
 

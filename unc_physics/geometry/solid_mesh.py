@@ -199,9 +199,7 @@ def normalization(points):
 
 
 def edge_balance(faces):
-    """Of each undirected edge: how many triangles it has, and how many more run along it one way than the
-    other.
-    """
+    """Return for each undirected edge its number of triangles, and the difference between its directions."""
     edges = faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
     forward = edges[:, 0] < edges[:, 1]
     _, index, uses = np.unique(np.sort(edges, axis=1), axis=0, return_inverse=True, return_counts=True)
@@ -323,8 +321,9 @@ def components(faces, count):
 
 
 def winding_number(corners, probes):
-    """How often a closed surface winds around each of some points, by solid angles (Van Oosterom and Strackee
-    1983).
+    """Return the winding numbers of a closed surface about some points.
+
+    They are sums of solid angles (Van Oosterom and Strackee 1983).
     """
     total = np.empty(len(probes))
     for i, probe in enumerate(probes):

@@ -96,7 +96,7 @@ def _face(normal, corners):
 
 
 def _outside(point, polygon):
-    """How far a point (2,) is outside of a convex polygon (k, 2), its corners in order."""
+    """Return the distance of a point (2,) outside of a convex polygon (k, 2), its corners in order."""
     edges = np.roll(polygon, -1, axis=0) - polygon
     beyond = point - polygon
     if (edges[:, 0] * beyond[:, 1] - edges[:, 1] * beyond[:, 0] >= 0.0).all():
@@ -208,7 +208,7 @@ class Places:
 
 
 def _outside_all(points, polygon):
-    """How far each of some points (n, 2) is outside of the convex hull of others."""
+    """Return the distances of points (n, 2) outside of the convex hull of others."""
     from scipy.spatial import ConvexHull, QhullError
 
     if len(polygon) == 0:

@@ -1,4 +1,4 @@
-"""How far the surface of a body lies from its packing."""
+"""Distances of a body's surface from its packing."""
 
 from __future__ import annotations
 

@@ -57,7 +57,7 @@ def build_triangle_tree(corners) -> TriangleTree:
 
 
 def triangle_records(corners):
-    """What the distance query needs to know of each triangle, (m, RECORD)."""
+    """Return the data of each triangle for distance queries, (m, RECORD)."""
     a, b, c = corners.transpose(1, 0, 2)
     e1, e2 = b - a, c - a
     cross = np.cross(e1, e2)

@@ -57,7 +57,7 @@ _EXPECTED = 5.0  # standard deviations up to which a speed of approach may be no
 
 
 class ProjectionInput(NamedTuple):
-    """What the projection of all samples starts from.
+    """Input of the projection of all samples.
 
     Attributes
     ----------
@@ -77,7 +77,7 @@ class ProjectionInput(NamedTuple):
 
 
 class ProjectionOutput(NamedTuple):
-    """What the projection writes for each sample.
+    """Output of the projection for each sample.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""What a robot may do, as changes to a scene and to the belief about it."""
+"""Actions of a robot, as changes to a scene and to the belief about it."""
 
 from __future__ import annotations
 

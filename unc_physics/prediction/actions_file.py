@@ -1,6 +1,4 @@
-"""Files of actions: YAML that names a scene file, what a robot may do in it, and what counts as
-success.
-"""
+"""Read files of actions: YAML with a scene, the actions of a robot, and events that count as success."""
 
 from __future__ import annotations
 
@@ -24,12 +22,12 @@ from .event_entries import read_event, read_events, read_region
 from .events import Event
 
 _KEYS = ("scene", "horizon", "regions", "score", "smallest_first", "also", "actions")
-#: Fields that are more than numbers, and what reads them.
+#: Readers of fields that are not just numbers.
 _READ: dict[str, Callable[[Any, str], Any]] = {"trajectory": read_path, "wrenches": read_wrenches}
 
 
 class LoadedActions(NamedTuple):
-    """What a file of actions holds.
+    """Content of a file of actions.
 
     Attributes
     ----------
@@ -41,7 +39,7 @@ class LoadedActions(NamedTuple):
     score : Event
     smallest_first : bool
     also : tuple of Event
-        What else is to be reported of each action.
+        Further events, whose probabilities are reported for each action.
     """
 
     scene: Scene

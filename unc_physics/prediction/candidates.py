@@ -33,7 +33,7 @@ class Candidate(NamedTuple):
 
 
 class Failed(Exception):
-    """What is wrong with one candidate, the others being fine.
+    """Error of one candidate; the others may be valid.
 
     Attributes
     ----------
@@ -180,7 +180,7 @@ class CandidateRollouts:
         self.rounds += 1
 
     def _prediction(self, k, spent):
-        """What is known of a candidate until now."""
+        """Return the prediction of a candidate from the rollouts so far."""
         first, *later = self._carries[k]
         scene, given = self._scenes[k], self.candidates[k].belief
         own = replace(self._propagator, samples=len(first.states))

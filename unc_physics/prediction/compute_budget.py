@@ -36,9 +36,9 @@ class ComputeBudget(NamedTuple):
         return self.allowed is not None and clock() - self.started > self.allowed
 
     def complete(self, compute: Callable[..., Any], *arguments) -> Any:
-        """What a function computes; None if its kernels were ended early.
+        """Return a function's result; None if its kernels were ended early.
 
-        What was ended while kernels were still compiled, which does not count, is computed again.
+        Compile time does not count: a call that was ended while kernels were compiled is repeated.
         """
         while self.allowed is not None and self.limit is not None:
             self.limit.within(max(self.allowed - (clock() - self.started), _LEAST))
@@ -50,7 +50,7 @@ class ComputeBudget(NamedTuple):
         return compute(*arguments)
 
     def next_piece(self, steps: int, took: float, scene: Scene) -> int:
-        """How many steps the next piece of a prediction is to have, when ``steps`` steps took ``took`` s.
+        """Return the number of steps of the next piece of a prediction, when ``steps`` steps took ``took`` s.
 
         Where parameters are uncertain each rollout is a call of its own, which takes as long as dozens of
         steps. These are looked after one by one, so that a piece may take longer: a few times as long as all
@@ -68,13 +68,13 @@ class ComputeBudget(NamedTuple):
         return _fitting(steps, took, longest, 32)
 
     def error(self, reached, horizon):
-        """That it ran out."""
+        """Return the error of a budget that ran out."""
         where = f"after {reached:.6g} s of {horizon:.6g} s simulated" if reached else "before the first step"
         return PredictionTimeoutError(f"ran out {where}", field="max_computation_time", value=self.allowed)
 
 
 def first_piece(scene: Scene) -> int:
-    """How many steps the first piece of a prediction is to have."""
+    """Return the number of steps of the first piece of a prediction."""
     return 8 if scene.uncertain else 1
 
 

@@ -31,7 +31,7 @@ from .snapshot import Snapshot
 
 
 class Run(NamedTuple):
-    """What a propagator made of a belief.
+    """Result of propagating a belief.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""What may happen in a rollout, yes or no: inside a region, upright, touched something, fell, at rest.
+"""Events that happen in a rollout or do not: in a region, upright, touching, fallen off, at rest.
 
 ``Prediction.probability`` estimates how probable an event is, and `rank` ranks actions by one. Events are
 combined by ``&``, ``|`` and ``~``: ``InRegion("cup", bin) & Upright("cup") & ~Touches("cup", "pot")``.
@@ -146,7 +146,7 @@ class Event(ABC):
         return hash(self._key())
 
     def _key(self):
-        """What makes it this event."""
+        """Return the class and the values that two equal events share."""
         values = [getattr(self, one.name) for one in fields(self)]  # pyright: ignore[reportArgumentType]
         return (type(self), *map(_hashable, values))
 

@@ -269,7 +269,7 @@ class IslandRunner:
         return self._parts[key]
 
     def _parameters(self, bodies):
-        """Which of the scene's uncertain parameters are about some bodies."""
+        """Return the indices of the uncertain parameters that belong to some bodies."""
         known = set(bodies.tolist())
         return [c for c, parameter in enumerate(self._scene.uncertain) if parameter.body in known]
 
@@ -290,7 +290,7 @@ class IslandRunner:
         return self._propagator.join([island.carry for island in islands], parts, frame)
 
     def _bounds(self, islands, present):
-        """Where the bodies of some islands are, whose present carries are given, and how they move."""
+        """Return positions and motions of the bodies of some islands, from their present carries."""
         low, high = self._mean[:, POSITION].copy(), self._mean[:, POSITION].copy()
         slowest, fastest, spin = np.zeros_like(low), np.zeros_like(low), np.zeros_like(low)
         for island, now in zip(islands, present, strict=True):
@@ -415,7 +415,7 @@ class IslandRunner:
         )
 
     def _meeting(self, bounds, time, labels, energy, merge):
-        """What happens between the bodies within a time.
+        """Find the islands that may meet within a time.
 
         Returns
         -------

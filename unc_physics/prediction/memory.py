@@ -1,4 +1,4 @@
-"""How much memory a prediction takes, told before it begins."""
+"""Estimate the memory of a prediction before it begins."""
 
 from __future__ import annotations
 

@@ -37,7 +37,7 @@ Convention = Literal["ros", "error_state"]
 
 
 class PredictedBody:
-    """What is predicted of one body at one time; `Prediction.body` makes it.
+    """Prediction of one body at one time; `Prediction.body` makes it.
 
     Position and linear velocity are those of ``origin``: the centre of mass, or the model's own origin.
     Everything is computed when it is asked for.

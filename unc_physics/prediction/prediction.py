@@ -142,7 +142,7 @@ class Prediction:
     def body(
         self, name: str, *, time: float | None = None, origin: Origin = "center_of_mass"
     ) -> PredictedBody:
-        """What is predicted of one body.
+        """Return the prediction of one body.
 
         Parameters
         ----------

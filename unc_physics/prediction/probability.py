@@ -129,7 +129,7 @@ def _counted(event, source):
 
 
 def _sources(scene, initial, snapshot):
-    """What events are counted in: labelled rollouts, each with its state and its contacts, and flights."""
+    """Return the sources in which events are counted: rollouts with their contacts, and flights."""
     if snapshot not in _found:
         _found[snapshot] = _sources_of(scene, initial, snapshot)
     return _found[snapshot]

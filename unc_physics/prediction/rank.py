@@ -1,4 +1,4 @@
-"""Which of several actions is best? Rollouts of all with common draws, few of them for clear losers."""
+"""Rank actions by the probability of an event, with common random numbers and sequential halving."""
 
 from __future__ import annotations
 
@@ -108,7 +108,7 @@ class Ranking:
 
     @property
     def rollouts(self) -> int:
-        """Of all actions together."""
+        """Number of rollouts of all actions together."""
         return sum(action.rollouts for action in self.actions)
 
     def __len__(self) -> int:

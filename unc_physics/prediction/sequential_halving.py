@@ -1,7 +1,7 @@
-"""Which of several coins lands heads most often? Tosses that share their draws, few of them for clear losers.
+"""Sequential halving with common random numbers: actions that clearly lose get few rollouts.
 
-Rollout k of every action begins with the same draws, so outcomes are compared in pairs: what counts are the
-rollouts in which two actions differ. An action that wins no more often than another one wins at most half of
+Rollout k of every action begins with the same draws, so outcomes are compared in pairs. Only rollouts in
+which two actions differ count. An action that wins no more often than another one wins at most half of
 these (the sign test). A mixture of likelihood ratios tells how improbable its wins then are; it may be looked
 at as often as wanted, after any number of draws (Robbins 1970, by Ville's inequality).
 """
@@ -21,7 +21,7 @@ FIRST_ROUND = 20
 
 
 class Difference(NamedTuple):
-    """How much more probable something is by one action than by another.
+    """Difference between the probabilities of an event by two actions.
 
     Attributes
     ----------
@@ -44,7 +44,7 @@ class Difference(NamedTuple):
 
 
 def difference(one: np.ndarray, other: np.ndarray) -> Difference:
-    """From outcomes (n,) and (m,) bool, of which those at the same place share their draws."""
+    """Return the difference from outcomes (n,) and (m,) bool; equal indices share their draws."""
     count = min(len(one), len(other))
     better = np.count_nonzero(one[:count] & ~other[:count])
     worse = np.count_nonzero(other[:count] & ~one[:count])
@@ -80,7 +80,7 @@ def clearly_worse(outcomes: Sequence[np.ndarray], leader: int, limit: float) -> 
 
 
 class Round(NamedTuple):
-    """Which actions get more rollouts, and until each has so many."""
+    """Actions that get more rollouts, and the number of rollouts that each has afterwards."""
 
     actions: tuple[int, ...]
     rollouts: int
@@ -164,7 +164,7 @@ class SequentialHalving:
         return [best, *sorted(others, key=lambda k: -self.difference(k, best).value)]
 
     def difference(self, k: int, other: int) -> Difference:
-        """How much more often an action succeeds than another one."""
+        """Return the difference of success between two actions."""
         if k == other:
             return Difference(0.0, 0.0, len(self.outcomes[k]))
         return difference(self.outcomes[k], self.outcomes[other])

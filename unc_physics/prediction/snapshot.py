@@ -1,4 +1,4 @@
-"""What is predicted for one time."""
+"""Snapshot of a prediction at one time: the belief, rollouts, first contacts, and modes."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from .first_contacts import Flights
 
 @dataclass(frozen=True)
 class Probability:
-    """How probable an event is.
+    """Probability of an event with its interval.
 
     Attributes
     ----------
@@ -47,7 +47,7 @@ class Probability:
 
 
 class ContactTime(NamedTuple):
-    """When two things first touch, given that they do.
+    """Time of the first contact of two things, given that they touch.
 
     Attributes
     ----------
@@ -83,7 +83,7 @@ class Received(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Snapshot:
-    """What is predicted for one time.
+    """Prediction at one time.
 
     Attributes
     ----------

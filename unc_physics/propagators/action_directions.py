@@ -26,7 +26,7 @@ from .implicit_linearization import Directions
 
 
 def directions(scene: Scene, columns: int) -> Directions:
-    """What ``columns`` of a root change of a scene's actions; empty arrays where nothing is kinematic.
+    """Return changes of a scene's actions by ``columns`` of a root; empty arrays without kinematic bodies.
 
     The last of them are the scene's uncertain parameters.
     """

@@ -1,4 +1,4 @@
-"""Rollouts of several scenes in one batch: what few of each leave idle, the others' take."""
+"""Advance rollouts of several scenes in one batch, so that few rollouts of each occupy all threads."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ from .base import rollout_count
 def advance_together(
     propagator: Any, carries: Sequence[Any], scenes: Sequence[Scene], steps: int
 ) -> list[Any]:
-    """The carries of several scenes after ``steps`` time steps, each as `Propagator.advance` has it.
+    """Return the carries of several scenes after ``steps`` time steps (`Propagator.advance`).
 
-    They are computed in parts on as many threads as numba is set to, whichever scene a part is of.
+    Each of numba's threads advances a part of all rollouts, which may be of more than one scene.
 
     Parameters
     ----------
@@ -52,7 +52,7 @@ def advance_together(
 
 
 def _joined(propagator, parts):
-    """One carry of parts by their first rollouts; neighbours first, so that each is copied a few times."""
+    """Return one carry of parts, which are sorted by their first rollouts and joined pairwise."""
     carries = [part for _, part in sorted(parts, key=lambda entry: entry[0])]
     while len(carries) > 1:
         pairs = [carries[k : k + 2] for k in range(0, len(carries), 2)]

@@ -89,7 +89,7 @@ class CloudCarry(_Carry):
 
     @cached_property
     def moments(self) -> dict[bytes, Moments]:
-        """Those of each group of bodies (`emission.Runs`)."""
+        """`Moments` of each group of bodies, by its key."""
         return {}
 
     @cached_property

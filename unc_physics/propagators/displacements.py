@@ -1,4 +1,4 @@
-"""How far samples are moved from the outcomes of rollouts, and how wide they are spread."""
+"""Limits of the distance between samples and rollouts, and scaling of their spread."""
 
 import math
 

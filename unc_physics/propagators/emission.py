@@ -1,4 +1,4 @@
-"""What a few rollouts say of all outcomes: moments through a response surface, and samples of it."""
+"""Moments and samples of all outcomes, from a few rollouts and a response surface through them."""
 
 from __future__ import annotations
 
@@ -129,7 +129,7 @@ class Moments(NamedTuple):
 
 
 class Shared(NamedTuple):
-    """What the times of a prediction share.
+    """Groups and fits that all times of a prediction share.
 
     Attributes
     ----------
@@ -144,7 +144,7 @@ class Shared(NamedTuple):
 
 
 class Runs(NamedTuple):
-    """N rollouts, and what they stand for; the first seven attributes are those of `cloud.CloudCarry`.
+    """N rollouts and their initial random numbers; the first seven fields are those of `cloud.CloudCarry`.
 
     Attributes
     ----------
@@ -245,9 +245,7 @@ def whitened(z: np.ndarray) -> np.ndarray:
 
 
 def _along(runs, scene, found):
-    """Of a group: what the surface says at all points, about its mean, and what rollouts differ: (S, 12 m),
-    (n, 12 m).
-    """
+    """Return a group's surface about its mean (S, 12 m), and residuals of the rollouts (n, 12 m)."""
     if not found.has_surface:
         return np.zeros((len(runs.points), found.errors.shape[1])), found.errors
     count = len(found.left_out)
@@ -340,7 +338,7 @@ def diverged(states: np.ndarray) -> bool:
 
 
 def moments(runs: Runs, scene: Scene) -> Iterator[Moments]:
-    """Yield those of each group whose rollouts differ, but for what flew in closed form."""
+    """Yield the `Moments` of each group whose rollouts differ, except bodies in free flight."""
     ends = _model_centers(runs, scene)
     for group in _groups(runs, scene):
         if not group.flew and _spread(runs, scene, group):
@@ -422,7 +420,7 @@ def _flown(runs, scene, group, z):
 
 
 def _meetings(runs, group):
-    """Who of a group meets whom, when on average, and in what share of the rollouts (`impact_metric`)."""
+    """Return the contacts of a group, with median times and shares of rollouts (`impact_metric`)."""
     first, count = runs.contact_history.first_time, len(runs.mean)
     met = np.isfinite(first).any(axis=0)
     found, place_of = [], {int(body): place for place, body in enumerate(group.bodies)}

@@ -27,7 +27,7 @@ from ..spatial.rotation import exp, multiply, normalized, rotation_matrix
 
 
 class Course(NamedTuple):
-    """What some steps of free flight come to.
+    """Factors of the state after some steps of free flight.
 
     Attributes
     ----------

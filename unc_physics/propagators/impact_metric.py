@@ -1,4 +1,4 @@
-"""Which uncertain directions matter for a contact: the metric that a response surface measures by."""
+"""Metric of a response surface: weights of uncertain directions by their effect on contacts."""
 
 from __future__ import annotations
 

@@ -61,7 +61,7 @@ _SMOOTH = 1.001  # of a sphere's radius: the largest by which it rolls by itself
 
 
 class ImplicitLinearization(NamedTuple):
-    """What linearization works on in a rollout of the implicit step.
+    """State of linearization in a rollout of the implicit step.
 
     Attributes
     ----------
@@ -86,7 +86,7 @@ class ImplicitLinearization(NamedTuple):
 
 
 class Directions(NamedTuple):
-    """What the r columns of a root change of a scene's actions, as `KinematicErrors` takes it."""
+    """Changes of a scene's actions by the r columns of a root, as in `KinematicErrors`."""
 
     offset: np.ndarray
     center: np.ndarray
@@ -174,7 +174,7 @@ def _put_root_back(method, work):
 
 @on_sleep.of(ImplicitLinearization)
 def _rest(method, i, work):
-    """What sleeps has no velocities, for certain."""
+    """Give a sleeping body certain zero velocities."""
     first = ERROR * method.errors.block[i]
     for k in range(3):
         for c in range(method.root.shape[1]):

@@ -1,4 +1,4 @@
-"""Local sampling on the implicit step: the same equations over the contacts that the step solved."""
+"""Local sampling on the implicit step: Eqs. 30 to 35 over the contacts that `solved_contacts` records."""
 
 from typing import NamedTuple
 
@@ -16,7 +16,7 @@ from .solved_contacts import Solved, copy_blocks, record_pair, records_room
 
 
 class SolvedCloud(NamedTuple):
-    """What local sampling works on in a rollout of the implicit step; ``before`` has the covariances at the
+    """State of local sampling in a rollout of the implicit step; ``before`` holds the covariances at the
     step's beginning.
     """
 
@@ -27,7 +27,7 @@ class SolvedCloud(NamedTuple):
 
 @kernel
 def _prepare(source, world, work, contacts):
-    """Return what local sampling works on; ``source`` has covariances (M, 12, 12) and draws (`cloud_of`)."""
+    """Return the initial state; ``source`` has covariances (M, 12, 12) and draws (`cloud_of`)."""
     covariance, draws = source
     cloud = cloud_of(covariance, world.bodies.moving, draws)
     return SolvedCloud(cloud, np.empty_like(covariance), Solved(work.R, records_room(contacts)))
@@ -52,7 +52,7 @@ def _put_back(method, work):
 
 @on_sleep.of(SolvedCloud)
 def _rest(method, i, work):
-    """What sleeps keeps its pose, and has no velocities, for certain."""
+    """Give a sleeping body the pose covariance of the step's beginning, and certain zero velocities."""
     block = method.cloud.error_block[i]
     P, before = method.cloud.covariance[block], method.before[block]
     for r in range(ERROR):

@@ -1,4 +1,4 @@
-"""The surrogate on the implicit step: the same equations over the contacts that the step solved."""
+"""The surrogate on the implicit step: Eqs. 11 to 24 over the contacts that `solved_contacts` records."""
 
 from typing import NamedTuple
 
@@ -14,7 +14,7 @@ from .surrogate_contacts import Spread, add_tilts, cache_pose_covariance, drift_
 
 
 class SolvedSpread(NamedTuple):
-    """What the surrogate works on in a rollout of the implicit step; ``before`` has the roots at the step's
+    """State of the surrogate in a rollout of the implicit step; ``before`` holds the roots at the step's
     beginning.
     """
 
@@ -25,7 +25,7 @@ class SolvedSpread(NamedTuple):
 
 @kernel
 def _prepare(source, world, work, contacts):
-    """Return what the surrogate works on; ``source`` has the roots (M, 12, 12) and ``k_sigma``."""
+    """Return the initial state; ``source`` has the roots (M, 12, 12) and ``k_sigma``."""
     roots, k_sigma = source
     spread = spread_of(roots, world.bodies.moving, k_sigma)
     return SolvedSpread(spread, np.empty_like(roots), Solved(work.R, records_room(contacts)))
@@ -50,7 +50,7 @@ def _put_back(method, work):
 
 @on_sleep.of(SolvedSpread)
 def _rest(method, i, work):
-    """What sleeps keeps its pose, and has no velocities, for certain."""
+    """Give a sleeping body the pose uncertainty of the step's beginning, and certain zero velocities."""
     S, before = method.spread.roots[method.spread.error_block[i]], method.before[method.spread.error_block[i]]
     for r in range(ERROR):
         for c in range(ERROR):

@@ -1,4 +1,4 @@
-"""How the carries of islands become one: where each island's bodies are among the joint ones."""
+"""Join the carries of islands: positions of each island's bodies among all bodies, and joined arrays."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from ..dynamics.world import World
 
 
 class Part(NamedTuple):
-    """Where an island's bodies are among those of a larger one.
+    """Positions of an island's bodies, moving bodies and parameters in the joint island.
 
     Attributes
     ----------
@@ -67,7 +67,7 @@ def joined_blocks(blocks: Sequence[np.ndarray], parts: Sequence[Part], frame: Fr
 def joined_history(
     carries: Sequence[Any], parts: Sequence[Part], frame: Frame, rows: Sequence[np.ndarray] | None = None
 ) -> ContactHistory:
-    """What the joint rollouts remember; ``rows`` (None for all) says which of them are each carry's."""
+    """Return the contact history of joint rollouts; ``rows`` are the rollouts of each carry (None: all)."""
     found = [carry.contact_history for carry in carries]
     if rows is None:
         rows = [np.arange(len(history.first_time)) for history in found]

@@ -29,7 +29,7 @@ _ALL_AROUND = 1e4  # rad; more spread than that changes nothing, and single prec
 
 
 class ContactCloud(NamedTuple):
-    """What local sampling works on: the bodies' pose uncertainty in a step, the spread of two's forces.
+    """State of local sampling in one step: uncertainty of the bodies' poses, and of the forces between two.
 
     Attributes
     ----------
@@ -80,7 +80,7 @@ class ContactCloud(NamedTuple):
 
 @kernel(noinline=True)
 def cloud_of(covariance, moving, draws):
-    """What local sampling works on, for some covariances (M, 12, 12) and bodies that are ``moving`` (B,)."""
+    """Return the state of local sampling for covariances (M, 12, 12) of ``moving`` bodies (B,)."""
     count = len(moving)
     table, samples, seed = draws
     return ContactCloud(

@@ -64,7 +64,7 @@ class Option:
         return type(self.default)
 
     def from_text(self, text: str) -> Any:
-        """Its value from a text; raises `InvalidOptionError`."""
+        """Return its value from a text; raises `InvalidOptionError`."""
         try:
             return _TRUTHS[text.lower()] if self.kind is bool else self.kind(text)
         except (ValueError, KeyError):
@@ -90,6 +90,6 @@ class Option:
         return value
 
     def as_text(self) -> str:
-        """What it is, takes and defaults to, in a line."""
+        """Return its description, choices and default in one line."""
         takes = f" ({' or '.join(self.choices)})" if self.choices else ""
         return f"{self.description}{takes}; default {self.default}"

@@ -1,4 +1,4 @@
-"""How deep bodies reach into each other and the environment."""
+"""Depths by which bodies overlap each other and the environment."""
 
 from __future__ import annotations
 

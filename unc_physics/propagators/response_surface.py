@@ -253,8 +253,9 @@ def _left_out_error(A, y, most, work):
 
 @kernel
 def _choose(x, y, linear, lengths, nuggets, a, b):
-    """Which length and which nugget leave the least squared errors, from the a-th and the b-th on: goes to
-    the best of the neighbours as long as one is better.
+    """Return the indices of the length and the nugget with the least squared error.
+
+    The search begins at indices a and b. It moves to the best neighbour while that is better.
     """
     squares = _squares(x)
     n, size = len(x), len(x) + (1 + x.shape[1] if linear else 1)

@@ -1,6 +1,6 @@
-"""What perturbed copies of contacts between two bodies spread their forces and torques to (Eqs. 31 to 33).
+"""Covariance of contact forces and torques between two bodies, from perturbed copies (Eqs. 31 to 33).
 
-The copies of a contact run as vectors, in single precision.
+Each contact is copied at perturbed poses. Its copies are computed as vectors, in single precision.
 """
 
 import math

@@ -1,9 +1,8 @@
-"""Contacts that the implicit step solved, on record as the explicit step's are: what the surrogate and local
-sampling read.
+"""Record contacts of the implicit step in the explicit step's format, for the surrogate and local sampling.
 
-Their equations are over forces ``kappa V n``; a solved contact's volume is that which makes its impulse in a
-step, ``lambda / (kappa dt)``. A lasting contact that does not slip is left out: friction holds what the tilt
-of its normal would let go.
+The equations of both methods take contact forces ``kappa V n``. A solved contact gets the volume
+``lambda / (kappa dt)``, whose force has the contact's impulse in one step. Lasting contacts that stick are
+left out, because friction balances the tangential force of a tilted normal. `friction.sticks` decides.
 """
 
 from typing import NamedTuple
@@ -22,7 +21,7 @@ from ..spatial.rotation import rotate_back
 
 
 class Solved(NamedTuple):
-    """What stands in the place of the explicit step's workspace.
+    """Rotations and contact records that replace the explicit step's workspace.
 
     Attributes
     ----------
@@ -54,12 +53,14 @@ def copy_blocks(into, source):
 
 @inner(error_model="numpy")
 def record_pair(first, law, world, work, solved):
-    """Put the contacts of one pair of bodies on record, from row ``first`` on.
+    """Record the contacts of one pair of bodies, from row ``first`` on.
+
+    Contacts with the environment, without an impulse, and lasting contacts that stick are left out.
 
     Returns
     -------
     found : int
-        How many are on record: those between bodies with an impulse.
+        Number of recorded contacts.
     last : int
         The row after the pair's.
     """

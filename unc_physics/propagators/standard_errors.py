@@ -1,4 +1,4 @@
-"""How far means and spreads of a few rollouts with a surface may be off."""
+"""Standard errors of means and spreads from a few rollouts with a response surface."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What rollouts begin with: states drawn from a belief, without overlap, at rest where they should be."""
+"""Initial states of rollouts: drawn from a belief, moved out of overlap, and settled where bodies rest."""
 
 from __future__ import annotations
 
@@ -190,7 +190,7 @@ def _sides(scene, belief, metric):
 
 
 def _metric(scene, belief):
-    """Where bodies may be elsewhere: the belief's covariance, in which bodies at rest come free."""
+    """Return the covariance of possible poses: the belief's, with bodies at rest set free."""
     count = len(belief.moving)
     P = np.array(belief.joint).reshape(count, ERROR, count, ERROR)
     _free_resting(scene, belief, P)
@@ -310,7 +310,7 @@ def _seen_from(q, direction):
 
 
 def _note_support(first_time, memory):
-    """What carries load when rollouts begin touches at time 0."""
+    """Set the first contact to time 0 for contacts that carry load when rollouts begin."""
     bodies = first_time.shape[1]
     for n, count in enumerate(memory.count):
         i, j = memory.contact[n, :count, 0], memory.contact[n, :count, 1]

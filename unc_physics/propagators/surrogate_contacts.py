@@ -16,7 +16,7 @@ from ..spatial.rotation import cross, rotate, rotate_back, tangents
 
 
 class Spread(NamedTuple):
-    """What the surrogate works on: uncertainty of the bodies' poses in one step, and what its contacts add.
+    """State of the surrogate in one step: uncertainty of the bodies' poses, and sums over a pair's contacts.
 
     Attributes
     ----------
@@ -53,7 +53,7 @@ class Spread(NamedTuple):
 
 @kernel(noinline=True)
 def spread_of(roots, moving, k_sigma):
-    """What the surrogate works on, for some roots (M, 12, 12) and bodies that are ``moving`` (B,)."""
+    """Return the state of the surrogate for roots (M, 12, 12) of ``moving`` bodies (B,)."""
     count = len(moving)
     return Spread(
         roots,

@@ -69,7 +69,7 @@ class BodyObservation(NamedTuple):
 
 
 class Innovation(NamedTuple):
-    """How a measurement agreed with what was expected.
+    """Agreement of a measurement with its expectation.
 
     Attributes
     ----------
@@ -87,7 +87,7 @@ class Innovation(NamedTuple):
 
 
 class Corrected(NamedTuple):
-    """What `corrected` returns.
+    """Result of `corrected`.
 
     Attributes
     ----------

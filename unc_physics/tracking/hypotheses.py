@@ -40,7 +40,7 @@ _AGREEING = 3
 
 
 class TrackMode(Enum):
-    """What a body's answer comes from."""
+    """Source of a body's answer."""
 
     STARTING = "starting"
     PHYSICS = "physics"
@@ -91,7 +91,7 @@ class Filter(NamedTuple):
 
 
 class Track(NamedTuple):
-    """What is known of a body beside its members.
+    """Data of a body besides its members.
 
     Attributes
     ----------

@@ -100,7 +100,7 @@ def log_density(L, m, square):
 
 @kernel(noinline=True)
 def expectation(x, reference, kind, value, point, delay, rows):
-    """What the states make one expect: the innovation (m,), and its derivatives (m, 12) by both states.
+    """Return the innovation (m,) of a measurement, and its derivatives (m, 12) by both states.
 
     The derivatives are central differences in the error states: steps of 1e-6 leave errors of 1e-9.
     """

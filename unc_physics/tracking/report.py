@@ -1,4 +1,4 @@
-"""What a tracker reports of a correction."""
+"""Report of a tracker about a correction."""
 
 from __future__ import annotations
 
