@@ -31,10 +31,10 @@ FACE_TOLERANCE, FACE_WIDTH = 1e-5, 0.05
 OVER_FACE = 0.5
 #: How much nearer a face may be than the spheres themselves [m], so that no contact begins deeper.
 HOLLOW = 1.5e-4
-#: Height over which the least height of a rolling body's spheres is smoothed, how many such heights count,
-#: and by how much spheres count as higher that are one radius away along the axis, all relative to the
-#: body's radius. Then the least turn in a step at which contacts push in its middle [rad], and the longest way from
-#: the support to the push, in units of that of the body's surface.
+#: SMOOTHING: height over which the least height of a rolling body's spheres is smoothed. CUT: how many such
+#: heights count. AXIAL: by how much spheres that are one radius away along the axis count as higher. All are
+#: relative to the body's radius. TURNED: least turn in a step at which contacts push in its middle [rad].
+#: FARTHEST: longest way from the support to the push, in units of that of the body's surface.
 SMOOTHING, CUT, AXIAL, TURNED, FARTHEST = 4e-3, 6.0, 0.05, 1e-3, 5.0
 #: Overlap that contacts always push out [m], and the speed at which they push out unexplained overlap [m/s].
 SLACK, RECOVERY = 2e-5, 0.05
