@@ -31,8 +31,8 @@ def faster_than():
 
         speed: float = argument("limit of its speed [m/s]")
 
-        def _distances(self, outcomes):
-            return np.linalg.norm(self._states(outcomes)[:, VELOCITY], axis=1) - self.speed
+        def distances(self, outcomes):
+            return np.linalg.norm(self.states(outcomes)[:, VELOCITY], axis=1) - self.speed
 
         def __str__(self):
             return f"{self.object} faster than {self.speed:g} m/s"

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import re
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import MISSING, dataclass, field, fields
 from typing import Any, NamedTuple, TypeVar
 
@@ -158,18 +158,18 @@ class BodyEvent(Event):
     object: str = argument("name of the body")
 
     def bounds(self, outcomes):
-        happened = self._distances(outcomes) > 0.0
+        happened = self.distances(outcomes) > 0.0
         known = np.isinf(outcomes.known_until_of(self.names))
         return happened & known, happened | ~known
 
     def margin(self, outcomes):
-        distances = self._distances(outcomes)
+        distances = self.distances(outcomes)
         mean, std = float(distances.mean()), float(distances.std())
         return mean / std if std > 0.0 else math.copysign(math.inf, mean)
 
     @abstractmethod
-    def _distances(self, outcomes) -> np.ndarray:
-        """(N,): distances of the states from the event's border, positive where it happens."""
+    def distances(self, outcomes: RolloutOutcomes) -> np.ndarray:
+        """Return distances of the states from the event's border (N,), positive where it happens."""
 
     def check(self, scene, field):
         _index(
@@ -180,8 +180,8 @@ class BodyEvent(Event):
     def names(self):
         return frozenset([self.object])
 
-    def _states(self, outcomes):
-        """(N, 13): of the body."""
+    def states(self, outcomes: RolloutOutcomes) -> np.ndarray:
+        """Return the states of the body (N, 13), as in `Belief.mean`."""
         return outcomes.states[:, _body(self.object, outcomes.scene)]
 
 
@@ -201,8 +201,8 @@ class InRegion(BodyEvent):
     def __post_init__(self):
         instance(self.region, BoxRegion, "region")
 
-    def _distances(self, outcomes) -> np.ndarray:
-        return self.region.depths(self._states(outcomes)[:, POSITION])
+    def distances(self, outcomes) -> np.ndarray:
+        return self.region.depths(self.states(outcomes)[:, POSITION])
 
     def __str__(self):
         return f"{self.object} in {self.region.name}"
@@ -230,8 +230,8 @@ class AtRest(BodyEvent):
         for name in ("speed", "angular_speed"):
             positive(getattr(self, name), name)
 
-    def _distances(self, outcomes) -> np.ndarray:
-        states = self._states(outcomes)
+    def distances(self, outcomes) -> np.ndarray:
+        states = self.states(outcomes)
         speeds = np.linalg.norm(states[:, VELOCITY], axis=1) / self.speed
         spins = np.linalg.norm(states[:, ANGULAR_VELOCITY], axis=1) / self.angular_speed
         return 1.0 - np.maximum(speeds, spins)
@@ -275,12 +275,12 @@ class Upright(BodyEvent):
                 raise InvalidRequestError("must have a direction", field="axis", value=axis.tolist())
             object.__setattr__(self, "axis", axis / np.linalg.norm(axis))
 
-    def _distances(self, outcomes) -> np.ndarray:
+    def distances(self, outcomes) -> np.ndarray:
         up = up_of(outcomes.scene)
         axis = self.axis
         if axis is None:
             axis = rotation_matrix(outcomes.start[_body(self.object, outcomes.scene), QUATERNION]).T @ up
-        upward = turned(self._states(outcomes)[:, QUATERNION], axis) @ up
+        upward = turned(self.states(outcomes)[:, QUATERNION], axis) @ up
         return self.angle - np.arccos(np.clip(upward, -1.0, 1.0))
 
     def __str__(self):
@@ -323,9 +323,9 @@ class FellOff(BodyEvent):
     def names(self):
         return frozenset([self.object, self.support] if self.support else [self.object])
 
-    def _distances(self, outcomes) -> np.ndarray:
+    def distances(self, outcomes) -> np.ndarray:
         scene, up = outcomes.scene, up_of(outcomes.scene)
-        heights = self._states(outcomes)[:, POSITION] @ up
+        heights = self.states(outcomes)[:, POSITION] @ up
         if self.support:
             return self._top(scene, outcomes.states, "support") - heights
         b = _body(self.object, scene)
@@ -402,7 +402,7 @@ class Touches(BodyEvent):
     def margin(self, outcomes):
         return None
 
-    def _distances(self, outcomes) -> np.ndarray:
+    def distances(self, outcomes) -> np.ndarray:
         return np.where(np.isfinite(self.first_times(outcomes)), 1.0, -1.0)
 
     def _key(self):
@@ -586,7 +586,3 @@ def _index(name, names, field, problem):
     if name not in names:
         raise InvalidRequestError(f"{problem}{hint(str(name), names)}", field=field, value=name)
     return names.index(name)
-
-
-#: Names of the events about a body that need nothing else, as commands and files have them.
-OF_BODY: dict[str, Callable[[str], Event]] = {"at_rest": AtRest, "upright": Upright, "fell_off": FellOff}

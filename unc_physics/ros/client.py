@@ -28,7 +28,7 @@ from ..checks.errors import (
 )
 from ..checks.validation import instance, integer, positive
 from ..prediction.actions import Action, apply_action
-from ..prediction.events import OF_BODY, Event, InRegion, Touches, checked_events
+from ..prediction.events import Event, InRegion, Touches, checked_events
 from ..prediction.prediction import Prediction
 from ..prediction.rank import Ranking
 from ..prediction.request_checks import check_supported, marks_of
@@ -38,6 +38,7 @@ from ..propagators.registry import make_propagator
 from ..scene.belief import Belief
 from ..scene.scene import Scene
 from .connection import Connection
+from .messages.events import object_events
 from .messages.fields import read_error
 from .messages.prediction import read_answer
 from .messages.ranking import read_candidate, read_ranking, write_candidate, write_score
@@ -534,9 +535,7 @@ def _split_events(events):
             region = regions.setdefault(event.region.name, event.region)
             if event != InRegion(event.object, region):
                 raise DuplicateIdError("is the name of two regions", field="events", value=region.name)
-        elif isinstance(event, Touches) or (
-            len(event.names) == 1 and any(event == kind(*event.names) for kind in OF_BODY.values())
-        ):
+        elif isinstance(event, Touches) or event in object_events(event.names):
             others = True
         else:
             raise NotSupportedError(

@@ -32,7 +32,7 @@ from unc_physics_msgs.msg import Probability as ProbabilityMessage
 
 from ...checks.errors import DivergedError
 from ...prediction.body_status import BodyStatus, Status
-from ...prediction.events import OF_BODY, Event, InRegion, Touches
+from ...prediction.events import Event, InRegion, Touches
 from ...prediction.marks import RESOLUTION, mark_at
 from ...prediction.prediction import Prediction
 from ...prediction.regions import BoxRegion
@@ -57,6 +57,7 @@ from ...spatial.layout import (
 )
 from ...spatial.origin import at_com, at_origin, covariance_at_com, moved
 from ...spatial.rotation import rotation_matrix
+from .events import EVENT_MESSAGES, OBJECT_EVENTS
 from .fields import duration, later, packed, pose_message, read_error, seconds, writable, xyz, xyzw
 from .physics import physics_message
 from .request import Job, Query, RequestedOutputs
@@ -236,7 +237,6 @@ def write_probabilities(message: Any, prediction: Prediction, events: Iterable[E
     """Write the probabilities of `Job.events` into a `Prediction` message that has its objects."""
     time = duration(prediction.time)
     by_id = {predicted.id: predicted for predicted in message.objects}
-    fields = {kind: field for field, kind in OF_BODY.items()}
     for event in events:
         written = write_probability(prediction.probability(event))
         if isinstance(event, InRegion):
@@ -261,7 +261,7 @@ def write_probabilities(message: Any, prediction: Prediction, events: Iterable[E
             )
         else:
             (name,) = event.names
-            setattr(by_id[name], fields[type(event)], written)
+            setattr(by_id[name], EVENT_MESSAGES[type(event)].probability, written)
 
 
 def write_probability(found: Probability) -> ProbabilityMessage:
@@ -302,7 +302,7 @@ def read_probabilities(
             mean, std = entry.first_contact_time_mean, entry.first_contact_time_std
             times[event] = ContactTime(seconds(mean), seconds(std))
     for predicted, body in zip(message.objects, scene.bodies, strict=True):
-        for field, kind in OF_BODY.items() if body.free else ():
+        for field, kind in OBJECT_EVENTS.items() if body.free else ():
             found[kind(predicted.id)] = getattr(predicted, field)
     return {
         event: read_probability(own, message.rollouts) for event, own in found.items() if own.available

@@ -12,7 +12,7 @@ from unc_physics_msgs.srv import PredictCandidates
 
 from ...checks.errors import InvalidRequestError, NotSupportedError, UncPhysicsError
 from ...checks.names import hint
-from ...prediction.events import AtRest, Event, FellOff, InRegion, Touches, Upright
+from ...prediction.events import Event, InRegion
 from ...prediction.prediction import Prediction
 from ...prediction.rank import RankedAction, Ranking
 from ...prediction.regions import BoxRegion
@@ -20,36 +20,12 @@ from ...prediction.sequential_halving import Difference
 from ...scene.physics_keys import PHYSICS_KEYS
 from ...scene.scene import Scene
 from .actions import write_actions
+from .events import EVENT_MESSAGES, message_of
 from .fields import read_error
 from .prediction import read_answer, read_probability, write_probability
 from .request import Query
 from .scene import write_object
 
-
-class _Kind(NamedTuple):
-    """Representation of a kind of event in a Score message.
-
-    Attributes
-    ----------
-    quantity : int
-    other : str
-        Attribute of the event in the message's field ``other``; empty if the field is empty.
-    fixed : tuple of str
-        Attributes without a field, for which the node uses defaults.
-    """
-
-    quantity: int
-    other: str = ""
-    fixed: tuple[str, ...] = ()
-
-
-_KINDS: dict[type[Any], _Kind] = {
-    InRegion: _Kind(Score.IN_REGION, "region"),
-    Touches: _Kind(Score.TOUCHES, "other"),
-    AtRest: _Kind(Score.AT_REST, fixed=("speed", "angular_speed")),
-    Upright: _Kind(Score.UPRIGHT, fixed=("axis", "angle")),
-    FellOff: _Kind(Score.FELL_OFF, "support", ("drop",)),
-}
 #: Length of the request's array of scores, which clients do not check.
 _MAX_SCORES = 8
 
@@ -119,16 +95,10 @@ def write_score(event: Event, smallest_first: bool) -> tuple[list[Score], list[I
 
 def _write_event(event, smallest_first):
     """Return the message of one event."""
-    if (kind := _KINDS.get(type(event))) is None:
-        raise NotSupportedError("has no message", field="score", value=str(event))
-    for name in kind.fixed:
-        value, default = getattr(event, name), getattr(type(event)("default"), name)
-        if (value != default) if isinstance(value, float) else value is not default:
-            field = f"{name} of '{event}'"
-            raise NotSupportedError("is fixed at the node; leave it out", field=field, value=value)
-    other: Any = getattr(event, kind.other) if kind.other else ""
+    row = message_of(event, "score")
+    other: Any = getattr(event, row.other) if row.other else ""
     return Score(
-        quantity=kind.quantity,
+        quantity=row.quantity,
         object=event.object,
         other=other.name if isinstance(event, InRegion) else other,
         smallest_first=smallest_first,
@@ -138,12 +108,11 @@ def _write_event(event, smallest_first):
 def _read_event(message, field, regions):
     """Return the event of one message."""
     other = message.other
-    event, kind = next(
-        (pair for pair in _KINDS.items() if pair[1].quantity == message.quantity), (None, _Kind(0))
-    )
-    if event is None:
+    found = [pair for pair in EVENT_MESSAGES.items() if pair[1].quantity == message.quantity]
+    if not found:
         raise InvalidRequestError("is no kind of score", field=f"{field}.quantity", value=message.quantity)
-    if not kind.other:
+    ((event, row),) = found
+    if not row.other:
         if other:
             raise InvalidRequestError(
                 "must be empty, as AT_REST and UPRIGHT are about the object alone",

@@ -20,7 +20,7 @@ from ...checks.errors import (
     NotSupportedError,
 )
 from ...checks.validation import array, non_negative, positive
-from ...prediction.events import OF_BODY, Event, InRegion, encounters, moving_names
+from ...prediction.events import Event, InRegion, encounters, moving_names
 from ...prediction.marks import Mark
 from ...prediction.predict import predict
 from ...prediction.prediction import Prediction
@@ -36,6 +36,7 @@ from ...scene.scene import Scene
 from ...spatial.layout import ERROR
 from .actions import write_actions
 from .environment import read_regions, write_region
+from .events import object_events
 from .fields import duration, read_duration, xyz
 from .frames import Frames
 from .physics import physics_message, read_physics
@@ -130,7 +131,7 @@ class Job(NamedTuple):
         found: list[Event] = [InRegion(name, region) for region in self.regions for name in bodies]
         if self.outputs.probabilities:
             found += encounters(self.scene)
-            found += [kind(name) for name in bodies for kind in OF_BODY.values()]
+            found += object_events(bodies)
         return found
 
     def run(
