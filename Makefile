@@ -103,7 +103,7 @@ soak: venv
 	@$(VENV_PYTHON) test/ros/soak.py
 
 clean:
-	rm -rf .venv {.,evaluation}/{build,*.egg-info} docs/_build docs/reference/generated install log unc_physics/__pycache__/kernels-* .pytest_cache .hypothesis .ruff_cache .import_linter_cache
+	rm -rf .venv {.,evaluation}/{build,*.egg-info} docs/_build docs/reference/generated install log unc_physics/__pycache__/kernels-* unc_physics/kernels .pytest_cache .hypothesis .ruff_cache .import_linter_cache
 
 # A Python fits if it runs at all (a shim may not), can make a venv, and has the headers to compile against.
 define FITS

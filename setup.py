@@ -5,7 +5,7 @@ unc_physics_msgs/.
 from glob import glob
 from pathlib import Path
 
-from setuptools import find_packages, setup
+from setuptools import Distribution, find_packages, setup
 
 NAME = "unc_physics"
 HERE = Path(__file__).resolve().parent
@@ -18,6 +18,13 @@ def shared(folder, *patterns):
     """
     files = sorted(file for pattern in patterns for file in glob(f"{folder}/{pattern}", root_dir=HERE))
     return [(f"share/{NAME}/{folder}", files)] if files else []
+
+
+class MaybeCompiled(Distribution):
+    """A distribution whose wheel is for one Python and platform if it holds compiled kernels."""
+
+    def has_ext_modules(self):
+        return any((HERE / NAME / "kernels").glob("*/*.kernel"))
 
 
 # manifold3d for the handle of the mug, networkx for repairs, matplotlib for pictures
@@ -38,7 +45,8 @@ setup(
     maintainer_email="maintainers@unc-physics.invalid",
     python_requires=">=3.10",
     packages=find_packages(include=[NAME, f"{NAME}.*"]),
-    package_data={NAME: ["__init__.pyi", "py.typed", "schemas/*.schema.json"]},
+    package_data={NAME: ["__init__.pyi", "py.typed", "schemas/*.schema.json", "kernels/*/*.kernel"]},
+    distclass=MaybeCompiled,
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
         (f"share/{NAME}", ["package.xml"]),

@@ -48,6 +48,14 @@ def test_another_value_of_the_variable_is_an_error(monkeypatch):
         versions.choose_tuned()
 
 
+def test_without_compiler_numba_must_be_tested(monkeypatch):
+    monkeypatch.setenv(versions.VARIABLE, "off")
+    assert versions.choose_tuned() and versions.is_off()
+    monkeypatch.setattr("numba.__version__", "0.67.9")
+    with pytest.raises(ValueError, match=re.escape(f"'off' needs numba {versions.TESTED[0]}")):
+        versions.choose_tuned()
+
+
 def test_requirements_agree_with_the_tested_versions():
     pinned = re.search(r"^numba==(\S+)$", (ROOT / "requirements/constraints.txt").read_text(), re.MULTILINE)
     assert pinned and pinned[1] in versions.TESTED

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import yaml
-
 from ..checks.shown import printable
 from .output import check_output, note, writing
 
@@ -48,6 +46,8 @@ def add_import_command(commands) -> None:
 
 def run_import(arguments) -> int:
     """Write the scene file and print a summary."""
+    import yaml
+
     from ..descriptions.world import load_world
     from ..geometry.packing_file import save_packing
 

@@ -11,7 +11,6 @@ from importlib.util import find_spec
 from pathlib import Path
 
 from ..checks.shown import printable
-from ..geometry.packing_file import EXTENT_LOSS, SINK
 from ..propagators.names import ANYTIME, entries
 from .output import check_output, note, writing
 from .progress import told_progress
@@ -314,6 +313,7 @@ def check_picture(path):
 
 def _note_what_is_left_out(arguments, scene, propagator, horizon):
     """Print notes about arguments without effect or with a possibly unintended effect."""
+    from ..geometry.packing_file import EXTENT_LOSS, SINK
     from ..scene.scene_file import may_meet
 
     if arguments.seed is not None and not hasattr(propagator, "seed"):

@@ -1,12 +1,14 @@
 """The cache of compiled kernels: kept where something can be written, and never stale."""
 
 import os
+import platform
 import time
 
 import pytest
 from compiler_copies import CALL, CALLEE, copy_of
 
-from unc_physics.compiler.tuned import compile_cache
+from unc_physics.compiler.tuned import compile_cache, target
+from unc_physics.compiler.tuned.target import SHIPPED
 
 NOTICE = "Compiling the simulation's kernels"
 NOWHERE = "/dev/null/nothing"
@@ -37,11 +39,11 @@ def test_an_edit_compiles_what_depends_on_it(compiled_copy):
         ("FACTOR = 2.0", "FACTOR = 5.0", "10.0 3.0", 1),  # a constant
         ("+ 1.0", "+ 2.0", "10.0 4.0", 1),  # what a stage does for a method
     ):
-        before = set(kept.glob("kernels-*/*caller.*.nbi"))
+        before = set(kept.glob("kernels-*/*caller.*.kernel"))
         text = text.replace(old, new)
         (compiled_copy.package / "compiler" / "callee.py").write_text(text)
         assert compiled_copy().ended()[0] == answer
-        assert len(set(kept.glob("kernels-*/*caller.*.nbi")) - before) == compiled, new
+        assert len(set(kept.glob("kernels-*/*caller.*.kernel")) - before) == compiled, new
 
 
 def test_what_was_kept_in_another_way_is_compiled_anew(compiled_copy):
@@ -57,10 +59,18 @@ def test_what_was_kept_in_another_way_is_compiled_anew(compiled_copy):
     assert compiled_copy().ended()[0] == "2.0 3.0"
 
 
-def test_a_damaged_cache_is_compiled_anew(compiled_copy):
-    for file in (compiled_copy.package / "__pycache__").glob("kernels-*/*"):
-        file.write_bytes(b"")
-    assert compiled_copy().ended()[0] == "2.0 3.0"
+@pytest.mark.parametrize("damage", ["emptied", "cut", "flipped", "swapped"])
+def test_a_damaged_cache_is_compiled_anew(damage, compiled_copy):
+    files = sorted((compiled_copy.package / "__pycache__").glob("kernels-*/*.kernel"))
+    contents = [file.read_bytes() for file in files]
+    for file, content, other in zip(files, contents, contents[1:] + contents[:1], strict=True):
+        half = len(content) // 2
+        flipped = content[:half] + bytes([content[half] ^ 1]) + content[half + 1 :]
+        damaged = {"emptied": b"", "cut": content[:half], "flipped": flipped, "swapped": other}
+        assert damaged[damage] != content
+        file.write_bytes(damaged[damage])
+    out, err = compiled_copy().ended()
+    assert out == "2.0 3.0" and NOTICE in err
 
 
 def test_a_callee_that_is_not_inlined_is_loaded_before_its_caller(copy):
@@ -124,7 +134,7 @@ def test_a_folder_of_the_users_choice(copy, tmp_path):
     """Also where numba was imported before, and its setting made at run time."""
     program = f"import numba; numba.config.CACHE_DIR = {str(tmp_path / 'own')!r}; {CALL}"
     assert copy(program).ended()[0] == "2.0 3.0"
-    assert len(list((tmp_path / "own").glob("kernels-*/*caller.*.nbc"))) == 2
+    assert len(list((tmp_path / "own").glob("kernels-*/*caller.*.kernel"))) == 2
     assert not (copy.package / "__pycache__").exists()
 
 
@@ -142,15 +152,83 @@ tempfile.TemporaryFile = refuse
     assert compiled_copy(program, HOME=str(tmp_path / "home"), XDG_CACHE_HOME="").ended() == ("2.0 3.0", "")
 
 
+@pytest.fixture
+def shipped_copy(copy):
+    """Function that runs a program on a copy with kernels for the least processor, as a wheel has them."""
+    targets = SHIPPED[platform.machine()]
+    (target,) = targets
+    settings = {"NUMBA_CPU_NAME": target.processor, "NUMBA_CPU_FEATURES": target.features}
+    assert copy(**settings).ended()[0] == "2.0 3.0"
+    (folder,) = (copy.package / "__pycache__").iterdir()
+    (copy.package / "kernels").mkdir()
+    folder.rename(copy.package / "kernels" / folder.name.removeprefix("kernels-"))
+    return copy
+
+
+def test_shipped_kernels_run_without_compiling(shipped_copy):
+    assert shipped_copy(UNC_PHYSICS_COMPILER="off").ended() == ("2.0 3.0", "")
+    cached = list((shipped_copy.package / "__pycache__").glob("kernels-*/*"))
+    assert not cached
+
+
+def test_what_is_not_shipped_is_compiled_beside_it(shipped_copy):
+    (shipped,) = (shipped_copy.package / "kernels").iterdir()
+    for file in shipped.glob("*caller.called-*"):
+        file.unlink()
+    with pytest.raises(AssertionError, match="called .*is not compiled for"):
+        shipped_copy(UNC_PHYSICS_COMPILER="off").ended()
+    out, err = shipped_copy().ended()
+    assert out == "2.0 3.0" and NOTICE in err
+    (own,) = (shipped_copy.package / "__pycache__").glob("kernels-*/*.kernel")
+    assert "caller.called-" in own.name
+
+
+def test_shipped_kernels_of_other_sources_or_other_numba_do_not_load(shipped_copy):
+    (shipped,) = (shipped_copy.package / "kernels").iterdir()
+    callee = shipped_copy.package / "compiler" / "callee.py"
+    callee.write_text(CALLEE.replace("FACTOR = 2.0", "FACTOR = 5.0"))
+    assert shipped_copy().ended()[0] == "5.0 3.0"
+    callee.write_text(CALLEE)
+    program = f"import llvmlite; llvmlite.__version__ = 'other'\n{CALL}"
+    with pytest.raises(AssertionError, match="is not compiled for"):
+        shipped_copy(program, UNC_PHYSICS_COMPILER="off").ended()
+    shipped.rename(shipped.with_name(_other_fingerprint(shipped_copy)))
+    with pytest.raises(AssertionError, match="is not compiled for"):
+        shipped_copy(program, UNC_PHYSICS_COMPILER="off").ended()
+
+
+def _other_fingerprint(copy):
+    """The name of the shipped folder for another llvmlite."""
+    program = """
+import llvmlite; llvmlite.__version__ = 'other'
+from unc_physics.compiler.tuned import compile_cache, target
+print(compile_cache.fingerprint(target.supported_targets()[0]))"""
+    return copy(program).ended()[0]
+
+
+def test_shipped_kernels_are_for_processors_that_have_the_instructions(monkeypatch):
+    assert target.supported_targets() == list(SHIPPED[platform.machine()])
+    monkeypatch.setattr(platform, "machine", lambda: "riscv64")
+    assert target.supported_targets() == []
+    monkeypatch.undo()
+    monkeypatch.setitem(SHIPPED, platform.machine(), {target.Target("future", ""): {"teleportation"}})
+    assert target.supported_targets() == []
+
+
+def test_settings_of_numba_exclude_shipped_kernels(monkeypatch):
+    monkeypatch.setattr("numba.config.CPU_NAME", "generic")
+    assert target.supported_targets() == []
+
+
 def test_what_is_long_unused_is_removed(tmp_path):
     now = time.time()
     for kernel in ("a.step", "a-b.step"):
         for k in range(3):
-            for end in ("nbi", "1.nbc", "2.nbc"):
-                path = tmp_path / f"{kernel}-{k:016x}.{end}"
-                path.touch()
-                os.utime(path, (now - k * 20 * 3600.0,) * 2)
+            path = tmp_path / f"{kernel}-01234567-{k:016x}.kernel"
+            path.touch()
+            os.utime(path, (now - k * 20 * 3600.0,) * 2)
     compile_cache._clean(tmp_path)
-    left = sorted(path.name for path in tmp_path.glob("*.nbi"))
-    assert left == [f"{kernel}-{k:016x}.nbi" for kernel in ("a-b.step", "a.step") for k in range(2)]
-    assert len(list(tmp_path.glob("*.nbc"))) == 8
+    left = sorted(path.name for path in tmp_path.iterdir())
+    assert left == [
+        f"{kernel}-01234567-{k:016x}.kernel" for kernel in ("a-b.step", "a.step") for k in range(2)
+    ]

@@ -1,7 +1,8 @@
 """Cache of compiled kernels: one folder per compiler and processor, in a writable location.
 
 Each kernel's file is named by its stamp (`kernel_stamp`), so that an edit recompiles only dependent kernels.
-Kernels compiled in advance are also loaded from folders that this user cannot write.
+Kernels compiled in advance are also loaded from the package (`SHIPPED_FOLDER`), and from folders that this
+user cannot write. Shipped kernels are preferred, as their callees are shipped, too.
 """
 
 # pyright: reportAttributeAccessIssue=false
@@ -9,13 +10,12 @@ Kernels compiled in advance are also loaded from folders that this user cannot w
 
 import contextlib
 import fcntl
-import glob
 import hashlib
 import os
-import pickle
 import sys
 import time
 from pathlib import Path
+from typing import NamedTuple
 
 import llvmlite
 import numba
@@ -23,21 +23,37 @@ import numpy
 from numba.core import caching
 from numba.core.dispatcher import Dispatcher
 
-from ..cache_folder import find_folders
+from .. import versions
+from ..cache_folder import PACKAGE, find_folders
+from . import kernel_file
 from .kernel_stamp import stamp
 from .noinline import keep_address, needed
+from .target import Target, supported_targets
+
+#: Folder of the kernels that come with a wheel; a folder for each compiler and target is in it.
+SHIPPED_FOLDER = PACKAGE / "kernels"
 
 # modules that determine how kernels are compiled, and the content of their files
-_COMPILE = "compilation", "compile_cache", "kernel_stamp", "noinline", "references"
+_COMPILE = "compilation", "compile_cache", "kernel_file", "kernel_stamp", "noinline", "references", "target"
 _UNUSED = 24.0 * 3600.0  # age after which an unused file is removed if a newer state exists [s]
 _LOOK, _PATIENCE = 0.05, 300.0  # interval and limit of waiting for another process's compilation [s]
 
 
-def fingerprint():
-    """Return a text that depends on the compilers, the cache format, and the processor."""
-    python, processor = sys.implementation.cache_tag, llvmlite.binding.get_host_cpu_name()
-    compilers = [module.__version__ for module in (numba, llvmlite, numpy)]
-    digest = hashlib.sha256("\0".join([*compilers, python, processor, __name__]).encode())
+class _Folder(NamedTuple):
+    """Folder of kernels, and the fingerprint of their compilers and target."""
+
+    path: Path
+    made_by: str
+
+
+def fingerprint(target):
+    """Return a text that depends on the compilers, the cache format, and the target.
+
+    Of numpy only the major version counts: kernels contain none of its code, but its rules for types.
+    """
+    compilers = [numba.__version__, llvmlite.__version__, numpy.__version__.partition(".")[0]]
+    python = sys.implementation.cache_tag
+    digest = hashlib.sha256("\0".join([*compilers, python, *target, __name__]).encode())
     for name in _COMPILE:
         digest.update(b"\0" + Path(__file__).with_name(f"{name}.py").read_bytes())
     return digest.hexdigest()[:16]
@@ -46,18 +62,17 @@ def fingerprint():
 def _clean(folder):
     """Remove long-unused files of sources other than a kernel's newest."""
     states = {}
-    for index in folder.glob("*.nbi"):
-        states.setdefault(_kernel(index), []).append((_last_use(index), index))
+    for path in folder.glob(f"*{kernel_file.SUFFIX}"):
+        states.setdefault(_kernel(path), []).append((_last_use(path), path))
     for of_kernel in states.values():
-        for used, index in sorted(of_kernel)[:-1]:
+        for used, path in sorted(of_kernel)[:-1]:
             if time.time() - used > _UNUSED:
-                for path in [index, *folder.glob(glob.escape(index.stem) + ".*.nbc")]:
-                    path.unlink(missing_ok=True)
+                path.unlink(missing_ok=True)
 
 
-def _kernel(index):
-    """Return a kernel's name from its file name, NAME-STAMP.nbi."""
-    return index.name.rpartition("-")[0]
+def _kernel(path):
+    """Return a kernel's name and types from its file name, NAME-TYPES-STAMP.kernel."""
+    return path.name.rpartition("-")[0]
 
 
 def _last_use(path):
@@ -68,7 +83,21 @@ def _last_use(path):
         return time.time()
 
 
-FOLDER, _FOLDERS = find_folders(f"kernels-{fingerprint()}")
+def _shipped_folders():
+    """Return the folders in the package with kernels of this compiler that this processor runs."""
+    names = map(fingerprint, supported_targets())
+    return [_Folder(SHIPPED_FOLDER / name, name) for name in names if (SHIPPED_FOLDER / name).is_dir()]
+
+
+def _own_folders():
+    """Return the folder to write to or None, the folders to read from, and their fingerprint."""
+    name = fingerprint(Target.current())
+    folder, readable = find_folders(f"kernels-{name}")
+    return folder, [_Folder(path, name) for path in readable], name
+
+
+FOLDER, _OWN, _MADE_BY = _own_folders()
+_FOLDERS = [*_shipped_folders(), *_OWN]
 if FOLDER is not None:
     with contextlib.suppress(OSError):
         _clean(FOLDER)
@@ -76,7 +105,7 @@ if FOLDER is not None:
 
 def keep(compiled):
     """Make a function load its compiled code from a folder, and save it if missing."""
-    if _FOLDERS and isinstance(compiled, Dispatcher):  # a plain function with NUMBA_DISABLE_JIT
+    if isinstance(compiled, Dispatcher) and (_FOLDERS or versions.is_off()):
         compiled._cache = _KernelCache(compiled.py_func)
     return compiled
 
@@ -92,7 +121,7 @@ class _Locator(caching._CacheLocator):
         return cls(function, file)
 
     def get_cache_path(self):
-        return str(_FOLDERS[0])
+        return str(FOLDER or "")
 
     def get_source_stamp(self):
         return ""
@@ -117,6 +146,11 @@ class _KernelCache(caching.FunctionCache):
 
     def _load_overload(self, sig, target_context):
         loaded = self._loaded(sig, target_context)
+        if loaded is None and versions.is_off():
+            raise RuntimeError(
+                f"{self._name} is not compiled for {sig}, and environment variable {versions.VARIABLE} is"
+                " 'off'; unset it to compile"
+            )
         began = time.monotonic()
         while loaded is None and self._enabled and not self._locks(sig):
             if time.monotonic() - began > _PATIENCE:
@@ -156,22 +190,23 @@ class _KernelCache(caching.FunctionCache):
             self._lock = None
 
     def _loaded(self, sig, target_context):
-        key = self._index_key(sig, target_context.codegen())
+        codegen, name = target_context.codegen(), self._file_name(sig)
         for folder in _FOLDERS if self._enabled else ():
-            with self._guard_against_spurious_io_errors():
-                file = self._file(folder, sig)
-                data = file.load(key)
-                if data is not None:
-                    needed, callee, data = data
-                    if not all(called.is_loaded() for called in needed):
-                        continue
-                    if callee:
-                        callee.announce(target_context.codegen())
-                    loaded = self._impl.rebuild(target_context, data)
-                    loaded.library.needed, loaded.library.callee = needed, callee
-                    with contextlib.suppress(OSError):
-                        os.utime(file._index_path)
-                    return loaded
+            path = folder.path / name
+            data = kernel_file.read(path, _key(sig, codegen, name, folder.made_by))
+            if data is None:
+                continue
+            needed, callee, data = data
+            if not all(called.is_loaded() for called in needed):
+                continue
+            if callee:
+                callee.announce(codegen)
+            loaded = self._impl.rebuild(target_context, data)
+            loaded.library.needed, loaded.library.callee = needed, callee
+            if folder.path == FOLDER:
+                with contextlib.suppress(OSError):
+                    os.utime(path)
+            return loaded
         return None
 
     def _save_overload(self, sig, data):
@@ -179,18 +214,18 @@ class _KernelCache(caching.FunctionCache):
             if self._enabled and FOLDER is not None and self._impl.check_cachable(data):
                 keep_address(self._py_func, data)
                 saved = needed(data.library), getattr(data.library, "callee", None), self._impl.reduce(data)
-                self._file(FOLDER, sig).save(self._index_key(sig, data.codegen), saved)
+                name = self._file_name(sig)
+                with contextlib.suppress(OSError):  # the disk may be full
+                    kernel_file.write(FOLDER / name, _key(sig, data.codegen, name, _MADE_BY), saved)
         finally:
             self._unlock()
 
     def _file_name(self, sig):
-        return f"{self._py_func.__module__}.{self._py_func.__qualname__}-{stamp(self._py_func, sig)}"
+        name = f"{self._py_func.__module__}.{self._py_func.__qualname__}".replace(".<locals>", "")
+        kinds = hashlib.sha256(str(sig).encode()).hexdigest()[:8]
+        return f"{name}-{kinds}-{stamp(self._py_func, sig)}{kernel_file.SUFFIX}"
 
-    def _file(self, folder, sig):
-        return caching.IndexDataCacheFile(str(folder), self._file_name(sig), "")
 
-    def _index_key(self, sig, codegen):
-        return sig, codegen.magic_tuple()
-
-    def _guard_against_spurious_io_errors(self):
-        return contextlib.suppress(OSError, EOFError, pickle.UnpicklingError)
+def _key(sig, codegen, name, made_by):
+    """Return all that a kernel's file must agree with; its name contains the stamp."""
+    return sig, codegen.magic_tuple()[0], name, made_by
