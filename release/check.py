@@ -1,0 +1,83 @@
+"""Check a wheel with kernels: ``python release/check.py WHEEL [--node PYTHON] [--times CSV]``.
+
+The wheel is installed into an empty environment, and compiling is an error there
+(``UNC_PHYSICS_COMPILER=off``). All kinds of prediction must run. ``--node`` names a Python that has ROS and
+the interfaces; the demo runs in it with the wheel's package. ``--times`` adds a row for a first prediction.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import os
+import resource
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parent.parent
+FOREIGN = "PYTHON", "NUMBA", "UNC_PHYSICS", "XDG_CACHE"
+GOAL = 3.0  # s of CPU from the start of Python to the first prediction; wall time on an idle machine
+
+FIRST = """
+import sys
+from unc_physics import load_scene, predict
+scene, belief, horizon = load_scene(sys.argv[1])
+predict(scene, belief, horizon=horizon)
+"""
+
+
+def main():
+    """Install the wheel, run all kinds and the node, and measure a first prediction."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("wheel", type=Path)
+    parser.add_argument("--python", default=sys.executable, help="for the environment (default: this one)")
+    parser.add_argument("--node", metavar="PYTHON", help="Python with ROS and unc_physics_msgs")
+    parser.add_argument("--times", type=Path, metavar="CSV", help="file that gets a row with the times")
+    options = parser.parse_args()
+    wheel = options.wheel.resolve()
+    env = {name: value for name, value in os.environ.items() if not name.startswith(FOREIGN)}
+    env["UNC_PHYSICS_COMPILER"] = "off"
+    with tempfile.TemporaryDirectory() as folder:
+        venv = Path(folder) / "venv"
+        subprocess.run([options.python, "-m", "venv", venv], check=True, env=env)
+        python = venv / "bin" / "python"
+        pins = ["-c", ROOT / "requirements" / "constraints.txt"]
+        install = [python, "-m", "pip", "install", "-q", *pins]
+        subprocess.run([*install, wheel], check=True, env=env)
+        examples = venv / "share" / "unc_physics" / "examples"
+        first = [python, "-c", FIRST, examples / "scenes" / "table.yaml"]
+        wall, cpu = measured(first, env, folder)
+        print(f"first prediction: {wall:.2f} s of wall time, {cpu:.2f} s of CPU", flush=True)
+        if options.times:
+            with options.times.open("a", newline="") as file:
+                csv.writer(file).writerow([wheel.name, f"{wall:.2f}", f"{cpu:.2f}"])
+        if cpu > GOAL:
+            raise SystemExit(f"the first prediction takes more than {GOAL} s of CPU")
+        subprocess.run([*install, f"{wheel}[geometry,calibration]"], check=True, env=env)
+        subprocess.run([python, ROOT / "release" / "kinds.py", examples], check=True, env=env, cwd=folder)
+        if options.node:
+            target = Path(folder) / "node"
+            where = ["--no-deps", "--target", target]
+            subprocess.run([options.node, "-m", "pip", "install", "-q", *where, wheel], check=True, env=env)
+            demo = [options.node, "-m", "unc_physics.ros.demo", "--output", Path(folder) / "demo.png"]
+            models = {
+                "PYTHONPATH": str(target),
+                "UNC_PHYSICS_MODELS": str(target / "share/unc_physics/models"),
+            }
+            subprocess.run(demo, check=True, env=env | models, cwd=folder)
+    print("no kernel was compiled")
+
+
+def measured(command, env, folder):
+    """Run a command; return its wall time and its CPU time [s]."""
+    before, started = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
+    subprocess.run(command, check=True, env=env, cwd=folder)
+    wall, after = time.perf_counter() - started, resource.getrusage(resource.RUSAGE_CHILDREN)
+    return wall, after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,73 @@
+"""A release: one version everywhere, notes from the changelog, and wheels that say for whom they are."""
+
+import re
+import sys
+import zipfile
+
+import pytest
+from building import ROOT, clean_environment, copy_sources, run
+
+from unc_physics import __version__
+
+sys.path.append(str(ROOT / "release"))
+from notes import notes, version
+
+CHANGELOG = """\
+0.3.0 (not released yet)
+------------------------
+* New.
+
+0.2.0 (2026-11-25)
+------------------
+* Older: ``this``.
+
+0.1.0 (2025-01-01)
+------------------
+* Oldest.
+"""
+
+
+def test_all_files_have_the_same_version():
+    found = {"setup.py": version(), "unc_physics": __version__}
+    for file in ("package.xml", "unc_physics_msgs/package.xml", "examples/cpp/package.xml"):
+        found[file] = re.findall(r"<version>(.*)</version>", (ROOT / file).read_text())[0]
+    found["CITATION.cff"] = re.findall(r"^version: (.*)$", (ROOT / "CITATION.cff").read_text(), re.MULTILINE)[
+        0
+    ]
+    evaluation = (ROOT / "evaluation" / "pyproject.toml").read_text()
+    found["evaluation"] = re.findall(r'^version = "(.*)"$', evaluation, re.MULTILINE)[0]
+    found["evaluation's dependency"] = re.findall(r'"unc_physics==(.*?)"', evaluation)[0]
+    found["recipe"] = re.findall(
+        r"^  version: (.*)$", (ROOT / "release/conda/recipe.yaml").read_text(), re.MULTILINE
+    )[0]
+    found["changelog"] = re.findall(r"^(\S+) \(", (ROOT / "CHANGELOG.rst").read_text(), re.MULTILINE)[0]
+    assert set(found.values()) == {__version__}, found
+
+
+def test_notes_are_the_changelogs_section():
+    assert notes("0.2.0", CHANGELOG) == "# unc_physics 0.2.0, 2026-11-25\n\n* Older: `this`.\n"
+    for missing in ("0.3.0", "0.2"):
+        with pytest.raises(SystemExit, match=re.escape(missing)):
+            notes(missing, CHANGELOG)
+    assert __version__ in notes(version(), (ROOT / "CHANGELOG.rst").read_text())
+
+
+@pytest.mark.parametrize("compiled", [False, True])
+def test_only_a_wheel_with_kernels_is_for_one_python_and_platform(compiled, tmp_path):
+    sources = copy_sources(tmp_path / "sources")
+    kernel = "unc_physics/kernels/0123456789abcdef/a.b-01234567-0123456789abcdef.kernel"
+    (sources / kernel).parent.parent.mkdir(exist_ok=True)
+    for other in (sources / "unc_physics" / "kernels").glob("*/*"):
+        other.unlink()
+    where = []
+    if compiled:
+        (sources / kernel).parent.mkdir()
+        (sources / kernel).write_bytes(b"machine code")
+        where = ["--plat-name", "manylinux_2_17_x86_64"]
+    command = [sys.executable, "setup.py", "-q", "bdist_wheel", "-d", tmp_path, *where]
+    run(command, cwd=sources, env=clean_environment())
+    (wheel,) = tmp_path.glob("*.whl")
+    python = "cp{}{}".format(*sys.version_info[:2])
+    tag = f"{python}-{python}-manylinux_2_17_x86_64" if compiled else "py3-none-any"
+    assert wheel.name == f"unc_physics-{__version__}-{tag}.whl"
+    assert (kernel in zipfile.ZipFile(wheel).namelist()) == compiled
