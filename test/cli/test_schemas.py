@@ -199,7 +199,7 @@ def test_the_schema_knows_all_that_physics_may_say(tmp_path, capsys):
         "stiffness_std": 10.0,
         "gravity_direction_std": 0.01,
     }
-    content |= {"friction_std": 0.1, "restitution_std": 0.01, "horizon": 0.1}
+    content |= {"friction_std": 0.1, "restitution_std": 0.01, "impact_friction_speed": 2.0, "horizon": 0.1}
     content |= {"impact_direction_std": 0.01, "impact_point_std": 1e-3, "impact_friction_std": 0.1}
     content["bodies"][0] |= {"friction": 0.3, "restitution": 0.2}
     path = tmp_path / "scene.yaml"
