@@ -42,6 +42,7 @@ BY_NAME = (
     "pushes",
     "propagators",
     "packing",
+    "latency",
     "same_bits",
 )
 NAMES = DEFAULT + BY_NAME

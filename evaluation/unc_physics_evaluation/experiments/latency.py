@@ -1,0 +1,163 @@
+"""Rate and latency of the node: streams of detections at 10 Hz, and calls of its service."""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+
+from ..goals import Figure, goal_tables, goals_met_by
+from ..jobs import Job, Outcome, Row, Settings
+from ..results import Results
+from ..served_scenes import BIN, BOX, TABLE, scene_message, served, wait_until
+
+TITLE = "Latency of the node"
+NODE = "measured"
+RATE = 10.0  # Hz, of the input
+STREAM, STANDING, SERVICE = "stream, velocities unknown", "stream, at rest", "service"
+#: Goals of streams: number of objects, output [Hz], 95 % latency [ms].
+STREAMS = ((1, 10.0, 60.0), (5, 10.0, 100.0), (10, 5.0, 200.0))
+#: Goals of the service: kind, number of objects, median latency [ms].
+SERVICES = ((BOX, 1, 15.0), (TABLE, 5, 30.0), (BIN, 10, 60.0))
+_FULL_RATE = 0.95  # share of the wanted rate that counts as reached
+_HORIZON = 1.0  # s, of the service's requests
+
+
+def jobs(settings: Settings) -> list[Job]:
+    """A stream of each number of objects, and requests of each scene."""
+    seconds, calls = (4.0, 10) if settings.quick else (20.0, 60)
+    parts = [
+        {"by": by, "scene": TABLE, "objects": count, "amount": seconds}
+        for by in (STREAM, STANDING)
+        for count, *_ in STREAMS
+    ]
+    parts += [
+        {"by": SERVICE, "scene": kind, "objects": count, "amount": calls} for kind, count, _ in SERVICES
+    ]
+    return [Job("latency", settings.parameters(**part), cost=30.0, alone=True) for part in parts]
+
+
+def missing(settings: Settings) -> list[str]:
+    """ROS 2, where it is not installed."""
+    from importlib.util import find_spec
+
+    return [] if find_spec("rclpy") else ["the node: it needs ROS 2 (rclpy)"]
+
+
+def run(job: Job) -> Outcome:
+    """Latencies of one scene, from the stamp of the input or the call to the answer."""
+    from importlib.util import find_spec
+
+    if not find_spec("rclpy"):
+        return Outcome([])
+    p, rng = job.parameters, np.random.default_rng(job.seed("errors of poses"))
+
+    def make():
+        return scene_message(str(p["scene"]), int(p["objects"]), rng, at_rest=p["by"] == STANDING)
+
+    with served(NODE, {}) as node:
+        if p["by"] == SERVICE:
+            return Outcome(_rows(_calls(node, make, int(p["amount"]))))
+        latencies, rate = _stream(node, make, float(p["amount"]))
+    return Outcome([*_rows(latencies), Row("node", "rate", "Hz", rate)])
+
+
+def _rows(latencies):
+    quantiles = {"p50": 0.5, "p95": 0.95}
+    return [
+        Row(
+            "node",
+            f"latency {name}",
+            "ms",
+            1e3 * float(np.quantile(latencies, share)) if latencies else np.inf,
+        )
+        for name, share in quantiles.items()
+    ]
+
+
+def _calls(node, make, count):
+    """Return latencies of calls [s], after two that are not counted."""
+    from unc_physics.ros.messages.fields import duration
+    from unc_physics_msgs.msg import PredictionRequest
+    from unc_physics_msgs.srv import Predict
+
+    client, latencies = node.create_client(Predict, f"/{NODE}/predict"), []
+    client.wait_for_service(30.0)
+    for _ in range(count + 2):
+        request = PredictionRequest(scene=make(), horizon=duration(_HORIZON))
+        began = time.perf_counter()
+        answer = client.call(Predict.Request(request=request))
+        latencies.append(time.perf_counter() - began)
+        if answer.result.error_code:
+            raise RuntimeError(answer.result.error_msg)
+    return latencies[2:]
+
+
+def _stream(node, make, seconds):
+    """Return latencies [s] and the output's rate [Hz], after a second that is not counted."""
+    from rclpy.qos import qos_profile_sensor_data
+
+    from unc_physics_msgs.msg import Prediction, Scene
+
+    received = []
+    publisher = node.create_publisher(Scene, f"/{NODE}/scene", qos_profile_sensor_data)
+    subscription = node.create_subscription(
+        Prediction,
+        f"/{NODE}/predictions",
+        lambda message: received.append((time.time(), message.header.stamp)),
+        10,
+    )
+    wait_until(lambda: publisher.get_subscription_count() and subscription.get_publisher_count())
+    sent = {}
+    began = time.perf_counter()
+    for k in range(round((1.0 + seconds) * RATE)):
+        scene = make()
+        time.sleep(max(0.0, began + k / RATE - time.perf_counter()))
+        now = time.time()
+        scene.header.stamp.sec, scene.header.stamp.nanosec = int(now), int(1e9 * (now % 1.0))
+        sent[scene.header.stamp.sec, scene.header.stamp.nanosec] = now, k >= RATE
+        publisher.publish(scene)
+    time.sleep(2.0)
+    latencies = []
+    for arrived, stamp in received:
+        at, counts = sent[stamp.sec, stamp.nanosec]
+        if counts:
+            latencies.append(arrived - at)
+    return latencies, len(latencies) / seconds
+
+
+def report(results: Results) -> str:
+    """Two tables, with what is met and missed."""
+    return goal_tables(_figures(results))
+
+
+def _figures(results) -> dict[str, list[Figure]]:
+    rows = results.rows("latency")
+
+    def value(quantity, **of):
+        return rows.where(quantity=quantity, **of).median()
+
+    found: dict[str, list[Figure]] = {}
+    for by in (STREAM, STANDING):
+        figures = found[f"Detections at {RATE:g} Hz: {by.removeprefix('stream, ')}"] = []
+        for count, rate, latency in STREAMS:
+            of, case = {"by": by, "objects": count}, f"{count} cans on a table"
+            figures.append(Figure("output", case, value("rate", **of), "Hz", _FULL_RATE * rate))
+            figures.append(
+                Figure("95 % latency", case, value("latency p95", **of), "ms", latency, at_most=True)
+            )
+    found["Calls of `~/predict`, one second ahead, default propagator"] = [
+        Figure(
+            "median latency",
+            f"{count} objects, {kind}",
+            value("latency p50", by=SERVICE, scene=kind, objects=count),
+            "ms",
+            latency,
+            at_most=True,
+        )
+        for kind, count, latency in SERVICES
+    ]
+    return found
+
+
+verdict = goals_met_by(_figures)

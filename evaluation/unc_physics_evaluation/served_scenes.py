@@ -1,0 +1,128 @@
+"""A node in a process of its own, and what a robot's perception sends it."""
+
+from __future__ import annotations
+
+import contextlib
+import signal
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+POSITION_STD, ROTATION_STD = 0.004, 0.02  # m, rad: of a detected pose
+_MODELS = ("can", "salt_box", "bottle", "can", "mug", "salt_box", "can", "brick", "bottle", "can")
+_SPACING = 0.16  # m, between objects on the table
+_BIN = (0.6, 0.4, 0.25, 0.01)  # m: length, width, height, thickness of walls
+_DROP = 0.01  # m, of the objects above the bin's floor
+_READY_TIMEOUT = 600.0  # s; a cold cache compiles everything
+_END_TIMEOUT = 20.0  # s
+#: Keys of the kinds of scenes.
+BOX, TABLE, BIN = "box", "table", "bin"
+
+
+@contextlib.contextmanager
+def served(name: str, parameters: dict[str, Any]) -> Iterator[Any]:
+    """Start a node with parameters; yield an rclpy node in this process, spun in a thread."""
+    import rclpy
+    from rclpy.executors import SingleThreadedExecutor
+
+    from unc_physics.ros.connection import spin
+    from unc_physics_msgs.srv import GetCapabilities
+
+    options = [part for key, value in parameters.items() for part in ("-p", f"{key}:={value}")]
+    command = [sys.executable, "-m", "unc_physics.ros.node", "--ros-args", "-r", f"__node:={name}", *options]
+    context = rclpy.Context()
+    rclpy.init(context=context)
+    node = rclpy.create_node("evaluation", context=context)
+    executor = SingleThreadedExecutor(context=context)
+    executor.add_node(node)
+    thread = threading.Thread(target=spin, args=[executor], daemon=True)
+    thread.start()
+    with tempfile.TemporaryFile("w+") as log:
+        process = subprocess.Popen(command, stdout=log, stderr=subprocess.STDOUT)
+        try:
+            client = node.create_client(GetCapabilities, f"/{name}/get_capabilities")
+            if not client.wait_for_service(_READY_TIMEOUT):
+                log.seek(0)
+                raise RuntimeError(f"the node did not get ready:\n{log.read()}")
+            yield node
+        finally:
+            process.send_signal(signal.SIGINT)
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                process.wait(_END_TIMEOUT)
+            executor.shutdown()
+            context.try_shutdown()
+            thread.join(5.0)
+            node.destroy_node()
+
+
+def scene_message(kind: str, count: int, rng: np.random.Generator, at_rest: bool = False) -> Any:
+    """Return the Scene of detected objects, with errors of their poses drawn anew.
+
+    Parameters
+    ----------
+    kind : str
+        `BOX`: a salt box on a table; `TABLE`: cans on a table; `BIN`: objects above the floor of a bin.
+    count : int
+        Number of objects.
+    rng : Generator
+    at_rest : bool
+        Whether the objects stand; otherwise their velocities are unknown.
+    """
+    from shape_msgs.msg import Plane, SolidPrimitive
+
+    from unc_physics_msgs.msg import EnvironmentElement, Scene
+
+    scene = Scene()
+    if kind == BIN:
+        length, width, height, wall = _BIN
+        places = [
+            ((k % 5 - 2) * length / 5.5, (k // 5 - 0.5) * width / 2.4, wall + _DROP) for k in range(count)
+        ]
+        sides = [((length, width, wall), (0.0, 0.0, 0.5 * wall))]
+        for sign in (-1.0, 1.0):
+            sides.append(((wall, width, height), (sign * 0.5 * length, 0.0, 0.5 * height)))
+            sides.append(((length, wall, height), (0.0, sign * 0.5 * width, 0.5 * height)))
+        for k, (size, position) in enumerate(sides):
+            side = SolidPrimitive(type=SolidPrimitive.BOX, dimensions=size)
+            element = EnvironmentElement(id=f"side_{k}", primitive=side)
+            place = element.pose.position
+            place.x, place.y, place.z = position
+            scene.environment.elements.append(element)
+    else:
+        places = [((k % 5) * _SPACING, (k // 5) * _SPACING, 0.0) for k in range(count)]
+        table = EnvironmentElement(id="table", plane=Plane(coef=[0.0, 0.0, 1.0, 0.0]))
+        scene.environment.elements.append(table)
+    models = {BOX: ("salt_box",), TABLE: ("can",), BIN: _MODELS}[kind]
+    scene.objects = [
+        _object(f"object_{k}", models[k % len(models)], place, rng, at_rest) for k, place in enumerate(places)
+    ]
+    return scene
+
+
+def _object(name, model, place, rng, at_rest):
+    """Return an object that stands upright, as detected."""
+    from unc_physics_msgs.msg import ObjectState
+
+    state = ObjectState(id=name, model=model, at_rest=at_rest)
+    turn = 0.5 * rng.normal(0.0, ROTATION_STD, 3)
+    pose, q = state.pose, state.pose.orientation
+    pose.position.x, pose.position.y, pose.position.z = (place + rng.normal(0.0, POSITION_STD, 3)).tolist()
+    q.x, q.y, q.z, q.w = (np.append(turn, 1.0) / np.linalg.norm(np.append(turn, 1.0))).tolist()
+    state.belief.pose_covariance = np.diag([POSITION_STD**2] * 3 + [ROTATION_STD**2] * 3).ravel()
+    state.belief.twist_covariance[0] = -1.0
+    return state
+
+
+def wait_until(condition, timeout: float = 30.0) -> None:
+    """Wait for a condition that another thread makes true."""
+    deadline = time.monotonic() + timeout
+    while not condition():
+        if time.monotonic() > deadline:
+            raise RuntimeError("nothing answers")
+        time.sleep(0.02)
