@@ -42,6 +42,7 @@ class ErrorCode(IntEnum):
     NOT_ACTIVE = 30
     INTERNAL = 31
     DIVERGED = 32
+    NOT_READY = 33
 
 
 class UncPhysicsError(Exception):
@@ -201,6 +202,12 @@ class InternalError(UncPhysicsError):
     """An internal fault of the node."""
 
     code = ErrorCode.INTERNAL
+
+
+class NotReadyError(UncPhysicsError):
+    """A request that would wait for kernels that are still to be compiled."""
+
+    code = ErrorCode.NOT_READY
 
 
 class DivergedError(UncPhysicsError):

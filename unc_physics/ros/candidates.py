@@ -56,6 +56,7 @@ class CandidatesService:
                 self._server.library,
                 self._server.frames,
                 time_limit=settings.max_computation_time,
+                complete=self._server.environment.complete,
             )
             size = base.answer_bytes() * len(request.candidates)
             if size > settings.max_response_bytes:
@@ -130,7 +131,14 @@ def _rank_candidates(server, request, candidates, seed: int, time_limit: float |
     for k, (own, fields) in enumerate(candidates):
         own.seed = seed
         with server.errors_into(entries[k].result):
-            jobs[k] = read_request(own, server.settings, server.library, server.frames, fields=fields)
+            jobs[k] = read_request(
+                own,
+                server.settings,
+                server.library,
+                server.frames,
+                fields=fields,
+                complete=server.environment.complete,
+            )
     order, error = [], None
     while jobs:
         try:

@@ -27,6 +27,8 @@ class Diagnostics:
         self._lock = threading.Lock()
         self._finished = deque()
         self._predictions = self._errors = self._dropped = self._replaced = self._skipped = 0
+        self._late = self._expired = 0
+        self._warned = "", -_WINDOW
         self._computation_time = self._delay = 0.0
         self._last_error = ""
         self._error_time = -_WINDOW
@@ -48,6 +50,21 @@ class Diagnostics:
     def delayed(self, seconds: float) -> None:
         """Record the time from a streamed input's stamp to its prediction [s]."""
         self._delay = seconds
+
+    def late(self, took: float, limit: float) -> None:
+        """Record a prediction of a stream that took longer than its limit [s]."""
+        with self._lock:
+            self._late += 1
+            self._warned = (
+                f"late: a prediction took {took:.3g} s, and the stream's limit is {limit:.3g} s",
+                time.monotonic(),
+            )
+
+    def expired(self) -> None:
+        """Count a prediction that was dropped, as its last horizon had passed."""
+        with self._lock:
+            self._expired += 1
+            self._warned = "late: the last horizon of a prediction had passed", time.monotonic()
 
     def dropped(self) -> None:
         """Count a streamed input with a stamp that is too old or in the future."""
@@ -80,25 +97,32 @@ class Diagnostics:
                 "rate [Hz]": len(self._finished) / _WINDOW,
                 "last computation time [s]": self._computation_time,
                 "last delay of the stream [s]": self._delay,
+                "late predictions": self._late,
+                "expired predictions": self._expired,
                 "dropped inputs": self._dropped,
                 "replaced inputs": self._replaced,
                 "skipped objects": self._skipped,
                 "errors": self._errors,
                 "last error": self._last_error,
             }
-            return values, now - self._error_time < _WINDOW
+            warning = ""
+            if now - self._error_time < _WINDOW:
+                warning = f"error: {self._last_error}"
+            elif now - self._warned[1] < _WINDOW:
+                warning = self._warned[0]
+            return values, warning
 
     def _publish(self):
-        """Publish a status; it is a warning while the last error is recent."""
-        values, recent_error = self._values()
+        """Publish a status; it is a warning while the last error or delay is recent."""
+        values, warning = self._values()
         node = self._node
         # the name alone, as in diagnostic_updater, except in a namespace
         name = node.get_name() if node.get_namespace() == "/" else node.get_fully_qualified_name()
         status = DiagnosticStatus(
             name=f"{name}: predictions",
             hardware_id="none",
-            level=DiagnosticStatus.WARN if recent_error else DiagnosticStatus.OK,
-            message=f"error: {values['last error']}" if recent_error else "predicting",
+            level=DiagnosticStatus.WARN if warning else DiagnosticStatus.OK,
+            message=warning or "predicting",
             values=[
                 KeyValue(key=key, value=f"{value:.6g}" if isinstance(value, float) else str(value))
                 for key, value in values.items()

@@ -69,6 +69,19 @@ class Settings:
         "world", "Frame that predictions are made in; gravity is given in it.", read_only=True
     )
 
+    environment: str = parameter(
+        "",
+        "File whose key 'environment', as in scene files, lists what surrounds the objects of scenes without"
+        " elements of their own; empty: none.",
+        read_only=True,
+    )
+    planning_scene_topic: str = parameter(
+        "",
+        "Topic of MoveIt's planning scene, such as /monitored_planning_scene. Its collision objects join that"
+        " environment; empty: none. Needs moveit_msgs.",
+        read_only=True,
+    )
+
     transform_timeout: float = parameter(
         0.2,
         "How long a scene waits for a transform that is not known yet [s]; it holds up no other.",
@@ -189,6 +202,13 @@ class Settings:
         (0.2, 0.5, 1.0, 2.0), "Times for which streamed scenes are predicted [s]."
     )
     stream_propagator: str = parameter(DEFAULT, "Propagator for streamed scenes.", choices=tuple(PROPAGATORS))
+    stream_max_computation_time: float = parameter(
+        0.0,
+        "Wall time that a streamed scene is to take [s]; if one takes longer, later ones get fewer rollouts."
+        " 0: half the time between inputs.",
+        low=0.0,
+        high=1e6,
+    )
     stream_probabilities: bool = parameter(
         False, "Whether predictions of streamed scenes have probabilities of contact and rest."
     )
@@ -258,13 +278,14 @@ class Settings:
                 field="tracked_models",
                 value=list(self.tracked_models),
             )
-        for topic in filter(None, self.tracked_topics):
+        for name, topic in [
+            *(("tracked_topics", topic) for topic in self.tracked_topics if topic),
+            *([("planning_scene_topic", self.planning_scene_topic)] if self.planning_scene_topic else []),
+        ]:
             try:
                 validate_topic_name(topic)
             except InvalidTopicNameException:
-                raise InvalidOptionError(
-                    "is no name of a topic", field="tracked_topics", value=topic
-                ) from None
+                raise InvalidOptionError("is no name of a topic", field=name, value=topic) from None
         if not self.world_frame:
             raise InvalidOptionError("must not be empty", field="world_frame")
 

@@ -22,6 +22,7 @@ from ..prediction import warm_up as core
 from ..prediction.prediction import Prediction
 from .candidates import CandidatesService
 from .diagnostics import Diagnostics, LibraryLog
+from .environment import EnvironmentTopics, NodeEnvironment
 from .markers import MarkerTopic
 from .messages.fields import write_error
 from .messages.frames import Frames
@@ -34,6 +35,7 @@ from .streams import Stream
 
 _INTERFACES = (
     ModelTopics,
+    EnvironmentTopics,
     CapabilitiesService,
     CandidatesService,
     LongPrediction,
@@ -63,6 +65,7 @@ class PredictionServer:
         self.frames: Any = None
         self.diagnostics: Any = None
         self.markers: Any = None
+        self.environment = NodeEnvironment()
         self.pool: ThreadPoolExecutor | None = None
         self.deferred_answers: Any = None
         self.ending: str | None = None  # reason why predictions end
@@ -86,6 +89,8 @@ class PredictionServer:
         self.library = ModelLibrary(self.settings.models_dir, self.settings.allow_model_paths)
         if (folder := self.settings.models_dir) and not os.path.isdir(os.path.expanduser(folder)):
             self.log.warning(f"models_dir is no folder: {printable(folder)}")
+        if self.settings.environment:
+            self.environment.load(os.path.expanduser(self.settings.environment))
         names = [name for name in self.settings.warm_up if name]
         self.log.info(
             f"warming up {', '.join(names) or 'nothing'}: seconds where its kernels are compiled, minutes at"
@@ -198,7 +203,9 @@ class PredictionServer:
         """
         with self.errors_into(message.result):
             settings, header = self.settings, request.scene.header
-            job = read_request(request, settings, self.library, self.frames, **how)
+            job = read_request(
+                request, settings, self.library, self.frames, complete=self.environment.complete, **how
+            )
             try:
                 write_answer(message.prediction, header, settings, job, self.predict(job, progress))
                 return functools.partial(self.markers.publish, header, job, message.prediction)

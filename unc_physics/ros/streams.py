@@ -2,30 +2,65 @@
 
 from __future__ import annotations
 
+import contextlib
+import copy
 import re
 import threading
+import time
 from collections.abc import Callable
-from typing import Any
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any, NamedTuple
 
+from diagnostic_msgs.msg import KeyValue
 from geometry_msgs.msg import PoseWithCovarianceStamped
+from rclpy.clock import JumpThreshold
+from rclpy.duration import Duration
 from rclpy.qos import QoSProfile, ReliabilityPolicy
+from std_msgs.msg import Header
 
-from unc_physics_msgs.msg import ObjectState, Prediction, PredictionRequest, Result, Scene
+from unc_physics_msgs.msg import ObjectState, Physics, Prediction, PredictionRequest, Result, Scene
 
-from ..checks.errors import ErrorCode, UncPhysicsError
+from ..checks.errors import ErrorCode, InvalidEnvironmentError, UncPhysicsError
+from .detected import settle_detected
+from .environment import HOW_TO_SET, NodeEnvironment
 from .markers import MarkerTopic
 from .messages.fields import duration, seconds
+from .messages.frames import Frames
 from .messages.prediction import write_answer
 from .messages.request import read_request
 from .messages.scene import UNKNOWN
 from .models import ModelLibrary
+from .pace import Pace
 from .parameters import ParameterServer, Settings
 
 _SAME_TIME = 1e-6  # s
 _REPORT_PERIOD = 5.0  # s, between warnings in the log
 # best effort matches all publishers, including sensors
 _NEWEST = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+_WAITING = 16  # scenes that wait for a transform at a time
+_SHORTEST = 1e-3  # s, time limit of a scene that is nearly too old
 _SEED = 1  # equal for all scenes, so that equal scenes have equal predictions
+
+
+class StreamedScene(NamedTuple):
+    """Input of a stream.
+
+    Attributes
+    ----------
+    scene : Scene
+        In the frame of its header.
+    detected : bool
+        Whether its objects were detected, so that supports decide which of them are at rest.
+    pace : Pace
+        Of the scene's source.
+    problem : UncPhysicsError or None
+        Reason why the scene cannot be predicted.
+    """
+
+    scene: Scene
+    detected: bool
+    pace: Pace
+    problem: UncPhysicsError | None = None
 
 
 class Stream:
@@ -38,7 +73,7 @@ class Stream:
         self._markers = MarkerTopic(server, "~/stream_markers")
         self._poses = {}
         self._topics = SceneTopics(
-            node, server.parameters, server.library, self._predict, server.diagnostics.replaced
+            node, server.parameters, server.library, server.frames, self._predict, server.diagnostics.replaced
         )
 
     def close(self):
@@ -49,35 +84,67 @@ class Stream:
             node.destroy_publisher(publisher)
         self._markers.close()
 
-    def _predict(self, scene):
+    def _predict(self, streamed):
         """Predict a scene and publish the result; errors go to the log and the diagnostics."""
-        server, settings = self._server, self._server.settings
+        server, settings, header = self._server, self._server.settings, streamed.scene.header
+        began, limit = time.perf_counter(), streamed.pace.limit(settings.stream_max_computation_time)
         result = Result()
         with server.errors_into(result):
-            if (reason := stamp_problem(server.node, scene.header.stamp, settings)) is not None:
+            if (reason := stamp_problem(server.node, header.stamp, settings)) is not None:
                 server.diagnostics.dropped()
                 self._warn(f"a scene was dropped: {reason}")
                 return
-            job = read_request(
-                request_of(scene, settings),
-                settings,
-                server.library,
-                server.frames,
-                time_limit=settings.max_computation_time,
-            )
-            job = job._replace(times=sorted(set(settings.horizons))[:-1])
+            scene, skipped = prepared(streamed, server.frames, server.environment, server.library, settings)
             message = Prediction()
-            write_answer(message, scene.header, settings, job, server.predict(job))
-            self._predictions.publish(message)
-            self._publish_poses(message, settings)
-            self._markers.publish(scene.header, job, message)
-            server.diagnostics.skipped(len(message.skipped))
-            for skipped in message.skipped:
-                self._warn(f"object '{skipped.key}' was left out: {skipped.value}")
-            if (delay := stamp_age(server.node, scene.header.stamp)) is not None:
-                server.diagnostics.delayed(delay)
+            if scene.objects:
+                job = self._job(streamed, scene, limit, settings)
+                job = job._replace(skipped=job.skipped | skipped)
+                write_answer(message, header, settings, job, server.predict(job))
+            else:
+                job = None
+                message.header.stamp, message.header.frame_id = header.stamp, settings.world_frame
+                message.skipped = [KeyValue(key=name, value=reason) for name, reason in skipped.items()]
+            self._publish(message, job, limit, time.perf_counter() - began)
+        streamed.pace.took(time.perf_counter() - began, limit)
         if result.error_code not in (ErrorCode.NONE, ErrorCode.CANCELED):
             self._warn(f"a scene was not predicted: {result.error_msg}")
+
+    def _job(self, streamed, scene, limit, settings):
+        """Return the job of a scene, with the rollouts and the time that the stream leaves it."""
+        server = self._server
+        allowed, age = settings.max_computation_time, stamp_age(server.node, scene.header.stamp)
+        if age is not None:  # its horizon must not pass meanwhile
+            allowed = min(allowed, max(settings.horizons) - age)
+        job = read_request(
+            request_of(scene, settings),
+            settings,
+            server.library,
+            server.frames,
+            time_limit=max(allowed, _SHORTEST),
+            complete=server.environment.complete,
+        )
+        return job._replace(
+            times=sorted(set(settings.horizons))[:-1], propagator=streamed.pace.adapted(job.propagator, limit)
+        )
+
+    def _publish(self, message, job, limit, took):
+        server, settings = self._server, self._server.settings
+        delay = stamp_age(server.node, message.header.stamp)
+        if delay is not None and delay > max(settings.horizons):
+            server.diagnostics.expired()
+            self._warn(f"a prediction was dropped: it took {delay:.3g} s, and its last horizon has passed")
+            return
+        self._predictions.publish(message)
+        if job is not None:
+            self._publish_poses(message, settings)
+            self._markers.publish(message.header, job, message)
+        server.diagnostics.skipped(len(message.skipped))
+        for skipped in message.skipped:
+            self._warn(f"object '{skipped.key}' was left out: {skipped.value}")
+        if delay is not None:
+            server.diagnostics.delayed(delay)
+        if limit is not None and took > limit:
+            server.diagnostics.late(took, limit)
 
     def _warn(self, text):
         self._server.log.warning(text, throttle_duration_sec=_REPORT_PERIOD)
@@ -102,15 +169,17 @@ class Stream:
 class SceneTopics:
     """Sources of streamed scenes: whole scenes, tracked objects and detections.
 
-    Each source has its own thread, so that none waits for the transforms of another.
+    Each source has its own thread. Scenes wait for their transforms in other threads, so that none holds up a
+    later one. A jump of the clock back, as of a bag that starts again, empties the transforms.
 
     Parameters
     ----------
     node : rclpy Node
     parameters : ParameterServer
     library : ModelLibrary
+    frames : Frames
     work : callable
-        Takes the latest Scene of a source; must not raise.
+        Takes the latest `StreamedScene` of a source; must not raise.
     replaced : callable
         Called without arguments for each scene that a newer one replaced.
     under : str
@@ -122,21 +191,25 @@ class SceneTopics:
         node,
         parameters: ParameterServer,
         library: ModelLibrary,
-        work: Callable[[Scene], object],
+        frames: Frames,
+        work: Callable[[StreamedScene], object],
         replaced: Callable[[], object],
         under: str = "~",
     ):
         self._node, self._parameters, self._library = node, parameters, library
-        self._work, self._replaced = work, replaced
-        self._sources: list[LatestWorker] = []
+        self._frames, self._work, self._replaced = frames, work, replaced
+        self._waiting = ThreadPoolExecutor(_WAITING, thread_name_prefix="transforms")
+        self._sources: list[_Source] = []
         self._tracked: dict[str, Any] = {}  # header and state of each topic's newest pose
-        self._subscriptions = [node.create_subscription(Scene, f"{under}/scene", self._source().put, _NEWEST)]
+        self._subscriptions = [
+            node.create_subscription(Scene, f"{under}/scene", self._source(detected=False).put, _NEWEST)
+        ]
         settings = parameters.settings
         topics = [
             pair for pair in zip(settings.tracked_topics, settings.tracked_models, strict=True) if pair[0]
         ]
         if topics:
-            self._of_trackers = self._source()
+            self._of_trackers = self._source(detected=True)
         for topic, model in topics:
             self._subscriptions.append(
                 node.create_subscription(
@@ -151,21 +224,35 @@ class SceneTopics:
         except ImportError:
             pass
         else:
-            self._of_detectors = self._source()
+            self._of_detectors = self._source(detected=True)
             self._subscriptions.append(
                 node.create_subscription(Detection3DArray, f"{under}/detections", self._detect, _NEWEST)
             )
+        threshold = JumpThreshold(
+            min_forward=None, min_backward=Duration(nanoseconds=-1), on_clock_change=True
+        )
+        self._jumps = node.get_clock().create_jump_callback(threshold, post_callback=self._jumped)
 
-    def _source(self):
-        self._sources.append(LatestWorker(self._work, self._replaced))
+    def _source(self, detected):
+        self._sources.append(_Source(detected, self._frames, self._waiting, self._work, self._replaced))
         return self._sources[-1]
 
     def close(self) -> None:
         """Withdraw the topics."""
+        self._jumps.unregister()
         for subscription in self._subscriptions:
             self._node.destroy_subscription(subscription)
+        self._waiting.shutdown(wait=False, cancel_futures=True)
         for source in self._sources:
             source.close()
+
+    def _jumped(self, _):
+        """Forget what belongs to the time before a jump of the clock."""
+        self._node.get_logger().warning("the clock jumped back: transforms and streams are reset")
+        self._frames.clear()
+        self._tracked.clear()
+        for source in self._sources:
+            source.pace.reset()
 
     def _track(self, topic, model, message):
         """Pass on the scene of all currently tracked objects."""
@@ -179,13 +266,88 @@ class SceneTopics:
             if header is message.header
             or (header.frame_id == frame and stamp_problem(self._node, header.stamp, settings) is None)
         ]
-        self._of_trackers.put(Scene(header=message.header, objects=objects))
+        # marked as at rest or not for this scene alone
+        self._of_trackers.put(Scene(header=message.header, objects=copy.deepcopy(objects)))
 
     def _detect(self, detections):
         """Pass on the scene of all detections."""
         settings = self._parameters.settings
         if (scene := scene_of_detections(detections, self._library, settings.tracked_mass)).objects:
             self._of_detectors.put(scene)
+
+
+class _Source:
+    """Source of scenes, which wait for their transforms concurrently."""
+
+    def __init__(self, detected, frames, waiting, work, replaced):
+        self.pace = Pace()
+        self._detected, self._frames, self._waiting = detected, frames, waiting
+        self._replaced = replaced
+        self._worker = LatestWorker(work, replaced)
+        self._lock, self._arrived, self._passed = threading.Lock(), 0, 0
+
+    def close(self):
+        self._worker.close()
+
+    def put(self, scene):
+        """Pass on a scene once its transform is there, unless a later one is faster."""
+        self.pace.arrived()
+        self._arrived += 1
+        streamed = StreamedScene(scene, self._detected, self.pace)
+        if self._frames.is_world(scene.header.frame_id):
+            self._pass(streamed, self._arrived)
+        else:
+            with contextlib.suppress(RuntimeError):  # the node is closing
+                self._waiting.submit(self._wait, streamed, self._arrived)
+
+    def _wait(self, streamed, number):
+        try:
+            self._frames.to_world(streamed.scene.header)
+        except UncPhysicsError as error:
+            streamed = streamed._replace(problem=error)
+        self._pass(streamed, number)
+
+    def _pass(self, streamed, number):
+        with self._lock:
+            late = number < self._passed
+            if not late:
+                self._passed = number
+                self._worker.put(streamed)
+        if late:
+            self._replaced()
+
+
+def prepared(
+    streamed: StreamedScene,
+    frames: Frames,
+    environment: NodeEnvironment,
+    library: ModelLibrary,
+    settings: Settings,
+) -> tuple[Scene, dict[str, str]]:
+    """Return a scene to predict, and the reasons of objects left out by their ids.
+
+    Detected objects are transformed to the world frame, and marked as at rest where they stand on something.
+
+    Raises
+    ------
+    UncPhysicsError
+        If the transform is missing, or the scene has detected objects, and there is no environment.
+    """
+    if streamed.problem is not None:
+        raise streamed.problem
+    scene = streamed.scene
+    if not streamed.detected:
+        return scene, {}
+    falls = settings.integrator == "implicit" and any(settings.gravity)
+    if falls and not environment.is_set:
+        raise InvalidEnvironmentError(
+            f"must be set, as detected objects would fall for ever: {HOW_TO_SET}",
+            field="the node's environment",
+        )
+    if (transform := frames.to_world(scene.header)) is not None:
+        scene = transform.scene(scene)
+        scene.header = Header(stamp=scene.header.stamp)
+    return settle_detected(scene, environment.message, library, settings)
 
 
 class LatestWorker:
@@ -235,9 +397,10 @@ class LatestWorker:
 
 
 def request_of(scene: Scene, settings: Settings) -> PredictionRequest:
-    """Return the request for a streamed scene from the parameters."""
+    """Return the request for a streamed scene from the parameters; resting objects are not computed."""
     return PredictionRequest(
         scene=scene,
+        physics=Physics(has_sleep=True, sleep=True) if settings.integrator == "implicit" else Physics(),
         horizon=duration(max(settings.horizons)),
         propagator=settings.stream_propagator,
         seed=_SEED,

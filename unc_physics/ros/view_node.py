@@ -9,15 +9,18 @@ from typing import Any
 from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.node import Node
 
+from unc_physics_msgs.msg import Environment
+
 from ..checks.errors import UncPhysicsError
 from ..view.page import Page
 from ..view.session import Session, check_installed
+from .environment import LATCHED, NodeEnvironment
 from .messages.frames import Frames
 from .messages.request import read_request
 from .models import ModelLibrary
 from .node import leave, run
 from .parameters import ParameterServer
-from .streams import SceneTopics, request_of, stamp_problem
+from .streams import SceneTopics, prepared, request_of, stamp_problem
 
 _VIEW_PARAMETERS = {
     "host": ("127.0.0.1", "Address that the page listens on; everybody who reaches it sees the page."),
@@ -57,18 +60,34 @@ class ViewNode(Node):
         settings = self.parameters.settings
         self.library = ModelLibrary(settings.models_dir, settings.allow_model_paths)
         self.frames = Frames(self, settings.world_frame, lambda: self.parameters.settings.transform_timeout)
+        self.environment = NodeEnvironment()
+        self.create_subscription(
+            Environment,
+            "unc_physics/current_environment",
+            lambda message: self.environment.set(message.elements),  # pyright: ignore[reportAttributeAccessIssue]
+            LATCHED,
+        )
         self.topics = SceneTopics(
-            self, self.parameters, self.library, self._show, lambda: None, "unc_physics"
+            self, self.parameters, self.library, self.frames, self._show, lambda: None, "unc_physics"
         )
         self.get_logger().info("ready: waits for a scene")
 
-    def _show(self, scene):
+    def _show(self, streamed):
         settings = self.parameters.settings
         try:
-            if (reason := stamp_problem(self, scene.header.stamp, settings)) is not None:
+            if (reason := stamp_problem(self, streamed.scene.header.stamp, settings)) is not None:
                 self._warn(f"a scene was dropped: {reason}")
                 return
-            job = read_request(request_of(scene, settings), settings, self.library, self.frames)
+            scene, _ = prepared(streamed, self.frames, self.environment, self.library, settings)
+            if not scene.objects:
+                return
+            job = read_request(
+                request_of(scene, settings),
+                settings,
+                self.library,
+                self.frames,
+                complete=self.environment.complete,
+            )
             with self._opening:
                 if self.page is None:
                     self._open(job)

@@ -28,7 +28,7 @@ from .belief import Belief
 from .body import RigidBody, known_mass
 from .body_belief import MEANS, STDS, BodyBelief
 from .entries import at_field, check_keys, read_numbers, read_std
-from .environment import ELEMENTS, Plane, quantities, surface_tilt_std
+from .environment import ELEMENTS, Element, Plane, quantities, surface_tilt_std
 from .materials import Surface, check_surface
 from .physics_keys import OVERLAPS, PHYSICS_KEYS
 from .presets import EXACT_PRESETS, PRESETS, with_changes
@@ -202,6 +202,20 @@ def with_chosen_stiffness(options, bodies, mean) -> dict:
     explicit = options.get("integrator", "explicit") == "explicit"
     kappa = auto_stiffness(bodies, mean, options.get("gravity", (0.0, 0.0, 0.0))) if explicit else None
     return options | {"stiffness": kappa}
+
+
+def load_environment(path: str | Path) -> tuple[Element, ...]:
+    """Return the elements of a file's key ``environment``; its other keys, as of a scene file, are ignored.
+
+    Raises
+    ------
+    UncPhysicsError
+        A subclass that names field and value, if the file does not describe an environment.
+    """
+    content = read_yaml(path, "environment file")
+    if not isinstance(content, dict) or "environment" not in content:
+        raise InvalidEnvironmentError("must have the key 'environment'", field=str(path))
+    return _environment(content["environment"])
 
 
 def _environment(content):

@@ -46,6 +46,15 @@ class Frames:
         """Whether tf2 is installed."""
         return self._buffer is not None
 
+    def is_world(self, frame: str) -> bool:
+        """Return whether a frame is the world frame."""
+        return frame in ("", self._world_frame)
+
+    def clear(self) -> None:
+        """Forget all transforms but static ones."""
+        if self._buffer is not None:
+            self._buffer.clear()
+
     def to_world(self, header) -> Transform | None:
         """Return the transform from a header's frame to the world frame; None if they are the same.
 
@@ -61,7 +70,7 @@ class Frames:
         UnknownFrameError
             If no transform arrives in time.
         """
-        if header.frame_id in ("", self._world_frame):
+        if self.is_world(header.frame_id):
             return None
         if self._buffer is None:
             raise UnknownFrameError(
@@ -175,7 +184,7 @@ class Transform(NamedTuple):
             self._move(element.pose)
             _rotate(element.surface_velocity.linear, self.R)
             _rotate(element.surface_velocity.angular, self.R)
-        return Environment(elements=elements)
+        return Environment(elements=elements, complete=message.complete)
 
     def region(self, message):
         """Return a BoxRegion in the other frame."""

@@ -5,7 +5,8 @@ This module does not import ``moveit_msgs``; callers that have a ``PlanningScene
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import copy
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -24,7 +25,10 @@ from ...checks.validation import array, positive, quaternion
 from ...spatial.rotation import rotation_matrix
 from .fields import pose_message, xyz, xyzw
 
-_ADD = 0, b"\x00"  # a byte is an int or bytes, depending on the ROS version
+# operations of collision objects; a byte is an int or bytes, depending on the ROS version
+_ADD, _REMOVE, _APPEND, _MOVE = (0, b"\x00"), (1, b"\x01"), (2, b"\x02"), (3, b"\x03")
+#: Names of an object's shapes: of its fields of poses, and of the shapes themselves.
+_SHAPES = ("primitive", "primitives"), ("mesh", "meshes"), ("plane", "planes")
 #: A pose: rotation (3, 3), translation (3,), and the rotation as a quaternion (x, y, z, w).
 _Placed = tuple[np.ndarray, np.ndarray, np.ndarray]
 
@@ -89,6 +93,8 @@ def request_of_planning_scene(
         (one.header.frame_id for one in [*fixed, *world] if one.header.frame_id), ""
     )
     known = _KnownFrames(frame, fixed, frames or {})
+    _check_added(world, "world.collision_objects[{}]")
+    _check_added([held.object for held in attached], "robot_state.attached_collision_objects[{}].object")
     bodies, elements, actions = [], [], []
     for k, own in enumerate(world):
         field = f"world.collision_objects[{k}]"
@@ -109,6 +115,91 @@ def request_of_planning_scene(
     scene = Scene(objects=bodies)
     scene.header.frame_id, scene.environment.elements = frame, elements
     return PredictionRequest(scene=scene, actions=actions)
+
+
+class PlanningWorld:
+    """Collision objects of a planning scene that is kept up to date from whole scenes and differences.
+
+    Objects that are attached to the robot are no part of the surroundings, and are left out.
+    """
+
+    def __init__(self):
+        self._objects: dict[str, Any] = {}
+        self._transforms: dict[str, Any] = {}
+
+    def update(self, message: Any) -> None:
+        """Apply a ``moveit_msgs/PlanningScene``, whole or a difference."""
+        if not message.is_diff:
+            self._objects.clear()
+            self._transforms.clear()
+        self._transforms |= {one.child_frame_id: one for one in message.fixed_frame_transforms}
+        for own in message.world.collision_objects:
+            self._apply(own)
+        for held in message.robot_state.attached_collision_objects:
+            if held.object.operation in _ADD:
+                self._objects.pop(held.object.id, None)
+
+    def _apply(self, own):
+        known = self._objects.get(own.id)
+        if own.operation in _REMOVE:
+            if own.id:
+                self._objects.pop(own.id, None)
+            else:  # as in MoveIt, no id means all objects
+                self._objects.clear()
+        elif own.operation in _MOVE:
+            if known is not None:
+                moved = copy.copy(known)
+                moved.header, moved.pose = own.header, own.pose
+                for name in ("primitive", "mesh", "plane"):
+                    if len(poses := getattr(own, f"{name}_poses")):
+                        setattr(moved, f"{name}_poses", poses)
+                self._objects[own.id] = moved
+        elif own.operation in _APPEND and known is not None:
+            more = copy.copy(known)
+            for name, plural in _SHAPES:
+                setattr(more, plural, [*getattr(known, plural), *getattr(own, plural)])
+                poses = f"{name}_poses"
+                setattr(more, poses, [*getattr(known, poses), *getattr(own, poses)])
+            self._objects[own.id] = more
+        else:
+            self._objects[own.id] = own
+
+    def elements(
+        self, pose_of_frame: Callable[[str], tuple[Any, Any]]
+    ) -> tuple[list[EnvironmentElement], dict[str, str]]:
+        """Return the elements of all objects, and the reasons of those left out by their ids.
+
+        Parameters
+        ----------
+        pose_of_frame : callable
+            Takes a frame's name; returns its position and quaternion (x, y, z, w) in the frame of the
+            elements, or raises `UnknownFrameError`.
+        """
+        found, problems = [], {}
+        frames = _TransformedFrames(self._transforms, pose_of_frame)
+        for name, own in self._objects.items():
+            try:
+                found += _elements(own, frames, f"collision object '{name}'")
+            except UncPhysicsError as error:
+                problems[name] = str(error)
+        return found, problems
+
+
+class _TransformedFrames:
+    """Poses of frames: the planning scene's own, and others by a function."""
+
+    def __init__(self, transforms, pose_of_frame):
+        self._transforms, self._pose_of_frame = transforms, pose_of_frame
+
+    def of(self, header, field) -> _Placed:
+        """Return the pose of a header's frame."""
+        one = self._transforms.get(header.frame_id)
+        if one is None or one.header.frame_id == header.frame_id:
+            position, q = self._pose_of_frame(header.frame_id)
+            return rotation_matrix(np.array(q, float)), np.array(position, float), np.array(q, float)
+        t = one.transform.translation
+        pose = Pose(position=Point(x=t.x, y=t.y, z=t.z), orientation=one.transform.rotation)
+        return _together(self.of(one.header, field), _placed(pose, f"frame '{header.frame_id}'"))
 
 
 class _KnownFrames:
@@ -146,12 +237,17 @@ def _check_ids(world, attached, objects, models):
                 raise InvalidRequestError("is no object of the planning scene", field=argument, value=name)
 
 
+def _check_added(objects, field):
+    """Raise `NotSupportedError` for an operation other than ADD, which whole scenes do not have."""
+    for k, own in enumerate(objects):
+        if own.operation not in _ADD:
+            raise NotSupportedError("must be ADD", field=f"{field.format(k)}.operation", value=own.operation)
+
+
 def _shapes(own, field):
     """Return the shapes of an object: (name of the element's field, message, pose)."""
-    if own.operation not in _ADD:
-        raise NotSupportedError("must be ADD", field=f"{field}.operation", value=own.operation)
     found = []
-    for name, plural in (("primitive", "primitives"), ("mesh", "meshes"), ("plane", "planes")):
+    for name, plural in _SHAPES:
         shapes, poses = getattr(own, plural), getattr(own, f"{name}_poses")
         if len(poses) not in (0, len(shapes)):  # MoveIt treats missing poses as the identity
             raise InvalidRequestError(

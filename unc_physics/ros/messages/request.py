@@ -11,6 +11,7 @@ from typing import NamedTuple
 from diagnostic_msgs.msg import KeyValue
 
 from unc_physics_msgs.msg import ModelInfo, PredictionRequest
+from unc_physics_msgs.msg import Scene as SceneMessage
 
 from ...checks.errors import (
     InvalidHorizonError,
@@ -184,6 +185,7 @@ def read_request(
     *,
     time_limit: float | None = None,
     fields: FieldNames | None = None,
+    complete: Callable[[SceneMessage], SceneMessage] = lambda scene: scene,
 ) -> Job:
     """Read a request and check it.
 
@@ -197,6 +199,8 @@ def read_request(
         Longest wall time, even if the request allows more [s].
     fields : FieldNames, optional
         Names in error messages; by default ``scene.objects[0]``, ``actions[0]`` and so on.
+    complete : callable
+        Adds the node's environment to a scene of the world frame that has none (`NodeEnvironment.complete`).
 
     Raises
     ------
@@ -209,6 +213,7 @@ def read_request(
         message = transform.scene(message)
         actions = [transform.action(action) for action in actions]
         regions = [transform.region(region) for region in regions]
+    message = complete(message)
     horizon = _horizon(request.horizon, settings)
     seed = request.seed or 1 + secrets.randbelow(2**_SEED_BITS - 1)
     options = _options(request.propagator_options)

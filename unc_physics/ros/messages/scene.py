@@ -269,6 +269,7 @@ def write_scene(scene: Scene, belief: Belief, model_info: Callable[[str], ModelI
         objects=[write_object(scene, belief, b, model_info) for b in range(len(scene.bodies))]
     )
     names = element_names(scene.environment)
+    message.environment.complete = True  # also where there are no elements
     message.environment.elements = [
         write_element(element, name, f"environment[{k}]")
         for k, (element, name) in enumerate(zip(scene.environment, names, strict=True))

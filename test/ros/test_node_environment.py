@@ -1,0 +1,316 @@
+"""The environment of the node, which scenes without elements have, and what detections stand on."""
+
+import time
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from geometry_msgs.msg import Pose, PoseWithCovarianceStamped
+from rclpy.qos import DurabilityPolicy, QoSProfile, qos_profile_sensor_data
+from running import Client, Inbox, NodeProcess, wait_until
+from scenes import assert_answered, diagonal, moving_object, position_of, request_of, with_physics
+from shape_msgs.msg import Mesh, Plane, SolidPrimitive
+from std_msgs.msg import Header
+
+from unc_physics.checks.errors import ErrorCode, InvalidEnvironmentError
+from unc_physics.ros.detected import settle_detected
+from unc_physics.ros.environment import NodeEnvironment
+from unc_physics.ros.messages.planning_scene import PlanningWorld
+from unc_physics.ros.models import ModelLibrary
+from unc_physics.ros.parameters import Settings
+from unc_physics_msgs.msg import Environment, EnvironmentElement, ObjectState, Prediction, Scene
+from unc_physics_msgs.srv import SetEnvironment
+
+NODE = "placed"
+TOPICS = ["/seen/first", "/seen/second"]
+GRAVITY = 9.81  # m/s^2
+LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+STD = 0.003  # m, of detected positions
+ON_TABLE = 0.002  # m, height of a detected can that stands on the table
+
+
+@pytest.fixture(scope="module")
+def placed():
+    arguments = [
+        f"tracked_topics:={TOPICS}".replace("'", '"'),
+        'tracked_models:=["can", "can"]',
+        "max_input_age:=0.0",
+        "stream_max_computation_time:=30.0",
+        "horizons:=[0.5, 20.0]",  # no prediction is late, however slow the machine
+    ]
+    with NodeProcess(*[part for one in arguments for part in ("-p", one)], name=NODE) as process:
+        yield process
+
+
+@pytest.fixture(scope="module")
+def user(placed):
+    with Client() as made:
+        yield made
+
+
+def table(height=0.0, name="table"):
+    return EnvironmentElement(id=name, plane=Plane(coef=[0.0, 0.0, 1.0, -height]))
+
+
+def set_environment(user, *elements, frame=""):
+    request = SetEnvironment.Request(
+        header=Header(frame_id=frame), environment=Environment(elements=elements)
+    )
+    return user.call(SetEnvironment, f"/{NODE}/set_environment", request).result
+
+
+def seen(publisher, x=0.0, z=ON_TABLE):
+    message = PoseWithCovarianceStamped()
+    place = message.pose.pose.position
+    place.x, place.z = x, z
+    message.pose.covariance = diagonal(*[STD] * 3, *[0.01] * 3)
+    publisher.publish(message)
+
+
+@pytest.fixture(scope="module")
+def publishers(user):
+    made = [
+        user.node.create_publisher(PoseWithCovarianceStamped, topic, qos_profile_sensor_data)
+        for topic in TOPICS
+    ]
+    wait_until(lambda: all(publisher.get_subscription_count() for publisher in made))
+    return made
+
+
+@pytest.fixture
+def predictions(user):
+    with Inbox(user, Prediction, f"/{NODE}/predictions") as inbox:
+        wait_until(lambda: user.node.count_publishers(f"/{NODE}/predictions") == 1)
+        time.sleep(0.3)
+        yield inbox
+
+
+def test_without_an_environment_nothing_detected_is_predicted(placed, user, publishers, predictions):
+    with Inbox(user, DiagnosticArray, "/diagnostics") as diagnostics:
+        for _ in range(3):
+            seen(publishers[0])
+            time.sleep(0.1)
+        while True:
+            (status,) = diagnostics.next().status
+            if status.name.startswith(NODE) and status.level == DiagnosticStatus.WARN:
+                break
+    assert "set_environment" in status.message and "planning_scene_topic" in status.message
+    assert not predictions.all()
+    assert placed.output.count("a scene was not predicted") == 1  # of three
+
+
+def test_a_detected_can_stands_on_the_table(user, publishers, predictions):
+    with Inbox(user, Environment, f"/{NODE}/current_environment", LATCHED) as latched:
+        assert set_environment(user, table()).error_code == ErrorCode.NONE
+        assert [element.id for element in latched.next().elements] == ["table"]
+    seen(publishers[0])
+    (predicted,) = predictions.next().objects
+    for state in predicted.states:
+        assert position_of(state.pose.pose) == pytest.approx([0.0, 0.0, 0.0], abs=2e-3)
+        spread = np.sqrt(np.reshape(state.pose.covariance, (6, 6)).diagonal())
+        assert spread[:2] == pytest.approx(STD, rel=0.3)
+        assert spread[2] < 1e-3  # the table tells its height
+
+
+def test_a_can_in_mid_air_is_left_out(publishers, predictions):
+    seen(publishers[0], z=0.3)
+    answer = predictions.next()
+    assert not answer.objects
+    (skipped,) = answer.skipped
+    assert skipped.key == TOPICS[0]
+    assert "mid-air" in skipped.value and "0.3 m above 'table'" in skipped.value
+
+
+def test_a_second_detection_of_a_can_is_left_out(publishers, predictions):
+    seen(publishers[0])
+    predictions.next()
+    seen(publishers[1], x=0.004)
+    answer = predictions.next()
+    assert len(answer.objects) == 1
+    (skipped,) = answer.skipped
+    assert "second detection" in skipped.value
+
+
+def falling(**others):
+    message = moving_object("box", "salt_box", (0.0, 0.0, 0.4), (0.0, 0.0, 0.0))
+    return with_physics(request_of(message, **others), gravity=(0.0, 0.0, -GRAVITY))
+
+
+def test_a_request_without_elements_has_the_environment_of_the_node(user):
+    response = user.predict(falling(horizon=2.0), node=NODE)
+    assert_answered(response)
+    assert position_of(response.prediction.objects[0].states[-1].pose.pose)[2] > -0.05
+
+
+def test_a_request_may_have_other_elements_or_none(user):
+    request = falling(horizon=2.0)
+    request.scene.environment.elements = [table(-1.0)]
+    z = position_of(user.predict(request, node=NODE).prediction.objects[0].states[-1].pose.pose)[2]
+    assert -1.05 < z < -0.8
+    request = falling(horizon=0.5)
+    request.scene.environment.complete = True
+    z = position_of(user.predict(request, node=NODE).prediction.objects[0].states[-1].pose.pose)[2]
+    assert z == pytest.approx(0.4 - 0.5 * GRAVITY * 0.5**2, abs=0.02)
+
+
+def test_a_bad_environment_is_refused_and_changes_nothing(user):
+    flat = EnvironmentElement(
+        id="flat", primitive=SolidPrimitive(type=SolidPrimitive.BOX, dimensions=[1.0, 1.0, -0.1])
+    )
+    result = set_environment(user, flat)
+    assert result.error_code == ErrorCode.INVALID_ENVIRONMENT
+    assert "elements[0].primitive.dimensions[2]" in result.error_msg
+    assert set_environment(user, table(), frame="camera").error_code == ErrorCode.UNKNOWN_FRAME
+    with Inbox(user, Environment, f"/{NODE}/current_environment", LATCHED) as latched:
+        assert [element.id for element in latched.next().elements] == ["table"]
+
+
+def test_the_latched_topic_sets_the_environment(user):
+    publisher = user.node.create_publisher(Environment, f"/{NODE}/environment", LATCHED)
+    with Inbox(user, Environment, f"/{NODE}/current_environment", LATCHED) as latched:
+        latched.next()
+        publisher.publish(Environment(elements=[table(0.1, name="")]))
+        assert [element.id for element in latched.next().elements] == ["element_0"]
+    set_environment(user, table())
+    user.node.destroy_publisher(publisher)
+
+
+def test_a_file_of_an_environment(tmp_path):
+    path = tmp_path / "scene.yaml"
+    path.write_text("environment:\n  - plane: {normal: [0, 0, 1], offset: 0.5}\n    name: shelf\n")
+    environment = NodeEnvironment()
+    assert not environment.is_set
+    environment.load(str(path))
+    (element,) = environment.message.elements
+    assert element.id == "shelf" and list(element.plane.coef) == [0.0, 0.0, 1.0, -0.5]
+    path.write_text("bodies: []\n")
+    with pytest.raises(InvalidEnvironmentError, match="key 'environment'"):
+        environment.load(str(path))
+
+
+def collision_object(name, operation=0, size=(1.0, 1.0, 0.1), z=0.0, frame="world"):
+    """A moveit_msgs/CollisionObject, which is not on PyPI: a box."""
+    pose = Pose()
+    pose.position.z = z
+    found = {plural: [] for plural in ("primitives", "meshes", "planes")}
+    found |= {f"{single}_poses": [] for single in ("primitive", "mesh", "plane")}
+    if operation in (0, 2):
+        found["primitives"] = [SolidPrimitive(type=SolidPrimitive.BOX, dimensions=size)]
+        found["primitive_poses"] = [Pose()]
+    return SimpleNamespace(id=name, operation=operation, header=Header(frame_id=frame), pose=pose, **found)
+
+
+def planning_scene(*objects, is_diff=True, attached=()):
+    return SimpleNamespace(
+        is_diff=is_diff,
+        fixed_frame_transforms=[],
+        world=SimpleNamespace(collision_objects=list(objects)),
+        robot_state=SimpleNamespace(
+            attached_collision_objects=[SimpleNamespace(object=own) for own in attached]
+        ),
+    )
+
+
+def test_differences_of_a_planning_scene():
+    add, remove, append, move = range(4)
+    world = PlanningWorld()
+
+    def elements():
+        def place(frame):
+            return ((0.0, 0.0, 1.0) if frame == "lifted" else (0.0, 0.0, 0.0)), (0.0, 0.0, 0.0, 1.0)
+
+        found, problems = world.elements(place)
+        assert not problems
+        return {element.id: element.pose.position.z for element in found}
+
+    world.update(planning_scene(collision_object("table"), collision_object("can", z=0.2), is_diff=False))
+    assert elements() == {"table": 0.0, "can": 0.2}
+    world.update(
+        planning_scene(collision_object("can", move, z=0.3), collision_object("wall", frame="lifted"))
+    )
+    assert elements() == {"table": 0.0, "can": 0.3, "wall": 1.0}
+    world.update(planning_scene(attached=[collision_object("can")]))
+    assert elements() == {"table": 0.0, "wall": 1.0}
+    world.update(planning_scene(collision_object("table", append)))
+    assert elements() == {"table/0": 0.0, "table/1": 0.0, "wall": 1.0}
+    world.update(planning_scene(collision_object("table", remove)))
+    assert elements() == {"wall": 1.0}
+    world.update(planning_scene(collision_object("", remove)))
+    assert elements() == {}
+    world.update(planning_scene(collision_object("shelf", add)))
+    world.update(planning_scene(collision_object("table"), is_diff=False))
+    assert elements() == {"table": 0.0}
+
+
+def test_elements_of_the_planning_scene_join_those_of_users():
+    environment = NodeEnvironment()
+    environment.set([table(), table(name="shelf")])
+    environment.set_planned([table(0.7, name="shelf"), EnvironmentElement(id="can", mesh=Mesh())])
+    assert [element.id for element in environment.message.elements] == ["table", "shelf", "can"]
+    assert environment.message.elements[1].plane.coef[3] == -0.7
+    scene = environment.complete(Scene(objects=[ObjectState(id="can")]))
+    assert [element.id for element in scene.environment.elements] == ["table", "shelf"]
+    own = Scene(environment=Environment(elements=[table(name="own")]))
+    assert environment.complete(own) is own
+
+
+def detected(name, x=0.0, z=0.0, std=STD, model="can"):
+    state = ObjectState(id=name, model=model)
+    state.pose.position.x, state.pose.position.z = x, z
+    state.belief.pose_covariance = diagonal(*[std] * 3, *[0.01] * 3)
+    state.belief.twist_covariance[0] = -1.0
+    return state
+
+
+@pytest.fixture(scope="module")
+def settle():
+    library = ModelLibrary()
+
+    def settled(*objects, elements=(), **parameters):
+        environment = Environment(elements=list(elements) or [table()])
+        scene, skipped = settle_detected(
+            Scene(objects=list(objects)), environment, library, Settings(**parameters)
+        )
+        return {own.id: own.at_rest for own in scene.objects}, skipped
+
+    return settled
+
+
+def test_what_is_within_three_standard_deviations_stands(settle):
+    gap = 2e-3  # m, that a packing leaves
+    for z, stands in ((2.9 * STD, True), (-5.0 * STD, True), (3.5 * STD + gap, False)):
+        at_rest, skipped = settle(detected("can", z=z))
+        assert bool(at_rest) is stands and bool(skipped) is not stands
+    assert settle(detected("can", z=0.05, std=0.02))[0] == {"can": True}
+
+
+def test_a_stack_stands_from_below(settle):
+    height = 0.11  # m, of a can
+    at_rest, skipped = settle(detected("top", z=2 * height), detected("bottom"), detected("middle", z=height))
+    assert at_rest == {"top": True, "bottom": True, "middle": True} and not skipped
+    at_rest, skipped = settle(detected("top", z=2 * height), detected("bottom"))
+    assert at_rest == {"bottom": True} and "above 'bottom'" in skipped["top"]
+
+
+def test_a_known_twist_says_otherwise(settle):
+    thrown = detected("can", z=0.5)
+    thrown.twist.linear.x = 1.0
+    thrown.belief.twist_covariance = diagonal(*[0.1] * 6)
+    assert settle(thrown) == ({"can": False}, {})
+
+
+def test_a_wall_supports_nothing_and_without_gravity_nothing_falls(settle):
+    wall = EnvironmentElement(id="wall", plane=Plane(coef=[1.0, 0.0, 0.0, 0.04]))
+    at_rest, skipped = settle(detected("can"), elements=[wall])
+    assert not at_rest and "nothing below it" in skipped["can"]
+    assert settle(detected("can", z=1.0), gravity=(0.0, 0.0, 0.0)) == ({"can": False}, {})
+
+
+def test_neighbours_are_no_duplicates(settle):
+    at_rest, skipped = settle(
+        detected("left"), detected("right", x=0.078), detected("other", model="salt_box")
+    )
+    assert set(at_rest) == {"left", "right", "other"} and not skipped
+    at_rest, skipped = settle(detected("unsure", std=0.01), detected("sure", x=0.01))
+    assert set(at_rest) == {"sure"} and "'sure'" in skipped["unsure"]

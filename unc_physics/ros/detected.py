@@ -1,0 +1,209 @@
+"""Detected objects: duplicates, and which of them stand on something.
+
+A detection has a pose and no velocity. An object close to a support is taken as at rest.
+One in mid-air is not predicted.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from unc_physics_msgs.msg import Environment, Scene
+
+from ..checks.errors import UncPhysicsError
+from ..scene.environment import Element
+from ..scene.stiffness import AUTO
+from ..spatial.rotation import rotation_matrix
+from .messages.environment import PackedElement, read_environment
+from .messages.fields import xyz, xyzw
+from .messages.scene import UNKNOWN
+
+_SIGMAS = 3.0
+_PACKING_GAP = 2e-3  # m, between a packing's surface and its mesh's
+_UPWARD = 0.5  # cosine of the steepest slope of a support
+_SPHERES = 300  # spheres of a model that count; household models begin with those of their extent
+
+
+class _Body(NamedTuple):
+    """Spheres of an object or an obstacle, and how surely the object's pose is known.
+
+    Attributes
+    ----------
+    name : str
+    position : (3,) array
+        Origin of the pose, world frame [m].
+    centers : (n, 3) array
+        World frame [m].
+    radii : (n,) array
+        [m]
+    covariance : (6, 6) array
+        Of position and rotation about fixed axes; zeros for an obstacle.
+    """
+
+    name: str
+    position: np.ndarray
+    centers: np.ndarray
+    radii: np.ndarray
+    covariance: np.ndarray
+
+    def gap_std(self, k: int, normal: np.ndarray) -> float:
+        """Return the standard deviation of the height of sphere ``k`` along a normal [m]."""
+        arm = self.centers[k] - self.position
+        J = np.concatenate([normal, np.cross(arm, normal)])
+        return float(np.sqrt(max(J @ self.covariance @ J, 0.0)))
+
+
+def settle_detected(
+    scene: Scene, environment: Environment, library: Any, settings: Any
+) -> tuple[Scene, dict[str, str]]:
+    """Return the scene with objects at rest marked, and the reasons of objects left out by their ids.
+
+    Parameters
+    ----------
+    scene : Scene
+        Detected objects, in the world frame.
+    environment : Environment
+        What they may stand on, in the world frame.
+    library : ModelLibrary
+    settings : Settings
+
+    Notes
+    -----
+    The lowest sphere decides: an object stands if its gap to a support, along the support's normal, is within
+    three standard deviations of zero, or negative. Supports are elements, and objects that stand. Of two
+    detections of the same model whose positions agree within three standard deviations, or within half the
+    model's smallest extent, the surer one is kept. Objects whose twist is known are kept as they are.
+    """
+    up = -np.asarray(settings.gravity, float)
+    length = float(np.linalg.norm(up))
+    bodies: dict[str, _Body] = {}
+    for own in scene.objects:
+        try:
+            bodies[own.id] = _body(own, library, settings)
+        except UncPhysicsError:
+            pass  # reported when the scene is read
+    skipped = _duplicates(scene.objects, bodies)
+    kept = [own for own in scene.objects if own.id not in skipped]
+    if length > 0.0 and settings.integrator == "implicit":
+        open_ones = {
+            own.id: own
+            for own in kept
+            if own.id in bodies and own.belief.twist_covariance[0] == UNKNOWN and not own.at_rest
+        }
+        gaps = _stand(open_ones, bodies, _supports(environment, library), up / length)
+        for name, gap in gaps.items():
+            skipped[name] = (
+                f"hangs in mid-air, {gap} and has no twist; publish it on ~/scene with its twist if it falls"
+            )
+        kept = [own for own in kept if own.id not in gaps]
+    return Scene(header=scene.header, objects=kept, environment=scene.environment), skipped
+
+
+def _stand(open_ones, bodies, supports, up):
+    """Mark objects that stand; return the gaps of the others, in words, by their ids."""
+    below = list(supports)
+    gaps = {}
+    found = True
+    while found and open_ones:
+        found = False
+        for name in list(open_ones):
+            body = bodies[name]
+            candidates = [each for support in below if (each := _gap(body, support, up)) is not None]
+            if not candidates:
+                gaps[name] = "with nothing below it,"
+                continue
+            what, gap, std = min(candidates, key=lambda each: each[1] - _SIGMAS * each[2])
+            if gap <= _SIGMAS * std + _PACKING_GAP:
+                open_ones.pop(name).at_rest = True
+                gaps.pop(name, None)
+                below.append(body)
+                found = True
+            else:
+                gaps[name] = (
+                    f"{gap:.3g} m above '{what}', which is more than 3 standard deviations of {std:.3g} m,"
+                )
+    return gaps
+
+
+def _gap(body, support, up) -> tuple[str, float, float] | None:
+    """Return a support's name, the gap [m] and its standard deviation [m]; None if it is not below."""
+    if isinstance(support, Element):
+        distance, normals = support.surface(body.centers)
+        clearances = distance - body.radii
+        k = int(np.argmin(clearances))
+        normal, gap, std_below = normals[k], float(clearances[k]), 0.0
+    else:
+        if np.linalg.norm(body.position - support.position) > _reach(body) + _reach(support):
+            return None
+        between = body.centers[:, None] - support.centers
+        distances = np.linalg.norm(between, axis=2)
+        clearances = distances - body.radii[:, None] - support.radii
+        k, j = np.unravel_index(int(np.argmin(clearances)), clearances.shape)
+        normal = between[k, j] / max(distances[k, j], 1e-12)
+        gap, std_below = float(clearances[k, j]), support.gap_std(j, normal)
+        k = int(k)
+    if float(normal @ up) < _UPWARD:
+        return None
+    return support.name, gap, float(np.hypot(body.gap_std(k, normal), std_below))
+
+
+def _reach(body):
+    """Return the radius of a ball around a body's position that holds twice the body [m]."""
+    return 2.0 * float((np.linalg.norm(body.centers - body.position, axis=1) + body.radii).max())
+
+
+def _supports(environment, library) -> Sequence[Element | _Body]:
+    """Return the elements of an environment; packed ones as spheres."""
+    elements, packed = read_environment(environment, library.shape_packer, wait=False)
+    return [*elements, *map(_obstacle, packed)]
+
+
+def _obstacle(element: PackedElement) -> _Body:
+    model, position = element.model, np.array(element.position)
+    R = rotation_matrix(np.array(element.orientation))
+    centers = position + (model.centers - model.origin) @ R.T
+    return _Body(element.name, position, centers, model.radii, np.zeros((6, 6)))
+
+
+def _body(own, library, settings) -> _Body:
+    """Return an object's largest spheres, at its mean pose."""
+    if own.model:
+        model = library.shape(own.model, own.spheres, own.scale, default=AUTO)
+    else:
+        pack = library.shape_packer.of_primitive if own.primitive.type else library.shape_packer.of_mesh
+        shape = own.primitive if own.primitive.type else own.mesh
+        model = pack(shape, own.spheres, own.id, False).scaled(own.scale or 1.0)
+    position, R = np.array(xyz(own.pose.position)), rotation_matrix(np.array(xyzw(own.pose.orientation)))
+    centers = position + (model.centers[:_SPHERES] - model.origin) @ R.T
+    P = np.reshape(np.asarray(own.belief.pose_covariance, float), (6, 6))
+    defaults = settings.covariance_defaults
+    if P[0, 0] == UNKNOWN or not (P.any() or defaults.zero_is_exact):
+        P = defaults.pose
+    return _Body(own.id, position, centers, model.radii[:_SPHERES], P)
+
+
+def _duplicates(objects, bodies) -> dict[str, str]:
+    """Return the reasons of detections of an object that another detection describes better."""
+    skipped: dict[str, str] = {}
+    surest = sorted(
+        (own for own in objects if own.id in bodies), key=lambda own: np.trace(bodies[own.id].covariance)
+    )
+    for k, own in enumerate(surest):
+        for better in surest[:k]:
+            if own.model != better.model or better.id in skipped:
+                continue
+            body, other = bodies[own.id], bodies[better.id]
+            apart = body.position - other.position
+            distance = float(np.linalg.norm(apart))
+            direction = apart / max(distance, 1e-12)
+            P = body.covariance[:3, :3] + other.covariance[:3, :3]
+            std = float(np.sqrt(max(direction @ P @ direction, 0.0)))
+            extent = float(np.ptp(body.centers, axis=0).min() + 2.0 * body.radii.min())
+            # disjoint bodies are farther apart than their smallest extent
+            if distance < max(min(_SIGMAS * std, 0.9 * extent), 0.5 * extent):
+                skipped[own.id] = f"is a second detection of '{better.id}', {distance:.3g} m away"
+                break
+    return skipped
