@@ -20,7 +20,7 @@ from std_msgs.msg import Header
 
 from unc_physics_msgs.msg import ObjectState, Physics, Prediction, PredictionRequest, Result, Scene
 
-from ..checks.errors import ErrorCode, InvalidEnvironmentError, UncPhysicsError
+from ..checks.errors import ErrorCode, InvalidEnvironmentError, PredictionTimeoutError, UncPhysicsError
 from .detected import settle_detected
 from .environment import HOW_TO_SET, NodeEnvironment
 from .markers import MarkerTopic
@@ -73,7 +73,7 @@ class Stream:
         self._markers = MarkerTopic(server, "~/stream_markers")
         self._poses = {}
         self._topics = SceneTopics(
-            node, server.parameters, server.library, server.frames, self._predict, server.diagnostics.replaced
+            node, server.parameters, server.library, server.frames, self._work, server.diagnostics.replaced
         )
 
     def close(self):
@@ -84,10 +84,17 @@ class Stream:
             node.destroy_publisher(publisher)
         self._markers.close()
 
-    def _predict(self, streamed):
+    def _work(self, streamed):
+        """Predict a scene, and adapt the rollouts of later ones to the time that it took."""
+        began = time.perf_counter()
+        limit = streamed.pace.limit(self._server.settings.stream_max_computation_time)
+        self._predict(streamed, limit)
+        streamed.pace.took(time.perf_counter() - began, limit)
+
+    def _predict(self, streamed, limit):
         """Predict a scene and publish the result; errors go to the log and the diagnostics."""
         server, settings, header = self._server, self._server.settings, streamed.scene.header
-        began, limit = time.perf_counter(), streamed.pace.limit(settings.stream_max_computation_time)
+        began = time.perf_counter()
         result = Result()
         with server.errors_into(result):
             if (reason := stamp_problem(server.node, header.stamp, settings)) is not None:
@@ -96,16 +103,23 @@ class Stream:
                 return
             scene, skipped = prepared(streamed, server.frames, server.environment, server.library, settings)
             message = Prediction()
+            if self._is_over(header.stamp):
+                return
+            job = None
             if scene.objects:
                 job = self._job(streamed, scene, limit, settings)
                 job = job._replace(skipped=job.skipped | skipped)
-                write_answer(message, header, settings, job, server.predict(job))
+                try:
+                    write_answer(message, header, settings, job, server.predict(job))
+                except PredictionTimeoutError:
+                    if self._is_over(header.stamp):
+                        return
+                    raise
             else:
-                job = None
                 message.header.stamp, message.header.frame_id = header.stamp, settings.world_frame
                 message.skipped = [KeyValue(key=name, value=reason) for name, reason in skipped.items()]
-            self._publish(message, job, limit, time.perf_counter() - began)
-        streamed.pace.took(time.perf_counter() - began, limit)
+            if not self._is_over(header.stamp):
+                self._publish(message, job, limit, time.perf_counter() - began)
         if result.error_code not in (ErrorCode.NONE, ErrorCode.CANCELED):
             self._warn(f"a scene was not predicted: {result.error_msg}")
 
@@ -129,11 +143,6 @@ class Stream:
 
     def _publish(self, message, job, limit, took):
         server, settings = self._server, self._server.settings
-        delay = stamp_age(server.node, message.header.stamp)
-        if delay is not None and delay > max(settings.horizons):
-            server.diagnostics.expired()
-            self._warn(f"a prediction was dropped: it took {delay:.3g} s, and its last horizon has passed")
-            return
         self._predictions.publish(message)
         if job is not None:
             self._publish_poses(message, settings)
@@ -141,10 +150,21 @@ class Stream:
         server.diagnostics.skipped(len(message.skipped))
         for skipped in message.skipped:
             self._warn(f"object '{skipped.key}' was left out: {skipped.value}")
-        if delay is not None:
+        if (delay := stamp_age(server.node, message.header.stamp)) is not None:
             server.diagnostics.delayed(delay)
         if limit is not None and took > limit:
             server.diagnostics.late(took, limit)
+
+    def _is_over(self, stamp):
+        """Return whether the last horizon has passed, and record it."""
+        age, last = stamp_age(self._server.node, stamp), max(self._server.settings.horizons)
+        if age is None or age <= last:
+            return False
+        self._server.diagnostics.expired()
+        self._warn(
+            f"a prediction was dropped: its scene is {age:.3g} s old, and its last horizon is {last:g} s"
+        )
+        return True
 
     def _warn(self, text):
         self._server.log.warning(text, throttle_duration_sec=_REPORT_PERIOD)
@@ -248,7 +268,7 @@ class SceneTopics:
 
     def _jumped(self, _):
         """Forget what belongs to the time before a jump of the clock."""
-        self._node.get_logger().warning("the clock jumped back: transforms and streams are reset")
+        self._node.get_logger().warning("the clock changed or jumped back: transforms and streams start anew")
         self._frames.clear()
         self._tracked.clear()
         for source in self._sources:

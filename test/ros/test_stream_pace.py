@@ -1,0 +1,208 @@
+"""Streams in time: a limit on computation, predictions that are too late, and jumps of the clock."""
+
+import sys
+import threading
+import time
+import types
+import typing
+
+import pytest
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from geometry_msgs.msg import TransformStamped
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.parameter import Parameter
+from rclpy.qos import qos_profile_sensor_data
+from rosgraph_msgs.msg import Clock
+from running import Inbox, wait_until
+from scenes import moving_object, position_of
+
+from unc_physics import make_propagator
+from unc_physics.ros import UncPhysicsNode
+from unc_physics.ros import pace as pace_module
+from unc_physics.ros.connection import spin
+from unc_physics.ros.messages.fields import seconds
+from unc_physics.ros.pace import Pace
+from unc_physics_msgs.msg import Prediction, Scene
+
+NODE = "hurried"
+LATE = 0.1  # s, of transforms
+PERIOD = 0.1  # s
+SHIFT = 3.0  # m, of the camera
+
+
+def test_the_limit_is_half_the_period_of_the_input(monkeypatch):
+    now = [0.0]
+    monkeypatch.setattr(pace_module.time, "monotonic", lambda: now[0])
+    pace = Pace()
+    assert pace.limit(0.3) == 0.3
+    for interval in (0.0, 0.1, 0.1, 5.0, 0.1, 0.1):  # a pause is not the period
+        assert pace.limit(0.0) in (None, pytest.approx(0.05))
+        now[0] += interval
+        pace.arrived()
+    assert pace.limit(0.0) == pytest.approx(0.05)
+    pace.reset()
+    assert pace.limit(0.0) is None
+
+
+def test_rollouts_follow_the_time_that_they_take():
+    pace, cloud = Pace(), make_propagator("cloud")
+    limit, each = 0.05, 4e-3  # s
+    counts = []
+    for _ in range(8):
+        counts.append(pace.adapted(cloud, limit).runs)
+        pace.took(each * counts[-1], limit)
+    assert counts[0] == 32 and counts[3:] == [12] * 5
+    for _ in range(4):
+        pace.took(0.1 * limit, limit)
+    assert pace.adapted(cloud, limit).runs == 32
+    assert pace.adapted(cloud, None) is cloud
+    assert pace.adapted(make_propagator("auto"), limit).time == limit
+    points = make_propagator("sigma_points")
+    assert pace.adapted(points, limit) is points
+
+
+class Tf2:
+    """What the node uses of tf2_ros, which is not on PyPI: transforms that arrive `LATE`."""
+
+    class Buffer:
+        transforms: typing.ClassVar[dict] = {}
+        cleared = 0
+
+        def lookup_transform(self, target, source, time, timeout):
+            deadline = globals()["time"].monotonic() + timeout.nanoseconds * 1e-9
+            while time.nanoseconds > self.transforms.get(source, -1):
+                if globals()["time"].monotonic() > deadline:
+                    raise LookupError("extrapolation into the future")
+                globals()["time"].sleep(0.005)
+            found = TransformStamped()
+            found.transform.translation.x, found.transform.rotation.w = SHIFT, 1.0
+            return found
+
+        def clear(self):
+            Tf2.Buffer.cleared += 1
+            self.transforms.clear()
+
+    @staticmethod
+    def TransformListener(buffer, node):
+        return buffer
+
+
+@pytest.fixture
+def hurried(monkeypatch):
+    """The node in this process, with a tf2 of its own."""
+    module = types.ModuleType("tf2_ros")
+    module.Buffer, module.TransformListener = Tf2.Buffer, Tf2.TransformListener
+    module.__spec__ = types.SimpleNamespace()
+    monkeypatch.setitem(sys.modules, "tf2_ros", module)
+    context = rclpy.Context()
+    rclpy.init(context=context)
+    values = {
+        "warm_up": ["cloud"],
+        "zero_covariance": "exact",
+        "gravity": [0.0, 0.0, 0.0],
+        "horizons": [0.1, 5.0],
+        "max_input_age": 10.0,
+        "transform_timeout": 5.0,
+    }
+    start = [Parameter(name, value=value) for name, value in values.items()]
+    node = UncPhysicsNode(NODE, context=context, parameter_overrides=start, use_global_arguments=False)
+    executor = SingleThreadedExecutor(context=context)
+    executor.add_node(node)
+    thread = threading.Thread(target=spin, args=[executor], daemon=True)
+    thread.start()
+    wait_until(lambda: node.server.is_open, 600.0)
+    yield node
+    node.destroy_node()
+    executor.shutdown()
+    context.try_shutdown()
+    thread.join(5.0)
+
+
+@pytest.fixture
+def scenes(hurried, client):
+    publisher = client.node.create_publisher(Scene, f"/{NODE}/scene", qos_profile_sensor_data)
+    wait_until(lambda: publisher.get_subscription_count() == 1)
+    yield publisher
+    client.node.destroy_publisher(publisher)
+
+
+@pytest.fixture
+def predictions(client, scenes):
+    with Inbox(client, Prediction, f"/{NODE}/predictions", 100) as inbox:
+        wait_until(lambda: client.node.count_publishers(f"/{NODE}/predictions") == 1)
+        time.sleep(0.3)
+        yield inbox
+
+
+def at(nanoseconds, frame=""):
+    message = Scene(objects=[moving_object(velocity=(0.0, 0.0, 0.0))])
+    message.header.frame_id = frame
+    message.header.stamp.sec, message.header.stamp.nanosec = divmod(int(nanoseconds), 10**9)
+    return message
+
+
+def test_scenes_wait_for_late_transforms_side_by_side(client, scenes, predictions):
+    count, transforms = 20, Tf2.Buffer.transforms
+    for _ in range(count):
+        stamp = client.node.get_clock().now().nanoseconds
+        scenes.publish(at(stamp, "camera"))
+        threading.Timer(LATE, transforms.__setitem__, ["camera", stamp]).start()
+        time.sleep(PERIOD)
+    wait_until(lambda: predictions._queue.qsize() >= 0.95 * count, 10.0)
+    answer = predictions.next()
+    assert position_of(answer.objects[0].states[0].pose.pose)[0] == pytest.approx(SHIFT - 0.2, abs=0.01)
+    assert seconds(answer.valid_until) - seconds(answer.header.stamp) == pytest.approx(5.0)
+
+
+def test_a_bag_that_starts_again(hurried, client, scenes, predictions):
+    hurried.set_parameters([Parameter("use_sim_time", value=True)])
+    clock = client.node.create_publisher(Clock, "/clock", 1)
+    wait_until(lambda: clock.get_subscription_count() >= 1)
+
+    def set_clock(sec):
+        def tick():
+            message = Clock()
+            message.clock.sec = sec
+            clock.publish(message)
+            return hurried.get_clock().now().nanoseconds == sec * 10**9
+
+        wait_until(tick)
+
+    before = Tf2.Buffer.cleared
+    for begin in (1000, 500):  # the second time the bag has jumped back
+        set_clock(begin)
+        Tf2.Buffer.transforms["camera"] = begin * 10**9
+        time.sleep(0.2)
+        scenes.publish(at(begin * 10**9, "camera"))
+        assert predictions.next().header.stamp.sec == begin
+    assert Tf2.Buffer.cleared > before
+    client.node.destroy_publisher(clock)
+
+
+def test_a_limit_takes_rollouts_and_warns_and_what_is_over_is_dropped(hurried, client, scenes, predictions):
+    hurried.set_parameters([Parameter("stream_max_computation_time", value=1e-4)])
+
+    def status(wanted):
+        values = {}
+        for _ in range(10):
+            (found,) = diagnostics.next().status
+            if found.name.startswith(NODE):
+                values = {pair.key: pair.value for pair in found.values}
+                if wanted(values):
+                    return found
+        raise AssertionError(values)
+
+    with Inbox(client, DiagnosticArray, "/diagnostics") as diagnostics:
+        rollouts = []
+        for _ in range(5):
+            scenes.publish(at(client.node.get_clock().now().nanoseconds))
+            rollouts.append(predictions.next().rollouts)
+        assert rollouts == [32, 24, 16, 12, 12]
+        found = status(lambda values: int(values["late predictions"]) == 5)
+        assert found.level == DiagnosticStatus.WARN and "the stream's limit is 0.0001 s" in found.message
+        hurried.set_parameters([Parameter("horizons", value=[0.1])])
+        scenes.publish(at(client.node.get_clock().now().nanoseconds - 1e9))
+        found = status(lambda values: int(values["expired predictions"]) == 1)
+        assert found.level == DiagnosticStatus.WARN and "horizon" in found.message
+        assert not predictions.all()
