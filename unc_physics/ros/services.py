@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
+import ctypes
 import os
 import platform
+import sys
 import threading
 import time
 import traceback
@@ -58,6 +61,8 @@ _FEATURES = [
 _MEAN = {"nominal": PropagatorInfo.MEAN_NOMINAL, "estimated": PropagatorInfo.MEAN_ESTIMATED}
 _FEEDBACK_PERIOD = 0.1  # s
 _CLIENTS_PERIOD = 1.0  # s, between checks whether a goal's client is still there
+_RESULT_TIMEOUT = 10  # s, for which a result can be fetched; rclpy would keep it for 15 minutes
+_GUID, _GUID_PREFIX = 16, 12  # bytes of the id of an endpoint, and of its participant
 
 
 class BackgroundService:
@@ -283,6 +288,7 @@ class LongPrediction:
             callback_group=ReentrantCallbackGroup(),
             goal_callback=lambda _: GoalResponse.ACCEPT,
             cancel_callback=lambda _: CancelResponse.ACCEPT,  # rclpy would reject
+            result_timeout=_RESULT_TIMEOUT,
         )
 
     def close(self):
@@ -301,13 +307,16 @@ class LongPrediction:
                 afterwards = self._server.answer(
                     result,
                     goal.request.request,
-                    progress=_Reporter(goal, self._clients),
+                    progress=_Reporter(
+                        goal, self._action.participants.pop(bytes(goal.goal_id.uuid), b""), self._clients
+                    ),
                     time_limit=self._server.settings.max_long_computation_time,
                 )
                 if afterwards is not None:
                     afterwards()
             finally:
                 self._running.release()
+                return_memory()
         code = result.result.error_code
         if code == ErrorCode.NONE:
             goal.succeed()
@@ -329,11 +338,19 @@ class LongPrediction:
 class _Reporter:
     """Callback that publishes feedback, and ends the prediction if the client cancels it or disappears.
 
-    A goal does not identify its client. It ends when all subscribers from its beginning are gone.
+    Parameters
+    ----------
+    goal : ServerGoalHandle
+    participant : bytes
+        Beginning of the ids of all endpoints of the client's process; empty if it is unknown. The goal then
+        ends when all subscribers from its beginning are gone.
+    clients : callable
+        Returns the ids of subscribers to the feedback.
     """
 
-    def __init__(self, goal, clients):
-        self._goal, self._clients = goal, clients
+    def __init__(self, goal, participant, clients):
+        self._goal = goal
+        self._clients = lambda: {one for one in clients() if one.startswith(participant)}
         self._started = time.perf_counter()
         self._next = self._started
         self._first, self._next_check = clients(), self._started + _CLIENTS_PERIOD
@@ -344,7 +361,9 @@ class _Reporter:
         now = time.perf_counter()
         if now >= self._next_check:
             self._next_check = now + _CLIENTS_PERIOD
-            if self._first and not self._first & self._clients():
+            now_there = self._clients()
+            self._first = self._first or now_there  # discovery takes a while
+            if self._first and not self._first & now_there:
                 raise CanceledError("is gone", field="the client")
         if now >= self._next:
             self._next = now + _FEEDBACK_PERIOD
@@ -357,12 +376,44 @@ class _Reporter:
             )
 
 
+def _participant(header) -> bytes:
+    """Return the beginning of the ids of a client's endpoints, from its request's header; empty if unknown.
+
+    rclpy does not show the writer's id of the header. It is read from the C structure behind the object, a
+    pointer after the object's head; the sequence number after the id tells whether this holds.
+    """
+    try:
+        place = ctypes.c_void_p.from_address(id(header) + object.__basicsize__).value
+        raw = ctypes.string_at(place, _GUID + 8) if place else b""
+    except (TypeError, ValueError):
+        return b""
+    if int.from_bytes(raw[_GUID:], sys.byteorder) != header.sequence_number:
+        return b""
+    return raw[:_GUID_PREFIX]
+
+
+def return_memory() -> None:
+    """Return freed memory to the system, as glibc keeps that of large messages."""
+    with contextlib.suppress(AttributeError, OSError):  # another C library
+        ctypes.CDLL(None).malloc_trim(0)
+
+
 class _ThreadedActionServer(ActionServer):
     """Action server that executes goals in its own threads instead of the executor's."""
 
     def __init__(self, threads, *args, **others):
         super().__init__(*args, **others)
         self._pool = ThreadPoolExecutor(threads)
+        self.participants = {}  # of the clients of goals that are not yet executed, by the goals' ids
+
+    async def _execute_goal_request(self, request_header_and_message):
+        header, message = request_header_and_message
+        self.participants[bytes(message.goal_id.uuid)] = _participant(header)
+        await super()._execute_goal_request(request_header_and_message)
+
+    async def _execute_expire_goals(self, expired_goals):
+        await super()._execute_expire_goals(expired_goals)
+        return_memory()
 
     def notify_execute(self, goal_handle, execute_callback):
         """Execute an accepted goal."""
