@@ -40,8 +40,8 @@ _TIMES = "horizon", "trajectory_period", "max_computation_time"
 
 
 def request_of(*objects, horizon=0.2, **others):
-    """A request without gravity; times in seconds."""
-    others |= {"horizon": horizon}
+    """A request without gravity, which waits for kernels that are not in the cache; times in seconds."""
+    others = {"wait_for_compilation": True} | others | {"horizon": horizon}
     others |= {name: duration(others[name]) for name in _TIMES if name in others}
     request = PredictionRequest(scene=Scene(objects=list(objects)), **others)
     return with_physics(request, gravity=(0.0, 0.0, 0.0))

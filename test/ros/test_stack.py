@@ -25,7 +25,7 @@ from std_srvs.srv import Empty
 
 from unc_physics.checks.errors import ErrorCode
 from unc_physics.dynamics import rollout
-from unc_physics.ros import UncPhysicsNode
+from unc_physics.ros import UncPhysicsNode, server
 from unc_physics.ros.connection import spin
 from unc_physics_msgs.msg import Prediction, Scene
 from unc_physics_msgs.srv import Predict
@@ -139,6 +139,31 @@ def test_a_request_to_a_node_that_is_closing_is_answered(robot, client):
     robot.server.pool.shutdown()
     result = client.predict(good_request(), node="robot_1/unc_physics").result
     assert result.error_code == ErrorCode.CANCELED and "is shutting down" in result.error_msg
+
+
+def test_a_request_that_would_compile_is_not_ready_until_that_is_done(robot, client, monkeypatch):
+    kernel, write = numba.njit(lambda x: x + 1.0), server.write_answer
+
+    def compiling(*arguments):
+        assert kernel(1.0) == 2.0
+        write(*arguments)
+
+    monkeypatch.setattr(server, "write_answer", compiling)
+    request = good_request(wait_for_compilation=False)
+    result = client.predict(request, node="robot_1/unc_physics").result
+    assert result.error_code == ErrorCode.NOT_READY and "wait_for_compilation" in result.error_msg
+
+    def is_answered():
+        response = client.predict(request, node="robot_1/unc_physics")
+        assert response.result.error_code in (ErrorCode.NONE, ErrorCode.NOT_READY)
+        return response.result.error_code == ErrorCode.NONE
+
+    wait_until(is_answered)
+    monkeypatch.setattr(server, "write_answer", write)
+    kernel = numba.njit(lambda x: x + 1.0)
+    monkeypatch.setattr(server, "write_answer", compiling)
+    request.wait_for_compilation = True
+    assert_answered(client.predict(request, node="robot_1/unc_physics"))
 
 
 def test_where_rclpy_does_not_defer_answers_the_callback_answers(robot, client):

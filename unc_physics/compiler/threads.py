@@ -10,6 +10,7 @@ from functools import cache
 import numba
 
 from .compile_time import count_compiling, seconds_compiling
+from .refusal import refusing_as_here
 from .time_limit import limit_here
 
 # costs vary between samples; starting a part costs as much as a short rollout
@@ -61,6 +62,7 @@ def in_threads(count, run, first=_FIRST_PART, fewest=_FEWEST_IN_A_PART):
     Watched work (`watched`) begins with parts of ``first`` samples, unless a thread gets no more. Parts have
     at least ``fewest`` samples if there is one for each thread.
     """
+    run = refusing_as_here(run)
     threads = numba.get_num_threads() if count > 1 else 1
     fewest = max(fewest, _FEWEST_IN_A_PART)
     parts = threads * min(max(count // (fewest * threads), 1), _MOST_PARTS_PER_THREAD)

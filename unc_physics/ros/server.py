@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import copy
 import functools
 import os
 import threading
@@ -14,10 +15,11 @@ from typing import Any
 
 from unc_physics_msgs.msg import Prediction as PredictionMessage
 from unc_physics_msgs.msg import Result
-from unc_physics_msgs.srv import ListModels
+from unc_physics_msgs.srv import ListModels, Predict
 
-from ..checks.errors import CanceledError, ErrorCode, UncPhysicsError
+from ..checks.errors import CanceledError, ErrorCode, NotReadyError, UncPhysicsError
 from ..checks.shown import printable
+from ..compiler.refusal import CompilationRefused, refused_compilation
 from ..prediction import warm_up as core
 from ..prediction.prediction import Prediction
 from .candidates import CandidatesService
@@ -44,6 +46,7 @@ _INTERFACES = (
 )
 # upper limit; predictions run in numba's threads, these mostly wait, for example for a transform
 _THREADS = 64
+_COMPILED_ANSWER = 1.0  # s, of computation for an answer that only compiles
 _LONG_WARM_UP = 5.0  # s, warm-up of one propagator that is logged
 
 
@@ -70,7 +73,8 @@ class PredictionServer:
         self.deferred_answers: Any = None
         self.ending: str | None = None  # reason why predictions end
         self._warned_zeros = self._warned_misspelt = False
-        self._opened = threading.Lock()
+        self._opened, self._lock = threading.Lock(), threading.Lock()
+        self._compiling: set[str] = set()  # kernels for which a request is answered in the background
         self._open = []
 
     @property
@@ -203,16 +207,53 @@ class PredictionServer:
         """
         with self.errors_into(message.result):
             settings, header = self.settings, request.scene.header
-            job = read_request(
-                request, settings, self.library, self.frames, complete=self.environment.complete, **how
-            )
             try:
-                write_answer(message.prediction, header, settings, job, self.predict(job, progress))
-                return functools.partial(self.markers.publish, header, job, message.prediction)
-            except UncPhysicsError as error:
-                if error.prediction is not None:
-                    write_answer(message.prediction, header, settings, job, error.prediction)
-                raise
+                with refused_compilation(not request.wait_for_compilation):
+                    job = read_request(
+                        request,
+                        settings,
+                        self.library,
+                        self.frames,
+                        complete=self.environment.complete,
+                        **how,
+                    )
+                    try:
+                        write_answer(message.prediction, header, settings, job, self.predict(job, progress))
+                        return functools.partial(self.markers.publish, header, job, message.prediction)
+                    except UncPhysicsError as error:
+                        if error.prediction is not None:
+                            write_answer(message.prediction, header, settings, job, error.prediction)
+                        raise
+            except CompilationRefused as refused:
+                message.prediction = PredictionMessage()
+                self._compile_for(request, str(refused))
+                raise NotReadyError(
+                    f"is being compiled for this request (kernel '{refused}'), which takes up to two minutes;"
+                    " ask again, or set wait_for_compilation",
+                    field="the node",
+                ) from None
+
+    def _compile_for(self, request, kernel):
+        """Compile in the background what a request needs, by answering it."""
+        with self._lock:
+            if kernel in self._compiling or self.ending is not None:
+                return
+            self._compiling.add(kernel)
+        request = copy.deepcopy(request)
+        request.wait_for_compilation = True
+
+        def work():
+            began, message = time.perf_counter(), Predict.Response()
+            self.log.info(f"compiling for a request: kernel '{kernel}' and what else it needs")
+            try:
+                self.answer(message, request, time_limit=_COMPILED_ANSWER)
+            finally:
+                with self._lock:
+                    self._compiling.discard(kernel)
+            self.log.info(f"compiled in {time.perf_counter() - began:.1f} s")
+
+        with contextlib.suppress(RuntimeError):  # the node is closing
+            self.pool.submit(work)
 
     @contextlib.contextmanager
     def errors_into(self, result: Result):

@@ -302,6 +302,7 @@ def write_request(query: Query, model_info: Callable[[str], ModelInfo]) -> Predi
         seed=query.seed or 0,
         regions=[write_region(region) for region in query.regions],
         return_samples=query.keep_samples,
+        wait_for_compilation=True,
         **query.outputs.fields(),
     )
     if query.max_computation_time is not None:
