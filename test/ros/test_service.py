@@ -24,7 +24,7 @@ from unc_physics.checks.errors import ErrorCode
 from unc_physics.geometry.library import list_models
 from unc_physics.prediction.status import assess
 from unc_physics.propagators.base import Anytime
-from unc_physics.ros.messages.fields import seconds
+from unc_physics.ros.messages.fields import duration, seconds
 from unc_physics.ros.messages.prediction import write_prediction
 from unc_physics.ros.messages.scene import read_scene
 from unc_physics.ros.models import ModelLibrary
@@ -308,3 +308,14 @@ def test_an_object_at_rest_stands_where_it_is_put(predict):
     assert standing.overlap_share > 0.0 == standing.overlap_kept
     values = {pair.key: float(pair.value) for pair in standing.status_values}
     assert values["overlap_share"] == pytest.approx(standing.overlap_share, rel=1e-4)
+
+
+def test_a_budget_of_time_that_not_even_the_fewest_rollouts_keep(predict):
+    request = good_request(horizon=60.0)
+    request.time_budget = duration(0.05)
+    request.scene.environment.elements = [EnvironmentElement(plane=Plane(coef=[0.0, 0.0, 1.0, 0.5]))]
+    response = predict(with_physics(request, gravity=(0.0, 0.0, -9.81)))
+    assert response.result.error_code == ErrorCode.TIMEOUT
+    assert "time_budget" in response.result.error_msg and "0.05" in response.result.error_msg
+    for predicted in response.prediction.objects:
+        assert 0.0 < seconds(predicted.states[-1].time_from_start) < 60.0

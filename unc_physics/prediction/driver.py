@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..checks.errors import DivergedError, UncPhysicsError
+from ..checks.errors import DivergedError, PredictionTimeoutError, UncPhysicsError
 from ..compiler.compile_time import clock
 from ..compiler.threads import watched
 from ..propagators.balanced_monte_carlo import WideMonteCarlo
@@ -281,18 +281,23 @@ def _with_additional_rollouts(propagator, scene, belief, initial, waiting, compu
             and spent * (1.0 + (more + again) / count) > compute_budget.allowed
         ):
             return waiting, wide
-        began, unlimited = clock(), ComputeBudget(None, compute_budget.started, None)
+        began = clock()
         runner = IslandRunner(propagator, scene, marks, count + more) if again else propagator
-        _, *additional = simulate(
-            partial(runner.init, scene, belief)
-            if again
-            else partial(propagator.init_rollouts, scene, belief, count, count + more),
-            lambda carry, steps, runner=runner: runner.advance(carry, scene, steps),
-            runner.finish if again else lambda carry, mark: finish(propagator, carry, scene, mark),
-            marks,
-            scene,
-            unlimited,
-        )
+        try:
+            _, *additional = simulate(
+                partial(runner.init, scene, belief)
+                if again
+                else partial(propagator.init_rollouts, scene, belief, count, count + more),
+                lambda carry, steps, runner=runner: runner.advance(carry, scene, steps),
+                runner.finish if again else lambda carry, mark: finish(propagator, carry, scene, mark),
+                marks,
+                scene,
+                compute_budget,
+            )
+        except PredictionTimeoutError:
+            if compute_budget.limit is not None:
+                compute_budget.limit.flag[0] = 0
+            return waiting, wide  # rollouts that are complete are an answer
         if again:
             waiting = [(mark, runner.whole(carry)) for mark, carry in additional]
         else:

@@ -19,6 +19,7 @@ from ...checks.errors import (
     InvalidRequestError,
     LimitExceededError,
     NotSupportedError,
+    PredictionTimeoutError,
 )
 from ...checks.validation import array, non_negative, positive
 from ...prediction.events import Event, InRegion, encounters, moving_names
@@ -54,6 +55,8 @@ _TARGETS = {
     "wanted_rotation_error": "rotation_error",
     "wanted_probability_error": "probability_error",
 }
+# how far a budget of time may be exceeded: as a share of it, and in any case [s]
+_OVER_BUDGET, _OVER_ANY_BUDGET = 0.05, 0.025
 _SEED_BITS = 53  # largest integers that JavaScript and MATLAB clients represent exactly
 
 
@@ -154,16 +157,24 @@ class Job(NamedTuple):
             As `predict`, with the prediction until then as its ``prediction``.
         """
         steps = len(self.scene.moving) * self.horizon / self.scene.dt
-        return predict(
-            self.scene,
-            self.belief,
-            self.propagator,
-            self.horizon,
-            times=self.times,
-            max_computation_time=self.max_computation_time,
-            progress=progress,
-            events=self.events if steps <= max_flight_steps else (),
-        )
+        try:
+            return predict(
+                self.scene,
+                self.belief,
+                self.propagator,
+                self.horizon,
+                times=self.times,
+                max_computation_time=self.max_computation_time,
+                progress=progress,
+                events=self.events if steps <= max_flight_steps else (),
+            )
+        except PredictionTimeoutError as error:
+            budget = getattr(self.propagator, "time", 0.0)
+            if budget and self.max_computation_time == _budget_limit(budget):
+                named = PredictionTimeoutError(error.problem, field="time_budget", value=budget)
+                named.prediction = error.prediction
+                raise named from None
+            raise
 
     def answer_bytes(self) -> int:
         """Return the approximate size of the answer."""
@@ -243,7 +254,7 @@ def read_request(
         propagator,
         horizon,
         times,
-        _computation_time(request.max_computation_time, time_limit),
+        _computation_time(request.max_computation_time, time_limit, getattr(propagator, "time", 0.0)),
         getattr(propagator, "seed", seed),
         request.return_samples,
         RequestedOutputs.read(request),
@@ -406,9 +417,15 @@ def _propagator(name, options, samples, seed, settings):
     return propagator
 
 
-def _computation_time(value, limit):
+def _computation_time(value, limit, budget):
     asked = read_duration(value, "max_computation_time") or None
-    return min((time for time in (asked, limit) if time is not None), default=None)
+    times = asked, limit, _budget_limit(budget) if budget else None
+    return min((time for time in times if time is not None), default=None)
+
+
+def _budget_limit(budget):
+    """Return the time [s] after which a prediction ends whose fewest rollouts do not fit into its budget."""
+    return budget + max(_OVER_BUDGET * budget, _OVER_ANY_BUDGET)
 
 
 def _check_answer(job, settings):
