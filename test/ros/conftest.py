@@ -19,9 +19,12 @@ from unc_physics import PROPAGATORS
 
 @pytest.fixture(scope="session")
 def node():
-    """The node with its default parameters, but zeros as exactly known, and all propagators warm; shared."""
+    """The node with its default parameters, but zeros as exactly known, models by path, and all propagators
+    warm; shared.
+    """
     warm = f"warm_up:=[{', '.join(PROPAGATORS)}]"  # a first request would wait for its kernels
-    with NodeProcess("-p", "zero_covariance:=exact", "-p", warm) as process:
+    options = ("zero_covariance:=exact", "allow_model_paths:=true", warm)
+    with NodeProcess(*(part for option in options for part in ("-p", option))) as process:
         yield process
 
 

@@ -1,6 +1,8 @@
 """`~/predict_candidates`: alternatives of one scene."""
 
+import contextlib
 import copy
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -24,9 +26,16 @@ from unc_physics import (
     rank,
 )
 from unc_physics import BoxRegion as CoreRegion
-from unc_physics.checks.errors import ErrorCode, NotSupportedError
+from unc_physics.checks.errors import ErrorCode, NotSupportedError, PredictionTimeoutError
+from unc_physics.prediction.marks import Mark
+from unc_physics.prediction.rank import rank_candidates
 from unc_physics.ros import Client as CoreClient
-from unc_physics.ros.messages.fields import duration, seconds
+from unc_physics.ros import candidates as node_candidates
+from unc_physics.ros.messages.fields import duration, seconds, write_error
+from unc_physics.ros.messages.ranking import read_ranking
+from unc_physics.ros.messages.request import Query, read_request
+from unc_physics.ros.models import ModelLibrary
+from unc_physics.ros.parameters import Settings
 from unc_physics_msgs.msg import (
     Action,
     AppliedWrench,
@@ -123,12 +132,64 @@ def test_a_bad_candidate_leaves_the_others_intact(node, client):
     assert "candidates[1].objects[0].mass" in bad.result.error_msg
 
 
+@pytest.mark.parametrize("scores", [(), ("above",)])
+def test_a_candidate_about_an_unknown_object_fails_alone(node, client, scores):
+    candidates = [over("near", 0.0), Candidate(id="typo", objects=[moving_object("bx", "salt_box")])]
+    response = ask(client, ranked([ABOVE for _ in scores], candidates))
+    assert response.result.error_code == ErrorCode.NONE, response.result.error_msg
+    near, typo = response.predictions
+    assert near.result.error_code == ErrorCode.NONE and near.prediction.objects
+    assert (typo.candidate, typo.result.error_code) == ("typo", ErrorCode.INVALID_REQUEST)
+    assert typo.result.error_msg.startswith("candidates[1].objects[0].id is no object of the scene; did you")
+
+
+def test_a_ranking_that_is_ended_holds_what_was_ranked(monkeypatch):
+    """In this process, where it can be ended for certain; the client reads it as a `Ranking`."""
+    request = ranked([ABOVE], candidates=[over("beside", 0.4), over("over", 0.0)])
+    request.request.return_covariance = request.request.return_center_of_mass = True
+
+    def second_round_ends(*arguments, **options):
+        error = PredictionTimeoutError("ran out after 40 rollouts", field="max_computation_time", value=0.3)
+        error.prediction = rank_candidates(*arguments, **options | {"max_computation_time": None})
+        raise error
+
+    monkeypatch.setattr(node_candidates, "rank_candidates", second_round_ends)
+    settings, library = Settings(zero_covariance="exact"), ModelLibrary()
+    server = SimpleNamespace(
+        settings=settings,
+        library=library,
+        frames=SimpleNamespace(to_world=lambda header: None),
+        diagnostics=SimpleNamespace(predicted=lambda prediction: None),
+        errors_into=lambda result: contextlib.nullcontext(),
+        check_open=lambda: None,
+    )
+    entries, error = node_candidates._rank_candidates(server, request, 3, 0.3)
+    assert [(entry.candidate, entry.result.error_code) for entry in entries] == [("over", 0), ("beside", 0)]
+    response = PredictCandidates.Response(predictions=entries, seed=3)
+    write_error(response.result, error)
+    found = read_request(request.request, settings, library, server.frames)
+    query = Query(
+        found.scene,
+        found.belief,
+        found.propagator,
+        3,
+        [Mark(120, 0.0, 0.5)],
+        None,
+        0,
+        found.regions,
+        found.outputs,
+    )
+    queries = {"over": query, "beside": query}
+    with pytest.raises(PredictionTimeoutError) as raised:
+        read_ranking(response, queries, InRegion("box", found.regions[0]), False)
+    ranking = raised.value.prediction
+    assert [action.name for action in ranking] == ["over", "beside"] and ranking["over"].score.estimate > 0.9
+
+
 def test_bad_requests(node, client):
-    stranger = Candidate(id="x", objects=[moving_object("stranger")])
     for request, code in (
         (request_with([]), ErrorCode.INVALID_REQUEST),
         (request_with([candidate("same", 0.0), candidate("same", 0.1)]), ErrorCode.DUPLICATE_ID),
-        (request_with([stranger]), ErrorCode.INVALID_REQUEST),
         (request_with([candidate(str(k), 0.0) for k in range(101)]), ErrorCode.LIMIT_EXCEEDED),
         (request_with([candidate("a", 0.0)], propagator="none"), ErrorCode.UNKNOWN_PROPAGATOR),
     ):

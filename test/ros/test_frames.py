@@ -11,10 +11,10 @@ from scipy.spatial.transform import Rotation
 from shape_msgs.msg import Plane, SolidPrimitive
 from std_msgs.msg import Header
 
-from unc_physics.checks.errors import UnknownFrameError
+from unc_physics.checks.errors import InvalidOrientationError, PredictionTimeoutError, UnknownFrameError
 from unc_physics.ros.messages.environment import read_environment
 from unc_physics.ros.messages.frames import Frames
-from unc_physics.ros.messages.request import read_request
+from unc_physics.ros.messages.request import as_sent, read_request
 from unc_physics.ros.models import ModelLibrary, ShapePacker
 from unc_physics.ros.parameters import Settings
 from unc_physics_msgs.msg import BoxRegion, Environment, EnvironmentElement, JointCovariance
@@ -118,6 +118,29 @@ def test_the_world_frame_and_no_frame_are_the_same(frames):
 def test_a_frame_without_transform(frames):
     with pytest.raises(UnknownFrameError, match="nowhere"):
         frames.to_world(Header(frame_id="nowhere"))
+
+
+def test_errors_quote_what_was_sent_in_its_own_frame(frames):
+    request = good_request()
+    request.scene.header.frame_id = "camera"
+    request.scene.objects[1].pose.orientation.x = 0.5
+    request.scene.objects[1].pose.orientation.w = 0.0
+    with pytest.raises(InvalidOrientationError) as error:
+        read_request(request, Settings(), ModelLibrary(), frames)
+    assert str(as_sent(error.value, request)).endswith("not 0.5 (got (0.5, 0.0, 0.0, 0.0))")
+
+
+@pytest.mark.parametrize(
+    ("limit", "words"),
+    [
+        (2.0, "max_computation_time ran out, after 0.3 s for this prediction (got 2.0)"),
+        (0.0, "the node's limit of computation time ran out, after 0.3 s for this prediction"),
+    ],
+)
+def test_a_timeout_quotes_the_limit_that_was_sent(limit, words):
+    request = good_request(max_computation_time=limit)
+    error = PredictionTimeoutError("ran out", field="max_computation_time", value=0.3)
+    assert str(as_sent(error, request)) == words
 
 
 @pytest.mark.parametrize("frame_id", ["", "camera"])

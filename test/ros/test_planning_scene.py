@@ -6,17 +6,19 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from builtin_interfaces.msg import Duration
 from geometry_msgs.msg import Point, Pose, Quaternion, TransformStamped
-from scenes import orientation_of, packed, position_of
+from scenes import assert_answered, orientation_of, packed, position_of
 from scipy.spatial.transform import Rotation
 from shape_msgs.msg import Mesh, MeshTriangle, Plane, SolidPrimitive
 from std_msgs.msg import Header
 
+from unc_physics import load_model
 from unc_physics.checks.errors import UncPhysicsError
 from unc_physics.ros import request_of_planning_scene
 from unc_physics.ros.messages.scene import read_scene
 from unc_physics.ros.models import ModelLibrary
-from unc_physics_msgs.msg import Action
+from unc_physics_msgs.msg import Action, ObjectState, PredictedObject
 
 try:
     from moveit_msgs.msg import AttachedCollisionObject, CollisionObject, PlanningScene
@@ -112,7 +114,7 @@ def test_what_a_planning_scene_holds():
     request = request_of_planning_scene(planning_scene(), objects={"box": 0.7}, frames=HAND)
     scene, (hold,) = request.scene, request.actions
     assert scene.header.frame_id == "base"
-    box, can = scene.objects
+    box, can, hand = scene.objects
     table, first, second, stone, floor = scene.environment.elements
     assert [element.id for element in (table, first, second, stone, floor)] == [
         "table",
@@ -132,6 +134,9 @@ def test_what_a_planning_scene_holds():
     assert (can.id, can.mass) == ("can", 0.2)
     assert (hold.type, hold.object, hold.attachment.attached_to) == (Action.ATTACHMENT, "can", "hand")
     np.testing.assert_allclose(position_of(can.pose), TURN.apply([0.0, 0.0, 0.1]) + SHIFT)
+    assert (hand.id, hand.kind, hand.primitive.type) == ("hand", ObjectState.FIXED, SolidPrimitive.SPHERE)
+    np.testing.assert_allclose(position_of(hand.pose), SHIFT)
+    assert hand.primitive.dimensions[0] == 0.01  # the box begins 5 cm from the link's origin
 
 
 def test_the_node_reads_it():
@@ -147,6 +152,66 @@ def test_the_node_reads_it():
     assert found.scene.bodies[1].model.volume == pytest.approx(1e-3)
     assert [element.name for element in found.scene.environment] == ["table", "bin/0", "bin/1", "floor"]
     assert found.scene.environment[3].offset == pytest.approx(-0.5)
+
+
+def test_a_model_stands_where_its_primitive_does():
+    """The origin of the can is the middle of its bottom, that of a cylinder is half way up."""
+    scene = planning_scene()
+    cylinder = SolidPrimitive(type=SolidPrimitive.CYLINDER, dimensions=packed([0.11, 0.033]))
+    lifted = pose((0.0, 0.0, 0.055), Rotation.identity())
+    scene.world.collision_objects = [
+        CollisionObject(
+            header=Header(frame_id="base"), id="soup", primitives=[cylinder], primitive_poses=[lifted]
+        )
+    ]
+    scene.robot_state.attached_collision_objects = []
+    request = request_of_planning_scene(scene, objects={"soup": 0.4}, models={"soup": "can"})
+    (soup,) = request.scene.objects
+    can = load_model("can")
+    top = can.centers[:, 2] + can.radii - can.origin[2]
+    assert position_of(soup.pose)[2] == pytest.approx(0.055 - 0.5 * (top.max() + _bottom(can)), abs=1e-9)
+    assert abs(position_of(soup.pose)[2]) < 1e-3  # it stands on the ground, and not 5.5 cm above it
+    turned = pose((0.3, 0.0, 0.2), OWN * INNER)
+    scene.world.collision_objects[0].primitive_poses = [turned]
+    (soup,) = request_of_planning_scene(scene, objects={"soup": 0.4}, models={"soup": "can"}).scene.objects
+    middle = (OWN * INNER).apply([0.0, 0.0, 0.5 * (top.max() + _bottom(can))])
+    np.testing.assert_allclose(position_of(soup.pose) + middle, [0.3, 0.0, 0.2], atol=1e-4)
+
+
+def _bottom(model):
+    return (model.centers[:, 2] - model.radii - model.origin[2]).min()
+
+
+def test_the_node_releases_what_a_link_holds(node, predict):
+    """A box hangs below a hand, of which the planning scene has no shape, and falls when it is let go."""
+    scene = planning_scene()
+    scene.robot_state.attached_collision_objects[0].object.pose = pose((0.0, 0.0, -0.1), OWN)
+    request = request_of_planning_scene(scene, frames={"hand": pose(SHIFT, Rotation.identity())})
+    request.scene.environment.elements.clear()
+    request.scene.header.frame_id = ""
+    request.horizon = Duration(nanosec=500_000_000)
+    held = predict(request)
+    request.actions[0].attachment.has_released_at = True
+    request.actions[0].attachment.released_at = Duration(nanosec=300_000_000)
+    released = predict(request)
+    heights = []
+    for answer in (held, released):
+        assert_answered(answer)
+        can, hand = answer.prediction.objects
+        assert can.status == PredictedObject.STATUS_FINE, can.status_msg
+        np.testing.assert_allclose(position_of(hand.states[-1].pose.pose), SHIFT, atol=1e-9)
+        heights.append(position_of(can.states[-1].pose.pose)[2])
+    assert heights[0] == pytest.approx(position_of(request.scene.objects[0].pose)[2], abs=1e-6)
+    assert heights[0] - heights[1] == pytest.approx(0.5 * 9.81 * 0.2**2, abs=2e-3)
+
+
+def test_a_link_inside_of_what_it_holds_needs_a_shape():
+    scene = planning_scene()
+    scene.robot_state.attached_collision_objects[0].object.pose = pose((0.0, 0.0, 0.02), OWN)
+    with pytest.raises(UncPhysicsError, match="link has its origin in an object .* give its shape in links"):
+        request_of_planning_scene(scene, frames=HAND)
+    request = request_of_planning_scene(scene, frames=HAND, links={"hand": box(0.01, 0.2, 0.01)})
+    assert request.scene.objects[-1].primitive.type == SolidPrimitive.BOX
 
 
 def removed(scene):

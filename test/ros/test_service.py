@@ -16,7 +16,7 @@ from scenes import (
     request_of,
     with_physics,
 )
-from shape_msgs.msg import Plane
+from shape_msgs.msg import Plane, SolidPrimitive
 
 from unc_physics import PROPAGATORS
 from unc_physics import predict as predict_in_core
@@ -57,7 +57,8 @@ def test_every_propagator_answers_as_the_core_does(predict, propagator):
     if issubclass(kind, Anytime):  # how far it grew within the node's limit of time is for the clock
         options |= {"runs": answer.rollouts, "error": 0.0}
     core = predict_in_core(scene, belief, kind(**options), 0.4)
-    expected, _ = write_prediction(scene, models, core.times, core.beliefs)
+    at_origins = [one.at_model_origins(core.scene, core.propagator) for one in core.snapshots]
+    expected, _ = write_prediction(scene, models, core.times, at_origins)
     assert [predicted.status for predicted in answer.objects] == [
         status.flags for status in assess(core, rollouts=0)
     ]
@@ -94,6 +95,7 @@ def test_a_preset_takes_the_place_of_the_node_s_physics(predict):
 
 def test_free_flight_in_closed_form(predict):
     thrown = moving_object(position=(0.0, 0.0, 1.0), velocity=(0.3, 0.0, 2.0))
+    thrown.belief.pose_covariance = diagonal(*[0.02] * 3, 0.0, 0.0, 0.0)
     request = request_of(thrown, horizon=1.0, propagator="sigma_points")
     (falling,) = predict(with_physics(request, gravity=(0.0, 0.0, -9.81))).prediction.objects
     assert np.allclose(position_of(falling.states[-1].pose.pose), [0.3, 0.0, 3.0 - 0.5 * 9.81])
@@ -103,6 +105,40 @@ def test_free_flight_in_closed_form(predict):
         rtol=1e-6,
         atol=1e-9,
     )
+
+
+def test_a_mesh_in_millimetres_is_flagged(predict):
+    box = moving_object("box", "", (0.0, 0.0, 500.0), (0.0, 0.0, 0.0), spheres=20)
+    box.primitive, box.mass = SolidPrimitive(type=SolidPrimitive.BOX, dimensions=[100.0] * 3), 0.5
+    (flagged,) = predict(request_of(box)).prediction.objects
+    assert flagged.status & PredictedObject.STATUS_OUTSIDE_VALIDITY
+    assert (
+        "mass that does not fit its size, 0.5 kg and 1e+06 m^3; is its mesh in millimetres"
+        in flagged.status_msg
+    )
+    box.scale, box.pose.position.z = 1e-3, 0.0
+    (fine,) = predict(request_of(box)).prediction.objects
+    assert "fit its size" not in fine.status_msg
+
+
+@pytest.mark.parametrize("propagator", ["auto", "monte_carlo", "sigma_points"])
+def test_a_box_that_lands_has_its_origin_above_the_table(predict, propagator):
+    """The origin of the box is the middle of its bottom. Means of poses are those of the pose samples."""
+    box = moving_object("box", "salt_box", (0.0, 0.0, 0.06), (0.5, 0.0, 0.0), spheres=0)
+    box.mass, box.belief.pose_covariance = 0.0, diagonal(*[0.01] * 3, *[0.2] * 3)
+    count = 0 if propagator == "sigma_points" else 500
+    request = request_of(box, horizon=0.8, propagator=propagator, return_samples=count, seed=1)
+    with_physics(request, gravity=None)
+    request.scene.environment.elements = [EnvironmentElement(plane=Plane(coef=[0.0, 0.0, 1.0, 0.0]))]
+    response = predict(request)
+    assert_answered(response)
+    state = response.prediction.objects[0].states[-1]
+    assert state.pose.pose.position.z > 0.005
+    if count:
+        drawn = np.array([position_of(pose) for pose in state.pose_samples])
+        spread = drawn.std(axis=0)
+        assert np.all(np.abs(position_of(state.pose.pose) - drawn.mean(axis=0)) < 0.2 * spread)
+        assert np.allclose(np.sqrt(state.pose.covariance[:21:7]), spread, rtol=0.2)
 
 
 def test_a_trajectory(predict):
@@ -227,7 +263,7 @@ def test_the_world_frame_may_be_named(predict):
 
 def test_a_scaled_model_s_origin(predict):
     message = moving_object(velocity=(0.0, 0.0, 0.0))
-    message.scale = 2.0
+    message.scale, message.belief.pose_covariance = 2.0, np.zeros(36)
     message.twist.angular.z = 1.0
     request = request_of(message, horizon=1.0)
     with_physics(request, gyroscopic=False)  # turns about an axis that is not principal

@@ -138,18 +138,18 @@ def test_a_packing_holds_up_nobody_else(library, monkeypatch):
         thread.start()
     assert read(library, moving_object()).scene.bodies  # the others go on
     ball = primitive(SolidPrimitive.SPHERE, 0.1)
-    streamed = read(library, moving_object(), waiting, shaped_as("ball", ball), skip_unknown_models=True)
+    streamed = read(library, moving_object(), waiting, shaped_as("ball", ball), skip_invalid_objects=True)
     assert [body.name for body in streamed.scene.bodies] == ["left", "ball"]
     assert streamed.skipped == {"thing": "scene.objects[1].mesh is being packed"}
     ring = EnvironmentElement(mesh=mesh_message(TORUS))
-    elements = read(library, moving_object(), elements=[ring], skip_unknown_models=True).scene.bodies
+    elements = read(library, moving_object(), elements=[ring], skip_invalid_objects=True).scene.bodies
     assert [body.name for body in elements] == ["left"] and not waited
     go.set()
     for thread in threads:
         thread.join()
     assert len(waited) == 3 and len({found.scene.bodies[0].model for found in waited}) == 1
     assert len(packed_meshes) <= 2, "each mesh is packed once"
-    streamed = read(library, waiting, skip_unknown_models=True)
+    streamed = read(library, waiting, skip_invalid_objects=True)
     assert [body.name for body in streamed.scene.bodies] == ["thing"]
 
 

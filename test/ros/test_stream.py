@@ -10,7 +10,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseWithCovariance, PoseWithCovarianceStamped
 from rclpy.qos import qos_profile_sensor_data
 from running import Client, Inbox, NodeProcess, wait_until
-from scenes import POSITION_STD, diagonal, good_request, numbers_of, position_of
+from scenes import POSITION_STD, diagonal, good_request, moving_object, numbers_of, position_of
 from std_msgs.msg import Header
 from visualization_msgs.msg import Marker, MarkerArray
 
@@ -135,6 +135,23 @@ def test_what_touches_is_fine_by_default(publish, listener):
         assert others == PredictedObject.STATUS_FINE, predicted.status_msg
 
 
+def test_one_bad_object_is_left_out_alone(publish, listener):
+    sent = scene(listener)
+    bad = [moving_object(name, position=(2.0 * k + 5.0, 0.0, 0.0)) for k, name in enumerate("abcd")]
+    bad[0].pose.position.x = float("nan")
+    bad[1].pose.orientation.w = 0.0
+    bad[2].belief.pose_covariance[0] = -3.0
+    bad[3].id = "right"
+    sent.objects = [*bad[:3], *sent.objects, bad[3]]
+    message = answer_to(sent, publish, listener)
+    assert [predicted.id for predicted in message.objects] == ["left/1", "right"]
+    reasons = {pair.key: pair.value for pair in message.skipped}
+    assert reasons["a"] == "scene.objects[0].pose.position must be finite (got nan)"
+    assert reasons["b"].startswith("scene.objects[1].pose.orientation must have unit length, not 0")
+    assert reasons["c"].startswith("scene.objects[2].belief.pose_covariance")
+    assert reasons["right"] == "scene.objects[5].id is the id of two objects (got 'right')"
+
+
 def test_an_object_of_unknown_model_is_left_out(publish, listener):
     sent = scene(listener)
     sent.objects[1].model = "teapot"
@@ -177,14 +194,14 @@ def test_scenes_of_other_times_are_dropped_and_bad_ones_told(publish, listener):
         before_all_time.header.stamp.sec = -5
         publish(before_all_time)
         bad = scene(listener)
-        bad.objects[1].mass = -1.0
+        bad.common_pose_std[1] = -1.0
         time.sleep(0.3)
         publish(bad)
         wait_until(lambda: int(status(diagnostics)[1]["errors"]) == int(before["errors"]) + 1)
         found, after = status(diagnostics)
         assert int(after["dropped inputs"]) == int(before["dropped inputs"]) + 3
         assert found.level == DiagnosticStatus.WARN
-        assert "objects[1].mass" in after["last error"]
+        assert "common_pose_std[1]" in after["last error"]
         assert not inbox.all()
         publish(scene(listener))
         inbox.next()

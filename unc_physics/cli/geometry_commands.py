@@ -139,7 +139,7 @@ def run_pack(arguments: argparse.Namespace) -> int:
     _require("trimesh", "scipy", *(["networkx"] if arguments.repair else []))
     from dataclasses import replace
 
-    from ..checks.errors import InvalidOptionError
+    from ..checks.errors import InvalidMeshError, InvalidOptionError
     from ..descriptions.reading import is_description
     from ..geometry.solid_mesh import load_solid
 
@@ -160,7 +160,11 @@ def run_pack(arguments: argparse.Namespace) -> int:
     elif arguments.uniform:
         raise InvalidOptionError("is for links of a URDF or SDF", field="--uniform", value=True)
     else:
-        solid, repairs = load_solid(arguments.mesh, repair=arguments.repair)
+        try:
+            solid, repairs = load_solid(arguments.mesh, repair=arguments.repair)
+        except InvalidMeshError as error:
+            problem = error.problem.replace(" (a repair ", " (--repair ")
+            raise InvalidMeshError(problem, field=error.field, value=error.value) from None
         for repair in repairs:
             print(f"repair: {printable(repair)}")
     solid = replace(solid.scaled(arguments.scale), name=name)

@@ -118,7 +118,7 @@ def link_solid(path: Path, link: Link, *, uniform=False, repair=False) -> SolidM
         vertices, faces = parts[0] if len(parts) == 1 else _united(parts)
         solid = make_solid(link.name.replace("::", "_").replace("/", "_"), vertices, faces)
     except InvalidMeshError as error:
-        problem = error.problem.partition(" (--repair")[0]
+        problem = error.problem.partition(" (a repair")[0]
         hint_ = "" if repair or problem == error.problem else "; repair may help"
         raise InvalidMeshError(f"has a mesh that {problem}{hint_}", field=field) from None
     if uniform or link.inertial is None:

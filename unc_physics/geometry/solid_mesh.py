@@ -98,7 +98,7 @@ def load_solid(path: str | os.PathLike[str], repair: bool = False) -> tuple[Soli
             vertices, faces, repairs = repaired(vertices, faces)
         solid = make_solid(path.stem, vertices, faces, sha256=sha256)
     except InvalidMeshError as error:
-        problem, hint, _ = error.problem.partition(" (--repair")
+        problem, hint, _ = error.problem.partition(" (a repair")
         if hint:
             problem = (
                 f"{problem}; the repair could not mend it: close it in a mesh editor"
@@ -220,13 +220,13 @@ def check_closed(faces):
     if border:
         raise InvalidMeshError(
             f"is open: {border} of its {len(uses)} edges belong to an odd number of triangles, so it has no"
-            " inside (--repair closes small holes with trimesh.repair.fill_holes)"
+            " inside (a repair closes small holes with trimesh.repair.fill_holes)"
         )
     crossed = int(np.sum(balance != 0))
     if crossed:
         raise InvalidMeshError(
             f"is wound inconsistently: at {crossed} of its {len(uses)} edges the triangles disagree about"
-            " which side is out (--repair turns them with trimesh.repair.fix_winding)"
+            " which side is out (a repair turns them with trimesh.repair.fix_winding)"
         )
 
 
@@ -250,7 +250,7 @@ def check_outside_out(points, faces):
     if volume <= 0.0:
         raise InvalidMeshError(
             "is inside out: its volume is negative, as its triangles are wound clockwise "
-            "(--repair turns them with trimesh.repair.fix_inversion)"
+            "(a repair turns them with trimesh.repair.fix_inversion)"
         )
     if len(volumes) == 1:
         return
@@ -270,7 +270,7 @@ def check_outside_out(points, faces):
         if volumes[k] < 0.0 and winding < 0.75:
             raise InvalidMeshError(
                 f"has a component ({np.sum(label == k)} of {len(faces)} triangles) that is inside "
-                "out and no cavity of another (--repair turns it with trimesh.repair.fix_inversion)"
+                "out and no cavity of another (a repair turns it with trimesh.repair.fix_inversion)"
             )
         if volumes[k] > 0.0 and winding > 0.75:
             raise InvalidMeshError(

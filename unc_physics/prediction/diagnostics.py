@@ -37,6 +37,7 @@ _FAR = 5.0  # standard deviations that are not to be expected of an honest belie
 #: Standard deviations of position that a mean's depth inside something is compared with [m].
 _MEAN_DEPTHS = 2e-4, 2e-3
 _LEAST_SHARE = 0.05  # of an outcome that moves the mean
+_DENSITIES = 0.1, 1e5  # kg/m^3, beyond those of things
 _USUAL = 0.95  # share of the rollouts that a residual must be small in
 _QUANTITIES, _UNITS = ("position", "rotation"), ("m", "rad")  # that spreads are compared in
 
@@ -162,6 +163,11 @@ def _kept_overlap(evidence, body):
     if own[other] == 0.0:  # what it overlapped when it settled
         return "what it overlaps"
     return f"'{printable(names[other])}', which it overlaps by {own[other]:.3g} m"
+
+
+def _density(evidence, body):
+    own = evidence.scene.bodies[body]
+    return f"{own.mass:.3g} kg and {own.model.volume:.3g} m^3"
 
 
 def _mean_depth(evidence, body):
@@ -292,6 +298,24 @@ def rotation_std(evidence):
 
 @_measure(
     Status.OUTSIDE_VALIDITY,
+    1.0,
+    f"its points begin beyond half a turn, where rotations repeat; {_SAMPLED} helps",
+)
+def point_turn(evidence):
+    """Angle by which the farthest sigma points turn a body at the start, over half a turn."""
+    start, moving = evidence.start, evidence.scene.moving
+    if start.directions is None or not len(moving):
+        return None
+    count = start.directions if evidence.scene.islands else start.directions.sum()
+    far = np.sqrt(count + len(evidence.scene.uncertain) + 0.5)
+    largest = np.linalg.eigvalsh(start.blocks[:, ERR_ROTATION, ERR_ROTATION])[:, -1]
+    result = np.zeros(len(evidence.scene.bodies))
+    result[moving] = far * np.sqrt(np.maximum(largest, 0.0)) / math.pi
+    return result
+
+
+@_measure(
+    Status.OUTSIDE_VALIDITY,
     1.9,
     f"rollouts spread differently, {{detail}}; {_SAMPLED} helps",
     detail=_spreads_apart,
@@ -338,6 +362,23 @@ def extent_loss(evidence):
     stds[scene.moving] = np.maximum(positions, EXTENT_LOSS)
     values = np.array([0.0 if loss is None else loss for loss in losses]) / stds
     return np.ma.masked_array(values, [loss is None for loss in losses])
+
+
+@_measure(
+    Status.OUTSIDE_VALIDITY,
+    1.0,
+    "has a mass that does not fit its size, {detail}; is its mesh in millimetres? Scale it to metres, or"
+    " correct the mass",
+    detail=_density,
+)
+def density_misfit(evidence):
+    """Factor by which the mean density is outside of 0.1 to 100 000 kg/m^3, which foam and metals are within.
+    With the implicit integrator.
+    """
+    if evidence.scene.integrator != "implicit":
+        return None
+    densities = np.array([body.mass / body.model.volume for body in evidence.scene.bodies])
+    return np.maximum(_DENSITIES[0] / densities, densities / _DENSITIES[1])
 
 
 @_measure(Status.OUTSIDE_VALIDITY, 0.3, "too few samples for a spread")

@@ -19,14 +19,12 @@ from ..checks.array_field import OptionalArray
 from ..checks.errors import InvalidRequestError
 from ..checks.names import hint
 from ..checks.validation import array, instance, positive
-from ..scene.environment import element_names
+from ..scene.environment import ENVIRONMENT, element_names
 from ..scene.scene import Scene
 from ..spatial.layout import ANGULAR_VELOCITY, POSITION, QUATERNION, VELOCITY
 from ..spatial.rotation import rotation_matrix
 from .regions import BoxRegion
 
-#: What stands for any element of the environment.
-ENVIRONMENT = "environment"
 #: Speeds below which a body counts as at rest [m/s], [rad/s].
 REST_SPEED, REST_ANGULAR_SPEED = 0.01, math.radians(5.0)
 #: How far what stands upright may lean [rad].

@@ -23,7 +23,6 @@ from ..spatial.layout import (
     VELOCITY,
 )
 from ..spatial.origin import at_origin
-from ..spatial.rotation import rotation_matrix
 from .body_status import BodyStatus
 from .diagnosis import ROLLOUTS, judge
 from .snapshot import Snapshot
@@ -39,7 +38,8 @@ Convention = Literal["ros", "error_state"]
 class PredictedBody:
     """Prediction of one body at one time; `Prediction.body` makes it.
 
-    Position and linear velocity are those of ``origin``: the centre of mass, or the model's own origin.
+    Position and linear velocity are those of ``origin``: the centre of mass, or the model's own origin. Their
+    means and covariances are those of the distribution of this point, from rollouts where there are some.
     Everything is computed when it is asked for.
 
     Attributes
@@ -141,14 +141,9 @@ class PredictedBody:
             raise InvalidOptionError(
                 f"must be one of {', '.join(get_args(Convention))}", field="convention", value=convention
             )
-        if convention == "ros":
-            return self._at_origin()[2].reshape(6, 6)
-        if self.origin == "center_of_mass":
-            return self._covariance()
-        C, R = self._at_origin()[1], rotation_matrix(self.orientation)
-        C[ERR_ROTATION] = R.T @ C[ERR_ROTATION]
-        C[:, ERR_ROTATION] = C[:, ERR_ROTATION] @ R
-        return C
+        if convention == "error_state":
+            return self._belief().marginal(self._body).copy()
+        return self._about_fixed_axes()[2].reshape(6, 6)
 
     def samples(self, count: int | None = None) -> np.ndarray:
         """(count, 13): states ``[p, v, q, omega]`` of the body, drawn as `Prediction.samples` draws them."""
@@ -170,26 +165,26 @@ class PredictedBody:
         (statuses,) = judge(replace(self._prediction, snapshots=(self._snapshot,)), rollouts)
         return statuses[self._body]
 
-    def _mean(self):
-        return self._snapshot.belief.mean[self._body].copy()
-
-    def _covariance(self):
-        return self._snapshot.belief.marginal(self._body).copy()
+    def _belief(self):
+        """Belief about all bodies, at the point that is told."""
+        if self.origin == "center_of_mass":
+            return self._snapshot.belief
+        return self._snapshot.at_model_origins(self._prediction.scene, self._prediction.propagator)
 
     def _model_origin(self):
         """(3,): the model's origin in the body frame [m]."""
         return np.array(self._prediction.scene.bodies[self._body].model.origin)
 
-    def _at_origin(self):
+    def _about_fixed_axes(self):
         """State (13,), covariance (12, 12) about fixed axes, and the pose's share (36,) of it."""
-        offset = self._model_origin() if self.origin == "model" else np.zeros(3)
-        return at_origin(self._mean(), self._covariance(), offset)[:3]
+        P = self._belief().marginal(self._body).copy()
+        return at_origin(self._state(), P, np.zeros(3))[:3]
 
     def _state(self):
-        return self._mean() if self.origin == "center_of_mass" else self._at_origin()[0]
+        return self._belief().mean[self._body].copy()
 
     def _std(self, block):
-        return np.sqrt(np.maximum(self._at_origin()[1].diagonal()[block], 0.0))
+        return np.sqrt(np.maximum(self._about_fixed_axes()[1].diagonal()[block], 0.0))
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,8 +10,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..checks.errors import NotSupportedError
+from ..propagators.base import PointPairs, Propagator
 from ..propagators.modes import Mode, only_mode, split
 from ..scene.belief import Belief
+from ..scene.origins import gaussian_at_origins, points_at_origins, states_at_origins
 from ..scene.scene import Scene
 from .body_status import BodyStatus
 from .events import Event
@@ -73,12 +75,15 @@ class Received(NamedTuple):
         Of the events that were asked for.
     contact_times : mapping of Event to ContactTime
         Of those among them that are contacts.
+    at_origins : Belief or None
+        At the models' own origins.
     """
 
     statuses: tuple[BodyStatus, ...]
     modes: tuple[tuple[Mode, ...], ...] | None
     probabilities: Mapping[Event, Probability]
     contact_times: Mapping[Event, ContactTime]
+    at_origins: Belief | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,6 +127,27 @@ class Snapshot:
     def samples(self) -> np.ndarray | None:
         """(N, B, 13): equally probable states that the answer consists of, as in `Belief.mean`."""
         return None if self.draw is None else self.draw()
+
+    def at_model_origins(self, scene: Scene, propagator: Propagator) -> Belief:
+        """Return the moments at the models' own origins, in place of the centres of mass.
+
+        They are those of the rollouts or points where the propagator has some, and otherwise those of a
+        Gaussian.
+        """
+        if "at_origins" not in self.__dict__:
+            origins = np.array([body.model.origin for body in scene.bodies])
+            if self.received is not None and self.received.at_origins is not None:
+                found = self.received.at_origins
+            elif self.rollout_states is not None:
+                found = states_at_origins(self.belief, self.rollout_states, origins)
+            elif isinstance(propagator, PointPairs) and self.carry is not None:
+                points = propagator.point_states(self.carry, scene)
+                one, other = propagator.opposite_points(self.carry, scene)
+                found = points_at_origins(self.belief, points, 0.5 * (one - other), origins)
+            else:
+                found = gaussian_at_origins(self.belief, origins)
+            self.__dict__["at_origins"] = found
+        return self.__dict__["at_origins"]
 
     def modes(self, scene: Scene, body: int) -> tuple[Mode, ...]:
         """Outcomes that the state of a body, by its index, splits into, the most probable first.

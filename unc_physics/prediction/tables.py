@@ -57,9 +57,11 @@ def as_dict(
         "bodies": _bodies(scene, prediction.belief),
     }
     starts = _bodies(scene, prediction.start)
-    for found, body, start in zip(result["bodies"], scene.bodies, starts, strict=True):
+    at_origins = _bodies(scene, prediction.at().at_model_origins(scene, prediction.propagator))
+    keys = ("position", "linear_velocity", "covariance")
+    for found, body, start, other in zip(result["bodies"], scene.bodies, starts, at_origins, strict=True):
         del start["name"]
-        found |= {"at_rest": body.at_rest, "start": start}
+        found |= {"at_rest": body.at_rest, "model_origin": {key: other[key] for key in keys}, "start": start}
     if samples is not None:
         for k, body in enumerate(result["bodies"]):
             body["samples"] = samples[:, k].tolist()

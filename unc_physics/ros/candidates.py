@@ -19,6 +19,7 @@ from ..checks.errors import (
     NotSupportedError,
     PredictionTimeoutError,
 )
+from ..checks.names import hint
 from ..prediction.candidates import Candidate, Failed
 from ..prediction.rank import rank_candidates
 from ..propagators.names import REFERENCE
@@ -83,34 +84,29 @@ class CandidatesService:
 
     def _rank(self, request, response, base):
         """Write the candidates' entries, ordered by their score."""
-        candidates = [_with_candidate(request, k) for k in range(len(request.candidates))]
-        entries, error = _rank_candidates(
-            self._server, request, candidates, base.seed, base.max_computation_time
-        )
+        entries, error = _rank_candidates(self._server, request, base.seed, base.max_computation_time)
         response.predictions = entries
         if error is not None:
             write_error(response.result, error)
 
     def _candidate(self, request, k, seed, deadline):
         """Return the entry of candidate k, whose prediction ends at the deadline."""
-        candidate = request.candidates[k]
-        entry = CandidatePrediction(candidate=candidate.id)
+        entry = CandidatePrediction(candidate=request.candidates[k].id)
         left = None if deadline is None else max(deadline - time.perf_counter(), 1e-3)
-        own, fields = _with_candidate(request, k)
-        own.seed = seed
-        self._server.answer(entry, own, time_limit=left, fields=fields)
+        with self._server.errors_into(entry.result):
+            own, fields = _with_candidate(request, k)
+            own.seed = seed
+            self._server.answer(entry, own, time_limit=left, fields=fields)
         return entry
 
 
-def _rank_candidates(server, request, candidates, seed: int, time_limit: float | None):
+def _rank_candidates(server, request, seed: int, time_limit: float | None):
     """Return the entries of all candidates by score; entries with an error are last.
 
     Parameters
     ----------
     server : PredictionServer
     request : PredictCandidates.Request
-    candidates : sequence of (PredictionRequest, FieldNames)
-        Request for each candidate, and names in error messages.
     seed : int
     time_limit : float or None
         Longest wall time [s].
@@ -128,9 +124,10 @@ def _rank_candidates(server, request, candidates, seed: int, time_limit: float |
     """
     entries = [CandidatePrediction(candidate=candidate.id) for candidate in request.candidates]
     jobs = {}
-    for k, (own, fields) in enumerate(candidates):
-        own.seed = seed
-        with server.errors_into(entries[k].result):
+    for k, entry in enumerate(entries):
+        with server.errors_into(entry.result):
+            own, fields = _with_candidate(request, k)
+            own.seed = seed
             jobs[k] = read_request(
                 own,
                 server.settings,
@@ -154,7 +151,7 @@ def _rank_candidates(server, request, candidates, seed: int, time_limit: float |
             error = caught
             if caught.prediction is not None:
                 order = _write(server, request, caught.prediction, jobs, entries)
-            for k in jobs:
+            for k in jobs.keys() - set(order):
                 write_error(entries[k].result, caught)
             break
     return [entries[k] for k in order] + [entry for k, entry in enumerate(entries) if k not in order], error
@@ -196,9 +193,24 @@ def _write(server, request, ranking, jobs, entries):
 
 
 def _with_candidate(request, k):
-    """Return the request for candidate k, and the names of its objects and actions in error messages."""
+    """Return the request for candidate k, and the names of its objects and actions in error messages.
+
+    Raises
+    ------
+    InvalidRequestError, DuplicateIdError
+        If it replaces an object that is not in the scene, or the same one twice.
+    """
     candidate = request.candidates[k]
-    replaced = {message.id: j for j, message in enumerate(candidate.objects)}
+    known = {message.id for message in request.request.scene.objects}
+    replaced = {}
+    for j, message in enumerate(candidate.objects):
+        field = f"candidates[{k}].objects[{j}].id"
+        if message.id not in known:
+            problem = f"is no object of the scene{hint(message.id, known)}"
+            raise InvalidRequestError(problem, field=field, value=message.id)
+        if message.id in replaced:
+            raise DuplicateIdError("is the id of two objects", field=field, value=message.id)
+        replaced[message.id] = j
     own = copy.copy(request.request)
     own.scene = copy.copy(own.scene)
     objects, object_names = [], []
@@ -215,14 +227,13 @@ def _with_candidate(request, k):
 
 
 def _check(request, settings):
-    """Raise an error for missing or too many candidates, and for objects that are not in the scene."""
+    """Raise an error for missing or too many candidates, and for two of the same id."""
     if not request.candidates:
         raise InvalidRequestError("must name at least one candidate", field="candidates")
     if len(request.candidates) > settings.max_candidates:
         raise LimitExceededError(
             f"must be at most {settings.max_candidates}", field="candidates", value=len(request.candidates)
         )
-    known = {message.id for message in request.request.scene.objects}
     ids = set()
     for k, candidate in enumerate(request.candidates):
         if candidate.id in ids:
@@ -230,14 +241,6 @@ def _check(request, settings):
                 "is the id of two candidates", field=f"candidates[{k}].id", value=candidate.id
             )
         ids.add(candidate.id)
-        replaced = set()
-        for j, message in enumerate(candidate.objects):
-            field = f"candidates[{k}].objects[{j}].id"
-            if message.id not in known:
-                raise InvalidRequestError("is no object of the scene", field=field, value=message.id)
-            if message.id in replaced:
-                raise DuplicateIdError("is the id of two objects", field=field, value=message.id)
-            replaced.add(message.id)
 
 
 def _with_reference(request):

@@ -495,7 +495,7 @@ class Client:
             None if allowed is None else positive(allowed, "max_computation_time"),
             _whole(keep_samples, "keep_samples", 32),
             regions,
-            RequestedOutputs(not joint, joint, probabilities, bool(modes)),
+            RequestedOutputs(not joint, joint, probabilities, bool(modes), center_of_mass=True),
         )
 
     def _request(self, query: Query) -> PredictionRequest:

@@ -131,9 +131,8 @@ class ModelLibrary:
             )
         packing = self._shape(str(self._path(model)), spheres or default, scale or None, meets=meets)
         if max_spheres is not None and len(packing) > max_spheres:
-            raise LimitExceededError(
-                f"must be at most {max_spheres}; ask for fewer", field="spheres", value=len(packing)
-            )
+            own = "" if spheres else f", and the {len(packing)} that the node chooses are more"
+            raise LimitExceededError(f"must be at most {max_spheres}{own}", field="spheres", value=spheres)
         return packing
 
     def _path(self, model):
@@ -145,7 +144,10 @@ class ModelLibrary:
         with self._lock:
             if model not in self._paths:
                 known = ", ".join(sorted(self._paths)) or "none"
-                raise UnknownModelError(f"is unknown; the models are: {known}", field="model", value=model)
+                problem = f"is unknown; the models are: {known}"
+                if model.endswith(".npz") and not self._allow_paths:
+                    problem = "must be a name, as the parameter allow_model_paths is false"
+                raise UnknownModelError(problem, field="model", value=model)
             return self._paths[model]
 
     def add(self, name: str, path: Path) -> None:

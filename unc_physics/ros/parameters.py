@@ -61,7 +61,7 @@ class Settings:
         "", "Folder of the models; empty takes the library that comes with the package.", read_only=True
     )
     allow_model_paths: bool = parameter(
-        True,
+        False,
         "Whether ~/load_model takes files, and objects may name model files by their path.",
         read_only=True,
     )

@@ -29,7 +29,7 @@ from .markers import MarkerTopic
 from .messages.fields import write_error
 from .messages.frames import Frames
 from .messages.prediction import write_answer
-from .messages.request import Job, RequestedOutputs, read_request
+from .messages.request import Job, RequestedOutputs, as_sent, read_request
 from .models import ModelLibrary, ModelTopics
 from .parameters import ParameterServer
 from .services import CapabilitiesService, DeferredAnswerCheck, LongPrediction, prediction_service
@@ -232,6 +232,8 @@ class PredictionServer:
                     " ask again, or set wait_for_compilation",
                     field="the node",
                 ) from None
+            except UncPhysicsError as error:
+                raise as_sent(error, request) from None
 
     def _compile_for(self, request, kernel):
         """Compile in the background what a request needs, by answering it."""

@@ -425,7 +425,7 @@ def request_of(scene: Scene, settings: Settings) -> PredictionRequest:
         propagator=settings.stream_propagator,
         seed=_SEED,
         return_probabilities=settings.stream_probabilities,
-        skip_unknown_models=True,
+        skip_invalid_objects=True,
     )
 
 

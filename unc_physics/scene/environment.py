@@ -10,7 +10,7 @@ from typing import Annotated, Any, ClassVar, NamedTuple, get_type_hints
 import numpy as np
 
 from ..checks.array_field import Array, OptionalArray, array_field
-from ..checks.errors import InvalidEnvironmentError, LimitExceededError
+from ..checks.errors import InvalidEnvironmentError, InvalidRequestError, LimitExceededError
 from ..checks.validation import FARTHEST, array, non_negative, number, point, positive, quaternion
 from ..collision import shapes
 from ..spatial.rotation import rotation_matrix
@@ -70,6 +70,8 @@ Direction = Annotated[Array, Quantity((3,), _direction)]
 Orientation = Annotated[Array, Quantity((4,), quaternion)]
 
 _MOST_TILT = 0.5  # rad
+#: Name that stands for any element of the environment.
+ENVIRONMENT = "environment"
 _ORIGIN, _UNTURNED = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)
 
 #: Class of each kind of element by the name of its shape; subclasses register themselves.
@@ -346,6 +348,16 @@ class Capsule(_AlongAxis):
     """
 
     shape = "capsule"
+
+
+def check_not_reserved(name: str, field: str) -> None:
+    """Raise `InvalidRequestError` for the name that stands for all elements of an environment."""
+    if name == ENVIRONMENT:
+        raise InvalidRequestError(
+            "is reserved for all elements of the environment together; choose another name",
+            field=field,
+            value=name,
+        )
 
 
 def element_names(environment) -> list[str]:

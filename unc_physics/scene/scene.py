@@ -29,7 +29,7 @@ from ..dynamics.implicit_world import ImpactError, Implicit, rest_steps
 from ..dynamics.world import Bodies, Environment, World
 from .action_arrays import actions_of
 from .body import RigidBody, faces_of, hull_of, tree_of
-from .environment import Element, check_element, element_names
+from .environment import Element, check_element, check_not_reserved, element_names
 from .materials import DEFAULT_RESTITUTION, Materials, Surface, check_surface, combined, refuse_with_explicit
 from .physics_keys import PHYSICS_KEYS, check_integrator
 from .presets import EXACT_PRESETS, PRESETS, with_changes
@@ -174,6 +174,7 @@ class Scene:
                 raise InvalidRequestError("must be a RigidBody", field=f"bodies[{k}]", value=body)
         names = [body.name for body in bodies]
         for k, name in enumerate(names):
+            check_not_reserved(name, f"bodies[{k}].name")
             if name in names[:k]:
                 raise DuplicateIdError("is the name of two bodies", field=f"bodies[{k}].name", value=name)
         object.__setattr__(self, "bodies", bodies)
@@ -520,6 +521,7 @@ def _elements(environment, names):
         check_element(element, f"environment[{k}]")
     taken = set(names)
     for k, name in enumerate(element_names(elements)):
+        check_not_reserved(name, f"environment[{k}].name")
         if name in taken:
             raise DuplicateIdError("is the name of two things", field=f"environment[{k}].name", value=name)
         taken.add(name)

@@ -24,10 +24,9 @@ from ...checks.errors import (
 )
 from ...checks.validation import array, positive, quaternion
 from ...geometry.packing_file import SpherePacking
-from ...prediction.events import ENVIRONMENT
 from ...prediction.regions import BoxRegion
 from ...scene.entries import at_field
-from ...scene.environment import Box, Cylinder, Element, Plane, Sphere, surface_tilt_std
+from ...scene.environment import Box, Cylinder, Element, Plane, Sphere, check_not_reserved, surface_tilt_std
 from ...scene.materials import Surface, check_surface
 from ...spatial.rotation import rotation_matrix
 from .fields import given_shapes, optional, packed, pose_message, vector_message, xyz, xyzw
@@ -98,10 +97,7 @@ def read_environment(
     elements, packed, names = [], [], set()
     for k, element in enumerate(message.elements):
         field, name = f"{place}[{k}]", element_id(element, k)
-        if name == ENVIRONMENT:
-            raise InvalidEnvironmentError(
-                "is what all elements together are called", field=f"{field}.id", value=name
-            )
+        check_not_reserved(name, f"{field}.id")
         if name in names:
             raise DuplicateIdError("is the id of two elements", field=f"{field}.id", value=name)
         names.add(name)

@@ -11,6 +11,8 @@ from typing import Any
 
 import numpy as np
 from geometry_msgs.msg import Point, Pose
+from shape_msgs.msg import SolidPrimitive
+from std_msgs.msg import Header
 
 from unc_physics_msgs.msg import Action, EnvironmentElement, ObjectState, PredictionRequest, Scene
 
@@ -22,13 +24,16 @@ from ...checks.errors import (
     UnknownFrameError,
 )
 from ...checks.validation import array, positive, quaternion
+from ...geometry.library import load_model
 from ...spatial.rotation import rotation_matrix
-from .fields import pose_message, xyz, xyzw
+from .environment import read_dimensions
+from .fields import packed, pose_message, xyz, xyzw
 
 # operations of collision objects; a byte is an int or bytes, depending on the ROS version
 _ADD, _REMOVE, _APPEND, _MOVE = (0, b"\x00"), (1, b"\x01"), (2, b"\x02"), (3, b"\x03")
 #: Names of an object's shapes: of its fields of poses, and of the shapes themselves.
 _SHAPES = ("primitive", "primitives"), ("mesh", "meshes"), ("plane", "planes")
+_LARGEST_BALL, _SMALLEST_BALL = 0.01, 1e-3  # m, radii of balls that stand for links
 #: A pose: rotation (3, 3), translation (3,), and the rotation as a quaternion (x, y, z, w).
 _Placed = tuple[np.ndarray, np.ndarray, np.ndarray]
 
@@ -39,6 +44,7 @@ def request_of_planning_scene(
     objects: Mapping[str, float] | None = None,
     models: Mapping[str, str] | None = None,
     frames: Mapping[str, Pose] | None = None,
+    links: Mapping[str, SolidPrimitive] | None = None,
     planning_frame: str = "",
     ignore_octomap: bool = False,
 ) -> PredictionRequest:
@@ -51,10 +57,15 @@ def request_of_planning_scene(
     objects : mapping of str to float, optional
         Masses of the collision objects that move, by id [kg]; all others are obstacles.
     models : mapping of str to str, optional
-        Model names that replace collision shapes, by object id.
+        Models of the library, by name or path, that replace collision shapes, by object id. In place of one
+        primitive, the middle of the model's box is at its centre, with the same axes. In place of one mesh,
+        the model has the mesh's origin, and in place of several shapes that of the object's pose.
     frames : mapping of str to Pose, optional
-        Poses of frames in the planning frame, in addition to the scene's ``fixed_frame_transforms``. An
-        example is a link to which objects are attached, from tf.
+        Poses of frames in the planning frame, in addition to the scene's ``fixed_frame_transforms``. Those of
+        links to which objects are attached are needed, from tf.
+    links : mapping of str to SolidPrimitive, optional
+        Shapes of links that hold objects, centred at the link's frame. By default a ball that is half as far
+        from the held objects as the link's origin, at most 1 cm in radius.
     planning_frame : str
         By default the frame of the fixed transforms, or else of the first object; it becomes the frame of the
         scene's header.
@@ -66,7 +77,8 @@ def request_of_planning_scene(
     unc_physics_msgs/PredictionRequest
         Request with a scene and actions; the horizon is still to be set. Covariances are zero. An attached
         object has the mass of ``objects`` or else its ``weight``, and an action of type ATTACHMENT to its
-        link. An obstacle of several shapes becomes several elements, ``id/0``, ``id/1`` and so on.
+        link. The link is a fixed object at its frame; give it an action of type TRAJECTORY if it moves.
+        An obstacle of several shapes becomes several elements, ``id/0``, ``id/1`` and so on.
 
     Raises
     ------
@@ -74,6 +86,8 @@ def request_of_planning_scene(
         For a difference, an octomap, or a moving object with several shapes or a plane.
     UnknownFrameError
         If a frame's pose is unknown.
+    UnknownModelError, InvalidModelError
+        If a model of ``models`` cannot be read.
     InvalidRequestError, InvalidMassError, InvalidOrientationError, NotFiniteError
         For unknown ids, lists of different lengths, and numbers out of range.
     """
@@ -96,6 +110,7 @@ def request_of_planning_scene(
     _check_added(world, "world.collision_objects[{}]")
     _check_added([held.object for held in attached], "robot_state.attached_collision_objects[{}].object")
     bodies, elements, actions = [], [], []
+    holders: dict[str, float] = {}  # radii of the balls that stand for links [m]
     for k, own in enumerate(world):
         field = f"world.collision_objects[{k}]"
         if own.id in objects:
@@ -112,6 +127,10 @@ def request_of_planning_scene(
         action = Action(type=Action.ATTACHMENT, object=state.id)
         action.attachment.attached_to = held.link_name
         actions.append(action)
+        gap = _gap(held, known, field)
+        holders[held.link_name] = min(0.5 * gap, holders.get(held.link_name, _LARGEST_BALL))
+    for name, radius in holders.items():
+        bodies.append(_link(name, radius, (links or {}).get(name), known))
     scene = Scene(objects=bodies)
     scene.header.frame_id, scene.environment.elements = frame, elements
     return PredictionRequest(scene=scene, actions=actions)
@@ -264,10 +283,17 @@ def _object(own, frames, model, mass, field):
     """Return a moving object, with a model or with its only shape."""
     state = ObjectState(id=own.id, mass=float(mass))
     place = _together(frames.of(own.header, field), _placed(own.pose, f"{field}.pose"))
+    shapes = _shapes(own, field)
     if model is not None:
         state.model = model
+        if len(shapes) == 1:
+            ((name, _, pose, where),) = shapes
+            place = _together(place, _placed(pose, where))
+            if name == "primitive":
+                place = _together(
+                    place, (np.eye(3), -_middle(load_model(model)), np.array([0.0, 0.0, 0.0, 1.0]))
+                )
     else:
-        shapes = _shapes(own, field)
         if len(shapes) != 1 or shapes[0][0] == "plane":
             raise NotSupportedError(
                 "moves, and must then be one primitive or one mesh, or have a model in models",
@@ -278,6 +304,60 @@ def _object(own, frames, model, mass, field):
         setattr(state, name, shape)
         place = _together(place, _placed(pose, where))
     state.pose = pose_message(*place[1:])
+    return state
+
+
+def _middle(model):
+    """Return the middle (3,) of a model's box, from its own origin along its axes [m]."""
+    radii = model.radii[:, None]
+    corners = (model.centers - radii).min(axis=0), (model.centers + radii).max(axis=0)
+    return 0.5 * (corners[0] + corners[1]) - model.origin
+
+
+def _gap(held, frames, field):
+    """Return the distance from a link's origin to the boxes of the shapes that it holds, 0 inside [m]."""
+    own, field = held.object, f"{field}.object"
+    link = frames.of(Header(frame_id=held.link_name), field)[1]
+    place = _together(frames.of(own.header, field), _placed(own.pose, f"{field}.pose"))
+    gaps = []
+    for name, shape, pose, where in _shapes(own, field):
+        R, t, _ = _together(place, _placed(pose, where))
+        if name == "mesh":
+            corners = np.array([xyz(vertex) for vertex in shape.vertices]).reshape(-1, 3)
+            low, high = corners.min(axis=0), corners.max(axis=0)
+        else:
+            high = np.array(_half_sizes(shape, f"{where}: {name}"))
+            low = -high
+        local = R.T @ (link - t)
+        gaps.append(float(np.linalg.norm(local - np.clip(local, low, high))))
+    return min(gaps, default=np.inf)
+
+
+def _half_sizes(shape, field):
+    """Return half the edges of a primitive's box [m]."""
+    size = read_dimensions(shape, field)
+    if shape.type == SolidPrimitive.BOX:
+        return [0.5 * edge for edge in size]
+    if shape.type == SolidPrimitive.SPHERE:
+        return [size[0]] * 3
+    if shape.type == SolidPrimitive.PRISM:
+        reach = max((np.hypot(p.x, p.y) for p in shape.polygon.points), default=0.0)
+        return [reach, reach, 0.5 * size[0]]
+    return [size[1], size[1], 0.5 * size[0]]
+
+
+def _link(name, radius, shape, frames):
+    """Return the fixed object that stands for a link that holds objects."""
+    if shape is None:
+        if radius < _SMALLEST_BALL:
+            raise NotSupportedError(
+                "has its origin in an object that it holds, or close to it; give its shape in links",
+                field="link",
+                value=name,
+            )
+        shape = SolidPrimitive(type=SolidPrimitive.SPHERE, dimensions=packed([radius]))
+    state = ObjectState(id=name, kind=ObjectState.FIXED, primitive=shape)
+    state.pose = pose_message(*frames.of(Header(frame_id=name), f"link '{name}'")[1:])
     return state
 
 

@@ -41,6 +41,7 @@ from ...prediction.status import assess_all
 from ...propagators.base import Samples, rollout_count
 from ...propagators.modes import Mode, only_mode
 from ...scene.belief import Belief
+from ...scene.origins import gaussian_at_origins
 from ...scene.parameters import moved_along
 from ...scene.physics_keys import PHYSICS_KEYS
 from ...scene.physics_summary import physics_as_text
@@ -61,7 +62,7 @@ from .events import EVENT_MESSAGES, OBJECT_EVENTS
 from .fields import duration, later, packed, pose_message, read_error, seconds, writable, xyz, xyzw
 from .physics import physics_message
 from .request import Job, Query, RequestedOutputs
-from .scene import joint_covariance_at_com, write_joint_covariance
+from .scene import read_joint_covariance, write_joint_covariance
 
 _SAME_START = 1e-9  # m, rad and their squares: tolerance for the start to equal the given belief
 # indices of pose entries in a covariance (12, 12)
@@ -70,6 +71,7 @@ _POSE_BLOCK = np.ix_(*[np.r_[ERR_POSITION, ERR_ROTATION]] * 2)
 _OVERLAP_FIELDS = ("overlap_share", "overlap_moved", "overlap_kept")
 #: Most states of one object that are assessed separately, as documented in the message.
 ASSESSED_STATES = 16
+_SAME_POINT = np.zeros(3)
 MARGINALS_ONLY = RequestedOutputs()
 
 
@@ -91,16 +93,23 @@ def write_answer(message: PredictionMessage, header: Header, settings, job: Job,
     DivergedError
         If a number is not finite.
     """
+    used, outputs, times = prediction.scene, job.outputs, prediction.times
+    at_origins = [one.at_model_origins(used, prediction.propagator) for one in prediction.snapshots]
     objects, joints = write_prediction(
-        job.scene, job.models, prediction.times, prediction.beliefs, _drawn(job, prediction), job.outputs
+        job.scene, job.models, times, at_origins, _drawn(job, prediction), outputs
     )
+    if outputs.center_of_mass:
+        others, message.center_of_mass_joint_covariances = write_prediction(
+            job.scene, job.models, times, prediction.beliefs, outputs=outputs
+        )
+        for answer, other in zip(objects, others, strict=True):
+            answer.center_of_mass = other.states
     write_start(objects, job.scene, prediction.start)
     if job.outputs.modes:
         write_modes(objects, prediction)
     message.header.stamp = header.stamp
     message.header.frame_id = settings.world_frame
     message.propagator = job.propagator.name
-    used = prediction.scene
     message.physics, message.physics_summary = _physics(used)
     message.rollouts = rollout_count(prediction.carry)
     errors = None
@@ -116,6 +125,9 @@ def write_answer(message: PredictionMessage, header: Header, settings, job: Job,
     message.joint_covariances = joints
     complete = prediction.time > job.horizon - RESOLUTION
     write_statuses(message, prediction, settings.status_rollouts if complete else 0)
+    for answer in objects:
+        for state, other in zip(answer.states, answer.center_of_mass, strict=False):
+            other.status = state.status
     write_probabilities(message, prediction, job.events)
     message.seed = job.seed
     message.time_reached = duration(prediction.time)
@@ -134,6 +146,7 @@ def write_prediction(scene, models, times, beliefs, samples=None, outputs=MARGIN
     times : sequence of float
         Times of the beliefs from the start [s].
     beliefs : sequence of Belief
+        At the points that the message is about.
     samples : sequence of (N, B, 13) arrays, optional
         States drawn from each belief.
     outputs : RequestedOutputs
@@ -168,14 +181,14 @@ def write_prediction(scene, models, times, beliefs, samples=None, outputs=MARGIN
         means, blocks, since = writable(belief.mean), writable(belief.blocks), duration(time)
         for b in range(len(objects)):
             state = PredictedState(time_from_start=since, status=PredictedObject.STATUS_NOT_ASSESSED)
-            P = _write_state(state, means[b], blocks[known[b]] if b in known else certain, origins[b])
+            P = _write_state(state, means[b], blocks[known[b]] if b in known else certain)
             if outputs.covariance:
                 state.covariance = packed(P)
             if samples is not None:
                 state.pose_samples = _origin_poses(samples[k][:, b], origins[b])
             states[b].append(state)
         if outputs.joint_covariance:
-            joints.append(write_joint_covariance(scene, belief))
+            joints.append(write_joint_covariance(scene, belief, np.zeros((len(objects), 3))))
             joints[-1].time_from_start = since
     for answer, own in zip(objects, states, strict=True):
         answer.states = own
@@ -184,12 +197,19 @@ def write_prediction(scene, models, times, beliefs, samples=None, outputs=MARGIN
 
 def write_modes(objects, prediction: Prediction) -> None:
     """Write the modes of each object into its last state."""
-    for b, (message, body) in enumerate(zip(objects, prediction.scene.bodies, strict=True)):
+    for message, body in zip(objects, prediction.scene.bodies, strict=True):
+        found = prediction[body.name].modes
+        last = message.states[-1]
+        if len(found) == 1:
+            last.modes = [ModeMessage(weight=1.0, pose=last.pose)]
+            continue
         modes = []
-        for mode in prediction[body.name].modes:
+        for mode in found:
             modes.append(ModeMessage(weight=mode.weight))
-            _write_pose(modes[-1].pose, mode.mean, mode.covariance, body)
-        message.states[-1].modes = modes
+            there = _moved_mode(mode, writable(body.model.origin))
+            state, _, modes[-1].pose.covariance, _ = _about_fixed_axes(there.mean[0], there.blocks[0])
+            _fill_pose(modes[-1].pose.pose, state.tolist())
+        last.modes = modes
 
 
 def write_start(objects, scene, belief) -> None:
@@ -340,13 +360,21 @@ def _kind(body):
 
 def _write_pose(message, mean, P, body):
     """Write a body's mean (13,) and covariance (12, 12) into a PoseWithCovariance of its model's origin."""
-    state, _, message.covariance, _ = _at_origin(writable(mean), writable(P), writable(body.model.origin))
+    state, _, message.covariance, _ = _about_fixed_axes(
+        writable(mean), writable(P), writable(body.model.origin)
+    )
     _fill_pose(message.pose, state.tolist())
 
 
-def _write_state(message, mean, P, origin):
-    """Write a body's mean (13,) and covariance (12, 12); return the covariance at the model's origin."""
-    state, P, message.pose.covariance, message.twist.covariance = _at_origin(mean, P, origin)
+def _moved_mode(mode, offset):
+    """Return the Gaussian of a mode at another point of its body, at ``offset`` (3,) in body axes [m]."""
+    gaussian = Belief.trusted(mode.mean[None], mode.covariance[None], np.array([0]))
+    return gaussian_at_origins(gaussian, offset[None])
+
+
+def _write_state(message, mean, P):
+    """Write a body's mean (13,) and covariance (12, 12); return the covariance about fixed axes."""
+    state, P, message.pose.covariance, message.twist.covariance = _about_fixed_axes(mean, P)
     numbers, twist = state.tolist(), message.twist.twist
     _fill_pose(message.pose.pose, numbers)
     for part, place in ((twist.linear, VELOCITY), (twist.angular, ANGULAR_VELOCITY)):
@@ -354,8 +382,8 @@ def _write_state(message, mean, P, origin):
     return P
 
 
-def _at_origin(mean, P, origin):
-    """Return state (13,) and covariance (12, 12) at the model's origin, and its two parts (36,)."""
+def _about_fixed_axes(mean, P, origin=_SAME_POINT):
+    """Return state (13,), covariance (12, 12) about fixed axes, and its two parts (36,), mapped linearly."""
     *found, finite = at_origin(mean, P, origin)
     if not finite:
         raise DivergedError("left the range of numbers", field="prediction")
@@ -390,11 +418,18 @@ def _prediction(message, query):
         propagator = replace(propagator, seed=message.seed)
     snapshots = []
     for k, time in enumerate(given):
-        belief = _belief(message, scene, k)
+        joints = [
+            each[k] if each else None
+            for each in (message.joint_covariances, message.center_of_mass_joint_covariances)
+        ]
+        at_origins = _belief([one.states[k] for one in message.objects], joints[0], scene)
+        belief = _belief([one.center_of_mass[k] for one in message.objects], joints[1], scene)
         draw = None
         if query.keep_samples:
             draw = functools.partial(np.asarray, _samples(message.objects, scene, k))
-        snapshots.append(Snapshot(time, belief, draw=draw, received=_received(message, query, belief, k)))
+        snapshots.append(
+            Snapshot(time, belief, draw=draw, received=_received(message, query, belief, at_origins, k))
+        )
     return Prediction(
         scene,
         propagator,
@@ -412,7 +447,7 @@ def _time_of(state, query):
     return nearest if abs(nearest - time) <= RESOLUTION else mark_at(time, query.scene.dt).time
 
 
-def _received(message, query, belief, k):
+def _received(message, query, belief, at_origins, k):
     """Return statuses, modes and probabilities of the k-th state.
 
     Only the last state has modes, probabilities, and measures and messages of statuses. Messages hold only
@@ -420,10 +455,10 @@ def _received(message, query, belief, k):
     """
     statuses = tuple(_status(predicted, k) for predicted in message.objects)
     if k < len(message.objects[0].states) - 1:
-        return Received(statuses, None, {}, {})
+        return Received(statuses, None, {}, {}, at_origins)
     answers = read_probabilities(message, query.scene, query.regions)
     if not query.outputs.modes:
-        return Received(statuses, None, *answers)
+        return Received(statuses, None, *answers, at_origins)
     modes = []
     for b, predicted in enumerate(message.objects):
         own = predicted.states[-1].modes
@@ -432,7 +467,7 @@ def _received(message, query, belief, k):
         else:
             origin = np.array(query.scene.bodies[b].model.origin)
             modes.append(tuple(_mode(mode, origin) for mode in own))
-    return Received(statuses, tuple(modes), *answers)
+    return Received(statuses, tuple(modes), *answers, at_origins)
 
 
 def _status(predicted: Any, k: int):
@@ -460,39 +495,39 @@ def _start(message, query):
     return given if same else Belief.trusted(mean, blocks, scene.moving.copy())
 
 
-def _belief(message, scene, k):
-    """Return the belief at the k-th state of each object."""
-    origins = [np.array(body.model.origin) for body in scene.bodies]
-    states = [predicted.states[k] for predicted in message.objects]
-    mean = np.array([_mean(state, origin) for state, origin in zip(states, origins, strict=True)])
+def _belief(states, joint, scene):
+    """Return the belief that states of the moving objects, and their joint covariance, are about."""
+    mean = np.array([_mean(state) for state in states])
     moving = scene.moving.copy()
-    if message.joint_covariances:
+    if joint is not None:
         size = ERROR * len(moving)
-        C = np.array(message.joint_covariances[k].data).reshape(size, size)
-        P = joint_covariance_at_com(scene, mean, C)
+        C = np.array(joint.data).reshape(size, size)
+        P = read_joint_covariance(scene, mean, C, np.zeros((len(states), 3)))
     else:
         blocks = [
-            at_com(np.array(states[b].covariance).reshape(ERROR, ERROR), mean[b], origins[b]) for b in moving
+            at_com(np.array(states[b].covariance).reshape(ERROR, ERROR), mean[b], np.zeros(3)) for b in moving
         ]
         P = np.array(blocks).reshape(-1, ERROR, ERROR)
     return Belief.trusted(mean, P, moving)
 
 
-def _mean(message: PredictedState, origin):
-    """Return the state (13,) at the centre of mass."""
+def _mean(message: PredictedState):
+    """Return the state (13,)."""
     twist = message.twist.twist
     state = np.empty(STATE)
     _read_pose(message.pose.pose, state)
     state[VELOCITY], state[ANGULAR_VELOCITY] = xyz(twist.linear), xyz(twist.angular)
-    return moved(state, origin, -1.0)
+    return state
 
 
 def _mode(message, origin):
     """Return one of several modes; its velocity entries are NaN."""
     state, C = np.zeros(STATE), np.full((ERROR, ERROR), math.nan)
     _read_pose(message.pose.pose, state)
-    state = moved(state, origin, -1.0)
-    C[_POSE_BLOCK] = _pose_covariance(message.pose, state, origin)[_POSE_BLOCK]
+    at_origin = Mode(message.weight, state, _pose_covariance(message.pose, state, np.zeros(3)))
+    there = _moved_mode(at_origin, -origin)
+    state = there.mean[0].copy()
+    C[_POSE_BLOCK] = there.blocks[0][_POSE_BLOCK]
     state[VELOCITY] = state[ANGULAR_VELOCITY] = math.nan
     return Mode(message.weight, state, C)
 

@@ -199,10 +199,18 @@ def read_ranking(
     Raises
     ------
     UncPhysicsError
-        The node's error, or the first error of a candidate.
+        The node's error, or the first error of a candidate. That of a ranking that was ended has a
+        ``prediction``: the ranking of those that were ranked.
     """
-    if answer.result.error_code != Result.NONE or not answer.predictions:
+    if not answer.predictions:
         raise read_error(answer.result)
+    if answer.result.error_code != Result.NONE:
+        error = read_error(answer.result)
+        ranked = [entry for entry in answer.predictions if entry.result.error_code == Result.NONE]
+        if ranked:
+            partial = PredictCandidates.Response(predictions=ranked, seed=answer.seed)
+            error.prediction = read_ranking(partial, queries, score, smallest_first)
+        raise error
     opposite = write_score(score, smallest_first)[0][0].smallest_first != smallest_first
     flipped = opposite and len(score.parts) == 1
     actions, first = [], next(iter(answer.predictions))

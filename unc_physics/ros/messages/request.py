@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import math
+import re
 import secrets
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
+from builtin_interfaces.msg import Duration
 from diagnostic_msgs.msg import KeyValue
+from geometry_msgs.msg import Point, Quaternion, Vector3
 
 from unc_physics_msgs.msg import ModelInfo, PredictionRequest
 from unc_physics_msgs.msg import Scene as SceneMessage
@@ -20,6 +23,7 @@ from ...checks.errors import (
     LimitExceededError,
     NotSupportedError,
     PredictionTimeoutError,
+    UncPhysicsError,
 )
 from ...checks.validation import array, non_negative, positive
 from ...prediction.events import Event, InRegion, encounters, moving_names
@@ -39,7 +43,7 @@ from ...spatial.layout import ERROR
 from .actions import write_actions
 from .environment import read_regions, write_region
 from .events import object_events
-from .fields import duration, read_duration, xyz
+from .fields import duration, read_duration, seconds, xyz, xyzw
 from .frames import Frames
 from .physics import physics_message, read_physics
 from .scene import FieldNames, SceneLimits, read_scene, write_scene
@@ -71,12 +75,15 @@ class RequestedOutputs(NamedTuple):
         Probabilities of contact, rest, uprightness and falls.
     modes : bool
         Split outcomes as weighted Gaussians.
+    center_of_mass : bool
+        States and covariances of the centres of mass, too.
     """
 
     covariance: bool = False
     joint_covariance: bool = False
     probabilities: bool = False
     modes: bool = False
+    center_of_mass: bool = False
 
     @classmethod
     def read(cls, request: PredictionRequest) -> RequestedOutputs:
@@ -182,7 +189,10 @@ class Job(NamedTuple):
         states = 1 + len(self.times or ())
         one = _STATE_BYTES + _POSE_BYTES * self.return_samples + _NUMBER_BYTES * ERROR**2 * outputs.covariance
         one += _START_BYTES * outputs.modes
-        joint = _NUMBER_BYTES * (ERROR * moving) ** 2 * outputs.joint_covariance
+        one += (_STATE_BYTES + _NUMBER_BYTES * ERROR**2 * outputs.covariance) * outputs.center_of_mass
+        joint = (
+            (1 + outputs.center_of_mass) * _NUMBER_BYTES * (ERROR * moving) ** 2 * outputs.joint_covariance
+        )
         pairs = moving * (bodies + len(self.scene.environment) + 1) * outputs.probabilities
         probabilities = _PROBABILITY_BYTES * (pairs + moving * len(self.regions))
         return _START_BYTES * bodies + states * (bodies * one + joint) + probabilities
@@ -241,7 +251,7 @@ def read_request(
         SceneLimits(settings.max_objects, settings.max_spheres, settings.max_elements),
         actions=actions,
         fields=fields,
-        skip_unknown_models=request.skip_unknown_models,
+        skip_invalid_objects=request.skip_invalid_objects,
     )
     check_supported(read.scene, propagator)
     belief = at_field("scene", _with_common_error, read.belief, message, transform)
@@ -294,6 +304,43 @@ class Query:
     keep_samples: int
     regions: tuple[BoxRegion, ...]
     outputs: RequestedOutputs
+
+
+def as_sent(error: UncPhysicsError, request: PredictionRequest) -> UncPhysicsError:
+    """Return an error with the value that the request has in its field.
+
+    The scene may have been transformed to another frame. The limit of a prediction's time may be the
+    node's, or the rest of a limit that several predictions share.
+    """
+    value = _value_at(request, error.field or "")
+    if value is None or error.value is None or value == error.value:
+        return error
+    field, problem = error.field, error.problem
+    if isinstance(error, PredictionTimeoutError):
+        problem += f", after {error.value:.3g} s for this prediction"
+        if not value:
+            field, value = "the node's limit of computation time", None
+    own = type(error)(problem, field=field, value=value)
+    own.prediction = error.prediction
+    return own
+
+
+def _value_at(message, field):
+    """Return the number, the numbers or the time [s] in a field such as ``scene.objects[0].mass``."""
+    for part in re.findall(r"\w+", field):
+        if part.isdigit() and hasattr(message, "__len__") and int(part) < len(message):
+            message = message[int(part)]
+        elif hasattr(message, part):
+            message = getattr(message, part)
+        else:
+            return None
+    if isinstance(message, Duration):
+        return seconds(message)
+    if isinstance(message, (Point, Vector3)):
+        return xyz(message)
+    if isinstance(message, Quaternion):
+        return xyzw(message)
+    return message if isinstance(message, (str, bool, int, float)) else None
 
 
 def write_request(query: Query, model_info: Callable[[str], ModelInfo]) -> PredictionRequest:

@@ -27,13 +27,12 @@ from ...checks.errors import (
     NoObjectsError,
     NotFiniteError,
     UncPhysicsError,
-    UnknownModelError,
 )
 from ...checks.validation import FARTHEST, array, covariance, non_negative, number, point, quaternion
 from ...geometry.packing_file import ROUND_OFF, SpherePacking
 from ...scene.belief import Belief
 from ...scene.body import RigidBody, known_mass
-from ...scene.environment import element_names
+from ...scene.environment import check_not_reserved, element_names
 from ...scene.physics_keys import PHYSICS_KEYS
 from ...scene.scene import Scene
 from ...scene.scene_file import may_meet, with_chosen_stiffness
@@ -165,7 +164,7 @@ def read_scene(
     *,
     actions=(),
     fields=None,
-    skip_unknown_models=False,
+    skip_invalid_objects=False,
 ) -> ReadScene:
     """Return the scene and the belief of a message, without the shared pose error.
 
@@ -181,8 +180,8 @@ def read_scene(
     actions : sequence of Action
     fields : FieldNames, optional
         By default ``scene.objects[0]``, ``actions[0]`` and so on.
-    skip_unknown_models : bool
-        Whether objects with an unknown model are omitted.
+    skip_invalid_objects : bool
+        Whether objects are omitted that are invalid, or whose model is unknown or still being packed.
 
     Raises
     ------
@@ -196,36 +195,37 @@ def read_scene(
         raise LimitExceededError(
             f"must be at most {limits.objects} objects", field="scene.objects", value=len(objects)
         )
-    wait = not skip_unknown_models
+    wait = not skip_invalid_objects
     elements, packed = read_environment(message.environment, library.shape_packer, limits.elements, wait)
     of_objects = fields.objects if fields else [f"scene.objects[{k}]" for k in range(len(objects))]
-    names = _checked_ids(objects, of_objects, message.environment.elements)
-    grouped = group_actions(actions, names, fields.actions if fields else None)
+    ids = {own.id for own in objects}
+    grouped = group_actions(actions, ids, fields.actions if fields else None)
     spheres = AUTO if physics.get("integrator") == "implicit" else None
     meets = may_meet(len(objects) + len(packed), elements)
-    read, skipped = [], {}
+    read, skipped, taken = [], {}, set()
     for own, field in zip(objects, of_objects, strict=True):
-        names_of = BodyFields(field, grouped.get(own.id, ObjectActions(own.id)))
+        place = BodyFields(field, grouped.get(own.id, ObjectActions(own.id)))
         try:
-            body, state, P, zeros = _body(
-                own, names_of, library, covariance_defaults, limits.spheres, wait, spheres, meets
+            _check_id(own, field, taken)
+            arguments, *known = _body(
+                own, place, library, covariance_defaults, limits.spheres, wait, spheres, meets
             )
-            read.append((names_of, own.model or body[1].name, body, state, P, zeros))
-        except UnknownModelError as error:
-            if not skip_unknown_models:
+            body = _body_at(place, arguments)
+            read.append((place, own.model or body.model.name, body, *known))
+        except UncPhysicsError as error:
+            if not skip_invalid_objects:
                 raise
             skipped[own.id] = str(error)
     if not read:
         raise NoObjectsError(
-            f"must name at least one object whose model is known: {next(iter(skipped.values()))}",
-            field="scene.objects",
+            f"must hold at least one valid object: {next(iter(skipped.values()))}", field="scene.objects"
         )
-    read += [
-        (BodyFields(element.field, ObjectActions(element.name)), element.model.name, *_fixed(element))
-        for element in packed
-    ]
-    places = [place for place, *_ in read]
-    bodies = tuple(_body_at(place, body) for place, _, body, *_ in read)
+    _check_element_ids(message.environment.elements, taken)
+    for element in packed:
+        place = BodyFields(element.field, ObjectActions(element.name))
+        arguments, *known = _fixed(element)
+        read.append((place, element.model.name, _body_at(place, arguments), *known))
+    places, models, bodies = (tuple(entry[k] for entry in read) for k in range(3))
     mean = np.array([state for *_, state, _, _ in read])
     physics = with_chosen_stiffness(physics, bodies, mean)
     constants = tuple((key, _hashable(physics[key])) for key in sorted(physics))
@@ -240,11 +240,10 @@ def read_scene(
         raise kind(problem, field=field, value=error.value) from None
     moving = scene.moving.copy()
     if len(message.joint_covariance.object_ids) or len(message.joint_covariance.data):
-        P = _joint_covariance(message.joint_covariance, scene, mean, names)
+        P = _joint_covariance(message.joint_covariance, scene, mean, ids)
     else:
         P = np.array([read[b][-2] for b in moving]).reshape(-1, ERROR, ERROR)
     belief = Belief.trusted(mean, P, moving)
-    models = tuple(model for _, model, *_ in read)
     return ReadScene(scene, belief, models, any(zeros for *_, zeros in read), skipped)
 
 
@@ -275,7 +274,8 @@ def write_scene(scene: Scene, belief: Belief, model_info: Callable[[str], ModelI
         for k, (element, name) in enumerate(zip(scene.environment, names, strict=True))
     ]
     if not belief.independent and len(scene.moving):
-        message.joint_covariance = write_joint_covariance(scene, belief)
+        origins = np.array([body.model.origin for body in scene.bodies])
+        message.joint_covariance = write_joint_covariance(scene, belief, origins)
     return message
 
 
@@ -345,27 +345,37 @@ def scale_of(packing: SpherePacking, info: ModelInfo, field: str) -> float:
     return float(scale)
 
 
-def write_joint_covariance(scene: Scene, belief: Belief) -> JointCovariance:
-    """Return the covariance of all M moving bodies, (12 M, 12 M), at their model origins."""
+def write_joint_covariance(scene: Scene, belief: Belief, origins: np.ndarray) -> JointCovariance:
+    """Return the covariance of all M moving bodies, (12 M, 12 M), mapped linearly to points of the bodies.
+
+    Parameters
+    ----------
+    scene : Scene
+    belief : Belief
+    origins : (B, 3) array
+        The points from those that the belief is about, body frames [m].
+    """
     bodies = [(b, scene.bodies[b]) for b in scene.moving.tolist()]
-    maps = [error_map(writable(belief.mean[b]), writable(body.model.origin)) for b, body in bodies]
+    maps = [error_map(writable(belief.mean[b]), writable(origins[b])) for b, _ in bodies]
     C = congruent(_block_diagonal(maps), writable(belief.joint))
     return JointCovariance(object_ids=[body.name for _, body in bodies], data=packed(C))
 
 
-def joint_covariance_at_com(scene: Scene, mean: np.ndarray, C: np.ndarray) -> np.ndarray:
-    """Return the covariance of all M moving bodies, (12 M, 12 M), at their centres of mass.
+def read_joint_covariance(scene: Scene, mean: np.ndarray, C: np.ndarray, origins: np.ndarray) -> np.ndarray:
+    """Return the covariance of all M moving bodies, (12 M, 12 M), as a `Belief` has it.
 
     Parameters
     ----------
     scene : Scene
     mean : (B, 13) array
-        States at the centres of mass.
+        States.
     C : (12 M, 12 M) array
-        Covariance at the model origins, as in messages.
+        As in messages, at points of the bodies.
+    origins : (B, 3) array
+        The points from those of the states, body frames [m].
     """
     moving = scene.moving.tolist()
-    maps = [inverse_error_map(mean[b], writable(scene.bodies[b].model.origin)) for b in moving]
+    maps = [inverse_error_map(mean[b], writable(origins[b])) for b in moving]
     return congruent(_block_diagonal(maps), C)
 
 
@@ -378,22 +388,24 @@ def _block_diagonal(blocks: Sequence[np.ndarray]) -> np.ndarray:
     return whole.reshape(count * ERROR, count * ERROR)
 
 
-def _checked_ids(objects, fields, elements):
-    """Return the objects' ids; raise an error if they repeat, also among elements."""
-    names = set()
-    for message, field in zip(objects, fields, strict=True):
-        if not isinstance(message.id, str) or not message.id:
-            raise InvalidRequestError("must be a non-empty text", field=f"{field}.id", value=message.id)
-        if message.id in names:
-            raise DuplicateIdError("is the id of two objects", field=f"{field}.id", value=message.id)
-        names.add(message.id)
+def _check_id(message, field, taken):
+    """Raise an error for an invalid id or one that is taken; add it to those taken."""
+    if not isinstance(message.id, str) or not message.id:
+        raise InvalidRequestError("must be a non-empty text", field=f"{field}.id", value=message.id)
+    check_not_reserved(message.id, f"{field}.id")
+    if message.id in taken:
+        raise DuplicateIdError("is the id of two objects", field=f"{field}.id", value=message.id)
+    taken.add(message.id)
+
+
+def _check_element_ids(elements, taken):
+    """Raise an error if an element has the id of an object."""
     for k, element in enumerate(elements):
         name = element_id(element, k)
-        if name in names:
+        if name in taken:
             raise DuplicateIdError(
                 "is the id of an object, too", field=f"scene.environment.elements[{k}].id", value=name
             )
-    return names
 
 
 def _body_at(place, arguments):
@@ -574,7 +586,8 @@ def _joint_covariance(message, scene, mean, known):
                 "is fixed or prescribed", field=f"{place}.object_ids[{k}]", value=name
             )
     rows = np.concatenate(rows) if rows else np.zeros(0, int)
-    P = joint_covariance_at_com(scene, mean, np.ascontiguousarray(C[np.ix_(rows, rows)]))
+    origins = np.array([body.model.origin for body in scene.bodies])
+    P = read_joint_covariance(scene, mean, np.ascontiguousarray(C[np.ix_(rows, rows)]), origins)
     if not np.isfinite(P).all():
         raise NotFiniteError("is too large to be moved to the centres of mass", field=f"{place}.data")
     return P
