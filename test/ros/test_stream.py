@@ -349,3 +349,18 @@ def test_markers(publish, listener):
         if marker.type == Marker.SPHERE_LIST:
             assert 20 < len(points) < 2000
             assert np.abs(points).max() < 0.3
+
+
+def test_occupancy(publish, listener):
+    with Inbox(listener, MarkerArray, "/stream/occupancy") as inbox:
+        wait_until(lambda: listener.node.count_publishers("/stream/occupancy") == 1)
+        time.sleep(0.3)
+        publish(scene(listener))
+        first, *boxes = inbox.next().markers
+    assert first.action == Marker.DELETEALL
+    assert [(box.ns, box.id) for box in boxes] == [
+        (f"occupancy {name}", k) for name in ("left/1", "right") for k in range(len(HORIZONS))
+    ]
+    places = np.array([box.pose.position.x for box in boxes[: len(HORIZONS)]])
+    assert np.allclose(np.diff(places), 0.5 * np.diff(HORIZONS), atol=2e-3)  # it moves with its object
+    assert all(box.scale.x > 6.0 * POSITION_STD for box in boxes)

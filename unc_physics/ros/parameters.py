@@ -239,6 +239,13 @@ class Settings:
         1.0, "Mass of tracked and detected objects whose model gives none [kg].", low=1e-9, high=1e9
     )
 
+    occupancy_probability: float = parameter(
+        0.95,
+        "Probability with which each box of ~/occupancy and ~/occupancy_scene contains its object.",
+        low=0.0,
+        high=0.999999,
+    )
+
     markers: tuple[str, ...] = parameter(
         ("predicted", "environment"),
         "What ~/markers and ~/stream_markers show of each object, and whether they show the environment.",

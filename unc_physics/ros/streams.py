@@ -30,6 +30,7 @@ from .messages.prediction import write_answer
 from .messages.request import read_request
 from .messages.scene import UNKNOWN
 from .models import ModelLibrary
+from .occupancy import OccupancyTopics
 from .pace import Pace
 from .parameters import ParameterServer, Settings
 
@@ -71,6 +72,7 @@ class Stream:
         node = server.node
         self._predictions = node.create_publisher(Prediction, "~/predictions", 1)
         self._markers = MarkerTopic(server, "~/stream_markers")
+        self._occupancy = OccupancyTopics(server)
         self._poses = {}
         self._topics = SceneTopics(
             node, server.parameters, server.library, server.frames, self._work, server.diagnostics.replaced
@@ -83,6 +85,7 @@ class Stream:
         for publisher in (self._predictions, *self._poses.values()):
             node.destroy_publisher(publisher)
         self._markers.close()
+        self._occupancy.close()
 
     def _work(self, streamed):
         """Predict a scene, and adapt the rollouts of later ones to the time that it took."""
@@ -147,6 +150,7 @@ class Stream:
         if job is not None:
             self._publish_poses(message, settings)
             self._markers.publish(message.header, job, message)
+            self._occupancy.publish(job, message)
         server.diagnostics.skipped(len(message.skipped))
         for skipped in message.skipped:
             self._warn(f"object '{skipped.key}' was left out: {skipped.value}")
