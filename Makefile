@@ -9,7 +9,7 @@
 # make docs   the site: all pages and the generated reference, in docs/_build/index.html
 # make wheels   a wheel with compiled kernels for each Python 3.11, 3.12 and 3.13 found, and one without, in dist/
 # make release  wheels, source distribution and notes of a release, checked, in dist/; needs an hour
-# make soak   random and malformed requests to the node for ten minutes, and its memory
+# make soak   random and malformed requests to the node for ten minutes, a robot's day in five, and its memory
 # make clean  remove .venv and what builds leave behind
 #
 # PYTHON=... chooses the Python, 3.11 or 3.12. Each step leaves a stamp in .venv, so an interrupted one is made again.
@@ -112,6 +112,7 @@ release: wheels venv
 
 soak: venv
 	@$(VENV_PYTHON) test/ros/soak.py
+	@$(VENV_PYTHON) test/ros/day_on_a_robot.py
 
 clean:
 	rm -rf .venv dist {.,evaluation}/{build,*.egg-info} docs/_build docs/reference/generated install log unc_physics/__pycache__/kernels-* unc_physics/kernels .pytest_cache .hypothesis .ruff_cache .import_linter_cache

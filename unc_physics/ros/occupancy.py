@@ -134,9 +134,9 @@ def occupied_box(
 
     Notes
     -----
-    Errors lie within the ellipsoid of ``probability``, by the chi-square distribution of six degrees of freedom.
-    In it no point of the object moves farther along an axis than the ellipsoid's radius times its standard
-    deviation along that axis. So the box is conservative.
+    Errors lie within an ellipsoid with this ``probability``, by the chi-square distribution of six degrees of
+    freedom. In it no point of the object moves farther along an axis than the ellipsoid's radius times its
+    standard deviation along that axis. So the box is conservative.
     """
     low, high = model.bounds - model.origin
     R = rotation_matrix(np.array(xyzw(pose.orientation)))
