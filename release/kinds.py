@@ -18,8 +18,22 @@ from pathlib import Path
 
 import numpy as np
 
-from unc_physics import Belief, ErrorCode, Plane, PoseMeasurement, RigidBody, Scene, Tracker, load_model
+from unc_physics import (
+    Belief,
+    ErrorCode,
+    Plane,
+    PoseMeasurement,
+    RigidBody,
+    Scene,
+    Tracker,
+    encounters,
+    load_model,
+    load_scene,
+    make_propagator,
+    predict,
+)
 from unc_physics.__main__ import main as command
+from unc_physics.prediction.status import assess
 from unc_physics.prediction.warm_up import warm_up
 from unc_physics.propagators.registry import PROPAGATORS
 from unc_physics.scene.presets import PRESETS
@@ -35,6 +49,8 @@ def kinds(examples: Path):
             few = ["--samples", "8"] if "samples" in PROPAGATORS[name].options() else []
             options = ["--propagator", name, "--json", "--probabilities", "--horizon", "0.1", *few]
             yield f"predict {scene.stem} {name}", (), partial(run, "predict", scene, *options)
+    for name in PROPAGATORS:
+        yield f"all outputs {name}", (), partial(ask_everything, examples / "scenes" / "table.yaml", name)
     for actions in sorted((examples / "actions").glob("*.yaml")):
         options = ["--rollouts", "8", "--budget", "32"]
         yield f"rank {actions.stem}", (), partial(run, "rank", actions, *options)
@@ -52,6 +68,20 @@ def run(*arguments):
         status = command([str(argument) for argument in arguments])
     if status not in (0, ErrorCode.NOT_SUPPORTED):
         raise RuntimeError(f"{arguments} ended with {status}: {err.getvalue()}")
+
+
+def ask_everything(file, name):
+    """Predict a scene until bodies have met, with times, events, modes, samples, status and tables."""
+    scene, belief, horizon = load_scene(file)
+    few = {"samples": 32} if "samples" in PROPAGATORS[name].options() else {}
+    times, events = [0.5 * horizon, horizon], encounters(scene)
+    prediction = predict(scene, belief, make_propagator(name, **few), horizon, times=times, events=events)
+    for snapshot in prediction.snapshots:
+        _ = snapshot.samples
+    prediction.samples(20)
+    for body in scene.bodies:
+        _ = prediction[body.name].modes
+    _ = assess(prediction), prediction.to_dict(), str(prediction)
 
 
 def track():
@@ -83,12 +113,12 @@ def main():
     parser.add_argument("examples", type=Path)
     options = parser.parse_args()
     warnings.simplefilter("ignore")
-    for name, imports, predict in kinds(options.examples):
+    for name, imports, run_kind in kinds(options.examples):
         if missing := [module for module in imports if find_spec(module) is None]:
             print(f"{name}: left out without {', '.join(missing)}", flush=True)
             continue
         started = time.perf_counter()
-        predict()
+        run_kind()
         print(f"{name}: {time.perf_counter() - started:.2f} s", flush=True)
 
 
