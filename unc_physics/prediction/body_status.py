@@ -1,4 +1,4 @@
-"""A prediction's flags, body by body."""
+"""Result of a status: flags, measures and reasons of each body."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ class Status(IntFlag):
 
 @dataclass(frozen=True)
 class BodyStatus:
-    """What speaks against one body's prediction.
+    """Flags of one body's prediction with their measures and reasons.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""Judges a prediction at each of its times: measures, rollouts to compare spreads with, and flags."""
+"""Procedure of a status: judge each snapshot once, with rollouts where its spread needs a comparison."""
 
 from __future__ import annotations
 

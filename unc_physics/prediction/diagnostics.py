@@ -1,4 +1,4 @@
-"""Each measure of a prediction's quality: its computation, the limit above which it raises a flag, and words.
+"""Rules of a status: each measure with its computation, its limit, its flag and its message.
 
 A measure of a body is a function of the `Evidence` of one time: values (B,), masked where it says nothing
 about a body, or None where it says nothing about any.

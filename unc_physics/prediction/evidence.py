@@ -1,4 +1,4 @@
-"""What a status judges by: the beginning that all times share, and what is known of one of them."""
+"""Data of a status: diagnostics of the start, which all times share, and of one snapshot."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ class InitialDiagnostics(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Evidence:
-    """What one snapshot is judged by.
+    """Data by which one snapshot is judged.
 
     Attributes
     ----------
@@ -230,7 +230,7 @@ def _fall_stds(scene, belief):
 
 
 def _found(prediction):
-    """What the rollouts learned of their own beginning, and the overlaps that they keep.
+    """Return the adjustments of the rollouts at time 0, and the overlaps that they keep.
 
     A single one begins as points do, which tell more.
     """

@@ -1,4 +1,4 @@
-"""How far each body's prediction can be trusted: flags, and the measures that they were judged by."""
+"""Status of a prediction, for users: `assess` at the horizon and `assess_all` at each time."""
 
 from __future__ import annotations
 

@@ -171,7 +171,7 @@ class DominantElementContact(NamedTuple):
 
 
 class ExplicitLinearization(NamedTuple):
-    """What linearization works on in a rollout.
+    """State of linearization in a rollout.
 
     Attributes
     ----------
